@@ -1,0 +1,74 @@
+//! Rotations between the world, the body and the Euler-angle rates; ZYX convention.
+//!
+//! World frame z up, body frame x forward, y left, z up. `eta2` is (phi, theta, psi) = (roll, pitch, yaw) in
+//! radians. Paper: (2) and (5), with the errata of docs/paper.md (printed rows 2 and 3 of J2 are wrong).
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Matrix3, Vector3};
+
+/// J1: rotates a vector from the body into the world frame, `v_w = rot_wb * v_b`.
+#[must_use]
+#[rustfmt::skip]
+pub fn rot_wb(eta2: &Vector3<f64>) -> Matrix3<f64> {
+    let (s_phi, c_phi) = eta2.x.sin_cos();
+    let (s_th, c_th) = eta2.y.sin_cos();
+    let (s_psi, c_psi) = eta2.z.sin_cos();
+    Matrix3::new(
+        c_psi * c_th, c_psi * s_th * s_phi - s_psi * c_phi, c_psi * s_th * c_phi + s_psi * s_phi,
+        s_psi * c_th, s_psi * s_th * s_phi + c_psi * c_phi, s_psi * s_th * c_phi - c_psi * s_phi,
+        -s_th,        c_th * s_phi,                         c_th * c_phi,
+    )
+}
+
+/// J2: turns body rates into Euler-angle rates, `d(eta2) = J2 nu2`. Singular at a pitch of +-90 degrees.
+#[must_use]
+#[rustfmt::skip]
+pub fn euler_rate_of_body_rate(eta2: &Vector3<f64>) -> Matrix3<f64> {
+    let (s_phi, c_phi) = eta2.x.sin_cos();
+    let (s_th, c_th) = eta2.y.sin_cos();
+    let t_th = s_th / c_th;
+    Matrix3::new(
+        1.0, s_phi * t_th, c_phi * t_th,
+        0.0, c_phi,        -s_phi,
+        0.0, s_phi / c_th, c_phi / c_th,
+    )
+}
+
+/// W: turns Euler-angle rates into body rates, the inverse of J2.
+#[must_use]
+#[rustfmt::skip]
+pub fn body_rate_of_euler_rate(eta2: &Vector3<f64>) -> Matrix3<f64> {
+    let (s_phi, c_phi) = eta2.x.sin_cos();
+    let (s_th, c_th) = eta2.y.sin_cos();
+    Matrix3::new(
+        1.0, 0.0,    -s_th,
+        0.0, c_phi,  s_phi * c_th,
+        0.0, -s_phi, c_phi * c_th,
+    )
+}
+
+/// dW/dt at the Euler angles `eta2` and their rates `d_eta2`.
+#[must_use]
+#[rustfmt::skip]
+pub fn body_rate_of_euler_rate_dot(eta2: &Vector3<f64>, d_eta2: &Vector3<f64>) -> Matrix3<f64> {
+    let (s_phi, c_phi) = eta2.x.sin_cos();
+    let (s_th, c_th) = eta2.y.sin_cos();
+    let (d_phi, d_th) = (d_eta2.x, d_eta2.y);
+    Matrix3::new(
+        0.0, 0.0,            -c_th * d_th,
+        0.0, -s_phi * d_phi, c_phi * c_th * d_phi - s_phi * s_th * d_th,
+        0.0, -c_phi * d_phi, -s_phi * c_th * d_phi - c_phi * s_th * d_th,
+    )
+}
+
+/// Brings an angle into [-pi, pi).
+#[must_use]
+pub fn wrap(angle_rad: f64) -> f64 {
+    if (-PI..PI).contains(&angle_rad) {
+        return angle_rad;
+    }
+    let wrapped = (angle_rad + PI).rem_euclid(TAU) - PI;
+    // rem_euclid may round up to the modulus itself for tiny negative arguments.
+    if wrapped >= PI { -PI } else { wrapped }
+}

@@ -1,0 +1,156 @@
+//! What the stages tell each other: the content of every topic.
+//!
+//! Plain `repr(C)` structs of `u64` and `f64` without padding; the names are the field's words, with units
+//! (`_w_` in the world frame, `_b_` in the body frame). Time, sequence and origin live in the envelope
+//! ([`crate::envelope`]), not here.
+
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Rotors of the airframe, numbered from 1: rear left, rear right, front right, front left.
+pub const ROTORS: usize = 4;
+
+/// A tick that never was: no command yet, no input yet.
+pub const NO_TICK: u64 = u64::MAX;
+
+/// Newest data of a topic with the tick that it was made for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dated<T> {
+    /// Tick that the sender made it for; [`NO_TICK`] before the first.
+    pub tick: u64,
+    /// The data.
+    pub content: T,
+}
+
+impl<T> Dated<T> {
+    /// Ticks since it was made; `u64::MAX` if it never was.
+    #[must_use]
+    pub const fn age(&self, tick: u64) -> u64 {
+        if self.tick == NO_TICK { u64::MAX } else { tick.saturating_sub(self.tick) }
+    }
+}
+
+/// Topic `state`: the airframe as its sensors show it at the tick, and what its rotors did since the last one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[repr(C)]
+pub struct State {
+    /// Position, world frame [m].
+    pub position_w_m: [f64; 3],
+    /// Velocity, world frame [m/s].
+    pub velocity_w_m_s: [f64; 3],
+    /// Roll, pitch, yaw: ZYX Euler angles, body to world [rad].
+    pub attitude_rad: [f64; 3],
+    /// Body rates p, q, r as the gyro measures them [rad/s].
+    pub rate_b_rad_s: [f64; 3],
+    /// Mean of each rotor's speed over the last tick [rad/s].
+    pub rotor_speed_mean_rad_s: [f64; ROTORS],
+    /// Mean of each rotor's squared speed over the last tick [rad^2/s^2].
+    pub rotor_speed_squared_mean_rad2_s2: [f64; ROTORS],
+    /// Rotor speeds that are in force from this tick on [rad/s].
+    pub rotor_speed_command_rad_s: [f64; ROTORS],
+    /// Tick of the command in force; [`NO_TICK`] while none has arrived.
+    pub command_tick: u64,
+    /// Deadlines missed so far: ticks that began without the command of the tick before.
+    pub deadlines_missed: u64,
+    /// Length of the run of missed deadlines that this tick belongs to; 0 when its command was in time.
+    pub deadline_miss_run: u64,
+    /// Ticks skipped so far because the plant woke after the next one had begun.
+    pub ticks_skipped: u64,
+    /// Parameter swaps applied so far.
+    pub parameter_epoch: u64,
+    /// What no sensor shows; for monitors and records alone, never for a law.
+    pub truth: Truth,
+}
+
+/// The part of the plant's state that no sensor shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[repr(C)]
+pub struct Truth {
+    /// Body rates without the gyro's noise [rad/s].
+    pub rate_b_rad_s: [f64; 3],
+    /// True value of the first estimated parameter, I_R [kg m^2].
+    pub rotor_inertia_kg_m2: f64,
+    /// True value of the second, k_r [N m s].
+    pub rotational_drag_nm_s: f64,
+    /// True value of the third, delta [rad/s^2].
+    pub disturbance_gain_rad_s2: f64,
+}
+
+/// Topic `setpoint`: what the outer loop wants of the inner one, and the reference that it follows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[repr(C)]
+pub struct Setpoint {
+    /// Total thrust u [N].
+    pub thrust_n: f64,
+    /// Roll, pitch, yaw wanted [rad].
+    pub attitude_rad: [f64; 3],
+    /// Their first derivatives along the reference [rad/s].
+    pub attitude_rate_rad_s: [f64; 3],
+    /// Their second derivatives along the reference [rad/s^2].
+    pub attitude_acceleration_rad_s2: [f64; 3],
+    /// 1 when a limit on the acceleration was active, else 0.
+    pub limited: u64,
+    /// Reference position, world frame [m].
+    pub reference_position_w_m: [f64; 3],
+    /// Reference yaw [rad].
+    pub reference_yaw_rad: f64,
+}
+
+/// Topic `wrench`: thrust and torque that the inner loop asks of the rotors, with what it has learnt.
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[repr(C)]
+pub struct Wrench {
+    /// Total thrust u [N].
+    pub thrust_n: f64,
+    /// Torque tau about body x, y, z, before saturation [N m].
+    pub torque_b_nm: [f64; 3],
+    /// Estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2].
+    pub estimate: [f64; 3],
+    /// Rate error e used in the law [rad/s].
+    pub rate_error_b_rad_s: [f64; 3],
+    /// How the stage got here: a [`Mode`] as number.
+    pub mode: u64,
+}
+
+/// Topic `rotor_speeds`: what the mixer commands, and what it could achieve.
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[repr(C)]
+pub struct RotorSpeeds {
+    /// Speed of each rotor [rad/s].
+    pub speed_rad_s: [f64; ROTORS],
+    /// Thrust that these speeds give by the nominal model [N].
+    pub thrust_n: f64,
+    /// Torque that these speeds give by the nominal model [N m].
+    pub torque_b_nm: [f64; 3],
+    /// 1 when the demand could not be met in full, else 0.
+    pub saturated: u64,
+    /// How the stage got here: a [`Mode`] as number.
+    pub mode: u64,
+}
+
+/// How a stage came by its output (docs/architecture.md, "Safety model").
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u64)]
+pub enum Mode {
+    /// Every input was of this tick.
+    Fresh = 0,
+    /// An input was stale, and the last one was held.
+    Held = 1,
+    /// An input was stale for longer; the stage fell back to a safe output.
+    Fallback = 2,
+    /// Rotors at idle speed.
+    Idle = 3,
+}
+
+impl Mode {
+    /// The mode of a number on the wire, if it is one.
+    #[must_use]
+    pub const fn from_wire(number: u64) -> Option<Self> {
+        match number {
+            0 => Some(Self::Fresh),
+            1 => Some(Self::Held),
+            2 => Some(Self::Fallback),
+            3 => Some(Self::Idle),
+            _ => None,
+        }
+    }
+}

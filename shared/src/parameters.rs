@@ -1,0 +1,361 @@
+//! The airframe's parameters: names, units, ranges, nominal values, equations.
+//!
+//! One table describes every parameter that the plant knows. The plant flies the *true* values, which can be
+//! swapped in flight; the controller and the mixer hold the *nominal* values of the same type, their model.
+//! Raw numbers become an [`Airframe`] only through [`Airframe::set`], which checks the range.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::messages::ROTORS;
+
+/// Every parameter of the airframe, in the order of the wire, of `ironbird params` and of the report.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[repr(usize)]
+#[allow(missing_docs, reason = "the table SPECS documents each one")]
+pub enum Parameter {
+    Mass,
+    Gravity,
+    TranslationalDrag,
+    RotationalDrag,
+    ArmLength,
+    ThrustCoefficient,
+    DragFactor,
+    RotorInertia,
+    InertiaX,
+    InertiaY,
+    InertiaZ,
+    DisturbanceGain,
+    RotorEfficiency1,
+    RotorEfficiency2,
+    RotorEfficiency3,
+    RotorEfficiency4,
+    MotorTimeConstant,
+    GyroNoise,
+}
+
+/// How many parameters there are.
+pub const PARAMETERS: usize = 18;
+
+/// What is known about a parameter before any flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spec {
+    /// The parameter.
+    pub parameter: Parameter,
+    /// Name with its unit, as typed by the user.
+    pub name: &'static str,
+    /// SI unit; empty for a ratio.
+    pub unit: &'static str,
+    /// Smallest value allowed.
+    pub min: f64,
+    /// Largest value allowed.
+    pub max: f64,
+    /// The paper's Table I, or the value that switches an effect beyond the paper off.
+    pub nominal: f64,
+    /// The paper's equations that it enters; `beyond` where the paper has none.
+    pub equation: &'static str,
+    /// What it is, in a few words.
+    pub meaning: &'static str,
+}
+
+macro_rules! spec {
+    ($parameter:ident, $name:literal, $unit:literal, $min:literal ..= $max:literal, $nominal:literal, $equation:literal, $meaning:literal) => {
+        Spec {
+            parameter: Parameter::$parameter,
+            name: $name,
+            unit: $unit,
+            min: $min,
+            max: $max,
+            nominal: $nominal,
+            equation: $equation,
+            meaning: $meaning,
+        }
+    };
+}
+
+/// The table: nominal values are the paper's Table I; the thrust coefficient, missing there, is that of
+/// Bouabdallah's OS4 (see docs/paper.md).
+#[rustfmt::skip]
+pub const SPECS: [Spec; PARAMETERS] = [
+    spec!(Mass, "mass_kg", "kg", 0.05..=5.0, 0.52, "(1)", "mass"),
+    spec!(Gravity, "gravity_m_s2", "m/s^2", 0.0..=30.0, 9.8, "(1)", "gravity along -z of the world"),
+    spec!(TranslationalDrag, "translational_drag_kg_s", "kg/s", 0.0..=10.0, 0.95, "(1)", "linear drag of translation, k_t"),
+    spec!(RotationalDrag, "rotational_drag_nm_s", "N m s", 0.0..=1.0, 0.105, "(3)", "linear drag of rotation, k_r"),
+    spec!(ArmLength, "arm_length_m", "m", 0.02..=2.0, 0.205, "(7)", "centre to rotor, l"),
+    spec!(ThrustCoefficient, "thrust_coefficient_n_s2", "N s^2", 1e-6..=1e-3, 3.13e-5, "(6)", "thrust per squared rotor speed, k"),
+    spec!(DragFactor, "drag_factor_nm_s2", "N m s^2", 0.0..=1e-4, 7.5e-7, "(7)", "drag torque per squared rotor speed, d"),
+    spec!(RotorInertia, "rotor_inertia_kg_m2", "kg m^2", -1e-3..=1e-3, 3.36e-5, "(3)", "gyroscopic rotor inertia, I_R; its sign is the spin sense"),
+    spec!(InertiaX, "inertia_x_kg_m2", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body x"),
+    spec!(InertiaY, "inertia_y_kg_m2", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body y"),
+    spec!(InertiaZ, "inertia_z_kg_m2", "kg m^2", 1e-4..=1.0, 0.0129, "(3)", "moment of inertia about body z"),
+    spec!(DisturbanceGain, "disturbance_gain_rad_s2", "rad/s^2", -2.0..=2.0, 0.2, "(3)", "gain of the disturbance h(t), delta"),
+    spec!(RotorEfficiency1, "rotor_efficiency_1", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 1 gives"),
+    spec!(RotorEfficiency2, "rotor_efficiency_2", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 2 gives"),
+    spec!(RotorEfficiency3, "rotor_efficiency_3", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 3 gives"),
+    spec!(RotorEfficiency4, "rotor_efficiency_4", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 4 gives"),
+    spec!(MotorTimeConstant, "motor_time_constant_s", "s", 0.0..=1.0, 0.0, "beyond", "first-order lag of the rotor speeds; 0 is none"),
+    spec!(GyroNoise, "gyro_noise_rad_s", "rad/s", 0.0..=1.0, 0.0, "beyond", "standard deviation of the measured rates, per sample"),
+];
+
+impl Parameter {
+    /// What is known about it.
+    #[must_use]
+    pub const fn spec(self) -> &'static Spec {
+        &SPECS[self as usize]
+    }
+
+    /// Its name with unit, as typed by the user.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        self.spec().name
+    }
+
+    /// The parameter of an index on the wire, if there is one.
+    #[must_use]
+    pub fn from_index(index: u64) -> Option<Self> {
+        usize::try_from(index).ok().and_then(|i| SPECS.get(i)).map(|spec| spec.parameter)
+    }
+
+    /// The parameter of a name.
+    ///
+    /// # Errors
+    /// [`ParameterError::Unknown`] names the nearest known parameter.
+    pub fn from_name(name: &str) -> Result<Self, ParameterError> {
+        SPECS.iter().find(|spec| spec.name == name).map(|spec| spec.parameter).ok_or_else(|| {
+            let nearest = SPECS
+                .iter()
+                .max_by(|a, b| {
+                    strsim::jaro_winkler(a.name, name).total_cmp(&strsim::jaro_winkler(b.name, name))
+                })
+                .map_or("", |spec| spec.name);
+            ParameterError::Unknown { name: name.to_owned(), nearest }
+        })
+    }
+
+    /// Checks a value against the range of the parameter.
+    ///
+    /// # Errors
+    /// [`ParameterError::OutOfRange`], also for NaN and infinities.
+    pub fn check(self, value: f64) -> Result<f64, ParameterError> {
+        let spec = self.spec();
+        if (spec.min..=spec.max).contains(&value) {
+            Ok(value)
+        } else {
+            Err(ParameterError::OutOfRange { parameter: self, value })
+        }
+    }
+}
+
+impl fmt::Display for Parameter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Why a parameter was refused.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum ParameterError {
+    /// No parameter has this name.
+    #[error("unknown parameter `{name}`; did you mean `{nearest}`? (`ironbird params` lists them all)")]
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// The known name most like it.
+        nearest: &'static str,
+    },
+    /// The value is outside the range of the parameter.
+    #[error(
+        "{} = {value} is out of range: allowed are {:?} to {:?} {}",
+        parameter.name(), parameter.spec().min, parameter.spec().max, parameter.spec().unit
+    )]
+    OutOfRange {
+        /// The parameter.
+        parameter: Parameter,
+        /// The value that was refused.
+        value: f64,
+    },
+}
+
+/// A full set of parameters, each within its range.
+///
+/// Indexed by [`Parameter`]; the accessors are the paper's symbols.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(into = "[f64; PARAMETERS]", try_from = "[f64; PARAMETERS]")]
+pub struct Airframe {
+    values: [f64; PARAMETERS],
+}
+
+impl Airframe {
+    /// The paper's Table I, with every effect beyond the paper switched off.
+    #[must_use]
+    pub const fn nominal() -> Self {
+        let mut values = [0.0; PARAMETERS];
+        let mut i = 0;
+        while i < PARAMETERS {
+            values[i] = SPECS[i].nominal;
+            i += 1;
+        }
+        Self { values }
+    }
+
+    /// The value of a parameter, in its unit.
+    #[must_use]
+    pub const fn get(&self, parameter: Parameter) -> f64 {
+        self.values[parameter as usize]
+    }
+
+    /// Sets a parameter.
+    ///
+    /// # Errors
+    /// [`ParameterError::OutOfRange`]; nothing is changed then.
+    pub fn set(&mut self, parameter: Parameter, value: f64) -> Result<(), ParameterError> {
+        self.values[parameter as usize] = parameter.check(value)?;
+        Ok(())
+    }
+
+    /// All values in the order of [`SPECS`].
+    #[must_use]
+    pub const fn values(&self) -> &[f64; PARAMETERS] {
+        &self.values
+    }
+
+    /// m [kg].
+    #[must_use]
+    pub const fn m(&self) -> f64 {
+        self.get(Parameter::Mass)
+    }
+
+    /// g [m/s^2].
+    #[must_use]
+    pub const fn g(&self) -> f64 {
+        self.get(Parameter::Gravity)
+    }
+
+    /// k_t [kg/s].
+    #[must_use]
+    pub const fn k_t(&self) -> f64 {
+        self.get(Parameter::TranslationalDrag)
+    }
+
+    /// k_r [N m s].
+    #[must_use]
+    pub const fn k_r(&self) -> f64 {
+        self.get(Parameter::RotationalDrag)
+    }
+
+    /// l [m].
+    #[must_use]
+    pub const fn l(&self) -> f64 {
+        self.get(Parameter::ArmLength)
+    }
+
+    /// k [N s^2].
+    #[must_use]
+    pub const fn k(&self) -> f64 {
+        self.get(Parameter::ThrustCoefficient)
+    }
+
+    /// d [N m s^2].
+    #[must_use]
+    pub const fn d(&self) -> f64 {
+        self.get(Parameter::DragFactor)
+    }
+
+    /// I_R [kg m^2].
+    #[must_use]
+    pub const fn i_r(&self) -> f64 {
+        self.get(Parameter::RotorInertia)
+    }
+
+    /// Diagonal of I_M: I_x, I_y, I_z [kg m^2].
+    #[must_use]
+    pub const fn i_m(&self) -> [f64; 3] {
+        [self.get(Parameter::InertiaX), self.get(Parameter::InertiaY), self.get(Parameter::InertiaZ)]
+    }
+
+    /// delta [rad/s^2].
+    #[must_use]
+    pub const fn delta(&self) -> f64 {
+        self.get(Parameter::DisturbanceGain)
+    }
+
+    /// Efficiency of each rotor, 0 to 1.
+    #[must_use]
+    pub const fn rotor_efficiency(&self) -> [f64; ROTORS] {
+        [
+            self.get(Parameter::RotorEfficiency1),
+            self.get(Parameter::RotorEfficiency2),
+            self.get(Parameter::RotorEfficiency3),
+            self.get(Parameter::RotorEfficiency4),
+        ]
+    }
+
+    /// Time constant of the motors [s]; 0 is no lag.
+    #[must_use]
+    pub const fn motor_time_constant_s(&self) -> f64 {
+        self.get(Parameter::MotorTimeConstant)
+    }
+
+    /// Standard deviation of the gyro noise [rad/s].
+    #[must_use]
+    pub const fn gyro_noise_rad_s(&self) -> f64 {
+        self.get(Parameter::GyroNoise)
+    }
+
+    /// Speed of each rotor in hover, sqrt(m g / 4 k) [rad/s].
+    #[must_use]
+    pub fn hover_speed_rad_s(&self) -> f64 {
+        (self.m() * self.g() / (4.0 * self.k())).sqrt()
+    }
+}
+
+impl From<Airframe> for [f64; PARAMETERS] {
+    fn from(airframe: Airframe) -> Self {
+        airframe.values
+    }
+}
+
+impl TryFrom<[f64; PARAMETERS]> for Airframe {
+    type Error = ParameterError;
+
+    fn try_from(values: [f64; PARAMETERS]) -> Result<Self, ParameterError> {
+        for (spec, value) in SPECS.iter().zip(values) {
+            spec.parameter.check(value)?;
+        }
+        Ok(Self { values })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_is_in_the_order_of_the_enum() {
+        for (i, spec) in SPECS.iter().enumerate() {
+            assert_eq!(spec.parameter as usize, i, "{}", spec.name);
+            assert_eq!(Parameter::from_name(spec.name), Ok(spec.parameter));
+            assert_eq!(spec.parameter.check(spec.nominal), Ok(spec.nominal));
+        }
+    }
+
+    #[test]
+    fn an_unknown_name_gets_the_nearest_one() {
+        let error = Parameter::from_name("mass").unwrap_err();
+        assert_eq!(error, ParameterError::Unknown { name: "mass".into(), nearest: "mass_kg" });
+        let error = Parameter::from_name("rotor_efficency_3").unwrap_err();
+        assert!(error.to_string().contains("`rotor_efficiency_3`"), "{error}");
+    }
+
+    #[test]
+    fn values_out_of_range_are_refused_and_change_nothing() {
+        let mut airframe = Airframe::nominal();
+        for value in [-1.0, f64::NAN, f64::INFINITY, 5.1] {
+            let error = airframe.set(Parameter::Mass, value).unwrap_err();
+            assert!(error.to_string().starts_with(&format!("mass_kg = {value} is out of range")), "{error}");
+        }
+        assert_eq!(airframe, Airframe::nominal());
+    }
+}
