@@ -1,9 +1,20 @@
 //! What every process of ironbird needs: messages, parameters, frames, wire, clock, real-time set-up.
 //!
-//! Laws use [`messages`], [`parameters`], [`frames`], [`allocation`] and [`rate_dynamics`]; process shells use the rest.
+//! Laws use [`messages`], [`parameters`], [`limits`], [`frames`], [`allocation`] and [`rate_dynamics`]; process
+//! shells use the rest.
 
 pub mod allocation;
+pub mod clock;
+pub mod envelope;
+pub mod error;
 pub mod frames;
+pub mod inspection;
+pub mod instance;
+pub mod layout;
+pub mod limits;
 pub mod messages;
 pub mod parameters;
 pub mod rate_dynamics;
+pub mod role;
+pub mod rt;
+pub mod topic;

@@ -6,6 +6,8 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
+use crate::layout::layout;
+
 /// Rotors of the airframe, numbered from 1: rear left, rear right, front right, front left.
 pub const ROTORS: usize = 4;
 
@@ -154,3 +156,31 @@ impl Mode {
         }
     }
 }
+
+layout!(State {
+    position_w_m,
+    velocity_w_m_s,
+    attitude_rad,
+    rate_b_rad_s,
+    rotor_speed_mean_rad_s,
+    rotor_speed_squared_mean_rad2_s2,
+    rotor_speed_command_rad_s,
+    command_tick,
+    deadlines_missed,
+    deadline_miss_run,
+    ticks_skipped,
+    parameter_epoch,
+    truth,
+});
+layout!(Truth { rate_b_rad_s, rotor_inertia_kg_m2, rotational_drag_nm_s, disturbance_gain_rad_s2 });
+layout!(Setpoint {
+    thrust_n,
+    attitude_rad,
+    attitude_rate_rad_s,
+    attitude_acceleration_rad_s2,
+    limited,
+    reference_position_w_m,
+    reference_yaw_rad,
+});
+layout!(Wrench { thrust_n, torque_b_nm, estimate, rate_error_b_rad_s, mode });
+layout!(RotorSpeeds { speed_rad_s, thrust_n, torque_b_nm, saturated, mode });

@@ -126,9 +126,7 @@ impl Parameter {
         SPECS.iter().find(|spec| spec.name == name).map(|spec| spec.parameter).ok_or_else(|| {
             let nearest = SPECS
                 .iter()
-                .max_by(|a, b| {
-                    strsim::jaro_winkler(a.name, name).total_cmp(&strsim::jaro_winkler(b.name, name))
-                })
+                .max_by(|a, b| strsim::jaro_winkler(a.name, name).total_cmp(&strsim::jaro_winkler(b.name, name)))
                 .map_or("", |spec| spec.name);
             ParameterError::Unknown { name: name.to_owned(), nearest }
         })

@@ -9,11 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 #[must_use]
 pub fn coupling(nu2: &Vector3<f64>, i_m: &Vector3<f64>) -> Vector3<f64> {
     let (p, q, r) = (nu2.x, nu2.y, nu2.z);
-    Vector3::new(
-        -(i_m.z - i_m.y) / i_m.x * q * r,
-        -(i_m.x - i_m.z) / i_m.y * p * r,
-        -(i_m.y - i_m.x) / i_m.z * p * q,
-    )
+    Vector3::new(-(i_m.z - i_m.y) / i_m.x * q * r, -(i_m.x - i_m.z) / i_m.y * p * r, -(i_m.y - i_m.x) / i_m.z * p * q)
 }
 
 /// h(t): direction of the periodic disturbance, without unit.

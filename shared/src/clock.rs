@@ -1,0 +1,76 @@
+//! The monotonic clock and the grid of ticks on it.
+
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::{Timespec, clock_gettime};
+
+/// Nanoseconds in a second.
+pub const NS_PER_S: u64 = 1_000_000_000;
+
+/// CLOCK_MONOTONIC now [ns]; the same in all processes of a machine.
+#[must_use]
+pub fn now_ns() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    now.tv_sec.unsigned_abs() * NS_PER_S + now.tv_nsec.unsigned_abs()
+}
+
+/// A duration or instant in nanoseconds as the system calls want it.
+#[must_use]
+pub fn timespec(ns: u64) -> Timespec {
+    Timespec { tv_sec: (ns / NS_PER_S).cast_signed(), tv_nsec: (ns % NS_PER_S).cast_signed() }
+}
+
+/// Sleeps until an absolute instant of CLOCK_MONOTONIC; returns early only when a signal arrives.
+///
+/// Returns `false` when it was interrupted.
+pub fn sleep_until(instant_ns: u64) -> bool {
+    clock_nanosleep_absolute(ClockId::Monotonic, &timespec(instant_ns)).is_ok()
+}
+
+/// The grid of a run: tick k begins at t_k = t_0 + k T.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Grid {
+    /// Begin of tick 0 on CLOCK_MONOTONIC [ns].
+    pub t0_ns: u64,
+    /// Length of a tick on the clock [ns].
+    pub period_ns: u64,
+}
+
+impl Grid {
+    /// When a tick begins [ns].
+    #[must_use]
+    pub const fn begin_of(&self, tick: u64) -> u64 {
+        self.t0_ns + tick * self.period_ns
+    }
+
+    /// The tick that an instant lies in; 0 before the first has begun.
+    #[must_use]
+    pub const fn tick_at(&self, instant_ns: u64) -> u64 {
+        instant_ns.saturating_sub(self.t0_ns) / self.period_ns
+    }
+
+    /// The first tick that begins at or after an instant.
+    #[must_use]
+    pub const fn first_tick_from(&self, instant_ns: u64) -> u64 {
+        instant_ns.saturating_sub(self.t0_ns).div_ceil(self.period_ns)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_and_instants_agree() {
+        let grid = Grid { t0_ns: 5_000, period_ns: 1_000 };
+        assert_eq!(grid.begin_of(3), 8_000);
+        assert_eq!((grid.tick_at(8_000), grid.tick_at(7_999), grid.tick_at(1)), (3, 2, 0));
+        assert_eq!((grid.first_tick_from(8_000), grid.first_tick_from(8_001), grid.first_tick_from(1)), (3, 4, 0));
+    }
+
+    #[test]
+    fn a_sleep_ends_after_its_instant() {
+        let until = now_ns() + 2_000_000;
+        assert!(sleep_until(until));
+        assert!(now_ns() >= until);
+    }
+}

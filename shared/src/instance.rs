@@ -1,0 +1,246 @@
+//! An instance of the rig: its name, its directory, its locks, its corner of shared memory.
+//!
+//! Everything that an instance leaves in the file system carries its name, so that two instances fly side by
+//! side, and leftovers of a killed one are found and removed. Locks are `flock`s: the kernel drops them when
+//! a process dies, however it dies.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read as _, Seek as _, Write as _};
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
+
+use iceoryx2::prelude::{Config, FileName, SemanticString as _};
+use rustix::fs::{FlockOperation, flock};
+
+use crate::error::Error;
+use crate::layout::{FNV_OFFSET, fnv1a};
+use crate::role::{ROLES, Role};
+
+/// Names the directory under which instances keep their sockets and service files.
+pub const ROOT_VARIABLE: &str = "IRONBIRD_ROOT";
+
+/// Longest name of an instance.
+const NAME_MAX: usize = 32;
+/// What a socket's name below the root may need: `sockaddr_un` holds 108 bytes.
+const ROOT_MAX: usize = 40;
+
+/// Capacity of an instance's name.
+pub type Name = heapless::String<NAME_MAX>;
+
+/// A named instance of the rig.
+#[derive(Clone, Debug)]
+pub struct Instance {
+    name: Name,
+    root: PathBuf,
+}
+
+/// A lock that is held as long as this lives.
+#[derive(Debug)]
+pub struct Lock {
+    _file: File,
+}
+
+impl Instance {
+    /// The instance of a name under the root path of the environment.
+    ///
+    /// # Errors
+    /// [`Error::InstanceName`], [`Error::RootPathTooLong`].
+    pub fn new(name: &str) -> Result<Self, Error> {
+        let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_' || c == '-';
+        let valid = !name.is_empty() && name.chars().all(allowed);
+        let name =
+            Name::try_from(name).ok().filter(|_| valid).ok_or_else(|| Error::InstanceName { name: name.to_owned() })?;
+        let root = root_path();
+        let length = root.as_os_str().len();
+        if length > ROOT_MAX {
+            return Err(Error::RootPathTooLong { path: root, length, max: ROOT_MAX });
+        }
+        Ok(Self { name, root })
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its directory.
+    #[must_use]
+    pub fn directory(&self) -> PathBuf {
+        self.root.join(self.name())
+    }
+
+    /// Makes its directory, readable by its owner alone.
+    ///
+    /// # Errors
+    /// [`Error::RootPath`].
+    pub fn prepare(&self) -> Result<(), Error> {
+        let directory = self.directory();
+        let make = || {
+            fs::DirBuilder::new().recursive(true).mode(0o750).create(&directory)?;
+            tempfile_probe(&directory)
+        };
+        make().map_err(|source| Error::RootPath { path: directory.clone(), source })
+    }
+
+    /// Takes the lock of a role.
+    ///
+    /// # Errors
+    /// [`Error::Occupied`] names the process that holds it.
+    pub fn lock(&self, role: Role) -> Result<Lock, Error> {
+        self.lock_as(role.name())
+    }
+
+    /// Takes the launcher's lock: one `fly` an instance.
+    ///
+    /// # Errors
+    /// [`Error::Occupied`] names the process that holds it.
+    pub fn lock_launcher(&self) -> Result<Lock, Error> {
+        self.lock_as("fly")
+    }
+
+    fn lock_as(&self, role: &str) -> Result<Lock, Error> {
+        let path = self.lock_path(role);
+        let open = || OpenOptions::new().create(true).truncate(false).read(true).write(true).mode(0o640).open(&path);
+        let root_path = |source| Error::RootPath { path: path.clone(), source };
+        let mut file = open().map_err(root_path)?;
+        if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+            let mut pid = String::new();
+            // The holder may be about to write its number: the error is the same without it.
+            let _ = file.read_to_string(&mut pid);
+            return Err(Error::Occupied { instance: self.name().into(), role: role.into(), pid: pid.trim().into() });
+        }
+        file.set_len(0).and_then(|()| file.rewind()).map_err(root_path)?;
+        writeln!(file, "{}", std::process::id()).map_err(root_path)?;
+        Ok(Lock { _file: file })
+    }
+
+    /// Whether a process plays the role now.
+    #[must_use]
+    pub fn is_occupied(&self, role: Role) -> bool {
+        is_locked(&self.lock_path(role.name()))
+    }
+
+    /// Whether any process of the instance lives.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        is_locked(&self.lock_path("fly")) || ROLES.iter().any(|role| self.is_occupied(*role))
+    }
+
+    fn lock_path(&self, role: &str) -> PathBuf {
+        self.directory().join(format!("{role}.lock"))
+    }
+
+    /// Start of the names of its segments in shared memory.
+    ///
+    /// It carries a hash of the root path, so that instances of one name under two roots stay apart.
+    #[must_use]
+    pub fn prefix(&self) -> String {
+        let hash = fnv1a(FNV_OFFSET, self.root.as_os_str().as_encoded_bytes());
+        format!("ironbird_{:08x}_{}_", hash & 0xffff_ffff, self.name())
+    }
+
+    /// The middleware's configuration: never the one that happens to lie in the working directory.
+    ///
+    /// # Errors
+    /// [`Error::RootPath`] where the directory is no valid path for the middleware.
+    pub fn config(&self) -> Result<Config, Error> {
+        let directory = self.directory();
+        let invalid = |what: &str| Error::RootPath {
+            path: directory.clone(),
+            source: io::Error::new(io::ErrorKind::InvalidInput, what),
+        };
+        let mut config = Config::default();
+        let path = iceoryx2::prelude::Path::new(directory.as_os_str().as_encoded_bytes())
+            .map_err(|_| invalid("not a path that iceoryx2 can use"))?;
+        config.global.set_root_path(&path);
+        config.global.prefix =
+            FileName::new(self.prefix().as_bytes()).map_err(|_| invalid("not a name that iceoryx2 can use"))?;
+        // Dead nodes are reaped where it cannot touch the control path: by `Wire::new`, before any port exists.
+        config.global.node.cleanup_dead_nodes_on_creation = false;
+        config.global.node.cleanup_dead_nodes_on_destruction = false;
+        config.global.service.cleanup_dead_nodes_on_open = false;
+        Ok(config)
+    }
+
+    /// Every instance under the root path whose plant runs now.
+    #[must_use]
+    pub fn flying() -> Vec<Self> {
+        Self::known().into_iter().filter(|instance| instance.is_occupied(Role::Plant)).collect()
+    }
+
+    /// Every instance that has a directory under the root path, in order of name.
+    #[must_use]
+    pub fn known() -> Vec<Self> {
+        let mut names: Vec<String> = fs::read_dir(root_path())
+            .into_iter()
+            .flatten()
+            .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+            .collect();
+        names.sort();
+        names.iter().filter_map(|name| Self::new(name).ok()).collect()
+    }
+
+    /// Removes what is left of the instance when no process of it lives, and says what it removed.
+    ///
+    /// # Errors
+    /// [`Error::System`] names the file that resisted.
+    pub fn remove_leftovers(&self) -> Result<Vec<PathBuf>, Error> {
+        if self.is_alive() {
+            return Ok(Vec::new());
+        }
+        let mut removed = Vec::new();
+        let prefix = self.prefix();
+        for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().filter_map(Result::ok) {
+            if entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()) {
+                let path = entry.path();
+                fs::remove_file(&path).map_err(|e| Error::system(format!("cannot remove {}", path.display()), e))?;
+                removed.push(path);
+            }
+        }
+        let directory = self.directory();
+        if directory.exists() {
+            fs::remove_dir_all(&directory)
+                .map_err(|e| Error::system(format!("cannot remove {}", directory.display()), e))?;
+            removed.push(directory);
+        }
+        Ok(removed)
+    }
+}
+
+/// Where Linux keeps POSIX shared memory.
+pub const SHARED_MEMORY: &str = "/dev/shm";
+
+/// The directory under which instances live: `IRONBIRD_ROOT`, else one in /tmp that carries the user's number.
+#[must_use]
+pub fn root_path() -> PathBuf {
+    std::env::var_os(ROOT_VARIABLE)
+        .filter(|root| !root.is_empty())
+        .map_or_else(|| PathBuf::from(format!("/tmp/ironbird-{}", rustix::process::getuid().as_raw())), PathBuf::from)
+}
+
+fn is_locked(path: &Path) -> bool {
+    // Opening may fail because nobody ever was there; then nobody is.
+    File::open(path).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared).is_err())
+}
+
+fn tempfile_probe(directory: &Path) -> io::Result<()> {
+    let probe = directory.join(format!("probe.{}", std::process::id()));
+    File::create(&probe)?;
+    fs::remove_file(probe)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_files_cannot_carry_are_refused() {
+        for name in ["", "A", "left rig", "../up", "ä", "x234567890123456789012345678901234"] {
+            let error = Instance::new(name).unwrap_err();
+            assert_eq!(error.exit_code(), 2);
+            assert!(error.to_string().contains(&format!("`{name}`")), "{error}");
+        }
+        assert_eq!(Instance::new("left-rig_2").unwrap().name(), "left-rig_2");
+    }
+}

@@ -1,0 +1,328 @@
+//! The steps of the real-time set-up: asked, granted, or refused and why.
+//!
+//! Each step is tried on its own; none is silently skipped. What the system refuses is reported with its
+//! error number and ends the process only under [`Mode::Require`].
+
+use std::fs::{self, File, OpenOptions};
+use std::hint::black_box;
+use std::io::{self, Write as _};
+use std::num::NonZero;
+
+use iceoryx2::prelude::ZeroCopySend;
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity, set_current_timer_slack};
+use serde::{Deserialize, Serialize};
+
+use super::sys;
+use crate::error::Error;
+use crate::layout::layout;
+use crate::role::Role;
+
+/// How much the user insists on real time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// End with an error when a step is refused.
+    Require,
+    /// Try every step, fly with what is granted, and say what was not.
+    #[default]
+    Prefer,
+    /// Ask for nothing.
+    Off,
+}
+
+/// What to ask the system for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// How much the user insists.
+    pub mode: Mode,
+    /// SCHED_FIFO priority of the plant; later stages come above it.
+    pub priority: i32,
+    /// The processor for the four loops; `None` takes the highest-numbered one allowed.
+    pub cpu: Option<usize>,
+}
+
+/// A step of the set-up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(usize)]
+pub enum Step {
+    /// SCHED_FIFO at a priority.
+    Scheduler,
+    /// One processor for all loops; for the recorder, the others.
+    Affinity,
+    /// `mlockall`: no page is taken back.
+    MemoryLock,
+    /// `mallopt`: freed memory stays with the process.
+    Malloc,
+    /// Stack, heap and shared memory are touched before they are needed.
+    Prefault,
+    /// Timers of SCHED_OTHER fire without the default 50 us of slack.
+    TimerSlack,
+    /// /dev/cpu_dma_latency: processors stay out of deep sleep.
+    CpuLatency,
+}
+
+/// Every step, in the order of [`Grants`].
+pub const STEPS: [Step; 7] = [
+    Step::Scheduler,
+    Step::Affinity,
+    Step::MemoryLock,
+    Step::Malloc,
+    Step::Prefault,
+    Step::TimerSlack,
+    Step::CpuLatency,
+];
+
+impl Step {
+    /// What the user may do when it is refused.
+    #[must_use]
+    pub fn remedy(self, errno: i64) -> &'static str {
+        let not_permitted = errno == i64::from(libc::EPERM);
+        match self {
+            Self::Scheduler if not_permitted && rustix::process::geteuid().is_root() => {
+                "root is refused SCHED_FIFO where its cpu cgroup has no real-time budget: write one to \
+                 cpu.rt_runtime_us of the cgroup, or start from the root cgroup"
+            }
+            Self::Scheduler => {
+                "start as root, give the executable CAP_SYS_NICE (setcap cap_sys_nice,cap_ipc_lock+ep), or raise \
+                 the rtprio limit in /etc/security/limits.d and log in again"
+            }
+            Self::Affinity => "name a processor that this process may use: --cpu N (taskset -p $$ lists them)",
+            Self::MemoryLock => {
+                "start as root, give the executable CAP_IPC_LOCK, or raise the memlock limit in \
+                 /etc/security/limits.d and log in again"
+            }
+            Self::Malloc => "use a build for glibc",
+            Self::Prefault => "free memory, or enlarge /dev/shm",
+            Self::TimerSlack => "use a kernel that knows PR_SET_TIMERSLACK",
+            Self::CpuLatency => "start as root, or let your group write /dev/cpu_dma_latency",
+        }
+    }
+
+    /// Whether `Mode::Require` insists on it: a machine without the device of the last step has no such sleep.
+    const fn required(self) -> bool {
+        !matches!(self, Self::CpuLatency)
+    }
+}
+
+/// Outcome of a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
+#[repr(C)]
+pub struct Grant {
+    /// 1 when it was asked for.
+    pub asked: u64,
+    /// What was asked: a priority, a processor, bytes; 0 where a step has no number.
+    pub value: u64,
+    /// Error number of the refusal; 0 when it was granted.
+    pub errno: i64,
+}
+layout!(Grant { asked, value, errno });
+
+impl Grant {
+    /// Whether it was asked for and granted.
+    #[must_use]
+    pub const fn granted(&self) -> bool {
+        self.asked == 1 && self.errno == 0
+    }
+
+    /// What the system said, in words.
+    #[must_use]
+    pub fn reason(&self) -> String {
+        i32::try_from(self.errno).map_or_else(|_| "unknown".into(), |n| io::Error::from_raw_os_error(n).to_string())
+    }
+}
+
+/// Outcome of every step, in the order of [`STEPS`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
+#[repr(C)]
+pub struct Grants {
+    grants: [Grant; STEPS.len()],
+    /// Scheduling policy in force (0 other, 1 fifo).
+    pub policy: u64,
+    /// Priority in force.
+    pub priority: u64,
+}
+layout!(Grants { grants, policy, priority });
+
+impl Grants {
+    /// Outcome of a step.
+    #[must_use]
+    pub const fn of(&self, step: Step) -> &Grant {
+        &self.grants[step as usize]
+    }
+
+    fn note(&mut self, step: Step, value: u64, outcome: io::Result<()>) {
+        let errno = outcome.err().map_or(0, |e| i64::from(e.raw_os_error().unwrap_or(libc::ENOSYS)));
+        self.grants[step as usize] = Grant { asked: 1, value, errno };
+    }
+
+    /// Steps that were asked for and refused.
+    pub fn refused(&self) -> impl Iterator<Item = Step> + '_ {
+        STEPS.into_iter().filter(|step| self.of(*step).asked == 1 && !self.of(*step).granted())
+    }
+}
+
+/// The set-up as long as it is in force.
+#[derive(Debug)]
+pub struct Engaged {
+    /// What was granted.
+    pub grants: Grants,
+    /// The kernel honours the wish for as long as the device is open.
+    _cpu_latency: Option<File>,
+}
+
+/// Heap that is touched in advance [bytes]: far more than a loop's 48-byte loan ever needs.
+const HEAP_BYTES: usize = 1 << 20;
+/// Stack that is touched in advance [bytes].
+const STACK_BYTES: usize = 256 << 10;
+
+impl Engaged {
+    /// Asks for everything that a role needs, after its ports were made.
+    ///
+    /// # Errors
+    /// [`Error::RealtimeRefused`] under [`Mode::Require`].
+    pub fn engage(role: Role, settings: &Settings) -> Result<Self, Error> {
+        let mut engaged = Self { grants: Grants::default(), _cpu_latency: None };
+        if settings.mode != Mode::Off {
+            engaged.ask(role, settings);
+        }
+        let (policy, priority) = sys::scheduler();
+        engaged.grants.policy = u64::from(policy.unsigned_abs());
+        engaged.grants.priority = u64::from(priority.unsigned_abs());
+        if settings.mode == Mode::Require {
+            engaged.insist(role)?;
+        }
+        Ok(engaged)
+    }
+
+    fn ask(&mut self, role: Role, settings: &Settings) {
+        let grants = &mut self.grants;
+        let slack = set_current_timer_slack(NonZero::new(1)).map_err(Into::into);
+        grants.note(Step::TimerSlack, 1, slack);
+        let (cpus, cpu) = cpus_for(role, settings.cpu);
+        grants.note(Step::Affinity, cpu as u64, sched_setaffinity(None, &cpus).map_err(Into::into));
+        if role == Role::Record {
+            return;
+        }
+        grants.note(Step::Malloc, 0, sys::keep_freed_memory());
+        let locked = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(Into::into);
+        grants.note(Step::MemoryLock, 0, locked);
+        prefault_stack();
+        drop(black_box(vec![1_u8; HEAP_BYTES]));
+        grants.note(Step::Prefault, 0, populate_mappings());
+        match hold_cpu_latency() {
+            Ok(file) => {
+                grants.note(Step::CpuLatency, 0, Ok(()));
+                self._cpu_latency = Some(file);
+            }
+            Err(error) => grants.note(Step::CpuLatency, 0, Err(error)),
+        }
+        let priority = settings.priority + role.priority_step();
+        grants.note(Step::Scheduler, u64::from(priority.unsigned_abs()), sys::set_fifo(priority));
+    }
+
+    fn insist(&self, role: Role) -> Result<(), Error> {
+        let refused: Vec<Step> = self.grants.refused().filter(|step| step.required()).collect();
+        let Some(first) = refused.first() else { return Ok(()) };
+        let word = |step: &Step| format!("{step:?} ({})", self.grants.of(*step).reason());
+        Err(Error::RealtimeRefused {
+            role,
+            refused: refused.iter().map(word).collect::<Vec<_>>().join(", "),
+            remedy: format!("{}; or fly with what is granted: --rt prefer", first.remedy(self.grants.of(*first).errno)),
+        })
+    }
+}
+
+/// Touches everything mapped since the set-up: the last act before a loop is armed.
+///
+/// # Errors
+/// [`Error::System`] when memory, or /dev/shm, has run out.
+pub fn settle() -> Result<(), Error> {
+    populate_mappings().map_err(|e| Error::system("cannot make the memory of the process present", e))
+}
+
+/// The processors for a role: the loops share one, everything else takes the others, if there are any.
+fn cpus_for(role: Role, wanted: Option<usize>) -> (CpuSet, usize) {
+    // Without the list (which cannot fail for the caller itself), processor 0 always exists.
+    let allowed = sched_getaffinity(None).unwrap_or_else(|_| {
+        let mut first = CpuSet::new();
+        first.set(0);
+        first
+    });
+    let highest = (0..CpuSet::MAX_CPU).rev().find(|cpu| allowed.is_set(*cpu)).unwrap_or(0);
+    let cpu = wanted.unwrap_or(highest);
+    if role == Role::Record {
+        let mut others = allowed;
+        if allowed.count() > 1 && cpu < CpuSet::MAX_CPU {
+            others.unset(cpu);
+        }
+        return (others, cpu);
+    }
+    let mut own = CpuSet::new();
+    if cpu < CpuSet::MAX_CPU {
+        own.set(cpu);
+    }
+    (own, cpu)
+}
+
+#[inline(never)]
+fn prefault_stack() {
+    black_box([1_u8; STACK_BYTES]);
+}
+
+/// Makes every private writable page and every page of shared memory present.
+fn populate_mappings() -> io::Result<()> {
+    for line in fs::read_to_string("/proc/self/maps")?.lines() {
+        let Some((range, rest)) = line.split_once(' ') else { continue };
+        let Some((start, end)) = range.split_once('-') else { continue };
+        let (Ok(start), Ok(end)) = (usize::from_str_radix(start, 16), usize::from_str_radix(end, 16)) else { continue };
+        // The main thread's stack grows by itself down to its limit; what it needs was touched by `prefault_stack`.
+        if rest.starts_with("rw") && !rest.ends_with("[stack]") {
+            sys::populate(start, end - start)?;
+        }
+    }
+    Ok(())
+}
+
+fn hold_cpu_latency() -> io::Result<File> {
+    let mut file = OpenOptions::new().write(true).open("/dev/cpu_dma_latency")?;
+    file.write_all(&0_i32.to_ne_bytes())?;
+    Ok(file)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_processor_that_does_not_exist_is_refused_and_named_under_require() {
+        let settings = Settings { mode: Mode::Require, priority: 80, cpu: Some(100_000) };
+        // On a thread of its own: a test must not leave its settings to others.
+        let error = std::thread::spawn(move || Engaged::engage(Role::Record, &settings).map(|_| ()));
+        // The recorder keeps off the loops' processor, so a missing one does not concern it.
+        assert!(error.join().unwrap().is_ok());
+        let error = std::thread::spawn(move || cpus_for(Role::Plant, settings.cpu).0.count()).join().unwrap();
+        assert_eq!(error, 0, "the empty set, which the kernel refuses");
+    }
+
+    #[test]
+    fn off_asks_for_nothing() {
+        let settings = Settings { mode: Mode::Off, priority: 80, cpu: None };
+        let engaged = Engaged::engage(Role::Plant, &settings).unwrap();
+        assert!(STEPS.iter().all(|step| engaged.grants.of(*step).asked == 0));
+    }
+
+    #[test]
+    fn every_refusal_has_a_remedy() {
+        for step in STEPS {
+            assert!(!step.remedy(i64::from(libc::EPERM)).is_empty());
+            assert!(!step.remedy(i64::from(libc::EINVAL)).is_empty());
+        }
+    }
+
+    #[test]
+    fn all_memory_of_the_process_can_be_made_present() {
+        settle().unwrap();
+    }
+}

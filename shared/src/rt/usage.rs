@@ -1,0 +1,54 @@
+//! What a loop cost since it was armed: faults, context switches, allocations, processor time.
+
+use iceoryx2::prelude::ZeroCopySend;
+
+use super::sys;
+use crate::layout::layout;
+
+/// Resources that one thread used between two instants.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
+#[repr(C)]
+pub struct Usage {
+    /// Page faults served from memory.
+    pub minor_faults: u64,
+    /// Page faults that had to wait for a disk.
+    pub major_faults: u64,
+    /// Times that it gave the processor up: once for every wait.
+    pub voluntary_switches: u64,
+    /// Times that the processor was taken from it.
+    pub involuntary_switches: u64,
+    /// Calls to the allocator.
+    pub allocations: u64,
+    /// Processor time [ns].
+    pub cpu_ns: u64,
+}
+layout!(Usage { minor_faults, major_faults, voluntary_switches, involuntary_switches, allocations, cpu_ns });
+
+/// Measures the calling thread from its creation on.
+#[derive(Clone, Copy, Debug)]
+pub struct UsageMeter {
+    start: sys::Usage,
+    allocations: u64,
+}
+
+impl UsageMeter {
+    /// Starts to measure.
+    #[must_use]
+    pub fn start() -> Self {
+        Self { allocations: sys::thread_allocations(), start: sys::thread_usage() }
+    }
+
+    /// What the thread used since the start.
+    #[must_use]
+    pub fn read(&self) -> Usage {
+        let now = sys::thread_usage();
+        Usage {
+            minor_faults: now.minor_faults - self.start.minor_faults,
+            major_faults: now.major_faults - self.start.major_faults,
+            voluntary_switches: now.voluntary_switches - self.start.voluntary_switches,
+            involuntary_switches: now.involuntary_switches - self.start.involuntary_switches,
+            allocations: sys::thread_allocations() - self.allocations,
+            cpu_ns: now.cpu_ns - self.start.cpu_ns,
+        }
+    }
+}
