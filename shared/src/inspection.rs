@@ -172,7 +172,8 @@ mod tests {
 
     #[test]
     fn each_fault_has_its_reason() {
-        let cases: [(Reason, fn(&mut Message<State>)); 9] = [
+        type Forge = fn(&mut Message<State>);
+        let cases: [(Reason, Forge); 9] = [
             (Reason::Layout, |m| m.envelope.layout ^= 1),
             (Reason::Run, |m| m.envelope.run_id += 1),
             (Reason::Settings, |m| m.envelope.settings += 1),

@@ -90,6 +90,22 @@ macro_rules! layout {
 }
 pub(crate) use layout;
 
+/// Gives an enum of the wire its way back from a number: flags travel as integers, because a forged enum
+/// would be undefined behaviour.
+macro_rules! from_wire {
+    ($type:ident { $($variant:ident),+ $(,)? }) => {
+        impl $type {
+            /// The variant of a number on the wire, if there is one.
+            #[must_use]
+            pub const fn from_wire(number: u64) -> Option<Self> {
+                $(if number == Self::$variant as u64 { return Some(Self::$variant); })+
+                None
+            }
+        }
+    };
+}
+pub(crate) use from_wire;
+
 #[cfg(test)]
 mod tests {
     use super::*;

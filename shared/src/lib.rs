@@ -4,6 +4,7 @@
 //! shells use the rest.
 
 pub mod allocation;
+pub mod boards;
 pub mod clock;
 pub mod envelope;
 pub mod error;
@@ -17,4 +18,7 @@ pub mod parameters;
 pub mod rate_dynamics;
 pub mod role;
 pub mod rt;
+pub mod stage;
+pub mod station;
 pub mod topic;
+pub mod wire;

@@ -6,7 +6,7 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::layout::layout;
+use crate::layout::{from_wire, layout};
 
 /// Rotors of the airframe, numbered from 1: rear left, rear right, front right, front left.
 pub const ROTORS: usize = 4;
@@ -143,19 +143,7 @@ pub enum Mode {
     Idle = 3,
 }
 
-impl Mode {
-    /// The mode of a number on the wire, if it is one.
-    #[must_use]
-    pub const fn from_wire(number: u64) -> Option<Self> {
-        match number {
-            0 => Some(Self::Fresh),
-            1 => Some(Self::Held),
-            2 => Some(Self::Fallback),
-            3 => Some(Self::Idle),
-            _ => None,
-        }
-    }
-}
+from_wire!(Mode { Fresh, Held, Fallback, Idle });
 
 layout!(State {
     position_w_m,

@@ -1,0 +1,413 @@
+//! A role's place in the rig: from the start of its process to the moment its loop is armed.
+//!
+//! ```text
+//! Starting --ports made, real time engaged--> Ready --plant announces t_0--> Armed --t_0--> Flying --> Landed
+//! ```
+//!
+//! The plant opens a run when every role is ready with the same settings, and announces t_0 so early that all
+//! have armed before it; when one has not, it announces a later t_0. A role that starts while the plant flies
+//! joins the run at the present tick.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::sleep;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use crate::boards::{Ending, RUN, RolePhase, Run, RunPhase, SETTINGS, SettingsText, Status};
+use crate::clock::{Grid, now_ns};
+use crate::error::Error;
+use crate::inspection::Expected;
+use crate::instance::{Instance, Lock};
+use crate::layout::{FNV_OFFSET, fnv1a};
+use crate::role::{ROLES, Role};
+use crate::rt::{self, Engaged, UsageMeter, settle};
+use crate::wire::{Board, BoardReader, Wire};
+
+/// What a role's process is started with.
+#[derive(Clone, Debug)]
+pub struct Orders {
+    /// The instance that it belongs to.
+    pub instance: Instance,
+    /// What to ask of the system.
+    pub rt: rt::Settings,
+    /// The settings that all roles of a run must share: one `key = value` a line.
+    pub settings: String,
+    /// Process number of the launcher, whose death ends the role; `None` when started by hand.
+    pub launcher: Option<u32>,
+}
+
+/// How often a waiting role looks at the boards.
+const LOOK_EVERY: Duration = Duration::from_millis(2);
+/// How often it says what it waits for.
+const SAY_EVERY: Duration = Duration::from_secs(5);
+/// From the announcement of t_0 to t_0 [ns].
+const ANNOUNCE_NS: u64 = 200_000_000;
+/// Roles must have armed this long before t_0 [ns]; the plant then keeps to it.
+const ARMED_BEFORE_NS: u64 = 40_000_000;
+/// Roles look for a changed t_0 until this long before it [ns].
+const SETTLED_BEFORE_NS: u64 = 20_000_000;
+
+/// Name of a role's status board.
+#[must_use]
+pub fn status_board(role: Role) -> String {
+    format!("status/{role}")
+}
+
+/// Fingerprint of a settings text.
+#[must_use]
+pub fn settings_fingerprint(text: &str) -> u64 {
+    fnv1a(FNV_OFFSET, text.as_bytes())
+}
+
+/// A role's place.
+#[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
+pub struct Station {
+    role: Role,
+    orders: Orders,
+    wire: Wire,
+    board: Board<Status>,
+    stop: Arc<AtomicBool>,
+    engaged: Option<Engaged>,
+    /// The role's status; published by [`Station::publish_status`].
+    pub status: Status,
+    // Last: everything else is released before somebody else may take the place.
+    _lock: Lock,
+}
+
+/// A run that the station has armed for.
+#[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
+pub struct Armed {
+    /// Its grid.
+    pub grid: Grid,
+    /// What its messages carry.
+    pub expected: Expected,
+    /// Last tick that is to be flown.
+    pub last_tick: u64,
+    /// First tick that this role works.
+    pub first_tick: u64,
+    /// The plant's board of the run.
+    pub run: BoardReader<Run>,
+}
+
+/// A run that the plant has opened.
+#[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
+pub struct Opened {
+    /// Its grid.
+    pub grid: Grid,
+    /// What its messages carry.
+    pub expected: Expected,
+    /// The plant's board of the run, and what is on it.
+    pub board: Board<Run>,
+    /// What is on the board.
+    pub run: Run,
+    /// The other roles' boards.
+    pub crew: Vec<BoardReader<Status>>,
+    _settings: Board<SettingsText>,
+}
+
+impl Station {
+    /// Takes the place of a role.
+    ///
+    /// # Errors
+    /// [`Error::Occupied`] where somebody has it; [`Error::RootPath`], [`Error::Wire`], [`Error::System`].
+    pub fn take(role: Role, orders: Orders) -> Result<Self, Error> {
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [SIGINT, SIGTERM] {
+            let failed = |e| Error::system("cannot handle signals", e);
+            // In this order the second signal finds the flag set by the first, and ends the process at once.
+            signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop)).map_err(failed)?;
+            signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(failed)?;
+        }
+        end_with_launcher(orders.launcher)?;
+        orders.instance.prepare()?;
+        let lock = orders.instance.lock(role)?;
+        let wire = Wire::open(&orders.instance)?;
+        let board = wire.board(&status_board(role))?;
+        let status = Status {
+            pid: u64::from(std::process::id()),
+            epoch: now_ns(),
+            settings: settings_fingerprint(&orders.settings),
+            ..Status::default()
+        };
+        board.put(status);
+        Ok(Self { role, orders, wire, board, stop, engaged: None, status, _lock: lock })
+    }
+
+    /// The wire to make ports on.
+    #[must_use]
+    pub const fn wire(&self) -> &Wire {
+        &self.wire
+    }
+
+    /// Whether a signal has asked the process to end.
+    #[must_use]
+    pub fn stop_requested(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// The flag that signals set, for other threads of the process.
+    #[must_use]
+    pub fn stop_flag(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.stop)
+    }
+
+    /// Writes the status on the board.
+    pub fn publish_status(&self) {
+        self.board.put(self.status);
+    }
+
+    fn enter(&mut self, phase: RolePhase) {
+        self.status.phase = phase as u64;
+        self.publish_status();
+    }
+
+    /// Says that the ports are made, after real time is engaged.
+    fn report_ready(&mut self) -> Result<(), Error> {
+        let engaged = Engaged::engage(self.role, &self.orders.rt)?;
+        self.status.grants = engaged.grants;
+        self.engaged = Some(engaged);
+        self.enter(RolePhase::Ready);
+        Ok(())
+    }
+
+    /// The role's last word: its figures are final.
+    pub fn land(&mut self, meter: &UsageMeter) {
+        self.status.usage = meter.read();
+        self.enter(RolePhase::Landed);
+    }
+
+    /// Joins the plant's run: waits for it, compares settings, arms the ports, waits for t_0.
+    ///
+    /// `arm` connects the ports to those of the other roles, which exist by then.
+    ///
+    /// # Errors
+    /// [`Error::SettingsDiffer`], [`Error::RealtimeRefused`], [`Error::Interrupted`], and those of `arm`.
+    pub fn join(&mut self, mut arm: impl FnMut(Expected, u64) -> Result<(), Error>) -> Result<Armed, Error> {
+        self.report_ready()?;
+        let mut patience = Patience::new(self.role);
+        loop {
+            if self.stop_requested() {
+                return Err(Error::Interrupted);
+            }
+            let board = self.wire.board_reader::<Run>(RUN)?;
+            let Some(board) = board.filter(|board| board.get().phase() != RunPhase::Closed) else {
+                patience.say(|| "the plant (`ironbird plant`)".into());
+                sleep(10 * LOOK_EVERY);
+                continue;
+            };
+            self.compare_settings()?;
+            while board.get().phase() == RunPhase::Mustering && !self.stop_requested() && self.plant_lives() {
+                patience.say(|| "the plant to open the run".into());
+                sleep(LOOK_EVERY);
+            }
+            let run = board.get();
+            let expected = Expected { run_id: run.run_id, settings: run.settings };
+            let grid = Grid { t0_ns: run.t0_ns, period_ns: run.period_ns };
+            match run.phase() {
+                RunPhase::Mustering | RunPhase::Closed => continue,
+                RunPhase::Opening => {
+                    arm(expected, self.status.epoch)?;
+                    settle()?;
+                    self.status.armed_t0_ns = run.t0_ns;
+                    self.enter(RolePhase::Armed);
+                    while now_ns() + SETTLED_BEFORE_NS < run.t0_ns {
+                        sleep(LOOK_EVERY);
+                    }
+                    if board.get().t0_ns != run.t0_ns {
+                        continue;
+                    }
+                }
+                RunPhase::Flying => {
+                    arm(expected, self.status.epoch)?;
+                    settle()?;
+                }
+            }
+            let first_tick = if now_ns() < grid.t0_ns { 0 } else { grid.tick_at(now_ns()) + 1 };
+            self.enter(RolePhase::Flying);
+            return Ok(Armed { grid, expected, last_tick: run.last_tick, first_tick, run: board });
+        }
+    }
+
+    /// Whether the plant's process lives; its board alone outlives it.
+    #[must_use]
+    pub fn plant_lives(&self) -> bool {
+        self.orders.instance.is_occupied(Role::Plant)
+    }
+
+    fn compare_settings(&self) -> Result<(), Error> {
+        let Some(board) = self.wire.board_reader::<SettingsText>(SETTINGS)? else { return Ok(()) };
+        let theirs = board.get();
+        let differences = differences(&self.orders.settings, theirs.text(), self.role);
+        if theirs.text().is_empty() || differences.is_empty() {
+            return Ok(());
+        }
+        Err(Error::SettingsDiffer { role: self.role, differences: differences.join("; ") })
+    }
+
+    /// Opens a run: waits until every role is ready, announces t_0, and waits until all have armed for it.
+    ///
+    /// # Errors
+    /// [`Error::RealtimeRefused`], [`Error::Interrupted`], and those of `arm`.
+    pub fn open_run(
+        &mut self,
+        period_ns: u64,
+        last_tick: u64,
+        mut arm: impl FnMut(Expected, u64) -> Result<(), Error>,
+    ) -> Result<Opened, Error> {
+        let board = self.wire.board::<Run>(RUN)?;
+        let settings = self.wire.board::<SettingsText>(SETTINGS)?;
+        let text = SettingsText::new(&self.orders.settings)
+            .ok_or_else(|| Error::Absent { what: "the settings are too long for their board".into() })?;
+        settings.put(text);
+        let mut run = Run { settings: self.status.settings, period_ns, last_tick, ..Run::default() };
+        board.put(run);
+        self.report_ready()?;
+        let crew = self.muster()?;
+        run.phase = RunPhase::Opening as u64;
+        run.run_id = wall_ns();
+        let expected = Expected { run_id: run.run_id, settings: run.settings };
+        loop {
+            run.t0_ns = now_ns() + ANNOUNCE_NS;
+            run.t0_wall_ns = wall_ns() + ANNOUNCE_NS;
+            board.put(run);
+            arm(expected, self.status.epoch)?;
+            settle()?;
+            if self.all_arm(&crew, run.t0_ns)? {
+                break;
+            }
+        }
+        run.phase = RunPhase::Flying as u64;
+        board.put(run);
+        self.status.armed_t0_ns = run.t0_ns;
+        self.enter(RolePhase::Flying);
+        let grid = Grid { t0_ns: run.t0_ns, period_ns };
+        Ok(Opened { grid, expected, board, run, crew, _settings: settings })
+    }
+
+    /// Waits until all other roles are ready with the plant's settings.
+    fn muster(&self) -> Result<Vec<BoardReader<Status>>, Error> {
+        let mut patience = Patience::new(self.role);
+        loop {
+            if self.stop_requested() {
+                return Err(Error::Interrupted);
+            }
+            let mut crew = Vec::new();
+            let mut missing = Vec::new();
+            for role in ROLES.into_iter().filter(|role| *role != Role::Plant) {
+                let board = self.wire.board_reader::<Status>(&status_board(role))?;
+                let ready = |board: &BoardReader<Status>| {
+                    let status = board.get();
+                    status.phase() == RolePhase::Ready && status.settings == self.status.settings
+                };
+                match board.filter(|board| self.orders.instance.is_occupied(role) && ready(board)) {
+                    Some(board) => crew.push(board),
+                    None => missing.push(role.name()),
+                }
+            }
+            if missing.is_empty() {
+                return Ok(crew);
+            }
+            patience.say(|| {
+                format!("{} (each with the plant's settings: `ironbird {}` ...)", missing.join(", "), missing[0])
+            });
+            sleep(5 * LOOK_EVERY);
+        }
+    }
+
+    /// Whether all have armed for t_0 early enough.
+    fn all_arm(&self, crew: &[BoardReader<Status>], t0_ns: u64) -> Result<bool, Error> {
+        loop {
+            if self.stop_requested() {
+                return Err(Error::Interrupted);
+            }
+            if now_ns() + ARMED_BEFORE_NS >= t0_ns {
+                return Ok(false);
+            }
+            if crew.iter().all(|board| board.get().armed_t0_ns == t0_ns) {
+                return Ok(now_ns() + ARMED_BEFORE_NS < t0_ns);
+            }
+            sleep(LOOK_EVERY);
+        }
+    }
+}
+
+impl Opened {
+    /// The first end that another role asks for.
+    #[must_use]
+    pub fn wanted_end(&self) -> Option<Ending> {
+        self.crew.iter().find_map(|board| Ending::from_wire(board.get().wants_end).filter(|end| *end != Ending::None))
+    }
+}
+
+/// Says, not too often, what a process waits for.
+struct Patience {
+    role: Role,
+    said: Option<(String, u64)>,
+}
+
+impl Patience {
+    const fn new(role: Role) -> Self {
+        Self { role, said: None }
+    }
+
+    fn say(&mut self, what: impl FnOnce() -> String) {
+        let what = what();
+        let now = now_ns();
+        let due = match &self.said {
+            Some((said, at)) => *said != what || now > at + SAY_EVERY.as_nanos() as u64,
+            None => true,
+        };
+        if due {
+            tracing::info!(role = self.role.name(), "waiting for {what}");
+            self.said = Some((what, now));
+        }
+    }
+}
+
+/// Each key whose value differs, with both values.
+fn differences(ours: &str, theirs: &str, role: Role) -> Vec<String> {
+    let pairs = |text: &str| -> std::collections::BTreeMap<String, String> {
+        text.lines().filter_map(|line| line.split_once(" = ")).map(|(k, v)| (k.to_owned(), v.to_owned())).collect()
+    };
+    let (ours, theirs) = (pairs(ours), pairs(theirs));
+    let keys: std::collections::BTreeSet<&String> = ours.keys().chain(theirs.keys()).collect();
+    let value = |of: &std::collections::BTreeMap<String, String>, key| of.get(key).cloned().unwrap_or("nothing".into());
+    keys.into_iter()
+        .filter(|key| ours.get(*key) != theirs.get(*key))
+        .map(|key| format!("`{key}` is {} for {role} and {} for the plant", value(&ours, key), value(&theirs, key)))
+        .collect()
+}
+
+/// Asks the kernel for SIGTERM when the launcher dies.
+fn end_with_launcher(launcher: Option<u32>) -> Result<(), Error> {
+    let Some(launcher) = launcher else { return Ok(()) };
+    rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))
+        .map_err(|e| Error::system("cannot tie the process to its launcher", e))?;
+    // It may have died before the wish was known.
+    let parent = rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get().unsigned_abs());
+    if parent == Some(launcher) { Ok(()) } else { Err(Error::Interrupted) }
+}
+
+/// The wall clock [ns since 1970].
+#[must_use]
+pub fn wall_ns() -> u64 {
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since_1970.as_nanos()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differing_settings_are_named_with_both_values() {
+        let ours = "gains.alpha_1_s = 200.0\nflight.preset = \"flight\"\n";
+        let theirs = "gains.alpha_1_s = 40.0\nflight.preset = \"flight\"\n";
+        let found = differences(ours, theirs, Role::Inner);
+        assert_eq!(found, ["`gains.alpha_1_s` is 200.0 for inner and 40.0 for the plant"]);
+        assert!(differences(ours, ours, Role::Inner).is_empty());
+        assert_eq!(differences("", "a = 1\n", Role::Outer), ["`a` is nothing for outer and 1 for the plant"]);
+    }
+}

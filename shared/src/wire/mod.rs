@@ -1,0 +1,92 @@
+//! The wire: iceoryx2 ports of an instance, each with every limit explicit.
+//!
+//! The only place that names the middleware's services. Ports are made before a loop is armed; afterwards
+//! a send costs one loan, a receive one copy.
+
+mod board;
+mod doorbell;
+mod ports;
+mod swaps;
+
+use std::time::Duration;
+
+use iceoryx2::node::CleanupState;
+use iceoryx2::prelude::{
+    AttributeSpecifier, AttributeVerifier, LogLevel, Node, NodeBuilder, ServiceName, SignalHandlingMode, ipc,
+    set_log_level,
+};
+use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
+
+pub use board::{Board, BoardReader};
+pub use doorbell::{Bell, Doorbell};
+pub use ports::{Receiver, Sender};
+pub use swaps::{SwapAnswer, SwapCall, SwapClient, SwapOrder, SwapServer, Verdict};
+
+use crate::error::Error;
+use crate::instance::Instance;
+
+/// Samples that the loops keep of a topic: the newest.
+pub const LATEST: usize = 1;
+/// Samples that the recorder keeps of a topic: four seconds at 1 kHz.
+pub const DEEP: usize = 4096;
+/// Processes that may hold a service open: five roles, and observers.
+const NODES: usize = 24;
+
+/// A process's access to an instance's shared memory.
+#[derive(Debug)]
+pub struct Wire {
+    node: Node<ipc::Service>,
+    instance: Instance,
+    /// What dead processes of the instance left behind, and was removed.
+    pub cleaned: u64,
+}
+
+impl Wire {
+    /// Joins an instance, after the remains of its dead processes were removed.
+    ///
+    /// # Errors
+    /// [`Error::RootPath`], [`Error::Wire`].
+    pub fn open(instance: &Instance) -> Result<Self, Error> {
+        // What goes wrong comes back as an error; the middleware's own prints would repeat it.
+        set_log_level(LogLevel::Fatal);
+        instance.prepare()?;
+        let node = NodeBuilder::new()
+            .config(&instance.config()?)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|e| Error::wire(format!("cannot join instance `{}`", instance.name()), e))?;
+        let CleanupState { cleanups, .. } = node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
+        Ok(Self { node, instance: instance.clone(), cleaned: cleanups })
+    }
+
+    /// The instance.
+    #[must_use]
+    pub const fn instance(&self) -> &Instance {
+        &self.instance
+    }
+
+    fn service_name(&self, name: &str) -> Result<ServiceName, Error> {
+        let name = format!("ironbird/{}/{name}", self.instance.name());
+        ServiceName::new(&name).map_err(|e| Error::wire(format!("cannot name the service {name}"), e))
+    }
+}
+
+/// The attribute of a service that carries the layout of its payload.
+fn layout_attribute(fingerprint: u64) -> Option<(AttributeKey, AttributeValue)> {
+    let value = format!("{fingerprint:016x}");
+    Some((AttributeKey::try_from("layout").ok()?, AttributeValue::try_from(value.as_str()).ok()?))
+}
+
+/// Demands a layout of a service that exists, and gives it to one that is created.
+fn layout_verifier(fingerprint: u64) -> Result<AttributeVerifier, Error> {
+    layout_attribute(fingerprint)
+        .and_then(|(key, value)| AttributeVerifier::new().require(&key, &value).ok())
+        .ok_or_else(|| Error::wire("cannot describe a message layout", fingerprint))
+}
+
+/// Gives a layout to a service that is created.
+fn layout_specifier(fingerprint: u64) -> Result<AttributeSpecifier, Error> {
+    layout_attribute(fingerprint)
+        .and_then(|(key, value)| AttributeSpecifier::new().define(&key, &value).ok())
+        .ok_or_else(|| Error::wire("cannot describe a message layout", fingerprint))
+}
