@@ -1,0 +1,145 @@
+//! Command latch: which rotor command is in force at a tick, and whether it met its deadline.
+//!
+//! Logical execution time: the command computed from tick k acts on [t_k+1, t_k+2), however early it was ready. One
+//! that comes later acts from the tick of its arrival on and is a missed deadline, until a command is in time again:
+//!
+//! ```text
+//!   hover --a command--> its speeds --20 ms without a newer one--> idle --a newer command--> its speeds
+//!   hover --20 ms without one--> idle                    landing: idle for good
+//! ```
+//!
+//! Owns this rule and its counters. When a command arrives is the shell's business: it names the tick from which on
+//! the command may act.
+
+use heapless::Deque;
+use shared::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds};
+
+/// For how long a command holds without a newer one; then the rotors spin down to idle, as speed controllers do.
+pub const COMMAND_TIMEOUT_S: f64 = 0.020;
+
+/// Commands that can wait for the tick from which on they act.
+pub const PENDING_COMMANDS: usize = 4;
+
+/// A command that waits for its tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Pending {
+    /// Tick that it was made for.
+    tick: u64,
+    /// Tick from which on it may act.
+    effective_tick: u64,
+    /// Rotor speeds [rad/s].
+    speed: [f64; ROTORS],
+}
+
+/// The rotor command in force, those that wait, and the verdicts so far.
+#[derive(Clone, Debug)]
+pub struct Latch {
+    pending: Deque<Pending, PENDING_COMMANDS>,
+    /// Speeds of the newest command; of hover before the first.
+    speed: [f64; ROTORS],
+    /// Tick that it was made for; none before the first.
+    command_tick: Option<u64>,
+    /// Tick from which on it has been in force.
+    since_tick: u64,
+    /// Ticks for which it holds without a newer one.
+    timeout_ticks: u64,
+    idle: [f64; ROTORS],
+    is_idle: bool,
+    has_landed: bool,
+    deadlines_missed: u64,
+    deadline_miss_run: u64,
+}
+
+impl Latch {
+    /// A latch that holds `hover` [rad/s] until the first command, and `idle` [rad/s] when none comes for
+    /// [`COMMAND_TIMEOUT_S`], in whole ticks of `period_s` [s].
+    #[must_use]
+    pub fn new(hover: [f64; ROTORS], idle: [f64; ROTORS], period_s: f64) -> Self {
+        Self {
+            pending: Deque::new(),
+            speed: hover,
+            command_tick: None,
+            since_tick: 0,
+            timeout_ticks: (COMMAND_TIMEOUT_S / period_s).round().max(1.0) as u64,
+            idle,
+            is_idle: false,
+            has_landed: false,
+            deadlines_missed: 0,
+            deadline_miss_run: 0,
+        }
+    }
+
+    /// Takes a command that may act from `effective_tick` on, and never before the tick after its own.
+    ///
+    /// It replaces waiting ones that it makes pointless: older, and not to act earlier. A command without a tick is
+    /// ignored; one that finds no room is dropped, and shows as a missed deadline.
+    pub fn offer(&mut self, command: &Dated<RotorSpeeds>, effective_tick: u64) {
+        if command.tick == NO_TICK {
+            return;
+        }
+        let offered = Pending {
+            tick: command.tick,
+            effective_tick: effective_tick.max(command.tick + 1),
+            speed: command.content.speed_rad_s,
+        };
+        self.pending.retain(|waiting| waiting.tick > offered.tick || waiting.effective_tick < offered.effective_tick);
+        // The ones that wait come first: were they dropped instead, a steady delay would let no command through.
+        let _dropped = self.pending.push_back(offered);
+    }
+
+    /// Decides what is in force from `tick` on, and judges the deadline. To be called for every tick, in order.
+    pub fn enter(&mut self, tick: u64) {
+        let newest = self.pending.iter().filter(|waiting| waiting.effective_tick <= tick).max_by_key(|it| it.tick);
+        if let Some(newest) = newest.copied() {
+            // A command older than the one in force has lost its race and changes nothing.
+            if self.command_tick.is_none_or(|current| newest.tick > current) {
+                self.speed = newest.speed;
+                self.command_tick = Some(newest.tick);
+                self.since_tick = tick;
+            }
+            self.pending.retain(|waiting| waiting.effective_tick > tick);
+        }
+        self.is_idle = self.has_landed || tick - self.since_tick >= self.timeout_ticks;
+        self.judge(tick);
+    }
+
+    fn judge(&mut self, tick: u64) {
+        // Nobody could compute a command for the first tick.
+        if tick == 0 || self.command_tick == Some(tick - 1) {
+            self.deadline_miss_run = 0;
+        } else {
+            self.deadlines_missed += 1;
+            self.deadline_miss_run += 1;
+        }
+    }
+
+    /// Rotors to idle now and for good: a command on its way must not undo a landing.
+    pub fn land(&mut self) {
+        self.has_landed = true;
+        self.is_idle = true;
+    }
+
+    /// Rotor speeds in force [rad/s].
+    #[must_use]
+    pub fn speed(&self) -> [f64; ROTORS] {
+        if self.is_idle { self.idle } else { self.speed }
+    }
+
+    /// Tick of the newest command that came into force; [`NO_TICK`] before the first. Idling leaves it as it is.
+    #[must_use]
+    pub fn command_tick(&self) -> u64 {
+        self.command_tick.unwrap_or(NO_TICK)
+    }
+
+    /// Ticks that began without the command of the tick before.
+    #[must_use]
+    pub fn deadlines_missed(&self) -> u64 {
+        self.deadlines_missed
+    }
+
+    /// Length of the run of missed deadlines that ends at the tick entered last; 0 when that one was met.
+    #[must_use]
+    pub fn deadline_miss_run(&self) -> u64 {
+        self.deadline_miss_run
+    }
+}

@@ -1,0 +1,99 @@
+//! Rotors: commanded to actual speed over a tick, thrust (6), torque (7), net speed (4).
+//!
+//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri).
+//! Owns what the rotors do between two ticks, and the telemetry of it that the adaptation relies on.
+//!
+//! Differences from the paper (docs/paper.md has them all):
+//! * The k of (6) is missing from Table I; the parameter table carries that of Bouabdallah's OS4.
+//! * Row 4 of (7) uses kappa = d/k; with the printed d, a length would be 7.5e-7 and yaw authority none.
+//! * Beyond the paper: an efficiency per rotor, a share of its thrust and so of its drag torque; and a first-order lag
+//!   of the speeds. Nominally both are off.
+
+use nalgebra::Vector4;
+use shared::allocation::{Allocation, net_speed};
+use shared::parameters::Airframe;
+
+use crate::rigid_body::Effort;
+
+/// How the rotors turn from one grid tick to the next, under a command that is held.
+///
+/// With a time constant the speeds are the exact w(t) = w_c + (w_0 - w_c) exp(-t/tau), without one they are w_c from
+/// the first instant on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spin {
+    /// Commanded speeds w_c [rad/s].
+    command: Vector4<f64>,
+    /// Speeds at the tick, w_0 [rad/s].
+    start: Vector4<f64>,
+    /// Time constant of the motors [s]; 0 is none.
+    time_constant_s: f64,
+}
+
+/// Means over a tick, per rotor: what a speed controller would report.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpinMeans {
+    /// Mean speed [rad/s].
+    pub speed: Vector4<f64>,
+    /// Mean squared speed [rad^2/s^2].
+    pub speed_squared: Vector4<f64>,
+}
+
+impl SpinMeans {
+    /// The means of rotors that turn at a constant speed [rad/s].
+    #[must_use]
+    pub fn steady(speed: &Vector4<f64>) -> Self {
+        Self { speed: *speed, speed_squared: speed.component_mul(speed) }
+    }
+}
+
+impl Spin {
+    /// The motion from `start` [rad/s] under `command` [rad/s], with the motors of the airframe.
+    #[must_use]
+    pub fn new(airframe: &Airframe, start: Vector4<f64>, command: Vector4<f64>) -> Self {
+        Self { command, start, time_constant_s: airframe.motor_time_constant_s() }
+    }
+
+    /// Speeds w [rad/s] at `offset_s` [s] after the tick.
+    #[must_use]
+    pub fn speed(&self, offset_s: f64) -> Vector4<f64> {
+        if self.time_constant_s == 0.0 {
+            return self.command;
+        }
+        self.command + (self.start - self.command) * (-offset_s / self.time_constant_s).exp()
+    }
+
+    /// Exact means of w and w^2 over the first `period_s` [s] after the tick: the integrals of the exponential.
+    #[must_use]
+    pub fn means(&self, period_s: f64) -> SpinMeans {
+        let Self { command: w_c, start, time_constant_s: tau } = *self;
+        if tau == 0.0 {
+            return SpinMeans::steady(&w_c);
+        }
+        let gap = start - w_c;
+        let ratio = tau / period_s;
+        // exp_m1 keeps its digits where the motors are slow, and the means close to the start.
+        let decay = -(-1.0 / ratio).exp_m1() * ratio;
+        let decay_squared = -(-2.0 / ratio).exp_m1() * ratio / 2.0;
+        SpinMeans {
+            speed: w_c + gap * decay,
+            speed_squared: w_c.component_mul(&w_c)
+                + w_c.component_mul(&gap) * (2.0 * decay)
+                + gap.component_mul(&gap) * decay_squared,
+        }
+    }
+}
+
+/// (4), (6), (7): thrust, torque and net speed of rotors that turn at `w` [rad/s], with the true efficiencies.
+#[must_use]
+pub fn effort(airframe: &Airframe, w: &Vector4<f64>) -> Effort {
+    let efficiency = Vector4::from(airframe.rotor_efficiency());
+    let f = w.component_mul(w).component_mul(&efficiency) * airframe.k();
+    let (u, tau) = Allocation::new(airframe).wrench(&f);
+    Effort { u, tau, om: net_speed(w) }
+}
+
+/// Speeds of all four rotors in hover [rad/s].
+#[must_use]
+pub fn hover(airframe: &Airframe) -> Vector4<f64> {
+    Vector4::repeat(airframe.hover_speed_rad_s())
+}

@@ -1,0 +1,188 @@
+//! Physics of the plant: equilibrium, energy, order of the integrator, means of the rotors.
+
+use nalgebra::{Vector3, Vector4};
+use plant::integrator::{SUBSTEPS, integrate};
+use plant::rigid_body::{Effort, RigidBody};
+use plant::rotors::{Spin, effort, hover};
+use plant::{Plant, Settings};
+use proptest::prelude::*;
+use shared::limits::RotorLimits;
+use shared::messages::{Dated, RotorSpeeds};
+use shared::parameters::{Airframe, Parameter};
+
+const PERIOD_S: f64 = 0.001;
+
+fn airframe(changes: &[(Parameter, f64)]) -> Airframe {
+    let mut airframe = Airframe::nominal();
+    for &(parameter, value) in changes {
+        airframe.set(parameter, value).unwrap();
+    }
+    airframe
+}
+
+fn settings(airframe: Airframe) -> Settings {
+    Settings { period_s: PERIOD_S, airframe, rotor: RotorLimits::default(), seed: 0 }
+}
+
+#[test]
+fn hover_stays_put() {
+    let airframe = airframe(&[(Parameter::DisturbanceGain, 0.0)]);
+    let mut plant = Plant::new(&settings(airframe));
+    let hover = RotorSpeeds { speed_rad_s: hover(&airframe).into(), ..RotorSpeeds::default() };
+    for tick in 0..5000 {
+        let state = plant.begin(tick);
+        let worst = [state.position_w_m, state.velocity_w_m_s, state.attitude_rad, state.truth.rate_b_rad_s]
+            .iter()
+            .flatten()
+            .fold(0.0_f64, |worst, x| worst.max(x.abs()));
+        assert!(worst < 1e-12, "tick {tick}: off by {worst}");
+        plant.offer(Dated { tick, content: hover }, tick + 1);
+        plant.finish();
+    }
+}
+
+#[test]
+fn free_fall_without_drag_keeps_its_energy_and_its_spin() {
+    use Parameter::{DisturbanceGain, RotationalDrag, RotorInertia, TranslationalDrag};
+    let airframe =
+        airframe(&[(TranslationalDrag, 0.0), (RotationalDrag, 0.0), (RotorInertia, 0.0), (DisturbanceGain, 0.0)]);
+    let i_m = Vector3::from(airframe.i_m());
+    let energy = |body: &RigidBody| {
+        let translation = airframe.m() * (body.v.norm_squared() / 2.0 + airframe.g() * body.eta1.z);
+        translation + body.nu2.component_mul(&i_m).dot(&body.nu2) / 2.0
+    };
+    let start =
+        RigidBody { v: Vector3::new(1.0, -2.0, 3.0), nu2: Vector3::new(2.0, -1.0, 3.0), ..RigidBody::default() };
+    let spin = Spin::new(&airframe, Vector4::zeros(), Vector4::zeros());
+    let end = (0..200).fold(start, |body, tick| integrate(&body, &airframe, &spin, tick, PERIOD_S, SUBSTEPS));
+    assert!((energy(&end) - energy(&start)).abs() < 1e-12, "{} became {}", energy(&start), energy(&end));
+    let momentum = |body: &RigidBody| shared::frames::rot_wb(&body.eta2) * body.nu2.component_mul(&i_m);
+    assert!((momentum(&end) - momentum(&start)).norm() < 1e-11);
+}
+
+#[test]
+fn a_single_rotor_rolls_pitches_and_yaws_the_way_it_sits() {
+    let airframe = Airframe::nominal();
+    // Rear left, rear right, front right, front left: signs of roll, pitch and yaw by (7).
+    for (rotor, signs) in [[1.0, 1.0, 1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0], [1.0, -1.0, -1.0]].iter().enumerate()
+    {
+        let mut w = Vector4::zeros();
+        w[rotor] = 200.0;
+        let Effort { u, tau, om } = effort(&airframe, &w);
+        assert!(u > 0.0);
+        assert_eq!(tau.map(f64::signum), Vector3::from(*signs), "rotor {}", rotor + 1);
+        assert_eq!(om.signum(), signs[2], "rotor {}", rotor + 1);
+    }
+}
+
+#[test]
+fn a_weak_rotor_loses_thrust_and_drag_torque_alike() {
+    let weak = airframe(&[(Parameter::RotorEfficiency3, 0.5)]);
+    let w = Vector4::new(0.0, 0.0, 200.0, 0.0);
+    let (whole, half) = (effort(&Airframe::nominal(), &w), effort(&weak, &w));
+    assert_eq!(half, Effort { u: whole.u / 2.0, tau: whole.tau / 2.0, om: whole.om });
+}
+
+#[test]
+fn the_integrator_is_of_order_4() {
+    let airframe = airframe(&[(Parameter::MotorTimeConstant, 0.05)]);
+    let spin = Spin::new(&airframe, Vector4::new(250.0, 150.0, 180.0, 230.0), hover(&airframe));
+    let start = RigidBody {
+        v: Vector3::new(1.0, 0.5, -0.5),
+        eta2: Vector3::new(0.3, -0.2, 0.1),
+        nu2: Vector3::new(1.0, -2.0, 0.5),
+        ..RigidBody::default()
+    };
+    // A tick of 0.1 s, from tick 7 on, so that the errors stand clear of rounding.
+    let flown = |substeps| integrate(&start, &airframe, &spin, 7, 0.1, substeps);
+    let exact = flown(4096);
+    let error = |substeps| {
+        let body = flown(substeps);
+        let parts = [body.eta1 - exact.eta1, body.v - exact.v, body.eta2 - exact.eta2, body.nu2 - exact.nu2];
+        parts.map(|part| part.norm())
+    };
+    let errors = [8, 16, 32].map(error);
+    for pair in errors.windows(2) {
+        for (coarse, fine) in pair[0].iter().zip(pair[1]) {
+            let order = (coarse / fine).log2();
+            assert!((3.7..4.4).contains(&order), "order {order}: {errors:?}");
+        }
+    }
+}
+
+#[test]
+fn the_same_tick_gives_the_same_bits_from_any_history() {
+    let airframe = Airframe::nominal();
+    let body = RigidBody { nu2: Vector3::new(0.1, 0.2, 0.3), ..RigidBody::default() };
+    let spin = Spin::new(&airframe, hover(&airframe), hover(&airframe));
+    let once = integrate(&body, &airframe, &spin, 12_345, PERIOD_S, SUBSTEPS);
+    let _elsewhere = integrate(&once, &airframe, &spin, 3, PERIOD_S, SUBSTEPS);
+    assert_eq!(integrate(&body, &airframe, &spin, 12_345, PERIOD_S, SUBSTEPS), once);
+}
+
+#[test]
+fn rotors_follow_a_step_of_the_command_with_their_time_constant() {
+    let tau = 0.02;
+    let airframe = airframe(&[(Parameter::MotorTimeConstant, tau)]);
+    let mut plant = Plant::new(&settings(airframe));
+    let command = RotorSpeeds { speed_rad_s: [300.0; 4], ..RotorSpeeds::default() };
+    let start = airframe.hover_speed_rad_s();
+    for tick in 0..200 {
+        let state = plant.begin(tick);
+        plant.offer(Dated { tick, content: command }, tick + 1);
+        plant.finish();
+        // The first command acts from tick 1 on; the mean of [t_k-1, t_k) lies beside the speed half a tick earlier.
+        let elapsed_s = (tick as f64 - 1.5) * PERIOD_S;
+        if elapsed_s > 0.0 {
+            let speed = 300.0 + (start - 300.0) * (-elapsed_s / tau).exp();
+            assert!((state.rotor_speed_mean_rad_s[0] - speed).abs() < 0.02, "tick {tick}");
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn rotor_means_are_the_integrals_of_the_motion(
+        start in prop::array::uniform4(0.0..350.0_f64),
+        command in prop::array::uniform4(0.0..350.0_f64),
+        tau in prop_oneof![Just(0.0), 1e-4..1.0_f64],
+    ) {
+        let airframe = airframe(&[(Parameter::MotorTimeConstant, tau)]);
+        let (start, command) = (Vector4::from(start), Vector4::from(command));
+        let spin = Spin::new(&airframe, start, command);
+        let means = spin.means(PERIOD_S);
+        // Composite Simpson rule.
+        let intervals = 2000;
+        let (mut speed, mut squared) = (Vector4::zeros(), Vector4::zeros());
+        for i in 0..=intervals {
+            let weight = match i { 0 => 1.0, i if i == intervals => 1.0, i if i % 2 == 1 => 4.0, _ => 2.0 };
+            let w = spin.speed(PERIOD_S * f64::from(i) / f64::from(intervals));
+            speed += w * weight;
+            squared += w.component_mul(&w) * weight;
+        }
+        speed /= 3.0 * f64::from(intervals);
+        squared /= 3.0 * f64::from(intervals);
+        prop_assert!((means.speed - speed).norm() < 1e-7, "{} {speed}", means.speed);
+        prop_assert!((means.speed_squared - squared).norm() < 1e-4, "{} {squared}", means.speed_squared);
+        if tau == 0.0 {
+            prop_assert_eq!(spin.speed(0.0), command);
+            prop_assert_eq!(means.speed_squared, command.component_mul(&command));
+        } else {
+            prop_assert_eq!(spin.speed(0.0), command + (start - command));
+        }
+    }
+
+    #[test]
+    fn slow_motors_barely_move_and_fast_ones_are_there(
+        start in 30.0..350.0_f64,
+        command in 30.0..350.0_f64,
+    ) {
+        let means = |tau: f64| {
+            let airframe = airframe(&[(Parameter::MotorTimeConstant, tau)]);
+            Spin::new(&airframe, Vector4::repeat(start), Vector4::repeat(command)).means(PERIOD_S)
+        };
+        prop_assert!((means(1.0).speed.x - start).abs() <= 0.0006 * (start - command).abs());
+        prop_assert!((means(1e-300).speed.x - command).abs() < 1e-9);
+        prop_assert!((means(1e-300).speed_squared.x - command * command).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,50 @@
+//! The accelerations against the reference vectors, which are 50-digit evaluations.
+
+use nalgebra::Vector3;
+use plant::rigid_body::{angular_acceleration, linear_acceleration};
+use serde_json::Value;
+use shared::parameters::Airframe;
+
+const CASES: usize = 50;
+const TOLERANCE: f64 = 1e-12;
+
+fn cases(group: &str) -> Vec<Value> {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/reference/vectors.json");
+    let vectors: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+    let cases = vectors[group].as_array().unwrap().clone();
+    assert_eq!(cases.len(), CASES, "cases of {group}");
+    cases
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap()
+}
+
+fn vector(value: &Value) -> Vector3<f64> {
+    Vector3::from_iterator(value.as_array().unwrap().iter().map(number))
+}
+
+fn assert_close(actual: &Vector3<f64>, expected: &Vector3<f64>, case: usize) {
+    for (a, e) in actual.iter().zip(expected) {
+        assert!((a - e).abs() / e.abs().max(1.0) <= TOLERANCE, "case {case}: {actual} is not {expected}");
+    }
+}
+
+#[test]
+fn acceleration_by_equation_1() {
+    let airframe = Airframe::nominal();
+    for (i, case) in cases("acc_lin").iter().enumerate() {
+        let a = linear_acceleration(&airframe, &vector(&case["eul"]), &vector(&case["vel"]), number(&case["u"]));
+        assert_close(&a, &vector(&case["out"]), i);
+    }
+}
+
+#[test]
+fn angular_acceleration_by_equation_8() {
+    let airframe = Airframe::nominal();
+    for (i, case) in cases("acc_rot").iter().enumerate() {
+        let (nu2, tau) = (vector(&case["nu"]), vector(&case["tau"]));
+        let a = angular_acceleration(&airframe, &nu2, number(&case["Om"]), number(&case["t"]), &tau);
+        assert_close(&a, &vector(&case["out"]), i);
+    }
+}
