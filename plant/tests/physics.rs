@@ -1,5 +1,7 @@
 //! Physics of the plant: equilibrium, energy, order of the integrator, means of the rotors.
 
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
 use nalgebra::{Vector3, Vector4};
 use plant::integrator::{SUBSTEPS, integrate};
 use plant::rigid_body::{Effort, RigidBody};

@@ -1,5 +1,7 @@
 //! The accelerations against the reference vectors, which are 50-digit evaluations.
 
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
 use nalgebra::Vector3;
 use plant::rigid_body::{angular_acceleration, linear_acceleration};
 use serde_json::Value;

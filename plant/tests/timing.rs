@@ -1,5 +1,7 @@
 //! Timing of the plant stage: latch, deadlines, skipped ticks, spin-down, swaps.
 
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
 use plant::swap::PENDING_SWAPS;
 use plant::{Change, Departure, Plant, Settings, Swap, SwapError};
 use shared::limits::RotorLimits;

@@ -1,0 +1,103 @@
+//! The mixer stage: the newest wrench in, rotor speeds out, at every tick.
+//!
+//! What it does with a wrench depends on the wrench's age in ticks alone, so there is no state to go stale and none
+//! to restore after a restart:
+//!
+//! ```text
+//!   age 0            Fresh     mixed as demanded
+//!   1 to 3 ticks     Held      the same wrench again
+//!   then             Fallback  its thrust, and no torque: an old torque would roll the vehicle over
+//!   from 50 ms on    Idle      every rotor at its smallest speed; likewise before the first wrench
+//! ```
+//!
+//! The mode says how old the *mixer's* input is. A wrench that the inner loop made in a mode of its own is mixed
+//! like any other, except that one marked idle idles the rotors.
+
+use nalgebra::{Vector3, Vector4};
+use shared::allocation::Allocation;
+use shared::limits::RotorLimits;
+use shared::messages::{Dated, Mode, RotorSpeeds, Wrench};
+use shared::parameters::Airframe;
+
+use crate::mix::{mix, speeds};
+
+/// Ticks for which the last wrench is held.
+pub const HELD_TICKS: u64 = 3;
+
+/// Age of the wrench at which the rotors go to idle [s].
+pub const IDLE_AFTER_S: f64 = 0.050;
+
+/// What a mixer is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Length of a tick, T [s].
+    pub period_s: f64,
+    /// Nominal parameters: the mixer does not learn what is swapped in flight.
+    pub model: Airframe,
+    /// Range of the rotor speeds.
+    pub rotor: RotorLimits,
+}
+
+/// The mixer of an airframe.
+#[derive(Clone, Copy, Debug)]
+pub struct Mixer {
+    allocation: Allocation,
+    /// Thrust coefficient [N s^2].
+    k: f64,
+    f_min: f64,
+    f_max: f64,
+    /// Age of the wrench at which the rotors go to idle.
+    idle_after_ticks: u64,
+}
+
+impl Mixer {
+    /// A mixer for the nominal airframe.
+    #[must_use]
+    pub fn new(settings: &Settings) -> Self {
+        let Settings { period_s, model, rotor } = settings;
+        let k = model.k();
+        Self {
+            allocation: Allocation::new(model),
+            k,
+            f_min: rotor.f_min(k),
+            f_max: rotor.f_max(k),
+            idle_after_ticks: (IDLE_AFTER_S / period_s).round().max(1.0) as u64,
+        }
+    }
+
+    /// Rotor speeds at `tick`, from the newest wrench with the tick that it was made for.
+    ///
+    /// The result carries the thrust and torque that are really asked of the rotors, by the nominal model.
+    #[must_use]
+    pub fn tick(&self, tick: u64, wrench: &Dated<Wrench>) -> RotorSpeeds {
+        let Wrench { thrust_n, torque_b_nm, mode, .. } = wrench.content;
+        let demand = (thrust_n, Vector3::from(torque_b_nm));
+        match wrench.age(tick) {
+            age if age >= self.idle_after_ticks || mode == Mode::Idle as u64 => self.idle(),
+            0 => self.mixed(demand, Mode::Fresh),
+            1..=HELD_TICKS => self.mixed(demand, Mode::Held),
+            _ => self.mixed((thrust_n, Vector3::zeros()), Mode::Fallback),
+        }
+    }
+
+    fn mixed(&self, (u, tau): (f64, Vector3<f64>), mode: Mode) -> RotorSpeeds {
+        let mix = mix(&self.allocation, u, &tau, self.f_min, self.f_max);
+        self.message(&mix.f, mix.saturated, mode)
+    }
+
+    /// Nothing is demanded of idle rotors, so nothing saturates.
+    fn idle(&self) -> RotorSpeeds {
+        self.message(&Vector4::repeat(self.f_min), false, Mode::Idle)
+    }
+
+    fn message(&self, f: &Vector4<f64>, saturated: bool, mode: Mode) -> RotorSpeeds {
+        let (thrust_n, torque) = self.allocation.wrench(f);
+        RotorSpeeds {
+            speed_rad_s: speeds(f, self.k).into(),
+            thrust_n,
+            torque_b_nm: torque.into(),
+            saturated: u64::from(saturated),
+            mode: mode as u64,
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! Safety of the mixer stage: what it does with a wrench of each age.
+
+use mixer::{Mixer, Settings};
+use shared::limits::RotorLimits;
+use shared::messages::{Dated, Mode, NO_TICK, RotorSpeeds, Wrench};
+use shared::parameters::Airframe;
+
+fn settings() -> Settings {
+    Settings { period_s: 0.001, model: Airframe::nominal(), rotor: RotorLimits::default() }
+}
+
+fn wrench(tick: u64) -> Dated<Wrench> {
+    let content = Wrench { thrust_n: 5.0, torque_b_nm: [0.02, -0.01, 0.005], ..Wrench::default() };
+    Dated { tick, content }
+}
+
+fn assert_idle(speeds: &RotorSpeeds) {
+    assert_eq!((speeds.mode, speeds.saturated), (Mode::Idle as u64, 0));
+    assert!(speeds.speed_rad_s.iter().all(|w| (w - 30.0).abs() < 1e-12), "{:?}", speeds.speed_rad_s);
+    assert!((speeds.thrust_n - 4.0 * 3.13e-5 * 900.0).abs() < 1e-15);
+    assert_eq!(speeds.torque_b_nm, [0.0; 3]);
+}
+
+#[test]
+fn a_fresh_wrench_is_met() {
+    let speeds = Mixer::new(&settings()).tick(100, &wrench(100));
+    assert_eq!((speeds.mode, speeds.saturated), (Mode::Fresh as u64, 0));
+    assert!((speeds.thrust_n - 5.0).abs() < 1e-12);
+    for (achieved, asked) in speeds.torque_b_nm.iter().zip([0.02, -0.01, 0.005]) {
+        assert!((achieved - asked).abs() < 1e-12);
+    }
+    let k = Airframe::nominal().k();
+    let thrust: f64 = speeds.speed_rad_s.iter().map(|w| k * w * w).sum();
+    assert!((thrust - 5.0).abs() < 1e-12, "the speeds give the thrust that the message claims");
+}
+
+#[test]
+fn a_wrench_ages_from_held_over_fallback_to_idle() {
+    let mixer = Mixer::new(&settings());
+    let fresh = mixer.tick(100, &wrench(100));
+    for age in 1..=3 {
+        let held = mixer.tick(100 + age, &wrench(100));
+        assert_eq!(held, RotorSpeeds { mode: Mode::Held as u64, ..fresh }, "age {age}");
+    }
+    for age in 4..50 {
+        let fallback = mixer.tick(100 + age, &wrench(100));
+        assert_eq!(fallback.mode, Mode::Fallback as u64, "age {age}");
+        assert!((fallback.thrust_n - 5.0).abs() < 1e-12);
+        assert_eq!(fallback.torque_b_nm, [0.0; 3]);
+    }
+    for age in [50, 51, 1_000_000] {
+        assert_idle(&mixer.tick(100 + age, &wrench(100)));
+    }
+    assert_eq!(mixer.tick(200, &wrench(200)), fresh, "a fresh wrench ends it");
+}
+
+#[test]
+fn before_the_first_wrench_the_rotors_idle() {
+    let nothing = Dated { tick: NO_TICK, content: Wrench::default() };
+    for tick in [0, 1, 49, 100] {
+        assert_idle(&Mixer::new(&settings()).tick(tick, &nothing));
+    }
+}
+
+#[test]
+fn the_inner_loops_own_mode_changes_nothing_but_idle() {
+    let mixer = Mixer::new(&settings());
+    let of_mode = |mode: Mode| {
+        let mut wrench = wrench(7);
+        wrench.content.mode = mode as u64;
+        mixer.tick(7, &wrench)
+    };
+    assert_eq!(of_mode(Mode::Held), of_mode(Mode::Fresh));
+    assert_eq!(of_mode(Mode::Fallback), of_mode(Mode::Fresh));
+    assert_idle(&of_mode(Mode::Idle));
+}
+
+#[test]
+fn ages_are_ticks_of_any_length() {
+    let mixer = Mixer::new(&Settings { period_s: 0.005, ..settings() });
+    assert_eq!(mixer.tick(9, &wrench(0)).mode, Mode::Fallback as u64);
+    assert_idle(&mixer.tick(10, &wrench(0)));
+}
+
+#[test]
+fn an_impossible_demand_is_flagged_and_what_is_achieved_is_told() {
+    let mut wrench = wrench(3);
+    wrench.content.torque_b_nm = [0.0, 0.0, 10.0];
+    let speeds = Mixer::new(&settings()).tick(3, &wrench);
+    assert_eq!(speeds.saturated, 1);
+    assert!((speeds.thrust_n - 5.0).abs() < 1e-12);
+    assert!(speeds.torque_b_nm[2] > 0.0 && speeds.torque_b_nm[2] < 0.2);
+}

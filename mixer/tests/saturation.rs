@@ -1,0 +1,192 @@
+//! Saturation by priority: a table of expected motors, monotonicity, and properties of every mix.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use mixer::mix::{Mix, mix};
+use nalgebra::{Vector3, Vector4};
+use proptest::prelude::*;
+use shared::allocation::Allocation;
+use shared::parameters::{Airframe, Parameter};
+
+/// An allocation with round numbers: a thrust of 1 N per rotor and torque of 1 N m on each axis.
+fn unit_allocation() -> Allocation {
+    let mut airframe = Airframe::nominal();
+    for (parameter, value) in [
+        (Parameter::ArmLength, std::f64::consts::SQRT_2 / 4.0),
+        (Parameter::ThrustCoefficient, 4e-5),
+        (Parameter::DragFactor, 1e-5),
+    ] {
+        airframe.set(parameter, value).unwrap();
+    }
+    Allocation::new(&airframe)
+}
+
+#[test]
+fn expected_motors() {
+    // With both lever arms at 1/4 m, a torque of 1 N m is +-1 N on every rotor; the limits are 0 N and 10 N.
+    #[rustfmt::skip]
+    let table: [(f64, [f64; 3], [f64; 4], bool); 17] = [
+        (20.0,  [0.0, 0.0, 0.0],   [5.0, 5.0, 5.0, 5.0],     false),
+        (20.0,  [1.0, 0.0, 0.0],   [6.0, 4.0, 4.0, 6.0],     false),
+        (20.0,  [0.0, 1.0, 0.0],   [6.0, 6.0, 4.0, 4.0],     false),
+        (20.0,  [0.0, 0.0, 1.0],   [6.0, 4.0, 6.0, 4.0],     false),
+        (20.0,  [1.0, 1.0, 1.0],   [8.0, 4.0, 4.0, 4.0],     false),
+        (20.0,  [5.0, 0.0, 0.0],   [10.0, 0.0, 0.0, 10.0],   false),
+        // Thrust alone.
+        (48.0,  [0.0, 0.0, 0.0],   [10.0, 10.0, 10.0, 10.0], true),
+        (-4.0,  [0.0, 0.0, 0.0],   [0.0, 0.0, 0.0, 0.0],     true),
+        // Thrust first: at either end no torque is left.
+        (40.0,  [1.0, 1.0, 1.0],   [10.0, 10.0, 10.0, 10.0], true),
+        (0.0,   [1.0, -1.0, 1.0],  [0.0, 0.0, 0.0, 0.0],     true),
+        // Roll and pitch shrink together.
+        (20.0,  [10.0, 0.0, 0.0],  [10.0, 0.0, 0.0, 10.0],   true),
+        (20.0,  [6.0, 4.0, 0.0],   [10.0, 4.0, 0.0, 6.0],    true),
+        (36.0,  [3.0, 1.0, 0.0],   [10.0, 8.5, 8.0, 9.5],    true),
+        // Yaw last: it takes what roll and pitch left.
+        (20.0,  [0.0, 0.0, 8.0],   [10.0, 0.0, 10.0, 0.0],   true),
+        (20.0,  [3.0, 0.0, 8.0],   [10.0, 0.0, 4.0, 6.0],    true),
+        (20.0,  [5.0, 0.0, 1.0],   [10.0, 0.0, 0.0, 10.0],   true),
+        (36.0,  [-1.0, 0.0, -2.0], [8.0, 10.0, 10.0, 8.0],   true),
+    ];
+    for (u, tau, expected, saturated) in table {
+        let mix = mix(&unit_allocation(), u, &Vector3::from(tau), 0.0, 10.0);
+        assert!((mix.f - Vector4::from(expected)).amax() < 1e-12, "{u} {tau:?}: {} is not {expected:?}", mix.f);
+        assert_eq!(mix.saturated, saturated, "{u} {tau:?}");
+    }
+}
+
+#[test]
+fn without_drag_torque_yaw_is_given_up_and_nothing_else() {
+    let mut airframe = Airframe::nominal();
+    airframe.set(Parameter::DragFactor, 0.0).unwrap();
+    let allocation = Allocation::new(&airframe);
+    for yaw in [-1.0, 1e-9, 1.0] {
+        let with = mix(&allocation, 5.0, &Vector3::new(0.1, -0.1, yaw), 0.03, 3.8);
+        let without = mix(&allocation, 5.0, &Vector3::new(0.1, -0.1, 0.0), 0.03, 3.8);
+        assert_eq!((with.f, with.saturated, without.saturated), (without.f, true, false));
+    }
+}
+
+#[test]
+fn of_a_demand_that_is_not_a_number_nothing_is_met() {
+    let allocation = Allocation::new(&Airframe::nominal());
+    let nan = f64::NAN;
+    for (u, tau, share) in [(nan, [0.0; 3], F_MIN), (5.0, [nan, 0.1, 0.0], 1.25), (5.0, [0.0, 0.0, nan], 1.25)] {
+        let mix = mix(&allocation, u, &Vector3::from(tau), F_MIN, F_MAX);
+        assert_eq!((mix.f, mix.saturated), (Vector4::repeat(share), true), "{u} {tau:?}");
+    }
+}
+
+const F_MIN: f64 = 0.02817;
+const F_MAX: f64 = 3.83425;
+
+fn nominal(u: f64, tau: &Vector3<f64>) -> (Mix, f64, Vector3<f64>) {
+    let allocation = Allocation::new(&Airframe::nominal());
+    let mix = mix(&allocation, u, tau, F_MIN, F_MAX);
+    let (thrust, torque) = allocation.wrench(&mix.f);
+    (mix, thrust, torque)
+}
+
+prop_compose! {
+    /// Demands from far inside to far outside of what the rotors can do.
+    fn demand()(
+        u in -2.0..20.0_f64,
+        roll in -1.0..1.0_f64,
+        pitch in -1.0..1.0_f64,
+        yaw in -0.1..0.1_f64,
+        scale in prop_oneof![Just(0.0), Just(1.0), -4.0..2.0_f64],
+    ) -> (f64, Vector3<f64>) {
+        (u, Vector3::new(roll, pitch, yaw) * 10.0_f64.powf(scale))
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    #[test]
+    fn every_rotor_stays_within_its_limits((u, tau) in demand()) {
+        let (mix, ..) = nominal(u, &tau);
+        prop_assert!(mix.f.iter().all(|f| (F_MIN..=F_MAX).contains(f)), "{}", mix.f);
+    }
+
+    #[test]
+    fn thrust_is_granted_whatever_the_torque((u, tau) in demand()) {
+        let (_, thrust, _) = nominal(u, &tau);
+        prop_assert!((thrust - u.clamp(4.0 * F_MIN, 4.0 * F_MAX)).abs() < 1e-12, "{thrust} of {u}");
+    }
+
+    #[test]
+    fn roll_and_pitch_shrink_together_and_yaw_on_its_own((u, tau) in demand()) {
+        let (mix, _, torque) = nominal(u, &tau);
+        let met = Vector3::new(mix.roll_pitch_share, mix.roll_pitch_share, mix.yaw_share).component_mul(&tau);
+        prop_assert!((torque - met).amax() < 1e-12, "{torque} is not {met}");
+        prop_assert!((0.0..=1.0).contains(&mix.roll_pitch_share) && (0.0..=1.0).contains(&mix.yaw_share));
+    }
+
+    #[test]
+    fn yaw_takes_nothing_from_roll_and_pitch((u, tau) in demand()) {
+        let (_, _, with) = nominal(u, &tau);
+        let (_, _, without) = nominal(u, &Vector3::new(tau.x, tau.y, 0.0));
+        prop_assert!((with.xy() - without.xy()).amax() < 1e-12);
+    }
+
+    #[test]
+    fn shares_are_the_largest_that_fit((u, tau) in demand()) {
+        let (mix, ..) = nominal(u, &tau);
+        let at_limit = |f: &Vector4<f64>| f.iter().any(|f| (f - F_MIN).abs() < 1e-12 || (f - F_MAX).abs() < 1e-12);
+        if mix.roll_pitch_share < 1.0 {
+            prop_assert!(at_limit(&nominal(u, &Vector3::new(tau.x, tau.y, 0.0)).0.f));
+        }
+        if mix.yaw_share < 1.0 {
+            prop_assert!(at_limit(&mix.f));
+        }
+    }
+
+    #[test]
+    fn the_flag_says_whether_the_demand_is_met((u, tau) in demand()) {
+        let (mix, thrust, torque) = nominal(u, &tau);
+        let gap = (thrust - u).abs().max((torque - tau).amax());
+        if mix.saturated {
+            // By how much is bounded below only by rounding; a demand inside all limits must not be flagged.
+            let f = Allocation::new(&Airframe::nominal()).thrusts(u, &tau);
+            let alone = Allocation::new(&Airframe::nominal()).thrusts(u, &Vector3::new(tau.x, tau.y, 0.0));
+            let inside = |f: &Vector4<f64>| f.iter().all(|f| (F_MIN + 1e-12..=F_MAX - 1e-12).contains(f));
+            prop_assert!(!(inside(&f) && inside(&alone)), "{f}");
+        } else {
+            prop_assert!(gap < 1e-12, "{gap}");
+        }
+    }
+
+    #[test]
+    fn more_demand_never_gives_less((u, tau) in demand(), axis in 0..3_usize, more in 1.0..3.0_f64) {
+        let (_, thrust, torque) = nominal(u, &tau);
+        let (_, more_thrust, _) = nominal(u + more, &tau);
+        prop_assert!(more_thrust >= thrust - 1e-12);
+        // A larger demand on the axes alone never gives less of it.
+        let mut single = Vector3::zeros();
+        single[axis] = tau[axis];
+        let (_, _, little) = nominal(u, &single);
+        let (_, _, much) = nominal(u, &(single * more));
+        prop_assert!(much[axis].abs() >= little[axis].abs() - 1e-12);
+        prop_assert!(torque[axis] * tau[axis] >= -1e-12, "the sign of a torque is never turned");
+    }
+
+    #[test]
+    fn a_motor_follows_the_demand_by_the_sign_of_its_column(
+        u in 1.0..14.0_f64,
+        axis in 0..3_usize,
+        low in -1.0..1.0_f64,
+        step in 0.0..1.0_f64,
+    ) {
+        let motors = |torque: f64| {
+            let mut tau = Vector3::zeros();
+            tau[axis] = torque;
+            nominal(u, &tau).0.f
+        };
+        let column = Allocation::new(&Airframe::nominal()).matrix();
+        let change = motors(low + step) - motors(low);
+        for rotor in 0..4 {
+            prop_assert!(change[rotor] * column[(axis + 1, rotor)] >= -1e-12, "rotor {}", rotor + 1);
+        }
+    }
+}

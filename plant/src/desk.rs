@@ -1,0 +1,196 @@
+//! The parameter desk: answers requests for swaps beside the loop, so that the loop itself never does.
+//!
+//! A thread of the plant's process without real-time priority. It validates orders, passes them to the loop
+//! through a lock-free queue, and answers when the loop says that they hold. Clients that come and go cost the
+//! middleware allocations and hundreds of microseconds; here they cost the tick nothing (docs/decisions).
+
+use std::sync::mpsc;
+
+use heapless::spsc::{Consumer, Producer};
+use shared::clock::now_ns;
+use shared::envelope::Envelope;
+use shared::error::Error;
+use shared::inspection::Expected;
+use shared::instance::Instance;
+use shared::messages::{NO_TICK, SwapRecord};
+use shared::parameters::{PARAMETERS, Parameter, ParameterError};
+use shared::role::Role;
+use shared::wire::{Sender, SwapAnswer, SwapCall, SwapOrder, Verdict, Wire};
+
+use crate::process::{INBOX, OUTBOX};
+use crate::swap::{AppliedSwap, Swap, SwapError};
+
+/// How long the desk sleeps at its doorbell while nobody waits for an answer [ns].
+const IDLE_NS: u64 = 20_000_000;
+/// How long while somebody does [ns].
+const BUSY_NS: u64 = 1_000_000;
+
+/// A swap on its way to the loop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Order {
+    /// Tick from which it shall hold; `None` counts from the present one.
+    pub tick: Option<u64>,
+    /// With no tick: how many ticks from the present one.
+    pub in_ticks: u64,
+    /// What shall change.
+    pub swap: Swap,
+}
+
+/// What the loop says of a swap.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// It holds.
+    Applied(AppliedSwap),
+    /// It will not.
+    Refused {
+        /// Which.
+        ticket: u64,
+        /// The loop's tick.
+        tick: u64,
+        /// Why.
+        reason: SwapError,
+    },
+}
+
+/// Serves until the loop closes the channel `opened`, which brings what the run's messages carry.
+///
+/// `ready` is told once when the desk is open.
+///
+/// # Errors
+/// Those of the ports.
+pub fn serve(
+    instance: &Instance,
+    ready: &mpsc::Sender<()>,
+    opened: &mpsc::Receiver<(Expected, u64)>,
+    orders: Producer<'_, Order>,
+    events: Consumer<'_, Event>,
+) -> Result<(), Error> {
+    let wire = Wire::open(instance)?;
+    let server = wire.swap_server()?;
+    let doorbell = wire.doorbell(Role::Plant)?;
+    let mut desk = Desk { records: wire.sender(None)?, orders, events, waiting: heapless::Vec::new(), ticket: 0 };
+    // The loop waits for this, so it is there.
+    let _ = ready.send(());
+    let Ok((expected, epoch)) = opened.recv() else { return Ok(()) };
+    desk.records.arm(expected, epoch)?;
+    loop {
+        let closed = opened.try_recv() == Err(mpsc::TryRecvError::Disconnected);
+        while let Some(call) = server.next()? {
+            desk.receive(call);
+        }
+        while let Some(event) = desk.events.dequeue() {
+            desk.pass_on(event)?;
+        }
+        if closed {
+            desk.dismiss();
+            return Ok(());
+        }
+        let patience = if desk.waiting.is_empty() { IDLE_NS } else { BUSY_NS };
+        doorbell.wait_until(now_ns() + patience)?;
+    }
+}
+
+struct Desk<'a> {
+    records: Sender<SwapRecord>,
+    orders: Producer<'a, Order>,
+    events: Consumer<'a, Event>,
+    /// Callers whose swaps have not come to hold yet, by ticket.
+    waiting: heapless::Vec<(u64, SwapCall), INBOX>,
+    ticket: u64,
+}
+
+impl Desk<'_> {
+    fn receive(&mut self, call: SwapCall) {
+        let order = match read(&call.order()) {
+            Ok(order) => order,
+            Err(reason) => return call.answer(refusal(&reason, 0)),
+        };
+        self.ticket += 1;
+        let order = Order { swap: Swap { ticket: self.ticket, ..order.swap }, ..order };
+        if let Err((_, call)) = self.waiting.push((self.ticket, call)) {
+            return call.answer(refusal(&SwapError::Full, 0));
+        }
+        // As many places in the inbox as callers may wait.
+        if self.orders.enqueue(order).is_err() {
+            self.answer(self.ticket, refusal(&SwapError::Full, 0));
+        }
+    }
+
+    fn answer(&mut self, ticket: u64, answer: SwapAnswer) {
+        if let Some(place) = self.waiting.iter().position(|(waiting, _)| *waiting == ticket) {
+            self.waiting.swap_remove(place).1.answer(answer);
+        }
+    }
+
+    fn pass_on(&mut self, event: Event) -> Result<(), Error> {
+        match event {
+            Event::Refused { ticket, tick, reason } => self.answer(ticket, refusal(&reason, tick)),
+            Event::Applied(applied) => {
+                let record = record(&applied);
+                self.records.send(applied.tick, &Envelope::new(), record)?;
+                self.answer(applied.ticket, SwapAnswer {
+                    verdict: Verdict::Applied as u64,
+                    tick: applied.tick,
+                    parameter_epoch: applied.epoch,
+                    parameter: 0,
+                    old: record.old,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells everybody who still waits that the run is over.
+    fn dismiss(&mut self) {
+        while let Some((_, call)) = self.waiting.pop() {
+            call.answer(SwapAnswer {
+                verdict: Verdict::Ended as u64,
+                tick: 0,
+                parameter_epoch: 0,
+                parameter: 0,
+                old: [0.0; PARAMETERS],
+            });
+        }
+    }
+}
+
+/// An order of the wire as a swap that may be applied.
+fn read(order: &SwapOrder) -> Result<Order, SwapError> {
+    let count = usize::try_from(order.count).unwrap_or(usize::MAX);
+    let named = order.parameter.get(..count).ok_or(SwapError::Empty)?;
+    let mut changes = heapless::Vec::<_, PARAMETERS>::new();
+    for (index, value) in named.iter().zip(order.value) {
+        let parameter = Parameter::from_index(*index).ok_or_else(|| {
+            SwapError::Value(ParameterError::Unknown { name: format!("number {index}"), nearest: "mass_kg" })
+        })?;
+        // No more than the table has rows.
+        let _ = changes.push((parameter, value));
+    }
+    let swap = Swap::new(0, &changes)?;
+    let tick = (order.at_tick != NO_TICK).then_some(order.at_tick);
+    Ok(Order { tick, in_ticks: order.in_ticks, swap })
+}
+
+fn refusal(reason: &SwapError, tick: u64) -> SwapAnswer {
+    let (verdict, parameter) = match reason {
+        SwapError::Empty => (Verdict::Malformed, 0),
+        SwapError::Twice { parameter } => (Verdict::Malformed, *parameter as u64),
+        SwapError::Value(ParameterError::Unknown { .. }) => (Verdict::UnknownParameter, 0),
+        SwapError::Value(ParameterError::OutOfRange { parameter, .. }) => (Verdict::OutOfRange, *parameter as u64),
+        SwapError::Full => (Verdict::QueueFull, 0),
+    };
+    SwapAnswer { verdict: verdict as u64, tick, parameter_epoch: 0, parameter, old: [0.0; PARAMETERS] }
+}
+
+fn record(applied: &AppliedSwap) -> SwapRecord {
+    let mut record =
+        SwapRecord { parameter_epoch: applied.epoch, count: applied.changes.len() as u64, ..SwapRecord::default() };
+    for (i, change) in applied.changes.iter().enumerate() {
+        record.parameter[i] = change.parameter as u64;
+        record.old[i] = change.old;
+        record.new[i] = change.new;
+    }
+    record
+}
+
+const _: () = assert!(OUTBOX >= 2 * crate::swap::PENDING_SWAPS);

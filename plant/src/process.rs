@@ -1,0 +1,242 @@
+//! The plant's process: absolute timer, command in, state out, swaps taken from the parameter desk.
+//!
+//! Owns the tick of the role; what happens to the airframe in it is [`crate::plant`]'s.
+
+use std::sync::mpsc;
+use std::thread;
+
+use heapless::spsc::{Consumer, Producer, Queue};
+use shared::boards::{Ending, IN_FORCE, InForce, Run, RunPhase};
+use shared::clock::{Grid, now_ns, sleep_until};
+use shared::envelope::{Envelope, Stamps};
+use shared::error::Error;
+use shared::flight_plan::FlightPlan;
+use shared::messages::{RotorSpeeds, State};
+use shared::role::Role;
+use shared::rt::UsageMeter;
+use shared::station::{Opened, Station};
+use shared::wire::{Board, LATEST, Receiver, Sender, Wire};
+
+use crate::desk::{self, Event, Order};
+use crate::plant::{Departure, Plant, Settings};
+use crate::swap::{AppliedSwap, Swap};
+
+/// Orders that may lie between the desk and the loop.
+pub const INBOX: usize = 16;
+/// Events that may lie between the loop and the desk: more than swaps can be pending.
+pub const OUTBOX: usize = 128;
+
+/// Runs the plant until its last tick, a signal, or the end of what the model covers.
+///
+/// # Errors
+/// Those of the station and of the ports.
+pub fn run(mut station: Station, settings: &Settings, plan: FlightPlan, faults: &[Swap]) -> Result<(), Error> {
+    let mut inbox = Queue::<Order, INBOX>::new();
+    let mut outbox = Queue::<Event, OUTBOX>::new();
+    let (orders_in, orders_out) = inbox.split();
+    let (events_in, events_out) = outbox.split();
+    let instance = station.wire().instance().clone();
+    // Before real time is engaged: a thread inherits the priority and the processor of the one that starts it.
+    thread::scope(|scope| {
+        let (open_desk, opened) = mpsc::channel();
+        let (tell, told) = mpsc::channel();
+        let desk = scope.spawn(move || desk::serve(&instance, &tell, &opened, orders_in, events_out));
+        // A desk that cannot open ends, and its error is the result of `join` below.
+        let flown = if told.recv().is_ok() {
+            let mut plant = PlantProcess::new(station.wire(), settings, faults, orders_out, events_in)?;
+            plant.serve(&mut station, plan, &open_desk)
+        } else {
+            Ok(())
+        };
+        drop(open_desk);
+        let served = desk.join().unwrap_or_else(|_| Err(Error::Absent { what: "the parameter desk panicked".into() }));
+        flown.and(served)
+    })
+}
+
+/// The plant with its ports.
+#[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
+pub struct PlantProcess<'a> {
+    plant: Plant,
+    states: Sender<State>,
+    commands: Receiver<RotorSpeeds>,
+    in_force: Board<InForce>,
+    orders: Consumer<'a, Order>,
+    events: Producer<'a, Event>,
+    previous_busy_ns: u64,
+    ticks_run: u64,
+}
+
+impl<'a> PlantProcess<'a> {
+    /// The plant at tick 0, with its ports made and its faults scheduled.
+    ///
+    /// # Errors
+    /// Those of the ports; [`Error::Absent`] where there are more faults than can be pending.
+    pub fn new(
+        wire: &Wire,
+        settings: &Settings,
+        faults: &[Swap],
+        orders: Consumer<'a, Order>,
+        events: Producer<'a, Event>,
+    ) -> Result<Self, Error> {
+        let mut plant = Plant::new(settings);
+        for fault in faults {
+            plant.schedule(fault.clone()).map_err(|e| Error::Absent { what: format!("cannot schedule a fault: {e}") })?;
+        }
+        let in_force = wire.board(IN_FORCE)?;
+        in_force.put(InForce { tick: 0, parameter_epoch: 0, value: *plant.airframe().values() });
+        Ok(Self {
+            plant,
+            states: wire.sender(Some(wire.bell(Role::Outer)?))?,
+            commands: wire.receiver(LATEST)?,
+            in_force,
+            orders,
+            events,
+            previous_busy_ns: 0,
+            ticks_run: 0,
+        })
+    }
+
+    /// Connects the ports to those of the other roles.
+    ///
+    /// # Errors
+    /// Those of the ports.
+    pub fn arm(&mut self, expected: shared::inspection::Expected, epoch: u64) -> Result<(), Error> {
+        self.states.arm(expected, epoch)?;
+        self.commands.arm(expected)
+    }
+
+    fn serve(
+        &mut self,
+        station: &mut Station,
+        plan: FlightPlan,
+        open_desk: &mpsc::Sender<(shared::inspection::Expected, u64)>,
+    ) -> Result<(), Error> {
+        let mut opened =
+            station.open_run(plan.wall_period_ns, plan.last_tick, |expected, epoch| self.arm(expected, epoch))?;
+        // A desk that has ended on an error takes no run number; its error comes with its end.
+        let _ = open_desk.send((opened.expected, station.status.epoch));
+        let meter = UsageMeter::start();
+        let flown = self.fly(station, &mut opened, plan.last_tick);
+        let ending = *flown.as_ref().unwrap_or(&Ending::Failed);
+        opened.run.ending = ending as u64;
+        opened.run.phase = RunPhase::Closed as u64;
+        opened.board.put(opened.run);
+        station.land(&meter);
+        flown.map(|_| ())
+    }
+
+    fn fly(&mut self, station: &mut Station, opened: &mut Opened, last_tick: u64) -> Result<Ending, Error> {
+        let grid = opened.grid;
+        let mut next_tick = 0;
+        loop {
+            let wake_ns = wait_for(grid, next_tick);
+            let tick = grid.tick_at(wake_ns).max(next_tick);
+            if tick > last_tick {
+                // The deadline of the last command is judged at the tick that would have been next.
+                let state = self.plant.begin(last_tick + 1);
+                self.report(&state, &mut opened.run);
+                return Ok(Ending::Completed);
+            }
+            let worked = self.tick(tick, wake_ns, grid)?;
+            opened.run.tick = tick;
+            opened.run.ticks_run = self.ticks_run;
+            self.report(&worked.state, &mut opened.run);
+            opened.board.put(opened.run);
+            station.status.ticks_run = self.ticks_run;
+            station.status.ticks_skipped = worked.state.ticks_skipped;
+            station.status.rejections = *self.commands.rejections();
+            station.publish_status();
+            if let Err(departure) = worked.envelope {
+                return Ok(match departure {
+                    Departure::NotFinite { .. } => Ending::NonFinite,
+                    Departure::Pitch { .. } => Ending::Attitude,
+                });
+            }
+            if station.stop_requested() {
+                return Ok(Ending::Interrupted);
+            }
+            if let Some(ending) = opened.wanted_end() {
+                return Ok(ending);
+            }
+            next_tick = tick + 1;
+            self.previous_busy_ns = now_ns() - wake_ns;
+        }
+    }
+
+    fn report(&self, state: &State, run: &mut Run) {
+        run.ticks_skipped = state.ticks_skipped;
+        run.deadlines_missed = state.deadlines_missed;
+        run.deadline_miss_run = state.deadline_miss_run;
+        run.parameter_epoch = state.parameter_epoch;
+    }
+
+    /// One tick: take the command and the swaps, publish the state, integrate to the next tick.
+    ///
+    /// # Errors
+    /// Those of the ports.
+    pub fn tick(&mut self, tick: u64, wake_ns: u64, grid: Grid) -> Result<Worked, Error> {
+        self.commands.take(tick)?;
+        if self.commands.has_any() {
+            let sent_ns = self.commands.newest().envelope.stamps_of(Role::Mixer).send_ns;
+            self.plant.offer(self.commands.dated(), grid.first_tick_from(sent_ns));
+        }
+        while let Some(order) = self.orders.dequeue() {
+            self.schedule(order, tick);
+        }
+        let state = self.plant.begin(tick);
+        let envelope = self.plant.envelope();
+        if !matches!(envelope, Err(Departure::NotFinite { .. })) {
+            let mut history = Envelope {
+                sample_ns: wake_ns,
+                parameter_epoch: state.parameter_epoch,
+                previous_busy_ns: self.previous_busy_ns,
+                ..Envelope::new()
+            };
+            history.stamps[Role::Plant as usize] = Stamps { receive_ns: wake_ns, send_ns: 0 };
+            self.states.send(tick, &history, state)?;
+            self.ticks_run += 1;
+        }
+        self.hand_over_applied();
+        self.plant.finish();
+        Ok(Worked { state, envelope })
+    }
+
+    fn schedule(&mut self, order: Order, tick: u64) {
+        let wanted = order.tick.unwrap_or_else(|| tick.saturating_add(order.in_ticks));
+        let swap = Swap { tick: wanted, ..order.swap };
+        let ticket = swap.ticket;
+        if let Err(reason) = self.plant.schedule(swap) {
+            // The outbox holds more events than orders can be under way.
+            let _ = self.events.enqueue(Event::Refused { ticket, tick, reason });
+        }
+    }
+
+    fn hand_over_applied(&mut self) {
+        let Some(AppliedSwap { tick, epoch, .. }) = self.plant.applied().last() else { return };
+        self.in_force.put(InForce { tick: *tick, parameter_epoch: *epoch, value: *self.plant.airframe().values() });
+        for applied in self.plant.applied() {
+            let _ = self.events.enqueue(Event::Applied(applied.clone()));
+        }
+    }
+}
+
+/// What came of a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Worked {
+    /// The state at the tick.
+    pub state: State,
+    /// Whether the model covers it.
+    pub envelope: Result<(), Departure>,
+}
+
+/// Sleeps until a tick begins, through signals, and returns when it woke.
+fn wait_for(grid: Grid, tick: u64) -> u64 {
+    loop {
+        sleep_until(grid.begin_of(tick));
+        let now = now_ns();
+        if now >= grid.begin_of(tick) {
+            return now;
+        }
+    }
+}
