@@ -1,0 +1,199 @@
+//! The inner loop: attitude set-point and measured rates to a torque, with what it has learnt.
+//!
+//! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
+//! (17)-(22), sampled; each law's own file names its differences. This file owns the order within a tick and
+//! what happens when an input is stale. Rotor limits belong to the mixer; the loop never sees
+//! [`State::truth`].
+//!
+//! | input | missing for up to 100 ms: `Held` | longer, or never there: `Fallback` |
+//! |---|---|---|
+//! | set-point | the last one, rates included | level at the last yaw set-point, hover thrust |
+//! | state | zero torque, last thrust | zero torque, hover thrust |
+//!
+//! Without a state nothing is learnt. The command filter is a clock, not a measurement: it runs on through every
+//! tick of the grid, also those in which the loop had no state or was not called at all, so that the attitude
+//! wanted is never late. After more than 100 ms without a state it starts again at rest from the measured
+//! attitude, as it does at the first tick: what it had become says nothing about where the airframe is.
+
+use nalgebra::Vector3;
+use shared::allocation::{Allocation, net_speed};
+use shared::messages::{Dated, Mode, NO_TICK, ROTORS, Setpoint, State, Wrench};
+
+use crate::adaptation::{Adaptation, LastTick, Learnt};
+use crate::command_filter::CommandFilter;
+use crate::predictor::predict;
+use crate::rate_law::{RatePoint, sampled_gain, torque};
+use crate::rate_reference::rate_reference;
+use crate::settings::Settings;
+
+/// How long an input may be missing before the loop falls back [s].
+const HOLD_S: f64 = 0.1;
+
+/// The inner loop: filter, estimates, and the last sample.
+#[derive(Clone, Debug)]
+pub struct InnerLoop {
+    settings: Settings,
+    allocation: Allocation,
+    adaptation: Adaptation,
+    i_m: Vector3<f64>,
+    k_eta: Vector3<f64>,
+    gain: f64,
+    hold_ticks: u64,
+
+    filter: CommandFilter,
+    /// Input of the filter in the last tick, and the tick that `filter` is valid for.
+    win: Vector3<f64>,
+    filter_tick: u64,
+    learnt: Learnt,
+    /// Newest body rates measured in time, with their tick.
+    sample: Option<(u64, Vector3<f64>)>,
+    thrust_n: f64,
+}
+
+impl InnerLoop {
+    /// A loop for settings that passed [`Settings::check`]; its estimates are the priors.
+    #[must_use]
+    pub fn new(settings: &Settings) -> Self {
+        let gains = &settings.gains;
+        let adaptation = Adaptation::new(settings);
+        Self {
+            settings: *settings,
+            allocation: Allocation::new(&settings.model),
+            adaptation,
+            i_m: settings.model.i_m().into(),
+            k_eta: gains.attitude_1_s.into(),
+            gain: sampled_gain(gains.alpha_1_s, settings.period_s),
+            hold_ticks: (HOLD_S / settings.period_s).round() as u64,
+            filter: CommandFilter::at_rest(gains.command_filter_rad_s.into(), Vector3::zeros()),
+            win: Vector3::zeros(),
+            filter_tick: 0,
+            learnt: adaptation.prior(),
+            sample: None,
+            thrust_n: 0.0,
+        }
+    }
+
+    /// Thrust and torque of a tick, from the newest state and set-point, whatever tick they are of.
+    ///
+    /// Call it once per tick, with rising ticks; ticks may be left out.
+    pub fn tick(&mut self, tick: u64, state: &Dated<State>, setpoint: &Dated<Setpoint>) -> Wrench {
+        let lost = self.sample.is_none_or(|(sampled, _)| tick.saturating_sub(sampled) > self.hold_ticks);
+        let measured = (state.tick == tick).then_some(&state.content);
+        match measured {
+            Some(state) if lost => {
+                let eta2 = Vector3::from(state.attitude_rad);
+                self.filter = CommandFilter::at_rest(self.filter.w_f, eta2);
+            }
+            _ => self.catch_up(tick),
+        }
+        let (order, mode) = self.order(tick, setpoint);
+        let win = self.filter.input(&order);
+        let next = self.filter.advance(&win, self.settings.period_s);
+        let wrench = match measured {
+            Some(state) => self.control(tick, state, &order, mode, &win, &next),
+            None => self.coast(lost),
+        };
+        self.win = win;
+        self.filter = next;
+        self.filter_tick = tick + 1;
+        self.thrust_n = wrench.thrust_n;
+        wrench
+    }
+
+    /// Runs the filter through the ticks since the last call, on the input that it had.
+    fn catch_up(&mut self, tick: u64) {
+        let skipped = tick.saturating_sub(self.filter_tick);
+        if skipped > 0 {
+            let dt_s = skipped as f64 * self.settings.period_s;
+            self.filter = self.filter.advance(&self.win, dt_s);
+        }
+    }
+
+    /// The set-point to follow in this tick, and how it was come by.
+    fn order(&self, tick: u64, setpoint: &Dated<Setpoint>) -> (Setpoint, Mode) {
+        if setpoint.tick == tick {
+            return (setpoint.content, Mode::Fresh);
+        }
+        if setpoint.age(tick) <= self.hold_ticks {
+            return (setpoint.content, Mode::Held);
+        }
+        let yaw = if setpoint.tick == NO_TICK { self.filter.ec.z } else { setpoint.content.attitude_rad[2] };
+        let level = Setpoint { thrust_n: self.hover_thrust_n(), attitude_rad: [0.0, 0.0, yaw], ..Setpoint::default() };
+        (level, Mode::Fallback)
+    }
+
+    /// The law, with a state of this tick: learn from the last tick, then ask for a torque.
+    fn control(
+        &mut self,
+        tick: u64,
+        state: &State,
+        order: &Setpoint,
+        mode: Mode,
+        win: &Vector3<f64>,
+        next: &CommandFilter,
+    ) -> Wrench {
+        let period_s = self.settings.period_s;
+        let eta2 = Vector3::from(state.attitude_rad);
+        let om_m = net_speed(&state.rotor_speed_mean_rad_s.into());
+        let now = RatePoint { nu2: state.rate_b_rad_s.into(), om: om_m, t_s: tick as f64 * period_s };
+        self.learn(tick, &now, &state.rotor_speed_squared_mean_rad2_s2);
+        let theta = &self.learnt.theta;
+
+        let (eta2, at, filter) = if self.settings.gains.predictor_ticks == 0 {
+            (eta2, now, &self.filter)
+        } else {
+            let command = state.rotor_speed_command_rad_s;
+            let om_s = net_speed(&command.into());
+            let tau_s = self.rotor_torque(&command.map(|w| w * w));
+            let now = RatePoint { om: om_s, ..now };
+            let (eta2, nu2) = predict(&eta2, &now, theta, &tau_s, period_s, &self.i_m);
+            let t_s = (tick + 1) as f64 * period_s;
+            (eta2, RatePoint { nu2, t_s, ..now }, next)
+        };
+        let e2 = filter.acceleration(win);
+        let reference = rate_reference(&eta2, &at.nu2, filter, &e2, &self.k_eta);
+        let tau = torque(&at, &reference, theta, self.gain, &self.i_m);
+        Wrench {
+            thrust_n: order.thrust_n,
+            torque_b_nm: tau.into(),
+            estimate: self.learnt.theta.into(),
+            rate_error_b_rad_s: (at.nu2 - reference.nu2_d).into(),
+            mode: mode as u64,
+        }
+    }
+
+    /// Learns from the last tick, unless its start was not measured: the rotor means cover one tick only.
+    fn learn(&mut self, tick: u64, now: &RatePoint, speed_squared_mean: &[f64; ROTORS]) {
+        if let Some((sampled, nu2_start)) = self.sample
+            && sampled + 1 == tick
+        {
+            let last = LastTick {
+                nu2_start,
+                nu2_end: now.nu2,
+                t_start_s: sampled as f64 * self.settings.period_s,
+                t_end_s: now.t_s,
+                om_m: now.om,
+                tau_m: self.rotor_torque(speed_squared_mean),
+            };
+            self.learnt = self.adaptation.step(&self.learnt, &last);
+        }
+        self.sample = Some((tick, now.nu2));
+    }
+
+    /// Without a state of this tick: no torque. The rate error is unknown, and given as 0.
+    fn coast(&self, lost: bool) -> Wrench {
+        let (thrust_n, mode) = if lost { (self.hover_thrust_n(), Mode::Fallback) } else { (self.thrust_n, Mode::Held) };
+        Wrench { thrust_n, estimate: self.learnt.theta.into(), mode: mode as u64, ..Wrench::default() }
+    }
+
+    /// m g [N].
+    fn hover_thrust_n(&self) -> f64 {
+        self.settings.model.m() * self.settings.model.g()
+    }
+
+    /// (6), (7): torque [N m] of rotors at these squared speeds [rad^2/s^2], by the nominal model.
+    fn rotor_torque(&self, speed_squared: &[f64; ROTORS]) -> Vector3<f64> {
+        let f = speed_squared.map(|w2| self.settings.model.k() * w2);
+        self.allocation.wrench(&f.into()).1
+    }
+}

@@ -1,0 +1,33 @@
+//! The predictor: attitude and rates one tick ahead, when the torque computed now will act.
+//!
+//! Not in the paper, whose loop has no delay. The paper's gains need it: at alpha T = 10 the tick between sample
+//! and actuation takes the whole margin of the rate loop, and one late command makes it unstable
+//! ([`crate::settings::loop_gain_limit`]). The predictor gives that tick back. It starts from the command that
+//! the state message says is in force, so it is right, one tick deep, also when a command was late. A predictor of
+//! the wrong depth is worse than none.
+
+use nalgebra::Vector3;
+use shared::frames::euler_rate_of_body_rate;
+use shared::rate_dynamics::{coupling, regressor};
+
+use crate::rate_law::RatePoint;
+
+/// (eta2 [rad], nu2 [rad/s]) one period later, by (8) and (5) with the estimates.
+///
+/// `now.om` and `tau` [N m] belong to the rotor command that is in force over this period; `theta` are the
+/// estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2]; `i_m` is the diagonal of I_M [kg m^2].
+#[must_use]
+pub fn predict(
+    eta2: &Vector3<f64>,
+    now: &RatePoint,
+    theta: &Vector3<f64>,
+    tau: &Vector3<f64>,
+    period_s: f64,
+    i_m: &Vector3<f64>,
+) -> (Vector3<f64>, Vector3<f64>) {
+    let dnu2 = coupling(&now.nu2, i_m) + regressor(&now.nu2, now.om, now.t_s, i_m) * theta + tau.component_div(i_m);
+    let nu2_next = now.nu2 + period_s * dnu2;
+    let mean_nu2 = (now.nu2 + nu2_next) / 2.0;
+    let eta2_next = eta2 + period_s * (euler_rate_of_body_rate(eta2) * mean_nu2);
+    (eta2_next, nu2_next)
+}

@@ -1,0 +1,46 @@
+//! The rate law: torque that makes the rate error decay, with what has been learnt cancelled.
+//!
+//! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (19)
+//! on (8). Differences: d(nu2_d) stands inside I_M(...), as (8) demands, and the error is called e throughout.
+//! The gain is alpha in continuous time, but [`sampled_gain`] here: with alpha itself the paper's 1e4/s would
+//! multiply the error by 1 - alpha T = -9 in every tick of 1 ms.
+
+use nalgebra::Vector3;
+use shared::rate_dynamics::{coupling, regressor};
+
+use crate::rate_reference::RateReference;
+
+/// Arguments of the rate dynamics (8) at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RatePoint {
+    /// nu2, body rates [rad/s].
+    pub nu2: Vector3<f64>,
+    /// Om, net rotor speed (4) [rad/s].
+    pub om: f64,
+    /// t, time since the start of the flight [s].
+    pub t_s: f64,
+}
+
+/// a_d = (1 - exp(-alpha T))/T [1/s]: the gain for which a torque held over T gives e(t + T) = exp(-alpha T) e(t).
+#[must_use]
+pub fn sampled_gain(alpha_1_s: f64, period_s: f64) -> f64 {
+    -(-alpha_1_s * period_s).exp_m1() / period_s
+}
+
+/// (19): torque tau [N m, body frame] for d(e) = -`gain` e, e = nu2 - nu2_d.
+///
+/// `theta` are the estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2]; `i_m` is the diagonal of I_M
+/// [kg m^2]; `gain` [1/s] is [`sampled_gain`], or alpha itself for the law in continuous time.
+#[must_use]
+pub fn torque(
+    at: &RatePoint,
+    reference: &RateReference,
+    theta: &Vector3<f64>,
+    gain: f64,
+    i_m: &Vector3<f64>,
+) -> Vector3<f64> {
+    let e = at.nu2 - reference.nu2_d;
+    let known = coupling(&at.nu2, i_m);
+    let learnt = regressor(&at.nu2, at.om, at.t_s, i_m) * theta;
+    i_m.component_mul(&(reference.dnu2_d - gain * e - known - learnt))
+}

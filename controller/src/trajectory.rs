@@ -1,0 +1,219 @@
+//! Reference trajectories with analytic derivatives up to snap.
+//!
+//! Not in the paper, which only assumes a smooth reference. Each of x, y, z and psi is
+//! s(t) (c0 + c1 t + A sin(w t + ph)); the ramp s(t) raises it from rest at the origin over 5 s, so that no
+//! derivative up to snap jumps. Only `step` has no ramp: it jumps on purpose.
+
+use std::fmt;
+use std::str::FromStr;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// Orders of derivative that a reference holds: value, rate, acceleration, jerk, snap.
+const ORDERS: usize = 5;
+
+/// Length of the ramp s(t) [s].
+const RAMP_S: f64 = 5.0;
+
+/// A reference trajectory of position and yaw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Trajectory {
+    /// Climb to 1 m and stay.
+    Hover,
+    /// Jump to (1, -1, 1) m and 0.5 rad of yaw at once.
+    Step,
+    /// Circle of 1 m radius, climbing 0.1 m/s.
+    Helix,
+    /// Slow figure of 2 m by 1 m with changing height and yaw.
+    Lissajous,
+    /// Quicker figure that excites all three estimates.
+    Fast,
+}
+
+/// No trajectory has this name.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("unknown trajectory `{0}`; known are {names}", names = Trajectory::NAMES.join(", "))]
+pub struct UnknownTrajectory(pub String);
+
+/// Reference at one instant: position in the world frame, and yaw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reference {
+    /// Rows x, y, z [m] and psi [rad]; column n is the n-th derivative by time [.../s^n].
+    pub axis: [[f64; ORDERS]; 4],
+}
+
+/// One axis before the ramp: c0 + c1 t + A sin(w t + ph).
+struct Axis {
+    c0: f64,
+    c1: f64,
+    a: f64,
+    w: f64,
+    ph: f64,
+}
+
+impl Trajectory {
+    /// All of them, in the order of [`Self::NAMES`].
+    pub const ALL: [Self; 5] = [Self::Hover, Self::Step, Self::Helix, Self::Lissajous, Self::Fast];
+
+    /// Their names, as typed by the user.
+    pub const NAMES: [&str; 5] = ["hover", "step", "helix", "lissajous", "fast"];
+
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        Self::NAMES[self as usize]
+    }
+
+    /// The reference at time `t_s` since the start of the flight [s]; at rest at the origin before it.
+    #[must_use]
+    pub fn reference(self, t_s: f64) -> Reference {
+        let ramp = match self {
+            Self::Step => [1.0, 0.0, 0.0, 0.0, 0.0],
+            _ => ramp(t_s),
+        };
+        Reference { axis: self.axes().map(|axis| product(&ramp, &axis.derivatives(t_s))) }
+    }
+
+    /// x, y, z and psi of the trajectory.
+    const fn axes(self) -> [Axis; 4] {
+        match self {
+            Self::Hover => [fixed(0.0), fixed(0.0), fixed(1.0), fixed(0.0)],
+            Self::Step => [fixed(1.0), fixed(-1.0), fixed(1.0), fixed(0.5)],
+            Self::Helix => [
+                Axis { ph: std::f64::consts::FRAC_PI_2, ..wave(0.0, 1.0, 0.6) },
+                wave(0.0, 1.0, 0.6),
+                Axis { c1: 0.1, ..fixed(1.0) },
+                wave(0.0, 0.4, 0.5),
+            ],
+            Self::Lissajous => [wave(0.0, 2.0, 0.5), wave(0.0, 1.0, 1.0), wave(1.5, 0.3, 0.7), wave(0.0, 0.5, 0.4)],
+            Self::Fast => [wave(0.0, 1.5, 1.2), wave(0.0, 0.6, 2.4), wave(1.5, 0.3, 1.7), wave(0.0, 0.3, 0.9)],
+        }
+    }
+}
+
+impl fmt::Display for Trajectory {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Trajectory {
+    type Err = UnknownTrajectory;
+
+    fn from_str(name: &str) -> Result<Self, UnknownTrajectory> {
+        Self::ALL
+            .into_iter()
+            .find(|trajectory| trajectory.name() == name)
+            .ok_or_else(|| UnknownTrajectory(name.to_owned()))
+    }
+}
+
+impl Reference {
+    /// p_d, world frame [m].
+    #[must_use]
+    pub fn position(&self) -> Vector3<f64> {
+        self.derivative(0)
+    }
+
+    /// dp_d, world frame [m/s].
+    #[must_use]
+    pub fn velocity(&self) -> Vector3<f64> {
+        self.derivative(1)
+    }
+
+    /// d2p_d, world frame [m/s^2].
+    #[must_use]
+    pub fn acceleration(&self) -> Vector3<f64> {
+        self.derivative(2)
+    }
+
+    /// d3p_d, world frame [m/s^3].
+    #[must_use]
+    pub fn jerk(&self) -> Vector3<f64> {
+        self.derivative(3)
+    }
+
+    /// d4p_d, world frame [m/s^4].
+    #[must_use]
+    pub fn snap(&self) -> Vector3<f64> {
+        self.derivative(4)
+    }
+
+    /// psi_d [rad], not wrapped.
+    #[must_use]
+    pub const fn yaw(&self) -> f64 {
+        self.axis[3][0]
+    }
+
+    /// dpsi_d [rad/s].
+    #[must_use]
+    pub const fn yaw_rate(&self) -> f64 {
+        self.axis[3][1]
+    }
+
+    /// ddpsi_d [rad/s^2].
+    #[must_use]
+    pub const fn yaw_acceleration(&self) -> f64 {
+        self.axis[3][2]
+    }
+
+    fn derivative(&self, order: usize) -> Vector3<f64> {
+        let [x, y, z, _] = &self.axis;
+        Vector3::new(x[order], y[order], z[order])
+    }
+}
+
+/// An axis that stays where it is.
+const fn fixed(c0: f64) -> Axis {
+    wave(c0, 0.0, 1.0)
+}
+
+/// An axis that swings by `a` around `c0` at `w` [rad/s].
+const fn wave(c0: f64, a: f64, w: f64) -> Axis {
+    Axis { c0, c1: 0.0, a, w, ph: 0.0 }
+}
+
+impl Axis {
+    /// Its value and derivatives before the ramp.
+    fn derivatives(&self, t_s: f64) -> [f64; ORDERS] {
+        let &Self { c0, c1, a, w, ph } = self;
+        let (sin, cos) = (w * t_s + ph).sin_cos();
+        let w2 = w * w;
+        [c0 + c1 * t_s + a * sin, c1 + a * w * cos, -a * w2 * sin, -a * w2 * w * cos, a * w2 * w2 * sin]
+    }
+}
+
+/// s(t) = 126 y^5 - 420 y^6 + 540 y^7 - 315 y^8 + 70 y^9, y = t/t_r, and its derivatives: 0 before, 1 after.
+///
+/// The derivatives are written in z = y (1 - y), since ds/dy = 630 z^4: the powers of y would cancel.
+fn ramp(t_s: f64) -> [f64; ORDERS] {
+    let y = (t_s / RAMP_S).clamp(0.0, 1.0);
+    if y >= 1.0 {
+        return [1.0, 0.0, 0.0, 0.0, 0.0];
+    }
+    let s = y.powi(5) * (126.0 + y * (-420.0 + y * (540.0 + y * (-315.0 + y * 70.0))));
+    let z = y * (1.0 - y);
+    let dz = 1.0 - 2.0 * y;
+    let z2 = z * z;
+    [
+        s,
+        630.0 * z2 * z2 / RAMP_S,
+        2520.0 * z2 * z * dz / RAMP_S.powi(2),
+        2520.0 * z2 * (3.0 * dz * dz - 2.0 * z) / RAMP_S.powi(3),
+        15120.0 * z * dz * (dz * dz - 3.0 * z) / RAMP_S.powi(4),
+    ]
+}
+
+/// Leibniz: value and derivatives of a product.
+fn product(a: &[f64; ORDERS], b: &[f64; ORDERS]) -> [f64; ORDERS] {
+    [
+        a[0] * b[0],
+        a[1] * b[0] + a[0] * b[1],
+        a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2],
+        a[3] * b[0] + 3.0 * a[2] * b[1] + 3.0 * a[1] * b[2] + a[0] * b[3],
+        a[4] * b[0] + 4.0 * a[3] * b[1] + 6.0 * a[2] * b[2] + 4.0 * a[1] * b[3] + a[0] * b[4],
+    ]
+}

@@ -1,0 +1,159 @@
+//! What must hold for the laws at every input, not only at the reference cases.
+
+use controller::adaptation::{Adaptation, LastTick, Learnt};
+use controller::command_filter::CommandFilter;
+use controller::outer::limit;
+use controller::{Limits, Preset, Settings, Trajectory};
+use nalgebra::Vector3;
+use proptest::prelude::*;
+use proptest::sample::select;
+use shared::rate_dynamics::{coupling, regressor};
+
+fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
+    prop::array::uniform3(-size..size).prop_map(Vector3::from)
+}
+
+proptest! {
+    #[test]
+    fn each_derivative_of_a_trajectory_is_that_of_the_one_before(
+        trajectory in select(&Trajectory::ALL), t in 0.001..20.0,
+    ) {
+        // The fifth derivative of the ramp jumps at its end.
+        let from_ramp_end: f64 = t - 5.0;
+        prop_assume!(from_ramp_end.abs() > 2e-4);
+        let h = 1e-4;
+        let [before, at, after] = [t - h, t, t + h].map(|t| trajectory.reference(t).axis);
+        for axis in 0..4 {
+            for order in 1..5 {
+                let slope = (after[axis][order - 1] - before[axis][order - 1]) / (2.0 * h);
+                prop_assert!((slope - at[axis][order]).abs() < 1e-6, "axis {axis}, order {order}");
+            }
+        }
+    }
+
+    #[test]
+    fn two_half_steps_of_the_command_filter_equal_one(
+        ec in vector(1.0), e1 in vector(5.0), win in vector(400.0), dt in 1e-4..0.2,
+    ) {
+        let filter = CommandFilter { w_f: Vector3::new(20.0, 20.0, 3.0), ec, e1 };
+        let once = filter.advance(&win, dt);
+        let twice = filter.advance(&win, dt / 2.0).advance(&win, dt / 2.0);
+        prop_assert!((once.ec - twice.ec).amax() < 1e-12);
+        prop_assert!((once.e1 - twice.e1).amax() < 1e-11);
+    }
+
+    #[test]
+    fn the_command_filter_obeys_its_differential_equation(
+        ec in vector(1.0), e1 in vector(5.0), win in vector(400.0),
+    ) {
+        let filter = CommandFilter { w_f: Vector3::new(20.0, 20.0, 3.0), ec, e1 };
+        let dt = 1e-6;
+        let next = filter.advance(&win, dt);
+        prop_assert!(((next.ec - ec) / dt - e1).amax() < 1e-2);
+        prop_assert!(((next.e1 - e1) / dt - filter.acceleration(&win)).amax() < 1e-1);
+    }
+
+    #[test]
+    fn a_limited_acceleration_is_inside_the_limits_and_keeps_its_direction(a in vector(60.0)) {
+        let limits = Limits::default();
+        let g = 9.8;
+        let (inside, limited) = limit(&a, &limits, g);
+        prop_assert!((0.2 * g..=2.0 * g).contains(&inside.z));
+        prop_assert!(inside.x.hypot(inside.y) <= inside.z * limits.tilt_max_rad.tan() * (1.0 + 1e-12));
+        prop_assert!((inside.x * a.y - inside.y * a.x).abs() < 1e-10);
+        prop_assert_eq!(limited, inside != a);
+        let (again, _) = limit(&inside, &limits, g);
+        prop_assert!((again - inside).amax() < 1e-12);
+    }
+}
+
+/// A tick of an airframe that obeys (8) exactly, in the trapezoidal rule that the adaptation samples with.
+fn exact_tick(
+    adaptation: &Adaptation,
+    theta: &Vector3<f64>,
+    tick: usize,
+    nu2_start: Vector3<f64>,
+    om_m: f64,
+    tau_m: Vector3<f64>,
+) -> LastTick {
+    let Adaptation { period_s, i_m, .. } = adaptation;
+    let acceleration = |nu2: &Vector3<f64>, t_s: f64| {
+        coupling(nu2, i_m) + regressor(nu2, om_m, t_s, i_m) * theta + tau_m.component_div(i_m)
+    };
+    let t_start_s = tick as f64 * period_s;
+    let t_end_s = (tick + 1) as f64 * period_s;
+    let at_start = acceleration(&nu2_start, t_start_s);
+    let mut nu2_end = nu2_start;
+    for _ in 0..40 {
+        nu2_end = nu2_start + period_s / 2.0 * (at_start + acceleration(&nu2_end, t_end_s));
+    }
+    LastTick { nu2_start, nu2_end, t_start_s, t_end_s, om_m, tau_m }
+}
+
+/// V_th = 1/2 ~th^T Gamma^-1 ~th.
+fn v_th(adaptation: &Adaptation, learnt: &Learnt, theta: &Vector3<f64>) -> f64 {
+    let error = learnt.theta - theta;
+    error.component_mul(&error).component_div(&adaptation.gamma).sum() / 2.0
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn estimates_stay_in_bounds_and_their_error_never_grows_on_the_exact_model(
+        preset in select(&Preset::ALL),
+        theta in (-1e-3..1e-3, 0.0..1.0, -2.0..2.0).prop_map(|(a, b, c)| Vector3::new(a, b, c)),
+        flight in prop::collection::vec((-200.0..200.0, vector(0.3)), 200),
+    ) {
+        let adaptation = Adaptation::new(&Settings::new(Trajectory::Hover, preset));
+        let mut learnt = adaptation.prior();
+        let start = v_th(&adaptation, &learnt, &theta);
+        let mut before = start;
+        let mut nu2 = Vector3::zeros();
+        for (tick, (om_m, tau_m)) in flight.into_iter().enumerate() {
+            let last = exact_tick(&adaptation, &theta, tick, nu2, om_m, tau_m);
+            nu2 = last.nu2_end;
+            learnt = adaptation.step(&learnt, &last);
+            for i in 0..3 {
+                let bounds = adaptation.lo[i]..=adaptation.hi[i];
+                prop_assert!(bounds.contains(&learnt.theta[i]), "{}", learnt.theta);
+            }
+            // Rounding in (nu - nu_-)/T is 1e-12 of a residual: relative where V_th is large, and a floor of
+            // its own once the estimates have arrived.
+            let after = v_th(&adaptation, &learnt, &theta);
+            prop_assert!(after <= before * (1.0 + 1e-9) + 1e-15 * start, "{before:e} -> {after:e}");
+            before = after;
+        }
+    }
+
+    #[test]
+    fn estimates_stay_in_bounds_whatever_is_measured(
+        preset in select(&Preset::ALL),
+        ticks in prop::collection::vec((-1e3..1e3, vector(50.0), vector(50.0), vector(5.0)), 50),
+    ) {
+        let adaptation = Adaptation::new(&Settings::new(Trajectory::Hover, preset));
+        let mut learnt = adaptation.prior();
+        for (tick, (om_m, nu2_start, nu2_end, tau_m)) in ticks.into_iter().enumerate() {
+            let t_start_s = tick as f64 * adaptation.period_s;
+            let t_end_s = t_start_s + adaptation.period_s;
+            let last = LastTick { nu2_start, nu2_end, t_start_s, t_end_s, om_m, tau_m };
+            learnt = adaptation.step(&learnt, &last);
+            for i in 0..3 {
+                let bounds = adaptation.lo[i]..=adaptation.hi[i];
+                prop_assert!(bounds.contains(&learnt.theta[i]), "{}", learnt.theta);
+            }
+        }
+    }
+}
+
+#[test]
+fn every_ramped_trajectory_starts_at_rest_and_each_has_its_name() {
+    for (trajectory, name) in Trajectory::ALL.into_iter().zip(Trajectory::NAMES) {
+        assert_eq!(trajectory.name(), name);
+        assert_eq!(name.parse(), Ok(trajectory));
+        let moves = trajectory.reference(0.0).axis != [[0.0; 5]; 4];
+        assert_eq!(moves, trajectory == Trajectory::Step);
+    }
+    let error = "loop".parse::<Trajectory>().unwrap_err().to_string();
+    assert!(error.contains("`loop`") && error.contains("lissajous"), "{error}");
+}

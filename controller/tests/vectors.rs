@@ -1,0 +1,213 @@
+//! Every law of this crate against the reference vectors: 50 cases each, to 1e-12.
+
+use controller::adaptation::{Adaptation, LastTick, Learnt};
+use controller::command_filter::{CommandFilter, advance_axis};
+use controller::flatness::{TiltRates, Yaw, tilt, tilt_rates};
+use controller::outer::{thrust, thrust_acceleration};
+use controller::predictor::predict;
+use controller::rate_law::{RatePoint, sampled_gain, torque};
+use controller::rate_reference::{RateReference, rate_reference};
+use controller::{Preset, Settings, Trajectory};
+use nalgebra::{Matrix3, Vector3};
+use serde_json::Value;
+use shared::parameters::Airframe;
+
+const TOLERANCE: f64 = 1e-12;
+
+/// Runs a check on each case of a group, and insists on 50 of them.
+fn each_case(group: &str, check: impl Fn(&Value)) {
+    let text = include_str!("../../shared/reference/vectors.json");
+    let vectors: Value = serde_json::from_str(text).expect("the vectors are JSON");
+    let cases = vectors[group].as_array().expect("a group is a list");
+    cases.iter().for_each(check);
+    assert_eq!(cases.len(), 50, "{group}");
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().expect("a number")
+}
+
+fn vector(value: &Value) -> Vector3<f64> {
+    Vector3::from_fn(|i, _| number(&value[i]))
+}
+
+fn matrix(value: &Value) -> Matrix3<f64> {
+    Matrix3::from_fn(|i, j| number(&value[i][j]))
+}
+
+/// Compares relative to max(1, |expected|).
+fn assert_close(actual: &[f64], expected: &[f64], tolerance: f64) {
+    assert_eq!(actual.len(), expected.len());
+    for (a, b) in actual.iter().zip(expected) {
+        let error = (a - b).abs() / b.abs().max(1.0);
+        assert!(error <= tolerance, "{a} for {b}: off by {error:e}");
+    }
+}
+
+fn i_m() -> Vector3<f64> {
+    Airframe::nominal().i_m().into()
+}
+
+#[test]
+fn att_des() {
+    each_case("att_des", |case| {
+        let model = Airframe::nominal();
+        let a = thrust_acceleration(&vector(&case["U"]), &vector(&case["vel"]), &model);
+        let (phi, theta) = tilt(&a, number(&case["psi_d"]));
+        assert_close(a.as_slice(), vector(&case["a"]).as_slice(), TOLERANCE);
+        let expected = [number(&case["phi_d"]), number(&case["theta_d"])];
+        assert_close(&[phi, theta], &expected, TOLERANCE);
+    });
+}
+
+#[test]
+fn flat_rates() {
+    each_case("flat_rates", |case| {
+        let yaw = Yaw { psi: number(&case["psi"]), dpsi: number(&case["dpsi"]), ddpsi: number(&case["ddpsi"]) };
+        let (a, da, dda) = (vector(&case["a"]), vector(&case["jerk"]), vector(&case["snap"]));
+        let TiltRates { dphi, dtheta, ddphi, ddtheta } = tilt_rates(&a, &da, &dda, &yaw);
+        let expected: [f64; 4] = std::array::from_fn(|i| number(&case["out_dphi_dth_ddphi_ddth"][i]));
+        assert_close(&[dphi, dtheta, ddphi, ddtheta], &expected, TOLERANCE);
+    });
+}
+
+#[test]
+fn thrust_along_the_body() {
+    each_case("thrust", |case| {
+        let model = Airframe::nominal();
+        let a = thrust_acceleration(&vector(&case["U"]), &vector(&case["vel"]), &model);
+        let u = thrust(&a, &vector(&case["eul"]), &model);
+        assert_close(&[u], &[number(&case["u"])], TOLERANCE);
+    });
+}
+
+#[test]
+fn rate_ref() {
+    each_case("rate_ref", |case| {
+        let filter = CommandFilter { w_f: Vector3::zeros(), ec: vector(&case["ec"]), e1: vector(&case["dec"]) };
+        let reference = rate_reference(
+            &vector(&case["eul"]),
+            &vector(&case["nu"]),
+            &filter,
+            &vector(&case["ddec"]),
+            &vector(&case["K_eta"]),
+        );
+        let (nu2_d, dnu2_d) = (vector(&case["nu_d"]), vector(&case["dnu_d"]));
+        assert_close(reference.nu2_d.as_slice(), nu2_d.as_slice(), TOLERANCE);
+        assert_close(reference.dnu2_d.as_slice(), dnu2_d.as_slice(), TOLERANCE);
+    });
+}
+
+#[test]
+fn filter() {
+    each_case("filter", |case| {
+        let (ec, e1) = advance_axis(
+            number(&case["ec"]),
+            number(&case["dec"]),
+            number(&case["win"]),
+            number(&case["omega"]),
+            number(&case["T"]),
+        );
+        let expected = [number(&case["ec_next"]), number(&case["dec_next"])];
+        assert_close(&[ec, e1], &expected, TOLERANCE);
+    });
+}
+
+fn torque_of(case: &Value, gain: f64) -> Vector3<f64> {
+    let at = RatePoint { nu2: vector(&case["nu"]), om: number(&case["Om"]), t_s: number(&case["t"]) };
+    let reference = RateReference { nu2_d: vector(&case["nu_d"]), dnu2_d: vector(&case["dnu_d"]) };
+    torque(&at, &reference, &vector(&case["theta"]), gain, &i_m())
+}
+
+#[test]
+fn torque_ct() {
+    each_case("torque_ct", |case| {
+        let tau = torque_of(case, number(&case["alpha"]));
+        assert_close(tau.as_slice(), vector(&case["tau"]).as_slice(), TOLERANCE);
+    });
+}
+
+#[test]
+fn torque_sampled() {
+    each_case("torque_sampled", |case| {
+        let gain = sampled_gain(number(&case["alpha"]), number(&case["T"]));
+        assert_close(&[gain], &[number(&case["a_d"])], TOLERANCE);
+        let tau = torque_of(case, gain);
+        assert_close(tau.as_slice(), vector(&case["tau"]).as_slice(), TOLERANCE);
+    });
+}
+
+#[test]
+fn adapt_paper() {
+    each_case("adapt_paper", |case| {
+        check_adaptation(Preset::Paper, case, 1e-9);
+    });
+}
+
+#[test]
+fn adapt_flight() {
+    each_case("adapt_flight", |case| {
+        check_adaptation(Preset::Flight, case, TOLERANCE);
+    });
+}
+
+fn check_adaptation(preset: Preset, case: &Value, tolerance: f64) {
+    let adaptation = Adaptation::new(&Settings::new(Trajectory::Hover, preset));
+    assert_eq!(adaptation.gamma, vector(&case["Gamma"]));
+    assert_eq!(adaptation.step_s2, number(&case["T"]) / number(&case["alpha"]));
+    assert_eq!(adaptation.lo, vector(&case["lo"]));
+    assert_eq!(adaptation.hi, vector(&case["hi"]));
+    let before = Learnt { theta: vector(&case["theta"]), x: matrix(&case["X"]), y: vector(&case["Y"]) };
+    let t_start_s = number(&case["t_prev"]);
+    let last = LastTick {
+        nu2_start: vector(&case["nu_prev"]),
+        nu2_end: vector(&case["nu_now"]),
+        t_start_s,
+        t_end_s: t_start_s + number(&case["T"]),
+        om_m: number(&case["Om_mean"]),
+        tau_m: vector(&case["tau_mean"]),
+    };
+    let after = adaptation.step(&before, &last);
+    let r = after.y - after.x * before.theta;
+    assert_close(after.x.as_slice(), matrix(&case["X_out"]).as_slice(), TOLERANCE);
+    assert_close(after.y.as_slice(), vector(&case["Y_out"]).as_slice(), TOLERANCE);
+    assert_close(r.as_slice(), vector(&case["residual"]).as_slice(), TOLERANCE);
+    let expected = vector(&case["theta_out"]);
+    assert_close(after.theta.as_slice(), expected.as_slice(), tolerance);
+
+    let unbounded =
+        Adaptation { lo: Vector3::repeat(f64::NEG_INFINITY), hi: Vector3::repeat(f64::INFINITY), ..adaptation };
+    let theta = unbounded.step(&before, &last).theta;
+    let expected = vector(&case["theta_unprojected"]);
+    assert_close(theta.as_slice(), expected.as_slice(), tolerance);
+}
+
+#[test]
+fn traj() {
+    each_case("traj", |case| {
+        let trajectory: Trajectory = case["name"].as_str().unwrap().parse().unwrap();
+        let reference = trajectory.reference(number(&case["t"]));
+        for (axis, actual) in reference.axis.iter().enumerate() {
+            let row = &case["out_xyzpsi_by_derivative0to4"][axis];
+            let row: [f64; 5] = std::array::from_fn(|i| number(&row[i]));
+            assert_close(actual, &row, TOLERANCE);
+        }
+    });
+}
+
+#[test]
+fn prediction() {
+    each_case("predict", |case| {
+        let now = RatePoint { nu2: vector(&case["nu"]), om: number(&case["Om"]), t_s: number(&case["t"]) };
+        let (eta2, nu2) = predict(
+            &vector(&case["eul"]),
+            &now,
+            &vector(&case["theta"]),
+            &vector(&case["tau"]),
+            number(&case["T"]),
+            &i_m(),
+        );
+        assert_close(nu2.as_slice(), vector(&case["nu_next"]).as_slice(), TOLERANCE);
+        assert_close(eta2.as_slice(), vector(&case["eul_next"]).as_slice(), TOLERANCE);
+    });
+}
