@@ -1,0 +1,80 @@
+//! Flight in one process: the four tick functions, called in the order in which the data flows.
+//!
+//! plant -> outer -> inner -> mixer -> plant, without transport, clock or deadline: every command is in time. This is
+//! the flight that the processes must reproduce bit by bit when they miss no deadline, and the quick one for tests and
+//! campaigns. It allocates nothing after [`InProcess::new`].
+
+use controller::{InnerLoop, OuterLoop};
+use mixer::Mixer;
+use plant::Plant;
+use shared::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
+
+/// A flight in one process, standing between two ticks.
+#[derive(Clone, Debug)]
+pub struct InProcess {
+    plant: Plant,
+    outer: OuterLoop,
+    inner: InnerLoop,
+    mixer: Mixer,
+    /// The newest one, as the inner loop would hold it.
+    setpoint: Dated<Setpoint>,
+    /// Tick that is next.
+    tick: u64,
+}
+
+/// What the stages told each other at a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TickRecord {
+    /// The tick.
+    pub tick: u64,
+    /// State at the tick.
+    pub state: State,
+    /// Set-point computed from it, if the outer loop gave one.
+    pub setpoint: Option<Setpoint>,
+    /// Thrust and torque demanded.
+    pub wrench: Wrench,
+    /// Command that is in force from the next tick on.
+    pub rotor_speeds: RotorSpeeds,
+}
+
+impl InProcess {
+    /// A flight that is about to begin with tick 0.
+    #[must_use]
+    pub fn new(plant: &plant::Settings, controller: &controller::Settings, mixer: &mixer::Settings) -> Self {
+        Self {
+            plant: Plant::new(plant),
+            outer: OuterLoop::new(controller),
+            inner: InnerLoop::new(controller),
+            mixer: Mixer::new(mixer),
+            setpoint: Dated { tick: NO_TICK, content: Setpoint::default() },
+            tick: 0,
+        }
+    }
+
+    /// Flies one tick.
+    pub fn tick(&mut self) -> TickRecord {
+        let tick = self.tick;
+        let state = Dated { tick, content: self.plant.begin(tick) };
+        let setpoint = self.outer.tick(tick, &state);
+        if let Some(content) = setpoint {
+            self.setpoint = Dated { tick, content };
+        }
+        let wrench = self.inner.tick(tick, &state, &self.setpoint);
+        let rotor_speeds = self.mixer.tick(tick, &Dated { tick, content: wrench });
+        self.plant.offer(Dated { tick, content: rotor_speeds }, tick + 1);
+        self.plant.finish();
+        self.tick += 1;
+        TickRecord { tick, state: state.content, setpoint, wrench, rotor_speeds }
+    }
+
+    /// The plant, to look at its parameters, applied swaps and envelope.
+    #[must_use]
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// The plant, to schedule swaps before the flight and between its ticks.
+    pub fn plant_mut(&mut self) -> &mut Plant {
+        &mut self.plant
+    }
+}

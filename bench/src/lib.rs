@@ -1,0 +1,3 @@
+//! The rig: flights of the four stages, in one process or in four.
+
+pub mod in_process;
