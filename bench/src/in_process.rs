@@ -9,6 +9,9 @@ use mixer::Mixer;
 use plant::Plant;
 use shared::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
 
+use crate::failure::Failure;
+use crate::settings::Settings;
+
 /// A flight in one process, standing between two ticks.
 #[derive(Clone, Debug)]
 pub struct InProcess {
@@ -49,6 +52,18 @@ impl InProcess {
             setpoint: Dated { tick: NO_TICK, content: Setpoint::default() },
             tick: 0,
         }
+    }
+
+    /// The flight that settings describe, with its faults scheduled.
+    ///
+    /// # Errors
+    /// A usage [`Failure`], which settings that were resolved have ruled out.
+    pub fn of(settings: &Settings) -> Result<Self, Failure> {
+        let mut rig = Self::new(&settings.plant()?, &settings.controller()?, &settings.mixer()?);
+        for fault in settings.faults()? {
+            rig.plant.schedule(fault).map_err(|e| Failure::usage(format!("fault: {e}")))?;
+        }
+        Ok(rig)
     }
 
     /// Flies one tick.

@@ -1,1 +1,40 @@
-fn main(){}
+//! The executable `ironbird`: one command for every job, one role for every process.
+
+use std::process::ExitCode;
+
+use bench::cli::{Cli, Command};
+use bench::failure::Failure;
+use bench::{clean, fly, inject, params, roles, show_report, simulate};
+use clap::Parser as _;
+use shared::role::Role;
+use shared::rt::CountingAllocator;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+fn main() -> ExitCode {
+    match run(&Cli::parse()) {
+        Ok(code) => ExitCode::from(code),
+        Err(failure) => {
+            let code = failure.code;
+            eprintln!("{:?}", miette::Report::new(failure));
+            ExitCode::from(code)
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<u8, Failure> {
+    match &cli.command {
+        Command::Fly(args) => fly::fly(args),
+        Command::Inject(args) => inject::inject(args),
+        Command::Params(args) => params::params(args),
+        Command::Report(args) => show_report::show(args),
+        Command::Simulate(args) => simulate::simulate(args),
+        Command::Clean => clean::clean(),
+        Command::Plant(args) => roles::play(Role::Plant, args),
+        Command::Outer(args) => roles::play(Role::Outer, args),
+        Command::Inner(args) => roles::play(Role::Inner, args),
+        Command::Mixer(args) => roles::play(Role::Mixer, args),
+        Command::Record(args) => roles::record(args),
+    }
+}

@@ -16,6 +16,7 @@ pub mod gains;
 pub mod inner;
 pub mod outer;
 pub mod predictor;
+pub mod process;
 pub mod rate_law;
 pub mod rate_reference;
 pub mod settings;

@@ -103,3 +103,9 @@ fn reference_tilt_rates(reference: &Reference, model: &Airframe) -> TiltRates {
     let yaw = Yaw { psi: reference.yaw(), dpsi: reference.yaw_rate(), ddpsi: reference.yaw_acceleration() };
     tilt_rates(&a, &da, &dda, &yaw)
 }
+
+/// Distance between the vehicle and its reference [m].
+#[must_use]
+pub fn position_error_m(state: &State, setpoint: &Setpoint) -> f64 {
+    (Vector3::from(state.position_w_m) - Vector3::from(setpoint.reference_position_w_m)).norm()
+}

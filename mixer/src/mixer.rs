@@ -85,8 +85,9 @@ impl Mixer {
         self.message(&mix.f, mix.saturated, mode)
     }
 
-    /// Nothing is demanded of idle rotors, so nothing saturates.
-    fn idle(&self) -> RotorSpeeds {
+    /// Every rotor at its smallest speed. Nothing is demanded of idle rotors, so nothing saturates.
+    #[must_use]
+    pub fn idle(&self) -> RotorSpeeds {
         self.message(&Vector4::repeat(self.f_min), false, Mode::Idle)
     }
 

@@ -38,6 +38,7 @@ pub struct Order {
 
 /// What the loop says of a swap.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "lies in a queue of fixed places; a box would allocate in the loop")]
 pub enum Event {
     /// It holds.
     Applied(AppliedSwap),
@@ -128,13 +129,16 @@ impl Desk<'_> {
             Event::Applied(applied) => {
                 let record = record(&applied);
                 self.records.send(applied.tick, &Envelope::new(), record)?;
-                self.answer(applied.ticket, SwapAnswer {
-                    verdict: Verdict::Applied as u64,
-                    tick: applied.tick,
-                    parameter_epoch: applied.epoch,
-                    parameter: 0,
-                    old: record.old,
-                });
+                self.answer(
+                    applied.ticket,
+                    SwapAnswer {
+                        verdict: Verdict::Applied as u64,
+                        tick: applied.tick,
+                        parameter_epoch: applied.epoch,
+                        parameter: 0,
+                        old: record.old,
+                    },
+                );
             }
         }
         Ok(())

@@ -165,7 +165,12 @@ impl Plant {
             self.parameter_epoch += 1;
             let changes = swap.apply(&mut self.airframe);
             // As many places as the queue has, and emptied by every `begin`: there is always room.
-            let _ = self.applied.push(AppliedSwap { tick: self.tick, epoch: self.parameter_epoch, changes });
+            let _ = self.applied.push(AppliedSwap {
+                tick: self.tick,
+                epoch: self.parameter_epoch,
+                ticket: swap.ticket,
+                changes,
+            });
         }
         self.latch.enter(self.tick);
         self.has_begun = true;

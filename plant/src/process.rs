@@ -81,7 +81,9 @@ impl<'a> PlantProcess<'a> {
     ) -> Result<Self, Error> {
         let mut plant = Plant::new(settings);
         for fault in faults {
-            plant.schedule(fault.clone()).map_err(|e| Error::Absent { what: format!("cannot schedule a fault: {e}") })?;
+            plant
+                .schedule(fault.clone())
+                .map_err(|e| Error::Absent { what: format!("cannot schedule a fault: {e}") })?;
         }
         let in_force = wire.board(IN_FORCE)?;
         in_force.put(InForce { tick: 0, parameter_epoch: 0, value: *plant.airframe().values() });

@@ -16,6 +16,8 @@ pub struct Swap {
     pub tick: u64,
     /// Parameters with their new values, each parameter once.
     pub changes: heapless::Vec<(Parameter, f64), PARAMETERS>,
+    /// Number by which the asker knows it again; 0 for faults known before the flight.
+    pub ticket: u64,
 }
 
 /// A swap that has taken hold.
@@ -25,6 +27,8 @@ pub struct AppliedSwap {
     pub tick: u64,
     /// Parameter epoch that began with it.
     pub epoch: u64,
+    /// Number by which the asker knows it again.
+    pub ticket: u64,
     /// What it changed.
     pub changes: heapless::Vec<Change, PARAMETERS>,
 }
@@ -66,7 +70,7 @@ impl Swap {
     /// # Errors
     /// As [`Swap::check`].
     pub fn new(tick: u64, changes: &[(Parameter, f64)]) -> Result<Self, SwapError> {
-        let mut swap = Self { tick, changes: heapless::Vec::new() };
+        let mut swap = Self { tick, changes: heapless::Vec::new(), ticket: 0 };
         for &(parameter, value) in changes {
             // More changes than there are parameters repeat one of them.
             swap.changes.push((parameter, value)).map_err(|(parameter, _)| SwapError::Twice { parameter })?;

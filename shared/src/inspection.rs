@@ -130,7 +130,7 @@ impl Inspector {
             Err(Reason::Settings)
         } else if envelope.epoch < self.epoch || (!first && envelope.epoch == self.epoch && envelope.seq <= self.seq) {
             Err(Reason::Sequence)
-        } else if envelope.tick > newest_tick || (!first && envelope.tick <= self.tick) {
+        } else if envelope.tick > newest_tick || (!first && envelope.tick < self.tick + u64::from(!C::MANY_PER_TICK)) {
             Err(Reason::Tick)
         } else if !message.content.finite() {
             Err(Reason::NonFinite)

@@ -6,7 +6,7 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Seek as _, Write as _};
-use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 
 use iceoryx2::prelude::{Config, FileName, SemanticString as _};
@@ -78,7 +78,7 @@ impl Instance {
         let directory = self.directory();
         let make = || {
             fs::DirBuilder::new().recursive(true).mode(0o750).create(&directory)?;
-            tempfile_probe(&directory)
+            try_to_write(&directory)
         };
         make().map_err(|source| Error::RootPath { path: directory.clone(), source })
     }
@@ -101,18 +101,37 @@ impl Instance {
 
     fn lock_as(&self, role: &str) -> Result<Lock, Error> {
         let path = self.lock_path(role);
-        let open = || OpenOptions::new().create(true).truncate(false).read(true).write(true).mode(0o640).open(&path);
         let root_path = |source| Error::RootPath { path: path.clone(), source };
-        let mut file = open().map_err(root_path)?;
-        if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
-            let mut pid = String::new();
-            // The holder may be about to write its number: the error is the same without it.
-            let _ = file.read_to_string(&mut pid);
-            return Err(Error::Occupied { instance: self.name().into(), role: role.into(), pid: pid.trim().into() });
+        loop {
+            let mut file = OpenOptions::new()
+                .create(true)
+                .truncate(false)
+                .read(true)
+                .write(true)
+                .mode(0o640)
+                .open(&path)
+                .map_err(root_path)?;
+            if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+                let mut pid = String::new();
+                // The holder may be about to write its number: the error is the same without it.
+                let _ = file.read_to_string(&mut pid);
+                return Err(Error::Occupied {
+                    instance: self.name().into(),
+                    role: role.into(),
+                    pid: pid.trim().into(),
+                });
+            }
+            // Somebody may have removed the leftovers, and this file with them, before it was locked.
+            let is_there =
+                fs::metadata(&path).is_ok_and(|there| file.metadata().is_ok_and(|ours| ours.ino() == there.ino()));
+            if !is_there {
+                self.prepare()?;
+                continue;
+            }
+            file.set_len(0).and_then(|()| file.rewind()).map_err(root_path)?;
+            writeln!(file, "{}", std::process::id()).map_err(root_path)?;
+            return Ok(Lock { _file: file });
         }
-        file.set_len(0).and_then(|()| file.rewind()).map_err(root_path)?;
-        writeln!(file, "{}", std::process::id()).map_err(root_path)?;
-        Ok(Lock { _file: file })
     }
 
     /// Whether a process plays the role now.
@@ -208,6 +227,22 @@ impl Instance {
     }
 }
 
+/// Free space in shared memory against what an instance needs.
+///
+/// # Errors
+/// [`Error::SharedMemoryFull`] with both numbers.
+pub fn check_shared_memory(needed_bytes: u64) -> Result<(), Error> {
+    const MIB: u64 = 1 << 20;
+    let stat =
+        rustix::fs::statvfs(SHARED_MEMORY).map_err(|e| Error::system(format!("cannot look at {SHARED_MEMORY}"), e))?;
+    let free = stat.f_bavail * stat.f_frsize;
+    if free >= needed_bytes {
+        return Ok(());
+    }
+    let (free_mib, needed_mib) = (free / MIB, needed_bytes.div_ceil(MIB));
+    Err(Error::SharedMemoryFull { path: SHARED_MEMORY.into(), free_mib, needed_mib })
+}
+
 /// Where Linux keeps POSIX shared memory.
 pub const SHARED_MEMORY: &str = "/dev/shm";
 
@@ -224,7 +259,7 @@ fn is_locked(path: &Path) -> bool {
     File::open(path).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared).is_err())
 }
 
-fn tempfile_probe(directory: &Path) -> io::Result<()> {
+fn try_to_write(directory: &Path) -> io::Result<()> {
     let probe = directory.join(format!("probe.{}", std::process::id()));
     File::create(&probe)?;
     fs::remove_file(probe)

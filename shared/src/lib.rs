@@ -8,6 +8,7 @@ pub mod boards;
 pub mod clock;
 pub mod envelope;
 pub mod error;
+pub mod flight_plan;
 pub mod frames;
 pub mod inspection;
 pub mod instance;

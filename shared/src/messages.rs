@@ -7,6 +7,7 @@
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::layout::{from_wire, layout};
+use crate::parameters::{PARAMETERS, Parameter};
 
 /// Rotors of the airframe, numbered from 1: rear left, rear right, front right, front left.
 pub const ROTORS: usize = 4;
@@ -129,6 +130,30 @@ pub struct RotorSpeeds {
     pub mode: u64,
 }
 
+/// Topic `swaps`: a swap of the plant's parameters that has taken hold.
+#[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
+#[repr(C)]
+pub struct SwapRecord {
+    /// Parameter epoch that began with it.
+    pub parameter_epoch: u64,
+    /// How many of the following are meant.
+    pub count: u64,
+    /// Parameters, as indices of the table [`crate::parameters::SPECS`].
+    pub parameter: [u64; PARAMETERS],
+    /// Their values before, in their units.
+    pub old: [f64; PARAMETERS],
+    /// Their values from then on.
+    pub new: [f64; PARAMETERS],
+}
+
+impl SwapRecord {
+    /// The parameters that it changed, each with its value before and after.
+    pub fn changes(&self) -> impl Iterator<Item = (Parameter, f64, f64)> + '_ {
+        let count = usize::try_from(self.count).unwrap_or(0).min(PARAMETERS);
+        (0..count).filter_map(|i| Some((Parameter::from_index(self.parameter[i])?, self.old[i], self.new[i])))
+    }
+}
+
 /// How a stage came by its output (docs/architecture.md, "Safety model").
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
@@ -171,4 +196,5 @@ layout!(Setpoint {
     reference_yaw_rad,
 });
 layout!(Wrench { thrust_n, torque_b_nm, estimate, rate_error_b_rad_s, mode });
+layout!(SwapRecord { parameter_epoch, count, parameter, old, new });
 layout!(RotorSpeeds { speed_rad_s, thrust_n, torque_b_nm, saturated, mode });

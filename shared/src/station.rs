@@ -19,7 +19,7 @@ use crate::boards::{Ending, RUN, RolePhase, Run, RunPhase, SETTINGS, SettingsTex
 use crate::clock::{Grid, now_ns};
 use crate::error::Error;
 use crate::inspection::Expected;
-use crate::instance::{Instance, Lock};
+use crate::instance::{Instance, Lock, check_shared_memory};
 use crate::layout::{FNV_OFFSET, fnv1a};
 use crate::role::{ROLES, Role};
 use crate::rt::{self, Engaged, UsageMeter, settle};
@@ -121,6 +121,7 @@ impl Station {
             signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(failed)?;
         }
         end_with_launcher(orders.launcher)?;
+        check_shared_memory(Wire::needed_bytes())?;
         orders.instance.prepare()?;
         let lock = orders.instance.lock(role)?;
         let wire = Wire::open(&orders.instance)?;

@@ -2,7 +2,8 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::messages::{Mode, RotorSpeeds, Setpoint, State, Wrench};
+use crate::messages::{Mode, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use crate::parameters::{PARAMETERS, Parameter};
 use crate::role::Role;
 
 /// A content that travels on a topic of its own.
@@ -13,6 +14,8 @@ pub trait Topic: ZeroCopySend + Copy + std::fmt::Debug + Default + 'static {
     const SENDER: Role;
     /// Processes that subscribe to it at the most: the loop's, and the recorder.
     const SUBSCRIBERS: usize;
+    /// Whether several messages may be made for one tick.
+    const MANY_PER_TICK: bool = false;
 
     /// Calls `look` on every number.
     fn numbers(&self, look: impl FnMut(&[f64]));
@@ -140,5 +143,22 @@ impl Topic for RotorSpeeds {
             && within(&self.torque_b_nm, bound::TORQUE_NM)
             && self.saturated <= 1
             && Mode::from_wire(self.mode).is_some()
+    }
+}
+
+impl Topic for SwapRecord {
+    const NAME: &'static str = "swaps";
+    const SENDER: Role = Role::Plant;
+    const SUBSCRIBERS: usize = 1;
+    const MANY_PER_TICK: bool = true;
+
+    fn numbers(&self, mut look: impl FnMut(&[f64])) {
+        look(&self.old);
+        look(&self.new);
+    }
+
+    fn plausible(&self) -> bool {
+        self.count <= PARAMETERS as u64
+            && self.parameter.iter().take(self.count as usize).all(|index| Parameter::from_index(*index).is_some())
     }
 }

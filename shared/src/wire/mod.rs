@@ -24,6 +24,7 @@ pub use swaps::{SwapAnswer, SwapCall, SwapClient, SwapOrder, SwapServer, Verdict
 
 use crate::error::Error;
 use crate::instance::Instance;
+use crate::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 
 /// Samples that the loops keep of a topic: the newest.
 pub const LATEST: usize = 1;
@@ -63,6 +64,17 @@ impl Wire {
     #[must_use]
     pub const fn instance(&self) -> &Instance {
         &self.instance
+    }
+
+    /// Shared memory that an instance takes [bytes]: the topics, with as much again for everything else.
+    #[must_use]
+    pub fn needed_bytes() -> u64 {
+        let topics = Self::topic_bytes::<State>()
+            + Self::topic_bytes::<Setpoint>()
+            + Self::topic_bytes::<Wrench>()
+            + Self::topic_bytes::<RotorSpeeds>()
+            + Self::topic_bytes::<SwapRecord>();
+        2 * topics
     }
 
     fn service_name(&self, name: &str) -> Result<ServiceName, Error> {

@@ -72,9 +72,8 @@ impl Wire {
         })
     }
 
-    /// Shared memory that the topics of an instance take [bytes], for the check before a flight.
-    #[must_use]
-    pub fn topic_bytes<C: Topic>() -> u64 {
+    /// Shared memory that the slots of a topic take [bytes].
+    pub(super) fn topic_bytes<C: Topic>() -> u64 {
         // One slot per buffered and borrowed sample of every subscriber, one loaned, one in the hand of the sender.
         let slots = C::SUBSCRIBERS * (DEEP + 1) + 2;
         (slots * (size_of::<Message<C>>() + 64)) as u64

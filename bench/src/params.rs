@@ -1,0 +1,83 @@
+//! `ironbird params`: every parameter of the airframe, with the value in force where an instance flies.
+
+use serde::Serialize;
+use shared::boards::{IN_FORCE, InForce};
+use shared::instance::Instance;
+use shared::parameters::SPECS;
+
+use crate::cli::ParamsArgs;
+use crate::failure::{Failure, OK};
+use crate::inject::flying;
+
+#[derive(Serialize)]
+struct Row {
+    name: &'static str,
+    unit: &'static str,
+    min: f64,
+    max: f64,
+    nominal: f64,
+    in_force: Option<f64>,
+    equation: &'static str,
+    meaning: &'static str,
+}
+
+/// Prints the table.
+///
+/// # Errors
+/// Usage.
+pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
+    let instance = Instance::new(&args.instance)?;
+    let in_force = match flying(&instance) {
+        Ok((wire, _)) => wire.board_reader::<InForce>(IN_FORCE)?.map(|board| board.get()),
+        Err(_) => None,
+    };
+    let rows: Vec<Row> = SPECS
+        .iter()
+        .map(|spec| Row {
+            name: spec.name,
+            unit: spec.unit,
+            min: spec.min,
+            max: spec.max,
+            nominal: spec.nominal,
+            in_force: in_force.map(|values| values.value[spec.parameter as usize]),
+            equation: spec.equation,
+            meaning: spec.meaning,
+        })
+        .collect();
+    if args.json {
+        let text = serde_json::to_string_pretty(&rows).map_err(|e| Failure::failed(e.to_string()))?;
+        println!("{text}");
+        return Ok(OK);
+    }
+    println!(
+        "{:<24} {:<9} {:>10} {:>8} {:>10} {:>10}  {:<8} meaning",
+        "name", "unit", "min", "max", "nominal", "in force", "equation"
+    );
+    for row in &rows {
+        println!(
+            "{:<24} {:<9} {:>10} {:>8} {:>10} {:>10}  {:<8} {}",
+            row.name,
+            row.unit,
+            number(row.min),
+            number(row.max),
+            number(row.nominal),
+            row.in_force.map_or_else(|| "-".into(), number),
+            row.equation,
+            row.meaning
+        );
+    }
+    match in_force {
+        Some(values) => println!(
+            "in force at instance `{}` since tick {}, parameter epoch {}",
+            instance.name(),
+            values.tick,
+            values.parameter_epoch
+        ),
+        None => println!("instance `{}` does not fly: no values in force", instance.name()),
+    }
+    Ok(OK)
+}
+
+fn number(value: f64) -> String {
+    if value != 0.0 && value.abs() < 1e-3 { format!("{value:e}") } else { format!("{value}") }
+}

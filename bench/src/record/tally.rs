@@ -1,0 +1,252 @@
+//! What the recorder counts: every message once, from its stamps and content.
+
+use shared::boards;
+use shared::clock::Grid;
+use shared::envelope::Message;
+use shared::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use shared::role::Role;
+use shared::topic::Topic;
+
+use super::deadlines::{Deadlines, MissRuns, Verdict};
+use super::report::{self, Change, Estimate};
+use super::series::{Series, SeriesSet};
+use crate::failure::Failure;
+
+/// Everything that is counted over a flight.
+#[derive(Debug)]
+pub struct Tally {
+    grid: Grid,
+    period_s: f64,
+    /// Latencies.
+    pub series: SeriesSet,
+    /// Runs of misses.
+    pub miss_runs: MissRuns,
+    deadlines: Deadlines,
+    /// Misses by the stamps.
+    pub late_commands: u64,
+    /// States seen.
+    pub states: u64,
+    last_wake: [Option<(u64, u64)>; 4],
+    sequences: [Sequence; 5],
+    flight: FlightTally,
+    /// Swaps seen.
+    pub swaps: Vec<report::Swap>,
+    newest: Option<(u64, u64)>,
+}
+
+/// Follows the sequence numbers of a topic.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sequence {
+    last: Option<(u64, u64)>,
+    lost: u64,
+}
+
+impl Sequence {
+    fn follow(&mut self, epoch: u64, seq: u64) {
+        let expected = match self.last {
+            Some((last_epoch, last_seq)) if last_epoch == epoch => last_seq + 1,
+            _ => 0,
+        };
+        self.lost += seq.saturating_sub(expected);
+        self.last = Some((epoch, seq));
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct FlightTally {
+    position_w_m: [f64; 3],
+    truth: [f64; 3],
+    error_squared_sum: f64,
+    error_max: f64,
+    error_last: f64,
+    errors: u64,
+    estimate: [f64; 3],
+    rate_error: f64,
+    saturated: u64,
+}
+
+/// Topics in the order of the sequence counters.
+pub const TOPICS: [&str; 5] = [State::NAME, Setpoint::NAME, Wrench::NAME, RotorSpeeds::NAME, SwapRecord::NAME];
+
+impl Tally {
+    /// Counts a run from its tick 0 on.
+    ///
+    /// # Errors
+    /// Those of [`SeriesSet::new`].
+    pub fn new(grid: Grid, period_s: f64) -> Result<Self, Failure> {
+        Ok(Self {
+            grid,
+            period_s,
+            series: SeriesSet::new()?,
+            miss_runs: MissRuns::default(),
+            deadlines: Deadlines::new(grid),
+            late_commands: 0,
+            states: 0,
+            last_wake: [None; 4],
+            sequences: [Sequence::default(); 5],
+            flight: FlightTally::default(),
+            swaps: Vec::new(),
+            newest: None,
+        })
+    }
+
+    fn follow<C: Topic>(&mut self, topic: usize, message: &Message<C>) {
+        self.sequences[topic].follow(message.envelope.epoch, message.envelope.seq);
+    }
+
+    /// Waking of a stage for a tick: ticks that it left out enter with their whole lateness.
+    fn wake(&mut self, role: Role, tick: u64, wake_ns: u64) {
+        let last = self.last_wake[role as usize].replace((tick, wake_ns));
+        let first_owed = last.map_or(0, |(last_tick, _)| last_tick + 1);
+        for owed in first_owed..=tick {
+            self.series.record(Series::Wake(role), wake_ns.saturating_sub(self.grid.begin_of(owed)));
+        }
+        if let Some((_, last_wake_ns)) = last {
+            self.series.record(Series::Period(role), wake_ns.saturating_sub(last_wake_ns));
+        }
+    }
+
+    /// A stage's stamps in a message of its own.
+    fn stage<C: Topic>(&mut self, message: &Message<C>) {
+        let (role, envelope) = (C::SENDER, &message.envelope);
+        let stamps = envelope.stamps_of(role);
+        self.wake(role, envelope.tick, stamps.receive_ns);
+        self.series.record(Series::Compute(role), stamps.send_ns.saturating_sub(stamps.receive_ns));
+        if envelope.previous_busy_ns > 0 {
+            self.series.record(Series::Busy(role), envelope.previous_busy_ns);
+        }
+    }
+
+    /// The hop into a stage, where its driving input was of this tick.
+    fn hop<C: Topic>(&mut self, from: Role, input_tick: u64, message: &Message<C>) {
+        let envelope = &message.envelope;
+        if input_tick == envelope.tick {
+            let sent_ns = envelope.stamps_of(from).send_ns;
+            let received_ns = envelope.stamps_of(C::SENDER).receive_ns;
+            self.series.record(Series::Hop(from, C::SENDER), received_ns.saturating_sub(sent_ns));
+        }
+    }
+
+    /// Takes a state.
+    pub fn state(&mut self, message: &Message<State>) {
+        self.follow(0, message);
+        self.stage(message);
+        self.states += 1;
+        self.newest = Some((message.envelope.tick, message.envelope.sample_ns));
+        let state = &message.content;
+        self.miss_runs.update(state.deadlines_missed, state.deadline_miss_run);
+        self.flight.position_w_m = state.position_w_m;
+        let truth = &state.truth;
+        self.flight.truth = [truth.rotor_inertia_kg_m2, truth.rotational_drag_nm_s, truth.disturbance_gain_rad_s2];
+    }
+
+    /// Takes a set-point.
+    pub fn setpoint(&mut self, message: &Message<Setpoint>) {
+        self.follow(1, message);
+        self.stage(message);
+        self.hop(Role::Plant, message.envelope.input_tick[0], message);
+    }
+
+    /// Takes a wrench.
+    pub fn wrench(&mut self, message: &Message<Wrench>) {
+        self.follow(2, message);
+        self.stage(message);
+        self.hop(Role::Outer, message.envelope.input_tick[1], message);
+        self.flight.estimate = message.content.estimate;
+        self.flight.rate_error = message.content.rate_error_b_rad_s.iter().map(|e| e * e).sum::<f64>().sqrt();
+    }
+
+    /// Takes a rotor command; the last one of a run, idle, answers no state and has no deadline.
+    pub fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>, last_tick: u64) {
+        self.follow(3, message);
+        let envelope = &message.envelope;
+        if envelope.tick > last_tick || envelope.stamps_of(Role::Mixer).receive_ns == 0 {
+            return;
+        }
+        self.stage(message);
+        self.hop(Role::Inner, envelope.input_tick[2], message);
+        let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
+        if envelope.sample_ns > 0 {
+            self.series.record(Series::Loop, sent_ns.saturating_sub(envelope.sample_ns));
+        }
+        let (series, late_commands) = (&mut self.series, &mut self.late_commands);
+        self.deadlines.published(envelope.tick, sent_ns, |verdict| match verdict {
+            Verdict::Slack(ns) => series.record(Series::Slack, ns),
+            Verdict::Late(ns) => {
+                *late_commands += 1;
+                series.record(Series::Late, ns);
+            }
+        });
+        self.flight.saturated += message.content.saturated;
+    }
+
+    /// Takes the position error of a tick [m].
+    pub fn position_error(&mut self, error_m: f64) {
+        let flight = &mut self.flight;
+        flight.error_squared_sum += error_m * error_m;
+        flight.error_max = flight.error_max.max(error_m);
+        flight.error_last = error_m;
+        flight.errors += 1;
+    }
+
+    /// Takes a swap.
+    pub fn swap(&mut self, message: &Message<SwapRecord>) {
+        self.follow(4, message);
+        let tick = message.envelope.tick;
+        self.swaps.push(report::Swap {
+            tick,
+            time_s: tick as f64 * self.period_s,
+            parameter_epoch: message.content.parameter_epoch,
+            changes: message
+                .content
+                .changes()
+                .map(|(parameter, old, new)| Change { name: parameter.name().into(), old, new })
+                .collect(),
+        });
+    }
+
+    /// Messages that were overwritten before they were read, by topic.
+    #[must_use]
+    pub fn lost(&self) -> [u64; 5] {
+        self.sequences.map(|sequence| sequence.lost)
+    }
+
+    /// Ticks, with the identity that they must satisfy: the sum is counted from messages, the time is the clock's.
+    #[must_use]
+    pub fn ticks(&self, run: &boards::Run) -> report::Ticks {
+        let end_ns = self.newest.map_or(self.grid.t0_ns, |(_, sample_ns)| sample_ns);
+        let elapsed_periods = if self.newest.is_some() { self.grid.tick_at(end_ns) + 1 } else { 0 };
+        let published = self.states + self.lost()[0];
+        let skipped = run.ticks_skipped;
+        // Ticks skipped after the last one that was published lie behind the last stamp.
+        let skipped_at_the_end = self.newest.map_or(0, |(tick, _)| {
+            let flown = if run.ending() == boards::Ending::Completed { run.last_tick } else { tick };
+            flown.saturating_sub(tick)
+        });
+        let total = elapsed_periods + skipped_at_the_end;
+        report::Ticks {
+            run: published,
+            skipped,
+            elapsed_s: (total * self.grid.period_ns) as f64 / 1e9,
+            elapsed_periods: total,
+            identity_holds: published + skipped == total,
+        }
+    }
+
+    /// Control performance so far.
+    #[must_use]
+    pub fn flight(&self) -> report::Flight {
+        let flight = &self.flight;
+        let names = ["rotor_inertia_kg_m2", "rotational_drag_nm_s", "disturbance_gain_rad_s2"];
+        report::Flight {
+            position_error_rms_m: (flight.error_squared_sum / flight.errors.max(1) as f64).sqrt(),
+            position_error_max_m: flight.error_max,
+            position_error_final_m: flight.error_last,
+            rate_error_final_rad_s: flight.rate_error,
+            saturated_ticks: flight.saturated,
+            estimates: (0..3)
+                .map(|i| Estimate { name: names[i].into(), estimated: flight.estimate[i], actual: flight.truth[i] })
+                .collect(),
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! `ironbird plant | outer | inner | mixer | record`: one role in this process.
+
+use std::io::IsTerminal as _;
+use std::path::PathBuf;
+
+use shared::flight_plan::FlightPlan;
+use shared::instance::Instance;
+use shared::role::Role;
+use shared::station::{Orders, Station};
+
+use crate::cli::{RecordArgs, RoleArgs};
+use crate::failure::{Failure, OK};
+use crate::record::process::{self, Files};
+use crate::record::text;
+use crate::run_directory::RunDirectory;
+use crate::settings::Settings;
+
+/// Plays a role of the loop until the run is over.
+///
+/// # Errors
+/// Usage, and everything that can go wrong on the way (docs/architecture.md, "Exit codes").
+pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
+    let mut overrides = args.flight.overrides();
+    overrides.extend(args.rt.overrides());
+    let settings = Settings::resolve(args.flight.config.as_deref(), &overrides)?;
+    let station = take_station(role, args, &settings)?;
+    match role {
+        Role::Plant => {
+            let plan = FlightPlan { last_tick: settings.last_tick(), wall_period_ns: settings.wall_period_ns() };
+            plant::process::run(station, &settings.plant()?, plan, &settings.faults()?)?;
+        }
+        Role::Outer => {
+            controller::process::outer::run(station, &settings.controller()?, settings.flight.position_error_max_m)?;
+        }
+        Role::Inner => controller::process::inner::run(station, &settings.controller()?)?,
+        Role::Mixer => mixer::process::run(station, &settings.mixer()?)?,
+        Role::Record => return Err(Failure::usage("the recorder has a command of its own: `ironbird record`")),
+    }
+    Ok(OK)
+}
+
+/// Records until the run is over; by hand, prints the report.
+///
+/// # Errors
+/// As [`play`], and files that cannot be written.
+pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
+    let mut overrides = args.role.flight.overrides();
+    overrides.extend(args.role.rt.overrides());
+    overrides.extend(args.recorder.overrides());
+    let settings = Settings::resolve(args.role.flight.config.as_deref(), &overrides)?;
+    let station = take_station(Role::Record, &args.role, &settings)?;
+    let directory = match &args.run_dir {
+        Some(directory) => directory.clone(),
+        None => RunDirectory::create(&PathBuf::from(&settings.recorder.out), &settings, &args.role.rt.instance)?.path,
+    };
+    let files = Files { directory: directory.clone(), states: args.recorder.states.clone() };
+    let report = process::run(station, &settings, &files)?;
+    if args.role.launcher.is_none() {
+        print!("{}", text::render(&report));
+        println!("{}", text::result_line(&report, &directory.display().to_string()));
+    }
+    Ok(report.verdict.exit_code)
+}
+
+fn take_station(role: Role, args: &RoleArgs, settings: &Settings) -> Result<Station, Failure> {
+    say_on_stderr();
+    let orders = Orders {
+        instance: Instance::new(&args.rt.instance)?,
+        rt: settings.realtime()?,
+        settings: settings.shared_text()?,
+        launcher: args.launcher,
+    };
+    Ok(Station::take(role, orders)?)
+}
+
+/// What a process says while it waits goes to standard error; a loop that flies says nothing.
+fn say_on_stderr() {
+    tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .without_time()
+        .init();
+}

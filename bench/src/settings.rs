@@ -1,0 +1,472 @@
+//! Settings: defaults, then the preset's gains, then the file, then the flags; checked before anything starts.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use controller::{Gains, Limits, Preset, Trajectory};
+use plant::Swap;
+use serde::{Deserialize, Serialize};
+use shared::limits::RotorLimits;
+use shared::parameters::{Airframe, Parameter};
+use shared::rt;
+use toml::{Table, Value};
+
+use crate::failure::Failure;
+use crate::fault::Fault;
+
+/// The commented default, which is also where the defaults come from.
+pub const DEFAULT: &str = include_str!("default.toml");
+
+/// Sections that all roles of a run must share.
+const SHARED_SECTIONS: [&str; 6] = ["flight", "plant", "model", "gains", "limits", "rotor"];
+
+/// Everything that can be set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// What to fly.
+    pub flight: Flight,
+    /// The true airframe at tick 0, by parameter name.
+    pub plant: BTreeMap<String, f64>,
+    /// The airframe as the controller believes it to be, by parameter name.
+    pub model: BTreeMap<String, f64>,
+    /// Gains of both loops.
+    pub gains: Gains,
+    /// Limits of the outer loop.
+    pub limits: Limits,
+    /// Limits of the rotors.
+    pub rotor: RotorLimits,
+    /// Real time.
+    pub rt: Rt,
+    /// What is recorded, and which gates the flight must pass.
+    pub recorder: Recorder,
+}
+
+/// What to fly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Flight {
+    /// Reference trajectory.
+    pub trajectory: Trajectory,
+    /// Set of gains.
+    pub preset: Preset,
+    /// Length of the flight [s].
+    pub duration_s: f64,
+    /// Sample time of the laws [s].
+    pub period_s: f64,
+    /// Periods on the clock per tick.
+    pub slowdown: u64,
+    /// Seed of the gyro noise.
+    pub seed: u64,
+    /// Swaps known before the flight.
+    pub faults: Vec<String>,
+    /// Position error beyond which the flight has left its envelope [m].
+    pub position_error_max_m: f64,
+}
+
+/// Real time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rt {
+    /// How much the user insists.
+    pub mode: rt::Mode,
+    /// SCHED_FIFO priority of the plant.
+    pub priority: i32,
+    /// Processor of the loops: a number, or "auto".
+    pub cpu: Value,
+}
+
+/// What is recorded, and which gates the flight must pass.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recorder {
+    /// Directory in which each flight gets one of its own.
+    pub out: String,
+    /// A row of states.csv every so many ticks.
+    pub states_every_ticks: u64,
+    /// Deadlines missed per million ticks that are allowed; negative is any number.
+    pub max_miss_rate_ppm: f64,
+    /// 99.9th percentile of the loop that is allowed [us]; negative is any.
+    pub max_loop_p999_us: f64,
+}
+
+/// What is set on the command line, as keys of the settings.
+pub type Overrides = Vec<(&'static str, Value)>;
+
+impl Settings {
+    /// The settings that result from a file and flags.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the key, the value, what is allowed, and where it came from.
+    pub fn resolve(file: Option<&Path>, overrides: &Overrides) -> Result<Self, Failure> {
+        let (table, origin) = layered(file, overrides)?;
+        let settings: Self = table.try_into().map_err(|e: toml::de::Error| {
+            Failure::usage(format!("settings: {}", e.message())).help("see `ironbird fly --print-config`")
+        })?;
+        settings.check().map_err(|failure| match origin {
+            Some(path) => Failure::usage(format!("{failure} (settings file {})", path.display())),
+            None => failure,
+        })?;
+        Ok(settings)
+    }
+
+    /// The full commented settings, with these values.
+    ///
+    /// # Errors
+    /// [`Failure`] where the default text is broken, which a test rules out.
+    pub fn commented(&self) -> Result<String, Failure> {
+        let broken = |e: String| Failure::failed(format!("the commented default is broken: {e}"));
+        let mut document: toml_edit::DocumentMut = DEFAULT.parse().map_err(|e| broken(format!("{e}")))?;
+        let table = Table::try_from(self).map_err(|e| broken(e.to_string()))?;
+        for (section, keys) in &table {
+            for (key, value) in keys.as_table().into_iter().flatten() {
+                let text = value.to_string();
+                let value: toml_edit::Value = text.parse().map_err(|e| broken(format!("{section}.{key}: {e}")))?;
+                let Some(item) = document[section].get_mut(key).and_then(toml_edit::Item::as_value_mut) else {
+                    return Err(broken(format!("{section}.{key} is not in it")));
+                };
+                // Where nothing was changed the text keeps the way it is written (2e-4, not 0.0002).
+                if !same(item, &value) {
+                    let decor = item.decor().clone();
+                    *item = value;
+                    *item.decor_mut() = decor;
+                }
+            }
+        }
+        Ok(document.to_string())
+    }
+
+    /// What all roles of a run must share: one `section.key = value` a line.
+    ///
+    /// # Errors
+    /// [`Failure`] where a value cannot be written, which checked settings rule out.
+    pub fn shared_text(&self) -> Result<String, Failure> {
+        let table = Table::try_from(self).map_err(|e| Failure::failed(e.to_string()))?;
+        let mut text = String::new();
+        for section in SHARED_SECTIONS {
+            for (key, value) in table[section].as_table().into_iter().flatten() {
+                text.push_str(&format!("{section}.{key} = {value}\n"));
+            }
+        }
+        Ok(text)
+    }
+
+    /// The true airframe at tick 0.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the parameter.
+    pub fn airframe(&self) -> Result<Airframe, Failure> {
+        airframe("plant", &self.plant)
+    }
+
+    /// Settings of the plant.
+    ///
+    /// # Errors
+    /// As [`Self::airframe`].
+    pub fn plant(&self) -> Result<plant::Settings, Failure> {
+        Ok(plant::Settings {
+            period_s: self.flight.period_s,
+            airframe: self.airframe()?,
+            rotor: self.rotor,
+            seed: self.flight.seed,
+        })
+    }
+
+    /// Settings of the two loops.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the parameter of the model.
+    pub fn controller(&self) -> Result<controller::Settings, Failure> {
+        Ok(controller::Settings {
+            period_s: self.flight.period_s,
+            trajectory: self.flight.trajectory,
+            gains: self.gains,
+            limits: self.limits,
+            rotor: self.rotor,
+            model: airframe("model", &self.model)?,
+        })
+    }
+
+    /// Settings of the mixer.
+    ///
+    /// # Errors
+    /// As [`Self::controller`].
+    pub fn mixer(&self) -> Result<mixer::Settings, Failure> {
+        Ok(mixer::Settings {
+            period_s: self.flight.period_s,
+            model: airframe("model", &self.model)?,
+            rotor: self.rotor,
+        })
+    }
+
+    /// What to ask the system for.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] where `rt.cpu` is neither a processor nor "auto".
+    pub fn realtime(&self) -> Result<rt::Settings, Failure> {
+        let cpu = match &self.rt.cpu {
+            Value::String(auto) if auto == "auto" => None,
+            Value::Integer(cpu) if (0..1024).contains(cpu) => usize::try_from(*cpu).ok(),
+            other => {
+                return Err(Failure::usage(format!("rt.cpu = {other}: allowed are a processor's number and \"auto\"")));
+            }
+        };
+        Ok(rt::Settings { mode: self.rt.mode, priority: self.rt.priority, cpu })
+    }
+
+    /// Swaps known before the flight.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] quotes the fault and says what is wrong with it.
+    pub fn faults(&self) -> Result<Vec<Swap>, Failure> {
+        self.flight
+            .faults
+            .iter()
+            .map(|text| text.parse::<Fault>()?.swap(self.flight.period_s))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|e| Failure::usage(format!("fault: {e}")).help("`ironbird params` lists names, units and ranges"))
+    }
+
+    /// Last tick of the flight.
+    #[must_use]
+    pub fn last_tick(&self) -> u64 {
+        (self.flight.duration_s / self.flight.period_s).round() as u64
+    }
+
+    /// Length of a tick on the clock [ns].
+    #[must_use]
+    pub fn wall_period_ns(&self) -> u64 {
+        (self.flight.period_s * 1e9).round() as u64 * self.flight.slowdown
+    }
+
+    fn check(&self) -> Result<(), Failure> {
+        let flight = &self.flight;
+        within("flight.duration_s", flight.duration_s, flight.period_s, 86_400.0)?;
+        within("flight.slowdown", flight.slowdown as f64, 1.0, 1000.0)?;
+        within("flight.position_error_max_m", flight.position_error_max_m, 0.01, 1e4)?;
+        within("rt.priority", f64::from(self.rt.priority), 1.0, 95.0)?;
+        within("recorder.states_every_ticks", self.recorder.states_every_ticks as f64, 1.0, 1e9)?;
+        let refused = |e: controller::SettingsError| {
+            Failure::usage(format!("settings: {e}")).help("see `ironbird fly --print-config`")
+        };
+        self.controller()?.check().map_err(refused)?;
+        let faults = self.faults()?;
+        if faults.len() > plant::swap::PENDING_SWAPS {
+            return Err(Failure::usage(format!(
+                "flight.faults has {} entries: allowed are {}",
+                faults.len(),
+                plant::swap::PENDING_SWAPS
+            )));
+        }
+        if let Some(late) = faults.iter().find(|fault| fault.tick > self.last_tick()) {
+            return Err(Failure::usage(format!(
+                "a fault at tick {} never strikes: the flight ends at tick {}",
+                late.tick,
+                self.last_tick()
+            ))
+            .help("fly longer (--duration), or strike earlier"));
+        }
+        self.plant()?;
+        self.realtime()?;
+        Ok(())
+    }
+}
+
+fn airframe(section: &str, values: &BTreeMap<String, f64>) -> Result<Airframe, Failure> {
+    let mut airframe = Airframe::nominal();
+    for (name, value) in values {
+        Parameter::from_name(name)
+            .and_then(|parameter| airframe.set(parameter, *value))
+            .map_err(|e| Failure::usage(format!("{section}.{e}")).help("see `ironbird params`"))?;
+    }
+    Ok(airframe)
+}
+
+fn within(key: &str, value: f64, min: f64, max: f64) -> Result<(), Failure> {
+    if (min..=max).contains(&value) {
+        Ok(())
+    } else {
+        Err(Failure::usage(format!("{key} = {value} is out of range: allowed are {min} to {max}")))
+    }
+}
+
+/// The settings as a table, and the file that had a part in them.
+fn layered<'a>(file: Option<&'a Path>, overrides: &Overrides) -> Result<(Table, Option<&'a Path>), Failure> {
+    let mut table: Table = DEFAULT.parse().map_err(|e| Failure::failed(format!("the default is broken: {e}")))?;
+    let given = file.map(|path| read(path, &table)).transpose()?.unwrap_or_default();
+    let flag = |key: &str| overrides.iter().find(|(k, _)| *k == key).map(|(_, value)| value);
+    let preset = flag("flight.preset").or_else(|| given.get("flight")?.get("preset")).and_then(Value::as_str);
+    if let Some(preset) = preset {
+        let preset: Preset = preset.parse().map_err(|e| Failure::usage(format!("flight.preset: {e}")))?;
+        let gains = Table::try_from(Gains::preset(preset)).map_err(|e| Failure::failed(e.to_string()))?;
+        table.insert("gains".into(), Value::Table(gains));
+    }
+    for (section, keys) in given {
+        if let (Some(Value::Table(into)), Value::Table(keys)) = (table.get_mut(&section), keys) {
+            into.extend(keys);
+        }
+    }
+    for (key, value) in overrides {
+        if let Some((section, key)) = key.split_once('.')
+            && let Some(Value::Table(into)) = table.get_mut(section)
+        {
+            into.insert(key.into(), value.clone());
+        }
+    }
+    Ok((table, file))
+}
+
+/// Reads a settings file: every key must be known, and of the type that the default has.
+fn read(path: &Path, default: &Table) -> Result<Table, Failure> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Failure::usage(format!("cannot read the settings file {}: {e}", path.display())))?;
+    let here = |what: String| {
+        Failure::usage(format!("settings file {}: {what}", path.display())).help("see `ironbird fly --print-config`")
+    };
+    let mut given: Table = text.parse().map_err(|e: toml::de::Error| here(e.to_string()))?;
+    for (section, keys) in &mut given {
+        let known = default.get(section).and_then(Value::as_table);
+        let Some(known) = known else {
+            return Err(here(format!("unknown section [{section}]{}", nearest(section, default.keys()))));
+        };
+        let Some(keys) = keys.as_table_mut() else {
+            return Err(here(format!("`{section}` must be a section: [{section}]")));
+        };
+        for (key, value) in keys {
+            let Some(expected) = known.get(key) else {
+                return Err(here(format!("unknown key `{section}.{key}`{}", nearest(key, known.keys()))));
+            };
+            *value = coerce(value, expected).ok_or_else(|| {
+                here(format!("{section}.{key} = {value}: expected {}, as in {expected}", kind(expected)))
+            })?;
+        }
+    }
+    Ok(given)
+}
+
+/// The value as the type that is expected: whole numbers also stand for fractional ones.
+fn coerce(value: &Value, expected: &Value) -> Option<Value> {
+    match (value, expected) {
+        (Value::Integer(i), Value::Float(_)) => Some(Value::Float(*i as f64)),
+        // "auto", or a processor's number.
+        (Value::Integer(_), Value::String(auto)) if auto == "auto" => Some(value.clone()),
+        (Value::Array(values), Value::Array(expected)) => match expected.first() {
+            Some(first) if values.len() == expected.len() => {
+                values.iter().map(|value| coerce(value, first)).collect::<Option<Vec<_>>>().map(Value::Array)
+            }
+            Some(_) => None,
+            None => values.iter().all(Value::is_str).then(|| value.clone()),
+        },
+        _ => value.same_type(expected).then(|| value.clone()),
+    }
+}
+
+fn kind(expected: &Value) -> String {
+    match expected {
+        Value::Array(values) if values.is_empty() => "a list of strings".into(),
+        Value::Array(values) => format!("a list of {} numbers", values.len()),
+        Value::Float(_) => "a number".into(),
+        Value::Integer(_) => "a whole number".into(),
+        Value::String(_) => "a string".into(),
+        other => other.type_str().into(),
+    }
+}
+
+fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a String>) -> String {
+    known
+        .max_by(|a, b| strsim::jaro_winkler(a, name).total_cmp(&strsim::jaro_winkler(b, name)))
+        .map_or_else(String::new, |nearest| format!("; did you mean `{nearest}`?"))
+}
+
+fn same(a: &toml_edit::Value, b: &toml_edit::Value) -> bool {
+    let number = |v: &toml_edit::Value| v.as_float().or_else(|| v.as_integer().map(|i| i as f64));
+    match (a, b) {
+        (toml_edit::Value::Array(a), toml_edit::Value::Array(b)) => {
+            a.len() == b.len() && a.iter().zip(b.iter()).all(|(a, b)| same(a, b))
+        }
+        _ => match (number(a), number(b)) {
+            (Some(a), Some(b)) => a == b,
+            _ => a.as_str() == b.as_str() && a.as_bool() == b.as_bool(),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write as _;
+
+    use super::*;
+
+    fn from_file(text: &str) -> Result<Settings, Failure> {
+        let mut file = tempfile::NamedTempFile::new().unwrap();
+        file.write_all(text.as_bytes()).unwrap();
+        Settings::resolve(Some(file.path()), &Vec::new())
+    }
+
+    #[test]
+    fn the_default_is_the_laws_default() {
+        let settings = Settings::resolve(None, &Vec::new()).unwrap();
+        assert_eq!(settings.gains, Gains::default());
+        assert_eq!(settings.limits, Limits::default());
+        assert_eq!(settings.rotor, RotorLimits::default());
+        assert_eq!(settings.airframe().unwrap(), Airframe::nominal());
+        assert_eq!(settings.controller().unwrap().model, Airframe::nominal());
+        assert_eq!((settings.last_tick(), settings.wall_period_ns()), (30_000, 1_000_000));
+    }
+
+    #[test]
+    fn the_printed_settings_are_read_back_as_they_are() {
+        let overrides = vec![("flight.preset", Value::from("paper")), ("rt.cpu", Value::from(0))];
+        let settings = Settings::resolve(None, &overrides).unwrap();
+        let text = settings.commented().unwrap();
+        assert!(text.contains("# K_eta"), "comments stay");
+        assert_eq!(from_file(&text).unwrap(), settings);
+        assert_eq!(Settings::resolve(None, &Vec::new()).unwrap().commented().unwrap(), DEFAULT);
+    }
+
+    #[test]
+    fn flags_go_before_the_file_and_the_file_before_the_preset() {
+        let settings = from_file("[flight]\npreset = \"soft\"\n[gains]\nalpha_1_s = 50\n").unwrap();
+        assert_eq!(settings.gains, Gains { alpha_1_s: 50.0, ..Gains::preset(Preset::Soft) });
+        let mut file = tempfile::NamedTempFile::new().unwrap();
+        file.write_all(b"[flight]\nduration_s = 5\n").unwrap();
+        let overrides = vec![("flight.duration_s", Value::from(7.0))];
+        assert_eq!(Settings::resolve(Some(file.path()), &overrides).unwrap().flight.duration_s, 7.0);
+    }
+
+    #[test]
+    fn every_mistake_names_key_value_and_what_is_allowed() {
+        for (text, said) in [
+            ("[flihgt]\n", "unknown section [flihgt]; did you mean `flight`?"),
+            ("[gains]\nalpha = 3\n", "unknown key `gains.alpha`; did you mean `alpha_1_s`?"),
+            ("[gains]\nalpha_1_s = \"big\"\n", "gains.alpha_1_s = \"big\": expected a number, as in 200.0"),
+            ("[gains]\nadaptation = [1, 2]\n", "expected a list of 3 numbers"),
+            ("flight = 3\n", "`flight` must be a section"),
+            ("[flight]\ntrajectory = \"loop\"\n", "unknown variant `loop`"),
+            ("[flight]\npreset = \"race\"\n", "unknown preset `race`"),
+            ("[flight]\nduration_s = -1\n", "flight.duration_s = -1 is out of range"),
+            ("[flight]\nduration_s = nan\n", "flight.duration_s = NaN is out of range"),
+            ("[plant]\nmass_kg = 50\n", "plant.mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg"),
+            ("[gains]\nalpha_1_s = 2000\n", "gains.alpha_1_s = 2000 cannot fly"),
+            ("[rt]\ncpu = \"fast\"\n", "rt.cpu = \"fast\""),
+            ("[rt]\ncpu = -2\n", "rt.cpu = -2"),
+            ("[flight]\nfaults = [\"mas_kg=1@2s\"]\n", "did you mean `mass_kg`"),
+            ("[flight]\nfaults = [\"mass_kg=1@2h\"]\n", "never strikes: the flight ends at tick 30000"),
+            ("[flight\n", "TOML parse error at line 1"),
+        ] {
+            let failure = from_file(text).unwrap_err();
+            assert!(failure.to_string().contains(said), "{text}: {failure}");
+            assert_eq!(failure.code, crate::failure::USAGE, "{text}");
+        }
+        let missing = Settings::resolve(Some(Path::new("/nowhere.toml")), &Vec::new()).unwrap_err();
+        assert_eq!(missing.code, crate::failure::USAGE);
+        assert!(missing.to_string().contains("/nowhere.toml"));
+    }
+
+    #[test]
+    fn the_shared_text_has_no_settings_that_may_differ() {
+        let text = Settings::resolve(None, &Vec::new()).unwrap().shared_text().unwrap();
+        assert!(text.contains("gains.alpha_1_s = 200.0\n"), "{text}");
+        assert!(!text.contains("rt.") && !text.contains("recorder."));
+    }
+}

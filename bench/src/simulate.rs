@@ -1,0 +1,111 @@
+//! `ironbird simulate`: the same four tick functions in one process, in simulated time.
+
+use std::time::Instant;
+
+use controller::outer::position_error_m;
+use shared::messages::State;
+use toml::Value;
+
+use crate::cli::SimulateArgs;
+use crate::failure::{Failure, GATE, OK};
+use crate::in_process::InProcess;
+use crate::record::states::StatesWriter;
+use crate::settings::Settings;
+
+/// Simulates a flight.
+///
+/// # Errors
+/// Usage; a file that cannot be written.
+pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
+    let mut overrides = args.flight.overrides();
+    if let Some(every) = args.every {
+        overrides.push(("recorder.states_every_ticks", Value::from(i64::from(every))));
+    }
+    let settings = Settings::resolve(args.flight.config.as_deref(), &overrides)?;
+    let mut states = match &args.states {
+        Some(path) => {
+            let every = settings.recorder.states_every_ticks;
+            Some(StatesWriter::create(path, settings.flight.period_s, every)?)
+        }
+        None => None,
+    };
+    let mut rig = InProcess::of(&settings)?;
+    let start = Instant::now();
+    let flown = fly(&mut rig, &settings, states.as_mut())?;
+    let wall_s = start.elapsed().as_secs_f64();
+    if let Some(states) = &mut states {
+        states.flush()?;
+    }
+    let flown_s = flown.ticks as f64 * settings.flight.period_s;
+    println!(
+        "{} with gains {}: {} ticks, {flown_s:.3} s simulated in {wall_s:.3} s ({:.0} times real time)",
+        settings.flight.trajectory,
+        settings.flight.preset,
+        flown.ticks,
+        flown_s / wall_s
+    );
+    println!("position error rms {:.4} m, largest {:.4} m", flown.error_rms_m, flown.error_max_m);
+    for (name, estimated, actual) in &flown.estimates {
+        println!("  {name:<24} estimated {estimated:>12.6e}  true {actual:>12.6e}");
+    }
+    if let Some(departure) = &flown.departure {
+        println!("left the envelope: {departure}");
+    }
+    println!(
+        "RESULT status={} ticks={} run=none",
+        if flown.departure.is_none() { "PASS" } else { "FAIL" },
+        flown.ticks
+    );
+    Ok(if flown.departure.is_none() { OK } else { GATE })
+}
+
+struct Flown {
+    ticks: u64,
+    error_rms_m: f64,
+    error_max_m: f64,
+    estimates: [(&'static str, f64, f64); 3],
+    departure: Option<String>,
+}
+
+fn fly(rig: &mut InProcess, settings: &Settings, mut states: Option<&mut StatesWriter>) -> Result<Flown, Failure> {
+    let mut squares = 0.0;
+    let mut flown = Flown {
+        ticks: 0,
+        error_rms_m: 0.0,
+        error_max_m: 0.0,
+        estimates: [
+            ("rotor_inertia_kg_m2", 0.0, 0.0),
+            ("rotational_drag_nm_s", 0.0, 0.0),
+            ("disturbance_gain_rad_s2", 0.0, 0.0),
+        ],
+        departure: None,
+    };
+    for tick in 0..=settings.last_tick() {
+        let record = rig.tick();
+        flown.ticks += 1;
+        if let Some(states) = &mut states {
+            states.write(&record)?;
+        }
+        if let Some(setpoint) = &record.setpoint {
+            let error_m = position_error_m(&record.state, setpoint);
+            squares += error_m * error_m;
+            flown.error_max_m = flown.error_max_m.max(error_m);
+            if error_m > settings.flight.position_error_max_m {
+                flown.departure = Some(format!("at tick {tick} the position error is {error_m:.2} m"));
+            }
+        }
+        if let Err(departure) = rig.plant().envelope() {
+            flown.departure = Some(departure.to_string());
+        }
+        let State { truth, .. } = record.state;
+        let actual = [truth.rotor_inertia_kg_m2, truth.rotational_drag_nm_s, truth.disturbance_gain_rad_s2];
+        for (i, estimate) in flown.estimates.iter_mut().enumerate() {
+            (estimate.1, estimate.2) = (record.wrench.estimate[i], actual[i]);
+        }
+        if flown.departure.is_some() {
+            break;
+        }
+    }
+    flown.error_rms_m = (squares / flown.ticks as f64).sqrt();
+    Ok(flown)
+}

@@ -1,0 +1,240 @@
+//! What docs/paper.md says of gains, delay, noise and lag, measured in flight.
+//!
+//! `cargo test --release -p bench --test paper_facts -- --nocapture` prints the figures that the page quotes.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use std::fmt;
+
+use controller::outer::position_error_m;
+use controller::rate_law::sampled_gain;
+use controller::settings::loop_gain_limit;
+use controller::{Gains, InnerLoop, OuterLoop, Preset, Trajectory};
+use mixer::Mixer;
+use plant::Plant;
+use shared::limits::RotorLimits;
+use shared::messages::{Dated, NO_TICK, Setpoint};
+use shared::parameters::{Airframe, Parameter};
+
+const PERIOD_S: f64 = 0.001;
+
+/// Gyro noise of the noisy flights [rad/s].
+const NOISE_RAD_S: f64 = 0.01;
+/// Lag of the slow motors [s].
+const LAG_S: f64 = 0.020;
+
+/// A flight of the nominal airframe, but for what is said here.
+#[derive(Clone, Copy)]
+struct Flight {
+    trajectory: Trajectory,
+    gains: Gains,
+    /// Ticks from a sample to the actuation of what was computed from it; the rig's chain has 1.
+    delay_ticks: u64,
+    gyro_noise_rad_s: f64,
+    motor_time_constant_s: f64,
+    seed: u64,
+    last_tick: u64,
+}
+
+/// What a flight showed.
+struct Flown {
+    /// Share of the ticks whose demand the rotors could not meet.
+    saturated: f64,
+    /// Root of the mean squared rate error over the second half [rad/s].
+    rate_error_rms_rad_s: f64,
+    /// Largest distance from the reference [m].
+    position_error_max_m: f64,
+    /// Last estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2].
+    estimate: [f64; 3],
+    /// V_th at the end, as a share of that at the start.
+    v_th_end: f64,
+    /// Largest rise of V_th in a tick, as a share of V_th at the start.
+    v_th_rise_max: f64,
+}
+
+impl fmt::Display for Flown {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { saturated, rate_error_rms_rad_s: e, position_error_max_m: position, .. } = self;
+        write!(f, "saturated {:5.1} %, e {e:.1e} rad/s rms, position error {position:.4} m", 100.0 * saturated)
+    }
+}
+
+impl Flight {
+    fn new(trajectory: Trajectory, preset: Preset) -> Self {
+        Self {
+            trajectory,
+            gains: Gains::preset(preset),
+            delay_ticks: 1,
+            gyro_noise_rad_s: 0.0,
+            motor_time_constant_s: 0.0,
+            seed: 1,
+            last_tick: 20_000,
+        }
+    }
+
+    /// Flies it: as `bench::in_process` does, with a delay of its own.
+    fn fly(&self) -> Flown {
+        let (mut airframe, rotor) = (Airframe::nominal(), RotorLimits::default());
+        let theta = [airframe.i_r(), airframe.k_r(), airframe.delta()];
+        airframe.set(Parameter::GyroNoise, self.gyro_noise_rad_s).unwrap();
+        airframe.set(Parameter::MotorTimeConstant, self.motor_time_constant_s).unwrap();
+        let settings =
+            controller::Settings { gains: self.gains, ..controller::Settings::new(self.trajectory, Preset::Flight) };
+        let mut plant = Plant::new(&plant::Settings { period_s: PERIOD_S, airframe, rotor, seed: self.seed });
+        let outer = OuterLoop::new(&settings);
+        let mut inner = InnerLoop::new(&settings);
+        let mixer = Mixer::new(&mixer::Settings { period_s: PERIOD_S, model: settings.model, rotor });
+        let mut setpoint = Dated { tick: NO_TICK, content: Setpoint::default() };
+
+        let v_th = |estimate: &[f64; 3]| -> f64 {
+            (0..3).map(|i| (estimate[i] - theta[i]).powi(2) / self.gains.adaptation[i] / 2.0).sum()
+        };
+        let v_th_start = v_th(&[0.0; 3]);
+        let mut v_th_before = v_th_start;
+        let (mut saturated, mut e_squared) = (0, 0.0);
+        let mut flown = Flown {
+            saturated: 0.0,
+            rate_error_rms_rad_s: 0.0,
+            position_error_max_m: 0.0,
+            estimate: [0.0; 3],
+            v_th_end: 1.0,
+            v_th_rise_max: 0.0,
+        };
+        for tick in 0..=self.last_tick {
+            // A copy of the plant shows the state before the tick is settled: a command without delay still counts.
+            let state = Dated { tick, content: plant.clone().begin(tick) };
+            setpoint = outer.tick(tick, &state).map_or(setpoint, |content| Dated { tick, content });
+            let wrench = inner.tick(tick, &state, &setpoint);
+            let content = mixer.tick(tick, &Dated { tick, content: wrench });
+            // The latch holds a command back until the tick after its own, so one without delay is dated back; that
+            // of tick 0 is lost.
+            let made_for = if self.delay_ticks == 0 { tick.wrapping_sub(1) } else { tick };
+            plant.offer(Dated { tick: made_for, content }, tick + self.delay_ticks);
+            plant.begin(tick);
+            plant.finish();
+            assert_eq!(plant.envelope(), Ok(()));
+
+            saturated += content.saturated;
+            if tick > self.last_tick / 2 {
+                e_squared += wrench.rate_error_b_rad_s.iter().map(|e| e * e).sum::<f64>();
+            }
+            flown.position_error_max_m =
+                flown.position_error_max_m.max(position_error_m(&state.content, &setpoint.content));
+            flown.estimate = wrench.estimate;
+            let v_th_now = v_th(&wrench.estimate);
+            flown.v_th_rise_max = flown.v_th_rise_max.max((v_th_now - v_th_before) / v_th_start);
+            v_th_before = v_th_now;
+        }
+        let ticks = self.last_tick as f64;
+        flown.saturated = saturated as f64 / (ticks + 1.0);
+        flown.rate_error_rms_rad_s = (e_squared / (ticks / 2.0)).sqrt();
+        flown.v_th_end = v_th_before / v_th_start;
+        flown
+    }
+}
+
+/// Loop gain a_d T of the rate loop.
+fn loop_gain(alpha_1_s: f64) -> f64 {
+    sampled_gain(alpha_1_s, PERIOD_S) * PERIOD_S
+}
+
+#[test]
+fn paper_saturates_half_the_time_under_gyro_noise_and_flight_never() {
+    let mut said = String::from("gyro noise of 0.01 rad/s\n");
+    for trajectory in [Trajectory::Hover, Trajectory::Lissajous] {
+        for seed in 1..=3 {
+            let [flight, paper] = [Preset::Flight, Preset::Paper].map(|preset| {
+                let flown = Flight { gyro_noise_rad_s: NOISE_RAD_S, seed, ..Flight::new(trajectory, preset) }.fly();
+                said += &format!("  {trajectory}, {preset}, seed {seed}: {flown}\n");
+                flown
+            });
+            assert_eq!(flight.saturated, 0.0);
+            assert!((0.4..0.6).contains(&paper.saturated), "{paper}");
+        }
+    }
+    println!("{said}");
+}
+
+#[test]
+fn flight_tolerates_0_to_3_ticks_of_delay() {
+    let mut said = String::from("delay with the flight gains\n");
+    let gains = Gains::preset(Preset::Flight);
+    for delay_ticks in 0..=3_u32 {
+        let margin = loop_gain_limit(delay_ticks) / loop_gain(gains.alpha_1_s);
+        assert!(margin > 2.4, "{delay_ticks}: {margin}");
+        for trajectory in [Trajectory::Lissajous, Trajectory::Fast] {
+            let flown = Flight { delay_ticks: delay_ticks.into(), ..Flight::new(trajectory, Preset::Flight) }.fly();
+            said += &format!("  {trajectory}, {delay_ticks} ticks, gain margin {margin:.2}: {flown}\n");
+            assert_eq!(flown.saturated, 0.0);
+            assert!(flown.rate_error_rms_rad_s < 3e-3 && flown.position_error_max_m < 0.01, "{flown}");
+        }
+    }
+    println!("{said}");
+}
+
+#[test]
+fn the_rate_loop_turns_unstable_at_the_limit_of_the_settings_check() {
+    let mut said = String::from("alpha around the limit of the rate loop\n");
+    for delay_ticks in 2..=4_u32 {
+        let alpha_max_1_s = -(-loop_gain_limit(delay_ticks)).ln_1p() / PERIOD_S;
+        let [below, above] = [0.9, 1.1].map(|share| {
+            let mut flight =
+                Flight { delay_ticks: delay_ticks.into(), ..Flight::new(Trajectory::Lissajous, Preset::Flight) };
+            flight.gains.alpha_1_s = share * alpha_max_1_s;
+            let flown = flight.fly();
+            said += &format!("  {delay_ticks} ticks, alpha {:.0}: {flown}\n", flight.gains.alpha_1_s);
+            flown
+        });
+        assert!(below.saturated == 0.0 && below.rate_error_rms_rad_s < 1e-3, "{below}");
+        assert!(above.saturated > 0.9 && above.rate_error_rms_rad_s > 1e-2, "{above}");
+    }
+    println!("{said}");
+}
+
+#[test]
+fn a_predictor_that_looks_too_far_is_worse_than_none() {
+    let mut said = String::from("the paper's gains, lissajous\n");
+    for delay_ticks in 0..=3 {
+        let [none, one] = [0, 1].map(|predictor_ticks| {
+            let mut flight = Flight { delay_ticks, ..Flight::new(Trajectory::Lissajous, Preset::Paper) };
+            flight.gains.predictor_ticks = predictor_ticks;
+            let flown = flight.fly();
+            said += &format!("  delay {delay_ticks}, predictor {predictor_ticks}: {flown}\n");
+            flight.gyro_noise_rad_s = 0.001;
+            said += &format!("  delay {delay_ticks}, predictor {predictor_ticks}, noise: {}\n", flight.fly());
+            flown
+        });
+        let _ = (none, one);
+    }
+    println!("{said}");
+}
+
+#[test]
+fn slow_motors_want_the_soft_gains() {
+    let mut said = String::from("motors with a lag of 20 ms\n");
+    for trajectory in [Trajectory::Hover, Trajectory::Lissajous, Trajectory::Fast] {
+        for noise in [0.0, NOISE_RAD_S] {
+            for preset in Preset::ALL {
+                let flight =
+                    Flight { gyro_noise_rad_s: noise, motor_time_constant_s: LAG_S, ..Flight::new(trajectory, preset) };
+                said += &format!("  {trajectory}, {preset}, noise {noise}: {}\n", flight.fly());
+            }
+        }
+    }
+    println!("{said}");
+}
+
+#[test]
+fn estimates_converge_only_where_the_flight_excites_them() {
+    let mut said = String::from("estimates after 60 s\n");
+    for preset in Preset::ALL {
+        for trajectory in Trajectory::ALL {
+            let Flown { estimate: [i_r, k_r, delta], v_th_end, v_th_rise_max, .. } =
+                Flight { last_tick: 60_000, ..Flight::new(trajectory, preset) }.fly();
+            said += &format!(
+                "  {trajectory}, {preset}: I_R {i_r:.2e}, k_r {k_r:.5}, delta {delta:.5}, V_th {v_th_end:.1e}, rise {v_th_rise_max:.1e}\n"
+            );
+        }
+    }
+    println!("{said}");
+}
