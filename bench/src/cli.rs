@@ -176,6 +176,9 @@ pub struct SimulateArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "documented by its type")]
     pub flight: FlightArgs,
+    /// Draw the flight into this file.
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
     /// Write the states to this file.
     #[arg(long, value_name = "FILE.csv")]
     pub states: Option<PathBuf>,

@@ -8,6 +8,7 @@ pub mod fly;
 pub mod in_process;
 pub mod inject;
 pub mod params;
+pub mod plot;
 pub mod record;
 pub mod roles;
 pub mod run_directory;

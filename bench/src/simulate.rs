@@ -9,6 +9,7 @@ use toml::Value;
 use crate::cli::SimulateArgs;
 use crate::failure::{Failure, GATE, OK};
 use crate::in_process::InProcess;
+use crate::plot::FlightPlot;
 use crate::record::states::StatesWriter;
 use crate::settings::Settings;
 
@@ -31,8 +32,12 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     };
     let mut rig = InProcess::of(&settings)?;
     let start = Instant::now();
-    let flown = fly(&mut rig, &settings, states.as_mut())?;
+    let mut plot = args.plot.as_ref().map(|_| FlightPlot::new(settings.flight.period_s, settings.last_tick()));
+    let flown = fly(&mut rig, &settings, states.as_mut(), plot.as_mut())?;
     let wall_s = start.elapsed().as_secs_f64();
+    if let (Some(path), Some(plot)) = (&args.plot, &plot) {
+        plot.write(path, &format!("{} with gains {}, simulated", settings.flight.trajectory, settings.flight.preset))?;
+    }
     if let Some(states) = &mut states {
         states.flush()?;
     }
@@ -67,7 +72,12 @@ struct Flown {
     departure: Option<String>,
 }
 
-fn fly(rig: &mut InProcess, settings: &Settings, mut states: Option<&mut StatesWriter>) -> Result<Flown, Failure> {
+fn fly(
+    rig: &mut InProcess,
+    settings: &Settings,
+    mut states: Option<&mut StatesWriter>,
+    mut plot: Option<&mut FlightPlot>,
+) -> Result<Flown, Failure> {
     let mut squares = 0.0;
     let mut flown = Flown {
         ticks: 0,
@@ -85,6 +95,9 @@ fn fly(rig: &mut InProcess, settings: &Settings, mut states: Option<&mut StatesW
         flown.ticks += 1;
         if let Some(states) = &mut states {
             states.write(&record)?;
+        }
+        if let Some(plot) = &mut plot {
+            plot.take(&record);
         }
         if let Some(setpoint) = &record.setpoint {
             let error_m = position_error_m(&record.state, setpoint);

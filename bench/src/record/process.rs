@@ -27,6 +27,7 @@ use super::tally::{TOPICS, Tally};
 use super::text;
 use crate::failure::{FAILED, Failure, GATE, INTERRUPTED, InFile as _, OK};
 use crate::in_process::TickRecord;
+use crate::plot::FlightPlot;
 use crate::settings::Settings;
 
 /// How often the topics are drained: far less than the receivers' depth takes to fill.
@@ -122,6 +123,7 @@ struct Recorder<'a> {
     tally: Tally,
     joiner: Joiner,
     states: Vec<StatesWriter>,
+    plot: FlightPlot,
     crew: BTreeMap<Role, BoardReader<Status>>,
     cpu_times: CpuTimes,
     period_s: f64,
@@ -149,6 +151,7 @@ impl<'a> Recorder<'a> {
             tally: Tally::new(armed.grid, period_s)?,
             joiner: Joiner::default(),
             states,
+            plot: FlightPlot::new(period_s, armed.last_tick),
             crew,
             cpu_times: CpuTimes::read(),
             period_s,
@@ -198,6 +201,8 @@ impl<'a> Recorder<'a> {
         report.write(&self.directory.join("report.json"))?;
         let path = self.directory.join("report.txt");
         std::fs::write(&path, text::render(&report)).in_file("write", &path)?;
+        let title = format!("{} with gains {}, {}", report.run.trajectory, report.run.preset, report.run.started);
+        self.plot.write(&self.directory.join("flight.svg"), &title)?;
         Ok(report)
     }
 
@@ -242,6 +247,7 @@ impl<'a> Recorder<'a> {
             if let Some(setpoint) = &record.setpoint {
                 self.tally.position_error(position_error_m(&record.state, setpoint));
             }
+            self.plot.take(record);
             for states in &mut self.states {
                 states.write(record)?;
             }
