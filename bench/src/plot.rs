@@ -80,14 +80,17 @@ impl FlightPlot {
         root.fill(&WHITE)?;
         let root = root.titled(title, ("sans-serif", 22))?;
         let (left, right) = root.split_horizontally(520);
-        self.draw_path(&left)?;
+        // As high as wide inside its labels, so that both axes have one scale.
+        let (above, below) = left.split_vertically(522);
+        self.draw_path(&above)?;
+        self.draw_over_time(&below, "height z [m]", |p| p.position[2], Some(("reference", &|p| p.reference[2])))?;
         let panels = right.split_evenly((4, 1));
         self.draw_over_time(&panels[0], "position error [m]", |p| p.error_m, None)?;
         let estimates =
             ["I_R [1e-5 kg m^2]", "k_r [N m s]", "delta [rad/s^2]"].into_iter().zip([1e5, 1.0, 1.0]).enumerate();
         for (i, (label, scale)) in estimates {
-            let actual: &dyn Fn(&Point) -> f64 = &move |p| p.actual[i] * scale;
-            self.draw_over_time(&panels[i + 1], label, move |p| p.estimate[i] * scale, Some(actual))?;
+            let actual: Curve<'_> = &move |p| p.actual[i] * scale;
+            self.draw_over_time(&panels[i + 1], label, move |p| p.estimate[i] * scale, Some(("true", actual)))?;
         }
         root.present()?;
         Ok(())
@@ -103,14 +106,15 @@ impl FlightPlot {
         let both = || self.points.iter().flat_map(|p| [p.position, p.reference]);
         let (x_min, x_max) = range(both().map(|p| p[0]));
         let (y_min, y_max) = range(both().map(|p| p[1]));
-        // One scale for both axes: half the larger extent around each middle.
-        let half = ((x_max - x_min).max(y_max - y_min) / 2.0).max(0.05);
+        // The larger extent around each middle, with a margin.
+        let half = (0.55 * (x_max - x_min).max(y_max - y_min)).max(0.05);
         let (x, y) = ((x_min + x_max) / 2.0, (y_min + y_max) / 2.0);
         let mut chart = ChartBuilder::on(area)
             .caption("path seen from above", ("sans-serif", 16))
-            .margin(12)
-            .x_label_area_size(40)
-            .y_label_area_size(52)
+            .margin(8)
+            .margin_right(16)
+            .x_label_area_size(34)
+            .y_label_area_size(56)
             .build_cartesian_2d(x - half..x + half, y - half..y + half)?;
         chart.configure_mesh().light_line_style(WHITE).x_desc("x [m]").y_desc("y [m]").draw()?;
         let line = |pick: fn(&Point) -> [f64; 3]| self.points.iter().map(move |p| (pick(p)[0], pick(p)[1]));
@@ -122,8 +126,7 @@ impl FlightPlot {
             .draw_series(LineSeries::new(line(|p| p.position), ACTUAL.stroke_width(1)))?
             .label("flown")
             .legend(|(x, y)| PathElement::new([(x, y), (x + 18, y)], ACTUAL.stroke_width(2)));
-        chart.configure_series_labels().background_style(WHITE.mix(0.8)).border_style(MUTED).draw()?;
-        Ok(())
+        legend(&mut chart, SeriesLabelPosition::UpperMiddle)
     }
 
     fn draw_over_time<DB: DrawingBackend>(
@@ -131,17 +134,18 @@ impl FlightPlot {
         area: &DrawingArea<DB, plotters::coord::Shift>,
         label: &str,
         value: impl Fn(&Point) -> f64,
-        actual: Option<&dyn Fn(&Point) -> f64>,
+        target: Option<(&str, Curve<'_>)>,
     ) -> Result<(), Box<dyn std::error::Error>>
     where
         DB::ErrorType: 'static,
     {
         let end_s = self.points.last().map_or(1.0, |p| p.t_s).max(1e-3);
-        let actual_values = self.points.iter().filter_map(|p| Some(actual?(p)));
-        let (low, high) = range(self.points.iter().map(&value).chain(actual_values));
+        let targets = self.points.iter().filter_map(|p| Some(target?.1(p)));
+        let (low, high) = range(self.points.iter().map(&value).chain(targets));
         let margin = ((high - low) * 0.08).max(1e-9);
         let mut chart = ChartBuilder::on(area)
             .margin(8)
+            .margin_right(22)
             .x_label_area_size(34)
             .y_label_area_size(66)
             .build_cartesian_2d(0.0..end_s, low - margin..high + margin)?;
@@ -150,28 +154,37 @@ impl FlightPlot {
             let mark = [(*swap_s, low - margin), (*swap_s, high + margin)];
             chart.draw_series(LineSeries::new(mark, SWAP.stroke_width(1)))?;
         }
-        if let Some(actual) = actual {
-            let line = self.points.iter().map(|p| (p.t_s, actual(p)));
+        if let Some((name, target)) = target {
+            let line = self.points.iter().map(|p| (p.t_s, target(p)));
             chart
                 .draw_series(LineSeries::new(line, REFERENCE.stroke_width(2)))?
-                .label("true")
+                .label(name)
                 .legend(|(x, y)| PathElement::new([(x, y), (x + 18, y)], REFERENCE.stroke_width(2)));
-            let line = self.points.iter().map(|p| (p.t_s, value(p)));
-            chart
-                .draw_series(LineSeries::new(line, ACTUAL.stroke_width(1)))?
-                .label("estimated")
-                .legend(|(x, y)| PathElement::new([(x, y), (x + 18, y)], ACTUAL.stroke_width(2)));
-            chart
-                .configure_series_labels()
-                .position(SeriesLabelPosition::LowerRight)
-                .background_style(WHITE.mix(0.8))
-                .border_style(MUTED)
-                .draw()?;
-        } else {
-            chart.draw_series(LineSeries::new(self.points.iter().map(|p| (p.t_s, value(p))), &ACTUAL))?;
+        }
+        let line = self.points.iter().map(|p| (p.t_s, value(p)));
+        chart.draw_series(LineSeries::new(line, ACTUAL.stroke_width(1)))?;
+        if target.is_some() {
+            legend(&mut chart, SeriesLabelPosition::LowerRight)?;
         }
         Ok(())
     }
+}
+
+/// A number of a point, to be drawn over time.
+type Curve<'a> = &'a dyn Fn(&Point) -> f64;
+
+type Chart<'a, DB> =
+    ChartContext<'a, DB, Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>>;
+
+fn legend<'a, DB: DrawingBackend + 'a>(
+    chart: &mut Chart<'a, DB>,
+    position: SeriesLabelPosition,
+) -> Result<(), Box<dyn std::error::Error>>
+where
+    DB::ErrorType: 'static,
+{
+    chart.configure_series_labels().position(position).background_style(WHITE.mix(0.8)).border_style(MUTED).draw()?;
+    Ok(())
 }
 
 /// Smallest and largest of some numbers; (0, 1) of none.
