@@ -4,6 +4,7 @@ use shared::instance::{Instance, root_path};
 use shared::wire::Wire;
 
 use crate::failure::{Failure, OK};
+use crate::output::print;
 
 /// Removes leftovers of every instance.
 ///
@@ -11,22 +12,25 @@ use crate::failure::{Failure, OK};
 /// [`Failure`] names what resisted.
 pub fn clean() -> Result<u8, Failure> {
     let instances = Instance::known();
-    let mut anything = false;
+    let mut text = String::new();
     for instance in &instances {
         if instance.is_alive() {
             // Others of it live: only the remains of dead processes go.
             let wire = Wire::open(instance)?;
-            println!("instance `{}` is alive; removed the remains of {} dead processes", instance.name(), wire.cleaned);
-            anything = true;
+            text += &format!(
+                "instance `{}` is alive; removed the remains of {} dead processes\n",
+                instance.name(),
+                wire.cleaned
+            );
             continue;
         }
         for path in instance.remove_leftovers()? {
-            println!("removed {}", path.display());
-            anything = true;
+            text += &format!("removed {}\n", path.display());
         }
     }
-    if !anything {
-        println!("nothing to remove under {} and in /dev/shm", root_path().display());
+    if text.is_empty() {
+        text = format!("nothing to remove under {} and in /dev/shm\n", root_path().display());
     }
+    print(&text)?;
     Ok(OK)
 }

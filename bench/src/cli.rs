@@ -191,7 +191,7 @@ pub struct SimulateArgs {
 #[derive(Clone, Debug, Args)]
 pub struct InjectArgs {
     /// New values, all applied at one tick: NAME=VALUE...
-    #[arg(required = true, value_name = "NAME=VALUE", allow_hyphen_values = true)]
+    #[arg(required = true, value_name = "NAME=VALUE")]
     pub changes: Vec<String>,
     /// Apply at this tick of the flight.
     #[arg(long, value_name = "N", conflicts_with = "after")]

@@ -1,6 +1,8 @@
 //! How a command fails: exit code, what happened, what to do.
 
 use std::fmt;
+use std::fs::OpenOptions;
+use std::path::Path;
 
 use miette::Diagnostic;
 
@@ -79,11 +81,21 @@ pub trait InFile<T> {
     ///
     /// # Errors
     /// The failure, with the system's reason.
-    fn in_file(self, doing: &str, path: &std::path::Path) -> Result<T, Failure>;
+    fn in_file(self, doing: &str, path: &Path) -> Result<T, Failure>;
 }
 
 impl<T, E: fmt::Display> InFile<T> for Result<T, E> {
-    fn in_file(self, doing: &str, path: &std::path::Path) -> Result<T, Failure> {
+    fn in_file(self, doing: &str, path: &Path) -> Result<T, Failure> {
         self.map_err(|e| Failure::failed(format!("cannot {doing} {}: {e}", path.display())))
     }
+}
+
+/// Whether a file that a flag names can be written: asked before anything starts.
+///
+/// # Errors
+/// A usage [`Failure`] names flag and file.
+pub fn check_writable(flag: &str, path: Option<&Path>) -> Result<(), Failure> {
+    let Some(path) = path else { return Ok(()) };
+    let refused = |e| Failure::usage(format!("{flag}: cannot write {}: {e}", path.display()));
+    OpenOptions::new().create(true).append(true).open(path).map(|_| ()).map_err(refused)
 }

@@ -18,7 +18,8 @@ use shared::wire::{BoardReader, Wire};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::cli::FlyArgs;
-use crate::failure::{FAILED, Failure, INTERRUPTED, InFile as _, OK};
+use crate::failure::{FAILED, Failure, INTERRUPTED, InFile as _, OK, check_writable};
+use crate::output::print;
 use crate::record::report::Report;
 use crate::record::text;
 use crate::run_directory::RunDirectory;
@@ -39,30 +40,46 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     overrides.extend(args.recorder.overrides());
     let settings = Settings::resolve(args.flight.config.as_deref(), &overrides)?;
     if args.print_config {
-        print!("{}", settings.commented()?);
+        print(&settings.commented()?)?;
         return Ok(OK);
     }
+    let states = args.recorder.states.as_deref();
+    check_writable("--states", states)?;
     let instance = Instance::new(&args.rt.instance)?;
     check_shared_memory(Wire::needed_bytes())?;
     instance.prepare()?;
     let lock = instance.lock_launcher()?;
     let signals = count_signals()?;
-    let directory = RunDirectory::create(Path::new(&settings.recorder.out), &settings, instance.name())?;
-    let outcome = Launcher::start(&instance, &directory, &settings, args.recorder.states.as_deref())
-        .and_then(|mut launcher| launcher.watch(&signals));
+    let outcome = start_and_watch(&instance, &settings, states, &signals);
     release(&instance, lock);
-    let ended = outcome?;
+    let (directory, ended) = outcome?;
     let report_path = directory.path.join("report.json");
     if !report_path.exists() {
         return Err(ended.failure(&directory.path));
     }
-    let report = Report::read(&report_path)?;
-    print!("{}", text::render(&report));
+    let mut report = Report::read(&report_path)?;
+    if ended.correct(&mut report) {
+        report.write(&report_path)?;
+        let path = directory.path.join("report.txt");
+        fs::write(&path, text::render(&report)).in_file("write", &path)?;
+    }
+    print(&text::render(&report))?;
     if let Some(died) = &ended.died {
         eprint!("{}", died.words(&directory.path));
     }
-    println!("{}", text::result_line(&report, &directory.path.display().to_string()));
-    Ok(if report.verdict.exit_code == OK && ended.died.is_some() { FAILED } else { report.verdict.exit_code })
+    print(&(text::result_line(&report, &directory.path.display().to_string()) + "\n"))?;
+    Ok(report.verdict.exit_code)
+}
+
+fn start_and_watch(
+    instance: &Instance,
+    settings: &Settings,
+    states: Option<&Path>,
+    signals: &AtomicUsize,
+) -> Result<(RunDirectory, Ended), Failure> {
+    let directory = RunDirectory::create(Path::new(&settings.recorder.out), settings, instance.name())?;
+    let ended = Launcher::start(instance, &directory, settings, states)?.watch(signals)?;
+    Ok((directory, ended))
 }
 
 /// Counts SIGINT and SIGTERM: the first ends the flight in order, the second at once.
@@ -161,12 +178,13 @@ impl Launcher {
     fn watch(&mut self, signals: &AtomicUsize) -> Result<Ended, Failure> {
         let mut ended = Ended { died: None, interrupted: false };
         let mut told_at: Option<Instant> = None;
+        let mut forced = false;
         let mut board: Option<BoardReader<Run>> = None;
         let status_line = io::stderr().is_terminal();
         while !self.children.is_empty() {
             sleep(LOOK_EVERY);
             for died in self.reap()? {
-                if ended.died.is_none() && died.status.code() != Some(i32::from(INTERRUPTED)) {
+                if !forced && ended.died.is_none() && died.status.code() != Some(i32::from(INTERRUPTED)) {
                     ended.died = Some(died);
                 }
             }
@@ -179,13 +197,13 @@ impl Launcher {
                 told_at = Some(Instant::now());
             }
             if count > 1 || told_at.is_some_and(|at| at.elapsed() > LANDING) {
+                forced = true;
                 self.kill();
             }
-            if board.is_none() {
-                board = self.wire.board_reader(RUN)?;
-            }
-            if let Some(board) = board.as_ref().filter(|_| status_line) {
-                self.show(&board.get());
+            if status_line {
+                // A flight does not depend on its status line: what cannot be read now is tried again.
+                board = board.or_else(|| self.wire.board_reader(RUN).ok().flatten());
+                board.iter().for_each(|board| self.show(&board.get()));
             }
         }
         if status_line {
@@ -263,6 +281,22 @@ impl Drop for Launcher {
 }
 
 impl Ended {
+    /// Puts into the report what the recorder could not know: that a process died, or that its own last word is
+    /// missing. Says whether it did.
+    fn correct(&self, report: &mut Report) -> bool {
+        let (status, exit_code, ending) = match &self.died {
+            Some(died) => ("ABORTED", FAILED, format!("the {} process died: {}", died.role, died.status)),
+            None if !report.run.in_flight => return false,
+            None if self.interrupted => {
+                ("INTERRUPTED", INTERRUPTED, "interrupted; numbers up to the recorder's last second".into())
+            }
+            None => ("ABORTED", FAILED, "the recorder ended too early".into()),
+        };
+        (report.verdict.status, report.verdict.exit_code) = (status.into(), exit_code);
+        (report.run.ending, report.run.in_flight) = (ending, false);
+        true
+    }
+
     /// Why there is no report.
     fn failure(&self, directory: &Path) -> Failure {
         match &self.died {

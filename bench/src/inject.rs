@@ -11,6 +11,7 @@ use shared::wire::{SwapAnswer, SwapOrder, Verdict, Wire};
 
 use crate::cli::InjectArgs;
 use crate::failure::{Failure, OK};
+use crate::output::print;
 
 /// How long the plant may take to answer, beyond the time until the tick that was asked for.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -79,15 +80,16 @@ fn print_answer(changes: &[(Parameter, f64)], answer: &SwapAnswer, run: &Run) ->
     let refused = |why: String| Err(Failure::failed(format!("the plant refused: {why}")));
     match Verdict::from_wire(answer.verdict) {
         Some(Verdict::Applied) => {
-            println!(
-                "applied at tick {} ({:.3} s), parameter epoch {}",
+            let mut text = format!(
+                "applied at tick {} ({:.3} s), parameter epoch {}\n",
                 answer.tick,
                 (answer.tick * run.period_ns) as f64 / 1e9,
                 answer.parameter_epoch
             );
             for ((parameter, value), old) in changes.iter().zip(answer.old) {
-                println!("  {parameter}  {old:?} -> {value:?} {}", parameter.spec().unit);
+                text += &format!("  {parameter}  {old:?} -> {value:?} {}\n", parameter.spec().unit);
             }
+            print(&text)?;
             Ok(OK)
         }
         Some(Verdict::OutOfRange) => match Parameter::from_index(answer.parameter) {

@@ -7,6 +7,7 @@ pub mod fault;
 pub mod fly;
 pub mod in_process;
 pub mod inject;
+pub mod output;
 pub mod params;
 pub mod plot;
 pub mod record;

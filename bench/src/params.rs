@@ -8,6 +8,7 @@ use shared::parameters::SPECS;
 use crate::cli::ParamsArgs;
 use crate::failure::{Failure, OK};
 use crate::inject::flying;
+use crate::output::print;
 
 #[derive(Serialize)]
 struct Row {
@@ -46,16 +47,16 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
         .collect();
     if args.json {
         let text = serde_json::to_string_pretty(&rows).map_err(|e| Failure::failed(e.to_string()))?;
-        println!("{text}");
+        print(&(text + "\n"))?;
         return Ok(OK);
     }
-    println!(
-        "{:<24} {:<9} {:>10} {:>8} {:>10} {:>10}  {:<8} meaning",
+    let mut text = format!(
+        "{:<24} {:<9} {:>10} {:>8} {:>10} {:>10}  {:<8} meaning\n",
         "name", "unit", "min", "max", "nominal", "in force", "equation"
     );
     for row in &rows {
-        println!(
-            "{:<24} {:<9} {:>10} {:>8} {:>10} {:>10}  {:<8} {}",
+        text.push_str(&format!(
+            "{:<24} {:<9} {:>10} {:>8} {:>10} {:>10}  {:<8} {}\n",
             row.name,
             row.unit,
             number(row.min),
@@ -64,17 +65,18 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
             row.in_force.map_or_else(|| "-".into(), number),
             row.equation,
             row.meaning
-        );
+        ));
     }
-    match in_force {
-        Some(values) => println!(
-            "in force at instance `{}` since tick {}, parameter epoch {}",
+    text.push_str(&match in_force {
+        Some(values) => format!(
+            "in force at instance `{}` since tick {}, parameter epoch {}\n",
             instance.name(),
             values.tick,
             values.parameter_epoch
         ),
-        None => println!("instance `{}` does not fly: no values in force", instance.name()),
-    }
+        None => format!("instance `{}` does not fly: no values in force\n", instance.name()),
+    });
+    print(&text)?;
     Ok(OK)
 }
 

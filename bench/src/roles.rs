@@ -9,7 +9,8 @@ use shared::role::Role;
 use shared::station::{Orders, Station};
 
 use crate::cli::{RecordArgs, RoleArgs};
-use crate::failure::{Failure, OK};
+use crate::failure::{Failure, OK, check_writable};
+use crate::output::print;
 use crate::record::process::{self, Files};
 use crate::record::text;
 use crate::run_directory::RunDirectory;
@@ -48,6 +49,7 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     overrides.extend(args.role.rt.overrides());
     overrides.extend(args.recorder.overrides());
     let settings = Settings::resolve(args.role.flight.config.as_deref(), &overrides)?;
+    check_writable("--states", args.recorder.states.as_deref())?;
     let station = take_station(Role::Record, &args.role, &settings)?;
     let directory = match &args.run_dir {
         Some(directory) => directory.clone(),
@@ -56,8 +58,7 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     let files = Files { directory: directory.clone(), states: args.recorder.states.clone() };
     let report = process::run(station, &settings, &files)?;
     if args.role.launcher.is_none() {
-        print!("{}", text::render(&report));
-        println!("{}", text::result_line(&report, &directory.display().to_string()));
+        print(&(text::render(&report) + &text::result_line(&report, &directory.display().to_string()) + "\n"))?;
     }
     Ok(report.verdict.exit_code)
 }

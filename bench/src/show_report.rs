@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::{Format, ReportArgs};
 use crate::failure::{Failure, OK};
+use crate::output::print;
 use crate::record::report::Report;
 use crate::record::text;
 use crate::settings::Settings;
@@ -21,9 +22,10 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
     }
     let report = Report::read(&path)?;
     match args.format {
-        Format::Text => print!("{}", text::render(&report)),
+        Format::Text => print(&text::render(&report))?,
         Format::Json => {
-            println!("{}", serde_json::to_string_pretty(&report).map_err(|e| Failure::failed(e.to_string()))?);
+            let json = serde_json::to_string_pretty(&report).map_err(|e| Failure::failed(e.to_string()))?;
+            print(&(json + "\n"))?;
         }
     }
     Ok(OK)

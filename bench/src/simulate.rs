@@ -7,8 +7,9 @@ use shared::messages::State;
 use toml::Value;
 
 use crate::cli::SimulateArgs;
-use crate::failure::{Failure, GATE, OK};
+use crate::failure::{Failure, GATE, OK, check_writable};
 use crate::in_process::InProcess;
+use crate::output::print;
 use crate::plot::FlightPlot;
 use crate::record::states::StatesWriter;
 use crate::settings::Settings;
@@ -23,6 +24,8 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
         overrides.push(("recorder.states_every_ticks", Value::from(i64::from(every))));
     }
     let settings = Settings::resolve(args.flight.config.as_deref(), &overrides)?;
+    check_writable("--states", args.states.as_deref())?;
+    check_writable("--plot", args.plot.as_deref())?;
     let mut states = match &args.states {
         Some(path) => {
             let every = settings.recorder.states_every_ticks;
@@ -41,27 +44,28 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     if let Some(states) = &mut states {
         states.flush()?;
     }
+    print(&summary(&flown, &settings, wall_s))?;
+    Ok(if flown.departure.is_none() { OK } else { GATE })
+}
+
+fn summary(flown: &Flown, settings: &Settings, wall_s: f64) -> String {
     let flown_s = flown.ticks as f64 * settings.flight.period_s;
-    println!(
-        "{} with gains {}: {} ticks, {flown_s:.3} s simulated in {wall_s:.3} s ({:.0} times real time)",
+    let mut text = format!(
+        "{} with gains {}: {} ticks, {flown_s:.3} s simulated in {wall_s:.3} s ({:.0} times real time)\n",
         settings.flight.trajectory,
         settings.flight.preset,
         flown.ticks,
         flown_s / wall_s
     );
-    println!("position error rms {:.4} m, largest {:.4} m", flown.error_rms_m, flown.error_max_m);
+    text += &format!("position error rms {:.4} m, largest {:.4} m\n", flown.error_rms_m, flown.error_max_m);
     for (name, estimated, actual) in &flown.estimates {
-        println!("  {name:<24} estimated {estimated:>12.6e}  true {actual:>12.6e}");
+        text += &format!("  {name:<24} estimated {estimated:>12.6e}  true {actual:>12.6e}\n");
     }
     if let Some(departure) = &flown.departure {
-        println!("left the envelope: {departure}");
+        text += &format!("left the envelope: {departure}\n");
     }
-    println!(
-        "RESULT status={} ticks={} run=none",
-        if flown.departure.is_none() { "PASS" } else { "FAIL" },
-        flown.ticks
-    );
-    Ok(if flown.departure.is_none() { OK } else { GATE })
+    let status = if flown.departure.is_none() { "PASS" } else { "FAIL" };
+    text + &format!("RESULT status={status} ticks={} run=none\n", flown.ticks)
 }
 
 struct Flown {

@@ -23,7 +23,7 @@ use super::host::{CpuTimes, Host};
 use super::report::{self, Bucket, Gate, Report, RunLength};
 use super::series::{Series, Statistics};
 use super::states::{Joiner, Part, StatesWriter};
-use super::tally::{TOPICS, Tally};
+use super::tally::{TOPICS, Tally, is_last_word};
 use super::text;
 use crate::failure::{FAILED, Failure, GATE, INTERRUPTED, InFile as _, OK};
 use crate::in_process::TickRecord;
@@ -170,7 +170,7 @@ impl<'a> Recorder<'a> {
         let mut seconds = 0;
         let ending = loop {
             sleep(DRAIN_EVERY);
-            self.drain(ports, armed.last_tick)?;
+            self.drain(ports)?;
             if station.stop_requested() && station.status.wants_end == 0 {
                 station.status.wants_end = Ending::Interrupted as u64;
                 station.publish_status();
@@ -189,7 +189,7 @@ impl<'a> Recorder<'a> {
             }
         };
         self.await_landing();
-        self.drain(ports, armed.last_tick)?;
+        self.drain(ports)?;
         self.tally.series.close_second(log, seconds as u32 * second, second)?;
         self.joiner.finish();
         for states in &mut self.states {
@@ -220,7 +220,7 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    fn drain(&mut self, ports: &mut Ports, last_tick: u64) -> Result<(), Failure> {
+    fn drain(&mut self, ports: &mut Ports) -> Result<(), Failure> {
         // What passed the loops' own inspection is recorded whatever tick it is of.
         let any_tick = u64::MAX - 1;
         let mut complete: Vec<TickRecord> = Vec::new();
@@ -238,8 +238,10 @@ impl<'a> Recorder<'a> {
             complete.extend(joiner.take(message.envelope.tick, Part::Wrench(message.content)));
         })?;
         ports.rotor_speeds.drain(any_tick, |message| {
-            tally.rotor_speeds(message, last_tick);
-            complete.extend(joiner.take(message.envelope.tick, Part::RotorSpeeds(message.content)));
+            tally.rotor_speeds(message);
+            if !is_last_word(message) {
+                complete.extend(joiner.take(message.envelope.tick, Part::RotorSpeeds(message.content)));
+            }
         })?;
         ports.swaps.drain(any_tick, |message| tally.swap(message))?;
         complete.sort_by_key(|record| record.tick);

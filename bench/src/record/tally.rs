@@ -68,6 +68,12 @@ struct FlightTally {
 /// Topics in the order of the sequence counters.
 pub const TOPICS: [&str; 5] = [State::NAME, Setpoint::NAME, Wrench::NAME, RotorSpeeds::NAME, SwapRecord::NAME];
 
+/// Whether a rotor command is the mixer's last word of a run: idle, and the answer to no state.
+#[must_use]
+pub fn is_last_word(message: &Message<RotorSpeeds>) -> bool {
+    message.envelope.stamps_of(Role::Mixer).receive_ns == 0
+}
+
 impl Tally {
     /// Counts a run from its tick 0 on.
     ///
@@ -156,11 +162,11 @@ impl Tally {
         self.flight.rate_error = message.content.rate_error_b_rad_s.iter().map(|e| e * e).sum::<f64>().sqrt();
     }
 
-    /// Takes a rotor command; the last one of a run, idle, answers no state and has no deadline.
-    pub fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>, last_tick: u64) {
+    /// Takes a rotor command; the mixer's last word has no deadline.
+    pub fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>) {
         self.follow(3, message);
         let envelope = &message.envelope;
-        if envelope.tick > last_tick || envelope.stamps_of(Role::Mixer).receive_ns == 0 {
+        if is_last_word(message) {
             return;
         }
         self.stage(message);
