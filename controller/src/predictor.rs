@@ -3,8 +3,8 @@
 //! Not in the paper, whose loop has no delay. The paper's gains need it: at alpha T = 10 the tick between sample
 //! and actuation takes the whole margin of the rate loop, and one late command makes it unstable
 //! ([`crate::settings::loop_gain_limit`]). The predictor gives that tick back. It starts from the command that
-//! the state message says is in force, so it is right, one tick deep, also when a command was late. A predictor of
-//! the wrong depth is worse than none.
+//! the state message says is in force, so it is right, one tick deep, also when a command was late. One that
+//! looks further than the delay is worse than none (docs/paper.md).
 
 use nalgebra::Vector3;
 use shared::frames::euler_rate_of_body_rate;

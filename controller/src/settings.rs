@@ -74,7 +74,7 @@ pub enum SettingsError {
     /// The predictor does not look ahead by the chain's delay.
     #[error(
         "gains.predictor_ticks = {0}: allowed are 0 (none) and 1 (the chain's delay); \
-         a predictor of the wrong depth is worse than none"
+         one that looks too far ahead is worse than none"
     )]
     PredictorDepth(u32),
     /// The rotors cannot carry the airframe, or cannot let it down.
