@@ -184,7 +184,9 @@ impl Launcher {
         while !self.children.is_empty() {
             sleep(LOOK_EVERY);
             for died in self.reap()? {
-                if !forced && ended.died.is_none() && died.status.code() != Some(i32::from(INTERRUPTED)) {
+                // A recorder that ends on another one's failure may be seen before that one.
+                let first = ended.died.as_ref().is_none_or(|known| known.role == Role::Record);
+                if !forced && first && died.status.code() != Some(i32::from(INTERRUPTED)) {
                     ended.died = Some(died);
                 }
             }

@@ -136,6 +136,7 @@ impl<'a> PlantProcess<'a> {
             let tick = grid.tick_at(wake_ns).max(next_tick);
             if tick > last_tick {
                 // The deadline of the last command is judged at the tick that would have been next.
+                self.take_command(last_tick + 1, grid)?;
                 let state = self.plant.begin(last_tick + 1);
                 self.report(&state, &mut opened.run);
                 return Ok(Ending::Completed);
@@ -178,11 +179,7 @@ impl<'a> PlantProcess<'a> {
     /// # Errors
     /// Those of the ports.
     pub fn tick(&mut self, tick: u64, wake_ns: u64, grid: Grid) -> Result<Worked, Error> {
-        self.commands.take(tick)?;
-        if self.commands.has_any() {
-            let sent_ns = self.commands.newest().envelope.stamps_of(Role::Mixer).send_ns;
-            self.plant.offer(self.commands.dated(), grid.first_tick_from(sent_ns));
-        }
+        self.take_command(tick, grid)?;
         while let Some(order) = self.orders.dequeue() {
             self.schedule(order, tick);
         }
@@ -202,6 +199,15 @@ impl<'a> PlantProcess<'a> {
         self.hand_over_applied();
         self.plant.finish();
         Ok(Worked { state, envelope })
+    }
+
+    fn take_command(&mut self, tick: u64, grid: Grid) -> Result<(), Error> {
+        self.commands.take(tick)?;
+        if self.commands.has_any() {
+            let sent_ns = self.commands.newest().envelope.stamps_of(Role::Mixer).send_ns;
+            self.plant.offer(self.commands.dated(), grid.first_tick_from(sent_ns));
+        }
+        Ok(())
     }
 
     fn schedule(&mut self, order: Order, tick: u64) {

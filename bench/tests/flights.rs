@@ -1,0 +1,303 @@
+//! Flights of real processes: bit-identical to simulation, swapped, watched.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod rig;
+
+use rig::{Ended, Rig, wait_until};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// Flies in ever slower motion until no deadline was missed, because only then nothing depends on the machine.
+///
+/// `fly` is given a slowdown and flies to the end; the rig then holds the report.
+fn without_a_miss(rig: &Rig, mut fly: impl FnMut(u64)) {
+    let mut missed = Vec::new();
+    for slowdown in [20, 60, 150] {
+        fly(slowdown);
+        let misses = rig.report()["deadlines"]["missed"].as_u64().unwrap();
+        if misses == 0 {
+            return;
+        }
+        missed.push(format!("{misses} with ticks of {slowdown} ms"));
+    }
+    panic!("deadlines missed in spite of slow motion: {}", missed.join(", "));
+}
+
+/// The states of a simulated flight with a row per tick.
+fn simulated(rig: &Rig, args: &[&str]) -> Vec<u8> {
+    let path = rig.file("simulated.csv");
+    rig.run("simulate", &[args, &["--every", "1", "--states", &path]].concat()).expect(0);
+    std::fs::read(path).unwrap()
+}
+
+#[track_caller]
+fn assert_same_bytes(flown: &[u8], simulated: &[u8], rows: usize) {
+    let lines =
+        |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap().lines().map(str::to_owned).collect::<Vec<_>>();
+    let (flown_lines, simulated_lines) = (lines(flown), lines(simulated));
+    assert_eq!(simulated_lines.len(), rows + 1, "a header, and a row per tick");
+    for (i, (flown, simulated)) in flown_lines.iter().zip(&simulated_lines).enumerate() {
+        assert_eq!(flown, simulated, "line {}", i + 1);
+    }
+    assert!(flown == simulated, "{} lines flown, {} simulated", flown_lines.len(), simulated_lines.len());
+}
+
+/// Flies and simulates with the same options.
+fn flies_as_simulated(name: &str, options: &[&str]) {
+    let rig = Rig::new(name);
+    let states = rig.file("flown.csv");
+    without_a_miss(&rig, |slowdown| {
+        let slow = rig.slow(slowdown);
+        let own = ["--rt", "prefer", "--config", &slow, "--duration", "150ms", "--every", "1", "--states", &states];
+        let result = rig.run("fly", &[&own, options].concat()).expect(0).result();
+        assert_eq!((result["status"].as_str(), result["ticks"].as_str()), ("PASS", "151"), "{result:?}");
+    });
+    let flown = std::fs::read(&states).unwrap();
+    assert_same_bytes(&flown, &simulated(&rig, &[&["--duration", "150ms"], options].concat()), 151);
+    let in_directory = std::fs::read(rig.out().join("latest/states.csv")).unwrap();
+    assert!(in_directory == flown, "both copies of the states are the same");
+    let report = rig.report();
+    assert_eq!(report["recorder"]["incomplete_ticks"], 0);
+    assert_eq!(report["deadlines"]["missed_by_stamps"], 0);
+    assert_eq!((&report["ticks"]["run"], &report["ticks"]["skipped"]), (&151.into(), &0.into()));
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_flight_without_misses_is_the_simulated_one_byte_for_byte() {
+    flies_as_simulated("same", &[]);
+}
+
+#[test]
+fn with_the_papers_gains_a_fault_and_gyro_noise_it_is_still_the_simulated_one() {
+    let options = ["--preset", "paper", "--trajectory", "fast"];
+    let faults = ["--fault", "gyro_noise_rad_s=0.02@tick7", "--fault", "rotational_drag_nm_s=0.525,mass_kg=0.6@60ms"];
+    flies_as_simulated("same-paper", &[&options[..], &faults].concat());
+}
+
+#[test]
+fn with_soft_gains_and_weak_rotors_it_is_still_the_simulated_one() {
+    let options = ["--preset", "soft", "--trajectory", "step", "--fault"];
+    flies_as_simulated(
+        "same-soft",
+        &[&options[..], &["rotor_efficiency_3=0.8,motor_time_constant_s=0.02@tick40"]].concat(),
+    );
+}
+
+/// The tick in the answer to a swap.
+fn applied_tick(answer: &Ended) -> u64 {
+    let after = answer.stdout.strip_prefix("applied at tick ").unwrap_or_else(|| panic!("{answer}"));
+    after.split(' ').next().unwrap().parse().unwrap()
+}
+
+/// Swaps in flight, of which the plant takes three; their ticks.
+fn fly_and_inject(rig: &Rig, slowdown: u64, states: &str) -> [u64; 3] {
+    let slow = rig.slow(slowdown);
+    let args = ["--rt", "prefer", "--config", &slow, "--duration", "300ms", "--every", "1", "--states", states];
+    let flight = rig.take_off(&args);
+    let answer = rig.run("inject", &["rotational_drag_nm_s=0.525", "--at-tick", "80"]).expect(0);
+    assert_eq!(applied_tick(&answer), 80);
+    let answer = answer.says("parameter epoch 1\n").says("  rotational_drag_nm_s  0.105 -> 0.525 N m s\n");
+    // Without an instant it holds from the next tick on, together with whatever comes in the same command.
+    let both = rig.run("inject", &["mass_kg=0.6", "rotor_efficiency_3=0.9,gyro_noise_rad_s=0.01"]).expect(0);
+    assert!(applied_tick(&both) > applied_tick(&answer), "{both}");
+    let both = both.says("parameter epoch 2\n").says("  mass_kg  0.52 -> 0.6 kg\n");
+    let both = both.says("  rotor_efficiency_3  1.0 -> 0.9 \n").says("  gyro_noise_rad_s  0.0 -> 0.01 rad/s\n");
+    // The instance may also be named last, as in every other command.
+    let time = format!("{}ms", 10 * slowdown);
+    let later = rig.run("inject", &["--in", &time, "mass_kg=0.5"]).expect(0).says("parameter epoch 3\n");
+    assert!(applied_tick(&later) >= applied_tick(&both) + 10, "{later}");
+    refused_in_flight(rig);
+    in_force(rig, applied_tick(&later));
+    flight.end().expect(0);
+    [applied_tick(&answer), applied_tick(&both), applied_tick(&later)]
+}
+
+/// What the client refuses is refused before the plant hears of it.
+fn refused_in_flight(rig: &Rig) {
+    rig.run("inject", &["mass_kg=50"]).expect(2).complains("mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg");
+    rig.run("inject", &["mas_kg=0.6"]).expect(2).complains("unknown parameter `mas_kg`; did you mean `mass_kg`?");
+    rig.run("inject", &["mass_kg=0.6", "mass_kg=0.7"]).expect(2).complains("mass_kg is given twice");
+    let late = rig.run("inject", &["mass_kg=0.6", "--at-tick", "301"]).expect(2);
+    late.complains("tick 301 never comes: the flight ends at tick 300");
+    let other = rig.run("inject", &["mass_kg=0.6", "--instance", "nobody"]).expect(1);
+    other.complains("instance `nobody` does not fly").complains(&format!("these fly: {}", rig.instance));
+}
+
+/// The table of parameters shows what was injected.
+fn in_force(rig: &Rig, since_tick: u64) {
+    let rows = rig.run("params", &["--json"]).expect(0).json();
+    let value =
+        |name: &str| rows.as_array().unwrap().iter().find(|row| row["name"] == name).unwrap()["in_force"].clone();
+    let names = ["rotational_drag_nm_s", "mass_kg", "rotor_efficiency_3", "rotor_efficiency_1"];
+    assert_eq!(names.map(value), [0.525, 0.5, 0.9, 1.0].map(Value::from));
+    rig.run("params", &[]).expect(0).says(&format!("since tick {since_tick}, parameter epoch 3\n"));
+}
+
+#[test]
+fn parameters_swapped_by_another_process_hold_from_the_tick_that_it_is_told() {
+    let rig = Rig::new("inject");
+    let states = rig.file("flown.csv");
+    let mut ticks = [0; 3];
+    without_a_miss(&rig, |slowdown| ticks = fly_and_inject(&rig, slowdown, &states));
+    let change = |name: &str, old: f64, new: f64| serde_json::json!({"name": name, "old": old, "new": new});
+    let changes = [
+        vec![change("rotational_drag_nm_s", 0.105, 0.525)],
+        vec![
+            change("mass_kg", 0.52, 0.6),
+            change("rotor_efficiency_3", 1.0, 0.9),
+            change("gyro_noise_rad_s", 0.0, 0.01),
+        ],
+        vec![change("mass_kg", 0.6, 0.5)],
+    ];
+    let swaps = rig.report()["swaps"].as_array().unwrap().clone();
+    assert_eq!(swaps.len(), 3, "{swaps:?}");
+    for (i, swap) in swaps.iter().enumerate() {
+        assert_eq!((&swap["tick"], &swap["parameter_epoch"]), (&ticks[i].into(), &(i as u64 + 1).into()));
+        assert_eq!(swap["changes"], Value::from(changes[i].clone()));
+    }
+    let first = format!("rotational_drag_nm_s=0.525@tick{}", ticks[0]);
+    let second = format!("mass_kg=0.6,rotor_efficiency_3=0.9,gyro_noise_rad_s=0.01@tick{}", ticks[1]);
+    let third = format!("mass_kg=0.5@tick{}", ticks[2]);
+    let args = ["--duration", "300ms", "--fault", &first, "--fault", &second, "--fault", &third];
+    assert_same_bytes(&std::fs::read(&states).unwrap(), &simulated(&rig, &args), 301);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn where_nobody_flies_inject_and_params_say_so() {
+    let rig = Rig::new("grounded");
+    rig.run("inject", &["mass_kg=0.6"])
+        .expect(1)
+        .complains(&format!("instance `{}` does not fly", rig.instance))
+        .complains("no instance flies; start one: ironbird fly");
+    let params = rig.run("params", &[]).expect(0);
+    params.says("rotational_drag_nm_s").says("does not fly: no values in force");
+    rig.assert_nothing_started();
+}
+
+#[test]
+fn the_report_of_a_flight_in_the_air_says_so() {
+    let rig = Rig::new("watched");
+    let flight = rig.start("fly", &["--rt", "off", "--config", &rig.slow(20), "--duration", "250ms"]);
+    let text = wait_until("the first report", || {
+        let report = rig.run("report", &["latest"]);
+        (report.code == Some(0)).then_some(report)
+    });
+    text.says("IN FLIGHT, numbers so far");
+    let json = rig.run("report", &["latest", "--format", "json"]).expect(0).json();
+    assert_eq!((&json["run"]["in_flight"], &json["run"]["ending"]), (&true.into(), &"still flying".into()));
+    assert_eq!(json["run"]["instance"], rig.instance.as_str());
+    let so_far = json["ticks"]["run"].as_u64().unwrap();
+    assert!((20..251).contains(&so_far), "{so_far} ticks after a second or more");
+    let ended = flight.end().expect(0);
+    let report = rig.run("report", &["latest"]).expect(0).says("completed");
+    assert!(!report.stdout.contains("IN FLIGHT"), "{report}");
+    assert!(ended.stdout.starts_with(&report.stdout), "fly prints the same report:\n{ended}\n{report}");
+    let json = rig.run("report", &["latest", "--format", "json"]).expect(0).json();
+    assert_eq!(json, rig.report());
+    assert_eq!((&json["run"]["in_flight"], &json["ticks"]["run"]), (&false.into(), &251.into()));
+}
+
+#[test]
+fn two_instances_fly_side_by_side_and_a_third_launcher_is_turned_away() {
+    let (left, right) = (Rig::new("left"), Rig::new("right"));
+    let args = |rig: &Rig| ["--rt", "off", "--config", &rig.slow(20), "--duration", "200ms"].map(str::to_owned);
+    let (left_args, right_args) = (args(&left), args(&right));
+    let left_flight = left.take_off(&left_args.each_ref().map(String::as_str));
+    let right_flight = right.take_off(&right_args.each_ref().map(String::as_str));
+    assert!(!left.segments().is_empty() && !right.segments().is_empty(), "segments carry the instance's name");
+    left.run("fly", &["--rt", "off"])
+        .expect(5)
+        .complains(&format!("instance `{}` already has a running fly (process {})", left.instance, left_flight.pid()))
+        .complains(&format!("--instance {}-2", left.instance));
+    let roles = left_flight.roles();
+    left.run("inner", &["--rt", "off"]).expect(5).complains(&format!("a running inner (process {})", roles["inner"]));
+    left.run("inject", &["mass_kg=0.6"]).expect(0);
+    for (rig, flight, swaps) in [(&left, left_flight, 1), (&right, right_flight, 0)] {
+        let result = flight.end().expect(0).result();
+        assert_eq!((result["status"].as_str(), rig.run_directories().len()), ("PASS", 1), "{result:?}");
+        let report = rig.report();
+        assert_eq!(report["swaps"].as_array().unwrap().len(), swaps, "a swap reaches its own instance alone");
+        assert_eq!(report["run"]["instance"], rig.instance.as_str());
+        rig.assert_nothing_left();
+    }
+}
+
+#[test]
+fn roles_started_by_hand_in_any_order_fly_together() {
+    let rig = Rig::new("by-hand");
+    let slow = rig.slow(20);
+    let args = ["--rt", "off", "--config", &slow, "--duration", "50ms"];
+    let mixer = rig.start("mixer", &args);
+    mixer.await_words("waiting for the plant (`ironbird plant`)");
+    let inner = rig.start("inner", &args);
+    let recorder = rig.start("record", &args);
+    let plant = rig.start("plant", &args);
+    plant.await_words("waiting for outer (each with the plant's settings: `ironbird outer` ...)");
+    let outer = rig.start("outer", &args);
+    for role in [mixer, inner, plant, outer] {
+        let ended = role.end().expect(0);
+        assert!(ended.stdout.is_empty(), "what a role says goes to standard error: {ended}");
+    }
+    let result = recorder.end().expect(0).says("Deadlines missed").result();
+    assert_eq!((result["status"].as_str(), result["ticks"].is_empty()), ("PASS", false), "{result:?}");
+    assert_eq!(rig.report()["run"]["ending"], "completed");
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_role_with_other_settings_than_the_plants_is_turned_away_and_the_right_one_may_come() {
+    let rig = Rig::new("differ");
+    let slow = rig.slow(20);
+    let args = ["--rt", "off", "--config", &slow, "--duration", "20ms"];
+    let plant = rig.start("plant", &args);
+    plant.await_words("waiting for outer, inner, mixer, record");
+    rig.run("inner", &[&args[..], &["--preset", "soft"]].concat())
+        .expect(2)
+        .complains("the inner process has other settings than the plant")
+        .complains("`flight.preset` is \"soft\" for inner and \"flight\" for the plant")
+        .complains("start every role with the same --config, --trajectory, --preset, --duration and --fault");
+    rig.run("outer", &["--rt", "off", "--config", &slow, "--duration", "30ms"])
+        .expect(2)
+        .complains("`flight.duration_s` is 0.03 for outer and 0.02 for the plant");
+    let others: Vec<_> = ["outer", "inner", "mixer", "record"].iter().map(|role| rig.start(role, &args)).collect();
+    for role in others.into_iter().chain([plant]) {
+        role.end().expect(0);
+    }
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn what_the_system_grants_and_refuses_is_in_the_report() {
+    let rig = Rig::new("prefer");
+    let args = ["--rt", "prefer", "--config", &rig.slow(5), "--duration", "100ms", "--max-miss-rate", "1000000"];
+    let ended = rig.run("fly", &args).expect(0);
+    let report = rig.report();
+    for role in ["plant", "outer", "inner", "mixer"] {
+        let steps = report["roles"][role]["realtime"].as_array().unwrap();
+        assert_eq!(steps.len(), 7, "{role}: {steps:?}");
+        for step in steps {
+            assert!(step["granted"] == true || !step["refused"].as_str().unwrap().is_empty(), "{role}: {step}");
+        }
+        let fifo = steps.iter().any(|step| step["step"] == "scheduler" && step["granted"] == true);
+        let scheduling = report["roles"][role]["scheduling"].as_str().unwrap();
+        assert_eq!(scheduling.starts_with("fifo "), fifo, "{role}: {steps:?}");
+    }
+    let scheduling = report["roles"]["plant"]["scheduling"].as_str().unwrap().replace(' ', "");
+    assert_eq!(ended.result()["rt"], scheduling);
+    let gates = report["verdict"]["gates"].as_array().unwrap();
+    let gate = gates.iter().find(|gate| gate["name"] == "deadlines missed per million").unwrap();
+    assert_eq!((&gate["held"], &gate["limit"]), (&true.into(), &"<= 1000000".into()));
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_signal_ends_a_plant_that_waits_for_the_others() {
+    let rig = Rig::new("lonely");
+    let plant = rig.start("plant", &["--rt", "off"]);
+    plant.await_words("waiting for");
+    plant.signal(Signal::INT);
+    plant.end().expect(130).complains("interrupted");
+    rig.assert_nothing_left();
+}
