@@ -47,6 +47,13 @@ impl Failure {
         Self::new(FAILED, message)
     }
 
+    /// Adds to what happened.
+    #[must_use]
+    pub fn add(mut self, more: &str) -> Self {
+        self.message.push_str(more);
+        self
+    }
+
     /// Adds what the user can do.
     #[must_use]
     pub fn help(mut self, help: impl Into<String>) -> Self {

@@ -25,6 +25,13 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
     overrides.extend(args.rt.overrides());
     let settings = Settings::resolve(args.flight.config.as_deref(), &overrides)?;
     let station = take_station(role, args, &settings)?;
+    let instance = station.wire().instance().clone();
+    let flown = run(role, station, &settings);
+    leave(&instance, args);
+    flown.map(|()| OK)
+}
+
+fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure> {
     match role {
         Role::Plant => {
             let plan = FlightPlan { last_tick: settings.last_tick(), wall_period_ns: settings.wall_period_ns() };
@@ -37,7 +44,15 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
         Role::Mixer => mixer::process::run(station, &settings.mixer()?)?,
         Role::Record => return Err(Failure::usage("the recorder has a command of its own: `ironbird record`")),
     }
-    Ok(OK)
+    Ok(())
+}
+
+/// The last one that was started by hand removes what the middleware leaves; a launcher does so itself.
+fn leave(instance: &Instance, args: &RoleArgs) {
+    if args.launcher.is_none() {
+        // What resists is found by the next start or by `ironbird clean`, which names it.
+        let _ = instance.remove_leftovers();
+    }
 }
 
 /// Records until the run is over; by hand, prints the report.
@@ -51,12 +66,15 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     let settings = Settings::resolve(args.role.flight.config.as_deref(), &overrides)?;
     check_writable("--states", args.recorder.states.as_deref())?;
     let station = take_station(Role::Record, &args.role, &settings)?;
+    let instance = station.wire().instance().clone();
     let directory = match &args.run_dir {
         Some(directory) => directory.clone(),
         None => RunDirectory::create(&PathBuf::from(&settings.recorder.out), &settings, &args.role.rt.instance)?.path,
     };
     let files = Files { directory: directory.clone(), states: args.recorder.states.clone() };
-    let report = process::run(station, &settings, &files)?;
+    let recorded = process::run(station, &settings, &files);
+    leave(&instance, &args.role);
+    let report = recorded?;
     if args.role.launcher.is_none() {
         print(&(text::render(&report) + &text::result_line(&report, &directory.display().to_string()) + "\n"))?;
     }

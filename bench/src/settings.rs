@@ -100,14 +100,18 @@ impl Settings {
     /// A usage [`Failure`] names the key, the value, what is allowed, and where it came from.
     pub fn resolve(file: Option<&Path>, overrides: &Overrides) -> Result<Self, Failure> {
         let (table, origin) = layered(file, overrides)?;
-        let settings: Self = table.try_into().map_err(|e: toml::de::Error| {
-            Failure::usage(format!("settings: {}", e.message())).help("see `ironbird fly --print-config`")
-        })?;
-        settings.check().map_err(|failure| match origin {
-            Some(path) => Failure::usage(format!("{failure} (settings file {})", path.display())),
-            None => failure,
-        })?;
-        Ok(settings)
+        table
+            .try_into()
+            .map_err(|e: toml::de::Error| {
+                // The second line names the key.
+                let what = e.to_string().trim_end().replace('\n', " ");
+                Failure::usage(format!("settings: {what}")).help("see `ironbird fly --print-config`")
+            })
+            .and_then(|settings: Self| settings.check().map(|()| settings))
+            .map_err(|failure| match origin {
+                Some(path) => failure.add(&format!(" (settings file {})", path.display())),
+                None => failure,
+            })
     }
 
     /// The full commented settings, with these values.
@@ -297,7 +301,11 @@ fn layered<'a>(file: Option<&'a Path>, overrides: &Overrides) -> Result<(Table, 
     let flag = |key: &str| overrides.iter().find(|(k, _)| *k == key).map(|(_, value)| value);
     let preset = flag("flight.preset").or_else(|| given.get("flight")?.get("preset")).and_then(Value::as_str);
     if let Some(preset) = preset {
-        let preset: Preset = preset.parse().map_err(|e| Failure::usage(format!("flight.preset: {e}")))?;
+        let preset: Preset = preset.parse().map_err(|e| {
+            // A flag with an unknown name does not come this far.
+            let place = file.map(|path| format!(" (settings file {})", path.display())).unwrap_or_default();
+            Failure::usage(format!("flight.preset: {e}{place}"))
+        })?;
         let gains = Table::try_from(Gains::preset(preset)).map_err(|e| Failure::failed(e.to_string()))?;
         table.insert("gains".into(), Value::Table(gains));
     }

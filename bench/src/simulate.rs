@@ -62,7 +62,7 @@ fn summary(flown: &Flown, settings: &Settings, wall_s: f64) -> String {
         text += &format!("  {name:<24} estimated {estimated:>12.6e}  true {actual:>12.6e}\n");
     }
     if let Some(departure) = &flown.departure {
-        text += &format!("left the envelope: {departure}\n");
+        text += &format!("{departure}\n");
     }
     let status = if flown.departure.is_none() { "PASS" } else { "FAIL" };
     text + &format!("RESULT status={status} ticks={} run=none\n", flown.ticks)
@@ -108,7 +108,10 @@ fn fly(
             squares += error_m * error_m;
             flown.error_max_m = flown.error_max_m.max(error_m);
             if error_m > settings.flight.position_error_max_m {
-                flown.departure = Some(format!("at tick {tick} the position error is {error_m:.2} m"));
+                flown.departure = Some(format!(
+                    "the flight left its envelope: at tick {tick} the position error is {error_m:.2} m, allowed are {} m",
+                    settings.flight.position_error_max_m
+                ));
             }
         }
         if let Err(departure) = rig.plant().envelope() {

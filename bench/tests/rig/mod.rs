@@ -65,14 +65,8 @@ impl Rig {
 
     /// `ironbird COMMAND` with the instance and the output directory of this rig, where the command takes them.
     pub fn command(&self, command: &str, args: &[&str]) -> Command {
-        self.command_of(IRONBIRD, command, args)
-    }
-
-    /// The same with another executable in front or instead.
-    pub fn command_of(&self, executable: &str, command: &str, args: &[&str]) -> Command {
-        let mut process = Command::new(executable);
-        process.arg(command).args(self.own_args(command, args));
-        process.env("IRONBIRD_ROOT", self.root()).current_dir(self.directory.path()).stdin(Stdio::null());
+        let mut process = Command::new(IRONBIRD);
+        process.arg(command).args(self.own_args(command, args)).env("IRONBIRD_ROOT", self.root());
         process
     }
 
@@ -102,7 +96,7 @@ impl Rig {
         let number = self.started.fetch_add(1, Ordering::Relaxed);
         let (stdout, stderr) = (self.path(&format!("{number}.out")), self.path(&format!("{number}.err")));
         command.stdout(File::create(&stdout).unwrap()).stderr(File::create(&stderr).unwrap());
-        let child = command.spawn().unwrap();
+        let child = command.stdin(Stdio::null()).current_dir(self.directory.path()).spawn().unwrap();
         Running { what: format!("{command:?}"), child, stdout, stderr }
     }
 

@@ -1,0 +1,285 @@
+//! What users get wrong, what gates find, and what the machine refuses.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod rig;
+
+use std::fs;
+use std::os::unix::fs::{PermissionsExt as _, chown};
+use std::process::Command;
+use std::thread::sleep;
+use std::time::Duration;
+
+use rig::{Ended, IRONBIRD, Rig, send};
+use rustix::process::Signal;
+
+const COMMANDS: [&str; 11] =
+    ["fly", "inject", "params", "report", "simulate", "clean", "plant", "outer", "inner", "mixer", "record"];
+
+#[test]
+fn every_command_explains_itself() {
+    let rig = Rig::new("help");
+    let run = |args: &[&str]| {
+        let mut command = Command::new(IRONBIRD);
+        command.args(args).env("IRONBIRD_ROOT", rig.root());
+        rig.launch(command).end()
+    };
+    let overview = run(&["--help"]).expect(0);
+    for command in COMMANDS {
+        assert!(
+            overview.stdout.lines().any(|line| line.trim_start().starts_with(&format!("{command} "))),
+            "{overview}"
+        );
+        let help = run(&[command, "--help"]).expect(0);
+        let first = help.stdout.lines().next().unwrap();
+        assert!(first.len() > 10 && help.stdout.contains(&format!("Usage: ironbird {command}")), "{help}");
+        let hidden = help.stdout.contains("--launcher") || help.stdout.contains("--run-dir");
+        assert!(!hidden, "what launcher and roles tell each other is no flag for users: {help}");
+    }
+    run(&[]).expect(2).complains("Usage: ironbird");
+    run(&["hover"]).expect(2).complains("unrecognized subcommand 'hover'");
+    rig.assert_nothing_started();
+}
+
+#[test]
+fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
+    let rig = Rig::new("arguments");
+    for (command, args, words) in [
+        (
+            "fly",
+            &["--trajectory", "loop"][..],
+            "invalid value 'loop' for '--trajectory <TRAJECTORY>' [possible values: hover, step, helix, lissajous, fast]",
+        ),
+        ("fly", &["--preset", "race"], "[possible values: flight, paper, soft]"),
+        ("fly", &["--duration", "3parsecs"], "invalid value '3parsecs' for '--duration <DURATION>': unknown time unit"),
+        ("fly", &["--duration", "0s"], "flight.duration_s = 0 is out of range: allowed are 0.001 to 86400"),
+        ("fly", &["--rt", "maybe"], "[possible values: require, prefer, off]"),
+        ("fly", &["--cpu", "9999"], "rt.cpu = 9999: allowed are a processor's number and \"auto\""),
+        ("fly", &["--every", "0"], "recorder.states_every_ticks = 0 is out of range: allowed are 1 to"),
+        ("fly", &["--max-miss-rate", "few"], "invalid value 'few' for '--max-miss-rate <PPM>'"),
+        (
+            "fly",
+            &["--config", "/nowhere/s.toml"],
+            "cannot read the settings file /nowhere/s.toml: No such file or directory",
+        ),
+        ("fly", &["--states", "/nowhere/s.csv"], "--states: cannot write /nowhere/s.csv: No such file or directory"),
+        ("fly", &["--instance", "Left Rig"], "instance name `Left Rig` is not allowed: 1 to 32 of the characters a-z"),
+        (
+            "fly",
+            &["--fault", "mass_kg=0.6"],
+            "`mass_kg=0.6` says no instant: write NAME=VALUE[,NAME=VALUE]@8s or ...@tick8000",
+        ),
+        ("fly", &["--fault", "mass_kg=0.6@soon"], "`soon` is no instant: write @8s, @500ms or @tick8000"),
+        ("fly", &["--fault", "mas_kg=0.6@1s"], "unknown parameter `mas_kg`; did you mean `mass_kg`?"),
+        ("fly", &["--fault", "mass_kg=60@1s"], "mass_kg = 60 is out of range: allowed are 0.05 to 5.0 kg"),
+        ("fly", &["--fault", "mass_kg=nan@1s"], "mass_kg = NaN is out of range: allowed are 0.05 to 5.0 kg"),
+        (
+            "fly",
+            &["--duration", "1s", "--fault", "mass_kg=0.6@2s"],
+            "a fault at tick 2000 never strikes: the flight ends at tick 1000",
+        ),
+        ("fly", &["--launcher", "1"], "unexpected argument '--launcher' found"),
+        ("simulate", &["--fault", "mass_kg@1s"], "`mass_kg` is no assignment: write NAME=VALUE"),
+        (
+            "simulate",
+            &["--states", "/nowhere/s.csv"],
+            "--states: cannot write /nowhere/s.csv: No such file or directory",
+        ),
+        ("plant", &["--preset", "race"], "[possible values: flight, paper, soft]"),
+        ("mixer", &["--instance", ""], "instance name `` is not allowed"),
+        ("record", &["--states", "/nowhere/s.csv"], "--states: cannot write /nowhere/s.csv: No such file or directory"),
+        ("inject", &[], "required arguments were not provided: <NAME=VALUE>..."),
+        ("inject", &["mass_kg"], "`mass_kg` is no assignment: write NAME=VALUE, as in rotational_drag_nm_s=0.525"),
+        ("inject", &["mass_kg=heavy"], "mass_kg = `heavy` is not a number"),
+        ("inject", &["mass_kg=-1"], "mass_kg = -1 is out of range: allowed are 0.05 to 5.0 kg"),
+        (
+            "inject",
+            &["mass_kg=0.6", "--at-tick", "5", "--in", "1s"],
+            "'--at-tick <N>' cannot be used with '--in <TIME>'",
+        ),
+        ("inject", &["mass_kg=0.6", "--instance", "../up"], "instance name `../up` is not allowed"),
+        ("report", &["monday"], "no flight at monday or"),
+        ("report", &["--format", "xml"], "[possible values: text, json]"),
+    ] {
+        rig.run(command, args).expect(2).complains(words);
+        rig.assert_nothing_started();
+    }
+}
+
+#[test]
+fn every_wrong_setting_is_named_with_file_value_and_what_is_allowed() {
+    let rig = Rig::new("settings");
+    for (text, words) in [
+        ("[flihgt]\n", "unknown section [flihgt]; did you mean `flight`?"),
+        ("[flight]\nslowdwon = 3\n", "unknown key `flight.slowdwon`; did you mean `slowdown`?"),
+        ("[flight]\nslowdown = 0\n", "flight.slowdown = 0 is out of range: allowed are 1 to 1000"),
+        ("[flight]\nslowdown = \"slow\"\n", "flight.slowdown = \"slow\": expected a whole number, as in 1"),
+        ("[flight]\ntrajectory = \"loop\"\n", "unknown variant `loop`, expected one of"),
+        ("[flight]\ntrajectory = \"loop\"\n", "in `flight.trajectory`"),
+        ("[flight]\npreset = \"race\"\n", "flight.preset: unknown preset `race`"),
+        ("[plant]\nmass_kg = 50\n", "plant.mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg"),
+        ("[model]\nwingspan_m = 2\n", "unknown key `model.wingspan_m`"),
+        ("[gains]\nattitude_1_s = [8, 8]\n", "gains.attitude_1_s = [8, 8]: expected a list of 3 numbers"),
+        ("[gains]\nalpha_1_s = 2000\n", "gains.alpha_1_s = 2000 cannot fly"),
+        ("[rt]\npriority = 99\n", "rt.priority = 99 is out of range: allowed are 1 to 95"),
+        ("[flight\n", "TOML parse error at line 1"),
+    ] {
+        let path = rig.settings(text);
+        for command in ["fly", "simulate", "inner"] {
+            let ended = rig.run(command, &["--config", &path]).expect(2).complains(words);
+            let named = ended.complains(&path);
+            assert!(named.stdout.is_empty(), "{named}");
+        }
+        rig.assert_nothing_started();
+    }
+}
+
+#[test]
+fn directories_that_cannot_be_used_are_named_with_the_remedy() {
+    let rig = Rig::new("places");
+    let with_root = |root: &str| {
+        let mut command = rig.command("fly", &["--rt", "off"]);
+        command.env("IRONBIRD_ROOT", root);
+        rig.launch(command).end().expect(2)
+    };
+    with_root("/proc/nope").complains("cannot use the root path /proc/nope/").complains("another one in IRONBIRD_ROOT");
+    let long = format!("/tmp/{}", "x".repeat(60));
+    with_root(&long).complains("is 65 characters long; sockets below it need it to be at most 40");
+    assert!(!fs::exists(long).unwrap());
+    rig.assert_nothing_started();
+    let ended = rig.run("fly", &["--rt", "off", "--out", "/proc/nope"]).expect(2);
+    ended.complains("cannot record into /proc/nope: No such file or directory").complains("--out DIR");
+    assert!(!rig.root().join(&rig.instance).exists(), "what was made for the flight is gone");
+    rig.assert_nothing_left();
+}
+
+/// The gate of a name in the report, which must not have held.
+fn failed_gate(rig: &Rig, ended: Ended, name: &str) -> String {
+    let ended = ended.expect(3);
+    assert_eq!(ended.result()["status"], "FAIL", "{ended}");
+    let gates = rig.report()["verdict"]["gates"].clone();
+    let gate = gates.as_array().unwrap().iter().find(|gate| gate["name"] == name).unwrap_or_else(|| panic!("{gates}"));
+    assert_eq!(gate["held"], false, "{gates}");
+    let value = gate["value"].as_str().unwrap().to_owned();
+    ended.says(&format!("  FAIL {name}: {value} (limit "));
+    rig.assert_nothing_left();
+    value
+}
+
+#[test]
+fn a_missed_deadline_fails_the_gate_on_the_miss_rate() {
+    let rig = Rig::new("miss-rate");
+    let args = ["--rt", "off", "--config", &rig.slow(20), "--duration", "100ms", "--max-miss-rate", "0"];
+    let flight = rig.take_off(&args);
+    let mixer = flight.roles()["mixer"];
+    // The plant waits for tick 0 at most 0.2 s after it is announced: by then it flies.
+    sleep(Duration::from_millis(300));
+    send(mixer, Signal::STOP);
+    sleep(Duration::from_millis(150));
+    send(mixer, Signal::CONT);
+    let value = failed_gate(&rig, flight.end(), "deadlines missed per million");
+    assert!(value.parse::<f64>().unwrap() > 0.0, "{value}");
+    let deadlines = &rig.report()["deadlines"];
+    assert!(deadlines["missed"].as_u64().unwrap() >= 5 && deadlines["missed_by_stamps"].as_u64().unwrap() >= 5);
+    let runs = deadlines["runs"].as_array().unwrap();
+    assert!(runs.iter().any(|run| run["length_ticks"].as_u64().unwrap() >= 5), "misses in a row: {runs:?}");
+}
+
+#[test]
+fn too_few_samples_do_not_pass_the_gate_on_the_loop() {
+    let rig = Rig::new("loop-gate");
+    let args = ["--rt", "off", "--config", &rig.slow(5), "--duration", "50ms", "--max-loop-p999", "1"];
+    let value = failed_gate(&rig, rig.run("fly", &args), "loop p99.9 [us]");
+    assert_eq!(value, "too few samples");
+}
+
+#[test]
+fn a_flight_that_leaves_its_envelope_fails_flown_or_simulated() {
+    let rig = Rig::new("envelope");
+    for (fault, max_m, simulated, flown) in [
+        ("rotor_efficiency_1=0@tick50", 0.01, "the position error is 0.01 m", "position error beyond its limit"),
+        ("rotational_drag_nm_s=0,rotor_efficiency_1=0@tick5", 100.0, "the pitch is 8", "pitch beyond 80 degrees"),
+    ] {
+        let settings = rig.settings(&format!("[flight]\nslowdown = 2\nposition_error_max_m = {max_m:?}\n"));
+        let args = ["--config", &settings, "--duration", "2s", "--fault", fault];
+        let ended = rig.run("simulate", &args).expect(3).says("the flight left its envelope: at tick ").says(simulated);
+        assert_eq!(ended.result()["status"], "FAIL");
+        let ended = rig.run("fly", &[&args[..], &["--rt", "off"]].concat());
+        let value = failed_gate(&rig, ended, "flight envelope");
+        assert_eq!(value, format!("left the envelope: {flown}"));
+        let report = rig.report();
+        let ticks = report["ticks"]["run"].as_u64().unwrap();
+        assert!(report["ticks"]["identity_holds"] == true && (51..2001).contains(&ticks), "{ticks} ticks");
+    }
+}
+
+/// A flight of a user without privileges; none where there is no way to become one.
+fn fly_unprivileged(rig: &Rig, args: &[&str]) -> Option<Ended> {
+    const NOBODY: u32 = 65534;
+    if !rustix::process::geteuid().is_root() {
+        return Some(rig.run("fly", args));
+    }
+    let id = NOBODY.to_string();
+    let as_nobody = ["--reuid", &id, "--regid", &id, "--clear-groups"];
+    if !Command::new("setpriv").args(as_nobody).arg("true").status().is_ok_and(|status| status.success()) {
+        eprintln!("skipped: setpriv (util-linux) is not there, or may not become another user");
+        return None;
+    }
+    // Its own copy: the directory of the build may be closed to others.
+    let executable = rig.path("ironbird");
+    if !executable.exists() {
+        fs::copy(IRONBIRD, &executable).unwrap();
+        fs::set_permissions(rig.path("."), fs::Permissions::from_mode(0o755)).unwrap();
+        for directory in [rig.root(), rig.out()] {
+            fs::create_dir(&directory).unwrap();
+            chown(&directory, Some(NOBODY), Some(NOBODY)).unwrap();
+        }
+    }
+    let mut command = Command::new("setpriv");
+    command.args(as_nobody).arg(executable).arg("fly").args(rig.own_args("fly", args));
+    command.env("IRONBIRD_ROOT", rig.root());
+    Some(rig.launch(command).end())
+}
+
+#[test]
+fn without_privilege_real_time_is_refused_when_required_and_reported_when_preferred() {
+    let rig = Rig::new("nobody");
+    let slow = rig.slow(5);
+    let args = |mode| ["--rt", mode, "--config", &slow, "--duration", "50ms"];
+    let Some(required) = fly_unprivileged(&rig, &args("require")) else { return };
+    if required.code == Some(0) {
+        eprintln!("skipped: this user is granted real time");
+        return;
+    }
+    required
+        .expect(4)
+        .complains("real time was required and not granted to the")
+        .complains("Scheduler (Operation not permitted (os error 1))")
+        .complains("raise the rtprio limit")
+        .complains("or fly with what is granted: --rt prefer");
+    rig.assert_nothing_left();
+    let preferred = fly_unprivileged(&rig, &args("prefer")).unwrap().expect(0);
+    assert_eq!(preferred.result()["rt"], "other", "{preferred}");
+    preferred.says("REFUSED (Operation not permitted (os error 1))");
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn too_little_shared_memory_is_said_before_anything_starts() {
+    let rig = Rig::new("small-shm");
+    if !Command::new("unshare").args(["-m", "true"]).status().is_ok_and(|status| status.success()) {
+        eprintln!("skipped: unshare (util-linux) is not there, or not permitted");
+        return;
+    }
+    for command in ["fly", "plant"] {
+        let mut small = Command::new("unshare");
+        let script = "mount -t tmpfs -o size=4m tmpfs /dev/shm && exec \"$0\" \"$@\"";
+        small.args(["-m", "sh", "-c", script, IRONBIRD, command]).args(rig.own_args(command, &["--rt", "off"]));
+        small.env("IRONBIRD_ROOT", rig.root());
+        rig.launch(small)
+            .end()
+            .expect(1)
+            .complains("shared memory is too small: /dev/shm has 4 MiB free, this instance needs ")
+            .complains("enlarge it: mount -o remount,size=256M /dev/shm");
+        rig.assert_nothing_started();
+    }
+}
