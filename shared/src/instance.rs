@@ -46,16 +46,23 @@ impl Instance {
     /// # Errors
     /// [`Error::InstanceName`], [`Error::RootPathTooLong`].
     pub fn new(name: &str) -> Result<Self, Error> {
+        Self::under(&root_path(), name)
+    }
+
+    /// The instance of a name under a root path of the caller's choice.
+    ///
+    /// # Errors
+    /// [`Error::InstanceName`], [`Error::RootPathTooLong`].
+    pub fn under(root: &Path, name: &str) -> Result<Self, Error> {
         let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_' || c == '-';
         let valid = !name.is_empty() && name.chars().all(allowed);
         let name =
             Name::try_from(name).ok().filter(|_| valid).ok_or_else(|| Error::InstanceName { name: name.to_owned() })?;
-        let root = root_path();
         let length = root.as_os_str().len();
         if length > ROOT_MAX {
-            return Err(Error::RootPathTooLong { path: root, length, max: ROOT_MAX });
+            return Err(Error::RootPathTooLong { path: root.to_owned(), length, max: ROOT_MAX });
         }
-        Ok(Self { name, root })
+        Ok(Self { name, root: root.to_owned() })
     }
 
     /// Its name.

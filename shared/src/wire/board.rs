@@ -1,20 +1,35 @@
 //! Notice boards: a value that one process writes and anybody reads, without either waiting for the other.
 //!
-//! An iceoryx2 blackboard with a single entry. Joining and leaving readers cost the writer nothing, so boards
-//! are how observers look at a flight.
+//! An iceoryx2 blackboard of one value. Joining and leaving readers cost the writer nothing, so boards are how
+//! observers look at a flight.
+//!
+//! A writer that is killed keeps its right to write an entry for as long as anybody looks at the blackboard
+//! (iceoryx2 0.10). So a board has several entries, its sheets: a writer takes the first that is free, and
+//! readers look at the last that was written on.
 
-use iceoryx2::port::reader::{EntryHandle, Reader};
-use iceoryx2::port::writer::{EntryHandleMut, Writer};
+use std::cell::Cell;
+
+use iceoryx2::port::reader::{BlackboardValue, EntryHandle, Reader};
+use iceoryx2::port::writer::{EntryHandleMut, EntryHandleMutError, Writer};
 use iceoryx2::prelude::{ZeroCopySend, ipc};
 use iceoryx2::service::builder::blackboard::{BlackboardCreateError, BlackboardOpenError};
 use iceoryx2::service::port_factory::blackboard::PortFactory;
 
-use super::{NODES, Wire, layout_specifier, layout_verifier};
+use super::{NODES, Wire, layout_specifier, layout_verifier, not_opened};
 use crate::error::Error;
 use crate::layout::Layout;
 
-/// The only key of a board.
-const KEY: u64 = 0;
+/// Sheets of a board: writers of it that may be killed while somebody looks at it, and one.
+const SHEETS: u64 = 8;
+
+/// What lies on a sheet.
+#[derive(Clone, Copy, Debug, Default, ZeroCopySend)]
+#[repr(C)]
+struct Sheet<T: ZeroCopySend> {
+    /// 1 when somebody has written on it.
+    written: u64,
+    value: T,
+}
 
 /// A value that can be put on a board.
 pub trait Notice: ZeroCopySend + Copy + Default + Layout + std::fmt::Debug + 'static {}
@@ -26,13 +41,14 @@ impl Wire {
     /// # Errors
     /// [`Error::Wire`], [`Error::Incompatible`].
     pub fn board<T: Notice>(&self, name: &str) -> Result<Board<T>, Error> {
-        let service = match self
+        let empty = self
             .node
             .service_builder(&self.service_name(name)?)
             .blackboard_creator::<u64>()
             .max_readers(NODES)
-            .max_nodes(NODES)
-            .add::<T>(KEY, T::default())
+            .max_nodes(NODES);
+        let service = match (0..SHEETS)
+            .fold(empty, |board, sheet| board.add(sheet, Sheet::<T>::default()))
             .create_with_attributes(&layout_specifier(T::FINGERPRINT)?)
         {
             Ok(service) => service,
@@ -43,8 +59,11 @@ impl Wire {
         };
         let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot become the writer of board `{name}`"), e);
         let writer = service.writer_builder().create().map_err(|e| failed(&e))?;
-        let entry = writer.entry::<T>(&KEY).map_err(|e| failed(&e))?;
-        Ok(Board { entry, _writer: writer, _service: service })
+        let mut sheets = (0..SHEETS).map(|sheet| writer.entry(&sheet));
+        let is_taken = |sheet: &Result<_, _>| matches!(sheet, Err(EntryHandleMutError::HandleAlreadyExists));
+        let free = sheets.find(|sheet| !is_taken(sheet)).unwrap_or(Err(EntryHandleMutError::HandleAlreadyExists));
+        let sheet = free.map_err(|e| failed(&e))?;
+        Ok(Board { sheet, _writer: writer, _service: service })
     }
 
     /// A reader of a board; `None` while nobody has put it up.
@@ -55,8 +74,14 @@ impl Wire {
         let Some(service) = self.open_board::<T>(name)? else { return Ok(None) };
         let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot read board `{name}`"), e);
         let reader = service.reader_builder().create().map_err(|e| failed(&e))?;
-        let entry = reader.entry::<T>(&KEY).map_err(|e| failed(&e))?;
-        Ok(Some(BoardReader { entry, _reader: reader, _service: service }))
+        let sheets = (0..SHEETS)
+            .map(|sheet| {
+                let sheet = reader.entry::<Sheet<T>>(&sheet).map_err(|e| failed(&e))?;
+                Ok(Look { before: sheet.get(), sheet })
+            })
+            .collect::<Result<Vec<_>, Error>>()?;
+        let last = sheets.iter().rposition(|look| look.before.written == 1).unwrap_or(0);
+        Ok(Some(BoardReader { sheets, last: Cell::new(last), _reader: reader, _service: service }))
     }
 
     fn open_board<T: Notice>(&self, name: &str) -> Result<Option<PortFactory<ipc::Service, u64>>, Error> {
@@ -73,11 +98,7 @@ impl Wire {
                 | BlackboardOpenError::IsMarkedForDestruction
                 | BlackboardOpenError::HangsInCreation,
             ) => Ok(None),
-            Err(BlackboardOpenError::IncompatibleAttributes) => Err(Error::Incompatible {
-                what: format!("board `{name}`"),
-                reason: format!("{:?}", BlackboardOpenError::IncompatibleAttributes),
-            }),
-            Err(error) => Err(Error::wire(format!("cannot open board `{name}`"), error)),
+            Err(error) => Err(not_opened(format!("board `{name}`"), error)),
         }
     }
 }
@@ -85,7 +106,7 @@ impl Wire {
 /// A board with the right to write on it.
 #[allow(missing_debug_implementations, reason = "the middleware's handle has none")]
 pub struct Board<T: Notice> {
-    entry: EntryHandleMut<ipc::Service, u64, T>,
+    sheet: EntryHandleMut<ipc::Service, u64, Sheet<T>>,
     _writer: Writer<ipc::Service, u64>,
     _service: PortFactory<ipc::Service, u64>,
 }
@@ -93,14 +114,23 @@ pub struct Board<T: Notice> {
 impl<T: Notice> Board<T> {
     /// Replaces what is on the board.
     pub fn put(&self, value: T) {
-        self.entry.update_with_copy(value);
+        self.sheet.update_with_copy(Sheet { written: 1, value });
     }
+}
+
+/// A sheet to look at.
+struct Look<T: Notice> {
+    sheet: EntryHandle<ipc::Service, u64, Sheet<T>>,
+    /// What lay on it when the reader came.
+    before: BlackboardValue<Sheet<T>>,
 }
 
 /// A board to look at.
 #[allow(missing_debug_implementations, reason = "the middleware's handle has none")]
 pub struct BoardReader<T: Notice> {
-    entry: EntryHandle<ipc::Service, u64, T>,
+    sheets: Vec<Look<T>>,
+    /// The last one that was written on, as far as seen.
+    last: Cell<usize>,
     _reader: Reader<ipc::Service, u64>,
     _service: PortFactory<ipc::Service, u64>,
 }
@@ -109,6 +139,11 @@ impl<T: Notice> BoardReader<T> {
     /// What is on the board now; what its last writer left when that is gone.
     #[must_use]
     pub fn get(&self) -> T {
-        *self.entry.get()
+        let last = self.last.get();
+        // One look at a counter for each later sheet.
+        let later = self.sheets[last + 1..].iter().rposition(|look| !look.sheet.is_up_to_date(&look.before));
+        let last = later.map_or(last, |later| last + 1 + later);
+        self.last.set(last);
+        self.sheets[last].sheet.get().value
     }
 }

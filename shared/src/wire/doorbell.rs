@@ -9,7 +9,7 @@ use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::ipc;
 use iceoryx2::service::port_factory::event::PortFactory;
 
-use super::{NODES, Wire};
+use super::{NODES, Wire, not_opened};
 use crate::error::Error;
 use crate::role::Role;
 use crate::rt::sys::readable_until;
@@ -25,13 +25,13 @@ impl Wire {
             .max_nodes(NODES)
             .event_id_max_value(0)
             .open_or_create()
-            .map_err(|e| Error::wire(format!("cannot open the doorbell of {role}"), e))
+            .map_err(|error| not_opened(format!("the doorbell of {role}"), error))
     }
 
     /// The doorbell at which a role waits.
     ///
     /// # Errors
-    /// [`Error::Wire`].
+    /// [`Error::Wire`], [`Error::Incompatible`].
     pub fn doorbell(&self, role: Role) -> Result<Doorbell, Error> {
         let listener = self
             .bell_service(role)?
@@ -44,7 +44,7 @@ impl Wire {
     /// The button of a role's doorbell.
     ///
     /// # Errors
-    /// [`Error::Wire`].
+    /// [`Error::Wire`], [`Error::Incompatible`].
     pub fn bell(&self, role: Role) -> Result<Bell, Error> {
         let notifier = self
             .bell_service(role)?

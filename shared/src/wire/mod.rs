@@ -83,6 +83,18 @@ impl Wire {
     }
 }
 
+/// Why a service was not opened: made differently by another build, or only out of reach.
+///
+/// The middleware has an error type per kind of service; the names of what differs are the same in all of them.
+fn not_opened(what: String, error: impl std::fmt::Debug) -> Error {
+    let reason = format!("{error:?}");
+    if ["Incompatible", "DoesNotSupport", "VersionMismatch"].iter().any(|differs| reason.contains(differs)) {
+        Error::Incompatible { what, reason }
+    } else {
+        Error::Wire { what: format!("cannot open {what}"), reason }
+    }
+}
+
 /// The attribute of a service that carries the layout of its payload.
 fn layout_attribute(fingerprint: u64) -> Option<(AttributeKey, AttributeValue)> {
     let value = format!("{fingerprint:016x}");

@@ -4,10 +4,9 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::ipc;
-use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenOrCreateError as OpenError;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use super::{Bell, DEEP, NODES, Wire, layout_verifier};
+use super::{Bell, DEEP, NODES, Wire, layout_verifier, not_opened};
 use crate::clock::now_ns;
 use crate::envelope::{Envelope, LAYOUT, Message};
 use crate::error::Error;
@@ -29,14 +28,7 @@ impl Wire {
             // A receiver that does not keep up loses its oldest sample; a sender never waits for anybody.
             .enable_safe_overflow(true)
             .open_or_create_with_attributes(&layout_verifier(LAYOUT)?)
-            .map_err(|error| {
-                let what = format!("topic `{}`", C::NAME);
-                if matches!(error, OpenError::PublishSubscribeOpenError(_)) {
-                    Error::Incompatible { what, reason: format!("{error:?}") }
-                } else {
-                    Error::wire(format!("cannot create {what}"), error)
-                }
-            })
+            .map_err(|error| not_opened(format!("topic `{}`", C::NAME), error))
     }
 
     /// The one sender of a topic; rings `bell` after each message.

@@ -9,7 +9,7 @@ use iceoryx2::port::server::Server;
 use iceoryx2::prelude::{ZeroCopySend, ipc};
 use iceoryx2::service::port_factory::request_response::PortFactory;
 
-use super::{Bell, NODES, Wire, layout_verifier};
+use super::{Bell, NODES, Wire, layout_verifier, not_opened};
 use crate::clock::now_ns;
 use crate::error::Error;
 use crate::layout::{FNV_OFFSET, Layout as _, fnv1a, from_wire, layout};
@@ -86,13 +86,13 @@ impl Wire {
             .max_response_buffer_size(1)
             .max_nodes(NODES)
             .open_or_create_with_attributes(&layout_verifier(layouts)?)
-            .map_err(|e| Error::wire("cannot open the service `parameters`", e))
+            .map_err(|error| not_opened("the service `parameters`".into(), error))
     }
 
     /// The plant's end.
     ///
     /// # Errors
-    /// [`Error::Wire`].
+    /// [`Error::Wire`], [`Error::Incompatible`].
     pub fn swap_server(&self) -> Result<SwapServer, Error> {
         let server = self
             .swap_service()?
@@ -105,7 +105,7 @@ impl Wire {
     /// A client's end.
     ///
     /// # Errors
-    /// [`Error::Wire`].
+    /// [`Error::Wire`], [`Error::Incompatible`].
     pub fn swap_client(&self) -> Result<SwapClient, Error> {
         let client = self
             .swap_service()?

@@ -1,0 +1,144 @@
+//! Doorbells: a ring is never lost, never counted twice, and a wait ends at its instant.
+
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
+
+use shared::clock::now_ns;
+use shared::envelope::Envelope;
+use shared::error::Error;
+use shared::messages::State;
+use shared::role::Role;
+use shared::wire::LATEST;
+
+use crate::{EPOCH, EXPECTED, Site, assert_incompatible, node};
+
+/// Only ends a test that hangs [ns].
+const LONG: u64 = 60_000_000_000;
+
+#[test]
+fn a_ring_before_the_wait_ends_it_at_once() {
+    let site = Site::new();
+    let wire = site.wire();
+    let doorbell = wire.doorbell(Role::Outer).unwrap();
+    let bell = wire.bell(Role::Outer).unwrap();
+    bell.ring().unwrap();
+    assert!(doorbell.wait_until(now_ns() + LONG).unwrap());
+}
+
+#[test]
+fn a_ring_is_answered_even_when_the_instant_has_come() {
+    let site = Site::new();
+    let wire = site.wire();
+    let doorbell = wire.doorbell(Role::Outer).unwrap();
+    wire.bell(Role::Outer).unwrap().ring().unwrap();
+    assert!(doorbell.wait_until(now_ns()).unwrap());
+}
+
+#[test]
+fn a_wait_without_a_ring_ends_after_its_instant_and_says_so() {
+    let site = Site::new();
+    let wire = site.wire();
+    let doorbell = wire.doorbell(Role::Inner).unwrap();
+    let _bell = wire.bell(Role::Inner).unwrap();
+    for wait_ns in [0, 1, 50_000, 300_000, 2_500_000, 30_000_000] {
+        let until = now_ns() + wait_ns;
+        assert!(!doorbell.wait_until(until).unwrap());
+        assert!(now_ns() >= until, "it came back {} ns early", until - now_ns());
+    }
+    assert!(!doorbell.wait_until(0).unwrap(), "an instant that is over");
+}
+
+#[test]
+fn rings_that_nobody_waited_for_are_one() {
+    let site = Site::new();
+    let wire = site.wire();
+    let doorbell = wire.doorbell(Role::Mixer).unwrap();
+    let bell = wire.bell(Role::Mixer).unwrap();
+    for rings in [1, 2, 5] {
+        for _ in 0..rings {
+            bell.ring().unwrap();
+        }
+        assert!(doorbell.wait_until(now_ns() + LONG).unwrap(), "{rings} rings");
+        assert!(!doorbell.wait_until(now_ns() + 1_000_000).unwrap(), "all {rings} were answered together");
+    }
+}
+
+#[test]
+fn a_bell_that_nobody_answers_never_stops_the_one_who_rings() {
+    let site = Site::new();
+    let wire = site.wire();
+    let bell = wire.bell(Role::Outer).unwrap();
+    bell.ring().unwrap();
+    let doorbell = wire.doorbell(Role::Outer).unwrap();
+    // More than any queue of the kernel holds.
+    for _ in 0..100_000 {
+        bell.ring().unwrap();
+    }
+    assert!(doorbell.wait_until(now_ns() + LONG).unwrap());
+    assert!(!doorbell.wait_until(now_ns()).unwrap(), "and none is left");
+}
+
+#[test]
+fn a_ring_ends_a_wait_in_another_thread() {
+    let site = Site::new();
+    thread::scope(|scope| {
+        let (tell, told) = mpsc::channel();
+        let waiter = scope.spawn({
+            let site = &site;
+            move || {
+                let wire = site.wire();
+                let doorbell = wire.doorbell(Role::Inner).unwrap();
+                tell.send(()).unwrap();
+                doorbell.wait_until(now_ns() + LONG).unwrap()
+            }
+        });
+        told.recv().unwrap();
+        let bell = site.wire().bell(Role::Inner).unwrap();
+        thread::sleep(Duration::from_millis(5));
+        bell.ring().unwrap();
+        assert!(waiter.join().unwrap());
+    });
+}
+
+#[test]
+fn a_role_has_one_doorbell_and_the_others_stay_silent() {
+    let site = Site::new();
+    let wire = site.wire();
+    let (outer, mixer) = (wire.doorbell(Role::Outer).unwrap(), wire.doorbell(Role::Mixer).unwrap());
+    let error = wire.doorbell(Role::Outer).unwrap_err();
+    assert!(matches!(error, Error::Wire { .. }), "{error}");
+    wire.bell(Role::Mixer).unwrap().ring().unwrap();
+    assert!(!outer.wait_until(now_ns() + 1_000_000).unwrap());
+    assert!(mixer.wait_until(now_ns() + LONG).unwrap());
+}
+
+#[test]
+fn a_message_is_there_when_its_sender_rings() {
+    let site = Site::new();
+    let wire = site.wire();
+    let doorbell = wire.doorbell(Role::Outer).unwrap();
+    let mut sender = wire.sender::<State>(Some(wire.bell(Role::Outer).unwrap())).unwrap();
+    let mut receiver = wire.receiver::<State>(LATEST).unwrap();
+    sender.arm(EXPECTED, EPOCH).unwrap();
+    receiver.arm(EXPECTED).unwrap();
+    for tick in 0..1000 {
+        sender.send(tick, &Envelope::new(), State::default()).unwrap();
+        assert!(doorbell.wait_until(now_ns() + LONG).unwrap());
+        assert_eq!(receiver.take(tick).unwrap(), tick);
+    }
+}
+
+#[test]
+fn a_doorbell_of_another_build_is_incompatible() {
+    let site = Site::new();
+    let theirs = node(&site);
+    let _service = theirs
+        .service_builder(&"ironbird/test/bell/outer".try_into().unwrap())
+        .event()
+        .max_notifiers(1)
+        .create()
+        .unwrap();
+    assert_incompatible(site.wire().doorbell(Role::Outer), "the doorbell of outer");
+    assert_incompatible(site.wire().bell(Role::Outer), "the doorbell of outer");
+}
