@@ -49,7 +49,7 @@ impl Failure {
 
     /// Adds to what happened.
     #[must_use]
-    pub fn add(mut self, more: &str) -> Self {
+    pub fn append(mut self, more: &str) -> Self {
         self.message.push_str(more);
         self
     }

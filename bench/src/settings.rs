@@ -109,7 +109,7 @@ impl Settings {
             })
             .and_then(|settings: Self| settings.check().map(|()| settings))
             .map_err(|failure| match origin {
-                Some(path) => failure.add(&format!(" (settings file {})", path.display())),
+                Some(path) => failure.append(&format!(" (settings file {})", path.display())),
                 None => failure,
             })
     }

@@ -145,7 +145,7 @@ impl Rig {
     }
 
     fn is_ours(&self, pid: u32) -> bool {
-        command_line(pid).iter().any(|arg| *arg == self.instance)
+        command_line(pid).contains(&self.instance)
     }
 
     /// Nothing was started: no flight's directory, no root directory, no shared memory.
