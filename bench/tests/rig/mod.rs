@@ -140,7 +140,7 @@ impl Rig {
     /// Nothing of the instance is left in shared memory, and no process of it lives.
     pub fn assert_nothing_left(&self) {
         assert_eq!(self.segments(), Vec::<String>::new(), "left in /dev/shm");
-        let living: Vec<u32> = processes().filter(|pid| self.is_ours(*pid)).collect();
+        let living: Vec<u32> = processes().filter(|pid| self.is_ours(*pid) && !is_gone(*pid)).collect();
         assert_eq!(living, Vec::<u32>::new(), "processes of {} live", self.instance);
     }
 
@@ -159,8 +159,11 @@ impl Rig {
 impl Drop for Rig {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            // A failed test has killed its processes; the roles of a killed launcher take a moment to end.
-            sleep(Duration::from_secs(2));
+            // A failed test has killed what it started, but not what that started in turn.
+            for pid in processes().filter(|pid| self.is_ours(*pid)) {
+                let _ = Pid::from_raw(pid.cast_signed()).map(|pid| kill_process(pid, Signal::KILL));
+            }
+            sleep(Duration::from_millis(200));
             let _ = self.command("clean", &[]).stdout(Stdio::null()).stderr(Stdio::null()).status();
         }
     }
