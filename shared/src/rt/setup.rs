@@ -271,18 +271,30 @@ fn prefault_stack() {
     black_box([1_u8; STACK_BYTES]);
 }
 
-/// Makes every private writable page and every page of shared memory present.
+/// Makes every page present that the process can write or read: its own ones, the shared ones of its ports, and
+/// those that other processes write and it only reads.
 fn populate_mappings() -> io::Result<()> {
     for line in fs::read_to_string("/proc/self/maps")?.lines() {
         let Some((range, rest)) = line.split_once(' ') else { continue };
         let Some((start, end)) = range.split_once('-') else { continue };
         let (Ok(start), Ok(end)) = (usize::from_str_radix(start, 16), usize::from_str_radix(end, 16)) else { continue };
-        // The main thread's stack grows by itself down to its limit; what it needs was touched by `prefault_stack`.
-        if rest.starts_with("rw") && !rest.ends_with("[stack]") {
-            sys::populate(start, end - start)?;
+        if let Some(touch) = touch(rest) {
+            sys::populate(start, end - start, touch)?;
         }
     }
     Ok(())
+}
+
+/// How to touch a mapping, by its line in /proc/self/maps from the permissions on.
+fn touch(mapping: &str) -> Option<sys::Touch> {
+    let kernels = mapping.split_whitespace().nth(4).is_some_and(|name| name.starts_with('['));
+    // The main thread's stack grows by itself down to its limit; what it needs was touched by `prefault_stack`.
+    if mapping.starts_with("rw") {
+        (!mapping.ends_with("[stack]")).then_some(sys::Touch::Write)
+    } else {
+        // The pages of the kernel, as of [vvar], are always there and cannot be asked for.
+        (mapping.starts_with('r') && !kernels).then_some(sys::Touch::Read)
+    }
 }
 
 fn hold_cpu_latency() -> io::Result<File> {
@@ -318,6 +330,23 @@ mod tests {
         for step in STEPS {
             assert!(!step.remedy(i64::from(libc::EPERM)).is_empty());
             assert!(!step.remedy(i64::from(libc::EINVAL)).is_empty());
+        }
+    }
+
+    #[test]
+    fn memory_is_touched_as_it_may_be() {
+        let cases = [
+            ("rw-p 00000000 00:00 0                          [heap]", Some(sys::Touch::Write)),
+            ("rw-s 00000000 00:19 12                         /dev/shm/x.data", Some(sys::Touch::Write)),
+            ("r--s 00000000 00:19 12                         /dev/shm/x.data", Some(sys::Touch::Read)),
+            ("r-xp 00001000 08:01 12                         /usr/bin/x", Some(sys::Touch::Read)),
+            ("rw-p 00000000 00:00 0                          [stack]", None),
+            ("r--p 00000000 00:00 0                          [vvar]", None),
+            ("---p 00000000 00:00 0", None),
+            ("rw-p 00000000 00:00 0", Some(sys::Touch::Write)),
+        ];
+        for (mapping, expected) in cases {
+            assert_eq!(touch(mapping), expected, "{mapping}");
         }
     }
 

@@ -48,14 +48,27 @@ pub(super) fn keep_freed_memory() -> io::Result<()> {
     Err(io::Error::from(io::ErrorKind::Unsupported))
 }
 
-/// Makes every page of an address range present and writable, without the SIGBUS of a full /dev/shm.
+/// How the pages of an address range are to be made present.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Touch {
+    /// As reading them would.
+    Read,
+    /// As writing them would, with the content unchanged.
+    Write,
+}
+
+/// Makes every page of an address range present, without the SIGBUS of a full /dev/shm.
 ///
 /// # Errors
 /// ENOMEM or EFAULT when memory runs out; EINVAL before Linux 5.14 or for a mapping that cannot be populated.
-pub(super) fn populate(start: usize, length: usize) -> io::Result<()> {
+pub(super) fn populate(start: usize, length: usize, touch: Touch) -> io::Result<()> {
+    let advice = match touch {
+        Touch::Read => libc::MADV_POPULATE_READ,
+        Touch::Write => libc::MADV_POPULATE_WRITE,
+    };
     let address = std::ptr::with_exposed_provenance_mut(start);
-    // SAFETY: MADV_POPULATE_WRITE changes no content; a range that is not mapped is an error, not a fault.
-    check(unsafe { libc::madvise(address, length, libc::MADV_POPULATE_WRITE) })
+    // SAFETY: neither advice changes content; a range that is not mapped is an error, not a fault.
+    check(unsafe { libc::madvise(address, length, advice) })
 }
 
 /// Page faults and context switches of the calling thread so far.
