@@ -85,6 +85,9 @@ pub struct RtArgs {
     /// Whether to insist on real time [default: prefer].
     #[arg(long, value_enum)]
     pub rt: Option<RtMode>,
+    /// What moves the ticks of the processes on [default: realtime].
+    #[arg(long, value_enum)]
+    pub pace: Option<PaceArg>,
     /// Processor of the four loops [default: the highest-numbered one].
     #[arg(long, value_name = "N")]
     pub cpu: Option<u16>,
@@ -123,6 +126,15 @@ pub struct RecorderArgs {
     /// Gate: end with exit code 3 when the 99.9th percentile of the loop is above.
     #[arg(long, value_name = "US")]
     pub max_loop_p999: Option<f64>,
+}
+
+/// What moves the ticks on.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum PaceArg {
+    /// The clock: a tick a millisecond, whoever is ready for it.
+    Realtime,
+    /// The chain itself: the next tick begins when the rotor command has arrived; not real-time.
+    Lockstep,
 }
 
 /// Flags of `fly`.
@@ -196,7 +208,7 @@ pub struct InjectArgs {
     /// Apply at this tick of the flight.
     #[arg(long, value_name = "N", conflicts_with = "after")]
     pub at_tick: Option<u64>,
-    /// Apply this much later, as in 500ms.
+    /// Apply this much flight time later, as in 500ms.
     #[arg(long = "in", value_name = "TIME", value_parser = humantime::parse_duration)]
     pub after: Option<Duration>,
     /// Name of the instance.
@@ -259,14 +271,21 @@ impl FlightArgs {
     }
 }
 
+/// A value as it is typed.
+fn name_of(value: impl ValueEnum) -> String {
+    value.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
+}
+
 impl RtArgs {
     /// What the flags set.
     #[must_use]
     pub fn overrides(&self) -> Overrides {
         let mut set = Overrides::new();
         if let Some(mode) = self.rt {
-            let name = mode.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
-            set.push(("rt.mode", Value::from(name)));
+            set.push(("rt.mode", Value::from(name_of(mode))));
+        }
+        if let Some(pace) = self.pace {
+            set.push(("flight.pace", Value::from(name_of(pace))));
         }
         if let Some(cpu) = self.cpu {
             set.push(("rt.cpu", Value::from(i64::from(cpu))));

@@ -138,7 +138,7 @@ impl Launcher {
             children: Vec::new(),
             wire,
             directory: directory.path.clone(),
-            duration_s: settings.flight.duration_s * settings.flight.slowdown as f64,
+            duration_s: settings.flight.duration_s,
         };
         for role in ROLES {
             let log_path = log_path(&directory.path, role);
@@ -258,7 +258,7 @@ impl Launcher {
     }
 
     fn flying_line(&self, run: &Run) -> String {
-        let flown_s = (run.tick * run.period_ns) as f64 / 1e9;
+        let flown_s = run.flight_time_s(run.tick);
         let mut line = format!(
             "{flown_s:7.1} of {:.1} s   missed {}   skipped {}   swaps {}",
             self.duration_s, run.deadlines_missed, run.ticks_skipped, run.parameter_epoch

@@ -27,7 +27,7 @@ pub fn inject(args: &InjectArgs) -> Result<u8, Failure> {
         .map_err(|e| Failure::usage(e.to_string()).help("`ironbird params` lists names, units and ranges"))?;
     let instance = Instance::new(&args.instance)?;
     let (wire, run) = flying(&instance)?;
-    let in_ticks = args.after.map_or(0, |after| ticks(after, run.period_ns));
+    let in_ticks = args.after.map_or(0, |after| ticks(after, run.sample_time_ns));
     let wait_ticks = args.at_tick.map_or(in_ticks, |at| at.saturating_sub(run.tick));
     let present = if run.tick == NO_TICK { 0 } else { run.tick };
     let wanted = args.at_tick.unwrap_or(present + in_ticks);
@@ -50,8 +50,8 @@ pub fn inject(args: &InjectArgs) -> Result<u8, Failure> {
     print_answer(&changes, &answer, &run)
 }
 
-fn ticks(time: Duration, period_ns: u64) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX) / period_ns.max(1)
+fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX) / sample_time_ns.max(1)
 }
 
 /// The wire and the run of an instance that flies.
@@ -83,7 +83,7 @@ fn print_answer(changes: &[(Parameter, f64)], answer: &SwapAnswer, run: &Run) ->
             let mut text = format!(
                 "applied at tick {} ({:.3} s), parameter epoch {}\n",
                 answer.tick,
-                (answer.tick * run.period_ns) as f64 / 1e9,
+                run.flight_time_s(answer.tick),
                 answer.parameter_epoch
             );
             for ((parameter, value), old) in changes.iter().zip(answer.old) {

@@ -14,7 +14,7 @@ use crate::output::print;
 use crate::record::process::{self, Files};
 use crate::record::text;
 use crate::run_directory::RunDirectory;
-use crate::settings::Settings;
+use crate::settings::{PaceName, Settings};
 
 /// Plays a role of the loop until the run is over.
 ///
@@ -34,14 +34,18 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
 fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure> {
     match role {
         Role::Plant => {
-            let plan = FlightPlan { last_tick: settings.last_tick(), wall_period_ns: settings.wall_period_ns() };
+            let plan = FlightPlan {
+                last_tick: settings.last_tick(),
+                sample_time_ns: settings.sample_time_ns(),
+                wall_period_ns: settings.wall_period_ns(),
+            };
             plant::process::run(station, &settings.plant()?, plan, &settings.faults()?)?;
         }
         Role::Outer => {
             controller::process::outer::run(station, &settings.controller()?, settings.flight.position_error_max_m)?;
         }
         Role::Inner => controller::process::inner::run(station, &settings.controller()?)?,
-        Role::Mixer => mixer::process::run(station, &settings.mixer()?)?,
+        Role::Mixer => mixer::process::run(station, &settings.mixer()?, settings.flight.pace == PaceName::Lockstep)?,
         Role::Record => return Err(Failure::usage("the recorder has a command of its own: `ironbird record`")),
     }
     Ok(())

@@ -6,6 +6,7 @@ use std::path::Path;
 use controller::{Gains, Limits, Preset, Trajectory};
 use plant::Swap;
 use serde::{Deserialize, Serialize};
+use shared::boards::LOCKSTEP;
 use shared::limits::RotorLimits;
 use shared::parameters::{Airframe, Parameter};
 use shared::rt;
@@ -54,6 +55,8 @@ pub struct Flight {
     pub duration_s: f64,
     /// Sample time of the laws [s].
     pub period_s: f64,
+    /// What moves the ticks on.
+    pub pace: PaceName,
     /// Periods on the clock per tick.
     pub slowdown: u64,
     /// Seed of the gyro noise.
@@ -62,6 +65,16 @@ pub struct Flight {
     pub faults: Vec<String>,
     /// Position error beyond which the flight has left its envelope [m].
     pub position_error_max_m: f64,
+}
+
+/// What moves the ticks on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PaceName {
+    /// The clock.
+    Realtime,
+    /// The chain itself, as fast as it can.
+    Lockstep,
 }
 
 /// Real time.
@@ -208,6 +221,10 @@ impl Settings {
     /// # Errors
     /// A usage [`Failure`] where `rt.cpu` is neither a processor nor "auto".
     pub fn realtime(&self) -> Result<rt::Settings, Failure> {
+        // A SCHED_FIFO process that never sleeps is throttled by the kernel, and starves whoever shares its processor.
+        if self.flight.pace == PaceName::Lockstep {
+            return Ok(rt::Settings { mode: rt::Mode::Off, priority: self.rt.priority, cpu: None });
+        }
         let cpu = match &self.rt.cpu {
             Value::String(auto) if auto == "auto" => None,
             Value::Integer(cpu) if (0..1024).contains(cpu) => usize::try_from(*cpu).ok(),
@@ -237,10 +254,19 @@ impl Settings {
         (self.flight.duration_s / self.flight.period_s).round() as u64
     }
 
-    /// Length of a tick on the clock [ns].
+    /// Sample time of the laws [ns].
+    #[must_use]
+    pub fn sample_time_ns(&self) -> u64 {
+        (self.flight.period_s * 1e9).round() as u64
+    }
+
+    /// Length of a tick on the clock [ns], or [`LOCKSTEP`].
     #[must_use]
     pub fn wall_period_ns(&self) -> u64 {
-        (self.flight.period_s * 1e9).round() as u64 * self.flight.slowdown
+        match self.flight.pace {
+            PaceName::Realtime => self.sample_time_ns() * self.flight.slowdown,
+            PaceName::Lockstep => LOCKSTEP,
+        }
     }
 
     fn check(&self) -> Result<(), Failure> {

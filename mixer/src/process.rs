@@ -11,13 +11,13 @@ use shared::wire::{LATEST, Receiver, Sender, Wire};
 
 use crate::mixer::{Mixer, Settings};
 
-/// Runs the mixer until the plant closes the run.
+/// Runs the mixer until the plant closes the run; wakes the plant in lockstep, which otherwise wakes by itself.
 ///
 /// # Errors
 /// Those of the station and of the ports.
-pub fn run(station: Station, settings: &Settings) -> Result<(), Error> {
+pub fn run(station: Station, settings: &Settings, lockstep: bool) -> Result<(), Error> {
     let doorbell = station.wire().doorbell(Role::Mixer)?;
-    let stage = MixerStage::new(station.wire(), settings)?;
+    let stage = MixerStage::new(station.wire(), settings, lockstep)?;
     stage::run(stage, &doorbell, station)
 }
 
@@ -34,8 +34,9 @@ impl MixerStage {
     ///
     /// # Errors
     /// Those of the ports.
-    pub fn new(wire: &Wire, settings: &Settings) -> Result<Self, Error> {
-        Ok(Self { law: Mixer::new(settings), wrenches: wire.receiver(LATEST)?, rotor_speeds: wire.sender(None)? })
+    pub fn new(wire: &Wire, settings: &Settings, lockstep: bool) -> Result<Self, Error> {
+        let bell = lockstep.then(|| wire.bell(Role::Plant)).transpose()?;
+        Ok(Self { law: Mixer::new(settings), wrenches: wire.receiver(LATEST)?, rotor_speeds: wire.sender(bell)? })
     }
 }
 

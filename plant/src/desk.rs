@@ -14,8 +14,7 @@ use shared::inspection::Expected;
 use shared::instance::Instance;
 use shared::messages::{NO_TICK, SwapRecord};
 use shared::parameters::{PARAMETERS, Parameter, ParameterError};
-use shared::role::Role;
-use shared::wire::{Sender, SwapAnswer, SwapCall, SwapOrder, Verdict, Wire};
+use shared::wire::{Owner, Sender, SwapAnswer, SwapCall, SwapOrder, Verdict, Wire};
 
 use crate::process::{INBOX, OUTBOX};
 use crate::swap::{AppliedSwap, Swap, SwapError};
@@ -68,7 +67,7 @@ pub fn serve(
 ) -> Result<(), Error> {
     let wire = Wire::open(instance)?;
     let server = wire.swap_server()?;
-    let doorbell = wire.doorbell(Role::Plant)?;
+    let doorbell = wire.doorbell(Owner::Desk)?;
     let mut desk = Desk { records: wire.sender(None)?, orders, events, waiting: heapless::Vec::new(), ticket: 0 };
     // The loop waits for this, so it is there.
     let _ = ready.send(());

@@ -7,15 +7,15 @@ use std::thread;
 
 use heapless::spsc::{Consumer, Producer, Queue};
 use shared::boards::{Ending, IN_FORCE, InForce, Run, RunPhase};
-use shared::clock::{Grid, now_ns, sleep_until};
+use shared::clock::{Grid, Pace, now_ns, sleep_until};
 use shared::envelope::{Envelope, Stamps};
 use shared::error::Error;
-use shared::flight_plan::FlightPlan;
+use shared::flight_plan::{FlightPlan, LOCKSTEP_PATIENCE_NS};
 use shared::messages::{RotorSpeeds, State};
 use shared::role::Role;
 use shared::rt::UsageMeter;
 use shared::station::{Opened, Station};
-use shared::wire::{Board, LATEST, Receiver, Sender, Wire};
+use shared::wire::{Board, DEEP, Doorbell, LATEST, Receiver, Sender, Wire};
 
 use crate::desk::{self, Event, Order};
 use crate::plant::{Departure, Plant, Settings};
@@ -25,6 +25,11 @@ use crate::swap::{AppliedSwap, Swap};
 pub const INBOX: usize = 16;
 /// Events that may lie between the loop and the desk: more than swaps can be pending.
 pub const OUTBOX: usize = 128;
+
+/// In lockstep, how far the recorder may fall behind: half of what its ports keep.
+const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
+/// In lockstep, how often the plant looks up from waiting [ns].
+const LOOK_UP_NS: u64 = 1_000_000;
 
 /// Runs the plant until its last tick, a signal, or the end of what the model covers.
 ///
@@ -60,6 +65,8 @@ pub struct PlantProcess<'a> {
     plant: Plant,
     states: Sender<State>,
     commands: Receiver<RotorSpeeds>,
+    /// Rung by the mixer in lockstep.
+    doorbell: Doorbell,
     in_force: Board<InForce>,
     orders: Consumer<'a, Order>,
     events: Producer<'a, Event>,
@@ -91,6 +98,7 @@ impl<'a> PlantProcess<'a> {
             plant,
             states: wire.sender(Some(wire.bell(Role::Outer)?))?,
             commands: wire.receiver(LATEST)?,
+            doorbell: wire.doorbell(Role::Plant)?,
             in_force,
             orders,
             events,
@@ -114,8 +122,7 @@ impl<'a> PlantProcess<'a> {
         plan: FlightPlan,
         open_desk: &mpsc::Sender<(shared::inspection::Expected, u64)>,
     ) -> Result<(), Error> {
-        let mut opened =
-            station.open_run(plan.wall_period_ns, plan.last_tick, |expected, epoch| self.arm(expected, epoch))?;
+        let mut opened = station.open_run(plan, |expected, epoch| self.arm(expected, epoch))?;
         // A desk that has ended on an error takes no run number; its error comes with its end.
         let _ = open_desk.send((opened.expected, station.status.epoch));
         let meter = UsageMeter::start();
@@ -129,19 +136,27 @@ impl<'a> PlantProcess<'a> {
     }
 
     fn fly(&mut self, station: &mut Station, opened: &mut Opened, last_tick: u64) -> Result<Ending, Error> {
-        let grid = opened.grid;
+        let pace = opened.pace;
         let mut next_tick = 0;
         loop {
-            let wake_ns = wait_for(grid, next_tick);
-            let tick = grid.tick_at(wake_ns).max(next_tick);
+            let (tick, wake_ns) = match pace {
+                Pace::Realtime(grid) => {
+                    let wake_ns = wait_for(grid, next_tick);
+                    (grid.tick_at(wake_ns).max(next_tick), wake_ns)
+                }
+                Pace::Lockstep => match self.wait_for_command(next_tick, station, opened)? {
+                    Some(wake_ns) => (next_tick, wake_ns),
+                    None => return Ok(opened.wanted_end().unwrap_or(Ending::Interrupted)),
+                },
+            };
             if tick > last_tick {
                 // The deadline of the last command is judged at the tick that would have been next.
-                self.take_command(last_tick + 1, grid)?;
+                self.take_command(last_tick + 1, pace)?;
                 let state = self.plant.begin(last_tick + 1);
                 self.report(&state, &mut opened.run);
                 return Ok(Ending::Completed);
             }
-            let worked = self.tick(tick, wake_ns, grid)?;
+            let worked = self.tick(tick, wake_ns, pace)?;
             opened.run.tick = tick;
             opened.run.ticks_run = self.ticks_run;
             self.report(&worked.state, &mut opened.run);
@@ -178,8 +193,8 @@ impl<'a> PlantProcess<'a> {
     ///
     /// # Errors
     /// Those of the ports.
-    pub fn tick(&mut self, tick: u64, wake_ns: u64, grid: Grid) -> Result<Worked, Error> {
-        self.take_command(tick, grid)?;
+    pub fn tick(&mut self, tick: u64, wake_ns: u64, pace: Pace) -> Result<Worked, Error> {
+        self.take_command(tick, pace)?;
         while let Some(order) = self.orders.dequeue() {
             self.schedule(order, tick);
         }
@@ -201,13 +216,44 @@ impl<'a> PlantProcess<'a> {
         Ok(Worked { state, envelope })
     }
 
-    fn take_command(&mut self, tick: u64, grid: Grid) -> Result<(), Error> {
+    fn take_command(&mut self, tick: u64, pace: Pace) -> Result<(), Error> {
         self.commands.take(tick)?;
         if self.commands.has_any() {
-            let sent_ns = self.commands.newest().envelope.stamps_of(Role::Mixer).send_ns;
-            self.plant.offer(self.commands.dated(), grid.first_tick_from(sent_ns));
+            let newest = self.commands.newest().envelope;
+            self.plant
+                .offer(self.commands.dated(), pace.effective_tick(newest.tick, newest.stamps_of(Role::Mixer).send_ns));
         }
         Ok(())
+    }
+
+    /// In lockstep: waits for the command of the tick before, and for the recorder to keep up.
+    ///
+    /// Gives when it came, or nothing when the run shall end.
+    fn wait_for_command(&mut self, tick: u64, station: &Station, opened: &Opened) -> Result<Option<u64>, Error> {
+        let until_ns = now_ns() + LOCKSTEP_PATIENCE_NS;
+        loop {
+            let now = now_ns();
+            self.commands.take(tick)?;
+            let is_there = tick == 0 || (self.commands.has_any() && self.commands.newest().envelope.tick + 1 >= tick);
+            let recorded = opened.recorded_tick();
+            if is_there && tick < recorded + RECORDER_LAG_TICKS {
+                return Ok(Some(now));
+            }
+            if station.stop_requested() || opened.wanted_end().is_some() {
+                return Ok(None);
+            }
+            if now >= until_ns {
+                let what = if is_there {
+                    format!(
+                        "the recorder has not got beyond tick {recorded} of {tick}: `ironbird record` hangs or has died"
+                    )
+                } else {
+                    format!("no rotor command of tick {} in lockstep: a stage hangs or has died", tick - 1)
+                };
+                return Err(Error::Absent { what });
+            }
+            self.doorbell.wait_until(now + LOOK_UP_NS)?;
+        }
     }
 
     fn schedule(&mut self, order: Order, tick: u64) {

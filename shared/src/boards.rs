@@ -2,6 +2,7 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
+use crate::clock::{Grid, Pace};
 use crate::inspection::Rejections;
 use crate::layout::{from_wire, layout};
 use crate::messages::NO_TICK;
@@ -14,6 +15,9 @@ pub const RUN: &str = "run";
 pub const IN_FORCE: &str = "in_force";
 /// Name of the plant's board with the [`SettingsText`].
 pub const SETTINGS: &str = "settings";
+
+/// Length of a tick on the clock that stands for lockstep: the ticks have no length [ns].
+pub const LOCKSTEP: u64 = 0;
 
 /// Where a run is between the first role's start and the last one's end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,8 +95,10 @@ pub struct Run {
     pub t0_ns: u64,
     /// Begin of tick 0 on the wall clock [ns since 1970].
     pub t0_wall_ns: u64,
-    /// Length of a tick on the clock [ns].
+    /// Length of a tick on the clock [ns], or [`LOCKSTEP`].
     pub period_ns: u64,
+    /// Sample time T of the laws [ns]: flight time is ticks times this.
+    pub sample_time_ns: u64,
     /// Last tick that is to be flown.
     pub last_tick: u64,
     /// Newest tick that was published; [`NO_TICK`] before the first.
@@ -116,6 +122,7 @@ layout!(Run {
     t0_ns,
     t0_wall_ns,
     period_ns,
+    sample_time_ns,
     last_tick,
     tick,
     ticks_run,
@@ -135,6 +142,7 @@ impl Default for Run {
             t0_ns: 0,
             t0_wall_ns: 0,
             period_ns: 0,
+            sample_time_ns: 0,
             last_tick: 0,
             tick: NO_TICK,
             ticks_run: 0,
@@ -151,6 +159,21 @@ impl Run {
     #[must_use]
     pub fn phase(&self) -> RunPhase {
         RunPhase::from_wire(self.phase).unwrap_or(RunPhase::Closed)
+    }
+
+    /// What moves its ticks on.
+    #[must_use]
+    pub const fn pace(&self) -> Pace {
+        match self.period_ns {
+            LOCKSTEP => Pace::Lockstep,
+            period_ns => Pace::Realtime(Grid { t0_ns: self.t0_ns, period_ns }),
+        }
+    }
+
+    /// Time of the flight at which a tick begins [s].
+    #[must_use]
+    pub fn flight_time_s(&self, tick: u64) -> f64 {
+        (tick * self.sample_time_ns) as f64 / 1e9
     }
 
     /// Why it ended; a number that is none counts as a failure.

@@ -55,6 +55,40 @@ impl Grid {
     }
 }
 
+/// What moves the ticks of a run on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// The clock: tick k begins at its place on the grid, whoever is ready for it.
+    Realtime(Grid),
+    /// The chain itself: a tick begins when the command of the one before has arrived.
+    Lockstep,
+}
+
+impl Pace {
+    /// The latest tick whose messages may be there at an instant.
+    ///
+    /// On the grid it is the next one: it may begin between a look at the clock and one at a port.
+    #[must_use]
+    pub const fn newest_tick(&self, instant_ns: u64) -> u64 {
+        match self {
+            Self::Realtime(grid) => grid.tick_at(instant_ns) + 1,
+            Self::Lockstep => u64::MAX - 1,
+        }
+    }
+
+    /// The tick from which a command of `tick`, published at `send_ns`, is in force at the earliest.
+    #[must_use]
+    pub const fn effective_tick(&self, tick: u64, send_ns: u64) -> u64 {
+        match self {
+            Self::Realtime(grid) => {
+                let arrived = grid.first_tick_from(send_ns);
+                if arrived > tick + 1 { arrived } else { tick + 1 }
+            }
+            Self::Lockstep => tick + 1,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,7 +5,7 @@
 //! and counted, never made up in a burst.
 
 use crate::boards::{Ending, RunPhase};
-use crate::clock::{Grid, NS_PER_S, now_ns};
+use crate::clock::{NS_PER_S, Pace, now_ns};
 use crate::error::Error;
 use crate::inspection::{Expected, Rejections};
 use crate::messages::NO_TICK;
@@ -81,6 +81,9 @@ const fn deadline_percent(role: Role) -> u64 {
     }
 }
 
+/// In lockstep, how often a stage looks up from waiting, for the end of the run [ns].
+const LOOK_UP_NS: u64 = 20_000_000;
+
 /// Without a sign of life from the plant for this long, the run is lost [ns].
 const PLANT_SILENT_NS: u64 = NS_PER_S;
 
@@ -90,7 +93,7 @@ const PLANT_SILENT_NS: u64 = NS_PER_S;
 /// Those of the station and of the stage's ports; [`Error::Absent`] when the plant has died.
 pub fn run<S: Stage>(mut stage: S, doorbell: &Doorbell, mut station: Station) -> Result<(), Error> {
     let armed = station.join(|expected, epoch| stage.arm(expected, epoch))?;
-    let mut pacer = Pacer::new(armed.grid, deadline_percent(S::ROLE), armed.first_tick);
+    let mut pacer = Pacer::new(armed.pace, deadline_percent(S::ROLE), armed.first_tick);
     let meter = UsageMeter::start();
     let flown = fly(&mut stage, doorbell, &mut station, &armed, &mut pacer);
     let finished = stage.finish(pacer.next_tick);
@@ -120,6 +123,11 @@ fn fly<S: Stage>(
                 if receive_ns > heard_ns + PLANT_SILENT_NS && !station.plant_lives() {
                     return Err(Error::Absent { what: "the plant died in flight".into() });
                 }
+                if armed.pace == Pace::Lockstep {
+                    // The plant notices a stage that has died, and closes the run.
+                    station.pass_on_stop();
+                    continue;
+                }
                 if tick > armed.last_tick {
                     continue;
                 }
@@ -137,10 +145,8 @@ fn fly<S: Stage>(
         status.rejections = stage.rejections();
         if let Some(end) = worked.wants_end {
             status.wants_end = end as u64;
-        } else if station.stop_requested() {
-            station.status.wants_end = Ending::Interrupted as u64;
         }
-        station.publish_status();
+        station.pass_on_stop();
         previous_busy_ns = now_ns() - receive_ns;
     }
 }
@@ -157,22 +163,24 @@ enum Wake {
 /// Decides which tick a stage works next.
 #[derive(Clone, Copy, Debug)]
 struct Pacer {
-    grid: Grid,
-    deadline_offset_ns: u64,
+    pace: Pace,
+    deadline_percent: u64,
+    /// When the present wait for the doorbell began [ns].
+    since_ns: u64,
     next_tick: u64,
     skipped: u64,
 }
 
 impl Pacer {
-    const fn new(grid: Grid, deadline_percent: u64, first_tick: u64) -> Self {
-        Self { grid, deadline_offset_ns: grid.period_ns * deadline_percent / 100, next_tick: first_tick, skipped: 0 }
+    const fn new(pace: Pace, deadline_percent: u64, first_tick: u64) -> Self {
+        Self { pace, deadline_percent, since_ns: 0, next_tick: first_tick, skipped: 0 }
     }
 
     fn wait(&mut self, doorbell: &Doorbell, mut take: impl FnMut(u64) -> Result<u64, Error>) -> Result<Wake, Error> {
+        self.since_ns = now_ns();
         loop {
             let now = now_ns();
-            // The next tick may begin, and its input come, between the look at the clock and that at the port.
-            let newest = take(self.grid.tick_at(now) + 1)?;
+            let newest = take(self.pace.newest_tick(now))?;
             if let Some(wake) = self.decide(now, newest) {
                 return Ok(wake);
             }
@@ -180,14 +188,18 @@ impl Pacer {
         }
     }
 
+    /// When the stage no longer waits for its input [ns].
     const fn deadline(&self) -> u64 {
-        self.grid.begin_of(self.next_tick) + self.deadline_offset_ns
+        match self.pace {
+            Pace::Realtime(grid) => grid.begin_of(self.next_tick) + grid.period_ns * self.deadline_percent / 100,
+            Pace::Lockstep => self.since_ns + LOOK_UP_NS,
+        }
     }
 
     /// What to do at `now` with an input of tick `newest`; `None` is to wait on.
     fn decide(&mut self, now: u64, newest: u64) -> Option<Wake> {
-        let current = self.grid.tick_at(now);
-        if current > self.next_tick {
+        if let Pace::Realtime(grid) = self.pace {
+            let current = grid.tick_at(now).max(self.next_tick);
             self.skipped += current - self.next_tick;
             self.next_tick = current;
         }
@@ -196,17 +208,20 @@ impl Pacer {
             self.next_tick = newest + 1;
             return Some(Wake::Work { tick: newest, receive_ns: now });
         }
-        (now >= self.deadline()).then(|| {
-            let tick = self.next_tick;
-            self.next_tick += 1;
-            Wake::Silence { tick, receive_ns: now }
-        })
+        if now < self.deadline() {
+            return None;
+        }
+        let tick = self.next_tick;
+        // In lockstep no tick ends before it was worked.
+        self.next_tick += u64::from(self.pace != Pace::Lockstep);
+        Some(Wake::Silence { tick, receive_ns: now })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clock::Grid;
 
     const GRID: Grid = Grid { t0_ns: 1_000_000, period_ns: 1_000 };
 
@@ -216,7 +231,7 @@ mod tests {
 
     #[test]
     fn works_its_input_and_waits_for_the_next() {
-        let mut pacer = Pacer::new(GRID, 80, 0);
+        let mut pacer = Pacer::new(Pace::Realtime(GRID), 80, 0);
         assert_eq!(pacer.decide(at(0, 0) - 500, NO_TICK), None);
         assert_eq!(pacer.decide(at(0, 30), 0), Some(Wake::Work { tick: 0, receive_ns: at(0, 30) }));
         assert_eq!(pacer.decide(at(0, 40), 0), None, "its input is of the past tick");
@@ -226,7 +241,7 @@ mod tests {
 
     #[test]
     fn works_without_input_after_its_deadline_once() {
-        let mut pacer = Pacer::new(GRID, 80, 5);
+        let mut pacer = Pacer::new(Pace::Realtime(GRID), 80, 5);
         assert_eq!(pacer.decide(at(5, 799), 4), None);
         assert_eq!(pacer.decide(at(5, 800), 4), Some(Wake::Silence { tick: 5, receive_ns: at(5, 800) }));
         assert_eq!(pacer.decide(at(5, 900), 5), None, "the late input is not worked a second time");
@@ -235,7 +250,7 @@ mod tests {
 
     #[test]
     fn skips_the_ticks_that_are_over() {
-        let mut pacer = Pacer::new(GRID, 80, 5);
+        let mut pacer = Pacer::new(Pace::Realtime(GRID), 80, 5);
         assert_eq!(pacer.decide(at(9, 100), 4), None, "a pause of the machine: tick 9 may still get its input");
         assert_eq!((pacer.next_tick, pacer.skipped), (9, 4));
         assert_eq!(pacer.decide(at(9, 200), 9), Some(Wake::Work { tick: 9, receive_ns: at(9, 200) }));
@@ -243,7 +258,7 @@ mod tests {
 
     #[test]
     fn an_input_that_comes_as_its_tick_begins_is_worked_once() {
-        let mut pacer = Pacer::new(GRID, 80, 5);
+        let mut pacer = Pacer::new(Pace::Realtime(GRID), 80, 5);
         assert_eq!(pacer.decide(at(5, 999), 6), Some(Wake::Work { tick: 6, receive_ns: at(5, 999) }));
         assert_eq!((pacer.next_tick, pacer.skipped), (7, 1));
         assert_eq!(pacer.decide(at(6, 10), 6), None);

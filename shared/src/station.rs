@@ -16,8 +16,9 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::boards::{Ending, RUN, RolePhase, Run, RunPhase, SETTINGS, SettingsText, Status};
-use crate::clock::{Grid, now_ns};
+use crate::clock::{Pace, now_ns};
 use crate::error::Error;
+use crate::flight_plan::FlightPlan;
 use crate::inspection::Expected;
 use crate::instance::{Instance, Lock, check_shared_memory};
 use crate::layout::{FNV_OFFSET, fnv1a};
@@ -79,8 +80,8 @@ pub struct Station {
 /// A run that the station has armed for.
 #[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
 pub struct Armed {
-    /// Its grid.
-    pub grid: Grid,
+    /// What moves its ticks on.
+    pub pace: Pace,
     /// What its messages carry.
     pub expected: Expected,
     /// Last tick that is to be flown.
@@ -94,15 +95,15 @@ pub struct Armed {
 /// A run that the plant has opened.
 #[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
 pub struct Opened {
-    /// Its grid.
-    pub grid: Grid,
+    /// What moves its ticks on.
+    pub pace: Pace,
     /// What its messages carry.
     pub expected: Expected,
     /// The plant's board of the run, and what is on it.
     pub board: Board<Run>,
     /// What is on the board.
     pub run: Run,
-    /// The other roles' boards.
+    /// The other roles' boards, in the order of [`ROLES`].
     pub crew: Vec<BoardReader<Status>>,
     _settings: Board<SettingsText>,
 }
@@ -159,6 +160,14 @@ impl Station {
         self.board.put(self.status);
     }
 
+    /// Publishes the status; asks the plant for an end when a signal has asked for one.
+    pub fn pass_on_stop(&mut self) {
+        if self.stop_requested() && self.status.wants_end == Ending::None as u64 {
+            self.status.wants_end = Ending::Interrupted as u64;
+        }
+        self.publish_status();
+    }
+
     fn enter(&mut self, phase: RolePhase) {
         self.status.phase = phase as u64;
         self.publish_status();
@@ -205,7 +214,7 @@ impl Station {
             }
             let run = board.get();
             let expected = Expected { run_id: run.run_id, settings: run.settings };
-            let grid = Grid { t0_ns: run.t0_ns, period_ns: run.period_ns };
+            let pace = run.pace();
             match run.phase() {
                 RunPhase::Mustering | RunPhase::Closed => continue,
                 RunPhase::Opening => {
@@ -225,9 +234,14 @@ impl Station {
                     settle()?;
                 }
             }
-            let first_tick = if now_ns() < grid.t0_ns { 0 } else { grid.tick_at(now_ns()) + 1 };
+            let first_tick = match pace {
+                Pace::Realtime(grid) if now_ns() >= grid.t0_ns => grid.tick_at(now_ns()) + 1,
+                // The plant waits for the command of its newest tick, which nobody has worked yet.
+                Pace::Lockstep if run.phase() == RunPhase::Flying => board.get().tick,
+                Pace::Realtime(_) | Pace::Lockstep => 0,
+            };
             self.enter(RolePhase::Flying);
-            return Ok(Armed { grid, expected, last_tick: run.last_tick, first_tick, run: board });
+            return Ok(Armed { pace, expected, last_tick: run.last_tick, first_tick, run: board });
         }
     }
 
@@ -253,8 +267,7 @@ impl Station {
     /// [`Error::RealtimeRefused`], [`Error::Interrupted`], and those of `arm`.
     pub fn open_run(
         &mut self,
-        period_ns: u64,
-        last_tick: u64,
+        plan: FlightPlan,
         mut arm: impl FnMut(Expected, u64) -> Result<(), Error>,
     ) -> Result<Opened, Error> {
         let board = self.wire.board::<Run>(RUN)?;
@@ -262,7 +275,9 @@ impl Station {
         let text = SettingsText::new(&self.orders.settings)
             .ok_or_else(|| Error::Absent { what: "the settings are too long for their board".into() })?;
         settings.put(text);
-        let mut run = Run { settings: self.status.settings, period_ns, last_tick, ..Run::default() };
+        let FlightPlan { last_tick, sample_time_ns, wall_period_ns: period_ns } = plan;
+        let settings_now = self.status.settings;
+        let mut run = Run { settings: settings_now, period_ns, sample_time_ns, last_tick, ..Run::default() };
         board.put(run);
         self.report_ready()?;
         let crew = self.muster()?;
@@ -283,8 +298,7 @@ impl Station {
         board.put(run);
         self.status.armed_t0_ns = run.t0_ns;
         self.enter(RolePhase::Flying);
-        let grid = Grid { t0_ns: run.t0_ns, period_ns };
-        Ok(Opened { grid, expected, board, run, crew, _settings: settings })
+        Ok(Opened { pace: run.pace(), expected, board, run, crew, _settings: settings })
     }
 
     /// Waits until all other roles are ready with the plant's settings.
@@ -335,6 +349,12 @@ impl Station {
 }
 
 impl Opened {
+    /// Newest tick that the recorder has taken in: it counts them as ticks run.
+    #[must_use]
+    pub fn recorded_tick(&self) -> u64 {
+        self.crew.last().map_or(0, |recorder| recorder.get().ticks_run)
+    }
+
     /// The first end that another role asks for.
     #[must_use]
     pub fn wanted_end(&self) -> Option<Ending> {

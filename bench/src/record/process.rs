@@ -148,7 +148,7 @@ impl<'a> Recorder<'a> {
             directory: &files.directory,
             instance: wire.instance().name().into(),
             host,
-            tally: Tally::new(armed.grid, period_s)?,
+            tally: Tally::new(armed.pace, armed.run.get().t0_ns, period_s)?,
             joiner: Joiner::default(),
             states,
             plot: FlightPlot::new(period_s, armed.last_tick),
@@ -171,11 +171,9 @@ impl<'a> Recorder<'a> {
         let ending = loop {
             sleep(DRAIN_EVERY);
             self.drain(ports)?;
-            if station.stop_requested() && station.status.wants_end == 0 {
-                station.status.wants_end = Ending::Interrupted as u64;
-                station.publish_status();
-            }
-            if now_ns() >= armed.grid.t0_ns + (seconds + 1) * NS_PER_S {
+            station.status.ticks_run = self.tally.newest_tick();
+            station.pass_on_stop();
+            if now_ns() >= armed.run.get().t0_ns + (seconds + 1) * NS_PER_S {
                 self.tally.series.close_second(log, seconds as u32 * second, second)?;
                 seconds += 1;
                 self.report(&armed.run.get(), ports, meter, None)?.write(&self.directory.join("report.json"))?;

@@ -1,7 +1,7 @@
 //! What the recorder counts: every message once, from its stamps and content.
 
 use shared::boards;
-use shared::clock::Grid;
+use shared::clock::{Grid, Pace};
 use shared::envelope::Message;
 use shared::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use shared::role::Role;
@@ -15,13 +15,15 @@ use crate::failure::Failure;
 /// Everything that is counted over a flight.
 #[derive(Debug)]
 pub struct Tally {
-    grid: Grid,
+    /// Where ticks have their place on the clock; in lockstep they have none.
+    grid: Option<Grid>,
+    t0_ns: u64,
     period_s: f64,
     /// Latencies.
     pub series: SeriesSet,
     /// Runs of misses.
     pub miss_runs: MissRuns,
-    deadlines: Deadlines,
+    deadlines: Option<Deadlines>,
     /// Misses by the stamps.
     pub late_commands: u64,
     /// States seen.
@@ -79,13 +81,18 @@ impl Tally {
     ///
     /// # Errors
     /// Those of [`SeriesSet::new`].
-    pub fn new(grid: Grid, period_s: f64) -> Result<Self, Failure> {
+    pub fn new(pace: Pace, t0_ns: u64, period_s: f64) -> Result<Self, Failure> {
+        let grid = match pace {
+            Pace::Realtime(grid) => Some(grid),
+            Pace::Lockstep => None,
+        };
         Ok(Self {
             grid,
+            t0_ns,
             period_s,
             series: SeriesSet::new()?,
             miss_runs: MissRuns::default(),
-            deadlines: Deadlines::new(grid),
+            deadlines: grid.map(Deadlines::new),
             late_commands: 0,
             states: 0,
             last_wake: [None; 4],
@@ -104,8 +111,10 @@ impl Tally {
     fn wake(&mut self, role: Role, tick: u64, wake_ns: u64) {
         let last = self.last_wake[role as usize].replace((tick, wake_ns));
         let first_owed = last.map_or(0, |(last_tick, _)| last_tick + 1);
-        for owed in first_owed..=tick {
-            self.series.record(Series::Wake(role), wake_ns.saturating_sub(self.grid.begin_of(owed)));
+        if let Some(grid) = self.grid {
+            for owed in first_owed..=tick {
+                self.series.record(Series::Wake(role), wake_ns.saturating_sub(grid.begin_of(owed)));
+            }
         }
         if let Some((_, last_wake_ns)) = last {
             self.series.record(Series::Period(role), wake_ns.saturating_sub(last_wake_ns));
@@ -146,6 +155,12 @@ impl Tally {
         self.flight.truth = [truth.rotor_inertia_kg_m2, truth.rotational_drag_nm_s, truth.disturbance_gain_rad_s2];
     }
 
+    /// Tick of the newest state; 0 before the first.
+    #[must_use]
+    pub fn newest_tick(&self) -> u64 {
+        self.newest.map_or(0, |(tick, _)| tick)
+    }
+
     /// Takes a set-point.
     pub fn setpoint(&mut self, message: &Message<Setpoint>) {
         self.follow(1, message);
@@ -175,15 +190,16 @@ impl Tally {
         if envelope.sample_ns > 0 {
             self.series.record(Series::Loop, sent_ns.saturating_sub(envelope.sample_ns));
         }
+        self.flight.saturated += message.content.saturated;
+        let Some(deadlines) = &mut self.deadlines else { return };
         let (series, late_commands) = (&mut self.series, &mut self.late_commands);
-        self.deadlines.published(envelope.tick, sent_ns, |verdict| match verdict {
+        deadlines.published(envelope.tick, sent_ns, |verdict| match verdict {
             Verdict::Slack(ns) => series.record(Series::Slack, ns),
             Verdict::Late(ns) => {
                 *late_commands += 1;
                 series.record(Series::Late, ns);
             }
         });
-        self.flight.saturated += message.content.saturated;
     }
 
     /// Takes the position error of a tick [m].
@@ -220,8 +236,11 @@ impl Tally {
     /// Ticks, with the identity that they must satisfy: the sum is counted from messages, the time is the clock's.
     #[must_use]
     pub fn ticks(&self, run: &boards::Run) -> report::Ticks {
-        let end_ns = self.newest.map_or(self.grid.t0_ns, |(_, sample_ns)| sample_ns);
-        let elapsed_periods = if self.newest.is_some() { self.grid.tick_at(end_ns) + 1 } else { 0 };
+        let elapsed_periods = self.newest.map_or(0, |(tick, sample_ns)| match self.grid {
+            Some(grid) => grid.tick_at(sample_ns) + 1,
+            // Where ticks have no length, only their numbers can be compared.
+            None => tick + 1,
+        });
         let published = self.states + self.lost()[0];
         let skipped = run.ticks_skipped;
         // Ticks skipped after the last one that was published lie behind the last stamp.
@@ -233,7 +252,10 @@ impl Tally {
         report::Ticks {
             run: published,
             skipped,
-            elapsed_s: (total * self.grid.period_ns) as f64 / 1e9,
+            elapsed_s: match self.grid {
+                Some(grid) => (total * grid.period_ns) as f64 / 1e9,
+                None => self.newest.map_or(0, |(_, sample_ns)| sample_ns - self.t0_ns) as f64 / 1e9,
+            },
             elapsed_periods: total,
             identity_holds: published + skipped == total,
         }

@@ -14,10 +14,34 @@ use crate::error::Error;
 use crate::role::Role;
 use crate::rt::sys::readable_until;
 
+/// Who waits at a doorbell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Owner {
+    /// The loop of a role.
+    Role(Role),
+    /// The plant's parameter desk.
+    Desk,
+}
+
+impl From<Role> for Owner {
+    fn from(role: Role) -> Self {
+        Self::Role(role)
+    }
+}
+
+impl std::fmt::Display for Owner {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Role(role) => role.fmt(f),
+            Self::Desk => f.write_str("desk"),
+        }
+    }
+}
+
 impl Wire {
-    fn bell_service(&self, role: Role) -> Result<PortFactory<ipc::Service>, Error> {
+    fn bell_service(&self, owner: Owner) -> Result<PortFactory<ipc::Service>, Error> {
         self.node
-            .service_builder(&self.service_name(&format!("bell/{role}"))?)
+            .service_builder(&self.service_name(&format!("bell/{owner}"))?)
             .event()
             .max_listeners(1)
             // Its sender in the loop; at the plant, everybody who asks for a swap.
@@ -25,32 +49,34 @@ impl Wire {
             .max_nodes(NODES)
             .event_id_max_value(0)
             .open_or_create()
-            .map_err(|error| not_opened(format!("the doorbell of {role}"), error))
+            .map_err(|error| not_opened(format!("the doorbell of {owner}"), error))
     }
 
-    /// The doorbell at which a role waits.
+    /// The doorbell of a role's loop, or of the parameter desk.
     ///
     /// # Errors
     /// [`Error::Wire`], [`Error::Incompatible`].
-    pub fn doorbell(&self, role: Role) -> Result<Doorbell, Error> {
+    pub fn doorbell(&self, owner: impl Into<Owner>) -> Result<Doorbell, Error> {
+        let owner = owner.into();
         let listener = self
-            .bell_service(role)?
+            .bell_service(owner)?
             .listener_builder()
             .create()
-            .map_err(|e| Error::wire(format!("cannot wait at the doorbell of {role}"), e))?;
+            .map_err(|e| Error::wire(format!("cannot wait at the doorbell of {owner}"), e))?;
         Ok(Doorbell { listener })
     }
 
-    /// The button of a role's doorbell.
+    /// The button of a doorbell.
     ///
     /// # Errors
     /// [`Error::Wire`], [`Error::Incompatible`].
-    pub fn bell(&self, role: Role) -> Result<Bell, Error> {
+    pub fn bell(&self, owner: impl Into<Owner>) -> Result<Bell, Error> {
+        let owner = owner.into();
         let notifier = self
-            .bell_service(role)?
+            .bell_service(owner)?
             .notifier_builder()
             .create()
-            .map_err(|e| Error::wire(format!("cannot ring the doorbell of {role}"), e))?;
+            .map_err(|e| Error::wire(format!("cannot ring the doorbell of {owner}"), e))?;
         Ok(Bell { notifier })
     }
 }

@@ -18,7 +18,7 @@ use iceoryx2::prelude::{
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 
 pub use board::{Board, BoardReader};
-pub use doorbell::{Bell, Doorbell};
+pub use doorbell::{Bell, Doorbell, Owner};
 pub use ports::{Receiver, Sender};
 pub use swaps::{SwapAnswer, SwapCall, SwapClient, SwapOrder, SwapServer, Verdict};
 

@@ -9,12 +9,11 @@ use iceoryx2::port::server::Server;
 use iceoryx2::prelude::{ZeroCopySend, ipc};
 use iceoryx2::service::port_factory::request_response::PortFactory;
 
-use super::{Bell, NODES, Wire, layout_verifier, not_opened};
+use super::{Bell, NODES, Owner, Wire, layout_verifier, not_opened};
 use crate::clock::now_ns;
 use crate::error::Error;
 use crate::layout::{FNV_OFFSET, Layout as _, fnv1a, from_wire, layout};
 use crate::parameters::PARAMETERS;
-use crate::role::Role;
 
 /// Clients that may ask at the same time.
 const CLIENTS: usize = 8;
@@ -112,7 +111,7 @@ impl Wire {
             .client_builder()
             .create()
             .map_err(|e| Error::wire("cannot ask the service `parameters`", e))?;
-        Ok(SwapClient { client, bell: self.bell(Role::Plant)? })
+        Ok(SwapClient { client, bell: self.bell(Owner::Desk)? })
     }
 }
 

@@ -7,8 +7,8 @@ use shared::clock::now_ns;
 use shared::error::Error;
 use shared::messages::NO_TICK;
 use shared::parameters::{PARAMETERS, Parameter};
-use shared::role::Role;
-use shared::wire::{SwapAnswer, SwapCall, SwapOrder, SwapServer, Verdict, Wire};
+
+use shared::wire::{Owner, SwapAnswer, SwapCall, SwapOrder, SwapServer, Verdict, Wire};
 
 use crate::{Site, assert_incompatible, node};
 
@@ -44,7 +44,7 @@ fn an_order_rings_at_the_plant_and_its_answer_comes_back() {
     let site = Site::new();
     let wire = site.wire();
     let server = wire.swap_server().unwrap();
-    let doorbell = wire.doorbell(Role::Plant).unwrap();
+    let doorbell = wire.doorbell(Owner::Desk).unwrap();
     assert!(server.next().unwrap().is_none());
     thread::scope(|scope| {
         let asked = scope.spawn(|| {
