@@ -13,6 +13,8 @@ use shared::rt::CountingAllocator;
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 fn main() -> ExitCode {
+    // Refused only where a hook is set already.
+    let _ = miette::set_hook(Box::new(|_| Box::new(unwrapped())));
     match run(&Cli::parse()) {
         Ok(code) => ExitCode::from(code),
         Err(failure) => {
@@ -21,6 +23,11 @@ fn main() -> ExitCode {
             ExitCode::from(code)
         }
     }
+}
+
+/// A terminal wraps by itself, and in a file a wrapped path is a broken one.
+fn unwrapped() -> miette::MietteHandler {
+    miette::MietteHandlerOpts::new().wrap_lines(false).build()
 }
 
 fn run(cli: &Cli) -> Result<u8, Failure> {

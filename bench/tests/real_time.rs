@@ -21,7 +21,7 @@ use plant::desk::{self, Event, Order};
 use plant::process::{INBOX, OUTBOX, PlantProcess};
 use plant::swap::Swap;
 use shared::boards::Status;
-use shared::clock::{Grid, now_ns};
+use shared::clock::{Grid, Pace, now_ns};
 use shared::envelope::Message;
 use shared::inspection::Expected;
 use shared::instance::Instance;
@@ -99,7 +99,7 @@ impl<S: Stage> Place<S> {
 
 /// The four roles in one thread.
 struct Crew<'a> {
-    grid: Grid,
+    pace: Pace,
     plant: PlantProcess<'a>,
     outer: Place<OuterStage>,
     inner: Place<InnerStage>,
@@ -112,11 +112,11 @@ impl<'a> Crew<'a> {
         let settings = settings();
         let (plant, controller) = (settings.plant().unwrap(), settings.controller().unwrap());
         Self {
-            grid: Grid { t0_ns: now_ns() + 3_600_000_000_000, period_ns: 1_000_000 },
+            pace: Pace::Realtime(Grid { t0_ns: now_ns() + 3_600_000_000_000, period_ns: 1_000_000 }),
             plant: PlantProcess::new(wire, &plant, &[], orders, events).unwrap(),
             outer: Place::new(wire, OuterStage::new(wire, &controller, 5.0).unwrap()),
             inner: Place::new(wire, InnerStage::new(wire, &controller).unwrap()),
-            mixer: Place::new(wire, MixerStage::new(wire, &settings.mixer().unwrap()).unwrap()),
+            mixer: Place::new(wire, MixerStage::new(wire, &settings.mixer().unwrap(), false).unwrap()),
             next_tick: 0,
         }
     }
@@ -134,7 +134,7 @@ impl<'a> Crew<'a> {
         let tick = self.next_tick;
         self.next_tick += 1;
         let before = thread_allocations();
-        let worked = self.plant.tick(tick, now_ns(), self.grid).unwrap();
+        let worked = self.plant.tick(tick, now_ns(), self.pace).unwrap();
         let plant = thread_allocations() - before;
         assert!(worked.envelope.is_ok());
         [plant, self.outer.tick(tick), self.inner.tick(tick), self.mixer.tick(tick)]

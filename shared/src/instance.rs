@@ -8,6 +8,8 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Seek as _, Write as _};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 use iceoryx2::prelude::{Config, FileName, SemanticString as _};
 use rustix::fs::{FlockOperation, flock};
@@ -23,6 +25,10 @@ pub const ROOT_VARIABLE: &str = "IRONBIRD_ROOT";
 const NAME_MAX: usize = 32;
 /// What a socket's name below the root may need: `sockaddr_un` holds 108 bytes.
 const ROOT_MAX: usize = 40;
+
+/// How often a lock is tried before it counts as held, and how far apart.
+const LOCK_TRIES: u32 = 20;
+const LOCK_RETRY: Duration = Duration::from_millis(5);
 
 /// Capacity of an instance's name.
 pub type Name = heapless::String<NAME_MAX>;
@@ -118,7 +124,7 @@ impl Instance {
                 .mode(0o640)
                 .open(&path)
                 .map_err(root_path)?;
-            if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+            if !try_lock(&file) {
                 let mut pid = String::new();
                 // The holder may be about to write its number: the error is the same without it.
                 let _ = file.read_to_string(&mut pid);
@@ -261,13 +267,26 @@ pub fn root_path() -> PathBuf {
         .map_or_else(|| PathBuf::from(format!("/tmp/ironbird-{}", rustix::process::getuid().as_raw())), PathBuf::from)
 }
 
+/// Takes the lock, through the instants in which somebody only looks whether it is held.
+fn try_lock(file: &File) -> bool {
+    let mut tries = 0..LOCK_TRIES;
+    tries.any(|attempt| {
+        if attempt > 0 {
+            std::thread::sleep(LOCK_RETRY);
+        }
+        flock(file, FlockOperation::NonBlockingLockExclusive).is_ok()
+    })
+}
+
 fn is_locked(path: &Path) -> bool {
     // Opening may fail because nobody ever was there; then nobody is.
     File::open(path).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared).is_err())
 }
 
 fn try_to_write(directory: &Path) -> io::Result<()> {
-    let probe = directory.join(format!("probe.{}", std::process::id()));
+    static PROBES: AtomicU64 = AtomicU64::new(0);
+    let number = PROBES.fetch_add(1, Ordering::Relaxed);
+    let probe = directory.join(format!("probe.{}.{number}", std::process::id()));
     File::create(&probe)?;
     fs::remove_file(probe)
 }

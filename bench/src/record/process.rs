@@ -358,6 +358,7 @@ impl<'a> Recorder<'a> {
 fn verdict(gates: Vec<Gate>, ending: Option<Ending>) -> report::Verdict {
     let held = gates.iter().all(|gate| gate.held);
     let (status, exit_code) = match ending {
+        None => ("FLYING", OK),
         Some(Ending::Interrupted) => ("INTERRUPTED", INTERRUPTED),
         Some(Ending::Failed) => ("ABORTED", FAILED),
         _ if held => ("PASS", OK),

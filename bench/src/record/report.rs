@@ -58,7 +58,7 @@ pub struct Run {
     pub preset: String,
     /// Sample time of the laws [us].
     pub period_us: f64,
-    /// Length of a tick on the clock [us].
+    /// Length of a tick on the clock [us]; 0 in lockstep, where ticks have none.
     pub wall_period_us: f64,
     /// Fingerprint of the settings that all roles shared.
     pub settings_fingerprint: String,
@@ -71,7 +71,8 @@ pub struct Run {
 /// Whether a flight passed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
-    /// `PASS`, `FAIL` (a gate did not hold), `INTERRUPTED` (by a signal) or `ABORTED` (a role failed).
+    /// `PASS`, `FAIL` (a gate did not hold), `INTERRUPTED` (by a signal) or `ABORTED` (a role failed);
+    /// `FLYING` while it does.
     pub status: String,
     /// Exit code of the flight.
     pub exit_code: u8,

@@ -50,14 +50,14 @@ fn head(out: &mut String, report: &Report) -> Written {
         if run.in_flight { "IN FLIGHT, numbers so far" } else { &run.ending }
     )?;
     let slow = run.wall_period_us / run.period_us;
-    writeln!(
-        out,
-        "{} with gains {}, T = {:.0} us{}",
-        run.trajectory,
-        run.preset,
-        run.period_us,
-        if slow > 1.0 { format!(", slowed {slow:.0} times: latencies of a slow clock") } else { String::new() }
-    )?;
+    let pace = if slow == 0.0 {
+        format!(", in lockstep{}: its latencies are not real-time latencies", times_real_time(report))
+    } else if slow > 1.0 {
+        format!(", slowed {slow:.0} times: latencies of a slow clock")
+    } else {
+        String::new()
+    };
+    writeln!(out, "{} with gains {}, T = {:.0} us{}", run.trajectory, run.preset, run.period_us, pace)?;
     let host = &report.host;
     writeln!(
         out,
@@ -75,11 +75,21 @@ fn head(out: &mut String, report: &Report) -> Written {
     )
 }
 
+/// How much faster than the clock a flight in lockstep was.
+fn times_real_time(report: &Report) -> String {
+    let flown_s = (report.ticks.run + report.ticks.skipped) as f64 * report.run.period_us / 1e6;
+    if report.ticks.elapsed_s > 0.0 {
+        format!(" at {:.1} times real time", flown_s / report.ticks.elapsed_s)
+    } else {
+        String::new()
+    }
+}
+
 fn ticks(out: &mut String, report: &Report) -> Written {
     let ticks = &report.ticks;
     writeln!(
         out,
-        "\nTicks     run {} + skipped {} = {} {} elapsed {:.3} s / period ({})",
+        "\nTicks     run {} + skipped {} = {} {} elapsed {:.3} s / period = {}",
         ticks.run,
         ticks.skipped,
         ticks.run + ticks.skipped,

@@ -96,7 +96,8 @@ impl Wire {
             Err(
                 BlackboardOpenError::DoesNotExist
                 | BlackboardOpenError::IsMarkedForDestruction
-                | BlackboardOpenError::HangsInCreation,
+                | BlackboardOpenError::HangsInCreation
+                | BlackboardOpenError::ServiceInCorruptedState,
             ) => Ok(None),
             Err(error) => Err(not_opened(format!("board `{name}`"), error)),
         }

@@ -57,7 +57,6 @@ fn a_lock_survives_the_removal_of_leftovers() {
 }
 
 #[test]
-#[ignore = "a look takes the lock for an instant"]
 fn looking_whether_a_role_is_taken_never_keeps_a_process_from_taking_it() {
     let site = Site::new();
     site.instance.prepare().unwrap();
@@ -78,7 +77,6 @@ fn looking_whether_a_role_is_taken_never_keeps_a_process_from_taking_it() {
 }
 
 #[test]
-#[ignore = "the probes of one process have one name"]
 fn threads_of_a_process_prepare_an_instance_side_by_side() {
     let site = Site::new();
     std::thread::scope(|scope| {
