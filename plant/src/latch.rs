@@ -17,8 +17,8 @@ use shared::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds};
 /// For how long a command holds without a newer one; then the rotors spin down to idle, as speed controllers do.
 pub const COMMAND_TIMEOUT_S: f64 = 0.020;
 
-/// Commands that can wait for the tick from which on they act.
-pub const PENDING_COMMANDS: usize = 4;
+/// Commands that can wait for the tick from which on they act: what the others make while the plant is stopped.
+pub const PENDING_COMMANDS: usize = 64;
 
 /// A command that waits for its tick.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,13 +11,14 @@ use shared::clock::{Grid, Pace, now_ns, sleep_until};
 use shared::envelope::{Envelope, Stamps};
 use shared::error::Error;
 use shared::flight_plan::{FlightPlan, LOCKSTEP_PATIENCE_NS};
-use shared::messages::{RotorSpeeds, State};
+use shared::messages::{Dated, RotorSpeeds, State};
 use shared::role::Role;
 use shared::rt::UsageMeter;
 use shared::station::{Opened, Station};
-use shared::wire::{Board, DEEP, Doorbell, LATEST, Receiver, Sender, Wire};
+use shared::wire::{Board, DEEP, Doorbell, Receiver, Sender, Wire};
 
 use crate::desk::{self, Event, Order};
+use crate::latch::PENDING_COMMANDS;
 use crate::plant::{Departure, Plant, Settings};
 use crate::swap::{AppliedSwap, Swap};
 
@@ -97,7 +98,8 @@ impl<'a> PlantProcess<'a> {
         Ok(Self {
             plant,
             states: wire.sender(Some(wire.bell(Role::Outer)?))?,
-            commands: wire.receiver(LATEST)?,
+            // The one port of the loop that keeps more than the newest: see `take_command`.
+            commands: wire.receiver(PENDING_COMMANDS)?,
             doorbell: wire.doorbell(Role::Plant)?,
             in_force,
             orders,
@@ -216,14 +218,17 @@ impl<'a> PlantProcess<'a> {
         Ok(Worked { state, envelope })
     }
 
+    /// Offers every command that has come since the last look.
+    ///
+    /// All of them and not just the newest: a plant that wakes late finds the command of the tick before under one
+    /// that the others have made since, and its own lateness must not count as theirs.
     fn take_command(&mut self, tick: u64, pace: Pace) -> Result<(), Error> {
-        self.commands.take(tick)?;
-        if self.commands.has_any() {
-            let newest = self.commands.newest().envelope;
-            self.plant
-                .offer(self.commands.dated(), pace.effective_tick(newest.tick, newest.stamps_of(Role::Mixer).send_ns));
-        }
-        Ok(())
+        let plant = &mut self.plant;
+        self.commands.drain(tick, |message| {
+            let made_for = message.envelope.tick;
+            let effective_tick = pace.effective_tick(made_for, message.envelope.stamps_of(Role::Mixer).send_ns);
+            plant.offer(Dated { tick: made_for, content: message.content }, effective_tick);
+        })
     }
 
     /// In lockstep: waits for the command of the tick before, and for the recorder to keep up.
@@ -233,7 +238,7 @@ impl<'a> PlantProcess<'a> {
         let until_ns = now_ns() + LOCKSTEP_PATIENCE_NS;
         loop {
             let now = now_ns();
-            self.commands.take(tick)?;
+            self.take_command(tick, Pace::Lockstep)?;
             let is_there = tick == 0 || (self.commands.has_any() && self.commands.newest().envelope.tick + 1 >= tick);
             let recorded = opened.recorded_tick();
             if is_there && tick < recorded + RECORDER_LAG_TICKS {
