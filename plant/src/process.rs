@@ -7,7 +7,7 @@ use std::thread;
 
 use heapless::spsc::{Consumer, Producer, Queue};
 use shared::boards::{Ending, IN_FORCE, InForce, Run, RunPhase};
-use shared::clock::{Grid, Pace, now_ns, sleep_until};
+use shared::clock::{Pace, now_ns, sleep_until};
 use shared::envelope::{Envelope, Stamps};
 use shared::error::Error;
 use shared::flight_plan::{FlightPlan, LOCKSTEP_PATIENCE_NS};
@@ -139,11 +139,12 @@ impl<'a> PlantProcess<'a> {
 
     fn fly(&mut self, station: &mut Station, opened: &mut Opened, last_tick: u64) -> Result<Ending, Error> {
         let pace = opened.pace;
+        wait_until(opened.run.t0_ns);
         let mut next_tick = 0;
         loop {
             let (tick, wake_ns) = match pace {
                 Pace::Realtime(grid) => {
-                    let wake_ns = wait_for(grid, next_tick);
+                    let wake_ns = wait_until(grid.begin_of(next_tick));
                     (grid.tick_at(wake_ns).max(next_tick), wake_ns)
                 }
                 Pace::Lockstep => match self.wait_for_command(next_tick, station, opened)? {
@@ -289,12 +290,12 @@ pub struct Worked {
     pub envelope: Result<(), Departure>,
 }
 
-/// Sleeps until a tick begins, through signals, and returns when it woke.
-fn wait_for(grid: Grid, tick: u64) -> u64 {
+/// Sleeps until an instant, through signals, and returns when it woke.
+fn wait_until(instant_ns: u64) -> u64 {
     loop {
-        sleep_until(grid.begin_of(tick));
+        sleep_until(instant_ns);
         let now = now_ns();
-        if now >= grid.begin_of(tick) {
+        if now >= instant_ns {
             return now;
         }
     }

@@ -165,11 +165,12 @@ impl Instance {
 
     /// Start of the names of its segments in shared memory.
     ///
-    /// It carries a hash of the root path, so that instances of one name under two roots stay apart.
+    /// It carries a hash of the root path, so that instances of one name under two roots stay apart, and ends with
+    /// a character that no name has, so that it never begins another instance's.
     #[must_use]
     pub fn prefix(&self) -> String {
         let hash = fnv1a(FNV_OFFSET, self.root.as_os_str().as_encoded_bytes());
-        format!("ironbird_{:08x}_{}_", hash & 0xffff_ffff, self.name())
+        format!("ironbird_{:08x}_{}.", hash & 0xffff_ffff, self.name())
     }
 
     /// The middleware's configuration: never the one that happens to lie in the working directory.

@@ -86,7 +86,6 @@ fn removal_takes_exactly_what_the_instance_left_and_names_it() {
 }
 
 #[test]
-#[ignore = "the prefix of `test` is also one of `test_2`"]
 fn removal_spares_an_instance_whose_name_continues_after_an_underscore() {
     let site = Site::new();
     let neighbour = Instance::under(site.root(), "test_2").unwrap();

@@ -254,7 +254,7 @@ impl Tally {
             skipped,
             elapsed_s: match self.grid {
                 Some(grid) => (total * grid.period_ns) as f64 / 1e9,
-                None => self.newest.map_or(0, |(_, sample_ns)| sample_ns - self.t0_ns) as f64 / 1e9,
+                None => self.newest.map_or(0, |(_, sample_ns)| sample_ns.saturating_sub(self.t0_ns)) as f64 / 1e9,
             },
             elapsed_periods: total,
             identity_holds: published + skipped == total,

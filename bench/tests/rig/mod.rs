@@ -131,9 +131,9 @@ impl Rig {
         names(&self.out()).into_iter().filter(|name| name != "latest").collect()
     }
 
-    /// The instance's segments in shared memory: their names carry its name between underscores.
+    /// The instance's segments in shared memory: their names carry its name before a dot.
     pub fn segments(&self) -> Vec<String> {
-        let infix = format!("_{}_", self.instance);
+        let infix = format!("_{}.", self.instance);
         names(Path::new("/dev/shm")).into_iter().filter(|name| name.contains(&infix)).collect()
     }
 
