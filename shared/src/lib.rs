@@ -19,6 +19,7 @@ pub mod parameters;
 pub mod rate_dynamics;
 pub mod role;
 pub mod rt;
+pub mod settings_text;
 pub mod stage;
 pub mod station;
 pub mod topic;

@@ -21,9 +21,9 @@ use crate::error::Error;
 use crate::flight_plan::FlightPlan;
 use crate::inspection::Expected;
 use crate::instance::{Instance, Lock, check_shared_memory};
-use crate::layout::{FNV_OFFSET, fnv1a};
 use crate::role::{ROLES, Role};
 use crate::rt::{self, Engaged, UsageMeter, settle};
+use crate::settings_text::{differences, fingerprint};
 use crate::wire::{Board, BoardReader, Wire};
 
 /// What a role's process is started with.
@@ -54,12 +54,6 @@ const SETTLED_BEFORE_NS: u64 = 20_000_000;
 #[must_use]
 pub fn status_board(role: Role) -> String {
     format!("status/{role}")
-}
-
-/// Fingerprint of a settings text.
-#[must_use]
-pub fn settings_fingerprint(text: &str) -> u64 {
-    fnv1a(FNV_OFFSET, text.as_bytes())
 }
 
 /// A role's place.
@@ -130,7 +124,7 @@ impl Station {
         let status = Status {
             pid: u64::from(std::process::id()),
             epoch: now_ns(),
-            settings: settings_fingerprint(&orders.settings),
+            settings: fingerprint(&orders.settings),
             ..Status::default()
         };
         board.put(status);
@@ -387,20 +381,6 @@ impl Patience {
     }
 }
 
-/// Each key whose value differs, with both values.
-fn differences(ours: &str, theirs: &str, role: Role) -> Vec<String> {
-    let pairs = |text: &str| -> std::collections::BTreeMap<String, String> {
-        text.lines().filter_map(|line| line.split_once(" = ")).map(|(k, v)| (k.to_owned(), v.to_owned())).collect()
-    };
-    let (ours, theirs) = (pairs(ours), pairs(theirs));
-    let keys: std::collections::BTreeSet<&String> = ours.keys().chain(theirs.keys()).collect();
-    let value = |of: &std::collections::BTreeMap<String, String>, key| of.get(key).cloned().unwrap_or("nothing".into());
-    keys.into_iter()
-        .filter(|key| ours.get(*key) != theirs.get(*key))
-        .map(|key| format!("`{key}` is {} for {role} and {} for the plant", value(&ours, key), value(&theirs, key)))
-        .collect()
-}
-
 /// Asks the kernel for SIGTERM when the launcher dies.
 fn end_with_launcher(launcher: Option<u32>) -> Result<(), Error> {
     let Some(launcher) = launcher else { return Ok(()) };
@@ -416,19 +396,4 @@ fn end_with_launcher(launcher: Option<u32>) -> Result<(), Error> {
 pub fn wall_ns() -> u64 {
     let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     u64::try_from(since_1970.as_nanos()).unwrap_or(u64::MAX)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn differing_settings_are_named_with_both_values() {
-        let ours = "gains.alpha_1_s = 200.0\nflight.preset = \"flight\"\n";
-        let theirs = "gains.alpha_1_s = 40.0\nflight.preset = \"flight\"\n";
-        let found = differences(ours, theirs, Role::Inner);
-        assert_eq!(found, ["`gains.alpha_1_s` is 200.0 for inner and 40.0 for the plant"]);
-        assert!(differences(ours, ours, Role::Inner).is_empty());
-        assert_eq!(differences("", "a = 1\n", Role::Outer), ["`a` is nothing for outer and 1 for the plant"]);
-    }
 }

@@ -9,6 +9,7 @@ pub mod deadlines;
 pub mod host;
 pub mod process;
 pub mod report;
+mod sections;
 pub mod series;
 pub mod states;
 pub mod tally;
