@@ -7,6 +7,7 @@ use std::fs::{self, File, OpenOptions};
 use std::hint::black_box;
 use std::io::{self, Write as _};
 use std::num::NonZero;
+use std::time::Duration;
 
 use iceoryx2::prelude::ZeroCopySend;
 use rustix::mm::{MlockAllFlags, mlockall};
@@ -274,16 +275,31 @@ fn prefault_stack() {
 /// Makes every page present that the process can write or read: its own ones, the shared ones of its ports, and
 /// those that other processes write and it only reads.
 fn populate_mappings() -> io::Result<()> {
-    for line in fs::read_to_string("/proc/self/maps")?.lines() {
+    for line in fs::read_to_string(MAPPINGS)?.lines() {
         let Some((range, rest)) = line.split_once(' ') else { continue };
         let Some((start, end)) = range.split_once('-') else { continue };
         let (Ok(start), Ok(end)) = (usize::from_str_radix(start, 16), usize::from_str_radix(end, 16)) else { continue };
-        if let Some(touch) = touch(rest) {
-            sys::populate(start, end - start, touch)?;
+        let Some(touch) = touch(rest) else { continue };
+        // Another thread may give the range back, and take it again, while it is being touched.
+        let mut tries = 0;
+        while let Err(refused) = sys::populate(start, end - start, touch) {
+            if !fs::read_to_string(MAPPINGS)?.lines().any(|now| now == line) {
+                break;
+            }
+            tries += 1;
+            if tries == POPULATE_TRIES {
+                return Err(refused);
+            }
+            std::thread::sleep(Duration::from_micros(100));
         }
     }
     Ok(())
 }
+
+/// How often a range that is there is tried to be touched: memory that has run out stays so.
+const POPULATE_TRIES: u32 = 100;
+/// The list of the process' mappings.
+const MAPPINGS: &str = "/proc/self/maps";
 
 /// How to touch a mapping, by its line in /proc/self/maps from the permissions on.
 fn touch(mapping: &str) -> Option<sys::Touch> {
@@ -351,7 +367,17 @@ mod tests {
     }
 
     #[test]
-    fn all_memory_of_the_process_can_be_made_present() {
-        settle().unwrap();
+    fn all_memory_of_the_process_can_be_made_present_whatever_its_threads_give_back() {
+        let done = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !done.load(std::sync::atomic::Ordering::Relaxed) {
+                    std::thread::spawn(|| drop(vec![1_u8; 4 << 20])).join().unwrap();
+                }
+            });
+            let settled = (0..50).try_for_each(|_| settle());
+            done.store(true, std::sync::atomic::Ordering::Relaxed);
+            settled.unwrap();
+        });
     }
 }
