@@ -195,7 +195,10 @@ fn the_report_of_a_flight_in_the_air_says_so() {
     assert!(ended.stdout.starts_with(&report.stdout), "fly prints the same report:\n{ended}\n{report}");
     let json = rig.run("report", &["latest", "--format", "json"]).expect(0).json();
     assert_eq!(json, rig.report());
-    assert_eq!((&json["run"]["in_flight"], &json["ticks"]["run"]), (&false.into(), &251.into()));
+    assert_eq!(json["run"]["in_flight"], false);
+    // A busy machine may skip a tick even in slow motion.
+    let ticks = |key: &str| json["ticks"][key].as_u64().unwrap();
+    assert_eq!(ticks("run") + ticks("skipped"), 251);
 }
 
 #[test]
