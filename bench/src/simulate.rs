@@ -118,7 +118,7 @@ fn fly(
             flown.departure = Some(departure.to_string());
         }
         let State { truth, .. } = record.state;
-        let actual = [truth.rotor_inertia_kg_m2, truth.rotational_drag_nm_s, truth.disturbance_gain_rad_s2];
+        let actual = truth.theta();
         for (i, estimate) in flown.estimates.iter_mut().enumerate() {
             (estimate.1, estimate.2) = (record.wrench.estimate[i], actual[i]);
         }

@@ -2,6 +2,7 @@
 
 use controller::{InnerLoop, OuterLoop, Preset, Settings, Trajectory};
 use shared::messages::{Dated, Mode, NO_TICK, Setpoint, State, Truth, Wrench};
+use shared::parameters::PARAMETERS;
 
 const HOLD_TICKS: u64 = 100;
 
@@ -226,12 +227,7 @@ fn no_law_reads_the_truth() {
     for tick in 0..50 {
         let plain = state(tick);
         let mut shown = plain;
-        shown.content.truth = Truth {
-            rate_b_rad_s: [1.0, 2.0, 3.0],
-            rotor_inertia_kg_m2: 1.0,
-            rotational_drag_nm_s: 1.0,
-            disturbance_gain_rad_s2: 1.0,
-        };
+        shown.content.truth = Truth { rate_b_rad_s: [1.0, 2.0, 3.0], parameter: [1.0; PARAMETERS] };
         assert_eq!(outer.tick(tick, &plain), outer.tick(tick, &shown));
         assert_eq!(untold.tick(tick, &plain, &setpoint(tick)), told.tick(tick, &shown, &setpoint(tick)));
     }

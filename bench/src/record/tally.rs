@@ -151,8 +151,7 @@ impl Tally {
         let state = &message.content;
         self.miss_runs.update(state.deadlines_missed, state.deadline_miss_run);
         self.flight.position_w_m = state.position_w_m;
-        let truth = &state.truth;
-        self.flight.truth = [truth.rotor_inertia_kg_m2, truth.rotational_drag_nm_s, truth.disturbance_gain_rad_s2];
+        self.flight.truth = state.truth.theta();
     }
 
     /// Tick of the newest state; 0 before the first.

@@ -120,15 +120,17 @@ fn zeroed<C: Topic>() -> Message<C> {
 #[test]
 fn forged_states_are_rejected() {
     let mut forgeries = envelope_forgeries::<State>();
-    forgeries.extend::<[Forgery<State>; 8]>([
+    forgeries.extend::<[Forgery<State>; 10]>([
         (Reason::NonFinite, |m| m.content.position_w_m[0] = f64::NAN),
         (Reason::NonFinite, |m| m.content.rotor_speed_squared_mean_rad2_s2[3] = f64::INFINITY),
-        (Reason::NonFinite, |m| m.content.truth.disturbance_gain_rad_s2 = f64::NAN),
+        (Reason::NonFinite, |m| m.content.truth.parameter[11] = f64::NAN),
         (Reason::NonFinite, |m| m.content.truth.rate_b_rad_s[2] = f64::NEG_INFINITY),
         (Reason::Implausible, |m| m.content.position_w_m[2] = -1e6),
         (Reason::Implausible, |m| m.content.velocity_w_m_s[1] = 1e9),
         (Reason::Implausible, |m| m.content.rotor_speed_mean_rad_s[0] = -1.0),
         (Reason::Implausible, |m| m.content.attitude_rad[0] = f64::MAX),
+        (Reason::Implausible, |m| m.content.command_saturated = 2),
+        (Reason::Implausible, |m| m.content.truth.parameter[7] = 1e300),
     ]);
     assert_rejected(&forgeries);
 }
