@@ -119,6 +119,7 @@ impl Topic for Wrench {
         look(&self.torque_b_nm);
         look(&self.estimate);
         look(&self.rate_error_b_rad_s);
+        self.monitor.numbers(look);
     }
 
     fn plausible(&self) -> bool {
