@@ -126,6 +126,25 @@ pub struct RecorderArgs {
     /// Gate: end with exit code 3 when the 99.9th percentile of the loop is above.
     #[arg(long, value_name = "US")]
     pub max_loop_p999: Option<f64>,
+    /// Gate: end with exit code 3 when this does not hold; may be repeated.
+    #[arg(long = "gate", value_enum, value_name = "GATE")]
+    pub gates: Vec<GateName>,
+}
+
+/// A gate that is passed or not, without a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum GateName {
+    /// No unexplained violation of the theorem, and estimates that move as predicted.
+    Theorem,
+}
+
+fn gate_overrides(gates: &[GateName]) -> Overrides {
+    gates
+        .iter()
+        .map(|gate| match gate {
+            GateName::Theorem => ("recorder.gate_theorem", Value::from(true)),
+        })
+        .collect()
 }
 
 /// What moves the ticks on.
@@ -197,6 +216,22 @@ pub struct SimulateArgs {
     /// A row of the states every N ticks [default: 50].
     #[arg(long, value_name = "N")]
     pub every: Option<u32>,
+    /// Gate: end with exit code 3 when this does not hold; may be repeated.
+    #[arg(long = "gate", value_enum, value_name = "GATE")]
+    pub gates: Vec<GateName>,
+}
+
+impl SimulateArgs {
+    /// What the flags set.
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        let mut set = self.flight.overrides();
+        if let Some(every) = self.every {
+            set.push(("recorder.states_every_ticks", Value::from(i64::from(every))));
+        }
+        set.extend(gate_overrides(&self.gates));
+        set
+    }
 }
 
 /// Flags of `inject`.
@@ -311,6 +346,7 @@ impl RecorderArgs {
         if let Some(us) = self.max_loop_p999 {
             set.push(("recorder.max_loop_p999_us", Value::from(us)));
         }
+        set.extend(gate_overrides(&self.gates));
         set
     }
 }

@@ -4,7 +4,7 @@
 //! the flight that the processes must reproduce bit by bit when they miss no deadline, and the quick one for tests and
 //! campaigns. It allocates nothing after [`InProcess::new`].
 
-use controller::{InnerLoop, OuterLoop};
+use controller::{OuterLoop, WatchedLoop};
 use mixer::Mixer;
 use plant::Plant;
 use shared::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
@@ -17,7 +17,7 @@ use crate::settings::Settings;
 pub struct InProcess {
     plant: Plant,
     outer: OuterLoop,
-    inner: InnerLoop,
+    inner: WatchedLoop,
     mixer: Mixer,
     /// The newest one, as the inner loop would hold it.
     setpoint: Dated<Setpoint>,
@@ -47,7 +47,7 @@ impl InProcess {
         Self {
             plant: Plant::new(plant),
             outer: OuterLoop::new(controller),
-            inner: InnerLoop::new(controller),
+            inner: WatchedLoop::new(controller),
             mixer: Mixer::new(mixer),
             setpoint: Dated { tick: NO_TICK, content: Setpoint::default() },
             tick: 0,

@@ -62,7 +62,7 @@ impl FlightPlot {
                 reference: setpoint.reference_position_w_m,
                 error_m: controller::outer::position_error_m(state, setpoint),
                 estimate: record.wrench.estimate,
-                actual: [truth.rotor_inertia_kg_m2, truth.rotational_drag_nm_s, truth.disturbance_gain_rad_s2],
+                actual: truth.theta(),
             });
         }
     }

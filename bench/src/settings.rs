@@ -104,6 +104,8 @@ pub struct Recorder {
     pub max_miss_rate_ppm: f64,
     /// 99.9th percentile of the loop that is allowed [us]; negative is any.
     pub max_loop_p999_us: f64,
+    /// Whether the theorem must hold: no unexplained violation, estimates live.
+    pub gate_theorem: bool,
 }
 
 /// What is set on the command line, as keys of the settings.

@@ -3,8 +3,7 @@
 use std::time::Instant;
 
 use controller::outer::position_error_m;
-use shared::messages::State;
-use toml::Value;
+use shared::parameters::ESTIMATED;
 
 use crate::cli::SimulateArgs;
 use crate::failure::{Failure, GATE, OK, check_writable};
@@ -12,6 +11,7 @@ use crate::in_process::InProcess;
 use crate::output::print;
 use crate::plot::FlightPlot;
 use crate::record::states::StatesWriter;
+use crate::record::theorem::{Theorem, TheoremTally};
 use crate::settings::Settings;
 
 /// Simulates a flight.
@@ -19,11 +19,7 @@ use crate::settings::Settings;
 /// # Errors
 /// Usage; a file that cannot be written.
 pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
-    let mut overrides = args.flight.overrides();
-    if let Some(every) = args.every {
-        overrides.push(("recorder.states_every_ticks", Value::from(i64::from(every))));
-    }
-    let settings = Settings::resolve(args.flight.config.as_deref(), &overrides)?;
+    let settings = Settings::resolve(args.flight.config.as_deref(), &args.overrides())?;
     check_writable("--states", args.states.as_deref())?;
     check_writable("--plot", args.plot.as_deref())?;
     let mut states = match &args.states {
@@ -45,7 +41,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
         states.flush()?;
     }
     print(&summary(&flown, &settings, wall_s))?;
-    Ok(if flown.departure.is_none() { OK } else { GATE })
+    Ok(if flown.passes(&settings) { OK } else { GATE })
 }
 
 fn summary(flown: &Flown, settings: &Settings, wall_s: f64) -> String {
@@ -61,10 +57,11 @@ fn summary(flown: &Flown, settings: &Settings, wall_s: f64) -> String {
     for (name, estimated, actual) in &flown.estimates {
         text += &format!("  {name:<24} estimated {estimated:>12.6e}  true {actual:>12.6e}\n");
     }
+    text += &flown.theorem.text();
     if let Some(departure) = &flown.departure {
         text += &format!("{departure}\n");
     }
-    let status = if flown.departure.is_none() { "PASS" } else { "FAIL" };
+    let status = if flown.passes(settings) { "PASS" } else { "FAIL" };
     text + &format!("RESULT status={status} ticks={} run=none\n", flown.ticks)
 }
 
@@ -73,7 +70,15 @@ struct Flown {
     error_rms_m: f64,
     error_max_m: f64,
     estimates: [(&'static str, f64, f64); 3],
+    theorem: Theorem,
     departure: Option<String>,
+}
+
+impl Flown {
+    /// Whether the envelope held, and the theorem where it is a gate.
+    fn passes(&self, settings: &Settings) -> bool {
+        self.departure.is_none() && (self.theorem.holds || !settings.recorder.gate_theorem)
+    }
 }
 
 fn fly(
@@ -83,15 +88,13 @@ fn fly(
     mut plot: Option<&mut FlightPlot>,
 ) -> Result<Flown, Failure> {
     let mut squares = 0.0;
+    let mut theorem = TheoremTally::default();
     let mut flown = Flown {
         ticks: 0,
         error_rms_m: 0.0,
         error_max_m: 0.0,
-        estimates: [
-            ("rotor_inertia_kg_m2", 0.0, 0.0),
-            ("rotational_drag_nm_s", 0.0, 0.0),
-            ("disturbance_gain_rad_s2", 0.0, 0.0),
-        ],
+        estimates: ESTIMATED.map(|parameter| (parameter.name(), 0.0, 0.0)),
+        theorem: Theorem::default(),
         departure: None,
     };
     for tick in 0..=settings.last_tick() {
@@ -117,8 +120,9 @@ fn fly(
         if let Err(departure) = rig.plant().envelope() {
             flown.departure = Some(departure.to_string());
         }
-        let State { truth, .. } = record.state;
-        let actual = [truth.rotor_inertia_kg_m2, truth.rotational_drag_nm_s, truth.disturbance_gain_rad_s2];
+        let actual = record.state.truth.theta();
+        theorem.truth(actual);
+        theorem.take(0, &record.wrench.monitor);
         for (i, estimate) in flown.estimates.iter_mut().enumerate() {
             (estimate.1, estimate.2) = (record.wrench.estimate[i], actual[i]);
         }
@@ -126,6 +130,7 @@ fn fly(
             break;
         }
     }
+    flown.theorem = theorem.section();
     flown.error_rms_m = (squares / flown.ticks as f64).sqrt();
     Ok(flown)
 }

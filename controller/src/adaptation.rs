@@ -87,9 +87,7 @@ impl Adaptation {
     /// not, the estimates would stay as they are.
     #[must_use]
     pub fn step(&self, learnt: &Learnt, last: &LastTick) -> Learnt {
-        let (phi, y) = self.sample(last);
-        let x = learnt.x + (1.0 - self.p) * (phi - learnt.x);
-        let y = learnt.y + (1.0 - self.p) * (y - learnt.y);
+        let (x, y) = self.filter(&learnt.x, &learnt.y, last);
         let r = y - x * learnt.theta;
         let gamma_xt = Matrix3::from_diagonal(&self.gamma) * x.transpose();
         let weight = Matrix3::identity() + self.step_s2 * x * gamma_xt;
@@ -98,6 +96,13 @@ impl Adaptation {
             self.clip(&(learnt.theta + self.step_s2 * gamma_xt * zb))
         });
         Learnt { theta, x, y }
+    }
+
+    /// X and Y after one more tick: the low-pass over regressor and sample.
+    #[must_use]
+    pub fn filter(&self, x: &Matrix3<f64>, y: &Vector3<f64>, last: &LastTick) -> (Matrix3<f64>, Vector3<f64>) {
+        let (phi, sample) = self.sample(last);
+        (x + (1.0 - self.p) * (phi - x), y + (1.0 - self.p) * (sample - y))
     }
 
     /// Phib and y: regressor of the last tick, and the acceleration [rad/s^2] that known terms do not explain.

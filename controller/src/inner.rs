@@ -3,7 +3,7 @@
 //! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
 //! (17)-(22), sampled; each law's own file names its differences. This file owns the order within a tick and
 //! what happens when an input is stale. Rotor limits belong to the mixer; the loop never sees
-//! [`State::truth`].
+//! [`State::truth`]; the monitor beside it does ([`crate::watched`]).
 //!
 //! | input | missing for up to 100 ms: `Held` | longer, or never there: `Fallback` |
 //! |---|---|---|
@@ -16,14 +16,15 @@
 //! attitude, as it does at the first tick: what it had become says nothing about where the airframe is.
 
 use nalgebra::Vector3;
-use shared::allocation::{Allocation, net_speed};
-use shared::messages::{Dated, Mode, NO_TICK, ROTORS, Setpoint, State, Wrench};
+use shared::allocation::net_speed;
+use shared::messages::{Dated, Mode, NO_TICK, Setpoint, State, Wrench};
 
-use crate::adaptation::{Adaptation, LastTick, Learnt};
+use crate::adaptation::{Adaptation, Learnt};
 use crate::command_filter::CommandFilter;
 use crate::predictor::predict;
 use crate::rate_law::{RatePoint, sampled_gain, torque};
 use crate::rate_reference::rate_reference;
+use crate::samples::Samples;
 use crate::settings::Settings;
 
 /// How long an input may be missing before the loop falls back [s].
@@ -33,7 +34,6 @@ const HOLD_S: f64 = 0.1;
 #[derive(Clone, Debug)]
 pub struct InnerLoop {
     settings: Settings,
-    allocation: Allocation,
     adaptation: Adaptation,
     i_m: Vector3<f64>,
     k_eta: Vector3<f64>,
@@ -45,8 +45,7 @@ pub struct InnerLoop {
     win: Vector3<f64>,
     filter_tick: u64,
     learnt: Learnt,
-    /// Newest body rates measured in time, with their tick.
-    sample: Option<(u64, Vector3<f64>)>,
+    samples: Samples,
     thrust_n: f64,
 }
 
@@ -58,7 +57,6 @@ impl InnerLoop {
         let adaptation = Adaptation::new(settings);
         Self {
             settings: *settings,
-            allocation: Allocation::new(&settings.model),
             adaptation,
             i_m: settings.model.i_m().into(),
             k_eta: gains.attitude_1_s.into(),
@@ -68,7 +66,7 @@ impl InnerLoop {
             win: Vector3::zeros(),
             filter_tick: 0,
             learnt: adaptation.prior(),
-            sample: None,
+            samples: Samples::new(settings),
             thrust_n: 0.0,
         }
     }
@@ -77,7 +75,7 @@ impl InnerLoop {
     ///
     /// Call it once per tick, with rising ticks; ticks may be left out.
     pub fn tick(&mut self, tick: u64, state: &Dated<State>, setpoint: &Dated<Setpoint>) -> Wrench {
-        let lost = self.sample.is_none_or(|(sampled, _)| tick.saturating_sub(sampled) > self.hold_ticks);
+        let lost = self.samples.newest_tick().is_none_or(|sampled| tick.saturating_sub(sampled) > self.hold_ticks);
         let measured = (state.tick == tick).then_some(&state.content);
         match measured {
             Some(state) if lost => {
@@ -136,7 +134,9 @@ impl InnerLoop {
         let eta2 = Vector3::from(state.attitude_rad);
         let om_m = net_speed(&state.rotor_speed_mean_rad_s.into());
         let now = RatePoint { nu2: state.rate_b_rad_s.into(), om: om_m, t_s: tick as f64 * period_s };
-        self.learn(tick, &now, &state.rotor_speed_squared_mean_rad2_s2);
+        if let Some(last) = self.samples.take(tick, state) {
+            self.learnt = self.adaptation.step(&self.learnt, &last);
+        }
         let theta = &self.learnt.theta;
 
         let (eta2, at, filter) = if self.settings.gains.predictor_ticks == 0 {
@@ -144,7 +144,7 @@ impl InnerLoop {
         } else {
             let command = state.rotor_speed_command_rad_s;
             let om_s = net_speed(&command.into());
-            let tau_s = self.rotor_torque(&command.map(|w| w * w));
+            let tau_s = self.samples.rotor_torque(&command.map(|w| w * w));
             let now = RatePoint { om: om_s, ..now };
             let (eta2, nu2) = predict(&eta2, &now, theta, &tau_s, period_s, &self.i_m);
             let t_s = (tick + 1) as f64 * period_s;
@@ -159,25 +159,8 @@ impl InnerLoop {
             estimate: self.learnt.theta.into(),
             rate_error_b_rad_s: (at.nu2 - reference.nu2_d).into(),
             mode: mode as u64,
+            ..Wrench::default()
         }
-    }
-
-    /// Learns from the last tick, unless its start was not measured: the rotor means cover one tick only.
-    fn learn(&mut self, tick: u64, now: &RatePoint, speed_squared_mean: &[f64; ROTORS]) {
-        if let Some((sampled, nu2_start)) = self.sample
-            && sampled + 1 == tick
-        {
-            let last = LastTick {
-                nu2_start,
-                nu2_end: now.nu2,
-                t_start_s: sampled as f64 * self.settings.period_s,
-                t_end_s: now.t_s,
-                om_m: now.om,
-                tau_m: self.rotor_torque(speed_squared_mean),
-            };
-            self.learnt = self.adaptation.step(&self.learnt, &last);
-        }
-        self.sample = Some((tick, now.nu2));
     }
 
     /// Without a state of this tick: no torque. The rate error is unknown, and given as 0.
@@ -189,11 +172,5 @@ impl InnerLoop {
     /// m g [N].
     fn hover_thrust_n(&self) -> f64 {
         self.settings.model.m() * self.settings.model.g()
-    }
-
-    /// (6), (7): torque [N m] of rotors at these squared speeds [rad^2/s^2], by the nominal model.
-    fn rotor_torque(&self, speed_squared: &[f64; ROTORS]) -> Vector3<f64> {
-        let f = speed_squared.map(|w2| self.settings.model.k() * w2);
-        self.allocation.wrench(&f.into()).1
     }
 }

@@ -29,6 +29,8 @@ struct Pending {
     effective_tick: u64,
     /// Rotor speeds [rad/s].
     speed: [f64; ROTORS],
+    /// Whether they could not meet what was asked.
+    is_saturated: bool,
 }
 
 /// The rotor command in force, those that wait, and the verdicts so far.
@@ -37,6 +39,8 @@ pub struct Latch {
     pending: Deque<Pending, PENDING_COMMANDS>,
     /// Speeds of the newest command; of hover before the first.
     speed: [f64; ROTORS],
+    /// Whether it could not meet what was asked.
+    is_saturated: bool,
     /// Tick that it was made for; none before the first.
     command_tick: Option<u64>,
     /// Tick from which on it has been in force.
@@ -58,6 +62,7 @@ impl Latch {
         Self {
             pending: Deque::new(),
             speed: hover,
+            is_saturated: false,
             command_tick: None,
             since_tick: 0,
             timeout_ticks: (COMMAND_TIMEOUT_S / period_s).round().max(1.0) as u64,
@@ -81,6 +86,7 @@ impl Latch {
             tick: command.tick,
             effective_tick: effective_tick.max(command.tick + 1),
             speed: command.content.speed_rad_s,
+            is_saturated: command.content.saturated == 1,
         };
         self.pending.retain(|waiting| waiting.tick > offered.tick || waiting.effective_tick < offered.effective_tick);
         // The ones that wait come first: were they dropped instead, a steady delay would let no command through.
@@ -94,6 +100,7 @@ impl Latch {
             // A command older than the one in force has lost its race and changes nothing.
             if self.command_tick.is_none_or(|current| newest.tick > current) {
                 self.speed = newest.speed;
+                self.is_saturated = newest.is_saturated;
                 self.command_tick = Some(newest.tick);
                 self.since_tick = tick;
             }
@@ -123,6 +130,12 @@ impl Latch {
     #[must_use]
     pub fn speed(&self) -> [f64; ROTORS] {
         if self.is_idle { self.idle } else { self.speed }
+    }
+
+    /// Whether the command in force could not meet what was asked; of idle rotors nothing is asked.
+    #[must_use]
+    pub fn is_saturated(&self) -> bool {
+        !self.is_idle && self.is_saturated
     }
 
     /// Tick of the newest command that came into force; [`NO_TICK`] before the first. Idling leaves it as it is.

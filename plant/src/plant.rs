@@ -188,16 +188,12 @@ impl Plant {
             rotor_speed_squared_mean_rad2_s2: self.means.speed_squared.into(),
             rotor_speed_command_rad_s: self.latch.speed(),
             command_tick: self.latch.command_tick(),
+            command_saturated: u64::from(self.latch.is_saturated()),
             deadlines_missed: self.latch.deadlines_missed(),
             deadline_miss_run: self.latch.deadline_miss_run(),
             ticks_skipped: self.ticks_skipped,
             parameter_epoch: self.parameter_epoch,
-            truth: Truth {
-                rate_b_rad_s: nu2.into(),
-                rotor_inertia_kg_m2: self.airframe.i_r(),
-                rotational_drag_nm_s: self.airframe.k_r(),
-                disturbance_gain_rad_s2: self.airframe.delta(),
-            },
+            truth: Truth { rate_b_rad_s: nu2.into(), parameter: *self.airframe.values() },
         }
     }
 

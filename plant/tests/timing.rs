@@ -242,12 +242,12 @@ fn a_swap_holds_from_its_tick_on_and_all_of_it_together() {
     assert_eq!(plant.schedule(swap), Ok(5));
     for tick in 0..5 {
         let state = fly(&mut plant, tick);
-        assert_eq!((state.parameter_epoch, state.truth.rotational_drag_nm_s), (0, 0.105));
+        assert_eq!((state.parameter_epoch, state.truth.get(RotationalDrag)), (0, 0.105));
         assert_eq!(plant.airframe(), &Airframe::nominal());
         assert!(plant.applied().is_empty());
     }
     let state = plant.begin(5);
-    assert_eq!((state.parameter_epoch, state.truth.rotational_drag_nm_s), (1, 0.525));
+    assert_eq!((state.parameter_epoch, state.truth.get(RotationalDrag)), (1, 0.525));
     assert_eq!((plant.airframe().m(), plant.airframe().k_r()), (0.6, 0.525));
     let [applied] = plant.applied() else { panic!("{:?}", plant.applied()) };
     assert_eq!((applied.tick, applied.epoch), (5, 1));

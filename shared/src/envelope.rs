@@ -7,6 +7,7 @@ use iceoryx2::prelude::ZeroCopySend;
 
 use crate::layout::{FNV_OFFSET, Layout, fnv1a, layout};
 use crate::messages::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Truth, Wrench};
+use crate::monitor::Monitor;
 use crate::role::{Role, STAGES};
 
 /// When a stage had its input, and when it published its output, on CLOCK_MONOTONIC.
@@ -112,6 +113,7 @@ pub const LAYOUT: u64 = {
         Truth::FINGERPRINT,
         Setpoint::FINGERPRINT,
         Wrench::FINGERPRINT,
+        Monitor::FINGERPRINT,
         RotorSpeeds::FINGERPRINT,
         SwapRecord::FINGERPRINT,
     ];

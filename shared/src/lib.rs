@@ -15,6 +15,7 @@ pub mod instance;
 pub mod layout;
 pub mod limits;
 pub mod messages;
+pub mod monitor;
 pub mod parameters;
 pub mod rate_dynamics;
 pub mod role;

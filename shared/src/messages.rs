@@ -7,7 +7,8 @@
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::layout::{from_wire, layout};
-use crate::parameters::{PARAMETERS, Parameter};
+use crate::monitor::Monitor;
+use crate::parameters::{ESTIMATED, PARAMETERS, Parameter};
 
 /// Rotors of the airframe, numbered from 1: rear left, rear right, front right, front left.
 pub const ROTORS: usize = 4;
@@ -52,6 +53,8 @@ pub struct State {
     pub rotor_speed_command_rad_s: [f64; ROTORS],
     /// Tick of the command in force; [`NO_TICK`] while none has arrived.
     pub command_tick: u64,
+    /// 1 when the command in force could not meet what was asked of the rotors, else 0.
+    pub command_saturated: u64,
     /// Deadlines missed so far: ticks that began without the command of the tick before.
     pub deadlines_missed: u64,
     /// Length of the run of missed deadlines that this tick belongs to; 0 when its command was in time.
@@ -70,12 +73,22 @@ pub struct State {
 pub struct Truth {
     /// Body rates without the gyro's noise [rad/s].
     pub rate_b_rad_s: [f64; 3],
-    /// True value of the first estimated parameter, I_R [kg m^2].
-    pub rotor_inertia_kg_m2: f64,
-    /// True value of the second, k_r [N m s].
-    pub rotational_drag_nm_s: f64,
-    /// True value of the third, delta [rad/s^2].
-    pub disturbance_gain_rad_s2: f64,
+    /// True parameters in force, in the order of [`crate::parameters::SPECS`] and in their units.
+    pub parameter: [f64; PARAMETERS],
+}
+
+impl Truth {
+    /// True value of a parameter, in its unit.
+    #[must_use]
+    pub const fn get(&self, parameter: Parameter) -> f64 {
+        self.parameter[parameter as usize]
+    }
+
+    /// True values of the estimated parameters: I_R [kg m^2], k_r [N m s], delta [rad/s^2].
+    #[must_use]
+    pub fn theta(&self) -> [f64; 3] {
+        ESTIMATED.map(|parameter| self.get(parameter))
+    }
 }
 
 /// Topic `setpoint`: what the outer loop wants of the inner one, and the reference that it follows.
@@ -112,6 +125,8 @@ pub struct Wrench {
     pub rate_error_b_rad_s: [f64; 3],
     /// How the stage got here: a [`Mode`] as number.
     pub mode: u64,
+    /// What the monitor beside the law says; no law reads it.
+    pub monitor: Monitor,
 }
 
 /// Topic `rotor_speeds`: what the mixer commands, and what it could achieve.
@@ -179,13 +194,14 @@ layout!(State {
     rotor_speed_squared_mean_rad2_s2,
     rotor_speed_command_rad_s,
     command_tick,
+    command_saturated,
     deadlines_missed,
     deadline_miss_run,
     ticks_skipped,
     parameter_epoch,
     truth,
 });
-layout!(Truth { rate_b_rad_s, rotor_inertia_kg_m2, rotational_drag_nm_s, disturbance_gain_rad_s2 });
+layout!(Truth { rate_b_rad_s, parameter });
 layout!(Setpoint {
     thrust_n,
     attitude_rad,
@@ -195,6 +211,6 @@ layout!(Setpoint {
     reference_position_w_m,
     reference_yaw_rad,
 });
-layout!(Wrench { thrust_n, torque_b_nm, estimate, rate_error_b_rad_s, mode });
+layout!(Wrench { thrust_n, torque_b_nm, estimate, rate_error_b_rad_s, mode, monitor });
 layout!(SwapRecord { parameter_epoch, count, parameter, old, new });
 layout!(RotorSpeeds { speed_rad_s, thrust_n, torque_b_nm, saturated, mode });

@@ -39,6 +39,9 @@ pub enum Parameter {
 /// How many parameters there are.
 pub const PARAMETERS: usize = 18;
 
+/// The parameters that the inner loop estimates, in the order of theta: I_R, k_r, delta.
+pub const ESTIMATED: [Parameter; 3] = [Parameter::RotorInertia, Parameter::RotationalDrag, Parameter::DisturbanceGain];
+
 /// What is known about a parameter before any flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spec {

@@ -41,6 +41,7 @@ mod bound {
     pub(super) const ROTOR_SPEED_RAD_S: f64 = 1e5;
     pub(super) const THRUST_N: f64 = 1e4;
     pub(super) const TORQUE_NM: f64 = 1e5;
+    pub(super) const PARAMETER: f64 = 1e3;
 }
 
 fn within(numbers: &[f64], bound: f64) -> bool {
@@ -65,7 +66,7 @@ impl Topic for State {
         look(&self.rotor_speed_squared_mean_rad2_s2);
         look(&self.rotor_speed_command_rad_s);
         look(&self.truth.rate_b_rad_s);
-        look(&[self.truth.rotor_inertia_kg_m2, self.truth.rotational_drag_nm_s, self.truth.disturbance_gain_rad_s2]);
+        look(&self.truth.parameter);
     }
 
     fn plausible(&self) -> bool {
@@ -79,6 +80,8 @@ impl Topic for State {
                 &self.rotor_speed_squared_mean_rad2_s2,
                 bound::ROTOR_SPEED_RAD_S * bound::ROTOR_SPEED_RAD_S,
             )
+            && self.command_saturated <= 1
+            && within(&self.truth.parameter, bound::PARAMETER)
     }
 }
 
@@ -116,6 +119,7 @@ impl Topic for Wrench {
         look(&self.torque_b_nm);
         look(&self.estimate);
         look(&self.rate_error_b_rad_s);
+        self.monitor.numbers(look);
     }
 
     fn plausible(&self) -> bool {

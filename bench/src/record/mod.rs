@@ -14,3 +14,4 @@ pub mod series;
 pub mod states;
 pub mod tally;
 pub mod text;
+pub mod theorem;

@@ -26,6 +26,7 @@ use super::series::{Series, Statistics};
 use super::states::{Joiner, Part, StatesWriter};
 use super::tally::{TOPICS, Tally, is_last_word};
 use super::text;
+use super::theorem::Theorem;
 use crate::failure::{Failure, InFile as _};
 use crate::in_process::TickRecord;
 use crate::plot::FlightPlot;
@@ -275,7 +276,8 @@ impl<'a> Recorder<'a> {
                 .collect(),
         };
         let series = self.tally.series.statistics();
-        let gates = self.gates(&ticks, &deadlines, &series, ending);
+        let theorem = self.tally.theorem.section();
+        let gates = self.gates(&ticks, &deadlines, &series, &theorem, ending);
         let lost = TOPICS.iter().zip(self.tally.lost()).map(|(topic, lost)| ((*topic).to_owned(), lost)).collect();
         let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
         let started = jiff::Timestamp::from_nanosecond(i128::from(run.t0_wall_ns)).unwrap_or_default();
@@ -298,6 +300,7 @@ impl<'a> Recorder<'a> {
             ticks,
             deadlines,
             flight: self.tally.flight(),
+            theorem,
             swaps: self.tally.swaps.clone(),
             series,
             roles: self.crew.iter().map(|(role, board)| (role.name().to_owned(), role_section(&board.get()))).collect(),
@@ -317,6 +320,7 @@ impl<'a> Recorder<'a> {
         ticks: &report::Ticks,
         deadlines: &report::Deadlines,
         series: &[Statistics],
+        theorem: &Theorem,
         ending: Option<Ending>,
     ) -> Vec<Gate> {
         let mut gates = vec![
@@ -351,6 +355,9 @@ impl<'a> Recorder<'a> {
                 value: value.map_or_else(|| "too few samples".into(), |us| format!("{us:.1}")),
                 held: value.is_some_and(|us| us <= limit_us),
             });
+        }
+        if self.settings.recorder.gate_theorem {
+            gates.push(Gate::theorem(theorem));
         }
         gates
     }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::host::{Host, Steal};
 use super::series::Statistics;
+use super::theorem::Theorem;
 use crate::failure::{Failure, InFile as _};
 
 /// Version of the schema: changed whenever a key changes its meaning or goes.
@@ -27,6 +28,9 @@ pub struct Report {
     pub deadlines: Deadlines,
     /// The control performance.
     pub flight: Flight,
+    /// The theorem, watched; empty in reports from before it was.
+    #[serde(default)]
+    pub theorem: Theorem,
     /// Swaps of plant parameters, in order.
     pub swaps: Vec<Swap>,
     /// Latencies.
@@ -257,6 +261,19 @@ pub struct RecorderSection {
     pub incomplete_ticks: u64,
     /// Share of one processor that it used [%].
     pub cpu_percent: f64,
+}
+
+impl Gate {
+    /// The gate `theorem`.
+    #[must_use]
+    pub fn theorem(theorem: &Theorem) -> Self {
+        Self {
+            name: "theorem".into(),
+            limit: "0 unexplained, estimates live".into(),
+            value: theorem.found(),
+            held: theorem.holds,
+        }
+    }
 }
 
 impl Report {

@@ -4,12 +4,14 @@ use shared::boards;
 use shared::clock::{Grid, Pace};
 use shared::envelope::Message;
 use shared::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use shared::parameters::ESTIMATED;
 use shared::role::Role;
 use shared::topic::Topic;
 
 use super::deadlines::{Deadlines, MissRuns, Verdict};
 use super::report::{self, Change, Estimate};
 use super::series::{Series, SeriesSet};
+use super::theorem::TheoremTally;
 use crate::failure::Failure;
 
 /// Everything that is counted over a flight.
@@ -31,6 +33,8 @@ pub struct Tally {
     last_wake: [Option<(u64, u64)>; 4],
     sequences: [Sequence; 5],
     flight: FlightTally,
+    /// The theorem, watched.
+    pub theorem: TheoremTally,
     /// Swaps seen.
     pub swaps: Vec<report::Swap>,
     newest: Option<(u64, u64)>,
@@ -98,6 +102,7 @@ impl Tally {
             last_wake: [None; 4],
             sequences: [Sequence::default(); 5],
             flight: FlightTally::default(),
+            theorem: TheoremTally::default(),
             swaps: Vec::new(),
             newest: None,
         })
@@ -151,8 +156,8 @@ impl Tally {
         let state = &message.content;
         self.miss_runs.update(state.deadlines_missed, state.deadline_miss_run);
         self.flight.position_w_m = state.position_w_m;
-        let truth = &state.truth;
-        self.flight.truth = [truth.rotor_inertia_kg_m2, truth.rotational_drag_nm_s, truth.disturbance_gain_rad_s2];
+        self.flight.truth = state.truth.theta();
+        self.theorem.truth(self.flight.truth);
     }
 
     /// Tick of the newest state; 0 before the first.
@@ -173,6 +178,7 @@ impl Tally {
         self.follow(2, message);
         self.stage(message);
         self.hop(Role::Outer, message.envelope.input_tick[1], message);
+        self.theorem.take(message.envelope.epoch, &message.content.monitor);
         self.flight.estimate = message.content.estimate;
         self.flight.rate_error = message.content.rate_error_b_rad_s.iter().map(|e| e * e).sum::<f64>().sqrt();
     }
@@ -265,7 +271,6 @@ impl Tally {
     #[must_use]
     pub fn flight(&self) -> report::Flight {
         let flight = &self.flight;
-        let names = ["rotor_inertia_kg_m2", "rotational_drag_nm_s", "disturbance_gain_rad_s2"];
         report::Flight {
             position_error_rms_m: (flight.error_squared_sum / flight.errors.max(1) as f64).sqrt(),
             position_error_max_m: flight.error_max,
@@ -273,7 +278,11 @@ impl Tally {
             rate_error_final_rad_s: flight.rate_error,
             saturated_ticks: flight.saturated,
             estimates: (0..3)
-                .map(|i| Estimate { name: names[i].into(), estimated: flight.estimate[i], actual: flight.truth[i] })
+                .map(|i| Estimate {
+                    name: ESTIMATED[i].name().into(),
+                    estimated: flight.estimate[i],
+                    actual: flight.truth[i],
+                })
                 .collect(),
         }
     }

@@ -15,6 +15,7 @@ pub fn render(report: &Report) -> String {
         .and_then(|()| latencies(&mut out, report))
         .and_then(|()| roles(&mut out, report))
         .and_then(|()| flight(&mut out, report))
+        .and_then(|()| out.write_str(&report.theorem.text()))
         .and_then(|()| gates(&mut out, report));
     out
 }

@@ -9,8 +9,8 @@ use shared::stage::{self, Stage, Turn, Worked};
 use shared::station::Station;
 use shared::wire::{LATEST, Receiver, Sender, Wire};
 
-use crate::inner::InnerLoop;
 use crate::settings::Settings;
+use crate::watched::WatchedLoop;
 
 /// Runs the inner loop until the plant closes the run.
 ///
@@ -22,10 +22,10 @@ pub fn run(station: Station, settings: &Settings) -> Result<(), Error> {
     stage::run(stage, &doorbell, station)
 }
 
-/// The inner loop with its ports.
+/// The inner loop and its monitor, with their ports.
 #[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
 pub struct InnerStage {
-    law: InnerLoop,
+    law: WatchedLoop,
     states: Receiver<State>,
     setpoints: Receiver<Setpoint>,
     wrenches: Sender<Wrench>,
@@ -38,7 +38,7 @@ impl InnerStage {
     /// Those of the ports.
     pub fn new(wire: &Wire, settings: &Settings) -> Result<Self, Error> {
         Ok(Self {
-            law: InnerLoop::new(settings),
+            law: WatchedLoop::new(settings),
             states: wire.receiver(LATEST)?,
             setpoints: wire.receiver(LATEST)?,
             wrenches: wire.sender(Some(wire.bell(Role::Mixer)?))?,

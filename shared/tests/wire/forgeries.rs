@@ -10,6 +10,7 @@ use proptest::prelude::*;
 use shared::envelope::{Envelope, Message};
 use shared::inspection::{Expected, REASONS, Reason};
 use shared::messages::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use shared::monitor::Monitor;
 use shared::topic::Topic;
 use shared::wire::{DEEP, Receiver, Wire};
 
@@ -120,15 +121,17 @@ fn zeroed<C: Topic>() -> Message<C> {
 #[test]
 fn forged_states_are_rejected() {
     let mut forgeries = envelope_forgeries::<State>();
-    forgeries.extend::<[Forgery<State>; 8]>([
+    forgeries.extend::<[Forgery<State>; 10]>([
         (Reason::NonFinite, |m| m.content.position_w_m[0] = f64::NAN),
         (Reason::NonFinite, |m| m.content.rotor_speed_squared_mean_rad2_s2[3] = f64::INFINITY),
-        (Reason::NonFinite, |m| m.content.truth.disturbance_gain_rad_s2 = f64::NAN),
+        (Reason::NonFinite, |m| m.content.truth.parameter[11] = f64::NAN),
         (Reason::NonFinite, |m| m.content.truth.rate_b_rad_s[2] = f64::NEG_INFINITY),
         (Reason::Implausible, |m| m.content.position_w_m[2] = -1e6),
         (Reason::Implausible, |m| m.content.velocity_w_m_s[1] = 1e9),
         (Reason::Implausible, |m| m.content.rotor_speed_mean_rad_s[0] = -1.0),
         (Reason::Implausible, |m| m.content.attitude_rad[0] = f64::MAX),
+        (Reason::Implausible, |m| m.content.command_saturated = 2),
+        (Reason::Implausible, |m| m.content.truth.parameter[7] = 1e300),
     ]);
     assert_rejected(&forgeries);
 }
@@ -148,9 +151,10 @@ fn forged_setpoints_are_rejected() {
 #[test]
 fn forged_wrenches_are_rejected() {
     let mut forgeries = envelope_forgeries::<Wrench>();
-    forgeries.extend::<[Forgery<Wrench>; 4]>([
+    forgeries.extend::<[Forgery<Wrench>; 5]>([
         (Reason::NonFinite, |m| m.content.torque_b_nm[1] = f64::NAN),
         (Reason::NonFinite, |m| m.content.estimate[2] = f64::NAN),
+        (Reason::NonFinite, |m| m.content.monitor.rise_max[8] = f64::NAN),
         (Reason::Implausible, |m| m.content.torque_b_nm[0] = 1e9),
         (Reason::Implausible, |m| m.content.mode = u64::MAX),
     ]);
@@ -208,12 +212,13 @@ fn any_bits() -> impl Strategy<Value = f64> {
 
 /// Any content that 64-bit words can hold.
 fn any_wrench() -> impl Strategy<Value = Wrench> {
-    (prop::array::uniform10(any_bits()), any::<u64>()).prop_map(|(n, mode)| Wrench {
+    (prop::array::uniform11(any_bits()), any::<u64>()).prop_map(|(n, mode)| Wrench {
         thrust_n: n[0],
         torque_b_nm: [n[1], n[2], n[3]],
         estimate: [n[4], n[5], n[6]],
         rate_error_b_rad_s: [n[7], n[8], n[9]],
         mode: mode % 8,
+        monitor: Monitor { v_th: n[10], ..Monitor::default() },
     })
 }
 

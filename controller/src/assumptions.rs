@@ -1,0 +1,147 @@
+//! The assumptions of the theorem, watched: which of them does not hold at a tick, and so what explains a rise.
+//!
+//! The proof in docs/paper.md that V_th does not rise assumes constant parameters (A), the exact model (B) and true
+//! values inside the bounds (C). Saturation, delay and stale inputs are no excuse for V_th: it follows what the rotors
+//! really did. They are one for V, which contains the rate error.
+//!
+//! A broken assumption is remembered until the low-pass of the adaptation has forgotten the samples taken under it.
+
+use nalgebra::Vector3;
+use shared::messages::{Dated, Mode, State, Truth, Wrench};
+use shared::monitor::{CAUSES, Cause};
+use shared::parameters::{Airframe, PARAMETERS, Parameter};
+
+use crate::adaptation::Adaptation;
+
+/// Share of a sample in the low-pass below which it counts as forgotten.
+const FORGOTTEN: f64 = 1e-9;
+/// Ticks for which a saturated or stale command shows in the rate error: it acts for one, a tick later.
+const RATE_LOOP_TICKS: u64 = 2;
+
+/// Parameters of the rate loop (8) that the adaptation takes from its model.
+const MODELLED: [Parameter; 6] = [
+    Parameter::ArmLength,
+    Parameter::ThrustCoefficient,
+    Parameter::DragFactor,
+    Parameter::InertiaX,
+    Parameter::InertiaY,
+    Parameter::InertiaZ,
+];
+
+/// Which causes are in force.
+#[derive(Clone, Debug)]
+pub struct Assumptions {
+    model: Airframe,
+    lo: Vector3<f64>,
+    hi: Vector3<f64>,
+    /// Ticks until a sample is forgotten.
+    faded_ticks: u64,
+    /// Tick at which each cause was seen last.
+    seen: [Option<u64>; CAUSES],
+    newest: Option<Known>,
+}
+
+/// What the state before said.
+#[derive(Clone, Copy, Debug)]
+struct Known {
+    parameter: [f64; PARAMETERS],
+    ticks_skipped: u64,
+}
+
+impl Assumptions {
+    /// Those of an adaptation with its model.
+    #[must_use]
+    pub fn new(adaptation: &Adaptation, model: &Airframe) -> Self {
+        let faded_ticks = if adaptation.p > 0.0 { (FORGOTTEN.ln() / adaptation.p.ln()).ceil() as u64 } else { 1 };
+        Self { model: *model, lo: adaptation.lo, hi: adaptation.hi, faded_ticks, seen: [None; CAUSES], newest: None }
+    }
+
+    /// Looks at a tick; says whether the true value of an estimated parameter has been swapped since the last state.
+    pub fn look(&mut self, tick: u64, state: &Dated<State>, wrench: &Wrench) -> bool {
+        if wrench.mode != Mode::Fresh as u64 {
+            self.see(Cause::StaleInput, tick);
+        }
+        if state.tick != tick {
+            self.see(Cause::StaleInput, tick);
+            return false;
+        }
+        let State { truth, ticks_skipped, deadline_miss_run, command_saturated, .. } = state.content;
+        let known = self.newest.replace(Known { parameter: truth.parameter, ticks_skipped });
+        let swapped = known.is_some_and(|known| Truth { parameter: known.parameter, ..truth }.theta() != truth.theta());
+        let skipped = known.is_some_and(|known| known.ticks_skipped != ticks_skipped);
+        let theta = Vector3::from(truth.theta());
+        for (cause, holds) in [
+            (Cause::LiveSwap, swapped),
+            (Cause::OutOfBounds, theta.sup(&self.lo).inf(&self.hi) != theta),
+            (Cause::BrokenModel, self.model_is_broken(&truth)),
+            (Cause::GyroNoise, truth.get(Parameter::GyroNoise) > 0.0),
+            (Cause::MotorLag, truth.get(Parameter::MotorTimeConstant) > 0.0),
+            (Cause::Saturation, command_saturated == 1),
+            (Cause::StaleInput, skipped || deadline_miss_run > 0),
+            (Cause::Delay, true),
+        ] {
+            if holds {
+                self.see(cause, tick);
+            }
+        }
+        swapped
+    }
+
+    fn see(&mut self, cause: Cause, tick: u64) {
+        self.seen[cause as usize] = Some(tick);
+    }
+
+    fn model_is_broken(&self, truth: &Truth) -> bool {
+        let efficiency = [
+            Parameter::RotorEfficiency1,
+            Parameter::RotorEfficiency2,
+            Parameter::RotorEfficiency3,
+            Parameter::RotorEfficiency4,
+        ];
+        MODELLED.iter().any(|parameter| truth.get(*parameter) != self.model.get(*parameter))
+            // The controller's model has no efficiencies: it takes every rotor for a whole one.
+            || efficiency.iter().any(|parameter| truth.get(*parameter) != 1.0)
+    }
+
+    /// Whether a cause is in force at a tick.
+    #[must_use]
+    pub fn holds(&self, cause: Cause, tick: u64) -> bool {
+        let memory = match cause {
+            Cause::Saturation | Cause::StaleInput | Cause::Delay => RATE_LOOP_TICKS,
+            _ => self.faded_ticks,
+        };
+        self.seen[cause as usize].is_some_and(|seen| tick - seen <= memory)
+    }
+
+    /// Whether a cause was seen at this very tick.
+    #[must_use]
+    pub fn seen_at(&self, cause: Cause, tick: u64) -> bool {
+        self.seen[cause as usize] == Some(tick)
+    }
+
+    /// Every cause in force at a tick: the sum of [`Cause::bit`].
+    #[must_use]
+    pub fn bits(&self, tick: u64) -> u64 {
+        Cause::ALL.into_iter().filter(|cause| self.holds(*cause, tick)).map(Cause::bit).sum()
+    }
+
+    /// What explains a rise of V_th; [`Cause::Unexplained`] where (A), (B) and (C) hold.
+    #[must_use]
+    pub fn cause_of_rise(&self, tick: u64) -> Cause {
+        use Cause::{BrokenModel, GyroNoise, LiveSwap, MotorLag, OutOfBounds};
+        self.first([LiveSwap, OutOfBounds, BrokenModel, GyroNoise, MotorLag], tick)
+    }
+
+    /// What explains that V changes by more than its bound.
+    #[must_use]
+    pub fn cause_of_v(&self, tick: u64) -> Cause {
+        match self.cause_of_rise(tick) {
+            Cause::Unexplained => self.first([Cause::Saturation, Cause::StaleInput, Cause::Delay], tick),
+            cause => cause,
+        }
+    }
+
+    fn first<const N: usize>(&self, causes: [Cause; N], tick: u64) -> Cause {
+        causes.into_iter().find(|cause| self.holds(*cause, tick)).unwrap_or(Cause::Unexplained)
+    }
+}

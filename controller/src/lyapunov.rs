@@ -1,0 +1,118 @@
+//! The theorem's functions in discrete time: V_th, V, and how far a step of the estimates lets them fall.
+//!
+//! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (21) and
+//! (22), sampled; docs/paper.md has the proofs. With ~th = th_hat - th, s = T/alpha, W = I + s X Gamma X^T, and with
+//! eps = Y - X th, the part of the sample that the true parameters leave unexplained, a step before its clip obeys
+//!
+//! ```text
+//!     zb = W^-1 (Y - X th_hat),    V_th+ - V_th = s eps.zb - s |zb|^2 - s^2/2 zb^T X Gamma X^T zb
+//! ```
+//!
+//! for any eps. The theorem is the case eps = 0; in general the right side is at most s |eps|^2/4.
+
+use nalgebra::{Cholesky, Const, Matrix3, Vector3};
+
+use crate::adaptation::Adaptation;
+
+/// V_th = 1/2 ~th^T Gamma^-1 ~th [rad^2/s^2], for `error` ~th and the diagonal `gamma`.
+#[must_use]
+pub fn v_th(error: &Vector3<f64>, gamma: &Vector3<f64>) -> f64 {
+    error.component_mul(error).component_div(gamma).sum() / 2.0
+}
+
+/// V_th after a step less V_th before it, without cancelling their common digits.
+#[must_use]
+pub fn v_th_change(before: &Vector3<f64>, after: &Vector3<f64>, gamma: &Vector3<f64>) -> f64 {
+    (after - before).component_mul(&(after + before)).component_div(gamma).sum() / 2.0
+}
+
+/// The weights of one step of the estimates, given the filtered regressor X.
+#[derive(Clone, Debug)]
+pub struct Step {
+    /// s = T/alpha [s^2].
+    step_s2: f64,
+    /// sqrt(s) X Gamma^1/2, without unit.
+    scaled: Matrix3<f64>,
+    /// W = I + s X Gamma X^T.
+    weight: Cholesky<f64, Const<3>>,
+}
+
+impl Step {
+    /// The step of an adaptation at X; none where W is not finite.
+    #[must_use]
+    pub fn new(adaptation: &Adaptation, x: &Matrix3<f64>) -> Option<Self> {
+        let root = adaptation.gamma.map(f64::sqrt);
+        let scaled = adaptation.step_s2.sqrt() * x * Matrix3::from_diagonal(&root);
+        let weight = Cholesky::new(Matrix3::identity() + scaled * scaled.transpose())?;
+        Some(Self { step_s2: adaptation.step_s2, scaled, weight })
+    }
+
+    /// zb = W^-1 r [rad/s^2]: what a step leaves of the residual r.
+    #[must_use]
+    pub fn left_of(&self, r: &Vector3<f64>) -> Vector3<f64> {
+        self.weight.solve(r)
+    }
+
+    /// s |zb|^2 + s^2/2 zb^T X Gamma X^T zb [rad^2/s^2]: the fall of V_th that the theorem promises.
+    #[must_use]
+    pub fn descent(&self, zb: &Vector3<f64>) -> f64 {
+        self.step_s2 * (zb.norm_squared() + self.scaled.tr_mul(zb).norm_squared() / 2.0)
+    }
+
+    /// s eps.zb [rad^2/s^2]: what a model that leaves `mismatch` eps [rad/s^2] unexplained adds to the change of V_th.
+    #[must_use]
+    pub fn disturbance(&self, mismatch: &Vector3<f64>, zb: &Vector3<f64>) -> f64 {
+        self.step_s2 * mismatch.dot(zb)
+    }
+
+    /// G = s Gamma^1/2 X^T W^-1 X Gamma^1/2: on the exact model a step multiplies Gamma^-1/2 ~th by I - G.
+    #[must_use]
+    pub fn contraction(&self) -> Matrix3<f64> {
+        self.scaled.tr_mul(&self.weight.solve(&self.scaled))
+    }
+
+    /// Trace of s X Gamma X^T: no eigenvalue is above it.
+    #[must_use]
+    pub fn size(&self) -> f64 {
+        self.scaled.norm_squared()
+    }
+}
+
+/// The weight of |e|^2 in V = sigma/2 |e|^2 + V_th, as it follows from the largest step so far.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RateWeight {
+    /// a = exp(-alpha T).
+    a: f64,
+    alpha_t: f64,
+    /// T/alpha [s^2].
+    step_s2: f64,
+    n_max: f64,
+}
+
+impl RateWeight {
+    /// Before the first step; T [s] and T/alpha [s^2] are those of the adaptation.
+    #[must_use]
+    pub fn new(adaptation: &Adaptation) -> Self {
+        let Adaptation { period_s, step_s2, .. } = *adaptation;
+        let alpha_t = period_s * period_s / step_s2;
+        Self { a: (-alpha_t).exp(), alpha_t, step_s2, n_max: 0.0 }
+    }
+
+    /// Takes a step in: sigma holds for every step so far, so it can only fall.
+    pub fn take(&mut self, step: &Step) {
+        self.n_max = self.n_max.max(step.size());
+    }
+
+    /// sigma = (1 - a)/(alpha T (1 + Nmax)^2).
+    #[must_use]
+    pub fn sigma(&self) -> f64 {
+        (1.0 - self.a) / (self.alpha_t * (1.0 + self.n_max).powi(2))
+    }
+
+    /// -sigma/2 (1 - a)|e|^2 - T/(2 alpha)|zb|^2 [rad^2/s^2]: what V may change by in a step from rate error `e`
+    /// [rad/s], where nothing is late and no low-pass is on.
+    #[must_use]
+    pub fn v_change_bound(&self, e: &Vector3<f64>, zb: &Vector3<f64>) -> f64 {
+        -(self.sigma() * (1.0 - self.a) * e.norm_squared() + self.step_s2 * zb.norm_squared()) / 2.0
+    }
+}

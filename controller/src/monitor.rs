@@ -1,0 +1,242 @@
+//! The theorem's monitor: holds the estimates that a law publishes against what is proven of them, tick by tick.
+//!
+//! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (18) and
+//! (20)-(22), in the discrete form of docs/paper.md. It knows the settings and sees states, with their truth, and
+//! wrenches; it looks into no law. From the states it builds X and Y itself and asks of every step two things:
+//!
+//! 1. that V_th does not rise; where it does, a broken assumption must explain it ([`crate::assumptions`]);
+//! 2. that V_th changes by no more than the step owes, the model's mismatch allowed for ([`crate::lyapunov`]). No
+//!    cause excuses this one but bounds that do not contain the truth: it is an identity of the update.
+//!
+//! V, which contains the rate error, is reported and never judged: its inequality is proven without delay alone.
+
+use std::f64::consts::SQRT_2;
+
+use nalgebra::{Matrix3, Vector3};
+use shared::messages::{Dated, State, Wrench};
+use shared::monitor::{Cause, Monitor};
+
+use crate::adaptation::{Adaptation, LastTick};
+use crate::assumptions::Assumptions;
+use crate::excitation::Excitation;
+use crate::lyapunov::{RateWeight, Step, v_th, v_th_change};
+use crate::samples::Samples;
+use crate::settings::Settings;
+
+/// Rise of V_th in a step that counts as rounding, as a share of V_th at the start.
+pub const ROUNDING: f64 = 1e-12;
+/// The same as a mismatch [rad/s^2], for a V_th that starts at 0.
+pub const ROUNDING_RAD_S2: f64 = 1e-7;
+/// How often the error of the trapezoidal rule, as it is estimated, is allowed.
+pub const TRAPEZOID: f64 = 2.0;
+/// Share of a step's own terms that rounding may take: the weight W of the paper's gains is conditioned like 1e6.
+const STEP_ROUNDING: f64 = 1e-6;
+/// Share of the descent predicted for the flight that counts as life, and share of V_th at the start from which on
+/// it is asked for.
+const LIVE: f64 = 0.5;
+const LIVE_FROM: f64 = 1e-6;
+/// Time over which the rate error is averaged [s].
+const RATE_MEMORY_S: f64 = 1.0;
+
+/// Watches the steps of the estimates.
+#[derive(Clone, Debug)]
+pub struct TheoremMonitor {
+    adaptation: Adaptation,
+    samples: Samples,
+    assumptions: Assumptions,
+    excitation: Excitation,
+    rate_weight: RateWeight,
+    /// Error of the trapezoidal rule in Y, as it is estimated [rad/s^2].
+    trapezoid_rad_s2: f64,
+    /// What that may have added to V_th since the start [rad^2/s^2].
+    trapezoid_sum: f64,
+    rate_kept: f64,
+    x: Matrix3<f64>,
+    y: Vector3<f64>,
+    has_begun: bool,
+    before: Before,
+    /// V_th when the error began that the excitation works on [rad^2/s^2].
+    v_th_begun: f64,
+    rate_error_squared: f64,
+    shown: Monitor,
+}
+
+/// What was seen with the last state.
+#[derive(Clone, Copy, Debug, Default)]
+struct Before {
+    estimate: Vector3<f64>,
+    v_th: f64,
+    e: Vector3<f64>,
+}
+
+impl TheoremMonitor {
+    /// A monitor for a law with these settings.
+    #[must_use]
+    pub fn new(settings: &Settings) -> Self {
+        let adaptation = Adaptation::new(settings);
+        let period_s = settings.period_s;
+        Self {
+            adaptation,
+            samples: Samples::new(settings),
+            assumptions: Assumptions::new(&adaptation, &settings.model),
+            excitation: Excitation::new(period_s),
+            rate_weight: RateWeight::new(&adaptation),
+            trapezoid_rad_s2: 0.0,
+            trapezoid_sum: 0.0,
+            rate_kept: (-period_s / RATE_MEMORY_S).exp(),
+            x: Matrix3::zeros(),
+            y: Vector3::zeros(),
+            has_begun: false,
+            before: Before::default(),
+            v_th_begun: 0.0,
+            rate_error_squared: 0.0,
+            shown: Monitor { is_live: 1, ..Monitor::default() },
+        }
+    }
+
+    /// Looks at the wrench of a tick, and at the newest state, whatever tick it is of.
+    ///
+    /// Call it once per tick, with rising ticks; ticks may be left out.
+    pub fn watch(&mut self, tick: u64, state: &Dated<State>, wrench: &Wrench) -> Monitor {
+        let swapped = self.assumptions.look(tick, state, wrench);
+        let mut now = Monitor { causes: self.assumptions.bits(tick), is_violation: 0, ..self.shown };
+        now.ticks_stale += u64::from(self.assumptions.seen_at(Cause::StaleInput, tick));
+        if state.tick == tick {
+            self.compare(tick, &state.content, wrench, swapped, &mut now);
+        }
+        // Beyond any flight: what cannot be computed cannot be proven, and must not ground the loop.
+        if !now.is_finite() {
+            now = Monitor { causes: now.causes, is_violation: 1, ..self.shown };
+            now.violations[Cause::Unexplained as usize] += 1;
+        }
+        self.shown = now;
+        now
+    }
+
+    fn compare(&mut self, tick: u64, state: &State, wrench: &Wrench, swapped: bool, now: &mut Monitor) {
+        let theta = Vector3::from(state.truth.theta());
+        let estimate = Vector3::from(wrench.estimate);
+        let (error, e) = (estimate - theta, Vector3::from(wrench.rate_error_b_rad_s));
+        let was = self.before;
+        self.before = Before { estimate, v_th: v_th(&error, &self.adaptation.gamma), e };
+        now.v_th = self.before.v_th;
+        now.estimate_error = error.into();
+        now.ticks_saturated += state.command_saturated;
+        self.rate_error(&e, now);
+        let begins = !std::mem::replace(&mut self.has_begun, true);
+        let last = self.samples.take(tick, state);
+        if begins || swapped {
+            now.live_swaps += u64::from(swapped);
+            now.v_th_start = now.v_th_start.max(now.v_th);
+            now.estimate_error_start = error.abs().into();
+        }
+        if let Some(last) = last {
+            self.step(tick, &last, &theta, &was, swapped, now);
+        }
+        if begins || self.assumptions.holds(Cause::LiveSwap, tick) {
+            // Until the samples from before have faded, the new error does not shrink as on the exact model.
+            self.v_th_begun = now.v_th;
+            self.excitation.restart();
+        }
+        let left = self.excitation.left();
+        now.estimate_error_bound =
+            Vector3::from_fn(|i, _| (2.0 * self.v_th_begun * self.adaptation.gamma[i]).sqrt() * left[i]).into();
+        let shown = self.excitation.shown();
+        (now.excitation, now.excitation_least) = (shown.smallest, shown.least);
+        now.identifiability = shown.identifiability.into();
+        now.sigma = self.rate_weight.sigma();
+        now.v = now.sigma / 2.0 * e.norm_squared() + now.v_th;
+    }
+
+    fn rate_error(&mut self, e: &Vector3<f64>, now: &mut Monitor) {
+        let squared = e.norm_squared();
+        self.rate_error_squared = squared + self.rate_kept * (self.rate_error_squared - squared);
+        now.rate_error_rad_s = squared.sqrt();
+        now.rate_error_rms_rad_s = self.rate_error_squared.sqrt();
+        now.rate_error_max_rad_s = now.rate_error_max_rad_s.max(now.rate_error_rad_s);
+    }
+
+    /// (T/alpha) eps^2/4 [rad^2/s^2]: what a mismatch [rad/s^2] may add to V_th in a step.
+    fn rise_of(&self, mismatch_rad_s2: f64) -> f64 {
+        self.adaptation.step_s2 * mismatch_rad_s2 * mismatch_rad_s2 / 4.0
+    }
+
+    /// Error of the trapezoidal rule over a tick [rad/s^2]: T^2/12 of the third derivative of the rates. Under a held
+    /// torque that is, by (8), the slope squared times their acceleration, the curvature of f, and that of h(t).
+    fn trapezoid(&self, last: &LastTick, theta: &Vector3<f64>) -> f64 {
+        let Adaptation { i_m, period_s, .. } = &self.adaptation;
+        let curvature = 2.0 * (i_m.max() - i_m.min()) / i_m.min();
+        let slope = (theta.y.abs() + (theta.x * last.om_m).abs()) / i_m.min() + curvature * last.nu2_end.norm();
+        let acceleration = (last.nu2_end - last.nu2_start).norm() / period_s;
+        let third = (slope * slope + curvature * acceleration) * acceleration + SQRT_2 * theta.z.abs();
+        period_s * period_s / 12.0 * third
+    }
+
+    fn step(
+        &mut self,
+        tick: u64,
+        last: &LastTick,
+        theta: &Vector3<f64>,
+        was: &Before,
+        swapped: bool,
+        now: &mut Monitor,
+    ) {
+        let (gamma, cause) = (self.adaptation.gamma, self.assumptions.cause_of_rise(tick));
+        (self.x, self.y) = self.adaptation.filter(&self.x, &self.y, last);
+        let Some(step) = Step::new(&self.adaptation, &self.x) else {
+            now.v_th = f64::NAN;
+            return;
+        };
+        let (before, after) = (was.estimate - theta, Vector3::from(now.estimate_error));
+        // Of this step alone: both sides with the parameters that hold now.
+        let change = v_th_change(&before, &after, &gamma);
+        let mismatch = self.y - self.x * theta;
+        let zb = step.left_of(&(self.y - self.x * was.estimate));
+        let zb_exact = step.left_of(&(-self.x * before));
+        let rounding = ROUNDING * now.v_th_start + self.rise_of(ROUNDING_RAD_S2);
+        let trapezoid = self.trapezoid(last, theta);
+        self.trapezoid_rad_s2 += (1.0 - self.adaptation.p) * (trapezoid - self.trapezoid_rad_s2);
+        let trapezoid = self.rise_of(TRAPEZOID * self.trapezoid_rad_s2);
+        self.trapezoid_sum += trapezoid;
+        let floor = rounding + trapezoid;
+
+        now.ticks_checked += 1;
+        now.steps_adapted += u64::from(before != after);
+        now.mismatch_rad_s2 = mismatch.norm();
+        now.v_th_change = if swapped { now.v_th - was.v_th } else { change };
+        now.v_th_change_predicted = -step.descent(&zb_exact);
+
+        // The jump of a live swap is no step; what it leaves in the low-pass is.
+        let rise = &mut now.rise_max[cause as usize];
+        *rise = rise.max(change);
+        let excess = change - (step.disturbance(&mismatch, &zb) - step.descent(&zb));
+        let rounding =
+            rounding + STEP_ROUNDING * (step.descent(&zb) + self.adaptation.step_s2 * mismatch.norm() * zb.norm());
+        let in_bounds = !self.assumptions.holds(Cause::OutOfBounds, tick);
+        let violation =
+            if in_bounds && excess > rounding { Some(Cause::Unexplained) } else { (change > floor).then_some(cause) };
+        if let Some(cause) = violation {
+            now.is_violation = 1;
+            now.violations[cause as usize] += 1;
+        }
+        if in_bounds {
+            now.step_excess_max = now.step_excess_max.max(excess / rounding);
+        }
+        if cause == Cause::Unexplained {
+            now.descent -= change;
+            now.descent_predicted -= now.v_th_change_predicted;
+            let owed = now.descent_predicted > LIVE_FROM * now.v_th_start + self.trapezoid_sum;
+            now.is_live = u64::from(!owed || now.descent >= LIVE * now.descent_predicted);
+        }
+        self.excitation.take(&step.contraction());
+
+        self.rate_weight.take(&step);
+        let half_sigma = self.rate_weight.sigma() / 2.0;
+        let e = self.before.e;
+        now.v_change = half_sigma * (e.norm_squared() - was.e.norm_squared()) + change;
+        now.v_change_bound = self.rate_weight.v_change_bound(&was.e, &zb_exact);
+        if now.v_change > now.v_change_bound * (1.0 - STEP_ROUNDING) + floor {
+            now.v_above_bound[self.assumptions.cause_of_v(tick) as usize] += 1;
+        }
+    }
+}

@@ -1,0 +1,30 @@
+//! The inner loop with the monitor of the theorem beside it: what the process and the in-process flight run.
+//!
+//! First the law, which never sees the truth; then the monitor, which does, and writes nothing but its own block.
+
+use shared::messages::{Dated, Setpoint, State, Wrench};
+
+use crate::inner::InnerLoop;
+use crate::monitor::TheoremMonitor;
+use crate::settings::Settings;
+
+/// An inner loop that is watched.
+#[derive(Clone, Debug)]
+pub struct WatchedLoop {
+    law: InnerLoop,
+    monitor: TheoremMonitor,
+}
+
+impl WatchedLoop {
+    /// The loop and the monitor of settings that passed [`Settings::check`].
+    #[must_use]
+    pub fn new(settings: &Settings) -> Self {
+        Self { law: InnerLoop::new(settings), monitor: TheoremMonitor::new(settings) }
+    }
+
+    /// [`InnerLoop::tick`], with the monitor's block filled in.
+    pub fn tick(&mut self, tick: u64, state: &Dated<State>, setpoint: &Dated<Setpoint>) -> Wrench {
+        let wrench = self.law.tick(tick, state, setpoint);
+        Wrench { monitor: self.monitor.watch(tick, state, &wrench), ..wrench }
+    }
+}

@@ -1,0 +1,211 @@
+//! The theorem's functions and its monitor: inequalities for every input, and what no flight may break.
+
+use controller::adaptation::{Adaptation, LastTick};
+use controller::excitation::Excitation;
+use controller::lyapunov::{RateWeight, Step, v_th, v_th_change};
+use controller::{InnerLoop, Preset, Settings, TheoremMonitor, Trajectory, WatchedLoop};
+use nalgebra::{Matrix3, Vector3};
+use proptest::prelude::*;
+use proptest::sample::select;
+use shared::messages::{Dated, Setpoint, State, Truth, Wrench};
+use shared::monitor::{Cause, Monitor};
+use shared::parameters::{Airframe, PARAMETERS, Parameter};
+
+fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
+    prop::array::uniform3(-size..size).prop_map(Vector3::from)
+}
+
+fn theta() -> impl Strategy<Value = Vector3<f64>> {
+    (-1e-3..1e-3, 0.0..1.0, -2.0..2.0).prop_map(|(i_r, k_r, delta)| Vector3::new(i_r, k_r, delta))
+}
+
+fn adaptation(preset: Preset) -> Adaptation {
+    Adaptation::new(&Settings::new(Trajectory::Hover, preset))
+}
+
+proptest! {
+    #[test]
+    fn a_step_never_exceeds_what_it_owes_whatever_was_measured(
+        preset in select(&Preset::ALL),
+        theta in theta(),
+        ticks in prop::collection::vec((-200.0..200.0, vector(1.0), vector(1.0), vector(0.5)), 40),
+    ) {
+        let adaptation = adaptation(preset);
+        let mut learnt = adaptation.prior();
+        let start = v_th(&(learnt.theta - theta), &adaptation.gamma);
+        for (tick, (om_m, nu2_start, nu2_end, tau_m)) in ticks.into_iter().enumerate() {
+            let t_start_s = tick as f64 * adaptation.period_s;
+            let last = LastTick { nu2_start, nu2_end, t_start_s, t_end_s: t_start_s + adaptation.period_s, om_m, tau_m };
+            let next = adaptation.step(&learnt, &last);
+            let step = Step::new(&adaptation, &next.x).unwrap();
+            let zb = step.left_of(&(next.y - next.x * learnt.theta));
+            let mismatch = next.y - next.x * theta;
+            let change = v_th_change(&(learnt.theta - theta), &(next.theta - theta), &adaptation.gamma);
+            let owed = step.disturbance(&mismatch, &zb) - step.descent(&zb);
+            let rounding = 1e-6 * (step.descent(&zb) + adaptation.step_s2 * mismatch.norm() * zb.norm()) + 1e-12 * start;
+            prop_assert!(change <= owed + rounding, "{change:e} > {owed:e}");
+            // The corollary: whatever the mismatch, V_th rises by (T/alpha)|eps|^2/4 at the most.
+            let rise_max = adaptation.step_s2 * mismatch.norm_squared() / 4.0;
+            prop_assert!(change <= rise_max * (1.0 + 1e-6) + rounding);
+            learnt = next;
+        }
+    }
+
+    #[test]
+    fn without_delay_and_low_pass_v_falls_by_its_bound(
+        alpha_1_s in 1.0..1e4,
+        error in vector(1.0),
+        e in vector(1.0),
+        ticks in prop::collection::vec(prop::array::uniform3(vector(50.0)), 30),
+    ) {
+        let mut settings = Settings::new(Trajectory::Hover, Preset::Flight);
+        settings.gains.alpha_1_s = alpha_1_s;
+        settings.gains.regressor_filter_rad_s = 0.0;
+        let adaptation = Adaptation::new(&settings);
+        let (s, a) = (adaptation.step_s2, (-alpha_1_s * settings.period_s).exp());
+        let gamma = Matrix3::from_diagonal(&adaptation.gamma);
+        let steps: Vec<_> =
+            ticks.iter().map(|columns| Step::new(&adaptation, &Matrix3::from_columns(columns)).unwrap()).collect();
+        // Nmax holds along the whole flight.
+        let mut weight = RateWeight::new(&adaptation);
+        steps.iter().for_each(|step| weight.take(step));
+        let v = |e: &Vector3<f64>, error: &Vector3<f64>| {
+            weight.sigma() / 2.0 * e.norm_squared() + v_th(error, &adaptation.gamma)
+        };
+        let (mut e, mut error) = (e, error.component_mul(&Vector3::new(1e-3, 0.5, 1.0)));
+        for (columns, step) in ticks.iter().zip(&steps) {
+            let x = Matrix3::from_columns(columns);
+            let r = -x * error;
+            let zb = step.left_of(&r);
+            // (19) in (8) over a tick: e+ = a e - T X ~th.
+            let (next_e, next_error) = (a * e + settings.period_s * r, error + s * gamma * x.transpose() * zb);
+            let bound = weight.v_change_bound(&e, &zb);
+            let change = v(&next_e, &next_error) - v(&e, &error);
+            prop_assert!(bound <= 0.0 && change <= bound + 1e-12 * v(&e, &error), "{change:e} > {bound:e}");
+            (e, error) = (next_e, next_error);
+        }
+    }
+
+    #[test]
+    fn what_is_left_of_an_error_is_bounded_by_the_contractions(
+        preset in select(&Preset::ALL),
+        error in vector(1.0),
+        ticks in prop::collection::vec(prop::array::uniform3(vector(50.0)), 30),
+    ) {
+        let adaptation = adaptation(preset);
+        let mut excitation = Excitation::new(adaptation.period_s);
+        let root = adaptation.gamma.map(f64::sqrt);
+        let mut scaled = error;
+        for columns in &ticks {
+            let x = Matrix3::from_columns(columns);
+            let step = Step::new(&adaptation, &x).unwrap();
+            let ahead = scaled.component_mul(&root);
+            let moved = adaptation.step_s2 * Matrix3::from_diagonal(&adaptation.gamma) * x.transpose();
+            scaled = (ahead + moved * step.left_of(&(-x * ahead))).component_div(&root);
+            excitation.take(&step.contraction());
+            let bound = excitation.left() * error.norm();
+            for i in 0..3 {
+                prop_assert!(scaled[i].abs() <= bound[i] * (1.0 + 1e-9) + 1e-9);
+            }
+        }
+    }
+}
+
+#[test]
+fn excitation_counts_what_each_column_shows_alone() {
+    let mut excitation = Excitation::new(1.0);
+    // Windows of ten steps: column 1 in both, column 2 as its copy, column 3 in the first alone.
+    let both = Matrix3::new(0.1, 0.1, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0, 0.2);
+    let one = Matrix3::new(0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for _ in 0..10 {
+        excitation.take(&both);
+    }
+    let first = *excitation.shown();
+    assert!(first.smallest < 1e-9 && (first.identifiability.z - 2.0).abs() < 1e-6, "{first:?}");
+    assert!(first.identifiability.x < 1e-6 && first.identifiability.y < 1e-6, "copies tell nothing apart: {first:?}");
+    for _ in 0..10 {
+        excitation.take(&one);
+    }
+    let second = excitation.shown();
+    assert!((second.identifiability.x - 1.0).abs() < 1e-6 && second.identifiability.z < 1e-6, "{second:?}");
+    assert!((excitation.left().x - 0.9_f64.powi(10) * excitation_left_of(&both)).abs() < 1e-6);
+}
+
+/// What ten steps with a contraction leave in the first row.
+fn excitation_left_of(contraction: &Matrix3<f64>) -> f64 {
+    (0..10).fold(Matrix3::identity(), |left, _| (Matrix3::identity() - contraction) * left).row(0).norm()
+}
+
+/// A hovering airframe of known parameters.
+fn state(tick: u64, parameter: [f64; PARAMETERS]) -> Dated<State> {
+    let w = Airframe::nominal().hover_speed_rad_s();
+    let rate = 0.01 * (tick as f64).sin();
+    let content = State {
+        rate_b_rad_s: [rate, -rate, 0.5 * rate],
+        rotor_speed_mean_rad_s: [w; 4],
+        rotor_speed_squared_mean_rad2_s2: [w * w; 4],
+        rotor_speed_command_rad_s: [w; 4],
+        truth: Truth { parameter, ..Truth::default() },
+        ..State::default()
+    };
+    Dated { tick, content }
+}
+
+fn setpoint(tick: u64) -> Dated<Setpoint> {
+    Dated { tick, content: Setpoint { thrust_n: 5.0, ..Setpoint::default() } }
+}
+
+#[test]
+fn a_truth_beyond_numbers_is_a_violation_and_never_an_infinite_wrench() {
+    let settings = Settings::new(Trajectory::Hover, Preset::Flight);
+    let mut watched = WatchedLoop::new(&settings);
+    let mut last = Monitor::default();
+    for tick in 0..30 {
+        let parameter = if tick == 20 { [1e300; PARAMETERS] } else { *Airframe::nominal().values() };
+        last = watched.tick(tick, &state(tick, parameter), &setpoint(tick)).monitor;
+        assert!(last.is_finite(), "{last:?}");
+    }
+    assert!(last.violations[Cause::Unexplained as usize] > 0);
+}
+
+#[test]
+fn estimates_that_move_against_their_samples_are_unexplained() {
+    let settings = Settings::new(Trajectory::Hover, Preset::Flight);
+    let mut airframe = Airframe::nominal();
+    airframe.set(Parameter::DisturbanceGain, 0.0).unwrap();
+    // At rest, without a disturbance, nothing can be learnt. From 0, these lead away from the truth.
+    for push in [Vector3::new(-1e-9, 0.0, 0.0), Vector3::new(0.0, -1e-6, 0.0), Vector3::new(0.0, 0.0, 1e-3)] {
+        let (mut law, mut monitor) = (InnerLoop::new(&settings), TheoremMonitor::new(&settings));
+        let mut watch = |tick: u64, push: Vector3<f64>| {
+            let mut state = state(tick, *airframe.values());
+            state.content.rate_b_rad_s = [0.0; 3];
+            let wrench = law.tick(tick, &state, &setpoint(tick));
+            let estimate = (Vector3::from(wrench.estimate) + push).into();
+            monitor.watch(tick, &state, &Wrench { estimate, ..wrench })
+        };
+        for tick in 0..10 {
+            assert_eq!(watch(tick, Vector3::zeros()).violations[0], 0);
+        }
+        let violated = watch(10, push);
+        assert_eq!((violated.violations[0], violated.is_violation), (1, 1), "{push}");
+    }
+}
+
+#[test]
+fn a_stale_state_is_counted_and_changes_nothing_else() {
+    let settings = Settings::new(Trajectory::Hover, Preset::Flight);
+    let mut watched = WatchedLoop::new(&settings);
+    let nominal = *Airframe::nominal().values();
+    for tick in 0..10 {
+        watched.tick(tick, &state(tick, nominal), &setpoint(tick));
+    }
+    let before = watched.tick(10, &state(10, nominal), &setpoint(10)).monitor;
+    let stale = watched.tick(11, &state(10, nominal), &setpoint(11)).monitor;
+    assert_eq!(stale.ticks_stale, 1);
+    assert_eq!(stale.causes & Cause::StaleInput.bit(), Cause::StaleInput.bit());
+    assert_eq!(stale, Monitor { ticks_stale: 1, causes: stale.causes, ..before });
+    // The tick after has no measured start: nothing is learnt from it, so nothing is checked.
+    let after = watched.tick(12, &state(12, nominal), &setpoint(12)).monitor;
+    assert_eq!(after.ticks_checked, before.ticks_checked);
+    assert_eq!(watched.tick(13, &state(13, nominal), &setpoint(13)).monitor.ticks_checked, before.ticks_checked + 1);
+}
