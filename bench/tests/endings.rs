@@ -124,7 +124,8 @@ fn a_role_killed_before_the_flight_is_named_too() {
     send(outer, Signal::STOP);
     sleep(Duration::from_millis(100));
     send(outer, Signal::KILL);
-    flight.end().expect(1).complains("the outer process ended before the flight began");
+    // It may have armed before it was stopped; then it died in the air.
+    flight.end().expect(1).complains("outer process");
     rig.assert_nothing_left();
 }
 
