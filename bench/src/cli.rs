@@ -1,5 +1,7 @@
 //! The command line.
 
+mod report;
+
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -7,8 +9,16 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use controller::{Preset, Trajectory};
 use toml::Value;
 
-use crate::fault::{Fault, parse_change};
+pub use self::report::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
+use crate::doctor::DoctorArgs;
+use crate::fault::Fault;
+use crate::floor::command::FloorArgs;
+use crate::floor::hop::HopArgs;
+use crate::log::TOPICS;
 use crate::settings::Overrides;
+
+mod in_flight;
+pub use in_flight::{BridgeTo, FoxgloveArgs, InjectArgs, ParamsArgs, WatchArgs};
 
 /// A real-time rig for quadrotor flight control loops.
 ///
@@ -27,14 +37,30 @@ pub struct Cli {
 pub enum Command {
     /// Fly: start all processes, show the flight, end them, print the report.
     Fly(FlyArgs),
+    /// Watch a flight in the terminal; join and leave it at will.
+    Watch(WatchArgs),
+    /// Serve a flight to another program's protocol.
+    #[command(subcommand)]
+    Bridge(BridgeTo),
     /// Swap parameters of the flying airframe: NAME=VALUE...
     Inject(InjectArgs),
     /// List every parameter of the airframe: unit, range, nominal value, value in force.
     Params(ParamsArgs),
-    /// Show the report of a flight, also of one still in the air.
+    /// Show the report of a flight, also of one still in the air; or compare two.
     Report(ReportArgs),
+    /// Write the messages of a flight as CSV or JSON.
+    Export(ExportArgs),
+    /// Fly a recorded flight again from its log, and compare.
+    Replay(ReplayArgs),
     /// Fly the same laws in one process, in simulated time.
     Simulate(SimulateArgs),
+    /// Measure the rig beside the machine's own limits.
+    Floor(FloorArgs),
+    /// Can this machine fly in real time? Look, measure, and say what to change.
+    #[command(
+        after_help = "Ends with exit code 0 when the verdict is `hard` or `soft`, with 3 when it is `not real-time here`."
+    )]
+    Doctor(DoctorArgs),
     /// Remove what killed processes left in shared memory.
     Clean,
     /// Run the airframe alone.
@@ -47,6 +73,9 @@ pub enum Command {
     Mixer(RoleArgs),
     /// Run the recorder alone.
     Record(RecordArgs),
+    /// A process of the raw ring that measures the machine.
+    #[command(hide = true)]
+    RingHop(HopArgs),
 }
 
 fn trajectories() -> clap::builder::PossibleValuesParser {
@@ -168,6 +197,9 @@ pub struct FlyArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "documented by its type")]
     pub recorder: RecorderArgs,
+    /// Watch the flight in this terminal, as `ironbird watch` does.
+    #[arg(long)]
+    pub watch: bool,
     /// Print the full commented settings that would be flown, and end.
     #[arg(long)]
     pub print_config: bool,
@@ -234,55 +266,61 @@ impl SimulateArgs {
     }
 }
 
-/// Flags of `inject`.
+/// Flags of `export`.
 #[derive(Clone, Debug, Args)]
-pub struct InjectArgs {
-    /// New values, all applied at one tick: NAME=VALUE...
-    #[arg(required = true, value_name = "NAME=VALUE")]
-    pub changes: Vec<String>,
-    /// Apply at this tick of the flight.
-    #[arg(long, value_name = "N", conflicts_with = "after")]
-    pub at_tick: Option<u64>,
-    /// Apply this much flight time later, as in 500ms.
-    #[arg(long = "in", value_name = "TIME", value_parser = humantime::parse_duration)]
-    pub after: Option<Duration>,
-    /// Name of the instance.
-    #[arg(long, value_name = "NAME", default_value = "default")]
-    pub instance: String,
-}
-
-/// Flags of `params`.
-#[derive(Clone, Debug, Args)]
-pub struct ParamsArgs {
-    /// Name of the instance.
-    #[arg(long, value_name = "NAME", default_value = "default")]
-    pub instance: String,
-    /// Print JSON.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Flags of `report`.
-#[derive(Clone, Debug, Args)]
-pub struct ReportArgs {
-    /// A flight's directory, or `latest`.
+pub struct ExportArgs {
+    /// A flight's directory, its flight.mcap, or `latest`.
     #[arg(value_name = "RUN_DIR", default_value = "latest")]
     pub run: PathBuf,
-    /// How to print it.
-    #[arg(long, value_enum, default_value_t = Format::Text)]
-    pub format: Format,
+    /// Write this topic to standard output [default: every topic to a file].
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(TOPICS))]
+    pub topic: Option<String>,
+    /// How to write it.
+    #[arg(long, value_enum, default_value_t = ExportFormat::Csv)]
+    pub format: ExportFormat,
+    /// Directory of the files [default: `export` in the flight's directory].
+    #[arg(long, value_name = "DIR", conflicts_with = "topic")]
+    pub to: Option<PathBuf>,
     /// Directory in which `latest` is looked up [default: runs].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
 
-/// How to print a report.
+/// Flags of `replay`.
+#[derive(Clone, Debug, Args)]
+pub struct ReplayArgs {
+    /// A flight's directory, its flight.mcap, or `latest`.
+    #[arg(value_name = "RUN_DIR", default_value = "latest")]
+    pub run: PathBuf,
+    /// Compare every output of every stage bit for bit; end with exit code 3 at the first difference.
+    #[arg(long)]
+    pub verify: bool,
+    /// Compare and count from this tick on; it is flown from tick 0 all the same.
+    #[arg(long, value_name = "TICK", default_value_t = 0)]
+    pub from: u64,
+    /// Directory in which `latest` is looked up [default: runs].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// How to write messages.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Format {
-    /// For people.
-    Text,
-    /// For programs.
+pub enum ExportFormat {
+    /// A row per message, a column per number.
+    Csv,
+    /// An object per message and line.
     Json,
+}
+
+impl ExportFormat {
+    /// How its files end.
+    #[must_use]
+    pub const fn extension(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Json => "jsonl",
+        }
+    }
 }
 
 impl FlightArgs {
@@ -348,15 +386,5 @@ impl RecorderArgs {
         }
         set.extend(gate_overrides(&self.gates));
         set
-    }
-}
-
-impl InjectArgs {
-    /// The changes, read and checked.
-    ///
-    /// # Errors
-    /// As [`parse_change`].
-    pub fn parsed(&self) -> Result<Vec<(shared::parameters::Parameter, f64)>, crate::fault::FaultError> {
-        self.changes.iter().flat_map(|text| text.split(',')).map(parse_change).collect()
     }
 }

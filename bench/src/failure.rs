@@ -12,7 +12,7 @@ pub const OK: u8 = 0;
 pub const FAILED: u8 = 1;
 /// A flag, a key, a file or a name is wrong; nothing was started.
 pub const USAGE: u8 = 2;
-/// The flight ended, and a gate did not hold.
+/// The flight ended, and a gate did not hold; the machine cannot fly in real time.
 pub const GATE: u8 = 3;
 /// Another instance runs, or shared memory is in the way.
 pub const OCCUPIED: u8 = 5;

@@ -18,8 +18,10 @@ use shared::wire::{BoardReader, Wire};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::cli::FlyArgs;
+use crate::dashboard::Dashboard;
 use crate::failure::{FAILED, Failure, INTERRUPTED, InFile as _, OK, check_writable};
 use crate::output::print;
+use crate::record::files::write_all;
 use crate::record::report::Report;
 use crate::record::text;
 use crate::run_directory::RunDirectory;
@@ -43,14 +45,13 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
         print(&settings.commented()?)?;
         return Ok(OK);
     }
-    let states = args.recorder.states.as_deref();
-    check_writable("--states", states)?;
+    check_writable("--states", args.recorder.states.as_deref())?;
     let instance = Instance::new(&args.rt.instance)?;
     check_shared_memory(Wire::needed_bytes())?;
     instance.prepare()?;
     let lock = instance.lock_launcher()?;
     let signals = count_signals()?;
-    let outcome = start_and_watch(&instance, &settings, states, &signals);
+    let outcome = start_and_watch(&instance, &settings, args, &signals);
     release(&instance, lock);
     let (directory, ended) = outcome?;
     let report_path = directory.path.join("report.json");
@@ -59,9 +60,7 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     }
     let mut report = Report::read(&report_path)?;
     if ended.correct(&mut report) {
-        report.write(&report_path)?;
-        let path = directory.path.join("report.txt");
-        fs::write(&path, text::render(&report)).in_file("write", &path)?;
+        write_all(&report, &directory.path)?;
     }
     print(&text::render(&report))?;
     if let Some(died) = &ended.died {
@@ -74,11 +73,12 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
 fn start_and_watch(
     instance: &Instance,
     settings: &Settings,
-    states: Option<&Path>,
+    args: &FlyArgs,
     signals: &AtomicUsize,
 ) -> Result<(RunDirectory, Ended), Failure> {
     let directory = RunDirectory::create(Path::new(&settings.recorder.out), settings, instance.name())?;
-    let ended = Launcher::start(instance, &directory, settings, states)?.watch(signals)?;
+    let mut launcher = Launcher::start(instance, &directory, settings, args)?;
+    let ended = launcher.watch(signals)?;
     Ok((directory, ended))
 }
 
@@ -106,6 +106,7 @@ fn release(instance: &Instance, lock: Lock) {
 /// The processes of a flight.
 struct Launcher {
     children: Vec<(Role, Child)>,
+    dashboard: Option<Dashboard>,
     wire: Wire,
     directory: PathBuf,
     duration_s: f64,
@@ -128,7 +129,7 @@ impl Launcher {
         instance: &Instance,
         directory: &RunDirectory,
         settings: &Settings,
-        states: Option<&Path>,
+        args: &FlyArgs,
     ) -> Result<Self, Failure> {
         // Before any role starts: removes what dead processes of the instance left.
         let wire = Wire::open(instance)?;
@@ -136,6 +137,7 @@ impl Launcher {
             std::env::current_exe().map_err(|e| Failure::failed(format!("cannot find the own executable: {e}")))?;
         let mut launcher = Self {
             children: Vec::new(),
+            dashboard: None,
             wire,
             directory: directory.path.clone(),
             duration_s: settings.flight.duration_s,
@@ -152,7 +154,7 @@ impl Launcher {
                 .args(["--launcher", &std::process::id().to_string()]);
             if role == Role::Record {
                 command.arg("--run-dir").arg(&directory.path);
-                if let Some(states) = states {
+                if let Some(states) = &args.recorder.states {
                     command.arg("--states").arg(states);
                 }
             }
@@ -170,6 +172,9 @@ impl Launcher {
                     return Err(Failure::failed(format!("cannot start the {role} process: {e}")));
                 }
             }
+        }
+        if args.watch {
+            launcher.dashboard = Some(Dashboard::open(&executable, instance)?);
         }
         Ok(launcher)
     }
@@ -202,11 +207,14 @@ impl Launcher {
                 forced = true;
                 self.kill();
             }
-            if status_line {
+            if status_line && !self.dashboard.as_mut().is_some_and(Dashboard::is_open) {
                 // A flight does not depend on its status line: what cannot be read now is tried again.
                 board = board.or_else(|| self.wire.board_reader(RUN).ok().flatten());
                 board.iter().for_each(|board| self.show(&board.get()));
             }
+        }
+        if let Some(dashboard) = &mut self.dashboard {
+            dashboard.close();
         }
         if status_line {
             eprint!("\r\x1b[K");

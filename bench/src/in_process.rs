@@ -6,7 +6,7 @@
 
 use controller::{OuterLoop, WatchedLoop};
 use mixer::Mixer;
-use plant::Plant;
+use plant::{Departure, Plant};
 use shared::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
 
 use crate::failure::Failure;
@@ -23,6 +23,7 @@ pub struct InProcess {
     setpoint: Dated<Setpoint>,
     /// Tick that is next.
     tick: u64,
+    envelope: Result<(), Departure>,
 }
 
 /// What the stages told each other at a tick.
@@ -51,6 +52,7 @@ impl InProcess {
             mixer: Mixer::new(mixer),
             setpoint: Dated { tick: NO_TICK, content: Setpoint::default() },
             tick: 0,
+            envelope: Ok(()),
         }
     }
 
@@ -70,6 +72,7 @@ impl InProcess {
     pub fn tick(&mut self) -> TickRecord {
         let tick = self.tick;
         let state = Dated { tick, content: self.plant.begin(tick) };
+        self.envelope = self.plant.envelope();
         let setpoint = self.outer.tick(tick, &state);
         if let Some(content) = setpoint {
             self.setpoint = Dated { tick, content };
@@ -80,6 +83,14 @@ impl InProcess {
         self.plant.finish();
         self.tick += 1;
         TickRecord { tick, state: state.content, setpoint, wrench, rotor_speeds }
+    }
+
+    /// Whether the model covers the state of the tick that was flown last, as the plant's process judges it.
+    ///
+    /// # Errors
+    /// [`Departure`] says in what way it does not.
+    pub const fn envelope(&self) -> Result<(), Departure> {
+        self.envelope
     }
 
     /// The plant, to look at its parameters, applied swaps and envelope.

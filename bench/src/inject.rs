@@ -1,5 +1,6 @@
 //! `ironbird inject`: swaps parameters of a flying airframe.
 
+use std::fmt;
 use std::time::Duration;
 
 use shared::boards::{RUN, Run, RunPhase};
@@ -19,23 +20,72 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// Asks the plant for a swap and prints what it answers.
 ///
 /// # Errors
-/// Usage; nobody flying; a refusal by the plant; no answer in time.
+/// As [`ask`].
 pub fn inject(args: &InjectArgs) -> Result<u8, Failure> {
-    let changes = args
-        .parsed()
-        .and_then(|changes| plant::Swap::new(0, &changes).map(|_| changes).map_err(Into::into))
-        .map_err(|e| Failure::usage(e.to_string()).help("`ironbird params` lists names, units and ranges"))?;
-    let instance = Instance::new(&args.instance)?;
-    let (wire, run) = flying(&instance)?;
-    let in_ticks = args.after.map_or(0, |after| ticks(after, run.sample_time_ns));
-    let wait_ticks = args.at_tick.map_or(in_ticks, |at| at.saturating_sub(run.tick));
+    let changes = args.parsed().map_err(|e| wrong(&e))?;
+    let when = match (args.at_tick, args.after) {
+        (Some(tick), _) => When::AtTick(tick),
+        (None, after) => When::In(after.unwrap_or_default()),
+    };
+    print(&ask(&Instance::new(&args.instance)?, &changes, when)?.to_string())?;
+    Ok(OK)
+}
+
+/// When a swap shall hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum When {
+    /// From this tick on.
+    AtTick(u64),
+    /// This much flight time later; from the next tick on where it is nothing.
+    In(Duration),
+}
+
+/// A swap that holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Applied {
+    /// Tick from which it holds.
+    pub tick: u64,
+    /// The same as time of the flight [s].
+    pub time_s: f64,
+    /// Parameter epoch that began with it.
+    pub parameter_epoch: u64,
+    /// What changed: before, and from then on.
+    pub changes: Vec<(Parameter, f64, f64)>,
+}
+
+impl fmt::Display for Applied {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "applied at tick {} ({:.3} s), parameter epoch {}", self.tick, self.time_s, self.parameter_epoch)?;
+        for (parameter, old, new) in &self.changes {
+            writeln!(f, "  {parameter}  {old:?} -> {new:?} {}", parameter.spec().unit)?;
+        }
+        Ok(())
+    }
+}
+
+fn wrong(error: &impl fmt::Display) -> Failure {
+    Failure::usage(error.to_string()).help("`ironbird params` lists names, units and ranges")
+}
+
+/// Asks the plant of an instance for a swap, and waits for its answer.
+///
+/// # Errors
+/// Usage; nobody flying; a refusal by the plant; no answer in time.
+pub fn ask(instance: &Instance, changes: &[(Parameter, f64)], when: When) -> Result<Applied, Failure> {
+    plant::Swap::new(0, changes).map_err(|e| wrong(&e))?;
+    let (wire, run) = flying(instance)?;
     let present = if run.tick == NO_TICK { 0 } else { run.tick };
-    let wanted = args.at_tick.unwrap_or(present + in_ticks);
+    let (at_tick, in_ticks) = match when {
+        When::AtTick(tick) => (tick, 0),
+        When::In(after) => (NO_TICK, ticks(after, run.sample_time_ns)),
+    };
+    let wanted = if at_tick == NO_TICK { present + in_ticks } else { at_tick };
     if wanted > run.last_tick {
         return Err(Failure::usage(format!("tick {wanted} never comes: the flight ends at tick {}", run.last_tick)));
     }
+    let wait_ticks = wanted.saturating_sub(present);
     let mut order = SwapOrder {
-        at_tick: args.at_tick.unwrap_or(NO_TICK),
+        at_tick,
         in_ticks,
         count: changes.len() as u64,
         parameter: [0; PARAMETERS],
@@ -47,7 +97,7 @@ pub fn inject(args: &InjectArgs) -> Result<u8, Failure> {
     }
     let patience = PATIENCE + Duration::from_nanos(wait_ticks.saturating_mul(run.period_ns));
     let answer = wire.swap_client()?.ask(order, patience)?;
-    print_answer(&changes, &answer, &run)
+    read_answer(changes, &answer, &run)
 }
 
 fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
@@ -76,22 +126,15 @@ pub fn flying(instance: &Instance) -> Result<(Wire, Run), Failure> {
     if run.phase() == RunPhase::Flying { Ok((wire, run)) } else { Err(nobody()) }
 }
 
-fn print_answer(changes: &[(Parameter, f64)], answer: &SwapAnswer, run: &Run) -> Result<u8, Failure> {
+fn read_answer(changes: &[(Parameter, f64)], answer: &SwapAnswer, run: &Run) -> Result<Applied, Failure> {
     let refused = |why: String| Err(Failure::failed(format!("the plant refused: {why}")));
     match Verdict::from_wire(answer.verdict) {
-        Some(Verdict::Applied) => {
-            let mut text = format!(
-                "applied at tick {} ({:.3} s), parameter epoch {}\n",
-                answer.tick,
-                run.flight_time_s(answer.tick),
-                answer.parameter_epoch
-            );
-            for ((parameter, value), old) in changes.iter().zip(answer.old) {
-                text += &format!("  {parameter}  {old:?} -> {value:?} {}\n", parameter.spec().unit);
-            }
-            print(&text)?;
-            Ok(OK)
-        }
+        Some(Verdict::Applied) => Ok(Applied {
+            tick: answer.tick,
+            time_s: run.flight_time_s(answer.tick),
+            parameter_epoch: answer.parameter_epoch,
+            changes: changes.iter().zip(answer.old).map(|((parameter, new), old)| (*parameter, old, *new)).collect(),
+        }),
         Some(Verdict::OutOfRange) => match Parameter::from_index(answer.parameter) {
             Some(parameter) => {
                 let value = changes.iter().find(|(p, _)| *p == parameter).map_or(f64::NAN, |(_, value)| *value);

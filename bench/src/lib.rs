@@ -1,18 +1,29 @@
 //! The rig: launch, inject, record, report; flights of the four stages in one process or in four.
 
+pub mod bridge;
 pub mod clean;
 pub mod cli;
+pub mod dashboard;
+pub mod doctor;
 pub mod failure;
 pub mod fault;
+pub mod floor;
 pub mod fly;
 pub mod in_process;
 pub mod inject;
+pub mod log;
+pub mod machine;
+pub mod observe;
 pub mod output;
+pub mod page;
 pub mod params;
 pub mod plot;
 pub mod record;
+pub mod replay;
+pub mod report_diff;
 pub mod roles;
 pub mod run_directory;
 pub mod settings;
 pub mod show_report;
 pub mod simulate;
+pub mod watch;

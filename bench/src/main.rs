@@ -2,9 +2,11 @@
 
 use std::process::ExitCode;
 
-use bench::cli::{Cli, Command};
+use bench::cli::{BridgeTo, Cli, Command};
 use bench::failure::Failure;
-use bench::{clean, fly, inject, params, roles, show_report, simulate};
+use bench::floor::{command, hop};
+use bench::log::export;
+use bench::{bridge, clean, doctor, fly, inject, params, replay, roles, show_report, simulate, watch};
 use clap::Parser as _;
 use shared::role::Role;
 use shared::rt::CountingAllocator;
@@ -33,15 +35,22 @@ fn unwrapped() -> miette::MietteHandler {
 fn run(cli: &Cli) -> Result<u8, Failure> {
     match &cli.command {
         Command::Fly(args) => fly::fly(args),
+        Command::Watch(args) => watch::watch(args),
+        Command::Bridge(BridgeTo::Foxglove(args)) => bridge::foxglove(args),
         Command::Inject(args) => inject::inject(args),
         Command::Params(args) => params::params(args),
         Command::Report(args) => show_report::show(args),
+        Command::Export(args) => export::export(args),
+        Command::Replay(args) => replay::replay(args),
         Command::Simulate(args) => simulate::simulate(args),
+        Command::Floor(args) => command::floor(args),
+        Command::Doctor(args) => doctor::doctor(args),
         Command::Clean => clean::clean(),
         Command::Plant(args) => roles::play(Role::Plant, args),
         Command::Outer(args) => roles::play(Role::Outer, args),
         Command::Inner(args) => roles::play(Role::Inner, args),
         Command::Mixer(args) => roles::play(Role::Mixer, args),
         Command::Record(args) => roles::record(args),
+        Command::RingHop(args) => hop::hop(args),
     }
 }

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use shared::flight_plan::FlightPlan;
 use shared::instance::Instance;
 use shared::role::Role;
+use shared::rt::{loops_cpu, take_stand};
 use shared::station::{Orders, Station};
 
 use crate::cli::{RecordArgs, RoleArgs};
@@ -32,6 +33,11 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
 }
 
 fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure> {
+    if settings.flight.pace == PaceName::Lockstep {
+        // One after the other on one processor: to wake another one takes longer than a stage computes. Where that is
+        // refused the flight is slower and the same.
+        let _ = take_stand(loops_cpu(), 0);
+    }
     match role {
         Role::Plant => {
             let plan = FlightPlan {

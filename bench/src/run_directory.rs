@@ -79,3 +79,42 @@ impl RunDirectory {
         self.path.join("settings.toml")
     }
 }
+
+/// The directory of a flight that was flown: by its path, or by its name below `out`.
+///
+/// # Errors
+/// Usage, where there is none; names the flights that are there.
+pub fn find(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
+    let out = match out {
+        Some(out) => out.to_owned(),
+        None => PathBuf::from(Settings::resolve(None, &Vec::new())?.recorder.out),
+    };
+    let candidates = [run.to_owned(), out.join(run)];
+    candidates.iter().find(|path| path.is_dir()).cloned().ok_or_else(|| {
+        Failure::usage(format!(
+            "no flight at {} or {}; {}",
+            candidates[0].display(),
+            candidates[1].display(),
+            flights_in(&out)
+        ))
+        .help("name a flight's directory, or `latest`; --out DIR says where flights were recorded")
+    })
+}
+
+/// The newest flights of a directory, in words.
+fn flights_in(out: &Path) -> String {
+    const SHOWN: usize = 5;
+    let mut flights: Vec<String> = fs::read_dir(out)
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| Some(entry.ok()?.path()).filter(|path| path.join("run.json").is_file()))
+        .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))
+        .filter(|name| name != "latest")
+        .collect();
+    flights.sort_by(|a, b| b.cmp(a));
+    match flights.len() {
+        0 => format!("{} holds no flight", out.display()),
+        n if n > SHOWN => format!("{} holds {n}, the newest {}", out.display(), flights[..SHOWN].join(", ")),
+        _ => format!("{} holds {}", out.display(), flights.join(", ")),
+    }
+}

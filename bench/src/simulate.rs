@@ -1,17 +1,22 @@
 //! `ironbird simulate`: the same four tick functions in one process, in simulated time.
 
+use std::fs;
 use std::time::Instant;
 
 use controller::outer::position_error_m;
+use plant::Departure;
+use plant::desk::swap_record;
 use shared::parameters::ESTIMATED;
 
 use crate::cli::SimulateArgs;
-use crate::failure::{Failure, GATE, OK, check_writable};
+use crate::failure::{Failure, GATE, InFile as _, OK, check_writable};
 use crate::in_process::InProcess;
 use crate::output::print;
-use crate::plot::FlightPlot;
+use crate::plot::picture;
+use crate::record::report::Swap;
 use crate::record::states::StatesWriter;
 use crate::record::theorem::{Theorem, TheoremTally};
+use crate::record::tracer::Tracer;
 use crate::settings::Settings;
 
 /// Simulates a flight.
@@ -31,11 +36,13 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     };
     let mut rig = InProcess::of(&settings)?;
     let start = Instant::now();
-    let mut plot = args.plot.as_ref().map(|_| FlightPlot::new(settings.flight.period_s, settings.last_tick()));
-    let flown = fly(&mut rig, &settings, states.as_mut(), plot.as_mut())?;
+    let mut tracer = args.plot.as_ref().map(|_| Tracer::new(settings.flight.period_s));
+    let flown = fly(&mut rig, &settings, states.as_mut(), tracer.as_mut())?;
     let wall_s = start.elapsed().as_secs_f64();
-    if let (Some(path), Some(plot)) = (&args.plot, &plot) {
-        plot.write(path, &format!("{} with gains {}, simulated", settings.flight.trajectory, settings.flight.preset))?;
+    if let (Some(path), Some(tracer)) = (&args.plot, &tracer) {
+        let title = format!("{} with gains {}, simulated", settings.flight.trajectory, settings.flight.preset);
+        let svg = picture::render(&tracer.traces(), &flown.swaps, settings.flight.period_s, &title);
+        fs::write(path, svg).in_file("write", path)?;
     }
     if let Some(states) = &mut states {
         states.flush()?;
@@ -71,6 +78,7 @@ struct Flown {
     error_max_m: f64,
     estimates: [(&'static str, f64, f64); 3],
     theorem: Theorem,
+    swaps: Vec<Swap>,
     departure: Option<String>,
 }
 
@@ -85,7 +93,7 @@ fn fly(
     rig: &mut InProcess,
     settings: &Settings,
     mut states: Option<&mut StatesWriter>,
-    mut plot: Option<&mut FlightPlot>,
+    mut tracer: Option<&mut Tracer>,
 ) -> Result<Flown, Failure> {
     let mut squares = 0.0;
     let mut theorem = TheoremTally::default();
@@ -95,16 +103,26 @@ fn fly(
         error_max_m: 0.0,
         estimates: ESTIMATED.map(|parameter| (parameter.name(), 0.0, 0.0)),
         theorem: Theorem::default(),
+        swaps: Vec::new(),
         departure: None,
     };
     for tick in 0..=settings.last_tick() {
         let record = rig.tick();
+        if let Err(departure) = rig.envelope() {
+            flown.departure = Some(departure.to_string());
+            // As in a flight of processes, what is no number is not published.
+            if matches!(departure, Departure::NotFinite { .. }) {
+                break;
+            }
+        }
         flown.ticks += 1;
         if let Some(states) = &mut states {
             states.write(&record)?;
         }
-        if let Some(plot) = &mut plot {
-            plot.take(&record);
+        let applied = rig.plant().applied().iter();
+        flown.swaps.extend(applied.map(|swap| Swap::new(swap.tick, settings.flight.period_s, &swap_record(swap))));
+        if let Some(tracer) = &mut tracer {
+            tracer.take(&record);
         }
         if let Some(setpoint) = &record.setpoint {
             let error_m = position_error_m(&record.state, setpoint);
@@ -116,9 +134,6 @@ fn fly(
                     settings.flight.position_error_max_m
                 ));
             }
-        }
-        if let Err(departure) = rig.plant().envelope() {
-            flown.departure = Some(departure.to_string());
         }
         let actual = record.state.truth.theta();
         theorem.truth(actual);

@@ -5,30 +5,47 @@ mod rig;
 
 use std::fs;
 
+use controller::{Preset, Trajectory};
 use rig::{Rig, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
+use shared::parameters::{SPECS, Spec};
+
+/// A swap of a parameter to a value that a flight survives.
+fn swap_of(spec: &Spec, instant: &str) -> String {
+    let other = match spec.nominal {
+        0.0 => 1e-3,
+        nominal => nominal * 0.97,
+    };
+    format!("{}={other}@{instant}", spec.name)
+}
 
 #[test]
-fn a_flight_in_lockstep_is_the_simulated_one_for_every_trajectory_and_preset() {
-    for (trajectory, preset) in
-        [("hover", "flight"), ("step", "flight"), ("helix", "soft"), ("lissajous", "paper"), ("fast", "flight")]
-    {
-        let rig = Rig::new("lockstep");
-        let faults = ["--fault", "rotational_drag_nm_s=0.525@1s", "--fault", "gyro_noise_rad_s=0.001@tick1500"];
-        let options = [&["--trajectory", trajectory, "--preset", preset, "--duration", "3s"], &faults[..]].concat();
-        let (flown, simulated) = (rig.file("flown.csv"), rig.file("simulated.csv"));
-        let own = ["--pace", "lockstep", "--every", "1", "--states", &flown];
-        let ended = rig.run("fly", &[&own, &options[..]].concat()).expect(0);
-        rig.run("simulate", &[&["--every", "1", "--states", &simulated], &options[..]].concat()).expect(0);
-        assert!(ended.stdout.contains("latencies are not real-time latencies"), "{}", ended.stdout);
-        let report = rig.report();
-        assert_eq!(report["ticks"]["run"], 3001);
-        assert_eq!(report["deadlines"]["missed"], 0);
-        assert_eq!(report["recorder"]["lost"]["state"], 0);
-        let (flown, simulated) = (fs::read(flown).unwrap(), fs::read(simulated).unwrap());
-        assert_eq!(simulated.iter().filter(|byte| **byte == b'\n').count(), 3002, "a header, and a row per tick");
-        assert!(flown == simulated, "{trajectory} with {preset} is another flight");
-        rig.assert_nothing_left();
+fn a_flight_in_lockstep_is_the_simulated_one_for_every_trajectory_preset_and_parameter() {
+    let mut parameters = SPECS.iter().cycle();
+    for trajectory in Trajectory::ALL {
+        for preset in Preset::ALL {
+            let rig = Rig::new("lockstep");
+            let faults: Vec<String> =
+                ["tick1", "333ms", "tick777", "tick777"].map(|at| swap_of(parameters.next().unwrap(), at)).into();
+            let mut options =
+                vec!["--trajectory", trajectory.name(), "--preset", preset.name(), "--duration", "1500ms"];
+            faults.iter().for_each(|fault| options.extend(["--fault", fault]));
+            let (flown, simulated) = (rig.file("flown.csv"), rig.file("simulated.csv"));
+            let own = ["--pace", "lockstep", "--every", "1", "--states", &flown];
+            let ended = rig.run("fly", &[&own, &options[..]].concat()).expect(0);
+            rig.run("simulate", &[&["--every", "1", "--states", &simulated], &options[..]].concat()).expect(0);
+            assert!(ended.stdout.contains("latencies are not real-time latencies"), "{}", ended.stdout);
+            let report = rig.report();
+            assert_eq!((&report["ticks"]["run"], &report["deadlines"]["missed"]), (&1501.into(), &0.into()));
+            assert_eq!(
+                (&report["recorder"]["lost"]["state"], report["swaps"].as_array().unwrap().len()),
+                (&0.into(), 4)
+            );
+            let (flown, simulated) = (fs::read(flown).unwrap(), fs::read(simulated).unwrap());
+            assert_eq!(simulated.iter().filter(|byte| **byte == b'\n').count(), 1502, "a header, and a row per tick");
+            assert!(flown == simulated, "{trajectory} with {preset} and {faults:?} is another flight");
+            rig.assert_nothing_left();
+        }
     }
 }
 

@@ -35,9 +35,8 @@ pub struct Excitation {
     gramian: Matrix3<f64>,
     /// P.
     left: Matrix3<f64>,
-    /// Windows that are complete.
-    windows: u64,
-    shown: Shown,
+    /// Of the newest complete window; none before the first is.
+    complete: Option<Shown>,
 }
 
 /// The newest complete window, or the first one as far as it has come.
@@ -60,8 +59,7 @@ impl Excitation {
             steps: 0,
             gramian: Matrix3::zeros(),
             left: Matrix3::identity(),
-            windows: 0,
-            shown: Shown::default(),
+            complete: None,
         }
     }
 
@@ -70,17 +68,19 @@ impl Excitation {
         self.gramian += contraction;
         self.left -= contraction * self.left;
         self.steps += 1;
-        let complete = self.steps == self.window_steps;
-        if complete || self.windows == 0 {
-            let smallest = self.gramian.symmetric_eigenvalues().min().max(0.0);
-            let least = if self.windows == 0 { smallest } else { self.shown.least.min(smallest) };
-            self.shown = Shown { smallest, least, identifiability: identifiability(&self.gramian) };
-        }
-        if complete {
-            self.windows += 1;
+        if self.steps == self.window_steps {
+            let shown = self.present();
+            let least = self.complete.map_or(shown.least, |before| before.least.min(shown.least));
+            self.complete = Some(Shown { least, ..shown });
             self.steps = 0;
             self.gramian = Matrix3::zeros();
         }
+    }
+
+    /// The present window, as far as it has come.
+    fn present(&self) -> Shown {
+        let smallest = self.gramian.symmetric_eigenvalues().min().max(0.0);
+        Shown { smallest, least: smallest, identifiability: identifiability(&self.gramian) }
     }
 
     /// Begins anew what is left of the error: a live swap has made a new one.
@@ -90,8 +90,8 @@ impl Excitation {
 
     /// The newest complete window, or the first one as far as it has come.
     #[must_use]
-    pub fn shown(&self) -> &Shown {
-        &self.shown
+    pub fn shown(&self) -> Shown {
+        self.complete.unwrap_or_else(|| self.present())
     }
 
     /// Per parameter, what is left at the most of a scaled error |Gamma^-1/2 ~th| of 1.

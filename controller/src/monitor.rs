@@ -37,6 +37,8 @@ const LIVE: f64 = 0.5;
 const LIVE_FROM: f64 = 1e-6;
 /// Time over which the rate error is averaged [s].
 const RATE_MEMORY_S: f64 = 1.0;
+/// Time between two looks at what changes slowly and takes long to compute [s].
+const LOOK_S: f64 = 0.1;
 
 /// Watches the steps of the estimates.
 #[derive(Clone, Debug)]
@@ -58,6 +60,8 @@ pub struct TheoremMonitor {
     /// V_th when the error began that the excitation works on [rad^2/s^2].
     v_th_begun: f64,
     rate_error_squared: f64,
+    /// Ticks between two looks at what changes slowly.
+    look_ticks: u64,
     shown: Monitor,
 }
 
@@ -90,6 +94,7 @@ impl TheoremMonitor {
             before: Before::default(),
             v_th_begun: 0.0,
             rate_error_squared: 0.0,
+            look_ticks: (LOOK_S / period_s).round().max(1.0) as u64,
             shown: Monitor { is_live: 1, ..Monitor::default() },
         }
     }
@@ -133,27 +138,34 @@ impl TheoremMonitor {
         if let Some(last) = last {
             self.step(tick, &last, &theta, &was, swapped, now);
         }
-        if begins || self.assumptions.holds(Cause::LiveSwap, tick) {
+        let is_new = begins || self.assumptions.holds(Cause::LiveSwap, tick);
+        if is_new {
             // Until the samples from before have faded, the new error does not shrink as on the exact model.
             self.v_th_begun = now.v_th;
             self.excitation.restart();
         }
+        if is_new || tick.is_multiple_of(self.look_ticks) {
+            self.look(now);
+        }
+        now.sigma = self.rate_weight.sigma();
+        now.v = now.sigma / 2.0 * e.norm_squared() + now.v_th;
+    }
+
+    /// Looks at what changes slowly.
+    fn look(&self, now: &mut Monitor) {
         let left = self.excitation.left();
         now.estimate_error_bound =
             Vector3::from_fn(|i, _| (2.0 * self.v_th_begun * self.adaptation.gamma[i]).sqrt() * left[i]).into();
         let shown = self.excitation.shown();
         (now.excitation, now.excitation_least) = (shown.smallest, shown.least);
         now.identifiability = shown.identifiability.into();
-        now.sigma = self.rate_weight.sigma();
-        now.v = now.sigma / 2.0 * e.norm_squared() + now.v_th;
+        now.rate_error_rms_rad_s = self.rate_error_squared.sqrt();
     }
 
     fn rate_error(&mut self, e: &Vector3<f64>, now: &mut Monitor) {
         let squared = e.norm_squared();
         self.rate_error_squared = squared + self.rate_kept * (self.rate_error_squared - squared);
-        now.rate_error_rad_s = squared.sqrt();
-        now.rate_error_rms_rad_s = self.rate_error_squared.sqrt();
-        now.rate_error_max_rad_s = now.rate_error_max_rad_s.max(now.rate_error_rad_s);
+        now.rate_error_max_rad_s = now.rate_error_max_rad_s.max(squared.sqrt());
     }
 
     /// (T/alpha) eps^2/4 [rad^2/s^2]: what a mismatch [rad/s^2] may add to V_th in a step.

@@ -120,7 +120,7 @@ fn excitation_counts_what_each_column_shows_alone() {
     for _ in 0..10 {
         excitation.take(&both);
     }
-    let first = *excitation.shown();
+    let first = excitation.shown();
     assert!(first.smallest < 1e-9 && (first.identifiability.z - 2.0).abs() < 1e-6, "{first:?}");
     assert!(first.identifiability.x < 1e-6 && first.identifiability.y < 1e-6, "copies tell nothing apart: {first:?}");
     for _ in 0..10 {

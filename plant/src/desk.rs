@@ -126,7 +126,7 @@ impl Desk<'_> {
         match event {
             Event::Refused { ticket, tick, reason } => self.answer(ticket, refusal(&reason, tick)),
             Event::Applied(applied) => {
-                let record = record(&applied);
+                let record = swap_record(&applied);
                 self.records.send(applied.tick, &Envelope::new(), record)?;
                 self.answer(
                     applied.ticket,
@@ -185,7 +185,9 @@ fn refusal(reason: &SwapError, tick: u64) -> SwapAnswer {
     SwapAnswer { verdict: verdict as u64, tick, parameter_epoch: 0, parameter, old: [0.0; PARAMETERS] }
 }
 
-fn record(applied: &AppliedSwap) -> SwapRecord {
+/// A swap that has taken hold, as it is told on topic `swaps`.
+#[must_use]
+pub fn swap_record(applied: &AppliedSwap) -> SwapRecord {
     let mut record =
         SwapRecord { parameter_epoch: applied.epoch, count: applied.changes.len() as u64, ..SwapRecord::default() };
     for (i, change) in applied.changes.iter().enumerate() {

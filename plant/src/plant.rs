@@ -10,7 +10,7 @@
 
 use nalgebra::Vector4;
 use shared::limits::RotorLimits;
-use shared::messages::{Dated, ROTORS, RotorSpeeds, State, Truth};
+use shared::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds, State, Truth};
 use shared::parameters::Airframe;
 use thiserror::Error;
 
@@ -49,6 +49,8 @@ pub struct Plant {
     /// Of the tick before.
     means: SpinMeans,
     latch: Latch,
+    commands_taken: u64,
+    command_taken_tick: u64,
     swaps: SwapQueue,
     applied: heapless::Vec<AppliedSwap, PENDING_SWAPS>,
     /// Tick at which the body stands.
@@ -95,6 +97,8 @@ impl Plant {
             rotor_speed: hover,
             means: SpinMeans::steady(&hover),
             latch: Latch::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
+            commands_taken: 0,
+            command_taken_tick: NO_TICK,
             swaps: SwapQueue::default(),
             applied: heapless::Vec::new(),
             tick: 0,
@@ -107,6 +111,8 @@ impl Plant {
     /// Hands over a rotor command, in force from `effective_tick` on at the earliest and never before the tick after
     /// its own. At a tick, the newest command in force wins; see [`crate::latch`] for what is late and what is lost.
     pub fn offer(&mut self, command: Dated<RotorSpeeds>, effective_tick: u64) {
+        self.commands_taken += 1;
+        self.command_taken_tick = command.tick;
         self.latch.offer(&command, effective_tick);
     }
 
@@ -188,6 +194,8 @@ impl Plant {
             rotor_speed_squared_mean_rad2_s2: self.means.speed_squared.into(),
             rotor_speed_command_rad_s: self.latch.speed(),
             command_tick: self.latch.command_tick(),
+            commands_taken: self.commands_taken,
+            command_taken_tick: self.command_taken_tick,
             command_saturated: u64::from(self.latch.is_saturated()),
             deadlines_missed: self.latch.deadlines_missed(),
             deadline_miss_run: self.latch.deadline_miss_run(),

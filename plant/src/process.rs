@@ -29,8 +29,10 @@ pub const OUTBOX: usize = 128;
 
 /// In lockstep, how far the recorder may fall behind: half of what its ports keep.
 const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
-/// In lockstep, how often the plant looks up from waiting [ns].
-const LOOK_UP_NS: u64 = 1_000_000;
+/// In lockstep, how often the plant looks up from waiting for a command, for the end of the run [ns].
+const LOOK_UP_NS: u64 = 20_000_000;
+/// The same from waiting for the recorder, which rings nobody [ns].
+const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 
 /// Runs the plant until its last tick, a signal, or the end of what the model covers.
 ///
@@ -258,7 +260,7 @@ impl<'a> PlantProcess<'a> {
                 };
                 return Err(Error::Absent { what });
             }
-            self.doorbell.wait_until(now + LOOK_UP_NS)?;
+            self.doorbell.wait_until(now + if is_there { RECORDER_LOOK_UP_NS } else { LOOK_UP_NS })?;
         }
     }
 

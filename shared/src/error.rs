@@ -44,6 +44,14 @@ pub enum Error {
         /// Who holds it, as written into the lock file.
         pid: String,
     },
+    /// As many processes observe the instance as may.
+    #[error("instance `{instance}` has {most} observers already, and that is the most")]
+    Crowded {
+        /// The instance.
+        instance: String,
+        /// How many there may be.
+        most: usize,
+    },
     /// A role flies with other settings than the plant.
     #[error("the {role} process has other settings than the plant: {differences}")]
     SettingsDiffer {
@@ -117,7 +125,7 @@ impl Error {
             | Self::RootPathTooLong { .. }
             | Self::SettingsDiffer { .. } => 2,
             Self::RealtimeRefused { .. } => 4,
-            Self::Occupied { .. } | Self::Incompatible { .. } => 5,
+            Self::Occupied { .. } | Self::Crowded { .. } | Self::Incompatible { .. } => 5,
             Self::Interrupted => 130,
             Self::SharedMemoryFull { .. } | Self::Wire { .. } | Self::Absent { .. } | Self::System { .. } => 1,
         }
@@ -135,6 +143,7 @@ impl Error {
             Self::Occupied { instance, .. } => {
                 format!("wait for its end, or fly beside it under another name: --instance {instance}-2")
             }
+            Self::Crowded { .. } => "end one of the others: an `ironbird watch` or an `ironbird bridge`".into(),
             Self::SettingsDiffer { .. } => {
                 "start every role with the same --config, --trajectory, --preset, --duration and --fault".into()
             }

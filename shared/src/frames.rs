@@ -5,7 +5,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// J1: rotates a vector from the body into the world frame, `v_w = rot_wb * v_b`.
 #[must_use]
@@ -19,6 +19,12 @@ pub fn rot_wb(eta2: &Vector3<f64>) -> Matrix3<f64> {
         s_psi * c_th, s_psi * s_th * s_phi + c_psi * c_phi, s_psi * s_th * c_phi - c_psi * s_phi,
         -s_th,        c_th * s_phi,                         c_th * c_phi,
     )
+}
+
+/// The same rotation as a unit quaternion x, y, z, w.
+#[must_use]
+pub fn quaternion_wb(eta2: &Vector3<f64>) -> [f64; 4] {
+    UnitQuaternion::from_euler_angles(eta2.x, eta2.y, eta2.z).coords.into()
 }
 
 /// J2: turns body rates into Euler-angle rates, `d(eta2) = J2 nu2`. Singular at a pitch of +-90 degrees.

@@ -26,6 +26,9 @@ const NAME_MAX: usize = 32;
 /// What a socket's name below the root may need: `sockaddr_un` holds 108 bytes.
 const ROOT_MAX: usize = 40;
 
+/// Name of the lock that all processes share which use the shared memory.
+const IN_USE: &str = "in_use";
+
 /// How often a lock is tried before it counts as held, and how far apart.
 const LOCK_TRIES: u32 = 20;
 const LOCK_RETRY: Duration = Duration::from_millis(5);
@@ -112,18 +115,33 @@ impl Instance {
         self.lock_as("fly")
     }
 
+    /// Comes to use the instance's shared memory: [`Self::remove_leftovers`] leaves it alone until this is dropped.
+    ///
+    /// # Errors
+    /// [`Error::RootPath`].
+    pub fn enter(&self) -> Result<Lock, Error> {
+        let path = self.lock_path(IN_USE);
+        let root_path = |source| Error::RootPath { path: path.clone(), source };
+        loop {
+            self.prepare()?;
+            let file = match open_lock(&path) {
+                // Removed between the two.
+                Err(e) if e.kind() == io::ErrorKind::NotFound => continue,
+                file => file.map_err(root_path)?,
+            };
+            // Waits while somebody removes leftovers, this file among them.
+            flock(&file, FlockOperation::LockShared).map_err(|e| root_path(e.into()))?;
+            if is_at(&file, &path) {
+                return Ok(Lock { _file: file });
+            }
+        }
+    }
+
     fn lock_as(&self, role: &str) -> Result<Lock, Error> {
         let path = self.lock_path(role);
         let root_path = |source| Error::RootPath { path: path.clone(), source };
         loop {
-            let mut file = OpenOptions::new()
-                .create(true)
-                .truncate(false)
-                .read(true)
-                .write(true)
-                .mode(0o640)
-                .open(&path)
-                .map_err(root_path)?;
+            let mut file = open_lock(&path).map_err(root_path)?;
             if !try_lock(&file) {
                 let mut pid = String::new();
                 // The holder may be about to write its number: the error is the same without it.
@@ -135,9 +153,7 @@ impl Instance {
                 });
             }
             // Somebody may have removed the leftovers, and this file with them, before it was locked.
-            let is_there =
-                fs::metadata(&path).is_ok_and(|there| file.metadata().is_ok_and(|ours| ours.ino() == there.ino()));
-            if !is_there {
+            if !is_at(&file, &path) {
                 self.prepare()?;
                 continue;
             }
@@ -214,30 +230,35 @@ impl Instance {
         names.iter().filter_map(|name| Self::new(name).ok()).collect()
     }
 
-    /// Removes what is left of the instance when no process of it lives, and says what it removed.
+    /// What is left of the instance when no process of it lives: its segments in shared memory, then its directory.
+    #[must_use]
+    pub fn leftovers(&self) -> Vec<PathBuf> {
+        if self.is_alive() {
+            return Vec::new();
+        }
+        let prefix = self.prefix();
+        let is_ours = |entry: &fs::DirEntry| entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes());
+        let segments = fs::read_dir(SHARED_MEMORY).into_iter().flatten().filter_map(Result::ok).filter(is_ours);
+        let directory = self.directory();
+        segments.map(|entry| entry.path()).chain(directory.exists().then_some(directory)).collect()
+    }
+
+    /// Removes what is left of the instance when no process lives that uses it, and says what it removed.
     ///
     /// # Errors
     /// [`Error::System`] names the file that resisted.
     pub fn remove_leftovers(&self) -> Result<Vec<PathBuf>, Error> {
-        if self.is_alive() {
+        // Where nobody has entered since the last removal, there is no such file.
+        let in_use = File::open(self.lock_path(IN_USE)).ok();
+        if in_use.as_ref().is_some_and(|file| !try_lock(file)) {
             return Ok(Vec::new());
         }
-        let mut removed = Vec::new();
-        let prefix = self.prefix();
-        for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().filter_map(Result::ok) {
-            if entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()) {
-                let path = entry.path();
-                fs::remove_file(&path).map_err(|e| Error::system(format!("cannot remove {}", path.display()), e))?;
-                removed.push(path);
-            }
+        let leftovers = self.leftovers();
+        for path in &leftovers {
+            let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+            removed.map_err(|e| Error::system(format!("cannot remove {}", path.display()), e))?;
         }
-        let directory = self.directory();
-        if directory.exists() {
-            fs::remove_dir_all(&directory)
-                .map_err(|e| Error::system(format!("cannot remove {}", directory.display()), e))?;
-            removed.push(directory);
-        }
-        Ok(removed)
+        Ok(leftovers)
     }
 }
 
@@ -247,14 +268,22 @@ impl Instance {
 /// [`Error::SharedMemoryFull`] with both numbers.
 pub fn check_shared_memory(needed_bytes: u64) -> Result<(), Error> {
     const MIB: u64 = 1 << 20;
-    let stat =
-        rustix::fs::statvfs(SHARED_MEMORY).map_err(|e| Error::system(format!("cannot look at {SHARED_MEMORY}"), e))?;
-    let free = stat.f_bavail * stat.f_frsize;
+    let free = shared_memory_space()?;
     if free >= needed_bytes {
         return Ok(());
     }
     let (free_mib, needed_mib) = (free / MIB, needed_bytes.div_ceil(MIB));
     Err(Error::SharedMemoryFull { path: SHARED_MEMORY.into(), free_mib, needed_mib })
+}
+
+/// Free bytes in shared memory.
+///
+/// # Errors
+/// [`Error::System`] where it is not there.
+pub fn shared_memory_space() -> Result<u64, Error> {
+    rustix::fs::statvfs(SHARED_MEMORY)
+        .map(|stat| stat.f_bavail * stat.f_frsize)
+        .map_err(|e| Error::system(format!("cannot look at {SHARED_MEMORY}"), e))
 }
 
 /// Where Linux keeps POSIX shared memory.
@@ -266,6 +295,15 @@ pub fn root_path() -> PathBuf {
     std::env::var_os(ROOT_VARIABLE)
         .filter(|root| !root.is_empty())
         .map_or_else(|| PathBuf::from(format!("/tmp/ironbird-{}", rustix::process::getuid().as_raw())), PathBuf::from)
+}
+
+fn open_lock(path: &Path) -> io::Result<File> {
+    OpenOptions::new().create(true).truncate(false).read(true).write(true).mode(0o640).open(path)
+}
+
+/// Whether a file is still the one at its path.
+pub(crate) fn is_at(file: &File, path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|there| file.metadata().is_ok_and(|ours| ours.ino() == there.ino()))
 }
 
 /// Takes the lock, through the instants in which somebody only looks whether it is held.

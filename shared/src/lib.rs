@@ -12,6 +12,7 @@ pub mod flight_plan;
 pub mod frames;
 pub mod inspection;
 pub mod instance;
+pub mod launcher;
 pub mod layout;
 pub mod limits;
 pub mod messages;

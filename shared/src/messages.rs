@@ -53,6 +53,10 @@ pub struct State {
     pub rotor_speed_command_rad_s: [f64; ROTORS],
     /// Tick of the command in force; [`NO_TICK`] while none has arrived.
     pub command_tick: u64,
+    /// Commands that have come so far, also those that never were in force.
+    pub commands_taken: u64,
+    /// Tick of the newest of them; [`NO_TICK`] while none has arrived.
+    pub command_taken_tick: u64,
     /// 1 when the command in force could not meet what was asked of the rotors, else 0.
     pub command_saturated: u64,
     /// Deadlines missed so far: ticks that began without the command of the tick before.
@@ -194,6 +198,8 @@ layout!(State {
     rotor_speed_squared_mean_rad2_s2,
     rotor_speed_command_rad_s,
     command_tick,
+    commands_taken,
+    command_taken_tick,
     command_saturated,
     deadlines_missed,
     deadline_miss_run,

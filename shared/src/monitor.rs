@@ -128,9 +128,7 @@ pub struct Monitor {
     /// sigma of V.
     pub sigma: f64,
 
-    /// |e| [rad/s].
-    pub rate_error_rad_s: f64,
-    /// Root mean square of |e| over the last second or so [rad/s].
+    /// Root mean square of |e| over the last second or so, looked at every tenth of a second [rad/s].
     pub rate_error_rms_rad_s: f64,
     /// Largest |e| [rad/s].
     pub rate_error_max_rad_s: f64,
@@ -138,10 +136,11 @@ pub struct Monitor {
     pub estimate_error: [f64; 3],
     /// Their sizes at the start, or after the last live swap.
     pub estimate_error_start: [f64; 3],
-    /// What the theorem leaves of them at the most since then, on the exact model.
+    /// What the theorem leaves of them at the most since then, on the exact model; looked at every tenth of a second.
     pub estimate_error_bound: [f64; 3],
 
-    /// Smallest eigenvalue of the Gramian of X over the last whole 10 s, scaled by Gamma: e-folds of the error.
+    /// Smallest eigenvalue of the Gramian of X over the last whole 10 s, scaled by Gamma: e-folds of the error. This
+    /// and what follows from it is looked at every tenth of a second.
     pub excitation: f64,
     /// The least of all 10 s so far.
     pub excitation_least: f64,
@@ -178,7 +177,6 @@ layout!(Monitor {
     v_change,
     v_change_bound,
     sigma,
-    rate_error_rad_s,
     rate_error_rms_rad_s,
     rate_error_max_rad_s,
     estimate_error,
@@ -200,7 +198,7 @@ impl Monitor {
         look(&[self.v_th, self.v_th_start, self.v_th_change, self.v_th_change_predicted]);
         look(&[self.descent, self.descent_predicted, self.step_excess_max, self.mismatch_rad_s2]);
         look(&[self.v, self.v_change, self.v_change_bound, self.sigma]);
-        look(&[self.rate_error_rad_s, self.rate_error_rms_rad_s, self.rate_error_max_rad_s]);
+        look(&[self.rate_error_rms_rad_s, self.rate_error_max_rad_s]);
         look(&self.estimate_error);
         look(&self.estimate_error_start);
         look(&self.estimate_error_bound);

@@ -73,7 +73,8 @@ pub trait Stage {
 /// Share of the tick, in percent, after which a stage no longer waits for its input.
 ///
 /// Staggered along the chain, so that each stage can still hand on what it makes of stale data.
-const fn deadline_percent(role: Role) -> u64 {
+#[must_use]
+pub const fn deadline_percent(role: Role) -> u64 {
     match role {
         Role::Outer => 70,
         Role::Inner => 80,

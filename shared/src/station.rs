@@ -21,6 +21,7 @@ use crate::error::Error;
 use crate::flight_plan::FlightPlan;
 use crate::inspection::Expected;
 use crate::instance::{Instance, Lock, check_shared_memory};
+use crate::launcher::end_with_launcher;
 use crate::role::{ROLES, Role};
 use crate::rt::{self, Engaged, UsageMeter, settle};
 use crate::settings_text::{differences, fingerprint};
@@ -379,16 +380,6 @@ impl Patience {
             self.said = Some((what, now));
         }
     }
-}
-
-/// Asks the kernel for SIGTERM when the launcher dies.
-fn end_with_launcher(launcher: Option<u32>) -> Result<(), Error> {
-    let Some(launcher) = launcher else { return Ok(()) };
-    rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))
-        .map_err(|e| Error::system("cannot tie the process to its launcher", e))?;
-    // It may have died before the wish was known.
-    let parent = rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get().unsigned_abs());
-    if parent == Some(launcher) { Ok(()) } else { Err(Error::Interrupted) }
 }
 
 /// The wall clock [ns since 1970].

@@ -2,9 +2,11 @@
 
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
-use shared::frames::{body_rate_of_euler_rate, body_rate_of_euler_rate_dot, euler_rate_of_body_rate, rot_wb, wrap};
+use shared::frames::{
+    body_rate_of_euler_rate, body_rate_of_euler_rate_dot, euler_rate_of_body_rate, quaternion_wb, rot_wb, wrap,
+};
 
 prop_compose! {
     fn attitude()(phi in -PI..PI, theta in -1.5..1.5, psi in -PI..PI) -> Vector3<f64> {
@@ -18,6 +20,12 @@ proptest! {
         let rot = rot_wb(&eta2);
         prop_assert!((rot * rot.transpose() - Matrix3::identity()).amax() < 1e-15);
         prop_assert!((rot.determinant() - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn the_quaternion_is_the_same_rotation(eta2 in attitude()) {
+        let quaternion = UnitQuaternion::new_unchecked(Quaternion::from(quaternion_wb(&eta2)));
+        prop_assert!((quaternion.to_rotation_matrix().matrix() - rot_wb(&eta2)).amax() < 1e-14);
     }
 
     #[test]

@@ -7,7 +7,10 @@ use std::collections::BTreeMap;
 
 use shared::clock::Grid;
 
-/// What a rotor command says about the deadlines since the one before.
+/// Stretches of late commands that are kept one by one.
+pub const KEPT: usize = 500;
+
+/// What a rotor command says about the deadline of a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// Published this long before the deadline [ns].
@@ -20,27 +23,94 @@ pub enum Verdict {
 #[derive(Clone, Debug)]
 pub struct Deadlines {
     grid: Grid,
-    /// Tick of the next command that is owed.
-    owed_tick: u64,
+    /// Tick of the next command that is owed; none before the first that comes to one who joins a flight.
+    owed_tick: Option<u64>,
 }
 
 impl Deadlines {
     /// From tick 0 on.
     #[must_use]
     pub const fn new(grid: Grid) -> Self {
-        Self { grid, owed_tick: 0 }
+        Self { grid, owed_tick: Some(0) }
     }
 
-    /// Judges the deadlines of all commands owed up to that of `tick`, which was published at `send_ns`.
-    pub fn published(&mut self, tick: u64, send_ns: u64, mut judge: impl FnMut(Verdict)) {
-        for owed in self.owed_tick..=tick {
+    /// From the first command on that comes.
+    #[must_use]
+    pub const fn joining(grid: Grid) -> Self {
+        Self { grid, owed_tick: None }
+    }
+
+    /// Judges the deadlines of all commands owed up to that of `tick`, which was published at `send_ns`; `judge` is
+    /// told the tick of each.
+    pub fn published(&mut self, tick: u64, send_ns: u64, mut judge: impl FnMut(u64, Verdict)) {
+        let first_owed = self.owed_tick.unwrap_or(tick);
+        for owed in first_owed..=tick {
             let deadline_ns = self.grid.begin_of(owed + 1);
-            judge(match deadline_ns.checked_sub(send_ns) {
+            let verdict = match deadline_ns.checked_sub(send_ns) {
                 Some(slack_ns) => Verdict::Slack(slack_ns),
                 None => Verdict::Late(send_ns - deadline_ns),
-            });
+            };
+            judge(owed, verdict);
         }
-        self.owed_tick = self.owed_tick.max(tick + 1);
+        self.owed_tick = Some(first_owed.max(tick + 1));
+    }
+}
+
+/// The first late commands, those of consecutive ticks together.
+#[derive(Clone, Debug, Default)]
+pub struct LateCommands {
+    count: u64,
+    stretches: Vec<LateStretch>,
+    /// Newest tick that was late.
+    last: Option<u64>,
+    left_out: u64,
+}
+
+/// Consecutive ticks whose commands were late.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LateStretch {
+    /// The first of them.
+    pub tick: u64,
+    /// How many.
+    pub length_ticks: u64,
+    /// Largest lateness [ns].
+    pub late_ns: u64,
+}
+
+impl LateCommands {
+    /// Takes the lateness [ns] of the command of a tick.
+    pub fn take(&mut self, tick: u64, late_ns: u64) {
+        self.count += 1;
+        let continues = self.last.is_some_and(|last| last + 1 == tick);
+        self.last = Some(tick);
+        let has_room = self.stretches.len() < KEPT;
+        match self.stretches.last_mut() {
+            // One that was left out has no entry to be continued.
+            Some(stretch) if continues && self.left_out == 0 => {
+                stretch.length_ticks += 1;
+                stretch.late_ns = stretch.late_ns.max(late_ns);
+            }
+            _ if has_room => self.stretches.push(LateStretch { tick, length_ticks: 1, late_ns }),
+            _ => self.left_out += 1,
+        }
+    }
+
+    /// Late commands.
+    #[must_use]
+    pub const fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// The first [`KEPT`] stretches.
+    #[must_use]
+    pub fn stretches(&self) -> &[LateStretch] {
+        &self.stretches
+    }
+
+    /// Late commands in later stretches.
+    #[must_use]
+    pub const fn left_out(&self) -> u64 {
+        self.left_out
     }
 }
 
@@ -57,6 +127,12 @@ pub struct MissRuns {
 }
 
 impl MissRuns {
+    /// From the counters of a flight under way on: what was missed before is part of no run, a run under way is.
+    #[must_use]
+    pub fn joining(missed: u64, run: u64) -> Self {
+        Self { missed, run, lengths: BTreeMap::new() }
+    }
+
     /// Takes the counters of the next state message.
     pub fn update(&mut self, missed: u64, run: u64) {
         let new = missed.saturating_sub(self.missed);
@@ -99,7 +175,7 @@ mod tests {
         let mut deadlines = Deadlines::new(GRID);
         let mut all = Vec::new();
         for (tick, send_ns) in published {
-            deadlines.published(*tick, *send_ns, |verdict| all.push(verdict));
+            deadlines.published(*tick, *send_ns, |_, verdict| all.push(verdict));
         }
         all
     }
@@ -118,6 +194,45 @@ mod tests {
     fn commands_that_never_came_are_late_until_the_next_one() {
         let all = verdicts(&[(0, 30), (3, 3_040)]);
         assert_eq!(all, [Verdict::Slack(970), Verdict::Late(1_040), Verdict::Late(40), Verdict::Slack(960)]);
+    }
+
+    #[test]
+    fn one_who_joins_a_flight_is_owed_nothing_from_before() {
+        let mut deadlines = Deadlines::joining(GRID);
+        let mut all = Vec::new();
+        for (tick, send_ns) in [(7, 7_030), (9, 9_040)] {
+            deadlines.published(tick, send_ns, |_, verdict| all.push(verdict));
+        }
+        assert_eq!(all, [Verdict::Slack(970), Verdict::Late(40), Verdict::Slack(960)]);
+        let mut runs = MissRuns::joining(70, 2);
+        for (missed, run) in [(71, 3), (71, 0), (72, 1)] {
+            runs.update(missed, run);
+        }
+        assert_eq!((runs.missed(), runs.lengths()), (72, BTreeMap::from([(1, 1), (3, 1)])));
+    }
+
+    #[test]
+    fn late_commands_of_consecutive_ticks_stand_together() {
+        let mut late = LateCommands::default();
+        for (tick, late_ns) in [(7, 40), (8, 90), (9, 30), (11, 5)] {
+            late.take(tick, late_ns);
+        }
+        let expected = [
+            LateStretch { tick: 7, length_ticks: 3, late_ns: 90 },
+            LateStretch { tick: 11, length_ticks: 1, late_ns: 5 },
+        ];
+        assert_eq!((late.stretches(), late.count(), late.left_out()), (&expected[..], 4, 0));
+    }
+
+    #[test]
+    fn late_commands_beyond_those_kept_are_counted() {
+        let mut late = LateCommands::default();
+        (0..KEPT as u64).for_each(|i| late.take(2 * i, 1));
+        let next = 2 * KEPT as u64;
+        (next..next + 3).for_each(|tick| late.take(tick, 1));
+        assert_eq!((late.stretches().len(), late.count(), late.left_out()), (KEPT, KEPT as u64 + 3, 3));
+        let last = late.stretches().last().unwrap();
+        assert_eq!((last.tick, last.length_ticks), (next - 2, 1));
     }
 
     #[test]

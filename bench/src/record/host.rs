@@ -4,6 +4,8 @@ use std::fs;
 
 use serde::{Deserialize, Serialize};
 
+use crate::machine::{Machine, RT_RUNTIME};
+
 /// The machine, as far as it explains latencies.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Host {
@@ -24,35 +26,28 @@ pub struct Host {
 }
 
 impl Host {
-    /// Reads the facts; what cannot be read is said to be unknown.
+    /// The facts of this machine.
     #[must_use]
     pub fn read() -> Self {
-        let uname = rustix::system::uname();
-        let text = |bytes: &std::ffi::CStr| bytes.to_string_lossy().into_owned();
-        let version = text(uname.version());
-        let cpuinfo = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-        let field = |name: &str| {
-            cpuinfo
-                .lines()
-                .find(|line| line.starts_with(name))
-                .and_then(|line| line.split_once(':'))
-                .map(|(_, value)| value.trim().to_owned())
-        };
-        let preemption = ["PREEMPT_RT", "PREEMPT_DYNAMIC", "PREEMPT"].into_iter().find(|word| version.contains(word));
+        Self::of(&Machine::files())
+    }
+
+    /// The facts of a machine; what cannot be read is said to be unknown.
+    #[must_use]
+    pub fn of(machine: &Machine) -> Self {
+        let unknown = || "unknown".into();
+        let word = |path| machine.read(path).unwrap_or_else(unknown);
+        let cpuinfo = machine.read("/proc/cpuinfo").unwrap_or_default();
         Self {
-            kernel: format!("{} {version}", text(uname.release())),
-            preemption: preemption.unwrap_or("unknown").into(),
-            cpu: field("model name").unwrap_or_else(|| "unknown".into()),
+            kernel: format!("{} {}", word("/proc/sys/kernel/osrelease"), word("/proc/sys/kernel/version")),
+            preemption: machine.preemption().into(),
+            cpu: machine.field("/proc/cpuinfo", "model name").unwrap_or_else(unknown),
             cpus: cpuinfo.lines().filter(|line| line.starts_with("processor")).count() as u64,
-            hypervisor: field("flags").is_some_and(|flags| flags.split(' ').any(|flag| flag == "hypervisor")),
-            clock_source: read_word("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
-            rt_runtime_us: read_word("/proc/sys/kernel/sched_rt_runtime_us").parse().unwrap_or(0),
+            hypervisor: machine.is_virtual(),
+            clock_source: machine.clock_source(),
+            rt_runtime_us: machine.number(RT_RUNTIME).unwrap_or(0),
         }
     }
-}
-
-fn read_word(path: &str) -> String {
-    fs::read_to_string(path).map_or_else(|_| "unknown".into(), |text| text.trim().to_owned())
 }
 
 /// Time that the host took from this machine's processors, summed over them.
@@ -71,6 +66,14 @@ pub struct CpuTimes {
     stolen: u64,
 }
 
+/// Time stolen since the machine was started from one processor, or from all of them, in the unit of /proc/stat.
+#[must_use]
+pub fn stolen_from(machine: &Machine, processor: Option<u64>) -> u64 {
+    let stat = machine.read("/proc/stat").unwrap_or_default();
+    let name = processor.map_or_else(|| "cpu ".into(), |number| format!("cpu{number} "));
+    CpuTimes::parse(stat.lines().find(|line| line.starts_with(&name)).unwrap_or_default()).stolen
+}
+
 /// The unit of /proc/stat [ms].
 const JIFFY_MS: u64 = 10;
 
@@ -79,6 +82,12 @@ impl CpuTimes {
     #[must_use]
     pub fn read() -> Self {
         Self::parse(&fs::read_to_string("/proc/stat").unwrap_or_default())
+    }
+
+    /// Counters of a machine, which count since it was started.
+    #[must_use]
+    pub fn of(machine: &Machine) -> Self {
+        Self::parse(&machine.read("/proc/stat").unwrap_or_default())
     }
 
     fn parse(stat: &str) -> Self {
@@ -112,6 +121,17 @@ mod tests {
         let before = CpuTimes::parse("cpu  100 0 50 800 0 0 0 50 0 0\ncpu0 1 2 3\n");
         let after = CpuTimes::parse("cpu  150 0 60 880 0 0 0 60 7 0\n");
         assert_eq!(before.steal_until(&after), Steal { stolen_ms: 100, percent: 100.0 * 10.0 / 150.0 });
+    }
+
+    #[test]
+    fn steal_of_one_processor_is_read_from_its_line() {
+        let root = tempfile::tempdir().unwrap();
+        fs::create_dir_all(root.path().join("proc")).unwrap();
+        let stat = "cpu  1 0 1 8 0 0 0 5 0 0\ncpu1 1 0 1 8 0 0 0 2 0 0\ncpu10 1 0 1 8 0 0 0 3 0 0\n";
+        fs::write(root.path().join("proc/stat"), stat).unwrap();
+        let machine = Machine::under(root.path(), crate::machine::Answers::default());
+        let of = |processor| stolen_from(&machine, processor);
+        assert_eq!([of(None), of(Some(1)), of(Some(10)), of(Some(7))], [5, 2, 3, 0]);
     }
 
     #[test]

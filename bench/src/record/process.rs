@@ -12,30 +12,38 @@ use hdrhistogram::serialization::V2DeflateSerializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogWriter, IntervalLogWriterBuilder};
 use shared::boards::{Ending, RolePhase, Run, RunPhase, Status};
 use shared::clock::{NS_PER_S, now_ns};
-use shared::inspection::Rejections;
-use shared::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use shared::role::{ROLES, Role};
+use shared::role::{ROLES, Role, STAGES};
 use shared::rt::UsageMeter;
 use shared::station::{Armed, Station, status_board};
-use shared::wire::{BoardReader, DEEP, Receiver, Wire};
+use shared::wire::{BoardReader, Wire};
 
+use super::autopsy::Autopsy;
+use super::deadlines::LateStretch;
+use super::distribution::buckets;
+use super::files::write_all;
 use super::host::{CpuTimes, Host};
-use super::report::{self, Gate, Report, RunLength};
-use super::sections::{buckets, rejected, role_section, verdict};
-use super::series::{Series, Statistics};
+use super::ports::{Ports, Relays};
+use super::report::{self, Report, RunLength};
+use super::sampler::Watch;
+use super::sections::{gates, log_section, rejected, role_section, verdict};
+use super::series::Series;
 use super::states::{Joiner, Part, StatesWriter};
-use super::tally::{TOPICS, Tally, is_last_word};
-use super::text;
-use super::theorem::Theorem;
+use super::tally::{Tally, is_last_word};
+use crate::doctor::{self, finding::Diagnosis};
 use crate::failure::{Failure, InFile as _};
 use crate::in_process::TickRecord;
-use crate::plot::FlightPlot;
+use crate::log::facts::{Facts, record};
+use crate::log::writer::FlightLog;
+use crate::log::{self, TOPICS};
+use crate::machine::Machine;
 use crate::settings::Settings;
 
 /// How often the topics are drained: far less than the receivers' depth takes to fill.
 const DRAIN_EVERY: Duration = Duration::from_millis(10);
 /// How long the recorder waits for the roles' last figures.
 const LANDING: Duration = Duration::from_secs(2);
+/// How long it then waits for the records of the last swaps, which come from beside the plant's loop.
+const LAST_SWAPS: Duration = Duration::from_millis(500);
 
 /// Where the recorder writes.
 #[derive(Clone, Debug)]
@@ -51,8 +59,8 @@ pub struct Files {
 /// # Errors
 /// Those of the station and the ports; [`Failure`] names a file that cannot be written.
 pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<Report, Failure> {
-    let mut ports = Ports::new(station.wire())?;
-    let host = Host::read();
+    let (mut ports, relays) = (Ports::new(station.wire())?, Relays::new(station.wire())?);
+    let machine = Machine::here(settings.rt.priority + Role::Mixer.priority_step(), settings.realtime()?.cpu);
     let armed = station.join(|expected, _| ports.arm(expected))?;
     let meter = UsageMeter::start();
     let path = files.directory.join("latency.hlog");
@@ -60,7 +68,7 @@ pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<R
     let mut serializer = V2DeflateSerializer::new();
     let start = UNIX_EPOCH + Duration::from_nanos(armed.run.get().t0_wall_ns);
     let mut log = begin_log(&mut log_file, &mut serializer, start)?;
-    let mut recorder = Recorder::new(&armed, settings, files, host, station.wire())?;
+    let recorder = Recorder::new(&armed, settings, files, &machine, (station.wire(), relays))?;
     let outcome = recorder.record(&mut ports, &mut station, &armed, &meter, &mut log);
     station.land(&meter);
     outcome
@@ -80,59 +88,36 @@ fn begin_log<'a>(
         .map_err(|e| Failure::failed(format!("cannot write latency.hlog: {e:?}")))
 }
 
-struct Ports {
-    states: Receiver<State>,
-    setpoints: Receiver<Setpoint>,
-    wrenches: Receiver<Wrench>,
-    rotor_speeds: Receiver<RotorSpeeds>,
-    swaps: Receiver<SwapRecord>,
-}
-
-impl Ports {
-    fn new(wire: &Wire) -> Result<Self, shared::error::Error> {
-        Ok(Self {
-            states: wire.receiver(DEEP)?,
-            setpoints: wire.receiver(DEEP)?,
-            wrenches: wire.receiver(DEEP)?,
-            rotor_speeds: wire.receiver(DEEP)?,
-            swaps: wire.receiver(DEEP)?,
-        })
-    }
-
-    fn arm(&mut self, expected: shared::inspection::Expected) -> Result<(), shared::error::Error> {
-        self.states.arm(expected)?;
-        self.setpoints.arm(expected)?;
-        self.wrenches.arm(expected)?;
-        self.rotor_speeds.arm(expected)?;
-        self.swaps.arm(expected)
-    }
-
-    fn rejections(&self) -> Rejections {
-        self.states
-            .rejections()
-            .and(self.setpoints.rejections())
-            .and(self.wrenches.rejections())
-            .and(self.rotor_speeds.rejections())
-            .and(self.swaps.rejections())
-    }
-}
-
 struct Recorder<'a> {
     settings: &'a Settings,
     directory: &'a Path,
     instance: String,
     host: Host,
+    doctor: Diagnosis,
     tally: Tally,
+    watch: Watch,
     joiner: Joiner,
     states: Vec<StatesWriter>,
-    plot: FlightPlot,
+    log: FlightLog,
+    relays: Relays,
+    /// Files that could not be written, with the first reason: the flight goes on without them.
+    unwritten: BTreeMap<&'static str, String>,
+    /// Of the newest state.
+    parameter_epoch: u64,
     crew: BTreeMap<Role, BoardReader<Status>>,
     cpu_times: CpuTimes,
     period_s: f64,
 }
 
 impl<'a> Recorder<'a> {
-    fn new(armed: &Armed, settings: &'a Settings, files: &'a Files, host: Host, wire: &Wire) -> Result<Self, Failure> {
+    fn new(
+        armed: &Armed,
+        settings: &'a Settings,
+        files: &'a Files,
+        machine: &Machine,
+        (wire, relays): (&Wire, Relays),
+    ) -> Result<Self, Failure> {
+        let host = Host::of(machine);
         let period_s = settings.flight.period_s;
         let every = settings.recorder.states_every_ticks;
         let mut states = vec![StatesWriter::create(&files.directory.join("states.csv"), period_s, every)?];
@@ -145,15 +130,25 @@ impl<'a> Recorder<'a> {
                 crew.insert(role, board);
             }
         }
+        let watch = Watch::new(&loops(&crew), host.hypervisor);
+        let mut tally = Tally::new(armed.pace, armed.run.get().t0_ns, period_s)?;
+        tally.begin_autopsy(&watch);
+        let roles = crew.iter().map(|(role, board)| (role.name().to_owned(), role_section(&board.get()))).collect();
+        let facts = Facts::new(&armed.run.get(), settings, wire.instance().name(), &host, &roles)?;
         Ok(Self {
             settings,
+            relays,
+            log: FlightLog::create(&files.directory.join(log::FILE), &facts)?,
+            unwritten: BTreeMap::new(),
+            parameter_epoch: 0,
             directory: &files.directory,
             instance: wire.instance().name().into(),
             host,
-            tally: Tally::new(armed.pace, armed.run.get().t0_ns, period_s)?,
+            doctor: Diagnosis::of(&doctor::findings(machine)),
+            tally,
+            watch,
             joiner: Joiner::default(),
             states,
-            plot: FlightPlot::new(period_s, armed.last_tick),
             crew,
             cpu_times: CpuTimes::read(),
             period_s,
@@ -161,7 +156,7 @@ impl<'a> Recorder<'a> {
     }
 
     fn record(
-        &mut self,
+        mut self,
         ports: &mut Ports,
         station: &mut Station,
         armed: &Armed,
@@ -173,12 +168,16 @@ impl<'a> Recorder<'a> {
         let ending = loop {
             sleep(DRAIN_EVERY);
             self.drain(ports)?;
+            self.look_at_loops(&armed.run);
             station.status.ticks_run = self.tally.newest_tick();
             station.pass_on_stop();
+            self.log.keep(now_ns())?;
             if now_ns() >= armed.run.get().t0_ns + (seconds + 1) * NS_PER_S {
-                self.tally.series.close_second(log, seconds as u32 * second, second)?;
+                let closed = self.tally.series.close_second(log, seconds as u32 * second, second);
+                self.note("latency.hlog", closed);
                 seconds += 1;
-                self.report(&armed.run.get(), ports, meter, None)?.write(&self.directory.join("report.json"))?;
+                let report = self.report(&armed.run.get(), ports, meter, None)?;
+                self.note("report.json", report.write(&self.directory.join("report.json")));
             }
             let run = armed.run.get();
             if run.phase() == RunPhase::Closed {
@@ -190,20 +189,42 @@ impl<'a> Recorder<'a> {
         };
         self.await_landing();
         self.drain(ports)?;
-        self.tally.series.close_second(log, seconds as u32 * second, second)?;
-        self.joiner.finish();
-        for states in &mut self.states {
-            states.flush()?;
+        let until = now_ns() + LAST_SWAPS.as_nanos() as u64;
+        while (self.tally.swaps.len() as u64) < self.parameter_epoch && now_ns() < until {
+            sleep(DRAIN_EVERY);
+            self.drain(ports)?;
         }
+        let closed = self.tally.series.close_second(log, seconds as u32 * second, second);
+        self.note("latency.hlog", closed);
+        self.joiner.finish();
+        let flushed = self.states.iter_mut().try_for_each(StatesWriter::flush);
+        self.note("states.csv", flushed);
         let run = armed.run.get();
+        if let Some(autopsy) = &mut self.tally.autopsy {
+            autopsy.finish(run.deadlines_missed, run.last_tick + 1);
+        }
         self.tally.miss_runs.update(run.deadlines_missed, run.deadline_miss_run);
-        let report = self.report(&run, ports, meter, Some(ending))?;
-        report.write(&self.directory.join("report.json"))?;
-        let path = self.directory.join("report.txt");
-        std::fs::write(&path, text::render(&report)).in_file("write", &path)?;
-        let title = format!("{} with gains {}, {}", report.run.trajectory, report.run.preset, report.run.started);
-        self.plot.write(&self.directory.join("flight.svg"), &title)?;
+        let mut report = self.report(&run, ports, meter, Some(ending))?;
+        // Last of what needs room, and before the report, which says what became of it.
+        report.recorder.log = log_section(&self.log.finish(record(&[
+            ("ending", ending.words()),
+            ("ticks_run", &run.ticks_run.to_string()),
+            ("ticks_skipped", &run.ticks_skipped.to_string()),
+            ("deadlines_missed", &run.deadlines_missed.to_string()),
+        ]))?);
+        write_all(&report, self.directory)?;
         Ok(report)
+    }
+
+    /// Samples what the kernel counts for the loops while they fly, and classes the deadlines missed so far.
+    fn look_at_loops(&mut self, run: &BoardReader<Run>) {
+        let sample = self.watch.sample(&loops(&self.crew), self.tally.lost().iter().sum());
+        let Some(autopsy) = &mut self.tally.autopsy else { return };
+        // After the last tick processes end as they should.
+        if run.get().phase() == RunPhase::Flying {
+            autopsy.sample(sample);
+        }
+        autopsy.look();
     }
 
     /// Waits for the figures of roles that still live.
@@ -220,39 +241,60 @@ impl<'a> Recorder<'a> {
         }
     }
 
+    /// Remembers a file that cannot be written.
+    fn note(&mut self, file: &'static str, written: Result<(), Failure>) {
+        if let Err(failure) = written {
+            self.unwritten.entry(file).or_insert_with(|| failure.to_string());
+        }
+    }
+
     fn drain(&mut self, ports: &mut Ports) -> Result<(), Failure> {
         // What passed the loops' own inspection is recorded whatever tick it is of.
         let any_tick = u64::MAX - 1;
         let mut complete: Vec<TickRecord> = Vec::new();
-        let (tally, joiner) = (&mut self.tally, &mut self.joiner);
+        let (tally, joiner, log) = (&mut self.tally, &mut self.joiner, &mut self.log);
+        let (relays, mut relayed) = (&self.relays, Ok(()));
         ports.states.drain(any_tick, |message| {
+            keep_first(&mut relayed, relays.states.pass_on(message));
+            log.state(message);
+            self.parameter_epoch = message.content.parameter_epoch;
             tally.state(message);
             complete.extend(joiner.take(message.envelope.tick, Part::State(message.content)));
         })?;
         ports.setpoints.drain(any_tick, |message| {
+            keep_first(&mut relayed, relays.setpoints.pass_on(message));
+            log.setpoint(message);
             tally.setpoint(message);
             complete.extend(joiner.take(message.envelope.tick, Part::Setpoint(message.content)));
         })?;
         ports.wrenches.drain(any_tick, |message| {
+            keep_first(&mut relayed, relays.wrenches.pass_on(message));
+            log.write(message);
             tally.wrench(message);
             complete.extend(joiner.take(message.envelope.tick, Part::Wrench(message.content)));
         })?;
         ports.rotor_speeds.drain(any_tick, |message| {
+            keep_first(&mut relayed, relays.rotor_speeds.pass_on(message));
+            log.write(message);
             tally.rotor_speeds(message);
             if !is_last_word(message) {
                 complete.extend(joiner.take(message.envelope.tick, Part::RotorSpeeds(message.content)));
             }
         })?;
-        ports.swaps.drain(any_tick, |message| tally.swap(message))?;
+        ports.swaps.drain(any_tick, |message| {
+            keep_first(&mut relayed, relays.swaps.pass_on(message));
+            log.write(message);
+            tally.swap(message);
+        })?;
+        self.note("what observers see", relayed.map_err(Failure::from));
         complete.sort_by_key(|record| record.tick);
         for record in &complete {
             if let Some(setpoint) = &record.setpoint {
                 self.tally.position_error(position_error_m(&record.state, setpoint));
             }
-            self.plot.take(record);
-            for states in &mut self.states {
-                states.write(record)?;
-            }
+            self.tally.tracer.take(record);
+            let written = self.states.iter_mut().try_for_each(|states| states.write(record));
+            self.note("states.csv", written);
         }
         Ok(())
     }
@@ -265,7 +307,7 @@ impl<'a> Recorder<'a> {
         let deadlines = report::Deadlines {
             missed,
             missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
-            missed_by_stamps: self.tally.late_commands,
+            missed_by_stamps: self.tally.late_commands.count(),
             late: late.map(buckets).unwrap_or_default(),
             runs: self
                 .tally
@@ -274,10 +316,12 @@ impl<'a> Recorder<'a> {
                 .into_iter()
                 .map(|(length_ticks, count)| RunLength { length_ticks, count })
                 .collect(),
+            stretches: self.tally.late_commands.stretches().iter().map(|stretch| self.late_stretch(stretch)).collect(),
+            stretches_left_out: self.tally.late_commands.left_out(),
         };
         let series = self.tally.series.statistics();
         let theorem = self.tally.theorem.section();
-        let gates = self.gates(&ticks, &deadlines, &series, &theorem, ending);
+        let gates = gates(self.settings, &ticks, &deadlines, &series, &theorem, ending);
         let lost = TOPICS.iter().zip(self.tally.lost()).map(|(topic, lost)| ((*topic).to_owned(), lost)).collect();
         let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
         let started = jiff::Timestamp::from_nanosecond(i128::from(run.t0_wall_ns)).unwrap_or_default();
@@ -299,6 +343,7 @@ impl<'a> Recorder<'a> {
             verdict: verdict(gates, ending),
             ticks,
             deadlines,
+            autopsy: self.tally.autopsy.as_ref().map(Autopsy::section).unwrap_or_default(),
             flight: self.tally.flight(),
             theorem,
             swaps: self.tally.swaps.clone(),
@@ -309,56 +354,35 @@ impl<'a> Recorder<'a> {
                 rejected: rejected(&ports.rejections()),
                 incomplete_ticks: self.joiner.incomplete,
                 cpu_percent: 100.0 * meter.read().cpu_ns as f64 / elapsed_ns as f64,
+                log: log_section(&self.log.fate()),
+                unwritten: self.unwritten.iter().map(|(file, why)| ((*file).to_owned(), why.clone())).collect(),
             },
             host: self.host.clone(),
+            doctor: self.doctor.clone(),
             steal: self.cpu_times.steal_until(&CpuTimes::read()),
+            // What only a page shows is worked out once, at the end.
+            distributions: if ending.is_some() { self.tally.series.distributions() } else { Vec::new() },
+            traces: ending.map(|_| self.tally.tracer.traces()),
         })
     }
 
-    fn gates(
-        &self,
-        ticks: &report::Ticks,
-        deadlines: &report::Deadlines,
-        series: &[Statistics],
-        theorem: &Theorem,
-        ending: Option<Ending>,
-    ) -> Vec<Gate> {
-        let mut gates = vec![
-            Gate {
-                name: "flight envelope".into(),
-                limit: format!("position error <= {} m, pitch <= 80 deg", self.settings.flight.position_error_max_m),
-                value: ending.unwrap_or(Ending::None).words().into(),
-                held: !ending.is_some_and(Ending::left_envelope),
-            },
-            Gate {
-                name: "ticks run + skipped = elapsed / period".into(),
-                limit: ticks.elapsed_periods.to_string(),
-                value: (ticks.run + ticks.skipped).to_string(),
-                held: ticks.identity_holds,
-            },
-        ];
-        let ppm = self.settings.recorder.max_miss_rate_ppm;
-        if ppm >= 0.0 {
-            gates.push(Gate {
-                name: "deadlines missed per million".into(),
-                limit: format!("<= {ppm}"),
-                value: format!("{:.1}", deadlines.missed_ppm),
-                held: deadlines.missed_ppm <= ppm,
-            });
+    fn late_stretch(&self, stretch: &LateStretch) -> report::LateStretch {
+        report::LateStretch {
+            tick: stretch.tick,
+            time_s: stretch.tick as f64 * self.period_s,
+            length_ticks: stretch.length_ticks,
+            late_us: stretch.late_ns as f64 / 1e3,
         }
-        let limit_us = self.settings.recorder.max_loop_p999_us;
-        if limit_us >= 0.0 {
-            let value = series.iter().find(|series| series.name == Series::Loop.name()).and_then(|s| s.p999_us);
-            gates.push(Gate {
-                name: "loop p99.9 [us]".into(),
-                limit: format!("<= {limit_us}"),
-                value: value.map_or_else(|| "too few samples".into(), |us| format!("{us:.1}")),
-                held: value.is_some_and(|us| us <= limit_us),
-            });
-        }
-        if self.settings.recorder.gate_theorem {
-            gates.push(Gate::theorem(theorem));
-        }
-        gates
+    }
+}
+
+/// What the loops' boards say; nothing of one that is not there.
+fn loops(crew: &BTreeMap<Role, BoardReader<Status>>) -> [Status; STAGES.len()] {
+    STAGES.map(|role| crew.get(&role).map(BoardReader::get).unwrap_or_default())
+}
+
+fn keep_first<E>(kept: &mut Result<(), E>, next: Result<(), E>) {
+    if kept.is_ok() {
+        *kept = next;
     }
 }

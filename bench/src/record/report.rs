@@ -4,10 +4,16 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use shared::messages::SwapRecord;
 
+use super::autopsy;
+use super::distribution::Distribution;
 use super::host::{Host, Steal};
+use super::json;
 use super::series::Statistics;
 use super::theorem::Theorem;
+use super::traces::Traces;
+use crate::doctor::finding::Diagnosis;
 use crate::failure::{Failure, InFile as _};
 
 /// Version of the schema: changed whenever a key changes its meaning or goes.
@@ -26,6 +32,9 @@ pub struct Report {
     pub ticks: Ticks,
     /// Deadlines of the rotor commands.
     pub deadlines: Deadlines,
+    /// Why they were missed.
+    #[serde(default)]
+    pub autopsy: autopsy::Section,
     /// The control performance.
     pub flight: Flight,
     /// The theorem, watched; empty in reports from before it was.
@@ -41,8 +50,17 @@ pub struct Report {
     pub recorder: RecorderSection,
     /// The machine.
     pub host: Host,
+    /// Whether the machine can fly in real time, as far as looking tells: nothing is measured beside a flight.
+    #[serde(default)]
+    pub doctor: Diagnosis,
     /// What the host took during the flight.
     pub steal: Steal,
+    /// How the latencies are distributed; empty while the flight is in the air.
+    #[serde(default)]
+    pub distributions: Vec<Distribution>,
+    /// The flight over time; none while it is in the air.
+    #[serde(default)]
+    pub traces: Option<Traces>,
 }
 
 /// What was flown.
@@ -125,6 +143,25 @@ pub struct Deadlines {
     pub late: Vec<Bucket>,
     /// Runs of consecutive misses: length in ticks, how many.
     pub runs: Vec<RunLength>,
+    /// Late commands by their stamps, those of consecutive ticks together; the first 500 stretches.
+    #[serde(default)]
+    pub stretches: Vec<LateStretch>,
+    /// Late commands in later stretches.
+    #[serde(default)]
+    pub stretches_left_out: u64,
+}
+
+/// Consecutive ticks whose commands were late.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LateStretch {
+    /// The first of them.
+    pub tick: u64,
+    /// Its time of the flight [s].
+    pub time_s: f64,
+    /// How many.
+    pub length_ticks: u64,
+    /// Largest lateness [us].
+    pub late_us: f64,
 }
 
 /// A bar of a histogram.
@@ -261,6 +298,41 @@ pub struct RecorderSection {
     pub incomplete_ticks: u64,
     /// Share of one processor that it used [%].
     pub cpu_percent: f64,
+    /// The flight log.
+    #[serde(default)]
+    pub log: LogSection,
+    /// Other files that could not be written, with the first reason.
+    #[serde(default)]
+    pub unwritten: BTreeMap<String, String>,
+}
+
+/// What became of the messages on their way to flight.mcap.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LogSection {
+    /// Length of the file [bytes].
+    pub file_bytes: u64,
+    /// Messages in it, by topic.
+    pub messages: BTreeMap<String, u64>,
+    /// Messages that the disk did not take, by topic.
+    pub dropped: BTreeMap<String, u64>,
+    /// Why it did not take something, the first time.
+    pub refused: Option<String>,
+}
+
+impl Swap {
+    /// A swap that holds from a tick of `period_s` [s] on.
+    #[must_use]
+    pub fn new(tick: u64, period_s: f64, record: &SwapRecord) -> Self {
+        Self {
+            tick,
+            time_s: tick as f64 * period_s,
+            parameter_epoch: record.parameter_epoch,
+            changes: record
+                .changes()
+                .map(|(parameter, old, new)| Change { name: parameter.name().into(), old, new })
+                .collect(),
+        }
+    }
 }
 
 impl Gate {
@@ -302,7 +374,7 @@ impl Report {
     /// # Errors
     /// [`Failure`] names the file.
     pub fn write(&self, path: &Path) -> Result<(), Failure> {
-        let text = serde_json::to_string_pretty(self).in_file("write", path)?;
+        let text = json::to_string(self).in_file("write", path)?;
         let draft = path.with_extension("json.draft");
         std::fs::write(&draft, text + "\n").in_file("write", &draft)?;
         std::fs::rename(&draft, path).in_file("write", path)

@@ -6,8 +6,13 @@ use shared::boards::{Ending, RolePhase, Status};
 use shared::inspection::{REASONS, Rejections};
 use shared::rt::STEPS;
 
-use super::report::{self, Bucket, Gate};
+use super::report::{self, Gate};
+use super::series::{Series, Statistics};
+use super::theorem::Theorem;
 use crate::failure::{FAILED, GATE, INTERRUPTED, OK};
+use crate::log::TOPICS;
+use crate::log::writer::{Counts, Fate};
+use crate::settings::Settings;
 
 /// Whether a flight passed, from its gates and how it ended; nothing while it flies.
 pub(super) fn verdict(gates: Vec<Gate>, ending: Option<Ending>) -> report::Verdict {
@@ -22,13 +27,62 @@ pub(super) fn verdict(gates: Vec<Gate>, ending: Option<Ending>) -> report::Verdi
     report::Verdict { status: status.into(), exit_code, gates }
 }
 
+/// What the flight must satisfy, and whether it does.
+pub(super) fn gates(
+    settings: &Settings,
+    ticks: &report::Ticks,
+    deadlines: &report::Deadlines,
+    series: &[Statistics],
+    theorem: &Theorem,
+    ending: Option<Ending>,
+) -> Vec<Gate> {
+    let mut gates = vec![
+        Gate {
+            name: "flight envelope".into(),
+            limit: format!("position error <= {} m, pitch <= 80 deg", settings.flight.position_error_max_m),
+            value: ending.unwrap_or(Ending::None).words().into(),
+            held: !ending.is_some_and(Ending::left_envelope),
+        },
+        Gate {
+            name: "ticks run + skipped = elapsed / period".into(),
+            limit: ticks.elapsed_periods.to_string(),
+            value: (ticks.run + ticks.skipped).to_string(),
+            held: ticks.identity_holds,
+        },
+    ];
+    let ppm = settings.recorder.max_miss_rate_ppm;
+    if ppm >= 0.0 {
+        gates.push(Gate {
+            name: "deadlines missed per million".into(),
+            limit: format!("<= {ppm}"),
+            value: format!("{:.1}", deadlines.missed_ppm),
+            held: deadlines.missed_ppm <= ppm,
+        });
+    }
+    let limit_us = settings.recorder.max_loop_p999_us;
+    if limit_us >= 0.0 {
+        let value = series.iter().find(|series| series.name == Series::Loop.name()).and_then(|s| s.p999_us);
+        gates.push(Gate {
+            name: "loop p99.9 [us]".into(),
+            limit: format!("<= {limit_us}"),
+            value: value.map_or_else(|| "too few samples".into(), |us| format!("{us:.1}")),
+            held: value.is_some_and(|us| us <= limit_us),
+        });
+    }
+    if settings.recorder.gate_theorem {
+        gates.push(Gate::theorem(theorem));
+    }
+    gates
+}
+
 /// Rejections by the name of their reason.
 pub(super) fn rejected(rejections: &Rejections) -> BTreeMap<String, u64> {
     REASONS.iter().map(|reason| (reason.name().to_owned(), rejections.of(*reason))).collect()
 }
 
 /// What a role's status says.
-pub(super) fn role_section(status: &Status) -> report::RoleSection {
+#[must_use]
+pub fn role_section(status: &Status) -> report::RoleSection {
     let landed = status.phase() == RolePhase::Landed;
     let usage = &status.usage;
     report::RoleSection {
@@ -65,20 +119,13 @@ pub(super) fn role_section(status: &Status) -> report::RoleSection {
     }
 }
 
-/// A logarithmic histogram: three bars a decade.
-pub(super) fn buckets(histogram: &hdrhistogram::Histogram<u64>) -> Vec<Bucket> {
-    const EDGES_US: [f64; 14] = [0.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4, 2e4, 1e5, 1e7];
-    EDGES_US
-        .windows(2)
-        .map(|edges| {
-            let (low, high) = ((edges[0] * 1e3) as u64, (edges[1] * 1e3) as u64);
-            let count = histogram
-                .iter_recorded()
-                .filter(|value| (low..high).contains(&value.value_iterated_to()))
-                .map(|value| value.count_at_value())
-                .sum();
-            Bucket { from_us: edges[0], below_us: edges[1], count }
-        })
-        .filter(|bucket| bucket.count > 0)
-        .collect()
+/// What became of the messages on their way to the flight log.
+pub(super) fn log_section(fate: &Fate) -> report::LogSection {
+    let by_topic = |counts: &Counts| TOPICS.iter().map(|topic| (*topic).to_owned()).zip(*counts).collect();
+    report::LogSection {
+        file_bytes: fate.file_bytes,
+        messages: by_topic(&fate.written),
+        dropped: by_topic(&fate.dropped),
+        refused: fate.refused.clone(),
+    }
 }

@@ -9,6 +9,7 @@ use hdrhistogram::serialization::interval_log::{IntervalLogWriter, Tag};
 use serde::{Deserialize, Serialize};
 use shared::role::{Role, STAGES};
 
+use super::distribution::Distribution;
 use crate::failure::Failure;
 
 /// Smallest value that is told apart [ns].
@@ -17,6 +18,15 @@ const LOWEST_NS: u64 = 1;
 pub const HIGHEST_NS: u64 = 10_000_000_000;
 /// Significant decimal digits.
 const DIGITS: u8 = 3;
+
+/// An empty histogram of nanoseconds, with the bounds of every latency of the rig and its floors.
+///
+/// # Errors
+/// [`Failure`] where the bounds were refused, which a test rules out.
+pub fn histogram() -> Result<Histogram<u64>, Failure> {
+    Histogram::new_with_bounds(LOWEST_NS, HIGHEST_NS, DIGITS)
+        .map_err(|e| Failure::failed(format!("cannot make a histogram: {e}")))
+}
 
 /// What a series measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,12 +96,8 @@ impl SeriesSet {
     /// Empty histograms.
     ///
     /// # Errors
-    /// [`Failure`] where the bounds were refused, which a test rules out.
+    /// Those of [`histogram`].
     pub fn new() -> Result<Self, Failure> {
-        let histogram = || {
-            Histogram::new_with_bounds(LOWEST_NS, HIGHEST_NS, DIGITS)
-                .map_err(|e| Failure::failed(format!("cannot make a histogram: {e}")))
-        };
         let entries = Series::all()
             .into_iter()
             .map(|series| Ok(Entry { series, flight: histogram()?, second: histogram()? }))
@@ -132,6 +138,16 @@ impl SeriesSet {
             entry.second.reset();
         }
         Ok(())
+    }
+
+    /// Distributions of every series that has values.
+    #[must_use]
+    pub fn distributions(&self) -> Vec<Distribution> {
+        self.entries
+            .iter()
+            .filter(|entry| !entry.flight.is_empty())
+            .map(|entry| Distribution::of(&entry.series.name(), &entry.flight))
+            .collect()
     }
 
     /// Statistics of every series that has values.

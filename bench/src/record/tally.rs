@@ -8,15 +8,20 @@ use shared::parameters::ESTIMATED;
 use shared::role::Role;
 use shared::topic::Topic;
 
-use super::deadlines::{Deadlines, MissRuns, Verdict};
-use super::report::{self, Change, Estimate};
+use super::autopsy::Autopsy;
+use super::deadlines::{Deadlines, LateCommands, MissRuns, Verdict};
+use super::report::{self, Estimate};
+use super::sampler::Watch;
 use super::series::{Series, SeriesSet};
 use super::theorem::TheoremTally;
+use super::tracer::{Timing, Tracer};
 use crate::failure::Failure;
 
 /// Everything that is counted over a flight.
 #[derive(Debug)]
 pub struct Tally {
+    /// Whether the first message need not be the flight's: then what was before it is unknown, and not missing.
+    joins: bool,
     /// Where ticks have their place on the clock; in lockstep they have none.
     grid: Option<Grid>,
     t0_ns: u64,
@@ -26,8 +31,10 @@ pub struct Tally {
     /// Runs of misses.
     pub miss_runs: MissRuns,
     deadlines: Option<Deadlines>,
+    /// Why deadlines were missed; in lockstep there are none.
+    pub autopsy: Option<Autopsy>,
     /// Misses by the stamps.
-    pub late_commands: u64,
+    pub late_commands: LateCommands,
     /// States seen.
     pub states: u64,
     last_wake: [Option<(u64, u64)>; 4],
@@ -37,6 +44,8 @@ pub struct Tally {
     pub theorem: TheoremTally,
     /// Swaps seen.
     pub swaps: Vec<report::Swap>,
+    /// The flight over time.
+    pub tracer: Tracer,
     newest: Option<(u64, u64)>,
 }
 
@@ -48,9 +57,10 @@ struct Sequence {
 }
 
 impl Sequence {
-    fn follow(&mut self, epoch: u64, seq: u64) {
+    fn follow(&mut self, epoch: u64, seq: u64, joins: bool) {
         let expected = match self.last {
             Some((last_epoch, last_seq)) if last_epoch == epoch => last_seq + 1,
+            None if joins => seq,
             _ => 0,
         };
         self.lost += seq.saturating_sub(expected);
@@ -71,9 +81,6 @@ struct FlightTally {
     saturated: u64,
 }
 
-/// Topics in the order of the sequence counters.
-pub const TOPICS: [&str; 5] = [State::NAME, Setpoint::NAME, Wrench::NAME, RotorSpeeds::NAME, SwapRecord::NAME];
-
 /// Whether a rotor command is the mixer's last word of a run: idle, and the answer to no state.
 #[must_use]
 pub fn is_last_word(message: &Message<RotorSpeeds>) -> bool {
@@ -91,13 +98,16 @@ impl Tally {
             Pace::Lockstep => None,
         };
         Ok(Self {
+            joins: false,
             grid,
             t0_ns,
             period_s,
             series: SeriesSet::new()?,
             miss_runs: MissRuns::default(),
             deadlines: grid.map(Deadlines::new),
-            late_commands: 0,
+            autopsy: None,
+            late_commands: LateCommands::default(),
+            tracer: Tracer::new(period_s),
             states: 0,
             last_wake: [None; 4],
             sequences: [Sequence::default(); 5],
@@ -108,17 +118,31 @@ impl Tally {
         })
     }
 
+    /// Counts a run from the next message on.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn joining(pace: Pace, t0_ns: u64, period_s: f64) -> Result<Self, Failure> {
+        let tally = Self::new(pace, t0_ns, period_s)?;
+        Ok(Self { joins: true, deadlines: tally.grid.map(Deadlines::joining), ..tally })
+    }
+
     fn follow<C: Topic>(&mut self, topic: usize, message: &Message<C>) {
-        self.sequences[topic].follow(message.envelope.epoch, message.envelope.seq);
+        self.sequences[topic].follow(message.envelope.epoch, message.envelope.seq, self.joins);
     }
 
     /// Waking of a stage for a tick: ticks that it left out enter with their whole lateness.
     fn wake(&mut self, role: Role, tick: u64, wake_ns: u64) {
         let last = self.last_wake[role as usize].replace((tick, wake_ns));
-        let first_owed = last.map_or(0, |(last_tick, _)| last_tick + 1);
+        let first = if self.joins { tick } else { 0 };
+        let first_owed = last.map_or(first, |(last_tick, _)| last_tick + 1);
         if let Some(grid) = self.grid {
             for owed in first_owed..=tick {
-                self.series.record(Series::Wake(role), wake_ns.saturating_sub(grid.begin_of(owed)));
+                let late_ns = wake_ns.saturating_sub(grid.begin_of(owed));
+                self.series.record(Series::Wake(role), late_ns);
+                if role == Role::Plant {
+                    self.tracer.timing(owed, Timing::Wake, late_ns);
+                }
             }
         }
         if let Some((_, last_wake_ns)) = last {
@@ -137,6 +161,17 @@ impl Tally {
         }
     }
 
+    fn keep_stamps<C: Topic>(&mut self, message: &Message<C>) {
+        if let Some(autopsy) = &mut self.autopsy {
+            autopsy.stamps(message);
+        }
+    }
+
+    /// Follows the causes of missed deadlines from now on; in lockstep there are no deadlines.
+    pub fn begin_autopsy(&mut self, watch: &Watch) {
+        self.autopsy = self.grid.map(|grid| Autopsy::new(grid, watch.is_virtual, watch.processor.is_some()));
+    }
+
     /// The hop into a stage, where its driving input was of this tick.
     fn hop<C: Topic>(&mut self, from: Role, input_tick: u64, message: &Message<C>) {
         let envelope = &message.envelope;
@@ -151,9 +186,15 @@ impl Tally {
     pub fn state(&mut self, message: &Message<State>) {
         self.follow(0, message);
         self.stage(message);
+        if let Some(autopsy) = &mut self.autopsy {
+            autopsy.state(message);
+        }
+        let state = &message.content;
+        if self.joins && self.states == 0 {
+            self.miss_runs = MissRuns::joining(state.deadlines_missed, state.deadline_miss_run);
+        }
         self.states += 1;
         self.newest = Some((message.envelope.tick, message.envelope.sample_ns));
-        let state = &message.content;
         self.miss_runs.update(state.deadlines_missed, state.deadline_miss_run);
         self.flight.position_w_m = state.position_w_m;
         self.flight.truth = state.truth.theta();
@@ -170,6 +211,7 @@ impl Tally {
     pub fn setpoint(&mut self, message: &Message<Setpoint>) {
         self.follow(1, message);
         self.stage(message);
+        self.keep_stamps(message);
         self.hop(Role::Plant, message.envelope.input_tick[0], message);
     }
 
@@ -177,6 +219,7 @@ impl Tally {
     pub fn wrench(&mut self, message: &Message<Wrench>) {
         self.follow(2, message);
         self.stage(message);
+        self.keep_stamps(message);
         self.hop(Role::Outer, message.envelope.input_tick[1], message);
         self.theorem.take(message.envelope.epoch, &message.content.monitor);
         self.flight.estimate = message.content.estimate;
@@ -191,18 +234,21 @@ impl Tally {
             return;
         }
         self.stage(message);
+        self.keep_stamps(message);
         self.hop(Role::Inner, envelope.input_tick[2], message);
         let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
         if envelope.sample_ns > 0 {
-            self.series.record(Series::Loop, sent_ns.saturating_sub(envelope.sample_ns));
+            let loop_ns = sent_ns.saturating_sub(envelope.sample_ns);
+            self.series.record(Series::Loop, loop_ns);
+            self.tracer.timing(envelope.tick, Timing::Loop, loop_ns);
         }
         self.flight.saturated += message.content.saturated;
         let Some(deadlines) = &mut self.deadlines else { return };
         let (series, late_commands) = (&mut self.series, &mut self.late_commands);
-        deadlines.published(envelope.tick, sent_ns, |verdict| match verdict {
+        deadlines.published(envelope.tick, sent_ns, |tick, verdict| match verdict {
             Verdict::Slack(ns) => series.record(Series::Slack, ns),
             Verdict::Late(ns) => {
-                *late_commands += 1;
+                late_commands.take(tick, ns);
                 series.record(Series::Late, ns);
             }
         });
@@ -220,20 +266,10 @@ impl Tally {
     /// Takes a swap.
     pub fn swap(&mut self, message: &Message<SwapRecord>) {
         self.follow(4, message);
-        let tick = message.envelope.tick;
-        self.swaps.push(report::Swap {
-            tick,
-            time_s: tick as f64 * self.period_s,
-            parameter_epoch: message.content.parameter_epoch,
-            changes: message
-                .content
-                .changes()
-                .map(|(parameter, old, new)| Change { name: parameter.name().into(), old, new })
-                .collect(),
-        });
+        self.swaps.push(report::Swap::new(message.envelope.tick, self.period_s, &message.content));
     }
 
-    /// Messages that were overwritten before they were read, by topic.
+    /// Messages that were overwritten before they were read, in the order of [`crate::log::TOPICS`].
     #[must_use]
     pub fn lost(&self) -> [u64; 5] {
         self.sequences.map(|sequence| sequence.lost)

@@ -12,6 +12,7 @@ pub fn render(report: &Report) -> String {
     // Writing into a string cannot fail.
     let _ = head(&mut out, report)
         .and_then(|()| ticks(&mut out, report))
+        .and_then(|()| out.write_str(&report.autopsy.text()))
         .and_then(|()| latencies(&mut out, report))
         .and_then(|()| roles(&mut out, report))
         .and_then(|()| flight(&mut out, report))
@@ -50,6 +51,36 @@ fn head(out: &mut String, report: &Report) -> Written {
         run.instance,
         if run.in_flight { "IN FLIGHT, numbers so far" } else { &run.ending }
     )?;
+    writeln!(out, "{}", pace(report))?;
+    writeln!(out, "{}", machine(report))?;
+    writeln!(
+        out,
+        "clock {}, sched_rt_runtime_us {}, stolen by the host during the flight {} ms ({:.2} %)",
+        report.host.clock_source, report.host.rt_runtime_us, report.steal.stolen_ms, report.steal.percent
+    )?;
+    writeln!(out, "real time here: {}", here(report))
+}
+
+/// The doctor's verdict, with its reasons.
+#[must_use]
+pub fn here(report: &Report) -> String {
+    let doctor = &report.doctor;
+    let reasons = if doctor.reasons.is_empty() { String::new() } else { format!(" ({})", doctor.reasons.join("; ")) };
+    format!("{}{reasons}", doctor.verdict.words())
+}
+
+/// Kernel and processors.
+#[must_use]
+pub fn machine(report: &Report) -> String {
+    let host = &report.host;
+    let below = if host.hypervisor { ", under a hypervisor" } else { "" };
+    format!("{} ({}), {} x {}{below}", host.kernel, host.preemption, host.cpus, host.cpu)
+}
+
+/// What was flown, and how fast.
+#[must_use]
+pub fn pace(report: &Report) -> String {
+    let run = &report.run;
     let slow = run.wall_period_us / run.period_us;
     let pace = if slow == 0.0 {
         format!(", in lockstep{}: its latencies are not real-time latencies", times_real_time(report))
@@ -58,22 +89,7 @@ fn head(out: &mut String, report: &Report) -> Written {
     } else {
         String::new()
     };
-    writeln!(out, "{} with gains {}, T = {:.0} us{}", run.trajectory, run.preset, run.period_us, pace)?;
-    let host = &report.host;
-    writeln!(
-        out,
-        "{} ({}), {} x {}{}",
-        host.kernel,
-        host.preemption,
-        host.cpus,
-        host.cpu,
-        if host.hypervisor { ", under a hypervisor" } else { "" }
-    )?;
-    writeln!(
-        out,
-        "clock {}, sched_rt_runtime_us {}, stolen by the host during the flight {} ms ({:.2} %)",
-        host.clock_source, host.rt_runtime_us, report.steal.stolen_ms, report.steal.percent
-    )
+    format!("{} with gains {}, T = {:.0} us{pace}", run.trajectory, run.preset, run.period_us)
 }
 
 /// How much faster than the clock a flight in lockstep was.
@@ -173,6 +189,17 @@ fn roles(out: &mut String, report: &Report) -> Written {
         "  recorder: lost {lost} messages, {} ticks incomplete, {:.1} % of a processor",
         recorder.incomplete_ticks, recorder.cpu_percent
     )?;
+    let log = &recorder.log;
+    let (written, dropped): (u64, u64) = (log.messages.values().sum(), log.dropped.values().sum());
+    writeln!(
+        out,
+        "  flight.mcap: {written} messages in {:.1} MB, {dropped} dropped{}",
+        log.file_bytes as f64 / 1e6,
+        log.refused.as_ref().map_or_else(String::new, |reason| format!(" ({reason})"))
+    )?;
+    for (file, reason) in &recorder.unwritten {
+        writeln!(out, "  {file} is incomplete: {reason}")?;
+    }
     writeln!(out, "Real time asked and granted")?;
     for (name, role) in report.roles.iter().filter(|(name, _)| *name != "record") {
         writeln!(out, "  {name:<9} {}", grants(role))?;

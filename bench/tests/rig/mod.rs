@@ -78,10 +78,10 @@ impl Rig {
                 all.extend([flag.to_owned(), value.to_owned()]);
             }
         };
-        if !matches!(command, "clean" | "simulate" | "report") {
+        if !matches!(command, "clean" | "simulate" | "report" | "export" | "replay" | "floor") {
             default("--instance", &self.instance);
         }
-        if matches!(command, "fly" | "record" | "report") {
+        if matches!(command, "fly" | "record" | "report" | "export" | "replay") {
             default("--out", self.out().to_str().unwrap());
         }
         all
@@ -144,6 +144,12 @@ impl Rig {
         assert_eq!(living, Vec::<u32>::new(), "processes of {} live", self.instance);
     }
 
+    /// Living processes of the instance that were started as `ironbird COMMAND`.
+    pub fn processes_of(&self, command: &str) -> Vec<u32> {
+        let is_it = |pid: &u32| command_line(*pid).get(1).is_some_and(|first| first == command);
+        processes().filter(|pid| self.is_ours(*pid) && is_it(pid) && !is_gone(*pid)).collect()
+    }
+
     fn is_ours(&self, pid: u32) -> bool {
         command_line(pid).contains(&self.instance)
     }
@@ -198,6 +204,16 @@ impl Running {
     /// Waits until it says something on standard error.
     pub fn await_words(&self, words: &str) {
         wait_until(&format!("{} to say `{words}`", self.what), || self.stderr().contains(words).then_some(()));
+    }
+
+    /// What it has said on standard output so far.
+    pub fn stdout(&self) -> String {
+        fs::read_to_string(&self.stdout).unwrap()
+    }
+
+    /// Waits until it says something on standard output.
+    pub fn await_output(&self, words: &str) {
+        wait_until(&format!("{} to print `{words}`", self.what), || self.stdout().contains(words).then_some(()));
     }
 
     /// Waits for its end.

@@ -11,10 +11,11 @@ use std::time::Duration;
 
 use iceoryx2::prelude::ZeroCopySend;
 use rustix::mm::{MlockAllFlags, mlockall};
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity, set_current_timer_slack};
+use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 use serde::{Deserialize, Serialize};
 
 use super::sys;
+use super::thread::{allowed_cpus, loops_cpu, prefault_stack};
 use crate::error::Error;
 use crate::layout::layout;
 use crate::role::Role;
@@ -175,8 +176,6 @@ pub struct Engaged {
 
 /// Heap that is touched in advance [bytes]: far more than a loop's 48-byte loan ever needs.
 const HEAP_BYTES: usize = 1 << 20;
-/// Stack that is touched in advance [bytes].
-const STACK_BYTES: usize = 256 << 10;
 
 impl Engaged {
     /// Asks for everything that a role needs, after its ports were made.
@@ -245,14 +244,8 @@ pub fn settle() -> Result<(), Error> {
 
 /// The processors for a role: the loops share one, everything else takes the others, if there are any.
 fn cpus_for(role: Role, wanted: Option<usize>) -> (CpuSet, usize) {
-    // Without the list (which cannot fail for the caller itself), processor 0 always exists.
-    let allowed = sched_getaffinity(None).unwrap_or_else(|_| {
-        let mut first = CpuSet::new();
-        first.set(0);
-        first
-    });
-    let highest = (0..CpuSet::MAX_CPU).rev().find(|cpu| allowed.is_set(*cpu)).unwrap_or(0);
-    let cpu = wanted.unwrap_or(highest);
+    let allowed = allowed_cpus();
+    let cpu = wanted.unwrap_or_else(loops_cpu);
     if role == Role::Record {
         let mut others = allowed;
         if allowed.count() > 1 && cpu < CpuSet::MAX_CPU {
@@ -265,11 +258,6 @@ fn cpus_for(role: Role, wanted: Option<usize>) -> (CpuSet, usize) {
         own.set(cpu);
     }
     (own, cpu)
-}
-
-#[inline(never)]
-fn prefault_stack() {
-    black_box([1_u8; STACK_BYTES]);
 }
 
 /// Makes every page present that the process can write or read: its own ones, the shared ones of its ports, and

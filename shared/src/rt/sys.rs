@@ -4,12 +4,13 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::io;
-use std::os::fd::{BorrowedFd, RawFd};
+use std::ops::Deref;
+use std::os::fd::BorrowedFd;
+use std::ptr::NonNull;
+use std::sync::atomic::{AtomicU32, AtomicU64};
 
-use iceoryx2::prelude::{FileDescriptor, FileDescriptorBased};
-use rustix::event::{PollFd, PollFlags, poll};
-
-use crate::clock::{now_ns, timespec};
+use rustix::fs::fstat;
+use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 
 /// Puts the calling thread under SCHED_FIFO.
 ///
@@ -99,22 +100,62 @@ pub(super) fn thread_usage() -> Usage {
     }
 }
 
-/// Waits until a descriptor of the middleware is readable or the instant has come, whichever is first.
-///
-/// Returns whether it is readable; a signal ends the wait as the instant does.
-pub(crate) fn readable_until<T: FileDescriptorBased>(source: &T, instant_ns: u64) -> bool {
-    let descriptor: &FileDescriptor = source.file_descriptor();
-    // SAFETY: the number is used only while `source`, and so the descriptor that it owns, is borrowed.
-    let descriptor = unsafe { borrow(descriptor.native_handle()) };
-    let timeout = timespec(instant_ns.saturating_sub(now_ns()));
-    poll(&mut [PollFd::from_borrowed_fd(descriptor, PollFlags::IN)], Some(&timeout)).is_ok_and(|ready| ready > 0)
+/// A futex with a number to hand over; alone on its cache line.
+#[derive(Debug)]
+#[repr(C, align(64))]
+pub struct Bell {
+    /// Grows with every ring: the word to wait on.
+    pub rung: AtomicU32,
+    /// What is handed over.
+    pub token: AtomicU64,
 }
 
-/// # Safety
-/// The descriptor must stay open for `'a`.
-unsafe fn borrow<'a>(descriptor: RawFd) -> BorrowedFd<'a> {
-    // SAFETY: promised by the caller.
-    unsafe { BorrowedFd::borrow_raw(descriptor) }
+/// Bells of a page.
+pub const BELLS: usize = 64;
+
+/// A page of bells that processes share.
+#[derive(Debug)]
+pub struct BellPage {
+    page: NonNull<[Bell; BELLS]>,
+}
+
+impl BellPage {
+    /// Bytes that its file must have.
+    pub const BYTES: usize = size_of::<[Bell; BELLS]>();
+
+    /// Maps a memory file of at least [`Self::BYTES`], which nobody may shrink, and touches it.
+    ///
+    /// # Errors
+    /// `InvalidInput` for a shorter file; what the system says.
+    pub fn map(file: BorrowedFd<'_>) -> io::Result<Self> {
+        if fstat(file)?.st_size.unsigned_abs() < Self::BYTES as u64 {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a memory file for a page of bells"));
+        }
+        let protection = ProtFlags::READ | ProtFlags::WRITE;
+        // SAFETY: a new mapping at an address of the kernel's choice touches no memory of ours.
+        let page = unsafe {
+            mmap(std::ptr::null_mut(), Self::BYTES, protection, MapFlags::SHARED | MapFlags::POPULATE, file, 0)
+        }?;
+        let page = NonNull::new(page.cast()).ok_or(io::ErrorKind::OutOfMemory)?;
+        Ok(Self { page })
+    }
+}
+
+impl Deref for BellPage {
+    type Target = [Bell; BELLS];
+
+    fn deref(&self) -> &Self::Target {
+        // SAFETY: the mapping lives as long as `self`, its file does not shrink, a page's address is aligned for `Bell`,
+        // and every content is a valid one of its atomics, which other processes may change at any time.
+        unsafe { self.page.as_ref() }
+    }
+}
+
+impl Drop for BellPage {
+    fn drop(&mut self) {
+        // SAFETY: the range was mapped by `map`, and references to it ended with the borrow of `self`.
+        let _ = unsafe { munmap(self.page.as_ptr().cast(), Self::BYTES) };
+    }
 }
 
 fn check(result: i32) -> io::Result<()> {

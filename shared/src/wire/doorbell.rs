@@ -1,18 +1,20 @@
 //! Doorbells: how a stage wakes the next one.
 //!
-//! An iceoryx2 event (one datagram a ring), waited for with `ppoll` on the listener's descriptor, because the
-//! middleware's own timed wait counts in milliseconds and a deadline lies inside one.
+//! A futex in shared memory: one call to ring, one to wait until an instant. docs/decisions/0005-wake-by-futex.md has
+//! the measurements, and what else was tried.
 
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::update_connections::UpdateConnections as _;
-use iceoryx2::prelude::ipc;
-use iceoryx2::service::port_factory::event::PortFactory;
+use std::cell::Cell;
+use std::num::NonZero;
+use std::sync::atomic::Ordering;
 
-use super::{NODES, Wire, not_opened};
+use rustix::io::Errno;
+use rustix::thread::futex;
+
+use super::Wire;
+use crate::clock::timespec;
 use crate::error::Error;
-use crate::role::Role;
-use crate::rt::sys::readable_until;
+use crate::role::{ROLES, Role};
+use crate::rt::BellPage;
 
 /// Who waits at a doorbell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,90 +40,86 @@ impl std::fmt::Display for Owner {
     }
 }
 
-impl Wire {
-    fn bell_service(&self, owner: Owner) -> Result<PortFactory<ipc::Service>, Error> {
-        self.node
-            .service_builder(&self.service_name(&format!("bell/{owner}"))?)
-            .event()
-            .max_listeners(1)
-            // Its sender in the loop; at the plant, everybody who asks for a swap.
-            .max_notifiers(NODES)
-            .max_nodes(NODES)
-            .event_id_max_value(0)
-            .open_or_create()
-            .map_err(|error| not_opened(format!("the doorbell of {owner}"), error))
+impl Owner {
+    /// Place of its bell in the page.
+    const fn place(self) -> usize {
+        match self {
+            Self::Role(role) => role as usize,
+            Self::Desk => ROLES.len(),
+        }
     }
+}
 
-    /// The doorbell of a role's loop, or of the parameter desk.
+impl Wire {
+    /// The doorbell of a role's loop, or of the parameter desk, which one thread waits at.
     ///
     /// # Errors
-    /// [`Error::Wire`], [`Error::Incompatible`].
+    /// [`Error::System`].
     pub fn doorbell(&self, owner: impl Into<Owner>) -> Result<Doorbell, Error> {
-        let owner = owner.into();
-        let listener = self
-            .bell_service(owner)?
-            .listener_builder()
-            .create()
-            .map_err(|e| Error::wire(format!("cannot wait at the doorbell of {owner}"), e))?;
-        Ok(Doorbell { listener })
+        let (page, place) = (self.bells.page()?, owner.into().place());
+        let heard = Cell::new(page[place].rung.load(Ordering::Acquire));
+        Ok(Doorbell { page, place, heard })
     }
 
     /// The button of a doorbell.
     ///
     /// # Errors
-    /// [`Error::Wire`], [`Error::Incompatible`].
+    /// [`Error::System`].
     pub fn bell(&self, owner: impl Into<Owner>) -> Result<Bell, Error> {
-        let owner = owner.into();
-        let notifier = self
-            .bell_service(owner)?
-            .notifier_builder()
-            .create()
-            .map_err(|e| Error::wire(format!("cannot ring the doorbell of {owner}"), e))?;
-        Ok(Bell { notifier })
+        Ok(Bell { page: self.bells.page()?, place: owner.into().place() })
     }
 }
 
 /// Where a role waits to be woken.
 #[derive(Debug)]
 pub struct Doorbell {
-    listener: Listener<ipc::Service>,
+    page: BellPage,
+    place: usize,
+    /// How often it had rung when it was last answered.
+    heard: Cell<u32>,
 }
 
 impl Doorbell {
-    /// Waits until somebody rings or the instant has come; returns whether somebody rang.
+    /// Waits until somebody rings or the instant has come, on CLOCK_MONOTONIC [ns]; returns whether somebody rang.
+    ///
+    /// Rings since the last answer are answered together. A signal ends the wait as the instant does.
     ///
     /// # Errors
-    /// [`Error::Wire`].
+    /// [`Error::System`].
     pub fn wait_until(&self, instant_ns: u64) -> Result<bool, Error> {
-        if !readable_until(&self.listener, instant_ns) {
-            return Ok(false);
+        if self.answer() {
+            return Ok(true);
         }
-        let rings = self.listener.try_wait(|_| ()).map_err(|e| Error::wire("cannot answer the doorbell", e))?;
-        Ok(rings > 0)
+        let rung = &self.page[self.place].rung;
+        let until = timespec(instant_ns);
+        match futex::wait_bitset(rung, futex::Flags::empty(), self.heard.get(), Some(&until), NonZero::<u32>::MAX) {
+            Ok(()) | Err(Errno::AGAIN | Errno::INTR | Errno::TIMEDOUT) => Ok(self.answer()),
+            Err(e) => Err(Error::system("cannot wait at a doorbell", e)),
+        }
+    }
+
+    fn answer(&self) -> bool {
+        let rung = self.page[self.place].rung.load(Ordering::Acquire);
+        self.heard.replace(rung) != rung
     }
 }
 
 /// Wakes a role.
 #[derive(Debug)]
 pub struct Bell {
-    notifier: Notifier<ipc::Service>,
+    page: BellPage,
+    place: usize,
 }
 
 impl Bell {
-    /// Connects to the doorbell, so that ringing later only rings.
-    ///
-    /// # Errors
-    /// [`Error::Wire`].
-    pub(super) fn arm(&self) -> Result<(), Error> {
-        self.notifier.update_connections().map_err(|e| Error::wire("cannot connect to a doorbell", e))
-    }
-
     /// Rings. Nobody there is no error: a stage that is gone is noticed by its silence.
     ///
     /// # Errors
-    /// [`Error::Wire`].
+    /// [`Error::System`].
     pub fn ring(&self) -> Result<(), Error> {
-        self.notifier.notify().map_err(|e| Error::wire("cannot ring a doorbell", e))?;
+        let rung = &self.page[self.place].rung;
+        rung.fetch_add(1, Ordering::Release);
+        futex::wake(rung, futex::Flags::empty(), 1).map_err(|e| Error::system("cannot ring a doorbell", e))?;
         Ok(())
     }
 }

@@ -3,9 +3,11 @@
 //! The only place that names the middleware's services. Ports are made before a loop is armed; afterwards
 //! a send costs one loan, a receive one copy.
 
+mod bells;
 mod board;
 mod doorbell;
 mod ports;
+mod relay;
 mod swaps;
 
 use std::time::Duration;
@@ -20,11 +22,13 @@ use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 pub use board::{Board, BoardReader};
 pub use doorbell::{Bell, Doorbell, Owner};
 pub use ports::{Receiver, Sender};
+pub use relay::{OBSERVED, OBSERVERS, Relay};
 pub use swaps::{SwapAnswer, SwapCall, SwapClient, SwapOrder, SwapServer, Verdict};
 
 use crate::error::Error;
-use crate::instance::Instance;
+use crate::instance::{Instance, Lock};
 use crate::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use crate::topic::Topic;
 
 /// Samples that the loops keep of a topic: the newest.
 pub const LATEST: usize = 1;
@@ -38,8 +42,11 @@ const NODES: usize = 24;
 pub struct Wire {
     node: Node<ipc::Service>,
     instance: Instance,
+    bells: bells::BellFile,
     /// What dead processes of the instance left behind, and was removed.
     pub cleaned: u64,
+    // Last: nobody takes the shared memory away while a port of this process is in it.
+    _in_use: Lock,
 }
 
 impl Wire {
@@ -50,14 +57,15 @@ impl Wire {
     pub fn open(instance: &Instance) -> Result<Self, Error> {
         // What goes wrong comes back as an error; the middleware's own prints would repeat it.
         set_log_level(LogLevel::Fatal);
-        instance.prepare()?;
+        let in_use = instance.enter()?;
         let node = NodeBuilder::new()
             .config(&instance.config()?)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|e| Error::wire(format!("cannot join instance `{}`", instance.name()), e))?;
         let CleanupState { cleanups, .. } = node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
-        Ok(Self { node, instance: instance.clone(), cleaned: cleanups })
+        let bells = bells::BellFile::join(instance)?;
+        Ok(Self { node, instance: instance.clone(), bells, cleaned: cleanups, _in_use: in_use })
     }
 
     /// The instance.
@@ -66,15 +74,24 @@ impl Wire {
         &self.instance
     }
 
-    /// Shared memory that an instance takes [bytes]: the topics, with as much again for everything else.
+    /// Shared memory that an instance takes [bytes]: the topics, with as much again for everything else, and what
+    /// observers are told.
     #[must_use]
     pub fn needed_bytes() -> u64 {
-        let topics = Self::topic_bytes::<State>()
-            + Self::topic_bytes::<Setpoint>()
-            + Self::topic_bytes::<Wrench>()
-            + Self::topic_bytes::<RotorSpeeds>()
-            + Self::topic_bytes::<SwapRecord>();
-        2 * topics
+        fn loops<C: Topic>() -> u64 {
+            ports::slot_bytes::<C>(C::SUBSCRIBERS, DEEP)
+        }
+        fn observers<C: Topic>() -> u64 {
+            ports::slot_bytes::<C>(OBSERVERS, OBSERVED)
+        }
+        let topics =
+            loops::<State>() + loops::<Setpoint>() + loops::<Wrench>() + loops::<RotorSpeeds>() + loops::<SwapRecord>();
+        let observed = observers::<State>()
+            + observers::<Setpoint>()
+            + observers::<Wrench>()
+            + observers::<RotorSpeeds>()
+            + observers::<SwapRecord>();
+        2 * topics + observed
     }
 
     fn service_name(&self, name: &str) -> Result<ServiceName, Error> {

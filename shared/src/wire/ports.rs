@@ -16,19 +16,28 @@ use crate::topic::Topic;
 
 impl Wire {
     fn topic<C: Topic>(&self) -> Result<PortFactory<ipc::Service, Message<C>, ()>, Error> {
+        self.publish_subscribe(C::NAME, C::SUBSCRIBERS, DEEP)
+    }
+
+    pub(super) fn publish_subscribe<C: Topic>(
+        &self,
+        name: &str,
+        subscribers: usize,
+        depth: usize,
+    ) -> Result<PortFactory<ipc::Service, Message<C>, ()>, Error> {
         self.node
-            .service_builder(&self.service_name(C::NAME)?)
+            .service_builder(&self.service_name(name)?)
             .publish_subscribe::<Message<C>>()
             .max_publishers(1)
-            .max_subscribers(C::SUBSCRIBERS)
-            .subscriber_max_buffer_size(DEEP)
+            .max_subscribers(subscribers)
+            .subscriber_max_buffer_size(depth)
             .subscriber_max_borrowed_samples(1)
             .history_size(0)
             .max_nodes(NODES)
             // A receiver that does not keep up loses its oldest sample; a sender never waits for anybody.
             .enable_safe_overflow(true)
             .open_or_create_with_attributes(&layout_verifier(LAYOUT)?)
-            .map_err(|error| not_opened(format!("topic `{}`", C::NAME), error))
+            .map_err(|error| not_opened(format!("topic `{name}`"), error))
     }
 
     /// The one sender of a topic; rings `bell` after each message.
@@ -56,20 +65,15 @@ impl Wire {
             .buffer_size(depth)
             .create()
             .map_err(|e| Error::wire(format!("cannot receive topic `{}`", C::NAME), e))?;
-        Ok(Receiver {
-            subscriber,
-            inspector: Inspector::new(Expected { run_id: 0, settings: 0 }),
-            newest: Message::default(),
-            rejections: Rejections::default(),
-        })
+        Ok(Receiver::new(subscriber))
     }
+}
 
-    /// Shared memory that the slots of a topic take [bytes].
-    pub(super) fn topic_bytes<C: Topic>() -> u64 {
-        // One slot per buffered and borrowed sample of every subscriber, one loaned, one in the hand of the sender.
-        let slots = C::SUBSCRIBERS * (DEEP + 1) + 2;
-        (slots * (size_of::<Message<C>>() + 64)) as u64
-    }
+/// Shared memory that the slots of a topic take [bytes].
+pub(super) fn slot_bytes<C: Topic>(subscribers: usize, depth: usize) -> u64 {
+    // One slot per buffered and borrowed sample of every subscriber, one loaned, one in the hand of the sender.
+    let slots = subscribers * (depth + 1) + 2;
+    (slots * (size_of::<Message<C>>() + 64)) as u64
 }
 
 /// Sends the messages of a topic.
@@ -88,9 +92,6 @@ impl<C: Topic> Sender<C> {
     /// [`Error::Wire`].
     pub fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
         self.envelope = Envelope { run_id: expected.run_id, settings: expected.settings, epoch, ..Envelope::new() };
-        if let Some(bell) = &self.bell {
-            bell.arm()?;
-        }
         self.publisher
             .update_connections()
             .map_err(|e| Error::wire(format!("cannot connect the sender of topic `{}`", C::NAME), e))
@@ -128,6 +129,15 @@ pub struct Receiver<C: Topic> {
 }
 
 impl<C: Topic> Receiver<C> {
+    pub(super) fn new(subscriber: Subscriber<ipc::Service, Message<C>, ()>) -> Self {
+        Self {
+            subscriber,
+            inspector: Inspector::new(Expected { run_id: 0, settings: 0 }),
+            newest: Message::default(),
+            rejections: Rejections::default(),
+        }
+    }
+
     /// Arms the receiver for a run: connects to the sender, forgets what came before.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use iceoryx2::prelude::ZeroCopySend;
 use shared::boards::{InForce, SettingsText};
 use shared::error::Error;
-use shared::layout::{Field, Layout};
+use shared::layout::{Field, Kind, Layout};
 
 use crate::{Site, assert_incompatible};
 
@@ -117,7 +117,7 @@ struct SwappedPose {
 }
 
 const fn word(name: &'static str, place: usize) -> Field {
-    Field { name, offset: place * 8, size: 8 }
+    Field { name, offset: place * 8, size: 8, kind: Kind::U64, length: None }
 }
 
 impl Layout for Pose {

@@ -1,5 +1,7 @@
 //! Doorbells: a ring is never lost, never counted twice, and a wait ends at its instant.
 
+use std::fs;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
@@ -9,9 +11,9 @@ use shared::envelope::Envelope;
 use shared::error::Error;
 use shared::messages::State;
 use shared::role::Role;
-use shared::wire::LATEST;
+use shared::wire::{LATEST, Wire};
 
-use crate::{EPOCH, EXPECTED, Site, assert_incompatible, node};
+use crate::{EPOCH, EXPECTED, Site};
 
 /// Only ends a test that hangs [ns].
 const LONG: u64 = 60_000_000_000;
@@ -102,12 +104,10 @@ fn a_ring_ends_a_wait_in_another_thread() {
 }
 
 #[test]
-fn a_role_has_one_doorbell_and_the_others_stay_silent() {
+fn a_bell_rings_at_its_role_alone() {
     let site = Site::new();
     let wire = site.wire();
     let (outer, mixer) = (wire.doorbell(Role::Outer).unwrap(), wire.doorbell(Role::Mixer).unwrap());
-    let error = wire.doorbell(Role::Outer).unwrap_err();
-    assert!(matches!(error, Error::Wire { .. }), "{error}");
     wire.bell(Role::Mixer).unwrap().ring().unwrap();
     assert!(!outer.wait_until(now_ns() + 1_000_000).unwrap());
     assert!(mixer.wait_until(now_ns() + LONG).unwrap());
@@ -130,15 +130,50 @@ fn a_message_is_there_when_its_sender_rings() {
 }
 
 #[test]
-fn a_doorbell_of_another_build_is_incompatible() {
+fn a_page_of_another_build_is_incompatible() {
     let site = Site::new();
-    let theirs = node(&site);
-    let _service = theirs
-        .service_builder(&"ironbird/test/bell/outer".try_into().unwrap())
-        .event()
-        .max_notifiers(1)
-        .create()
-        .unwrap();
-    assert_incompatible(site.wire().doorbell(Role::Outer), "the doorbell of outer");
-    assert_incompatible(site.wire().bell(Role::Outer), "the doorbell of outer");
+    let page = page_of(&site);
+    // The token of the last of 64 bells of 64 bytes.
+    fs::write(&page, [vec![0; 63 * 64 + 8], vec![7; 8], vec![0; 48]].concat()).unwrap();
+    let error = Wire::open(&site.instance).unwrap_err();
+    assert!(matches!(&error, Error::Incompatible { .. }), "{error}");
+    assert!(error.to_string().contains("the page of doorbells"), "{error}");
+    assert!(!page.exists(), "nobody else had it");
+}
+
+#[test]
+fn the_page_goes_with_the_last_one_who_has_it() {
+    let site = Site::new();
+    let page = page_of(&site);
+    let (first, second) = (site.wire(), site.wire());
+    let (doorbell, bell) = (first.doorbell(Role::Outer).unwrap(), second.bell(Role::Outer).unwrap());
+    assert!(page.exists());
+    drop(first);
+    assert!(page.exists(), "one still has it");
+    let third = site.wire();
+    third.bell(Role::Outer).unwrap().ring().unwrap();
+    assert!(doorbell.wait_until(now_ns() + LONG).unwrap(), "who comes later rings at the same door");
+    drop((second, third));
+    assert!(!page.exists());
+    bell.ring().unwrap();
+    assert!(doorbell.wait_until(now_ns()).unwrap(), "what is mapped stays");
+}
+
+#[test]
+fn processes_that_come_and_go_at_once_share_one_page() {
+    let site = Site::new();
+    let stays = site.wire();
+    let doorbell = stays.doorbell(Role::Inner).unwrap();
+    thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| (0..50).for_each(|_| site.wire().bell(Role::Inner).unwrap().ring().unwrap()));
+        }
+    });
+    assert!(doorbell.wait_until(now_ns()).unwrap());
+    drop((doorbell, stays));
+    assert!(!page_of(&site).exists());
+}
+
+fn page_of(site: &Site) -> PathBuf {
+    Path::new("/dev/shm").join(format!("{}bells", site.instance.prefix()))
 }

@@ -10,6 +10,7 @@ mod common;
 mod doorbells;
 mod forgeries;
 mod locks;
+mod relays;
 mod swaps;
 mod topics;
 

@@ -1,0 +1,67 @@
+//! Flags of `report` and of `report diff`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand, ValueEnum};
+
+/// Flags of `report`.
+#[derive(Clone, Debug, Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct ReportArgs {
+    /// What else to do with reports.
+    #[command(subcommand)]
+    pub command: Option<ReportCommand>,
+    /// A flight's directory, or `latest`.
+    #[arg(value_name = "RUN_DIR", default_value = "latest")]
+    pub run: PathBuf,
+    /// How to print it.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub format: Format,
+    /// Directory in which `latest` is looked up [default: runs].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// What else to do with reports.
+#[derive(Clone, Debug, Subcommand)]
+pub enum ReportCommand {
+    /// Compare two flights: every percentile as a ratio, and what the numbers of samples allow to say.
+    Diff(DiffArgs),
+}
+
+/// Flags of `report diff`.
+#[derive(Clone, Debug, Args)]
+pub struct DiffArgs {
+    /// A flight's directory, or `latest`.
+    #[arg(value_name = "A")]
+    pub a: PathBuf,
+    /// Another one; ratios are B over A.
+    #[arg(value_name = "B")]
+    pub b: PathBuf,
+    /// How to print the comparison.
+    #[arg(long, value_enum, default_value_t = DiffFormat::Text)]
+    pub format: DiffFormat,
+    /// Directory in which flights are looked up [default: runs].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// How to print a report.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Format {
+    /// For people.
+    Text,
+    /// For programs.
+    Json,
+    /// For browsers: the page that every flight leaves as report.html.
+    Html,
+}
+
+/// How to print a comparison.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum DiffFormat {
+    /// For people.
+    Text,
+    /// For programs.
+    Json,
+}

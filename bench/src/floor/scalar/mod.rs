@@ -1,0 +1,94 @@
+//! One flight written by hand in plain numbers: what a tick of the four laws costs at least.
+//!
+//! The Lissajous figure with the gains `flight`, nominal airframe, no swap, 1 kHz: plant, outer loop, inner adaptive
+//! loop and mixer as one would write them in C for one airframe and nothing else. Constants are known to the
+//! compiler, what does not change within a tick is computed once, and there is no vector type, setting, message, mode
+//! or check. The monitor of the theorem has no counterpart here; [`laws::Laws`] flies the rig's own laws without it.
+//!
+//! The equations are those of docs/paper.md; symbols as in docs/conventions.md. It follows the rig's laws to 1e-9 over
+//! a flight ([`timing`] has the test), not bit by bit: the order of operations is its own.
+
+mod airframe;
+mod control;
+pub mod laws;
+pub mod timing;
+
+use airframe::Body;
+use control::{Inner, mixer, outer};
+
+/// T [s].
+const T: f64 = 0.001;
+/// g [m/s^2].
+const G: f64 = 9.8;
+/// m [kg].
+const M: f64 = 0.52;
+/// k_t [kg/s].
+const K_T: f64 = 0.95;
+/// k [N s^2].
+const K: f64 = 3.13e-5;
+/// kappa = d/k [m].
+const KAPPA: f64 = 7.5e-7 / K;
+/// l sqrt(2)/2 [m].
+const C: f64 = 0.205 * std::f64::consts::SQRT_2 / 2.0;
+/// I_x, I_y, I_z [kg m^2].
+const I_X: f64 = 0.0069;
+const I_Y: f64 = 0.0069;
+const I_Z: f64 = 0.0129;
+
+/// The flight, standing between two ticks.
+#[derive(Clone, Debug)]
+pub struct Flight {
+    tick: u64,
+    body: Body,
+    /// Rotor speeds of the tick before, of this tick, and of the next [rad/s].
+    speed_last: [f64; 4],
+    speed: [f64; 4],
+    inner: Inner,
+}
+
+/// What a tick came to, for comparison.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Position, velocity (world frame), attitude, body rates at the tick [m, m/s, rad, rad/s].
+    pub body: [f64; 12],
+    /// Thrust [N] and torque [N m] asked for.
+    pub wrench: [f64; 4],
+    /// Estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2].
+    pub estimate: [f64; 3],
+    /// Rotor speeds commanded [rad/s].
+    pub speed: [f64; 4],
+}
+
+impl Flight {
+    /// The flight before tick 0: at rest in the origin, rotors at hover speed.
+    #[must_use]
+    pub fn new() -> Self {
+        let hover = (M * G / (4.0 * K)).sqrt();
+        Self { tick: 0, body: Body::default(), speed_last: [hover; 4], speed: [hover; 4], inner: Inner::default() }
+    }
+
+    /// Flies one tick.
+    pub fn tick(&mut self) -> Sample {
+        let t = self.tick as f64 * T;
+        let body = self.body;
+        let order = outer(t, &body);
+        let tau = self.inner.tick(t, &body, &self.speed_last, &order);
+        let command = mixer(order.u, &tau);
+        self.body = airframe::fly(&body, t, &self.speed);
+        self.speed_last = self.speed;
+        self.speed = command;
+        self.tick += 1;
+        Sample {
+            body: body.numbers(),
+            wrench: [order.u, tau[0], tau[1], tau[2]],
+            estimate: self.inner.estimate(),
+            speed: command,
+        }
+    }
+}
+
+impl Default for Flight {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,63 @@
+//! JSON for people and programs: an object's keys each on a line, an array of numbers on one.
+
+use std::io::{self, Write};
+
+use serde::Serialize;
+use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
+
+/// Writes a value with objects indented and arrays in a row: 600 numbers are one line and not 600.
+///
+/// # Errors
+/// Those of [`serde_json`].
+pub fn to_string(value: &impl Serialize) -> serde_json::Result<String> {
+    let mut bytes = Vec::new();
+    value.serialize(&mut Serializer::with_formatter(&mut bytes, Rows::default()))?;
+    String::from_utf8(bytes).map_err(serde::ser::Error::custom)
+}
+
+#[derive(Default)]
+struct Rows {
+    objects: PrettyFormatter<'static>,
+}
+
+impl Formatter for Rows {
+    fn begin_array_value<W: ?Sized + Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
+        if first { Ok(()) } else { writer.write_all(b", ") }
+    }
+
+    fn begin_object<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.objects.begin_object(writer)
+    }
+
+    fn end_object<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.objects.end_object(writer)
+    }
+
+    fn begin_object_key<W: ?Sized + Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
+        self.objects.begin_object_key(writer, first)
+    }
+
+    fn begin_object_value<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.objects.begin_object_value(writer)
+    }
+
+    fn end_object_value<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.objects.end_object_value(writer)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    #[test]
+    fn objects_are_indented_and_arrays_are_rows() {
+        let value = json!({"a": [1, 2.5, null], "b": {"c": [], "d": [{"e": "\"x\""}, {}]}});
+        let text = super::to_string(&value).unwrap();
+        assert_eq!(
+            text,
+            "{\n  \"a\": [1, 2.5, null],\n  \"b\": {\n    \"c\": [],\n    \"d\": [{\n      \"e\": \"\\\"x\\\"\"\n    }, {}]\n  }\n}"
+        );
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&text).unwrap(), value);
+    }
+}

@@ -1,0 +1,119 @@
+//! The machine's floors: what they count and what ends them; how fast they are is no test's business.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod rig;
+
+use std::path::Path;
+use std::time::Duration;
+
+use bench::floor::link::Wake;
+use bench::floor::work::Work;
+use bench::floor::{ring, timer};
+use rig::{IRONBIRD, Rig};
+
+const TICK_NS: u64 = 1_000_000;
+const WAKES: [Wake; 2] = [Wake::Eventfd, Wake::Futex];
+
+fn ring_of(work: Vec<Work>, wake: Wake) -> ring::Settings {
+    ring::Settings { wake, period_ns: TICK_NS, duration: Duration::from_millis(200), cpu: None, priority: 80, work }
+}
+
+#[test]
+fn the_timer_accounts_for_every_tick() {
+    let settings =
+        timer::Settings { period_ns: TICK_NS, duration: Duration::from_millis(200), cpu: None, priority: 80 };
+    let floor = timer::measure(&settings).unwrap();
+    assert_eq!(floor.ticks_run + floor.ticks_skipped, 200);
+    assert_eq!(floor.lateness.len(), 200);
+    let is_other = floor.standing.priority == 0;
+    assert_eq!(is_other, floor.standing.refused.iter().any(|r| r.starts_with("SCHED_FIFO")), "{:?}", floor.standing);
+}
+
+#[test]
+fn a_token_goes_around_once_a_tick_by_either_wake() {
+    for wake in WAKES {
+        let floor = ring::measure(&ring_of(vec![Work::default(); 4], wake), Path::new(IRONBIRD)).unwrap();
+        assert_eq!(floor.ticks_run + floor.ticks_skipped, 200, "{wake:?}");
+        assert_eq!((floor.lap.len(), floor.chain.len(), floor.lateness.len()), (floor.ticks_run, floor.ticks_run, 200));
+        // The chain is a part of the lap, three of its four hops.
+        assert!(floor.chain.min() > 0 && floor.chain.max() <= floor.lap.max(), "{wake:?}");
+        assert!(floor.chain.value_at_quantile(0.5) <= floor.lap.value_at_quantile(0.5), "{wake:?}");
+    }
+}
+
+#[test]
+fn work_is_done_in_every_process_of_the_ring() {
+    let work = Work::lasting(50_000);
+    for wake in WAKES {
+        let floor = ring::measure(&ring_of(vec![work; 4], wake), Path::new(IRONBIRD)).unwrap();
+        // Half of what was asked of four processes: a processor may speed up after the calibration.
+        assert!(floor.chain.min() >= 100_000, "{wake:?}: {} ns for four times 50 us", floor.chain.min());
+    }
+}
+
+#[test]
+fn what_is_no_ring_is_refused() {
+    let error = ring::measure(&ring_of(vec![Work::default()], Wake::Futex), Path::new(IRONBIRD)).unwrap_err();
+    assert!(error.to_string().contains("2 to 64 processes, not 1"), "{error}");
+    let error = ring::measure(&ring_of(vec![Work::default(); 2], Wake::Futex), Path::new("/nonexistent")).unwrap_err();
+    assert!(error.to_string().contains("cannot start a process of the ring"), "{error}");
+    let mut settings = ring_of(vec![Work::default(); 2], Wake::Futex);
+    settings.duration = Duration::from_micros(10);
+    let error = ring::measure(&settings, Path::new(IRONBIRD)).unwrap_err();
+    assert!(error.to_string().contains("no tick of 1000000 ns"), "{error}");
+}
+
+#[test]
+fn a_process_that_dies_ends_the_measurement() {
+    // Every process of these rings ends at once, as one that is killed does.
+    let measured = WAKES.map(|wake| {
+        std::thread::spawn(move || ring::measure(&ring_of(vec![Work::default(); 3], wake), Path::new("/bin/true")))
+    });
+    for measured in measured {
+        let error = measured.join().unwrap().unwrap_err();
+        assert!(error.to_string().contains("a process of the ring hangs or has died"), "{error}");
+    }
+}
+
+#[test]
+fn a_process_of_the_ring_started_by_hand_says_that_it_is_none() {
+    let rig = Rig::new("hop");
+    let launcher = std::process::id().to_string();
+    let args = ["--position", "1", "--processes", "2", "--cpu", "0", "--priority", "0", "--work", "0"];
+    let mut command = std::process::Command::new(IRONBIRD);
+    command.args(["ring-hop", "--wake", "futex", "--launcher", &launcher]).args(args);
+    rig.launch(command).end().expect(2).complains("no link of a ring");
+}
+
+#[test]
+fn the_page_has_a_row_per_comparison_and_its_numbers_lie_beside() {
+    let rig = Rig::new("floor");
+    let to = rig.path("benchmarks");
+    let options = ["--only", "lockstep,laws", "--pairs", "1", "--seconds", "1", "--write", to.to_str().unwrap()];
+    let page = rig.run("floor", &options).expect(0).says("| lockstep tick | ").says("| laws, one tick | ").stdout;
+    assert_eq!(std::fs::read_to_string(to.join("benchmarks.md")).unwrap(), page);
+    let numbers = std::fs::read_to_string(to.join("benchmarks.json")).unwrap();
+    let numbers: serde_json::Value = serde_json::from_str(&numbers).unwrap();
+    let comparisons = numbers["comparisons"].as_array().unwrap();
+    assert_eq!(comparisons.len(), 4);
+    for comparison in comparisons {
+        let pair = &comparison["pairs"][0];
+        assert!(pair["ours"].as_f64().unwrap() > 0.0 && pair["floor"].as_f64().unwrap() > 0.0, "{comparison}");
+    }
+}
+
+#[test]
+fn what_cannot_be_measured_is_said() {
+    let rig = Rig::new("nothing");
+    let without = |set: &str| {
+        let mut command = rig.command("floor", &["--only", set, "--pairs", "1", "--seconds", "1"]);
+        command.env("PATH", "/nowhere");
+        rig.launch(command).end().expect(0)
+    };
+    without("calls").says("Not measured: system calls, because strace is not installed");
+    // Where SCHED_FIFO is refused that is said first.
+    without("flights").says("Not measured: flights, because");
+    rig.run("floor", &["--pairs", "0"]).expect(2).complains("--pairs");
+    rig.run("floor", &["--only", "wakes"]).expect(2).complains("known-slow");
+    rig.run("floor", &["--write", "/proc/nowhere"]).expect(2).complains("cannot write into /proc/nowhere");
+}

@@ -1,0 +1,68 @@
+"""Reads a flight log with the public readers, and compares every message with `ironbird export --format json`.
+
+python read_mcap.py flight.mcap EXPORT_DIRECTORY
+
+Prints as JSON: messages per channel, the schema and the metadata of each, the metadata records, the first messages.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+
+def plain(message):
+    """A decoded message as dictionaries, lists and numbers, every field named."""
+    fields = {}
+    for field in message.DESCRIPTOR.fields:
+        value = getattr(message, field.name)
+        if field.message_type is None:
+            fields[field.name] = list(value) if field.is_repeated else value
+        elif field.is_repeated:
+            fields[field.name] = [plain(part) for part in value]
+        else:
+            fields[field.name] = plain(value)
+    return fields
+
+
+def main(log, exported):
+    counts, first = {}, {}
+    lines = {path.stem: path.open() for path in Path(exported).glob("*.jsonl")}
+    with open(log, "rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        channels = {
+            channel.topic: {
+                "schema": summary.schemas[channel.schema_id].name,
+                "metadata": channel.metadata,
+                "messages": summary.statistics.channel_message_counts.get(channel.id, 0),
+            }
+            for channel in summary.channels.values()
+        }
+        for _, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
+            topic = channel.topic
+            counts[topic] = counts.get(topic, 0) + 1
+            if topic in lines:
+                expected = json.loads(lines[topic].readline())
+                read = plain(decoded)
+                # Floats of Python are doubles, and its JSON keeps them: equal here is equal in every bit but -0's.
+                if read != expected:
+                    sys.exit(f"{topic}, message {counts[topic]}: read {read}, exported {expected}")
+                sampled = read["envelope"]["sample_ns"]
+                if sampled and message.log_time != sampled:
+                    sys.exit(f"{topic}: log time {message.log_time}, sampled {sampled}")
+            first.setdefault(topic, str(decoded))
+        records = {record.name: record.metadata for record in reader.iter_metadata()}
+    for topic, rest in lines.items():
+        if rest.readline():
+            sys.exit(f"{topic}: more messages exported than read")
+    for topic in channels:
+        if channels[topic]["messages"] != counts.get(topic, 0):
+            sys.exit(f"{topic}: {counts.get(topic, 0)} messages, its summary says {channels[topic]['messages']}")
+    json.dump({"channels": channels, "records": records, "first": first}, sys.stdout)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
