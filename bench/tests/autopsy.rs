@@ -355,6 +355,39 @@ fn the_classes_add_up_to_the_deadlines_missed() {
     );
 }
 
+/// A stage that dies in the last tick, and ends the run with it, before any sample shows it.
+#[test]
+fn whoever_ends_the_run_by_its_death_is_named() {
+    let made = made();
+    let mut autopsy = Autopsy::new(GRID, true, true);
+    made.samples.iter().filter(|sample| sample.at_ns < GRID.begin_of(MISSED)).for_each(|s| autopsy.sample(*s));
+    for (tick, trace) in made.traces.range(..=MISSED) {
+        let stamps = trace.map(|passage| passage.map(|it| Stamps { receive_ns: it.receive_ns, send_ns: it.send_ns }));
+        let envelope = |role: Role| {
+            let mut envelope = Envelope { tick: *tick, input_tick: [*tick; 3], ..Envelope::new() };
+            envelope.stamps[role as usize] = stamps[role as usize].unwrap();
+            envelope
+        };
+        autopsy.state(&Message { envelope: envelope(Role::Plant), content: State::default() });
+        autopsy.stamps(&Message { envelope: envelope(Role::Outer), content: Setpoint::default() });
+        autopsy.stamps(&Message { envelope: envelope(Role::Inner), content: Wrench::default() });
+        if *tick < MISSED {
+            autopsy.stamps(&Message { envelope: envelope(Role::Mixer), content: RotorSpeeds::default() });
+        }
+    }
+    let (mut with, mut without) = (autopsy.clone(), autopsy);
+    with.fallen([false, false, false, true], GRID.begin_of(MISSED + 4));
+    with.finish(1, MISSED + 1);
+    let of = |autopsy: &Autopsy| {
+        let section = autopsy.section();
+        section.classes.iter().map(|it| (it.class, it.stage.clone(), it.count)).collect::<Vec<_>>()
+    };
+    assert_eq!(of(&with), [(Class::StoppedOrDead, Some("mixer".into()), 1)]);
+    without.fallen([false; 4], GRID.begin_of(MISSED + 4));
+    without.finish(1, MISSED + 1);
+    assert!(of(&without).iter().all(|(class, ..)| *class != Class::StoppedOrDead), "{:?}", of(&without));
+}
+
 /// One flight at a time: on the loops' processor, two keep each other from it.
 static PROCESSOR: Mutex<()> = Mutex::new(());
 

@@ -16,7 +16,9 @@ use crate::mixer::{Mixer, Settings};
 /// # Errors
 /// Those of the station and of the ports.
 pub fn run(station: Station, settings: &Settings, lockstep: bool) -> Result<(), Error> {
-    let doorbell = station.wire().doorbell(Role::Mixer)?;
+    let wire = station.wire();
+    // The last stage of the chain has time for the second call when its command is out.
+    let doorbell = if lockstep { wire.doorbell(Role::Mixer) } else { wire.doorbell_with_alarm(Role::Mixer) }?;
     let stage = MixerStage::new(station.wire(), settings, lockstep)?;
     stage::run(stage, &doorbell, station)
 }

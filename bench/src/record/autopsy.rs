@@ -13,7 +13,7 @@ use shared::role::{Role, STAGES};
 use shared::topic::Topic;
 
 use super::classes::{Class, Opinion, classify, index};
-use super::evidence::{Passage, Sample, Scene, Trace};
+use super::evidence::{Life, Passage, Sample, Scene, Trace};
 
 /// Ticks that are kept around a miss.
 pub const WINDOW_TICKS: u64 = 64;
@@ -218,6 +218,17 @@ impl Autopsy {
 
     /// Takes what the kernel has counted.
     pub fn sample(&mut self, sample: Sample) {
+        self.samples.push_back(sample);
+    }
+
+    /// Takes which stages ended without landing, seen at an instant after the last sample: such an end ends the run,
+    /// most often before the next sample would have shown it.
+    pub fn fallen(&mut self, stages: [bool; STAGES.len()], at_ns: u64) {
+        let mut sample = self.samples.back().copied().unwrap_or_default();
+        sample.at_ns = at_ns;
+        for (counters, _) in sample.stages.iter_mut().zip(stages).filter(|(_, fallen)| *fallen) {
+            counters.life = Life::Dead;
+        }
         self.samples.push_back(sample);
     }
 

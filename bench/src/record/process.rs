@@ -24,7 +24,7 @@ use super::files::write_all;
 use super::host::{CpuTimes, Host};
 use super::ports::{Ports, Relays};
 use super::report::{self, Report, RunLength};
-use super::sampler::Watch;
+use super::sampler::{Watch, fallen};
 use super::sections::{gates, log_section, rejected, role_section, verdict};
 use super::series::Series;
 use super::states::{Joiner, Part, StatesWriter};
@@ -201,6 +201,7 @@ impl<'a> Recorder<'a> {
         self.note("states.csv", flushed);
         let run = armed.run.get();
         if let Some(autopsy) = &mut self.tally.autopsy {
+            autopsy.fallen(fallen(&loops(&self.crew)), now_ns());
             autopsy.finish(run.deadlines_missed, run.last_tick + 1);
         }
         self.tally.miss_runs.update(run.deadlines_missed, run.deadline_miss_run);
@@ -231,10 +232,9 @@ impl<'a> Recorder<'a> {
     fn await_landing(&self) {
         let until = now_ns() + LANDING.as_nanos() as u64;
         let landed = || {
-            self.crew
-                .iter()
-                .filter(|(role, _)| **role != Role::Record)
-                .all(|(_, board)| board.get().phase() == RolePhase::Landed)
+            let loops = loops(&self.crew);
+            let is_over = |(status, fallen): (&Status, bool)| fallen || status.phase() == RolePhase::Landed;
+            loops.iter().zip(fallen(&loops)).all(is_over)
         };
         while !landed() && now_ns() < until {
             sleep(DRAIN_EVERY);

@@ -2,7 +2,7 @@
 
 use std::io::ErrorKind;
 
-use shared::boards::Status;
+use shared::boards::{RolePhase, Status};
 use shared::clock::now_ns;
 use shared::role::STAGES;
 use shared::rt::Step;
@@ -38,6 +38,12 @@ impl Watch {
         let stolen = if self.is_virtual { stolen_from(&Machine::files(), self.processor) } else { 0 };
         Sample { stages: loops.map(|status| counters(status.pid)), stolen, lost, at_ns: now_ns() }
     }
+}
+
+/// Which of these loops ended without landing.
+#[must_use]
+pub fn fallen(loops: &[Status; STAGES.len()]) -> [bool; STAGES.len()] {
+    loops.map(|status| status.phase() != RolePhase::Landed && counters(status.pid).life == Life::Dead)
 }
 
 /// What is counted for the main thread of a process, which is the loop's; number 0 is nobody.
@@ -98,5 +104,18 @@ mod tests {
         assert!(before.faults > 0);
         assert_eq!(counters(u64::from(u32::MAX)).life, Life::Dead);
         assert_eq!(counters(0).life, Life::Lives);
+    }
+
+    #[test]
+    fn only_who_ended_without_landing_has_fallen() {
+        let status = |pid: u64, phase: RolePhase| Status { pid, phase: phase as u64, ..Status::default() };
+        let (here, gone) = (u64::from(std::process::id()), u64::from(u32::MAX));
+        let loops = [
+            status(here, RolePhase::Flying),
+            status(gone, RolePhase::Landed),
+            status(gone, RolePhase::Flying),
+            Status::default(),
+        ];
+        assert_eq!(fallen(&loops), [false, false, true, false]);
     }
 }

@@ -6,6 +6,6 @@ mod thread;
 mod usage;
 
 pub use setup::{Engaged, Grant, Grants, Mode, STEPS, Settings, Step, settle};
-pub use sys::{BELLS, Bell, BellPage, CountingAllocator, thread_allocations};
+pub use sys::{Alarm, BELLS, Bell, BellPage, CountingAllocator, thread_allocations};
 pub use thread::{Standing, fifo_refusal, loops_cpu, take_stand};
 pub use usage::{Usage, UsageMeter};

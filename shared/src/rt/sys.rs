@@ -7,10 +7,12 @@ use std::io;
 use std::ops::Deref;
 use std::os::fd::BorrowedFd;
 use std::ptr::NonNull;
-use std::sync::atomic::{AtomicU32, AtomicU64};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 use rustix::fs::fstat;
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
+use rustix::time::Timespec;
+use signal_hook::SigId;
 
 /// Puts the calling thread under SCHED_FIFO.
 ///
@@ -151,10 +153,74 @@ impl Deref for BellPage {
     }
 }
 
+// SAFETY: a shared mapping of atomics, which any thread may use and any one may unmap.
+unsafe impl Send for BellPage {}
+// SAFETY: as above.
+unsafe impl Sync for BellPage {}
+
 impl Drop for BellPage {
     fn drop(&mut self) {
         // SAFETY: the range was mapped by `map`, and references to it ended with the borrow of `self`.
         let _ = unsafe { munmap(self.page.as_ptr().cast(), Self::BYTES) };
+    }
+}
+
+/// A timer of the kernel that rings a bell for the thread that made it.
+///
+/// It does so from a signal handler, so that whoever waits on the bell's word sees it change, or is interrupted.
+#[derive(Debug)]
+pub struct Alarm {
+    timer: libc::timer_t,
+    handler: SigId,
+}
+
+impl Alarm {
+    /// The signal that it uses up: a process has one alarm.
+    const SIGNAL: i32 = libc::SIGALRM;
+
+    /// A timer that is not set, for a bell of a page and the calling thread.
+    ///
+    /// # Errors
+    /// EAGAIN where the user has too many timers or signals queued.
+    pub fn new(page: BellPage, place: usize) -> io::Result<Self> {
+        let ring = move || {
+            page[place].rung.fetch_add(1, Ordering::Release);
+        };
+        // SAFETY: adding to an atomic is all that the handler does; it neither allocates nor locks nor panics.
+        let handler = unsafe { signal_hook::low_level::register(Self::SIGNAL, ring) }?;
+        let mut timer = std::ptr::null_mut();
+        // SAFETY: all zeroes are a valid sigevent; the pointers are to live values, of which the call keeps none.
+        let made = check(unsafe {
+            let mut event: libc::sigevent = std::mem::zeroed();
+            event.sigev_notify = libc::SIGEV_THREAD_ID;
+            event.sigev_signo = Self::SIGNAL;
+            event.sigev_notify_thread_id = libc::gettid();
+            libc::timer_create(libc::CLOCK_MONOTONIC, &raw mut event, &raw mut timer)
+        });
+        if let Err(e) = made {
+            signal_hook::low_level::unregister(handler);
+            return Err(e);
+        }
+        Ok(Self { timer, handler })
+    }
+
+    /// Sets it to an instant on CLOCK_MONOTONIC, and no longer to the one before; one that is past rings at once.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn set(&self, instant: Timespec) -> io::Result<()> {
+        let it_value = libc::timespec { tv_sec: instant.tv_sec, tv_nsec: instant.tv_nsec };
+        let once = libc::itimerspec { it_interval: libc::timespec { tv_sec: 0, tv_nsec: 0 }, it_value };
+        // SAFETY: the timer lives as long as `self`; the pointer is to a live value, of which the call keeps nothing.
+        check(unsafe { libc::timer_settime(self.timer, libc::TIMER_ABSTIME, &raw const once, std::ptr::null_mut()) })
+    }
+}
+
+impl Drop for Alarm {
+    fn drop(&mut self) {
+        // SAFETY: the timer was made by `new`, and is not used after this.
+        unsafe { libc::timer_delete(self.timer) };
+        signal_hook::low_level::unregister(self.handler);
     }
 }
 

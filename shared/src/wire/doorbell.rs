@@ -14,7 +14,7 @@ use super::Wire;
 use crate::clock::timespec;
 use crate::error::Error;
 use crate::role::{ROLES, Role};
-use crate::rt::BellPage;
+use crate::rt::{Alarm, BellPage};
 
 /// Who waits at a doorbell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,7 +58,20 @@ impl Wire {
     pub fn doorbell(&self, owner: impl Into<Owner>) -> Result<Doorbell, Error> {
         let (page, place) = (self.bells.page()?, owner.into().place());
         let heard = Cell::new(page[place].rung.load(Ordering::Acquire));
-        Ok(Doorbell { page, place, heard })
+        Ok(Doorbell { page, place, heard, alarm: None })
+    }
+
+    /// As [`Wire::doorbell`], for the calling thread alone, with a timer of its own that lasts beyond the waits.
+    ///
+    /// A wait that somebody ends by ringing has no timer to cancel then, which touches the timer's hardware where
+    /// it is the next one of the processor; for that, a wait takes two system calls. One of them for each process.
+    ///
+    /// # Errors
+    /// [`Error::System`].
+    pub fn doorbell_with_alarm(&self, owner: impl Into<Owner>) -> Result<Doorbell, Error> {
+        let doorbell = self.doorbell(owner)?;
+        let alarm = Alarm::new(self.bells.page()?, doorbell.place);
+        Ok(Doorbell { alarm: Some(alarm.map_err(|e| Error::system("cannot make a timer", e))?), ..doorbell })
     }
 
     /// The button of a doorbell.
@@ -77,12 +90,14 @@ pub struct Doorbell {
     place: usize,
     /// How often it had rung when it was last answered.
     heard: Cell<u32>,
+    alarm: Option<Alarm>,
 }
 
 impl Doorbell {
-    /// Waits until somebody rings or the instant has come, on CLOCK_MONOTONIC [ns]; returns whether somebody rang.
+    /// Waits until somebody rings or the instant has come, on CLOCK_MONOTONIC [ns]; returns whether it rang.
     ///
-    /// Rings since the last answer are answered together. A signal ends the wait as the instant does.
+    /// Rings since the last answer are answered together, an alarm's among them. A signal ends the wait as the instant
+    /// does.
     ///
     /// # Errors
     /// [`Error::System`].
@@ -91,8 +106,15 @@ impl Doorbell {
             return Ok(true);
         }
         let rung = &self.page[self.place].rung;
-        let until = timespec(instant_ns);
-        match futex::wait_bitset(rung, futex::Flags::empty(), self.heard.get(), Some(&until), NonZero::<u32>::MAX) {
+        let instant = timespec(instant_ns);
+        let until = match &self.alarm {
+            None => Some(&instant),
+            Some(alarm) => {
+                alarm.set(instant).map_err(|e| Error::system("cannot set a timer", e))?;
+                None
+            }
+        };
+        match futex::wait_bitset(rung, futex::Flags::empty(), self.heard.get(), until, NonZero::<u32>::MAX) {
             Ok(()) | Err(Errno::AGAIN | Errno::INTR | Errno::TIMEDOUT) => Ok(self.answer()),
             Err(e) => Err(Error::system("cannot wait at a doorbell", e)),
         }
