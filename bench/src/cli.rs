@@ -200,6 +200,9 @@ pub struct FlyArgs {
     /// Watch the flight in this terminal, as `ironbird watch` does.
     #[arg(long)]
     pub watch: bool,
+    /// Measure the machine's floors for so long each right after the flight, for the report [example: 11s].
+    #[arg(long, value_name = "DURATION", value_parser = humantime::parse_duration)]
+    pub floor: Option<Duration>,
     /// Print the full commented settings that would be flown, and end.
     #[arg(long)]
     pub print_config: bool,

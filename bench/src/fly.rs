@@ -20,6 +20,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use crate::cli::FlyArgs;
 use crate::dashboard::Dashboard;
 use crate::failure::{FAILED, Failure, INTERRUPTED, InFile as _, OK, check_writable};
+use crate::floor::beside::Beside;
 use crate::output::print;
 use crate::record::files::write_all;
 use crate::record::report::Report;
@@ -46,6 +47,7 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
         return Ok(OK);
     }
     check_writable("--states", args.recorder.states.as_deref())?;
+    args.floor.map_or(Ok(()), |duration| Beside::check(&settings, duration))?;
     let instance = Instance::new(&args.rt.instance)?;
     check_shared_memory(Wire::needed_bytes())?;
     instance.prepare()?;
@@ -59,7 +61,12 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
         return Err(ended.failure(&directory.path));
     }
     let mut report = Report::read(&report_path)?;
-    if ended.correct(&mut report) {
+    let corrected = ended.correct(&mut report);
+    let floor = args.floor.filter(|_| ended.died.is_none() && !ended.interrupted);
+    if let Some(duration) = floor {
+        report.beside = Some(measure_floors(&report, &settings, duration, &signals)?);
+    }
+    if corrected || floor.is_some() {
         write_all(&report, &directory.path)?;
     }
     print(&text::render(&report))?;
@@ -80,6 +87,35 @@ fn start_and_watch(
     let mut launcher = Launcher::start(instance, &directory, settings, args)?;
     let ended = launcher.watch(signals)?;
     Ok((directory, ended))
+}
+
+/// Measures beside the flight that has just ended; a signal ends it.
+fn measure_floors(
+    report: &Report,
+    settings: &Settings,
+    duration: Duration,
+    signals: &AtomicUsize,
+) -> Result<Beside, Failure> {
+    if io::stderr().is_terminal() {
+        eprintln!("measuring the machine's floors, twice {}", humantime::format_duration(duration));
+    }
+    let executable = own_executable()?;
+    std::thread::scope(|scope| {
+        let measuring = scope.spawn(|| Beside::take(report, settings, duration, &executable));
+        while !measuring.is_finished() {
+            if signals.load(Ordering::Relaxed) > 0 {
+                // The measuring thread has no end of its own: its processes end with this one.
+                eprintln!("interrupted while the floors were measured; the flight's report is without them");
+                std::process::exit(i32::from(INTERRUPTED));
+            }
+            sleep(LOOK_EVERY);
+        }
+        measuring.join().unwrap_or_else(|_| Err(Failure::failed("the measuring thread panicked")))
+    })
+}
+
+fn own_executable() -> Result<PathBuf, Failure> {
+    std::env::current_exe().map_err(|e| Failure::failed(format!("cannot find the own executable: {e}")))
 }
 
 /// Counts SIGINT and SIGTERM: the first ends the flight in order, the second at once.
@@ -133,8 +169,7 @@ impl Launcher {
     ) -> Result<Self, Failure> {
         // Before any role starts: removes what dead processes of the instance left.
         let wire = Wire::open(instance)?;
-        let executable =
-            std::env::current_exe().map_err(|e| Failure::failed(format!("cannot find the own executable: {e}")))?;
+        let executable = own_executable()?;
         let mut launcher = Self {
             children: Vec::new(),
             dashboard: None,

@@ -94,12 +94,22 @@ fn the_page_has_a_row_per_comparison_and_its_numbers_lie_beside() {
     assert_eq!(std::fs::read_to_string(to.join("benchmarks.md")).unwrap(), page);
     let numbers = std::fs::read_to_string(to.join("benchmarks.json")).unwrap();
     let numbers: serde_json::Value = serde_json::from_str(&numbers).unwrap();
-    let comparisons = numbers["comparisons"].as_array().unwrap();
+    let sets = numbers["sets"].as_array().unwrap();
+    let comparisons: Vec<_> = sets.iter().flat_map(|set| set["comparisons"].as_array().unwrap()).collect();
     assert_eq!(comparisons.len(), 4);
     for comparison in comparisons {
         let pair = &comparison["pairs"][0];
         assert!(pair["ours"].as_f64().unwrap() > 0.0 && pair["floor"].as_f64().unwrap() > 0.0, "{comparison}");
     }
+    // One set again: the other one's rows stay as they are, and what cannot be measured takes no row away.
+    let again = ["--only", "laws", "--pairs", "2", "--seconds", "1", "--write", to.to_str().unwrap()];
+    let rows = |page: &str, name: &str| page.lines().filter(|line| line.contains(name)).map(str::to_owned).collect::<Vec<_>>();
+    let later = rig.run("floor", &again).expect(0).stdout;
+    assert_eq!(rows(&later, "lockstep"), rows(&page, "lockstep"));
+    assert!(rows(&later, "laws, one tick")[0].contains("(2 pairs"), "{later}");
+    assert_eq!(std::fs::read_to_string(to.join("benchmarks.md")).unwrap(), later);
+    std::fs::write(to.join("benchmarks.json"), "{}").unwrap();
+    rig.run("floor", &again).expect(2).complains("holds no figures of this version").complains("remove it");
 }
 
 #[test]
@@ -110,9 +120,9 @@ fn what_cannot_be_measured_is_said() {
         command.env("PATH", "/nowhere");
         rig.launch(command).end().expect(0)
     };
-    without("calls").says("Not measured: system calls, because strace is not installed");
+    without("calls").says("| calls | not measured: strace is not installed |");
     // Where SCHED_FIFO is refused that is said first.
-    without("flights").says("Not measured: flights, because");
+    without("flights").says("| flights | not measured: ");
     rig.run("floor", &["--pairs", "0"]).expect(2).complains("--pairs");
     rig.run("floor", &["--only", "wakes"]).expect(2).complains("known-slow");
     rig.run("floor", &["--write", "/proc/nowhere"]).expect(2).complains("cannot write into /proc/nowhere");

@@ -5,12 +5,13 @@ use std::process::Command;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
+use serde::{Deserialize, Serialize};
 use shared::rt::fifo_refusal;
 
 use super::calls;
 use super::cyclictest;
 use super::flight::Hangar;
-use super::page::Measured;
+use super::page::{Measured, Page};
 use super::sets::{self, Effort, Stress};
 use crate::failure::{Failure, InFile as _, OK};
 use crate::output::print;
@@ -33,13 +34,14 @@ pub struct FloorArgs {
     /// How long each side of a pair is measured [s]; below 11 s a 99.9th percentile has too few values.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub seconds: u64,
-    /// Write benchmarks.md and benchmarks.json into this directory.
+    /// Write benchmarks.md and benchmarks.json into this directory; sets that they hold and that are not measured now stay.
     #[arg(long, value_name = "DIR")]
     pub write: Option<PathBuf>,
 }
 
 /// A set of comparisons.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Set {
     /// Wakes, loop and misses of flights.
     Flights,
@@ -66,75 +68,99 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
                 .help("name a directory that you can write: --write DIR")
         })?;
     }
+    let host = Host::read();
+    let mut page = match &args.write {
+        Some(directory) => kept(&directory.join(NUMBERS), &host)?,
+        None => Page::new(host),
+    };
     let hangar = Hangar::new()?;
     let effort = Effort { pairs: args.pairs as usize, duration: Duration::from_secs(args.seconds), priority: PRIORITY };
-    let mut measured = Measured {
-        started: now(),
-        version: version(),
-        command: command(args),
-        host: Host::read(),
-        comparisons: Vec::new(),
-        calls: Vec::new(),
-        left_out: Vec::new(),
-    };
     for set in Set::value_variants() {
         if args.only.is_empty() || args.only.contains(set) {
             eprintln!("measuring: {}", name(*set));
-            measure(*set, &hangar, &effort, &mut measured)?;
+            let mut measured = Measured::new(*set, now(), version(), command(args, *set));
+            match missing(*set) {
+                Some(reason) => measured.left_out = Some(reason),
+                None => measure(&hangar, &effort, &mut measured)?,
+            }
+            page.take(measured);
+            // What is measured is not lost with what comes after it.
+            if let Some(directory) = &args.write {
+                write(directory, &page)?;
+            }
         }
     }
-    if let Some(directory) = &args.write {
-        write(directory, &measured)?;
-    }
-    print(&measured.markdown())?;
+    print(&page.markdown())?;
     Ok(OK)
 }
 
-fn measure(set: Set, hangar: &Hangar, effort: &Effort, measured: &mut Measured) -> Result<(), Failure> {
+/// What a set needs and is not there.
+fn missing(set: Set) -> Option<String> {
     if matches!(set, Set::Flights | Set::Load | Set::KnownSlow)
         && let Some(refusal) = fifo_refusal(PRIORITY + STAGES)
     {
-        measured.left_out.push(format!("{}, because SCHED_FIFO is refused: {refusal}", name(set)));
-        return Ok(());
+        return Some(format!("SCHED_FIFO is refused: {refusal}"));
     }
-    if matches!(set, Set::Flights | Set::Load) && !cyclictest::is_installed() {
-        measured.left_out.push(format!("{}, because cyclictest is not installed (rt-tests)", name(set)));
-        return Ok(());
-    }
+    let lacks = |is_there: bool, what: &str| (!is_there).then(|| format!("{what} is not installed"));
     match set {
-        Set::Flights => measured.comparisons.extend(sets::flights(hangar, effort, false)?),
-        Set::Load => match Stress::start(hangar) {
-            Some(_load) => measured.comparisons.extend(sets::flights(hangar, effort, true)?),
-            None => measured.left_out.push("flights under load, because stress-ng is not installed".into()),
-        },
-        Set::Lockstep => measured.comparisons.extend(sets::lockstep(hangar, effort)?),
-        Set::Laws => measured.comparisons.extend(sets::laws(effort)?),
-        Set::KnownSlow => measured.comparisons.extend(sets::known_slow(hangar, effort)?),
-        Set::Calls if calls::is_installed() => measured.calls = calls::measure(hangar)?,
-        Set::Calls => measured.left_out.push("system calls, because strace is not installed".into()),
+        Set::Flights => lacks(cyclictest::is_installed(), "cyclictest (rt-tests)"),
+        Set::Load => lacks(cyclictest::is_installed(), "cyclictest (rt-tests)")
+            .or_else(|| lacks(Stress::is_installed(), "stress-ng")),
+        Set::Calls => lacks(calls::is_installed(), "strace"),
+        Set::Lockstep | Set::Laws | Set::KnownSlow => None,
+    }
+}
+
+fn measure(hangar: &Hangar, effort: &Effort, measured: &mut Measured) -> Result<(), Failure> {
+    match measured.set {
+        Set::Flights => measured.comparisons = sets::flights(hangar, effort, false)?,
+        Set::Load => {
+            let _load = Stress::start(hangar)?;
+            measured.comparisons = sets::flights(hangar, effort, true)?;
+        }
+        Set::Lockstep => measured.comparisons = sets::lockstep(hangar, effort)?,
+        Set::Laws => measured.comparisons = sets::laws(effort)?,
+        Set::KnownSlow => measured.comparisons = sets::known_slow(hangar, effort)?,
+        Set::Calls => measured.calls = calls::measure(hangar)?,
     }
     Ok(())
 }
 
-fn name(set: Set) -> String {
+/// A set as it is named on the command line.
+pub(super) fn name(set: Set) -> String {
     set.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
-fn write(directory: &Path, measured: &Measured) -> Result<(), Failure> {
-    let (page, numbers) = (directory.join("benchmarks.md"), directory.join("benchmarks.json"));
-    std::fs::write(&page, measured.markdown()).in_file("write", &page)?;
-    let text = serde_json::to_string_pretty(measured).in_file("write", &numbers)?;
-    std::fs::write(&numbers, text + "\n").in_file("write", &numbers)
+/// The numbers beside the page.
+const NUMBERS: &str = "benchmarks.json";
+
+/// The page that is there, where it is of this machine.
+fn kept(numbers: &Path, host: &Host) -> Result<Page, Failure> {
+    if !numbers.exists() {
+        return Ok(Page::new(host.clone()));
+    }
+    let text = std::fs::read_to_string(numbers).in_file("read", numbers)?;
+    let page: Page = serde_json::from_str(&text).map_err(|e| {
+        Failure::usage(format!("{} holds no figures of this version: {e}", numbers.display()))
+            .help("remove it, or name another directory: --write DIR")
+    })?;
+    if page.host == *host {
+        return Ok(page);
+    }
+    eprintln!("{} is of another machine: its figures are not kept", numbers.display());
+    Ok(Page::new(host.clone()))
 }
 
-/// What was typed, without the path of the executable.
-fn command(args: &FloorArgs) -> String {
-    let mut text = format!("ironbird floor --pairs {} --seconds {}", args.pairs, args.seconds);
-    if !args.only.is_empty() {
-        let sets: Vec<String> = args.only.iter().map(|set| name(*set)).collect();
-        text += &format!(" --only {}", sets.join(","));
-    }
-    text
+fn write(directory: &Path, page: &Page) -> Result<(), Failure> {
+    let (text, numbers) = (directory.join("benchmarks.md"), directory.join(NUMBERS));
+    std::fs::write(&text, page.markdown()).in_file("write", &text)?;
+    let json = serde_json::to_string_pretty(page).in_file("write", &numbers)?;
+    std::fs::write(&numbers, json + "\n").in_file("write", &numbers)
+}
+
+/// What measures a set again.
+fn command(args: &FloorArgs, set: Set) -> String {
+    format!("ironbird floor --only {} --pairs {} --seconds {}", name(set), args.pairs, args.seconds)
 }
 
 /// Version, and the commit where the working directory is a checkout of the project.

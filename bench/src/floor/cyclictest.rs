@@ -43,6 +43,8 @@ pub fn is_installed() -> bool {
 
 /// How late it woke [ns].
 ///
+/// It prints nothing for ticks that it slept through; they enter with their whole lateness, as the rig's do.
+///
 /// # Errors
 /// [`Failure`] where it cannot be started, fails, or says nothing that is understood.
 pub fn measure(settings: &Settings) -> Result<Histogram<u64>, Failure> {
@@ -57,12 +59,17 @@ pub fn measure(settings: &Settings) -> Result<Histogram<u64>, Failure> {
     }
     let mut lateness = histogram()?;
     for sample in text.lines().filter_map(sample) {
-        lateness.saturating_record(sample);
+        owed(sample, settings.period_us * 1000).for_each(|late| lateness.saturating_record(late));
     }
     if lateness.is_empty() {
         return Err(Failure::failed("cyclictest printed no sample"));
     }
     Ok(lateness)
+}
+
+/// The lateness of the tick that a sample is of, and of those after it that had begun by then [ns].
+fn owed(sample: u64, period_ns: u64) -> impl Iterator<Item = u64> {
+    std::iter::successors(Some(sample), move |late| late.checked_sub(period_ns))
 }
 
 /// The lateness in a line `thread: cycle: lateness` [ns].
@@ -77,6 +84,12 @@ fn sample(line: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn ticks_slept_through_are_owed_with_their_lateness() {
+        assert_eq!(owed(17_000, 1_000_000).collect::<Vec<_>>(), [17_000]);
+        assert_eq!(owed(2_300_000, 1_000_000).collect::<Vec<_>>(), [2_300_000, 1_300_000, 300_000]);
+    }
 
     #[test]
     fn samples_are_told_from_what_else_it_prints() {

@@ -5,6 +5,7 @@
 //! flights, lockstep, laws              --B-->
 //! ```
 
+pub mod beside;
 pub mod calls;
 pub mod command;
 pub mod comparison;

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 use shared::rt::loops_cpu;
 
+use super::beside::computing_as;
 use super::comparison::{Comparison, Kind, Pair};
 use super::cyclictest;
 use super::flight::{Hangar, series};
@@ -46,12 +47,21 @@ pub struct Stress(Child);
 pub const STRESS: [&str; 6] = ["--cpu", "2", "--vm", "1", "--hdd", "1"];
 
 impl Stress {
-    /// Starts the load; nothing where `stress-ng` is not installed.
+    /// Whether `stress-ng` is installed.
     #[must_use]
-    pub fn start(hangar: &Hangar) -> Option<Self> {
+    pub fn is_installed() -> bool {
+        Command::new("stress-ng").arg("--version").output().is_ok()
+    }
+
+    /// Starts the load.
+    ///
+    /// # Errors
+    /// [`Failure`] where it cannot be started.
+    pub fn start(hangar: &Hangar) -> Result<Self, Failure> {
         let mut command = Command::new("stress-ng");
         command.args(STRESS).arg("--temp-path").arg(hangar.directory());
-        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().ok().map(Self)
+        let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+        child.map(Self).map_err(|e| Failure::failed(format!("cannot start stress-ng: {e}")))
     }
 }
 
@@ -118,17 +128,15 @@ pub fn flights(hangar: &Hangar, effort: &Effort, stressed: bool) -> Result<Vec<C
         all.extend(chain);
     }
     all.push(misses);
+    // A 99.9th percentile of too few ticks is none.
+    all.retain(|comparison| !comparison.pairs.is_empty());
     Ok(all)
 }
 
 /// The ring with as much to compute in each process as the flight's laws took in the median.
 fn ring_beside(hangar: &Hangar, effort: &Effort, report: &Report) -> Result<ring::Floor, Failure> {
-    let roles = ["compute.plant", "compute.outer", "compute.inner", "compute.mixer"];
-    let work = roles
-        .iter()
-        .map(|name| Ok(Work::lasting((series(report, name)?.p50_us * 1e3) as u64)))
-        .collect::<Result<_, Failure>>()?;
-    ring::measure(&ring_settings(effort, Wake::Futex, PERIOD_NS, work), hangar.executable())
+    let settings = ring_settings(effort, Wake::Futex, PERIOD_NS, computing_as(report)?);
+    ring::measure(&settings, hangar.executable())
 }
 
 fn ring_settings(effort: &Effort, wake: Wake, period_ns: u64, work: Vec<Work>) -> ring::Settings {

@@ -5,6 +5,7 @@ use maud::{Markup, html};
 use super::autopsy;
 use super::figures::Figures;
 use super::parts::{Key, cell, chart, count, figure, section as part, table, us, us_if_known};
+use crate::floor::beside::{self, Beside};
 use crate::plot::bars::{Bar, bars};
 use crate::plot::scale::Scale;
 use crate::plot::{Axis, Chart, Layer};
@@ -114,7 +115,7 @@ fn curves(report: &Report) -> Markup {
         (
             "curve-loop",
             "Loop, slack, lateness of late commands",
-            &[("loop", "loop"), ("slack", "slack"), ("late", "late")],
+            &[("loop", "loop"), ("floor", "raw futex ring"), ("slack", "slack"), ("late", "late")],
         ),
         ("curve-wake", "Waking against the grid", &WAKES),
         (
@@ -137,12 +138,49 @@ fn curves(report: &Report) -> Markup {
                 @if !known.is_empty() { (chart(name, title, &known, &curve(report, title, &known))) }
             }
         }
-        p.note { "The largest of n values stands at 1 - 1/2n." }
+        p.note { "The largest of n values stands at 1 - 1/2n. " (floors_note(report)) }
+        @if let Some(beside) = &report.beside { (floors(report, beside)) }
     }
 }
 
-const WAKES: [Key<'_>; 4] =
-    [("plant", "wake.plant"), ("outer", "wake.outer"), ("inner", "wake.inner"), ("mixer", "wake.mixer")];
+fn floors_note(report: &Report) -> String {
+    match &report.beside {
+        Some(_) => "The dashed lines are the machine's floors, measured right after the flight.".into(),
+        None => "The machine's floors were not measured: `ironbird fly --floor 11s` puts them beside.".into(),
+    }
+}
+
+/// The flight's percentiles beside the floors'.
+fn floors(report: &Report, beside: &Beside) -> Markup {
+    let row = |name: String, cells: [Option<f64>; 3], digits: usize| {
+        let value = |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"));
+        std::iter::once(cell(name)).chain(cells.map(|it| cell(value(it)))).collect()
+    };
+    let rows = beside.floors.iter().filter_map(|floor| {
+        let [ours, bare] = [report.series(&floor.series)?, &floor.statistics].map(beside::percentiles);
+        let ratios = std::array::from_fn(|i| Some(ours[i]? / bare[i]?));
+        let (series, what) = (&floor.series, &floor.what);
+        Some([row(series.clone(), ours, 1), row(what.clone(), bare, 1), row(format!("{series} / {what}"), ratios, 2)])
+    });
+    html! {
+        h3 { "Beside the machine's floors [us]" }
+        (table(&["", "p50", "p99", "p99.9"], rows.flatten()))
+        p.note {
+            "Each measured for " (beside.seconds) " s right after the flight (" (beside.scheduling) ", the host stole "
+            (format!("{:.2} %", beside.steal.percent)) "). The timer does nothing but wake; the ring's four processes hand on a "
+            "token and compute as long as the laws did in the median."
+            @for refused in &beside.refused { " Refused: " (refused) "." }
+        }
+    }
+}
+
+const WAKES: [Key<'_>; 5] = [
+    ("plant", "wake.plant"),
+    ("floor", "bare timer"),
+    ("outer", "wake.outer"),
+    ("inner", "wake.inner"),
+    ("mixer", "wake.mixer"),
+];
 const COMPUTE: [Key<'_>; 4] =
     [("plant", "compute.plant"), ("outer", "compute.outer"), ("inner", "compute.inner"), ("mixer", "compute.mixer")];
 const BUSY: [Key<'_>; 4] =
@@ -150,8 +188,10 @@ const BUSY: [Key<'_>; 4] =
 const PERIOD: [Key<'_>; 4] =
     [("plant", "period.plant"), ("outer", "period.outer"), ("inner", "period.inner"), ("mixer", "period.mixer")];
 
+/// The series of a flight, and its floor by the name of what was measured.
 fn distribution<'a>(report: &'a Report, series: &str) -> Option<&'a Distribution> {
-    report.distributions.iter().find(|distribution| distribution.name == series)
+    let floors = report.beside.iter().flat_map(|beside| &beside.floors).map(|floor| &floor.distribution);
+    report.distributions.iter().chain(floors).find(|distribution| distribution.name == series)
 }
 
 fn curve(report: &Report, title: &str, keys: &[Key<'static>]) -> Chart {

@@ -362,6 +362,8 @@ impl<'a> Recorder<'a> {
             steal: self.cpu_times.steal_until(&CpuTimes::read()),
             // What only a page shows is worked out once, at the end.
             distributions: if ending.is_some() { self.tally.series.distributions() } else { Vec::new() },
+            // The launcher measures them when everybody has landed.
+            beside: None,
             traces: ending.map(|_| self.tally.tracer.traces()),
         })
     }

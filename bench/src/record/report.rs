@@ -15,6 +15,7 @@ use super::theorem::Theorem;
 use super::traces::Traces;
 use crate::doctor::finding::Diagnosis;
 use crate::failure::{Failure, InFile as _};
+use crate::floor::beside::Beside;
 
 /// Version of the schema: changed whenever a key changes its meaning or goes.
 pub const SCHEMA: &str = "ironbird-report/1";
@@ -58,6 +59,9 @@ pub struct Report {
     /// How the latencies are distributed; empty while the flight is in the air.
     #[serde(default)]
     pub distributions: Vec<Distribution>,
+    /// The machine's floors, where they were asked for.
+    #[serde(default)]
+    pub beside: Option<Beside>,
     /// The flight over time; none while it is in the air.
     #[serde(default)]
     pub traces: Option<Traces>,
