@@ -103,13 +103,61 @@ fn the_page_has_a_row_per_comparison_and_its_numbers_lie_beside() {
     }
     // One set again: the other one's rows stay as they are, and what cannot be measured takes no row away.
     let again = ["--only", "laws", "--pairs", "2", "--seconds", "1", "--write", to.to_str().unwrap()];
-    let rows = |page: &str, name: &str| page.lines().filter(|line| line.contains(name)).map(str::to_owned).collect::<Vec<_>>();
+    let rows =
+        |page: &str, name: &str| page.lines().filter(|line| line.contains(name)).map(str::to_owned).collect::<Vec<_>>();
     let later = rig.run("floor", &again).expect(0).stdout;
     assert_eq!(rows(&later, "lockstep"), rows(&page, "lockstep"));
     assert!(rows(&later, "laws, one tick")[0].contains("(2 pairs"), "{later}");
     assert_eq!(std::fs::read_to_string(to.join("benchmarks.md")).unwrap(), later);
     std::fs::write(to.join("benchmarks.json"), "{}").unwrap();
     rig.run("floor", &again).expect(2).complains("holds no figures of this version").complains("remove it");
+}
+
+#[test]
+fn a_flight_has_the_floors_of_its_own_ticks_beside_where_they_are_asked_for() {
+    let rig = Rig::new("beside");
+    let slow = rig.slow(4);
+    // 50 ticks of the laws, of 4 ms each.
+    rig.run("fly", &["--config", &slow, "--duration", "50ms"]).expect(0);
+    assert!(rig.report()["beside"].is_null());
+    let ended = rig.run("fly", &["--config", &slow, "--duration", "50ms", "--floor", "1s"]).expect(0);
+    ended.says("\nBeside the machine's floor, 1 s each").says("  times its floor ").says("\nRESULT status=PASS");
+    let report = rig.report();
+    let floors = report["beside"]["floors"].as_array().unwrap();
+    let of = |key: &str| floors.iter().map(|floor| floor[key].as_str().unwrap()).collect::<Vec<_>>();
+    assert_eq!((of("series"), of("what")), (vec!["wake.plant", "loop"], vec!["bare timer", "raw futex ring"]));
+    for floor in floors {
+        let statistics = &floor["statistics"];
+        // A second has 250 ticks of 4 ms; those that the ring slept through are not its laps.
+        assert!((1..=250).contains(&statistics["count"].as_u64().unwrap()), "{statistics}");
+        assert!(statistics["p50_us"].as_f64().unwrap() > 0.0 && statistics["p999_us"].is_null(), "{statistics}");
+        assert!(!floor["distribution"]["curve"].as_array().unwrap().is_empty());
+    }
+    let read = |name: &str| std::fs::read_to_string(rig.out().join("latest").join(name)).unwrap();
+    assert!(read("report.txt").contains("raw futex ring") && read("report.html").contains("raw futex ring"));
+}
+
+#[test]
+fn a_floor_that_makes_no_sense_is_refused_before_the_flight() {
+    let rig = Rig::new("unfloored");
+    rig.run("fly", &["--pace", "lockstep", "--floor", "1s"]).expect(2).complains("in lockstep nothing is late");
+    for duration in ["10ms", "2h"] {
+        rig.run("fly", &["--floor", duration]).expect(2).complains("--floor").complains("allowed are 1s to 1h");
+    }
+    rig.run("fly", &["--floor", "long"]).expect(2).complains("--floor");
+    assert!(rig.run_directories().is_empty());
+}
+
+#[test]
+fn an_interruption_while_the_floors_are_measured_keeps_the_flight() {
+    let rig = Rig::new("halfway");
+    let flight = rig.take_off(&["--duration", "1s", "--floor", "60s"]);
+    rig::wait_until("the final report", || rig.out().join("latest/report.html").exists().then_some(()));
+    flight.signal(rustix::process::Signal::INT);
+    flight.end().expect(130).complains("interrupted while the floors were measured");
+    let report = rig.report();
+    assert_eq!((&report["run"]["in_flight"], &report["beside"]), (&false.into(), &serde_json::Value::Null));
+    rig.assert_nothing_left();
 }
 
 #[test]

@@ -83,7 +83,9 @@ struct Place<S> {
 impl<S: Stage> Place<S> {
     fn new(wire: &Wire, stage: S) -> Self {
         let board = wire.board(&status_board(S::ROLE)).unwrap();
-        Self { stage, doorbell: wire.doorbell(S::ROLE).unwrap(), board }
+        // As each role's shell has it.
+        let doorbell = if S::ROLE == Role::Mixer { wire.doorbell_with_alarm(S::ROLE) } else { wire.doorbell(S::ROLE) };
+        Self { stage, doorbell: doorbell.unwrap(), board }
     }
 
     fn tick(&mut self, tick: u64) -> u64 {

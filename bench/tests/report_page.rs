@@ -66,9 +66,11 @@ fn flight(rig: &Rig) -> PathBuf {
     rig.out().join("latest")
 }
 
-/// The same by the clock, in slow motion.
+/// The same by the clock, in slow motion, with the machine's floors beside.
 fn slow_flight(rig: &Rig) -> PathBuf {
-    rig.run("fly", &[&["--config", &rig.slow(2), "--duration", "2s"], &SWAPS[..]].concat()).expect(0);
+    let beside = ["--config", &rig.slow(2), "--duration", "2s", "--floor", "1s"];
+    let ended = rig.run("fly", &[&beside[..], &SWAPS[..]].concat()).expect(0);
+    ended.says("Beside the machine's floor, 1 s each right after the flight").says("raw futex ring").says("bare timer");
     rig.out().join("latest")
 }
 

@@ -9,7 +9,7 @@
 //! persistent excitation: in hover I_R and k_r never move.
 
 use nalgebra::{Cholesky, Matrix3, Vector3};
-use shared::rate_dynamics::{coupling, regressor};
+use shared::rate_dynamics::{coupling, disturbance, regressor};
 
 use crate::settings::Settings;
 
@@ -108,8 +108,8 @@ impl Adaptation {
     /// Phib and y: regressor of the last tick, and the acceleration [rad/s^2] that known terms do not explain.
     fn sample(&self, last: &LastTick) -> (Matrix3<f64>, Vector3<f64>) {
         let i_m = &self.i_m;
-        let phi = (regressor(&last.nu2_start, last.om_m, last.t_start_s, i_m)
-            + regressor(&last.nu2_end, last.om_m, last.t_end_s, i_m))
+        let phi = (regressor(&last.nu2_start, last.om_m, &disturbance(last.t_start_s), i_m)
+            + regressor(&last.nu2_end, last.om_m, &disturbance(last.t_end_s), i_m))
             / 2.0;
         let f = (coupling(&last.nu2_start, i_m) + coupling(&last.nu2_end, i_m)) / 2.0;
         let dnu2 = (last.nu2_end - last.nu2_start) / self.period_s;

@@ -8,7 +8,7 @@
 
 use nalgebra::Vector3;
 use shared::frames::euler_rate_of_body_rate;
-use shared::rate_dynamics::{coupling, regressor};
+use shared::rate_dynamics::{coupling, disturbance, regressor};
 
 use crate::rate_law::RatePoint;
 
@@ -25,7 +25,8 @@ pub fn predict(
     period_s: f64,
     i_m: &Vector3<f64>,
 ) -> (Vector3<f64>, Vector3<f64>) {
-    let dnu2 = coupling(&now.nu2, i_m) + regressor(&now.nu2, now.om, now.t_s, i_m) * theta + tau.component_div(i_m);
+    let phi = regressor(&now.nu2, now.om, &disturbance(now.t_s), i_m);
+    let dnu2 = coupling(&now.nu2, i_m) + phi * theta + tau.component_div(i_m);
     let nu2_next = now.nu2 + period_s * dnu2;
     let mean_nu2 = (now.nu2 + nu2_next) / 2.0;
     let eta2_next = eta2 + period_s * (euler_rate_of_body_rate(eta2) * mean_nu2);

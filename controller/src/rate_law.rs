@@ -6,7 +6,7 @@
 //! multiply the error by 1 - alpha T = -9 in every tick of 1 ms.
 
 use nalgebra::Vector3;
-use shared::rate_dynamics::{coupling, regressor};
+use shared::rate_dynamics::{coupling, disturbance, regressor};
 
 use crate::rate_reference::RateReference;
 
@@ -41,6 +41,6 @@ pub fn torque(
 ) -> Vector3<f64> {
     let e = at.nu2 - reference.nu2_d;
     let known = coupling(&at.nu2, i_m);
-    let learnt = regressor(&at.nu2, at.om, at.t_s, i_m) * theta;
+    let learnt = regressor(&at.nu2, at.om, &disturbance(at.t_s), i_m) * theta;
     i_m.component_mul(&(reference.dnu2_d - gain * e - known - learnt))
 }

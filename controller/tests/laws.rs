@@ -7,7 +7,7 @@ use controller::{Limits, Preset, Settings, Trajectory};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use proptest::sample::select;
-use shared::rate_dynamics::{coupling, regressor};
+use shared::rate_dynamics::{coupling, disturbance, regressor};
 
 fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
     prop::array::uniform3(-size..size).prop_map(Vector3::from)
@@ -78,7 +78,7 @@ fn exact_tick(
 ) -> LastTick {
     let Adaptation { period_s, i_m, .. } = adaptation;
     let acceleration = |nu2: &Vector3<f64>, t_s: f64| {
-        coupling(nu2, i_m) + regressor(nu2, om_m, t_s, i_m) * theta + tau_m.component_div(i_m)
+        coupling(nu2, i_m) + regressor(nu2, om_m, &disturbance(t_s), i_m) * theta + tau_m.component_div(i_m)
     };
     let t_start_s = tick as f64 * period_s;
     let t_end_s = (tick + 1) as f64 * period_s;

@@ -5,8 +5,9 @@
 //! never from a running sum: the same tick gives the same bits, however the plant got there.
 
 use shared::parameters::Airframe;
+use shared::rate_dynamics::disturbance;
 
-use crate::rigid_body::{RigidBody, RigidBodyRate};
+use crate::rigid_body::{Forcing, RigidBody, RigidBodyRate};
 use crate::rotors::{Spin, effort};
 
 /// Runge-Kutta steps per tick: 250 us each at 1 kHz.
@@ -26,25 +27,35 @@ pub fn integrate(
     substeps: u32,
 ) -> RigidBody {
     let tick_s = tick as f64 * period_s;
-    let step_s = period_s / f64::from(substeps);
-    let rate = |offset_s: f64, body: &RigidBody| {
-        body.rate(airframe, &effort(airframe, &spin.speed(offset_s)), tick_s + offset_s)
+    let half_s = period_s / f64::from(2 * substeps);
+    // Of the number of half steps, so that the end of a step is the instant at which the next one begins.
+    let forcing = |half_steps: u32| {
+        let offset_s = f64::from(half_steps) * half_s;
+        Forcing { effort: effort(airframe, &spin.speed(offset_s)), h: disturbance(tick_s + offset_s) }
     };
-    (0..substeps).fold(*body, |body, step| runge_kutta_4(rate, &body, f64::from(step) * step_s, step_s))
+    let (mut body, mut start) = (*body, forcing(0));
+    for step in 0..substeps {
+        let (middle, end) = (forcing(2 * step + 1), forcing(2 * step + 2));
+        body = runge_kutta_4(&body, airframe, [&start, &middle, &end], half_s);
+        start = end;
+    }
+    body
 }
 
-/// One classical Runge-Kutta step of `dt` [s] from `t` [s].
-fn runge_kutta_4(rate: impl Fn(f64, &RigidBody) -> RigidBodyRate, body: &RigidBody, t: f64, dt: f64) -> RigidBody {
-    let half = dt / 2.0;
-    let k1 = rate(t, body);
-    let k2 = rate(t + half, &body.along(&k1, half));
-    let k3 = rate(t + half, &body.along(&k2, half));
-    let k4 = rate(t + dt, &body.along(&k3, dt));
+/// One classical Runge-Kutta step of twice `half` [s], under the forcing at its start, in its middle and at its end.
+fn runge_kutta_4(body: &RigidBody, airframe: &Airframe, forcing: [&Forcing; 3], half: f64) -> RigidBody {
+    let [start, middle, end] = forcing;
+    let dt = 2.0 * half;
+    let k1 = body.rate(airframe, start);
+    let k2 = body.along(&k1, half).rate(airframe, middle);
+    let k3 = body.along(&k2, half).rate(airframe, middle);
+    let k4 = body.along(&k3, dt).rate(airframe, end);
+    let sixth = 1.0 / 6.0;
     let mean = RigidBodyRate {
-        d_eta1: (k1.d_eta1 + (k2.d_eta1 + k3.d_eta1) * 2.0 + k4.d_eta1) / 6.0,
-        d_v: (k1.d_v + (k2.d_v + k3.d_v) * 2.0 + k4.d_v) / 6.0,
-        d_eta2: (k1.d_eta2 + (k2.d_eta2 + k3.d_eta2) * 2.0 + k4.d_eta2) / 6.0,
-        d_nu2: (k1.d_nu2 + (k2.d_nu2 + k3.d_nu2) * 2.0 + k4.d_nu2) / 6.0,
+        d_eta1: (k1.d_eta1 + (k2.d_eta1 + k3.d_eta1) * 2.0 + k4.d_eta1) * sixth,
+        d_v: (k1.d_v + (k2.d_v + k3.d_v) * 2.0 + k4.d_v) * sixth,
+        d_eta2: (k1.d_eta2 + (k2.d_eta2 + k3.d_eta2) * 2.0 + k4.d_eta2) * sixth,
+        d_nu2: (k1.d_nu2 + (k2.d_nu2 + k3.d_nu2) * 2.0 + k4.d_nu2) * sixth,
     };
     body.along(&mean, dt)
 }

@@ -40,6 +40,15 @@ pub struct RigidBodyRate {
     pub d_nu2: Vector3<f64>,
 }
 
+/// What drives the body at an instant, however it moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Forcing {
+    /// What the rotors do.
+    pub effort: Effort,
+    /// h(t), direction of the periodic disturbance, without unit.
+    pub h: Vector3<f64>,
+}
+
 /// What the rotors do to the body at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Effort {
@@ -56,34 +65,36 @@ pub struct Effort {
 pub fn linear_acceleration(airframe: &Airframe, eta2: &Vector3<f64>, v: &Vector3<f64>, u: f64) -> Vector3<f64> {
     let (m, g, k_t) = (airframe.m(), airframe.g(), airframe.k_t());
     let z_e = Vector3::z();
-    -g * z_e + rot_wb(eta2) * z_e * (u / m) - v * (k_t / m)
+    -g * z_e + rot_wb(eta2).column(2) * (u / m) - v * (k_t / m)
 }
 
-/// (8), which is (3) solved for d(nu2): angular acceleration in the body frame [rad/s^2] at time `t_s` [s], of rates
-/// `nu2` [rad/s], net rotor speed `om` [rad/s] and torque `tau` [N m].
+/// (8), which is (3) solved for d(nu2): angular acceleration in the body frame [rad/s^2], of rates `nu2` [rad/s], net
+/// rotor speed `om` [rad/s], direction of the disturbance `h` and torque `tau` [N m].
 #[must_use]
 pub fn angular_acceleration(
     airframe: &Airframe,
     nu2: &Vector3<f64>,
     om: f64,
-    t_s: f64,
+    h: &Vector3<f64>,
     tau: &Vector3<f64>,
 ) -> Vector3<f64> {
     let i_m = Vector3::from(airframe.i_m());
     let theta = Vector3::new(airframe.i_r(), airframe.k_r(), airframe.delta());
-    coupling(nu2, &i_m) + regressor(nu2, om, t_s, &i_m) * theta + tau.component_div(&i_m)
+    coupling(nu2, &i_m) + regressor(nu2, om, h, &i_m) * theta + tau.component_div(&i_m)
 }
 
 impl RigidBody {
-    /// (1), (5), (8): the derivative at time `t_s` [s] under the rotors' effort. Singular at a pitch of +-90 degrees.
+    /// (1), (5), (8): the derivative under a forcing. Singular at a pitch of +-90 degrees.
     #[must_use]
-    pub fn rate(&self, airframe: &Airframe, effort: &Effort, t_s: f64) -> RigidBodyRate {
+    #[inline]
+    pub fn rate(&self, airframe: &Airframe, forcing: &Forcing) -> RigidBodyRate {
         let Self { eta2, v, nu2, .. } = self;
+        let Forcing { effort, h } = forcing;
         RigidBodyRate {
             d_eta1: *v,
             d_v: linear_acceleration(airframe, eta2, v, effort.u),
             d_eta2: euler_rate_of_body_rate(eta2) * nu2,
-            d_nu2: angular_acceleration(airframe, nu2, effort.om, t_s, &effort.tau),
+            d_nu2: angular_acceleration(airframe, nu2, effort.om, h, &effort.tau),
         }
     }
 

@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 use plant::rigid_body::{angular_acceleration, linear_acceleration};
 use serde_json::Value;
 use shared::parameters::Airframe;
+use shared::rate_dynamics::disturbance;
 
 const CASES: usize = 50;
 const TOLERANCE: f64 = 1e-12;
@@ -46,7 +47,7 @@ fn angular_acceleration_by_equation_8() {
     let airframe = Airframe::nominal();
     for (i, case) in cases("acc_rot").iter().enumerate() {
         let (nu2, tau) = (vector(&case["nu"]), vector(&case["tau"]));
-        let a = angular_acceleration(&airframe, &nu2, number(&case["Om"]), number(&case["t"]), &tau);
+        let a = angular_acceleration(&airframe, &nu2, number(&case["Om"]), &disturbance(number(&case["t"])), &tau);
         assert_close(&a, &vector(&case["out"]), i);
     }
 }

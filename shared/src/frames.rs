@@ -33,11 +33,12 @@ pub fn quaternion_wb(eta2: &Vector3<f64>) -> [f64; 4] {
 pub fn euler_rate_of_body_rate(eta2: &Vector3<f64>) -> Matrix3<f64> {
     let (s_phi, c_phi) = eta2.x.sin_cos();
     let (s_th, c_th) = eta2.y.sin_cos();
-    let t_th = s_th / c_th;
+    let sec_th = c_th.recip();
+    let t_th = s_th * sec_th;
     Matrix3::new(
-        1.0, s_phi * t_th, c_phi * t_th,
-        0.0, c_phi,        -s_phi,
-        0.0, s_phi / c_th, c_phi / c_th,
+        1.0, s_phi * t_th,   c_phi * t_th,
+        0.0, c_phi,          -s_phi,
+        0.0, s_phi * sec_th, c_phi * sec_th,
     )
 }
 

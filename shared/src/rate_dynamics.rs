@@ -19,15 +19,15 @@ pub fn disturbance(t_s: f64) -> Vector3<f64> {
     Vector3::new(s, 0.8 * s, 0.6 * s)
 }
 
-/// Phi(nu2, Om, t) = [g1 g2 h]: columns for I_R [kg m^2], k_r [N m s], delta [rad/s^2].
+/// Phi(nu2, Om, t) = [g1 g2 h]: columns for I_R [kg m^2], k_r [N m s], delta [rad/s^2]; `h` is [`disturbance`] at t.
 #[must_use]
 #[rustfmt::skip]
-pub fn regressor(nu2: &Vector3<f64>, om: f64, t_s: f64, i_m: &Vector3<f64>) -> Matrix3<f64> {
+pub fn regressor(nu2: &Vector3<f64>, om: f64, h: &Vector3<f64>, i_m: &Vector3<f64>) -> Matrix3<f64> {
     let (p, q, r) = (nu2.x, nu2.y, nu2.z);
-    let h = disturbance(t_s);
+    let inverse = i_m.map(f64::recip);
     Matrix3::new(
-        -om * q / i_m.x, -p / i_m.x, h.x,
-        om * p / i_m.y,  -q / i_m.y, h.y,
-        0.0,             -r / i_m.z, h.z,
+        -om * q * inverse.x, -p * inverse.x, h.x,
+        om * p * inverse.y,  -q * inverse.y, h.y,
+        0.0,                 -r * inverse.z, h.z,
     )
 }

@@ -66,7 +66,7 @@ fn regressors() {
     each_case("regressors", |case| {
         let i_m = Vector3::from(Airframe::nominal().i_m());
         let (nu2, om, t_s) = (vector(&case["nu"]), number(&case["Om"]), number(&case["t"]));
-        let phi = regressor(&nu2, om, t_s, &i_m);
+        let phi = regressor(&nu2, om, &disturbance(t_s), &i_m);
         assert_close(coupling(&nu2, &i_m).as_slice(), vector(&case["f"]).as_slice());
         assert_close(disturbance(t_s).as_slice(), vector(&case["h"]).as_slice());
         for (column, name) in ["g1", "g2", "h"].into_iter().enumerate() {

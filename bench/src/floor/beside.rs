@@ -85,12 +85,7 @@ impl Beside {
     ///
     /// # Errors
     /// Those of [`timer::measure`] and [`ring::measure`], and of a report without the series of a flight.
-    pub fn take(
-        report: &Report,
-        settings: &Settings,
-        duration: Duration,
-        executable: &Path,
-    ) -> Result<Self, Failure> {
+    pub fn take(report: &Report, settings: &Settings, duration: Duration, executable: &Path) -> Result<Self, Failure> {
         let realtime = settings.realtime()?;
         let priority = if realtime.mode == Mode::Off { 0 } else { realtime.priority };
         let period_ns = (report.run.wall_period_us * 1e3).round() as u64;

@@ -209,7 +209,9 @@ impl Alarm {
     /// # Errors
     /// What the system says.
     pub fn set(&self, instant: Timespec) -> io::Result<()> {
-        let it_value = libc::timespec { tv_sec: instant.tv_sec, tv_nsec: instant.tv_nsec };
+        // An instant of zero would switch it off.
+        let tv_nsec = instant.tv_nsec.max(libc::c_long::from(instant.tv_sec == 0));
+        let it_value = libc::timespec { tv_sec: instant.tv_sec, tv_nsec };
         let once = libc::itimerspec { it_interval: libc::timespec { tv_sec: 0, tv_nsec: 0 }, it_value };
         // SAFETY: the timer lives as long as `self`; the pointer is to a live value, of which the call keeps nothing.
         check(unsafe { libc::timer_settime(self.timer, libc::TIMER_ABSTIME, &raw const once, std::ptr::null_mut()) })

@@ -51,6 +51,45 @@ fn a_wait_without_a_ring_ends_after_its_instant_and_says_so() {
     assert!(!doorbell.wait_until(0).unwrap(), "an instant that is over");
 }
 
+/// One test, because the alarm's signal rings for every alarm of a process.
+#[test]
+fn with_an_alarm_a_wait_ends_by_a_ring_or_after_its_instant_too() {
+    let site = Site::new();
+    let wire = site.wire();
+    let doorbell = wire.doorbell_with_alarm(Role::Mixer).unwrap();
+    let bell = wire.bell(Role::Mixer).unwrap();
+    for wait_ns in [0, 1, 50_000, 300_000, 2_500_000, 30_000_000] {
+        let until = now_ns() + wait_ns;
+        assert!(doorbell.wait_until(until).unwrap(), "the alarm is a ring");
+        assert!(now_ns() >= until, "it came back {} ns early", until - now_ns());
+    }
+    assert!(doorbell.wait_until(0).unwrap(), "an instant that is over");
+
+    bell.ring().unwrap();
+    let begin_ns = now_ns();
+    assert!(doorbell.wait_until(begin_ns + LONG).unwrap(), "a ring before the wait");
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            thread::sleep(Duration::from_millis(5));
+            site.wire().bell(Role::Mixer).unwrap().ring().unwrap();
+        });
+        assert!(doorbell.wait_until(begin_ns + LONG).unwrap(), "a ring in the wait");
+    });
+    assert!(now_ns() < begin_ns + LONG);
+
+    // The instant of a wait that a ring has ended passes while nobody waits: the next wait notices, and none after it.
+    let instant_ns = now_ns() + 20_000_000;
+    thread::scope(|scope| {
+        scope.spawn(|| site.wire().bell(Role::Mixer).unwrap().ring().unwrap());
+        assert!(doorbell.wait_until(instant_ns).unwrap());
+    });
+    thread::sleep(Duration::from_millis(30));
+    assert!(now_ns() > instant_ns && doorbell.wait_until(now_ns() + LONG).unwrap());
+    let until = now_ns() + 10_000_000;
+    assert!(doorbell.wait_until(until).unwrap());
+    assert!(now_ns() >= until);
+}
+
 #[test]
 fn rings_that_nobody_waited_for_are_one() {
     let site = Site::new();
