@@ -62,11 +62,14 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     }
     let mut report = Report::read(&report_path)?;
     let corrected = ended.correct(&mut report);
-    let floor = args.floor.filter(|_| ended.died.is_none() && !ended.interrupted);
-    if let Some(duration) = floor {
-        report.beside = Some(measure_floors(&report, &settings, duration, &signals)?);
+    let mut exit_code = report.verdict.exit_code;
+    if let Some(duration) = args.floor.filter(|_| ended.died.is_none()) {
+        report.beside = measure_floors(&report, &settings, duration, &signals)?;
+        if report.beside.is_none() && exit_code == OK {
+            exit_code = INTERRUPTED;
+        }
     }
-    if corrected || floor.is_some() {
+    if corrected || report.beside.is_some() {
         write_all(&report, &directory.path)?;
     }
     print(&text::render(&report))?;
@@ -74,7 +77,7 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
         eprint!("{}", died.words(&directory.path));
     }
     print(&(text::result_line(&report, &directory.path.display().to_string()) + "\n"))?;
-    Ok(report.verdict.exit_code)
+    Ok(exit_code)
 }
 
 fn start_and_watch(
@@ -89,29 +92,28 @@ fn start_and_watch(
     Ok((directory, ended))
 }
 
-/// Measures beside the flight that has just ended; a signal ends it.
+/// Measures beside the flight that has just ended; nothing where a signal has come, which the report then goes without.
 fn measure_floors(
     report: &Report,
     settings: &Settings,
     duration: Duration,
     signals: &AtomicUsize,
-) -> Result<Beside, Failure> {
+) -> Result<Option<Beside>, Failure> {
     if io::stderr().is_terminal() {
         eprintln!("measuring the machine's floors, twice {}", humantime::format_duration(duration));
     }
-    let executable = own_executable()?;
-    std::thread::scope(|scope| {
-        let measuring = scope.spawn(|| Beside::take(report, settings, duration, &executable));
-        while !measuring.is_finished() {
-            if signals.load(Ordering::Relaxed) > 0 {
-                // The measuring thread has no end of its own: its processes end with this one.
-                eprintln!("interrupted while the floors were measured; the flight's report is without them");
-                std::process::exit(i32::from(INTERRUPTED));
-            }
-            sleep(LOOK_EVERY);
+    let (report, settings, executable) = (report.clone(), settings.clone(), own_executable()?);
+    let measuring = std::thread::spawn(move || Beside::take(&report, &settings, duration, &executable));
+    while !measuring.is_finished() {
+        if signals.load(Ordering::Relaxed) > 0 {
+            // The thread and its processes end with this one.
+            eprintln!("interrupted: the machine's floors are not measured");
+            return Ok(None);
         }
-        measuring.join().unwrap_or_else(|_| Err(Failure::failed("the measuring thread panicked")))
-    })
+        sleep(LOOK_EVERY);
+    }
+    let measured = measuring.join().unwrap_or_else(|_| Err(Failure::failed("the measuring thread panicked")));
+    measured.map(Some)
 }
 
 fn own_executable() -> Result<PathBuf, Failure> {
