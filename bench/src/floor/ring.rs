@@ -20,7 +20,7 @@ use shared::rt::{Standing, fifo_refusal, loops_cpu, take_stand};
 
 use super::link::{END, Link, Links, Wake};
 use super::metronome::Metronome;
-use super::timer::on_a_thread;
+use super::timer::{on_a_thread, stay_awake};
 use super::work::Work;
 use crate::failure::Failure;
 use crate::record::series::histogram;
@@ -86,6 +86,7 @@ pub fn measure(settings: &Settings, executable: &Path) -> Result<Floor, Failure>
         let others = Others::start(&executable, &links, cpu, priority, &settings.work)?;
         let mut standing = take_stand(cpu, priority);
         standing.refused.extend(refusal.map(|reason| format!("SCHED_FIFO {highest}: {reason}")));
+        let _awake = stay_awake(&mut standing);
         let measured = go_around(&mut links.first()?, &settings, standing);
         drop(others);
         measured

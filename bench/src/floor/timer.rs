@@ -1,10 +1,11 @@
 //! The floor of waking: one thread on an absolute timer, as `cyclictest` measures it.
 
+use std::fs::File;
 use std::thread;
 use std::time::Duration;
 
 use hdrhistogram::Histogram;
-use shared::rt::{Standing, loops_cpu, take_stand};
+use shared::rt::{Standing, hold_cpu_latency, loops_cpu, take_stand};
 
 use super::metronome::Metronome;
 use crate::failure::Failure;
@@ -43,7 +44,8 @@ pub fn measure(settings: &Settings) -> Result<Floor, Failure> {
     let settings = settings.clone();
     let cpu = settings.cpu.unwrap_or_else(loops_cpu);
     on_a_thread("timer floor", move || {
-        let standing = take_stand(cpu, settings.priority);
+        let mut standing = take_stand(cpu, settings.priority);
+        let _awake = stay_awake(&mut standing);
         let mut metronome = Metronome::new(settings.period_ns, settings.duration)?;
         while metronome.next_wake().is_some() {}
         Ok(Floor {
@@ -53,6 +55,14 @@ pub fn measure(settings: &Settings) -> Result<Floor, Failure> {
             standing,
         })
     })
+}
+
+/// Keeps the processors awake as the loops do, which under SCHED_OTHER do not.
+pub(super) fn stay_awake(standing: &mut Standing) -> Option<File> {
+    if standing.priority == 0 {
+        return None;
+    }
+    hold_cpu_latency().map_err(|e| standing.refused.push(format!("/dev/cpu_dma_latency: {e}"))).ok()
 }
 
 /// Measures on a thread, so that priority and processor end with it.

@@ -301,7 +301,11 @@ fn touch(mapping: &str) -> Option<sys::Touch> {
     }
 }
 
-fn hold_cpu_latency() -> io::Result<File> {
+/// Keeps the processors out of deep sleep for as long as the file is open.
+///
+/// # Errors
+/// Where /dev/cpu_dma_latency is not there or may not be written.
+pub fn hold_cpu_latency() -> io::Result<File> {
     let mut file = OpenOptions::new().write(true).open("/dev/cpu_dma_latency")?;
     file.write_all(&0_i32.to_ne_bytes())?;
     Ok(file)
