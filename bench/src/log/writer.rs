@@ -27,8 +27,9 @@ use crate::failure::{Failure, InFile as _};
 pub const CHUNK_NS: u64 = NS_PER_S / 2;
 /// Longest chunk before it is compressed [bytes]; in lockstep the clock would make longer ones.
 const CHUNK_BYTES: usize = 1 << 20;
-/// Level of zstd: up to 15 nothing gets smaller beyond it, and at 3 a flight of a minute is a megabyte larger.
-const LEVEL: u32 = 6;
+/// Level of zstd: up to 15 nothing gets smaller beyond 6, and at 3 a flight is a thirtieth larger. But compressing is a
+/// burst of several ticks beside the loops, whose 99th percentile it can be, and at 3 it takes half as long.
+const LEVEL: u32 = 3;
 /// The same in lockstep, where ticks come as fast as the recorder takes them, and compressing is most of what it does.
 const LOCKSTEP_LEVEL: u32 = 1;
 /// Messages per topic, in the order of [`TOPICS`].

@@ -11,7 +11,7 @@ use controller::outer::position_error_m;
 use hdrhistogram::serialization::V2DeflateSerializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogWriter, IntervalLogWriterBuilder};
 use shared::boards::{Ending, RolePhase, Run, RunPhase, Status};
-use shared::clock::{NS_PER_S, now_ns};
+use shared::clock::{NS_PER_S, Pace, now_ns, sleep_until};
 use shared::role::{ROLES, Role, STAGES};
 use shared::rt::UsageMeter;
 use shared::station::{Armed, Station, status_board};
@@ -40,6 +40,8 @@ use crate::settings::Settings;
 
 /// How often the topics are drained: far less than the receivers' depth takes to fill.
 const DRAIN_EVERY: Duration = Duration::from_millis(10);
+/// Share of a tick, in percent, after which its loops are done for certain where nothing is wrong.
+const LOOPS_DONE_PERCENT: u64 = 15;
 /// How long the recorder waits for the roles' last figures.
 const LANDING: Duration = Duration::from_secs(2);
 /// How long it then waits for the records of the last swaps, which come from beside the plant's loop.
@@ -72,6 +74,19 @@ pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<R
     let outcome = recorder.record(&mut ports, &mut station, &armed, &meter, &mut log);
     station.land(&meter);
     outcome
+}
+
+/// Sleeps until the topics are to be drained again: by the clock, when the loops of a tick are done, so that the
+/// recorder works while they rest. The caches are theirs otherwise, and the processor may be one half of a core.
+fn rest(pace: Pace) {
+    match pace {
+        Pace::Realtime(grid) => {
+            let tick = grid.tick_at(now_ns() + DRAIN_EVERY.as_nanos() as u64);
+            // A signal only has it drain early.
+            sleep_until(grid.begin_of(tick) + grid.period_ns * LOOPS_DONE_PERCENT / 100);
+        }
+        Pace::Lockstep => sleep(DRAIN_EVERY),
+    }
 }
 
 fn begin_log<'a>(
@@ -166,7 +181,7 @@ impl<'a> Recorder<'a> {
         let second = Duration::from_secs(1);
         let mut seconds = 0;
         let ending = loop {
-            sleep(DRAIN_EVERY);
+            rest(armed.pace);
             self.drain(ports)?;
             self.look_at_loops(&armed.run);
             station.status.ticks_run = self.tally.newest_tick();
