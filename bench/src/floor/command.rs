@@ -75,10 +75,12 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
     };
     let hangar = Hangar::new()?;
     let effort = Effort { pairs: args.pairs as usize, duration: Duration::from_secs(args.seconds), priority: PRIORITY };
+    // Before anything is written: figures do not make the checkout dirty that they are of.
+    let version = version();
     for set in Set::value_variants() {
         if args.only.is_empty() || args.only.contains(set) {
             eprintln!("measuring: {}", name(*set));
-            let mut measured = Measured::new(*set, now(), version(), command(args, *set));
+            let mut measured = Measured::new(*set, now(), version.clone(), command(args, *set));
             match missing(*set) {
                 Some(reason) => measured.left_out = Some(reason),
                 None => measure(&hangar, &effort, &mut measured)?,

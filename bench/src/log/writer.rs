@@ -28,7 +28,7 @@ pub const CHUNK_NS: u64 = NS_PER_S / 2;
 /// Longest chunk before it is compressed [bytes]; in lockstep the clock would make longer ones.
 const CHUNK_BYTES: usize = 1 << 20;
 /// Level of zstd: up to 15 nothing gets smaller beyond 6, and at 3 a flight is a thirtieth larger. But compressing is a
-/// burst of several ticks beside the loops, whose 99th percentile it can be, and at 3 it takes half as long.
+/// burst beside the loops, whose 99th percentile it can be, and at 3 it takes half as long.
 const LEVEL: u32 = 3;
 /// The same in lockstep, where ticks come as fast as the recorder takes them, and compressing is most of what it does.
 const LOCKSTEP_LEVEL: u32 = 1;
@@ -48,6 +48,9 @@ pub struct Fate {
     pub refused: Option<String>,
 }
 
+/// Messages of a channel.
+type Part = Vec<(MessageHeader, Vec<u8>)>;
+
 /// The log of a flight in the air.
 #[allow(missing_debug_implementations, reason = "the writer has none")]
 pub struct FlightLog {
@@ -59,7 +62,11 @@ pub struct FlightLog {
     scene_every_ticks: u64,
     scene_sequence: [u32; scene::CHANNELS.len()],
     /// The present chunk, by channel.
-    chunk: BTreeMap<u16, Vec<(MessageHeader, Vec<u8>)>>,
+    chunk: BTreeMap<u16, Part>,
+    /// What is still to be written of the chunk before it.
+    ending: VecDeque<Part>,
+    /// Messages that had come when that one ended.
+    ended: Counts,
     /// Messages that came.
     taken: Counts,
     /// Lengths at which the file is readable that have not reached the disk, with what is before them.
@@ -114,6 +121,8 @@ impl FlightLog {
             scene_every_ticks: scene::every_ticks(facts.sample_time_ns),
             scene_sequence: [0; scene::CHANNELS.len()],
             chunk: BTreeMap::new(),
+            ending: VecDeque::new(),
+            ended: [0; TOPICS.len()],
             taken: [0; TOPICS.len()],
             chunks: VecDeque::new(),
             settled: (0, [0; TOPICS.len()]),
@@ -201,32 +210,61 @@ impl FlightLog {
         }
     }
 
-    /// Ends a chunk when it is time, and hands it to the disk.
+    /// Ends a chunk when it is time, and hands it to the disk; to be called often.
+    ///
+    /// By the clock one channel a call: a whole chunk takes several ticks to compress, which loops beside it would feel.
     ///
     /// # Errors
     /// [`Failure`], which no disk can cause.
     pub fn keep(&mut self, now_ns: u64) -> Result<(), Failure> {
-        let is_due = now_ns >= self.next_chunk_ns || self.chunk_bytes >= CHUNK_BYTES;
-        if !is_due || self.spool.has_given_up() {
+        if self.spool.has_given_up() {
             return Ok(());
         }
-        self.next_chunk_ns = now_ns + CHUNK_NS;
-        self.end_chunk().map_err(broken)?;
+        if self.ending.is_empty() {
+            if now_ns < self.next_chunk_ns && self.chunk_bytes < CHUNK_BYTES {
+                return Ok(());
+            }
+            self.next_chunk_ns = now_ns + CHUNK_NS;
+            self.begin_end();
+        }
+        let at_once = if self.pace == Pace::Lockstep { self.ending.len() } else { 1 };
+        self.compress(at_once).map_err(broken)?;
+        if self.ending.is_empty() {
+            self.hand_over().map_err(broken)?;
+        }
         if self.spool.is_overfull() {
             self.spool.give_up(self.settled.0);
         }
         Ok(())
     }
 
-    fn end_chunk(&mut self) -> Result<(), McapError> {
-        for (header, bytes) in std::mem::take(&mut self.chunk).into_values().flatten() {
+    /// Nothing more belongs to the present chunk.
+    fn begin_end(&mut self) {
+        self.ending.extend(std::mem::take(&mut self.chunk).into_values());
+        self.ended = self.taken;
+        self.chunk_bytes = 0;
+    }
+
+    fn compress(&mut self, channels: usize) -> Result<(), McapError> {
+        let channels = channels.min(self.ending.len());
+        for (header, bytes) in self.ending.drain(..channels).flatten() {
             self.writer.write_to_known_channel(&header, &bytes)?;
         }
+        Ok(())
+    }
+
+    fn hand_over(&mut self) -> Result<(), McapError> {
         self.writer.flush()?;
-        self.chunk_bytes = 0;
-        self.chunks.push_back((self.spool.written(), self.taken));
+        self.chunks.push_back((self.spool.written(), self.ended));
         self.settle();
         Ok(())
+    }
+
+    /// Ends the present chunk, and what is left of the one before it.
+    fn end_chunk(&mut self) -> Result<(), McapError> {
+        self.begin_end();
+        self.compress(usize::MAX)?;
+        self.hand_over()
     }
 
     fn settle(&mut self) {
