@@ -1,9 +1,18 @@
-//! Ports of every topic: the recorder's, its relays, an observer's.
+//! Ports of every topic: the recorder's, its relays, an observer's; and when the recorder drains them.
 
+use std::thread::sleep;
+use std::time::Duration;
+
+use shared::clock::{Grid, Pace, now_ns, sleep_until};
 use shared::error::Error;
 use shared::inspection::{Expected, Rejections};
 use shared::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use shared::wire::{DEEP, Receiver, Relay, Wire};
+
+/// How often the topics are drained: far less than the receivers' depth takes to fill.
+pub const DRAIN_EVERY: Duration = Duration::from_millis(10);
+/// Share of a tick, in percent, after which its loops are done for certain where nothing is wrong.
+const LOOPS_DONE_PERCENT: u64 = 15;
 
 /// Ports to receive every topic by.
 #[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
@@ -101,5 +110,43 @@ impl Relays {
             rotor_speeds: wire.relay()?,
             swaps: wire.relay()?,
         })
+    }
+}
+
+/// Sleeps until the topics are to be drained again: by the clock, when the loops of a tick are done, so that the
+/// recorder works while they rest. The caches are theirs otherwise, and the processor may be one half of a core.
+pub fn rest(pace: Pace) {
+    match pace {
+        // A signal only has it drain early.
+        Pace::Realtime(grid) => {
+            sleep_until(next_drain(grid, now_ns()));
+        }
+        Pace::Lockstep => sleep(DRAIN_EVERY),
+    }
+}
+
+/// When to drain after `now` [ns].
+fn next_drain(grid: Grid, now: u64) -> u64 {
+    let due = now + DRAIN_EVERY.as_nanos() as u64;
+    let between = grid.begin_of(grid.tick_at(due)) + grid.period_ns * LOOPS_DONE_PERCENT / 100;
+    // Where a tick takes longer than the time between two drains, some come later in it.
+    if between > now { between } else { due }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn topics_are_drained_about_every_10_ms_when_the_loops_are_done() {
+        let ms = |ms: f64| (ms * 1e6).round() as u64;
+        let at = |period: f64, now: f64| next_drain(Grid { t0_ns: ms(100.0), period_ns: ms(period) }, ms(now));
+        assert_eq!(at(1.0, 100.15), ms(110.15));
+        assert_eq!(at(1.0, 100.90), ms(110.15), "it took its time");
+        assert_eq!(at(1.0, 20.0), ms(100.15), "before the first tick there is nothing to drain");
+        // In slow motion: never at once, and at the begin of no tick.
+        assert_eq!(at(20.0, 103.0), ms(113.0));
+        assert_eq!(at(20.0, 113.0), ms(123.0));
+        assert_eq!(at(20.0, 100.0), ms(103.0));
     }
 }

@@ -11,7 +11,7 @@ use controller::outer::position_error_m;
 use hdrhistogram::serialization::V2DeflateSerializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogWriter, IntervalLogWriterBuilder};
 use shared::boards::{Ending, RolePhase, Run, RunPhase, Status};
-use shared::clock::{NS_PER_S, Pace, now_ns, sleep_until};
+use shared::clock::{NS_PER_S, now_ns};
 use shared::role::{ROLES, Role, STAGES};
 use shared::rt::UsageMeter;
 use shared::station::{Armed, Station, status_board};
@@ -22,7 +22,7 @@ use super::deadlines::LateStretch;
 use super::distribution::buckets;
 use super::files::write_all;
 use super::host::{CpuTimes, Host};
-use super::ports::{Ports, Relays};
+use super::ports::{DRAIN_EVERY, Ports, Relays, rest};
 use super::report::{self, Report, RunLength};
 use super::sampler::{Watch, fallen};
 use super::sections::{gates, log_section, rejected, role_section, verdict};
@@ -38,10 +38,6 @@ use crate::log::{self, TOPICS};
 use crate::machine::Machine;
 use crate::settings::Settings;
 
-/// How often the topics are drained: far less than the receivers' depth takes to fill.
-const DRAIN_EVERY: Duration = Duration::from_millis(10);
-/// Share of a tick, in percent, after which its loops are done for certain where nothing is wrong.
-const LOOPS_DONE_PERCENT: u64 = 15;
 /// How long the recorder waits for the roles' last figures.
 const LANDING: Duration = Duration::from_secs(2);
 /// How long it then waits for the records of the last swaps, which come from beside the plant's loop.
@@ -74,19 +70,6 @@ pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<R
     let outcome = recorder.record(&mut ports, &mut station, &armed, &meter, &mut log);
     station.land(&meter);
     outcome
-}
-
-/// Sleeps until the topics are to be drained again: by the clock, when the loops of a tick are done, so that the
-/// recorder works while they rest. The caches are theirs otherwise, and the processor may be one half of a core.
-fn rest(pace: Pace) {
-    match pace {
-        Pace::Realtime(grid) => {
-            let tick = grid.tick_at(now_ns() + DRAIN_EVERY.as_nanos() as u64);
-            // A signal only has it drain early.
-            sleep_until(grid.begin_of(tick) + grid.period_ns * LOOPS_DONE_PERCENT / 100);
-        }
-        Pace::Lockstep => sleep(DRAIN_EVERY),
-    }
 }
 
 fn begin_log<'a>(
