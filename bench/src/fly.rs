@@ -116,7 +116,11 @@ fn measure_floors(
     measured.map(Some)
 }
 
-fn own_executable() -> Result<PathBuf, Failure> {
+/// The executable of this process, which every other process of ours is, too.
+///
+/// # Errors
+/// [`Failure`] where the system does not say.
+pub fn own_executable() -> Result<PathBuf, Failure> {
     std::env::current_exe().map_err(|e| Failure::failed(format!("cannot find the own executable: {e}")))
 }
 

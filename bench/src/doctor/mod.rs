@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use shared::role::Role;
 
 use crate::failure::{Failure, GATE, OK};
+use crate::fly::own_executable;
 use crate::machine::Machine;
 use crate::output::print;
 use crate::record::host::Host;
@@ -91,8 +92,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     let priority = settings.rt.priority;
     let cpu = args.cpu.map(usize::from);
     let machine = Machine::here(priority + Role::Mixer.priority_step(), cpu);
-    let executable =
-        std::env::current_exe().map_err(|e| Failure::failed(format!("cannot find the own executable: {e}")))?;
+    let executable = own_executable()?;
     let duration = Duration::try_from_secs_f64(args.seconds)
         .map_err(|e| Failure::usage(format!("--seconds {}: {e}", args.seconds)).help("for example: --seconds 5"))?;
     if std::io::stderr().is_terminal() {

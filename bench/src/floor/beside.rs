@@ -12,6 +12,7 @@ use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use shared::rt::Mode;
 
+use super::flight::series;
 use super::link::Wake;
 use super::work::Work;
 use super::{ring, timer};
@@ -52,6 +53,9 @@ pub struct Floor {
     /// How its values are distributed.
     pub distribution: Distribution,
 }
+
+/// Name, percentiles, decimals.
+pub type Row<'a> = (&'a str, [Option<f64>; 3], usize);
 
 impl Floor {
     fn of(series: &str, what: &str, histogram: &Histogram<u64>) -> Self {
@@ -115,10 +119,15 @@ impl Beside {
         })
     }
 
-    /// The floor of a series.
-    #[must_use]
-    pub fn of(&self, series: &str) -> Option<&Floor> {
-        self.floors.iter().find(|floor| floor.series == series)
+    /// The flight's percentiles (p50, p99, p99.9), the floor's, and how many times its floor the flight's are; each with
+    /// its name and the decimals that it deserves.
+    pub fn rows<'a>(&'a self, report: &'a Report) -> impl Iterator<Item = Row<'a>> {
+        let rows = |floor: &'a Floor| {
+            let [ours, bare] = [report.series(&floor.series)?, &floor.statistics].map(percentiles);
+            let times = std::array::from_fn(|i| Some(ours[i]? / bare[i]?));
+            Some([(floor.series.as_str(), ours, 1), (&floor.what, bare, 1), ("times its floor", times, 2)])
+        };
+        self.floors.iter().filter_map(rows).flatten()
     }
 
     /// The section of the report for people.
@@ -129,17 +138,10 @@ impl Beside {
              {:<32} {:>9} {:>9} {:>9}\n",
             self.seconds, self.scheduling, self.steal.percent, "us", "p50", "p99", "p99.9"
         );
-        for floor in &self.floors {
-            let Some(flown) = report.series(&floor.series) else { continue };
-            let [ours, bare] = [flown, &floor.statistics].map(percentiles);
-            let ratios: Vec<_> = ours.iter().zip(bare).map(|(ours, bare)| Some((*ours)? / bare?)).collect();
-            let cells = |values: &[Option<f64>], digits: usize| {
-                let cell = |value: &Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"));
-                values.iter().map(|value| format!(" {:>9}", cell(value))).collect::<String>()
-            };
-            out += &format!("  {:<32}{}\n", floor.series, cells(&ours, 1));
-            out += &format!("  {:<32}{}\n", floor.what, cells(&bare, 1));
-            out += &format!("  {:<32}{}\n", "times its floor", cells(&ratios, 2));
+        for (name, values, digits) in self.rows(report) {
+            let cells =
+                values.map(|value| format!(" {:>9}", value.map_or_else(|| "-".into(), |it| format!("{it:.digits$}"))));
+            out += &format!("  {name:<32}{}\n", cells.concat());
         }
         for refused in &self.refused {
             out += &format!("  refused: {refused}\n");
@@ -149,8 +151,7 @@ impl Beside {
 }
 
 /// The percentiles that are put beside each other.
-#[must_use]
-pub fn percentiles(statistics: &Statistics) -> [Option<f64>; 3] {
+fn percentiles(statistics: &Statistics) -> [Option<f64>; 3] {
     [Some(statistics.p50_us), Some(statistics.p99_us), statistics.p999_us]
 }
 
@@ -159,10 +160,5 @@ pub fn percentiles(statistics: &Statistics) -> [Option<f64>; 3] {
 /// # Errors
 /// [`Failure`] where the report lacks a series.
 pub fn computing_as(report: &Report) -> Result<Vec<Work>, Failure> {
-    let lasting = |name: &str| {
-        let series = report.series(name);
-        let series = series.ok_or_else(|| Failure::failed(format!("the flight's report has no series `{name}`")))?;
-        Ok(Work::lasting((series.p50_us * 1e3) as u64))
-    };
-    COMPUTE.into_iter().map(lasting).collect()
+    COMPUTE.into_iter().map(|name| Ok(Work::lasting((series(report, name)?.p50_us * 1e3) as u64))).collect()
 }

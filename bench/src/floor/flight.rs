@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use crate::failure::Failure;
+use crate::fly::own_executable;
 use crate::record::report::Report;
 use crate::record::series::Statistics;
 
@@ -22,8 +23,7 @@ impl Hangar {
     /// # Errors
     /// [`Failure`] where the executable is not known or there is no place for temporary files.
     pub fn new() -> Result<Self, Failure> {
-        let executable = std::env::current_exe()
-            .map_err(|e| Failure::failed(format!("cannot find the executable of this process: {e}")))?;
+        let executable = own_executable()?;
         let directory = tempfile::tempdir()
             .map_err(|e| Failure::failed(format!("cannot make a temporary directory: {e}")).help("set TMPDIR"))?;
         Ok(Self { executable, instance: format!("floor-{}", std::process::id()), directory })

@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::autopsy;
 use super::figures::Figures;
 use super::parts::{Key, cell, chart, count, figure, section as part, table, us, us_if_known};
-use crate::floor::beside::{self, Beside};
+use crate::floor::beside::Beside;
 use crate::plot::bars::{Bar, bars};
 use crate::plot::scale::Scale;
 use crate::plot::{Axis, Chart, Layer};
@@ -152,19 +152,13 @@ fn floors_note(report: &Report) -> String {
 
 /// The flight's percentiles beside the floors'.
 fn floors(report: &Report, beside: &Beside) -> Markup {
-    let row = |name: String, cells: [Option<f64>; 3], digits: usize| {
+    let rows = beside.rows(report).map(|(name, values, digits)| {
         let value = |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"));
-        std::iter::once(cell(name)).chain(cells.map(|it| cell(value(it)))).collect()
-    };
-    let rows = beside.floors.iter().filter_map(|floor| {
-        let [ours, bare] = [report.series(&floor.series)?, &floor.statistics].map(beside::percentiles);
-        let ratios = std::array::from_fn(|i| Some(ours[i]? / bare[i]?));
-        let (series, what) = (&floor.series, &floor.what);
-        Some([row(series.clone(), ours, 1), row(what.clone(), bare, 1), row(format!("{series} / {what}"), ratios, 2)])
+        std::iter::once(cell(name)).chain(values.map(|it| cell(value(it)))).collect()
     });
     html! {
         h3 { "Beside the machine's floors [us]" }
-        (table(&["", "p50", "p99", "p99.9"], rows.flatten()))
+        (table(&["", "p50", "p99", "p99.9"], rows))
         p.note {
             "Each measured for " (beside.seconds) " s right after the flight (" (beside.scheduling) ", the host stole "
             (format!("{:.2} %", beside.steal.percent)) "). The timer does nothing but wake; the ring's four processes hand on a "
