@@ -134,7 +134,16 @@ fn a_flight_has_the_floors_of_its_own_ticks_beside_where_they_are_asked_for() {
         assert!(!floor["distribution"]["curve"].as_array().unwrap().is_empty());
     }
     let read = |name: &str| std::fs::read_to_string(rig.out().join("latest").join(name)).unwrap();
-    assert!(read("report.txt").contains("raw futex ring") && read("report.html").contains("raw futex ring"));
+    let (text, page) = (read("report.txt"), read("report.html"));
+    let times: Vec<&str> = text.lines().filter(|line| line.starts_with("  times its floor ")).collect();
+    for (floor, times) in floors.iter().zip(times) {
+        let flown =
+            report["series"].as_array().unwrap().iter().find(|series| series["name"] == floor["series"]).unwrap();
+        let ratio = flown["p50_us"].as_f64().unwrap() / floor["statistics"]["p50_us"].as_f64().unwrap();
+        let ratio = format!("{ratio:.2}");
+        assert_eq!(times.split_whitespace().nth(3), Some(ratio.as_str()), "{text}");
+        assert!(page.contains(floor["what"].as_str().unwrap()) && page.contains(&format!(">{ratio}<")), "{ratio}");
+    }
 }
 
 #[test]
