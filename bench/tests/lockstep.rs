@@ -6,8 +6,8 @@ mod rig;
 use std::fs;
 
 use controller::{Preset, Trajectory};
-use rig::{Rig, wait_until};
-use rustix::process::{Pid, Signal, kill_process};
+use rig::{Rig, send, wait_until};
+use rustix::process::Signal;
 use shared::parameters::{SPECS, Spec};
 
 /// A swap of a parameter to a value that a flight survives.
@@ -53,9 +53,7 @@ fn a_flight_in_lockstep_is_the_simulated_one_for_every_trajectory_preset_and_par
 fn a_stage_that_stops_in_lockstep_ends_the_flight_with_its_name() {
     let rig = Rig::new("stopped");
     let flight = rig.take_off(&["--pace", "lockstep", "--duration", "10h"]);
-    let pid = fs::read_to_string(rig.root().join(&rig.instance).join("inner.lock")).unwrap();
-    let inner = Pid::from_raw(pid.trim().parse().unwrap()).unwrap();
-    kill_process(inner, Signal::STOP).unwrap();
+    send(flight.roles()["inner"], Signal::STOP);
     let ended = flight.end();
     assert_eq!(ended.code, Some(1), "{}{}", ended.stdout, ended.stderr);
     assert!(ended.stderr.contains("in lockstep: a stage hangs or has died"), "{}", ended.stderr);

@@ -3,25 +3,19 @@
 
 mod rig;
 
-use std::fs;
 use std::thread::sleep;
 use std::time::Duration;
 
 use rig::{Rig, send, wait_until};
 use rustix::process::Signal;
+use shared::instance::Instance;
+use shared::role::Role;
 
 /// Ticks of 10 ms, rotors that saturate, noise, and swaps.
 const TROUBLED: &str = "[flight]\nslowdown = 10\ntrajectory = \"fast\"\nduration_s = 0.8\n\
     faults = [\"gyro_noise_rad_s=0.02@tick40\", \"rotor_efficiency_3=0.9@tick790\"]\n[rotor]\nmax_rad_s = 220.0\n";
 
-/// Process number of a role, from its lock.
-fn pid(rig: &Rig, role: &str) -> u32 {
-    let path = rig.root().join(&rig.instance).join(format!("{role}.lock"));
-    fs::read_to_string(path).unwrap().trim().parse().unwrap()
-}
-
-fn stop_for(rig: &Rig, role: &str, ms: u64) {
-    let pid = pid(rig, role);
+fn stop_for(pid: u32, ms: u64) {
     send(pid, Signal::STOP);
     sleep(Duration::from_millis(ms));
     send(pid, Signal::CONT);
@@ -38,9 +32,10 @@ fn verifies(rig: &Rig) {
 fn a_flight_whose_stages_are_stopped_one_after_the_other_is_identical() {
     let rig = Rig::new("replayed");
     let flight = rig.take_off(&["--rt", "off", "--config", &rig.settings(TROUBLED)]);
+    let roles = flight.roles();
     for (role, ms) in [("outer", 100), ("inner", 60), ("mixer", 23), ("plant", 40), ("plant", 430), ("mixer", 300)] {
         sleep(Duration::from_millis(120));
-        stop_for(&rig, role, ms);
+        stop_for(roles[role], ms);
     }
     rig.run("inject", &["mass_kg=0.55", "rotational_drag_nm_s=0.2"]);
     flight.end();
@@ -63,12 +58,12 @@ fn a_flight_with_an_inner_loop_that_dies_and_comes_back_is_identical() {
     let (recorder, plant) = (start("record"), start("plant"));
     let (outer, inner, mixer) = (start("outer"), start("inner"), start("mixer"));
     rig.await_flight();
-    let first = pid(&rig, "inner");
     sleep(Duration::from_millis(500));
-    send(first, Signal::KILL);
-    drop(inner);
+    inner.signal(Signal::KILL);
+    inner.end();
     let again = start("inner");
-    wait_until("another inner loop", || (pid(&rig, "inner") != first).then_some(()));
+    let instance = Instance::under(&rig.root(), &rig.instance).unwrap();
+    wait_until("another inner loop", || (instance.pid_of(Role::Inner) == Some(again.pid())).then_some(()));
     for role in [plant, outer, again, mixer, recorder] {
         role.end();
     }

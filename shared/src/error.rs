@@ -35,14 +35,14 @@ pub enum Error {
         max: usize,
     },
     /// Somebody plays the role already.
-    #[error("instance `{instance}` already has a running {role} (process {pid})")]
+    #[error("instance `{instance}` already has a running {role}{}", process(*pid))]
     Occupied {
         /// The instance.
         instance: String,
         /// `fly` or a role.
         role: String,
-        /// Who holds it, as written into the lock file.
-        pid: String,
+        /// Who holds it; not known in the instant before it has written its number.
+        pid: Option<u32>,
     },
     /// As many processes observe the instance as may.
     #[error("instance `{instance}` has {most} observers already, and that is the most")]
@@ -170,4 +170,8 @@ impl Error {
     pub fn system(what: impl Into<String>, source: impl Into<io::Error>) -> Self {
         Self::System { what: what.into(), source: source.into() }
     }
+}
+
+fn process(pid: Option<u32>) -> String {
+    pid.map_or_else(String::new, |pid| format!(" (process {pid})"))
 }

@@ -5,7 +5,7 @@
 //! a process dies, however it dies.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Read as _, Seek as _, Write as _};
+use std::io::{self, Seek as _, Write as _};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -143,14 +143,8 @@ impl Instance {
         loop {
             let mut file = open_lock(&path).map_err(root_path)?;
             if !try_lock(&file) {
-                let mut pid = String::new();
-                // The holder may be about to write its number: the error is the same without it.
-                let _ = file.read_to_string(&mut pid);
-                return Err(Error::Occupied {
-                    instance: self.name().into(),
-                    role: role.into(),
-                    pid: pid.trim().into(),
-                });
+                let (instance, role, pid) = (self.name().into(), role.into(), written_pid(&path));
+                return Err(Error::Occupied { instance, role, pid });
             }
             // Somebody may have removed the leftovers, and this file with them, before it was locked.
             if !is_at(&file, &path) {
@@ -167,6 +161,12 @@ impl Instance {
     #[must_use]
     pub fn is_occupied(&self, role: Role) -> bool {
         is_locked(&self.lock_path(role.name()))
+    }
+
+    /// Process number of the process that plays the role; none where nobody does, or has yet to write its number.
+    #[must_use]
+    pub fn pid_of(&self, role: Role) -> Option<u32> {
+        written_pid(&self.lock_path(role.name())).filter(|_| self.is_occupied(role))
     }
 
     /// Whether any process of the instance lives.
@@ -315,6 +315,11 @@ fn try_lock(file: &File) -> bool {
         }
         flock(file, FlockOperation::NonBlockingLockExclusive).is_ok()
     })
+}
+
+/// What the last holder of a lock wrote; nothing in the instant between locking and writing.
+fn written_pid(path: &Path) -> Option<u32> {
+    fs::read_to_string(path).ok()?.trim().parse().ok()
 }
 
 fn is_locked(path: &Path) -> bool {

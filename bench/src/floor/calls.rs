@@ -97,12 +97,11 @@ fn count(hangar: &Hangar, report: &std::path::Path) -> Result<Vec<RoleCalls>, Fa
 
 fn of_role(hangar: &Hangar, role: Role, least: u64) -> Result<RoleCalls, Failure> {
     let instance = Instance::new(hangar.instance())?;
-    let lock = instance.directory().join(format!("{role}.lock"));
-    let pid = fs::read_to_string(&lock).in_file("read", &lock)?;
+    let pid = instance.pid_of(role).ok_or_else(|| Failure::failed(format!("the {role} ended in the flight")))?;
     let log = hangar.directory().join(format!("strace.{role}"));
     // Without -f: the thread of the loop, and not the parameter desk beside it.
     let mut strace = Command::new("strace")
-        .args(["-p", pid.trim(), "-o"])
+        .args(["-p", &pid.to_string(), "-o"])
         .arg(&log)
         .stdin(Stdio::null())
         .stderr(Stdio::null())

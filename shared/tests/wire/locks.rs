@@ -18,14 +18,27 @@ fn the_second_to_lock_a_role_is_told_who_has_it() {
     match error {
         Error::Occupied { instance, role, pid } => {
             assert_eq!((instance.as_str(), role.as_str()), ("test", "plant"));
-            assert_eq!(pid, std::process::id().to_string());
+            assert_eq!(pid, Some(std::process::id()));
         }
         other => panic!("{other}"),
     }
     assert!(instance.is_occupied(Role::Plant) && instance.is_alive());
+    assert_eq!((instance.pid_of(Role::Plant), instance.pid_of(Role::Mixer)), (Some(std::process::id()), None));
     drop(lock);
     assert!(!instance.is_occupied(Role::Plant) && !instance.is_alive());
+    assert_eq!(instance.pid_of(Role::Plant), None, "the number that is left in the file is nobody's");
     instance.lock(Role::Plant).unwrap();
+}
+
+#[test]
+fn a_role_whose_process_has_not_yet_written_its_number_is_taken_all_the_same() {
+    let site = Site::new();
+    site.instance.prepare().unwrap();
+    let _lock = site.instance.lock(Role::Plant).unwrap();
+    std::fs::write(site.instance.directory().join("plant.lock"), "").unwrap();
+    assert_eq!(site.instance.pid_of(Role::Plant), None);
+    let error = site.instance.lock(Role::Plant).unwrap_err();
+    assert_eq!(error.to_string(), "instance `test` already has a running plant");
 }
 
 #[test]
