@@ -46,9 +46,9 @@ const LOOK_EVERY: Duration = Duration::from_millis(2);
 const SAY_EVERY: Duration = Duration::from_secs(5);
 /// From the announcement of t_0 to t_0 [ns].
 const ANNOUNCE_NS: u64 = 200_000_000;
-/// Roles must have armed this long before t_0 [ns]; the plant then keeps to it.
+/// Roles must have armed this long before t_0 [ns] for the plant to keep to it; else it announces another one.
 const ARMED_BEFORE_NS: u64 = 40_000_000;
-/// Roles look for a changed t_0 until this long before it [ns].
+/// Roles enter their loops this long before t_0 [ns].
 const SETTLED_BEFORE_NS: u64 = 20_000_000;
 
 /// Name of a role's status board.
@@ -203,25 +203,31 @@ impl Station {
                 continue;
             };
             self.compare_settings()?;
-            while board.get().phase() == RunPhase::Mustering && !self.stop_requested() && self.plant_lives() {
-                patience.say(|| "the plant to open the run".into());
-                sleep(LOOK_EVERY);
-            }
+            self.wait_while(&board, &mut patience, |run| run.phase() == RunPhase::Mustering);
             let run = board.get();
             let expected = Expected { run_id: run.run_id, settings: run.settings };
             let pace = run.pace();
             match run.phase() {
-                RunPhase::Mustering | RunPhase::Closed => continue,
+                // It has died, or has ended meanwhile.
+                RunPhase::Mustering | RunPhase::Closed => {
+                    sleep(LOOK_EVERY);
+                    continue;
+                }
                 RunPhase::Opening => {
                     arm(expected, self.status.epoch)?;
                     settle()?;
                     self.status.armed_t0_ns = run.t0_ns;
                     self.enter(RolePhase::Armed);
+                    // The plant keeps to this t_0 or announces another one: that it has passed says nothing.
+                    let is_same = |now: &Run| now.t0_ns == run.t0_ns;
+                    let is_open = |now: &Run| now.phase() == RunPhase::Opening;
+                    self.wait_while(&board, &mut patience, |now| is_open(now) && is_same(now));
+                    let now = board.get();
+                    if is_open(&now) || !is_same(&now) {
+                        continue;
+                    }
                     while now_ns() + SETTLED_BEFORE_NS < run.t0_ns {
                         sleep(LOOK_EVERY);
-                    }
-                    if board.get().t0_ns != run.t0_ns {
-                        continue;
                     }
                 }
                 RunPhase::Flying => {
@@ -237,6 +243,14 @@ impl Station {
             };
             self.enter(RolePhase::Flying);
             return Ok(Armed { pace, expected, last_tick: run.last_tick, first_tick, run: board });
+        }
+    }
+
+    /// Waits while the plant lives and says on its board what is waited through.
+    fn wait_while(&self, board: &BoardReader<Run>, patience: &mut Patience, says: impl Fn(&Run) -> bool) {
+        while says(&board.get()) && !self.stop_requested() && self.plant_lives() {
+            patience.say(|| "the plant to open the run".into());
+            sleep(LOOK_EVERY);
         }
     }
 

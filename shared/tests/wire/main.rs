@@ -11,6 +11,7 @@ mod doorbells;
 mod forgeries;
 mod locks;
 mod relays;
+mod stations;
 mod swaps;
 mod topics;
 
