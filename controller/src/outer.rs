@@ -76,7 +76,7 @@ pub fn thrust_acceleration(wanted: &Vector3<f64>, velocity: &Vector3<f64>, model
 #[must_use]
 pub fn limit(a: &Vector3<f64>, limits: &Limits, g: f64) -> (Vector3<f64>, bool) {
     let z = a.z.clamp(limits.acceleration_z_min_g * g, limits.acceleration_z_max_g * g);
-    let horizontal = a.x.hypot(a.y);
+    let horizontal = a.xy().norm();
     let allowed = z * limits.tilt_max_rad.tan();
     let scale = if horizontal > allowed { allowed / horizontal } else { 1.0 };
     let limited = z != a.z || horizontal > allowed;

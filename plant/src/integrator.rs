@@ -29,17 +29,22 @@ pub fn integrate(
     let tick_s = tick as f64 * period_s;
     let half_s = period_s / f64::from(2 * substeps);
     // Of the number of half steps, so that the end of a step is the instant at which the next one begins.
-    let forcing = |half_steps: u32| {
-        let offset_s = f64::from(half_steps) * half_s;
-        Forcing { effort: effort(airframe, &spin.speed(offset_s)), h: disturbance(tick_s + offset_s) }
-    };
-    let (mut body, mut start) = (*body, forcing(0));
+    let offset_s = |half_steps: u32| f64::from(half_steps) * half_s;
+    let (mut body, mut start) = (*body, forcing(airframe, spin, tick_s, 0.0));
     for step in 0..substeps {
-        let (middle, end) = (forcing(2 * step + 1), forcing(2 * step + 2));
+        let middle = forcing(airframe, spin, tick_s, offset_s(2 * step + 1));
+        let end = forcing(airframe, spin, tick_s, offset_s(2 * step + 2));
         body = runge_kutta_4(&body, airframe, [&start, &middle, &end], half_s);
         start = end;
     }
     body
+}
+
+/// The forcing `offset_s` [s] after a tick at `tick_s` [s].
+// Part of the loop over the steps, as `RigidBody::rate` is.
+#[inline(always)]
+fn forcing(airframe: &Airframe, spin: &Spin, tick_s: f64, offset_s: f64) -> Forcing {
+    Forcing { effort: effort(airframe, &spin.speed(offset_s)), h: disturbance(tick_s + offset_s) }
 }
 
 /// One classical Runge-Kutta step of twice `half` [s], under the forcing at its start, in its middle and at its end.

@@ -86,7 +86,8 @@ pub fn angular_acceleration(
 impl RigidBody {
     /// (1), (5), (8): the derivative under a forcing. Singular at a pitch of +-90 degrees.
     #[must_use]
-    #[inline]
+    // Part of the integrator's loop, so that quotients of parameters are computed once a tick and not 16 times.
+    #[inline(always)]
     pub fn rate(&self, airframe: &Airframe, forcing: &Forcing) -> RigidBodyRate {
         let Self { eta2, v, nu2, .. } = self;
         let Forcing { effort, h } = forcing;
