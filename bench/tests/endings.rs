@@ -8,6 +8,11 @@ use std::time::{Duration, Instant};
 
 use rig::{Ended, Rig, Running, is_gone, send, wait_until};
 use rustix::process::Signal;
+use shared::boards::{RolePhase, Status};
+use shared::instance::Instance;
+use shared::role::Role;
+use shared::station::status_board;
+use shared::wire::Wire;
 
 /// A long flight in slow motion, in the air; nothing in these tests depends on its deadlines.
 fn in_the_air(rig: &Rig) -> Running {
@@ -96,6 +101,29 @@ fn roles_end_with_a_killed_launcher_and_the_next_flight_is_free() {
     assert!(!directory.exists());
     rig.assert_nothing_left();
     rig.run("clean", &[]).expect(0).says("nothing to remove");
+}
+
+#[test]
+fn a_flight_that_is_over_before_the_recorder_looks_is_reported_whole() {
+    let rig = Rig::new("over");
+    let flight = rig.start("fly", &["--rt", "off", "--config", &rig.slow(5), "--duration", "50ms"]);
+    let roles = flight.roles();
+    let wire = Wire::open(&Instance::under(&rig.root(), &rig.instance).unwrap()).unwrap();
+    wait_until("the recorder to arm", || {
+        let board = wire.board_reader::<Status>(&status_board(Role::Record)).unwrap()?;
+        matches!(board.get().phase(), RolePhase::Armed | RolePhase::Flying).then_some(())
+    });
+    send(roles["record"], Signal::STOP);
+    await_gone(["plant", "outer", "inner", "mixer"].map(|role| roles[role]));
+    drop(wire);
+    send(roles["record"], Signal::CONT);
+    flight.end().expect(0);
+    let report = rig.report();
+    for role in ["plant", "outer", "inner", "mixer"] {
+        assert_eq!((&report["roles"][role]["landed"], &report["roles"][role]["ticks_run"]), (&true.into(), &51.into()));
+    }
+    assert_eq!((&report["ticks"]["run"], &report["recorder"]["incomplete_ticks"]), (&51.into(), &0.into()));
+    rig.assert_nothing_left();
 }
 
 #[test]

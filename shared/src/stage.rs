@@ -106,7 +106,7 @@ const PLANT_SILENT_NS: u64 = NS_PER_S;
 /// # Errors
 /// Those of the station and of the stage's ports; [`Error::Absent`] when the plant has died.
 pub fn run<S: Stage>(mut stage: S, doorbell: &Doorbell, mut station: Station) -> Result<(), Error> {
-    let armed = station.join(|expected, epoch| stage.arm(expected, epoch))?;
+    let armed = station.join(|_, expected, epoch| stage.arm(expected, epoch))?;
     let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);
     let meter = UsageMeter::start();
     let flown = fly(&mut stage, doorbell, &mut station, &armed, &mut pacer);

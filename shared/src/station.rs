@@ -185,11 +185,12 @@ impl Station {
 
     /// Joins the plant's run: waits for it, compares settings, arms the ports, waits for t_0.
     ///
-    /// `arm` connects the ports to those of the other roles, which exist by then.
+    /// `arm` connects the ports to those of the other roles, which exist by then. It is given what messages carry, and
+    /// the epoch of this sender.
     ///
     /// # Errors
     /// [`Error::SettingsDiffer`], [`Error::RealtimeRefused`], [`Error::Interrupted`], and those of `arm`.
-    pub fn join(&mut self, mut arm: impl FnMut(Expected, u64) -> Result<(), Error>) -> Result<Armed, Error> {
+    pub fn join(&mut self, mut arm: impl FnMut(&Wire, Expected, u64) -> Result<(), Error>) -> Result<Armed, Error> {
         self.report_ready()?;
         let mut patience = Patience::new(self.role);
         loop {
@@ -214,7 +215,7 @@ impl Station {
                     continue;
                 }
                 RunPhase::Opening => {
-                    arm(expected, self.status.epoch)?;
+                    arm(&self.wire, expected, self.status.epoch)?;
                     settle()?;
                     self.status.armed_t0_ns = run.t0_ns;
                     self.enter(RolePhase::Armed);
@@ -231,7 +232,7 @@ impl Station {
                     }
                 }
                 RunPhase::Flying => {
-                    arm(expected, self.status.epoch)?;
+                    arm(&self.wire, expected, self.status.epoch)?;
                     settle()?;
                 }
             }

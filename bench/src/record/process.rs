@@ -12,6 +12,8 @@ use hdrhistogram::serialization::V2DeflateSerializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogWriter, IntervalLogWriterBuilder};
 use shared::boards::{Ending, RolePhase, Run, RunPhase, Status};
 use shared::clock::{NS_PER_S, now_ns};
+use shared::error::Error;
+use shared::instance::Instance;
 use shared::role::{ROLES, Role, STAGES};
 use shared::rt::UsageMeter;
 use shared::station::{Armed, Station, status_board};
@@ -43,6 +45,9 @@ const LANDING: Duration = Duration::from_secs(2);
 /// How long it then waits for the records of the last swaps, which come from beside the plant's loop.
 const LAST_SWAPS: Duration = Duration::from_millis(500);
 
+/// Everybody's status.
+type Crew = BTreeMap<Role, BoardReader<Status>>;
+
 /// Where the recorder writes.
 #[derive(Clone, Debug)]
 pub struct Files {
@@ -59,17 +64,32 @@ pub struct Files {
 pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<Report, Failure> {
     let (mut ports, relays) = (Ports::new(station.wire())?, Relays::new(station.wire())?);
     let machine = Machine::here(settings.rt.priority + Role::Mixer.priority_step(), settings.realtime()?.cpu);
-    let armed = station.join(|expected, _| ports.arm(expected))?;
+    let mut crew = BTreeMap::new();
+    let armed = station.join(|wire, expected, _| {
+        // Before the plant may take off: a flight can be over before the recorder's files are made.
+        crew = boards(wire)?;
+        ports.arm(expected)
+    })?;
     let meter = UsageMeter::start();
     let path = files.directory.join("latency.hlog");
     let mut log_file = BufWriter::new(File::create(&path).in_file("write", &path)?);
     let mut serializer = V2DeflateSerializer::new();
     let start = UNIX_EPOCH + Duration::from_nanos(armed.run.get().t0_wall_ns);
     let mut log = begin_log(&mut log_file, &mut serializer, start)?;
-    let recorder = Recorder::new(&armed, settings, files, &machine, (station.wire(), relays))?;
+    let recorder = Recorder::new(&armed, settings, files, &machine, (station.wire().instance(), relays, crew))?;
     let outcome = recorder.record(&mut ports, &mut station, &armed, &meter, &mut log);
     station.land(&meter);
     outcome
+}
+
+fn boards(wire: &Wire) -> Result<Crew, Error> {
+    let mut crew = Crew::new();
+    for role in ROLES {
+        if let Some(board) = wire.board_reader(&status_board(role))? {
+            crew.insert(role, board);
+        }
+    }
+    Ok(crew)
 }
 
 fn begin_log<'a>(
@@ -102,7 +122,7 @@ struct Recorder<'a> {
     unwritten: BTreeMap<&'static str, String>,
     /// Of the newest state.
     parameter_epoch: u64,
-    crew: BTreeMap<Role, BoardReader<Status>>,
+    crew: Crew,
     cpu_times: CpuTimes,
     period_s: f64,
 }
@@ -113,7 +133,7 @@ impl<'a> Recorder<'a> {
         settings: &'a Settings,
         files: &'a Files,
         machine: &Machine,
-        (wire, relays): (&Wire, Relays),
+        (instance, relays, crew): (&Instance, Relays, Crew),
     ) -> Result<Self, Failure> {
         let host = Host::of(machine);
         let period_s = settings.flight.period_s;
@@ -122,17 +142,11 @@ impl<'a> Recorder<'a> {
         if let Some(path) = &files.states {
             states.push(StatesWriter::create(path, period_s, every)?);
         }
-        let mut crew = BTreeMap::new();
-        for role in ROLES {
-            if let Some(board) = wire.board_reader(&status_board(role))? {
-                crew.insert(role, board);
-            }
-        }
         let watch = Watch::new(&loops(&crew), host.hypervisor);
         let mut tally = Tally::new(armed.pace, armed.run.get().t0_ns, period_s)?;
         tally.begin_autopsy(&watch);
         let roles = crew.iter().map(|(role, board)| (role.name().to_owned(), role_section(&board.get()))).collect();
-        let facts = Facts::new(&armed.run.get(), settings, wire.instance().name(), &host, &roles)?;
+        let facts = Facts::new(&armed.run.get(), settings, instance.name(), &host, &roles)?;
         Ok(Self {
             settings,
             relays,
@@ -140,7 +154,7 @@ impl<'a> Recorder<'a> {
             unwritten: BTreeMap::new(),
             parameter_epoch: 0,
             directory: &files.directory,
-            instance: wire.instance().name().into(),
+            instance: instance.name().into(),
             host,
             doctor: Diagnosis::of(&doctor::findings(machine)),
             tally,
@@ -377,7 +391,7 @@ impl<'a> Recorder<'a> {
 }
 
 /// What the loops' boards say; nothing of one that is not there.
-fn loops(crew: &BTreeMap<Role, BoardReader<Status>>) -> [Status; STAGES.len()] {
+fn loops(crew: &Crew) -> [Status; STAGES.len()] {
     STAGES.map(|role| crew.get(&role).map(BoardReader::get).unwrap_or_default())
 }
 

@@ -39,7 +39,7 @@ fn agree(plant_needs: Duration, role_needs: Duration) -> Vec<Grid> {
             scope.spawn(move || {
                 let mut station = take(instance, role);
                 let mut needs = Some(role_needs);
-                let armed = station.join(|_, _| {
+                let armed = station.join(|_, _, _| {
                     sleep(needs.take().unwrap_or_default());
                     Ok(())
                 });
