@@ -4,7 +4,7 @@
 
 mod rig;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
@@ -25,6 +25,8 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// A client of the protocol.
 struct Client {
     socket: WebSocket<TcpStream>,
+    /// Messages of subscriptions that came while a text was waited for.
+    unread: VecDeque<Vec<u8>>,
     /// Channels by topic.
     channels: BTreeMap<String, Value>,
     server: Value,
@@ -38,7 +40,7 @@ impl Client {
         request.headers_mut().insert("sec-websocket-protocol", "foxglove.sdk.v1".parse().unwrap());
         let (socket, response) = tungstenite::client(request, stream).unwrap();
         assert_eq!(response.headers()["sec-websocket-protocol"], "foxglove.sdk.v1");
-        let mut client = Self { socket, channels: BTreeMap::new(), server: Value::Null };
+        let mut client = Self { socket, unread: VecDeque::new(), channels: BTreeMap::new(), server: Value::Null };
         client.server = client.text("serverInfo");
         while client.channels.len() < TOPICS.len() + 3 {
             for channel in client.text("advertise")["channels"].as_array().unwrap() {
@@ -52,14 +54,19 @@ impl Client {
         self.socket.send(Message::text(message.to_string())).unwrap();
     }
 
-    /// The next text of an operation; what else comes meanwhile is passed over.
+    /// The next text of an operation; other texts that come meanwhile are passed over.
     fn text(&mut self, op: &str) -> Value {
         loop {
-            if let Message::Text(text) = self.socket.read().unwrap() {
-                let message: Value = serde_json::from_str(&text).unwrap();
-                if message["op"] == op {
-                    return message;
+            match self.socket.read().unwrap() {
+                Message::Text(text) => {
+                    let message: Value = serde_json::from_str(&text).unwrap();
+                    if message["op"] == op {
+                        return message;
+                    }
                 }
+                // A swap may be heard of before its answer is.
+                Message::Binary(bytes) => self.unread.push_back(bytes.into()),
+                _ => {}
             }
         }
     }
@@ -77,11 +84,13 @@ impl Client {
     /// The next message of a subscription: its number, its time [ns since 1970], its content.
     fn data(&mut self) -> (u32, u64, Vec<u8>) {
         loop {
-            if let Message::Binary(bytes) = self.socket.read().unwrap()
-                && bytes.first() == Some(&1)
-            {
-                let id = u32::from_le_bytes(bytes[1..5].try_into().unwrap());
-                return (id, u64::from_le_bytes(bytes[5..13].try_into().unwrap()), bytes[13..].to_vec());
+            if let Some(bytes) = self.unread.pop_front() {
+                if bytes.first() == Some(&1) {
+                    let id = u32::from_le_bytes(bytes[1..5].try_into().unwrap());
+                    return (id, u64::from_le_bytes(bytes[5..13].try_into().unwrap()), bytes[13..].to_vec());
+                }
+            } else if let Message::Binary(bytes) = self.socket.read().unwrap() {
+                self.unread.push_back(bytes.into());
             }
         }
     }
