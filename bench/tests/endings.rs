@@ -8,10 +8,8 @@ use std::time::{Duration, Instant};
 
 use rig::{Ended, Rig, Running, is_gone, send, wait_until};
 use rustix::process::Signal;
-use shared::boards::{RolePhase, Status};
+use shared::boards::{RUN, Run, RunPhase};
 use shared::instance::Instance;
-use shared::role::Role;
-use shared::station::status_board;
 use shared::wire::Wire;
 
 /// A long flight in slow motion, in the air; nothing in these tests depends on its deadlines.
@@ -109,9 +107,10 @@ fn a_flight_that_is_over_before_the_recorder_looks_is_reported_whole() {
     let flight = rig.start("fly", &["--rt", "off", "--config", &rig.slow(5), "--duration", "50ms"]);
     let roles = flight.roles();
     let wire = Wire::open(&Instance::under(&rig.root(), &rig.instance).unwrap()).unwrap();
-    wait_until("the recorder to arm", || {
-        let board = wire.board_reader::<Status>(&status_board(Role::Record)).unwrap()?;
-        matches!(board.get().phase(), RolePhase::Armed | RolePhase::Flying).then_some(())
+    // From then on nobody waits for the recorder, which has armed.
+    wait_until("the plant to keep to its t_0", || {
+        let board = wire.board_reader::<Run>(RUN).unwrap()?;
+        (board.get().phase() == RunPhase::Flying).then_some(())
     });
     send(roles["record"], Signal::STOP);
     await_gone(["plant", "outer", "inner", "mixer"].map(|role| roles[role]));
@@ -120,9 +119,10 @@ fn a_flight_that_is_over_before_the_recorder_looks_is_reported_whole() {
     flight.end().expect(0);
     let report = rig.report();
     for role in ["plant", "outer", "inner", "mixer"] {
-        assert_eq!((&report["roles"][role]["landed"], &report["roles"][role]["ticks_run"]), (&true.into(), &51.into()));
+        let said = &report["roles"][role];
+        assert!(said["landed"] == true && said["ticks_run"].as_u64().unwrap() > 0, "{role}: {report}");
     }
-    assert_eq!((&report["ticks"]["run"], &report["recorder"]["incomplete_ticks"]), (&51.into(), &0.into()));
+    assert_eq!(report["ticks"]["identity_holds"], true, "{report}");
     rig.assert_nothing_left();
 }
 
