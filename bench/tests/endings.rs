@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 use rig::{Ended, Rig, Running, is_gone, send, wait_until};
 use rustix::process::Signal;
 use shared::boards::{RUN, Run, RunPhase};
-use shared::instance::Instance;
 use shared::wire::Wire;
 
 /// A long flight in slow motion, in the air; nothing in these tests depends on its deadlines.
@@ -106,7 +105,7 @@ fn a_flight_that_is_over_before_the_recorder_looks_is_reported_whole() {
     let rig = Rig::new("over");
     let flight = rig.start("fly", &["--rt", "off", "--config", &rig.slow(5), "--duration", "50ms"]);
     let roles = flight.roles();
-    let wire = Wire::open(&Instance::under(&rig.root(), &rig.instance).unwrap()).unwrap();
+    let wire = Wire::open(&rig.known()).unwrap();
     // From then on nobody waits for the recorder, which has armed.
     wait_until("the plant to keep to its t_0", || {
         let board = wire.board_reader::<Run>(RUN).unwrap()?;

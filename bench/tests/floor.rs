@@ -136,6 +136,7 @@ fn a_flight_has_the_floors_of_its_own_ticks_beside_where_they_are_asked_for() {
     let read = |name: &str| std::fs::read_to_string(rig.out().join("latest").join(name)).unwrap();
     let (text, page) = (read("report.txt"), read("report.html"));
     let times: Vec<&str> = text.lines().filter(|line| line.starts_with("  times its floor ")).collect();
+    assert_eq!(times.len(), floors.len(), "{text}");
     for (floor, times) in floors.iter().zip(times) {
         let flown =
             report["series"].as_array().unwrap().iter().find(|series| series["name"] == floor["series"]).unwrap();

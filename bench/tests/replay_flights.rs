@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use rig::{Rig, send, wait_until};
 use rustix::process::Signal;
-use shared::instance::Instance;
 use shared::role::Role;
 
 /// Ticks of 10 ms, rotors that saturate, noise, and swaps.
@@ -62,7 +61,7 @@ fn a_flight_with_an_inner_loop_that_dies_and_comes_back_is_identical() {
     inner.signal(Signal::KILL);
     inner.end();
     let again = start("inner");
-    let instance = Instance::under(&rig.root(), &rig.instance).unwrap();
+    let instance = rig.known();
     wait_until("another inner loop", || (instance.pid_of(Role::Inner) == Some(again.pid())).then_some(()));
     for role in [plant, outer, again, mixer, recorder] {
         role.end();

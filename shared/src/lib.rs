@@ -18,6 +18,7 @@ pub mod limits;
 pub mod messages;
 pub mod monitor;
 pub mod parameters;
+mod patience;
 pub mod rate_dynamics;
 pub mod role;
 pub mod rt;

@@ -1,7 +1,7 @@
 //! A role's place in the rig: from the start of its process to the moment its loop is armed.
 //!
 //! ```text
-//! Starting --ports made, real time engaged--> Ready --plant announces t_0--> Armed --t_0--> Flying --> Landed
+//! Starting --ports made, real time engaged--> Ready --plant announces t_0--> Armed --plant keeps to it--> Flying --> Landed
 //! ```
 //!
 //! The plant opens a run when every role is ready with the same settings, and announces t_0 so early that all
@@ -22,6 +22,7 @@ use crate::flight_plan::FlightPlan;
 use crate::inspection::Expected;
 use crate::instance::{Instance, Lock, check_shared_memory};
 use crate::launcher::end_with_launcher;
+use crate::patience::Patience;
 use crate::role::{ROLES, Role};
 use crate::rt::{self, Engaged, UsageMeter, settle};
 use crate::settings_text::{differences, fingerprint};
@@ -42,8 +43,6 @@ pub struct Orders {
 
 /// How often a waiting role looks at the boards.
 const LOOK_EVERY: Duration = Duration::from_millis(2);
-/// How often it says what it waits for.
-const SAY_EVERY: Duration = Duration::from_secs(5);
 /// From the announcement of t_0 to t_0 [ns].
 const ANNOUNCE_NS: u64 = 200_000_000;
 /// Roles must have armed this long before t_0 [ns] for the plant to keep to it; else it announces another one.
@@ -185,8 +184,8 @@ impl Station {
 
     /// Joins the plant's run: waits for it, compares settings, arms the ports, waits for t_0.
     ///
-    /// `arm` connects the ports to those of the other roles, which exist by then. It is given what messages carry, and
-    /// the epoch of this sender.
+    /// `arm` connects the ports to those of the other roles, which exist by then. It is given the wire, what messages
+    /// carry, and the epoch of this sender.
     ///
     /// # Errors
     /// [`Error::SettingsDiffer`], [`Error::RealtimeRefused`], [`Error::Interrupted`], and those of `arm`.
@@ -369,31 +368,6 @@ impl Opened {
     #[must_use]
     pub fn wanted_end(&self) -> Option<Ending> {
         self.crew.iter().find_map(|board| Ending::from_wire(board.get().wants_end).filter(|end| *end != Ending::None))
-    }
-}
-
-/// Says, not too often, what a process waits for.
-struct Patience {
-    role: Role,
-    said: Option<(String, u64)>,
-}
-
-impl Patience {
-    const fn new(role: Role) -> Self {
-        Self { role, said: None }
-    }
-
-    fn say(&mut self, what: impl FnOnce() -> String) {
-        let what = what();
-        let now = now_ns();
-        let due = match &self.said {
-            Some((said, at)) => *said != what || now > at + SAY_EVERY.as_nanos() as u64,
-            None => true,
-        };
-        if due {
-            tracing::info!(role = self.role.name(), "waiting for {what}");
-            self.said = Some((what, now));
-        }
     }
 }
 

@@ -8,6 +8,7 @@
 
 pub mod autopsy;
 pub mod classes;
+pub mod crew;
 pub mod deadlines;
 pub mod distribution;
 pub mod evidence;

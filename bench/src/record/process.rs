@@ -12,14 +12,14 @@ use hdrhistogram::serialization::V2DeflateSerializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogWriter, IntervalLogWriterBuilder};
 use shared::boards::{Ending, RolePhase, Run, RunPhase, Status};
 use shared::clock::{NS_PER_S, now_ns};
-use shared::error::Error;
 use shared::instance::Instance;
-use shared::role::{ROLES, Role, STAGES};
+use shared::role::Role;
 use shared::rt::UsageMeter;
-use shared::station::{Armed, Station, status_board};
-use shared::wire::{BoardReader, Wire};
+use shared::station::{Armed, Station};
+use shared::wire::BoardReader;
 
 use super::autopsy::Autopsy;
+use super::crew::Crew;
 use super::deadlines::LateStretch;
 use super::distribution::buckets;
 use super::files::write_all;
@@ -27,7 +27,7 @@ use super::host::{CpuTimes, Host};
 use super::ports::{DRAIN_EVERY, Ports, Relays, rest};
 use super::report::{self, Report, RunLength};
 use super::sampler::{Watch, fallen};
-use super::sections::{gates, log_section, rejected, role_section, verdict};
+use super::sections::{gates, log_section, rejected, verdict};
 use super::series::Series;
 use super::states::{Joiner, Part, StatesWriter};
 use super::tally::{Tally, is_last_word};
@@ -45,9 +45,6 @@ const LANDING: Duration = Duration::from_secs(2);
 /// How long it then waits for the records of the last swaps, which come from beside the plant's loop.
 const LAST_SWAPS: Duration = Duration::from_millis(500);
 
-/// Everybody's status.
-type Crew = BTreeMap<Role, BoardReader<Status>>;
-
 /// Where the recorder writes.
 #[derive(Clone, Debug)]
 pub struct Files {
@@ -64,10 +61,10 @@ pub struct Files {
 pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<Report, Failure> {
     let (mut ports, relays) = (Ports::new(station.wire())?, Relays::new(station.wire())?);
     let machine = Machine::here(settings.rt.priority + Role::Mixer.priority_step(), settings.realtime()?.cpu);
-    let mut crew = BTreeMap::new();
+    let mut crew = Crew::default();
     let armed = station.join(|wire, expected, _| {
         // Before the plant may take off: a flight can be over before the recorder's files are made.
-        crew = boards(wire)?;
+        crew = Crew::open(wire)?;
         ports.arm(expected)
     })?;
     let meter = UsageMeter::start();
@@ -80,16 +77,6 @@ pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<R
     let outcome = recorder.record(&mut ports, &mut station, &armed, &meter, &mut log);
     station.land(&meter);
     outcome
-}
-
-fn boards(wire: &Wire) -> Result<Crew, Error> {
-    let mut crew = Crew::new();
-    for role in ROLES {
-        if let Some(board) = wire.board_reader(&status_board(role))? {
-            crew.insert(role, board);
-        }
-    }
-    Ok(crew)
 }
 
 fn begin_log<'a>(
@@ -142,11 +129,10 @@ impl<'a> Recorder<'a> {
         if let Some(path) = &files.states {
             states.push(StatesWriter::create(path, period_s, every)?);
         }
-        let watch = Watch::new(&loops(&crew), host.hypervisor);
+        let watch = Watch::new(&crew.loops(), host.hypervisor);
         let mut tally = Tally::new(armed.pace, armed.run.get().t0_ns, period_s)?;
         tally.begin_autopsy(&watch);
-        let roles = crew.iter().map(|(role, board)| (role.name().to_owned(), role_section(&board.get()))).collect();
-        let facts = Facts::new(&armed.run.get(), settings, instance.name(), &host, &roles)?;
+        let facts = Facts::new(&armed.run.get(), settings, instance.name(), &host, &crew.sections())?;
         Ok(Self {
             settings,
             relays,
@@ -213,7 +199,7 @@ impl<'a> Recorder<'a> {
         self.note("states.csv", flushed);
         let run = armed.run.get();
         if let Some(autopsy) = &mut self.tally.autopsy {
-            autopsy.fallen(fallen(&loops(&self.crew)), now_ns());
+            autopsy.fallen(fallen(&self.crew.loops()), now_ns());
             autopsy.finish(run.deadlines_missed, run.last_tick + 1);
         }
         self.tally.miss_runs.update(run.deadlines_missed, run.deadline_miss_run);
@@ -231,7 +217,7 @@ impl<'a> Recorder<'a> {
 
     /// Samples what the kernel counts for the loops while they fly, and classes the deadlines missed so far.
     fn look_at_loops(&mut self, run: &BoardReader<Run>) {
-        let sample = self.watch.sample(&loops(&self.crew), self.tally.lost().iter().sum());
+        let sample = self.watch.sample(&self.crew.loops(), self.tally.lost().iter().sum());
         let Some(autopsy) = &mut self.tally.autopsy else { return };
         // After the last tick processes end as they should.
         if run.get().phase() == RunPhase::Flying {
@@ -244,7 +230,7 @@ impl<'a> Recorder<'a> {
     fn await_landing(&self) {
         let until = now_ns() + LANDING.as_nanos() as u64;
         let landed = || {
-            let loops = loops(&self.crew);
+            let loops = self.crew.loops();
             let is_over = |(status, fallen): (&Status, bool)| fallen || status.phase() == RolePhase::Landed;
             loops.iter().zip(fallen(&loops)).all(is_over)
         };
@@ -360,7 +346,7 @@ impl<'a> Recorder<'a> {
             theorem,
             swaps: self.tally.swaps.clone(),
             series,
-            roles: self.crew.iter().map(|(role, board)| (role.name().to_owned(), role_section(&board.get()))).collect(),
+            roles: self.crew.sections(),
             recorder: report::RecorderSection {
                 lost,
                 rejected: rejected(&ports.rejections()),
@@ -388,11 +374,6 @@ impl<'a> Recorder<'a> {
             late_us: stretch.late_ns as f64 / 1e3,
         }
     }
-}
-
-/// What the loops' boards say; nothing of one that is not there.
-fn loops(crew: &Crew) -> [Status; STAGES.len()] {
-    STAGES.map(|role| crew.get(&role).map(BoardReader::get).unwrap_or_default())
 }
 
 fn keep_first<E>(kept: &mut Result<(), E>, next: Result<(), E>) {

@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use shared::instance::Instance;
 use tempfile::TempDir;
 
 pub const IRONBIRD: &str = env!("CARGO_BIN_EXE_ironbird");
@@ -45,6 +46,11 @@ impl Rig {
 
     pub fn root(&self) -> PathBuf {
         self.path("r")
+    }
+
+    /// The instance as the processes know it.
+    pub fn known(&self) -> Instance {
+        Instance::under(&self.root(), &self.instance).unwrap()
     }
 
     pub fn out(&self) -> PathBuf {
