@@ -89,15 +89,13 @@ pub fn find(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
         Some(out) => out.to_owned(),
         None => PathBuf::from(Settings::resolve(None, &Vec::new())?.recorder.out),
     };
-    let candidates = [run.to_owned(), out.join(run)];
+    let mut candidates = vec![run.to_owned(), out.join(run)];
+    // An absolute path is the same below any directory.
+    candidates.dedup();
     candidates.iter().find(|path| path.is_dir()).cloned().ok_or_else(|| {
-        Failure::usage(format!(
-            "no flight at {} or {}; {}",
-            candidates[0].display(),
-            candidates[1].display(),
-            flights_in(&out)
-        ))
-        .help("name a flight's directory, or `latest`; --out DIR says where flights were recorded")
+        let places: Vec<String> = candidates.iter().map(|path| path.display().to_string()).collect();
+        Failure::usage(format!("no flight at {}; {}", places.join(" or "), flights_in(&out)))
+            .help("name a flight's directory, or `latest`; --out DIR says where flights were recorded")
     })
 }
 

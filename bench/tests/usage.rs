@@ -98,6 +98,7 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         ),
         ("inject", &["mass_kg=0.6", "--instance", "../up"], "instance name `../up` is not allowed"),
         ("report", &["monday"], "no flight at monday or"),
+        ("replay", &["/monday"], "no flight at /monday;"),
         ("report", &["--format", "xml"], "[possible values: text, json, html]"),
     ] {
         rig.run(command, args).expect(2).complains(words);
