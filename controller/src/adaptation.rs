@@ -8,8 +8,8 @@
 //! gyro noise; the estimates are kept inside bounds. Claim (18), that the estimates converge, holds only under
 //! persistent excitation: in hover I_R and k_r never move.
 
+use model::rate_dynamics::{coupling, disturbance, regressor};
 use nalgebra::{Cholesky, Matrix3, Vector3};
-use shared::rate_dynamics::{coupling, disturbance, regressor};
 
 use crate::settings::Settings;
 

@@ -6,10 +6,10 @@
 //!
 //! A broken assumption is remembered until the low-pass of the adaptation has forgotten the samples taken under it.
 
+use model::messages::{Dated, Mode, State, Truth, Wrench};
+use model::monitor::{CAUSES, Cause};
+use model::parameters::{Airframe, PARAMETERS, Parameter};
 use nalgebra::Vector3;
-use shared::messages::{Dated, Mode, State, Truth, Wrench};
-use shared::monitor::{CAUSES, Cause};
-use shared::parameters::{Airframe, PARAMETERS, Parameter};
 
 use crate::adaptation::Adaptation;
 

@@ -3,8 +3,8 @@
 //! Not in the paper, which needs d(nu2_d) but does not say where it comes from. Critically damped, second
 //! order, per axis; exact for a set-point held over the tick, so that its result does not depend on T.
 
+use model::messages::Setpoint;
 use nalgebra::Vector3;
-use shared::messages::Setpoint;
 
 /// The filter and its state, per axis roll, pitch, yaw.
 #[derive(Clone, Copy, Debug, PartialEq)]

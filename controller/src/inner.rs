@@ -15,9 +15,10 @@
 //! wanted is never late. After more than 100 ms without a state it starts again at rest from the measured
 //! attitude, as it does at the first tick: what it had become says nothing about where the airframe is.
 
+use law::InnerLaw;
+use model::allocation::net_speed;
+use model::messages::{Dated, Mode, NO_TICK, Setpoint, State, Wrench};
 use nalgebra::Vector3;
-use shared::allocation::net_speed;
-use shared::messages::{Dated, Mode, NO_TICK, Setpoint, State, Wrench};
 
 use crate::adaptation::{Adaptation, Learnt};
 use crate::command_filter::CommandFilter;
@@ -69,33 +70,6 @@ impl InnerLoop {
             samples: Samples::new(settings),
             thrust_n: 0.0,
         }
-    }
-
-    /// Thrust and torque of a tick, from the newest state and set-point, whatever tick they are of.
-    ///
-    /// Call it once per tick, with rising ticks; ticks may be left out.
-    pub fn tick(&mut self, tick: u64, state: &Dated<State>, setpoint: &Dated<Setpoint>) -> Wrench {
-        let lost = self.samples.newest_tick().is_none_or(|sampled| tick.saturating_sub(sampled) > self.hold_ticks);
-        let measured = (state.tick == tick).then_some(&state.content);
-        match measured {
-            Some(state) if lost => {
-                let eta2 = Vector3::from(state.attitude_rad);
-                self.filter = CommandFilter::at_rest(self.filter.w_f, eta2);
-            }
-            _ => self.catch_up(tick),
-        }
-        let (order, mode) = self.order(tick, setpoint);
-        let win = self.filter.input(&order);
-        let next = self.filter.advance(&win, self.settings.period_s);
-        let wrench = match measured {
-            Some(state) => self.control(tick, state, &order, mode, &win, &next),
-            None => self.coast(lost),
-        };
-        self.win = win;
-        self.filter = next;
-        self.filter_tick = tick + 1;
-        self.thrust_n = wrench.thrust_n;
-        wrench
     }
 
     /// Runs the filter through the ticks since the last call, on the input that it had.
@@ -172,5 +146,32 @@ impl InnerLoop {
     /// m g [N].
     fn hover_thrust_n(&self) -> f64 {
         self.settings.model.m() * self.settings.model.g()
+    }
+}
+
+impl InnerLaw for InnerLoop {
+    /// Thrust and torque of a tick, from the newest state and set-point, whatever tick they are of.
+    fn tick(&mut self, tick: u64, state: &Dated<State>, setpoint: &Dated<Setpoint>) -> Wrench {
+        let lost = self.samples.newest_tick().is_none_or(|sampled| tick.saturating_sub(sampled) > self.hold_ticks);
+        let measured = (state.tick == tick).then_some(&state.content);
+        match measured {
+            Some(state) if lost => {
+                let eta2 = Vector3::from(state.attitude_rad);
+                self.filter = CommandFilter::at_rest(self.filter.w_f, eta2);
+            }
+            _ => self.catch_up(tick),
+        }
+        let (order, mode) = self.order(tick, setpoint);
+        let win = self.filter.input(&order);
+        let next = self.filter.advance(&win, self.settings.period_s);
+        let wrench = match measured {
+            Some(state) => self.control(tick, state, &order, mode, &win, &next),
+            None => self.coast(lost),
+        };
+        self.win = win;
+        self.filter = next;
+        self.filter_tick = tick + 1;
+        self.thrust_n = wrench.thrust_n;
+        wrench
     }
 }

@@ -7,7 +7,7 @@
 //! ([`adaptation`]) and asks for a torque ([`rate_law`]), one tick ahead where told so ([`predictor`]).
 //! [`WatchedLoop`] puts the monitor of the theorem beside it ([`monitor`]).
 //!
-//! Everything here is a pure law: time comes in as a tick, data as [`shared::messages`]; no ports, clock,
+//! Everything here is a pure law: time comes in as a tick, data as [`model::messages`]; no ports, clock,
 //! allocation or logging in a tick. The rotors belong to the mixer, the airframe to the plant.
 
 pub mod adaptation;
@@ -21,7 +21,6 @@ pub mod lyapunov;
 pub mod monitor;
 pub mod outer;
 pub mod predictor;
-pub mod process;
 pub mod rate_law;
 pub mod rate_reference;
 pub mod samples;

@@ -12,9 +12,9 @@
 
 use std::f64::consts::SQRT_2;
 
+use model::messages::{Dated, State, Wrench};
+use model::monitor::{Cause, Monitor};
 use nalgebra::{Matrix3, Vector3};
-use shared::messages::{Dated, State, Wrench};
-use shared::monitor::{Cause, Monitor};
 
 use crate::adaptation::{Adaptation, LastTick};
 use crate::assumptions::Assumptions;

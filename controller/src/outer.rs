@@ -5,11 +5,12 @@
 //! the measured v, so that (10) holds exactly; acceleration and thrust are limited, which the paper's are not;
 //! the derivatives of roll and pitch are fed forward along the reference ([`crate::flatness`]).
 
+use law::OuterLaw;
+use model::frames::rot_wb;
+use model::limits::RotorLimits;
+use model::messages::{Dated, Setpoint, State};
+use model::parameters::Airframe;
 use nalgebra::Vector3;
-use shared::frames::rot_wb;
-use shared::limits::RotorLimits;
-use shared::messages::{Dated, Setpoint, State};
-use shared::parameters::Airframe;
 
 use crate::flatness::{TiltRates, Yaw, tilt, tilt_rates};
 use crate::settings::{Limits, Settings};
@@ -27,10 +28,11 @@ impl OuterLoop {
     pub const fn new(settings: &Settings) -> Self {
         Self { settings: *settings }
     }
+}
 
+impl OuterLaw for OuterLoop {
     /// Set-point of a tick, or nothing where the state is not of this tick: the inner loop then holds the last.
-    #[must_use]
-    pub fn tick(&self, tick: u64, state: &Dated<State>) -> Option<Setpoint> {
+    fn tick(&mut self, tick: u64, state: &Dated<State>) -> Option<Setpoint> {
         if state.tick != tick {
             return None;
         }
@@ -102,10 +104,4 @@ fn reference_tilt_rates(reference: &Reference, model: &Airframe) -> TiltRates {
     let dda = reference.snap() + drag * reference.jerk();
     let yaw = Yaw { psi: reference.yaw(), dpsi: reference.yaw_rate(), ddpsi: reference.yaw_acceleration() };
     tilt_rates(&a, &da, &dda, &yaw)
-}
-
-/// Distance between the vehicle and its reference [m].
-#[must_use]
-pub fn position_error_m(state: &State, setpoint: &Setpoint) -> f64 {
-    (Vector3::from(state.position_w_m) - Vector3::from(setpoint.reference_position_w_m)).norm()
 }

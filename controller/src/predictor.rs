@@ -6,9 +6,9 @@
 //! the state message says is in force, so it is right, one tick deep, also when a command was late. One that
 //! looks further than the delay is worse than none (docs/paper.md).
 
+use model::frames::euler_rate_of_body_rate;
+use model::rate_dynamics::{coupling, disturbance, regressor};
 use nalgebra::Vector3;
-use shared::frames::euler_rate_of_body_rate;
-use shared::rate_dynamics::{coupling, disturbance, regressor};
 
 use crate::rate_law::RatePoint;
 

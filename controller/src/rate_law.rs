@@ -5,8 +5,8 @@
 //! The gain is alpha in continuous time, but [`sampled_gain`] here: with alpha itself the paper's 1e4/s would
 //! multiply the error by 1 - alpha T = -9 in every tick of 1 ms.
 
+use model::rate_dynamics::{coupling, disturbance, regressor};
 use nalgebra::Vector3;
-use shared::rate_dynamics::{coupling, disturbance, regressor};
 
 use crate::rate_reference::RateReference;
 

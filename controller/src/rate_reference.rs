@@ -4,8 +4,8 @@
 //! Montazeri) uses nu2_d and d(nu2_d) in (17)-(19) without a link to the eta2_d of (13), (14). The link here:
 //! xi, the Euler rates wanted, closes the attitude error with K_eta, and (5) turns them into body rates.
 
+use model::frames::{body_rate_of_euler_rate, body_rate_of_euler_rate_dot, euler_rate_of_body_rate, wrap};
 use nalgebra::Vector3;
-use shared::frames::{body_rate_of_euler_rate, body_rate_of_euler_rate_dot, euler_rate_of_body_rate, wrap};
 
 use crate::command_filter::CommandFilter;
 

@@ -3,9 +3,9 @@
 //! The paper has no counterpart: in continuous time nothing is sampled. A tick counts only where its start and its end
 //! were both measured, because the rotor means of a state cover one tick.
 
+use model::allocation::{Allocation, net_speed};
+use model::messages::{ROTORS, State};
 use nalgebra::Vector3;
-use shared::allocation::{Allocation, net_speed};
-use shared::messages::{ROTORS, State};
 
 use crate::adaptation::LastTick;
 use crate::settings::Settings;

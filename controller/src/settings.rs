@@ -2,9 +2,9 @@
 //!
 //! The paper has no counterpart: its loops are continuous and know neither delay nor limits.
 
+use model::limits::RotorLimits;
+use model::parameters::Airframe;
 use serde::{Deserialize, Serialize};
-use shared::limits::RotorLimits;
-use shared::parameters::Airframe;
 use thiserror::Error;
 
 use crate::gains::{Gains, Preset};

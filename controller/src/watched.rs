@@ -2,7 +2,8 @@
 //!
 //! First the law, which never sees the truth; then the monitor, which does, and writes nothing but its own block.
 
-use shared::messages::{Dated, Setpoint, State, Wrench};
+use law::InnerLaw;
+use model::messages::{Dated, Setpoint, State, Wrench};
 
 use crate::inner::InnerLoop;
 use crate::monitor::TheoremMonitor;
@@ -21,9 +22,11 @@ impl WatchedLoop {
     pub fn new(settings: &Settings) -> Self {
         Self { law: InnerLoop::new(settings), monitor: TheoremMonitor::new(settings) }
     }
+}
 
-    /// [`InnerLoop::tick`], with the monitor's block filled in.
-    pub fn tick(&mut self, tick: u64, state: &Dated<State>, setpoint: &Dated<Setpoint>) -> Wrench {
+impl InnerLaw for WatchedLoop {
+    /// [`InnerLoop`]'s tick, with the monitor's block filled in.
+    fn tick(&mut self, tick: u64, state: &Dated<State>, setpoint: &Dated<Setpoint>) -> Wrench {
         let wrench = self.law.tick(tick, state, setpoint);
         Wrench { monitor: self.monitor.watch(tick, state, &wrench), ..wrench }
     }

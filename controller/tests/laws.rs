@@ -4,10 +4,10 @@ use controller::adaptation::{Adaptation, LastTick, Learnt};
 use controller::command_filter::CommandFilter;
 use controller::outer::limit;
 use controller::{Limits, Preset, Settings, Trajectory};
+use model::rate_dynamics::{coupling, disturbance, regressor};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use proptest::sample::select;
-use shared::rate_dynamics::{coupling, disturbance, regressor};
 
 fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
     prop::array::uniform3(-size..size).prop_map(Vector3::from)

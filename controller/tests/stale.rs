@@ -1,9 +1,10 @@
 //! What both loops do with inputs that are late, missing, or back again.
 
 use controller::{InnerLoop, OuterLoop, Preset, Settings, Trajectory, WatchedLoop};
-use shared::messages::{Dated, Mode, NO_TICK, Setpoint, State, Truth, Wrench};
-use shared::monitor::Monitor;
-use shared::parameters::PARAMETERS;
+use law::{InnerLaw as _, OuterLaw as _};
+use model::messages::{Dated, Mode, NO_TICK, Setpoint, State, Truth, Wrench};
+use model::monitor::Monitor;
+use model::parameters::PARAMETERS;
 
 const HOLD_TICKS: u64 = 100;
 
@@ -68,7 +69,7 @@ fn hover_thrust_n() -> f64 {
 
 #[test]
 fn the_outer_loop_publishes_nothing_for_a_state_of_another_tick() {
-    let outer = OuterLoop::new(&settings());
+    let mut outer = OuterLoop::new(&settings());
     assert_eq!(outer.tick(7, &state(6)), None);
     assert_eq!(outer.tick(7, &state(8)), None);
     assert_eq!(outer.tick(7, &never()), None);
@@ -77,7 +78,7 @@ fn the_outer_loop_publishes_nothing_for_a_state_of_another_tick() {
 
 #[test]
 fn the_outer_loop_feeds_nothing_forward_while_limited() {
-    let outer = OuterLoop::new(&settings());
+    let mut outer = OuterLoop::new(&settings());
     let near = outer.tick(3000, &state(3000)).unwrap();
     assert_eq!(near.limited, 0);
     assert_ne!(near.attitude_rate_rad_s[0], 0.0);
@@ -231,7 +232,7 @@ fn no_law_reads_the_truth() {
     let settings = settings();
     let mut told = InnerLoop::new(&settings);
     let mut untold = InnerLoop::new(&settings);
-    let outer = OuterLoop::new(&settings);
+    let mut outer = OuterLoop::new(&settings);
     let mut watched = WatchedLoop::new(&settings);
     for tick in 0..50 {
         let plain = state(tick);

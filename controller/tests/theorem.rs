@@ -4,12 +4,13 @@ use controller::adaptation::{Adaptation, LastTick};
 use controller::excitation::Excitation;
 use controller::lyapunov::{RateWeight, Step, v_th, v_th_change};
 use controller::{InnerLoop, Preset, Settings, TheoremMonitor, Trajectory, WatchedLoop};
+use law::InnerLaw as _;
+use model::messages::{Dated, Setpoint, State, Truth, Wrench};
+use model::monitor::{Cause, Monitor};
+use model::parameters::{Airframe, PARAMETERS, Parameter};
 use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
 use proptest::sample::select;
-use shared::messages::{Dated, Setpoint, State, Truth, Wrench};
-use shared::monitor::{Cause, Monitor};
-use shared::parameters::{Airframe, PARAMETERS, Parameter};
 
 fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
     prop::array::uniform3(-size..size).prop_map(Vector3::from)

@@ -8,9 +8,9 @@ use controller::predictor::predict;
 use controller::rate_law::{RatePoint, sampled_gain, torque};
 use controller::rate_reference::{RateReference, rate_reference};
 use controller::{Preset, Settings, Trajectory};
+use model::parameters::Airframe;
 use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
-use shared::parameters::Airframe;
 
 const TOLERANCE: f64 = 1e-12;
 

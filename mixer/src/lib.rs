@@ -5,6 +5,5 @@
 
 pub mod mix;
 pub mod mixer;
-pub mod process;
 
 pub use crate::mixer::{Mixer, Settings};

@@ -13,11 +13,12 @@
 //! The mode says how old the *mixer's* input is. A wrench that the inner loop made in a mode of its own is mixed
 //! like any other, except that one marked idle idles the rotors.
 
+use law::MixerLaw;
+use model::allocation::Allocation;
+use model::limits::RotorLimits;
+use model::messages::{Dated, Mode, RotorSpeeds, Wrench};
+use model::parameters::Airframe;
 use nalgebra::{Vector3, Vector4};
-use shared::allocation::Allocation;
-use shared::limits::RotorLimits;
-use shared::messages::{Dated, Mode, RotorSpeeds, Wrench};
-use shared::parameters::Airframe;
 
 use crate::mix::{mix, speeds};
 
@@ -65,30 +66,9 @@ impl Mixer {
         }
     }
 
-    /// Rotor speeds at `tick`, from the newest wrench with the tick that it was made for.
-    ///
-    /// The result carries the thrust and torque that are really asked of the rotors, by the nominal model.
-    #[must_use]
-    pub fn tick(&self, tick: u64, wrench: &Dated<Wrench>) -> RotorSpeeds {
-        let Wrench { thrust_n, torque_b_nm, mode, .. } = wrench.content;
-        let demand = (thrust_n, Vector3::from(torque_b_nm));
-        match wrench.age(tick) {
-            age if age >= self.idle_after_ticks || mode == Mode::Idle as u64 => self.idle(),
-            0 => self.mixed(demand, Mode::Fresh),
-            1..=HELD_TICKS => self.mixed(demand, Mode::Held),
-            _ => self.mixed((thrust_n, Vector3::zeros()), Mode::Fallback),
-        }
-    }
-
     fn mixed(&self, (u, tau): (f64, Vector3<f64>), mode: Mode) -> RotorSpeeds {
         let mix = mix(&self.allocation, u, &tau, self.f_min, self.f_max);
         self.message(&mix.f, mix.saturated, mode)
-    }
-
-    /// Every rotor at its smallest speed. Nothing is demanded of idle rotors, so nothing saturates.
-    #[must_use]
-    pub fn idle(&self) -> RotorSpeeds {
-        self.message(&Vector4::repeat(self.f_min), false, Mode::Idle)
     }
 
     fn message(&self, f: &Vector4<f64>, saturated: bool, mode: Mode) -> RotorSpeeds {
@@ -100,5 +80,26 @@ impl Mixer {
             saturated: u64::from(saturated),
             mode: mode as u64,
         }
+    }
+}
+
+impl MixerLaw for Mixer {
+    /// Rotor speeds at `tick`, from the newest wrench with the tick that it was made for.
+    ///
+    /// The result carries the thrust and torque that are really asked of the rotors, by the nominal model.
+    fn tick(&mut self, tick: u64, wrench: &Dated<Wrench>) -> RotorSpeeds {
+        let Wrench { thrust_n, torque_b_nm, mode, .. } = wrench.content;
+        let demand = (thrust_n, Vector3::from(torque_b_nm));
+        match wrench.age(tick) {
+            age if age >= self.idle_after_ticks || mode == Mode::Idle as u64 => self.idle(),
+            0 => self.mixed(demand, Mode::Fresh),
+            1..=HELD_TICKS => self.mixed(demand, Mode::Held),
+            _ => self.mixed((thrust_n, Vector3::zeros()), Mode::Fallback),
+        }
+    }
+
+    /// Every rotor at its smallest speed. Nothing is demanded of idle rotors, so nothing saturates.
+    fn idle(&self) -> RotorSpeeds {
+        self.message(&Vector4::repeat(self.f_min), false, Mode::Idle)
     }
 }

@@ -3,11 +3,11 @@
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use mixer::mix::{mix, speeds};
+use model::allocation::Allocation;
+use model::limits::RotorLimits;
+use model::parameters::Airframe;
 use nalgebra::{Vector3, Vector4};
 use serde_json::Value;
-use shared::allocation::Allocation;
-use shared::limits::RotorLimits;
-use shared::parameters::Airframe;
 
 const CASES: usize = 50;
 const TOLERANCE: f64 = 1e-12;

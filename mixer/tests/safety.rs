@@ -1,9 +1,10 @@
 //! Safety of the mixer stage: what it does with a wrench of each age.
 
+use law::MixerLaw as _;
 use mixer::{Mixer, Settings};
-use shared::limits::RotorLimits;
-use shared::messages::{Dated, Mode, NO_TICK, RotorSpeeds, Wrench};
-use shared::parameters::Airframe;
+use model::limits::RotorLimits;
+use model::messages::{Dated, Mode, NO_TICK, RotorSpeeds, Wrench};
+use model::parameters::Airframe;
 
 fn settings() -> Settings {
     Settings { period_s: 0.001, model: Airframe::nominal(), rotor: RotorLimits::default() }
@@ -36,7 +37,7 @@ fn a_fresh_wrench_is_met() {
 
 #[test]
 fn a_wrench_ages_from_held_over_fallback_to_idle() {
-    let mixer = Mixer::new(&settings());
+    let mut mixer = Mixer::new(&settings());
     let fresh = mixer.tick(100, &wrench(100));
     for age in 1..=3 {
         let held = mixer.tick(100 + age, &wrench(100));
@@ -64,8 +65,8 @@ fn before_the_first_wrench_the_rotors_idle() {
 
 #[test]
 fn the_inner_loops_own_mode_changes_nothing_but_idle() {
-    let mixer = Mixer::new(&settings());
-    let of_mode = |mode: Mode| {
+    let mut mixer = Mixer::new(&settings());
+    let mut of_mode = |mode: Mode| {
         let mut wrench = wrench(7);
         wrench.content.mode = mode as u64;
         mixer.tick(7, &wrench)
@@ -77,7 +78,7 @@ fn the_inner_loops_own_mode_changes_nothing_but_idle() {
 
 #[test]
 fn ages_are_ticks_of_any_length() {
-    let mixer = Mixer::new(&Settings { period_s: 0.005, ..settings() });
+    let mut mixer = Mixer::new(&Settings { period_s: 0.005, ..settings() });
     assert_eq!(mixer.tick(9, &wrench(0)).mode, Mode::Fallback as u64);
     assert_idle(&mixer.tick(10, &wrench(0)));
 }

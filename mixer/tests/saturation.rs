@@ -3,10 +3,10 @@
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use mixer::mix::{Mix, mix};
+use model::allocation::Allocation;
+use model::parameters::{Airframe, Parameter};
 use nalgebra::{Vector3, Vector4};
 use proptest::prelude::*;
-use shared::allocation::Allocation;
-use shared::parameters::{Airframe, Parameter};
 
 /// An allocation with round numbers: a thrust of 1 N per rotor and torque of 1 N m on each axis.
 fn unit_allocation() -> Allocation {

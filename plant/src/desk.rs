@@ -7,14 +7,14 @@
 use std::sync::mpsc;
 
 use heapless::spsc::{Consumer, Producer};
-use shared::clock::now_ns;
-use shared::envelope::Envelope;
-use shared::error::Error;
-use shared::inspection::Expected;
-use shared::instance::Instance;
-use shared::messages::{NO_TICK, SwapRecord};
-use shared::parameters::{PARAMETERS, Parameter, ParameterError};
-use shared::wire::{Owner, Sender, SwapAnswer, SwapCall, SwapOrder, Verdict, Wire};
+use model::envelope::Envelope;
+use model::inspection::Expected;
+use model::messages::{NO_TICK, SwapRecord};
+use model::parameters::{PARAMETERS, Parameter, ParameterError};
+use wire::clock::now_ns;
+use wire::error::Error;
+use wire::instance::Instance;
+use wire::{Owner, Sender, SwapAnswer, SwapCall, SwapOrder, Verdict, Wire};
 
 use crate::process::{INBOX, OUTBOX};
 use crate::swap::{AppliedSwap, Swap, SwapError};

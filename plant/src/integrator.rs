@@ -4,8 +4,8 @@
 //! tick, so both are evaluated at the stage times. Every time comes from the integer tick and the number of the step,
 //! never from a running sum: the same tick gives the same bits, however the plant got there.
 
-use shared::parameters::Airframe;
-use shared::rate_dynamics::disturbance;
+use model::parameters::Airframe;
+use model::rate_dynamics::disturbance;
 
 use crate::rigid_body::{Forcing, RigidBody, RigidBodyRate};
 use crate::rotors::{Spin, effort};

@@ -12,7 +12,7 @@
 //! the command may act.
 
 use heapless::Deque;
-use shared::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds};
+use model::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds};
 
 /// For how long a command holds without a newer one; then the rotors spin down to idle, as speed controllers do.
 pub const COMMAND_TIMEOUT_S: f64 = 0.020;

@@ -8,10 +8,10 @@
 //! Owns the order of these steps; the steps themselves are [`crate::swap`], [`crate::latch`], [`crate::rotors`],
 //! [`crate::integrator`] and [`crate::gyro`].
 
+use model::limits::RotorLimits;
+use model::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds, State, Truth};
+use model::parameters::Airframe;
 use nalgebra::Vector4;
-use shared::limits::RotorLimits;
-use shared::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds, State, Truth};
-use shared::parameters::Airframe;
 use thiserror::Error;
 
 use crate::gyro;

@@ -6,16 +6,17 @@ use std::sync::mpsc;
 use std::thread;
 
 use heapless::spsc::{Consumer, Producer, Queue};
-use shared::boards::{Ending, IN_FORCE, InForce, Run, RunPhase};
-use shared::clock::{Pace, now_ns, sleep_until};
-use shared::envelope::{Envelope, Stamps};
-use shared::error::Error;
-use shared::flight_plan::{FlightPlan, LOCKSTEP_PATIENCE_NS};
-use shared::messages::{Dated, RotorSpeeds, State};
-use shared::role::Role;
-use shared::rt::UsageMeter;
-use shared::station::{Opened, Station};
-use shared::wire::{Board, DEEP, Doorbell, Receiver, Sender, Wire};
+use model::boards::{Ending, IN_FORCE, InForce, Run, RunPhase};
+use model::envelope::{Envelope, Stamps};
+use model::flight_plan::{FlightPlan, LOCKSTEP_PATIENCE_NS};
+use model::grid::Pace;
+use model::messages::{Dated, RotorSpeeds, State};
+use model::role::Role;
+use role::rt::UsageMeter;
+use role::station::{Opened, Station};
+use wire::clock::{now_ns, sleep_until};
+use wire::error::Error;
+use wire::{Board, DEEP, Doorbell, Receiver, Sender, Wire};
 
 use crate::desk::{self, Event, Order};
 use crate::latch::PENDING_COMMANDS;
@@ -115,7 +116,7 @@ impl<'a> PlantProcess<'a> {
     ///
     /// # Errors
     /// Those of the ports.
-    pub fn arm(&mut self, expected: shared::inspection::Expected, epoch: u64) -> Result<(), Error> {
+    pub fn arm(&mut self, expected: model::inspection::Expected, epoch: u64) -> Result<(), Error> {
         self.states.arm(expected, epoch)?;
         self.commands.arm(expected)
     }
@@ -124,7 +125,7 @@ impl<'a> PlantProcess<'a> {
         &mut self,
         station: &mut Station,
         plan: FlightPlan,
-        open_desk: &mpsc::Sender<(shared::inspection::Expected, u64)>,
+        open_desk: &mpsc::Sender<(model::inspection::Expected, u64)>,
     ) -> Result<(), Error> {
         let mut opened = station.open_run(plan, |expected, epoch| self.arm(expected, epoch))?;
         // A desk that has ended on an error takes no run number; its error comes with its end.

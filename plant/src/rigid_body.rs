@@ -9,10 +9,10 @@
 //! * h is a known function of time, h(t), not of the rates.
 //! * u is only the total thrust; the body velocity is v, and I_M^-1 tau carries no letter of its own.
 
+use model::frames::{euler_rate_of_body_rate, rot_wb};
+use model::parameters::Airframe;
+use model::rate_dynamics::{coupling, regressor};
 use nalgebra::Vector3;
-use shared::frames::{euler_rate_of_body_rate, rot_wb};
-use shared::parameters::Airframe;
-use shared::rate_dynamics::{coupling, regressor};
 
 /// Where the body is and how it moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

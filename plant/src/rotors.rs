@@ -9,9 +9,9 @@
 //! * Beyond the paper: an efficiency per rotor, a share of its thrust and so of its drag torque; and a first-order lag
 //!   of the speeds. Nominally both are off.
 
+use model::allocation::{Allocation, net_speed};
+use model::parameters::Airframe;
 use nalgebra::Vector4;
-use shared::allocation::{Allocation, net_speed};
-use shared::parameters::Airframe;
 
 use crate::rigid_body::Effort;
 

@@ -3,7 +3,7 @@
 //! A swap is how the airframe changes in flight: a fault, a payload, gyro noise switched on. This file owns what makes
 //! a swap valid and the order in which pending ones are applied; when the plant stands at a tick is [`crate::plant`]'s.
 
-use shared::parameters::{Airframe, PARAMETERS, Parameter, ParameterError};
+use model::parameters::{Airframe, PARAMETERS, Parameter, ParameterError};
 use thiserror::Error;
 
 /// Pending swaps that fit into the queue.

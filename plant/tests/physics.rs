@@ -2,15 +2,15 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+use model::limits::RotorLimits;
+use model::messages::{Dated, RotorSpeeds};
+use model::parameters::{Airframe, Parameter};
 use nalgebra::{Vector3, Vector4};
 use plant::integrator::{SUBSTEPS, integrate};
 use plant::rigid_body::{Effort, RigidBody};
 use plant::rotors::{Spin, effort, hover};
 use plant::{Plant, Settings};
 use proptest::prelude::*;
-use shared::limits::RotorLimits;
-use shared::messages::{Dated, RotorSpeeds};
-use shared::parameters::{Airframe, Parameter};
 
 const PERIOD_S: f64 = 0.001;
 
@@ -58,7 +58,7 @@ fn free_fall_without_drag_keeps_its_energy_and_its_spin() {
     let spin = Spin::new(&airframe, Vector4::zeros(), Vector4::zeros());
     let end = (0..200).fold(start, |body, tick| integrate(&body, &airframe, &spin, tick, PERIOD_S, SUBSTEPS));
     assert!((energy(&end) - energy(&start)).abs() < 1e-12, "{} became {}", energy(&start), energy(&end));
-    let momentum = |body: &RigidBody| shared::frames::rot_wb(&body.eta2) * body.nu2.component_mul(&i_m);
+    let momentum = |body: &RigidBody| model::frames::rot_wb(&body.eta2) * body.nu2.component_mul(&i_m);
     assert!((momentum(&end) - momentum(&start)).norm() < 1e-11);
 }
 

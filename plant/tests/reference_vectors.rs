@@ -2,11 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+use model::parameters::Airframe;
+use model::rate_dynamics::disturbance;
 use nalgebra::Vector3;
 use plant::rigid_body::{angular_acceleration, linear_acceleration};
 use serde_json::Value;
-use shared::parameters::Airframe;
-use shared::rate_dynamics::disturbance;
 
 const CASES: usize = 50;
 const TOLERANCE: f64 = 1e-12;

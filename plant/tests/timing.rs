@@ -2,11 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+use model::limits::RotorLimits;
+use model::messages::{Dated, NO_TICK, RotorSpeeds, State};
+use model::parameters::{Airframe, Parameter};
 use plant::swap::PENDING_SWAPS;
 use plant::{Change, Departure, Plant, Settings, Swap, SwapError};
-use shared::limits::RotorLimits;
-use shared::messages::{Dated, NO_TICK, RotorSpeeds, State};
-use shared::parameters::{Airframe, Parameter};
 
 const IDLE: [f64; 4] = [30.0; 4];
 

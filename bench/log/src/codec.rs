@@ -1,0 +1,266 @@
+//! Messages as Protobuf, written and read by their layouts.
+//!
+//! The envelope is field 1, the content's fields follow from 2 on in the order of the layout. Whole numbers are
+//! `fixed64` and numbers `double`, so every bit is kept; every field is written, also a zero, so a message has one
+//! size. The reader wants exactly that: what deviates was not written by the layout that it reads by.
+
+use model::envelope::{Envelope, Message};
+use model::layout::{Field, Kind, Visitor, VisitorMut, Walk};
+use model::topic::Topic;
+
+/// Number of the envelope's field.
+pub const ENVELOPE_NUMBER: u32 = 1;
+/// Number of the content's first field.
+pub const CONTENT_NUMBER: u32 = 2;
+
+/// Protobuf's wire types.
+const FIXED64: u32 = 1;
+const LENGTH_DELIMITED: u32 = 2;
+
+/// A content that the flight log holds.
+pub trait Logged: Topic + Walk {}
+
+impl<C: Topic + Walk> Logged for C {}
+
+/// Writes a message.
+pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
+    out.clear();
+    let mut encoder = Encoder { out, number: ENVELOPE_NUMBER };
+    encoder.nested(&message.envelope);
+    encoder.number = CONTENT_NUMBER;
+    message.content.visit(&mut encoder);
+}
+
+/// Reads a message; `None` where the bytes are not one.
+#[must_use]
+pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
+    let mut message = Message { envelope: Envelope::new(), content: C::default() };
+    let mut decoder = Decoder { bytes, number: ENVELOPE_NUMBER, whole: true };
+    decoder.nested(&mut message.envelope);
+    decoder.number = CONTENT_NUMBER;
+    message.content.visit_mut(&mut decoder);
+    (decoder.whole && decoder.bytes.is_empty()).then_some(message)
+}
+
+/// Length of a struct's fields, numbered from `first` on [bytes].
+fn encoded_length(fields: &[Field], first: u32) -> usize {
+    fields
+        .iter()
+        .zip(first..)
+        .map(|(field, number)| {
+            let tag = varint_length(u64::from(number << 3));
+            let delimited = |length: usize| tag + varint_length(length as u64) + length;
+            match (field.kind, field.length) {
+                (Kind::Struct { fields, .. }, length) => {
+                    length.unwrap_or(1) * delimited(encoded_length(fields, ENVELOPE_NUMBER))
+                }
+                (Kind::U64 | Kind::F64, None) => tag + size_of::<u64>(),
+                (Kind::U64 | Kind::F64, Some(length)) => delimited(length * size_of::<u64>()),
+                // Not shown to a visitor, and in no message.
+                (Kind::U8 | Kind::I64, _) => 0,
+            }
+        })
+        .sum()
+}
+
+const fn varint_length(value: u64) -> usize {
+    (u64::BITS - (value | 1).leading_zeros()).div_ceil(7) as usize
+}
+
+struct Encoder<'a> {
+    out: &'a mut Vec<u8>,
+    number: u32,
+}
+
+impl Encoder<'_> {
+    fn varint(&mut self, mut value: u64) {
+        while value >= 0x80 {
+            self.out.push(value as u8 | 0x80);
+            value >>= 7;
+        }
+        self.out.push(value as u8);
+    }
+
+    fn tag(&mut self, wire_type: u32) {
+        self.varint(u64::from(self.number << 3 | wire_type));
+    }
+
+    fn nested<L: Walk>(&mut self, value: &L) {
+        self.tag(LENGTH_DELIMITED);
+        self.varint(encoded_length(L::FIELDS, ENVELOPE_NUMBER) as u64);
+        let outside = self.number;
+        self.number = ENVELOPE_NUMBER;
+        value.visit(self);
+        self.number = outside;
+    }
+
+    fn words(&mut self, field: &Field, words: impl ExactSizeIterator<Item = u64>) {
+        if field.length.is_some() {
+            self.tag(LENGTH_DELIMITED);
+            self.varint((words.len() * size_of::<u64>()) as u64);
+        } else {
+            self.tag(FIXED64);
+        }
+        words.for_each(|word| self.out.extend(word.to_le_bytes()));
+        self.number += 1;
+    }
+}
+
+impl Visitor for Encoder<'_> {
+    fn integers(&mut self, field: &'static Field, values: &[u64]) {
+        self.words(field, values.iter().copied());
+    }
+
+    fn numbers(&mut self, field: &'static Field, values: &[f64]) {
+        self.words(field, values.iter().map(|value| value.to_bits()));
+    }
+
+    fn structs<L: Walk>(&mut self, _: &'static Field, values: &[L]) {
+        values.iter().for_each(|value| self.nested(value));
+        self.number += 1;
+    }
+}
+
+struct Decoder<'a> {
+    bytes: &'a [u8],
+    number: u32,
+    /// Whether everything so far was as expected.
+    whole: bool,
+}
+
+impl Decoder<'_> {
+    fn varint(&mut self) -> Option<u64> {
+        let mut value = 0;
+        for shift in (0..64).step_by(7) {
+            let (byte, rest) = self.bytes.split_first()?;
+            self.bytes = rest;
+            value |= u64::from(byte & 0x7f) << shift;
+            if byte & 0x80 == 0 {
+                return Some(value);
+            }
+        }
+        None
+    }
+
+    fn expect(&mut self, value: u64) {
+        self.whole = self.whole && self.varint() == Some(value);
+    }
+
+    fn tag(&mut self, wire_type: u32) {
+        self.expect(u64::from(self.number << 3 | wire_type));
+    }
+
+    fn word(&mut self) -> u64 {
+        let Some((word, rest)) = self.bytes.split_first_chunk() else {
+            self.whole = false;
+            return 0;
+        };
+        self.bytes = rest;
+        u64::from_le_bytes(*word)
+    }
+
+    fn nested<L: Walk>(&mut self, value: &mut L) {
+        self.tag(LENGTH_DELIMITED);
+        self.expect(encoded_length(L::FIELDS, ENVELOPE_NUMBER) as u64);
+        let outside = self.number;
+        self.number = ENVELOPE_NUMBER;
+        value.visit_mut(self);
+        self.number = outside;
+    }
+
+    fn words(&mut self, field: &Field, count: usize, mut take: impl FnMut(usize, u64)) {
+        if field.length.is_some() {
+            self.tag(LENGTH_DELIMITED);
+            self.expect((count * size_of::<u64>()) as u64);
+        } else {
+            self.tag(FIXED64);
+        }
+        (0..count).for_each(|i| take(i, self.word()));
+        self.number += 1;
+    }
+}
+
+impl VisitorMut for Decoder<'_> {
+    fn integers(&mut self, field: &'static Field, values: &mut [u64]) {
+        self.words(field, values.len(), |i, word| values[i] = word);
+    }
+
+    fn numbers(&mut self, field: &'static Field, values: &mut [f64]) {
+        self.words(field, values.len(), |i, word| values[i] = f64::from_bits(word));
+    }
+
+    fn structs<L: Walk>(&mut self, _: &'static Field, values: &mut [L]) {
+        values.iter_mut().for_each(|value| self.nested(value));
+        self.number += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Fills every field with words of its own.
+    struct Fill<F>(F);
+
+    impl<F: FnMut() -> u64> VisitorMut for Fill<F> {
+        fn integers(&mut self, _: &'static Field, values: &mut [u64]) {
+            values.iter_mut().for_each(|value| *value = (self.0)());
+        }
+
+        fn numbers(&mut self, _: &'static Field, values: &mut [f64]) {
+            values.iter_mut().for_each(|value| *value = f64::from_bits((self.0)()));
+        }
+
+        fn structs<L: Walk>(&mut self, _: &'static Field, values: &mut [L]) {
+            values.iter_mut().for_each(|value| value.visit_mut(self));
+        }
+    }
+
+    pub(crate) fn filled<C: Logged>(seed: u64) -> Message<C> {
+        let mut word = seed;
+        let mut message = Message::<C>::default();
+        let mut fill = Fill(|| {
+            word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            word.rotate_right((word >> 59) as u32)
+        });
+        message.envelope.visit_mut(&mut fill);
+        message.content.visit_mut(&mut fill);
+        message
+    }
+
+    fn comes_back<C: Logged>(seed: u64) {
+        let message = filled::<C>(seed);
+        let (mut bytes, mut again) = (Vec::new(), Vec::new());
+        encode(&message, &mut bytes);
+        let read = decode::<C>(&bytes).unwrap_or_else(|| panic!("{} {seed}", C::NAME));
+        encode(&read, &mut again);
+        // Bytes, because a random word may be a number that is none, and equals nothing.
+        assert_eq!(bytes, again, "{} {seed}", C::NAME);
+        assert_eq!(read.envelope, message.envelope);
+        assert!(decode::<C>(&bytes[..bytes.len() - 1]).is_none(), "a byte is missing");
+        bytes.push(0);
+        assert!(decode::<C>(&bytes).is_none(), "a byte too many");
+    }
+
+    proptest! {
+        #[test]
+        fn every_bit_of_every_message_comes_back(seed in any::<u64>()) {
+            comes_back::<State>(seed);
+            comes_back::<Setpoint>(seed);
+            comes_back::<Wrench>(seed);
+            comes_back::<RotorSpeeds>(seed);
+            comes_back::<SwapRecord>(seed);
+        }
+    }
+
+    #[test]
+    fn another_topics_message_is_not_read() {
+        let mut bytes = Vec::new();
+        encode(&filled::<Wrench>(1), &mut bytes);
+        assert!(decode::<State>(&bytes).is_none() && decode::<RotorSpeeds>(&bytes).is_none());
+        assert!(decode::<Wrench>(&[]).is_none());
+    }
+}

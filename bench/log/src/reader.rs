@@ -1,0 +1,276 @@
+//! Reads a flight log from begin to end, and believes only what its checksums cover.
+//!
+//! It goes chunk by chunk, so that it also reads what a killed recorder or a full disk has left.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use mcap::McapError;
+use mcap::records::Record;
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use model::boards::LOCKSTEP;
+use model::envelope::{LAYOUT, Message};
+use model::grid::{Grid, Pace};
+use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::topic::Topic;
+
+use crate::codec::{Logged, decode};
+use crate::{facts, schema};
+use failure::{Failure, InFile as _};
+
+/// A record longer than this is no log's [bytes].
+const RECORD_LIMIT: usize = 1 << 28;
+
+/// A message of one of the topics.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "the largest is the most frequent")]
+pub enum Entry {
+    /// Topic `state`.
+    State(Message<State>),
+    /// Topic `setpoint`.
+    Setpoint(Message<Setpoint>),
+    /// Topic `wrench`.
+    Wrench(Message<Wrench>),
+    /// Topic `rotor_speeds`.
+    RotorSpeeds(Message<RotorSpeeds>),
+    /// Topic `swaps`.
+    Swap(Message<SwapRecord>),
+}
+
+/// How far a log goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// To its end, and every checksum holds.
+    Complete,
+    /// The end is missing: only what was read before is there.
+    Truncated,
+}
+
+/// A flight log that is being read.
+#[allow(missing_debug_implementations, reason = "the parser has none")]
+pub struct LogReader {
+    path: PathBuf,
+    file: File,
+    parser: LinearReader,
+    /// What is read by the messages' layouts: topics by channel.
+    channels: BTreeMap<u16, &'static str>,
+    schemas: BTreeMap<u16, (String, Vec<u8>)>,
+    facts: BTreeMap<String, facts::Record>,
+    end: Option<End>,
+    has_data_end: bool,
+    has_footer: bool,
+}
+
+impl LogReader {
+    /// Opens a log and reads what it says of its flight.
+    ///
+    /// # Errors
+    /// [`Failure`] names the file, and says what is wrong with it.
+    pub fn open(path: &Path) -> Result<Self, Failure> {
+        let file = File::open(path).in_file("read the flight log", path)?;
+        let options = LinearReaderOptions::default()
+            .with_prevalidate_chunk_crcs(true)
+            .with_validate_data_section_crc(true)
+            .with_validate_summary_section_crc(true)
+            .with_check_finishes_after_end_magic(true)
+            .with_record_length_limit(RECORD_LIMIT);
+        Ok(Self {
+            path: path.to_owned(),
+            file,
+            parser: LinearReader::new_with_options(options),
+            channels: BTreeMap::new(),
+            schemas: BTreeMap::new(),
+            facts: BTreeMap::new(),
+            end: None,
+            has_data_end: false,
+            has_footer: false,
+        })
+    }
+
+    /// The next message; none at the end, which [`Self::end`] then describes.
+    ///
+    /// # Errors
+    /// [`Failure`] names the file, and says where it is damaged, or of which other version.
+    pub fn next_entry(&mut self) -> Result<Option<Entry>, Failure> {
+        while self.end.is_none() {
+            if let Some(entry) = self.step()? {
+                return Ok(Some(entry));
+            }
+        }
+        Ok(None)
+    }
+
+    /// How far the log goes; [`End::Truncated`] while it has not been read to its end.
+    #[must_use]
+    pub fn end(&self) -> End {
+        self.end.unwrap_or(End::Truncated)
+    }
+
+    /// What the log says of its flight, as far as it has been read: all but the landing stands before the messages.
+    ///
+    /// # Errors
+    /// [`Failure`] names the file and the missing fact.
+    pub fn fact(&self, record: &str, name: &str) -> Result<&str, Failure> {
+        self.facts
+            .get(record)
+            .and_then(|record| record.get(name))
+            .map(String::as_str)
+            .ok_or_else(|| self.damaged(&format!("its record `{record}` has no `{name}`")))
+    }
+
+    /// A number of the record about the run.
+    ///
+    /// # Errors
+    /// As [`Self::fact`].
+    pub fn number(&self, name: &str) -> Result<u64, Failure> {
+        let text = self.fact(facts::RUN, name)?;
+        text.parse().map_err(|_| self.damaged(&format!("its record `run` has {name} = `{text}`, which is no number")))
+    }
+
+    /// What moved the ticks of the run on.
+    ///
+    /// # Errors
+    /// As [`Self::fact`].
+    pub fn pace(&self) -> Result<Pace, Failure> {
+        let (t0_ns, period_ns) = (self.number("t0_ns")?, self.number("period_ns")?);
+        Ok(if period_ns == LOCKSTEP { Pace::Lockstep } else { Pace::Realtime(Grid { t0_ns, period_ns }) })
+    }
+
+    /// A failure of this log.
+    #[must_use]
+    pub fn damaged(&self, what: &str) -> Failure {
+        Failure::failed(format!("{} is damaged or no flight log: {what}", self.path.display()))
+            .help("only an undamaged log can be trusted; what stands before the damage can be exported")
+    }
+
+    fn step(&mut self) -> Result<Option<Entry>, Failure> {
+        let event = match self.parser.next_event() {
+            None => {
+                self.end = Some(End::Complete);
+                if !(self.has_data_end && self.has_footer) {
+                    return Err(self.damaged("its checksums are missing"));
+                }
+                return Ok(None);
+            }
+            // The end of the file inside a record: of a log that was not finished.
+            Some(Err(McapError::UnexpectedEof)) => {
+                self.end = Some(End::Truncated);
+                if self.facts.is_empty() {
+                    return Err(self.damaged("it ends before its first record"));
+                }
+                return Ok(None);
+            }
+            Some(Err(e)) => {
+                self.end = Some(End::Truncated);
+                return Err(self.damaged(&e.to_string()));
+            }
+            Some(Ok(event)) => event,
+        };
+        match event {
+            LinearReadEvent::ReadRequest(wanted) => {
+                let read = self.file.read(self.parser.insert(wanted)).in_file("read the flight log", &self.path)?;
+                self.parser.notify_read(read);
+                Ok(None)
+            }
+            LinearReadEvent::Record { opcode, data } => {
+                let parsed = mcap::parse_record(opcode, data).map(Record::into_owned);
+                let record = parsed.map_err(|e| self.damaged(&e.to_string()))?;
+                self.take(record)
+            }
+        }
+    }
+
+    fn take(&mut self, record: Record<'static>) -> Result<Option<Entry>, Failure> {
+        match record {
+            Record::Metadata(metadata) => {
+                self.facts.insert(metadata.name, metadata.metadata);
+            }
+            Record::Schema { header, data } => {
+                self.schemas.insert(header.id, (header.name, data.into_owned()));
+            }
+            Record::Channel(channel) => self.take_channel(&channel)?,
+            Record::Message { header, data } => return self.take_message(header.channel_id, &data),
+            Record::DataEnd(end) => {
+                self.has_data_end = true;
+                if end.data_section_crc == 0 {
+                    return Err(self.damaged("its messages have no checksum"));
+                }
+            }
+            Record::Footer(footer) => {
+                self.has_footer = true;
+                if footer.summary_crc == 0 {
+                    return Err(self.damaged("its index has no checksum"));
+                }
+            }
+            _ => {}
+        }
+        Ok(None)
+    }
+
+    fn take_channel(&mut self, channel: &mcap::records::Channel) -> Result<(), Failure> {
+        match channel.topic.as_str() {
+            State::NAME => self.know::<State>(channel),
+            Setpoint::NAME => self.know::<Setpoint>(channel),
+            Wrench::NAME => self.know::<Wrench>(channel),
+            RotorSpeeds::NAME => self.know::<RotorSpeeds>(channel),
+            SwapRecord::NAME => self.know::<SwapRecord>(channel),
+            _ => Ok(()),
+        }
+    }
+
+    /// Takes a channel in whose messages are laid out as here.
+    fn know<C: Logged>(&mut self, channel: &mcap::records::Channel) -> Result<(), Failure> {
+        let ours = schema::descriptor_set::<C>();
+        if self.schemas.get(&channel.schema_id).is_none_or(|(_, theirs)| *theirs != ours) {
+            return Err(self.of_other_version(&format!("its topic `{}` has another schema", channel.topic)));
+        }
+        self.channels.insert(channel.id, <C as Topic>::NAME);
+        Ok(())
+    }
+
+    /// A failure of a log that another version has written.
+    fn of_other_version(&self, how: &str) -> Failure {
+        let theirs = self.fact(facts::RUN, "version").unwrap_or("unknown");
+        Failure::failed(format!(
+            "{} was written by another version of ironbird: {how} (version {theirs}, this is {})",
+            self.path.display(),
+            env!("CARGO_PKG_VERSION")
+        ))
+        .help("use that version; the schemas in the log let any MCAP reader read it (docs/recording.md)")
+    }
+
+    /// Whether this version wrote the log, and whether its settings are those that its messages were made with.
+    ///
+    /// # Errors
+    /// [`Failure`] says which versions, or that the settings are not those.
+    pub fn check_version(&self) -> Result<(), Failure> {
+        for (name, ours) in [
+            ("format", facts::FORMAT.to_owned()),
+            ("version", env!("CARGO_PKG_VERSION").into()),
+            ("layout", format!("{LAYOUT:016x}")),
+        ] {
+            let theirs = self.fact(facts::RUN, name)?;
+            if theirs != ours {
+                return Err(self.of_other_version(&format!("{name} `{theirs}`, here `{ours}`")));
+            }
+        }
+        Ok(())
+    }
+
+    fn take_message(&self, channel: u16, data: &[u8]) -> Result<Option<Entry>, Failure> {
+        let Some(topic) = self.channels.get(&channel) else { return Ok(None) };
+        let entry = match *topic {
+            State::NAME => decode(data).map(Entry::State),
+            Setpoint::NAME => decode(data).map(Entry::Setpoint),
+            Wrench::NAME => decode(data).map(Entry::Wrench),
+            RotorSpeeds::NAME => decode(data).map(Entry::RotorSpeeds),
+            _ => decode(data).map(Entry::Swap),
+        };
+        match entry {
+            Some(entry) => Ok(Some(entry)),
+            None => Err(self.damaged(&format!("a message of topic `{topic}` does not follow its schema"))),
+        }
+    }
+}

@@ -1,0 +1,196 @@
+//! Messages as rows of CSV or lines of JSON, by their layouts; numbers are written so that every bit comes back.
+
+use std::fmt::Write as _;
+
+use model::envelope::{Envelope, Message};
+use model::layout::{Field, Kind, Layout as _, Visitor, Walk};
+
+use crate::codec::Logged;
+
+/// Names of the columns, as in `envelope.tick` and `position_w_m[2]`.
+#[must_use]
+pub fn columns<C: Logged>() -> Vec<String> {
+    let mut columns = Vec::new();
+    name_columns("envelope.", Envelope::FIELDS, &mut columns);
+    name_columns("", C::FIELDS, &mut columns);
+    columns
+}
+
+fn name_columns(path: &str, fields: &[Field], columns: &mut Vec<String>) {
+    for field in fields {
+        let names = match field.length {
+            None => vec![format!("{path}{}", field.name)],
+            Some(length) => (0..length).map(|i| format!("{path}{}[{i}]", field.name)).collect(),
+        };
+        for name in names {
+            match field.kind {
+                Kind::Struct { fields, .. } => name_columns(&format!("{name}."), fields, columns),
+                _ => columns.push(name),
+            }
+        }
+    }
+}
+
+/// The words of a content in the order of its columns: whole numbers, and the bits of the others.
+pub fn words<L: Walk>(content: &L, out: &mut Vec<u64>) {
+    struct Words<'a>(&'a mut Vec<u64>);
+    impl Visitor for Words<'_> {
+        fn integers(&mut self, _: &'static Field, values: &[u64]) {
+            self.0.extend_from_slice(values);
+        }
+
+        fn numbers(&mut self, _: &'static Field, values: &[f64]) {
+            self.0.extend(values.iter().map(|value| value.to_bits()));
+        }
+
+        fn structs<L: Walk>(&mut self, _: &'static Field, values: &[L]) {
+            values.iter().for_each(|value| value.visit(self));
+        }
+    }
+    content.visit(&mut Words(out));
+}
+
+/// Name and value of each number of a content, the value in words.
+#[must_use]
+pub fn named<C: Logged>(content: &C) -> Vec<(String, String)> {
+    let mut names = Vec::new();
+    name_columns("", C::FIELDS, &mut names);
+    let mut row = Row { line: String::new() };
+    content.visit(&mut row);
+    names.into_iter().zip(row.line.split(',').map(str::to_owned)).collect()
+}
+
+/// A row of CSV, in the order of [`columns`].
+#[must_use]
+pub fn csv<C: Logged>(message: &Message<C>) -> String {
+    let mut row = Row { line: String::new() };
+    message.envelope.visit(&mut row);
+    message.content.visit(&mut row);
+    row.line
+}
+
+/// An object of JSON, nested as the message is.
+#[must_use]
+pub fn json<C: Logged>(message: &Message<C>) -> String {
+    let mut object = Object { text: "{\"envelope\":".into() };
+    object.nested(&message.envelope);
+    message.content.visit(&mut object);
+    object.text.push('}');
+    object.text
+}
+
+struct Row {
+    line: String,
+}
+
+impl Row {
+    fn push(&mut self, value: std::fmt::Arguments<'_>) {
+        if !self.line.is_empty() {
+            self.line.push(',');
+        }
+        // Writing into a string cannot fail.
+        let _ = self.line.write_fmt(value);
+    }
+}
+
+impl Visitor for Row {
+    fn integers(&mut self, _: &'static Field, values: &[u64]) {
+        values.iter().for_each(|value| self.push(format_args!("{value}")));
+    }
+
+    fn numbers(&mut self, _: &'static Field, values: &[f64]) {
+        values.iter().for_each(|value| self.push(format_args!("{value:?}")));
+    }
+
+    fn structs<L: Walk>(&mut self, _: &'static Field, values: &[L]) {
+        values.iter().for_each(|value| value.visit(self));
+    }
+}
+
+struct Object {
+    text: String,
+}
+
+impl Object {
+    fn nested<L: Walk>(&mut self, value: &L) {
+        self.text.push('{');
+        value.visit(self);
+        self.text.push('}');
+    }
+
+    fn field<T>(&mut self, field: &Field, values: &[T], mut write: impl FnMut(&mut Self, &T)) {
+        if !self.text.ends_with('{') {
+            self.text.push(',');
+        }
+        let _ = write!(self.text, "\"{}\":", field.name);
+        let (open, close) = if field.length.is_some() { ("[", "]") } else { ("", "") };
+        self.text.push_str(open);
+        for (i, value) in values.iter().enumerate() {
+            if i > 0 {
+                self.text.push(',');
+            }
+            write(self, value);
+        }
+        self.text.push_str(close);
+    }
+}
+
+impl Visitor for Object {
+    fn integers(&mut self, field: &'static Field, values: &[u64]) {
+        self.field(field, values, |object, value| {
+            let _ = write!(object.text, "{value}");
+        });
+    }
+
+    fn numbers(&mut self, field: &'static Field, values: &[f64]) {
+        self.field(field, values, |object, value| {
+            // JSON knows no other numbers, and no message that passed inspection holds one.
+            let _ = if value.is_finite() { write!(object.text, "{value:?}") } else { write!(object.text, "null") };
+        });
+    }
+
+    fn structs<L: Walk>(&mut self, field: &'static Field, values: &[L]) {
+        self.field(field, values, |object, value| object.nested(value));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use model::messages::{NO_TICK, State, Wrench};
+
+    use super::*;
+
+    fn message() -> Message<Wrench> {
+        let content = Wrench { thrust_n: 0.1 + 0.2, torque_b_nm: [1e-300, -0.0, 5.0], mode: 2, ..Wrench::default() };
+        let mut message = Message { envelope: Envelope { tick: 7, ..Envelope::new() }, content };
+        message.envelope.stamps[3].send_ns = 9;
+        message
+    }
+
+    #[test]
+    fn a_row_has_a_value_for_each_column_and_keeps_every_bit() {
+        let (columns, row) = (columns::<Wrench>(), csv(&message()));
+        let values: Vec<&str> = row.split(',').collect();
+        assert_eq!(columns.len(), values.len());
+        let of = |name: &str| values[columns.iter().position(|column| column == name).unwrap()];
+        assert_eq!(of("thrust_n").parse::<f64>().unwrap().to_bits(), (0.1f64 + 0.2).to_bits());
+        assert_eq!((of("torque_b_nm[0]"), of("torque_b_nm[1]"), of("mode")), ("1e-300", "-0.0", "2"));
+        assert_eq!((of("envelope.tick"), of("envelope.stamps[3].send_ns")), ("7", "9"));
+        assert_eq!(of("envelope.input_tick[0]"), NO_TICK.to_string());
+        let mut words_of = Vec::new();
+        words(&message().content, &mut words_of);
+        assert_eq!(words_of.len(), named(&message().content).len());
+        assert_eq!(words_of[2], (-0.0f64).to_bits());
+    }
+
+    #[test]
+    fn a_line_of_json_is_nested_as_the_message_is() {
+        let value: serde_json::Value = serde_json::from_str(&json(&message())).unwrap();
+        assert_eq!(value["envelope"]["stamps"][3]["send_ns"], 9);
+        assert_eq!(value["envelope"]["input_tick"][1], NO_TICK);
+        assert_eq!((&value["torque_b_nm"][2], &value["mode"]), (&5.0.into(), &2.into()));
+        let state = Message { envelope: Envelope::new(), content: State::default() };
+        let value: serde_json::Value = serde_json::from_str(&json(&state)).unwrap();
+        assert!(value["truth"].is_object(), "{value}");
+    }
+}

@@ -1,0 +1,113 @@
+//! Protobuf schemas of the topics, built from their layouts.
+//!
+//! A `FileDescriptorSet` per topic: the content as the main message, with the envelope as its first field.
+
+use std::collections::BTreeMap;
+
+use model::envelope::Envelope;
+use model::layout::{Field, Kind, Layout as _, Walk as _};
+use model::topic::Topic;
+use prost::Message as _;
+use prost_types::field_descriptor_proto::{Label, Type};
+use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet};
+
+use crate::codec::{CONTENT_NUMBER, ENVELOPE_NUMBER, Logged};
+
+/// Package of the schemas.
+pub const PACKAGE: &str = "ironbird";
+
+/// Full name of a topic's message, as in `ironbird.State`.
+#[must_use]
+pub fn name<C: Logged>() -> String {
+    format!("{PACKAGE}.{}", C::STRUCT)
+}
+
+/// Schema of a topic, as its bytes stand in the log.
+#[must_use]
+pub fn descriptor_set<C: Logged>() -> Vec<u8> {
+    let mut messages = BTreeMap::new();
+    collect(Envelope::STRUCT, Envelope::FIELDS, &mut messages);
+    collect(C::STRUCT, C::FIELDS, &mut messages);
+    let envelope = reference("envelope", ENVELOPE_NUMBER, None, Envelope::STRUCT);
+    let main = DescriptorProto {
+        name: Some(C::STRUCT.into()),
+        field: std::iter::once(envelope).chain(fields(C::FIELDS, CONTENT_NUMBER)).collect(),
+        ..DescriptorProto::default()
+    };
+    messages.insert(C::STRUCT, main);
+    let file = FileDescriptorProto {
+        name: Some(format!("{PACKAGE}/{}.proto", <C as Topic>::NAME)),
+        package: Some(PACKAGE.into()),
+        message_type: messages.into_values().collect(),
+        syntax: Some("proto3".into()),
+        ..FileDescriptorProto::default()
+    };
+    FileDescriptorSet { file: vec![file] }.encode_to_vec()
+}
+
+/// A struct, and those that it is made of.
+fn collect(name: &'static str, layout: &[Field], messages: &mut BTreeMap<&'static str, DescriptorProto>) {
+    for field in layout {
+        if let Kind::Struct { name, fields } = field.kind {
+            collect(name, fields, messages);
+        }
+    }
+    let field = fields(layout, ENVELOPE_NUMBER);
+    messages.insert(name, DescriptorProto { name: Some(name.into()), field, ..DescriptorProto::default() });
+}
+
+fn fields(layout: &[Field], first: u32) -> Vec<FieldDescriptorProto> {
+    layout
+        .iter()
+        .zip(first..)
+        .map(|(field, number)| match field.kind {
+            Kind::Struct { name, .. } => reference(field.name, number, field.length, name),
+            Kind::F64 => plain(field.name, number, field.length, Type::Double),
+            Kind::U64 => plain(field.name, number, field.length, Type::Fixed64),
+            Kind::I64 => plain(field.name, number, field.length, Type::Sfixed64),
+            Kind::U8 => plain(field.name, number, None, Type::Bytes),
+        })
+        .collect()
+}
+
+fn plain(name: &str, number: u32, length: Option<usize>, kind: Type) -> FieldDescriptorProto {
+    let label = if length.is_some() { Label::Repeated } else { Label::Optional };
+    FieldDescriptorProto {
+        name: Some(name.into()),
+        json_name: Some(name.into()),
+        number: Some(number.cast_signed()),
+        label: Some(label.into()),
+        r#type: Some(kind.into()),
+        ..FieldDescriptorProto::default()
+    }
+}
+
+fn reference(name: &str, number: u32, length: Option<usize>, message: &str) -> FieldDescriptorProto {
+    FieldDescriptorProto {
+        type_name: Some(format!(".{PACKAGE}.{message}")),
+        ..plain(name, number, length, Type::Message)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use model::messages::State;
+
+    use super::*;
+
+    #[test]
+    fn a_schema_is_one_file_that_names_every_field_and_knows_every_struct() {
+        let set = FileDescriptorSet::decode(descriptor_set::<State>().as_slice()).unwrap();
+        let [file] = set.file.as_slice() else { panic!("{set:?}") };
+        let names: Vec<&str> = file.message_type.iter().map(DescriptorProto::name).collect();
+        assert_eq!(names, ["Envelope", "Stamps", "State", "Truth"]);
+        let state = &file.message_type[2];
+        let fields: Vec<&str> = state.field.iter().map(FieldDescriptorProto::name).collect();
+        let expected: Vec<&str> = State::FIELDS.iter().map(|field| field.name).collect();
+        assert_eq!((fields[0], &fields[1..]), ("envelope", expected.as_slice()));
+        assert_eq!(state.field[0].type_name(), ".ironbird.Envelope");
+        let tick = state.field.iter().find(|field| field.name() == "command_tick").unwrap();
+        assert_eq!((tick.r#type(), tick.label()), (Type::Fixed64, Label::Optional));
+        assert_eq!((state.field[1].r#type(), state.field[1].label()), (Type::Double, Label::Repeated));
+    }
+}

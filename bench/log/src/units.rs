@@ -1,0 +1,119 @@
+//! Units and frames of the fields, as their names say them.
+
+use std::collections::BTreeMap;
+
+use model::envelope::Envelope;
+use model::layout::{Field, Kind, Layout as _};
+use model::parameters::{PARAMETERS, SPECS};
+
+use crate::codec::Logged;
+
+/// Unit by the end of the name; the longer ones first.
+const UNITS: [(&str, &str); 14] = [
+    ("_rad2_s2", "rad^2/s^2"),
+    ("_rad_s2", "rad/s^2"),
+    ("_rad_s", "rad/s"),
+    ("_rad", "rad"),
+    ("_m_s2", "m/s^2"),
+    ("_m_s", "m/s"),
+    ("_nm_s", "N m s"),
+    ("_kg_m2", "kg m^2"),
+    ("_ns", "ns of CLOCK_MONOTONIC"),
+    ("_nm", "N m"),
+    ("_kg", "kg"),
+    ("_m", "m"),
+    ("_n", "N"),
+    ("tick", "tick; 18446744073709551615 is none"),
+];
+
+/// Frame by a part of the name.
+const FRAMES: [(&str, &str); 3] = [
+    ("_w_", "world: right-handed, z up"),
+    ("_b_", "body: x forward, y left, z up"),
+    ("attitude_", "body to world: ZYX Euler angles roll, pitch, yaw"),
+];
+
+/// `unit.FIELD` and `frame.FIELD` of all numbers of a topic's messages; fields without a frame have none.
+#[must_use]
+pub fn describe<C: Logged>() -> BTreeMap<String, String> {
+    let mut facts = BTreeMap::new();
+    describe_fields("envelope.", Envelope::FIELDS, &mut facts);
+    describe_fields("", C::FIELDS, &mut facts);
+    facts
+}
+
+fn describe_fields(path: &str, fields: &[Field], facts: &mut BTreeMap<String, String>) {
+    for field in fields {
+        let name = format!("{path}{}", field.name);
+        if let Kind::Struct { fields, .. } = field.kind {
+            describe_fields(&format!("{name}."), fields, facts);
+            continue;
+        }
+        if let Some((_, frame)) = FRAMES.iter().find(|(part, _)| field.name.contains(part)) {
+            facts.insert(format!("frame.{name}"), (*frame).into());
+        }
+        facts.insert(format!("unit.{name}"), unit(field));
+    }
+}
+
+/// The unit of a field; 1 for counts, flags and fingerprints, and where to look where no name says it.
+fn unit(field: &Field) -> String {
+    if field.kind == Kind::F64 && field.length == Some(PARAMETERS) {
+        let units: Vec<String> = SPECS.iter().map(|spec| format!("{} [{}]", spec.name, spec.unit)).collect();
+        return match field.name {
+            // In the order of the table.
+            "parameter" => units.join(", "),
+            _ => format!("that of the parameter at the same place; {}", units.join(", ")),
+        };
+    }
+    match field.name {
+        "estimate" => "kg m^2, N m s, rad/s^2".into(),
+        "parameter" => "row of the table of parameters, from 0".into(),
+        name => {
+            let unit = UNITS.iter().find(|(end, _)| name.ends_with(end));
+            let other = if field.kind == Kind::F64 { "docs/conventions.md" } else { "1" };
+            unit.map_or(other, |(_, unit)| *unit).into()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use model::messages::{State, SwapRecord, Wrench};
+
+    use super::*;
+
+    #[test]
+    fn units_and_frames_are_those_of_the_names() {
+        let facts = describe::<State>();
+        for (key, value) in [
+            ("unit.position_w_m", "m"),
+            ("unit.velocity_w_m_s", "m/s"),
+            ("unit.rotor_speed_squared_mean_rad2_s2", "rad^2/s^2"),
+            ("unit.truth.rate_b_rad_s", "rad/s"),
+            ("unit.envelope.stamps.send_ns", "ns of CLOCK_MONOTONIC"),
+            ("unit.envelope.seq", "1"),
+            ("unit.deadlines_missed", "1"),
+            ("frame.position_w_m", "world: right-handed, z up"),
+            ("frame.truth.rate_b_rad_s", "body: x forward, y left, z up"),
+        ] {
+            assert_eq!(facts.get(key).map(String::as_str), Some(value), "{key}");
+        }
+        assert!(facts["frame.attitude_rad"].starts_with("body to world"));
+        assert!(facts["unit.command_tick"].starts_with("tick"));
+        assert!(!facts.contains_key("frame.rotor_speed_mean_rad_s"));
+        assert_eq!(describe::<Wrench>()["unit.torque_b_nm"], "N m");
+        let swap = describe::<SwapRecord>();
+        assert!(swap["unit.new"].contains("mass_kg [kg]") && swap["unit.parameter"].starts_with("row"));
+    }
+
+    #[test]
+    fn every_number_has_a_unit() {
+        let without = |facts: BTreeMap<String, String>, fields: &[Field]| -> Vec<&str> {
+            let numbers = fields.iter().filter(|field| field.kind == Kind::F64);
+            numbers.map(|field| field.name).filter(|name| facts[&format!("unit.{name}")].starts_with("docs")).collect()
+        };
+        assert_eq!(without(describe::<State>(), State::FIELDS), Vec::<&str>::new());
+        assert_eq!(without(describe::<Wrench>(), Wrench::FIELDS), Vec::<&str>::new());
+    }
+}

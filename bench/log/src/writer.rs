@@ -1,0 +1,321 @@
+//! Writes the flight log: every message of every topic, the scene, and what is needed to read and replay them.
+//!
+//! One chunk per [`CHUNK_NS`], in it topic after topic, because like goes best with like in zstd: what a killed
+//! recorder leaves is readable up to the last chunk. A disk that takes no more costs messages, which are counted, and
+//! never the flight.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::fs::File;
+use std::path::Path;
+
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use mcap::{Compression, McapError, WriteOptions, Writer};
+use model::envelope::Message;
+use model::grid::{NS_PER_S, Pace};
+use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::topic::Topic;
+
+use crate::codec::{Logged, encode};
+use crate::facts::{Facts, LANDING};
+use crate::scene::{self, Placed};
+use crate::spool::Spool;
+use crate::{TOPICS, schema, units};
+use failure::{Failure, InFile as _};
+
+/// Longest time between two chunks [ns].
+pub const CHUNK_NS: u64 = NS_PER_S / 2;
+/// Longest chunk before it is compressed [bytes]; in lockstep the clock would make longer ones.
+const CHUNK_BYTES: usize = 1 << 20;
+/// Level of zstd: up to 15 nothing gets smaller beyond 6, and at 3 a flight is a thirtieth larger. But compressing is a
+/// burst beside the loops, whose 99th percentile it can be, and at 3 it takes half as long.
+const LEVEL: u32 = 3;
+/// The same in lockstep, where ticks come as fast as the recorder takes them, and compressing is most of what it does.
+const LOCKSTEP_LEVEL: u32 = 1;
+/// Messages per topic, in the order of [`TOPICS`].
+pub type Counts = [u64; TOPICS.len()];
+
+/// What became of the messages so far.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fate {
+    /// Length of the file [bytes].
+    pub file_bytes: u64,
+    /// In the file, or on their way to it.
+    pub written: Counts,
+    /// Not in the file and never to be.
+    pub dropped: Counts,
+    /// Why the disk did not take something, the first time.
+    pub refused: Option<String>,
+}
+
+/// Messages of a channel.
+type Part = Vec<(MessageHeader, Vec<u8>)>;
+
+/// The log of a flight in the air.
+#[allow(missing_debug_implementations, reason = "the writer has none")]
+pub struct FlightLog {
+    writer: Writer<NoSeek<Spool>>,
+    spool: Spool,
+    pace: Pace,
+    newest_sample_ns: u64,
+    channels: BTreeMap<&'static str, u16>,
+    scene_every_ticks: u64,
+    scene_sequence: [u32; scene::CHANNELS.len()],
+    /// The present chunk, by channel.
+    chunk: BTreeMap<u16, Part>,
+    /// What is still to be written of the chunk before it.
+    ending: VecDeque<Part>,
+    /// Messages that had come when that one ended.
+    ended: Counts,
+    /// Messages that came.
+    taken: Counts,
+    /// Lengths at which the file is readable that have not reached the disk, with what is before them.
+    chunks: VecDeque<(u64, Counts)>,
+    /// The last one that has.
+    settled: (u64, Counts),
+    next_chunk_ns: u64,
+    /// Of the present one.
+    chunk_bytes: usize,
+}
+
+impl FlightLog {
+    /// A log with its schemas and facts, before the first message.
+    ///
+    /// # Errors
+    /// [`Failure`] names the file.
+    pub fn create(path: &Path, facts: &Facts) -> Result<Self, Failure> {
+        let spool = Spool::new(File::create(path).in_file("write", path)?);
+        Self::begin(spool, facts).in_file("write", path)
+    }
+
+    fn begin(spool: Spool, facts: &Facts) -> Result<Self, McapError> {
+        let options = WriteOptions::new()
+            .library(concat!("ironbird ", env!("CARGO_PKG_VERSION")))
+            .compression(Some(Compression::Zstd))
+            .compression_level(if facts.pace == Pace::Lockstep { LOCKSTEP_LEVEL } else { LEVEL })
+            // Chunks go to the spool whole, compressed by this thread; they end when they are told to.
+            .compression_threads(0)
+            .disable_seeking(true)
+            .chunk_size(None);
+        let mut writer = Writer::with_options(NoSeek::new(spool.clone()), options)?;
+        for (name, metadata) in facts.records() {
+            writer.write_metadata(&Metadata { name: name.into(), metadata })?;
+        }
+        let mut channels = BTreeMap::new();
+        add::<State>(&mut writer, &mut channels)?;
+        add::<Setpoint>(&mut writer, &mut channels)?;
+        add::<Wrench>(&mut writer, &mut channels)?;
+        add::<RotorSpeeds>(&mut writer, &mut channels)?;
+        add::<SwapRecord>(&mut writer, &mut channels)?;
+        let set = scene::descriptor_set();
+        for (topic, schema) in scene::CHANNELS {
+            let schema = writer.add_schema(schema, "protobuf", &set)?;
+            channels.insert(topic, writer.add_channel(schema, topic, "protobuf", &BTreeMap::new())?);
+        }
+        let mut log = Self {
+            writer,
+            spool,
+            pace: facts.pace,
+            newest_sample_ns: 0,
+            channels,
+            scene_every_ticks: scene::every_ticks(facts.sample_time_ns),
+            scene_sequence: [0; scene::CHANNELS.len()],
+            chunk: BTreeMap::new(),
+            ending: VecDeque::new(),
+            ended: [0; TOPICS.len()],
+            taken: [0; TOPICS.len()],
+            chunks: VecDeque::new(),
+            settled: (0, [0; TOPICS.len()]),
+            next_chunk_ns: 0,
+            chunk_bytes: 0,
+        };
+        log.end_chunk()?;
+        Ok(log)
+    }
+
+    /// Takes a message of a topic.
+    pub fn write<C: Logged>(&mut self, message: &Message<C>) {
+        let topic = <C as Topic>::NAME;
+        if let Some(count) = TOPICS.iter().position(|name| *name == topic).and_then(|i| self.taken.get_mut(i)) {
+            *count += 1;
+        }
+        if self.spool.has_given_up() {
+            return;
+        }
+        let envelope = &message.envelope;
+        let mut bytes = Vec::new();
+        encode(message, &mut bytes);
+        let header = MessageHeader {
+            channel_id: self.channels.get(topic).copied().unwrap_or_default(),
+            sequence: envelope.seq as u32,
+            log_time: self.log_time(message),
+            publish_time: envelope.stamps_of(C::SENDER).send_ns,
+        };
+        self.newest_sample_ns = self.newest_sample_ns.max(envelope.sample_ns);
+        self.add(header, bytes);
+    }
+
+    fn add(&mut self, header: MessageHeader, bytes: Vec<u8>) {
+        self.chunk_bytes += bytes.len();
+        self.chunk.entry(header.channel_id).or_default().push((header, bytes));
+    }
+
+    /// When a message was sampled [ns]; where it goes back to no sample, the begin of its tick, or in lockstep, where
+    /// ticks have no place on the clock, the newest sample.
+    fn log_time<C: Logged>(&self, message: &Message<C>) -> u64 {
+        let Message { envelope, .. } = message;
+        match self.pace {
+            _ if envelope.sample_ns > 0 => envelope.sample_ns,
+            Pace::Realtime(grid) => grid.begin_of(envelope.tick),
+            Pace::Lockstep => self.newest_sample_ns,
+        }
+    }
+
+    /// Takes a state, and now and then puts the airframe into the scene.
+    pub fn state(&mut self, message: &Message<State>) {
+        self.write(message);
+        let State { position_w_m, attitude_rad, .. } = message.content;
+        self.place(message, 0, scene::BODY, position_w_m, attitude_rad);
+    }
+
+    /// Takes a set-point, and now and then puts the reference into the scene.
+    pub fn setpoint(&mut self, message: &Message<Setpoint>) {
+        self.write(message);
+        let Setpoint { reference_position_w_m, attitude_rad, .. } = message.content;
+        self.place(message, 1, scene::REFERENCE, reference_position_w_m, attitude_rad);
+    }
+
+    fn place<C: Logged>(
+        &mut self,
+        message: &Message<C>,
+        pose: usize,
+        frame: &str,
+        position_w_m: [f64; 3],
+        attitude_rad: [f64; 3],
+    ) {
+        if !message.envelope.tick.is_multiple_of(self.scene_every_ticks) || self.spool.has_given_up() {
+            return;
+        }
+        let placed = Placed { at_ns: self.log_time(message), position_w_m, attitude_rad };
+        let publish_time = message.envelope.stamps_of(C::SENDER).send_ns;
+        for (channel, bytes) in [(pose, placed.pose()), (2, placed.transform(frame))] {
+            let header = MessageHeader {
+                channel_id: self.channels.get(scene::CHANNELS[channel].0).copied().unwrap_or_default(),
+                sequence: self.scene_sequence[channel],
+                log_time: placed.at_ns,
+                publish_time,
+            };
+            self.scene_sequence[channel] += 1;
+            self.add(header, bytes);
+        }
+    }
+
+    /// Ends a chunk when it is time, and hands it to the disk; to be called often.
+    ///
+    /// By the clock one channel a call: a whole chunk takes several ticks to compress, which loops beside it would feel.
+    ///
+    /// # Errors
+    /// [`Failure`], which no disk can cause.
+    pub fn keep(&mut self, now_ns: u64) -> Result<(), Failure> {
+        if self.spool.has_given_up() {
+            return Ok(());
+        }
+        if self.ending.is_empty() {
+            if now_ns < self.next_chunk_ns && self.chunk_bytes < CHUNK_BYTES {
+                return Ok(());
+            }
+            self.next_chunk_ns = now_ns + CHUNK_NS;
+            self.begin_end();
+        }
+        let at_once = if self.pace == Pace::Lockstep { self.ending.len() } else { 1 };
+        self.compress(at_once).map_err(broken)?;
+        if self.ending.is_empty() {
+            self.hand_over().map_err(broken)?;
+        }
+        if self.spool.is_overfull() {
+            self.spool.give_up(self.settled.0);
+        }
+        Ok(())
+    }
+
+    /// Nothing more belongs to the present chunk.
+    fn begin_end(&mut self) {
+        self.ending.extend(std::mem::take(&mut self.chunk).into_values());
+        self.ended = self.taken;
+        self.chunk_bytes = 0;
+    }
+
+    fn compress(&mut self, channels: usize) -> Result<(), McapError> {
+        let channels = channels.min(self.ending.len());
+        for (header, bytes) in self.ending.drain(..channels).flatten() {
+            self.writer.write_to_known_channel(&header, &bytes)?;
+        }
+        Ok(())
+    }
+
+    fn hand_over(&mut self) -> Result<(), McapError> {
+        self.writer.flush()?;
+        self.chunks.push_back((self.spool.written(), self.ended));
+        self.settle();
+        Ok(())
+    }
+
+    /// Ends the present chunk, and what is left of the one before it.
+    fn end_chunk(&mut self) -> Result<(), McapError> {
+        self.begin_end();
+        self.compress(usize::MAX)?;
+        self.hand_over()
+    }
+
+    fn settle(&mut self) {
+        let on_disk = self.spool.settle();
+        while let Some(chunk) = self.chunks.pop_front_if(|(length, _)| *length <= on_disk) {
+            self.settled = chunk;
+        }
+    }
+
+    /// What became of the messages so far.
+    #[must_use]
+    pub fn fate(&self) -> Fate {
+        let written = if self.spool.has_given_up() { self.settled.1 } else { self.taken };
+        let mut dropped = self.taken;
+        for (dropped, written) in dropped.iter_mut().zip(written) {
+            *dropped -= written;
+        }
+        let file_bytes = if self.spool.has_given_up() { self.settled.0 } else { self.spool.written() };
+        Fate { file_bytes, written, dropped, refused: self.spool.refused() }
+    }
+
+    /// Ends the log with its last facts and its index; says what became of the messages.
+    ///
+    /// # Errors
+    /// As [`Self::keep`].
+    pub fn finish(mut self, mut last_facts: BTreeMap<String, String>) -> Result<Fate, Failure> {
+        for (topic, count) in TOPICS.iter().zip(self.taken) {
+            last_facts.insert(format!("messages.{topic}"), count.to_string());
+        }
+        self.writer.write_metadata(&Metadata { name: LANDING.into(), metadata: last_facts }).map_err(broken)?;
+        self.end_chunk().map_err(broken)?;
+        self.writer.finish().map_err(broken)?;
+        self.chunks.push_back((self.spool.written(), self.taken));
+        self.settle();
+        if !self.chunks.is_empty() {
+            self.spool.give_up(self.settled.0);
+        }
+        Ok(self.fate())
+    }
+}
+
+fn add<C: Logged>(
+    writer: &mut Writer<NoSeek<Spool>>,
+    channels: &mut BTreeMap<&'static str, u16>,
+) -> Result<(), McapError> {
+    let topic = <C as Topic>::NAME;
+    let schema = writer.add_schema(&schema::name::<C>(), "protobuf", &schema::descriptor_set::<C>())?;
+    channels.insert(topic, writer.add_channel(schema, topic, "protobuf", &units::describe::<C>())?);
+    Ok(())
+}
+
+fn broken(error: McapError) -> Failure {
+    Failure::failed(format!("cannot write the flight log: {error}"))
+}

@@ -1,0 +1,112 @@
+//! Facts about the machine for a report, and how much of it others took.
+
+use std::fs;
+
+use report::host::{Host, Steal};
+
+use crate::{Machine, RT_RUNTIME};
+
+/// The facts of this machine.
+#[must_use]
+pub fn host() -> Host {
+    host_of(&Machine::files())
+}
+
+/// The facts of a machine; what cannot be read is said to be unknown.
+#[must_use]
+pub fn host_of(machine: &Machine) -> Host {
+    let unknown = || "unknown".into();
+    let word = |path| machine.read(path).unwrap_or_else(unknown);
+    let cpuinfo = machine.read("/proc/cpuinfo").unwrap_or_default();
+    Host {
+        kernel: format!("{} {}", word("/proc/sys/kernel/osrelease"), word("/proc/sys/kernel/version")),
+        preemption: machine.preemption().into(),
+        cpu: machine.field("/proc/cpuinfo", "model name").unwrap_or_else(unknown),
+        cpus: cpuinfo.lines().filter(|line| line.starts_with("processor")).count() as u64,
+        hypervisor: machine.is_virtual(),
+        clock_source: machine.clock_source(),
+        rt_runtime_us: machine.number(RT_RUNTIME).unwrap_or(0),
+    }
+}
+
+/// Counters of /proc/stat at an instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CpuTimes {
+    total: u64,
+    stolen: u64,
+}
+
+/// Time stolen since the machine was started from one processor, or from all of them, in the unit of /proc/stat.
+#[must_use]
+pub fn stolen_from(machine: &Machine, processor: Option<u64>) -> u64 {
+    let stat = machine.read("/proc/stat").unwrap_or_default();
+    let name = processor.map_or_else(|| "cpu ".into(), |number| format!("cpu{number} "));
+    CpuTimes::parse(stat.lines().find(|line| line.starts_with(&name)).unwrap_or_default()).stolen
+}
+
+/// The unit of /proc/stat [ms].
+const JIFFY_MS: u64 = 10;
+
+impl CpuTimes {
+    /// Reads the counters.
+    #[must_use]
+    pub fn read() -> Self {
+        Self::parse(&fs::read_to_string("/proc/stat").unwrap_or_default())
+    }
+
+    /// Counters of a machine, which count since it was started.
+    #[must_use]
+    pub fn of(machine: &Machine) -> Self {
+        Self::parse(&machine.read("/proc/stat").unwrap_or_default())
+    }
+
+    fn parse(stat: &str) -> Self {
+        let fields: Vec<u64> = stat
+            .lines()
+            .next()
+            .unwrap_or_default()
+            .split_ascii_whitespace()
+            .skip(1)
+            .filter_map(|field| field.parse().ok())
+            .collect();
+        // user nice system idle iowait irq softirq steal; guest times are part of user.
+        Self { total: fields.iter().take(8).sum(), stolen: fields.get(7).copied().unwrap_or(0) }
+    }
+
+    /// What was stolen since.
+    #[must_use]
+    pub fn steal_until(&self, later: &Self) -> Steal {
+        let stolen = later.stolen.saturating_sub(self.stolen);
+        let total = later.total.saturating_sub(self.total).max(1);
+        Steal { stolen_ms: stolen * JIFFY_MS, percent: 100.0 * stolen as f64 / total as f64 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steal_is_the_eighth_field() {
+        let before = CpuTimes::parse("cpu  100 0 50 800 0 0 0 50 0 0\ncpu0 1 2 3\n");
+        let after = CpuTimes::parse("cpu  150 0 60 880 0 0 0 60 7 0\n");
+        assert_eq!(before.steal_until(&after), Steal { stolen_ms: 100, percent: 100.0 * 10.0 / 150.0 });
+    }
+
+    #[test]
+    fn steal_of_one_processor_is_read_from_its_line() {
+        let root = tempfile::tempdir().unwrap();
+        fs::create_dir_all(root.path().join("proc")).unwrap();
+        let stat = "cpu  1 0 1 8 0 0 0 5 0 0\ncpu1 1 0 1 8 0 0 0 2 0 0\ncpu10 1 0 1 8 0 0 0 3 0 0\n";
+        fs::write(root.path().join("proc/stat"), stat).unwrap();
+        let machine = Machine::under(root.path(), crate::Answers::default());
+        let of = |processor| stolen_from(&machine, processor);
+        assert_eq!([of(None), of(Some(1)), of(Some(10)), of(Some(7))], [5, 2, 3, 0]);
+    }
+
+    #[test]
+    fn the_machine_is_known() {
+        let host = host();
+        assert!(host.cpus >= 1 && !host.kernel.is_empty(), "{host:?}");
+    }
+}

@@ -1,0 +1,62 @@
+//! `ironbird doctor`: can this machine fly in real time, and if not, what is in the way?
+//!
+//! Each subject is a pure function of a [`Machine`]; the measured part is added where it was asked for. The verdict
+//! is the worst that any finding leaves open.
+
+mod clocks;
+mod cpus;
+mod kernel;
+mod load;
+pub mod measured;
+mod memory;
+pub mod text;
+
+use serde::{Deserialize, Serialize};
+
+use report::finding::{Diagnosis, Finding};
+use report::host::Host;
+
+use crate::Machine;
+use crate::cpu_times::host_of;
+use measured::Measured;
+
+/// Version of the schema of `doctor --json`: changed whenever a key changes its meaning or goes.
+pub const SCHEMA: &str = "ironbird-doctor/1";
+
+/// What was found on a machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Examination {
+    /// [`SCHEMA`].
+    pub schema: String,
+    /// The verdict, and the findings that it is due to.
+    pub diagnosis: Diagnosis,
+    /// Everything that was looked at.
+    pub findings: Vec<Finding>,
+    /// What was measured.
+    pub measured: Option<Measured>,
+    /// The machine.
+    pub host: Host,
+}
+
+/// Everything that can be found without measuring.
+#[must_use]
+pub fn findings(machine: &Machine) -> Vec<Finding> {
+    [kernel::findings, cpus::findings, clocks::findings, memory::findings, load::findings]
+        .into_iter()
+        .flat_map(|look| look(machine))
+        .collect()
+}
+
+/// Examines a machine, and adds what was measured on it.
+#[must_use]
+pub fn examine(machine: &Machine, measured: Option<Measured>) -> Examination {
+    let mut findings = findings(machine);
+    findings.extend(measured.iter().flat_map(Measured::findings));
+    Examination {
+        schema: SCHEMA.into(),
+        diagnosis: Diagnosis::of(&findings),
+        findings,
+        measured,
+        host: host_of(machine),
+    }
+}

@@ -1,0 +1,13 @@
+//! The executable of this process, which every other process of the rig is, too.
+
+use std::path::PathBuf;
+
+use failure::Failure;
+
+/// Where the executable of this process is.
+///
+/// # Errors
+/// [`Failure`] where the system does not say.
+pub fn own_executable() -> Result<PathBuf, Failure> {
+    std::env::current_exe().map_err(|e| Failure::failed(format!("cannot find the own executable: {e}")))
+}

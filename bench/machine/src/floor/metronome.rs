@@ -1,0 +1,99 @@
+//! The grid of a measurement: wakes on an absolute timer and records how late.
+
+use std::time::Duration;
+
+use hdrhistogram::Histogram;
+use model::grid::Grid;
+use wire::clock::{now_ns, sleep_until};
+
+use failure::Failure;
+use report::tally::series::histogram;
+
+/// From the making of a metronome to its first tick [ns].
+const LEAD_NS: u64 = 2_000_000;
+
+/// Wakes the calling thread tick after tick.
+#[derive(Clone, Debug)]
+pub struct Metronome {
+    grid: Grid,
+    next_tick: u64,
+    ticks: u64,
+    /// From the begin of each tick to the waking [ns]; ticks slept through enter with their whole lateness.
+    pub lateness: Histogram<u64>,
+    /// Ticks slept through.
+    pub skipped: u64,
+}
+
+impl Metronome {
+    /// A metronome that begins in 2 ms and runs for `duration`; a tick takes `period_ns`.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] where no tick fits into the duration.
+    pub fn new(period_ns: u64, duration: Duration) -> Result<Self, Failure> {
+        let ticks = duration.as_nanos().checked_div(u128::from(period_ns)).unwrap_or(0);
+        if ticks == 0 {
+            return Err(Failure::usage(format!("no tick of {period_ns} ns fits into {duration:?}"))
+                .help("measure for longer, as in --seconds 5"));
+        }
+        let mut lateness = histogram()?;
+        // Writes its counts once, so that no page of them is missing when it matters.
+        lateness.saturating_record(1);
+        lateness.reset();
+        let ticks = u64::try_from(ticks).unwrap_or(u64::MAX);
+        let grid = Grid { t0_ns: now_ns() + LEAD_NS, period_ns };
+        Ok(Self { grid, next_tick: 0, ticks, lateness, skipped: 0 })
+    }
+
+    /// Sleeps until the next tick; gives when the thread woke [ns], and nothing after the last tick.
+    pub fn next_wake(&mut self) -> Option<u64> {
+        if self.next_tick >= self.ticks {
+            return None;
+        }
+        let begin_ns = self.grid.begin_of(self.next_tick);
+        let mut woken_ns = now_ns();
+        while woken_ns < begin_ns {
+            sleep_until(begin_ns);
+            woken_ns = now_ns();
+        }
+        let current = self.grid.tick_at(woken_ns).min(self.ticks - 1);
+        for owed in self.next_tick..=current {
+            self.lateness.saturating_record(woken_ns - self.grid.begin_of(owed));
+        }
+        self.skipped += current - self.next_tick;
+        self.next_tick = current + 1;
+        Some(woken_ns)
+    }
+
+    /// Ticks that it was woken for.
+    #[must_use]
+    pub fn ticks_run(&self) -> u64 {
+        self.next_tick - self.skipped
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_tick_is_woken_for_or_counted_as_skipped_and_has_its_lateness() {
+        let mut metronome = Metronome::new(1_000_000, Duration::from_millis(30)).unwrap();
+        let mut wakes = 0;
+        while metronome.next_wake().is_some() {
+            wakes += 1;
+            if wakes == 5 {
+                std::thread::sleep(Duration::from_millis(4));
+            }
+        }
+        assert_eq!((metronome.ticks_run(), metronome.ticks_run() + metronome.skipped), (wakes, 30));
+        assert!(metronome.skipped >= 3, "{metronome:?}");
+        assert_eq!(metronome.lateness.len(), 30);
+        assert!(metronome.lateness.max() >= 3_000_000, "the whole lateness of a tick slept through");
+    }
+
+    #[test]
+    fn a_duration_without_a_tick_is_refused() {
+        let error = Metronome::new(1_000_000, Duration::from_micros(999)).unwrap_err();
+        assert!(error.to_string().contains("no tick of 1000000 ns"), "{error}");
+    }
+}

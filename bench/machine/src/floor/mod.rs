@@ -1,0 +1,9 @@
+//! What this machine can do at the best: a bare timer, a raw ring of processes, cyclictest.
+
+pub mod comparison;
+pub mod cyclictest;
+pub mod link;
+pub mod metronome;
+pub mod ring;
+pub mod timer;
+pub mod work;

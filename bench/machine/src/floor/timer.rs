@@ -1,0 +1,79 @@
+//! The floor of waking: one thread on an absolute timer, as `cyclictest` measures it.
+
+use std::fs::File;
+use std::thread;
+use std::time::Duration;
+
+use hdrhistogram::Histogram;
+use role::rt::{Standing, hold_cpu_latency, loops_cpu, take_stand};
+
+use crate::floor::metronome::Metronome;
+use failure::Failure;
+
+/// What to measure.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Length of a tick [ns].
+    pub period_ns: u64,
+    /// For how long.
+    pub duration: Duration,
+    /// On which processor; `None` is that of the loops.
+    pub cpu: Option<usize>,
+    /// SCHED_FIFO priority; 0 is SCHED_OTHER.
+    pub priority: i32,
+}
+
+/// How late the thread woke.
+#[derive(Clone, Debug)]
+pub struct Floor {
+    /// From the begin of each tick to the waking [ns]; ticks slept through enter with their whole lateness.
+    pub lateness: Histogram<u64>,
+    /// Ticks that it was woken for.
+    pub ticks_run: u64,
+    /// Ticks slept through.
+    pub ticks_skipped: u64,
+    /// What the thread was granted.
+    pub standing: Standing,
+}
+
+/// Measures on a thread of its own.
+///
+/// # Errors
+/// Usage, where no tick fits into the duration; where the system starts no thread.
+pub fn measure(settings: &Settings) -> Result<Floor, Failure> {
+    let settings = settings.clone();
+    let cpu = settings.cpu.unwrap_or_else(loops_cpu);
+    on_a_thread("timer floor", move || {
+        let mut standing = take_stand(cpu, settings.priority);
+        let _awake = stay_awake(&mut standing);
+        let mut metronome = Metronome::new(settings.period_ns, settings.duration)?;
+        while metronome.next_wake().is_some() {}
+        Ok(Floor {
+            ticks_run: metronome.ticks_run(),
+            ticks_skipped: metronome.skipped,
+            lateness: metronome.lateness,
+            standing,
+        })
+    })
+}
+
+/// Keeps the processors awake as the loops do, which under SCHED_OTHER do not.
+pub(super) fn stay_awake(standing: &mut Standing) -> Option<File> {
+    if standing.priority == 0 {
+        return None;
+    }
+    hold_cpu_latency().map_err(|e| standing.refused.push(format!("/dev/cpu_dma_latency: {e}"))).ok()
+}
+
+/// Measures on a thread, so that priority and processor end with it.
+pub(super) fn on_a_thread<T: Send + 'static>(
+    name: &str,
+    measure: impl FnOnce() -> Result<T, Failure> + Send + 'static,
+) -> Result<T, Failure> {
+    thread::Builder::new()
+        .name(name.into())
+        .spawn(measure)
+        .map_err(|e| Failure::failed(format!("cannot start the thread `{name}`: {e}")))?
+        .join()
+        .unwrap_or_else(|_| Err(Failure::failed(format!("the thread `{name}` panicked"))))
+}

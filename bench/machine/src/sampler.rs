@@ -1,0 +1,121 @@
+//! What the kernel counts for the loops, read from /proc with every look of the recorder.
+
+use std::io::ErrorKind;
+
+use model::boards::{RolePhase, Status};
+use model::realtime::Step;
+use model::role::STAGES;
+use wire::clock::now_ns;
+
+use crate::Machine;
+use crate::cpu_times::stolen_from;
+use report::autopsy::evidence::{Counters, Life, Sample};
+
+/// Looks at the loops' processes.
+#[derive(Clone, Copy, Debug)]
+pub struct Watch {
+    /// The processor that all loops were granted; nothing where they were not, or not the same.
+    pub processor: Option<u64>,
+    /// A hypervisor runs below, which may take time from them.
+    pub is_virtual: bool,
+}
+
+impl Watch {
+    /// Looks at loops with these set-ups.
+    #[must_use]
+    pub fn new(loops: &[Status; STAGES.len()], is_virtual: bool) -> Self {
+        let mut cpus = loops.iter().map(|status| {
+            let grant = status.grants.of(Step::Affinity);
+            grant.granted().then_some(grant.value)
+        });
+        let first = cpus.next().flatten();
+        Self { processor: first.filter(|first| cpus.all(|cpu| cpu == Some(*first))), is_virtual }
+    }
+
+    /// Reads what is counted now.
+    #[must_use]
+    pub fn sample(&self, loops: &[Status; STAGES.len()], lost: u64) -> Sample {
+        let stolen = if self.is_virtual { stolen_from(&Machine::files(), self.processor) } else { 0 };
+        Sample { stages: loops.map(|status| counters(status.pid)), stolen, lost, at_ns: now_ns() }
+    }
+}
+
+/// Which of these loops ended without landing.
+#[must_use]
+pub fn fallen(loops: &[Status; STAGES.len()]) -> [bool; STAGES.len()] {
+    loops.map(|status| status.phase() != RolePhase::Landed && counters(status.pid).life == Life::Dead)
+}
+
+/// What is counted for the main thread of a process, which is the loop's; number 0 is nobody.
+fn counters(pid: u64) -> Counters {
+    let mut counters = Counters { pid, ..Counters::default() };
+    if pid == 0 {
+        return counters;
+    }
+    let read = |file: &str| std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/{file}"));
+    match read("stat") {
+        Ok(stat) => (counters.life, counters.faults) = life_and_faults(&stat),
+        Err(e) if e.kind() == ErrorKind::NotFound => counters.life = Life::Dead,
+        // What may not be read says nothing.
+        Err(_) => {}
+    }
+    // The kernel ends them together with the process, so that nothing but an end makes these fail.
+    if let Ok(text) = read("schedstat") {
+        counters.waited_ns = text.split_whitespace().nth(1).and_then(|ns| ns.parse().ok()).unwrap_or(0);
+    }
+    if let Ok(text) = read("status") {
+        let line = text.lines().find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"));
+        counters.involuntary_switches = line.and_then(|count| count.trim().parse().ok()).unwrap_or(0);
+    }
+    counters
+}
+
+/// From a line of /proc/PID/stat; the name in brackets may hold anything.
+fn life_and_faults(stat: &str) -> (Life, u64) {
+    let fields: Vec<&str> =
+        stat.rsplit_once(')').map(|(_, rest)| rest.split_whitespace().collect()).unwrap_or_default();
+    let life = match fields.first() {
+        Some(&("T" | "t")) => Life::Stopped,
+        Some(&("Z" | "X")) => Life::Dead,
+        _ => Life::Lives,
+    };
+    // Fields 10 and 12 of the line, of which the first two are gone: minflt and majflt.
+    let number = |place: usize| fields.get(place - 3).and_then(|field| field.parse::<u64>().ok()).unwrap_or(0);
+    (life, number(10) + number(12))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stat_line_is_read_whatever_the_process_is_called() {
+        let line = "7 (a) T 1 (b) T 1 7 7 0 -1 4194304 12 0 3 0 1 2";
+        assert_eq!(life_and_faults(line), (Life::Stopped, 15));
+        assert_eq!(life_and_faults("7 (x) Z 1 7 7 0 -1 4194304 0 0 0 0").0, Life::Dead);
+        assert_eq!(life_and_faults("7 (x) R 1 7 7 0 -1 4194304 0 0 0 0").0, Life::Lives);
+    }
+
+    #[test]
+    fn counters_of_this_process_grow_as_it_faults_and_one_that_never_was_is_dead() {
+        let tid = u64::from(std::process::id());
+        let before = counters(tid);
+        assert_eq!((before.pid, before.life), (tid, Life::Lives));
+        assert!(before.faults > 0);
+        assert_eq!(counters(u64::from(u32::MAX)).life, Life::Dead);
+        assert_eq!(counters(0).life, Life::Lives);
+    }
+
+    #[test]
+    fn only_who_ended_without_landing_has_fallen() {
+        let status = |pid: u64, phase: RolePhase| Status { pid, phase: phase as u64, ..Status::default() };
+        let (here, gone) = (u64::from(std::process::id()), u64::from(u32::MAX));
+        let loops = [
+            status(here, RolePhase::Flying),
+            status(gone, RolePhase::Landed),
+            status(gone, RolePhase::Flying),
+            Status::default(),
+        ];
+        assert_eq!(fallen(&loops), [false, false, true, false]);
+    }
+}

@@ -1,0 +1,346 @@
+//! Evidence about a missed deadline: stamps of the ticks around it, and samples of what the kernel counts.
+//!
+//! Stamps are exact. What the kernel counts is sampled with every look of the recorder, each 10 ms: growth is known
+//! for the time between two looks, and a stop that begins and ends between two of them is not seen.
+
+use std::collections::BTreeMap;
+
+use model::grid::Grid;
+use model::role::{Role, STAGES};
+
+/// A stage's work of a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Passage {
+    /// When the stage woke for it [ns].
+    pub receive_ns: u64,
+    /// When its output was published [ns].
+    pub send_ns: u64,
+    /// Its driving input was of the tick; otherwise it waited until its cut-off.
+    pub is_fresh: bool,
+}
+
+/// What each stage did in a tick, in the order of [`STAGES`]; nothing where it published nothing.
+pub type Trace = [Option<Passage>; STAGES.len()];
+
+/// Whether a process can run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Life {
+    /// It can, or nothing is known of it.
+    #[default]
+    Lives,
+    /// A signal or a debugger has stopped it.
+    Stopped,
+    /// It has ended.
+    Dead,
+}
+
+/// What the kernel has counted for a stage's thread so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Process number: counters of another process are not comparable.
+    pub pid: u64,
+    /// Whether it can run.
+    pub life: Life,
+    /// Page faults of both kinds.
+    pub faults: u64,
+    /// Times that the processor was taken from it.
+    pub involuntary_switches: u64,
+    /// Time that it was ready to run and did not have a processor [ns].
+    pub waited_ns: u64,
+}
+
+/// What was counted at an instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sample {
+    /// The instant [ns].
+    pub at_ns: u64,
+    /// Of each stage, in the order of [`STAGES`].
+    pub stages: [Counters; STAGES.len()],
+    /// Time stolen from the loops' processor, in the unit of /proc/stat.
+    pub stolen: u64,
+    /// Messages that the recorder has lost.
+    pub lost: u64,
+}
+
+/// Everything that is known of the time around a miss.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene<'a> {
+    /// Where ticks begin.
+    pub grid: Grid,
+    /// The ticks around it.
+    pub traces: &'a BTreeMap<u64, Trace>,
+    /// The samples around it, in order.
+    pub samples: &'a [Sample],
+    /// How far the traces reach [ns].
+    pub until_ns: u64,
+    /// A hypervisor runs below.
+    pub is_virtual: bool,
+    /// All loops have the same processor, so that one's sign of life is one of the processor.
+    pub share_processor: bool,
+}
+
+/// What a stage was late with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Delay {
+    /// With getting the processor after its timer, its input or its cut-off had come.
+    Wake,
+    /// With computing.
+    Compute,
+    /// With its output, so that the next stage waited until its cut-off.
+    Input,
+}
+
+/// A delay that was longer than usual.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Suspect {
+    /// The late stage.
+    pub stage: Role,
+    /// What it was late with.
+    pub delay: Delay,
+    /// From when on it was late [ns].
+    pub from_ns: u64,
+    /// Until when [ns].
+    pub to_ns: u64,
+    /// How much longer than usual [ns].
+    pub excess_ns: u64,
+    /// How much of that lies in the missed tick for certain [ns]: a stage that published nothing for it may have been
+    /// there from the begin of the next one on, when it was too late to.
+    pub share_ns: u64,
+}
+
+impl Suspect {
+    /// In words.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let us = self.excess_ns / 1000;
+        match self.delay {
+            Delay::Wake => format!("{} woke {us} us later than usual", self.stage),
+            Delay::Compute => format!("{} computed {us} us longer than usual", self.stage),
+            Delay::Input => format!("{} was waited for {us} us longer than usual", self.stage),
+        }
+    }
+}
+
+/// What a stage's counters say of a span.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Usage {
+    /// It was seen stopped.
+    pub is_stopped: bool,
+    /// It was seen to have ended.
+    pub is_dead: bool,
+    /// Page faults, beyond the usual.
+    pub faults: u64,
+    /// Involuntary switches, beyond the usual.
+    pub involuntary_switches: u64,
+    /// Waiting for the processor, beyond the usual [ns].
+    pub waited_ns: u64,
+}
+
+/// What the other stages did in a span.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Others {
+    /// One of them left a stamp.
+    pub ran: bool,
+    /// One of them was due.
+    pub were_due: bool,
+}
+
+/// At the begin of a span, stamps that still belong to what was before [% of a tick].
+const HEAD_PERCENT: u64 = 5;
+/// At the end of a span, stamps of stages that waited for the same thing and came first [% of a tick].
+const TAIL_PERCENT: u64 = 20;
+
+/// What is usual among values: their lower quartile, because a disturbance that lasts must not pass for the usual.
+fn usual_of(mut values: Vec<u64>) -> u64 {
+    values.sort_unstable();
+    values.get(values.len() / 4).copied().unwrap_or(0)
+}
+
+impl Scene<'_> {
+    /// The delays in a tick that were longer than usual, in the order of the chain.
+    #[must_use]
+    pub fn suspects(&self, tick: u64) -> Vec<Suspect> {
+        let begin_ns = self.grid.begin_of(tick);
+        let trace = self.traces.get(&tick).copied().unwrap_or_default();
+        let mut suspects = Vec::new();
+        for (i, stage) in STAGES.into_iter().enumerate() {
+            let before = i.checked_sub(1);
+            let sent_ns = before.and_then(|before| trace[before]).map(|passage| passage.send_ns);
+            let cut_off_ns = begin_ns + self.grid.period_ns * stage.deadline_percent() / 100;
+            let came_in_time = i == 0 || sent_ns.is_some_and(|ns| ns <= cut_off_ns);
+            let is_fresh = trace[i].map_or(came_in_time, |passage| passage.is_fresh);
+            let (due_ns, usual_ns) = match sent_ns {
+                _ if i == 0 => (begin_ns, self.usual(tick, |k, trace| Some(trace[0]?.receive_ns.saturating_sub(k)))),
+                Some(sent_ns) if is_fresh => {
+                    let hop = |trace: &Trace| Some(trace[i]?.receive_ns.saturating_sub(trace[i - 1]?.send_ns));
+                    (sent_ns, self.usual(tick, |_, trace| hop(trace)))
+                }
+                _ => (cut_off_ns, 0),
+            };
+            if let (false, Some(before)) = (is_fresh, before) {
+                let usual_ns = self.usual(tick, |begin, trace| Some(trace[before]?.send_ns.saturating_sub(begin)));
+                let excess_ns = (cut_off_ns - begin_ns).saturating_sub(usual_ns);
+                suspects.push(Suspect {
+                    stage: STAGES[before],
+                    delay: Delay::Input,
+                    from_ns: begin_ns + usual_ns,
+                    to_ns: cut_off_ns,
+                    excess_ns,
+                    share_ns: excess_ns,
+                });
+                // Without a state of the tick the outer loop publishes nothing, as it should.
+                if stage == Role::Outer {
+                    continue;
+                }
+            }
+            let receive_ns = trace[i].map_or_else(|| self.next_sign_of(i, tick), |passage| passage.receive_ns);
+            let sure_ns = trace[i].map_or(self.grid.begin_of(tick + 1), |passage| passage.receive_ns);
+            suspects.push(Suspect {
+                stage,
+                delay: Delay::Wake,
+                from_ns: due_ns,
+                to_ns: receive_ns.max(due_ns),
+                excess_ns: receive_ns.saturating_sub(due_ns).saturating_sub(usual_ns),
+                share_ns: sure_ns.saturating_sub(due_ns).saturating_sub(usual_ns),
+            });
+            if let Some(passage) = trace[i] {
+                let computed_ns = passage.send_ns.saturating_sub(passage.receive_ns);
+                let excess_ns = computed_ns.saturating_sub(self.compute(tick, i));
+                suspects.push(Suspect {
+                    stage,
+                    delay: Delay::Compute,
+                    from_ns: passage.receive_ns,
+                    to_ns: passage.send_ns,
+                    excess_ns,
+                    share_ns: excess_ns,
+                });
+            }
+        }
+        suspects.retain(|suspect| suspect.share_ns > 0);
+        suspects
+    }
+
+    /// What a duration usually is in the other ticks; `pick` is given the begin of the tick.
+    fn usual(&self, tick: u64, pick: impl Fn(u64, &Trace) -> Option<u64>) -> u64 {
+        let others = self.traces.iter().filter(|(other, _)| **other != tick);
+        usual_of(others.filter_map(|(other, trace)| pick(self.grid.begin_of(*other), trace)).collect())
+    }
+
+    fn compute(&self, tick: u64, stage: usize) -> u64 {
+        self.usual(tick, |_, trace| {
+            let passage = trace[stage]?;
+            Some(passage.send_ns.saturating_sub(passage.receive_ns))
+        })
+    }
+
+    /// When a stage woke for the first time after a tick that it left out [ns].
+    fn next_sign_of(&self, stage: usize, tick: u64) -> u64 {
+        let later = self.traces.range(tick + 1..).find_map(|(_, trace)| trace[stage]);
+        later.map_or(self.until_ns, |passage| passage.receive_ns)
+    }
+
+    /// Whether the recorder lost messages between the first and the last sample.
+    #[must_use]
+    pub fn messages_lost(&self) -> bool {
+        self.samples.first().zip(self.samples.last()).is_some_and(|(first, last)| first.lost != last.lost)
+    }
+
+    /// The samples around a span: the last before it, those in it, the first after it; nothing where it is not covered.
+    fn around(&self, suspect: &Suspect) -> Option<&[Sample]> {
+        let first = self.samples.iter().rposition(|sample| sample.at_ns <= suspect.from_ns)?;
+        let last = self.samples.iter().position(|sample| sample.at_ns >= suspect.to_ns)?;
+        self.samples.get(first..=last)
+    }
+
+    /// What the late stage's counters say of the time in which it was late.
+    #[must_use]
+    pub fn usage(&self, suspect: &Suspect) -> Usage {
+        let stage = suspect.stage as usize;
+        let of = |sample: &Sample| sample.stages[stage];
+        let mut usage = Usage::default();
+        let from = self.samples.iter().filter(|sample| sample.at_ns >= suspect.from_ns);
+        for sample in from.clone().take_while(|sample| sample.at_ns <= suspect.to_ns) {
+            usage.is_stopped |= of(sample).life == Life::Stopped;
+        }
+        let before = self.samples.iter().rfind(|sample| sample.at_ns <= suspect.from_ns).map(of);
+        // Whoever has ended may be seen so late, and may have a successor by then.
+        let late = suspect.to_ns == self.until_ns || suspect.delay == Delay::Input;
+        let mut soon = from.take_while(|sample| late || sample.at_ns <= suspect.to_ns);
+        usage.is_dead =
+            soon.any(|sample| of(sample).life == Life::Dead || before.is_some_and(|b| b.pid != of(sample).pid));
+        let Some(around) = self.around(suspect) else { return usage };
+        let (Some(first), Some(last)) = (around.first(), around.last()) else { return usage };
+        if of(first).pid == of(last).pid {
+            let span_ns = last.at_ns - first.at_ns;
+            let beyond = |count: fn(&Counters) -> u64| {
+                let grown = count(&of(last)).saturating_sub(count(&of(first)));
+                grown.saturating_sub(self.usually(suspect, span_ns, |sample| count(&of(sample))))
+            };
+            usage.faults = beyond(|counters| counters.faults);
+            usage.involuntary_switches = beyond(|counters| counters.involuntary_switches);
+            usage.waited_ns = beyond(|counters| counters.waited_ns);
+        }
+        usage
+    }
+
+    /// By how much a counter usually grows in a time: by its usual rate between samples outside the span.
+    fn usually(&self, suspect: &Suspect, time_ns: u64, count: impl Fn(&Sample) -> u64) -> u64 {
+        let outside = |pair: &&[Sample]| pair[1].at_ns <= suspect.from_ns || pair[0].at_ns >= suspect.to_ns;
+        // Growth in a second, so that little of it is not rounded away.
+        let rate = |pair: &[Sample]| {
+            let growth = u128::from(count(&pair[1]).saturating_sub(count(&pair[0])));
+            let ns = u128::from((pair[1].at_ns - pair[0].at_ns).max(1));
+            u64::try_from(growth * 1_000_000_000 / ns).unwrap_or(u64::MAX)
+        };
+        let per_second = usual_of(self.samples.windows(2).filter(outside).map(rate).collect());
+        u64::try_from(u128::from(per_second) * u128::from(time_ns) / 1_000_000_000).unwrap_or(u64::MAX)
+    }
+
+    /// Whether the host took time from the loops' processor while the stage was late.
+    #[must_use]
+    pub fn steal_grew(&self, suspect: &Suspect) -> bool {
+        self.around(suspect)
+            .and_then(|around| around.first().zip(around.last()))
+            .is_some_and(|(first, last)| last.stolen > first.stolen)
+    }
+
+    /// What the other stages on the same processor did while the stage was late.
+    #[must_use]
+    pub fn others(&self, suspect: &Suspect) -> Others {
+        if !self.share_processor {
+            return Others::default();
+        }
+        let period_ns = self.grid.period_ns;
+        let from_ns = suspect.from_ns + period_ns * HEAD_PERCENT / 100;
+        let to_ns = suspect.to_ns.saturating_sub(period_ns * TAIL_PERCENT / 100);
+        let is_inside = |ns: u64| (from_ns..to_ns).contains(&ns);
+        let mut others = Others::default();
+        for trace in self.traces.values() {
+            for passage in (0..STAGES.len()).filter(|i| *i != suspect.stage as usize).filter_map(|i| trace[i]) {
+                others.ran |= is_inside(passage.receive_ns) || is_inside(passage.send_ns);
+            }
+        }
+        // A tick's begin is the plant's to keep; its cut-off is the mixer's, unless it had worked the tick before.
+        let first = self.grid.tick_at(from_ns);
+        for tick in first..=first + 1 {
+            let begin_ns = self.grid.begin_of(tick);
+            let mixed = self.traces.get(&tick).and_then(|trace| trace[Role::Mixer as usize]);
+            let is_mixed = mixed.is_some_and(|passage| passage.send_ns <= suspect.from_ns);
+            let cut_off_ns = begin_ns + period_ns * Role::Mixer.deadline_percent() / 100;
+            others.were_due |= suspect.stage != Role::Plant && is_inside(begin_ns);
+            others.were_due |= suspect.stage != Role::Mixer && !is_mixed && is_inside(cut_off_ns);
+        }
+        others
+    }
+
+    /// Whether the stage computed long in another tick around, too.
+    #[must_use]
+    pub fn recurs(&self, suspect: &Suspect) -> bool {
+        let stage = suspect.stage as usize;
+        let long = |passage: &Passage| {
+            passage.receive_ns != suspect.from_ns
+                && passage.send_ns.saturating_sub(passage.receive_ns) * 2 >= suspect.excess_ns
+        };
+        self.traces.values().filter_map(|trace| trace[stage]).any(|passage| long(&passage))
+    }
+}

@@ -1,0 +1,31 @@
+//! Facts about the machine, and how much of it others took.
+
+use serde::{Deserialize, Serialize};
+
+/// The machine, as far as it explains latencies.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Host {
+    /// Kernel release and build.
+    pub kernel: String,
+    /// Preemption model, as far as the kernel says.
+    pub preemption: String,
+    /// Processor.
+    pub cpu: String,
+    /// Processors online.
+    pub cpus: u64,
+    /// Whether a hypervisor runs below.
+    pub hypervisor: bool,
+    /// Clock source in use.
+    pub clock_source: String,
+    /// /proc/sys/kernel/sched_rt_runtime_us: what SCHED_FIFO gets of each period; -1 is all.
+    pub rt_runtime_us: i64,
+}
+
+/// Time that the host took from this machine's processors, summed over them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Steal {
+    /// Stolen [ms], in the kernel's resolution of 10 ms.
+    pub stolen_ms: u64,
+    /// Share of all processors' time [%].
+    pub percent: f64,
+}

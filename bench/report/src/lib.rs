@@ -1,0 +1,25 @@
+//! From records to numbers, and from numbers to pages: accounting, outages, the report and its forms.
+//!
+//! ```text
+//! messages --> tally (series, deadlines, theorem, tracer), autopsy --> schema --> text, page, diff
+//! ```
+//!
+//! Nothing here starts a process, reads a clock or knows the middleware.
+
+pub mod autopsy;
+pub mod beside;
+pub mod diff;
+pub mod files;
+pub mod finding;
+pub mod host;
+pub mod json;
+pub mod page;
+pub mod plot;
+pub mod run_facts;
+pub mod schema;
+pub mod sections;
+pub mod states;
+pub mod tally;
+pub mod text;
+pub mod tick;
+pub mod traces;

@@ -1,0 +1,72 @@
+//! A flight as one picture, flight.svg: path, height, position error and estimates, with the swaps marked.
+
+use maud::{Markup, PreEscaped, html};
+
+use crate::page::figures::Figures;
+use crate::plot::{Chart, HEIGHT, STYLE, WIDTH};
+use crate::schema::Swap;
+use crate::traces::Traces;
+
+/// Space around charts [pixels].
+const GAP: f64 = 16.0;
+/// Space above a chart for its title [pixels].
+const TITLE: f64 = 18.0;
+/// Space for the heading and the key [pixels].
+const HEADING: f64 = 62.0;
+
+/// Draws the picture of a flight whose laws' ticks are `period_s` [s] long.
+#[must_use]
+pub fn render(traces: &Traces, swaps: &[Swap], period_s: f64, title: &str) -> String {
+    let figures = Figures::new(traces, swaps, &[], period_s);
+    let path = figures.path(0, 1);
+    let mut rows: Vec<(f64, f64, String, Chart)> = Vec::new();
+    let left = GAP;
+    let right = left + WIDTH + GAP;
+    let mut below_path = HEADING + TITLE + path.height + GAP;
+    let path_title = "path seen from above".to_owned();
+    rows.push((left, HEADING, path_title, path));
+    for (title, chart) in [("height", figures.position(2)), ("position error", figures.distance())] {
+        rows.push((left, below_path, title.into(), chart));
+        below_path += TITLE + HEIGHT + GAP;
+    }
+    let mut below = HEADING;
+    for i in 0..3 {
+        let chart = figures.estimate(i);
+        rows.push((right, below, format!("estimate of {}", ["I_R", "k_r", "delta"][i]), chart));
+        below += TITLE + HEIGHT + GAP;
+    }
+    let (width, height) = (right + WIDTH + GAP, below_path.max(below));
+    let picture: Markup = html! {
+        svg xmlns="http://www.w3.org/2000/svg" viewBox=(format!("0 0 {width} {height}"))
+            width=(width) height=(height) {
+            style { (PreEscaped(STYLE)) (PreEscaped(OWN_STYLE)) }
+            rect.card x="0" y="0" width=(width) height=(height) {}
+            text.heading x=(GAP) y="28" { (title) }
+            (key(GAP, &[("flown", "flown, estimated"), ("reference", "reference, true"), ("swap", "live swap")]))
+            @for (x, y, title, chart) in &rows {
+                text.title x=(x) y=(y + 12.0) { (title) }
+                (chart.svg(Some([*x, y + TITLE, WIDTH, chart.height])))
+            }
+        }
+    };
+    picture.into_string()
+}
+
+/// What does not come from the page's style sheet.
+const OWN_STYLE: &str = "
+.card { fill: var(--card); }
+svg text.heading { font-size: 17px; font-weight: 600; fill: var(--ink); }
+svg text.title { font-size: 13px; font-weight: 600; fill: var(--ink); }
+";
+
+fn key(left: f64, entries: &[(&str, &str)]) -> Markup {
+    /// Space of an entry [pixels].
+    const ENTRY: f64 = 150.0;
+    html! {
+        @for (i, (class, word)) in entries.iter().enumerate() {
+            @let x = left + ENTRY * i as f64;
+            path.line.vertical.(class) d=(format!("M{x} 46h22")) {}
+            text x=(x + 28.0) y="50" { (word) }
+        }
+    }
+}

@@ -1,0 +1,292 @@
+//! Charts as SVG: axes with units, lines and marks; colours and fonts are the style sheet's.
+//!
+//! A chart is drawn for a width of [`WIDTH`] pixels, and pages show it at about that width on a telephone and on a
+//! desk, so that its text keeps its size. Colours are classes of `plot.css`, one per thing, for light and dark.
+
+pub mod bars;
+pub mod scale;
+
+use std::fmt::Write as _;
+
+use maud::{Markup, html};
+
+use crate::plot::scale::Scale;
+use crate::traces::Span;
+
+/// Colours and lines of everything in a chart.
+pub const STYLE: &str = include_str!("plot.css");
+
+/// Width of a chart [pixels].
+pub const WIDTH: f64 = 420.0;
+/// Height of a chart over time [pixels].
+pub const HEIGHT: f64 = 220.0;
+
+/// Numbers along the horizontal axis, about.
+const X_TICKS: usize = 6;
+/// Numbers along the vertical axis, about.
+const Y_TICKS: usize = 5;
+/// Space of a character of a label [pixels]: of the widest fonts in use.
+const CHARACTER: f64 = 7.2;
+/// Space above the axes, with the name of the vertical one [pixels].
+const ABOVE: f64 = 22.0;
+/// Space below the axes, with the numbers and the name of the horizontal one [pixels].
+const BELOW: f64 = 36.0;
+/// Space to the right of the axes, for half a number [pixels].
+const RIGHT: f64 = 20.0;
+/// Height of a capital from its baseline to its middle [pixels].
+const HALF_CAPITAL: f64 = 4.0;
+
+/// An axis.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    /// Where numbers stand.
+    pub scale: Scale,
+    /// What they are, with unit.
+    pub label: String,
+}
+
+impl Axis {
+    /// An axis.
+    #[must_use]
+    pub fn new(scale: Scale, label: impl Into<String>) -> Self {
+        Self { scale, label: label.into() }
+    }
+}
+
+/// Something in a chart; `class` is its colour.
+#[derive(Clone, Debug)]
+pub enum Layer {
+    /// A line through points.
+    Line {
+        /// Colour.
+        class: &'static str,
+        /// Points, in order.
+        points: Vec<(f64, f64)>,
+    },
+    /// Dots, each with a word for who points at it.
+    Dots {
+        /// Colour.
+        class: &'static str,
+        /// Points and words.
+        points: Vec<((f64, f64), String)>,
+    },
+    /// Lines from the foot of the chart up to points.
+    Stems {
+        /// Colour.
+        class: &'static str,
+        /// Points.
+        points: Vec<(f64, f64)>,
+    },
+    /// A line over the whole width, with its name.
+    Level {
+        /// Colour.
+        class: &'static str,
+        /// Where.
+        at: f64,
+        /// Its name.
+        label: String,
+    },
+    /// Lines over the whole height, each with a word for who points at it.
+    Verticals {
+        /// Colour.
+        class: &'static str,
+        /// Where, and words.
+        at: Vec<(f64, String)>,
+    },
+}
+
+/// A chart.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    /// What it shows, for who cannot see it.
+    pub title: String,
+    /// Horizontal axis.
+    pub x: Axis,
+    /// Vertical axis.
+    pub y: Axis,
+    /// From the lowest to the uppermost.
+    pub layers: Vec<Layer>,
+    /// Height [pixels].
+    pub height: f64,
+}
+
+/// The rectangle inside the axes [pixels].
+#[derive(Clone, Copy, Debug)]
+struct Frame {
+    left: f64,
+    right: f64,
+    top: f64,
+    foot: f64,
+}
+
+impl Chart {
+    /// The chart as an `svg` element; `place` are attributes that put it into another one: x, y, width, height.
+    #[must_use]
+    pub fn svg(&self, place: Option<[f64; 4]>) -> Markup {
+        let frame = self.frame();
+        let [x, y, width, height] = place.map_or([None; 4], |place| place.map(Some));
+        html! {
+            svg viewBox=(format!("0 0 {WIDTH} {}", self.height)) role="img" aria-label=(self.title)
+                x=[x] y=[y] width=[width] height=[height] {
+                g.grid {
+                    @for tick in self.y.scale.ticks(Y_TICKS) {
+                        @let y = tenths(self.at_y(frame, tick.value));
+                        line x1=(frame.left) x2=(frame.right) y1=(y) y2=(y) {}
+                        text.left x=(frame.left - 5.0) y=(tenths(self.at_y(frame, tick.value) + HALF_CAPITAL)) {
+                            (tick.label)
+                        }
+                    }
+                    @for tick in self.x.scale.ticks(X_TICKS) {
+                        @let x = tenths(self.at_x(frame, tick.value));
+                        line x1=(x) x2=(x) y1=(frame.top) y2=(frame.foot) {}
+                        text.below x=(x) y=(frame.foot + 15.0) { (tick.label) }
+                    }
+                    text.of-y x="2" y="12" { (self.y.label) }
+                    text.of-x x=(frame.right) y=(self.height - 5.0) { (self.x.label) }
+                }
+                @for layer in &self.layers { (self.layer(frame, layer)) }
+                path.frame d=(format!("M{} {}V{}H{}", frame.left, frame.top, frame.foot, frame.right)) {}
+            }
+        }
+    }
+
+    /// The rectangle inside the axes.
+    fn frame(&self) -> Frame {
+        let ticks = self.y.scale.ticks(Y_TICKS);
+        let widest = ticks.iter().map(|tick| tick.label.chars().count()).max().unwrap_or(1);
+        let left = 10.0 + CHARACTER * widest as f64;
+        Frame { left, right: WIDTH - RIGHT, top: ABOVE, foot: self.height - BELOW }
+    }
+
+    /// Width by height of the rectangle inside the axes.
+    #[must_use]
+    pub fn proportion(&self) -> f64 {
+        let Frame { left, right, top, foot } = self.frame();
+        (right - left) / (foot - top)
+    }
+
+    fn at_x(&self, frame: Frame, value: f64) -> f64 {
+        frame.left + (frame.right - frame.left) * self.x.scale.place(value)
+    }
+
+    fn at_y(&self, frame: Frame, value: f64) -> f64 {
+        frame.foot - (frame.foot - frame.top) * self.y.scale.place(value)
+    }
+
+    fn layer(&self, frame: Frame, layer: &Layer) -> Markup {
+        let at = |(x, y): (f64, f64)| (self.at_x(frame, x), self.at_y(frame, y));
+        match layer {
+            Layer::Line { class, points } => {
+                let d = path(points.iter().map(|point| at(*point)));
+                html! { path.line.(class) d=(d) {} }
+            }
+            Layer::Dots { class, points } => html! {
+                @for (point, word) in points {
+                    @let (x, y) = at(*point);
+                    circle.dot.(class) cx=(tenths(x)) cy=(tenths(y)) r="4.5" { title { (word) } }
+                }
+            },
+            Layer::Stems { class, points } => {
+                let mut d = String::new();
+                for (x, y) in points.iter().map(|point| at(*point)) {
+                    // Writing into a string cannot fail.
+                    let _ = write!(d, "M{} {}V{}", tenths(x), frame.foot, tenths(y));
+                }
+                html! { path.stem.(class) d=(d) {} }
+            }
+            Layer::Level { class, at, label } => {
+                let y = tenths(self.at_y(frame, *at));
+                html! {
+                    line.level.(class) x1=(frame.left) x2=(frame.right) y1=(y) y2=(y) {}
+                    text.level x=(frame.right - 4.0) y=(tenths(self.at_y(frame, *at) - 4.0)) { (label) }
+                }
+            }
+            Layer::Verticals { class, at } => html! {
+                // Many of them must not hide what they mark.
+                g.(class) opacity=(tenths((30.0 / at.len() as f64).clamp(0.2, 1.0))) {
+                    @for (value, word) in at {
+                        @let x = tenths(self.at_x(frame, *value));
+                        path.vertical.(class) d=(format!("M{x} {}V{}", frame.foot, frame.top)) { title { (word) } }
+                    }
+                }
+            },
+        }
+    }
+}
+
+/// A channel as a line: through the smallest and the largest value of each stretch, the nearer one first, as if they
+/// were its ends. What rises or falls all the time is drawn as it is.
+///
+/// `ends_s` gives the begin and the end of a stretch that begins at a tick [s].
+pub fn through(spans: impl Iterator<Item = Span>, ends_s: impl Fn(u64) -> [f64; 2]) -> Vec<(f64, f64)> {
+    let mut points: Vec<(f64, f64)> = Vec::new();
+    for span in spans {
+        let last = points.last().map_or(span.min, |point| point.1);
+        let rises = (last - span.min).abs() <= (last - span.max).abs();
+        let values = if rises { [span.min, span.max] } else { [span.max, span.min] };
+        points.extend(ends_s(span.tick).into_iter().zip(values));
+    }
+    points
+}
+
+/// Path through points in pixels, without those that make no difference.
+fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
+    /// Less than anybody sees [pixels].
+    const UNSEEN: f64 = 0.25;
+    let mut kept: Vec<(f64, f64)> = Vec::new();
+    for (x, y) in points {
+        match kept[..] {
+            // Where neighbours stand at one place, or three at one height, the middle one goes.
+            [.., (x0, y0)] if (x - x0).abs() < UNSEEN && (y - y0).abs() < UNSEEN => {}
+            [.., (_, y0), (_, y1)] if (y - y1).abs() < 0.05 && (y - y0).abs() < 0.05 => {
+                let last = kept.len() - 1;
+                kept[last] = (x, y);
+            }
+            _ => kept.push((x, y)),
+        }
+    }
+    let mut d = String::new();
+    for (i, (x, y)) in kept.into_iter().enumerate() {
+        // Writing into a string cannot fail.
+        let _ = write!(d, "{}{} {}", if i == 0 { "M" } else { "L" }, tenths(x), tenths(y));
+    }
+    d
+}
+
+/// A tenth of a pixel is enough.
+fn tenths(pixels: f64) -> f64 {
+    (pixels * 10.0).round() / 10.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_leave_out_what_nobody_sees() {
+        let flat = (0..100).map(|i| (f64::from(i), 5.0));
+        assert_eq!(path(flat), "M0 5L99 5");
+        assert_eq!(path([(0.0, 0.0), (0.1, 0.1), (3.0, 9.0)].into_iter()), "M0 0L3 9");
+        assert_eq!(path(std::iter::empty()), "");
+    }
+
+    #[test]
+    fn lines_reach_the_peaks_of_every_stretch() {
+        let spans = [Span { tick: 0, min: 0.0, max: 1.0 }, Span { tick: 2, min: 0.5, max: 7.0 }];
+        let points = through(spans.into_iter(), |tick| [tick as f64, tick as f64 + 1.0]);
+        assert_eq!(points, [(0.0, 0.0), (1.0, 1.0), (2.0, 0.5), (3.0, 7.0)]);
+    }
+
+    #[test]
+    fn words_are_escaped() {
+        let chart = Chart {
+            title: "<a> & \"b\"".into(),
+            x: Axis::new(Scale::time(0.0, 1.0), "time [s]"),
+            y: Axis::new(Scale::time(0.0, 1.0), "<y>"),
+            layers: vec![Layer::Verticals { class: "swap", at: vec![(0.5, "</svg><script>".into())] }],
+            height: HEIGHT,
+        };
+        let svg = chart.svg(None).into_string();
+        assert!(!svg.contains("<script>") && !svg.contains("<a>") && !svg.contains("<y>"), "{svg}");
+    }
+}

@@ -1,0 +1,392 @@
+//! The report of a flight: every number, as it is written to report.json.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use model::messages::SwapRecord;
+use serde::{Deserialize, Serialize};
+
+use crate::autopsy;
+use crate::beside::Beside;
+use crate::finding::Diagnosis;
+use crate::host::{Host, Steal};
+use crate::json;
+use crate::tally::distribution::Distribution;
+use crate::tally::series::Statistics;
+use crate::tally::theorem::Theorem;
+use crate::traces::Traces;
+use failure::{Failure, InFile as _};
+
+/// Version of the schema: changed whenever a key changes its meaning or goes.
+pub const SCHEMA: &str = "ironbird-report/1";
+
+/// A flight in numbers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// [`SCHEMA`].
+    pub schema: String,
+    /// What was flown.
+    pub run: Run,
+    /// Whether it passed.
+    pub verdict: Verdict,
+    /// Ticks and the identity that they must satisfy.
+    pub ticks: Ticks,
+    /// Deadlines of the rotor commands.
+    pub deadlines: Deadlines,
+    /// Why they were missed.
+    #[serde(default)]
+    pub autopsy: autopsy::Section,
+    /// The control performance.
+    pub flight: Flight,
+    /// The theorem, watched; empty in reports from before it was.
+    #[serde(default)]
+    pub theorem: Theorem,
+    /// Swaps of plant parameters, in order.
+    pub swaps: Vec<Swap>,
+    /// Latencies.
+    pub series: Vec<Statistics>,
+    /// The processes.
+    pub roles: BTreeMap<String, RoleSection>,
+    /// The recorder's own losses.
+    pub recorder: RecorderSection,
+    /// The machine.
+    pub host: Host,
+    /// Whether the machine can fly in real time, as far as looking tells: nothing is measured beside a flight.
+    #[serde(default)]
+    pub doctor: Diagnosis,
+    /// What the host took during the flight.
+    pub steal: Steal,
+    /// How the latencies are distributed; empty while the flight is in the air.
+    #[serde(default)]
+    pub distributions: Vec<Distribution>,
+    /// The machine's floors, where they were asked for.
+    #[serde(default)]
+    pub beside: Option<Beside>,
+    /// The flight over time; none while it is in the air.
+    #[serde(default)]
+    pub traces: Option<Traces>,
+}
+
+/// What was flown.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Run {
+    /// Number of the run: its start on the wall clock [ns since 1970].
+    pub run_id: u64,
+    /// Its start, for people.
+    pub started: String,
+    /// Instance.
+    pub instance: String,
+    /// Version of ironbird.
+    pub version: String,
+    /// Reference trajectory.
+    pub trajectory: String,
+    /// Set of gains.
+    pub preset: String,
+    /// Sample time of the laws [us].
+    pub period_us: f64,
+    /// Length of a tick on the clock [us]; 0 in lockstep, where ticks have none.
+    pub wall_period_us: f64,
+    /// Fingerprint of the settings that all roles shared.
+    pub settings_fingerprint: String,
+    /// How it ended.
+    pub ending: String,
+    /// Whether these are the numbers so far of a flight in the air.
+    pub in_flight: bool,
+}
+
+/// Whether a flight passed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Verdict {
+    /// `PASS`, `FAIL` (a gate did not hold), `INTERRUPTED` (by a signal) or `ABORTED` (a role failed);
+    /// `FLYING` while it does.
+    pub status: String,
+    /// Exit code of the flight.
+    pub exit_code: u8,
+    /// Each gate.
+    pub gates: Vec<Gate>,
+}
+
+/// Something that a flight must satisfy.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Gate {
+    /// What is looked at, with its unit.
+    pub name: String,
+    /// What is allowed.
+    pub limit: String,
+    /// What was found.
+    pub value: String,
+    /// Whether it held.
+    pub held: bool,
+}
+
+/// Ticks of the plant.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ticks {
+    /// Published.
+    pub run: u64,
+    /// Skipped because the plant woke too late.
+    pub skipped: u64,
+    /// From the begin of tick 0 to the end of the last tick [s], by the clock.
+    pub elapsed_s: f64,
+    /// The same in periods.
+    pub elapsed_periods: u64,
+    /// Whether run + skipped is that number.
+    pub identity_holds: bool,
+}
+
+/// Deadlines of the rotor commands.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Deadlines {
+    /// Missed, by the plant's own verdicts.
+    pub missed: u64,
+    /// The same per million ticks.
+    pub missed_ppm: f64,
+    /// Missed, by the stamps of the rotor commands.
+    pub missed_by_stamps: u64,
+    /// How late the commands were: from .. below .. [us], how many.
+    pub late: Vec<Bucket>,
+    /// Runs of consecutive misses: length in ticks, how many.
+    pub runs: Vec<RunLength>,
+    /// Late commands by their stamps, those of consecutive ticks together; the first 500 stretches.
+    #[serde(default)]
+    pub stretches: Vec<LateStretch>,
+    /// Late commands in later stretches.
+    #[serde(default)]
+    pub stretches_left_out: u64,
+}
+
+/// Consecutive ticks whose commands were late.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LateStretch {
+    /// The first of them.
+    pub tick: u64,
+    /// Its time of the flight [s].
+    pub time_s: f64,
+    /// How many.
+    pub length_ticks: u64,
+    /// Largest lateness [us].
+    pub late_us: f64,
+}
+
+/// A bar of a histogram.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bucket {
+    /// Lower bound [us].
+    pub from_us: f64,
+    /// Upper bound [us].
+    pub below_us: f64,
+    /// Values.
+    pub count: u64,
+}
+
+/// Runs of one length.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunLength {
+    /// Ticks.
+    pub length_ticks: u64,
+    /// Runs.
+    pub count: u64,
+}
+
+/// The control performance.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Flight {
+    /// Root mean square of the position error [m].
+    pub position_error_rms_m: f64,
+    /// Largest position error [m].
+    pub position_error_max_m: f64,
+    /// Position error at the end [m].
+    pub position_error_final_m: f64,
+    /// Norm of the rate error at the end [rad/s].
+    pub rate_error_final_rad_s: f64,
+    /// Ticks in which the rotors could not do what was asked.
+    pub saturated_ticks: u64,
+    /// Estimates at the end, with what is true.
+    pub estimates: Vec<Estimate>,
+}
+
+/// An estimated parameter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Name with unit.
+    pub name: String,
+    /// What the inner loop believes.
+    pub estimated: f64,
+    /// What the plant flies with.
+    pub actual: f64,
+}
+
+/// A swap of plant parameters.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Swap {
+    /// Tick from which it held.
+    pub tick: u64,
+    /// The same as time of the flight [s].
+    pub time_s: f64,
+    /// Parameter epoch that began with it.
+    pub parameter_epoch: u64,
+    /// What changed.
+    pub changes: Vec<Change>,
+}
+
+/// A changed parameter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Change {
+    /// Name with unit.
+    pub name: String,
+    /// Before.
+    pub old: f64,
+    /// From then on.
+    pub new: f64,
+}
+
+/// A process of the rig.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RoleSection {
+    /// Ticks that it worked.
+    pub ticks_run: u64,
+    /// Ticks that it skipped.
+    pub ticks_skipped: u64,
+    /// Ticks that it worked with a stale input.
+    pub ticks_stale: u64,
+    /// Messages that it rejected, by reason.
+    pub rejected: BTreeMap<String, u64>,
+    /// Whether its figures are final.
+    pub landed: bool,
+    /// Resources of its loop since it was armed; none unless it has landed.
+    pub usage: Option<Usage>,
+    /// Scheduling in force: `fifo 80` or `other`.
+    pub scheduling: String,
+    /// What the system was asked for.
+    pub realtime: Vec<RtStep>,
+}
+
+/// Resources of a loop.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Usage {
+    /// Calls to the allocator.
+    pub allocations: u64,
+    /// Page faults without a disk.
+    pub minor_faults: u64,
+    /// Page faults with one.
+    pub major_faults: u64,
+    /// Waits.
+    pub voluntary_switches: u64,
+    /// Preemptions.
+    pub involuntary_switches: u64,
+    /// Processor time per tick [us].
+    pub cpu_per_tick_us: f64,
+}
+
+/// A step of the real-time set-up.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RtStep {
+    /// The step.
+    pub step: String,
+    /// What was asked: a priority or a processor, where the step has a number.
+    pub asked: Option<u64>,
+    /// Whether it was granted.
+    pub granted: bool,
+    /// Why not.
+    pub refused: Option<String>,
+}
+
+/// The recorder's own losses.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RecorderSection {
+    /// Messages that were overwritten before it read them, by topic.
+    pub lost: BTreeMap<String, u64>,
+    /// Messages that it rejected.
+    pub rejected: BTreeMap<String, u64>,
+    /// Ticks of which a topic had no message, so that they have no row of states.
+    pub incomplete_ticks: u64,
+    /// Share of one processor that it used [%].
+    pub cpu_percent: f64,
+    /// The flight log.
+    #[serde(default)]
+    pub log: LogSection,
+    /// Other files that could not be written, with the first reason.
+    #[serde(default)]
+    pub unwritten: BTreeMap<String, String>,
+}
+
+/// What became of the messages on their way to flight.mcap.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LogSection {
+    /// Length of the file [bytes].
+    pub file_bytes: u64,
+    /// Messages in it, by topic.
+    pub messages: BTreeMap<String, u64>,
+    /// Messages that the disk did not take, by topic.
+    pub dropped: BTreeMap<String, u64>,
+    /// Why it did not take something, the first time.
+    pub refused: Option<String>,
+}
+
+impl Swap {
+    /// A swap that holds from a tick of `period_s` [s] on.
+    #[must_use]
+    pub fn new(tick: u64, period_s: f64, record: &SwapRecord) -> Self {
+        Self {
+            tick,
+            time_s: tick as f64 * period_s,
+            parameter_epoch: record.parameter_epoch,
+            changes: record
+                .changes()
+                .map(|(parameter, old, new)| Change { name: parameter.name().into(), old, new })
+                .collect(),
+        }
+    }
+}
+
+impl Gate {
+    /// The gate `theorem`.
+    #[must_use]
+    pub fn theorem(theorem: &Theorem) -> Self {
+        Self {
+            name: "theorem".into(),
+            limit: "0 unexplained, estimates live".into(),
+            value: theorem.found(),
+            held: theorem.holds,
+        }
+    }
+}
+
+impl Report {
+    /// Reads a report.
+    ///
+    /// # Errors
+    /// [`Failure`] names the file, and the schema where it is another one.
+    pub fn read(path: &Path) -> Result<Self, Failure> {
+        let text = std::fs::read_to_string(path).in_file("read the report", path)?;
+        #[derive(Deserialize)]
+        struct Schema {
+            schema: String,
+        }
+        let Schema { schema } = serde_json::from_str(&text).in_file("read the report", path)?;
+        if schema != SCHEMA {
+            return Err(Failure::failed(format!(
+                "{} has the schema `{schema}`, this version reads `{SCHEMA}`",
+                path.display()
+            )));
+        }
+        serde_json::from_str(&text).in_file("read the report", path)
+    }
+
+    /// Writes the report so that a reader finds the old one or the new one, never a part.
+    ///
+    /// # Errors
+    /// [`Failure`] names the file.
+    pub fn write(&self, path: &Path) -> Result<(), Failure> {
+        let text = json::to_string(self).in_file("write", path)?;
+        let draft = path.with_extension("json.draft");
+        std::fs::write(&draft, text + "\n").in_file("write", &draft)?;
+        std::fs::rename(&draft, path).in_file("write", path)
+    }
+
+    /// Statistics of a series by name.
+    #[must_use]
+    pub fn series(&self, name: &str) -> Option<&Statistics> {
+        self.series.iter().find(|series| series.name == name)
+    }
+}

@@ -1,0 +1,141 @@
+//! Sections of the report that follow from a single source each.
+
+use std::collections::BTreeMap;
+
+use model::boards::{Ending, RolePhase, Status};
+use model::inspection::{REASONS, Rejections};
+use model::realtime::STEPS;
+
+use crate::schema::{self, Gate};
+use crate::tally::series::{Series, Statistics};
+use crate::tally::theorem::Theorem;
+use failure::{FAILED, GATE, INTERRUPTED, OK};
+use flight_log::TOPICS;
+use flight_log::writer::{Counts, Fate};
+
+/// Whether a flight passed, from its gates and how it ended; nothing while it flies.
+pub fn verdict(gates: Vec<Gate>, ending: Option<Ending>) -> schema::Verdict {
+    let held = gates.iter().all(|gate| gate.held);
+    let (status, exit_code) = match ending {
+        None => ("FLYING", OK),
+        Some(Ending::Interrupted) => ("INTERRUPTED", INTERRUPTED),
+        Some(Ending::Failed) => ("ABORTED", FAILED),
+        _ if held => ("PASS", OK),
+        _ => ("FAIL", GATE),
+    };
+    schema::Verdict { status: status.into(), exit_code, gates }
+}
+
+/// The gates that a flight was asked to pass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GatesAsked {
+    /// Distance from the reference beyond which a flight ends [m].
+    pub position_error_max_m: f64,
+    /// Deadlines missed per million at the most.
+    pub max_miss_rate_ppm: Option<f64>,
+    /// 99.9th percentile of the loop at the most [us].
+    pub max_loop_p999_us: Option<f64>,
+    /// The theorem must hold.
+    pub theorem: bool,
+}
+
+/// What the flight must satisfy, and whether it does.
+pub fn gates(
+    asked: &GatesAsked,
+    ticks: &schema::Ticks,
+    deadlines: &schema::Deadlines,
+    series: &[Statistics],
+    theorem: &Theorem,
+    ending: Option<Ending>,
+) -> Vec<Gate> {
+    let mut gates = vec![
+        Gate {
+            name: "flight envelope".into(),
+            limit: format!("position error <= {} m, pitch <= 80 deg", asked.position_error_max_m),
+            value: ending.unwrap_or(Ending::None).words().into(),
+            held: !ending.is_some_and(Ending::left_envelope),
+        },
+        Gate {
+            name: "ticks run + skipped = elapsed / period".into(),
+            limit: ticks.elapsed_periods.to_string(),
+            value: (ticks.run + ticks.skipped).to_string(),
+            held: ticks.identity_holds,
+        },
+    ];
+    if let Some(ppm) = asked.max_miss_rate_ppm {
+        gates.push(Gate {
+            name: "deadlines missed per million".into(),
+            limit: format!("<= {ppm}"),
+            value: format!("{:.1}", deadlines.missed_ppm),
+            held: deadlines.missed_ppm <= ppm,
+        });
+    }
+    if let Some(limit_us) = asked.max_loop_p999_us {
+        let value = series.iter().find(|series| series.name == Series::Loop.name()).and_then(|s| s.p999_us);
+        gates.push(Gate {
+            name: "loop p99.9 [us]".into(),
+            limit: format!("<= {limit_us}"),
+            value: value.map_or_else(|| "too few samples".into(), |us| format!("{us:.1}")),
+            held: value.is_some_and(|us| us <= limit_us),
+        });
+    }
+    if asked.theorem {
+        gates.push(Gate::theorem(theorem));
+    }
+    gates
+}
+
+/// Rejections by the name of their reason.
+pub fn rejected(rejections: &Rejections) -> BTreeMap<String, u64> {
+    REASONS.iter().map(|reason| (reason.name().to_owned(), rejections.of(*reason))).collect()
+}
+
+/// What a role's status says.
+#[must_use]
+pub fn role_section(status: &Status) -> schema::RoleSection {
+    let landed = status.phase() == RolePhase::Landed;
+    let usage = &status.usage;
+    schema::RoleSection {
+        ticks_run: status.ticks_run,
+        ticks_skipped: status.ticks_skipped,
+        ticks_stale: status.ticks_stale,
+        rejected: rejected(&status.rejections),
+        landed,
+        usage: landed.then(|| schema::Usage {
+            allocations: usage.allocations,
+            minor_faults: usage.minor_faults,
+            major_faults: usage.major_faults,
+            voluntary_switches: usage.voluntary_switches,
+            involuntary_switches: usage.involuntary_switches,
+            cpu_per_tick_us: usage.cpu_ns as f64 / 1e3 / status.ticks_run.max(1) as f64,
+        }),
+        scheduling: if status.grants.policy == 1 { format!("fifo {}", status.grants.priority) } else { "other".into() },
+        realtime: STEPS
+            .iter()
+            .filter(|step| status.grants.of(**step).asked == 1)
+            .map(|step| {
+                let grant = status.grants.of(*step);
+                schema::RtStep {
+                    step: serde_json::to_value(step)
+                        .ok()
+                        .and_then(|v| v.as_str().map(str::to_owned))
+                        .unwrap_or_default(),
+                    asked: (grant.value > 0 || *step == model::realtime::Step::Affinity).then_some(grant.value),
+                    granted: grant.granted(),
+                    refused: (!grant.granted()).then(|| grant.reason()),
+                }
+            })
+            .collect(),
+    }
+}
+
+/// What became of the messages on their way to the flight log.
+pub fn log_section(fate: &Fate) -> schema::LogSection {
+    let by_topic = |counts: &Counts| TOPICS.iter().map(|topic| (*topic).to_owned()).zip(*counts).collect();
+    schema::LogSection {
+        file_bytes: fate.file_bytes,
+        messages: by_topic(&fate.written),
+        dropped: by_topic(&fate.dropped),
+        refused: fate.refused.clone(),
+    }
+}

@@ -1,0 +1,188 @@
+//! How a latency series is distributed: percentile curve, bars, and how far its percentiles can be trusted.
+
+use hdrhistogram::Histogram;
+use serde::{Deserialize, Serialize};
+use statrs::distribution::{Binomial, DiscreteCDF as _};
+
+use crate::schema::Bucket;
+use crate::tally::series::{P999_COUNT, P9999_COUNT};
+
+/// Probability with which an interval holds the percentile that endless sampling would give. Two of them, of two runs,
+/// both do so with 95 % at the least.
+pub const CONFIDENCE: f64 = 0.975;
+
+/// Points of the curve per halving of the distance to 100 %.
+const CURVE_STEPS: u32 = 4;
+
+/// The distribution of a series; part of the final report.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Distribution {
+    /// Name of the series.
+    pub name: String,
+    /// Percentiles that the number of values allows, with their intervals.
+    pub percentiles: Vec<Percentile>,
+    /// Share of the values, and the value that this share does not exceed [us]. The largest of n values stands at
+    /// 1 - 1/2n.
+    pub curve: Vec<(f64, f64)>,
+    /// Bars, three a decade.
+    pub buckets: Vec<Bucket>,
+}
+
+/// A percentile with its interval ([`CONFIDENCE`]), which supposes that values are independent of each other and
+/// nothing about their distribution.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Percentile {
+    /// 99.9 for the 99.9th.
+    pub percent: f64,
+    /// The value [us].
+    pub value_us: f64,
+    /// Lower end of the interval [us].
+    pub low_us: f64,
+    /// Upper end of the interval [us].
+    pub high_us: f64,
+}
+
+/// The percentiles of the report, with the number of values that each needs.
+pub const PERCENTS: [(f64, u64); 5] = [(50.0, 0), (90.0, 0), (99.0, 0), (99.9, P999_COUNT), (99.99, P9999_COUNT)];
+
+impl Distribution {
+    /// The distribution of a histogram of nanoseconds.
+    #[must_use]
+    pub fn of(name: &str, histogram: &Histogram<u64>) -> Self {
+        Self {
+            name: name.to_owned(),
+            percentiles: PERCENTS
+                .into_iter()
+                .filter(|(_, needed)| histogram.len() >= *needed)
+                .filter_map(|(percent, _)| percentile(histogram, percent))
+                .collect(),
+            curve: curve(histogram),
+            buckets: buckets(histogram),
+        }
+    }
+
+    /// A percentile of the report; none where there are too few values.
+    #[must_use]
+    pub fn percentile(&self, percent: f64) -> Option<&Percentile> {
+        self.percentiles.iter().find(|percentile| percentile.percent == percent)
+    }
+}
+
+fn in_us(ns: u64) -> f64 {
+    ns as f64 / 1e3
+}
+
+fn percentile(histogram: &Histogram<u64>, percent: f64) -> Option<Percentile> {
+    let count = histogram.len();
+    let (low, high) = ranks(count, percent / 100.0)?;
+    // In the middle of the rank's share, where rounding cannot reach the next one.
+    let at_rank = |rank: u64| histogram.value_at_quantile((rank as f64 - 0.5) / count as f64);
+    Some(Percentile {
+        percent,
+        value_us: in_us(histogram.value_at_quantile(percent / 100.0)),
+        low_us: in_us(histogram.lowest_equivalent(at_rank(low))),
+        high_us: in_us(at_rank(high)),
+    })
+}
+
+fn curve(histogram: &Histogram<u64>) -> Vec<(f64, f64)> {
+    if histogram.is_empty() {
+        return Vec::new();
+    }
+    let largest = 1.0 - 0.5 / histogram.len() as f64;
+    histogram
+        .iter_quantiles(CURVE_STEPS)
+        .map(|step| (step.quantile_iterated_to(), in_us(step.value_iterated_to())))
+        // The last steps lie closer to 100 % than one value is.
+        .filter(|(share, _)| *share < largest)
+        .chain([(largest, in_us(histogram.max()))])
+        .collect()
+}
+
+/// A logarithmic histogram: three bars a decade.
+#[must_use]
+pub fn buckets(histogram: &Histogram<u64>) -> Vec<Bucket> {
+    let edges: Vec<u64> =
+        std::iter::once(0).chain((2..=10).flat_map(|decade| [1, 2, 5].map(|step| step * 10_u64.pow(decade)))).collect();
+    edges
+        .windows(2)
+        .map(|edges| {
+            let count = histogram
+                .iter_recorded()
+                .filter(|value| (edges[0]..edges[1]).contains(&value.value_iterated_to()))
+                .map(|value| value.count_at_value())
+                .sum();
+            Bucket { from_us: in_us(edges[0]), below_us: in_us(edges[1]), count }
+        })
+        .filter(|bucket| bucket.count > 0)
+        .collect()
+}
+
+/// Ranks, from 1, of the values between which a quantile lies with [`CONFIDENCE`] (order statistics: how many of
+/// `count` values do not exceed the quantile is binomial); none where `count` is too small for both.
+fn ranks(count: u64, quantile: f64) -> Option<(u64, u64)> {
+    let beyond = (1.0 - CONFIDENCE) / 2.0;
+    let not_above = Binomial::new(quantile, count).ok()?;
+    let (low, high) = (not_above.inverse_cdf(beyond), not_above.inverse_cdf(1.0 - beyond) + 1);
+    (low >= 1 && high <= count).then_some((low, high))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn histogram(values: impl Iterator<Item = u64>) -> Histogram<u64> {
+        let mut histogram = Histogram::new_with_bounds(1, 10_000_000_000, 3).unwrap();
+        values.for_each(|value| histogram.saturating_record(value));
+        histogram
+    }
+
+    #[test]
+    fn intervals_hold_the_percentile_as_often_as_they_say() {
+        // A random walk over multiples of the golden ratio would be too even; xorshift is not.
+        let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
+        let mut uniform = || {
+            seed ^= seed << 13;
+            seed ^= seed >> 7;
+            seed ^= seed << 17;
+            // Whole nanoseconds from 1 to 1e6: a quantile q is q * 1e6.
+            seed % 1_000_000 + 1
+        };
+        let (runs, samples, percent) = (2_000, 1_500, 99.0);
+        let held = (0..runs)
+            .filter(|_| {
+                let histogram = histogram((0..samples).map(|_| uniform()));
+                let found = percentile(&histogram, percent).unwrap();
+                (found.low_us..=found.high_us).contains(&990.0)
+            })
+            .count();
+        // 97.5 % and more, because ranks are whole: 4 standard deviations of 2000 draws below it.
+        assert!(held as f64 / runs as f64 > CONFIDENCE - 0.014, "{held} of {runs}");
+        assert!(held < runs, "an interval that is never wrong is too wide");
+    }
+
+    #[test]
+    fn percentiles_need_enough_values() {
+        let percents = |count: u64| -> Vec<f64> {
+            let distribution = Distribution::of("loop", &histogram(1..=count));
+            distribution.percentiles.iter().map(|percentile| percentile.percent).collect()
+        };
+        // The largest of n values is above the median with a probability of 1 - 2^-n.
+        assert_eq!(percents(6), Vec::<f64>::new());
+        assert_eq!(percents(7), [50.0]);
+        assert_eq!(percents(P999_COUNT - 1), [50.0, 90.0, 99.0]);
+        assert_eq!(percents(P999_COUNT), [50.0, 90.0, 99.0, 99.9]);
+        assert_eq!(percents(P9999_COUNT), [50.0, 90.0, 99.0, 99.9, 99.99]);
+    }
+
+    #[test]
+    fn a_curve_rises_to_the_largest_value_and_bars_hold_every_value() {
+        let histogram = histogram((1..=20_000).map(|i| i * i));
+        let curve = curve(&histogram);
+        assert!(curve.windows(2).all(|pair| pair[0].0 <= pair[1].0 && pair[0].1 <= pair[1].1), "{curve:?}");
+        assert_eq!(*curve.last().unwrap(), (1.0 - 0.5 / 20_000.0, in_us(histogram.max())));
+        let bars = buckets(&histogram);
+        assert_eq!(bars.iter().map(|bar| bar.count).sum::<u64>(), 20_000);
+        assert!(bars.iter().all(|bar| bar.from_us < bar.below_us), "{bars:?}");
+    }
+}

@@ -1,0 +1,332 @@
+//! What the recorder counts: every message once, from its stamps and content.
+
+pub mod deadlines;
+pub mod distribution;
+pub mod series;
+pub mod theorem;
+pub mod tracer;
+
+use model::boards;
+use model::envelope::Message;
+use model::grid::{Grid, Pace};
+use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::parameters::ESTIMATED;
+use model::role::Role;
+use model::topic::Topic;
+
+use crate::autopsy::Autopsy;
+use crate::schema::{self, Estimate};
+use crate::tally::deadlines::{Deadlines, LateCommands, MissRuns, Verdict};
+use crate::tally::series::{Series, SeriesSet};
+use crate::tally::theorem::TheoremTally;
+use crate::tally::tracer::{Timing, Tracer};
+use failure::Failure;
+
+/// Everything that is counted over a flight.
+#[derive(Debug)]
+pub struct Tally {
+    /// Whether the first message need not be the flight's: then what was before it is unknown, and not missing.
+    joins: bool,
+    /// Where ticks have their place on the clock; in lockstep they have none.
+    grid: Option<Grid>,
+    t0_ns: u64,
+    period_s: f64,
+    /// Latencies.
+    pub series: SeriesSet,
+    /// Runs of misses.
+    pub miss_runs: MissRuns,
+    deadlines: Option<Deadlines>,
+    /// Why deadlines were missed; in lockstep there are none.
+    pub autopsy: Option<Autopsy>,
+    /// Misses by the stamps.
+    pub late_commands: LateCommands,
+    /// States seen.
+    pub states: u64,
+    last_wake: [Option<(u64, u64)>; 4],
+    sequences: [Sequence; 5],
+    flight: FlightTally,
+    /// The theorem, watched.
+    pub theorem: TheoremTally,
+    /// Swaps seen.
+    pub swaps: Vec<schema::Swap>,
+    /// The flight over time.
+    pub tracer: Tracer,
+    newest: Option<(u64, u64)>,
+}
+
+/// Follows the sequence numbers of a topic.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sequence {
+    last: Option<(u64, u64)>,
+    lost: u64,
+}
+
+impl Sequence {
+    fn follow(&mut self, epoch: u64, seq: u64, joins: bool) {
+        let expected = match self.last {
+            Some((last_epoch, last_seq)) if last_epoch == epoch => last_seq + 1,
+            None if joins => seq,
+            _ => 0,
+        };
+        self.lost += seq.saturating_sub(expected);
+        self.last = Some((epoch, seq));
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct FlightTally {
+    position_w_m: [f64; 3],
+    truth: [f64; 3],
+    error_squared_sum: f64,
+    error_max: f64,
+    error_last: f64,
+    errors: u64,
+    estimate: [f64; 3],
+    rate_error: f64,
+    saturated: u64,
+}
+
+/// Whether a rotor command is the mixer's last word of a run: idle, and the answer to no state.
+#[must_use]
+pub fn is_last_word(message: &Message<RotorSpeeds>) -> bool {
+    message.envelope.stamps_of(Role::Mixer).receive_ns == 0
+}
+
+impl Tally {
+    /// Counts a run from its tick 0 on.
+    ///
+    /// # Errors
+    /// Those of [`SeriesSet::new`].
+    pub fn new(pace: Pace, t0_ns: u64, period_s: f64) -> Result<Self, Failure> {
+        let grid = match pace {
+            Pace::Realtime(grid) => Some(grid),
+            Pace::Lockstep => None,
+        };
+        Ok(Self {
+            joins: false,
+            grid,
+            t0_ns,
+            period_s,
+            series: SeriesSet::new()?,
+            miss_runs: MissRuns::default(),
+            deadlines: grid.map(Deadlines::new),
+            autopsy: None,
+            late_commands: LateCommands::default(),
+            tracer: Tracer::new(period_s),
+            states: 0,
+            last_wake: [None; 4],
+            sequences: [Sequence::default(); 5],
+            flight: FlightTally::default(),
+            theorem: TheoremTally::default(),
+            swaps: Vec::new(),
+            newest: None,
+        })
+    }
+
+    /// Counts a run from the next message on.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn joining(pace: Pace, t0_ns: u64, period_s: f64) -> Result<Self, Failure> {
+        let tally = Self::new(pace, t0_ns, period_s)?;
+        Ok(Self { joins: true, deadlines: tally.grid.map(Deadlines::joining), ..tally })
+    }
+
+    fn follow<C: Topic>(&mut self, topic: usize, message: &Message<C>) {
+        self.sequences[topic].follow(message.envelope.epoch, message.envelope.seq, self.joins);
+    }
+
+    /// Waking of a stage for a tick: ticks that it left out enter with their whole lateness.
+    fn wake(&mut self, role: Role, tick: u64, wake_ns: u64) {
+        let last = self.last_wake[role as usize].replace((tick, wake_ns));
+        let first = if self.joins { tick } else { 0 };
+        let first_owed = last.map_or(first, |(last_tick, _)| last_tick + 1);
+        if let Some(grid) = self.grid {
+            for owed in first_owed..=tick {
+                let late_ns = wake_ns.saturating_sub(grid.begin_of(owed));
+                self.series.record(Series::Wake(role), late_ns);
+                if role == Role::Plant {
+                    self.tracer.timing(owed, Timing::Wake, late_ns);
+                }
+            }
+        }
+        if let Some((_, last_wake_ns)) = last {
+            self.series.record(Series::Period(role), wake_ns.saturating_sub(last_wake_ns));
+        }
+    }
+
+    /// A stage's stamps in a message of its own.
+    fn stage<C: Topic>(&mut self, message: &Message<C>) {
+        let (role, envelope) = (C::SENDER, &message.envelope);
+        let stamps = envelope.stamps_of(role);
+        self.wake(role, envelope.tick, stamps.receive_ns);
+        self.series.record(Series::Compute(role), stamps.send_ns.saturating_sub(stamps.receive_ns));
+        if envelope.previous_busy_ns > 0 {
+            self.series.record(Series::Busy(role), envelope.previous_busy_ns);
+        }
+    }
+
+    fn keep_stamps<C: Topic>(&mut self, message: &Message<C>) {
+        if let Some(autopsy) = &mut self.autopsy {
+            autopsy.stamps(message);
+        }
+    }
+
+    /// Follows the causes of missed deadlines from now on; in lockstep there are no deadlines.
+    ///
+    /// `is_virtual`: a hypervisor runs below; `shares_processor`: all loops were granted the same one.
+    pub fn begin_autopsy(&mut self, is_virtual: bool, shares_processor: bool) {
+        self.autopsy = self.grid.map(|grid| Autopsy::new(grid, is_virtual, shares_processor));
+    }
+
+    /// The hop into a stage, where its driving input was of this tick.
+    fn hop<C: Topic>(&mut self, from: Role, input_tick: u64, message: &Message<C>) {
+        let envelope = &message.envelope;
+        if input_tick == envelope.tick {
+            let sent_ns = envelope.stamps_of(from).send_ns;
+            let received_ns = envelope.stamps_of(C::SENDER).receive_ns;
+            self.series.record(Series::Hop(from, C::SENDER), received_ns.saturating_sub(sent_ns));
+        }
+    }
+
+    /// Takes a state.
+    pub fn state(&mut self, message: &Message<State>) {
+        self.follow(0, message);
+        self.stage(message);
+        if let Some(autopsy) = &mut self.autopsy {
+            autopsy.state(message);
+        }
+        let state = &message.content;
+        if self.joins && self.states == 0 {
+            self.miss_runs = MissRuns::joining(state.deadlines_missed, state.deadline_miss_run);
+        }
+        self.states += 1;
+        self.newest = Some((message.envelope.tick, message.envelope.sample_ns));
+        self.miss_runs.update(state.deadlines_missed, state.deadline_miss_run);
+        self.flight.position_w_m = state.position_w_m;
+        self.flight.truth = state.truth.theta();
+        self.theorem.truth(self.flight.truth);
+    }
+
+    /// Tick of the newest state; 0 before the first.
+    #[must_use]
+    pub fn newest_tick(&self) -> u64 {
+        self.newest.map_or(0, |(tick, _)| tick)
+    }
+
+    /// Takes a set-point.
+    pub fn setpoint(&mut self, message: &Message<Setpoint>) {
+        self.follow(1, message);
+        self.stage(message);
+        self.keep_stamps(message);
+        self.hop(Role::Plant, message.envelope.input_tick[0], message);
+    }
+
+    /// Takes a wrench.
+    pub fn wrench(&mut self, message: &Message<Wrench>) {
+        self.follow(2, message);
+        self.stage(message);
+        self.keep_stamps(message);
+        self.hop(Role::Outer, message.envelope.input_tick[1], message);
+        self.theorem.take(message.envelope.epoch, &message.content.monitor);
+        self.flight.estimate = message.content.estimate;
+        self.flight.rate_error = message.content.rate_error_b_rad_s.iter().map(|e| e * e).sum::<f64>().sqrt();
+    }
+
+    /// Takes a rotor command; the mixer's last word has no deadline.
+    pub fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>) {
+        self.follow(3, message);
+        let envelope = &message.envelope;
+        if is_last_word(message) {
+            return;
+        }
+        self.stage(message);
+        self.keep_stamps(message);
+        self.hop(Role::Inner, envelope.input_tick[2], message);
+        let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
+        if envelope.sample_ns > 0 {
+            let loop_ns = sent_ns.saturating_sub(envelope.sample_ns);
+            self.series.record(Series::Loop, loop_ns);
+            self.tracer.timing(envelope.tick, Timing::Loop, loop_ns);
+        }
+        self.flight.saturated += message.content.saturated;
+        let Some(deadlines) = &mut self.deadlines else { return };
+        let (series, late_commands) = (&mut self.series, &mut self.late_commands);
+        deadlines.published(envelope.tick, sent_ns, |tick, verdict| match verdict {
+            Verdict::Slack(ns) => series.record(Series::Slack, ns),
+            Verdict::Late(ns) => {
+                late_commands.take(tick, ns);
+                series.record(Series::Late, ns);
+            }
+        });
+    }
+
+    /// Takes the position error of a tick [m].
+    pub fn position_error(&mut self, error_m: f64) {
+        let flight = &mut self.flight;
+        flight.error_squared_sum += error_m * error_m;
+        flight.error_max = flight.error_max.max(error_m);
+        flight.error_last = error_m;
+        flight.errors += 1;
+    }
+
+    /// Takes a swap.
+    pub fn swap(&mut self, message: &Message<SwapRecord>) {
+        self.follow(4, message);
+        self.swaps.push(schema::Swap::new(message.envelope.tick, self.period_s, &message.content));
+    }
+
+    /// Messages that were overwritten before they were read, in the order of [`flight_log::TOPICS`].
+    #[must_use]
+    pub fn lost(&self) -> [u64; 5] {
+        self.sequences.map(|sequence| sequence.lost)
+    }
+
+    /// Ticks, with the identity that they must satisfy: the sum is counted from messages, the time is the clock's.
+    #[must_use]
+    pub fn ticks(&self, run: &boards::Run) -> schema::Ticks {
+        let elapsed_periods = self.newest.map_or(0, |(tick, sample_ns)| match self.grid {
+            Some(grid) => grid.tick_at(sample_ns) + 1,
+            // Where ticks have no length, only their numbers can be compared.
+            None => tick + 1,
+        });
+        let published = self.states + self.lost()[0];
+        let skipped = run.ticks_skipped;
+        // Ticks skipped after the last one that was published lie behind the last stamp.
+        let skipped_at_the_end = self.newest.map_or(0, |(tick, _)| {
+            let flown = if run.ending() == boards::Ending::Completed { run.last_tick } else { tick };
+            flown.saturating_sub(tick)
+        });
+        let total = elapsed_periods + skipped_at_the_end;
+        schema::Ticks {
+            run: published,
+            skipped,
+            elapsed_s: match self.grid {
+                Some(grid) => (total * grid.period_ns) as f64 / 1e9,
+                None => self.newest.map_or(0, |(_, sample_ns)| sample_ns.saturating_sub(self.t0_ns)) as f64 / 1e9,
+            },
+            elapsed_periods: total,
+            identity_holds: published + skipped == total,
+        }
+    }
+
+    /// Control performance so far.
+    #[must_use]
+    pub fn flight(&self) -> schema::Flight {
+        let flight = &self.flight;
+        schema::Flight {
+            position_error_rms_m: (flight.error_squared_sum / flight.errors.max(1) as f64).sqrt(),
+            position_error_max_m: flight.error_max,
+            position_error_final_m: flight.error_last,
+            rate_error_final_rad_s: flight.rate_error,
+            saturated_ticks: flight.saturated,
+            estimates: (0..3)
+                .map(|i| Estimate {
+                    name: ESTIMATED[i].name().into(),
+                    estimated: flight.estimate[i],
+                    actual: flight.truth[i],
+                })
+                .collect(),
+        }
+    }
+}

@@ -1,0 +1,315 @@
+//! The theorem on a flight: what its monitor counted, whether that passes, and in words whether (18) held.
+//!
+//! docs/theorem.md says how to read it.
+
+use std::collections::BTreeMap;
+
+use controller::excitation::EXCITING;
+use model::monitor::{CAUSES, Cause, Monitor};
+use model::parameters::ESTIMATED;
+use serde::{Deserialize, Serialize};
+
+/// Share of a parameter's size, or of what its estimate was off by first, within which it counts as found.
+pub const FOUND: f64 = 0.01;
+
+/// Name of no cause among the largest rises; the last in the alphabet of causes.
+pub const NO_CAUSE: &str = "none";
+
+/// The section of the report.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Theorem {
+    /// Whether no step was unexplained, and the estimates moved as predicted.
+    pub holds: bool,
+    /// Steps of the estimates that were checked.
+    pub ticks_checked: u64,
+    /// Steps at which V_th rose, or fell by less than the step owes, by cause.
+    pub violations: BTreeMap<String, u64>,
+    /// Largest rise of V_th in a step, by the cause in force, or `none`.
+    pub largest_rise: BTreeMap<String, Rise>,
+    /// V_th at the start, or after a live swap where that is more [rad^2/s^2].
+    pub v_th_start: f64,
+    /// V_th at the end [rad^2/s^2].
+    pub v_th_end: f64,
+    /// Fall of V_th over all steps without a cause [rad^2/s^2].
+    pub descent: f64,
+    /// The same as the theorem predicts it [rad^2/s^2].
+    pub descent_predicted: f64,
+    /// Whether the estimates moved as predicted, where something was.
+    pub is_live: bool,
+    /// Largest excess of a step over what it owes, as a share of what rounding is allowed.
+    pub step_excess_max: f64,
+    /// Steps that moved an estimate.
+    pub steps_adapted: u64,
+    /// Steps at which V, with the rate error, changed by more than its bound, by cause; not judged.
+    pub v_above_bound: BTreeMap<String, u64>,
+    /// Largest norm of the rate error [rad/s].
+    pub rate_error_max_rad_s: f64,
+    /// Its root mean square over the last second or so [rad/s].
+    pub rate_error_final_rad_s: f64,
+    /// Ticks whose command in force could not be met.
+    pub ticks_saturated: u64,
+    /// Ticks with a stale input.
+    pub ticks_stale: u64,
+    /// Live swaps of an estimated parameter.
+    pub live_swaps: u64,
+    /// The estimates.
+    pub estimates: Vec<Watched>,
+    /// Excitation of the worst direction in the last whole 10 s, e-folds of the error.
+    pub excitation: f64,
+    /// The least of all 10 s.
+    pub excitation_least: f64,
+    /// Whether (18) held: every estimate was found.
+    pub converged: bool,
+    /// Whether (18) held, and why, in words.
+    pub convergence: String,
+}
+
+/// A rise of V_th.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Rise {
+    /// In a step [rad^2/s^2].
+    pub absolute: f64,
+    /// As a share of V_th at the start.
+    pub relative: f64,
+}
+
+/// An estimate and its error.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Watched {
+    /// Name with unit.
+    pub name: String,
+    /// What is true.
+    pub actual: f64,
+    /// Estimated less actual.
+    pub error: f64,
+    /// Size of the error at the start, or after the last live swap.
+    pub error_start: f64,
+    /// What the theorem leaves of it at the most, on the exact model.
+    pub error_bound: f64,
+    /// Excitation of this parameter alone in the last whole 10 s, e-folds of the error.
+    pub identifiability: f64,
+    /// Whether it is within 1 % ([`FOUND`]).
+    pub found: bool,
+}
+
+/// Follows the monitor's block through a flight, and through restarts of the inner loop.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TheoremTally {
+    /// Of the inner loops that have ended.
+    ended: Option<Monitor>,
+    /// Start of the present one, and what its monitor said last.
+    newest: Option<(u64, Monitor)>,
+    /// True values of the estimated parameters.
+    theta: [f64; 3],
+}
+
+impl TheoremTally {
+    /// Takes the true values of the estimated parameters.
+    pub fn truth(&mut self, theta: [f64; 3]) {
+        self.theta = theta;
+    }
+
+    /// Takes the block of a wrench; `epoch` tells one start of the inner loop from the next.
+    pub fn take(&mut self, epoch: u64, monitor: &Monitor) {
+        if let Some((known, last)) = self.newest
+            && known != epoch
+        {
+            self.ended = Some(self.ended.map_or(last, |ended| together(&ended, &last)));
+        }
+        self.newest = Some((epoch, *monitor));
+    }
+
+    /// The section of the report.
+    #[must_use]
+    pub fn section(&self) -> Theorem {
+        let Some((_, newest)) = self.newest else { return Theorem::default() };
+        Theorem::of(&self.ended.map_or(newest, |ended| together(&ended, &newest)), self.theta)
+    }
+}
+
+/// Two monitors in a row: counts add up, largest values stay, the rest is the later one's.
+fn together(earlier: &Monitor, later: &Monitor) -> Monitor {
+    let sum = |a: [u64; CAUSES], b: [u64; CAUSES]| std::array::from_fn(|i| a[i] + b[i]);
+    Monitor {
+        ticks_checked: earlier.ticks_checked + later.ticks_checked,
+        violations: sum(earlier.violations, later.violations),
+        v_above_bound: sum(earlier.v_above_bound, later.v_above_bound),
+        rise_max: std::array::from_fn(|i| earlier.rise_max[i].max(later.rise_max[i])),
+        is_live: earlier.is_live & later.is_live,
+        v_th_start: earlier.v_th_start.max(later.v_th_start),
+        descent: earlier.descent + later.descent,
+        descent_predicted: earlier.descent_predicted + later.descent_predicted,
+        step_excess_max: earlier.step_excess_max.max(later.step_excess_max),
+        rate_error_max_rad_s: earlier.rate_error_max_rad_s.max(later.rate_error_max_rad_s),
+        excitation_least: earlier.excitation_least.min(later.excitation_least),
+        steps_adapted: earlier.steps_adapted + later.steps_adapted,
+        ticks_saturated: earlier.ticks_saturated + later.ticks_saturated,
+        ticks_stale: earlier.ticks_stale + later.ticks_stale,
+        live_swaps: earlier.live_swaps + later.live_swaps,
+        ..*later
+    }
+}
+
+impl Theorem {
+    /// The section of what a monitor said last, with the true values of the estimated parameters.
+    #[must_use]
+    pub fn of(monitor: &Monitor, theta: [f64; 3]) -> Self {
+        let estimates: Vec<Watched> = (0..3)
+            .map(|i| {
+                let (error, error_start) = (monitor.estimate_error[i], monitor.estimate_error_start[i]);
+                let size = error_start.max(theta[i].abs()).max(ESTIMATED[i].spec().nominal);
+                Watched {
+                    name: ESTIMATED[i].name().into(),
+                    actual: theta[i],
+                    error,
+                    error_start,
+                    error_bound: monitor.estimate_error_bound[i],
+                    identifiability: monitor.identifiability[i],
+                    found: error.abs() <= FOUND * size,
+                }
+            })
+            .collect();
+        let relative = |rise: f64| if monitor.v_th_start > 0.0 { rise / monitor.v_th_start } else { 0.0 };
+        let is_live = monitor.is_live == 1;
+        Self {
+            holds: is_live && monitor.violations[Cause::Unexplained as usize] == 0,
+            ticks_checked: monitor.ticks_checked,
+            violations: by_cause(&monitor.violations),
+            largest_rise: Cause::ALL
+                .into_iter()
+                .map(|cause| (cause, monitor.rise_max[cause as usize]))
+                .filter(|(cause, rise)| *cause == Cause::Unexplained || *rise > 0.0)
+                .map(|(cause, rise)| {
+                    let name = if cause == Cause::Unexplained { NO_CAUSE } else { cause.name() };
+                    (name.to_owned(), Rise { absolute: rise, relative: relative(rise) })
+                })
+                .collect(),
+            v_th_start: monitor.v_th_start,
+            v_th_end: monitor.v_th,
+            descent: monitor.descent,
+            descent_predicted: monitor.descent_predicted,
+            is_live,
+            step_excess_max: monitor.step_excess_max,
+            steps_adapted: monitor.steps_adapted,
+            v_above_bound: by_cause(&monitor.v_above_bound),
+            rate_error_max_rad_s: monitor.rate_error_max_rad_s,
+            rate_error_final_rad_s: monitor.rate_error_rms_rad_s,
+            ticks_saturated: monitor.ticks_saturated,
+            ticks_stale: monitor.ticks_stale,
+            live_swaps: monitor.live_swaps,
+            converged: estimates.iter().all(|estimate| estimate.found),
+            convergence: convergence(monitor, &estimates),
+            estimates,
+            excitation: monitor.excitation,
+            excitation_least: monitor.excitation_least,
+        }
+    }
+
+    /// Unexplained violations.
+    #[must_use]
+    pub fn unexplained(&self) -> u64 {
+        self.violations.get(Cause::Unexplained.name()).copied().unwrap_or(0)
+    }
+
+    /// What the gate `theorem` found.
+    #[must_use]
+    pub fn found(&self) -> String {
+        let unexplained = self.unexplained();
+        format!(
+            "{unexplained} unexplained, estimates {}",
+            if self.is_live { "live" } else { "do not move as predicted" }
+        )
+    }
+}
+
+/// The causes that struck.
+fn by_cause(counts: &[u64; CAUSES]) -> BTreeMap<String, u64> {
+    Cause::ALL
+        .into_iter()
+        .zip(counts)
+        .filter(|(cause, count)| *cause == Cause::Unexplained || **count > 0)
+        .map(|(cause, count)| (cause.name().to_owned(), *count))
+        .collect()
+}
+
+/// Whether (18) held, and why.
+fn convergence(monitor: &Monitor, estimates: &[Watched]) -> String {
+    let names = |pick: &dyn Fn(&Watched) -> bool| {
+        let names: Vec<&str> = estimates.iter().filter(|e| pick(e)).map(|e| e.name.as_str()).collect();
+        names.join(", ")
+    };
+    let exciting = monitor.excitation_least >= EXCITING;
+    let least = format!("at least {:.2e} e-folds of the error in any 10 s", monitor.excitation_least);
+    let lost = names(&|e| !e.found);
+    if lost.is_empty() {
+        return if exciting {
+            format!("(18) held: every estimate is within 1 %. The flight is persistently exciting, {least}.")
+        } else {
+            format!(
+                "(18) held: every estimate is within 1 %, although the flight is not persistently exciting, {least}."
+            )
+        };
+    }
+    // What the theorem itself leaves large is no surprise; what it does not, something else keeps away.
+    let owed = |e: &Watched| {
+        let size = e.error_start.max(e.actual.abs()).max(f64::MIN_POSITIVE);
+        e.error_bound <= FOUND * size
+    };
+    let (expected, kept) = (names(&|e| !e.found && !owed(e)), names(&|e| !e.found && owed(e)));
+    let mut text = format!("(18) did not hold: {lost} not found.");
+    if !expected.is_empty() {
+        let why = if exciting {
+            format!("the flight is exciting, {least}, but too short for these gains")
+        } else {
+            format!("the flight is not persistently exciting, {least}")
+        };
+        text += &format!(" Expected for {expected}: {why}. ");
+        text += "Proven is that the prediction goes right, and e to 0 where nothing is late.";
+    }
+    if !kept.is_empty() {
+        let causes: Vec<&str> = Cause::ALL[1..6]
+            .iter()
+            .filter(|cause| monitor.causes & cause.bit() != 0)
+            .map(|cause| cause.name())
+            .collect();
+        let why = if causes.is_empty() { "for no known cause".into() } else { format!("under {}", causes.join(", ")) };
+        text += &format!(" Not expected for {kept}: excited enough, and kept away {why}.");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn monitor(unexplained: u64, is_live: u64) -> Monitor {
+        let mut monitor = Monitor { ticks_checked: 10, is_live, v_th_start: 1.0, ..Monitor::default() };
+        monitor.violations[Cause::Unexplained as usize] = unexplained;
+        monitor.rise_max[Cause::GyroNoise as usize] = 0.5;
+        monitor
+    }
+
+    #[test]
+    fn an_unexplained_violation_or_lifeless_estimates_fail() {
+        assert!(Theorem::of(&monitor(0, 1), [0.0; 3]).holds);
+        for (monitor, said) in [(monitor(1, 1), "1 unexplained"), (monitor(0, 0), "do not move as predicted")] {
+            let theorem = Theorem::of(&monitor, [0.0; 3]);
+            assert!(!theorem.holds && theorem.found().contains(said), "{theorem:?}");
+            assert!(theorem.text().contains("DOES NOT HOLD"), "{}", theorem.text());
+        }
+    }
+
+    #[test]
+    fn a_restarted_inner_loop_continues_the_counts() {
+        let mut tally = TheoremTally::default();
+        assert_eq!(tally.section(), Theorem::default());
+        assert!(tally.section().text().contains("not watched"));
+        tally.take(1, &monitor(0, 1));
+        tally.take(1, &monitor(2, 0));
+        tally.take(7, &Monitor { v_th_start: 3.0, excitation: 0.25, ..monitor(1, 1) });
+        let theorem = tally.section();
+        assert_eq!((theorem.ticks_checked, theorem.unexplained(), theorem.is_live), (20, 3, false));
+        assert_eq!((theorem.v_th_start, theorem.excitation), (3.0, 0.25));
+        assert_eq!(theorem.largest_rise["gyro_noise"], Rise { absolute: 0.5, relative: 0.5 / 3.0 });
+    }
+}

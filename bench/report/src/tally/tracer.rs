@@ -1,0 +1,308 @@
+//! Collects the traces of a flight in bounded memory, however long it is.
+//!
+//! When there are too many stretches, each two neighbours become one of twice the length.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+use model::monitor::{CAUSES, Cause};
+
+use crate::tick::TickRecord;
+use crate::traces::{self, Group, Path, Trace, Traces, Violations};
+
+/// Stretches kept: there are at least half as many once the flight has had that many ticks.
+const STRETCHES: usize = 600;
+/// Time between samples of the path [s].
+const PATH_EVERY_S: f64 = 0.05;
+/// Length of the path [samples]: the last minute. More of it would only cover itself.
+const PATH_SAMPLES: usize = 1200;
+/// Latencies.
+const TIMING: [&str; 2] = [traces::WAKE, traces::LOOP];
+
+/// A latency over time.
+#[derive(Clone, Copy, Debug)]
+pub enum Timing {
+    /// Lateness of the plant's waking.
+    Wake,
+    /// The whole loop.
+    Loop,
+}
+
+/// Collects traces.
+#[derive(Debug)]
+pub struct Tracer {
+    flight: Stretches<Range>,
+    /// Names of the numbers in `flight`; none before the first tick.
+    names: Vec<&'static str>,
+    timing: Stretches<Range>,
+    /// Violations by cause.
+    violations: Stretches<u64>,
+    /// The monitor's counts so far.
+    counted: [u64; CAUSES],
+    path_every_ticks: u64,
+    path: VecDeque<Sample>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    tick: u64,
+    position: [f64; 3],
+    reference: [f64; 3],
+}
+
+impl Tracer {
+    /// Of a flight with ticks of `period_s` [s].
+    #[must_use]
+    pub fn new(period_s: f64) -> Self {
+        Self {
+            flight: Stretches::default(),
+            names: Vec::new(),
+            timing: Stretches::default(),
+            violations: Stretches::default(),
+            counted: [0; CAUSES],
+            path_every_ticks: ((PATH_EVERY_S / period_s).round() as u64).max(1),
+            path: VecDeque::new(),
+        }
+    }
+
+    /// Takes a tick.
+    pub fn take(&mut self, record: &TickRecord) {
+        let TickRecord { tick, state, setpoint: Some(setpoint), wrench, rotor_speeds } = record else { return };
+        let channels = channels(state, setpoint, wrench, rotor_speeds);
+        if self.names.is_empty() {
+            self.names = channels.iter().map(|(name, _)| *name).collect();
+        }
+        let ranges = self.flight.at(*tick, channels.len());
+        ranges.iter_mut().zip(&channels).for_each(|(range, (_, value))| *range = range.and(Range::of(*value)));
+        if tick.is_multiple_of(self.path_every_ticks) {
+            if self.path.len() == PATH_SAMPLES {
+                self.path.pop_front();
+            }
+            self.path.push_back(Sample {
+                tick: *tick,
+                position: state.position_w_m,
+                reference: setpoint.reference_position_w_m,
+            });
+        }
+        let counts = wrench.monitor.violations;
+        if counts != self.counted {
+            for (i, at) in self.violations.at(*tick, CAUSES).iter_mut().enumerate() {
+                // A restarted inner loop counts from 0.
+                *at += counts[i].checked_sub(self.counted[i]).unwrap_or(counts[i]);
+            }
+            self.counted = counts;
+        }
+    }
+
+    /// Takes a latency [ns] of a tick.
+    pub fn timing(&mut self, tick: u64, timing: Timing, value_ns: u64) {
+        let range = &mut self.timing.at(tick, TIMING.len())[timing as usize];
+        *range = range.and(Range::of(value_ns as f64 / 1e3));
+    }
+
+    /// The traces so far.
+    #[must_use]
+    pub fn traces(&self) -> Traces {
+        let sample = |pick: fn(&Sample) -> [f64; 3]| self.path.iter().map(|s| pick(s).map(rounded)).collect();
+        Traces {
+            flight: self.flight.group(&self.names),
+            timing: self.timing.group(&TIMING),
+            path: Path {
+                tick: self.path.iter().map(|sample| sample.tick).collect(),
+                position_w_m: sample(|s| s.position),
+                reference_w_m: sample(|s| s.reference),
+            },
+            violations: self.by_cause(),
+        }
+    }
+
+    fn by_cause(&self) -> BTreeMap<String, Vec<Violations>> {
+        let every = self.violations.every_ticks;
+        let of = |cause: Cause| -> Vec<Violations> {
+            let stretches = self.violations.stretches.iter();
+            stretches
+                .map(|(i, counts)| Violations { tick: i * every, count: counts[cause as usize] })
+                .filter(|violations| violations.count > 0)
+                .collect()
+        };
+        Cause::ALL
+            .into_iter()
+            .map(|cause| (cause.name().to_owned(), of(cause)))
+            .filter(|(_, violations)| !violations.is_empty())
+            .collect()
+    }
+}
+
+/// What is followed of a tick, by name.
+fn channels(
+    state: &State,
+    setpoint: &Setpoint,
+    wrench: &Wrench,
+    rotor_speeds: &RotorSpeeds,
+) -> Vec<(&'static str, f64)> {
+    let (position, reference) = (state.position_w_m, setpoint.reference_position_w_m);
+    let monitor = &wrench.monitor;
+    let groups: [(&[&'static str], &[f64]); 15] = [
+        (&traces::ATTITUDE, &state.attitude_rad),
+        (&traces::ATTITUDE_REFERENCE, &setpoint.attitude_rad),
+        (&traces::POSITION, &position),
+        (&traces::POSITION_REFERENCE, &reference),
+        (&traces::POSITION_ERROR, &std::array::from_fn::<_, 3, _>(|i| reference[i] - position[i])),
+        (&[traces::DISTANCE], &[setpoint.position_error_m(state)]),
+        (&[traces::THRUST], &[wrench.thrust_n]),
+        (&traces::RATE_ERROR, &wrench.rate_error_b_rad_s),
+        (&traces::TORQUE, &wrench.torque_b_nm),
+        (&traces::ROTORS, &rotor_speeds.speed_rad_s),
+        (&traces::ESTIMATE, &wrench.estimate),
+        (&traces::ACTUAL, &state.truth.theta()),
+        (&traces::ESTIMATE_ERROR, &monitor.estimate_error),
+        (&traces::LYAPUNOV, &[monitor.v, monitor.v_th]),
+        (&traces::LYAPUNOV_CHANGE, &[monitor.v_change, monitor.v_th_change]),
+    ];
+    groups.into_iter().flat_map(|(names, values)| names.iter().copied().zip(values.iter().copied())).collect()
+}
+
+/// Five significant digits: more than a plot shows.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.4e}").parse().unwrap_or(value)
+}
+
+/// What can become one with what comes next to it.
+trait Merge: Copy + Default {
+    fn and(self, other: Self) -> Self;
+}
+
+impl Merge for u64 {
+    fn and(self, other: Self) -> Self {
+        self + other
+    }
+}
+
+/// Smallest and largest value; empty at first.
+#[derive(Clone, Copy, Debug)]
+struct Range {
+    min: f64,
+    max: f64,
+}
+
+impl Range {
+    const fn of(value: f64) -> Self {
+        Self { min: value, max: value }
+    }
+}
+
+impl Default for Range {
+    fn default() -> Self {
+        Self { min: f64::INFINITY, max: f64::NEG_INFINITY }
+    }
+}
+
+impl Merge for Range {
+    fn and(self, other: Self) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+}
+
+/// Stretches of equal length, by their number from tick 0 on; each has several channels.
+#[derive(Debug)]
+struct Stretches<T> {
+    every_ticks: u64,
+    stretches: BTreeMap<u64, Vec<T>>,
+}
+
+impl<T> Default for Stretches<T> {
+    fn default() -> Self {
+        Self { every_ticks: 1, stretches: BTreeMap::new() }
+    }
+}
+
+impl<T: Merge> Stretches<T> {
+    /// The channels of the stretch that a tick is in.
+    fn at(&mut self, tick: u64, channels: usize) -> &mut [T] {
+        if self.stretches.len() >= STRETCHES && !self.stretches.contains_key(&(tick / self.every_ticks)) {
+            self.double();
+        }
+        self.stretches.entry(tick / self.every_ticks).or_insert_with(|| vec![T::default(); channels])
+    }
+
+    fn double(&mut self) {
+        self.every_ticks *= 2;
+        for (i, stretch) in std::mem::take(&mut self.stretches) {
+            match self.stretches.get_mut(&(i / 2)) {
+                Some(earlier) => earlier.iter_mut().zip(stretch).for_each(|(a, b)| *a = a.and(b)),
+                None => drop(self.stretches.insert(i / 2, stretch)),
+            }
+        }
+    }
+}
+
+impl Stretches<Range> {
+    fn group(&self, names: &[&str]) -> Group {
+        let trace = |channel: usize, pick: fn(&Range) -> f64| -> Vec<Option<f64>> {
+            let values = self.stretches.values().map(|ranges| pick(&ranges[channel]));
+            values.map(|value| value.is_finite().then(|| rounded(value))).collect()
+        };
+        Group {
+            every_ticks: self.every_ticks,
+            tick: self.stretches.keys().map(|i| i * self.every_ticks).collect(),
+            channels: names
+                .iter()
+                .enumerate()
+                .map(|(i, name)| ((*name).to_owned(), Trace { min: trace(i, |r| r.min), max: trace(i, |r| r.max) }))
+                .collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(tick: u64, x: f64) -> TickRecord {
+        let state = State { position_w_m: [x, 0.0, 1.0], ..State::default() };
+        let (wrench, rotor_speeds) = (Wrench::default(), RotorSpeeds::default());
+        TickRecord { tick, state, setpoint: Some(Setpoint::default()), wrench, rotor_speeds }
+    }
+
+    #[test]
+    fn a_long_flight_keeps_its_peaks_in_bounded_memory() {
+        let mut tracer = Tracer::new(1e-3);
+        let last = 500_000;
+        for tick in 0..=last {
+            tracer.take(&record(tick, if tick == 123_456 { 7.0 } else { 0.5 }));
+        }
+        let traces = tracer.traces();
+        let group = &traces.flight;
+        assert!((STRETCHES / 2..=STRETCHES).contains(&group.tick.len()), "{}", group.tick.len());
+        let peaks: Vec<_> = group.spans(traces::POSITION[0]).filter(|span| span.max > 0.5).collect();
+        assert_eq!(peaks.len(), 1, "{peaks:?}");
+        assert_eq!((peaks[0].min, peaks[0].max), (0.5, 7.0));
+        assert!(peaks[0].tick <= 123_456 && 123_456 < peaks[0].tick + group.every_ticks, "{peaks:?}");
+        assert_eq!((traces.path.tick.len(), traces.path.tick.last()), (PATH_SAMPLES, Some(&last)));
+    }
+
+    #[test]
+    fn stretches_without_a_value_are_left_out() {
+        let mut tracer = Tracer::new(1e-3);
+        tracer.timing(0, Timing::Wake, 20_000);
+        tracer.timing(5, Timing::Loop, 31_000);
+        let timing = tracer.traces().timing;
+        assert_eq!(timing.tick, [0, 5]);
+        let spans: Vec<_> = timing.spans(traces::LOOP).collect();
+        assert_eq!((spans.len(), spans[0].tick, spans[0].max), (1, 5, 31.0));
+        assert_eq!(timing.spans("nothing of this name").count(), 0);
+    }
+
+    #[test]
+    fn violations_are_counted_where_they_are_through_a_restart() {
+        let mut tracer = Tracer::new(1e-3);
+        for (tick, count) in [(0, 0), (1, 2), (2, 2), (3, 1)] {
+            let mut record = record(tick, 0.0);
+            record.wrench.monitor.violations[Cause::GyroNoise as usize] = count;
+            tracer.take(&record);
+        }
+        let violations = tracer.traces().violations;
+        assert_eq!(violations.len(), 1, "{violations:?}");
+        assert_eq!(violations["gyro_noise"], [Violations { tick: 1, count: 2 }, Violations { tick: 3, count: 1 }]);
+    }
+}

@@ -1,0 +1,272 @@
+//! The report of a flight as text.
+
+pub mod theorem;
+
+use std::fmt::Write as _;
+
+use crate::schema::{Report, RoleSection};
+use crate::tally::series::Statistics;
+
+/// Renders a report for people.
+#[must_use]
+pub fn render(report: &Report) -> String {
+    let mut out = String::new();
+    // Writing into a string cannot fail.
+    let _ = head(&mut out, report)
+        .and_then(|()| ticks(&mut out, report))
+        .and_then(|()| out.write_str(&report.autopsy.text()))
+        .and_then(|()| latencies(&mut out, report))
+        .and_then(|()| out.write_str(&report.beside.as_ref().map(|it| it.text(report)).unwrap_or_default()))
+        .and_then(|()| roles(&mut out, report))
+        .and_then(|()| flight(&mut out, report))
+        .and_then(|()| out.write_str(&report.theorem.text()))
+        .and_then(|()| gates(&mut out, report));
+    out
+}
+
+/// The one parseable last line of a flight.
+#[must_use]
+pub fn result_line(report: &Report, directory: &str) -> String {
+    let percentile = |name: &str, pick: fn(&Statistics) -> Option<f64>| {
+        report.series(name).and_then(pick).map_or_else(|| "none".into(), |us| format!("{us:.1}"))
+    };
+    let rt = report.roles.get("plant").map_or_else(|| "other".into(), |plant| plant.scheduling.replace(' ', ""));
+    format!(
+        "RESULT status={} ticks={} misses={} loop_p50_us={} loop_p999_us={} wake_p99_us={} rt={rt} run={directory}",
+        report.verdict.status,
+        report.ticks.run,
+        report.deadlines.missed,
+        percentile("loop", |s| Some(s.p50_us)),
+        percentile("loop", |s| s.p999_us),
+        percentile("wake.plant", |s| Some(s.p99_us)),
+    )
+}
+
+type Written = std::fmt::Result;
+
+fn head(out: &mut String, report: &Report) -> Written {
+    let run = &report.run;
+    writeln!(
+        out,
+        "ironbird {}  {}  instance {}  {}",
+        run.version,
+        run.started,
+        run.instance,
+        if run.in_flight { "IN FLIGHT, numbers so far" } else { &run.ending }
+    )?;
+    writeln!(out, "{}", pace(report))?;
+    writeln!(out, "{}", machine(report))?;
+    writeln!(
+        out,
+        "clock {}, sched_rt_runtime_us {}, stolen by the host during the flight {} ms ({:.2} %)",
+        report.host.clock_source, report.host.rt_runtime_us, report.steal.stolen_ms, report.steal.percent
+    )?;
+    writeln!(out, "real time here: {}", here(report))
+}
+
+/// The doctor's verdict, with its reasons.
+#[must_use]
+pub fn here(report: &Report) -> String {
+    let doctor = &report.doctor;
+    let reasons = if doctor.reasons.is_empty() { String::new() } else { format!(" ({})", doctor.reasons.join("; ")) };
+    format!("{}{reasons}", doctor.verdict.words())
+}
+
+/// Kernel and processors.
+#[must_use]
+pub fn machine(report: &Report) -> String {
+    let host = &report.host;
+    let below = if host.hypervisor { ", under a hypervisor" } else { "" };
+    format!("{} ({}), {} x {}{below}", host.kernel, host.preemption, host.cpus, host.cpu)
+}
+
+/// What was flown, and how fast.
+#[must_use]
+pub fn pace(report: &Report) -> String {
+    let run = &report.run;
+    let slow = run.wall_period_us / run.period_us;
+    let pace = if slow == 0.0 {
+        format!(", in lockstep{}: its latencies are not real-time latencies", times_real_time(report))
+    } else if slow > 1.0 {
+        format!(", slowed {slow:.0} times: latencies of a slow clock")
+    } else {
+        String::new()
+    };
+    format!("{} with gains {}, T = {:.0} us{pace}", run.trajectory, run.preset, run.period_us)
+}
+
+/// How much faster than the clock a flight in lockstep was.
+fn times_real_time(report: &Report) -> String {
+    let flown_s = (report.ticks.run + report.ticks.skipped) as f64 * report.run.period_us / 1e6;
+    if report.ticks.elapsed_s > 0.0 {
+        format!(" at {:.1} times real time", flown_s / report.ticks.elapsed_s)
+    } else {
+        String::new()
+    }
+}
+
+fn ticks(out: &mut String, report: &Report) -> Written {
+    let ticks = &report.ticks;
+    writeln!(
+        out,
+        "\nTicks     run {} + skipped {} = {} {} elapsed {:.3} s / period = {}",
+        ticks.run,
+        ticks.skipped,
+        ticks.run + ticks.skipped,
+        if ticks.identity_holds { "=" } else { "IS NOT" },
+        ticks.elapsed_s,
+        ticks.elapsed_periods
+    )?;
+    let deadlines = &report.deadlines;
+    writeln!(
+        out,
+        "Deadlines missed {} ({:.1} per million); late by their stamps {}",
+        deadlines.missed, deadlines.missed_ppm, deadlines.missed_by_stamps
+    )?;
+    let most = deadlines.late.iter().map(|bucket| bucket.count).max().unwrap_or(1);
+    for bucket in &deadlines.late {
+        let bar = "#".repeat((bucket.count * 40).div_ceil(most) as usize);
+        writeln!(out, "  late {:>8} .. {:<8} us {:>7}  {bar}", bucket.from_us, bucket.below_us, bucket.count)?;
+    }
+    for run in &deadlines.runs {
+        writeln!(out, "  in a row {:>4} {:>21}", run.length_ticks, format!("{} times", run.count))?;
+    }
+    Ok(())
+}
+
+fn latencies(out: &mut String, report: &Report) -> Written {
+    writeln!(out, "\nLatencies [us]          count       p50       p90       p99     p99.9    p99.99       max")?;
+    for series in &report.series {
+        let rare = |value: Option<f64>| value.map_or_else(|| "-".into(), |us| format!("{us:.1}"));
+        writeln!(
+            out,
+            "  {:<18} {:>10} {:>9.1} {:>9.1} {:>9.1} {:>9} {:>9} {:>9.1}",
+            series.name,
+            series.count,
+            series.p50_us,
+            series.p90_us,
+            series.p99_us,
+            rare(series.p999_us),
+            rare(series.p9999_us),
+            series.max_us
+        )?;
+    }
+    writeln!(out, "  -: too few values. A maximum on a shared machine is the host's. Nothing was removed.")
+}
+
+fn roles(out: &mut String, report: &Report) -> Written {
+    writeln!(
+        out,
+        "\nProcesses   scheduling   ticks  skipped  stale  rejected  alloc/tick  faults  preempted  cpu us/tick"
+    )?;
+    for (name, role) in &report.roles {
+        let rejected: u64 = role.rejected.values().sum();
+        let usage = role.usage.as_ref();
+        let per_tick = |n: u64| n as f64 / role.ticks_run.max(1) as f64;
+        let loops = name != "record";
+        let word = |value: Option<String>| value.unwrap_or_else(|| "-".into());
+        writeln!(
+            out,
+            "  {:<9} {:<10} {:>7} {:>8} {:>6} {:>9} {:>11} {:>7} {:>10} {:>12}",
+            name,
+            role.scheduling,
+            if loops { role.ticks_run.to_string() } else { "-".into() },
+            role.ticks_skipped,
+            role.ticks_stale,
+            if loops { rejected } else { report.recorder.rejected.values().sum() },
+            word(usage.filter(|_| loops).map(|u| format!("{:.3}", per_tick(u.allocations)))),
+            word(usage.filter(|_| loops).map(|u| (u.minor_faults + u.major_faults).to_string())),
+            word(usage.filter(|_| loops).map(|u| u.involuntary_switches.to_string())),
+            word(usage.filter(|_| loops).map(|u| format!("{:.1}", u.cpu_per_tick_us))),
+        )?;
+    }
+    for (name, role) in &report.roles {
+        for (reason, count) in role.rejected.iter().filter(|(_, count)| **count > 0) {
+            writeln!(out, "  {name} rejected {count} messages: {reason}")?;
+        }
+    }
+    let recorder = &report.recorder;
+    let lost: u64 = recorder.lost.values().sum();
+    writeln!(
+        out,
+        "  recorder: lost {lost} messages, {} ticks incomplete, {:.1} % of a processor",
+        recorder.incomplete_ticks, recorder.cpu_percent
+    )?;
+    let log = &recorder.log;
+    let (written, dropped): (u64, u64) = (log.messages.values().sum(), log.dropped.values().sum());
+    writeln!(
+        out,
+        "  flight.mcap: {written} messages in {:.1} MB, {dropped} dropped{}",
+        log.file_bytes as f64 / 1e6,
+        log.refused.as_ref().map_or_else(String::new, |reason| format!(" ({reason})"))
+    )?;
+    for (file, reason) in &recorder.unwritten {
+        writeln!(out, "  {file} is incomplete: {reason}")?;
+    }
+    writeln!(out, "Real time asked and granted")?;
+    for (name, role) in report.roles.iter().filter(|(name, _)| *name != "record") {
+        writeln!(out, "  {name:<9} {}", grants(role))?;
+    }
+    Ok(())
+}
+
+fn grants(role: &RoleSection) -> String {
+    if role.realtime.is_empty() {
+        return "nothing asked: not real-time".into();
+    }
+    role.realtime
+        .iter()
+        .map(|step| {
+            let asked = step.asked.map_or_else(String::new, |value| format!(" {value}"));
+            match &step.refused {
+                None => format!("{}{asked} ok", step.step),
+                Some(reason) => format!("{}{asked} REFUSED ({reason})", step.step),
+            }
+        })
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+fn flight(out: &mut String, report: &Report) -> Written {
+    let flight = &report.flight;
+    writeln!(
+        out,
+        "\nFlight    position error rms {:.4} m, largest {:.4} m, at the end {:.4} m; rotors saturated in {} ticks",
+        flight.position_error_rms_m, flight.position_error_max_m, flight.position_error_final_m, flight.saturated_ticks
+    )?;
+    for estimate in &flight.estimates {
+        writeln!(
+            out,
+            "  {:<24} estimated {:>12.6e}  true {:>12.6e}",
+            estimate.name, estimate.estimated, estimate.actual
+        )?;
+    }
+    for swap in &report.swaps {
+        let changes: Vec<String> =
+            swap.changes.iter().map(|change| format!("{} {} -> {}", change.name, change.old, change.new)).collect();
+        writeln!(
+            out,
+            "  swap {} at tick {} ({:.3} s): {}",
+            swap.parameter_epoch,
+            swap.tick,
+            swap.time_s,
+            changes.join(", ")
+        )?;
+    }
+    Ok(())
+}
+
+fn gates(out: &mut String, report: &Report) -> Written {
+    writeln!(out, "\nGates     {}", report.verdict.status)?;
+    for gate in &report.verdict.gates {
+        writeln!(
+            out,
+            "  {:<4} {}: {} (limit {})",
+            if gate.held { "ok" } else { "FAIL" },
+            gate.name,
+            gate.value,
+            gate.limit
+        )?;
+    }
+    Ok(())
+}

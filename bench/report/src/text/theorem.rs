@@ -1,0 +1,104 @@
+//! The theorem's section of the report in words.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use model::monitor::Cause;
+
+use crate::tally::theorem::{NO_CAUSE, Theorem};
+
+impl Theorem {
+    /// The section as text.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        // Writing into a string cannot fail.
+        let _ = self.write(&mut out);
+        out
+    }
+
+    /// Whether it holds, in words.
+    #[must_use]
+    pub fn verdict(&self) -> &'static str {
+        match (self.holds, self.violations.values().sum::<u64>()) {
+            _ if self.ticks_checked == 0 => "not watched",
+            (false, _) => "DOES NOT HOLD",
+            (true, 0) => "holds",
+            (true, _) => "holds where its assumptions do",
+        }
+    }
+
+    fn write(&self, out: &mut String) -> std::fmt::Result {
+        if self.ticks_checked == 0 {
+            return writeln!(out, "\nTheorem   not watched: no step of the estimates was seen");
+        }
+        writeln!(
+            out,
+            "\nTheorem   {}: {} steps checked, {} unexplained",
+            self.verdict(),
+            self.ticks_checked,
+            self.unexplained()
+        )?;
+        for (cause, count) in self.violations.iter().filter(|(cause, _)| *cause != Cause::Unexplained.name()) {
+            writeln!(out, "  explained rises of V_th: {count}, {}", explained(cause))?;
+        }
+        write!(
+            out,
+            "  V_th {:.3e} at the start, {:.3e} at the end; largest rise in a step",
+            self.v_th_start, self.v_th_end
+        )?;
+        for (cause, rise) in self.largest_rise.iter().rev() {
+            let when = if cause == NO_CAUSE { String::new() } else { format!(", under {cause}") };
+            write!(out, "{when} {:.1e} rad^2/s^2 ({:.1e} of the start)", rise.absolute, rise.relative)?;
+        }
+        writeln!(out)?;
+        writeln!(
+            out,
+            "  fell by {:.4e} where the theorem predicts {:.4e}{}",
+            self.descent,
+            self.descent_predicted,
+            if self.is_live { "" } else { ": THE ESTIMATES DO NOT MOVE AS PREDICTED" }
+        )?;
+        let above: u64 = self.v_above_bound.values().sum();
+        writeln!(out, "  V above its bound in {above} steps{}", list(&self.v_above_bound))?;
+        writeln!(
+            out,
+            "  e {:.2e} rad/s at the most, {:.2e} at the end; {} saturated ticks, {} with a stale input, {} live swaps",
+            self.rate_error_max_rad_s,
+            self.rate_error_final_rad_s,
+            self.ticks_saturated,
+            self.ticks_stale,
+            self.live_swaps
+        )?;
+        for estimate in &self.estimates {
+            writeln!(
+                out,
+                "  {:<24} off by {:>9.2e}, first {:.2e}, by the theorem at most {:.2e}; excitation {:.2e}",
+                estimate.name, estimate.error, estimate.error_start, estimate.error_bound, estimate.identifiability
+            )?;
+        }
+        writeln!(out, "  {}", self.convergence)
+    }
+}
+
+/// What a cause of a violation is, in words.
+#[must_use]
+pub fn explained(cause: &str) -> &'static str {
+    match cause {
+        "live_swap" => "samples from before a live swap had not faded",
+        "out_of_bounds" => "a true value lies outside the bounds of its estimate",
+        "broken_model" => "a parameter that is not estimated is not the model's",
+        "gyro_noise" => "the gyro is noisy",
+        "motor_lag" => "the motors lag",
+        "saturation" => "the rotors could not do what was asked; excuses V alone",
+        "stale_input" => "a state, a set-point or a command was not of its tick; excuses V alone",
+        "delay" => "the chain's delay and the low-pass, in every flight; excuses V alone",
+        _ => "no cause is known",
+    }
+}
+
+fn list(counts: &BTreeMap<String, u64>) -> String {
+    let all: Vec<String> =
+        counts.iter().filter(|(_, count)| **count > 0).map(|(cause, count)| format!("{cause} {count}")).collect();
+    if all.is_empty() { String::new() } else { format!(" ({}); not judged", all.join(", ")) }
+}

@@ -1,0 +1,18 @@
+//! A tick of a flight with everything that was said in it.
+
+use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+
+/// What the stages told each other at a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TickRecord {
+    /// The tick.
+    pub tick: u64,
+    /// State at the tick.
+    pub state: State,
+    /// Set-point computed from it, if the outer loop gave one.
+    pub setpoint: Option<Setpoint>,
+    /// Thrust and torque demanded.
+    pub wrench: Wrench,
+    /// Command that is in force from the next tick on.
+    pub rotor_speeds: RotorSpeeds,
+}

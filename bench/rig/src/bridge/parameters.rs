@@ -1,0 +1,103 @@
+//! The airframe's parameters as those of the WebSocket protocol.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+use foxglove::websocket::{
+    AnyClient, GetParametersResponder, Parameter, ParameterHandler, ParameterValue, SetParametersResponder,
+};
+use model::boards::InForce;
+use model::parameters::{self, SPECS};
+use wire::instance::Instance;
+
+use crate::inject::{When, ask};
+use failure::Failure;
+
+/// What clients see of the plant's desk.
+#[derive(Debug)]
+pub(super) struct Desk {
+    instance: Instance,
+    in_force: Mutex<InForce>,
+}
+
+impl Desk {
+    /// A desk with the parameters in force.
+    pub(super) fn new(instance: Instance, in_force: InForce) -> Self {
+        Self { instance, in_force: Mutex::new(in_force) }
+    }
+
+    /// Takes what is on the board; gives all values where a swap has taken hold, whoever asked for it.
+    pub(super) fn look(&self, board: InForce) -> Option<Vec<Parameter>> {
+        let mut known = self.in_force();
+        if *known == board {
+            return None;
+        }
+        *known = board;
+        Some(values(&known, &[]))
+    }
+
+    fn in_force(&self) -> MutexGuard<'_, InForce> {
+        // Nobody who holds it can panic.
+        self.in_force.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Values by name; of all parameters where no name is given.
+fn values(in_force: &InForce, names: &[String]) -> Vec<Parameter> {
+    SPECS
+        .iter()
+        .zip(in_force.value)
+        .filter(|(spec, _)| names.is_empty() || names.iter().any(|name| name == spec.name))
+        .map(|(spec, value)| Parameter::float64(spec.name, value))
+        .collect()
+}
+
+/// The changes that a client asks for; in one swap, so that they hold from one tick on.
+fn changes(wanted: &[Parameter]) -> Result<Vec<(parameters::Parameter, f64)>, Failure> {
+    let mut changes = Vec::new();
+    for Parameter { name, value, .. } in wanted {
+        let usage = |e: parameters::ParameterError| Failure::usage(e.to_string());
+        let parameter = parameters::Parameter::from_name(name).map_err(usage)?;
+        let value = match value {
+            Some(ParameterValue::Float64(value)) => *value,
+            // As a client writes a number without a fraction.
+            Some(ParameterValue::Integer(value)) => *value as f64,
+            Some(other) => return Err(Failure::usage(format!("{name} = {other:?} is not a number"))),
+            None => return Err(Failure::usage(format!("{name} cannot be unset: an airframe has one"))),
+        };
+        changes.push((parameter, parameter.check(value).map_err(usage)?));
+    }
+    Ok(changes)
+}
+
+impl ParameterHandler for Desk {
+    fn get(&self, client: AnyClient, names: Vec<String>, _: Option<String>, responder: GetParametersResponder) {
+        for name in &names {
+            if let Err(unknown) = parameters::Parameter::from_name(name) {
+                client.send_warning(unknown.to_string());
+            }
+        }
+        responder.respond(values(&self.in_force(), &names));
+    }
+
+    fn set(&self, client: AnyClient, wanted: Vec<Parameter>, _: Option<String>, responder: SetParametersResponder) {
+        let names: Vec<String> = wanted.iter().map(|parameter| parameter.name.clone()).collect();
+        let (instance, mut present) = (self.instance.clone(), *self.in_force());
+        // The plant may take its time, and the client's other messages shall not wait for it.
+        thread::spawn(move || {
+            match changes(&wanted).and_then(|changes| ask(&instance, &changes, When::In(Duration::ZERO))) {
+                Ok(applied) => {
+                    for (parameter, _, new) in applied.changes {
+                        present.value[parameter as usize] = new;
+                    }
+                }
+                // What is in force stays, and the client is told so, and why.
+                Err(failure) => client.send_error(failure.to_string()),
+            }
+            let known: Vec<String> = names.into_iter().filter(|name| SPECS.iter().any(|s| s.name == name)).collect();
+            // All of them is what no name means.
+            responder.respond(if known.is_empty() { Vec::new() } else { values(&present, &known) });
+        });
+    }
+}

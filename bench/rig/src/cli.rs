@@ -1,0 +1,393 @@
+//! The command line.
+
+mod report;
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use controller::{Preset, Trajectory};
+use toml::Value;
+
+pub use crate::cli::report::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
+use crate::doctor::DoctorArgs;
+use crate::fault::Fault;
+use crate::floor::command::FloorArgs;
+use crate::floor::hop::HopArgs;
+use crate::settings::Overrides;
+use flight_log::TOPICS;
+
+mod in_flight;
+pub use in_flight::{BridgeTo, FoxgloveArgs, InjectArgs, ParamsArgs, WatchArgs};
+
+/// A real-time rig for quadrotor flight control loops.
+///
+/// Flies an adaptive controller in four real-time processes over shared memory, swaps parameters of the airframe
+/// in flight, and reports how late every step was.
+#[derive(Debug, Parser)]
+#[command(name = "ironbird", version, max_term_width = 110)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Fly: start all processes, show the flight, end them, print the report.
+    Fly(FlyArgs),
+    /// Watch a flight in the terminal; join and leave it at will.
+    Watch(WatchArgs),
+    /// Serve a flight to another program's protocol.
+    #[command(subcommand)]
+    Bridge(BridgeTo),
+    /// Swap parameters of the flying airframe: NAME=VALUE...
+    Inject(InjectArgs),
+    /// List every parameter of the airframe: unit, range, nominal value, value in force.
+    Params(ParamsArgs),
+    /// Show the report of a flight, also of one still in the air; or compare two.
+    Report(ReportArgs),
+    /// Write the messages of a flight as CSV or JSON.
+    Export(ExportArgs),
+    /// Fly a recorded flight again from its log, and compare.
+    Replay(ReplayArgs),
+    /// Fly the same laws in one process, in simulated time.
+    Simulate(SimulateArgs),
+    /// Measure the rig beside the machine's own limits.
+    Floor(FloorArgs),
+    /// Can this machine fly in real time? Look, measure, and say what to change.
+    #[command(
+        after_help = "Ends with exit code 0 when the verdict is `hard` or `soft`, with 3 when it is `not real-time here`."
+    )]
+    Doctor(DoctorArgs),
+    /// Remove what killed processes left in shared memory.
+    Clean,
+    /// Run the airframe alone.
+    Plant(RoleArgs),
+    /// Run the outer (position) loop alone.
+    Outer(RoleArgs),
+    /// Run the inner (attitude and rate) loop alone.
+    Inner(RoleArgs),
+    /// Run the motor mixer alone.
+    Mixer(RoleArgs),
+    /// Run the recorder alone.
+    Record(RecordArgs),
+    /// A process of the raw ring that measures the machine.
+    #[command(hide = true)]
+    RingHop(HopArgs),
+}
+
+fn trajectories() -> clap::builder::PossibleValuesParser {
+    Trajectory::NAMES.into()
+}
+
+fn presets() -> clap::builder::PossibleValuesParser {
+    Preset::NAMES.into()
+}
+
+/// What to fly.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Flight")]
+pub struct FlightArgs {
+    /// Reference trajectory [default: lissajous].
+    #[arg(long, value_parser = trajectories())]
+    pub trajectory: Option<String>,
+    /// Set of gains [default: flight].
+    #[arg(long, value_parser = presets())]
+    pub preset: Option<String>,
+    /// Length of the flight, as in 30s or 2m [default: 30s].
+    #[arg(long, value_parser = humantime::parse_duration)]
+    pub duration: Option<Duration>,
+    /// Settings file (TOML); flags go before it.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Swap plant parameters at an instant: 'NAME=VALUE[,NAME=VALUE]@8s' or '...@tick8000'; may be repeated.
+    #[arg(long = "fault", value_name = "FAULT", value_parser = |text: &str| text.parse::<Fault>())]
+    pub faults: Vec<Fault>,
+}
+
+/// How to run it in real time.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Real time")]
+pub struct RtArgs {
+    /// Whether to insist on real time [default: prefer].
+    #[arg(long, value_enum)]
+    pub rt: Option<RtMode>,
+    /// What moves the ticks of the processes on [default: realtime].
+    #[arg(long, value_enum)]
+    pub pace: Option<PaceArg>,
+    /// Processor of the four loops [default: the highest-numbered one].
+    #[arg(long, value_name = "N")]
+    pub cpu: Option<u16>,
+    /// Name of the instance; several fly side by side.
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+}
+
+/// Whether to insist on real time.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum RtMode {
+    /// End with exit code 4 when something is refused.
+    Require,
+    /// Fly with what is granted, and say what was not.
+    Prefer,
+    /// Ask for nothing.
+    Off,
+}
+
+/// Where to record, and which gates to pass.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Record")]
+pub struct RecorderArgs {
+    /// Directory in which the flight gets one of its own [default: runs].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Also write the states to this file.
+    #[arg(long, value_name = "FILE.csv")]
+    pub states: Option<PathBuf>,
+    /// A row of the states every N ticks [default: 50].
+    #[arg(long, value_name = "N")]
+    pub every: Option<u32>,
+    /// Gate: end with exit code 3 when more deadlines per million ticks were missed.
+    #[arg(long, value_name = "PPM")]
+    pub max_miss_rate: Option<f64>,
+    /// Gate: end with exit code 3 when the 99.9th percentile of the loop is above.
+    #[arg(long, value_name = "US")]
+    pub max_loop_p999: Option<f64>,
+    /// Gate: end with exit code 3 when this does not hold; may be repeated.
+    #[arg(long = "gate", value_enum, value_name = "GATE")]
+    pub gates: Vec<GateName>,
+}
+
+/// A gate that is passed or not, without a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum GateName {
+    /// No unexplained violation of the theorem, and estimates that move as predicted.
+    Theorem,
+}
+
+fn gate_overrides(gates: &[GateName]) -> Overrides {
+    gates
+        .iter()
+        .map(|gate| match gate {
+            GateName::Theorem => ("recorder.gate_theorem", Value::from(true)),
+        })
+        .collect()
+}
+
+/// What moves the ticks on.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum PaceArg {
+    /// The clock: a tick a millisecond, whoever is ready for it.
+    Realtime,
+    /// The chain itself: the next tick begins when the rotor command has arrived; not real-time.
+    Lockstep,
+}
+
+/// Flags of `fly`.
+#[derive(Clone, Debug, Args)]
+pub struct FlyArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "documented by its type")]
+    pub flight: FlightArgs,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "documented by its type")]
+    pub rt: RtArgs,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "documented by its type")]
+    pub recorder: RecorderArgs,
+    /// Watch the flight in this terminal, as `ironbird watch` does.
+    #[arg(long)]
+    pub watch: bool,
+    /// Measure the machine's floors for so long each right after the flight, for the report [example: 11s].
+    #[arg(long, value_name = "DURATION", value_parser = humantime::parse_duration)]
+    pub floor: Option<Duration>,
+    /// Print the full commented settings that would be flown, and end.
+    #[arg(long)]
+    pub print_config: bool,
+}
+
+/// Flags of a role.
+#[derive(Clone, Debug, Args)]
+pub struct RoleArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "documented by its type")]
+    pub flight: FlightArgs,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "documented by its type")]
+    pub rt: RtArgs,
+    /// End when the process with this number, which must be the parent, ends.
+    #[arg(long, hide = true)]
+    pub launcher: Option<u32>,
+}
+
+/// Flags of the recorder.
+#[derive(Clone, Debug, Args)]
+pub struct RecordArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "documented by its type")]
+    pub role: RoleArgs,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "documented by its type")]
+    pub recorder: RecorderArgs,
+    /// The flight's directory, which exists.
+    #[arg(long, hide = true)]
+    pub run_dir: Option<PathBuf>,
+}
+
+/// Flags of `simulate`.
+#[derive(Clone, Debug, Args)]
+pub struct SimulateArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "documented by its type")]
+    pub flight: FlightArgs,
+    /// Draw the flight into this file.
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Write the states to this file.
+    #[arg(long, value_name = "FILE.csv")]
+    pub states: Option<PathBuf>,
+    /// A row of the states every N ticks [default: 50].
+    #[arg(long, value_name = "N")]
+    pub every: Option<u32>,
+    /// Gate: end with exit code 3 when this does not hold; may be repeated.
+    #[arg(long = "gate", value_enum, value_name = "GATE")]
+    pub gates: Vec<GateName>,
+}
+
+impl SimulateArgs {
+    /// What the flags set.
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        let mut set = self.flight.overrides();
+        if let Some(every) = self.every {
+            set.push(("recorder.states_every_ticks", Value::from(i64::from(every))));
+        }
+        set.extend(gate_overrides(&self.gates));
+        set
+    }
+}
+
+/// Flags of `export`.
+#[derive(Clone, Debug, Args)]
+pub struct ExportArgs {
+    /// A flight's directory, its flight.mcap, or `latest`.
+    #[arg(value_name = "RUN_DIR", default_value = "latest")]
+    pub run: PathBuf,
+    /// Write this topic to standard output [default: every topic to a file].
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(TOPICS))]
+    pub topic: Option<String>,
+    /// How to write it.
+    #[arg(long, value_enum, default_value_t = ExportFormat::Csv)]
+    pub format: ExportFormat,
+    /// Directory of the files [default: `export` in the flight's directory].
+    #[arg(long, value_name = "DIR", conflicts_with = "topic")]
+    pub to: Option<PathBuf>,
+    /// Directory in which `latest` is looked up [default: runs].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// Flags of `replay`.
+#[derive(Clone, Debug, Args)]
+pub struct ReplayArgs {
+    /// A flight's directory, its flight.mcap, or `latest`.
+    #[arg(value_name = "RUN_DIR", default_value = "latest")]
+    pub run: PathBuf,
+    /// Compare every output of every stage bit for bit; end with exit code 3 at the first difference.
+    #[arg(long)]
+    pub verify: bool,
+    /// Compare and count from this tick on; it is flown from tick 0 all the same.
+    #[arg(long, value_name = "TICK", default_value_t = 0)]
+    pub from: u64,
+    /// Directory in which `latest` is looked up [default: runs].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// How to write messages.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ExportFormat {
+    /// A row per message, a column per number.
+    Csv,
+    /// An object per message and line.
+    Json,
+}
+
+impl ExportFormat {
+    /// How its files end.
+    #[must_use]
+    pub const fn extension(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Json => "jsonl",
+        }
+    }
+}
+
+impl FlightArgs {
+    /// What the flags set.
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        let mut set = Overrides::new();
+        if let Some(name) = &self.trajectory {
+            set.push(("flight.trajectory", Value::from(name.clone())));
+        }
+        if let Some(name) = &self.preset {
+            set.push(("flight.preset", Value::from(name.clone())));
+        }
+        if let Some(duration) = self.duration {
+            set.push(("flight.duration_s", Value::from(duration.as_secs_f64())));
+        }
+        if !self.faults.is_empty() {
+            set.push(("flight.faults", Value::from(self.faults.iter().map(Fault::to_string).collect::<Vec<_>>())));
+        }
+        set
+    }
+}
+
+/// A value as it is typed.
+fn name_of(value: impl ValueEnum) -> String {
+    value.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
+}
+
+impl RtArgs {
+    /// What the flags set.
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        let mut set = Overrides::new();
+        if let Some(mode) = self.rt {
+            set.push(("rt.mode", Value::from(name_of(mode))));
+        }
+        if let Some(pace) = self.pace {
+            set.push(("flight.pace", Value::from(name_of(pace))));
+        }
+        if let Some(cpu) = self.cpu {
+            set.push(("rt.cpu", Value::from(i64::from(cpu))));
+        }
+        set
+    }
+}
+
+impl RecorderArgs {
+    /// What the flags set.
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        let mut set = Overrides::new();
+        if let Some(out) = &self.out {
+            set.push(("recorder.out", Value::from(out.to_string_lossy().into_owned())));
+        }
+        if let Some(every) = self.every {
+            set.push(("recorder.states_every_ticks", Value::from(i64::from(every))));
+        }
+        if let Some(ppm) = self.max_miss_rate {
+            set.push(("recorder.max_miss_rate_ppm", Value::from(ppm)));
+        }
+        if let Some(us) = self.max_loop_p999 {
+            set.push(("recorder.max_loop_p999_us", Value::from(us)));
+        }
+        set.extend(gate_overrides(&self.gates));
+        set
+    }
+}

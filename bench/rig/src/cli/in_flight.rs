@@ -1,0 +1,81 @@
+//! Flags of the commands for a flight in the air: watch, bridge, inject, params.
+
+use std::time::Duration;
+
+use clap::{Args, Subcommand};
+use model::parameters::Parameter;
+
+use crate::fault::{FaultError, parse_change};
+
+/// Flags of `watch`.
+#[derive(Clone, Debug, Args)]
+pub struct WatchArgs {
+    /// Name of the instance.
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+    /// Print a line per second, as where there is no terminal.
+    #[arg(long)]
+    pub plain: bool,
+    /// End with the flight, and with the process of this number, which must be the parent; Ctrl-C goes to it.
+    #[arg(long, hide = true)]
+    pub launcher: Option<u32>,
+}
+
+/// Protocols of other programs.
+#[derive(Debug, Subcommand)]
+pub enum BridgeTo {
+    /// Foxglove WebSocket: topics, the 3-D scene, and the airframe's parameters to be swapped from the panel.
+    Foxglove(FoxgloveArgs),
+}
+
+/// Flags of `bridge foxglove`.
+#[derive(Clone, Debug, Args)]
+pub struct FoxgloveArgs {
+    /// Address to listen on; whoever reaches it may swap parameters.
+    #[arg(long, value_name = "HOST", default_value = "127.0.0.1")]
+    pub host: String,
+    /// Port to listen on; 0 takes one that is free.
+    #[arg(long, value_name = "PORT", default_value_t = 8765)]
+    pub port: u16,
+    /// Name of the instance.
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+}
+
+/// Flags of `inject`.
+#[derive(Clone, Debug, Args)]
+pub struct InjectArgs {
+    /// New values, all applied at one tick: NAME=VALUE...
+    #[arg(required = true, value_name = "NAME=VALUE")]
+    pub changes: Vec<String>,
+    /// Apply at this tick of the flight.
+    #[arg(long, value_name = "N", conflicts_with = "after")]
+    pub at_tick: Option<u64>,
+    /// Apply this much flight time later, as in 500ms.
+    #[arg(long = "in", value_name = "TIME", value_parser = humantime::parse_duration)]
+    pub after: Option<Duration>,
+    /// Name of the instance.
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+}
+
+/// Flags of `params`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsArgs {
+    /// Name of the instance.
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl InjectArgs {
+    /// The changes, read and checked.
+    ///
+    /// # Errors
+    /// As [`parse_change`].
+    pub fn parsed(&self) -> Result<Vec<(Parameter, f64)>, FaultError> {
+        self.changes.iter().flat_map(|text| text.split(',')).map(parse_change).collect()
+    }
+}

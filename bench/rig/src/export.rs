@@ -1,0 +1,138 @@
+//! `ironbird export`: the messages of a flight as CSV or JSON, for tools that read neither MCAP nor Protobuf.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use model::envelope::Message;
+use model::topic::Topic;
+
+use crate::cli::{ExportArgs, ExportFormat};
+use crate::output::print;
+use crate::run_directory::find_log;
+use failure::{Failure, InFile as _, OK};
+use flight_log::codec::Logged;
+use flight_log::reader::{End, Entry, LogReader};
+use flight_log::{TOPICS, rows};
+
+/// Exports.
+///
+/// # Errors
+/// Usage, where there is no such flight or it has no log; a log that is damaged; a file that cannot be written.
+pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
+    let path = find_log(&args.run, args.out.as_deref())?;
+    let mut reader = LogReader::open(&path)?;
+    let mut tables = match &args.topic {
+        Some(topic) => Tables::one(topic, args.format),
+        None => {
+            let beside = path.parent().unwrap_or(Path::new(".")).join("export");
+            Tables::all(args.to.clone().unwrap_or(beside), args.format)?
+        }
+    };
+    // What stands before a damage is exported, and the damage said.
+    let read = tables.fill(&mut reader).and_then(|()| tables.finish());
+    print(&tables.summary())?;
+    read?;
+    if reader.end() == End::Truncated {
+        eprintln!(
+            "{} is truncated: its end is missing; exported is what the recorder had written before",
+            path.display()
+        );
+    }
+    Ok(OK)
+}
+
+struct Tables {
+    format: ExportFormat,
+    /// Where they lie; none for standard output.
+    directory: Option<PathBuf>,
+    /// Topics that are wanted.
+    open: BTreeMap<&'static str, Table>,
+    /// Whether somebody still reads.
+    is_read: bool,
+}
+
+struct Table {
+    out: Box<dyn Write>,
+    messages: u64,
+}
+
+impl Tables {
+    fn one(topic: &str, format: ExportFormat) -> Self {
+        let table = Table { out: Box::new(BufWriter::new(io::stdout())), messages: 0 };
+        let open = TOPICS.into_iter().filter(|name| *name == topic).zip([table]).collect();
+        Self { format, directory: None, open, is_read: true }
+    }
+
+    fn all(directory: PathBuf, format: ExportFormat) -> Result<Self, Failure> {
+        fs::create_dir_all(&directory).map_err(|e| {
+            Failure::usage(format!("cannot export into {}: {e}", directory.display()))
+                .help("name a directory that you can write: --to DIR")
+        })?;
+        let mut open = BTreeMap::new();
+        for topic in TOPICS {
+            let path = directory.join(format!("{topic}.{}", format.extension()));
+            let file = File::create(&path).in_file("write", &path)?;
+            open.insert(topic, Table { out: Box::new(BufWriter::new(file)), messages: 0 });
+        }
+        Ok(Self { format, directory: Some(directory), open, is_read: true })
+    }
+
+    fn fill(&mut self, reader: &mut LogReader) -> Result<(), Failure> {
+        while self.is_read
+            && let Some(entry) = reader.next_entry()?
+        {
+            match &entry {
+                Entry::State(message) => self.write(message),
+                Entry::Setpoint(message) => self.write(message),
+                Entry::Wrench(message) => self.write(message),
+                Entry::RotorSpeeds(message) => self.write(message),
+                Entry::Swap(message) => self.write(message),
+            }?;
+        }
+        Ok(())
+    }
+
+    fn write<C: Logged>(&mut self, message: &Message<C>) -> Result<(), Failure> {
+        let Some(table) = self.open.get_mut(<C as Topic>::NAME) else { return Ok(()) };
+        let line = match self.format {
+            ExportFormat::Csv if table.messages == 0 => {
+                format!("{}\n{}", rows::columns::<C>().join(","), rows::csv(message))
+            }
+            ExportFormat::Csv => rows::csv(message),
+            ExportFormat::Json => rows::json(message),
+        };
+        table.messages += 1;
+        let written = writeln!(table.out, "{line}");
+        self.written(written)
+    }
+
+    fn finish(&mut self) -> Result<(), Failure> {
+        let flushed = self.open.values_mut().try_for_each(|table| table.out.flush());
+        self.written(flushed)
+    }
+
+    /// A reader that has gone, as `head` does, is no failure.
+    fn written(&mut self, written: io::Result<()>) -> Result<(), Failure> {
+        match written {
+            Err(e) if e.kind() == ErrorKind::BrokenPipe && self.directory.is_none() => {
+                self.is_read = false;
+                Ok(())
+            }
+            Err(e) => Err(Failure::failed(format!("cannot write the export: {e}"))),
+            Ok(()) => Ok(()),
+        }
+    }
+
+    /// What was written where; nothing for standard output, which holds the messages.
+    fn summary(&self) -> String {
+        let Some(directory) = &self.directory else { return String::new() };
+        let line = |topic: &str| {
+            let messages = self.open.get(topic).map_or(0, |table| table.messages);
+            let file = directory.join(format!("{topic}.{}", self.format.extension()));
+            format!("{messages:>8} messages  {}\n", file.display())
+        };
+        TOPICS.into_iter().map(line).collect()
+    }
+}

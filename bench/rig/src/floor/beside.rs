@@ -1,0 +1,82 @@
+//! The machine's floors beside a flight: measured right after it, as it flew, and part of its report.
+//!
+//! ```text
+//!   wake.plant  beside  a bare timer: one thread that does nothing but wake at each tick's begin
+//!   loop        beside  a raw futex ring: four processes that compute as long as the laws took, and hand on a token
+//! ```
+
+use std::path::Path;
+use std::time::Duration;
+
+use failure::Failure;
+use machine::cpu_times::CpuTimes;
+use machine::floor::link::Wake;
+use machine::floor::work::Work;
+use machine::floor::{ring, timer};
+use model::realtime::Mode;
+use report::beside::{Beside, Floor};
+use report::schema::Report;
+
+use super::flight::series;
+use crate::settings::{PaceName, Settings};
+
+/// Series of the stages' computing, in the order of the chain.
+const COMPUTE: [&str; 4] = ["compute.plant", "compute.outer", "compute.inner", "compute.mixer"];
+
+/// Refuses flights that have no floor.
+///
+/// # Errors
+/// Usage, for a flight in lockstep and for a duration without a tick.
+pub fn check(settings: &Settings, duration: Duration) -> Result<(), Failure> {
+    if settings.flight.pace == PaceName::Lockstep {
+        return Err(Failure::usage("--floor: in lockstep nothing is late, so there is no floor to measure")
+            .help("fly in real time, or measure the floor of lockstep with `ironbird floor --only lockstep`"));
+    }
+    if !(Duration::from_secs(1)..=Duration::from_secs(3600)).contains(&duration) {
+        return Err(Failure::usage(format!("--floor {duration:?}: allowed are 1s to 1h"))
+            .help("11s and more, for a 99.9th percentile at 1 kHz"));
+    }
+    Ok(())
+}
+
+/// Measures for `duration` each, on the processor and at the priority that the flight asked for.
+///
+/// # Errors
+/// Those of [`timer::measure`] and [`ring::measure`], and of a report without the series of a flight.
+pub fn take(report: &Report, settings: &Settings, duration: Duration, executable: &Path) -> Result<Beside, Failure> {
+    let realtime = settings.realtime()?;
+    let priority = if realtime.mode == Mode::Off { 0 } else { realtime.priority };
+    let period_ns = (report.run.wall_period_us * 1e3).round() as u64;
+    let before = CpuTimes::read();
+    let timer = timer::measure(&timer::Settings { period_ns, duration, cpu: realtime.cpu, priority })?;
+    let ring = ring::Settings {
+        wake: Wake::Futex,
+        period_ns,
+        duration,
+        cpu: realtime.cpu,
+        priority,
+        work: computing_as(report)?,
+    };
+    let ring = ring::measure(&ring, executable)?;
+    let mut refused = timer.standing.refused.clone();
+    refused.extend(ring.standing.refused);
+    refused.dedup();
+    Ok(Beside {
+        seconds: duration.as_secs_f64(),
+        scheduling: timer.standing.scheduling(),
+        refused,
+        steal: before.steal_until(&CpuTimes::read()),
+        floors: vec![
+            Floor::of("wake.plant", "bare timer", &timer.lateness),
+            Floor::of("loop", "raw futex ring", &ring.chain),
+        ],
+    })
+}
+
+/// As much work for each process of a ring as the flight's laws took in the median.
+///
+/// # Errors
+/// [`Failure`] where the report lacks a series.
+pub fn computing_as(report: &Report) -> Result<Vec<Work>, Failure> {
+    COMPUTE.into_iter().map(|name| Ok(Work::lasting((series(report, name)?.p50_us * 1e3) as u64))).collect()
+}

@@ -1,0 +1,156 @@
+//! What `ironbird floor` measured, as a page for people and as numbers for programs.
+
+use std::fmt::Write as _;
+
+use serde::{Deserialize, Serialize};
+
+use crate::floor::calls::RoleCalls;
+use crate::floor::command::{Set, name};
+use machine::floor::comparison::{Comparison, Kind, Verdict};
+use report::host::Host;
+
+/// Figures beside their floors, of one machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Page {
+    /// The machine.
+    pub host: Host,
+    /// What was measured on it, in the order of [`Set`].
+    pub sets: Vec<Measured>,
+}
+
+/// A set of figures, measured in one go.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// Which.
+    pub set: Set,
+    /// When, on the wall clock.
+    pub started: String,
+    /// Version of ironbird, and the commit where the working directory is a checkout.
+    pub version: String,
+    /// What measures it again.
+    pub command: String,
+    /// Figures beside their floors.
+    pub comparisons: Vec<Comparison>,
+    /// System calls per role.
+    pub calls: Vec<RoleCalls>,
+    /// Why it was left out, where it was.
+    pub left_out: Option<String>,
+}
+
+impl Measured {
+    /// Nothing yet.
+    #[must_use]
+    pub const fn new(set: Set, started: String, version: String, command: String) -> Self {
+        Self { set, started, version, command, comparisons: Vec::new(), calls: Vec::new(), left_out: None }
+    }
+}
+
+/// How the name of a comparison's floor is explained.
+const LEGEND: &str = "\
+* *wake*: from a tick's begin to the plant's waking, beside `cyclictest` on the same processor with the same priority and period.\n\
+* *loop*: from the sampling of the state to the publishing of the rotor command, beside a raw futex ring of four processes that compute as long.\n\
+* *misses*: missed deadlines, beside ticks for which cyclictest woke later than a period less the loop's median; ticks that it slept through count as ours do, with their whole lateness. Ratio of all events; spread with any one pair left out.\n\
+* *lockstep tick*: a tick of `fly --pace lockstep`, beside a lap of a raw eventfd ring of four processes, SCHED_OTHER; the line below says what 25 times real time would take.\n\
+* *laws*: one tick of plant, outer loop, inner loop and mixer, beside the same written by hand in scalars; *simulate* is beside what 500 times real time would take.\n\
+* *20 us put into a hop*: the instrument's own test, a ring beside one with that much more to do. Ratio of what was seen to what was put in.\n";
+
+/// What is said of all comparisons.
+const CONDITIONS: &str = "
+Ours and floor are medians over pairs measured one right after the other; the ratio is the pairs' median and the spread its extremes. \
+INCONCLUSIVE: the host stole more than 1 %, or the spread is wider than twice the distance to the goal.
+
+";
+
+/// What is said of system calls.
+const CALLS_LEGEND: &str = "
+The least is one wait, and one notify where a stage follows. The mixer sets its timer by a call of its own, when its command is out, \
+so that no timer is cancelled while the loop runs (decision 5). The one allocation is iceoryx2's, a loan of 48 bytes. Page faults are \
+of the whole flight.
+";
+
+impl Page {
+    /// A page without figures.
+    #[must_use]
+    pub const fn new(host: Host) -> Self {
+        Self { host, sets: Vec::new() }
+    }
+
+    /// Takes a set in place of an earlier measurement of it. One that was left out replaces none that was not.
+    pub fn take(&mut self, measured: Measured) {
+        let is_known = self.sets.iter().any(|known| known.set == measured.set && known.left_out.is_none());
+        if measured.left_out.is_some() && is_known {
+            return;
+        }
+        self.sets.retain(|known| known.set != measured.set);
+        self.sets.push(measured);
+        self.sets.sort_by_key(|known| known.set);
+    }
+
+    /// The page, in Markdown.
+    #[must_use]
+    pub fn markdown(&self) -> String {
+        let mut page = String::from("# Benchmarks\n\n");
+        // Writing into a string cannot fail.
+        let _ = writeln!(page, "Written by `ironbird floor`; raw numbers in [benchmarks.json](benchmarks.json).\n");
+        let _ = writeln!(page, "{}\n", self.machine());
+        let comparisons: Vec<&Comparison> = self.sets.iter().flat_map(|set| &set.comparisons).collect();
+        if !comparisons.is_empty() {
+            let _ = writeln!(
+                page,
+                "| figure | ours | floor | ratio | spread | goal | verdict |\n|---|---|---|---|---|---|---|"
+            );
+            for comparison in comparisons {
+                let _ = writeln!(page, "{}", row(comparison));
+            }
+            page += CONDITIONS;
+            page += LEGEND;
+        }
+        let calls: Vec<&RoleCalls> = self.sets.iter().flat_map(|set| &set.calls).collect();
+        if !calls.is_empty() {
+            page += &calls_per_tick(&calls);
+        }
+        page += "\n## Measured\n\n| set | when | version | measured again by |\n|---|---|---|---|\n";
+        for Measured { set, started, version, command, left_out, .. } in &self.sets {
+            let _ = match left_out {
+                None => writeln!(page, "| {} | {started} | {version} | `{command}` |", name(*set)),
+                Some(reason) => writeln!(page, "| {} | not measured: {reason} | {version} | `{command}` |", name(*set)),
+            };
+        }
+        page
+    }
+
+    fn machine(&self) -> String {
+        let Host { kernel, preemption, cpu, cpus, hypervisor, .. } = &self.host;
+        let under = if *hypervisor { ", under a hypervisor" } else { "" };
+        format!("Machine: {cpus} x {cpu}{under}, Linux {kernel} ({preemption}).")
+    }
+}
+
+fn calls_per_tick(roles: &[&RoleCalls]) -> String {
+    let mut text = String::from(
+        "\n## Per tick and role\n\n| role | system calls | of which | least | allocations | page faults |\n|---|---|---|---|---|---|\n",
+    );
+    for RoleCalls { role, calls, total, least, allocations, faults } in roles {
+        let calls: Vec<String> = calls.iter().map(|(name, calls)| format!("{name} {calls:.2}")).collect();
+        let calls = calls.join(", ");
+        text += &format!("| {role} | {total:.2} | {calls} | {least} | {allocations:.3} | {faults} |\n");
+    }
+    text + CALLS_LEGEND
+}
+
+fn row(comparison: &Comparison) -> String {
+    let Comparison { name, unit, kind, goal, pairs } = comparison;
+    let ((ours, floor), (least, most)) = (comparison.sides(), comparison.spread());
+    let steal = pairs.iter().map(|pair| pair.steal_percent).fold(0.0, f64::max);
+    let verdict = match comparison.verdict() {
+        Verdict::Met => "met".to_owned(),
+        Verdict::Missed => "missed".to_owned(),
+        Verdict::Inconclusive(why) => format!("INCONCLUSIVE: {why}"),
+    };
+    let goal = if *kind == Kind::Difference { "1 +- 0.1".to_owned() } else { format!("<= {goal}") };
+    format!(
+        "| {name} | {ours:.2} {unit} | {floor:.2} {unit} | {:.2} | {least:.2} to {most:.2} | {goal} | {verdict} ({} pairs, steal {steal:.2} %) |",
+        comparison.ratio(),
+        pairs.len()
+    )
+}

@@ -1,0 +1,151 @@
+//! `ironbird inject`: swaps parameters of a flying airframe.
+
+use std::fmt;
+use std::time::Duration;
+
+use model::boards::{RUN, Run, RunPhase};
+use model::messages::NO_TICK;
+use model::parameters::{PARAMETERS, Parameter, ParameterError};
+use model::role::Role;
+use wire::instance::Instance;
+use wire::{SwapAnswer, SwapOrder, Verdict, Wire};
+
+use crate::cli::InjectArgs;
+use crate::output::print;
+use failure::{Failure, OK};
+
+/// How long the plant may take to answer, beyond the time until the tick that was asked for.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Asks the plant for a swap and prints what it answers.
+///
+/// # Errors
+/// As [`ask`].
+pub fn inject(args: &InjectArgs) -> Result<u8, Failure> {
+    let changes = args.parsed().map_err(|e| wrong(&e))?;
+    let when = match (args.at_tick, args.after) {
+        (Some(tick), _) => When::AtTick(tick),
+        (None, after) => When::In(after.unwrap_or_default()),
+    };
+    print(&ask(&Instance::new(&args.instance)?, &changes, when)?.to_string())?;
+    Ok(OK)
+}
+
+/// When a swap shall hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum When {
+    /// From this tick on.
+    AtTick(u64),
+    /// This much flight time later; from the next tick on where it is nothing.
+    In(Duration),
+}
+
+/// A swap that holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Applied {
+    /// Tick from which it holds.
+    pub tick: u64,
+    /// The same as time of the flight [s].
+    pub time_s: f64,
+    /// Parameter epoch that began with it.
+    pub parameter_epoch: u64,
+    /// What changed: before, and from then on.
+    pub changes: Vec<(Parameter, f64, f64)>,
+}
+
+impl fmt::Display for Applied {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "applied at tick {} ({:.3} s), parameter epoch {}", self.tick, self.time_s, self.parameter_epoch)?;
+        for (parameter, old, new) in &self.changes {
+            writeln!(f, "  {parameter}  {old:?} -> {new:?} {}", parameter.spec().unit)?;
+        }
+        Ok(())
+    }
+}
+
+fn wrong(error: &impl fmt::Display) -> Failure {
+    Failure::usage(error.to_string()).help("`ironbird params` lists names, units and ranges")
+}
+
+/// Asks the plant of an instance for a swap, and waits for its answer.
+///
+/// # Errors
+/// Usage; nobody flying; a refusal by the plant; no answer in time.
+pub fn ask(instance: &Instance, changes: &[(Parameter, f64)], when: When) -> Result<Applied, Failure> {
+    plant::Swap::new(0, changes).map_err(|e| wrong(&e))?;
+    let (wire, run) = flying(instance)?;
+    let present = if run.tick == NO_TICK { 0 } else { run.tick };
+    let (at_tick, in_ticks) = match when {
+        When::AtTick(tick) => (tick, 0),
+        When::In(after) => (NO_TICK, ticks(after, run.sample_time_ns)),
+    };
+    let wanted = if at_tick == NO_TICK { present + in_ticks } else { at_tick };
+    if wanted > run.last_tick {
+        return Err(Failure::usage(format!("tick {wanted} never comes: the flight ends at tick {}", run.last_tick)));
+    }
+    let wait_ticks = wanted.saturating_sub(present);
+    let mut order = SwapOrder {
+        at_tick,
+        in_ticks,
+        count: changes.len() as u64,
+        parameter: [0; PARAMETERS],
+        value: [0.0; PARAMETERS],
+    };
+    for (i, (parameter, value)) in changes.iter().enumerate() {
+        order.parameter[i] = *parameter as u64;
+        order.value[i] = *value;
+    }
+    let patience = PATIENCE + Duration::from_nanos(wait_ticks.saturating_mul(run.period_ns));
+    let answer = wire.swap_client()?.ask(order, patience)?;
+    read_answer(changes, &answer, &run)
+}
+
+fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX) / sample_time_ns.max(1)
+}
+
+/// The wire and the run of an instance that flies.
+///
+/// # Errors
+/// [`Failure`] says that nobody flies, and lists the instances that do.
+pub fn flying(instance: &Instance) -> Result<(Wire, Run), Failure> {
+    let nobody = || {
+        let others: Vec<String> = Instance::flying().iter().map(|other| other.name().to_owned()).collect();
+        let help = if others.is_empty() {
+            "no instance flies; start one: ironbird fly".to_owned()
+        } else {
+            format!("these fly: {} (--instance NAME)", others.join(", "))
+        };
+        Failure::failed(format!("instance `{}` does not fly", instance.name())).help(help)
+    };
+    if !instance.is_occupied(Role::Plant) {
+        return Err(nobody());
+    }
+    let wire = Wire::open(instance)?;
+    let run = wire.board_reader::<Run>(RUN)?.map(|board| board.get()).unwrap_or_default();
+    if run.phase() == RunPhase::Flying { Ok((wire, run)) } else { Err(nobody()) }
+}
+
+fn read_answer(changes: &[(Parameter, f64)], answer: &SwapAnswer, run: &Run) -> Result<Applied, Failure> {
+    let refused = |why: String| Err(Failure::failed(format!("the plant refused: {why}")));
+    match Verdict::from_wire(answer.verdict) {
+        Some(Verdict::Applied) => Ok(Applied {
+            tick: answer.tick,
+            time_s: run.flight_time_s(answer.tick),
+            parameter_epoch: answer.parameter_epoch,
+            changes: changes.iter().zip(answer.old).map(|((parameter, new), old)| (*parameter, old, *new)).collect(),
+        }),
+        Some(Verdict::OutOfRange) => match Parameter::from_index(answer.parameter) {
+            Some(parameter) => {
+                let value = changes.iter().find(|(p, _)| *p == parameter).map_or(f64::NAN, |(_, value)| *value);
+                refused(ParameterError::OutOfRange { parameter, value }.to_string())
+            }
+            None => refused("a value is out of range".into()),
+        },
+        Some(Verdict::UnknownParameter) => refused("it does not know one of the parameters".into()),
+        Some(Verdict::Malformed) => refused("the swap names no parameter, or one twice".into()),
+        Some(Verdict::QueueFull) => refused("too many swaps wait for their ticks; ask again later".into()),
+        Some(Verdict::Ended) => refused("the run ended before the tick".into()),
+        None => Err(Failure::failed(format!("the plant's answer {} is of another version", answer.verdict))),
+    }
+}

@@ -1,0 +1,50 @@
+//! The executable `ironbird`: one command for every job, one role for every process.
+
+use std::process::ExitCode;
+
+use clap::Parser as _;
+use failure::Failure;
+use ironbird::cli::{BridgeTo, Cli, Command};
+use ironbird::floor::{command, hop};
+use ironbird::{bridge, clean, doctor, export, fly, inject, params, replay, roles, show_report, simulate, watch};
+use model::role::Role;
+use role::rt::CountingAllocator;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+fn main() -> ExitCode {
+    match run(&Cli::parse()) {
+        Ok(code) => ExitCode::from(code),
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            if let Some(remedy) = failure.remedy() {
+                eprintln!(" help: {remedy}");
+            }
+            ExitCode::from(failure.code)
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<u8, Failure> {
+    match &cli.command {
+        Command::Fly(args) => fly::fly(args),
+        Command::Watch(args) => watch::watch(args),
+        Command::Bridge(BridgeTo::Foxglove(args)) => bridge::foxglove(args),
+        Command::Inject(args) => inject::inject(args),
+        Command::Params(args) => params::params(args),
+        Command::Report(args) => show_report::show(args),
+        Command::Export(args) => export::export(args),
+        Command::Replay(args) => replay::replay(args),
+        Command::Simulate(args) => simulate::simulate(args),
+        Command::Floor(args) => command::floor(args),
+        Command::Doctor(args) => doctor::doctor(args),
+        Command::Clean => clean::clean(),
+        Command::Plant(args) => roles::play(Role::Plant, args),
+        Command::Outer(args) => roles::play(Role::Outer, args),
+        Command::Inner(args) => roles::play(Role::Inner, args),
+        Command::Mixer(args) => roles::play(Role::Mixer, args),
+        Command::Record(args) => roles::record(args),
+        Command::RingHop(args) => hop::hop(args),
+    }
+}

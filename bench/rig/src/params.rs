@@ -1,0 +1,85 @@
+//! `ironbird params`: every parameter of the airframe, with the value in force where an instance flies.
+
+use model::boards::{IN_FORCE, InForce};
+use model::parameters::SPECS;
+use serde::Serialize;
+use wire::instance::Instance;
+
+use crate::cli::ParamsArgs;
+use crate::inject::flying;
+use crate::output::print;
+use failure::{Failure, OK};
+
+#[derive(Serialize)]
+struct Row {
+    name: &'static str,
+    unit: &'static str,
+    min: f64,
+    max: f64,
+    nominal: f64,
+    in_force: Option<f64>,
+    equation: &'static str,
+    meaning: &'static str,
+}
+
+/// Prints the table.
+///
+/// # Errors
+/// Usage.
+pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
+    let instance = Instance::new(&args.instance)?;
+    let in_force = match flying(&instance) {
+        Ok((wire, _)) => wire.board_reader::<InForce>(IN_FORCE)?.map(|board| board.get()),
+        Err(_) => None,
+    };
+    let rows: Vec<Row> = SPECS
+        .iter()
+        .map(|spec| Row {
+            name: spec.name,
+            unit: spec.unit,
+            min: spec.min,
+            max: spec.max,
+            nominal: spec.nominal,
+            in_force: in_force.map(|values| values.value[spec.parameter as usize]),
+            equation: spec.equation,
+            meaning: spec.meaning,
+        })
+        .collect();
+    if args.json {
+        let text = serde_json::to_string_pretty(&rows).map_err(|e| Failure::failed(e.to_string()))?;
+        print(&(text + "\n"))?;
+        return Ok(OK);
+    }
+    let mut text = format!(
+        "{:<24} {:<9} {:>10} {:>8} {:>10} {:>10}  {:<8} meaning\n",
+        "name", "unit", "min", "max", "nominal", "in force", "equation"
+    );
+    for row in &rows {
+        text.push_str(&format!(
+            "{:<24} {:<9} {:>10} {:>8} {:>10} {:>10}  {:<8} {}\n",
+            row.name,
+            row.unit,
+            number(row.min),
+            number(row.max),
+            number(row.nominal),
+            row.in_force.map_or_else(|| "-".into(), number),
+            row.equation,
+            row.meaning
+        ));
+    }
+    text.push_str(&match in_force {
+        Some(values) => format!(
+            "in force at instance `{}` since tick {}, parameter epoch {}\n",
+            instance.name(),
+            values.tick,
+            values.parameter_epoch
+        ),
+        None => format!("instance `{}` does not fly: no values in force\n", instance.name()),
+    });
+    print(&text)?;
+    Ok(OK)
+}
+
+fn number(value: f64) -> String {
+    if value != 0.0 && value.abs() < 1e-3 { format!("{value:e}") } else { format!("{value}") }
+}

@@ -1,0 +1,45 @@
+//! Everybody's status boards, as the recorder looks at them.
+
+use std::collections::BTreeMap;
+
+use model::boards::Status;
+use model::role::{ROLES, Role, STAGES};
+use role::station::status_board;
+use wire::error::Error;
+use wire::{BoardReader, Wire};
+
+use report::schema::RoleSection;
+use report::sections::role_section;
+
+/// The boards of the roles that were there when it was made.
+#[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
+#[derive(Default)]
+pub struct Crew(BTreeMap<Role, BoardReader<Status>>);
+
+impl Crew {
+    /// Opens the boards that there are.
+    ///
+    /// # Errors
+    /// [`Error::Wire`], [`Error::Incompatible`].
+    pub fn open(wire: &Wire) -> Result<Self, Error> {
+        let mut boards = BTreeMap::new();
+        for role in ROLES {
+            if let Some(board) = wire.board_reader(&status_board(role))? {
+                boards.insert(role, board);
+            }
+        }
+        Ok(Self(boards))
+    }
+
+    /// What the loops' boards say; nothing of one that is not there.
+    #[must_use]
+    pub fn loops(&self) -> [Status; STAGES.len()] {
+        STAGES.map(|role| self.0.get(&role).map(BoardReader::get).unwrap_or_default())
+    }
+
+    /// Everybody's section of the report, by name.
+    #[must_use]
+    pub fn sections(&self) -> BTreeMap<String, RoleSection> {
+        self.0.iter().map(|(role, board)| (role.name().to_owned(), role_section(&board.get()))).collect()
+    }
+}

@@ -1,0 +1,64 @@
+//! What the flight log says of its flight beside the messages.
+
+use std::collections::BTreeMap;
+
+use failure::Failure;
+use flight_log::facts::{FORMAT, Facts, HOST, REALTIME, RUN, SETTINGS, record};
+use model::boards;
+use model::envelope::LAYOUT;
+use report::host::Host;
+use report::schema::RoleSection;
+
+use crate::settings::Settings;
+
+/// The facts of a run.
+///
+/// # Errors
+/// [`Failure`] where settings cannot be written, which checked ones rule out.
+pub fn facts(
+    run: &boards::Run,
+    settings: &Settings,
+    instance: &str,
+    host: &Host,
+    roles: &BTreeMap<String, RoleSection>,
+) -> Result<Facts, Failure> {
+    let (pace, sample_time_ns) = (run.pace(), run.sample_time_ns);
+    let wall_offset_ns = i128::from(run.t0_wall_ns) - i128::from(run.t0_ns);
+    let run = record(&[
+        ("format", FORMAT),
+        ("version", env!("CARGO_PKG_VERSION")),
+        ("layout", &format!("{LAYOUT:016x}")),
+        ("instance", instance),
+        ("run_id", &run.run_id.to_string()),
+        ("settings", &format!("{:016x}", run.settings)),
+        ("clock", "CLOCK_MONOTONIC of the machine, in ns; plus wall_offset_ns it is ns since 1970"),
+        ("wall_offset_ns", &wall_offset_ns.to_string()),
+        ("t0_ns", &run.t0_ns.to_string()),
+        ("period_ns", &run.period_ns.to_string()),
+        ("sample_time_ns", &run.sample_time_ns.to_string()),
+        ("last_tick", &run.last_tick.to_string()),
+    ]);
+    let texts = record(&[("settings.toml", &settings.commented()?), ("shared", &settings.shared_text()?)]);
+    let host = record(&[
+        ("kernel", &host.kernel),
+        ("preemption", &host.preemption),
+        ("cpu", &host.cpu),
+        ("cpus", &host.cpus.to_string()),
+        ("hypervisor", &host.hypervisor.to_string()),
+        ("clock_source", &host.clock_source),
+        ("rt_runtime_us", &host.rt_runtime_us.to_string()),
+    ]);
+    let realtime = roles.iter().map(|(role, section)| (role.clone(), granted(section))).collect();
+    Ok(Facts { pace, sample_time_ns, records: vec![(RUN, run), (SETTINGS, texts), (HOST, host), (REALTIME, realtime)] })
+}
+
+/// What a process asked of the system, a step a line.
+fn granted(section: &RoleSection) -> String {
+    let mut text = section.scheduling.clone();
+    for step in &section.realtime {
+        let asked = step.asked.map_or_else(String::new, |value| format!(" {value}"));
+        let outcome = step.refused.as_ref().map_or_else(|| "granted".into(), |reason| format!("refused: {reason}"));
+        text.push_str(&format!("\n{}{asked}: {outcome}", step.step));
+    }
+    text
+}

@@ -1,0 +1,12 @@
+//! The recorder: a process beside the loop that builds everything from the messages' stamps.
+//!
+//! ```text
+//! topics --drain--> tally (series, deadlines, flight) --each second--> latency.hlog, report.json
+//!               |-> states.csv                         --at the end--> report.txt, report.html, flight.svg
+//!               \-> flight.mcap (flight_log)
+//! ```
+
+pub mod crew;
+pub mod facts;
+pub mod ports;
+pub mod process;

@@ -1,0 +1,386 @@
+//! The recorder's process: drains the topics, writes the files of the flight's directory.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::thread::sleep;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use hdrhistogram::serialization::V2DeflateSerializer;
+use hdrhistogram::serialization::interval_log::{IntervalLogWriter, IntervalLogWriterBuilder};
+use model::boards::{Ending, RolePhase, Run, RunPhase, Status};
+use model::grid::NS_PER_S;
+use model::role::Role;
+use role::rt::UsageMeter;
+use role::station::{Armed, Station};
+use wire::BoardReader;
+use wire::clock::now_ns;
+use wire::instance::Instance;
+
+use super::facts::facts;
+use crate::record::crew::Crew;
+use crate::record::ports::{DRAIN_EVERY, Ports, Relays, rest};
+use crate::settings::Settings;
+use failure::{Failure, InFile as _};
+use flight_log::TOPICS;
+use flight_log::facts::record;
+use flight_log::writer::FlightLog;
+use machine::Machine;
+use machine::cpu_times::{CpuTimes, host_of};
+use machine::doctor;
+use machine::sampler::{Watch, fallen};
+use report::autopsy::Autopsy;
+use report::files::write_all;
+use report::finding::Diagnosis;
+use report::host::Host;
+use report::schema::{self, Report, RunLength};
+use report::sections::{gates, log_section, rejected, verdict};
+use report::states::{Joiner, Part, StatesWriter};
+use report::tally::deadlines::LateStretch;
+use report::tally::distribution::buckets;
+use report::tally::series::Series;
+use report::tally::{Tally, is_last_word};
+use report::tick::TickRecord;
+
+/// How long the recorder waits for the roles' last figures.
+const LANDING: Duration = Duration::from_secs(2);
+/// How long it then waits for the records of the last swaps, which come from beside the plant's loop.
+const LAST_SWAPS: Duration = Duration::from_millis(500);
+
+/// Where the recorder writes.
+#[derive(Clone, Debug)]
+pub struct Files {
+    /// The flight's directory.
+    pub directory: PathBuf,
+    /// A second place for the states.
+    pub states: Option<PathBuf>,
+}
+
+/// Records until the plant closes the run; gives the flight's report.
+///
+/// # Errors
+/// Those of the station and the ports; [`Failure`] names a file that cannot be written.
+pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<Report, Failure> {
+    let (mut ports, relays) = (Ports::new(station.wire())?, Relays::new(station.wire())?);
+    let machine = Machine::here(settings.rt.priority + Role::Mixer.priority_step(), settings.realtime()?.cpu);
+    let mut crew = Crew::default();
+    let armed = station.join(|wire, expected, _| {
+        // Before the plant may take off: a flight can be over before the recorder's files are made.
+        crew = Crew::open(wire)?;
+        ports.arm(expected)
+    })?;
+    let meter = UsageMeter::start();
+    let path = files.directory.join("latency.hlog");
+    let mut log_file = BufWriter::new(File::create(&path).in_file("write", &path)?);
+    let mut serializer = V2DeflateSerializer::new();
+    let start = UNIX_EPOCH + Duration::from_nanos(armed.run.get().t0_wall_ns);
+    let mut log = begin_log(&mut log_file, &mut serializer, start)?;
+    let recorder = Recorder::new(&armed, settings, files, &machine, (station.wire().instance(), relays, crew))?;
+    let outcome = recorder.record(&mut ports, &mut station, &armed, &meter, &mut log);
+    station.land(&meter);
+    outcome
+}
+
+fn begin_log<'a>(
+    file: &'a mut BufWriter<File>,
+    serializer: &'a mut V2DeflateSerializer,
+    start: SystemTime,
+) -> Result<IntervalLogWriter<'a, 'a, BufWriter<File>, V2DeflateSerializer>, Failure> {
+    IntervalLogWriterBuilder::new()
+        .add_comment("[ironbird: values in nanoseconds, a tag per series, an interval per second]")
+        .with_start_time(start)
+        .with_base_time(start)
+        .with_max_value_divisor(1e6)
+        .begin_log_with(file, serializer)
+        .map_err(|e| Failure::failed(format!("cannot write latency.hlog: {e:?}")))
+}
+
+struct Recorder<'a> {
+    settings: &'a Settings,
+    directory: &'a Path,
+    instance: String,
+    host: Host,
+    doctor: Diagnosis,
+    tally: Tally,
+    watch: Watch,
+    joiner: Joiner,
+    states: Vec<StatesWriter>,
+    log: FlightLog,
+    relays: Relays,
+    /// Files that could not be written, with the first reason: the flight goes on without them.
+    unwritten: BTreeMap<&'static str, String>,
+    /// Of the newest state.
+    parameter_epoch: u64,
+    crew: Crew,
+    cpu_times: CpuTimes,
+    period_s: f64,
+}
+
+impl<'a> Recorder<'a> {
+    fn new(
+        armed: &Armed,
+        settings: &'a Settings,
+        files: &'a Files,
+        machine: &Machine,
+        (instance, relays, crew): (&Instance, Relays, Crew),
+    ) -> Result<Self, Failure> {
+        let host = host_of(machine);
+        let period_s = settings.flight.period_s;
+        let every = settings.recorder.states_every_ticks;
+        let mut states = vec![StatesWriter::create(&files.directory.join("states.csv"), period_s, every)?];
+        if let Some(path) = &files.states {
+            states.push(StatesWriter::create(path, period_s, every)?);
+        }
+        let watch = Watch::new(&crew.loops(), host.hypervisor);
+        let mut tally = Tally::new(armed.pace, armed.run.get().t0_ns, period_s)?;
+        tally.begin_autopsy(watch.is_virtual, watch.processor.is_some());
+        let facts = facts(&armed.run.get(), settings, instance.name(), &host, &crew.sections())?;
+        Ok(Self {
+            settings,
+            relays,
+            log: FlightLog::create(&files.directory.join(flight_log::FILE), &facts)?,
+            unwritten: BTreeMap::new(),
+            parameter_epoch: 0,
+            directory: &files.directory,
+            instance: instance.name().into(),
+            host,
+            doctor: Diagnosis::of(&doctor::findings(machine)),
+            tally,
+            watch,
+            joiner: Joiner::default(),
+            states,
+            crew,
+            cpu_times: CpuTimes::read(),
+            period_s,
+        })
+    }
+
+    fn record(
+        mut self,
+        ports: &mut Ports,
+        station: &mut Station,
+        armed: &Armed,
+        meter: &UsageMeter,
+        log: &mut IntervalLogWriter<'_, '_, BufWriter<File>, V2DeflateSerializer>,
+    ) -> Result<Report, Failure> {
+        let second = Duration::from_secs(1);
+        let mut seconds = 0;
+        let ending = loop {
+            rest(armed.pace);
+            self.drain(ports)?;
+            self.look_at_loops(&armed.run);
+            station.status.ticks_run = self.tally.newest_tick();
+            station.pass_on_stop();
+            self.log.keep(now_ns())?;
+            if now_ns() >= armed.run.get().t0_ns + (seconds + 1) * NS_PER_S {
+                let closed = self.tally.series.close_second(log, seconds as u32 * second, second);
+                self.note("latency.hlog", closed);
+                seconds += 1;
+                let report = self.report(&armed.run.get(), ports, meter, None)?;
+                self.note("report.json", report.write(&self.directory.join("report.json")));
+            }
+            let run = armed.run.get();
+            if run.phase() == RunPhase::Closed {
+                break run.ending();
+            }
+            if !station.plant_lives() {
+                break Ending::Failed;
+            }
+        };
+        self.await_landing();
+        self.drain(ports)?;
+        let until = now_ns() + LAST_SWAPS.as_nanos() as u64;
+        while (self.tally.swaps.len() as u64) < self.parameter_epoch && now_ns() < until {
+            sleep(DRAIN_EVERY);
+            self.drain(ports)?;
+        }
+        let closed = self.tally.series.close_second(log, seconds as u32 * second, second);
+        self.note("latency.hlog", closed);
+        self.joiner.finish();
+        let flushed = self.states.iter_mut().try_for_each(StatesWriter::flush);
+        self.note("states.csv", flushed);
+        let run = armed.run.get();
+        if let Some(autopsy) = &mut self.tally.autopsy {
+            autopsy.fallen(fallen(&self.crew.loops()), now_ns());
+            autopsy.finish(run.deadlines_missed, run.last_tick + 1);
+        }
+        self.tally.miss_runs.update(run.deadlines_missed, run.deadline_miss_run);
+        let mut report = self.report(&run, ports, meter, Some(ending))?;
+        // Last of what needs room, and before the report, which says what became of it.
+        report.recorder.log = log_section(&self.log.finish(record(&[
+            ("ending", ending.words()),
+            ("ticks_run", &run.ticks_run.to_string()),
+            ("ticks_skipped", &run.ticks_skipped.to_string()),
+            ("deadlines_missed", &run.deadlines_missed.to_string()),
+        ]))?);
+        write_all(&report, self.directory)?;
+        Ok(report)
+    }
+
+    /// Samples what the kernel counts for the loops while they fly, and classes the deadlines missed so far.
+    fn look_at_loops(&mut self, run: &BoardReader<Run>) {
+        let sample = self.watch.sample(&self.crew.loops(), self.tally.lost().iter().sum());
+        let Some(autopsy) = &mut self.tally.autopsy else { return };
+        // After the last tick processes end as they should.
+        if run.get().phase() == RunPhase::Flying {
+            autopsy.sample(sample);
+        }
+        autopsy.look();
+    }
+
+    /// Waits for the figures of roles that still live.
+    fn await_landing(&self) {
+        let until = now_ns() + LANDING.as_nanos() as u64;
+        let landed = || {
+            let loops = self.crew.loops();
+            let is_over = |(status, fallen): (&Status, bool)| fallen || status.phase() == RolePhase::Landed;
+            loops.iter().zip(fallen(&loops)).all(is_over)
+        };
+        while !landed() && now_ns() < until {
+            sleep(DRAIN_EVERY);
+        }
+    }
+
+    /// Remembers a file that cannot be written.
+    fn note(&mut self, file: &'static str, written: Result<(), Failure>) {
+        if let Err(failure) = written {
+            self.unwritten.entry(file).or_insert_with(|| failure.to_string());
+        }
+    }
+
+    fn drain(&mut self, ports: &mut Ports) -> Result<(), Failure> {
+        // What passed the loops' own inspection is recorded whatever tick it is of.
+        let any_tick = u64::MAX - 1;
+        let mut complete: Vec<TickRecord> = Vec::new();
+        let (tally, joiner, log) = (&mut self.tally, &mut self.joiner, &mut self.log);
+        let (relays, mut relayed) = (&self.relays, Ok(()));
+        ports.states.drain(any_tick, |message| {
+            keep_first(&mut relayed, relays.states.pass_on(message));
+            log.state(message);
+            self.parameter_epoch = message.content.parameter_epoch;
+            tally.state(message);
+            complete.extend(joiner.take(message.envelope.tick, Part::State(message.content)));
+        })?;
+        ports.setpoints.drain(any_tick, |message| {
+            keep_first(&mut relayed, relays.setpoints.pass_on(message));
+            log.setpoint(message);
+            tally.setpoint(message);
+            complete.extend(joiner.take(message.envelope.tick, Part::Setpoint(message.content)));
+        })?;
+        ports.wrenches.drain(any_tick, |message| {
+            keep_first(&mut relayed, relays.wrenches.pass_on(message));
+            log.write(message);
+            tally.wrench(message);
+            complete.extend(joiner.take(message.envelope.tick, Part::Wrench(message.content)));
+        })?;
+        ports.rotor_speeds.drain(any_tick, |message| {
+            keep_first(&mut relayed, relays.rotor_speeds.pass_on(message));
+            log.write(message);
+            tally.rotor_speeds(message);
+            if !is_last_word(message) {
+                complete.extend(joiner.take(message.envelope.tick, Part::RotorSpeeds(message.content)));
+            }
+        })?;
+        ports.swaps.drain(any_tick, |message| {
+            keep_first(&mut relayed, relays.swaps.pass_on(message));
+            log.write(message);
+            tally.swap(message);
+        })?;
+        self.note("what observers see", relayed.map_err(Failure::from));
+        complete.sort_by_key(|record| record.tick);
+        for record in &complete {
+            if let Some(setpoint) = &record.setpoint {
+                self.tally.position_error(setpoint.position_error_m(&record.state));
+            }
+            self.tally.tracer.take(record);
+            let written = self.states.iter_mut().try_for_each(|states| states.write(record));
+            self.note("states.csv", written);
+        }
+        Ok(())
+    }
+
+    /// The numbers so far; final with an ending.
+    fn report(&self, run: &Run, ports: &Ports, meter: &UsageMeter, ending: Option<Ending>) -> Result<Report, Failure> {
+        let ticks = self.tally.ticks(run);
+        let late = self.tally.series.flight(Series::Late);
+        let missed = self.tally.miss_runs.missed();
+        let deadlines = schema::Deadlines {
+            missed,
+            missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
+            missed_by_stamps: self.tally.late_commands.count(),
+            late: late.map(buckets).unwrap_or_default(),
+            runs: self
+                .tally
+                .miss_runs
+                .lengths()
+                .into_iter()
+                .map(|(length_ticks, count)| RunLength { length_ticks, count })
+                .collect(),
+            stretches: self.tally.late_commands.stretches().iter().map(|stretch| self.late_stretch(stretch)).collect(),
+            stretches_left_out: self.tally.late_commands.left_out(),
+        };
+        let series = self.tally.series.statistics();
+        let theorem = self.tally.theorem.section();
+        let gates = gates(&self.settings.gates_asked(), &ticks, &deadlines, &series, &theorem, ending);
+        let lost = TOPICS.iter().zip(self.tally.lost()).map(|(topic, lost)| ((*topic).to_owned(), lost)).collect();
+        let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
+        let started = jiff::Timestamp::from_nanosecond(i128::from(run.t0_wall_ns)).unwrap_or_default();
+        Ok(Report {
+            schema: schema::SCHEMA.into(),
+            run: schema::Run {
+                run_id: run.run_id,
+                started: started.strftime("%Y-%m-%d %H:%M:%S UTC").to_string(),
+                instance: self.instance.clone(),
+                version: env!("CARGO_PKG_VERSION").into(),
+                trajectory: self.settings.flight.trajectory.name().into(),
+                preset: self.settings.flight.preset.name().into(),
+                period_us: self.period_s * 1e6,
+                wall_period_us: run.period_ns as f64 / 1e3,
+                settings_fingerprint: format!("{:016x}", run.settings),
+                ending: ending.unwrap_or(Ending::None).words().into(),
+                in_flight: ending.is_none(),
+            },
+            verdict: verdict(gates, ending),
+            ticks,
+            deadlines,
+            autopsy: self.tally.autopsy.as_ref().map(Autopsy::section).unwrap_or_default(),
+            flight: self.tally.flight(),
+            theorem,
+            swaps: self.tally.swaps.clone(),
+            series,
+            roles: self.crew.sections(),
+            recorder: schema::RecorderSection {
+                lost,
+                rejected: rejected(&ports.rejections()),
+                incomplete_ticks: self.joiner.incomplete,
+                cpu_percent: 100.0 * meter.read().cpu_ns as f64 / elapsed_ns as f64,
+                log: log_section(&self.log.fate()),
+                unwritten: self.unwritten.iter().map(|(file, why)| ((*file).to_owned(), why.clone())).collect(),
+            },
+            host: self.host.clone(),
+            doctor: self.doctor.clone(),
+            steal: self.cpu_times.steal_until(&CpuTimes::read()),
+            // What only a page shows is worked out once, at the end.
+            distributions: if ending.is_some() { self.tally.series.distributions() } else { Vec::new() },
+            // The launcher measures them when everybody has landed.
+            beside: None,
+            traces: ending.map(|_| self.tally.tracer.traces()),
+        })
+    }
+
+    fn late_stretch(&self, stretch: &LateStretch) -> schema::LateStretch {
+        schema::LateStretch {
+            tick: stretch.tick,
+            time_s: stretch.tick as f64 * self.period_s,
+            length_ticks: stretch.length_ticks,
+            late_us: stretch.late_ns as f64 / 1e3,
+        }
+    }
+}
+
+fn keep_first<E>(kept: &mut Result<(), E>, next: Result<(), E>) {
+    if kept.is_ok() {
+        *kept = next;
+    }
+}

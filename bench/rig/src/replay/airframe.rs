@@ -1,0 +1,88 @@
+//! Replay of the plant: the recorded commands, in the ticks in which it took them.
+//!
+//! A recorded state says how many commands the plant had taken, and which was the last; those that are new since the
+//! state before are offered again, each with the tick from which its send stamp lets it act, as the plant's process
+//! does. So also a stretch of skipped ticks is flown with what was in force in each of them.
+
+use model::envelope::Message;
+use model::grid::Pace;
+use model::messages::{Dated, RotorSpeeds, State, SwapRecord};
+use model::parameters::Parameter;
+use model::role::Role;
+use plant::desk::swap_record;
+use plant::{Plant, Swap};
+
+use crate::replay::compare::Comparison;
+use crate::replay::window::Window;
+use failure::Failure;
+
+/// The plant, standing between two recorded states.
+#[derive(Clone, Debug)]
+pub struct AirframeReplay {
+    plant: Plant,
+    pace: Pace,
+    /// Swaps that are still to come, the next one last.
+    swaps: Vec<Message<SwapRecord>>,
+    /// Commands that the plant had taken with the state before.
+    commands_taken: u64,
+}
+
+impl AirframeReplay {
+    /// The plant at tick 0.
+    #[must_use]
+    pub fn new(settings: &plant::Settings, pace: Pace, swaps: &[Message<SwapRecord>]) -> Self {
+        Self { plant: Plant::new(settings), pace, swaps: swaps.iter().rev().copied().collect(), commands_taken: 0 }
+    }
+
+    /// Flies to a recorded state and compares it, and the swaps that took hold on the way.
+    ///
+    /// # Errors
+    /// [`Failure`] where the log lacks what the state goes back to.
+    pub fn step(
+        &mut self,
+        message: &Message<State>,
+        commands: &Window<RotorSpeeds>,
+        comparison: &mut Comparison,
+    ) -> Result<State, Failure> {
+        let (tick, recorded) = (message.envelope.tick, &message.content);
+        let due = self.schedule_until(tick)?;
+        for command in commands.up_to(
+            recorded.command_taken_tick,
+            recorded.commands_taken.wrapping_sub(self.commands_taken),
+            tick,
+        )? {
+            let envelope = &command.envelope;
+            let acts_from = self.pace.effective_tick(envelope.tick, envelope.stamps_of(Role::Mixer).send_ns);
+            self.plant.offer(Dated { tick: envelope.tick, content: command.content }, acts_from);
+        }
+        self.commands_taken = recorded.commands_taken;
+        let replayed = self.plant.begin(tick);
+        comparison.compare(tick, recorded, &replayed);
+        let mut applied = self.plant.applied().iter().map(swap_record);
+        for swap in due {
+            let replayed = applied.next().unwrap_or_default();
+            comparison.compare(swap.envelope.tick, &swap.content, &replayed);
+        }
+        self.plant.finish();
+        Ok(replayed)
+    }
+
+    /// Hands the swaps of ticks up to this one to the plant, and gives them.
+    fn schedule_until(&mut self, tick: u64) -> Result<Vec<Message<SwapRecord>>, Failure> {
+        let mut due = Vec::new();
+        while let Some(swap) = self.swaps.pop_if(|swap| swap.envelope.tick <= tick) {
+            let changes: Vec<(Parameter, f64)> =
+                swap.content.changes().map(|(parameter, _, new)| (parameter, new)).collect();
+            let refused = |e: &dyn std::fmt::Display| {
+                Failure::failed(format!("swap {} of the log cannot be applied: {e}", swap.content.parameter_epoch))
+            };
+            let order = Swap::new(swap.envelope.tick, &changes).map_err(|e| refused(&e))?;
+            let held_from = self.plant.schedule(order).map_err(|e| refused(&e))?;
+            if held_from != swap.envelope.tick {
+                return Err(refused(&format!("it held from tick {}, which is past", swap.envelope.tick)));
+            }
+            due.push(swap);
+        }
+        Ok(due)
+    }
+}

@@ -1,0 +1,226 @@
+//! `ironbird replay`: the tick functions again, from the flight log alone.
+//!
+//! ```text
+//! flight.mcap --survey--> whole, of this version, without a gap
+//!             --again---> each message: its stage's law on the recorded inputs --compare--> bit for bit
+//! ```
+//!
+//! Every stage is replayed from recorded inputs, so a difference shows at the stage that made it and goes no further.
+
+pub mod airframe;
+pub mod compare;
+pub mod loops;
+pub mod summary;
+pub mod survey;
+pub mod window;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use model::role::Role;
+
+use crate::cli::ReplayArgs;
+use crate::output::print;
+use crate::replay::airframe::AirframeReplay;
+use crate::replay::compare::Comparison;
+use crate::replay::loops::LoopsReplay;
+use crate::replay::summary::Summary;
+use crate::replay::survey::{Survey, survey};
+use crate::replay::window::Window;
+use crate::run_directory::find_log;
+use failure::{Failure, GATE, OK};
+use flight_log::reader::{End, Entry, LogReader};
+
+/// Messages read ahead of the one that is replayed: more than the recorder takes in at once after its longest absence.
+/// What a message goes back to may stand behind it in the log, because the recorder takes topic after topic.
+pub const LOOKAHEAD: usize = 20_000;
+
+/// Replays.
+///
+/// # Errors
+/// Usage; a log that cannot be replayed, and why.
+pub fn replay(args: &ReplayArgs) -> Result<u8, Failure> {
+    let path = find_log(&args.run, args.out.as_deref())?;
+    let again = fly_again(&path, args.from, args.verify)?;
+    if args.verify { verdict(&path, &again) } else { tell(&path, &again) }
+}
+
+/// What came of a replay.
+#[derive(Clone, Debug)]
+pub struct Replayed {
+    /// The log.
+    pub survey: Survey,
+    /// How its outputs compare.
+    pub comparison: Comparison,
+    /// What the flight was like.
+    pub summary: Summary,
+}
+
+impl Replayed {
+    /// Whether the whole flight was replayed and every value is the recorded one.
+    #[must_use]
+    pub fn is_identical(&self) -> bool {
+        self.comparison.first.is_none() && self.survey.end == End::Complete
+    }
+}
+
+/// Flies a log again from tick 0, and compares from a tick on; where told so, no further than to the first difference.
+///
+/// # Errors
+/// As [`replay`].
+pub fn fly_again(path: &Path, from_tick: u64, stops: bool) -> Result<Replayed, Failure> {
+    let survey = survey(path)?;
+    let last_tick = survey.last_tick.unwrap_or(0);
+    if from_tick > last_tick {
+        return Err(Failure::usage(format!("--from {from_tick}: the log ends at tick {last_tick}")));
+    }
+    let mut again = Again::new(&survey, from_tick)?;
+    again.fly(path, stops)?;
+    Ok(Replayed { survey, comparison: again.comparison, summary: again.summary })
+}
+
+fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
+    let (ticks, values) = (again.summary.ticks, again.comparison.values);
+    if let Some(divergence) = &again.comparison.first {
+        print(&format!("replay: diverges at {divergence}\n"))?;
+        return Ok(GATE);
+    }
+    if !again.is_identical() {
+        return Err(Failure::failed(format!(
+            "{} is truncated: its end is missing; the {ticks} ticks before agree in {values} values",
+            path.display()
+        ))
+        .help("a flight is verified from a whole record alone"));
+    }
+    print(&format!("replay: {ticks} ticks, {values} values, identical\n"))?;
+    Ok(OK)
+}
+
+fn tell(path: &Path, again: &Replayed) -> Result<u8, Failure> {
+    print(&again.summary.text(&again.survey))?;
+    let compared = match &again.comparison.first {
+        Some(divergence) => format!("diverges from the record at {divergence}\n"),
+        None => format!("agrees with the record in {} values\n", again.comparison.values),
+    };
+    print(&compared)?;
+    if again.survey.end == End::Truncated {
+        eprintln!("{} is truncated: its end is missing; replayed is what stands before", path.display());
+    }
+    Ok(OK)
+}
+
+/// A flight that is flown again.
+struct Again {
+    from_tick: u64,
+    airframe: AirframeReplay,
+    loops: LoopsReplay,
+    comparison: Comparison,
+    summary: Summary,
+    windows: Windows,
+    /// Read and not replayed yet, by tick and stage.
+    ahead: BTreeMap<(u64, Role, u64), Entry>,
+    read: u64,
+}
+
+#[derive(Default)]
+struct Windows {
+    states: Window<model::messages::State>,
+    setpoints: Window<model::messages::Setpoint>,
+    wrenches: Window<model::messages::Wrench>,
+    rotor_speeds: Window<model::messages::RotorSpeeds>,
+}
+
+impl Again {
+    fn new(survey: &Survey, from_tick: u64) -> Result<Self, Failure> {
+        Ok(Self {
+            from_tick,
+            airframe: AirframeReplay::new(&survey.settings.plant()?, survey.pace, &survey.swaps),
+            loops: LoopsReplay::new(&survey.settings)?,
+            comparison: Comparison::from(from_tick),
+            summary: Summary::default(),
+            windows: Windows::default(),
+            ahead: BTreeMap::new(),
+            read: 0,
+        })
+    }
+
+    /// Flies to the end of the log; where told so, no further than to the first difference.
+    fn fly(&mut self, path: &Path, stops: bool) -> Result<(), Failure> {
+        let mut reader = LogReader::open(path)?;
+        loop {
+            let entry = reader.next_entry()?;
+            let behind = if entry.is_some() { LOOKAHEAD } else { 0 };
+            if let Some(entry) = &entry {
+                self.take(entry);
+            }
+            while self.ahead.len() > behind {
+                let Some((_, next)) = self.ahead.pop_first() else { break };
+                self.step(&next)?;
+                if stops && self.comparison.first.is_some() {
+                    return Ok(());
+                }
+            }
+            if entry.is_none() {
+                self.summary.restarts = self.loops.restarts;
+                return Ok(());
+            }
+        }
+    }
+
+    fn take(&mut self, entry: &Entry) {
+        let (tick, stage) = match entry {
+            Entry::State(message) => {
+                self.windows.states.push(*message);
+                (message.envelope.tick, Role::Plant)
+            }
+            Entry::Setpoint(message) => {
+                self.windows.setpoints.push(*message);
+                (message.envelope.tick, Role::Outer)
+            }
+            Entry::Wrench(message) => {
+                self.windows.wrenches.push(*message);
+                (message.envelope.tick, Role::Inner)
+            }
+            Entry::RotorSpeeds(message) => {
+                self.windows.rotor_speeds.push(*message);
+                (message.envelope.tick, Role::Mixer)
+            }
+            // Known from the survey, because they may be recorded later than the states that they change.
+            Entry::Swap(_) => return,
+        };
+        self.read += 1;
+        self.ahead.insert((tick, stage, self.read), *entry);
+    }
+
+    fn step(&mut self, entry: &Entry) -> Result<(), Failure> {
+        let (windows, comparison) = (&self.windows, &mut self.comparison);
+        match entry {
+            Entry::State(message) => {
+                let state = self.airframe.step(message, &windows.rotor_speeds, comparison)?;
+                if message.envelope.tick >= self.from_tick {
+                    self.summary.state(message.envelope.tick, &state);
+                }
+            }
+            Entry::Setpoint(message) => {
+                let setpoint = self.loops.setpoint(message, &windows.states, comparison)?;
+                if message.envelope.tick >= self.from_tick {
+                    self.summary.setpoint(message.envelope.tick, setpoint.as_ref());
+                }
+            }
+            Entry::Wrench(message) => {
+                let wrench = self.loops.wrench(message, &windows.states, &windows.setpoints, comparison)?;
+                if message.envelope.tick >= self.from_tick {
+                    self.summary.wrench(&wrench);
+                }
+            }
+            Entry::RotorSpeeds(message) => {
+                let speeds = self.loops.rotor_speeds(message, &windows.wrenches, comparison)?;
+                if message.envelope.tick >= self.from_tick {
+                    self.summary.rotor_speeds(&speeds);
+                }
+            }
+            Entry::Swap(_) => {}
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,146 @@
+//! What must hold of a log before it is replayed: undamaged, of this version, of one run, and without a gap.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use model::envelope::{Envelope, LAYOUT, Message};
+use model::grid::Pace;
+use model::messages::{State, SwapRecord};
+use model::settings_text::fingerprint;
+use model::topic::Topic;
+
+use crate::settings::Settings;
+use failure::Failure;
+use flight_log::codec::Logged;
+use flight_log::facts::{RUN, SETTINGS};
+use flight_log::reader::{End, Entry, LogReader};
+
+/// A log that can be replayed.
+#[derive(Clone, Debug)]
+pub struct Survey {
+    /// Settings of the flight.
+    pub settings: Settings,
+    /// What moved its ticks on.
+    pub pace: Pace,
+    /// Its swaps, in order.
+    pub swaps: Vec<Message<SwapRecord>>,
+    /// How far the log goes.
+    pub end: End,
+    /// Tick of the newest state.
+    pub last_tick: Option<u64>,
+}
+
+/// Looks through a log.
+///
+/// # Errors
+/// [`Failure`] says what does not hold.
+pub fn survey(path: &Path) -> Result<Survey, Failure> {
+    let mut reader = LogReader::open(path)?;
+    let Some(first) = reader.next_entry()? else {
+        return Err(match reader.end() {
+            End::Complete => Failure::failed(format!("{} holds no message: nothing was flown", path.display())),
+            End::Truncated => Failure::failed(format!("{} is truncated before its first message", path.display())),
+        });
+    };
+    reader.check_version()?;
+    let settings = settings_of(&reader)?;
+    let mut expected = Expected::new(&reader)?;
+    let mut swaps = Vec::new();
+    let mut newest: Option<Message<State>> = None;
+    let mut next = Some(first);
+    while let Some(entry) = next {
+        match &entry {
+            Entry::State(message) => {
+                expected.check(message)?;
+                newest = Some(*message);
+            }
+            Entry::Setpoint(message) => expected.check(message)?,
+            Entry::Wrench(message) => expected.check(message)?,
+            Entry::RotorSpeeds(message) => expected.check(message)?,
+            Entry::Swap(message) => {
+                expected.check(message)?;
+                swaps.push(*message);
+            }
+        }
+        next = reader.next_entry()?;
+    }
+    check_swaps(&swaps, newest.as_ref(), reader.end())?;
+    let last_tick = newest.map(|message| message.envelope.tick);
+    Ok(Survey { settings, pace: reader.pace()?, swaps, end: reader.end(), last_tick })
+}
+
+/// The settings in a log, if they are those that its processes agreed on.
+fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
+    let text = reader.fact(SETTINGS, "settings.toml")?;
+    let settings: Settings = toml::from_str(text).map_err(|e| reader.damaged(&format!("its settings: {e}")))?;
+    let shared = settings.shared_text()?;
+    let (flown, agreed) = (reader.fact(SETTINGS, "shared")?, reader.fact(RUN, "settings")?);
+    if shared != flown {
+        return Err(reader.damaged("its settings.toml is not what its processes shared"));
+    }
+    let here = format!("{:016x}", fingerprint(&shared));
+    if here != agreed {
+        return Err(reader.damaged(&format!("its settings have the fingerprint {here}, its run {agreed}")));
+    }
+    Ok(settings)
+}
+
+/// Every swap that a state knows must be there; a truncated log may end between them.
+fn check_swaps(swaps: &[Message<SwapRecord>], newest: Option<&Message<State>>, end: End) -> Result<(), Failure> {
+    for (expected, swap) in (1..).zip(swaps) {
+        let epoch = swap.content.parameter_epoch;
+        if epoch != expected {
+            return Err(gap(&format!("swap {expected} is missing: after {} comes {epoch}", expected - 1)));
+        }
+    }
+    let known = newest.map_or(0, |message| message.content.parameter_epoch);
+    if known > swaps.len() as u64 && end == End::Complete {
+        return Err(gap(&format!("its last state knows {known} swaps, and it holds {}", swaps.len())));
+    }
+    Ok(())
+}
+
+/// A failure of a log that lacks something.
+pub(super) fn gap(what: &str) -> Failure {
+    Failure::failed(format!("the log has a gap: {what}"))
+        .help("a flight can be replayed from a whole record alone; report.txt says what the recorder lost, and why")
+}
+
+/// What the messages of a log have in common, and which ones come next.
+struct Expected {
+    run_id: u64,
+    settings: String,
+    /// Epoch and sequence of the newest message, by topic.
+    newest: BTreeMap<&'static str, Envelope>,
+}
+
+impl Expected {
+    fn new(reader: &LogReader) -> Result<Self, Failure> {
+        let settings = reader.fact(RUN, "settings")?.to_owned();
+        Ok(Self { run_id: reader.number("run_id")?, settings, newest: BTreeMap::new() })
+    }
+
+    fn check<C: Logged>(&mut self, message: &Message<C>) -> Result<(), Failure> {
+        let (topic, envelope) = (<C as Topic>::NAME, &message.envelope);
+        let Envelope { layout, run_id, settings, epoch, seq, tick, .. } = *envelope;
+        if layout != LAYOUT || run_id != self.run_id || format!("{settings:016x}") != self.settings {
+            return Err(Failure::failed(format!(
+                "the log mixes runs: message {seq} of topic `{topic}` (tick {tick}) has run {run_id} and settings \
+                 {settings:016x}, the log has run {} and settings {}",
+                self.run_id, self.settings
+            )));
+        }
+        let last = self.newest.insert(topic, *envelope);
+        let same_sender = last.filter(|last| last.epoch == epoch);
+        let owed = same_sender.map_or(0, |last| last.seq + 1);
+        if seq != owed {
+            let missing = seq.wrapping_sub(owed);
+            return Err(gap(&format!("{missing} messages of topic `{topic}` are missing before tick {tick}")));
+        }
+        let rises = last.is_none_or(|last| last.tick + u64::from(!C::MANY_PER_TICK) <= tick && last.epoch <= epoch);
+        if !rises {
+            return Err(gap(&format!("topic `{topic}` goes back to tick {tick}")));
+        }
+        Ok(())
+    }
+}

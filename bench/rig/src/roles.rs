@@ -1,0 +1,120 @@
+//! `ironbird plant | outer | inner | mixer | record`: one role in this process.
+
+use std::io::IsTerminal as _;
+use std::path::PathBuf;
+
+use controller::{OuterLoop, WatchedLoop};
+use mixer::Mixer;
+use model::flight_plan::FlightPlan;
+use model::role::Role;
+use role::rt::{loops_cpu, take_stand};
+use role::shell;
+use role::station::{Orders, Station};
+use wire::instance::Instance;
+
+use crate::cli::{RecordArgs, RoleArgs};
+use crate::output::print;
+use crate::record::process::{self, Files};
+use crate::run_directory::RunDirectory;
+use crate::settings::{PaceName, Settings};
+use failure::{Failure, OK, check_writable};
+use report::text;
+
+/// Plays a role of the loop until the run is over.
+///
+/// # Errors
+/// Usage, and everything that can go wrong on the way (docs/architecture.md, "Exit codes").
+pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
+    let mut overrides = args.flight.overrides();
+    overrides.extend(args.rt.overrides());
+    let settings = Settings::resolve(args.flight.config.as_deref(), &overrides)?;
+    let station = take_station(role, args, &settings)?;
+    let instance = station.wire().instance().clone();
+    let flown = run(role, station, &settings);
+    leave(&instance, args);
+    flown.map(|()| OK)
+}
+
+fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure> {
+    if settings.flight.pace == PaceName::Lockstep {
+        // One after the other on one processor: to wake another one takes longer than a stage computes. Where that is
+        // refused the flight is slower and the same.
+        let _ = take_stand(loops_cpu(), 0);
+    }
+    match role {
+        Role::Plant => {
+            let plan = FlightPlan {
+                last_tick: settings.last_tick(),
+                sample_time_ns: settings.sample_time_ns(),
+                wall_period_ns: settings.wall_period_ns(),
+            };
+            plant::process::run(station, &settings.plant()?, plan, &settings.faults()?)?;
+        }
+        Role::Outer => {
+            let law = OuterLoop::new(&settings.controller()?);
+            shell::outer(station, law, settings.flight.position_error_max_m)?;
+        }
+        Role::Inner => shell::inner(station, WatchedLoop::new(&settings.controller()?))?,
+        Role::Mixer => {
+            let law = Mixer::new(&settings.mixer()?);
+            shell::mixer(station, law, settings.flight.pace == PaceName::Lockstep)?;
+        }
+        Role::Record => return Err(Failure::usage("the recorder has a command of its own: `ironbird record`")),
+    }
+    Ok(())
+}
+
+/// The last one that was started by hand removes what the middleware leaves; a launcher does so itself.
+fn leave(instance: &Instance, args: &RoleArgs) {
+    if args.launcher.is_none() {
+        // What resists is found by the next start or by `ironbird clean`, which names it.
+        let _ = instance.remove_leftovers();
+    }
+}
+
+/// Records until the run is over; by hand, prints the report.
+///
+/// # Errors
+/// As [`play`], and files that cannot be written.
+pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
+    let mut overrides = args.role.flight.overrides();
+    overrides.extend(args.role.rt.overrides());
+    overrides.extend(args.recorder.overrides());
+    let settings = Settings::resolve(args.role.flight.config.as_deref(), &overrides)?;
+    check_writable("--states", args.recorder.states.as_deref())?;
+    let station = take_station(Role::Record, &args.role, &settings)?;
+    let instance = station.wire().instance().clone();
+    let directory = match &args.run_dir {
+        Some(directory) => directory.clone(),
+        None => RunDirectory::create(&PathBuf::from(&settings.recorder.out), &settings, &args.role.rt.instance)?.path,
+    };
+    let files = Files { directory: directory.clone(), states: args.recorder.states.clone() };
+    let recorded = process::run(station, &settings, &files);
+    leave(&instance, &args.role);
+    let report = recorded?;
+    if args.role.launcher.is_none() {
+        print(&(text::render(&report) + &text::result_line(&report, &directory.display().to_string()) + "\n"))?;
+    }
+    Ok(report.verdict.exit_code)
+}
+
+fn take_station(role: Role, args: &RoleArgs, settings: &Settings) -> Result<Station, Failure> {
+    say_on_stderr();
+    let orders = Orders {
+        instance: Instance::new(&args.rt.instance)?,
+        rt: settings.realtime()?,
+        settings: settings.shared_text()?,
+        launcher: args.launcher,
+    };
+    Ok(Station::take(role, orders)?)
+}
+
+/// What a process says while it waits goes to standard error; a loop that flies says nothing.
+fn say_on_stderr() {
+    tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .without_time()
+        .init();
+}

@@ -1,0 +1,128 @@
+//! The directory of a flight: named by time, never overwritten, `latest` beside it.
+
+use std::fs;
+use std::io;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+
+use crate::settings::Settings;
+use failure::{Failure, InFile as _};
+use flight_log::FILE;
+use machine::cpu_times::host;
+use report::run_facts::RunFacts;
+
+/// A flight's directory.
+#[derive(Clone, Debug)]
+pub struct RunDirectory {
+    /// Where it is.
+    pub path: PathBuf,
+}
+
+impl RunDirectory {
+    /// Makes a new directory below `out`, with run.json and settings.toml, and points `latest` at it.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the directory that cannot be made.
+    pub fn create(out: &Path, settings: &Settings, instance: &str) -> Result<Self, Failure> {
+        let refused = |e: io::Error| {
+            Failure::usage(format!("cannot record into {}: {e}", out.display()))
+                .help("name a directory that you can write: --out DIR")
+        };
+        fs::create_dir_all(out).map_err(refused)?;
+        let stamp = jiff::Timestamp::now().strftime("%Y-%m-%dT%H-%M-%SZ").to_string();
+        let mut name = stamp.clone();
+        let mut copy = 1;
+        let path = loop {
+            let path = out.join(&name);
+            match fs::create_dir(&path) {
+                Ok(()) => break path,
+                Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
+                    copy += 1;
+                    name = format!("{stamp}-{copy}");
+                }
+                Err(e) => return Err(refused(e)),
+            }
+        };
+        let facts = RunFacts {
+            version: env!("CARGO_PKG_VERSION").into(),
+            instance: instance.into(),
+            settings: serde_json::to_value(settings).in_file("write", &path.join("run.json"))?,
+            host: host(),
+        };
+        let file = path.join("run.json");
+        let text = serde_json::to_string_pretty(&facts).in_file("write", &file)?;
+        fs::write(&file, text + "\n").in_file("write", &file)?;
+        let file = path.join("settings.toml");
+        fs::write(&file, settings.commented()?).in_file("write", &file)?;
+        // Replaced in one step, so that `latest` always leads somewhere.
+        let draft = out.join(format!(".latest.{}", std::process::id()));
+        symlink(&name, &draft).and_then(|()| fs::rename(&draft, out.join("latest"))).map_err(refused)?;
+        Ok(Self { path })
+    }
+
+    /// The settings that a role of this flight is started with.
+    #[must_use]
+    pub fn settings_file(&self) -> PathBuf {
+        self.path.join("settings.toml")
+    }
+}
+
+/// The directory of a flight that was flown: by its path, or by its name below `out`.
+///
+/// # Errors
+/// Usage, where there is none; names the flights that are there.
+pub fn find(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
+    let out = match out {
+        Some(out) => out.to_owned(),
+        None => PathBuf::from(Settings::resolve(None, &Vec::new())?.recorder.out),
+    };
+    let mut candidates = vec![run.to_owned(), out.join(run)];
+    // An absolute path is the same below any directory.
+    candidates.dedup();
+    candidates.iter().find(|path| path.is_dir()).cloned().ok_or_else(|| {
+        let places: Vec<String> = candidates.iter().map(|path| path.display().to_string()).collect();
+        Failure::usage(format!("no flight at {}; {}", places.join(" or "), flights_in(&out)))
+            .help("name a flight's directory, or `latest`; --out DIR says where flights were recorded")
+    })
+}
+
+/// The newest flights of a directory, in words.
+fn flights_in(out: &Path) -> String {
+    const SHOWN: usize = 5;
+    let mut flights: Vec<String> = fs::read_dir(out)
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| Some(entry.ok()?.path()).filter(|path| path.join("run.json").is_file()))
+        .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))
+        .filter(|name| name != "latest")
+        .collect();
+    flights.sort_by(|a, b| b.cmp(a));
+    match flights.len() {
+        0 => format!("{} holds no flight", out.display()),
+        n if n > SHOWN => format!("{} holds {n}, the newest {}", out.display(), flights[..SHOWN].join(", ")),
+        _ => format!("{} holds {}", out.display(), flights.join(", ")),
+    }
+}
+
+/// The log of a flight: of its directory, of `latest`, or the file itself.
+///
+/// # Errors
+/// Usage, where there is no such flight or it has no log.
+pub fn find_log(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
+    if run.is_file() {
+        return Ok(run.to_owned());
+    }
+    let directory = find(run, out)?;
+    let path = directory.join(FILE);
+    if path.is_file() {
+        return Ok(path);
+    }
+    let mut there: Vec<String> = fs::read_dir(&directory)
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| Some(entry.ok()?.file_name().to_string_lossy().into_owned()))
+        .collect();
+    there.sort();
+    Err(Failure::usage(format!("{} holds no {FILE}; it holds: {}", directory.display(), there.join(", ")))
+        .help("name a flight that has one, or the file itself; flights of earlier versions have none"))
+}

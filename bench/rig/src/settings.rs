@@ -1,0 +1,342 @@
+//! Settings: defaults, then the preset's gains, then the file, then the flags; checked before anything starts.
+
+mod layers;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use controller::{Gains, Limits, Preset, Trajectory};
+use model::boards::LOCKSTEP;
+use model::limits::RotorLimits;
+use model::parameters::{Airframe, Parameter};
+use model::realtime;
+use plant::Swap;
+use report::sections::GatesAsked;
+use serde::{Deserialize, Serialize};
+
+use toml::{Table, Value};
+
+use crate::fault::Fault;
+use failure::Failure;
+use layers::{layered, same};
+
+/// The commented default, which is also where the defaults come from.
+pub const DEFAULT: &str = include_str!("default.toml");
+
+/// Sections that all roles of a run must share.
+const SHARED_SECTIONS: [&str; 6] = ["flight", "plant", "model", "gains", "limits", "rotor"];
+
+/// Everything that can be set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// What to fly.
+    pub flight: Flight,
+    /// The true airframe at tick 0, by parameter name.
+    pub plant: BTreeMap<String, f64>,
+    /// The airframe as the controller believes it to be, by parameter name.
+    pub model: BTreeMap<String, f64>,
+    /// Gains of both loops.
+    pub gains: Gains,
+    /// Limits of the outer loop.
+    pub limits: Limits,
+    /// Limits of the rotors.
+    pub rotor: RotorLimits,
+    /// Real time.
+    pub rt: Rt,
+    /// What is recorded, and which gates the flight must pass.
+    pub recorder: Recorder,
+}
+
+/// What to fly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Flight {
+    /// Reference trajectory.
+    pub trajectory: Trajectory,
+    /// Set of gains.
+    pub preset: Preset,
+    /// Length of the flight [s].
+    pub duration_s: f64,
+    /// Sample time of the laws [s].
+    pub period_s: f64,
+    /// What moves the ticks on.
+    pub pace: PaceName,
+    /// Periods on the clock per tick.
+    pub slowdown: u64,
+    /// Seed of the gyro noise.
+    pub seed: u64,
+    /// Swaps known before the flight.
+    pub faults: Vec<String>,
+    /// Position error beyond which the flight has left its envelope [m].
+    pub position_error_max_m: f64,
+}
+
+/// What moves the ticks on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PaceName {
+    /// The clock.
+    Realtime,
+    /// The chain itself, as fast as it can.
+    Lockstep,
+}
+
+/// Real time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rt {
+    /// How much the user insists.
+    pub mode: realtime::Mode,
+    /// SCHED_FIFO priority of the plant.
+    pub priority: i32,
+    /// Processor of the loops: a number, or "auto".
+    pub cpu: Value,
+}
+
+/// What is recorded, and which gates the flight must pass.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recorder {
+    /// Directory in which each flight gets one of its own.
+    pub out: String,
+    /// A row of states.csv every so many ticks.
+    pub states_every_ticks: u64,
+    /// Deadlines missed per million ticks that are allowed; negative is any number.
+    pub max_miss_rate_ppm: f64,
+    /// 99.9th percentile of the loop that is allowed [us]; negative is any.
+    pub max_loop_p999_us: f64,
+    /// Whether the theorem must hold: no unexplained violation, estimates live.
+    pub gate_theorem: bool,
+}
+
+/// What is set on the command line, as keys of the settings.
+pub type Overrides = Vec<(&'static str, Value)>;
+
+impl Settings {
+    /// The settings that result from a file and flags.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the key, the value, what is allowed, and where it came from.
+    pub fn resolve(file: Option<&Path>, overrides: &Overrides) -> Result<Self, Failure> {
+        let (table, origin) = layered(file, overrides)?;
+        table
+            .try_into()
+            .map_err(|e: toml::de::Error| {
+                // The second line names the key.
+                let what = e.to_string().trim_end().replace('\n', " ");
+                Failure::usage(format!("settings: {what}")).help("see `ironbird fly --print-config`")
+            })
+            .and_then(|settings: Self| settings.check().map(|()| settings))
+            .map_err(|failure| match origin {
+                Some(path) => failure.append(&format!(" (settings file {})", path.display())),
+                None => failure,
+            })
+    }
+
+    /// The full commented settings, with these values.
+    ///
+    /// # Errors
+    /// [`Failure`] where the default text is broken, which a test rules out.
+    pub fn commented(&self) -> Result<String, Failure> {
+        let broken = |e: String| Failure::failed(format!("the commented default is broken: {e}"));
+        let mut document: toml_edit::DocumentMut = DEFAULT.parse().map_err(|e| broken(format!("{e}")))?;
+        let table = Table::try_from(self).map_err(|e| broken(e.to_string()))?;
+        for (section, keys) in &table {
+            for (key, value) in keys.as_table().into_iter().flatten() {
+                let text = value.to_string();
+                let value: toml_edit::Value = text.parse().map_err(|e| broken(format!("{section}.{key}: {e}")))?;
+                let Some(item) = document[section].get_mut(key).and_then(toml_edit::Item::as_value_mut) else {
+                    return Err(broken(format!("{section}.{key} is not in it")));
+                };
+                // Where nothing was changed the text keeps the way it is written (2e-4, not 0.0002).
+                if !same(item, &value) {
+                    let decor = item.decor().clone();
+                    *item = value;
+                    *item.decor_mut() = decor;
+                }
+            }
+        }
+        Ok(document.to_string())
+    }
+
+    /// What all roles of a run must share: one `section.key = value` a line.
+    ///
+    /// # Errors
+    /// [`Failure`] where a value cannot be written, which checked settings rule out.
+    pub fn shared_text(&self) -> Result<String, Failure> {
+        let table = Table::try_from(self).map_err(|e| Failure::failed(e.to_string()))?;
+        let mut text = String::new();
+        for section in SHARED_SECTIONS {
+            for (key, value) in table[section].as_table().into_iter().flatten() {
+                text.push_str(&format!("{section}.{key} = {value}\n"));
+            }
+        }
+        Ok(text)
+    }
+
+    /// The true airframe at tick 0.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the parameter.
+    pub fn airframe(&self) -> Result<Airframe, Failure> {
+        airframe("plant", &self.plant)
+    }
+
+    /// Settings of the plant.
+    ///
+    /// # Errors
+    /// As [`Self::airframe`].
+    pub fn plant(&self) -> Result<plant::Settings, Failure> {
+        Ok(plant::Settings {
+            period_s: self.flight.period_s,
+            airframe: self.airframe()?,
+            rotor: self.rotor,
+            seed: self.flight.seed,
+        })
+    }
+
+    /// Settings of the two loops.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the parameter of the model.
+    pub fn controller(&self) -> Result<controller::Settings, Failure> {
+        Ok(controller::Settings {
+            period_s: self.flight.period_s,
+            trajectory: self.flight.trajectory,
+            gains: self.gains,
+            limits: self.limits,
+            rotor: self.rotor,
+            model: airframe("model", &self.model)?,
+        })
+    }
+
+    /// Settings of the mixer.
+    ///
+    /// # Errors
+    /// As [`Self::controller`].
+    pub fn mixer(&self) -> Result<mixer::Settings, Failure> {
+        Ok(mixer::Settings {
+            period_s: self.flight.period_s,
+            model: airframe("model", &self.model)?,
+            rotor: self.rotor,
+        })
+    }
+
+    /// What to ask the system for.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] where `rt.cpu` is neither a processor nor "auto".
+    pub fn realtime(&self) -> Result<realtime::Settings, Failure> {
+        // A SCHED_FIFO process that never sleeps is throttled by the kernel, and starves whoever shares its processor.
+        if self.flight.pace == PaceName::Lockstep {
+            return Ok(realtime::Settings { mode: realtime::Mode::Off, priority: self.rt.priority, cpu: None });
+        }
+        let cpu = match &self.rt.cpu {
+            Value::String(auto) if auto == "auto" => None,
+            Value::Integer(cpu) if (0..1024).contains(cpu) => usize::try_from(*cpu).ok(),
+            other => {
+                return Err(Failure::usage(format!("rt.cpu = {other}: allowed are a processor's number and \"auto\"")));
+            }
+        };
+        Ok(realtime::Settings { mode: self.rt.mode, priority: self.rt.priority, cpu })
+    }
+
+    /// The gates that the flight must pass.
+    #[must_use]
+    pub fn gates_asked(&self) -> GatesAsked {
+        let limit = |limit: f64| (limit >= 0.0).then_some(limit);
+        GatesAsked {
+            position_error_max_m: self.flight.position_error_max_m,
+            max_miss_rate_ppm: limit(self.recorder.max_miss_rate_ppm),
+            max_loop_p999_us: limit(self.recorder.max_loop_p999_us),
+            theorem: self.recorder.gate_theorem,
+        }
+    }
+
+    /// Swaps known before the flight.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] quotes the fault and says what is wrong with it.
+    pub fn faults(&self) -> Result<Vec<Swap>, Failure> {
+        self.flight
+            .faults
+            .iter()
+            .map(|text| text.parse::<Fault>()?.swap(self.flight.period_s))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|e| Failure::usage(format!("fault: {e}")).help("`ironbird params` lists names, units and ranges"))
+    }
+
+    /// Last tick of the flight.
+    #[must_use]
+    pub fn last_tick(&self) -> u64 {
+        (self.flight.duration_s / self.flight.period_s).round() as u64
+    }
+
+    /// Sample time of the laws [ns].
+    #[must_use]
+    pub fn sample_time_ns(&self) -> u64 {
+        (self.flight.period_s * 1e9).round() as u64
+    }
+
+    /// Length of a tick on the clock [ns], or [`LOCKSTEP`].
+    #[must_use]
+    pub fn wall_period_ns(&self) -> u64 {
+        match self.flight.pace {
+            PaceName::Realtime => self.sample_time_ns() * self.flight.slowdown,
+            PaceName::Lockstep => LOCKSTEP,
+        }
+    }
+
+    fn check(&self) -> Result<(), Failure> {
+        let flight = &self.flight;
+        within("flight.duration_s", flight.duration_s, flight.period_s, 86_400.0)?;
+        within("flight.slowdown", flight.slowdown as f64, 1.0, 1000.0)?;
+        within("flight.position_error_max_m", flight.position_error_max_m, 0.01, 1e4)?;
+        within("rt.priority", f64::from(self.rt.priority), 1.0, 95.0)?;
+        within("recorder.states_every_ticks", self.recorder.states_every_ticks as f64, 1.0, 1e9)?;
+        let refused = |e: controller::SettingsError| {
+            Failure::usage(format!("settings: {e}")).help("see `ironbird fly --print-config`")
+        };
+        self.controller()?.check().map_err(refused)?;
+        let faults = self.faults()?;
+        if faults.len() > plant::swap::PENDING_SWAPS {
+            return Err(Failure::usage(format!(
+                "flight.faults has {} entries: allowed are {}",
+                faults.len(),
+                plant::swap::PENDING_SWAPS
+            )));
+        }
+        if let Some(late) = faults.iter().find(|fault| fault.tick > self.last_tick()) {
+            return Err(Failure::usage(format!(
+                "a fault at tick {} never strikes: the flight ends at tick {}",
+                late.tick,
+                self.last_tick()
+            ))
+            .help("fly longer (--duration), or strike earlier"));
+        }
+        self.plant()?;
+        self.realtime()?;
+        Ok(())
+    }
+}
+
+fn airframe(section: &str, values: &BTreeMap<String, f64>) -> Result<Airframe, Failure> {
+    let mut airframe = Airframe::nominal();
+    for (name, value) in values {
+        Parameter::from_name(name)
+            .and_then(|parameter| airframe.set(parameter, *value))
+            .map_err(|e| Failure::usage(format!("{section}.{e}")).help("see `ironbird params`"))?;
+    }
+    Ok(airframe)
+}
+
+fn within(key: &str, value: f64, min: f64, max: f64) -> Result<(), Failure> {
+    if (min..=max).contains(&value) {
+        Ok(())
+    } else {
+        Err(Failure::usage(format!("{key} = {value} is out of range: allowed are {min} to {max}")))
+    }
+}

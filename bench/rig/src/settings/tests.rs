@@ -1,0 +1,78 @@
+//! Settings from defaults, files and flags, and what is said of mistakes in them.
+
+use std::io::Write as _;
+
+use crate::settings::*;
+
+fn from_file(text: &str) -> Result<Settings, Failure> {
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(text.as_bytes()).unwrap();
+    Settings::resolve(Some(file.path()), &Vec::new())
+}
+
+#[test]
+fn the_default_is_the_laws_default() {
+    let settings = Settings::resolve(None, &Vec::new()).unwrap();
+    assert_eq!(settings.gains, Gains::default());
+    assert_eq!(settings.limits, Limits::default());
+    assert_eq!(settings.rotor, RotorLimits::default());
+    assert_eq!(settings.airframe().unwrap(), Airframe::nominal());
+    assert_eq!(settings.controller().unwrap().model, Airframe::nominal());
+    assert_eq!((settings.last_tick(), settings.wall_period_ns()), (30_000, 1_000_000));
+}
+
+#[test]
+fn the_printed_settings_are_read_back_as_they_are() {
+    let overrides = vec![("flight.preset", Value::from("paper")), ("rt.cpu", Value::from(0))];
+    let settings = Settings::resolve(None, &overrides).unwrap();
+    let text = settings.commented().unwrap();
+    assert!(text.contains("# K_eta"), "comments stay");
+    assert_eq!(from_file(&text).unwrap(), settings);
+    assert_eq!(Settings::resolve(None, &Vec::new()).unwrap().commented().unwrap(), DEFAULT);
+}
+
+#[test]
+fn flags_go_before_the_file_and_the_file_before_the_preset() {
+    let settings = from_file("[flight]\npreset = \"soft\"\n[gains]\nalpha_1_s = 50\n").unwrap();
+    assert_eq!(settings.gains, Gains { alpha_1_s: 50.0, ..Gains::preset(Preset::Soft) });
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(b"[flight]\nduration_s = 5\n").unwrap();
+    let overrides = vec![("flight.duration_s", Value::from(7.0))];
+    assert_eq!(Settings::resolve(Some(file.path()), &overrides).unwrap().flight.duration_s, 7.0);
+}
+
+#[test]
+fn every_mistake_names_key_value_and_what_is_allowed() {
+    for (text, said) in [
+        ("[flihgt]\n", "unknown section [flihgt]; did you mean `flight`?"),
+        ("[gains]\nalpha = 3\n", "unknown key `gains.alpha`; did you mean `alpha_1_s`?"),
+        ("[gains]\nalpha_1_s = \"big\"\n", "gains.alpha_1_s = \"big\": expected a number, as in 200.0"),
+        ("[gains]\nadaptation = [1, 2]\n", "expected a list of 3 numbers"),
+        ("flight = 3\n", "`flight` must be a section"),
+        ("[flight]\ntrajectory = \"loop\"\n", "unknown variant `loop`"),
+        ("[flight]\npreset = \"race\"\n", "unknown preset `race`"),
+        ("[flight]\nduration_s = -1\n", "flight.duration_s = -1 is out of range"),
+        ("[flight]\nduration_s = nan\n", "flight.duration_s = NaN is out of range"),
+        ("[plant]\nmass_kg = 50\n", "plant.mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg"),
+        ("[gains]\nalpha_1_s = 2000\n", "gains.alpha_1_s = 2000 cannot fly"),
+        ("[rt]\ncpu = \"fast\"\n", "rt.cpu = \"fast\""),
+        ("[rt]\ncpu = -2\n", "rt.cpu = -2"),
+        ("[flight]\nfaults = [\"mas_kg=1@2s\"]\n", "did you mean `mass_kg`"),
+        ("[flight]\nfaults = [\"mass_kg=1@2h\"]\n", "never strikes: the flight ends at tick 30000"),
+        ("[flight\n", "TOML parse error at line 1"),
+    ] {
+        let failure = from_file(text).unwrap_err();
+        assert!(failure.to_string().contains(said), "{text}: {failure}");
+        assert_eq!(failure.code, failure::USAGE, "{text}");
+    }
+    let missing = Settings::resolve(Some(Path::new("/nowhere.toml")), &Vec::new()).unwrap_err();
+    assert_eq!(missing.code, failure::USAGE);
+    assert!(missing.to_string().contains("/nowhere.toml"));
+}
+
+#[test]
+fn the_shared_text_has_no_settings_that_may_differ() {
+    let text = Settings::resolve(None, &Vec::new()).unwrap().shared_text().unwrap();
+    assert!(text.contains("gains.alpha_1_s = 200.0\n"), "{text}");
+    assert!(!text.contains("rt.") && !text.contains("recorder."));
+}

@@ -1,0 +1,150 @@
+//! `ironbird simulate`: the same four tick functions in one process, in simulated time.
+
+use std::fs;
+use std::time::Instant;
+
+use model::parameters::ESTIMATED;
+use plant::Departure;
+use plant::desk::swap_record;
+
+use crate::cli::SimulateArgs;
+use crate::in_process::InProcess;
+use crate::output::print;
+use crate::settings::Settings;
+use failure::{Failure, GATE, InFile as _, OK, check_writable};
+use report::page::picture;
+use report::schema::Swap;
+use report::states::StatesWriter;
+use report::tally::theorem::{Theorem, TheoremTally};
+use report::tally::tracer::Tracer;
+
+/// Simulates a flight.
+///
+/// # Errors
+/// Usage; a file that cannot be written.
+pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
+    let settings = Settings::resolve(args.flight.config.as_deref(), &args.overrides())?;
+    check_writable("--states", args.states.as_deref())?;
+    check_writable("--plot", args.plot.as_deref())?;
+    let mut states = match &args.states {
+        Some(path) => {
+            let every = settings.recorder.states_every_ticks;
+            Some(StatesWriter::create(path, settings.flight.period_s, every)?)
+        }
+        None => None,
+    };
+    let mut rig = InProcess::of(&settings)?;
+    let start = Instant::now();
+    let mut tracer = args.plot.as_ref().map(|_| Tracer::new(settings.flight.period_s));
+    let flown = fly(&mut rig, &settings, states.as_mut(), tracer.as_mut())?;
+    let wall_s = start.elapsed().as_secs_f64();
+    if let (Some(path), Some(tracer)) = (&args.plot, &tracer) {
+        let title = format!("{} with gains {}, simulated", settings.flight.trajectory, settings.flight.preset);
+        let svg = picture::render(&tracer.traces(), &flown.swaps, settings.flight.period_s, &title);
+        fs::write(path, svg).in_file("write", path)?;
+    }
+    if let Some(states) = &mut states {
+        states.flush()?;
+    }
+    print(&summary(&flown, &settings, wall_s))?;
+    Ok(if flown.passes(&settings) { OK } else { GATE })
+}
+
+fn summary(flown: &Flown, settings: &Settings, wall_s: f64) -> String {
+    let flown_s = flown.ticks as f64 * settings.flight.period_s;
+    let mut text = format!(
+        "{} with gains {}: {} ticks, {flown_s:.3} s simulated in {wall_s:.3} s ({:.0} times real time)\n",
+        settings.flight.trajectory,
+        settings.flight.preset,
+        flown.ticks,
+        flown_s / wall_s
+    );
+    text += &format!("position error rms {:.4} m, largest {:.4} m\n", flown.error_rms_m, flown.error_max_m);
+    for (name, estimated, actual) in &flown.estimates {
+        text += &format!("  {name:<24} estimated {estimated:>12.6e}  true {actual:>12.6e}\n");
+    }
+    text += &flown.theorem.text();
+    if let Some(departure) = &flown.departure {
+        text += &format!("{departure}\n");
+    }
+    let status = if flown.passes(settings) { "PASS" } else { "FAIL" };
+    text + &format!("RESULT status={status} ticks={} run=none\n", flown.ticks)
+}
+
+struct Flown {
+    ticks: u64,
+    error_rms_m: f64,
+    error_max_m: f64,
+    estimates: [(&'static str, f64, f64); 3],
+    theorem: Theorem,
+    swaps: Vec<Swap>,
+    departure: Option<String>,
+}
+
+impl Flown {
+    /// Whether the envelope held, and the theorem where it is a gate.
+    fn passes(&self, settings: &Settings) -> bool {
+        self.departure.is_none() && (self.theorem.holds || !settings.recorder.gate_theorem)
+    }
+}
+
+fn fly(
+    rig: &mut InProcess,
+    settings: &Settings,
+    mut states: Option<&mut StatesWriter>,
+    mut tracer: Option<&mut Tracer>,
+) -> Result<Flown, Failure> {
+    let mut squares = 0.0;
+    let mut theorem = TheoremTally::default();
+    let mut flown = Flown {
+        ticks: 0,
+        error_rms_m: 0.0,
+        error_max_m: 0.0,
+        estimates: ESTIMATED.map(|parameter| (parameter.name(), 0.0, 0.0)),
+        theorem: Theorem::default(),
+        swaps: Vec::new(),
+        departure: None,
+    };
+    for tick in 0..=settings.last_tick() {
+        let record = rig.tick();
+        if let Err(departure) = rig.envelope() {
+            flown.departure = Some(departure.to_string());
+            // As in a flight of processes, what is no number is not published.
+            if matches!(departure, Departure::NotFinite { .. }) {
+                break;
+            }
+        }
+        flown.ticks += 1;
+        if let Some(states) = &mut states {
+            states.write(&record)?;
+        }
+        let applied = rig.plant().applied().iter();
+        flown.swaps.extend(applied.map(|swap| Swap::new(swap.tick, settings.flight.period_s, &swap_record(swap))));
+        if let Some(tracer) = &mut tracer {
+            tracer.take(&record);
+        }
+        if let Some(setpoint) = &record.setpoint {
+            let error_m = setpoint.position_error_m(&record.state);
+            squares += error_m * error_m;
+            flown.error_max_m = flown.error_max_m.max(error_m);
+            if error_m > settings.flight.position_error_max_m {
+                flown.departure = Some(format!(
+                    "the flight left its envelope: at tick {tick} the position error is {error_m:.2} m, allowed are {} m",
+                    settings.flight.position_error_max_m
+                ));
+            }
+        }
+        let actual = record.state.truth.theta();
+        theorem.truth(actual);
+        theorem.take(0, &record.wrench.monitor);
+        for (i, estimate) in flown.estimates.iter_mut().enumerate() {
+            (estimate.1, estimate.2) = (record.wrench.estimate[i], actual[i]);
+        }
+        if flown.departure.is_some() {
+            break;
+        }
+    }
+    flown.theorem = theorem.section();
+    flown.error_rms_m = (squares / flown.ticks as f64).sqrt();
+    Ok(flown)
+}

@@ -1,0 +1,88 @@
+//! Page 4: the parameters in force, and the desk that swaps them.
+
+use model::parameters::{SPECS, Spec};
+use ratatui::Frame;
+use ratatui::layout::Rect;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Paragraph, Wrap};
+
+use crate::watch::draw::style::Paint;
+use crate::watch::draw::{first_row, put};
+use crate::watch::model::{Desk, Flight};
+
+pub(super) fn draw(flight: &Flight, desk: &Desk, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
+    // A refusal may need two lines.
+    let foot = if area.height >= 12 { 2 } else { 1 };
+    let room = usize::from(area.height).saturating_sub(foot + 1);
+    let first = first_row(desk.selected, SPECS.len(), room);
+    let mut lines = vec![Line::styled(heading(area.width), paint.heading())];
+    for (row, spec) in SPECS.iter().enumerate().skip(first).take(room) {
+        let value = flight.in_force.value[row];
+        let style = if row == desk.selected {
+            paint.selected()
+        } else if value != spec.nominal {
+            paint.bad()
+        } else {
+            ratatui::style::Style::new()
+        };
+        lines.push(Line::styled(row_text(spec, value, area.width), style));
+    }
+    put(frame, area, lines);
+    let used = (SPECS.len().min(room) + 1) as u16;
+    let gap = u16::from(area.height > used + foot as u16);
+    let foot = Rect { y: area.y + used + gap, height: area.height - used - gap, ..area };
+    frame.render_widget(Paragraph::new(said(flight, desk, paint)).wrap(Wrap { trim: true }), foot);
+}
+
+/// Whether there is room for nominal value and range.
+const fn is_roomy(width: u16) -> bool {
+    width >= 74
+}
+
+fn heading(width: u16) -> String {
+    if is_roomy(width) {
+        format!("{:<24}{:>11}  {:<8}{:>9}{:>9}{:>9}", "parameter", "in force", "unit", "nominal", "min", "max")
+    } else {
+        format!("{:<24}{:>11}", "parameter", "in force")
+    }
+}
+
+fn row_text(spec: &Spec, value: f64, width: u16) -> String {
+    let mark = if value == spec.nominal { ' ' } else { '*' };
+    let row = format!("{:<24}{:>10}{mark}", spec.name, number(value));
+    if is_roomy(width) {
+        format!("{row}  {:<8}{:>9}{:>9}{:>9}", spec.unit, number(spec.nominal), number(spec.min), number(spec.max))
+    } else {
+        row
+    }
+}
+
+/// Read exactly as typed; small ones as powers of ten.
+fn number(value: f64) -> String {
+    if value != 0.0 && value.abs() < 1e-3 { format!("{value:e}") } else { format!("{value}") }
+}
+
+fn said<'a>(flight: &Flight, desk: &'a Desk, paint: Paint) -> Vec<Line<'a>> {
+    let spec = desk.parameter().spec();
+    let mut lines = Vec::new();
+    if let Some(typed) = &desk.typed {
+        lines.push(Line::from(vec![
+            Span::raw(format!("{} [{}], {:?} to {:?}: ", spec.name, spec.unit, spec.min, spec.max)),
+            Span::styled(format!("{typed}_"), paint.heading()),
+        ]));
+    } else if desk.waits {
+        lines.push(Line::from("waits for the plant's answer"));
+    }
+    match &desk.said {
+        Some(said) => {
+            lines.push(Line::styled(said.text.as_str(), if said.refused { paint.bad() } else { paint.good() }));
+        }
+        None if lines.is_empty() => {
+            lines.push(Line::styled(spec.meaning, paint.faint()));
+            let epoch = flight.in_force.parameter_epoch;
+            lines.push(Line::styled(format!("* is not nominal; swaps so far {epoch}"), paint.faint()));
+        }
+        None => {}
+    }
+    lines
+}

@@ -1,0 +1,121 @@
+//! What a key does.
+
+use model::parameters::{Parameter, SPECS};
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+
+use crate::fault::parse_change;
+use crate::watch::model::{Model, Said, Tab};
+use report::tally::series::Series;
+
+/// Longest value that can be typed.
+const TYPED_MAX: usize = 24;
+
+/// What a key asks of the outside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Action {
+    /// Nothing.
+    None,
+    /// Leave; the flight goes on.
+    Quit,
+    /// End the flight.
+    EndFlight,
+    /// Begin all statistics anew.
+    Reset,
+    /// Swap a parameter.
+    Inject(Parameter, f64),
+}
+
+impl Model {
+    /// Takes a key.
+    pub fn key(&mut self, key: KeyEvent) -> Action {
+        if key.kind == KeyEventKind::Release {
+            return Action::None;
+        }
+        if key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL) {
+            return if self.launched { Action::EndFlight } else { Action::Quit };
+        }
+        if self.help {
+            self.help = false;
+            return if key.code == KeyCode::Char('q') { Action::Quit } else { Action::None };
+        }
+        if self.desk.typed.is_some() {
+            return self.type_value(key.code);
+        }
+        match key.code {
+            KeyCode::Char('q') | KeyCode::Esc => return Action::Quit,
+            KeyCode::Char('?' | 'h') => self.help = true,
+            KeyCode::Char('r') => return Action::Reset,
+            KeyCode::Tab | KeyCode::Right => self.turn(1),
+            KeyCode::BackTab | KeyCode::Left => self.turn(Tab::ALL.len() - 1),
+            KeyCode::Char(digit @ '1'..='5') => {
+                self.tab = Tab::ALL[digit as usize - '1' as usize];
+            }
+            code => self.table(code),
+        }
+        Action::None
+    }
+
+    fn turn(&mut self, by: usize) {
+        let present = Tab::ALL.iter().position(|tab| *tab == self.tab).unwrap_or(0);
+        self.tab = Tab::ALL[(present + by) % Tab::ALL.len()];
+    }
+
+    /// Keys of pages with a table.
+    fn table(&mut self, code: KeyCode) {
+        let (selected, rows) = match self.tab {
+            Tab::Latency => (&mut self.series, Series::all().len()),
+            Tab::Plant => (&mut self.desk.selected, SPECS.len()),
+            _ => return,
+        };
+        let last = rows - 1;
+        match code {
+            KeyCode::Up | KeyCode::Char('k') => *selected = selected.saturating_sub(1),
+            KeyCode::Down | KeyCode::Char('j') => *selected = (*selected + 1).min(last),
+            KeyCode::Home => *selected = 0,
+            KeyCode::End => *selected = last,
+            KeyCode::Enter if self.tab == Tab::Plant => self.begin_typing(),
+            _ => {}
+        }
+    }
+
+    fn begin_typing(&mut self) {
+        if !self.flies() {
+            self.desk.said = Some(Said { text: "nobody flies: nothing to inject into".into(), refused: true });
+        } else if !self.desk.waits {
+            self.desk.typed = Some(String::new());
+            self.desk.said = None;
+        }
+    }
+
+    /// Keys while a value is typed.
+    fn type_value(&mut self, code: KeyCode) -> Action {
+        let Some(typed) = &mut self.desk.typed else { return Action::None };
+        match code {
+            KeyCode::Char(c) if typed.len() < TYPED_MAX && (c.is_ascii_digit() || ".+-eE".contains(c)) => typed.push(c),
+            KeyCode::Backspace => drop(typed.pop()),
+            KeyCode::Esc => self.desk.typed = None,
+            KeyCode::Enter => return self.inject(),
+            _ => {}
+        }
+        Action::None
+    }
+
+    /// What was typed, where it may be injected; what may not stays to be corrected.
+    fn inject(&mut self) -> Action {
+        let typed = self.desk.typed.take().unwrap_or_default();
+        if typed.is_empty() {
+            return Action::None;
+        }
+        match parse_change(&format!("{}={typed}", self.desk.parameter())) {
+            Ok((parameter, value)) => {
+                self.desk.waits = true;
+                Action::Inject(parameter, value)
+            }
+            Err(error) => {
+                self.desk.typed = Some(typed);
+                self.desk.said = Some(Said { text: error.to_string(), refused: true });
+                Action::None
+            }
+        }
+    }
+}

@@ -1,0 +1,288 @@
+//! What the dashboard knows: the flight, and what the user looks at.
+//!
+//! Pure: it is told everything, and asks for nothing but what [`Model::key`](crate::watch::keys) answers.
+
+use std::collections::BTreeMap;
+
+use model::boards::{Ending, InForce, Run, Status};
+use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+use model::parameters::{Parameter, SPECS};
+use model::role::Role;
+
+use crate::inject::Applied;
+use crate::observe::Seen;
+use crate::watch::trace::Trace;
+use failure::Failure;
+use report::states::{Joiner, Part};
+use report::tally::{Tally, is_last_word};
+
+/// A page of the dashboard.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Tab {
+    /// Where the airframe is, and where it should be.
+    #[default]
+    Flight,
+    /// How late every step was.
+    Latency,
+    /// Whether the theorem holds.
+    Theorem,
+    /// The airframe's parameters.
+    Plant,
+    /// What the system granted.
+    RealTime,
+}
+
+impl Tab {
+    /// All of them, in order.
+    pub const ALL: [Self; 5] = [Self::Flight, Self::Latency, Self::Theorem, Self::Plant, Self::RealTime];
+
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Flight => "Flight",
+            Self::Latency => "Latency",
+            Self::Theorem => "Theorem",
+            Self::Plant => "Plant",
+            Self::RealTime => "Real time",
+        }
+    }
+}
+
+/// A line for the user, and whether it is bad news.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Said {
+    /// What.
+    pub text: String,
+    /// Whether something was refused or failed.
+    pub refused: bool,
+}
+
+/// The page with the parameters.
+#[derive(Clone, Debug, Default)]
+pub struct Desk {
+    /// Row of the table of parameters.
+    pub selected: usize,
+    /// What is being typed as its new value.
+    pub typed: Option<String>,
+    /// Whether the plant has not answered yet.
+    pub waits: bool,
+    /// What came of the last one.
+    pub said: Option<Said>,
+}
+
+impl Desk {
+    /// The selected parameter.
+    #[must_use]
+    pub fn parameter(&self) -> Parameter {
+        SPECS[self.selected.min(SPECS.len() - 1)].parameter
+    }
+}
+
+/// Everything that the dashboard shows.
+#[derive(Debug)]
+pub struct Model {
+    /// Name of the instance.
+    pub instance: String,
+    /// Whether a launcher waits for the end: then leaving the dashboard and ending the flight are two things.
+    pub launched: bool,
+    /// Whether colours may be used.
+    pub colours: bool,
+    /// The page that is open.
+    pub tab: Tab,
+    /// Whether help lies over it.
+    pub help: bool,
+    /// Row of the table of latencies.
+    pub series: usize,
+    /// The page with the parameters.
+    pub desk: Desk,
+    /// The flight: the present one, or the last.
+    pub flight: Option<Flight>,
+}
+
+impl Model {
+    /// Knows nothing yet.
+    #[must_use]
+    pub fn new(instance: &str, launched: bool, colours: bool) -> Self {
+        Self {
+            instance: instance.into(),
+            launched,
+            colours,
+            tab: Tab::default(),
+            help: false,
+            series: 0,
+            desk: Desk::default(),
+            flight: None,
+        }
+    }
+
+    /// Whether there is a flight in the air.
+    #[must_use]
+    pub fn flies(&self) -> bool {
+        self.flight.as_ref().is_some_and(|flight| flight.ending.is_none())
+    }
+
+    /// Begins to show a flight.
+    ///
+    /// # Errors
+    /// Those of [`Tally::joining`].
+    pub fn join(&mut self, run: &Run, settings: BTreeMap<String, String>) -> Result<(), Failure> {
+        self.flight = Some(Flight::new(run, settings)?);
+        self.desk = Desk { selected: self.desk.selected, ..Desk::default() };
+        Ok(())
+    }
+
+    /// Takes the plant's answer to an injection.
+    pub fn answer(&mut self, answer: Result<Applied, Failure>) {
+        self.desk.waits = false;
+        self.desk.said = Some(match answer {
+            Ok(applied) => {
+                Said { text: applied.to_string().split_whitespace().collect::<Vec<_>>().join(" "), refused: false }
+            }
+            Err(failure) => Said { text: failure.to_string(), refused: true },
+        });
+    }
+
+    /// Begins all statistics anew.
+    ///
+    /// # Errors
+    /// Those of [`Tally::joining`].
+    pub fn reset(&mut self) -> Result<(), Failure> {
+        self.flight.as_mut().map_or(Ok(()), Flight::reset)
+    }
+}
+
+/// A flight as the dashboard has seen it.
+#[derive(Debug)]
+pub struct Flight {
+    /// The run as its plant shows it.
+    pub run: Run,
+    /// Settings that all roles share, by key.
+    pub settings: BTreeMap<String, String>,
+    /// How it ended.
+    pub ending: Option<Ending>,
+    /// Whether the recorder lives, who passes everything on.
+    pub recorder_lives: bool,
+    /// Statistics since the dashboard joined, or since they were reset.
+    pub tally: Tally,
+    /// Messages lost before they were reset.
+    lost_before: u64,
+    joiner: Joiner,
+    /// Newest state.
+    pub state: Option<State>,
+    /// Newest set-point.
+    pub setpoint: Option<Setpoint>,
+    /// Newest wrench.
+    pub wrench: Option<Wrench>,
+    /// Newest rotor command.
+    pub rotor_speeds: Option<RotorSpeeds>,
+    /// Position error [m].
+    pub position_error: Trace,
+    /// V_th [rad^2/s^2].
+    pub v_th: Trace,
+    /// V [rad^2/s^2].
+    pub v: Trace,
+    /// Every role as it shows itself.
+    pub crew: BTreeMap<Role, Status>,
+    /// The parameters in force.
+    pub in_force: InForce,
+}
+
+impl Flight {
+    fn new(run: &Run, settings: BTreeMap<String, String>) -> Result<Self, Failure> {
+        Ok(Self {
+            run: *run,
+            settings,
+            ending: None,
+            recorder_lives: true,
+            tally: Self::tally(run)?,
+            lost_before: 0,
+            joiner: Joiner::default(),
+            state: None,
+            setpoint: None,
+            wrench: None,
+            rotor_speeds: None,
+            position_error: Trace::default(),
+            v_th: Trace::default(),
+            v: Trace::default(),
+            crew: BTreeMap::new(),
+            in_force: InForce::default(),
+        })
+    }
+
+    fn tally(run: &Run) -> Result<Tally, Failure> {
+        Tally::joining(run.pace(), run.t0_ns, run.sample_time_ns as f64 / 1e9)
+    }
+
+    fn reset(&mut self) -> Result<(), Failure> {
+        self.lost_before = self.lost();
+        let theorem = self.tally.theorem;
+        self.tally = Self::tally(&self.run)?;
+        // The monitor counts beside the law, from the flight's begin on.
+        self.tally.theorem = theorem;
+        self.position_error = Trace::default();
+        self.v_th = Trace::default();
+        self.v = Trace::default();
+        Ok(())
+    }
+
+    /// Messages that were overwritten before the dashboard read them.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.lost_before + self.tally.lost().iter().sum::<u64>()
+    }
+
+    /// Tick of the newest state; that of the plant's board before the first.
+    #[must_use]
+    pub fn tick(&self) -> u64 {
+        if self.state.is_some() { self.tally.newest_tick() } else { self.run.tick }
+    }
+
+    /// A setting of the run, as text.
+    #[must_use]
+    pub fn setting(&self, key: &str) -> &str {
+        self.settings.get(key).map_or("", String::as_str)
+    }
+
+    /// Takes a message.
+    pub fn take(&mut self, seen: Seen<'_>) {
+        match seen {
+            Seen::State(message) => {
+                self.tally.state(message);
+                self.state = Some(message.content);
+                self.join(message.envelope.tick, Part::State(message.content));
+            }
+            Seen::Setpoint(message) => {
+                self.tally.setpoint(message);
+                self.setpoint = Some(message.content);
+                self.join(message.envelope.tick, Part::Setpoint(message.content));
+            }
+            Seen::Wrench(message) => {
+                self.tally.wrench(message);
+                self.wrench = Some(message.content);
+                let (time_s, monitor) = (self.run.flight_time_s(message.envelope.tick), &message.content.monitor);
+                self.v_th.take(time_s, monitor.v_th);
+                self.v.take(time_s, monitor.v);
+                self.join(message.envelope.tick, Part::Wrench(message.content));
+            }
+            Seen::RotorSpeeds(message) => {
+                self.tally.rotor_speeds(message);
+                if !is_last_word(message) {
+                    self.rotor_speeds = Some(message.content);
+                    self.join(message.envelope.tick, Part::RotorSpeeds(message.content));
+                }
+            }
+            Seen::Swap(message) => self.tally.swap(message),
+        }
+    }
+
+    fn join(&mut self, tick: u64, part: Part) {
+        if let Some(record) = self.joiner.take(tick, part)
+            && let Some(setpoint) = &record.setpoint
+        {
+            let error_m = setpoint.position_error_m(&record.state);
+            self.tally.position_error(error_m);
+            self.position_error.take(self.run.flight_time_s(tick), error_m);
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! The dashboard's loop in a terminal, which it gives back as it was.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+use ratatui::DefaultTerminal;
+use ratatui::crossterm::event::{self, Event};
+use rustix::process::{Pid, Signal, kill_process};
+use wire::instance::Instance;
+
+use crate::inject::{Applied, When, ask};
+use crate::watch::draw::draw;
+use crate::watch::feed::Feed;
+use crate::watch::keys::Action;
+use crate::watch::model::Model;
+use failure::{Failure, INTERRUPTED, OK};
+
+/// How long it waits for a key before it drains the feed.
+const DRAIN_EVERY: Duration = Duration::from_millis(10);
+/// How often it draws.
+const DRAW_EVERY: Duration = Duration::from_millis(100);
+
+/// Shows the model until the user leaves; under a launcher, until the flight ends.
+///
+/// # Errors
+/// Those of the terminal and the feed.
+pub fn run(
+    model: &mut Model,
+    feed: &mut Feed,
+    instance: &Instance,
+    launcher: Option<u32>,
+    stop: &AtomicBool,
+) -> Result<u8, Failure> {
+    let mut terminal = ratatui::try_init()
+        .map_err(|e| Failure::failed(format!("cannot use the terminal: {e}")).help("ironbird watch --plain"))?;
+    let outcome = show(&mut terminal, model, feed, &Outside { instance, launcher, stop });
+    ratatui::restore();
+    outcome
+}
+
+/// What the loop knows of the outside.
+struct Outside<'a> {
+    instance: &'a Instance,
+    launcher: Option<u32>,
+    stop: &'a AtomicBool,
+}
+
+fn show(
+    terminal: &mut DefaultTerminal,
+    model: &mut Model,
+    feed: &mut Feed,
+    outside: &Outside<'_>,
+) -> Result<u8, Failure> {
+    let broken = |e| Failure::failed(format!("cannot use the terminal: {e}"));
+    let (sender, answers) = mpsc::channel::<Result<Applied, Failure>>();
+    let mut next_draw = Instant::now();
+    loop {
+        if outside.stop.load(Ordering::Relaxed) {
+            return Ok(INTERRUPTED);
+        }
+        feed.look(model)?;
+        while let Ok(answer) = answers.try_recv() {
+            model.answer(answer);
+        }
+        if outside.launcher.is_some() && model.flight.as_ref().is_some_and(|flight| flight.ending.is_some()) {
+            return Ok(OK);
+        }
+        if Instant::now() >= next_draw {
+            terminal.draw(|frame| draw(model, frame)).map_err(broken)?;
+            next_draw = Instant::now() + DRAW_EVERY;
+        }
+        if !event::poll(DRAIN_EVERY).map_err(broken)? {
+            continue;
+        }
+        // What the user did is seen at once.
+        next_draw = Instant::now();
+        let Event::Key(key) = event::read().map_err(broken)? else { continue };
+        match model.key(key) {
+            Action::None => {}
+            Action::Quit => return Ok(OK),
+            Action::EndFlight => end_flight(outside.launcher),
+            Action::Reset => model.reset()?,
+            Action::Inject(parameter, value) => {
+                let (sender, instance) = (sender.clone(), outside.instance.clone());
+                // The plant may take its time, and the dashboard goes on.
+                std::thread::spawn(move || {
+                    // Nobody is left to tell when the dashboard has been left.
+                    let _ = sender.send(ask(&instance, &[(parameter, value)], When::In(Duration::ZERO)));
+                });
+            }
+        }
+    }
+}
+
+/// Tells the launcher what Ctrl-C tells it in a terminal that nobody else has taken.
+fn end_flight(launcher: Option<u32>) {
+    let launcher = launcher.and_then(|pid| i32::try_from(pid).ok()).and_then(Pid::from_raw);
+    if let Some(launcher) = launcher {
+        // It may have ended meanwhile.
+        let _ = kill_process(launcher, Signal::INT);
+    }
+}

@@ -1,0 +1,274 @@
+//! The autopsy of real flights: every class is caused on purpose, but for the recorder that cannot tell.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod rig;
+
+use std::fs;
+use std::hint::black_box;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::{Mutex, PoisonError};
+use std::thread::sleep;
+use std::time::Duration;
+
+use ironbird::settings::Settings;
+use mixer::Mixer;
+use model::inspection::{Expected, Rejections};
+use model::messages::NO_TICK;
+use model::role::Role;
+use rig::{Rig, send, wait_until};
+use role::rt::{loops_cpu, take_stand};
+use role::shell::{MixerJob, Shell};
+use role::stage::{self, Stage, Turn, Worked};
+use role::station::{Orders, Station};
+use rustix::process::Signal;
+use rustix::thread::gettid;
+use wire::clock::now_ns;
+use wire::error::Error;
+use wire::instance::Instance;
+
+/// A tick [ns].
+const T: u64 = 1_000_000;
+
+/// One flight at a time: on the loops' processor, two keep each other from it.
+static PROCESSOR: Mutex<()> = Mutex::new(());
+
+/// Waits until a flight has been in the air for a second, and has its first report.
+fn await_first_report(rig: &Rig) {
+    wait_until("the first report", || rig.out().join("latest/report.json").exists().then_some(()));
+}
+
+fn counted(rig: &Rig, class: &str, stage: Option<&str>) -> u64 {
+    let report = rig.report();
+    let classes = report["autopsy"]["classes"].as_array().unwrap();
+    let sum: u64 = classes.iter().map(|it| it["count"].as_u64().unwrap()).sum();
+    assert_eq!(sum, report["deadlines"]["missed"].as_u64().unwrap(), "{}", report["autopsy"]);
+    let of_class = classes.iter().filter(|it| it["class"] == class && it["stage"].as_str() == stage);
+    of_class.map(|it| it["count"].as_u64().unwrap()).sum()
+}
+
+#[test]
+fn a_stopped_mixer_is_found_and_the_report_says_so() {
+    let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
+    let rig = Rig::new("stopped");
+    let flight = rig.take_off(&["--duration", "3s"]);
+    await_first_report(&rig);
+    let mixer = flight.roles()["mixer"];
+    send(mixer, Signal::STOP);
+    sleep(Duration::from_millis(100));
+    send(mixer, Signal::CONT);
+    let ended = flight.end().expect(0).says("Autopsy of missed deadlines").says("stage stopped or dead, mixer");
+    // 100 ticks, of which the first and the last may have been stopped between two looks.
+    assert!(counted(&rig, "stopped_or_dead", Some("mixer")) >= 70, "{ended}");
+    let report = rig.report();
+    let worst = report["autopsy"]["worst"].as_array().unwrap();
+    // Another cause may have been worse meanwhile.
+    let of_class = worst.iter().find(|case| case["class"] == "stopped_or_dead").unwrap();
+    assert_eq!(of_class["evidence"].as_str().unwrap().split("; ").nth(1), Some("its process was stopped"));
+    assert_eq!(of_class["timeline"].as_array().unwrap().len(), 4);
+}
+
+#[test]
+fn a_killed_mixer_is_found() {
+    let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
+    let rig = Rig::new("killed");
+    let flight = rig.take_off(&["--duration", "30s"]);
+    await_first_report(&rig);
+    let mixer = flight.roles()["mixer"];
+    // Else the launcher may end the run before the next command is due.
+    flight.signal(Signal::STOP);
+    send(mixer, Signal::KILL);
+    sleep(Duration::from_millis(30));
+    flight.signal(Signal::CONT);
+    let ended = flight.end().expect(1);
+    assert!(counted(&rig, "stopped_or_dead", Some("mixer")) > 0, "{ended}");
+}
+
+#[test]
+fn loops_that_somebody_keeps_from_the_processor_were_preempted() {
+    let rig = Rig::new("taken");
+    if role::rt::fifo_refusal(99).is_some() {
+        println!("SKIPPED: without SCHED_FIFO nobody can be sure to keep the loops from their processor");
+        return;
+    }
+    let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
+    let flight = rig.take_off(&["--duration", "3s"]);
+    await_first_report(&rig);
+    let cpu = loops_cpu();
+    std::thread::spawn(move || {
+        assert_eq!(take_stand(cpu, 99).priority, 99);
+        // From within a tick on: the stages wake meanwhile, and wait.
+        let until_ns = now_ns() + 30 * T;
+        while now_ns() < until_ns {}
+    })
+    .join()
+    .unwrap();
+    let ended = flight.end().expect(0);
+    assert!(counted(&rig, "preempted", Some("plant")) > 0, "{ended}");
+}
+
+/// A group whose processes can be frozen, gone with the test.
+struct Freezer(PathBuf);
+
+impl Freezer {
+    const ROOT: &str = "/sys/fs/cgroup/freezer";
+
+    /// Nothing where the system has no such groups, or lets nobody make one.
+    fn new() -> Option<Self> {
+        let path = Path::new(Self::ROOT).join(format!("ironbird-test-{}", std::process::id()));
+        fs::create_dir(&path).ok().map(|()| Self(path))
+    }
+
+    fn freeze(&self, pids: &[u32], time: Duration) {
+        pids.iter().for_each(|pid| fs::write(self.0.join("cgroup.procs"), pid.to_string()).unwrap());
+        fs::write(self.0.join("freezer.state"), "FROZEN").unwrap();
+        sleep(time);
+        fs::write(self.0.join("freezer.state"), "THAWED").unwrap();
+        pids.iter().for_each(|pid| fs::write(Path::new(Self::ROOT).join("cgroup.procs"), pid.to_string()).unwrap());
+    }
+}
+
+impl Drop for Freezer {
+    fn drop(&mut self) {
+        let _ = fs::write(self.0.join("freezer.state"), "THAWED");
+        let _ = fs::remove_dir(&self.0);
+    }
+}
+
+#[test]
+fn loops_that_are_frozen_together_look_like_a_stall_and_a_single_one_like_a_late_wake_up() {
+    let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
+    let rig = Rig::new("frozen");
+    let Some(freezer) = Freezer::new() else {
+        println!("SKIPPED: no group under {} can be made to freeze processes in", Freezer::ROOT);
+        return;
+    };
+    // In slow motion, so that what else happens on the machine misses no deadline.
+    let slow = rig.slow(10);
+    let flight = rig.take_off(&["--duration", "400ms", "--config", &slow]);
+    await_first_report(&rig);
+    let roles = flight.roles();
+    let loops = ["plant", "outer", "inner", "mixer"].map(|role| roles[role]);
+    freezer.freeze(&loops, Duration::from_millis(100));
+    sleep(Duration::from_millis(500));
+    freezer.freeze(&[roles["mixer"]], Duration::from_millis(100));
+    let ended = flight.end().expect(0);
+    assert!(counted(&rig, "host_stall", None) > 0, "{ended}");
+    let report = rig.report();
+    let steps = report["roles"]["mixer"]["realtime"].as_array().unwrap();
+    // On a processor of its own, nobody can tell that the mixer alone was frozen.
+    if steps.iter().any(|step| step["step"] == "affinity" && step["granted"] == true) {
+        assert!(counted(&rig, "wake_late", Some("mixer")) > 0, "{ended}");
+    }
+}
+
+/// Settings of the flight with the troubled mixer: ticks of 10 ms, so that what else happens misses no deadline.
+const TROUBLED: &str = "[flight]\nslowdown = 10\nduration_s = 0.6\n";
+/// A tick of that flight [ns].
+const SLOW_T: u64 = 10 * T;
+/// In the environment of the troubled mixer: the instance that it belongs to.
+const INSTANCE: &str = "TROUBLED_INSTANCE";
+
+/// A mixer that in some ticks does something besides its work, or does not hear its input.
+struct TroubledMixer {
+    mixer: Shell<MixerJob<Mixer>>,
+}
+
+impl TroubledMixer {
+    /// It computes for longer than a tick, in two ticks near to each other.
+    const COMPUTES: [u64; 4] = [100, 110, 150, 160];
+    /// It touches memory that it never had, and then computes.
+    const FAULTS: [u64; 3] = [220, 260, 300];
+    /// It does not take what the inner loop sent in time, and is a little too slow after its cut-off.
+    const DEAF: [u64; 3] = [360, 400, 440];
+}
+
+fn compute_until(ns: u64) {
+    while now_ns() < ns {}
+}
+
+impl Stage for TroubledMixer {
+    const ROLE: Role = Role::Mixer;
+
+    fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
+        self.mixer.arm(expected, epoch)
+    }
+
+    fn take(&mut self, newest_tick: u64) -> Result<u64, Error> {
+        // A message of the next tick may be there, too.
+        let tick = newest_tick - 1;
+        if Self::DEAF.contains(&tick) { Ok(NO_TICK) } else { self.mixer.take(newest_tick) }
+    }
+
+    fn tick(&mut self, turn: &Turn) -> Result<Worked, Error> {
+        if Self::COMPUTES.contains(&turn.tick) {
+            compute_until(turn.receive_ns + SLOW_T);
+        }
+        if Self::FAULTS.contains(&turn.tick) {
+            // Never given back, so that it is new each time.
+            black_box(vec![1_u8; 1 << 20].leak());
+            compute_until(turn.receive_ns + SLOW_T);
+        }
+        if Self::DEAF.contains(&turn.tick) {
+            compute_until(turn.receive_ns + SLOW_T / 5);
+        }
+        self.mixer.tick(turn)
+    }
+
+    fn rejections(&self) -> Rejections {
+        self.mixer.rejections()
+    }
+}
+
+/// The mixer of the test below, in a process of its own.
+#[test]
+#[ignore = "no test, but a process that a test starts"]
+fn troubled_mixer() {
+    let Ok(instance) = std::env::var(INSTANCE) else { return };
+    let settings = Settings::resolve(Some(Path::new("troubled.toml")), &Vec::new()).unwrap();
+    let orders = Orders {
+        instance: Instance::new(&instance).unwrap(),
+        rt: settings.realtime().unwrap(),
+        settings: settings.shared_text().unwrap(),
+        launcher: None,
+    };
+    let mut station = Station::take(Role::Mixer, orders).unwrap();
+    // The thread of a test is not the first of its process, and it is the loop's that the recorder samples.
+    station.status.pid = u64::try_from(gettid().as_raw_nonzero().get()).unwrap();
+    let doorbell = station.wire().doorbell_with_alarm(Role::Mixer).unwrap();
+    let mixer = Shell::new(station.wire(), MixerJob(Mixer::new(&settings.mixer().unwrap())), None).unwrap();
+    // What it is late with shall be its own doing; refused, it may be preempted. No memory is locked, as page faults
+    // are wanted.
+    let _ = take_stand(loops_cpu(), 90);
+    stage::run(TroubledMixer { mixer }, &doorbell, station).unwrap();
+}
+
+#[test]
+fn a_mixer_that_computes_long_or_faults_and_an_input_that_is_not_heard_are_told_apart() {
+    let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
+    let rig = Rig::new("troubled");
+    let settings = rig.file("troubled.toml");
+    fs::write(&settings, TROUBLED.to_owned() + "[rt]\nmode = \"off\"\n").unwrap();
+    let start = |role: &str| rig.start(role, &["--config", &settings]);
+    let mut mixer = Command::new(std::env::current_exe().unwrap());
+    mixer.args(["--exact", "troubled_mixer", "--ignored"]);
+    mixer.env("IRONBIRD_ROOT", rig.root()).env(INSTANCE, &rig.instance);
+    let loops = [start("plant"), start("outer"), start("inner"), rig.launch(mixer)];
+    let recorder = start("record");
+    for process in loops {
+        process.end().expect(0);
+    }
+    let ended = recorder.end();
+    let report = rig.report();
+    let worst = report["autopsy"]["worst"].as_array().unwrap();
+    for (class, stage, ticks) in [
+        ("computed_long", "mixer", &TroubledMixer::COMPUTES[..]),
+        ("page_fault", "mixer", &TroubledMixer::FAULTS),
+        ("upstream_late", "inner", &TroubledMixer::DEAF),
+    ] {
+        // What takes the processor from the mixer meanwhile may pass for the cause, but not every time.
+        assert!(counted(&rig, class, Some(stage)) > 0, "{class}: {ended}");
+        let caused = worst.iter().filter(|case| ticks.contains(&case["tick"].as_u64().unwrap()));
+        assert!(caused.clone().any(|case| case["class"] == class && case["stage"] == stage), "{class}: {ended}");
+    }
+}

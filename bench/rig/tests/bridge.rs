@@ -1,0 +1,278 @@
+//! `ironbird bridge foxglove`, as a WebSocket client of another make sees it.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod rig;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::net::{TcpListener, TcpStream};
+use std::time::Duration;
+
+use flight_log::TOPICS;
+use flight_log::codec::decode;
+use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use prost::Message as _;
+use prost_types::FileDescriptorSet;
+use rig::{Rig, Running, wait_until};
+use rustix::process::Signal;
+use serde_json::{Value, json};
+use tungstenite::client::IntoClientRequest as _;
+use tungstenite::{Message, WebSocket};
+
+/// Ends a test that hangs.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A client of the protocol.
+struct Client {
+    socket: WebSocket<TcpStream>,
+    /// Messages of subscriptions that came while a text was waited for.
+    unread: VecDeque<Vec<u8>>,
+    /// Channels by topic.
+    channels: BTreeMap<String, Value>,
+    server: Value,
+}
+
+impl Client {
+    fn connect(port: u16) -> Self {
+        let stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let mut request = format!("ws://127.0.0.1:{port}").into_client_request().unwrap();
+        request.headers_mut().insert("sec-websocket-protocol", "foxglove.sdk.v1".parse().unwrap());
+        let (socket, response) = tungstenite::client(request, stream).unwrap();
+        assert_eq!(response.headers()["sec-websocket-protocol"], "foxglove.sdk.v1");
+        let mut client = Self { socket, unread: VecDeque::new(), channels: BTreeMap::new(), server: Value::Null };
+        client.server = client.text("serverInfo");
+        while client.channels.len() < TOPICS.len() + 3 {
+            for channel in client.text("advertise")["channels"].as_array().unwrap() {
+                client.channels.insert(channel["topic"].as_str().unwrap().to_owned(), channel.clone());
+            }
+        }
+        client
+    }
+
+    fn send(&mut self, message: &Value) {
+        self.socket.send(Message::text(message.to_string())).unwrap();
+    }
+
+    /// The next text of an operation; other texts that come meanwhile are passed over.
+    fn text(&mut self, op: &str) -> Value {
+        loop {
+            match self.socket.read().unwrap() {
+                Message::Text(text) => {
+                    let message: Value = serde_json::from_str(&text).unwrap();
+                    if message["op"] == op {
+                        return message;
+                    }
+                }
+                // A swap may be heard of before its answer is.
+                Message::Binary(bytes) => self.unread.push_back(bytes.into()),
+                _ => {}
+            }
+        }
+    }
+
+    /// Subscribes to topics, the first of them by the number 1.
+    fn subscribe(&mut self, topics: &[&str]) {
+        let ids: Vec<Value> = topics
+            .iter()
+            .zip(1..)
+            .map(|(topic, id)| json!({"id": id, "channelId": self.channels[*topic]["id"]}))
+            .collect();
+        self.send(&json!({"op": "subscribe", "subscriptions": ids}));
+    }
+
+    /// The next message of a subscription: its number, its time [ns since 1970], its content.
+    fn data(&mut self) -> (u32, u64, Vec<u8>) {
+        loop {
+            if let Some(bytes) = self.unread.pop_front() {
+                if bytes.first() == Some(&1) {
+                    let id = u32::from_le_bytes(bytes[1..5].try_into().unwrap());
+                    return (id, u64::from_le_bytes(bytes[5..13].try_into().unwrap()), bytes[13..].to_vec());
+                }
+            } else if let Message::Binary(bytes) = self.socket.read().unwrap() {
+                self.unread.push_back(bytes.into());
+            }
+        }
+    }
+
+    /// Asks for parameters, sets some where `set` has them, and gives what comes back by name.
+    fn values(&mut self, request: Value) -> BTreeMap<String, f64> {
+        self.send(&request);
+        loop {
+            let answer = self.text("parameterValues");
+            if answer["id"] == request["id"] {
+                return by_name(&answer);
+            }
+        }
+    }
+}
+
+fn by_name(answer: &Value) -> BTreeMap<String, f64> {
+    let values = answer["parameters"].as_array().unwrap().iter();
+    values.map(|p| (p["name"].as_str().unwrap().to_owned(), p["value"].as_f64().unwrap())).collect()
+}
+
+/// A bridge on a free port, which it is asked for.
+fn open(rig: &Rig) -> (Running, u16) {
+    let bridge = rig.start("bridge", &["foxglove", "--port", "0"]);
+    bridge.await_output("Ctrl-C ends");
+    let said = bridge.stdout();
+    let port = said.split("ws://127.0.0.1:").nth(1).unwrap().split(';').next().unwrap().parse().unwrap();
+    (bridge, port)
+}
+
+fn take_off(rig: &Rig) -> Running {
+    rig.take_off(&["--rt", "off", "--duration", "600s"])
+}
+
+fn land(rig: &Rig, flight: Running, bridge: Running) {
+    flight.signal(Signal::INT);
+    bridge.end().expect(0).says("the flight has ended: interrupted\n");
+    flight.end().expect(130);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn topics_have_the_schemas_of_the_log_and_their_messages_decode() {
+    let rig = Rig::new("topics");
+    let flight = take_off(&rig);
+    let (bridge, port) = open(&rig);
+    let mut client = Client::connect(port);
+    assert_eq!(client.server["name"], format!("ironbird {}", rig.instance));
+    assert!(client.server["capabilities"].as_array().unwrap().contains(&"parameters".into()), "{}", client.server);
+    for topic in TOPICS {
+        let channel = &client.channels[topic];
+        assert_eq!((&channel["encoding"], &channel["schemaEncoding"]), (&"protobuf".into(), &"protobuf".into()));
+        let name = channel["schemaName"].as_str().unwrap();
+        let set = FileDescriptorSet::decode(base64(channel["schema"].as_str().unwrap()).as_slice()).unwrap();
+        let names: Vec<_> = set.file[0].message_type.iter().map(|m| format!("ironbird.{}", m.name())).collect();
+        assert!(names.iter().any(|known| known == name), "{name} in {names:?}");
+    }
+    assert_eq!(client.channels["pose/actual"]["schemaName"], "foxglove.PoseInFrame");
+    assert_eq!(client.channels["transforms"]["schemaName"], "foxglove.FrameTransform");
+
+    client.subscribe(&["state", "setpoint", "wrench", "rotor_speeds", "pose/actual", "transforms"]);
+    let mut seen: BTreeMap<u32, Vec<u64>> = BTreeMap::new();
+    while (1..=6).any(|id| seen.get(&id).is_none_or(|ticks| ticks.len() < 3)) {
+        let (id, time_ns, bytes) = client.data();
+        let tick = match id {
+            1 => decode::<State>(&bytes).unwrap().envelope.tick,
+            2 => decode::<Setpoint>(&bytes).unwrap().envelope.tick,
+            3 => decode::<Wrench>(&bytes).unwrap().envelope.tick,
+            4 => decode::<RotorSpeeds>(&bytes).unwrap().envelope.tick,
+            _ => time_ns,
+        };
+        // The wall clock, not that of the machine's start.
+        assert!(time_ns > 1_600_000_000_000_000_000, "{time_ns}");
+        seen.entry(id).or_default().push(tick);
+    }
+    for ticks in seen.values() {
+        assert!(ticks.is_sorted(), "{ticks:?}");
+    }
+    assert!(decode::<SwapRecord>(&client.data().2).is_none());
+    land(&rig, flight, bridge);
+}
+
+fn base64(text: &str) -> Vec<u8> {
+    let digit = |c: u8| match c {
+        b'A'..=b'Z' => c - b'A',
+        b'a'..=b'z' => c - b'a' + 26,
+        b'0'..=b'9' => c - b'0' + 52,
+        b'+' => 62,
+        _ => 63,
+    };
+    let digits: Vec<u8> = text.bytes().filter(|c| *c != b'=').map(digit).collect();
+    let bits = |chunk: &[u8]| chunk.iter().fold(0_u32, |bits, d| bits << 6 | u32::from(*d)) << (6 * (4 - chunk.len()));
+    digits.chunks(4).flat_map(|chunk| bits(chunk).to_be_bytes()[1..chunk.len()].to_vec()).collect()
+}
+
+#[test]
+fn parameters_are_read_and_swapped_and_every_client_hears_of_it() {
+    let rig = Rig::new("values");
+    let flight = take_off(&rig);
+    let (bridge, port) = open(&rig);
+    let (mut client, mut other) = (Client::connect(port), Client::connect(port));
+    let all = client.values(json!({"op": "getParameters", "parameterNames": [], "id": "all"}));
+    assert_eq!((all.len(), all["mass_kg"], all["rotor_inertia_kg_m2"]), (18, 0.52, 3.36e-5));
+    other.send(&json!({"op": "subscribeParameterUpdates", "parameterNames": ["mass_kg"]}));
+    other.values(json!({"op": "getParameters", "parameterNames": ["mass_kg"], "id": "subscribed"}));
+    client.subscribe(&["swaps"]);
+    let set = client.values(json!({"op": "setParameters", "id": "set", "parameters": [
+        {"name": "mass_kg", "value": 0.6, "type": "float64"}, {"name": "motor_time_constant_s", "value": 0}
+    ]}));
+    assert_eq!(set, BTreeMap::from([("mass_kg".into(), 0.6), ("motor_time_constant_s".into(), 0.0)]));
+    let params = rig.run("params", &["--json"]).json();
+    assert_eq!((&params[0]["name"], &params[0]["in_force"]), (&"mass_kg".into(), &0.6.into()));
+    assert_eq!(by_name(&other.text("parameterValues")), BTreeMap::from([("mass_kg".into(), 0.6)]));
+    let swap = decode::<SwapRecord>(&client.data().2).unwrap();
+    let changed: Vec<_> = swap.content.changes().map(|(p, old, new)| (p.name(), old, new)).collect();
+    assert_eq!(changed, [("mass_kg", 0.52, 0.6), ("motor_time_constant_s", 0.0, 0.0)]);
+    // Who else swaps is heard of as well.
+    rig.run("inject", &["mass_kg=0.55"]).expect(0);
+    assert_eq!(by_name(&other.text("parameterValues")), BTreeMap::from([("mass_kg".into(), 0.55)]));
+    land(&rig, flight, bridge);
+}
+
+#[test]
+fn what_the_plant_would_refuse_is_answered_with_what_is_in_force_and_why() {
+    let rig = Rig::new("refused");
+    let flight = take_off(&rig);
+    let (bridge, port) = open(&rig);
+    let mut client = Client::connect(port);
+    for (name, value, why) in [
+        ("mass_kg", json!(50), "mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg"),
+        ("mass_kg", json!("heavy"), "is not a number"),
+        ("mas_kg", json!(0.6), "unknown parameter `mas_kg`; did you mean `mass_kg`?"),
+    ] {
+        client.send(&json!({"op": "setParameters", "id": why, "parameters": [{"name": name, "value": value}]}));
+        let status = client.text("status");
+        assert!(status["message"].as_str().unwrap().contains(why), "{status}");
+        assert_eq!(status["level"], 2, "an error");
+        let answer = client.text("parameterValues");
+        assert_eq!(answer["id"], why);
+        let expected = if name == "mass_kg" { BTreeMap::from([("mass_kg".to_owned(), 0.52)]) } else { BTreeMap::new() };
+        assert_eq!(by_name(&answer), expected);
+    }
+    client.send(&json!({"op": "getParameters", "parameterNames": ["mas_kg"], "id": "get"}));
+    let status = client.text("status");
+    assert!(status["message"].as_str().unwrap().contains("did you mean `mass_kg`?"), "{status}");
+    assert_eq!(by_name(&client.text("parameterValues")), BTreeMap::new());
+    let params = rig.run("params", &["--json"]).json();
+    assert_eq!(params[0]["in_force"], 0.52);
+    land(&rig, flight, bridge);
+}
+
+#[test]
+fn ctrl_c_ends_it_and_the_flight_flies_on() {
+    let rig = Rig::new("ctrlc");
+    let flight = take_off(&rig);
+    let (bridge, port) = open(&rig);
+    let mut client = Client::connect(port);
+    client.subscribe(&["state"]);
+    client.data();
+    bridge.signal(Signal::INT);
+    bridge.end().expect(130);
+    wait_until("the client to be told", || client.socket.read().is_err().then_some(()));
+    rig.run("inject", &["mass_kg=0.6"]).expect(0);
+    let (bridge, _) = open(&rig);
+    land(&rig, flight, bridge);
+}
+
+#[test]
+fn addresses_that_cannot_be_served_are_named() {
+    let rig = Rig::new("address");
+    rig.run("bridge", &["foxglove"]).expect(1).complains("does not fly").complains("ironbird fly");
+    rig.assert_nothing_started();
+    let flight = take_off(&rig);
+    let other = TcpListener::bind(("127.0.0.1", 0)).unwrap();
+    let port = other.local_addr().unwrap().port().to_string();
+    let refused = rig.run("bridge", &["foxglove", "--port", &port]).expect(5);
+    refused.complains(&format!("cannot serve on 127.0.0.1:{port}: the port is in use")).complains("--port 0");
+    // Of a network that is for documents alone.
+    let refused = rig.run("bridge", &["foxglove", "--host", "192.0.2.1"]).expect(2);
+    refused.complains("cannot serve on 192.0.2.1:8765").complains("--host is a name or an address of this machine");
+    rig.run("bridge", &["foxglove", "--port", "70000"]).expect(2).complains("70000");
+    flight.signal(Signal::INT);
+    flight.end().expect(130);
+    rig.assert_nothing_left();
+}

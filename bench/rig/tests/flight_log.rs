@@ -1,0 +1,204 @@
+//! flight.mcap of real flights: complete, read by others, exported, and no danger to a flight.
+//!
+//! The other reader is `mcap` with `mcap-protobuf-support` of PyPI (bench/tests/requirements.txt), run by the Python
+//! that `IRONBIRD_PYTHON` names. Where that is not set and `python3` has no such packages, the comparison is left out,
+//! and says so.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod rig;
+
+use std::fs;
+use std::io::Write as _;
+use std::os::unix::process::CommandExt as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use flight_log::TOPICS;
+use flight_log::reader::{End, Entry, LogReader};
+use rig::{Rig, send, wait_until};
+use rustix::process::Signal;
+use serde_json::Value;
+
+fn log_of(rig: &Rig) -> PathBuf {
+    rig.out().join("latest/flight.mcap")
+}
+
+fn skip(what: &str) {
+    // Past the test harness, which shows what a test prints only when it fails.
+    writeln!(std::io::stderr().lock(), "SKIPPED: {what}").unwrap();
+}
+
+/// A Python that reads logs; `None` where there is none.
+fn python() -> Option<String> {
+    let named = std::env::var("IRONBIRD_PYTHON").ok().filter(|python| !python.is_empty());
+    let python = named.clone().unwrap_or_else(|| "python3".into());
+    let imports = ["-c", "import matplotlib, mcap.reader, mcap_protobuf.decoder"];
+    if Command::new(&python).args(imports).output().is_ok_and(|output| output.status.success()) {
+        return Some(python);
+    }
+    let missing = format!("{python} lacks packages: pip install -r bench/tests/requirements.txt");
+    assert!(named.is_none(), "IRONBIRD_PYTHON: {missing}");
+    skip(&format!("flight.mcap is not read by another implementation: {missing}"));
+    None
+}
+
+/// Runs a script of the repository, and gives what it prints.
+fn run_python(python: &str, script: &str, arguments: [&Path; 2]) -> Vec<u8> {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(script);
+    let output = Command::new(python).arg(script).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    output.stdout
+}
+
+/// Messages per topic, as this reader reads them.
+fn counts(log: &Path) -> ([u64; 5], End) {
+    let mut reader = LogReader::open(log).unwrap();
+    let mut counts = [0; 5];
+    while let Some(entry) = reader.next_entry().unwrap() {
+        let topic = match entry {
+            Entry::State(_) => 0,
+            Entry::Setpoint(_) => 1,
+            Entry::Wrench(_) => 2,
+            Entry::RotorSpeeds(_) => 3,
+            Entry::Swap(_) => 4,
+        };
+        counts[topic] += 1;
+    }
+    (counts, reader.end())
+}
+
+#[test]
+fn every_message_is_in_the_log_and_others_read_the_same_numbers() {
+    let rig = Rig::new("log");
+    let swaps = ["gyro_noise_rad_s=0.01@tick100", "mass_kg=0.6,rotational_drag_nm_s=0.5@tick1500"];
+    let options = ["--pace", "lockstep", "--duration", "1500ms", "--fault", swaps[0], "--fault", swaps[1]];
+    rig.run("fly", &options).expect(0);
+    let (log, report) = (log_of(&rig), rig.report());
+    let (counts, end) = counts(&log);
+    // The mixer has a last word, and the second swap holds from the last tick on.
+    assert_eq!((counts, end), ([1501, 1501, 1501, 1502, 2], End::Complete));
+    let section = &report["recorder"]["log"];
+    for (topic, count) in TOPICS.iter().zip(counts) {
+        assert_eq!((&section["messages"][topic], &section["dropped"][topic]), (&count.into(), &0.into()), "{topic}");
+    }
+    assert_eq!(section["file_bytes"], fs::metadata(&log).unwrap().len());
+    assert!(section["refused"].is_null(), "{section}");
+    let exported = rig.path("exported");
+    let to = exported.to_str().unwrap();
+    rig.run("export", &["--format", "json", "--to", to]).expect(0).says("1502 messages").says("rotor_speeds.jsonl");
+    let Some(python) = python() else { return };
+    let picture = rig.path("flight.png");
+    run_python(&python, "docs/plot_flight.py", [&log, &picture]);
+    assert!(fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
+    let read = run_python(&python, "bench/tests/read_mcap.py", [&log, &exported]);
+    let read: Value = serde_json::from_slice(&read).unwrap();
+    let channels = &read["channels"];
+    for (topic, count) in TOPICS.iter().zip(counts) {
+        assert_eq!(channels[topic]["messages"], count, "{topic}");
+    }
+    check_channels(channels);
+    assert!(read["first"]["pose/actual"].as_str().unwrap().contains("frame_id: \"world\""), "{}", read["first"]);
+    let records = &read["records"];
+    let settings = fs::read_to_string(rig.out().join("latest/settings.toml")).unwrap();
+    assert_eq!(records["settings"]["settings.toml"], settings);
+    assert!(records["settings"]["shared"].as_str().unwrap().contains("gains.alpha_1_s = 200.0\n"));
+    assert_eq!(records["run"]["version"], env!("CARGO_PKG_VERSION"));
+    assert_eq!(records["host"]["kernel"], report["host"]["kernel"]);
+    assert!(records["realtime"]["plant"].is_string(), "{}", records["realtime"]);
+    assert_eq!(records["landing"]["ending"], "completed");
+}
+
+fn check_channels(channels: &Value) {
+    assert_eq!(channels["state"]["schema"], "ironbird.State");
+    assert_eq!(channels["state"]["metadata"]["unit.velocity_w_m_s"], "m/s");
+    assert_eq!(channels["state"]["metadata"]["frame.velocity_w_m_s"], "world: right-handed, z up");
+    let scene = [("pose/actual", "PoseInFrame"), ("pose/reference", "PoseInFrame"), ("transforms", "FrameTransform")];
+    for (topic, schema) in scene {
+        assert_eq!(channels[topic]["schema"], format!("foxglove.{schema}"));
+        assert!(channels[topic]["messages"].as_u64().unwrap() >= 38, "{topic}: {}", channels[topic]["messages"]);
+    }
+}
+
+#[test]
+fn an_export_is_whole_and_says_what_is_there_and_what_is_not() {
+    let rig = Rig::new("export");
+    rig.run("fly", &["--pace", "lockstep", "--duration", "200ms", "--fault", "mass_kg=0.6@tick50"]).expect(0);
+    rig.run("export", &[]).expect(0).says("     201 messages").says("latest/export/state.csv");
+    let csv = fs::read_to_string(rig.out().join("latest/export/state.csv")).unwrap();
+    let (header, rows) = csv.split_once('\n').unwrap();
+    let columns: Vec<&str> = header.split(',').collect();
+    assert!(rows.lines().count() == 201 && rows.lines().all(|row| row.split(',').count() == columns.len()));
+    let z = columns.iter().position(|column| *column == "position_w_m[2]").unwrap();
+    let states = fs::read_to_string(rig.out().join("latest/states.csv")).unwrap();
+    let z_of = |text: &str, column: usize| text.split(',').nth(column).unwrap().parse::<f64>().unwrap().to_bits();
+    assert_eq!(z_of(rows.lines().nth(150).unwrap(), z), z_of(states.lines().nth(4).unwrap(), 3), "tick 150");
+    let swaps = rig.run("export", &["--topic", "swaps", "--format", "json"]).expect(0).json();
+    assert_eq!((&swaps["envelope"]["tick"], &swaps["new"][0]), (&50.into(), &0.6.into()));
+    rig.run("export", &["--topic", "wrenches"]).expect(2).complains("rotor_speeds").complains("wrench");
+    rig.run("export", &["nowhere"]).expect(2).complains("no flight at nowhere").complains(&rig.run_directories()[0]);
+    fs::remove_file(log_of(&rig)).unwrap();
+    rig.run("export", &[]).expect(2).complains("holds no flight.mcap; it holds: export").complains("report.json");
+    rig.run("replay", &["--verify"]).expect(2).complains("holds no flight.mcap");
+    let random = rig.file("random.mcap");
+    fs::write(&random, "no log\n").unwrap();
+    for command in ["export", "replay"] {
+        rig.run(command, &[&random]).expect(1).complains("random.mcap is damaged or no flight log");
+    }
+}
+
+#[test]
+fn a_killed_recorder_leaves_what_it_had_written() {
+    let rig = Rig::new("killed-log");
+    let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(5), "--duration", "1h"]);
+    let recorder = flight.roles()["record"];
+    let log = log_of(&rig);
+    wait_until("some chunks", || (fs::metadata(&log).ok()?.len() > 400_000).then_some(()));
+    send(recorder, Signal::KILL);
+    flight.end().expect(1);
+    let (counts, end) = counts(&log);
+    assert!(end == End::Truncated && counts[0] > 100, "{counts:?}");
+    let exported = rig.run("export", &["--topic", "state"]).expect(0).complains("is truncated");
+    assert_eq!(exported.stdout.lines().count() as u64, counts[0] + 1);
+    rig.run("replay", &["--verify"]).expect(1).complains("is truncated").complains("ticks before agree");
+    rig.run("replay", &[]).expect(0).says("ticks replayed").says("agrees with the record").complains("is truncated");
+}
+
+/// A flight whose directory lies on a disk of `size`, in a mount namespace of its own, with its report.
+fn fly_on_a_small_disk(rig: &Rig, size: &str) -> Option<(rig::Ended, Value)> {
+    let allowed = Command::new("unshare").args(["-m", "mount", "-t", "tmpfs", "none", "/mnt"]).output();
+    if !allowed.is_ok_and(|output| output.status.success()) {
+        skip("a full disk is not tried: this needs a mount namespace (root)");
+        return None;
+    }
+    let (disk, kept) = (rig.path("disk"), rig.path("kept"));
+    fs::create_dir(&disk).unwrap();
+    let script = "mount -t tmpfs -o size=$1 none $2; shift; at=$1; kept=$2; shift 2; \"$@\"; code=$?; \
+        cp -rL $at/latest $kept; exit $code";
+    let flight = rig.command("fly", &["--pace", "lockstep", "--duration", "12s", "--out", disk.to_str().unwrap()]);
+    let mut command = Command::new("unshare");
+    command.args(["-m", "sh", "-c", script, "sh", size]).arg(&disk).arg(&kept);
+    command.arg(flight.get_program()).args(flight.get_args()).env("IRONBIRD_ROOT", rig.root()).process_group(0);
+    let ended = rig.launch(command).end();
+    let report = fs::read_to_string(kept.join("report.json")).unwrap_or_else(|e| panic!("{e}: {ended}"));
+    Some((ended, serde_json::from_str(&report).unwrap()))
+}
+
+#[test]
+fn a_full_disk_costs_messages_and_not_the_flight() {
+    let rig = Rig::new("full");
+    let Some((ended, report)) = fly_on_a_small_disk(&rig, "7m") else { return };
+    let result = ended.expect(0).says("less than 4 MiB would be left free on the disk").result();
+    assert_eq!((result["status"].as_str(), result["ticks"].as_str()), ("PASS", "12001"));
+    let section = &report["recorder"]["log"];
+    let of = |what: &str, topic: &str| section[what][topic].as_u64().unwrap();
+    assert!(of("dropped", "state") > 1000 && of("messages", "state") > 1000, "{section}");
+    for topic in ["state", "setpoint", "wrench"] {
+        assert_eq!(of("dropped", topic) + of("messages", topic), 12_001, "{topic}");
+    }
+    let log = rig.path("kept/flight.mcap");
+    let (counts, end) = counts(&log);
+    assert_eq!(end, End::Truncated);
+    assert_eq!((counts[0], counts[3]), (of("messages", "state"), of("messages", "rotor_speeds")));
+    assert_eq!(section["file_bytes"], fs::metadata(&log).unwrap().len());
+    assert_eq!(report["recorder"]["unwritten"], serde_json::json!({}));
+}

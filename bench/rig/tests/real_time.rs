@@ -1,0 +1,348 @@
+//! A tick of a role allocates once, faults no page, and says what the flight in one process says.
+//!
+//! The four roles stand on real ports of one instance in one thread and are ticked by hand, with everything that
+//! their shells do in a tick: wait at the doorbell, take, step, publish, ring, write the status. The one
+//! allocation is the middleware's loan. The grid begins in an hour, so that every command is in time however slow
+//! the machine is.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use std::sync::{Mutex, MutexGuard, mpsc};
+use std::thread;
+use std::time::Duration;
+
+use controller::{OuterLoop, WatchedLoop};
+use heapless::spsc::{Consumer, Producer, Queue};
+use ironbird::in_process::InProcess;
+use ironbird::settings::Settings;
+use mixer::Mixer;
+use model::boards::Status;
+use model::envelope::Message;
+use model::grid::{Grid, Pace};
+use model::inspection::Expected;
+use model::messages::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
+use model::parameters::{PARAMETERS, Parameter};
+use model::realtime::Usage;
+use model::role::{Role, STAGES};
+use model::topic::Topic;
+use plant::desk::{self, Event, Order};
+use plant::process::{INBOX, OUTBOX, PlantProcess};
+use plant::swap::Swap;
+use report::tick::TickRecord;
+use role::rt::{CountingAllocator, UsageMeter, settle, thread_allocations};
+use role::shell::{InnerJob, MixerJob, OuterJob, Shell};
+use role::stage::{Stage, Turn};
+use role::station::status_board;
+use tempfile::TempDir;
+use wire::clock::now_ns;
+use wire::instance::Instance;
+use wire::{Board, DEEP, Doorbell, LATEST, Receiver, SwapOrder, Verdict, Wire};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+const EXPECTED: Expected = Expected { run_id: 7, settings: 9 };
+const EPOCH: u64 = 100;
+/// Ticks until caches, connections and pages are what they are in flight.
+const WARM_UP: u64 = 50;
+/// Ticks that are looked at.
+const TICKS: u64 = 1000;
+/// Only ends a test that hangs.
+const LONG: Duration = Duration::from_secs(60);
+
+/// An instance of a test's own.
+struct Site {
+    instance: Instance,
+    _root: TempDir,
+    _turn: MutexGuard<'static, ()>,
+}
+
+impl Site {
+    fn new() -> Self {
+        // One test after the other: making all memory present cannot bear that another test gives memory back.
+        static TURN: Mutex<()> = Mutex::new(());
+        let turn = TURN.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let root = tempfile::Builder::new().prefix("ib-").tempdir_in("/tmp").unwrap();
+        Self { instance: Instance::under(root.path(), "test").unwrap(), _root: root, _turn: turn }
+    }
+}
+
+impl Drop for Site {
+    fn drop(&mut self) {
+        self.instance.remove_leftovers().unwrap();
+    }
+}
+
+/// Calls to the allocator in a tick, by role.
+type Allocations = [u64; STAGES.len()];
+
+/// A stage with what its shell holds.
+struct Place<S> {
+    stage: S,
+    doorbell: Doorbell,
+    board: Board<Status>,
+}
+
+impl<S: Stage> Place<S> {
+    fn new(wire: &Wire, stage: S) -> Self {
+        let board = wire.board(&status_board(S::ROLE)).unwrap();
+        // As each role's shell has it.
+        let doorbell = if S::ROLE == Role::Mixer { wire.doorbell_with_alarm(S::ROLE) } else { wire.doorbell(S::ROLE) };
+        Self { stage, doorbell: doorbell.unwrap(), board }
+    }
+
+    fn tick(&mut self, tick: u64) -> u64 {
+        let before = thread_allocations();
+        assert!(self.doorbell.wait_until(now_ns() + LONG.as_nanos() as u64).unwrap());
+        assert_eq!(self.stage.take(tick).unwrap(), tick);
+        let worked = self.stage.tick(&Turn { tick, receive_ns: now_ns(), previous_busy_ns: 1 }).unwrap();
+        assert!(!worked.stale && worked.wants_end.is_none());
+        self.board.put(Status { ticks_run: tick, rejections: self.stage.rejections(), ..Status::default() });
+        thread_allocations() - before
+    }
+}
+
+/// The four roles in one thread.
+struct Crew<'a> {
+    pace: Pace,
+    plant: PlantProcess<'a>,
+    outer: Place<Shell<OuterJob<OuterLoop>>>,
+    inner: Place<Shell<InnerJob<WatchedLoop>>>,
+    mixer: Place<Shell<MixerJob<Mixer>>>,
+    next_tick: u64,
+}
+
+impl<'a> Crew<'a> {
+    fn new(wire: &Wire, orders: Consumer<'a, Order>, events: Producer<'a, Event>) -> Self {
+        let settings = settings();
+        let (plant, controller) = (settings.plant().unwrap(), settings.controller().unwrap());
+        let outer = OuterJob { law: OuterLoop::new(&controller), position_error_max_m: 5.0 };
+        let inner = InnerJob(WatchedLoop::new(&controller));
+        let mixer = MixerJob(Mixer::new(&settings.mixer().unwrap()));
+        Self {
+            pace: Pace::Realtime(Grid { t0_ns: now_ns() + 3_600_000_000_000, period_ns: 1_000_000 }),
+            plant: PlantProcess::new(wire, &plant, &[], orders, events).unwrap(),
+            outer: Place::new(wire, Shell::new(wire, outer, Some(Role::Inner)).unwrap()),
+            inner: Place::new(wire, Shell::new(wire, inner, Some(Role::Mixer)).unwrap()),
+            mixer: Place::new(wire, Shell::new(wire, mixer, None).unwrap()),
+            next_tick: 0,
+        }
+    }
+
+    fn arm(&mut self) {
+        self.plant.arm(EXPECTED, EPOCH).unwrap();
+        self.outer.stage.arm(EXPECTED, EPOCH).unwrap();
+        self.inner.stage.arm(EXPECTED, EPOCH).unwrap();
+        self.mixer.stage.arm(EXPECTED, EPOCH).unwrap();
+        settle().unwrap();
+    }
+
+    /// Flies a tick.
+    fn tick(&mut self) -> Allocations {
+        let tick = self.next_tick;
+        self.next_tick += 1;
+        let before = thread_allocations();
+        let worked = self.plant.tick(tick, now_ns(), self.pace).unwrap();
+        let plant = thread_allocations() - before;
+        assert!(worked.envelope.is_ok());
+        [plant, self.outer.tick(tick), self.inner.tick(tick), self.mixer.tick(tick)]
+    }
+
+    /// Ticks until the crew has settled.
+    fn warm_up(&mut self) {
+        for _ in 0..WARM_UP {
+            self.tick();
+        }
+    }
+}
+
+fn settings() -> Settings {
+    Settings::resolve(None, &Vec::new()).unwrap()
+}
+
+/// The recorder's ports.
+struct Recorder {
+    states: Receiver<State>,
+    setpoints: Receiver<Setpoint>,
+    wrenches: Receiver<Wrench>,
+    rotor_speeds: Receiver<RotorSpeeds>,
+}
+
+impl Recorder {
+    fn new(wire: &Wire) -> Self {
+        Self { states: armed(wire), setpoints: armed(wire), wrenches: armed(wire), rotor_speeds: armed(wire) }
+    }
+
+    /// Compares everything that was said with the flight in one process.
+    fn assert_same(&mut self, flight: &[TickRecord]) {
+        assert_same(&mut self.states, flight, |record| record.state);
+        assert_same(&mut self.setpoints, flight, |record| record.setpoint.unwrap());
+        assert_same(&mut self.wrenches, flight, |record| record.wrench);
+        assert_same(&mut self.rotor_speeds, flight, |record| record.rotor_speeds);
+    }
+}
+
+fn armed<C: Topic>(wire: &Wire) -> Receiver<C> {
+    let mut receiver = wire.receiver(DEEP).unwrap();
+    receiver.arm(EXPECTED).unwrap();
+    receiver
+}
+
+fn bits<C: Topic>(content: &C) -> Vec<u64> {
+    let mut bits = Vec::new();
+    content.numbers(|numbers| bits.extend(numbers.iter().map(|number| number.to_bits())));
+    bits
+}
+
+fn assert_same<C: Topic + PartialEq>(said: &mut Receiver<C>, flight: &[TickRecord], of: fn(&TickRecord) -> C) {
+    let mut messages: Vec<Message<C>> = Vec::new();
+    said.drain(u64::MAX - 1, |message| messages.push(*message)).unwrap();
+    assert_eq!(messages.len(), flight.len(), "{}", C::NAME);
+    for (message, record) in messages.iter().zip(flight) {
+        let (tick, expected) = (record.tick, of(record));
+        assert_eq!(message.envelope.tick, tick, "{}", C::NAME);
+        assert_eq!(message.content, expected, "{} of tick {tick}", C::NAME);
+        assert_eq!(bits(&message.content), bits(&expected), "{} of tick {tick}, to the last bit", C::NAME);
+    }
+    assert_eq!(said.rejections().total(), 0);
+}
+
+/// Swaps that are passed to the loop in flight, with the tick before which they are, and from which they hold.
+fn swaps() -> [(u64, Order); 3] {
+    let order = |tick, in_ticks, ticket, changes: &[(Parameter, f64)]| Order {
+        tick,
+        in_ticks,
+        swap: Swap { ticket, ..Swap::new(0, changes).unwrap() },
+    };
+    [
+        // The first one while warming up: its code too must have been fetched once.
+        (10, order(Some(20), 0, 1, &[(Parameter::Mass, 0.6)])),
+        (200, order(None, 5, 2, &[(Parameter::RotorEfficiency2, 0.9), (Parameter::GyroNoise, 0.01)])),
+        (700, order(Some(0), 0, 3, &[(Parameter::RotorInertia, 5e-5), (Parameter::DisturbanceGain, 0.4)])),
+    ]
+}
+const SWAPPED_AT: [u64; 3] = [20, 205, 700];
+
+/// Flies with swaps, and compares with the flight in one process where a recorder listens.
+fn fly_and_count(with_recorder: bool) {
+    let site = Site::new();
+    let wire = Wire::open(&site.instance).unwrap();
+    let (mut inbox, mut outbox) = (Queue::<Order, INBOX>::new(), Queue::<Event, OUTBOX>::new());
+    let (mut orders_in, orders_out) = inbox.split();
+    let (events_in, mut events_out) = outbox.split();
+    let mut recorder = with_recorder.then(|| Recorder::new(&wire));
+    let mut crew = Crew::new(&wire, orders_out, events_in);
+    crew.arm();
+
+    let mut orders = swaps().into_iter().peekable();
+    let mut allocations = vec![[u64::MAX; STAGES.len()]; (WARM_UP + TICKS) as usize];
+    let mut usage = Usage::default();
+    let mut meter = UsageMeter::start();
+    for tick in 0..WARM_UP + TICKS {
+        if tick == WARM_UP {
+            meter = UsageMeter::start();
+        }
+        if let Some((_, order)) = orders.next_if(|(before, _)| *before == tick) {
+            orders_in.enqueue(order).unwrap();
+        }
+        allocations[tick as usize] = crew.tick();
+        if tick + 1 == WARM_UP + TICKS {
+            usage = meter.read();
+        }
+    }
+
+    for (tick, allocations) in allocations.iter().enumerate().skip(WARM_UP as usize) {
+        assert_eq!(*allocations, [1; 4], "in tick {tick} of {STAGES:?}: one loan each and nothing else");
+    }
+    assert_eq!((usage.minor_faults, usage.major_faults), (0, 0), "over {TICKS} ticks of all four roles");
+    assert_eq!(usage.allocations, 4 * TICKS, "between the ticks nothing allocates either");
+    for (ticket, expected_tick) in (1..).zip(SWAPPED_AT) {
+        let Some(Event::Applied(applied)) = events_out.dequeue() else { panic!("swap {ticket} was not applied") };
+        assert_eq!((applied.ticket, applied.tick, applied.epoch), (ticket, expected_tick, ticket));
+    }
+    if let Some(recorder) = &mut recorder {
+        recorder.assert_same(&in_process(WARM_UP + TICKS));
+    }
+}
+
+/// The same flight in one process.
+fn in_process(ticks: u64) -> Vec<TickRecord> {
+    let mut rig = InProcess::of(&settings()).unwrap();
+    for ((_, order), tick) in swaps().into_iter().zip(SWAPPED_AT) {
+        rig.plant_mut().schedule(Swap { tick, ..order.swap }).unwrap();
+    }
+    (0..ticks).map(|_| rig.tick()).collect()
+}
+
+#[test]
+fn a_tick_allocates_only_the_loan_and_faults_no_page() {
+    fly_and_count(false);
+}
+
+#[test]
+fn a_recorder_costs_the_tick_nothing_and_hears_the_flight_of_one_process_bit_by_bit() {
+    fly_and_count(true);
+}
+
+#[test]
+fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
+    const CLIENTS: u64 = 20;
+    let site = Site::new();
+    let wire = Wire::open(&site.instance).unwrap();
+    let (mut inbox, mut outbox) = (Queue::<Order, INBOX>::new(), Queue::<Event, OUTBOX>::new());
+    let (orders_in, orders_out) = inbox.split();
+    let (events_in, events_out) = outbox.split();
+    thread::scope(|scope| {
+        let (open_desk, opened) = mpsc::channel();
+        let (tell, told) = mpsc::channel();
+        let instance = &site.instance;
+        let desk = scope.spawn(move || desk::serve(instance, &tell, &opened, orders_in, events_out));
+        told.recv().unwrap();
+        let mut crew = Crew::new(&wire, orders_out, events_in);
+        crew.arm();
+        crew.warm_up();
+        open_desk.send((EXPECTED, EPOCH)).unwrap();
+        let clients = scope.spawn(move || {
+            for client in 0..CLIENTS {
+                // A process of its own as far as the middleware can tell.
+                let wire = Wire::open(instance).unwrap();
+                let answer = wire.swap_client().unwrap().ask(change_mass(0.5 + client as f64 / 100.0), LONG).unwrap();
+                assert_eq!((answer.verdict, answer.parameter_epoch), (Verdict::Applied as u64, client + 1));
+            }
+        });
+        let (begin_ns, first_tick) = (now_ns(), crew.next_tick);
+        while !clients.is_finished() && now_ns() < begin_ns + LONG.as_nanos() as u64 {
+            assert_eq!(crew.tick(), [1; 4], "in tick {}", crew.next_tick - 1);
+        }
+        clients.join().unwrap();
+        assert!(crew.next_tick > first_tick + CLIENTS, "every client's swap had a tick of its own");
+        drop(open_desk);
+        desk.join().unwrap().unwrap();
+    });
+}
+
+fn change_mass(mass_kg: f64) -> SwapOrder {
+    let mut order =
+        SwapOrder { at_tick: NO_TICK, in_ticks: 0, count: 1, parameter: [0; PARAMETERS], value: [0.0; PARAMETERS] };
+    (order.parameter[0], order.value[0]) = (Parameter::Mass as u64, mass_kg);
+    order
+}
+
+/// Why observers do not join a topic in flight; and the proof that the counter counts.
+#[test]
+fn a_receiver_that_joins_a_topic_in_flight_makes_the_sender_allocate() {
+    let site = Site::new();
+    let wire = Wire::open(&site.instance).unwrap();
+    let (mut inbox, mut outbox) = (Queue::<Order, INBOX>::new(), Queue::<Event, OUTBOX>::new());
+    let mut crew = Crew::new(&wire, inbox.split().1, outbox.split().0);
+    crew.arm();
+    crew.warm_up();
+    assert_eq!(crew.tick(), [1; 4]);
+    let joined = wire.receiver::<Wrench>(LATEST).unwrap();
+    let allocations = crew.tick();
+    assert!(allocations[Role::Inner as usize] > 1, "{allocations:?}");
+    assert_eq!(crew.tick(), [1; 4]);
+    drop(joined);
+    crew.tick();
+    assert_eq!(crew.tick(), [1; 4]);
+}

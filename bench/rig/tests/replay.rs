@@ -1,0 +1,286 @@
+//! Replay of logs: exact in all kinds of trouble, and never content with a log that is not whole and unchanged.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod recorded;
+
+use std::path::{Path, PathBuf};
+
+use failure::Failure;
+use flight_log::facts::record;
+use flight_log::reader::{Entry, LogReader};
+use flight_log::writer::FlightLog;
+use ironbird::replay::{Replayed, fly_again};
+use recorded::{Dice, Published, Trouble, fly, settings, write};
+use tempfile::TempDir;
+
+const SHORT: &str = "[flight]\nduration_s = 0.1\n";
+const NOISY: &str = "[flight]\nduration_s = 0.4\ntrajectory = \"fast\"\nfaults = [\"gyro_noise_rad_s=0.02@tick7\", \
+    \"rotational_drag_nm_s=0.525,mass_kg=0.6@60ms\", \"rotor_efficiency_3=0.5@tick200\", \"mass_kg=0.5@tick400\"]\n\
+    [rotor]\nmax_rad_s = 220.0\n";
+
+struct Place {
+    directory: TempDir,
+}
+
+impl Place {
+    fn new() -> Self {
+        Self { directory: TempDir::new().unwrap() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.directory.path().join(name)
+    }
+
+    /// The log of a flight with trouble.
+    fn log(&self, text: &str, trouble: impl Fn(u64) -> Trouble) -> (PathBuf, Published) {
+        let (path, settings) = (self.path("flight.mcap"), settings(text));
+        let published = fly(&settings, trouble);
+        write(&path, &settings, &published);
+        (path, published)
+    }
+}
+
+fn verify(path: &Path) -> Result<Replayed, Failure> {
+    fly_again(path, 0, true)
+}
+
+#[track_caller]
+fn assert_identical(path: &Path) -> Replayed {
+    let replayed = verify(path).unwrap();
+    assert!(replayed.is_identical(), "{:?}", replayed.comparison.first);
+    replayed
+}
+
+#[test]
+fn a_flight_without_trouble_is_identical_and_every_value_is_compared() {
+    fn values<C: model::topic::Topic>(messages: &[model::envelope::Message<C>]) -> u64 {
+        (size_of::<C>() / size_of::<u64>() * messages.len()) as u64
+    }
+    let place = Place::new();
+    let (path, published) = place.log(SHORT, |_| Trouble::default());
+    let replayed = assert_identical(&path);
+    assert_eq!(replayed.summary.ticks, 101);
+    let loops = values(&published.setpoints) + values(&published.wrenches) + values(&published.rotor_speeds);
+    assert_eq!(replayed.comparison.values, values(&published.states) + loops);
+    let later = fly_again(&path, 60, true).unwrap();
+    assert!(later.is_identical() && later.summary.ticks == 41, "{:?}", later.summary);
+    let beyond = fly_again(&path, 102, true).unwrap_err();
+    assert!(beyond.to_string().contains("--from 102: the log ends at tick 100"), "{beyond}");
+}
+
+#[test]
+fn swaps_noise_and_saturation_are_identical() {
+    let place = Place::new();
+    let (path, published) = place.log(NOISY, |_| Trouble::default());
+    assert!(published.rotor_speeds.iter().any(|message| message.content.saturated == 1), "nothing saturates");
+    assert_eq!(published.swaps.len(), 4, "the last one holds from the last tick on");
+    assert_identical(&path);
+}
+
+#[test]
+fn a_stage_that_sleeps_or_starts_again_is_identical() {
+    let place = Place::new();
+    for stage in 0..4 {
+        let asleep = |tick: u64| (40..43).contains(&tick) || (120..260).contains(&tick);
+        let (path, published) = place.log(NOISY, |tick| Trouble {
+            plant_sleeps: stage == 0 && asleep(tick),
+            outer_sleeps: stage == 1 && asleep(tick),
+            inner_sleeps: stage == 2 && asleep(tick),
+            mixer_sleeps: stage == 3 && asleep(tick),
+            inner_restarts: stage == 2 && tick == 260,
+            ..Trouble::default()
+        });
+        let replayed = assert_identical(&path);
+        assert_eq!(replayed.summary.restarts, u64::from(stage == 2));
+        assert_eq!(published.states.last().unwrap().content.ticks_skipped, if stage == 0 { 143 } else { 0 });
+    }
+}
+
+#[test]
+fn trouble_of_all_kinds_at_once_is_identical() {
+    let place = Place::new();
+    let mut seen = [0; 4];
+    for seed in 0..60 {
+        let mut dice = Dice(seed);
+        let mut plan: Vec<Trouble> = Vec::new();
+        while plan.len() <= 400 {
+            let trouble = Trouble {
+                plant_sleeps: dice.roll(12) == 0,
+                plant_is_late: dice.roll(12) == 0,
+                outer_sleeps: dice.roll(12) == 0,
+                inner_sleeps: dice.roll(12) == 0,
+                mixer_sleeps: dice.roll(12) == 0,
+                mixer_late_ns: if dice.roll(6) == 0 { dice.roll(4_000_000) } else { 0 },
+                inner_restarts: dice.roll(100) == 0,
+            };
+            let length = if dice.roll(15) == 0 { 1 + dice.roll(90) } else { 1 };
+            plan.push(trouble);
+            plan.extend((1..length).map(|_| Trouble { inner_restarts: false, ..trouble }));
+        }
+        let (path, published) = place.log(NOISY, |tick| plan[tick as usize]);
+        let replayed = verify(&path).unwrap();
+        assert!(replayed.is_identical(), "seed {seed}: {:?}", replayed.comparison.first);
+        let state = published.states.last().unwrap().content;
+        seen[0] += state.ticks_skipped;
+        seen[1] += state.deadlines_missed;
+        seen[2] += replayed.summary.restarts;
+        seen[3] += u64::from(published.setpoints.len() < published.states.len());
+    }
+    assert!(seen.iter().all(|count| *count > 0), "there was trouble: {seen:?}");
+}
+
+/// Writes a log again, without the messages that `keep` does not want, which it may also change.
+fn rewrite(from: &Path, to: &Path, text: &str, mut keep: impl FnMut(&mut Entry) -> bool) {
+    let mut reader = LogReader::open(from).unwrap();
+    let mut log = FlightLog::create(to, &recorded::facts(&settings(text))).unwrap();
+    while let Some(mut entry) = reader.next_entry().unwrap() {
+        if !keep(&mut entry) {
+            continue;
+        }
+        match &entry {
+            Entry::State(message) => log.state(message),
+            Entry::Setpoint(message) => log.setpoint(message),
+            Entry::Wrench(message) => log.write(message),
+            Entry::RotorSpeeds(message) => log.write(message),
+            Entry::Swap(message) => log.write(message),
+        }
+    }
+    log.finish(record(&[])).unwrap();
+}
+
+fn flip(value: &mut f64) {
+    *value = f64::from_bits(value.to_bits() ^ 1);
+}
+
+/// Changes the lowest bit of a value: of tick 90, or of the swap of tick 60.
+fn change(entry: &mut Entry, field: &str) {
+    match entry {
+        Entry::State(message) if field == "state.position_w_m[1]" && message.envelope.tick == 90 => {
+            flip(&mut message.content.position_w_m[1]);
+        }
+        Entry::Setpoint(message) if field == "setpoint.thrust_n" && message.envelope.tick == 90 => {
+            flip(&mut message.content.thrust_n);
+        }
+        Entry::Wrench(message) if field == "wrench.torque_b_nm[2]" && message.envelope.tick == 90 => {
+            flip(&mut message.content.torque_b_nm[2]);
+        }
+        Entry::RotorSpeeds(message) if field == "rotor_speeds.saturated" && message.envelope.tick == 90 => {
+            message.content.saturated ^= 1;
+        }
+        Entry::Swap(message) if field == "swaps.old[0]" && message.envelope.tick == 60 => {
+            flip(&mut message.content.old[0]);
+        }
+        _ => {}
+    }
+}
+
+#[test]
+fn a_changed_value_with_whole_checksums_diverges_at_its_tick_stage_and_field() {
+    let place = Place::new();
+    let (path, _) = place.log(NOISY, |_| Trouble::default());
+    let changed = place.path("changed.mcap");
+    for (stage, field) in [
+        ("plant", "state.position_w_m[1]"),
+        ("outer", "setpoint.thrust_n"),
+        ("inner", "wrench.torque_b_nm[2]"),
+        ("mixer", "rotor_speeds.saturated"),
+        ("plant", "swaps.old[0]"),
+    ] {
+        rewrite(&path, &changed, NOISY, |entry| {
+            change(entry, field);
+            true
+        });
+        let divergence = verify(&changed).unwrap().comparison.first.unwrap_or_else(|| panic!("{field}"));
+        let found = format!("{}.{}", divergence.topic, divergence.field);
+        assert_eq!((divergence.stage.name(), found.as_str()), (stage, field));
+        assert_eq!(divergence.tick, if field == "swaps.old[0]" { 60 } else { 90 }, "{divergence}");
+        assert_ne!(divergence.recorded, divergence.replayed);
+    }
+    // A swap to another value changes the flight from its tick on.
+    rewrite(&path, &changed, NOISY, |entry| {
+        if let Entry::Swap(message) = entry {
+            flip(&mut message.content.new[0]);
+        }
+        true
+    });
+    assert!(!verify(&changed).unwrap().is_identical());
+}
+
+#[test]
+fn a_log_with_a_gap_is_refused_and_the_gap_named() {
+    let place = Place::new();
+    let (path, _) = place.log(NOISY, |_| Trouble::default());
+    let thinned = place.path("thinned.mcap");
+    let refused = |keep: &dyn Fn(&Entry) -> bool| {
+        rewrite(&path, &thinned, NOISY, |entry| keep(entry));
+        verify(&thinned).unwrap_err().to_string()
+    };
+    let said = refused(&|entry| !matches!(entry, Entry::Wrench(message) if message.envelope.tick == 50));
+    assert!(said.contains("1 messages of topic `wrench` are missing before tick 51"), "{said}");
+    let said = refused(&|entry| !matches!(entry, Entry::State(message) if message.envelope.tick < 3));
+    assert!(said.contains("3 messages of topic `state` are missing before tick 3"), "{said}");
+    let said = refused(&|entry| !matches!(entry, Entry::Swap(message) if message.content.parameter_epoch == 4));
+    assert!(said.contains("its last state knows 4 swaps, and it holds 3"), "{said}");
+    let said = refused(&|_| false);
+    assert!(said.contains("holds no message"), "{said}");
+}
+
+#[test]
+fn a_log_of_other_settings_is_refused() {
+    let place = Place::new();
+    let (path, _) = place.log(NOISY, |_| Trouble::default());
+    let other = place.path("other.mcap");
+    rewrite(&path, &other, SHORT, |_| true);
+    let said = verify(&other).unwrap_err().to_string();
+    assert!(said.contains("the log mixes runs"), "{said}");
+}
+
+#[test]
+fn whatever_bit_of_the_file_is_flipped_the_log_is_never_identical() {
+    let place = Place::new();
+    let text = "[flight]\nduration_s = 0.03\nfaults = [\"mass_kg=0.6@tick7\"]\n";
+    let (path, _) = place.log(text, |_| Trouble::default());
+    assert_identical(&path);
+    let whole = std::fs::read(&path).unwrap();
+    let flipped_path = place.path("flipped.mcap");
+    let ends = 300;
+    let places = (0..ends).chain((ends..whole.len() - ends).step_by(13)).chain(whole.len() - ends..whole.len());
+    let mut unseen = Vec::new();
+    for place in places {
+        let mut flipped = whole.clone();
+        flipped[place] ^= 1 << (place % 8);
+        std::fs::write(&flipped_path, &flipped).unwrap();
+        if verify(&flipped_path).is_ok_and(|replayed| replayed.is_identical()) {
+            unseen.push(place);
+        }
+    }
+    assert!(unseen.is_empty(), "flips at {unseen:?} of {} bytes were not seen", whole.len());
+}
+
+#[test]
+fn a_truncated_log_is_read_to_its_last_whole_chunk_and_never_identical() {
+    let place = Place::new();
+    let (path, published) = place.log(SHORT, |_| Trouble::default());
+    let whole = std::fs::read(&path).unwrap();
+    let cut_path = place.path("cut.mcap");
+    let mut most = 0;
+    for length in (0..whole.len()).step_by(whole.len() / 60) {
+        std::fs::write(&cut_path, &whole[..length]).unwrap();
+        let mut reader = LogReader::open(&cut_path).unwrap();
+        let mut states = 0;
+        while let Ok(Some(entry)) = reader.next_entry() {
+            states += usize::from(matches!(entry, Entry::State(_)));
+        }
+        assert!(states >= most, "the longer the file, the more of it is read");
+        most = states;
+        match verify(&cut_path) {
+            Ok(replayed) => assert!(!replayed.is_identical() && replayed.comparison.first.is_none(), "{length}"),
+            Err(failure) => {
+                let said = failure.to_string();
+                let known = ["truncated before its first message", "it ends before its first record"];
+                assert!(states == 0 && known.iter().any(|words| said.contains(words)), "{said}");
+            }
+        }
+    }
+    assert!(most > 50 && most <= published.states.len(), "{most}");
+}

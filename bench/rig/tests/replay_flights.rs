@@ -1,0 +1,89 @@
+//! Replay of real flights in slow motion, with stages that are stopped and started again.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod rig;
+
+use std::thread::sleep;
+use std::time::Duration;
+
+use model::role::Role;
+use rig::{Rig, send, wait_until};
+use rustix::process::Signal;
+
+/// Ticks of 10 ms, rotors that saturate, noise, and swaps.
+const TROUBLED: &str = "[flight]\nslowdown = 10\ntrajectory = \"fast\"\nduration_s = 0.8\n\
+    faults = [\"gyro_noise_rad_s=0.02@tick40\", \"rotor_efficiency_3=0.9@tick790\"]\n[rotor]\nmax_rad_s = 220.0\n";
+
+fn stop_for(pid: u32, ms: u64) {
+    send(pid, Signal::STOP);
+    sleep(Duration::from_millis(ms));
+    send(pid, Signal::CONT);
+}
+
+#[track_caller]
+fn verifies(rig: &Rig) {
+    let verified = rig.run("replay", &["--verify"]).expect(0);
+    let (ticks, said) = (rig.report()["ticks"]["run"].clone(), verified.stdout.clone());
+    assert!(said.starts_with(&format!("replay: {ticks} ticks, ")) && said.ends_with(" values, identical\n"), "{said}");
+}
+
+#[test]
+fn a_flight_whose_stages_are_stopped_one_after_the_other_is_identical() {
+    let rig = Rig::new("replayed");
+    let flight = rig.take_off(&["--rt", "off", "--config", &rig.settings(TROUBLED)]);
+    let roles = flight.roles();
+    for (role, ms) in [("outer", 100), ("inner", 60), ("mixer", 23), ("plant", 40), ("plant", 430), ("mixer", 300)] {
+        sleep(Duration::from_millis(120));
+        stop_for(roles[role], ms);
+    }
+    rig.run("inject", &["mass_kg=0.55", "rotational_drag_nm_s=0.2"]);
+    flight.end();
+    let report = rig.report();
+    let number = |section: &str, key: &str| report[section][key].as_u64().unwrap();
+    assert!(number("ticks", "skipped") > 10 && number("deadlines", "missed") > 10, "{report}");
+    assert!(report["roles"]["inner"]["ticks_stale"].as_u64().unwrap() > 5, "{report}");
+    verifies(&rig);
+    rig.run("replay", &["--verify", "--from", "100"]).expect(0).says("identical");
+    let told = rig.run("replay", &[]).expect(0);
+    told.says("swap 1 at tick 40: gyro_noise_rad_s 0 -> 0.02").says("agrees with the record");
+}
+
+#[test]
+fn a_flight_with_an_inner_loop_that_dies_and_comes_back_is_identical() {
+    let rig = Rig::new("reborn");
+    let settings = rig.settings(&TROUBLED.replace("0.8", "0.6").replace("790", "590"));
+    let args = ["--rt", "off", "--config", settings.as_str()];
+    let start = |role: &str| rig.start(role, &args);
+    let (recorder, plant) = (start("record"), start("plant"));
+    let (outer, inner, mixer) = (start("outer"), start("inner"), start("mixer"));
+    rig.await_flight();
+    sleep(Duration::from_millis(500));
+    inner.signal(Signal::KILL);
+    inner.end();
+    let again = start("inner");
+    let instance = rig.known();
+    wait_until("another inner loop", || (instance.pid_of(Role::Inner) == Some(again.pid())).then_some(()));
+    for role in [plant, outer, again, mixer, recorder] {
+        role.end();
+    }
+    verifies(&rig);
+    rig.run("replay", &[]).expect(0).says("started 1 times in flight");
+}
+
+#[test]
+fn a_flight_that_a_signal_ends_is_identical() {
+    let rig = Rig::new("signalled");
+    let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(10), "--duration", "1h"]);
+    sleep(Duration::from_millis(700));
+    flight.signal(Signal::INT);
+    flight.end().expect(130);
+    verifies(&rig);
+}
+
+#[test]
+fn a_flight_in_lockstep_is_identical() {
+    let rig = Rig::new("in-step");
+    let options = ["--pace", "lockstep", "--duration", "2s", "--preset", "paper", "--fault", "mass_kg=0.6@1s"];
+    rig.run("fly", &options).expect(0);
+    verifies(&rig);
+}

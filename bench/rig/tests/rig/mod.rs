@@ -1,0 +1,358 @@
+//! A rig for one test: own root, own output, own instance, own processes.
+#![allow(dead_code, reason = "each test file uses its part")]
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use tempfile::TempDir;
+use wire::instance::Instance;
+
+pub const IRONBIRD: &str = env!("CARGO_BIN_EXE_ironbird");
+/// Ends a test that hangs; no verdict on latency.
+const PATIENCE: Duration = Duration::from_secs(60);
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+
+/// What one test flies.
+pub struct Rig {
+    directory: TempDir,
+    pub instance: String,
+    started: AtomicU64,
+}
+
+impl Rig {
+    /// `name` starts the instance's name: at most 20 characters.
+    pub fn new(name: &str) -> Self {
+        // Short, because sockets live below it.
+        let directory = tempfile::Builder::new().prefix("ib").tempdir_in("/tmp").unwrap();
+        Self { directory, instance: format!("{name}-{}", std::process::id()), started: AtomicU64::new(0) }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.directory.path().join(name)
+    }
+
+    /// The same as text, to be handed over as an argument.
+    pub fn file(&self, name: &str) -> String {
+        self.path(name).to_str().unwrap().to_owned()
+    }
+
+    pub fn root(&self) -> PathBuf {
+        self.path("r")
+    }
+
+    /// The instance as the processes know it.
+    pub fn known(&self) -> Instance {
+        Instance::under(&self.root(), &self.instance).unwrap()
+    }
+
+    pub fn out(&self) -> PathBuf {
+        self.path("out")
+    }
+
+    /// Writes a settings file and gives its path.
+    pub fn settings(&self, text: &str) -> String {
+        let path = self.file(&format!("settings{}.toml", self.started.fetch_add(1, Ordering::Relaxed)));
+        fs::write(&path, text).unwrap();
+        path
+    }
+
+    /// Settings of slow motion: a tick takes `slowdown` ms, so that a stall of the machine misses no deadline.
+    pub fn slow(&self, slowdown: u64) -> String {
+        self.settings(&format!("[flight]\nslowdown = {slowdown}\n"))
+    }
+
+    /// `ironbird COMMAND` with the instance and the output directory of this rig, where the command takes them.
+    pub fn command(&self, command: &str, args: &[&str]) -> Command {
+        let mut process = Command::new(IRONBIRD);
+        process.arg(command).args(self.own_args(command, args)).env("IRONBIRD_ROOT", self.root());
+        process
+    }
+
+    /// What a command is given besides `args`.
+    pub fn own_args(&self, command: &str, args: &[&str]) -> Vec<String> {
+        let mut all: Vec<String> = args.iter().map(|arg| (*arg).to_owned()).collect();
+        let mut default = |flag: &str, value: &str| {
+            if !args.contains(&flag) {
+                all.extend([flag.to_owned(), value.to_owned()]);
+            }
+        };
+        if !matches!(command, "clean" | "simulate" | "report" | "export" | "replay" | "floor") {
+            default("--instance", &self.instance);
+        }
+        if matches!(command, "fly" | "record" | "report" | "export" | "replay") {
+            default("--out", self.out().to_str().unwrap());
+        }
+        all
+    }
+
+    /// Starts a process.
+    pub fn start(&self, command: &str, args: &[&str]) -> Running {
+        self.launch(self.command(command, args))
+    }
+
+    pub fn launch(&self, mut command: Command) -> Running {
+        let number = self.started.fetch_add(1, Ordering::Relaxed);
+        let (stdout, stderr) = (self.path(&format!("{number}.out")), self.path(&format!("{number}.err")));
+        command.stdout(File::create(&stdout).unwrap()).stderr(File::create(&stderr).unwrap());
+        let child = command.stdin(Stdio::null()).current_dir(self.directory.path()).spawn().unwrap();
+        Running { what: format!("{command:?}"), child, stdout, stderr }
+    }
+
+    /// Starts a process and waits for its end.
+    pub fn run(&self, command: &str, args: &[&str]) -> Ended {
+        self.start(command, args).end()
+    }
+
+    /// Waits until the instance flies.
+    pub fn await_flight(&self) {
+        wait_until("the instance to fly", || {
+            let params = self.run("params", &["--json"]);
+            (params.code == Some(0) && !params.json()[0]["in_force"].is_null()).then_some(())
+        });
+    }
+
+    /// Starts a flight and waits until it is in the air.
+    pub fn take_off(&self, args: &[&str]) -> Running {
+        let flight = self.start("fly", args);
+        self.await_flight();
+        flight
+    }
+
+    /// The newest flight's report, as written to its directory.
+    pub fn report(&self) -> Value {
+        let text = fs::read_to_string(self.out().join("latest/report.json")).unwrap();
+        serde_json::from_str(&text).unwrap()
+    }
+
+    /// Directories of flights.
+    pub fn run_directories(&self) -> Vec<String> {
+        names(&self.out()).into_iter().filter(|name| name != "latest").collect()
+    }
+
+    /// The instance's segments in shared memory: their names carry its name before a dot.
+    pub fn segments(&self) -> Vec<String> {
+        let infix = format!("_{}.", self.instance);
+        names(Path::new("/dev/shm")).into_iter().filter(|name| name.contains(&infix)).collect()
+    }
+
+    /// Nothing of the instance is left in shared memory, and no process of it lives.
+    pub fn assert_nothing_left(&self) {
+        assert_eq!(self.segments(), Vec::<String>::new(), "left in /dev/shm");
+        let living: Vec<u32> = processes().filter(|pid| self.is_ours(*pid) && !is_gone(*pid)).collect();
+        assert_eq!(living, Vec::<u32>::new(), "processes of {} live", self.instance);
+    }
+
+    /// Living processes of the instance that were started as `ironbird COMMAND`.
+    pub fn processes_of(&self, command: &str) -> Vec<u32> {
+        let is_it = |pid: &u32| command_line(*pid).get(1).is_some_and(|first| first == command);
+        processes().filter(|pid| self.is_ours(*pid) && is_it(pid) && !is_gone(*pid)).collect()
+    }
+
+    fn is_ours(&self, pid: u32) -> bool {
+        command_line(pid).contains(&self.instance)
+    }
+
+    /// Nothing was started: no flight's directory, no root directory, no shared memory.
+    pub fn assert_nothing_started(&self) {
+        assert!(self.run_directories().is_empty(), "{:?}", self.run_directories());
+        assert!(!self.path("runs").exists() && !self.root().exists(), "{:?}", names(self.directory.path()));
+        self.assert_nothing_left();
+    }
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            // A failed test has killed what it started, but not what that started in turn.
+            for pid in processes().filter(|pid| self.is_ours(*pid)) {
+                let _ = Pid::from_raw(pid.cast_signed()).map(|pid| kill_process(pid, Signal::KILL));
+            }
+            sleep(Duration::from_millis(200));
+            let _ = self.command("clean", &[]).stdout(Stdio::null()).stderr(Stdio::null()).status();
+        }
+    }
+}
+
+/// A process that the test has started, and kills if it still runs at the end.
+pub struct Running {
+    what: String,
+    child: Child,
+    stdout: PathBuf,
+    stderr: PathBuf,
+}
+
+impl Running {
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    pub fn signal(&self, signal: Signal) {
+        send(self.pid(), signal);
+    }
+
+    pub fn is_running(&mut self) -> bool {
+        self.child.try_wait().unwrap().is_none()
+    }
+
+    /// What it has said on standard error so far.
+    pub fn stderr(&self) -> String {
+        fs::read_to_string(&self.stderr).unwrap()
+    }
+
+    /// Waits until it says something on standard error.
+    pub fn await_words(&self, words: &str) {
+        wait_until(&format!("{} to say `{words}`", self.what), || self.stderr().contains(words).then_some(()));
+    }
+
+    /// What it has said on standard output so far.
+    pub fn stdout(&self) -> String {
+        fs::read_to_string(&self.stdout).unwrap()
+    }
+
+    /// Waits until it says something on standard output.
+    pub fn await_output(&self, words: &str) {
+        wait_until(&format!("{} to print `{words}`", self.what), || self.stdout().contains(words).then_some(()));
+    }
+
+    /// Waits for its end.
+    pub fn end(mut self) -> Ended {
+        let until = Instant::now() + PATIENCE;
+        let code = loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                break status.code();
+            }
+            assert!(Instant::now() < until, "{} does not end; it said:\n{}", self.what, self.stderr());
+            sleep(LOOK_EVERY);
+        };
+        let stdout = fs::read_to_string(&self.stdout).unwrap();
+        Ended { what: self.what.clone(), code, stdout, stderr: self.stderr() }
+    }
+
+    /// The five roles that a launcher has started: process numbers by name.
+    pub fn roles(&self) -> BTreeMap<String, u32> {
+        wait_until("the launcher to start five roles", || {
+            let roles: BTreeMap<_, _> = children(self.pid())
+                .into_iter()
+                .filter_map(|pid| Some((command_line(pid).get(1)?.clone(), pid)))
+                .filter(|(role, _)| role != "fly")
+                .collect();
+            (roles.len() == 5).then_some(roles)
+        })
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A process that has ended.
+#[derive(Debug)]
+pub struct Ended {
+    pub what: String,
+    /// Exit code; none when a signal ended it.
+    pub code: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Ended {
+    /// Demands an exit code.
+    pub fn expect(self, code: i32) -> Self {
+        assert_eq!(self.code, Some(code), "exit code of {self}");
+        self
+    }
+
+    /// Demands words on standard error, however the lines were broken.
+    pub fn complains(self, words: &str) -> Self {
+        assert!(squeezed(&self.stderr).contains(&squeezed(words)), "no `{words}` on standard error of {self}");
+        self
+    }
+
+    /// Demands words on standard output.
+    pub fn says(self, words: &str) -> Self {
+        assert!(self.stdout.contains(words), "no `{words}` on standard output of {self}");
+        self
+    }
+
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {self}"))
+    }
+
+    /// The last line, which must be that of the result, as its `key=value` pairs.
+    pub fn result(&self) -> BTreeMap<String, String> {
+        let line = self.stdout.lines().last().unwrap_or_default();
+        let pairs = line.strip_prefix("RESULT ").unwrap_or_else(|| panic!("the last line is no result: {self}"));
+        pairs.split(' ').filter_map(|pair| pair.split_once('=')).map(|(k, v)| (k.into(), v.into())).collect()
+    }
+}
+
+impl std::fmt::Display for Ended {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}\n--- stdout\n{}\n--- stderr\n{}", self.what, self.stdout, self.stderr)
+    }
+}
+
+/// Messages are broken into lines at the terminal's width: compare without blanks and margin.
+fn squeezed(text: &str) -> String {
+    text.chars().filter(|c| !c.is_whitespace() && *c != '│').collect()
+}
+
+/// Waits for something that must come.
+pub fn wait_until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+    let until = Instant::now() + PATIENCE;
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(Instant::now() < until, "waited in vain for {what}");
+        sleep(LOOK_EVERY);
+    }
+}
+
+pub fn send(pid: u32, signal: Signal) {
+    kill_process(Pid::from_raw(i32::try_from(pid).unwrap()).unwrap(), signal).unwrap();
+}
+
+/// Whether a process is no more; one that nobody has waited for yet counts as gone.
+pub fn is_gone(pid: u32) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    stat.rsplit_once(')').is_none_or(|(_, rest)| matches!(rest.trim().chars().next(), Some('Z' | 'X')))
+}
+
+fn names(directory: &Path) -> Vec<String> {
+    let entries = fs::read_dir(directory).into_iter().flatten();
+    let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+fn processes() -> impl Iterator<Item = u32> {
+    names(Path::new("/proc")).into_iter().filter_map(|name| name.parse().ok())
+}
+
+/// Empty where the process has ended.
+fn command_line(pid: u32) -> Vec<String> {
+    let bytes = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    bytes.split(|byte| *byte == 0).map(|arg| String::from_utf8_lossy(arg).into_owned()).collect()
+}
+
+fn children(pid: u32) -> Vec<u32> {
+    let tasks = names(Path::new(&format!("/proc/{pid}/task")));
+    let text = |task| fs::read_to_string(format!("/proc/{pid}/task/{task}/children")).unwrap_or_default();
+    tasks
+        .into_iter()
+        .map(text)
+        .flat_map(|list| list.split(' ').filter_map(|n| n.parse().ok()).collect::<Vec<_>>())
+        .collect()
+}

@@ -1,0 +1,114 @@
+//! The airframe in plain numbers: (1), (3) to (8), four Runge-Kutta steps per tick.
+
+use crate::{C, G, I_X, I_Y, I_Z, K, K_T, KAPPA, M, T};
+
+/// I_R [kg m^2], k_r [N m s], delta [rad/s^2] as they are.
+const I_R: f64 = 3.36e-5;
+const K_R: f64 = 0.105;
+const DELTA: f64 = 0.2;
+
+/// Runge-Kutta steps per tick.
+const STEPS: usize = 4;
+/// Length of one [s].
+const H: f64 = T / STEPS as f64;
+
+/// Position and velocity in the world frame [m, m/s], attitude [rad], body rates [rad/s].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Body {
+    pub x: f64,
+    pub y: f64,
+    pub z: f64,
+    pub vx: f64,
+    pub vy: f64,
+    pub vz: f64,
+    pub phi: f64,
+    pub theta: f64,
+    pub psi: f64,
+    pub p: f64,
+    pub q: f64,
+    pub r: f64,
+}
+
+/// What the rotors do in a tick: thrust over mass [m/s^2], torque over inertia [rad/s^2], net speed [rad/s].
+struct Push {
+    lift: f64,
+    roll: f64,
+    pitch: f64,
+    yaw: f64,
+    om: f64,
+}
+
+impl Body {
+    pub fn numbers(&self) -> [f64; 12] {
+        let &Self { x, y, z, vx, vy, vz, phi, theta, psi, p, q, r } = self;
+        [x, y, z, vx, vy, vz, phi, theta, psi, p, q, r]
+    }
+
+    /// The body moved along a derivative for `dt` [s].
+    fn along(&self, d: &Self, dt: f64) -> Self {
+        Self {
+            x: self.x + d.x * dt,
+            y: self.y + d.y * dt,
+            z: self.z + d.z * dt,
+            vx: self.vx + d.vx * dt,
+            vy: self.vy + d.vy * dt,
+            vz: self.vz + d.vz * dt,
+            phi: self.phi + d.phi * dt,
+            theta: self.theta + d.theta * dt,
+            psi: self.psi + d.psi * dt,
+            p: self.p + d.p * dt,
+            q: self.q + d.q * dt,
+            r: self.r + d.r * dt,
+        }
+    }
+
+    /// Its derivative; `h` is delta sin t [rad/s^2].
+    fn rate(&self, push: &Push, h: f64) -> Self {
+        let (s_phi, c_phi) = self.phi.sin_cos();
+        let (s_th, c_th) = self.theta.sin_cos();
+        let (s_psi, c_psi) = self.psi.sin_cos();
+        let &Self { vx, vy, vz, p, q, r, .. } = self;
+        // Yaw rate; roll rate gains its share by the tilt.
+        let turn = (s_phi * q + c_phi * r) / c_th;
+        Self {
+            x: vx,
+            y: vy,
+            z: vz,
+            vx: (c_psi * s_th * c_phi + s_psi * s_phi) * push.lift - K_T / M * vx,
+            vy: (s_psi * s_th * c_phi - c_psi * s_phi) * push.lift - K_T / M * vy,
+            vz: c_th * c_phi * push.lift - G - K_T / M * vz,
+            phi: p + s_th * turn,
+            theta: c_phi * q - s_phi * r,
+            psi: turn,
+            p: (I_Y - I_Z) / I_X * q * r - I_R / I_X * push.om * q - K_R / I_X * p + h + push.roll,
+            q: (I_Z - I_X) / I_Y * p * r + I_R / I_Y * push.om * p - K_R / I_Y * q + 0.8 * h + push.pitch,
+            r: (I_X - I_Y) / I_Z * p * q - K_R / I_Z * r + 0.6 * h + push.yaw,
+        }
+    }
+}
+
+/// The body one tick after `t` [s], under rotor speeds `w` [rad/s].
+pub fn fly(body: &Body, t: f64, w: &[f64; 4]) -> Body {
+    let f = [K * w[0] * w[0], K * w[1] * w[1], K * w[2] * w[2], K * w[3] * w[3]];
+    let push = Push {
+        lift: (f[0] + f[1] + f[2] + f[3]) / M,
+        roll: C / I_X * (f[0] - f[1] - f[2] + f[3]),
+        pitch: C / I_Y * (f[0] + f[1] - f[2] - f[3]),
+        yaw: KAPPA / I_Z * (f[0] - f[1] + f[2] - f[3]),
+        om: w[0] - w[1] + w[2] - w[3],
+    };
+    let mut b = *body;
+    let mut h_start = DELTA * t.sin();
+    for step in 0..STEPS {
+        let start = t + step as f64 * H;
+        let h_middle = DELTA * (start + H / 2.0).sin();
+        let h_end = DELTA * (start + H).sin();
+        let k1 = b.rate(&push, h_start);
+        let k2 = b.along(&k1, H / 2.0).rate(&push, h_middle);
+        let k3 = b.along(&k2, H / 2.0).rate(&push, h_middle);
+        let k4 = b.along(&k3, H).rate(&push, h_end);
+        b = b.along(&k1, H / 6.0).along(&k2, H / 3.0).along(&k3, H / 3.0).along(&k4, H / 6.0);
+        h_start = h_end;
+    }
+    b
+}

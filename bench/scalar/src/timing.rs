@@ -1,0 +1,90 @@
+//! Both flights timed in turn: laws, hand, laws, hand; so that what disturbs the machine disturbs both.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use crate::Flight;
+use crate::laws::Laws;
+
+/// Fewest pairs that say anything about their spread.
+pub const PAIRS_MIN: usize = 5;
+
+/// One pair: the same ticks by the rig's laws and by hand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair {
+    /// By the laws, without monitor [s per tick].
+    pub laws_s: f64,
+    /// By hand [s per tick].
+    pub scalar_s: f64,
+}
+
+impl Pair {
+    /// How many times longer the laws take.
+    #[must_use]
+    pub fn ratio(&self) -> f64 {
+        self.laws_s / self.scalar_s
+    }
+}
+
+/// Flies the first `ticks` ticks by the laws and by hand, in turn, `pairs` times (at least [`PAIRS_MIN`]).
+///
+/// One pair before them is flown and not counted: it finds caches and processor cold.
+#[must_use]
+pub fn pairs(pairs: usize, ticks: u64) -> Vec<Pair> {
+    let pair =
+        || Pair { laws_s: time(ticks, Laws::new(), Laws::tick), scalar_s: time(ticks, Flight::new(), Flight::tick) };
+    black_box(pair());
+    (0..pairs.max(PAIRS_MIN)).map(|_| pair()).collect()
+}
+
+/// Seconds per tick of a flight from its beginning.
+fn time<F, S>(ticks: u64, flight: F, tick: impl Fn(&mut F) -> S) -> f64 {
+    let mut flight = black_box(flight);
+    let start = Instant::now();
+    for _ in 0..ticks {
+        black_box(tick(&mut flight));
+    }
+    start.elapsed().as_secs_f64() / ticks as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ticks of a flight of 10 s.
+    const TICKS: u64 = 10_000;
+
+    #[test]
+    fn the_flight_by_hand_is_the_flight_of_the_laws() {
+        let (mut laws, mut hand) = (Laws::new(), Flight::new());
+        for tick in 0..=TICKS {
+            let (state, wrench, speeds) = laws.tick();
+            let sample = hand.tick();
+            let attitude = [state.attitude_rad, state.rate_b_rad_s].concat();
+            let body = [[state.position_w_m, state.velocity_w_m_s].concat(), attitude].concat();
+            let demand = [[wrench.thrust_n].as_slice(), &wrench.torque_b_nm].concat();
+            for (name, ours, by_hand) in [
+                ("body", body.as_slice(), sample.body.as_slice()),
+                ("thrust and torque", &demand, &sample.wrench),
+                ("estimates", &wrench.estimate, &sample.estimate),
+                ("rotor speeds", &speeds.speed_rad_s, &sample.speed),
+            ] {
+                for (i, (ours, by_hand)) in ours.iter().zip(by_hand).enumerate() {
+                    let off = (ours - by_hand).abs();
+                    assert!(off < 1e-9, "{name} {i} at tick {tick}: {by_hand} by hand, {ours} by the laws: {off:e}");
+                }
+            }
+        }
+        let (state, ..) = laws.tick();
+        assert!(state.position_w_m[2] > 1.0, "it flew: {:?}", state.position_w_m);
+    }
+
+    #[test]
+    fn every_pair_is_two_times() {
+        let pairs = pairs(1, 100);
+        assert_eq!(pairs.len(), PAIRS_MIN);
+        for pair in pairs {
+            assert!(pair.laws_s > 0.0 && pair.scalar_s > 0.0 && pair.ratio().is_finite(), "{pair:?}");
+        }
+    }
+}

@@ -1,0 +1,356 @@
+//! Layouts of the wire's structs, field by field: fingerprints, and walks over the fields.
+//!
+//! iceoryx2 compares a type's name, size and alignment. Two structs of one name and size with swapped fields
+//! would connect silently; a hash over every field's name, offset, size and kind does not let them.
+//!
+//! Who writes, reads or shows messages without knowing each of them walks over their fields with a [`Visitor`].
+
+/// What a field is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Bytes.
+    U8,
+    /// A whole number with a sign.
+    I64,
+    /// A whole number.
+    U64,
+    /// A number.
+    F64,
+    /// A struct.
+    Struct {
+        /// Its name.
+        name: &'static str,
+        /// Its fields.
+        fields: &'static [Field],
+    },
+}
+
+/// A field of a wire struct.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Its name.
+    pub name: &'static str,
+    /// Offset from the start of the struct [bytes].
+    pub offset: usize,
+    /// Size [bytes].
+    pub size: usize,
+    /// What it is made of.
+    pub kind: Kind,
+    /// How many there are, where it is an array.
+    pub length: Option<usize>,
+}
+
+/// A struct with a fixed layout, known field by field.
+pub trait Layout {
+    /// Its fields, in order and without a gap.
+    const FIELDS: &'static [Field];
+    /// Hash over [`Self::FIELDS`].
+    const FINGERPRINT: u64 = fingerprint(Self::FIELDS);
+}
+
+/// A struct whose fields can be walked over.
+pub trait Walk: Layout + Sized {
+    /// Its name as a type.
+    const STRUCT: &'static str;
+
+    /// Shows each field, in order.
+    fn visit<V: Visitor>(&self, visitor: &mut V);
+
+    /// Lends each field, in order.
+    fn visit_mut<V: VisitorMut>(&mut self, visitor: &mut V);
+}
+
+/// What is shown the fields of a struct: an array whole, a single value as an array of one.
+///
+/// Bytes and signed numbers stand on notice boards alone, in no message; who walks over messages need not care.
+pub trait Visitor {
+    /// A field of whole numbers.
+    fn integers(&mut self, field: &'static Field, values: &[u64]);
+    /// A field of numbers.
+    fn numbers(&mut self, field: &'static Field, values: &[f64]);
+    /// A field of structs.
+    fn structs<L: Walk>(&mut self, field: &'static Field, values: &[L]);
+}
+
+/// What is lent the fields of a struct, to fill them in.
+pub trait VisitorMut {
+    /// A field of whole numbers.
+    fn integers(&mut self, field: &'static Field, values: &mut [u64]);
+    /// A field of numbers.
+    fn numbers(&mut self, field: &'static Field, values: &mut [f64]);
+    /// A field of structs.
+    fn structs<L: Walk>(&mut self, field: &'static Field, values: &mut [L]);
+}
+
+/// A type of which there may be several in a field.
+pub trait Element: Sized {
+    /// What it is.
+    const KIND: Kind;
+
+    /// Shows a field of it.
+    fn show<V: Visitor>(elements: &[Self], field: &'static Field, visitor: &mut V);
+
+    /// Lends a field of it.
+    fn lend<V: VisitorMut>(elements: &mut [Self], field: &'static Field, visitor: &mut V);
+}
+
+/// The type of a field: an element, or an array of them.
+pub trait FieldType {
+    /// What its elements are.
+    const KIND: Kind;
+    /// How many there are, where it is an array.
+    const LENGTH: Option<usize>;
+
+    /// Shows the field.
+    fn show<V: Visitor>(&self, field: &'static Field, visitor: &mut V);
+
+    /// Lends the field.
+    fn lend<V: VisitorMut>(&mut self, field: &'static Field, visitor: &mut V);
+}
+
+impl<T: Element, const N: usize> FieldType for [T; N] {
+    const KIND: Kind = T::KIND;
+    const LENGTH: Option<usize> = Some(N);
+
+    fn show<V: Visitor>(&self, field: &'static Field, visitor: &mut V) {
+        T::show(self, field, visitor);
+    }
+
+    fn lend<V: VisitorMut>(&mut self, field: &'static Field, visitor: &mut V) {
+        T::lend(self, field, visitor);
+    }
+}
+
+/// Makes a type an [`Element`], and with it the type of a field.
+#[macro_export]
+#[doc(hidden)]
+macro_rules! element {
+    ($type:ty, $kind:expr, ($field:ident, $visitor:ident, $elements:ident) => $visit:block) => {
+        impl $crate::layout::Element for $type {
+            const KIND: $crate::layout::Kind = $kind;
+
+            fn show<V: $crate::layout::Visitor>(
+                $elements: &[Self],
+                $field: &'static $crate::layout::Field,
+                $visitor: &mut V,
+            ) {
+                $visit
+            }
+
+            fn lend<V: $crate::layout::VisitorMut>(
+                $elements: &mut [Self],
+                $field: &'static $crate::layout::Field,
+                $visitor: &mut V,
+            ) {
+                $visit
+            }
+        }
+
+        impl $crate::layout::FieldType for $type {
+            const KIND: $crate::layout::Kind = $kind;
+            const LENGTH: Option<usize> = None;
+
+            fn show<V: $crate::layout::Visitor>(&self, field: &'static $crate::layout::Field, visitor: &mut V) {
+                <Self as $crate::layout::Element>::show(std::slice::from_ref(self), field, visitor);
+            }
+
+            fn lend<V: $crate::layout::VisitorMut>(&mut self, field: &'static $crate::layout::Field, visitor: &mut V) {
+                <Self as $crate::layout::Element>::lend(std::slice::from_mut(self), field, visitor);
+            }
+        }
+    };
+}
+pub use element;
+
+element!(u64, Kind::U64, (field, visitor, elements) => { visitor.integers(field, elements); });
+element!(f64, Kind::F64, (field, visitor, elements) => { visitor.numbers(field, elements); });
+element!(u8, Kind::U8, (_field, _visitor, _elements) => {});
+element!(i64, Kind::I64, (_field, _visitor, _elements) => {});
+
+/// FNV-1a over names, offsets, sizes and kinds.
+#[must_use]
+pub const fn fingerprint(fields: &[Field]) -> u64 {
+    let mut hash = FNV_OFFSET;
+    let mut i = 0;
+    while i < fields.len() {
+        hash = fnv1a(hash, fields[i].name.as_bytes());
+        hash = fnv1a(hash, &fields[i].offset.to_le_bytes());
+        hash = fnv1a(hash, &fields[i].size.to_le_bytes());
+        hash = fnv1a(hash, fields[i].kind.word().as_bytes());
+        i += 1;
+    }
+    hash
+}
+
+impl Kind {
+    /// A word that no other kind has; of a struct, its name.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::U8 => "u8",
+            Self::I64 => "i64",
+            Self::U64 => "u64",
+            Self::F64 => "f64",
+            Self::Struct { name, .. } => name,
+        }
+    }
+}
+
+/// Start value of [`fnv1a`].
+pub const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
+
+/// Continues a 64-bit FNV-1a hash over more bytes.
+#[must_use]
+pub const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
+    let mut i = 0;
+    while i < bytes.len() {
+        hash = (hash ^ bytes[i] as u64).wrapping_mul(0x0000_0100_0000_01b3);
+        i += 1;
+    }
+    hash
+}
+
+/// Whether the fields follow each other without padding and fill the struct.
+#[must_use]
+pub const fn is_dense(fields: &[Field], size: usize) -> bool {
+    let mut end = 0;
+    let mut i = 0;
+    while i < fields.len() {
+        if fields[i].offset != end {
+            return false;
+        }
+        end += fields[i].size;
+        i += 1;
+    }
+    end == size
+}
+
+/// Describes a wire struct: every field must be listed, in order; padding does not compile.
+#[macro_export]
+macro_rules! layout {
+    ($name:ident { $($field:ident),+ $(,)? }) => {
+        impl $crate::layout::Layout for $name {
+            const FIELDS: &'static [$crate::layout::Field] = {
+                const fn describe<T: $crate::layout::FieldType>(
+                    name: &'static str,
+                    offset: usize,
+                    _: fn(&$name) -> &T,
+                ) -> $crate::layout::Field {
+                    $crate::layout::Field { name, offset, size: size_of::<T>(), kind: T::KIND, length: T::LENGTH }
+                }
+                &[$(describe(stringify!($field), std::mem::offset_of!($name, $field), |message| &message.$field)),+]
+            };
+        }
+
+        impl $crate::layout::Walk for $name {
+            const STRUCT: &'static str = stringify!($name);
+
+            fn visit<V: $crate::layout::Visitor>(&self, visitor: &mut V) {
+                let mut fields = <Self as $crate::layout::Layout>::FIELDS.iter();
+                $(if let Some(field) = fields.next() {
+                    $crate::layout::FieldType::show(&self.$field, field, visitor);
+                })+
+            }
+
+            fn visit_mut<V: $crate::layout::VisitorMut>(&mut self, visitor: &mut V) {
+                let mut fields = <Self as $crate::layout::Layout>::FIELDS.iter();
+                $(if let Some(field) = fields.next() {
+                    $crate::layout::FieldType::lend(&mut self.$field, field, visitor);
+                })+
+            }
+        }
+        $crate::layout::element!(
+            $name,
+            $crate::layout::Kind::Struct {
+                name: stringify!($name),
+                fields: <$name as $crate::layout::Layout>::FIELDS,
+            },
+            (field, visitor, elements) => { visitor.structs(field, elements); }
+        );
+        const _: () = {
+            assert!(
+                $crate::layout::is_dense(<$name as $crate::layout::Layout>::FIELDS, size_of::<$name>()),
+                concat!(stringify!($name), " has padding, or a field is missing from its layout")
+            );
+        };
+    };
+}
+pub use layout;
+
+/// Gives an enum of the wire its way back from a number: flags travel as integers, because a forged enum
+/// would be undefined behaviour.
+#[macro_export]
+macro_rules! from_wire {
+    ($type:ident { $($variant:ident),+ $(,)? }) => {
+        impl $type {
+            /// The variant of a number on the wire, if there is one.
+            #[must_use]
+            pub const fn from_wire(number: u64) -> Option<Self> {
+                $(if number == Self::$variant as u64 { return Some(Self::$variant); })+
+                None
+            }
+        }
+    };
+}
+pub use from_wire;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::envelope::Envelope;
+
+    const A: Field = Field { name: "a", offset: 0, size: 8, kind: Kind::U64, length: None };
+    const B: Field = Field { name: "b", offset: 8, ..A };
+
+    #[test]
+    fn swapped_renamed_or_resized_fields_change_the_fingerprint() {
+        let known = fingerprint(&[A, B]);
+        let swapped = [Field { offset: 0, ..B }, Field { offset: 8, ..A }];
+        let renamed = [A, Field { name: "c", ..B }];
+        let resized = [A, Field { size: 4, ..B }];
+        let number = [A, Field { kind: Kind::F64, ..B }];
+        for other in [swapped, renamed, resized, number] {
+            assert_ne!(fingerprint(&other), known);
+        }
+    }
+
+    #[test]
+    fn every_field_is_visited_in_order_with_its_values() {
+        #[derive(Default)]
+        struct Seen(Vec<(&'static str, Vec<f64>)>);
+        impl Visitor for Seen {
+            fn integers(&mut self, field: &'static Field, values: &[u64]) {
+                self.0.push((field.name, values.iter().map(|value| *value as f64).collect()));
+            }
+            fn numbers(&mut self, field: &'static Field, values: &[f64]) {
+                self.0.push((field.name, values.to_vec()));
+            }
+            fn structs<L: Walk>(&mut self, field: &'static Field, values: &[L]) {
+                self.0.push((field.name, Vec::new()));
+                values.iter().for_each(|value| value.visit(self));
+            }
+        }
+        let mut envelope = Envelope { tick: 7, input_tick: [5, 6, 7], ..Envelope::new() };
+        envelope.stamps[2].send_ns = 9;
+        let mut seen = Seen::default();
+        envelope.visit(&mut seen);
+        let names: Vec<_> = Envelope::FIELDS.iter().map(|field| field.name).collect();
+        let of = |name: &str| -> Vec<Vec<f64>> {
+            seen.0.iter().filter(|(seen, _)| *seen == name).map(|(_, values)| values.clone()).collect()
+        };
+        assert!(names.iter().all(|name| of(name).len() == 1), "{:?}", seen.0);
+        assert_eq!(of("tick"), [[7.0]]);
+        assert_eq!(of("input_tick"), [[5.0, 6.0, 7.0]]);
+        assert_eq!(of("send_ns"), [[0.0], [0.0], [9.0], [0.0]]);
+        let stamps = Envelope::FIELDS.iter().find(|field| field.name == "stamps").unwrap();
+        assert!(matches!(stamps.kind, Kind::Struct { name: "Stamps", fields } if fields.len() == 2));
+        assert_eq!(stamps.length, Some(4));
+    }
+
+    #[test]
+    fn gaps_are_seen() {
+        assert!(is_dense(&[A, B], 16));
+        assert!(!is_dense(&[A, B], 24));
+        assert!(!is_dense(&[A, Field { offset: 12, ..B }], 20));
+    }
+}

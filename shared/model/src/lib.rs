@@ -1,0 +1,21 @@
+//! What a flight is made of, as data: messages, parameters, frames, the airframe's algebra.
+//!
+//! No middleware, no clock, no operating system: laws, processes and reports share it.
+
+pub mod allocation;
+pub mod boards;
+pub mod envelope;
+pub mod flight_plan;
+pub mod frames;
+pub mod grid;
+pub mod inspection;
+pub mod layout;
+pub mod limits;
+pub mod messages;
+pub mod monitor;
+pub mod parameters;
+pub mod rate_dynamics;
+pub mod realtime;
+pub mod role;
+pub mod settings_text;
+pub mod topic;

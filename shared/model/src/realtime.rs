@@ -1,0 +1,153 @@
+//! Real time as data: what is asked of the system for a process, what it granted, what a loop used.
+//!
+//! Asking is the business of the role's process; reports and boards know the answers alone.
+
+use std::io;
+
+use serde::{Deserialize, Serialize};
+
+use crate::layout::layout;
+
+/// Error number of what the system does not implement.
+const ENOSYS: i32 = 38;
+
+/// How much the user insists on real time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// End with an error when a step is refused.
+    Require,
+    /// Try every step, fly with what is granted, and say what was not.
+    #[default]
+    Prefer,
+    /// Ask for nothing.
+    Off,
+}
+
+/// What to ask the system for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// How much the user insists.
+    pub mode: Mode,
+    /// SCHED_FIFO priority of the plant; later stages come above it.
+    pub priority: i32,
+    /// The processor for the four loops; `None` takes the highest-numbered one allowed.
+    pub cpu: Option<usize>,
+}
+
+/// A step of the set-up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(usize)]
+pub enum Step {
+    /// SCHED_FIFO at a priority.
+    Scheduler,
+    /// One processor for all loops; for the recorder, the others.
+    Affinity,
+    /// `mlockall`: no page is taken back.
+    MemoryLock,
+    /// `mallopt`: freed memory stays with the process.
+    Malloc,
+    /// Stack, heap and shared memory are touched before they are needed.
+    Prefault,
+    /// Timers of SCHED_OTHER fire without the default 50 us of slack.
+    TimerSlack,
+    /// /dev/cpu_dma_latency: processors stay out of deep sleep.
+    CpuLatency,
+}
+
+/// Every step, in the order of [`Grants`].
+pub const STEPS: [Step; 7] = [
+    Step::Scheduler,
+    Step::Affinity,
+    Step::MemoryLock,
+    Step::Malloc,
+    Step::Prefault,
+    Step::TimerSlack,
+    Step::CpuLatency,
+];
+
+impl Step {
+    /// Whether `Mode::Require` insists on it: a machine without the device of the last step has no such sleep.
+    #[must_use]
+    pub const fn required(self) -> bool {
+        !matches!(self, Self::CpuLatency)
+    }
+}
+
+/// Outcome of a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Grant {
+    /// 1 when it was asked for.
+    pub asked: u64,
+    /// What was asked: a priority, a processor, bytes; 0 where a step has no number.
+    pub value: u64,
+    /// Error number of the refusal; 0 when it was granted.
+    pub errno: i64,
+}
+layout!(Grant { asked, value, errno });
+
+impl Grant {
+    /// Whether it was asked for and granted.
+    #[must_use]
+    pub const fn granted(&self) -> bool {
+        self.asked == 1 && self.errno == 0
+    }
+
+    /// What the system said, in words.
+    #[must_use]
+    pub fn reason(&self) -> String {
+        i32::try_from(self.errno).map_or_else(|_| "unknown".into(), |n| io::Error::from_raw_os_error(n).to_string())
+    }
+}
+
+/// Outcome of every step, in the order of [`STEPS`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Grants {
+    grants: [Grant; STEPS.len()],
+    /// Scheduling policy in force (0 other, 1 fifo).
+    pub policy: u64,
+    /// Priority in force.
+    pub priority: u64,
+}
+layout!(Grants { grants, policy, priority });
+
+impl Grants {
+    /// Outcome of a step.
+    #[must_use]
+    pub const fn of(&self, step: Step) -> &Grant {
+        &self.grants[step as usize]
+    }
+
+    /// Writes down the outcome of a step; a reason without an error number counts as "not implemented".
+    pub fn note(&mut self, step: Step, value: u64, outcome: io::Result<()>) {
+        let errno = outcome.err().map_or(0, |e| i64::from(e.raw_os_error().unwrap_or(ENOSYS)));
+        self.grants[step as usize] = Grant { asked: 1, value, errno };
+    }
+
+    /// Steps that were asked for and refused.
+    pub fn refused(&self) -> impl Iterator<Item = Step> + '_ {
+        STEPS.into_iter().filter(|step| self.of(*step).asked == 1 && !self.of(*step).granted())
+    }
+}
+
+/// Resources that one thread used between two instants.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Usage {
+    /// Page faults served from memory.
+    pub minor_faults: u64,
+    /// Page faults that had to wait for a disk.
+    pub major_faults: u64,
+    /// Times that it gave the processor up: once for every wait.
+    pub voluntary_switches: u64,
+    /// Times that the processor was taken from it.
+    pub involuntary_switches: u64,
+    /// Calls to the allocator.
+    pub allocations: u64,
+    /// Processor time [ns].
+    pub cpu_ns: u64,
+}
+layout!(Usage { minor_faults, major_faults, voluntary_switches, involuntary_switches, allocations, cpu_ns });

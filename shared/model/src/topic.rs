@@ -1,0 +1,167 @@
+//! The topics of the loop, and what a content must satisfy to be believed.
+
+use crate::layout::Walk;
+use crate::messages::{Mode, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use crate::parameters::{PARAMETERS, Parameter};
+use crate::role::Role;
+
+/// A content that travels on a topic of its own.
+pub trait Topic: Walk + Copy + std::fmt::Debug + Default + 'static {
+    /// Name of the topic.
+    const NAME: &'static str;
+    /// The one role that publishes it.
+    const SENDER: Role;
+    /// Processes that subscribe to it at the most: the loop's, and the recorder.
+    const SUBSCRIBERS: usize;
+    /// Whether several messages may be made for one tick.
+    const MANY_PER_TICK: bool = false;
+
+    /// Calls `look` on every number.
+    fn numbers(&self, look: impl FnMut(&[f64]));
+
+    /// Whether finite numbers are also physically possible, and flags are ones that exist.
+    fn plausible(&self) -> bool;
+
+    /// Whether every number is finite.
+    fn finite(&self) -> bool {
+        let mut finite = true;
+        self.numbers(|numbers| finite &= numbers.iter().all(|number| number.is_finite()));
+        finite
+    }
+}
+
+/// Bounds far outside any flight that ends well: what lies beyond is a broken or forged message.
+mod bound {
+    pub(super) const POSITION_M: f64 = 1e5;
+    pub(super) const VELOCITY_M_S: f64 = 1e3;
+    pub(super) const ANGLE_RAD: f64 = 1e4;
+    pub(super) const RATE_RAD_S: f64 = 1e4;
+    pub(super) const ACCELERATION_RAD_S2: f64 = 1e8;
+    pub(super) const ROTOR_SPEED_RAD_S: f64 = 1e5;
+    pub(super) const THRUST_N: f64 = 1e4;
+    pub(super) const TORQUE_NM: f64 = 1e5;
+    pub(super) const PARAMETER: f64 = 1e3;
+}
+
+fn within(numbers: &[f64], bound: f64) -> bool {
+    numbers.iter().all(|number| number.abs() <= bound)
+}
+
+fn between_zero_and(numbers: &[f64], bound: f64) -> bool {
+    numbers.iter().all(|number| (0.0..=bound).contains(number))
+}
+
+impl Topic for State {
+    const NAME: &'static str = "state";
+    const SENDER: Role = Role::Plant;
+    const SUBSCRIBERS: usize = 3;
+
+    fn numbers(&self, mut look: impl FnMut(&[f64])) {
+        look(&self.position_w_m);
+        look(&self.velocity_w_m_s);
+        look(&self.attitude_rad);
+        look(&self.rate_b_rad_s);
+        look(&self.rotor_speed_mean_rad_s);
+        look(&self.rotor_speed_squared_mean_rad2_s2);
+        look(&self.rotor_speed_command_rad_s);
+        look(&self.truth.rate_b_rad_s);
+        look(&self.truth.parameter);
+    }
+
+    fn plausible(&self) -> bool {
+        within(&self.position_w_m, bound::POSITION_M)
+            && within(&self.velocity_w_m_s, bound::VELOCITY_M_S)
+            && within(&self.attitude_rad, bound::ANGLE_RAD)
+            && within(&self.rate_b_rad_s, bound::RATE_RAD_S)
+            && between_zero_and(&self.rotor_speed_mean_rad_s, bound::ROTOR_SPEED_RAD_S)
+            && between_zero_and(&self.rotor_speed_command_rad_s, bound::ROTOR_SPEED_RAD_S)
+            && between_zero_and(
+                &self.rotor_speed_squared_mean_rad2_s2,
+                bound::ROTOR_SPEED_RAD_S * bound::ROTOR_SPEED_RAD_S,
+            )
+            && self.command_saturated <= 1
+            && within(&self.truth.parameter, bound::PARAMETER)
+    }
+}
+
+impl Topic for Setpoint {
+    const NAME: &'static str = "setpoint";
+    const SENDER: Role = Role::Outer;
+    const SUBSCRIBERS: usize = 2;
+
+    fn numbers(&self, mut look: impl FnMut(&[f64])) {
+        look(&[self.thrust_n, self.reference_yaw_rad]);
+        look(&self.attitude_rad);
+        look(&self.attitude_rate_rad_s);
+        look(&self.attitude_acceleration_rad_s2);
+        look(&self.reference_position_w_m);
+    }
+
+    fn plausible(&self) -> bool {
+        between_zero_and(&[self.thrust_n], bound::THRUST_N)
+            && within(&self.attitude_rad, bound::ANGLE_RAD)
+            && within(&self.attitude_rate_rad_s, bound::RATE_RAD_S)
+            && within(&self.attitude_acceleration_rad_s2, bound::ACCELERATION_RAD_S2)
+            && within(&self.reference_position_w_m, bound::POSITION_M)
+            && within(&[self.reference_yaw_rad], bound::ANGLE_RAD)
+            && self.limited <= 1
+    }
+}
+
+impl Topic for Wrench {
+    const NAME: &'static str = "wrench";
+    const SENDER: Role = Role::Inner;
+    const SUBSCRIBERS: usize = 2;
+
+    fn numbers(&self, mut look: impl FnMut(&[f64])) {
+        look(&[self.thrust_n]);
+        look(&self.torque_b_nm);
+        look(&self.estimate);
+        look(&self.rate_error_b_rad_s);
+        self.monitor.numbers(look);
+    }
+
+    fn plausible(&self) -> bool {
+        between_zero_and(&[self.thrust_n], bound::THRUST_N)
+            && within(&self.torque_b_nm, bound::TORQUE_NM)
+            && within(&self.rate_error_b_rad_s, bound::RATE_RAD_S)
+            && Mode::from_wire(self.mode).is_some()
+    }
+}
+
+impl Topic for RotorSpeeds {
+    const NAME: &'static str = "rotor_speeds";
+    const SENDER: Role = Role::Mixer;
+    const SUBSCRIBERS: usize = 2;
+
+    fn numbers(&self, mut look: impl FnMut(&[f64])) {
+        look(&self.speed_rad_s);
+        look(&[self.thrust_n]);
+        look(&self.torque_b_nm);
+    }
+
+    fn plausible(&self) -> bool {
+        between_zero_and(&self.speed_rad_s, bound::ROTOR_SPEED_RAD_S)
+            && between_zero_and(&[self.thrust_n], bound::THRUST_N)
+            && within(&self.torque_b_nm, bound::TORQUE_NM)
+            && self.saturated <= 1
+            && Mode::from_wire(self.mode).is_some()
+    }
+}
+
+impl Topic for SwapRecord {
+    const NAME: &'static str = "swaps";
+    const SENDER: Role = Role::Plant;
+    const SUBSCRIBERS: usize = 1;
+    const MANY_PER_TICK: bool = true;
+
+    fn numbers(&self, mut look: impl FnMut(&[f64])) {
+        look(&self.old);
+        look(&self.new);
+    }
+
+    fn plausible(&self) -> bool {
+        self.count <= PARAMETERS as u64
+            && self.parameter.iter().take(self.count as usize).all(|index| Parameter::from_index(*index).is_some())
+    }
+}

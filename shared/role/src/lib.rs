@@ -1,0 +1,10 @@
+//! The process of a role: real-time set-up, take-off and landing, the loop of a stage.
+//!
+//! Laws come in as values ([`law`]); ports, clock and operating system stay here and in [`wire`].
+
+pub mod launcher;
+mod patience;
+pub mod rt;
+pub mod shell;
+pub mod stage;
+pub mod station;

@@ -1,0 +1,139 @@
+//! The system calls and allocator hooks that safe crates do not offer: the roles' only `unsafe` code.
+#![allow(unsafe_code, reason = "the one module where it is allowed; every use says why it is sound")]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::io;
+
+/// Puts the calling thread under SCHED_FIFO.
+///
+/// # Errors
+/// EPERM without CAP_SYS_NICE or a sufficient RLIMIT_RTPRIO, or in a cpu cgroup without a real-time budget.
+pub(super) fn set_fifo(priority: i32) -> io::Result<()> {
+    let parameters = libc::sched_param { sched_priority: priority };
+    // SAFETY: the pointer is to a live, initialised sched_param; the call keeps none of it.
+    check(unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) })
+}
+
+/// The scheduling policy and priority of the calling thread.
+pub(super) fn scheduler() -> (i32, i32) {
+    let mut parameters = libc::sched_param { sched_priority: 0 };
+    // SAFETY: the pointer is to a live sched_param that the call fills; pid 0 is the caller.
+    unsafe {
+        let policy = libc::sched_getscheduler(0);
+        libc::sched_getparam(0, &raw mut parameters);
+        (policy, parameters.sched_priority)
+    }
+}
+
+/// Keeps freed memory: malloc neither trims the heap nor maps large blocks one by one.
+///
+/// # Errors
+/// Refused by a C library that does not know the options.
+#[cfg(target_env = "gnu")]
+pub(super) fn keep_freed_memory() -> io::Result<()> {
+    // SAFETY: mallopt takes plain numbers; it is called before the process has a second thread that allocates.
+    let granted = unsafe { libc::mallopt(libc::M_TRIM_THRESHOLD, -1) == 1 && libc::mallopt(libc::M_MMAP_MAX, 0) == 1 };
+    if granted { Ok(()) } else { Err(io::Error::from(io::ErrorKind::Unsupported)) }
+}
+
+#[cfg(not(target_env = "gnu"))]
+pub(super) fn keep_freed_memory() -> io::Result<()> {
+    Err(io::Error::from(io::ErrorKind::Unsupported))
+}
+
+/// How the pages of an address range are to be made present.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Touch {
+    /// As reading them would.
+    Read,
+    /// As writing them would, with the content unchanged.
+    Write,
+}
+
+/// Makes every page of an address range present, without the SIGBUS of a full /dev/shm.
+///
+/// # Errors
+/// ENOMEM or EFAULT when memory runs out; EINVAL before Linux 5.14 or for a mapping that cannot be populated.
+pub(super) fn populate(start: usize, length: usize, touch: Touch) -> io::Result<()> {
+    let advice = match touch {
+        Touch::Read => libc::MADV_POPULATE_READ,
+        Touch::Write => libc::MADV_POPULATE_WRITE,
+    };
+    let address = std::ptr::with_exposed_provenance_mut(start);
+    // SAFETY: neither advice changes content; a range that is not mapped is an error, not a fault.
+    check(unsafe { libc::madvise(address, length, advice) })
+}
+
+/// Page faults and context switches of the calling thread so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Usage {
+    pub(super) minor_faults: u64,
+    pub(super) major_faults: u64,
+    pub(super) voluntary_switches: u64,
+    pub(super) involuntary_switches: u64,
+    pub(super) cpu_ns: u64,
+}
+
+/// Resource usage of the calling thread.
+pub(super) fn thread_usage() -> Usage {
+    let mut usage = std::mem::MaybeUninit::<libc::rusage>::zeroed();
+    // SAFETY: the pointer is to memory for one rusage, for which all zeroes are a valid value.
+    let usage = unsafe {
+        libc::getrusage(libc::RUSAGE_THREAD, usage.as_mut_ptr());
+        usage.assume_init()
+    };
+    let ns = |time: libc::timeval| time.tv_sec.unsigned_abs() * 1_000_000_000 + time.tv_usec.unsigned_abs() * 1_000;
+    Usage {
+        minor_faults: usage.ru_minflt.unsigned_abs(),
+        major_faults: usage.ru_majflt.unsigned_abs(),
+        voluntary_switches: usage.ru_nvcsw.unsigned_abs(),
+        involuntary_switches: usage.ru_nivcsw.unsigned_abs(),
+        cpu_ns: ns(usage.ru_utime) + ns(usage.ru_stime),
+    }
+}
+
+fn check(result: i32) -> io::Result<()> {
+    if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+}
+
+/// The system's allocator, counting the calls of each thread: the proof that a tick does not allocate.
+#[derive(Debug)]
+pub struct CountingAllocator;
+
+thread_local! {
+    // Const-initialised and without a destructor: counting never allocates itself.
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Allocations (and re-allocations) of the calling thread so far; 0 where the counter is not installed.
+#[must_use]
+pub fn thread_allocations() -> u64 {
+    ALLOCATIONS.get()
+}
+
+// SAFETY: every call is passed on to the system's allocator unchanged.
+unsafe impl GlobalAlloc for CountingAllocator {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: promised by the caller.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: promised by the caller.
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: promised by the caller.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: promised by the caller.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}

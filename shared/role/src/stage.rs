@@ -1,0 +1,289 @@
+//! The loop of a stage that is woken by its input: outer, inner, mixer.
+//!
+//! Deadline first, event second: a stage waits for its input until its own deadline inside the tick, then
+//! works with the newest data it has and says so. A tick that is over before the stage got to it is skipped
+//! and counted, never made up in a burst.
+
+use crate::rt::UsageMeter;
+use crate::station::{Armed, Station};
+use model::boards::{Ending, RunPhase};
+use model::grid::{NS_PER_S, Pace};
+use model::inspection::{Expected, Rejections};
+use model::messages::NO_TICK;
+use model::role::Role;
+use wire::Doorbell;
+use wire::clock::now_ns;
+use wire::error::Error;
+
+/// One tick's work of a stage, as its process sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Turn {
+    /// The tick to work.
+    pub tick: u64,
+    /// When the stage woke for it [ns].
+    pub receive_ns: u64,
+    /// How long the previous tick kept the stage busy [ns].
+    pub previous_busy_ns: u64,
+}
+
+/// What a stage says of a tick that it worked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Worked {
+    /// Some input was not of the tick.
+    pub stale: bool,
+    /// The stage wants the run to end.
+    pub wants_end: Option<Ending>,
+}
+
+/// A stage: its law with its ports.
+pub trait Stage {
+    /// Its role.
+    const ROLE: Role;
+
+    /// Connects the ports to those of the other roles.
+    ///
+    /// # Errors
+    /// Those of the ports.
+    fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error>;
+
+    /// Takes what has come, and returns the tick of the input that it waits for ([`NO_TICK`]: none yet).
+    ///
+    /// # Errors
+    /// Those of the ports.
+    fn take(&mut self, newest_tick: u64) -> Result<u64, Error>;
+
+    /// Works a tick with what was taken: step, limit, publish.
+    ///
+    /// # Errors
+    /// Those of the ports.
+    fn tick(&mut self, turn: &Turn) -> Result<Worked, Error>;
+
+    /// Last act when the run is over: what the next stage shall be left with.
+    ///
+    /// # Errors
+    /// Those of the ports.
+    fn finish(&mut self, tick: u64) -> Result<(), Error> {
+        let _ = tick;
+        Ok(())
+    }
+
+    /// Messages that did not pass inspection, over all ports.
+    fn rejections(&self) -> Rejections;
+}
+
+/// Share of the tick, in percent, after which a stage first looks up from waiting; it then waits on to its deadline.
+///
+/// The later a stage comes in the chain, the earlier. So the timer of an earlier stage is never the next one of their
+/// processor, and neither setting nor cancelling it costs an access to the timer's hardware while the chain runs: on a
+/// virtual machine, an exit to the host (docs/decisions).
+const fn first_look_percent(role: Role) -> u64 {
+    match role {
+        Role::Outer => 70,
+        Role::Inner => 69,
+        _ => 68,
+    }
+}
+
+/// In lockstep, how often a stage looks up from waiting, for the end of the run [ns].
+const LOOK_UP_NS: u64 = 20_000_000;
+
+/// Without a sign of life from the plant for this long, the run is lost [ns].
+const PLANT_SILENT_NS: u64 = NS_PER_S;
+
+/// Runs a stage until the plant closes the run.
+///
+/// # Errors
+/// Those of the station and of the stage's ports; [`Error::Absent`] when the plant has died.
+pub fn run<S: Stage>(mut stage: S, doorbell: &Doorbell, mut station: Station) -> Result<(), Error> {
+    let armed = station.join(|_, expected, epoch| stage.arm(expected, epoch))?;
+    let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);
+    let meter = UsageMeter::start();
+    let flown = fly(&mut stage, doorbell, &mut station, &armed, &mut pacer);
+    let finished = stage.finish(pacer.next_tick);
+    if flown.is_err() {
+        station.status.wants_end = Ending::Failed as u64;
+    }
+    station.land(&meter);
+    flown.and(finished)
+}
+
+fn fly<S: Stage>(
+    stage: &mut S,
+    doorbell: &Doorbell,
+    station: &mut Station,
+    armed: &Armed,
+    pacer: &mut Pacer,
+) -> Result<(), Error> {
+    let mut previous_busy_ns = 0;
+    let mut heard_ns = now_ns();
+    loop {
+        let (tick, receive_ns) = match pacer.wait(doorbell, |newest_tick| stage.take(newest_tick))? {
+            Wake::Work { tick, receive_ns } => (tick, receive_ns),
+            Wake::Silence { tick, receive_ns } => {
+                if armed.run.get().phase() == RunPhase::Closed {
+                    return Ok(());
+                }
+                if receive_ns > heard_ns + PLANT_SILENT_NS && !station.plant_lives() {
+                    return Err(Error::Absent { what: "the plant died in flight".into() });
+                }
+                if armed.pace == Pace::Lockstep {
+                    // The plant notices a stage that has died, and closes the run.
+                    station.pass_on_stop();
+                    continue;
+                }
+                if tick > armed.last_tick {
+                    continue;
+                }
+                (tick, receive_ns)
+            }
+        };
+        let worked = stage.tick(&Turn { tick, receive_ns, previous_busy_ns })?;
+        if !worked.stale {
+            heard_ns = receive_ns;
+        }
+        let status = &mut station.status;
+        status.ticks_run += 1;
+        status.ticks_stale += u64::from(worked.stale);
+        status.ticks_skipped = pacer.skipped;
+        status.rejections = stage.rejections();
+        if let Some(end) = worked.wants_end {
+            status.wants_end = end as u64;
+        }
+        station.pass_on_stop();
+        previous_busy_ns = now_ns() - receive_ns;
+    }
+}
+
+/// Why a stage's wait ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Wake {
+    /// The input of a tick is there.
+    Work { tick: u64, receive_ns: u64 },
+    /// The deadline of a tick has passed without it.
+    Silence { tick: u64, receive_ns: u64 },
+}
+
+/// Decides which tick a stage works next.
+#[derive(Clone, Copy, Debug)]
+struct Pacer {
+    pace: Pace,
+    first_look_percent: u64,
+    deadline_percent: u64,
+    /// When the present wait for the doorbell began [ns].
+    since_ns: u64,
+    next_tick: u64,
+    skipped: u64,
+}
+
+impl Pacer {
+    const fn new(pace: Pace, role: Role, first_tick: u64) -> Self {
+        let (first_look_percent, deadline_percent) = (first_look_percent(role), role.deadline_percent());
+        Self { pace, first_look_percent, deadline_percent, since_ns: 0, next_tick: first_tick, skipped: 0 }
+    }
+
+    fn wait(&mut self, doorbell: &Doorbell, mut take: impl FnMut(u64) -> Result<u64, Error>) -> Result<Wake, Error> {
+        self.since_ns = now_ns();
+        loop {
+            let now = now_ns();
+            let newest = take(self.pace.newest_tick(now))?;
+            if let Some(wake) = self.decide(now, newest) {
+                return Ok(wake);
+            }
+            doorbell.wait_until(self.look_up(now))?;
+        }
+    }
+
+    /// When the stage looks up from waiting that began at `now` [ns].
+    const fn look_up(&self, now: u64) -> u64 {
+        match self.pace {
+            Pace::Realtime(grid) => {
+                let first = grid.begin_of(self.next_tick) + grid.period_ns * self.first_look_percent / 100;
+                if now < first { first } else { self.deadline() }
+            }
+            Pace::Lockstep => self.deadline(),
+        }
+    }
+
+    /// When the stage no longer waits for its input [ns].
+    const fn deadline(&self) -> u64 {
+        match self.pace {
+            Pace::Realtime(grid) => grid.begin_of(self.next_tick) + grid.period_ns * self.deadline_percent / 100,
+            Pace::Lockstep => self.since_ns + LOOK_UP_NS,
+        }
+    }
+
+    /// What to do at `now` with an input of tick `newest`; `None` is to wait on.
+    fn decide(&mut self, now: u64, newest: u64) -> Option<Wake> {
+        if let Pace::Realtime(grid) = self.pace {
+            let current = grid.tick_at(now).max(self.next_tick);
+            self.skipped += current - self.next_tick;
+            self.next_tick = current;
+        }
+        if newest != NO_TICK && newest >= self.next_tick {
+            self.skipped += newest - self.next_tick;
+            self.next_tick = newest + 1;
+            return Some(Wake::Work { tick: newest, receive_ns: now });
+        }
+        if now < self.deadline() {
+            return None;
+        }
+        let tick = self.next_tick;
+        // In lockstep no tick ends before it was worked.
+        self.next_tick += u64::from(self.pace != Pace::Lockstep);
+        Some(Wake::Silence { tick, receive_ns: now })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::grid::Grid;
+
+    const GRID: Grid = Grid { t0_ns: 1_000_000, period_ns: 1_000 };
+
+    fn at(tick: u64, offset: u64) -> u64 {
+        GRID.begin_of(tick) + offset
+    }
+
+    #[test]
+    fn works_its_input_and_waits_for_the_next() {
+        let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 0);
+        assert_eq!(pacer.decide(at(0, 0) - 500, NO_TICK), None);
+        assert_eq!(pacer.decide(at(0, 30), 0), Some(Wake::Work { tick: 0, receive_ns: at(0, 30) }));
+        assert_eq!(pacer.decide(at(0, 40), 0), None, "its input is of the past tick");
+        assert_eq!(pacer.decide(at(1, 30), 1), Some(Wake::Work { tick: 1, receive_ns: at(1, 30) }));
+        assert_eq!(pacer.skipped, 0);
+    }
+
+    #[test]
+    fn works_without_input_after_its_deadline_once() {
+        let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
+        assert_eq!(pacer.decide(at(5, 799), 4), None);
+        assert_eq!(pacer.decide(at(5, 800), 4), Some(Wake::Silence { tick: 5, receive_ns: at(5, 800) }));
+        assert_eq!(pacer.decide(at(5, 900), 5), None, "the late input is not worked a second time");
+        assert_eq!(pacer.decide(at(6, 10), 6), Some(Wake::Work { tick: 6, receive_ns: at(6, 10) }));
+    }
+
+    #[test]
+    fn looks_up_once_before_its_deadline() {
+        let pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
+        assert_eq!(pacer.look_up(at(4, 900)), at(5, 690));
+        assert_eq!(pacer.look_up(at(5, 690)), at(5, 800));
+    }
+
+    #[test]
+    fn skips_the_ticks_that_are_over() {
+        let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
+        assert_eq!(pacer.decide(at(9, 100), 4), None, "a pause of the machine: tick 9 may still get its input");
+        assert_eq!((pacer.next_tick, pacer.skipped), (9, 4));
+        assert_eq!(pacer.decide(at(9, 200), 9), Some(Wake::Work { tick: 9, receive_ns: at(9, 200) }));
+    }
+
+    #[test]
+    fn an_input_that_comes_as_its_tick_begins_is_worked_once() {
+        let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
+        assert_eq!(pacer.decide(at(5, 999), 6), Some(Wake::Work { tick: 6, receive_ns: at(5, 999) }));
+        assert_eq!((pacer.next_tick, pacer.skipped), (7, 1));
+        assert_eq!(pacer.decide(at(6, 10), 6), None);
+    }
+}

@@ -1,0 +1,83 @@
+//! The page of bells of an instance: a file in shared memory, which the last process to leave removes.
+
+use std::fs::{self, File, OpenOptions};
+use std::os::fd::AsFd as _;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+use rustix::fs::{FallocateFlags, FlockOperation, fallocate, flock};
+
+use crate::error::Error;
+use crate::instance::{Instance, SHARED_MEMORY, is_at};
+use crate::sys::{BELLS, BellPage};
+use model::layout::{FNV_OFFSET, fnv1a};
+
+/// Token of the last bell of the page, which nobody rings: how the page is used.
+const MARK: u64 = fnv1a(FNV_OFFSET, b"ironbird-bells/1");
+
+/// A share in the page of an instance.
+///
+/// ```text
+///   every process: open, lock shared, map       the last one to leave: lock exclusive, remove
+/// ```
+#[derive(Debug)]
+pub(super) struct BellFile {
+    file: File,
+    path: PathBuf,
+}
+
+impl BellFile {
+    /// Joins the page of an instance, or makes it.
+    ///
+    /// # Errors
+    /// [`Error::System`]; [`Error::Incompatible`] where another build has made it.
+    pub(super) fn join(instance: &Instance) -> Result<Self, Error> {
+        let path = Path::new(SHARED_MEMORY).join(format!("{}bells", instance.prefix()));
+        let failed = |e| Error::system(format!("cannot make {}", path.display()), e);
+        loop {
+            let mut options = OpenOptions::new();
+            options.create(true).truncate(false).read(true).write(true).mode(0o640);
+            let file = options.open(&path).map_err(failed)?;
+            flock(&file, FlockOperation::LockShared).map_err(|e| failed(e.into()))?;
+            // Somebody may have left as the last one before it was locked.
+            if !is_at(&file, &path) {
+                continue;
+            }
+            // Reserved at once: a page that shared memory has no room for would end its reader.
+            fallocate(&file, FallocateFlags::empty(), 0, BellPage::BYTES as u64).map_err(|e| failed(e.into()))?;
+            let joined = Self { file, path };
+            joined.check_mark()?;
+            return Ok(joined);
+        }
+    }
+
+    fn check_mark(&self) -> Result<(), Error> {
+        let mark = &self.page()?[BELLS - 1].token;
+        match mark.compare_exchange(0, MARK, Ordering::AcqRel, Ordering::Acquire) {
+            Ok(_) => Ok(()),
+            Err(found) if found == MARK => Ok(()),
+            Err(found) => Err(Error::Incompatible {
+                what: "the page of doorbells".into(),
+                reason: format!("its mark is {found:016x}, here {MARK:016x}"),
+            }),
+        }
+    }
+
+    /// Maps the page.
+    ///
+    /// # Errors
+    /// [`Error::System`].
+    pub(super) fn page(&self) -> Result<BellPage, Error> {
+        BellPage::map(self.file.as_fd()).map_err(|e| Error::system(format!("cannot map {}", self.path.display()), e))
+    }
+}
+
+impl Drop for BellFile {
+    fn drop(&mut self) {
+        if flock(&self.file, FlockOperation::NonBlockingLockExclusive).is_ok() {
+            // Gone already where somebody removed the leftovers.
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! Notice boards: a value that one process writes and anybody reads, without either waiting for the other.
+//!
+//! An iceoryx2 blackboard of one value. Joining and leaving readers cost the writer nothing, so boards are how
+//! observers look at a flight.
+//!
+//! A writer that is killed keeps its right to write an entry for as long as anybody looks at the blackboard
+//! (iceoryx2 0.10). So a board has several entries, its sheets: a writer takes the first that is free, and
+//! readers look at the last that was written on.
+
+use std::cell::Cell;
+
+use iceoryx2::port::reader::{BlackboardValue, EntryHandle, Reader};
+use iceoryx2::port::writer::{EntryHandleMut, EntryHandleMutError, Writer};
+use iceoryx2::prelude::{ZeroCopySend, ipc};
+use iceoryx2::service::builder::blackboard::{BlackboardCreateError, BlackboardOpenError};
+use iceoryx2::service::port_factory::blackboard::PortFactory;
+
+use super::{NODES, Wire, layout_specifier, layout_verifier, not_opened};
+use crate::error::Error;
+use crate::sys::Payload;
+use model::layout::Layout;
+
+/// Sheets of a board: writers of it that may be killed while somebody looks at it, and one.
+const SHEETS: u64 = 8;
+
+/// What lies on a sheet.
+#[derive(Clone, Copy, Debug, Default, ZeroCopySend)]
+#[repr(C)]
+struct Sheet<T: Notice> {
+    /// 1 when somebody has written on it.
+    written: u64,
+    value: Payload<T>,
+}
+
+/// A value that can be put on a board.
+pub trait Notice: Copy + Default + Layout + std::fmt::Debug + 'static {}
+impl<T: Copy + Default + Layout + std::fmt::Debug + 'static> Notice for T {}
+
+impl Wire {
+    /// Becomes the writer of a board, also of one whose last writer died while others still read it.
+    ///
+    /// # Errors
+    /// [`Error::Wire`], [`Error::Incompatible`].
+    pub fn board<T: Notice>(&self, name: &str) -> Result<Board<T>, Error> {
+        let empty = self
+            .node
+            .service_builder(&self.service_name(name)?)
+            .blackboard_creator::<u64>()
+            .max_readers(NODES)
+            .max_nodes(NODES);
+        let service = match (0..SHEETS)
+            .fold(empty, |board, sheet| board.add(sheet, Sheet::<T>::default()))
+            .create_with_attributes(&layout_specifier(T::FINGERPRINT)?)
+        {
+            Ok(service) => service,
+            Err(BlackboardCreateError::AlreadyExists) => {
+                self.open_board::<T>(name)?.ok_or_else(|| Error::Absent { what: format!("board `{name}` vanished") })?
+            }
+            Err(error) => return Err(Error::wire(format!("cannot create board `{name}`"), error)),
+        };
+        let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot become the writer of board `{name}`"), e);
+        let writer = service.writer_builder().create().map_err(|e| failed(&e))?;
+        let mut sheets = (0..SHEETS).map(|sheet| writer.entry(&sheet));
+        let is_taken = |sheet: &Result<_, _>| matches!(sheet, Err(EntryHandleMutError::HandleAlreadyExists));
+        let free = sheets.find(|sheet| !is_taken(sheet)).unwrap_or(Err(EntryHandleMutError::HandleAlreadyExists));
+        let sheet = free.map_err(|e| failed(&e))?;
+        Ok(Board { sheet, _writer: writer, _service: service })
+    }
+
+    /// A reader of a board; `None` while nobody has put it up.
+    ///
+    /// # Errors
+    /// [`Error::Wire`], [`Error::Incompatible`].
+    pub fn board_reader<T: Notice>(&self, name: &str) -> Result<Option<BoardReader<T>>, Error> {
+        let Some(service) = self.open_board::<T>(name)? else { return Ok(None) };
+        let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot read board `{name}`"), e);
+        let reader = service.reader_builder().create().map_err(|e| failed(&e))?;
+        let sheets = (0..SHEETS)
+            .map(|sheet| {
+                let sheet = reader.entry::<Sheet<T>>(&sheet).map_err(|e| failed(&e))?;
+                Ok(Look { before: sheet.get(), sheet })
+            })
+            .collect::<Result<Vec<_>, Error>>()?;
+        let last = sheets.iter().rposition(|look| look.before.written == 1).unwrap_or(0);
+        Ok(Some(BoardReader { sheets, last: Cell::new(last), _reader: reader, _service: service }))
+    }
+
+    fn open_board<T: Notice>(&self, name: &str) -> Result<Option<PortFactory<ipc::Service, u64>>, Error> {
+        let opened = self
+            .node
+            .service_builder(&self.service_name(name)?)
+            .blackboard_opener::<u64>()
+            .open_with_attributes(&layout_verifier(T::FINGERPRINT)?);
+        match opened {
+            Ok(service) => Ok(Some(service)),
+            // Being put up or taken down at this moment is as good as not there.
+            Err(
+                BlackboardOpenError::DoesNotExist
+                | BlackboardOpenError::IsMarkedForDestruction
+                | BlackboardOpenError::HangsInCreation
+                | BlackboardOpenError::ServiceInCorruptedState,
+            ) => Ok(None),
+            Err(error) => Err(not_opened(format!("board `{name}`"), error)),
+        }
+    }
+}
+
+/// A board with the right to write on it.
+#[allow(missing_debug_implementations, reason = "the middleware's handle has none")]
+pub struct Board<T: Notice> {
+    sheet: EntryHandleMut<ipc::Service, u64, Sheet<T>>,
+    _writer: Writer<ipc::Service, u64>,
+    _service: PortFactory<ipc::Service, u64>,
+}
+
+impl<T: Notice> Board<T> {
+    /// Replaces what is on the board.
+    pub fn put(&self, value: T) {
+        self.sheet.update_with_copy(Sheet { written: 1, value: Payload(value) });
+    }
+}
+
+/// A sheet to look at.
+struct Look<T: Notice> {
+    sheet: EntryHandle<ipc::Service, u64, Sheet<T>>,
+    /// What lay on it when the reader came.
+    before: BlackboardValue<Sheet<T>>,
+}
+
+/// A board to look at.
+#[allow(missing_debug_implementations, reason = "the middleware's handle has none")]
+pub struct BoardReader<T: Notice> {
+    sheets: Vec<Look<T>>,
+    /// The last one that was written on, as far as seen.
+    last: Cell<usize>,
+    _reader: Reader<ipc::Service, u64>,
+    _service: PortFactory<ipc::Service, u64>,
+}
+
+impl<T: Notice> BoardReader<T> {
+    /// What is on the board now; what its last writer left when that is gone.
+    #[must_use]
+    pub fn get(&self) -> T {
+        let last = self.last.get();
+        // One look at a counter for each later sheet.
+        let later = self.sheets[last + 1..].iter().rposition(|look| !look.sheet.is_up_to_date(&look.before));
+        let last = later.map_or(last, |later| last + 1 + later);
+        self.last.set(last);
+        self.sheets[last].sheet.get().value.0
+    }
+}

@@ -1,0 +1,37 @@
+//! The monotonic clock, which all processes of a machine share.
+
+use model::grid::NS_PER_S;
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::{Timespec, clock_gettime};
+
+/// CLOCK_MONOTONIC now [ns]; the same in all processes of a machine.
+#[must_use]
+pub fn now_ns() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    now.tv_sec.unsigned_abs() * NS_PER_S + now.tv_nsec.unsigned_abs()
+}
+
+/// A duration or instant in nanoseconds as the system calls want it.
+#[must_use]
+pub fn timespec(ns: u64) -> Timespec {
+    Timespec { tv_sec: (ns / NS_PER_S).cast_signed(), tv_nsec: (ns % NS_PER_S).cast_signed() }
+}
+
+/// Sleeps until an absolute instant of CLOCK_MONOTONIC; returns early only when a signal arrives.
+///
+/// Returns `false` when it was interrupted.
+pub fn sleep_until(instant_ns: u64) -> bool {
+    clock_nanosleep_absolute(ClockId::Monotonic, &timespec(instant_ns)).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sleep_ends_after_its_instant() {
+        let until = now_ns() + 2_000_000;
+        assert!(sleep_until(until));
+        assert!(now_ns() >= until);
+    }
+}

@@ -1,0 +1,188 @@
+//! What can go wrong outside the laws, each with what to do about it.
+
+use std::io;
+use std::path::PathBuf;
+
+use failure::Failure;
+use thiserror::Error;
+
+use model::role::Role;
+
+/// Why a process of the rig cannot go on.
+#[derive(Debug, Error)]
+pub enum Error {
+    /// The name of an instance has a character or a length that file names cannot carry everywhere.
+    #[error("instance name `{name}` is not allowed: 1 to 32 of the characters a-z, 0-9, `_` and `-`")]
+    InstanceName {
+        /// The name that was refused.
+        name: String,
+    },
+    /// The directory for sockets and service files cannot be used.
+    #[error("cannot use the root path {}: {source}", path.display())]
+    RootPath {
+        /// The directory.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The root path is so long that sockets below it have no valid address.
+    #[error("the root path {} is {length} characters long; sockets below it need it to be at most {max}", path.display())]
+    RootPathTooLong {
+        /// The directory.
+        path: PathBuf,
+        /// Its length.
+        length: usize,
+        /// What is allowed.
+        max: usize,
+    },
+    /// Somebody plays the role already.
+    #[error("instance `{instance}` already has a running {role}{}", process(*pid))]
+    Occupied {
+        /// The instance.
+        instance: String,
+        /// `fly` or a role.
+        role: String,
+        /// Who holds it; not known in the instant before it has written its number.
+        pid: Option<u32>,
+    },
+    /// As many processes observe the instance as may.
+    #[error("instance `{instance}` has {most} observers already, and that is the most")]
+    Crowded {
+        /// The instance.
+        instance: String,
+        /// How many there may be.
+        most: usize,
+    },
+    /// A role flies with other settings than the plant.
+    #[error("the {role} process has other settings than the plant: {differences}")]
+    SettingsDiffer {
+        /// The role that refuses.
+        role: Role,
+        /// Each differing key with both values.
+        differences: String,
+    },
+    /// Real time was required and not granted.
+    #[error("real time was required and not granted to the {role} process: {refused}")]
+    RealtimeRefused {
+        /// The role.
+        role: Role,
+        /// Each refused step with the system's reason.
+        refused: String,
+        /// What to do about the first of them.
+        remedy: String,
+    },
+    /// Shared memory is too small for the instance.
+    #[error("shared memory is too small: {path} has {free_mib} MiB free, this instance needs {needed_mib} MiB", path = path.display())]
+    SharedMemoryFull {
+        /// Where it is mounted.
+        path: PathBuf,
+        /// What is free [MiB].
+        free_mib: u64,
+        /// What is needed [MiB].
+        needed_mib: u64,
+    },
+    /// The middleware refused.
+    #[error("{what}: iceoryx2 says {reason}")]
+    Wire {
+        /// What was tried.
+        what: String,
+        /// The middleware's error.
+        reason: String,
+    },
+    /// Shared memory was left by another build.
+    #[error("{what} exists with an incompatible layout: iceoryx2 says {reason}")]
+    Incompatible {
+        /// The topic or board.
+        what: String,
+        /// The middleware's error.
+        reason: String,
+    },
+    /// A peer did not do its part in time.
+    #[error("{what}")]
+    Absent {
+        /// Who did not do what.
+        what: String,
+    },
+    /// A system call failed.
+    #[error("{what}: {source}")]
+    System {
+        /// What was tried.
+        what: String,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Ended by a signal before the run began.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+impl Error {
+    /// Exit code of a process that ends with this error (docs/architecture.md, "Exit codes").
+    #[must_use]
+    pub const fn exit_code(&self) -> u8 {
+        match self {
+            Self::InstanceName { .. }
+            | Self::RootPath { .. }
+            | Self::RootPathTooLong { .. }
+            | Self::SettingsDiffer { .. } => 2,
+            Self::RealtimeRefused { .. } => 4,
+            Self::Occupied { .. } | Self::Crowded { .. } | Self::Incompatible { .. } => 5,
+            Self::Interrupted => 130,
+            Self::SharedMemoryFull { .. } | Self::Wire { .. } | Self::Absent { .. } | Self::System { .. } => 1,
+        }
+    }
+
+    /// What the user can do.
+    #[must_use]
+    pub fn remedy(&self) -> Option<String> {
+        Some(match self {
+            Self::InstanceName { .. } => "for example: --instance left-rig".into(),
+            Self::RootPath { .. } => {
+                "make it a directory that you can write, or name another one in IRONBIRD_ROOT".into()
+            }
+            Self::RootPathTooLong { .. } => "name a shorter one in IRONBIRD_ROOT".into(),
+            Self::Occupied { instance, .. } => {
+                format!("wait for its end, or fly beside it under another name: --instance {instance}-2")
+            }
+            Self::Crowded { .. } => "end one of the others: an `ironbird watch` or an `ironbird bridge`".into(),
+            Self::SettingsDiffer { .. } => {
+                "start every role with the same --config, --trajectory, --preset, --duration and --fault".into()
+            }
+            Self::RealtimeRefused { remedy, .. } => remedy.clone(),
+            Self::SharedMemoryFull { path, .. } => format!(
+                "remove what fills it (`ironbird clean` removes leftovers of ours), or enlarge it: \
+                 mount -o remount,size=256M {}",
+                path.display()
+            ),
+            Self::Incompatible { .. } => {
+                "another build of ironbird left it or still runs: end that one, then `ironbird clean`".into()
+            }
+            Self::Wire { .. } => "`ironbird clean` removes leftovers of killed processes".into(),
+            Self::Absent { .. } | Self::System { .. } | Self::Interrupted => return None,
+        })
+    }
+
+    /// A middleware error with what was tried.
+    pub fn wire(what: impl Into<String>, reason: impl std::fmt::Debug) -> Self {
+        Self::Wire { what: what.into(), reason: format!("{reason:?}") }
+    }
+
+    /// A failed system call with what was tried.
+    pub fn system(what: impl Into<String>, source: impl Into<io::Error>) -> Self {
+        Self::System { what: what.into(), source: source.into() }
+    }
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        let failure = Self::new(error.exit_code(), error.to_string());
+        match error.remedy() {
+            Some(remedy) => failure.help(remedy),
+            None => failure,
+        }
+    }
+}
+
+fn process(pid: Option<u32>) -> String {
+    pid.map_or_else(String::new, |pid| format!(" (process {pid})"))
+}

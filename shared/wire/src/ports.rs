@@ -1,0 +1,208 @@
+//! Ports of the loop's topics: one sender, latest-only receivers, and the recorder's deep ones.
+
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections as _;
+use iceoryx2::prelude::ipc;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+
+use super::{Bell, DEEP, NODES, Wire, layout_verifier, not_opened};
+use crate::clock::now_ns;
+use crate::error::Error;
+use crate::sys::Payload;
+use model::envelope::{Envelope, LAYOUT, Message};
+use model::inspection::{Expected, Inspector, Rejections};
+use model::messages::{Dated, NO_TICK};
+use model::topic::Topic;
+
+impl Wire {
+    fn topic<C: Topic>(&self) -> Result<PortFactory<ipc::Service, Payload<Message<C>>, ()>, Error> {
+        self.publish_subscribe(C::NAME, C::SUBSCRIBERS, DEEP)
+    }
+
+    pub(super) fn publish_subscribe<C: Topic>(
+        &self,
+        name: &str,
+        subscribers: usize,
+        depth: usize,
+    ) -> Result<PortFactory<ipc::Service, Payload<Message<C>>, ()>, Error> {
+        self.node
+            .service_builder(&self.service_name(name)?)
+            .publish_subscribe::<Payload<Message<C>>>()
+            .max_publishers(1)
+            .max_subscribers(subscribers)
+            .subscriber_max_buffer_size(depth)
+            .subscriber_max_borrowed_samples(1)
+            .history_size(0)
+            .max_nodes(NODES)
+            // A receiver that does not keep up loses its oldest sample; a sender never waits for anybody.
+            .enable_safe_overflow(true)
+            .open_or_create_with_attributes(&layout_verifier(LAYOUT)?)
+            .map_err(|error| not_opened(format!("topic `{name}`"), error))
+    }
+
+    /// The one sender of a topic; rings `bell` after each message.
+    ///
+    /// # Errors
+    /// [`Error::Wire`] also where the topic has a sender already; [`Error::Incompatible`].
+    pub fn sender<C: Topic>(&self, bell: Option<Bell>) -> Result<Sender<C>, Error> {
+        let publisher = self
+            .topic::<C>()?
+            .publisher_builder()
+            .max_loaned_samples(1)
+            .create()
+            .map_err(|e| Error::wire(format!("cannot become the sender of topic `{}`", C::NAME), e))?;
+        Ok(Sender { publisher, bell, envelope: Envelope::new() })
+    }
+
+    /// A receiver that keeps `depth` messages of a topic.
+    ///
+    /// # Errors
+    /// [`Error::Wire`], [`Error::Incompatible`].
+    pub fn receiver<C: Topic>(&self, depth: usize) -> Result<Receiver<C>, Error> {
+        let subscriber = self
+            .topic::<C>()?
+            .subscriber_builder()
+            .buffer_size(depth)
+            .create()
+            .map_err(|e| Error::wire(format!("cannot receive topic `{}`", C::NAME), e))?;
+        Ok(Receiver::new(subscriber))
+    }
+}
+
+/// Shared memory that the slots of a topic take [bytes].
+pub(super) fn slot_bytes<C: Topic>(subscribers: usize, depth: usize) -> u64 {
+    // One slot per buffered and borrowed sample of every subscriber, one loaned, one in the hand of the sender.
+    let slots = subscribers * (depth + 1) + 2;
+    (slots * (size_of::<Message<C>>() + 64)) as u64
+}
+
+/// Sends the messages of a topic.
+#[derive(Debug)]
+pub struct Sender<C: Topic> {
+    publisher: Publisher<ipc::Service, Payload<Message<C>>, ()>,
+    bell: Option<Bell>,
+    /// What every message of this sender carries.
+    envelope: Envelope,
+}
+
+impl<C: Topic> Sender<C> {
+    /// Arms the sender for a run: connects to everybody who listens now.
+    ///
+    /// # Errors
+    /// [`Error::Wire`].
+    pub fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
+        self.envelope = Envelope { run_id: expected.run_id, settings: expected.settings, epoch, ..Envelope::new() };
+        self.publisher
+            .update_connections()
+            .map_err(|e| Error::wire(format!("cannot connect the sender of topic `{}`", C::NAME), e))
+    }
+
+    /// Sends a message made for `tick`, and rings.
+    ///
+    /// `history` is the envelope of the input that it was made from; origin, sequence and the send stamp are the
+    /// sender's own. One allocation: the middleware's loan.
+    ///
+    /// # Errors
+    /// [`Error::Wire`].
+    pub fn send(&mut self, tick: u64, history: &Envelope, content: C) -> Result<(), Error> {
+        let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot send on topic `{}`", C::NAME), e);
+        let sample = self.publisher.loan_uninit().map_err(|e| failed(&e))?;
+        let Envelope { layout, run_id, settings, epoch, seq, .. } = self.envelope;
+        let mut envelope = Envelope { layout, run_id, settings, epoch, seq, tick, ..*history };
+        envelope.stamps[C::SENDER as usize].send_ns = now_ns();
+        sample.write_payload(Payload(Message { envelope, content })).send().map_err(|e| failed(&e))?;
+        self.envelope.seq += 1;
+        if let Some(bell) = &self.bell {
+            bell.ring()?;
+        }
+        Ok(())
+    }
+}
+
+/// Receives the messages of a topic: copies each once, inspects the copy, keeps the newest.
+#[derive(Debug)]
+pub struct Receiver<C: Topic> {
+    subscriber: Subscriber<ipc::Service, Payload<Message<C>>, ()>,
+    inspector: Inspector,
+    newest: Message<C>,
+    rejections: Rejections,
+}
+
+impl<C: Topic> Receiver<C> {
+    pub(super) fn new(subscriber: Subscriber<ipc::Service, Payload<Message<C>>, ()>) -> Self {
+        Self {
+            subscriber,
+            inspector: Inspector::new(Expected { run_id: 0, settings: 0 }),
+            newest: Message::default(),
+            rejections: Rejections::default(),
+        }
+    }
+
+    /// Arms the receiver for a run: connects to the sender, forgets what came before.
+    ///
+    /// # Errors
+    /// [`Error::Wire`].
+    pub fn arm(&mut self, expected: Expected) -> Result<(), Error> {
+        self.subscriber
+            .update_connections()
+            .map_err(|e| Error::wire(format!("cannot connect the receiver of topic `{}`", C::NAME), e))?;
+        self.inspector = Inspector::new(expected);
+        self.newest = Message::default();
+        Ok(())
+    }
+
+    /// Takes everything that has come and calls `each` on what passes inspection.
+    ///
+    /// `newest_tick` is the latest tick that can have begun.
+    ///
+    /// # Errors
+    /// [`Error::Wire`].
+    pub fn drain(&mut self, newest_tick: u64, mut each: impl FnMut(&Message<C>)) -> Result<(), Error> {
+        let failed = |e| Error::wire(format!("cannot receive from topic `{}`", C::NAME), e);
+        while let Some(sample) = self.subscriber.receive().map_err(failed)? {
+            let Payload(message) = *sample.payload();
+            match self.inspector.inspect(&message, newest_tick) {
+                Ok(()) => {
+                    self.newest = message;
+                    each(&message);
+                }
+                Err(reason) => self.rejections.count(reason),
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes everything that has come and keeps the newest; returns the tick of what it has now.
+    ///
+    /// # Errors
+    /// [`Error::Wire`].
+    pub fn take(&mut self, newest_tick: u64) -> Result<u64, Error> {
+        self.drain(newest_tick, |_| ())?;
+        Ok(self.newest.envelope.tick)
+    }
+
+    /// The newest message; its tick is [`NO_TICK`] while there was none.
+    #[must_use]
+    pub const fn newest(&self) -> &Message<C> {
+        &self.newest
+    }
+
+    /// Content and tick of the newest message.
+    #[must_use]
+    pub const fn dated(&self) -> Dated<C> {
+        Dated { tick: self.newest.envelope.tick, content: self.newest.content }
+    }
+
+    /// Whether there was a message at all.
+    #[must_use]
+    pub const fn has_any(&self) -> bool {
+        self.newest.envelope.tick != NO_TICK
+    }
+
+    /// Messages that did not pass inspection.
+    #[must_use]
+    pub const fn rejections(&self) -> &Rejections {
+        &self.rejections
+    }
+}

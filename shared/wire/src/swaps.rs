@@ -1,0 +1,182 @@
+//! Asking the plant for a swap of parameters, and its answer: iceoryx2 request-response.
+
+use std::time::Duration;
+
+use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::pending_response::PendingResponse;
+use iceoryx2::port::client::Client;
+use iceoryx2::port::server::Server;
+use iceoryx2::prelude::{ZeroCopySend, ipc};
+use iceoryx2::service::port_factory::request_response::PortFactory;
+
+use super::{Bell, NODES, Owner, Wire, layout_verifier, not_opened};
+use crate::clock::now_ns;
+use crate::error::Error;
+use model::layout::{FNV_OFFSET, Layout as _, fnv1a, from_wire, layout};
+use model::parameters::PARAMETERS;
+
+/// Clients that may ask at the same time.
+const CLIENTS: usize = 8;
+
+/// A swap as it is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
+#[repr(C)]
+pub struct SwapOrder {
+    /// Tick from which it shall hold; `NO_TICK` for one counted from now.
+    pub at_tick: u64,
+    /// With `at_tick == NO_TICK`: ticks from the plant's present one.
+    pub in_ticks: u64,
+    /// How many of the following pairs are meant.
+    pub count: u64,
+    /// Parameters, as indices of the table [`model::parameters::SPECS`].
+    pub parameter: [u64; PARAMETERS],
+    /// Their new values, in their units.
+    pub value: [f64; PARAMETERS],
+}
+layout!(SwapOrder { at_tick, in_ticks, count, parameter, value });
+
+/// The plant's answer.
+#[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
+#[repr(C)]
+pub struct SwapAnswer {
+    /// A [`Verdict`] as number.
+    pub verdict: u64,
+    /// Applied: the tick from which it holds. Refused: the plant's tick.
+    pub tick: u64,
+    /// Parameter epoch after the swap.
+    pub parameter_epoch: u64,
+    /// Refused for one parameter: its index.
+    pub parameter: u64,
+    /// Values before the swap, in the order of the request.
+    pub old: [f64; PARAMETERS],
+}
+layout!(SwapAnswer { verdict, tick, parameter_epoch, parameter, old });
+
+/// What became of a swap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u64)]
+pub enum Verdict {
+    /// It holds.
+    Applied = 0,
+    /// An index names no parameter.
+    UnknownParameter = 1,
+    /// A value is out of its range.
+    OutOfRange = 2,
+    /// It names no parameter, too many, or one twice.
+    Malformed = 3,
+    /// Too many swaps wait for their ticks.
+    QueueFull = 4,
+    /// The run ended before its tick.
+    Ended = 5,
+}
+
+from_wire!(Verdict { Applied, UnknownParameter, OutOfRange, Malformed, QueueFull, Ended });
+
+impl Wire {
+    fn swap_service(&self) -> Result<PortFactory<ipc::Service, SwapOrder, (), SwapAnswer, ()>, Error> {
+        let layouts =
+            fnv1a(fnv1a(FNV_OFFSET, &SwapOrder::FINGERPRINT.to_le_bytes()), &SwapAnswer::FINGERPRINT.to_le_bytes());
+        self.node
+            .service_builder(&self.service_name("parameters")?)
+            .request_response::<SwapOrder, SwapAnswer>()
+            .max_servers(1)
+            .max_clients(CLIENTS)
+            .max_active_requests_per_client(1)
+            .max_response_buffer_size(1)
+            .max_nodes(NODES)
+            .open_or_create_with_attributes(&layout_verifier(layouts)?)
+            .map_err(|error| not_opened("the service `parameters`".into(), error))
+    }
+
+    /// The plant's end.
+    ///
+    /// # Errors
+    /// [`Error::Wire`], [`Error::Incompatible`].
+    pub fn swap_server(&self) -> Result<SwapServer, Error> {
+        let server = self
+            .swap_service()?
+            .server_builder()
+            .create()
+            .map_err(|e| Error::wire("cannot serve the service `parameters`", e))?;
+        Ok(SwapServer { server })
+    }
+
+    /// A client's end.
+    ///
+    /// # Errors
+    /// [`Error::Wire`], [`Error::Incompatible`].
+    pub fn swap_client(&self) -> Result<SwapClient, Error> {
+        let client = self
+            .swap_service()?
+            .client_builder()
+            .create()
+            .map_err(|e| Error::wire("cannot ask the service `parameters`", e))?;
+        Ok(SwapClient { client, bell: self.bell(Owner::Desk)? })
+    }
+}
+
+/// Receives orders.
+#[derive(Debug)]
+pub struct SwapServer {
+    server: Server<ipc::Service, SwapOrder, (), SwapAnswer, ()>,
+}
+
+/// An order that waits for its answer.
+#[derive(Debug)]
+pub struct SwapCall {
+    request: ActiveRequest<ipc::Service, SwapOrder, (), SwapAnswer, ()>,
+}
+
+impl SwapServer {
+    /// The next order, if one has come.
+    ///
+    /// # Errors
+    /// [`Error::Wire`].
+    pub fn next(&self) -> Result<Option<SwapCall>, Error> {
+        let request = self.server.receive().map_err(|e| Error::wire("cannot receive a swap", e))?;
+        Ok(request.map(|request| SwapCall { request }))
+    }
+}
+
+impl SwapCall {
+    /// What is asked for.
+    #[must_use]
+    pub fn order(&self) -> SwapOrder {
+        *self.request.payload()
+    }
+
+    /// Answers; a client that has gone is no error.
+    pub fn answer(self, answer: SwapAnswer) {
+        // Nobody is left to tell if this fails, and the swap itself is on record.
+        let _ = self.request.send_copy(answer);
+    }
+}
+
+/// Sends orders.
+#[derive(Debug)]
+pub struct SwapClient {
+    client: Client<ipc::Service, SwapOrder, (), SwapAnswer, ()>,
+    bell: Bell,
+}
+
+impl SwapClient {
+    /// Asks, and waits for the answer until `patience` has passed.
+    ///
+    /// # Errors
+    /// [`Error::Wire`]; [`Error::Absent`] when no answer came in time.
+    pub fn ask(&self, order: SwapOrder, patience: Duration) -> Result<SwapAnswer, Error> {
+        let pending: PendingResponse<_, _, _, _, _> =
+            self.client.send_copy(order).map_err(|e| Error::wire("cannot ask for a swap", e))?;
+        self.bell.ring()?;
+        let until = now_ns() + u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX / 2);
+        loop {
+            if let Some(answer) = pending.receive().map_err(|e| Error::wire("cannot receive the answer", e))? {
+                return Ok(*answer.payload());
+            }
+            if now_ns() >= until {
+                return Err(Error::Absent { what: format!("the plant did not answer within {patience:?}") });
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! Memory of bells, timers that ring them, and payloads: the wire's only `unsafe` code.
+#![allow(unsafe_code, reason = "the one module of the crate where it is allowed; every use says why it is sound")]
+
+use std::io;
+use std::ops::Deref;
+use std::os::fd::BorrowedFd;
+use std::ptr::NonNull;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+use iceoryx2::prelude::ZeroCopySend;
+use model::layout::Layout;
+use rustix::fs::fstat;
+use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
+use rustix::time::Timespec;
+use signal_hook::SigId;
+
+/// A value as it travels through shared memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(transparent)]
+pub struct Payload<T>(pub T);
+
+// SAFETY: a `Layout` lists every field of a `repr(C)` struct, and a field is a number, a struct with a layout, or an
+// array of these (`model::layout::FieldType`): no pointer, no handle, nothing to drop.
+unsafe impl<T: Layout + Copy + 'static> ZeroCopySend for Payload<T> {}
+
+/// A futex with a number to hand over; alone on its cache line.
+#[derive(Debug)]
+#[repr(C, align(64))]
+pub struct Bell {
+    /// Grows with every ring: the word to wait on.
+    pub rung: AtomicU32,
+    /// What is handed over.
+    pub token: AtomicU64,
+}
+
+/// Bells of a page.
+pub const BELLS: usize = 64;
+
+/// A page of bells that processes share.
+#[derive(Debug)]
+pub struct BellPage {
+    page: NonNull<[Bell; BELLS]>,
+}
+
+impl BellPage {
+    /// Bytes that its file must have.
+    pub const BYTES: usize = size_of::<[Bell; BELLS]>();
+
+    /// Maps a memory file of at least [`Self::BYTES`], which nobody may shrink, and touches it.
+    ///
+    /// # Errors
+    /// `InvalidInput` for a shorter file; what the system says.
+    pub fn map(file: BorrowedFd<'_>) -> io::Result<Self> {
+        if fstat(file)?.st_size.unsigned_abs() < Self::BYTES as u64 {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a memory file for a page of bells"));
+        }
+        let protection = ProtFlags::READ | ProtFlags::WRITE;
+        // SAFETY: a new mapping at an address of the kernel's choice touches no memory of ours.
+        let page = unsafe {
+            mmap(std::ptr::null_mut(), Self::BYTES, protection, MapFlags::SHARED | MapFlags::POPULATE, file, 0)
+        }?;
+        let page = NonNull::new(page.cast()).ok_or(io::ErrorKind::OutOfMemory)?;
+        Ok(Self { page })
+    }
+}
+
+impl Deref for BellPage {
+    type Target = [Bell; BELLS];
+
+    fn deref(&self) -> &Self::Target {
+        // SAFETY: the mapping lives as long as `self`, its file does not shrink, a page's address is aligned for `Bell`,
+        // and every content is a valid one of its atomics, which other processes may change at any time.
+        unsafe { self.page.as_ref() }
+    }
+}
+
+// SAFETY: a shared mapping of atomics, which any thread may use and any one may unmap.
+unsafe impl Send for BellPage {}
+// SAFETY: as above.
+unsafe impl Sync for BellPage {}
+
+impl Drop for BellPage {
+    fn drop(&mut self) {
+        // SAFETY: the range was mapped by `map`, and references to it ended with the borrow of `self`.
+        let _ = unsafe { munmap(self.page.as_ptr().cast(), Self::BYTES) };
+    }
+}
+
+/// A timer of the kernel that rings a bell for the thread that made it.
+///
+/// It does so from a signal handler, so that whoever waits on the bell's word sees it change, or is interrupted.
+#[derive(Debug)]
+pub struct Alarm {
+    timer: libc::timer_t,
+    handler: SigId,
+}
+
+impl Alarm {
+    /// The signal that it uses up: a process has one alarm.
+    const SIGNAL: i32 = libc::SIGALRM;
+
+    /// A timer that is not set, for a bell of a page and the calling thread.
+    ///
+    /// # Errors
+    /// EAGAIN where the user has too many timers or signals queued.
+    pub fn new(page: BellPage, place: usize) -> io::Result<Self> {
+        let ring = move || {
+            page[place].rung.fetch_add(1, Ordering::Release);
+        };
+        // SAFETY: adding to an atomic is all that the handler does; it neither allocates nor locks nor panics.
+        let handler = unsafe { signal_hook::low_level::register(Self::SIGNAL, ring) }?;
+        let mut timer = std::ptr::null_mut();
+        // SAFETY: all zeroes are a valid sigevent; the pointers are to live values, of which the call keeps none.
+        let made = check(unsafe {
+            let mut event: libc::sigevent = std::mem::zeroed();
+            event.sigev_notify = libc::SIGEV_THREAD_ID;
+            event.sigev_signo = Self::SIGNAL;
+            event.sigev_notify_thread_id = libc::gettid();
+            libc::timer_create(libc::CLOCK_MONOTONIC, &raw mut event, &raw mut timer)
+        });
+        if let Err(e) = made {
+            signal_hook::low_level::unregister(handler);
+            return Err(e);
+        }
+        Ok(Self { timer, handler })
+    }
+
+    /// Sets it to an instant on CLOCK_MONOTONIC, and no longer to the one before; one that is past rings at once.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn set(&self, instant: Timespec) -> io::Result<()> {
+        // An instant of zero would switch it off.
+        let tv_nsec = instant.tv_nsec.max(libc::c_long::from(instant.tv_sec == 0));
+        let it_value = libc::timespec { tv_sec: instant.tv_sec, tv_nsec };
+        let once = libc::itimerspec { it_interval: libc::timespec { tv_sec: 0, tv_nsec: 0 }, it_value };
+        // SAFETY: the timer lives as long as `self`; the pointer is to a live value, of which the call keeps nothing.
+        check(unsafe { libc::timer_settime(self.timer, libc::TIMER_ABSTIME, &raw const once, std::ptr::null_mut()) })
+    }
+}
+
+impl Drop for Alarm {
+    fn drop(&mut self) {
+        // SAFETY: the timer was made by `new`, and is not used after this.
+        unsafe { libc::timer_delete(self.timer) };
+        signal_hook::low_level::unregister(self.handler);
+    }
+}
+
+fn check(result: i32) -> io::Result<()> {
+    if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+}

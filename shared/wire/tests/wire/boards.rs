@@ -1,0 +1,138 @@
+//! Boards: written without waiting, read without disturbing, taken over from a writer that is gone.
+
+use model::boards::{InForce, SettingsText};
+use model::layout::{Field, Kind, Layout};
+use wire::error::Error;
+
+use crate::{Site, assert_incompatible};
+
+const NAME: &str = "in_force";
+
+fn at(tick: u64) -> InForce {
+    InForce { tick, ..InForce::default() }
+}
+
+#[test]
+fn a_reader_that_comes_before_the_writer_finds_nothing_and_after_it_finds_the_value() {
+    let site = Site::new();
+    let (here, there) = (site.wire(), site.wire());
+    assert!(there.board_reader::<InForce>(NAME).unwrap().is_none());
+    let board = here.board::<InForce>(NAME).unwrap();
+    let reader = there.board_reader::<InForce>(NAME).unwrap().unwrap();
+    assert_eq!(reader.get(), InForce::default(), "a board is put up with the default on it");
+    for tick in 1..1000 {
+        board.put(at(tick));
+        assert_eq!(reader.get(), at(tick));
+    }
+    assert!(there.board_reader::<InForce>("other").unwrap().is_none());
+}
+
+#[test]
+fn a_board_that_nobody_holds_is_gone() {
+    let site = Site::new();
+    let wire = site.wire();
+    drop(wire.board::<InForce>(NAME).unwrap());
+    assert!(wire.board_reader::<InForce>(NAME).unwrap().is_none());
+    let board = wire.board::<InForce>(NAME).unwrap();
+    board.put(at(1));
+    assert_eq!(wire.board_reader::<InForce>(NAME).unwrap().unwrap().get(), at(1));
+}
+
+#[test]
+fn a_board_is_taken_over_while_a_reader_of_the_first_writer_still_looks_at_it() {
+    let site = Site::new();
+    let (first, second, observer) = (site.wire(), site.wire(), site.wire());
+    let board = first.board::<InForce>(NAME).unwrap();
+    let reader = observer.board_reader::<InForce>(NAME).unwrap().unwrap();
+    board.put(at(1));
+    drop(board);
+    drop(first);
+    assert_eq!(reader.get(), at(1), "what the last writer left");
+    let board = second.board::<InForce>(NAME).unwrap();
+    assert_eq!(reader.get(), at(1), "until the next one writes");
+    board.put(at(2));
+    assert_eq!(reader.get(), at(2));
+    assert_eq!(observer.board_reader::<InForce>(NAME).unwrap().unwrap().get(), at(2));
+}
+
+#[test]
+fn a_board_has_one_writer() {
+    let site = Site::new();
+    let (here, there) = (site.wire(), site.wire());
+    let board = here.board::<InForce>(NAME).unwrap();
+    for wire in [&here, &there] {
+        let error = wire.board::<InForce>(NAME).map(drop).unwrap_err();
+        assert!(matches!(error, Error::Wire { .. }), "{error}");
+        assert!(error.to_string().contains("the writer of board `in_force`"), "{error}");
+    }
+    board.put(at(3));
+    assert_eq!(there.board_reader::<InForce>(NAME).unwrap().unwrap().get(), at(3));
+}
+
+#[test]
+fn a_reader_never_sees_a_value_half_written() {
+    let site = Site::new();
+    let wire = site.wire();
+    let board = wire.board::<SettingsText>("settings").unwrap();
+    let reader = wire.board_reader::<SettingsText>("settings").unwrap().unwrap();
+    // The handles stay on their threads; this one reads while the other writes.
+    let writes = 20_000;
+    let text = |letter: char| SettingsText::new(&letter.to_string().repeat(8192)).unwrap();
+    let (stop, texts) = (std::sync::atomic::AtomicBool::new(false), [text('a'), text('b')]);
+    std::thread::scope(|scope| {
+        let (stop, site) = (&stop, &site);
+        scope.spawn(move || {
+            let wire = site.wire();
+            let reader = wire.board_reader::<SettingsText>("settings").unwrap().unwrap();
+            while !stop.load(std::sync::atomic::Ordering::Relaxed) {
+                let seen = reader.get();
+                assert!(seen == SettingsText::default() || texts.contains(&seen), "a mixture: {}", seen.text());
+            }
+        });
+        for write in 0..writes {
+            board.put(texts[write % 2]);
+        }
+        stop.store(true, std::sync::atomic::Ordering::Relaxed);
+    });
+    assert_eq!(reader.get(), texts[(writes - 1) % 2]);
+}
+
+/// A notice of one build.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+struct Pose {
+    north_m: u64,
+    east_m: u64,
+}
+
+/// The same of another build: of one size, with its fields swapped.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+struct SwappedPose {
+    east_m: u64,
+    north_m: u64,
+}
+
+const fn word(name: &'static str, place: usize) -> Field {
+    Field { name, offset: place * 8, size: 8, kind: Kind::U64, length: None }
+}
+
+impl Layout for Pose {
+    const FIELDS: &'static [Field] = &[word("north_m", 0), word("east_m", 1)];
+}
+
+impl Layout for SwappedPose {
+    const FIELDS: &'static [Field] = &[word("east_m", 0), word("north_m", 1)];
+}
+
+#[test]
+fn a_board_of_another_layout_is_incompatible() {
+    let site = Site::new();
+    let wire = site.wire();
+    let board = wire.board::<Pose>("pose").unwrap();
+    board.put(Pose { north_m: 1, east_m: 2 });
+    assert_incompatible(wire.board_reader::<SwappedPose>("pose"), "board `pose`");
+    assert_incompatible(wire.board::<SwappedPose>("pose"), "board `pose`");
+    assert_incompatible(wire.board_reader::<InForce>("pose"), "board `pose`");
+    assert_eq!(wire.board_reader::<Pose>("pose").unwrap().unwrap().get(), Pose { north_m: 1, east_m: 2 });
+}

@@ -1,0 +1,102 @@
+//! Locks: one process a role, known by its number, gone with it.
+
+use model::role::{ROLES, Role};
+use wire::error::Error;
+use wire::instance::Instance;
+
+use crate::Site;
+
+#[test]
+fn the_second_to_lock_a_role_is_told_who_has_it() {
+    let site = Site::new();
+    let instance = &site.instance;
+    instance.prepare().unwrap();
+    assert!(!instance.is_occupied(Role::Plant) && !instance.is_alive());
+    let lock = instance.lock(Role::Plant).unwrap();
+    let error = instance.lock(Role::Plant).unwrap_err();
+    assert_eq!(error.exit_code(), 5);
+    match error {
+        Error::Occupied { instance, role, pid } => {
+            assert_eq!((instance.as_str(), role.as_str()), ("test", "plant"));
+            assert_eq!(pid, Some(std::process::id()));
+        }
+        other => panic!("{other}"),
+    }
+    assert!(instance.is_occupied(Role::Plant) && instance.is_alive());
+    assert_eq!((instance.pid_of(Role::Plant), instance.pid_of(Role::Mixer)), (Some(std::process::id()), None));
+    drop(lock);
+    assert!(!instance.is_occupied(Role::Plant) && !instance.is_alive());
+    assert_eq!(instance.pid_of(Role::Plant), None, "the number that is left in the file is nobody's");
+    instance.lock(Role::Plant).unwrap();
+}
+
+#[test]
+fn a_role_whose_process_has_not_yet_written_its_number_is_taken_all_the_same() {
+    let site = Site::new();
+    site.instance.prepare().unwrap();
+    let _lock = site.instance.lock(Role::Plant).unwrap();
+    std::fs::write(site.instance.directory().join("plant.lock"), "").unwrap();
+    assert_eq!(site.instance.pid_of(Role::Plant), None);
+    let error = site.instance.lock(Role::Plant).unwrap_err();
+    assert_eq!(error.to_string(), "instance `test` already has a running plant");
+}
+
+#[test]
+fn roles_instances_and_the_launcher_lock_side_by_side() {
+    let site = Site::new();
+    let other = Instance::under(site.root(), "other").unwrap();
+    site.instance.prepare().unwrap();
+    other.prepare().unwrap();
+    let locks: Vec<_> = ROLES.iter().map(|role| site.instance.lock(*role).unwrap()).collect();
+    assert!(!other.is_alive());
+    other.lock(Role::Plant).unwrap();
+    let launcher = site.instance.lock_launcher().unwrap();
+    let error = site.instance.lock_launcher().unwrap_err();
+    assert!(error.to_string().contains("already has a running fly"), "{error}");
+    drop(locks);
+    assert!(site.instance.is_alive(), "the launcher alone");
+    drop(launcher);
+    assert!(!site.instance.is_alive());
+}
+
+#[test]
+fn a_lock_survives_the_removal_of_leftovers() {
+    let site = Site::new();
+    site.instance.prepare().unwrap();
+    let _lock = site.instance.lock(Role::Mixer).unwrap();
+    assert_eq!(site.instance.remove_leftovers().unwrap(), Vec::<std::path::PathBuf>::new(), "it is alive");
+    assert!(site.instance.is_occupied(Role::Mixer));
+    assert!(site.instance.lock(Role::Mixer).is_err());
+}
+
+#[test]
+fn looking_whether_a_role_is_taken_never_keeps_a_process_from_taking_it() {
+    let site = Site::new();
+    site.instance.prepare().unwrap();
+    let done = std::sync::atomic::AtomicBool::new(false);
+    let refused = std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while !done.load(std::sync::atomic::Ordering::Relaxed) {
+                    let _ = site.instance.is_occupied(Role::Outer);
+                    // Far more often than anybody looks, but not without a break.
+                    std::thread::sleep(std::time::Duration::from_micros(100));
+                }
+            });
+        }
+        let refused = (0..2000).find_map(|_| site.instance.lock(Role::Outer).err());
+        done.store(true, std::sync::atomic::Ordering::Relaxed);
+        refused
+    });
+    assert!(refused.is_none(), "{}", refused.unwrap());
+}
+
+#[test]
+fn threads_of_a_process_prepare_an_instance_side_by_side() {
+    let site = Site::new();
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| (0..500).for_each(|_| site.instance.prepare().unwrap()));
+        }
+    });
+}

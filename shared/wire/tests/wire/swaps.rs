@@ -1,0 +1,176 @@
+//! The service `parameters`: an order, its answer, and what happens when there is none.
+
+use std::thread;
+use std::time::Duration;
+
+use model::messages::NO_TICK;
+use model::parameters::{PARAMETERS, Parameter};
+use wire::clock::now_ns;
+use wire::error::Error;
+
+use wire::{Owner, SwapAnswer, SwapCall, SwapOrder, SwapServer, Verdict, Wire};
+
+use crate::{Site, assert_incompatible, node};
+
+/// Only ends a test that hangs.
+const LONG: Duration = Duration::from_secs(60);
+
+fn order(mass_kg: f64) -> SwapOrder {
+    let mut order =
+        SwapOrder { at_tick: NO_TICK, in_ticks: 3, count: 1, parameter: [0; PARAMETERS], value: [0.0; PARAMETERS] };
+    (order.parameter[0], order.value[0]) = (Parameter::Mass as u64, mass_kg);
+    order
+}
+
+fn answer(tick: u64) -> SwapAnswer {
+    let verdict = Verdict::Applied as u64;
+    SwapAnswer { verdict, tick, parameter_epoch: 1, parameter: 0, old: [0.52; PARAMETERS] }
+}
+
+/// Waits for the next order.
+fn next(server: &SwapServer) -> SwapCall {
+    let until = now_ns() + LONG.as_nanos() as u64;
+    while now_ns() < until {
+        if let Some(call) = server.next().unwrap() {
+            return call;
+        }
+        thread::sleep(Duration::from_millis(1));
+    }
+    panic!("no order came");
+}
+
+#[test]
+fn an_order_rings_at_the_plant_and_its_answer_comes_back() {
+    let site = Site::new();
+    let wire = site.wire();
+    let server = wire.swap_server().unwrap();
+    let doorbell = wire.doorbell(Owner::Desk).unwrap();
+    assert!(server.next().unwrap().is_none());
+    thread::scope(|scope| {
+        let asked = scope.spawn(|| {
+            let client = site.wire().swap_client().unwrap();
+            (0..20).map(|i| client.ask(order(f64::from(i) / 10.0), LONG).unwrap()).collect::<Vec<_>>()
+        });
+        for i in 0..20 {
+            assert!(doorbell.wait_until(now_ns() + LONG.as_nanos() as u64).unwrap());
+            let call = next(&server);
+            assert_eq!(call.order(), order(f64::from(i) / 10.0));
+            call.answer(answer(i as u64));
+        }
+        assert_eq!(asked.join().unwrap(), (0..20).map(answer).collect::<Vec<_>>());
+    });
+}
+
+fn assert_absent(result: Result<SwapAnswer, Error>) {
+    let error = result.unwrap_err();
+    assert!(matches!(error, Error::Absent { .. }), "{error}");
+    assert!(error.to_string().contains("the plant did not answer within 20ms"), "{error}");
+    assert_eq!(error.exit_code(), 1);
+}
+
+const SHORT: Duration = Duration::from_millis(20);
+
+#[test]
+fn without_an_answer_the_client_says_who_was_silent_and_may_ask_again() {
+    let site = Site::new();
+    let wire = site.wire();
+    let client = wire.swap_client().unwrap();
+    let begin = now_ns();
+    assert_absent(client.ask(order(0.6), SHORT));
+    assert!(now_ns() >= begin + 20_000_000);
+    // Now there is a plant, which does not answer.
+    let _server = wire.swap_server().unwrap();
+    for _ in 0..10 {
+        assert_absent(client.ask(order(0.6), SHORT));
+    }
+}
+
+#[test]
+fn a_late_answer_is_not_taken_for_that_of_the_next_order() {
+    let site = Site::new();
+    let wire = site.wire();
+    let server = wire.swap_server().unwrap();
+    thread::scope(|scope| {
+        let (timed_out, told) = std::sync::mpsc::channel();
+        let asked = scope.spawn({
+            let site = &site;
+            move || {
+                let client = site.wire().swap_client().unwrap();
+                assert_absent(client.ask(order(0.6), SHORT));
+                timed_out.send(()).unwrap();
+                client.ask(order(0.7), LONG).unwrap()
+            }
+        });
+        told.recv().unwrap();
+        let second = loop {
+            let call = next(&server);
+            if call.order() == order(0.7) {
+                break call;
+            }
+            // Its client has given up, so that this goes nowhere.
+            call.answer(answer(6));
+        };
+        second.answer(answer(7));
+        assert_eq!(asked.join().unwrap(), answer(7));
+    });
+}
+
+#[test]
+fn a_client_that_left_is_no_error_for_the_plant() {
+    let site = Site::new();
+    let wire = site.wire();
+    let server = wire.swap_server().unwrap();
+    for i in 0..20 {
+        let client = site.wire().swap_client().unwrap();
+        assert_absent(client.ask(order(0.6), SHORT));
+        let call = server.next().unwrap();
+        drop(client);
+        if let Some(call) = call {
+            call.answer(answer(i));
+        }
+    }
+    thread::scope(|scope| {
+        let asked = scope.spawn(|| site.wire().swap_client().unwrap().ask(order(0.8), LONG).unwrap());
+        next(&server).answer(answer(99));
+        assert_eq!(asked.join().unwrap(), answer(99), "the next client finds the plant as it was");
+    });
+}
+
+#[test]
+fn a_call_that_is_dropped_unanswered_leaves_the_client_to_its_time_out() {
+    let site = Site::new();
+    let wire = site.wire();
+    let server = wire.swap_server().unwrap();
+    thread::scope(|scope| {
+        let asked = scope.spawn(|| site.wire().swap_client().unwrap().ask(order(0.6), SHORT));
+        // The client may have given up before this looks.
+        let until = now_ns() + 100_000_000;
+        while now_ns() < until && server.next().unwrap().is_none() {}
+        assert_absent(asked.join().unwrap());
+    });
+}
+
+#[test]
+fn eight_clients_may_ask_at_once_and_one_plant_answers() {
+    let site = Site::new();
+    let wires: Vec<Wire> = (0..9).map(|_| site.wire()).collect();
+    let _server = wires[0].swap_server().unwrap();
+    assert!(matches!(wires[1].swap_server().unwrap_err(), Error::Wire { .. }));
+    let clients: Vec<_> = wires[..8].iter().map(|wire| wire.swap_client().unwrap()).collect();
+    assert!(matches!(wires[8].swap_client().unwrap_err(), Error::Wire { .. }));
+    drop(clients);
+    wires[8].swap_client().unwrap();
+}
+
+#[test]
+fn a_service_of_another_build_is_incompatible() {
+    let site = Site::new();
+    let theirs = node(&site);
+    let _service = theirs
+        .service_builder(&"ironbird/test/parameters".try_into().unwrap())
+        .request_response::<SwapOrder, SwapAnswer>()
+        .create()
+        .unwrap();
+    assert_incompatible(site.wire().swap_client(), "`parameters`");
+    assert_incompatible(site.wire().swap_server(), "`parameters`");
+}
