@@ -11,7 +11,7 @@ use crate::beside::Beside;
 use crate::finding::Diagnosis;
 use crate::host::{Host, Steal};
 use crate::json;
-use crate::tally::distribution::Distribution;
+use crate::tally::distribution::{Bucket, Distribution};
 use crate::tally::series::Statistics;
 use crate::tally::theorem::Theorem;
 use crate::traces::Traces;
@@ -166,17 +166,6 @@ pub struct LateStretch {
     pub length_ticks: u64,
     /// Largest lateness [us].
     pub late_us: f64,
-}
-
-/// A bar of a histogram.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Bucket {
-    /// Lower bound [us].
-    pub from_us: f64,
-    /// Upper bound [us].
-    pub below_us: f64,
-    /// Values.
-    pub count: u64,
 }
 
 /// Runs of one length.

@@ -12,7 +12,8 @@ use std::path::{Path, PathBuf};
 
 use browser::Browser;
 use report::page;
-use report::schema::{Bucket, LateStretch, Report, RunLength};
+use report::schema::{LateStretch, Report, RunLength};
+use report::tally::distribution::Bucket;
 use rig::Rig;
 use serde_json::Value;
 

@@ -9,9 +9,11 @@ use crate::page::parts::{Key, cell, chart, count, figure, section as part, table
 use crate::plot::bars::{Bar, bars};
 use crate::plot::scale::Scale;
 use crate::plot::{Axis, Chart, Layer};
-use crate::schema::{Bucket, Report};
+use crate::schema::Report;
+use crate::tally::distribution::Bucket;
 use crate::tally::distribution::Distribution;
 use crate::tally::series::Statistics;
+use crate::text::beside::rows;
 use crate::traces::{LOOP, WAKE};
 
 /// A tick in the order of the data's way: series and colour.
@@ -152,7 +154,7 @@ fn floors_note(report: &Report) -> String {
 
 /// The flight's percentiles beside the floors'.
 fn floors(report: &Report, beside: &Beside) -> Markup {
-    let rows = beside.rows(report).map(|(name, values, digits)| {
+    let rows = rows(beside, report).map(|(name, values, digits)| {
         let value = |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"));
         std::iter::once(cell(name)).chain(values.map(|it| cell(value(it)))).collect()
     });

@@ -4,8 +4,21 @@ use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{Binomial, DiscreteCDF as _};
 
-use crate::schema::Bucket;
-use crate::tally::series::{P999_COUNT, P9999_COUNT};
+/// Values that a 99.9th percentile needs.
+pub const P999_COUNT: u64 = 10_000;
+/// Values that a 99.99th percentile needs.
+pub const P9999_COUNT: u64 = 100_000;
+
+/// A bar of a histogram.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bucket {
+    /// Lower bound [us].
+    pub from_us: f64,
+    /// Upper bound [us].
+    pub below_us: f64,
+    /// Values.
+    pub count: u64,
+}
 
 /// Probability with which an interval holds the percentile that endless sampling would give. Two of them, of two runs,
 /// both do so with 95 % at the least.

@@ -9,7 +9,7 @@ use hdrhistogram::serialization::interval_log::{IntervalLogWriter, Tag};
 use model::role::{Role, STAGES};
 use serde::{Deserialize, Serialize};
 
-use crate::tally::distribution::Distribution;
+use crate::tally::distribution::{Distribution, P999_COUNT, P9999_COUNT};
 use failure::Failure;
 
 /// Smallest value that is told apart [ns].
@@ -183,11 +183,6 @@ pub struct Statistics {
     /// Largest: on a shared machine usually the host's doing.
     pub max_us: f64,
 }
-
-/// Values that a 99.9th percentile needs.
-pub const P999_COUNT: u64 = 10_000;
-/// Values that a 99.99th percentile needs.
-pub const P9999_COUNT: u64 = 100_000;
 
 impl Statistics {
     /// Statistics of a histogram of nanoseconds.

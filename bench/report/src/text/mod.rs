@@ -1,5 +1,6 @@
 //! The report of a flight as text.
 
+pub mod beside;
 pub mod theorem;
 
 use std::fmt::Write as _;
@@ -16,7 +17,7 @@ pub fn render(report: &Report) -> String {
         .and_then(|()| ticks(&mut out, report))
         .and_then(|()| out.write_str(&report.autopsy.text()))
         .and_then(|()| latencies(&mut out, report))
-        .and_then(|()| out.write_str(&report.beside.as_ref().map(|it| it.text(report)).unwrap_or_default()))
+        .and_then(|()| out.write_str(&report.beside.as_ref().map(|it| beside::section(it, report)).unwrap_or_default()))
         .and_then(|()| roles(&mut out, report))
         .and_then(|()| flight(&mut out, report))
         .and_then(|()| out.write_str(&report.theorem.text()))

@@ -1,0 +1,43 @@
+//! The section of the floors beside a flight, for people.
+
+use crate::beside::{Beside, Floor};
+use crate::schema::Report;
+use crate::tally::series::Statistics;
+
+/// Name, percentiles, decimals.
+pub type Row<'a> = (&'a str, [Option<f64>; 3], usize);
+
+/// The flight's percentiles (p50, p99, p99.9), the floor's, and how many times its floor the flight's are; each with
+/// its name and the decimals that it deserves.
+pub fn rows<'a>(beside: &'a Beside, report: &'a Report) -> impl Iterator<Item = Row<'a>> {
+    let rows = |floor: &'a Floor| {
+        let [ours, bare] = [report.series(&floor.series)?, &floor.statistics].map(percentiles);
+        let times = std::array::from_fn(|i| Some(ours[i]? / bare[i]?));
+        Some([(floor.series.as_str(), ours, 1), (&floor.what, bare, 1), ("times its floor", times, 2)])
+    };
+    beside.floors.iter().filter_map(rows).flatten()
+}
+
+/// The section of the report for people.
+#[must_use]
+pub fn section(beside: &Beside, report: &Report) -> String {
+    let mut out = format!(
+        "\nBeside the machine's floor, {} s each right after the flight ({}, stolen by the host {:.2} %)\n  \
+         {:<32} {:>9} {:>9} {:>9}\n",
+        beside.seconds, beside.scheduling, beside.steal.percent, "us", "p50", "p99", "p99.9"
+    );
+    for (name, values, digits) in rows(beside, report) {
+        let cells =
+            values.map(|value| format!(" {:>9}", value.map_or_else(|| "-".into(), |it| format!("{it:.digits$}"))));
+        out += &format!("  {name:<32}{}\n", cells.concat());
+    }
+    for refused in &beside.refused {
+        out += &format!("  refused: {refused}\n");
+    }
+    out
+}
+
+/// The percentiles that are put beside each other.
+fn percentiles(statistics: &Statistics) -> [Option<f64>; 3] {
+    [Some(statistics.p50_us), Some(statistics.p99_us), statistics.p999_us]
+}
