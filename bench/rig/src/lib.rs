@@ -1,5 +1,6 @@
 //! The rig: launch, inject, record, report; flights of the four stages in one process or in four.
 
+#[cfg(feature = "foxglove")]
 pub mod bridge;
 pub mod clean;
 pub mod cli;
@@ -22,4 +23,5 @@ pub mod run_directory;
 pub mod settings;
 pub mod show_report;
 pub mod simulate;
+pub mod wall_time;
 pub mod watch;

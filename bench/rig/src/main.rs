@@ -6,7 +6,7 @@ use clap::Parser as _;
 use failure::Failure;
 use ironbird::cli::{BridgeTo, Cli, Command};
 use ironbird::floor::{command, hop};
-use ironbird::{bridge, clean, doctor, export, fly, inject, params, replay, roles, show_report, simulate, watch};
+use ironbird::{clean, doctor, export, fly, inject, params, replay, roles, show_report, simulate, watch};
 use model::role::Role;
 use role::rt::CountingAllocator;
 
@@ -30,7 +30,13 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
     match &cli.command {
         Command::Fly(args) => fly::fly(args),
         Command::Watch(args) => watch::watch(args),
-        Command::Bridge(BridgeTo::Foxglove(args)) => bridge::foxglove(args),
+        #[cfg(feature = "foxglove")]
+        Command::Bridge(BridgeTo::Foxglove(args)) => ironbird::bridge::foxglove(args),
+        #[cfg(not(feature = "foxglove"))]
+        Command::Bridge(BridgeTo::Foxglove(_)) => {
+            Err(Failure::usage("this build of ironbird has no bridge to Foxglove")
+                .help("build one that has: cargo run --release --features foxglove -- bridge foxglove"))
+        }
         Command::Inject(args) => inject::inject(args),
         Command::Params(args) => params::params(args),
         Command::Report(args) => show_report::show(args),

@@ -6,10 +6,12 @@ use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
 use crate::settings::Settings;
+use crate::wall_time::file_stamp;
 use failure::{Failure, InFile as _};
 use flight_log::FILE;
 use machine::cpu_times::host;
 use report::run_facts::RunFacts;
+use std::time::SystemTime;
 
 /// A flight's directory.
 #[derive(Clone, Debug)]
@@ -29,7 +31,7 @@ impl RunDirectory {
                 .help("name a directory that you can write: --out DIR")
         };
         fs::create_dir_all(out).map_err(refused)?;
-        let stamp = jiff::Timestamp::now().strftime("%Y-%m-%dT%H-%M-%SZ").to_string();
+        let stamp = file_stamp(SystemTime::now());
         let mut name = stamp.clone();
         let mut copy = 1;
         let path = loop {

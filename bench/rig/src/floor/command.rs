@@ -1,8 +1,10 @@
 //! `ironbird floor`: every figure of the rig beside the machine's own limit, measured in the same minutes.
 
+use crate::wall_time::utc;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
+use std::time::SystemTime;
 
 use clap::{Args, ValueEnum};
 use role::rt::fifo_refusal;
@@ -177,5 +179,5 @@ fn version() -> String {
 }
 
 fn now() -> String {
-    jiff::Timestamp::now().strftime("%Y-%m-%d %H:%M UTC").to_string()
+    utc(SystemTime::now())
 }

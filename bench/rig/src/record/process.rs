@@ -22,6 +22,7 @@ use super::facts::facts;
 use crate::record::crew::Crew;
 use crate::record::ports::{DRAIN_EVERY, Ports, Relays, rest};
 use crate::settings::Settings;
+use crate::wall_time::utc;
 use failure::{Failure, InFile as _};
 use flight_log::TOPICS;
 use flight_log::facts::record;
@@ -325,12 +326,12 @@ impl<'a> Recorder<'a> {
         let gates = gates(&self.settings.gates_asked(), &ticks, &deadlines, &series, &theorem, ending);
         let lost = TOPICS.iter().zip(self.tally.lost()).map(|(topic, lost)| ((*topic).to_owned(), lost)).collect();
         let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
-        let started = jiff::Timestamp::from_nanosecond(i128::from(run.t0_wall_ns)).unwrap_or_default();
+        let started = utc(UNIX_EPOCH + Duration::from_nanos(run.t0_wall_ns));
         Ok(Report {
             schema: schema::SCHEMA.into(),
             run: schema::Run {
                 run_id: run.run_id,
-                started: started.strftime("%Y-%m-%d %H:%M:%S UTC").to_string(),
+                started,
                 instance: self.instance.clone(),
                 version: env!("CARGO_PKG_VERSION").into(),
                 trajectory: self.settings.flight.trajectory.name().into(),
