@@ -1,6 +1,6 @@
 //! flight.mcap of real flights: complete, read by others, exported, and no danger to a flight.
 //!
-//! The other reader is `mcap` with `mcap-protobuf-support` of PyPI (bench/tests/requirements.txt), run by the Python
+//! The other reader is `mcap` with `mcap-protobuf-support` of PyPI (bench/rig/tests/requirements.txt), run by the Python
 //! that `IRONBIRD_PYTHON` names. Where that is not set and `python3` has no such packages, the comparison is left out,
 //! and says so.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
@@ -36,7 +36,7 @@ fn python() -> Option<String> {
     if Command::new(&python).args(imports).output().is_ok_and(|output| output.status.success()) {
         return Some(python);
     }
-    let missing = format!("{python} lacks packages: pip install -r bench/tests/requirements.txt");
+    let missing = format!("{python} lacks packages: pip install -r bench/rig/tests/requirements.txt");
     assert!(named.is_none(), "IRONBIRD_PYTHON: {missing}");
     skip(&format!("flight.mcap is not read by another implementation: {missing}"));
     None
@@ -90,7 +90,7 @@ fn every_message_is_in_the_log_and_others_read_the_same_numbers() {
     let picture = rig.path("flight.png");
     run_python(&python, "docs/plot_flight.py", [&log, &picture]);
     assert!(fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
-    let read = run_python(&python, "bench/tests/read_mcap.py", [&log, &exported]);
+    let read = run_python(&python, "bench/rig/tests/read_mcap.py", [&log, &exported]);
     let read: Value = serde_json::from_slice(&read).unwrap();
     let channels = &read["channels"];
     for (topic, count) in TOPICS.iter().zip(counts) {

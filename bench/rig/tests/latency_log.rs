@@ -1,6 +1,6 @@
 //! latency.hlog of a real flight, read by another implementation: the numbers of the report.
 //!
-//! The other implementation is the package `hdrhistogram` of PyPI (bench/tests/requirements.txt), run by the
+//! The other implementation is the package `hdrhistogram` of PyPI (bench/rig/tests/requirements.txt), run by the
 //! Python that `IRONBIRD_PYTHON` names. Where that is not set and `python3` has no such package, the comparison
 //! is left out, and says so.
 
@@ -120,7 +120,7 @@ fn read_elsewhere(log: &Path) -> Option<Reading> {
     let python = named.as_deref().unwrap_or("python3");
     let has_package = Command::new(python).args(["-c", "import hdrh.log"]).output().is_ok_and(|o| o.status.success());
     if !has_package {
-        let missing = format!("{python} has no package hdrhistogram: pip install -r bench/tests/requirements.txt");
+        let missing = format!("{python} has no package hdrhistogram: pip install -r bench/rig/tests/requirements.txt");
         assert!(named.is_none(), "IRONBIRD_PYTHON: {missing}");
         // Past the test harness, which shows what a test prints only when it fails.
         let mut stderr = std::io::stderr().lock();

@@ -1,6 +1,6 @@
 //! What docs/paper.md says of gains, delay, noise and lag, measured in flight.
 //!
-//! `cargo test --release -p bench --test paper_facts -- --nocapture` prints the figures that the page quotes.
+//! `cargo test --release -p ironbird --test paper_facts -- --nocapture` prints the figures that the page quotes.
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 

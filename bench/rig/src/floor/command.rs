@@ -171,7 +171,7 @@ fn version() -> String {
     let version = concat!("ironbird ", env!("CARGO_PKG_VERSION"));
     let git = Command::new("git").args(["describe", "--always", "--dirty"]).output();
     match git {
-        Ok(output) if output.status.success() && Path::new("bench/src/floor").is_dir() => {
+        Ok(output) if output.status.success() && Path::new("bench/rig/src/floor").is_dir() => {
             format!("{version}, commit {}", String::from_utf8_lossy(&output.stdout).trim())
         }
         _ => version.into(),
