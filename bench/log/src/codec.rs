@@ -1,8 +1,9 @@
-//! Messages as Protobuf, written and read by their layouts.
+//! Encodes and decodes messages as Protobuf, driven by their layouts.
 //!
-//! The envelope is field 1, the content's fields follow from 2 on in the order of the layout. Whole numbers are
-//! `fixed64` and numbers `double`, so every bit is kept; every field is written, also a zero, so a message has one
-//! size. The reader wants exactly that: what deviates was not written by the layout that it reads by.
+//! The envelope is field 1. The fields of the content follow from 2 on, in the order of the layout. Integers are
+//! `fixed64` and floats are `double`, so every bit is kept. Every field is written, zeros too, so all messages of a
+//! type have the same size. The reader insists on exactly that: a message that deviates was not written with this
+//! layout.
 
 use model::envelope::{Envelope, Message};
 use model::layout::{Field, Kind, Visitor, VisitorMut, Walk};

@@ -1,4 +1,4 @@
-//! What a log says of its flight beside the messages: metadata records of names and texts.
+//! Facts about a flight, stored in its log as metadata records of names and texts.
 
 use std::collections::BTreeMap;
 

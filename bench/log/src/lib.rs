@@ -1,10 +1,10 @@
-//! The flight log: every message of a flight in one MCAP file, which other tools read too.
+//! The flight log: every message in one MCAP file, which other tools can read too.
 //!
 //! ```text
 //! messages --codec--> writer --chunks--> spool --> flight.mcap --> reader --> export, replay
 //! ```
 //!
-//! Schemas, units and codec follow from the layouts of the messages; docs/recording.md describes the file.
+//! Schemas, units and codec are derived from the layouts of the messages. docs/recording.md describes the file.
 
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;

@@ -1,6 +1,6 @@
-//! Reads a flight log from begin to end, and believes only what its checksums cover.
+//! Reads a flight log from start to end and trusts only what its checksums cover.
 //!
-//! It goes chunk by chunk, so that it also reads what a killed recorder or a full disk has left.
+//! It reads chunk by chunk, so it can also read what a killed recorder or a full disk left behind.
 
 use std::collections::BTreeMap;
 use std::fs::File;

@@ -1,4 +1,6 @@
-//! Messages as rows of CSV or lines of JSON, by their layouts; numbers are written so that every bit comes back.
+//! Writes messages as CSV rows or JSON lines, driven by their layouts.
+//!
+//! Numbers are written so that every bit can be read back.
 
 use std::fmt::Write as _;
 

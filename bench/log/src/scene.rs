@@ -1,6 +1,6 @@
-//! The flight as a 3-D scene: poses and transforms in Foxglove's well-known schemas.
+//! The flight as a 3-D scene: poses and transforms in Foxglove's own schemas.
 //!
-//! <https://docs.foxglove.dev/docs/sdk/schemas>: field names and numbers are theirs.
+//! The well-known schemas define the field names and numbers: <https://docs.foxglove.dev/docs/sdk/schemas>.
 
 use model::frames::quaternion_wb;
 use model::grid::NS_PER_S;

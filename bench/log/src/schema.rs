@@ -1,6 +1,6 @@
-//! Protobuf schemas of the topics, built from their layouts.
+//! Builds the Protobuf schemas of the topics from their layouts.
 //!
-//! A `FileDescriptorSet` per topic: the content as the main message, with the envelope as its first field.
+//! Each topic has a `FileDescriptorSet`: the content is the main message, and the envelope is its first field.
 
 use std::collections::BTreeMap;
 

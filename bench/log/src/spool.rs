@@ -1,4 +1,6 @@
-//! What stands between the log's writer and a disk that may be full: whole chunks go in, or wait, or stay out.
+//! Buffers chunks between the log's writer and a disk that may be full.
+//!
+//! A chunk is written whole, waits, or is left out.
 //!
 //! ```text
 //!   keeping --the disk takes no more--> waiting --it does again--> keeping

@@ -1,4 +1,4 @@
-//! Units and frames of the fields, as their names say them.
+//! Units and frames of the fields, derived from their names.
 
 use std::collections::BTreeMap;
 

@@ -1,8 +1,8 @@
-//! Writes the flight log: every message of every topic, the scene, and what is needed to read and replay them.
+//! Writes the flight log: all messages, the scene, and what a replay needs.
 //!
-//! One chunk per [`CHUNK_NS`], in it topic after topic, because like goes best with like in zstd: what a killed
-//! recorder leaves is readable up to the last chunk. A disk that takes no more costs messages, which are counted, and
-//! never the flight.
+//! There is one chunk per [`CHUNK_NS`]. Inside a chunk the messages are grouped by topic, because zstd compresses
+//! similar data best. After a killed recorder the file is readable up to the last chunk. A full disk costs messages,
+//! which are counted, but never the flight.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;

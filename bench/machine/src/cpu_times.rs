@@ -1,4 +1,4 @@
-//! Facts about the machine for a report, and how much of it others took.
+//! Machine facts for a report, and how much processor time others took.
 
 use std::fs;
 

@@ -1,4 +1,4 @@
-//! The executable of this process, which every other process of the rig is, too.
+//! The executable of this process, which every other process of the rig runs too.
 
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
-//! The machine as /proc, /sys and a few questions to the system show it.
+//! The machine as seen through /proc, /sys and a few system calls.
 //!
-//! Whoever draws conclusions takes a [`Machine`], so that a test can make one up: a directory in the place of `/`, and
-//! the answers in the place of the questions.
+//! Code that draws conclusions takes a [`Machine`], so a test can make one up: a directory in place of `/`, and
+//! prepared answers in place of the system calls.
 
 pub mod cpu_times;
 pub mod doctor;

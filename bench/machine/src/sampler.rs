@@ -1,4 +1,4 @@
-//! What the kernel counts for the loops, read from /proc with every look of the recorder.
+//! Kernel counters of the loops, read from /proc each time the recorder looks.
 
 use std::io::ErrorKind;
 

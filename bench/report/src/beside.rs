@@ -1,4 +1,4 @@
-//! The machine's floors beside a flight, as part of its report.
+//! The machine's floors, measured after a flight, as part of its report.
 
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};

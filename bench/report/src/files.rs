@@ -1,4 +1,4 @@
-//! The final report in all its forms: for programs, for a terminal, for a browser, and as a picture.
+//! The final report in all its forms: JSON, terminal text, web page and picture.
 
 use std::path::Path;
 

@@ -1,4 +1,6 @@
-//! A finding: what was looked at, what it means, what to do; and the verdict that follows from all of them.
+//! A finding: what was examined, what it means, and what to do about it.
+//!
+//! The verdict follows from all findings together.
 
 use serde::{Deserialize, Serialize};
 

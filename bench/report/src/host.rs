@@ -1,4 +1,4 @@
-//! Facts about the machine, and how much of it others took.
+//! Facts about the machine, and how much processor time others took.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! JSON for people and programs: an object's keys each on a line, an array of numbers on one.
+//! JSON for people and programs: one line per object key, one per array of numbers.
 
 use std::io::{self, Write};
 

@@ -1,4 +1,4 @@
-//! From records to numbers, and from numbers to pages: accounting, outages, the report and its forms.
+//! From records to numbers to pages: accounting, outages, and the report.
 //!
 //! ```text
 //! messages --> tally (series, deadlines, theorem, tracer), autopsy --> schema --> text, page, diff

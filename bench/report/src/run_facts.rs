@@ -1,4 +1,4 @@
-//! run.json: enough of a flight to fly it again.
+//! run.json: enough about a flight to fly it again.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -1,4 +1,4 @@
-//! The report of a flight: every number, as it is written to report.json.
+//! The report of a flight: every number, as written to report.json.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Sections of the report that follow from a single source each.
+//! Sections of the report that each follow from a single source.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! The states of a flight as CSV: one row every so many ticks, joined over the topics by tick.
+//! The states of a flight as CSV: one row every few ticks, topics joined by tick.
 
 use std::fs::File;
 use std::io::BufWriter;

@@ -1,4 +1,4 @@
-//! A tick of a flight with everything that was said in it.
+//! One tick of a flight with every message sent in it.
 
 use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
 

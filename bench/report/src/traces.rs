@@ -1,7 +1,7 @@
 //! A flight over time, reduced to what a plot can show: part of the final report.
 //!
-//! A flight is cut into stretches of equal length, and of each stretch the smallest and the largest value stay, so that
-//! no peak is lost however long the flight was. What fills them is in `tracer.rs`.
+//! A flight is cut into stretches of equal length. Each stretch keeps its smallest and its largest value, so no peak is
+//! lost however long the flight was. `tracer.rs` fills them.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,6 @@
-//! Outer loop, inner adaptive loop and mixer in plain numbers: (9) to (20), sampled, for one trajectory.
+//! Outer loop, inner adaptive loop and mixer in plain numbers, for one trajectory.
+//!
+//! These are equations (9) to (20), sampled.
 
 use crate::airframe::Body;
 use crate::{C, G, I_X, I_Y, I_Z, K, K_T, KAPPA, M, T};

@@ -1,12 +1,13 @@
-//! One flight written by hand in plain numbers: what a tick of the four laws costs at least.
+//! One flight written by hand in plain numbers: the minimum cost of a tick.
 //!
-//! The Lissajous figure with the gains `flight`, nominal airframe, no swap, 1 kHz: plant, outer loop, inner adaptive
-//! loop and mixer as one would write them in C for one airframe and nothing else. Constants are known to the
-//! compiler, what does not change within a tick is computed once, and there is no vector type, setting, message, mode
-//! or check. The monitor of the theorem has no counterpart here; [`laws::Laws`] flies the rig's own laws without it.
+//! It flies the Lissajous figure with the gains `flight`, the nominal airframe and no swap, at 1 kHz. Plant, outer
+//! loop, inner adaptive loop and mixer are written as one would write them in C for one airframe and nothing else.
+//! Constants are known to the compiler, and what does not change within a tick is computed once. There is no vector
+//! type, setting, message, mode or check. The theorem's monitor has no counterpart here; [`laws::Laws`] flies the rig's
+//! own laws without it.
 //!
-//! The equations are those of docs/paper.md; symbols as in docs/conventions.md. It follows the rig's laws to 1e-9 over
-//! a flight ([`timing`] has the test), not bit by bit: the order of operations is its own.
+//! The equations are those of docs/paper.md; the symbols are those of docs/conventions.md. Over a flight it follows the
+//! rig's laws to 1e-9 (tested in [`timing`]), not bit by bit, because it orders its operations differently.
 
 mod airframe;
 mod control;

@@ -1,4 +1,6 @@
-//! Both flights timed in turn: laws, hand, laws, hand; so that what disturbs the machine disturbs both.
+//! Times both flights in turn: laws, hand, laws, hand.
+//!
+//! Interleaving them makes a disturbance of the machine hit both.
 
 use std::hint::black_box;
 use std::time::Instant;

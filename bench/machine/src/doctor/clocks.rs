@@ -1,4 +1,4 @@
-//! Findings about time: the clock, timers, and how exactly the kernel keeps to them.
+//! Findings about time: the clock source, timers, and how precise the kernel is.
 
 use crate::{CLOCK_SOURCE, Machine};
 use report::finding::Finding;

@@ -1,4 +1,4 @@
-//! Findings about the processors: how many, who else uses that of the loops, and what changes its speed.
+//! Findings about processors: their number, their speed, and who shares the loops'.
 
 use crate::{Machine, cpu_list};
 use report::finding::Finding;

@@ -1,4 +1,4 @@
-//! Findings about the kernel: how it preempts, and what it lets SCHED_FIFO have.
+//! Findings about the kernel: its preemption model, and its limits on SCHED_FIFO.
 
 use model::realtime::Step;
 

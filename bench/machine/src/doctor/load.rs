@@ -1,4 +1,4 @@
-//! Findings about what others take of the machine's time.
+//! Findings about load: how much of the machine's time others take.
 
 use crate::Machine;
 use crate::cpu_times::CpuTimes;

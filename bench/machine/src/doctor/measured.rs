@@ -1,4 +1,6 @@
-//! The measured part of an examination: a bare timer, then a raw ring, each for some seconds.
+//! The measured part of an examination: a bare timer, then a raw futex ring.
+//!
+//! Each runs for a few seconds.
 
 use std::path::Path;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! Findings about memory: whether it can be locked, whether there is enough to share, and what was left in it.
+//! Findings about memory: locking, size of shared memory, and leftovers in it.
 
 use wire::Wire;
 

@@ -1,7 +1,7 @@
-//! `ironbird doctor`: can this machine fly in real time, and if not, what is in the way?
+//! `ironbird doctor`: can this machine fly in real time, and if not, why not?
 //!
-//! Each subject is a pure function of a [`Machine`]; the measured part is added where it was asked for. The verdict
-//! is the worst that any finding leaves open.
+//! Each subject is a pure function of a [`Machine`]. The measured part is added on request. The worst finding decides
+//! the verdict.
 
 mod clocks;
 mod cpus;

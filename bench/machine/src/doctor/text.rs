@@ -1,4 +1,4 @@
-//! The examination as text.
+//! Prints the examination as text.
 
 use std::fmt::Write as _;
 

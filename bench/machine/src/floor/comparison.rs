@@ -1,4 +1,7 @@
-//! What was measured beside its floor in the same minute, pair by pair, and whether that allows a verdict.
+//! Compares measurements with their floors, pair by pair.
+//!
+//! Both sides of a pair are measured within the same minute. The comparison also says whether the pairs allow a
+//! verdict.
 
 use serde::{Deserialize, Serialize};
 

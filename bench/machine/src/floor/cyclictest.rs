@@ -1,4 +1,6 @@
-//! The peer for waking: `cyclictest` of Debian's rt-tests, with the same processor, priority and period.
+//! The reference for wake-up latency: `cyclictest` of Debian's rt-tests.
+//!
+//! It runs on the same processor, with the same priority and period.
 
 use std::process::Command;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! How a process of the ring waits and wakes the next one: an eventfd, or a futex in shared memory.
+//! How a process of the ring waits and wakes the next one: by eventfd or by futex.
 
 use std::os::fd::{AsFd as _, OwnedFd};
 use std::process::Stdio;

@@ -1,4 +1,4 @@
-//! The grid of a measurement: wakes on an absolute timer and records how late.
+//! The grid of a measurement: wakes on an absolute timer and records the lateness.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! What this machine can do at the best: a bare timer, a raw ring of processes, cyclictest.
+//! The best this machine can do: a bare timer, a raw ring of processes, cyclictest.
 
 pub mod comparison;
 pub mod cyclictest;

@@ -1,4 +1,4 @@
-//! The floor of the loop: processes that hand a token around in a circle, once a tick.
+//! The floor of the loop: processes that pass a token around a ring once per tick.
 //!
 //! ```text
 //!   timer -> first process --wake--> second --wake--> ... --wake--> last --wake--> first, which waits for the timer
@@ -6,9 +6,9 @@
 //!            |<------------------- lap --------------------------------------------->|
 //! ```
 //!
-//! Everything that the loops do except what they are for: no middleware, no messages, the same processor and
-//! priorities. `chain` compares with the series `loop` of a flight. The first process is this one, on a thread of its
-//! own; the others are the same executable.
+//! The ring does everything that the loops do except their work: no middleware, no messages, but the same processor and
+//! priorities. `chain` is comparable with the series `loop` of a flight. The first process is this one, on a thread of
+//! its own. The others run the same executable.
 
 use std::path::Path;
 use std::process::{Child, Command};

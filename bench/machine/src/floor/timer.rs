@@ -1,4 +1,4 @@
-//! The floor of waking: one thread on an absolute timer, as `cyclictest` measures it.
+//! The floor of wake-ups: one thread on an absolute timer, as in `cyclictest`.
 
 use std::fs::File;
 use std::thread;

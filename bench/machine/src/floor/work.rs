@@ -1,4 +1,4 @@
-//! An amount of arithmetic: what a hop of the ring does in the place of a law.
+//! A fixed amount of arithmetic: the stand-in for a law in a hop of the ring.
 
 use std::hint::black_box;
 

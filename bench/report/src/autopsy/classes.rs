@@ -1,9 +1,10 @@
-//! Why a deadline was missed: one class per miss, as a pure function of the evidence.
+//! Why a deadline was missed: one class per miss, a pure function of the evidence.
 //!
-//! A rotor command is late because one stage of its tick was late: it got the processor too late, or computed too long,
-//! or waited until its cut-off for an input that did not come. That stage is the one whose delay exceeds its usual
-//! one, the lower quartile of the ticks around, by most. What the stage's counters and the other stages' signs of life say of
-//! that span of time makes the class. What they cannot say is "the recorder cannot tell".
+//! A rotor command is late because one stage of its tick was late: it got the processor too late, computed for too
+//! long, or waited until its cut-off for an input that did not come. The culprit is the stage whose delay exceeds its
+//! usual delay by most. The usual delay is the lower quartile of the surrounding ticks. The class follows from the
+//! stage's counters and from the other stages' signs of life during that time. Where these are not enough, the class is
+//! "the recorder cannot tell".
 
 use model::role::{Role, STAGES};
 use serde::{Deserialize, Serialize};

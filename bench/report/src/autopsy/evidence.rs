@@ -1,7 +1,7 @@
-//! Evidence about a missed deadline: stamps of the ticks around it, and samples of what the kernel counts.
+//! Evidence about a missed deadline: time stamps and samples of kernel counters.
 //!
-//! Stamps are exact. What the kernel counts is sampled with every look of the recorder, each 10 ms: growth is known
-//! for the time between two looks, and a stop that begins and ends between two of them is not seen.
+//! The stamps of the surrounding ticks are exact. Kernel counters are sampled each time the recorder looks, every 10
+//! ms: their growth is known only between two looks, and a stop that begins and ends between two looks is not seen.
 
 use std::collections::BTreeMap;
 

@@ -1,7 +1,8 @@
-//! The autopsy of missed deadlines: which tick, by how much, why.
+//! The autopsy of missed deadlines: which tick, how late, and why.
 //!
-//! Follows every message's stamps and the plant's verdicts, keeps [`WINDOW_TICKS`] around each miss until they are
-//! complete, and has it classed ([`crate::autopsy::classes`]). The classes add up to the deadlines missed.
+//! It follows the stamps of every message and the plant's verdicts. It keeps [`WINDOW_TICKS`] around each miss until
+//! they are complete, then has the miss classified ([`crate::autopsy::classes`]). The classes add up to the number of
+//! missed deadlines.
 
 pub mod classes;
 pub mod evidence;

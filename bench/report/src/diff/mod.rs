@@ -1,8 +1,8 @@
-//! `ironbird report diff`: two flights side by side, and what their numbers of samples allow to say.
+//! `ironbird report diff`: compares two flights, as far as their samples allow.
 //!
-//! Each percentile has an interval that holds it with 97.5 % ([`crate::tally::distribution`]). The ratio of two
-//! percentiles then lies, with 95 % at the least, between the ratios of the intervals' opposite ends. Where 1 lies there
-//! too, the flights show no difference.
+//! Each percentile has an interval that holds it with 97.5 % confidence ([`crate::tally::distribution`]). The ratio of
+//! two percentiles then lies, with at least 95 %, between the ratios of opposite ends of the intervals. If that range
+//! contains 1, no difference between the flights is shown.
 
 pub mod text;
 

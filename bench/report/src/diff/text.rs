@@ -1,4 +1,4 @@
-//! A comparison of two flights as text.
+//! Prints a comparison of two flights as text.
 
 use std::fmt::Write as _;
 

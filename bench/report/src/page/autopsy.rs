@@ -1,4 +1,4 @@
-//! Why deadlines were missed: the autopsy's classes, and its worst cases.
+//! Why deadlines were missed: the classes of the autopsy and its worst cases.
 
 use maud::{Markup, html};
 

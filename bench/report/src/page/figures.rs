@@ -1,4 +1,4 @@
-//! Charts of a flight over time and space.
+//! Charts of a flight over time and in space.
 
 use crate::plot::scale::Scale;
 use crate::plot::{Axis, Chart, HEIGHT, Layer, WIDTH, through};

@@ -1,4 +1,4 @@
-//! The flight: the figures of the paper, for this one.
+//! The flight: the paper's figures, drawn for this flight.
 
 use maud::{Markup, html};
 

@@ -1,6 +1,6 @@
-//! A report as one web page that needs nothing else: no network, no script, no font.
+//! The report as one self-contained web page: no network, no script, no font.
 //!
-//! It shows what report.json holds, and nothing that it does not.
+//! It shows what report.json holds, and nothing else.
 
 mod autopsy;
 pub mod figures;

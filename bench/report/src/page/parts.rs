@@ -1,4 +1,4 @@
-//! What every section is made of: figures with keys, tables that fold, numbers.
+//! Building blocks of every section: figures with keys, folding tables, numbers.
 
 use maud::{Markup, html};
 

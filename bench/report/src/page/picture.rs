@@ -1,4 +1,6 @@
-//! A flight as one picture, flight.svg: path, height, position error and estimates, with the swaps marked.
+//! The flight as one picture, flight.svg.
+//!
+//! It shows path, height, position error and estimates, and marks the swaps.
 
 use maud::{Markup, PreEscaped, html};
 

@@ -1,4 +1,4 @@
-//! Processes and machine: what each loop did, what real time it was granted, what the recorder lost.
+//! Processes and machine: the work of each loop, real-time grants, recorder losses.
 
 use maud::{Markup, html};
 use model::role::STAGES;

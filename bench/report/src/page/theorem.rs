@@ -1,4 +1,4 @@
-//! The theorem, watched: V_th over time, what explains its rises, and what the flight could teach.
+//! The theorem: V_th over time, what explains its rises, and the excitation.
 
 use maud::{Markup, html};
 

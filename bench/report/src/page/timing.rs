@@ -1,4 +1,4 @@
-//! Latency: where each microsecond goes, how each series is distributed, which deadlines were missed.
+//! Latency: where the time goes, how each series is distributed, missed deadlines.
 
 use maud::{Markup, html};
 

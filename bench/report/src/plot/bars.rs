@@ -1,4 +1,4 @@
-//! Bars from left to right, each with its name and its number.
+//! Horizontal bars, each with its name and number.
 
 use maud::{Markup, html};
 

@@ -1,7 +1,8 @@
-//! Charts as SVG: axes with units, lines and marks; colours and fonts are the style sheet's.
+//! Charts as SVG: axes with units, lines and marks, coloured by the style sheet.
 //!
-//! A chart is drawn for a width of [`WIDTH`] pixels, and pages show it at about that width on a telephone and on a
-//! desk, so that its text keeps its size. Colours are classes of `plot.css`, one per thing, for light and dark.
+//! A chart is drawn [`WIDTH`] pixels wide. Pages show it at about that width on phones and on desktops, so its text
+//! keeps its size. Colours are classes of `plot.css`, one for each thing shown, with variants for light and dark. Fonts
+//! come from the style sheet too.
 
 pub mod bars;
 pub mod scale;

@@ -1,4 +1,4 @@
-//! Scales of axes: where a number stands, and which numbers are named.
+//! Scales of axes: where a number is placed, and which numbers are labelled.
 
 /// How numbers become places along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]

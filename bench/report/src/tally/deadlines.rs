@@ -1,7 +1,7 @@
-//! Deadlines of the rotor commands, from their stamps: slack, lateness, runs of misses.
+//! Deadlines of the rotor commands, from their stamps: slack, lateness, miss runs.
 //!
-//! The command of tick k must be published before t_k+1. One that never came is late until the next one that
-//! did: nothing is left out because nobody was there to measure it (no coordinated omission).
+//! The command of tick k must be published before t_k+1. A command that never came counts as late until the next one
+//! that did. No tick is left out because nobody was there to measure it (no coordinated omission).
 
 use std::collections::BTreeMap;
 

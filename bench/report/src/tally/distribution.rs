@@ -1,4 +1,4 @@
-//! How a latency series is distributed: percentile curve, bars, and how far its percentiles can be trusted.
+//! Distribution of a latency series: percentile curve, bars, confidence intervals.
 
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Latency series: HdrHistograms with fixed bounds, for the whole flight and for the present second.
+//! Latency series: HdrHistograms with fixed bounds, per flight and per second.
 
 use std::io::Write;
 use std::time::Duration;

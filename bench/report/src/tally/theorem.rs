@@ -1,6 +1,6 @@
-//! The theorem on a flight: what its monitor counted, whether that passes, and in words whether (18) held.
+//! The theorem on a flight: the monitor's counts, the verdict, and (18) in words.
 //!
-//! docs/theorem.md says how to read it.
+//! docs/theorem.md explains how to read it.
 
 use std::collections::BTreeMap;
 

@@ -1,6 +1,6 @@
-//! Collects the traces of a flight in bounded memory, however long it is.
+//! Collects the traces of a flight in bounded memory, however long the flight is.
 //!
-//! When there are too many stretches, each two neighbours become one of twice the length.
+//! When there are too many stretches, neighbours are merged in pairs into stretches of twice the length.
 
 use std::collections::{BTreeMap, VecDeque};
 

@@ -1,4 +1,4 @@
-//! The section of the floors beside a flight, for people.
+//! Prints the section on the machine's floors.
 
 use crate::beside::{Beside, Floor};
 use crate::schema::Report;

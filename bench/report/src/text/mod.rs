@@ -1,4 +1,4 @@
-//! The report of a flight as text.
+//! Prints the report of a flight as text.
 
 pub mod beside;
 pub mod theorem;

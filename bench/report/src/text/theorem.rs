@@ -1,4 +1,4 @@
-//! The theorem's section of the report in words.
+//! Prints the theorem's section of the report in words.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
