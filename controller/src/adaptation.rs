@@ -1,12 +1,15 @@
-//! The adaptation: estimates of I_R, k_r and delta from what the rotors really did.
+//! The adaptation: estimates I_R, k_r and delta from what the rotors really did.
 //!
-//! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
-//! (20)-(22) in discrete time. Differences: the update is implicit in the estimates, so that with the exact model
-//! V_th = 1/2 ~th^T Gamma^-1 ~th never rises, whatever alpha, Gamma and T (an explicit one diverges at the paper's
-//! Gamma); it works on the prediction error of the measured rates over the last tick instead of on e, so that it
-//! stays right under delay, saturation and late commands; regressor and sample pass the same low-pass, against
-//! gyro noise; the estimates are kept inside bounds. Claim (18), that the estimates converge, holds only under
-//! persistent excitation: in hover I_R and k_r never move.
+//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
+//! (20)-(22) in discrete time. Differences from the paper:
+//! * The update is implicit in the estimates. With the exact model, V_th = 1/2 ~th^T Gamma^-1 ~th therefore never
+//!   rises, whatever alpha, Gamma and T. An explicit update diverges at the paper's Gamma.
+//! * It works on the prediction error of the measured rates over the last tick instead of on e. It therefore stays
+//!   right under delay, saturation and late commands.
+//! * The regressor and the sample pass the same low-pass, against gyro noise.
+//! * The estimates are kept inside bounds.
+//!
+//! Claim (18), that the estimates converge, holds only under persistent excitation: in hover I_R and k_r never move.
 
 use model::rate_dynamics::{coupling, disturbance, regressor};
 use nalgebra::{Cholesky, Matrix3, Vector3};

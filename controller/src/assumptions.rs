@@ -1,8 +1,8 @@
-//! The assumptions of the theorem, watched: which of them does not hold at a tick, and so what explains a rise.
+//! Watches the theorem's assumptions: which one fails and so explains a rise.
 //!
 //! The proof in docs/paper.md that V_th does not rise assumes constant parameters (A), the exact model (B) and true
-//! values inside the bounds (C). Saturation, delay and stale inputs are no excuse for V_th: it follows what the rotors
-//! really did. They are one for V, which contains the rate error.
+//! values inside the bounds (C). Saturation, delay and stale inputs are no excuse for a rise of V_th, because V_th
+//! follows what the rotors really did. They are an excuse for V, which contains the rate error.
 //!
 //! A broken assumption is remembered until the low-pass of the adaptation has forgotten the samples taken under it.
 

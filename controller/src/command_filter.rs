@@ -1,7 +1,8 @@
 //! The command filter: a smooth attitude with two derivatives from the set-point.
 //!
-//! Not in the paper, which needs d(nu2_d) but does not say where it comes from. Critically damped, second
-//! order, per axis; exact for a set-point held over the tick, so that its result does not depend on T.
+//! The paper needs d(nu2_d) but does not say where it comes from, so this filter is not in it. It is critically damped
+//! and of second order, one per axis. It is exact for a set-point held over the tick, so its result does not depend on
+//! T.
 
 use model::messages::Setpoint;
 use nalgebra::Vector3;

@@ -1,8 +1,8 @@
-//! Excitation: how much of each unknown parameter a flight shows, as e-folds of the estimates' error.
+//! Excitation: how much of each unknown a flight reveals, in e-folds of its error.
 //!
-//! Source of the need: claim (18) of "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle"
+//! Why it is needed: claim (18) of "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle"
 //! (Imran, Montazeri), that the estimates converge, holds only under persistent excitation. On the exact model a step
-//! multiplies the scaled error Gamma^-1/2 ~th by I - G ([`Step::contraction`]), so two things are followed:
+//! multiplies the scaled error Gamma^-1/2 ~th by I - G ([`Step::contraction`]), so this module follows two things:
 //!
 //! ```text
 //!     S <- S + G        over each window of 10 s: a Gramian of X, scaled by Gamma, without unit

@@ -1,9 +1,9 @@
 //! From a thrust acceleration to the attitude that gives it, with two derivatives.
 //!
-//! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
-//! (13)-(16). Differences: (13) and (14) are arcsines of a component *divided by* the norm, written with atan2;
-//! as printed, times the norm, they have no value above 0.10 m/s^2. The derivatives are not in the paper, which
-//! feeds none forward; they follow from (13) and (14) along the reference.
+//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
+//! (13)-(16). Differences from the paper: (13) and (14) are arcsines of a component *divided by* the norm, written with
+//! atan2. As printed, multiplied by the norm, they have no value above 0.10 m/s^2. The derivatives are not in the
+//! paper, which feeds none forward; they follow from (13) and (14) along the reference.
 
 use nalgebra::Vector3;
 

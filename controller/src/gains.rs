@@ -1,7 +1,7 @@
 //! Gains of both loops, and the three named sets of them.
 //!
-//! `paper` is the paper's own set (its alpha and Gamma), which needs the predictor to fly at 1 kHz; `flight`
-//! and `soft` are this rig's, for a chain with delay and noise, and for motors with lag.
+//! `paper` is the paper's own set (its alpha and Gamma) and needs the predictor to fly at 1 kHz. `flight` and `soft`
+//! are this rig's sets: `flight` for a chain with delay and noise, `soft` for motors with lag.
 
 use std::fmt;
 use std::str::FromStr;

@@ -1,19 +1,19 @@
-//! The inner loop: attitude set-point and measured rates to a torque, with what it has learnt.
+//! The inner loop: from attitude set-point and rates to a torque, with adaptation.
 //!
-//! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
-//! (17)-(22), sampled; each law's own file names its differences. This file owns the order within a tick and
-//! what happens when an input is stale. Rotor limits belong to the mixer; the loop never sees
-//! [`State::truth`]; the monitor beside it does ([`crate::watched`]).
+//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
+//! (17)-(22), sampled. The file of each law lists its differences from the paper. This file owns the order within a
+//! tick and the reaction to stale inputs. Rotor limits belong to the mixer. The loop never sees [`State::truth`]; the
+//! monitor beside it does ([`crate::watched`]).
 //!
 //! | input | missing for up to 100 ms: `Held` | longer, or never there: `Fallback` |
 //! |---|---|---|
 //! | set-point | the last one, rates included | level at the last yaw set-point, hover thrust |
 //! | state | zero torque, last thrust | zero torque, hover thrust |
 //!
-//! Without a state nothing is learnt. The command filter is a clock, not a measurement: it runs on through every
-//! tick of the grid, also those in which the loop had no state or was not called at all, so that the attitude
-//! wanted is never late. After more than 100 ms without a state it starts again at rest from the measured
-//! attitude, as it does at the first tick: what it had become says nothing about where the airframe is.
+//! Without a state the loop learns nothing. The command filter is a clock, not a measurement: it runs through every
+//! tick of the grid, even when the loop had no state or was not called at all, so the wanted attitude is never late.
+//! After more than 100 ms without a state the filter restarts at rest from the measured attitude, as it does at the
+//! first tick: its old output says nothing about where the airframe is now.
 
 use law::InnerLaw;
 use model::allocation::net_speed;

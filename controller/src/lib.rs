@@ -1,14 +1,14 @@
-//! The paper's controller as a sampled law: trajectories, outer PD loop, inner adaptive loop.
+//! The paper's controller as a sampled law: trajectories, outer and inner loop.
 //!
-//! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri). The
-//! data's way: a [`Trajectory`] gives the [`Reference`] at the tick; [`OuterLoop`] turns it and the measured
-//! state into thrust and attitude wanted ([`flatness`]); [`InnerLoop`] smooths the attitude
-//! ([`command_filter`]), turns it into body rates ([`rate_reference`]), learns I_R, k_r and delta
-//! ([`adaptation`]) and asks for a torque ([`rate_law`]), one tick ahead where told so ([`predictor`]).
-//! [`WatchedLoop`] puts the monitor of the theorem beside it ([`monitor`]).
+//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri). Data
+//! flow: a [`Trajectory`] gives the [`Reference`] at the tick. [`OuterLoop`], a PD loop, turns it and the measured
+//! state into the wanted thrust and attitude ([`flatness`]). [`InnerLoop`], which is adaptive, smooths the attitude
+//! ([`command_filter`]), turns it into body rates ([`rate_reference`]), learns I_R, k_r and delta ([`adaptation`]) and
+//! asks for a torque ([`rate_law`]), one tick ahead if configured so ([`predictor`]). [`WatchedLoop`] puts the
+//! theorem's monitor beside it ([`monitor`]).
 //!
-//! Everything here is a pure law: time comes in as a tick, data as [`model::messages`]; no ports, clock,
-//! allocation or logging in a tick. The rotors belong to the mixer, the airframe to the plant.
+//! Everything here is a pure law: time comes in as a tick, data as [`model::messages`]. A tick uses no port or clock,
+//! allocates nothing and logs nothing. The rotors belong to the mixer, the airframe to the plant.
 
 pub mod adaptation;
 pub mod assumptions;

@@ -1,8 +1,9 @@
-//! The theorem's functions in discrete time: V_th, V, and how far a step of the estimates lets them fall.
+//! The theorem's functions in discrete time: V_th, V, and how a step lowers them.
 //!
-//! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (21) and
-//! (22), sampled; docs/paper.md has the proofs. With ~th = th_hat - th, s = T/alpha, W = I + s X Gamma X^T, and with
-//! eps = Y - X th, the part of the sample that the true parameters leave unexplained, a step before its clip obeys
+//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (21)
+//! and (22), sampled; docs/paper.md has the proofs. Let ~th = th_hat - th, s = T/alpha and W = I + s X Gamma X^T. Let
+//! eps = Y - X th be the part of the sample that the true parameters leave unexplained. Then a step before its clip
+//! obeys
 //!
 //! ```text
 //!     zb = W^-1 (Y - X th_hat),    V_th+ - V_th = s eps.zb - s |zb|^2 - s^2/2 zb^T X Gamma X^T zb

@@ -1,14 +1,15 @@
-//! The theorem's monitor: holds the estimates that a law publishes against what is proven of them, tick by tick.
+//! The theorem's monitor: checks a law's published estimates against the proof.
 //!
-//! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (18) and
-//! (20)-(22), in the discrete form of docs/paper.md. It knows the settings and sees states, with their truth, and
-//! wrenches; it looks into no law. From the states it builds X and Y itself and asks of every step two things:
+//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (18)
+//! and (20)-(22), in the discrete form of docs/paper.md. The monitor knows the settings and sees states, with their
+//! truth, and wrenches. It looks into no law. It builds X and Y from the states itself and checks two things at every
+//! step:
 //!
-//! 1. that V_th does not rise; where it does, a broken assumption must explain it ([`crate::assumptions`]);
-//! 2. that V_th changes by no more than the step owes, the model's mismatch allowed for ([`crate::lyapunov`]). No
-//!    cause excuses this one but bounds that do not contain the truth: it is an identity of the update.
+//! 1. V_th does not rise. If it does, a broken assumption must explain the rise ([`crate::assumptions`]).
+//! 2. V_th changes by no more than the step owes, allowing for the model's mismatch ([`crate::lyapunov`]). The only
+//!    excuse is bounds that do not contain the truth, because this is an identity of the update.
 //!
-//! V, which contains the rate error, is reported and never judged: its inequality is proven without delay alone.
+//! V, which contains the rate error, is reported and never judged: its inequality is proven only without delay.
 
 use std::f64::consts::SQRT_2;
 

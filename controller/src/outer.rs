@@ -1,9 +1,11 @@
-//! The outer loop: position error to total thrust and attitude wanted.
+//! The outer loop: from position error to total thrust and wanted attitude.
 //!
-//! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
-//! (9)-(16). Differences: the right side of (10) is 0; the drag (k_t/m) v stands in all three components, with
-//! the measured v, so that (10) holds exactly; acceleration and thrust are limited, which the paper's are not;
-//! the derivatives of roll and pitch are fed forward along the reference ([`crate::flatness`]).
+//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
+//! (9)-(16). Differences from the paper:
+//! * The right side of (10) is 0.
+//! * The drag (k_t/m) v stands in all three components, with the measured v, so that (10) holds exactly.
+//! * Acceleration and thrust are limited; the paper's are not.
+//! * The derivatives of roll and pitch are fed forward along the reference ([`crate::flatness`]).
 
 use law::OuterLaw;
 use model::frames::rot_wb;

@@ -1,10 +1,10 @@
-//! The predictor: attitude and rates one tick ahead, when the torque computed now will act.
+//! The predictor: attitude and rates one tick ahead, when the torque will act.
 //!
-//! Not in the paper, whose loop has no delay. The paper's gains need it: at alpha T = 10 the tick between sample
-//! and actuation takes the whole margin of the rate loop, and one late command makes it unstable
-//! ([`crate::settings::loop_gain_limit`]). The predictor gives that tick back. It starts from the command that
-//! the state message says is in force, so it is right, one tick deep, also when a command was late. One that
-//! looks further than the delay is worse than none (docs/paper.md).
+//! It is not in the paper, whose loop has no delay. The paper's gains need it: at alpha T = 10 the tick between sample
+//! and actuation uses up the whole margin of the rate loop, and one late command makes it unstable
+//! ([`crate::settings::loop_gain_limit`]). The predictor gives that tick back. It starts from the command that the
+//! state message reports as in force, so its one-tick prediction is right even when a command was late. A predictor
+//! that looks further than the delay is worse than none (docs/paper.md).
 
 use model::frames::euler_rate_of_body_rate;
 use model::rate_dynamics::{coupling, disturbance, regressor};

@@ -1,9 +1,9 @@
-//! The rate law: torque that makes the rate error decay, with what has been learnt cancelled.
+//! The rate law: torque that decays the rate error and cancels what was learnt.
 //!
-//! "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (19)
-//! on (8). Differences: d(nu2_d) stands inside I_M(...), as (8) demands, and the error is called e throughout.
-//! The gain is alpha in continuous time, but [`sampled_gain`] here: with alpha itself the paper's 1e4/s would
-//! multiply the error by 1 - alpha T = -9 in every tick of 1 ms.
+//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (19)
+//! on (8). Differences from the paper: d(nu2_d) stands inside I_M(...), as (8) demands, and the error is called e
+//! throughout. The gain is alpha in continuous time but [`sampled_gain`] here: with alpha itself, the paper's 1e4/s
+//! would multiply the error by 1 - alpha T = -9 in every tick of 1 ms.
 
 use model::rate_dynamics::{coupling, disturbance, regressor};
 use nalgebra::Vector3;

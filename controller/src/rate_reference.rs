@@ -1,8 +1,8 @@
-//! From the filtered attitude to the body rates that follow it: nu2_d and its derivative.
+//! From the filtered attitude to the body rates that follow it, with derivative.
 //!
-//! The paper ("An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle", Imran,
-//! Montazeri) uses nu2_d and d(nu2_d) in (17)-(19) without a link to the eta2_d of (13), (14). The link here:
-//! xi, the Euler rates wanted, closes the attitude error with K_eta, and (5) turns them into body rates.
+//! The paper ("An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle", Imran, Montazeri) uses
+//! nu2_d and d(nu2_d) in (17)-(19) but does not derive them from the eta2_d of (13), (14). Here xi, the wanted Euler
+//! rates, closes the attitude error with K_eta, and (5) turns xi into body rates.
 
 use model::frames::{body_rate_of_euler_rate, body_rate_of_euler_rate_dot, euler_rate_of_body_rate, wrap};
 use nalgebra::Vector3;

@@ -1,7 +1,7 @@
-//! Whole ticks as they were measured: what the adaptation learns from.
+//! Whole ticks as they were measured: the input of the adaptation.
 //!
-//! The paper has no counterpart: in continuous time nothing is sampled. A tick counts only where its start and its end
-//! were both measured, because the rotor means of a state cover one tick.
+//! The paper has no counterpart, since nothing is sampled in continuous time. A tick counts only if both its start and
+//! its end were measured, because the rotor means of a state cover one tick.
 
 use model::allocation::{Allocation, net_speed};
 use model::messages::{ROTORS, State};

@@ -1,6 +1,6 @@
 //! Settings of both loops, and the check that refuses what cannot fly.
 //!
-//! The paper has no counterpart: its loops are continuous and know neither delay nor limits.
+//! The paper has no counterpart: its loops are continuous and have neither delay nor limits.
 
 use model::limits::RotorLimits;
 use model::parameters::Airframe;

@@ -1,8 +1,8 @@
 //! Reference trajectories with analytic derivatives up to snap.
 //!
-//! Not in the paper, which only assumes a smooth reference. Each of x, y, z and psi is
-//! s(t) (c0 + c1 t + A sin(w t + ph)); the ramp s(t) raises it from rest at the origin over 5 s, so that no
-//! derivative up to snap jumps. Only `step` has no ramp: it jumps on purpose.
+//! They are not in the paper, which only assumes a smooth reference. Each of x, y, z and psi is s(t) (c0 + c1 t + A
+//! sin(w t + ph)). The ramp s(t) raises it from rest at the origin over 5 s, so no derivative up to snap jumps. Only
+//! `step` has no ramp: it jumps on purpose.
 
 use std::fmt;
 use std::str::FromStr;

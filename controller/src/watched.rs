@@ -1,6 +1,7 @@
-//! The inner loop with the monitor of the theorem beside it: what the process and the in-process flight run.
+//! The inner loop with the theorem's monitor beside it.
 //!
-//! First the law, which never sees the truth; then the monitor, which does, and writes nothing but its own block.
+//! Both the process and the in-process flight run this pair. The law runs first and never sees the truth. The monitor
+//! runs second; it sees the truth and writes only its own block.
 
 use law::InnerLaw;
 use model::messages::{Dated, Setpoint, State, Wrench};

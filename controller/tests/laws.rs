@@ -1,4 +1,4 @@
-//! What must hold for the laws at every input, not only at the reference cases.
+//! What must hold for the laws at every input, not only in the reference cases.
 
 use controller::adaptation::{Adaptation, LastTick, Learnt};
 use controller::command_filter::CommandFilter;

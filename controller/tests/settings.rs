@@ -1,4 +1,4 @@
-//! Settings: what is refused and why, and that they survive being written down.
+//! Settings: what is refused and why, and that they survive being written out.
 
 use controller::settings::loop_gain_limit;
 use controller::{Preset, Settings, SettingsError, Trajectory};

@@ -1,4 +1,4 @@
-//! The theorem's functions and its monitor: inequalities for every input, and what no flight may break.
+//! The theorem's functions and monitor: inequalities for every input and flight.
 
 use controller::adaptation::{Adaptation, LastTick};
 use controller::excitation::Excitation;

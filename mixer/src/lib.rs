@@ -1,7 +1,7 @@
-//! From thrust and torque to rotor speeds: equation (7) inverted, saturation by priority.
+//! From thrust and torque to rotor speeds: (7) inverted, saturation by priority.
 //!
-//! [`mixer::Mixer`] is the stage that a process shell drives, one [`mixer::Mixer::tick`] per tick; [`mix`] is the law.
-//! Both know no clock, transport or operating system; the process shell is [`process`].
+//! [`mixer::Mixer`] is the stage: the process shell calls [`mixer::Mixer::tick`] once per tick. [`mix`] is the law.
+//! Neither knows a clock, a transport or an operating system; the process shell is [`process`].
 
 pub mod mix;
 pub mod mixer;

@@ -1,13 +1,13 @@
-//! Mixing: (7) inverted, with thrust before roll and pitch before yaw when the rotors saturate.
+//! Mixing: (7) inverted; priority is thrust, then roll and pitch, then yaw.
 //!
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri).
 //!
-//! Differences from the paper (docs/paper.md has them all):
+//! Differences from the paper (docs/paper.md lists them all):
 //! * Row 4 of (7) uses kappa = d/k, not the printed d; see [`model::allocation`].
 //! * The paper's rotors have no limits. Here each thrust stays within [f_min, f_max]: the common thrust is granted
 //!   first, then as much of roll and pitch as fits, then as much of yaw. An axis group is scaled as one, so its
-//!   direction survives: a demand for roll never becomes pitch. Yaw is last, since it costs the most thrust for the
-//!   least control, and the vehicle stays upright without it.
+//!   direction is kept: a demand for roll never becomes pitch. Yaw comes last, because it costs the most thrust for the
+//!   least control and the vehicle stays upright without it.
 
 use model::allocation::Allocation;
 use nalgebra::{Vector3, Vector4};

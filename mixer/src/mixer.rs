@@ -1,7 +1,7 @@
-//! The mixer stage: the newest wrench in, rotor speeds out, at every tick.
+//! The mixer stage: newest wrench in, rotor speeds out, at every tick.
 //!
-//! What it does with a wrench depends on the wrench's age in ticks alone, so there is no state to go stale and none
-//! to restore after a restart:
+//! Its reaction depends only on the age of the wrench in ticks. There is no state that could go stale or would have to
+//! be restored after a restart:
 //!
 //! ```text
 //!   age 0            Fresh     mixed as demanded
@@ -10,8 +10,8 @@
 //!   from 50 ms on    Idle      every rotor at its smallest speed; likewise before the first wrench
 //! ```
 //!
-//! The mode says how old the *mixer's* input is. A wrench that the inner loop made in a mode of its own is mixed
-//! like any other, except that one marked idle idles the rotors.
+//! The mode gives the age of the *mixer's* input. A wrench that the inner loop made in a mode of its own is mixed like
+//! any other, with one exception: a wrench marked idle idles the rotors.
 
 use law::MixerLaw;
 use model::allocation::Allocation;

@@ -1,4 +1,4 @@
-//! Mixing and allocation against the reference vectors, which are 50-digit evaluations.
+//! Mixing and allocation against the reference vectors (50-digit evaluations).
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 

@@ -1,4 +1,4 @@
-//! Safety of the mixer stage: what it does with a wrench of each age.
+//! Safety of the mixer stage: its output for a wrench of each age.
 
 use law::MixerLaw as _;
 use mixer::{Mixer, Settings};

@@ -1,4 +1,6 @@
-//! Saturation by priority: a table of expected motors, monotonicity, and properties of every mix.
+//! Saturation by priority: a table of expected motors, and properties of any mix.
+//!
+//! One of the properties is monotonicity.
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 

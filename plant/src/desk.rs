@@ -1,8 +1,9 @@
-//! The parameter desk: answers requests for swaps beside the loop, so that the loop itself never does.
+//! The parameter desk: answers swap requests on a thread beside the loop.
 //!
-//! A thread of the plant's process without real-time priority. It validates orders, passes them to the loop
-//! through a lock-free queue, and answers when the loop says that they hold. Clients that come and go cost the
-//! middleware allocations and hundreds of microseconds; here they cost the tick nothing (docs/decisions).
+//! It is a thread of the plant's process without real-time priority. It validates orders, passes them to the loop
+//! through a lock-free queue, and answers once the loop reports that they hold. A client that comes or goes costs the
+//! middleware allocations and hundreds of microseconds; on this thread it costs the tick nothing
+//! (docs/decisions/0004-parameter-desk.md).
 
 use std::sync::mpsc;
 

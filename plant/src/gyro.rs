@@ -1,8 +1,8 @@
-//! Gyro: white noise on the measured body rates, a pure function of (seed, tick, axis).
+//! Gyro: white noise on the measured body rates, a function of (seed, tick, axis).
 //!
-//! Beyond the paper, whose rates are exact. The generator is counter-based: it has no state, so a sample does not
-//! depend on which samples were drawn before it, and a skipped tick shifts nothing. Splitmix64's finalizer makes the
-//! bits (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014), Box-Muller the normal variate.
+//! This goes beyond the paper, whose rates are exact. The generator is counter-based and pure: it has no state, so a
+//! sample does not depend on earlier draws, and a skipped tick shifts nothing. Splitmix64's finalizer makes the bits
+//! (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014); Box-Muller makes the normal variate.
 
 use std::f64::consts::TAU;
 

@@ -1,8 +1,8 @@
 //! Integrator: classical Runge-Kutta of order 4, four steps per tick.
 //!
-//! Owns the steps and the times of their stages. The rotors' motion and the disturbance h(t) are continuous inside the
-//! tick, so both are evaluated at the stage times. Every time comes from the integer tick and the number of the step,
-//! never from a running sum: the same tick gives the same bits, however the plant got there.
+//! It owns the steps and the times of their stages. Inside a tick the rotors' motion and the disturbance h(t) are
+//! continuous, so both are evaluated at the stage times. Every time is computed from the integer tick and the step
+//! number, never from a running sum: the same tick gives the same bits, however the plant got there.
 
 use model::parameters::Airframe;
 use model::rate_dynamics::disturbance;

@@ -1,15 +1,16 @@
-//! Command latch: which rotor command is in force at a tick, and whether it met its deadline.
+//! Command latch: which rotor command is in force, and whether it met its deadline.
 //!
-//! Logical execution time: the command computed from tick k acts on [t_k+1, t_k+2), however early it was ready. One
-//! that comes later acts from the tick of its arrival on and is a missed deadline, until a command is in time again:
+//! The rule is logical execution time: the command computed from tick k acts on [t_k+1, t_k+2), however early it was
+//! ready. A later command acts from the tick of its arrival on. It counts as a missed deadline until a command is in
+//! time again:
 //!
 //! ```text
 //!   hover --a command--> its speeds --20 ms without a newer one--> idle --a newer command--> its speeds
 //!   hover --20 ms without one--> idle                    landing: idle for good
 //! ```
 //!
-//! Owns this rule and its counters. When a command arrives is the shell's business: it names the tick from which on
-//! the command may act.
+//! This file owns the rule and its counters. The shell knows when a command arrived; it names the tick from which the
+//! command may act.
 
 use heapless::Deque;
 use model::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds};

@@ -1,8 +1,8 @@
-//! The airframe as the controller meets it: rigid body, rotors, gyro, live parameters.
+//! The airframe as the controller meets it: body, rotors, gyro, live parameters.
 //!
-//! [`plant::Plant`] is the stage that a process shell drives, one [`plant::Plant::begin`] and one
-//! [`plant::Plant::finish`] per tick. The other modules are what it is made of, each a pure law or a plain
-//! queue, and knows no clock, transport or operating system; the process shell is [`process`], with its [`desk`].
+//! [`plant::Plant`] is the stage: the process shell calls [`plant::Plant::begin`] and [`plant::Plant::finish`] once per
+//! tick. The other modules are its parts. Each is a pure law or a plain queue and knows no clock, transport or
+//! operating system. The process shell is [`process`], with its [`desk`].
 
 pub mod desk;
 pub mod gyro;

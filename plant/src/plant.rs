@@ -1,12 +1,12 @@
-//! The plant stage: the airframe on the grid of ticks, with commands in and states out.
+//! The plant stage: the airframe on the grid of ticks, commands in, states out.
 //!
-//! One round per tick k: [`Plant::begin`] settles what holds from t_k on and gives the state to publish, and
-//! [`Plant::finish`] integrates to t_k+1 while the others compute. At each tick boundary, in this order: parameter
-//! swaps, rotor command, deadline verdict. A tick that the shell did not wake for is flown all the same, with the
-//! command that was in force: an outage costs flight.
+//! There is one round per tick k. [`Plant::begin`] settles what holds from t_k on and returns the state to publish.
+//! [`Plant::finish`] integrates to t_k+1 while the other stages compute. At each tick boundary the order is: parameter
+//! swaps, rotor command, deadline verdict. A tick that the shell slept through is flown all the same, with the command
+//! that was in force: an outage affects the flight.
 //!
-//! Owns the order of these steps; the steps themselves are [`crate::swap`], [`crate::latch`], [`crate::rotors`],
-//! [`crate::integrator`] and [`crate::gyro`].
+//! This file owns the order of these steps. The steps themselves are [`crate::swap`], [`crate::latch`],
+//! [`crate::rotors`], [`crate::integrator`] and [`crate::gyro`].
 
 use model::limits::RotorLimits;
 use model::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds, State, Truth};

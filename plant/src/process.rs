@@ -1,6 +1,7 @@
-//! The plant's process: absolute timer, command in, state out, swaps taken from the parameter desk.
+//! The plant's process: absolute timer, commands in, states out, parameter swaps.
 //!
-//! Owns the tick of the role; what happens to the airframe in it is [`crate::plant`]'s.
+//! It owns the role's tick and takes swaps from the parameter desk. [`crate::plant`] owns what happens to the airframe
+//! in a tick.
 
 use std::sync::mpsc;
 use std::thread;

@@ -1,13 +1,14 @@
 //! Rigid body of the quadrotor: equations (1), (3) in the form (8), and (5).
 //!
-//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri).
-//! Owns the accelerations and the state derivative; how thrust and torque come about is [`crate::rotors`]'.
+//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri). This
+//! file owns the accelerations and the state derivative. [`crate::rotors`] owns how thrust and torque come about.
 //!
-//! Differences from the paper (docs/paper.md has them all):
-//! * J2 of (5): rows 2 and 3 are derived from S(nu2) = J1^T d(J1)/dt; printed, q would drive the yaw of level flight.
-//! * f of (8) is the vector F(nu2) nu2, and row 3 of g2 is r/I_z, not T_z/I_z; both follow from (3).
+//! Differences from the paper (docs/paper.md lists them all):
+//! * J2 of (5): rows 2 and 3 are derived from S(nu2) = J1^T d(J1)/dt. As printed, q would drive the yaw of level
+//!   flight.
+//! * f of (8) is the vector F(nu2) nu2, and row 3 of g2 is r/I_z, not T_z/I_z. Both follow from (3).
 //! * h is a known function of time, h(t), not of the rates.
-//! * u is only the total thrust; the body velocity is v, and I_M^-1 tau carries no letter of its own.
+//! * u is only the total thrust. The body velocity is v, and I_M^-1 tau has no letter of its own.
 
 use model::frames::{euler_rate_of_body_rate, rot_wb};
 use model::parameters::Airframe;

@@ -1,13 +1,14 @@
-//! Rotors: commanded to actual speed over a tick, thrust (6), torque (7), net speed (4).
+//! Rotors: commanded to actual speed, thrust (6), torque (7), net speed (4).
 //!
-//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri).
-//! Owns what the rotors do between two ticks, and the telemetry of it that the adaptation relies on.
+//! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri). This
+//! file owns the rotors' motion between two ticks and the telemetry of it, which the adaptation relies on.
 //!
-//! Differences from the paper (docs/paper.md has them all):
-//! * The k of (6) is missing from Table I; the parameter table carries that of Bouabdallah's OS4.
-//! * Row 4 of (7) uses kappa = d/k; with the printed d, a length would be 7.5e-7 and yaw authority none.
-//! * Beyond the paper: an efficiency per rotor, a share of its thrust and so of its drag torque; and a first-order lag
-//!   of the speeds. Nominally both are off.
+//! Differences from the paper (docs/paper.md lists them all):
+//! * The k of (6) is missing from Table I. The parameter table has the k of Bouabdallah's OS4.
+//! * Row 4 of (7) uses kappa = d/k. With the printed d, this length would be 7.5e-7 and there would be no yaw
+//!   authority.
+//! * Two additions to the paper: an efficiency per rotor, which scales its thrust and thus its drag torque, and a
+//!   first-order lag of the speeds. Nominally both are off.
 
 use model::allocation::{Allocation, net_speed};
 use model::parameters::Airframe;

@@ -1,7 +1,8 @@
 //! Swaps: sets of parameter values that take hold together, at a tick.
 //!
-//! A swap is how the airframe changes in flight: a fault, a payload, gyro noise switched on. This file owns what makes
-//! a swap valid and the order in which pending ones are applied; when the plant stands at a tick is [`crate::plant`]'s.
+//! A swap is how the airframe changes in flight: a fault, a payload, gyro noise switched on. This file owns the
+//! validity of a swap and the order in which pending swaps are applied. [`crate::plant`] knows when the plant has
+//! reached a tick.
 
 use model::parameters::{Airframe, PARAMETERS, Parameter, ParameterError};
 use thiserror::Error;

@@ -1,4 +1,4 @@
-//! Physics of the plant: equilibrium, energy, order of the integrator, means of the rotors.
+//! Physics of the plant: equilibrium, energy, integrator order, rotor means.
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 

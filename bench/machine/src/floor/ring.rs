@@ -6,7 +6,7 @@
 //!            |<------------------- lap --------------------------------------------->|
 //! ```
 //!
-//! The ring does everything that the loops do except their work: no middleware, no messages, but the same processor and
+//! The ring does what the loops do, except control: no middleware and no messages, but the same processor and
 //! priorities. `chain` is comparable with the series `loop` of a flight. The first process is this one, on a thread of
 //! its own. The others run the same executable.
 
