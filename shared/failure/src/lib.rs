@@ -1,4 +1,4 @@
-//! How a command fails: exit code, what happened, what to do.
+//! How a command fails: exit code, what happened, what to do about it.
 
 use std::fmt;
 use std::fs::OpenOptions;

@@ -1,8 +1,8 @@
 //! What a law is: one trait per role, pure functions of state, input and tick.
 //!
-//! A law knows no clock, no port and no operating system: it is told the tick and what has come, and gives what is to
-//! be sent. Whoever drives it (a role's process, a simulation, a replay) calls it once per tick, with rising ticks;
-//! ticks may be left out.
+//! A law knows no clock, no port and no operating system. It is given the tick and the inputs that have arrived, and
+//! returns what to send. Its driver (a role's process, a simulation, a replay) calls it once per tick, with increasing
+//! ticks. Ticks may be skipped.
 
 use model::messages::{Dated, RotorSpeeds, Setpoint, State, Wrench};
 

@@ -1,7 +1,7 @@
-//! From rotor thrusts to thrust and torque, and back: equation (7) and the net rotor speed (4).
+//! Between rotor thrusts and thrust and torque: (7), and net rotor speed (4).
 //!
-//! Row 4 uses kappa = d/k, not the printed d (docs/paper.md). Rotor 1 is rear left, 2 rear right, 3 front
-//! right, 4 front left; the diagonals share a spin direction.
+//! Both directions of (7) are here. Row 4 uses kappa = d/k, not the printed d (docs/paper.md). Rotor 1 is rear left, 2
+//! rear right, 3 front right, 4 front left; the diagonals share a spin direction.
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 

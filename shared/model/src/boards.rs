@@ -1,4 +1,6 @@
-//! What is written on the notice boards: the run, each role's status, the parameters in force, the settings.
+//! The contents of the notice boards.
+//!
+//! These are the run, each role's status, the parameters in force, and the settings.
 
 use crate::grid::{Grid, Pace};
 use crate::inspection::Rejections;

@@ -1,7 +1,7 @@
-//! The envelope of every message: who, when, from what.
+//! The envelope of every message: who sent it, when, and from which inputs.
 //!
-//! Only the plant stamps the sample; every stage hands the envelope of its input on and adds its own two
-//! stamps. So the rotor command carries the whole history of its tick, and each hop's latency is in it.
+//! Only the plant stamps the sample. Every stage passes on the envelope of its input and adds its own two stamps. The
+//! rotor command therefore carries the whole history of its tick, including the latency of each hop.
 
 use std::mem::offset_of;
 

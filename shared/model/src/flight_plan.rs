@@ -1,4 +1,6 @@
-//! What the plant's process must know of a flight besides the airframe: how long, and how fast the clock runs.
+//! What the plant needs to know of a flight: its length and the clock's speed.
+//!
+//! The airframe comes separately.
 
 use crate::grid::NS_PER_S;
 

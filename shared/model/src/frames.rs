@@ -1,7 +1,7 @@
 //! Rotations between the world, the body and the Euler-angle rates; ZYX convention.
 //!
-//! World frame z up, body frame x forward, y left, z up. `eta2` is (phi, theta, psi) = (roll, pitch, yaw) in
-//! radians. Paper: (2) and (5), with the errata of docs/paper.md (printed rows 2 and 3 of J2 are wrong).
+//! World frame: z up. Body frame: x forward, y left, z up. `eta2` is (phi, theta, psi) = (roll, pitch, yaw) in radians.
+//! Paper: (2) and (5), with the errata of docs/paper.md (printed rows 2 and 3 of J2 are wrong).
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,6 +1,6 @@
-//! The grid of ticks: instants and tick numbers, and what moves a run from one tick to the next.
+//! The grid of ticks: instants, tick numbers, and what advances a run by a tick.
 //!
-//! Instants are nanoseconds on a clock that the caller has read; nothing here reads one.
+//! Instants are in nanoseconds on a clock that the caller has read; nothing here reads one.
 
 /// Nanoseconds in a second.
 pub const NS_PER_S: u64 = 1_000_000_000;

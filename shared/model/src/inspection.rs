@@ -1,4 +1,4 @@
-//! Entry check of every message: copied once, then believed or counted with the reason.
+//! Entry check of every message: copied once, then accepted or counted by reason.
 
 use crate::envelope::{LAYOUT, Message};
 use crate::layout::layout;

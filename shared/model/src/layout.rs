@@ -1,9 +1,9 @@
-//! Layouts of the wire's structs, field by field: fingerprints, and walks over the fields.
+//! Layouts of the wire's structs, field by field: fingerprints and field walks.
 //!
-//! iceoryx2 compares a type's name, size and alignment. Two structs of one name and size with swapped fields
-//! would connect silently; a hash over every field's name, offset, size and kind does not let them.
+//! iceoryx2 compares only the name, size and alignment of a type. Two structs with the same name and size but swapped
+//! fields would connect silently. A hash over every field's name, offset, size and kind prevents that.
 //!
-//! Who writes, reads or shows messages without knowing each of them walks over their fields with a [`Visitor`].
+//! Code that writes, reads or shows any message walks over its fields with a [`Visitor`].
 
 /// What a field is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

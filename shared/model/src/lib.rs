@@ -1,6 +1,6 @@
-//! What a flight is made of, as data: messages, parameters, frames, the airframe's algebra.
+//! A flight as data: messages, parameters, frames, the airframe's algebra.
 //!
-//! No middleware, no clock, no operating system: laws, processes and reports share it.
+//! It contains no middleware, no clock and no operating system. Laws, processes and reports share it.
 
 pub mod allocation;
 pub mod boards;

@@ -1,6 +1,6 @@
-//! What the rotors can do: the range of their speeds, and of the thrust that each gives.
+//! What the rotors can do: the range of their speeds and of each rotor's thrust.
 //!
-//! The mixer stays inside this range; the outer loop asks for no thrust outside it.
+//! The mixer stays inside this range; the outer loop demands no thrust outside it.
 
 use serde::{Deserialize, Serialize};
 

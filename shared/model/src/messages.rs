@@ -1,7 +1,7 @@
 //! What the stages tell each other: the content of every topic.
 //!
-//! Plain `repr(C)` structs of `u64` and `f64` without padding; the names are the field's words, with units
-//! (`_w_` in the world frame, `_b_` in the body frame). Time, sequence and origin live in the envelope
+//! Contents are plain `repr(C)` structs of `u64` and `f64` without padding. Fields have the usual names of the domain,
+//! with units (`_w_` in the world frame, `_b_` in the body frame). Time, sequence and origin are in the envelope
 //! ([`crate::envelope`]), not here.
 
 use nalgebra::Vector3;

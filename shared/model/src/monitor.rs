@@ -1,7 +1,7 @@
-//! What the theorem's monitor says of a tick and of the flight so far: a block of topic `wrench`.
+//! What the theorem's monitor reports of a tick and of the flight so far.
 //!
-//! The inner loop's process fills it beside the law, which neither writes nor reads it. Counts and largest values run
-//! from the start of that process on. docs/theorem.md explains every number.
+//! It is a block of topic `wrench`. The inner loop's process fills it beside the law, which neither writes nor reads
+//! it. Counts and maxima run from the start of that process. docs/theorem.md explains every number.
 
 use crate::layout::{from_wire, layout};
 

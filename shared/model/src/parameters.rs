@@ -1,8 +1,8 @@
 //! The airframe's parameters: names, units, ranges, nominal values, equations.
 //!
-//! One table describes every parameter that the plant knows. The plant flies the *true* values, which can be
-//! swapped in flight; the controller and the mixer hold the *nominal* values of the same type, their model.
-//! Raw numbers become an [`Airframe`] only through [`Airframe::set`], which checks the range.
+//! One table describes every parameter that the plant knows. The plant flies the *true* values, which can be swapped in
+//! flight. The controller and the mixer hold the *nominal* values of the same type as their model. Raw numbers become
+//! an [`Airframe`] only through [`Airframe::set`], which checks the range.
 
 use std::fmt;
 

@@ -1,7 +1,7 @@
-//! The terms of the rotational dynamics (8): f, and the regressor Phi = [g1 g2 h] of the unknown parameters.
+//! Terms of the rotational dynamics (8): f, and the regressor Phi = [g1 g2 h].
 //!
-//! `d(nu2) = f + Phi theta + I_M^-1 tau` with theta = (I_R, k_r, delta). The plant integrates it with the true
-//! parameters; the inner loop uses it as its model. Errata: f is a vector, row 3 of g2 is r/I_z (docs/paper.md).
+//! `d(nu2) = f + Phi theta + I_M^-1 tau` with the unknown theta = (I_R, k_r, delta). The plant integrates it with the
+//! true parameters; the inner loop uses it as its model. Errata: f is a vector, row 3 of g2 is r/I_z (docs/paper.md).
 
 use nalgebra::{Matrix3, Vector3};
 

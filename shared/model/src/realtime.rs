@@ -1,6 +1,6 @@
-//! Real time as data: what is asked of the system for a process, what it granted, what a loop used.
+//! Real time as data: what a process requested, what was granted, what a loop used.
 //!
-//! Asking is the business of the role's process; reports and boards know the answers alone.
+//! The role's process makes the requests to the system. Reports and boards only know the answers.
 
 use std::io;
 

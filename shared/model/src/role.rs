@@ -1,4 +1,4 @@
-//! The roles that processes play, in the order of the data's way.
+//! The roles that processes play, in the order of the data flow.
 
 use std::fmt;
 

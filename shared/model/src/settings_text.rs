@@ -1,4 +1,4 @@
-//! The settings that all roles of a run must share, as text: one `key = value` a line.
+//! The settings that all roles of a run must share, as text: `key = value` lines.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,4 +1,4 @@
-//! The topics of the loop, and what a content must satisfy to be believed.
+//! The topics of the loop, and the checks that a content must pass.
 
 use crate::layout::Walk;
 use crate::messages::{Mode, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};

@@ -1,4 +1,4 @@
-//! What must hold for frames and angles at every attitude, not only at the reference cases.
+//! What must hold for frames and angles at every attitude, not only in test cases.
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,4 +1,4 @@
-//! Parameters and rotor limits: whatever is let in is within its range, and nothing else is let in.
+//! Parameters and rotor limits: every accepted value is in range, no other passes.
 
 use model::limits::RotorLimits;
 use model::parameters::{Airframe, PARAMETERS, Parameter, ParameterError, SPECS};

@@ -1,4 +1,4 @@
-//! Frames, allocation and rate dynamics against the reference vectors: 50 cases each, to 1e-12.
+//! Frames, allocation and rate dynamics: 50 reference vectors each, to 1e-12.
 
 use model::allocation::{Allocation, net_speed};
 use model::frames::{body_rate_of_euler_rate, euler_rate_of_body_rate, rot_wb};

@@ -1,4 +1,4 @@
-//! Processes that end when the one that started them does.
+//! Processes that end when their launcher does.
 
 use wire::error::Error;
 

@@ -1,6 +1,6 @@
-//! The process of a role: real-time set-up, take-off and landing, the loop of a stage.
+//! The process of a role: real-time set-up, take-off and landing, a stage's loop.
 //!
-//! Laws come in as values ([`law`]); ports, clock and operating system stay here and in [`wire`].
+//! Laws come in as values ([`law`]). Ports, clock and operating system stay here and in [`wire`].
 
 pub mod launcher;
 mod patience;

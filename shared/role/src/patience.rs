@@ -1,4 +1,4 @@
-//! What a process says while it waits for others.
+//! What a process logs while it waits for others.
 
 use std::time::Duration;
 

@@ -1,7 +1,7 @@
-//! The process shell of a law: its inputs, its output, and the envelope that goes from one to the other.
+//! The process shell of a law: its inputs, its output, and their envelopes.
 //!
-//! One shell serves outer loop, inner loop and mixer. A [`Job`] says what differs: the role, what comes in, what goes
-//! out. The first input is the one that wakes the stage.
+//! One shell serves the outer loop, the inner loop and the mixer. A [`Job`] says what differs: the role, its inputs and
+//! its output. The first input is the one that wakes the stage. The envelope passes from the input to the output.
 
 use law::{InnerLaw, MixerLaw, OuterLaw};
 use model::boards::Ending;

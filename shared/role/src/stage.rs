@@ -1,8 +1,8 @@
-//! The loop of a stage that is woken by its input: outer, inner, mixer.
+//! The loop of a stage that its input wakes: outer, inner, mixer.
 //!
-//! Deadline first, event second: a stage waits for its input until its own deadline inside the tick, then
-//! works with the newest data it has and says so. A tick that is over before the stage got to it is skipped
-//! and counted, never made up in a burst.
+//! Deadline first, event second: a stage waits for its input until its own deadline inside the tick. It then works with
+//! the newest data it has, and its message says so. If a tick is over before the stage got to it, the tick is skipped
+//! and counted. Skipped ticks are never made up for in a burst.
 
 use crate::rt::UsageMeter;
 use crate::station::{Armed, Station};
@@ -73,9 +73,9 @@ pub trait Stage {
 
 /// Share of the tick, in percent, after which a stage first looks up from waiting; it then waits on to its deadline.
 ///
-/// The later a stage comes in the chain, the earlier. So the timer of an earlier stage is never the next one of their
-/// processor, and neither setting nor cancelling it costs an access to the timer's hardware while the chain runs: on a
-/// virtual machine, an exit to the host (docs/decisions).
+/// Stages later in the chain look up earlier. The timer of an earlier stage is therefore never their processor's next
+/// one, so setting or cancelling it while the chain runs costs no access to the timer's hardware. On a virtual machine
+/// such an access is an exit to the host (docs/decisions/0005-wake-by-futex.md).
 const fn first_look_percent(role: Role) -> u64 {
     match role {
         Role::Outer => 70,

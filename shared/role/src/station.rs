@@ -1,12 +1,12 @@
-//! A role's place in the rig: from the start of its process to the moment its loop is armed.
+//! A role's place in the rig: from the start of its process to the armed loop.
 //!
 //! ```text
-//! Starting --ports made, real time engaged--> Ready --plant announces t_0--> Armed --plant keeps to it--> Flying --> Landed
+//! Starting --ports made, real time on--> Ready --plant announces t_0--> Armed --plant keeps it--> Flying --> Landed
 //! ```
 //!
-//! The plant opens a run when every role is ready with the same settings, and announces t_0 so early that all
-//! have armed before it; when one has not, it announces a later t_0. A role that starts while the plant flies
-//! joins the run at the present tick.
+//! The plant opens a run when every role is ready with the same settings. It announces t_0 early enough for all to arm
+//! before it. If a role has not armed in time, the plant announces a later t_0. A role that starts while the plant is
+//! flying joins the run at the present tick.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -248,7 +248,7 @@ impl Station {
         }
     }
 
-    /// Waits while the plant lives and says on its board what is waited through.
+    /// Waits as long as the plant lives and its board stays in the state that the caller waits out.
     fn wait_while(&self, board: &BoardReader<Run>, patience: &mut Patience, says: impl Fn(&Run) -> bool) {
         while says(&board.get()) && !self.stop_requested() && self.plant_lives() {
             patience.say(|| "the plant to open the run".into());

@@ -1,4 +1,6 @@
-//! The page of bells of an instance: a file in shared memory, which the last process to leave removes.
+//! The page of bells of an instance: a shared-memory file.
+//!
+//! The last process to leave removes it.
 
 use std::fs::{self, File, OpenOptions};
 use std::os::fd::AsFd as _;

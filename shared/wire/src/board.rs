@@ -1,11 +1,11 @@
-//! Notice boards: a value that one process writes and anybody reads, without either waiting for the other.
+//! Notice boards: one process writes a value, anybody reads it, and nobody waits.
 //!
-//! An iceoryx2 blackboard of one value. Joining and leaving readers cost the writer nothing, so boards are how
-//! observers look at a flight.
+//! A board is an iceoryx2 blackboard with one value. Readers that join or leave cost the writer nothing, so observers
+//! follow a flight through boards.
 //!
-//! A writer that is killed keeps its right to write an entry for as long as anybody looks at the blackboard
-//! (iceoryx2 0.10). So a board has several entries, its sheets: a writer takes the first that is free, and
-//! readers look at the last that was written on.
+//! A writer that is killed keeps its right to write an entry for as long as any process has the blackboard open
+//! (iceoryx2 0.10). A board therefore has several entries, its sheets. A writer takes the first free sheet, and readers
+//! look at the sheet that was written last.
 
 use std::cell::Cell;
 

@@ -1,7 +1,7 @@
 //! Doorbells: how a stage wakes the next one.
 //!
-//! A futex in shared memory: one call to ring, one to wait until an instant. docs/decisions/0005-wake-by-futex.md has
-//! the measurements, and what else was tried.
+//! A doorbell is a futex in shared memory: one system call to ring it, one to wait on it until an instant.
+//! docs/decisions/0005-wake-by-futex.md has the measurements and the rejected alternatives.
 
 use std::cell::Cell;
 use std::num::NonZero;
@@ -51,7 +51,7 @@ impl Owner {
 }
 
 impl Wire {
-    /// The doorbell of a role's loop, or of the parameter desk, which one thread waits at.
+    /// The doorbell of a role's loop or of the parameter desk. Only one thread may wait at it.
     ///
     /// # Errors
     /// [`Error::System`].
@@ -61,10 +61,12 @@ impl Wire {
         Ok(Doorbell { page, place, heard, alarm: None })
     }
 
-    /// As [`Wire::doorbell`], for the calling thread alone, with a timer of its own that lasts beyond the waits.
+    /// As [`Wire::doorbell`], but only for the calling thread, and with an alarm that outlives the waits.
     ///
-    /// A wait that somebody ends by ringing has no timer to cancel then, which touches the timer's hardware where
-    /// it is the next one of the processor; for that, a wait takes two system calls. One of them for each process.
+    /// The deadline is a POSIX timer instead of the futex's time-out. Cancelling a time-out on every ring accesses the
+    /// timer's hardware if it is the processor's next timer: on a virtual machine, an exit to the host
+    /// (docs/decisions/0005-wake-by-futex.md). The price is one more system call per wait. A process has at most one
+    /// alarm.
     ///
     /// # Errors
     /// [`Error::System`].
@@ -96,8 +98,7 @@ pub struct Doorbell {
 impl Doorbell {
     /// Waits until somebody rings or the instant has come, on CLOCK_MONOTONIC [ns]; returns whether it rang.
     ///
-    /// Rings since the last answer are answered together, an alarm's among them. A signal ends the wait as the instant
-    /// does.
+    /// One answer covers all rings since the last one, including an alarm's. A signal ends the wait like the instant.
     ///
     /// # Errors
     /// [`Error::System`].
@@ -134,7 +135,7 @@ pub struct Bell {
 }
 
 impl Bell {
-    /// Rings. Nobody there is no error: a stage that is gone is noticed by its silence.
+    /// Rings. It is no error if nobody waits: others notice a dead stage by its silence.
     ///
     /// # Errors
     /// [`Error::System`].

@@ -1,4 +1,4 @@
-//! What can go wrong outside the laws, each with what to do about it.
+//! What can go wrong outside the laws, and what to do about each error.
 
 use std::io;
 use std::path::PathBuf;
@@ -97,7 +97,7 @@ pub enum Error {
         /// The middleware's error.
         reason: String,
     },
-    /// A peer did not do its part in time.
+    /// Another process did not do its part in time.
     #[error("{what}")]
     Absent {
         /// Who did not do what.

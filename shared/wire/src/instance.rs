@@ -1,7 +1,7 @@
-//! An instance of the rig: its name, its directory, its locks, its corner of shared memory.
+//! An instance of the rig: its name, directory, locks and part of shared memory.
 //!
-//! Everything that an instance leaves in the file system carries its name, so that two instances fly side by
-//! side, and leftovers of a killed one are found and removed. Locks are `flock`s: the kernel drops them when
+//! Everything that an instance leaves in the file system carries its name. Two instances can therefore fly side by
+//! side, and the leftovers of a killed one can be found and removed. Locks are `flock`s: the kernel releases them when
 //! a process dies, however it dies.
 
 use std::fs::{self, File, OpenOptions};

@@ -1,7 +1,7 @@
-//! The wire: iceoryx2 ports of an instance, each with every limit explicit.
+//! The wire: iceoryx2 ports of an instance, with every limit explicit.
 //!
-//! The only place that names the middleware's services. Ports are made before a loop is armed; afterwards
-//! a send costs one loan, a receive one copy.
+//! This is the only place that names the middleware's services. Ports are made before a loop is armed. After that, a
+//! send costs one loan and a receive costs one copy.
 
 mod bells;
 mod board;

@@ -1,4 +1,4 @@
-//! Ports of the loop's topics: one sender, latest-only receivers, and the recorder's deep ones.
+//! Ports of the loop's topics: one sender, latest-only receivers, deep recorder's.
 
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;

@@ -1,7 +1,7 @@
-//! Topics as observers get them: passed on by the recorder.
+//! Topics for observers: the recorder passes every message on.
 //!
-//! A subscriber that joins or leaves makes the publisher map memory and allocate in its next send. In a loop that may
-//! be a missed deadline; in the recorder it is nothing.
+//! When a subscriber joins or leaves, the publisher's next send maps memory and allocates. In a loop that may cost a
+//! deadline; in the recorder it does no harm.
 
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::SubscriberCreateError;

@@ -1,4 +1,4 @@
-//! Asking the plant for a swap of parameters, and its answer: iceoryx2 request-response.
+//! Parameter swaps: request to the plant and response, over iceoryx2.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Memory of bells, timers that ring them, and payloads: the wire's only `unsafe` code.
+//! The wire's only `unsafe` code: bell memory, timers that ring bells, payloads.
 #![allow(unsafe_code, reason = "the one module of the crate where it is allowed; every use says why it is sound")]
 
 use std::io;

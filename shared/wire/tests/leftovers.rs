@@ -1,6 +1,6 @@
-//! Leftovers: what a killed process leaves is found and removed, and nothing else is.
+//! Leftovers: what a killed process leaves is found and removed, and nothing else.
 //!
-//! A test binary of its own: where processes are started, locks of other threads live on for an instant.
+//! This is a test binary of its own, because locks of other threads live on for an instant when processes are started.
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 

@@ -1,4 +1,4 @@
-//! Real-time set-up of a process, and what it was granted.
+//! The real-time set-up of a process, and what it was granted.
 
 mod setup;
 pub(crate) mod sys;

@@ -1,7 +1,7 @@
-//! The steps of the real-time set-up: asked, granted, or refused and why.
+//! The steps of the real-time set-up: requested, granted, or refused and why.
 //!
-//! Each step is tried on its own; none is silently skipped. What the system refuses is reported with its
-//! error number and ends the process only under [`Mode::Require`].
+//! Each step is tried on its own, and none is skipped silently. A refusal is reported with its error number. It ends
+//! the process only under [`Mode::Require`].
 
 use std::fs::{self, File, OpenOptions};
 use std::hint::black_box;

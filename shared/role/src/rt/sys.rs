@@ -1,4 +1,6 @@
-//! The system calls and allocator hooks that safe crates do not offer: the roles' only `unsafe` code.
+//! System calls and allocator hooks that no safe crate offers.
+//!
+//! This is the only `unsafe` code of the roles.
 #![allow(unsafe_code, reason = "the one module where it is allowed; every use says why it is sound")]
 
 use std::alloc::{GlobalAlloc, Layout, System};

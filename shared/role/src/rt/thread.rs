@@ -1,6 +1,6 @@
-//! Real time for one thread: scheduling, processor and timer slack as a loop has them.
+//! Real time for one thread: scheduling, affinity and timer slack, as in a loop.
 //!
-//! For threads that measure the machine beside the loops; a role's whole set-up is [`super::Engaged`].
+//! It is for threads that measure the machine beside the loops. A role's whole set-up is [`super::Engaged`].
 
 use std::hint::black_box;
 use std::io;

@@ -1,4 +1,6 @@
-//! What a loop cost since it was armed: faults, context switches, allocations, processor time.
+//! What a loop has used since it was armed.
+//!
+//! It counts page faults, context switches, allocations and processor time.
 
 use super::sys;
 use model::realtime::Usage;

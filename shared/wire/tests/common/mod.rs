@@ -1,4 +1,4 @@
-//! An instance of a test's own, which leaves nothing behind.
+//! An instance for one test, which leaves nothing behind.
 
 use std::path::Path;
 use std::thread::sleep;

@@ -1,4 +1,4 @@
-//! Boards: written without waiting, read without disturbing, taken over from a writer that is gone.
+//! Boards: writing never waits, reading never disturbs, a dead writer is replaced.
 
 use model::boards::{InForce, SettingsText};
 use model::layout::{Field, Kind, Layout};

@@ -1,4 +1,4 @@
-//! Doorbells: a ring is never lost, never counted twice, and a wait ends at its instant.
+//! Doorbells: no ring is lost or counted twice, and a wait ends at its instant.
 
 use std::fs;
 use std::path::{Path, PathBuf};

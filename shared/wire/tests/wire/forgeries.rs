@@ -1,7 +1,7 @@
-//! Forged messages on real ports: rejected and counted by reason, while the good ones pass.
+//! Forged messages on real ports: rejected and counted, while good ones pass.
 //!
-//! The forger holds the topic's one publisher itself, so nothing that a sender of ours would do protects the
-//! receiver: what stands between the two is the inspection alone.
+//! The forger holds the topic's only publisher, so none of our sender's checks protect the receiver. Only the
+//! inspection stands between the two. Rejections are counted by reason.
 
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::{Node, ipc};

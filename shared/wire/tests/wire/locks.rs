@@ -1,4 +1,4 @@
-//! Locks: one process a role, known by its number, gone with it.
+//! Locks: one process per role, known by its process number, released when it dies.
 
 use model::role::{ROLES, Role};
 use wire::error::Error;

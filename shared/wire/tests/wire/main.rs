@@ -1,6 +1,7 @@
 //! The wire over real shared memory: topics, boards, doorbells, swaps, locks.
 //!
-//! Every test has a root path and so an instance of its own: they run side by side, and beside a flight.
+//! Every test has its own root path and thus its own instance. The tests run in parallel with each other and with a
+//! flight.
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 

@@ -1,4 +1,4 @@
-//! Relays: messages as they came, for observers that come and go.
+//! Relays: observers that come and go get messages unchanged.
 
 use model::envelope::{Envelope, Message};
 use model::messages::State;

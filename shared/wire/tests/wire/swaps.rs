@@ -1,4 +1,4 @@
-//! The service `parameters`: an order, its answer, and what happens when there is none.
+//! The service `parameters`: an order, its answer, and what happens without one.
 
 use std::thread;
 use std::time::Duration;

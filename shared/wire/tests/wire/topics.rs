@@ -1,4 +1,6 @@
-//! Topics: the newest message for the loops, every message for the recorder, one sender, one layout.
+//! Topics: newest message for loops, every message for the recorder, one sender.
+//!
+//! All messages of a topic have one layout.
 
 use iceoryx2::prelude::AttributeSpecifier;
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
