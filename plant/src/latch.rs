@@ -15,10 +15,10 @@
 use heapless::Deque;
 use model::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds};
 
-/// For how long a command holds without a newer one; then the rotors spin down to idle, as speed controllers do.
+/// How long a command holds without a newer one. After that the rotors spin down to idle, as speed controllers do.
 pub const COMMAND_TIMEOUT_S: f64 = 0.020;
 
-/// Commands that can wait for the tick from which on they act: what the others make while the plant is stopped.
+/// Commands that can wait for their tick: the other stages produce them while the plant is stopped.
 pub const PENDING_COMMANDS: usize = 64;
 
 /// A command that waits for its tick.
@@ -77,8 +77,8 @@ impl Latch {
 
     /// Takes a command that may act from `effective_tick` on, and never before the tick after its own.
     ///
-    /// It replaces waiting ones that it makes pointless: older, and not to act earlier. A command without a tick is
-    /// ignored; one that finds no room is dropped, and shows as a missed deadline.
+    /// It replaces waiting commands that are older and would not act earlier. A command without a tick is ignored. If
+    /// there is no room, the command is dropped, which shows as a missed deadline.
     pub fn offer(&mut self, command: &Dated<RotorSpeeds>, effective_tick: u64) {
         if command.tick == NO_TICK {
             return;
@@ -94,7 +94,7 @@ impl Latch {
         let _dropped = self.pending.push_back(offered);
     }
 
-    /// Decides what is in force from `tick` on, and judges the deadline. To be called for every tick, in order.
+    /// Decides what is in force from `tick` on, and judges the deadline. Call it for every tick, in order.
     pub fn enter(&mut self, tick: u64) {
         let newest = self.pending.iter().filter(|waiting| waiting.effective_tick <= tick).max_by_key(|it| it.tick);
         if let Some(newest) = newest.copied() {

@@ -108,16 +108,16 @@ impl Plant {
         }
     }
 
-    /// Hands over a rotor command, in force from `effective_tick` on at the earliest and never before the tick after
-    /// its own. At a tick, the newest command in force wins; see [`crate::latch`] for what is late and what is lost.
+    /// Hands over a rotor command. It is in force from `effective_tick` on at the earliest, and never before the tick
+    /// after its own. The newest command in force wins; see [`crate::latch`] for what is late and what is lost.
     pub fn offer(&mut self, command: Dated<RotorSpeeds>, effective_tick: u64) {
         self.commands_taken += 1;
         self.command_taken_tick = command.tick;
         self.latch.offer(&command, effective_tick);
     }
 
-    /// Takes a swap that holds from its tick on, or from the next boundary on if its tick has begun already; before
-    /// the flight, tick 0 is still to come. Gives the tick from which on it will hold.
+    /// Takes a swap that holds from its tick on, or from the next boundary if its tick has already begun. Before the
+    /// flight, tick 0 is still to come. Returns the tick from which the swap will hold.
     ///
     /// # Errors
     /// [`SwapError`] when the swap is not valid or too many are pending; nothing is changed then.
@@ -162,7 +162,7 @@ impl Plant {
         self.has_begun = false;
     }
 
-    /// Settles, once, what holds from the tick on at which the body stands.
+    /// Settles, once, what holds from the body's present tick on.
     fn enter(&mut self) {
         if self.has_begun {
             return;

@@ -31,9 +31,9 @@ pub const OUTBOX: usize = 128;
 
 /// In lockstep, how far the recorder may fall behind: half of what its ports keep.
 const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
-/// In lockstep, how often the plant looks up from waiting for a command, for the end of the run [ns].
+/// In lockstep, how often the plant, waiting for a command, checks for the end of the run [ns].
 const LOOK_UP_NS: u64 = 20_000_000;
-/// The same from waiting for the recorder, which rings nobody [ns].
+/// The same while it waits for the recorder, which rings nobody [ns].
 const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 
 /// Runs the plant until its last tick, a signal, or the end of what the model covers.
@@ -225,8 +225,8 @@ impl<'a> PlantProcess<'a> {
 
     /// Offers every command that has come since the last look.
     ///
-    /// All of them and not just the newest: a plant that wakes late finds the command of the tick before under one
-    /// that the others have made since, and its own lateness must not count as theirs.
+    /// It offers all of them, not just the newest. If the plant wakes late, the command of the tick before lies beneath
+    /// a newer one, and the plant's lateness must not count as the other stages'.
     fn take_command(&mut self, tick: u64, pace: Pace) -> Result<(), Error> {
         let plant = &mut self.plant;
         self.commands.drain(tick, |message| {
@@ -238,7 +238,7 @@ impl<'a> PlantProcess<'a> {
 
     /// In lockstep: waits for the command of the tick before, and for the recorder to keep up.
     ///
-    /// Gives when it came, or nothing when the run shall end.
+    /// Returns when it came, or nothing if the run is to end.
     fn wait_for_command(&mut self, tick: u64, station: &Station, opened: &Opened) -> Result<Option<u64>, Error> {
         let until_ns = now_ns() + LOCKSTEP_PATIENCE_NS;
         loop {

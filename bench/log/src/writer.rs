@@ -171,14 +171,14 @@ impl FlightLog {
         }
     }
 
-    /// Takes a state, and now and then puts the airframe into the scene.
+    /// Takes a state, and every few ticks puts the airframe into the scene.
     pub fn state(&mut self, message: &Message<State>) {
         self.write(message);
         let State { position_w_m, attitude_rad, .. } = message.content;
         self.place(message, 0, scene::BODY, position_w_m, attitude_rad);
     }
 
-    /// Takes a set-point, and now and then puts the reference into the scene.
+    /// Takes a set-point, and every few ticks puts the reference into the scene.
     pub fn setpoint(&mut self, message: &Message<Setpoint>) {
         self.write(message);
         let Setpoint { reference_position_w_m, attitude_rad, .. } = message.content;
@@ -212,7 +212,7 @@ impl FlightLog {
 
     /// Ends a chunk when it is time, and hands it to the disk; to be called often.
     ///
-    /// By the clock one channel a call: a whole chunk takes several ticks to compress, which loops beside it would feel.
+    /// By the clock, one channel per call: compressing a whole chunk takes several ticks and would disturb the loops.
     ///
     /// # Errors
     /// [`Failure`], which no disk can cause.

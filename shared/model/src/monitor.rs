@@ -121,12 +121,12 @@ pub struct Monitor {
     pub v: f64,
     /// Change of V since the tick before, both with the present sigma [rad^2/s^2].
     pub v_change: f64,
-    /// What the change of V may be at the most, where nothing is late and no low-pass is on [rad^2/s^2].
+    /// Upper bound on the change of V, where nothing is late and no low-pass is on [rad^2/s^2].
     pub v_change_bound: f64,
     /// sigma of V.
     pub sigma: f64,
 
-    /// Root mean square of |e| over the last second or so, looked at every tenth of a second [rad/s].
+    /// Root mean square of |e| over about the last second, updated every tenth of a second [rad/s].
     pub rate_error_rms_rad_s: f64,
     /// Largest |e| [rad/s].
     pub rate_error_max_rad_s: f64,
@@ -134,11 +134,11 @@ pub struct Monitor {
     pub estimate_error: [f64; 3],
     /// Their sizes at the start, or after the last live swap.
     pub estimate_error_start: [f64; 3],
-    /// What the theorem leaves of them at the most since then, on the exact model; looked at every tenth of a second.
+    /// Upper bound that the theorem gives for them since then, on the exact model; updated every tenth of a second.
     pub estimate_error_bound: [f64; 3],
 
     /// Smallest eigenvalue of the Gramian of X over the last whole 10 s, scaled by Gamma: e-folds of the error. This
-    /// and what follows from it is looked at every tenth of a second.
+    /// and the values derived from it are updated every tenth of a second.
     pub excitation: f64,
     /// The least of all 10 s so far.
     pub excitation_least: f64,

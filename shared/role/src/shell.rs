@@ -34,10 +34,10 @@ pub trait Job {
     /// What it becomes.
     type Output: Topic;
 
-    /// Works a tick with the newest inputs, whatever tick they are of.
+    /// Works a tick with the newest inputs, of whatever tick.
     fn work(&mut self, tick: u64, inputs: &Self::Inputs) -> Made<Self::Output>;
 
-    /// What is left to the next stage when the run is over.
+    /// The last message to the next stage when the run is over.
     fn last_word(&self) -> Option<Self::Output> {
         None
     }
@@ -121,7 +121,7 @@ impl<A: Topic, B: Topic> Inputs for (Receiver<A>, Receiver<B>) {
         self.0.fresh(tick) && self.1.fresh(tick)
     }
 
-    /// The one that reaches further: the first one's, or, where that is stale, the second one's.
+    /// The history that reaches further: that of the first input, or that of the second if the first is stale.
     fn history(&self, tick: u64) -> Envelope {
         let (first, second) = (self.0.newest().envelope, self.1.newest().envelope);
         let newest = if first.tick == tick { first } else { second };
@@ -142,7 +142,7 @@ pub struct Shell<J: Job> {
 }
 
 impl<J: Job> Shell<J> {
-    /// Makes the ports; `wakes` is the role that waits for the output, nobody where the receiver keeps to the clock.
+    /// Makes the ports. `wakes` is the role that waits for the output; none if the receiver keeps to the clock.
     ///
     /// # Errors
     /// Those of the ports.

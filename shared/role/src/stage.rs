@@ -46,7 +46,7 @@ pub trait Stage {
     /// Those of the ports.
     fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error>;
 
-    /// Takes what has come, and returns the tick of the input that it waits for ([`NO_TICK`]: none yet).
+    /// Takes what has arrived, and returns the tick of the input that wakes the stage ([`NO_TICK`]: none yet).
     ///
     /// # Errors
     /// Those of the ports.
@@ -58,7 +58,7 @@ pub trait Stage {
     /// Those of the ports.
     fn tick(&mut self, turn: &Turn) -> Result<Worked, Error>;
 
-    /// Last act when the run is over: what the next stage shall be left with.
+    /// Called last, when the run is over: sends the final message to the next stage.
     ///
     /// # Errors
     /// Those of the ports.
@@ -84,10 +84,10 @@ const fn first_look_percent(role: Role) -> u64 {
     }
 }
 
-/// In lockstep, how often a stage looks up from waiting, for the end of the run [ns].
+/// In lockstep, how often a waiting stage checks for the end of the run [ns].
 const LOOK_UP_NS: u64 = 20_000_000;
 
-/// Without a sign of life from the plant for this long, the run is lost [ns].
+/// The run is lost after this long without a sign of life from the plant [ns].
 const PLANT_SILENT_NS: u64 = NS_PER_S;
 
 /// Runs a stage until the plant closes the run.

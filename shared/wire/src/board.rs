@@ -20,7 +20,7 @@ use crate::error::Error;
 use crate::sys::Payload;
 use model::layout::Layout;
 
-/// Sheets of a board: writers of it that may be killed while somebody looks at it, and one.
+/// Sheets of a board: one more than the writers that may be killed while the board has a reader.
 const SHEETS: u64 = 8;
 
 /// What lies on a sheet.
@@ -37,7 +37,7 @@ pub trait Notice: Copy + Default + Layout + std::fmt::Debug + 'static {}
 impl<T: Copy + Default + Layout + std::fmt::Debug + 'static> Notice for T {}
 
 impl Wire {
-    /// Becomes the writer of a board, also of one whose last writer died while others still read it.
+    /// Becomes the writer of a board, even if its last writer died while others still read it.
     ///
     /// # Errors
     /// [`Error::Wire`], [`Error::Incompatible`].
@@ -138,7 +138,7 @@ pub struct BoardReader<T: Notice> {
 }
 
 impl<T: Notice> BoardReader<T> {
-    /// What is on the board now; what its last writer left when that is gone.
+    /// What is on the board now. If its writer is gone, this is what it wrote last.
     #[must_use]
     pub fn get(&self) -> T {
         let last = self.last.get();

@@ -26,7 +26,7 @@ const NAME_MAX: usize = 32;
 /// What a socket's name below the root may need: `sockaddr_un` holds 108 bytes.
 const ROOT_MAX: usize = 40;
 
-/// Name of the lock that all processes share which use the shared memory.
+/// Name of the lock that all users of the shared memory share.
 const IN_USE: &str = "in_use";
 
 /// How often a lock is tried before it counts as held, and how far apart.
@@ -115,7 +115,7 @@ impl Instance {
         self.lock_as("fly")
     }
 
-    /// Comes to use the instance's shared memory: [`Self::remove_leftovers`] leaves it alone until this is dropped.
+    /// Registers as a user of the shared memory: [`Self::remove_leftovers`] spares it until the lock is dropped.
     ///
     /// # Errors
     /// [`Error::RootPath`].
@@ -163,7 +163,7 @@ impl Instance {
         is_locked(&self.lock_path(role.name()))
     }
 
-    /// Process number of the process that plays the role; none where nobody does, or has yet to write its number.
+    /// Process number of the role's process; none if there is no such process or it has not written its number yet.
     #[must_use]
     pub fn pid_of(&self, role: Role) -> Option<u32> {
         written_pid(&self.lock_path(role.name())).filter(|_| self.is_occupied(role))
@@ -189,7 +189,7 @@ impl Instance {
         format!("ironbird_{:08x}_{}.", hash & 0xffff_ffff, self.name())
     }
 
-    /// The middleware's configuration: never the one that happens to lie in the working directory.
+    /// The middleware's configuration; a configuration file in the working directory is ignored.
     ///
     /// # Errors
     /// [`Error::RootPath`] where the directory is no valid path for the middleware.
@@ -230,7 +230,7 @@ impl Instance {
         names.iter().filter_map(|name| Self::new(name).ok()).collect()
     }
 
-    /// What is left of the instance when no process of it lives: its segments in shared memory, then its directory.
+    /// Leftovers of the instance if none of its processes lives: segments in shared memory, then its directory.
     #[must_use]
     pub fn leftovers(&self) -> Vec<PathBuf> {
         if self.is_alive() {
@@ -243,10 +243,10 @@ impl Instance {
         segments.map(|entry| entry.path()).chain(directory.exists().then_some(directory)).collect()
     }
 
-    /// Removes what is left of the instance when no process lives that uses it, and says what it removed.
+    /// Removes what is left of the instance if no living process uses it, and returns what it removed.
     ///
     /// # Errors
-    /// [`Error::System`] names the file that resisted.
+    /// [`Error::System`] names the file that could not be removed.
     pub fn remove_leftovers(&self) -> Result<Vec<PathBuf>, Error> {
         // Where nobody has entered since the last removal, there is no such file.
         let in_use = File::open(self.lock_path(IN_USE)).ok();
@@ -306,7 +306,7 @@ pub(crate) fn is_at(file: &File, path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|there| file.metadata().is_ok_and(|ours| ours.ino() == there.ino()))
 }
 
-/// Takes the lock, through the instants in which somebody only looks whether it is held.
+/// Takes the lock; retries while another process briefly holds it only to check whether it is held.
 fn try_lock(file: &File) -> bool {
     let mut tries = 0..LOCK_TRIES;
     tries.any(|attempt| {

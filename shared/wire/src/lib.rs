@@ -54,7 +54,7 @@ pub struct Wire {
 }
 
 impl Wire {
-    /// Joins an instance, after the remains of its dead processes were removed.
+    /// Removes what dead processes of the instance left, then joins it.
     ///
     /// # Errors
     /// [`Error::RootPath`], [`Error::Wire`].
@@ -78,8 +78,8 @@ impl Wire {
         &self.instance
     }
 
-    /// Shared memory that an instance takes [bytes]: the topics, with as much again for everything else, and what
-    /// observers are told.
+    /// Shared memory that an instance takes [bytes]: twice that of the topics, to cover everything else, and that of
+    /// the observers' topics.
     #[must_use]
     pub fn needed_bytes() -> u64 {
         fn loops<C: Topic>() -> u64 {
@@ -104,7 +104,7 @@ impl Wire {
     }
 }
 
-/// Why a service was not opened: made differently by another build, or only out of reach.
+/// Why a service was not opened: another build made it differently, or it is only out of reach.
 ///
 /// The middleware has an error type per kind of service; the names of what differs are the same in all of them.
 fn not_opened(what: String, error: impl std::fmt::Debug) -> Error {

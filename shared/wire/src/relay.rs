@@ -62,7 +62,7 @@ pub struct Relay<C: Topic> {
 }
 
 impl<C: Topic> Relay<C> {
-    /// Passes a message on to whoever observes; costs next to nothing where nobody does. Never waits for anybody.
+    /// Passes a message on to all observers. It costs next to nothing without observers, and never waits.
     ///
     /// # Errors
     /// [`Error::Wire`].

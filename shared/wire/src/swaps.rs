@@ -22,7 +22,7 @@ const CLIENTS: usize = 8;
 #[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
 #[repr(C)]
 pub struct SwapOrder {
-    /// Tick from which it shall hold; `NO_TICK` for one counted from now.
+    /// Tick from which it takes hold; `NO_TICK` if the tick is counted from now.
     pub at_tick: u64,
     /// With `at_tick == NO_TICK`: ticks from the plant's present one.
     pub in_ticks: u64,
@@ -145,7 +145,7 @@ impl SwapCall {
         *self.request.payload()
     }
 
-    /// Answers; a client that has gone is no error.
+    /// Answers. It is no error if the client has gone.
     pub fn answer(self, answer: SwapAnswer) {
         // Nobody is left to tell if this fails, and the swap itself is on record.
         let _ = self.request.send_copy(answer);

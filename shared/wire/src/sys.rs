@@ -125,7 +125,7 @@ impl Alarm {
         Ok(Self { timer, handler })
     }
 
-    /// Sets it to an instant on CLOCK_MONOTONIC, and no longer to the one before; one that is past rings at once.
+    /// Sets it to an instant on CLOCK_MONOTONIC, replacing the previous one. A past instant rings at once.
     ///
     /// # Errors
     /// What the system says.

@@ -6,7 +6,7 @@ use wire::clock::now_ns;
 
 /// Iterations of a chain of dependent multiplications, which takes as long wherever it is preempted.
 ///
-/// A wait by the clock would hide in itself what a preemption takes; an amount of work is prolonged by it, as a law is.
+/// A wait by the clock would hide a preemption; a fixed amount of work is prolonged by it, as a law is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
     /// How many.
@@ -18,7 +18,7 @@ const TRIAL: Work = Work { iterations: 20_000 };
 const TRIALS: u32 = 20;
 
 impl Work {
-    /// The work that takes this processor about `ns` when nobody disturbs it.
+    /// The work that takes this processor about `ns` undisturbed.
     #[must_use]
     pub fn lasting(ns: u64) -> Self {
         let trial_ns = (0..TRIALS).map(|_| TRIAL.timed()).min().unwrap_or(1).max(1);

@@ -21,7 +21,7 @@ pub enum Class {
     WakeLate,
     /// A stage computed longer than usual.
     ComputedLong,
-    /// A stage waited until its cut-off for an input that nothing explains the lateness of.
+    /// A stage waited until its cut-off for an input whose lateness nothing explains.
     UpstreamLate,
     /// The stage had page faults.
     PageFault,

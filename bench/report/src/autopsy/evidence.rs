@@ -75,7 +75,7 @@ pub struct Scene<'a> {
     pub until_ns: u64,
     /// A hypervisor runs below.
     pub is_virtual: bool,
-    /// All loops have the same processor, so that one's sign of life is one of the processor.
+    /// All loops share one processor, so a sign of life of any loop is one of the processor.
     pub share_processor: bool,
 }
 
@@ -103,8 +103,8 @@ pub struct Suspect {
     pub to_ns: u64,
     /// How much longer than usual [ns].
     pub excess_ns: u64,
-    /// How much of that lies in the missed tick for certain [ns]: a stage that published nothing for it may have been
-    /// there from the begin of the next one on, when it was too late to.
+    /// How much of that certainly lies in the missed tick [ns]. A stage that published nothing for it may have been
+    /// back from the beginning of the next tick on, when it was too late to publish.
     pub share_ns: u64,
 }
 

@@ -56,7 +56,7 @@ pub struct Engaged {
 const HEAP_BYTES: usize = 1 << 20;
 
 impl Engaged {
-    /// Asks for everything that a role needs, after its ports were made.
+    /// Requests everything that a role needs. Call it after the ports were made.
     ///
     /// # Errors
     /// [`Error::RealtimeRefused`] under [`Mode::Require`].
@@ -141,8 +141,8 @@ fn cpus_for(role: Role, wanted: Option<usize>) -> (CpuSet, usize) {
     (own, cpu)
 }
 
-/// Makes every page present that the process can write or read: its own ones, the shared ones of its ports, and
-/// those that other processes write and it only reads.
+/// Makes every page present that the process can write or read: its own, those that its ports share, and those that
+/// other processes write and it only reads.
 fn populate_mappings() -> io::Result<()> {
     for line in fs::read_to_string(MAPPINGS)?.lines() {
         let Some((range, rest)) = line.split_once(' ') else { continue };
@@ -165,7 +165,7 @@ fn populate_mappings() -> io::Result<()> {
     Ok(())
 }
 
-/// How often a range that is there is tried to be touched: memory that has run out stays so.
+/// How often to try touching a range that exists; if memory has run out, further tries do not help.
 const POPULATE_TRIES: u32 = 100;
 /// The list of the process' mappings.
 const MAPPINGS: &str = "/proc/self/maps";
