@@ -12,6 +12,7 @@ use model::flight_plan::{FlightPlan, LOCKSTEP_PATIENCE_NS};
 use model::grid::Pace;
 use model::messages::{Dated, RotorSpeeds, State};
 use model::role::Role;
+use role::farewell::say_landed;
 use role::rt::UsageMeter;
 use role::station::{Opened, Station};
 use wire::clock::{now_ns, sleep_until};
@@ -137,6 +138,9 @@ impl<'a> PlantProcess<'a> {
         opened.run.phase = RunPhase::Closed as u64;
         opened.board.put(opened.run);
         station.land(&meter);
+        if flown.is_ok() {
+            say_landed(Role::Plant, &opened.run);
+        }
         flown.map(|_| ())
     }
 

@@ -6,7 +6,8 @@ use clap::Parser as _;
 use failure::Failure;
 use ironbird::cli::{BridgeTo, Cli, Command};
 use ironbird::floor::{command, hop};
-use ironbird::{clean, doctor, export, fly, inject, params, replay, roles, show_report, simulate, watch};
+use ironbird::output::say;
+use ironbird::{clean, doctor, export, fly, inject, limits, params, replay, roles, show_report, simulate, watch};
 use model::role::Role;
 use role::rt::CountingAllocator;
 
@@ -14,13 +15,10 @@ use role::rt::CountingAllocator;
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 fn main() -> ExitCode {
-    match run(&Cli::parse()) {
+    match limits::heed().and_then(|()| run(&Cli::parse())) {
         Ok(code) => ExitCode::from(code),
         Err(failure) => {
-            eprintln!("error: {failure}");
-            if let Some(remedy) = failure.remedy() {
-                eprintln!(" help: {remedy}");
-            }
+            say(&failure.told());
             ExitCode::from(failure.code)
         }
     }

@@ -2,9 +2,11 @@
 //!
 //! Laws come in as values ([`law`]); ports, clock and operating system stay here and in [`wire`].
 
+pub mod farewell;
 pub mod launcher;
 mod patience;
 pub mod rt;
 pub mod shell;
 pub mod stage;
 pub mod station;
+pub mod stop;

@@ -4,6 +4,7 @@
 //! works with the newest data it has and says so. A tick that is over before the stage got to it is skipped
 //! and counted, never made up in a burst.
 
+use crate::farewell::say_landed;
 use crate::rt::UsageMeter;
 use crate::station::{Armed, Station};
 use model::boards::{Ending, RunPhase};
@@ -104,6 +105,9 @@ pub fn run<S: Stage>(mut stage: S, doorbell: &Doorbell, mut station: Station) ->
         station.status.wants_end = Ending::Failed as u64;
     }
     station.land(&meter);
+    if flown.is_ok() {
+        say_landed(S::ROLE, &armed.run.get());
+    }
     flown.and(finished)
 }
 

@@ -13,11 +13,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use signal_hook::consts::{SIGINT, SIGTERM};
-
 use crate::launcher::end_with_launcher;
 use crate::patience::Patience;
 use crate::rt::{Engaged, UsageMeter, settle};
+use crate::stop::{ends_at_once, stop_signals};
 use model::boards::{Ending, RUN, RolePhase, Run, RunPhase, SETTINGS, SettingsText, Status};
 use model::flight_plan::FlightPlan;
 use model::grid::Pace;
@@ -111,10 +110,12 @@ impl Station {
     /// [`Error::Occupied`] where somebody has it; [`Error::RootPath`], [`Error::Wire`], [`Error::System`].
     pub fn take(role: Role, orders: Orders) -> Result<Self, Error> {
         let stop = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM] {
+        for signal in stop_signals() {
             let failed = |e| Error::system("cannot handle signals", e);
-            // In this order the second signal finds the flag set by the first, and ends the process at once.
-            signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop)).map_err(failed)?;
+            if ends_at_once(signal) {
+                // In this order the second signal finds the flag set by the first, and ends the process at once.
+                signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop)).map_err(failed)?;
+            }
             signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(failed)?;
         }
         end_with_launcher(orders.launcher)?;

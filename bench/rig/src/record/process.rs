@@ -21,6 +21,7 @@ use wire::instance::Instance;
 use super::facts::facts;
 use crate::record::crew::Crew;
 use crate::record::ports::{DRAIN_EVERY, Ports, Relays, rest};
+use crate::run_directory::make_latest;
 use crate::settings::Settings;
 use crate::wall_time::utc;
 use failure::{Failure, InFile as _};
@@ -180,6 +181,9 @@ impl<'a> Recorder<'a> {
                 seconds += 1;
                 let report = self.report(&armed.run.get(), ports, meter, None)?;
                 self.note("report.json", report.write(&self.directory.join("report.json")));
+                if seconds == 1 {
+                    self.note("latest", make_latest(self.directory));
+                }
             }
             let run = armed.run.get();
             if run.phase() == RunPhase::Closed {
@@ -216,6 +220,9 @@ impl<'a> Recorder<'a> {
             ("deadlines_missed", &run.deadlines_missed.to_string()),
         ]))?);
         write_all(&report, self.directory)?;
+        if seconds == 0 {
+            make_latest(self.directory)?;
+        }
         Ok(report)
     }
 
