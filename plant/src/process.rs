@@ -15,12 +15,12 @@ use model::role::Role;
 use role::farewell::say_landed;
 use role::rt::UsageMeter;
 use role::station::{Opened, Station};
-use wire::clock::{now_ns, sleep_until};
+use wire::clock::{Horizon as _, now_ns, sleep_until};
 use wire::error::Error;
 use wire::{Board, DEEP, Doorbell, Receiver, Sender, Wire};
 
 use crate::desk::{self, Event, Order};
-use crate::latch::PENDING_COMMANDS;
+use crate::latch::pending_commands;
 use crate::plant::{Departure, Plant, Settings};
 use crate::swap::{AppliedSwap, Swap};
 
@@ -103,7 +103,7 @@ impl<'a> PlantProcess<'a> {
             plant,
             states: wire.sender(Some(wire.bell(Role::Outer)?))?,
             // The one port of the loop that keeps more than the newest: see `take_command`.
-            commands: wire.receiver(PENDING_COMMANDS)?,
+            commands: wire.receiver(pending_commands(settings.period_s))?,
             doorbell: wire.doorbell(Role::Plant)?,
             in_force,
             orders,
@@ -232,7 +232,12 @@ impl<'a> PlantProcess<'a> {
     /// that the others have made since, and its own lateness must not count as theirs.
     fn take_command(&mut self, tick: u64, pace: Pace) -> Result<(), Error> {
         let plant = &mut self.plant;
-        self.commands.drain(tick, |message| {
+        // The others may be further on than a plant that was stopped after it had read the clock.
+        let latest_tick = || match pace {
+            Pace::Realtime(_) => pace.latest_tick().max(tick),
+            Pace::Lockstep => tick,
+        };
+        self.commands.drain(latest_tick, |message| {
             let made_for = message.envelope.tick;
             let effective_tick = pace.effective_tick(made_for, message.envelope.stamps_of(Role::Mixer).send_ns);
             plant.offer(Dated { tick: made_for, content: message.content }, effective_tick);

@@ -10,12 +10,14 @@ use ironbird::output::say;
 use ironbird::{clean, doctor, export, fly, inject, limits, params, replay, roles, show_report, simulate, watch};
 use model::role::Role;
 use role::rt::CountingAllocator;
+use role::signals::forget_inherited;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 fn main() -> ExitCode {
-    match limits::heed().and_then(|()| run(&Cli::parse())) {
+    let started = forget_inherited().map_err(Failure::from).and_then(|()| limits::heed());
+    match started.and_then(|()| run(&Cli::parse())) {
         Ok(code) => ExitCode::from(code),
         Err(failure) => {
             say(&failure.told());

@@ -7,6 +7,7 @@ pub mod launcher;
 mod patience;
 pub mod rt;
 pub mod shell;
+pub mod signals;
 pub mod stage;
 pub mod station;
 pub mod stop;

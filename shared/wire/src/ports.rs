@@ -7,6 +7,7 @@ use iceoryx2::prelude::ipc;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use super::{Bell, DEEP, NODES, Wire, layout_verifier, not_opened};
+use crate::clock::Horizon;
 use crate::clock::now_ns;
 use crate::error::Error;
 use crate::sys::Payload;
@@ -154,15 +155,15 @@ impl<C: Topic> Receiver<C> {
 
     /// Takes everything that has come and calls `each` on what passes inspection.
     ///
-    /// `newest_tick` is the latest tick that can have begun.
+    /// `horizon` is asked for the latest tick that can have begun when a message is there.
     ///
     /// # Errors
     /// [`Error::Wire`].
-    pub fn drain(&mut self, newest_tick: u64, mut each: impl FnMut(&Message<C>)) -> Result<(), Error> {
+    pub fn drain(&mut self, horizon: impl Horizon, mut each: impl FnMut(&Message<C>)) -> Result<(), Error> {
         let failed = |e| Error::wire(format!("cannot receive from topic `{}`", C::NAME), e);
         while let Some(sample) = self.subscriber.receive().map_err(failed)? {
             let Payload(message) = *sample.payload();
-            match self.inspector.inspect(&message, newest_tick) {
+            match self.inspector.inspect(&message, horizon.latest_tick()) {
                 Ok(()) => {
                     self.newest = message;
                     each(&message);
@@ -177,8 +178,8 @@ impl<C: Topic> Receiver<C> {
     ///
     /// # Errors
     /// [`Error::Wire`].
-    pub fn take(&mut self, newest_tick: u64) -> Result<u64, Error> {
-        self.drain(newest_tick, |_| ())?;
+    pub fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
+        self.drain(horizon, |_| ())?;
         Ok(self.newest.envelope.tick)
     }
 

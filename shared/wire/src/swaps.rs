@@ -74,8 +74,9 @@ from_wire!(Verdict { Applied, UnknownParameter, OutOfRange, Malformed, QueueFull
 
 impl Wire {
     fn swap_service(&self) -> Result<PortFactory<ipc::Service, SwapOrder, (), SwapAnswer, ()>, Error> {
-        let layouts =
-            fnv1a(fnv1a(FNV_OFFSET, &SwapOrder::FINGERPRINT.to_le_bytes()), &SwapAnswer::FINGERPRINT.to_le_bytes());
+        let layouts = [SwapOrder::FINGERPRINT, SwapAnswer::FINGERPRINT, Verdict::WORDS]
+            .into_iter()
+            .fold(FNV_OFFSET, |hash, part| fnv1a(hash, &part.to_le_bytes()));
         self.node
             .service_builder(&self.service_name("parameters")?)
             .request_response::<SwapOrder, SwapAnswer>()

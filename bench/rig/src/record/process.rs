@@ -13,8 +13,7 @@ use model::boards::{Ending, RolePhase, Run, RunPhase, Status};
 use model::grid::NS_PER_S;
 use model::role::Role;
 use role::rt::UsageMeter;
-use role::station::{Armed, Station};
-use wire::BoardReader;
+use role::station::{Armed, JoinedRun, Station};
 use wire::clock::now_ns;
 use wire::instance::Instance;
 
@@ -227,7 +226,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// Samples what the kernel counts for the loops while they fly, and classes the deadlines missed so far.
-    fn look_at_loops(&mut self, run: &BoardReader<Run>) {
+    fn look_at_loops(&mut self, run: &JoinedRun) {
         let sample = self.watch.sample(&self.crew.loops(), self.tally.lost().iter().sum());
         let Some(autopsy) = &mut self.tally.autopsy else { return };
         // After the last tick processes end as they should.

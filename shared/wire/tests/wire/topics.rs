@@ -254,3 +254,25 @@ fn a_topic_that_is_full_of_processes_is_not_called_incompatible() {
     latecomer.receiver::<State>(LATEST).unwrap();
     drop(topic);
 }
+
+#[test]
+fn the_clock_is_looked_at_when_a_message_is_there_and_not_before() {
+    let site = Site::new();
+    let wire = site.wire();
+    let mut receiver = wire.receiver::<State>(DEEP).unwrap();
+    let mut sender = wire.sender::<State>(None).unwrap();
+    receiver.arm(EXPECTED).unwrap();
+    sender.arm(EXPECTED, EPOCH).unwrap();
+    let looks = std::cell::Cell::new(0);
+    // A clock that stands for the machine: each look finds it a tick further on.
+    let clock = || {
+        looks.set(looks.get() + 1);
+        looks.get()
+    };
+    assert_eq!((receiver.take(clock).unwrap(), looks.get()), (NO_TICK, 0));
+    for tick in 1..=3 {
+        sender.send(tick, &Envelope::new(), State::default()).unwrap();
+    }
+    assert_eq!(receiver.take(clock).unwrap(), 3, "each was there when its tick had begun");
+    assert_eq!((looks.get(), receiver.rejections().total()), (3, 0));
+}
