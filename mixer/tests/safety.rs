@@ -86,7 +86,8 @@ fn ages_are_ticks_of_any_length() {
 /// Ages in ticks at which a wrench is no longer held, and at which the rotors idle.
 fn windows(period_s: f64) -> (u64, u64) {
     let mut mixer = Mixer::new(&Settings { period_s, ..settings() });
-    let mut first = |mode: Mode| (1..1000).find(|age| mixer.tick(*age, &wrench(0)).mode == mode as u64).expect("a mode that comes");
+    let mut first =
+        |mode: Mode| (1..1000).find(|age| mixer.tick(*age, &wrench(0)).mode == mode as u64).expect("a mode that comes");
     (first(Mode::Fallback), first(Mode::Idle))
 }
 

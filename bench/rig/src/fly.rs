@@ -11,7 +11,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use wire::Wire;
-use wire::instance::{Instance, Lock, check_shared_memory};
+use wire::instance::{Instance, Lock};
 
 use crate::cli::FlyArgs;
 use crate::floor::beside;
@@ -48,7 +48,10 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     check_writable("--states", args.recorder.states.as_deref())?;
     args.floor.map_or(Ok(()), |duration| beside::check(&settings, duration))?;
     let instance = Instance::new(&args.rt.instance)?;
-    check_shared_memory(Wire::needed_bytes())?;
+    // Where somebody flies it already, that is the error.
+    if !instance.is_alive() {
+        instance.check_shared_memory(Wire::needed_bytes())?;
+    }
     instance.prepare()?;
     let lock = instance.lock_launcher()?;
     let mut asked = Asked::listen()?;

@@ -45,7 +45,7 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Simulate(args) => simulate::simulate(args),
         Command::Floor(args) => command::floor(args),
         Command::Doctor(args) => doctor::doctor(args),
-        Command::Clean => clean::clean(),
+        Command::Clean(args) => clean::clean(*args),
         Command::Plant(args) => roles::play(Role::Plant, args),
         Command::Outer(args) => roles::play(Role::Outer, args),
         Command::Inner(args) => roles::play(Role::Inner, args),

@@ -189,7 +189,7 @@ fn directories_that_cannot_be_used_are_named_with_the_remedy() {
     };
     with_root("/proc/nope").complains("cannot use the root path /proc/nope/").complains("another one in IRONBIRD_ROOT");
     let long = format!("/tmp/{}", "x".repeat(60));
-    with_root(&long).complains("is 65 characters long; sockets below it need it to be at most 40");
+    with_root(&long).complains("is 65 characters long; iceoryx2's paths below it need it to be at most 64");
     assert!(!fs::exists(long).unwrap());
     rig.assert_nothing_started();
     let ended = rig.run("fly", &["--rt", "off", "--out", "/proc/nope"]).expect(2);

@@ -27,7 +27,7 @@ use model::role::Role;
 use model::settings_text::fingerprint;
 use wire::clock::now_ns;
 use wire::error::Error;
-use wire::instance::{Instance, Lock, check_shared_memory};
+use wire::instance::{Instance, Lock};
 use wire::{Board, Wire};
 
 /// What a role's process is started with.
@@ -84,7 +84,10 @@ impl Station {
             signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(failed)?;
         }
         end_with_launcher(orders.launcher)?;
-        check_shared_memory(Wire::needed_bytes())?;
+        // Where somebody has the place, that is the error.
+        if !orders.instance.is_occupied(role) {
+            orders.instance.check_shared_memory(Wire::needed_bytes())?;
+        }
         orders.instance.prepare()?;
         let lock = orders.instance.lock(role)?;
         let wire = Wire::open(&orders.instance)?;

@@ -6,7 +6,7 @@ use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::ipc;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use super::{Bell, DEEP, NODES, Wire, layout_verifier, not_opened};
+use super::{Bell, DEEP, NODES, Wire, layout_verifier};
 use crate::clock::Horizon;
 use crate::clock::now_ns;
 use crate::error::Error;
@@ -27,19 +27,22 @@ impl Wire {
         subscribers: usize,
         depth: usize,
     ) -> Result<PortFactory<ipc::Service, Payload<Message<C>>, ()>, Error> {
-        self.node
-            .service_builder(&self.service_name(name)?)
-            .publish_subscribe::<Payload<Message<C>>>()
-            .max_publishers(1)
-            .max_subscribers(subscribers)
-            .subscriber_max_buffer_size(depth)
-            .subscriber_max_borrowed_samples(1)
-            .history_size(0)
-            .max_nodes(NODES)
-            // A receiver that does not keep up loses its oldest sample; a sender never waits for anybody.
-            .enable_safe_overflow(true)
-            .open_or_create_with_attributes(&layout_verifier(LAYOUT)?)
-            .map_err(|error| not_opened(format!("topic `{name}`"), error))
+        let (service, layout) = (self.service_name(name)?, layout_verifier(LAYOUT)?);
+        self.open_service(format!("topic `{name}`"), || {
+            self.node
+                .service_builder(&service)
+                .publish_subscribe::<Payload<Message<C>>>()
+                .max_publishers(1)
+                .max_subscribers(subscribers)
+                .subscriber_max_buffer_size(depth)
+                .subscriber_max_borrowed_samples(1)
+                .history_size(0)
+                .max_nodes(NODES)
+                // A receiver that does not keep up loses its oldest sample; a sender never waits for anybody.
+                .enable_safe_overflow(true)
+                .open_or_create_with_attributes(&layout)
+                .map_err(|error| format!("{error:?}"))
+        })
     }
 
     /// The one sender of a topic; rings `bell` after each message.

@@ -220,6 +220,7 @@ fn a_topic_of_the_same_type_with_another_layout_is_incompatible() {
     let site = Site::new();
     let layout = AttributeKey::try_from("layout").unwrap();
     let other = AttributeValue::try_from("0123456789abcdef").unwrap();
+    let _other_build = site.instance.enter().unwrap();
     let theirs = node(&site);
     let _service = theirs
         .service_builder(&"ironbird/test/state".try_into().unwrap())
