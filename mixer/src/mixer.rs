@@ -10,6 +10,10 @@
 //!   from 50 ms on    Idle      every rotor at its smallest speed; likewise before the first wrench
 //! ```
 //!
+//! Up to 1 kHz, three ticks are three ticks. Above 1 kHz a wrench is held for 3 ms, because a stall of the machine does
+//! not depend on the tick. It is never held for more than half of the way to idle, so that each mode has its turn even
+//! at 50 Hz.
+//!
 //! The mode gives the age of the *mixer's* input. A wrench that the inner loop made in a mode of its own is mixed like
 //! any other, with one exception: a wrench marked idle idles the rotors.
 
@@ -22,8 +26,10 @@ use nalgebra::{Vector3, Vector4};
 
 use crate::mix::{mix, speeds};
 
-/// Ticks for which the last wrench is held.
+/// Ticks for which the last wrench is held at least, and time where that is longer [s].
 pub const HELD_TICKS: u64 = 3;
+/// See [`HELD_TICKS`].
+pub const HELD_S: f64 = 0.003;
 
 /// Age of the wrench at which the rotors go to idle [s].
 pub const IDLE_AFTER_S: f64 = 0.050;
@@ -47,6 +53,8 @@ pub struct Mixer {
     k: f64,
     f_min: f64,
     f_max: f64,
+    /// Greatest age of a wrench that is held.
+    held_ticks: u64,
     /// Age of the wrench at which the rotors go to idle.
     idle_after_ticks: u64,
 }
@@ -57,12 +65,15 @@ impl Mixer {
     pub fn new(settings: &Settings) -> Self {
         let Settings { period_s, model, rotor } = settings;
         let k = model.k();
+        let ticks = |time_s: f64| (time_s / period_s).round().max(1.0) as u64;
+        let idle_after_ticks = ticks(IDLE_AFTER_S);
         Self {
             allocation: Allocation::new(model),
             k,
             f_min: rotor.f_min(k),
             f_max: rotor.f_max(k),
-            idle_after_ticks: (IDLE_AFTER_S / period_s).round().max(1.0) as u64,
+            held_ticks: ticks(HELD_S).max(HELD_TICKS).min(idle_after_ticks / 2),
+            idle_after_ticks,
         }
     }
 
@@ -93,7 +104,7 @@ impl MixerLaw for Mixer {
         match wrench.age(tick) {
             age if age >= self.idle_after_ticks || mode == Mode::Idle as u64 => self.idle(),
             0 => self.mixed(demand, Mode::Fresh),
-            1..=HELD_TICKS => self.mixed(demand, Mode::Held),
+            age if age <= self.held_ticks => self.mixed(demand, Mode::Held),
             _ => self.mixed((thrust_n, Vector3::zeros()), Mode::Fallback),
         }
     }

@@ -83,6 +83,23 @@ fn ages_are_ticks_of_any_length() {
     assert_idle(&mixer.tick(10, &wrench(0)));
 }
 
+/// Ages in ticks at which a wrench is no longer held, and at which the rotors idle.
+fn windows(period_s: f64) -> (u64, u64) {
+    let mut mixer = Mixer::new(&Settings { period_s, ..settings() });
+    let mut first =
+        |mode: Mode| (1..1000).find(|age| mixer.tick(*age, &wrench(0)).mode == mode as u64).expect("a mode that comes");
+    (first(Mode::Fallback), first(Mode::Idle))
+}
+
+#[test]
+fn a_wrench_is_held_for_three_ticks_or_3_ms_and_every_mode_has_its_turn_at_every_rate() {
+    assert_eq!(windows(0.02), (2, 3), "50 Hz");
+    assert_eq!(windows(0.004), (4, 13), "250 Hz");
+    assert_eq!(windows(0.001), (4, 50));
+    assert_eq!(windows(0.000_25), (13, 200), "4 kHz: 3 ms are 12 ticks");
+    assert_eq!(windows(0.000_125), (25, 400), "8 kHz");
+}
+
 #[test]
 fn an_impossible_demand_is_flagged_and_what_is_achieved_is_told() {
     let mut wrench = wrench(3);

@@ -111,7 +111,7 @@ impl Desk<'_> {
         if let Err((_, call)) = self.waiting.push((self.ticket, call)) {
             return call.answer(refusal(&SwapError::Full, 0));
         }
-        // As many places in the inbox as callers may wait.
+        // The inbox has one place less than callers may wait.
         if self.orders.enqueue(order).is_err() {
             self.answer(self.ticket, refusal(&SwapError::Full, 0));
         }
@@ -199,4 +199,5 @@ pub fn swap_record(applied: &AppliedSwap) -> SwapRecord {
     record
 }
 
-const _: () = assert!(OUTBOX >= 2 * crate::swap::PENDING_SWAPS);
+// A queue of heapless holds one less than its size.
+const _: () = assert!(OUTBOX > crate::swap::PENDING_SWAPS + INBOX);

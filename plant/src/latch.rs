@@ -18,8 +18,18 @@ use model::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds};
 /// How long a command holds without a newer one. After that the rotors spin down to idle, as speed controllers do.
 pub const COMMAND_TIMEOUT_S: f64 = 0.020;
 
-/// Commands that can wait for their tick: the other stages produce them while the plant is stopped.
+/// Commands that can wait for their tick, up to 1 kHz: the other stages produce them while the plant is stopped.
 pub const PENDING_COMMANDS: usize = 64;
+/// The same as a time, above that [s].
+pub const PENDING_S: f64 = 0.064;
+/// Room for the commands of that time at the highest rate, 10 kHz.
+const PENDING_MAX: usize = 10 * PENDING_COMMANDS;
+
+/// Commands that can wait at a tick of `period_s` [s].
+#[must_use]
+pub fn pending_commands(period_s: f64) -> usize {
+    ((PENDING_S / period_s).round() as usize).clamp(PENDING_COMMANDS, PENDING_MAX)
+}
 
 /// A command that waits for its tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,7 +47,9 @@ struct Pending {
 /// The rotor command in force, those that wait, and the verdicts so far.
 #[derive(Clone, Debug)]
 pub struct Latch {
-    pending: Deque<Pending, PENDING_COMMANDS>,
+    pending: Deque<Pending, PENDING_MAX>,
+    /// How many may wait.
+    room: usize,
     /// Speeds of the newest command; of hover before the first.
     speed: [f64; ROTORS],
     /// Whether it could not meet what was asked.
@@ -62,6 +74,7 @@ impl Latch {
     pub fn new(hover: [f64; ROTORS], idle: [f64; ROTORS], period_s: f64) -> Self {
         Self {
             pending: Deque::new(),
+            room: pending_commands(period_s),
             speed: hover,
             is_saturated: false,
             command_tick: None,
@@ -91,7 +104,10 @@ impl Latch {
         };
         self.pending.retain(|waiting| waiting.tick > offered.tick || waiting.effective_tick < offered.effective_tick);
         // The ones that wait come first: were they dropped instead, a steady delay would let no command through.
-        let _dropped = self.pending.push_back(offered);
+        if self.pending.len() < self.room {
+            // There are more places than ever may wait.
+            let _ = self.pending.push_back(offered);
+        }
     }
 
     /// Decides what is in force from `tick` on, and judges the deadline. Call it for every tick, in order.

@@ -13,14 +13,15 @@ use model::flight_plan::{FlightPlan, LOCKSTEP_PATIENCE_NS};
 use model::grid::Pace;
 use model::messages::{Dated, RotorSpeeds, State};
 use model::role::Role;
+use role::farewell::say_landed;
 use role::rt::UsageMeter;
 use role::station::{Opened, Station};
-use wire::clock::{now_ns, sleep_until};
+use wire::clock::{Horizon as _, now_ns, sleep_until};
 use wire::error::Error;
 use wire::{Board, DEEP, Doorbell, Receiver, Sender, Wire};
 
 use crate::desk::{self, Event, Order};
-use crate::latch::PENDING_COMMANDS;
+use crate::latch::pending_commands;
 use crate::plant::{Departure, Plant, Settings};
 use crate::swap::{AppliedSwap, Swap};
 
@@ -103,7 +104,7 @@ impl<'a> PlantProcess<'a> {
             plant,
             states: wire.sender(Some(wire.bell(Role::Outer)?))?,
             // The one port of the loop that keeps more than the newest: see `take_command`.
-            commands: wire.receiver(PENDING_COMMANDS)?,
+            commands: wire.receiver(pending_commands(settings.period_s))?,
             doorbell: wire.doorbell(Role::Plant)?,
             in_force,
             orders,
@@ -138,6 +139,9 @@ impl<'a> PlantProcess<'a> {
         opened.run.phase = RunPhase::Closed as u64;
         opened.board.put(opened.run);
         station.land(&meter);
+        if flown.is_ok() {
+            say_landed(Role::Plant, &opened.run);
+        }
         flown.map(|_| ())
     }
 
@@ -229,7 +233,12 @@ impl<'a> PlantProcess<'a> {
     /// a newer one, and the plant's lateness must not count as the other stages'.
     fn take_command(&mut self, tick: u64, pace: Pace) -> Result<(), Error> {
         let plant = &mut self.plant;
-        self.commands.drain(tick, |message| {
+        // The others may be further on than a plant that was stopped after it had read the clock.
+        let latest_tick = || match pace {
+            Pace::Realtime(_) => pace.latest_tick().max(tick),
+            Pace::Lockstep => tick,
+        };
+        self.commands.drain(latest_tick, |message| {
             let made_for = message.envelope.tick;
             let effective_tick = pace.effective_tick(made_for, message.envelope.stamps_of(Role::Mixer).send_ns);
             plant.offer(Dated { tick: made_for, content: message.content }, effective_tick);

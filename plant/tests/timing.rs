@@ -142,6 +142,25 @@ fn a_delay_beyond_the_room_for_waiting_commands_lets_some_through() {
 }
 
 #[test]
+fn commands_of_64_ms_may_wait_at_any_rate() {
+    for (period_s, delay) in [(0.001, 63), (0.000_125, 500), (0.02, 63)] {
+        let mut plant = Plant::new(&Settings { period_s, ..settings() });
+        let newest = 3 * delay;
+        let mut state = State::default();
+        for tick in 0..=newest {
+            state = plant.begin(tick);
+            plant.offer(command(tick), tick + delay);
+            plant.finish();
+        }
+        assert_eq!(
+            state.command_tick,
+            newest - delay,
+            "T = {period_s} s: a command is as late as its delay, and no more"
+        );
+    }
+}
+
+#[test]
 fn skipped_ticks_are_flown_judged_and_counted() {
     let mut skipping = plant();
     let mut steady = plant();

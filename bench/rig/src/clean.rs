@@ -1,31 +1,30 @@
 //! `ironbird clean`: removes what killed processes left, and says what it removed.
 
+use clap::Args;
 use wire::Wire;
 use wire::instance::{Instance, root_path};
 
 use crate::output::print;
 use failure::{Failure, OK};
 
+/// What to do with leftovers.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct CleanArgs {
+    /// Say what would be removed, and remove nothing.
+    #[arg(long)]
+    pub dry_run: bool,
+}
+
 /// Removes leftovers of every instance.
 ///
 /// # Errors
 /// [`Failure`] names what resisted.
-pub fn clean() -> Result<u8, Failure> {
-    let instances = Instance::known();
+pub fn clean(args: CleanArgs) -> Result<u8, Failure> {
     let mut text = String::new();
-    for instance in &instances {
-        if instance.is_alive() {
-            // Others of it live: only the remains of dead processes go.
-            let wire = Wire::open(instance)?;
-            text += &format!(
-                "instance `{}` is alive; removed the remains of {} dead processes\n",
-                instance.name(),
-                wire.cleaned
-            );
-            continue;
-        }
-        for path in instance.remove_leftovers()? {
-            text += &format!("removed {}\n", path.display());
+    for instance in Instance::known() {
+        text += &if args.dry_run { announce(&instance) } else { remove(&instance)? };
+        for path in instance.foreign() {
+            text += &format!("kept {}: ironbird has not made it\n", path.display());
         }
     }
     if text.is_empty() {
@@ -33,4 +32,21 @@ pub fn clean() -> Result<u8, Failure> {
     }
     print(&text)?;
     Ok(OK)
+}
+
+fn remove(instance: &Instance) -> Result<String, Failure> {
+    if instance.is_alive() {
+        // Others of it live: only the remains of dead processes go.
+        let wire = Wire::open(instance)?;
+        let (name, cleaned) = (instance.name(), wire.cleaned);
+        return Ok(format!("instance `{name}` is alive; removed the remains of {cleaned} dead processes\n"));
+    }
+    Ok(instance.remove_leftovers()?.iter().map(|path| format!("removed {}\n", path.display())).collect())
+}
+
+fn announce(instance: &Instance) -> String {
+    if instance.is_alive() {
+        return format!("instance `{}` is alive; would remove the remains of dead processes\n", instance.name());
+    }
+    instance.leftovers().iter().map(|path| format!("would remove {}\n", path.display())).collect()
 }

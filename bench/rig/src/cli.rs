@@ -9,6 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use controller::{Preset, Trajectory};
 use toml::Value;
 
+use crate::clean::CleanArgs;
 pub use crate::cli::report::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
 use crate::doctor::DoctorArgs;
 use crate::fault::Fault;
@@ -61,8 +62,8 @@ pub enum Command {
         after_help = "Ends with exit code 0 when the verdict is `hard` or `soft`, with 3 when it is `not real-time here`."
     )]
     Doctor(DoctorArgs),
-    /// Remove what killed processes left in shared memory.
-    Clean,
+    /// Remove what killed processes left: shared memory, locks, service files.
+    Clean(CleanArgs),
     /// Run the airframe alone.
     Plant(RoleArgs),
     /// Run the outer (position) loop alone.

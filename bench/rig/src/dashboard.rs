@@ -1,13 +1,20 @@
 //! The dashboard beside a launcher: a process in the launcher's terminal.
 //!
-//! The launcher goes on when the user leaves the dashboard, and has the terminal back before it prints.
+//! The launcher goes on when the user leaves the dashboard, and has the terminal back before it prints: as it was, even
+//! from a dashboard that was killed.
 
+use std::io;
+use std::io::IsTerminal as _;
 use std::path::Path;
 use std::process::{Child, Command};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use rustix::process::{Pid, Signal, kill_process};
+use ratatui::crossterm::cursor::Show;
+use ratatui::crossterm::execute;
+use ratatui::crossterm::terminal::LeaveAlternateScreen;
+use rustix::process::{Pid, Signal, getpgrp, kill_process};
+use rustix::termios::{OptionalActions, Termios, tcgetattr, tcgetpgrp, tcsetattr};
 use wire::instance::Instance;
 
 use failure::Failure;
@@ -20,6 +27,8 @@ const LOOK_EVERY: Duration = Duration::from_millis(10);
 #[derive(Debug)]
 pub struct Dashboard {
     child: Child,
+    /// What the terminal was before; none where there is none, and when it has been given back.
+    before: Option<Termios>,
 }
 
 impl Dashboard {
@@ -28,16 +37,26 @@ impl Dashboard {
     /// # Errors
     /// [`Failure`] with the system's reason.
     pub fn open(executable: &Path, instance: &Instance) -> Result<Self, Failure> {
+        let has_terminal = io::stdin().is_terminal() && io::stdout().is_terminal();
+        let before = if has_terminal { tcgetattr(io::stdin()).ok() } else { None };
         let child = Command::new(executable)
             .args(["watch", "--instance", instance.name(), "--launcher", &std::process::id().to_string()])
             .spawn()
             .map_err(|e| Failure::failed(format!("cannot start the dashboard: {e}")))?;
-        Ok(Self { child })
+        Ok(Self { child, before })
     }
 
-    /// Whether it still has the terminal.
+    /// Whether it still has the terminal, which is restored where the dashboard could not do so itself.
     pub fn is_open(&mut self) -> bool {
-        matches!(self.child.try_wait(), Ok(None))
+        let status = match self.child.try_wait() {
+            Ok(None) => return true,
+            ended => ended.ok().flatten(),
+        };
+        let was_killed = status.is_none_or(|status| status.code().is_none());
+        if let Some(before) = self.before.take().filter(|_| was_killed) {
+            restore(&before);
+        }
+        false
     }
 
     /// Waits for its end, which the flight's end brings; tells it to end where that does not.
@@ -53,6 +72,7 @@ impl Dashboard {
             // Only a process that has ended already resists.
             let _ = self.child.kill();
             let _ = self.child.wait();
+            self.is_open();
         }
     }
 
@@ -66,6 +86,16 @@ impl Dashboard {
         }
         true
     }
+}
+
+/// Gives the terminal back as it was.
+fn restore(before: &Termios) {
+    // Whoever does so in the background is stopped for it.
+    if tcgetpgrp(io::stdin()).is_ok_and(|foreground| foreground == getpgrp()) {
+        // A terminal that has been closed needs nothing.
+        let _ = tcsetattr(io::stdin(), OptionalActions::Now, before);
+    }
+    let _ = execute!(io::stdout(), LeaveAlternateScreen, Show);
 }
 
 impl Drop for Dashboard {

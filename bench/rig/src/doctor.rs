@@ -13,7 +13,7 @@ use model::role::Role;
 use report::finding::Verdict;
 
 use crate::output::print;
-use crate::settings::Settings;
+use crate::settings::{Settings, check_cpu};
 
 /// Flags of `doctor`.
 #[derive(Clone, Debug, Args)]
@@ -37,6 +37,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     let settings = Settings::resolve(None, &Vec::new())?;
     let priority = settings.rt.priority;
     let cpu = args.cpu.map(usize::from);
+    cpu.map_or(Ok(()), |cpu| check_cpu(&format!("--cpu {cpu}"), cpu))?;
     let machine = Machine::here(priority + Role::Mixer.priority_step(), cpu);
     let executable = own_executable()?;
     let duration = Duration::try_from_secs_f64(args.seconds)

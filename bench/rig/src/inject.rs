@@ -107,9 +107,9 @@ fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
 /// The wire and the run of an instance that flies.
 ///
 /// # Errors
-/// [`Failure`] says that nobody flies, and lists the instances that do.
+/// [`Failure`] says that nobody flies, and lists the instances that do; those of [`flight`].
 pub fn flying(instance: &Instance) -> Result<(Wire, Run), Failure> {
-    let nobody = || {
+    flight(instance)?.ok_or_else(|| {
         let others: Vec<String> = Instance::flying().iter().map(|other| other.name().to_owned()).collect();
         let help = if others.is_empty() {
             "no instance flies; start one: ironbird fly".to_owned()
@@ -117,13 +117,20 @@ pub fn flying(instance: &Instance) -> Result<(Wire, Run), Failure> {
             format!("these fly: {} (--instance NAME)", others.join(", "))
         };
         Failure::failed(format!("instance `{}` does not fly", instance.name())).help(help)
-    };
-    if !instance.is_occupied(Role::Plant) {
-        return Err(nobody());
+    })
+}
+
+/// The wire and the run of an instance, if it flies.
+///
+/// # Errors
+/// [`Failure`] says why that cannot be seen.
+pub fn flight(instance: &Instance) -> Result<Option<(Wire, Run)>, Failure> {
+    if !instance.look_for(Role::Plant)? {
+        return Ok(None);
     }
     let wire = Wire::open(instance)?;
     let run = wire.board_reader::<Run>(RUN)?.map(|board| board.get()).unwrap_or_default();
-    if run.phase() == RunPhase::Flying { Ok((wire, run)) } else { Err(nobody()) }
+    Ok((run.phase() == RunPhase::Flying).then_some((wire, run)))
 }
 
 fn read_answer(changes: &[(Parameter, f64)], answer: &SwapAnswer, run: &Run) -> Result<Applied, Failure> {

@@ -12,6 +12,7 @@ pub mod floor;
 pub mod fly;
 pub mod in_process;
 pub mod inject;
+pub mod limits;
 pub mod observe;
 pub mod output;
 pub mod params;

@@ -6,21 +6,21 @@ use clap::Parser as _;
 use failure::Failure;
 use ironbird::cli::{BridgeTo, Cli, Command};
 use ironbird::floor::{command, hop};
-use ironbird::{clean, doctor, export, fly, inject, params, replay, roles, show_report, simulate, watch};
+use ironbird::output::say;
+use ironbird::{clean, doctor, export, fly, inject, limits, params, replay, roles, show_report, simulate, watch};
 use model::role::Role;
 use role::rt::CountingAllocator;
+use role::signals::forget_inherited;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 fn main() -> ExitCode {
-    match run(&Cli::parse()) {
+    let started = forget_inherited().map_err(Failure::from).and_then(|()| limits::heed());
+    match started.and_then(|()| run(&Cli::parse())) {
         Ok(code) => ExitCode::from(code),
         Err(failure) => {
-            eprintln!("error: {failure}");
-            if let Some(remedy) = failure.remedy() {
-                eprintln!(" help: {remedy}");
-            }
+            say(&failure.told());
             ExitCode::from(failure.code)
         }
     }
@@ -45,7 +45,7 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Simulate(args) => simulate::simulate(args),
         Command::Floor(args) => command::floor(args),
         Command::Doctor(args) => doctor::doctor(args),
-        Command::Clean => clean::clean(),
+        Command::Clean(args) => clean::clean(*args),
         Command::Plant(args) => roles::play(Role::Plant, args),
         Command::Outer(args) => roles::play(Role::Outer, args),
         Command::Inner(args) => roles::play(Role::Inner, args),

@@ -1,19 +1,35 @@
-//! Standard output of a command: written whole, and a reader that has gone is no failure.
+//! What a command writes to its standard output and error: whole, and a reader that has gone is no failure.
 
 use std::io::{self, ErrorKind, Write as _};
+
+use rustix::fs::{FileType, fstat};
+use rustix::io::Errno;
 
 use failure::Failure;
 
 /// Writes a text to standard output.
 ///
 /// # Errors
-/// [`Failure`] with the system's reason; not when the reader has closed the pipe, as `head` does.
+/// [`Failure`] with the system's reason; not when the reader has closed the pipe, as `head` does, or the terminal.
 pub fn print(text: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe && !is_of_a_closed_terminal(&e) => {
             Err(Failure::failed(format!("cannot write to standard output: {e}")))
         }
         _ => Ok(()),
     }
+}
+
+/// Writes a text to standard error, as far as anybody still reads it.
+pub fn say(text: &str) {
+    let mut err = io::stderr().lock();
+    // There is no other place to say so.
+    let _ = err.write_all(text.as_bytes()).and_then(|()| err.flush());
+}
+
+/// Whether standard output was a terminal that has been closed: on a disk the same error is one.
+fn is_of_a_closed_terminal(error: &io::Error) -> bool {
+    let is_device = || fstat(io::stdout()).is_ok_and(|it| FileType::from_raw_mode(it.st_mode).is_char_device());
+    error.raw_os_error() == Some(Errno::IO.raw_os_error()) && is_device()
 }

@@ -6,7 +6,7 @@ use serde::Serialize;
 use wire::instance::Instance;
 
 use crate::cli::ParamsArgs;
-use crate::inject::flying;
+use crate::inject::flight;
 use crate::output::print;
 use failure::{Failure, OK};
 
@@ -25,12 +25,12 @@ struct Row {
 /// Prints the table.
 ///
 /// # Errors
-/// Usage.
+/// Usage; a flight that cannot be looked at.
 pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
     let instance = Instance::new(&args.instance)?;
-    let in_force = match flying(&instance) {
-        Ok((wire, _)) => wire.board_reader::<InForce>(IN_FORCE)?.map(|board| board.get()),
-        Err(_) => None,
+    let in_force = match flight(&instance)? {
+        Some((wire, _)) => wire.board_reader::<InForce>(IN_FORCE)?.map(|board| board.get()),
+        None => None,
     };
     let rows: Vec<Row> = SPECS
         .iter()

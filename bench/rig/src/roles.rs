@@ -1,12 +1,14 @@
 //! `ironbird plant | outer | inner | mixer | record`: one role in this process.
 
 use std::io::IsTerminal as _;
-use std::path::PathBuf;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use controller::{OuterLoop, WatchedLoop};
 use mixer::Mixer;
 use model::flight_plan::FlightPlan;
 use model::role::Role;
+use role::launcher::is_on_its_own;
 use role::rt::{loops_cpu, take_stand};
 use role::shell;
 use role::station::{Orders, Station};
@@ -17,7 +19,8 @@ use crate::output::print;
 use crate::record::process::{self, Files};
 use crate::run_directory::RunDirectory;
 use crate::settings::{PaceName, Settings};
-use failure::{Failure, OK, check_writable};
+use failure::{FAILED, Failure, INTERRUPTED, OK, check_writable};
+use flight_log;
 use report::text;
 
 /// Plays a role of the loop until the run is over.
@@ -29,10 +32,10 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
     overrides.extend(args.rt.overrides());
     let settings = Settings::resolve(args.flight.config.as_deref(), &overrides)?;
     let station = take_station(role, args, &settings)?;
-    let instance = station.wire().instance().clone();
+    let (instance, stop) = (station.wire().instance().clone(), station.stop_flag());
     let flown = run(role, station, &settings);
     leave(&instance, args);
-    flown.map(|()| OK)
+    flown.map(|()| OK).map_err(|failure| broken_off(failure, &stop))
 }
 
 fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure> {
@@ -64,9 +67,17 @@ fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure>
     Ok(())
 }
 
-/// The last one that was started by hand removes what the middleware leaves; a launcher does so itself.
+/// What a call that a signal has broken off says is an interruption, not a failure; what it was stays in the words.
+fn broken_off(failure: Failure, stop: &AtomicBool) -> Failure {
+    if failure.code == FAILED && stop.load(Ordering::Relaxed) {
+        return Failure::new(INTERRUPTED, format!("interrupted: {failure}"));
+    }
+    failure
+}
+
+/// The last one that is on its own removes what the middleware leaves; a launcher that lives does so itself.
 fn leave(instance: &Instance, args: &RoleArgs) {
-    if args.launcher.is_none() {
+    if is_on_its_own(args.launcher) {
         // What resists is found by the next start or by `ironbird clean`, which names it.
         let _ = instance.remove_leftovers();
     }
@@ -84,13 +95,21 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     check_writable("--states", args.recorder.states.as_deref())?;
     let station = take_station(Role::Record, &args.role, &settings)?;
     let instance = station.wire().instance().clone();
-    let directory = match &args.run_dir {
-        Some(directory) => directory.clone(),
-        None => RunDirectory::create(&PathBuf::from(&settings.recorder.out), &settings, &args.role.rt.instance)?.path,
+    let made = match &args.run_dir {
+        Some(_) => None,
+        None => Some(RunDirectory::create(Path::new(&settings.recorder.out), &settings, &args.role.rt.instance)?),
     };
+    let directory = args.run_dir.as_ref().or(made.as_ref().map(|made| &made.path)).cloned().unwrap_or_default();
     let files = Files { directory: directory.clone(), states: args.recorder.states.clone() };
+    let stop = station.stop_flag();
     let recorded = process::run(station, &settings, &files);
     leave(&instance, &args.role);
+    // Where the flight has begun, a file that cannot be written is no consequence of a signal.
+    let has_begun = directory.join(flight_log::FILE).exists();
+    let recorded = recorded.map_err(|failure| if has_begun { failure } else { broken_off(failure, &stop) });
+    if let (Err(_), Some(made)) = (&recorded, made) {
+        made.discard();
+    }
     let report = recorded?;
     if args.role.launcher.is_none() {
         print(&(text::render(&report) + &text::result_line(&report, &directory.display().to_string()) + "\n"))?;
@@ -99,6 +118,7 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
 }
 
 fn take_station(role: Role, args: &RoleArgs, settings: &Settings) -> Result<Station, Failure> {
+    settings.check_cpu()?;
     say_on_stderr();
     let orders = Orders {
         instance: Instance::new(&args.rt.instance)?,

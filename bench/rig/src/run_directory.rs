@@ -1,9 +1,13 @@
-//! The directory of a flight: named by time, never overwritten, `latest` beside it.
+//! The directory of a flight: named by time, never overwritten; `latest` beside it leads to the newest with a report.
 
 use std::fs;
 use std::io;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
+
+use std::time::SystemTime;
+
+use model::role::ROLES;
 
 use crate::settings::Settings;
 use crate::wall_time::file_stamp;
@@ -11,7 +15,6 @@ use failure::{Failure, InFile as _};
 use flight_log::FILE;
 use machine::cpu_times::host;
 use report::run_facts::RunFacts;
-use std::time::SystemTime;
 
 /// A flight's directory.
 #[derive(Clone, Debug)]
@@ -21,7 +24,7 @@ pub struct RunDirectory {
 }
 
 impl RunDirectory {
-    /// Makes a new directory below `out`, with run.json and settings.toml, and points `latest` at it.
+    /// Makes a new directory below `out`, with run.json and settings.toml.
     ///
     /// # Errors
     /// A usage [`Failure`] names the directory that cannot be made.
@@ -45,21 +48,41 @@ impl RunDirectory {
                 Err(e) => return Err(refused(e)),
             }
         };
+        let directory = Self { path };
+        match directory.describe(settings, instance) {
+            Ok(()) => Ok(directory),
+            Err(failure) => {
+                directory.discard();
+                Err(failure)
+            }
+        }
+    }
+
+    fn describe(&self, settings: &Settings, instance: &str) -> Result<(), Failure> {
         let facts = RunFacts {
             version: env!("CARGO_PKG_VERSION").into(),
             instance: instance.into(),
-            settings: serde_json::to_value(settings).in_file("write", &path.join("run.json"))?,
+            settings: serde_json::to_value(settings).in_file("write", &self.path.join("run.json"))?,
             host: host(),
         };
-        let file = path.join("run.json");
+        let file = self.path.join("run.json");
         let text = serde_json::to_string_pretty(&facts).in_file("write", &file)?;
         fs::write(&file, text + "\n").in_file("write", &file)?;
-        let file = path.join("settings.toml");
-        fs::write(&file, settings.commented()?).in_file("write", &file)?;
-        // Replaced in one step, so that `latest` always leads somewhere.
-        let draft = out.join(format!(".latest.{}", std::process::id()));
-        symlink(&name, &draft).and_then(|()| fs::rename(&draft, out.join("latest"))).map_err(refused)?;
-        Ok(Self { path })
+        let file = self.settings_file();
+        fs::write(&file, settings.commented()?).in_file("write", &file)
+    }
+
+    /// Removes a directory in which nothing was recorded; what is not of a flight's start stays, and the directory with it.
+    pub fn discard(&self) {
+        if ["report.json", FILE].iter().any(|record| self.path.join(record).exists()) {
+            return;
+        }
+        let logs = ROLES.map(|role| format!("{role}.log"));
+        for name in ["run.json", "settings.toml"].into_iter().chain(logs.iter().map(String::as_str)) {
+            // Where it is not there or cannot go, the directory stays.
+            let _ = fs::remove_file(self.path.join(name));
+        }
+        let _ = fs::remove_dir(&self.path);
     }
 
     /// The settings that a role of this flight is started with.
@@ -67,6 +90,18 @@ impl RunDirectory {
     pub fn settings_file(&self) -> PathBuf {
         self.path.join("settings.toml")
     }
+}
+
+/// Points `latest`, beside a flight's directory, at it: done when the flight has a report.
+///
+/// # Errors
+/// [`Failure`] names the link.
+pub fn make_latest(directory: &Path) -> Result<(), Failure> {
+    let (Some(out), Some(name)) = (directory.parent(), directory.file_name()) else { return Ok(()) };
+    let link = out.join("latest");
+    // Replaced in one step, so that `latest` always leads somewhere.
+    let draft = out.join(format!(".latest.{}", std::process::id()));
+    symlink(name, &draft).and_then(|()| fs::rename(&draft, &link)).in_file("point to the flight with", &link)
 }
 
 /// The directory of a flight that was flown: by its path, or by its name below `out`.

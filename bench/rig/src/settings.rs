@@ -21,6 +21,7 @@ use toml::{Table, Value};
 use crate::fault::Fault;
 use failure::Failure;
 use layers::{layered, same};
+use machine::{Machine, cpu_list};
 
 /// The commented default, which is also where the defaults come from.
 pub const DEFAULT: &str = include_str!("default.toml");
@@ -256,6 +257,15 @@ impl Settings {
         }
     }
 
+    /// Whether the processor that is named for the loops is one of this process': asked where they are to run.
+    ///
+    /// # Errors
+    /// As [`check_cpu`].
+    pub fn check_cpu(&self) -> Result<(), Failure> {
+        let named = self.rt.cpu.as_integer().and_then(|cpu| usize::try_from(cpu).ok());
+        named.map_or(Ok(()), |cpu| check_cpu(&format!("rt.cpu = {cpu}"), cpu))
+    }
+
     /// Swaps known before the flight.
     ///
     /// # Errors
@@ -320,6 +330,21 @@ impl Settings {
         self.plant()?;
         self.realtime()?;
         Ok(())
+    }
+}
+
+/// Whether this process may use a processor that the user names as `named`.
+///
+/// # Errors
+/// A usage [`Failure`] names those that it may use.
+pub fn check_cpu(named: &str, cpu: usize) -> Result<(), Failure> {
+    let allowed = Machine::files().field("/proc/self/status", "Cpus_allowed_list");
+    match allowed {
+        Some(list) if !cpu_list(&list).contains(&cpu) => {
+            Err(Failure::usage(format!("{named}: this process may use the processors {list}"))
+                .help("name one of them with --cpu N, or none: the highest-numbered one is taken"))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -2,10 +2,12 @@
 
 use std::path::Path;
 
+use serde_json::{Number, Value};
+
 use crate::cli::{Format, ReportArgs, ReportCommand};
 use crate::output::print;
 use crate::run_directory::find;
-use failure::{Failure, OK};
+use failure::{Failure, InFile as _, OK};
 use report::page;
 use report::schema::Report;
 use report::{json, text};
@@ -37,5 +39,33 @@ pub fn read(directory: &Path) -> Result<Report, Failure> {
         return Err(Failure::usage(format!("{} holds no report", directory.display()))
             .help("a flight has its first report after one second in the air"));
     }
+    plausible(&path)?;
     Report::read(&path)
+}
+
+/// Refuses a report with numbers that no flight has: pictures of them would have no scale.
+fn plausible(path: &Path) -> Result<(), Failure> {
+    let text = std::fs::read_to_string(path).in_file("read the report", path)?;
+    let report: Value = serde_json::from_str(&text).in_file("read the report", path)?;
+    match implausible(&report, String::new()) {
+        Some((key, number)) => Err(Failure::failed(format!(
+            "cannot read the report {}: {key} = {number} is no number of a flight: allowed are those up to 1e30",
+            path.display()
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// The first number beyond what a flight can have, with its place.
+fn implausible(value: &Value, place: String) -> Option<(String, &Number)> {
+    const LARGEST: f64 = 1e30;
+    match value {
+        Value::Number(number) => number.as_f64().is_none_or(|it| it.abs() > LARGEST).then_some((place, number)),
+        Value::Array(values) => values.iter().enumerate().find_map(|(i, it)| implausible(it, format!("{place}[{i}]"))),
+        Value::Object(keys) => {
+            let dot = if place.is_empty() { "" } else { "." };
+            keys.iter().find_map(|(key, it)| implausible(it, format!("{place}{dot}{key}")))
+        }
+        _ => None,
+    }
 }

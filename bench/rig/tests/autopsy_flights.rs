@@ -23,6 +23,7 @@ use role::stage::{self, Stage, Turn, Worked};
 use role::station::{Orders, Station};
 use rustix::process::Signal;
 use rustix::thread::gettid;
+use wire::clock::Horizon;
 use wire::clock::now_ns;
 use wire::error::Error;
 use wire::instance::Instance;
@@ -194,10 +195,10 @@ impl Stage for TroubledMixer {
         self.mixer.arm(expected, epoch)
     }
 
-    fn take(&mut self, newest_tick: u64) -> Result<u64, Error> {
+    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
         // A message of the next tick may be there, too.
-        let tick = newest_tick - 1;
-        if Self::DEAF.contains(&tick) { Ok(NO_TICK) } else { self.mixer.take(newest_tick) }
+        let tick = horizon.latest_tick() - 1;
+        if Self::DEAF.contains(&tick) { Ok(NO_TICK) } else { self.mixer.take(horizon) }
     }
 
     fn tick(&mut self, turn: &Turn) -> Result<Worked, Error> {

@@ -167,7 +167,12 @@ fn what_the_system_answers_is_found_too() {
         (finding(&examination, subject), examination.diagnosis.verdict)
     };
     let cases: [(Change, &str, Verdict, &str); 6] = [
-        (|it| it.fifo_errno = Some(EPERM), "scheduling", Verdict::NotRealTime, "setcap cap_sys_nice,cap_ipc_lock+ep"),
+        (
+            |it| it.fifo_errno = Some(EPERM),
+            "scheduling",
+            Verdict::NotRealTime,
+            "setcap cap_sys_nice,cap_ipc_lock+ep '/",
+        ),
         (|it| it.timer_resolution_ns = 4_000_000, "timers", Verdict::NotRealTime, "CONFIG_HIGH_RES_TIMERS=y"),
         (|it| it.shared_memory_free_bytes = Some(1 << 20), "shared memory", Verdict::NotRealTime, "remount,size=256M"),
         (|it| it.shared_memory_free_bytes = None, "shared memory", Verdict::NotRealTime, "mount -t tmpfs"),

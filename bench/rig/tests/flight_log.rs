@@ -189,6 +189,7 @@ fn a_full_disk_costs_messages_and_not_the_flight() {
     let Some((ended, report)) = fly_on_a_small_disk(&rig, "7m") else { return };
     let result = ended.expect(0).says("less than 4 MiB would be left free on the disk").result();
     assert_eq!((result["status"].as_str(), result["ticks"].as_str()), ("PASS", "12001"));
+    assert_eq!(result["log"], "cut");
     let section = &report["recorder"]["log"];
     let of = |what: &str, topic: &str| section[what][topic].as_u64().unwrap();
     assert!(of("dropped", "state") > 1000 && of("messages", "state") > 1000, "{section}");
@@ -201,4 +202,14 @@ fn a_full_disk_costs_messages_and_not_the_flight() {
     assert_eq!((counts[0], counts[3]), (of("messages", "state"), of("messages", "rotor_speeds")));
     assert_eq!(section["file_bytes"], fs::metadata(&log).unwrap().len());
     assert_eq!(report["recorder"]["unwritten"], serde_json::json!({}));
+}
+
+#[test]
+fn a_disk_without_room_for_any_message_is_named_in_the_result() {
+    let rig = Rig::new("no-room");
+    let Some((ended, report)) = fly_on_a_small_disk(&rig, "3m") else { return };
+    // The flight was flown, and its gates judged as it flew.
+    let result = ended.expect(0).result();
+    assert_eq!((result["status"].as_str(), result["log"].as_str()), ("PASS", "lost"));
+    assert_eq!(report["recorder"]["log"]["messages"]["state"], 0);
 }

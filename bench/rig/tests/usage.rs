@@ -54,6 +54,11 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         ("fly", &["--duration", "0s"], "flight.duration_s = 0 is out of range: allowed are 0.001 to 86400"),
         ("fly", &["--rt", "maybe"], "[possible values: require, prefer, off]"),
         ("fly", &["--cpu", "9999"], "rt.cpu = 9999: allowed are a processor's number and \"auto\""),
+        ("fly", &["--cpu", "1023"], "rt.cpu = 1023: this process may use the processors 0"),
+        ("fly", &["--cpu", "1023"], "name one of them with --cpu N"),
+        ("inner", &["--cpu", "1023"], "rt.cpu = 1023: this process may use the processors 0"),
+        ("fly", &["--config", "/dev/zero"], "cannot read the settings file /dev/zero: it is no regular file"),
+        ("fly", &["--states", "/"], "--states: cannot write /: Is a directory"),
         ("fly", &["--every", "0"], "recorder.states_every_ticks = 0 is out of range: allowed are 1 to"),
         ("fly", &["--max-miss-rate", "few"], "invalid value 'few' for '--max-miss-rate <PPM>'"),
         (
@@ -107,6 +112,46 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
 }
 
 #[test]
+fn settings_without_end_are_refused_and_so_is_a_processor_that_the_doctor_may_not_use() {
+    let rig = Rig::new("endless");
+    let pipe = rig.file("pipe");
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    // Nobody ever writes into it.
+    rig.run("fly", &["--config", &pipe]).expect(2).complains(&format!("{pipe}: it is no regular file"));
+    let long = rig.settings(&"# long\n".repeat(200_000));
+    rig.run("fly", &["--config", &long]).expect(2).complains(&format!("{long}: it is longer than 1 MiB"));
+    rig.assert_nothing_started();
+    let mut doctor = Command::new(IRONBIRD);
+    doctor.args(["doctor", "--cpu", "1023", "--seconds", "0.1"]).env("IRONBIRD_ROOT", rig.root());
+    rig.launch(doctor).end().expect(2).complains("--cpu 1023: this process may use the processors 0");
+}
+
+#[test]
+fn asking_whether_a_file_can_be_written_does_not_make_it() {
+    let rig = Rig::new("untouched");
+    let states = rig.file("states.csv");
+    rig.run("fly", &["--states", &states, "--instance", "Left Rig"]).expect(2);
+    assert!(!fs::exists(&states).unwrap());
+    fs::write(&states, "kept").unwrap();
+    rig.run("fly", &["--states", &states, "--instance", "Left Rig"]).expect(2);
+    assert_eq!(fs::read_to_string(&states).unwrap(), "kept");
+}
+
+#[test]
+fn a_report_with_numbers_of_no_flight_is_refused() {
+    let rig = Rig::new("crafted");
+    rig.run("fly", &["--rt", "off", "--config", &rig.slow(5), "--duration", "50ms"]).expect(0);
+    let path = rig.out().join("latest/report.json");
+    let mut report = rig.report();
+    report["series"][0]["max_us"] = serde_json::json!(1e308);
+    fs::write(&path, report.to_string()).unwrap();
+    for format in ["html", "text"] {
+        let refused = rig.run("report", &["--format", format]).expect(1);
+        refused.complains("series[0].max_us = 1e308 is no number of a flight").complains("report.json");
+    }
+}
+
+#[test]
 fn every_wrong_setting_is_named_with_file_value_and_what_is_allowed() {
     let rig = Rig::new("settings");
     for (text, words) in [
@@ -144,7 +189,7 @@ fn directories_that_cannot_be_used_are_named_with_the_remedy() {
     };
     with_root("/proc/nope").complains("cannot use the root path /proc/nope/").complains("another one in IRONBIRD_ROOT");
     let long = format!("/tmp/{}", "x".repeat(60));
-    with_root(&long).complains("is 65 characters long; sockets below it need it to be at most 40");
+    with_root(&long).complains("is 65 characters long; iceoryx2's paths below it need it to be at most 64");
     assert!(!fs::exists(long).unwrap());
     rig.assert_nothing_started();
     let ended = rig.run("fly", &["--rt", "off", "--out", "/proc/nope"]).expect(2);

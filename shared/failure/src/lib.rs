@@ -1,8 +1,10 @@
 //! How a command fails: exit code, what happened, what to do about it.
 
-use std::fmt;
-use std::fs::OpenOptions;
 use std::path::Path;
+use std::{fmt, fs, io};
+
+use rustix::fs::{Access, access};
+use rustix::io::Errno;
 
 /// Exit code of a run or command that did what it should.
 pub const OK: u8 = 0;
@@ -24,14 +26,6 @@ pub struct Failure {
     pub code: u8,
     message: String,
     help: Option<String>,
-}
-
-impl Failure {
-    /// What the user can do, if that is known.
-    #[must_use]
-    pub fn remedy(&self) -> Option<&str> {
-        self.help.as_deref()
-    }
 }
 
 impl Failure {
@@ -60,11 +54,29 @@ impl Failure {
         self
     }
 
+    /// With another exit code, unless that one is [`OK`].
+    #[must_use]
+    pub const fn or_code(mut self, code: u8) -> Self {
+        if code != OK {
+            self.code = code;
+        }
+        self
+    }
+
     /// Adds what the user can do.
     #[must_use]
     pub fn help(mut self, help: impl Into<String>) -> Self {
         self.help = Some(help.into());
         self
+    }
+}
+
+impl Failure {
+    /// The failure as a command prints it: what happened, and below it what to do.
+    #[must_use]
+    pub fn told(&self) -> String {
+        let help = self.help.as_ref().map_or_else(String::new, |help| format!(" help: {help}\n"));
+        format!("error: {}\n{help}", self.message)
     }
 }
 
@@ -91,12 +103,21 @@ impl<T, E: fmt::Display> InFile<T> for Result<T, E> {
     }
 }
 
-/// Whether a file that a flag names can be written: asked before anything starts.
+/// Whether a file that a flag names can be written: asked before anything starts, and nothing is made by it.
 ///
 /// # Errors
 /// A usage [`Failure`] names flag and file.
 pub fn check_writable(flag: &str, path: Option<&Path>) -> Result<(), Failure> {
     let Some(path) = path else { return Ok(()) };
-    let refused = |e| Failure::usage(format!("{flag}: cannot write {}: {e}", path.display()));
-    OpenOptions::new().create(true).append(true).open(path).map(|_| ()).map_err(refused)
+    let asked = match fs::metadata(path) {
+        Ok(file) if file.is_dir() => Err(Errno::ISDIR),
+        Ok(_) => access(path, Access::WRITE_OK),
+        // It will be made.
+        Err(_) => {
+            let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
+            access(parent.unwrap_or_else(|| Path::new(".")), Access::WRITE_OK | Access::EXEC_OK)
+        }
+    };
+    let refused = |e: Errno| Failure::usage(format!("{flag}: cannot write {}: {}", path.display(), io::Error::from(e)));
+    asked.map_err(refused)
 }

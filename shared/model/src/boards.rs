@@ -91,6 +91,10 @@ pub struct Run {
     pub run_id: u64,
     /// Fingerprint of the plant's settings.
     pub settings: u64,
+    /// Process number of the plant: its board outlives it, and another plant may write on the same board.
+    pub plant_pid: u64,
+    /// Process number of the plant's launcher; 0 where it was started by hand.
+    pub launcher_pid: u64,
     /// Begin of tick 0 on CLOCK_MONOTONIC [ns].
     pub t0_ns: u64,
     /// Begin of tick 0 on the wall clock [ns since 1970].
@@ -119,6 +123,8 @@ layout!(Run {
     ending,
     run_id,
     settings,
+    plant_pid,
+    launcher_pid,
     t0_ns,
     t0_wall_ns,
     period_ns,
@@ -139,6 +145,8 @@ impl Default for Run {
             ending: Ending::None as u64,
             run_id: 0,
             settings: 0,
+            plant_pid: 0,
+            launcher_pid: 0,
             t0_ns: 0,
             t0_wall_ns: 0,
             period_ns: 0,

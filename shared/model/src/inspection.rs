@@ -4,6 +4,7 @@ use crate::envelope::{LAYOUT, Message};
 use crate::layout::layout;
 use crate::messages::NO_TICK;
 use crate::topic::Topic;
+use crate::vocabulary::words;
 
 /// Why a message was not believed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,6 +36,8 @@ pub const REASONS: [Reason; 7] = [
     Reason::NonFinite,
     Reason::Implausible,
 ];
+
+words!(Reason { Layout, Run, Settings, Sequence, Tick, NonFinite, Implausible });
 
 impl Reason {
     /// A word for the report.

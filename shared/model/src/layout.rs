@@ -5,6 +5,8 @@
 //!
 //! Code that writes, reads or shows any message walks over its fields with a [`Visitor`].
 
+use crate::vocabulary::VOCABULARY;
+
 /// What a field is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -44,8 +46,8 @@ pub struct Field {
 pub trait Layout {
     /// Its fields, in order and without a gap.
     const FIELDS: &'static [Field];
-    /// Hash over [`Self::FIELDS`].
-    const FINGERPRINT: u64 = fingerprint(Self::FIELDS);
+    /// Hash over [`Self::FIELDS`] and over the words that numbers in them stand for.
+    const FINGERPRINT: u64 = fnv1a(fingerprint(Self::FIELDS), &VOCABULARY.to_le_bytes());
 }
 
 /// A struct whose fields can be walked over.
@@ -167,7 +169,7 @@ element!(f64, Kind::F64, (field, visitor, elements) => { visitor.numbers(field, 
 element!(u8, Kind::U8, (_field, _visitor, _elements) => {});
 element!(i64, Kind::I64, (_field, _visitor, _elements) => {});
 
-/// FNV-1a over names, offsets, sizes and kinds.
+/// FNV-1a over names, offsets, sizes and kinds; of a struct within, over its fields likewise.
 #[must_use]
 pub const fn fingerprint(fields: &[Field]) -> u64 {
     let mut hash = FNV_OFFSET;
@@ -177,6 +179,9 @@ pub const fn fingerprint(fields: &[Field]) -> u64 {
         hash = fnv1a(hash, &fields[i].offset.to_le_bytes());
         hash = fnv1a(hash, &fields[i].size.to_le_bytes());
         hash = fnv1a(hash, fields[i].kind.word().as_bytes());
+        if let Kind::Struct { fields: inner, .. } = fields[i].kind {
+            hash = fnv1a(hash, &fingerprint(inner).to_le_bytes());
+        }
         i += 1;
     }
     hash
@@ -290,6 +295,7 @@ macro_rules! from_wire {
                 None
             }
         }
+        $crate::words!($type { $($variant),+ });
     };
 }
 pub use from_wire;
@@ -312,6 +318,15 @@ mod tests {
         for other in [swapped, renamed, resized, number] {
             assert_ne!(fingerprint(&other), known);
         }
+    }
+
+    #[test]
+    fn a_struct_within_is_known_by_its_fields_and_not_by_its_name_alone() {
+        const fn holder(fields: &'static [Field]) -> [Field; 1] {
+            [Field { name: "grants", offset: 0, size: 16, kind: Kind::Struct { name: "Grants", fields }, length: None }]
+        }
+        const SWAPPED: [Field; 2] = [Field { offset: 0, ..B }, Field { offset: 8, ..A }];
+        assert_ne!(fingerprint(&holder(&[A, B])), fingerprint(&holder(&SWAPPED)));
     }
 
     #[test]

@@ -19,3 +19,4 @@ pub mod realtime;
 pub mod role;
 pub mod settings_text;
 pub mod topic;
+pub mod vocabulary;

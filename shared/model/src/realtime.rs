@@ -7,6 +7,7 @@ use std::io;
 use serde::{Deserialize, Serialize};
 
 use crate::layout::layout;
+use crate::vocabulary::words;
 
 /// Error number of what the system does not implement.
 const ENOSYS: i32 = 38;
@@ -66,6 +67,8 @@ pub const STEPS: [Step; 7] = [
     Step::TimerSlack,
     Step::CpuLatency,
 ];
+
+words!(Step { Scheduler, Affinity, MemoryLock, Malloc, Prefault, TimerSlack, CpuLatency });
 
 impl Step {
     /// Whether `Mode::Require` insists on it: a machine without the device of the last step has no such sleep.

@@ -2,9 +2,12 @@
 //!
 //! Laws come in as values ([`law`]). Ports, clock and operating system stay here and in [`wire`].
 
+pub mod farewell;
 pub mod launcher;
 mod patience;
 pub mod rt;
 pub mod shell;
+pub mod signals;
 pub mod stage;
 pub mod station;
+pub mod stop;

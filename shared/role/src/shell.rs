@@ -10,6 +10,7 @@ use model::inspection::{Expected, Rejections};
 use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
 use model::role::Role;
 use model::topic::Topic;
+use wire::clock::Horizon;
 use wire::error::Error;
 use wire::{LATEST, Receiver, Sender, Wire};
 
@@ -61,7 +62,7 @@ pub trait Inputs: Sized {
     ///
     /// # Errors
     /// Those of the ports.
-    fn take(&mut self, newest_tick: u64) -> Result<u64, Error>;
+    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error>;
 
     /// Whether all are of this tick.
     fn fresh(&self, tick: u64) -> bool;
@@ -82,8 +83,8 @@ impl<A: Topic> Inputs for Receiver<A> {
         self.arm(expected)
     }
 
-    fn take(&mut self, newest_tick: u64) -> Result<u64, Error> {
-        self.take(newest_tick)
+    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
+        self.take(horizon)
     }
 
     fn fresh(&self, tick: u64) -> bool {
@@ -111,9 +112,9 @@ impl<A: Topic, B: Topic> Inputs for (Receiver<A>, Receiver<B>) {
     }
 
     /// The second input of a tick was there before the first was made from it.
-    fn take(&mut self, newest_tick: u64) -> Result<u64, Error> {
-        let tick = self.0.take(newest_tick)?;
-        self.1.take(newest_tick)?;
+    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
+        let tick = self.0.take(horizon)?;
+        self.1.take(horizon)?;
         Ok(tick)
     }
 
@@ -160,8 +161,8 @@ impl<J: Job> Stage for Shell<J> {
         self.output.arm(expected, epoch)
     }
 
-    fn take(&mut self, newest_tick: u64) -> Result<u64, Error> {
-        self.inputs.take(newest_tick)
+    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
+        self.inputs.take(horizon)
     }
 
     fn tick(&mut self, turn: &Turn) -> Result<Worked, Error> {

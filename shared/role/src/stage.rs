@@ -4,14 +4,16 @@
 //! the newest data it has, and its message says so. If a tick is over before the stage got to it, the tick is skipped
 //! and counted. Skipped ticks are never made up for in a burst.
 
+use crate::farewell::say_landed;
 use crate::rt::UsageMeter;
 use crate::station::{Armed, Station};
-use model::boards::{Ending, RunPhase};
+use model::boards::{Ending, Run, RunPhase};
 use model::grid::{NS_PER_S, Pace};
 use model::inspection::{Expected, Rejections};
 use model::messages::NO_TICK;
 use model::role::Role;
 use wire::Doorbell;
+use wire::clock::Horizon;
 use wire::clock::now_ns;
 use wire::error::Error;
 
@@ -48,9 +50,11 @@ pub trait Stage {
 
     /// Takes what has arrived, and returns the tick of the input that wakes the stage ([`NO_TICK`]: none yet).
     ///
+    /// `horizon` tells its ports which ticks can have begun.
+    ///
     /// # Errors
     /// Those of the ports.
-    fn take(&mut self, newest_tick: u64) -> Result<u64, Error>;
+    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error>;
 
     /// Works a tick with what was taken: step, limit, publish.
     ///
@@ -87,14 +91,19 @@ const fn first_look_percent(role: Role) -> u64 {
 /// In lockstep, how often a waiting stage checks for the end of the run [ns].
 const LOOK_UP_NS: u64 = 20_000_000;
 
-/// The run is lost after this long without a sign of life from the plant [ns].
+/// After this long without a sign of life from the plant, a stage checks whether the plant's process lives [ns].
 const PLANT_SILENT_NS: u64 = NS_PER_S;
+/// And then how often [ns]: a look opens a file, which is not for every tick.
+const PLANT_LOOK_NS: u64 = NS_PER_S / 10;
 
 /// Runs a stage until the plant closes the run.
 ///
 /// # Errors
-/// Those of the station and of the stage's ports; [`Error::Absent`] when the plant has died.
-pub fn run<S: Stage>(mut stage: S, doorbell: &Doorbell, mut station: Station) -> Result<(), Error> {
+/// Those of the station and of the stage's ports; [`Error::Absent`] when the plant has died or was replaced.
+pub fn run<S: Stage>(stage: S, doorbell: &Doorbell, station: Station) -> Result<(), Error> {
+    // They are given up in the reverse order: real time, which `armed` holds, the ports, and the place last.
+    let mut station = station;
+    let mut stage = stage;
     let armed = station.join(|_, expected, epoch| stage.arm(expected, epoch))?;
     let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);
     let meter = UsageMeter::start();
@@ -104,6 +113,9 @@ pub fn run<S: Stage>(mut stage: S, doorbell: &Doorbell, mut station: Station) ->
         station.status.wants_end = Ending::Failed as u64;
     }
     station.land(&meter);
+    if flown.is_ok() {
+        say_landed(S::ROLE, &armed.run.get());
+    }
     flown.and(finished)
 }
 
@@ -115,15 +127,18 @@ fn fly<S: Stage>(
     pacer: &mut Pacer,
 ) -> Result<(), Error> {
     let mut previous_busy_ns = 0;
-    let mut heard_ns = now_ns();
+    let mut signs_of_life = SignsOfLife::new(now_ns());
     loop {
-        let (tick, receive_ns) = match pacer.wait(doorbell, |newest_tick| stage.take(newest_tick))? {
+        let (tick, receive_ns) = match pacer.wait(doorbell, |pace| stage.take(pace))? {
             Wake::Work { tick, receive_ns } => (tick, receive_ns),
             Wake::Silence { tick, receive_ns } => {
+                if let Some(next) = armed.run.successor() {
+                    return Err(replaced(S::ROLE, &next));
+                }
                 if armed.run.get().phase() == RunPhase::Closed {
                     return Ok(());
                 }
-                if receive_ns > heard_ns + PLANT_SILENT_NS && !station.plant_lives() {
+                if signs_of_life.look_is_due(receive_ns) && !station.plant_lives() {
                     return Err(Error::Absent { what: "the plant died in flight".into() });
                 }
                 if armed.pace == Pace::Lockstep {
@@ -139,7 +154,7 @@ fn fly<S: Stage>(
         };
         let worked = stage.tick(&Turn { tick, receive_ns, previous_busy_ns })?;
         if !worked.stale {
-            heard_ns = receive_ns;
+            signs_of_life.heard(receive_ns);
         }
         let status = &mut station.status;
         status.ticks_run += 1;
@@ -151,6 +166,42 @@ fn fly<S: Stage>(
         }
         station.pass_on_stop();
         previous_busy_ns = now_ns() - receive_ns;
+    }
+}
+
+fn replaced(role: Role, next: &Run) -> Error {
+    Error::Absent {
+        what: format!(
+            "another run has begun: a new plant (process {}) has the place of the one that this {role} process flew \
+             with; start `ironbird {role}` again",
+            next.plant_pid
+        ),
+    }
+}
+
+/// When the plant was heard of, and when it was looked after.
+#[derive(Clone, Copy, Debug)]
+struct SignsOfLife {
+    heard_ns: u64,
+    looked_ns: u64,
+}
+
+impl SignsOfLife {
+    const fn new(now: u64) -> Self {
+        Self { heard_ns: now, looked_ns: 0 }
+    }
+
+    const fn heard(&mut self, now: u64) {
+        self.heard_ns = now;
+    }
+
+    /// Whether to look after the plant now.
+    const fn look_is_due(&mut self, now: u64) -> bool {
+        let is_due = now > self.heard_ns + PLANT_SILENT_NS && now >= self.looked_ns + PLANT_LOOK_NS;
+        if is_due {
+            self.looked_ns = now;
+        }
+        is_due
     }
 }
 
@@ -181,11 +232,12 @@ impl Pacer {
         Self { pace, first_look_percent, deadline_percent, since_ns: 0, next_tick: first_tick, skipped: 0 }
     }
 
-    fn wait(&mut self, doorbell: &Doorbell, mut take: impl FnMut(u64) -> Result<u64, Error>) -> Result<Wake, Error> {
+    fn wait(&mut self, doorbell: &Doorbell, mut take: impl FnMut(Pace) -> Result<u64, Error>) -> Result<Wake, Error> {
         self.since_ns = now_ns();
         loop {
+            let newest = take(self.pace)?;
+            // After the ports: a machine that stalls in between must not make what has come look too early.
             let now = now_ns();
-            let newest = take(self.pace.newest_tick(now))?;
             if let Some(wake) = self.decide(now, newest) {
                 return Ok(wake);
             }
@@ -277,6 +329,40 @@ mod tests {
         assert_eq!(pacer.decide(at(9, 100), 4), None, "a pause of the machine: tick 9 may still get its input");
         assert_eq!((pacer.next_tick, pacer.skipped), (9, 4));
         assert_eq!(pacer.decide(at(9, 200), 9), Some(Wake::Work { tick: 9, receive_ns: at(9, 200) }));
+    }
+
+    #[test]
+    fn a_machine_that_stalls_while_input_is_taken_makes_none_of_it_come_from_the_future() {
+        let root = tempfile::Builder::new().prefix("ib-").tempdir_in("/tmp").unwrap();
+        let instance = wire::instance::Instance::under(root.path(), "stall").unwrap();
+        let wire = wire::Wire::open(&instance).unwrap();
+        let doorbell = wire.doorbell(Role::Inner).unwrap();
+        let grid = Grid { t0_ns: now_ns(), period_ns: 1_000_000 };
+        let mut pacer = Pacer::new(Pace::Realtime(grid), Role::Inner, 0);
+        let mut sent_ns = 0;
+        let woken = pacer.wait(&doorbell, |pace: Pace| {
+            std::thread::sleep(std::time::Duration::from_millis(20));
+            sent_ns = now_ns();
+            let tick = grid.tick_at(sent_ns);
+            assert!(pace.latest_tick() >= tick, "a message of this instant is no forgery");
+            Ok(tick)
+        });
+        drop(wire);
+        instance.remove_leftovers().unwrap();
+        let Wake::Work { tick, receive_ns } = woken.unwrap() else { panic!("there was an input") };
+        assert!(tick >= 20 && receive_ns >= sent_ns, "tick {tick} came {} ns before it was sent", sent_ns - receive_ns);
+    }
+
+    #[test]
+    fn a_plant_that_is_silent_is_looked_after_ten_times_a_second() {
+        let mut signs = SignsOfLife::new(at(0, 0));
+        let looks = |signs: &mut SignsOfLife, from_ms: u64, to_ms: u64| {
+            (from_ms..to_ms).filter(|ms| signs.look_is_due(at(0, ms * 1_000_000))).count()
+        };
+        assert_eq!(looks(&mut signs, 0, 1001), 0, "within a second it may be late");
+        assert_eq!(looks(&mut signs, 1001, 3001), 20);
+        signs.heard(at(0, 3_001_000_000));
+        assert_eq!(looks(&mut signs, 3001, 4002), 0);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Stations: how the roles of a run agree on its t_0.
+//! Stations: how roles agree on t_0, and the order in which a stage lets go.
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
@@ -6,62 +6,86 @@
 #[path = "../../wire/tests/common/mod.rs"]
 mod common;
 
-use std::sync::mpsc;
+use std::fs;
+use std::io::Write as _;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, mpsc};
 use std::thread::{scope, sleep};
 use std::time::Duration;
 
+use model::boards::RunPhase;
 use model::flight_plan::FlightPlan;
 use model::grid::{Grid, Pace};
+use model::inspection::{Expected, Rejections};
+use model::messages::NO_TICK;
 use model::realtime::{Mode, Settings};
 use model::role::{ROLES, Role};
+use role::rt::fifo_refusal;
+use role::stage::{self, Stage, Turn, Worked};
 use role::station::{Orders, Station};
+use wire::clock::Horizon;
+use wire::clock::now_ns;
+use wire::error::Error;
 use wire::instance::Instance;
 
 use common::Site;
 
 const PLAN: FlightPlan = FlightPlan { last_tick: 10, sample_time_ns: 1_000_000, wall_period_ns: 1_000_000 };
 
-fn take(instance: &Instance, role: Role) -> Station {
+fn take(instance: &Instance, role: Role, mode: Mode) -> Station {
     let orders = Orders {
         instance: instance.clone(),
-        rt: Settings { mode: Mode::Off, priority: 80, cpu: None },
+        rt: Settings { mode, priority: 10, cpu: None },
         settings: "flight.seed = 1\n".into(),
         launcher: None,
     };
     Station::take(role, orders).unwrap()
 }
 
-/// The grid of each role, the plant's last, when the plant or the roles need some time to arm for the first t_0.
-fn agree(plant_needs: Duration, role_needs: Duration) -> Vec<Grid> {
-    let site = Site::new();
-    let (tell, told) = mpsc::channel();
-    let grid = |pace| match pace {
+fn grid(pace: Pace) -> Grid {
+    match pace {
         Pace::Realtime(grid) => grid,
         Pace::Lockstep => panic!("the plan is of real time"),
-    };
+    }
+}
+
+/// What a role takes from the agreement.
+#[derive(Debug)]
+struct Agreed {
+    grid: Grid,
+    first_tick: u64,
+    /// When it began and ended to arm, each time.
+    armed_ns: Vec<(u64, u64)>,
+}
+
+/// Arms for so long the first time.
+fn arm(needs: &mut Option<Duration>, armed_ns: &mut Vec<(u64, u64)>) -> Result<(), Error> {
+    let begin_ns = now_ns();
+    sleep(needs.take().unwrap_or_default());
+    armed_ns.push((begin_ns, now_ns()));
+    Ok(())
+}
+
+/// What each role takes from it, the plant last, when the plant or the roles need some time to arm for the first t_0.
+fn agree(plant_needs: Duration, role_needs: Duration) -> Vec<Agreed> {
+    let site = Site::new();
+    let (tell, told) = mpsc::channel();
     scope(|scope| {
         for role in ROLES.into_iter().filter(|role| *role != Role::Plant) {
             let (tell, instance) = (tell.clone(), &site.instance);
             scope.spawn(move || {
-                let mut station = take(instance, role);
-                let mut needs = Some(role_needs);
-                let armed = station.join(|_, _, _| {
-                    sleep(needs.take().unwrap_or_default());
-                    Ok(())
-                });
-                tell.send(grid(armed.unwrap().pace)).unwrap();
+                let mut station = take(instance, role, Mode::Off);
+                let (mut needs, mut armed_ns) = (Some(role_needs), Vec::new());
+                let armed = station.join(|_, _, _| arm(&mut needs, &mut armed_ns)).unwrap();
+                tell.send(Agreed { grid: grid(armed.pace), first_tick: armed.first_tick, armed_ns }).unwrap();
             });
         }
-        let mut station = take(&site.instance, Role::Plant);
-        let mut needs = Some(plant_needs);
-        let opened = station.open_run(PLAN, |_, _| {
-            sleep(needs.take().unwrap_or_default());
-            Ok(())
-        });
-        let opened = opened.unwrap();
-        let mut grids: Vec<Grid> = ROLES[1..].iter().map(|_| told.recv().unwrap()).collect();
-        grids.push(grid(opened.pace));
-        grids
+        let mut station = take(&site.instance, Role::Plant, Mode::Off);
+        let (mut needs, mut armed_ns) = (Some(plant_needs), Vec::new());
+        let opened = station.open_run(PLAN, |_, _| arm(&mut needs, &mut armed_ns)).unwrap();
+        let mut agreed: Vec<Agreed> = ROLES[1..].iter().map(|_| told.recv().unwrap()).collect();
+        agreed.push(Agreed { grid: grid(opened.pace), first_tick: 0, armed_ns });
+        agreed
     })
 }
 
@@ -70,8 +94,124 @@ fn a_t_0_that_has_passed_before_all_have_armed_is_moved_for_all() {
     let late = Duration::from_millis(300);
     for (plant_needs, role_needs) in [(Duration::ZERO, Duration::ZERO), (late, Duration::ZERO), (Duration::ZERO, late)]
     {
-        let grids = agree(plant_needs, role_needs);
-        assert_eq!(grids.len(), ROLES.len());
-        assert!(grids.iter().all(|grid| *grid == grids[0]), "{plant_needs:?} {role_needs:?}: {grids:?}");
+        let agreed = agree(plant_needs, role_needs);
+        assert_eq!(agreed.len(), ROLES.len());
+        let t0_ns = agreed[0].grid.t0_ns;
+        for one in &agreed {
+            assert_eq!((one.grid, one.first_tick), (agreed[0].grid, 0), "{plant_needs:?} {role_needs:?}: {agreed:?}");
+            assert!(one.armed_ns.iter().all(|(_, end_ns)| *end_ns < t0_ns), "armed after t_0: {agreed:?}");
+        }
+        let is_late = !(plant_needs + role_needs).is_zero();
+        // The plant arms for each t_0 that it announces.
+        let (first_ns, announced) = (agreed[4].armed_ns[0].0, agreed[4].armed_ns.len());
+        assert!(!is_late || announced > 1, "t_0 was moved: {agreed:?}");
+        assert!(!is_late || t0_ns > first_ns + 300_000_000, "and lies after the late one: {agreed:?}");
+    }
+}
+
+/// Scheduling policy of the calling thread: 0 is SCHED_OTHER, 1 is SCHED_FIFO.
+fn policy() -> u32 {
+    let stat = fs::read_to_string("/proc/thread-self/stat").unwrap();
+    let after_name = stat.rsplit_once(')').unwrap().1;
+    after_name.split_whitespace().nth(38).unwrap().parse().unwrap()
+}
+
+/// A port that sees what its stage still has when it goes.
+struct Port<'a> {
+    instance: &'a Instance,
+    /// Policy, and whether the place was still taken.
+    seen: &'a Mutex<Option<(u32, bool)>>,
+}
+
+impl Drop for Port<'_> {
+    fn drop(&mut self) {
+        *self.seen.lock().unwrap() = Some((policy(), self.instance.is_occupied(Role::Inner)));
+    }
+}
+
+/// A stage that never gets an input.
+struct Idle<'a> {
+    _port: Port<'a>,
+    /// Policy once it is armed.
+    armed: &'a Mutex<Option<u32>>,
+    /// It cannot be armed.
+    refuses: bool,
+}
+
+impl Stage for Idle<'_> {
+    const ROLE: Role = Role::Inner;
+
+    fn arm(&mut self, _: Expected, _: u64) -> Result<(), Error> {
+        *self.armed.lock().unwrap() = Some(policy());
+        if self.refuses { Err(Error::Interrupted) } else { Ok(()) }
+    }
+
+    fn take(&mut self, _: impl Horizon) -> Result<u64, Error> {
+        Ok(NO_TICK)
+    }
+
+    fn tick(&mut self, _: &Turn) -> Result<Worked, Error> {
+        Ok(Worked { stale: true, wants_end: None })
+    }
+
+    fn rejections(&self) -> Rejections {
+        Rejections::default()
+    }
+}
+
+/// Runs the idle stage through a run; gives its policy when armed, and what its port has seen at the end.
+fn give_up(refuses: bool) -> (u32, (u32, bool)) {
+    let site = Site::new();
+    let (armed, seen, over) = (Mutex::new(None), Mutex::new(None), AtomicBool::new(false));
+    scope(|scope| {
+        let (armed, seen, over, instance) = (&armed, &seen, &over, &site.instance);
+        for role in [Role::Outer, Role::Mixer, Role::Record] {
+            scope.spawn(move || {
+                let mut station = take(instance, role, Mode::Off);
+                let joined = station.join(|_, _, _| Ok(()));
+                while !over.load(Ordering::Relaxed) && joined.is_ok() {
+                    sleep(Duration::from_millis(1));
+                }
+            });
+        }
+        let inner = scope.spawn(move || {
+            let station = take(instance, Role::Inner, Mode::Prefer);
+            let doorbell = station.wire().doorbell(Role::Inner).unwrap();
+            let ended = stage::run(Idle { _port: Port { instance, seen }, armed, refuses }, &doorbell, station);
+            assert_eq!(ended.is_err(), refuses);
+        });
+        let mut station = take(instance, Role::Plant, Mode::Off);
+        // Where the stage ends instead of arming, nobody would wait for the plant any more.
+        let stop = station.stop_flag();
+        scope.spawn(move || {
+            while refuses && !inner.is_finished() {
+                sleep(Duration::from_millis(1));
+            }
+            stop.store(refuses, Ordering::Relaxed);
+        });
+        if let Ok(mut opened) = station.open_run(PLAN, |_, _| Ok(())) {
+            opened.run.phase = RunPhase::Closed as u64;
+            opened.board.put(opened.run);
+            // The board is there until everybody has seen it.
+            while seen.lock().unwrap().is_none() {
+                sleep(Duration::from_millis(1));
+            }
+        }
+        over.store(true, Ordering::Relaxed);
+        drop(station);
+    });
+    (armed.into_inner().unwrap().unwrap(), seen.into_inner().unwrap().unwrap())
+}
+
+#[test]
+fn a_stage_gives_up_real_time_before_its_ports_and_its_ports_before_its_place() {
+    for refuses in [false, true] {
+        let (armed, seen) = give_up(refuses);
+        if fifo_refusal(12).is_none() {
+            assert_eq!(armed, 1, "SCHED_FIFO is granted here");
+        } else {
+            let _ = writeln!(std::io::stderr().lock(), "NOT TESTED: this user is refused SCHED_FIFO");
+        }
+        assert_eq!(seen, (0, true), "policy, and whether the place is taken, when the ports go");
     }
 }

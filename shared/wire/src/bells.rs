@@ -2,16 +2,16 @@
 //!
 //! The last process to leave removes it.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::os::fd::AsFd as _;
-use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use rustix::fs::{FallocateFlags, FlockOperation, fallocate, flock};
+use rustix::io::Errno;
 
 use crate::error::Error;
-use crate::instance::{Instance, SHARED_MEMORY, is_at};
+use crate::instance::{Instance, SHARED_MEMORY, is_at, lock_soon, shared_memory};
 use crate::sys::{BELLS, BellPage};
 use model::layout::{FNV_OFFSET, fnv1a};
 
@@ -33,21 +33,24 @@ impl BellFile {
     /// Joins the page of an instance, or makes it.
     ///
     /// # Errors
-    /// [`Error::System`]; [`Error::Incompatible`] where another build has made it.
+    /// [`Error::System`]; [`Error::NotOurs`] where somebody else has it; [`Error::Held`]; [`Error::Incompatible`]
+    /// where another build has made it.
     pub(super) fn join(instance: &Instance) -> Result<Self, Error> {
-        let path = Path::new(SHARED_MEMORY).join(format!("{}bells", instance.prefix()));
+        let name = format!("{}bells", instance.prefix());
+        let path = Path::new(SHARED_MEMORY).join(&name);
         let failed = |e| Error::system(format!("cannot make {}", path.display()), e);
+        let memory = shared_memory()?.ok_or_else(|| failed(Errno::NOENT))?;
         loop {
-            let mut options = OpenOptions::new();
-            options.create(true).truncate(false).read(true).write(true).mode(0o640);
-            let file = options.open(&path).map_err(failed)?;
-            flock(&file, FlockOperation::LockShared).map_err(|e| failed(e.into()))?;
+            // Everybody can guess its name, and write in the directory.
+            let file = memory.file_or_new(&name)?;
+            // Held exclusively for the instant in which the last one leaves.
+            lock_soon(&file, FlockOperation::NonBlockingLockShared, &path)?;
             // Somebody may have left as the last one before it was locked.
             if !is_at(&file, &path) {
                 continue;
             }
             // Reserved at once: a page that shared memory has no room for would end its reader.
-            fallocate(&file, FallocateFlags::empty(), 0, BellPage::BYTES as u64).map_err(|e| failed(e.into()))?;
+            fallocate(&file, FallocateFlags::empty(), 0, BellPage::BYTES as u64).map_err(failed)?;
             let joined = Self { file, path };
             joined.check_mark()?;
             return Ok(joined);

@@ -42,22 +42,21 @@ impl Wire {
     /// # Errors
     /// [`Error::Wire`], [`Error::Incompatible`].
     pub fn board<T: Notice>(&self, name: &str) -> Result<Board<T>, Error> {
-        let empty = self
-            .node
-            .service_builder(&self.service_name(name)?)
-            .blackboard_creator::<u64>()
-            .max_readers(NODES)
-            .max_nodes(NODES);
-        let service = match (0..SHEETS)
-            .fold(empty, |board, sheet| board.add(sheet, Sheet::<T>::default()))
-            .create_with_attributes(&layout_specifier(T::FINGERPRINT)?)
-        {
-            Ok(service) => service,
-            Err(BlackboardCreateError::AlreadyExists) => {
-                self.open_board::<T>(name)?.ok_or_else(|| Error::Absent { what: format!("board `{name}` vanished") })?
+        let (service_name, layout) = (self.service_name(name)?, layout_specifier(T::FINGERPRINT)?);
+        let opener = self.board_opener::<T>(name)?;
+        let service = self.open_service(format!("board `{name}`"), || {
+            let empty = self
+                .node
+                .service_builder(&service_name)
+                .blackboard_creator::<u64>()
+                .max_readers(NODES)
+                .max_nodes(NODES);
+            let board = (0..SHEETS).fold(empty, |board, sheet| board.add(sheet, Sheet::<T>::default()));
+            match board.create_with_attributes(&layout) {
+                Err(BlackboardCreateError::AlreadyExists) => opener().map_err(|error| format!("{error:?}")),
+                created => created.map_err(|error| format!("{error:?}")),
             }
-            Err(error) => return Err(Error::wire(format!("cannot create board `{name}`"), error)),
-        };
+        })?;
         let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot become the writer of board `{name}`"), e);
         let writer = service.writer_builder().create().map_err(|e| failed(&e))?;
         let mut sheets = (0..SHEETS).map(|sheet| writer.entry(&sheet));
@@ -85,14 +84,21 @@ impl Wire {
         Ok(Some(BoardReader { sheets, last: Cell::new(last), _reader: reader, _service: service }))
     }
 
+    fn board_opener<T: Notice>(
+        &self,
+        name: &str,
+    ) -> Result<impl Fn() -> Result<PortFactory<ipc::Service, u64>, BlackboardOpenError>, Error> {
+        let (service_name, layout) = (self.service_name(name)?, layout_verifier(T::FINGERPRINT)?);
+        Ok(move || self.node.service_builder(&service_name).blackboard_opener::<u64>().open_with_attributes(&layout))
+    }
+
     fn open_board<T: Notice>(&self, name: &str) -> Result<Option<PortFactory<ipc::Service, u64>>, Error> {
-        let opened = self
-            .node
-            .service_builder(&self.service_name(name)?)
-            .blackboard_opener::<u64>()
-            .open_with_attributes(&layout_verifier(T::FINGERPRINT)?);
-        match opened {
+        match self.board_opener::<T>(name)?() {
             Ok(service) => Ok(Some(service)),
+            // The same words are said of a board that only this process cannot open.
+            Err(error) if error != BlackboardOpenError::DoesNotExist && self.is_short() => {
+                Err(not_opened(&self.instance, format!("board `{name}`"), format!("{error:?}")))
+            }
             // Being put up or taken down at this moment is as good as not there.
             Err(
                 BlackboardOpenError::DoesNotExist
@@ -100,7 +106,7 @@ impl Wire {
                 | BlackboardOpenError::HangsInCreation
                 | BlackboardOpenError::ServiceInCorruptedState,
             ) => Ok(None),
-            Err(error) => Err(not_opened(format!("board `{name}`"), error)),
+            Err(error) => Err(not_opened(&self.instance, format!("board `{name}`"), format!("{error:?}"))),
         }
     }
 }

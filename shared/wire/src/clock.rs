@@ -1,6 +1,6 @@
 //! The monotonic clock, which all processes of a machine share.
 
-use model::grid::NS_PER_S;
+use model::grid::{NS_PER_S, Pace};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::{Timespec, clock_gettime};
 
@@ -22,6 +22,34 @@ pub fn timespec(ns: u64) -> Timespec {
 /// Returns `false` when it was interrupted.
 pub fn sleep_until(instant_ns: u64) -> bool {
     clock_nanosleep_absolute(ClockId::Monotonic, &timespec(instant_ns)).is_ok()
+}
+
+/// Tells the latest tick whose messages may be there, at the instant at which it is asked.
+///
+/// A receiver asks when it holds a message: a tick that was read before would be too old when the machine has stalled
+/// between the two, and good messages of later ticks would be taken for forged ones.
+pub trait Horizon: Copy {
+    /// The latest tick whose messages may be there now.
+    fn latest_tick(&self) -> u64;
+}
+
+impl Horizon for Pace {
+    fn latest_tick(&self) -> u64 {
+        self.newest_tick(now_ns())
+    }
+}
+
+impl<F: Fn() -> u64 + Copy> Horizon for F {
+    fn latest_tick(&self) -> u64 {
+        self()
+    }
+}
+
+/// A tick that is known, whatever the clock says.
+impl Horizon for u64 {
+    fn latest_tick(&self) -> u64 {
+        *self
+    }
 }
 
 #[cfg(test)]

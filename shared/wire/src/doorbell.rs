@@ -16,6 +16,12 @@ use crate::error::Error;
 use crate::sys::{Alarm, BellPage};
 use model::role::{ROLES, Role};
 
+/// How long after its instant a wait with an alarm ends, had the alarm failed [ns].
+///
+/// More than a stage's deadline is before the end of a tick, also at 50 Hz: so the plant's timer comes before this one,
+/// and this one is never the next of their processor.
+const BACK_STOP_NS: u64 = 10_000_000;
+
 /// Who waits at a doorbell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Owner {
@@ -63,10 +69,10 @@ impl Wire {
 
     /// As [`Wire::doorbell`], but only for the calling thread, and with an alarm that outlives the waits.
     ///
-    /// The deadline is a POSIX timer instead of the futex's time-out. Cancelling a time-out on every ring accesses the
-    /// timer's hardware if it is the processor's next timer: on a virtual machine, an exit to the host
-    /// (docs/decisions/0005-wake-by-futex.md). The price is one more system call per wait. A process has at most one
-    /// alarm.
+    /// The deadline is a POSIX timer instead of the futex's time-out. Cancelling a time-out on every ring costs a VM
+    /// exit if it is its processor's next timer (docs/decisions/0005-wake-by-futex.md). The price is one more system
+    /// call per wait, and the signal: a process has one such doorbell. If the signal is blocked, the wait ends
+    /// [`BACK_STOP_NS`] after its instant.
     ///
     /// # Errors
     /// [`Error::System`].
@@ -107,15 +113,12 @@ impl Doorbell {
             return Ok(true);
         }
         let rung = &self.page[self.place].rung;
-        let instant = timespec(instant_ns);
-        let until = match &self.alarm {
-            None => Some(&instant),
-            Some(alarm) => {
-                alarm.set(instant).map_err(|e| Error::system("cannot set a timer", e))?;
-                None
-            }
-        };
-        match futex::wait_bitset(rung, futex::Flags::empty(), self.heard.get(), until, NonZero::<u32>::MAX) {
+        let mut until = timespec(instant_ns);
+        if let Some(alarm) = &self.alarm {
+            alarm.set(until).map_err(|e| Error::system("cannot set a timer", e))?;
+            until = timespec(instant_ns.saturating_add(BACK_STOP_NS));
+        }
+        match futex::wait_bitset(rung, futex::Flags::empty(), self.heard.get(), Some(&until), NonZero::<u32>::MAX) {
             Ok(()) | Err(Errno::AGAIN | Errno::INTR | Errno::TIMEDOUT) => Ok(self.answer()),
             Err(e) => Err(Error::system("cannot wait at a doorbell", e)),
         }

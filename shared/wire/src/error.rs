@@ -1,11 +1,14 @@
 //! What can go wrong outside the laws, and what to do about each error.
 
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use failure::Failure;
 use thiserror::Error;
 
+use crate::instance::SHARED_MEMORY;
+use crate::shortage::{self, Shortage, shortage};
 use model::role::Role;
 
 /// Why a process of the rig cannot go on.
@@ -25,8 +28,8 @@ pub enum Error {
         /// What the system said.
         source: io::Error,
     },
-    /// The root path is so long that sockets below it have no valid address.
-    #[error("the root path {} is {length} characters long; sockets below it need it to be at most {max}", path.display())]
+    /// The root path is so long that the middleware has no room for what it makes below it.
+    #[error("the root path {} is {length} characters long; iceoryx2's paths below it need it to be at most {max}", path.display())]
     RootPathTooLong {
         /// The directory.
         path: PathBuf,
@@ -34,6 +37,40 @@ pub enum Error {
         length: usize,
         /// What is allowed.
         max: usize,
+    },
+    /// Something in the way belongs to somebody else, or can be written by others.
+    #[error("{} is not used: {why}", path.display())]
+    NotOurs {
+        /// What is in the way.
+        path: PathBuf,
+        /// Its owner, its mode or its kind.
+        why: String,
+    },
+    /// The instance's directory is there, holds something, and is none of ours.
+    #[error("{} is no directory of ironbird: in it {}", path.display(), listed(names))]
+    ForeignDirectory {
+        /// The directory.
+        path: PathBuf,
+        /// What is in it.
+        names: Vec<String>,
+    },
+    /// A lock that is held for instants is kept.
+    #[error("another process has locked {} for {} s", path.display(), waited.as_secs())]
+    Held {
+        /// What is locked.
+        path: PathBuf,
+        /// How long it was waited for.
+        waited: Duration,
+    },
+    /// Something that the system gives out is used up.
+    #[error("{what}: {used_up}")]
+    UsedUp {
+        /// What was tried.
+        what: String,
+        /// What there is no more of.
+        used_up: String,
+        /// How to get more.
+        remedy: String,
     },
     /// Somebody plays the role already.
     #[error("instance `{instance}` already has a running {role}{}", process(*pid))]
@@ -124,11 +161,17 @@ impl Error {
             Self::InstanceName { .. }
             | Self::RootPath { .. }
             | Self::RootPathTooLong { .. }
+            | Self::NotOurs { .. }
+            | Self::ForeignDirectory { .. }
             | Self::SettingsDiffer { .. } => 2,
             Self::RealtimeRefused { .. } => 4,
-            Self::Occupied { .. } | Self::Crowded { .. } | Self::Incompatible { .. } => 5,
+            Self::Occupied { .. } | Self::Held { .. } | Self::Crowded { .. } | Self::Incompatible { .. } => 5,
             Self::Interrupted => 130,
-            Self::SharedMemoryFull { .. } | Self::Wire { .. } | Self::Absent { .. } | Self::System { .. } => 1,
+            Self::SharedMemoryFull { .. }
+            | Self::UsedUp { .. }
+            | Self::Wire { .. }
+            | Self::Absent { .. }
+            | Self::System { .. } => 1,
         }
     }
 
@@ -137,10 +180,21 @@ impl Error {
     pub fn remedy(&self) -> Option<String> {
         Some(match self {
             Self::InstanceName { .. } => "for example: --instance left-rig".into(),
-            Self::RootPath { .. } => {
+            Self::RootPath { source, .. } => shortage::remedy(source).unwrap_or_else(|| {
                 "make it a directory that you can write, or name another one in IRONBIRD_ROOT".into()
-            }
+            }),
             Self::RootPathTooLong { .. } => "name a shorter one in IRONBIRD_ROOT".into(),
+            Self::NotOurs { .. } => {
+                "remove it, or take write permission from others (chmod go-w), or name a directory of your own in \
+                 IRONBIRD_ROOT"
+                    .into()
+            }
+            Self::ForeignDirectory { .. } => {
+                "choose another --instance, or name another directory in IRONBIRD_ROOT; ironbird removes nothing there"
+                    .into()
+            }
+            Self::Held { path, .. } => format!("`fuser -v {}` names the process", path.display()),
+            Self::UsedUp { remedy, .. } => remedy.clone(),
             Self::Occupied { instance, .. } => {
                 format!("wait for its end, or fly beside it under another name: --instance {instance}-2")
             }
@@ -158,13 +212,17 @@ impl Error {
                 "another build of ironbird left it or still runs: end that one, then `ironbird clean`".into()
             }
             Self::Wire { .. } => "`ironbird clean` removes leftovers of killed processes".into(),
-            Self::Absent { .. } | Self::System { .. } | Self::Interrupted => return None,
+            Self::System { source, .. } => return shortage::remedy(source),
+            Self::Absent { .. } | Self::Interrupted => return None,
         })
     }
 
-    /// A middleware error with what was tried.
+    /// A middleware error with what was tried, or what the system has run out of.
     pub fn wire(what: impl Into<String>, reason: impl std::fmt::Debug) -> Self {
-        Self::Wire { what: what.into(), reason: format!("{reason:?}") }
+        match shortage([Path::new(SHARED_MEMORY)]) {
+            Some(Shortage { used_up, remedy }) => Self::UsedUp { what: what.into(), used_up, remedy },
+            None => Self::Wire { what: what.into(), reason: format!("{reason:?}") },
+        }
     }
 
     /// A failed system call with what was tried.
@@ -180,6 +238,16 @@ impl From<Error> for Failure {
             Some(remedy) => failure.help(remedy),
             None => failure,
         }
+    }
+}
+
+fn listed(names: &[String]) -> String {
+    const SHOWN: usize = 3;
+    let shown = names.iter().take(SHOWN).map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+    match names.len() {
+        0 | 1 => format!("lies {shown}"),
+        2..=SHOWN => format!("lie {shown}"),
+        all => format!("lie {shown} and {} more", all - SHOWN),
     }
 }
 

@@ -9,14 +9,16 @@ pub mod clock;
 mod doorbell;
 pub mod error;
 pub mod instance;
+mod leavings;
 mod ports;
 mod relay;
+mod shortage;
 mod swaps;
 pub mod sys;
 
-use std::time::Duration;
+use std::path::Path;
+use std::time::{Duration, Instant};
 
-use iceoryx2::node::CleanupState;
 use iceoryx2::prelude::{
     AttributeSpecifier, AttributeVerifier, LogLevel, Node, NodeBuilder, ServiceName, SignalHandlingMode, ipc,
     set_log_level,
@@ -30,7 +32,8 @@ pub use relay::{OBSERVED, OBSERVERS, Relay};
 pub use swaps::{SwapAnswer, SwapCall, SwapClient, SwapOrder, SwapServer, Verdict};
 
 use crate::error::Error;
-use crate::instance::{Instance, Lock};
+use crate::instance::{Instance, Lock, SHARED_MEMORY};
+use crate::shortage::{Shortage, shortage};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;
 
@@ -40,6 +43,9 @@ pub const LATEST: usize = 1;
 pub const DEEP: usize = 4096;
 /// Processes that may hold a service open: five roles, and observers.
 const NODES: usize = 24;
+/// How long a service may be in the making, or be taken down, by somebody else, and how often it is tried.
+const PATIENCE: Duration = Duration::from_secs(5);
+const TRY_EVERY: Duration = Duration::from_millis(2);
 
 /// A process's access to an instance's shared memory.
 #[derive(Debug)]
@@ -61,15 +67,17 @@ impl Wire {
     pub fn open(instance: &Instance) -> Result<Self, Error> {
         // What goes wrong comes back as an error; the middleware's own prints would repeat it.
         set_log_level(LogLevel::Fatal);
-        let in_use = instance.enter()?;
+        let config = instance.config()?;
+        let in_use = leavings::enter(instance, &config)?;
+        instance.check_segments()?;
         let node = NodeBuilder::new()
-            .config(&instance.config()?)
+            .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
-            .map_err(|e| Error::wire(format!("cannot join instance `{}`", instance.name()), e))?;
-        let CleanupState { cleanups, .. } = node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
+            .map_err(|e| refused(instance, format!("cannot join instance `{}`", instance.name()), format!("{e:?}")))?;
+        let cleaned = leavings::remove(&node, instance);
         let bells = bells::BellFile::join(instance)?;
-        Ok(Self { node, instance: instance.clone(), bells, cleaned: cleanups, _in_use: in_use })
+        Ok(Self { node, instance: instance.clone(), bells, cleaned, _in_use: in_use })
     }
 
     /// The instance.
@@ -98,22 +106,67 @@ impl Wire {
         2 * topics + observed
     }
 
+    /// Opens a service, which others may be making or taking down at the same time: until it is done, or does not get
+    /// better. What processes left in it that died meanwhile is removed.
+    fn open_service<T>(&self, what: String, mut open: impl FnMut() -> Result<T, String>) -> Result<T, Error> {
+        let start = Instant::now();
+        loop {
+            let reason = match open() {
+                Ok(service) => return Ok(service),
+                Err(reason) => reason,
+            };
+            let passes = PASSING.iter().any(|passing| reason.contains(passing));
+            if !passes || start.elapsed() >= PATIENCE || self.is_short() {
+                return Err(not_opened(&self.instance, what, reason));
+            }
+            leavings::remove(&self.node, &self.instance);
+            std::thread::sleep(TRY_EVERY);
+        }
+    }
+
+    /// Whether the system has run out of something that a service needs.
+    fn is_short(&self) -> bool {
+        shortage_of(&self.instance).is_some()
+    }
+
     fn service_name(&self, name: &str) -> Result<ServiceName, Error> {
         let name = format!("ironbird/{}/{name}", self.instance.name());
         ServiceName::new(&name).map_err(|e| Error::wire(format!("cannot name the service {name}"), e))
     }
 }
 
+/// The middleware's words for a service that another process is just making or taking down, or for a signal.
+const PASSING: [&str; 7] = [
+    "HangsInCreation",
+    "ServiceInCorruptedState",
+    "IsBeingCreatedByAnotherInstance",
+    "IsMarkedForDestruction",
+    "SystemInFlux",
+    "DoesNotExist",
+    "Interrupt",
+];
+
 /// Why a service was not opened: another build made it differently, or it is only out of reach.
 ///
 /// The middleware has an error type per kind of service; the names of what differs are the same in all of them.
-fn not_opened(what: String, error: impl std::fmt::Debug) -> Error {
-    let reason = format!("{error:?}");
+fn not_opened(instance: &Instance, what: String, reason: String) -> Error {
     if ["Incompatible", "DoesNotSupport", "VersionMismatch"].iter().any(|differs| reason.contains(differs)) {
         Error::Incompatible { what, reason }
     } else {
-        Error::Wire { what: format!("cannot open {what}"), reason }
+        refused(instance, format!("cannot open {what}"), reason)
     }
+}
+
+/// What the middleware refused, or what the system has run out of.
+fn refused(instance: &Instance, what: String, reason: String) -> Error {
+    match shortage_of(instance) {
+        Some(Shortage { used_up, remedy }) => Error::UsedUp { what, used_up, remedy },
+        None => Error::Wire { what, reason },
+    }
+}
+
+fn shortage_of(instance: &Instance) -> Option<Shortage> {
+    shortage([instance.directory().as_path(), Path::new(SHARED_MEMORY)])
 }
 
 /// The attribute of a service that carries the layout of its payload.

@@ -6,7 +6,8 @@ use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::ipc;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use super::{Bell, DEEP, NODES, Wire, layout_verifier, not_opened};
+use super::{Bell, DEEP, NODES, Wire, layout_verifier};
+use crate::clock::Horizon;
 use crate::clock::now_ns;
 use crate::error::Error;
 use crate::sys::Payload;
@@ -26,19 +27,22 @@ impl Wire {
         subscribers: usize,
         depth: usize,
     ) -> Result<PortFactory<ipc::Service, Payload<Message<C>>, ()>, Error> {
-        self.node
-            .service_builder(&self.service_name(name)?)
-            .publish_subscribe::<Payload<Message<C>>>()
-            .max_publishers(1)
-            .max_subscribers(subscribers)
-            .subscriber_max_buffer_size(depth)
-            .subscriber_max_borrowed_samples(1)
-            .history_size(0)
-            .max_nodes(NODES)
-            // A receiver that does not keep up loses its oldest sample; a sender never waits for anybody.
-            .enable_safe_overflow(true)
-            .open_or_create_with_attributes(&layout_verifier(LAYOUT)?)
-            .map_err(|error| not_opened(format!("topic `{name}`"), error))
+        let (service, layout) = (self.service_name(name)?, layout_verifier(LAYOUT)?);
+        self.open_service(format!("topic `{name}`"), || {
+            self.node
+                .service_builder(&service)
+                .publish_subscribe::<Payload<Message<C>>>()
+                .max_publishers(1)
+                .max_subscribers(subscribers)
+                .subscriber_max_buffer_size(depth)
+                .subscriber_max_borrowed_samples(1)
+                .history_size(0)
+                .max_nodes(NODES)
+                // A receiver that does not keep up loses its oldest sample; a sender never waits for anybody.
+                .enable_safe_overflow(true)
+                .open_or_create_with_attributes(&layout)
+                .map_err(|error| format!("{error:?}"))
+        })
     }
 
     /// The one sender of a topic; rings `bell` after each message.
@@ -154,15 +158,15 @@ impl<C: Topic> Receiver<C> {
 
     /// Takes everything that has come and calls `each` on what passes inspection.
     ///
-    /// `newest_tick` is the latest tick that can have begun.
+    /// `horizon` is asked for the latest tick that can have begun when a message is there.
     ///
     /// # Errors
     /// [`Error::Wire`].
-    pub fn drain(&mut self, newest_tick: u64, mut each: impl FnMut(&Message<C>)) -> Result<(), Error> {
+    pub fn drain(&mut self, horizon: impl Horizon, mut each: impl FnMut(&Message<C>)) -> Result<(), Error> {
         let failed = |e| Error::wire(format!("cannot receive from topic `{}`", C::NAME), e);
         while let Some(sample) = self.subscriber.receive().map_err(failed)? {
             let Payload(message) = *sample.payload();
-            match self.inspector.inspect(&message, newest_tick) {
+            match self.inspector.inspect(&message, horizon.latest_tick()) {
                 Ok(()) => {
                     self.newest = message;
                     each(&message);
@@ -177,8 +181,8 @@ impl<C: Topic> Receiver<C> {
     ///
     /// # Errors
     /// [`Error::Wire`].
-    pub fn take(&mut self, newest_tick: u64) -> Result<u64, Error> {
-        self.drain(newest_tick, |_| ())?;
+    pub fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
+        self.drain(horizon, |_| ())?;
         Ok(self.newest.envelope.tick)
     }
 

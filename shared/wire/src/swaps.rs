@@ -9,7 +9,7 @@ use iceoryx2::port::server::Server;
 use iceoryx2::prelude::{ZeroCopySend, ipc};
 use iceoryx2::service::port_factory::request_response::PortFactory;
 
-use super::{Bell, NODES, Owner, Wire, layout_verifier, not_opened};
+use super::{Bell, NODES, Owner, Wire, layout_verifier};
 use crate::clock::now_ns;
 use crate::error::Error;
 use model::layout::{FNV_OFFSET, Layout as _, fnv1a, from_wire, layout};
@@ -74,18 +74,22 @@ from_wire!(Verdict { Applied, UnknownParameter, OutOfRange, Malformed, QueueFull
 
 impl Wire {
     fn swap_service(&self) -> Result<PortFactory<ipc::Service, SwapOrder, (), SwapAnswer, ()>, Error> {
-        let layouts =
-            fnv1a(fnv1a(FNV_OFFSET, &SwapOrder::FINGERPRINT.to_le_bytes()), &SwapAnswer::FINGERPRINT.to_le_bytes());
-        self.node
-            .service_builder(&self.service_name("parameters")?)
-            .request_response::<SwapOrder, SwapAnswer>()
-            .max_servers(1)
-            .max_clients(CLIENTS)
-            .max_active_requests_per_client(1)
-            .max_response_buffer_size(1)
-            .max_nodes(NODES)
-            .open_or_create_with_attributes(&layout_verifier(layouts)?)
-            .map_err(|error| not_opened("the service `parameters`".into(), error))
+        let layouts = [SwapOrder::FINGERPRINT, SwapAnswer::FINGERPRINT, Verdict::WORDS]
+            .into_iter()
+            .fold(FNV_OFFSET, |hash, part| fnv1a(hash, &part.to_le_bytes()));
+        let (service, layout) = (self.service_name("parameters")?, layout_verifier(layouts)?);
+        self.open_service("the service `parameters`".into(), || {
+            self.node
+                .service_builder(&service)
+                .request_response::<SwapOrder, SwapAnswer>()
+                .max_servers(1)
+                .max_clients(CLIENTS)
+                .max_active_requests_per_client(1)
+                .max_response_buffer_size(1)
+                .max_nodes(NODES)
+                .open_or_create_with_attributes(&layout)
+                .map_err(|error| format!("{error:?}"))
+        })
     }
 
     /// The plant's end.

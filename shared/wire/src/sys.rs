@@ -107,6 +107,8 @@ impl Alarm {
         let ring = move || {
             page[place].rung.fetch_add(1, Ordering::Release);
         };
+        // A mask is inherited through exec: whoever started us may have blocked the signal.
+        unblock_signal(Self::SIGNAL)?;
         // SAFETY: adding to an atomic is all that the handler does; it neither allocates nor locks nor panics.
         let handler = unsafe { signal_hook::low_level::register(Self::SIGNAL, ring) }?;
         let mut timer = std::ptr::null_mut();
@@ -145,6 +147,18 @@ impl Drop for Alarm {
         unsafe { libc::timer_delete(self.timer) };
         signal_hook::low_level::unregister(self.handler);
     }
+}
+
+/// Lets one signal reach the calling thread.
+fn unblock_signal(signal: i32) -> io::Result<()> {
+    let mut one = std::mem::MaybeUninit::<libc::sigset_t>::zeroed();
+    // SAFETY: the pointers are to memory for one signal set, which the first two calls fill.
+    let failed = unsafe {
+        libc::sigemptyset(one.as_mut_ptr());
+        libc::sigaddset(one.as_mut_ptr(), signal);
+        libc::pthread_sigmask(libc::SIG_UNBLOCK, one.as_ptr(), std::ptr::null_mut())
+    };
+    if failed == 0 { Ok(()) } else { Err(io::Error::from_raw_os_error(failed)) }
 }
 
 fn check(result: i32) -> io::Result<()> {

@@ -2,6 +2,7 @@
 
 use model::realtime::Step;
 
+use crate::executable::own_executable;
 use crate::{Machine, RT_RUNTIME};
 use report::finding::Finding;
 
@@ -64,10 +65,15 @@ fn scheduling(machine: &Machine) -> Finding {
             if may_use_fifo(machine) {
                 finding.blocks(role::rt::remedy(Step::Scheduler, i64::from(errno)))
             } else {
-                finding.blocks(format!("sudo setcap cap_sys_nice,cap_ipc_lock+ep $(command -v ironbird); or {LIMITS}"))
+                finding.blocks(format!("sudo setcap cap_sys_nice,cap_ipc_lock+ep '{}'; or {LIMITS}", executable()))
             }
         }
     }
+}
+
+/// The executable that asks: the one on the path may be another one, or none.
+fn executable() -> String {
+    own_executable().map_or_else(|_| "ironbird".into(), |path| path.display().to_string())
 }
 
 fn may_use_fifo(machine: &Machine) -> bool {

@@ -48,6 +48,8 @@ const MARGIN: f64 = 0.06;
 const SYMMETRIC_DECADES: f64 = 6.0;
 /// Ticks of a logarithmic axis at the most.
 const LOG_TICKS: f64 = 6.0;
+/// Ticks of any other axis at the most: numbers at the ends of what a double holds have no end of round ones.
+const TICKS_MOST: usize = 100;
 
 impl Scale {
     /// An axis from the first to the last of some instants.
@@ -135,6 +137,7 @@ fn linear_ticks(low: f64, high: f64, about: usize) -> Vec<Tick> {
     let decimals = (-step.log10().floor()).max(0.0) as usize;
     let largest = low.abs().max(high.abs());
     (first..=last)
+        .take(TICKS_MOST)
         .map(|i| {
             let value = i as f64 * step;
             let label = match i {
@@ -164,7 +167,7 @@ fn log_ticks(low: f64, high: f64) -> Vec<Tick> {
 fn symmetric_ticks(threshold: f64, low: f64, high: f64) -> Vec<Tick> {
     let side = |end: f64| {
         let (first, last) = ((10.0 * threshold).log10().ceil() as i32, end.log10().floor() as i32);
-        (first..=last).rev().step_by(2).map(|i| 10_f64.powi(i)).collect::<Vec<_>>()
+        (first..=last).rev().step_by(2).take(TICKS_MOST).map(|i| 10_f64.powi(i)).collect::<Vec<_>>()
     };
     let mut values: Vec<f64> = side(-low).into_iter().map(|value| -value).collect();
     values.push(0.0);
@@ -221,6 +224,21 @@ mod tests {
         assert!(places.iter().all(|place| (0.0..=1.0).contains(place)), "{ticks:?}");
         assert!(ticks.iter().any(|tick| tick.value < 0.0) && ticks.iter().any(|tick| tick.value > 0.0), "{ticks:?}");
         assert!(scale.place(-1e-3) < scale.place(0.0) && scale.place(0.0) < scale.place(1e-6));
+    }
+
+    #[test]
+    fn numbers_at_the_ends_of_a_double_have_an_end_of_ticks() {
+        let ends = [f64::MAX, -f64::MAX, 5e-324, -5e-324, 1e308, 0.0];
+        for pair in ends.iter().flat_map(|low| ends.map(|high| [*low, high])) {
+            for scale in [
+                Scale::time(pair[0], pair[1]),
+                Scale::linear(pair.into_iter(), 0.0),
+                Scale::log(pair.into_iter()),
+                Scale::symmetric(pair.into_iter()),
+            ] {
+                assert!(scale.ticks(5).len() <= 2 * TICKS_MOST + 1, "{scale:?}");
+            }
+        }
     }
 
     #[test]

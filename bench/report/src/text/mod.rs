@@ -5,7 +5,7 @@ pub mod theorem;
 
 use std::fmt::Write as _;
 
-use crate::schema::{Report, RoleSection};
+use crate::schema::{LogSection, Report, RoleSection};
 use crate::tally::series::Statistics;
 
 /// Renders a report for people.
@@ -33,14 +33,24 @@ pub fn result_line(report: &Report, directory: &str) -> String {
     };
     let rt = report.roles.get("plant").map_or_else(|| "other".into(), |plant| plant.scheduling.replace(' ', ""));
     format!(
-        "RESULT status={} ticks={} misses={} loop_p50_us={} loop_p999_us={} wake_p99_us={} rt={rt} run={directory}",
+        "RESULT status={} ticks={} misses={} loop_p50_us={} loop_p999_us={} wake_p99_us={} rt={rt} log={} run={directory}",
         report.verdict.status,
         report.ticks.run,
         report.deadlines.missed,
         percentile("loop", |s| Some(s.p50_us)),
         percentile("loop", |s| s.p999_us),
         percentile("wake.plant", |s| Some(s.p99_us)),
+        log_fate(&report.recorder.log),
     )
+}
+
+/// What became of the flight log: `whole`, `cut` where it lacks messages, `lost` where it has none.
+fn log_fate(log: &LogSection) -> &'static str {
+    match (log.messages.values().sum(), log.dropped.values().sum()) {
+        (0_u64, _) => "lost",
+        (_, 0_u64) => "whole",
+        _ => "cut",
+    }
 }
 
 type Written = std::fmt::Result;

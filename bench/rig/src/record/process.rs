@@ -13,14 +13,14 @@ use model::boards::{Ending, RolePhase, Run, RunPhase, Status};
 use model::grid::NS_PER_S;
 use model::role::Role;
 use role::rt::UsageMeter;
-use role::station::{Armed, Station};
-use wire::BoardReader;
+use role::station::{Armed, JoinedRun, Station};
 use wire::clock::now_ns;
 use wire::instance::Instance;
 
 use super::facts::facts;
 use crate::record::crew::Crew;
 use crate::record::ports::{DRAIN_EVERY, Ports, Relays, rest};
+use crate::run_directory::make_latest;
 use crate::settings::Settings;
 use crate::wall_time::utc;
 use failure::{Failure, InFile as _};
@@ -180,6 +180,9 @@ impl<'a> Recorder<'a> {
                 seconds += 1;
                 let report = self.report(&armed.run.get(), ports, meter, None)?;
                 self.note("report.json", report.write(&self.directory.join("report.json")));
+                if seconds == 1 {
+                    self.note("latest", make_latest(self.directory));
+                }
             }
             let run = armed.run.get();
             if run.phase() == RunPhase::Closed {
@@ -216,11 +219,14 @@ impl<'a> Recorder<'a> {
             ("deadlines_missed", &run.deadlines_missed.to_string()),
         ]))?);
         write_all(&report, self.directory)?;
+        if seconds == 0 {
+            make_latest(self.directory)?;
+        }
         Ok(report)
     }
 
     /// Samples what the kernel counts for the loops while they fly, and classes the deadlines missed so far.
-    fn look_at_loops(&mut self, run: &BoardReader<Run>) {
+    fn look_at_loops(&mut self, run: &JoinedRun) {
         let sample = self.watch.sample(&self.crew.loops(), self.tally.lost().iter().sum());
         let Some(autopsy) = &mut self.tally.autopsy else { return };
         // After the last tick processes end as they should.

@@ -1,5 +1,7 @@
 //! The layers of the settings: default, preset, file, flags; and what a settings file may say.
 
+use std::fs::{self, File};
+use std::io::{self, Read as _};
 use std::path::Path;
 
 use controller::{Gains, Preset};
@@ -40,8 +42,8 @@ pub(super) fn layered<'a>(file: Option<&'a Path>, overrides: &Overrides) -> Resu
 
 /// Reads a settings file: every key must be known, and of the type that the default has.
 fn read(path: &Path, default: &Table) -> Result<Table, Failure> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Failure::usage(format!("cannot read the settings file {}: {e}", path.display())))?;
+    let text =
+        text_of(path).map_err(|e| Failure::usage(format!("cannot read the settings file {}: {e}", path.display())))?;
     let here = |what: String| {
         Failure::usage(format!("settings file {}: {what}", path.display())).help("see `ironbird fly --print-config`")
     };
@@ -64,6 +66,20 @@ fn read(path: &Path, default: &Table) -> Result<Table, Failure> {
         }
     }
     Ok(given)
+}
+
+/// The text of a regular file of at most 1 MiB: a device may have no end, and a pipe may have no writer.
+fn text_of(path: &Path) -> io::Result<String> {
+    const MOST_BYTES: u64 = 1 << 20;
+    if !fs::metadata(path)?.is_file() {
+        return Err(io::Error::other("it is no regular file"));
+    }
+    let mut text = String::new();
+    File::open(path)?.take(MOST_BYTES + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > MOST_BYTES {
+        return Err(io::Error::other("it is longer than 1 MiB"));
+    }
+    Ok(text)
 }
 
 /// The value as the type that is expected: whole numbers also stand for fractional ones.

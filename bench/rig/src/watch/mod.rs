@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use role::launcher::end_with_launcher;
-use signal_hook::consts::{SIGINT, SIGTERM};
+use role::stop::stop_signals;
 use wire::instance::Instance;
 
 use crate::cli::WatchArgs;
@@ -33,10 +33,9 @@ use model::Model;
 pub fn watch(args: &WatchArgs) -> Result<u8, Failure> {
     let instance = Instance::new(&args.instance)?;
     let stop = Arc::new(AtomicBool::new(false));
-    // SIGHUP keeps its default: where the terminal has gone, crossterm would read its end for ever.
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))
-            .map_err(|e| Failure::failed(format!("cannot handle signals: {e}")))?;
+    let failed = |e| Failure::failed(format!("cannot handle signals: {e}"));
+    for signal in stop_signals() {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(failed)?;
     }
     end_with_launcher(args.launcher)?;
     // https://no-color.org

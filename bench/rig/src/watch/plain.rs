@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use crate::output::print;
+use crate::output::{print, say};
 use crate::watch::feed::Feed;
 use crate::watch::model::{Flight, Model};
 use failure::{Failure, INTERRUPTED, OK};
@@ -21,7 +21,7 @@ const SAY_EVERY: Duration = Duration::from_secs(1);
 /// # Errors
 /// Those of the feed.
 pub fn run(model: &mut Model, feed: &mut Feed, stop: &AtomicBool) -> Result<u8, Failure> {
-    eprintln!("waiting for instance `{}` to fly (ironbird fly)", model.instance);
+    say(&format!("waiting for instance `{}` to fly (ironbird fly)\n", model.instance));
     let mut next = Instant::now();
     while !stop.load(Ordering::Relaxed) {
         feed.look(model)?;

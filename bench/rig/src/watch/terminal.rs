@@ -6,7 +6,10 @@ use std::time::{Duration, Instant};
 
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
+use role::stop::stop_signals;
 use rustix::process::{Pid, Signal, kill_process};
+use signal_hook::consts::SIGHUP;
+use signal_hook::iterator::Signals;
 use wire::instance::Instance;
 
 use crate::inject::{Applied, When, ask};
@@ -18,6 +21,8 @@ use failure::{Failure, INTERRUPTED, OK};
 
 /// How long it waits for a key before it drains the feed.
 const DRAIN_EVERY: Duration = Duration::from_millis(10);
+/// How long the loop may take to see that it shall end.
+const LEAVING: Duration = Duration::from_millis(500);
 /// How often it draws.
 const DRAW_EVERY: Duration = Duration::from_millis(100);
 
@@ -32,11 +37,30 @@ pub fn run(
     launcher: Option<u32>,
     stop: &AtomicBool,
 ) -> Result<u8, Failure> {
+    leave_a_closed_one()?;
     let mut terminal = ratatui::try_init()
         .map_err(|e| Failure::failed(format!("cannot use the terminal: {e}")).help("ironbird watch --plain"))?;
     let outcome = show(&mut terminal, model, feed, &Outside { instance, launcher, stop });
     ratatui::restore();
-    outcome
+    // What a terminal refuses that is being closed is no failure.
+    if stop.load(Ordering::Relaxed) { Ok(INTERRUPTED) } else { outcome }
+}
+
+/// Ends the process after SIGHUP even where the loop does not: crossterm reads a closed terminal's end for ever.
+fn leave_a_closed_one() -> Result<(), Failure> {
+    if !stop_signals().contains(&SIGHUP) {
+        return Ok(());
+    }
+    let failed = |e| Failure::failed(format!("cannot handle signals: {e}"));
+    let mut hangups = Signals::new([SIGHUP]).map_err(failed)?;
+    let leave = move || {
+        if hangups.forever().next().is_some() {
+            std::thread::sleep(LEAVING);
+            ratatui::restore();
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+    };
+    std::thread::Builder::new().spawn(leave).map(|_| ()).map_err(failed)
 }
 
 /// What the loop knows of the outside.
@@ -82,12 +106,16 @@ fn show(
             Action::EndFlight => end_flight(outside.launcher),
             Action::Reset => model.reset()?,
             Action::Inject(parameter, value) => {
-                let (sender, instance) = (sender.clone(), outside.instance.clone());
+                let instance = outside.instance.clone();
                 // The plant may take its time, and the dashboard goes on.
-                std::thread::spawn(move || {
+                let asking = sender.clone();
+                let ask_it = move || {
                     // Nobody is left to tell when the dashboard has been left.
-                    let _ = sender.send(ask(&instance, &[(parameter, value)], When::In(Duration::ZERO)));
-                });
+                    let _ = asking.send(ask(&instance, &[(parameter, value)], When::In(Duration::ZERO)));
+                };
+                if let Err(e) = std::thread::Builder::new().spawn(ask_it) {
+                    model.answer(Err(Failure::failed(format!("cannot start a thread to ask the plant: {e}"))));
+                }
             }
         }
     }

@@ -3,15 +3,16 @@
 //! Each step is tried on its own, and none is skipped silently. A refusal is reported with its error number. It ends
 //! the process only under [`Mode::Require`].
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{File, OpenOptions};
 use std::hint::black_box;
 use std::io::{self, Write as _};
 use std::num::NonZero;
-use std::time::Duration;
+use std::sync::atomic::Ordering;
 
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 
+use super::memory::populate_mappings;
 use super::sys;
 use super::thread::{allowed_cpus, loops_cpu, prefault_stack};
 use model::realtime::{Grants, Mode, Settings, Step};
@@ -37,19 +38,37 @@ pub fn remedy(step: Step, errno: i64) -> &'static str {
                  /etc/security/limits.d and log in again"
         }
         Step::Malloc => "use a build for glibc",
+        Step::Prefault if errno == i64::from(libc::EINVAL) => {
+            "use Linux 5.14 or newer, which knows MADV_POPULATE_WRITE"
+        }
         Step::Prefault => "free memory, or enlarge /dev/shm",
         Step::TimerSlack => "use a kernel that knows PR_SET_TIMERSLACK",
         Step::CpuLatency => "start as root, or let your group write /dev/cpu_dma_latency",
     }
 }
 
-/// The set-up as long as it is in force.
+/// The set-up as long as it is in force: a loop leaves SCHED_FIFO when this is dropped.
+///
+/// To be dropped before ports and shared memory are given up. The kernel takes locks for that, and a SCHED_FIFO process
+/// that spins on one which a process below it on the same processor holds never ends, nor lets that one run.
 #[derive(Debug)]
 pub struct Engaged {
     /// What was granted.
     pub grants: Grants,
+    /// The thread that is under SCHED_FIFO by this set-up; 0 where it is not.
+    loop_thread: i32,
     /// The kernel honours the wish for as long as the device is open.
     _cpu_latency: Option<File>,
+}
+
+impl Drop for Engaged {
+    fn drop(&mut self) {
+        if self.loop_thread != 0 {
+            // Nobody is refused SCHED_OTHER for a thread of his own.
+            let _ = sys::set_other(self.loop_thread);
+            let _ = sys::LOOP_THREAD.compare_exchange(self.loop_thread, 0, Ordering::SeqCst, Ordering::SeqCst);
+        }
+    }
 }
 
 /// Heap that is touched in advance [bytes]: far more than a loop's 48-byte loan ever needs.
@@ -61,11 +80,11 @@ impl Engaged {
     /// # Errors
     /// [`Error::RealtimeRefused`] under [`Mode::Require`].
     pub fn engage(role: Role, settings: &Settings) -> Result<Self, Error> {
-        let mut engaged = Self { grants: Grants::default(), _cpu_latency: None };
+        let mut engaged = Self { grants: Grants::default(), loop_thread: 0, _cpu_latency: None };
         if settings.mode != Mode::Off {
             engaged.ask(role, settings);
         }
-        let (policy, priority) = sys::scheduler();
+        let (policy, priority) = sys::scheduler().map_err(|e| Error::system("cannot read the own scheduling", e))?;
         engaged.grants.policy = u64::from(policy.unsigned_abs());
         engaged.grants.priority = u64::from(priority.unsigned_abs());
         if settings.mode == Mode::Require {
@@ -88,7 +107,7 @@ impl Engaged {
         grants.note(Step::MemoryLock, 0, locked);
         prefault_stack();
         drop(black_box(vec![1_u8; HEAP_BYTES]));
-        grants.note(Step::Prefault, 0, populate_mappings());
+        grants.note(Step::Prefault, 0, populate_mappings(sys::populate));
         match hold_cpu_latency() {
             Ok(file) => {
                 grants.note(Step::CpuLatency, 0, Ok(()));
@@ -97,7 +116,12 @@ impl Engaged {
             Err(error) => grants.note(Step::CpuLatency, 0, Err(error)),
         }
         let priority = settings.priority + role.priority_step();
-        grants.note(Step::Scheduler, u64::from(priority.unsigned_abs()), sys::set_fifo(priority));
+        let fifo = sys::set_fifo(priority);
+        if fifo.is_ok() {
+            self.loop_thread = sys::thread_number();
+            sys::LOOP_THREAD.store(self.loop_thread, Ordering::SeqCst);
+        }
+        self.grants.note(Step::Scheduler, u64::from(priority.unsigned_abs()), fifo);
     }
 
     fn insist(&self, role: Role) -> Result<(), Error> {
@@ -113,14 +137,6 @@ impl Engaged {
             ),
         })
     }
-}
-
-/// Touches everything mapped since the set-up: the last act before a loop is armed.
-///
-/// # Errors
-/// [`Error::System`] when memory, or /dev/shm, has run out.
-pub fn settle() -> Result<(), Error> {
-    populate_mappings().map_err(|e| Error::system("cannot make the memory of the process present", e))
 }
 
 /// The processors for a role: the loops share one, everything else takes the others, if there are any.
@@ -141,47 +157,6 @@ fn cpus_for(role: Role, wanted: Option<usize>) -> (CpuSet, usize) {
     (own, cpu)
 }
 
-/// Makes every page present that the process can write or read: its own, those that its ports share, and those that
-/// other processes write and it only reads.
-fn populate_mappings() -> io::Result<()> {
-    for line in fs::read_to_string(MAPPINGS)?.lines() {
-        let Some((range, rest)) = line.split_once(' ') else { continue };
-        let Some((start, end)) = range.split_once('-') else { continue };
-        let (Ok(start), Ok(end)) = (usize::from_str_radix(start, 16), usize::from_str_radix(end, 16)) else { continue };
-        let Some(touch) = touch(rest) else { continue };
-        // Another thread may give the range back, and take it again, while it is being touched.
-        let mut tries = 0;
-        while let Err(refused) = sys::populate(start, end - start, touch) {
-            if !fs::read_to_string(MAPPINGS)?.lines().any(|now| now == line) {
-                break;
-            }
-            tries += 1;
-            if tries == POPULATE_TRIES {
-                return Err(refused);
-            }
-            std::thread::sleep(Duration::from_micros(100));
-        }
-    }
-    Ok(())
-}
-
-/// How often to try touching a range that exists; if memory has run out, further tries do not help.
-const POPULATE_TRIES: u32 = 100;
-/// The list of the process' mappings.
-const MAPPINGS: &str = "/proc/self/maps";
-
-/// How to touch a mapping, by its line in /proc/self/maps from the permissions on.
-fn touch(mapping: &str) -> Option<sys::Touch> {
-    let kernels = mapping.split_whitespace().nth(4).is_some_and(|name| name.starts_with('['));
-    // The main thread's stack grows by itself down to its limit; what it needs was touched by `prefault_stack`.
-    if mapping.starts_with("rw") {
-        (!mapping.ends_with("[stack]")).then_some(sys::Touch::Write)
-    } else {
-        // The pages of the kernel, as of [vvar], are always there and cannot be asked for.
-        (mapping.starts_with('r') && !kernels).then_some(sys::Touch::Read)
-    }
-}
-
 /// Keeps the processors out of deep sleep for as long as the file is open.
 ///
 /// # Errors
@@ -195,17 +170,46 @@ pub fn hold_cpu_latency() -> io::Result<File> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::realtime::STEPS;
+    use model::realtime::{Grant, STEPS};
+
+    /// Settings for a processor that no machine has.
+    const NOWHERE: Settings = Settings { mode: Mode::Require, priority: 80, cpu: Some(100_000) };
+
+    /// On a thread of its own: a test must not leave its settings to others.
+    fn aside<T: Send>(act: impl FnOnce() -> T + Send) -> T {
+        std::thread::scope(|scope| scope.spawn(act).join().unwrap())
+    }
 
     #[test]
     fn a_processor_that_does_not_exist_is_refused_and_named_under_require() {
-        let settings = Settings { mode: Mode::Require, priority: 80, cpu: Some(100_000) };
-        // On a thread of its own: a test must not leave its settings to others.
-        let error = std::thread::spawn(move || Engaged::engage(Role::Record, &settings).map(|_| ()));
+        // It comes first of what is refused, whatever else is.
+        let error = aside(|| Engaged::engage(Role::Plant, &NOWHERE).map(drop)).unwrap_err();
+        assert_eq!(error.exit_code(), 4);
+        assert!(error.to_string().contains("plant process: Affinity (Invalid argument"), "{error}");
+        assert!(error.remedy().unwrap().contains("--cpu N"), "{error:?}");
+        let engaged = aside(|| Engaged::engage(Role::Plant, &Settings { mode: Mode::Prefer, ..NOWHERE })).unwrap();
+        let affinity = *engaged.grants.of(Step::Affinity);
+        assert_eq!(affinity, Grant { asked: 1, value: 100_000, errno: i64::from(libc::EINVAL) });
         // The recorder keeps off the loops' processor, so a missing one does not concern it.
-        assert!(error.join().unwrap().is_ok());
-        let error = std::thread::spawn(move || cpus_for(Role::Plant, settings.cpu).0.count()).join().unwrap();
-        assert_eq!(error, 0, "the empty set, which the kernel refuses");
+        aside(|| Engaged::engage(Role::Record, &NOWHERE).map(drop)).unwrap();
+    }
+
+    #[test]
+    fn real_time_is_given_back_when_the_set_up_is_dropped() {
+        let settings = Settings { mode: Mode::Prefer, priority: 10, cpu: None };
+        let (granted, during, after) = aside(|| {
+            let engaged = Engaged::engage(Role::Outer, &settings).unwrap();
+            let (granted, during) = (engaged.grants.of(Step::Scheduler).granted(), sys::scheduler().unwrap());
+            drop(engaged);
+            (granted, during, sys::scheduler().unwrap())
+        });
+        if granted {
+            assert_eq!(during, (libc::SCHED_FIFO, 11));
+        } else {
+            use std::io::Write as _;
+            let _ = writeln!(io::stderr().lock(), "NOT TESTED: this user is refused SCHED_FIFO");
+        }
+        assert_eq!(after, (libc::SCHED_OTHER, 0));
     }
 
     #[test]
@@ -216,42 +220,25 @@ mod tests {
     }
 
     #[test]
-    fn every_refusal_has_a_remedy() {
-        for step in STEPS {
-            assert!(!remedy(step, i64::from(libc::EPERM)).is_empty());
-            assert!(!remedy(step, i64::from(libc::EINVAL)).is_empty());
-        }
-    }
-
-    #[test]
-    fn memory_is_touched_as_it_may_be() {
-        let cases = [
-            ("rw-p 00000000 00:00 0                          [heap]", Some(sys::Touch::Write)),
-            ("rw-s 00000000 00:19 12                         /dev/shm/x.data", Some(sys::Touch::Write)),
-            ("r--s 00000000 00:19 12                         /dev/shm/x.data", Some(sys::Touch::Read)),
-            ("r-xp 00001000 08:01 12                         /usr/bin/x", Some(sys::Touch::Read)),
-            ("rw-p 00000000 00:00 0                          [stack]", None),
-            ("r--p 00000000 00:00 0                          [vvar]", None),
-            ("---p 00000000 00:00 0", None),
-            ("rw-p 00000000 00:00 0", Some(sys::Touch::Write)),
-        ];
-        for (mapping, expected) in cases {
-            assert_eq!(touch(mapping), expected, "{mapping}");
-        }
-    }
-
-    #[test]
-    fn all_memory_of_the_process_can_be_made_present_whatever_its_threads_give_back() {
-        let done = std::sync::atomic::AtomicBool::new(false);
-        std::thread::scope(|scope| {
-            scope.spawn(|| {
-                while !done.load(std::sync::atomic::Ordering::Relaxed) {
-                    std::thread::spawn(|| drop(vec![1_u8; 4 << 20])).join().unwrap();
-                }
-            });
-            let settled = (0..50).try_for_each(|_| settle());
-            done.store(true, std::sync::atomic::Ordering::Relaxed);
-            settled.unwrap();
-        });
+    fn each_refusal_has_a_remedy_of_its_own() {
+        let remedies: std::collections::BTreeSet<_> =
+            STEPS.iter().map(|step| remedy(*step, i64::from(libc::EPERM))).collect();
+        assert_eq!(remedies.len(), STEPS.len(), "{remedies:?}");
+        let refused = Engaged {
+            grants: {
+                let mut grants = Grants::default();
+                grants.note(Step::MemoryLock, 0, Err(io::Error::from_raw_os_error(libc::EPERM)));
+                grants.note(Step::CpuLatency, 0, Err(io::Error::from_raw_os_error(libc::EACCES)));
+                grants
+            },
+            loop_thread: 0,
+            _cpu_latency: None,
+        };
+        let error = refused.insist(Role::Mixer).unwrap_err();
+        assert!(
+            error.to_string().ends_with("mixer process: MemoryLock (Operation not permitted (os error 1))"),
+            "{error}"
+        );
+        assert!(error.remedy().unwrap().contains("CAP_IPC_LOCK"), "{error:?}");
     }
 }

@@ -6,25 +6,104 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
+
+use signal_hook::SigId;
 
 /// Puts the calling thread under SCHED_FIFO.
 ///
 /// # Errors
 /// EPERM without CAP_SYS_NICE or a sufficient RLIMIT_RTPRIO, or in a cpu cgroup without a real-time budget.
 pub(super) fn set_fifo(priority: i32) -> io::Result<()> {
+    set_scheduler(0, libc::SCHED_FIFO, priority)
+}
+
+/// Puts a thread of this process, or with 0 the calling one, back under SCHED_OTHER, which nobody is refused.
+pub(super) fn set_other(thread: i32) -> io::Result<()> {
+    set_scheduler(thread, libc::SCHED_OTHER, 0)
+}
+
+fn set_scheduler(thread: i32, policy: i32, priority: i32) -> io::Result<()> {
     let parameters = libc::sched_param { sched_priority: priority };
     // SAFETY: the pointer is to a live, initialised sched_param; the call keeps none of it.
-    check(unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) })
+    check(unsafe { libc::sched_setscheduler(thread, policy, &raw const parameters) })
 }
 
 /// The scheduling policy and priority of the calling thread.
-pub(super) fn scheduler() -> (i32, i32) {
+///
+/// # Errors
+/// What the system says; it knows its caller.
+pub(super) fn scheduler() -> io::Result<(i32, i32)> {
     let mut parameters = libc::sched_param { sched_priority: 0 };
     // SAFETY: the pointer is to a live sched_param that the call fills; pid 0 is the caller.
+    let (policy, read) = unsafe { (libc::sched_getscheduler(0), libc::sched_getparam(0, &raw mut parameters)) };
+    if policy < 0 {
+        return Err(io::Error::last_os_error());
+    }
+    check(read)?;
+    Ok((policy, parameters.sched_priority))
+}
+
+/// Number of the calling thread.
+pub(super) fn thread_number() -> i32 {
+    // SAFETY: the call takes nothing, and cannot fail.
+    unsafe { libc::gettid() }
+}
+
+/// The thread of this process whose loop is under SCHED_FIFO; 0 while there is none.
+pub(super) static LOOP_THREAD: AtomicI32 = AtomicI32::new(0);
+
+/// Ends the process at once, with `code`, when `signal` comes and `flag` is set; without the destructors that would give
+/// real time back, so the handler does that itself.
+///
+/// # Errors
+/// What the system says.
+pub(crate) fn exit_when_signalled(signal: i32, code: i32, flag: &Arc<AtomicBool>) -> io::Result<SigId> {
+    let flag = Arc::clone(flag);
+    let exit = move || {
+        if flag.load(Ordering::SeqCst) {
+            let thread = LOOP_THREAD.load(Ordering::SeqCst);
+            if thread != 0 {
+                let _ = set_other(thread);
+            }
+            signal_hook::low_level::exit(code);
+        }
+    };
+    // SAFETY: the handler reads two atomics and makes two system calls; it neither allocates nor locks nor panics.
+    unsafe { signal_hook::low_level::register(signal, exit) }
+}
+
+/// Lets every signal reach the calling thread, and those that it starts.
+///
+/// # Errors
+/// What the system says.
+pub(crate) fn unblock_all_signals() -> io::Result<()> {
+    let mut none = std::mem::MaybeUninit::<libc::sigset_t>::zeroed();
+    // SAFETY: the pointers are to memory for one signal set, which the first call fills; a mask is set, none is read.
+    let failed = unsafe {
+        libc::sigemptyset(none.as_mut_ptr());
+        libc::pthread_sigmask(libc::SIG_SETMASK, none.as_ptr(), std::ptr::null_mut())
+    };
+    if failed == 0 { Ok(()) } else { Err(io::Error::from_raw_os_error(failed)) }
+}
+
+/// Gives a signal that is ignored its default action back; one that has a handler keeps it.
+///
+/// # Errors
+/// EINVAL for a signal that there is not.
+pub(crate) fn no_longer_ignore(signal: i32) -> io::Result<()> {
+    let mut action = std::mem::MaybeUninit::<libc::sigaction>::zeroed();
+    // SAFETY: the pointers are to memory for one sigaction, for which all zeroes are a valid value; the default action
+    // runs no code of ours.
     unsafe {
-        let policy = libc::sched_getscheduler(0);
-        libc::sched_getparam(0, &raw mut parameters);
-        (policy, parameters.sched_priority)
+        check(libc::sigaction(signal, std::ptr::null(), action.as_mut_ptr()))?;
+        let mut action = action.assume_init();
+        if action.sa_sigaction != libc::SIG_IGN {
+            return Ok(());
+        }
+        action.sa_sigaction = libc::SIG_DFL;
+        check(libc::sigaction(signal, &raw const action, std::ptr::null_mut()))
     }
 }
 
@@ -34,7 +113,7 @@ pub(super) fn scheduler() -> (i32, i32) {
 /// Refused by a C library that does not know the options.
 #[cfg(target_env = "gnu")]
 pub(super) fn keep_freed_memory() -> io::Result<()> {
-    // SAFETY: mallopt takes plain numbers; it is called before the process has a second thread that allocates.
+    // SAFETY: mallopt takes plain numbers, and takes the allocator's own lock against other threads.
     let granted = unsafe { libc::mallopt(libc::M_TRIM_THRESHOLD, -1) == 1 && libc::mallopt(libc::M_MMAP_MAX, 0) == 1 };
     if granted { Ok(()) } else { Err(io::Error::from(io::ErrorKind::Unsupported)) }
 }

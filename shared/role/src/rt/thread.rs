@@ -54,7 +54,7 @@ pub fn take_stand(cpu: usize, priority: i32) -> Standing {
     if priority > 0 {
         attempt("SCHED_FIFO", sys::set_fifo(priority));
     }
-    let (_, priority) = sys::scheduler();
+    let priority = sys::scheduler().map_or(0, |(_, priority)| priority);
     Standing { priority, cpu, refused }
 }
 

@@ -173,7 +173,11 @@ fn a_page_of_another_build_is_incompatible() {
     let site = Site::new();
     let page = page_of(&site);
     // The token of the last of 64 bells of 64 bytes.
-    fs::write(&page, [vec![0; 63 * 64 + 8], vec![7; 8], vec![0; 48]].concat()).unwrap();
+    let theirs = [vec![0; 63 * 64 + 8], vec![7; 8], vec![0; 48]].concat();
+    fs::write(&page, &theirs).unwrap();
+    drop(Wire::open(&site.instance).expect("nobody uses it: it was left"));
+    let _other_build = site.instance.enter().unwrap();
+    fs::write(&page, &theirs).unwrap();
     let error = Wire::open(&site.instance).unwrap_err();
     assert!(matches!(&error, Error::Incompatible { .. }), "{error}");
     assert!(error.to_string().contains("the page of doorbells"), "{error}");

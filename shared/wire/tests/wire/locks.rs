@@ -100,3 +100,52 @@ fn threads_of_a_process_prepare_an_instance_side_by_side() {
         }
     });
 }
+
+#[test]
+fn a_root_path_has_many_spellings_and_one_instance() {
+    let site = Site::new();
+    let link = site.root().join("link");
+    std::os::unix::fs::symlink(site.root(), &link).unwrap();
+    let root = site.root().to_str().unwrap();
+    for spelling in [format!("{root}/"), format!("/tmp/../{root}"), format!("{root}/."), link.to_str().unwrap().into()]
+    {
+        let other = Instance::under(spelling.as_ref(), "test").unwrap();
+        assert_eq!(other.directory(), site.instance.directory(), "{spelling}");
+        assert_eq!(other.prefix(), site.instance.prefix(), "{spelling}");
+    }
+    // Also one that is made later.
+    let later = |spelling: &str| Instance::under(&site.root().join(spelling), "test").unwrap();
+    let (one, other) = (later("a/b"), later("link/a//b/"));
+    one.prepare().unwrap();
+    let _lock = other.lock(Role::Plant).unwrap();
+    assert!(one.is_occupied(Role::Plant));
+    assert_eq!((one.prefix(), later("a/b/../b").prefix()), (other.prefix(), other.prefix()));
+}
+
+#[test]
+fn a_lock_that_was_taken_is_held_also_while_leftovers_are_removed() {
+    let site = Site::new();
+    let done = std::sync::atomic::AtomicBool::new(false);
+    let lost = std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while !done.load(std::sync::atomic::Ordering::Relaxed) {
+                    site.instance.remove_leftovers().unwrap();
+                }
+            });
+        }
+        let lost = (0..1000).find_map(|round| {
+            // A directory that goes in this instant is made again.
+            let lock = match site.instance.prepare().and_then(|()| site.instance.lock(Role::Inner)) {
+                Ok(lock) => lock,
+                Err(e) => return Some(format!("round {round}: {e}")),
+            };
+            let is_seen = site.instance.is_occupied(Role::Inner);
+            drop(lock);
+            (!is_seen).then(|| format!("round {round}: the lock is held, and the role is free"))
+        });
+        done.store(true, std::sync::atomic::Ordering::Relaxed);
+        lost
+    });
+    assert_eq!(lost, None);
+}

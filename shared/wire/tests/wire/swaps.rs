@@ -165,6 +165,7 @@ fn eight_clients_may_ask_at_once_and_one_plant_answers() {
 #[test]
 fn a_service_of_another_build_is_incompatible() {
     let site = Site::new();
+    let _other_build = site.instance.enter().unwrap();
     let theirs = node(&site);
     let _service = theirs
         .service_builder(&"ironbird/test/parameters".try_into().unwrap())

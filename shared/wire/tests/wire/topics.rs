@@ -222,6 +222,7 @@ fn a_topic_of_the_same_type_with_another_layout_is_incompatible() {
     let site = Site::new();
     let layout = AttributeKey::try_from("layout").unwrap();
     let other = AttributeValue::try_from("0123456789abcdef").unwrap();
+    let _other_build = site.instance.enter().unwrap();
     let theirs = node(&site);
     let _service = theirs
         .service_builder(&"ironbird/test/state".try_into().unwrap())
@@ -255,4 +256,26 @@ fn a_topic_that_is_full_of_processes_is_not_called_incompatible() {
     drop(crowd);
     latecomer.receiver::<State>(LATEST).unwrap();
     drop(topic);
+}
+
+#[test]
+fn the_clock_is_looked_at_when_a_message_is_there_and_not_before() {
+    let site = Site::new();
+    let wire = site.wire();
+    let mut receiver = wire.receiver::<State>(DEEP).unwrap();
+    let mut sender = wire.sender::<State>(None).unwrap();
+    receiver.arm(EXPECTED).unwrap();
+    sender.arm(EXPECTED, EPOCH).unwrap();
+    let looks = std::cell::Cell::new(0);
+    // A clock that stands for the machine: each look finds it a tick further on.
+    let clock = || {
+        looks.set(looks.get() + 1);
+        looks.get()
+    };
+    assert_eq!((receiver.take(clock).unwrap(), looks.get()), (NO_TICK, 0));
+    for tick in 1..=3 {
+        sender.send(tick, &Envelope::new(), State::default()).unwrap();
+    }
+    assert_eq!(receiver.take(clock).unwrap(), 3, "each was there when its tick had begun");
+    assert_eq!((looks.get(), receiver.rejections().total()), (3, 0));
 }

@@ -1,0 +1,164 @@
+//! The processes of a flight: started, watched, told to end.
+
+use std::fs::File;
+use std::os::unix::process::CommandExt as _;
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use model::boards::{RUN, Run, RunPhase};
+use model::role::{ROLES, Role};
+use rustix::process::{Pid, Signal, kill_process};
+use wire::instance::Instance;
+use wire::{BoardReader, Wire};
+
+use crate::cli::FlyArgs;
+use crate::dashboard::Dashboard;
+use crate::fly::LOOK_EVERY;
+use crate::fly::asked::Asked;
+use crate::fly::ending::{Ended, Left, log_path};
+use crate::fly::status_line::StatusLine;
+use crate::run_directory::RunDirectory;
+use crate::settings::Settings;
+use failure::{Failure, InFile as _};
+use machine::executable::own_executable;
+
+/// How long processes may take to end after they were told to.
+const LANDING: Duration = Duration::from_secs(5);
+
+/// The processes of a flight.
+pub(super) struct Launcher {
+    children: Vec<(Role, Child)>,
+    dashboard: Option<Dashboard>,
+    wire: Wire,
+    status_line: StatusLine,
+}
+
+impl Launcher {
+    /// Starts them all, from the thread that stays until they have ended: its end would be told them as the launcher's.
+    pub(super) fn start(
+        instance: &Instance,
+        directory: &RunDirectory,
+        settings: &Settings,
+        args: &FlyArgs,
+    ) -> Result<Self, Failure> {
+        // Before any role starts: removes what dead processes of the instance left.
+        let wire = Wire::open(instance)?;
+        let executable = own_executable()?;
+        let status_line = StatusLine::new(&directory.path, settings.flight.duration_s);
+        let mut launcher = Self { children: Vec::new(), dashboard: None, wire, status_line };
+        for role in ROLES {
+            let log_path = log_path(&directory.path, role);
+            let log = File::create(&log_path).in_file("write", &log_path)?;
+            let mut command = Command::new(&executable);
+            command
+                .arg(role.name())
+                .arg("--config")
+                .arg(directory.settings_file())
+                .args(["--instance", instance.name()])
+                .args(["--launcher", &std::process::id().to_string()]);
+            if role == Role::Record {
+                command.arg("--run-dir").arg(&directory.path);
+                if let Some(states) = &args.recorder.states {
+                    command.arg("--states").arg(states);
+                }
+            }
+            let child = command
+                .stdin(Stdio::null())
+                .stdout(Stdio::null())
+                .stderr(log)
+                // Ctrl-C in a terminal reaches the launcher alone, which then ends the roles in order.
+                .process_group(0)
+                .spawn();
+            match child {
+                Ok(child) => launcher.children.push((role, child)),
+                Err(e) => {
+                    launcher.kill();
+                    return Err(Failure::failed(format!("cannot start the {role} process: {e}"))
+                        .help("a flight has five processes of some threads each: see `ulimit -u`, and `ulimit -v`"));
+                }
+            }
+        }
+        if args.watch {
+            launcher.dashboard = Some(Dashboard::open(&executable, instance)?);
+        }
+        Ok(launcher)
+    }
+
+    /// Watches until every process has ended.
+    pub(super) fn watch(&mut self, asked: &mut Asked) -> Result<Ended, Failure> {
+        let mut ended = Ended::default();
+        let mut told_at: Option<Instant> = None;
+        let mut forced = false;
+        let mut board: Option<BoardReader<Run>> = None;
+        while !self.children.is_empty() {
+            sleep(LOOK_EVERY);
+            asked.look();
+            ended.interrupted |= asked.end;
+            let left = self.reap(asked.end)?;
+            // After the look at the processes: whoever has ended with the flight has seen the board say so.
+            board = board.or_else(|| self.wire.board_reader(RUN).ok().flatten());
+            let run = board.as_ref().map(BoardReader::get);
+            let early = run.is_some_and(|run| matches!(run.phase(), RunPhase::Mustering | RunPhase::Opening));
+            if !forced {
+                left.into_iter().for_each(|left| ended.take(left, told_at.is_some(), early));
+            }
+            if told_at.is_none() && ended.is_over() {
+                self.tell_all();
+                told_at = Some(Instant::now());
+            }
+            if asked.at_once || told_at.is_some_and(|at| at.elapsed() > LANDING) {
+                forced = true;
+                self.kill();
+            }
+            let terminal_taken = self.dashboard.as_mut().is_some_and(Dashboard::is_open);
+            run.iter().for_each(|run| self.status_line.show(run, terminal_taken));
+        }
+        if let Some(dashboard) = &mut self.dashboard {
+            dashboard.close();
+        }
+        self.status_line.clear();
+        Ok(ended)
+    }
+
+    /// Takes ended processes off the list, and gives them.
+    fn reap(&mut self, interrupted: bool) -> Result<Vec<Left>, Failure> {
+        let mut left = Vec::new();
+        let mut next = 0;
+        while let Some((role, child)) = self.children.get_mut(next) {
+            match child.try_wait().map_err(|e| Failure::failed(format!("cannot wait for {role}: {e}")))? {
+                None => next += 1,
+                Some(status) => {
+                    left.push(Left { role: *role, status, interrupted });
+                    self.children.remove(next);
+                }
+            }
+        }
+        Ok(left)
+    }
+
+    fn tell_all(&self) {
+        for (_, child) in &self.children {
+            if let Some(pid) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
+                // It may have ended by itself meanwhile.
+                let _ = kill_process(pid, Signal::TERM);
+            }
+        }
+    }
+
+    fn kill(&mut self) {
+        for (_, child) in &mut self.children {
+            // Only a process that has ended already resists.
+            let _ = child.kill();
+        }
+    }
+}
+
+impl Drop for Launcher {
+    fn drop(&mut self) {
+        self.kill();
+        for (_, child) in &mut self.children {
+            let _ = child.wait();
+        }
+    }
+}

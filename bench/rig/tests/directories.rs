@@ -1,0 +1,215 @@
+//! Whose an instance's directory is: what is not ours stays, and what others can reach is not used. Real processes.
+
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod rig;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Write as _;
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, chown, symlink};
+use std::os::unix::net::UnixListener;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use model::role::Role;
+use rustix::process::Signal;
+use wire::instance::Instance;
+
+use rig::{Ended, Rig, Running, is_gone, send, wait_until};
+
+/// A user who owns nothing.
+const NOBODY: u32 = 65534;
+
+/// Makes the root what a home directory is: trees, files, a socket and links, under names that instances may have.
+fn furnish(home: &Path) {
+    for tree in ["src/deep", "work", "go/pkg"] {
+        fs::create_dir_all(home.join(tree)).unwrap();
+    }
+    fs::write(home.join("src/deep/main.c"), "int main;").unwrap();
+    fs::write(home.join("work/thesis"), "mine").unwrap();
+    fs::write(home.join("notes"), "mine").unwrap();
+    symlink(home.join("src"), home.join("link")).unwrap();
+    UnixListener::bind(home.join("bus")).unwrap();
+}
+
+/// Everything below a directory with what is in it, links not followed.
+fn everything_below(directory: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    for entry in fs::read_dir(directory).unwrap().map(Result::unwrap) {
+        if entry.file_type().unwrap().is_dir() {
+            found.append(&mut everything_below(&entry.path()));
+        }
+        let is_file = entry.file_type().unwrap().is_file();
+        found.insert(entry.path(), if is_file { fs::read(entry.path()).unwrap() } else { Vec::new() });
+    }
+    found
+}
+
+fn short_flight(rig: &Rig, more: &[&str]) -> Ended {
+    let slow = rig.slow(5);
+    rig.run("fly", &[&["--rt", "off", "--config", &slow, "--duration", "100ms"], more].concat())
+}
+
+/// Kills a flight with all its processes, none of which can say a last word.
+fn kill_all(flight: Running) {
+    let roles = flight.roles();
+    roles.values().for_each(|pid| send(*pid, Signal::STOP));
+    flight.signal(Signal::KILL);
+    flight.end();
+    roles.values().for_each(|pid| send(*pid, Signal::KILL));
+    wait_until("the killed to be gone", || roles.values().all(|pid| is_gone(*pid)).then_some(()));
+}
+
+#[test]
+fn clean_takes_what_is_ours_from_a_root_that_is_a_home_directory_and_nothing_else() {
+    let rig = Rig::new("homely");
+    fs::create_dir(rig.root()).unwrap();
+    furnish(&rig.root());
+    let had = everything_below(&rig.root());
+    rig.run("clean", &[]).expect(0).says("nothing to remove");
+    assert_eq!(everything_below(&rig.root()), had);
+
+    kill_all(rig.take_off(&["--rt", "off", "--config", &rig.slow(1000)]));
+    let left = everything_below(&rig.root());
+    let segments = rig.segments();
+    assert!(!segments.is_empty() && left.len() > had.len());
+    let directory = rig.known().directory();
+    let announced = rig.run("clean", &["--dry-run"]).expect(0).says(&format!("would remove {}\n", directory.display()));
+    let announced = segments.iter().fold(announced, |said, name| said.says(&format!("would remove /dev/shm/{name}\n")));
+    assert_eq!((everything_below(&rig.root()), rig.segments()), (left, segments), "nothing is removed");
+    let removed = rig.run("clean", &[]).expect(0);
+    assert_eq!(removed.stdout, announced.stdout.replace("would remove", "removed"));
+    assert_eq!(everything_below(&rig.root()), had);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_flight_leaves_a_home_directory_as_it_was() {
+    let rig = Rig::new("guest");
+    fs::create_dir(rig.root()).unwrap();
+    furnish(&rig.root());
+    let had = everything_below(&rig.root());
+    for (name, words) in [("work", "is no directory of ironbird: in it lies `thesis`"), ("notes", "it is no directory")]
+    {
+        for command in ["fly", "plant", "record"] {
+            rig.run(command, &["--instance", name, "--rt", "off"]).expect(2).complains(words);
+            assert_eq!(everything_below(&rig.root()), had, "{command} --instance {name}");
+        }
+    }
+    assert!(rig.run_directories().is_empty(), "{:?}", rig.run_directories());
+    short_flight(&rig, &[]).expect(0);
+    assert_eq!(everything_below(&rig.root()), had);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn what_is_put_into_the_directory_during_a_flight_stays_and_clean_names_it() {
+    let rig = Rig::new("foreign");
+    let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(20), "--duration", "100ms"]);
+    let directory = rig.known().directory();
+    furnish(&directory);
+    flight.end().expect(0);
+    let left = everything_below(&directory);
+    assert_eq!(left[&directory.join("work/thesis")], b"mine");
+    assert_eq!(rig.segments(), Vec::<String>::new());
+    let named = rig.run("clean", &[]).expect(0);
+    for name in ["bus", "go", "link", "notes", "src", "work"] {
+        assert!(
+            named.stdout.contains(&format!("kept {}: ironbird has not made it\n", directory.join(name).display())),
+            "{named}"
+        );
+    }
+    assert_eq!(everything_below(&directory), left);
+    // It is still the instance's.
+    short_flight(&rig, &[]).expect(0);
+    assert_eq!(everything_below(&directory), left);
+}
+
+/// `ironbird COMMAND` in a directory of its own, with a root path that is relative to it.
+fn in_directory(rig: &Rig, directory: &Path, command: &str, args: &[&str]) -> Running {
+    fs::create_dir_all(directory).unwrap();
+    let mut process = Command::new("env");
+    process.arg("-C").arg(directory).arg(rig::IRONBIRD).arg(command).args(rig.own_args(command, args));
+    process.env("IRONBIRD_ROOT", "rig");
+    rig.launch(process)
+}
+
+#[test]
+fn one_relative_root_in_two_directories_is_two_roots() {
+    let rig = Rig::new("relative");
+    let (one, other) = (rig.path("a"), rig.path("b"));
+    let slow = rig.slow(20);
+    let args = ["--rt", "off", "--config", &slow, "--duration", "200ms"];
+    let flight = in_directory(&rig, &one, "fly", &args);
+    let known = Instance::under(&one.join("rig"), &rig.instance).unwrap();
+    let segments = || rig.segments().into_iter().filter(|name| name.starts_with(&known.prefix())).count();
+    wait_until("the plant to have its place", || known.is_occupied(Role::Plant).then_some(()));
+    wait_until("shared memory", || (segments() > 0).then_some(()));
+    in_directory(&rig, &other, "fly", &["--rt", "off", "--config", &rig.slow(5), "--duration", "50ms"]).end().expect(0);
+    in_directory(&rig, &other, "clean", &[]).end().expect(0);
+    assert!(known.is_occupied(Role::Plant), "the other flight was too long for this test");
+    assert!(segments() > 0, "the end of one flight removed the memory of the other");
+    flight.end().expect(0);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn without_a_root_path_the_session_has_it_if_it_is_this_users_or_else_tmp() {
+    let rig = Rig::new("default");
+    let user = rustix::process::geteuid().as_raw();
+    let session = rig.path("run");
+    fs::create_dir(&session).unwrap();
+    let place_of_plant = |root: PathBuf| {
+        let mut command = rig.command("plant", &["--rt", "off"]);
+        command.env_remove("IRONBIRD_ROOT").env("XDG_RUNTIME_DIR", &session);
+        let plant = rig.launch(command);
+        plant.await_words("waiting for");
+        let lock = root.join(&rig.instance).join("plant.lock");
+        assert_eq!(fs::read_to_string(&lock).unwrap().trim(), plant.pid().to_string());
+        assert_eq!(root.metadata().unwrap().mode() & 0o022, 0);
+        plant.signal(Signal::TERM);
+        plant.end().expect(130);
+        assert!(!lock.exists());
+    };
+    place_of_plant(session.join("ironbird"));
+    if chown(&session, Some(NOBODY), Some(NOBODY)).is_err() {
+        writeln!(std::io::stderr().lock(), "skipped in part: only root gives a directory away").unwrap();
+        return;
+    }
+    place_of_plant(PathBuf::from(format!("/tmp/ironbird-{user}")));
+    assert!(fs::read_dir(session.join("ironbird")).unwrap().next().is_none());
+}
+
+#[test]
+fn a_flight_that_cannot_be_looked_at_is_not_said_to_be_none() {
+    let rig = Rig::new("hidden");
+    let instance = rig.known();
+    instance.prepare().unwrap();
+    let lock = instance.lock(Role::Plant).unwrap();
+    fs::create_dir(instance.directory().join("in_use.lock")).unwrap();
+    for args in [["params", "--json"], ["inject", "mass_kg=0.5"]] {
+        let ended = rig.run(args[0], &args[1..]).expect(2).complains("/in_use.lock: Is a directory");
+        assert!(!ended.stderr.contains("start one"), "{ended}");
+    }
+    fs::remove_dir(instance.directory().join("in_use.lock")).unwrap();
+
+    // Somebody who may not look.
+    let as_nobody = ["--reuid=65534", "--regid=65534", "--clear-groups"];
+    if !Command::new("setpriv").args(as_nobody).arg("true").status().is_ok_and(|status| status.success()) {
+        writeln!(std::io::stderr().lock(), "skipped in part: this user may not become another one").unwrap();
+        return;
+    }
+    fs::copy(rig::IRONBIRD, rig.path("ironbird")).unwrap();
+    for directory in [rig.path("."), rig.root()] {
+        fs::set_permissions(directory, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    for args in [["params", "--json"], ["inject", "mass_kg=0.5"]] {
+        let mut command = Command::new("setpriv");
+        command.args(as_nobody).arg(rig.path("ironbird")).arg(args[0]).args(rig.own_args(args[0], &args[1..]));
+        command.env("IRONBIRD_ROOT", rig.root());
+        let ended = rig.launch(command).end().expect(2).complains("/plant.lock: Permission denied");
+        assert!(!ended.stderr.contains("start one"), "{ended}");
+    }
+    drop(lock);
+}

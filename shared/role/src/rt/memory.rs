@@ -1,0 +1,134 @@
+//! Makes the memory of the process present before its loop needs it.
+
+use std::fs;
+use std::io;
+use std::time::Duration;
+
+use super::sys;
+use wire::error::Error;
+
+/// Touches everything mapped since the set-up: the last act before a loop is armed.
+///
+/// Also without real time: shared memory that has run out is an error here, and a SIGBUS in flight. A kernel that cannot
+/// be asked (before Linux 5.14) is none: the pages come when they are touched, and the set-up has reported
+/// [`Step::Prefault`] as refused.
+///
+/// # Errors
+/// [`Error::System`] when memory, or /dev/shm, has run out.
+pub fn settle() -> Result<(), Error> {
+    settle_by(sys::populate)
+}
+
+fn settle_by(populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>) -> Result<(), Error> {
+    match populate_mappings(populate) {
+        Err(e) if !is_unknown(&e) => Err(Error::system(
+            "cannot make the memory of the process present (memory, or shared memory in /dev/shm, has run out)",
+            e,
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Whether the kernel does not know how to populate memory.
+fn is_unknown(refusal: &io::Error) -> bool {
+    refusal.raw_os_error() == Some(libc::EINVAL)
+}
+
+/// Makes every page present that the process can write or read: its own ones, the shared ones of its ports, and
+/// those that other processes write and it only reads.
+pub(super) fn populate_mappings(
+    mut populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
+) -> io::Result<()> {
+    for line in fs::read_to_string(MAPPINGS)?.lines() {
+        let Some((range, rest)) = line.split_once(' ') else { continue };
+        let Some((start, end)) = range.split_once('-') else { continue };
+        let (Ok(start), Ok(end)) = (usize::from_str_radix(start, 16), usize::from_str_radix(end, 16)) else { continue };
+        let Some(touch) = touch(rest) else { continue };
+        // Another thread may give the range back, and take it again, while it is being touched.
+        let mut tries = 0;
+        while let Err(refused) = populate(start, end - start, touch) {
+            if is_unknown(&refused) {
+                return Err(refused);
+            }
+            if !fs::read_to_string(MAPPINGS)?.lines().any(|now| now == line) {
+                break;
+            }
+            tries += 1;
+            if tries == POPULATE_TRIES {
+                return Err(refused);
+            }
+            std::thread::sleep(Duration::from_micros(100));
+        }
+    }
+    Ok(())
+}
+
+/// How often a range that is there is tried to be touched: memory that has run out stays so.
+const POPULATE_TRIES: u32 = 100;
+/// The list of the process' mappings.
+const MAPPINGS: &str = "/proc/self/maps";
+
+/// How to touch a mapping, by its line in /proc/self/maps from the permissions on.
+fn touch(mapping: &str) -> Option<sys::Touch> {
+    let kernels = mapping.split_whitespace().nth(4).is_some_and(|name| name.starts_with('['));
+    // The main thread's stack grows by itself down to its limit; what it needs was touched by `prefault_stack`.
+    if mapping.starts_with("rw") {
+        (!mapping.ends_with("[stack]")).then_some(sys::Touch::Write)
+    } else {
+        // The pages of the kernel, as of [vvar], are always there and cannot be asked for.
+        (mapping.starts_with('r') && !kernels).then_some(sys::Touch::Read)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::realtime::Step;
+
+    #[test]
+    fn a_kernel_that_cannot_populate_memory_is_reported_and_flown_on() {
+        let refuse = |errno| move |_, _, _| Err(io::Error::from_raw_os_error(errno));
+        let mut asked = 0;
+        let refused = populate_mappings(|_, _, _| {
+            asked += 1;
+            Err(io::Error::from_raw_os_error(libc::EINVAL))
+        });
+        assert_eq!((refused.unwrap_err().raw_os_error(), asked), (Some(libc::EINVAL), 1), "it is not asked again");
+        settle_by(refuse(libc::EINVAL)).unwrap();
+        assert!(crate::rt::remedy(Step::Prefault, i64::from(libc::EINVAL)).contains("Linux 5.14"));
+        let full = settle_by(refuse(libc::ENOMEM)).unwrap_err();
+        assert!(full.to_string().contains("/dev/shm"), "{full}");
+    }
+
+    #[test]
+    fn memory_is_touched_as_it_may_be() {
+        let cases = [
+            ("rw-p 00000000 00:00 0                          [heap]", Some(sys::Touch::Write)),
+            ("rw-s 00000000 00:19 12                         /dev/shm/x.data", Some(sys::Touch::Write)),
+            ("r--s 00000000 00:19 12                         /dev/shm/x.data", Some(sys::Touch::Read)),
+            ("r-xp 00001000 08:01 12                         /usr/bin/x", Some(sys::Touch::Read)),
+            ("rw-p 00000000 00:00 0                          [stack]", None),
+            ("r--p 00000000 00:00 0                          [vvar]", None),
+            ("---p 00000000 00:00 0", None),
+            ("rw-p 00000000 00:00 0", Some(sys::Touch::Write)),
+        ];
+        for (mapping, expected) in cases {
+            assert_eq!(touch(mapping), expected, "{mapping}");
+        }
+    }
+
+    #[test]
+    fn all_memory_of_the_process_can_be_made_present_whatever_its_threads_give_back() {
+        let done = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !done.load(std::sync::atomic::Ordering::Relaxed) {
+                    std::thread::spawn(|| drop(vec![1_u8; 4 << 20])).join().unwrap();
+                }
+            });
+            let settled = (0..50).try_for_each(|_| settle());
+            done.store(true, std::sync::atomic::Ordering::Relaxed);
+            settled.unwrap();
+        });
+    }
+}

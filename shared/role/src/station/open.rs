@@ -1,0 +1,175 @@
+//! How the plant opens a run.
+//!
+//! ```text
+//!   Mustering --all ready--> Opening, t_0 announced --all armed--> Flying
+//!       ^                       |    |  ^
+//!       +------- one gone ------+    +--+ one late: another t_0
+//! ```
+
+use std::thread::sleep;
+
+use super::{LOOK_EVERY, Station, status_board, wall_ns};
+use crate::patience::Patience;
+use crate::rt::{Engaged, settle};
+use model::boards::{Ending, RUN, RolePhase, Run, RunPhase, SETTINGS, SettingsText, Status};
+use model::flight_plan::FlightPlan;
+use model::grid::Pace;
+use model::inspection::Expected;
+use model::role::{ROLES, Role};
+use wire::clock::now_ns;
+use wire::error::Error;
+use wire::{Board, BoardReader};
+
+/// From the announcement of t_0 to t_0 [ns].
+const ANNOUNCE_NS: u64 = 200_000_000;
+/// Roles must have armed this long before t_0 [ns] for the plant to keep to it; else it announces another one.
+const ARMED_BEFORE_NS: u64 = 40_000_000;
+
+/// A run that the plant has opened.
+#[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
+pub struct Opened {
+    // First: a role gives real time back before it gives up anything else.
+    _engaged: Engaged,
+    /// What moves its ticks on.
+    pub pace: Pace,
+    /// What its messages carry.
+    pub expected: Expected,
+    /// The plant's board of the run, and what is on it.
+    pub board: Board<Run>,
+    /// What is on the board.
+    pub run: Run,
+    /// The other roles' boards, in the order of [`ROLES`].
+    pub crew: Vec<BoardReader<Status>>,
+    _settings: Board<SettingsText>,
+}
+
+impl Opened {
+    /// Newest tick that the recorder has taken in: it counts them as ticks run.
+    #[must_use]
+    pub fn recorded_tick(&self) -> u64 {
+        self.crew.last().map_or(0, |recorder| recorder.get().ticks_run)
+    }
+
+    /// The first end that another role asks for.
+    #[must_use]
+    pub fn wanted_end(&self) -> Option<Ending> {
+        self.crew.iter().find_map(|board| Ending::from_wire(board.get().wants_end).filter(|end| *end != Ending::None))
+    }
+}
+
+impl Station {
+    /// Opens a run: waits until every role is ready, announces t_0, and waits until all have armed for it.
+    ///
+    /// # Errors
+    /// [`Error::RealtimeRefused`], [`Error::Interrupted`], and those of `arm`.
+    pub fn open_run(
+        &mut self,
+        plan: FlightPlan,
+        mut arm: impl FnMut(Expected, u64) -> Result<(), Error>,
+    ) -> Result<Opened, Error> {
+        let board = self.wire.board::<Run>(RUN)?;
+        let settings = self.wire.board::<SettingsText>(SETTINGS)?;
+        let text = SettingsText::new(&self.orders.settings)
+            .ok_or_else(|| Error::Absent { what: "the settings are too long for their board".into() })?;
+        settings.put(text);
+        let mut run = self.own_run(plan);
+        board.put(run);
+        let engaged = self.report_ready()?;
+        let expected = Expected { run_id: wall_ns(), settings: run.settings };
+        let mut patience = Patience::new(self.role);
+        let crew = loop {
+            let crew = self.muster(&board, &mut run, &mut patience)?;
+            run.phase = RunPhase::Opening as u64;
+            run.run_id = expected.run_id;
+            run.t0_ns = now_ns() + ANNOUNCE_NS;
+            run.t0_wall_ns = wall_ns() + ANNOUNCE_NS;
+            board.put(run);
+            arm(expected, self.status.epoch)?;
+            settle()?;
+            let late = self.await_armed(&crew, run.t0_ns)?;
+            if late.is_empty() {
+                break crew;
+            }
+            // Whoever has died meanwhile is missed by the next muster.
+            patience.say(|| format!("{} to arm for t_0", late.join(", ")));
+        };
+        run.phase = RunPhase::Flying as u64;
+        board.put(run);
+        self.status.armed_t0_ns = run.t0_ns;
+        self.enter(RolePhase::Flying);
+        let crew = crew.into_iter().map(|(_, board)| board).collect();
+        Ok(Opened { _engaged: engaged, pace: run.pace(), expected, board, run, crew, _settings: settings })
+    }
+
+    /// The run before anybody has come.
+    fn own_run(&self, plan: FlightPlan) -> Run {
+        let FlightPlan { last_tick, sample_time_ns, wall_period_ns: period_ns } = plan;
+        Run {
+            plant_pid: self.status.pid,
+            launcher_pid: self.orders.launcher.map_or(0, u64::from),
+            settings: self.status.settings,
+            period_ns,
+            sample_time_ns,
+            last_tick,
+            ..Run::default()
+        }
+    }
+
+    /// Waits until all other roles are ready with the plant's settings; says on the board when it has to.
+    fn muster(&self, board: &Board<Run>, run: &mut Run, patience: &mut Patience) -> Result<Crew, Error> {
+        loop {
+            if self.stop_requested() {
+                return Err(Error::Interrupted);
+            }
+            let mut crew = Crew::new();
+            let mut missing = Vec::new();
+            for role in ROLES.into_iter().filter(|role| *role != Role::Plant) {
+                let status = self.wire.board_reader::<Status>(&status_board(role))?;
+                match status.filter(|status| self.orders.instance.is_occupied(role) && self.is_ready(&status.get())) {
+                    Some(status) => crew.push((role, status)),
+                    None => missing.push(role.name()),
+                }
+            }
+            if missing.is_empty() {
+                return Ok(crew);
+            }
+            if run.phase() != RunPhase::Mustering {
+                run.phase = RunPhase::Mustering as u64;
+                board.put(*run);
+            }
+            patience.say(|| {
+                format!("{} (each with the plant's settings: `ironbird {}` ...)", missing.join(", "), missing[0])
+            });
+            sleep(5 * LOOK_EVERY);
+        }
+    }
+
+    /// Whether a role can arm: one that has armed for a t_0 of the past arms again.
+    fn is_ready(&self, status: &Status) -> bool {
+        matches!(status.phase(), RolePhase::Ready | RolePhase::Armed) && status.settings == self.status.settings
+    }
+
+    /// Waits until all have armed for t_0; gives who has not early enough, or is gone.
+    fn await_armed(&self, crew: &Crew, t0_ns: u64) -> Result<Vec<&'static str>, Error> {
+        let is_late = |(role, status): &&(Role, BoardReader<Status>)| {
+            status.get().armed_t0_ns != t0_ns || !self.orders.instance.is_occupied(*role)
+        };
+        loop {
+            if self.stop_requested() {
+                return Err(Error::Interrupted);
+            }
+            let late: Vec<_> = crew.iter().filter(is_late).map(|(role, _)| role.name()).collect();
+            if now_ns() + ARMED_BEFORE_NS >= t0_ns {
+                // All armed, but too late to be sure of tick 0: nobody is to blame but the instant.
+                return Ok(if late.is_empty() { vec!["all roles"] } else { late });
+            }
+            if late.is_empty() {
+                return Ok(late);
+            }
+            sleep(LOOK_EVERY);
+        }
+    }
+}
+
+/// The other roles with their boards, in the order of [`ROLES`].
+type Crew = Vec<(Role, BoardReader<Status>)>;

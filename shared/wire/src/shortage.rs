@@ -1,0 +1,71 @@
+//! What the system has run out of, when the middleware only reports a failure.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use rustix::fs::statvfs;
+use rustix::io::Errno;
+use rustix::process::{Resource, getrlimit};
+
+/// Files that opening one service may take.
+const FILES_OF_A_SERVICE: u64 = 8;
+
+/// What there is no more of, and how to get more.
+pub(crate) struct Shortage {
+    pub(crate) used_up: String,
+    pub(crate) remedy: String,
+}
+
+/// What this process has too little of to open a service, whose files lie in a directory and in shared memory.
+pub(crate) fn shortage<'a>(places: impl IntoIterator<Item = &'a Path>) -> Option<Shortage> {
+    of_files().or_else(|| places.into_iter().find_map(of_room))
+}
+
+/// The remedy where the system itself says that something is used up.
+pub(crate) fn remedy(error: &io::Error) -> Option<String> {
+    match Errno::from_io_error(error)? {
+        Errno::MFILE => Some(more_files()),
+        Errno::NFILE => Some("end other processes, or raise the limit of the system: sysctl fs.file-max".into()),
+        Errno::NOSPC | Errno::DQUOT => Some("remove what fills the file system, or enlarge it".into()),
+        _ => None,
+    }
+}
+
+fn of_files() -> Option<Shortage> {
+    let limit = getrlimit(Resource::Nofile).current?;
+    let open = match fs::read_dir("/proc/self/fd") {
+        Ok(entries) => entries.count() as u64,
+        Err(e) => {
+            let e = Errno::from_io_error(&e);
+            return matches!(e, Some(Errno::MFILE)).then(|| no_files(limit, limit));
+        }
+    };
+    (open + FILES_OF_A_SERVICE > limit).then(|| no_files(open, limit))
+}
+
+fn no_files(open: u64, limit: u64) -> Shortage {
+    let used_up = format!("too many open files: {open} of the {limit} that this process may have (ulimit -n)");
+    Shortage { used_up, remedy: more_files() }
+}
+
+fn more_files() -> String {
+    "raise the limit before the start: ulimit -n 1024".into()
+}
+
+fn of_room(place: &Path) -> Option<Shortage> {
+    let system = statvfs(place).ok()?;
+    let place = place.display();
+    // Some file systems count no inodes.
+    if system.f_files > 0 && system.f_favail == 0 {
+        let used_up = format!("no inode is left on the file system of {place}");
+        return Some(Shortage {
+            used_up,
+            remedy: format!("remove files from it, or give it more inodes: df -i {place}"),
+        });
+    }
+    (system.f_bavail == 0).then(|| Shortage {
+        used_up: format!("no space is left on the file system of {place}"),
+        remedy: format!("remove what fills it, or enlarge it: df {place}"),
+    })
+}
