@@ -9,6 +9,7 @@
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;
 
+pub mod build;
 pub mod codec;
 pub mod facts;
 pub mod reader;

@@ -16,6 +16,7 @@ use model::grid::{Grid, Pace};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;
 
+use crate::build::Build;
 use crate::codec::{Logged, decode};
 use crate::{facts, schema};
 use failure::{Failure, InFile as _};
@@ -120,6 +121,21 @@ impl LogReader {
             .ok_or_else(|| self.damaged(&format!("its record `{record}` has no `{name}`")))
     }
 
+    /// A number of the record that ends the log; none where it does not say.
+    ///
+    /// # Errors
+    /// [`Failure`] names the file, where the record is missing or says no number.
+    pub fn landed(&self, name: &str) -> Result<Option<u64>, Failure> {
+        let landing = self.facts.get(facts::LANDING).ok_or_else(|| {
+            self.damaged("its record `landing` is missing: it has an end, but not the one that its recorder wrote")
+        })?;
+        let Some(text) = landing.get(name) else { return Ok(None) };
+        let number = text
+            .parse()
+            .map_err(|_| self.damaged(&format!("its record `landing` has {name} = `{text}`, which is no number")))?;
+        Ok(Some(number))
+    }
+
     /// A number of the record about the run.
     ///
     /// # Errors
@@ -136,6 +152,20 @@ impl LogReader {
     pub fn pace(&self) -> Result<Pace, Failure> {
         let (t0_ns, period_ns) = (self.number("t0_ns")?, self.number("period_ns")?);
         Ok(if period_ns == LOCKSTEP { Pace::Lockstep } else { Pace::Realtime(Grid { t0_ns, period_ns }) })
+    }
+
+    /// The executable that wrote it; what the log does not say is unknown.
+    #[must_use]
+    pub fn build(&self) -> Build {
+        let told = |name: &str| self.fact(facts::RUN, name).map_or_else(|_| "unknown".to_owned(), str::to_owned);
+        Build {
+            version: told("version"),
+            commit: told("commit"),
+            dirty: told("dirty") == "true",
+            profile: told("profile"),
+            rustc: told("rustc"),
+            target: told("target"),
+        }
     }
 
     /// A failure of this log.
@@ -232,11 +262,10 @@ impl LogReader {
 
     /// A failure of a log that another version has written.
     fn of_other_version(&self, how: &str) -> Failure {
-        let theirs = self.fact(facts::RUN, "version").unwrap_or("unknown");
         Failure::failed(format!(
-            "{} was written by another version of ironbird: {how} (version {theirs}, this is {})",
+            "{} was written by another version of ironbird, {}: {how}",
             self.path.display(),
-            env!("CARGO_PKG_VERSION")
+            self.build(),
         ))
         .help("use that version; the schemas in the log let any MCAP reader read it (docs/recording.md)")
     }

@@ -1,128 +1,325 @@
-//! Buffers chunks between the log's writer and a disk that may be full.
+//! Buffers writes to a disk that may be full or slow.
 //!
-//! A chunk is written whole, waits, or is left out.
+//! A piece is written whole, waits, or is left out. A separate thread writes the pieces and has them synced every
+//! [`SYNC_EVERY`], so a disk that blocks holds nobody up.
 //!
 //! ```text
 //!   keeping --the disk takes no more--> waiting --it does again--> keeping
-//!                                       waiting --PATIENCE_BYTES wait--> given up, cut after the last whole chunk
+//!                                       waiting --PATIENCE_BYTES wait--> given up, cut after the last whole piece
 //! ```
 
 use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, Write};
 use std::os::unix::fs::FileExt as _;
 use std::rc::Rc;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use rustix::fs::fstatvfs;
 
 /// What may wait for the disk [bytes]: tens of seconds of a flight.
-const PATIENCE_BYTES: usize = 16 << 20;
-/// What the log leaves free on its disk, for the report [bytes].
-const LEFT_FREE_BYTES: u64 = 4 << 20;
+const PATIENCE_BYTES: u64 = 16 << 20;
+/// What a log leaves free on its disk, for the report [bytes].
+pub const LEFT_FREE_BYTES: u64 = 4 << 20;
+/// How often what was written is synced: what a machine that hangs can lose, and a little more.
+const SYNC_EVERY: Duration = Duration::from_secs(5);
+/// How soon a disk that took nothing is tried again.
+const RETRY_EVERY: Duration = Duration::from_millis(500);
+/// How long the end of a file waits for a disk that makes no progress.
+const END_PATIENCE: Duration = Duration::from_secs(3);
 
-/// The file of a log, shared by the one who writes it and the one who looks after it.
+/// Where a file's bytes go.
+pub trait Disk: Send + 'static {
+    /// Bytes that are free on it; nothing where that is not known.
+    fn free(&self) -> Option<u64>;
+    /// Writes at a place of the file.
+    ///
+    /// # Errors
+    /// The system's.
+    fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()>;
+    /// Cuts the file to a length.
+    ///
+    /// # Errors
+    /// The system's.
+    fn cut(&self, length: u64) -> io::Result<()>;
+    /// Has everything reach the medium.
+    ///
+    /// # Errors
+    /// The system's.
+    fn sync(&self) -> io::Result<()>;
+}
+
+impl Disk for File {
+    fn free(&self) -> Option<u64> {
+        fstatvfs(self).ok().map(|disk| disk.f_bavail * disk.f_frsize)
+    }
+
+    fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
+        self.write_all_at(bytes, place)
+    }
+
+    fn cut(&self, length: u64) -> io::Result<()> {
+        self.set_len(length)
+    }
+
+    fn sync(&self) -> io::Result<()> {
+        self.sync_data()
+    }
+}
+
+/// A file, shared by the one who writes it and the one who looks after it.
 #[derive(Clone, Debug)]
 pub struct Spool(Rc<RefCell<Kept>>);
 
 #[derive(Debug)]
 struct Kept {
-    file: File,
+    /// The piece that is being made.
+    piece: Vec<u8>,
+    queue: Arc<Queue>,
+}
+
+/// What the writing thread is given.
+#[derive(Debug, Default)]
+struct Queue {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    pieces: VecDeque<Vec<u8>>,
+    /// Length of the file when all pieces are there [bytes].
+    handed: u64,
     /// What the disk has [bytes].
     on_disk: u64,
-    waiting: Vec<u8>,
-    left_free: u64,
-    /// Why the disk did not take something, the first time.
+    /// Length to cut the file to.
+    cut: Option<u64>,
+    /// Whether the thread is at the disk.
+    busy: bool,
+    /// Whether something is written and not synced.
+    unsynced: bool,
+    /// When a disk that took nothing the last time is tried again.
+    retry_at: Option<Instant>,
+    /// Why it did not, the first time.
     refused: Option<String>,
     has_given_up: bool,
+    /// Nothing more comes: what is there is to be written and synced at once.
+    is_last: bool,
+    is_closed: bool,
+}
+
+/// What to do at the disk.
+enum Job {
+    Write(Vec<u8>, u64),
+    Cut(u64),
+    Sync,
+    End,
 }
 
 impl Spool {
-    /// Of an empty file.
-    #[must_use]
-    pub fn new(file: File) -> Self {
-        Self::leaving(file, LEFT_FREE_BYTES)
+    /// Of an empty file, which leaves so many bytes free on its disk.
+    ///
+    /// # Errors
+    /// The system's, where it has no thread for it.
+    pub fn new(disk: impl Disk, left_free: u64) -> io::Result<Self> {
+        let queue = Arc::new(Queue::default());
+        let theirs = Arc::clone(&queue);
+        thread::Builder::new().name("disk".into()).spawn(move || theirs.serve(&disk, left_free))?;
+        Ok(Self(Rc::new(RefCell::new(Kept { piece: Vec::new(), queue }))))
     }
 
-    fn leaving(file: File, left_free: u64) -> Self {
-        let kept = Kept { file, on_disk: 0, waiting: Vec::new(), left_free, refused: None, has_given_up: false };
-        Self(Rc::new(RefCell::new(kept)))
-    }
-
-    /// Hands what waits to the disk. Gives the length up to which everything is there [bytes].
+    /// Ends a piece and hands it over, without waiting. Gives the length up to which everything is on the disk [bytes].
     pub fn settle(&self) -> u64 {
-        self.0.borrow_mut().settle()
+        let mut kept = self.0.borrow_mut();
+        let piece = std::mem::take(&mut kept.piece);
+        let mut state = kept.queue.state();
+        if !piece.is_empty() && !state.has_given_up {
+            state.handed += piece.len() as u64;
+            state.pieces.push_back(piece);
+            kept.queue.changed.notify_all();
+        }
+        state.on_disk
+    }
+
+    /// As [`Self::settle`], and waits until the disk has it all and has synced it, or takes nothing more.
+    pub fn finish(&self) -> u64 {
+        self.settle();
+        let queue = Arc::clone(&self.0.borrow().queue);
+        queue.state().end();
+        queue.changed.notify_all();
+        queue.await_rest()
     }
 
     /// Length of the file when everything that was written is there [bytes].
     #[must_use]
     pub fn written(&self) -> u64 {
         let kept = self.0.borrow();
-        kept.on_disk + kept.waiting.len() as u64
+        let state = kept.queue.state();
+        state.handed + kept.piece.len() as u64
     }
 
     /// Whether so much waits that it makes no sense to write more.
     #[must_use]
     pub fn is_overfull(&self) -> bool {
-        self.0.borrow().waiting.len() > PATIENCE_BYTES
+        let on_disk = self.0.borrow().queue.state().on_disk;
+        self.written() - on_disk > PATIENCE_BYTES
     }
 
-    /// Takes nothing more, and cuts the file to a length at which it is readable [bytes].
+    /// Takes nothing more, and has the file cut to a length at which it is readable [bytes].
     pub fn give_up(&self, length: u64) {
         let mut kept = self.0.borrow_mut();
-        kept.has_given_up = true;
-        kept.waiting = Vec::new();
-        if let Err(e) = kept.file.set_len(length) {
-            kept.refuse(format!("cannot cut the file: {e}"));
-        }
-        kept.on_disk = length;
+        kept.piece = Vec::new();
+        let mut state = kept.queue.state();
+        let waiting = state.handed - state.on_disk;
+        state.refuse(format!("the disk is too slow: {} MiB waited for it", waiting >> 20));
+        state.pieces.clear();
+        state.has_given_up = true;
+        (state.handed, state.on_disk, state.cut) = (length, length, Some(length));
+        kept.queue.changed.notify_all();
     }
 
     /// Whether it has given up.
     #[must_use]
     pub fn has_given_up(&self) -> bool {
-        self.0.borrow().has_given_up
+        self.0.borrow().queue.state().has_given_up
     }
 
     /// Why the disk did not take something, the first time.
     #[must_use]
     pub fn refused(&self) -> Option<String> {
-        self.0.borrow().refused.clone()
+        self.0.borrow().queue.state().refused.clone()
     }
 }
 
-impl Kept {
+impl State {
     fn refuse(&mut self, reason: String) {
         self.refused.get_or_insert(reason);
     }
 
-    fn settle(&mut self) -> u64 {
-        if self.waiting.is_empty() || self.has_given_up {
-            return self.on_disk;
-        }
-        if let Ok(disk) = fstatvfs(&self.file)
-            && disk.f_bavail * disk.f_frsize < self.left_free + self.waiting.len() as u64
-        {
-            self.refuse(format!("less than {} MiB would be left free on the disk", self.left_free >> 20));
-            return self.on_disk;
-        }
-        // At its place, so that what a failed call left of it is written over by the next one.
-        match self.file.write_all_at(&self.waiting, self.on_disk) {
-            Ok(()) => {
-                self.on_disk += self.waiting.len() as u64;
-                self.waiting.clear();
-            }
-            Err(e) => self.refuse(e.to_string()),
-        }
-        self.on_disk
+    /// Nothing more comes.
+    fn end(&mut self) {
+        (self.is_last, self.retry_at) = (true, None);
     }
+
+    fn is_at_rest(&self) -> bool {
+        self.pieces.is_empty() && self.cut.is_none() && !self.busy && !(self.is_last && self.unsynced)
+    }
+}
+
+impl Queue {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until the thread has nothing to do, or the disk stands still; gives what is on the disk.
+    fn await_rest(&self) -> u64 {
+        let (mut moved_at, mut on_disk) = (Instant::now(), None);
+        let mut state = self.state();
+        while !state.is_at_rest() && state.retry_at.is_none() && moved_at.elapsed() < END_PATIENCE {
+            if on_disk.replace(state.on_disk) != Some(state.on_disk) {
+                moved_at = Instant::now();
+            }
+            state = self.changed.wait_timeout(state, RETRY_EVERY).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        state.on_disk
+    }
+
+    /// The thread's work.
+    fn serve(&self, disk: &impl Disk, left_free: u64) {
+        let mut synced_at = Instant::now();
+        loop {
+            match self.next(synced_at) {
+                Job::Write(piece, place) => {
+                    let written = write(disk, &piece, place, left_free);
+                    self.wrote(piece, written);
+                }
+                Job::Cut(length) => {
+                    let cut = disk.cut(length).map_err(|e| format!("cannot cut the file: {e}"));
+                    self.told(cut);
+                }
+                Job::Sync => {
+                    synced_at = Instant::now();
+                    let synced = disk.sync().map_err(|e| format!("cannot sync the file: {e}"));
+                    self.told(synced);
+                }
+                Job::End => return,
+            }
+        }
+    }
+
+    fn next(&self, synced_at: Instant) -> Job {
+        let mut state = self.state();
+        loop {
+            let is_due = synced_at.elapsed() >= SYNC_EVERY || state.is_last;
+            let may_write = state.retry_at.is_none_or(|at| Instant::now() >= at);
+            let job = if let Some(length) = state.cut.take() {
+                Job::Cut(length)
+            } else if let Some(piece) = state.pieces.pop_front_if(|_| may_write) {
+                Job::Write(piece, state.on_disk)
+            } else if state.unsynced && is_due {
+                state.unsynced = false;
+                Job::Sync
+            } else if state.is_closed && (state.pieces.is_empty() || state.retry_at.is_some()) {
+                Job::End
+            } else {
+                state = self.changed.wait_timeout(state, RETRY_EVERY).unwrap_or_else(PoisonError::into_inner).0;
+                continue;
+            };
+            state.busy = true;
+            return job;
+        }
+    }
+
+    /// What came of a piece; one that was not taken is tried again.
+    fn wrote(&self, piece: Vec<u8>, written: Result<(), String>) {
+        let mut state = self.state();
+        state.busy = false;
+        match written {
+            _ if state.has_given_up => {}
+            Ok(()) => {
+                state.on_disk += piece.len() as u64;
+                (state.unsynced, state.retry_at) = (true, None);
+            }
+            Err(reason) => {
+                state.refuse(reason);
+                state.retry_at = Some(Instant::now() + RETRY_EVERY);
+                state.pieces.push_front(piece);
+            }
+        }
+        self.changed.notify_all();
+    }
+
+    fn told(&self, outcome: Result<(), String>) {
+        let mut state = self.state();
+        state.busy = false;
+        if let Err(reason) = outcome {
+            state.refuse(reason);
+        }
+        self.changed.notify_all();
+    }
+}
+
+/// Writes a piece, or leaves the file as it was.
+fn write(disk: &impl Disk, piece: &[u8], place: u64, left_free: u64) -> Result<(), String> {
+    if disk.free().is_some_and(|free| free < left_free + piece.len() as u64) {
+        return Err(format!("less than {} MiB would be left free on the disk", left_free >> 20));
+    }
+    disk.write_at(piece, place).map_err(|e| {
+        // Whoever reads the file meanwhile finds whole pieces; where this fails, too, the next try writes over it.
+        let _ = disk.cut(place);
+        e.to_string()
+    })
 }
 
 impl Write for Spool {
     /// Never fails: what the disk does not take now waits.
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let mut kept = self.0.borrow_mut();
-        if !kept.has_given_up {
-            kept.waiting.extend_from_slice(bytes);
+        if !kept.queue.state().has_given_up {
+            kept.piece.extend_from_slice(bytes);
         }
         Ok(bytes.len())
     }
@@ -132,46 +329,19 @@ impl Write for Spool {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use std::io::{Read as _, Seek as _};
-
-    use super::*;
-
-    #[test]
-    fn what_waits_goes_in_order_and_what_is_given_up_is_cut() {
-        let mut file = tempfile::tempfile().unwrap();
-        let mut spool = Spool::leaving(file.try_clone().unwrap(), 0);
-        spool.write_all(b"first").unwrap();
-        assert_eq!((spool.written(), spool.settle(), spool.written()), (5, 5, 5));
-        spool.write_all(b" second").unwrap();
-        assert_eq!(spool.settle(), 12);
-        spool.give_up(5);
-        spool.write_all(b" third").unwrap();
-        assert_eq!((spool.settle(), spool.has_given_up(), spool.refused()), (5, true, None));
-        let mut text = String::new();
-        file.rewind().unwrap();
-        file.read_to_string(&mut text).unwrap();
-        assert_eq!(text, "first");
-    }
-
-    #[test]
-    fn a_disk_with_too_little_room_is_left_alone_and_said_so() {
-        let file = tempfile::tempfile().unwrap();
-        let mut spool = Spool::leaving(file.try_clone().unwrap(), u64::MAX >> 1);
-        spool.write_all(&[0; 100]).unwrap();
-        assert_eq!((spool.settle(), file.metadata().unwrap().len()), (0, 0));
-        assert!(spool.refused().unwrap().contains("left free on the disk"));
-        assert!(!spool.is_overfull());
-        spool.write_all(&vec![0; PATIENCE_BYTES]).unwrap();
-        assert!(spool.is_overfull());
-    }
-
-    #[test]
-    fn a_file_that_cannot_be_written_is_no_failure_of_the_writer() {
-        let mut spool = Spool::leaving(File::open("/dev/null").unwrap(), 0);
-        spool.write_all(b"lost").unwrap();
-        assert_eq!(spool.settle(), 0);
-        assert!(spool.refused().is_some_and(|reason| reason.contains("Bad file descriptor")), "{:?}", spool.refused());
+impl Drop for Kept {
+    /// What was handed over is still written, if the disk takes it.
+    fn drop(&mut self) {
+        {
+            let mut state = self.queue.state();
+            state.end();
+            state.is_closed = true;
+        }
+        self.queue.changed.notify_all();
+        self.queue.await_rest();
     }
 }
+
+#[cfg(test)]
+#[path = "spool/tests.rs"]
+mod tests;

@@ -19,7 +19,7 @@ use model::topic::Topic;
 use crate::codec::{Logged, encode};
 use crate::facts::{Facts, LANDING};
 use crate::scene::{self, Placed};
-use crate::spool::Spool;
+use crate::spool::{LEFT_FREE_BYTES, Spool};
 use crate::{TOPICS, schema, units};
 use failure::{Failure, InFile as _};
 
@@ -84,7 +84,8 @@ impl FlightLog {
     /// # Errors
     /// [`Failure`] names the file.
     pub fn create(path: &Path, facts: &Facts) -> Result<Self, Failure> {
-        let spool = Spool::new(File::create(path).in_file("write", path)?);
+        let file = File::create(path).in_file("write", path)?;
+        let spool = Spool::new(file, LEFT_FREE_BYTES).in_file("write", path)?;
         Self::begin(spool, facts).in_file("write", path)
     }
 
@@ -298,9 +299,11 @@ impl FlightLog {
         self.end_chunk().map_err(broken)?;
         self.writer.finish().map_err(broken)?;
         self.chunks.push_back((self.spool.written(), self.taken));
+        self.spool.finish();
         self.settle();
         if !self.chunks.is_empty() {
             self.spool.give_up(self.settled.0);
+            self.spool.finish();
         }
         Ok(self.fate())
     }

@@ -1,5 +1,6 @@
 //! The final report in all its forms: JSON, terminal text, web page and picture.
 
+use std::fs::File;
 use std::path::Path;
 
 use crate::page;
@@ -25,5 +26,12 @@ pub fn write_all(report: &Report, directory: &Path) -> Result<(), Failure> {
         let title = format!("{} with gains {}, {}", run.trajectory, run.preset, run.started);
         write("flight.svg", picture::render(traces, &report.swaps, run.period_us / 1e6, &title))?;
     }
+    sync(directory);
     Ok(())
+}
+
+/// Has the report reach the medium: it is the last word on a flight. A disk that cannot be synced still has it.
+fn sync(directory: &Path) {
+    let report = File::open(directory.join("report.json")).and_then(|file| file.sync_all());
+    let _ = report.and_then(|()| File::open(directory)?.sync_all());
 }

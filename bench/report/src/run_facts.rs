@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use flight_log::build::Build;
+
 use crate::host::Host;
 
 /// What run.json says.
@@ -10,6 +12,9 @@ use crate::host::Host;
 pub struct RunFacts {
     /// Version of ironbird.
     pub version: String,
+    /// The executable; unknown in those from before builds were named.
+    #[serde(default)]
+    pub build: Build,
     /// Instance.
     pub instance: String,
     /// The settings that were flown, by section and key.

@@ -16,6 +16,7 @@ use crate::tally::series::Statistics;
 use crate::tally::theorem::Theorem;
 use crate::traces::Traces;
 use failure::{Failure, InFile as _};
+use flight_log::build::Build;
 
 /// Version of the schema: changed whenever a key changes its meaning or goes.
 pub const SCHEMA: &str = "ironbird-report/1";
@@ -78,6 +79,9 @@ pub struct Run {
     pub instance: String,
     /// Version of ironbird.
     pub version: String,
+    /// The executable; unknown in reports from before builds were named.
+    #[serde(default)]
+    pub build: Build,
     /// Reference trajectory.
     pub trajectory: String,
     /// Set of gains.
@@ -97,7 +101,7 @@ pub struct Run {
 /// Whether a flight passed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
-    /// `PASS`, `FAIL` (a gate did not hold), `INTERRUPTED` (by a signal) or `ABORTED` (a role failed);
+    /// `PASS`, `INCOMPLETE` (held, but not all was seen), `FAIL` (a gate did not hold), `INTERRUPTED` (by a signal) or `ABORTED` (a role failed);
     /// `FLYING` while it does.
     pub status: String,
     /// Exit code of the flight.
@@ -179,13 +183,18 @@ pub struct RunLength {
 
 /// The control performance.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Flight {
-    /// Root mean square of the position error [m].
+    /// Root mean square of the position error over all states [m].
     pub position_error_rms_m: f64,
     /// Largest position error [m].
     pub position_error_max_m: f64,
     /// Position error at the end [m].
     pub position_error_final_m: f64,
+    /// States that these are of; 0 in reports from before all states counted.
+    pub states: u64,
+    /// Ticks that have no state: skipped by the plant, or lost by the recorder.
+    pub ticks_without_state: u64,
     /// Norm of the rate error at the end [rad/s].
     pub rate_error_final_rad_s: f64,
     /// Ticks in which the rotors could not do what was asked.
@@ -282,20 +291,19 @@ pub struct RtStep {
 
 /// The recorder's own losses.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct RecorderSection {
     /// Messages that were overwritten before it read them, by topic.
     pub lost: BTreeMap<String, u64>,
     /// Messages that it rejected.
     pub rejected: BTreeMap<String, u64>,
-    /// Ticks of which a topic had no message, so that they have no row of states.
+    /// Ticks of which a topic had no message.
     pub incomplete_ticks: u64,
     /// Share of one processor that it used [%].
     pub cpu_percent: f64,
     /// The flight log.
-    #[serde(default)]
     pub log: LogSection,
     /// Other files that could not be written, with the first reason.
-    #[serde(default)]
     pub unwritten: BTreeMap<String, String>,
 }
 

@@ -9,6 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use controller::{Preset, Trajectory};
 use toml::Value;
 
+use crate::build::VERSION;
 use crate::clean::CleanArgs;
 pub use crate::cli::report::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
 use crate::doctor::DoctorArgs;
@@ -26,7 +27,7 @@ pub use in_flight::{BridgeTo, FoxgloveArgs, InjectArgs, ParamsArgs, WatchArgs};
 /// Flies an adaptive controller in four real-time processes over shared memory, swaps parameters of the airframe
 /// in flight, and reports how late every step was.
 #[derive(Debug, Parser)]
-#[command(name = "ironbird", version, max_term_width = 110)]
+#[command(name = "ironbird", version, long_version = VERSION.as_str(), max_term_width = 110)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]

@@ -6,6 +6,7 @@ use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use model::envelope::Message;
+use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;
 
 use crate::cli::{ExportArgs, ExportFormat};
@@ -24,7 +25,7 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     let path = find_log(&args.run, args.out.as_deref())?;
     let mut reader = LogReader::open(&path)?;
     let mut tables = match &args.topic {
-        Some(topic) => Tables::one(topic, args.format),
+        Some(topic) => Tables::one(topic, args.format)?,
         None => {
             let beside = path.parent().unwrap_or(Path::new(".")).join("export");
             Tables::all(args.to.clone().unwrap_or(beside), args.format)?
@@ -34,7 +35,8 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     let read = tables.fill(&mut reader).and_then(|()| tables.finish());
     print(&tables.summary())?;
     read?;
-    if reader.end() == End::Truncated {
+    // Who closes the pipe has not seen the end, and has not asked for it.
+    if tables.is_read && reader.end() == End::Truncated {
         eprintln!(
             "{} is truncated: its end is missing; exported is what the recorder had written before",
             path.display()
@@ -58,11 +60,36 @@ struct Table {
     messages: u64,
 }
 
+impl Table {
+    /// With the line that names the columns, also where no message follows.
+    fn new(topic: &str, format: ExportFormat, out: impl Write + 'static) -> (Self, io::Result<()>) {
+        let mut out: Box<dyn Write> = Box::new(BufWriter::new(out));
+        let begun = match format {
+            ExportFormat::Csv => writeln!(out, "{}", columns(topic).join(",")),
+            ExportFormat::Json => Ok(()),
+        };
+        (Self { out, messages: 0 }, begun)
+    }
+}
+
+/// Columns of a topic.
+fn columns(topic: &str) -> Vec<String> {
+    match topic {
+        State::NAME => rows::columns::<State>(),
+        Setpoint::NAME => rows::columns::<Setpoint>(),
+        Wrench::NAME => rows::columns::<Wrench>(),
+        RotorSpeeds::NAME => rows::columns::<RotorSpeeds>(),
+        _ => rows::columns::<SwapRecord>(),
+    }
+}
+
 impl Tables {
-    fn one(topic: &str, format: ExportFormat) -> Self {
-        let table = Table { out: Box::new(BufWriter::new(io::stdout())), messages: 0 };
+    fn one(topic: &str, format: ExportFormat) -> Result<Self, Failure> {
+        let (table, begun) = Table::new(topic, format, io::stdout());
         let open = TOPICS.into_iter().filter(|name| *name == topic).zip([table]).collect();
-        Self { format, directory: None, open, is_read: true }
+        let mut tables = Self { format, directory: None, open, is_read: true };
+        tables.written(begun)?;
+        Ok(tables)
     }
 
     fn all(directory: PathBuf, format: ExportFormat) -> Result<Self, Failure> {
@@ -74,7 +101,9 @@ impl Tables {
         for topic in TOPICS {
             let path = directory.join(format!("{topic}.{}", format.extension()));
             let file = File::create(&path).in_file("write", &path)?;
-            open.insert(topic, Table { out: Box::new(BufWriter::new(file)), messages: 0 });
+            let (table, begun) = Table::new(topic, format, file);
+            begun.in_file("write", &path)?;
+            open.insert(topic, table);
         }
         Ok(Self { format, directory: Some(directory), open, is_read: true })
     }
@@ -97,9 +126,6 @@ impl Tables {
     fn write<C: Logged>(&mut self, message: &Message<C>) -> Result<(), Failure> {
         let Some(table) = self.open.get_mut(<C as Topic>::NAME) else { return Ok(()) };
         let line = match self.format {
-            ExportFormat::Csv if table.messages == 0 => {
-                format!("{}\n{}", rows::columns::<C>().join(","), rows::csv(message))
-            }
             ExportFormat::Csv => rows::csv(message),
             ExportFormat::Json => rows::json(message),
         };

@@ -2,6 +2,7 @@
 
 #[cfg(feature = "foxglove")]
 pub mod bridge;
+pub mod build;
 pub mod clean;
 pub mod cli;
 pub mod dashboard;

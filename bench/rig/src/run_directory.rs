@@ -61,6 +61,7 @@ impl RunDirectory {
     fn describe(&self, settings: &Settings, instance: &str) -> Result<(), Failure> {
         let facts = RunFacts {
             version: env!("CARGO_PKG_VERSION").into(),
+            build: crate::build::here(),
             instance: instance.into(),
             settings: serde_json::to_value(settings).in_file("write", &self.path.join("run.json"))?,
             host: host(),

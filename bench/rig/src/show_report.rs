@@ -1,13 +1,16 @@
 //! `ironbird report`: the report of a flight, also of one still in the air.
 
+use std::fs;
 use std::path::Path;
 
 use serde_json::{Number, Value};
 
 use crate::cli::{Format, ReportArgs, ReportCommand};
 use crate::output::print;
+use crate::record::hlog;
 use crate::run_directory::find;
-use failure::{Failure, InFile as _, OK};
+use crate::wall_time::utc;
+use failure::{FAILED, Failure, InFile as _, OK};
 use report::page;
 use report::schema::Report;
 use report::{json, text};
@@ -20,13 +23,31 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
     if let Some(ReportCommand::Diff(args)) = &args.command {
         return crate::report_diff::diff(args);
     }
-    let report = read(&find(&args.run, args.out.as_deref())?)?;
+    let directory = find(&args.run, args.out.as_deref())?;
+    let mut report = read(&directory)?;
+    if report.run.in_flight && !hlog::lives(&directory) {
+        // It may have said its last word meanwhile.
+        report = read(&directory)?;
+        abandoned(&mut report, &directory);
+    }
     match args.format {
         Format::Text => print(&text::render(&report))?,
         Format::Json => print(&(json::to_string(&report).map_err(|e| Failure::failed(e.to_string()))? + "\n"))?,
         Format::Html => print(&page::render(&report))?,
     }
     Ok(OK)
+}
+
+/// Puts into the last report of a recorder that is no more that it died, and when.
+fn abandoned(report: &mut Report, directory: &Path) {
+    if !report.run.in_flight {
+        return;
+    }
+    let last = fs::metadata(directory.join("report.json")).and_then(|file| file.modified());
+    let at = last.map_or_else(|_| String::new(), |at| format!(" at {}", utc(at)));
+    report.run.ending = format!("the recorder of this flight died{at}, {:.1} s into it", report.ticks.elapsed_s);
+    report.run.in_flight = false;
+    (report.verdict.status, report.verdict.exit_code) = ("ABORTED".into(), FAILED);
 }
 
 /// The report in a flight's directory.
@@ -45,7 +66,7 @@ pub fn read(directory: &Path) -> Result<Report, Failure> {
 
 /// Refuses a report with numbers that no flight has: pictures of them would have no scale.
 fn plausible(path: &Path) -> Result<(), Failure> {
-    let text = std::fs::read_to_string(path).in_file("read the report", path)?;
+    let text = fs::read_to_string(path).in_file("read the report", path)?;
     let report: Value = serde_json::from_str(&text).in_file("read the report", path)?;
     match implausible(&report, String::new()) {
         Some((key, number)) => Err(Failure::failed(format!(

@@ -14,9 +14,10 @@ use crate::settings::Settings;
 use failure::{Failure, GATE, InFile as _, OK, check_writable};
 use report::page::picture;
 use report::schema::Swap;
-use report::states::StatesWriter;
+use report::states::{Joined, StatesWriter};
 use report::tally::theorem::{Theorem, TheoremTally};
 use report::tally::tracer::Tracer;
+use report::tracking::{Tracking, TrackingError};
 
 /// Simulates a flight.
 ///
@@ -26,16 +27,17 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     let settings = Settings::resolve(args.flight.config.as_deref(), &args.overrides())?;
     check_writable("--states", args.states.as_deref())?;
     check_writable("--plot", args.plot.as_deref())?;
+    let tracking = Tracking::of(settings.flight.trajectory, settings.flight.period_s);
     let mut states = match &args.states {
         Some(path) => {
             let every = settings.recorder.states_every_ticks;
-            Some(StatesWriter::create(path, settings.flight.period_s, every)?)
+            Some(StatesWriter::create(path, tracking, every)?)
         }
         None => None,
     };
     let mut rig = InProcess::of(&settings)?;
     let start = Instant::now();
-    let mut tracer = args.plot.as_ref().map(|_| Tracer::new(settings.flight.period_s));
+    let mut tracer = args.plot.as_ref().map(|_| Tracer::new(tracking));
     let flown = fly(&mut rig, &settings, states.as_mut(), tracer.as_mut())?;
     let wall_s = start.elapsed().as_secs_f64();
     if let (Some(path), Some(tracer)) = (&args.plot, &tracer) {
@@ -59,7 +61,7 @@ fn summary(flown: &Flown, settings: &Settings, wall_s: f64) -> String {
         flown.ticks,
         flown_s / wall_s
     );
-    text += &format!("position error rms {:.4} m, largest {:.4} m\n", flown.error_rms_m, flown.error_max_m);
+    text += &format!("position error {}\n", flown.error);
     for (name, estimated, actual) in &flown.estimates {
         text += &format!("  {name:<24} estimated {estimated:>12.6e}  true {actual:>12.6e}\n");
     }
@@ -73,8 +75,7 @@ fn summary(flown: &Flown, settings: &Settings, wall_s: f64) -> String {
 
 struct Flown {
     ticks: u64,
-    error_rms_m: f64,
-    error_max_m: f64,
+    error: TrackingError,
     estimates: [(&'static str, f64, f64); 3],
     theorem: Theorem,
     swaps: Vec<Swap>,
@@ -94,12 +95,11 @@ fn fly(
     mut states: Option<&mut StatesWriter>,
     mut tracer: Option<&mut Tracer>,
 ) -> Result<Flown, Failure> {
-    let mut squares = 0.0;
+    let tracking = Tracking::of(settings.flight.trajectory, settings.flight.period_s);
     let mut theorem = TheoremTally::default();
     let mut flown = Flown {
         ticks: 0,
-        error_rms_m: 0.0,
-        error_max_m: 0.0,
+        error: TrackingError::default(),
         estimates: ESTIMATED.map(|parameter| (parameter.name(), 0.0, 0.0)),
         theorem: Theorem::default(),
         swaps: Vec::new(),
@@ -116,23 +116,20 @@ fn fly(
         }
         flown.ticks += 1;
         if let Some(states) = &mut states {
-            states.write(&record)?;
+            states.write(&Joined::from(&record))?;
         }
         let applied = rig.plant().applied().iter();
         flown.swaps.extend(applied.map(|swap| Swap::new(swap.tick, settings.flight.period_s, &swap_record(swap))));
         if let Some(tracer) = &mut tracer {
-            tracer.take(&record);
+            tracer.take(&Joined::from(&record));
         }
-        if let Some(setpoint) = &record.setpoint {
-            let error_m = setpoint.position_error_m(&record.state);
-            squares += error_m * error_m;
-            flown.error_max_m = flown.error_max_m.max(error_m);
-            if error_m > settings.flight.position_error_max_m {
-                flown.departure = Some(format!(
-                    "the flight left its envelope: at tick {tick} the position error is {error_m:.2} m, allowed are {} m",
-                    settings.flight.position_error_max_m
-                ));
-            }
+        let error_m = tracking.error_m(tick, &record.state);
+        flown.error.take(error_m);
+        if error_m > settings.flight.position_error_max_m {
+            flown.departure = Some(format!(
+                "the flight left its envelope: at tick {tick} the position error is {error_m:.2} m, allowed are {} m",
+                settings.flight.position_error_max_m
+            ));
         }
         let actual = record.state.truth.theta();
         theorem.truth(actual);
@@ -145,6 +142,5 @@ fn fly(
         }
     }
     flown.theorem = theorem.section();
-    flown.error_rms_m = (squares / flown.ticks as f64).sqrt();
     Ok(flown)
 }

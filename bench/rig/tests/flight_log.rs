@@ -147,6 +147,24 @@ fn an_export_is_whole_and_says_what_is_there_and_what_is_not() {
 }
 
 #[test]
+fn an_export_names_its_columns_where_nothing_was_said_and_ends_quietly_when_nobody_reads_on() {
+    let rig = Rig::new("header");
+    rig.run("fly", &["--pace", "lockstep", "--duration", "3s"]).expect(0);
+    rig.run("export", &[]).expect(0).says("       0 messages");
+    let swaps = fs::read_to_string(rig.out().join("latest/export/swaps.csv")).unwrap();
+    assert_eq!(swaps.lines().count(), 1, "{swaps}");
+    assert!(swaps.starts_with("envelope.layout,") && swaps.contains("parameter_epoch"), "{swaps}");
+    assert_eq!(rig.run("export", &["--topic", "swaps"]).expect(0).stdout, swaps);
+    assert_eq!(rig.run("export", &["--topic", "swaps", "--format", "json"]).expect(0).stdout, "");
+    let script = "\"$@\" | head -1; exit ${PIPESTATUS[0]}";
+    let export = rig.command("export", &["--topic", "rotor_speeds"]);
+    let mut piped = Command::new("bash");
+    piped.args(["-c", script, "bash"]).arg(export.get_program()).args(export.get_args());
+    let ended = rig.launch(piped).end().expect(0);
+    assert_eq!((ended.stdout.lines().count(), ended.stderr.as_str()), (1, ""), "{ended}");
+}
+
+#[test]
 fn a_killed_recorder_leaves_what_it_had_written() {
     let rig = Rig::new("killed-log");
     let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(5), "--duration", "1h"]);

@@ -6,6 +6,8 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+mod rig;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write as _;
@@ -14,6 +16,8 @@ use std::process::Command;
 
 use report::schema::Report;
 use report::tally::series::Series;
+use rig::{Rig, send, wait_until};
+use rustix::process::Signal;
 use serde::Deserialize;
 use tempfile::TempDir;
 
@@ -173,5 +177,27 @@ fn another_implementation_reads_the_numbers_of_the_report() {
     check_text(&log, &report);
     if let Some(reading) = read_elsewhere(&path) {
         check_reading(&reading, &log, &report);
+    }
+}
+
+#[test]
+fn a_killed_recorder_leaves_whole_lines_up_to_its_last_second() {
+    let rig = Rig::new("killed-hlog");
+    let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(5), "--duration", "1h"]);
+    let recorder = flight.roles()["record"];
+    let directory = rig.out().join("latest");
+    let report = directory.join("report.json");
+    let elapsed_s = || Some(Report::read(&report).ok()?.ticks.elapsed_s);
+    wait_until("three seconds", || elapsed_s().filter(|elapsed_s| *elapsed_s > 3.5));
+    send(recorder, Signal::KILL);
+    flight.end().expect(1);
+    let path = directory.join("latency.hlog");
+    let log = fs::read_to_string(&path).unwrap();
+    assert!(log.ends_with('\n'), "its last line is cut");
+    let lines: Vec<&str> = log.lines().filter(|line| !line.starts_with('#')).collect();
+    let intervals: Vec<Interval> = lines.iter().map(|line| interval(line).expect(line)).collect();
+    assert!(intervals.iter().any(|interval| interval.tag == "loop" && interval.start_s >= 2.0), "{}", lines.len());
+    if let Some(reading) = read_elsewhere(&path) {
+        assert_eq!(reading.tags.values().map(|tag| tag.intervals.len()).sum::<usize>(), lines.len());
     }
 }

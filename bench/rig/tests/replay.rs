@@ -129,8 +129,23 @@ fn trouble_of_all_kinds_at_once_is_identical() {
     assert!(seen.iter().all(|count| *count > 0), "there was trouble: {seen:?}");
 }
 
+/// Writes a log again, with another number of ticks in its landing record.
+fn rewrite_landing(from: &Path, to: &Path, text: &str, ticks_run: &str) {
+    finish_again(from, to, text, |_| true, &[("ticks_run", ticks_run)]);
+}
+
 /// Writes a log again, without the messages that `keep` does not want, which it may also change.
-fn rewrite(from: &Path, to: &Path, text: &str, mut keep: impl FnMut(&mut Entry) -> bool) {
+fn rewrite(from: &Path, to: &Path, text: &str, keep: impl FnMut(&mut Entry) -> bool) {
+    finish_again(from, to, text, keep, &[]);
+}
+
+fn finish_again(
+    from: &Path,
+    to: &Path,
+    text: &str,
+    mut keep: impl FnMut(&mut Entry) -> bool,
+    landing: &[(&str, &str)],
+) {
     let mut reader = LogReader::open(from).unwrap();
     let mut log = FlightLog::create(to, &recorded::facts(&settings(text))).unwrap();
     while let Some(mut entry) = reader.next_entry().unwrap() {
@@ -145,7 +160,7 @@ fn rewrite(from: &Path, to: &Path, text: &str, mut keep: impl FnMut(&mut Entry) 
             Entry::Swap(message) => log.write(message),
         }
     }
-    log.finish(record(&[])).unwrap();
+    log.finish(record(landing)).unwrap();
 }
 
 fn flip(value: &mut f64) {
@@ -223,6 +238,61 @@ fn a_log_with_a_gap_is_refused_and_the_gap_named() {
     assert!(said.contains("its last state knows 4 swaps, and it holds 3"), "{said}");
     let said = refused(&|_| false);
     assert!(said.contains("holds no message"), "{said}");
+}
+
+/// Writes a log again as far as its first messages, with the landing record of the whole one and an end of its own.
+fn cut_and_finish(from: &Path, to: &Path, text: &str, keep: usize, landing: bool) {
+    let mut reader = LogReader::open(from).unwrap();
+    let mut kept = 0;
+    let cut = to.with_extension("cut");
+    rewrite(from, &cut, text, |_| {
+        kept += 1;
+        kept <= keep
+    });
+    while reader.next_entry().unwrap().is_some() {}
+    // The same bytes up to the landing record, and behind it what a whole log ends with.
+    let bytes = std::fs::read(&cut).unwrap();
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    let mut writer = mcap::Writer::new(std::fs::File::create(to).unwrap()).unwrap();
+    for index in &summary.metadata_indexes {
+        let mut metadata = mcap::read::metadata(&bytes, index).unwrap();
+        let is_landing = metadata.name == "landing";
+        if is_landing && landing {
+            for topic in flight_log::TOPICS {
+                let name = format!("messages.{topic}");
+                let written = reader.landed(&name).unwrap().unwrap();
+                metadata.metadata.insert(name, written.to_string());
+            }
+        }
+        if !is_landing || landing {
+            writer.write_metadata(&metadata).unwrap();
+        }
+    }
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        writer.write(&message.unwrap()).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn a_log_that_ends_before_its_landing_says_is_refused() {
+    let place = Place::new();
+    let (path, published) = place.log(NOISY, |_| Trouble::default());
+    let cut = place.path("cut.mcap");
+    let all = published.states.len() + published.setpoints.len() + published.wrenches.len();
+    cut_and_finish(&path, &cut, NOISY, usize::MAX, true);
+    assert_identical(&cut);
+    cut_and_finish(&path, &cut, NOISY, all / 2, true);
+    let said = verify(&cut).unwrap_err().to_string();
+    assert!(said.contains("messages of topic `state`, and its recorder wrote 401"), "{said}");
+    // As tools leave it that give a cut file an index.
+    cut_and_finish(&path, &cut, NOISY, all / 2, false);
+    let said = verify(&cut).unwrap_err().to_string();
+    assert!(said.contains("its record `landing` is missing"), "{said}");
+    // As a recorder leaves it that did not get the plant's last states.
+    rewrite_landing(&path, &cut, NOISY, "450");
+    let said = verify(&cut).unwrap_err().to_string();
+    assert!(said.contains("the plant published 450 states, and it holds 401: the last 49 are missing"), "{said}");
 }
 
 #[test]

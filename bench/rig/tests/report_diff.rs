@@ -53,7 +53,7 @@ fn other_settings_and_machines_are_named() {
         "flight.trajectory: lissajous | hover",
         "| sundial",
         "The flights had different settings.",
-        "Machine, program or granted scheduling differ.",
+        "Machine or granted scheduling differ.",
         "too few values: 1500, p99.9 needs 10000",
         "A did not fly at the speed of the clock",
         "Believe a difference that repeated flights",

@@ -58,14 +58,14 @@ fn envelope(tick: u64) -> Envelope {
 fn take_tick(flight: &mut Flight, tick: u64) {
     let envelope = envelope(tick);
     let state = State {
-        position_w_m: [1.0, 2.0, 3.5],
+        position_w_m: [1.0, -1.0, 1.5],
         attitude_rad: [0.1, -0.2, 1.0],
         deadlines_missed: 4,
         truth: Truth { rate_b_rad_s: [0.0; 3], parameter: *Airframe::nominal().values() },
         ..State::default()
     };
     let setpoint =
-        Setpoint { reference_position_w_m: [1.0, 2.0, 3.0], attitude_rad: [0.1, 0.0, 1.0], ..Setpoint::default() };
+        Setpoint { reference_position_w_m: [1.0, -1.0, 1.0], attitude_rad: [0.1, 0.0, 1.0], ..Setpoint::default() };
     let mut monitor =
         Monitor { ticks_checked: 100, is_live: 1, v: 0.25, v_th: 0.125, v_th_start: 1.0, ..Monitor::default() };
     monitor.violations[Cause::GyroNoise as usize] = 12;
@@ -80,7 +80,9 @@ fn take_tick(flight: &mut Flight, tick: u64) {
 /// A dashboard that has seen a second of a flight, from its 100th tick on.
 fn model() -> Model {
     let mut model = Model::new("left", false, true);
-    model.join(&run(), BTreeMap::new()).unwrap();
+    // Its reference is (1, -1, 1) m from tick 0 on.
+    let settings = BTreeMap::from([("flight.trajectory".to_owned(), "step".to_owned())]);
+    model.join(&run(), settings).unwrap();
     let flight = model.flight.as_mut().unwrap();
     (100..1100).for_each(|tick| take_tick(flight, tick));
     flight.run = Run { tick: 1099, ticks_run: 1096, ticks_skipped: 3, deadlines_missed: 4, ..run() };
@@ -133,9 +135,9 @@ fn without_a_flight_it_says_what_it_waits_for_and_how_to_start_one() {
 #[test]
 fn the_page_of_the_flight_has_position_attitude_and_error() {
     let screen = screen(&model(), 80, 24);
-    assert_eq!(screen[0], " left   flying   1.1 of 30.0 s   missed 4   skipped 3   tick 1099");
+    assert_eq!(screen[0], " left   flying   1.1 of 30.0 s   missed 4   skipped 3   tick 1099   step, gains");
     assert_eq!(screen[1], " 1  Flight  2  Latency  3  Theorem  4  Plant  5  Real time");
-    shows(&screen, "position       1.000     2.000     3.500 m");
+    shows(&screen, "position       1.000    -1.000     1.500 m");
     shows(&screen, "error          0.000     0.000     0.500 m");
     shows(&screen, "attitude        5.73    -11.46     57.30 deg");
     shows(&screen, "error     0.5000 m   rms 0.5000   max 0.5000");
@@ -144,14 +146,25 @@ fn the_page_of_the_flight_has_position_attitude_and_error() {
 }
 
 #[test]
+fn the_error_goes_on_where_nobody_publishes_a_set_point() {
+    let mut model = model();
+    let flight = model.flight.as_mut().unwrap();
+    let content = State { position_w_m: [1.0, -1.0, 9.0], ..State::default() };
+    flight.take(Seen::State(&Message { envelope: envelope(1100), content }));
+    shows(&screen(&model, 80, 24), "error     8.0000 m");
+    shows(&screen(&model, 80, 24), "max 8.0000");
+}
+
+#[test]
 fn the_page_of_latencies_counts_from_the_stamps() {
     let mut model = model();
     press(&mut model, &typed("2"));
     let screen = screen(&model, 80, 24);
     shows(&screen, "deadlines missed 4 (3639.7 per million ticks), ticks skipped 3");
-    // The chain's 30 us, the margin to the deadline, and no miss of what came before the dashboard.
+    // The chain's 30 us, the margin to the deadline, which the next state judges, and no miss of what came before the
+    // dashboard.
     shows(&screen, "loop                   1000      30.0      30.0      30.0         -      30.0");
-    shows(&screen, "slack                  1000     965.1     965.1     965.1         -     965.1");
+    shows(&screen, "slack                   999     965.1     965.1     965.1         -     965.1");
     shows(&screen, "late                      -");
     shows(&screen, "wake.plant             1000       5.0");
     shows(&screen, "since you watch: 0 late by their stamps, at most 0 in a row");

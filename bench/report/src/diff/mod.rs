@@ -14,6 +14,7 @@ use serde_json::Value;
 use crate::run_facts::RunFacts;
 use crate::schema::Report;
 use crate::tally::distribution::{Distribution, PERCENTS, Percentile};
+use flight_log::build::Build;
 
 /// Version of the schema.
 const SCHEMA: &str = "ironbird-report-diff/1";
@@ -31,7 +32,9 @@ pub struct Diff {
     pub b: Side,
     /// Settings that differ.
     pub settings: Vec<Difference>,
-    /// What differs of machine, program and granted scheduling.
+    /// How the builds compare.
+    pub builds: &'static str,
+    /// What differs of machine and granted scheduling.
     pub machine: Vec<Difference>,
     /// Latencies.
     pub series: Vec<SeriesDiff>,
@@ -48,6 +51,8 @@ pub struct Diff {
 pub struct Side {
     /// Its directory.
     pub run: String,
+    /// The executable that flew.
+    pub build: Build,
     /// Its start.
     pub started: String,
     /// Whether it passed.
@@ -141,6 +146,7 @@ impl Flown {
         let report = &self.report;
         Side {
             run: self.run.clone(),
+            build: self.facts.build.of_version(&self.facts.version),
             started: report.run.started.clone(),
             status: report.verdict.status.clone(),
             ticks: report.ticks.run,
@@ -162,7 +168,6 @@ impl Flown {
     fn machine(&self) -> BTreeMap<String, Value> {
         let mut flat = BTreeMap::new();
         flatten("", &serde_json::to_value(&self.facts.host).unwrap_or_default(), &mut flat);
-        flat.insert("ironbird".into(), self.facts.version.clone().into());
         for (name, role) in &self.report.roles {
             flat.insert(format!("scheduling of {name}"), role.scheduling.clone().into());
         }
@@ -227,6 +232,7 @@ pub fn compare(a: &Flown, b: &Flown) -> Diff {
         schema: SCHEMA,
         a: a.side(),
         b: b.side(),
+        builds: a.facts.build.compared_with(&b.facts.build),
         settings: differences(&a.settings(), &b.settings()),
         machine: differences(&a.machine(), &b.machine()),
         series,
@@ -244,7 +250,10 @@ fn notes(diff: &Diff, both: [&Flown; 2]) -> Vec<String> {
         notes.push("The flights had different settings.".to_owned());
     }
     if !diff.machine.is_empty() {
-        notes.push("Machine, program or granted scheduling differ.".to_owned());
+        notes.push("Machine or granted scheduling differ.".to_owned());
+    }
+    if diff.builds != "the same" {
+        notes.push(format!("The builds are {}: what differs may be the program's.", diff.builds));
     }
     for (name, flown) in ["A", "B"].into_iter().zip(both) {
         let run = &flown.report.run;

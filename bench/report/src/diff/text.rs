@@ -19,6 +19,7 @@ pub fn render(diff: &Diff) -> String {
 fn write(out: &mut String, diff: &Diff) -> std::fmt::Result {
     side(out, "A", &diff.a)?;
     side(out, "B", &diff.b)?;
+    writeln!(out, "\nBuilds: {} and {}: {}", diff.a.build, diff.b.build, diff.builds)?;
     differences(out, "Settings", &diff.settings)?;
     differences(out, "Machine", &diff.machine)?;
     writeln!(out, "\nLatencies [us]           A         B  B over A  with 95 %")?;

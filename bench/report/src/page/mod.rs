@@ -24,6 +24,7 @@ const PAGE_STYLE: &str = include_str!("page.css");
 #[must_use]
 pub fn render(report: &Report) -> String {
     let run = &report.run;
+    let build = run.build.of_version(&run.version);
     let title = format!("{} with gains {}, {}", run.trajectory, run.preset, run.started);
     let page: Markup = html! {
         (DOCTYPE)
@@ -31,7 +32,7 @@ pub fn render(report: &Report) -> String {
             head {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="generator" content=(format!("ironbird {}", run.version));
+                meta name="generator" content=(format!("ironbird {build}"));
                 // An empty picture, so that no browser asks a server for one.
                 link rel="icon" href="data:,";
                 title { (title) }
@@ -46,7 +47,7 @@ pub fn render(report: &Report) -> String {
                     (theorem::section(report))
                     (setup::section(report))
                 }
-                footer { "ironbird " (run.version) ", report.json of " (run.started) }
+                footer { "ironbird " (build) ", report.json of " (run.started) }
             }
         }
     };

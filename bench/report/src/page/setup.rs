@@ -110,6 +110,7 @@ fn machine(report: &Report) -> Markup {
         ("clock source", host.clock_source.clone()),
         ("sched_rt_runtime_us", host.rt_runtime_us.to_string()),
         ("stolen by the host", format!("{} ms, {:.2} %", report.steal.stolen_ms, report.steal.percent)),
+        ("build", format!("{} for {}", report.run.build, report.run.build.target)),
         ("settings", report.run.settings_fingerprint.clone()),
         ("run", report.run.run_id.to_string()),
     ];

@@ -2,6 +2,7 @@
 
 use maud::{Markup, html};
 
+use crate::losses;
 use crate::page::parts::{cell, number, section, table, us};
 use crate::schema::Report;
 use crate::text;
@@ -24,6 +25,7 @@ pub fn head(report: &Report) -> Markup {
             p { (text::pace(report)) }
             p { (text::machine(report)) }
             p { "Real time here: " (text::here(report)) }
+            @for sentence in losses::sentences(report) { p.bad { (sentence) } }
             (tiles(report))
             nav {
                 @for (id, title) in [

@@ -54,6 +54,19 @@ impl Deadlines {
         }
         self.owed_tick = Some(first_owed.max(tick + 1));
     }
+
+    /// Owes nothing from before a tick: commands were published, and nobody has seen them.
+    pub fn unseen_before(&mut self, tick: u64) {
+        self.owed_tick = self.owed_tick.max(Some(tick));
+    }
+
+    /// Judges the deadlines that a flight still owed up to `last_tick`, when it ended at `end_ns`: nobody published.
+    pub fn finish(&mut self, last_tick: u64, end_ns: u64, mut judge: impl FnMut(u64, Verdict)) {
+        for owed in self.owed_tick.unwrap_or(last_tick + 1)..=last_tick {
+            judge(owed, Verdict::Late(end_ns.saturating_sub(self.grid.begin_of(owed + 1))));
+        }
+        self.owed_tick = self.owed_tick.max(Some(last_tick + 1));
+    }
 }
 
 /// The first late commands, those of consecutive ticks together.
@@ -144,6 +157,12 @@ impl MissRuns {
         self.run = run;
     }
 
+    /// Takes the counters of a state before which others were published that nobody has seen: what was missed meanwhile
+    /// is part of no run.
+    pub fn unseen(&mut self, missed: u64, run: u64) {
+        (self.missed, self.run) = (missed, run);
+    }
+
     fn end(&mut self, length: u64) {
         if length > 0 {
             *self.lengths.entry(length).or_default() += 1;
@@ -194,6 +213,30 @@ mod tests {
     fn commands_that_never_came_are_late_until_the_next_one() {
         let all = verdicts(&[(0, 30), (3, 3_040)]);
         assert_eq!(all, [Verdict::Slack(970), Verdict::Late(1_040), Verdict::Late(40), Verdict::Slack(960)]);
+    }
+
+    #[test]
+    fn an_outage_that_ends_the_flight_is_late_until_its_end() {
+        let mut deadlines = Deadlines::new(GRID);
+        let mut all = Vec::new();
+        deadlines.published(0, 30, |_, _| {});
+        deadlines.finish(3, 4_100, |tick, verdict| all.push((tick, verdict)));
+        assert_eq!(all, [(1, Verdict::Late(2_100)), (2, Verdict::Late(1_100)), (3, Verdict::Late(100))]);
+        deadlines.finish(3, 4_100, |_, _| panic!("judged twice"));
+        Deadlines::joining(GRID).finish(3, 4_100, |_, _| panic!("it has seen nothing"));
+    }
+
+    #[test]
+    fn what_was_published_and_not_seen_is_not_late() {
+        let mut deadlines = Deadlines::new(GRID);
+        let mut all = Vec::new();
+        deadlines.unseen_before(3);
+        deadlines.published(3, 3_040, |tick, verdict| all.push((tick, verdict)));
+        assert_eq!(all, [(3, Verdict::Slack(960))]);
+        let mut runs = MissRuns::default();
+        runs.unseen(14, 0);
+        runs.update(16, 2);
+        assert_eq!((runs.missed(), runs.lengths()), (16, BTreeMap::from([(2, 1)])));
     }
 
     #[test]

@@ -4,7 +4,10 @@ pub mod deadlines;
 pub mod distribution;
 pub mod series;
 pub mod theorem;
+mod timing;
 pub mod tracer;
+
+use std::collections::VecDeque;
 
 use model::boards;
 use model::envelope::Message;
@@ -16,10 +19,12 @@ use model::topic::Topic;
 
 use crate::autopsy::Autopsy;
 use crate::schema::{self, Estimate};
-use crate::tally::deadlines::{Deadlines, LateCommands, MissRuns, Verdict};
-use crate::tally::series::{Series, SeriesSet};
+use crate::tally::deadlines::{Deadlines, LateCommands, MissRuns};
+use crate::tally::series::SeriesSet;
 use crate::tally::theorem::TheoremTally;
-use crate::tally::tracer::{Timing, Tracer};
+use crate::tally::timing::{Command, Passage};
+use crate::tally::tracer::Tracer;
+use crate::tracking::{Tracking, TrackingError};
 use failure::Failure;
 
 /// Everything that is counted over a flight.
@@ -30,7 +35,7 @@ pub struct Tally {
     /// Where ticks have their place on the clock; in lockstep they have none.
     grid: Option<Grid>,
     t0_ns: u64,
-    period_s: f64,
+    tracking: Tracking,
     /// Latencies.
     pub series: SeriesSet,
     /// Runs of misses.
@@ -43,6 +48,12 @@ pub struct Tally {
     /// States seen.
     pub states: u64,
     last_wake: [Option<(u64, u64)>; 4],
+    /// What stages did in ticks that the plant may still fly.
+    passages: VecDeque<Passage>,
+    /// Commands whose deadlines the plant has not judged yet.
+    commands: VecDeque<Command>,
+    /// When the mixer said its last word [ns].
+    last_word_ns: Option<u64>,
     sequences: [Sequence; 5],
     flight: FlightTally,
     /// The theorem, watched.
@@ -62,7 +73,8 @@ struct Sequence {
 }
 
 impl Sequence {
-    fn follow(&mut self, epoch: u64, seq: u64, joins: bool) {
+    /// Whether messages are missing before this one.
+    fn follow(&mut self, epoch: u64, seq: u64, joins: bool) -> bool {
         let expected = match self.last {
             Some((last_epoch, last_seq)) if last_epoch == epoch => last_seq + 1,
             None if joins => seq,
@@ -70,17 +82,14 @@ impl Sequence {
         };
         self.lost += seq.saturating_sub(expected);
         self.last = Some((epoch, seq));
+        seq > expected
     }
 }
 
 #[derive(Clone, Copy, Debug, Default)]
 struct FlightTally {
-    position_w_m: [f64; 3],
     truth: [f64; 3],
-    error_squared_sum: f64,
-    error_max: f64,
-    error_last: f64,
-    errors: u64,
+    tracking: TrackingError,
     estimate: [f64; 3],
     rate_error: f64,
     saturated: u64,
@@ -97,7 +106,7 @@ impl Tally {
     ///
     /// # Errors
     /// Those of [`SeriesSet::new`].
-    pub fn new(pace: Pace, t0_ns: u64, period_s: f64) -> Result<Self, Failure> {
+    pub fn new(pace: Pace, t0_ns: u64, tracking: Tracking) -> Result<Self, Failure> {
         let grid = match pace {
             Pace::Realtime(grid) => Some(grid),
             Pace::Lockstep => None,
@@ -106,15 +115,18 @@ impl Tally {
             joins: false,
             grid,
             t0_ns,
-            period_s,
+            tracking,
             series: SeriesSet::new()?,
             miss_runs: MissRuns::default(),
             deadlines: grid.map(Deadlines::new),
             autopsy: None,
             late_commands: LateCommands::default(),
-            tracer: Tracer::new(period_s),
+            tracer: Tracer::new(tracking),
             states: 0,
             last_wake: [None; 4],
+            passages: VecDeque::new(),
+            commands: VecDeque::new(),
+            last_word_ns: None,
             sequences: [Sequence::default(); 5],
             flight: FlightTally::default(),
             theorem: TheoremTally::default(),
@@ -127,43 +139,14 @@ impl Tally {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn joining(pace: Pace, t0_ns: u64, period_s: f64) -> Result<Self, Failure> {
-        let tally = Self::new(pace, t0_ns, period_s)?;
+    pub fn joining(pace: Pace, t0_ns: u64, tracking: Tracking) -> Result<Self, Failure> {
+        let tally = Self::new(pace, t0_ns, tracking)?;
         Ok(Self { joins: true, deadlines: tally.grid.map(Deadlines::joining), ..tally })
     }
 
-    fn follow<C: Topic>(&mut self, topic: usize, message: &Message<C>) {
-        self.sequences[topic].follow(message.envelope.epoch, message.envelope.seq, self.joins);
-    }
-
-    /// Waking of a stage for a tick: ticks that it left out enter with their whole lateness.
-    fn wake(&mut self, role: Role, tick: u64, wake_ns: u64) {
-        let last = self.last_wake[role as usize].replace((tick, wake_ns));
-        let first = if self.joins { tick } else { 0 };
-        let first_owed = last.map_or(first, |(last_tick, _)| last_tick + 1);
-        if let Some(grid) = self.grid {
-            for owed in first_owed..=tick {
-                let late_ns = wake_ns.saturating_sub(grid.begin_of(owed));
-                self.series.record(Series::Wake(role), late_ns);
-                if role == Role::Plant {
-                    self.tracer.timing(owed, Timing::Wake, late_ns);
-                }
-            }
-        }
-        if let Some((_, last_wake_ns)) = last {
-            self.series.record(Series::Period(role), wake_ns.saturating_sub(last_wake_ns));
-        }
-    }
-
-    /// A stage's stamps in a message of its own.
-    fn stage<C: Topic>(&mut self, message: &Message<C>) {
-        let (role, envelope) = (C::SENDER, &message.envelope);
-        let stamps = envelope.stamps_of(role);
-        self.wake(role, envelope.tick, stamps.receive_ns);
-        self.series.record(Series::Compute(role), stamps.send_ns.saturating_sub(stamps.receive_ns));
-        if envelope.previous_busy_ns > 0 {
-            self.series.record(Series::Busy(role), envelope.previous_busy_ns);
-        }
+    /// Whether messages of the topic are missing before this one.
+    fn follow<C: Topic>(&mut self, topic: usize, message: &Message<C>) -> bool {
+        self.sequences[topic].follow(message.envelope.epoch, message.envelope.seq, self.joins)
     }
 
     fn keep_stamps<C: Topic>(&mut self, message: &Message<C>) {
@@ -179,20 +162,13 @@ impl Tally {
         self.autopsy = self.grid.map(|grid| Autopsy::new(grid, is_virtual, shares_processor));
     }
 
-    /// The hop into a stage, where its driving input was of this tick.
-    fn hop<C: Topic>(&mut self, from: Role, input_tick: u64, message: &Message<C>) {
-        let envelope = &message.envelope;
-        if input_tick == envelope.tick {
-            let sent_ns = envelope.stamps_of(from).send_ns;
-            let received_ns = envelope.stamps_of(C::SENDER).receive_ns;
-            self.series.record(Series::Hop(from, C::SENDER), received_ns.saturating_sub(sent_ns));
-        }
-    }
-
     /// Takes a state.
     pub fn state(&mut self, message: &Message<State>) {
-        self.follow(0, message);
-        self.stage(message);
+        let unseen = self.follow(0, message);
+        let tick = message.envelope.tick;
+        self.newest = Some((tick, message.envelope.sample_ns));
+        self.stage(Self::passage(message, unseen));
+        self.settle(tick, tick.checked_sub(1));
         if let Some(autopsy) = &mut self.autopsy {
             autopsy.state(message);
         }
@@ -201,9 +177,11 @@ impl Tally {
             self.miss_runs = MissRuns::joining(state.deadlines_missed, state.deadline_miss_run);
         }
         self.states += 1;
-        self.newest = Some((message.envelope.tick, message.envelope.sample_ns));
+        if unseen {
+            self.miss_runs.unseen(state.deadlines_missed, state.deadline_miss_run);
+        }
         self.miss_runs.update(state.deadlines_missed, state.deadline_miss_run);
-        self.flight.position_w_m = state.position_w_m;
+        self.flight.tracking.take(self.tracking.error_m(tick, state));
         self.flight.truth = state.truth.theta();
         self.theorem.truth(self.flight.truth);
     }
@@ -216,18 +194,18 @@ impl Tally {
 
     /// Takes a set-point.
     pub fn setpoint(&mut self, message: &Message<Setpoint>) {
-        self.follow(1, message);
-        self.stage(message);
+        let follows_loss = self.follow(1, message);
         self.keep_stamps(message);
-        self.hop(Role::Plant, message.envelope.input_tick[0], message);
+        let hop = Self::hop(Role::Plant, message.envelope.input_tick[0], message);
+        self.stage(Passage { hop, ..Self::passage(message, follows_loss) });
     }
 
     /// Takes a wrench.
     pub fn wrench(&mut self, message: &Message<Wrench>) {
-        self.follow(2, message);
-        self.stage(message);
+        let follows_loss = self.follow(2, message);
         self.keep_stamps(message);
-        self.hop(Role::Outer, message.envelope.input_tick[1], message);
+        let hop = Self::hop(Role::Outer, message.envelope.input_tick[1], message);
+        self.stage(Passage { hop, ..Self::passage(message, follows_loss) });
         self.theorem.take(message.envelope.epoch, &message.content.monitor);
         self.flight.estimate = message.content.estimate;
         self.flight.rate_error = message.content.rate_error_b_rad_s.iter().map(|e| e * e).sum::<f64>().sqrt();
@@ -235,45 +213,31 @@ impl Tally {
 
     /// Takes a rotor command; the mixer's last word has no deadline.
     pub fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>) {
-        self.follow(3, message);
+        let follows_loss = self.follow(3, message);
         let envelope = &message.envelope;
+        let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
         if is_last_word(message) {
+            self.last_word_ns = Some(sent_ns);
             return;
         }
-        self.stage(message);
         self.keep_stamps(message);
-        self.hop(Role::Inner, envelope.input_tick[2], message);
-        let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
-        if envelope.sample_ns > 0 {
-            let loop_ns = sent_ns.saturating_sub(envelope.sample_ns);
-            self.series.record(Series::Loop, loop_ns);
-            self.tracer.timing(envelope.tick, Timing::Loop, loop_ns);
-        }
+        let hop = Self::hop(Role::Inner, envelope.input_tick[2], message);
+        let loop_ns = (envelope.sample_ns > 0).then(|| sent_ns.saturating_sub(envelope.sample_ns));
+        self.stage(Passage { hop, loop_ns, ..Self::passage(message, follows_loss) });
         self.flight.saturated += message.content.saturated;
-        let Some(deadlines) = &mut self.deadlines else { return };
-        let (series, late_commands) = (&mut self.series, &mut self.late_commands);
-        deadlines.published(envelope.tick, sent_ns, |tick, verdict| match verdict {
-            Verdict::Slack(ns) => series.record(Series::Slack, ns),
-            Verdict::Late(ns) => {
-                late_commands.take(tick, ns);
-                series.record(Series::Late, ns);
-            }
-        });
-    }
-
-    /// Takes the position error of a tick [m].
-    pub fn position_error(&mut self, error_m: f64) {
-        let flight = &mut self.flight;
-        flight.error_squared_sum += error_m * error_m;
-        flight.error_max = flight.error_max.max(error_m);
-        flight.error_last = error_m;
-        flight.errors += 1;
+        let command = Command { tick: envelope.tick, sent_ns, follows_loss };
+        if self.newest.is_some_and(|(newest, _)| command.tick < newest) {
+            self.judge(&command);
+        } else if self.deadlines.is_some() {
+            self.commands.push_back(command);
+        }
     }
 
     /// Takes a swap.
     pub fn swap(&mut self, message: &Message<SwapRecord>) {
         self.follow(4, message);
-        self.swaps.push(schema::Swap::new(message.envelope.tick, self.period_s, &message.content));
+        let period_s = self.tracking.period_s();
+        self.swaps.push(schema::Swap::new(message.envelope.tick, period_s, &message.content));
     }
 
     /// Messages that were overwritten before they were read, in the order of [`flight_log::TOPICS`].
@@ -315,9 +279,11 @@ impl Tally {
     pub fn flight(&self) -> schema::Flight {
         let flight = &self.flight;
         schema::Flight {
-            position_error_rms_m: (flight.error_squared_sum / flight.errors.max(1) as f64).sqrt(),
-            position_error_max_m: flight.error_max,
-            position_error_final_m: flight.error_last,
+            position_error_rms_m: flight.tracking.rms_m(),
+            position_error_max_m: flight.tracking.max_m(),
+            position_error_final_m: flight.tracking.last_m(),
+            states: flight.tracking.states(),
+            ticks_without_state: 0,
             rate_error_final_rad_s: flight.rate_error,
             saturated_ticks: flight.saturated,
             estimates: (0..3)

@@ -4,11 +4,11 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
 use model::monitor::{CAUSES, Cause};
 
-use crate::tick::TickRecord;
+use crate::states::Joined;
 use crate::traces::{self, Group, Path, Trace, Traces, Violations};
+use crate::tracking::Tracking;
 
 /// Stretches kept: there are at least half as many once the flight has had that many ticks.
 const STRETCHES: usize = 600;
@@ -31,6 +31,7 @@ pub enum Timing {
 /// Collects traces.
 #[derive(Debug)]
 pub struct Tracer {
+    tracking: Tracking,
     flight: Stretches<Range>,
     /// Names of the numbers in `flight`; none before the first tick.
     names: Vec<&'static str>,
@@ -51,42 +52,43 @@ struct Sample {
 }
 
 impl Tracer {
-    /// Of a flight with ticks of `period_s` [s].
+    /// Of a flight with this reference.
     #[must_use]
-    pub fn new(period_s: f64) -> Self {
+    pub fn new(tracking: Tracking) -> Self {
         Self {
+            tracking,
             flight: Stretches::default(),
             names: Vec::new(),
             timing: Stretches::default(),
             violations: Stretches::default(),
             counted: [0; CAUSES],
-            path_every_ticks: ((PATH_EVERY_S / period_s).round() as u64).max(1),
+            path_every_ticks: ((PATH_EVERY_S / tracking.period_s()).round() as u64).max(1),
             path: VecDeque::new(),
         }
     }
 
-    /// Takes a tick.
-    pub fn take(&mut self, record: &TickRecord) {
-        let TickRecord { tick, state, setpoint: Some(setpoint), wrench, rotor_speeds } = record else { return };
-        let channels = channels(state, setpoint, wrench, rotor_speeds);
+    /// Takes a state, with what the stages made of it.
+    pub fn take(&mut self, joined: &Joined) {
+        let (tick, reference) = (joined.tick, self.tracking.position_w_m(joined.tick));
+        let channels = channels(joined, reference, self.tracking.error_m(tick, &joined.state));
         if self.names.is_empty() {
             self.names = channels.iter().map(|(name, _)| *name).collect();
         }
-        let ranges = self.flight.at(*tick, channels.len());
-        ranges.iter_mut().zip(&channels).for_each(|(range, (_, value))| *range = range.and(Range::of(*value)));
+        let ranges = self.flight.at(tick, channels.len());
+        for (range, value) in
+            ranges.iter_mut().zip(&channels).filter_map(|(range, (_, value))| Some((range, (*value)?)))
+        {
+            *range = range.and(Range::of(value));
+        }
         if tick.is_multiple_of(self.path_every_ticks) {
             if self.path.len() == PATH_SAMPLES {
                 self.path.pop_front();
             }
-            self.path.push_back(Sample {
-                tick: *tick,
-                position: state.position_w_m,
-                reference: setpoint.reference_position_w_m,
-            });
+            self.path.push_back(Sample { tick, position: joined.state.position_w_m, reference });
         }
-        let counts = wrench.monitor.violations;
+        let counts = joined.wrench.map_or(self.counted, |wrench| wrench.monitor.violations);
         if counts != self.counted {
-            for (i, at) in self.violations.at(*tick, CAUSES).iter_mut().enumerate() {
+            for (i, at) in self.violations.at(tick, CAUSES).iter_mut().enumerate() {
                 // A restarted inner loop counts from 0.
                 *at += counts[i].checked_sub(self.counted[i]).unwrap_or(counts[i]);
             }
@@ -133,33 +135,37 @@ impl Tracer {
     }
 }
 
-/// What is followed of a tick, by name.
-fn channels(
-    state: &State,
-    setpoint: &Setpoint,
-    wrench: &Wrench,
-    rotor_speeds: &RotorSpeeds,
-) -> Vec<(&'static str, f64)> {
-    let (position, reference) = (state.position_w_m, setpoint.reference_position_w_m);
-    let monitor = &wrench.monitor;
-    let groups: [(&[&'static str], &[f64]); 15] = [
-        (&traces::ATTITUDE, &state.attitude_rad),
-        (&traces::ATTITUDE_REFERENCE, &setpoint.attitude_rad),
-        (&traces::POSITION, &position),
-        (&traces::POSITION_REFERENCE, &reference),
-        (&traces::POSITION_ERROR, &std::array::from_fn::<_, 3, _>(|i| reference[i] - position[i])),
-        (&[traces::DISTANCE], &[setpoint.position_error_m(state)]),
-        (&[traces::THRUST], &[wrench.thrust_n]),
-        (&traces::RATE_ERROR, &wrench.rate_error_b_rad_s),
-        (&traces::TORQUE, &wrench.torque_b_nm),
-        (&traces::ROTORS, &rotor_speeds.speed_rad_s),
-        (&traces::ESTIMATE, &wrench.estimate),
-        (&traces::ACTUAL, &state.truth.theta()),
-        (&traces::ESTIMATE_ERROR, &monitor.estimate_error),
-        (&traces::LYAPUNOV, &[monitor.v, monitor.v_th]),
-        (&traces::LYAPUNOV_CHANGE, &[monitor.v_change, monitor.v_th_change]),
-    ];
-    groups.into_iter().flat_map(|(names, values)| names.iter().copied().zip(values.iter().copied())).collect()
+/// What is followed of a tick, by name; nothing of a stage that published nothing for it.
+fn channels(joined: &Joined, reference: [f64; 3], distance_m: f64) -> Vec<(&'static str, Option<f64>)> {
+    let Joined { state, setpoint, wrench, rotor_speeds, .. } = joined;
+    let position = state.position_w_m;
+    let error = std::array::from_fn::<_, 3, _>(|i| reference[i] - position[i]);
+    let monitor = wrench.map(|wrench| wrench.monitor);
+    let mut all = Vec::with_capacity(48);
+    follow(&mut all, &traces::ATTITUDE, Some(state.attitude_rad));
+    follow(&mut all, &traces::ATTITUDE_REFERENCE, setpoint.map(|setpoint| setpoint.attitude_rad));
+    follow(&mut all, &traces::POSITION, Some(position));
+    follow(&mut all, &traces::POSITION_REFERENCE, Some(reference));
+    follow(&mut all, &traces::POSITION_ERROR, Some(error));
+    follow(&mut all, &[traces::DISTANCE], Some([distance_m]));
+    follow(&mut all, &[traces::THRUST], wrench.map(|wrench| [wrench.thrust_n]));
+    follow(&mut all, &traces::RATE_ERROR, wrench.map(|wrench| wrench.rate_error_b_rad_s));
+    follow(&mut all, &traces::TORQUE, wrench.map(|wrench| wrench.torque_b_nm));
+    follow(&mut all, &traces::ROTORS, rotor_speeds.map(|speeds| speeds.speed_rad_s));
+    follow(&mut all, &traces::ESTIMATE, wrench.map(|wrench| wrench.estimate));
+    follow(&mut all, &traces::ACTUAL, Some(state.truth.theta()));
+    follow(&mut all, &traces::ESTIMATE_ERROR, monitor.map(|monitor| monitor.estimate_error));
+    follow(&mut all, &traces::LYAPUNOV, monitor.map(|monitor| [monitor.v, monitor.v_th]));
+    follow(&mut all, &traces::LYAPUNOV_CHANGE, monitor.map(|monitor| [monitor.v_change, monitor.v_th_change]));
+    all
+}
+
+fn follow<const N: usize>(
+    all: &mut Vec<(&'static str, Option<f64>)>,
+    names: &[&'static str; N],
+    values: Option<[f64; N]>,
+) {
+    all.extend(names.iter().enumerate().map(|(i, name)| (*name, values.map(|values| values[i]))));
 }
 
 /// Five significant digits: more than a plot shows.
@@ -256,20 +262,25 @@ impl Stretches<Range> {
 
 #[cfg(test)]
 mod tests {
+    use controller::Trajectory;
+    use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+
     use super::*;
 
-    fn record(tick: u64, x: f64) -> TickRecord {
+    const TRACKING: Tracking = Tracking::of(Trajectory::Hover, 1e-3);
+
+    fn joined(tick: u64, x: f64) -> Joined {
         let state = State { position_w_m: [x, 0.0, 1.0], ..State::default() };
-        let (wrench, rotor_speeds) = (Wrench::default(), RotorSpeeds::default());
-        TickRecord { tick, state, setpoint: Some(Setpoint::default()), wrench, rotor_speeds }
+        let (wrench, rotor_speeds) = (Some(Wrench::default()), Some(RotorSpeeds::default()));
+        Joined { tick, state, setpoint: Some(Setpoint::default()), wrench, rotor_speeds }
     }
 
     #[test]
     fn a_long_flight_keeps_its_peaks_in_bounded_memory() {
-        let mut tracer = Tracer::new(1e-3);
+        let mut tracer = Tracer::new(TRACKING);
         let last = 500_000;
         for tick in 0..=last {
-            tracer.take(&record(tick, if tick == 123_456 { 7.0 } else { 0.5 }));
+            tracer.take(&joined(tick, if tick == 123_456 { 7.0 } else { 0.5 }));
         }
         let traces = tracer.traces();
         let group = &traces.flight;
@@ -283,7 +294,7 @@ mod tests {
 
     #[test]
     fn stretches_without_a_value_are_left_out() {
-        let mut tracer = Tracer::new(1e-3);
+        let mut tracer = Tracer::new(TRACKING);
         tracer.timing(0, Timing::Wake, 20_000);
         tracer.timing(5, Timing::Loop, 31_000);
         let timing = tracer.traces().timing;
@@ -294,12 +305,24 @@ mod tests {
     }
 
     #[test]
+    fn a_state_that_nobody_answered_is_followed_all_the_same() {
+        let mut tracer = Tracer::new(TRACKING);
+        tracer.take(&joined(0, 0.5));
+        tracer.take(&Joined { setpoint: None, wrench: None, rotor_speeds: None, ..joined(1, 9.0) });
+        let flight = tracer.traces().flight;
+        let largest = |channel: &str| flight.spans(channel).map(|span| span.max).fold(f64::NEG_INFINITY, f64::max);
+        assert_eq!(largest(traces::POSITION[0]), 9.0);
+        assert!(largest(traces::DISTANCE) > 9.0, "the climb to 1 m has only begun");
+        assert_eq!(flight.spans(traces::THRUST).count(), 1, "one tick has a wrench");
+    }
+
+    #[test]
     fn violations_are_counted_where_they_are_through_a_restart() {
-        let mut tracer = Tracer::new(1e-3);
+        let mut tracer = Tracer::new(TRACKING);
         for (tick, count) in [(0, 0), (1, 2), (2, 2), (3, 1)] {
-            let mut record = record(tick, 0.0);
-            record.wrench.monitor.violations[Cause::GyroNoise as usize] = count;
-            tracer.take(&record);
+            let mut wrench = Wrench::default();
+            wrench.monitor.violations[Cause::GyroNoise as usize] = count;
+            tracer.take(&Joined { wrench: Some(wrench), ..joined(tick, 0.0) });
         }
         let violations = tracer.traces().violations;
         assert_eq!(violations.len(), 1, "{violations:?}");

@@ -5,7 +5,8 @@ pub mod theorem;
 
 use std::fmt::Write as _;
 
-use crate::schema::{LogSection, Report, RoleSection};
+use crate::losses;
+use crate::schema::{Report, RoleSection};
 use crate::tally::series::Statistics;
 
 /// Renders a report for people.
@@ -33,24 +34,17 @@ pub fn result_line(report: &Report, directory: &str) -> String {
     };
     let rt = report.roles.get("plant").map_or_else(|| "other".into(), |plant| plant.scheduling.replace(' ', ""));
     format!(
-        "RESULT status={} ticks={} misses={} loop_p50_us={} loop_p999_us={} wake_p99_us={} rt={rt} log={} run={directory}",
+        "RESULT status={} ticks={} misses={} loop_p50_us={} loop_p999_us={} wake_p99_us={} rt={rt} lost={} unlogged={} build={} run={directory}",
         report.verdict.status,
         report.ticks.run,
         report.deadlines.missed,
         percentile("loop", |s| Some(s.p50_us)),
         percentile("loop", |s| s.p999_us),
         percentile("wake.plant", |s| Some(s.p99_us)),
-        log_fate(&report.recorder.log),
+        losses::lost(report),
+        losses::unlogged(report),
+        report.run.build.token(),
     )
-}
-
-/// What became of the flight log: `whole`, `cut` where it lacks messages, `lost` where it has none.
-fn log_fate(log: &LogSection) -> &'static str {
-    match (log.messages.values().sum(), log.dropped.values().sum()) {
-        (0_u64, _) => "lost",
-        (_, 0_u64) => "whole",
-        _ => "cut",
-    }
 }
 
 type Written = std::fmt::Result;
@@ -60,7 +54,7 @@ fn head(out: &mut String, report: &Report) -> Written {
     writeln!(
         out,
         "ironbird {}  {}  instance {}  {}",
-        run.version,
+        run.build.of_version(&run.version),
         run.started,
         run.instance,
         if run.in_flight { "IN FLIGHT, numbers so far" } else { &run.ending }
@@ -72,7 +66,8 @@ fn head(out: &mut String, report: &Report) -> Written {
         "clock {}, sched_rt_runtime_us {}, stolen by the host during the flight {} ms ({:.2} %)",
         report.host.clock_source, report.host.rt_runtime_us, report.steal.stolen_ms, report.steal.percent
     )?;
-    writeln!(out, "real time here: {}", here(report))
+    writeln!(out, "real time here: {}", here(report))?;
+    losses::sentences(report).iter().try_for_each(|sentence| writeln!(out, "{sentence}"))
 }
 
 /// The doctor's verdict, with its reasons.
@@ -242,9 +237,14 @@ fn flight(out: &mut String, report: &Report) -> Written {
     let flight = &report.flight;
     writeln!(
         out,
-        "\nFlight    position error rms {:.4} m, largest {:.4} m, at the end {:.4} m; rotors saturated in {} ticks",
-        flight.position_error_rms_m, flight.position_error_max_m, flight.position_error_final_m, flight.saturated_ticks
+        "\nFlight    position error rms {:.4} m, largest {:.4} m, at the end {:.4} m, over {} states{}",
+        flight.position_error_rms_m,
+        flight.position_error_max_m,
+        flight.position_error_final_m,
+        flight.states,
+        without_state(report)
     )?;
+    writeln!(out, "  rotors saturated in {} ticks", flight.saturated_ticks)?;
     for estimate in &flight.estimates {
         writeln!(
             out,
@@ -265,6 +265,16 @@ fn flight(out: &mut String, report: &Report) -> Written {
         )?;
     }
     Ok(())
+}
+
+/// How many ticks no position error is known of.
+#[must_use]
+pub fn without_state(report: &Report) -> String {
+    match report.flight.ticks_without_state {
+        0 => String::new(),
+        1 => "; 1 tick has none".into(),
+        ticks => format!("; {ticks} ticks have none"),
+    }
 }
 
 fn gates(out: &mut String, report: &Report) -> Written {

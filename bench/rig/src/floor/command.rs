@@ -2,7 +2,6 @@
 
 use crate::wall_time::utc;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Duration;
 use std::time::SystemTime;
 
@@ -77,7 +76,7 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
     let hangar = Hangar::new()?;
     let effort = Effort { pairs: args.pairs as usize, duration: Duration::from_secs(args.seconds), priority: PRIORITY };
     // Before anything is written: figures do not make the checkout dirty that they are of.
-    let version = version();
+    let version = format!("ironbird {}", crate::build::here());
     for set in Set::value_variants() {
         if args.only.is_empty() || args.only.contains(set) {
             eprintln!("measuring: {}", name(*set));
@@ -164,18 +163,6 @@ fn write(directory: &Path, page: &Page) -> Result<(), Failure> {
 /// What measures a set again.
 fn command(args: &FloorArgs, set: Set) -> String {
     format!("ironbird floor --only {} --pairs {} --seconds {}", name(set), args.pairs, args.seconds)
-}
-
-/// Version, and the commit where the working directory is a checkout of the project.
-fn version() -> String {
-    let version = concat!("ironbird ", env!("CARGO_PKG_VERSION"));
-    let git = Command::new("git").args(["describe", "--always", "--dirty"]).output();
-    match git {
-        Ok(output) if output.status.success() && Path::new("bench/rig/src/floor").is_dir() => {
-            format!("{version}, commit {}", String::from_utf8_lossy(&output.stdout).trim())
-        }
-        _ => version.into(),
-    }
 }
 
 fn now() -> String {

@@ -8,5 +8,7 @@
 
 pub mod crew;
 pub mod facts;
+pub mod hlog;
 pub mod ports;
 pub mod process;
+pub mod replaced;

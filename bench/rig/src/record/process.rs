@@ -1,14 +1,12 @@
 //! The recorder's process: drains the topics, writes the files of the flight's directory.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::thread::sleep;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
+use std::time::UNIX_EPOCH;
 
 use hdrhistogram::serialization::V2DeflateSerializer;
-use hdrhistogram::serialization::interval_log::{IntervalLogWriter, IntervalLogWriterBuilder};
 use model::boards::{Ending, RolePhase, Run, RunPhase, Status};
 use model::grid::NS_PER_S;
 use model::role::Role;
@@ -19,7 +17,9 @@ use wire::instance::Instance;
 
 use super::facts::facts;
 use crate::record::crew::Crew;
+use crate::record::hlog::{self, Hlog, Lines};
 use crate::record::ports::{DRAIN_EVERY, Ports, Relays, rest};
+use crate::record::replaced::Replaced;
 use crate::run_directory::make_latest;
 use crate::settings::Settings;
 use crate::wall_time::utc;
@@ -35,14 +35,15 @@ use report::autopsy::Autopsy;
 use report::files::write_all;
 use report::finding::Diagnosis;
 use report::host::Host;
+use report::json;
 use report::schema::{self, Report, RunLength};
 use report::sections::{gates, log_section, rejected, verdict};
-use report::states::{Joiner, Part, StatesWriter};
+use report::states::{Joined, Joiner, Part, StatesWriter};
 use report::tally::deadlines::LateStretch;
 use report::tally::distribution::buckets;
 use report::tally::series::Series;
 use report::tally::{Tally, is_last_word};
-use report::tick::TickRecord;
+use report::tracking::Tracking;
 
 /// How long the recorder waits for the roles' last figures.
 const LANDING: Duration = Duration::from_secs(2);
@@ -72,29 +73,13 @@ pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<R
         ports.arm(expected)
     })?;
     let meter = UsageMeter::start();
-    let path = files.directory.join("latency.hlog");
-    let mut log_file = BufWriter::new(File::create(&path).in_file("write", &path)?);
-    let mut serializer = V2DeflateSerializer::new();
-    let start = UNIX_EPOCH + Duration::from_nanos(armed.run.get().t0_wall_ns);
-    let mut log = begin_log(&mut log_file, &mut serializer, start)?;
+    let lines = Lines::create(&files.directory)?;
+    let (mut out, mut serializer) = (lines.out(), V2DeflateSerializer::new());
+    let mut log = Hlog::begin(&lines, &mut out, &mut serializer, armed.run.get().t0_wall_ns)?;
     let recorder = Recorder::new(&armed, settings, files, &machine, (station.wire().instance(), relays, crew))?;
-    let outcome = recorder.record(&mut ports, &mut station, &armed, &meter, &mut log);
+    let outcome = recorder.record(&mut ports, &mut station, &armed, &meter, (&mut log, &lines));
     station.land(&meter);
     outcome
-}
-
-fn begin_log<'a>(
-    file: &'a mut BufWriter<File>,
-    serializer: &'a mut V2DeflateSerializer,
-    start: SystemTime,
-) -> Result<IntervalLogWriter<'a, 'a, BufWriter<File>, V2DeflateSerializer>, Failure> {
-    IntervalLogWriterBuilder::new()
-        .add_comment("[ironbird: values in nanoseconds, a tag per series, an interval per second]")
-        .with_start_time(start)
-        .with_base_time(start)
-        .with_max_value_divisor(1e6)
-        .begin_log_with(file, serializer)
-        .map_err(|e| Failure::failed(format!("cannot write latency.hlog: {e:?}")))
 }
 
 struct Recorder<'a> {
@@ -107,6 +92,8 @@ struct Recorder<'a> {
     watch: Watch,
     joiner: Joiner,
     states: Vec<StatesWriter>,
+    /// The report while the flight is in the air.
+    so_far: Replaced,
     log: FlightLog,
     relays: Relays,
     /// Files that could not be written, with the first reason: the flight goes on without them.
@@ -129,12 +116,13 @@ impl<'a> Recorder<'a> {
         let host = host_of(machine);
         let period_s = settings.flight.period_s;
         let every = settings.recorder.states_every_ticks;
-        let mut states = vec![StatesWriter::create(&files.directory.join("states.csv"), period_s, every)?];
+        let tracking = Tracking::of(settings.flight.trajectory, period_s);
+        let mut states = vec![StatesWriter::spooled(&files.directory.join("states.csv"), tracking, every)?];
         if let Some(path) = &files.states {
-            states.push(StatesWriter::create(path, period_s, every)?);
+            states.push(StatesWriter::spooled(path, tracking, every)?);
         }
         let watch = Watch::new(&crew.loops(), host.hypervisor);
-        let mut tally = Tally::new(armed.pace, armed.run.get().t0_ns, period_s)?;
+        let mut tally = Tally::new(armed.pace, armed.run.get().t0_ns, tracking)?;
         tally.begin_autopsy(watch.is_virtual, watch.processor.is_some());
         let facts = facts(&armed.run.get(), settings, instance.name(), &host, &crew.sections())?;
         Ok(Self {
@@ -151,6 +139,7 @@ impl<'a> Recorder<'a> {
             watch,
             joiner: Joiner::default(),
             states,
+            so_far: Replaced::new(files.directory.join("report.json"))?,
             crew,
             cpu_times: CpuTimes::read(),
             period_s,
@@ -163,10 +152,8 @@ impl<'a> Recorder<'a> {
         station: &mut Station,
         armed: &Armed,
         meter: &UsageMeter,
-        log: &mut IntervalLogWriter<'_, '_, BufWriter<File>, V2DeflateSerializer>,
+        (hlog, lines): (&mut Hlog<'_>, &Lines),
     ) -> Result<Report, Failure> {
-        let second = Duration::from_secs(1);
-        let mut seconds = 0;
         let ending = loop {
             rest(armed.pace);
             self.drain(ports)?;
@@ -174,15 +161,17 @@ impl<'a> Recorder<'a> {
             station.status.ticks_run = self.tally.newest_tick();
             station.pass_on_stop();
             self.log.keep(now_ns())?;
-            if now_ns() >= armed.run.get().t0_ns + (seconds + 1) * NS_PER_S {
-                let closed = self.tally.series.close_second(log, seconds as u32 * second, second);
-                self.note("latency.hlog", closed);
-                seconds += 1;
+            if now_ns() >= armed.run.get().t0_ns + (u64::from(hlog.seconds()) + 1) * NS_PER_S {
+                let closed = hlog.close_second(&mut self.tally.series);
+                self.note(hlog::FILE, closed);
                 let report = self.report(&armed.run.get(), ports, meter, None)?;
-                self.note("report.json", report.write(&self.directory.join("report.json")));
-                if seconds == 1 {
+                let text = json::to_string(&report).in_file("write", Path::new("report.json"));
+                let put = text.and_then(|text| self.so_far.put(text + "\n"));
+                self.note("report.json", put);
+                if hlog.seconds() == 1 {
                     self.note("latest", make_latest(self.directory));
                 }
+                self.keep_states();
             }
             let run = armed.run.get();
             if run.phase() == RunPhase::Closed {
@@ -192,6 +181,7 @@ impl<'a> Recorder<'a> {
                 break Ending::Failed;
             }
         };
+        let closed_ns = now_ns();
         self.await_landing();
         self.drain(ports)?;
         let until = now_ns() + LAST_SWAPS.as_nanos() as u64;
@@ -199,12 +189,15 @@ impl<'a> Recorder<'a> {
             sleep(DRAIN_EVERY);
             self.drain(ports)?;
         }
-        let closed = self.tally.series.close_second(log, seconds as u32 * second, second);
-        self.note("latency.hlog", closed);
-        self.joiner.finish();
-        let flushed = self.states.iter_mut().try_for_each(StatesWriter::flush);
-        self.note("states.csv", flushed);
         let run = armed.run.get();
+        self.tally.finish(&run, closed_ns);
+        let closed = hlog.close_second(&mut self.tally.series).and_then(|()| lines.finish());
+        self.note(hlog::FILE, closed);
+        while let Some(joined) = self.joiner.rest() {
+            self.follow(&joined);
+        }
+        let finished = self.states.iter_mut().try_for_each(StatesWriter::finish);
+        self.note("states.csv", finished);
         if let Some(autopsy) = &mut self.tally.autopsy {
             autopsy.fallen(fallen(&self.crew.loops()), now_ns());
             autopsy.finish(run.deadlines_missed, run.last_tick + 1);
@@ -218,8 +211,9 @@ impl<'a> Recorder<'a> {
             ("ticks_skipped", &run.ticks_skipped.to_string()),
             ("deadlines_missed", &run.deadlines_missed.to_string()),
         ]))?);
+        self.so_far.close();
         write_all(&report, self.directory)?;
-        if seconds == 0 {
+        if hlog.seconds() == 0 {
             make_latest(self.directory)?;
         }
         Ok(report)
@@ -259,7 +253,6 @@ impl<'a> Recorder<'a> {
     fn drain(&mut self, ports: &mut Ports) -> Result<(), Failure> {
         // What passed the loops' own inspection is recorded whatever tick it is of.
         let any_tick = u64::MAX - 1;
-        let mut complete: Vec<TickRecord> = Vec::new();
         let (tally, joiner, log) = (&mut self.tally, &mut self.joiner, &mut self.log);
         let (relays, mut relayed) = (&self.relays, Ok(()));
         ports.states.drain(any_tick, |message| {
@@ -267,26 +260,26 @@ impl<'a> Recorder<'a> {
             log.state(message);
             self.parameter_epoch = message.content.parameter_epoch;
             tally.state(message);
-            complete.extend(joiner.take(message.envelope.tick, Part::State(message.content)));
+            joiner.take(message.envelope.tick, Part::State(message.content));
         })?;
         ports.setpoints.drain(any_tick, |message| {
             keep_first(&mut relayed, relays.setpoints.pass_on(message));
             log.setpoint(message);
             tally.setpoint(message);
-            complete.extend(joiner.take(message.envelope.tick, Part::Setpoint(message.content)));
+            joiner.take(message.envelope.tick, Part::Setpoint(message.content));
         })?;
         ports.wrenches.drain(any_tick, |message| {
             keep_first(&mut relayed, relays.wrenches.pass_on(message));
             log.write(message);
             tally.wrench(message);
-            complete.extend(joiner.take(message.envelope.tick, Part::Wrench(message.content)));
+            joiner.take(message.envelope.tick, Part::Wrench(message.content));
         })?;
         ports.rotor_speeds.drain(any_tick, |message| {
             keep_first(&mut relayed, relays.rotor_speeds.pass_on(message));
             log.write(message);
             tally.rotor_speeds(message);
             if !is_last_word(message) {
-                complete.extend(joiner.take(message.envelope.tick, Part::RotorSpeeds(message.content)));
+                joiner.take(message.envelope.tick, Part::RotorSpeeds(message.content));
             }
         })?;
         ports.swaps.drain(any_tick, |message| {
@@ -295,21 +288,29 @@ impl<'a> Recorder<'a> {
             tally.swap(message);
         })?;
         self.note("what observers see", relayed.map_err(Failure::from));
-        complete.sort_by_key(|record| record.tick);
-        for record in &complete {
-            if let Some(setpoint) = &record.setpoint {
-                self.tally.position_error(setpoint.position_error_m(&record.state));
-            }
-            self.tally.tracer.take(record);
-            let written = self.states.iter_mut().try_for_each(|states| states.write(record));
-            self.note("states.csv", written);
+        while let Some(joined) = self.joiner.settled() {
+            self.follow(&joined);
         }
         Ok(())
+    }
+
+    /// Takes a state, with what the stages made of it.
+    fn follow(&mut self, joined: &Joined) {
+        self.tally.tracer.take(joined);
+        let written = self.states.iter_mut().try_for_each(|states| states.write(joined));
+        self.note("states.csv", written);
+    }
+
+    /// Hands the states so far to the disk.
+    fn keep_states(&mut self) {
+        let kept = self.states.iter_mut().try_for_each(StatesWriter::flush);
+        self.note("states.csv", kept);
     }
 
     /// The numbers so far; final with an ending.
     fn report(&self, run: &Run, ports: &Ports, meter: &UsageMeter, ending: Option<Ending>) -> Result<Report, Failure> {
         let ticks = self.tally.ticks(run);
+        let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(self.tally.states);
         let late = self.tally.series.flight(Series::Late);
         let missed = self.tally.miss_runs.missed();
         let deadlines = schema::Deadlines {
@@ -329,7 +330,8 @@ impl<'a> Recorder<'a> {
         };
         let series = self.tally.series.statistics();
         let theorem = self.tally.theorem.section();
-        let gates = gates(&self.settings.gates_asked(), &ticks, &deadlines, &series, &theorem, ending);
+        let lost_messages = self.tally.lost().iter().sum();
+        let gates = gates(&self.settings.gates_asked(), &ticks, &deadlines, &series, &theorem, lost_messages, ending);
         let lost = TOPICS.iter().zip(self.tally.lost()).map(|(topic, lost)| ((*topic).to_owned(), lost)).collect();
         let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
         let started = utc(UNIX_EPOCH + Duration::from_nanos(run.t0_wall_ns));
@@ -340,6 +342,7 @@ impl<'a> Recorder<'a> {
                 started,
                 instance: self.instance.clone(),
                 version: env!("CARGO_PKG_VERSION").into(),
+                build: crate::build::here(),
                 trajectory: self.settings.flight.trajectory.name().into(),
                 preset: self.settings.flight.preset.name().into(),
                 period_us: self.period_s * 1e6,
@@ -348,11 +351,11 @@ impl<'a> Recorder<'a> {
                 ending: ending.unwrap_or(Ending::None).words().into(),
                 in_flight: ending.is_none(),
             },
-            verdict: verdict(gates, ending),
+            verdict: verdict(gates, lost_messages, ending),
             ticks,
             deadlines,
             autopsy: self.tally.autopsy.as_ref().map(Autopsy::section).unwrap_or_default(),
-            flight: self.tally.flight(),
+            flight: schema::Flight { ticks_without_state, ..self.tally.flight() },
             theorem,
             swaps: self.tally.swaps.clone(),
             series,

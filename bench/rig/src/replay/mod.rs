@@ -30,6 +30,7 @@ use crate::replay::window::Window;
 use crate::run_directory::find_log;
 use failure::{Failure, GATE, OK};
 use flight_log::reader::{End, Entry, LogReader};
+use report::tracking::Tracking;
 
 /// Messages read ahead of the one that is replayed: more than the recorder takes in at once after its longest absence.
 /// What a message goes back to may stand behind it in the log, because the recorder takes topic after topic.
@@ -82,7 +83,7 @@ pub fn fly_again(path: &Path, from_tick: u64, stops: bool) -> Result<Replayed, F
 fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
     let (ticks, values) = (again.summary.ticks, again.comparison.values);
     if let Some(divergence) = &again.comparison.first {
-        print(&format!("replay: diverges at {divergence}\n"))?;
+        print(&format!("replay: diverges at {divergence}\n{}", builds(&again.survey)))?;
         return Ok(GATE);
     }
     if !again.is_identical() {
@@ -92,12 +93,18 @@ fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
         ))
         .help("a flight is verified from a whole record alone"));
     }
-    print(&format!("replay: {ticks} ticks, {values} values, identical\n"))?;
+    print(&format!("replay: {ticks} ticks, {values} values, identical\n{}", builds(&again.survey)))?;
     Ok(OK)
 }
 
+/// Who flew, and who replays.
+fn builds(survey: &Survey) -> String {
+    let (there, here) = (&survey.build, crate::build::here());
+    format!("flown by {there}, replayed by {here}: {}\n", there.compared_with(&here))
+}
+
 fn tell(path: &Path, again: &Replayed) -> Result<u8, Failure> {
-    print(&again.summary.text(&again.survey))?;
+    print(&(again.summary.text(&again.survey) + &builds(&again.survey)))?;
     let compared = match &again.comparison.first {
         Some(divergence) => format!("diverges from the record at {divergence}\n"),
         None => format!("agrees with the record in {} values\n", again.comparison.values),
@@ -132,12 +139,13 @@ struct Windows {
 
 impl Again {
     fn new(survey: &Survey, from_tick: u64) -> Result<Self, Failure> {
+        let flight = &survey.settings.flight;
         Ok(Self {
             from_tick,
             airframe: AirframeReplay::new(&survey.settings.plant()?, survey.pace, &survey.swaps),
             loops: LoopsReplay::new(&survey.settings)?,
             comparison: Comparison::from(from_tick),
-            summary: Summary::default(),
+            summary: Summary::new(Tracking::of(flight.trajectory, flight.period_s)),
             windows: Windows::default(),
             ahead: BTreeMap::new(),
             read: 0,
@@ -202,10 +210,7 @@ impl Again {
                 }
             }
             Entry::Setpoint(message) => {
-                let setpoint = self.loops.setpoint(message, &windows.states, comparison)?;
-                if message.envelope.tick >= self.from_tick {
-                    self.summary.setpoint(message.envelope.tick, setpoint.as_ref());
-                }
+                self.loops.setpoint(message, &windows.states, comparison)?;
             }
             Entry::Wrench(message) => {
                 let wrench = self.loops.wrench(message, &windows.states, &windows.setpoints, comparison)?;

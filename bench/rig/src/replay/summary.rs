@@ -1,24 +1,24 @@
 //! What a replayed flight was like, in a few lines.
 
-use model::messages::{Mode, RotorSpeeds, Setpoint, State, Wrench};
+use model::messages::{Mode, RotorSpeeds, State, Wrench};
 
 use crate::replay::survey::Survey;
+use report::tracking::{Tracking, TrackingError};
 
 /// Modes by number, as they are named.
 const MODES: [(Mode, &str); 4] =
     [(Mode::Fresh, "fresh"), (Mode::Held, "held"), (Mode::Fallback, "fallback"), (Mode::Idle, "idle")];
 
 /// Counts over a replay.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Summary {
+    tracking: Tracking,
     /// States replayed.
     pub ticks: u64,
     /// Processes of the inner loop that were started in flight.
     pub restarts: u64,
     newest: Option<(u64, State)>,
-    errors: u64,
-    error_squared_sum: f64,
-    error_max_m: f64,
+    error: TrackingError,
     inner: [u64; MODES.len()],
     mixer: [u64; MODES.len()],
     saturated: u64,
@@ -26,20 +26,27 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// Of a flight with this reference.
+    #[must_use]
+    pub fn new(tracking: Tracking) -> Self {
+        Self {
+            tracking,
+            ticks: 0,
+            restarts: 0,
+            newest: None,
+            error: TrackingError::default(),
+            inner: [0; MODES.len()],
+            mixer: [0; MODES.len()],
+            saturated: 0,
+            estimate: [0.0; 3],
+        }
+    }
+
     /// Takes a state.
     pub fn state(&mut self, tick: u64, state: &State) {
         self.ticks += 1;
         self.newest = Some((tick, *state));
-    }
-
-    /// Takes a set-point.
-    pub fn setpoint(&mut self, tick: u64, setpoint: Option<&Setpoint>) {
-        if let (Some((_, state)), Some(setpoint)) = (self.newest.filter(|(newest, _)| *newest == tick), setpoint) {
-            let error_m = setpoint.position_error_m(&state);
-            self.errors += 1;
-            self.error_squared_sum += error_m * error_m;
-            self.error_max_m = self.error_max_m.max(error_m);
-        }
+        self.error.take(self.tracking.error_m(tick, state));
     }
 
     /// Takes a wrench.
@@ -68,8 +75,7 @@ impl Summary {
             state.ticks_skipped,
             state.deadlines_missed
         );
-        let rms_m = (self.error_squared_sum / self.errors.max(1) as f64).sqrt();
-        text += &format!("position error rms {rms_m:.4} m, largest {:.4} m\n", self.error_max_m);
+        text += &format!("position error {}\n", self.error);
         text += &format!("inner loop {}; started {} times in flight\n", modes(&self.inner), self.restarts);
         text += &format!("mixer      {}; rotors saturated in {} ticks\n", modes(&self.mixer), self.saturated);
         let [i_r, k_r, delta] = self.estimate;

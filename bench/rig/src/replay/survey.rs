@@ -11,6 +11,8 @@ use model::topic::Topic;
 
 use crate::settings::Settings;
 use failure::Failure;
+use flight_log::TOPICS;
+use flight_log::build::Build;
 use flight_log::codec::Logged;
 use flight_log::facts::{RUN, SETTINGS};
 use flight_log::reader::{End, Entry, LogReader};
@@ -18,6 +20,8 @@ use flight_log::reader::{End, Entry, LogReader};
 /// A log that can be replayed.
 #[derive(Clone, Debug)]
 pub struct Survey {
+    /// The executable that flew it.
+    pub build: Build,
     /// Settings of the flight.
     pub settings: Settings,
     /// What moved its ticks on.
@@ -64,9 +68,13 @@ pub fn survey(path: &Path) -> Result<Survey, Failure> {
         }
         next = reader.next_entry()?;
     }
+    if reader.end() == End::Complete {
+        expected.check_landing(&reader)?;
+    }
     check_swaps(&swaps, newest.as_ref(), reader.end())?;
     let last_tick = newest.map(|message| message.envelope.tick);
-    Ok(Survey { settings, pace: reader.pace()?, swaps, end: reader.end(), last_tick })
+    let build = reader.build();
+    Ok(Survey { build, settings, pace: reader.pace()?, swaps, end: reader.end(), last_tick })
 }
 
 /// The settings in a log, if they are those that its processes agreed on.
@@ -110,6 +118,8 @@ pub(super) fn gap(what: &str) -> Failure {
 struct Expected {
     run_id: u64,
     settings: String,
+    /// Messages by topic.
+    messages: BTreeMap<&'static str, u64>,
     /// Epoch and sequence of the newest message, by topic.
     newest: BTreeMap<&'static str, Envelope>,
 }
@@ -117,7 +127,28 @@ struct Expected {
 impl Expected {
     fn new(reader: &LogReader) -> Result<Self, Failure> {
         let settings = reader.fact(RUN, "settings")?.to_owned();
-        Ok(Self { run_id: reader.number("run_id")?, settings, newest: BTreeMap::new() })
+        Ok(Self { run_id: reader.number("run_id")?, settings, messages: BTreeMap::new(), newest: BTreeMap::new() })
+    }
+
+    /// Whether the log holds what its recorder wrote, and every state that the plant published.
+    fn check_landing(&self, reader: &LogReader) -> Result<(), Failure> {
+        for topic in TOPICS {
+            let holds = self.messages.get(topic).copied().unwrap_or(0);
+            let written = reader.landed(&format!("messages.{topic}"))?;
+            if written.is_none_or(|written| written != holds) {
+                let written = written.map_or_else(|| "does not say how many".into(), |n| format!("wrote {n}"));
+                return Err(gap(&format!("it holds {holds} messages of topic `{topic}`, and its recorder {written}")));
+            }
+        }
+        let states = self.messages.get(State::NAME).copied().unwrap_or(0);
+        match reader.landed("ticks_run")? {
+            // A plant that dies may have published a state that it has not counted yet.
+            Some(published) if states < published => Err(gap(&format!(
+                "the plant published {published} states, and it holds {states}: the last {} are missing",
+                published - states
+            ))),
+            _ => Ok(()),
+        }
     }
 
     fn check<C: Logged>(&mut self, message: &Message<C>) -> Result<(), Failure> {
@@ -130,6 +161,7 @@ impl Expected {
                 self.run_id, self.settings
             )));
         }
+        *self.messages.entry(topic).or_default() += 1;
         let last = self.newest.insert(topic, *envelope);
         let same_sender = last.filter(|last| last.epoch == epoch);
         let owed = same_sender.map_or(0, |last| last.seq + 1);

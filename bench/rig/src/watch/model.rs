@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 
+use controller::Trajectory;
 use model::boards::{Ending, InForce, Run, Status};
 use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
 use model::parameters::{Parameter, SPECS};
@@ -13,8 +14,8 @@ use crate::inject::Applied;
 use crate::observe::Seen;
 use crate::watch::trace::Trace;
 use failure::Failure;
-use report::states::{Joiner, Part};
 use report::tally::{Tally, is_last_word};
+use report::tracking::Tracking;
 
 /// A page of the dashboard.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -167,7 +168,7 @@ pub struct Flight {
     pub tally: Tally,
     /// Messages lost before they were reset.
     lost_before: u64,
-    joiner: Joiner,
+    tracking: Tracking,
     /// Newest state.
     pub state: Option<State>,
     /// Newest set-point.
@@ -190,14 +191,15 @@ pub struct Flight {
 
 impl Flight {
     fn new(run: &Run, settings: BTreeMap<String, String>) -> Result<Self, Failure> {
+        let tracking = tracking(run, &settings)?;
         Ok(Self {
             run: *run,
             settings,
             ending: None,
             recorder_lives: true,
-            tally: Self::tally(run)?,
+            tally: Self::tally(run, tracking)?,
             lost_before: 0,
-            joiner: Joiner::default(),
+            tracking,
             state: None,
             setpoint: None,
             wrench: None,
@@ -210,14 +212,14 @@ impl Flight {
         })
     }
 
-    fn tally(run: &Run) -> Result<Tally, Failure> {
-        Tally::joining(run.pace(), run.t0_ns, run.sample_time_ns as f64 / 1e9)
+    fn tally(run: &Run, tracking: Tracking) -> Result<Tally, Failure> {
+        Tally::joining(run.pace(), run.t0_ns, tracking)
     }
 
     fn reset(&mut self) -> Result<(), Failure> {
         self.lost_before = self.lost();
         let theorem = self.tally.theorem;
-        self.tally = Self::tally(&self.run)?;
+        self.tally = Self::tally(&self.run, self.tracking)?;
         // The monitor counts beside the law, from the flight's begin on.
         self.tally.theorem = theorem;
         self.position_error = Trace::default();
@@ -250,12 +252,12 @@ impl Flight {
             Seen::State(message) => {
                 self.tally.state(message);
                 self.state = Some(message.content);
-                self.join(message.envelope.tick, Part::State(message.content));
+                let tick = message.envelope.tick;
+                self.position_error.take(self.run.flight_time_s(tick), self.tracking.error_m(tick, &message.content));
             }
             Seen::Setpoint(message) => {
                 self.tally.setpoint(message);
                 self.setpoint = Some(message.content);
-                self.join(message.envelope.tick, Part::Setpoint(message.content));
             }
             Seen::Wrench(message) => {
                 self.tally.wrench(message);
@@ -263,26 +265,23 @@ impl Flight {
                 let (time_s, monitor) = (self.run.flight_time_s(message.envelope.tick), &message.content.monitor);
                 self.v_th.take(time_s, monitor.v_th);
                 self.v.take(time_s, monitor.v);
-                self.join(message.envelope.tick, Part::Wrench(message.content));
             }
             Seen::RotorSpeeds(message) => {
                 self.tally.rotor_speeds(message);
                 if !is_last_word(message) {
                     self.rotor_speeds = Some(message.content);
-                    self.join(message.envelope.tick, Part::RotorSpeeds(message.content));
                 }
             }
             Seen::Swap(message) => self.tally.swap(message),
         }
     }
+}
 
-    fn join(&mut self, tick: u64, part: Part) {
-        if let Some(record) = self.joiner.take(tick, part)
-            && let Some(setpoint) = &record.setpoint
-        {
-            let error_m = setpoint.position_error_m(&record.state);
-            self.tally.position_error(error_m);
-            self.position_error.take(self.run.flight_time_s(tick), error_m);
-        }
-    }
+/// The reference of a flight whose settings its processes share.
+fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, Failure> {
+    const KEY: &str = "flight.trajectory";
+    let name = settings.get(KEY).map_or("", String::as_str);
+    let trajectory =
+        name.parse::<Trajectory>().map_err(|e| Failure::failed(format!("{KEY} of the flight is `{name}`: {e}")))?;
+    Ok(Tracking::of(trajectory, run.sample_time_ns as f64 / 1e9))
 }

@@ -1,0 +1,117 @@
+//! Which build this is: what distinguishes two executables of one version.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// Stands for what is not known, as the commit of sources without git.
+const UNKNOWN: &str = "unknown";
+
+/// An executable of ironbird.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Build {
+    /// Version of the crates.
+    pub version: String,
+    /// Commit of the sources in short.
+    pub commit: String,
+    /// Whether the sources of the executable were changed since that commit.
+    pub dirty: bool,
+    /// Profile: `debug` or `release`.
+    pub profile: String,
+    /// Version of the compiler.
+    pub rustc: String,
+    /// Machine that it is built for.
+    pub target: String,
+}
+
+impl Build {
+    /// The same of a version that is known from elsewhere, where this one knows nothing.
+    #[must_use]
+    pub fn of_version(&self, version: &str) -> Self {
+        let is_unknown = *self == Self::default();
+        Self { version: if is_unknown { version.to_owned() } else { self.version.clone() }, ..self.clone() }
+    }
+
+    /// Commit and profile in one word: `7fa27a4-dirty-release`.
+    #[must_use]
+    pub fn token(&self) -> String {
+        format!("{}{}-{}", self.commit, if self.dirty { "-dirty" } else { "" }, self.profile)
+    }
+
+    /// How it compares with another one, as a sentence can end.
+    #[must_use]
+    pub fn compared_with(&self, other: &Self) -> &'static str {
+        if self != other {
+            "different"
+        } else if self.commit == UNKNOWN {
+            "of one version, from an unknown commit"
+        } else if self.dirty {
+            "the same commit, with changes that may differ"
+        } else {
+            "the same"
+        }
+    }
+}
+
+/// Nothing is known, as of a report from before builds were named.
+impl Default for Build {
+    fn default() -> Self {
+        let unknown = || UNKNOWN.to_owned();
+        Self {
+            version: unknown(),
+            commit: unknown(),
+            dirty: false,
+            profile: unknown(),
+            rustc: unknown(),
+            target: unknown(),
+        }
+    }
+}
+
+impl fmt::Display for Build {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { version, commit, dirty, profile, rustc, .. } = self;
+        if commit == UNKNOWN && profile == UNKNOWN {
+            return write!(f, "{version} (build unknown)");
+        }
+        write!(f, "{version} ({commit}{}, {profile}, rustc {rustc})", if *dirty { " dirty" } else { "" })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn builds_are_told_apart_by_commit_changes_and_profile() {
+        let build = Build {
+            version: "0.1.0".into(),
+            commit: "7fa27a4".into(),
+            dirty: true,
+            profile: "release".into(),
+            rustc: "1.95.0".into(),
+            target: "x86_64-unknown-linux-gnu".into(),
+        };
+        assert_eq!(build.to_string(), "0.1.0 (7fa27a4 dirty, release, rustc 1.95.0)");
+        assert_eq!(build.token(), "7fa27a4-dirty-release");
+        let clean = Build { dirty: false, ..build.clone() };
+        assert_eq!(
+            (clean.to_string(), clean.token().as_str()),
+            ("0.1.0 (7fa27a4, release, rustc 1.95.0)".into(), "7fa27a4-release")
+        );
+        let debug = Build { profile: "debug".into(), ..clean.clone() };
+        let unknown = Build::default();
+        assert_eq!(unknown.of_version("0.1.0").to_string(), "0.1.0 (build unknown)");
+        assert_eq!(build.of_version("7.0.0"), build);
+        for (a, b, words) in [
+            (&clean, &clean, "the same"),
+            (&clean, &debug, "different"),
+            (&clean, &build, "different"),
+            (&build, &build, "the same commit, with changes that may differ"),
+            (&unknown, &clean, "different"),
+            (&unknown, &unknown, "of one version, from an unknown commit"),
+        ] {
+            assert_eq!(a.compared_with(b), words, "{a} and {b}");
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! latency.hlog: every series second by second, as an HdrHistogram interval log of whole lines.
+//!
+//! The recorder that writes it holds a lock on it: so it shows whether the recorder of a flight lives ([`lives`]).
+
+use std::fs::File;
+use std::path::Path;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use hdrhistogram::serialization::V2DeflateSerializer;
+use hdrhistogram::serialization::interval_log::{IntervalLogWriter, IntervalLogWriterBuilder};
+use rustix::fs::{FlockOperation, flock};
+
+use failure::{Failure, InFile as _};
+use flight_log::spool::Spool;
+use report::tally::series::SeriesSet;
+
+/// Its name in a flight's directory.
+pub const FILE: &str = "latency.hlog";
+/// What it leaves free on its disk, for the report [bytes].
+const LEFT_FREE_BYTES: u64 = 1 << 20;
+const SECOND: Duration = Duration::from_secs(1);
+
+/// The file, from which lines go to the disk.
+#[derive(Clone, Debug)]
+pub struct Lines(Spool);
+
+/// Writes seconds.
+#[allow(missing_debug_implementations, reason = "the writer has none")]
+pub struct Hlog<'a> {
+    writer: IntervalLogWriter<'a, 'a, Spool, V2DeflateSerializer>,
+    lines: Lines,
+    seconds: u32,
+}
+
+impl Lines {
+    /// An empty file in a flight's directory, locked as long as this process lives.
+    ///
+    /// # Errors
+    /// [`Failure`] names the file.
+    pub fn create(directory: &Path) -> Result<Self, Failure> {
+        let path = directory.join(FILE);
+        let file = File::create(&path).in_file("write", &path)?;
+        // Where the disk knows no locks, `lives` cannot tell either, and says so of nobody.
+        let _ = flock(&file, FlockOperation::NonBlockingLockExclusive);
+        Spool::new(file, LEFT_FREE_BYTES).map(Self).in_file("write", &path)
+    }
+
+    /// What the log's writer writes to.
+    #[must_use]
+    pub fn out(&self) -> Spool {
+        self.0.clone()
+    }
+
+    /// Hands whole lines to the disk.
+    fn settle(&self) {
+        let on_disk = self.0.settle();
+        if self.0.is_overfull() {
+            // Every piece that is there is of whole lines.
+            self.0.give_up(on_disk);
+        }
+    }
+
+    /// Ends the file.
+    ///
+    /// # Errors
+    /// [`Failure`] with the system's reason, where it is not all there.
+    pub fn finish(&self) -> Result<(), Failure> {
+        let on_disk = self.0.finish();
+        if on_disk < self.0.written() {
+            self.0.give_up(on_disk);
+            self.0.finish();
+        }
+        match self.0.refused().filter(|_| self.0.has_given_up()) {
+            Some(reason) => Err(Failure::failed(format!("cannot write {FILE}: {reason}"))),
+            None => Ok(()),
+        }
+    }
+}
+
+impl<'a> Hlog<'a> {
+    /// A log of a flight that starts at `start_wall_ns` [ns since 1970].
+    ///
+    /// # Errors
+    /// [`Failure`] where it cannot be begun.
+    pub fn begin(
+        lines: &Lines,
+        out: &'a mut Spool,
+        serializer: &'a mut V2DeflateSerializer,
+        start_wall_ns: u64,
+    ) -> Result<Self, Failure> {
+        let start: SystemTime = UNIX_EPOCH + Duration::from_nanos(start_wall_ns);
+        let writer = IntervalLogWriterBuilder::new()
+            .add_comment("[ironbird: values in nanoseconds, a tag per series, an interval per second]")
+            .with_start_time(start)
+            .with_base_time(start)
+            .with_max_value_divisor(1e6)
+            .begin_log_with(out, serializer)
+            .map_err(|e| Failure::failed(format!("cannot write {FILE}: {e:?}")))?;
+        lines.settle();
+        Ok(Self { writer, lines: lines.clone(), seconds: 0 })
+    }
+
+    /// Seconds that are closed.
+    #[must_use]
+    pub const fn seconds(&self) -> u32 {
+        self.seconds
+    }
+
+    /// Writes the present second of every series, and begins the next one.
+    ///
+    /// # Errors
+    /// As [`SeriesSet::close_second`].
+    pub fn close_second(&mut self, series: &mut SeriesSet) -> Result<(), Failure> {
+        let closed = series.close_second(&mut self.writer, self.seconds * SECOND, SECOND);
+        self.lines.settle();
+        self.seconds += 1;
+        closed
+    }
+}
+
+/// Whether somebody records into a flight's directory; not known counts as yes.
+#[must_use]
+pub fn lives(directory: &Path) -> bool {
+    let Ok(file) = File::open(directory.join(FILE)) else { return true };
+    flock(&file, FlockOperation::NonBlockingLockShared).is_err()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use report::tally::series::Series;
+
+    fn a_second(directory: &Path) -> Result<(), Failure> {
+        let lines = Lines::create(directory)?;
+        let (mut out, mut serializer) = (lines.out(), V2DeflateSerializer::new());
+        let mut hlog = Hlog::begin(&lines, &mut out, &mut serializer, 1_700_000_000_000_000_000)?;
+        let mut series = SeriesSet::new()?;
+        series.record(Series::Loop, 30_000);
+        assert!(lives(directory), "it is locked");
+        hlog.close_second(&mut series)?;
+        lines.finish()
+    }
+
+    #[test]
+    fn a_full_disk_is_an_error_with_its_reason() {
+        let directory = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink("/dev/full", directory.path().join(FILE)).unwrap();
+        let failure = a_second(directory.path()).unwrap_err().to_string();
+        assert!(failure.contains("cannot write latency.hlog: No space left on device"), "{failure}");
+    }
+
+    #[test]
+    fn a_finished_log_is_of_whole_lines_and_free_again() {
+        let directory = tempfile::tempdir().unwrap();
+        a_second(directory.path()).unwrap();
+        let text = std::fs::read_to_string(directory.path().join(FILE)).unwrap();
+        assert!(text.ends_with('\n') && text.lines().last().unwrap().starts_with("Tag=loop,0.000,1.000,"), "{text}");
+        while lives(directory.path()) {
+            std::thread::yield_now();
+        }
+    }
+}
