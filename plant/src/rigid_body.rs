@@ -61,7 +61,7 @@ pub struct Effort {
     pub om: f64,
 }
 
-/// (1): acceleration in the world frame [m/s^2], of attitude `eta2` [rad], velocity `v` [m/s, world] and thrust `u` [N].
+/// (1): acceleration in the world frame [m/s^2], of attitude `eta2` [rad], velocity `v` [m/s, world], thrust `u` [N].
 #[must_use]
 pub fn linear_acceleration(airframe: &Airframe, eta2: &Vector3<f64>, v: &Vector3<f64>, u: f64) -> Vector3<f64> {
     let (m, g, k_t) = (airframe.m(), airframe.g(), airframe.k_t());

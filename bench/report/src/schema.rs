@@ -101,8 +101,8 @@ pub struct Run {
 /// Whether a flight passed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
-    /// `PASS`, `INCOMPLETE` (held, but not all was seen), `FAIL` (a gate did not hold), `INTERRUPTED` (by a signal) or `ABORTED` (a role failed);
-    /// `FLYING` while it does.
+    /// `PASS`, `INCOMPLETE` (held, but not all was seen), `FAIL` (a gate did not hold), `INTERRUPTED` (by a signal) or
+    /// `ABORTED` (a role failed); `FLYING` while it flies.
     pub status: String,
     /// Exit code of the flight.
     pub exit_code: u8,

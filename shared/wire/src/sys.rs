@@ -68,8 +68,8 @@ impl Deref for BellPage {
     type Target = [Bell; BELLS];
 
     fn deref(&self) -> &Self::Target {
-        // SAFETY: the mapping lives as long as `self`, its file does not shrink, a page's address is aligned for `Bell`,
-        // and every content is a valid one of its atomics, which other processes may change at any time.
+        // SAFETY: the mapping lives as long as `self`, its file does not shrink, a page's address is aligned for
+        // `Bell`, and every content is a valid one of its atomics, which other processes may change at any time.
         unsafe { self.page.as_ref() }
     }
 }

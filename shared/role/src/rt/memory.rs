@@ -9,9 +9,9 @@ use wire::error::Error;
 
 /// Touches everything mapped since the set-up: the last act before a loop is armed.
 ///
-/// Also without real time: shared memory that has run out is an error here, and a SIGBUS in flight. A kernel that cannot
-/// be asked (before Linux 5.14) is none: the pages come when they are touched, and the set-up has reported
-/// [`Step::Prefault`] as refused.
+/// It does so without real time too: shared memory that has run out is an error here but a SIGBUS in flight. A kernel
+/// that cannot be asked (before Linux 5.14) is no error: the pages come when they are touched, and the set-up has
+/// reported [`Step::Prefault`] as refused.
 ///
 /// # Errors
 /// [`Error::System`] when memory, or /dev/shm, has run out.

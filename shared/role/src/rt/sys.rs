@@ -54,8 +54,8 @@ pub(super) fn thread_number() -> i32 {
 /// The thread of this process whose loop is under SCHED_FIFO; 0 while there is none.
 pub(super) static LOOP_THREAD: AtomicI32 = AtomicI32::new(0);
 
-/// Ends the process at once, with `code`, when `signal` comes and `flag` is set; without the destructors that would give
-/// real time back, so the handler does that itself.
+/// Ends the process at once, with `code`, when `signal` comes and `flag` is set. The destructors that would give real
+/// time back do not run then, so the handler does that itself.
 ///
 /// # Errors
 /// What the system says.
