@@ -94,6 +94,8 @@ struct Recorder<'a> {
     states: Vec<StatesWriter>,
     /// The report while the flight is in the air.
     so_far: Replaced,
+    /// Whether `latest` leads to this flight.
+    is_latest: bool,
     log: FlightLog,
     relays: Relays,
     /// Files that could not be written, with the first reason: the flight goes on without them.
@@ -140,6 +142,7 @@ impl<'a> Recorder<'a> {
             joiner: Joiner::default(),
             states,
             so_far: Replaced::new(files.directory.join("report.json"))?,
+            is_latest: false,
             crew,
             cpu_times: CpuTimes::read(),
             period_s,
@@ -168,9 +171,7 @@ impl<'a> Recorder<'a> {
                 let text = json::to_string(&report).in_file("write", Path::new("report.json"));
                 let put = text.and_then(|text| self.so_far.put(text + "\n"));
                 self.note("report.json", put);
-                if hlog.seconds() == 1 {
-                    self.note("latest", make_latest(self.directory));
-                }
+                self.point_latest();
                 self.keep_states();
             }
             let run = armed.run.get();
@@ -213,10 +214,17 @@ impl<'a> Recorder<'a> {
         ]))?);
         self.so_far.close();
         write_all(&report, self.directory)?;
-        if hlog.seconds() == 0 {
-            make_latest(self.directory)?;
-        }
+        self.point_latest();
         Ok(report)
+    }
+
+    /// Points `latest` at this flight as soon as it has a report.
+    fn point_latest(&mut self) {
+        if !self.is_latest && self.directory.join("report.json").exists() {
+            self.is_latest = true;
+            let pointed = make_latest(self.directory);
+            self.note("latest", pointed);
+        }
     }
 
     /// Samples what the kernel counts for the loops while they fly, and classes the deadlines missed so far.
