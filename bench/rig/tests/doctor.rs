@@ -14,6 +14,7 @@ use machine::{Answers, Machine};
 use report::finding::{Finding, Level, Verdict};
 use rig::{IRONBIRD, Rig};
 use tempfile::TempDir;
+use wire::instance::Instance;
 
 /// Files of a machine on which nothing is wrong: four processors, the last one isolated.
 const FINE: &[(&str, &str)] = &[
@@ -233,7 +234,8 @@ fn this_machine_gets_a_verdict_that_follows_from_what_is_shown() {
 #[test]
 fn leftovers_of_a_killed_flight_are_found_and_gone_after_a_clean_up() {
     let rig = Rig::new("left");
-    fs::create_dir_all(rig.root().join("killed")).unwrap();
+    Instance::under(&rig.root(), "killed").unwrap().prepare().unwrap();
+    fs::create_dir(rig.root().join("mine")).unwrap();
     let doctor = || {
         let mut command = Command::new(IRONBIRD);
         command.args(["doctor", "--seconds", "0.05"]).env("IRONBIRD_ROOT", rig.root());
@@ -242,7 +244,7 @@ fn leftovers_of_a_killed_flight_are_found_and_gone_after_a_clean_up() {
     let ended = doctor().says("ironbird clean").says("VERDICT ").says("Measured for 0.05 s each");
     assert!(ended.stdout.contains(rig.root().join("killed").to_str().unwrap()), "{ended}");
     rig.run("clean", &[]).expect(0);
-    assert!(!doctor().stdout.contains("ironbird clean"));
+    assert!(!doctor().stdout.contains("ironbird clean"), "a directory of somebody else's is no leftover");
 }
 
 #[test]

@@ -104,6 +104,25 @@ fn five_roles_by_hand_fly_in_the_shared_memory_of_a_container() {
 }
 
 #[test]
+fn too_few_inodes_are_named_with_the_remedy() {
+    let rig = Rig::new("inodes");
+    if !Command::new("unshare").args(["-m", "true"]).status().is_ok_and(|status| status.success()) {
+        writeln!(std::io::stderr().lock(), "skipped: unshare (util-linux) is not there, or not permitted").unwrap();
+        return;
+    }
+    for inodes in [2, 3, 4, 6, 9, 12] {
+        let mut plant = Command::new("unshare");
+        let script = format!("mount -t tmpfs -o size=256m,nr_inodes={inodes} tmpfs /dev/shm && exec \"$0\" \"$@\"");
+        plant.args(["-m", "sh", "-c", &script, rig::IRONBIRD, "plant"]).args(rig.own_args("plant", &["--rt", "off"]));
+        plant.env("IRONBIRD_ROOT", rig.root());
+        let plant = rig.launch(plant).end();
+        assert!(matches!(plant.code, Some(1 | 2)), "{inodes} inodes: {plant}");
+        assert!(!plant.stderr.contains("ironbird clean"), "{inodes} inodes: {plant}");
+        plant.complains("/dev/shm");
+    }
+}
+
+#[test]
 fn too_few_files_are_named_with_the_remedy() {
     let mut refused = 0;
     for files in [20, 40, 56, 64, 72, 76, 80, 84, 100] {

@@ -36,14 +36,16 @@ pub(super) fn remove(node: &Node<ipc::Service>, instance: &Instance) -> u64 {
         return 0;
     }
     let CleanupState { cleanups, failed_cleanups } = node.blocking_cleanup_dead_nodes(REMOVING);
-    if failed_cleanups == 0 {
-        return cleanups;
-    }
-    // The middleware does not come past a service that its maker died over.
-    if instance.remove_orphans(|| nodes(node.config()).0).is_err() {
-        return cleanups;
-    }
-    cleanups + node.blocking_cleanup_dead_nodes(REMOVING).cleanups
+    remove_half_made(node, instance);
+    // The middleware may not have come past such a service.
+    let again = if failed_cleanups == 0 { 0 } else { node.blocking_cleanup_dead_nodes(REMOVING).cleanups };
+    cleanups + again
+}
+
+/// Removes services that their makers died over, of which the middleware thinks that they are still being made.
+pub(super) fn remove_half_made(node: &Node<ipc::Service>, instance: &Instance) {
+    // What resists is in the way of whoever opens it, who says so.
+    let _ = instance.remove_orphans(|| nodes(node.config()).0);
 }
 
 /// Names of the nodes that may be alive, and the number of those that are dead.

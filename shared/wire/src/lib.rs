@@ -45,7 +45,7 @@ pub const DEEP: usize = 4096;
 const NODES: usize = 24;
 /// How long a service may be in the making, or be taken down, by somebody else, and how often it is tried.
 const PATIENCE: Duration = Duration::from_secs(5);
-const TRY_EVERY: Duration = Duration::from_millis(2);
+const TRY_EVERY: Duration = Duration::from_millis(5);
 
 /// A process's access to an instance's shared memory.
 #[derive(Debug)]
@@ -116,10 +116,17 @@ impl Wire {
                 Err(reason) => reason,
             };
             let passes = PASSING.iter().any(|passing| reason.contains(passing));
-            if !passes || start.elapsed() >= PATIENCE || self.is_short() {
+            if !passes || self.is_short() {
                 return Err(not_opened(&self.instance, what, reason));
             }
+            if start.elapsed() >= PATIENCE {
+                let patience = PATIENCE.as_secs();
+                let what =
+                    format!("cannot open {what}: another process has not made it, or removed it, in {patience} s");
+                return Err(Error::Wire { what, reason });
+            }
             leavings::remove(&self.node, &self.instance);
+            leavings::remove_half_made(&self.node, &self.instance);
             std::thread::sleep(TRY_EVERY);
         }
     }

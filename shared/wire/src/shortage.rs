@@ -8,8 +8,10 @@ use rustix::fs::statvfs;
 use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};
 
-/// Files that opening one service may take.
+/// Files that opening one service may take, and room for them [bytes]. What failed for want of the last one has given
+/// the others back.
 const FILES_OF_A_SERVICE: u64 = 8;
+const ROOM_OF_A_SERVICE: u64 = 1 << 20;
 
 /// What there is no more of, and how to get more.
 pub(crate) struct Shortage {
@@ -57,15 +59,16 @@ fn of_room(place: &Path) -> Option<Shortage> {
     let system = statvfs(place).ok()?;
     let place = place.display();
     // Some file systems count no inodes.
-    if system.f_files > 0 && system.f_favail == 0 {
-        let used_up = format!("no inode is left on the file system of {place}");
+    if system.f_files > 0 && system.f_favail < FILES_OF_A_SERVICE {
+        let used_up = format!("too few inodes are left on the file system of {place}: {}", system.f_favail);
         return Some(Shortage {
             used_up,
             remedy: format!("remove files from it, or give it more inodes: df -i {place}"),
         });
     }
-    (system.f_bavail == 0).then(|| Shortage {
-        used_up: format!("no space is left on the file system of {place}"),
-        remedy: format!("remove what fills it, or enlarge it: df {place}"),
+    let free = system.f_bavail * system.f_frsize;
+    (free < ROOM_OF_A_SERVICE).then(|| Shortage {
+        used_up: format!("too little space is left on the file system of {place}: {} KiB", free >> 10),
+        remedy: format!("remove what fills it, or enlarge it: df -h {place}"),
     })
 }

@@ -103,6 +103,12 @@ impl Directory {
         }
     }
 
+    /// What tells an entry from another one of its name; `None` where nothing is.
+    pub(super) fn identity(&self, name: &Path) -> Option<(u64, u64)> {
+        let stat = statat(&self.descriptor, name, AtFlags::SYMLINK_NOFOLLOW).ok()?;
+        Some((stat.st_dev, stat.st_ino))
+    }
+
     /// Opens a file of ours in it, for reading and writing; `None` where nothing is.
     pub(crate) fn file(&self, name: &str) -> Result<Option<File>, Error> {
         let path = self.path.join(name);

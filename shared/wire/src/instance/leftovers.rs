@@ -179,23 +179,28 @@ impl Instance {
 
     /// Removes the files of services that no living node has a share in: their maker died before it was done.
     ///
-    /// A node has a share from before it makes a service until after it has removed it, so that `living` nodes are
-    /// asked for after the services were listed.
+    /// A node has a share from before it makes a service, so that `living` nodes are asked for after the services were
+    /// listed. A file that another process removes and makes anew meanwhile is another file.
     pub(crate) fn remove_orphans(&self, living: impl FnOnce() -> BTreeSet<String>) -> Result<(), Error> {
         let door = self.door()?;
         let prefix = self.prefix();
         let Some(services) = door.directory.open_below(Path::new(SERVICES))? else { return Ok(()) };
-        let names = services.names()?;
+        let found: Vec<_> = services
+            .names()?
+            .into_iter()
+            .filter_map(|name| name.into_string().ok())
+            .filter(|name| name.starts_with(&prefix))
+            .map(|name| (services.identity(Path::new(&name)), name))
+            .collect();
         let living = living();
         let has_share =
             |node: &String, share: &Path| door.directory.kind(&Path::new(NODES).join(node).join(share)) != Kind::Gone;
-        for name in names.iter().filter_map(|name| name.to_str()) {
-            let Some(service) = name.strip_suffix(".service").filter(|service| service.starts_with(&prefix)) else {
-                continue;
-            };
+        for (identity, name) in found {
+            let Some(service) = name.strip_suffix(".service") else { continue };
             let share = PathBuf::from(format!("{service}.service_tag"));
-            if !living.iter().any(|node| has_share(node, &share)) {
-                services.remove(Path::new(name), AtFlags::empty())?;
+            let name = Path::new(&name);
+            if !living.iter().any(|node| has_share(node, &share)) && services.identity(name) == identity {
+                services.remove(name, AtFlags::empty())?;
             }
         }
         Ok(())
