@@ -102,7 +102,8 @@ fn start_and_watch(
         Ok(launcher) => launcher,
         Err(failure) => {
             directory.discard();
-            return Err(failure);
+            asked.look();
+            return Err(failure.broken_off(asked.end));
         }
     };
     let ended = launcher.watch(asked)?;

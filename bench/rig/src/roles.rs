@@ -2,7 +2,7 @@
 
 use std::io::IsTerminal as _;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 use controller::{OuterLoop, WatchedLoop};
 use mixer::Mixer;
@@ -19,7 +19,7 @@ use crate::output::print;
 use crate::record::process::{self, Files};
 use crate::run_directory::RunDirectory;
 use crate::settings::{PaceName, Settings};
-use failure::{FAILED, Failure, INTERRUPTED, OK, check_writable};
+use failure::{Failure, OK, check_writable};
 use flight_log;
 use report::text;
 
@@ -35,7 +35,7 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
     let (instance, stop) = (station.wire().instance().clone(), station.stop_flag());
     let flown = run(role, station, &settings);
     leave(&instance, args);
-    flown.map(|()| OK).map_err(|failure| broken_off(failure, &stop))
+    flown.map(|()| OK).map_err(|failure| failure.broken_off(stop.load(Ordering::Relaxed)))
 }
 
 fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure> {
@@ -65,14 +65,6 @@ fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure>
         Role::Record => return Err(Failure::usage("the recorder has a command of its own: `ironbird record`")),
     }
     Ok(())
-}
-
-/// What a call that a signal has broken off says is an interruption, not a failure; what it was stays in the words.
-fn broken_off(failure: Failure, stop: &AtomicBool) -> Failure {
-    if failure.code == FAILED && stop.load(Ordering::Relaxed) {
-        return Failure::new(INTERRUPTED, format!("interrupted: {failure}"));
-    }
-    failure
 }
 
 /// The last one that is on its own removes what the middleware leaves; a launcher that lives does so itself.
@@ -106,7 +98,7 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     leave(&instance, &args.role);
     // Where the flight has begun, a file that cannot be written is no consequence of a signal.
     let has_begun = directory.join(flight_log::FILE).exists();
-    let recorded = recorded.map_err(|failure| if has_begun { failure } else { broken_off(failure, &stop) });
+    let recorded = recorded.map_err(|failure| failure.broken_off(!has_begun && stop.load(Ordering::Relaxed)));
     if let (Err(_), Some(made)) = (&recorded, made) {
         made.discard();
     }

@@ -218,6 +218,22 @@ fn a_role_that_is_ended_while_all_start_ends_the_wait_and_is_named() {
 }
 
 #[test]
+fn a_signal_while_all_start_is_an_interruption() {
+    for (i, after_ms) in (0..300).step_by(25).enumerate() {
+        let rig = Rig::new("early");
+        let flight = rig.start("fly", &LONG);
+        // From then on it handles signals.
+        wait_until("the flight's directory", || (!rig.run_directories().is_empty()).then_some(()));
+        sleep(Duration::from_millis(after_ms));
+        let signal = [Signal::TERM, Signal::INT, Signal::HUP][i % 3];
+        flight.signal(signal);
+        let ended = flight.end();
+        assert_eq!(ended.code, Some(130), "{signal:?} after {after_ms} ms: {ended}");
+        rig.assert_nothing_left();
+    }
+}
+
+#[test]
 fn latest_stays_where_it_was_until_a_flight_has_a_report() {
     let rig = Rig::new("latest");
     let latest = || fs::read_link(rig.out().join("latest")).unwrap();

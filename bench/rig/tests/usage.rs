@@ -147,7 +147,7 @@ fn a_report_with_numbers_of_no_flight_is_refused() {
     fs::write(&path, report.to_string()).unwrap();
     for format in ["html", "text"] {
         let refused = rig.run("report", &["--format", format]).expect(1);
-        refused.complains("series[0].max_us = 1e308 is no number of a flight").complains("report.json");
+        refused.complains("series[0].max_us = 1e+308 is no number of a flight").complains("report.json");
     }
 }
 

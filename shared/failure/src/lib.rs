@@ -63,6 +63,12 @@ impl Failure {
         self
     }
 
+    /// What a call says that a signal has broken off: an interruption, whatever it was in the middle of.
+    #[must_use]
+    pub fn broken_off(self, by_signal: bool) -> Self {
+        if by_signal && self.code == FAILED { Self::new(INTERRUPTED, format!("interrupted: {self}")) } else { self }
+    }
+
     /// Adds what the user can do.
     #[must_use]
     pub fn help(mut self, help: impl Into<String>) -> Self {

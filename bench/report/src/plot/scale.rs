@@ -156,12 +156,12 @@ fn linear_ticks(low: f64, high: f64, about: usize) -> Vec<Tick> {
 fn log_ticks(low: f64, high: f64) -> Vec<Tick> {
     let (first, last) = (low.log10().ceil() as i32, high.log10().floor() as i32);
     let tick = |value: f64| Tick { value, label: short(value) };
-    // The logarithm of 0 is the least i32.
-    if last.saturating_sub(first) < 2 {
+    let decades = i64::from(last) - i64::from(first);
+    if decades < 2 {
         let steps = (first.saturating_sub(1)..=last).flat_map(|i| [1.0, 2.0, 5.0].map(|step| step * 10_f64.powi(i)));
         return steps.filter(|value| (low..=high).contains(value)).map(tick).collect();
     }
-    let every = (f64::from(last.saturating_sub(first)) / LOG_TICKS).ceil() as usize;
+    let every = (decades as f64 / LOG_TICKS).ceil() as usize;
     (first..=last).rev().step_by(every).map(|i| tick(10_f64.powi(i))).collect()
 }
 
