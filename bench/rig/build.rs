@@ -1,25 +1,23 @@
 //! Finds out what is built: commit, whether its sources were changed since, profile, compiler, target.
 //!
-//! Runs again only when the checkout moves to another commit or a source of the executable changes, and then the crate is
-//! compiled anew in any case.
+//! Runs again when a source of the executable changes, which has the crate compiled anew in any case, and when the
+//! checkout moves to another commit. Not when the index does: what is staged is changed all the same, and to look at a
+//! checkout touches it.
 
 use std::env;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-
-/// What the executable is made of, from the root of the workspace.
-const SOURCES: [&str; 8] =
-    ["Cargo.toml", "Cargo.lock", "rust-toolchain.toml", "shared", "plant", "controller", "mixer", "bench"];
 
 const UNKNOWN: &str = "unknown";
 
 fn main() {
     let manifest = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
     let root = manifest.ancestors().nth(2).unwrap_or(&manifest);
-    for source in SOURCES.iter().map(|source| root.join(source)).filter(|source| source.exists()) {
-        println!("cargo:rerun-if-changed={}", source.display());
+    let sources = sources(root);
+    for source in &sources {
+        println!("cargo:rerun-if-changed={}", root.join(source).display());
     }
-    let (commit, dirty) = commit(root).unwrap_or((UNKNOWN.into(), false));
+    let (commit, dirty) = commit(root, &sources).unwrap_or((UNKNOWN.into(), false));
     let told = |name: &str| env::var(name).unwrap_or_else(|_| UNKNOWN.into());
     for (name, value) in [
         ("COMMIT", commit),
@@ -32,9 +30,29 @@ fn main() {
     }
 }
 
+/// What the executable is made of, from the root of the workspace: its own files, and of each crate what is compiled.
+fn sources(root: &Path) -> Vec<String> {
+    let crates =
+        folders(root, "").into_iter().flat_map(|name| [folders(root, &format!("{name}/")), vec![name]].concat());
+    let crates = crates.filter(|name| root.join(name).join("Cargo.toml").exists());
+    let compiled = ["src", "build.rs", "Cargo.toml"];
+    let mut sources: Vec<String> = crates.flat_map(|name| compiled.map(|file| format!("{name}/{file}"))).collect();
+    sources.extend(["Cargo.toml", "Cargo.lock", "rust-toolchain.toml"].map(str::to_owned));
+    // One that is not there would have this run every time.
+    sources.retain(|source| root.join(source).exists());
+    sources.sort();
+    sources
+}
+
+/// What lies in a folder of the workspace, by its path from the root.
+fn folders(root: &Path, within: &str) -> Vec<String> {
+    let entries = root.join(within).read_dir().into_iter().flatten().flatten();
+    entries.filter_map(|entry| Some(format!("{within}{}", entry.file_name().into_string().ok()?))).collect()
+}
+
 /// The commit in short, and whether a source of the executable differs from it; nothing where the sources are no
 /// checkout of their own, as those of a tarball.
-fn commit(root: &Path) -> Option<(String, bool)> {
+fn commit(root: &Path, sources: &[String]) -> Option<(String, bool)> {
     let toplevel = PathBuf::from(git(root, &["rev-parse", "--show-toplevel"])?);
     if toplevel.canonicalize().ok()? != root.canonicalize().ok()? {
         return None;
@@ -48,7 +66,8 @@ fn commit(root: &Path) -> Option<(String, bool)> {
     }
     let commit = git(root, &["rev-parse", "--short=7", "HEAD"])?;
     // Without its lock: to look at a checkout must not touch it.
-    let changed = git(root, &[&["--no-optional-locks", "status", "--porcelain", "--"], &SOURCES[..]].concat())?;
+    let status = ["--no-optional-locks", "status", "--porcelain", "--"].into_iter();
+    let changed = git(root, &status.chain(sources.iter().map(String::as_str)).collect::<Vec<_>>())?;
     Some((commit, !changed.is_empty()))
 }
 

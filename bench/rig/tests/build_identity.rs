@@ -50,7 +50,9 @@ fn the_commit_is_that_of_the_checkout() {
         let output = std::process::Command::new("git").args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output();
         output.ok().filter(|output| output.status.success()).map(|output| String::from_utf8(output.stdout).unwrap())
     };
-    let is_checkout = git(&["rev-parse", "--show-prefix"]).is_some_and(|prefix| prefix.trim() == "bench/rig/");
+    let toplevel = git(&["rev-parse", "--show-toplevel"]).map(|path| fs::canonicalize(path.trim()).unwrap());
+    let workspace = fs::canonicalize(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+    let is_checkout = toplevel == Some(workspace);
     let expected = git(&["rev-parse", "--short=7", "HEAD"]).filter(|_| is_checkout);
     assert_eq!(ironbird::build::here().commit, expected.as_deref().map_or("unknown", str::trim));
 }

@@ -214,7 +214,9 @@ impl<'a> Recorder<'a> {
         ]))?);
         self.so_far.close();
         write_all(&report, self.directory)?;
-        self.point_latest();
+        if !self.is_latest {
+            make_latest(self.directory)?;
+        }
         Ok(report)
     }
 
