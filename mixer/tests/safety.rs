@@ -1,4 +1,5 @@
 //! Safety of the mixer stage: its output for a wrench of each age.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use law::MixerLaw as _;
 use mixer::{Mixer, Settings};
@@ -86,8 +87,7 @@ fn ages_are_ticks_of_any_length() {
 /// Ages in ticks at which a wrench is no longer held, and at which the rotors idle.
 fn windows(period_s: f64) -> (u64, u64) {
     let mut mixer = Mixer::new(&Settings { period_s, ..settings() });
-    let mut first =
-        |mode: Mode| (1..1000).find(|age| mixer.tick(*age, &wrench(0)).mode == mode as u64).expect("a mode that comes");
+    let mut first = |mode: Mode| (1..1000).find(|age| mixer.tick(*age, &wrench(0)).mode == mode as u64).unwrap();
     (first(Mode::Fallback), first(Mode::Idle))
 }
 

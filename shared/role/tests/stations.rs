@@ -8,7 +8,7 @@ mod common;
 
 use std::fs;
 use std::io::Write as _;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::{Mutex, mpsc};
 use std::thread::{scope, sleep};
 use std::time::Duration;
@@ -162,14 +162,19 @@ impl Stage for Idle<'_> {
 /// Runs the idle stage through a run; gives its policy when armed, and what its port has seen at the end.
 fn give_up(refuses: bool) -> (u32, (u32, bool)) {
     let site = Site::new();
-    let (armed, seen, over) = (Mutex::new(None), Mutex::new(None), AtomicBool::new(false));
+    let (armed, seen) = (Mutex::new(None), Mutex::new(None));
     scope(|scope| {
-        let (armed, seen, over, instance) = (&armed, &seen, &over, &site.instance);
+        let (armed, seen, instance) = (&armed, &seen, &site.instance);
+        let (tell, flags) = mpsc::channel();
         for role in [Role::Outer, Role::Mixer, Role::Record] {
+            let tell = tell.clone();
             scope.spawn(move || {
                 let mut station = take(instance, role, Mode::Off);
-                let joined = station.join(|_, _, _| Ok(()));
-                while !over.load(Ordering::Relaxed) && joined.is_ok() {
+                let stop = station.stop_flag();
+                tell.send(station.stop_flag()).unwrap();
+                // Where it has joined, it has its place until it is told to go; else it is told while it waits.
+                let _joined = station.join(|_, _, _| Ok(()));
+                while !stop.load(Ordering::Relaxed) {
                     sleep(Duration::from_millis(1));
                 }
             });
@@ -197,8 +202,7 @@ fn give_up(refuses: bool) -> (u32, (u32, bool)) {
                 sleep(Duration::from_millis(1));
             }
         }
-        over.store(true, Ordering::Relaxed);
-        drop(station);
+        flags.iter().take(3).for_each(|stop| stop.store(true, Ordering::Relaxed));
     });
     (armed.into_inner().unwrap().unwrap(), seen.into_inner().unwrap().unwrap())
 }

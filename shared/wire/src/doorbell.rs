@@ -149,3 +149,29 @@ impl Bell {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::now_ns;
+    use crate::instance::Instance;
+    use crate::sys::block_alarms;
+
+    #[test]
+    fn a_wait_whose_alarm_has_failed_ends_all_the_same() {
+        let root = tempfile::Builder::new().prefix("ib-").tempdir_in("/tmp").unwrap();
+        let instance = Instance::under(root.path(), "deaf").unwrap();
+        // On a thread of its own, which is then without the signal.
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let wire = Wire::open(&instance).unwrap();
+                let doorbell = wire.doorbell_with_alarm(Role::Mixer).unwrap();
+                block_alarms().unwrap();
+                let until = now_ns() + 1_000_000;
+                assert!(!doorbell.wait_until(until).unwrap(), "nobody rang");
+                assert!(now_ns() >= until + BACK_STOP_NS);
+            });
+        });
+        instance.remove_leftovers().unwrap();
+    }
+}

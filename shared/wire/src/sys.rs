@@ -151,12 +151,22 @@ impl Drop for Alarm {
 
 /// Lets one signal reach the calling thread.
 fn unblock_signal(signal: i32) -> io::Result<()> {
+    mask_signal(libc::SIG_UNBLOCK, signal)
+}
+
+/// Keeps the alarm's signal from the calling thread.
+#[cfg(test)]
+pub(crate) fn block_alarms() -> io::Result<()> {
+    mask_signal(libc::SIG_BLOCK, Alarm::SIGNAL)
+}
+
+fn mask_signal(how: i32, signal: i32) -> io::Result<()> {
     let mut one = std::mem::MaybeUninit::<libc::sigset_t>::zeroed();
     // SAFETY: the pointers are to memory for one signal set, which the first two calls fill.
     let failed = unsafe {
         libc::sigemptyset(one.as_mut_ptr());
         libc::sigaddset(one.as_mut_ptr(), signal);
-        libc::pthread_sigmask(libc::SIG_UNBLOCK, one.as_ptr(), std::ptr::null_mut())
+        libc::pthread_sigmask(how, one.as_ptr(), std::ptr::null_mut())
     };
     if failed == 0 { Ok(()) } else { Err(io::Error::from_raw_os_error(failed)) }
 }
