@@ -61,6 +61,23 @@ fn a_start_after_a_start_that_was_killed_flies() {
 }
 
 #[test]
+fn five_roles_that_start_at_the_same_time_after_killed_ones_fly() {
+    let rig = Rig::new("together");
+    let slow = rig.slow(5);
+    for round in 0..5 {
+        let flight = rig.start("fly", &["--rt", "off", "--duration", "1s"]);
+        sleep(Duration::from_millis(30 + 40 * round));
+        kill_all(flight);
+        let args = ["--rt", "off", "--config", &slow, "--duration", "100ms"];
+        let roles = ["plant", "outer", "inner", "mixer", "record"].map(|role| rig.start(role, &args));
+        for role in roles {
+            role.end().expect(0);
+        }
+        rig.assert_nothing_left();
+    }
+}
+
+#[test]
 #[ignore = "soak: as many rounds as IRONBIRD_ROUNDS says, or a hundred"]
 fn many_starts_after_starts_that_were_killed_fly() {
     let rounds = std::env::var("IRONBIRD_ROUNDS").map_or(100, |rounds| rounds.parse().unwrap());

@@ -23,6 +23,7 @@ use rustix::io::Errno;
 use super::directory::{Directory, PRIVATE_DIRECTORY};
 use super::{Instance, MARK};
 use crate::error::Error;
+use crate::shortage;
 use model::role::{ROLES, Role};
 
 /// Name of the lock that all processes share which use the shared memory.
@@ -107,10 +108,10 @@ impl Instance {
         Ok(Lock { _file: file })
     }
 
-    /// Whether a process plays the role now; where that cannot be seen, nobody does.
+    /// Whether a process plays the role now; where that cannot be seen for want of files, somebody does.
     #[must_use]
     pub fn is_occupied(&self, role: Role) -> bool {
-        self.look_for(role).unwrap_or(false)
+        is_or_may_be(self.look_for(role))
     }
 
     /// Whether a process plays the role now.
@@ -130,7 +131,7 @@ impl Instance {
     /// Whether any process of the instance lives.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        self.is_held(LAUNCHER).unwrap_or(false) || ROLES.iter().any(|role| self.is_occupied(*role))
+        is_or_may_be(self.is_held(LAUNCHER)) || ROLES.iter().any(|role| self.is_occupied(*role))
     }
 
     fn is_held(&self, role: &str) -> Result<bool, Error> {
@@ -211,6 +212,11 @@ impl Instance {
         writeln!(mark, "A directory of ironbird, which removes it when the instance `{}` has ended.", self.name())
             .map_err(|source| Error::RootPath { path, source })
     }
+}
+
+/// A role is not given up, and nothing is removed, because this process has run out of something.
+fn is_or_may_be(held: Result<bool, Error>) -> bool {
+    held.unwrap_or_else(|error| matches!(error, Error::RootPath { source, .. } if shortage::remedy(&source).is_some()))
 }
 
 /// Whether we have made a directory.
