@@ -44,7 +44,7 @@ fn python() -> Option<String> {
 
 /// Runs a script of the repository, and gives what it prints.
 fn run_python(python: &str, script: &str, arguments: [&Path; 2]) -> Vec<u8> {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(script);
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(script);
     let output = Command::new(python).arg(script).args(arguments).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     output.stdout

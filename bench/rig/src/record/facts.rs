@@ -9,6 +9,7 @@ use model::envelope::LAYOUT;
 use report::host::Host;
 use report::schema::RoleSection;
 
+use crate::build;
 use crate::settings::Settings;
 
 /// The facts of a run.
@@ -24,9 +25,15 @@ pub fn facts(
 ) -> Result<Facts, Failure> {
     let (pace, sample_time_ns) = (run.pace(), run.sample_time_ns);
     let wall_offset_ns = i128::from(run.t0_wall_ns) - i128::from(run.t0_ns);
+    let build = build::here();
     let run = record(&[
         ("format", FORMAT),
-        ("version", env!("CARGO_PKG_VERSION")),
+        ("version", &build.version),
+        ("commit", &build.commit),
+        ("dirty", &build.dirty.to_string()),
+        ("profile", &build.profile),
+        ("rustc", &build.rustc),
+        ("target", &build.target),
         ("layout", &format!("{LAYOUT:016x}")),
         ("instance", instance),
         ("run_id", &run.run_id.to_string()),

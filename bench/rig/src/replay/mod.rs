@@ -82,8 +82,10 @@ pub fn fly_again(path: &Path, from_tick: u64, stops: bool) -> Result<Replayed, F
 
 fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
     let (ticks, values) = (again.summary.ticks, again.comparison.values);
+    // Standard output is the verdict alone.
+    eprint!("{}", builds(&again.survey));
     if let Some(divergence) = &again.comparison.first {
-        print(&format!("replay: diverges at {divergence}\n{}", builds(&again.survey)))?;
+        print(&format!("replay: diverges at {divergence}\n"))?;
         return Ok(GATE);
     }
     if !again.is_identical() {
@@ -93,7 +95,7 @@ fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
         ))
         .help("a flight is verified from a whole record alone"));
     }
-    print(&format!("replay: {ticks} ticks, {values} values, identical\n{}", builds(&again.survey)))?;
+    print(&format!("replay: {ticks} ticks, {values} values, identical\n"))?;
     Ok(OK)
 }
 
