@@ -24,7 +24,7 @@ struct Place {
 
 impl Place {
     fn new() -> Self {
-        Self { directory: TempDir::new().unwrap() }
+        Self { directory: tempfile::tempdir_in("/dev/shm").unwrap() }
     }
 
     fn path(&self, name: &str) -> PathBuf {

@@ -56,7 +56,7 @@ pub struct Published {
 
 /// Settings with these lines of a settings file.
 pub fn settings(text: &str) -> Settings {
-    let file = tempfile::NamedTempFile::new().unwrap();
+    let file = tempfile::NamedTempFile::new_in("/dev/shm").unwrap();
     std::fs::write(file.path(), text).unwrap();
     Settings::resolve(Some(file.path()), &Vec::new()).unwrap()
 }
