@@ -27,6 +27,7 @@ impl WatchedLoop {
 
 impl InnerLaw for WatchedLoop {
     /// [`InnerLoop`]'s tick, with the monitor's block filled in.
+    #[inline]
     fn tick(&mut self, tick: u64, state: &Dated<State>, setpoint: &Dated<Setpoint>) -> Wrench {
         let wrench = self.law.tick(tick, state, setpoint);
         Wrench { monitor: self.monitor.watch(tick, state, &wrench), ..wrench }

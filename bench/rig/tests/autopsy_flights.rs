@@ -49,6 +49,7 @@ fn counted(rig: &Rig, class: &str, stage: Option<&str>) -> u64 {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn a_stopped_mixer_is_found_and_the_report_says_so() {
     let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
     let rig = Rig::new("stopped");
@@ -70,6 +71,7 @@ fn a_stopped_mixer_is_found_and_the_report_says_so() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn a_killed_mixer_is_found() {
     let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
     let rig = Rig::new("killed");
@@ -86,6 +88,7 @@ fn a_killed_mixer_is_found() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn loops_that_somebody_keeps_from_the_processor_were_preempted() {
     let rig = Rig::new("taken");
     if role::rt::fifo_refusal(99).is_some() {
@@ -137,6 +140,7 @@ impl Drop for Freezer {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn loops_that_are_frozen_together_look_like_a_stall_and_a_single_one_like_a_late_wake_up() {
     let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
     let rig = Rig::new("frozen");
@@ -245,6 +249,7 @@ fn troubled_mixer() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn a_mixer_that_computes_long_or_faults_and_an_input_that_is_not_heard_are_told_apart() {
     let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
     let rig = Rig::new("troubled");

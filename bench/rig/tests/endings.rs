@@ -35,6 +35,7 @@ fn assert_interrupted(rig: &Rig, ended: Ended) {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn an_interrupted_launcher_ends_the_flight_in_order() {
     for signal in [Signal::INT, Signal::TERM] {
         let rig = Rig::new("interrupted");
@@ -77,6 +78,7 @@ fn a_second_signal_ends_at_once_what_the_first_one_cannot() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn roles_end_with_a_killed_launcher_and_the_next_flight_is_free() {
     let rig = Rig::new("orphans");
     let flight = in_the_air(&rig);
@@ -100,6 +102,7 @@ fn roles_end_with_a_killed_launcher_and_the_next_flight_is_free() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn a_flight_that_is_over_before_the_recorder_looks_is_reported_whole() {
     let rig = Rig::new("over");
     let flight = rig.start("fly", &["--rt", "off", "--config", &rig.slow(5), "--duration", "50ms"]);
@@ -125,6 +128,7 @@ fn a_flight_that_is_over_before_the_recorder_looks_is_reported_whole() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn a_killed_role_aborts_the_flight_and_is_named() {
     for role in ["plant", "inner", "record"] {
         let rig = Rig::new("killed");
@@ -187,6 +191,7 @@ fn clean_removes_and_names_what_killed_processes_left() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn a_flight_after_killed_processes_needs_no_cleaning() {
     let rig = Rig::new("phoenix");
     kill_all(in_the_air(&rig));
@@ -197,6 +202,7 @@ fn a_flight_after_killed_processes_needs_no_cleaning() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn cleaning_beside_a_flight_leaves_it_alone() {
     let rig = Rig::new("cleaned");
     let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(20), "--duration", "100ms"]);

@@ -3,6 +3,8 @@
 
 mod rig;
 
+use std::io::Write as _;
+
 use rig::{Ended, Rig, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -19,6 +21,10 @@ fn without_a_miss(rig: &Rig, mut fly: impl FnMut(u64)) {
         let stale: u64 = ["outer", "inner", "mixer"].map(|role| stale_or_skipped(&report["roles"][role])).iter().sum();
         let (missed, skipped) = (number("deadlines", "missed"), number("ticks", "skipped"));
         if (missed, skipped, stale) == (0, 0, 0) {
+            // Past the harness, which shows what a test prints when it fails alone.
+            if !late.is_empty() {
+                let _ = writeln!(std::io::stderr().lock(), "TRIES {}: {}", late.len() + 1, late.join("; "));
+            }
             return;
         }
         late.push(format!("{missed} missed, {skipped} skipped, {stale} stale with ticks of {slowdown} ms"));
@@ -76,6 +82,7 @@ fn a_flight_without_misses_is_the_simulated_one_byte_for_byte() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn with_the_papers_gains_a_fault_and_gyro_noise_it_is_still_the_simulated_one() {
     let options = ["--preset", "paper", "--trajectory", "fast"];
     let faults = ["--fault", "gyro_noise_rad_s=0.02@tick7", "--fault", "rotational_drag_nm_s=0.525,mass_kg=0.6@60ms"];
@@ -83,6 +90,7 @@ fn with_the_papers_gains_a_fault_and_gyro_noise_it_is_still_the_simulated_one() 
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn with_soft_gains_and_weak_rotors_it_is_still_the_simulated_one() {
     let options = ["--preset", "soft", "--trajectory", "step", "--fault"];
     flies_as_simulated(
@@ -141,6 +149,7 @@ fn in_force(rig: &Rig, since_tick: u64) {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn parameters_swapped_by_another_process_hold_from_the_tick_that_it_is_told() {
     let rig = Rig::new("inject");
     let states = rig.file("flown.csv");
@@ -183,6 +192,7 @@ fn where_nobody_flies_inject_and_params_say_so() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn the_report_of_a_flight_in_the_air_says_so() {
     let rig = Rig::new("watched");
     let flight = rig.start("fly", &["--rt", "off", "--config", &rig.slow(20), "--duration", "250ms"]);
@@ -209,6 +219,7 @@ fn the_report_of_a_flight_in_the_air_says_so() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn two_instances_fly_side_by_side_and_a_third_launcher_is_turned_away() {
     let (left, right) = (Rig::new("left"), Rig::new("right"));
     let args = |rig: &Rig| ["--rt", "off", "--config", &rig.slow(20), "--duration", "200ms"].map(str::to_owned);
@@ -278,6 +289,7 @@ fn a_role_with_other_settings_than_the_plants_is_turned_away_and_the_right_one_m
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn what_the_system_grants_and_refuses_is_in_the_report() {
     let rig = Rig::new("prefer");
     let args = ["--rt", "prefer", "--config", &rig.slow(5), "--duration", "100ms", "--max-miss-rate", "1000000"];

@@ -46,6 +46,7 @@ fn await_tick(rig: &Rig, tick: u64) {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn a_flight_that_nobody_controls_is_reported_as_far_from_its_reference_as_it_was() {
     for role in ["inner", "mixer"] {
         let rig = Rig::new("uncontrolled");
@@ -92,6 +93,7 @@ fn late_commands(report: &Report) -> u64 {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn an_outage_that_ends_a_flight_is_late_until_its_end() {
     let rig = Rig::new("tail");
     let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(10), "--duration", "400ms"]);
@@ -120,6 +122,7 @@ fn loops(rig: &Rig, options: &[&str]) -> [Running; 4] {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn what_stages_do_after_the_plants_death_is_no_part_of_the_flight() {
     let rig = Rig::new("orphaned");
     let config = rig.slow(2);
@@ -140,6 +143,7 @@ fn what_stages_do_after_the_plants_death_is_no_part_of_the_flight() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn a_recorder_that_saw_half_a_flight_says_so_and_so_does_the_one_that_died() {
     let rig = Rig::new("half");
     let config = rig.slow(2);

@@ -44,6 +44,7 @@ fn a_flight_whose_signals_were_blocked_or_ignored_passes_and_ends() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn a_signal_ends_a_flight_that_was_started_with_it_blocked() {
     for signal in [Signal::TERM, Signal::INT] {
         let rig = Rig::new("deaf-end");

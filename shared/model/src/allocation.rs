@@ -26,6 +26,7 @@ impl Allocation {
     /// A: columns are rotors; rows thrust [N/N] and torque about x, y, z [N m/N].
     #[must_use]
     #[rustfmt::skip]
+    #[inline]
     pub fn matrix(&self) -> Matrix4<f64> {
         let Self { c, kappa } = *self;
         Matrix4::new(
@@ -38,6 +39,7 @@ impl Allocation {
 
     /// Thrust u [N] and torque tau [N m] of the rotor thrusts f [N]: A f.
     #[must_use]
+    #[inline]
     pub fn wrench(&self, f: &Vector4<f64>) -> (f64, Vector3<f64>) {
         let w = self.matrix() * f;
         (w.x, Vector3::new(w.y, w.z, w.w))
@@ -46,6 +48,7 @@ impl Allocation {
     /// Rotor thrusts [N] that give thrust u [N] and torque tau [N m]: the rows of A are orthogonal, so its
     /// inverse is its transpose with rows scaled. Infinite or NaN where kappa is 0 and `tau.z` is not.
     #[must_use]
+    #[inline]
     pub fn thrusts(&self, u: f64, tau: &Vector3<f64>) -> Vector4<f64> {
         let roll = tau.x / (4.0 * self.c);
         let pitch = tau.y / (4.0 * self.c);
@@ -62,6 +65,7 @@ impl Allocation {
 
 /// (4): net rotor speed Om [rad/s] that the gyroscopic term sees.
 #[must_use]
+#[inline]
 pub fn net_speed(w: &Vector4<f64>) -> f64 {
     w.x - w.y + w.z - w.w
 }

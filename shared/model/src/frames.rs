@@ -10,6 +10,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 /// J1: rotates a vector from the body into the world frame, `v_w = rot_wb * v_b`.
 #[must_use]
 #[rustfmt::skip]
+#[inline]
 pub fn rot_wb(eta2: &Vector3<f64>) -> Matrix3<f64> {
     let (s_phi, c_phi) = eta2.x.sin_cos();
     let (s_th, c_th) = eta2.y.sin_cos();
@@ -23,6 +24,7 @@ pub fn rot_wb(eta2: &Vector3<f64>) -> Matrix3<f64> {
 
 /// The same rotation as a unit quaternion x, y, z, w.
 #[must_use]
+#[inline]
 pub fn quaternion_wb(eta2: &Vector3<f64>) -> [f64; 4] {
     UnitQuaternion::from_euler_angles(eta2.x, eta2.y, eta2.z).coords.into()
 }
@@ -30,6 +32,7 @@ pub fn quaternion_wb(eta2: &Vector3<f64>) -> [f64; 4] {
 /// J2: turns body rates into Euler-angle rates, `d(eta2) = J2 nu2`. Singular at a pitch of +-90 degrees.
 #[must_use]
 #[rustfmt::skip]
+#[inline]
 pub fn euler_rate_of_body_rate(eta2: &Vector3<f64>) -> Matrix3<f64> {
     let (s_phi, c_phi) = eta2.x.sin_cos();
     let (s_th, c_th) = eta2.y.sin_cos();
@@ -45,6 +48,7 @@ pub fn euler_rate_of_body_rate(eta2: &Vector3<f64>) -> Matrix3<f64> {
 /// W: turns Euler-angle rates into body rates, the inverse of J2.
 #[must_use]
 #[rustfmt::skip]
+#[inline]
 pub fn body_rate_of_euler_rate(eta2: &Vector3<f64>) -> Matrix3<f64> {
     let (s_phi, c_phi) = eta2.x.sin_cos();
     let (s_th, c_th) = eta2.y.sin_cos();
@@ -58,6 +62,7 @@ pub fn body_rate_of_euler_rate(eta2: &Vector3<f64>) -> Matrix3<f64> {
 /// dW/dt at the Euler angles `eta2` and their rates `d_eta2`.
 #[must_use]
 #[rustfmt::skip]
+#[inline]
 pub fn body_rate_of_euler_rate_dot(eta2: &Vector3<f64>, d_eta2: &Vector3<f64>) -> Matrix3<f64> {
     let (s_phi, c_phi) = eta2.x.sin_cos();
     let (s_th, c_th) = eta2.y.sin_cos();
@@ -71,6 +76,7 @@ pub fn body_rate_of_euler_rate_dot(eta2: &Vector3<f64>, d_eta2: &Vector3<f64>) -
 
 /// Brings an angle into [-pi, pi).
 #[must_use]
+#[inline]
 pub fn wrap(angle_rad: f64) -> f64 {
     if (-PI..PI).contains(&angle_rad) {
         return angle_rad;

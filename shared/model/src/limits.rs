@@ -23,12 +23,14 @@ impl Default for RotorLimits {
 impl RotorLimits {
     /// f_min: thrust of one rotor at its smallest speed [N], by (6); `k` is the thrust coefficient [N s^2].
     #[must_use]
+    #[inline]
     pub fn f_min(&self, k: f64) -> f64 {
         k * self.min_rad_s * self.min_rad_s
     }
 
     /// f_max: thrust of one rotor at its largest speed [N], by (6); `k` is the thrust coefficient [N s^2].
     #[must_use]
+    #[inline]
     pub fn f_max(&self, k: f64) -> f64 {
         k * self.max_rad_s * self.max_rad_s
     }

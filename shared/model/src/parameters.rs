@@ -105,12 +105,14 @@ pub const SPECS: [Spec; PARAMETERS] = [
 impl Parameter {
     /// What is known about it.
     #[must_use]
+    #[inline]
     pub const fn spec(self) -> &'static Spec {
         &SPECS[self as usize]
     }
 
     /// Its name with unit, as typed by the user.
     #[must_use]
+    #[inline]
     pub const fn name(self) -> &'static str {
         self.spec().name
     }
@@ -203,6 +205,7 @@ impl Airframe {
 
     /// The value of a parameter, in its unit.
     #[must_use]
+    #[inline]
     pub const fn get(&self, parameter: Parameter) -> f64 {
         self.values[parameter as usize]
     }
@@ -218,72 +221,84 @@ impl Airframe {
 
     /// All values in the order of [`SPECS`].
     #[must_use]
+    #[inline]
     pub const fn values(&self) -> &[f64; PARAMETERS] {
         &self.values
     }
 
     /// m [kg].
     #[must_use]
+    #[inline]
     pub const fn m(&self) -> f64 {
         self.get(Parameter::Mass)
     }
 
     /// g [m/s^2].
     #[must_use]
+    #[inline]
     pub const fn g(&self) -> f64 {
         self.get(Parameter::Gravity)
     }
 
     /// k_t [kg/s].
     #[must_use]
+    #[inline]
     pub const fn k_t(&self) -> f64 {
         self.get(Parameter::TranslationalDrag)
     }
 
     /// k_r [N m s].
     #[must_use]
+    #[inline]
     pub const fn k_r(&self) -> f64 {
         self.get(Parameter::RotationalDrag)
     }
 
     /// l [m].
     #[must_use]
+    #[inline]
     pub const fn l(&self) -> f64 {
         self.get(Parameter::ArmLength)
     }
 
     /// k [N s^2].
     #[must_use]
+    #[inline]
     pub const fn k(&self) -> f64 {
         self.get(Parameter::ThrustCoefficient)
     }
 
     /// d [N m s^2].
     #[must_use]
+    #[inline]
     pub const fn d(&self) -> f64 {
         self.get(Parameter::DragFactor)
     }
 
     /// I_R [kg m^2].
     #[must_use]
+    #[inline]
     pub const fn i_r(&self) -> f64 {
         self.get(Parameter::RotorInertia)
     }
 
     /// Diagonal of I_M: I_x, I_y, I_z [kg m^2].
     #[must_use]
+    #[inline]
     pub const fn i_m(&self) -> [f64; 3] {
         [self.get(Parameter::InertiaX), self.get(Parameter::InertiaY), self.get(Parameter::InertiaZ)]
     }
 
     /// delta [rad/s^2].
     #[must_use]
+    #[inline]
     pub const fn delta(&self) -> f64 {
         self.get(Parameter::DisturbanceGain)
     }
 
     /// Efficiency of each rotor, 0 to 1.
     #[must_use]
+    #[inline]
     pub const fn rotor_efficiency(&self) -> [f64; ROTORS] {
         [
             self.get(Parameter::RotorEfficiency1),
@@ -295,18 +310,21 @@ impl Airframe {
 
     /// Time constant of the motors [s]; 0 is no lag.
     #[must_use]
+    #[inline]
     pub const fn motor_time_constant_s(&self) -> f64 {
         self.get(Parameter::MotorTimeConstant)
     }
 
     /// Standard deviation of the gyro noise [rad/s].
     #[must_use]
+    #[inline]
     pub const fn gyro_noise_rad_s(&self) -> f64 {
         self.get(Parameter::GyroNoise)
     }
 
     /// Speed of each rotor in hover, sqrt(m g / 4 k) [rad/s].
     #[must_use]
+    #[inline]
     pub fn hover_speed_rad_s(&self) -> f64 {
         (self.m() * self.g() / (4.0 * self.k())).sqrt()
     }

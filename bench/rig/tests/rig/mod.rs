@@ -356,3 +356,8 @@ fn children(pid: u32) -> Vec<u32> {
         .flat_map(|list| list.split(' ').filter_map(|n| n.parse().ok()).collect::<Vec<_>>())
         .collect()
 }
+
+/// Rounds of a soak.
+pub fn rounds() -> u64 {
+    std::env::var("IRONBIRD_ROUNDS").map_or(1, |rounds| rounds.parse().unwrap())
+}
