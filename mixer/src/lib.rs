@@ -1,7 +1,7 @@
 //! From thrust and torque to rotor speeds: (7) inverted, saturation by priority.
 //!
-//! [`mixer::Mixer`] is the stage: the process shell calls [`mixer::Mixer::tick`] once per tick. [`mix`] is the law.
-//! Neither knows a clock, a transport or an operating system; the process shell is [`process`].
+//! [`mixer::Mixer`] is the stage, which is asked once per tick ([`law::MixerLaw`]). [`mix`] is the law.
+//! Neither knows a clock, a transport or an operating system.
 
 pub mod mix;
 pub mod mixer;

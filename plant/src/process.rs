@@ -251,8 +251,9 @@ impl<'a> PlantProcess<'a> {
     fn wait_for_command(&mut self, tick: u64, station: &Station, opened: &Opened) -> Result<Option<u64>, Error> {
         let until_ns = now_ns() + LOCKSTEP_PATIENCE_NS;
         loop {
-            let now = now_ns();
             self.take_command(tick, Pace::Lockstep)?;
+            // After the port: a command is never taken before it was sent.
+            let now = now_ns();
             let is_there = tick == 0 || (self.commands.has_any() && self.commands.newest().envelope.tick + 1 >= tick);
             let recorded = opened.recorded_tick();
             if is_there && tick < recorded + RECORDER_LAG_TICKS {

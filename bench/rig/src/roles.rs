@@ -88,8 +88,16 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     let station = take_station(Role::Record, &args.role, &settings)?;
     let instance = station.wire().instance().clone();
     let made = match &args.run_dir {
-        Some(_) => None,
-        None => Some(RunDirectory::create(Path::new(&settings.recorder.out), &settings, &args.role.rt.instance)?),
+        Some(_) => Ok(None),
+        None => RunDirectory::create(Path::new(&settings.recorder.out), &settings, &args.role.rt.instance).map(Some),
+    };
+    let made = match made {
+        Ok(made) => made,
+        Err(failure) => {
+            drop(station);
+            leave(&instance, &args.role);
+            return Err(failure);
+        }
     };
     let directory = args.run_dir.as_ref().or(made.as_ref().map(|made| &made.path)).cloned().unwrap_or_default();
     let files = Files { directory: directory.clone(), states: args.recorder.states.clone() };

@@ -109,7 +109,7 @@ impl Instance {
         config.global.set_root_path(&path);
         config.global.prefix =
             FileName::new(self.prefix().as_bytes()).map_err(|_| invalid("not a name that iceoryx2 can use"))?;
-        // Dead nodes are reaped where it cannot touch the control path: by `Wire::new`, before any port exists.
+        // Dead nodes are reaped where it cannot touch the control path: by `Wire::open`, before any port exists.
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
