@@ -1,7 +1,7 @@
 //! Buffers writes to a disk that may be full or slow.
 //!
 //! A piece is written whole, waits, or is left out. A separate thread writes the pieces and has them synced every
-//! [`SYNC_EVERY`], so a disk that blocks holds nobody up.
+//! `SYNC_EVERY`, so a disk that blocks holds nobody up.
 //!
 //! ```text
 //!   keeping --the disk takes no more--> waiting --it does again--> keeping

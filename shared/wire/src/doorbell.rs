@@ -72,7 +72,7 @@ impl Wire {
     /// The deadline is a POSIX timer instead of the futex's time-out. Cancelling a time-out on every ring costs a VM
     /// exit if it is its processor's next timer (docs/decisions/0005-wake-by-futex.md). The price is one more system
     /// call per wait, and the signal: a process has one such doorbell. If the signal is blocked, the wait ends
-    /// [`BACK_STOP_NS`] after its instant.
+    /// `BACK_STOP_NS` after its instant.
     ///
     /// # Errors
     /// [`Error::System`].
