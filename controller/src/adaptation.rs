@@ -14,7 +14,7 @@
 use model::rate_dynamics::{coupling, disturbance, regressor};
 use nalgebra::{Cholesky, Matrix3, Vector3};
 
-use crate::settings::Settings;
+use crate::settings::LoopSettings;
 
 /// The constants of the adaptation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,7 +66,7 @@ pub struct LastTick {
 impl Adaptation {
     /// The adaptation of settings.
     #[must_use]
-    pub fn new(settings: &Settings) -> Self {
+    pub fn new(settings: &LoopSettings) -> Self {
         let gains = &settings.gains;
         let w_e = gains.regressor_filter_rad_s;
         Self {

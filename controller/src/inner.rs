@@ -26,7 +26,7 @@ use crate::predictor::predict;
 use crate::rate_law::{RatePoint, sampled_gain, torque};
 use crate::rate_reference::rate_reference;
 use crate::samples::Samples;
-use crate::settings::Settings;
+use crate::settings::LoopSettings;
 
 /// How long an input may be missing before the loop falls back [s].
 const HOLD_S: f64 = 0.1;
@@ -34,7 +34,7 @@ const HOLD_S: f64 = 0.1;
 /// The inner loop: filter, estimates, and the last sample.
 #[derive(Clone, Debug)]
 pub struct InnerLoop {
-    settings: Settings,
+    settings: LoopSettings,
     adaptation: Adaptation,
     i_m: Vector3<f64>,
     k_eta: Vector3<f64>,
@@ -53,7 +53,7 @@ pub struct InnerLoop {
 impl InnerLoop {
     /// A loop for settings that passed [`Settings::check`]; its estimates are the priors.
     #[must_use]
-    pub fn new(settings: &Settings) -> Self {
+    pub fn new(settings: &LoopSettings) -> Self {
         let gains = &settings.gains;
         let adaptation = Adaptation::new(settings);
         Self {

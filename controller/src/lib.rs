@@ -32,6 +32,6 @@ pub use gains::{Gains, Preset};
 pub use inner::InnerLoop;
 pub use monitor::TheoremMonitor;
 pub use outer::OuterLoop;
-pub use settings::{Limits, Settings, SettingsError};
+pub use settings::{Limits, LoopSettings, SettingsError};
 pub use trajectory::{Reference, Trajectory};
 pub use watched::WatchedLoop;

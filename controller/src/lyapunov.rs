@@ -29,7 +29,7 @@ pub fn v_th_change(before: &Vector3<f64>, after: &Vector3<f64>, gamma: &Vector3<
 
 /// The weights of one step of the estimates, given the filtered regressor X.
 #[derive(Clone, Debug)]
-pub struct Step {
+pub struct EstimateStep {
     /// s = T/alpha [s^2].
     step_s2: f64,
     /// sqrt(s) X Gamma^1/2, without unit.
@@ -38,7 +38,7 @@ pub struct Step {
     weight: Cholesky<f64, Const<3>>,
 }
 
-impl Step {
+impl EstimateStep {
     /// The step of an adaptation at X; none where W is not finite.
     #[must_use]
     pub fn new(adaptation: &Adaptation, x: &Matrix3<f64>) -> Option<Self> {
@@ -100,7 +100,7 @@ impl RateWeight {
     }
 
     /// Takes a step in: sigma holds for every step so far, so it can only fall.
-    pub fn take(&mut self, step: &Step) {
+    pub fn take(&mut self, step: &EstimateStep) {
         self.n_max = self.n_max.max(step.size());
     }
 

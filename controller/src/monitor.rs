@@ -20,9 +20,9 @@ use nalgebra::{Matrix3, Vector3};
 use crate::adaptation::{Adaptation, LastTick};
 use crate::assumptions::Assumptions;
 use crate::excitation::Excitation;
-use crate::lyapunov::{RateWeight, Step, v_th, v_th_change};
+use crate::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
 use crate::samples::Samples;
-use crate::settings::Settings;
+use crate::settings::LoopSettings;
 
 /// Rise of V_th in a step that counts as rounding, as a share of V_th at the start.
 pub const ROUNDING: f64 = 1e-12;
@@ -77,7 +77,7 @@ struct Before {
 impl TheoremMonitor {
     /// A monitor for a law with these settings.
     #[must_use]
-    pub fn new(settings: &Settings) -> Self {
+    pub fn new(settings: &LoopSettings) -> Self {
         let adaptation = Adaptation::new(settings);
         let period_s = settings.period_s;
         Self {
@@ -196,7 +196,7 @@ impl TheoremMonitor {
     ) {
         let (gamma, cause) = (self.adaptation.gamma, self.assumptions.cause_of_rise(tick));
         (self.x, self.y) = self.adaptation.filter(&self.x, &self.y, last);
-        let Some(step) = Step::new(&self.adaptation, &self.x) else {
+        let Some(step) = EstimateStep::new(&self.adaptation, &self.x) else {
             now.v_th = f64::NAN;
             return;
         };

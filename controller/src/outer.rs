@@ -15,19 +15,19 @@ use model::parameters::Airframe;
 use nalgebra::Vector3;
 
 use crate::flatness::{TiltRates, Yaw, tilt, tilt_rates};
-use crate::settings::{Limits, Settings};
+use crate::settings::{Limits, LoopSettings};
 use crate::trajectory::Reference;
 
 /// The outer loop. It keeps nothing from one tick to the next.
 #[derive(Clone, Debug)]
 pub struct OuterLoop {
-    settings: Settings,
+    settings: LoopSettings,
 }
 
 impl OuterLoop {
     /// A loop for settings that passed [`Settings::check`].
     #[must_use]
-    pub const fn new(settings: &Settings) -> Self {
+    pub const fn new(settings: &LoopSettings) -> Self {
         Self { settings: *settings }
     }
 }
@@ -38,7 +38,7 @@ impl OuterLaw for OuterLoop {
         if state.tick != tick {
             return None;
         }
-        let Settings { period_s, trajectory, gains, limits, rotor, model } = &self.settings;
+        let LoopSettings { period_s, trajectory, gains, limits, rotor, model } = &self.settings;
         let reference = trajectory.reference(tick as f64 * period_s);
         let position = Vector3::from(state.content.position_w_m);
         let velocity = Vector3::from(state.content.velocity_w_m_s);

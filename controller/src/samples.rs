@@ -8,7 +8,7 @@ use model::messages::{ROTORS, State};
 use nalgebra::Vector3;
 
 use crate::adaptation::LastTick;
-use crate::settings::Settings;
+use crate::settings::LoopSettings;
 
 /// The newest measured body rates, and the nominal rotors between them and the ones before.
 #[derive(Clone, Debug)]
@@ -24,7 +24,7 @@ pub struct Samples {
 impl Samples {
     /// Before the first sample.
     #[must_use]
-    pub fn new(settings: &Settings) -> Self {
+    pub fn new(settings: &LoopSettings) -> Self {
         Self {
             period_s: settings.period_s,
             allocation: Allocation::new(&settings.model),

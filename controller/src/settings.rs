@@ -31,7 +31,7 @@ impl Default for Limits {
 /// Everything that the two loops are told before a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Settings {
+pub struct LoopSettings {
     /// T, length of a tick [s].
     pub period_s: f64,
     /// What to fly.
@@ -120,7 +120,7 @@ pub enum SettingsError {
 /// Delay of the chain that must be survived: one tick by design, and one more for a late command.
 const CHAIN_DELAY_TICKS: u32 = 2;
 
-impl Settings {
+impl LoopSettings {
     /// A trajectory with the gains of a preset; nominal airframe and limits, 1 kHz.
     #[must_use]
     pub fn new(trajectory: Trajectory, preset: Preset) -> Self {

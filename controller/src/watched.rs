@@ -8,7 +8,7 @@ use model::messages::{Dated, Setpoint, State, Wrench};
 
 use crate::inner::InnerLoop;
 use crate::monitor::TheoremMonitor;
-use crate::settings::Settings;
+use crate::settings::LoopSettings;
 
 /// An inner loop that is watched.
 #[derive(Clone, Debug)]
@@ -20,7 +20,7 @@ pub struct WatchedLoop {
 impl WatchedLoop {
     /// The loop and the monitor of settings that passed [`Settings::check`].
     #[must_use]
-    pub fn new(settings: &Settings) -> Self {
+    pub fn new(settings: &LoopSettings) -> Self {
         Self { law: InnerLoop::new(settings), monitor: TheoremMonitor::new(settings) }
     }
 }

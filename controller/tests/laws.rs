@@ -3,7 +3,7 @@
 use controller::adaptation::{Adaptation, LastTick, Learnt};
 use controller::command_filter::CommandFilter;
 use controller::outer::limit;
-use controller::{Limits, Preset, Settings, Trajectory};
+use controller::{Limits, LoopSettings, Preset, Trajectory};
 use model::rate_dynamics::{coupling, disturbance, regressor};
 use nalgebra::Vector3;
 use proptest::prelude::*;
@@ -105,7 +105,7 @@ proptest! {
         theta in (-1e-3..1e-3, 0.0..1.0, -2.0..2.0).prop_map(|(a, b, c)| Vector3::new(a, b, c)),
         flight in prop::collection::vec((-200.0..200.0, vector(0.3)), 200),
     ) {
-        let adaptation = Adaptation::new(&Settings::new(Trajectory::Hover, preset));
+        let adaptation = Adaptation::new(&LoopSettings::new(Trajectory::Hover, preset));
         let mut learnt = adaptation.prior();
         let start = v_th(&adaptation, &learnt, &theta);
         let mut before = start;
@@ -131,7 +131,7 @@ proptest! {
         preset in select(&Preset::ALL),
         ticks in prop::collection::vec((-1e3..1e3, vector(50.0), vector(50.0), vector(5.0)), 50),
     ) {
-        let adaptation = Adaptation::new(&Settings::new(Trajectory::Hover, preset));
+        let adaptation = Adaptation::new(&LoopSettings::new(Trajectory::Hover, preset));
         let mut learnt = adaptation.prior();
         for (tick, (om_m, nu2_start, nu2_end, tau_m)) in ticks.into_iter().enumerate() {
             let t_start_s = tick as f64 * adaptation.period_s;

@@ -1,11 +1,11 @@
 //! Settings: what is refused and why, and that they survive being written out.
 
 use controller::settings::loop_gain_limit;
-use controller::{Preset, Settings, SettingsError, Trajectory};
+use controller::{LoopSettings, Preset, SettingsError, Trajectory};
 use proptest::prelude::*;
 
-fn flight() -> Settings {
-    Settings::new(Trajectory::Lissajous, Preset::Flight)
+fn flight() -> LoopSettings {
+    LoopSettings::new(Trajectory::Lissajous, Preset::Flight)
 }
 
 #[test]
@@ -13,14 +13,14 @@ fn every_preset_flies_every_trajectory() {
     for preset in Preset::ALL {
         assert_eq!(preset.name().parse(), Ok(preset));
         for trajectory in Trajectory::ALL {
-            assert_eq!(Settings::new(trajectory, preset).check(), Ok(()));
+            assert_eq!(LoopSettings::new(trajectory, preset).check(), Ok(()));
         }
     }
 }
 
 #[test]
 fn each_value_out_of_range_is_refused_by_name() {
-    type Change = fn(&mut Settings, f64);
+    type Change = fn(&mut LoopSettings, f64);
     let changes: [(&str, Change); 15] = [
         ("period_s", |s, x| s.period_s = x),
         ("gains.position_1_s2", |s, x| s.gains.position_1_s2 = x),
@@ -79,7 +79,7 @@ fn rotors_that_cannot_carry_the_airframe_are_refused() {
 
 #[test]
 fn a_predictor_of_another_depth_is_refused() {
-    let mut settings = Settings::new(Trajectory::Hover, Preset::Paper);
+    let mut settings = LoopSettings::new(Trajectory::Hover, Preset::Paper);
     for ticks in [2, u32::MAX] {
         settings.gains.predictor_ticks = ticks;
         assert_eq!(settings.check(), Err(SettingsError::PredictorDepth(ticks)));
@@ -164,9 +164,9 @@ proptest! {
         settings.gains.adaptation = adaptation;
         settings.limits.tilt_max_rad = tilt;
         let text = toml::to_string(&settings).unwrap();
-        prop_assert_eq!(toml::from_str::<Settings>(&text).unwrap(), settings);
+        prop_assert_eq!(toml::from_str::<LoopSettings>(&text).unwrap(), settings);
         let text = serde_json::to_string(&settings).unwrap();
-        prop_assert_eq!(serde_json::from_str::<Settings>(&text).unwrap(), settings);
+        prop_assert_eq!(serde_json::from_str::<LoopSettings>(&text).unwrap(), settings);
     }
 }
 
@@ -174,6 +174,6 @@ proptest! {
 fn an_unknown_key_is_refused() {
     let text = toml::to_string(&flight()).unwrap();
     let text = text.replace("alpha_1_s", "alpha");
-    let error = toml::from_str::<Settings>(&text).unwrap_err().to_string();
+    let error = toml::from_str::<LoopSettings>(&text).unwrap_err().to_string();
     assert!(error.contains("unknown field `alpha`"), "{error}");
 }

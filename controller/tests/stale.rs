@@ -1,6 +1,6 @@
 //! What both loops do with inputs that are late, missing, or back again.
 
-use controller::{InnerLoop, OuterLoop, Preset, Settings, Trajectory, WatchedLoop};
+use controller::{InnerLoop, LoopSettings, OuterLoop, Preset, Trajectory, WatchedLoop};
 use law::{InnerLaw as _, OuterLaw as _};
 use model::messages::{Dated, Mode, NO_TICK, Setpoint, State, Truth, Wrench};
 use model::monitor::Monitor;
@@ -8,8 +8,8 @@ use model::parameters::PARAMETERS;
 
 const HOLD_TICKS: u64 = 100;
 
-fn settings() -> Settings {
-    Settings::new(Trajectory::Lissajous, Preset::Flight)
+fn settings() -> LoopSettings {
+    LoopSettings::new(Trajectory::Lissajous, Preset::Flight)
 }
 
 fn dated<T>(tick: u64, content: T) -> Dated<T> {

@@ -2,8 +2,8 @@
 
 use controller::adaptation::{Adaptation, LastTick};
 use controller::excitation::Excitation;
-use controller::lyapunov::{RateWeight, Step, v_th, v_th_change};
-use controller::{InnerLoop, Preset, Settings, TheoremMonitor, Trajectory, WatchedLoop};
+use controller::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
+use controller::{InnerLoop, LoopSettings, Preset, TheoremMonitor, Trajectory, WatchedLoop};
 use law::InnerLaw as _;
 use model::messages::{Dated, Setpoint, State, Truth, Wrench};
 use model::monitor::{Cause, Monitor};
@@ -21,7 +21,7 @@ fn theta() -> impl Strategy<Value = Vector3<f64>> {
 }
 
 fn adaptation(preset: Preset) -> Adaptation {
-    Adaptation::new(&Settings::new(Trajectory::Hover, preset))
+    Adaptation::new(&LoopSettings::new(Trajectory::Hover, preset))
 }
 
 proptest! {
@@ -38,7 +38,7 @@ proptest! {
             let t_start_s = tick as f64 * adaptation.period_s;
             let last = LastTick { nu2_start, nu2_end, t_start_s, t_end_s: t_start_s + adaptation.period_s, om_m, tau_m };
             let next = adaptation.step(&learnt, &last);
-            let step = Step::new(&adaptation, &next.x).unwrap();
+            let step = EstimateStep::new(&adaptation, &next.x).unwrap();
             let zb = step.left_of(&(next.y - next.x * learnt.theta));
             let mismatch = next.y - next.x * theta;
             let change = v_th_change(&(learnt.theta - theta), &(next.theta - theta), &adaptation.gamma);
@@ -59,14 +59,14 @@ proptest! {
         e in vector(1.0),
         ticks in prop::collection::vec(prop::array::uniform3(vector(50.0)), 30),
     ) {
-        let mut settings = Settings::new(Trajectory::Hover, Preset::Flight);
+        let mut settings = LoopSettings::new(Trajectory::Hover, Preset::Flight);
         settings.gains.alpha_1_s = alpha_1_s;
         settings.gains.regressor_filter_rad_s = 0.0;
         let adaptation = Adaptation::new(&settings);
         let (s, a) = (adaptation.step_s2, (-alpha_1_s * settings.period_s).exp());
         let gamma = Matrix3::from_diagonal(&adaptation.gamma);
         let steps: Vec<_> =
-            ticks.iter().map(|columns| Step::new(&adaptation, &Matrix3::from_columns(columns)).unwrap()).collect();
+            ticks.iter().map(|columns| EstimateStep::new(&adaptation, &Matrix3::from_columns(columns)).unwrap()).collect();
         // Nmax holds along the whole flight.
         let mut weight = RateWeight::new(&adaptation);
         steps.iter().for_each(|step| weight.take(step));
@@ -99,7 +99,7 @@ proptest! {
         let mut scaled = error;
         for columns in &ticks {
             let x = Matrix3::from_columns(columns);
-            let step = Step::new(&adaptation, &x).unwrap();
+            let step = EstimateStep::new(&adaptation, &x).unwrap();
             let ahead = scaled.component_mul(&root);
             let moved = adaptation.step_s2 * Matrix3::from_diagonal(&adaptation.gamma) * x.transpose();
             scaled = (ahead + moved * step.left_of(&(-x * ahead))).component_div(&root);
@@ -158,7 +158,7 @@ fn setpoint(tick: u64) -> Dated<Setpoint> {
 
 #[test]
 fn a_truth_beyond_numbers_is_a_violation_and_never_an_infinite_wrench() {
-    let settings = Settings::new(Trajectory::Hover, Preset::Flight);
+    let settings = LoopSettings::new(Trajectory::Hover, Preset::Flight);
     let mut watched = WatchedLoop::new(&settings);
     let mut last = Monitor::default();
     for tick in 0..30 {
@@ -171,7 +171,7 @@ fn a_truth_beyond_numbers_is_a_violation_and_never_an_infinite_wrench() {
 
 #[test]
 fn estimates_that_move_against_their_samples_are_unexplained() {
-    let settings = Settings::new(Trajectory::Hover, Preset::Flight);
+    let settings = LoopSettings::new(Trajectory::Hover, Preset::Flight);
     let mut airframe = Airframe::nominal();
     airframe.set(Parameter::DisturbanceGain, 0.0).unwrap();
     // At rest, without a disturbance, nothing can be learnt. From 0, these lead away from the truth.
@@ -194,7 +194,7 @@ fn estimates_that_move_against_their_samples_are_unexplained() {
 
 #[test]
 fn a_stale_state_is_counted_and_changes_nothing_else() {
-    let settings = Settings::new(Trajectory::Hover, Preset::Flight);
+    let settings = LoopSettings::new(Trajectory::Hover, Preset::Flight);
     let mut watched = WatchedLoop::new(&settings);
     let nominal = *Airframe::nominal().values();
     for tick in 0..10 {

@@ -7,7 +7,7 @@ use controller::outer::{thrust, thrust_acceleration};
 use controller::predictor::predict;
 use controller::rate_law::{RatePoint, sampled_gain, torque};
 use controller::rate_reference::{RateReference, rate_reference};
-use controller::{Preset, Settings, Trajectory};
+use controller::{LoopSettings, Preset, Trajectory};
 use model::parameters::Airframe;
 use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
@@ -152,7 +152,7 @@ fn adapt_flight() {
 }
 
 fn check_adaptation(preset: Preset, case: &Value, tolerance: f64) {
-    let adaptation = Adaptation::new(&Settings::new(Trajectory::Hover, preset));
+    let adaptation = Adaptation::new(&LoopSettings::new(Trajectory::Hover, preset));
     assert_eq!(adaptation.gamma, vector(&case["Gamma"]));
     assert_eq!(adaptation.step_s2, number(&case["T"]) / number(&case["alpha"]));
     assert_eq!(adaptation.lo, vector(&case["lo"]));

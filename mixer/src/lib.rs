@@ -6,4 +6,4 @@
 pub mod mix;
 pub mod mixer;
 
-pub use crate::mixer::{Mixer, Settings};
+pub use crate::mixer::{Mixer, MixerSettings};

@@ -36,7 +36,7 @@ pub const IDLE_AFTER_S: f64 = 0.050;
 
 /// What a mixer is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct MixerSettings {
     /// Length of a tick, T [s].
     pub period_s: f64,
     /// Nominal parameters: the mixer does not learn what is swapped in flight.
@@ -62,8 +62,8 @@ pub struct Mixer {
 impl Mixer {
     /// A mixer for the nominal airframe.
     #[must_use]
-    pub fn new(settings: &Settings) -> Self {
-        let Settings { period_s, model, rotor } = settings;
+    pub fn new(settings: &MixerSettings) -> Self {
+        let MixerSettings { period_s, model, rotor } = settings;
         let k = model.k();
         let ticks = |time_s: f64| (time_s / period_s).round().max(1.0) as u64;
         let idle_after_ticks = ticks(IDLE_AFTER_S);

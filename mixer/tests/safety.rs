@@ -2,13 +2,13 @@
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use law::MixerLaw as _;
-use mixer::{Mixer, Settings};
+use mixer::{Mixer, MixerSettings};
 use model::limits::RotorLimits;
 use model::messages::{Dated, Mode, NO_TICK, RotorSpeeds, Wrench};
 use model::parameters::Airframe;
 
-fn settings() -> Settings {
-    Settings { period_s: 0.001, model: Airframe::nominal(), rotor: RotorLimits::default() }
+fn settings() -> MixerSettings {
+    MixerSettings { period_s: 0.001, model: Airframe::nominal(), rotor: RotorLimits::default() }
 }
 
 fn wrench(tick: u64) -> Dated<Wrench> {
@@ -79,14 +79,14 @@ fn the_inner_loops_own_mode_changes_nothing_but_idle() {
 
 #[test]
 fn ages_are_ticks_of_any_length() {
-    let mut mixer = Mixer::new(&Settings { period_s: 0.005, ..settings() });
+    let mut mixer = Mixer::new(&MixerSettings { period_s: 0.005, ..settings() });
     assert_eq!(mixer.tick(9, &wrench(0)).mode, Mode::Fallback as u64);
     assert_idle(&mixer.tick(10, &wrench(0)));
 }
 
 /// Ages in ticks at which a wrench is no longer held, and at which the rotors idle.
 fn windows(period_s: f64) -> (u64, u64) {
-    let mut mixer = Mixer::new(&Settings { period_s, ..settings() });
+    let mut mixer = Mixer::new(&MixerSettings { period_s, ..settings() });
     let mut first = |mode: Mode| (1..1000).find(|age| mixer.tick(*age, &wrench(0)).mode == mode as u64).unwrap();
     (first(Mode::Fallback), first(Mode::Idle))
 }

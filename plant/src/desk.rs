@@ -15,7 +15,7 @@ use model::parameters::{PARAMETERS, Parameter, ParameterError};
 use wire::clock::now_ns;
 use wire::error::Error;
 use wire::instance::Instance;
-use wire::{Owner, Sender, SwapAnswer, SwapCall, SwapOrder, Verdict, Wire};
+use wire::{Owner, Sender, SwapAnswer, SwapCall, SwapOrder, SwapOutcome, Wire};
 
 use crate::process::{INBOX, OUTBOX};
 use crate::swap::{AppliedSwap, Swap, SwapError};
@@ -27,7 +27,7 @@ const BUSY_NS: u64 = 1_000_000;
 
 /// A swap on its way to the loop.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Order {
+pub struct SwapRequest {
     /// Tick from which it shall hold; `None` counts from the present one.
     pub tick: Option<u64>,
     /// With no tick: how many ticks from the present one.
@@ -63,7 +63,7 @@ pub fn serve(
     instance: &Instance,
     ready: &mpsc::Sender<()>,
     opened: &mpsc::Receiver<(Expected, u64)>,
-    orders: Producer<'_, Order>,
+    orders: Producer<'_, SwapRequest>,
     events: Consumer<'_, Event>,
 ) -> Result<(), Error> {
     let wire = Wire::open(instance)?;
@@ -93,7 +93,7 @@ pub fn serve(
 
 struct Desk<'a> {
     records: Sender<SwapRecord>,
-    orders: Producer<'a, Order>,
+    orders: Producer<'a, SwapRequest>,
     events: Consumer<'a, Event>,
     /// Callers whose swaps have not come to hold yet, by ticket.
     waiting: heapless::Vec<(u64, SwapCall), INBOX>,
@@ -107,7 +107,7 @@ impl Desk<'_> {
             Err(reason) => return call.answer(refusal(&reason, 0)),
         };
         self.ticket += 1;
-        let order = Order { swap: Swap { ticket: self.ticket, ..order.swap }, ..order };
+        let order = SwapRequest { swap: Swap { ticket: self.ticket, ..order.swap }, ..order };
         if let Err((_, call)) = self.waiting.push((self.ticket, call)) {
             return call.answer(refusal(&SwapError::Full, 0));
         }
@@ -132,7 +132,7 @@ impl Desk<'_> {
                 self.answer(
                     applied.ticket,
                     SwapAnswer {
-                        verdict: Verdict::Applied as u64,
+                        verdict: SwapOutcome::Applied as u64,
                         tick: applied.tick,
                         parameter_epoch: applied.epoch,
                         parameter: 0,
@@ -148,7 +148,7 @@ impl Desk<'_> {
     fn dismiss(&mut self) {
         while let Some((_, call)) = self.waiting.pop() {
             call.answer(SwapAnswer {
-                verdict: Verdict::Ended as u64,
+                verdict: SwapOutcome::Ended as u64,
                 tick: 0,
                 parameter_epoch: 0,
                 parameter: 0,
@@ -159,7 +159,7 @@ impl Desk<'_> {
 }
 
 /// An order of the wire as a swap that may be applied.
-fn read(order: &SwapOrder) -> Result<Order, SwapError> {
+fn read(order: &SwapOrder) -> Result<SwapRequest, SwapError> {
     let count = usize::try_from(order.count).unwrap_or(usize::MAX);
     let named = order.parameter.get(..count).ok_or(SwapError::Empty)?;
     let mut changes = heapless::Vec::<_, PARAMETERS>::new();
@@ -172,16 +172,16 @@ fn read(order: &SwapOrder) -> Result<Order, SwapError> {
     }
     let swap = Swap::new(0, &changes)?;
     let tick = (order.at_tick != NO_TICK).then_some(order.at_tick);
-    Ok(Order { tick, in_ticks: order.in_ticks, swap })
+    Ok(SwapRequest { tick, in_ticks: order.in_ticks, swap })
 }
 
 fn refusal(reason: &SwapError, tick: u64) -> SwapAnswer {
     let (verdict, parameter) = match reason {
-        SwapError::Empty => (Verdict::Malformed, 0),
-        SwapError::Twice { parameter } => (Verdict::Malformed, *parameter as u64),
-        SwapError::Value(ParameterError::Unknown { .. }) => (Verdict::UnknownParameter, 0),
-        SwapError::Value(ParameterError::OutOfRange { parameter, .. }) => (Verdict::OutOfRange, *parameter as u64),
-        SwapError::Full => (Verdict::QueueFull, 0),
+        SwapError::Empty => (SwapOutcome::Malformed, 0),
+        SwapError::Twice { parameter } => (SwapOutcome::Malformed, *parameter as u64),
+        SwapError::Value(ParameterError::Unknown { .. }) => (SwapOutcome::UnknownParameter, 0),
+        SwapError::Value(ParameterError::OutOfRange { parameter, .. }) => (SwapOutcome::OutOfRange, *parameter as u64),
+        SwapError::Full => (SwapOutcome::QueueFull, 0),
     };
     SwapAnswer { verdict: verdict as u64, tick, parameter_epoch: 0, parameter, old: [0.0; PARAMETERS] }
 }

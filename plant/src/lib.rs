@@ -14,5 +14,5 @@ pub mod rigid_body;
 pub mod rotors;
 pub mod swap;
 
-pub use crate::plant::{Departure, Plant, Settings};
+pub use crate::plant::{Departure, Plant, PlantSettings};
 pub use crate::swap::{AppliedSwap, Change, Swap, SwapError};

@@ -26,7 +26,7 @@ pub const PITCH_LIMIT_RAD: f64 = 80.0_f64.to_radians();
 
 /// What a plant is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct PlantSettings {
     /// Length of a tick, T [s].
     pub period_s: f64,
     /// True parameters at the start; swaps change them in flight.
@@ -86,8 +86,8 @@ pub enum Departure {
 impl Plant {
     /// A plant at tick 0: at rest in the origin, rotors at the hover speed of the airframe.
     #[must_use]
-    pub fn new(settings: &Settings) -> Self {
-        let Settings { period_s, airframe, rotor, seed } = *settings;
+    pub fn new(settings: &PlantSettings) -> Self {
+        let PlantSettings { period_s, airframe, rotor, seed } = *settings;
         let hover = hover(&airframe);
         Self {
             period_s,

@@ -20,9 +20,9 @@ use wire::clock::{Horizon as _, now_ns, sleep_until};
 use wire::error::Error;
 use wire::{Board, DEEP, Doorbell, Receiver, Sender, Wire};
 
-use crate::desk::{self, Event, Order};
+use crate::desk::{self, Event, SwapRequest};
 use crate::latch::pending_commands;
-use crate::plant::{Departure, Plant, Settings};
+use crate::plant::{Departure, Plant, PlantSettings};
 use crate::swap::{AppliedSwap, Swap};
 
 /// Orders that may lie between the desk and the loop.
@@ -41,8 +41,8 @@ const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 ///
 /// # Errors
 /// Those of the station and of the ports.
-pub fn run(mut station: Station, settings: &Settings, plan: FlightPlan, faults: &[Swap]) -> Result<(), Error> {
-    let mut inbox = Queue::<Order, INBOX>::new();
+pub fn run(mut station: Station, settings: &PlantSettings, plan: FlightPlan, faults: &[Swap]) -> Result<(), Error> {
+    let mut inbox = Queue::<SwapRequest, INBOX>::new();
     let mut outbox = Queue::<Event, OUTBOX>::new();
     let (orders_in, orders_out) = inbox.split();
     let (events_in, events_out) = outbox.split();
@@ -74,7 +74,7 @@ pub struct PlantProcess<'a> {
     /// Rung by the mixer in lockstep.
     doorbell: Doorbell,
     in_force: Board<InForce>,
-    orders: Consumer<'a, Order>,
+    orders: Consumer<'a, SwapRequest>,
     events: Producer<'a, Event>,
     previous_busy_ns: u64,
     ticks_run: u64,
@@ -87,9 +87,9 @@ impl<'a> PlantProcess<'a> {
     /// Those of the ports; [`Error::Absent`] where there are more faults than can be pending.
     pub fn new(
         wire: &Wire,
-        settings: &Settings,
+        settings: &PlantSettings,
         faults: &[Swap],
-        orders: Consumer<'a, Order>,
+        orders: Consumer<'a, SwapRequest>,
         events: Producer<'a, Event>,
     ) -> Result<Self, Error> {
         let mut plant = Plant::new(settings);
@@ -204,7 +204,7 @@ impl<'a> PlantProcess<'a> {
     ///
     /// # Errors
     /// Those of the ports.
-    pub fn tick(&mut self, tick: u64, wake_ns: u64, pace: Pace) -> Result<Worked, Error> {
+    pub fn tick(&mut self, tick: u64, wake_ns: u64, pace: Pace) -> Result<PlantTick, Error> {
         self.take_command(tick, pace)?;
         while let Some(order) = self.orders.dequeue() {
             self.schedule(order, tick);
@@ -224,7 +224,7 @@ impl<'a> PlantProcess<'a> {
         }
         self.hand_over_applied();
         self.plant.finish();
-        Ok(Worked { state, envelope })
+        Ok(PlantTick { state, envelope })
     }
 
     /// Offers every command that has come since the last look.
@@ -276,7 +276,7 @@ impl<'a> PlantProcess<'a> {
         }
     }
 
-    fn schedule(&mut self, order: Order, tick: u64) {
+    fn schedule(&mut self, order: SwapRequest, tick: u64) {
         let wanted = order.tick.unwrap_or_else(|| tick.saturating_add(order.in_ticks));
         let swap = Swap { tick: wanted, ..order.swap };
         let ticket = swap.ticket;
@@ -297,7 +297,7 @@ impl<'a> PlantProcess<'a> {
 
 /// What came of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Worked {
+pub struct PlantTick {
     /// The state at the tick.
     pub state: State,
     /// Whether the model covers it.

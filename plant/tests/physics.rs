@@ -9,7 +9,7 @@ use nalgebra::{Vector3, Vector4};
 use plant::integrator::{SUBSTEPS, integrate};
 use plant::rigid_body::{Effort, RigidBody};
 use plant::rotors::{Spin, effort, hover};
-use plant::{Plant, Settings};
+use plant::{Plant, PlantSettings};
 use proptest::prelude::*;
 
 const PERIOD_S: f64 = 0.001;
@@ -22,8 +22,8 @@ fn airframe(changes: &[(Parameter, f64)]) -> Airframe {
     airframe
 }
 
-fn settings(airframe: Airframe) -> Settings {
-    Settings { period_s: PERIOD_S, airframe, rotor: RotorLimits::default(), seed: 0 }
+fn settings(airframe: Airframe) -> PlantSettings {
+    PlantSettings { period_s: PERIOD_S, airframe, rotor: RotorLimits::default(), seed: 0 }
 }
 
 #[test]

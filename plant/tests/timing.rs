@@ -6,7 +6,7 @@ use model::limits::RotorLimits;
 use model::messages::{Dated, NO_TICK, RotorSpeeds, State};
 use model::parameters::{Airframe, Parameter};
 use plant::swap::PENDING_SWAPS;
-use plant::{Change, Departure, Plant, Settings, Swap, SwapError};
+use plant::{Change, Departure, Plant, PlantSettings, Swap, SwapError};
 
 const IDLE: [f64; 4] = [30.0; 4];
 
@@ -14,8 +14,8 @@ fn plant() -> Plant {
     Plant::new(&settings())
 }
 
-fn settings() -> Settings {
-    Settings { period_s: 0.001, airframe: Airframe::nominal(), rotor: RotorLimits::default(), seed: 42 }
+fn settings() -> PlantSettings {
+    PlantSettings { period_s: 0.001, airframe: Airframe::nominal(), rotor: RotorLimits::default(), seed: 42 }
 }
 
 fn hover() -> [f64; 4] {
@@ -144,7 +144,7 @@ fn a_delay_beyond_the_room_for_waiting_commands_lets_some_through() {
 #[test]
 fn commands_of_64_ms_may_wait_at_any_rate() {
     for (period_s, delay) in [(0.001, 63), (0.000_125, 500), (0.02, 63)] {
-        let mut plant = Plant::new(&Settings { period_s, ..settings() });
+        let mut plant = Plant::new(&PlantSettings { period_s, ..settings() });
         for tick in 0..=3 * delay {
             let state = plant.begin(tick);
             let in_force = tick.checked_sub(delay).unwrap_or(NO_TICK);
@@ -233,7 +233,7 @@ fn hover_does_not_hold_for_ever_either() {
 
 #[test]
 fn the_timeout_counts_ticks_of_any_length() {
-    let mut plant = Plant::new(&Settings { period_s: 0.002, ..settings() });
+    let mut plant = Plant::new(&PlantSettings { period_s: 0.002, ..settings() });
     assert_eq!(plant.begin(9).rotor_speed_command_rad_s, hover());
     assert_eq!(plant.begin(10).rotor_speed_command_rad_s, IDLE);
 }
@@ -337,7 +337,7 @@ fn refused_swaps_change_nothing() {
 #[test]
 fn gyro_noise_is_in_the_measurement_and_not_in_the_truth() {
     let swap = || Swap::new(10, &[(Parameter::GyroNoise, 0.01)]).unwrap();
-    let (mut noisy, mut quiet, mut other) = (plant(), plant(), Plant::new(&Settings { seed: 43, ..settings() }));
+    let (mut noisy, mut quiet, mut other) = (plant(), plant(), Plant::new(&PlantSettings { seed: 43, ..settings() }));
     noisy.schedule(swap()).unwrap();
     other.schedule(swap()).unwrap();
     for tick in 0..20 {

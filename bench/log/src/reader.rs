@@ -27,7 +27,7 @@ const RECORD_LIMIT: usize = 1 << 28;
 /// A message of one of the topics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "the largest is the most frequent")]
-pub enum Entry {
+pub enum LogEntry {
     /// Topic `state`.
     State(Message<State>),
     /// Topic `setpoint`.
@@ -94,7 +94,7 @@ impl LogReader {
     ///
     /// # Errors
     /// [`Failure`] names the file, and says where it is damaged, or of which other version.
-    pub fn next_entry(&mut self) -> Result<Option<Entry>, Failure> {
+    pub fn next_entry(&mut self) -> Result<Option<LogEntry>, Failure> {
         while self.end.is_none() {
             if let Some(entry) = self.step()? {
                 return Ok(Some(entry));
@@ -175,7 +175,7 @@ impl LogReader {
             .help("only an undamaged log can be trusted; what stands before the damage can be exported")
     }
 
-    fn step(&mut self) -> Result<Option<Entry>, Failure> {
+    fn step(&mut self) -> Result<Option<LogEntry>, Failure> {
         let event = match self.parser.next_event() {
             None => {
                 self.end = Some(End::Complete);
@@ -212,7 +212,7 @@ impl LogReader {
         }
     }
 
-    fn take(&mut self, record: Record<'static>) -> Result<Option<Entry>, Failure> {
+    fn take(&mut self, record: Record<'static>) -> Result<Option<LogEntry>, Failure> {
         match record {
             Record::Metadata(metadata) => {
                 self.facts.insert(metadata.name, metadata.metadata);
@@ -288,14 +288,14 @@ impl LogReader {
         Ok(())
     }
 
-    fn take_message(&self, channel: u16, data: &[u8]) -> Result<Option<Entry>, Failure> {
+    fn take_message(&self, channel: u16, data: &[u8]) -> Result<Option<LogEntry>, Failure> {
         let Some(topic) = self.channels.get(&channel) else { return Ok(None) };
         let entry = match *topic {
-            State::NAME => decode(data).map(Entry::State),
-            Setpoint::NAME => decode(data).map(Entry::Setpoint),
-            Wrench::NAME => decode(data).map(Entry::Wrench),
-            RotorSpeeds::NAME => decode(data).map(Entry::RotorSpeeds),
-            _ => decode(data).map(Entry::Swap),
+            State::NAME => decode(data).map(LogEntry::State),
+            Setpoint::NAME => decode(data).map(LogEntry::Setpoint),
+            Wrench::NAME => decode(data).map(LogEntry::Wrench),
+            RotorSpeeds::NAME => decode(data).map(LogEntry::RotorSpeeds),
+            _ => decode(data).map(LogEntry::Swap),
         };
         match entry {
             Some(entry) => Ok(Some(entry)),

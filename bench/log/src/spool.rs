@@ -84,12 +84,12 @@ struct Kept {
 /// What the writing thread is given.
 #[derive(Debug, Default)]
 struct Queue {
-    state: Mutex<State>,
+    state: Mutex<SpoolState>,
     changed: Condvar,
 }
 
 #[derive(Debug, Default)]
-struct State {
+struct SpoolState {
     pieces: VecDeque<Vec<u8>>,
     /// Length of the file when all pieces are there [bytes].
     handed: u64,
@@ -112,7 +112,7 @@ struct State {
 }
 
 /// What to do at the disk.
-enum Job {
+enum DiskJob {
     Write(Vec<u8>, u64),
     Cut(u64),
     Sync,
@@ -194,7 +194,7 @@ impl Spool {
     }
 }
 
-impl State {
+impl SpoolState {
     fn refuse(&mut self, reason: String) {
         self.refused.get_or_insert(reason);
     }
@@ -210,7 +210,7 @@ impl State {
 }
 
 impl Queue {
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, SpoolState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -232,38 +232,38 @@ impl Queue {
         let mut synced_at = Instant::now();
         loop {
             match self.next(synced_at) {
-                Job::Write(piece, place) => {
+                DiskJob::Write(piece, place) => {
                     let written = write(disk, &piece, place, left_free);
                     self.wrote(piece, written);
                 }
-                Job::Cut(length) => {
+                DiskJob::Cut(length) => {
                     let cut = disk.cut(length).map_err(|e| format!("cannot cut the file: {e}"));
                     self.told(cut);
                 }
-                Job::Sync => {
+                DiskJob::Sync => {
                     synced_at = Instant::now();
                     let synced = disk.sync().map_err(|e| format!("cannot sync the file: {e}"));
                     self.told(synced);
                 }
-                Job::End => return,
+                DiskJob::End => return,
             }
         }
     }
 
-    fn next(&self, synced_at: Instant) -> Job {
+    fn next(&self, synced_at: Instant) -> DiskJob {
         let mut state = self.state();
         loop {
             let is_due = synced_at.elapsed() >= SYNC_EVERY || state.is_last;
             let may_write = state.retry_at.is_none_or(|at| Instant::now() >= at);
             let job = if let Some(length) = state.cut.take() {
-                Job::Cut(length)
+                DiskJob::Cut(length)
             } else if let Some(piece) = state.pieces.pop_front_if(|_| may_write) {
-                Job::Write(piece, state.on_disk)
+                DiskJob::Write(piece, state.on_disk)
             } else if state.unsynced && is_due {
                 state.unsynced = false;
-                Job::Sync
+                DiskJob::Sync
             } else if state.is_closed && (state.pieces.is_empty() || state.retry_at.is_some()) {
-                Job::End
+                DiskJob::End
             } else {
                 state = self.changed.wait_timeout(state, RETRY_EVERY).unwrap_or_else(PoisonError::into_inner).0;
                 continue;

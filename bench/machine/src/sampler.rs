@@ -3,13 +3,13 @@
 use std::io::ErrorKind;
 
 use model::boards::{RolePhase, Status};
-use model::realtime::Step;
+use model::realtime::RealtimeStep;
 use model::role::STAGES;
 use wire::clock::now_ns;
 
 use crate::Machine;
 use crate::cpu_times::stolen_from;
-use report::autopsy::evidence::{Counters, Life, Sample};
+use report::autopsy::evidence::{CounterSample, Counters, Life};
 
 /// Looks at the loops' processes.
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +25,7 @@ impl Watch {
     #[must_use]
     pub fn new(loops: &[Status; STAGES.len()], is_virtual: bool) -> Self {
         let mut cpus = loops.iter().map(|status| {
-            let grant = status.grants.of(Step::Affinity);
+            let grant = status.grants.of(RealtimeStep::Affinity);
             grant.granted().then_some(grant.value)
         });
         let first = cpus.next().flatten();
@@ -34,9 +34,9 @@ impl Watch {
 
     /// Reads what is counted now.
     #[must_use]
-    pub fn sample(&self, loops: &[Status; STAGES.len()], lost: u64) -> Sample {
+    pub fn sample(&self, loops: &[Status; STAGES.len()], lost: u64) -> CounterSample {
         let stolen = if self.is_virtual { stolen_from(&Machine::files(), self.processor) } else { 0 };
-        Sample { stages: loops.map(|status| counters(status.pid)), stolen, lost, at_ns: now_ns() }
+        CounterSample { stages: loops.map(|status| counters(status.pid)), stolen, lost, at_ns: now_ns() }
     }
 }
 

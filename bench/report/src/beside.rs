@@ -19,12 +19,12 @@ pub struct Beside {
     /// What the host took meanwhile.
     pub steal: Steal,
     /// The floors.
-    pub floors: Vec<Floor>,
+    pub floors: Vec<SeriesFloor>,
 }
 
 /// What the machine can do at the best, for a series of the flight.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Floor {
+pub struct SeriesFloor {
     /// The series of the flight.
     pub series: String,
     /// What was measured.
@@ -35,7 +35,7 @@ pub struct Floor {
     pub distribution: Distribution,
 }
 
-impl Floor {
+impl SeriesFloor {
     /// The floor of a series of the flight.
     #[must_use]
     pub fn of(series: &str, what: &str, histogram: &Histogram<u64>) -> Self {

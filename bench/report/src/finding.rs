@@ -30,7 +30,7 @@ impl Level {
 
 /// What can be expected of a machine; the later, the better.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub enum Verdict {
+pub enum RealtimeClass {
     /// Latencies say nothing about the loops.
     #[default]
     #[serde(rename = "not real-time here")]
@@ -43,7 +43,7 @@ pub enum Verdict {
     Hard,
 }
 
-impl Verdict {
+impl RealtimeClass {
     /// In words.
     #[must_use]
     pub const fn words(self) -> &'static str {
@@ -63,7 +63,7 @@ pub struct Finding {
     /// Whether it is as it should be.
     pub level: Level,
     /// The best verdict that it leaves open.
-    pub allows: Verdict,
+    pub allows: RealtimeClass,
     /// What was found.
     pub found: String,
     /// Why it matters.
@@ -79,7 +79,7 @@ impl Finding {
         Self {
             subject: subject.into(),
             level: Level::Ok,
-            allows: Verdict::Hard,
+            allows: RealtimeClass::Hard,
             found: found.into(),
             why: why.into(),
             fix: None,
@@ -95,13 +95,13 @@ impl Finding {
     /// It makes wake-ups late now and then.
     #[must_use]
     pub fn softens(self, fix: impl Into<String>) -> Self {
-        Self { level: Level::Warning, allows: Verdict::Soft, fix: Some(fix.into()), ..self }
+        Self { level: Level::Warning, allows: RealtimeClass::Soft, fix: Some(fix.into()), ..self }
     }
 
     /// It keeps anything from flying in real time.
     #[must_use]
     pub fn blocks(self, fix: impl Into<String>) -> Self {
-        Self { level: Level::Blocks, allows: Verdict::NotRealTime, fix: Some(fix.into()), ..self }
+        Self { level: Level::Blocks, allows: RealtimeClass::NotRealTime, fix: Some(fix.into()), ..self }
     }
 }
 
@@ -109,7 +109,7 @@ impl Finding {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Diagnosis {
     /// What can be expected.
-    pub verdict: Verdict,
+    pub verdict: RealtimeClass,
     /// Why it is not better: a subject with what was found, each.
     pub reasons: Vec<String>,
 }
@@ -118,8 +118,8 @@ impl Diagnosis {
     /// The verdict is the worst that any finding leaves open.
     #[must_use]
     pub fn of(findings: &[Finding]) -> Self {
-        let verdict = findings.iter().map(|finding| finding.allows).min().unwrap_or(Verdict::Hard);
-        let is_due = |finding: &&Finding| finding.allows == verdict && verdict != Verdict::Hard;
+        let verdict = findings.iter().map(|finding| finding.allows).min().unwrap_or(RealtimeClass::Hard);
+        let is_due = |finding: &&Finding| finding.allows == verdict && verdict != RealtimeClass::Hard;
         let reasons = findings.iter().filter(is_due).map(|it| format!("{}: {}", it.subject, it.found)).collect();
         Self { verdict, reasons }
     }

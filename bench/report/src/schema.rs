@@ -27,23 +27,23 @@ pub struct Report {
     /// [`SCHEMA`].
     pub schema: String,
     /// What was flown.
-    pub run: Run,
+    pub run: RunSection,
     /// Whether it passed.
-    pub verdict: Verdict,
+    pub verdict: FlightVerdict,
     /// Ticks and the identity that they must satisfy.
     pub ticks: Ticks,
     /// Deadlines of the rotor commands.
-    pub deadlines: Deadlines,
+    pub deadlines: DeadlineSection,
     /// Why they were missed.
     #[serde(default)]
     pub autopsy: autopsy::Section,
     /// The control performance.
-    pub flight: Flight,
+    pub flight: ControlPerformance,
     /// The theorem, watched; empty in reports from before it was.
     #[serde(default)]
     pub theorem: Theorem,
     /// Swaps of plant parameters, in order.
-    pub swaps: Vec<Swap>,
+    pub swaps: Vec<AppliedSwap>,
     /// Latencies.
     pub series: Vec<Statistics>,
     /// The processes.
@@ -70,7 +70,7 @@ pub struct Report {
 
 /// What was flown.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Run {
+pub struct RunSection {
     /// Number of the run: its start on the wall clock [ns since 1970].
     pub run_id: u64,
     /// Its start, for people.
@@ -100,7 +100,7 @@ pub struct Run {
 
 /// Whether a flight passed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Verdict {
+pub struct FlightVerdict {
     /// `PASS`, `INCOMPLETE` (held, but not all was seen), `FAIL` (a gate did not hold), `INTERRUPTED` (by a signal) or
     /// `ABORTED` (a role failed); `FLYING` while it flies.
     pub status: String,
@@ -140,7 +140,7 @@ pub struct Ticks {
 
 /// Deadlines of the rotor commands.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Deadlines {
+pub struct DeadlineSection {
     /// Missed, by the plant's own verdicts.
     pub missed: u64,
     /// The same per million ticks.
@@ -153,7 +153,7 @@ pub struct Deadlines {
     pub runs: Vec<RunLength>,
     /// Late commands by their stamps, those of consecutive ticks together; the first 500 stretches.
     #[serde(default)]
-    pub stretches: Vec<LateStretch>,
+    pub stretches: Vec<LateStretchSection>,
     /// Late commands in later stretches.
     #[serde(default)]
     pub stretches_left_out: u64,
@@ -161,7 +161,7 @@ pub struct Deadlines {
 
 /// Consecutive ticks whose commands were late.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LateStretch {
+pub struct LateStretchSection {
     /// The first of them.
     pub tick: u64,
     /// Its time of the flight [s].
@@ -184,7 +184,7 @@ pub struct RunLength {
 /// The control performance.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub struct Flight {
+pub struct ControlPerformance {
     /// Root mean square of the position error over all states [m].
     pub position_error_rms_m: f64,
     /// Largest position error [m].
@@ -216,7 +216,7 @@ pub struct Estimate {
 
 /// A swap of plant parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Swap {
+pub struct AppliedSwap {
     /// Tick from which it held.
     pub tick: u64,
     /// The same as time of the flight [s].
@@ -224,12 +224,12 @@ pub struct Swap {
     /// Parameter epoch that began with it.
     pub parameter_epoch: u64,
     /// What changed.
-    pub changes: Vec<Change>,
+    pub changes: Vec<ParameterChange>,
 }
 
 /// A changed parameter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Change {
+pub struct ParameterChange {
     /// Name with unit.
     pub name: String,
     /// Before.
@@ -252,7 +252,7 @@ pub struct RoleSection {
     /// Whether its figures are final.
     pub landed: bool,
     /// Resources of its loop since it was armed; none unless it has landed.
-    pub usage: Option<Usage>,
+    pub usage: Option<LoopUsage>,
     /// Scheduling in force: `fifo 80` or `other`.
     pub scheduling: String,
     /// What the system was asked for.
@@ -261,7 +261,7 @@ pub struct RoleSection {
 
 /// Resources of a loop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Usage {
+pub struct LoopUsage {
     /// Calls to the allocator.
     pub allocations: u64,
     /// Page faults without a disk.
@@ -320,7 +320,7 @@ pub struct LogSection {
     pub refused: Option<String>,
 }
 
-impl Swap {
+impl AppliedSwap {
     /// A swap that holds from a tick of `period_s` [s] on.
     #[must_use]
     pub fn new(tick: u64, period_s: f64, record: &SwapRecord) -> Self {
@@ -330,7 +330,7 @@ impl Swap {
             parameter_epoch: record.parameter_epoch,
             changes: record
                 .changes()
-                .map(|(parameter, old, new)| Change { name: parameter.name().into(), old, new })
+                .map(|(parameter, old, new)| ParameterChange { name: parameter.name().into(), old, new })
                 .collect(),
         }
     }

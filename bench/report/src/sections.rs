@@ -15,7 +15,7 @@ use flight_log::TOPICS;
 use flight_log::writer::{Counts, Fate};
 
 /// Whether a flight passed, from its gates, the messages that were lost, and how it ended; nothing while it flies.
-pub fn verdict(gates: Vec<Gate>, lost: u64, ending: Option<Ending>) -> schema::Verdict {
+pub fn verdict(gates: Vec<Gate>, lost: u64, ending: Option<Ending>) -> schema::FlightVerdict {
     let held = gates.iter().all(|gate| gate.held);
     let (status, exit_code) = match ending {
         None => ("FLYING", OK),
@@ -25,7 +25,7 @@ pub fn verdict(gates: Vec<Gate>, lost: u64, ending: Option<Ending>) -> schema::V
         _ if held => ("PASS", OK),
         _ => ("FAIL", GATE),
     };
-    schema::Verdict { status: status.into(), exit_code, gates }
+    schema::FlightVerdict { status: status.into(), exit_code, gates }
 }
 
 /// The gates that a flight was asked to pass.
@@ -48,7 +48,7 @@ const FROM_COUNTERS: usize = 2;
 pub fn gates(
     asked: &GatesAsked,
     ticks: &schema::Ticks,
-    deadlines: &schema::Deadlines,
+    deadlines: &schema::DeadlineSection,
     series: &[Statistics],
     theorem: &Theorem,
     lost: u64,
@@ -114,7 +114,7 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
         ticks_stale: status.ticks_stale,
         rejected: rejected(&status.rejections),
         landed,
-        usage: landed.then(|| schema::Usage {
+        usage: landed.then(|| schema::LoopUsage {
             allocations: usage.allocations,
             minor_faults: usage.minor_faults,
             major_faults: usage.major_faults,
@@ -133,7 +133,7 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
                         .ok()
                         .and_then(|v| v.as_str().map(str::to_owned))
                         .unwrap_or_default(),
-                    asked: (grant.value > 0 || *step == model::realtime::Step::Affinity).then_some(grant.value),
+                    asked: (grant.value > 0 || *step == model::realtime::RealtimeStep::Affinity).then_some(grant.value),
                     granted: grant.granted(),
                     refused: (!grant.granted()).then(|| grant.reason()),
                 }

@@ -213,7 +213,7 @@ struct Parts {
 
 /// A message of one topic.
 #[derive(Clone, Copy, Debug)]
-pub enum Part {
+pub enum LoopMessage {
     /// Topic `state`.
     State(State),
     /// Topic `setpoint`.
@@ -229,12 +229,12 @@ const PATIENCE_TICKS: u64 = 5_000;
 
 impl Joiner {
     /// Takes a message in.
-    pub fn take(&mut self, tick: u64, part: Part) {
+    pub fn take(&mut self, tick: u64, part: LoopMessage) {
         let topic = match part {
-            Part::State(_) => 0,
-            Part::Setpoint(_) => 1,
-            Part::Wrench(_) => 2,
-            Part::RotorSpeeds(_) => 3,
+            LoopMessage::State(_) => 0,
+            LoopMessage::Setpoint(_) => 1,
+            LoopMessage::Wrench(_) => 2,
+            LoopMessage::RotorSpeeds(_) => 3,
         };
         self.newest[topic] = self.newest[topic].max(Some(tick));
         if Some(tick) <= self.settled {
@@ -242,10 +242,10 @@ impl Joiner {
         }
         let parts = self.waiting.entry(tick).or_default();
         match part {
-            Part::State(state) => parts.state = Some(state),
-            Part::Setpoint(setpoint) => parts.setpoint = Some(setpoint),
-            Part::Wrench(wrench) => parts.wrench = Some(wrench),
-            Part::RotorSpeeds(speeds) => parts.rotor_speeds = Some(speeds),
+            LoopMessage::State(state) => parts.state = Some(state),
+            LoopMessage::Setpoint(setpoint) => parts.setpoint = Some(setpoint),
+            LoopMessage::Wrench(wrench) => parts.wrench = Some(wrench),
+            LoopMessage::RotorSpeeds(speeds) => parts.rotor_speeds = Some(speeds),
         }
     }
 
@@ -300,10 +300,10 @@ mod tests {
             joiner.take(
                 tick,
                 match topic {
-                    's' => Part::State(State::default()),
-                    'p' => Part::Setpoint(Setpoint::default()),
-                    'w' => Part::Wrench(Wrench::default()),
-                    _ => Part::RotorSpeeds(RotorSpeeds::default()),
+                    's' => LoopMessage::State(State::default()),
+                    'p' => LoopMessage::Setpoint(Setpoint::default()),
+                    'w' => LoopMessage::Wrench(Wrench::default()),
+                    _ => LoopMessage::RotorSpeeds(RotorSpeeds::default()),
                 },
             );
         }

@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn the_reference_of_a_tick_is_that_of_its_set_point() {
-        let settings = controller::Settings::new(Trajectory::Lissajous, Preset::Flight);
+        let settings = controller::LoopSettings::new(Trajectory::Lissajous, Preset::Flight);
         let mut outer = OuterLoop::new(&settings);
         let tracking = Tracking::of(settings.trajectory, settings.period_s);
         for tick in [0, 1, 777, 4_999, 5_000, 29_999] {

@@ -50,13 +50,15 @@ fn airframe() -> Result<Airframe, Box<dyn Error>> {
 fn work() -> Result<Value, Box<dyn Error>> {
     let airframe = airframe()?;
     let rotor = RotorLimits::default();
-    let laws =
-        controller::Settings { model: airframe, ..controller::Settings::new(Trajectory::Lissajous, Preset::Flight) };
+    let laws = controller::LoopSettings {
+        model: airframe,
+        ..controller::LoopSettings::new(Trajectory::Lissajous, Preset::Flight)
+    };
     let period_s = laws.period_s;
     let mut flight = InProcess::new(
-        &plant::Settings { period_s, airframe, rotor, seed: 0 },
+        &plant::PlantSettings { period_s, airframe, rotor, seed: 0 },
         &laws,
-        &mixer::Settings { period_s, model: airframe, rotor },
+        &mixer::MixerSettings { period_s, model: airframe, rotor },
     );
     let speeds: Vec<[f64; 4]> = (0..TICKS).map(|_| flight.tick().state.rotor_speed_command_rad_s).collect();
     let commands: Vec<Value> = speeds

@@ -6,11 +6,11 @@ use std::time::Duration;
 use clap::Args;
 use failure::{Failure, GATE, OK};
 use machine::Machine;
-use machine::doctor::measured::Measured;
+use machine::doctor::measured::MeasuredMachine;
 use machine::doctor::{examine, text};
 use machine::executable::own_executable;
 use model::role::Role;
-use report::finding::Verdict;
+use report::finding::RealtimeClass;
 
 use crate::output::print;
 use crate::settings::{Settings, check_cpu};
@@ -45,12 +45,12 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     if std::io::stderr().is_terminal() {
         eprintln!("measuring a timer and a ring of processes, {} s each", args.seconds);
     }
-    let examination = examine(&machine, Some(Measured::take(&executable, duration, priority, cpu)?));
+    let examination = examine(&machine, Some(MeasuredMachine::take(&executable, duration, priority, cpu)?));
     if args.json {
         let json = serde_json::to_string_pretty(&examination).map_err(|e| Failure::failed(e.to_string()))?;
         print(&(json + "\n"))?;
     } else {
         print(&text::render(&examination))?;
     }
-    Ok(if examination.diagnosis.verdict == Verdict::NotRealTime { GATE } else { OK })
+    Ok(if examination.diagnosis.verdict == RealtimeClass::NotRealTime { GATE } else { OK })
 }

@@ -14,7 +14,7 @@ use crate::output::print;
 use crate::run_directory::find_log;
 use failure::{Failure, InFile as _, OK};
 use flight_log::codec::Logged;
-use flight_log::reader::{End, Entry, LogReader};
+use flight_log::reader::{End, LogEntry, LogReader};
 use flight_log::{TOPICS, rows};
 
 /// Exports.
@@ -113,11 +113,11 @@ impl Tables {
             && let Some(entry) = reader.next_entry()?
         {
             match &entry {
-                Entry::State(message) => self.write(message),
-                Entry::Setpoint(message) => self.write(message),
-                Entry::Wrench(message) => self.write(message),
-                Entry::RotorSpeeds(message) => self.write(message),
-                Entry::Swap(message) => self.write(message),
+                LogEntry::State(message) => self.write(message),
+                LogEntry::Setpoint(message) => self.write(message),
+                LogEntry::Wrench(message) => self.write(message),
+                LogEntry::RotorSpeeds(message) => self.write(message),
+                LogEntry::Swap(message) => self.write(message),
             }?;
         }
         Ok(())

@@ -31,7 +31,11 @@ pub struct InProcess {
 impl InProcess {
     /// A flight that is about to begin with tick 0.
     #[must_use]
-    pub fn new(plant: &plant::Settings, controller: &controller::Settings, mixer: &mixer::Settings) -> Self {
+    pub fn new(
+        plant: &plant::PlantSettings,
+        controller: &controller::LoopSettings,
+        mixer: &mixer::MixerSettings,
+    ) -> Self {
         Self {
             plant: Plant::new(plant),
             outer: OuterLoop::new(controller),

@@ -8,7 +8,7 @@ use model::messages::NO_TICK;
 use model::parameters::{PARAMETERS, Parameter, ParameterError};
 use model::role::Role;
 use wire::instance::Instance;
-use wire::{SwapAnswer, SwapOrder, Verdict, Wire};
+use wire::{SwapAnswer, SwapOrder, SwapOutcome, Wire};
 
 use crate::cli::InjectArgs;
 use crate::output::print;
@@ -135,24 +135,24 @@ pub fn flight(instance: &Instance) -> Result<Option<(Wire, Run)>, Failure> {
 
 fn read_answer(changes: &[(Parameter, f64)], answer: &SwapAnswer, run: &Run) -> Result<Applied, Failure> {
     let refused = |why: String| Err(Failure::failed(format!("the plant refused: {why}")));
-    match Verdict::from_wire(answer.verdict) {
-        Some(Verdict::Applied) => Ok(Applied {
+    match SwapOutcome::from_wire(answer.verdict) {
+        Some(SwapOutcome::Applied) => Ok(Applied {
             tick: answer.tick,
             time_s: run.flight_time_s(answer.tick),
             parameter_epoch: answer.parameter_epoch,
             changes: changes.iter().zip(answer.old).map(|((parameter, new), old)| (*parameter, old, *new)).collect(),
         }),
-        Some(Verdict::OutOfRange) => match Parameter::from_index(answer.parameter) {
+        Some(SwapOutcome::OutOfRange) => match Parameter::from_index(answer.parameter) {
             Some(parameter) => {
                 let value = changes.iter().find(|(p, _)| *p == parameter).map_or(f64::NAN, |(_, value)| *value);
                 refused(ParameterError::OutOfRange { parameter, value }.to_string())
             }
             None => refused("a value is out of range".into()),
         },
-        Some(Verdict::UnknownParameter) => refused("it does not know one of the parameters".into()),
-        Some(Verdict::Malformed) => refused("the swap names no parameter, or one twice".into()),
-        Some(Verdict::QueueFull) => refused("too many swaps wait for their ticks; ask again later".into()),
-        Some(Verdict::Ended) => refused("the run ended before the tick".into()),
+        Some(SwapOutcome::UnknownParameter) => refused("it does not know one of the parameters".into()),
+        Some(SwapOutcome::Malformed) => refused("the swap names no parameter, or one twice".into()),
+        Some(SwapOutcome::QueueFull) => refused("too many swaps wait for their ticks; ask again later".into()),
+        Some(SwapOutcome::Ended) => refused("the run ended before the tick".into()),
         None => Err(Failure::failed(format!("the plant's answer {} is of another version", answer.verdict))),
     }
 }

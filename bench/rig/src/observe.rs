@@ -18,7 +18,7 @@ use crate::record::ports::Ports;
 
 /// A message of any topic.
 #[derive(Clone, Copy, Debug)]
-pub enum Seen<'a> {
+pub enum ObservedMessage<'a> {
     /// Topic `state`.
     State(&'a Message<State>),
     /// Topic `setpoint`.
@@ -117,13 +117,13 @@ impl Observation {
     ///
     /// # Errors
     /// Those of the ports.
-    pub fn drain(&mut self, mut each: impl FnMut(Seen<'_>)) -> Result<(), Error> {
+    pub fn drain(&mut self, mut each: impl FnMut(ObservedMessage<'_>)) -> Result<(), Error> {
         // What the recorder believed is believed, whatever tick it is of.
         let any_tick = u64::MAX - 1;
-        self.ports.states.drain(any_tick, |message| each(Seen::State(message)))?;
-        self.ports.setpoints.drain(any_tick, |message| each(Seen::Setpoint(message)))?;
-        self.ports.wrenches.drain(any_tick, |message| each(Seen::Wrench(message)))?;
-        self.ports.rotor_speeds.drain(any_tick, |message| each(Seen::RotorSpeeds(message)))?;
-        self.ports.swaps.drain(any_tick, |message| each(Seen::Swap(message)))
+        self.ports.states.drain(any_tick, |message| each(ObservedMessage::State(message)))?;
+        self.ports.setpoints.drain(any_tick, |message| each(ObservedMessage::Setpoint(message)))?;
+        self.ports.wrenches.drain(any_tick, |message| each(ObservedMessage::Wrench(message)))?;
+        self.ports.rotor_speeds.drain(any_tick, |message| each(ObservedMessage::RotorSpeeds(message)))?;
+        self.ports.swaps.drain(any_tick, |message| each(ObservedMessage::Swap(message)))
     }
 }

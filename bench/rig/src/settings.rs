@@ -34,7 +34,7 @@ const SHARED_SECTIONS: [&str; 6] = ["flight", "plant", "model", "gains", "limits
 #[serde(deny_unknown_fields)]
 pub struct Settings {
     /// What to fly.
-    pub flight: Flight,
+    pub flight: FlightSettings,
     /// The true airframe at tick 0, by parameter name.
     pub plant: BTreeMap<String, f64>,
     /// The airframe as the controller believes it to be, by parameter name.
@@ -46,15 +46,15 @@ pub struct Settings {
     /// Limits of the rotors.
     pub rotor: RotorLimits,
     /// Real time.
-    pub rt: Rt,
+    pub rt: RealtimeSection,
     /// What is recorded, and which gates the flight must pass.
-    pub recorder: Recorder,
+    pub recorder: RecorderSettings,
 }
 
 /// What to fly.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Flight {
+pub struct FlightSettings {
     /// Reference trajectory.
     pub trajectory: Trajectory,
     /// Set of gains.
@@ -88,9 +88,9 @@ pub enum PaceName {
 /// Real time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Rt {
+pub struct RealtimeSection {
     /// How much the user insists.
-    pub mode: realtime::Mode,
+    pub mode: realtime::RealtimeMode,
     /// SCHED_FIFO priority of the plant.
     pub priority: i32,
     /// Processor of the loops: a number, or "auto".
@@ -100,7 +100,7 @@ pub struct Rt {
 /// What is recorded, and which gates the flight must pass.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Recorder {
+pub struct RecorderSettings {
     /// Directory in which each flight gets one of its own.
     pub out: String,
     /// A row of states.csv every so many ticks.
@@ -190,8 +190,8 @@ impl Settings {
     ///
     /// # Errors
     /// As [`Self::airframe`].
-    pub fn plant(&self) -> Result<plant::Settings, Failure> {
-        Ok(plant::Settings {
+    pub fn plant(&self) -> Result<plant::PlantSettings, Failure> {
+        Ok(plant::PlantSettings {
             period_s: self.flight.period_s,
             airframe: self.airframe()?,
             rotor: self.rotor,
@@ -203,8 +203,8 @@ impl Settings {
     ///
     /// # Errors
     /// A usage [`Failure`] names the parameter of the model.
-    pub fn controller(&self) -> Result<controller::Settings, Failure> {
-        Ok(controller::Settings {
+    pub fn controller(&self) -> Result<controller::LoopSettings, Failure> {
+        Ok(controller::LoopSettings {
             period_s: self.flight.period_s,
             trajectory: self.flight.trajectory,
             gains: self.gains,
@@ -218,8 +218,8 @@ impl Settings {
     ///
     /// # Errors
     /// As [`Self::controller`].
-    pub fn mixer(&self) -> Result<mixer::Settings, Failure> {
-        Ok(mixer::Settings {
+    pub fn mixer(&self) -> Result<mixer::MixerSettings, Failure> {
+        Ok(mixer::MixerSettings {
             period_s: self.flight.period_s,
             model: airframe("model", &self.model)?,
             rotor: self.rotor,
@@ -230,10 +230,14 @@ impl Settings {
     ///
     /// # Errors
     /// A usage [`Failure`] where `rt.cpu` is neither a processor nor "auto".
-    pub fn realtime(&self) -> Result<realtime::Settings, Failure> {
+    pub fn realtime(&self) -> Result<realtime::RealtimeSettings, Failure> {
         // A SCHED_FIFO process that never sleeps is throttled by the kernel, and starves whoever shares its processor.
         if self.flight.pace == PaceName::Lockstep {
-            return Ok(realtime::Settings { mode: realtime::Mode::Off, priority: self.rt.priority, cpu: None });
+            return Ok(realtime::RealtimeSettings {
+                mode: realtime::RealtimeMode::Off,
+                priority: self.rt.priority,
+                cpu: None,
+            });
         }
         let cpu = match &self.rt.cpu {
             Value::String(auto) if auto == "auto" => None,
@@ -242,7 +246,7 @@ impl Settings {
                 return Err(Failure::usage(format!("rt.cpu = {other}: allowed are a processor's number and \"auto\"")));
             }
         };
-        Ok(realtime::Settings { mode: self.rt.mode, priority: self.rt.priority, cpu })
+        Ok(realtime::RealtimeSettings { mode: self.rt.mode, priority: self.rt.priority, cpu })
     }
 
     /// The gates that the flight must pass.

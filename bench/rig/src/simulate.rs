@@ -13,7 +13,7 @@ use crate::output::print;
 use crate::settings::Settings;
 use failure::{Failure, GATE, InFile as _, OK, check_writable};
 use report::page::picture;
-use report::schema::Swap;
+use report::schema::AppliedSwap;
 use report::states::{Joined, StatesWriter};
 use report::tally::theorem::{Theorem, TheoremTally};
 use report::tally::tracer::Tracer;
@@ -52,7 +52,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     Ok(if flown.passes(&settings) { OK } else { GATE })
 }
 
-fn summary(flown: &Flown, settings: &Settings, wall_s: f64) -> String {
+fn summary(flown: &Simulated, settings: &Settings, wall_s: f64) -> String {
     let flown_s = flown.ticks as f64 * settings.flight.period_s;
     let mut text = format!(
         "{} with gains {}: {} ticks, {flown_s:.3} s simulated in {wall_s:.3} s ({:.0} times real time)\n",
@@ -73,16 +73,16 @@ fn summary(flown: &Flown, settings: &Settings, wall_s: f64) -> String {
     text + &format!("RESULT status={status} ticks={} run=none\n", flown.ticks)
 }
 
-struct Flown {
+struct Simulated {
     ticks: u64,
     error: TrackingError,
     estimates: [(&'static str, f64, f64); 3],
     theorem: Theorem,
-    swaps: Vec<Swap>,
+    swaps: Vec<AppliedSwap>,
     departure: Option<String>,
 }
 
-impl Flown {
+impl Simulated {
     /// Whether the envelope held, and the theorem where it is a gate.
     fn passes(&self, settings: &Settings) -> bool {
         self.departure.is_none() && (self.theorem.holds || !settings.recorder.gate_theorem)
@@ -94,10 +94,10 @@ fn fly(
     settings: &Settings,
     mut states: Option<&mut StatesWriter>,
     mut tracer: Option<&mut Tracer>,
-) -> Result<Flown, Failure> {
+) -> Result<Simulated, Failure> {
     let tracking = Tracking::of(settings.flight.trajectory, settings.flight.period_s);
     let mut theorem = TheoremTally::default();
-    let mut flown = Flown {
+    let mut flown = Simulated {
         ticks: 0,
         error: TrackingError::default(),
         estimates: ESTIMATED.map(|parameter| (parameter.name(), 0.0, 0.0)),
@@ -119,11 +119,17 @@ fn fly(
             states.write(&Joined::from(&record))?;
         }
         let applied = rig.plant().applied().iter();
-        flown.swaps.extend(applied.map(|swap| Swap::new(swap.tick, settings.flight.period_s, &swap_record(swap))));
+        flown
+            .swaps
+            .extend(applied.map(|swap| AppliedSwap::new(swap.tick, settings.flight.period_s, &swap_record(swap))));
         if let Some(tracer) = &mut tracer {
             tracer.take(&Joined::from(&record));
         }
-        let error_m = tracking.error_m(tick, &record.state);
+        // A set-point carries the reference of its tick already.
+        let error_m = record
+            .setpoint
+            .as_ref()
+            .map_or_else(|| tracking.error_m(tick, &record.state), |setpoint| setpoint.position_error_m(&record.state));
         flown.error.take(error_m);
         if error_m > settings.flight.position_error_max_m {
             flown.departure = Some(format!(

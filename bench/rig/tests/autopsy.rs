@@ -8,7 +8,7 @@ use model::grid::Grid;
 use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
 use model::role::Role;
 use report::autopsy::classes::{Class, classify};
-use report::autopsy::evidence::{Counters, Life, Passage, Sample, Scene, Trace};
+use report::autopsy::evidence::{CounterSample, Counters, Life, Passage, Scene, TickPassages};
 use report::autopsy::{Autopsy, WINDOW_TICKS};
 
 const T: u64 = 1_000_000;
@@ -19,14 +19,14 @@ const US: u64 = 1_000;
 
 /// What surrounds a miss: 64 ticks of a good flight, and samples each 10 ms, with what a case changes.
 struct Made {
-    traces: BTreeMap<u64, Trace>,
-    samples: Vec<Sample>,
+    traces: BTreeMap<u64, TickPassages>,
+    samples: Vec<CounterSample>,
     is_virtual: bool,
     share_processor: bool,
 }
 
 /// A good tick: each stage wakes 10 us after the one before has sent, and computes for 5 us.
-fn good(tick: u64) -> Trace {
+fn good(tick: u64) -> TickPassages {
     let begin = GRID.begin_of(tick);
     let at = |us: u64| Passage { receive_ns: begin + us * US, send_ns: begin + (us + 5) * US, is_fresh: true };
     [Some(at(20)), Some(at(35)), Some(at(50)), Some(at(65))]
@@ -37,7 +37,7 @@ fn made() -> Made {
     let sample = |i: u64| {
         // A loop waits for others on its processor in every tick: 30 us, and is switched out once.
         let stages = stages.map(|it| Counters { waited_ns: i * 300 * US, involuntary_switches: 10 * i, ..it });
-        Sample { at_ns: GRID.begin_of(0) + i * 10 * T, stages, stolen: 0, lost: 0 }
+        CounterSample { at_ns: GRID.begin_of(0) + i * 10 * T, stages, stolen: 0, lost: 0 }
     };
     Made {
         traces: (0..WINDOW_TICKS).map(|tick| (tick, good(tick))).collect(),

@@ -19,7 +19,7 @@ use model::role::Role;
 use rig::{Rig, send, wait_until};
 use role::rt::{loops_cpu, take_stand};
 use role::shell::{MixerJob, Shell};
-use role::stage::{self, Stage, Turn, Worked};
+use role::stage::{self, Stage, TickOutcome, Turn};
 use role::station::{Orders, Station};
 use rustix::process::Signal;
 use rustix::thread::gettid;
@@ -205,7 +205,7 @@ impl Stage for TroubledMixer {
         if Self::DEAF.contains(&tick) { Ok(NO_TICK) } else { self.mixer.take(horizon) }
     }
 
-    fn tick(&mut self, turn: &Turn) -> Result<Worked, Error> {
+    fn tick(&mut self, turn: &Turn) -> Result<TickOutcome, Error> {
         if Self::COMPUTES.contains(&turn.tick) {
             compute_until(turn.receive_ns + SLOW_T);
         }

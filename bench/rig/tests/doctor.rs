@@ -11,7 +11,7 @@ use std::process::Command;
 
 use machine::doctor::{Examination, SCHEMA, examine};
 use machine::{Answers, Machine};
-use report::finding::{Finding, Level, Verdict};
+use report::finding::{Finding, Level, RealtimeClass};
 use rig::{IRONBIRD, Rig};
 use tempfile::TempDir;
 use wire::instance::Instance;
@@ -68,7 +68,7 @@ fn finding(examination: &Examination, subject: &str) -> Finding {
 #[test]
 fn a_machine_on_which_nothing_is_wrong_is_hard() {
     let examination = with(&[], fine_answers());
-    assert_eq!(examination.diagnosis.verdict, Verdict::Hard);
+    assert_eq!(examination.diagnosis.verdict, RealtimeClass::Hard);
     assert_eq!(examination.diagnosis.reasons, Vec::<String>::new());
     for finding in &examination.findings {
         assert_eq!((finding.level, &finding.fix), (Level::Ok, &None), "{finding:?}");
@@ -77,9 +77,9 @@ fn a_machine_on_which_nothing_is_wrong_is_hard() {
 
 #[test]
 fn what_files_tell_is_found_with_its_weight_and_a_fix() {
-    use Verdict::{Hard, NotRealTime, Soft};
+    use RealtimeClass::{Hard, NotRealTime, Soft};
     const NICE: &str = "Cpus_allowed_list:\t0-3\nCapEff:\t0000000000804000\n";
-    let cases: &[(&str, &str, &str, Verdict, &str, &str)] = &[
+    let cases: &[(&str, &str, &str, RealtimeClass, &str, &str)] = &[
         // file, content, subject, best verdict left, words of the finding, words of the fix
         ("proc/sys/kernel/version", "#1 SMP PREEMPT_DYNAMIC", "kernel", Soft, "PREEMPT_DYNAMIC", "preempt=full"),
         ("proc/sys/kernel/version", "#1 SMP", "kernel", Soft, "no preemption model", "CONFIG_PREEMPT_RT=y"),
@@ -167,18 +167,23 @@ fn what_the_system_answers_is_found_too() {
         let examination = with(&[], answers);
         (finding(&examination, subject), examination.diagnosis.verdict)
     };
-    let cases: [(Change, &str, Verdict, &str); 6] = [
+    let cases: [(Change, &str, RealtimeClass, &str); 6] = [
         (
             |it| it.fifo_errno = Some(EPERM),
             "scheduling",
-            Verdict::NotRealTime,
+            RealtimeClass::NotRealTime,
             "setcap cap_sys_nice,cap_ipc_lock+ep '/",
         ),
-        (|it| it.timer_resolution_ns = 4_000_000, "timers", Verdict::NotRealTime, "CONFIG_HIGH_RES_TIMERS=y"),
-        (|it| it.shared_memory_free_bytes = Some(1 << 20), "shared memory", Verdict::NotRealTime, "remount,size=256M"),
-        (|it| it.shared_memory_free_bytes = None, "shared memory", Verdict::NotRealTime, "mount -t tmpfs"),
-        (|it| it.leftovers = vec![PathBuf::from("/dev/shm/x"); 3], "leftovers", Verdict::Hard, "ironbird clean"),
-        (|it| it.cpu = Some(1), "isolation", Verdict::Hard, "--cpu 3"),
+        (|it| it.timer_resolution_ns = 4_000_000, "timers", RealtimeClass::NotRealTime, "CONFIG_HIGH_RES_TIMERS=y"),
+        (
+            |it| it.shared_memory_free_bytes = Some(1 << 20),
+            "shared memory",
+            RealtimeClass::NotRealTime,
+            "remount,size=256M",
+        ),
+        (|it| it.shared_memory_free_bytes = None, "shared memory", RealtimeClass::NotRealTime, "mount -t tmpfs"),
+        (|it| it.leftovers = vec![PathBuf::from("/dev/shm/x"); 3], "leftovers", RealtimeClass::Hard, "ironbird clean"),
+        (|it| it.cpu = Some(1), "isolation", RealtimeClass::Hard, "--cpu 3"),
     ];
     for (change, subject, verdict, fix) in cases {
         let (it, overall) = of(change, subject);
@@ -222,7 +227,7 @@ fn this_machine_gets_a_verdict_that_follows_from_what_is_shown() {
     assert_eq!(examination.schema, SCHEMA);
     let worst = examination.findings.iter().map(|finding| finding.allows).min().unwrap();
     assert_eq!(examination.diagnosis.verdict, worst);
-    ended.expect(if worst == Verdict::NotRealTime { 3 } else { 0 });
+    ended.expect(if worst == RealtimeClass::NotRealTime { 3 } else { 0 });
     let measured = examination.measured.unwrap();
     assert_eq!(measured.timer.statistics.count, 300);
     assert_eq!(measured.ring.statistics.count + measured.ring.ticks_skipped, 300);

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use flight_log::TOPICS;
-use flight_log::reader::{End, Entry, LogReader};
+use flight_log::reader::{End, LogEntry, LogReader};
 use rig::{Rig, send, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -56,11 +56,11 @@ fn counts(log: &Path) -> ([u64; 5], End) {
     let mut counts = [0; 5];
     while let Some(entry) = reader.next_entry().unwrap() {
         let topic = match entry {
-            Entry::State(_) => 0,
-            Entry::Setpoint(_) => 1,
-            Entry::Wrench(_) => 2,
-            Entry::RotorSpeeds(_) => 3,
-            Entry::Swap(_) => 4,
+            LogEntry::State(_) => 0,
+            LogEntry::Setpoint(_) => 1,
+            LogEntry::Wrench(_) => 2,
+            LogEntry::RotorSpeeds(_) => 3,
+            LogEntry::Swap(_) => 4,
         };
         counts[topic] += 1;
     }

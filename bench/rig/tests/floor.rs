@@ -6,22 +6,22 @@ mod rig;
 use std::path::Path;
 use std::time::Duration;
 
-use machine::floor::link::Wake;
+use machine::floor::link::WakeMechanism;
 use machine::floor::work::Work;
 use machine::floor::{ring, timer};
 use rig::{IRONBIRD, Rig};
 
 const TICK_NS: u64 = 1_000_000;
-const WAKES: [Wake; 2] = [Wake::Eventfd, Wake::Futex];
+const WAKES: [WakeMechanism; 2] = [WakeMechanism::Eventfd, WakeMechanism::Futex];
 
-fn ring_of(work: Vec<Work>, wake: Wake) -> ring::Settings {
-    ring::Settings { wake, period_ns: TICK_NS, duration: Duration::from_millis(200), cpu: None, priority: 80, work }
+fn ring_of(work: Vec<Work>, wake: WakeMechanism) -> ring::RingSettings {
+    ring::RingSettings { wake, period_ns: TICK_NS, duration: Duration::from_millis(200), cpu: None, priority: 80, work }
 }
 
 #[test]
 fn the_timer_accounts_for_every_tick() {
     let settings =
-        timer::Settings { period_ns: TICK_NS, duration: Duration::from_millis(200), cpu: None, priority: 80 };
+        timer::TimerSettings { period_ns: TICK_NS, duration: Duration::from_millis(200), cpu: None, priority: 80 };
     let floor = timer::measure(&settings).unwrap();
     assert_eq!(floor.ticks_run + floor.ticks_skipped, 200);
     assert_eq!(floor.lateness.len(), 200);
@@ -53,11 +53,12 @@ fn work_is_done_in_every_process_of_the_ring() {
 
 #[test]
 fn what_is_no_ring_is_refused() {
-    let error = ring::measure(&ring_of(vec![Work::default()], Wake::Futex), Path::new(IRONBIRD)).unwrap_err();
+    let error = ring::measure(&ring_of(vec![Work::default()], WakeMechanism::Futex), Path::new(IRONBIRD)).unwrap_err();
     assert!(error.to_string().contains("2 to 64 processes, not 1"), "{error}");
-    let error = ring::measure(&ring_of(vec![Work::default(); 2], Wake::Futex), Path::new("/nonexistent")).unwrap_err();
+    let error =
+        ring::measure(&ring_of(vec![Work::default(); 2], WakeMechanism::Futex), Path::new("/nonexistent")).unwrap_err();
     assert!(error.to_string().contains("cannot start a process of the ring"), "{error}");
-    let mut settings = ring_of(vec![Work::default(); 2], Wake::Futex);
+    let mut settings = ring_of(vec![Work::default(); 2], WakeMechanism::Futex);
     settings.duration = Duration::from_micros(10);
     let error = ring::measure(&settings, Path::new(IRONBIRD)).unwrap_err();
     assert!(error.to_string().contains("no tick of 1000000 ns"), "{error}");

@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 
 use controller::Trajectory;
-use flight_log::reader::{Entry, LogReader};
+use flight_log::reader::{LogEntry, LogReader};
 use model::boards::{RUN, Run, RunPhase};
 use model::messages::NO_TICK;
 use report::schema::Report;
@@ -21,7 +21,7 @@ fn errors_m(log: &Path, trajectory: Trajectory, period_s: f64) -> Vec<f64> {
     let mut reader = LogReader::open(log).unwrap();
     let mut errors = Vec::new();
     while let Some(entry) = reader.next_entry().unwrap() {
-        let Entry::State(message) = entry else { continue };
+        let LogEntry::State(message) = entry else { continue };
         let reference: [f64; 3] = trajectory.reference(message.envelope.tick as f64 * period_s).position().into();
         let squares = reference.iter().zip(message.content.position_w_m).map(|(r, p)| (r - p) * (r - p));
         errors.push(squares.sum::<f64>().sqrt());

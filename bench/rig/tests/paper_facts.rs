@@ -87,15 +87,17 @@ impl Flight {
         let theta = [airframe.i_r(), airframe.k_r(), airframe.delta()];
         airframe.set(Parameter::GyroNoise, self.gyro_noise_rad_s).unwrap();
         airframe.set(Parameter::MotorTimeConstant, self.motor_time_constant_s).unwrap();
-        let settings =
-            controller::Settings { gains: self.gains, ..controller::Settings::new(self.trajectory, Preset::Flight) };
-        let mut plant = Plant::new(&plant::Settings { period_s: PERIOD_S, airframe, rotor, seed: self.seed });
+        let settings = controller::LoopSettings {
+            gains: self.gains,
+            ..controller::LoopSettings::new(self.trajectory, Preset::Flight)
+        };
+        let mut plant = Plant::new(&plant::PlantSettings { period_s: PERIOD_S, airframe, rotor, seed: self.seed });
         if let Some(change) = self.swap {
             plant.schedule(Swap::new(8000, &[change]).unwrap()).unwrap();
         }
         let mut outer = OuterLoop::new(&settings);
         let mut inner = InnerLoop::new(&settings);
-        let mut mixer = Mixer::new(&mixer::Settings { period_s: PERIOD_S, model: settings.model, rotor });
+        let mut mixer = Mixer::new(&mixer::MixerSettings { period_s: PERIOD_S, model: settings.model, rotor });
         let mut setpoint = Dated { tick: NO_TICK, content: Setpoint::default() };
 
         let v_th = |estimate: &[f64; 3]| -> f64 {

@@ -25,7 +25,7 @@ use model::parameters::{PARAMETERS, Parameter};
 use model::realtime::Usage;
 use model::role::{Role, STAGES};
 use model::topic::Topic;
-use plant::desk::{self, Event, Order};
+use plant::desk::{self, Event, SwapRequest};
 use plant::process::{INBOX, OUTBOX, PlantProcess};
 use plant::swap::Swap;
 use report::tick::TickRecord;
@@ -36,7 +36,7 @@ use role::station::status_board;
 use tempfile::TempDir;
 use wire::clock::now_ns;
 use wire::instance::Instance;
-use wire::{Board, DEEP, Doorbell, LATEST, Receiver, SwapOrder, Verdict, Wire};
+use wire::{Board, DEEP, Doorbell, LATEST, Receiver, SwapOrder, SwapOutcome, Wire};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -113,7 +113,7 @@ struct Crew<'a> {
 }
 
 impl<'a> Crew<'a> {
-    fn new(wire: &Wire, orders: Consumer<'a, Order>, events: Producer<'a, Event>) -> Self {
+    fn new(wire: &Wire, orders: Consumer<'a, SwapRequest>, events: Producer<'a, Event>) -> Self {
         let settings = settings();
         let (plant, controller) = (settings.plant().unwrap(), settings.controller().unwrap());
         let outer = OuterJob { law: OuterLoop::new(&controller), position_error_max_m: 5.0 };
@@ -208,8 +208,8 @@ fn assert_same<C: Topic + PartialEq>(said: &mut Receiver<C>, flight: &[TickRecor
 }
 
 /// Swaps that are passed to the loop in flight, with the tick before which they are, and from which they hold.
-fn swaps() -> [(u64, Order); 3] {
-    let order = |tick, in_ticks, ticket, changes: &[(Parameter, f64)]| Order {
+fn swaps() -> [(u64, SwapRequest); 3] {
+    let order = |tick, in_ticks, ticket, changes: &[(Parameter, f64)]| SwapRequest {
         tick,
         in_ticks,
         swap: Swap { ticket, ..Swap::new(0, changes).unwrap() },
@@ -227,7 +227,7 @@ const SWAPPED_AT: [u64; 3] = [20, 205, 700];
 fn fly_and_count(with_recorder: bool) {
     let site = Site::new();
     let wire = Wire::open(&site.instance).unwrap();
-    let (mut inbox, mut outbox) = (Queue::<Order, INBOX>::new(), Queue::<Event, OUTBOX>::new());
+    let (mut inbox, mut outbox) = (Queue::<SwapRequest, INBOX>::new(), Queue::<Event, OUTBOX>::new());
     let (mut orders_in, orders_out) = inbox.split();
     let (events_in, mut events_out) = outbox.split();
     let mut recorder = with_recorder.then(|| Recorder::new(&wire));
@@ -289,7 +289,7 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
     const CLIENTS: u64 = 20;
     let site = Site::new();
     let wire = Wire::open(&site.instance).unwrap();
-    let (mut inbox, mut outbox) = (Queue::<Order, INBOX>::new(), Queue::<Event, OUTBOX>::new());
+    let (mut inbox, mut outbox) = (Queue::<SwapRequest, INBOX>::new(), Queue::<Event, OUTBOX>::new());
     let (orders_in, orders_out) = inbox.split();
     let (events_in, events_out) = outbox.split();
     thread::scope(|scope| {
@@ -307,7 +307,7 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
                 // A process of its own as far as the middleware can tell.
                 let wire = Wire::open(instance).unwrap();
                 let answer = wire.swap_client().unwrap().ask(change_mass(0.5 + client as f64 / 100.0), LONG).unwrap();
-                assert_eq!((answer.verdict, answer.parameter_epoch), (Verdict::Applied as u64, client + 1));
+                assert_eq!((answer.verdict, answer.parameter_epoch), (SwapOutcome::Applied as u64, client + 1));
             }
         });
         let (begin_ns, first_tick) = (now_ns(), crew.next_tick);
@@ -333,7 +333,7 @@ fn change_mass(mass_kg: f64) -> SwapOrder {
 fn a_receiver_that_joins_a_topic_in_flight_makes_the_sender_allocate() {
     let site = Site::new();
     let wire = Wire::open(&site.instance).unwrap();
-    let (mut inbox, mut outbox) = (Queue::<Order, INBOX>::new(), Queue::<Event, OUTBOX>::new());
+    let (mut inbox, mut outbox) = (Queue::<SwapRequest, INBOX>::new(), Queue::<Event, OUTBOX>::new());
     let mut crew = Crew::new(&wire, inbox.split().1, outbox.split().0);
     crew.arm();
     crew.warm_up();

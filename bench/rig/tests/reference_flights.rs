@@ -76,9 +76,9 @@ const GROUPS: [Group; 8] = [
 fn flight(trajectory: Trajectory, preset: Preset) -> InProcess {
     let (airframe, rotor) = (Airframe::nominal(), RotorLimits::default());
     InProcess::new(
-        &plant::Settings { period_s: PERIOD_S, airframe, rotor, seed: 0 },
-        &controller::Settings { period_s: PERIOD_S, rotor, ..controller::Settings::new(trajectory, preset) },
-        &mixer::Settings { period_s: PERIOD_S, model: airframe, rotor },
+        &plant::PlantSettings { period_s: PERIOD_S, airframe, rotor, seed: 0 },
+        &controller::LoopSettings { period_s: PERIOD_S, rotor, ..controller::LoopSettings::new(trajectory, preset) },
+        &mixer::MixerSettings { period_s: PERIOD_S, model: airframe, rotor },
     )
 }
 

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use failure::Failure;
 use flight_log::facts::record;
-use flight_log::reader::{Entry, LogReader};
+use flight_log::reader::{LogEntry, LogReader};
 use flight_log::writer::FlightLog;
 use ironbird::replay::{Replayed, fly_again};
 use recorded::{Dice, Published, Trouble, fly, settings, write};
@@ -136,7 +136,7 @@ fn rewrite_landing(from: &Path, to: &Path, text: &str, ticks_run: &str) {
 }
 
 /// Writes a log again, without the messages that `keep` does not want, which it may also change.
-fn rewrite(from: &Path, to: &Path, text: &str, keep: impl FnMut(&mut Entry) -> bool) {
+fn rewrite(from: &Path, to: &Path, text: &str, keep: impl FnMut(&mut LogEntry) -> bool) {
     finish_again(from, to, text, keep, &[]);
 }
 
@@ -144,7 +144,7 @@ fn finish_again(
     from: &Path,
     to: &Path,
     text: &str,
-    mut keep: impl FnMut(&mut Entry) -> bool,
+    mut keep: impl FnMut(&mut LogEntry) -> bool,
     landing: &[(&str, &str)],
 ) {
     let mut reader = LogReader::open(from).unwrap();
@@ -154,11 +154,11 @@ fn finish_again(
             continue;
         }
         match &entry {
-            Entry::State(message) => log.state(message),
-            Entry::Setpoint(message) => log.setpoint(message),
-            Entry::Wrench(message) => log.write(message),
-            Entry::RotorSpeeds(message) => log.write(message),
-            Entry::Swap(message) => log.write(message),
+            LogEntry::State(message) => log.state(message),
+            LogEntry::Setpoint(message) => log.setpoint(message),
+            LogEntry::Wrench(message) => log.write(message),
+            LogEntry::RotorSpeeds(message) => log.write(message),
+            LogEntry::Swap(message) => log.write(message),
         }
     }
     log.finish(record(landing)).unwrap();
@@ -169,21 +169,21 @@ fn flip(value: &mut f64) {
 }
 
 /// Changes the lowest bit of a value: of tick 90, or of the swap of tick 60.
-fn change(entry: &mut Entry, field: &str) {
+fn change(entry: &mut LogEntry, field: &str) {
     match entry {
-        Entry::State(message) if field == "state.position_w_m[1]" && message.envelope.tick == 90 => {
+        LogEntry::State(message) if field == "state.position_w_m[1]" && message.envelope.tick == 90 => {
             flip(&mut message.content.position_w_m[1]);
         }
-        Entry::Setpoint(message) if field == "setpoint.thrust_n" && message.envelope.tick == 90 => {
+        LogEntry::Setpoint(message) if field == "setpoint.thrust_n" && message.envelope.tick == 90 => {
             flip(&mut message.content.thrust_n);
         }
-        Entry::Wrench(message) if field == "wrench.torque_b_nm[2]" && message.envelope.tick == 90 => {
+        LogEntry::Wrench(message) if field == "wrench.torque_b_nm[2]" && message.envelope.tick == 90 => {
             flip(&mut message.content.torque_b_nm[2]);
         }
-        Entry::RotorSpeeds(message) if field == "rotor_speeds.saturated" && message.envelope.tick == 90 => {
+        LogEntry::RotorSpeeds(message) if field == "rotor_speeds.saturated" && message.envelope.tick == 90 => {
             message.content.saturated ^= 1;
         }
-        Entry::Swap(message) if field == "swaps.old[0]" && message.envelope.tick == 60 => {
+        LogEntry::Swap(message) if field == "swaps.old[0]" && message.envelope.tick == 60 => {
             flip(&mut message.content.old[0]);
         }
         _ => {}
@@ -214,7 +214,7 @@ fn a_changed_value_with_whole_checksums_diverges_at_its_tick_stage_and_field() {
     }
     // A swap to another value changes the flight from its tick on.
     rewrite(&path, &changed, NOISY, |entry| {
-        if let Entry::Swap(message) = entry {
+        if let LogEntry::Swap(message) = entry {
             flip(&mut message.content.new[0]);
         }
         true
@@ -227,15 +227,15 @@ fn a_log_with_a_gap_is_refused_and_the_gap_named() {
     let place = Place::new();
     let (path, _) = place.log(NOISY, |_| Trouble::default());
     let thinned = place.path("thinned.mcap");
-    let refused = |keep: &dyn Fn(&Entry) -> bool| {
+    let refused = |keep: &dyn Fn(&LogEntry) -> bool| {
         rewrite(&path, &thinned, NOISY, |entry| keep(entry));
         verify(&thinned).unwrap_err().to_string()
     };
-    let said = refused(&|entry| !matches!(entry, Entry::Wrench(message) if message.envelope.tick == 50));
+    let said = refused(&|entry| !matches!(entry, LogEntry::Wrench(message) if message.envelope.tick == 50));
     assert!(said.contains("1 messages of topic `wrench` are missing before tick 51"), "{said}");
-    let said = refused(&|entry| !matches!(entry, Entry::State(message) if message.envelope.tick < 3));
+    let said = refused(&|entry| !matches!(entry, LogEntry::State(message) if message.envelope.tick < 3));
     assert!(said.contains("3 messages of topic `state` are missing before tick 3"), "{said}");
-    let said = refused(&|entry| !matches!(entry, Entry::Swap(message) if message.content.parameter_epoch == 4));
+    let said = refused(&|entry| !matches!(entry, LogEntry::Swap(message) if message.content.parameter_epoch == 4));
     assert!(said.contains("its last state knows 4 swaps, and it holds 3"), "{said}");
     let said = refused(&|_| false);
     assert!(said.contains("holds no message"), "{said}");
@@ -340,7 +340,7 @@ fn a_truncated_log_is_read_to_its_last_whole_chunk_and_never_identical() {
         let mut reader = LogReader::open(&cut_path).unwrap();
         let mut states = 0;
         while let Ok(Some(entry)) = reader.next_entry() {
-            states += usize::from(matches!(entry, Entry::State(_)));
+            states += usize::from(matches!(entry, LogEntry::State(_)));
         }
         assert!(states >= most, "the longer the file, the more of it is read");
         most = states;

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use browser::Browser;
 use report::page;
-use report::schema::{LateStretch, Report, RunLength};
+use report::schema::{LateStretchSection, Report, RunLength};
 use report::tally::distribution::Bucket;
 use rig::Rig;
 use serde_json::Value;
@@ -86,7 +86,7 @@ fn bad_day(directory: &Path) -> Report {
         (step.granted, step.refused) = (false, Some(HOSTILE.into()));
     }
     let deadlines = &mut report.deadlines;
-    let stretch = |i: u64| LateStretch {
+    let stretch = |i: u64| LateStretchSection {
         tick: 400 * i,
         time_s: 0.4 * i as f64,
         length_ticks: i,

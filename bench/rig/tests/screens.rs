@@ -6,10 +6,10 @@ use std::collections::BTreeMap;
 
 use failure::Failure;
 use ironbird::inject::Applied;
-use ironbird::observe::Seen;
+use ironbird::observe::ObservedMessage;
 use ironbird::watch::draw::{SMALLEST, draw};
 use ironbird::watch::keys::Action;
-use ironbird::watch::model::{Flight, Model, Tab};
+use ironbird::watch::model::{Model, Tab, WatchedFlight};
 use model::boards::{Ending, InForce, Run, RunPhase, Status};
 use model::envelope::{Envelope, Message, Stamps};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Truth, Wrench};
@@ -55,7 +55,7 @@ fn envelope(tick: u64) -> Envelope {
     }
 }
 
-fn take_tick(flight: &mut Flight, tick: u64) {
+fn take_tick(flight: &mut WatchedFlight, tick: u64) {
     let envelope = envelope(tick);
     let state = State {
         position_w_m: [1.0, -1.0, 1.5],
@@ -71,10 +71,10 @@ fn take_tick(flight: &mut Flight, tick: u64) {
     monitor.violations[Cause::GyroNoise as usize] = 12;
     let wrench = Wrench { thrust_n: 5.0, estimate: [3.3e-5, 0.1, 0.2], monitor, ..Wrench::default() };
     let speeds = RotorSpeeds { speed_rad_s: [200.0; 4], thrust_n: 5.0, ..RotorSpeeds::default() };
-    flight.take(Seen::State(&Message { envelope, content: state }));
-    flight.take(Seen::Setpoint(&Message { envelope, content: setpoint }));
-    flight.take(Seen::Wrench(&Message { envelope, content: wrench }));
-    flight.take(Seen::RotorSpeeds(&Message { envelope, content: speeds }));
+    flight.take(ObservedMessage::State(&Message { envelope, content: state }));
+    flight.take(ObservedMessage::Setpoint(&Message { envelope, content: setpoint }));
+    flight.take(ObservedMessage::Wrench(&Message { envelope, content: wrench }));
+    flight.take(ObservedMessage::RotorSpeeds(&Message { envelope, content: speeds }));
 }
 
 /// A dashboard that has seen a second of a flight, from its 100th tick on.
@@ -150,7 +150,7 @@ fn the_error_goes_on_where_nobody_publishes_a_set_point() {
     let mut model = model();
     let flight = model.flight.as_mut().unwrap();
     let content = State { position_w_m: [1.0, -1.0, 9.0], ..State::default() };
-    flight.take(Seen::State(&Message { envelope: envelope(1100), content }));
+    flight.take(ObservedMessage::State(&Message { envelope: envelope(1100), content }));
     shows(&screen(&model, 80, 24), "error     8.0000 m");
     shows(&screen(&model, 80, 24), "max 8.0000");
 }
@@ -380,6 +380,6 @@ fn a_line_of_plain_text_has_what_matters() {
 fn swaps_do_not_disturb() {
     let mut model = model();
     let swap = Message { envelope: Envelope { seq: 3, ..envelope(500) }, content: SwapRecord::default() };
-    model.flight.as_mut().unwrap().take(Seen::Swap(&swap));
+    model.flight.as_mut().unwrap().take(ObservedMessage::Swap(&swap));
     assert_eq!(model.flight.as_ref().unwrap().lost(), 0, "swaps from before are not missing");
 }

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use controller::adaptation::{Adaptation, Learnt};
 use controller::samples::Samples;
-use controller::{InnerLoop, OuterLoop, Preset, Settings, TheoremMonitor, Trajectory};
+use controller::{InnerLoop, LoopSettings, OuterLoop, Preset, TheoremMonitor, Trajectory};
 use ironbird::in_process::InProcess;
 use mixer::Mixer;
 use model::limits::RotorLimits;
@@ -22,7 +22,7 @@ use rig::Rig;
 /// A flight of the nominal airframe, but for what is said here.
 #[derive(Clone)]
 struct Flight {
-    settings: Settings,
+    settings: LoopSettings,
     start: Vec<(Parameter, f64)>,
     swaps: Vec<(u64, Parameter, f64)>,
     seconds: u64,
@@ -30,7 +30,7 @@ struct Flight {
 
 impl Flight {
     fn new(trajectory: Trajectory, preset: Preset, seconds: u64) -> Self {
-        Self { settings: Settings::new(trajectory, preset), start: Vec::new(), swaps: Vec::new(), seconds }
+        Self { settings: LoopSettings::new(trajectory, preset), start: Vec::new(), swaps: Vec::new(), seconds }
     }
 
     fn starts_with(mut self, parameter: Parameter, value: f64) -> Self {
@@ -43,16 +43,20 @@ impl Flight {
         self
     }
 
-    fn plant(&self) -> plant::Settings {
+    fn plant(&self) -> plant::PlantSettings {
         let mut airframe = Airframe::nominal();
         for (parameter, value) in &self.start {
             airframe.set(*parameter, *value).unwrap();
         }
-        plant::Settings { period_s: self.settings.period_s, airframe, rotor: RotorLimits::default(), seed: 1 }
+        plant::PlantSettings { period_s: self.settings.period_s, airframe, rotor: RotorLimits::default(), seed: 1 }
     }
 
-    fn mixer(&self) -> mixer::Settings {
-        mixer::Settings { period_s: self.settings.period_s, model: self.settings.model, rotor: RotorLimits::default() }
+    fn mixer(&self) -> mixer::MixerSettings {
+        mixer::MixerSettings {
+            period_s: self.settings.period_s,
+            model: self.settings.model,
+            rotor: RotorLimits::default(),
+        }
     }
 
     fn schedule(&self, plant: &mut Plant) {
@@ -292,7 +296,7 @@ struct Mutant {
 }
 
 impl Mutant {
-    fn new(settings: &Settings, change: fn(&mut Adaptation), learn: fn(&Learnt, &Learnt) -> Learnt) -> Self {
+    fn new(settings: &LoopSettings, change: fn(&mut Adaptation), learn: fn(&Learnt, &Learnt) -> Learnt) -> Self {
         let mut adaptation = Adaptation::new(settings);
         change(&mut adaptation);
         Self { adaptation, samples: Samples::new(settings), learnt: adaptation.prior(), learn }

@@ -30,7 +30,7 @@ const F_MIN: f64 = K * 30.0 * 30.0;
 const F_MAX: f64 = K * 350.0 * 350.0;
 
 /// What the outer loop asks for: thrust [N]; roll, pitch, yaw [rad] with two derivatives.
-pub struct Order {
+pub struct AttitudeSetpoint {
     pub u: f64,
     attitude: [f64; 3],
     rate: [f64; 3],
@@ -74,7 +74,7 @@ fn ramp(t: f64) -> [f64; 5] {
 }
 
 /// Thrust and attitude that bring the body to the trajectory.
-pub fn outer(t: f64, b: &Body) -> Order {
+pub fn outer(t: f64, b: &Body) -> AttitudeSetpoint {
     let s = ramp(t);
     let x = axis(&s, t, 0.0, 2.0, 0.5);
     let y = axis(&s, t, 0.0, 1.0, 1.0);
@@ -107,7 +107,7 @@ pub fn outer(t: f64, b: &Body) -> Order {
         * (ax * (c_yaw * s_th * c_phi + s_yaw * s_phi)
             + ay * (s_yaw * s_th * c_phi - c_yaw * s_phi)
             + az * (c_th * c_phi));
-    Order {
+    AttitudeSetpoint {
         u: u.clamp(4.0 * F_MIN, 4.0 * F_MAX),
         attitude: [phi_d, theta_d, psi[0]],
         rate: [ahead[0], ahead[1], psi[1]],
@@ -187,7 +187,7 @@ impl Inner {
     }
 
     /// Torque [N m] at `t` [s]; `w` are the rotor speeds of the tick before [rad/s].
-    pub fn tick(&mut self, t: f64, b: &Body, w: &[f64; 4], order: &Order) -> [f64; 3] {
+    pub fn tick(&mut self, t: f64, b: &Body, w: &[f64; 4], order: &AttitudeSetpoint) -> [f64; 3] {
         let om = w[0] - w[1] + w[2] - w[3];
         let h = t.sin();
         let nu2 = [b.p, b.q, b.r];

@@ -25,13 +25,13 @@ impl Laws {
     /// The Lissajous figure with the gains `flight`, nominal airframe, 1 kHz, before tick 0.
     #[must_use]
     pub fn new() -> Self {
-        let controller = controller::Settings::new(Trajectory::Lissajous, Preset::Flight);
+        let controller = controller::LoopSettings::new(Trajectory::Lissajous, Preset::Flight);
         let (period_s, airframe, rotor) = (controller.period_s, Airframe::nominal(), RotorLimits::default());
         Self {
-            plant: Plant::new(&plant::Settings { period_s, airframe, rotor, seed: 0 }),
+            plant: Plant::new(&plant::PlantSettings { period_s, airframe, rotor, seed: 0 }),
             outer: OuterLoop::new(&controller),
             inner: InnerLoop::new(&controller),
-            mixer: Mixer::new(&mixer::Settings { period_s, model: airframe, rotor }),
+            mixer: Mixer::new(&mixer::MixerSettings { period_s, model: airframe, rotor }),
             setpoint: Dated { tick: NO_TICK, content: Setpoint::default() },
             tick: 0,
         }

@@ -38,7 +38,7 @@ const I_Z: f64 = 0.0129;
 
 /// The flight, standing between two ticks.
 #[derive(Clone, Debug)]
-pub struct Flight {
+pub struct ScalarFlight {
     tick: u64,
     body: Body,
     /// Rotor speeds of the tick before, of this tick, and of the next [rad/s].
@@ -49,7 +49,7 @@ pub struct Flight {
 
 /// What a tick came to, for comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
+pub struct ScalarSample {
     /// Position, velocity (world frame), attitude, body rates at the tick [m, m/s, rad, rad/s].
     pub body: [f64; 12],
     /// Thrust [N] and torque [N m] asked for.
@@ -60,7 +60,7 @@ pub struct Sample {
     pub speed: [f64; 4],
 }
 
-impl Flight {
+impl ScalarFlight {
     /// The flight before tick 0: at rest in the origin, rotors at hover speed.
     #[must_use]
     pub fn new() -> Self {
@@ -69,7 +69,7 @@ impl Flight {
     }
 
     /// Flies one tick.
-    pub fn tick(&mut self) -> Sample {
+    pub fn tick(&mut self) -> ScalarSample {
         let t = self.tick as f64 * T;
         let body = self.body;
         let order = outer(t, &body);
@@ -79,7 +79,7 @@ impl Flight {
         self.speed_last = self.speed;
         self.speed = command;
         self.tick += 1;
-        Sample {
+        ScalarSample {
             body: body.numbers(),
             wrench: [order.u, tau[0], tau[1], tau[2]],
             estimate: self.inner.estimate(),
@@ -88,7 +88,7 @@ impl Flight {
     }
 }
 
-impl Default for Flight {
+impl Default for ScalarFlight {
     fn default() -> Self {
         Self::new()
     }

@@ -5,7 +5,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use crate::Flight;
+use crate::ScalarFlight;
 use crate::laws::Laws;
 
 /// Fewest pairs that say anything about their spread.
@@ -13,14 +13,14 @@ pub const PAIRS_MIN: usize = 5;
 
 /// One pair: the same ticks by the rig's laws and by hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pair {
+pub struct TimedPair {
     /// By the laws, without monitor [s per tick].
     pub laws_s: f64,
     /// By hand [s per tick].
     pub scalar_s: f64,
 }
 
-impl Pair {
+impl TimedPair {
     /// How many times longer the laws take.
     #[must_use]
     pub fn ratio(&self) -> f64 {
@@ -32,9 +32,11 @@ impl Pair {
 ///
 /// One pair before them is flown and not counted: it finds caches and processor cold.
 #[must_use]
-pub fn pairs(pairs: usize, ticks: u64) -> Vec<Pair> {
-    let pair =
-        || Pair { laws_s: time(ticks, Laws::new(), Laws::tick), scalar_s: time(ticks, Flight::new(), Flight::tick) };
+pub fn pairs(pairs: usize, ticks: u64) -> Vec<TimedPair> {
+    let pair = || TimedPair {
+        laws_s: time(ticks, Laws::new(), Laws::tick),
+        scalar_s: time(ticks, ScalarFlight::new(), ScalarFlight::tick),
+    };
     black_box(pair());
     (0..pairs.max(PAIRS_MIN)).map(|_| pair()).collect()
 }
@@ -58,7 +60,7 @@ mod tests {
 
     #[test]
     fn the_flight_by_hand_is_the_flight_of_the_laws() {
-        let (mut laws, mut hand) = (Laws::new(), Flight::new());
+        let (mut laws, mut hand) = (Laws::new(), ScalarFlight::new());
         for tick in 0..=TICKS {
             let (state, wrench, speeds) = laws.tick();
             let sample = hand.tick();

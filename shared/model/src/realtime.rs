@@ -15,7 +15,7 @@ const ENOSYS: i32 = 38;
 /// How much the user insists on real time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Mode {
+pub enum RealtimeMode {
     /// End with an error when a step is refused.
     Require,
     /// Try every step, fly with what is granted, and say what was not.
@@ -27,9 +27,9 @@ pub enum Mode {
 
 /// What to ask the system for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
+pub struct RealtimeSettings {
     /// How much the user insists.
-    pub mode: Mode,
+    pub mode: RealtimeMode,
     /// SCHED_FIFO priority of the plant; later stages come above it.
     pub priority: i32,
     /// The processor for the four loops; `None` takes the highest-numbered one allowed.
@@ -40,7 +40,7 @@ pub struct Settings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(usize)]
-pub enum Step {
+pub enum RealtimeStep {
     /// SCHED_FIFO at a priority.
     Scheduler,
     /// One processor for all loops; for the recorder, the others.
@@ -58,19 +58,19 @@ pub enum Step {
 }
 
 /// Every step, in the order of [`Grants`].
-pub const STEPS: [Step; 7] = [
-    Step::Scheduler,
-    Step::Affinity,
-    Step::MemoryLock,
-    Step::Malloc,
-    Step::Prefault,
-    Step::TimerSlack,
-    Step::CpuLatency,
+pub const STEPS: [RealtimeStep; 7] = [
+    RealtimeStep::Scheduler,
+    RealtimeStep::Affinity,
+    RealtimeStep::MemoryLock,
+    RealtimeStep::Malloc,
+    RealtimeStep::Prefault,
+    RealtimeStep::TimerSlack,
+    RealtimeStep::CpuLatency,
 ];
 
-words!(Step { Scheduler, Affinity, MemoryLock, Malloc, Prefault, TimerSlack, CpuLatency });
+words!(RealtimeStep { Scheduler, Affinity, MemoryLock, Malloc, Prefault, TimerSlack, CpuLatency });
 
-impl Step {
+impl RealtimeStep {
     /// Whether `Mode::Require` insists on it: a machine without the device of the last step has no such sleep.
     #[must_use]
     pub const fn required(self) -> bool {
@@ -120,18 +120,18 @@ layout!(Grants { grants, policy, priority });
 impl Grants {
     /// Outcome of a step.
     #[must_use]
-    pub const fn of(&self, step: Step) -> &Grant {
+    pub const fn of(&self, step: RealtimeStep) -> &Grant {
         &self.grants[step as usize]
     }
 
     /// Writes down the outcome of a step; a reason without an error number counts as "not implemented".
-    pub fn note(&mut self, step: Step, value: u64, outcome: io::Result<()>) {
+    pub fn note(&mut self, step: RealtimeStep, value: u64, outcome: io::Result<()>) {
         let errno = outcome.err().map_or(0, |e| i64::from(e.raw_os_error().unwrap_or(ENOSYS)));
         self.grants[step as usize] = Grant { asked: 1, value, errno };
     }
 
     /// Steps that were asked for and refused.
-    pub fn refused(&self) -> impl Iterator<Item = Step> + '_ {
+    pub fn refused(&self) -> impl Iterator<Item = RealtimeStep> + '_ {
         STEPS.into_iter().filter(|step| self.of(*step).asked == 1 && !self.of(*step).granted())
     }
 }

@@ -9,7 +9,7 @@ use crate::layout::{FNV_OFFSET, fnv1a};
 use crate::messages::Mode;
 use crate::monitor::Cause;
 use crate::parameters::SPECS;
-use crate::realtime::Step;
+use crate::realtime::RealtimeStep;
 
 /// Gives an enum whose numbers stand on the wire a hash over its words and their numbers.
 #[doc(hidden)]
@@ -33,8 +33,15 @@ pub use words;
 
 /// Hash over what numbers on the wire stand for: a parameter's place in the table, the variants of enums.
 pub const VOCABULARY: u64 = {
-    let enums =
-        [RunPhase::WORDS, RolePhase::WORDS, Ending::WORDS, Mode::WORDS, Cause::WORDS, Reason::WORDS, Step::WORDS];
+    let enums = [
+        RunPhase::WORDS,
+        RolePhase::WORDS,
+        Ending::WORDS,
+        Mode::WORDS,
+        Cause::WORDS,
+        Reason::WORDS,
+        RealtimeStep::WORDS,
+    ];
     let mut hash = FNV_OFFSET;
     let mut i = 0;
     while i < enums.len() {

@@ -14,7 +14,7 @@ use wire::clock::Horizon;
 use wire::error::Error;
 use wire::{LATEST, Receiver, Sender, Wire};
 
-use crate::stage::{self, Stage, Turn, Worked};
+use crate::stage::{self, Stage, TickOutcome, Turn};
 use crate::station::Station;
 
 /// What a stage makes of its inputs at a tick.
@@ -165,7 +165,7 @@ impl<J: Job> Stage for Shell<J> {
         self.inputs.take(horizon)
     }
 
-    fn tick(&mut self, turn: &Turn) -> Result<Worked, Error> {
+    fn tick(&mut self, turn: &Turn) -> Result<TickOutcome, Error> {
         let stale = !self.inputs.fresh(turn.tick);
         let Made { output, wants_end } = self.job.work(turn.tick, &self.inputs);
         if let Some(output) = output {
@@ -174,7 +174,7 @@ impl<J: Job> Stage for Shell<J> {
             history.stamps[J::ROLE as usize] = Stamps { receive_ns: turn.receive_ns, send_ns: 0 };
             self.output.send(turn.tick, &history, output)?;
         }
-        Ok(Worked { stale, wants_end })
+        Ok(TickOutcome { stale, wants_end })
     }
 
     fn finish(&mut self, tick: u64) -> Result<(), Error> {

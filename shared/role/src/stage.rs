@@ -30,7 +30,7 @@ pub struct Turn {
 
 /// What a stage says of a tick that it worked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Worked {
+pub struct TickOutcome {
     /// Some input was not of the tick.
     pub stale: bool,
     /// The stage wants the run to end.
@@ -60,7 +60,7 @@ pub trait Stage {
     ///
     /// # Errors
     /// Those of the ports.
-    fn tick(&mut self, turn: &Turn) -> Result<Worked, Error>;
+    fn tick(&mut self, turn: &Turn) -> Result<TickOutcome, Error>;
 
     /// Called last, when the run is over: sends the final message to the next stage.
     ///
@@ -130,8 +130,8 @@ fn fly<S: Stage>(
     let mut signs_of_life = SignsOfLife::new(now_ns());
     loop {
         let (tick, receive_ns) = match pacer.wait(doorbell, |pace| stage.take(pace))? {
-            Wake::Work { tick, receive_ns } => (tick, receive_ns),
-            Wake::Silence { tick, receive_ns } => {
+            WakeReason::Work { tick, receive_ns } => (tick, receive_ns),
+            WakeReason::Silence { tick, receive_ns } => {
                 if let Some(next) = armed.run.successor() {
                     return Err(replaced(S::ROLE, &next));
                 }
@@ -207,7 +207,7 @@ impl SignsOfLife {
 
 /// Why a stage's wait ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Wake {
+enum WakeReason {
     /// The input of a tick is there.
     Work { tick: u64, receive_ns: u64 },
     /// The deadline of a tick has passed without it.
@@ -232,7 +232,11 @@ impl Pacer {
         Self { pace, first_look_percent, deadline_percent, since_ns: 0, next_tick: first_tick, skipped: 0 }
     }
 
-    fn wait(&mut self, doorbell: &Doorbell, mut take: impl FnMut(Pace) -> Result<u64, Error>) -> Result<Wake, Error> {
+    fn wait(
+        &mut self,
+        doorbell: &Doorbell,
+        mut take: impl FnMut(Pace) -> Result<u64, Error>,
+    ) -> Result<WakeReason, Error> {
         self.since_ns = now_ns();
         loop {
             let newest = take(self.pace)?;
@@ -265,7 +269,7 @@ impl Pacer {
     }
 
     /// What to do at `now` with an input of tick `newest`; `None` is to wait on.
-    fn decide(&mut self, now: u64, newest: u64) -> Option<Wake> {
+    fn decide(&mut self, now: u64, newest: u64) -> Option<WakeReason> {
         if let Pace::Realtime(grid) = self.pace {
             let current = grid.tick_at(now).max(self.next_tick);
             self.skipped += current - self.next_tick;
@@ -274,7 +278,7 @@ impl Pacer {
         if newest != NO_TICK && newest >= self.next_tick {
             self.skipped += newest - self.next_tick;
             self.next_tick = newest + 1;
-            return Some(Wake::Work { tick: newest, receive_ns: now });
+            return Some(WakeReason::Work { tick: newest, receive_ns: now });
         }
         if now < self.deadline() {
             return None;
@@ -282,7 +286,7 @@ impl Pacer {
         let tick = self.next_tick;
         // In lockstep no tick ends before it was worked.
         self.next_tick += u64::from(self.pace != Pace::Lockstep);
-        Some(Wake::Silence { tick, receive_ns: now })
+        Some(WakeReason::Silence { tick, receive_ns: now })
     }
 }
 
@@ -301,9 +305,9 @@ mod tests {
     fn works_its_input_and_waits_for_the_next() {
         let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 0);
         assert_eq!(pacer.decide(at(0, 0) - 500, NO_TICK), None);
-        assert_eq!(pacer.decide(at(0, 30), 0), Some(Wake::Work { tick: 0, receive_ns: at(0, 30) }));
+        assert_eq!(pacer.decide(at(0, 30), 0), Some(WakeReason::Work { tick: 0, receive_ns: at(0, 30) }));
         assert_eq!(pacer.decide(at(0, 40), 0), None, "its input is of the past tick");
-        assert_eq!(pacer.decide(at(1, 30), 1), Some(Wake::Work { tick: 1, receive_ns: at(1, 30) }));
+        assert_eq!(pacer.decide(at(1, 30), 1), Some(WakeReason::Work { tick: 1, receive_ns: at(1, 30) }));
         assert_eq!(pacer.skipped, 0);
     }
 
@@ -311,9 +315,9 @@ mod tests {
     fn works_without_input_after_its_deadline_once() {
         let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
         assert_eq!(pacer.decide(at(5, 799), 4), None);
-        assert_eq!(pacer.decide(at(5, 800), 4), Some(Wake::Silence { tick: 5, receive_ns: at(5, 800) }));
+        assert_eq!(pacer.decide(at(5, 800), 4), Some(WakeReason::Silence { tick: 5, receive_ns: at(5, 800) }));
         assert_eq!(pacer.decide(at(5, 900), 5), None, "the late input is not worked a second time");
-        assert_eq!(pacer.decide(at(6, 10), 6), Some(Wake::Work { tick: 6, receive_ns: at(6, 10) }));
+        assert_eq!(pacer.decide(at(6, 10), 6), Some(WakeReason::Work { tick: 6, receive_ns: at(6, 10) }));
     }
 
     #[test]
@@ -328,7 +332,7 @@ mod tests {
         let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
         assert_eq!(pacer.decide(at(9, 100), 4), None, "a pause of the machine: tick 9 may still get its input");
         assert_eq!((pacer.next_tick, pacer.skipped), (9, 4));
-        assert_eq!(pacer.decide(at(9, 200), 9), Some(Wake::Work { tick: 9, receive_ns: at(9, 200) }));
+        assert_eq!(pacer.decide(at(9, 200), 9), Some(WakeReason::Work { tick: 9, receive_ns: at(9, 200) }));
     }
 
     #[test]
@@ -349,7 +353,7 @@ mod tests {
         });
         drop(wire);
         instance.remove_leftovers().unwrap();
-        let Wake::Work { tick, receive_ns } = woken.unwrap() else { panic!("there was an input") };
+        let WakeReason::Work { tick, receive_ns } = woken.unwrap() else { panic!("there was an input") };
         assert!(tick >= 20 && receive_ns >= sent_ns, "tick {tick} came {} ns before it was sent", sent_ns - receive_ns);
     }
 
@@ -368,7 +372,7 @@ mod tests {
     #[test]
     fn an_input_that_comes_as_its_tick_begins_is_worked_once() {
         let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
-        assert_eq!(pacer.decide(at(5, 999), 6), Some(Wake::Work { tick: 6, receive_ns: at(5, 999) }));
+        assert_eq!(pacer.decide(at(5, 999), 6), Some(WakeReason::Work { tick: 6, receive_ns: at(5, 999) }));
         assert_eq!((pacer.next_tick, pacer.skipped), (7, 1));
         assert_eq!(pacer.decide(at(6, 10), 6), None);
     }

@@ -36,7 +36,7 @@ pub struct Orders {
     /// The instance that it belongs to.
     pub instance: Instance,
     /// What to ask of the system.
-    pub rt: realtime::Settings,
+    pub rt: realtime::RealtimeSettings,
     /// The settings that all roles of a run must share: one `key = value` a line.
     pub settings: String,
     /// Process number of the launcher, whose death ends the role; `None` when started by hand.

@@ -18,10 +18,10 @@ use model::flight_plan::FlightPlan;
 use model::grid::{Grid, Pace};
 use model::inspection::{Expected, Rejections};
 use model::messages::NO_TICK;
-use model::realtime::{Mode, Settings};
+use model::realtime::{RealtimeMode, RealtimeSettings};
 use model::role::{ROLES, Role};
 use role::rt::fifo_refusal;
-use role::stage::{self, Stage, Turn, Worked};
+use role::stage::{self, Stage, TickOutcome, Turn};
 use role::station::{Orders, Station};
 use wire::clock::Horizon;
 use wire::clock::now_ns;
@@ -32,10 +32,10 @@ use common::Site;
 
 const PLAN: FlightPlan = FlightPlan { last_tick: 10, sample_time_ns: 1_000_000, wall_period_ns: 1_000_000 };
 
-fn take(instance: &Instance, role: Role, mode: Mode) -> Station {
+fn take(instance: &Instance, role: Role, mode: RealtimeMode) -> Station {
     let orders = Orders {
         instance: instance.clone(),
-        rt: Settings { mode, priority: 10, cpu: None },
+        rt: RealtimeSettings { mode, priority: 10, cpu: None },
         settings: "flight.seed = 1\n".into(),
         launcher: None,
     };
@@ -74,13 +74,13 @@ fn agree(plant_needs: Duration, role_needs: Duration) -> Vec<Agreed> {
         for role in ROLES.into_iter().filter(|role| *role != Role::Plant) {
             let (tell, instance) = (tell.clone(), &site.instance);
             scope.spawn(move || {
-                let mut station = take(instance, role, Mode::Off);
+                let mut station = take(instance, role, RealtimeMode::Off);
                 let (mut needs, mut armed_ns) = (Some(role_needs), Vec::new());
                 let armed = station.join(|_, _, _| arm(&mut needs, &mut armed_ns)).unwrap();
                 tell.send(Agreed { grid: grid(armed.pace), first_tick: armed.first_tick, armed_ns }).unwrap();
             });
         }
-        let mut station = take(&site.instance, Role::Plant, Mode::Off);
+        let mut station = take(&site.instance, Role::Plant, RealtimeMode::Off);
         let (mut needs, mut armed_ns) = (Some(plant_needs), Vec::new());
         let opened = station.open_run(PLAN, |_, _| arm(&mut needs, &mut armed_ns)).unwrap();
         let mut agreed: Vec<Agreed> = ROLES[1..].iter().map(|_| told.recv().unwrap()).collect();
@@ -150,8 +150,8 @@ impl Stage for Idle<'_> {
         Ok(NO_TICK)
     }
 
-    fn tick(&mut self, _: &Turn) -> Result<Worked, Error> {
-        Ok(Worked { stale: true, wants_end: None })
+    fn tick(&mut self, _: &Turn) -> Result<TickOutcome, Error> {
+        Ok(TickOutcome { stale: true, wants_end: None })
     }
 
     fn rejections(&self) -> Rejections {
@@ -169,7 +169,7 @@ fn give_up(refuses: bool) -> (u32, (u32, bool)) {
         for role in [Role::Outer, Role::Mixer, Role::Record] {
             let tell = tell.clone();
             scope.spawn(move || {
-                let mut station = take(instance, role, Mode::Off);
+                let mut station = take(instance, role, RealtimeMode::Off);
                 let stop = station.stop_flag();
                 tell.send(station.stop_flag()).unwrap();
                 // Where it has joined, it has its place until it is told to go; else it is told while it waits.
@@ -180,12 +180,12 @@ fn give_up(refuses: bool) -> (u32, (u32, bool)) {
             });
         }
         let inner = scope.spawn(move || {
-            let station = take(instance, Role::Inner, Mode::Prefer);
+            let station = take(instance, Role::Inner, RealtimeMode::Prefer);
             let doorbell = station.wire().doorbell(Role::Inner).unwrap();
             let ended = stage::run(Idle { _port: Port { instance, seen }, armed, refuses }, &doorbell, station);
             assert_eq!(ended.is_err(), refuses);
         });
-        let mut station = take(instance, Role::Plant, Mode::Off);
+        let mut station = take(instance, Role::Plant, RealtimeMode::Off);
         // Where the stage ends instead of arming, nobody would wait for the plant any more.
         let stop = station.stop_flag();
         scope.spawn(move || {

@@ -29,7 +29,7 @@ pub use board::{Board, BoardReader};
 pub use doorbell::{Bell, Doorbell, Owner};
 pub use ports::{Receiver, Sender};
 pub use relay::{OBSERVED, OBSERVERS, Relay};
-pub use swaps::{SwapAnswer, SwapCall, SwapClient, SwapOrder, SwapServer, Verdict};
+pub use swaps::{SwapAnswer, SwapCall, SwapClient, SwapOrder, SwapOutcome, SwapServer};
 
 use crate::error::Error;
 use crate::instance::{Instance, Lock, SHARED_MEMORY};

@@ -55,7 +55,7 @@ layout!(SwapAnswer { verdict, tick, parameter_epoch, parameter, old });
 /// What became of a swap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
-pub enum Verdict {
+pub enum SwapOutcome {
     /// It holds.
     Applied = 0,
     /// An index names no parameter.
@@ -70,11 +70,11 @@ pub enum Verdict {
     Ended = 5,
 }
 
-from_wire!(Verdict { Applied, UnknownParameter, OutOfRange, Malformed, QueueFull, Ended });
+from_wire!(SwapOutcome { Applied, UnknownParameter, OutOfRange, Malformed, QueueFull, Ended });
 
 impl Wire {
     fn swap_service(&self) -> Result<PortFactory<ipc::Service, SwapOrder, (), SwapAnswer, ()>, Error> {
-        let layouts = [SwapOrder::FINGERPRINT, SwapAnswer::FINGERPRINT, Verdict::WORDS]
+        let layouts = [SwapOrder::FINGERPRINT, SwapAnswer::FINGERPRINT, SwapOutcome::WORDS]
             .into_iter()
             .fold(FNV_OFFSET, |hash, part| fnv1a(hash, &part.to_le_bytes()));
         let (service, layout) = (self.service_name("parameters")?, layout_verifier(layouts)?);

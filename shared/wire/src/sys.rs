@@ -26,7 +26,7 @@ unsafe impl<T: Layout + Copy + 'static> ZeroCopySend for Payload<T> {}
 /// A futex with a number to hand over; alone on its cache line.
 #[derive(Debug)]
 #[repr(C, align(64))]
-pub struct Bell {
+pub struct BellWord {
     /// Grows with every ring: the word to wait on.
     pub rung: AtomicU32,
     /// What is handed over.
@@ -39,12 +39,12 @@ pub const BELLS: usize = 64;
 /// A page of bells that processes share.
 #[derive(Debug)]
 pub struct BellPage {
-    page: NonNull<[Bell; BELLS]>,
+    page: NonNull<[BellWord; BELLS]>,
 }
 
 impl BellPage {
     /// Bytes that its file must have.
-    pub const BYTES: usize = size_of::<[Bell; BELLS]>();
+    pub const BYTES: usize = size_of::<[BellWord; BELLS]>();
 
     /// Maps a memory file of at least [`Self::BYTES`], which nobody may shrink, and touches it.
     ///
@@ -65,7 +65,7 @@ impl BellPage {
 }
 
 impl Deref for BellPage {
-    type Target = [Bell; BELLS];
+    type Target = [BellWord; BELLS];
 
     fn deref(&self) -> &Self::Target {
         // SAFETY: the mapping lives as long as `self`, its file does not shrink, a page's address is aligned for

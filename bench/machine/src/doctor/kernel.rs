@@ -1,6 +1,6 @@
 //! Findings about the kernel: its preemption model, and its limits on SCHED_FIFO.
 
-use model::realtime::Step;
+use model::realtime::RealtimeStep;
 
 use crate::executable::own_executable;
 use crate::{Machine, RT_RUNTIME};
@@ -63,7 +63,7 @@ fn scheduling(machine: &Machine) -> Finding {
             let reason = std::io::Error::from_raw_os_error(errno);
             let finding = Finding::ok("scheduling", format!("SCHED_FIFO refused: {reason} ({right})"), why);
             if may_use_fifo(machine) {
-                finding.blocks(role::rt::remedy(Step::Scheduler, i64::from(errno)))
+                finding.blocks(role::rt::remedy(RealtimeStep::Scheduler, i64::from(errno)))
             } else {
                 finding.blocks(format!("sudo setcap cap_sys_nice,cap_ipc_lock+ep '{}'; or {LIMITS}", executable()))
             }

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::cpu_times::CpuTimes;
 use crate::doctor::load::stolen;
-use crate::floor::link::Wake;
+use crate::floor::link::WakeMechanism;
 use crate::floor::work::Work;
 use crate::floor::{ring, timer};
 use failure::Failure;
@@ -28,7 +28,7 @@ pub const LATE_MAX_PERCENT: f64 = 1.0;
 
 /// What was measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Measured {
+pub struct MeasuredMachine {
     /// How long the timer and the ring were measured, each [s].
     pub seconds: f64,
     /// Scheduling of the measuring threads: `SCHED_FIFO 80` or `SCHED_OTHER`.
@@ -67,16 +67,17 @@ impl Measurement {
     }
 }
 
-impl Measured {
+impl MeasuredMachine {
     /// Measures for `duration` each, at the priorities of the loops on processor `cpu`.
     ///
     /// # Errors
     /// Those of [`timer::measure`] and [`ring::measure`].
     pub fn take(executable: &Path, duration: Duration, priority: i32, cpu: Option<usize>) -> Result<Self, Failure> {
         let before = CpuTimes::read();
-        let timer = timer::measure(&timer::Settings { period_ns: TICK_NS, duration, cpu, priority })?;
+        let timer = timer::measure(&timer::TimerSettings { period_ns: TICK_NS, duration, cpu, priority })?;
         let work = vec![Work::default(); STAGES.len()];
-        let settings = ring::Settings { wake: Wake::Futex, period_ns: TICK_NS, duration, cpu, priority, work };
+        let settings =
+            ring::RingSettings { wake: WakeMechanism::Futex, period_ns: TICK_NS, duration, cpu, priority, work };
         let ring = ring::measure(&settings, executable)?;
         let mut refused = timer.standing.refused.clone();
         refused.extend(ring.standing.refused.iter().cloned());
@@ -131,16 +132,16 @@ impl Measured {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use report::finding::{Level, Verdict};
+    use report::finding::{Level, RealtimeClass};
     use report::tally::series::histogram;
 
-    fn measured(late: u64) -> Measured {
+    fn measured(late: u64) -> MeasuredMachine {
         let mut lateness = histogram().unwrap();
         lateness.record_n(20_000, 1_000 - late).unwrap();
         lateness.record_n(LATE_NS * 2, late).unwrap();
         let measurement = Measurement::of("timer", &lateness, 0);
         assert_eq!(measurement.late, late);
-        Measured {
+        MeasuredMachine {
             seconds: 1.0,
             scheduling: "SCHED_FIFO 80".into(),
             cpu: 1,
@@ -157,16 +158,16 @@ mod tests {
             let finding = measured(late).findings().remove(0);
             (finding.level, finding.allows, finding.fix.is_some())
         };
-        assert_eq!(of(0), (Level::Ok, Verdict::Hard, false));
-        assert_eq!(of(1), (Level::Warning, Verdict::Soft, true));
-        assert_eq!(of(10), (Level::Warning, Verdict::Soft, true));
-        assert_eq!(of(11), (Level::Blocks, Verdict::NotRealTime, true));
+        assert_eq!(of(0), (Level::Ok, RealtimeClass::Hard, false));
+        assert_eq!(of(1), (Level::Warning, RealtimeClass::Soft, true));
+        assert_eq!(of(10), (Level::Warning, RealtimeClass::Soft, true));
+        assert_eq!(of(11), (Level::Blocks, RealtimeClass::NotRealTime, true));
     }
 
     #[test]
     fn a_host_that_takes_more_than_one_percent_softens() {
         let mut measured = measured(0);
         measured.steal = Steal { stolen_ms: 120, percent: 1.2 };
-        assert_eq!(measured.findings().last().map(|finding| finding.allows), Some(Verdict::Soft));
+        assert_eq!(measured.findings().last().map(|finding| finding.allows), Some(RealtimeClass::Soft));
     }
 }

@@ -18,7 +18,7 @@ use report::host::Host;
 
 use crate::Machine;
 use crate::cpu_times::host_of;
-use measured::Measured;
+use measured::MeasuredMachine;
 
 /// Version of the schema of `doctor --json`: changed whenever a key changes its meaning or goes.
 pub const SCHEMA: &str = "ironbird-doctor/1";
@@ -33,7 +33,7 @@ pub struct Examination {
     /// Everything that was looked at.
     pub findings: Vec<Finding>,
     /// What was measured.
-    pub measured: Option<Measured>,
+    pub measured: Option<MeasuredMachine>,
     /// The machine.
     pub host: Host,
 }
@@ -49,9 +49,9 @@ pub fn findings(machine: &Machine) -> Vec<Finding> {
 
 /// Examines a machine, and adds what was measured on it.
 #[must_use]
-pub fn examine(machine: &Machine, measured: Option<Measured>) -> Examination {
+pub fn examine(machine: &Machine, measured: Option<MeasuredMachine>) -> Examination {
     let mut findings = findings(machine);
-    findings.extend(measured.iter().flat_map(Measured::findings));
+    findings.extend(measured.iter().flat_map(MeasuredMachine::findings));
     Examination {
         schema: SCHEMA.into(),
         diagnosis: Diagnosis::of(&findings),

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::doctor::Examination;
-use crate::doctor::measured::{LATE_NS, Measured};
+use crate::doctor::measured::{LATE_NS, MeasuredMachine};
 use report::finding::{Finding, Level};
 
 /// Renders an examination for people.
@@ -42,7 +42,7 @@ fn write_finding(out: &mut String, finding: &Finding) -> std::fmt::Result {
     }
 }
 
-fn write_measured(out: &mut String, measured: &Measured) -> std::fmt::Result {
+fn write_measured(out: &mut String, measured: &MeasuredMachine) -> std::fmt::Result {
     writeln!(out, "\nMeasured for {} s each, {} on processor {}", measured.seconds, measured.scheduling, measured.cpu)?;
     for refused in &measured.refused {
         writeln!(out, "  refused: {refused}")?;

@@ -12,7 +12,7 @@ pub const EVENTS_NEEDED: f64 = 10.0;
 
 /// Ours and the floor's, one right after the other.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Pair {
+pub struct FloorPair {
     /// Of the rig.
     pub ours: f64,
     /// Of what the machine can do at the best.
@@ -24,7 +24,7 @@ pub struct Pair {
 /// How pairs become one ratio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Kind {
+pub enum RatioKind {
     /// Each pair has a ratio; the median counts, and the spread is from the smallest to the largest.
     Ratio,
     /// Counts of rare events: all of ours over all of the floor's; the spread is that with any one pair left out.
@@ -35,22 +35,22 @@ pub enum Kind {
 
 /// A figure beside its floor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Comparison {
+pub struct FloorComparison {
     /// What is compared.
     pub name: String,
     /// Of both sides.
     pub unit: String,
     /// How pairs become one ratio.
-    pub kind: Kind,
+    pub kind: RatioKind,
     /// The ratio should not be above it; for [`Kind::Difference`] what the difference was made to be, in the unit.
     pub goal: f64,
     /// In the order of measuring.
-    pub pairs: Vec<Pair>,
+    pub pairs: Vec<FloorPair>,
 }
 
 /// What the pairs allow to say.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Verdict {
+pub enum GoalVerdict {
     /// The goal is met.
     Met,
     /// It is not.
@@ -62,17 +62,17 @@ pub enum Verdict {
 /// Half of how far a difference may be off, as a share of what it was made to be.
 const DIFFERENCE_TOLERANCE: f64 = 0.1;
 
-impl Comparison {
+impl FloorComparison {
     /// A comparison without pairs yet.
     #[must_use]
-    pub fn new(name: &str, unit: &str, kind: Kind, goal: f64) -> Self {
+    pub fn new(name: &str, unit: &str, kind: RatioKind, goal: f64) -> Self {
         Self { name: name.into(), unit: unit.into(), kind, goal, pairs: Vec::new() }
     }
 
     /// Median of ours and of the floor's.
     #[must_use]
     pub fn sides(&self) -> (f64, f64) {
-        let of = |side: fn(&Pair) -> f64| median(self.pairs.iter().map(side).collect());
+        let of = |side: fn(&FloorPair) -> f64| median(self.pairs.iter().map(side).collect());
         (of(|pair| pair.ours), of(|pair| pair.floor))
     }
 
@@ -80,7 +80,7 @@ impl Comparison {
     #[must_use]
     pub fn ratio(&self) -> f64 {
         match self.kind {
-            Kind::Events => events_ratio(self.pairs.iter()),
+            RatioKind::Events => events_ratio(self.pairs.iter()),
             _ => median(self.ratios()),
         }
     }
@@ -89,12 +89,12 @@ impl Comparison {
     #[must_use]
     pub fn spread(&self) -> (f64, f64) {
         let ratios = match self.kind {
-            Kind::Events if self.pairs.len() > 1 => (0..self.pairs.len())
+            RatioKind::Events if self.pairs.len() > 1 => (0..self.pairs.len())
                 .map(|left_out| {
                     events_ratio(self.pairs.iter().enumerate().filter(|(i, _)| *i != left_out).map(|(_, pair)| pair))
                 })
                 .collect(),
-            Kind::Events => vec![self.ratio()],
+            RatioKind::Events => vec![self.ratio()],
             _ => self.ratios(),
         };
         let least = ratios.iter().copied().fold(f64::INFINITY, f64::min);
@@ -103,37 +103,40 @@ impl Comparison {
 
     /// Whether the goal is met, if the pairs allow to say so.
     #[must_use]
-    pub fn verdict(&self) -> Verdict {
+    pub fn verdict(&self) -> GoalVerdict {
         if self.pairs.is_empty() {
-            return Verdict::Inconclusive("nothing was measured".into());
+            return GoalVerdict::Inconclusive("nothing was measured".into());
         }
         let steal = self.pairs.iter().map(|pair| pair.steal_percent).fold(0.0, f64::max);
         if steal > STEAL_LIMIT_PERCENT {
-            return Verdict::Inconclusive(format!("the host stole up to {steal:.1} %"));
+            return GoalVerdict::Inconclusive(format!("the host stole up to {steal:.1} %"));
         }
         let events: f64 = self.pairs.iter().map(|pair| pair.floor).sum();
-        if self.kind == Kind::Events && events < EVENTS_NEEDED {
-            return Verdict::Inconclusive(format!("{events} events on the floor's side"));
+        if self.kind == RatioKind::Events && events < EVENTS_NEEDED {
+            return GoalVerdict::Inconclusive(format!("{events} events on the floor's side"));
         }
         let (ratio, (least, most)) = (self.ratio(), self.spread());
-        let distance =
-            if self.kind == Kind::Difference { DIFFERENCE_TOLERANCE - (ratio - 1.0).abs() } else { self.goal - ratio };
+        let distance = if self.kind == RatioKind::Difference {
+            DIFFERENCE_TOLERANCE - (ratio - 1.0).abs()
+        } else {
+            self.goal - ratio
+        };
         if most - least > 2.0 * distance.abs() {
-            return Verdict::Inconclusive("the spread is wider than the distance to the goal".into());
+            return GoalVerdict::Inconclusive("the spread is wider than the distance to the goal".into());
         }
-        if distance >= 0.0 { Verdict::Met } else { Verdict::Missed }
+        if distance >= 0.0 { GoalVerdict::Met } else { GoalVerdict::Missed }
     }
 
     fn ratios(&self) -> Vec<f64> {
-        let ratio = |pair: &Pair| match self.kind {
-            Kind::Difference => (pair.ours - pair.floor) / self.goal,
+        let ratio = |pair: &FloorPair| match self.kind {
+            RatioKind::Difference => (pair.ours - pair.floor) / self.goal,
             _ => pair.ours / pair.floor,
         };
         self.pairs.iter().map(ratio).collect()
     }
 }
 
-fn events_ratio<'a>(pairs: impl Iterator<Item = &'a Pair>) -> f64 {
+fn events_ratio<'a>(pairs: impl Iterator<Item = &'a FloorPair>) -> f64 {
     let (ours, floor) = pairs.fold((0.0, 0.0), |(ours, floor), pair| (ours + pair.ours, floor + pair.floor));
     ours / floor
 }
@@ -153,46 +156,47 @@ fn median(mut values: Vec<f64>) -> f64 {
 mod tests {
     use super::*;
 
-    fn comparison(kind: Kind, goal: f64, pairs: &[(f64, f64)]) -> Comparison {
-        let pairs = pairs.iter().map(|(ours, floor)| Pair { ours: *ours, floor: *floor, steal_percent: 0.0 }).collect();
-        Comparison { pairs, ..Comparison::new("x", "us", kind, goal) }
+    fn comparison(kind: RatioKind, goal: f64, pairs: &[(f64, f64)]) -> FloorComparison {
+        let pairs =
+            pairs.iter().map(|(ours, floor)| FloorPair { ours: *ours, floor: *floor, steal_percent: 0.0 }).collect();
+        FloorComparison { pairs, ..FloorComparison::new("x", "us", kind, goal) }
     }
 
     #[test]
     fn a_goal_is_met_or_missed_only_where_the_spread_leaves_no_doubt() {
         let near = [(12.0, 10.0), (12.4, 10.0), (12.6, 10.0), (12.2, 10.0), (12.4, 10.0)];
-        assert_eq!(comparison(Kind::Ratio, 1.5, &near).verdict(), Verdict::Met);
-        assert_eq!(comparison(Kind::Ratio, 1.1, &near).verdict(), Verdict::Missed);
-        let said = comparison(Kind::Ratio, 1.25, &near).verdict();
-        assert!(matches!(said, Verdict::Inconclusive(why) if why.contains("spread")));
+        assert_eq!(comparison(RatioKind::Ratio, 1.5, &near).verdict(), GoalVerdict::Met);
+        assert_eq!(comparison(RatioKind::Ratio, 1.1, &near).verdict(), GoalVerdict::Missed);
+        let said = comparison(RatioKind::Ratio, 1.25, &near).verdict();
+        assert!(matches!(said, GoalVerdict::Inconclusive(why) if why.contains("spread")));
         let (ratio, spread) =
-            (comparison(Kind::Ratio, 1.5, &near).ratio(), comparison(Kind::Ratio, 1.5, &near).spread());
+            (comparison(RatioKind::Ratio, 1.5, &near).ratio(), comparison(RatioKind::Ratio, 1.5, &near).spread());
         assert!((ratio - 1.24).abs() < 1e-12 && (spread.0 - 1.2).abs() < 1e-12 && (spread.1 - 1.26).abs() < 1e-12);
     }
 
     #[test]
     fn nothing_is_said_where_the_host_stole() {
-        let mut stolen = comparison(Kind::Ratio, 1.5, &[(1.0, 1.0); 5]);
+        let mut stolen = comparison(RatioKind::Ratio, 1.5, &[(1.0, 1.0); 5]);
         stolen.pairs[3].steal_percent = 1.1;
-        assert!(matches!(stolen.verdict(), Verdict::Inconclusive(why) if why.contains("1.1 %")));
-        assert!(matches!(comparison(Kind::Ratio, 1.5, &[]).verdict(), Verdict::Inconclusive(_)));
+        assert!(matches!(stolen.verdict(), GoalVerdict::Inconclusive(why) if why.contains("1.1 %")));
+        assert!(matches!(comparison(RatioKind::Ratio, 1.5, &[]).verdict(), GoalVerdict::Inconclusive(_)));
     }
 
     #[test]
     fn rare_events_are_pooled_and_need_some() {
-        let rare = comparison(Kind::Events, 1.2, &[(0.0, 1.0), (3.0, 0.0), (1.0, 2.0)]);
-        assert!(matches!(rare.verdict(), Verdict::Inconclusive(why) if why.starts_with("3 events")));
-        let many = comparison(Kind::Events, 1.2, &[(60.0, 70.0), (80.0, 75.0), (70.0, 74.0)]);
+        let rare = comparison(RatioKind::Events, 1.2, &[(0.0, 1.0), (3.0, 0.0), (1.0, 2.0)]);
+        assert!(matches!(rare.verdict(), GoalVerdict::Inconclusive(why) if why.starts_with("3 events")));
+        let many = comparison(RatioKind::Events, 1.2, &[(60.0, 70.0), (80.0, 75.0), (70.0, 74.0)]);
         assert!((many.ratio() - 210.0 / 219.0).abs() < 1e-12);
-        assert_eq!(many.verdict(), Verdict::Met);
+        assert_eq!(many.verdict(), GoalVerdict::Met);
     }
 
     #[test]
     fn a_difference_is_held_against_what_it_was_made_to_be() {
-        let seen = comparison(Kind::Difference, 20.0, &[(41.0, 21.0), (41.2, 20.9), (41.1, 21.2)]);
+        let seen = comparison(RatioKind::Difference, 20.0, &[(41.0, 21.0), (41.2, 20.9), (41.1, 21.2)]);
         assert!((seen.ratio() - 1.0).abs() < 0.02);
-        assert_eq!(seen.verdict(), Verdict::Met);
-        let unseen = comparison(Kind::Difference, 20.0, &[(21.1, 21.0), (21.2, 20.9), (21.0, 21.2)]);
-        assert_eq!(unseen.verdict(), Verdict::Missed);
+        assert_eq!(seen.verdict(), GoalVerdict::Met);
+        let unseen = comparison(RatioKind::Difference, 20.0, &[(21.1, 21.0), (21.2, 20.9), (21.0, 21.2)]);
+        assert_eq!(unseen.verdict(), GoalVerdict::Missed);
     }
 }

@@ -12,7 +12,7 @@ use report::tally::series::histogram;
 
 /// How to ask for a run.
 #[derive(Clone, Copy, Debug)]
-pub struct Settings {
+pub struct CyclictestSettings {
     /// Processor.
     pub cpu: usize,
     /// SCHED_FIFO priority.
@@ -23,7 +23,7 @@ pub struct Settings {
     pub duration: Duration,
 }
 
-impl Settings {
+impl CyclictestSettings {
     /// The arguments: every sample in nanoseconds on standard output.
     #[must_use]
     pub fn arguments(&self) -> Vec<String> {
@@ -49,7 +49,7 @@ pub fn is_installed() -> bool {
 ///
 /// # Errors
 /// [`Failure`] where it cannot be started, fails, or says nothing that is understood.
-pub fn measure(settings: &Settings) -> Result<Histogram<u64>, Failure> {
+pub fn measure(settings: &CyclictestSettings) -> Result<Histogram<u64>, Failure> {
     let output = Command::new("cyclictest")
         .args(settings.arguments())
         .output()

@@ -17,7 +17,7 @@ use failure::Failure;
 
 /// What wakes the next process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Wake {
+pub enum WakeMechanism {
     /// A counter of the kernel: one `write` to ring, one `read` to wait.
     Eventfd,
     /// A word in shared memory: one `futex` call to ring, one to wait.
@@ -59,18 +59,18 @@ impl Link {
     ///
     /// # Errors
     /// [`Failure`] where they are not.
-    pub fn inherited(wake: Wake, position: usize, processes: usize) -> Result<Self, Failure> {
+    pub fn inherited(wake: WakeMechanism, position: usize, processes: usize) -> Result<Self, Failure> {
         let not_ours = |e| {
             Failure::usage(format!("standard input and output are no link of a ring: {e}"))
                 .help("`ironbird doctor` starts these processes by itself")
         };
         let (stdin, stdout) = (std::io::stdin(), std::io::stdout());
         match wake {
-            Wake::Eventfd => Ok(Self::Eventfd {
+            WakeMechanism::Eventfd => Ok(Self::Eventfd {
                 own: stdin.as_fd().try_clone_to_owned().map_err(not_ours)?,
                 next: stdout.as_fd().try_clone_to_owned().map_err(not_ours)?,
             }),
-            Wake::Futex => {
+            WakeMechanism::Futex => {
                 let page = BellPage::map(stdin.as_fd()).map_err(not_ours)?;
                 Ok(Self::Futex { page, own: position, next: (position + 1) % processes, heard: 0 })
             }
@@ -152,13 +152,13 @@ impl Links {
     ///
     /// # Errors
     /// [`Failure`] with the system's reason.
-    pub fn new(wake: Wake, processes: usize) -> Result<Self, Failure> {
+    pub fn new(wake: WakeMechanism, processes: usize) -> Result<Self, Failure> {
         match wake {
-            Wake::Eventfd => (0..processes)
+            WakeMechanism::Eventfd => (0..processes)
                 .map(|_| eventfd(0, EventfdFlags::CLOEXEC).map_err(failed("cannot make an eventfd")))
                 .collect::<Result<_, _>>()
                 .map(Self::Eventfd),
-            Wake::Futex => {
+            WakeMechanism::Futex => {
                 let memory = failed("cannot make a memory file");
                 let file =
                     memfd_create("ironbird-ring", MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING).map_err(&memory)?;
@@ -200,10 +200,10 @@ impl Links {
 
     /// What wakes the next process.
     #[must_use]
-    pub const fn wake(&self) -> Wake {
+    pub const fn wake(&self) -> WakeMechanism {
         match self {
-            Self::Eventfd(_) => Wake::Eventfd,
-            Self::Futex { .. } => Wake::Futex,
+            Self::Eventfd(_) => WakeMechanism::Eventfd,
+            Self::Futex { .. } => WakeMechanism::Futex,
         }
     }
 

@@ -18,7 +18,7 @@ use hdrhistogram::Histogram;
 use role::rt::{Standing, fifo_refusal, loops_cpu, take_stand};
 use wire::clock::now_ns;
 
-use crate::floor::link::{END, Link, Links, Wake};
+use crate::floor::link::{END, Link, Links, WakeMechanism};
 use crate::floor::metronome::Metronome;
 use crate::floor::timer::{on_a_thread, stay_awake};
 use crate::floor::work::Work;
@@ -27,9 +27,9 @@ use report::tally::series::histogram;
 
 /// What to measure.
 #[derive(Clone, Debug)]
-pub struct Settings {
+pub struct RingSettings {
     /// What wakes the next process.
-    pub wake: Wake,
+    pub wake: WakeMechanism,
     /// Length of a tick [ns]; 0 lets lap follow lap without a timer.
     pub period_ns: u64,
     /// For how long.
@@ -44,7 +44,7 @@ pub struct Settings {
 
 /// How long a token took.
 #[derive(Clone, Debug)]
-pub struct Floor {
+pub struct RingFloor {
     /// From the first process' begin to the instant before the last one wakes it [ns].
     pub chain: Histogram<u64>,
     /// From the first process' begin to its having the token back [ns].
@@ -69,7 +69,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// # Errors
 /// Usage, where no tick fits into the duration or the number of processes is no ring; where a process cannot be
 /// started or dies.
-pub fn measure(settings: &Settings, executable: &Path) -> Result<Floor, Failure> {
+pub fn measure(settings: &RingSettings, executable: &Path) -> Result<RingFloor, Failure> {
     let (settings, executable) = (settings.clone(), executable.to_owned());
     let processes = settings.work.len();
     if !(2..=wire::sys::BELLS).contains(&processes) {
@@ -93,7 +93,7 @@ pub fn measure(settings: &Settings, executable: &Path) -> Result<Floor, Failure>
     })
 }
 
-fn go_around(link: &mut Link, settings: &Settings, standing: Standing) -> Result<Floor, Failure> {
+fn go_around(link: &mut Link, settings: &RingSettings, standing: Standing) -> Result<RingFloor, Failure> {
     for _ in 0..WARM_UP {
         link.ring(now_ns())?;
         link.wait(Some(PATIENCE))?;
@@ -113,7 +113,7 @@ fn go_around(link: &mut Link, settings: &Settings, standing: Standing) -> Result
         chain.saturating_record(sent_ns.saturating_sub(start_ns));
     }
     link.ring(END)?;
-    Ok(Floor {
+    Ok(RingFloor {
         chain,
         lap,
         ticks_run: metronome.ticks_run(),
@@ -126,11 +126,11 @@ fn go_around(link: &mut Link, settings: &Settings, standing: Standing) -> Result
 /// Lap after lap, as fast as the machine can.
 fn race(
     link: &mut Link,
-    settings: &Settings,
+    settings: &RingSettings,
     standing: Standing,
     mut chain: Histogram<u64>,
     mut lap: Histogram<u64>,
-) -> Result<Floor, Failure> {
+) -> Result<RingFloor, Failure> {
     let end_ns = now_ns() + u64::try_from(settings.duration.as_nanos()).unwrap_or(u64::MAX / 2);
     let mut start_ns = now_ns();
     while start_ns < end_ns {
@@ -143,7 +143,7 @@ fn race(
         start_ns = back_ns;
     }
     link.ring(END)?;
-    Ok(Floor { ticks_run: lap.len(), ticks_skipped: 0, chain, lap, lateness: histogram()?, standing })
+    Ok(RingFloor { ticks_run: lap.len(), ticks_skipped: 0, chain, lap, lateness: histogram()?, standing })
 }
 
 /// The processes after the first.
@@ -152,8 +152,8 @@ struct Others(Vec<Child>);
 impl Others {
     fn start(executable: &Path, links: &Links, cpu: usize, priority: i32, work: &[Work]) -> Result<Self, Failure> {
         let wake = match links.wake() {
-            Wake::Eventfd => "eventfd",
-            Wake::Futex => "futex",
+            WakeMechanism::Eventfd => "eventfd",
+            WakeMechanism::Futex => "futex",
         };
         let mut others = Self(Vec::new());
         for (position, work) in (0_i32..).zip(work).skip(1) {

@@ -12,7 +12,7 @@ use failure::Failure;
 
 /// What to measure.
 #[derive(Clone, Debug)]
-pub struct Settings {
+pub struct TimerSettings {
     /// Length of a tick [ns].
     pub period_ns: u64,
     /// For how long.
@@ -25,7 +25,7 @@ pub struct Settings {
 
 /// How late the thread woke.
 #[derive(Clone, Debug)]
-pub struct Floor {
+pub struct TimerFloor {
     /// From the begin of each tick to the waking [ns]; ticks slept through enter with their whole lateness.
     pub lateness: Histogram<u64>,
     /// Ticks that it was woken for.
@@ -40,7 +40,7 @@ pub struct Floor {
 ///
 /// # Errors
 /// Usage, where no tick fits into the duration; where the system starts no thread.
-pub fn measure(settings: &Settings) -> Result<Floor, Failure> {
+pub fn measure(settings: &TimerSettings) -> Result<TimerFloor, Failure> {
     let settings = settings.clone();
     let cpu = settings.cpu.unwrap_or_else(loops_cpu);
     on_a_thread("timer floor", move || {
@@ -48,7 +48,7 @@ pub fn measure(settings: &Settings) -> Result<Floor, Failure> {
         let _awake = stay_awake(&mut standing);
         let mut metronome = Metronome::new(settings.period_ns, settings.duration)?;
         while metronome.next_wake().is_some() {}
-        Ok(Floor {
+        Ok(TimerFloor {
             ticks_run: metronome.ticks_run(),
             ticks_skipped: metronome.skipped,
             lateness: metronome.lateness,

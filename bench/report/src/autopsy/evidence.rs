@@ -20,7 +20,7 @@ pub struct Passage {
 }
 
 /// What each stage did in a tick, in the order of [`STAGES`]; nothing where it published nothing.
-pub type Trace = [Option<Passage>; STAGES.len()];
+pub type TickPassages = [Option<Passage>; STAGES.len()];
 
 /// Whether a process can run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -51,7 +51,7 @@ pub struct Counters {
 
 /// What was counted at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Sample {
+pub struct CounterSample {
     /// The instant [ns].
     pub at_ns: u64,
     /// Of each stage, in the order of [`STAGES`].
@@ -68,9 +68,9 @@ pub struct Scene<'a> {
     /// Where ticks begin.
     pub grid: Grid,
     /// The ticks around it.
-    pub traces: &'a BTreeMap<u64, Trace>,
+    pub traces: &'a BTreeMap<u64, TickPassages>,
     /// The samples around it, in order.
-    pub samples: &'a [Sample],
+    pub samples: &'a [CounterSample],
     /// How far the traces reach [ns].
     pub until_ns: u64,
     /// A hypervisor runs below.
@@ -123,7 +123,7 @@ impl Suspect {
 
 /// What a stage's counters say of a span.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Usage {
+pub struct StageUsage {
     /// It was seen stopped.
     pub is_stopped: bool,
     /// It was seen to have ended.
@@ -138,7 +138,7 @@ pub struct Usage {
 
 /// What the other stages did in a span.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Others {
+pub struct OtherStages {
     /// One of them left a stamp.
     pub ran: bool,
     /// One of them was due.
@@ -172,7 +172,7 @@ impl Scene<'_> {
             let (due_ns, usual_ns) = match sent_ns {
                 _ if i == 0 => (begin_ns, self.usual(tick, |k, trace| Some(trace[0]?.receive_ns.saturating_sub(k)))),
                 Some(sent_ns) if is_fresh => {
-                    let hop = |trace: &Trace| Some(trace[i]?.receive_ns.saturating_sub(trace[i - 1]?.send_ns));
+                    let hop = |trace: &TickPassages| Some(trace[i]?.receive_ns.saturating_sub(trace[i - 1]?.send_ns));
                     (sent_ns, self.usual(tick, |_, trace| hop(trace)))
                 }
                 _ => (cut_off_ns, 0),
@@ -221,7 +221,7 @@ impl Scene<'_> {
     }
 
     /// What a duration usually is in the other ticks; `pick` is given the begin of the tick.
-    fn usual(&self, tick: u64, pick: impl Fn(u64, &Trace) -> Option<u64>) -> u64 {
+    fn usual(&self, tick: u64, pick: impl Fn(u64, &TickPassages) -> Option<u64>) -> u64 {
         let others = self.traces.iter().filter(|(other, _)| **other != tick);
         usual_of(others.filter_map(|(other, trace)| pick(self.grid.begin_of(*other), trace)).collect())
     }
@@ -246,7 +246,7 @@ impl Scene<'_> {
     }
 
     /// The samples around a span: the last before it, those in it, the first after it; nothing where it is not covered.
-    fn around(&self, suspect: &Suspect) -> Option<&[Sample]> {
+    fn around(&self, suspect: &Suspect) -> Option<&[CounterSample]> {
         let first = self.samples.iter().rposition(|sample| sample.at_ns <= suspect.from_ns)?;
         let last = self.samples.iter().position(|sample| sample.at_ns >= suspect.to_ns)?;
         self.samples.get(first..=last)
@@ -254,10 +254,10 @@ impl Scene<'_> {
 
     /// What the late stage's counters say of the time in which it was late.
     #[must_use]
-    pub fn usage(&self, suspect: &Suspect) -> Usage {
+    pub fn usage(&self, suspect: &Suspect) -> StageUsage {
         let stage = suspect.stage as usize;
-        let of = |sample: &Sample| sample.stages[stage];
-        let mut usage = Usage::default();
+        let of = |sample: &CounterSample| sample.stages[stage];
+        let mut usage = StageUsage::default();
         let from = self.samples.iter().filter(|sample| sample.at_ns >= suspect.from_ns);
         for sample in from.clone().take_while(|sample| sample.at_ns <= suspect.to_ns) {
             usage.is_stopped |= of(sample).life == Life::Stopped;
@@ -284,10 +284,10 @@ impl Scene<'_> {
     }
 
     /// By how much a counter usually grows in a time: by its usual rate between samples outside the span.
-    fn usually(&self, suspect: &Suspect, time_ns: u64, count: impl Fn(&Sample) -> u64) -> u64 {
-        let outside = |pair: &&[Sample]| pair[1].at_ns <= suspect.from_ns || pair[0].at_ns >= suspect.to_ns;
+    fn usually(&self, suspect: &Suspect, time_ns: u64, count: impl Fn(&CounterSample) -> u64) -> u64 {
+        let outside = |pair: &&[CounterSample]| pair[1].at_ns <= suspect.from_ns || pair[0].at_ns >= suspect.to_ns;
         // Growth in a second, so that little of it is not rounded away.
-        let rate = |pair: &[Sample]| {
+        let rate = |pair: &[CounterSample]| {
             let growth = u128::from(count(&pair[1]).saturating_sub(count(&pair[0])));
             let ns = u128::from((pair[1].at_ns - pair[0].at_ns).max(1));
             u64::try_from(growth * 1_000_000_000 / ns).unwrap_or(u64::MAX)
@@ -306,15 +306,15 @@ impl Scene<'_> {
 
     /// What the other stages on the same processor did while the stage was late.
     #[must_use]
-    pub fn others(&self, suspect: &Suspect) -> Others {
+    pub fn others(&self, suspect: &Suspect) -> OtherStages {
         if !self.share_processor {
-            return Others::default();
+            return OtherStages::default();
         }
         let period_ns = self.grid.period_ns;
         let from_ns = suspect.from_ns + period_ns * HEAD_PERCENT / 100;
         let to_ns = suspect.to_ns.saturating_sub(period_ns * TAIL_PERCENT / 100);
         let is_inside = |ns: u64| (from_ns..to_ns).contains(&ns);
-        let mut others = Others::default();
+        let mut others = OtherStages::default();
         for trace in self.traces.values() {
             for passage in (0..STAGES.len()).filter(|i| *i != suspect.stage as usize).filter_map(|i| trace[i]) {
                 others.ran |= is_inside(passage.receive_ns) || is_inside(passage.send_ns);

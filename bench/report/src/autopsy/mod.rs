@@ -17,7 +17,7 @@ use model::topic::Topic;
 use serde::{Deserialize, Serialize};
 
 use crate::autopsy::classes::{Class, Opinion, classify, index};
-use crate::autopsy::evidence::{Life, Passage, Sample, Scene, Trace};
+use crate::autopsy::evidence::{CounterSample, Life, Passage, Scene, TickPassages};
 
 /// Ticks that are kept around a miss.
 pub const WINDOW_TICKS: u64 = 64;
@@ -147,8 +147,8 @@ pub struct Autopsy {
     is_virtual: bool,
     /// All loops have the same processor.
     share_processor: bool,
-    traces: BTreeMap<u64, Trace>,
-    samples: VecDeque<Sample>,
+    traces: BTreeMap<u64, TickPassages>,
+    samples: VecDeque<CounterSample>,
     /// Ticks that the plant's next states judged: from, to, missed deadlines among them, the last one's verdict.
     judged: Vec<Judged>,
     last_state: Option<(u64, u64)>,
@@ -221,7 +221,7 @@ impl Autopsy {
     }
 
     /// Takes what the kernel has counted.
-    pub fn sample(&mut self, sample: Sample) {
+    pub fn sample(&mut self, sample: CounterSample) {
         self.samples.push_back(sample);
     }
 
@@ -287,7 +287,7 @@ impl Autopsy {
     fn examine_next(&mut self) {
         let Some(tick) = self.pending.pop_front() else { return };
         let (first, last) = (tick.saturating_sub(WINDOW_TICKS / 2), tick + WINDOW_TICKS / 2);
-        let traces: BTreeMap<u64, Trace> =
+        let traces: BTreeMap<u64, TickPassages> =
             self.traces.range(first..last).map(|(tick, trace)| (*tick, *trace)).collect();
         let stamps = traces.values().flatten().flatten().map(|passage| passage.send_ns);
         let until_ns = stamps.max().unwrap_or(0).max(self.grid.begin_of(tick + 1));

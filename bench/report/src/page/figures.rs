@@ -2,7 +2,7 @@
 
 use crate::plot::scale::Scale;
 use crate::plot::{Axis, Chart, HEIGHT, Layer, WIDTH, through};
-use crate::schema::{LateStretch, Swap};
+use crate::schema::{AppliedSwap, LateStretchSection};
 use crate::traces::{self, Group, Path, Traces};
 
 /// Names of a vector's components: also their colours.
@@ -21,15 +21,20 @@ const PATH_HEIGHT: f64 = 330.0;
 #[derive(Clone, Copy, Debug)]
 pub struct Figures<'a> {
     traces: &'a Traces,
-    swaps: &'a [Swap],
-    late: &'a [LateStretch],
+    swaps: &'a [AppliedSwap],
+    late: &'a [LateStretchSection],
     period_s: f64,
 }
 
 impl<'a> Figures<'a> {
     /// Of a flight with its marks; `period_s` is the length of a tick of the laws [s].
     #[must_use]
-    pub const fn new(traces: &'a Traces, swaps: &'a [Swap], late: &'a [LateStretch], period_s: f64) -> Self {
+    pub const fn new(
+        traces: &'a Traces,
+        swaps: &'a [AppliedSwap],
+        late: &'a [LateStretchSection],
+        period_s: f64,
+    ) -> Self {
         Self { traces, swaps, late, period_s }
     }
 
@@ -153,7 +158,7 @@ impl<'a> Figures<'a> {
         let axis = |i: usize| Scale::linear(both().map(|point| point[i]), 0.1);
         let (x, y) = (axis(across), axis(up));
         let line = |points: &[[f64; 3]]| points.iter().map(|point| (point[across], point[up])).collect();
-        let at_swap = |swap: &Swap| {
+        let at_swap = |swap: &AppliedSwap| {
             let sample =
                 tick.iter().position(|tick| *tick >= swap.tick).filter(|_| tick.first() <= Some(&swap.tick))?;
             Some(((flown[sample][across], flown[sample][up]), swap_words(swap)))
@@ -226,7 +231,7 @@ impl<'a> Figures<'a> {
 
     /// Missed deadlines as marks: of those that would stand on one pixel, the longest.
     fn misses(&self, end_s: f64) -> Vec<(f64, String)> {
-        let mut shown: Vec<(u64, &LateStretch)> = Vec::new();
+        let mut shown: Vec<(u64, &LateStretchSection)> = Vec::new();
         for stretch in self.late {
             let pixel = (stretch.time_s / end_s * WIDTH) as u64;
             match shown.last_mut() {
@@ -258,13 +263,13 @@ fn widened(scale: Scale, factor: f64) -> Scale {
     Scale::Linear { low: middle - half, high: middle + half }
 }
 
-fn swap_words(swap: &Swap) -> String {
+fn swap_words(swap: &AppliedSwap) -> String {
     let changes: Vec<String> =
         swap.changes.iter().map(|change| format!("{} {} -> {}", change.name, change.old, change.new)).collect();
     format!("swap at {:.3} s: {}", swap.time_s, changes.join(", "))
 }
 
-fn miss_words(stretch: &LateStretch) -> String {
-    let LateStretch { time_s, length_ticks, late_us, .. } = stretch;
+fn miss_words(stretch: &LateStretchSection) -> String {
+    let LateStretchSection { time_s, length_ticks, late_us, .. } = stretch;
     format!("{length_ticks} missed at {time_s:.3} s, late by {late_us:.0} us at the most")
 }

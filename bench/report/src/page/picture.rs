@@ -6,7 +6,7 @@ use maud::{Markup, PreEscaped, html};
 
 use crate::page::figures::Figures;
 use crate::plot::{Chart, HEIGHT, STYLE, WIDTH};
-use crate::schema::Swap;
+use crate::schema::AppliedSwap;
 use crate::traces::Traces;
 
 /// Space around charts [pixels].
@@ -18,7 +18,7 @@ const HEADING: f64 = 62.0;
 
 /// Draws the picture of a flight whose laws' ticks are `period_s` [s] long.
 #[must_use]
-pub fn render(traces: &Traces, swaps: &[Swap], period_s: f64, title: &str) -> String {
+pub fn render(traces: &Traces, swaps: &[AppliedSwap], period_s: f64, title: &str) -> String {
     let figures = Figures::new(traces, swaps, &[], period_s);
     let path = figures.path(0, 1);
     let mut rows: Vec<(f64, f64, String, Chart)> = Vec::new();

@@ -12,7 +12,7 @@ pub const KEPT: usize = 500;
 
 /// What a rotor command says about the deadline of a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum DeadlineOutcome {
     /// Published this long before the deadline [ns].
     Slack(u64),
     /// The deadline passed this long before a command came [ns].
@@ -42,13 +42,13 @@ impl Deadlines {
 
     /// Judges the deadlines of all commands owed up to that of `tick`, which was published at `send_ns`; `judge` is
     /// told the tick of each.
-    pub fn published(&mut self, tick: u64, send_ns: u64, mut judge: impl FnMut(u64, Verdict)) {
+    pub fn published(&mut self, tick: u64, send_ns: u64, mut judge: impl FnMut(u64, DeadlineOutcome)) {
         let first_owed = self.owed_tick.unwrap_or(tick);
         for owed in first_owed..=tick {
             let deadline_ns = self.grid.begin_of(owed + 1);
             let verdict = match deadline_ns.checked_sub(send_ns) {
-                Some(slack_ns) => Verdict::Slack(slack_ns),
-                None => Verdict::Late(send_ns - deadline_ns),
+                Some(slack_ns) => DeadlineOutcome::Slack(slack_ns),
+                None => DeadlineOutcome::Late(send_ns - deadline_ns),
             };
             judge(owed, verdict);
         }
@@ -61,9 +61,9 @@ impl Deadlines {
     }
 
     /// Judges the deadlines that a flight still owed up to `last_tick`, when it ended at `end_ns`: nobody published.
-    pub fn finish(&mut self, last_tick: u64, end_ns: u64, mut judge: impl FnMut(u64, Verdict)) {
+    pub fn finish(&mut self, last_tick: u64, end_ns: u64, mut judge: impl FnMut(u64, DeadlineOutcome)) {
         for owed in self.owed_tick.unwrap_or(last_tick + 1)..=last_tick {
-            judge(owed, Verdict::Late(end_ns.saturating_sub(self.grid.begin_of(owed + 1))));
+            judge(owed, DeadlineOutcome::Late(end_ns.saturating_sub(self.grid.begin_of(owed + 1))));
         }
         self.owed_tick = self.owed_tick.max(Some(last_tick + 1));
     }
@@ -190,7 +190,7 @@ mod tests {
 
     const GRID: Grid = Grid { t0_ns: 0, period_ns: 1_000 };
 
-    fn verdicts(published: &[(u64, u64)]) -> Vec<Verdict> {
+    fn verdicts(published: &[(u64, u64)]) -> Vec<DeadlineOutcome> {
         let mut deadlines = Deadlines::new(GRID);
         let mut all = Vec::new();
         for (tick, send_ns) in published {
@@ -201,18 +201,26 @@ mod tests {
 
     #[test]
     fn commands_in_time_have_slack() {
-        assert_eq!(verdicts(&[(0, 30), (1, 1_400)]), [Verdict::Slack(970), Verdict::Slack(600)]);
+        assert_eq!(verdicts(&[(0, 30), (1, 1_400)]), [DeadlineOutcome::Slack(970), DeadlineOutcome::Slack(600)]);
     }
 
     #[test]
     fn a_late_command_is_late_by_what_it_is_late() {
-        assert_eq!(verdicts(&[(0, 1_001)]), [Verdict::Late(1)]);
+        assert_eq!(verdicts(&[(0, 1_001)]), [DeadlineOutcome::Late(1)]);
     }
 
     #[test]
     fn commands_that_never_came_are_late_until_the_next_one() {
         let all = verdicts(&[(0, 30), (3, 3_040)]);
-        assert_eq!(all, [Verdict::Slack(970), Verdict::Late(1_040), Verdict::Late(40), Verdict::Slack(960)]);
+        assert_eq!(
+            all,
+            [
+                DeadlineOutcome::Slack(970),
+                DeadlineOutcome::Late(1_040),
+                DeadlineOutcome::Late(40),
+                DeadlineOutcome::Slack(960)
+            ]
+        );
     }
 
     #[test]
@@ -221,7 +229,10 @@ mod tests {
         let mut all = Vec::new();
         deadlines.published(0, 30, |_, _| {});
         deadlines.finish(3, 4_100, |tick, verdict| all.push((tick, verdict)));
-        assert_eq!(all, [(1, Verdict::Late(2_100)), (2, Verdict::Late(1_100)), (3, Verdict::Late(100))]);
+        assert_eq!(
+            all,
+            [(1, DeadlineOutcome::Late(2_100)), (2, DeadlineOutcome::Late(1_100)), (3, DeadlineOutcome::Late(100))]
+        );
         deadlines.finish(3, 4_100, |_, _| panic!("judged twice"));
         Deadlines::joining(GRID).finish(3, 4_100, |_, _| panic!("it has seen nothing"));
     }
@@ -232,7 +243,7 @@ mod tests {
         let mut all = Vec::new();
         deadlines.unseen_before(3);
         deadlines.published(3, 3_040, |tick, verdict| all.push((tick, verdict)));
-        assert_eq!(all, [(3, Verdict::Slack(960))]);
+        assert_eq!(all, [(3, DeadlineOutcome::Slack(960))]);
         let mut runs = MissRuns::default();
         runs.unseen(14, 0);
         runs.update(16, 2);
@@ -246,7 +257,7 @@ mod tests {
         for (tick, send_ns) in [(7, 7_030), (9, 9_040)] {
             deadlines.published(tick, send_ns, |_, verdict| all.push(verdict));
         }
-        assert_eq!(all, [Verdict::Slack(970), Verdict::Late(40), Verdict::Slack(960)]);
+        assert_eq!(all, [DeadlineOutcome::Slack(970), DeadlineOutcome::Late(40), DeadlineOutcome::Slack(960)]);
         let mut runs = MissRuns::joining(70, 2);
         for (missed, run) in [(71, 3), (71, 0), (72, 1)] {
             runs.update(missed, run);

@@ -22,7 +22,7 @@ use crate::schema::{self, Estimate};
 use crate::tally::deadlines::{Deadlines, LateCommands, MissRuns};
 use crate::tally::series::SeriesSet;
 use crate::tally::theorem::TheoremTally;
-use crate::tally::timing::{Command, Passage};
+use crate::tally::timing::{StampedCommand, StampedPassage};
 use crate::tally::tracer::Tracer;
 use crate::tracking::{Tracking, TrackingError};
 use failure::Failure;
@@ -49,9 +49,9 @@ pub struct Tally {
     pub states: u64,
     last_wake: [Option<(u64, u64)>; 4],
     /// What stages did in ticks that the plant may still fly.
-    passages: VecDeque<Passage>,
+    passages: VecDeque<StampedPassage>,
     /// Commands whose deadlines the plant has not judged yet.
-    commands: VecDeque<Command>,
+    commands: VecDeque<StampedCommand>,
     /// When the mixer said its last word [ns].
     last_word_ns: Option<u64>,
     sequences: [Sequence; 5],
@@ -59,7 +59,7 @@ pub struct Tally {
     /// The theorem, watched.
     pub theorem: TheoremTally,
     /// Swaps seen.
-    pub swaps: Vec<schema::Swap>,
+    pub swaps: Vec<schema::AppliedSwap>,
     /// The flight over time.
     pub tracer: Tracer,
     newest: Option<(u64, u64)>,
@@ -197,7 +197,7 @@ impl Tally {
         let follows_loss = self.follow(1, message);
         self.keep_stamps(message);
         let hop = Self::hop(Role::Plant, message.envelope.input_tick[0], message);
-        self.stage(Passage { hop, ..Self::passage(message, follows_loss) });
+        self.stage(StampedPassage { hop, ..Self::passage(message, follows_loss) });
     }
 
     /// Takes a wrench.
@@ -205,7 +205,7 @@ impl Tally {
         let follows_loss = self.follow(2, message);
         self.keep_stamps(message);
         let hop = Self::hop(Role::Outer, message.envelope.input_tick[1], message);
-        self.stage(Passage { hop, ..Self::passage(message, follows_loss) });
+        self.stage(StampedPassage { hop, ..Self::passage(message, follows_loss) });
         self.theorem.take(message.envelope.epoch, &message.content.monitor);
         self.flight.estimate = message.content.estimate;
         self.flight.rate_error = message.content.rate_error_b_rad_s.iter().map(|e| e * e).sum::<f64>().sqrt();
@@ -223,9 +223,9 @@ impl Tally {
         self.keep_stamps(message);
         let hop = Self::hop(Role::Inner, envelope.input_tick[2], message);
         let loop_ns = (envelope.sample_ns > 0).then(|| sent_ns.saturating_sub(envelope.sample_ns));
-        self.stage(Passage { hop, loop_ns, ..Self::passage(message, follows_loss) });
+        self.stage(StampedPassage { hop, loop_ns, ..Self::passage(message, follows_loss) });
         self.flight.saturated += message.content.saturated;
-        let command = Command { tick: envelope.tick, sent_ns, follows_loss };
+        let command = StampedCommand { tick: envelope.tick, sent_ns, follows_loss };
         if self.newest.is_some_and(|(newest, _)| command.tick < newest) {
             self.judge(&command);
         } else if self.deadlines.is_some() {
@@ -237,7 +237,7 @@ impl Tally {
     pub fn swap(&mut self, message: &Message<SwapRecord>) {
         self.follow(4, message);
         let period_s = self.tracking.period_s();
-        self.swaps.push(schema::Swap::new(message.envelope.tick, period_s, &message.content));
+        self.swaps.push(schema::AppliedSwap::new(message.envelope.tick, period_s, &message.content));
     }
 
     /// Messages that were overwritten before they were read, in the order of [`flight_log::TOPICS`].
@@ -276,9 +276,9 @@ impl Tally {
 
     /// Control performance so far.
     #[must_use]
-    pub fn flight(&self) -> schema::Flight {
+    pub fn flight(&self) -> schema::ControlPerformance {
         let flight = &self.flight;
-        schema::Flight {
+        schema::ControlPerformance {
             position_error_rms_m: flight.tracking.rms_m(),
             position_error_max_m: flight.tracking.max_m(),
             position_error_final_m: flight.tracking.last_m(),

@@ -12,13 +12,13 @@ use model::role::{Role, STAGES};
 use model::topic::Topic;
 
 use crate::tally::Tally;
-use crate::tally::deadlines::{LateCommands, Verdict};
+use crate::tally::deadlines::{DeadlineOutcome, LateCommands};
 use crate::tally::series::{Series, SeriesSet};
 use crate::tally::tracer::Timing;
 
 /// What a stage did in a tick.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Passage {
+pub(super) struct StampedPassage {
     pub role: Role,
     pub tick: u64,
     pub receive_ns: u64,
@@ -35,7 +35,7 @@ pub(super) struct Passage {
 
 /// A rotor command that was published.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Command {
+pub(super) struct StampedCommand {
     pub tick: u64,
     pub sent_ns: u64,
     /// Whether messages were lost right before.
@@ -44,8 +44,8 @@ pub(super) struct Command {
 
 impl Tally {
     /// Waking of a stage for a tick: ticks that it left out enter with their whole lateness.
-    fn wake(&mut self, passage: &Passage) {
-        let Passage { role, tick, receive_ns: wake_ns, follows_loss, .. } = *passage;
+    fn wake(&mut self, passage: &StampedPassage) {
+        let StampedPassage { role, tick, receive_ns: wake_ns, follows_loss, .. } = *passage;
         let last = self.last_wake[role as usize].replace((tick, wake_ns)).filter(|_| !follows_loss);
         let first = if self.joins || follows_loss { tick } else { 0 };
         self.owed_wakes(role, last.map_or(first, |(last_tick, _)| last_tick + 1)..=tick, wake_ns);
@@ -66,10 +66,10 @@ impl Tally {
     }
 
     /// A stage's stamps in a message of its own.
-    pub(super) fn passage<C: Topic>(message: &Message<C>, follows_loss: bool) -> Passage {
+    pub(super) fn passage<C: Topic>(message: &Message<C>, follows_loss: bool) -> StampedPassage {
         let (role, envelope) = (C::SENDER, &message.envelope);
         let stamps = envelope.stamps_of(role);
-        Passage {
+        StampedPassage {
             role,
             tick: envelope.tick,
             receive_ns: stamps.receive_ns,
@@ -82,7 +82,7 @@ impl Tally {
     }
 
     /// Counts a passage, now or when its tick has been flown.
-    pub(super) fn stage(&mut self, passage: Passage) {
+    pub(super) fn stage(&mut self, passage: StampedPassage) {
         if self.newest.is_some_and(|(newest, _)| passage.tick <= newest) {
             self.count(&passage);
         } else {
@@ -90,9 +90,9 @@ impl Tally {
         }
     }
 
-    fn count(&mut self, passage: &Passage) {
+    fn count(&mut self, passage: &StampedPassage) {
         self.wake(passage);
-        let Passage { role, tick, receive_ns, send_ns, previous_busy_ns, .. } = *passage;
+        let StampedPassage { role, tick, receive_ns, send_ns, previous_busy_ns, .. } = *passage;
         self.series.record(Series::Compute(role), send_ns.saturating_sub(receive_ns));
         if previous_busy_ns > 0 {
             self.series.record(Series::Busy(role), previous_busy_ns);
@@ -120,7 +120,7 @@ impl Tally {
         }
     }
 
-    pub(super) fn judge(&mut self, command: &Command) {
+    pub(super) fn judge(&mut self, command: &StampedCommand) {
         let Some(deadlines) = &mut self.deadlines else { return };
         let (series, late_commands) = (&mut self.series, &mut self.late_commands);
         if command.follows_loss {
@@ -171,10 +171,10 @@ impl Tally {
 }
 
 /// Enters the verdict on a tick's deadline.
-fn enter(series: &mut SeriesSet, late_commands: &mut LateCommands, tick: u64, verdict: Verdict) {
+fn enter(series: &mut SeriesSet, late_commands: &mut LateCommands, tick: u64, verdict: DeadlineOutcome) {
     match verdict {
-        Verdict::Slack(ns) => series.record(Series::Slack, ns),
-        Verdict::Late(ns) => {
+        DeadlineOutcome::Slack(ns) => series.record(Series::Slack, ns),
+        DeadlineOutcome::Late(ns) => {
             late_commands.take(tick, ns);
             series.record(Series::Late, ns);
         }

@@ -41,11 +41,11 @@ pub struct Tracer {
     /// The monitor's counts so far.
     counted: [u64; CAUSES],
     path_every_ticks: u64,
-    path: VecDeque<Sample>,
+    path: VecDeque<PathSample>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Sample {
+struct PathSample {
     tick: u64,
     position: [f64; 3],
     reference: [f64; 3],
@@ -84,7 +84,7 @@ impl Tracer {
             if self.path.len() == PATH_SAMPLES {
                 self.path.pop_front();
             }
-            self.path.push_back(Sample { tick, position: joined.state.position_w_m, reference });
+            self.path.push_back(PathSample { tick, position: joined.state.position_w_m, reference });
         }
         let counts = joined.wrench.map_or(self.counted, |wrench| wrench.monitor.violations);
         if counts != self.counted {
@@ -105,7 +105,7 @@ impl Tracer {
     /// The traces so far.
     #[must_use]
     pub fn traces(&self) -> Traces {
-        let sample = |pick: fn(&Sample) -> [f64; 3]| self.path.iter().map(|s| pick(s).map(rounded)).collect();
+        let sample = |pick: fn(&PathSample) -> [f64; 3]| self.path.iter().map(|s| pick(s).map(rounded)).collect();
         Traces {
             flight: self.flight.group(&self.names),
             timing: self.timing.group(&TIMING),

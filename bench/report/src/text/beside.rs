@@ -1,6 +1,6 @@
 //! Prints the section on the machine's floors.
 
-use crate::beside::{Beside, Floor};
+use crate::beside::{Beside, SeriesFloor};
 use crate::schema::Report;
 use crate::tally::series::Statistics;
 
@@ -10,7 +10,7 @@ pub type Row<'a> = (&'a str, [Option<f64>; 3], usize);
 /// The flight's percentiles (p50, p99, p99.9), the floor's, and how many times its floor the flight's are; each with
 /// its name and the decimals that it deserves.
 pub fn rows<'a>(beside: &'a Beside, report: &'a Report) -> impl Iterator<Item = Row<'a>> {
-    let rows = |floor: &'a Floor| {
+    let rows = |floor: &'a SeriesFloor| {
         let [ours, bare] = [report.series(&floor.series)?, &floor.statistics].map(percentiles);
         let times = std::array::from_fn(|i| Some(ours[i]? / bare[i]?));
         Some([(floor.series.as_str(), ours, 1), (&floor.what, bare, 1), ("times its floor", times, 2)])

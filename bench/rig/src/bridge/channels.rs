@@ -8,7 +8,7 @@ use model::envelope::Message;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;
 
-use crate::observe::Seen;
+use crate::observe::ObservedMessage;
 use failure::Failure;
 use flight_log::codec::{Logged, encode};
 use flight_log::scene::{self, Placed};
@@ -77,22 +77,22 @@ impl Channels {
     }
 
     /// Passes a message on to whoever has subscribed to its channel.
-    pub(super) fn pass_on(&mut self, seen: Seen<'_>) {
+    pub(super) fn pass_on(&mut self, seen: ObservedMessage<'_>) {
         let (clock, bytes) = (&mut self.clock, &mut self.bytes);
         match seen {
-            Seen::State(message) => {
+            ObservedMessage::State(message) => {
                 write(&self.states, message, clock, bytes);
                 let State { position_w_m, attitude_rad, .. } = message.content;
                 self.place(message, 0, scene::BODY, position_w_m, attitude_rad);
             }
-            Seen::Setpoint(message) => {
+            ObservedMessage::Setpoint(message) => {
                 write(&self.setpoints, message, clock, bytes);
                 let Setpoint { reference_position_w_m, attitude_rad, .. } = message.content;
                 self.place(message, 1, scene::REFERENCE, reference_position_w_m, attitude_rad);
             }
-            Seen::Wrench(message) => write(&self.wrenches, message, clock, bytes),
-            Seen::RotorSpeeds(message) => write(&self.rotor_speeds, message, clock, bytes),
-            Seen::Swap(message) => write(&self.swaps, message, clock, bytes),
+            ObservedMessage::Wrench(message) => write(&self.wrenches, message, clock, bytes),
+            ObservedMessage::RotorSpeeds(message) => write(&self.rotor_speeds, message, clock, bytes),
+            ObservedMessage::Swap(message) => write(&self.swaps, message, clock, bytes),
         }
     }
 

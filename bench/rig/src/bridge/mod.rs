@@ -30,7 +30,7 @@ use crate::observe::Observation;
 use crate::output::print;
 use channels::Channels;
 use failure::{Failure, INTERRUPTED, OCCUPIED, OK};
-use parameters::Desk;
+use parameters::ParameterMirror;
 
 /// How often messages are passed on.
 const DRAIN_EVERY: Duration = Duration::from_millis(10);
@@ -55,7 +55,7 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
     let mut observation = join(&instance)?;
     let context = Context::new();
     let mut channels = Channels::new(&context, &observation.run())?;
-    let desk = Arc::new(Desk::new(instance.clone(), observation.in_force()));
+    let desk = Arc::new(ParameterMirror::new(instance.clone(), observation.in_force()));
     let server = start(args, &context, &desk)?;
     let address = address(&args.host, server.port());
     print(&format!("serving instance `{}` on ws://{address}; Ctrl-C ends\n", instance.name()))?;
@@ -90,14 +90,18 @@ fn join(instance: &Instance) -> Result<Observation, Failure> {
     }
 }
 
-fn start(args: &FoxgloveArgs, context: &Arc<Context>, desk: &Arc<Desk>) -> Result<WebSocketServerHandle, Failure> {
+fn start(
+    args: &FoxgloveArgs,
+    context: &Arc<Context>,
+    desk: &Arc<ParameterMirror>,
+) -> Result<WebSocketServerHandle, Failure> {
     let host = if args.host.parse::<Ipv6Addr>().is_ok() { format!("[{}]", args.host) } else { args.host.clone() };
     WebSocketServer::new()
         .name(format!("ironbird {}", args.instance))
         .context(context)
         .bind(host, args.port)
         .message_backlog_size(BACKLOG)
-        .parameter_handler(Arc::<Desk>::clone(desk))
+        .parameter_handler(Arc::<ParameterMirror>::clone(desk))
         .start_blocking()
         .map_err(|e| not_listening(args, &e))
 }
@@ -123,7 +127,7 @@ fn address(host: &str, port: u16) -> String {
 fn serve(
     observation: &mut Observation,
     channels: &mut Channels,
-    desk: &Desk,
+    desk: &ParameterMirror,
     server: &WebSocketServerHandle,
     stop: &AtomicBool,
 ) -> Result<Option<Ending>, Failure> {

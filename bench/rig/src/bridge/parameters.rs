@@ -16,12 +16,12 @@ use failure::Failure;
 
 /// What clients see of the plant's desk.
 #[derive(Debug)]
-pub(super) struct Desk {
+pub(super) struct ParameterMirror {
     instance: Instance,
     in_force: Mutex<InForce>,
 }
 
-impl Desk {
+impl ParameterMirror {
     /// A desk with the parameters in force.
     pub(super) fn new(instance: Instance, in_force: InForce) -> Self {
         Self { instance, in_force: Mutex::new(in_force) }
@@ -71,7 +71,7 @@ fn changes(wanted: &[Parameter]) -> Result<Vec<(parameters::Parameter, f64)>, Fa
     Ok(changes)
 }
 
-impl ParameterHandler for Desk {
+impl ParameterHandler for ParameterMirror {
     fn get(&self, client: AnyClient, names: Vec<String>, _: Option<String>, responder: GetParametersResponder) {
         for name in &names {
             if let Err(unknown) = parameters::Parameter::from_name(name) {

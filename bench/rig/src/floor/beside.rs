@@ -10,11 +10,11 @@ use std::time::Duration;
 
 use failure::Failure;
 use machine::cpu_times::CpuTimes;
-use machine::floor::link::Wake;
+use machine::floor::link::WakeMechanism;
 use machine::floor::work::Work;
 use machine::floor::{ring, timer};
-use model::realtime::Mode;
-use report::beside::{Beside, Floor};
+use model::realtime::RealtimeMode;
+use report::beside::{Beside, SeriesFloor};
 use report::schema::Report;
 
 use super::flight::series;
@@ -45,12 +45,12 @@ pub fn check(settings: &Settings, duration: Duration) -> Result<(), Failure> {
 /// Those of [`timer::measure`] and [`ring::measure`], and of a report without the series of a flight.
 pub fn take(report: &Report, settings: &Settings, duration: Duration, executable: &Path) -> Result<Beside, Failure> {
     let realtime = settings.realtime()?;
-    let priority = if realtime.mode == Mode::Off { 0 } else { realtime.priority };
+    let priority = if realtime.mode == RealtimeMode::Off { 0 } else { realtime.priority };
     let period_ns = (report.run.wall_period_us * 1e3).round() as u64;
     let before = CpuTimes::read();
-    let timer = timer::measure(&timer::Settings { period_ns, duration, cpu: realtime.cpu, priority })?;
-    let ring = ring::Settings {
-        wake: Wake::Futex,
+    let timer = timer::measure(&timer::TimerSettings { period_ns, duration, cpu: realtime.cpu, priority })?;
+    let ring = ring::RingSettings {
+        wake: WakeMechanism::Futex,
         period_ns,
         duration,
         cpu: realtime.cpu,
@@ -67,8 +67,8 @@ pub fn take(report: &Report, settings: &Settings, duration: Duration, executable
         refused,
         steal: before.steal_until(&CpuTimes::read()),
         floors: vec![
-            Floor::of("wake.plant", "bare timer", &timer.lateness),
-            Floor::of("loop", "raw futex ring", &ring.chain),
+            SeriesFloor::of("wake.plant", "bare timer", &timer.lateness),
+            SeriesFloor::of("loop", "raw futex ring", &ring.chain),
         ],
     })
 }

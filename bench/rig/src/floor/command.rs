@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::floor::calls;
 use crate::floor::flight::Hangar;
-use crate::floor::page::{Measured, Page};
-use crate::floor::sets::{self, Effort, Stress};
+use crate::floor::page::{MeasuredSet, Page};
+use crate::floor::sets::{self, MeasuringEffort, Stress};
 use crate::output::print;
 use failure::{Failure, InFile as _, OK};
 use machine::floor::cyclictest;
@@ -74,13 +74,14 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
         None => Page::new(host),
     };
     let hangar = Hangar::new()?;
-    let effort = Effort { pairs: args.pairs as usize, duration: Duration::from_secs(args.seconds), priority: PRIORITY };
+    let effort =
+        MeasuringEffort { pairs: args.pairs as usize, duration: Duration::from_secs(args.seconds), priority: PRIORITY };
     // Before anything is written: figures do not make the checkout dirty that they are of.
     let version = format!("ironbird {}", crate::build::here());
     for set in Set::value_variants() {
         if args.only.is_empty() || args.only.contains(set) {
             eprintln!("measuring: {}", name(*set));
-            let mut measured = Measured::new(*set, now(), version.clone(), command(args, *set));
+            let mut measured = MeasuredSet::new(*set, now(), version.clone(), command(args, *set));
             match missing(*set) {
                 Some(reason) => measured.left_out = Some(reason),
                 None => measure(&hangar, &effort, &mut measured)?,
@@ -113,7 +114,7 @@ fn missing(set: Set) -> Option<String> {
     }
 }
 
-fn measure(hangar: &Hangar, effort: &Effort, measured: &mut Measured) -> Result<(), Failure> {
+fn measure(hangar: &Hangar, effort: &MeasuringEffort, measured: &mut MeasuredSet) -> Result<(), Failure> {
     match measured.set {
         Set::Flights => measured.comparisons = sets::flights(hangar, effort, false)?,
         Set::Load => {

@@ -6,7 +6,7 @@ use role::rt::take_stand;
 use wire::clock::now_ns;
 
 use failure::{Failure, OK};
-use machine::floor::link::{END, Link, Wake};
+use machine::floor::link::{END, Link, WakeMechanism};
 use machine::floor::work::Work;
 
 /// Flags of `ring-hop`, which nobody types.
@@ -14,7 +14,7 @@ use machine::floor::work::Work;
 pub struct HopArgs {
     /// What wakes the next process.
     #[arg(long, value_enum)]
-    pub wake: Wake,
+    pub wake: WakeMechanism,
     /// Place in the ring.
     #[arg(long)]
     pub position: usize,

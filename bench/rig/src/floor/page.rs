@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::floor::calls::RoleCalls;
 use crate::floor::command::{Set, name};
-use machine::floor::comparison::{Comparison, Kind, Verdict};
+use machine::floor::comparison::{FloorComparison, GoalVerdict, RatioKind};
 use report::host::Host;
 
 /// Figures beside their floors, of one machine.
@@ -15,12 +15,12 @@ pub struct Page {
     /// The machine.
     pub host: Host,
     /// What was measured on it, in the order of [`Set`].
-    pub sets: Vec<Measured>,
+    pub sets: Vec<MeasuredSet>,
 }
 
 /// A set of figures, measured in one go.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Measured {
+pub struct MeasuredSet {
     /// Which.
     pub set: Set,
     /// When, on the wall clock.
@@ -30,14 +30,14 @@ pub struct Measured {
     /// What measures it again.
     pub command: String,
     /// Figures beside their floors.
-    pub comparisons: Vec<Comparison>,
+    pub comparisons: Vec<FloorComparison>,
     /// System calls per role.
     pub calls: Vec<RoleCalls>,
     /// Why it was left out, where it was.
     pub left_out: Option<String>,
 }
 
-impl Measured {
+impl MeasuredSet {
     /// Nothing yet.
     #[must_use]
     pub const fn new(set: Set, started: String, version: String, command: String) -> Self {
@@ -76,7 +76,7 @@ impl Page {
     }
 
     /// Takes a set in place of an earlier measurement of it. One that was left out replaces none that was not.
-    pub fn take(&mut self, measured: Measured) {
+    pub fn take(&mut self, measured: MeasuredSet) {
         let is_known = self.sets.iter().any(|known| known.set == measured.set && known.left_out.is_none());
         if measured.left_out.is_some() && is_known {
             return;
@@ -93,7 +93,7 @@ impl Page {
         // Writing into a string cannot fail.
         let _ = writeln!(page, "Written by `ironbird floor`; raw numbers in [benchmarks.json](benchmarks.json).\n");
         let _ = writeln!(page, "{}\n", self.machine());
-        let comparisons: Vec<&Comparison> = self.sets.iter().flat_map(|set| &set.comparisons).collect();
+        let comparisons: Vec<&FloorComparison> = self.sets.iter().flat_map(|set| &set.comparisons).collect();
         if !comparisons.is_empty() {
             let _ = writeln!(
                 page,
@@ -110,7 +110,7 @@ impl Page {
             page += &calls_per_tick(&calls);
         }
         page += "\n## Measured\n\n| set | when | version | measured again by |\n|---|---|---|---|\n";
-        for Measured { set, started, version, command, left_out, .. } in &self.sets {
+        for MeasuredSet { set, started, version, command, left_out, .. } in &self.sets {
             let _ = match left_out {
                 None => writeln!(page, "| {} | {started} | {version} | `{command}` |", name(*set)),
                 Some(reason) => writeln!(page, "| {} | not measured: {reason} | {version} | `{command}` |", name(*set)),
@@ -138,16 +138,16 @@ fn calls_per_tick(roles: &[&RoleCalls]) -> String {
     text + CALLS_LEGEND
 }
 
-fn row(comparison: &Comparison) -> String {
-    let Comparison { name, unit, kind, goal, pairs } = comparison;
+fn row(comparison: &FloorComparison) -> String {
+    let FloorComparison { name, unit, kind, goal, pairs } = comparison;
     let ((ours, floor), (least, most)) = (comparison.sides(), comparison.spread());
     let steal = pairs.iter().map(|pair| pair.steal_percent).fold(0.0, f64::max);
     let verdict = match comparison.verdict() {
-        Verdict::Met => "met".to_owned(),
-        Verdict::Missed => "missed".to_owned(),
-        Verdict::Inconclusive(why) => format!("INCONCLUSIVE: {why}"),
+        GoalVerdict::Met => "met".to_owned(),
+        GoalVerdict::Missed => "missed".to_owned(),
+        GoalVerdict::Inconclusive(why) => format!("INCONCLUSIVE: {why}"),
     };
-    let goal = if *kind == Kind::Difference { "1 +- 0.1".to_owned() } else { format!("<= {goal}") };
+    let goal = if *kind == RatioKind::Difference { "1 +- 0.1".to_owned() } else { format!("<= {goal}") };
     format!(
         "| {name} | {ours:.2} {unit} | {floor:.2} {unit} | {:.2} | {least:.2} to {most:.2} | {goal} | {verdict} ({} pairs, steal {steal:.2} %) |",
         comparison.ratio(),

@@ -13,9 +13,9 @@ use crate::in_process::InProcess;
 use crate::settings::Settings;
 use failure::Failure;
 use machine::cpu_times::CpuTimes;
-use machine::floor::comparison::{Comparison, Kind, Pair};
+use machine::floor::comparison::{FloorComparison, FloorPair, RatioKind};
 use machine::floor::cyclictest;
-use machine::floor::link::Wake;
+use machine::floor::link::WakeMechanism;
 use machine::floor::ring;
 use machine::floor::work::Work;
 use report::schema::Report;
@@ -30,7 +30,7 @@ pub const KNOWN_US: f64 = 20.0;
 
 /// How long and how often to measure.
 #[derive(Clone, Copy, Debug)]
-pub struct Effort {
+pub struct MeasuringEffort {
     /// Pairs of each comparison.
     pub pairs: usize,
     /// Of each side of a pair.
@@ -79,21 +79,22 @@ impl Drop for Stress {
 ///
 /// # Errors
 /// [`Failure`] of what cannot be measured.
-pub fn flights(hangar: &Hangar, effort: &Effort, stressed: bool) -> Result<Vec<Comparison>, Failure> {
+pub fn flights(hangar: &Hangar, effort: &MeasuringEffort, stressed: bool) -> Result<Vec<FloorComparison>, Failure> {
     let under = if stressed { ", under load" } else { "" };
-    let of =
-        |what: &str, unit: &str, kind: Kind, goal: f64| Comparison::new(&format!("{what}{under}"), unit, kind, goal);
-    let mut wake = [of("wake p50", "us", Kind::Ratio, 1.05), of("wake p99", "us", Kind::Ratio, 1.10)];
+    let of = |what: &str, unit: &str, kind: RatioKind, goal: f64| {
+        FloorComparison::new(&format!("{what}{under}"), unit, kind, goal)
+    };
+    let mut wake = [of("wake p50", "us", RatioKind::Ratio, 1.05), of("wake p99", "us", RatioKind::Ratio, 1.10)];
     let mut chain = [
-        of("loop p50", "us", Kind::Ratio, 1.5),
-        of("loop p99", "us", Kind::Ratio, 1.5),
-        of("loop p99.9", "us", Kind::Ratio, 2.0),
+        of("loop p50", "us", RatioKind::Ratio, 1.5),
+        of("loop p99", "us", RatioKind::Ratio, 1.5),
+        of("loop p99.9", "us", RatioKind::Ratio, 2.0),
     ];
-    let mut misses = of("misses", "per million", Kind::Events, 1.2);
+    let mut misses = of("misses", "per million", RatioKind::Events, 1.2);
     let duration = format!("{}ms", effort.duration.as_millis());
     for _ in 0..effort.pairs {
         let before = CpuTimes::read();
-        let bare = cyclictest::measure(&cyclictest::Settings {
+        let bare = cyclictest::measure(&cyclictest::CyclictestSettings {
             cpu: loops_cpu(),
             priority: effort.priority,
             period_us: PERIOD_NS / 1000,
@@ -103,7 +104,7 @@ pub fn flights(hangar: &Hangar, effort: &Effort, stressed: bool) -> Result<Vec<C
         let (woken, looped) = (series(&report, "wake.plant")?, series(&report, "loop")?);
         let ring = (!stressed).then(|| ring_beside(hangar, effort, &report)).transpose()?;
         let steal_percent = before.steal_until(&CpuTimes::read()).percent;
-        let pair = |ours: f64, floor: f64| Pair { ours, floor, steal_percent };
+        let pair = |ours: f64, floor: f64| FloorPair { ours, floor, steal_percent };
         let bare_us = |quantile: f64| bare.value_at_quantile(quantile) as f64 / 1e3;
         wake[0].pairs.push(pair(woken.p50_us, bare_us(0.5)));
         wake[1].pairs.push(pair(woken.p99_us, bare_us(0.99)));
@@ -123,7 +124,7 @@ pub fn flights(hangar: &Hangar, effort: &Effort, stressed: bool) -> Result<Vec<C
             .pairs
             .push(pair(report.deadlines.missed as f64 / ticks as f64 * 1e6, late as f64 / bare.len() as f64 * 1e6));
     }
-    let mut all: Vec<Comparison> = wake.into();
+    let mut all: Vec<FloorComparison> = wake.into();
     if !stressed {
         all.extend(chain);
     }
@@ -134,34 +135,34 @@ pub fn flights(hangar: &Hangar, effort: &Effort, stressed: bool) -> Result<Vec<C
 }
 
 /// The ring with as much to compute in each process as the flight's laws took in the median.
-fn ring_beside(hangar: &Hangar, effort: &Effort, report: &Report) -> Result<ring::Floor, Failure> {
-    let settings = ring_settings(effort, Wake::Futex, PERIOD_NS, computing_as(report)?);
+fn ring_beside(hangar: &Hangar, effort: &MeasuringEffort, report: &Report) -> Result<ring::RingFloor, Failure> {
+    let settings = ring_settings(effort, WakeMechanism::Futex, PERIOD_NS, computing_as(report)?);
     ring::measure(&settings, hangar.executable())
 }
 
-fn ring_settings(effort: &Effort, wake: Wake, period_ns: u64, work: Vec<Work>) -> ring::Settings {
-    ring::Settings { wake, period_ns, duration: effort.duration, cpu: None, priority: effort.priority, work }
+fn ring_settings(effort: &MeasuringEffort, wake: WakeMechanism, period_ns: u64, work: Vec<Work>) -> ring::RingSettings {
+    ring::RingSettings { wake, period_ns, duration: effort.duration, cpu: None, priority: effort.priority, work }
 }
 
 /// Ticks in lockstep beside laps of a raw eventfd ring, both under SCHED_OTHER; and how many times real time that is.
 ///
 /// # Errors
 /// [`Failure`] of what cannot be measured.
-pub fn lockstep(hangar: &Hangar, effort: &Effort) -> Result<Vec<Comparison>, Failure> {
-    let mut tick = Comparison::new("lockstep tick", "us", Kind::Ratio, 2.6);
-    let mut speed = Comparison::new("lockstep, real time 1/25", "us", Kind::Ratio, 1.0);
+pub fn lockstep(hangar: &Hangar, effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
+    let mut tick = FloorComparison::new("lockstep tick", "us", RatioKind::Ratio, 2.6);
+    let mut speed = FloorComparison::new("lockstep, real time 1/25", "us", RatioKind::Ratio, 1.0);
     // At some 30 times real time a side takes as long as it is asked to.
     let simulated = format!("{}s", 30 * effort.duration.as_secs().max(1));
-    let quiet = Effort { priority: 0, ..*effort };
+    let quiet = MeasuringEffort { priority: 0, ..*effort };
     for _ in 0..effort.pairs {
         let before = CpuTimes::read();
         let report = hangar.fly(&["--pace", "lockstep", "--duration", &simulated])?;
-        let ring = ring_settings(&quiet, Wake::Eventfd, 0, vec![Work::default(); 4]);
+        let ring = ring_settings(&quiet, WakeMechanism::Eventfd, 0, vec![Work::default(); 4]);
         let floor = ring::measure(&ring, hangar.executable())?;
         let steal_percent = before.steal_until(&CpuTimes::read()).percent;
         let ours = report.ticks.elapsed_s * 1e6 / report.ticks.run as f64;
-        tick.pairs.push(Pair { ours, floor: floor.lap.mean() / 1e3, steal_percent });
-        speed.pairs.push(Pair { ours, floor: PERIOD_NS as f64 / 1e3 / 25.0, steal_percent });
+        tick.pairs.push(FloorPair { ours, floor: floor.lap.mean() / 1e3, steal_percent });
+        speed.pairs.push(FloorPair { ours, floor: PERIOD_NS as f64 / 1e3 / 25.0, steal_percent });
     }
     Ok(vec![tick, speed])
 }
@@ -171,14 +172,15 @@ pub fn lockstep(hangar: &Hangar, effort: &Effort) -> Result<Vec<Comparison>, Fai
 ///
 /// # Errors
 /// [`Failure`] of settings that cannot be, which the default ones are not.
-pub fn laws(effort: &Effort) -> Result<Vec<Comparison>, Failure> {
-    let mut tick = Comparison::new("laws, one tick", "us", Kind::Ratio, 1.1);
+pub fn laws(effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
+    let mut tick = FloorComparison::new("laws, one tick", "us", RatioKind::Ratio, 1.1);
     let before = CpuTimes::read();
     let pairs = timing::pairs(effort.pairs, TIMED_TICKS);
     let steal_percent = before.steal_until(&CpuTimes::read()).percent;
-    let pair = |pair: timing::Pair| Pair { ours: pair.laws_s * 1e6, floor: pair.scalar_s * 1e6, steal_percent };
+    let pair =
+        |pair: timing::TimedPair| FloorPair { ours: pair.laws_s * 1e6, floor: pair.scalar_s * 1e6, steal_percent };
     tick.pairs.extend(pairs.into_iter().map(pair));
-    let mut simulate = Comparison::new("simulate, real time 1/500", "us", Kind::Ratio, 1.0);
+    let mut simulate = FloorComparison::new("simulate, real time 1/500", "us", RatioKind::Ratio, 1.0);
     let settings = Settings::resolve(None, &Vec::new())?;
     for _ in 0..effort.pairs {
         let (before, mut rig) = (CpuTimes::read(), InProcess::of(&settings)?);
@@ -188,7 +190,7 @@ pub fn laws(effort: &Effort) -> Result<Vec<Comparison>, Failure> {
         }
         let ours = start.elapsed().as_secs_f64() * 1e6 / TIMED_TICKS as f64;
         let steal_percent = before.steal_until(&CpuTimes::read()).percent;
-        simulate.pairs.push(Pair { ours, floor: PERIOD_NS as f64 / 1e3 / 500.0, steal_percent });
+        simulate.pairs.push(FloorPair { ours, floor: PERIOD_NS as f64 / 1e3 / 500.0, steal_percent });
     }
     Ok(vec![tick, simulate])
 }
@@ -197,11 +199,11 @@ pub fn laws(effort: &Effort) -> Result<Vec<Comparison>, Failure> {
 ///
 /// # Errors
 /// [`Failure`] of what cannot be measured.
-pub fn known_slow(hangar: &Hangar, effort: &Effort) -> Result<Vec<Comparison>, Failure> {
-    let mut seen = Comparison::new("20 us put into a hop", "us", Kind::Difference, KNOWN_US);
+pub fn known_slow(hangar: &Hangar, effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
+    let mut seen = FloorComparison::new("20 us put into a hop", "us", RatioKind::Difference, KNOWN_US);
     let slow = Work::lasting((KNOWN_US * 1e3) as u64);
     let median_us = |work: Vec<Work>| -> Result<f64, Failure> {
-        let settings = ring_settings(effort, Wake::Futex, PERIOD_NS, work);
+        let settings = ring_settings(effort, WakeMechanism::Futex, PERIOD_NS, work);
         Ok(ring::measure(&settings, hangar.executable())?.chain.value_at_quantile(0.5) as f64 / 1e3)
     };
     for _ in 0..effort.pairs {
@@ -209,7 +211,7 @@ pub fn known_slow(hangar: &Hangar, effort: &Effort) -> Result<Vec<Comparison>, F
         let floor = median_us(vec![Work::default(); 4])?;
         let ours = median_us(vec![Work::default(), slow, Work::default(), Work::default()])?;
         let steal_percent = before.steal_until(&CpuTimes::read()).percent;
-        seen.pairs.push(Pair { ours, floor, steal_percent });
+        seen.pairs.push(FloorPair { ours, floor, steal_percent });
     }
     Ok(vec![seen])
 }

@@ -16,12 +16,12 @@ use crate::output::say;
 pub(super) struct StatusLine {
     on_terminal: bool,
     duration_s: f64,
-    figures: Figures,
+    figures: WatchedFigures,
 }
 
 impl StatusLine {
     pub(super) fn new(directory: &Path, duration_s: f64) -> Self {
-        let figures = Figures { path: directory.join("report.json"), written: None, words: String::new() };
+        let figures = WatchedFigures { path: directory.join("report.json"), written: None, words: String::new() };
         Self { on_terminal: io::stderr().is_terminal(), duration_s, figures }
     }
 
@@ -56,7 +56,7 @@ impl StatusLine {
 }
 
 /// Figures of the recorder's report, which it writes anew once a second.
-struct Figures {
+struct WatchedFigures {
     path: PathBuf,
     /// When the report was written that has been read.
     written: Option<SystemTime>,
@@ -66,23 +66,23 @@ struct Figures {
 /// What the line shows of a report.
 #[derive(Deserialize)]
 struct Excerpt {
-    series: Vec<Row>,
-    flight: Flight,
+    series: Vec<SeriesExcerpt>,
+    flight: FlightExcerpt,
 }
 
 #[derive(Deserialize)]
-struct Row {
+struct SeriesExcerpt {
     name: String,
     p50_us: f64,
     p99_us: f64,
 }
 
 #[derive(Deserialize)]
-struct Flight {
+struct FlightExcerpt {
     position_error_final_m: f64,
 }
 
-impl Figures {
+impl WatchedFigures {
     /// Reads the report where it is another one than at the last look; says whether it was.
     fn look(&mut self) -> bool {
         let written = fs::metadata(&self.path).and_then(|file| file.modified()).ok();

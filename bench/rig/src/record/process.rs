@@ -38,7 +38,7 @@ use report::host::Host;
 use report::json;
 use report::schema::{self, Report, RunLength};
 use report::sections::{gates, log_section, rejected, verdict};
-use report::states::{Joined, Joiner, Part, StatesWriter};
+use report::states::{Joined, Joiner, LoopMessage, StatesWriter};
 use report::tally::deadlines::LateStretch;
 use report::tally::distribution::buckets;
 use report::tally::series::Series;
@@ -270,26 +270,26 @@ impl<'a> Recorder<'a> {
             log.state(message);
             self.parameter_epoch = message.content.parameter_epoch;
             tally.state(message);
-            joiner.take(message.envelope.tick, Part::State(message.content));
+            joiner.take(message.envelope.tick, LoopMessage::State(message.content));
         })?;
         ports.setpoints.drain(any_tick, |message| {
             keep_first(&mut relayed, relays.setpoints.pass_on(message));
             log.setpoint(message);
             tally.setpoint(message);
-            joiner.take(message.envelope.tick, Part::Setpoint(message.content));
+            joiner.take(message.envelope.tick, LoopMessage::Setpoint(message.content));
         })?;
         ports.wrenches.drain(any_tick, |message| {
             keep_first(&mut relayed, relays.wrenches.pass_on(message));
             log.write(message);
             tally.wrench(message);
-            joiner.take(message.envelope.tick, Part::Wrench(message.content));
+            joiner.take(message.envelope.tick, LoopMessage::Wrench(message.content));
         })?;
         ports.rotor_speeds.drain(any_tick, |message| {
             keep_first(&mut relayed, relays.rotor_speeds.pass_on(message));
             log.write(message);
             tally.rotor_speeds(message);
             if !is_last_word(message) {
-                joiner.take(message.envelope.tick, Part::RotorSpeeds(message.content));
+                joiner.take(message.envelope.tick, LoopMessage::RotorSpeeds(message.content));
             }
         })?;
         ports.swaps.drain(any_tick, |message| {
@@ -323,7 +323,7 @@ impl<'a> Recorder<'a> {
         let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(self.tally.states);
         let late = self.tally.series.flight(Series::Late);
         let missed = self.tally.miss_runs.missed();
-        let deadlines = schema::Deadlines {
+        let deadlines = schema::DeadlineSection {
             missed,
             missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
             missed_by_stamps: self.tally.late_commands.count(),
@@ -347,7 +347,7 @@ impl<'a> Recorder<'a> {
         let started = utc(UNIX_EPOCH + Duration::from_nanos(run.t0_wall_ns));
         Ok(Report {
             schema: schema::SCHEMA.into(),
-            run: schema::Run {
+            run: schema::RunSection {
                 run_id: run.run_id,
                 started,
                 instance: self.instance.clone(),
@@ -365,7 +365,7 @@ impl<'a> Recorder<'a> {
             ticks,
             deadlines,
             autopsy: self.tally.autopsy.as_ref().map(Autopsy::section).unwrap_or_default(),
-            flight: schema::Flight { ticks_without_state, ..self.tally.flight() },
+            flight: schema::ControlPerformance { ticks_without_state, ..self.tally.flight() },
             theorem,
             swaps: self.tally.swaps.clone(),
             series,
@@ -389,8 +389,8 @@ impl<'a> Recorder<'a> {
         })
     }
 
-    fn late_stretch(&self, stretch: &LateStretch) -> schema::LateStretch {
-        schema::LateStretch {
+    fn late_stretch(&self, stretch: &LateStretch) -> schema::LateStretchSection {
+        schema::LateStretchSection {
             tick: stretch.tick,
             time_s: stretch.tick as f64 * self.period_s,
             length_ticks: stretch.length_ticks,

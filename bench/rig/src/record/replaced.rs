@@ -20,12 +20,12 @@ pub struct Replaced(Arc<Shared>);
 
 #[derive(Debug, Default)]
 struct Shared {
-    state: Mutex<State>,
+    state: Mutex<ReplacedState>,
     changed: Condvar,
 }
 
 #[derive(Debug, Default)]
-struct State {
+struct ReplacedState {
     next: Option<String>,
     busy: bool,
     is_closed: bool,
@@ -74,7 +74,7 @@ impl Drop for Replaced {
 }
 
 impl Shared {
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, ReplacedState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -12,7 +12,7 @@ use model::role::Role;
 use plant::desk::swap_record;
 use plant::{Plant, Swap};
 
-use crate::replay::compare::Comparison;
+use crate::replay::compare::ReplayComparison;
 use crate::replay::window::Window;
 use failure::Failure;
 
@@ -30,7 +30,7 @@ pub struct AirframeReplay {
 impl AirframeReplay {
     /// The plant at tick 0.
     #[must_use]
-    pub fn new(settings: &plant::Settings, pace: Pace, swaps: &[Message<SwapRecord>]) -> Self {
+    pub fn new(settings: &plant::PlantSettings, pace: Pace, swaps: &[Message<SwapRecord>]) -> Self {
         Self { plant: Plant::new(settings), pace, swaps: swaps.iter().rev().copied().collect(), commands_taken: 0 }
     }
 
@@ -42,7 +42,7 @@ impl AirframeReplay {
         &mut self,
         message: &Message<State>,
         commands: &Window<RotorSpeeds>,
-        comparison: &mut Comparison,
+        comparison: &mut ReplayComparison,
     ) -> Result<State, Failure> {
         let (tick, recorded) = (message.envelope.tick, &message.content);
         let due = self.schedule_until(tick)?;

@@ -34,7 +34,7 @@ impl fmt::Display for Divergence {
 
 /// Compares from a tick on, and remembers the first difference.
 #[derive(Clone, Debug, Default)]
-pub struct Comparison {
+pub struct ReplayComparison {
     from_tick: u64,
     /// Values compared.
     pub values: u64,
@@ -44,7 +44,7 @@ pub struct Comparison {
     replayed: Vec<u64>,
 }
 
-impl Comparison {
+impl ReplayComparison {
     /// Compares nothing before a tick.
     #[must_use]
     pub fn from(from_tick: u64) -> Self {

@@ -6,7 +6,7 @@ use mixer::Mixer;
 use model::envelope::Message;
 use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
 
-use crate::replay::compare::Comparison;
+use crate::replay::compare::ReplayComparison;
 use crate::replay::window::Window;
 use crate::settings::Settings;
 use failure::Failure;
@@ -15,7 +15,7 @@ use report::tally::is_last_word;
 /// Outer loop, inner loop and mixer.
 #[derive(Clone, Debug)]
 pub struct LoopsReplay {
-    controller: controller::Settings,
+    controller: controller::LoopSettings,
     outer: OuterLoop,
     /// The inner loop, and the epoch of the process that it replays.
     inner: Option<(u64, WatchedLoop)>,
@@ -43,7 +43,7 @@ impl LoopsReplay {
         &mut self,
         message: &Message<Setpoint>,
         states: &Window<State>,
-        comparison: &mut Comparison,
+        comparison: &mut ReplayComparison,
     ) -> Result<Option<Setpoint>, Failure> {
         let tick = message.envelope.tick;
         let state = states.input(message.envelope.input_tick[0], tick)?;
@@ -64,7 +64,7 @@ impl LoopsReplay {
         message: &Message<Wrench>,
         states: &Window<State>,
         setpoints: &Window<Setpoint>,
-        comparison: &mut Comparison,
+        comparison: &mut ReplayComparison,
     ) -> Result<Wrench, Failure> {
         let envelope = &message.envelope;
         let state = states.input(envelope.input_tick[0], envelope.tick)?;
@@ -91,7 +91,7 @@ impl LoopsReplay {
         &mut self,
         message: &Message<RotorSpeeds>,
         wrenches: &Window<Wrench>,
-        comparison: &mut Comparison,
+        comparison: &mut ReplayComparison,
     ) -> Result<RotorSpeeds, Failure> {
         let tick = message.envelope.tick;
         let replayed = if is_last_word(message) {

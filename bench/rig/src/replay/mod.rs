@@ -22,14 +22,14 @@ use model::role::Role;
 use crate::cli::ReplayArgs;
 use crate::output::print;
 use crate::replay::airframe::AirframeReplay;
-use crate::replay::compare::Comparison;
+use crate::replay::compare::ReplayComparison;
 use crate::replay::loops::LoopsReplay;
 use crate::replay::summary::Summary;
 use crate::replay::survey::{Survey, survey};
 use crate::replay::window::Window;
 use crate::run_directory::find_log;
 use failure::{Failure, GATE, OK};
-use flight_log::reader::{End, Entry, LogReader};
+use flight_log::reader::{End, LogEntry, LogReader};
 use report::tracking::Tracking;
 
 /// Messages read ahead of the one that is replayed: more than the recorder takes in at once after its longest absence.
@@ -52,7 +52,7 @@ pub struct Replayed {
     /// The log.
     pub survey: Survey,
     /// How its outputs compare.
-    pub comparison: Comparison,
+    pub comparison: ReplayComparison,
     /// What the flight was like.
     pub summary: Summary,
 }
@@ -123,11 +123,11 @@ struct Again {
     from_tick: u64,
     airframe: AirframeReplay,
     loops: LoopsReplay,
-    comparison: Comparison,
+    comparison: ReplayComparison,
     summary: Summary,
     windows: Windows,
     /// Read and not replayed yet, by tick and stage.
-    ahead: BTreeMap<(u64, Role, u64), Entry>,
+    ahead: BTreeMap<(u64, Role, u64), LogEntry>,
     read: u64,
 }
 
@@ -146,7 +146,7 @@ impl Again {
             from_tick,
             airframe: AirframeReplay::new(&survey.settings.plant()?, survey.pace, &survey.swaps),
             loops: LoopsReplay::new(&survey.settings)?,
-            comparison: Comparison::from(from_tick),
+            comparison: ReplayComparison::from(from_tick),
             summary: Summary::new(Tracking::of(flight.trajectory, flight.period_s)),
             windows: Windows::default(),
             ahead: BTreeMap::new(),
@@ -177,56 +177,56 @@ impl Again {
         }
     }
 
-    fn take(&mut self, entry: &Entry) {
+    fn take(&mut self, entry: &LogEntry) {
         let (tick, stage) = match entry {
-            Entry::State(message) => {
+            LogEntry::State(message) => {
                 self.windows.states.push(*message);
                 (message.envelope.tick, Role::Plant)
             }
-            Entry::Setpoint(message) => {
+            LogEntry::Setpoint(message) => {
                 self.windows.setpoints.push(*message);
                 (message.envelope.tick, Role::Outer)
             }
-            Entry::Wrench(message) => {
+            LogEntry::Wrench(message) => {
                 self.windows.wrenches.push(*message);
                 (message.envelope.tick, Role::Inner)
             }
-            Entry::RotorSpeeds(message) => {
+            LogEntry::RotorSpeeds(message) => {
                 self.windows.rotor_speeds.push(*message);
                 (message.envelope.tick, Role::Mixer)
             }
             // Known from the survey, because they may be recorded later than the states that they change.
-            Entry::Swap(_) => return,
+            LogEntry::Swap(_) => return,
         };
         self.read += 1;
         self.ahead.insert((tick, stage, self.read), *entry);
     }
 
-    fn step(&mut self, entry: &Entry) -> Result<(), Failure> {
+    fn step(&mut self, entry: &LogEntry) -> Result<(), Failure> {
         let (windows, comparison) = (&self.windows, &mut self.comparison);
         match entry {
-            Entry::State(message) => {
+            LogEntry::State(message) => {
                 let state = self.airframe.step(message, &windows.rotor_speeds, comparison)?;
                 if message.envelope.tick >= self.from_tick {
                     self.summary.state(message.envelope.tick, &state);
                 }
             }
-            Entry::Setpoint(message) => {
+            LogEntry::Setpoint(message) => {
                 self.loops.setpoint(message, &windows.states, comparison)?;
             }
-            Entry::Wrench(message) => {
+            LogEntry::Wrench(message) => {
                 let wrench = self.loops.wrench(message, &windows.states, &windows.setpoints, comparison)?;
                 if message.envelope.tick >= self.from_tick {
                     self.summary.wrench(&wrench);
                 }
             }
-            Entry::RotorSpeeds(message) => {
+            LogEntry::RotorSpeeds(message) => {
                 let speeds = self.loops.rotor_speeds(message, &windows.wrenches, comparison)?;
                 if message.envelope.tick >= self.from_tick {
                     self.summary.rotor_speeds(&speeds);
                 }
             }
-            Entry::Swap(_) => {}
+            LogEntry::Swap(_) => {}
         }
         Ok(())
     }

@@ -15,7 +15,7 @@ use flight_log::TOPICS;
 use flight_log::build::Build;
 use flight_log::codec::Logged;
 use flight_log::facts::{RUN, SETTINGS};
-use flight_log::reader::{End, Entry, LogReader};
+use flight_log::reader::{End, LogEntry, LogReader};
 
 /// A log that can be replayed.
 #[derive(Clone, Debug)]
@@ -48,20 +48,20 @@ pub fn survey(path: &Path) -> Result<Survey, Failure> {
     };
     reader.check_version()?;
     let settings = settings_of(&reader)?;
-    let mut expected = Expected::new(&reader)?;
+    let mut expected = ExpectedMessages::new(&reader)?;
     let mut swaps = Vec::new();
     let mut newest: Option<Message<State>> = None;
     let mut next = Some(first);
     while let Some(entry) = next {
         match &entry {
-            Entry::State(message) => {
+            LogEntry::State(message) => {
                 expected.check(message)?;
                 newest = Some(*message);
             }
-            Entry::Setpoint(message) => expected.check(message)?,
-            Entry::Wrench(message) => expected.check(message)?,
-            Entry::RotorSpeeds(message) => expected.check(message)?,
-            Entry::Swap(message) => {
+            LogEntry::Setpoint(message) => expected.check(message)?,
+            LogEntry::Wrench(message) => expected.check(message)?,
+            LogEntry::RotorSpeeds(message) => expected.check(message)?,
+            LogEntry::Swap(message) => {
                 expected.check(message)?;
                 swaps.push(*message);
             }
@@ -115,7 +115,7 @@ pub(super) fn gap(what: &str) -> Failure {
 }
 
 /// What the messages of a log have in common, and which ones come next.
-struct Expected {
+struct ExpectedMessages {
     run_id: u64,
     settings: String,
     /// Messages by topic.
@@ -124,7 +124,7 @@ struct Expected {
     newest: BTreeMap<&'static str, Envelope>,
 }
 
-impl Expected {
+impl ExpectedMessages {
     fn new(reader: &LogReader) -> Result<Self, Failure> {
         let settings = reader.fact(RUN, "settings")?.to_owned();
         Ok(Self { run_id: reader.number("run_id")?, settings, messages: BTreeMap::new(), newest: BTreeMap::new() })

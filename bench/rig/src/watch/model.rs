@@ -11,8 +11,8 @@ use model::parameters::{Parameter, SPECS};
 use model::role::Role;
 
 use crate::inject::Applied;
-use crate::observe::Seen;
-use crate::watch::trace::Trace;
+use crate::observe::ObservedMessage;
+use crate::watch::trace::ErrorTrace;
 use failure::Failure;
 use report::tally::{Tally, is_last_word};
 use report::tracking::Tracking;
@@ -61,7 +61,7 @@ pub struct Said {
 
 /// The page with the parameters.
 #[derive(Clone, Debug, Default)]
-pub struct Desk {
+pub struct ParameterPage {
     /// Row of the table of parameters.
     pub selected: usize,
     /// What is being typed as its new value.
@@ -72,7 +72,7 @@ pub struct Desk {
     pub said: Option<Said>,
 }
 
-impl Desk {
+impl ParameterPage {
     /// The selected parameter.
     #[must_use]
     pub fn parameter(&self) -> Parameter {
@@ -96,9 +96,9 @@ pub struct Model {
     /// Row of the table of latencies.
     pub series: usize,
     /// The page with the parameters.
-    pub desk: Desk,
+    pub desk: ParameterPage,
     /// The flight: the present one, or the last.
-    pub flight: Option<Flight>,
+    pub flight: Option<WatchedFlight>,
 }
 
 impl Model {
@@ -112,7 +112,7 @@ impl Model {
             tab: Tab::default(),
             help: false,
             series: 0,
-            desk: Desk::default(),
+            desk: ParameterPage::default(),
             flight: None,
         }
     }
@@ -128,8 +128,8 @@ impl Model {
     /// # Errors
     /// Those of [`Tally::joining`].
     pub fn join(&mut self, run: &Run, settings: BTreeMap<String, String>) -> Result<(), Failure> {
-        self.flight = Some(Flight::new(run, settings)?);
-        self.desk = Desk { selected: self.desk.selected, ..Desk::default() };
+        self.flight = Some(WatchedFlight::new(run, settings)?);
+        self.desk = ParameterPage { selected: self.desk.selected, ..ParameterPage::default() };
         Ok(())
     }
 
@@ -149,13 +149,13 @@ impl Model {
     /// # Errors
     /// Those of [`Tally::joining`].
     pub fn reset(&mut self) -> Result<(), Failure> {
-        self.flight.as_mut().map_or(Ok(()), Flight::reset)
+        self.flight.as_mut().map_or(Ok(()), WatchedFlight::reset)
     }
 }
 
 /// A flight as the dashboard has seen it.
 #[derive(Debug)]
-pub struct Flight {
+pub struct WatchedFlight {
     /// The run as its plant shows it.
     pub run: Run,
     /// Settings that all roles share, by key.
@@ -178,18 +178,18 @@ pub struct Flight {
     /// Newest rotor command.
     pub rotor_speeds: Option<RotorSpeeds>,
     /// Position error [m].
-    pub position_error: Trace,
+    pub position_error: ErrorTrace,
     /// V_th [rad^2/s^2].
-    pub v_th: Trace,
+    pub v_th: ErrorTrace,
     /// V [rad^2/s^2].
-    pub v: Trace,
+    pub v: ErrorTrace,
     /// Every role as it shows itself.
     pub crew: BTreeMap<Role, Status>,
     /// The parameters in force.
     pub in_force: InForce,
 }
 
-impl Flight {
+impl WatchedFlight {
     fn new(run: &Run, settings: BTreeMap<String, String>) -> Result<Self, Failure> {
         let tracking = tracking(run, &settings)?;
         Ok(Self {
@@ -204,9 +204,9 @@ impl Flight {
             setpoint: None,
             wrench: None,
             rotor_speeds: None,
-            position_error: Trace::default(),
-            v_th: Trace::default(),
-            v: Trace::default(),
+            position_error: ErrorTrace::default(),
+            v_th: ErrorTrace::default(),
+            v: ErrorTrace::default(),
             crew: BTreeMap::new(),
             in_force: InForce::default(),
         })
@@ -222,9 +222,9 @@ impl Flight {
         self.tally = Self::tally(&self.run, self.tracking)?;
         // The monitor counts beside the law, from the flight's begin on.
         self.tally.theorem = theorem;
-        self.position_error = Trace::default();
-        self.v_th = Trace::default();
-        self.v = Trace::default();
+        self.position_error = ErrorTrace::default();
+        self.v_th = ErrorTrace::default();
+        self.v = ErrorTrace::default();
         Ok(())
     }
 
@@ -247,32 +247,32 @@ impl Flight {
     }
 
     /// Takes a message.
-    pub fn take(&mut self, seen: Seen<'_>) {
+    pub fn take(&mut self, seen: ObservedMessage<'_>) {
         match seen {
-            Seen::State(message) => {
+            ObservedMessage::State(message) => {
                 self.tally.state(message);
                 self.state = Some(message.content);
                 let tick = message.envelope.tick;
                 self.position_error.take(self.run.flight_time_s(tick), self.tracking.error_m(tick, &message.content));
             }
-            Seen::Setpoint(message) => {
+            ObservedMessage::Setpoint(message) => {
                 self.tally.setpoint(message);
                 self.setpoint = Some(message.content);
             }
-            Seen::Wrench(message) => {
+            ObservedMessage::Wrench(message) => {
                 self.tally.wrench(message);
                 self.wrench = Some(message.content);
                 let (time_s, monitor) = (self.run.flight_time_s(message.envelope.tick), &message.content.monitor);
                 self.v_th.take(time_s, monitor.v_th);
                 self.v.take(time_s, monitor.v);
             }
-            Seen::RotorSpeeds(message) => {
+            ObservedMessage::RotorSpeeds(message) => {
                 self.tally.rotor_speeds(message);
                 if !is_last_word(message) {
                     self.rotor_speeds = Some(message.content);
                 }
             }
-            Seen::Swap(message) => self.tally.swap(message),
+            ObservedMessage::Swap(message) => self.tally.swap(message),
         }
     }
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::output::{print, say};
 use crate::watch::feed::Feed;
-use crate::watch::model::{Flight, Model};
+use crate::watch::model::{Model, WatchedFlight};
 use failure::{Failure, INTERRUPTED, OK};
 use report::tally::series::{Series, Statistics};
 
@@ -42,7 +42,7 @@ pub fn run(model: &mut Model, feed: &mut Feed, stop: &AtomicBool) -> Result<u8, 
 
 /// The flight so far in one line.
 #[must_use]
-pub fn line(flight: &Flight) -> String {
+pub fn line(flight: &WatchedFlight) -> String {
     let mut line = format!("tick {}   {:.1} s", flight.tick(), flight.run.flight_time_s(flight.tick()));
     // Writing into a string cannot fail.
     let _ = write!(line, "   error {:.4} m", flight.tally.flight().position_error_final_m);

@@ -9,13 +9,13 @@ pub const POINTS: usize = 600;
 
 /// The last [`POINTS`] points.
 #[derive(Clone, Debug, Default)]
-pub struct Trace {
+pub struct ErrorTrace {
     points: VecDeque<f64>,
     /// The present point: its number, and the largest value so far.
     present: Option<(u64, f64)>,
 }
 
-impl Trace {
+impl ErrorTrace {
     /// Takes the value at a time of the flight [s].
     pub fn take(&mut self, time_s: f64, value: f64) {
         let number = (time_s / POINT_S) as u64;
@@ -47,7 +47,7 @@ mod tests {
 
     #[test]
     fn a_point_is_the_largest_of_its_tenth_of_a_second() {
-        let mut trace = Trace::default();
+        let mut trace = ErrorTrace::default();
         for (time_s, value) in [(0.01, 1.0), (0.05, 3.0), (0.09, 2.0), (0.11, 5.0), (0.21, 4.0)] {
             trace.take(time_s, value);
         }
@@ -57,7 +57,7 @@ mod tests {
 
     #[test]
     fn old_points_go() {
-        let mut trace = Trace::default();
+        let mut trace = ErrorTrace::default();
         for i in 0..2 * POINTS {
             trace.take(i as f64 * POINT_S + 0.01, i as f64);
         }

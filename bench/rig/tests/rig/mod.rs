@@ -28,11 +28,14 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// `name` starts the instance's name: at most 20 characters.
+    /// `name` starts the instance's name: at most 16 characters.
     pub fn new(name: &str) -> Self {
+        // Tests of one file run side by side, in one process.
+        static RIGS: AtomicU64 = AtomicU64::new(0);
         // Short, because sockets live below it.
         let directory = tempfile::Builder::new().prefix("ib").tempdir_in("/tmp").unwrap();
-        Self { directory, instance: format!("{name}-{}", std::process::id()), started: AtomicU64::new(0) }
+        let number = RIGS.fetch_add(1, Ordering::Relaxed);
+        Self { directory, instance: format!("{name}-{}-{number}", std::process::id()), started: AtomicU64::new(0) }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {

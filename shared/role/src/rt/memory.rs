@@ -83,7 +83,7 @@ fn touch(mapping: &str) -> Option<sys::Touch> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::realtime::Step;
+    use model::realtime::RealtimeStep;
 
     #[test]
     fn a_kernel_that_cannot_populate_memory_is_reported_and_flown_on() {
@@ -95,7 +95,7 @@ mod tests {
         });
         assert_eq!((refused.unwrap_err().raw_os_error(), asked), (Some(libc::EINVAL), 1), "it is not asked again");
         settle_by(refuse(libc::EINVAL)).unwrap();
-        assert!(crate::rt::remedy(Step::Prefault, i64::from(libc::EINVAL)).contains("Linux 5.14"));
+        assert!(crate::rt::remedy(RealtimeStep::Prefault, i64::from(libc::EINVAL)).contains("Linux 5.14"));
         let full = settle_by(refuse(libc::ENOMEM)).unwrap_err();
         assert!(full.to_string().contains("/dev/shm"), "{full}");
     }

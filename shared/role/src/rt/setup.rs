@@ -15,35 +15,35 @@ use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 use super::memory::populate_mappings;
 use super::sys;
 use super::thread::{allowed_cpus, loops_cpu, prefault_stack};
-use model::realtime::{Grants, Mode, Settings, Step};
+use model::realtime::{Grants, RealtimeMode, RealtimeSettings, RealtimeStep};
 use model::role::Role;
 use wire::error::Error;
 
 /// What the user may do when a step is refused with an error number.
 #[must_use]
-pub fn remedy(step: Step, errno: i64) -> &'static str {
+pub fn remedy(step: RealtimeStep, errno: i64) -> &'static str {
     let not_permitted = errno == i64::from(libc::EPERM);
     match step {
-        Step::Scheduler if not_permitted && rustix::process::geteuid().is_root() => {
+        RealtimeStep::Scheduler if not_permitted && rustix::process::geteuid().is_root() => {
             "root is refused SCHED_FIFO where its cpu cgroup has no real-time budget: write one to \
                  cpu.rt_runtime_us of the cgroup, or start from the root cgroup"
         }
-        Step::Scheduler => {
+        RealtimeStep::Scheduler => {
             "start as root, give the executable CAP_SYS_NICE (setcap cap_sys_nice,cap_ipc_lock+ep), or raise \
                  the rtprio limit in /etc/security/limits.d and log in again"
         }
-        Step::Affinity => "name a processor that this process may use: --cpu N (taskset -p $$ lists them)",
-        Step::MemoryLock => {
+        RealtimeStep::Affinity => "name a processor that this process may use: --cpu N (taskset -p $$ lists them)",
+        RealtimeStep::MemoryLock => {
             "start as root, give the executable CAP_IPC_LOCK, or raise the memlock limit in \
                  /etc/security/limits.d and log in again"
         }
-        Step::Malloc => "use a build for glibc",
-        Step::Prefault if errno == i64::from(libc::EINVAL) => {
+        RealtimeStep::Malloc => "use a build for glibc",
+        RealtimeStep::Prefault if errno == i64::from(libc::EINVAL) => {
             "use Linux 5.14 or newer, which knows MADV_POPULATE_WRITE"
         }
-        Step::Prefault => "free memory, or enlarge /dev/shm",
-        Step::TimerSlack => "use a kernel that knows PR_SET_TIMERSLACK",
-        Step::CpuLatency => "start as root, or let your group write /dev/cpu_dma_latency",
+        RealtimeStep::Prefault => "free memory, or enlarge /dev/shm",
+        RealtimeStep::TimerSlack => "use a kernel that knows PR_SET_TIMERSLACK",
+        RealtimeStep::CpuLatency => "start as root, or let your group write /dev/cpu_dma_latency",
     }
 }
 
@@ -79,41 +79,41 @@ impl Engaged {
     ///
     /// # Errors
     /// [`Error::RealtimeRefused`] under [`Mode::Require`].
-    pub fn engage(role: Role, settings: &Settings) -> Result<Self, Error> {
+    pub fn engage(role: Role, settings: &RealtimeSettings) -> Result<Self, Error> {
         let mut engaged = Self { grants: Grants::default(), loop_thread: 0, _cpu_latency: None };
-        if settings.mode != Mode::Off {
+        if settings.mode != RealtimeMode::Off {
             engaged.ask(role, settings);
         }
         let (policy, priority) = sys::scheduler().map_err(|e| Error::system("cannot read the own scheduling", e))?;
         engaged.grants.policy = u64::from(policy.unsigned_abs());
         engaged.grants.priority = u64::from(priority.unsigned_abs());
-        if settings.mode == Mode::Require {
+        if settings.mode == RealtimeMode::Require {
             engaged.insist(role)?;
         }
         Ok(engaged)
     }
 
-    fn ask(&mut self, role: Role, settings: &Settings) {
+    fn ask(&mut self, role: Role, settings: &RealtimeSettings) {
         let grants = &mut self.grants;
         let slack = set_current_timer_slack(NonZero::new(1)).map_err(Into::into);
-        grants.note(Step::TimerSlack, 1, slack);
+        grants.note(RealtimeStep::TimerSlack, 1, slack);
         let (cpus, cpu) = cpus_for(role, settings.cpu);
-        grants.note(Step::Affinity, cpu as u64, sched_setaffinity(None, &cpus).map_err(Into::into));
+        grants.note(RealtimeStep::Affinity, cpu as u64, sched_setaffinity(None, &cpus).map_err(Into::into));
         if role == Role::Record {
             return;
         }
-        grants.note(Step::Malloc, 0, sys::keep_freed_memory());
+        grants.note(RealtimeStep::Malloc, 0, sys::keep_freed_memory());
         let locked = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(Into::into);
-        grants.note(Step::MemoryLock, 0, locked);
+        grants.note(RealtimeStep::MemoryLock, 0, locked);
         prefault_stack();
         drop(black_box(vec![1_u8; HEAP_BYTES]));
-        grants.note(Step::Prefault, 0, populate_mappings(sys::populate));
+        grants.note(RealtimeStep::Prefault, 0, populate_mappings(sys::populate));
         match hold_cpu_latency() {
             Ok(file) => {
-                grants.note(Step::CpuLatency, 0, Ok(()));
+                grants.note(RealtimeStep::CpuLatency, 0, Ok(()));
                 self._cpu_latency = Some(file);
             }
-            Err(error) => grants.note(Step::CpuLatency, 0, Err(error)),
+            Err(error) => grants.note(RealtimeStep::CpuLatency, 0, Err(error)),
         }
         let priority = settings.priority + role.priority_step();
         let fifo = sys::set_fifo(priority);
@@ -121,13 +121,13 @@ impl Engaged {
             self.loop_thread = sys::thread_number();
             sys::LOOP_THREAD.store(self.loop_thread, Ordering::SeqCst);
         }
-        self.grants.note(Step::Scheduler, u64::from(priority.unsigned_abs()), fifo);
+        self.grants.note(RealtimeStep::Scheduler, u64::from(priority.unsigned_abs()), fifo);
     }
 
     fn insist(&self, role: Role) -> Result<(), Error> {
-        let refused: Vec<Step> = self.grants.refused().filter(|step| step.required()).collect();
+        let refused: Vec<RealtimeStep> = self.grants.refused().filter(|step| step.required()).collect();
         let Some(first) = refused.first() else { return Ok(()) };
-        let word = |step: &Step| format!("{step:?} ({})", self.grants.of(*step).reason());
+        let word = |step: &RealtimeStep| format!("{step:?} ({})", self.grants.of(*step).reason());
         Err(Error::RealtimeRefused {
             role,
             refused: refused.iter().map(word).collect::<Vec<_>>().join(", "),
@@ -173,7 +173,8 @@ mod tests {
     use model::realtime::{Grant, STEPS};
 
     /// Settings for a processor that no machine has.
-    const NOWHERE: Settings = Settings { mode: Mode::Require, priority: 80, cpu: Some(100_000) };
+    const NOWHERE: RealtimeSettings =
+        RealtimeSettings { mode: RealtimeMode::Require, priority: 80, cpu: Some(100_000) };
 
     /// On a thread of its own: a test must not leave its settings to others.
     fn aside<T: Send>(act: impl FnOnce() -> T + Send) -> T {
@@ -187,8 +188,10 @@ mod tests {
         assert_eq!(error.exit_code(), 4);
         assert!(error.to_string().contains("plant process: Affinity (Invalid argument"), "{error}");
         assert!(error.remedy().unwrap().contains("--cpu N"), "{error:?}");
-        let engaged = aside(|| Engaged::engage(Role::Plant, &Settings { mode: Mode::Prefer, ..NOWHERE })).unwrap();
-        let affinity = *engaged.grants.of(Step::Affinity);
+        let engaged =
+            aside(|| Engaged::engage(Role::Plant, &RealtimeSettings { mode: RealtimeMode::Prefer, ..NOWHERE }))
+                .unwrap();
+        let affinity = *engaged.grants.of(RealtimeStep::Affinity);
         assert_eq!(affinity, Grant { asked: 1, value: 100_000, errno: i64::from(libc::EINVAL) });
         // The recorder keeps off the loops' processor, so a missing one does not concern it.
         aside(|| Engaged::engage(Role::Record, &NOWHERE).map(drop)).unwrap();
@@ -196,10 +199,10 @@ mod tests {
 
     #[test]
     fn real_time_is_given_back_when_the_set_up_is_dropped() {
-        let settings = Settings { mode: Mode::Prefer, priority: 10, cpu: None };
+        let settings = RealtimeSettings { mode: RealtimeMode::Prefer, priority: 10, cpu: None };
         let (granted, during, after) = aside(|| {
             let engaged = Engaged::engage(Role::Outer, &settings).unwrap();
-            let (granted, during) = (engaged.grants.of(Step::Scheduler).granted(), sys::scheduler().unwrap());
+            let (granted, during) = (engaged.grants.of(RealtimeStep::Scheduler).granted(), sys::scheduler().unwrap());
             drop(engaged);
             (granted, during, sys::scheduler().unwrap())
         });
@@ -214,7 +217,7 @@ mod tests {
 
     #[test]
     fn off_asks_for_nothing() {
-        let settings = Settings { mode: Mode::Off, priority: 80, cpu: None };
+        let settings = RealtimeSettings { mode: RealtimeMode::Off, priority: 80, cpu: None };
         let engaged = Engaged::engage(Role::Plant, &settings).unwrap();
         assert!(STEPS.iter().all(|step| engaged.grants.of(*step).asked == 0));
     }
@@ -227,8 +230,8 @@ mod tests {
         let refused = Engaged {
             grants: {
                 let mut grants = Grants::default();
-                grants.note(Step::MemoryLock, 0, Err(io::Error::from_raw_os_error(libc::EPERM)));
-                grants.note(Step::CpuLatency, 0, Err(io::Error::from_raw_os_error(libc::EACCES)));
+                grants.note(RealtimeStep::MemoryLock, 0, Err(io::Error::from_raw_os_error(libc::EPERM)));
+                grants.note(RealtimeStep::CpuLatency, 0, Err(io::Error::from_raw_os_error(libc::EACCES)));
                 grants
             },
             loop_thread: 0,

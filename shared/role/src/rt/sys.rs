@@ -148,7 +148,7 @@ pub(super) fn populate(start: usize, length: usize, touch: Touch) -> io::Result<
 
 /// Page faults and context switches of the calling thread so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Usage {
+pub(super) struct ThreadUsage {
     pub(super) minor_faults: u64,
     pub(super) major_faults: u64,
     pub(super) voluntary_switches: u64,
@@ -157,7 +157,7 @@ pub(super) struct Usage {
 }
 
 /// Resource usage of the calling thread.
-pub(super) fn thread_usage() -> Usage {
+pub(super) fn thread_usage() -> ThreadUsage {
     let mut usage = std::mem::MaybeUninit::<libc::rusage>::zeroed();
     // SAFETY: the pointer is to memory for one rusage, for which all zeroes are a valid value.
     let usage = unsafe {
@@ -165,7 +165,7 @@ pub(super) fn thread_usage() -> Usage {
         usage.assume_init()
     };
     let ns = |time: libc::timeval| time.tv_sec.unsigned_abs() * 1_000_000_000 + time.tv_usec.unsigned_abs() * 1_000;
-    Usage {
+    ThreadUsage {
         minor_faults: usage.ru_minflt.unsigned_abs(),
         major_faults: usage.ru_majflt.unsigned_abs(),
         voluntary_switches: usage.ru_nvcsw.unsigned_abs(),

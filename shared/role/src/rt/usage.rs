@@ -8,7 +8,7 @@ use model::realtime::Usage;
 /// Measures the calling thread from its creation on.
 #[derive(Clone, Copy, Debug)]
 pub struct UsageMeter {
-    start: sys::Usage,
+    start: sys::ThreadUsage,
     allocations: u64,
 }
 

@@ -90,16 +90,16 @@ impl Directory {
     }
 
     /// What an entry is; `None` where it has gone.
-    pub(super) fn kind(&self, name: &Path) -> Kind {
+    pub(super) fn kind(&self, name: &Path) -> EntryKind {
         match statat(&self.descriptor, name, AtFlags::SYMLINK_NOFOLLOW) {
-            Err(Errno::NOENT) => Kind::Gone,
-            Ok(stat) if stat.st_uid != geteuid().as_raw() => Kind::Foreign,
+            Err(Errno::NOENT) => EntryKind::Gone,
+            Ok(stat) if stat.st_uid != geteuid().as_raw() => EntryKind::Foreign,
             Ok(stat) => match FileType::from_raw_mode(stat.st_mode) {
-                FileType::RegularFile => Kind::File { bytes: u64::try_from(stat.st_blocks).unwrap_or(0) * 512 },
-                FileType::Directory => Kind::Directory,
-                _ => Kind::Foreign,
+                FileType::RegularFile => EntryKind::File { bytes: u64::try_from(stat.st_blocks).unwrap_or(0) * 512 },
+                FileType::Directory => EntryKind::Directory,
+                _ => EntryKind::Foreign,
             },
-            Err(_) => Kind::Foreign,
+            Err(_) => EntryKind::Foreign,
         }
     }
 
@@ -178,7 +178,7 @@ pub(super) const PRIVATE_DIRECTORY: Mode = Mode::RWXU;
 
 /// What an entry of a directory is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum EntryKind {
     /// Gone meanwhile.
     Gone,
     /// A regular file of this user, and the room that it takes.

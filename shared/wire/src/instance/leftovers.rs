@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use rustix::fs::AtFlags;
 
-use super::directory::{Directory, Kind, not_ours};
+use super::directory::{Directory, EntryKind, not_ours};
 use super::locks::{Door, IN_USE, LAUNCHER, is_marked, lock_name, try_lock};
 use super::memory::shared_memory;
 use super::root::root;
@@ -193,8 +193,9 @@ impl Instance {
             .map(|name| (services.identity(Path::new(&name)), name))
             .collect();
         let living = living();
-        let has_share =
-            |node: &String, share: &Path| door.directory.kind(&Path::new(NODES).join(node).join(share)) != Kind::Gone;
+        let has_share = |node: &String, share: &Path| {
+            door.directory.kind(&Path::new(NODES).join(node).join(share)) != EntryKind::Gone
+        };
         for (identity, name) in found {
             let Some(service) = name.strip_suffix(".service") else { continue };
             let share = PathBuf::from(format!("{service}.service_tag"));
@@ -230,12 +231,12 @@ impl Instance {
 
     /// Names of its segments in shared memory: regular files of this user with its prefix.
     pub(super) fn segments(&self) -> Vec<OsString> {
-        self.in_shared_memory(|kind| matches!(kind, Kind::File { .. }))
+        self.in_shared_memory(|kind| matches!(kind, EntryKind::File { .. }))
     }
 
     /// Refuses shared memory in which somebody else uses the instance's prefix.
     pub(crate) fn check_segments(&self) -> Result<(), Error> {
-        match self.in_shared_memory(|kind| matches!(kind, Kind::Directory | Kind::Foreign)).first() {
+        match self.in_shared_memory(|kind| matches!(kind, EntryKind::Directory | EntryKind::Foreign)).first() {
             None => Ok(()),
             Some(name) => {
                 let path = Path::new(SHARED_MEMORY).join(name);
@@ -248,13 +249,13 @@ impl Instance {
     pub(super) fn owned_bytes(&self) -> u64 {
         let Ok(Some(memory)) = shared_memory() else { return 0 };
         let bytes = |name: &OsString| match memory.kind(Path::new(name)) {
-            Kind::File { bytes } => bytes,
+            EntryKind::File { bytes } => bytes,
             _ => 0,
         };
         self.segments().iter().map(bytes).sum()
     }
 
-    fn in_shared_memory(&self, wanted: impl Fn(Kind) -> bool) -> Vec<OsString> {
+    fn in_shared_memory(&self, wanted: impl Fn(EntryKind) -> bool) -> Vec<OsString> {
         let Ok(Some(memory)) = shared_memory() else { return Vec::new() };
         let prefix = self.prefix();
         let mut names = memory.names().unwrap_or_default();
@@ -282,15 +283,15 @@ fn look_into(
     for name in directory.names()? {
         let (below, text) = (path.join(&name), name.to_str().unwrap_or_default());
         let inner = match directory.kind(Path::new(&name)) {
-            Kind::Gone => continue,
+            EntryKind::Gone => continue,
             // It goes last.
-            Kind::File { .. } if place == Place::Instance && text == MARK => continue,
-            Kind::File { .. } if file_is_ours(place, text, prefix) => {
+            EntryKind::File { .. } if place == Place::Instance && text == MARK => continue,
+            EntryKind::File { .. } if file_is_ours(place, text, prefix) => {
                 contents.files.push(below);
                 continue;
             }
-            Kind::Directory => place_below(place, text),
-            Kind::File { .. } | Kind::Foreign => None,
+            EntryKind::Directory => place_below(place, text),
+            EntryKind::File { .. } | EntryKind::Foreign => None,
         };
         if let Some(place) = inner {
             if let Some(inner) = directory.open_below(Path::new(&name))? {

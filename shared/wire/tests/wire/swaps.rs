@@ -8,7 +8,7 @@ use model::parameters::{PARAMETERS, Parameter};
 use wire::clock::now_ns;
 use wire::error::Error;
 
-use wire::{Owner, SwapAnswer, SwapCall, SwapOrder, SwapServer, Verdict, Wire};
+use wire::{Owner, SwapAnswer, SwapCall, SwapOrder, SwapOutcome, SwapServer, Wire};
 
 use crate::{Site, assert_incompatible, node};
 
@@ -23,7 +23,7 @@ fn order(mass_kg: f64) -> SwapOrder {
 }
 
 fn answer(tick: u64) -> SwapAnswer {
-    let verdict = Verdict::Applied as u64;
+    let verdict = SwapOutcome::Applied as u64;
     SwapAnswer { verdict, tick, parameter_epoch: 1, parameter: 0, old: [0.52; PARAMETERS] }
 }
 

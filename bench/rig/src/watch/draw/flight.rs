@@ -10,7 +10,7 @@ use ratatui::widgets::canvas::{Canvas, Line as Stroke};
 
 use crate::watch::draw::style::Paint;
 use crate::watch::draw::{bars, put};
-use crate::watch::model::Flight;
+use crate::watch::model::WatchedFlight;
 use crate::watch::trace::POINT_S;
 
 /// Width of the numbers.
@@ -20,7 +20,7 @@ const HORIZON: (u16, u16) = (26, 12);
 /// Pitch at the upper edge of the horizon [rad].
 const PITCH_RAD: f64 = 0.8;
 
-pub(super) fn draw(flight: &Flight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
+pub(super) fn draw(flight: &WatchedFlight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
     let below = put(frame, area, numbers(flight, paint, area.width));
     let is_wide = area.width >= NUMBERS + HORIZON.0 && area.height >= HORIZON.1;
     if is_wide {
@@ -30,7 +30,7 @@ pub(super) fn draw(flight: &Flight, paint: Paint, frame: &mut Frame<'_>, area: R
     error(flight, paint, frame, below);
 }
 
-fn numbers<'a>(flight: &Flight, paint: Paint, width: u16) -> Vec<Line<'a>> {
+fn numbers<'a>(flight: &WatchedFlight, paint: Paint, width: u16) -> Vec<Line<'a>> {
     // A narrow terminal has room for a digit less.
     let (column, fewer) = if width < 46 { (7, 1) } else { (10, 0) };
     let row = |name: &str, values: &[f64], digits: usize, unit: &str| {
@@ -73,7 +73,7 @@ fn rotors<'a>(speeds: &[f64; 4], column: usize, fewer: usize) -> Line<'a> {
     Line::from(format!("{:<10}{speeds} rad/s", "rotors"))
 }
 
-fn mode<'a>(flight: &Flight, paint: Paint) -> Line<'a> {
+fn mode<'a>(flight: &WatchedFlight, paint: Paint) -> Line<'a> {
     let word = |mode: u64| match Mode::from_wire(mode) {
         Some(Mode::Fresh) => "fresh",
         Some(Mode::Held) => "held",
@@ -101,7 +101,7 @@ fn mode<'a>(flight: &Flight, paint: Paint) -> Line<'a> {
 }
 
 /// The horizon as seen from the airframe: it rises to the right when the left side is up.
-fn horizon(flight: &Flight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
+fn horizon(flight: &WatchedFlight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
     let attitude = flight.state.map_or([0.0; 3], |state| state.attitude_rad);
     let wanted = flight.setpoint.map_or([0.0; 3], |setpoint| setpoint.attitude_rad);
     // A cell is half as wide as it is high.
@@ -127,7 +127,7 @@ fn horizon(flight: &Flight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
     frame.render_widget(canvas, area);
 }
 
-fn error(flight: &Flight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
+fn error(flight: &WatchedFlight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
     if area.height < 4 {
         return;
     }

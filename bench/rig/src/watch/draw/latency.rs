@@ -7,13 +7,13 @@ use ratatui::text::Line;
 
 use crate::watch::draw::style::Paint;
 use crate::watch::draw::{bars, first_row, put};
-use crate::watch::model::Flight;
+use crate::watch::model::WatchedFlight;
 use report::tally::series::{Series, Statistics};
 
 /// Height of the histogram with its heading and its axis.
 const HISTOGRAM: u16 = 7;
 
-pub(super) fn draw(flight: &Flight, selected: usize, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
+pub(super) fn draw(flight: &WatchedFlight, selected: usize, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
     let below = put(frame, area, deadlines(flight, area.width, paint));
     let all = Series::all();
     let series = all[selected.min(all.len() - 1)];
@@ -35,7 +35,7 @@ pub(super) fn draw(flight: &Flight, selected: usize, paint: Paint, frame: &mut F
     }
 }
 
-fn deadlines<'a>(flight: &Flight, width: u16, paint: Paint) -> Vec<Line<'a>> {
+fn deadlines<'a>(flight: &WatchedFlight, width: u16, paint: Paint) -> Vec<Line<'a>> {
     let run = &flight.run;
     let missed = run.deadlines_missed;
     let per_million = missed as f64 * 1e6 / (run.ticks_run + run.ticks_skipped).max(1) as f64;

@@ -22,7 +22,7 @@ use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Paragraph, Sparkline, Wrap};
 
-use crate::watch::model::{Flight, Model, Tab};
+use crate::watch::model::{Model, Tab, WatchedFlight};
 use style::Paint;
 
 /// The smallest terminal that has room for a page.
@@ -152,7 +152,7 @@ fn foot_line<'a>(model: &Model, paint: Paint, width: u16) -> Line<'a> {
             _ => keys.extend([key("Tab", "next"), key("r", "reset")]),
         }
     }
-    let lost = model.flight.as_ref().map_or(0, Flight::lost);
+    let lost = model.flight.as_ref().map_or(0, WatchedFlight::lost);
     if lost > 0 {
         keys.push(Line::from(Span::styled(format!("  lost {lost} messages"), paint.bad())));
     }

@@ -8,9 +8,9 @@ use ratatui::widgets::{Paragraph, Wrap};
 
 use crate::watch::draw::style::Paint;
 use crate::watch::draw::{first_row, put};
-use crate::watch::model::{Desk, Flight};
+use crate::watch::model::{ParameterPage, WatchedFlight};
 
-pub(super) fn draw(flight: &Flight, desk: &Desk, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
+pub(super) fn draw(flight: &WatchedFlight, desk: &ParameterPage, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
     // A refusal may need two lines.
     let foot = if area.height >= 12 { 2 } else { 1 };
     let room = usize::from(area.height).saturating_sub(foot + 1);
@@ -62,7 +62,7 @@ fn number(value: f64) -> String {
     if value != 0.0 && value.abs() < 1e-3 { format!("{value:e}") } else { format!("{value}") }
 }
 
-fn said<'a>(flight: &Flight, desk: &'a Desk, paint: Paint) -> Vec<Line<'a>> {
+fn said<'a>(flight: &WatchedFlight, desk: &'a ParameterPage, paint: Paint) -> Vec<Line<'a>> {
     let spec = desk.parameter().spec();
     let mut lines = Vec::new();
     if let Some(typed) = &desk.typed {

@@ -11,13 +11,13 @@ use role::rt::remedy;
 
 use crate::watch::draw::put;
 use crate::watch::draw::style::Paint;
-use crate::watch::model::Flight;
+use crate::watch::model::WatchedFlight;
 use report::sections::role_section;
 
 /// Width of a role's column.
 const COLUMN: usize = 12;
 
-pub(super) fn draw(flight: &Flight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
+pub(super) fn draw(flight: &WatchedFlight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
     let name = if area.width >= 74 { 14 } else { 12 };
     let shown = (usize::from(area.width).saturating_sub(name) / COLUMN).clamp(1, 5);
     // The plant's first, because it is the one whose lateness counts.
@@ -38,7 +38,7 @@ pub(super) fn draw(flight: &Flight, paint: Paint, frame: &mut Frame<'_>, area: R
         let mut line = Line::from(format!("{title:<name$}"));
         for (_, status) in &crew {
             let grant = status.grants.of(step);
-            let asked = if grant.value > 0 || step == model::realtime::Step::Affinity {
+            let asked = if grant.value > 0 || step == model::realtime::RealtimeStep::Affinity {
                 format!("{} ", grant.value)
             } else {
                 String::new()
@@ -77,7 +77,7 @@ fn phase(status: &Status) -> &'static str {
 }
 
 /// Each refusal once, with what the user may do about it.
-fn refusals<'a>(flight: &Flight, paint: Paint) -> Vec<Line<'a>> {
+fn refusals<'a>(flight: &WatchedFlight, paint: Paint) -> Vec<Line<'a>> {
     let mut lines = Vec::new();
     for step in STEPS {
         let refused = flight

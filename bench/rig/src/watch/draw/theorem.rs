@@ -9,7 +9,7 @@ use ratatui::widgets::{Paragraph, Wrap};
 
 use crate::watch::draw::style::Paint;
 use crate::watch::draw::{bars, put};
-use crate::watch::model::Flight;
+use crate::watch::model::WatchedFlight;
 use crate::watch::trace::POINT_S;
 use report::tally::theorem::Theorem;
 
@@ -20,7 +20,7 @@ const PICTURE: u16 = 8;
 /// Decades below the largest V_th that the picture shows.
 const DECADES: f64 = 6.0;
 
-pub(super) fn draw(flight: &Flight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
+pub(super) fn draw(flight: &WatchedFlight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
     let Some(wrench) = &flight.wrench else {
         put(frame, area, vec![Line::from("no wrench has come yet")]);
         return;
@@ -67,7 +67,7 @@ fn verdict<'a>(theorem: &Theorem, width: u16, paint: Paint) -> Line<'a> {
 }
 
 /// V, V_th and the rate error: each now, and where there is room how it changes.
-fn values<'a>(flight: &Flight, monitor: &Monitor, width: u16) -> [Line<'a>; 3] {
+fn values<'a>(flight: &WatchedFlight, monitor: &Monitor, width: u16) -> [Line<'a>; 3] {
     let e = flight.tally.flight().rate_error_final_rad_s;
     let (now, change) = (
         [format!("V    {:>10.3e}", monitor.v), format!("V_th {:>10.3e}", monitor.v_th), format!("|e|  {e:>10.3e}")],
@@ -130,7 +130,7 @@ fn causes<'a>(monitor: &Monitor, all: bool, width: u16, paint: Paint) -> Vec<Lin
     lines
 }
 
-fn picture(flight: &Flight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
+fn picture(flight: &WatchedFlight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
     if area.height < 3 {
         return;
     }
