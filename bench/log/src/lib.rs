@@ -12,6 +12,7 @@ use model::topic::Topic;
 pub mod build;
 pub mod codec;
 pub mod facts;
+pub mod perfetto;
 pub mod reader;
 pub mod rows;
 pub mod scene;

@@ -1,7 +1,5 @@
 //! Machine facts for a report, and how much processor time others took.
 
-use std::fs;
-
 use report::host::{Host, Steal};
 
 use crate::{Machine, RT_RUNTIME};
@@ -36,34 +34,27 @@ pub struct CpuTimes {
     stolen: u64,
 }
 
-/// Time stolen since the machine was started from one processor, or from all of them, in the unit of /proc/stat.
-#[must_use]
-pub fn stolen_from(machine: &Machine, processor: Option<u64>) -> u64 {
-    let stat = machine.read("/proc/stat").unwrap_or_default();
-    let name = processor.map_or_else(|| "cpu ".into(), |number| format!("cpu{number} "));
-    CpuTimes::parse(stat.lines().find(|line| line.starts_with(&name)).unwrap_or_default()).stolen
-}
-
 /// The unit of /proc/stat [ms].
 const JIFFY_MS: u64 = 10;
 
 impl CpuTimes {
-    /// Reads the counters.
+    /// Counters of one processor of this machine, or of all of them.
     #[must_use]
-    pub fn read() -> Self {
-        Self::parse(&fs::read_to_string("/proc/stat").unwrap_or_default())
+    pub fn read(processor: Option<u64>) -> Self {
+        Self::of(&Machine::files(), processor)
     }
 
-    /// Counters of a machine, which count since it was started.
+    /// Counters of one processor of a machine, or of all of them, which count since it was started.
     #[must_use]
-    pub fn of(machine: &Machine) -> Self {
-        Self::parse(&machine.read("/proc/stat").unwrap_or_default())
+    pub fn of(machine: &Machine, processor: Option<u64>) -> Self {
+        Self::parse(&machine.read("/proc/stat").unwrap_or_default(), processor)
     }
 
-    fn parse(stat: &str) -> Self {
+    fn parse(stat: &str, processor: Option<u64>) -> Self {
+        let name = processor.map_or_else(|| "cpu ".into(), |number| format!("cpu{number} "));
         let fields: Vec<u64> = stat
             .lines()
-            .next()
+            .find(|line| line.starts_with(&name))
             .unwrap_or_default()
             .split_ascii_whitespace()
             .skip(1)
@@ -71,6 +62,12 @@ impl CpuTimes {
             .collect();
         // user nice system idle iowait irq softirq steal; guest times are part of user.
         Self { total: fields.iter().take(8).sum(), stolen: fields.get(7).copied().unwrap_or(0) }
+    }
+
+    /// Time stolen since the machine was started, in the unit of /proc/stat.
+    #[must_use]
+    pub const fn stolen(&self) -> u64 {
+        self.stolen
     }
 
     /// What was stolen since.
@@ -84,12 +81,14 @@ impl CpuTimes {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]
     fn steal_is_the_eighth_field() {
-        let before = CpuTimes::parse("cpu  100 0 50 800 0 0 0 50 0 0\ncpu0 1 2 3\n");
-        let after = CpuTimes::parse("cpu  150 0 60 880 0 0 0 60 7 0\n");
+        let before = CpuTimes::parse("cpu  100 0 50 800 0 0 0 50 0 0\ncpu0 1 2 3\n", None);
+        let after = CpuTimes::parse("cpu  150 0 60 880 0 0 0 60 7 0\n", None);
         assert_eq!(before.steal_until(&after), Steal { stolen_ms: 100, percent: 100.0 * 10.0 / 150.0 });
     }
 
@@ -100,7 +99,7 @@ mod tests {
         let stat = "cpu  1 0 1 8 0 0 0 5 0 0\ncpu1 1 0 1 8 0 0 0 2 0 0\ncpu10 1 0 1 8 0 0 0 3 0 0\n";
         fs::write(root.path().join("proc/stat"), stat).unwrap();
         let machine = Machine::under(root.path(), crate::Answers::default());
-        let of = |processor| stolen_from(&machine, processor);
+        let of = |processor| CpuTimes::of(&machine, processor).stolen();
         assert_eq!([of(None), of(Some(1)), of(Some(10)), of(Some(7))], [5, 2, 3, 0]);
     }
 

@@ -8,7 +8,7 @@ use model::role::STAGES;
 use wire::clock::now_ns;
 
 use crate::Machine;
-use crate::cpu_times::stolen_from;
+use crate::cpu_times::CpuTimes;
 use report::autopsy::evidence::{CounterSample, Counters, Life};
 
 /// Looks at the loops' processes.
@@ -35,7 +35,7 @@ impl Watch {
     /// Reads what is counted now.
     #[must_use]
     pub fn sample(&self, loops: &[Status; STAGES.len()], lost: u64) -> CounterSample {
-        let stolen = if self.is_virtual { stolen_from(&Machine::files(), self.processor) } else { 0 };
+        let stolen = if self.is_virtual { CpuTimes::read(self.processor).stolen() } else { 0 };
         CounterSample { stages: loops.map(|status| counters(status.pid)), stolen, lost, at_ns: now_ns() }
     }
 }

@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Stolen time above which latencies tell of the host, and not of the loops [%].
+pub const STEAL_LIMIT_PERCENT: f64 = 1.0;
+
 /// The machine, as far as it explains latencies.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Host {
@@ -21,11 +24,11 @@ pub struct Host {
     pub rt_runtime_us: i64,
 }
 
-/// Time that the host took from this machine's processors, summed over them.
+/// Time that the host took from one processor, or from all of them together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Steal {
     /// Stolen [ms], in the kernel's resolution of 10 ms.
     pub stolen_ms: u64,
-    /// Share of all processors' time [%].
+    /// Share of their time [%].
     pub percent: f64,
 }

@@ -15,6 +15,7 @@ use crate::tally::distribution::{Bucket, Distribution};
 use crate::tally::series::Statistics;
 use crate::tally::theorem::Theorem;
 use crate::traces::Traces;
+use crate::words::Words;
 use failure::{Failure, InFile as _};
 use flight_log::build::Build;
 
@@ -28,6 +29,9 @@ pub struct Report {
     pub schema: String,
     /// What was flown.
     pub run: RunSection,
+    /// Did it track, was it in time, does the theorem hold; empty in reports from before they were told apart.
+    #[serde(default)]
+    pub words: Words,
     /// Whether it passed.
     pub verdict: FlightVerdict,
     /// Ticks and the identity that they must satisfy.
@@ -195,6 +199,12 @@ pub struct ControlPerformance {
     pub states: u64,
     /// Ticks that have no state: skipped by the plant, or lost by the recorder.
     pub ticks_without_state: u64,
+    /// Largest position error in the last 5 s [m].
+    pub recent_error_max_m: f64,
+    /// How long these were [s]: less than 5 in a short flight.
+    pub recent_s: f64,
+    /// Lowest point of the flight, world frame [m].
+    pub lowest_z_m: f64,
     /// Norm of the rate error at the end [rad/s].
     pub rate_error_final_rad_s: f64,
     /// Ticks in which the rotors could not do what was asked.

@@ -3,6 +3,7 @@
 //! The reference is a function of time alone, so a state counts even if no set-point was published for its tick. A
 //! flight that nobody controls is far from its reference, not without one.
 
+use std::collections::VecDeque;
 use std::fmt;
 
 use controller::Trajectory;
@@ -91,6 +92,69 @@ impl TrackingError {
     }
 }
 
+/// Length of the end of a flight that says whether it tracked [s].
+pub const RECENT_S: f64 = 5.0;
+
+/// The last few seconds of a flight, and its lowest point.
+#[derive(Clone, Debug)]
+pub struct RecentStates {
+    length_ticks: u64,
+    period_s: f64,
+    /// Ticks with their errors [m], of which each is larger than all that follow it.
+    errors: VecDeque<(u64, f64)>,
+    first_tick: Option<u64>,
+    newest_tick: u64,
+    lowest_z_m: f64,
+}
+
+impl RecentStates {
+    /// Of a flight in ticks of `period_s` [s].
+    #[must_use]
+    pub fn new(period_s: f64) -> Self {
+        Self {
+            length_ticks: (RECENT_S / period_s).round() as u64,
+            period_s,
+            errors: VecDeque::new(),
+            first_tick: None,
+            newest_tick: 0,
+            lowest_z_m: f64::INFINITY,
+        }
+    }
+
+    /// Takes the state of a tick: its height and its distance from the reference [m].
+    pub fn take(&mut self, tick: u64, z_m: f64, error_m: f64) {
+        self.first_tick.get_or_insert(tick);
+        self.newest_tick = tick;
+        self.lowest_z_m = self.lowest_z_m.min(z_m);
+        while self.errors.back().is_some_and(|(_, earlier)| *earlier <= error_m) {
+            self.errors.pop_back();
+        }
+        self.errors.push_back((tick, error_m));
+        while self.errors.front().is_some_and(|(earlier, _)| earlier + self.length_ticks <= tick) {
+            self.errors.pop_front();
+        }
+    }
+
+    /// Largest error [m]; 0 without a state.
+    #[must_use]
+    pub fn error_max_m(&self) -> f64 {
+        self.errors.front().map_or(0.0, |(_, error_m)| *error_m)
+    }
+
+    /// How long they last [s]: less than [`RECENT_S`] in a short flight.
+    #[must_use]
+    pub fn length_s(&self) -> f64 {
+        let ticks = self.first_tick.map_or(0, |first| (self.newest_tick - first + 1).min(self.length_ticks));
+        ticks as f64 * self.period_s
+    }
+
+    /// Lowest point of the whole flight [m]; 0 without a state.
+    #[must_use]
+    pub fn lowest_z_m(&self) -> f64 {
+        if self.lowest_z_m.is_finite() { self.lowest_z_m } else { 0.0 }
+    }
+}
+
 impl fmt::Display for TrackingError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { states, max_m, last_m, .. } = self;
@@ -120,6 +184,26 @@ mod tests {
             assert_eq!(tracking.yaw_rad(tick).to_bits(), setpoint.reference_yaw_rad.to_bits(), "tick {tick}");
             assert_eq!(tracking.error_m(tick, &content).to_bits(), setpoint.position_error_m(&content).to_bits());
         }
+    }
+
+    #[test]
+    fn the_end_of_a_flight_is_its_last_seconds_and_its_lowest_point_that_of_all() {
+        let mut recent = RecentStates::new(1e-3);
+        assert_eq!((recent.error_max_m(), recent.length_s(), recent.lowest_z_m()), (0.0, 0.0, 0.0));
+        for tick in 0..20_000 {
+            let error_m = match tick {
+                0..14_999 => 9.0,
+                14_999 => 8.0,
+                15_000 => 0.5,
+                _ => 1e-3,
+            };
+            recent.take(tick, 1.0 + (tick as f64 - 3000.0).abs() / 3000.0, error_m);
+            assert!(recent.errors.len() <= 2, "what is smaller than a later one is not kept");
+        }
+        // Ticks 15 000 to 19 999 are the last 5 s.
+        assert_eq!((recent.error_max_m(), recent.length_s(), recent.lowest_z_m()), (0.5, RECENT_S, 1.0));
+        recent.take(20_000, 0.0, 1e-4);
+        assert_eq!(recent.error_max_m(), 1e-3);
     }
 
     #[test]

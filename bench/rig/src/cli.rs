@@ -50,7 +50,7 @@ pub enum Command {
     Params(ParamsArgs),
     /// Show the report of a flight, also of one still in the air; or compare two.
     Report(ReportArgs),
-    /// Write the messages of a flight as CSV or JSON.
+    /// Write the messages of a flight as CSV or JSON, or its stages as a Perfetto trace.
     Export(ExportArgs),
     /// Fly a recorded flight again from its log, and compare.
     Replay(ReplayArgs),
@@ -315,17 +315,8 @@ pub enum ExportFormat {
     Csv,
     /// An object per message and line.
     Json,
-}
-
-impl ExportFormat {
-    /// How its files end.
-    #[must_use]
-    pub const fn extension(self) -> &'static str {
-        match self {
-            Self::Csv => "csv",
-            Self::Json => "jsonl",
-        }
-    }
+    /// One trace for ui.perfetto.dev: a track per stage, missed deadlines and swaps as instants.
+    Perfetto,
 }
 
 impl FlightArgs {

@@ -1,4 +1,5 @@
-//! `ironbird export`: the messages of a flight as CSV or JSON, for tools that read neither MCAP nor Protobuf.
+//! `ironbird export`: the messages of a flight as CSV or JSON, for tools that read neither MCAP nor Protobuf, and the
+//! work of its stages as a Perfetto trace.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -14,6 +15,7 @@ use crate::output::print;
 use crate::run_directory::find_log;
 use failure::{Failure, InFile as _, OK};
 use flight_log::codec::Logged;
+use flight_log::perfetto::{self, PerfettoWriter};
 use flight_log::reader::{End, LogEntry, LogReader};
 use flight_log::{TOPICS, rows};
 
@@ -24,29 +26,87 @@ use flight_log::{TOPICS, rows};
 pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     let path = find_log(&args.run, args.out.as_deref())?;
     let mut reader = LogReader::open(&path)?;
-    let mut tables = match &args.topic {
-        Some(topic) => Tables::one(topic, args.format)?,
-        None => {
-            let beside = path.parent().unwrap_or(Path::new(".")).join("export");
-            Tables::all(args.to.clone().unwrap_or(beside), args.format)?
+    let beside = path.parent().unwrap_or(Path::new("."));
+    let format = match args.format {
+        ExportFormat::Csv => TableFormat::Csv,
+        ExportFormat::Json => TableFormat::Json,
+        ExportFormat::Perfetto if args.topic.is_some() => {
+            return Err(Failure::usage("a Perfetto trace is of all stages, not of one topic").help("leave --topic out"));
         }
+        ExportFormat::Perfetto => return trace(&mut reader, &path, args.to.as_deref().unwrap_or(beside)),
+    };
+    let mut tables = match &args.topic {
+        Some(topic) => Tables::one(topic, format)?,
+        None => Tables::all(args.to.clone().unwrap_or_else(|| beside.join("export")), format)?,
     };
     // What stands before a damage is exported, and the damage said.
     let read = tables.fill(&mut reader).and_then(|()| tables.finish());
     print(&tables.summary())?;
     read?;
     // Who closes the pipe has not seen the end, and has not asked for it.
-    if tables.is_read && reader.end() == End::Truncated {
+    if tables.is_read {
+        say_what_is_missing(&reader, &path);
+    }
+    Ok(OK)
+}
+
+fn say_what_is_missing(reader: &LogReader, path: &Path) {
+    if reader.end() == End::Truncated {
         eprintln!(
             "{} is truncated: its end is missing; exported is what the recorder had written before",
             path.display()
         );
     }
+}
+
+/// Writes the stages' work as a Perfetto trace.
+fn trace(reader: &mut LogReader, log: &Path, directory: &Path) -> Result<u8, Failure> {
+    make(directory)?;
+    let path = directory.join(perfetto::FILE);
+    let file = File::create(&path).in_file("write", &path)?;
+    let mut writer = PerfettoWriter::new(BufWriter::new(file)).in_file("write", &path)?;
+    while let Some(entry) = reader.next_entry()? {
+        match &entry {
+            LogEntry::State(message) => writer.state(message),
+            LogEntry::Setpoint(message) => writer.work(message),
+            LogEntry::Wrench(message) => writer.work(message),
+            LogEntry::RotorSpeeds(message) => writer.work(message),
+            LogEntry::Swap(message) => writer.swap(message),
+        }
+        .in_file("write", &path)?;
+    }
+    writer.finish().in_file("write", &path)?;
+    print(&format!("{:>8} slices, {} instants  {}\n", writer.slices, writer.instants, path.display()))?;
+    say_what_is_missing(reader, log);
     Ok(OK)
 }
 
+fn make(directory: &Path) -> Result<(), Failure> {
+    fs::create_dir_all(directory).map_err(|e| {
+        Failure::usage(format!("cannot export into {}: {e}", directory.display()))
+            .help("name a directory that you can write: --to DIR")
+    })
+}
+
+/// How messages are written.
+#[derive(Clone, Copy)]
+enum TableFormat {
+    Csv,
+    Json,
+}
+
+impl TableFormat {
+    /// How its files end.
+    const fn extension(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Json => "jsonl",
+        }
+    }
+}
+
 struct Tables {
-    format: ExportFormat,
+    format: TableFormat,
     /// Where they lie; none for standard output.
     directory: Option<PathBuf>,
     /// Topics that are wanted.
@@ -62,11 +122,11 @@ struct Table {
 
 impl Table {
     /// With the line that names the columns, also where no message follows.
-    fn new(topic: &str, format: ExportFormat, out: impl Write + 'static) -> (Self, io::Result<()>) {
+    fn new(topic: &str, format: TableFormat, out: impl Write + 'static) -> (Self, io::Result<()>) {
         let mut out: Box<dyn Write> = Box::new(BufWriter::new(out));
         let begun = match format {
-            ExportFormat::Csv => writeln!(out, "{}", columns(topic).join(",")),
-            ExportFormat::Json => Ok(()),
+            TableFormat::Csv => writeln!(out, "{}", columns(topic).join(",")),
+            TableFormat::Json => Ok(()),
         };
         (Self { out, messages: 0 }, begun)
     }
@@ -84,7 +144,7 @@ fn columns(topic: &str) -> Vec<String> {
 }
 
 impl Tables {
-    fn one(topic: &str, format: ExportFormat) -> Result<Self, Failure> {
+    fn one(topic: &str, format: TableFormat) -> Result<Self, Failure> {
         let (table, begun) = Table::new(topic, format, io::stdout());
         let open = TOPICS.into_iter().filter(|name| *name == topic).zip([table]).collect();
         let mut tables = Self { format, directory: None, open, is_read: true };
@@ -92,11 +152,8 @@ impl Tables {
         Ok(tables)
     }
 
-    fn all(directory: PathBuf, format: ExportFormat) -> Result<Self, Failure> {
-        fs::create_dir_all(&directory).map_err(|e| {
-            Failure::usage(format!("cannot export into {}: {e}", directory.display()))
-                .help("name a directory that you can write: --to DIR")
-        })?;
+    fn all(directory: PathBuf, format: TableFormat) -> Result<Self, Failure> {
+        make(&directory)?;
         let mut open = BTreeMap::new();
         for topic in TOPICS {
             let path = directory.join(format!("{topic}.{}", format.extension()));
@@ -126,8 +183,8 @@ impl Tables {
     fn write<C: Logged>(&mut self, message: &Message<C>) -> Result<(), Failure> {
         let Some(table) = self.open.get_mut(<C as Topic>::NAME) else { return Ok(()) };
         let line = match self.format {
-            ExportFormat::Csv => rows::csv(message),
-            ExportFormat::Json => rows::json(message),
+            TableFormat::Csv => rows::csv(message),
+            TableFormat::Json => rows::json(message),
         };
         table.messages += 1;
         let written = writeln!(table.out, "{line}");

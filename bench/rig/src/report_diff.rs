@@ -1,6 +1,7 @@
-//! `ironbird report diff`: reads two flights and prints how they compare.
+//! `ironbird report diff`: reads flights and prints how two of them, or two groups of them, compare.
 
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 use failure::{Failure, InFile as _, OK};
 use report::diff::{Flown, compare, text};
@@ -14,15 +15,43 @@ use crate::show_report::read;
 /// Compares.
 ///
 /// # Errors
-/// Usage, where a flight or its report is not there, or is not at its end.
+/// Usage, where a flight or its report is not there, or is not at its end, or is named twice.
 pub fn diff(args: &DiffArgs) -> Result<u8, Failure> {
-    let [a, b] = [&args.a, &args.b].map(|run| flown(&find(run, args.out.as_deref())?));
-    let diff = compare(&a?, &b?);
+    let (a, b) = groups(args)?;
+    let found = |runs: &[PathBuf]| -> Result<Vec<PathBuf>, Failure> {
+        runs.iter().map(|run| find(run, args.out.as_deref())).collect()
+    };
+    let (a, b) = (found(a)?, found(b)?);
+    if let Some(twice) = twice(&a, &b) {
+        return Err(Failure::usage(format!("{} is named twice", twice.display()))
+            .help("a flight says nothing about itself: name different flights"));
+    }
+    let flown = |runs: &[PathBuf]| runs.iter().map(|run| flown(run)).collect::<Result<Vec<_>, Failure>>();
+    let diff = compare(&flown(&a)?, &flown(&b)?);
     match args.format {
         DiffFormat::Text => print(&text::render(&diff))?,
         DiffFormat::Json => print(&(json::to_string(&diff).map_err(|e| Failure::failed(e.to_string()))? + "\n"))?,
     }
     Ok(OK)
+}
+
+/// The two groups as they were typed: `A B`, or `A1 A2 .. -- B1 B2 ..`.
+fn groups(args: &DiffArgs) -> Result<(&[PathBuf], &[PathBuf]), Failure> {
+    match (&args.a[..], &args.b[..]) {
+        ([a, b], []) => Ok((std::slice::from_ref(a), std::slice::from_ref(b))),
+        (some, []) => Err(Failure::usage(match some.len() {
+            1 => "one flight and no `--`: two are compared, or two groups".to_owned(),
+            several => format!("{several} flights and no `--`: which are A and which are B?"),
+        })
+            .help("ironbird report diff A B, or ironbird report diff A1 A2 A3 -- B1 B2 B3")),
+        (a, b) => Ok((a, b)),
+    }
+}
+
+/// A flight that is named more than once, however its path is spelled.
+fn twice<'a>(a: &'a [PathBuf], b: &'a [PathBuf]) -> Option<&'a Path> {
+    let mut seen = BTreeSet::new();
+    a.iter().chain(b).find(|run| !seen.insert(run.canonicalize().unwrap_or_else(|_| (*run).clone()))).map(PathBuf::as_path)
 }
 
 /// The flight of a directory.

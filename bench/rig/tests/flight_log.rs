@@ -7,14 +7,17 @@
 
 mod rig;
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write as _;
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Duration;
 
 use flight_log::TOPICS;
 use flight_log::reader::{End, LogEntry, LogReader};
+use model::role::Role;
 use rig::{Rig, send, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -32,7 +35,7 @@ fn skip(what: &str) {
 fn python() -> Option<String> {
     let named = std::env::var("IRONBIRD_PYTHON").ok().filter(|python| !python.is_empty());
     let python = named.clone().unwrap_or_else(|| "python3".into());
-    let imports = ["-c", "import matplotlib, mcap.reader, mcap_protobuf.decoder"];
+    let imports = ["-c", "import matplotlib, mcap.reader, mcap_protobuf.decoder, perfetto.protos"];
     if Command::new(&python).args(imports).output().is_ok_and(|output| output.status.success()) {
         return Some(python);
     }
@@ -43,7 +46,7 @@ fn python() -> Option<String> {
 }
 
 /// Runs a script of the repository, and gives what it prints.
-fn run_python(python: &str, script: &str, arguments: [&Path; 2]) -> Vec<u8> {
+fn run_python(python: &str, script: &str, arguments: &[&Path]) -> Vec<u8> {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(script);
     let output = Command::new(python).arg(script).args(arguments).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -88,9 +91,9 @@ fn every_message_is_in_the_log_and_others_read_the_same_numbers() {
     rig.run("export", &["--format", "json", "--to", to]).expect(0).says("1502 messages").says("rotor_speeds.jsonl");
     let Some(python) = python() else { return };
     let picture = rig.path("flight.png");
-    run_python(&python, "docs/plot_flight.py", [&log, &picture]);
+    run_python(&python, "docs/plot_flight.py", &[&log, &picture]);
     assert!(fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
-    let read = run_python(&python, "bench/rig/tests/read_mcap.py", [&log, &exported]);
+    let read = run_python(&python, "bench/rig/tests/read_mcap.py", &[&log, &exported]);
     let read: Value = serde_json::from_slice(&read).unwrap();
     let channels = &read["channels"];
     for (topic, count) in TOPICS.iter().zip(counts) {
@@ -117,6 +120,61 @@ fn check_channels(channels: &Value) {
         assert_eq!(channels[topic]["schema"], format!("foxglove.{schema}"));
         assert!(channels[topic]["messages"].as_u64().unwrap() >= 38, "{topic}: {}", channels[topic]["messages"]);
     }
+}
+
+#[test]
+fn a_trace_shows_every_tick_of_every_stage_every_miss_and_every_swap() {
+    let rig = Rig::new("trace");
+    let flight = rig.take_off(&["--rt", "off", "--duration", "3s", "--fault", "mass_kg=0.6@tick200"]);
+    // Deadlines are missed on purpose.
+    let inner = flight.roles()["inner"];
+    send(inner, Signal::STOP);
+    std::thread::sleep(Duration::from_millis(50));
+    send(inner, Signal::CONT);
+    flight.end().expect(0);
+    rig.run("export", &["--format", "perfetto"]).expect(0).says("latest/flight.perfetto-trace");
+    rig.run("export", &["--format", "perfetto", "--topic", "state"]).expect(2).complains("not of one topic");
+    let Some(python) = python() else { return };
+    let trace = rig.out().join("latest/flight.perfetto-trace");
+    let read: Value =
+        serde_json::from_slice(&run_python(&python, "bench/rig/tests/read_perfetto.py", &[&trace])).unwrap();
+    let tracks = ["ironbird", "plant", "outer", "inner", "mixer", "deadlines missed", "swaps"];
+    assert_eq!(read["tracks"], Value::from(tracks.to_vec()));
+    let (mut reader, mut slices) = (LogReader::open(&log_of(&rig)).unwrap(), BTreeMap::<&str, Vec<Value>>::new());
+    let mut swapped_ns = 0;
+    while let Some(entry) = reader.next_entry().unwrap() {
+        let (role, envelope) = match entry {
+            LogEntry::State(message) => {
+                if message.content.parameter_epoch == 1 && swapped_ns == 0 {
+                    swapped_ns = message.envelope.stamps_of(Role::Plant).receive_ns;
+                }
+                (Role::Plant, message.envelope)
+            }
+            LogEntry::Setpoint(message) => (Role::Outer, message.envelope),
+            LogEntry::Wrench(message) => (Role::Inner, message.envelope),
+            LogEntry::RotorSpeeds(message) => (Role::Mixer, message.envelope),
+            LogEntry::Swap(_) => continue,
+        };
+        let stamps = envelope.stamps_of(role);
+        if stamps.receive_ns > 0 {
+            let stale = role != Role::Plant && envelope.input_tick[role as usize - 1] != envelope.tick;
+            let name = if stale { format!("{role} (stale input)") } else { role.to_string() };
+            let slice = serde_json::json!([envelope.tick, stamps.receive_ns, stamps.send_ns, name]);
+            slices.entry(role.name()).or_default().push(slice);
+        }
+    }
+    for (role, slices) in slices {
+        assert!(slices.len() > 2000, "{role}: {}", slices.len());
+        assert_eq!(read["slices"][role], Value::from(slices), "{role}");
+    }
+    let instants = read["instants"].as_array().unwrap();
+    let of = |track: &str| instants.iter().filter(|instant| instant[0] == track).collect::<Vec<_>>();
+    let missed: u64 = of("deadlines missed").iter().map(|instant| instant[2]["count"].as_u64().unwrap()).sum();
+    // What is missed after the last state is in no state.
+    let reported = rig.report()["deadlines"]["missed"].as_u64().unwrap();
+    assert!(missed > 20 && (missed..=missed + 1).contains(&reported), "{missed} of {reported}");
+    let [swap] = of("swaps")[..] else { panic!("{instants:?}") };
+    assert_eq!((&swap[1], &swap[2]["mass_kg"]), (&swapped_ns.into(), &"0.52 -> 0.6".into()));
 }
 
 #[test]

@@ -10,63 +10,86 @@ use serde_json::Value;
 
 const LOCKSTEP: [&str; 4] = ["--pace", "lockstep", "--duration", "1500ms"];
 
-/// Two flights: their names.
-fn two(rig: &Rig, second: &[&str]) -> [String; 2] {
-    rig.run("fly", &LOCKSTEP).expect(0);
-    rig.run("fly", &[&LOCKSTEP[..], second].concat()).expect(0);
-    rig.run_directories().try_into().unwrap()
-}
-
-fn diff(rig: &Rig, a: &str, b: &str) -> Value {
-    rig.run("report", &["diff", a, b, "--format", "json"]).expect(0).json()
-}
-
-#[test]
-fn a_flight_against_itself_shows_no_difference() {
-    let rig = Rig::new("same");
-    rig.run("fly", &LOCKSTEP).expect(0);
-    let diff = diff(&rig, "latest", "latest");
-    assert_eq!((&diff["settings"], &diff["machine"]), (&Value::Array(vec![]), &Value::Array(vec![])));
-    assert_eq!(diff["ratios_apart"], 0);
-    assert!(diff["ratios"].as_u64().unwrap() > 20, "{diff}");
-    for series in diff["series"].as_array().unwrap() {
-        let [p50, .., p999, p9999] = &series["percentiles"].as_array().unwrap()[..] else { panic!("{series}") };
-        assert_eq!((&p50["ratio"], &p50["says"]), (&1.0.into(), &"within_the_spread".into()), "{series}");
-        assert!(p50["ratio_low"].as_f64().unwrap() <= 1.0 && 1.0 <= p50["ratio_high"].as_f64().unwrap());
-        // 1501 ticks say nothing about one in a thousand.
-        for rare in [p999, p9999] {
-            assert_eq!((&rare["ratio"], &rare["says"]), (&Value::Null, &"too_few_values".into()), "{series}");
-        }
+/// Flights with these further flags, one after the other: their names.
+fn fly(rig: &Rig, flags: &[&[&str]]) -> Vec<String> {
+    for further in flags {
+        rig.run("fly", &[&LOCKSTEP[..], further].concat()).expect(0);
     }
+    rig.run_directories()
+}
+
+fn figure<'a>(diff: &'a Value, name: &str) -> &'a Value {
+    let figures = diff["figures"].as_array().unwrap();
+    figures.iter().find(|figure| figure["name"] == name).unwrap_or_else(|| panic!("no {name} in {diff}"))
 }
 
 #[test]
-fn other_settings_and_machines_are_named() {
-    let rig = Rig::new("other");
-    let [a, b] = two(&rig, &["--trajectory", "hover"]);
-    let facts = rig.out().join(&b).join("run.json");
+fn two_flights_show_numbers_without_a_verdict() {
+    let rig = Rig::new("two");
+    let flights = fly(&rig, &[&[], &["--trajectory", "hover"]]);
+    let facts = rig.out().join(&flights[1]).join("run.json");
     let text = fs::read_to_string(&facts).unwrap();
     let clock = text.lines().find(|line| line.contains("\"clock_source\"")).unwrap();
     fs::write(&facts, text.replace(clock, "\"clock_source\": \"sundial\",")).unwrap();
-    let text = rig.run("report", &["diff", &a, &b]).expect(0).stdout;
+    let text = rig.run("report", &["diff", &flights[0], &flights[1]]).expect(0).stdout;
     for words in [
+        "Timing    not judged: 1 and one flight show numbers alone",
+        "Tracking  not judged: 1 and one flight show numbers alone",
         "flight.trajectory: lissajous | hover",
         "| sundial",
-        "The flights had different settings.",
-        "Machine or granted scheduling differ.",
-        "too few values: 1500, p99.9 needs 10000",
-        "A did not fly at the speed of the clock",
-        "Believe a difference that repeated flights",
+        "loop p50 [us]",
+        "percentiles have too few values",
     ] {
         assert!(text.contains(words), "no `{words}` in\n{text}");
     }
+    let verdicts = ["MORE", "LESS", "DIFFER"];
+    assert!(!verdicts.iter().any(|word| text.contains(word)), "{text}");
+    let diff = rig.run("report", &["diff", &flights[0], &flights[1], "--format", "json"]).expect(0).json();
+    let p50 = figure(&diff, "loop p50 [us]");
+    let of = |side: &str| p50[side][0].as_f64().unwrap();
+    assert_eq!(p50["ratio"].as_f64().unwrap(), of("b") / of("a"));
+    assert_eq!((&p50["says"], &p50["probability"]), (&"not_judged".into(), &Value::Null));
+    // 1501 ticks say nothing about one in a thousand.
+    assert_eq!(figure(&diff, "loop p99.9 [us]")["says"], "too_few_values");
+}
+
+#[test]
+fn groups_differ_in_what_was_changed_and_in_nothing_else() {
+    let rig = Rig::new("groups");
+    let other: &[&str] = &["--fault", "mass_kg=0.6@100ms"];
+    let flights = fly(&rig, &[&[], other, &[], other, &[], other, &[]]);
+    let [a1, b1, a2, b2, a3, b3, a4] = &flights[..] else { panic!("{flights:?}") };
+    let compare = |args: &[&str]| {
+        let args = [&["diff", "--format", "json"], args].concat();
+        rig.run("report", &args).expect(0).json()
+    };
+    let diff = compare(&[a1, a2, a3, "--", b1, b2, b3]);
+    assert_eq!(diff["tracking"]["says"], "judged", "{diff}");
+    // A heavier airframe sinks, in every one of three flights: 2 of the 20 ways to deal them out.
+    let rms = figure(&diff, "position error, rms [m]");
+    assert_eq!((&rms["says"], &rms["probability"]), (&"more".into(), &0.1.into()), "{rms}");
+    // In lockstep, latencies are those of no loop on a clock.
+    let reason = diff["timing"]["reason"].as_str().unwrap();
+    assert!(reason.contains("did not fly at the speed of the clock"), "{reason}");
+    assert_eq!(figure(&diff, "loop p50 [us]")["probability"], Value::Null);
+    // Flights in lockstep are the same bit for bit, so that nothing differs.
+    let alike = compare(&[a1, a2, "--", a3, a4]);
+    assert!(alike["tracking"]["reason"].as_str().unwrap().starts_with("2 and 2 flights"), "{alike}");
+    let rms = figure(&alike, "position error, rms [m]");
+    assert_eq!((&rms["a"], &rms["says"]), (&rms["b"], &"not_judged".into()));
+    let text = rig.run("report", &["diff", a1, a2, a3, "--", b1, b2, b3]).expect(0).stdout;
+    assert!(text.lines().nth(1).unwrap().starts_with("Tracking  "), "{text}");
+    assert!(text.contains("figures DIFFER (any false one: 10 %)") && text.contains(" MORE\n"), "{text}");
+    assert!(text.lines().all(|line| line.chars().count() <= 80 || line.contains(a1.as_str()) || line.contains(": ")), "{text}");
 }
 
 #[test]
 fn what_cannot_be_compared_is_refused() {
     let rig = Rig::new("refuse");
     rig.run("fly", &LOCKSTEP).expect(0);
-    rig.run("report", &["diff", "latest"]).expect(2).complains("<B>");
+    rig.run("report", &["diff", "latest"]).expect(2).complains("one flight and no `--`");
+    rig.run("report", &["diff"]).expect(2).complains("<A>");
+    rig.run("report", &["diff", "latest", "latest"]).expect(2).complains("is named twice");
     rig.run("report", &["diff", "latest", "yesterday"]).expect(2).complains("no flight at yesterday");
     let empty = rig.out().join("empty");
     fs::create_dir(&empty).unwrap();

@@ -14,7 +14,7 @@ const FIX: &str = "ask whoever runs the host for processors of your own, or fly 
 /// Findings about load.
 #[must_use]
 pub fn findings(machine: &Machine) -> Vec<Finding> {
-    vec![stolen("steal since boot", &CpuTimes::default().steal_until(&CpuTimes::of(machine)))]
+    vec![stolen("steal since boot", &CpuTimes::default().steal_until(&CpuTimes::of(machine, None)))]
 }
 
 /// What was stolen in a stretch of time.

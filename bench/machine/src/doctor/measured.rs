@@ -73,7 +73,8 @@ impl MeasuredMachine {
     /// # Errors
     /// Those of [`timer::measure`] and [`ring::measure`].
     pub fn take(executable: &Path, duration: Duration, priority: i32, cpu: Option<usize>) -> Result<Self, Failure> {
-        let before = CpuTimes::read();
+        let processor = Some(cpu.unwrap_or_else(loops_cpu) as u64);
+        let before = CpuTimes::read(processor);
         let timer = timer::measure(&timer::TimerSettings { period_ns: TICK_NS, duration, cpu, priority })?;
         let work = vec![Work::default(); STAGES.len()];
         let settings =
@@ -89,7 +90,7 @@ impl MeasuredMachine {
             refused,
             timer: Measurement::of("timer", &timer.lateness, timer.ticks_skipped),
             ring: Measurement::of("ring", &ring.lap, ring.ticks_skipped),
-            steal: before.steal_until(&CpuTimes::read()),
+            steal: before.steal_until(&CpuTimes::read(processor)),
         })
     }
 

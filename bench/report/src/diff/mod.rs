@@ -1,9 +1,10 @@
-//! `ironbird report diff`: compares two flights, as far as their samples allow.
+//! `ironbird report diff`: compares two flights, or two groups of flights.
 //!
-//! Each percentile has an interval that holds it with 97.5 % confidence ([`crate::tally::distribution`]). The ratio of
-//! two percentiles then lies, with at least 95 %, between the ratios of opposite ends of the intervals. If that range
-//! contains 1, no difference between the flights is shown.
+//! One flight a side shows numbers. What two groups differ in follows from a permutation of whole flights
+//! ([`crate::statistics::permutation_test`]), because the ticks of one flight depend on each other: one stall delays
+//! many of them.
 
+pub mod figures;
 pub mod text;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -11,39 +12,65 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::host::STEAL_LIMIT_PERCENT;
 use crate::run_facts::RunFacts;
 use crate::schema::Report;
-use crate::tally::distribution::{Distribution, PERCENTS, Percentile};
+use crate::statistics::{Groups, median, permutation_test};
+use figures::{Subject, figures};
 use flight_log::build::Build;
 
 /// Version of the schema.
-const SCHEMA: &str = "ironbird-report-diff/1";
-/// Steal above which latencies tell of the host [%].
-const STEAL_PERCENT: f64 = 1.0;
+const SCHEMA: &str = "ironbird-report-diff/2";
+/// Probability of any false verdict that is accepted, with four flights a side and more.
+const LEVEL: f64 = 0.05;
+/// The same with three a side, which can be dealt out in 20 ways alone.
+const LEVEL_OF_THREE: f64 = 0.1;
+/// Flights a side without which nothing can be judged.
+const FLIGHTS_NEEDED: usize = 3;
+/// Share of a figure by which two groups must differ at the least: less is no news to anybody.
+const DIFFERENCE_MIN: f64 = 0.02;
 
-/// Two flights compared; every ratio is B over A.
+/// Two groups of flights compared; every ratio is B over A.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Diff {
     /// Version of the schema.
     pub schema: &'static str,
-    /// The first flight.
-    pub a: Side,
-    /// The second one.
-    pub b: Side,
+    /// What can be said of timing.
+    pub timing: Conclusion,
+    /// What can be said of tracking.
+    pub tracking: Conclusion,
+    /// The flights of the first group.
+    pub a: Vec<Side>,
+    /// Those of the second one.
+    pub b: Vec<Side>,
     /// Settings that differ.
     pub settings: Vec<Difference>,
     /// How the builds compare.
     pub builds: &'static str,
     /// What differs of machine and granted scheduling.
     pub machine: Vec<Difference>,
-    /// Latencies.
-    pub series: Vec<SeriesDiff>,
-    /// Ratios with an interval.
-    pub ratios: usize,
-    /// Those whose interval does not hold 1.
-    pub ratios_apart: usize,
-    /// What to keep in mind.
-    pub notes: Vec<String>,
+    /// The figures of both groups.
+    pub figures: Vec<FigureDiff>,
+}
+
+/// What can be said of all figures of a subject.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "says", rename_all = "snake_case")]
+pub enum Conclusion {
+    /// Nothing is judged, and why.
+    NotJudged {
+        /// Why.
+        reason: String,
+    },
+    /// So many figures differ; the probability of even one false difference is `level` at most.
+    Judged {
+        /// Those that differ.
+        differ: usize,
+        /// Those that were judged.
+        judged: usize,
+        /// Largest probability of a false difference.
+        level: f64,
+    },
 }
 
 /// A flight, in a few numbers.
@@ -63,12 +90,8 @@ pub struct Side {
     pub skipped: u64,
     /// Deadlines missed.
     pub missed: u64,
-    /// The same per million ticks.
-    pub missed_ppm: f64,
     /// Stolen by the host [%].
     pub steal_percent: f64,
-    /// Root mean square of the position error [m].
-    pub position_error_rms_m: f64,
     /// The theorem's verdict.
     pub theorem: &'static str,
 }
@@ -78,52 +101,43 @@ pub struct Side {
 pub struct Difference {
     /// What.
     pub key: String,
-    /// In the first flight; nothing where it has none.
-    pub a: Value,
-    /// In the second one.
-    pub b: Value,
+    /// In the flights of the first group, each value once; nothing where they have none.
+    pub a: Vec<Value>,
+    /// In those of the second one.
+    pub b: Vec<Value>,
 }
 
-/// A series of both flights.
+/// A figure of both groups.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SeriesDiff {
-    /// Its name.
+pub struct FigureDiff {
+    /// Its name, with its unit.
     pub name: String,
-    /// Values in the first flight.
-    pub count_a: u64,
-    /// Values in the second one.
-    pub count_b: u64,
-    /// Its percentiles.
-    pub percentiles: Vec<PercentileDiff>,
-}
-
-/// A percentile of both flights.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct PercentileDiff {
-    /// 99.9 for the 99.9th.
-    pub percent: f64,
-    /// In the first flight; none with too few values.
-    pub a: Option<Percentile>,
-    /// In the second one.
-    pub b: Option<Percentile>,
-    /// B over A; none where one is missing, or A is 0.
+    /// In the flights of the first group, in their order; nothing where one has too few values.
+    pub a: Vec<Option<f64>>,
+    /// In those of the second one.
+    pub b: Vec<Option<f64>>,
+    /// Median of the first group; none where a flight has none.
+    pub median_a: Option<f64>,
+    /// Median of the second one.
+    pub median_b: Option<f64>,
+    /// Ratio of the medians; none where one is missing, or that of A is 0.
     pub ratio: Option<f64>,
-    /// Between these it lies with 95 % at the least; no upper end where A may be 0.
-    pub ratio_low: Option<f64>,
-    /// The other end.
-    pub ratio_high: Option<f64>,
+    /// Probability that chance alone sets any figure as far apart as this one is; none where it is not judged.
+    pub probability: Option<f64>,
     /// What can be said.
     pub says: Says,
 }
 
-/// What two percentiles say.
+/// What a figure says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Says {
-    /// One of the flights has too few values for this percentile.
+    /// Some flight has too few values for it.
     TooFewValues,
-    /// The difference is within what chance does.
-    WithinTheSpread,
+    /// It is not judged.
+    NotJudged,
+    /// The difference is within what chance does, or too small to matter.
+    NoDifference,
     /// B is above A.
     More,
     /// B is below A.
@@ -152,9 +166,7 @@ impl Flown {
             ticks: report.ticks.run,
             skipped: report.ticks.skipped,
             missed: report.deadlines.missed,
-            missed_ppm: report.deadlines.missed_ppm,
             steal_percent: report.steal.percent,
-            position_error_rms_m: report.flight.position_error_rms_m,
             theorem: report.theorem.verdict(),
         }
     }
@@ -174,12 +186,15 @@ impl Flown {
         flat
     }
 
-    fn distribution(&self, name: &str) -> Option<&Distribution> {
-        self.report.distributions.iter().find(|distribution| distribution.name == name)
-    }
-
-    fn count(&self, name: &str) -> u64 {
-        self.report.series(name).map_or(0, |series| series.count)
+    /// Why its latencies tell nothing of the loops.
+    fn disturbed(&self) -> Option<String> {
+        let (run, steal) = (&self.report.run, self.report.steal.percent);
+        if run.wall_period_us != run.period_us {
+            return Some(format!("{} did not fly at the speed of the clock", self.run));
+        }
+        (steal > STEAL_LIMIT_PERCENT).then(|| {
+            format!("the host stole {steal:.2} % during {}: {STEAL_LIMIT_PERCENT} % at most allow a verdict", self.run)
+        })
     }
 }
 
@@ -194,117 +209,127 @@ fn flatten(prefix: &str, value: &Value, into: &mut BTreeMap<String, Value>) {
     }
 }
 
-fn differences(a: &BTreeMap<String, Value>, b: &BTreeMap<String, Value>) -> Vec<Difference> {
-    let keys: BTreeSet<&String> = a.keys().chain(b.keys()).collect();
-    let of = |map: &BTreeMap<String, Value>, key: &String| map.get(key).cloned().unwrap_or_default();
+/// Keys of which the flights do not all have one and the same value.
+fn differences(a: &[BTreeMap<String, Value>], b: &[BTreeMap<String, Value>]) -> Vec<Difference> {
+    let keys: BTreeSet<&String> = a.iter().chain(b).flat_map(BTreeMap::keys).collect();
+    let of = |group: &[BTreeMap<String, Value>], key: &String| {
+        let mut values: Vec<Value> = group.iter().map(|flat| flat.get(key).cloned().unwrap_or_default()).collect();
+        values.dedup();
+        values
+    };
     keys.into_iter()
         .map(|key| Difference { key: key.clone(), a: of(a, key), b: of(b, key) })
-        .filter(|difference| difference.a != difference.b)
+        .filter(|difference| difference.a.len() > 1 || difference.a != difference.b)
         .collect()
 }
 
-/// Compares two flights.
+/// Compares two groups of flights, of at least one flight each.
 #[must_use]
-pub fn compare(a: &Flown, b: &Flown) -> Diff {
-    let of_both = a.report.distributions.iter().filter(|distribution| b.distribution(&distribution.name).is_some());
-    let series: Vec<SeriesDiff> = of_both
-        .map(|distribution| {
-            let name = &distribution.name;
-            let pair = |percent: f64| {
-                let percentile = |side: &Flown| side.distribution(name).and_then(|d| d.percentile(percent)).copied();
-                PercentileDiff::new(percent, percentile(a), percentile(b))
-            };
-            SeriesDiff {
-                name: name.clone(),
-                count_a: a.count(name),
-                count_b: b.count(name),
-                percentiles: PERCENTS.into_iter().map(|(percent, _)| pair(percent)).collect(),
-            }
-        })
+pub fn compare(a: &[Flown], b: &[Flown]) -> Diff {
+    let mut figures = paired(a, b);
+    let few = a.len().min(b.len());
+    let level = if few > FLIGHTS_NEEDED { LEVEL } else { LEVEL_OF_THREE };
+    let too_few = (few < FLIGHTS_NEEDED).then(|| {
+        format!(
+            "{} and {} flights show numbers alone; compare {FLIGHTS_NEEDED} a side or more, flown in turns: \
+             ironbird report diff A1 A2 A3 -- B1 B2 B3",
+            a.len(),
+            b.len()
+        )
+    });
+    let disturbed = a.iter().chain(b).find_map(Flown::disturbed);
+    let reason = |subject: Subject| {
+        let of_subject = if subject == Subject::Timing { disturbed.clone() } else { None };
+        too_few.clone().or(of_subject)
+    };
+    let judged: Vec<usize> = (0..figures.len())
+        .filter(|i| reason(figures[*i].0).is_none() && figures[*i].1.says != Says::TooFewValues)
         .collect();
-    let said = |wanted: &[Says]| {
-        let all = series.iter().flat_map(|series| &series.percentiles);
-        all.filter(|percentile| wanted.contains(&percentile.says)).count()
+    let groups: Vec<Groups> = judged.iter().map(|i| figures[*i].1.groups()).collect();
+    for (i, probability) in judged.iter().zip(permutation_test(&groups)) {
+        figures[*i].1.judge(probability, level);
+    }
+    let conclusion = |subject: Subject| match reason(subject) {
+        Some(reason) => Conclusion::NotJudged { reason },
+        None => {
+            let of = |wanted: &[Says]| {
+                let all = figures.iter().filter(|(of, _)| *of == subject);
+                all.filter(|(_, figure)| wanted.contains(&figure.says)).count()
+            };
+            let differ = of(&[Says::More, Says::Less]);
+            Conclusion::Judged { differ, judged: differ + of(&[Says::NoDifference]), level }
+        }
     };
-    let apart = said(&[Says::More, Says::Less]);
-    let ratios = apart + said(&[Says::WithinTheSpread]);
-    let mut diff = Diff {
+    let (timing, tracking) = (conclusion(Subject::Timing), conclusion(Subject::Tracking));
+    let flat = |of: fn(&Flown) -> BTreeMap<String, Value>| {
+        differences(&a.iter().map(of).collect::<Vec<_>>(), &b.iter().map(of).collect::<Vec<_>>())
+    };
+    Diff {
         schema: SCHEMA,
-        a: a.side(),
-        b: b.side(),
-        builds: a.facts.build.compared_with(&b.facts.build),
-        settings: differences(&a.settings(), &b.settings()),
-        machine: differences(&a.machine(), &b.machine()),
-        series,
-        ratios,
-        ratios_apart: apart,
-        notes: Vec::new(),
+        timing,
+        tracking,
+        a: a.iter().map(Flown::side).collect(),
+        b: b.iter().map(Flown::side).collect(),
+        builds: builds(a, b),
+        settings: flat(Flown::settings),
+        machine: flat(Flown::machine),
+        figures: figures.into_iter().map(|(_, figure)| figure).collect(),
+    }
+}
+
+/// How the builds of all flights compare: the worst that is said of any two.
+fn builds(a: &[Flown], b: &[Flown]) -> &'static str {
+    let mut all = a.iter().chain(b).map(|flown| &flown.facts.build);
+    let Some(first) = all.next() else { return Build::default().compared_with(&Build::default()) };
+    let same = first.compared_with(first);
+    all.map(|build| first.compared_with(build)).find(|said| *said != same).unwrap_or(same)
+}
+
+/// The figures that all flights have, one for one.
+fn paired(a: &[Flown], b: &[Flown]) -> Vec<(Subject, FigureDiff)> {
+    let of = |group: &[Flown]| group.iter().map(|flown| figures(&flown.report)).collect::<Vec<_>>();
+    let (of_a, of_b) = (of(a), of(b));
+    let Some(first) = of_a.first() else { return Vec::new() };
+    let values = |group: &[Vec<figures::Figure>], name: &str| -> Option<Vec<Option<f64>>> {
+        group.iter().map(|all| Some(all.iter().find(|figure| figure.name == name)?.value)).collect()
     };
-    diff.notes = notes(&diff, [a, b]);
-    diff
+    first
+        .iter()
+        .filter_map(|figure| {
+            let (a, b) = (values(&of_a, &figure.name)?, values(&of_b, &figure.name)?);
+            Some((figure.subject, FigureDiff::of(&figure.name, a, b)))
+        })
+        .collect()
 }
 
-fn notes(diff: &Diff, both: [&Flown; 2]) -> Vec<String> {
-    let mut notes = Vec::new();
-    if !diff.settings.is_empty() {
-        notes.push("The flights had different settings.".to_owned());
+impl FigureDiff {
+    fn of(name: &str, a: Vec<Option<f64>>, b: Vec<Option<f64>>) -> Self {
+        let median_of = |group: &[Option<f64>]| {
+            let all: Option<Vec<f64>> = group.iter().copied().collect();
+            all.map(|values| median(&values))
+        };
+        let (median_a, median_b) = (median_of(&a), median_of(&b));
+        let ratio = median_a.zip(median_b).filter(|(a, _)| *a > 0.0).map(|(a, b)| b / a);
+        let is_there = median_a.is_some() && median_b.is_some();
+        let says = if is_there { Says::NotJudged } else { Says::TooFewValues };
+        Self { name: name.to_owned(), a, b, median_a, median_b, ratio, probability: None, says }
     }
-    if !diff.machine.is_empty() {
-        notes.push("Machine or granted scheduling differ.".to_owned());
-    }
-    if diff.builds != "the same" {
-        notes.push(format!("The builds are {}: what differs may be the program's.", diff.builds));
-    }
-    for (name, flown) in ["A", "B"].into_iter().zip(both) {
-        let run = &flown.report.run;
-        if run.wall_period_us != run.period_us {
-            notes.push(format!(
-                "{name} did not fly at the speed of the clock: its latencies are not real-time latencies."
-            ));
-        }
-        if flown.report.steal.percent > STEAL_PERCENT {
-            notes.push(format!(
-                "The host stole {:.2} % of the time during {name}: more than {STEAL_PERCENT} % is too much for a verdict.",
-                flown.report.steal.percent
-            ));
-        }
-    }
-    notes.push(format!(
-        "If the flights were alike and all values independent, chance alone would set up to {:.0} of {} ratios apart.",
-        0.05 * diff.ratios as f64,
-        diff.ratios
-    ));
-    notes.push(
-        "They are not quite independent: one stall of the machine delays several ticks in a row, which widens the true \
-         spread, of rare percentiles most. Believe a difference that repeated flights, in turns, show again."
-            .to_owned(),
-    );
-    notes
-}
 
-impl PercentileDiff {
-    fn new(percent: f64, a: Option<Percentile>, b: Option<Percentile>) -> Self {
-        let (Some(from), Some(to)) = (a, b) else {
-            let (ratio, says) = (None, Says::TooFewValues);
-            return Self { percent, a, b, ratio, ratio_low: ratio, ratio_high: ratio, says };
+    fn groups(&self) -> Groups {
+        let of = |group: &[Option<f64>]| group.iter().copied().flatten().collect();
+        Groups { a: of(&self.a), b: of(&self.b) }
+    }
+
+    fn judge(&mut self, probability: Option<f64>, level: f64) {
+        self.probability = probability;
+        let (Some(probability), Some((a, b))) = (probability, self.median_a.zip(self.median_b)) else { return };
+        let matters = (a - b).abs() > DIFFERENCE_MIN * a.abs().max(b.abs());
+        // Whole numbers of ways are divided by others: a probability of the level itself is within it.
+        self.says = match probability <= level * (1.0 + 1e-9) && matters {
+            true if b > a => Says::More,
+            true => Says::Less,
+            false => Says::NoDifference,
         };
-        let over = |value: f64, by: f64| (by > 0.0).then(|| value / by);
-        let says = if to.low_us > from.high_us {
-            Says::More
-        } else if to.high_us < from.low_us {
-            Says::Less
-        } else {
-            Says::WithinTheSpread
-        };
-        Self {
-            percent,
-            a,
-            b,
-            ratio: over(to.value_us, from.value_us),
-            ratio_low: over(to.low_us, from.high_us),
-            ratio_high: over(to.high_us, from.low_us),
-            says,
-        }
     }
 }
 
@@ -312,41 +337,48 @@ impl PercentileDiff {
 mod tests {
     use super::*;
 
-    const fn percentile(value_us: f64, low_us: f64, high_us: f64) -> Option<Percentile> {
-        Some(Percentile { percent: 99.0, value_us, low_us, high_us })
+    fn figure(a: &[f64], b: &[f64]) -> FigureDiff {
+        let some = |values: &[f64]| values.iter().copied().map(Some).collect();
+        FigureDiff::of("loop p50 [us]", some(a), some(b))
     }
 
     #[test]
-    fn only_intervals_that_do_not_meet_show_a_difference() {
-        let a = percentile(20.0, 18.0, 25.0);
-        for (b, says) in [
-            (percentile(30.0, 26.0, 40.0), Says::More),
-            (percentile(30.0, 25.0, 40.0), Says::WithinTheSpread),
-            (percentile(15.0, 14.0, 17.9), Says::Less),
-            (None, Says::TooFewValues),
-        ] {
-            assert_eq!(PercentileDiff::new(99.0, a, b).says, says, "{b:?}");
-        }
-        let diff = PercentileDiff::new(99.0, a, percentile(30.0, 26.0, 40.0));
-        assert_eq!((diff.ratio, diff.ratio_low, diff.ratio_high), (Some(1.5), Some(26.0 / 25.0), Some(40.0 / 18.0)));
+    fn a_difference_is_said_where_it_is_improbable_and_matters() {
+        let judged = |a: &[f64], b: &[f64], probability: f64| {
+            let mut figure = figure(a, b);
+            figure.judge(Some(probability), 0.1);
+            figure.says
+        };
+        assert_eq!(judged(&[10.0, 10.1, 10.2], &[20.0, 20.1, 20.3], 0.1), Says::More);
+        assert_eq!(judged(&[20.0, 20.1, 20.3], &[10.0, 10.1, 10.2], 0.1), Says::Less);
+        assert_eq!(judged(&[10.0, 10.1, 10.2], &[20.0, 20.1, 20.3], 0.2), Says::NoDifference);
+        // Never mind how sure it is.
+        assert_eq!(judged(&[10.0, 10.0, 10.0], &[10.1, 10.1, 10.1], 0.001), Says::NoDifference);
     }
 
     #[test]
-    fn a_percentile_of_0_has_no_ratio() {
-        let diff = PercentileDiff::new(50.0, percentile(0.0, 0.0, 0.1), percentile(3.0, 2.0, 4.0));
-        assert_eq!((diff.ratio, diff.ratio_low, diff.ratio_high, diff.says), (None, Some(20.0), None, Says::More));
+    fn a_figure_that_a_flight_lacks_is_not_judged_and_one_of_0_has_no_ratio() {
+        let lacking = FigureDiff::of("loop p99.9 [us]", vec![Some(1.0), None, Some(1.0)], vec![Some(1.0); 3]);
+        assert_eq!((lacking.says, lacking.median_a, lacking.median_b), (Says::TooFewValues, None, Some(1.0)));
+        assert_eq!(figure(&[0.0], &[3.0]).ratio, None);
+        assert_eq!(figure(&[2.0], &[3.0]).ratio, Some(1.5));
     }
 
     #[test]
-    fn differences_name_keys_of_either_side() {
+    fn differences_name_keys_that_are_not_the_same_in_all_flights() {
         let flat = |text: &str| {
             let mut flat = BTreeMap::new();
             flatten("", &serde_json::from_str(text).unwrap(), &mut flat);
             flat
         };
-        let found = differences(&flat(r#"{"a": {"b": 1, "c": [1]}}"#), &flat(r#"{"a": {"b": 1, "c": [2]}, "d": "x"}"#));
+        let one = flat(r#"{"a": {"b": 1, "c": [1]}}"#);
+        let other = flat(r#"{"a": {"b": 1, "c": [2]}, "d": "x"}"#);
+        let found = differences(&[one.clone(), one.clone()], &[other.clone()]);
         let keys: Vec<&str> = found.iter().map(|difference| difference.key.as_str()).collect();
         assert_eq!(keys, ["a.c", "d"]);
-        assert_eq!((&found[1].a, &found[1].b), (&Value::Null, &Value::from("x")));
+        assert_eq!((&found[1].a[..], &found[1].b[..]), (&[Value::Null][..], &[Value::from("x")][..]));
+        // Also within a group.
+        assert_eq!(differences(&[one.clone(), other], &[one.clone()])[0].a.len(), 2);
+        assert_eq!(differences(&[one.clone()], &[one]), []);
     }
 }

@@ -1,11 +1,10 @@
-//! Prints a comparison of two flights as text.
+//! Prints a comparison of two groups of flights as text: what differs first, and at most 80 columns.
 
 use std::fmt::Write as _;
 
 use serde_json::Value;
 
-use crate::diff::{Diff, Difference, PercentileDiff, Says, SeriesDiff, Side};
-use crate::tally::distribution::PERCENTS;
+use crate::diff::{Conclusion, Diff, Difference, FigureDiff, Says, Side};
 
 /// Renders a comparison for people.
 #[must_use]
@@ -17,35 +16,78 @@ pub fn render(diff: &Diff) -> String {
 }
 
 fn write(out: &mut String, diff: &Diff) -> std::fmt::Result {
-    side(out, "A", &diff.a)?;
-    side(out, "B", &diff.b)?;
-    writeln!(out, "\nBuilds: {} and {}: {}", diff.a.build, diff.b.build, diff.builds)?;
+    conclusion(out, "Timing", &diff.timing)?;
+    conclusion(out, "Tracking", &diff.tracking)?;
+    let said = |figure: &&FigureDiff| matches!(figure.says, Says::More | Says::Less);
+    if diff.figures.iter().any(|figure| said(&figure)) {
+        heading(out, "What differs")?;
+        diff.figures.iter().filter(said).try_for_each(|figure| row(out, figure))?;
+    }
     differences(out, "Settings", &diff.settings)?;
     differences(out, "Machine", &diff.machine)?;
-    writeln!(out, "\nLatencies [us]           A         B  B over A  with 95 %")?;
-    for of_series in &diff.series {
-        series(out, of_series)?;
-    }
-    writeln!(out, "\n{} of {} ratios are apart from 1 by more than their spread.", diff.ratios_apart, diff.ratios)?;
-    for note in &diff.notes {
-        writeln!(out, "{note}")?;
+    writeln!(out, "\nBuilds: {}", diff.builds)?;
+    sides(out, "A", &diff.a)?;
+    sides(out, "B", &diff.b)?;
+    heading(out, "Everything else")?;
+    let rest = diff.figures.iter().filter(|figure| !said(figure));
+    rest.clone().filter(|figure| figure.says != Says::TooFewValues).try_for_each(|figure| row(out, figure))?;
+    let missing = rest.filter(|figure| figure.says == Says::TooFewValues).count();
+    if missing > 0 {
+        writeln!(out, "  {missing} percentiles have too few values in some flight")?;
     }
     Ok(())
 }
 
-fn side(out: &mut String, name: &str, side: &Side) -> std::fmt::Result {
-    writeln!(out, "{name}  {}  {}  {}", side.run, side.started, side.status)?;
-    writeln!(
-        out,
-        "   ticks {} + {} skipped, {} missed ({:.1} per million), {:.2} % stolen, position error rms {:.4} m, theorem {}",
-        side.ticks,
-        side.skipped,
-        side.missed,
-        side.missed_ppm,
-        side.steal_percent,
-        side.position_error_rms_m,
-        side.theorem
-    )
+fn conclusion(out: &mut String, subject: &str, conclusion: &Conclusion) -> std::fmt::Result {
+    match conclusion {
+        Conclusion::NotJudged { reason } => writeln!(out, "{subject:<9} not judged: {reason}"),
+        Conclusion::Judged { differ: 0, judged, level } => {
+            writeln!(out, "{subject:<9} no difference in {judged} figures (any false one: {:.0} %)", level * 100.0)
+        }
+        Conclusion::Judged { differ, judged, level } => {
+            writeln!(out, "{subject:<9} {differ} of {judged} figures DIFFER (any false one: {:.0} %)", level * 100.0)
+        }
+    }
+}
+
+fn heading(out: &mut String, title: &str) -> std::fmt::Result {
+    writeln!(out, "\n{title:<31} {:>12} {:>12} {:>9}  {:>6}", "A", "B", "B over A", "p")
+}
+
+fn row(out: &mut String, figure: &FigureDiff) -> std::fmt::Result {
+    let word = match figure.says {
+        Says::More => "MORE",
+        Says::Less => "LESS",
+        _ => "",
+    };
+    let [a, b] = [figure.median_a, figure.median_b].map(|value| value.map_or_else(|| "-".into(), number));
+    let ratio = figure.ratio.map_or_else(|| "-".into(), |ratio| format!("{ratio:.3}"));
+    let probability = figure.probability.map_or_else(String::new, |p| format!("{p:.3}"));
+    let line = format!("  {:<29} {a:>12} {b:>12} {ratio:>9}  {probability:>6} {word}", figure.name);
+    writeln!(out, "{}", line.trim_end())
+}
+
+/// Four digits that say something.
+fn number(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".into(),
+        size if size >= 1000.0 => format!("{value:.0}"),
+        size if size >= 1.0 => format!("{value:.2}"),
+        size if size >= 1e-4 => format!("{value:.5}"),
+        _ => format!("{value:.2e}"),
+    }
+}
+
+fn sides(out: &mut String, name: &str, sides: &[Side]) -> std::fmt::Result {
+    for (number, side) in (1..).zip(sides) {
+        writeln!(out, "{name}{number}  {}  {}", side.run, side.status)?;
+        writeln!(
+            out,
+            "    {}: ticks {} + {} skipped, {} missed, {:.2} % stolen, theorem {}",
+            side.build, side.ticks, side.skipped, side.missed, side.steal_percent, side.theorem
+        )?;
+    }
+    Ok(())
 }
 
 fn differences(out: &mut String, title: &str, differences: &[Difference]) -> std::fmt::Result {
@@ -54,53 +96,16 @@ fn differences(out: &mut String, title: &str, differences: &[Difference]) -> std
     }
     writeln!(out, "\n{title}: what differs, A | B")?;
     for Difference { key, a, b } in differences {
-        writeln!(out, "  {key}: {} | {}", value(a), value(b))?;
+        writeln!(out, "  {key}: {} | {}", values(a), values(b))?;
     }
     Ok(())
 }
 
-fn value(value: &Value) -> String {
-    match value {
+fn values(values: &[Value]) -> String {
+    let one = |value: &Value| match value {
         Value::Null => "-".into(),
         Value::String(text) => text.clone(),
         other => other.to_string(),
-    }
-}
-
-fn series(out: &mut String, series: &SeriesDiff) -> std::fmt::Result {
-    writeln!(out, "  {:<15} {:>9} {:>9}  values", series.name, series.count_a, series.count_b)?;
-    for percentile in &series.percentiles {
-        writeln!(out, "    {}", line(percentile, series))?;
-    }
-    Ok(())
-}
-
-fn line(percentile: &PercentileDiff, series: &SeriesDiff) -> String {
-    let name = format!("p{}", percentile.percent);
-    let us = |side: &Option<_>, pick: fn(&crate::tally::distribution::Percentile) -> f64| {
-        side.as_ref().map_or_else(|| "-".into(), |found| format!("{:.1}", pick(found)))
     };
-    let values =
-        format!("{name:<13} {:>9} {:>9}", us(&percentile.a, |p| p.value_us), us(&percentile.b, |p| p.value_us));
-    let says = match percentile.says {
-        Says::TooFewValues => {
-            let needed = PERCENTS.into_iter().find(|(percent, _)| *percent == percentile.percent).map_or(0, |p| p.1);
-            let least = series.count_a.min(series.count_b);
-            return if least < needed {
-                format!("{values}  too few values: {least}, {name} needs {needed}")
-            } else {
-                format!("{values}  too few values: {least}")
-            };
-        }
-        Says::WithinTheSpread => "within the spread",
-        Says::More => "MORE",
-        Says::Less => "LESS",
-    };
-    let ratio = |ratio: Option<f64>| ratio.map_or_else(|| "-".into(), |ratio| format!("{ratio:.3}"));
-    format!(
-        "{values} {:>9}  {} to {}  {says}",
-        ratio(percentile.ratio),
-        ratio(percentile.ratio_low),
-        ratio(percentile.ratio_high)
-    )
+    values.iter().map(one).collect::<Vec<_>>().join(", ")
 }

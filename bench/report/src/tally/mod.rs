@@ -24,7 +24,7 @@ use crate::tally::series::SeriesSet;
 use crate::tally::theorem::TheoremTally;
 use crate::tally::timing::{StampedCommand, StampedPassage};
 use crate::tally::tracer::Tracer;
-use crate::tracking::{Tracking, TrackingError};
+use crate::tracking::{RecentStates, Tracking, TrackingError};
 use failure::Failure;
 
 /// Everything that is counted over a flight.
@@ -56,6 +56,7 @@ pub struct Tally {
     last_word_ns: Option<u64>,
     sequences: [Sequence; 5],
     flight: FlightTally,
+    recent: RecentStates,
     /// The theorem, watched.
     pub theorem: TheoremTally,
     /// Swaps seen.
@@ -129,6 +130,7 @@ impl Tally {
             last_word_ns: None,
             sequences: [Sequence::default(); 5],
             flight: FlightTally::default(),
+            recent: RecentStates::new(tracking.period_s()),
             theorem: TheoremTally::default(),
             swaps: Vec::new(),
             newest: None,
@@ -181,7 +183,9 @@ impl Tally {
             self.miss_runs.unseen(state.deadlines_missed, state.deadline_miss_run);
         }
         self.miss_runs.update(state.deadlines_missed, state.deadline_miss_run);
-        self.flight.tracking.take(self.tracking.error_m(tick, state));
+        let error_m = self.tracking.error_m(tick, state);
+        self.flight.tracking.take(error_m);
+        self.recent.take(tick, state.position_w_m[2], error_m);
         self.flight.truth = state.truth.theta();
         self.theorem.truth(self.flight.truth);
     }
@@ -284,6 +288,9 @@ impl Tally {
             position_error_final_m: flight.tracking.last_m(),
             states: flight.tracking.states(),
             ticks_without_state: 0,
+            recent_error_max_m: self.recent.error_max_m(),
+            recent_s: self.recent.length_s(),
+            lowest_z_m: self.recent.lowest_z_m(),
             rate_error_final_rad_s: flight.rate_error,
             saturated_ticks: flight.saturated,
             estimates: (0..3)

@@ -32,12 +32,12 @@ pub enum ReportCommand {
 /// Flags of `report diff`.
 #[derive(Clone, Debug, Args)]
 pub struct DiffArgs {
-    /// A flight's directory, or `latest`.
-    #[arg(value_name = "A")]
-    pub a: PathBuf,
-    /// Another one; ratios are B over A.
-    #[arg(value_name = "B")]
-    pub b: PathBuf,
+    /// Two flights, A and B, by directory or `latest`; or the flights of group A, with those of B after `--`.
+    #[arg(value_name = "A", required = true)]
+    pub a: Vec<PathBuf>,
+    /// The flights of group B; ratios are B over A.
+    #[arg(value_name = "B", last = true)]
+    pub b: Vec<PathBuf>,
     /// How to print the comparison.
     #[arg(long, value_enum, default_value_t = DiffFormat::Text)]
     pub format: DiffFormat,

@@ -47,7 +47,8 @@ pub fn take(report: &Report, settings: &Settings, duration: Duration, executable
     let realtime = settings.realtime()?;
     let priority = if realtime.mode == RealtimeMode::Off { 0 } else { realtime.priority };
     let period_ns = (report.run.wall_period_us * 1e3).round() as u64;
-    let before = CpuTimes::read();
+    let processor = Some(realtime.cpu.unwrap_or_else(loops_cpu) as u64);
+    let before = CpuTimes::read(processor);
     let timer = timer::measure(&timer::TimerSettings { period_ns, duration, cpu: realtime.cpu, priority })?;
     let ring = ring::RingSettings {
         wake: WakeMechanism::Futex,
@@ -65,7 +66,7 @@ pub fn take(report: &Report, settings: &Settings, duration: Duration, executable
         seconds: duration.as_secs_f64(),
         scheduling: timer.standing.scheduling(),
         refused,
-        steal: before.steal_until(&CpuTimes::read()),
+        steal: before.steal_until(&CpuTimes::read(processor)),
         floors: vec![
             SeriesFloor::of("wake.plant", "bare timer", &timer.lateness),
             SeriesFloor::of("loop", "raw futex ring", &ring.chain),

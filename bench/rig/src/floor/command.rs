@@ -28,8 +28,8 @@ pub struct FloorArgs {
     /// What to measure, more than one with commas [default: everything].
     #[arg(long, value_enum, value_delimiter = ',', value_name = "SET")]
     pub only: Vec<Set>,
-    /// Pairs of each comparison.
-    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    /// Pairs of each comparison; below 6 there is no verdict.
+    #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub pairs: u32,
     /// How long each side of a pair is measured [s]; below 11 s a 99.9th percentile has too few values.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=3600))]
@@ -116,10 +116,10 @@ fn missing(set: Set) -> Option<String> {
 
 fn measure(hangar: &Hangar, effort: &MeasuringEffort, measured: &mut MeasuredSet) -> Result<(), Failure> {
     match measured.set {
-        Set::Flights => measured.comparisons = sets::flights(hangar, effort, false)?,
+        Set::Flights => measured.comparisons = sets::flights(hangar, effort, None)?,
         Set::Load => {
-            let _load = Stress::start(hangar)?;
-            measured.comparisons = sets::flights(hangar, effort, true)?;
+            let mut load = Stress::start(hangar)?;
+            measured.comparisons = sets::flights(hangar, effort, Some(&mut load))?;
         }
         Set::Lockstep => measured.comparisons = sets::lockstep(hangar, effort)?,
         Set::Laws => measured.comparisons = sets::laws(effort)?,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::floor::calls::RoleCalls;
 use crate::floor::command::{Set, name};
-use machine::floor::comparison::{FloorComparison, GoalVerdict, RatioKind};
+use machine::floor::comparison::{FloorComparison, GoalVerdict};
 use report::host::Host;
 
 /// Figures beside their floors, of one machine.
@@ -49,15 +49,18 @@ impl MeasuredSet {
 const LEGEND: &str = "\
 * *wake*: from a tick's begin to the plant's waking, beside `cyclictest` on the same processor with the same priority and period.\n\
 * *loop*: from the sampling of the state to the publishing of the rotor command, beside a raw futex ring of four processes that compute as long.\n\
-* *misses*: missed deadlines, beside ticks for which cyclictest woke later than a period less the loop's median; ticks that it slept through count as ours do, with their whole lateness. Ratio of all events; spread with any one pair left out.\n\
+* *misses*: missed deadlines, beside ticks for which cyclictest woke later than a period less the loop's median; ticks that it slept through count as ours do, with their whole lateness.\n\
 * *lockstep tick*: a tick of `fly --pace lockstep`, beside a lap of a raw eventfd ring of four processes, SCHED_OTHER; the line below says what 25 times real time would take.\n\
 * *laws*: one tick of plant, outer loop, inner loop and mixer, beside the same written by hand in scalars; *simulate* is beside what 500 times real time would take.\n\
-* *20 us put into a hop*: the instrument's own test, a ring beside one with that much more to do. Ratio of what was seen to what was put in.\n";
+* *20 us put into a hop*: the instrument's own test, a ring with that much more to do beside one without. Ratio of what was seen to what was put in.\n";
 
 /// What is said of all comparisons.
 const CONDITIONS: &str = "
-Ours and floor are medians over pairs measured one right after the other; the ratio is the pairs' median and the spread its extremes. \
-INCONCLUSIVE: the host stole more than 1 %, or the spread is wider than twice the distance to the goal.
+Ours and floor are medians over pairs whose sides were measured one right after the other, ours first in one pair and last in the next. \
+The ratio is the median of the pairs' ratios, which is not the ratio of the medians. Its interval is that of order statistics: between the k-th smallest \
+and the k-th largest ratio, the median lies with at least 95 %. Misses are pooled, and their interval is a bootstrap over pairs. \
+`met` and `missed`: the whole interval lies on one side of the goal. Pairs during which the host stole more than 1 % of the measured \
+processor are left out.
 
 ";
 
@@ -97,7 +100,7 @@ impl Page {
         if !comparisons.is_empty() {
             let _ = writeln!(
                 page,
-                "| figure | ours | floor | ratio | spread | goal | verdict |\n|---|---|---|---|---|---|---|"
+                "| figure | ours | floor | ratio | 95 % interval | goal | pairs | verdict |\n|---|---|---|---|---|---|---|---|"
             );
             for comparison in comparisons {
                 let _ = writeln!(page, "{}", row(comparison));
@@ -139,18 +142,18 @@ fn calls_per_tick(roles: &[&RoleCalls]) -> String {
 }
 
 fn row(comparison: &FloorComparison) -> String {
-    let FloorComparison { name, unit, kind, goal, pairs } = comparison;
-    let ((ours, floor), (least, most)) = (comparison.sides(), comparison.spread());
-    let steal = pairs.iter().map(|pair| pair.steal_percent).fold(0.0, f64::max);
+    let FloorComparison { name, unit, .. } = comparison;
+    let ([ours, floor], (measured, disturbed)) = (comparison.sides(), comparison.measured());
     let verdict = match comparison.verdict() {
         GoalVerdict::Met => "met".to_owned(),
         GoalVerdict::Missed => "missed".to_owned(),
-        GoalVerdict::Inconclusive(why) => format!("INCONCLUSIVE: {why}"),
+        GoalVerdict::Inconclusive(why) => format!("inconclusive: {why}"),
     };
-    let goal = if *kind == RatioKind::Difference { "1 +- 0.1".to_owned() } else { format!("<= {goal}") };
+    let interval = comparison.interval().map_or_else(|| "-".into(), |i| format!("{:.2} to {:.2}", i.low, i.high));
+    let goal = comparison.goal();
+    let pairs = measured - disturbed;
     format!(
-        "| {name} | {ours:.2} {unit} | {floor:.2} {unit} | {:.2} | {least:.2} to {most:.2} | {goal} | {verdict} ({} pairs, steal {steal:.2} %) |",
-        comparison.ratio(),
-        pairs.len()
+        "| {name} | {ours:.2} {unit} | {floor:.2} {unit} | {:.2} | {interval} | {goal} | {pairs} | {verdict} |",
+        comparison.value(),
     )
 }

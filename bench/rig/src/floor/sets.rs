@@ -2,8 +2,10 @@
 
 use std::hint::black_box;
 use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use hdrhistogram::Histogram;
 use role::rt::loops_cpu;
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -13,12 +15,13 @@ use crate::in_process::InProcess;
 use crate::settings::Settings;
 use failure::Failure;
 use machine::cpu_times::CpuTimes;
-use machine::floor::comparison::{FloorComparison, FloorPair, RatioKind};
+use machine::floor::comparison::FloorComparison;
 use machine::floor::cyclictest;
 use machine::floor::link::WakeMechanism;
 use machine::floor::ring;
 use machine::floor::work::Work;
 use report::schema::Report;
+use report::statistics::Events;
 use scalar::timing;
 
 /// Length of a tick [ns].
@@ -39,12 +42,14 @@ pub struct MeasuringEffort {
     pub priority: i32,
 }
 
-/// Load beside the loops, which ends with this value.
+/// Load on all processors, which ends with this value.
 #[derive(Debug)]
 pub struct Stress(Child);
 
-/// What the load consists of.
-pub const STRESS: [&str; 6] = ["--cpu", "2", "--vm", "1", "--hdd", "1"];
+/// What the load consists of: a worker a processor, one that maps memory, one that writes files.
+pub const STRESS: [&str; 6] = ["--cpu", "0", "--vm", "1", "--hdd", "1"];
+/// How long the load may take to begin.
+const STRESS_BEGINS: Duration = Duration::from_secs(1);
 
 impl Stress {
     /// Whether `stress-ng` is installed.
@@ -56,12 +61,28 @@ impl Stress {
     /// Starts the load.
     ///
     /// # Errors
-    /// [`Failure`] where it cannot be started.
+    /// [`Failure`] where it cannot be started, or ends at once.
     pub fn start(hangar: &Hangar) -> Result<Self, Failure> {
         let mut command = Command::new("stress-ng");
         command.args(STRESS).arg("--temp-path").arg(hangar.directory());
         let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
-        child.map(Self).map_err(|e| Failure::failed(format!("cannot start stress-ng: {e}")))
+        let mut load = child.map(Self).map_err(|e| Failure::failed(format!("cannot start stress-ng: {e}")))?;
+        sleep(STRESS_BEGINS);
+        load.check()?;
+        Ok(load)
+    }
+
+    /// What is measured beside a load needs one.
+    ///
+    /// # Errors
+    /// [`Failure`] where it has ended.
+    pub fn check(&mut self) -> Result<(), Failure> {
+        match self.0.try_wait() {
+            Ok(None) => Ok(()),
+            Ok(Some(status)) => Err(Failure::failed(format!("stress-ng has ended with {status}: nothing loads the machine"))
+                .help(format!("see what it says: stress-ng {} --timeout 5", STRESS.join(" ")))),
+            Err(e) => Err(Failure::failed(format!("cannot look at stress-ng: {e}"))),
+        }
     }
 }
 
@@ -75,62 +96,90 @@ impl Drop for Stress {
     }
 }
 
-/// Wakes, loop and misses of flights, beside cyclictest and a futex ring that does the same compute.
+/// A flight, and what the machine can do at the best, in the same minute.
+struct Together {
+    bare: Histogram<u64>,
+    report: Report,
+    ring: Option<ring::RingFloor>,
+    steal_percent: f64,
+}
+
+impl Together {
+    /// `computing` is a flight whose laws took as long: where there is one, the floors come first and the flight last.
+    fn measure(hangar: &Hangar, effort: &MeasuringEffort, with_ring: bool, computing: Option<&Report>) -> Result<Self, Failure> {
+        let duration = format!("{}ms", effort.duration.as_millis());
+        let fly = || hangar.fly(&["--rt", "require", "--duration", &duration]);
+        let bare = || {
+            cyclictest::measure(&cyclictest::CyclictestSettings {
+                cpu: loops_cpu(),
+                priority: effort.priority,
+                period_us: PERIOD_NS / 1000,
+                duration: effort.duration,
+            })
+        };
+        let ring = |like: &Report| with_ring.then(|| ring_beside(hangar, effort, like)).transpose();
+        let processor = Some(loops_cpu() as u64);
+        let before = CpuTimes::read(processor);
+        let (bare, report, ring) = if let Some(like) = computing {
+            let (ring, bare) = (ring(like)?, bare()?);
+            (bare, fly()?, ring)
+        } else {
+            let report = fly()?;
+            let (bare, ring) = (bare()?, ring(&report)?);
+            (bare, report, ring)
+        };
+        let steal_percent = before.steal_until(&CpuTimes::read(processor)).percent;
+        Ok(Self { bare, report, ring, steal_percent })
+    }
+}
+
+/// Wakes, loop and misses of flights, beside cyclictest and a futex ring that does the same compute; in turns, the
+/// flight first and then last.
 ///
 /// # Errors
-/// [`Failure`] of what cannot be measured.
-pub fn flights(hangar: &Hangar, effort: &MeasuringEffort, stressed: bool) -> Result<Vec<FloorComparison>, Failure> {
-    let under = if stressed { ", under load" } else { "" };
-    let of = |what: &str, unit: &str, kind: RatioKind, goal: f64| {
-        FloorComparison::new(&format!("{what}{under}"), unit, kind, goal)
-    };
-    let mut wake = [of("wake p50", "us", RatioKind::Ratio, 1.05), of("wake p99", "us", RatioKind::Ratio, 1.10)];
-    let mut chain = [
-        of("loop p50", "us", RatioKind::Ratio, 1.5),
-        of("loop p99", "us", RatioKind::Ratio, 1.5),
-        of("loop p99.9", "us", RatioKind::Ratio, 2.0),
-    ];
-    let mut misses = of("misses", "per million", RatioKind::Events, 1.2);
-    let duration = format!("{}ms", effort.duration.as_millis());
-    for _ in 0..effort.pairs {
-        let before = CpuTimes::read();
-        let bare = cyclictest::measure(&cyclictest::CyclictestSettings {
-            cpu: loops_cpu(),
-            priority: effort.priority,
-            period_us: PERIOD_NS / 1000,
-            duration: effort.duration,
-        })?;
-        let report = hangar.fly(&["--rt", "require", "--duration", &duration])?;
+/// [`Failure`] of what cannot be measured, and of a load that has ended.
+pub fn flights(
+    hangar: &Hangar,
+    effort: &MeasuringEffort,
+    mut load: Option<&mut Stress>,
+) -> Result<Vec<FloorComparison>, Failure> {
+    let under = if load.is_some() { ", under load" } else { "" };
+    let of = |what: &str, goal: f64| FloorComparison::ratio(&format!("{what}{under}"), "us", goal);
+    let mut wake = [of("wake p50", 1.05), of("wake p99", 1.10)];
+    let mut chain = [of("loop p50", 1.5), of("loop p99", 1.5), of("loop p99.9", 2.0)];
+    let mut misses = FloorComparison::events(&format!("misses{under}"), 1.2);
+    let mut last: Option<Report> = None;
+    for pair in 0..effort.pairs {
+        let computing = last.as_ref().filter(|_| pair % 2 == 1);
+        let Together { bare, report, ring, steal_percent } =
+            Together::measure(hangar, effort, load.is_none(), computing)?;
+        if let Some(load) = &mut load {
+            load.check()?;
+        }
         let (woken, looped) = (series(&report, "wake.plant")?, series(&report, "loop")?);
-        let ring = (!stressed).then(|| ring_beside(hangar, effort, &report)).transpose()?;
-        let steal_percent = before.steal_until(&CpuTimes::read()).percent;
-        let pair = |ours: f64, floor: f64| FloorPair { ours, floor, steal_percent };
         let bare_us = |quantile: f64| bare.value_at_quantile(quantile) as f64 / 1e3;
-        wake[0].pairs.push(pair(woken.p50_us, bare_us(0.5)));
-        wake[1].pairs.push(pair(woken.p99_us, bare_us(0.99)));
+        wake[0].take(woken.p50_us, bare_us(0.5), steal_percent);
+        wake[1].take(woken.p99_us, bare_us(0.99), steal_percent);
         if let Some(ring) = &ring {
             let ring_us = |quantile: f64| ring.chain.value_at_quantile(quantile) as f64 / 1e3;
-            chain[0].pairs.push(pair(looped.p50_us, ring_us(0.5)));
-            chain[1].pairs.push(pair(looped.p99_us, ring_us(0.99)));
+            chain[0].take(looped.p50_us, ring_us(0.5), steal_percent);
+            chain[1].take(looped.p99_us, ring_us(0.99), steal_percent);
             if let Some(p999_us) = looped.p999_us {
-                chain[2].pairs.push(pair(p999_us, ring_us(0.999)));
+                chain[2].take(p999_us, ring_us(0.999), steal_percent);
             }
         }
         // A bare sample later than this leaves the loop no time for its tick.
         let threshold_ns = PERIOD_NS - (looped.p50_us * 1e3) as u64;
-        let late = bare.len() - bare.count_between(0, threshold_ns);
+        let late = Events { count: bare.len() - bare.count_between(0, threshold_ns), exposure: bare.len() };
         let ticks = report.ticks.run + report.ticks.skipped;
-        misses
-            .pairs
-            .push(pair(report.deadlines.missed as f64 / ticks as f64 * 1e6, late as f64 / bare.len() as f64 * 1e6));
+        misses.take_events(Events { count: report.deadlines.missed, exposure: ticks }, late, steal_percent);
+        last = Some(report);
     }
     let mut all: Vec<FloorComparison> = wake.into();
-    if !stressed {
-        all.extend(chain);
-    }
+    all.extend(chain);
     all.push(misses);
-    // A 99.9th percentile of too few ticks is none.
-    all.retain(|comparison| !comparison.pairs.is_empty());
+    // Under load there is no ring, and a 99.9th percentile of too few ticks is none.
+    all.retain(|comparison| comparison.measured().0 > 0);
     Ok(all)
 }
 
@@ -144,25 +193,47 @@ fn ring_settings(effort: &MeasuringEffort, wake: WakeMechanism, period_ns: u64, 
     ring::RingSettings { wake, period_ns, duration: effort.duration, cpu: None, priority: effort.priority, work }
 }
 
+/// Measures ours and the floor, the floor first in every other pair; and what the host stole meanwhile from `processor`
+/// [%].
+fn in_turns<T, F>(
+    pair: usize,
+    processor: Option<u64>,
+    ours: impl FnOnce() -> Result<T, Failure>,
+    floor: impl FnOnce() -> Result<F, Failure>,
+) -> Result<(T, F, f64), Failure> {
+    let before = CpuTimes::read(processor);
+    let (ours, floor) = if pair % 2 == 0 {
+        let ours = ours()?;
+        (ours, floor()?)
+    } else {
+        let floor = floor()?;
+        (ours()?, floor)
+    };
+    Ok((ours, floor, before.steal_until(&CpuTimes::read(processor)).percent))
+}
+
 /// Ticks in lockstep beside laps of a raw eventfd ring, both under SCHED_OTHER; and how many times real time that is.
 ///
 /// # Errors
 /// [`Failure`] of what cannot be measured.
 pub fn lockstep(hangar: &Hangar, effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
-    let mut tick = FloorComparison::new("lockstep tick", "us", RatioKind::Ratio, 2.6);
-    let mut speed = FloorComparison::new("lockstep, real time 1/25", "us", RatioKind::Ratio, 1.0);
+    let mut tick = FloorComparison::ratio("lockstep tick", "us", 2.6);
+    let mut speed = FloorComparison::ratio("lockstep, real time 1/25", "us", 1.0);
     // At some 30 times real time a side takes as long as it is asked to.
     let simulated = format!("{}s", 30 * effort.duration.as_secs().max(1));
     let quiet = MeasuringEffort { priority: 0, ..*effort };
-    for _ in 0..effort.pairs {
-        let before = CpuTimes::read();
-        let report = hangar.fly(&["--pace", "lockstep", "--duration", &simulated])?;
-        let ring = ring_settings(&quiet, WakeMechanism::Eventfd, 0, vec![Work::default(); 4]);
-        let floor = ring::measure(&ring, hangar.executable())?;
-        let steal_percent = before.steal_until(&CpuTimes::read()).percent;
+    let settings = ring_settings(&quiet, WakeMechanism::Eventfd, 0, vec![Work::default(); 4]);
+    for pair in 0..effort.pairs {
+        // Neither side is bound to a processor.
+        let (report, lap_us, steal_percent) = in_turns(
+            pair,
+            None,
+            || hangar.fly(&["--pace", "lockstep", "--duration", &simulated]),
+            || Ok(ring::measure(&settings, hangar.executable())?.lap.mean() / 1e3),
+        )?;
         let ours = report.ticks.elapsed_s * 1e6 / report.ticks.run as f64;
-        tick.pairs.push(FloorPair { ours, floor: floor.lap.mean() / 1e3, steal_percent });
-        speed.pairs.push(FloorPair { ours, floor: PERIOD_NS as f64 / 1e3 / 25.0, steal_percent });
+        tick.take(ours, lap_us, steal_percent);
+        speed.take(ours, PERIOD_NS as f64 / 1e3 / 25.0, steal_percent);
     }
     Ok(vec![tick, speed])
 }
@@ -173,24 +244,22 @@ pub fn lockstep(hangar: &Hangar, effort: &MeasuringEffort) -> Result<Vec<FloorCo
 /// # Errors
 /// [`Failure`] of settings that cannot be, which the default ones are not.
 pub fn laws(effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
-    let mut tick = FloorComparison::new("laws, one tick", "us", RatioKind::Ratio, 1.1);
-    let before = CpuTimes::read();
+    let mut tick = FloorComparison::ratio("laws, one tick", "us", 1.1);
+    let before = CpuTimes::read(None);
     let pairs = timing::pairs(effort.pairs, TIMED_TICKS);
-    let steal_percent = before.steal_until(&CpuTimes::read()).percent;
-    let pair =
-        |pair: timing::TimedPair| FloorPair { ours: pair.laws_s * 1e6, floor: pair.scalar_s * 1e6, steal_percent };
-    tick.pairs.extend(pairs.into_iter().map(pair));
-    let mut simulate = FloorComparison::new("simulate, real time 1/500", "us", RatioKind::Ratio, 1.0);
+    let steal_percent = before.steal_until(&CpuTimes::read(None)).percent;
+    pairs.into_iter().for_each(|pair| tick.take(pair.laws_s * 1e6, pair.scalar_s * 1e6, steal_percent));
+    let mut simulate = FloorComparison::ratio("simulate, real time 1/500", "us", 1.0);
     let settings = Settings::resolve(None, &Vec::new())?;
     for _ in 0..effort.pairs {
-        let (before, mut rig) = (CpuTimes::read(), InProcess::of(&settings)?);
+        let (before, mut rig) = (CpuTimes::read(None), InProcess::of(&settings)?);
         let start = Instant::now();
         for _ in 0..TIMED_TICKS {
             black_box(rig.tick());
         }
         let ours = start.elapsed().as_secs_f64() * 1e6 / TIMED_TICKS as f64;
-        let steal_percent = before.steal_until(&CpuTimes::read()).percent;
-        simulate.pairs.push(FloorPair { ours, floor: PERIOD_NS as f64 / 1e3 / 500.0, steal_percent });
+        let steal_percent = before.steal_until(&CpuTimes::read(None)).percent;
+        simulate.take(ours, PERIOD_NS as f64 / 1e3 / 500.0, steal_percent);
     }
     Ok(vec![tick, simulate])
 }
@@ -200,18 +269,23 @@ pub fn laws(effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
 /// # Errors
 /// [`Failure`] of what cannot be measured.
 pub fn known_slow(hangar: &Hangar, effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
-    let mut seen = FloorComparison::new("20 us put into a hop", "us", RatioKind::Difference, KNOWN_US);
+    let [mut p50, mut p99] = ["p50", "p99"]
+        .map(|name| FloorComparison::difference(&format!("20 us put into a hop, {name}"), "us", KNOWN_US));
     let slow = Work::lasting((KNOWN_US * 1e3) as u64);
-    let median_us = |work: Vec<Work>| -> Result<f64, Failure> {
+    let chain = |work: Vec<Work>| -> Result<Histogram<u64>, Failure> {
         let settings = ring_settings(effort, WakeMechanism::Futex, PERIOD_NS, work);
-        Ok(ring::measure(&settings, hangar.executable())?.chain.value_at_quantile(0.5) as f64 / 1e3)
+        Ok(ring::measure(&settings, hangar.executable())?.chain)
     };
-    for _ in 0..effort.pairs {
-        let before = CpuTimes::read();
-        let floor = median_us(vec![Work::default(); 4])?;
-        let ours = median_us(vec![Work::default(), slow, Work::default(), Work::default()])?;
-        let steal_percent = before.steal_until(&CpuTimes::read()).percent;
-        seen.pairs.push(FloorPair { ours, floor, steal_percent });
+    for pair in 0..effort.pairs {
+        let (ours, floor, steal_percent) = in_turns(
+            pair,
+            Some(loops_cpu() as u64),
+            || chain(vec![Work::default(), slow, Work::default(), Work::default()]),
+            || chain(vec![Work::default(); 4]),
+        )?;
+        let us = |histogram: &Histogram<u64>, quantile: f64| histogram.value_at_quantile(quantile) as f64 / 1e3;
+        p50.take(us(&ours, 0.5), us(&floor, 0.5), steal_percent);
+        p99.take(us(&ours, 0.99), us(&floor, 0.99), steal_percent);
     }
-    Ok(vec![seen])
+    Ok(vec![p50, p99])
 }

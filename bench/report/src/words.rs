@@ -1,0 +1,236 @@
+//! The three words of a flight: did it follow its reference, was it in time, does the theorem hold.
+//!
+//! They are judged apart from each other and from the gates: a flight in lockstep can track and has no timing, one
+//! that is late can still track. Each comes with the numbers that it follows from.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::host::STEAL_LIMIT_PERCENT;
+use crate::schema::{ControlPerformance, DeadlineSection, RunSection, Ticks};
+use crate::tally::theorem::Theorem;
+use model::boards::Ending;
+
+/// When a flight counts as tracked.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrackingLimits {
+    /// Largest position error that is allowed in the last [`crate::tracking::RECENT_S`] [m].
+    pub error_max_m: f64,
+    /// Height below which the airframe has hit the ground [m].
+    pub ground_z_m: f64,
+}
+
+/// Whether a flight followed its reference.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FlightWord {
+    /// No state was seen.
+    #[default]
+    NotSeen,
+    /// It did, at its end.
+    Tracked,
+    /// It did not, at its end.
+    OffTrack,
+    /// It left its envelope, or was below ground.
+    Lost,
+}
+
+/// Whether a flight was in time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TimingWord {
+    /// Its latencies tell nothing of the loops.
+    #[default]
+    NotMeasured,
+    /// No deadline was missed, no tick skipped.
+    InTime,
+    /// Some were.
+    Late,
+}
+
+/// Whether the theorem holds on a flight.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TheoremWord {
+    /// Nothing adapted that it speaks of.
+    #[default]
+    NotApplicable,
+    /// It does.
+    Holds,
+    /// It does not, and no cause is known.
+    Broken,
+}
+
+/// A word with the numbers that it follows from, as a sentence without its full stop.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Reasoned<W> {
+    /// The word.
+    pub word: W,
+    /// Why.
+    pub why: String,
+}
+
+/// All three.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Words {
+    /// Of the control performance.
+    pub flight: Reasoned<FlightWord>,
+    /// Of the deadlines.
+    pub timing: Reasoned<TimingWord>,
+    /// Of the estimates.
+    pub theorem: Reasoned<TheoremWord>,
+}
+
+/// What the words follow from.
+#[derive(Clone, Copy, Debug)]
+pub struct Evidence<'a> {
+    /// What was flown.
+    pub run: &'a RunSection,
+    /// How it ended; nothing while it flies.
+    pub ending: Option<Ending>,
+    /// Its ticks.
+    pub ticks: &'a Ticks,
+    /// Its deadlines.
+    pub deadlines: &'a DeadlineSection,
+    /// Its control performance.
+    pub performance: &'a ControlPerformance,
+    /// The theorem, watched.
+    pub theorem: &'a Theorem,
+    /// What the host took of the loops' processor [%].
+    pub steal_percent: f64,
+}
+
+impl Words {
+    /// The words of a flight.
+    #[must_use]
+    pub fn of(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Self {
+        Self { flight: flight(evidence, limits), timing: timing(evidence), theorem: theorem(evidence.theorem) }
+    }
+}
+
+fn flight(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Reasoned<FlightWord> {
+    let performance = evidence.performance;
+    let (word, why) = if performance.states == 0 {
+        (FlightWord::NotSeen, "no state was seen".into())
+    } else if let Some(ending) = evidence.ending.filter(|ending| ending.left_envelope()) {
+        (FlightWord::Lost, ending.words().to_owned())
+    } else if performance.lowest_z_m < limits.ground_z_m {
+        let (lowest, ground) = (performance.lowest_z_m, limits.ground_z_m);
+        (FlightWord::Lost, format!("below ground: down to z = {lowest:.2} m, the ground is at {ground} m"))
+    } else {
+        let (error, limit) = (performance.recent_error_max_m, limits.error_max_m);
+        let word = if error <= limit { FlightWord::Tracked } else { FlightWord::OffTrack };
+        let recent_s = performance.recent_s;
+        (word, format!("at most {error:.4} m from the reference in the last {recent_s:.0} s, allowed are {limit} m"))
+    };
+    Reasoned { word, why }
+}
+
+fn timing(evidence: &Evidence<'_>) -> Reasoned<TimingWord> {
+    let Evidence { run, ticks, deadlines, steal_percent, .. } = evidence;
+    let all = ticks.run + ticks.skipped;
+    let counts = format!(
+        "{} of {all} deadlines missed ({:.1} per million), {} ticks skipped",
+        deadlines.missed, deadlines.missed_ppm, ticks.skipped
+    );
+    let slow = run.wall_period_us / run.period_us;
+    let (word, why) = if slow == 0.0 {
+        (TimingWord::NotMeasured, "in lockstep there are no deadlines".into())
+    } else if slow > 1.0 {
+        (TimingWord::NotMeasured, format!("slowed {slow:.0} times: latencies of a slow clock"))
+    } else if *steal_percent > STEAL_LIMIT_PERCENT {
+        (TimingWord::NotMeasured, format!("the host stole {steal_percent:.1} % of the loops' processor; {counts}"))
+    } else if all == 0 {
+        (TimingWord::NotMeasured, "no tick was flown".into())
+    } else if deadlines.missed > 0 || ticks.skipped > 0 {
+        (TimingWord::Late, counts)
+    } else {
+        (TimingWord::InTime, counts)
+    };
+    Reasoned { word, why }
+}
+
+fn theorem(theorem: &Theorem) -> Reasoned<TheoremWord> {
+    let unexplained = theorem.unexplained();
+    let counts = format!("{} steps checked, {unexplained} unexplained", theorem.ticks_checked);
+    let (word, why) = if theorem.ticks_checked == 0 {
+        (TheoremWord::NotApplicable, "no step of the estimates was checked".into())
+    } else if theorem.steps_adapted == 0 {
+        (TheoremWord::NotApplicable, "no estimate moved: adaptation is off, or its bounds pin it".into())
+    } else if theorem.holds {
+        (TheoremWord::Holds, counts)
+    } else if unexplained == 0 {
+        (TheoremWord::Broken, "the estimates did not move as predicted".into())
+    } else {
+        (TheoremWord::Broken, counts)
+    };
+    Reasoned { word, why }
+}
+
+impl FlightWord {
+    /// In words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::NotSeen => "not seen",
+            Self::Tracked => "tracked",
+            Self::OffTrack => "off track",
+            Self::Lost => "lost",
+        }
+    }
+}
+
+impl TimingWord {
+    /// In words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::NotMeasured => "not measured",
+            Self::InTime => "in time",
+            Self::Late => "late",
+        }
+    }
+}
+
+impl TheoremWord {
+    /// In words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::NotApplicable => "not applicable",
+            Self::Holds => "holds",
+            Self::Broken => "broken",
+        }
+    }
+}
+
+impl Words {
+    /// Subject, word and reason of each, in order.
+    #[must_use]
+    pub fn each(&self) -> [(&'static str, &'static str, &str); 3] {
+        [
+            ("Flight", self.flight.word.words(), &self.flight.why),
+            ("Timing", self.timing.word.words(), &self.timing.why),
+            ("Theorem", self.theorem.word.words(), &self.theorem.why),
+        ]
+    }
+
+    /// As `key=value` pairs of a line for programs.
+    #[must_use]
+    pub fn pairs(&self) -> String {
+        let pair = |(subject, word, _): (&str, &str, &str)| {
+            format!("{}={}", subject.to_lowercase(), word.replace(' ', "-"))
+        };
+        self.each().map(pair).join(" ")
+    }
+}
+
+impl fmt::Display for Words {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (subject, word, why) in self.each() {
+            writeln!(f, "{subject:<9} {word:<14} {why}")?;
+        }
+        Ok(())
+    }
+}
