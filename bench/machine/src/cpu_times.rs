@@ -32,6 +32,8 @@ pub fn host_of(machine: &Machine) -> Host {
 pub struct CpuTimes {
     total: u64,
     stolen: u64,
+    /// Without idling, waiting for a disk, and what was stolen.
+    busy: u64,
 }
 
 /// The unit of /proc/stat [ms].
@@ -61,13 +63,21 @@ impl CpuTimes {
             .filter_map(|field| field.parse().ok())
             .collect();
         // user nice system idle iowait irq softirq steal; guest times are part of user.
-        Self { total: fields.iter().take(8).sum(), stolen: fields.get(7).copied().unwrap_or(0) }
+        let of = |place: usize| fields.get(place).copied().unwrap_or(0);
+        let (total, stolen) = (fields.iter().take(8).sum::<u64>(), of(7));
+        Self { total, stolen, busy: total - stolen - of(3) - of(4) }
     }
 
     /// Time stolen since the machine was started, in the unit of /proc/stat.
     #[must_use]
     pub const fn stolen(&self) -> u64 {
         self.stolen
+    }
+
+    /// Time that somebody ran since the machine was started, interrupts included, in the same unit.
+    #[must_use]
+    pub const fn busy(&self) -> u64 {
+        self.busy
     }
 
     /// What was stolen since.

@@ -35,8 +35,10 @@ impl Watch {
     /// Reads what is counted now.
     #[must_use]
     pub fn sample(&self, loops: &[Status; STAGES.len()], lost: u64) -> CounterSample {
-        let stolen = if self.is_virtual { CpuTimes::read(self.processor).stolen() } else { 0 };
-        CounterSample { stages: loops.map(|status| counters(status.pid)), stolen, lost, at_ns: now_ns() }
+        let times = CpuTimes::read(self.processor);
+        let stolen = if self.is_virtual { times.stolen() } else { 0 };
+        let stages = loops.map(|status| counters(status.pid));
+        CounterSample { stages, stolen, busy: times.busy(), lost, at_ns: now_ns() }
     }
 }
 
@@ -61,7 +63,9 @@ fn counters(pid: u64) -> Counters {
     }
     // The kernel ends them together with the process, so that nothing but an end makes these fail.
     if let Ok(text) = read("schedstat") {
-        counters.waited_ns = text.split_whitespace().nth(1).and_then(|ns| ns.parse().ok()).unwrap_or(0);
+        let mut numbers = text.split_whitespace().map(|ns| ns.parse().unwrap_or(0));
+        counters.ran_ns = numbers.next().unwrap_or(0);
+        counters.waited_ns = numbers.next().unwrap_or(0);
     }
     if let Ok(text) = read("status") {
         let line = text.lines().find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"));

@@ -127,10 +127,10 @@ fn a_trace_shows_every_tick_of_every_stage_every_miss_and_every_swap() {
     let rig = Rig::new("trace");
     let flight = rig.take_off(&["--rt", "off", "--duration", "3s", "--fault", "mass_kg=0.6@tick200"]);
     // Deadlines are missed on purpose.
-    let inner = flight.roles()["inner"];
-    send(inner, Signal::STOP);
+    let mixer = flight.roles()["mixer"];
+    send(mixer, Signal::STOP);
     std::thread::sleep(Duration::from_millis(50));
-    send(inner, Signal::CONT);
+    send(mixer, Signal::CONT);
     flight.end().expect(0);
     rig.run("export", &["--format", "perfetto"]).expect(0).says("latest/flight.perfetto-trace");
     rig.run("export", &["--format", "perfetto", "--topic", "state"]).expect(2).complains("not of one topic");

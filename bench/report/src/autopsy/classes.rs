@@ -1,22 +1,24 @@
-//! Why a deadline was missed: one class per miss, a pure function of the evidence.
+//! Why an outage came about: one class each, a pure function of the evidence.
 //!
-//! A rotor command is late because one stage of its tick was late: it got the processor too late, computed for too
-//! long, or waited until its cut-off for an input that did not come. The culprit is the stage whose delay exceeds its
-//! usual delay by most. The usual delay is the lower quartile of the surrounding ticks. The class follows from the
-//! stage's counters and from the other stages' signs of life during that time. Where these are not enough, the class is
-//! "the recorder cannot tell".
+//! An outage begins with one stage of a tick that was late: it got the processor too late, computed for too long, or
+//! did not send what the next stage waited for. The culprit is the stage whose delay exceeds its usual delay by most
+//! in the first tick. The usual delay is the lower quartile of the ticks around. The class follows from the stage's
+//! counters, from its processor's, and from the other stages' signs of life, from when it was due to its next sign of
+//! life. A cause that nothing was seen of is not named: the class then is "the recorder cannot tell".
 
 use model::role::{Role, STAGES};
 use serde::{Deserialize, Serialize};
 
 use crate::autopsy::evidence::{Delay, Scene, Suspect};
 
-/// Why a deadline was missed.
+/// Why an outage came about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Class {
-    /// Nothing ran on the loops' processor: every stage that was due was late, or the host says that it took time.
+    /// The host took the processor: it accounts for at least half of the delay.
     HostStall,
+    /// Nothing was seen to run on the loops' processor, although stages were due; nobody says why.
+    ProcessorStalled,
     /// The kernel gave a stage the processor late, while others ran.
     WakeLate,
     /// A stage computed longer than usual.
@@ -27,6 +29,8 @@ pub enum Class {
     PageFault,
     /// The stage wanted to run, and somebody else had the processor.
     Preempted,
+    /// The stage wanted to run and did not, and nobody was seen to run instead.
+    ReadyNotRun,
     /// The stage was stopped by a signal, or its process has ended.
     StoppedOrDead,
     /// The evidence does not decide it.
@@ -39,24 +43,33 @@ impl Class {
     pub const fn words(self) -> &'static str {
         match self {
             Self::HostStall => "host stall",
+            Self::ProcessorStalled => "processor stalled",
             Self::WakeLate => "kernel wake-up late",
             Self::ComputedLong => "stage computed long",
             Self::UpstreamLate => "upstream late",
             Self::PageFault => "page fault",
             Self::Preempted => "preempted",
+            Self::ReadyNotRun => "ready, not run",
             Self::StoppedOrDead => "stage stopped or dead",
             Self::CannotTell => "recorder cannot tell",
         }
     }
+
+    /// Whether it is a stage's: others are the machine's, or not known.
+    const fn is_of_a_stage(self) -> bool {
+        !matches!(self, Self::HostStall | Self::ProcessorStalled | Self::CannotTell)
+    }
 }
 
-/// What the evidence says of a miss.
+/// What the evidence says of an outage.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Opinion {
-    /// Why it was missed.
+    /// Why it came about.
     pub class: Class,
     /// The stage that it was due to, where it was due to one.
     pub stage: Option<Role>,
+    /// From when a stage was due to its next sign of life [ns]; 0 where no stage is known.
+    pub delay_ns: u64,
     /// The evidence in words.
     pub evidence: String,
 }
@@ -64,14 +77,19 @@ pub struct Opinion {
 /// Share of a delay, in percent, that the counters must explain.
 const EXPLAINS_PERCENT: u64 = 50;
 
-/// Classes the missed deadline of a tick's command.
+/// Classes an outage.
 #[must_use]
-pub fn classify(scene: &Scene<'_>, tick: u64) -> Opinion {
-    let unknown = |evidence: &str| Opinion { class: Class::CannotTell, stage: None, evidence: evidence.into() };
+pub fn classify(scene: &Scene<'_>) -> Opinion {
+    let unknown = |evidence: &str| Opinion {
+        class: Class::CannotTell,
+        stage: None,
+        delay_ns: 0,
+        evidence: evidence.into(),
+    };
     if scene.messages_lost() {
         return unknown("the recorder lost messages around it");
     }
-    let suspects = scene.suspects(tick);
+    let suspects = scene.suspects(scene.outage.first);
     let (inputs, own): (Vec<&Suspect>, Vec<&Suspect>) = suspects.iter().partition(|it| it.delay == Delay::Input);
     let share_ns = |suspect: &&&Suspect| suspect.share_ns;
     let worst = match (own.iter().max_by_key(share_ns), inputs.iter().max_by_key(share_ns)) {
@@ -86,42 +104,61 @@ pub fn classify(scene: &Scene<'_>, tick: u64) -> Opinion {
         return unknown("several stages were late, none of them by most of it");
     }
     let (class, why) = explain(scene, worst);
-    let stage = (class != Class::HostStall && class != Class::CannotTell).then_some(worst.stage);
-    Opinion { class, stage, evidence: format!("{}; {why}", worst.words()) }
+    let stage = class.is_of_a_stage().then_some(worst.stage);
+    let delay_ns = worst.to_ns - worst.from_ns;
+    Opinion { class, stage, delay_ns, evidence: format!("{}; {why}", worst.words()) }
 }
 
-/// The class of the delay that a miss is due to, with its evidence.
+/// The class of the delay that an outage began with, with its evidence.
 fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
     let usage = scene.usage(suspect);
+    let explains = |ns: u64| ns > 0 && ns * 100 >= suspect.excess_ns * EXPLAINS_PERCENT;
     if usage.is_stopped {
         return (Class::StoppedOrDead, "its process was stopped".into());
     }
     if usage.is_dead {
         return (Class::StoppedOrDead, "its process has ended".into());
     }
+    let (processor, others) = (scene.processor(suspect), scene.others(suspect));
+    if explains(processor.stolen_ns) {
+        return (Class::HostStall, format!("the host took {} ms", processor.stolen_ns / 1_000_000));
+    }
     if usage.faults > 0 {
         return (Class::PageFault, format!("{} page faults", usage.faults));
     }
-    if usage.waited_ns * 100 >= suspect.excess_ns * EXPLAINS_PERCENT && usage.waited_ns > 0 {
+    if explains(usage.waited_ns) {
         let (us, switches) = (usage.waited_ns / 1000, usage.involuntary_switches);
-        let words = format!("ready to run for {us} us without the processor, {switches} involuntary switches more");
-        return (Class::Preempted, words);
+        let ready = format!("ready to run for {us} us without the processor");
+        if switches > 0 {
+            return (Class::Preempted, format!("{ready}, {switches} involuntary switches more"));
+        }
+        if others.is_some_and(|others| others.ran) {
+            return (Class::Preempted, format!("{ready}, other stages ran meanwhile"));
+        }
+        if explains(processor.busy_ns) {
+            return (Class::Preempted, format!("{ready}, which was busy for {} ms", processor.busy_ns / 1_000_000));
+        }
+        return (Class::ReadyNotRun, format!("{ready}, and nobody was seen to run"));
     }
     if suspect.delay == Delay::Input {
         return (Class::UpstreamLate, "nothing says why".into());
     }
-    let others = scene.others(suspect);
-    let steal = scene.steal_grew(suspect);
-    if suspect.delay == Delay::Compute && (others.ran || scene.recurs(suspect)) {
-        let why = if others.ran { "others ran meanwhile" } else { "and in other ticks around" };
-        return (Class::ComputedLong, why.into());
+    if suspect.delay == Delay::Compute {
+        if explains(usage.ran_ns) {
+            return (Class::ComputedLong, format!("it ran for {} us more than usual", usage.ran_ns / 1000));
+        }
+        if others.is_some_and(|others| others.ran) {
+            return (Class::ComputedLong, "others ran meanwhile".into());
+        }
+        if scene.recurs(suspect) {
+            return (Class::ComputedLong, "and in other ticks around".into());
+        }
     }
-    if !others.ran && steal {
-        return (Class::HostStall, "nobody ran, and the host took time".into());
-    }
-    let ran_itself = suspect.delay == Delay::Compute && !scene.is_virtual;
-    if !others.ran && others.were_due && !ran_itself {
-        return (Class::HostStall, "nobody ran, although others were due".into());
+    let Some(others) = others else {
+        return (Class::CannotTell, "the loops do not share a processor, so that nothing else shows it".into());
+    };
+    if !others.ran && others.were_due && !explains(processor.busy_ns) {
+        return (Class::ProcessorStalled, "nobody ran, although others were due".into());
     }
     match suspect.delay {
         Delay::Wake if others.ran => (Class::WakeLate, "others ran meanwhile".into()),

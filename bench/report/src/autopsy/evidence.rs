@@ -1,12 +1,14 @@
-//! Evidence about a missed deadline: time stamps and samples of kernel counters.
+//! Evidence about an outage: time stamps and samples of kernel counters.
 //!
-//! The stamps of the surrounding ticks are exact. Kernel counters are sampled each time the recorder looks, every 10
-//! ms: their growth is known only between two looks, and a stop that begins and ends between two looks is not seen.
+//! The stamps are exact. Kernel counters are sampled each time the recorder looks, every 10 ms: their growth is known
+//! only between two looks, and a stop that begins and ends between two looks is not seen.
 
 use std::collections::BTreeMap;
 
 use model::grid::Grid;
 use model::role::{Role, STAGES};
+
+use crate::autopsy::Outage;
 
 /// A stage's work of a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,7 +49,12 @@ pub struct Counters {
     pub involuntary_switches: u64,
     /// Time that it was ready to run and did not have a processor [ns].
     pub waited_ns: u64,
+    /// Time that it ran [ns].
+    pub ran_ns: u64,
 }
+
+/// The unit of /proc/stat [ns].
+pub const JIFFY_NS: u64 = 10_000_000;
 
 /// What was counted at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -56,18 +63,22 @@ pub struct CounterSample {
     pub at_ns: u64,
     /// Of each stage, in the order of [`STAGES`].
     pub stages: [Counters; STAGES.len()],
-    /// Time stolen from the loops' processor, in the unit of /proc/stat.
+    /// Time stolen from the loops' processor, or from all of them where they do not share one [`JIFFY_NS`].
     pub stolen: u64,
+    /// Time that somebody ran there, interrupts included [`JIFFY_NS`].
+    pub busy: u64,
     /// Messages that the recorder has lost.
     pub lost: u64,
 }
 
-/// Everything that is known of the time around a miss.
+/// Everything that is known of the time around an outage.
 #[derive(Clone, Copy, Debug)]
 pub struct Scene<'a> {
     /// Where ticks begin.
     pub grid: Grid,
-    /// The ticks around it.
+    /// The outage.
+    pub outage: Outage,
+    /// Its ticks and those around it.
     pub traces: &'a BTreeMap<u64, TickPassages>,
     /// The samples around it, in order.
     pub samples: &'a [CounterSample],
@@ -103,8 +114,8 @@ pub struct Suspect {
     pub to_ns: u64,
     /// How much longer than usual [ns].
     pub excess_ns: u64,
-    /// How much of that certainly lies in the missed tick [ns]. A stage that published nothing for it may have been
-    /// back from the beginning of the next tick on, when it was too late to publish.
+    /// How much of that certainly lies in the tick [ns]. A stage that published nothing for it may have been back from
+    /// the beginning of the next tick on, when it was too late to publish.
     pub share_ns: u64,
 }
 
@@ -134,6 +145,17 @@ pub struct StageUsage {
     pub involuntary_switches: u64,
     /// Waiting for the processor, beyond the usual [ns].
     pub waited_ns: u64,
+    /// Running, beyond the usual [ns].
+    pub ran_ns: u64,
+}
+
+/// What is known of the loops' processor in a span; nothing where they do not share one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ProcessorUsage {
+    /// What the host took [ns].
+    pub stolen_ns: u64,
+    /// What somebody ran, beyond the usual [ns].
+    pub busy_ns: u64,
 }
 
 /// What the other stages did in a span.
@@ -170,21 +192,22 @@ impl Scene<'_> {
             let came_in_time = i == 0 || sent_ns.is_some_and(|ns| ns <= cut_off_ns);
             let is_fresh = trace[i].map_or(came_in_time, |passage| passage.is_fresh);
             let (due_ns, usual_ns) = match sent_ns {
-                _ if i == 0 => (begin_ns, self.usual(tick, |k, trace| Some(trace[0]?.receive_ns.saturating_sub(k)))),
+                _ if i == 0 => (begin_ns, self.usual(|k, trace| Some(trace[0]?.receive_ns.saturating_sub(k)))),
                 Some(sent_ns) if is_fresh => {
                     let hop = |trace: &TickPassages| Some(trace[i]?.receive_ns.saturating_sub(trace[i - 1]?.send_ns));
-                    (sent_ns, self.usual(tick, |_, trace| hop(trace)))
+                    (sent_ns, self.usual(|_, trace| hop(trace)))
                 }
                 _ => (cut_off_ns, 0),
             };
             if let (false, Some(before)) = (is_fresh, before) {
-                let usual_ns = self.usual(tick, |begin, trace| Some(trace[before]?.send_ns.saturating_sub(begin)));
+                let usual_ns = self.usual(|begin, trace| Some(trace[before]?.send_ns.saturating_sub(begin)));
                 let excess_ns = (cut_off_ns - begin_ns).saturating_sub(usual_ns);
+                let came_ns = trace[before].map_or_else(|| self.next_sign_of(before, tick), |passage| passage.send_ns);
                 suspects.push(Suspect {
                     stage: STAGES[before],
                     delay: Delay::Input,
                     from_ns: begin_ns + usual_ns,
-                    to_ns: cut_off_ns,
+                    to_ns: came_ns.max(cut_off_ns),
                     excess_ns,
                     share_ns: excess_ns,
                 });
@@ -205,7 +228,7 @@ impl Scene<'_> {
             });
             if let Some(passage) = trace[i] {
                 let computed_ns = passage.send_ns.saturating_sub(passage.receive_ns);
-                let excess_ns = computed_ns.saturating_sub(self.compute(tick, i));
+                let excess_ns = computed_ns.saturating_sub(self.compute(i));
                 suspects.push(Suspect {
                     stage,
                     delay: Delay::Compute,
@@ -220,14 +243,14 @@ impl Scene<'_> {
         suspects
     }
 
-    /// What a duration usually is in the other ticks; `pick` is given the begin of the tick.
-    fn usual(&self, tick: u64, pick: impl Fn(u64, &TickPassages) -> Option<u64>) -> u64 {
-        let others = self.traces.iter().filter(|(other, _)| **other != tick);
+    /// What a duration usually is in the ticks around; `pick` is given the begin of the tick.
+    fn usual(&self, pick: impl Fn(u64, &TickPassages) -> Option<u64>) -> u64 {
+        let others = self.traces.iter().filter(|(tick, _)| !(self.outage.first..=self.outage.last).contains(tick));
         usual_of(others.filter_map(|(other, trace)| pick(self.grid.begin_of(*other), trace)).collect())
     }
 
-    fn compute(&self, tick: u64, stage: usize) -> u64 {
-        self.usual(tick, |_, trace| {
+    fn compute(&self, stage: usize) -> u64 {
+        self.usual(|_, trace| {
             let passage = trace[stage]?;
             Some(passage.send_ns.saturating_sub(passage.receive_ns))
         })
@@ -245,11 +268,10 @@ impl Scene<'_> {
         self.samples.first().zip(self.samples.last()).is_some_and(|(first, last)| first.lost != last.lost)
     }
 
-    /// The samples around a span: the last before it, those in it, the first after it; nothing where it is not covered.
-    fn around(&self, suspect: &Suspect) -> Option<&[CounterSample]> {
-        let first = self.samples.iter().rposition(|sample| sample.at_ns <= suspect.from_ns)?;
-        let last = self.samples.iter().position(|sample| sample.at_ns >= suspect.to_ns)?;
-        self.samples.get(first..=last)
+    /// The last sample before a span and the first one after it; nothing where it is not covered.
+    fn around(&self, suspect: &Suspect) -> Option<(&CounterSample, &CounterSample)> {
+        let first = self.samples.iter().rfind(|sample| sample.at_ns <= suspect.from_ns)?;
+        Some((first, self.samples.iter().find(|sample| sample.at_ns >= suspect.to_ns)?))
     }
 
     /// What the late stage's counters say of the time in which it was late.
@@ -258,29 +280,44 @@ impl Scene<'_> {
         let stage = suspect.stage as usize;
         let of = |sample: &CounterSample| sample.stages[stage];
         let mut usage = StageUsage::default();
-        let from = self.samples.iter().filter(|sample| sample.at_ns >= suspect.from_ns);
-        for sample in from.clone().take_while(|sample| sample.at_ns <= suspect.to_ns) {
-            usage.is_stopped |= of(sample).life == Life::Stopped;
-        }
         let before = self.samples.iter().rfind(|sample| sample.at_ns <= suspect.from_ns).map(of);
-        // Whoever has ended may be seen so late, and may have a successor by then.
-        let late = suspect.to_ns == self.until_ns || suspect.delay == Delay::Input;
-        let mut soon = from.take_while(|sample| late || sample.at_ns <= suspect.to_ns);
-        usage.is_dead =
-            soon.any(|sample| of(sample).life == Life::Dead || before.is_some_and(|b| b.pid != of(sample).pid));
-        let Some(around) = self.around(suspect) else { return usage };
-        let (Some(first), Some(last)) = (around.first(), around.last()) else { return usage };
+        // Whoever never came back may be seen to have ended long after.
+        let until_ns = if suspect.to_ns >= self.until_ns { u64::MAX } else { suspect.to_ns };
+        let meanwhile = |sample: &&CounterSample| (suspect.from_ns..=until_ns).contains(&sample.at_ns);
+        usage.is_stopped = self.samples.iter().filter(meanwhile).any(|sample| of(sample).life == Life::Stopped);
+        // A successor works before anybody looks.
+        let next = self.samples.iter().find(|sample| sample.at_ns > until_ns);
+        let is_another = |sample: &CounterSample| before.is_some_and(|before| before.pid != of(sample).pid);
+        usage.is_dead = self.samples.iter().filter(meanwhile).any(|sample| of(sample).life == Life::Dead)
+            || self.samples.iter().filter(meanwhile).chain(next).any(is_another);
+        let Some((first, last)) = self.around(suspect) else { return usage };
         if of(first).pid == of(last).pid {
-            let span_ns = last.at_ns - first.at_ns;
-            let beyond = |count: fn(&Counters) -> u64| {
-                let grown = count(&of(last)).saturating_sub(count(&of(first)));
-                grown.saturating_sub(self.usually(suspect, span_ns, |sample| count(&of(sample))))
-            };
+            let beyond = |count: fn(&Counters) -> u64| self.beyond_usual(suspect, |sample| count(&of(sample)));
             usage.faults = beyond(|counters| counters.faults);
             usage.involuntary_switches = beyond(|counters| counters.involuntary_switches);
             usage.waited_ns = beyond(|counters| counters.waited_ns);
+            usage.ran_ns = beyond(|counters| counters.ran_ns);
         }
         usage
+    }
+
+    /// What is known of the loops' processor while the stage was late.
+    #[must_use]
+    pub fn processor(&self, suspect: &Suspect) -> ProcessorUsage {
+        let Some((first, last)) = self.around(suspect).filter(|_| self.share_processor) else {
+            return ProcessorUsage::default();
+        };
+        ProcessorUsage {
+            stolen_ns: last.stolen.saturating_sub(first.stolen) * JIFFY_NS,
+            busy_ns: self.beyond_usual(suspect, |sample| sample.busy) * JIFFY_NS,
+        }
+    }
+
+    /// By how much a counter grew around a span, beyond what it usually does in that time.
+    fn beyond_usual(&self, suspect: &Suspect, count: impl Fn(&CounterSample) -> u64) -> u64 {
+        let Some((first, last)) = self.around(suspect) else { return 0 };
+        let grown = count(last).saturating_sub(count(first));
+        grown.saturating_sub(self.usually(suspect, last.at_ns - first.at_ns, count))
     }
 
     /// By how much a counter usually grows in a time: by its usual rate between samples outside the span.
@@ -296,19 +333,12 @@ impl Scene<'_> {
         u64::try_from(u128::from(per_second) * u128::from(time_ns) / 1_000_000_000).unwrap_or(u64::MAX)
     }
 
-    /// Whether the host took time from the loops' processor while the stage was late.
+    /// What the other stages on the same processor did while the stage was late; nothing is known where they do not
+    /// share one.
     #[must_use]
-    pub fn steal_grew(&self, suspect: &Suspect) -> bool {
-        self.around(suspect)
-            .and_then(|around| around.first().zip(around.last()))
-            .is_some_and(|(first, last)| last.stolen > first.stolen)
-    }
-
-    /// What the other stages on the same processor did while the stage was late.
-    #[must_use]
-    pub fn others(&self, suspect: &Suspect) -> OtherStages {
+    pub fn others(&self, suspect: &Suspect) -> Option<OtherStages> {
         if !self.share_processor {
-            return OtherStages::default();
+            return None;
         }
         let period_ns = self.grid.period_ns;
         let from_ns = suspect.from_ns + period_ns * HEAD_PERCENT / 100;
@@ -330,7 +360,7 @@ impl Scene<'_> {
             others.were_due |= suspect.stage != Role::Plant && is_inside(begin_ns);
             others.were_due |= suspect.stage != Role::Mixer && !is_mixed && is_inside(cut_off_ns);
         }
-        others
+        Some(others)
     }
 
     /// Whether the stage computed long in another tick around, too.

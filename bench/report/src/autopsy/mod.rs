@@ -1,13 +1,22 @@
-//! The autopsy of missed deadlines: which tick, how late, and why.
+//! The autopsy of outages: when the loop was out, how long, how many deadlines that cost, and why.
 //!
-//! It follows the stamps of every message and the plant's verdicts. It keeps [`WINDOW_TICKS`] around each miss until
-//! they are complete, then has the miss classified ([`crate::autopsy::classes`]). The classes add up to the number of
-//! missed deadlines.
+//! ```text
+//!   tick        41     42     43     44     45     46
+//!   plant       .      .      .      .      .      .
+//!   outer       .      .      .      .      .      .        . worked, with the input of its tick
+//!   inner       .      -      -      -      .      .        - published nothing
+//!   mixer       .      *      *      *      .      .        * worked without the input of its tick
+//!                      |---- one outage --|
+//! ```
+//!
+//! A tick is *out* when a deadline was missed for its command, or a stage left it out, or worked it without its input.
+//! An outage is a row of such ticks, however long. It is classed once ([`crate::autopsy::classes`]), by the delay that
+//! it began with, up to the late stage's next sign of life. Every missed deadline belongs to one outage.
 
 pub mod classes;
 pub mod evidence;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use model::envelope::{Envelope, Message};
 use model::grid::Grid;
@@ -19,11 +28,13 @@ use serde::{Deserialize, Serialize};
 use crate::autopsy::classes::{Class, Opinion, classify, index};
 use crate::autopsy::evidence::{CounterSample, Life, Passage, Scene, TickPassages};
 
-/// Ticks that are kept around a miss.
-pub const WINDOW_TICKS: u64 = 64;
-/// Misses of which the report shows the timeline.
+/// Ticks that are kept before and after an outage: what is usual is seen in them.
+pub const AROUND_TICKS: u64 = 32;
+/// An outage is classed as it stands when it has lasted for so many ticks; what follows is another one.
+const LONGEST_TICKS: u64 = 60_000;
+/// Outages of which the report shows the timeline.
 const WORST: usize = 10;
-/// Ticks before and after a miss in its timeline.
+/// Ticks before and after the begin of an outage in its timeline.
 const TIMELINE: (u64, u64) = (1, 2);
 /// Samples that are kept beyond those of the ticks [ns].
 const SAMPLES_BEYOND_NS: u64 = 200_000_000;
@@ -31,43 +42,47 @@ const SAMPLES_BEYOND_NS: u64 = 200_000_000;
 /// The autopsy in the report.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Section {
-    /// How many misses each class has, by the stage that they were due to; the most frequent first.
+    /// How many outages each class has, by the stage that they were due to; the one with the most misses first.
     pub classes: Vec<ClassCount>,
-    /// Misses that wait for the ticks after them: not classed yet.
+    /// Deadlines missed in an outage that lasts, or is not classed yet.
     pub pending: u64,
-    /// The latest ones, each with those in a row after it; the latest first.
+    /// The worst outages, by deadlines missed, then by length.
     pub worst: Vec<Case>,
 }
 
-/// Misses of a class.
+/// Outages of a class.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ClassCount {
     /// The class.
     pub class: Class,
     /// The stage that they were due to; none where it was none, or is not known.
     pub stage: Option<String>,
-    /// Misses.
-    pub count: u64,
+    /// Outages.
+    pub outages: u64,
+    /// Deadlines missed in them.
+    pub missed: u64,
 }
 
-/// A missed deadline, and those right after it that were missed for the same reason and less late.
+/// An outage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Case {
-    /// Tick of the command that was missing when the next tick began.
+    /// Its first tick.
     pub tick: u64,
     /// Begin of that tick as time of the flight on the clock [s].
     pub time_s: f64,
-    /// Deadlines missed in a row for the same reason, this one the first.
-    pub in_a_row: u64,
-    /// How late the next command came [us].
-    pub late_us: f64,
+    /// How many ticks were out.
+    pub ticks: u64,
+    /// How many of their commands missed the deadline.
+    pub missed: u64,
+    /// From the instant when the late stage was due to its next sign of life [us]; 0 where no stage is known.
+    pub delay_us: f64,
     /// Why.
     pub class: Class,
     /// The stage that it was due to.
     pub stage: Option<String>,
     /// The evidence in words.
     pub evidence: String,
-    /// What the stages did around it.
+    /// What the stages did around its begin.
     pub timeline: Vec<TimelineTick>,
 }
 
@@ -80,7 +95,7 @@ pub struct TimelineTick {
     pub stages: Vec<TimelineStage>,
 }
 
-/// What a stage did in a tick; times from the begin of the missed command's tick on [us].
+/// What a stage did in a tick; times from the begin of the outage's first tick on [us].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimelineStage {
     /// The stage.
@@ -94,39 +109,50 @@ pub struct TimelineStage {
 }
 
 impl Section {
-    /// The section of the report for people; empty where nothing was missed.
+    /// The section of the report for people; empty where nothing was out.
     #[must_use]
     pub fn text(&self) -> String {
         if self.classes.is_empty() && self.pending == 0 {
             return String::new();
         }
-        let mut out = String::from("\nAutopsy of missed deadlines\n");
-        let due_to = |stage: &Option<String>| stage.as_ref().map_or_else(String::new, |stage| format!(", {stage}"));
-        for ClassCount { class, stage, count } in &self.classes {
-            out += &format!("  {count:>7}  {}{}\n", class.words(), due_to(stage));
+        let mut out = String::from("\nOutages   missed  cause\n");
+        for count in &self.classes {
+            out += &format!("  {:>7} {:>7}  {}\n", count.outages, count.missed, named(count.class, count.stage.as_deref()));
         }
         if self.pending > 0 {
-            out += &format!("  {:>7}  not classed yet\n", self.pending);
+            out += &format!("  {:>7} {:>7}  not classed yet\n", "-", self.pending);
         }
         for case in &self.worst {
-            out += &format!(
-                "  tick {} ({:.3} s){} late by {:.1} us: {}{} ({})\n",
-                case.tick,
-                case.time_s,
-                if case.in_a_row > 1 { format!(", the first of {},", case.in_a_row) } else { String::new() },
-                case.late_us,
-                case.class.words(),
-                due_to(&case.stage),
-                case.evidence
-            );
-            for TimelineTick { tick, stages } in &case.timeline {
-                let stages: Vec<String> = stages.iter().map(TimelineStage::text).collect();
-                let stages = if stages.is_empty() { "nobody published".into() } else { stages.join("  ") };
-                out += &format!("    {:>+3}  {stages}\n", tick.cast_signed() - case.tick.cast_signed());
-            }
+            out += &case.text();
         }
         if !self.worst.is_empty() {
-            out += "  woke .. sent [us], from the begin of the missed tick; * without the input of its tick\n";
+            out += "  woke .. sent [us], from the begin of the outage's first tick; * without the input of its tick\n";
+        }
+        out
+    }
+}
+
+/// A class with the stage that it is due to.
+fn named(class: Class, stage: Option<&str>) -> String {
+    stage.map_or_else(|| class.words().to_owned(), |stage| format!("{}, {stage}", class.words()))
+}
+
+impl Case {
+    /// Where, how long and why, in one line.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let Self { tick, time_s, ticks, missed, delay_us, .. } = self;
+        let ticks = if *ticks == 1 { "1 tick".to_owned() } else { format!("{ticks} ticks") };
+        let cause = named(self.class, self.stage.as_deref());
+        format!("tick {tick} ({time_s:.3} s): {ticks}, {missed} missed, {delay_us:.0} us: {cause} ({})", self.evidence)
+    }
+
+    fn text(&self) -> String {
+        let mut out = format!("  {}\n", self.line());
+        for TimelineTick { tick, stages } in &self.timeline {
+            let stages: Vec<String> = stages.iter().map(TimelineStage::text).collect();
+            let stages = if stages.is_empty() { "nobody published".into() } else { stages.join("  ") };
+            out += &format!("    {:>+3}  {stages}\n", tick.cast_signed() - self.tick.cast_signed());
         }
         out
     }
@@ -152,20 +178,27 @@ pub struct Autopsy {
     /// Ticks that the plant's next states judged: from, to, missed deadlines among them, the last one's verdict.
     judged: Vec<Judged>,
     last_state: Option<(u64, u64)>,
-    /// Ticks of commands that were missing, and not classed yet.
-    pending: VecDeque<u64>,
-    counts: BTreeMap<(Class, Option<Role>), u64>,
+    /// Ticks whose commands missed their deadlines, and that are in no outage yet.
+    missed: BTreeSet<u64>,
+    /// The next tick to look at; none before the first state.
+    next: Option<u64>,
+    /// Whether every stage has worked a tick: what is not there before has not begun yet.
+    has_begun: bool,
+    /// The outage that lasts.
+    open: Option<Outage>,
+    counts: BTreeMap<(Class, Option<Role>), (u64, u64)>,
     worst: Vec<Case>,
-    /// The row of misses that was classed last.
-    row: Option<Row>,
 }
 
-/// Misses in a row for the same reason.
-#[derive(Clone, Copy, Debug)]
-struct Row {
-    first_tick: u64,
-    last_tick: u64,
-    reason: (Class, Option<Role>),
+/// A row of ticks that were out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outage {
+    /// The first of them.
+    pub first: u64,
+    /// The last one.
+    pub last: u64,
+    /// Deadlines missed for their commands.
+    pub missed: u64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -192,10 +225,12 @@ impl Autopsy {
             samples: VecDeque::new(),
             judged: Vec::new(),
             last_state: None,
-            pending: VecDeque::new(),
+            missed: BTreeSet::new(),
+            next: None,
+            has_begun: false,
+            open: None,
             counts: BTreeMap::new(),
             worst: Vec::new(),
-            row: None,
         }
     }
 
@@ -211,6 +246,7 @@ impl Autopsy {
     /// Takes a state: its stamps, and the plant's verdicts since the one before.
     pub fn state(&mut self, message: &Message<State>) {
         self.stamps(message);
+        self.next.get_or_insert(message.envelope.tick);
         let (tick, missed) = (message.envelope.tick, message.content.deadlines_missed);
         let (after, missed_before) = self.last_state.map_or((None, 0), |(tick, missed)| (Some(tick), missed));
         if missed > missed_before {
@@ -236,12 +272,12 @@ impl Autopsy {
         self.samples.push_back(sample);
     }
 
-    /// Classes the misses around which enough ticks have passed; to be called when the topics are drained.
+    /// Classes the outages that are over; to be called when the topics are drained.
     pub fn look(&mut self) {
         self.find();
-        let newest = self.traces.last_key_value().map_or(0, |(tick, _)| *tick);
-        while self.pending.front().is_some_and(|tick| tick + WINDOW_TICKS / 2 <= newest) {
-            self.examine_next();
+        let newest = self.newest();
+        while let Some(tick) = self.next.filter(|tick| tick + AROUND_TICKS <= newest) {
+            self.look_at(tick);
         }
         self.forget(newest);
     }
@@ -253,8 +289,56 @@ impl Autopsy {
             self.judged.push(Judged { after, tick: last_tick, missed: missed - missed_before, last_missed: None });
         }
         self.find();
-        while !self.pending.is_empty() {
-            self.examine_next();
+        let last = self.newest().max(self.missed.last().copied().unwrap_or(0));
+        while let Some(tick) = self.next.filter(|tick| *tick <= last) {
+            self.look_at(tick);
+        }
+        // Stages need not work the last tick of a flight that ends before its time.
+        match self.open.take() {
+            Some(outage) if outage.missed > 0 || outage.first + 1 < last => self.close(outage),
+            _ => {}
+        }
+        // Of ticks before the first one that was seen.
+        self.count_unplaced(self.missed.len() as u64);
+        self.missed.clear();
+    }
+
+    fn newest(&self) -> u64 {
+        self.traces.last_key_value().map_or(0, |(tick, _)| *tick)
+    }
+
+    /// Continues, opens or closes an outage with a tick.
+    fn look_at(&mut self, tick: u64) {
+        self.next = Some(tick + 1);
+        let missed = u64::from(self.missed.remove(&tick));
+        let trace = self.traces.get(&tick).copied().unwrap_or_default();
+        let is_whole = trace.iter().all(|passage| passage.is_some_and(|passage| passage.is_fresh));
+        self.has_begun |= is_whole;
+        let is_out = missed > 0 || (self.has_begun && !is_whole);
+        let open = self.open.take();
+        if !is_out {
+            if let Some(outage) = open {
+                self.close(outage);
+            }
+            return;
+        }
+        let outage = match open {
+            Some(outage) if tick - outage.first < LONGEST_TICKS => {
+                Outage { last: tick, missed: outage.missed + missed, ..outage }
+            }
+            longest => {
+                if let Some(outage) = longest {
+                    self.close(outage);
+                }
+                Outage { first: tick, last: tick, missed }
+            }
+        };
+        self.open = Some(outage);
+    }
+
+    fn count_unplaced(&mut self, missed: u64) {
+        if missed > 0 {
+            self.counts.entry((Class::CannotTell, None)).or_default().1 += missed;
         }
     }
 
@@ -277,52 +361,44 @@ impl Autopsy {
                     misses.push(skipped);
                 }
             }
-            for _ in misses.len() as u64..missed {
-                *self.counts.entry((Class::CannotTell, None)).or_default() += 1;
-            }
-            self.pending.extend(misses.into_iter().rev().map(|tick| tick - 1));
+            self.count_unplaced(missed - misses.len() as u64);
+            self.missed.extend(misses.into_iter().map(|tick| tick - 1));
         }
     }
 
-    fn examine_next(&mut self) {
-        let Some(tick) = self.pending.pop_front() else { return };
-        let (first, last) = (tick.saturating_sub(WINDOW_TICKS / 2), tick + WINDOW_TICKS / 2);
+    /// Classes an outage.
+    fn close(&mut self, outage: Outage) {
+        let (first, last) = (outage.first.saturating_sub(AROUND_TICKS), outage.last + AROUND_TICKS);
         let traces: BTreeMap<u64, TickPassages> =
-            self.traces.range(first..last).map(|(tick, trace)| (*tick, *trace)).collect();
+            self.traces.range(first..=last).map(|(tick, trace)| (*tick, *trace)).collect();
         let stamps = traces.values().flatten().flatten().map(|passage| passage.send_ns);
-        let until_ns = stamps.max().unwrap_or(0).max(self.grid.begin_of(tick + 1));
-        let opinion = classify(
-            &Scene {
-                grid: self.grid,
-                traces: &traces,
-                samples: self.samples.make_contiguous(),
-                until_ns,
-                is_virtual: self.is_virtual,
-                share_processor: self.share_processor,
-            },
-            tick,
-        );
-        *self.counts.entry((opinion.class, opinion.stage)).or_default() += 1;
-        let reason = (opinion.class, opinion.stage);
-        let row = self.row.filter(|row| row.last_tick + 1 == tick && row.reason == reason);
-        self.row = Some(Row { first_tick: row.map_or(tick, |row| row.first_tick), last_tick: tick, reason });
-        if let Some(row) = row {
-            // A row that is not among the worst has no place to be counted in.
-            self.worst.iter_mut().filter(|case| case.tick == row.first_tick).for_each(|case| case.in_a_row += 1);
+        let until_ns = stamps.max().unwrap_or(0).max(self.grid.begin_of(outage.last + 1));
+        let scene = Scene {
+            grid: self.grid,
+            traces: &traces,
+            samples: self.samples.make_contiguous(),
+            outage,
+            until_ns,
+            is_virtual: self.is_virtual,
+            share_processor: self.share_processor,
+        };
+        // What the recorder did not see is no outage of the loop.
+        if outage.missed == 0 && scene.messages_lost() {
             return;
         }
-        let case = self.case(tick, until_ns, opinion);
-        let place = self.worst.partition_point(|other| other.late_us >= case.late_us);
+        let opinion = classify(&scene);
+        let count = self.counts.entry((opinion.class, opinion.stage)).or_default();
+        *count = (count.0 + 1, count.1 + outage.missed);
+        let case = self.case(outage, opinion);
+        let place = self.worst.partition_point(|other| (other.missed, other.ticks) >= (case.missed, case.ticks));
         self.worst.insert(place, case);
         self.worst.truncate(WORST);
     }
 
-    fn case(&self, tick: u64, until_ns: u64, opinion: Opinion) -> Case {
-        let (begin_ns, deadline_ns) = (self.grid.begin_of(tick), self.grid.begin_of(tick + 1));
-        let commands = self.traces.range(tick..).filter_map(|(_, trace)| trace[Role::Mixer as usize]);
-        let sent_ns = commands.map(|passage| passage.send_ns).find(|ns| *ns > deadline_ns).unwrap_or(until_ns);
+    fn case(&self, outage: Outage, opinion: Opinion) -> Case {
+        let begin_ns = self.grid.begin_of(outage.first);
         let from_begin_us = |ns: u64| (ns as f64 - begin_ns as f64) / 1e3;
-        let around = tick.saturating_sub(TIMELINE.0)..=tick + TIMELINE.1;
+        let around = outage.first.saturating_sub(TIMELINE.0)..=outage.first + TIMELINE.1;
         let stage_of = |(role, passage): (Role, Passage)| TimelineStage {
             role: role.name().into(),
             wake_us: from_begin_us(passage.receive_ns),
@@ -334,10 +410,11 @@ impl Autopsy {
             stages: STAGES.into_iter().zip(trace).filter_map(|(role, it)| Some(stage_of((role, (*it)?)))).collect(),
         });
         Case {
-            tick,
+            tick: outage.first,
             time_s: (begin_ns - self.grid.t0_ns) as f64 / 1e9,
-            in_a_row: 1,
-            late_us: sent_ns.saturating_sub(deadline_ns) as f64 / 1e3,
+            ticks: outage.last - outage.first + 1,
+            missed: outage.missed,
+            delay_us: opinion.delay_ns as f64 / 1e3,
             class: opinion.class,
             stage: opinion.stage.map(|stage| stage.name().into()),
             evidence: opinion.evidence,
@@ -345,9 +422,10 @@ impl Autopsy {
         }
     }
 
-    /// Forgets what no miss can need any more.
+    /// Forgets what no outage can need any more.
     fn forget(&mut self, newest: u64) {
-        let oldest = self.pending.front().copied().unwrap_or(newest).min(newest).saturating_sub(WINDOW_TICKS);
+        let begin = self.open.map(|outage| outage.first).or(self.next).unwrap_or(newest);
+        let oldest = begin.saturating_sub(AROUND_TICKS);
         self.traces = self.traces.split_off(&oldest);
         let oldest_ns = self.grid.begin_of(oldest).saturating_sub(SAMPLES_BEYOND_NS);
         while self.samples.front().is_some_and(|sample| sample.at_ns < oldest_ns) {
@@ -361,18 +439,21 @@ impl Autopsy {
         let mut classes: Vec<ClassCount> = self
             .counts
             .iter()
-            .map(|((class, stage), count)| ClassCount {
+            .map(|((class, stage), (outages, missed))| ClassCount {
                 class: *class,
                 stage: stage.map(|stage| stage.name().into()),
-                count: *count,
+                outages: *outages,
+                missed: *missed,
             })
             .collect();
-        classes.sort_by_key(|class| std::cmp::Reverse(class.count));
-        Section { classes, pending: self.pending.len() as u64, worst: self.worst.clone() }
+        classes.sort_by_key(|class| std::cmp::Reverse((class.missed, class.outages)));
+        let judged: u64 = self.judged.iter().map(|judged| judged.missed).sum();
+        let open = self.open.map_or(0, |outage| outage.missed);
+        Section { classes, pending: judged + self.missed.len() as u64 + open, worst: self.worst.clone() }
     }
 }
 
-/// Whether a stage's driving input was of the message's tick.
+/// Whether the driving input of a stage was of its tick.
 fn is_fresh(role: Role, envelope: &Envelope) -> bool {
     index(role).checked_sub(1).is_none_or(|input| envelope.input_tick[input] == envelope.tick)
 }
