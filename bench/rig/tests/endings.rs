@@ -46,6 +46,7 @@ fn an_interrupted_launcher_ends_the_flight_in_order() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn an_interrupted_role_ends_the_flight_of_all_in_order() {
     for role in ["plant", "outer", "inner", "mixer", "record"] {
         let rig = Rig::new("one-role");

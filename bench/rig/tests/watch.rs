@@ -158,6 +158,7 @@ fn every_page_is_reached_by_keys_and_leaving_lets_the_flight_fly_on() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn a_parameter_is_swapped_from_the_dashboard() {
     let rig = Rig::new("desk");
     let flight = take_off(&rig);
@@ -285,6 +286,7 @@ fn killed_watchers_use_nothing_up_and_too_many_are_refused() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
 fn plain_text_is_a_line_a_second_until_the_flight_ends() {
     let rig = Rig::new("plain");
     let watcher = rig.start("watch", &[]);
