@@ -7,7 +7,6 @@ use model::realtime::RealtimeStep;
 use model::role::STAGES;
 use wire::clock::now_ns;
 
-use crate::Machine;
 use crate::cpu_times::CpuTimes;
 use report::autopsy::evidence::{CounterSample, Counters, Life};
 

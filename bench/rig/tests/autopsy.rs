@@ -1,4 +1,4 @@
-//! The autopsy: each class from evidence that is made up.
+//! The autopsy: what an outage is, and each class from evidence that is made up.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use std::collections::BTreeMap;
@@ -6,16 +6,18 @@ use std::collections::BTreeMap;
 use model::envelope::{Envelope, Message, Stamps};
 use model::grid::Grid;
 use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
-use model::role::Role;
+use model::role::{Role, STAGES};
 use report::autopsy::classes::{Class, classify};
 use report::autopsy::evidence::{CounterSample, Counters, Life, Passage, Scene, TickPassages};
-use report::autopsy::{Autopsy, WINDOW_TICKS};
+use report::autopsy::{AROUND_TICKS, Autopsy, Outage};
 
 const T: u64 = 1_000_000;
 const GRID: Grid = Grid { t0_ns: 50 * T, period_ns: T };
 /// The tick that is missed in every case.
 const MISSED: u64 = 32;
 const US: u64 = 1_000;
+/// Ticks of a case.
+const WINDOW_TICKS: u64 = 2 * AROUND_TICKS;
 
 /// What surrounds a miss: 64 ticks of a good flight, and samples each 10 ms, with what a case changes.
 struct Made {
@@ -36,8 +38,13 @@ fn made() -> Made {
     let stages: [Counters; 4] = std::array::from_fn(|i| Counters { pid: 100 + i as u64, ..Counters::default() });
     let sample = |i: u64| {
         // A loop waits for others on its processor in every tick: 30 us, and is switched out once.
-        let stages = stages.map(|it| Counters { waited_ns: i * 300 * US, involuntary_switches: 10 * i, ..it });
-        CounterSample { at_ns: GRID.begin_of(0) + i * 10 * T, stages, stolen: 0, lost: 0 }
+        let stages = stages.map(|it| Counters {
+            waited_ns: i * 300 * US,
+            ran_ns: i * 50 * US,
+            involuntary_switches: 10 * i,
+            ..it
+        });
+        CounterSample { at_ns: GRID.begin_of(0) + i * 10 * T, stages, ..CounterSample::default() }
     };
     Made {
         traces: (0..WINDOW_TICKS).map(|tick| (tick, good(tick))).collect(),
@@ -88,15 +95,18 @@ impl Made {
 
     fn class(&self) -> (Class, Option<Role>, String) {
         let stamps = self.traces.values().flatten().flatten().map(|passage| passage.send_ns);
+        let is_whole = |tick: &u64| self.traces.get(tick).is_some_and(|trace| trace.iter().all(Option::is_some));
+        let last = (MISSED..WINDOW_TICKS).take_while(|tick| *tick == MISSED || !is_whole(tick)).last().unwrap();
         let scene = Scene {
             grid: GRID,
+            outage: Outage { first: MISSED, last, missed: 1 },
             traces: &self.traces,
             samples: &self.samples,
             until_ns: stamps.max().unwrap(),
             is_virtual: self.is_virtual,
             share_processor: self.share_processor,
         };
-        let opinion = classify(&scene, MISSED);
+        let opinion = classify(&scene);
         (opinion.class, opinion.stage, opinion.evidence)
     }
 }
@@ -117,34 +127,64 @@ fn stall(made: &mut Made) {
 }
 
 #[test]
-fn when_everybody_is_late_together_it_is_the_host() {
-    assert_class("stall", stall, Class::HostStall, None, "although others were due");
+fn when_everybody_is_late_together_the_processor_stalled() {
+    assert_class("stall", stall, Class::ProcessorStalled, None, "although others were due");
     let in_the_chain = |made: &mut Made| {
         // Frozen after the inner loop has sent, for 1.6 ms; the plant's next tick begins late, too.
         made.delays(MISSED, Role::Mixer, 1_600);
         made.delays(MISSED + 1, Role::Plant, 640);
     };
-    assert_class("stall in the chain", in_the_chain, Class::HostStall, None, "mixer woke 1600 us later");
+    assert_class("stall in the chain", in_the_chain, Class::ProcessorStalled, None, "mixer woke 1600 us later");
     let in_a_law = |made: &mut Made| {
         made.computes(MISSED, Role::Inner, 1_600);
         made.delays(MISSED + 1, Role::Plant, 640);
     };
-    assert_class("stall in a law", in_a_law, Class::HostStall, None, "inner computed 1600 us longer");
+    assert_class("stall in a law", in_a_law, Class::ProcessorStalled, None, "inner computed 1600 us longer");
+    let somebody_ran = |made: &mut Made| {
+        long_stall(made);
+        made.samples[5..].iter_mut().for_each(|sample| sample.busy = 2);
+    };
+    assert_class("somebody ran", somebody_ran, Class::CannotTell, None, "on a virtual machine");
+}
+
+/// Nobody publishes anything for 20 ticks.
+fn long_stall(made: &mut Made) {
+    made.silence(MISSED..MISSED + 20);
+    made.delays(MISSED + 20, Role::Plant, 100);
 }
 
 #[test]
-fn when_the_host_says_that_it_took_time_it_is_the_host() {
+fn when_the_host_took_half_of_the_time_it_is_the_host() {
     let short = |made: &mut Made| {
         // Too short for anybody else to have been due.
         made.delays(MISSED, Role::Plant, 930);
         made.delays(MISSED + 1, Role::Plant, 60);
     };
     assert_class("short", short, Class::CannotTell, None, "on a virtual machine");
-    let stolen = |made: &mut Made| {
-        short(made);
-        made.samples[4..].iter_mut().for_each(|sample| sample.stolen = 1);
+    let takes = |made: &mut Made, jiffies: u64| {
+        long_stall(made);
+        made.samples[5..].iter_mut().for_each(|sample| sample.stolen = jiffies);
     };
-    assert_class("stolen", stolen, Class::HostStall, None, "the host took time");
+    assert_class("half of 20 ms", |made| takes(made, 2), Class::HostStall, None, "the host took 20 ms");
+    // A jiffy by chance is a third of it.
+    let chance = |made: &mut Made| {
+        made.silence(MISSED..MISSED + 30);
+        made.delays(MISSED + 30, Role::Plant, 100);
+        made.samples[5..].iter_mut().for_each(|sample| sample.stolen = 1);
+    };
+    assert_class("a jiffy by chance", chance, Class::ProcessorStalled, None, "nobody ran");
+    // Of another processor, for all that is known.
+    let apart = |made: &mut Made| {
+        takes(made, 2);
+        made.share_processor = false;
+    };
+    assert_class("apart", apart, Class::CannotTell, None, "do not share a processor");
+    // What was ready to run and had no processor had none because the host had it.
+    let ready = |made: &mut Made| {
+        takes(made, 2);
+        made.counts_from(5, Role::Plant, |counters| counters.waited_ns += 20_000 * US);
+    };
+    assert_class("ready", ready, Class::HostStall, None, "the host took 20 ms");
     let on_hardware = |made: &mut Made| {
         short(made);
         made.is_virtual = false;
@@ -161,7 +201,7 @@ fn a_stage_that_is_late_while_others_run_was_woken_late() {
         late(made);
         made.share_processor = false;
     };
-    assert_class("apart", apart, Class::CannotTell, None, "on a virtual machine");
+    assert_class("apart", apart, Class::CannotTell, None, "do not share a processor");
 }
 
 #[test]
@@ -187,7 +227,13 @@ fn a_stage_that_computes_long_while_others_run_or_again_and_again_is_named() {
         made.delays(MISSED + 1, Role::Plant, 1_000);
         made.is_virtual = false;
     };
-    assert_class("on hardware", hardware, Class::ComputedLong, Some(Role::Mixer), "nothing interrupted it");
+    assert_class("on hardware", hardware, Class::ProcessorStalled, None, "nobody ran");
+    // With the highest priority nobody else can run meanwhile: what the kernel counts for it tells.
+    let ran = |made: &mut Made| {
+        hardware(made);
+        made.counts_from(4, Role::Mixer, |counters| counters.ran_ns += 1_900 * US);
+    };
+    assert_class("ran", ran, Class::ComputedLong, Some(Role::Mixer), "it ran for");
 }
 
 #[test]
@@ -233,6 +279,16 @@ fn what_the_kernel_counts_for_the_late_stage_goes_before_what_it_looks_like() {
         Some(Role::Plant),
         "2000 us without the processor, 1 involuntary",
     );
+    let by_nobody = |made: &mut Made| {
+        stall(made);
+        made.counts_from(4, Role::Plant, |counters| counters.waited_ns += 2_000 * US);
+    };
+    assert_class("by nobody", by_nobody, Class::ReadyNotRun, Some(Role::Plant), "nobody was seen to run");
+    let by_somebody = |made: &mut Made| {
+        by_nobody(made);
+        made.samples[4..].iter_mut().for_each(|sample| sample.busy = 1);
+    };
+    assert_class("by somebody", by_somebody, Class::Preempted, Some(Role::Plant), "which was busy for 10 ms");
     // Two thirds of the ticks are as bad: what is usual is what the good ones show.
     let all_the_time = |made: &mut Made| {
         stall(made);
@@ -240,7 +296,7 @@ fn what_the_kernel_counts_for_the_late_stage_goes_before_what_it_looks_like() {
             made.counts_from(i + 1, Role::Plant, |counters| counters.waited_ns += 5_000 * US);
         }
     };
-    assert_class("all the time", all_the_time, Class::Preempted, Some(Role::Plant), "without the processor");
+    assert_class("all the time", all_the_time, Class::ReadyNotRun, Some(Role::Plant), "without the processor");
     // The mixer got the processor back with the plant, too late for its tick, and found no input in the next one.
     let skipped_on = |made: &mut Made| {
         stall(made);
@@ -248,12 +304,12 @@ fn what_the_kernel_counts_for_the_late_stage_goes_before_what_it_looks_like() {
         made.stage(MISSED + 2, Role::Inner).send_ns += 1_000 * US;
         made.counts_from(4, Role::Plant, |counters| counters.waited_ns += 2_300 * US);
     };
-    assert_class("skipped on", skipped_on, Class::Preempted, Some(Role::Plant), "plant woke 2100 us later");
+    assert_class("skipped on", skipped_on, Class::ReadyNotRun, Some(Role::Plant), "plant woke 2100 us later");
     let waited_little = |made: &mut Made| {
         stall(made);
         made.counts_from(4, Role::Plant, |counters| counters.waited_ns += 400 * US);
     };
-    assert_class("waited little", waited_little, Class::HostStall, None, "although others were due");
+    assert_class("waited little", waited_little, Class::ProcessorStalled, None, "although others were due");
 }
 
 #[test]
@@ -300,49 +356,130 @@ fn what_the_evidence_does_not_decide_is_not_decided() {
     assert_class("nothing", |_| {}, Class::CannotTell, None, "no stage was later than usual");
 }
 
-/// An autopsy that is fed as the recorder feeds it, with a stall.
-#[test]
-fn the_classes_add_up_to_the_deadlines_missed() {
-    let mut made = made();
-    stall(&mut made);
-    let mut autopsy = Autopsy::new(GRID, true, true);
-    made.samples.iter().for_each(|sample| autopsy.sample(*sample));
+/// Feeds an autopsy as the recorder does, with samples in between; gives the deadlines missed before the last state.
+fn feed(autopsy: &mut Autopsy, traces: &BTreeMap<u64, TickPassages>, samples: &[CounterSample]) -> u64 {
+    let mut samples = samples.iter().peekable();
     let mut missed = 0;
-    for (tick, trace) in &made.traces {
+    let mut judged = 0;
+    for (tick, trace) in traces {
+        while let Some(sample) = samples.next_if(|sample| sample.at_ns <= GRID.begin_of(*tick)) {
+            autopsy.sample(*sample);
+        }
         let envelope = |role: Role| {
-            let passage = trace[role as usize].unwrap();
-            let mut envelope = Envelope { tick: *tick, input_tick: [*tick; 3], ..Envelope::new() };
+            let passage = trace[role as usize]?;
+            let input = if passage.is_fresh { *tick } else { tick.saturating_sub(1) };
+            let mut envelope = Envelope { tick: *tick, input_tick: [input; 3], ..Envelope::new() };
             envelope.stamps[role as usize] = Stamps { receive_ns: passage.receive_ns, send_ns: passage.send_ns };
-            envelope
+            Some(envelope)
         };
-        let is_late = *tick == MISSED + 2;
-        // Ticks 33 and 34 began without the commands of ticks 32 and 33.
-        missed += if is_late { 2 } else { 0 };
-        let content = State { deadlines_missed: missed, deadline_miss_run: u64::from(is_late) * 2, ..State::default() };
-        autopsy.state(&Message { envelope: envelope(Role::Plant), content });
-        autopsy.stamps(&Message { envelope: envelope(Role::Outer), content: Setpoint::default() });
-        autopsy.stamps(&Message { envelope: envelope(Role::Inner), content: Wrench::default() });
-        // The last command of all never comes.
-        if *tick + 1 < WINDOW_TICKS {
-            autopsy.stamps(&Message { envelope: envelope(Role::Mixer), content: RotorSpeeds::default() });
+        if let Some(plant) = envelope(Role::Plant) {
+            let mut row = 0;
+            // At the begin of each tick since its last state, the plant looks for the command of the tick before.
+            for begun in judged + 1..=*tick {
+                let sent_ns = traces.get(&(begun - 1)).and_then(|trace| trace[Role::Mixer as usize]).map(|it| it.send_ns);
+                row = if sent_ns.is_some_and(|ns| ns <= GRID.begin_of(begun)) { 0 } else { row + 1 };
+                missed += u64::from(row > 0);
+            }
+            judged = *tick;
+            let content = State { deadlines_missed: missed, deadline_miss_run: row, ..State::default() };
+            autopsy.state(&Message { envelope: plant, content });
+        }
+        if let Some(envelope) = envelope(Role::Outer) {
+            autopsy.stamps(&Message { envelope, content: Setpoint::default() });
+        }
+        if let Some(envelope) = envelope(Role::Inner) {
+            autopsy.stamps(&Message { envelope, content: Wrench::default() });
+        }
+        if let Some(envelope) = envelope(Role::Mixer) {
+            autopsy.stamps(&Message { envelope, content: RotorSpeeds::default() });
         }
         autopsy.look();
     }
-    assert_eq!(autopsy.section().pending, 2, "they wait for the ticks after them");
+    samples.for_each(|sample| autopsy.sample(*sample));
+    missed
+}
+
+#[test]
+fn every_missed_deadline_is_in_one_outage() {
+    let mut made = made();
+    stall(&mut made);
+    // The last command of all never comes.
+    made.silence_of(Role::Mixer, WINDOW_TICKS - 1..WINDOW_TICKS);
+    let mut autopsy = Autopsy::new(GRID, true, true);
+    let missed = feed(&mut autopsy, &made.traces, &made.samples);
+    assert_eq!((missed, autopsy.section().pending), (2, 2), "they wait for the ticks after them");
     autopsy.finish(missed + 1, WINDOW_TICKS);
     let section = autopsy.section();
-    assert_eq!(section.classes.iter().map(|class| class.count).sum::<u64>(), missed + 1);
-    let rows: Vec<_> = section.worst.iter().map(|case| (case.tick, case.in_a_row)).collect();
-    assert_eq!(rows, [(MISSED, 2), (WINDOW_TICKS - 1, 1)]);
-    assert_eq!(section.worst[0].class, Class::HostStall);
-    // Published 170 us after the begin of the third tick, against a deadline at that of the second.
-    assert!((section.worst[0].late_us - 1_170.0).abs() < 1e-6, "{:?}", section.worst[0]);
+    assert_eq!(section.classes.iter().map(|class| class.missed).sum::<u64>(), missed + 1);
+    let outages: Vec<_> = section.worst.iter().map(|case| (case.tick, case.ticks, case.missed)).collect();
+    assert_eq!(outages, [(MISSED, 2, 2), (WINDOW_TICKS - 1, 1, 1)]);
+    assert_eq!(section.worst[0].class, Class::ProcessorStalled);
+    // From the begin of the first tick to the plant's waking, 120 us after that of the third.
+    assert!((section.worst[0].delay_us - 2_120.0).abs() < 1e-6, "{:?}", section.worst[0]);
     let text = section.text();
-    assert!(
-        text.contains("host stall")
-            && text.contains(&format!("tick {MISSED} (0.032 s), the first of 2, late by 1170.0 us")),
-        "{text}"
-    );
+    let line = format!("tick {MISSED} (0.032 s): 2 ticks, 2 missed, 2120 us: processor stalled (");
+    assert!(text.contains(&line), "{text}");
+}
+
+/// Ticks of a flight in which a stage is stopped for a time, as the other stages fly on.
+fn stopped(stage: Role, ticks: std::ops::Range<u64>, until: u64) -> BTreeMap<u64, TickPassages> {
+    let mut traces: BTreeMap<u64, TickPassages> = (0..until).map(|tick| (tick, good(tick))).collect();
+    for tick in ticks {
+        let begin_ns = GRID.begin_of(tick);
+        let at_cut_off = |role: Role, is_fresh: bool| {
+            let receive_ns = begin_ns + T * role.deadline_percent() / 100 + 10 * US;
+            Some(Passage { receive_ns, send_ns: receive_ns + 5 * US, is_fresh })
+        };
+        let [plant, outer, inner, mixer] = good(tick);
+        traces.insert(tick, match stage {
+            // Without a state the outer loop publishes nothing, and the inner one what it held.
+            Role::Plant => [None, None, at_cut_off(Role::Inner, false), at_cut_off(Role::Mixer, true)],
+            Role::Outer => [plant, None, at_cut_off(Role::Inner, false), at_cut_off(Role::Mixer, true)],
+            Role::Inner => [plant, outer, None, at_cut_off(Role::Mixer, false)],
+            _ => [plant, outer, inner, mixer.filter(|_| false)],
+        });
+    }
+    traces
+}
+
+#[test]
+fn a_stop_of_any_length_is_one_outage_with_all_its_ticks() {
+    for (stage, ticks) in STAGES.into_iter().flat_map(|stage| [5, 100, 3000].map(|ticks| (stage, ticks))) {
+        let (first, last) = (MISSED, MISSED + ticks - 1);
+        let traces = stopped(stage, first..last + 1, last + WINDOW_TICKS);
+        let samples: Vec<CounterSample> = (0..(last + WINDOW_TICKS) / 10 + 2)
+            .map(|i| {
+                let mut sample = made().samples[0];
+                sample.at_ns = GRID.begin_of(10 * i);
+                if (first..=last).contains(&(10 * i)) {
+                    sample.stages[stage as usize].life = Life::Stopped;
+                }
+                sample
+            })
+            .collect();
+        let mut autopsy = Autopsy::new(GRID, true, true);
+        let missed = feed(&mut autopsy, &traces, &samples);
+        autopsy.finish(missed, last + WINDOW_TICKS);
+        let section = autopsy.section();
+        let [case] = &section.worst[..] else { panic!("{stage} for {ticks} ticks: {}", section.text()) };
+        assert_eq!((case.tick, case.ticks, case.missed), (first, ticks, missed), "{stage}: {}", section.text());
+        // The mixer goes on without anybody else, and then no deadline is missed.
+        assert_eq!(missed, if stage == Role::Mixer { ticks } else { 0 }, "{stage}");
+        let is_stopped = (case.class, case.stage.as_deref()) == (Class::StoppedOrDead, Some(stage.name()));
+        // 5 ticks begin and end between two looks.
+        assert_eq!(is_stopped, ticks > 10, "{stage} for {ticks} ticks: {}", section.text());
+    }
+}
+
+#[test]
+fn an_end_of_the_flight_and_what_was_before_a_stage_began_are_no_outages() {
+    let mut made = made();
+    made.silence_of(Role::Inner, 0..3);
+    made.silence_of(Role::Mixer, WINDOW_TICKS - 1..WINDOW_TICKS);
+    let mut autopsy = Autopsy::new(GRID, true, true);
+    assert_eq!(feed(&mut autopsy, &made.traces, &made.samples), 0);
+    autopsy.finish(0, WINDOW_TICKS - 1);
+    assert_eq!(autopsy.section(), report::autopsy::Section::default());
 }
 
 /// A stage that dies in the last tick, and ends the run with it, before any sample shows it.
@@ -370,7 +507,7 @@ fn whoever_ends_the_run_by_its_death_is_named() {
     with.finish(1, MISSED + 1);
     let of = |autopsy: &Autopsy| {
         let section = autopsy.section();
-        section.classes.iter().map(|it| (it.class, it.stage.clone(), it.count)).collect::<Vec<_>>()
+        section.classes.iter().map(|it| (it.class, it.stage.clone(), it.missed)).collect::<Vec<_>>()
     };
     assert_eq!(of(&with), [(Class::StoppedOrDead, Some("mixer".into()), 1)]);
     without.fallen([false; 4], GRID.begin_of(MISSED + 4));

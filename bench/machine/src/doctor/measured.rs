@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use hdrhistogram::Histogram;
 use model::role::STAGES;
+use role::rt::loops_cpu;
 use serde::{Deserialize, Serialize};
 
 use crate::cpu_times::CpuTimes;

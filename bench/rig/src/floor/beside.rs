@@ -16,6 +16,7 @@ use machine::floor::{ring, timer};
 use model::realtime::RealtimeMode;
 use report::beside::{Beside, SeriesFloor};
 use report::schema::Report;
+use role::rt::loops_cpu;
 
 use super::flight::series;
 use crate::settings::{PaceName, Settings};
