@@ -1,4 +1,4 @@
-//! `ironbird export`: the messages of a flight as CSV or JSON, for tools that read neither MCAP nor Protobuf.
+//! `ironbird export`: the messages of a flight as CSV or JSON, for tools that cannot read MCAP.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -10,7 +10,7 @@ use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;
 
 use crate::cli::{ExportArgs, ExportFormat};
-use crate::output::print;
+use crate::output::{print, say};
 use crate::run_directory::find_log;
 use failure::{Failure, InFile as _, OK};
 use flight_log::codec::Logged;
@@ -37,10 +37,10 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     read?;
     // Who closes the pipe has not seen the end, and has not asked for it.
     if tables.is_read && reader.end() == End::Truncated {
-        eprintln!(
-            "{} is truncated: its end is missing; exported is what the recorder had written before",
+        say(&format!(
+            "{} is truncated: its end is missing; exported is what the recorder had written before\n",
             path.display()
-        );
+        ));
     }
     Ok(OK)
 }

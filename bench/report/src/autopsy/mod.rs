@@ -126,7 +126,7 @@ impl Section {
             }
         }
         if !self.worst.is_empty() {
-            out += "  woke .. sent [us], from the begin of the missed tick; * without the input of its tick\n";
+            out += "  woke .. sent [us], from the beginning of the missed tick; * without the input of its tick\n";
         }
         out
     }

@@ -32,6 +32,6 @@ pub fn section(report: &Report) -> Markup {
                 }
             }
         }
-        p.note { "Counters of the kernel are read every 10 ms; what that leaves open is said in docs/measuring.md." }
+        p.note { "The kernel's counters are read every 10 ms; docs/measuring.md says what that leaves open." }
     }
 }

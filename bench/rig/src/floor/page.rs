@@ -1,4 +1,4 @@
-//! What `ironbird floor` measured, as a page for people and as numbers for programs.
+//! The results of `ironbird floor`: a page for people, numbers for programs.
 
 use std::fmt::Write as _;
 
@@ -8,6 +8,7 @@ use crate::floor::calls::RoleCalls;
 use crate::floor::command::{Set, name};
 use machine::floor::comparison::{FloorComparison, GoalVerdict, RatioKind};
 use report::host::Host;
+use report::text::count;
 
 /// Figures beside their floors, of one machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -149,8 +150,8 @@ fn row(comparison: &FloorComparison) -> String {
     };
     let goal = if *kind == RatioKind::Difference { "1 +- 0.1".to_owned() } else { format!("<= {goal}") };
     format!(
-        "| {name} | {ours:.2} {unit} | {floor:.2} {unit} | {:.2} | {least:.2} to {most:.2} | {goal} | {verdict} ({} pairs, steal {steal:.2} %) |",
+        "| {name} | {ours:.2} {unit} | {floor:.2} {unit} | {:.2} | {least:.2} to {most:.2} | {goal} | {verdict} ({}, steal {steal:.2} %) |",
         comparison.ratio(),
-        pairs.len()
+        count(pairs.len() as u64, "pair")
     )
 }
