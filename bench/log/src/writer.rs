@@ -40,9 +40,9 @@ pub type Counts = [u64; TOPICS.len()];
 pub struct Fate {
     /// Length of the file [bytes].
     pub file_bytes: u64,
-    /// In the file, or on their way to it.
+    /// In the file, or on their way to a disk that has taken everything so far.
     pub written: Counts,
-    /// Not in the file and never to be.
+    /// Not in the file. Messages that wait for a disk that has refused some are not, until it takes them.
     pub dropped: Counts,
     /// Why the disk did not take something, the first time.
     pub refused: Option<String>,
@@ -278,13 +278,14 @@ impl FlightLog {
     /// What became of the messages so far.
     #[must_use]
     pub fn fate(&self) -> Fate {
-        let written = if self.spool.has_given_up() { self.settled.1 } else { self.taken };
+        let refused = self.spool.refused();
+        // A recorder that dies now leaves what has settled: what waits for a full disk is not promised.
+        let (file_bytes, written) = if refused.is_some() { self.settled } else { (self.spool.written(), self.taken) };
         let mut dropped = self.taken;
         for (dropped, written) in dropped.iter_mut().zip(written) {
             *dropped -= written;
         }
-        let file_bytes = if self.spool.has_given_up() { self.settled.0 } else { self.spool.written() };
-        Fate { file_bytes, written, dropped, refused: self.spool.refused() }
+        Fate { file_bytes, written, dropped, refused }
     }
 
     /// Ends the log with its last facts and its index; says what became of the messages.
@@ -321,4 +322,45 @@ fn add<C: Logged>(
 
 fn broken(error: McapError) -> Failure {
     Failure::failed(format!("cannot write the flight log: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+    use std::time::Duration;
+
+    use super::*;
+    use crate::spool::Disk;
+
+    struct FullDisk;
+
+    impl Disk for FullDisk {
+        fn free(&self) -> Option<u64> {
+            Some(0)
+        }
+
+        fn write_at(&self, _: &[u8], _: u64) -> io::Result<()> {
+            unreachable!("there is no room")
+        }
+
+        fn cut(&self, _: u64) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn sync(&self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn what_waits_for_a_full_disk_is_not_said_to_be_in_the_file() {
+        let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, records: Vec::new() };
+        let mut log = FlightLog::begin(Spool::new(FullDisk, 1).unwrap(), &facts).unwrap();
+        log.state(&Message { envelope: model::envelope::Envelope::new(), content: State::default() });
+        while log.spool.refused().is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let fate = log.fate();
+        assert_eq!((fate.file_bytes, fate.written, fate.dropped), (0, [0; 5], [1, 0, 0, 0, 0]));
+    }
 }

@@ -12,7 +12,7 @@ pub mod sampler;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use role::rt::fifo_refusal;
+use role::rt::{fifo_refusal, hold_cpu_latency};
 use rustix::thread::ClockId;
 use rustix::time::clock_getres;
 use wire::instance::{Instance, SHARED_MEMORY, shared_memory_space};
@@ -30,6 +30,8 @@ pub struct Machine {
 pub struct Answers {
     /// Error number with which SCHED_FIFO at the highest priority of the loops is refused.
     pub fifo_errno: Option<i32>,
+    /// Error number with which /dev/cpu_dma_latency cannot be held.
+    pub deep_sleep_errno: Option<i32>,
     /// Resolution of timers [ns].
     pub timer_resolution_ns: u64,
     /// Free bytes in shared memory; nothing where it is not there.
@@ -48,6 +50,7 @@ impl Machine {
         let resolution = clock_getres(ClockId::Monotonic);
         let answers = Answers {
             fifo_errno: fifo_refusal(fifo_priority).map(|e| e.raw_os_error().unwrap_or(0)),
+            deep_sleep_errno: hold_cpu_latency().err().map(|e| e.raw_os_error().unwrap_or(0)),
             timer_resolution_ns: resolution.tv_sec.unsigned_abs() * 1_000_000_000 + resolution.tv_nsec.unsigned_abs(),
             shared_memory_free_bytes: shared_memory_space().ok(),
             leftovers: Instance::known().iter().flat_map(Instance::leftovers).collect(),

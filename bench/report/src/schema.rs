@@ -105,8 +105,8 @@ pub struct RunSection {
 /// Whether a flight passed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FlightVerdict {
-    /// `PASS`, `INCOMPLETE` (held, but not all was seen), `FAIL` (a gate did not hold), `INTERRUPTED` (by a signal) or
-    /// `ABORTED` (a role failed); `FLYING` while it flies.
+    /// `PASS`, `INCOMPLETE` (held, but not all was seen or logged), `FAIL` (a gate did not hold), `INTERRUPTED` (by a
+    /// signal) or `ABORTED` (a role failed); `FLYING` while it flies.
     pub status: String,
     /// Exit code of the flight.
     pub exit_code: u8,

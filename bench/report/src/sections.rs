@@ -6,13 +6,16 @@ use model::boards::{Ending, RolePhase, Status};
 use model::inspection::{REASONS, Rejections};
 use model::realtime::STEPS;
 
-use crate::losses::INCOMPLETE;
-use crate::schema::{self, Gate};
+use crate::losses::{self, INCOMPLETE};
+use crate::schema::{self, Gate, Report};
 use crate::tally::series::{Series, Statistics};
 use crate::tally::theorem::Theorem;
 use failure::{FAILED, GATE, INTERRUPTED, OK};
 use flight_log::TOPICS;
 use flight_log::writer::{Counts, Fate};
+
+/// Status of a flight that held its gates and was recorded whole.
+const PASS: &str = "PASS";
 
 /// Whether a flight passed, from its gates, the messages that were lost, and how it ended; nothing while it flies.
 pub fn verdict(gates: Vec<Gate>, lost: u64, ending: Option<Ending>) -> schema::FlightVerdict {
@@ -22,7 +25,7 @@ pub fn verdict(gates: Vec<Gate>, lost: u64, ending: Option<Ending>) -> schema::F
         Some(Ending::Interrupted) => ("INTERRUPTED", INTERRUPTED),
         Some(Ending::Failed) => ("ABORTED", FAILED),
         _ if held && lost > 0 => (INCOMPLETE, OK),
-        _ if held => ("PASS", OK),
+        _ if held => (PASS, OK),
         _ => ("FAIL", GATE),
     };
     schema::FlightVerdict { status: status.into(), exit_code, gates }
@@ -44,6 +47,29 @@ pub struct GatesAsked {
 /// Gates that need no message, of every flight.
 const FROM_COUNTERS: usize = 2;
 
+/// Name of the gate that every flight has.
+const ENVELOPE: &str = "flight envelope";
+
+/// What is known of the envelope, by how the flight ended; none while it flies.
+const fn envelope(ending: Option<Ending>) -> &'static str {
+    match ending {
+        None => "not left so far",
+        Some(ending) if ending.left_envelope() => ending.words(),
+        Some(Ending::Completed) => "not left",
+        Some(_) => "not left until the end of the record",
+    }
+}
+
+/// Ends the report of a flight in the air, whose recorder will not do so.
+pub fn break_off(report: &mut Report, status: &str, exit_code: u8, ending: String) {
+    if report.run.in_flight {
+        let left = report.verdict.gates.iter_mut().filter(|gate| gate.name == ENVELOPE);
+        left.for_each(|gate| gate.value = envelope(Some(Ending::None)).into());
+    }
+    (report.verdict.status, report.verdict.exit_code) = (status.into(), exit_code);
+    (report.run.ending, report.run.in_flight) = (ending, false);
+}
+
 /// What the flight must satisfy, and whether it does.
 pub fn gates(
     asked: &GatesAsked,
@@ -56,9 +82,9 @@ pub fn gates(
 ) -> Vec<Gate> {
     let mut gates = vec![
         Gate {
-            name: "flight envelope".into(),
+            name: ENVELOPE.into(),
             limit: format!("position error <= {} m, pitch <= 80 deg", asked.position_error_max_m),
-            value: ending.unwrap_or(Ending::None).words().into(),
+            value: envelope(ending).into(),
             held: !ending.is_some_and(Ending::left_envelope),
         },
         Gate {
@@ -139,6 +165,14 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
                 }
             })
             .collect(),
+    }
+}
+
+/// Puts in what became of the messages on their way to the flight log. A flight that lacks some is no plain PASS.
+pub fn take_log(report: &mut Report, fate: &Fate) {
+    report.recorder.log = log_section(fate);
+    if losses::unlogged(report) > 0 && report.verdict.status == PASS {
+        report.verdict.status = INCOMPLETE.into();
     }
 }
 

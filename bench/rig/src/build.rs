@@ -1,4 +1,4 @@
-//! Which build this executable is; `build.rs` of the crate finds it out.
+//! The build that this executable is of. The crate's `build.rs` finds it out.
 
 use std::sync::LazyLock;
 

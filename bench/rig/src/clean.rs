@@ -1,4 +1,4 @@
-//! `ironbird clean`: removes what killed processes left, and says what it removed.
+//! `ironbird clean`: removes what killed processes left, and lists it.
 
 use clap::Args;
 use wire::Wire;
@@ -24,7 +24,8 @@ pub fn clean(args: CleanArgs) -> Result<u8, Failure> {
     for instance in Instance::known() {
         text += &if args.dry_run { announce(&instance) } else { remove(&instance)? };
         for path in instance.foreign() {
-            text += &format!("kept {}: ironbird has not made it\n", path.display());
+            let kept = if args.dry_run { "would keep" } else { "kept" };
+            text += &format!("{kept} {}: ironbird has not made it\n", path.display());
         }
     }
     if text.is_empty() {

@@ -20,6 +20,7 @@ use crate::settings::Overrides;
 use flight_log::TOPICS;
 
 mod in_flight;
+pub(crate) mod values;
 pub use in_flight::{BridgeTo, FoxgloveArgs, InjectArgs, ParamsArgs, WatchArgs};
 
 /// A real-time rig for quadrotor flight control loops.
@@ -39,7 +40,7 @@ pub struct Cli {
 pub enum Command {
     /// Fly: start all processes, show the flight, end them, print the report.
     Fly(FlyArgs),
-    /// Watch a flight in the terminal; join and leave it at will.
+    /// Watch a flight in the terminal; join and leave at any time.
     Watch(WatchArgs),
     /// Serve a flight to another program's protocol.
     #[command(subcommand)]
@@ -48,7 +49,7 @@ pub enum Command {
     Inject(InjectArgs),
     /// List every parameter of the airframe: unit, range, nominal value, value in force.
     Params(ParamsArgs),
-    /// Show the report of a flight, also of one still in the air; or compare two.
+    /// Show the report of a flight, even of one in the air; or compare two flights.
     Report(ReportArgs),
     /// Write the messages of a flight as CSV or JSON, or its stages as a Perfetto trace.
     Export(ExportArgs),
@@ -58,7 +59,7 @@ pub enum Command {
     Simulate(SimulateArgs),
     /// Measure the rig beside the machine's own limits.
     Floor(FloorArgs),
-    /// Can this machine fly in real time? Look, measure, and say what to change.
+    /// Check whether this machine can fly in real time, and say what to change.
     #[command(
         after_help = "Ends with exit code 0 when the verdict is `hard` or `soft`, with 3 when it is `not real-time here`."
     )]
@@ -99,13 +100,13 @@ pub struct FlightArgs {
     #[arg(long, value_parser = presets())]
     pub preset: Option<String>,
     /// Length of the flight, as in 30s or 2m [default: 30s].
-    #[arg(long, value_parser = humantime::parse_duration)]
+    #[arg(long, allow_hyphen_values = true, value_parser = values::duration)]
     pub duration: Option<Duration>,
-    /// Settings file (TOML); flags go before it.
+    /// Settings file (TOML); flags override it.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Swap plant parameters at an instant: 'NAME=VALUE[,NAME=VALUE]@8s' or '...@tick8000'; may be repeated.
-    #[arg(long = "fault", value_name = "FAULT", value_parser = |text: &str| text.parse::<Fault>())]
+    #[arg(long = "fault", value_name = "FAULT", value_parser = values::fault)]
     pub faults: Vec<Fault>,
 }
 
@@ -116,11 +117,11 @@ pub struct RtArgs {
     /// Whether to insist on real time [default: prefer].
     #[arg(long, value_enum)]
     pub rt: Option<RtMode>,
-    /// What moves the ticks of the processes on [default: realtime].
+    /// What advances the ticks [default: realtime].
     #[arg(long, value_enum)]
     pub pace: Option<PaceArg>,
     /// Processor of the four loops [default: the highest-numbered one].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::processor)]
     pub cpu: Option<u16>,
     /// Name of the instance; several fly side by side.
     #[arg(long, value_name = "NAME", default_value = "default")]
@@ -130,7 +131,7 @@ pub struct RtArgs {
 /// Whether to insist on real time.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum RtMode {
-    /// End with exit code 4 when something is refused.
+    /// End with exit code 4 when SCHED_FIFO, locked memory or anything else that is needed is refused.
     Require,
     /// Fly with what is granted, and say what was not.
     Prefer,
@@ -149,13 +150,13 @@ pub struct RecorderArgs {
     #[arg(long, value_name = "FILE.csv")]
     pub states: Option<PathBuf>,
     /// A row of the states every N ticks [default: 50].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::every)]
     pub every: Option<u32>,
     /// Gate: end with exit code 3 when more deadlines per million ticks were missed.
-    #[arg(long, value_name = "PPM")]
+    #[arg(long, value_name = "PPM", allow_hyphen_values = true, value_parser = values::limit)]
     pub max_miss_rate: Option<f64>,
-    /// Gate: end with exit code 3 when the 99.9th percentile of the loop is above.
-    #[arg(long, value_name = "US")]
+    /// Gate: end with exit code 3 when the 99.9th percentile of the loop is longer [us].
+    #[arg(long, value_name = "US", allow_hyphen_values = true, value_parser = values::limit)]
     pub max_loop_p999: Option<f64>,
     /// Gate: end with exit code 3 when this does not hold; may be repeated.
     #[arg(long = "gate", value_enum, value_name = "GATE")]
@@ -178,7 +179,7 @@ fn gate_overrides(gates: &[GateName]) -> Overrides {
         .collect()
 }
 
-/// What moves the ticks on.
+/// What advances the ticks.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum PaceArg {
     /// The clock: a tick a millisecond, whoever is ready for it.
@@ -202,8 +203,8 @@ pub struct FlyArgs {
     /// Watch the flight in this terminal, as `ironbird watch` does.
     #[arg(long)]
     pub watch: bool,
-    /// Measure the machine's floors for so long each right after the flight, for the report [example: 11s].
-    #[arg(long, value_name = "DURATION", value_parser = humantime::parse_duration)]
+    /// Right after the flight, measure each of the machine's floors for this long, for the report [example: 11s].
+    #[arg(long, value_name = "DURATION", allow_hyphen_values = true, value_parser = values::duration)]
     pub floor: Option<Duration>,
     /// Print the full commented settings that would be flown, and end.
     #[arg(long)]
@@ -251,7 +252,7 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "FILE.csv")]
     pub states: Option<PathBuf>,
     /// A row of the states every N ticks [default: 50].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::every)]
     pub every: Option<u32>,
     /// Gate: end with exit code 3 when this does not hold; may be repeated.
     #[arg(long = "gate", value_enum, value_name = "GATE")]
@@ -300,7 +301,7 @@ pub struct ReplayArgs {
     /// Compare every output of every stage bit for bit; end with exit code 3 at the first difference.
     #[arg(long)]
     pub verify: bool,
-    /// Compare and count from this tick on; it is flown from tick 0 all the same.
+    /// Compare and count from this tick on; the flight is still flown from tick 0.
     #[arg(long, value_name = "TICK", default_value_t = 0)]
     pub from: u64,
     /// Directory in which `latest` is looked up [default: runs].

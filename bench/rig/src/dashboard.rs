@@ -1,7 +1,7 @@
-//! The dashboard beside a launcher: a process in the launcher's terminal.
+//! The dashboard of `fly --watch`: a process in the launcher's terminal.
 //!
-//! The launcher goes on when the user leaves the dashboard, and has the terminal back before it prints: as it was, even
-//! from a dashboard that was killed.
+//! The launcher goes on when the user leaves the dashboard. Before the launcher prints, the terminal is as it was, even
+//! if the dashboard was killed.
 
 use std::io;
 use std::io::IsTerminal as _;

@@ -12,7 +12,8 @@ use machine::executable::own_executable;
 use model::role::Role;
 use report::finding::RealtimeClass;
 
-use crate::output::print;
+use crate::cli::values;
+use crate::output::{print, say};
 use crate::settings::{Settings, check_cpu};
 
 /// Flags of `doctor`.
@@ -25,7 +26,7 @@ pub struct DoctorArgs {
     #[arg(long, value_name = "SECONDS", default_value_t = 5.0)]
     pub seconds: f64,
     /// Processor of the four loops [default: the highest-numbered one].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::processor)]
     pub cpu: Option<u16>,
 }
 
@@ -43,7 +44,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     let duration = Duration::try_from_secs_f64(args.seconds)
         .map_err(|e| Failure::usage(format!("--seconds {}: {e}", args.seconds)).help("for example: --seconds 5"))?;
     if std::io::stderr().is_terminal() {
-        eprintln!("measuring a timer and a ring of processes, {} s each", args.seconds);
+        say(&format!("measuring a timer and a ring of processes, {} s each\n", args.seconds));
     }
     let examination = examine(&machine, Some(MeasuredMachine::take(&executable, duration, priority, cpu)?));
     if args.json {

@@ -1,5 +1,5 @@
-//! `ironbird export`: the messages of a flight as CSV or JSON, for tools that read neither MCAP nor Protobuf, and the
-//! work of its stages as a Perfetto trace.
+//! `ironbird export`: the messages of a flight as CSV or JSON, for tools that cannot read MCAP, and the work of its
+//! stages as a Perfetto trace.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -11,7 +11,7 @@ use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;
 
 use crate::cli::{ExportArgs, ExportFormat};
-use crate::output::print;
+use crate::output::{print, say};
 use crate::run_directory::find_log;
 use failure::{Failure, InFile as _, OK};
 use flight_log::codec::Logged;
@@ -52,10 +52,10 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
 
 fn say_what_is_missing(reader: &LogReader, path: &Path) {
     if reader.end() == End::Truncated {
-        eprintln!(
-            "{} is truncated: its end is missing; exported is what the recorder had written before",
+        say(&format!(
+            "{} is truncated: its end is missing; exported is what the recorder had written before\n",
             path.display()
-        );
+        ));
     }
 }
 

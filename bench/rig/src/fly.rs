@@ -1,4 +1,4 @@
-//! `ironbird fly`: starts the five processes, watches over them, ends them in order, prints the report.
+//! `ironbird fly`: starts five processes, watches them, ends them, prints the report.
 
 mod asked;
 mod ending;
@@ -20,7 +20,7 @@ use crate::run_directory::RunDirectory;
 use crate::settings::Settings;
 use asked::Asked;
 use ending::Ended;
-use failure::{FAILED, Failure, INTERRUPTED, OK, check_writable};
+use failure::{Failure, INTERRUPTED, OK, check_writable};
 use launcher::Launcher;
 use machine::executable::own_executable;
 use report::beside::Beside;
@@ -61,11 +61,13 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     let report_path = directory.path.join("report.json");
     if !report_path.exists() {
         let failure = ended.failure(&directory.path);
-        if failure.code != FAILED {
-            // Refused or called off: what its processes said has been passed on, and there is nothing else in it.
+        if ended.is_over() {
+            // Refused, called off or failed: what its processes said has been passed on.
             directory.discard();
         }
-        return Err(failure);
+        let kept = directory.path.exists();
+        let rest = if kept { format!("; {} has what was recorded", directory.path.display()) } else { String::new() };
+        return Err(failure.append(&rest));
     }
     let mut report = Report::read(&report_path)?;
     let corrected = ended.correct(&mut report);

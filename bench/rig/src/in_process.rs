@@ -1,7 +1,7 @@
-//! Flight in one process: the four tick functions, called in the order in which the data flows.
+//! A flight in one process: the four tick functions, called in the order of the data.
 //!
-//! plant -> outer -> inner -> mixer -> plant, without transport, clock or deadline: every command is in time. This is
-//! the flight that the processes must reproduce bit by bit when they miss no deadline, and the quick one for tests and
+//! plant -> outer -> inner -> mixer -> plant. There is no transport, clock or deadline, so every command is in time.
+//! Four processes that miss no deadline must reproduce this flight bit by bit. It is also the fast one for tests and
 //! campaigns. It allocates nothing after [`InProcess::new`].
 
 use controller::{OuterLoop, WatchedLoop};

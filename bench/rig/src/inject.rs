@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use model::boards::{RUN, Run, RunPhase};
 use model::messages::NO_TICK;
-use model::parameters::{PARAMETERS, Parameter, ParameterError};
+use model::parameters::{PARAMETERS, Parameter, ParameterError, after_blank};
 use model::role::Role;
 use wire::instance::Instance;
 use wire::{SwapAnswer, SwapOrder, SwapOutcome, Wire};
@@ -45,19 +45,25 @@ pub enum When {
 pub struct Applied {
     /// Tick from which it holds.
     pub tick: u64,
+    /// The tick that was asked for, where it was past.
+    pub past_tick: Option<u64>,
     /// The same as time of the flight [s].
     pub time_s: f64,
     /// Parameter epoch that began with it.
     pub parameter_epoch: u64,
-    /// What changed: before, and from then on.
+    /// What changed: old and new value.
     pub changes: Vec<(Parameter, f64, f64)>,
 }
 
 impl fmt::Display for Applied {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "applied at tick {} ({:.3} s), parameter epoch {}", self.tick, self.time_s, self.parameter_epoch)?;
+        write!(f, "applied at tick {} ({:.3} s), parameter epoch {}", self.tick, self.time_s, self.parameter_epoch)?;
+        match self.past_tick {
+            Some(past) => writeln!(f, ": tick {past} was past")?,
+            None => writeln!(f)?,
+        }
         for (parameter, old, new) in &self.changes {
-            writeln!(f, "  {parameter}  {old:?} -> {new:?} {}", parameter.spec().unit)?;
+            writeln!(f, "  {parameter}  {old:?} -> {new:?}{}", after_blank(parameter.spec().unit))?;
         }
         Ok(())
     }
@@ -81,7 +87,8 @@ pub fn ask(instance: &Instance, changes: &[(Parameter, f64)], when: When) -> Res
     };
     let wanted = if at_tick == NO_TICK { present + in_ticks } else { at_tick };
     if wanted > run.last_tick {
-        return Err(Failure::usage(format!("tick {wanted} never comes: the flight ends at tick {}", run.last_tick)));
+        let what = format!("tick {wanted} never comes: the flight ends at tick {}", run.last_tick);
+        return Err(Failure::usage(what).help(format!("name one from {present} to {}", run.last_tick)));
     }
     let wait_ticks = wanted.saturating_sub(present);
     let mut order = SwapOrder {
@@ -97,7 +104,7 @@ pub fn ask(instance: &Instance, changes: &[(Parameter, f64)], when: When) -> Res
     }
     let patience = PATIENCE + Duration::from_nanos(wait_ticks.saturating_mul(run.period_ns));
     let answer = wire.swap_client()?.ask(order, patience)?;
-    read_answer(changes, &answer, &run)
+    read_answer(changes, at_tick, &answer, &run)
 }
 
 fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
@@ -133,11 +140,12 @@ pub fn flight(instance: &Instance) -> Result<Option<(Wire, Run)>, Failure> {
     Ok((run.phase() == RunPhase::Flying).then_some((wire, run)))
 }
 
-fn read_answer(changes: &[(Parameter, f64)], answer: &SwapAnswer, run: &Run) -> Result<Applied, Failure> {
+fn read_answer(changes: &[(Parameter, f64)], at_tick: u64, answer: &SwapAnswer, run: &Run) -> Result<Applied, Failure> {
     let refused = |why: String| Err(Failure::failed(format!("the plant refused: {why}")));
     match SwapOutcome::from_wire(answer.verdict) {
         Some(SwapOutcome::Applied) => Ok(Applied {
             tick: answer.tick,
+            past_tick: (at_tick < answer.tick).then_some(at_tick),
             time_s: run.flight_time_s(answer.tick),
             parameter_epoch: answer.parameter_epoch,
             changes: changes.iter().zip(answer.old).map(|((parameter, new), old)| (*parameter, old, *new)).collect(),

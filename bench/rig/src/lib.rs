@@ -1,4 +1,4 @@
-//! The rig: launch, inject, record, report; flights of the four stages in one process or in four.
+//! The rig: launches, injects, records, reports; flies the stages in one process or four.
 
 #[cfg(feature = "foxglove")]
 pub mod bridge;

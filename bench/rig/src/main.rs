@@ -1,4 +1,4 @@
-//! The executable `ironbird`: one command for every job, one role for every process.
+//! The executable `ironbird`: one command per job, one role per process.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! What a command writes to its standard output and error: whole, and a reader that has gone is no failure.
+//! Writes to standard output and standard error. A reader that has gone is no failure.
 
 use std::io::{self, ErrorKind, Write as _};
 

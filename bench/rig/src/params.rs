@@ -1,4 +1,4 @@
-//! `ironbird params`: every parameter of the airframe, with the value in force where an instance flies.
+//! `ironbird params`: lists the airframe's parameters, with the values in force.
 
 use model::boards::{IN_FORCE, InForce};
 use model::parameters::SPECS;

@@ -136,5 +136,7 @@ fn say_on_stderr() {
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .without_time()
+        // Where the log's disk is full there is no other place to say so; the default would print, and panic.
+        .log_internal_errors(false)
         .init();
 }

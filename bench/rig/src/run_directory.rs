@@ -1,4 +1,6 @@
-//! The directory of a flight: named by time, never overwritten; `latest` beside it leads to the newest with a report.
+//! The directory of a flight: named by time, never overwritten.
+//!
+//! The link `latest` beside it points to the newest flight that has a report.
 
 use std::fs;
 use std::io;
@@ -9,10 +11,12 @@ use std::time::SystemTime;
 
 use model::role::ROLES;
 
+use crate::record::hlog;
 use crate::settings::Settings;
 use crate::wall_time::file_stamp;
 use failure::{Failure, InFile as _};
 use flight_log::FILE;
+use flight_log::reader::LogReader;
 use machine::cpu_times::host;
 use report::run_facts::RunFacts;
 
@@ -75,11 +79,13 @@ impl RunDirectory {
 
     /// Removes a directory in which nothing was recorded; what is not of a flight's start stays, and the directory with it.
     pub fn discard(&self) {
-        if ["report.json", FILE].iter().any(|record| self.path.join(record).exists()) {
+        if self.path.join("report.json").exists() || holds_messages(&self.path.join(FILE)) {
             return;
         }
         let logs = ROLES.map(|role| format!("{role}.log"));
-        for name in ["run.json", "settings.toml"].into_iter().chain(logs.iter().map(String::as_str)) {
+        let begun =
+            ["run.json", "settings.toml", FILE, hlog::FILE, "states.csv", "report.json.next", "report.json.draft"];
+        for name in begun.into_iter().chain(logs.iter().map(String::as_str)) {
             // Where it is not there or cannot go, the directory stays.
             let _ = fs::remove_file(self.path.join(name));
         }
@@ -91,6 +97,12 @@ impl RunDirectory {
     pub fn settings_file(&self) -> PathBuf {
         self.path.join("settings.toml")
     }
+}
+
+/// Whether a flight log holds a message; one that cannot be read counts as if it did.
+fn holds_messages(path: &Path) -> bool {
+    let is_begun = fs::metadata(path).is_ok_and(|file| file.len() > 0);
+    is_begun && !matches!(LogReader::open(path).and_then(|mut log| log.next_entry()), Ok(None))
 }
 
 /// Points `latest`, beside a flight's directory, at it: done when the flight has a report.

@@ -1,4 +1,4 @@
-//! Settings: defaults, then the preset's gains, then the file, then the flags; checked before anything starts.
+//! Settings: defaults, preset, file, flags, in this order; checked before anything starts.
 
 mod layers;
 #[cfg(test)]
@@ -243,7 +243,8 @@ impl Settings {
             Value::String(auto) if auto == "auto" => None,
             Value::Integer(cpu) if (0..1024).contains(cpu) => usize::try_from(*cpu).ok(),
             other => {
-                return Err(Failure::usage(format!("rt.cpu = {other}: allowed are a processor's number and \"auto\"")));
+                return Err(Failure::usage(format!("rt.cpu = {other}: allowed are a processor's number and \"auto\""))
+                    .help("`taskset -p $$` shows the processors that this shell may use"));
             }
         };
         Ok(realtime::RealtimeSettings { mode: self.rt.mode, priority: self.rt.priority, cpu })
@@ -321,7 +322,8 @@ impl Settings {
                 "flight.faults has {} entries: allowed are {}",
                 faults.len(),
                 plant::swap::PENDING_SWAPS
-            )));
+            ))
+            .help("put values that change at the same instant into one fault: NAME=VALUE,NAME=VALUE@8s"));
         }
         if let Some(late) = faults.iter().find(|fault| fault.tick > self.last_tick()) {
             return Err(Failure::usage(format!(
@@ -366,6 +368,7 @@ fn within(key: &str, value: f64, min: f64, max: f64) -> Result<(), Failure> {
     if (min..=max).contains(&value) {
         Ok(())
     } else {
-        Err(Failure::usage(format!("{key} = {value} is out of range: allowed are {min} to {max}")))
+        Err(Failure::usage(format!("{key} = {value} is out of range: allowed are {min} to {max}"))
+            .help("`ironbird fly --print-config` explains every setting"))
     }
 }

@@ -1,4 +1,4 @@
-//! `ironbird report`: the report of a flight, also of one still in the air.
+//! `ironbird report`: prints the report of a flight, even of one in the air.
 
 use std::fs;
 use std::path::Path;
@@ -13,6 +13,7 @@ use crate::wall_time::utc;
 use failure::{FAILED, Failure, InFile as _, OK};
 use report::page;
 use report::schema::Report;
+use report::sections::break_off;
 use report::{json, text};
 
 /// Prints a report, or a comparison of two.
@@ -45,9 +46,8 @@ fn abandoned(report: &mut Report, directory: &Path) {
     }
     let last = fs::metadata(directory.join("report.json")).and_then(|file| file.modified());
     let at = last.map_or_else(|_| String::new(), |at| format!(" at {}", utc(at)));
-    report.run.ending = format!("the recorder of this flight died{at}, {:.1} s into it", report.ticks.elapsed_s);
-    report.run.in_flight = false;
-    (report.verdict.status, report.verdict.exit_code) = ("ABORTED".into(), FAILED);
+    let ending = format!("the recorder of this flight died{at}, {:.1} s into it", report.ticks.elapsed_s);
+    break_off(report, "ABORTED", FAILED, ending);
 }
 
 /// The report in a flight's directory.
@@ -57,8 +57,10 @@ fn abandoned(report: &mut Report, directory: &Path) {
 pub fn read(directory: &Path) -> Result<Report, Failure> {
     let path = directory.join("report.json");
     if !path.exists() {
-        return Err(Failure::usage(format!("{} holds no report", directory.display()))
-            .help("a flight has its first report after one second in the air"));
+        return Err(Failure::usage(format!("{} holds no report", directory.display())).help(
+            "a flight has its first report after one second in the air; where its recorder died before, \
+                 `ironbird export` gives what it had logged",
+        ));
     }
     plausible(&path)?;
     Report::read(&path)

@@ -1,6 +1,7 @@
-//! `ironbird simulate`: the same four tick functions in one process, in simulated time.
+//! `ironbird simulate`: runs the same four tick functions in one process, in simulated time.
 
 use std::fs;
+use std::path::Path;
 use std::time::Instant;
 
 use model::parameters::ESTIMATED;
@@ -27,6 +28,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     let settings = Settings::resolve(args.flight.config.as_deref(), &args.overrides())?;
     check_writable("--states", args.states.as_deref())?;
     check_writable("--plot", args.plot.as_deref())?;
+    check_drawn(args.plot.as_deref())?;
     let tracking = Tracking::of(settings.flight.trajectory, settings.flight.period_s);
     let mut states = match &args.states {
         Some(path) => {
@@ -50,6 +52,15 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     }
     print(&summary(&flown, &settings, wall_s))?;
     Ok(if flown.passes(&settings) { OK } else { GATE })
+}
+
+/// Whether a picture goes by the name of what is drawn.
+fn check_drawn(path: Option<&Path>) -> Result<(), Failure> {
+    match path.filter(|path| path.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("svg"))) {
+        Some(path) => Err(Failure::usage(format!("--plot {}: only SVG is drawn", path.display()))
+            .help("name a file that ends in .svg; browsers and most converters read it")),
+        None => Ok(()),
+    }
 }
 
 fn summary(flown: &Simulated, settings: &Settings, wall_s: f64) -> String {

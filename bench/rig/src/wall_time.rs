@@ -1,4 +1,4 @@
-//! Instants of the wall clock as text, in UTC.
+//! Formats instants of the wall clock, in UTC.
 
 use std::time::SystemTime;
 

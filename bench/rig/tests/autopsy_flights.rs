@@ -16,7 +16,7 @@ use mixer::Mixer;
 use model::inspection::{Expected, Rejections};
 use model::messages::NO_TICK;
 use model::role::Role;
-use rig::{Rig, send, wait_until};
+use rig::{Rig, not_tested, send, wait_until};
 use role::rt::{loops_cpu, take_stand};
 use role::shell::{MixerJob, Shell};
 use role::stage::{self, Stage, TickOutcome, Turn};
@@ -92,7 +92,7 @@ fn a_killed_mixer_is_found() {
 fn loops_that_somebody_keeps_from_the_processor_were_preempted() {
     let rig = Rig::new("taken");
     if role::rt::fifo_refusal(99).is_some() {
-        println!("SKIPPED: without SCHED_FIFO nobody can be sure to keep the loops from their processor");
+        not_tested("without SCHED_FIFO nobody can be sure to keep the loops from their processor");
         return;
     }
     let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
@@ -145,7 +145,7 @@ fn loops_that_are_frozen_together_look_like_a_stall_and_a_single_one_like_a_late
     let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
     let rig = Rig::new("frozen");
     let Some(freezer) = Freezer::new() else {
-        println!("SKIPPED: no group under {} can be made to freeze processes in", Freezer::ROOT);
+        not_tested(&format!("no group under {} can be made to freeze processes in", Freezer::ROOT));
         return;
     };
     // In slow motion, so that what else happens on the machine misses no deadline.

@@ -6,17 +6,23 @@ mod rig;
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::Write as _;
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, chown, symlink};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use flight_log::facts::{Facts, record};
+use flight_log::writer::FlightLog;
+use ironbird::run_directory::RunDirectory;
+use ironbird::settings::Settings;
+use model::envelope::{Envelope, Message};
+use model::grid::Pace;
+use model::messages::State;
 use model::role::Role;
 use rustix::process::Signal;
 use wire::instance::Instance;
 
-use rig::{Ended, Rig, Running, is_gone, send, wait_until};
+use rig::{Ended, Rig, Running, is_gone, not_tested, send, wait_until};
 
 /// A user who owns nothing.
 const NOBODY: u32 = 65534;
@@ -179,7 +185,7 @@ fn without_a_root_path_the_session_has_it_if_it_is_this_users_or_else_tmp() {
     };
     place_of_plant(session.join("ironbird"));
     if chown(&session, Some(NOBODY), Some(NOBODY)).is_err() {
-        writeln!(std::io::stderr().lock(), "skipped in part: only root gives a directory away").unwrap();
+        not_tested("the root path without XDG_RUNTIME_DIR: only root gives a directory away");
         return;
     }
     place_of_plant(PathBuf::from(format!("/tmp/ironbird-{user}")));
@@ -202,7 +208,7 @@ fn a_flight_that_cannot_be_looked_at_is_not_said_to_be_none() {
     // Somebody who may not look.
     let as_nobody = ["--reuid=65534", "--regid=65534", "--clear-groups"];
     if !Command::new("setpriv").args(as_nobody).arg("true").status().is_ok_and(|status| status.success()) {
-        writeln!(std::io::stderr().lock(), "skipped in part: this user may not become another one").unwrap();
+        not_tested("a flight of another user: this user may not become one");
         return;
     }
     fs::copy(rig::IRONBIRD, rig.path("ironbird")).unwrap();
@@ -217,4 +223,26 @@ fn a_flight_that_cannot_be_looked_at_is_not_said_to_be_none() {
         assert!(!ended.stderr.contains("start one"), "{ended}");
     }
     drop(lock);
+}
+
+#[test]
+fn a_flights_directory_goes_unless_something_was_recorded() {
+    let rig = Rig::new("discarded");
+    let settings = Settings::resolve(None, &Vec::new()).unwrap();
+    let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, records: vec![("run", record(&[]))] };
+    for (messages, kept) in [(0, false), (1, true)] {
+        let directory = RunDirectory::create(&rig.out(), &settings, "some").unwrap();
+        for name in ["record.log", "plant.log", "latency.hlog", "states.csv"] {
+            fs::write(directory.path.join(name), "what a recorder has begun\n").unwrap();
+        }
+        let mut log = FlightLog::create(&directory.path.join("flight.mcap"), &facts).unwrap();
+        (0..messages).for_each(|_| log.state(&Message { envelope: Envelope::new(), content: State::default() }));
+        log.finish(record(&[])).unwrap();
+        directory.discard();
+        assert_eq!(directory.path.exists(), kept, "{messages} messages");
+    }
+    let empty = RunDirectory::create(&rig.out(), &settings, "some").unwrap();
+    fs::write(empty.path.join("flight.mcap"), "").unwrap();
+    empty.discard();
+    assert!(!empty.path.exists(), "a recorder that was killed before its first chunk leaves an empty log");
 }

@@ -12,7 +12,7 @@ use std::process::Command;
 use machine::doctor::{Examination, SCHEMA, examine};
 use machine::{Answers, Machine};
 use report::finding::{Finding, Level, RealtimeClass};
-use rig::{IRONBIRD, Rig};
+use rig::{IRONBIRD, Rig, not_tested};
 use tempfile::TempDir;
 use wire::instance::Instance;
 
@@ -41,6 +41,7 @@ const LIMITS_DEFAULT: &str = "Limit                     Soft Limit           Har
     Max locked memory         8388608              8388608              bytes     \n\
     Max realtime priority     0                    0                              \n";
 const EPERM: i32 = 1;
+const EACCES: i32 = 13;
 
 fn fine_answers() -> Answers {
     Answers { timer_resolution_ns: 1, shared_memory_free_bytes: Some(1 << 30), ..Answers::default() }
@@ -167,13 +168,14 @@ fn what_the_system_answers_is_found_too() {
         let examination = with(&[], answers);
         (finding(&examination, subject), examination.diagnosis.verdict)
     };
-    let cases: [(Change, &str, RealtimeClass, &str); 6] = [
+    let cases: [(Change, &str, RealtimeClass, &str); 7] = [
         (
             |it| it.fifo_errno = Some(EPERM),
             "scheduling",
             RealtimeClass::NotRealTime,
             "setcap cap_sys_nice,cap_ipc_lock+ep '/",
         ),
+        (|it| it.deep_sleep_errno = Some(EACCES), "deep sleep", RealtimeClass::Hard, "KERNEL==\"cpu_dma_latency\""),
         (|it| it.timer_resolution_ns = 4_000_000, "timers", RealtimeClass::NotRealTime, "CONFIG_HIGH_RES_TIMERS=y"),
         (
             |it| it.shared_memory_free_bytes = Some(1 << 20),
@@ -266,7 +268,7 @@ fn a_time_that_cannot_be_measured_is_a_mistake() {
 fn a_user_without_rights_is_told_what_is_refused_and_how_to_get_it() {
     let rig = Rig::new("rights");
     if !rustix::process::geteuid().is_root() {
-        println!("SKIPPED: only root can become a user without rights");
+        not_tested("only root can become a user without rights");
         return;
     }
     const NOBODY: u32 = 65_534;
@@ -278,7 +280,7 @@ fn a_user_without_rights_is_told_what_is_refused_and_how_to_get_it() {
     command.args(["doctor", "--seconds", "0.05"]).env("IRONBIRD_ROOT", rig.path("nobody")).uid(NOBODY).gid(NOBODY);
     let rtprio = rustix::process::getrlimit(rustix::process::Resource::Rtprio);
     if rtprio.current.is_none_or(|limit| limit > 0) {
-        println!("SKIPPED: whoever root becomes here may use SCHED_FIFO: {rtprio:?}");
+        not_tested(&format!("whoever root becomes here may use SCHED_FIFO: {rtprio:?}"));
         return;
     }
     let ended = rig.launch(command).end().expect(3);

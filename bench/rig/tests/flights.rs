@@ -105,8 +105,8 @@ fn applied_tick(answer: &Ended) -> u64 {
     after.split(' ').next().unwrap().parse().unwrap()
 }
 
-/// Swaps in flight, of which the plant takes three; their ticks.
-fn fly_and_inject(rig: &Rig, slowdown: u64, states: &str) -> [u64; 3] {
+/// Swaps in flight, of which the plant takes four; their ticks.
+fn fly_and_inject(rig: &Rig, slowdown: u64, states: &str) -> [u64; 4] {
     let slow = rig.slow(slowdown);
     let args = ["--rt", "prefer", "--config", &slow, "--duration", "300ms", "--every", "1", "--states", states];
     let flight = rig.take_off(&args);
@@ -117,14 +117,17 @@ fn fly_and_inject(rig: &Rig, slowdown: u64, states: &str) -> [u64; 3] {
     let both = rig.run("inject", &["mass_kg=0.6", "rotor_efficiency_3=0.9,gyro_noise_rad_s=0.01"]).expect(0);
     assert!(applied_tick(&both) > applied_tick(&answer), "{both}");
     let both = both.says("parameter epoch 2\n").says("  mass_kg  0.52 -> 0.6 kg\n");
-    let both = both.says("  rotor_efficiency_3  1.0 -> 0.9 \n").says("  gyro_noise_rad_s  0.0 -> 0.01 rad/s\n");
+    let both = both.says("  rotor_efficiency_3  1.0 -> 0.9\n").says("  gyro_noise_rad_s  0.0 -> 0.01 rad/s\n");
     // The instance may also be named last, as in every other command.
     let later = rig.run("inject", &["--in", "10ms", "mass_kg=0.5"]).expect(0).says("parameter epoch 3\n");
     assert!(applied_tick(&later) >= applied_tick(&both) + 10, "{later}");
     refused_in_flight(rig);
     in_force(rig, applied_tick(&later));
+    let past = rig.run("inject", &["--at-tick", "81", "gyro_noise_rad_s=0.02"]).expect(0);
+    let past = past.says("parameter epoch 4: tick 81 was past\n");
+    assert!(applied_tick(&past) > applied_tick(&later), "{past}");
     flight.end().expect(0);
-    [applied_tick(&answer), applied_tick(&both), applied_tick(&later)]
+    [&answer, &both, &later, &past].map(applied_tick)
 }
 
 /// What the client refuses is refused before the plant hears of it.
@@ -153,7 +156,7 @@ fn in_force(rig: &Rig, since_tick: u64) {
 fn parameters_swapped_by_another_process_hold_from_the_tick_that_it_is_told() {
     let rig = Rig::new("inject");
     let states = rig.file("flown.csv");
-    let mut ticks = [0; 3];
+    let mut ticks = [0; 4];
     without_a_miss(&rig, |slowdown| ticks = fly_and_inject(&rig, slowdown, &states));
     let change = |name: &str, old: f64, new: f64| serde_json::json!({"name": name, "old": old, "new": new});
     let changes = [
@@ -164,9 +167,10 @@ fn parameters_swapped_by_another_process_hold_from_the_tick_that_it_is_told() {
             change("gyro_noise_rad_s", 0.0, 0.01),
         ],
         vec![change("mass_kg", 0.6, 0.5)],
+        vec![change("gyro_noise_rad_s", 0.01, 0.02)],
     ];
     let swaps = rig.report()["swaps"].as_array().unwrap().clone();
-    assert_eq!(swaps.len(), 3, "{swaps:?}");
+    assert_eq!(swaps.len(), 4, "{swaps:?}");
     for (i, swap) in swaps.iter().enumerate() {
         assert_eq!((&swap["tick"], &swap["parameter_epoch"]), (&ticks[i].into(), &(i as u64 + 1).into()));
         assert_eq!(swap["changes"], Value::from(changes[i].clone()));
@@ -174,7 +178,9 @@ fn parameters_swapped_by_another_process_hold_from_the_tick_that_it_is_told() {
     let first = format!("rotational_drag_nm_s=0.525@tick{}", ticks[0]);
     let second = format!("mass_kg=0.6,rotor_efficiency_3=0.9,gyro_noise_rad_s=0.01@tick{}", ticks[1]);
     let third = format!("mass_kg=0.5@tick{}", ticks[2]);
-    let args = ["--duration", "300ms", "--fault", &first, "--fault", &second, "--fault", &third];
+    let fourth = format!("gyro_noise_rad_s=0.02@tick{}", ticks[3]);
+    let faults = [&first, &second, &third, &fourth].into_iter().flat_map(|fault| ["--fault", fault]);
+    let args: Vec<&str> = ["--duration", "300ms"].into_iter().chain(faults).collect();
     assert_same_bytes(&std::fs::read(&states).unwrap(), &simulated(&rig, &args), 301);
     rig.assert_nothing_left();
 }

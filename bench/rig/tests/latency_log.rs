@@ -10,13 +10,12 @@ mod rig;
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use report::schema::Report;
 use report::tally::series::Series;
-use rig::{Rig, send, wait_until};
+use rig::{Rig, lacks_tool, send, wait_until};
 use rustix::process::Signal;
 use serde::Deserialize;
 use tempfile::TempDir;
@@ -126,9 +125,7 @@ fn read_elsewhere(log: &Path) -> Option<Reading> {
     if !has_package {
         let missing = format!("{python} has no package hdrhistogram: pip install -r bench/rig/tests/requirements.txt");
         assert!(named.is_none(), "IRONBIRD_PYTHON: {missing}");
-        // Past the test harness, which shows what a test prints only when it fails.
-        let mut stderr = std::io::stderr().lock();
-        writeln!(stderr, "SKIPPED: latency.hlog is not read by another implementation: {missing}").unwrap();
+        lacks_tool(&format!("latency.hlog is not read by another implementation: {missing}"));
         return None;
     }
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/read_hlog.py");

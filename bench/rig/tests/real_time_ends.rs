@@ -7,9 +7,8 @@
 mod rig;
 
 use std::fs;
-use std::io::Write as _;
 
-use rig::{Rig, Running, is_gone, wait_until};
+use rig::{Rig, Running, is_gone, not_tested, wait_until};
 use role::rt::fifo_refusal;
 use rustix::process::Signal;
 
@@ -19,7 +18,7 @@ const STAGES: [&str; 4] = ["plant", "outer", "inner", "mixer"];
 fn fifo_is_granted() -> bool {
     let refusal = fifo_refusal(90);
     if let Some(refusal) = &refusal {
-        let _ = writeln!(std::io::stderr().lock(), "NOT TESTED: SCHED_FIFO is refused here: {refusal}");
+        not_tested(&format!("SCHED_FIFO is refused here: {refusal}"));
     }
     refusal.is_none()
 }

@@ -97,6 +97,37 @@ fn a_stage_that_sleeps_or_starts_again_is_identical() {
 }
 
 #[test]
+fn a_replay_from_a_tick_counts_what_came_from_then_on() {
+    let place = Place::new();
+    let (path, published) = place.log(NOISY, |tick| Trouble {
+        plant_sleeps: (40..50).contains(&tick) || (300..303).contains(&tick),
+        mixer_late_ns: if tick == 30 || tick == 310 { 1_500_000 } else { 0 },
+        inner_restarts: tick == 100 || tick == 350,
+        ..Trouble::default()
+    });
+    let missed = |tick: u64| {
+        let before = published.states.iter().rfind(|message| message.envelope.tick < tick);
+        before.map_or(0, |message| message.content.deadlines_missed)
+    };
+    let text = |from: u64| {
+        let again = fly_again(&path, from, false).unwrap();
+        again.summary.text(&again.survey)
+    };
+    let (whole, later) = (text(0), text(200));
+    assert!(missed(200) > 0 && missed(401) > missed(200), "there are misses before and after");
+    for (text, skipped, missed, restarts) in
+        [(&whole, 13, missed(401), "2 times"), (&later, 3, missed(401) - missed(200), "1 time")]
+    {
+        let s = if missed == 1 { "" } else { "s" };
+        assert!(text.contains(&format!("; {skipped} skipped, {missed} deadline{s} missed\n")), "{text}");
+        assert!(text.contains(&format!("; started {restarts} in flight\n")), "{text}");
+    }
+    assert!(whole.contains("swap 1 at tick 7:") && whole.contains("ticks replayed, to tick 400"), "{whole}");
+    assert!(!later.contains("swap 1 at tick 7:") && later.contains("swap 3 at tick 200:"), "{later}");
+    assert!(later.contains("198 ticks replayed, from tick 200 to tick 400"), "{later}");
+}
+
+#[test]
 #[ignore = "long: part of the gate"]
 fn trouble_of_all_kinds_at_once_is_identical() {
     let place = Place::new();
@@ -233,9 +264,9 @@ fn a_log_with_a_gap_is_refused_and_the_gap_named() {
         verify(&thinned).unwrap_err().to_string()
     };
     let said = refused(&|entry| !matches!(entry, LogEntry::Wrench(message) if message.envelope.tick == 50));
-    assert!(said.contains("1 messages of topic `wrench` are missing before tick 51"), "{said}");
+    assert!(said.contains("topic `wrench` lacks 1 message before tick 51"), "{said}");
     let said = refused(&|entry| !matches!(entry, LogEntry::State(message) if message.envelope.tick < 3));
-    assert!(said.contains("3 messages of topic `state` are missing before tick 3"), "{said}");
+    assert!(said.contains("topic `state` lacks 3 messages before tick 3"), "{said}");
     let said = refused(&|entry| !matches!(entry, LogEntry::Swap(message) if message.content.parameter_epoch == 4));
     assert!(said.contains("its last state knows 4 swaps, and it holds 3"), "{said}");
     let said = refused(&|_| false);

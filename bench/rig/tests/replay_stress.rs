@@ -5,10 +5,9 @@
 
 mod rig;
 
-use std::io::Write as _;
 use std::process::{Child, Command, Stdio};
 
-use rig::Rig;
+use rig::{Rig, lacks_tool};
 
 const FLIGHTS: usize = 20;
 
@@ -35,8 +34,7 @@ impl Drop for Stress {
 #[ignore = "long: part of the gate"]
 fn twenty_flights_under_load_are_identical() {
     let Some(_stress) = Stress::start() else {
-        // Past the test harness, which shows what a test prints only when it fails.
-        writeln!(std::io::stderr().lock(), "SKIPPED: no flights under load: stress-ng is not installed").unwrap();
+        lacks_tool("no flights under load: stress-ng is not installed");
         return;
     };
     for flight in 0..FLIGHTS {

@@ -213,7 +213,7 @@ fn a_parameter_is_edited_checked_and_injected() {
     shows(&screen(&model, 80, 24), "waits for the plant's answer");
     assert_eq!(press(&mut model, &[KeyCode::Enter]), Action::None, "one at a time");
     let changes = vec![(Parameter::Mass, 0.52, 0.6)];
-    model.answer(Ok(Applied { tick: 1200, time_s: 1.2, parameter_epoch: 1, changes }));
+    model.answer(Ok(Applied { tick: 1200, past_tick: None, time_s: 1.2, parameter_epoch: 1, changes }));
     shows(&screen(&model, 80, 24), "applied at tick 1200 (1.200 s), parameter epoch 1 mass_kg 0.52 -> 0.6 kg");
     model.answer(Err(Failure::failed("the plant refused: too many swaps wait for their ticks; ask again later")));
     shows(&screen(&model, 80, 24), "the plant refused: too many swaps");

@@ -5,10 +5,9 @@
 
 mod rig;
 
-use std::io::Write as _;
 use std::process::{Command, Stdio};
 
-use rig::Rig;
+use rig::{Rig, lacks_tool};
 use rustix::process::Signal;
 
 /// Blocks what a daemon may block, ignores what a shell may ignore, and becomes its arguments.
@@ -25,7 +24,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 fn deaf(command: &Command) -> Option<Command> {
     let is_there = Command::new("python3").arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
     if !is_there.is_ok_and(|status| status.success()) {
-        let _ = writeln!(std::io::stderr().lock(), "NOT TESTED: there is no python3 to block signals");
+        lacks_tool("there is no python3 to block signals");
         return None;
     }
     let mut python = Command::new("python3");

@@ -6,14 +6,13 @@ mod rig;
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::Write as _;
 use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
 use rustix::process::Signal;
 
-use rig::{Rig, Running, rounds, send};
+use rig::{Rig, Running, not_tested, rounds, send};
 
 /// Children of a process, also those that have yet to become what they shall be.
 fn children(pid: u32) -> Vec<u32> {
@@ -112,7 +111,7 @@ for pid in $pids; do wait $pid || exit 96; done
 fn five_roles_by_hand_fly_in_the_shared_memory_of_a_container() {
     let rig = Rig::new("container");
     if !Command::new("unshare").args(["-m", "true"]).status().is_ok_and(|status| status.success()) {
-        writeln!(std::io::stderr().lock(), "skipped: unshare (util-linux) is not there, or not permitted").unwrap();
+        not_tested("unshare (util-linux) is not there, or not permitted");
         return;
     }
     let mut roles = Command::new("unshare");
@@ -127,7 +126,7 @@ fn five_roles_by_hand_fly_in_the_shared_memory_of_a_container() {
 fn too_few_inodes_are_named_with_the_remedy() {
     let rig = Rig::new("inodes");
     if !Command::new("unshare").args(["-m", "true"]).status().is_ok_and(|status| status.success()) {
-        writeln!(std::io::stderr().lock(), "skipped: unshare (util-linux) is not there, or not permitted").unwrap();
+        not_tested("unshare (util-linux) is not there, or not permitted");
         return;
     }
     for inodes in [2, 3, 4, 6, 9, 12] {

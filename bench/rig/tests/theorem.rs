@@ -190,7 +190,7 @@ fn in_hover_e_goes_to_zero_while_i_r_and_k_r_stay_and_that_is_expected() {
     let said = &theorem.convergence;
     let expected = "Expected for rotor_inertia_kg_m2, rotational_drag_nm_s: the flight is not persistently exciting";
     assert!(said.contains("(18) did not hold") && said.contains(expected), "{said}");
-    assert!(said.contains("e to 0 where nothing is late") && !said.contains("Not expected"), "{said}");
+    assert!(said.contains("The proof covers the prediction error") && !said.contains("Not expected"), "{said}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
-use rig::{Ended, IRONBIRD, Rig, send};
+use rig::{Ended, IRONBIRD, Rig, not_tested, send};
 use rustix::process::Signal;
 
 const COMMANDS: [&str; 11] =
@@ -59,8 +59,41 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         ("inner", &["--cpu", "1023"], "rt.cpu = 1023: this process may use the processors 0"),
         ("fly", &["--config", "/dev/zero"], "cannot read the settings file /dev/zero: it is no regular file"),
         ("fly", &["--states", "/"], "--states: cannot write /: Is a directory"),
-        ("fly", &["--every", "0"], "recorder.states_every_ticks = 0 is out of range: allowed are 1 to"),
-        ("fly", &["--max-miss-rate", "few"], "invalid value 'few' for '--max-miss-rate <PPM>'"),
+        ("fly", &["--every", "0"], "invalid value '0' for '--every <N>': write a whole number from 1 to 1000000000"),
+        (
+            "fly",
+            &["--max-miss-rate", "few"],
+            "invalid value 'few' for '--max-miss-rate <PPM>': write a number of 0 or more",
+        ),
+        ("fly", &["--max-loop-p999", "nan"], "invalid value 'nan' for '--max-loop-p999 <US>': write a number of 0 or"),
+        (
+            "fly",
+            &["--duration", "3"],
+            "time unit needed, for example 3sec or 3ms; write a number of 0 or more and its unit",
+        ),
+        ("fly", &["--duration", "-3s"], "for '--duration <DURATION>': a time is not negative; write a number"),
+        ("fly", &["--duration", "0s"], "`ironbird fly --print-config` explains every setting"),
+        ("fly", &["--floor", "-3s"], "for '--floor <DURATION>': a time is not negative; write a number"),
+        ("fly", &["--cpu", "auto"], "for '--cpu <N>': no processor has this number; write 0, 1 and so on"),
+        ("fly", &["--config", "nofile"], "cannot read the settings file nofile: No such file or directory"),
+        ("fly", &["--config", "nofile"], "`ironbird fly --print-config` writes one to begin with"),
+        (
+            "fly",
+            &["--states", "/nowhere/s.csv"],
+            "help: name a file in a directory that is there and that you can write",
+        ),
+        ("fly", &["--fault", "nope=1@1s"], "unknown parameter `nope`; did you mean `"),
+        ("fly", &["--fault", "nope=1@1s"], "`ironbird params` lists names, units and ranges"),
+        (
+            "fly",
+            &["--fault", "rotor_efficiency_1=7@1s"],
+            "rotor_efficiency_1 = 7 is out of range: allowed are 0.0 to 1.0 (`ironbird params`",
+        ),
+        ("simulate", &["--plot", "/nowhere/a.svg"], "--plot: cannot write /nowhere/a.svg: No such file or directory"),
+        ("simulate", &["--plot", "/nowhere/a.svg"], "help: name a file in a directory that is there"),
+        ("simulate", &["--plot", "a.png"], "--plot a.png: only SVG is drawn"),
+        ("simulate", &["--plot", "a.png"], "help: name a file that ends in .svg"),
+        ("inject", &["mass_kg=0.6", "--in", "-1s"], "for '--in <TIME>': a time is not negative; write a number"),
         (
             "fly",
             &["--config", "/nowhere/s.toml"],
@@ -167,6 +200,7 @@ fn every_wrong_setting_is_named_with_file_value_and_what_is_allowed() {
         ("[gains]\nattitude_1_s = [8, 8]\n", "gains.attitude_1_s = [8, 8]: expected a list of 3 numbers"),
         ("[gains]\nalpha_1_s = 2000\n", "gains.alpha_1_s = 2000 cannot fly"),
         ("[rt]\npriority = 99\n", "rt.priority = 99 is out of range: allowed are 1 to 95"),
+        ("[rt]\npriority = 99\n", "help: `ironbird fly --print-config` explains every setting"),
         ("[flight\n", "TOML parse error at line 1"),
     ] {
         let path = rig.settings(text);
@@ -269,7 +303,7 @@ fn fly_unprivileged(rig: &Rig, args: &[&str]) -> Option<Ended> {
     let id = NOBODY.to_string();
     let as_nobody = ["--reuid", &id, "--regid", &id, "--clear-groups"];
     if !Command::new("setpriv").args(as_nobody).arg("true").status().is_ok_and(|status| status.success()) {
-        eprintln!("skipped: setpriv (util-linux) is not there, or may not become another user");
+        not_tested("setpriv (util-linux) is not there, or may not become another user");
         return None;
     }
     // Its own copy: the directory of the build may be closed to others.
@@ -296,7 +330,7 @@ fn without_privilege_real_time_is_refused_when_required_and_reported_when_prefer
     let args = |mode| ["--rt", mode, "--config", &slow, "--duration", "50ms"];
     let Some(required) = fly_unprivileged(&rig, &args("require")) else { return };
     if required.code == Some(0) {
-        eprintln!("skipped: this user is granted real time");
+        not_tested("this user is granted real time");
         return;
     }
     required
@@ -304,6 +338,7 @@ fn without_privilege_real_time_is_refused_when_required_and_reported_when_prefer
         .complains("real time was required and not granted to the")
         .complains("Scheduler (Operation not permitted (os error 1))")
         .complains("raise the rtprio limit")
+        .complains("raise the memlock limit")
         .complains("or fly with what is granted: --rt prefer");
     rig.assert_nothing_left();
     let preferred = fly_unprivileged(&rig, &args("prefer")).unwrap().expect(0);
@@ -313,10 +348,23 @@ fn without_privilege_real_time_is_refused_when_required_and_reported_when_prefer
 }
 
 #[test]
+fn a_file_that_a_user_may_not_write_is_named_with_what_to_do() {
+    let rig = Rig::new("forbidden");
+    let closed = rig.path("closed");
+    fs::create_dir(&closed).unwrap();
+    fs::set_permissions(&closed, fs::Permissions::from_mode(0o500)).unwrap();
+    let states = closed.join("states.csv").display().to_string();
+    let Some(ended) = fly_unprivileged(&rig, &["--states", &states]) else { return };
+    let ended = ended.expect(2).complains(&format!("--states: cannot write {states}: Permission denied"));
+    ended.complains("help: name a file in a directory that is there and that you can write");
+    rig.assert_nothing_left();
+}
+
+#[test]
 fn too_little_shared_memory_is_said_before_anything_starts() {
     let rig = Rig::new("small-shm");
     if !Command::new("unshare").args(["-m", "true"]).status().is_ok_and(|status| status.success()) {
-        eprintln!("skipped: unshare (util-linux) is not there, or not permitted");
+        not_tested("unshare (util-linux) is not there, or not permitted");
         return;
     }
     for command in ["fly", "plant"] {

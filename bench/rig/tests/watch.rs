@@ -15,10 +15,9 @@ use terminal::Screen;
 mod terminal {
     //! A terminal that a test sees and types into: a tmux server of its own.
 
-    use std::io::Write as _;
     use std::process::{Command, Output};
 
-    use super::rig::{Rig, wait_until};
+    use super::rig::{Rig, lacks_tool, wait_until};
 
     pub struct Screen {
         tmux: String,
@@ -33,9 +32,7 @@ mod terminal {
             return Some(tmux);
         }
         assert!(named.is_none(), "IRONBIRD_TMUX: {tmux} does not run");
-        // Past the test harness, which shows what a test prints only when it fails.
-        let mut stderr = std::io::stderr().lock();
-        writeln!(stderr, "SKIPPED: the dashboard is not driven in a terminal: there is no {tmux}").unwrap();
+        lacks_tool(&format!("the dashboard is not driven in a terminal: there is no {tmux}"));
         None
     }
 

@@ -124,6 +124,9 @@ pub fn check_writable(flag: &str, path: Option<&Path>) -> Result<(), Failure> {
             access(parent.unwrap_or_else(|| Path::new(".")), Access::WRITE_OK | Access::EXEC_OK)
         }
     };
-    let refused = |e: Errno| Failure::usage(format!("{flag}: cannot write {}: {}", path.display(), io::Error::from(e)));
+    let refused = |e: Errno| {
+        Failure::usage(format!("{flag}: cannot write {}: {}", path.display(), io::Error::from(e)))
+            .help("name a file in a directory that is there and that you can write")
+    };
     asked.map_err(refused)
 }

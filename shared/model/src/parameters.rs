@@ -161,7 +161,7 @@ impl fmt::Display for Parameter {
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ParameterError {
     /// No parameter has this name.
-    #[error("unknown parameter `{name}`; did you mean `{nearest}`? (`ironbird params` lists them all)")]
+    #[error("unknown parameter `{name}`; did you mean `{nearest}`?")]
     Unknown {
         /// What was asked for.
         name: String,
@@ -170,8 +170,8 @@ pub enum ParameterError {
     },
     /// The value is outside the range of the parameter.
     #[error(
-        "{} = {value} is out of range: allowed are {:?} to {:?} {}",
-        parameter.name(), parameter.spec().min, parameter.spec().max, parameter.spec().unit
+        "{} = {value} is out of range: allowed are {:?} to {:?}{}",
+        parameter.name(), parameter.spec().min, parameter.spec().max, after_blank(parameter.spec().unit)
     )]
     OutOfRange {
         /// The parameter.
@@ -179,6 +179,12 @@ pub enum ParameterError {
         /// The value that was refused.
         value: f64,
     },
+}
+
+/// A unit as it stands after a number; a ratio has none.
+#[must_use]
+pub fn after_blank(unit: &str) -> String {
+    if unit.is_empty() { String::new() } else { format!(" {unit}") }
 }
 
 /// A full set of parameters, each within its range.

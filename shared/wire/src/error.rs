@@ -105,7 +105,7 @@ pub enum Error {
         role: Role,
         /// Each refused step with the system's reason.
         refused: String,
-        /// What to do about the first of them.
+        /// What to do about each of them.
         remedy: String,
     },
     /// Shared memory is too small for the instance.

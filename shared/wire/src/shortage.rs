@@ -13,6 +13,9 @@ use rustix::process::{Resource, getrlimit};
 const FILES_OF_A_SERVICE: u64 = 8;
 const ROOM_OF_A_SERVICE: u64 = 1 << 20;
 
+/// More than the longest file of shared memory has [bytes].
+const FILE_BYTES: u64 = 16 << 20;
+
 /// What there is no more of, and how to get more.
 pub(crate) struct Shortage {
     pub(crate) used_up: String,
@@ -21,7 +24,7 @@ pub(crate) struct Shortage {
 
 /// What this process has too little of to open a service, whose files lie in a directory and in shared memory.
 pub(crate) fn shortage<'a>(places: impl IntoIterator<Item = &'a Path>) -> Option<Shortage> {
-    of_files().or_else(|| places.into_iter().find_map(of_room))
+    of_files().or_else(of_length).or_else(|| places.into_iter().find_map(of_room))
 }
 
 /// The remedy where the system itself says that something is used up.
@@ -53,6 +56,15 @@ fn no_files(open: u64, limit: u64) -> Shortage {
 
 fn more_files() -> String {
     "raise the limit before the start: ulimit -n 1024".into()
+}
+
+/// Shared memory is made of files, whose length the user's limit holds for.
+fn of_length() -> Option<Shortage> {
+    let limit = getrlimit(Resource::Fsize).current.filter(|limit| *limit < FILE_BYTES)?;
+    Some(Shortage {
+        used_up: format!("a file of shared memory may have {} KiB in this process (ulimit -f)", limit >> 10),
+        remedy: "raise the limit before the start: ulimit -f unlimited".into(),
+    })
 }
 
 fn of_room(place: &Path) -> Option<Shortage> {

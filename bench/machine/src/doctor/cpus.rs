@@ -2,11 +2,19 @@
 
 use crate::{Machine, cpu_list};
 use report::finding::Finding;
+use rustix::io::Errno;
 
 /// Findings about the processors.
 #[must_use]
 pub fn findings(machine: &Machine) -> Vec<Finding> {
-    vec![number(machine), isolation(machine), siblings(machine), governor(machine), hypervisor(machine)]
+    vec![
+        number(machine),
+        isolation(machine),
+        siblings(machine),
+        governor(machine),
+        deep_sleep(machine),
+        hypervisor(machine),
+    ]
 }
 
 fn number(machine: &Machine) -> Finding {
@@ -60,6 +68,27 @@ fn governor(machine: &Machine) -> Finding {
         None => Finding::ok("governor", "none: nothing here changes the frequency", why),
         Some(governor) if governor == "performance" => Finding::ok("governor", governor, why),
         Some(governor) => Finding::ok("governor", governor, why).softens(format!("echo performance | sudo tee {path}")),
+    }
+}
+
+/// What lets a group hold processors awake: the file's mode of the kernel is root's alone.
+const DEEP_SLEEP_RULE: &str = "echo 'KERNEL==\"cpu_dma_latency\", GROUP=\"realtime\", MODE=\"0660\"' | \
+    sudo tee /etc/udev/rules.d/99-cpu-dma-latency.rules; sudo groupadd -f realtime; \
+    sudo usermod -aG realtime $USER; sudo udevadm control --reload; sudo udevadm trigger /dev/cpu_dma_latency; \
+    log in again";
+
+fn deep_sleep(machine: &Machine) -> Finding {
+    let why = "a processor in deep sleep takes up to some 100 us to wake; a process that holds this file keeps it out";
+    match machine.answers.deep_sleep_errno {
+        None => Finding::ok("deep sleep", "held off by /dev/cpu_dma_latency", why),
+        Some(errno) if errno == Errno::NOENT.raw_os_error() => {
+            Finding::ok("deep sleep", "there is no /dev/cpu_dma_latency", why)
+        }
+        Some(errno) => {
+            let reason = std::io::Error::from_raw_os_error(errno);
+            Finding::ok("deep sleep", format!("/dev/cpu_dma_latency is refused: {reason}"), why)
+                .could_be_better(DEEP_SLEEP_RULE)
+        }
     }
 }
 

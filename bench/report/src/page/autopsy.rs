@@ -27,6 +27,6 @@ pub fn section(report: &Report) -> Markup {
                 @for case in &autopsy.worst { li { (case.line()) } }
             }
         }
-        p.note { "Counters of the kernel are read every 10 ms; what that leaves open is said in docs/measuring.md." }
+        p.note { "The kernel's counters are read every 10 ms; docs/measuring.md says what that leaves open." }
     }
 }

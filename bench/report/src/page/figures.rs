@@ -271,5 +271,5 @@ fn swap_words(swap: &AppliedSwap) -> String {
 
 fn miss_words(stretch: &LateStretchSection) -> String {
     let LateStretchSection { time_s, length_ticks, late_us, .. } = stretch;
-    format!("{length_ticks} missed at {time_s:.3} s, late by {late_us:.0} us at the most")
+    format!("{length_ticks} missed at {time_s:.3} s, at most {late_us:.0} us late")
 }

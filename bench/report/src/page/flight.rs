@@ -76,6 +76,6 @@ fn plots(report: &Report) -> Markup {
                     &figures.path(across, up)))
             }
         }
-        p.note { "Paths show the last minute at the most; their axes have one scale." }
+        p.note { "Paths show at most the last minute; both axes have the same scale." }
     }
 }

@@ -3,6 +3,7 @@
 use maud::{Markup, html};
 
 use crate::plot::Chart;
+pub use crate::text::count;
 
 /// An entry of a figure's key: colour and word.
 pub type Key<'a> = (&'a str, &'a str);
@@ -69,9 +70,4 @@ pub fn us_if_known(value: Option<f64>) -> String {
 /// A number of any size in four digits.
 pub fn number(value: f64) -> String {
     if value == 0.0 || (1e-2..1e5).contains(&value.abs()) { format!("{value:.4}") } else { format!("{value:.3e}") }
-}
-
-/// `1 tick`, `2 ticks`.
-pub fn count(number: u64, thing: &str) -> String {
-    format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }

@@ -112,5 +112,5 @@ fn swaps(report: &Report) -> Markup {
             ]
         })
     });
-    table(&["parameter", "at", "tick", "before", "from then on"], rows)
+    table(&["parameter", "at", "tick", "old", "new"], rows)
 }

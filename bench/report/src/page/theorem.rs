@@ -28,10 +28,16 @@ pub fn section(report: &Report) -> Markup {
         (plots(report))
         div.columns {
             div { h3 { "Steps against the theorem" } (causes(report)) }
-            div { h3 { "Estimates" } (estimates(report)) }
+            div {
+                h3 { "Estimates" }
+                (estimates(report))
+                @if !theorem.broken.is_empty() {
+                    p.note { "The theorem bounds no estimate under " (theorem.broken.join(", ")) "." }
+                }
+            }
         }
         p {
-            "Rate error " (exponent(theorem.rate_error_max_rad_s)) " rad/s at the most, "
+            "Rate error " (exponent(theorem.rate_error_max_rad_s)) " rad/s at most, "
             (exponent(theorem.rate_error_final_rad_s)) " at the end; "
             (parts::count(theorem.ticks_saturated, "saturated tick")) ", "
             (theorem.ticks_stale) " with a stale input, " (parts::count(theorem.live_swaps, "live swap"))
@@ -88,10 +94,10 @@ fn estimates(report: &Report) -> Markup {
             cell(&estimate.name),
             exponent(estimate.error),
             exponent(estimate.error_start),
-            exponent(estimate.error_bound),
+            if report.theorem.broken.is_empty() { exponent(estimate.error_bound) } else { cell("no bound") },
             exponent(estimate.identifiability),
             cell(if estimate.found { "yes" } else { "no" }),
         ]
     });
-    table(&["parameter", "off by", "first", "at most, by the theorem", "excitation", "found"], rows)
+    table(&["parameter", "error", "first error", "at most, by the theorem", "excitation", "found"], rows)
 }

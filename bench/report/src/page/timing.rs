@@ -65,7 +65,7 @@ fn waterfall(report: &Report) -> Markup {
         p.note {
             "Each stage's bar begins where the one before it ended. Percentiles do not add up: the loop's p99 is not the "
             "sum of its stages' p99, because other ticks are slow in other stages. The loop runs from the sampling of the "
-            "state, after the waking, to the publishing of the rotor command."
+            "state, after the wake-up, to the publishing of the rotor command."
         }
     }
 }
@@ -100,10 +100,10 @@ fn over_time(report: &Report) -> Markup {
         div.plots {
             (chart("loop", "Loop: from the state to the rotor command", &[], &figures.latency("loop", LOOP, tick_us)))
             @if tick_us.is_some() {
-                (chart("wake", "The plant's waking, late by", &[], &figures.latency("plant", WAKE, tick_us)))
+                (chart("wake", "Lateness of the plant's wake-up", &[], &figures.latency("plant", WAKE, tick_us)))
             }
             @if !report.deadlines.stretches.is_empty() {
-                (chart("late", "Late commands: by how much", &[], &figures.late()))
+                (chart("late", "Late commands: lateness", &[], &figures.late()))
             }
         }
         p.note {
@@ -119,7 +119,7 @@ fn curves(report: &Report) -> Markup {
             "Loop, slack, lateness of late commands",
             &[("loop", "loop"), ("floor", "raw futex ring"), ("slack", "slack"), ("late", "late")],
         ),
-        ("curve-wake", "Waking against the grid", &WAKES),
+        ("curve-wake", "Wake-up against the grid", &WAKES),
         (
             "curve-hop",
             "Hops",
@@ -127,7 +127,7 @@ fn curves(report: &Report) -> Markup {
         ),
         ("curve-compute", "Computing", &COMPUTE),
         ("curve-busy", "Busy", &BUSY),
-        ("curve-period", "Between two wakings", &PERIOD),
+        ("curve-period", "Between two wake-ups", &PERIOD),
     ];
     if report.distributions.is_empty() {
         return html! {};
@@ -148,7 +148,7 @@ fn curves(report: &Report) -> Markup {
 fn floors_note(report: &Report) -> String {
     match &report.beside {
         Some(_) => "The dashed lines are the machine's floors, measured right after the flight.".into(),
-        None => "The machine's floors were not measured: `ironbird fly --floor 11s` puts them beside.".into(),
+        None => "The machine's floors were not measured; `ironbird fly --floor 11s` adds them.".into(),
     }
 }
 
@@ -226,7 +226,7 @@ fn misses(report: &Report) -> Markup {
             }
             details {
                 summary { "Late commands, one by one" }
-                (table(&["at", "tick", "length", "late by, at the most [us]"], deadlines.stretches.iter().map(|stretch| {
+                (table(&["at", "tick", "length", "largest lateness [us]"], deadlines.stretches.iter().map(|stretch| {
                     vec![
                         cell(format!("{:.3} s", stretch.time_s)),
                         cell(stretch.tick),
@@ -273,7 +273,7 @@ fn percentiles(report: &Report) -> Markup {
                 cell(us(s.max_us)),
             ]
         })))
-        p.note { "-: too few values. A maximum on a shared machine is the host's. Nothing was removed." }
+        p.note { "-: too few values. On a shared machine the maximum mostly shows the host. No sample was discarded." }
     }
 }
 

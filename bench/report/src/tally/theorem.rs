@@ -58,6 +58,9 @@ pub struct Theorem {
     pub excitation: f64,
     /// The least of all 10 s.
     pub excitation_least: f64,
+    /// Assumptions that did not hold since the start, or since the last live swap: no bound is proven under them.
+    #[serde(default)]
+    pub broken: Vec<String>,
     /// Whether (18) held: every estimate was found.
     pub converged: bool,
     /// Whether (18) held, and why, in words.
@@ -84,7 +87,7 @@ pub struct Watched {
     pub error: f64,
     /// Size of the error at the start, or after the last live swap.
     pub error_start: f64,
-    /// What the theorem leaves of it at the most, on the exact model.
+    /// What the theorem leaves of it at the most, on the exact model: it holds only where [`Theorem::broken`] is empty.
     pub error_bound: f64,
     /// Excitation of this parameter alone in the last whole 10 s, e-folds of the error.
     pub identifiability: f64,
@@ -101,7 +104,12 @@ pub struct TheoremTally {
     newest: Option<(u64, Monitor)>,
     /// True values of the estimated parameters.
     theta: [f64; 3],
+    /// Broken assumptions since the bounds began, as the sum of [`Cause::bit`].
+    broken: u64,
 }
+
+/// Causes under which the theorem gives the estimates no bound. A live swap is none: the bound begins anew with it.
+const UNBOUNDED: [Cause; 4] = [Cause::OutOfBounds, Cause::BrokenModel, Cause::GyroNoise, Cause::MotorLag];
 
 impl TheoremTally {
     /// Takes the true values of the estimated parameters.
@@ -115,7 +123,12 @@ impl TheoremTally {
             && known != epoch
         {
             self.ended = Some(self.ended.map_or(last, |ended| together(&ended, &last)));
+            self.broken = 0;
         }
+        if monitor.causes & Cause::LiveSwap.bit() != 0 {
+            self.broken = 0;
+        }
+        self.broken |= monitor.causes;
         self.newest = Some((epoch, *monitor));
     }
 
@@ -123,7 +136,7 @@ impl TheoremTally {
     #[must_use]
     pub fn section(&self) -> Theorem {
         let Some((_, newest)) = self.newest else { return Theorem::default() };
-        Theorem::of(&self.ended.map_or(newest, |ended| together(&ended, &newest)), self.theta)
+        Theorem::of(&self.ended.map_or(newest, |ended| together(&ended, &newest)), self.theta, self.broken)
     }
 }
 
@@ -151,9 +164,12 @@ fn together(earlier: &Monitor, later: &Monitor) -> Monitor {
 }
 
 impl Theorem {
-    /// The section of what a monitor said last, with the true values of the estimated parameters.
+    /// The section of what a monitor said last, with the true values of the estimated parameters, and the causes since
+    /// the bounds began.
     #[must_use]
-    pub fn of(monitor: &Monitor, theta: [f64; 3]) -> Self {
+    pub fn of(monitor: &Monitor, theta: [f64; 3], causes: u64) -> Self {
+        let broken = UNBOUNDED.into_iter().filter(|cause| causes & cause.bit() != 0);
+        let broken: Vec<String> = broken.map(|cause| cause.name().to_owned()).collect();
         let estimates: Vec<Watched> = (0..3)
             .map(|i| {
                 let (error, error_start) = (monitor.estimate_error[i], monitor.estimate_error_start[i]);
@@ -198,7 +214,8 @@ impl Theorem {
             ticks_stale: monitor.ticks_stale,
             live_swaps: monitor.live_swaps,
             converged: estimates.iter().all(|estimate| estimate.found),
-            convergence: convergence(monitor, &estimates),
+            convergence: convergence(monitor, &estimates, &broken),
+            broken,
             estimates,
             excitation: monitor.excitation,
             excitation_least: monitor.excitation_least,
@@ -233,7 +250,7 @@ fn by_cause(counts: &[u64; CAUSES]) -> BTreeMap<String, u64> {
 }
 
 /// Whether (18) held, and why.
-fn convergence(monitor: &Monitor, estimates: &[Watched]) -> String {
+fn convergence(monitor: &Monitor, estimates: &[Watched], broken: &[String]) -> String {
     let names = |pick: &dyn Fn(&Watched) -> bool| {
         let names: Vec<&str> = estimates.iter().filter(|e| pick(e)).map(|e| e.name.as_str()).collect();
         names.join(", ")
@@ -250,30 +267,29 @@ fn convergence(monitor: &Monitor, estimates: &[Watched]) -> String {
             )
         };
     }
+    let mut text = format!("(18) did not hold: not within 1 %: {lost}.");
+    if !broken.is_empty() {
+        // How long the flight was, and how exciting, explains nothing where the theorem does not apply.
+        return text + &format!(" The theorem promises nothing for the estimates under {}.", broken.join(", "));
+    }
     // What the theorem itself leaves large is no surprise; what it does not, something else keeps away.
     let owed = |e: &Watched| {
         let size = e.error_start.max(e.actual.abs()).max(f64::MIN_POSITIVE);
         e.error_bound <= FOUND * size
     };
     let (expected, kept) = (names(&|e| !e.found && !owed(e)), names(&|e| !e.found && owed(e)));
-    let mut text = format!("(18) did not hold: {lost} not found.");
     if !expected.is_empty() {
         let why = if exciting {
-            format!("the flight is exciting, {least}, but too short for these gains")
+            format!("the flight is exciting enough, {least}, but was too short for these gains")
         } else {
             format!("the flight is not persistently exciting, {least}")
         };
-        text += &format!(" Expected for {expected}: {why}. ");
-        text += "Proven is that the prediction goes right, and e to 0 where nothing is late.";
+        text +=
+            &format!(" Expected for {expected}: {why}. The proof covers the prediction error, and e where nothing is ");
+        text += "late, but not the estimates.";
     }
     if !kept.is_empty() {
-        let causes: Vec<&str> = Cause::ALL[1..6]
-            .iter()
-            .filter(|cause| monitor.causes & cause.bit() != 0)
-            .map(|cause| cause.name())
-            .collect();
-        let why = if causes.is_empty() { "for no known cause".into() } else { format!("under {}", causes.join(", ")) };
-        text += &format!(" Not expected for {kept}: excited enough, and kept away {why}.");
+        text += &format!(" Not expected for {kept}: excited enough, and no cause is known.");
     }
     text
 }
@@ -291,12 +307,38 @@ mod tests {
 
     #[test]
     fn an_unexplained_violation_or_lifeless_estimates_fail() {
-        assert!(Theorem::of(&monitor(0, 1), [0.0; 3]).holds);
+        assert!(Theorem::of(&monitor(0, 1), [0.0; 3], 0).holds);
         for (monitor, said) in [(monitor(1, 1), "1 unexplained"), (monitor(0, 0), "do not move as predicted")] {
-            let theorem = Theorem::of(&monitor, [0.0; 3]);
+            let theorem = Theorem::of(&monitor, [0.0; 3], 0);
             assert!(!theorem.holds && theorem.found().contains(said), "{theorem:?}");
             assert!(theorem.text().contains("DOES NOT HOLD"), "{}", theorem.text());
         }
+    }
+
+    #[test]
+    fn no_bound_is_claimed_where_an_assumption_was_broken_since_the_last_live_swap() {
+        fn with(causes: u64) -> Monitor {
+            Monitor { causes, estimate_error: [1.0; 3], estimate_error_start: [1.0; 3], ..monitor(0, 1) }
+        }
+        let broken = Cause::BrokenModel.bit();
+        let mut tally = TheoremTally::default();
+        tally.take(1, &with(broken));
+        tally.take(1, &with(Cause::Delay.bit()));
+        let theorem = tally.section();
+        assert_eq!(theorem.broken, ["broken_model"]);
+        assert!(theorem.text().contains("no bound under broken_model"), "{}", theorem.text());
+        assert!(!theorem.text().contains("by the theorem"), "{}", theorem.text());
+        let said = &theorem.convergence;
+        assert!(said.contains("promises nothing for the estimates under broken_model"), "{said}");
+        assert!(!said.contains("xpected"), "{said}");
+        tally.take(1, &with(Cause::LiveSwap.bit()));
+        let theorem = tally.section();
+        assert!(theorem.broken.is_empty(), "{:?}", theorem.broken);
+        // The bound of 0 is less than the error: what is proven is said with what it leaves out.
+        assert!(theorem.text().contains("beside the trapezoidal rule"), "{}", theorem.text());
+        tally.take(1, &with(broken));
+        tally.take(2, &with(0));
+        assert!(tally.section().broken.is_empty(), "another inner loop begins anew");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Prints the report of a flight as text.
 
 pub mod beside;
+pub mod brief;
 pub mod theorem;
 
 use std::fmt::Write as _;
@@ -45,6 +46,12 @@ pub fn result_line(report: &Report, directory: &str) -> String {
         losses::unlogged(report),
         report.run.build.token(),
     )
+}
+
+/// `1 tick`, `2 ticks`.
+#[must_use]
+pub fn count(number: u64, thing: &str) -> String {
+    format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }
 
 type Written = std::fmt::Result;
@@ -135,7 +142,7 @@ fn ticks(out: &mut String, report: &Report) -> Written {
         writeln!(out, "  late {:>8} .. {:<8} us {:>7}  {bar}", bucket.from_us, bucket.below_us, bucket.count)?;
     }
     for run in &deadlines.runs {
-        writeln!(out, "  in a row {:>4} {:>21}", run.length_ticks, format!("{} times", run.count))?;
+        writeln!(out, "  in a row {:>4} {:>21}", run.length_ticks, count(run.count, "time"))?;
     }
     Ok(())
 }
@@ -157,7 +164,10 @@ fn latencies(out: &mut String, report: &Report) -> Written {
             series.max_us
         )?;
     }
-    writeln!(out, "  -: too few values. A maximum on a shared machine is the host's. Nothing was removed.")
+    writeln!(
+        out,
+        "  -: too few values. On a shared machine the maximum mostly shows the host. No sample was discarded."
+    )
 }
 
 fn roles(out: &mut String, report: &Report) -> Written {
@@ -187,22 +197,25 @@ fn roles(out: &mut String, report: &Report) -> Written {
         )?;
     }
     for (name, role) in &report.roles {
-        for (reason, count) in role.rejected.iter().filter(|(_, count)| **count > 0) {
-            writeln!(out, "  {name} rejected {count} messages: {reason}")?;
+        for (reason, rejected) in role.rejected.iter().filter(|(_, rejected)| **rejected > 0) {
+            writeln!(out, "  {name} rejected {}: {reason}", count(*rejected, "message"))?;
         }
     }
     let recorder = &report.recorder;
     let lost: u64 = recorder.lost.values().sum();
     writeln!(
         out,
-        "  recorder: lost {lost} messages, {} ticks incomplete, {:.1} % of a processor",
-        recorder.incomplete_ticks, recorder.cpu_percent
+        "  recorder: lost {}, {} incomplete, {:.1} % of a processor",
+        count(lost, "message"),
+        count(recorder.incomplete_ticks, "tick"),
+        recorder.cpu_percent
     )?;
     let log = &recorder.log;
     let (written, dropped): (u64, u64) = (log.messages.values().sum(), log.dropped.values().sum());
     writeln!(
         out,
-        "  flight.mcap: {written} messages in {:.1} MB, {dropped} dropped{}",
+        "  flight.mcap: {} in {:.1} MB, {dropped} dropped{}",
+        count(written, "message"),
         log.file_bytes as f64 / 1e6,
         log.refused.as_ref().map_or_else(String::new, |reason| format!(" ({reason})"))
     )?;
@@ -244,7 +257,7 @@ fn flight(out: &mut String, report: &Report) -> Written {
         flight.states,
         without_state(report)
     )?;
-    writeln!(out, "  rotors saturated in {} ticks", flight.saturated_ticks)?;
+    writeln!(out, "  rotors saturated in {}", count(flight.saturated_ticks, "tick"))?;
     for estimate in &flight.estimates {
         writeln!(
             out,

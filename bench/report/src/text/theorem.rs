@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 
 use model::monitor::Cause;
 
-use crate::tally::theorem::{NO_CAUSE, Theorem};
+use crate::tally::theorem::{NO_CAUSE, Theorem, Watched};
+use crate::text::count;
 
 impl Theorem {
     /// The section as text.
@@ -25,6 +26,18 @@ impl Theorem {
             (false, _) => "DOES NOT HOLD",
             (true, 0) => "holds",
             (true, _) => "holds where its assumptions do",
+        }
+    }
+
+    /// What the theorem leaves of an estimate's error: no more than it proves.
+    fn bound(&self, estimate: &Watched) -> String {
+        let bound = estimate.error_bound;
+        if !self.broken.is_empty() {
+            format!("no bound under {}", self.broken.join(", "))
+        } else if estimate.error.abs() <= bound {
+            format!("by the theorem at most {bound:.2e}")
+        } else {
+            format!("by the theorem at most {bound:.2e} beside the trapezoidal rule")
         }
     }
 
@@ -63,18 +76,22 @@ impl Theorem {
         writeln!(out, "  V above its bound in {above} steps{}", list(&self.v_above_bound))?;
         writeln!(
             out,
-            "  e {:.2e} rad/s at the most, {:.2e} at the end; {} saturated ticks, {} with a stale input, {} live swaps",
+            "  e {:.2e} rad/s at most, {:.2e} at the end; {}, {} with a stale input, {}",
             self.rate_error_max_rad_s,
             self.rate_error_final_rad_s,
-            self.ticks_saturated,
+            count(self.ticks_saturated, "saturated tick"),
             self.ticks_stale,
-            self.live_swaps
+            count(self.live_swaps, "live swap")
         )?;
         for estimate in &self.estimates {
             writeln!(
                 out,
-                "  {:<24} off by {:>9.2e}, first {:.2e}, by the theorem at most {:.2e}; excitation {:.2e}",
-                estimate.name, estimate.error, estimate.error_start, estimate.error_bound, estimate.identifiability
+                "  {:<24} error {:>9.2e}, first {:.2e}, {}; excitation {:.2e}",
+                estimate.name,
+                estimate.error,
+                estimate.error_start,
+                self.bound(estimate),
+                estimate.identifiability
             )?;
         }
         writeln!(out, "  {}", self.convergence)

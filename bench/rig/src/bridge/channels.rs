@@ -1,4 +1,4 @@
-//! The topics and the scene as channels of the WebSocket protocol.
+//! Topics and scene as channels of the WebSocket protocol.
 
 use std::sync::Arc;
 

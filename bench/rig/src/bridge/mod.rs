@@ -1,4 +1,4 @@
-//! `ironbird bridge foxglove`: a flight on the Foxglove WebSocket protocol.
+//! `ironbird bridge foxglove`: serves a flight over the Foxglove WebSocket protocol.
 //!
 //! ```text
 //! recorder, boards --observe--> channels, parameters --SDK--> Foxglove

@@ -1,4 +1,4 @@
-//! The airframe's parameters as those of the WebSocket protocol.
+//! The airframe's parameters as parameters of the WebSocket protocol.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;

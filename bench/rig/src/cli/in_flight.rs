@@ -5,6 +5,7 @@ use std::time::Duration;
 use clap::{Args, Subcommand};
 use model::parameters::Parameter;
 
+use crate::cli::values;
 use crate::fault::{FaultError, parse_change};
 
 /// Flags of `watch`.
@@ -24,7 +25,8 @@ pub struct WatchArgs {
 /// Protocols of other programs.
 #[derive(Debug, Subcommand)]
 pub enum BridgeTo {
-    /// Foxglove WebSocket: topics, the 3-D scene, and the airframe's parameters to be swapped from the panel.
+    /// Foxglove WebSocket: topics, the 3-D scene, and the airframe's parameters to be swapped from the panel. Only in a
+    /// build with `--features foxglove`.
     Foxglove(FoxgloveArgs),
 }
 
@@ -52,7 +54,7 @@ pub struct InjectArgs {
     #[arg(long, value_name = "N", conflicts_with = "after")]
     pub at_tick: Option<u64>,
     /// Apply this much flight time later, as in 500ms.
-    #[arg(long = "in", value_name = "TIME", value_parser = humantime::parse_duration)]
+    #[arg(long = "in", value_name = "TIME", allow_hyphen_values = true, value_parser = values::duration)]
     pub after: Option<Duration>,
     /// Name of the instance.
     #[arg(long, value_name = "NAME", default_value = "default")]

@@ -25,7 +25,7 @@ pub struct ReportArgs {
 /// What else to do with reports.
 #[derive(Clone, Debug, Subcommand)]
 pub enum ReportCommand {
-    /// Compare two flights: every percentile as a ratio, and what the numbers of samples allow to say.
+    /// Compare two flights: every percentile as a ratio, and which differences the sample sizes support.
     Diff(DiffArgs),
 }
 

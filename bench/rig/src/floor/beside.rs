@@ -1,8 +1,8 @@
-//! The machine's floors beside a flight: measured right after it, as it flew, and part of its report.
+//! Measures the machine's floors right after a flight, for its report.
 //!
 //! ```text
-//!   wake.plant  beside  a bare timer: one thread that does nothing but wake at each tick's begin
-//!   loop        beside  a raw futex ring: four processes that compute as long as the laws took, and hand on a token
+//!   wake.plant  beside  a bare timer: one thread that only wakes when each tick begins
+//!   loop        beside  a raw futex ring: four processes that compute for as long as the laws, and pass a token on
 //! ```
 
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! `ironbird floor`: every figure of the rig beside the machine's own limit, measured in the same minutes.
+//! `ironbird floor`: measures each figure of the rig beside the machine's own limit.
 
 use crate::wall_time::utc;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use crate::floor::calls;
 use crate::floor::flight::Hangar;
 use crate::floor::page::{MeasuredSet, Page};
 use crate::floor::sets::{self, MeasuringEffort, Stress};
-use crate::output::print;
+use crate::output::{print, say};
 use failure::{Failure, InFile as _, OK};
 use machine::floor::cyclictest;
 
@@ -34,7 +34,7 @@ pub struct FloorArgs {
     /// How long each side of a pair is measured [s]; below 11 s a 99.9th percentile has too few values.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub seconds: u64,
-    /// Write benchmarks.md and benchmarks.json into this directory; sets that they hold and that are not measured now stay.
+    /// Write benchmarks.md and benchmarks.json into this directory; sets in them that are not measured now stay.
     #[arg(long, value_name = "DIR")]
     pub write: Option<PathBuf>,
 }
@@ -80,7 +80,7 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
     let version = format!("ironbird {}", crate::build::here());
     for set in Set::value_variants() {
         if args.only.is_empty() || args.only.contains(set) {
-            eprintln!("measuring: {}", name(*set));
+            say(&format!("measuring: {}\n", name(*set)));
             let mut measured = MeasuredSet::new(*set, now(), version.clone(), command(args, *set));
             match missing(*set) {
                 Some(reason) => measured.left_out = Some(reason),
@@ -150,7 +150,7 @@ fn kept(numbers: &Path, host: &report::host::Host) -> Result<Page, Failure> {
     if page.host == *host {
         return Ok(page);
     }
-    eprintln!("{} is of another machine: its figures are not kept", numbers.display());
+    say(&format!("{} is of another machine: its figures are not kept\n", numbers.display()));
     Ok(Page::new(host.clone()))
 }
 

@@ -1,4 +1,4 @@
-//! A flight of the rig as one side of a comparison: launched as a user does, read from its report.
+//! A flight as one side of a comparison: launched as a user would, read from its report.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! `ironbird ring-hop`: a process of the ring, started by the one that measures.
+//! `ironbird ring-hop`: one process of the ring; the measuring process starts it.
 
 use clap::Args;
 use role::launcher::end_with_launcher;

@@ -1,4 +1,4 @@
-//! The rig beside the machine's own limits.
+//! Measures the rig beside the machine's own limits.
 //!
 //! ```text
 //! timer, ring, cyclictest, scalar laws --A--> pairs --> comparison --> docs/benchmarks.md

@@ -1,4 +1,4 @@
-//! What `ironbird floor` measured, as a page for people and as numbers for programs.
+//! The results of `ironbird floor`: a page for people, numbers for programs.
 
 use std::fmt::Write as _;
 

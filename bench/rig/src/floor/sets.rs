@@ -1,4 +1,4 @@
-//! What is measured beside what: each set flies or runs ours and its floor, A B A B.
+//! The sets of comparisons: each measures ours and its floor in turns, A B A B.
 
 use std::hint::black_box;
 use std::process::{Child, Command, Stdio};

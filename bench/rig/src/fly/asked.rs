@@ -1,4 +1,4 @@
-//! What signals ask of the launcher: looked at, rather than waited for by a thread.
+//! Signals to the launcher. It polls them; no thread waits for them.
 
 use role::stop::{ends_at_once, stop_signals};
 use signal_hook::consts::SIGCHLD;

@@ -1,4 +1,4 @@
-//! How a flight's processes ended, and what that makes of its report.
+//! How a flight's processes ended, and what that means for its report.
 
 use std::fs;
 use std::os::unix::process::ExitStatusExt as _;
@@ -7,10 +7,13 @@ use std::process::ExitStatus;
 
 use model::role::Role;
 use role::stop::asks_for_the_end;
+use rustix::fs::statvfs;
 
+use crate::fly::launcher::ENDING;
 use crate::output::say;
 use failure::{FAILED, Failure, GATE, INTERRUPTED};
 use report::schema::Report;
+use report::sections::break_off;
 
 /// How a flight's processes ended.
 #[derive(Default)]
@@ -21,6 +24,8 @@ pub(super) struct Ended {
     pub(super) stopped: Option<Left>,
     /// Whether a signal has asked the launcher for the end.
     pub(super) interrupted: bool,
+    /// Whether the plant has taken off.
+    pub(super) flown: bool,
 }
 
 /// A process that has ended.
@@ -29,6 +34,8 @@ pub(super) struct Left {
     pub(super) status: ExitStatus,
     /// Whether a signal had asked the launcher for the end by then.
     pub(super) interrupted: bool,
+    /// Whether the launcher has killed it, because it did not end with the flight.
+    pub(super) hung: bool,
 }
 
 impl Ended {
@@ -55,35 +62,33 @@ impl Ended {
     /// missing. Says whether it did.
     pub(super) fn correct(&self, report: &mut Report) -> bool {
         let (status, exit_code, ending) = match &self.died {
-            Some(died) => ("ABORTED", FAILED, format!("the {} process died: {}", died.role, died.status)),
+            Some(died) => ("ABORTED", FAILED, died.how()),
             None if !report.run.in_flight => return false,
             None if self.is_over() => {
                 ("INTERRUPTED", INTERRUPTED, "interrupted; numbers up to the recorder's last second".into())
             }
             None => ("ABORTED", FAILED, "the recorder ended too early".into()),
         };
-        (report.verdict.status, report.verdict.exit_code) = (status.into(), exit_code);
-        (report.run.ending, report.run.in_flight) = (ending, false);
+        break_off(report, status, exit_code, ending);
         true
     }
 
     /// Why there is no report.
     pub(super) fn failure(&self, directory: &Path) -> Failure {
         self.died.iter().chain(&self.stopped).for_each(|left| say(&left.words(directory)));
+        let when = if self.flown { "the flight had a report" } else { "the flight began" };
         if let Some(stopped) = &self.stopped {
-            return Failure::new(
-                INTERRUPTED,
-                format!("the {} process was interrupted before the flight began", stopped.role),
-            );
+            let what = format!("the {} was interrupted before {when}", process(stopped.role));
+            return Failure::new(INTERRUPTED, what);
         }
         match &self.died {
             // What a process says of the end of another one, after a signal, is no news.
             Some(died) if !died.interrupted => {
                 let code = died.status.code().and_then(|code| u8::try_from(code).ok()).filter(|code| *code != 0);
-                let what = format!("the {} process ended before the flight began", died.role);
+                let what = format!("the {} ended before {when}", process(died.role));
                 Failure::new(code.unwrap_or(FAILED), what)
             }
-            _ if self.interrupted => Failure::new(INTERRUPTED, "interrupted before the flight began"),
+            _ if self.interrupted => Failure::new(INTERRUPTED, format!("interrupted before {when}")),
             _ => Failure::failed("the processes ended without a report"),
         }
     }
@@ -102,9 +107,32 @@ impl Left {
 
     /// What the process said last.
     pub(super) fn words(&self, directory: &Path) -> String {
-        let said = fs::read_to_string(log_path(directory, self.role)).unwrap_or_default();
-        format!("{} process: {}\n{said}", self.role, self.status)
+        let mut said = fs::read_to_string(log_path(directory, self.role)).unwrap_or_default();
+        if said.is_empty() && is_full(directory) {
+            said = format!("{}: the disk is full, and had no room for what the process said\n", directory.display());
+        }
+        format!("{}: {}\n{said}", process(self.role), self.status)
     }
+
+    /// How it ended, in words.
+    fn how(&self) -> String {
+        let process = process(self.role);
+        if self.hung {
+            format!("the {process} did not end within {} s of the flight and was killed", ENDING.as_secs())
+        } else {
+            format!("the {process} died: {}", self.status)
+        }
+    }
+}
+
+/// What the process of a role is called.
+pub(super) fn process(role: Role) -> String {
+    if role == Role::Record { "recorder".into() } else { format!("{role} process") }
+}
+
+fn is_full(directory: &Path) -> bool {
+    const A_WORD_BYTES: u64 = 16 << 10;
+    statvfs(directory).is_ok_and(|disk| disk.f_bavail * disk.f_frsize < A_WORD_BYTES)
 }
 
 /// Where a process' standard error goes.
@@ -119,7 +147,7 @@ mod tests {
     use super::*;
 
     fn left(role: Role, raw: i32) -> Left {
-        Left { role, status: ExitStatus::from_raw(raw), interrupted: false }
+        Left { role, status: ExitStatus::from_raw(raw), interrupted: false, hung: false }
     }
 
     /// A wait status: an exit code stands in the second byte, a signal in the first.

@@ -1,4 +1,4 @@
-//! The processes of a flight: started, watched, told to end.
+//! Starts the processes of a flight, watches them and ends them.
 
 use std::fs::File;
 use std::os::unix::process::CommandExt as _;
@@ -6,9 +6,11 @@ use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use model::boards::{RUN, Run, RunPhase};
+use model::boards::{LOCKSTEP, RUN, Run, RunPhase};
+use model::messages::NO_TICK;
 use model::role::{ROLES, Role};
 use rustix::process::{Pid, Signal, kill_process};
+use wire::clock::now_ns;
 use wire::instance::Instance;
 use wire::{BoardReader, Wire};
 
@@ -16,7 +18,7 @@ use crate::cli::FlyArgs;
 use crate::dashboard::Dashboard;
 use crate::fly::LOOK_EVERY;
 use crate::fly::asked::Asked;
-use crate::fly::ending::{Ended, Left, log_path};
+use crate::fly::ending::{Ended, Left, log_path, process};
 use crate::fly::status_line::StatusLine;
 use crate::run_directory::RunDirectory;
 use crate::settings::Settings;
@@ -26,9 +28,14 @@ use machine::executable::own_executable;
 /// How long processes may take to end after they were told to.
 const LANDING: Duration = Duration::from_secs(5);
 
+/// How long they may take to end after the flight has: more than a recorder waits for a disk that stands still.
+pub(super) const ENDING: Duration = Duration::from_secs(30);
+
 /// The processes of a flight.
 pub(super) struct Launcher {
     children: Vec<(Role, Child)>,
+    /// Roles that were killed because they did not end with the flight.
+    hung: Vec<Role>,
     dashboard: Option<Dashboard>,
     wire: Wire,
     status_line: StatusLine,
@@ -46,7 +53,7 @@ impl Launcher {
         let wire = Wire::open(instance)?;
         let executable = own_executable()?;
         let status_line = StatusLine::new(&directory.path, settings.flight.duration_s);
-        let mut launcher = Self { children: Vec::new(), dashboard: None, wire, status_line };
+        let mut launcher = Self { children: Vec::new(), hung: Vec::new(), dashboard: None, wire, status_line };
         for role in ROLES {
             let log_path = log_path(&directory.path, role);
             let log = File::create(&log_path).in_file("write", &log_path)?;
@@ -74,7 +81,7 @@ impl Launcher {
                 Ok(child) => launcher.children.push((role, child)),
                 Err(e) => {
                     launcher.kill();
-                    return Err(Failure::failed(format!("cannot start the {role} process: {e}"))
+                    return Err(Failure::failed(format!("cannot start the {}: {e}", process(role)))
                         .help("a flight has five processes of some threads each: see `ulimit -u`, and `ulimit -v`"));
                 }
             }
@@ -89,6 +96,7 @@ impl Launcher {
     pub(super) fn watch(&mut self, asked: &mut Asked) -> Result<Ended, Failure> {
         let mut ended = Ended::default();
         let mut told_at: Option<Instant> = None;
+        let mut over_since: Option<Instant> = None;
         let mut forced = false;
         let mut board: Option<BoardReader<Run>> = None;
         while !self.children.is_empty() {
@@ -106,6 +114,13 @@ impl Launcher {
             if told_at.is_none() && ended.is_over() {
                 self.tell_all();
                 told_at = Some(Instant::now());
+            }
+            ended.flown |= run.is_some_and(|run| run.phase() == RunPhase::Flying && run.tick != NO_TICK);
+            if told_at.is_none()
+                && let Some(run) = run.filter(is_over)
+                && over_since.get_or_insert_with(Instant::now).elapsed() > ENDING
+            {
+                self.kill_hanging(run.phase());
             }
             if asked.at_once || told_at.is_some_and(|at| at.elapsed() > LANDING) {
                 forced = true;
@@ -129,7 +144,8 @@ impl Launcher {
             match child.try_wait().map_err(|e| Failure::failed(format!("cannot wait for {role}: {e}")))? {
                 None => next += 1,
                 Some(status) => {
-                    left.push(Left { role: *role, status, interrupted });
+                    let hung = self.hung.contains(role);
+                    left.push(Left { role: *role, status, interrupted, hung });
                     self.children.remove(next);
                 }
             }
@@ -143,6 +159,17 @@ impl Launcher {
                 // It may have ended by itself meanwhile.
                 let _ = kill_process(pid, Signal::TERM);
             }
+        }
+    }
+
+    /// Kills who has not ended with the flight: the plant alone where it has not closed the run, since the others end
+    /// when it is gone.
+    fn kill_hanging(&mut self, phase: RunPhase) {
+        let waits_for_plant = phase != RunPhase::Closed && self.children.iter().any(|(role, _)| *role == Role::Plant);
+        for (role, child) in self.children.iter_mut().filter(|(role, _)| !waits_for_plant || *role == Role::Plant) {
+            self.hung.push(*role);
+            // Only a process that has ended already resists.
+            let _ = child.kill();
         }
     }
 
@@ -161,4 +188,11 @@ impl Drop for Launcher {
             let _ = child.wait();
         }
     }
+}
+
+/// Whether the flight of this launcher is over: its plant has said so, or the clock does. In lockstep only the plant can.
+fn is_over(run: &Run) -> bool {
+    let end_ns = run.t0_ns + (run.last_tick + 1) * run.period_ns;
+    let is_past = run.phase() == RunPhase::Flying && run.period_ns != LOCKSTEP && now_ns() > end_ns;
+    run.launcher_pid == u64::from(std::process::id()) && (run.phase() == RunPhase::Closed || is_past)
 }

@@ -1,6 +1,6 @@
-//! The launcher's line on a terminal: how the flight goes.
+//! The launcher's status line on a terminal.
 //!
-//! It costs the same whether anybody sees it or not, so that a flight on a terminal is the flight of a script.
+//! It costs the same with and without a terminal, so a flight from a script is no different.
 
 use std::fs;
 use std::io::{self, IsTerminal as _};

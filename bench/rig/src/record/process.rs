@@ -37,7 +37,7 @@ use report::finding::Diagnosis;
 use report::host::Host;
 use report::json;
 use report::schema::{self, Report, RunLength};
-use report::sections::{gates, log_section, rejected, verdict};
+use report::sections::{gates, log_section, rejected, take_log, verdict};
 use report::states::{Joined, Joiner, LoopMessage, StatesWriter};
 use report::tally::deadlines::LateStretch;
 use report::tally::distribution::buckets;
@@ -206,12 +206,13 @@ impl<'a> Recorder<'a> {
         self.tally.miss_runs.update(run.deadlines_missed, run.deadline_miss_run);
         let mut report = self.report(&run, ports, meter, Some(ending))?;
         // Last of what needs room, and before the report, which says what became of it.
-        report.recorder.log = log_section(&self.log.finish(record(&[
+        let fate = self.log.finish(record(&[
             ("ending", ending.words()),
             ("ticks_run", &run.ticks_run.to_string()),
             ("ticks_skipped", &run.ticks_skipped.to_string()),
             ("deadlines_missed", &run.deadlines_missed.to_string()),
-        ]))?);
+        ]))?;
+        take_log(&mut report, &fate);
         self.so_far.close();
         write_all(&report, self.directory)?;
         if !self.is_latest {

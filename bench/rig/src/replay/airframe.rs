@@ -1,8 +1,8 @@
-//! Replay of the plant: the recorded commands, in the ticks in which it took them.
+//! Replays the plant: it takes the recorded commands at the ticks at which it took them.
 //!
-//! A recorded state says how many commands the plant had taken, and which was the last; those that are new since the
-//! state before are offered again, each with the tick from which its send stamp lets it act, as the plant's process
-//! does. So also a stretch of skipped ticks is flown with what was in force in each of them.
+//! A recorded state says how many commands the plant had taken, and which was the last. The replay offers those that
+//! are new since the state before. Each acts from the tick that its send stamp allows, as in the plant's process.
+//! Skipped ticks are therefore flown with the commands that were in force in them.
 
 use model::envelope::Message;
 use model::grid::Pace;

@@ -1,4 +1,4 @@
-//! Comparison of what was replayed with what was recorded, bit for bit.
+//! Compares replayed messages with the recorded ones, bit for bit.
 
 use std::fmt;
 

@@ -1,4 +1,4 @@
-//! Replay of the stages behind the plant: each law on the recorded inputs that its messages name.
+//! Replays the stages after the plant: each law on the inputs that its messages name.
 
 use controller::{OuterLoop, WatchedLoop};
 use law::{InnerLaw as _, MixerLaw as _, OuterLaw as _};

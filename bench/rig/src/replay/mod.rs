@@ -1,11 +1,11 @@
-//! `ironbird replay`: the tick functions again, from the flight log alone.
+//! `ironbird replay`: runs the tick functions again, from the flight log alone.
 //!
 //! ```text
 //! flight.mcap --survey--> whole, of this version, without a gap
 //!             --again---> each message: its stage's law on the recorded inputs --compare--> bit for bit
 //! ```
 //!
-//! Every stage is replayed from recorded inputs, so a difference shows at the stage that made it and goes no further.
+//! Every stage gets recorded inputs, so a difference shows at the stage that made it and goes no further.
 
 pub mod airframe;
 pub mod compare;
@@ -20,7 +20,7 @@ use std::path::Path;
 use model::role::Role;
 
 use crate::cli::ReplayArgs;
-use crate::output::print;
+use crate::output::{print, say};
 use crate::replay::airframe::AirframeReplay;
 use crate::replay::compare::ReplayComparison;
 use crate::replay::loops::LoopsReplay;
@@ -73,7 +73,8 @@ pub fn fly_again(path: &Path, from_tick: u64, stops: bool) -> Result<Replayed, F
     let survey = survey(path)?;
     let last_tick = survey.last_tick.unwrap_or(0);
     if from_tick > last_tick {
-        return Err(Failure::usage(format!("--from {from_tick}: the log ends at tick {last_tick}")));
+        return Err(Failure::usage(format!("--from {from_tick}: the log ends at tick {last_tick}"))
+            .help(format!("name a tick from 0 to {last_tick}")));
     }
     let mut again = Again::new(&survey, from_tick)?;
     again.fly(path, stops)?;
@@ -83,20 +84,26 @@ pub fn fly_again(path: &Path, from_tick: u64, stops: bool) -> Result<Replayed, F
 fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
     let (ticks, values) = (again.summary.ticks, again.comparison.values);
     // Standard output is the verdict alone.
-    eprint!("{}", builds(&again.survey));
+    say(&builds(&again.survey));
     if let Some(divergence) = &again.comparison.first {
         print(&format!("replay: diverges at {divergence}\n"))?;
         return Ok(GATE);
     }
     if !again.is_identical() {
-        return Err(Failure::failed(format!(
-            "{} is truncated: its end is missing; the {ticks} ticks before agree in {values} values",
-            path.display()
-        ))
-        .help("a flight is verified from a whole record alone"));
+        return Err(truncated(path, again));
     }
     print(&format!("replay: {ticks} ticks, {values} values, identical\n"))?;
     Ok(OK)
+}
+
+/// A log without its end, whose messages agree.
+fn truncated(path: &Path, again: &Replayed) -> Failure {
+    let (ticks, values) = (again.summary.ticks, again.comparison.values);
+    Failure::failed(format!(
+        "{} is truncated: its end is missing; the {ticks} ticks before agree in {values} values",
+        path.display()
+    ))
+    .help("a flight is verified from a whole record alone; `ironbird export` gives what the recorder had written")
 }
 
 /// Who flew, and who replays.
@@ -107,13 +114,10 @@ fn builds(survey: &Survey) -> String {
 
 fn tell(path: &Path, again: &Replayed) -> Result<u8, Failure> {
     print(&(again.summary.text(&again.survey) + &builds(&again.survey)))?;
-    let compared = match &again.comparison.first {
-        Some(divergence) => format!("diverges from the record at {divergence}\n"),
-        None => format!("agrees with the record in {} values\n", again.comparison.values),
-    };
-    print(&compared)?;
-    if again.survey.end == End::Truncated {
-        eprintln!("{} is truncated: its end is missing; replayed is what stands before", path.display());
+    match &again.comparison.first {
+        Some(divergence) => print(&format!("diverges from the record at {divergence}\n"))?,
+        None if !again.is_identical() => return Err(truncated(path, again)),
+        None => print(&format!("agrees with the record in {} values\n", again.comparison.values))?,
     }
     Ok(OK)
 }
@@ -125,6 +129,8 @@ struct Again {
     loops: LoopsReplay,
     comparison: ReplayComparison,
     summary: Summary,
+    /// Processes of the inner loop that were started in flight before the first tick that counts.
+    restarts_before: u64,
     windows: Windows,
     /// Read and not replayed yet, by tick and stage.
     ahead: BTreeMap<(u64, Role, u64), LogEntry>,
@@ -147,7 +153,8 @@ impl Again {
             airframe: AirframeReplay::new(&survey.settings.plant()?, survey.pace, &survey.swaps),
             loops: LoopsReplay::new(&survey.settings)?,
             comparison: ReplayComparison::from(from_tick),
-            summary: Summary::new(Tracking::of(flight.trajectory, flight.period_s)),
+            summary: Summary::new(Tracking::of(flight.trajectory, flight.period_s), from_tick),
+            restarts_before: 0,
             windows: Windows::default(),
             ahead: BTreeMap::new(),
             read: 0,
@@ -171,7 +178,7 @@ impl Again {
                 }
             }
             if entry.is_none() {
-                self.summary.restarts = self.loops.restarts;
+                self.summary.restarts = self.loops.restarts - self.restarts_before;
                 return Ok(());
             }
         }
@@ -207,9 +214,7 @@ impl Again {
         match entry {
             LogEntry::State(message) => {
                 let state = self.airframe.step(message, &windows.rotor_speeds, comparison)?;
-                if message.envelope.tick >= self.from_tick {
-                    self.summary.state(message.envelope.tick, &state);
-                }
+                self.summary.state(message.envelope.tick, &state);
             }
             LogEntry::Setpoint(message) => {
                 self.loops.setpoint(message, &windows.states, comparison)?;
@@ -218,6 +223,8 @@ impl Again {
                 let wrench = self.loops.wrench(message, &windows.states, &windows.setpoints, comparison)?;
                 if message.envelope.tick >= self.from_tick {
                     self.summary.wrench(&wrench);
+                } else {
+                    self.restarts_before = self.loops.restarts;
                 }
             }
             LogEntry::RotorSpeeds(message) => {

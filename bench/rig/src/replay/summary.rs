@@ -1,8 +1,9 @@
-//! What a replayed flight was like, in a few lines.
+//! Summarises a replayed flight in a few lines.
 
 use model::messages::{Mode, RotorSpeeds, State, Wrench};
 
 use crate::replay::survey::Survey;
+use report::text::count;
 use report::tracking::{Tracking, TrackingError};
 
 /// Modes by number, as they are named.
@@ -13,10 +14,14 @@ const MODES: [(Mode, &str); 4] =
 #[derive(Clone, Copy, Debug)]
 pub struct Summary {
     tracking: Tracking,
+    /// Tick that the counts begin with.
+    from_tick: u64,
     /// States replayed.
     pub ticks: u64,
     /// Processes of the inner loop that were started in flight.
     pub restarts: u64,
+    /// Ticks skipped and deadlines missed before the first tick that counts.
+    before: [u64; 2],
     newest: Option<(u64, State)>,
     error: TrackingError,
     inner: [u64; MODES.len()],
@@ -26,13 +31,15 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Of a flight with this reference.
+    /// Of a flight with this reference, from a tick on.
     #[must_use]
-    pub fn new(tracking: Tracking) -> Self {
+    pub fn new(tracking: Tracking, from_tick: u64) -> Self {
         Self {
             tracking,
+            from_tick,
             ticks: 0,
             restarts: 0,
+            before: [0; 2],
             newest: None,
             error: TrackingError::default(),
             inner: [0; MODES.len()],
@@ -44,6 +51,10 @@ impl Summary {
 
     /// Takes a state.
     pub fn state(&mut self, tick: u64, state: &State) {
+        if tick < self.from_tick {
+            self.before = [state.ticks_skipped, state.deadlines_missed];
+            return;
+        }
         self.ticks += 1;
         self.newest = Some((tick, *state));
         self.error.take(self.tracking.error_m(tick, state));
@@ -51,13 +62,13 @@ impl Summary {
 
     /// Takes a wrench.
     pub fn wrench(&mut self, wrench: &Wrench) {
-        count(&mut self.inner, wrench.mode);
+        take(&mut self.inner, wrench.mode);
         self.estimate = wrench.estimate;
     }
 
     /// Takes a rotor command.
     pub fn rotor_speeds(&mut self, speeds: &RotorSpeeds) {
-        count(&mut self.mixer, speeds.mode);
+        take(&mut self.mixer, speeds.mode);
         self.saturated += speeds.saturated;
     }
 
@@ -66,21 +77,23 @@ impl Summary {
     pub fn text(&self, survey: &Survey) -> String {
         let flight = &survey.settings.flight;
         let (tick, state) = self.newest.unwrap_or_default();
+        let [skipped, missed] = [state.ticks_skipped - self.before[0], state.deadlines_missed - self.before[1]];
+        let from = if self.from_tick > 0 { format!("from tick {} ", self.from_tick) } else { String::new() };
         let mut text = format!(
-            "{} with gains {}: {} ticks replayed, to tick {tick} ({:.3} s); {} skipped, {} deadlines missed\n",
+            "{} with gains {}: {} replayed, {from}to tick {tick} ({:.3} s); {skipped} skipped, {} missed\n",
             flight.trajectory,
             flight.preset,
-            self.ticks,
+            count(self.ticks, "tick"),
             tick as f64 * flight.period_s,
-            state.ticks_skipped,
-            state.deadlines_missed
+            count(missed, "deadline")
         );
         text += &format!("position error {}\n", self.error);
-        text += &format!("inner loop {}; started {} times in flight\n", modes(&self.inner), self.restarts);
-        text += &format!("mixer      {}; rotors saturated in {} ticks\n", modes(&self.mixer), self.saturated);
+        let [restarts, saturated] = [count(self.restarts, "time"), count(self.saturated, "tick")];
+        text += &format!("inner loop {}; started {restarts} in flight\n", modes(&self.inner));
+        text += &format!("mixer      {}; rotors saturated in {saturated}\n", modes(&self.mixer));
         let [i_r, k_r, delta] = self.estimate;
         text += &format!("estimates  I_R {i_r:.6e} kg m^2, k_r {k_r:.6e} N m s, delta {delta:.6e} rad/s^2\n");
-        for swap in &survey.swaps {
+        for swap in survey.swaps.iter().filter(|swap| swap.envelope.tick >= self.from_tick) {
             let changes: Vec<String> = swap
                 .content
                 .changes()
@@ -93,7 +106,7 @@ impl Summary {
     }
 }
 
-fn count(counts: &mut [u64; MODES.len()], mode: u64) {
+fn take(counts: &mut [u64; MODES.len()], mode: u64) {
     if let Some(place) = MODES.iter().position(|(known, _)| *known as u64 == mode) {
         counts[place] += 1;
     }

@@ -1,4 +1,4 @@
-//! What must hold of a log before it is replayed: undamaged, of this version, of one run, and without a gap.
+//! Checks a log before it is replayed: undamaged, of this version and one run, no gap.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,6 +16,7 @@ use flight_log::build::Build;
 use flight_log::codec::Logged;
 use flight_log::facts::{RUN, SETTINGS};
 use flight_log::reader::{End, LogEntry, LogReader};
+use report::text::count;
 
 /// A log that can be replayed.
 #[derive(Clone, Debug)]
@@ -43,7 +44,8 @@ pub fn survey(path: &Path) -> Result<Survey, Failure> {
     let Some(first) = reader.next_entry()? else {
         return Err(match reader.end() {
             End::Complete => Failure::failed(format!("{} holds no message: nothing was flown", path.display())),
-            End::Truncated => Failure::failed(format!("{} is truncated before its first message", path.display())),
+            End::Truncated => Failure::failed(format!("{} is truncated before its first message", path.display()))
+                .help("nothing can be replayed or exported from it; name another flight"),
         });
     };
     reader.check_version()?;
@@ -167,7 +169,7 @@ impl ExpectedMessages {
         let owed = same_sender.map_or(0, |last| last.seq + 1);
         if seq != owed {
             let missing = seq.wrapping_sub(owed);
-            return Err(gap(&format!("{missing} messages of topic `{topic}` are missing before tick {tick}")));
+            return Err(gap(&format!("topic `{topic}` lacks {} before tick {tick}", count(missing, "message"))));
         }
         let rises = last.is_none_or(|last| last.tick + u64::from(!C::MANY_PER_TICK) <= tick && last.epoch <= epoch);
         if !rises {

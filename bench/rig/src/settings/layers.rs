@@ -1,4 +1,4 @@
-//! The layers of the settings: default, preset, file, flags; and what a settings file may say.
+//! Merges the layers of the settings (default, preset, file, flags) and checks the file.
 
 use std::fs::{self, File};
 use std::io::{self, Read as _};
@@ -20,7 +20,7 @@ pub(super) fn layered<'a>(file: Option<&'a Path>, overrides: &Overrides) -> Resu
         let preset: Preset = preset.parse().map_err(|e| {
             // A flag with an unknown name does not come this far.
             let place = file.map(|path| format!(" (settings file {})", path.display())).unwrap_or_default();
-            Failure::usage(format!("flight.preset: {e}{place}"))
+            Failure::usage(format!("flight.preset: {e}{place}")).help("see `ironbird fly --print-config`")
         })?;
         let gains = Table::try_from(Gains::preset(preset)).map_err(|e| Failure::failed(e.to_string()))?;
         table.insert("gains".into(), Value::Table(gains));
@@ -42,8 +42,10 @@ pub(super) fn layered<'a>(file: Option<&'a Path>, overrides: &Overrides) -> Resu
 
 /// Reads a settings file: every key must be known, and of the type that the default has.
 fn read(path: &Path, default: &Table) -> Result<Table, Failure> {
-    let text =
-        text_of(path).map_err(|e| Failure::usage(format!("cannot read the settings file {}: {e}", path.display())))?;
+    let text = text_of(path).map_err(|e| {
+        Failure::usage(format!("cannot read the settings file {}: {e}", path.display()))
+            .help("name a file that you can read; `ironbird fly --print-config` writes one to begin with")
+    })?;
     let here = |what: String| {
         Failure::usage(format!("settings file {}: {what}", path.display())).help("see `ironbird fly --print-config`")
     };

@@ -1,4 +1,4 @@
-//! Settings from defaults, files and flags, and what is said of mistakes in them.
+//! Tests of settings from defaults, files and flags, and of the errors about them.
 
 use std::io::Write as _;
 

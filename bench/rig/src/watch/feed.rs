@@ -1,4 +1,4 @@
-//! Brings the flight to the model: waits, joins, drains, notices the end.
+//! Feeds the flight to the model: waits for it, joins it, reads it, notices its end.
 
 use std::time::{Duration, Instant};
 

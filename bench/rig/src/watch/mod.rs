@@ -1,4 +1,4 @@
-//! `ironbird watch`: the flight, live; joins and leaves without touching a loop.
+//! `ironbird watch`: shows a flight live, without touching a loop.
 //!
 //! ```text
 //! recorder, boards --feed--> model --draw--> terminal        (or --plain--> a line per second)

@@ -1,6 +1,6 @@
-//! What the dashboard knows: the flight, and what the user looks at.
+//! The dashboard's state: the flight, and what the user looks at.
 //!
-//! Pure: it is told everything, and asks for nothing but what [`Model::key`](crate::watch::keys) answers.
+//! It is pure. Others tell it everything; its only output is the answer of [`Model::key`](crate::watch::keys).
 
 use std::collections::BTreeMap;
 

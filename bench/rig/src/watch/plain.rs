@@ -1,4 +1,4 @@
-//! The dashboard where there is no terminal: a line per second.
+//! The dashboard without a terminal: one line per second.
 
 use std::fmt::Write as _;
 use std::sync::atomic::{AtomicBool, Ordering};

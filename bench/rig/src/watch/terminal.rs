@@ -1,4 +1,4 @@
-//! The dashboard's loop in a terminal, which it gives back as it was.
+//! The dashboard's loop in a terminal. It restores the terminal when it ends.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;

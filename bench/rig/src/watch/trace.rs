@@ -1,4 +1,4 @@
-//! A quantity over the last minute: the largest value of every 0.1 s.
+//! One quantity over the last minute: the largest value of each 0.1 s.
 
 use std::collections::VecDeque;
 

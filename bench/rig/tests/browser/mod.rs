@@ -12,6 +12,8 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
+use crate::rig::lacks_tool;
+
 /// Names under which Chromium is installed.
 const NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
 /// Ends a test that hangs; no verdict on speed.
@@ -46,9 +48,7 @@ impl Browser {
     /// Starts one; none where Chromium is not installed, which is said.
     pub fn open() -> Option<Self> {
         let Some(executable) = executable() else {
-            // Past the test harness, which shows what a test prints only when it fails.
-            let names = NAMES.join(", ");
-            writeln!(std::io::stderr().lock(), "SKIPPED: report.html is not opened in a browser: no {names}").unwrap();
+            lacks_tool(&format!("report.html is not opened in a browser: no {}", NAMES.join(", ")));
             return None;
         };
         let profile = TempDir::new().unwrap();

@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -311,6 +312,11 @@ fn squeezed(text: &str) -> String {
     text.chars().filter(|c| !c.is_whitespace() && *c != '│').collect()
 }
 
+/// What messages call the process of a role.
+pub fn process_of(role: &str) -> String {
+    if role == "record" { "recorder".into() } else { format!("{role} process") }
+}
+
 /// Waits for something that must come.
 pub fn wait_until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
     let until = Instant::now() + PATIENCE;
@@ -358,6 +364,17 @@ fn children(pid: u32) -> Vec<u32> {
         .map(text)
         .flat_map(|list| list.split(' ').filter_map(|n| n.parse().ok()).collect::<Vec<_>>())
         .collect()
+}
+
+/// Says that something is left out, past the harness, which shows what a test prints only when it fails.
+pub fn not_tested(what: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "NOT TESTED: {what}");
+}
+
+/// The same for want of a tool; with `IRONBIRD_TEST_ALL=1` that is a failure, as in the gate, which installs them.
+pub fn lacks_tool(what: &str) {
+    assert!(std::env::var("IRONBIRD_TEST_ALL").as_deref() != Ok("1"), "IRONBIRD_TEST_ALL is set, and {what}");
+    not_tested(what);
 }
 
 /// Rounds of a soak.

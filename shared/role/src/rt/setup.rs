@@ -43,7 +43,9 @@ pub fn remedy(step: RealtimeStep, errno: i64) -> &'static str {
         }
         RealtimeStep::Prefault => "free memory, or enlarge /dev/shm",
         RealtimeStep::TimerSlack => "use a kernel that knows PR_SET_TIMERSLACK",
-        RealtimeStep::CpuLatency => "start as root, or let your group write /dev/cpu_dma_latency",
+        RealtimeStep::CpuLatency => {
+            "start as root, or let a group of yours write /dev/cpu_dma_latency (docs/measuring.md has the udev rule)"
+        }
     }
 }
 
@@ -126,15 +128,16 @@ impl Engaged {
 
     fn insist(&self, role: Role) -> Result<(), Error> {
         let refused: Vec<RealtimeStep> = self.grants.refused().filter(|step| step.required()).collect();
-        let Some(first) = refused.first() else { return Ok(()) };
+        if refused.is_empty() {
+            return Ok(());
+        }
+        let mut remedies: Vec<_> = refused.iter().map(|step| remedy(*step, self.grants.of(*step).errno)).collect();
+        remedies.dedup();
         let word = |step: &RealtimeStep| format!("{step:?} ({})", self.grants.of(*step).reason());
         Err(Error::RealtimeRefused {
             role,
             refused: refused.iter().map(word).collect::<Vec<_>>().join(", "),
-            remedy: format!(
-                "{}; or fly with what is granted: --rt prefer",
-                remedy(*first, self.grants.of(*first).errno)
-            ),
+            remedy: format!("{}; or fly with what is granted: --rt prefer", remedies.join("; ")),
         })
     }
 }

@@ -1,4 +1,4 @@
-//! Page 5: what each process asked of the system, and was granted.
+//! Page 5: the real-time rights that each process requested and got.
 
 use model::boards::{RolePhase, Status};
 use model::realtime::STEPS;

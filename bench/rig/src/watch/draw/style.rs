@@ -1,6 +1,6 @@
-//! Colours and signs: readable on light and dark terminals, and without colours.
+//! Colours and signs that are readable on light, dark and colourless terminals.
 //!
-//! Only colours that stand out on black and on white; what they say, words say as well.
+//! Every colour stands out on black and on white. Words say the same as colours.
 
 use ratatui::style::{Color, Modifier, Style};
 

@@ -1,4 +1,4 @@
-//! Page 3: V and V_th, the estimates beside the truth, violations by cause.
+//! Page 3: V and V_th, estimates beside true values, violations by cause.
 
 use model::monitor::{Cause, Monitor};
 use model::parameters::ESTIMATED;

@@ -1,0 +1,40 @@
+//! Parses the values of flags. An error says what is allowed.
+
+use std::time::Duration;
+
+use crate::fault::Fault;
+
+/// A length of time with its unit.
+pub(crate) fn duration(text: &str) -> Result<Duration, String> {
+    const WRITE: &str = "write a number of 0 or more and its unit, as in 500ms, 30s or 2m";
+    humantime::parse_duration(text).map_err(|e| {
+        let why = if text.starts_with('-') { "a time is not negative".into() } else { e.to_string() };
+        format!("{}; {WRITE}", why.trim_end())
+    })
+}
+
+/// The number of a processor.
+pub(crate) fn processor(text: &str) -> Result<u16, String> {
+    text.parse().map_err(|_| {
+        "no processor has this number; write 0, 1 and so on, or leave the flag out: the highest-numbered one is taken"
+            .into()
+    })
+}
+
+/// A limit of a gate.
+pub(crate) fn limit(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number >= 0.0);
+    number.ok_or_else(|| "write a number of 0 or more, as in 100 or 2.5".into())
+}
+
+/// A number of ticks of which one is taken.
+pub(crate) fn every(text: &str) -> Result<u32, String> {
+    const MOST: u32 = 1_000_000_000;
+    let number = text.parse().ok().filter(|number| (1..=MOST).contains(number));
+    number.ok_or_else(|| format!("write a whole number from 1 to {MOST}"))
+}
+
+/// A fault.
+pub(crate) fn fault(text: &str) -> Result<Fault, String> {
+    text.parse().map_err(|e| format!("{e} (`ironbird params` lists names, units and ranges)"))
+}
