@@ -261,7 +261,7 @@ pub const fn is_dense(fields: &[Field], size: usize) -> bool {
 /// #[repr(C)]
 /// struct Pose {
 ///     north_m: u64,
-///     east_m: [u64; 2],
+///     east_m: u64,
 /// }
 /// layout!(Pose { north_m, east_m });
 /// ```
@@ -273,7 +273,7 @@ pub const fn is_dense(fields: &[Field], size: usize) -> bool {
 /// #[derive(Clone, Copy)]
 /// struct Pose {
 ///     north_m: u64,
-///     east_m: [u64; 2],
+///     east_m: u64,
 /// }
 /// layout!(Pose { north_m, east_m });
 /// ```
@@ -304,7 +304,8 @@ pub const fn is_dense(fields: &[Field], size: usize) -> bool {
 /// ```
 #[macro_export]
 macro_rules! layout {
-    ($name:ident { $($field:ident),+ $(,)? }) => {
+    // As a token tree the name keeps its place in the source: a lint that speaks of another crate's macro is not heard.
+    ($name:tt { $($field:ident),+ $(,)? }) => {
         #[allow(unsafe_code, reason = "what it promises is checked below")]
         // SAFETY: the fields are all there are, and each is `Plain`, as `FieldType` demands.
         unsafe impl $crate::layout::Plain for $name {}
