@@ -17,8 +17,12 @@ use wire::error::Error;
 use wire::instance::Instance;
 use wire::{Owner, Sender, SwapAnswer, SwapCall, SwapOrder, SwapOutcome, Wire};
 
-use crate::process::{INBOX, OUTBOX};
 use crate::swap::{AppliedSwap, Swap, SwapError};
+
+/// Orders that may lie between the desk and the loop.
+pub const INBOX: usize = 16;
+/// Events that may lie between the loop and the desk: more than swaps can be pending.
+pub const OUTBOX: usize = 128;
 
 /// How long the desk sleeps at its doorbell while nobody waits for an answer [ns].
 const IDLE_NS: u64 = 20_000_000;
@@ -55,6 +59,8 @@ pub enum Event {
 
 /// Serves until the loop closes the channel `opened`, which brings what the run's messages carry.
 ///
+/// A swap that was taken in holds at its tick even if the one who asked has left. He only loses his place at the desk.
+///
 /// `ready` is told once when the desk is open.
 ///
 /// # Errors
@@ -76,6 +82,8 @@ pub fn serve(
     desk.records.arm(expected, epoch)?;
     loop {
         let closed = opened.try_recv() == Err(mpsc::TryRecvError::Disconnected);
+        // First: whoever asks next may have come into the place of one that has left.
+        desk.waiting.retain(|(_, call)| server.is_awaited(call));
         while let Some(call) = server.next()? {
             desk.receive(call);
         }

@@ -6,7 +6,7 @@
 //!
 //! ```text
 //!   hover --a command--> its speeds --20 ms without a newer one--> idle --a newer command--> its speeds
-//!   hover --20 ms without one--> idle                    landing: idle for good
+//!   hover --20 ms without one--> idle
 //! ```
 //!
 //! This file owns the rule and its counters. The shell knows when a command arrived; it names the tick from which the
@@ -62,7 +62,6 @@ pub struct Latch {
     timeout_ticks: u64,
     idle: [f64; ROTORS],
     is_idle: bool,
-    has_landed: bool,
     deadlines_missed: u64,
     deadline_miss_run: u64,
 }
@@ -82,7 +81,6 @@ impl Latch {
             timeout_ticks: (COMMAND_TIMEOUT_S / period_s).round().max(1.0) as u64,
             idle,
             is_idle: false,
-            has_landed: false,
             deadlines_missed: 0,
             deadline_miss_run: 0,
         }
@@ -123,7 +121,7 @@ impl Latch {
             }
             self.pending.retain(|waiting| waiting.effective_tick > tick);
         }
-        self.is_idle = self.has_landed || tick - self.since_tick >= self.timeout_ticks;
+        self.is_idle = tick - self.since_tick >= self.timeout_ticks;
         self.judge(tick);
     }
 
@@ -135,12 +133,6 @@ impl Latch {
             self.deadlines_missed += 1;
             self.deadline_miss_run += 1;
         }
-    }
-
-    /// Rotors to idle now and for good: a command on its way must not undo a landing.
-    pub fn land(&mut self) {
-        self.has_landed = true;
-        self.is_idle = true;
     }
 
     /// Rotor speeds in force [rad/s].

@@ -134,6 +134,27 @@ impl Plant {
     /// Ticks in between that were never begun are flown, judged and counted as skipped; a begun tick that was not
     /// finished is finished. A tick that lies behind changes nothing.
     pub fn begin(&mut self, tick: u64) -> State {
+        self.fly_to(tick);
+        if self.tick == tick {
+            self.enter();
+        }
+        self.state()
+    }
+
+    /// Ends the flight after its last tick, flown or skipped: judges the last command, at the tick that would be next.
+    ///
+    /// That tick is not flown, so no swap takes hold in it.
+    pub fn end(&mut self, last_tick: u64) -> State {
+        self.fly_to(last_tick + 1);
+        if !self.has_begun {
+            self.latch.enter(self.tick);
+            self.has_begun = true;
+        }
+        self.state()
+    }
+
+    /// Flies what lies before `tick`: the rest of the begun tick, and ticks that were skipped.
+    fn fly_to(&mut self, tick: u64) {
         self.applied.clear();
         if tick > self.tick {
             self.finish();
@@ -143,10 +164,6 @@ impl Plant {
             self.enter();
             self.finish();
         }
-        if self.tick == tick {
-            self.enter();
-        }
-        self.state()
     }
 
     /// Integrates to the next tick with what is in force; does nothing when the tick has not begun.
@@ -205,11 +222,6 @@ impl Plant {
         }
     }
 
-    /// Rotors to idle at once and for good, for a landing: later commands are still judged, but turn no rotor.
-    pub fn idle(&mut self) {
-        self.latch.land();
-    }
-
     /// The true parameters that hold now.
     #[must_use]
     pub fn airframe(&self) -> &Airframe {
@@ -222,7 +234,7 @@ impl Plant {
         self.parameter_epoch
     }
 
-    /// Swaps that the last [`Plant::begin`] applied, in order, those of skipped ticks among them.
+    /// Swaps that the last [`Plant::begin`] or [`Plant::end`] applied, in order, those of skipped ticks among them.
     #[must_use]
     pub fn applied(&self) -> &[AppliedSwap] {
         &self.applied

@@ -9,7 +9,7 @@ use std::thread;
 use heapless::spsc::{Consumer, Producer, Queue};
 use model::boards::{Ending, IN_FORCE, InForce, Run, RunPhase};
 use model::envelope::{Envelope, Stamps};
-use model::flight_plan::{FlightPlan, LOCKSTEP_PATIENCE_NS};
+use model::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use model::grid::Pace;
 use model::messages::{Dated, RotorSpeeds, State};
 use model::role::Role;
@@ -20,21 +20,14 @@ use wire::clock::{Horizon as _, now_ns, sleep_until};
 use wire::error::Error;
 use wire::{Board, DEEP, Doorbell, Receiver, Sender, Wire};
 
-use crate::desk::{self, Event, SwapRequest};
+use crate::desk::{self, Event, INBOX, OUTBOX, SwapRequest};
 use crate::latch::pending_commands;
 use crate::plant::{Departure, Plant, PlantSettings};
 use crate::swap::{AppliedSwap, Swap};
 
-/// Orders that may lie between the desk and the loop.
-pub const INBOX: usize = 16;
-/// Events that may lie between the loop and the desk: more than swaps can be pending.
-pub const OUTBOX: usize = 128;
-
 /// In lockstep, how far the recorder may fall behind: half of what its ports keep.
 const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
-/// In lockstep, how often the plant, waiting for a command, checks for the end of the run [ns].
-const LOOK_UP_NS: u64 = 20_000_000;
-/// The same while it waits for the recorder, which rings nobody [ns].
+/// In lockstep, how often the plant looks up while it waits for the recorder, which rings nobody [ns].
 const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 
 /// Runs the plant until its last tick, a signal, or the end of what the model covers.
@@ -60,7 +53,7 @@ pub fn run(mut station: Station, settings: &PlantSettings, plan: FlightPlan, fau
             Ok(())
         };
         drop(open_desk);
-        let served = desk.join().unwrap_or_else(|_| Err(Error::Absent { what: "the parameter desk panicked".into() }));
+        let served = desk.join().unwrap_or(Err(Error::Panicked { thread: "the parameter desk" }));
         flown.and(served)
     })
 }
@@ -84,7 +77,7 @@ impl<'a> PlantProcess<'a> {
     /// The plant at tick 0, with its ports made and its faults scheduled.
     ///
     /// # Errors
-    /// Those of the ports; [`Error::Absent`] where there are more faults than can be pending.
+    /// Those of the ports; [`Error::TooMuch`] where there are more faults than can be pending.
     pub fn new(
         wire: &Wire,
         settings: &PlantSettings,
@@ -96,7 +89,7 @@ impl<'a> PlantProcess<'a> {
         for fault in faults {
             plant
                 .schedule(fault.clone())
-                .map_err(|e| Error::Absent { what: format!("cannot schedule a fault: {e}") })?;
+                .map_err(|e| Error::TooMuch { what: format!("cannot schedule a fault: {e}") })?;
         }
         let in_force = wire.board(IN_FORCE)?;
         in_force.put(InForce { tick: 0, parameter_epoch: 0, value: *plant.airframe().values() });
@@ -161,9 +154,10 @@ impl<'a> PlantProcess<'a> {
                 },
             };
             if tick > last_tick {
-                // The deadline of the last command is judged at the tick that would have been next.
                 self.take_command(last_tick + 1, pace)?;
-                let state = self.plant.begin(last_tick + 1);
+                let state = self.plant.end(last_tick);
+                // Those of the last ticks, where they were skipped. The desk answers that all others came too late.
+                self.hand_over_applied();
                 self.report(&state, &mut opened.run);
                 return Ok(Ending::Completed);
             }
@@ -272,7 +266,7 @@ impl<'a> PlantProcess<'a> {
                 };
                 return Err(Error::Absent { what });
             }
-            self.doorbell.wait_until(now + if is_there { RECORDER_LOOK_UP_NS } else { LOOK_UP_NS })?;
+            self.doorbell.wait_until(now + if is_there { RECORDER_LOOK_UP_NS } else { LOCKSTEP_LOOK_UP_NS })?;
         }
     }
 

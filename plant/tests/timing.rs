@@ -239,16 +239,22 @@ fn the_timeout_counts_ticks_of_any_length() {
 }
 
 #[test]
-fn after_landing_no_command_turns_a_rotor() {
-    let mut plant = plant();
-    fly(&mut plant, 0);
-    plant.begin(1);
-    plant.idle();
-    plant.offer(command(1), 2);
-    plant.finish();
-    let state = plant.begin(2);
-    assert_eq!(verdict(&state), (IDLE, 1, 0, 0));
-    assert_eq!(state.rotor_speed_mean_rad_s, IDLE);
+fn the_end_judges_the_last_command_and_lets_no_swap_of_the_next_tick_hold() {
+    for skipped in [0, 2] {
+        let mut plant = plant();
+        for (tick, mass_kg) in [(8, 0.6), (10, 0.7)] {
+            plant.schedule(Swap::new(tick, &[(Parameter::Mass, mass_kg)]).unwrap()).unwrap();
+        }
+        for tick in 0..10 - skipped {
+            fly(&mut plant, tick);
+        }
+        let state = plant.end(9);
+        // Ticks that were slept through are flown, judged, and swapped in like any others.
+        assert_eq!(verdict(&state), (speeds(9 - skipped), 9 - skipped, skipped, skipped));
+        assert_eq!((state.ticks_skipped, state.parameter_epoch, plant.airframe().m()), (skipped, 1, 0.6));
+        assert_eq!(plant.applied().iter().map(|swap| swap.tick).sum::<u64>(), if skipped == 0 { 0 } else { 8 });
+        assert_eq!(plant.end(9), state, "it ends once");
+    }
 }
 
 #[test]

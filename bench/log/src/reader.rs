@@ -270,10 +270,10 @@ impl LogReader {
         .help("use that version; the schemas in the log let any MCAP reader read it (docs/recording.md)")
     }
 
-    /// Whether this version wrote the log, and whether its settings are those that its messages were made with.
+    /// Refuses a log that another version wrote, or one with other layouts.
     ///
     /// # Errors
-    /// [`Failure`] says which versions, or that the settings are not those.
+    /// [`Failure`] says what differs.
     pub fn check_version(&self) -> Result<(), Failure> {
         for (name, ours) in [
             ("format", facts::FORMAT.to_owned()),

@@ -10,7 +10,7 @@ use crate::losses::{self, INCOMPLETE};
 use crate::schema::{self, Gate, Report};
 use crate::tally::series::{Series, Statistics};
 use crate::tally::theorem::Theorem;
-use failure::{FAILED, GATE, INTERRUPTED, OK};
+use failure::{FAILED, GATE, INTERRUPTED, OK, errno_text};
 use flight_log::TOPICS;
 use flight_log::writer::{Counts, Fate};
 
@@ -161,7 +161,7 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
                         .unwrap_or_default(),
                     asked: (grant.value > 0 || *step == model::realtime::RealtimeStep::Affinity).then_some(grant.value),
                     granted: grant.granted(),
-                    refused: (!grant.granted()).then(|| grant.reason()),
+                    refused: (!grant.granted()).then(|| errno_text(grant.errno)),
                 }
             })
             .collect(),

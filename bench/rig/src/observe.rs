@@ -8,13 +8,13 @@ use model::boards::{Ending, IN_FORCE, InForce, RUN, Run, RunPhase, SETTINGS, Set
 use model::envelope::Message;
 use model::inspection::Expected;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::role::{ROLES, Role};
-use role::station::status_board;
+use model::role::Role;
 use wire::error::Error;
 use wire::instance::Instance;
 use wire::{BoardReader, Wire};
 
-use crate::record::ports::Ports;
+use crate::record::crew::Crew;
+use crate::record::ports::{Ports, horizon};
 
 /// A message of any topic.
 #[derive(Clone, Copy, Debug)]
@@ -37,7 +37,7 @@ pub struct Observation {
     ports: Ports,
     run: BoardReader<Run>,
     in_force: BoardReader<InForce>,
-    crew: BTreeMap<Role, BoardReader<Status>>,
+    crew: Crew,
     /// Settings that all roles of the run share, by key.
     pub settings: BTreeMap<String, String>,
     wire: Wire,
@@ -69,12 +69,7 @@ impl Observation {
             .filter_map(|line| line.split_once(" = "))
             .map(|(key, value)| (key.to_owned(), value.trim_matches('"').to_owned()))
             .collect();
-        let mut crew = BTreeMap::new();
-        for role in ROLES {
-            if let Some(board) = wire.board_reader(&status_board(role))? {
-                crew.insert(role, board);
-            }
-        }
+        let crew = Crew::open(&wire)?;
         Ok(Some(Self { ports, run, in_force, crew, settings, wire }))
     }
 
@@ -93,7 +88,7 @@ impl Observation {
     /// Every role as it shows itself.
     #[must_use]
     pub fn crew(&self) -> BTreeMap<Role, Status> {
-        self.crew.iter().map(|(role, board)| (*role, board.get())).collect()
+        self.crew.statuses()
     }
 
     /// Whether the role's process lives; its board outlives it.
@@ -118,12 +113,57 @@ impl Observation {
     /// # Errors
     /// Those of the ports.
     pub fn drain(&mut self, mut each: impl FnMut(ObservedMessage<'_>)) -> Result<(), Error> {
-        // What the recorder believed is believed, whatever tick it is of.
-        let any_tick = u64::MAX - 1;
-        self.ports.states.drain(any_tick, |message| each(ObservedMessage::State(message)))?;
-        self.ports.setpoints.drain(any_tick, |message| each(ObservedMessage::Setpoint(message)))?;
-        self.ports.wrenches.drain(any_tick, |message| each(ObservedMessage::Wrench(message)))?;
-        self.ports.rotor_speeds.drain(any_tick, |message| each(ObservedMessage::RotorSpeeds(message)))?;
-        self.ports.swaps.drain(any_tick, |message| each(ObservedMessage::Swap(message)))
+        let (ports, run) = (&mut self.ports, &self.run);
+        let horizon = horizon(run.get().pace(), || run.get());
+        ports.states.drain(horizon, |message| each(ObservedMessage::State(message)))?;
+        ports.setpoints.drain(horizon, |message| each(ObservedMessage::Setpoint(message)))?;
+        ports.wrenches.drain(horizon, |message| each(ObservedMessage::Wrench(message)))?;
+        ports.rotor_speeds.drain(horizon, |message| each(ObservedMessage::RotorSpeeds(message)))?;
+        ports.swaps.drain(horizon, |message| each(ObservedMessage::Swap(message)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::boards::LOCKSTEP;
+    use wire::clock::now_ns;
+
+    /// Ticks of the states that an observer sees when the recorder passes on states of `ticks` in a flight at tick 50.
+    fn seen(period_ns: u64, ticks: &[u64]) -> Vec<u64> {
+        let root = tempfile::Builder::new().prefix("ib-").tempdir_in("/tmp").unwrap();
+        let instance = Instance::under(root.path(), "forged").unwrap();
+        let mut seen = Vec::new();
+        {
+            let _plant = instance.lock(Role::Plant).unwrap();
+            let wire = Wire::open(&instance).unwrap();
+            let (board, _in_force) = (wire.board::<Run>(RUN).unwrap(), wire.board::<InForce>(IN_FORCE).unwrap());
+            let (phase, t0_ns) = (RunPhase::Flying as u64, now_ns() - 50 * period_ns);
+            board.put(Run { phase, run_id: 7, settings: 9, t0_ns, period_ns, tick: 50, ..Run::default() });
+            let relay = wire.relay::<State>().unwrap();
+            let mut observation = Observation::join(&instance).unwrap().unwrap();
+            for (seq, tick) in ticks.iter().enumerate() {
+                let mut message = Message::<State>::default();
+                let envelope = &mut message.envelope;
+                (envelope.run_id, envelope.settings, envelope.seq, envelope.tick) = (7, 9, seq as u64, *tick);
+                relay.pass_on(&message).unwrap();
+            }
+            observation
+                .drain(|message| {
+                    if let ObservedMessage::State(message) = message {
+                        seen.push(message.envelope.tick);
+                    }
+                })
+                .unwrap();
+        }
+        instance.remove_leftovers().unwrap();
+        seen
+    }
+
+    #[test]
+    fn a_message_of_a_tick_that_cannot_have_begun_is_not_believed_and_those_after_it_are() {
+        for period_ns in [LOCKSTEP, 1_000_000_000] {
+            assert_eq!(seen(period_ns, &[49, 1 << 63, 50]), [49, 50], "ticks of {period_ns} ns");
+        }
     }
 }

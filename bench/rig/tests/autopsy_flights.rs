@@ -245,7 +245,7 @@ fn troubled_mixer() {
     // What it is late with shall be its own doing; refused, it may be preempted. No memory is locked, as page faults
     // are wanted.
     let _ = take_stand(loops_cpu(), 90);
-    stage::run(TroubledMixer { mixer }, &doorbell, station).unwrap();
+    stage::run(TroubledMixer { mixer }, doorbell, station).unwrap();
 }
 
 #[test]

@@ -14,6 +14,8 @@ pub const FAILED: u8 = 1;
 pub const USAGE: u8 = 2;
 /// The flight ended, and a gate did not hold; the machine cannot fly in real time.
 pub const GATE: u8 = 3;
+/// Real time was required and not granted.
+pub const NO_REAL_TIME: u8 = 4;
 /// Another instance runs, or shared memory is in the way.
 pub const OCCUPIED: u8 = 5;
 /// A signal ended it.
@@ -93,6 +95,12 @@ impl fmt::Display for Failure {
 }
 
 impl std::error::Error for Failure {}
+
+/// What the system means by an error number.
+#[must_use]
+pub fn errno_text(errno: i64) -> String {
+    i32::try_from(errno).map_or_else(|_| "unknown".into(), |number| io::Error::from_raw_os_error(number).to_string())
+}
 
 /// Names the file in an I/O failure.
 pub trait InFile<T> {

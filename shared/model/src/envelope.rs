@@ -5,7 +5,7 @@
 
 use std::mem::offset_of;
 
-use crate::layout::{Element, FNV_OFFSET, Field, Kind, Layout, Walk, fnv1a, layout};
+use crate::layout::{Element, FNV_OFFSET, Field, Kind, Layout, Plain, Walk, fnv1a, layout};
 use crate::messages::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Truth, Wrench};
 use crate::monitor::Monitor;
 use crate::role::{Role, STAGES};
@@ -96,6 +96,10 @@ pub struct Message<C> {
     /// What.
     pub content: C,
 }
+
+#[allow(unsafe_code, reason = "`layout!` knows no struct with a type parameter")]
+// SAFETY: both fields are `Plain`.
+unsafe impl<C: Walk> Plain for Message<C> {}
 
 impl<C: Walk> Layout for Message<C> {
     const FIELDS: &'static [Field] = &[

@@ -6,6 +6,8 @@ use crate::grid::NS_PER_S;
 
 /// How long a process in lockstep waits for its neighbour before it gives up [ns].
 pub const LOCKSTEP_PATIENCE_NS: u64 = 5 * NS_PER_S;
+/// How often it looks up meanwhile, to see whether the run ends [ns].
+pub const LOCKSTEP_LOOK_UP_NS: u64 = NS_PER_S / 50;
 
 /// Length and pace of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

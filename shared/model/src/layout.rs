@@ -4,6 +4,8 @@
 //! fields would connect silently. A hash over every field's name, offset, size and kind prevents that.
 //!
 //! Code that writes, reads or shows any message walks over its fields with a [`Visitor`].
+//!
+//! What has a layout may lie in shared memory: [`Plain`] promises it, and [`layout!`] checks it.
 
 use crate::vocabulary::VOCABULARY;
 
@@ -42,8 +44,29 @@ pub struct Field {
     pub length: Option<usize>,
 }
 
+/// What consists of numbers alone. It may lie in memory that other processes read and write.
+///
+/// # Safety
+/// No pointer, no handle, nothing to drop, and every bit pattern is a value. [`layout!`] sees to that for a struct, and
+/// is the way to implement this.
+#[allow(unsafe_code, reason = "a promise that the wire relies on; it is kept by the compiler's checks in `layout!`")]
+pub unsafe trait Plain: Copy + 'static {}
+
+macro_rules! plain {
+    ($($number:ident),+) => {
+        $(#[allow(unsafe_code, reason = "see the trait")]
+        // SAFETY: a number.
+        unsafe impl Plain for $number {})+
+    };
+}
+plain!(u8, i64, u64, f64);
+
+#[allow(unsafe_code, reason = "see the trait")]
+// SAFETY: it consists of what its elements consist of.
+unsafe impl<T: Plain, const N: usize> Plain for [T; N] {}
+
 /// A struct with a fixed layout, known field by field.
-pub trait Layout {
+pub trait Layout: Plain {
     /// Its fields, in order and without a gap.
     const FIELDS: &'static [Field];
     /// Hash over [`Self::FIELDS`] and over the words that numbers in them stand for.
@@ -51,7 +74,7 @@ pub trait Layout {
 }
 
 /// A struct whose fields can be walked over.
-pub trait Walk: Layout + Sized {
+pub trait Walk: Layout {
     /// Its name as a type.
     const STRUCT: &'static str;
 
@@ -85,7 +108,7 @@ pub trait VisitorMut {
 }
 
 /// A type of which there may be several in a field.
-pub trait Element: Sized {
+pub trait Element: Plain {
     /// What it is.
     const KIND: Kind;
 
@@ -97,7 +120,7 @@ pub trait Element: Sized {
 }
 
 /// The type of a field: an element, or an array of them.
-pub trait FieldType {
+pub trait FieldType: Plain {
     /// What its elements are.
     const KIND: Kind;
     /// How many there are, where it is an array.
@@ -230,10 +253,63 @@ pub const fn is_dense(fields: &[Field], size: usize) -> bool {
     end == size
 }
 
-/// Describes a wire struct: every field must be listed, in order; padding does not compile.
+/// Describes a wire struct: `repr(C)`, every field listed, in order, each a number or made of numbers.
+///
+/// ```
+/// # use model::layout::layout;
+/// #[derive(Clone, Copy)]
+/// #[repr(C)]
+/// struct Pose {
+///     north_m: u64,
+///     east_m: u64,
+/// }
+/// layout!(Pose { north_m, east_m });
+/// ```
+///
+/// What is not laid out like that does not compile: a struct without `repr(C)`,
+///
+/// ```compile_fail
+/// # use model::layout::layout;
+/// #[derive(Clone, Copy)]
+/// struct Pose {
+///     north_m: u64,
+///     east_m: u64,
+/// }
+/// layout!(Pose { north_m, east_m });
+/// ```
+///
+/// one with padding, or with a field that is not listed,
+///
+/// ```compile_fail
+/// # use model::layout::layout;
+/// #[derive(Clone, Copy)]
+/// #[repr(C)]
+/// struct Pose {
+///     north_m: u64,
+///     mode: u8,
+/// }
+/// layout!(Pose { north_m, mode });
+/// ```
+///
+/// or one with a pointer.
+///
+/// ```compile_fail
+/// # use model::layout::layout;
+/// #[derive(Clone, Copy)]
+/// #[repr(C)]
+/// struct Pose {
+///     north_m: &'static u64,
+/// }
+/// layout!(Pose { north_m });
+/// ```
 #[macro_export]
 macro_rules! layout {
-    ($name:ident { $($field:ident),+ $(,)? }) => {
+    // As a token tree the name keeps its place in the source: a lint that speaks of another crate's macro is not heard.
+    ($name:tt { $($field:ident),+ $(,)? }) => {
+        #[allow(unsafe_code, reason = "what it promises is checked below")]
+        // SAFETY: the fields are all there are, and each is `Plain`, as `FieldType` demands.
+        unsafe impl $crate::layout::Plain for $name {}
+
         impl $crate::layout::Layout for $name {
             const FIELDS: &'static [$crate::layout::Field] = {
                 const fn describe<T: $crate::layout::FieldType>(
@@ -277,6 +353,10 @@ macro_rules! layout {
                 $crate::layout::is_dense(<$name as $crate::layout::Layout>::FIELDS, size_of::<$name>()),
                 concat!(stringify!($name), " has padding, or a field is missing from its layout")
             );
+            // Nothing else says of a struct that it is `repr(C)`: the lint of functions that C may call does.
+            #[deny(improper_ctypes_definitions)]
+            #[allow(dead_code)]
+            extern "C" fn is_repr_c(_: $name) {}
         };
     };
 }
@@ -301,71 +381,4 @@ macro_rules! from_wire {
 pub use from_wire;
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::envelope::Envelope;
-
-    const A: Field = Field { name: "a", offset: 0, size: 8, kind: Kind::U64, length: None };
-    const B: Field = Field { name: "b", offset: 8, ..A };
-
-    #[test]
-    fn swapped_renamed_or_resized_fields_change_the_fingerprint() {
-        let known = fingerprint(&[A, B]);
-        let swapped = [Field { offset: 0, ..B }, Field { offset: 8, ..A }];
-        let renamed = [A, Field { name: "c", ..B }];
-        let resized = [A, Field { size: 4, ..B }];
-        let number = [A, Field { kind: Kind::F64, ..B }];
-        for other in [swapped, renamed, resized, number] {
-            assert_ne!(fingerprint(&other), known);
-        }
-    }
-
-    #[test]
-    fn a_struct_within_is_known_by_its_fields_and_not_by_its_name_alone() {
-        const fn holder(fields: &'static [Field]) -> [Field; 1] {
-            [Field { name: "grants", offset: 0, size: 16, kind: Kind::Struct { name: "Grants", fields }, length: None }]
-        }
-        const SWAPPED: [Field; 2] = [Field { offset: 0, ..B }, Field { offset: 8, ..A }];
-        assert_ne!(fingerprint(&holder(&[A, B])), fingerprint(&holder(&SWAPPED)));
-    }
-
-    #[test]
-    fn every_field_is_visited_in_order_with_its_values() {
-        #[derive(Default)]
-        struct Seen(Vec<(&'static str, Vec<f64>)>);
-        impl Visitor for Seen {
-            fn integers(&mut self, field: &'static Field, values: &[u64]) {
-                self.0.push((field.name, values.iter().map(|value| *value as f64).collect()));
-            }
-            fn numbers(&mut self, field: &'static Field, values: &[f64]) {
-                self.0.push((field.name, values.to_vec()));
-            }
-            fn structs<L: Walk>(&mut self, field: &'static Field, values: &[L]) {
-                self.0.push((field.name, Vec::new()));
-                values.iter().for_each(|value| value.visit(self));
-            }
-        }
-        let mut envelope = Envelope { tick: 7, input_tick: [5, 6, 7], ..Envelope::new() };
-        envelope.stamps[2].send_ns = 9;
-        let mut seen = Seen::default();
-        envelope.visit(&mut seen);
-        let names: Vec<_> = Envelope::FIELDS.iter().map(|field| field.name).collect();
-        let of = |name: &str| -> Vec<Vec<f64>> {
-            seen.0.iter().filter(|(seen, _)| *seen == name).map(|(_, values)| values.clone()).collect()
-        };
-        assert!(names.iter().all(|name| of(name).len() == 1), "{:?}", seen.0);
-        assert_eq!(of("tick"), [[7.0]]);
-        assert_eq!(of("input_tick"), [[5.0, 6.0, 7.0]]);
-        assert_eq!(of("send_ns"), [[0.0], [0.0], [9.0], [0.0]]);
-        let stamps = Envelope::FIELDS.iter().find(|field| field.name == "stamps").unwrap();
-        assert!(matches!(stamps.kind, Kind::Struct { name: "Stamps", fields } if fields.len() == 2));
-        assert_eq!(stamps.length, Some(4));
-    }
-
-    #[test]
-    fn gaps_are_seen() {
-        assert!(is_dense(&[A, B], 16));
-        assert!(!is_dense(&[A, B], 24));
-        assert!(!is_dense(&[A, Field { offset: 12, ..B }], 20));
-    }
-}
+mod tests;

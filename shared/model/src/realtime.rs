@@ -2,15 +2,10 @@
 //!
 //! The role's process makes the requests to the system. Reports and boards only know the answers.
 
-use std::io;
-
 use serde::{Deserialize, Serialize};
 
 use crate::layout::layout;
 use crate::vocabulary::words;
-
-/// Error number of what the system does not implement.
-const ENOSYS: i32 = 38;
 
 /// How much the user insists on real time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -97,12 +92,6 @@ impl Grant {
     pub const fn granted(&self) -> bool {
         self.asked == 1 && self.errno == 0
     }
-
-    /// What the system said, in words.
-    #[must_use]
-    pub fn reason(&self) -> String {
-        i32::try_from(self.errno).map_or_else(|_| "unknown".into(), |n| io::Error::from_raw_os_error(n).to_string())
-    }
 }
 
 /// Outcome of every step, in the order of [`STEPS`].
@@ -124,9 +113,8 @@ impl Grants {
         &self.grants[step as usize]
     }
 
-    /// Writes down the outcome of a step; a reason without an error number counts as "not implemented".
-    pub fn note(&mut self, step: RealtimeStep, value: u64, outcome: io::Result<()>) {
-        let errno = outcome.err().map_or(0, |e| i64::from(e.raw_os_error().unwrap_or(ENOSYS)));
+    /// Writes down what was asked for in a step, and the error number of the refusal; 0 where it was granted.
+    pub const fn note(&mut self, step: RealtimeStep, value: u64, errno: i64) {
         self.grants[step as usize] = Grant { asked: 1, value, errno };
     }
 

@@ -249,7 +249,7 @@ pub fn outer<L: OuterLaw>(station: Station, law: L, position_error_max_m: f64) -
     let doorbell = station.wire().doorbell(Role::Outer)?;
     let job = OuterJob { law, position_error_max_m };
     let shell = Shell::new(station.wire(), job, Some(Role::Inner))?;
-    stage::run(shell, &doorbell, station)
+    stage::run(shell, doorbell, station)
 }
 
 /// Flies an inner loop until the plant closes the run.
@@ -259,7 +259,7 @@ pub fn outer<L: OuterLaw>(station: Station, law: L, position_error_max_m: f64) -
 pub fn inner<L: InnerLaw>(station: Station, law: L) -> Result<(), Error> {
     let doorbell = station.wire().doorbell(Role::Inner)?;
     let shell = Shell::new(station.wire(), InnerJob(law), Some(Role::Mixer))?;
-    stage::run(shell, &doorbell, station)
+    stage::run(shell, doorbell, station)
 }
 
 /// Flies a mixer until the plant closes the run; it wakes the plant in lockstep, which otherwise wakes by itself.
@@ -271,5 +271,5 @@ pub fn mixer<L: MixerLaw>(station: Station, law: L, lockstep: bool) -> Result<()
     // The last stage of the chain has time for the second call when its command is out.
     let doorbell = if lockstep { wire.doorbell(Role::Mixer) } else { wire.doorbell_with_alarm(Role::Mixer) }?;
     let shell = Shell::new(wire, MixerJob(law), lockstep.then_some(Role::Plant))?;
-    stage::run(shell, &doorbell, station)
+    stage::run(shell, doorbell, station)
 }

@@ -7,8 +7,9 @@
 
 use signal_hook::consts::{SIGALRM, SIGCHLD, SIGINT, SIGTERM};
 
-use crate::rt::{no_longer_ignore, unblock_all_signals};
+use crate::rt::no_longer_ignore;
 use wire::error::Error;
+use wire::sys::mask_signals;
 
 /// Signals that are never ignored: the mixer's deadline, children's ends, and what ends a flight in order.
 const NEEDED: [i32; 4] = [SIGALRM, SIGCHLD, SIGINT, SIGTERM];
@@ -19,7 +20,7 @@ const NEEDED: [i32; 4] = [SIGALRM, SIGCHLD, SIGINT, SIGTERM];
 /// # Errors
 /// [`Error::System`].
 pub fn forget_inherited() -> Result<(), Error> {
-    unblock_all_signals().map_err(|e| Error::system("cannot unblock signals", e))?;
+    mask_signals(libc::SIG_SETMASK, &[]).map_err(|e| Error::system("cannot unblock signals", e))?;
     NEEDED.into_iter().try_for_each(|signal| {
         no_longer_ignore(signal).map_err(|e| Error::system(format!("cannot take signal {signal}"), e))
     })

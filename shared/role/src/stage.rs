@@ -8,6 +8,7 @@ use crate::farewell::say_landed;
 use crate::rt::UsageMeter;
 use crate::station::{Armed, Station};
 use model::boards::{Ending, Run, RunPhase};
+use model::flight_plan::LOCKSTEP_LOOK_UP_NS;
 use model::grid::{NS_PER_S, Pace};
 use model::inspection::{Expected, Rejections};
 use model::messages::NO_TICK;
@@ -88,9 +89,6 @@ const fn first_look_percent(role: Role) -> u64 {
     }
 }
 
-/// In lockstep, how often a waiting stage checks for the end of the run [ns].
-const LOOK_UP_NS: u64 = 20_000_000;
-
 /// After this long without a sign of life from the plant, a stage checks whether the plant's process lives [ns].
 const PLANT_SILENT_NS: u64 = NS_PER_S;
 /// And then how often [ns]: a look opens a file, which is not for every tick.
@@ -99,15 +97,18 @@ const PLANT_LOOK_NS: u64 = NS_PER_S / 10;
 /// Runs a stage until the plant closes the run.
 ///
 /// # Errors
-/// Those of the station and of the stage's ports; [`Error::Absent`] when the plant has died or was replaced.
-pub fn run<S: Stage>(stage: S, doorbell: &Doorbell, station: Station) -> Result<(), Error> {
-    // They are given up in the reverse order: real time, which `armed` holds, the ports, and the place last.
+/// Those of the station and of the stage's ports; [`Error::Absent`] when the plant has died, [`Error::TooLate`] when it was
+/// replaced.
+pub fn run<S: Stage>(stage: S, doorbell: Doorbell, station: Station) -> Result<(), Error> {
+    // They are given up in the reverse order: real time, which `armed` holds, the ports, the doorbell, whose alarm may
+    // ring until then, and the place last.
     let mut station = station;
+    let doorbell = doorbell;
     let mut stage = stage;
     let armed = station.join(|_, expected, epoch| stage.arm(expected, epoch))?;
     let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);
     let meter = UsageMeter::start();
-    let flown = fly(&mut stage, doorbell, &mut station, &armed, &mut pacer);
+    let flown = fly(&mut stage, &doorbell, &mut station, &armed, &mut pacer);
     let finished = stage.finish(pacer.next_tick);
     if flown.is_err() {
         station.status.wants_end = Ending::Failed as u64;
@@ -170,7 +171,7 @@ fn fly<S: Stage>(
 }
 
 fn replaced(role: Role, next: &Run) -> Error {
-    Error::Absent {
+    Error::TooLate {
         what: format!(
             "another run has begun: a new plant (process {}) has the place of the one that this {role} process flew \
              with; start `ironbird {role}` again",
@@ -264,7 +265,7 @@ impl Pacer {
     const fn deadline(&self) -> u64 {
         match self.pace {
             Pace::Realtime(grid) => grid.begin_of(self.next_tick) + grid.period_ns * self.deadline_percent / 100,
-            Pace::Lockstep => self.since_ns + LOOK_UP_NS,
+            Pace::Lockstep => self.since_ns + LOCKSTEP_LOOK_UP_NS,
         }
     }
 

@@ -21,6 +21,7 @@ pub use open::Opened;
 use crate::launcher::end_with_launcher;
 use crate::rt::{self, Engaged, UsageMeter};
 use crate::stop::{ends_at_once, stop_signals};
+use failure::{FAILED, INTERRUPTED};
 use model::boards::{Ending, RolePhase, Status};
 use model::realtime;
 use model::role::Role;
@@ -72,17 +73,23 @@ impl Station {
     /// Takes the place of a role.
     ///
     /// # Errors
-    /// [`Error::Occupied`] where somebody has it; [`Error::RootPath`], [`Error::Wire`], [`Error::System`].
+    /// [`Error::Occupied`] where somebody has it; [`Error::RootPath`], [`Error::Wire`], [`Error::System`];
+    /// [`Error::Interrupted`] where a signal has broken off what was tried.
     pub fn take(role: Role, orders: Orders) -> Result<Self, Error> {
         let stop = Arc::new(AtomicBool::new(false));
         for signal in stop_signals() {
             let failed = |e| Error::system("cannot handle signals", e);
             if ends_at_once(signal) {
                 // In this order the second signal finds the flag set by the first, and ends the process at once.
-                rt::exit_when_signalled(signal, 130, &stop).map_err(failed)?;
+                rt::exit_when_signalled(signal, i32::from(INTERRUPTED), &stop).map_err(failed)?;
             }
             signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(failed)?;
         }
+        Self::settle_in(role, orders, Arc::clone(&stop))
+            .map_err(|error| broken_off(error, stop.load(Ordering::Relaxed)))
+    }
+
+    fn settle_in(role: Role, orders: Orders, stop: Arc<AtomicBool>) -> Result<Self, Error> {
         end_with_launcher(orders.launcher)?;
         // Where somebody has the place, that is the error.
         if !orders.instance.is_occupied(role) {
@@ -166,9 +173,28 @@ impl Station {
     }
 }
 
+/// What a call says that a signal has broken off: that it was interrupted, and not what it was in the middle of.
+fn broken_off(error: Error, by_signal: bool) -> Error {
+    if by_signal && error.exit_code() == FAILED { Error::Interrupted } else { error }
+}
+
 /// The wall clock [ns since 1970].
 #[must_use]
 pub fn wall_ns() -> u64 {
     let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     u64::try_from(since_1970.as_nanos()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_call_that_a_signal_breaks_off_ends_as_interrupted_and_a_mistake_stays_one() {
+        let interrupted_call = || Error::system("cannot look", std::io::Error::from(std::io::ErrorKind::Interrupted));
+        assert_eq!(broken_off(interrupted_call(), true).exit_code(), INTERRUPTED);
+        assert_eq!(broken_off(interrupted_call(), false).exit_code(), FAILED);
+        let mistake = Error::InstanceName { name: "../up".into() };
+        assert_eq!(broken_off(mistake, true).exit_code(), 2);
+    }
 }

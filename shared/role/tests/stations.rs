@@ -182,7 +182,7 @@ fn give_up(refuses: bool) -> (u32, (u32, bool)) {
         let inner = scope.spawn(move || {
             let station = take(instance, Role::Inner, RealtimeMode::Prefer);
             let doorbell = station.wire().doorbell(Role::Inner).unwrap();
-            let ended = stage::run(Idle { _port: Port { instance, seen }, armed, refuses }, &doorbell, station);
+            let ended = stage::run(Idle { _port: Port { instance, seen }, armed, refuses }, doorbell, station);
             assert_eq!(ended.is_err(), refuses);
         });
         let mut station = take(instance, Role::Plant, RealtimeMode::Off);

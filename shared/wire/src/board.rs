@@ -17,6 +17,7 @@ use iceoryx2::service::port_factory::blackboard::PortFactory;
 
 use super::{NODES, Wire, layout_specifier, layout_verifier, not_opened};
 use crate::error::Error;
+use crate::refusal::Refusal;
 use crate::sys::Payload;
 use model::layout::Layout;
 
@@ -33,8 +34,8 @@ struct Sheet<T: Notice> {
 }
 
 /// A value that can be put on a board.
-pub trait Notice: Copy + Default + Layout + std::fmt::Debug + 'static {}
-impl<T: Copy + Default + Layout + std::fmt::Debug + 'static> Notice for T {}
+pub trait Notice: Default + Layout + std::fmt::Debug {}
+impl<T: Default + Layout + std::fmt::Debug> Notice for T {}
 
 impl Wire {
     /// Becomes the writer of a board, even if its last writer died while others still read it.
@@ -53,8 +54,8 @@ impl Wire {
                 .max_nodes(NODES);
             let board = (0..SHEETS).fold(empty, |board, sheet| board.add(sheet, Sheet::<T>::default()));
             match board.create_with_attributes(&layout) {
-                Err(BlackboardCreateError::AlreadyExists) => opener().map_err(|error| format!("{error:?}")),
-                created => created.map_err(|error| format!("{error:?}")),
+                Err(BlackboardCreateError::AlreadyExists) => opener().map_err(Refusal::from),
+                created => created.map_err(Refusal::from),
             }
         })?;
         let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot become the writer of board `{name}`"), e);
@@ -97,7 +98,7 @@ impl Wire {
             Ok(service) => Ok(Some(service)),
             // The same words are said of a board that only this process cannot open.
             Err(error) if error != BlackboardOpenError::DoesNotExist && self.is_short() => {
-                Err(not_opened(&self.instance, format!("board `{name}`"), format!("{error:?}")))
+                Err(not_opened(&self.instance, format!("board `{name}`"), error.into()))
             }
             // Being put up or taken down at this moment is as good as not there.
             Err(
@@ -106,7 +107,7 @@ impl Wire {
                 | BlackboardOpenError::HangsInCreation
                 | BlackboardOpenError::ServiceInCorruptedState,
             ) => Ok(None),
-            Err(error) => Err(not_opened(&self.instance, format!("board `{name}`"), format!("{error:?}"))),
+            Err(error) => Err(not_opened(&self.instance, format!("board `{name}`"), error.into())),
         }
     }
 }

@@ -4,11 +4,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use failure::Failure;
+use failure::{FAILED, Failure, INTERRUPTED, NO_REAL_TIME, OCCUPIED, USAGE};
 use thiserror::Error;
 
-use crate::instance::SHARED_MEMORY;
-use crate::shortage::{self, Shortage, shortage};
+use crate::shortage::{self, SHARED_MEMORY, Shortage, shortage};
 use model::role::Role;
 
 /// Why a process of the rig cannot go on.
@@ -140,6 +139,24 @@ pub enum Error {
         /// Who did not do what.
         what: String,
     },
+    /// The run goes on without this process: it began without it, or is another one now.
+    #[error("{what}")]
+    TooLate {
+        /// What has happened, and what to start again.
+        what: String,
+    },
+    /// There is no room for as much as was asked for.
+    #[error("{what}")]
+    TooMuch {
+        /// What there is too much of, and how much is allowed.
+        what: String,
+    },
+    /// A thread of this process panicked.
+    #[error("{thread} panicked")]
+    Panicked {
+        /// Which.
+        thread: &'static str,
+    },
     /// A system call failed.
     #[error("{what}: {source}")]
     System {
@@ -163,15 +180,18 @@ impl Error {
             | Self::RootPathTooLong { .. }
             | Self::NotOurs { .. }
             | Self::ForeignDirectory { .. }
-            | Self::SettingsDiffer { .. } => 2,
-            Self::RealtimeRefused { .. } => 4,
-            Self::Occupied { .. } | Self::Held { .. } | Self::Crowded { .. } | Self::Incompatible { .. } => 5,
-            Self::Interrupted => 130,
+            | Self::SettingsDiffer { .. }
+            | Self::TooMuch { .. } => USAGE,
+            Self::RealtimeRefused { .. } => NO_REAL_TIME,
+            Self::Occupied { .. } | Self::Held { .. } | Self::Crowded { .. } | Self::Incompatible { .. } => OCCUPIED,
+            Self::Interrupted => INTERRUPTED,
             Self::SharedMemoryFull { .. }
             | Self::UsedUp { .. }
             | Self::Wire { .. }
             | Self::Absent { .. }
-            | Self::System { .. } => 1,
+            | Self::TooLate { .. }
+            | Self::Panicked { .. }
+            | Self::System { .. } => FAILED,
         }
     }
 
@@ -213,7 +233,11 @@ impl Error {
             }
             Self::Wire { .. } => "`ironbird clean` removes leftovers of killed processes".into(),
             Self::System { source, .. } => return shortage::remedy(source),
-            Self::Absent { .. } | Self::Interrupted => return None,
+            Self::Absent { .. }
+            | Self::TooLate { .. }
+            | Self::TooMuch { .. }
+            | Self::Panicked { .. }
+            | Self::Interrupted => return None,
         })
     }
 

@@ -16,8 +16,10 @@ use std::path::{Path, PathBuf};
 use iceoryx2::prelude::{Config, FileName, SemanticString as _};
 
 pub use locks::Lock;
-pub use memory::{SHARED_MEMORY, shared_memory_space};
+pub use memory::shared_memory_space;
 pub use root::root_path;
+
+pub use crate::shortage::SHARED_MEMORY;
 
 pub(crate) use directory::is_at;
 pub(crate) use locks::lock_soon;

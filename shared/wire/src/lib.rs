@@ -11,6 +11,7 @@ pub mod error;
 pub mod instance;
 mod leavings;
 mod ports;
+mod refusal;
 mod relay;
 mod shortage;
 mod swaps;
@@ -32,8 +33,9 @@ pub use relay::{OBSERVED, OBSERVERS, Relay};
 pub use swaps::{SwapAnswer, SwapCall, SwapClient, SwapOrder, SwapOutcome, SwapServer};
 
 use crate::error::Error;
-use crate::instance::{Instance, Lock, SHARED_MEMORY};
-use crate::shortage::{Shortage, shortage};
+use crate::instance::{Instance, Lock};
+use crate::refusal::{Refusal, RefusalKind};
+use crate::shortage::{SHARED_MEMORY, Shortage, shortage};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;
 
@@ -108,22 +110,21 @@ impl Wire {
 
     /// Opens a service, which others may be making or taking down at the same time: until it is done, or does not get
     /// better. What processes left in it that died meanwhile is removed.
-    fn open_service<T>(&self, what: String, mut open: impl FnMut() -> Result<T, String>) -> Result<T, Error> {
+    fn open_service<T>(&self, what: String, mut open: impl FnMut() -> Result<T, Refusal>) -> Result<T, Error> {
         let start = Instant::now();
         loop {
-            let reason = match open() {
+            let refusal = match open() {
                 Ok(service) => return Ok(service),
-                Err(reason) => reason,
+                Err(refusal) => refusal,
             };
-            let passes = PASSING.iter().any(|passing| reason.contains(passing));
-            if !passes || self.is_short() {
-                return Err(not_opened(&self.instance, what, reason));
+            if refusal.kind != RefusalKind::Passing || self.is_short() {
+                return Err(not_opened(&self.instance, what, refusal));
             }
             if start.elapsed() >= PATIENCE {
                 let patience = PATIENCE.as_secs();
                 let what =
                     format!("cannot open {what}: another process has not made it, or removed it, in {patience} s");
-                return Err(Error::Wire { what, reason });
+                return Err(Error::Wire { what, reason: refusal.reason });
             }
             leavings::remove(&self.node, &self.instance);
             leavings::remove_half_made(&self.node, &self.instance);
@@ -142,22 +143,9 @@ impl Wire {
     }
 }
 
-/// The middleware's words for a service that another process is just making or taking down, or for a signal.
-const PASSING: [&str; 7] = [
-    "HangsInCreation",
-    "ServiceInCorruptedState",
-    "IsBeingCreatedByAnotherInstance",
-    "IsMarkedForDestruction",
-    "SystemInFlux",
-    "DoesNotExist",
-    "Interrupt",
-];
-
 /// Why a service was not opened: another build made it differently, or it is only out of reach.
-///
-/// The middleware has an error type per kind of service; the names of what differs are the same in all of them.
-fn not_opened(instance: &Instance, what: String, reason: String) -> Error {
-    if ["Incompatible", "DoesNotSupport", "VersionMismatch"].iter().any(|differs| reason.contains(differs)) {
+fn not_opened(instance: &Instance, what: String, Refusal { kind, reason }: Refusal) -> Error {
+    if kind == RefusalKind::Differs {
         Error::Incompatible { what, reason }
     } else {
         refused(instance, format!("cannot open {what}"), reason)

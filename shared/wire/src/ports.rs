@@ -10,6 +10,7 @@ use super::{Bell, DEEP, NODES, Wire, layout_verifier};
 use crate::clock::Horizon;
 use crate::clock::now_ns;
 use crate::error::Error;
+use crate::refusal::Refusal;
 use crate::sys::Payload;
 use model::envelope::{Envelope, LAYOUT, Message};
 use model::inspection::{Expected, Inspector, Rejections};
@@ -41,7 +42,7 @@ impl Wire {
                 // A receiver that does not keep up loses its oldest sample; a sender never waits for anybody.
                 .enable_safe_overflow(true)
                 .open_or_create_with_attributes(&layout)
-                .map_err(|error| format!("{error:?}"))
+                .map_err(Refusal::from)
         })
     }
 

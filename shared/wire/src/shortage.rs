@@ -8,6 +8,9 @@ use rustix::fs::statvfs;
 use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};
 
+/// Where Linux keeps POSIX shared memory.
+pub const SHARED_MEMORY: &str = "/dev/shm";
+
 /// Files that opening one service may take, and room for them [bytes]. What failed for want of the last one has given
 /// the others back.
 const FILES_OF_A_SERVICE: u64 = 8;

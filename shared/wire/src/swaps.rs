@@ -6,12 +6,14 @@ use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::pending_response::PendingResponse;
 use iceoryx2::port::client::Client;
 use iceoryx2::port::server::Server;
-use iceoryx2::prelude::{ZeroCopySend, ipc};
+use iceoryx2::prelude::{CallbackProgression, ZeroCopySend, ipc};
+use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::request_response::PortFactory;
 
 use super::{Bell, NODES, Owner, Wire, layout_verifier};
 use crate::clock::now_ns;
 use crate::error::Error;
+use crate::refusal::Refusal;
 use model::layout::{FNV_OFFSET, Layout as _, fnv1a, from_wire, layout};
 use model::parameters::PARAMETERS;
 
@@ -39,7 +41,7 @@ layout!(SwapOrder { at_tick, in_ticks, count, parameter, value });
 #[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
 #[repr(C)]
 pub struct SwapAnswer {
-    /// A [`Verdict`] as number.
+    /// A [`SwapOutcome`] as number.
     pub verdict: u64,
     /// Applied: the tick from which it holds. Refused: the plant's tick.
     pub tick: u64,
@@ -51,6 +53,32 @@ pub struct SwapAnswer {
     pub old: [f64; PARAMETERS],
 }
 layout!(SwapAnswer { verdict, tick, parameter_epoch, parameter, old });
+
+/// An order on its way.
+#[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
+#[repr(C)]
+struct Ask {
+    /// When it was sent [ns]: of those that come into one place after each other, no two have the same instant.
+    asked_ns: u64,
+    order: SwapOrder,
+}
+layout!(Ask { asked_ns, order });
+
+/// An answer on its way.
+///
+/// The middleware takes it to a client's place, and not to the client (iceoryx2 0.10). Somebody else may have the place
+/// by then, and must see that he is not meant.
+#[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
+#[repr(C)]
+struct Reply {
+    /// Of the order that it answers.
+    asked_ns: u64,
+    answer: SwapAnswer,
+}
+layout!(Reply { asked_ns, answer });
+
+/// The service with its payloads.
+type SwapService = PortFactory<ipc::Service, Ask, (), Reply, ()>;
 
 /// What became of a swap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,22 +101,22 @@ pub enum SwapOutcome {
 from_wire!(SwapOutcome { Applied, UnknownParameter, OutOfRange, Malformed, QueueFull, Ended });
 
 impl Wire {
-    fn swap_service(&self) -> Result<PortFactory<ipc::Service, SwapOrder, (), SwapAnswer, ()>, Error> {
-        let layouts = [SwapOrder::FINGERPRINT, SwapAnswer::FINGERPRINT, SwapOutcome::WORDS]
+    fn swap_service(&self) -> Result<SwapService, Error> {
+        let layouts = [Ask::FINGERPRINT, Reply::FINGERPRINT, SwapOutcome::WORDS]
             .into_iter()
             .fold(FNV_OFFSET, |hash, part| fnv1a(hash, &part.to_le_bytes()));
         let (service, layout) = (self.service_name("parameters")?, layout_verifier(layouts)?);
         self.open_service("the service `parameters`".into(), || {
             self.node
                 .service_builder(&service)
-                .request_response::<SwapOrder, SwapAnswer>()
+                .request_response::<Ask, Reply>()
                 .max_servers(1)
                 .max_clients(CLIENTS)
                 .max_active_requests_per_client(1)
                 .max_response_buffer_size(1)
                 .max_nodes(NODES)
                 .open_or_create_with_attributes(&layout)
-                .map_err(|error| format!("{error:?}"))
+                .map_err(Refusal::from)
         })
     }
 
@@ -97,12 +125,10 @@ impl Wire {
     /// # Errors
     /// [`Error::Wire`], [`Error::Incompatible`].
     pub fn swap_server(&self) -> Result<SwapServer, Error> {
-        let server = self
-            .swap_service()?
-            .server_builder()
-            .create()
-            .map_err(|e| Error::wire("cannot serve the service `parameters`", e))?;
-        Ok(SwapServer { server })
+        let service = self.swap_service()?;
+        let server =
+            service.server_builder().create().map_err(|e| Error::wire("cannot serve the service `parameters`", e))?;
+        Ok(SwapServer { server, service })
     }
 
     /// A client's end.
@@ -122,13 +148,14 @@ impl Wire {
 /// Receives orders.
 #[derive(Debug)]
 pub struct SwapServer {
-    server: Server<ipc::Service, SwapOrder, (), SwapAnswer, ()>,
+    server: Server<ipc::Service, Ask, (), Reply, ()>,
+    service: SwapService,
 }
 
 /// An order that waits for its answer.
 #[derive(Debug)]
 pub struct SwapCall {
-    request: ActiveRequest<ipc::Service, SwapOrder, (), SwapAnswer, ()>,
+    request: ActiveRequest<ipc::Service, Ask, (), Reply, ()>,
 }
 
 impl SwapServer {
@@ -140,26 +167,42 @@ impl SwapServer {
         let request = self.server.receive().map_err(|e| Error::wire("cannot receive a swap", e))?;
         Ok(request.map(|request| SwapCall { request }))
     }
+
+    /// Whether the one who asked waits for the answer; one that was killed counts until somebody else comes.
+    ///
+    /// A call that nobody awaits is to be dropped before [`Self::next`] is asked: the middleware would take a client
+    /// that has come into its place for the one that has left, and cut it off when the call is dropped.
+    #[must_use]
+    pub fn is_awaited(&self, call: &SwapCall) -> bool {
+        let asked = call.request.origin();
+        let mut is_there = false;
+        self.service.dynamic_config().list_clients(|client| {
+            is_there |= client.client_id == asked;
+            CallbackProgression::Continue
+        });
+        is_there && call.request.is_connected()
+    }
 }
 
 impl SwapCall {
     /// What is asked for.
     #[must_use]
     pub fn order(&self) -> SwapOrder {
-        *self.request.payload()
+        self.request.payload().order
     }
 
     /// Answers. It is no error if the client has gone.
     pub fn answer(self, answer: SwapAnswer) {
+        let reply = Reply { asked_ns: self.request.payload().asked_ns, answer };
         // Nobody is left to tell if this fails, and the swap itself is on record.
-        let _ = self.request.send_copy(answer);
+        let _ = self.request.send_copy(reply);
     }
 }
 
 /// Sends orders.
 #[derive(Debug)]
 pub struct SwapClient {
-    client: Client<ipc::Service, SwapOrder, (), SwapAnswer, ()>,
+    client: Client<ipc::Service, Ask, (), Reply, ()>,
     bell: Bell,
 }
 
@@ -169,13 +212,15 @@ impl SwapClient {
     /// # Errors
     /// [`Error::Wire`]; [`Error::Absent`] when no answer came in time.
     pub fn ask(&self, order: SwapOrder, patience: Duration) -> Result<SwapAnswer, Error> {
+        let asked_ns = now_ns();
         let pending: PendingResponse<_, _, _, _, _> =
-            self.client.send_copy(order).map_err(|e| Error::wire("cannot ask for a swap", e))?;
+            self.client.send_copy(Ask { asked_ns, order }).map_err(|e| Error::wire("cannot ask for a swap", e))?;
         self.bell.ring()?;
-        let until = now_ns() + u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX / 2);
+        let until = asked_ns.saturating_add(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
         loop {
-            if let Some(answer) = pending.receive().map_err(|e| Error::wire("cannot receive the answer", e))? {
-                return Ok(*answer.payload());
+            let reply = pending.receive().map_err(|e| Error::wire("cannot receive the answer", e))?;
+            if let Some(reply) = reply.filter(|reply| reply.asked_ns == asked_ns) {
+                return Ok(reply.answer);
             }
             if now_ns() >= until {
                 return Err(Error::Absent { what: format!("the plant did not answer within {patience:?}") });

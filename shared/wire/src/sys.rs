@@ -1,4 +1,4 @@
-//! The wire's only `unsafe` code: bell memory, timers that ring bells, payloads.
+//! The wire's only `unsafe` code: bell memory, timers, payloads, signal masks.
 #![allow(unsafe_code, reason = "the one module of the crate where it is allowed; every use says why it is sound")]
 
 use std::io;
@@ -8,7 +8,7 @@ use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 use iceoryx2::prelude::ZeroCopySend;
-use model::layout::Layout;
+use model::layout::Plain;
 use rustix::fs::fstat;
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::time::Timespec;
@@ -19,9 +19,8 @@ use signal_hook::SigId;
 #[repr(transparent)]
 pub struct Payload<T>(pub T);
 
-// SAFETY: a `Layout` lists every field of a `repr(C)` struct, and a field is a number, a struct with a layout, or an
-// array of these (`model::layout::FieldType`): no pointer, no handle, nothing to drop.
-unsafe impl<T: Layout + Copy + 'static> ZeroCopySend for Payload<T> {}
+// SAFETY: what is `Plain` consists of numbers alone: no pointer, no handle, nothing to drop.
+unsafe impl<T: Plain> ZeroCopySend for Payload<T> {}
 
 /// A futex with a number to hand over; alone on its cache line.
 #[derive(Debug)]
@@ -151,26 +150,36 @@ impl Drop for Alarm {
 
 /// Lets one signal reach the calling thread.
 fn unblock_signal(signal: i32) -> io::Result<()> {
-    mask_signal(libc::SIG_UNBLOCK, signal)
+    mask_signals(libc::SIG_UNBLOCK, &[signal])
 }
 
 /// Keeps the alarm's signal from the calling thread.
 #[cfg(test)]
 pub(crate) fn block_alarms() -> io::Result<()> {
-    mask_signal(libc::SIG_BLOCK, Alarm::SIGNAL)
+    mask_signals(libc::SIG_BLOCK, &[Alarm::SIGNAL])
 }
 
-fn mask_signal(how: i32, signal: i32) -> io::Result<()> {
-    let mut one = std::mem::MaybeUninit::<libc::sigset_t>::zeroed();
-    // SAFETY: the pointers are to memory for one signal set, which the first two calls fill.
+/// Changes the calling thread's signal mask: `how` is SIG_BLOCK, SIG_UNBLOCK or SIG_SETMASK.
+///
+/// # Errors
+/// EINVAL for another `how`.
+pub fn mask_signals(how: i32, signals: &[i32]) -> io::Result<()> {
+    let mut set = std::mem::MaybeUninit::<libc::sigset_t>::zeroed();
+    // SAFETY: the pointers are to memory for one signal set, which the first call fills; a mask is set, none is read.
     let failed = unsafe {
-        libc::sigemptyset(one.as_mut_ptr());
-        libc::sigaddset(one.as_mut_ptr(), signal);
-        libc::pthread_sigmask(how, one.as_ptr(), std::ptr::null_mut())
+        libc::sigemptyset(set.as_mut_ptr());
+        for signal in signals {
+            libc::sigaddset(set.as_mut_ptr(), *signal);
+        }
+        libc::pthread_sigmask(how, set.as_ptr(), std::ptr::null_mut())
     };
     if failed == 0 { Ok(()) } else { Err(io::Error::from_raw_os_error(failed)) }
 }
 
-fn check(result: i32) -> io::Result<()> {
+/// The outcome of a system call that returns 0, or -1 and an error number.
+///
+/// # Errors
+/// The error number's.
+pub fn check(result: i32) -> io::Result<()> {
     if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }

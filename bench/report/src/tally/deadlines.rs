@@ -130,8 +130,8 @@ impl LateCommands {
 /// Lengths of the runs of consecutive misses, from the plant's own verdicts.
 ///
 /// A state message says how many deadlines were missed so far and how long the present run is. Ticks that the
-/// plant skipped are judged in between, so runs may have ended and begun unseen: at most one of each, because
-/// at most one command can have come into force meanwhile.
+/// plant skipped are judged in between, so runs may have ended and begun unseen. All misses that do not belong to
+/// the present run then count as the rest of the last one.
 #[derive(Clone, Debug, Default)]
 pub struct MissRuns {
     missed: u64,

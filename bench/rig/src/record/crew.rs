@@ -1,4 +1,4 @@
-//! Everybody's status boards, as the recorder looks at them.
+//! Everybody's status boards, as the recorder and observers look at them.
 
 use std::collections::BTreeMap;
 
@@ -29,6 +29,12 @@ impl Crew {
             }
         }
         Ok(Self(boards))
+    }
+
+    /// What everybody's board says.
+    #[must_use]
+    pub fn statuses(&self) -> BTreeMap<Role, Status> {
+        self.0.iter().map(|(role, board)| (*role, board.get())).collect()
     }
 
     /// What the loops' boards say; nothing of one that is not there.

@@ -3,10 +3,11 @@
 use std::thread::sleep;
 use std::time::Duration;
 
+use model::boards::Run;
 use model::grid::{Grid, Pace};
 use model::inspection::{Expected, Rejections};
-use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use wire::clock::{now_ns, sleep_until};
+use model::messages::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use wire::clock::{Horizon, now_ns, sleep_until};
 use wire::error::Error;
 use wire::{DEEP, Receiver, Relay, Wire};
 
@@ -114,6 +115,20 @@ impl Relays {
     }
 }
 
+/// Which ticks messages can be of, for whoever flies with nobody: by the clock, as for the stages.
+///
+/// Lockstep has no clock. The plant shows each tick on its board when its state is out, so that messages are of the next
+/// tick at the latest.
+pub fn horizon(pace: Pace, run: impl Fn() -> Run + Copy) -> impl Horizon {
+    move || match pace {
+        Pace::Realtime(_) => pace.latest_tick(),
+        Pace::Lockstep => match run().tick {
+            NO_TICK => 0,
+            shown => shown + 1,
+        },
+    }
+}
+
 /// Sleeps until the topics are to be drained again: by the clock, when the loops of a tick are done, so that the
 /// recorder works while they rest. The caches are theirs otherwise, and the processor may be one half of a core.
 pub fn rest(pace: Pace) {
@@ -137,6 +152,12 @@ fn next_drain(grid: Grid, now: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn in_lockstep_messages_are_of_the_tick_after_the_one_on_the_board_at_the_latest() {
+        let latest = |tick| horizon(Pace::Lockstep, || Run { tick, ..Run::default() }).latest_tick();
+        assert_eq!([NO_TICK, 0, 41].map(latest), [0, 1, 42]);
+    }
 
     #[test]
     fn topics_are_drained_about_every_10_ms_when_the_loops_are_done() {

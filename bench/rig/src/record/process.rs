@@ -1,13 +1,14 @@
 //! The recorder's process: drains the topics, writes the files of the flight's directory.
 
+mod figures;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::Duration;
-use std::time::UNIX_EPOCH;
 
 use hdrhistogram::serialization::V2DeflateSerializer;
-use model::boards::{Ending, RolePhase, Run, RunPhase, Status};
+use model::boards::{Ending, RolePhase, RunPhase, Status};
 use model::grid::NS_PER_S;
 use model::role::Role;
 use role::rt::UsageMeter;
@@ -18,30 +19,24 @@ use wire::instance::Instance;
 use super::facts::facts;
 use crate::record::crew::Crew;
 use crate::record::hlog::{self, Hlog, Lines};
-use crate::record::ports::{DRAIN_EVERY, Ports, Relays, rest};
+use crate::record::ports::{DRAIN_EVERY, Ports, Relays, horizon, rest};
 use crate::record::replaced::Replaced;
 use crate::run_directory::make_latest;
 use crate::settings::Settings;
-use crate::wall_time::utc;
 use failure::{Failure, InFile as _};
-use flight_log::TOPICS;
 use flight_log::facts::record;
 use flight_log::writer::FlightLog;
 use machine::Machine;
 use machine::cpu_times::{CpuTimes, host_of};
 use machine::doctor;
 use machine::sampler::{Watch, fallen};
-use report::autopsy::Autopsy;
 use report::files::write_all;
 use report::finding::Diagnosis;
 use report::host::Host;
 use report::json;
-use report::schema::{self, Report, RunLength};
-use report::sections::{gates, log_section, rejected, take_log, verdict};
+use report::schema::Report;
+use report::sections::take_log;
 use report::states::{Joined, Joiner, LoopMessage, StatesWriter};
-use report::tally::deadlines::LateStretch;
-use report::tally::distribution::buckets;
-use report::tally::series::Series;
 use report::tally::{Tally, is_last_word};
 use report::tracking::Tracking;
 
@@ -159,7 +154,7 @@ impl<'a> Recorder<'a> {
     ) -> Result<Report, Failure> {
         let ending = loop {
             rest(armed.pace);
-            self.drain(ports)?;
+            self.drain(ports, armed)?;
             self.look_at_loops(&armed.run);
             station.status.ticks_run = self.tally.newest_tick();
             station.pass_on_stop();
@@ -184,13 +179,15 @@ impl<'a> Recorder<'a> {
         };
         let closed_ns = now_ns();
         self.await_landing();
-        self.drain(ports)?;
+        self.drain(ports, armed)?;
         let until = now_ns() + LAST_SWAPS.as_nanos() as u64;
-        while (self.tally.swaps.len() as u64) < self.parameter_epoch && now_ns() < until {
-            sleep(DRAIN_EVERY);
-            self.drain(ports)?;
-        }
         let run = armed.run.get();
+        // A swap of a tick that was skipped at the very end is in no state, but the plant has counted it.
+        let swaps = self.parameter_epoch.max(run.parameter_epoch);
+        while (self.tally.swaps.len() as u64) < swaps && now_ns() < until {
+            sleep(DRAIN_EVERY);
+            self.drain(ports, armed)?;
+        }
         self.tally.finish(&run, closed_ns);
         let closed = hlog.close_second(&mut self.tally.series).and_then(|()| lines.finish());
         self.note(hlog::FILE, closed);
@@ -261,31 +258,30 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    fn drain(&mut self, ports: &mut Ports) -> Result<(), Failure> {
-        // What passed the loops' own inspection is recorded whatever tick it is of.
-        let any_tick = u64::MAX - 1;
+    fn drain(&mut self, ports: &mut Ports, armed: &Armed) -> Result<(), Failure> {
+        let horizon = horizon(armed.pace, || armed.run.get());
         let (tally, joiner, log) = (&mut self.tally, &mut self.joiner, &mut self.log);
         let (relays, mut relayed) = (&self.relays, Ok(()));
-        ports.states.drain(any_tick, |message| {
+        ports.states.drain(horizon, |message| {
             keep_first(&mut relayed, relays.states.pass_on(message));
             log.state(message);
             self.parameter_epoch = message.content.parameter_epoch;
             tally.state(message);
             joiner.take(message.envelope.tick, LoopMessage::State(message.content));
         })?;
-        ports.setpoints.drain(any_tick, |message| {
+        ports.setpoints.drain(horizon, |message| {
             keep_first(&mut relayed, relays.setpoints.pass_on(message));
             log.setpoint(message);
             tally.setpoint(message);
             joiner.take(message.envelope.tick, LoopMessage::Setpoint(message.content));
         })?;
-        ports.wrenches.drain(any_tick, |message| {
+        ports.wrenches.drain(horizon, |message| {
             keep_first(&mut relayed, relays.wrenches.pass_on(message));
             log.write(message);
             tally.wrench(message);
             joiner.take(message.envelope.tick, LoopMessage::Wrench(message.content));
         })?;
-        ports.rotor_speeds.drain(any_tick, |message| {
+        ports.rotor_speeds.drain(horizon, |message| {
             keep_first(&mut relayed, relays.rotor_speeds.pass_on(message));
             log.write(message);
             tally.rotor_speeds(message);
@@ -293,7 +289,7 @@ impl<'a> Recorder<'a> {
                 joiner.take(message.envelope.tick, LoopMessage::RotorSpeeds(message.content));
             }
         })?;
-        ports.swaps.drain(any_tick, |message| {
+        ports.swaps.drain(horizon, |message| {
             keep_first(&mut relayed, relays.swaps.pass_on(message));
             log.write(message);
             tally.swap(message);
@@ -316,87 +312,6 @@ impl<'a> Recorder<'a> {
     fn keep_states(&mut self) {
         let kept = self.states.iter_mut().try_for_each(StatesWriter::flush);
         self.note("states.csv", kept);
-    }
-
-    /// The numbers so far; final with an ending.
-    fn report(&self, run: &Run, ports: &Ports, meter: &UsageMeter, ending: Option<Ending>) -> Result<Report, Failure> {
-        let ticks = self.tally.ticks(run);
-        let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(self.tally.states);
-        let late = self.tally.series.flight(Series::Late);
-        let missed = self.tally.miss_runs.missed();
-        let deadlines = schema::DeadlineSection {
-            missed,
-            missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
-            missed_by_stamps: self.tally.late_commands.count(),
-            late: late.map(buckets).unwrap_or_default(),
-            runs: self
-                .tally
-                .miss_runs
-                .lengths()
-                .into_iter()
-                .map(|(length_ticks, count)| RunLength { length_ticks, count })
-                .collect(),
-            stretches: self.tally.late_commands.stretches().iter().map(|stretch| self.late_stretch(stretch)).collect(),
-            stretches_left_out: self.tally.late_commands.left_out(),
-        };
-        let series = self.tally.series.statistics();
-        let theorem = self.tally.theorem.section();
-        let lost_messages = self.tally.lost().iter().sum();
-        let gates = gates(&self.settings.gates_asked(), &ticks, &deadlines, &series, &theorem, lost_messages, ending);
-        let lost = TOPICS.iter().zip(self.tally.lost()).map(|(topic, lost)| ((*topic).to_owned(), lost)).collect();
-        let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
-        let started = utc(UNIX_EPOCH + Duration::from_nanos(run.t0_wall_ns));
-        Ok(Report {
-            schema: schema::SCHEMA.into(),
-            run: schema::RunSection {
-                run_id: run.run_id,
-                started,
-                instance: self.instance.clone(),
-                version: env!("CARGO_PKG_VERSION").into(),
-                build: crate::build::here(),
-                trajectory: self.settings.flight.trajectory.name().into(),
-                preset: self.settings.flight.preset.name().into(),
-                period_us: self.period_s * 1e6,
-                wall_period_us: run.period_ns as f64 / 1e3,
-                settings_fingerprint: format!("{:016x}", run.settings),
-                ending: ending.unwrap_or(Ending::None).words().into(),
-                in_flight: ending.is_none(),
-            },
-            verdict: verdict(gates, lost_messages, ending),
-            ticks,
-            deadlines,
-            autopsy: self.tally.autopsy.as_ref().map(Autopsy::section).unwrap_or_default(),
-            flight: schema::ControlPerformance { ticks_without_state, ..self.tally.flight() },
-            theorem,
-            swaps: self.tally.swaps.clone(),
-            series,
-            roles: self.crew.sections(),
-            recorder: schema::RecorderSection {
-                lost,
-                rejected: rejected(&ports.rejections()),
-                incomplete_ticks: self.joiner.incomplete,
-                cpu_percent: 100.0 * meter.read().cpu_ns as f64 / elapsed_ns as f64,
-                log: log_section(&self.log.fate()),
-                unwritten: self.unwritten.iter().map(|(file, why)| ((*file).to_owned(), why.clone())).collect(),
-            },
-            host: self.host.clone(),
-            doctor: self.doctor.clone(),
-            steal: self.cpu_times.steal_until(&CpuTimes::read()),
-            // What only a page shows is worked out once, at the end.
-            distributions: if ending.is_some() { self.tally.series.distributions() } else { Vec::new() },
-            // The launcher measures them when everybody has landed.
-            beside: None,
-            traces: ending.map(|_| self.tally.tracer.traces()),
-        })
-    }
-
-    fn late_stretch(&self, stretch: &LateStretch) -> schema::LateStretchSection {
-        schema::LateStretchSection {
-            tick: stretch.tick,
-            time_s: stretch.tick as f64 * self.period_s,
-            length_ticks: stretch.length_ticks,
-            late_us: stretch.late_ns as f64 / 1e3,
-        }
     }
 }
 

@@ -11,7 +11,7 @@ use wire::error::Error;
 ///
 /// It does so without real time too: shared memory that has run out is an error here but a SIGBUS in flight. A kernel
 /// that cannot be asked (before Linux 5.14) is no error: the pages come when they are touched, and the set-up has
-/// reported [`Step::Prefault`] as refused.
+/// reported `RealtimeStep::Prefault` as refused.
 ///
 /// # Errors
 /// [`Error::System`] when memory, or /dev/shm, has run out.
@@ -29,16 +29,34 @@ fn settle_by(populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>) -
     }
 }
 
-/// Whether the kernel does not know how to populate memory.
+/// What is said of a kernel that does not know how to populate memory.
+pub(super) const UNKNOWN: i32 = libc::ENOSYS;
+
 fn is_unknown(refusal: &io::Error) -> bool {
-    refusal.raw_os_error() == Some(libc::EINVAL)
+    refusal.raw_os_error() == Some(UNKNOWN)
+}
+
+/// Asks for a page of which it is certain that there is memory behind it: only a kernel that does not know the question
+/// says then that it is wrong. Of any other range, the same answer speaks of the range.
+fn ask_whether_known(populate: &mut impl FnMut(usize, usize, sys::Touch) -> io::Result<()>) -> io::Result<()> {
+    let page_bytes = rustix::param::page_size();
+    let on_the_stack = 0_u8;
+    let page = (&raw const on_the_stack).expose_provenance() & !(page_bytes - 1);
+    match populate(page, page_bytes, sys::Touch::Write) {
+        Err(e) if e.raw_os_error() == Some(libc::EINVAL) => Err(io::Error::from_raw_os_error(UNKNOWN)),
+        _ => Ok(()),
+    }
 }
 
 /// Makes every page present that the process can write or read: its own ones, the shared ones of its ports, and
 /// those that other processes write and it only reads.
+///
+/// # Errors
+/// [`UNKNOWN`] where the kernel cannot be asked for that; else what it says of a range that is still there.
 pub(super) fn populate_mappings(
     mut populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
 ) -> io::Result<()> {
+    ask_whether_known(&mut populate)?;
     for line in fs::read_to_string(MAPPINGS)?.lines() {
         let Some((range, rest)) = line.split_once(' ') else { continue };
         let Some((start, end)) = range.split_once('-') else { continue };
@@ -47,9 +65,6 @@ pub(super) fn populate_mappings(
         // Another thread may give the range back, and take it again, while it is being touched.
         let mut tries = 0;
         while let Err(refused) = populate(start, end - start, touch) {
-            if is_unknown(&refused) {
-                return Err(refused);
-            }
             if !fs::read_to_string(MAPPINGS)?.lines().any(|now| now == line) {
                 break;
             }
@@ -93,11 +108,31 @@ mod tests {
             asked += 1;
             Err(io::Error::from_raw_os_error(libc::EINVAL))
         });
-        assert_eq!((refused.unwrap_err().raw_os_error(), asked), (Some(libc::EINVAL), 1), "it is not asked again");
+        assert_eq!((refused.unwrap_err().raw_os_error(), asked), (Some(UNKNOWN), 1), "it is not asked again");
         settle_by(refuse(libc::EINVAL)).unwrap();
-        assert!(crate::rt::remedy(RealtimeStep::Prefault, i64::from(libc::EINVAL)).contains("Linux 5.14"));
+        assert!(crate::rt::remedy(RealtimeStep::Prefault, i64::from(UNKNOWN)).contains("Linux 5.14"));
         let full = settle_by(refuse(libc::ENOMEM)).unwrap_err();
         assert!(full.to_string().contains("/dev/shm"), "{full}");
+    }
+
+    #[test]
+    fn a_kernel_that_knows_how_and_refuses_a_range_has_refused_that_range() {
+        let einval = || Err(io::Error::from_raw_os_error(libc::EINVAL));
+        let mut asked = Vec::new();
+        let settled = settle_by(|start, length, touch| {
+            asked.push(start);
+            // The second of its mappings, once: it was changed meanwhile.
+            if asked.len() == 3 { einval() } else { sys::populate(start, length, touch) }
+        });
+        settled.unwrap();
+        assert!(asked.len() > 4 && asked[3] == asked[2], "the range is tried again, and those after it: {asked:x?}");
+        let stubborn = asked[2];
+        let refused = settle_by(
+            |start, length, touch| {
+                if start == stubborn { einval() } else { sys::populate(start, length, touch) }
+            },
+        );
+        assert!(refused.unwrap_err().to_string().contains("cannot make the memory of the process present"));
     }
 
     #[test]

@@ -12,9 +12,10 @@ use std::sync::atomic::Ordering;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 
-use super::memory::populate_mappings;
+use super::memory::{UNKNOWN, populate_mappings};
 use super::sys;
 use super::thread::{allowed_cpus, loops_cpu, prefault_stack};
+use failure::errno_text;
 use model::realtime::{Grants, RealtimeMode, RealtimeSettings, RealtimeStep};
 use model::role::Role;
 use wire::error::Error;
@@ -38,7 +39,7 @@ pub fn remedy(step: RealtimeStep, errno: i64) -> &'static str {
                  /etc/security/limits.d and log in again"
         }
         RealtimeStep::Malloc => "use a build for glibc",
-        RealtimeStep::Prefault if errno == i64::from(libc::EINVAL) => {
+        RealtimeStep::Prefault if errno == i64::from(UNKNOWN) => {
             "use Linux 5.14 or newer, which knows MADV_POPULATE_WRITE"
         }
         RealtimeStep::Prefault => "free memory, or enlarge /dev/shm",
@@ -98,32 +99,28 @@ impl Engaged {
     fn ask(&mut self, role: Role, settings: &RealtimeSettings) {
         let grants = &mut self.grants;
         let slack = set_current_timer_slack(NonZero::new(1)).map_err(Into::into);
-        grants.note(RealtimeStep::TimerSlack, 1, slack);
+        grants.note(RealtimeStep::TimerSlack, 1, errno(slack));
         let (cpus, cpu) = cpus_for(role, settings.cpu);
-        grants.note(RealtimeStep::Affinity, cpu as u64, sched_setaffinity(None, &cpus).map_err(Into::into));
+        let affinity = sched_setaffinity(None, &cpus).map_err(Into::into);
+        grants.note(RealtimeStep::Affinity, cpu as u64, errno(affinity));
         if role == Role::Record {
             return;
         }
-        grants.note(RealtimeStep::Malloc, 0, sys::keep_freed_memory());
+        grants.note(RealtimeStep::Malloc, 0, errno(sys::keep_freed_memory()));
         let locked = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(Into::into);
-        grants.note(RealtimeStep::MemoryLock, 0, locked);
+        grants.note(RealtimeStep::MemoryLock, 0, errno(locked));
         prefault_stack();
         drop(black_box(vec![1_u8; HEAP_BYTES]));
-        grants.note(RealtimeStep::Prefault, 0, populate_mappings(sys::populate));
-        match hold_cpu_latency() {
-            Ok(file) => {
-                grants.note(RealtimeStep::CpuLatency, 0, Ok(()));
-                self._cpu_latency = Some(file);
-            }
-            Err(error) => grants.note(RealtimeStep::CpuLatency, 0, Err(error)),
-        }
+        grants.note(RealtimeStep::Prefault, 0, errno(populate_mappings(sys::populate)));
+        let held = hold_cpu_latency().map(|file| self._cpu_latency = Some(file));
+        grants.note(RealtimeStep::CpuLatency, 0, errno(held));
         let priority = settings.priority + role.priority_step();
         let fifo = sys::set_fifo(priority);
         if fifo.is_ok() {
             self.loop_thread = sys::thread_number();
             sys::LOOP_THREAD.store(self.loop_thread, Ordering::SeqCst);
         }
-        self.grants.note(RealtimeStep::Scheduler, u64::from(priority.unsigned_abs()), fifo);
+        self.grants.note(RealtimeStep::Scheduler, u64::from(priority.unsigned_abs()), errno(fifo));
     }
 
     fn insist(&self, role: Role) -> Result<(), Error> {
@@ -133,13 +130,18 @@ impl Engaged {
         }
         let mut remedies: Vec<_> = refused.iter().map(|step| remedy(*step, self.grants.of(*step).errno)).collect();
         remedies.dedup();
-        let word = |step: &RealtimeStep| format!("{step:?} ({})", self.grants.of(*step).reason());
+        let word = |step: &RealtimeStep| format!("{step:?} ({})", errno_text(self.grants.of(*step).errno));
         Err(Error::RealtimeRefused {
             role,
             refused: refused.iter().map(word).collect::<Vec<_>>().join(", "),
             remedy: format!("{}; or fly with what is granted: --rt prefer", remedies.join("; ")),
         })
     }
+}
+
+/// The error number of a step; a reason without one counts as "not implemented".
+fn errno(outcome: io::Result<()>) -> i64 {
+    outcome.err().map_or(0, |reason| i64::from(reason.raw_os_error().unwrap_or(libc::ENOSYS)))
 }
 
 /// The processors for a role: the loops share one, everything else takes the others, if there are any.
@@ -233,8 +235,8 @@ mod tests {
         let refused = Engaged {
             grants: {
                 let mut grants = Grants::default();
-                grants.note(RealtimeStep::MemoryLock, 0, Err(io::Error::from_raw_os_error(libc::EPERM)));
-                grants.note(RealtimeStep::CpuLatency, 0, Err(io::Error::from_raw_os_error(libc::EACCES)));
+                grants.note(RealtimeStep::MemoryLock, 0, i64::from(libc::EPERM));
+                grants.note(RealtimeStep::CpuLatency, 0, i64::from(libc::EACCES));
                 grants
             },
             loop_thread: 0,

@@ -9,7 +9,9 @@ use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 
+use model::grid::NS_PER_S;
 use signal_hook::SigId;
+use wire::sys::check;
 
 /// Puts the calling thread under SCHED_FIFO.
 ///
@@ -74,20 +76,6 @@ pub(crate) fn exit_when_signalled(signal: i32, code: i32, flag: &Arc<AtomicBool>
     unsafe { signal_hook::low_level::register(signal, exit) }
 }
 
-/// Lets every signal reach the calling thread, and those that it starts.
-///
-/// # Errors
-/// What the system says.
-pub(crate) fn unblock_all_signals() -> io::Result<()> {
-    let mut none = std::mem::MaybeUninit::<libc::sigset_t>::zeroed();
-    // SAFETY: the pointers are to memory for one signal set, which the first call fills; a mask is set, none is read.
-    let failed = unsafe {
-        libc::sigemptyset(none.as_mut_ptr());
-        libc::pthread_sigmask(libc::SIG_SETMASK, none.as_ptr(), std::ptr::null_mut())
-    };
-    if failed == 0 { Ok(()) } else { Err(io::Error::from_raw_os_error(failed)) }
-}
-
 /// Gives a signal that is ignored its default action back; one that has a handler keeps it.
 ///
 /// # Errors
@@ -135,7 +123,8 @@ pub(super) enum Touch {
 /// Makes every page of an address range present, without the SIGBUS of a full /dev/shm.
 ///
 /// # Errors
-/// ENOMEM or EFAULT when memory runs out; EINVAL before Linux 5.14 or for a mapping that cannot be populated.
+/// ENOMEM or EFAULT when memory runs out; EINVAL before Linux 5.14, for a mapping that cannot be populated, or for one
+/// whose protection was taken.
 pub(super) fn populate(start: usize, length: usize, touch: Touch) -> io::Result<()> {
     let advice = match touch {
         Touch::Read => libc::MADV_POPULATE_READ,
@@ -164,7 +153,7 @@ pub(super) fn thread_usage() -> ThreadUsage {
         libc::getrusage(libc::RUSAGE_THREAD, usage.as_mut_ptr());
         usage.assume_init()
     };
-    let ns = |time: libc::timeval| time.tv_sec.unsigned_abs() * 1_000_000_000 + time.tv_usec.unsigned_abs() * 1_000;
+    let ns = |time: libc::timeval| time.tv_sec.unsigned_abs() * NS_PER_S + time.tv_usec.unsigned_abs() * 1_000;
     ThreadUsage {
         minor_faults: usage.ru_minflt.unsigned_abs(),
         major_faults: usage.ru_majflt.unsigned_abs(),
@@ -172,10 +161,6 @@ pub(super) fn thread_usage() -> ThreadUsage {
         involuntary_switches: usage.ru_nivcsw.unsigned_abs(),
         cpu_ns: ns(usage.ru_utime) + ns(usage.ru_stime),
     }
-}
-
-fn check(result: i32) -> io::Result<()> {
-    if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
 /// The system's allocator, counting the calls of each thread: the proof that a tick does not allocate.

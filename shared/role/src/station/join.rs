@@ -97,7 +97,7 @@ impl Station {
     /// carry, and the epoch of this sender.
     ///
     /// # Errors
-    /// [`Error::SettingsDiffer`], [`Error::RealtimeRefused`], [`Error::Interrupted`], [`Error::Absent`] for a flight in
+    /// [`Error::SettingsDiffer`], [`Error::RealtimeRefused`], [`Error::Interrupted`], [`Error::TooLate`] for a flight in
     /// lockstep that has begun, and those of `arm`.
     pub fn join(&mut self, mut arm: impl FnMut(&Wire, Expected, u64) -> Result<(), Error>) -> Result<Armed, Error> {
         let engaged = self.report_ready()?;
@@ -233,7 +233,7 @@ impl Station {
     }
 
     fn too_late(&self) -> Error {
-        Error::Absent {
+        Error::TooLate {
             what: format!(
                 "the flight in lockstep has begun without this {} process, and cannot be joined late: end it and start \
                  every role again",

@@ -11,7 +11,7 @@ use std::thread::sleep;
 use super::{LOOK_EVERY, Station, status_board, wall_ns};
 use crate::patience::Patience;
 use crate::rt::{Engaged, settle};
-use model::boards::{Ending, RUN, RolePhase, Run, RunPhase, SETTINGS, SettingsText, Status};
+use model::boards::{Ending, RUN, RolePhase, Run, RunPhase, SETTINGS, SETTINGS_MAX, SettingsText, Status};
 use model::flight_plan::FlightPlan;
 use model::grid::Pace;
 use model::inspection::Expected;
@@ -61,7 +61,7 @@ impl Station {
     /// Opens a run: waits until every role is ready, announces t_0, and waits until all have armed for it.
     ///
     /// # Errors
-    /// [`Error::RealtimeRefused`], [`Error::Interrupted`], and those of `arm`.
+    /// [`Error::RealtimeRefused`], [`Error::Interrupted`], [`Error::TooMuch`], and those of `arm`.
     pub fn open_run(
         &mut self,
         plan: FlightPlan,
@@ -70,7 +70,7 @@ impl Station {
         let board = self.wire.board::<Run>(RUN)?;
         let settings = self.wire.board::<SettingsText>(SETTINGS)?;
         let text = SettingsText::new(&self.orders.settings)
-            .ok_or_else(|| Error::Absent { what: "the settings are too long for their board".into() })?;
+            .ok_or_else(|| Error::TooMuch { what: too_long(&self.orders.settings) })?;
         settings.put(text);
         let mut run = self.own_run(plan);
         board.put(run);
@@ -169,6 +169,11 @@ impl Station {
             sleep(LOOK_EVERY);
         }
     }
+}
+
+fn too_long(settings: &str) -> String {
+    let length = settings.len();
+    format!("the settings are {length} bytes long, and their board holds {SETTINGS_MAX}: fly with fewer faults")
 }
 
 /// The other roles with their boards, in the order of [`ROLES`].

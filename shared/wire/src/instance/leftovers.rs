@@ -5,6 +5,7 @@
 
 use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
+use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -151,8 +152,10 @@ impl Instance {
 
     /// Whether any process of the instance lives, or uses its shared memory.
     fn is_used(&self, door: &Door) -> bool {
-        let in_use = door.directory.file(&lock_name(IN_USE));
-        self.is_alive() || in_use.map_or(true, |file| file.is_some_and(|file| !try_lock(&file)))
+        let name = lock_name(IN_USE);
+        let is_free = |file: Option<File>| file.map_or(Ok(true), |file| try_lock(&file, &self.directory().join(&name)));
+        // Where that cannot be seen, it may be.
+        self.is_alive() || !door.directory.file(&name).and_then(is_free).unwrap_or(false)
     }
 
     fn has_no_directory(&self) -> bool {

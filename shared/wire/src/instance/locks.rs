@@ -82,7 +82,7 @@ impl Instance {
         // As long as the door is ours, nobody takes the file away.
         let door = self.door()?;
         let mut file = door.directory.file_or_new(&lock_name(role))?;
-        if !try_lock(&file) {
+        if !try_lock(&file, &path)? {
             let (instance, role, pid) = (self.name().into(), role.into(), written_pid(&path));
             return Err(Error::Occupied { instance, role, pid });
         }
@@ -100,11 +100,12 @@ impl Instance {
     pub fn enter(&self) -> Result<Lock, Error> {
         let door = self.door()?;
         let file = door.directory.file_or_new(&lock_name(IN_USE))?;
-        if flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok() {
+        let path = self.lock_path(IN_USE);
+        if lock_if_free(&file, FlockOperation::NonBlockingLockExclusive, &path)? {
             self.remove_memory(&door)?;
         }
         // Whoever holds it exclusively has the door.
-        lock_soon(&file, FlockOperation::NonBlockingLockShared, &self.lock_path(IN_USE))?;
+        lock_soon(&file, FlockOperation::NonBlockingLockShared, &path)?;
         Ok(Lock { _file: file })
     }
 
@@ -117,7 +118,7 @@ impl Instance {
     /// Whether a process plays the role now.
     ///
     /// # Errors
-    /// [`Error::RootPath`] where that cannot be seen.
+    /// [`Error::RootPath`], [`Error::System`] where that cannot be seen.
     pub fn look_for(&self, role: Role) -> Result<bool, Error> {
         self.is_held(role.name())
     }
@@ -137,7 +138,7 @@ impl Instance {
     fn is_held(&self, role: &str) -> Result<bool, Error> {
         let path = self.lock_path(role);
         match open_to_look(&path) {
-            Ok(file) => Ok(flock(&file, FlockOperation::NonBlockingLockShared).is_err()),
+            Ok(file) => lock_if_free(&file, FlockOperation::NonBlockingLockShared, &path).map(|is_free| !is_free),
             // Nobody ever was there.
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(false),
             Err(source) => Err(Error::RootPath { path, source }),
@@ -214,9 +215,13 @@ impl Instance {
     }
 }
 
-/// A role is not given up, and nothing is removed, because this process has run out of something.
+/// A role is not given up, and nothing is removed, because this process has run out of something, or the system cannot
+/// tell whether a lock that is there is held.
 fn is_or_may_be(held: Result<bool, Error>) -> bool {
-    held.unwrap_or_else(|error| matches!(error, Error::RootPath { source, .. } if shortage::remedy(&source).is_some()))
+    held.unwrap_or_else(|error| match error {
+        Error::RootPath { source, .. } => shortage::remedy(&source).is_some(),
+        _ => true,
+    })
 }
 
 /// Whether we have made a directory.
@@ -234,26 +239,43 @@ pub(super) fn lock_name(role: &str) -> String {
 /// [`Error::Held`] where somebody keeps it.
 pub(crate) fn lock_soon(file: impl AsFd, operation: FlockOperation, path: &Path) -> Result<(), Error> {
     let start = Instant::now();
+    while !lock_if_free(&file, operation, path)? {
+        if start.elapsed() >= PATIENCE {
+            return Err(Error::Held { path: path.to_owned(), waited: PATIENCE });
+        }
+        std::thread::sleep(LOOK_EVERY);
+    }
+    Ok(())
+}
+
+/// Takes the lock, through the instants in which somebody only looks whether it is held; says whether it was free.
+///
+/// # Errors
+/// [`Error::System`] where the system cannot tell.
+pub(super) fn try_lock(file: &File, path: &Path) -> Result<bool, Error> {
+    for attempt in 0..LOCK_TRIES {
+        if attempt > 0 {
+            std::thread::sleep(LOCK_RETRY);
+        }
+        if lock_if_free(file, FlockOperation::NonBlockingLockExclusive, path)? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Takes a lock that nobody holds; says whether it was free.
+///
+/// Only one answer of the system means that somebody holds it. Without memory for locks, say, everybody would.
+fn lock_if_free(file: impl AsFd, operation: FlockOperation, path: &Path) -> Result<bool, Error> {
     loop {
         match flock(&file, operation) {
-            Ok(()) => return Ok(()),
-            Err(Errno::WOULDBLOCK) if start.elapsed() < PATIENCE => std::thread::sleep(LOOK_EVERY),
-            Err(Errno::WOULDBLOCK) => return Err(Error::Held { path: path.to_owned(), waited: PATIENCE }),
+            Ok(()) => return Ok(true),
+            Err(Errno::WOULDBLOCK) => return Ok(false),
             Err(Errno::INTR) => {}
             Err(e) => return Err(Error::system(format!("cannot lock {}", path.display()), e)),
         }
     }
-}
-
-/// Takes the lock, through the instants in which somebody only looks whether it is held.
-pub(super) fn try_lock(file: &File) -> bool {
-    let mut tries = 0..LOCK_TRIES;
-    tries.any(|attempt| {
-        if attempt > 0 {
-            std::thread::sleep(LOCK_RETRY);
-        }
-        flock(file, FlockOperation::NonBlockingLockExclusive).is_ok()
-    })
 }
 
 /// What the last holder of a lock wrote; nothing in the instant between locking and writing.
@@ -266,4 +288,27 @@ fn written_pid(path: &Path) -> Option<u32> {
 fn open_to_look(path: &Path) -> io::Result<File> {
     let safely = OFlags::NOFOLLOW | OFlags::NONBLOCK;
     File::options().read(true).custom_flags(safely.bits().cast_signed()).open(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lock_that_the_system_cannot_take_is_not_held_by_another() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("plant.lock");
+        File::create(&path).unwrap();
+        // A descriptor without a file behind it, which no lock can be taken on.
+        let bare = File::options().read(true).custom_flags(OFlags::PATH.bits().cast_signed()).open(&path).unwrap();
+        for refused in
+            [try_lock(&bare, &path).map(drop), lock_soon(&bare, FlockOperation::NonBlockingLockShared, &path)]
+        {
+            let error = refused.unwrap_err();
+            assert!(error.to_string().contains(&format!("cannot lock {}", path.display())), "{error}");
+        }
+        // Where it cannot be told, nobody's role is taken for free.
+        let held = lock_if_free(&bare, FlockOperation::NonBlockingLockShared, &path).map(|is_free| !is_free);
+        assert!(is_or_may_be(held));
+    }
 }

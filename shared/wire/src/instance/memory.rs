@@ -5,9 +5,7 @@ use std::path::{Path, PathBuf};
 use super::Instance;
 use super::directory::Directory;
 use crate::error::Error;
-
-/// Where Linux keeps POSIX shared memory.
-pub const SHARED_MEMORY: &str = "/dev/shm";
+use crate::shortage::SHARED_MEMORY;
 
 const MIB: u64 = 1 << 20;
 

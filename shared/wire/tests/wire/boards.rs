@@ -4,7 +4,6 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use model::boards::{InForce, SettingsText};
-use model::layout::{Field, Kind, Layout};
 use wire::error::Error;
 
 use crate::{Site, assert_incompatible};
@@ -127,17 +126,8 @@ struct SwappedPose {
     north_m: u64,
 }
 
-const fn word(name: &'static str, place: usize) -> Field {
-    Field { name, offset: place * 8, size: 8, kind: Kind::U64, length: None }
-}
-
-impl Layout for Pose {
-    const FIELDS: &'static [Field] = &[word("north_m", 0), word("east_m", 1)];
-}
-
-impl Layout for SwappedPose {
-    const FIELDS: &'static [Field] = &[word("east_m", 0), word("north_m", 1)];
-}
+model::layout!(Pose { north_m, east_m });
+model::layout!(SwappedPose { east_m, north_m });
 
 #[test]
 fn a_board_of_another_layout_is_incompatible() {

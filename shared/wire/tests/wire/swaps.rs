@@ -69,6 +69,8 @@ fn assert_absent(result: Result<SwapAnswer, Error>) {
 }
 
 const SHORT: Duration = Duration::from_millis(20);
+/// Longer than the plant takes to look.
+const A_WHILE: Duration = Duration::from_secs(1);
 
 #[test]
 fn without_an_answer_the_client_says_who_was_silent_and_may_ask_again() {
@@ -134,6 +136,48 @@ fn a_client_that_left_is_no_error_for_the_plant() {
         next(&server).answer(answer(99));
         assert_eq!(asked.join().unwrap(), answer(99), "the next client finds the plant as it was");
     });
+}
+
+#[test]
+fn an_answer_to_one_who_has_left_goes_to_nobody_and_who_comes_into_his_place_is_answered() {
+    let site = Site::new();
+    let wire = site.wire();
+    let server = wire.swap_server().unwrap();
+    for is_forgotten in [true, false] {
+        thread::scope(|scope| {
+            let gone = scope.spawn(|| site.wire().swap_client().unwrap().ask(order(0.6), A_WHILE));
+            let first = next(&server);
+            assert!(server.is_awaited(&first));
+            gone.join().unwrap().unwrap_err();
+            assert!(!server.is_awaited(&first));
+            let first = (!is_forgotten).then_some(first);
+            // As many as there are places, so that one of them has his.
+            let asked: Vec<_> = (10..18_u32)
+                .map(|i| {
+                    let site = &site;
+                    let ask = move || site.wire().swap_client().unwrap().ask(order(f64::from(i)), A_WHILE);
+                    (i, scope.spawn(ask))
+                })
+                .collect();
+            let calls: Vec<_> = asked.iter().map(|_| next(&server)).collect();
+            // Who forgets to forget cuts somebody off, but tells nobody what is not his.
+            if let Some(first) = first {
+                first.answer(answer(6));
+                // Whoever takes it for his own has it before his own comes.
+                thread::sleep(Duration::from_millis(50));
+            }
+            for call in calls {
+                let tick = call.order().value[0] as u64;
+                call.answer(answer(tick));
+            }
+            for (i, asked) in asked {
+                match asked.join().unwrap() {
+                    Ok(answered) => assert_eq!(answered, answer(u64::from(i))),
+                    Err(error) => assert!(!is_forgotten, "{error}"),
+                }
+            }
+        });
+    }
 }
 
 #[test]

@@ -12,6 +12,7 @@ use role::rt::remedy;
 use crate::watch::draw::put;
 use crate::watch::draw::style::Paint;
 use crate::watch::model::WatchedFlight;
+use failure::errno_text;
 use report::sections::role_section;
 
 /// Width of a role's column.
@@ -86,7 +87,10 @@ fn refusals<'a>(flight: &WatchedFlight, paint: Paint) -> Vec<Line<'a>> {
             .map(|status| status.grants.of(step))
             .find(|grant| grant.asked == 1 && !grant.granted());
         if let Some(grant) = refused {
-            lines.push(Line::styled(format!("{}: {}", grant.reason(), remedy(step, grant.errno)), paint.faint()));
+            lines.push(Line::styled(
+                format!("{}: {}", errno_text(grant.errno), remedy(step, grant.errno)),
+                paint.faint(),
+            ));
         }
     }
     lines

@@ -1,0 +1,109 @@
+//! The recorder's figures so far, as a report.
+
+use std::time::{Duration, UNIX_EPOCH};
+
+use model::boards::{Ending, Run};
+use role::rt::UsageMeter;
+use wire::clock::now_ns;
+
+use super::Recorder;
+use crate::record::ports::Ports;
+use crate::wall_time::utc;
+use failure::Failure;
+use flight_log::TOPICS;
+use machine::cpu_times::CpuTimes;
+use report::autopsy::Autopsy;
+use report::schema::{self, Report, RunLength};
+use report::sections::{gates, log_section, rejected, verdict};
+use report::tally::deadlines::LateStretch;
+use report::tally::distribution::buckets;
+use report::tally::series::Series;
+
+impl Recorder<'_> {
+    /// The numbers so far; final with an ending.
+    pub(super) fn report(
+        &self,
+        run: &Run,
+        ports: &Ports,
+        meter: &UsageMeter,
+        ending: Option<Ending>,
+    ) -> Result<Report, Failure> {
+        let ticks = self.tally.ticks(run);
+        let ticks_without_state = (ticks.run + ticks.skipped).saturating_sub(self.tally.states);
+        let late = self.tally.series.flight(Series::Late);
+        let missed = self.tally.miss_runs.missed();
+        let deadlines = schema::DeadlineSection {
+            missed,
+            missed_ppm: missed as f64 * 1e6 / (ticks.run + ticks.skipped).max(1) as f64,
+            missed_by_stamps: self.tally.late_commands.count(),
+            late: late.map(buckets).unwrap_or_default(),
+            runs: self
+                .tally
+                .miss_runs
+                .lengths()
+                .into_iter()
+                .map(|(length_ticks, count)| RunLength { length_ticks, count })
+                .collect(),
+            stretches: self.tally.late_commands.stretches().iter().map(|stretch| self.late_stretch(stretch)).collect(),
+            stretches_left_out: self.tally.late_commands.left_out(),
+        };
+        let series = self.tally.series.statistics();
+        let theorem = self.tally.theorem.section();
+        let lost_messages = self.tally.lost().iter().sum();
+        let gates = gates(&self.settings.gates_asked(), &ticks, &deadlines, &series, &theorem, lost_messages, ending);
+        let lost = TOPICS.iter().zip(self.tally.lost()).map(|(topic, lost)| ((*topic).to_owned(), lost)).collect();
+        let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
+        let started = utc(UNIX_EPOCH + Duration::from_nanos(run.t0_wall_ns));
+        Ok(Report {
+            schema: schema::SCHEMA.into(),
+            run: schema::RunSection {
+                run_id: run.run_id,
+                started,
+                instance: self.instance.clone(),
+                version: env!("CARGO_PKG_VERSION").into(),
+                build: crate::build::here(),
+                trajectory: self.settings.flight.trajectory.name().into(),
+                preset: self.settings.flight.preset.name().into(),
+                period_us: self.period_s * 1e6,
+                wall_period_us: run.period_ns as f64 / 1e3,
+                settings_fingerprint: format!("{:016x}", run.settings),
+                ending: ending.unwrap_or(Ending::None).words().into(),
+                in_flight: ending.is_none(),
+            },
+            verdict: verdict(gates, lost_messages, ending),
+            ticks,
+            deadlines,
+            autopsy: self.tally.autopsy.as_ref().map(Autopsy::section).unwrap_or_default(),
+            flight: schema::ControlPerformance { ticks_without_state, ..self.tally.flight() },
+            theorem,
+            swaps: self.tally.swaps.clone(),
+            series,
+            roles: self.crew.sections(),
+            recorder: schema::RecorderSection {
+                lost,
+                rejected: rejected(&ports.rejections()),
+                incomplete_ticks: self.joiner.incomplete,
+                cpu_percent: 100.0 * meter.read().cpu_ns as f64 / elapsed_ns as f64,
+                log: log_section(&self.log.fate()),
+                unwritten: self.unwritten.iter().map(|(file, why)| ((*file).to_owned(), why.clone())).collect(),
+            },
+            host: self.host.clone(),
+            doctor: self.doctor.clone(),
+            steal: self.cpu_times.steal_until(&CpuTimes::read()),
+            // What only a page shows is worked out once, at the end.
+            distributions: if ending.is_some() { self.tally.series.distributions() } else { Vec::new() },
+            // The launcher measures them when everybody has landed.
+            beside: None,
+            traces: ending.map(|_| self.tally.tracer.traces()),
+        })
+    }
+
+    fn late_stretch(&self, stretch: &LateStretch) -> schema::LateStretchSection {
+        schema::LateStretchSection {
+            tick: stretch.tick,
+            time_s: stretch.tick as f64 * self.period_s,
+            length_ticks: stretch.length_ticks,
+            late_us: stretch.late_ns as f64 / 1e3,
+        }
+    }
+}
