@@ -14,6 +14,7 @@ use model::parameters::{Airframe, Parameter};
 use model::realtime;
 use plant::Swap;
 use report::sections::GatesAsked;
+use report::words::TrackingLimits;
 use serde::{Deserialize, Serialize};
 
 use toml::{Table, Value};
@@ -73,6 +74,10 @@ pub struct FlightSettings {
     pub faults: Vec<String>,
     /// Position error beyond which the flight has left its envelope [m].
     pub position_error_max_m: f64,
+    /// Position error up to which its last 5 s count as tracked [m].
+    pub tracking_error_max_m: f64,
+    /// Height below which the airframe has hit the ground [m]; it is flown on.
+    pub ground_z_m: f64,
 }
 
 /// What moves the ticks on.
@@ -262,6 +267,12 @@ impl Settings {
         }
     }
 
+    /// When the flight counts as tracked.
+    #[must_use]
+    pub const fn tracking_limits(&self) -> TrackingLimits {
+        TrackingLimits { error_max_m: self.flight.tracking_error_max_m, ground_z_m: self.flight.ground_z_m }
+    }
+
     /// Whether the processor that is named for the loops is one of this process': asked where they are to run.
     ///
     /// # Errors
@@ -310,6 +321,8 @@ impl Settings {
         within("flight.duration_s", flight.duration_s, flight.period_s, 86_400.0)?;
         within("flight.slowdown", flight.slowdown as f64, 1.0, 1000.0)?;
         within("flight.position_error_max_m", flight.position_error_max_m, 0.01, 1e4)?;
+        within("flight.tracking_error_max_m", flight.tracking_error_max_m, 0.0, 1e4)?;
+        within("flight.ground_z_m", flight.ground_z_m, -1e4, 0.0)?;
         within("rt.priority", f64::from(self.rt.priority), 1.0, 95.0)?;
         within("recorder.states_every_ticks", self.recorder.states_every_ticks as f64, 1.0, 1e9)?;
         let refused = |e: controller::SettingsError| {

@@ -35,13 +35,16 @@ pub fn result_line(report: &Report, directory: &str) -> String {
     };
     let rt = report.roles.get("plant").map_or_else(|| "other".into(), |plant| plant.scheduling.replace(' ', ""));
     format!(
-        "RESULT status={} ticks={} misses={} loop_p50_us={} loop_p999_us={} wake_p99_us={} rt={rt} lost={} unlogged={} build={} run={directory}",
+        "RESULT status={} ticks={} misses={} loop_p50_us={} loop_p999_us={} wake_p99_us={} rt={rt} {} steal={:.2} skipped={} lost={} unlogged={} build={} run={directory}",
         report.verdict.status,
         report.ticks.run,
         report.deadlines.missed,
         percentile("loop", |s| Some(s.p50_us)),
         percentile("loop", |s| s.p999_us),
         percentile("wake.plant", |s| Some(s.p99_us)),
+        report.words.pairs(),
+        report.steal.percent,
+        report.ticks.skipped,
         losses::lost(report),
         losses::unlogged(report),
         report.run.build.token(),
@@ -57,6 +60,7 @@ pub fn count(number: u64, thing: &str) -> String {
 type Written = std::fmt::Result;
 
 fn head(out: &mut String, report: &Report) -> Written {
+    write!(out, "{}", report.words)?;
     let run = &report.run;
     writeln!(
         out,

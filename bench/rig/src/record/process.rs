@@ -139,7 +139,7 @@ impl<'a> Recorder<'a> {
             so_far: Replaced::new(files.directory.join("report.json"))?,
             is_latest: false,
             crew,
-            cpu_times: CpuTimes::read(),
+            cpu_times: CpuTimes::read(watch.processor),
             period_s,
         })
     }

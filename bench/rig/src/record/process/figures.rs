@@ -18,6 +18,7 @@ use report::sections::{gates, log_section, rejected, verdict};
 use report::tally::deadlines::LateStretch;
 use report::tally::distribution::buckets;
 use report::tally::series::Series;
+use report::words::{Evidence, Words};
 
 impl Recorder<'_> {
     /// The numbers so far; final with an ending.
@@ -54,27 +55,40 @@ impl Recorder<'_> {
         let lost = TOPICS.iter().zip(self.tally.lost()).map(|(topic, lost)| ((*topic).to_owned(), lost)).collect();
         let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
         let started = utc(UNIX_EPOCH + Duration::from_nanos(run.t0_wall_ns));
+        let steal = self.cpu_times.steal_until(&CpuTimes::read(self.watch.processor));
+        let performance = schema::ControlPerformance { ticks_without_state, ..self.tally.flight() };
+        let section = schema::RunSection {
+            run_id: run.run_id,
+            started,
+            instance: self.instance.clone(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            build: crate::build::here(),
+            trajectory: self.settings.flight.trajectory.name().into(),
+            preset: self.settings.flight.preset.name().into(),
+            period_us: self.period_s * 1e6,
+            wall_period_us: run.period_ns as f64 / 1e3,
+            settings_fingerprint: format!("{:016x}", run.settings),
+            ending: ending.unwrap_or(Ending::None).words().into(),
+            in_flight: ending.is_none(),
+        };
+        let evidence = Evidence {
+            run: &section,
+            ending,
+            ticks: &ticks,
+            deadlines: &deadlines,
+            performance: &performance,
+            theorem: &theorem,
+            steal_percent: steal.percent,
+        };
         Ok(Report {
             schema: schema::SCHEMA.into(),
-            run: schema::RunSection {
-                run_id: run.run_id,
-                started,
-                instance: self.instance.clone(),
-                version: env!("CARGO_PKG_VERSION").into(),
-                build: crate::build::here(),
-                trajectory: self.settings.flight.trajectory.name().into(),
-                preset: self.settings.flight.preset.name().into(),
-                period_us: self.period_s * 1e6,
-                wall_period_us: run.period_ns as f64 / 1e3,
-                settings_fingerprint: format!("{:016x}", run.settings),
-                ending: ending.unwrap_or(Ending::None).words().into(),
-                in_flight: ending.is_none(),
-            },
+            words: Words::of(&evidence, &self.settings.tracking_limits()),
+            run: section,
             verdict: verdict(gates, lost_messages, ending),
             ticks,
             deadlines,
             autopsy: self.tally.autopsy.as_ref().map(Autopsy::section).unwrap_or_default(),
-            flight: schema::ControlPerformance { ticks_without_state, ..self.tally.flight() },
+            flight: performance,
             theorem,
             swaps: self.tally.swaps.clone(),
             series,
@@ -89,7 +103,7 @@ impl Recorder<'_> {
             },
             host: self.host.clone(),
             doctor: self.doctor.clone(),
-            steal: self.cpu_times.steal_until(&CpuTimes::read()),
+            steal,
             // What only a page shows is worked out once, at the end.
             distributions: if ending.is_some() { self.tally.series.distributions() } else { Vec::new() },
             // The launcher measures them when everybody has landed.
