@@ -33,8 +33,8 @@ fn two_flights_show_numbers_without_a_verdict() {
     fs::write(&facts, text.replace(clock, "\"clock_source\": \"sundial\",")).unwrap();
     let text = rig.run("report", &["diff", &flights[0], &flights[1]]).expect(0).stdout;
     for words in [
-        "Timing    not judged: 1 and one flight show numbers alone",
-        "Tracking  not judged: 1 and one flight show numbers alone",
+        "Timing    not judged: one flight a side shows numbers alone",
+        "Tracking  not judged: one flight a side shows numbers alone",
         "flight.trajectory: lissajous | hover",
         "| sundial",
         "loop p50 [us]",

@@ -230,11 +230,13 @@ pub fn compare(a: &[Flown], b: &[Flown]) -> Diff {
     let few = a.len().min(b.len());
     let level = if few > FLIGHTS_NEEDED { LEVEL } else { LEVEL_OF_THREE };
     let too_few = (few < FLIGHTS_NEEDED).then(|| {
+        let some = match (a.len(), b.len()) {
+            (1, 1) => "one flight a side shows".to_owned(),
+            (a, b) => format!("{a} and {b} flights show"),
+        };
         format!(
-            "{} and {} flights show numbers alone; compare {FLIGHTS_NEEDED} a side or more, flown in turns: \
-             ironbird report diff A1 A2 A3 -- B1 B2 B3",
-            a.len(),
-            b.len()
+            "{some} numbers alone; compare {FLIGHTS_NEEDED} a side or more, flown in turns: ironbird report diff \
+             A1 A2 A3 -- B1 B2 B3"
         )
     });
     let disturbed = a.iter().chain(b).find_map(Flown::disturbed);

@@ -83,9 +83,11 @@ impl Rig {
     /// What a command is given besides `args`.
     pub fn own_args(&self, command: &str, args: &[&str]) -> Vec<String> {
         let mut all: Vec<String> = args.iter().map(|arg| (*arg).to_owned()).collect();
+        // What stands behind `--` are no flags.
+        let end = args.iter().position(|arg| *arg == "--").unwrap_or(args.len());
         let mut default = |flag: &str, value: &str| {
             if !args.contains(&flag) {
-                all.extend([flag.to_owned(), value.to_owned()]);
+                all.splice(end..end, [flag.to_owned(), value.to_owned()]);
             }
         };
         if !matches!(command, "clean" | "simulate" | "report" | "export" | "replay" | "floor") {
