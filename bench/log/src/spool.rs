@@ -268,7 +268,8 @@ impl Queue {
                 state = self.changed.wait_timeout(state, RETRY_EVERY).unwrap_or_else(PoisonError::into_inner).0;
                 continue;
             };
-            state.busy = true;
+            // After the last job nobody says that it is done.
+            state.busy = !matches!(job, DiskJob::End);
             return job;
         }
     }

@@ -27,6 +27,10 @@ pub fn clean(args: CleanArgs) -> Result<u8, Failure> {
             let kept = if args.dry_run { "would keep" } else { "kept" };
             text += &format!("{kept} {}: ironbird has not made it\n", path.display());
         }
+        if let Some(refusal) = instance.refusal() {
+            let (kept, name) = (if args.dry_run { "would keep" } else { "kept" }, instance.name());
+            text += &format!("{kept} the shared memory of instance `{name}`: {refusal}\n");
+        }
     }
     if text.is_empty() {
         text = format!("nothing to remove under {} and in /dev/shm\n", root_path().display());

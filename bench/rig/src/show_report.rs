@@ -62,6 +62,11 @@ pub fn read(directory: &Path) -> Result<Report, Failure> {
                  `ironbird export` gives what it had logged",
         ));
     }
+    if !path.is_file() {
+        return Err(
+            Failure::usage(format!("{} is not a regular file", path.display())).help("name the directory of a flight")
+        );
+    }
     plausible(&path)?;
     Report::read(&path)
 }

@@ -3,6 +3,8 @@
 
 mod rig;
 
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -199,11 +201,17 @@ fn clean_removes_and_names_what_killed_processes_left() {
     let other = Rig::new("bystander");
     let bystander = other.start("plant", &["--rt", "off"]);
     bystander.await_words("waiting for");
+    let directory = rig.root().join(&rig.instance);
+    let allow = |mode: u32| fs::set_permissions(&directory, fs::Permissions::from_mode(mode)).unwrap();
+    allow(0o770);
+    let kept = format!("kept the shared memory of instance `{}`: {} is not used", rig.instance, directory.display());
+    rig.run("clean", &[]).expect(0).says(&kept);
+    allow(0o700);
     let mut clean = rig.run("clean", &[]).expect(0);
     for segment in left {
         clean = clean.says(&format!("removed /dev/shm/{segment}\n"));
     }
-    clean.says(&format!("removed {}\n", rig.root().join(&rig.instance).display()));
+    clean.says(&format!("removed {}\n", directory.display()));
     rig.assert_nothing_left();
     assert!(!other.segments().is_empty(), "another instance keeps its own");
     bystander.signal(Signal::TERM);

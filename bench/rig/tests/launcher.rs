@@ -167,6 +167,21 @@ fn a_closed_terminal_ends_the_flight_in_order() {
 }
 
 #[test]
+fn a_dashboard_whose_terminal_is_closed_ends_though_it_hears_of_no_hangup() {
+    for ignored in ["--ignore-signal=HUP", "--default-signal=HUP"] {
+        let rig = Rig::new("gone");
+        let command = ["env", ignored, IRONBIRD, "watch", "--instance", &rig.instance];
+        let Some(terminal) = in_a_terminal(&rig, &command) else { return };
+        terminal.await_output("\u{1b}[?1049h");
+        let [watcher] = rig.processes_of("watch")[..] else { panic!("one dashboard") };
+        terminal.signal(Signal::USR1);
+        let ended = terminal.end();
+        assert!(ended.stdout.contains("\nended 130 "), "{ignored}: {ended}");
+        await_gone(vec![watcher]);
+    }
+}
+
+#[test]
 #[ignore = "long: part of the gate"]
 fn a_killed_dashboard_leaves_a_sane_terminal() {
     for told in [Signal::KILL, Signal::HUP, Signal::QUIT] {

@@ -69,7 +69,7 @@ fn a_flight_with_an_inner_loop_that_dies_and_comes_back_is_identical() {
         role.end();
     }
     verifies(&rig);
-    rig.run("replay", &[]).expect(0).says("started 1 times in flight");
+    rig.run("replay", &[]).expect(0).says("started 1 time in flight");
 }
 
 #[test]

@@ -144,3 +144,15 @@ fn what_a_full_disk_took_of_a_piece_is_taken_back() {
     assert_eq!((spool.finish(), text(&mut file).as_str()), (5, "line\n"));
     assert!(spool.refused().is_some());
 }
+
+#[test]
+fn a_spool_that_is_dropped_waits_for_no_thread_that_has_ended() {
+    for _ in 0..50 {
+        let mut spool = Spool::new(tempfile::tempfile().unwrap(), 0).unwrap();
+        spool.write_all(b"piece").unwrap();
+        spool.finish();
+        let begun = Instant::now();
+        drop(spool);
+        assert!(begun.elapsed() < END_PATIENCE, "it was waited for a thread that says nothing any more");
+    }
+}

@@ -64,6 +64,8 @@ pub struct Tally {
     /// The flight over time.
     pub tracer: Tracer,
     newest: Option<(u64, u64)>,
+    /// Ticks that the plant had skipped when it published the newest state.
+    skipped: u64,
 }
 
 /// Follows the sequence numbers of a topic.
@@ -134,6 +136,7 @@ impl Tally {
             theorem: TheoremTally::default(),
             swaps: Vec::new(),
             newest: None,
+            skipped: 0,
         })
     }
 
@@ -169,6 +172,7 @@ impl Tally {
         let unseen = self.follow(0, message);
         let tick = message.envelope.tick;
         self.newest = Some((tick, message.envelope.sample_ns));
+        self.skipped = message.content.ticks_skipped;
         self.stage(Self::passage(message, unseen));
         self.settle(tick, tick.checked_sub(1));
         if let Some(autopsy) = &mut self.autopsy {
@@ -259,7 +263,8 @@ impl Tally {
             None => tick + 1,
         });
         let published = self.states + self.lost()[0];
-        let skipped = run.ticks_skipped;
+        // In flight, the plant's board is ahead of the messages that were taken.
+        let skipped = if run.phase() == boards::RunPhase::Closed { run.ticks_skipped } else { self.skipped };
         // Ticks skipped after the last one that was published lie behind the last stamp.
         let skipped_at_the_end = self.newest.map_or(0, |(tick, _)| {
             let flown = if run.ending() == boards::Ending::Completed { run.last_tick } else { tick };
@@ -301,5 +306,33 @@ impl Tally {
                 })
                 .collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use controller::Trajectory;
+    use model::envelope::Envelope;
+
+    use super::*;
+
+    #[test]
+    fn ticks_add_up_in_flight_whatever_the_plant_has_skipped_since() {
+        let grid = Grid { t0_ns: 1_000_000_000, period_ns: 1_000_000 };
+        let tracking = Tracking::of(Trajectory::Hover, 1e-3);
+        let mut tally = Tally::new(Pace::Realtime(grid), grid.t0_ns, tracking).unwrap();
+        // Ticks 3 and 4 were skipped.
+        for (seq, tick) in (0..).zip([0, 1, 2, 5, 6]) {
+            let sample_ns = grid.begin_of(tick) + 20_000;
+            let envelope = Envelope { tick, seq, sample_ns, ..Envelope::new() };
+            let content = State { ticks_skipped: if tick > 2 { 2 } else { 0 }, ..State::default() };
+            tally.state(&Message { envelope, content });
+        }
+        let phase =
+            |phase: boards::RunPhase| boards::Run { phase: phase as u64, ticks_skipped: 9, ..boards::Run::default() };
+        let flying = tally.ticks(&phase(boards::RunPhase::Flying));
+        assert_eq!((flying.run, flying.skipped, flying.elapsed_periods, flying.identity_holds), (5, 2, 7, true));
+        // At the end the plant's own count is held against the messages.
+        assert!(!tally.ticks(&phase(boards::RunPhase::Closed)).identity_holds);
     }
 }

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use model::boards::{Run, RunPhase};
+use rustix::termios::tcgetwinsize;
 use serde::Deserialize;
 
 use crate::output::say;
@@ -35,7 +36,7 @@ impl StatusLine {
             RunPhase::Flying => self.flying(run),
         };
         if self.on_terminal && !terminal_taken {
-            say(&format!("\r\x1b[K{line}"));
+            say(&format!("\r\x1b[K{}", cut(&line, columns())));
         }
     }
 
@@ -53,6 +54,17 @@ impl StatusLine {
             say("\r\x1b[K");
         }
     }
+}
+
+/// Columns of the terminal on standard error.
+fn columns() -> usize {
+    const UNKNOWN: usize = 80;
+    tcgetwinsize(io::stderr()).map_or(UNKNOWN, |size| usize::from(size.ws_col)).max(1)
+}
+
+/// The part of a line that does not wrap: one that does cannot be taken off the terminal again.
+fn cut(line: &str, columns: usize) -> String {
+    line.chars().take(columns - 1).collect()
 }
 
 /// Figures of the recorder's report, which it writes anew once a second.
@@ -103,6 +115,13 @@ impl WatchedFigures {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_line_never_fills_its_terminal() {
+        assert_eq!(cut("    1.0 of 30.0 s", 8), "    1.0");
+        assert_eq!(cut("armed", 80), "armed");
+        assert_eq!(cut("armed", 1), "");
+    }
 
     #[test]
     fn a_report_is_read_once_each_time_it_is_written() {

@@ -2,13 +2,14 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
+use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
 use role::stop::stop_signals;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, Signal, kill_process};
-use signal_hook::consts::SIGHUP;
 use signal_hook::iterator::Signals;
 use wire::instance::Instance;
 
@@ -23,6 +24,8 @@ use failure::{Failure, INTERRUPTED, OK};
 const DRAIN_EVERY: Duration = Duration::from_millis(10);
 /// How long the loop may take to see that it shall end.
 const LEAVING: Duration = Duration::from_millis(500);
+/// How often it is looked whether the terminal is still there.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
 /// How often it draws.
 const DRAW_EVERY: Duration = Duration::from_millis(100);
 
@@ -41,26 +44,38 @@ pub fn run(
     let mut terminal = ratatui::try_init()
         .map_err(|e| Failure::failed(format!("cannot use the terminal: {e}")).help("ironbird watch --plain"))?;
     let outcome = show(&mut terminal, model, feed, &Outside { instance, launcher, stop });
-    ratatui::restore();
+    let restored = ratatui::try_restore();
     // What a terminal refuses that is being closed is no failure.
-    if stop.load(Ordering::Relaxed) { Ok(INTERRUPTED) } else { outcome }
+    if stop.load(Ordering::Relaxed) || is_closed() {
+        return Ok(INTERRUPTED);
+    }
+    let broken = |e| Failure::failed(format!("cannot give the terminal back: {e}"));
+    outcome.and_then(|code| restored.map(|()| code).map_err(broken))
 }
 
-/// Ends the process after SIGHUP even where the loop does not: crossterm reads a closed terminal's end for ever.
+/// Ends the process even where the loop does not, which a closed terminal holds: crossterm reads its end for ever. That
+/// it is closed, a signal says, or the terminal itself where SIGHUP is ignored or goes to another process.
 fn leave_a_closed_one() -> Result<(), Failure> {
-    if !stop_signals().contains(&SIGHUP) {
-        return Ok(());
-    }
     let failed = |e| Failure::failed(format!("cannot handle signals: {e}"));
-    let mut hangups = Signals::new([SIGHUP]).map_err(failed)?;
+    let mut signals = Signals::new(stop_signals()).map_err(failed)?;
     let leave = move || {
-        if hangups.forever().next().is_some() {
-            std::thread::sleep(LEAVING);
-            ratatui::restore();
-            std::process::exit(i32::from(INTERRUPTED));
+        while signals.pending().next().is_none() && !is_closed() {
+            sleep(LOOK_EVERY);
         }
+        sleep(LEAVING);
+        // A terminal that is no more has nothing to restore.
+        let _ = ratatui::try_restore();
+        std::process::exit(i32::from(INTERRUPTED));
     };
     std::thread::Builder::new().spawn(leave).map(|_| ()).map_err(failed)
+}
+
+/// Whether nobody holds the other end of the terminal any more.
+fn is_closed() -> bool {
+    let stdin = std::io::stdin();
+    let mut looked_at = [PollFd::new(&stdin, PollFlags::empty())];
+    let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+    poll(&mut looked_at, Some(&at_once)).is_ok() && looked_at[0].revents().contains(PollFlags::HUP)
 }
 
 /// What the loop knows of the outside.

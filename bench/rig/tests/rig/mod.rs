@@ -7,12 +7,15 @@ use std::fs::{self, File};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Once};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use signal_hook::consts::{SIGINT, SIGQUIT};
+use signal_hook::flag::register_conditional_default;
 use tempfile::TempDir;
 use wire::instance::Instance;
 
@@ -31,6 +34,7 @@ pub struct Rig {
 impl Rig {
     /// `name` starts the instance's name: at most 16 characters.
     pub fn new(name: &str) -> Self {
+        hear_signals();
         // Tests of one file run side by side, in one process.
         static RIGS: AtomicU64 = AtomicU64::new(0);
         // Short, because sockets live below it.
@@ -185,6 +189,17 @@ impl Drop for Rig {
             let _ = self.command("clean", &[]).stdout(Stdio::null()).stderr(Stdio::null()).status();
         }
     }
+}
+
+/// Has the processes of a test hear what interrupts them: a script that starts the tests in the background has SIGINT
+/// and SIGQUIT ignored, which a process hands on. What is caught is at its default again in the next program.
+fn hear_signals() {
+    static HEARD: Once = Once::new();
+    HEARD.call_once(|| {
+        for signal in [SIGINT, SIGQUIT] {
+            register_conditional_default(signal, Arc::new(AtomicBool::new(true))).unwrap();
+        }
+    });
 }
 
 /// A process that the test has started, and kills if it still runs at the end.

@@ -6,7 +6,7 @@
 use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
 use std::fs::File;
-use std::io;
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
 use rustix::fs::AtFlags;
@@ -113,6 +113,20 @@ impl Instance {
         let Ok(Some(door)) = self.door_of_ours() else { return Vec::new() };
         let foreign = self.contents(&door).unwrap_or_default().foreign;
         foreign.iter().map(|path| self.directory().join(path)).collect()
+    }
+
+    /// Why nothing is removed of an instance that has segments in shared memory: its directory is not to be used.
+    #[must_use]
+    pub fn refusal(&self) -> Option<Error> {
+        if self.has_no_directory() || self.segments().is_empty() {
+            return None;
+        }
+        let directory = match Directory::open(&self.directory()) {
+            Ok(directory) => directory?,
+            Err(refusal) => return Some(refusal),
+        };
+        let unmarked = || not_ours(self.directory(), "it has lost the mark that ironbird made it");
+        directory.check_private().err().or_else(|| (!is_marked(&directory)).then(unmarked))
     }
 
     /// Removes what is left of the instance when no process lives that uses it, and says what it removed.
@@ -229,6 +243,12 @@ impl Instance {
     pub(super) fn contents(&self, door: &Door) -> Result<Contents, Error> {
         let mut contents = Contents::default();
         look_into(&door.directory, Path::new(""), Place::Instance, &self.prefix(), &mut contents)?;
+        if !is_marked(&door.directory) {
+            // Without our mark, a name proves nothing.
+            let (ours, foreign) = contents.files.into_iter().partition(|path| may_be_a_lock(&door.directory, path));
+            contents.files = ours;
+            contents.foreign.extend::<Vec<_>>(foreign);
+        }
         Ok(contents)
     }
 
@@ -272,6 +292,15 @@ impl Instance {
         let Some(memory) = shared_memory()? else { return Ok(()) };
         self.segments().iter().try_for_each(|name| memory.remove(Path::new(name), AtFlags::empty()))
     }
+}
+
+/// Whether a file holds what a lock does: a process number, or nothing.
+fn may_be_a_lock(directory: &Directory, path: &Path) -> bool {
+    const LONGEST: u64 = 32;
+    let Some(file) = path.to_str().and_then(|name| directory.file(name).ok().flatten()) else { return false };
+    let mut bytes = Vec::new();
+    file.take(LONGEST).read_to_end(&mut bytes).is_ok()
+        && bytes.iter().all(|byte| byte.is_ascii_digit() || *byte == b'\n')
 }
 
 /// Sorts what lies in a directory; says whether all of it is ours.

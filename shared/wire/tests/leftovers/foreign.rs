@@ -147,3 +147,19 @@ fn in_shared_memory_only_files_of_this_user_are_removed() {
     assert!(error.to_string().contains("it has a name of this instance, and is no file of this user"), "{error}");
     drop(site.wire());
 }
+
+#[test]
+fn without_a_mark_a_file_with_the_name_of_a_lock_is_somebody_elses_unless_it_holds_what_a_lock_does() {
+    let site = Site::new();
+    let directory = site.root().join("only_locks");
+    fs::create_dir_all(&directory).unwrap();
+    fs::write(directory.join("plant.lock"), "important\n").unwrap();
+    let instance = Instance::under(site.root(), "only_locks").unwrap();
+    let refused = instance.prepare().unwrap_err().to_string();
+    assert!(refused.contains("only_locks is no directory of ironbird: in it lies `plant.lock`"), "{refused}");
+    assert_eq!(fs::read_to_string(directory.join("plant.lock")).unwrap(), "important\n");
+    // As a start leaves it that was killed before it had made its mark.
+    fs::write(directory.join("plant.lock"), "4711\n").unwrap();
+    instance.prepare().unwrap();
+    assert!(!instance.remove_leftovers().unwrap().is_empty() && !directory.exists());
+}
