@@ -19,10 +19,10 @@ pub enum Error {
         /// The name that was refused.
         name: String,
     },
-    /// The directory for sockets and service files cannot be used.
-    #[error("cannot use the root path {}: {source}", path.display())]
+    /// The directory for sockets and service files, or something in it or in shared memory, cannot be used.
+    #[error("cannot use {}: {source}", path.display())]
     RootPath {
-        /// The directory.
+        /// What cannot be used.
         path: PathBuf,
         /// What the system said.
         source: io::Error,
