@@ -7,7 +7,9 @@ pub mod cpu_times;
 pub mod doctor;
 pub mod executable;
 pub mod floor;
+pub mod interrupts;
 pub mod sampler;
+pub mod trace;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -13,6 +13,7 @@ use model::role::{Role, STAGES};
 use serde::{Deserialize, Serialize};
 
 use crate::autopsy::evidence::{Delay, Scene, Suspect};
+use crate::autopsy::runners::{Runner, RunnerTime};
 
 /// Why an outage came about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -65,7 +66,7 @@ impl Class {
 }
 
 /// What the evidence says of an outage.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Opinion {
     /// Why it came about.
     pub class: Class,
@@ -75,6 +76,8 @@ pub struct Opinion {
     pub delay_ns: u64,
     /// The evidence in words.
     pub evidence: String,
+    /// Who had the loops' processor in the delay, the longest first; empty without a trace.
+    pub ran: Vec<RunnerTime>,
 }
 
 /// Share of a delay, in percent, that the counters must explain.
@@ -83,8 +86,13 @@ const EXPLAINS_PERCENT: u64 = 50;
 /// Classes an outage.
 #[must_use]
 pub fn classify(scene: &Scene<'_>) -> Opinion {
-    let unknown =
-        |evidence: &str| Opinion { class: Class::CannotTell, stage: None, delay_ns: 0, evidence: evidence.into() };
+    let unknown = |evidence: &str| Opinion {
+        class: Class::CannotTell,
+        stage: None,
+        delay_ns: 0,
+        evidence: evidence.into(),
+        ran: Vec::new(),
+    };
     if scene.messages_lost() {
         return unknown("the recorder lost messages around it");
     }
@@ -98,8 +106,23 @@ pub fn classify(scene: &Scene<'_>) -> Opinion {
     let stage = class.is_of_a_stage().then_some(suspect.stage);
     let delay_ns = suspect.to_ns - suspect.from_ns;
     let again = if times > 1 { format!(" in the longest of {times} delays") } else { String::new() };
-    Opinion { class, stage, delay_ns, evidence: format!("{}{again}; {why}", suspect.words()) }
+    let ran: Vec<RunnerTime> = scene
+        .ran(&suspect)
+        .unwrap_or_default()
+        .into_iter()
+        .take(RUNNERS)
+        .map(|(runner, ns)| RunnerTime { who: runner.words(), us: ns as f64 / 1e3 })
+        .collect();
+    let longest: Vec<String> =
+        ran.iter().take(RUNNERS_IN_WORDS).map(|it| format!("{} {:.0} us", it.who, it.us)).collect();
+    let meanwhile = if longest.is_empty() { String::new() } else { format!("; there ran {}", longest.join(", ")) };
+    Opinion { class, stage, delay_ns, evidence: format!("{}{again}; {why}{meanwhile}", suspect.words()), ran }
 }
+
+/// Who is told of, of those that ran in a delay.
+const RUNNERS: usize = 10;
+/// Who is told of in words.
+const RUNNERS_IN_WORDS: usize = 3;
 
 /// Delays of an outage that are looked at.
 const DELAYS: usize = 64;
@@ -171,6 +194,9 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
     if usage.faults > 0 {
         return (Class::PageFault, format!("{} page faults", usage.faults));
     }
+    if suspect.delay != Delay::Input && explains(urgent_ns(scene, suspect)) {
+        return (Class::Preempted, "a thread at least as urgent ran".into());
+    }
     if explains(usage.waited_ns) {
         let (us, switches) = (usage.waited_ns / 1000, usage.involuntary_switches);
         let ready = format!("ready to run for {us} us without the processor");
@@ -180,7 +206,8 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
         if others.is_some_and(|others| others.ran) {
             return (Class::Preempted, format!("{ready}, other stages ran meanwhile"));
         }
-        if explains(processor.busy_ns) {
+        // Where the host stops a virtual machine, whoever was on its processor seems to run.
+        if explains(processor.busy_ns) && !scene.is_virtual {
             return (Class::Preempted, format!("{ready}, which was busy for {} ms", processor.busy_ns / 1_000_000));
         }
         return (Class::ReadyNotRun, format!("{ready}, and nobody was seen to run"));
@@ -212,6 +239,24 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
         Delay::Compute => (Class::ComputedLong, "nothing interrupted it".into()),
         Delay::Wake | Delay::Input => (Class::WakeLate, "nothing else was due meanwhile".into()),
     }
+}
+
+/// How long threads that may keep a stage from the processor had it in a delay, as the trace tells [ns].
+///
+/// Who is less urgent than a stage that is ready cannot have kept it from the processor: the kernel did not switch, or
+/// a virtual machine stood still with that thread on its processor.
+fn urgent_ns(scene: &Scene<'_>, suspect: &Suspect) -> u64 {
+    let own = scene.thread_of(suspect.stage);
+    let own_priority = scene.slices.iter().find_map(|slice| match slice.runner {
+        Runner::Thread { pid, priority, .. } if Some(pid) == own => Some(priority),
+        _ => None,
+    });
+    let is_urgent = |runner: &Runner| match runner {
+        Runner::Thread { pid, priority, .. } => Some(*pid) != own && own_priority.is_some_and(|own| *priority <= own),
+        _ => false,
+    };
+    let ran = scene.ran(suspect).unwrap_or_default();
+    ran.into_iter().filter(|(runner, _)| is_urgent(runner)).map(|(_, ns)| ns).sum()
 }
 
 /// Stages of the loop by their place in [`STAGES`].
