@@ -113,6 +113,27 @@ pub struct Groups {
     pub b: Vec<f64>,
 }
 
+impl Groups {
+    /// How far the groups lie apart: from the largest value of one to the smallest of the other; negative where they
+    /// overlap.
+    #[must_use]
+    pub fn gap(&self) -> f64 {
+        let ((low_a, high_a), (low_b, high_b)) = (ends(&self.a), ends(&self.b));
+        (low_b - high_a).max(low_a - high_b)
+    }
+
+    /// How wide the wider one of them is.
+    #[must_use]
+    pub fn width(&self) -> f64 {
+        [&self.a, &self.b].map(|group| ends(group)).iter().map(|(low, high)| high - low).fold(0.0, f64::max)
+    }
+}
+
+/// The smallest and the largest value.
+fn ends(values: &[f64]) -> (f64, f64) {
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(*value), high.max(*value)))
+}
+
 /// Probability, for each kind of value, that chance alone sets any of the kinds as far apart as this one is.
 ///
 /// Flights that are alike can change places between the groups. All ways to deal them out are tried (at most some
@@ -207,6 +228,15 @@ fn distance(pool: &[f64], of_a: &[bool]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn groups_lie_apart_from_end_to_end() {
+        let groups = |a: &[f64], b: &[f64]| Groups { a: a.to_vec(), b: b.to_vec() };
+        let apart = groups(&[3.0, 1.0, 2.0], &[9.0, 6.0, 7.0]);
+        assert_eq!((apart.gap(), apart.width()), (3.0, 3.0));
+        assert_eq!(groups(&[9.0, 6.0], &[3.0, 1.0]).gap(), 3.0);
+        assert_eq!(groups(&[1.0, 5.0], &[4.0, 6.0]).gap(), -1.0);
+    }
 
     #[test]
     fn the_median_is_held_as_often_as_said_and_more_values_hold_it_closer() {

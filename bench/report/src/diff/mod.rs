@@ -23,7 +23,8 @@ use flight_log::build::Build;
 const SCHEMA: &str = "ironbird-report-diff/2";
 /// Probability of any false verdict that is accepted, with four flights a side and more.
 const LEVEL: f64 = 0.05;
-/// The same with three a side, which can be dealt out in 20 ways alone.
+/// The same with three a side, which can be dealt out in 20 ways alone: a tenth is the least that they can show. Such
+/// groups must therefore lie further apart as well than the wider one of them is wide.
 const LEVEL_OF_THREE: f64 = 0.1;
 /// Flights a side without which nothing can be judged.
 const FLIGHTS_NEEDED: usize = 3;
@@ -327,7 +328,8 @@ impl FigureDiff {
         let (Some(probability), Some((a, b))) = (probability, self.median_a.zip(self.median_b)) else { return };
         let matters = (a - b).abs() > DIFFERENCE_MIN * a.abs().max(b.abs());
         // Whole numbers of ways are divided by others: a probability of the level itself is within it.
-        self.says = match probability <= level * (1.0 + 1e-9) && matters {
+        let is_clear = level < LEVEL_OF_THREE || self.groups().gap() > self.groups().width();
+        self.says = match probability <= level * (1.0 + 1e-9) && matters && is_clear {
             true if b > a => Says::More,
             true => Says::Less,
             false => Says::NoDifference,
