@@ -3,20 +3,21 @@
 
 mod rig;
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Mutex, PoisonError};
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ironbird::settings::Settings;
 use mixer::Mixer;
 use model::inspection::{Expected, Rejections};
 use model::messages::NO_TICK;
-use model::role::Role;
-use rig::{Rig, Running, not_tested, send, wait_until};
+use model::role::{Role, STAGES};
+use rig::{Ended, Rig, Running, not_tested, rounds, send, wait_until};
 use role::rt::{loops_cpu, take_stand};
 use role::shell::{MixerJob, Shell};
 use role::stage::{self, Stage, TickOutcome, Turn};
@@ -309,11 +310,7 @@ fn troubled_mixer() {
     stage::run(TroubledMixer { mixer }, doorbell, station).unwrap();
 }
 
-#[test]
-#[ignore = "long: part of the gate"]
-fn a_mixer_that_computes_long_or_faults_and_an_input_that_is_not_heard_are_told_apart() {
-    let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
-    let rig = Rig::new("troubled");
+fn fly_with_a_troubled_mixer(rig: &Rig) -> Ended {
     let settings = rig.file("troubled.toml");
     fs::write(&settings, TROUBLED.to_owned() + "[rt]\nmode = \"off\"\n").unwrap();
     let start = |role: &str| rig.start(role, &["--config", &settings]);
@@ -325,9 +322,121 @@ fn a_mixer_that_computes_long_or_faults_and_an_input_that_is_not_heard_are_told_
     for process in loops {
         process.end().expect(0);
     }
-    let ended = recorder.end();
+    recorder.end()
+}
+
+#[test]
+#[ignore = "long: part of the gate"]
+fn a_mixer_that_computes_long_or_faults_and_an_input_that_is_not_heard_are_told_apart() {
+    let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
+    let rig = Rig::new("troubled");
+    let ended = fly_with_a_troubled_mixer(&rig);
     // What takes the processor from the mixer meanwhile may pass for the cause, but not every time.
     for (class, stage) in [("computed_long", "mixer"), ("page_fault", "mixer"), ("upstream_late", "inner")] {
         assert!(counted(&rig, class, Some(stage)).0 > 0, "{class}: {ended}");
     }
+}
+
+/// What became of a cause in the reports of many flights.
+#[derive(Debug, Default)]
+struct Found {
+    caused: u64,
+    /// One outage at its time, with nine tenths of its ticks at the least.
+    whole: u64,
+    /// Of these: its class, and its stage.
+    named: u64,
+    /// Of these: the report says that it does not know.
+    unknown: u64,
+    /// Of these: another class or stage.
+    wrong: Vec<String>,
+}
+
+/// Classes that name no cause.
+const UNKNOWN: [&str; 3] = ["cannot_tell", "processor_stalled", "ready_not_run"];
+
+impl Found {
+    /// Looks for an outage of at least `ticks` between two times of the flight [s].
+    fn look(&mut self, cases: &[Value], times_s: (f64, f64), ticks: u64, (class, stage): (&str, &str)) {
+        self.caused += 1;
+        let is_it = |case: &&Value| {
+            let time_s = case["time_s"].as_f64().unwrap();
+            (times_s.0..times_s.1).contains(&time_s) && case["ticks"].as_u64().unwrap() * 10 >= ticks * 9
+        };
+        let Some(case) = cases.iter().find(is_it) else {
+            let told = |case: &Value| format!("{} s: {} ticks", case["time_s"], case["ticks"]);
+            println!("not found at {times_s:?} s: {:?}", cases.iter().map(told).collect::<Vec<_>>());
+            return;
+        };
+        self.whole += 1;
+        let said = (case["class"].as_str().unwrap(), case["stage"].as_str().unwrap_or("-"));
+        match said {
+            _ if said == (class, stage) => self.named += 1,
+            (class, _) if UNKNOWN.contains(&class) => self.unknown += 1,
+            (class, stage) => self.wrong.push(format!("{class}, {stage}")),
+        }
+    }
+}
+
+/// Stops each stage in turn for so long, in one flight.
+fn stop_each(found: &mut BTreeMap<String, Found>, slowdown: u64, lengths_ms: &[u64]) {
+    let rig = Rig::new("causes");
+    let stops = || STAGES.into_iter().flat_map(|stage| lengths_ms.iter().map(move |ms| (stage, *ms)));
+    let pause = Duration::from_millis(700);
+    let wall_ms = 1000 + stops().map(|(_, ms)| ms + 700).sum::<u64>() + 1000;
+    let duration = format!("{}ms", wall_ms / slowdown);
+    let flight = rig.take_off(&["--trajectory", "hover", "--duration", &duration, "--config", &rig.slow(slowdown)]);
+    await_first_report(&rig);
+    let (reported, roles) = (Instant::now(), flight.roles());
+    let mut begins_s = Vec::new();
+    for (stage, ms) in stops() {
+        sleep(pause);
+        begins_s.push(1.0 + reported.elapsed().as_secs_f64());
+        stop(roles[stage.name()], Duration::from_millis(ms));
+    }
+    flight.end();
+    let cases = worst(&rig);
+    for ((stage, ms), begin_s) in stops().zip(begins_s) {
+        // The first report is there a second after the begin of the flight, and is seen a little later.
+        let times_s = (begin_s - 0.3, begin_s + 0.3);
+        let of = found.entry(format!("{stage} stopped for {ms} ms, ticks of {slowdown} ms")).or_default();
+        of.look(&cases, times_s, ms / slowdown, ("stopped_or_dead", stage.name()));
+    }
+}
+
+#[test]
+#[ignore = "soak: as many rounds as IRONBIRD_ROUNDS says, or one"]
+fn soak_of_causes() {
+    let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut found = BTreeMap::<String, Found>::new();
+    for _ in 0..rounds() {
+        stop_each(&mut found, 1, &[5, 100]);
+        stop_each(&mut found, 10, &[3000]);
+        let rig = Rig::new("hogged");
+        if let Some(flight) = take_off_traced(&rig, &["--duration", "3s"]) {
+            await_first_report(&rig);
+            let at_s = 1.0 + 0.3;
+            sleep(Duration::from_millis(300));
+            hog(30 * T);
+            flight.end();
+            let of = found.entry("FIFO hog for 30 ms, traced".into()).or_default();
+            of.look(&worst(&rig), (at_s - 0.3, at_s + 0.3), 30, ("preempted", "plant"));
+        }
+        let rig = Rig::new("troubled");
+        fly_with_a_troubled_mixer(&rig);
+        let cases = worst(&rig);
+        let (computes, faults) = (TroubledMixer::COMPUTES, TroubledMixer::FAULTS);
+        for (cause, ticks, class) in
+            [("slow law", &computes[..], "computed_long"), ("page faults", &faults[..], "page_fault")]
+        {
+            for tick in ticks {
+                let time_s = *tick as f64 * SLOW_T as f64 * 1e-9;
+                let of = found.entry(format!("{cause}, ticks of 10 ms")).or_default();
+                of.look(&cases, (time_s - 0.015, time_s + 0.015), 1, (class, "mixer"));
+            }
+        }
+    }
+    for (cause, of) in &found {
+        println!("{cause}: {of:?}");
+    }
+    assert!(found.values().all(|of| of.caused >= rounds()));
 }
