@@ -3,12 +3,14 @@
 //! They are judged apart from each other and from the gates: a flight in lockstep can track and has no timing, one
 //! that is late can still track. Each comes with the numbers that it follows from.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::host::STEAL_LIMIT_PERCENT;
-use crate::schema::{ControlPerformance, DeadlineSection, RunSection, Ticks};
+use crate::host::{STEAL_LIMIT_PERCENT, Steal};
+use crate::schema::{ControlPerformance, DeadlineSection, RoleSection, RunSection, Ticks};
+use crate::tally::series::Statistics;
 use crate::tally::theorem::Theorem;
 use model::boards::Ending;
 
@@ -82,7 +84,7 @@ pub struct Words {
     pub theorem: Reasoned<TheoremWord>,
 }
 
-/// What the words follow from.
+/// What the words, and the gates, follow from.
 #[derive(Clone, Copy, Debug)]
 pub struct Evidence<'a> {
     /// What was flown.
@@ -97,15 +99,21 @@ pub struct Evidence<'a> {
     pub performance: &'a ControlPerformance,
     /// The theorem, watched.
     pub theorem: &'a Theorem,
-    /// What the host took of the loops' processor [%].
-    pub steal_percent: f64,
+    /// Its latencies.
+    pub series: &'a [Statistics],
+    /// The processes.
+    pub roles: &'a BTreeMap<String, RoleSection>,
+    /// What the host took of the loops' processor.
+    pub steal: &'a Steal,
+    /// Messages that were lost before they were seen.
+    pub lost: u64,
 }
 
 impl Words {
     /// The words of a flight.
     #[must_use]
     pub fn of(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Self {
-        Self { flight: flight(evidence, limits), timing: timing(evidence), theorem: theorem(evidence.theorem) }
+        Self { flight: flight(evidence, limits), timing: timing(evidence), theorem: theorem_word(evidence.theorem) }
     }
 }
 
@@ -128,7 +136,7 @@ fn flight(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Reasoned<FlightWo
 }
 
 fn timing(evidence: &Evidence<'_>) -> Reasoned<TimingWord> {
-    let Evidence { run, ticks, deadlines, steal_percent, .. } = evidence;
+    let Evidence { run, ticks, deadlines, steal, .. } = evidence;
     let all = ticks.run + ticks.skipped;
     let counts = format!(
         "{} of {all} deadlines missed ({:.1} per million), {} ticks skipped",
@@ -139,8 +147,9 @@ fn timing(evidence: &Evidence<'_>) -> Reasoned<TimingWord> {
         (TimingWord::NotMeasured, "in lockstep there are no deadlines".into())
     } else if slow > 1.0 {
         (TimingWord::NotMeasured, format!("slowed {slow:.0} times: latencies of a slow clock"))
-    } else if *steal_percent > STEAL_LIMIT_PERCENT {
-        (TimingWord::NotMeasured, format!("the host stole {steal_percent:.1} % of the loops' processor; {counts}"))
+    } else if steal.percent > STEAL_LIMIT_PERCENT {
+        let stolen = format!("the host stole {:.1} % of {}", steal.percent, steal.processors());
+        (TimingWord::NotMeasured, format!("{stolen}; {counts}"))
     } else if all == 0 {
         (TimingWord::NotMeasured, "no tick was flown".into())
     } else if deadlines.missed > 0 || ticks.skipped > 0 {
@@ -151,12 +160,14 @@ fn timing(evidence: &Evidence<'_>) -> Reasoned<TimingWord> {
     Reasoned { word, why }
 }
 
-fn theorem(theorem: &Theorem) -> Reasoned<TheoremWord> {
+/// Whether the theorem holds.
+#[must_use]
+pub fn theorem_word(theorem: &Theorem) -> Reasoned<TheoremWord> {
     let unexplained = theorem.unexplained();
     let counts = format!("{} steps checked, {unexplained} unexplained", theorem.ticks_checked);
     let (word, why) = if theorem.ticks_checked == 0 {
         (TheoremWord::NotApplicable, "no step of the estimates was checked".into())
-    } else if theorem.steps_adapted == 0 {
+    } else if theorem.holds && theorem.steps_adapted == 0 {
         (TheoremWord::NotApplicable, "no estimate moved: adaptation is off, or its bounds pin it".into())
     } else if theorem.holds {
         (TheoremWord::Holds, counts)

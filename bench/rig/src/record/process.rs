@@ -35,7 +35,7 @@ use report::finding::Diagnosis;
 use report::host::Host;
 use report::json;
 use report::schema::Report;
-use report::sections::take_log;
+use report::verdict::take_log;
 use report::states::{Joined, Joiner, LoopMessage, StatesWriter};
 use report::tally::{Tally, is_last_word};
 use report::tracking::Tracking;
