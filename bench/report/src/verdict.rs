@@ -11,7 +11,6 @@ use crate::losses::{self, INCOMPLETE};
 use crate::schema::{FlightVerdict, Gate, Report, RunSection};
 use crate::tally::series::Series;
 use crate::tally::theorem::Theorem;
-use crate::text::count;
 use crate::words::{Evidence, Reasoned, TheoremWord, theorem_word};
 use failure::{FAILED, GATE, INTERRUPTED, OK};
 use flight_log::writer::Fate;
@@ -172,14 +171,9 @@ fn p999(evidence: &Evidence<'_>, series: Series) -> Found {
     let statistics = evidence.series.iter().find(|it| it.name == series.name());
     Found::on_the_clock(evidence.run, || match statistics.map(|it| (it.count, it.p999_us)) {
         None => Found::nothing("it has no values"),
-        Some((values, None)) => Found::nothing(format!("{} too few for it", are(values, "value"))),
+        Some((values, None)) => Found::nothing(format!("too few values for p99.9: {values}")),
         Some((_, Some(us))) => Found::number(us, 1),
     })
-}
-
-/// `1 value is`, `2 values are`.
-fn are(number: u64, thing: &str) -> String {
-    format!("{} {}", count(number, thing), if number == 1 { "is" } else { "are" })
 }
 
 fn tracking(evidence: &Evidence<'_>) -> Found {
@@ -251,7 +245,7 @@ impl FlightVerdict {
     pub fn words(&self) -> String {
         match self.asked() {
             (_, 0) => format!("{}: no gate was asked for", self.status),
-            (held, asked) => format!("{}: {held} of {} asked for held", self.status, count(asked as u64, "gate")),
+            (held, asked) => format!("{}: {held} of {asked} asked for held", self.status),
         }
     }
 }

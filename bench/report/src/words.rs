@@ -130,7 +130,7 @@ fn flight(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Reasoned<FlightWo
         let (error, limit) = (performance.recent_error_max_m, limits.error_max_m);
         let word = if error <= limit { FlightWord::Tracked } else { FlightWord::OffTrack };
         let recent_s = performance.recent_s;
-        (word, format!("at most {error:.4} m from the reference in the last {recent_s:.0} s, allowed are {limit} m"))
+        (word, format!("at most {error:.4} m from the reference in the last {recent_s:.1} s, allowed are {limit} m"))
     };
     Reasoned { word, why }
 }
@@ -230,9 +230,8 @@ impl Words {
     /// As `key=value` pairs of a line for programs.
     #[must_use]
     pub fn pairs(&self) -> String {
-        let pair = |(subject, word, _): (&str, &str, &str)| {
-            format!("{}={}", subject.to_lowercase(), word.replace(' ', "-"))
-        };
+        let pair =
+            |(subject, word, _): (&str, &str, &str)| format!("{}={}", subject.to_lowercase(), word.replace(' ', "-"));
         self.each().map(pair).join(" ")
     }
 }

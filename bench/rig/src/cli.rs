@@ -171,15 +171,6 @@ pub enum PaceArg {
 /// Flags of `fly`.
 #[derive(Clone, Debug, Args)]
 pub struct FlyArgs {
-    #[command(flatten)]
-    #[allow(missing_docs, reason = "documented by its type")]
-    pub flight: FlightArgs,
-    #[command(flatten)]
-    #[allow(missing_docs, reason = "documented by its type")]
-    pub rt: RtArgs,
-    #[command(flatten)]
-    #[allow(missing_docs, reason = "documented by its type")]
-    pub recorder: RecorderArgs,
     /// Watch the flight in this terminal, as `ironbird watch` does.
     #[arg(long)]
     pub watch: bool,
@@ -192,6 +183,15 @@ pub struct FlyArgs {
     /// Print the full commented settings that would be flown, and end.
     #[arg(long)]
     pub print_config: bool,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "documented by its type")]
+    pub flight: FlightArgs,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "documented by its type")]
+    pub rt: RtArgs,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "documented by its type")]
+    pub recorder: RecorderArgs,
 }
 
 /// Flags of a role.

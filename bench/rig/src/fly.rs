@@ -53,8 +53,11 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     let (directory, ended, mut report) = match flown(&settings, args, &mut asked) {
         Ok(flown) => flown,
         Err(failure) => {
-            args.junit.as_ref().map_or(Ok(()), |path| junit::write_failure(&failure, path))?;
-            return Err(failure);
+            let told = args.junit.as_ref().map_or(Ok(()), |path| junit::write_failure(&failure, path));
+            return Err(match told {
+                Ok(()) => failure,
+                Err(untold) => failure.append(&format!("; {untold}")),
+            });
         }
     };
     let corrected = ended.correct(&mut report);

@@ -18,8 +18,8 @@ use crate::cli::{RecordArgs, RoleArgs};
 use crate::output::print;
 use crate::record::process::{self, Files};
 use crate::run_directory::RunDirectory;
-use crate::show_report::ended;
 use crate::settings::{PaceName, Settings};
+use crate::show_report::ended;
 use failure::{Failure, OK, check_writable};
 use flight_log;
 

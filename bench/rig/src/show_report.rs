@@ -15,7 +15,7 @@ use report::page;
 use report::schema::Report;
 use report::text::brief::Left;
 use report::verdict::break_off;
-use report::{junit, json, text};
+use report::{json, junit, text};
 
 /// Prints a report, or a comparison of two.
 ///
@@ -26,7 +26,9 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
         return crate::report_diff::diff(args);
     }
     check_writable("--junit", args.junit.as_deref())?;
-    let directory = find(&args.run, args.out.as_deref())?;
+    let found = find(&args.run, args.out.as_deref())?;
+    // `latest` leads elsewhere tomorrow.
+    let directory = fs::read_link(&found).map_or_else(|_| found.clone(), |name| found.with_file_name(name));
     let mut report = read(&directory)?;
     if report.run.in_flight && !hlog::lives(&directory) {
         // It may have said its last word meanwhile.

@@ -32,9 +32,8 @@ pub fn compared<'a>(beside: &'a Beside, report: &'a Report) -> impl Iterator<Ite
 /// The flight's percentiles, the floor's, and how many times its floor the flight's are; each with its name and the
 /// decimals that it deserves.
 pub fn rows<'a>(beside: &'a Beside, report: &'a Report) -> impl Iterator<Item = Row<'a>> {
-    compared(beside, report).flat_map(|it| {
-        [(it.series, it.ours_us, 1), (it.floor, it.floor_us, 1), ("times its floor", it.times, 2)]
-    })
+    compared(beside, report)
+        .flat_map(|it| [(it.series, it.ours_us, 1), (it.floor, it.floor_us, 1), ("times its floor", it.times, 2)])
 }
 
 /// The section of the report for people.

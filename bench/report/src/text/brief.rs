@@ -47,9 +47,9 @@ pub fn render(report: &Report, left: &Left) -> String {
 fn sentences(report: &Report) -> Vec<String> {
     let word = |(subject, word, why): (&str, &str, &str)| format!("{subject:<9} {}: {why}", word.to_uppercase());
     let mut all = report.words.each().map(word).to_vec();
-    all.extend(gates(report));
-    all.push(format!("Flown     {}; {}", super::pace(report), super::ending(report)));
     all.extend(losses::sentences(report));
+    all.extend(gates(report));
+    all.push(format!("Flown     {}: {}", super::ending(report), super::pace(report)));
     all.extend(outages(report));
     all.push(tracking(report));
     all.extend(floors(report));
