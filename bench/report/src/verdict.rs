@@ -267,3 +267,83 @@ pub fn take_log(report: &mut Report, fate: &Fate) {
         report.verdict.status = INCOMPLETE.into();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::words::sample::Sample;
+
+    /// Limits that a good flight keeps exactly.
+    const ASKED: GatesAsked = GatesAsked {
+        position_error_max_m: 10.0,
+        max_miss_rate_ppm: Some(0.0),
+        max_skip_rate_ppm: Some(0.0),
+        max_stale_rate_ppm: Some(0.0),
+        max_wake_p999_us: Some(51.0),
+        max_loop_p999_us: Some(51.0),
+        max_tracking_error_m: Some(0.01),
+        max_steal_percent: Some(0.0),
+        theorem: true,
+    };
+
+    /// What was found by the gates that a changed flight does not hold.
+    fn broken(change: impl FnOnce(&mut Sample)) -> Vec<String> {
+        let mut sample = Sample::good();
+        change(&mut sample);
+        let failed = gates(&ASKED, &sample.evidence()).into_iter().filter(|gate| !gate.held);
+        failed.map(|gate| format!("{}: {}", gate.name, gate.value)).collect()
+    }
+
+    #[test]
+    fn each_gate_breaks_by_its_own_number_alone() {
+        assert_eq!(broken(|_| ()), [""; 0]);
+        assert_eq!(broken(|it| it.deadlines.missed = 2), ["deadlines missed per million: 100.0"]);
+        assert_eq!(broken(|it| it.ticks.skipped = 1), ["ticks skipped per million: 50.0"]);
+        assert_eq!(broken(|it| it.steal.percent = 0.25), ["steal [%]: 0.25 of processor 1"]);
+        let worst = |it: &mut Sample| {
+            for (role, stale) in [("outer", 1), ("inner", 3), ("mixer", 2)] {
+                it.roles.get_mut(role).unwrap().ticks_stale = stale;
+            }
+        };
+        assert_eq!(broken(worst), ["stale ticks per million: 150.0 (inner)"]);
+        assert_eq!(broken(|it| it.series[0].p999_us = Some(51.1)), ["loop p99.9 [us]: 51.1"]);
+        assert_eq!(broken(|it| it.series[1].p999_us = Some(51.1)), ["wake.plant p99.9 [us]: 51.1"]);
+        let off = |it: &mut Sample| it.performance.recent_error_max_m = 0.02;
+        assert_eq!(broken(off), ["position error in the last 5 s [m]: 0.0200"]);
+        let still = broken(|it| (it.theorem.holds, it.theorem.is_live) = (false, false));
+        assert_eq!(still, ["theorem: 0 unexplained, estimates do not move as predicted"]);
+    }
+
+    #[test]
+    fn what_measured_nothing_does_not_hold() {
+        assert_eq!(broken(|it| it.steal.of_ms = 0), ["steal [%]: measured nothing: the kernel counted no time"]);
+        let unseen = broken(|it| it.performance.states = 0);
+        assert_eq!(unseen, ["position error in the last 5 s [m]: measured nothing: no state was seen"]);
+        let idle = broken(|it| it.roles.clear());
+        assert_eq!(idle, ["stale ticks per million: measured nothing: no stage worked a tick"]);
+        assert_eq!(broken(|it| it.series.clear()).len(), 2);
+        let lockstep = broken(|it| it.run.wall_period_us = 0.0);
+        assert_eq!(lockstep.iter().filter(|it| it.ends_with("in lockstep there are no deadlines")).count(), 5);
+    }
+
+    #[test]
+    fn lost_messages_fail_what_is_measured_from_messages_alone() {
+        let lost = broken(|it| it.lost = 3);
+        assert_eq!(lost.len(), 4, "wake-up, loop, position error and theorem: {lost:?}");
+        assert!(lost.iter().all(|it| it.ends_with(", and 3 messages were not seen")), "{lost:?}");
+    }
+
+    #[test]
+    fn the_status_names_how_many_gates_were_asked_for() {
+        let verdict_of = |asked: &GatesAsked| {
+            let sample = Sample::good();
+            verdict(gates(asked, &sample.evidence()), 0, sample.ending)
+        };
+        let all = verdict_of(&ASKED);
+        assert_eq!((all.asked(), all.words().as_str()), ((8, 8), "PASS: 8 of 8 asked for held"));
+        let none = verdict_of(&GatesAsked { position_error_max_m: 10.0, ..GatesAsked::default() });
+        assert_eq!((none.asked(), none.words().as_str()), ((0, 0), "PASS: no gate was asked for"));
+        let miss = verdict_of(&GatesAsked { max_loop_p999_us: Some(1.0), ..ASKED });
+        assert_eq!(miss.words(), "FAIL: 7 of 8 asked for held");
+    }
+}

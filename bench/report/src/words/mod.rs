@@ -244,3 +244,60 @@ impl fmt::Display for Words {
         Ok(())
     }
 }
+
+#[cfg(test)]
+pub(crate) mod sample;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::words::sample::Sample;
+
+    const LIMITS: TrackingLimits = TrackingLimits { error_max_m: 0.1, ground_z_m: -0.25 };
+
+    /// The words of a good flight that was changed.
+    fn words(change: impl FnOnce(&mut Sample)) -> [&'static str; 3] {
+        let mut sample = Sample::good();
+        change(&mut sample);
+        Words::of(&sample.evidence(), &LIMITS).each().map(|(_, word, _)| word)
+    }
+
+    #[test]
+    fn a_good_flight_tracks_in_time_and_the_theorem_holds() {
+        assert_eq!(words(|_| ()), ["tracked", "in time", "holds"]);
+    }
+
+    #[test]
+    fn a_flight_is_tracked_by_its_end_and_lost_by_the_ground_or_its_envelope() {
+        let flight = |change: fn(&mut Sample)| words(change)[0];
+        assert_eq!(flight(|it| it.performance.recent_error_max_m = 0.1), "tracked");
+        assert_eq!(flight(|it| it.performance.recent_error_max_m = 0.1001), "off track");
+        assert_eq!(flight(|it| it.performance.position_error_max_m = 3.0), "tracked");
+        assert_eq!(flight(|it| it.performance.lowest_z_m = -0.25), "tracked");
+        assert_eq!(flight(|it| it.performance.lowest_z_m = -0.26), "lost");
+        assert_eq!(flight(|it| it.ending = Some(Ending::Position)), "lost");
+        assert_eq!(flight(|it| it.performance.states = 0), "not seen");
+    }
+
+    #[test]
+    fn one_miss_or_skip_is_late_and_what_measures_nothing_is_not_in_time() {
+        let timing = |change: fn(&mut Sample)| words(change)[1];
+        assert_eq!(timing(|it| it.deadlines.missed = 1), "late");
+        assert_eq!(timing(|it| it.ticks.skipped = 1), "late");
+        assert_eq!(timing(|it| it.run.wall_period_us = 0.0), "not measured");
+        assert_eq!(timing(|it| it.run.wall_period_us = 5000.0), "not measured");
+        assert_eq!(timing(|it| it.steal.percent = 1.0), "in time");
+        assert_eq!(timing(|it| it.steal.percent = 1.01), "not measured");
+        assert_eq!(timing(|it| it.ticks.run = 0), "not measured");
+    }
+
+    #[test]
+    fn estimates_that_should_move_and_do_not_break_the_theorem_and_pinned_ones_have_none() {
+        let theorem = |change: fn(&mut Sample)| words(change)[2];
+        assert_eq!(theorem(|it| it.theorem.ticks_checked = 0), "not applicable");
+        assert_eq!(theorem(|it| it.theorem.steps_adapted = 0), "not applicable");
+        assert_eq!(theorem(|it| it.theorem.holds = false), "broken");
+        let lifeless = |it: &mut Sample| (it.theorem.steps_adapted, it.theorem.holds) = (0, false);
+        assert_eq!(theorem(lifeless), "broken");
+    }
+}
