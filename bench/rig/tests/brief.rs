@@ -70,6 +70,33 @@ fn a_long_path_keeps_its_ends_and_the_result_has_it_whole() {
 }
 
 #[test]
+fn what_there_is_no_room_for_is_left_to_the_full_report() {
+    let rig = Rig::new("bad-day");
+    rig.run("fly", &["--pace", "lockstep", "--duration", "100ms"]).expect(0);
+    let path = rig.out().join("latest/report.json");
+    let mut report = rig.report();
+    let broken = serde_json::json!({"name": "a limit of some length", "limit": "<= 1", "value": "2", "held": false});
+    report["verdict"]["gates"] = vec![broken; 12].into();
+    let refused = |why: String| serde_json::json!({"step": "scheduler", "asked": 1, "granted": false, "refused": why});
+    report["roles"]["plant"]["realtime"] =
+        (0..9).map(|i| refused(format!("reason {i} {}", "of many ".repeat(40)))).collect();
+    fs::write(&path, report.to_string()).unwrap();
+    let said = rig
+        .run("report", &[])
+        .expect(0)
+        .says("\n          ... the rest: ironbird report --full\nLatencies [us] ")
+        .stdout;
+    assert_eq!(said.lines().count(), 29, "{said}");
+    assert!(said.lines().all(|line| line.chars().count() <= 80) && said.contains("\nPage      "), "{said}");
+    // A sentence that is cut says so.
+    report["verdict"]["gates"] = serde_json::json!([]);
+    fs::write(&path, report.to_string()).unwrap();
+    let said = rig.run("report", &[]).expect(0).stdout;
+    let cut: Vec<&str> = said.lines().filter(|line| line.ends_with(" ...")).collect();
+    assert!(cut.len() == 1 && cut[0].starts_with("          "), "{said}");
+}
+
+#[test]
 #[ignore = "long: part of the gate"]
 fn a_flight_on_the_clock_ends_with_six_latencies_and_its_outages() {
     let rig = Rig::new("outages");
@@ -124,5 +151,8 @@ fn a_student_without_root_reads_what_was_refused_and_what_he_can_do() {
         return;
     }
     let ended = assert_brief(&rig, ended.expect(0));
-    ended.says("\nRefused   scheduler to inner, mixer, outer, plant: ").tells("`ironbird doctor` has the remedies");
+    ended
+        .says("\nRefused   ")
+        .tells("scheduler to all loops: Operation not permitted")
+        .tells("`ironbird doctor` has the");
 }

@@ -266,7 +266,7 @@ fn roles_started_by_hand_in_any_order_fly_together() {
         let ended = role.end().expect(0);
         assert!(ended.stdout.is_empty(), "what a role says goes to standard error: {ended}");
     }
-    let result = recorder.end().expect(0).says(" deadlines missed ").result();
+    let result = recorder.end().expect(0).says("\nTiming    NOT MEASURED: slowed 20 times: ").result();
     assert_eq!((result["status"].as_str(), result["ticks"].is_empty()), ("PASS", false), "{result:?}");
     assert_eq!(rig.report()["run"]["ending"], "completed");
     rig.assert_nothing_left();

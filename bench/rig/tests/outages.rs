@@ -71,7 +71,8 @@ fn a_flight_that_nobody_controls_is_reported_as_far_from_its_reference_as_it_was
         let without = report.ticks.run + report.ticks.skipped - told.states;
         assert_eq!(told.ticks_without_state, without, "{role}");
         let words = format!("position error rms {rms:.4} m, largest {max:.4} m, at the end {last:.4} m, over");
-        let ended = ended.says(&words).says(&format!("over {} states", told.states));
+        let tracking = rig.run("report", &["--section", "tracking"]).expect(0);
+        tracking.says(&words).says(&format!("over {} states", told.states));
         assert!(!ended.stdout.contains("IN FLIGHT"), "{ended}");
         rig.run("replay", &[]).expect(0).says(&words);
         // A row every 50 ticks, up to the end; what the stopped stage did not say is empty.

@@ -137,7 +137,7 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         ("replay", &["/monday"], "no flight at /monday;"),
         ("report", &["--format", "xml"], "[possible values: text, json, html]"),
         ("report", &["--section", "all"], "[possible values: head, deadlines, outages, latencies, floors, processes,"),
-        ("report", &["--section", "head", "--full"], "'--full' cannot be used with '--section <NAME>'"),
+        ("report", &["--section", "head", "--full"], "'--section <NAME>' cannot be used with '--full'"),
         ("report", &["--full", "--format", "json"], "'--full' cannot be used with '--format <FORMAT>'"),
         ("report", &["--junit", "/nowhere/j.xml"], "--junit: cannot write /nowhere/j.xml: No such file or directory"),
         ("fly", &["--junit", "/nowhere/j.xml"], "--junit: cannot write /nowhere/j.xml: No such file or directory"),
@@ -263,7 +263,7 @@ fn without_privilege_real_time_is_refused_when_required_and_reported_when_prefer
     let preferred = fly_unprivileged(&rig, &args("prefer")).unwrap().expect(0);
     assert_eq!(preferred.result()["rt"], "other", "{preferred}");
     // Once for all loops, with what he can do.
-    let preferred = preferred.tells("Refused   scheduler to inner, mixer, outer, plant: Operation not permitted");
+    let preferred = preferred.says("\nRefused   ").tells("scheduler to all loops: Operation not permitted");
     preferred.tells("those that need no root are --pace lockstep, flight.slowdown (slow motion)");
     rig.run("report", &["--section", "processes"]).expect(0).says("REFUSED (Operation not permitted (os error 1))");
     rig.assert_nothing_left();

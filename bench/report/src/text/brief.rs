@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use model::role::STAGES;
 use textwrap::{Options, WordSplitter, wrap};
 
 use super::beside;
@@ -148,14 +149,16 @@ fn refused(report: &Report) -> Vec<String> {
             }
         }
     }
-    let sentence = |((step, reason), roles): (&(&str, &str), &Vec<&str>)| {
-        format!("Refused   {} to {}: {reason}", step.replace('_', " "), roles.join(", "))
-    };
-    let mut all: Vec<String> = by_step.iter().map(sentence).collect();
-    if !all.is_empty() {
-        all.push(format!("{INDENT}{WITHOUT_IT}"));
+    if by_step.is_empty() {
+        return Vec::new();
     }
-    all
+    let part = |((step, reason), roles): (&(&str, &str), &Vec<&str>)| {
+        let whom =
+            if STAGES.iter().all(|stage| roles.contains(&stage.name())) { "all loops" } else { &roles.join(", ") };
+        format!("{} to {whom}: {}", step.replace('_', " "), reason.split(" (os error").next().unwrap_or(reason))
+    };
+    let parts: Vec<String> = by_step.iter().map(part).collect();
+    vec![format!("Refused   {}", parts.join("; ")), format!("{INDENT}{WITHOUT_IT}")]
 }
 
 /// What can be done about a refusal, and what can be flown in spite of it.

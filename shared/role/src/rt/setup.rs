@@ -51,7 +51,7 @@ pub fn remedy(step: RealtimeStep, errno: i64) -> &'static str {
 }
 
 /// What needs no privilege, and tells all but latencies.
-const WITHOUT_ROOT: &str = "without root the same laws fly in lockstep (--pace lockstep), in slow motion \
+pub const WITHOUT_ROOT: &str = "without root the same laws fly in lockstep (--pace lockstep), in slow motion \
                             (flight.slowdown), and in `ironbird simulate`";
 
 /// The set-up as long as it is in force: a loop leaves SCHED_FIFO when this is dropped.
