@@ -54,7 +54,7 @@ fn end(report: &Report) -> TestCase {
 
 fn case(gate: &Gate) -> TestCase {
     let found = format!("{} (limit {})", gate.value, gate.limit);
-    let mut case = named(&gate.name, (!gate.held).then(|| (NonSuccessKind::Failure, found)));
+    let mut case = named(&gate.name, (!gate.held).then_some((NonSuccessKind::Failure, found)));
     case.add_property(("found", gate.value.as_str()));
     case.add_property(("limit", gate.limit.as_str()));
     case
