@@ -30,6 +30,8 @@ pub fn host_of(machine: &Machine) -> Host {
 /// Counters of /proc/stat at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CpuTimes {
+    /// The processor; none where it is all of them together.
+    processor: Option<u64>,
     total: u64,
     stolen: u64,
     /// Without idling, waiting for a disk, and what was stolen.
@@ -65,7 +67,7 @@ impl CpuTimes {
         // user nice system idle iowait irq softirq steal; guest times are part of user.
         let of = |place: usize| fields.get(place).copied().unwrap_or(0);
         let (total, stolen) = (fields.iter().take(8).sum::<u64>(), of(7));
-        Self { total, stolen, busy: total - stolen - of(3) - of(4) }
+        Self { processor, total, stolen, busy: total - stolen - of(3) - of(4) }
     }
 
     /// Time stolen since the machine was started, in the unit of /proc/stat.
@@ -84,8 +86,13 @@ impl CpuTimes {
     #[must_use]
     pub fn steal_until(&self, later: &Self) -> Steal {
         let stolen = later.stolen.saturating_sub(self.stolen);
-        let total = later.total.saturating_sub(self.total).max(1);
-        Steal { stolen_ms: stolen * JIFFY_MS, percent: 100.0 * stolen as f64 / total as f64 }
+        let total = later.total.saturating_sub(self.total);
+        Steal {
+            stolen_ms: stolen * JIFFY_MS,
+            percent: 100.0 * stolen as f64 / total.max(1) as f64,
+            of_ms: total * JIFFY_MS,
+            processor: later.processor,
+        }
     }
 }
 
@@ -99,7 +106,9 @@ mod tests {
     fn steal_is_the_eighth_field() {
         let before = CpuTimes::parse("cpu  100 0 50 800 0 0 0 50 0 0\ncpu0 1 2 3\n", None);
         let after = CpuTimes::parse("cpu  150 0 60 880 0 0 0 60 7 0\n", None);
-        assert_eq!(before.steal_until(&after), Steal { stolen_ms: 100, percent: 100.0 * 10.0 / 150.0 });
+        let steal = Steal { stolen_ms: 100, percent: 100.0 * 10.0 / 150.0, of_ms: 1500, processor: None };
+        assert_eq!(before.steal_until(&after), steal);
+        assert_eq!(after.steal_until(&after).of_ms, 0);
     }
 
     #[test]

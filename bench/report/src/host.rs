@@ -31,6 +31,20 @@ pub struct Steal {
     pub stolen_ms: u64,
     /// Share of their time [%].
     pub percent: f64,
+    /// Their time [ms]; 0 where the kernel counts none, and in reports from before it was kept.
+    #[serde(default)]
+    pub of_ms: u64,
+    /// The processor; none where it is all of them together.
+    #[serde(default)]
+    pub processor: Option<u64>,
+}
+
+impl Steal {
+    /// Whose time it is, in words.
+    #[must_use]
+    pub fn processors(&self) -> String {
+        self.processor.map_or_else(|| "all processors".into(), |number| format!("processor {number}"))
+    }
 }
 
 /// Which kind of an interrupt.

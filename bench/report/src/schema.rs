@@ -128,6 +128,9 @@ pub struct Gate {
     pub value: String,
     /// Whether it held.
     pub held: bool,
+    /// Whether it was asked for; some are of every flight.
+    #[serde(default)]
+    pub asked: bool,
 }
 
 /// Ticks of the plant.
@@ -345,19 +348,6 @@ impl AppliedSwap {
                 .changes()
                 .map(|(parameter, old, new)| ParameterChange { name: parameter.name().into(), old, new })
                 .collect(),
-        }
-    }
-}
-
-impl Gate {
-    /// The gate `theorem`.
-    #[must_use]
-    pub fn theorem(theorem: &Theorem) -> Self {
-        Self {
-            name: "theorem".into(),
-            limit: "0 unexplained, estimates live".into(),
-            value: theorem.found(),
-            held: theorem.holds,
         }
     }
 }

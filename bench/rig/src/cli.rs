@@ -1,5 +1,6 @@
 //! The command line.
 
+mod gates;
 mod report;
 
 use std::path::PathBuf;
@@ -11,6 +12,7 @@ use toml::Value;
 
 use crate::build::VERSION;
 use crate::clean::CleanArgs;
+pub use crate::cli::gates::{GateArgs, GateName};
 pub use crate::cli::report::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
 use crate::doctor::DoctorArgs;
 use crate::fault::Fault;
@@ -155,31 +157,9 @@ pub struct RecorderArgs {
     /// Have the kernel trace the loops' processor: an outage then tells who ran instead.
     #[arg(long)]
     pub trace: bool,
-    /// Gate: end with exit code 3 when more deadlines per million ticks were missed.
-    #[arg(long, value_name = "PPM", allow_hyphen_values = true, value_parser = values::limit)]
-    pub max_miss_rate: Option<f64>,
-    /// Gate: end with exit code 3 when the 99.9th percentile of the loop is longer [us].
-    #[arg(long, value_name = "US", allow_hyphen_values = true, value_parser = values::limit)]
-    pub max_loop_p999: Option<f64>,
-    /// Gate: end with exit code 3 when this does not hold; may be repeated.
-    #[arg(long = "gate", value_enum, value_name = "GATE")]
-    pub gates: Vec<GateName>,
-}
-
-/// A gate that is passed or not, without a number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum GateName {
-    /// No unexplained violation of the theorem, and estimates that move as predicted.
-    Theorem,
-}
-
-fn gate_overrides(gates: &[GateName]) -> Overrides {
-    gates
-        .iter()
-        .map(|gate| match gate {
-            GateName::Theorem => ("recorder.gate_theorem", Value::from(true)),
-        })
-        .collect()
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "documented by its type")]
+    pub gates: GateArgs,
 }
 
 /// What advances the ticks.
@@ -194,6 +174,18 @@ pub enum PaceArg {
 /// Flags of `fly`.
 #[derive(Clone, Debug, Args)]
 pub struct FlyArgs {
+    /// Watch the flight in this terminal, as `ironbird watch` does.
+    #[arg(long)]
+    pub watch: bool,
+    /// Right after the flight, measure each of the machine's floors for this long, for the report [example: 11s].
+    #[arg(long, value_name = "DURATION", allow_hyphen_values = true, value_parser = values::duration)]
+    pub floor: Option<Duration>,
+    /// Also write the gates and the three words to this file, as JUnit XML for a CI server.
+    #[arg(long, value_name = "FILE.xml")]
+    pub junit: Option<PathBuf>,
+    /// Print the full commented settings that would be flown, and end.
+    #[arg(long)]
+    pub print_config: bool,
     #[command(flatten)]
     #[allow(missing_docs, reason = "documented by its type")]
     pub flight: FlightArgs,
@@ -203,15 +195,6 @@ pub struct FlyArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "documented by its type")]
     pub recorder: RecorderArgs,
-    /// Watch the flight in this terminal, as `ironbird watch` does.
-    #[arg(long)]
-    pub watch: bool,
-    /// Right after the flight, measure each of the machine's floors for this long, for the report [example: 11s].
-    #[arg(long, value_name = "DURATION", allow_hyphen_values = true, value_parser = values::duration)]
-    pub floor: Option<Duration>,
-    /// Print the full commented settings that would be flown, and end.
-    #[arg(long)]
-    pub print_config: bool,
 }
 
 /// Flags of a role.
@@ -270,7 +253,7 @@ impl SimulateArgs {
         if let Some(every) = self.every {
             set.push(("recorder.states_every_ticks", Value::from(i64::from(every))));
         }
-        set.extend(gate_overrides(&self.gates));
+        set.extend(gates::named(&self.gates));
         set
     }
 }
@@ -381,13 +364,7 @@ impl RecorderArgs {
         if self.trace {
             set.push(("recorder.trace", Value::from(true)));
         }
-        if let Some(ppm) = self.max_miss_rate {
-            set.push(("recorder.max_miss_rate_ppm", Value::from(ppm)));
-        }
-        if let Some(us) = self.max_loop_p999 {
-            set.push(("recorder.max_loop_p999_us", Value::from(us)));
-        }
-        set.extend(gate_overrides(&self.gates));
+        set.extend(self.gates.overrides());
         set
     }
 }

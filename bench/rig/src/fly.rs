@@ -19,6 +19,7 @@ use crate::output::{print, say};
 use crate::record::traced;
 use crate::run_directory::RunDirectory;
 use crate::settings::Settings;
+use crate::show_report;
 use asked::Asked;
 use ending::Ended;
 use failure::{Failure, INTERRUPTED, OK, check_writable};
@@ -26,8 +27,8 @@ use launcher::Launcher;
 use machine::executable::own_executable;
 use report::beside::Beside;
 use report::files::write_all;
+use report::junit;
 use report::schema::Report;
-use report::text;
 
 /// How often the launcher looks after the flight.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -47,32 +48,19 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     }
     settings.check_cpu()?;
     check_writable("--states", args.recorder.states.as_deref())?;
+    check_writable("--junit", args.junit.as_deref())?;
     args.floor.map_or(Ok(()), |duration| beside::check(&settings, duration))?;
-    let instance = Instance::new(&args.rt.instance)?;
-    // Where somebody flies it already, that is the error.
-    if !instance.is_alive() {
-        instance.check_shared_memory(Wire::needed_bytes())?;
-    }
-    instance.prepare()?;
-    let lock = instance.lock_launcher()?;
     let mut asked = Asked::listen()?;
-    let can_trace = traced::check(settings.recorder.trace, instance.name());
-    let outcome = can_trace.and_then(|()| start_and_watch(&instance, &settings, args, &mut asked));
-    traced::remove_left(settings.recorder.trace, instance.name());
-    release(&instance, lock);
-    let (directory, ended) = outcome?;
-    let report_path = directory.path.join("report.json");
-    if !report_path.exists() {
-        let failure = ended.failure(&directory.path);
-        if ended.is_over() {
-            // Refused, called off or failed: what its processes said has been passed on.
-            directory.discard();
+    let (directory, ended, mut report) = match flown(&settings, args, &mut asked) {
+        Ok(flown) => flown,
+        Err(failure) => {
+            let told = args.junit.as_ref().map_or(Ok(()), |path| junit::write_failure(&failure, path));
+            return Err(match told {
+                Ok(()) => failure,
+                Err(untold) => failure.append(&format!("; {untold}")),
+            });
         }
-        let kept = directory.path.exists();
-        let rest = if kept { format!("; {} has what was recorded", directory.path.display()) } else { String::new() };
-        return Err(failure.append(&rest));
-    }
-    let mut report = Report::read(&report_path)?;
+    };
     let corrected = ended.correct(&mut report);
     let mut exit_code = report.verdict.exit_code;
     let mut unmeasured = None;
@@ -86,14 +74,43 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     }
     let needs_writing = corrected || report.beside.is_some();
     let written = if needs_writing { write_all(&report, &directory.path) } else { Ok(()) };
-    print(&text::render(&report))?;
+    let passed_on = args.junit.as_ref().map_or(Ok(()), |path| junit::write(&report, path));
     if let Some(died) = &ended.died {
         say(&died.words(&directory.path));
     }
-    print(&(text::result_line(&report, &directory.path.display().to_string()) + "\n"))?;
+    print(&show_report::ended(&report, &directory.path))?;
     // What the flight found weighs more than what became of the rest.
-    written.map_err(|failure| failure.or_code(exit_code))?;
-    unmeasured.map_or(Ok(exit_code), |failure| Err(failure.or_code(exit_code)))
+    let rest = written.and(passed_on).and(unmeasured.map_or(Ok(()), Err));
+    rest.map(|()| exit_code).map_err(|failure| failure.or_code(exit_code))
+}
+
+/// Flies, up to the last report that the recorder has written.
+fn flown(settings: &Settings, args: &FlyArgs, asked: &mut Asked) -> Result<(RunDirectory, Ended, Report), Failure> {
+    let instance = Instance::new(&args.rt.instance)?;
+    // Where somebody flies it already, that is the error.
+    if !instance.is_alive() {
+        instance.check_shared_memory(Wire::needed_bytes())?;
+    }
+    instance.prepare()?;
+    let lock = instance.lock_launcher()?;
+    let can_trace = traced::check(settings.recorder.trace, instance.name());
+    let outcome = can_trace.and_then(|()| start_and_watch(&instance, settings, args, asked));
+    traced::remove_left(settings.recorder.trace, instance.name());
+    release(&instance, lock);
+    let (directory, ended) = outcome?;
+    let report_path = directory.path.join("report.json");
+    if report_path.exists() {
+        let report = Report::read(&report_path)?;
+        return Ok((directory, ended, report));
+    }
+    let failure = ended.failure(&directory.path);
+    if ended.is_over() {
+        // Refused, called off or failed: what its processes said has been passed on.
+        directory.discard();
+    }
+    let kept = directory.path.exists();
+    let rest = if kept { format!("; {} has what was recorded", directory.path.display()) } else { String::new() };
+    Err(failure.append(&rest))
 }
 
 fn start_and_watch(

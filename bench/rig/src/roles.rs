@@ -19,9 +19,9 @@ use crate::output::print;
 use crate::record::process::{self, Files};
 use crate::run_directory::RunDirectory;
 use crate::settings::{PaceName, Settings};
+use crate::show_report::ended;
 use failure::{Failure, OK, check_writable};
 use flight_log;
-use report::text;
 
 /// Plays a role of the loop until the run is over.
 ///
@@ -112,7 +112,7 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     }
     let report = recorded?;
     if args.role.launcher.is_none() {
-        print(&(text::render(&report) + &text::result_line(&report, &directory.display().to_string()) + "\n"))?;
+        print(&ended(&report, &directory))?;
     }
     Ok(report.verdict.exit_code)
 }

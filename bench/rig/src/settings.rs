@@ -1,5 +1,6 @@
 //! Settings: defaults, preset, file, flags, in this order; checked before anything starts.
 
+mod gates;
 mod layers;
 #[cfg(test)]
 mod tests;
@@ -13,7 +14,6 @@ use model::limits::RotorLimits;
 use model::parameters::{Airframe, Parameter};
 use model::realtime;
 use plant::Swap;
-use report::sections::GatesAsked;
 use report::words::TrackingLimits;
 use serde::{Deserialize, Serialize};
 
@@ -112,8 +112,18 @@ pub struct RecorderSettings {
     pub states_every_ticks: u64,
     /// Deadlines missed per million ticks that are allowed; negative is any number.
     pub max_miss_rate_ppm: f64,
+    /// Ticks skipped per million that are allowed; negative is any number.
+    pub max_skip_rate_ppm: f64,
+    /// Ticks that a stage worked with a stale input, per million, that are allowed; negative is any number.
+    pub max_stale_rate_ppm: f64,
+    /// 99.9th percentile of the plant's wake-up that is allowed [us]; negative is any.
+    pub max_wake_p999_us: f64,
     /// 99.9th percentile of the loop that is allowed [us]; negative is any.
     pub max_loop_p999_us: f64,
+    /// Position error in the last 5 s that is allowed [m]; negative is any.
+    pub max_tracking_error_m: f64,
+    /// What the host may take of the loops' processor [%]; negative is any share.
+    pub max_steal_percent: f64,
     /// Whether the theorem must hold: no unexplained violation, estimates live.
     pub gate_theorem: bool,
     /// Whether the kernel's trace of the loops' processor tells who ran in an outage.
@@ -257,18 +267,6 @@ impl Settings {
         Ok(realtime::RealtimeSettings { mode: self.rt.mode, priority: self.rt.priority, cpu })
     }
 
-    /// The gates that the flight must pass.
-    #[must_use]
-    pub fn gates_asked(&self) -> GatesAsked {
-        let limit = |limit: f64| (limit >= 0.0).then_some(limit);
-        GatesAsked {
-            position_error_max_m: self.flight.position_error_max_m,
-            max_miss_rate_ppm: limit(self.recorder.max_miss_rate_ppm),
-            max_loop_p999_us: limit(self.recorder.max_loop_p999_us),
-            theorem: self.recorder.gate_theorem,
-        }
-    }
-
     /// When the flight counts as tracked.
     #[must_use]
     pub const fn tracking_limits(&self) -> TrackingLimits {
@@ -327,6 +325,7 @@ impl Settings {
         within("flight.ground_z_m", flight.ground_z_m, -1e4, 0.0)?;
         within("rt.priority", f64::from(self.rt.priority), 1.0, 95.0)?;
         within("recorder.states_every_ticks", self.recorder.states_every_ticks as f64, 1.0, 1e9)?;
+        self.recorder.check_gates()?;
         let refused = |e: controller::SettingsError| {
             Failure::usage(format!("settings: {e}")).help("see `ironbird fly --print-config`")
         };

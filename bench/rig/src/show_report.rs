@@ -10,11 +10,12 @@ use crate::output::print;
 use crate::record::hlog;
 use crate::run_directory::find;
 use crate::wall_time::utc;
-use failure::{FAILED, Failure, InFile as _, OK};
+use failure::{FAILED, Failure, InFile as _, OK, check_writable};
 use report::page;
 use report::schema::Report;
-use report::sections::break_off;
-use report::{json, text};
+use report::text::brief::Left;
+use report::verdict::break_off;
+use report::{json, junit, text};
 
 /// Prints a report, or a comparison of two.
 ///
@@ -24,19 +25,50 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
     if let Some(ReportCommand::Diff(args)) = &args.command {
         return crate::report_diff::diff(args);
     }
-    let directory = find(&args.run, args.out.as_deref())?;
+    check_writable("--junit", args.junit.as_deref())?;
+    let found = find(&args.run, args.out.as_deref())?;
+    // `latest` leads elsewhere tomorrow.
+    let directory = fs::read_link(&found).map_or_else(|_| found.clone(), |name| found.with_file_name(name));
     let mut report = read(&directory)?;
     if report.run.in_flight && !hlog::lives(&directory) {
         // It may have said its last word meanwhile.
         report = read(&directory)?;
         abandoned(&mut report, &directory);
     }
+    if let Some(path) = &args.junit {
+        junit::write(&report, path)?;
+    }
     match args.format {
-        Format::Text => print(&text::render(&report))?,
+        Format::Text => print(&shown(args, &report, &directory))?,
         Format::Json => print(&(json::to_string(&report).map_err(|e| Failure::failed(e.to_string()))? + "\n"))?,
         Format::Html => print(&page::render(&report))?,
     }
     Ok(OK)
+}
+
+/// As much of a report as was asked for.
+fn shown(args: &ReportArgs, report: &Report, directory: &Path) -> String {
+    match &args.section {
+        Some(name) => text::section(report, name),
+        None if args.full => text::render(report),
+        None => brief(report, directory),
+    }
+}
+
+/// What matters of a flight, with where the rest is.
+#[must_use]
+fn brief(report: &Report, directory: &Path) -> String {
+    let left = |name: &str| {
+        let path = directory.join(name);
+        path.is_file().then(|| path.display().to_string())
+    };
+    text::brief::render(report, &Left { page: left("report.html"), log: left(flight_log::FILE) })
+}
+
+/// What a flight ends with: what matters of it, and the line for programs.
+#[must_use]
+pub fn ended(report: &Report, directory: &Path) -> String {
+    brief(report, directory) + &text::result_line(report, &directory.display().to_string()) + "\n"
 }
 
 /// Puts into the last report of a recorder that is no more that it died, and when.

@@ -14,7 +14,7 @@ use crate::output::print;
 use crate::settings::Settings;
 use failure::{Failure, GATE, InFile as _, OK, check_writable};
 use report::page::picture;
-use report::schema::AppliedSwap;
+use report::schema::{AppliedSwap, Gate};
 use report::states::{Joined, StatesWriter};
 use report::tally::theorem::{Theorem, TheoremTally};
 use report::tally::tracer::Tracer;
@@ -80,8 +80,11 @@ fn summary(flown: &Simulated, settings: &Settings, wall_s: f64) -> String {
     if let Some(departure) = &flown.departure {
         text += &format!("{departure}\n");
     }
+    let gate = flown.gate(settings);
+    let held = usize::from(gate.as_ref().is_some_and(|gate| gate.held));
+    text.extend(gate.iter().filter(|gate| !gate.held).map(|gate| format!("{gate}\n")));
     let status = if flown.passes(settings) { "PASS" } else { "FAIL" };
-    text + &format!("RESULT status={status} ticks={} run=none\n", flown.ticks)
+    text + &format!("RESULT status={status} gates={held}/{} ticks={} run=none\n", gate.iter().len(), flown.ticks)
 }
 
 struct Simulated {
@@ -94,9 +97,14 @@ struct Simulated {
 }
 
 impl Simulated {
-    /// Whether the envelope held, and the theorem where it is a gate.
+    /// The theorem, where it is a gate.
+    fn gate(&self, settings: &Settings) -> Option<Gate> {
+        settings.recorder.gate_theorem.then(|| Gate::theorem(&self.theorem))
+    }
+
+    /// Whether the envelope held, and the gate.
     fn passes(&self, settings: &Settings) -> bool {
-        self.departure.is_none() && (self.theorem.holds || !settings.recorder.gate_theorem)
+        self.departure.is_none() && self.gate(settings).is_none_or(|gate| gate.held)
     }
 }
 

@@ -206,14 +206,14 @@ fn the_report_of_a_flight_in_the_air_says_so() {
         let report = rig.run("report", &["latest"]);
         (report.code == Some(0)).then_some(report)
     });
-    text.says("IN FLIGHT, numbers so far");
+    text.says("\nFlown     IN FLIGHT, numbers so far: ");
     let json = rig.run("report", &["latest", "--format", "json"]).expect(0).json();
     assert_eq!((&json["run"]["in_flight"], &json["run"]["ending"]), (&true.into(), &"still flying".into()));
     assert_eq!(json["run"]["instance"], rig.instance.as_str());
     let so_far = json["ticks"]["run"].as_u64().unwrap();
     assert!((20..251).contains(&so_far), "{so_far} ticks after a second or more");
     let ended = flight.end().expect(0);
-    let report = rig.run("report", &["latest"]).expect(0).says("completed");
+    let report = rig.run("report", &["latest"]).expect(0).says("\nFlown     completed: ");
     assert!(!report.stdout.contains("IN FLIGHT"), "{report}");
     assert!(ended.stdout.starts_with(&report.stdout), "fly prints the same report:\n{ended}\n{report}");
     let json = rig.run("report", &["latest", "--format", "json"]).expect(0).json();
@@ -266,7 +266,7 @@ fn roles_started_by_hand_in_any_order_fly_together() {
         let ended = role.end().expect(0);
         assert!(ended.stdout.is_empty(), "what a role says goes to standard error: {ended}");
     }
-    let result = recorder.end().expect(0).says("Deadlines missed").result();
+    let result = recorder.end().expect(0).says("\nTiming    NOT MEASURED: slowed 20 times: ").result();
     assert_eq!((result["status"].as_str(), result["ticks"].is_empty()), ("PASS", false), "{result:?}");
     assert_eq!(rig.report()["run"]["ending"], "completed");
     rig.assert_nothing_left();

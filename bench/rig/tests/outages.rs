@@ -71,7 +71,8 @@ fn a_flight_that_nobody_controls_is_reported_as_far_from_its_reference_as_it_was
         let without = report.ticks.run + report.ticks.skipped - told.states;
         assert_eq!(told.ticks_without_state, without, "{role}");
         let words = format!("position error rms {rms:.4} m, largest {max:.4} m, at the end {last:.4} m, over");
-        let ended = ended.says(&words).says(&format!("over {} states", told.states));
+        let tracking = rig.run("report", &["--section", "tracking"]).expect(0);
+        tracking.says(&words).says(&format!("over {} states", told.states));
         assert!(!ended.stdout.contains("IN FLIGHT"), "{ended}");
         rig.run("replay", &[]).expect(0).says(&words);
         // A row every 50 ticks, up to the end; what the stopped stage did not say is empty.
@@ -160,14 +161,17 @@ fn a_recorder_that_saw_half_a_flight_says_so_and_so_does_the_one_that_died() {
     let second = rig.start("record", &options).end().expect(0);
     stages.into_iter().for_each(|stage| drop(stage.end().expect(0)));
     let [dead, _] = <[String; 2]>::try_from(rig.run_directories()).unwrap();
-    rig.run("report", &[&dead]).expect(0).says("the recorder of this flight died at 2").says("Gates     ABORTED");
+    rig.run("report", &[&dead])
+        .expect(0)
+        .says("\nFlown     the recorder of this flight died at 2")
+        .says("\nGates     ABORTED");
     let report = final_report(&rig);
     let lost: u64 = report.recorder.lost.values().sum();
     let result = second.result();
     assert!(lost > 100, "{lost}");
     assert_eq!((result["status"].as_str(), &result["lost"]), ("INCOMPLETE", &lost.to_string()));
     let second = second.says(&format!("NOT WHOLE: {lost} of "));
-    assert!(second.stdout.lines().take(8).any(|line| line.starts_with("NOT WHOLE")), "at the top: {second}");
+    assert!(second.stdout.lines().take(9).any(|line| line.starts_with("NOT WHOLE")), "at the top: {second}");
     // What it has not seen, it does not call late.
     assert!(report.deadlines.missed_by_stamps <= report.deadlines.missed, "{:?}", report.deadlines);
     assert_eq!(report.ticks.run + report.ticks.skipped, 3001);

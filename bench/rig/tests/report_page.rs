@@ -71,7 +71,7 @@ fn flight(rig: &Rig) -> PathBuf {
 fn slow_flight(rig: &Rig) -> PathBuf {
     let beside = ["--config", &rig.slow(2), "--duration", "2s", "--floor", "1s"];
     let ended = rig.run("fly", &[&beside[..], &SWAPS[..]].concat()).expect(0);
-    ended.says("Beside the machine's floor, 1 s each right after the flight").says("raw futex ring").says("bare timer");
+    ended.says("\nFloors    at p50, p99, p99.9: wake.plant is ").says("raw futex ring").says("bare timer");
     rig.out().join("latest")
 }
 

@@ -1,16 +1,14 @@
-//! What users get wrong, what gates find, and what the machine refuses.
+//! What users get wrong, and what the machine refuses.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 mod rig;
 
 use std::fs;
-use std::os::unix::fs::{PermissionsExt as _, chown};
+use std::os::unix::fs::PermissionsExt as _;
 use std::process::Command;
-use std::thread::sleep;
-use std::time::Duration;
 
-use rig::{Ended, IRONBIRD, Rig, not_tested, send};
-use rustix::process::Signal;
+use rig::unprivileged::fly_unprivileged;
+use rig::{IRONBIRD, Rig, not_tested};
 
 const COMMANDS: [&str; 11] =
     ["fly", "inject", "params", "report", "simulate", "clean", "plant", "outer", "inner", "mixer", "record"];
@@ -138,6 +136,16 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         ("report", &["monday"], "no flight at monday or"),
         ("replay", &["/monday"], "no flight at /monday;"),
         ("report", &["--format", "xml"], "[possible values: text, json, html]"),
+        ("report", &["--section", "all"], "[possible values: head, deadlines, outages, latencies, floors, processes,"),
+        ("report", &["--section", "head", "--full"], "'--section <NAME>' cannot be used with '--full'"),
+        ("report", &["--full", "--format", "json"], "'--full' cannot be used with '--format <FORMAT>'"),
+        ("report", &["--junit", "/nowhere/j.xml"], "--junit: cannot write /nowhere/j.xml: No such file or directory"),
+        ("fly", &["--junit", "/nowhere/j.xml"], "--junit: cannot write /nowhere/j.xml: No such file or directory"),
+        ("fly", &["--max-skip-rate", "-1"], "invalid value '-1' for '--max-skip-rate <PPM>': write a number of 0 or"),
+        ("fly", &["--max-stale-rate", "x"], "invalid value 'x' for '--max-stale-rate <PPM>': write a number of 0 or"),
+        ("fly", &["--max-wake-p999", "inf"], "invalid value 'inf' for '--max-wake-p999 <US>': write a number of 0 or"),
+        ("fly", &["--max-tracking-error", "1cm"], "invalid value '1cm' for '--max-tracking-error <M>': write a number"),
+        ("fly", &["--max-steal", "1%"], "invalid value '1%' for '--max-steal <PERCENT>': write a number of 0 or more"),
     ] {
         rig.run(command, args).expect(2).complains(words);
         rig.assert_nothing_started();
@@ -199,6 +207,7 @@ fn every_wrong_setting_is_named_with_file_value_and_what_is_allowed() {
         ("[model]\nwingspan_m = 2\n", "unknown key `model.wingspan_m`"),
         ("[gains]\nattitude_1_s = [8, 8]\n", "gains.attitude_1_s = [8, 8]: expected a list of 3 numbers"),
         ("[gains]\nalpha_1_s = 2000\n", "gains.alpha_1_s = 2000 cannot fly"),
+        ("[recorder]\nmax_steal_percent = nan\n", "recorder.max_steal_percent = NaN: allowed are 0 and more, and"),
         ("[rt]\npriority = 99\n", "rt.priority = 99 is out of range: allowed are 1 to 95"),
         ("[rt]\npriority = 99\n", "help: `ironbird fly --print-config` explains every setting"),
         ("[flight\n", "TOML parse error at line 1"),
@@ -232,96 +241,6 @@ fn directories_that_cannot_be_used_are_named_with_the_remedy() {
     rig.assert_nothing_left();
 }
 
-/// The gate of a name in the report, which must not have held.
-fn failed_gate(rig: &Rig, ended: Ended, name: &str) -> String {
-    let ended = ended.expect(3);
-    assert_eq!(ended.result()["status"], "FAIL", "{ended}");
-    let gates = rig.report()["verdict"]["gates"].clone();
-    let gate = gates.as_array().unwrap().iter().find(|gate| gate["name"] == name).unwrap_or_else(|| panic!("{gates}"));
-    assert_eq!(gate["held"], false, "{gates}");
-    let value = gate["value"].as_str().unwrap().to_owned();
-    ended.says(&format!("  FAIL {name}: {value} (limit "));
-    rig.assert_nothing_left();
-    value
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn a_missed_deadline_fails_the_gate_on_the_miss_rate() {
-    let rig = Rig::new("miss-rate");
-    let args = ["--rt", "off", "--config", &rig.slow(20), "--duration", "100ms", "--max-miss-rate", "0"];
-    let flight = rig.take_off(&args);
-    let mixer = flight.roles()["mixer"];
-    // The plant waits for tick 0 at most 0.2 s after it is announced: by then it flies.
-    sleep(Duration::from_millis(300));
-    send(mixer, Signal::STOP);
-    sleep(Duration::from_millis(150));
-    send(mixer, Signal::CONT);
-    let value = failed_gate(&rig, flight.end(), "deadlines missed per million");
-    assert!(value.parse::<f64>().unwrap() > 0.0, "{value}");
-    let deadlines = &rig.report()["deadlines"];
-    assert!(deadlines["missed"].as_u64().unwrap() >= 5 && deadlines["missed_by_stamps"].as_u64().unwrap() >= 5);
-    let runs = deadlines["runs"].as_array().unwrap();
-    assert!(runs.iter().any(|run| run["length_ticks"].as_u64().unwrap() >= 5), "misses in a row: {runs:?}");
-}
-
-#[test]
-fn too_few_samples_do_not_pass_the_gate_on_the_loop() {
-    let rig = Rig::new("loop-gate");
-    let args = ["--rt", "off", "--config", &rig.slow(5), "--duration", "50ms", "--max-loop-p999", "1"];
-    let value = failed_gate(&rig, rig.run("fly", &args), "loop p99.9 [us]");
-    assert_eq!(value, "too few samples");
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn a_flight_that_leaves_its_envelope_fails_flown_or_simulated() {
-    let rig = Rig::new("envelope");
-    for (fault, max_m, simulated, flown) in [
-        ("rotor_efficiency_1=0@tick50", 0.01, "the position error is 0.01 m", "position error beyond its limit"),
-        ("rotational_drag_nm_s=0,rotor_efficiency_1=0@tick5", 100.0, "the pitch is 8", "pitch beyond 80 degrees"),
-    ] {
-        let settings = rig.settings(&format!("[flight]\nslowdown = 2\nposition_error_max_m = {max_m:?}\n"));
-        let args = ["--config", &settings, "--duration", "2s", "--fault", fault];
-        let ended = rig.run("simulate", &args).expect(3).says("the flight left its envelope: at tick ").says(simulated);
-        assert_eq!(ended.result()["status"], "FAIL");
-        let ended = rig.run("fly", &[&args[..], &["--rt", "off"]].concat());
-        let value = failed_gate(&rig, ended, "flight envelope");
-        assert_eq!(value, format!("left the envelope: {flown}"));
-        let report = rig.report();
-        let ticks = report["ticks"]["run"].as_u64().unwrap();
-        assert!(report["ticks"]["identity_holds"] == true && (51..2001).contains(&ticks), "{ticks} ticks");
-    }
-}
-
-/// A flight of a user without privileges; none where there is no way to become one.
-fn fly_unprivileged(rig: &Rig, args: &[&str]) -> Option<Ended> {
-    const NOBODY: u32 = 65534;
-    if !rustix::process::geteuid().is_root() {
-        return Some(rig.run("fly", args));
-    }
-    let id = NOBODY.to_string();
-    let as_nobody = ["--reuid", &id, "--regid", &id, "--clear-groups"];
-    if !Command::new("setpriv").args(as_nobody).arg("true").status().is_ok_and(|status| status.success()) {
-        not_tested("setpriv (util-linux) is not there, or may not become another user");
-        return None;
-    }
-    // Its own copy: the directory of the build may be closed to others.
-    let executable = rig.path("ironbird");
-    if !executable.exists() {
-        fs::copy(IRONBIRD, &executable).unwrap();
-        fs::set_permissions(rig.path("."), fs::Permissions::from_mode(0o755)).unwrap();
-        for directory in [rig.root(), rig.out()] {
-            fs::create_dir(&directory).unwrap();
-            chown(&directory, Some(NOBODY), Some(NOBODY)).unwrap();
-        }
-    }
-    let mut command = Command::new("setpriv");
-    command.args(as_nobody).arg(executable).arg("fly").args(rig.own_args("fly", args));
-    command.env("IRONBIRD_ROOT", rig.root());
-    Some(rig.launch(command).end())
-}
-
 #[test]
 #[ignore = "long: part of the gate"]
 fn without_privilege_real_time_is_refused_when_required_and_reported_when_preferred() {
@@ -339,11 +258,14 @@ fn without_privilege_real_time_is_refused_when_required_and_reported_when_prefer
         .complains("Scheduler (Operation not permitted (os error 1))")
         .complains("raise the rtprio limit")
         .complains("raise the memlock limit")
-        .complains("or fly with what is granted: --rt prefer");
+        .complains("or fly with what is granted: --rt prefer; without root the same laws fly in lockstep");
     rig.assert_nothing_left();
     let preferred = fly_unprivileged(&rig, &args("prefer")).unwrap().expect(0);
     assert_eq!(preferred.result()["rt"], "other", "{preferred}");
-    preferred.says("REFUSED (Operation not permitted (os error 1))");
+    // Once for all loops, with what he can do.
+    let preferred = preferred.says("\nRefused   ").tells("scheduler to all loops: Operation not permitted");
+    preferred.tells("those that need no root are --pace lockstep, flight.slowdown (slow motion)");
+    rig.run("report", &["--section", "processes"]).expect(0).says("REFUSED (Operation not permitted (os error 1))");
     rig.assert_nothing_left();
 }
 

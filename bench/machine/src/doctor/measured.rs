@@ -169,7 +169,7 @@ mod tests {
     #[test]
     fn a_host_that_takes_more_than_one_percent_softens() {
         let mut measured = measured(0);
-        measured.steal = Steal { stolen_ms: 120, percent: 1.2 };
+        measured.steal = Steal { stolen_ms: 120, percent: 1.2, of_ms: 10_000, processor: None };
         assert_eq!(measured.findings().last().map(|finding| finding.allows), Some(RealtimeClass::Soft));
     }
 }

@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 use crate::doctor::Examination;
 use crate::doctor::measured::{LATE_NS, MeasuredMachine};
-use report::finding::{Finding, Level};
+use report::finding::{Finding, Level, RealtimeClass};
+use role::rt::WITHOUT_ROOT;
 
 /// Renders an examination for people.
 #[must_use]
@@ -26,6 +27,9 @@ fn write(out: &mut String, examination: &Examination) -> std::fmt::Result {
     writeln!(out, "\nVERDICT {}", diagnosis.verdict.words())?;
     for reason in &diagnosis.reasons {
         writeln!(out, "  {reason}")?;
+    }
+    if diagnosis.verdict == RealtimeClass::NotRealTime {
+        writeln!(out, "  {WITHOUT_ROOT}")?;
     }
     Ok(())
 }

@@ -122,12 +122,7 @@ impl Section {
         }
         let mut out = String::from("\nOutages   missed  cause\n");
         for count in &self.classes {
-            out += &format!(
-                "  {:>7} {:>7}  {}\n",
-                count.outages,
-                count.missed,
-                named(count.class, count.stage.as_deref())
-            );
+            out += &format!("  {:>7} {:>7}  {}\n", count.outages, count.missed, count.cause());
         }
         if self.pending > 0 {
             out += &format!("  {:>7} {:>7}  not classed yet\n", "-", self.pending);
@@ -139,6 +134,14 @@ impl Section {
             out += "  woke .. sent [us], from the begin of the outage's first tick; * without the input of its tick\n";
         }
         out
+    }
+}
+
+impl ClassCount {
+    /// The class, with its stage.
+    #[must_use]
+    pub fn cause(&self) -> String {
+        named(self.class, self.stage.as_deref())
     }
 }
 

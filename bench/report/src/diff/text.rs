@@ -51,7 +51,7 @@ fn conclusion(out: &mut String, subject: &str, conclusion: &Conclusion) -> std::
 }
 
 fn heading(out: &mut String, title: &str) -> std::fmt::Result {
-    writeln!(out, "\n{title:<31} {:>12} {:>12} {:>9}  {:>6}", "A", "B", "B over A", "p")
+    writeln!(out, "\n{title:<33} {:>11} {:>11} {:>9}  {:>6}", "A", "B", "B over A", "p")
 }
 
 fn row(out: &mut String, figure: &FigureDiff) -> std::fmt::Result {
@@ -63,7 +63,7 @@ fn row(out: &mut String, figure: &FigureDiff) -> std::fmt::Result {
     let [a, b] = [figure.median_a, figure.median_b].map(|value| value.map_or_else(|| "-".into(), number));
     let ratio = figure.ratio.map_or_else(|| "-".into(), |ratio| format!("{ratio:.3}"));
     let probability = figure.probability.map_or_else(String::new, |p| format!("{p:.3}"));
-    let line = format!("  {:<29} {a:>12} {b:>12} {ratio:>9}  {probability:>6} {word}", figure.name);
+    let line = format!("  {:<31} {a:>11} {b:>11} {ratio:>9}  {probability:>6} {word}", figure.name);
     writeln!(out, "{}", line.trim_end())
 }
 

@@ -7,15 +7,33 @@ use crate::tally::series::Statistics;
 /// Name, percentiles, decimals.
 pub type Row<'a> = (&'a str, [Option<f64>; 3], usize);
 
-/// The flight's percentiles (p50, p99, p99.9), the floor's, and how many times its floor the flight's are; each with
-/// its name and the decimals that it deserves.
+/// A series of the flight beside its floor, at p50, p99 and p99.9.
+#[derive(Clone, Copy, Debug)]
+pub struct Compared<'a> {
+    /// The series.
+    pub series: &'a str,
+    /// What was measured as its floor.
+    pub floor: &'a str,
+    ours_us: [Option<f64>; 3],
+    floor_us: [Option<f64>; 3],
+    /// How many times its floor it is.
+    pub times: [Option<f64>; 3],
+}
+
+/// Every floor that was measured, with the series of the flight that it is of.
+pub fn compared<'a>(beside: &'a Beside, report: &'a Report) -> impl Iterator<Item = Compared<'a>> {
+    beside.floors.iter().filter_map(|floor: &'a SeriesFloor| {
+        let [ours_us, floor_us] = [report.series(&floor.series)?, &floor.statistics].map(percentiles);
+        let times = std::array::from_fn(|i| Some(ours_us[i]? / floor_us[i]?));
+        Some(Compared { series: &floor.series, floor: &floor.what, ours_us, floor_us, times })
+    })
+}
+
+/// The flight's percentiles, the floor's, and how many times its floor the flight's are; each with its name and the
+/// decimals that it deserves.
 pub fn rows<'a>(beside: &'a Beside, report: &'a Report) -> impl Iterator<Item = Row<'a>> {
-    let rows = |floor: &'a SeriesFloor| {
-        let [ours, bare] = [report.series(&floor.series)?, &floor.statistics].map(percentiles);
-        let times = std::array::from_fn(|i| Some(ours[i]? / bare[i]?));
-        Some([(floor.series.as_str(), ours, 1), (&floor.what, bare, 1), ("times its floor", times, 2)])
-    };
-    beside.floors.iter().filter_map(rows).flatten()
+    compared(beside, report)
+        .flat_map(|it| [(it.series, it.ours_us, 1), (it.floor, it.floor_us, 1), ("times its floor", it.times, 2)])
 }
 
 /// The section of the report for people.

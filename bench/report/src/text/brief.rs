@@ -1,69 +1,120 @@
-//! What `fly` ends with: at most 30 lines of at most 80 columns, what matters first.
+//! What `fly` ends with: at most 29 lines of at most 80 columns, what matters first.
 
 use std::collections::BTreeMap;
 
+use model::role::STAGES;
+use textwrap::{Options, WordSplitter, wrap};
+
+use super::beside;
 use crate::losses;
 use crate::schema::Report;
 
 /// Columns of a terminal that nobody has made wider.
 const WIDTH: usize = 80;
+/// Lines; with that of the result they are 30.
+const HEIGHT: usize = 29;
+/// Lines of a sentence; where it ends is in the whole report.
+const LINES: usize = 3;
 /// What the lines of a sentence begin with after the first one.
 const INDENT: &str = "          ";
+/// Last line of what there is no room for.
+const MORE: &str = "          ... the rest: ironbird report --full";
 /// The latencies that say how the loop did: those of the whole, then of each step.
 const SERIES: [&str; 6] = ["loop", "slack", "wake.plant", "hop.plant_outer", "hop.outer_inner", "hop.inner_mixer"];
 
-/// Renders the short report of a flight, with where the rest is.
-#[must_use]
-pub fn render(report: &Report, directory: &str) -> String {
-    let mut lines = vec![super::pace(report)];
-    lines
-        .extend(report.words.each().map(|(subject, word, why)| format!("{subject:<9} {}: {why}", word.to_uppercase())));
-    lines.extend(losses::sentences(report));
-    if !matches!(report.run.ending.as_str(), "completed" | "") {
-        lines.push(format!("Ended     {}", report.run.ending));
-    }
-    lines.extend(outages(report));
-    lines.push(tracking(report));
-    lines.extend(refused(report));
-    lines.extend(gates(report));
-    let wrapped = |line: &String| wrap(line);
-    let head: Vec<String> = lines.iter().flat_map(wrapped).collect();
-    let foot = [
-        format!("Page      {directory}/report.html"),
-        format!("Log       {directory}/flight.mcap"),
-        "          everything: ironbird report --full".to_owned(),
-    ];
-    [head, latencies(report), foot.to_vec()].concat().join("\n") + "\n"
+/// Where the rest of a flight is, as far as it is there.
+#[derive(Clone, Debug, Default)]
+pub struct Left {
+    /// report.html.
+    pub page: Option<String>,
+    /// flight.mcap.
+    pub log: Option<String>,
 }
 
-/// A sentence in lines that fit; a word that does not is left whole.
-fn wrap(sentence: &str) -> Vec<String> {
-    let options = textwrap::Options::new(WIDTH).subsequent_indent(INDENT).break_words(false);
-    textwrap::wrap(sentence, options).into_iter().map(std::borrow::Cow::into_owned).collect()
+/// Renders the short report of a flight, with where the rest is.
+#[must_use]
+pub fn render(report: &Report, left: &Left) -> String {
+    let foot = [latencies(report), foot(left)].concat();
+    let mut head: Vec<String> = sentences(report).iter().flat_map(|sentence| lines(sentence)).collect();
+    let room = HEIGHT - foot.len();
+    if head.len() > room {
+        head.truncate(room - 1);
+        head.push(MORE.into());
+    }
+    [head, foot].concat().join("\n") + "\n"
+}
+
+/// What there is to say, what matters first.
+fn sentences(report: &Report) -> Vec<String> {
+    let word = |(subject, word, why): (&str, &str, &str)| format!("{subject:<9} {}: {why}", word.to_uppercase());
+    let mut all = report.words.each().map(word).to_vec();
+    all.extend(losses::sentences(report));
+    all.extend(gates(report));
+    all.push(format!("Flown     {}: {}", super::ending(report), super::pace(report)));
+    all.extend(outages(report));
+    all.push(tracking(report));
+    all.extend(floors(report));
+    all.extend(refused(report));
+    all
+}
+
+/// A sentence in as many lines as it may have.
+fn lines(sentence: &str) -> Vec<String> {
+    const CUT: &str = " ...";
+    let options = Options::new(WIDTH).subsequent_indent(INDENT).word_splitter(WordSplitter::NoHyphenation);
+    let mut lines: Vec<String> = wrap(sentence, options).into_iter().map(Into::into).collect();
+    if lines.len() > LINES {
+        lines.truncate(LINES);
+        lines.iter_mut().skip(LINES - 1).for_each(|last| {
+            *last = last.chars().take(WIDTH - CUT.len()).collect::<String>() + CUT;
+        });
+    }
+    lines
 }
 
 fn latencies(report: &Report) -> Vec<String> {
-    let mut lines = vec!["Latencies [us]        count        p50        p99      p99.9        max".to_owned()];
-    for series in SERIES.iter().filter_map(|name| report.series(name)) {
+    let rows = SERIES.iter().filter_map(|name| report.series(name)).map(|series| {
         let rare = series.p999_us.map_or_else(|| "-".into(), |us| format!("{us:.1}"));
-        lines.push(format!(
+        format!(
             "  {:<15} {:>9} {:>10.1} {:>10.1} {rare:>10} {:>10.1}",
             series.name, series.count, series.p50_us, series.p99_us, series.max_us
-        ));
-    }
-    lines
+        )
+    });
+    let head = "Latencies [us]        count        p50        p99      p99.9        max".to_owned();
+    std::iter::once(head).chain(rows).collect()
 }
 
-/// How many outages there were, and the worst one.
+fn foot(left: &Left) -> Vec<String> {
+    let files = [("Page", &left.page), ("Log", &left.log)];
+    let paths = files.into_iter().filter_map(|(what, path)| Some(format!("{what:<9} {}", shortened(path.as_ref()?))));
+    paths.chain(["More      ironbird report --full, or a part of it: --section NAME".to_owned()]).collect()
+}
+
+/// A path without its middle, where the line has no room for it: the line of the result has the whole directory.
+fn shortened(path: &str) -> String {
+    const ROOM: usize = WIDTH - INDENT.len();
+    const HEAD: usize = 20;
+    let length = path.chars().count();
+    if length <= ROOM {
+        return path.to_owned();
+    }
+    let (head, tail): (String, String) =
+        (path.chars().take(HEAD).collect(), path.chars().skip(length - (ROOM - HEAD - "...".len())).collect());
+    format!("{head}...{tail}")
+}
+
+/// How many outages there were, what most misses were due to, and the worst one.
 fn outages(report: &Report) -> Option<String> {
     let autopsy = &report.autopsy;
-    let (outages, missed) = autopsy
-        .classes
-        .iter()
-        .fold((0, 0), |(outages, missed), count| (outages + count.outages, missed + count.missed));
-    let worst = autopsy.worst.first()?;
-    let many = if outages == 1 { "1, with".to_owned() } else { format!("{outages}, with") };
-    Some(format!("Outages   {many} {missed} of the missed deadlines; the worst: {}", worst.line()))
+    let first = autopsy.classes.first()?;
+    let outages: u64 = autopsy.classes.iter().map(|count| count.outages).sum();
+    let missed: u64 = autopsy.classes.iter().map(|count| count.missed).sum();
+    let due = match missed {
+        0 => format!("{} of them due to {}", first.outages, first.cause()),
+        _ => format!("{} due to {}", first.missed, first.cause()),
+    };
+    let worst = autopsy.worst.first().map_or_else(String::new, |worst| format!("; the worst: {}", worst.line()));
+    Some(format!("Outages   {outages} with {}, {due}{worst}", super::count(missed, "missed deadline")))
 }
 
 fn tracking(report: &Report) -> String {
@@ -77,7 +128,18 @@ fn tracking(report: &Report) -> String {
     )
 }
 
-/// What the system refused, once for all processes that it refused it to.
+/// How many times its floor each latency is that has one.
+fn floors(report: &Report) -> Option<String> {
+    let beside = report.beside.as_ref()?;
+    let times = |it: beside::Compared<'_>| {
+        let percentiles = it.times.map(|times| times.map_or_else(|| "-".into(), |times| format!("{times:.2}")));
+        format!("{} is {} times a {}", it.series, percentiles.join(", "), it.floor)
+    };
+    let all: Vec<String> = beside::compared(beside, report).map(times).collect();
+    Some(format!("Floors    at p50, p99, p99.9: {}", all.join("; ")))
+}
+
+/// What the system refused, once for all processes that it refused it to, and what can be flown without it.
 fn refused(report: &Report) -> Vec<String> {
     let mut by_step = BTreeMap::<(&str, &str), Vec<&str>>::new();
     for (name, role) in &report.roles {
@@ -87,18 +149,26 @@ fn refused(report: &Report) -> Vec<String> {
             }
         }
     }
-    let line = |((step, reason), roles): (&(&str, &str), &Vec<&str>)| {
-        format!("Refused   {step} ({reason}): {}", roles.join(", "))
+    if by_step.is_empty() {
+        return Vec::new();
+    }
+    let part = |((step, reason), roles): (&(&str, &str), &Vec<&str>)| {
+        let whom =
+            if STAGES.iter().all(|stage| roles.contains(&stage.name())) { "all loops" } else { &roles.join(", ") };
+        format!("{} to {whom}: {}", step.replace('_', " "), reason.split(" (os error").next().unwrap_or(reason))
     };
-    by_step.iter().map(line).collect()
+    let parts: Vec<String> = by_step.iter().map(part).collect();
+    vec![format!("Refused   {}", parts.join("; ")), format!("{INDENT}{WITHOUT_IT}")]
 }
 
-/// The gates that were asked for, and those that did not hold.
+/// What can be done about a refusal, and what can be flown in spite of it.
+const WITHOUT_IT: &str = "`ironbird doctor` has the remedies; those that need no root are --pace lockstep, \
+                          flight.slowdown (slow motion) and `ironbird simulate`";
+
+/// What the status follows from, and the gates that did not hold.
 fn gates(report: &Report) -> Vec<String> {
-    let verdict = &report.verdict;
-    let held = verdict.gates.iter().filter(|gate| gate.held).count();
-    let mut lines = vec![format!("{:<9} {held} of {} gates held", verdict.status, verdict.gates.len())];
-    let failed = verdict.gates.iter().filter(|gate| !gate.held);
-    lines.extend(failed.map(|gate| format!("  FAIL    {}: {} (limit {})", gate.name, gate.value, gate.limit)));
-    lines
+    let failed = report.verdict.gates.iter().filter(|gate| !gate.held);
+    std::iter::once(format!("Gates     {}", report.verdict.words()))
+        .chain(failed.map(|gate| format!("  {gate}")))
+        .collect()
 }

@@ -9,22 +9,48 @@ use std::fmt::Write as _;
 use crate::losses;
 use crate::schema::{Report, RoleSection};
 use crate::tally::series::Statistics;
+use crate::words::TimingWord;
 
-/// Renders a report for people.
+/// Prints a section of the report.
+type Section = fn(&mut String, &Report) -> Written;
+
+/// The sections of the report, by name, in order.
+const SECTIONS: [(&str, Section); 9] = [
+    ("head", head),
+    ("deadlines", ticks),
+    ("outages", outages),
+    ("latencies", latencies),
+    ("floors", floors),
+    ("processes", roles),
+    ("tracking", flight),
+    ("theorem", |out, report| out.write_str(&report.theorem.text())),
+    ("gates", gates),
+];
+
+/// Names of the sections, in order.
+pub const SECTION_NAMES: [&str; SECTIONS.len()] = {
+    let mut names = [""; SECTIONS.len()];
+    let mut i = 0;
+    while i < names.len() {
+        names[i] = SECTIONS[i].0;
+        i += 1;
+    }
+    names
+};
+
+/// Renders the whole report for people.
 #[must_use]
 pub fn render(report: &Report) -> String {
+    SECTION_NAMES.map(|name| section(report, name)).join("\n")
+}
+
+/// Renders the section of a name.
+#[must_use]
+pub fn section(report: &Report, name: &str) -> String {
     let mut out = String::new();
     // Writing into a string cannot fail.
-    let _ = head(&mut out, report)
-        .and_then(|()| ticks(&mut out, report))
-        .and_then(|()| out.write_str(&report.autopsy.text()))
-        .and_then(|()| latencies(&mut out, report))
-        .and_then(|()| out.write_str(&report.beside.as_ref().map(|it| beside::section(it, report)).unwrap_or_default()))
-        .and_then(|()| roles(&mut out, report))
-        .and_then(|()| flight(&mut out, report))
-        .and_then(|()| out.write_str(&report.theorem.text()))
-        .and_then(|()| gates(&mut out, report));
-    out
+    let _ = SECTIONS.iter().filter(|(it, _)| *it == name).try_for_each(|(_, write)| write(&mut out, report));
+    out.trim_start_matches('\n').to_owned()
 }
 
 /// The one parseable last line of a flight.
@@ -34,21 +60,18 @@ pub fn result_line(report: &Report, directory: &str) -> String {
         report.series(name).and_then(pick).map_or_else(|| "none".into(), |us| format!("{us:.1}"))
     };
     let rt = report.roles.get("plant").map_or_else(|| "other".into(), |plant| plant.scheduling.replace(' ', ""));
-    format!(
-        "RESULT status={} ticks={} misses={} loop_p50_us={} loop_p999_us={} wake_p99_us={} rt={rt} {} steal={:.2} skipped={} lost={} unlogged={} build={} run={directory}",
-        report.verdict.status,
-        report.ticks.run,
-        report.deadlines.missed,
-        percentile("loop", |s| Some(s.p50_us)),
-        percentile("loop", |s| s.p999_us),
-        percentile("wake.plant", |s| Some(s.p99_us)),
-        report.words.pairs(),
-        report.steal.percent,
-        report.ticks.skipped,
-        losses::lost(report),
-        losses::unlogged(report),
-        report.run.build.token(),
-    )
+    let (held, asked) = report.verdict.asked();
+    [
+        format!("RESULT status={} gates={held}/{asked} {}", report.verdict.status, report.words.pairs()),
+        format!("ticks={} skipped={} misses={}", report.ticks.run, report.ticks.skipped, report.deadlines.missed),
+        format!("loop_p50_us={}", percentile("loop", |s| Some(s.p50_us))),
+        format!("loop_p999_us={}", percentile("loop", |s| s.p999_us)),
+        format!("wake_p99_us={}", percentile("wake.plant", |s| Some(s.p99_us))),
+        format!("rt={rt} steal={:.2}", report.steal.percent),
+        format!("lost={} unlogged={}", losses::lost(report), losses::unlogged(report)),
+        format!("build={} run={directory}", report.run.build.token()),
+    ]
+    .join(" ")
 }
 
 /// `1 tick`, `2 ticks`.
@@ -68,25 +91,39 @@ fn head(out: &mut String, report: &Report) -> Written {
         run.build.of_version(&run.version),
         run.started,
         run.instance,
-        if run.in_flight { "IN FLIGHT, numbers so far" } else { &run.ending }
+        ending(report)
     )?;
     writeln!(out, "{}", pace(report))?;
     writeln!(out, "{}", machine(report))?;
     writeln!(
         out,
-        "clock {}, sched_rt_runtime_us {}, stolen by the host during the flight {} ms ({:.2} %)",
-        report.host.clock_source, report.host.rt_runtime_us, report.steal.stolen_ms, report.steal.percent
+        "clock {}, sched_rt_runtime_us {}, stolen by the host during the flight {} ms ({:.2} % of {})",
+        report.host.clock_source,
+        report.host.rt_runtime_us,
+        report.steal.stolen_ms,
+        report.steal.percent,
+        report.steal.processors()
     )?;
     writeln!(out, "real time here: {}", here(report))?;
     losses::sentences(report).iter().try_for_each(|sentence| writeln!(out, "{sentence}"))
 }
 
-/// The doctor's verdict, with its reasons.
+/// How it ended, where it has.
+fn ending(report: &Report) -> &str {
+    if report.run.in_flight { "IN FLIGHT, numbers so far" } else { &report.run.ending }
+}
+
+/// What the flight says of real time on this machine, and what the doctor expects of it.
 #[must_use]
 pub fn here(report: &Report) -> String {
-    let doctor = &report.doctor;
+    let (doctor, timing) = (&report.doctor, &report.words.timing);
     let reasons = if doctor.reasons.is_empty() { String::new() } else { format!(" ({})", doctor.reasons.join("; ")) };
-    format!("{}{reasons}", doctor.verdict.words())
+    let expected = format!("{}{reasons}", doctor.verdict.words());
+    match timing.word {
+        TimingWord::InTime => expected,
+        TimingWord::Late => format!("not in this flight: {}; by its set-up {expected}", timing.why),
+        TimingWord::NotMeasured => format!("not measured: {}; by its set-up {expected}", timing.why),
+    }
 }
 
 /// Kernel and processors.
@@ -126,7 +163,7 @@ fn ticks(out: &mut String, report: &Report) -> Written {
     let ticks = &report.ticks;
     writeln!(
         out,
-        "\nTicks     run {} + skipped {} = {} {} elapsed {:.3} s / period = {}",
+        "Ticks     run {} + skipped {} = {} {} elapsed {:.3} s / period = {}",
         ticks.run,
         ticks.skipped,
         ticks.run + ticks.skipped,
@@ -151,8 +188,26 @@ fn ticks(out: &mut String, report: &Report) -> Written {
     Ok(())
 }
 
+fn outages(out: &mut String, report: &Report) -> Written {
+    let text = report.autopsy.text();
+    if report.run.wall_period_us == 0.0 {
+        writeln!(out, "Outages   not looked for: in lockstep there are no deadlines")
+    } else if text.is_empty() {
+        writeln!(out, "Outages   none")
+    } else {
+        out.write_str(&text)
+    }
+}
+
+fn floors(out: &mut String, report: &Report) -> Written {
+    match &report.beside {
+        Some(beside) => out.write_str(&beside::section(beside, report)),
+        None => writeln!(out, "Floors    not measured: `ironbird fly --floor 11s` does so after the flight"),
+    }
+}
+
 fn latencies(out: &mut String, report: &Report) -> Written {
-    writeln!(out, "\nLatencies [us]          count       p50       p90       p99     p99.9    p99.99       max")?;
+    writeln!(out, "Latencies [us]          count       p50       p90       p99     p99.9    p99.99       max")?;
     for series in &report.series {
         let rare = |value: Option<f64>| value.map_or_else(|| "-".into(), |us| format!("{us:.1}"));
         writeln!(
@@ -177,7 +232,7 @@ fn latencies(out: &mut String, report: &Report) -> Written {
 fn roles(out: &mut String, report: &Report) -> Written {
     writeln!(
         out,
-        "\nProcesses   scheduling   ticks  skipped  stale  rejected  alloc/tick  faults  preempted  cpu us/tick"
+        "Processes   scheduling   ticks  skipped  stale  rejected  alloc/tick  faults  preempted  cpu us/tick"
     )?;
     for (name, role) in &report.roles {
         let rejected: u64 = role.rejected.values().sum();
@@ -255,7 +310,7 @@ fn flight(out: &mut String, report: &Report) -> Written {
     let flight = &report.flight;
     writeln!(
         out,
-        "\nFlight    position error rms {:.4} m, largest {:.4} m, at the end {:.4} m, over {} states{}",
+        "Tracking  position error rms {:.4} m, largest {:.4} m, at the end {:.4} m, over {} states{}",
         flight.position_error_rms_m,
         flight.position_error_max_m,
         flight.position_error_final_m,
@@ -296,16 +351,6 @@ pub fn without_state(report: &Report) -> String {
 }
 
 fn gates(out: &mut String, report: &Report) -> Written {
-    writeln!(out, "\nGates     {}", report.verdict.status)?;
-    for gate in &report.verdict.gates {
-        writeln!(
-            out,
-            "  {:<4} {}: {} (limit {})",
-            if gate.held { "ok" } else { "FAIL" },
-            gate.name,
-            gate.value,
-            gate.limit
-        )?;
-    }
-    Ok(())
+    writeln!(out, "Gates     {}", report.verdict.words())?;
+    report.verdict.gates.iter().try_for_each(|gate| writeln!(out, "  {gate}"))
 }

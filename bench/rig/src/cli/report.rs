@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
+use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand, ValueEnum};
+use report::text::SECTION_NAMES;
 
 /// Flags of `report`.
 #[derive(Clone, Debug, Args)]
@@ -14,9 +16,18 @@ pub struct ReportArgs {
     /// A flight's directory, or `latest`.
     #[arg(value_name = "RUN_DIR", default_value = "latest")]
     pub run: PathBuf,
+    /// Print everything: every latency, outage, process and gate [default: what matters, in 30 lines].
+    #[arg(long, conflicts_with_all = ["section", "format"])]
+    pub full: bool,
+    /// Print this part of everything.
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(SECTION_NAMES), conflicts_with = "format")]
+    pub section: Option<String>,
     /// How to print it.
     #[arg(long, value_enum, default_value_t = Format::Text)]
     pub format: Format,
+    /// Also write the gates and the three words to this file, as JUnit XML for a CI server.
+    #[arg(long, value_name = "FILE.xml")]
+    pub junit: Option<PathBuf>,
     /// Directory in which `latest` is looked up [default: runs].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

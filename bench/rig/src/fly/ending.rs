@@ -13,7 +13,7 @@ use crate::fly::launcher::ENDING;
 use crate::output::say;
 use failure::{FAILED, Failure, GATE, INTERRUPTED};
 use report::schema::Report;
-use report::sections::break_off;
+use report::verdict::break_off;
 
 /// How a flight's processes ended.
 #[derive(Default)]

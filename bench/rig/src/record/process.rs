@@ -37,10 +37,10 @@ use report::finding::Diagnosis;
 use report::host::Host;
 use report::json;
 use report::schema::Report;
-use report::sections::take_log;
 use report::states::{Joined, Joiner, LoopMessage, StatesWriter};
 use report::tally::{Tally, is_last_word};
 use report::tracking::Tracking;
+use report::verdict::take_log;
 
 /// How long the recorder waits for the roles' last figures.
 const LANDING: Duration = Duration::from_secs(2);

@@ -2,6 +2,8 @@
 #![allow(dead_code, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+pub mod unprivileged;
+
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::Write as _;
@@ -297,6 +299,12 @@ impl Ended {
     /// Demands words on standard error, however the lines were broken.
     pub fn complains(self, words: &str) -> Self {
         assert!(squeezed(&self.stderr).contains(&squeezed(words)), "no `{words}` on standard error of {self}");
+        self
+    }
+
+    /// Demands words on standard output, however the lines were broken.
+    pub fn tells(self, words: &str) -> Self {
+        assert!(squeezed(&self.stdout).contains(&squeezed(words)), "no `{words}` on standard output of {self}");
         self
     }
 

@@ -7,7 +7,7 @@ mod thread;
 mod usage;
 
 pub use memory::settle;
-pub use setup::{Engaged, hold_cpu_latency, remedy};
+pub use setup::{Engaged, WITHOUT_ROOT, hold_cpu_latency, remedy};
 pub use sys::{CountingAllocator, thread_allocations};
 pub(crate) use sys::{exit_when_signalled, no_longer_ignore};
 pub use thread::{Standing, fifo_refusal, loops_cpu, take_stand};

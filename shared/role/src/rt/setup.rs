@@ -50,6 +50,10 @@ pub fn remedy(step: RealtimeStep, errno: i64) -> &'static str {
     }
 }
 
+/// What needs no privilege, and tells all but latencies.
+pub const WITHOUT_ROOT: &str = "without root the same laws fly in lockstep (--pace lockstep), in slow motion \
+                            (flight.slowdown), and in `ironbird simulate`";
+
 /// The set-up as long as it is in force: a loop leaves SCHED_FIFO when this is dropped.
 ///
 /// To be dropped before ports and shared memory are given up. The kernel takes locks for that, and a SCHED_FIFO process
@@ -134,7 +138,7 @@ impl Engaged {
         Err(Error::RealtimeRefused {
             role,
             refused: refused.iter().map(word).collect::<Vec<_>>().join(", "),
-            remedy: format!("{}; or fly with what is granted: --rt prefer", remedies.join("; ")),
+            remedy: format!("{}; or fly with what is granted: --rt prefer; {WITHOUT_ROOT}", remedies.join("; ")),
         })
     }
 }

@@ -16,10 +16,11 @@ use machine::interrupts::Interrupts;
 use report::autopsy::Autopsy;
 use report::host::InterruptSection;
 use report::schema::{self, Report, RunLength};
-use report::sections::{gates, log_section, rejected, verdict};
+use report::sections::{log_section, rejected};
 use report::tally::deadlines::LateStretch;
 use report::tally::distribution::buckets;
 use report::tally::series::Series;
+use report::verdict::{gates, verdict};
 use report::words::{Evidence, Words};
 
 impl Recorder<'_> {
@@ -53,11 +54,11 @@ impl Recorder<'_> {
         let series = self.tally.series.statistics();
         let theorem = self.tally.theorem.section();
         let lost_messages = self.tally.lost().iter().sum();
-        let gates = gates(&self.settings.gates_asked(), &ticks, &deadlines, &series, &theorem, lost_messages, ending);
         let lost = TOPICS.iter().zip(self.tally.lost()).map(|(topic, lost)| ((*topic).to_owned(), lost)).collect();
         let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
         let started = utc(UNIX_EPOCH + Duration::from_nanos(run.t0_wall_ns));
         let steal = self.cpu_times.steal_until(&CpuTimes::read(self.watch.processor));
+        let roles = self.crew.sections();
         let performance = schema::ControlPerformance { ticks_without_state, ..self.tally.flight() };
         let section = schema::RunSection {
             run_id: run.run_id,
@@ -80,11 +81,16 @@ impl Recorder<'_> {
             deadlines: &deadlines,
             performance: &performance,
             theorem: &theorem,
-            steal_percent: steal.percent,
+            series: &series,
+            roles: &roles,
+            steal: &steal,
+            lost: lost_messages,
         };
+        let words = Words::of(&evidence, &self.settings.tracking_limits());
+        let gates = gates(&self.settings.gates_asked(), &evidence);
         Ok(Report {
             schema: schema::SCHEMA.into(),
-            words: Words::of(&evidence, &self.settings.tracking_limits()),
+            words,
             run: section,
             verdict: verdict(gates, lost_messages, ending),
             ticks,
@@ -94,7 +100,7 @@ impl Recorder<'_> {
             theorem,
             swaps: self.tally.swaps.clone(),
             series,
-            roles: self.crew.sections(),
+            roles,
             recorder: schema::RecorderSection {
                 lost,
                 rejected: rejected(&ports.rejections()),

@@ -3,12 +3,14 @@
 //! They are judged apart from each other and from the gates: a flight in lockstep can track and has no timing, one
 //! that is late can still track. Each comes with the numbers that it follows from.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::host::STEAL_LIMIT_PERCENT;
-use crate::schema::{ControlPerformance, DeadlineSection, RunSection, Ticks};
+use crate::host::{STEAL_LIMIT_PERCENT, Steal};
+use crate::schema::{ControlPerformance, DeadlineSection, RoleSection, RunSection, Ticks};
+use crate::tally::series::Statistics;
 use crate::tally::theorem::Theorem;
 use model::boards::Ending;
 
@@ -82,7 +84,7 @@ pub struct Words {
     pub theorem: Reasoned<TheoremWord>,
 }
 
-/// What the words follow from.
+/// What the words, and the gates, follow from.
 #[derive(Clone, Copy, Debug)]
 pub struct Evidence<'a> {
     /// What was flown.
@@ -97,15 +99,21 @@ pub struct Evidence<'a> {
     pub performance: &'a ControlPerformance,
     /// The theorem, watched.
     pub theorem: &'a Theorem,
-    /// What the host took of the loops' processor [%].
-    pub steal_percent: f64,
+    /// Its latencies.
+    pub series: &'a [Statistics],
+    /// The processes.
+    pub roles: &'a BTreeMap<String, RoleSection>,
+    /// What the host took of the loops' processor.
+    pub steal: &'a Steal,
+    /// Messages that were lost before they were seen.
+    pub lost: u64,
 }
 
 impl Words {
     /// The words of a flight.
     #[must_use]
     pub fn of(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Self {
-        Self { flight: flight(evidence, limits), timing: timing(evidence), theorem: theorem(evidence.theorem) }
+        Self { flight: flight(evidence, limits), timing: timing(evidence), theorem: theorem_word(evidence.theorem) }
     }
 }
 
@@ -122,13 +130,13 @@ fn flight(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Reasoned<FlightWo
         let (error, limit) = (performance.recent_error_max_m, limits.error_max_m);
         let word = if error <= limit { FlightWord::Tracked } else { FlightWord::OffTrack };
         let recent_s = performance.recent_s;
-        (word, format!("at most {error:.4} m from the reference in the last {recent_s:.0} s, allowed are {limit} m"))
+        (word, format!("at most {error:.4} m from the reference in the last {recent_s:.1} s, allowed are {limit} m"))
     };
     Reasoned { word, why }
 }
 
 fn timing(evidence: &Evidence<'_>) -> Reasoned<TimingWord> {
-    let Evidence { run, ticks, deadlines, steal_percent, .. } = evidence;
+    let Evidence { run, ticks, deadlines, steal, .. } = evidence;
     let all = ticks.run + ticks.skipped;
     let counts = format!(
         "{} of {all} deadlines missed ({:.1} per million), {} ticks skipped",
@@ -139,8 +147,9 @@ fn timing(evidence: &Evidence<'_>) -> Reasoned<TimingWord> {
         (TimingWord::NotMeasured, "in lockstep there are no deadlines".into())
     } else if slow > 1.0 {
         (TimingWord::NotMeasured, format!("slowed {slow:.0} times: latencies of a slow clock"))
-    } else if *steal_percent > STEAL_LIMIT_PERCENT {
-        (TimingWord::NotMeasured, format!("the host stole {steal_percent:.1} % of the loops' processor; {counts}"))
+    } else if steal.percent > STEAL_LIMIT_PERCENT {
+        let stolen = format!("the host stole {:.1} % of {}", steal.percent, steal.processors());
+        (TimingWord::NotMeasured, format!("{stolen}; {counts}"))
     } else if all == 0 {
         (TimingWord::NotMeasured, "no tick was flown".into())
     } else if deadlines.missed > 0 || ticks.skipped > 0 {
@@ -151,12 +160,14 @@ fn timing(evidence: &Evidence<'_>) -> Reasoned<TimingWord> {
     Reasoned { word, why }
 }
 
-fn theorem(theorem: &Theorem) -> Reasoned<TheoremWord> {
+/// Whether the theorem holds.
+#[must_use]
+pub fn theorem_word(theorem: &Theorem) -> Reasoned<TheoremWord> {
     let unexplained = theorem.unexplained();
     let counts = format!("{} steps checked, {unexplained} unexplained", theorem.ticks_checked);
     let (word, why) = if theorem.ticks_checked == 0 {
         (TheoremWord::NotApplicable, "no step of the estimates was checked".into())
-    } else if theorem.steps_adapted == 0 {
+    } else if theorem.holds && theorem.steps_adapted == 0 {
         (TheoremWord::NotApplicable, "no estimate moved: adaptation is off, or its bounds pin it".into())
     } else if theorem.holds {
         (TheoremWord::Holds, counts)
@@ -231,5 +242,62 @@ impl fmt::Display for Words {
             writeln!(f, "{subject:<9} {word:<14} {why}")?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod sample;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::words::sample::Sample;
+
+    const LIMITS: TrackingLimits = TrackingLimits { error_max_m: 0.1, ground_z_m: -0.25 };
+
+    /// The words of a good flight that was changed.
+    fn words(change: impl FnOnce(&mut Sample)) -> [&'static str; 3] {
+        let mut sample = Sample::good();
+        change(&mut sample);
+        Words::of(&sample.evidence(), &LIMITS).each().map(|(_, word, _)| word)
+    }
+
+    #[test]
+    fn a_good_flight_tracks_in_time_and_the_theorem_holds() {
+        assert_eq!(words(|_| ()), ["tracked", "in time", "holds"]);
+    }
+
+    #[test]
+    fn a_flight_is_tracked_by_its_end_and_lost_by_the_ground_or_its_envelope() {
+        let flight = |change: fn(&mut Sample)| words(change)[0];
+        assert_eq!(flight(|it| it.performance.recent_error_max_m = 0.1), "tracked");
+        assert_eq!(flight(|it| it.performance.recent_error_max_m = 0.1001), "off track");
+        assert_eq!(flight(|it| it.performance.position_error_max_m = 3.0), "tracked");
+        assert_eq!(flight(|it| it.performance.lowest_z_m = -0.25), "tracked");
+        assert_eq!(flight(|it| it.performance.lowest_z_m = -0.26), "lost");
+        assert_eq!(flight(|it| it.ending = Some(Ending::Position)), "lost");
+        assert_eq!(flight(|it| it.performance.states = 0), "not seen");
+    }
+
+    #[test]
+    fn one_miss_or_skip_is_late_and_what_measures_nothing_is_not_in_time() {
+        let timing = |change: fn(&mut Sample)| words(change)[1];
+        assert_eq!(timing(|it| it.deadlines.missed = 1), "late");
+        assert_eq!(timing(|it| it.ticks.skipped = 1), "late");
+        assert_eq!(timing(|it| it.run.wall_period_us = 0.0), "not measured");
+        assert_eq!(timing(|it| it.run.wall_period_us = 5000.0), "not measured");
+        assert_eq!(timing(|it| it.steal.percent = 1.0), "in time");
+        assert_eq!(timing(|it| it.steal.percent = 1.01), "not measured");
+        assert_eq!(timing(|it| it.ticks.run = 0), "not measured");
+    }
+
+    #[test]
+    fn estimates_that_should_move_and_do_not_break_the_theorem_and_pinned_ones_have_none() {
+        let theorem = |change: fn(&mut Sample)| words(change)[2];
+        assert_eq!(theorem(|it| it.theorem.ticks_checked = 0), "not applicable");
+        assert_eq!(theorem(|it| it.theorem.steps_adapted = 0), "not applicable");
+        assert_eq!(theorem(|it| it.theorem.holds = false), "broken");
+        let lifeless = |it: &mut Sample| (it.theorem.steps_adapted, it.theorem.holds) = (0, false);
+        assert_eq!(theorem(lifeless), "broken");
     }
 }
