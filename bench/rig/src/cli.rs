@@ -206,6 +206,9 @@ pub struct FlyArgs {
     /// Right after the flight, measure each of the machine's floors for this long, for the report [example: 11s].
     #[arg(long, value_name = "DURATION", allow_hyphen_values = true, value_parser = values::duration)]
     pub floor: Option<Duration>,
+    /// Open the flight's page in a browser when it has ended: the one that BROWSER names, or the system's.
+    #[arg(long)]
+    pub open: bool,
     /// Print the full commented settings that would be flown, and end.
     #[arg(long)]
     pub print_config: bool,

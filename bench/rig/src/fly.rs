@@ -15,6 +15,7 @@ use wire::instance::{Instance, Lock};
 
 use crate::cli::FlyArgs;
 use crate::floor::beside;
+use crate::open_page::open_page;
 use crate::output::{print, say};
 use crate::run_directory::RunDirectory;
 use crate::settings::Settings;
@@ -90,7 +91,11 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     print(&(text::result_line(&report, &directory.path.display().to_string()) + "\n"))?;
     // What the flight found weighs more than what became of the rest.
     written.map_err(|failure| failure.or_code(exit_code))?;
-    unmeasured.map_or(Ok(exit_code), |failure| Err(failure.or_code(exit_code)))
+    unmeasured.map_or(Ok(()), |failure| Err(failure.or_code(exit_code)))?;
+    if args.open {
+        open_page(&directory.path).map_err(|failure| failure.or_code(exit_code))?;
+    }
+    Ok(exit_code)
 }
 
 fn start_and_watch(

@@ -6,6 +6,7 @@ use std::path::Path;
 use serde_json::{Number, Value};
 
 use crate::cli::{Format, ReportArgs, ReportCommand};
+use crate::open_page::open_page;
 use crate::output::print;
 use crate::record::hlog;
 use crate::run_directory::find;
@@ -25,6 +26,10 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
         return crate::report_diff::diff(args);
     }
     let directory = find(&args.run, args.out.as_deref())?;
+    if args.open {
+        open_page(&directory)?;
+        return Ok(OK);
+    }
     let mut report = read(&directory)?;
     if report.run.in_flight && !hlog::lives(&directory) {
         // It may have said its last word meanwhile.

@@ -68,8 +68,8 @@ pub struct Opinion {
     pub class: Class,
     /// The stage that it was due to, where it was due to one.
     pub stage: Option<Role>,
-    /// From when a stage was due to its next sign of life [ns]; 0 where no stage is known.
-    pub delay_ns: u64,
+    /// When the late stage was due, and its next sign of life [ns]; none where no stage was later than usual.
+    pub span_ns: Option<(u64, u64)>,
     /// The evidence in words.
     pub evidence: String,
 }
@@ -83,7 +83,7 @@ pub fn classify(scene: &Scene<'_>) -> Opinion {
     let unknown = |evidence: &str| Opinion {
         class: Class::CannotTell,
         stage: None,
-        delay_ns: 0,
+        span_ns: None,
         evidence: evidence.into(),
     };
     if scene.messages_lost() {
@@ -105,8 +105,8 @@ pub fn classify(scene: &Scene<'_>) -> Opinion {
     }
     let (class, why) = explain(scene, worst);
     let stage = class.is_of_a_stage().then_some(worst.stage);
-    let delay_ns = worst.to_ns - worst.from_ns;
-    Opinion { class, stage, delay_ns, evidence: format!("{}; {why}", worst.words()) }
+    let span_ns = Some((worst.from_ns, worst.to_ns));
+    Opinion { class, stage, span_ns, evidence: format!("{}; {why}", worst.words()) }
 }
 
 /// The class of the delay that an outage began with, with its evidence.

@@ -77,6 +77,8 @@ pub struct Case {
     pub missed: u64,
     /// From the instant when the late stage was due to its next sign of life [us]; 0 where no stage is known.
     pub delay_us: f64,
+    /// That instant, from the begin of the first tick on [us].
+    pub due_us: f64,
     /// Why.
     pub class: Class,
     /// The stage that it was due to.
@@ -419,7 +421,8 @@ impl Autopsy {
             time_s: (begin_ns - self.grid.t0_ns) as f64 / 1e9,
             ticks: outage.last - outage.first + 1,
             missed: outage.missed,
-            delay_us: opinion.delay_ns as f64 / 1e3,
+            delay_us: opinion.span_ns.map_or(0.0, |(due_ns, seen_ns)| (seen_ns - due_ns) as f64 / 1e3),
+            due_us: opinion.span_ns.map_or(0.0, |(due_ns, _)| from_begin_us(due_ns)),
             class: opinion.class,
             stage: opinion.stage.map(|stage| stage.name().into()),
             evidence: opinion.evidence,

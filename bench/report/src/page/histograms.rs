@@ -7,7 +7,7 @@ use crate::page::timing::{BUSY, COMPUTE, HOPS, PERIODS, WAKES};
 use crate::plot::lanes::{LANE, Lane, Mark};
 use crate::plot::scale::Scale;
 use crate::plot::{Axis, Chart, HEIGHT, Layer};
-use crate::schema::Report;
+use crate::schema::{Report, RunLength};
 use crate::tally::distribution::{Bin, Distribution};
 
 /// Where the axis of a difference becomes logarithmic [us].
@@ -36,6 +36,9 @@ pub fn section(report: &Report) -> Markup {
                 @if !all.is_empty() {
                     @let keys: Vec<Key<'_>> = all.iter().map(|(class, series)| (*class, series.name.as_str())).collect();
                     (chart(name, title, &keys, &picture(report, title, label, &all, value)))
+                }
+                @if name == "histogram-deadline" && !report.deadlines.runs.is_empty() {
+                    (chart("miss-runs", "Deadlines missed in a row", &[], &miss_runs(report)))
                 }
             }
         }
@@ -87,11 +90,29 @@ fn picture(report: &Report, title: &str, label: &str, all: &[(&'static str, &Dis
     Chart {
         title: format!("histogram: {title}"),
         x: Axis::new(value.scale(edges), label),
-        // The foot is below 1, so that one value is seen.
-        y: Axis::new(Scale::Log { low: 0.6, high: (most * 1.6).max(12.0) }, "count"),
+        y: counts(most),
         height: HEIGHT + LANE * lanes.len() as f64,
         lanes,
         layers: bins.into_iter().map(|(class, bins)| steps(class, &bins)).chain(value.zero()).collect(),
+    }
+}
+
+/// The axis of counts up to `most`: its foot is below 1, so that a single value is seen.
+fn counts(most: f64) -> Axis {
+    Axis::new(Scale::Log { low: 0.6, high: (most * 1.6).max(12.0) }, "count")
+}
+
+fn miss_runs(report: &Report) -> Chart {
+    let runs = &report.deadlines.runs;
+    let bin = |run: &RunLength| (run.length_ticks as f64 - 0.5, run.length_ticks as f64 + 0.5, run.count as f64);
+    let bins: Vec<(f64, f64, f64)> = runs.iter().map(bin).collect();
+    Chart {
+        title: "histogram: deadlines missed in a row".into(),
+        x: Axis::new(Scale::log(bins.iter().flat_map(|(from, below, _)| [*from, *below])), "ticks in a row"),
+        y: counts(bins.iter().map(|bin| bin.2).fold(1.0, f64::max)),
+        lanes: Vec::new(),
+        layers: vec![Layer::Steps { class: "late", bins }],
+        height: HEIGHT,
     }
 }
 

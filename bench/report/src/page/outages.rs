@@ -30,8 +30,9 @@ pub fn section(report: &Report) -> Markup {
         p.marks {
             span.key.block.plant { "worked: from waking to sending" } " "
             span.key.block.stale.plant { "without the input of its tick" } " "
-            span.key.plant { "could have: its input was there, or its tick had begun" } " "
-            span.key.block.band.late { "its command missed the deadline \u{d7}" }
+            span.key.plant { "due, and not awake yet" } " "
+            span.key.late { "late, and the first" } " "
+            span.key.block.band.late { "its command missed the deadline" }
         }
         div.plots {
             @for (i, case) in autopsy.worst.iter().enumerate() { (picture(i + 1, case, tick_us)) }
@@ -127,5 +128,7 @@ fn row(case: &Case, stage: usize, begin_us: impl Fn(u64) -> f64) -> Row {
         let word = format!("{name} in tick {}: {wake_us:.0} to {send_us:.0} us{input}", tick.tick);
         Some(Work { due, from: *wake_us, to: *send_us, is_stale: !is_fresh, word })
     });
-    Row { label: name.into(), class: name, stands_out: case.stage.as_deref() == Some(name), work: work.collect() }
+    let stands_out = case.stage.as_deref() == Some(name);
+    let late = (stands_out && case.delay_us > 0.0).then_some((case.due_us, case.due_us + case.delay_us));
+    Row { label: name.into(), class: name, stands_out, late, work: work.collect() }
 }

@@ -11,13 +11,14 @@ use crate::words::{FlightWord, TheoremWord, TimingWord, Words};
 /// What was flown, the three words, key numbers.
 pub fn head(report: &Report) -> Markup {
     let run = &report.run;
-    let status = &report.verdict.status;
-    let passed = status == "PASS";
+    let verdict = &report.verdict;
+    let failed = verdict.status != "PASS" && !run.in_flight;
+    let held = verdict.gates.iter().filter(|gate| gate.held).count();
     html! {
         header {
             h1 {
                 (run.trajectory) " with gains " (run.preset) " "
-                span.verdict.good[passed].bad[!passed && !run.in_flight] { (status) }
+                span.verdict.bad[failed] { (verdict.status) ", " (held) " of " (verdict.gates.len()) " gates" }
             }
             (words(report))
             @for sentence in losses::sentences(report) { p.bad { (sentence) } }
@@ -101,7 +102,9 @@ fn tiles(report: &Report) -> Markup {
                 }
             }
             @if let Some(wake) = series("wake.plant") { (tile("wake p99", us(wake.p99_us), "us")) }
-            (tile("deadlines missed", missed.missed.to_string(), &format!("{:.1} ppm", missed.missed_ppm)))
+            @if report.run.wall_period_us > 0.0 {
+                (tile("deadlines missed", missed.missed.to_string(), &format!("{:.1} ppm", missed.missed_ppm)))
+            }
             (tile("ticks flown", report.ticks.run.to_string(), ""))
             (tile("ticks skipped", report.ticks.skipped.to_string(), ""))
             (tile("position error rms", format!("{:.3}", report.flight.position_error_rms_m * 1e3), "mm"))

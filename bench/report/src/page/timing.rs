@@ -210,6 +210,9 @@ fn curve(report: &Report, title: &str, keys: &[Key<'static>]) -> Chart {
 fn misses(report: &Report) -> Markup {
     let deadlines = &report.deadlines;
     let ticks = |number: u64| count(number, "tick");
+    if report.run.wall_period_us == 0.0 {
+        return html! { p { "In lockstep there are no deadlines." } };
+    }
     html! {
         h3 { "Missed deadlines" }
         p {
@@ -217,15 +220,6 @@ fn misses(report: &Report) -> Markup {
             " per million ticks), " (deadlines.missed_by_stamps) " by the stamps of the commands."
         }
         @if !deadlines.stretches.is_empty() {
-            div.plots {
-                @let runs: Vec<Bar> = deadlines.runs.iter().map(|run| {
-                    let (label, to) = (ticks(run.length_ticks), run.count as f64);
-                    Bar { label, class: "late", from: 0.0, to, number: run.count.to_string() }
-                }).collect();
-                @if !runs.is_empty() {
-                    (figure("miss-runs", "How many in a row", &[], bars("runs of missed deadlines", "runs", &runs)))
-                }
-            }
             details {
                 summary { "Late commands, one by one" }
                 (table(&["at", "tick", "length", "largest lateness [us]"], deadlines.stretches.iter().map(|stretch| {

@@ -28,6 +28,8 @@ pub struct Row {
     pub class: &'static str,
     /// Whether its name stands out.
     pub stands_out: bool,
+    /// From when on, and until when it was late.
+    pub late: Option<(f64, f64)>,
     /// Its work, in order.
     pub work: Vec<Work>,
 }
@@ -71,7 +73,7 @@ const HALF: f64 = 3.5;
 /// Space above the first row [pixels].
 const ABOVE: f64 = 4.0;
 /// Space between two windows [pixels].
-const GAP: f64 = 22.0;
+const GAP: f64 = 36.0;
 /// Space to the right of the rows, for half a number [pixels].
 const RIGHT: f64 = 14.0;
 
@@ -93,8 +95,8 @@ impl Gantt {
                     @for begin in &self.begins {
                         @let x = self.at(begin.at);
                         line x1=(x) x2=(x) y1=(ABOVE) y2=(foot) {}
-                        text.below x=(x) y=(foot + 15.0) { (begin.label) }
                     }
+                    @for (x, label) in self.labels() { text.below x=(x) y=(foot + 15.0) { (label) } }
                     text.of-x x=(right) y=(foot + BELOW - 5.0) { (self.label) }
                 }
                 @for (i, row) in self.rows.iter().enumerate() { (self.row(row, ABOVE + ROW * (i as f64 + 0.5))) }
@@ -114,6 +116,9 @@ impl Gantt {
     fn row(&self, row: &Row, y: f64) -> Markup {
         html! {
             text.left.strong[row.stands_out] x=(self.left() - 5.0) y=(y + HALF_CAPITAL) { (row.label) }
+            @if let Some((from, to)) = row.late {
+                path.late-stage.late d=(format!("M{} {y}H{}", self.at(from), self.at(to))) {}
+            }
             g.(row.class) {
                 @for work in &row.work {
                     @let (from, to) = (self.at(work.from), self.at(work.to));
@@ -125,6 +130,20 @@ impl Gantt {
                 }
             }
         }
+    }
+
+    /// Places of the names of begins: those that have the room.
+    fn labels(&self) -> Vec<(f64, &str)> {
+        let mut shown = Vec::new();
+        let mut free_from = 0.0;
+        for begin in &self.begins {
+            let (x, half) = (self.at(begin.at), CHARACTER * begin.label.chars().count() as f64 / 2.0);
+            if x - half >= free_from && x + half <= WIDTH {
+                shown.push((x, begin.label.as_str()));
+                free_from = x + half;
+            }
+        }
+        shown
     }
 
     fn left(&self) -> f64 {
@@ -160,6 +179,21 @@ fn cross(x: f64, y: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_of_begins_are_left_out_where_they_have_no_room() {
+        let begin = |i: i32| Begin { at: f64::from(i), label: format!("+{}", 98_000 + i) };
+        let gantt = Gantt {
+            title: String::new(),
+            label: String::new(),
+            windows: vec![(0.0, 10.0)],
+            begins: (0..=10).map(begin).collect(),
+            missed: Vec::new(),
+            rows: Vec::new(),
+        };
+        let shown: Vec<&str> = gantt.labels().into_iter().map(|(_, label)| label).collect();
+        assert_eq!(shown, ["+98000", "+98002", "+98004", "+98006", "+98008"]);
+    }
 
     #[test]
     fn instants_between_two_windows_stand_between_them() {

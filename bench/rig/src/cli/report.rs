@@ -17,6 +17,9 @@ pub struct ReportArgs {
     /// How to print it.
     #[arg(long, value_enum, default_value_t = Format::Text)]
     pub format: Format,
+    /// Open the flight's page in a browser instead: the one that BROWSER names, or the system's.
+    #[arg(long, conflicts_with = "format")]
+    pub open: bool,
     /// Directory in which `latest` is looked up [default: runs].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
