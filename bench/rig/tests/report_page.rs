@@ -114,7 +114,8 @@ fn bad_day(directory: &Path) -> Report {
     deadlines.stretches = (1..=4).map(stretch).collect();
     deadlines.runs = vec![RunLength { length_ticks: 1, count: 3 }, RunLength { length_ticks: 400, count: 12_345 }];
     let outages = ClassCount { class: Class::StoppedOrDead, stage: Some("inner".into()), outages: 2, missed: 401 };
-    report.autopsy = Section { classes: vec![outages], pending: 3, worst: vec![outage(1_234_567, 98_765), outage(70, 2)] };
+    report.autopsy =
+        Section { classes: vec![outages], pending: 3, worst: vec![outage(1_234_567, 98_765), outage(70, 2)] };
     report
 }
 
@@ -128,8 +129,10 @@ fn outage(tick: u64, ticks: u64) -> Case {
         let begin_us = (shown as f64 - tick as f64) * 2_000.0;
         let stage = |role: Role| TimelineStage {
             role: role.name().into(),
-            wake_us: begin_us + if is_out && role == Role::Mixer { 1_800.0 } else { 50.0 + 30.0 * f64::from(role as u8) },
-            send_us: begin_us + if is_out && role == Role::Mixer { 2_100.0 } else { 70.0 + 30.0 * f64::from(role as u8) },
+            wake_us: begin_us
+                + if is_out && role == Role::Mixer { 1_800.0 } else { 50.0 + 30.0 * f64::from(role as u8) },
+            send_us: begin_us
+                + if is_out && role == Role::Mixer { 2_100.0 } else { 70.0 + 30.0 * f64::from(role as u8) },
             is_fresh: !is_out || role != Role::Mixer,
         };
         worked.map(stage).collect()
@@ -236,6 +239,14 @@ fn the_page_reads_out_what_the_pointer_is_at() {
     assert!((number_in(time, "time ", " s") - 0.5).abs() < 0.01, "{words:?}");
     assert!(reference.starts_with("reference ") && actual.starts_with("actual "), "{words:?}");
     assert!(swap.contains("swap at 0.500 s: gyro_noise_rad_s"), "{words:?}");
+    browser.show(&directory.join("report.html"), 400, "light", "screen");
+    pointed_at(&mut browser, "z", AT_SWAP);
+    let room = browser.evaluate(
+        "[document.querySelector('.readout'), document.querySelector('[data-plot=z]')]
+            .map((it) => it.getBoundingClientRect()).map((it) => [it.left, it.right])",
+    );
+    let side = |of: usize, side: usize| room[of][side].as_f64().unwrap();
+    assert!(side(1, 0) <= side(0, 0) && side(0, 1) <= side(1, 1), "the read-out leaves its figure: {room}");
     assert_eq!(browser.complaints(), Vec::<String>::new());
 }
 
@@ -337,7 +348,15 @@ fn the_look_finds_what_is_wrong() {
     browser.show(&page, 400, "light", "screen");
     let seen = browser.evaluate(LOOK);
     let faults = list(&seen["faults"]).join("\n");
-    for fault in ["leaves the page", "is cut in plot", "overlaps", "a line of plot is empty", "contrast", "the contents stand at", "nothing is at #nowhere"] {
+    for fault in [
+        "leaves the page",
+        "is cut in plot",
+        "overlaps",
+        "a line of plot is empty",
+        "contrast",
+        "the contents stand at",
+        "nothing is at #nowhere",
+    ] {
         assert!(faults.contains(fault), "no `{fault}` among\n{faults}");
     }
     let complaints = browser.complaints().join("\n");

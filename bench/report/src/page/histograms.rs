@@ -68,8 +68,11 @@ type Picture = (&'static str, &'static str, &'static [Key<'static>], &'static st
 
 fn period(report: &Report) -> Picture {
     let tick_us = report.run.wall_period_us;
-    let (label, value) =
-        if tick_us > 0.0 { ("less a tick [us]", Value::LessTick(tick_us)) } else { ("latency [us]", Value::Bare) };
+    let (label, value) = if tick_us > 0.0 {
+        ("difference from a tick [us]", Value::LessTick(tick_us))
+    } else {
+        ("latency [us]", Value::Bare)
+    };
     ("histogram-period", "Period: between two wake-ups", &PERIODS, label, value)
 }
 

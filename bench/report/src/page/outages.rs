@@ -28,10 +28,10 @@ pub fn section(report: &Report) -> Markup {
         @if autopsy.pending > 0 { p.note { (count(autopsy.pending, "missed deadline")) " not classed yet." } }
         h3 { (worst(autopsy.worst.len())) }
         p.marks {
-            span.key.block.plant { "worked: from waking to sending" } " "
-            span.key.block.stale.plant { "without the input of its tick" } " "
-            span.key.plant { "due, and not awake yet" } " "
-            span.key.late { "late, and the first" } " "
+            span.key.block.deadline { "worked: from waking to sending" } " "
+            span.key.block.stale.deadline { "without the input of its tick" } " "
+            span.key.deadline { "due, and not awake yet" } " "
+            span.key.late { "late first, until it was back" } " "
             span.key.block.band.late { "its command missed the deadline" }
         }
         div.plots {
@@ -60,7 +60,12 @@ fn picture(number: usize, case: &Case, tick_us: f64) -> Markup {
         count(case.missed, "deadline"),
         capital(&case.evidence)
     );
-    figure(&format!("outage-{number}"), &title, &[], html! { p.evidence { (facts) } (gantt(case, tick_us, title.clone()).svg()) })
+    figure(
+        &format!("outage-{number}"),
+        &title,
+        &[],
+        html! { p.evidence { (facts) } (gantt(case, tick_us, title.clone()).svg()) },
+    )
 }
 
 fn capital(sentence: &str) -> String {

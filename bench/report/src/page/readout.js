@@ -82,9 +82,11 @@
       }));
       // On the side where there is more room.
       const across = event.clientX - figure.getBoundingClientRect().left, isLeft = x < (left + right) / 2;
-      box.style.left = isLeft ? `${across + 14}px` : "";
-      box.style.right = isLeft ? "" : `${figure.clientWidth - across + 14}px`;
-      box.style.top = `${svg.offsetTop || room.top - figure.getBoundingClientRect().top + top / scale}px`;
+      const beyond = isLeft ? across : figure.clientWidth - across;
+      box.style.left = isLeft ? `${beyond + 14}px` : "";
+      box.style.right = isLeft ? "" : `${beyond + 14}px`;
+      box.style.maxWidth = `${figure.clientWidth - beyond - 20}px`;
+      box.style.top = `${room.top - figure.getBoundingClientRect().top + top / scale}px`;
     });
   }
 })();

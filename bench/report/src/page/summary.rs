@@ -91,6 +91,8 @@ fn tiles(report: &Report) -> Markup {
         html! { div { dt { (title) } dd { (value) " " span.unit { (unit) } } } }
     };
     let missed = &report.deadlines;
+    let error_m = report.flight.position_error_rms_m;
+    let (error, unit) = if error_m < 1.0 { (error_m * 1e3, "mm") } else { (error_m, "m") };
     html! {
         dl.tiles {
             @if let Some(whole) = series("loop") {
@@ -107,7 +109,7 @@ fn tiles(report: &Report) -> Markup {
             }
             (tile("ticks flown", report.ticks.run.to_string(), ""))
             (tile("ticks skipped", report.ticks.skipped.to_string(), ""))
-            (tile("position error rms", format!("{:.3}", report.flight.position_error_rms_m * 1e3), "mm"))
+            (tile("position error rms", format!("{error:.3}"), unit))
         }
     }
 }

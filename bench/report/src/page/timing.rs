@@ -119,11 +119,7 @@ fn curves(report: &Report) -> Markup {
             &[("loop", "loop"), ("floor", "raw futex ring"), ("slack", "slack"), ("late", "late")],
         ),
         ("curve-wake", "Wake-up against the grid", &WAKES_AND_FLOOR),
-        (
-            "curve-hop",
-            "Hops",
-            &HOPS,
-        ),
+        ("curve-hop", "Hops", &HOPS),
         ("curve-compute", "Computing", &COMPUTE),
         ("curve-busy", "Busy", &BUSY),
         ("curve-period", "Between two wake-ups", &PERIODS),

@@ -242,7 +242,10 @@ mod tests {
 
     #[test]
     fn a_short_symmetric_axis_shows_what_lies_between_decades() {
-        assert_eq!(labels(Scale::Symmetric { threshold: 10.0, low: -60.0, high: 70.0 }), ["-50", "-20", "0", "20", "50"]);
+        assert_eq!(
+            labels(Scale::Symmetric { threshold: 10.0, low: -60.0, high: 70.0 }),
+            ["-50", "-20", "0", "20", "50"]
+        );
         let long = Scale::Symmetric { threshold: 10.0, low: -1e3, high: 2e5 };
         assert_eq!(labels(long), ["-1000", "-100", "0", "100", "1000", "10000", "1e5"]);
     }

@@ -278,7 +278,10 @@ mod tests {
             let bins = Distribution::of("period", &histogram(values), about_ns).bins;
             assert_eq!(bins.iter().map(|bin| bin.count).sum::<u64>(), 20_000, "around {about_ns} ns");
             assert!(bins.iter().all(|bin| bin.from_us < bin.below_us), "{bins:?}");
-            assert!(bins.windows(2).all(|pair| pair[0].below_us == pair[1].from_us), "none of these is empty: {bins:?}");
+            assert!(
+                bins.windows(2).all(|pair| pair[0].below_us == pair[1].from_us),
+                "none of these is empty: {bins:?}"
+            );
         }
     }
 
