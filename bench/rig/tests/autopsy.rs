@@ -95,7 +95,9 @@ impl Made {
 
     fn class(&self) -> (Class, Option<Role>, String) {
         let stamps = self.traces.values().flatten().flatten().map(|passage| passage.send_ns);
-        let is_whole = |tick: &u64| self.traces.get(tick).is_some_and(|trace| trace.iter().all(Option::is_some));
+        let is_whole = |tick: &u64| {
+            self.traces.get(tick).is_some_and(|trace| trace.iter().all(|it| it.is_some_and(|it| it.is_fresh)))
+        };
         let last = (MISSED..WINDOW_TICKS).take_while(|tick| *tick == MISSED || !is_whole(tick)).last().unwrap();
         let scene = Scene {
             grid: GRID,
@@ -338,6 +340,29 @@ fn a_stage_that_was_stopped_or_has_ended_is_named() {
         made.samples[4].stages[Role::Inner as usize].life = Life::Stopped;
     };
     assert_class("upstream", upstream, Class::StoppedOrDead, Some(Role::Inner), "its process was stopped");
+    // An outage is due to what most of it is due to, not to what it began with.
+    let begun_by_another = |made: &mut Made| {
+        made.delays(MISSED, Role::Plant, 700);
+        made.delays(MISSED + 1, Role::Plant, 600);
+        made.silence_of(Role::Mixer, MISSED..MISSED + 20);
+        made.samples[4].stages[Role::Mixer as usize].life = Life::Stopped;
+    };
+    assert_class("begun", begun_by_another, Class::StoppedOrDead, Some(Role::Mixer), "its process was stopped");
+}
+
+#[test]
+fn an_outage_of_many_delays_is_due_to_whose_they_mostly_are() {
+    let slow = |made: &mut Made| {
+        for tick in MISSED..MISSED + 20 {
+            made.computes(tick, Role::Inner, if tick % 2 == 0 { 1_100 } else { 1_200 });
+            // Its output is of no use to the mixer, which waited until its cut-off and is in time.
+            let begin = GRID.begin_of(tick);
+            *made.stage(tick, Role::Mixer) =
+                Passage { receive_ns: begin + 860 * US, send_ns: begin + 865 * US, is_fresh: false };
+        }
+        made.delays(MISSED + 3, Role::Plant, 300);
+    };
+    assert_class("slow", slow, Class::ComputedLong, Some(Role::Inner), "in the longest of 20 delays");
 }
 
 #[test]
@@ -376,7 +401,8 @@ fn feed(autopsy: &mut Autopsy, traces: &BTreeMap<u64, TickPassages>, samples: &[
             let mut row = 0;
             // At the begin of each tick since its last state, the plant looks for the command of the tick before.
             for begun in judged + 1..=*tick {
-                let sent_ns = traces.get(&(begun - 1)).and_then(|trace| trace[Role::Mixer as usize]).map(|it| it.send_ns);
+                let sent_ns =
+                    traces.get(&(begun - 1)).and_then(|trace| trace[Role::Mixer as usize]).map(|it| it.send_ns);
                 row = if sent_ns.is_some_and(|ns| ns <= GRID.begin_of(begun)) { 0 } else { row + 1 };
                 missed += u64::from(row > 0);
             }
@@ -431,13 +457,16 @@ fn stopped(stage: Role, ticks: std::ops::Range<u64>, until: u64) -> BTreeMap<u64
             Some(Passage { receive_ns, send_ns: receive_ns + 5 * US, is_fresh })
         };
         let [plant, outer, inner, mixer] = good(tick);
-        traces.insert(tick, match stage {
-            // Without a state the outer loop publishes nothing, and the inner one what it held.
-            Role::Plant => [None, None, at_cut_off(Role::Inner, false), at_cut_off(Role::Mixer, true)],
-            Role::Outer => [plant, None, at_cut_off(Role::Inner, false), at_cut_off(Role::Mixer, true)],
-            Role::Inner => [plant, outer, None, at_cut_off(Role::Mixer, false)],
-            _ => [plant, outer, inner, mixer.filter(|_| false)],
-        });
+        traces.insert(
+            tick,
+            match stage {
+                // Without a state the outer loop publishes nothing, and the inner one what it held.
+                Role::Plant => [None, None, at_cut_off(Role::Inner, false), at_cut_off(Role::Mixer, true)],
+                Role::Outer => [plant, None, at_cut_off(Role::Inner, false), at_cut_off(Role::Mixer, true)],
+                Role::Inner => [plant, outer, None, at_cut_off(Role::Mixer, false)],
+                _ => [plant, outer, inner, mixer.filter(|_| false)],
+            },
+        );
     }
     traces
 }

@@ -1,10 +1,13 @@
 //! Why an outage came about: one class each, a pure function of the evidence.
 //!
-//! An outage begins with one stage of a tick that was late: it got the processor too late, computed for too long, or
-//! did not send what the next stage waited for. The culprit is the stage whose delay exceeds its usual delay by most
-//! in the first tick. The usual delay is the lower quartile of the ticks around. The class follows from the stage's
-//! counters, from its processor's, and from the other stages' signs of life, from when it was due to its next sign of
-//! life. A cause that nothing was seen of is not named: the class then is "the recorder cannot tell".
+//! An outage is a row of delays: a stage of a tick got the processor too late, computed for too long, or did not send
+//! what the next stage waited for; the next delay is looked for when that stage is back. In each such tick the culprit
+//! is the stage whose delay exceeds its usual delay by most; the usual delay is the lower quartile of the ticks around.
+//! The culprit of the outage is the one with most of the time. The class follows from the stage's counters, from its
+//! processor's, and from the other stages' signs of life in its longest delay, from when it was due to its next sign
+//! of life. A cause that nothing was seen of is not named: the class then is "the recorder cannot tell".
+
+use std::collections::BTreeMap;
 
 use model::role::{Role, STAGES};
 use serde::{Deserialize, Serialize};
@@ -68,7 +71,7 @@ pub struct Opinion {
     pub class: Class,
     /// The stage that it was due to, where it was due to one.
     pub stage: Option<Role>,
-    /// When the late stage was due, and its next sign of life [ns]; none where no stage was later than usual.
+    /// When the late stage was due, and its next sign of life [ns]; none where no stage is known.
     pub span_ns: Option<(u64, u64)>,
     /// The evidence in words.
     pub evidence: String,
@@ -80,36 +83,78 @@ const EXPLAINS_PERCENT: u64 = 50;
 /// Classes an outage.
 #[must_use]
 pub fn classify(scene: &Scene<'_>) -> Opinion {
-    let unknown = |evidence: &str| Opinion {
-        class: Class::CannotTell,
-        stage: None,
-        span_ns: None,
-        evidence: evidence.into(),
-    };
+    let unknown =
+        |evidence: &str| Opinion { class: Class::CannotTell, stage: None, span_ns: None, evidence: evidence.into() };
     if scene.messages_lost() {
         return unknown("the recorder lost messages around it");
     }
-    let suspects = scene.suspects(scene.outage.first);
+    let Some((suspect, times)) = longest(&delays(scene), scene.grid.period_ns) else {
+        return unknown("no stage was later than usual");
+    };
+    let Some(suspect) = suspect else {
+        return unknown("several stages were late, none of them by most of it");
+    };
+    let (class, why) = explain(scene, &suspect);
+    let stage = class.is_of_a_stage().then_some(suspect.stage);
+    let span_ns = Some((suspect.from_ns, suspect.to_ns));
+    let again = if times > 1 { format!(" in the longest of {times} delays") } else { String::new() };
+    Opinion { class, stage, span_ns, evidence: format!("{}{again}; {why}", suspect.words()) }
+}
+
+/// Delays of an outage that are looked at.
+const DELAYS: usize = 64;
+
+/// The delays of an outage, one after the other; nothing for a tick in which none of several was most of it.
+fn delays(scene: &Scene<'_>) -> Vec<Option<Suspect>> {
+    let (mut tick, mut delays) = (scene.outage.first, Vec::new());
+    while tick <= scene.outage.last && delays.len() < DELAYS {
+        let suspects = scene.suspects(tick);
+        tick += 1;
+        if suspects.is_empty() {
+            continue;
+        }
+        let worst = worst_of(&suspects);
+        if let Some(suspect) = worst {
+            tick = tick.max(scene.grid.tick_at(suspect.to_ns));
+        }
+        delays.push(worst);
+    }
+    delays
+}
+
+/// The stage whose delay is most of a tick's.
+fn worst_of(suspects: &[Suspect]) -> Option<Suspect> {
     let (inputs, own): (Vec<&Suspect>, Vec<&Suspect>) = suspects.iter().partition(|it| it.delay == Delay::Input);
     let share_ns = |suspect: &&&Suspect| suspect.share_ns;
     let worst = match (own.iter().max_by_key(share_ns), inputs.iter().max_by_key(share_ns)) {
         // A stage that was waited for is late with something, unless its message was not used.
         (Some(own), Some(input)) if own.share_ns * 100 < input.share_ns * EXPLAINS_PERCENT => input,
         (Some(own), _) => own,
-        (None, Some(input)) => input,
-        (None, None) => return unknown("no stage was later than usual"),
+        (None, input) => input?,
     };
     let all_ns: u64 = own.iter().map(|suspect| suspect.share_ns).sum();
-    if worst.share_ns * 100 < all_ns * EXPLAINS_PERCENT {
-        return unknown("several stages were late, none of them by most of it");
-    }
-    let (class, why) = explain(scene, worst);
-    let stage = class.is_of_a_stage().then_some(worst.stage);
-    let span_ns = Some((worst.from_ns, worst.to_ns));
-    Opinion { class, stage, span_ns, evidence: format!("{}; {why}", worst.words()) }
+    (worst.share_ns * 100 >= all_ns * EXPLAINS_PERCENT).then_some(**worst)
 }
 
-/// The class of the delay that an outage began with, with its evidence.
+/// The longest delay of the stage that most of the time is due to, with how many it had; nothing where there is no
+/// such stage, and nothing at all where there are no delays.
+fn longest(delays: &[Option<Suspect>], period_ns: u64) -> Option<(Option<Suspect>, usize)> {
+    let length_ns = |suspect: &Suspect| suspect.to_ns - suspect.from_ns;
+    let mut culprits = BTreeMap::<Role, Vec<Suspect>>::new();
+    for suspect in delays.iter().flatten() {
+        culprits.entry(suspect.stage).or_default().push(*suspect);
+    }
+    let time_ns = |delays: &Vec<Suspect>| delays.iter().map(length_ns).sum::<u64>();
+    let undecided_ns = delays.iter().filter(|delay| delay.is_none()).count() as u64 * period_ns;
+    let all_ns = undecided_ns + culprits.values().map(time_ns).sum::<u64>();
+    let Some(most) = culprits.values().max_by_key(|delays| time_ns(delays)) else {
+        return (!delays.is_empty()).then_some((None, 0));
+    };
+    let is_most = time_ns(most) * 100 >= all_ns * EXPLAINS_PERCENT;
+    Some((most.iter().copied().max_by_key(length_ns).filter(|_| is_most), most.len()))
+}
+
+/// The class of a delay, with its evidence.
 fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
     let usage = scene.usage(suspect);
     let explains = |ns: u64| ns > 0 && ns * 100 >= suspect.excess_ns * EXPLAINS_PERCENT;

@@ -31,7 +31,7 @@ pub fn section(report: &Report) -> Markup {
             span.key.block.deadline { "worked: from waking to sending" } " "
             span.key.block.stale.deadline { "without the input of its tick" } " "
             span.key.deadline { "due, and not awake yet" } " "
-            span.key.late { "late first, until it was back" } " "
+            span.key.late { "the delay that it is put down to" } " "
             span.key.block.band.late { "its command missed the deadline" }
         }
         div.plots {
