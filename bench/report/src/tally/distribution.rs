@@ -39,8 +39,9 @@ pub struct Distribution {
     /// Share of the values, and the value that this share does not exceed [us]. The largest of n values stands at
     /// 1 - 1/2n.
     pub curve: Vec<(f64, f64)>,
-    /// The histogram: every value is in one bin, and empty bins are left out. Bins are as fine as the histogram's three
-    /// digits allow around its middle, and [`BINS_PER_DECADE`] a decade far from it; there are at most 220.
+    /// The histogram: every value is in one bin, and empty bins are left out. Around 0, or around the length of a tick
+    /// where the series is a period, bins are as narrow as three digits allow; far from it there are
+    /// [`BINS_PER_DECADE`] a decade. There are at most 220.
     pub bins: Vec<Bin>,
 }
 
