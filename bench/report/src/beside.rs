@@ -43,7 +43,7 @@ impl SeriesFloor {
             series: series.into(),
             what: what.into(),
             statistics: Statistics::of(what, histogram),
-            distribution: Distribution::of(what, histogram),
+            distribution: Distribution::of(what, histogram, 0),
         }
     }
 }

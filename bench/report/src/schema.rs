@@ -20,7 +20,7 @@ use failure::{Failure, InFile as _};
 use flight_log::build::Build;
 
 /// Version of the schema: changed whenever a key changes its meaning or goes.
-pub const SCHEMA: &str = "ironbird-report/1";
+pub const SCHEMA: &str = "ironbird-report/2";
 
 /// A flight in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -183,6 +183,9 @@ pub struct FlyArgs {
     /// Also write the gates and the three words to this file, as JUnit XML for a CI server.
     #[arg(long, value_name = "FILE.xml")]
     pub junit: Option<PathBuf>,
+    /// Open the flight's page in a browser when it has ended: the one that BROWSER names, or the system's.
+    #[arg(long)]
+    pub open: bool,
     /// Print the full commented settings that would be flown, and end.
     #[arg(long)]
     pub print_config: bool,

@@ -15,6 +15,7 @@ use wire::instance::{Instance, Lock};
 
 use crate::cli::FlyArgs;
 use crate::floor::beside;
+use crate::open_page::open_page;
 use crate::output::{print, say};
 use crate::record::traced;
 use crate::run_directory::RunDirectory;
@@ -81,7 +82,8 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     print(&show_report::ended(&report, &directory.path))?;
     // What the flight found weighs more than what became of the rest.
     let rest = written.and(passed_on).and(unmeasured.map_or(Ok(()), Err));
-    rest.map(|()| exit_code).map_err(|failure| failure.or_code(exit_code))
+    let shown = rest.and_then(|()| if args.open { open_page(&directory.path) } else { Ok(()) });
+    shown.map(|()| exit_code).map_err(|failure| failure.or_code(exit_code))
 }
 
 /// Flies, up to the last report that the recorder has written.

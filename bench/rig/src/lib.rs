@@ -15,6 +15,7 @@ pub mod in_process;
 pub mod inject;
 pub mod limits;
 pub mod observe;
+pub mod open_page;
 pub mod output;
 pub mod params;
 pub mod record;

@@ -6,6 +6,7 @@ use std::path::Path;
 use serde_json::{Number, Value};
 
 use crate::cli::{Format, ReportArgs, ReportCommand};
+use crate::open_page::open_page;
 use crate::output::print;
 use crate::record::hlog;
 use crate::run_directory::find;
@@ -27,6 +28,10 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
     }
     check_writable("--junit", args.junit.as_deref())?;
     let found = find(&args.run, args.out.as_deref())?;
+    if args.open {
+        open_page(&found)?;
+        return Ok(OK);
+    }
     // `latest` leads elsewhere tomorrow.
     let directory = fs::read_link(&found).map_or_else(|_| found.clone(), |name| found.with_file_name(name));
     let mut report = read(&directory)?;

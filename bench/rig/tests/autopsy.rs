@@ -481,6 +481,9 @@ fn every_missed_deadline_is_in_one_outage() {
     assert_eq!(section.worst[0].class, Class::ProcessorStalled);
     // From the begin of the first tick to the plant's waking, 120 us after that of the third.
     assert!((section.worst[0].delay_us - 2_120.0).abs() < 1e-6, "{:?}", section.worst[0]);
+    let worked: Vec<_> = section.worst[0].timeline.iter().map(|tick| (tick.tick, tick.stages.len())).collect();
+    let expected = [(MISSED - 1, 4), (MISSED, 0), (MISSED + 1, 0), (MISSED + 2, 4), (MISSED + 3, 4)];
+    assert_eq!(worked, expected, "also the ticks in which nobody published");
     let text = section.text();
     let line = format!("tick {MISSED} (0.032 s): 2 ticks, 2 missed, 2120 us: processor stalled (");
     assert!(text.contains(&line), "{text}");
@@ -531,6 +534,16 @@ fn a_stop_of_any_length_is_one_outage_with_all_its_ticks() {
         let section = autopsy.section();
         let [case] = &section.worst[..] else { panic!("{stage} for {ticks} ticks: {}", section.text()) };
         assert_eq!((case.tick, case.ticks, case.missed), (first, ticks, missed), "{stage}: {}", section.text());
+        let shown: Vec<u64> = case.timeline.iter().map(|tick| tick.tick).collect();
+        let ends = [first - 1, first, first + 1, first + 2, last - 1, last, last + 1, last + 2];
+        assert_eq!(shown, ends, "both ends of the outage, and nothing of what lies between");
+        let begin = |ns: u64| ns as f64 / 1e3 - GRID.begin_of(first) as f64 / 1e3;
+        if stage == Role::Mixer && ticks > 10 {
+            let inner = good(first)[Role::Inner as usize].unwrap();
+            assert_eq!(case.due_us, begin(inner.send_ns), "the mixer was due when the inner loop had sent");
+            let back = good(last + 1)[Role::Mixer as usize].unwrap();
+            assert!((case.due_us + case.delay_us - begin(back.receive_ns)).abs() < 1.0, "{case:?}");
+        }
         // The mixer goes on without anybody else, and then no deadline is missed.
         assert_eq!(missed, if stage == Role::Mixer { ticks } else { 0 }, "{stage}");
         let is_stopped = (case.class, case.stage.as_deref()) == (Class::StoppedOrDead, Some(stage.name()));

@@ -72,8 +72,8 @@ pub struct Opinion {
     pub class: Class,
     /// The stage that it was due to, where it was due to one.
     pub stage: Option<Role>,
-    /// From when a stage was due to its next sign of life [ns]; 0 where no stage is known.
-    pub delay_ns: u64,
+    /// When the late stage was due, and its next sign of life [ns]; none where no stage is known.
+    pub span_ns: Option<(u64, u64)>,
     /// The evidence in words.
     pub evidence: String,
     /// Who had the loops' processor in the delay, the longest first; empty without a trace.
@@ -89,7 +89,7 @@ pub fn classify(scene: &Scene<'_>) -> Opinion {
     let unknown = |evidence: &str| Opinion {
         class: Class::CannotTell,
         stage: None,
-        delay_ns: 0,
+        span_ns: None,
         evidence: evidence.into(),
         ran: Vec::new(),
     };
@@ -104,7 +104,7 @@ pub fn classify(scene: &Scene<'_>) -> Opinion {
     };
     let (class, why) = explain(scene, &suspect);
     let stage = class.is_of_a_stage().then_some(suspect.stage);
-    let delay_ns = suspect.to_ns - suspect.from_ns;
+    let span_ns = Some((suspect.from_ns, suspect.to_ns));
     let again = if times > 1 { format!(" in the longest of {times} delays") } else { String::new() };
     let ran: Vec<RunnerTime> = scene
         .ran(&suspect)
@@ -116,7 +116,7 @@ pub fn classify(scene: &Scene<'_>) -> Opinion {
     let longest: Vec<String> =
         ran.iter().take(RUNNERS_IN_WORDS).map(|it| format!("{} {:.0} us", it.who, it.us)).collect();
     let meanwhile = if longest.is_empty() { String::new() } else { format!("; there ran {}", longest.join(", ")) };
-    Opinion { class, stage, delay_ns, evidence: format!("{}{again}; {why}{meanwhile}", suspect.words()), ran }
+    Opinion { class, stage, span_ns, evidence: format!("{}{again}; {why}{meanwhile}", suspect.words()), ran }
 }
 
 /// Who is told of, of those that ran in a delay.

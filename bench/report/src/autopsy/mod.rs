@@ -36,7 +36,8 @@ pub const AROUND_TICKS: u64 = 32;
 const LONGEST_TICKS: u64 = 60_000;
 /// Outages of which the report shows the timeline.
 const WORST: usize = 10;
-/// Ticks before and after the begin of an outage in its timeline.
+/// Ticks before and after the first tick of an outage, and its last one, in its timeline: what lies between two such
+/// ends of a long one is all alike.
 const TIMELINE: (u64, u64) = (1, 2);
 /// Samples that are kept beyond those of the ticks [ns].
 const SAMPLES_BEYOND_NS: u64 = 200_000_000;
@@ -78,6 +79,8 @@ pub struct Case {
     pub missed: u64,
     /// From the instant when the late stage was due to its next sign of life [us]; 0 where no stage is known.
     pub delay_us: f64,
+    /// That instant, from the begin of the first tick on [us].
+    pub due_us: f64,
     /// Why.
     pub class: Class,
     /// The stage that it was due to.
@@ -87,7 +90,7 @@ pub struct Case {
     /// Who had the loops' processor in the delay, the longest first; empty without a trace.
     #[serde(default)]
     pub ran: Vec<RunnerTime>,
-    /// What the stages did around its begin.
+    /// What the stages did around its first tick and its last one; ticks between these are left out.
     pub timeline: Vec<TimelineTick>,
 }
 
@@ -426,23 +429,28 @@ impl Autopsy {
     fn case(&self, outage: Outage, opinion: Opinion) -> Case {
         let begin_ns = self.grid.begin_of(outage.first);
         let from_begin_us = |ns: u64| (ns as f64 - begin_ns as f64) / 1e3;
-        let around = outage.first.saturating_sub(TIMELINE.0)..=outage.first + TIMELINE.1;
+        let around = |tick: u64| tick.saturating_sub(TIMELINE.0)..=tick + TIMELINE.1;
+        let shown: BTreeSet<u64> = around(outage.first).chain(around(outage.last)).collect();
         let stage_of = |(role, passage): (Role, Passage)| TimelineStage {
             role: role.name().into(),
             wake_us: from_begin_us(passage.receive_ns),
             send_us: from_begin_us(passage.send_ns),
             is_fresh: passage.is_fresh,
         };
-        let timeline = self.traces.range(around).map(|(tick, trace)| TimelineTick {
-            tick: *tick,
-            stages: STAGES.into_iter().zip(trace).filter_map(|(role, it)| Some(stage_of((role, (*it)?)))).collect(),
-        });
+        let stages_of = |trace: &TickPassages| -> Vec<TimelineStage> {
+            STAGES.into_iter().zip(trace).filter_map(|(role, it)| Some(stage_of((role, (*it)?)))).collect()
+        };
+        let seen = self.newest().max(outage.last);
+        let timeline = shown
+            .range(..=seen)
+            .map(|tick| TimelineTick { tick: *tick, stages: self.traces.get(tick).map(stages_of).unwrap_or_default() });
         Case {
             tick: outage.first,
             time_s: (begin_ns - self.grid.t0_ns) as f64 / 1e9,
             ticks: outage.last - outage.first + 1,
             missed: outage.missed,
-            delay_us: opinion.delay_ns as f64 / 1e3,
+            delay_us: opinion.span_ns.map_or(0.0, |(due_ns, seen_ns)| (seen_ns - due_ns) as f64 / 1e3),
+            due_us: opinion.span_ns.map_or(0.0, |(due_ns, _)| from_begin_us(due_ns)),
             class: opinion.class,
             stage: opinion.stage.map(|stage| stage.name().into()),
             evidence: opinion.evidence,

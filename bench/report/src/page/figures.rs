@@ -166,6 +166,7 @@ impl<'a> Figures<'a> {
         let mut chart = Chart {
             title: format!("path in the plane of {} and {}", AXES[across], AXES[up]),
             height: PATH_HEIGHT,
+            lanes: Vec::new(),
             x: Axis::new(x, format!("{} [m]", AXES[across])),
             y: Axis::new(y, format!("{} [m]", AXES[up])),
             layers: vec![
@@ -224,6 +225,7 @@ impl<'a> Figures<'a> {
             title: format!("{label} over time"),
             x: Axis::new(Scale::time(0.0, end_s.max(self.period_s)), "time [s]"),
             y: Axis::new(scale, label),
+            lanes: Vec::new(),
             layers: marks.into_iter().chain(layers).collect(),
             height: HEIGHT,
         }

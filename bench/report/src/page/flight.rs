@@ -18,7 +18,8 @@ pub fn section(report: &Report) -> Markup {
         p {
             "Position error rms " (number(flight.position_error_rms_m)) " m, largest "
             (number(flight.position_error_max_m)) " m, at the end " (number(flight.position_error_final_m))
-            " m, over " (flight.states) " states" (text::without_state(report)) "; rate error at the end " (number(flight.rate_error_final_rad_s)) " rad/s; rotors saturated in "
+            " m, over " (flight.states) " states" (text::without_state(report)) "; rate error at the end "
+            span.nobreak { (number(flight.rate_error_final_rad_s)) " rad/s" } "; rotors saturated in "
             (parts::count(flight.saturated_ticks, "tick")) "."
         }
         (plots(report))

@@ -1,10 +1,11 @@
-//! The report as one self-contained web page: no network, no script, no font.
+//! The report as one self-contained web page: no network, no font; its script only reads charts out.
 //!
 //! It shows what report.json holds, and nothing else.
 
-mod autopsy;
 pub mod figures;
 mod flight;
+mod histograms;
+mod outages;
 mod parts;
 pub mod picture;
 mod setup;
@@ -20,6 +21,13 @@ use crate::schema::Report;
 /// What the page looks like, without its charts.
 const PAGE_STYLE: &str = include_str!("page.css");
 
+/// Reads a chart out where a pointer is.
+const READOUT: &str = include_str!("readout.js");
+
+/// The page may load nothing, wherever the words in it come from.
+const POLICY: &str =
+    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'; base-uri 'none'";
+
 /// Renders a report.
 #[must_use]
 pub fn render(report: &Report) -> String {
@@ -32,6 +40,7 @@ pub fn render(report: &Report) -> String {
             head {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
+                meta http-equiv="Content-Security-Policy" content=(POLICY);
                 meta name="generator" content=(format!("ironbird {build}"));
                 // An empty picture, so that no browser asks a server for one.
                 link rel="icon" href="data:,";
@@ -40,14 +49,17 @@ pub fn render(report: &Report) -> String {
             }
             body {
                 (summary::head(report))
+                (summary::contents(report))
                 main {
-                    (summary::sections(report))
-                    (flight::section(report))
                     (timing::section(report))
+                    (outages::section(report))
+                    (summary::section(report))
+                    (flight::section(report))
                     (theorem::section(report))
                     (setup::section(report))
                 }
                 footer { "ironbird " (build) ", report.json of " (run.started) }
+                script { (PreEscaped(READOUT)) }
             }
         }
     };

@@ -1,40 +1,85 @@
-//! The head of the page: what was flown, whether it passed, its gates and swaps.
+//! The head of the page: what was flown, how it went in three words, the contents; gates and swaps.
 
 use maud::{Markup, html};
 
 use crate::losses;
-use crate::page::parts::{cell, number, section, table, us};
+use crate::page::parts::{self, cell, table, us};
 use crate::schema::Report;
 use crate::text;
+use crate::words::{FlightWord, TheoremWord, TimingWord, Words};
 
-/// Heading, verdict, key numbers, contents.
+/// What was flown, the three words, key numbers.
 pub fn head(report: &Report) -> Markup {
     let run = &report.run;
-    let status = &report.verdict.status;
-    let passed = status == "PASS";
+    let verdict = &report.verdict;
+    let failed = verdict.status != "PASS" && !run.in_flight;
+    let held = verdict.gates.iter().filter(|gate| gate.held).count();
     html! {
         header {
             h1 {
                 (run.trajectory) " with gains " (run.preset) " "
-                span.verdict.good[passed].bad[!passed && !run.in_flight] { (status) }
+                span.verdict.bad[failed] { (verdict.status) ", " (held) " of " (verdict.gates.len()) " gates" }
             }
+            (words(report))
+            @for sentence in losses::sentences(report) { p.bad { (sentence) } }
+            (tiles(report))
             p {
                 (run.started) ", instance " (run.instance) ", "
                 @if run.in_flight { "in flight: numbers so far, plots come with its end" } @else { (run.ending) }
+                ". " (text::pace(report)) ". " (text::machine(report)) ". Real time here: " (text::here(report)) "."
             }
-            p { (text::pace(report)) }
-            p { (text::machine(report)) }
-            p { "Real time here: " (text::here(report)) }
-            @for sentence in losses::sentences(report) { p.bad { (sentence) } }
-            (tiles(report))
-            nav {
-                @for (id, title) in [
-                    ("summary", "Summary"),
-                    ("flight", "Flight"),
-                    ("latency", "Latency"),
-                    ("theorem", "Theorem"),
-                    ("setup", "Processes and machine"),
-                ] { a href=(format!("#{id}")) { (title) } }
+        }
+    }
+}
+
+/// Whether a word is good news, bad news, or neither.
+fn tones(words: &Words) -> [&'static str; 3] {
+    let flight = match words.flight.word {
+        FlightWord::Tracked => "good",
+        FlightWord::OffTrack | FlightWord::Lost => "bad",
+        FlightWord::NotSeen => "open",
+    };
+    let timing = match words.timing.word {
+        TimingWord::InTime => "good",
+        TimingWord::Late => "bad",
+        TimingWord::NotMeasured => "open",
+    };
+    let theorem = match words.theorem.word {
+        TheoremWord::Holds => "good",
+        TheoremWord::Broken => "bad",
+        TheoremWord::NotApplicable => "open",
+    };
+    [flight, timing, theorem]
+}
+
+fn words(report: &Report) -> Markup {
+    html! {
+        dl.words {
+            @for ((subject, word, why), tone) in report.words.each().into_iter().zip(tones(&report.words)) {
+                div.(tone) { dt { (subject) } dd.word { (word) } dd.why { (why) } }
+            }
+        }
+    }
+}
+
+/// The way to each section, always in sight, and the switch of what is drawn in all charts.
+pub fn contents(report: &Report) -> Markup {
+    let has_outages = !report.autopsy.classes.is_empty();
+    let has_miss_lines = report.traces.is_some() && !report.deadlines.stretches.is_empty();
+    html! {
+        nav {
+            @for (id, title) in [
+                ("latency", "Latency"),
+                ("outages", "Outages"),
+                ("gates", "Gates"),
+                ("flight", "Flight"),
+                ("theorem", "Theorem"),
+                ("setup", "Processes and machine"),
+            ] {
+                @if id != "outages" || has_outages { a href=(format!("#{id}")) { (title) } }
+            }
+            @if has_miss_lines {
+                label { input #miss-lines type="checkbox" checked; "missed deadlines in charts" }
             }
         }
     }
@@ -45,10 +90,11 @@ fn tiles(report: &Report) -> Markup {
     let tile = |title: &str, value: String, unit: &str| {
         html! { div { dt { (title) } dd { (value) " " span.unit { (unit) } } } }
     };
+    let missed = &report.deadlines;
+    let error_m = report.flight.position_error_rms_m;
+    let (error, unit) = if error_m < 1.0 { (error_m * 1e3, "mm") } else { (error_m, "m") };
     html! {
         dl.tiles {
-            (tile("ticks", report.ticks.run.to_string(), &format!("+ {} skipped", report.ticks.skipped)))
-            (tile("deadlines missed", report.deadlines.missed.to_string(), &format!("{:.1} per million", report.deadlines.missed_ppm)))
             @if let Some(whole) = series("loop") {
                 (tile("loop p50", us(whole.p50_us), "us"))
                 (tile("loop p99", us(whole.p99_us), "us"))
@@ -58,44 +104,41 @@ fn tiles(report: &Report) -> Markup {
                 }
             }
             @if let Some(wake) = series("wake.plant") { (tile("wake p99", us(wake.p99_us), "us")) }
-            (tile("position error rms", number(report.flight.position_error_rms_m), "m"))
-            div { dt { "theorem" } dd.words { (report.theorem.verdict()) } }
+            @if report.run.wall_period_us > 0.0 {
+                (tile("deadlines missed", missed.missed.to_string(), &format!("{:.1} ppm", missed.missed_ppm)))
+            }
+            (tile("ticks flown", report.ticks.run.to_string(), ""))
+            (tile("ticks skipped", report.ticks.skipped.to_string(), ""))
+            (tile("position error rms", format!("{error:.3}"), unit))
         }
     }
 }
 
 /// Gates and swaps.
-pub fn sections(report: &Report) -> Markup {
+pub fn section(report: &Report) -> Markup {
     let ticks = &report.ticks;
     let sum = ticks.run + ticks.skipped;
-    section(
-        "summary",
-        "Summary",
+    parts::section(
+        "gates",
+        "Gates",
         html! {
             p {
                 "Ticks: run " (ticks.run) " + skipped " (ticks.skipped) " = " (sum) " "
                 @if ticks.identity_holds { "=" } @else { strong { "is not" } }
                 " elapsed " (format!("{:.3}", ticks.elapsed_s)) " s / period = " (ticks.elapsed_periods) "."
             }
-            div.columns {
-                div {
-                    h3 { "Gates" }
-                    (table(&["gate", "found", "allowed", ""], report.verdict.gates.iter().map(|gate| {
-                        let word = if gate.held { "held" } else { "FAILED" };
-                        vec![
-                            cell(&gate.name),
-                            cell(&gate.value),
-                            cell(&gate.limit),
-                            html! { span.good[gate.held].bad[!gate.held] { (word) } },
-                        ]
-                    })))
-                }
-                div {
-                    h3 { "Live swaps" }
-                    @if report.swaps.is_empty() { p { "No parameter of the airframe was swapped." } }
-                    @else { (swaps(report)) }
-                }
-            }
+            (table(&["gate", "found", "allowed", ""], report.verdict.gates.iter().map(|gate| {
+                let word = if gate.held { "held" } else { "FAILED" };
+                vec![
+                    cell(&gate.name),
+                    cell(&gate.value),
+                    cell(&gate.limit),
+                    html! { span.good[gate.held].bad[!gate.held] { (word) } },
+                ]
+            })))
+            h3 { "Live swaps" }
+            @if report.swaps.is_empty() { p { "No parameter of the airframe was swapped." } }
+            @else { (swaps(report)) }
         },
     )
 }

@@ -3,15 +3,14 @@
 use maud::{Markup, html};
 
 use crate::beside::Beside;
-use crate::page::autopsy;
 use crate::page::figures::Figures;
+use crate::page::histograms;
 use crate::page::parts::{Key, cell, chart, count, figure, section as part, table, us, us_if_known};
 use crate::plot::bars::{Bar, bars};
 use crate::plot::scale::Scale;
 use crate::plot::{Axis, Chart, Layer};
 use crate::schema::Report;
-use crate::tally::distribution::Bucket;
-use crate::tally::distribution::Distribution;
+use crate::tally::distribution::{Distribution, PERCENTS, Percentile};
 use crate::tally::series::Statistics;
 use crate::text::beside::rows;
 use crate::traces::{LOOP, WAKE};
@@ -34,13 +33,13 @@ pub fn section(report: &Report) -> Markup {
         "latency",
         "Latency",
         html! {
+            (histograms::section(report))
             (waterfall(report))
             (over_time(report))
-            (curves(report))
             (misses(report))
-            (autopsy::section(report))
+            (curves(report))
             (percentiles(report))
-            (histograms(report))
+            (intervals(report))
         },
     )
 }
@@ -119,15 +118,11 @@ fn curves(report: &Report) -> Markup {
             "Loop, slack, lateness of late commands",
             &[("loop", "loop"), ("floor", "raw futex ring"), ("slack", "slack"), ("late", "late")],
         ),
-        ("curve-wake", "Wake-up against the grid", &WAKES),
-        (
-            "curve-hop",
-            "Hops",
-            &[("outer", "hop.plant_outer"), ("inner", "hop.outer_inner"), ("mixer", "hop.inner_mixer")],
-        ),
+        ("curve-wake", "Wake-up against the grid", &WAKES_AND_FLOOR),
+        ("curve-hop", "Hops", &HOPS),
         ("curve-compute", "Computing", &COMPUTE),
         ("curve-busy", "Busy", &BUSY),
-        ("curve-period", "Between two wake-ups", &PERIOD),
+        ("curve-period", "Between two wake-ups", &PERIODS),
     ];
     if report.distributions.is_empty() {
         return html! {};
@@ -170,19 +165,23 @@ fn floors(report: &Report, beside: &Beside) -> Markup {
     }
 }
 
-const WAKES: [Key<'_>; 5] = [
-    ("plant", "wake.plant"),
-    ("floor", "bare timer"),
-    ("outer", "wake.outer"),
-    ("inner", "wake.inner"),
-    ("mixer", "wake.mixer"),
-];
-const COMPUTE: [Key<'_>; 4] =
+/// Series of the stages, each in its colour.
+pub const WAKES: [Key<'static>; 4] =
+    [("plant", "wake.plant"), ("outer", "wake.outer"), ("inner", "wake.inner"), ("mixer", "wake.mixer")];
+/// Likewise.
+pub const HOPS: [Key<'static>; 3] =
+    [("outer", "hop.plant_outer"), ("inner", "hop.outer_inner"), ("mixer", "hop.inner_mixer")];
+/// Likewise.
+pub const COMPUTE: [Key<'static>; 4] =
     [("plant", "compute.plant"), ("outer", "compute.outer"), ("inner", "compute.inner"), ("mixer", "compute.mixer")];
-const BUSY: [Key<'_>; 4] =
+/// Likewise.
+pub const BUSY: [Key<'static>; 4] =
     [("plant", "busy.plant"), ("outer", "busy.outer"), ("inner", "busy.inner"), ("mixer", "busy.mixer")];
-const PERIOD: [Key<'_>; 4] =
+/// Likewise.
+pub const PERIODS: [Key<'static>; 4] =
     [("plant", "period.plant"), ("outer", "period.outer"), ("inner", "period.inner"), ("mixer", "period.mixer")];
+
+const WAKES_AND_FLOOR: [Key<'static>; 5] = [WAKES[0], ("floor", "bare timer"), WAKES[1], WAKES[2], WAKES[3]];
 
 /// The series of a flight, and its floor by the name of what was measured.
 fn distribution<'a>(report: &'a Report, series: &str) -> Option<&'a Distribution> {
@@ -199,6 +198,7 @@ fn curve(report: &Report, title: &str, keys: &[Key<'static>]) -> Chart {
         x: Axis::new(Scale::tail(points().map(|point| point.0).fold(0.0, f64::max)), "percentile"),
         y: Axis::new(Scale::log(points().map(|point| point.1)), "us"),
         layers: all.iter().map(|(class, d)| Layer::Line { class, points: d.curve.clone() }).collect(),
+        lanes: Vec::new(),
         height: crate::plot::HEIGHT,
     }
 }
@@ -206,6 +206,9 @@ fn curve(report: &Report, title: &str, keys: &[Key<'static>]) -> Chart {
 fn misses(report: &Report) -> Markup {
     let deadlines = &report.deadlines;
     let ticks = |number: u64| count(number, "tick");
+    if report.run.wall_period_us == 0.0 {
+        return html! { p { "In lockstep there are no deadlines." } };
+    }
     html! {
         h3 { "Missed deadlines" }
         p {
@@ -213,17 +216,6 @@ fn misses(report: &Report) -> Markup {
             " per million ticks), " (deadlines.missed_by_stamps) " by the stamps of the commands."
         }
         @if !deadlines.stretches.is_empty() {
-            div.plots {
-                @let late = bucket_bars(&deadlines.late);
-                (figure("late-histogram", "How late", &[], bars("how late commands were", "commands", &late)))
-                @let runs: Vec<Bar> = deadlines.runs.iter().map(|run| {
-                    let (label, to) = (ticks(run.length_ticks), run.count as f64);
-                    Bar { label, class: "late", from: 0.0, to, number: run.count.to_string() }
-                }).collect();
-                @if !runs.is_empty() {
-                    (figure("miss-runs", "How many in a row", &[], bars("runs of missed deadlines", "runs", &runs)))
-                }
-            }
             details {
                 summary { "Late commands, one by one" }
                 (table(&["at", "tick", "length", "largest lateness [us]"], deadlines.stretches.iter().map(|stretch| {
@@ -240,21 +232,6 @@ fn misses(report: &Report) -> Markup {
             }
         }
     }
-}
-
-fn bucket_bars(buckets: &[Bucket]) -> Vec<Bar> {
-    let bar = |bucket: &Bucket| Bar {
-        label: range(bucket),
-        class: "late",
-        from: 0.0,
-        to: bucket.count as f64,
-        number: bucket.count.to_string(),
-    };
-    buckets.iter().map(bar).collect()
-}
-
-fn range(bucket: &Bucket) -> String {
-    format!("{} to {} us", bucket.from_us, bucket.below_us)
 }
 
 fn percentiles(report: &Report) -> Markup {
@@ -277,40 +254,25 @@ fn percentiles(report: &Report) -> Markup {
     }
 }
 
-fn histograms(report: &Report) -> Markup {
-    html! {
-        @if !report.distributions.is_empty() { h3 { "Histograms" } }
-        div.folds { @for distribution in &report.distributions {
-            details {
-                summary { (distribution.name) }
-                @let all: u64 = distribution.buckets.iter().map(|bucket| bucket.count).sum();
-                (table(&["from, below", "count", "share"], distribution.buckets.iter().map(|bucket| {
-                    let share = bucket.count as f64 / all.max(1) as f64;
-                    vec![
-                        cell(range(bucket)),
-                        cell(bucket.count),
-                        html! {
-                            span.share style=(format!("width:{:.1}%", share * 60.0)) {}
-                            (format!("{:.3} %", 100.0 * share))
-                        },
-                    ]
-                })))
-                (intervals(distribution))
-            }
-        } }
-    }
-}
-
-fn intervals(distribution: &Distribution) -> Markup {
-    let rows = distribution.percentiles.iter().map(|percentile| {
-        vec![
-            cell(format!("p{}", percentile.percent)),
-            cell(us(percentile.value_us)),
-            cell(format!("{} to {}", us(percentile.low_us), us(percentile.high_us))),
-        ]
+/// The percentiles again, with what the number of values says of them.
+fn intervals(report: &Report) -> Markup {
+    let columns: Vec<String> = PERCENTS.iter().map(|(percent, _)| format!("p{percent}")).collect();
+    let columns: Vec<&str> = std::iter::once("series").chain(columns.iter().map(String::as_str)).collect();
+    let interval = |of: &Percentile| cell(format!("{} to {}", us(of.low_us), us(of.high_us)));
+    let rows = report.distributions.iter().map(|series| {
+        let of = |percent: f64| series.percentile(percent).map_or_else(|| cell("-"), interval);
+        std::iter::once(cell(&series.name)).chain(PERCENTS.map(|(percent, _)| of(percent))).collect()
     });
     html! {
-        @if distribution.percentiles.is_empty() { p.note { "Too few values for percentiles." } }
-        @else { (table(&["percentile", "us", "97.5 % sure [us]"], rows)) }
+        @if !report.distributions.is_empty() {
+            details {
+                summary { "What the number of values says of each percentile" }
+                (table(&columns, rows))
+                p.note {
+                    "With 97.5 % the percentile [us] that endless sampling would give lies in its interval, if ticks do not "
+                    "depend on each other. They do: the true interval is wider (docs/report.md)."
+                }
+            }
+        }
     }
 }

@@ -5,12 +5,15 @@
 //! come from the style sheet too.
 
 pub mod bars;
+pub mod gantt;
+pub mod lanes;
 pub mod scale;
 
 use std::fmt::Write as _;
 
 use maud::{Markup, html};
 
+use crate::plot::lanes::{LANE, Lane};
 use crate::plot::scale::Scale;
 use crate::traces::Span;
 
@@ -52,6 +55,16 @@ impl Axis {
     pub fn new(scale: Scale, label: impl Into<String>) -> Self {
         Self { scale, label: label.into() }
     }
+
+    /// The scale for a script that reads the chart.
+    fn words(&self) -> String {
+        match self.scale {
+            Scale::Linear { low, high } => format!("linear {low} {high}"),
+            Scale::Log { low, high } => format!("log {low} {high}"),
+            Scale::Symmetric { threshold, low, high } => format!("symmetric {low} {high} {threshold}"),
+            Scale::Tail { high } => format!("tail 0 {high}"),
+        }
+    }
 }
 
 /// Something in a chart; `class` is its colour.
@@ -63,6 +76,13 @@ pub enum Layer {
         class: &'static str,
         /// Points, in order.
         points: Vec<(f64, f64)>,
+    },
+    /// A histogram: its outline, filled thinly.
+    Steps {
+        /// Colour.
+        class: &'static str,
+        /// From, to and height of each bin, in order.
+        bins: Vec<(f64, f64, f64)>,
     },
     /// Dots, each with a word for who points at it.
     Dots {
@@ -105,6 +125,8 @@ pub struct Chart {
     pub x: Axis,
     /// Vertical axis.
     pub y: Axis,
+    /// Rows of marks above the axes, on the horizontal one.
+    pub lanes: Vec<Lane>,
     /// From the lowest to the uppermost.
     pub layers: Vec<Layer>,
     /// Height [pixels].
@@ -126,27 +148,35 @@ impl Chart {
     pub fn svg(&self, place: Option<[f64; 4]>) -> Markup {
         let frame = self.frame();
         let [x, y, width, height] = place.map_or([None; 4], |place| place.map(Some));
+        let Frame { left, right, top, foot } = frame;
+        // A chart of its own can be read with a pointer: page/readout.js.
+        let readable = |words: String| place.is_none().then_some(words);
         html! {
             svg viewBox=(format!("0 0 {WIDTH} {}", self.height)) role="img" aria-label=(self.title)
-                x=[x] y=[y] width=[width] height=[height] {
+                x=[x] y=[y] width=[width] height=[height]
+                data-frame=[readable(format!("{left} {right} {top} {foot}"))]
+                data-x=[readable(self.x.words())] data-y=[readable(self.y.words())] {
                 g.grid {
                     @for tick in self.y.scale.ticks(Y_TICKS) {
                         @let y = tenths(self.at_y(frame, tick.value));
-                        line x1=(frame.left) x2=(frame.right) y1=(y) y2=(y) {}
-                        text.left x=(frame.left - 5.0) y=(tenths(self.at_y(frame, tick.value) + HALF_CAPITAL)) {
+                        line x1=(left) x2=(right) y1=(y) y2=(y) {}
+                        text.left x=(left - 5.0) y=(tenths(self.at_y(frame, tick.value) + HALF_CAPITAL)) {
                             (tick.label)
                         }
                     }
                     @for tick in self.x.scale.ticks(X_TICKS) {
                         @let x = tenths(self.at_x(frame, tick.value));
-                        line x1=(x) x2=(x) y1=(frame.top) y2=(frame.foot) {}
-                        text.below x=(x) y=(frame.foot + 15.0) { (tick.label) }
+                        line x1=(x) x2=(x) y1=(ABOVE) y2=(foot) {}
+                        text.below x=(x) y=(foot + 15.0) { (tick.label) }
                     }
                     text.of-y x="2" y="12" { (self.y.label) }
-                    text.of-x x=(frame.right) y=(self.height - 5.0) { (self.x.label) }
+                    text.of-x x=(right) y=(self.height - 5.0) { (self.x.label) }
+                }
+                @for (row, lane) in self.lanes.iter().enumerate() {
+                    (lane.draw(ABOVE + LANE * row as f64, |value| self.at_x(frame, value)))
                 }
                 @for layer in &self.layers { (self.layer(frame, layer)) }
-                path.frame d=(format!("M{} {}V{}H{}", frame.left, frame.top, frame.foot, frame.right)) {}
+                path.frame d=(format!("M{left} {top}V{foot}H{right}")) {}
             }
         }
     }
@@ -156,7 +186,8 @@ impl Chart {
         let ticks = self.y.scale.ticks(Y_TICKS);
         let widest = ticks.iter().map(|tick| tick.label.chars().count()).max().unwrap_or(1);
         let left = 10.0 + CHARACTER * widest as f64;
-        Frame { left, right: WIDTH - RIGHT, top: ABOVE, foot: self.height - BELOW }
+        let top = ABOVE + LANE * self.lanes.len() as f64;
+        Frame { left, right: WIDTH - RIGHT, top, foot: self.height - BELOW }
     }
 
     /// Width by height of the rectangle inside the axes.
@@ -180,6 +211,10 @@ impl Chart {
             Layer::Line { class, points } => {
                 let d = path(points.iter().map(|point| at(*point)));
                 html! { path.line.(class) d=(d) {} }
+            }
+            Layer::Steps { class, bins } => {
+                let d = outline(bins.iter().map(|(from, to, y)| (at((*from, *y)), self.at_x(frame, *to))), frame.foot);
+                html! { path.steps.(class) d=(d) {} }
             }
             Layer::Dots { class, points } => html! {
                 @for (point, word) in points {
@@ -254,6 +289,26 @@ fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
     d
 }
 
+/// Outline of bins in pixels, each as its upper left corner and its right edge, down to the foot where one is missing.
+fn outline(bins: impl Iterator<Item = ((f64, f64), f64)>, foot: f64) -> String {
+    let mut d = String::new();
+    let mut end = f64::NAN;
+    for ((left, y), right) in bins {
+        // Writing into a string cannot fail.
+        let _ = if (left - end).abs() < 0.01 {
+            write!(d, "L{left:.2} {y:.2}L{right:.2} {y:.2}")
+        } else {
+            let down = if end.is_nan() { String::new() } else { format!("L{end:.2} {foot}") };
+            write!(d, "{down}M{left:.2} {foot}L{left:.2} {y:.2}L{right:.2} {y:.2}")
+        };
+        end = right;
+    }
+    if !end.is_nan() {
+        let _ = write!(d, "L{end:.2} {foot}");
+    }
+    d
+}
+
 /// A tenth of a pixel is enough.
 fn tenths(pixels: f64) -> f64 {
     (pixels * 10.0).round() / 10.0
@@ -262,6 +317,7 @@ fn tenths(pixels: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plot::lanes::Mark;
 
     #[test]
     fn paths_leave_out_what_nobody_sees() {
@@ -279,11 +335,21 @@ mod tests {
     }
 
     #[test]
+    fn the_outline_of_bins_goes_down_where_one_is_missing() {
+        let bins = [((0.0, 5.0), 1.0), ((1.0, 3.0), 2.0), ((4.0, 6.0), 5.0)];
+        let d = outline(bins.into_iter(), 9.0);
+        let whole = "M0.00 9L0.00 5.00L1.00 5.00L1.00 3.00L2.00 3.00L2.00 9M4.00 9L4.00 6.00L5.00 6.00L5.00 9";
+        assert_eq!(d, whole);
+        assert_eq!(outline(std::iter::empty(), 9.0), "");
+    }
+
+    #[test]
     fn words_are_escaped() {
         let chart = Chart {
             title: "<a> & \"b\"".into(),
             x: Axis::new(Scale::time(0.0, 1.0), "time [s]"),
             y: Axis::new(Scale::time(0.0, 1.0), "<y>"),
+            lanes: vec![Lane { class: "loop", marks: vec![(Mark::Largest, 0.7, "</svg><script>".into())] }],
             layers: vec![Layer::Verticals { class: "swap", at: vec![(0.5, "</svg><script>".into())] }],
             height: HEIGHT,
         };

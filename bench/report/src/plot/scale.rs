@@ -116,7 +116,7 @@ impl Scale {
         match *self {
             Self::Linear { low, high } => linear_ticks(low, high, about),
             Self::Log { low, high } => log_ticks(low, high),
-            Self::Symmetric { threshold, low, high } => symmetric_ticks(threshold, low, high),
+            Self::Symmetric { threshold, low, high } => symmetric_ticks(self, threshold, low, high),
             Self::Tail { high } => tail_ticks(high),
         }
     }
@@ -165,15 +165,28 @@ fn log_ticks(low: f64, high: f64) -> Vec<Tick> {
     (first..=last).rev().step_by(every).map(|i| tick(10_f64.powi(i))).collect()
 }
 
-fn symmetric_ticks(threshold: f64, low: f64, high: f64) -> Vec<Tick> {
-    let side = |end: f64| {
-        let (first, last) = ((10.0 * threshold).log10().ceil() as i32, end.log10().floor() as i32);
-        (first..=last).rev().step_by(2).take(TICKS_MOST).map(|i| 10_f64.powi(i)).collect::<Vec<_>>()
+/// 0 and decades to both sides of it, or what lies between where there are not two, as far apart as labels need.
+fn symmetric_ticks(scale: &Scale, threshold: f64, low: f64, high: f64) -> Vec<Tick> {
+    /// Share of the axis between two labels.
+    const APART: f64 = 0.12;
+    let multiples = |end: f64, steps: &[f64]| -> Vec<f64> {
+        let (first, last) = (threshold.log10().ceil() as i32, end.log10().floor() as i32);
+        let downwards = (first..=last).rev().take(TICKS_MOST);
+        let all = downwards.flat_map(|i| steps.iter().map(move |step| step * 10_f64.powi(i)));
+        all.filter(|value| *value <= end).collect()
     };
-    let mut values: Vec<f64> = side(-low).into_iter().map(|value| -value).collect();
-    values.push(0.0);
-    values.extend(side(high));
-    values.into_iter().map(|value| Tick { value, label: short(value) }).collect()
+    let mut kept = vec![0.0];
+    for (sign, end) in [(-1.0, -low), (1.0, high)] {
+        let decades = multiples(end, &[1.0]);
+        let all = if decades.len() < 2 { multiples(end, &[5.0, 2.0, 1.0]) } else { decades };
+        for value in all.into_iter().map(|value| sign * value) {
+            if kept.iter().all(|other| (scale.place(*other) - scale.place(value)).abs() >= APART) {
+                kept.push(value);
+            }
+        }
+    }
+    kept.sort_by(f64::total_cmp);
+    kept.into_iter().map(|value| Tick { value, label: short(value) }).collect()
 }
 
 fn tail_ticks(high: f64) -> Vec<Tick> {
@@ -225,6 +238,16 @@ mod tests {
         assert!(places.iter().all(|place| (0.0..=1.0).contains(place)), "{ticks:?}");
         assert!(ticks.iter().any(|tick| tick.value < 0.0) && ticks.iter().any(|tick| tick.value > 0.0), "{ticks:?}");
         assert!(scale.place(-1e-3) < scale.place(0.0) && scale.place(0.0) < scale.place(1e-6));
+    }
+
+    #[test]
+    fn a_short_symmetric_axis_shows_what_lies_between_decades() {
+        assert_eq!(
+            labels(Scale::Symmetric { threshold: 10.0, low: -60.0, high: 70.0 }),
+            ["-50", "-20", "0", "20", "50"]
+        );
+        let long = Scale::Symmetric { threshold: 10.0, low: -1e3, high: 2e5 };
+        assert_eq!(labels(long), ["-1000", "-100", "0", "100", "1000", "10000", "1e5"]);
     }
 
     #[test]

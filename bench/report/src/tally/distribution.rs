@@ -1,4 +1,6 @@
-//! Distribution of a latency series: percentile curve, bars, confidence intervals.
+//! Distribution of a latency series: percentile curve, histogram, confidence intervals.
+
+use std::collections::BTreeMap;
 
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
@@ -37,8 +39,37 @@ pub struct Distribution {
     /// Share of the values, and the value that this share does not exceed [us]. The largest of n values stands at
     /// 1 - 1/2n.
     pub curve: Vec<(f64, f64)>,
-    /// Bars, three a decade.
-    pub buckets: Vec<Bucket>,
+    /// The histogram: every value is in one bin, and empty bins are left out. Around 0, or around the length of a tick
+    /// where the series is a period, bins are as narrow as three digits allow; far from it there are
+    /// [`BINS_PER_DECADE`] a decade. There are at most 220.
+    pub bins: Vec<Bin>,
+}
+
+/// Bins of a histogram per decade of the distance from its middle.
+const BINS_PER_DECADE: f64 = 24.0;
+
+/// A bin of a histogram; in JSON `[from_us, below_us, count]`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "(f64, f64, u64)", into = "(f64, f64, u64)")]
+pub struct Bin {
+    /// Lower bound [us].
+    pub from_us: f64,
+    /// Upper bound [us].
+    pub below_us: f64,
+    /// Values.
+    pub count: u64,
+}
+
+impl From<(f64, f64, u64)> for Bin {
+    fn from((from_us, below_us, count): (f64, f64, u64)) -> Self {
+        Self { from_us, below_us, count }
+    }
+}
+
+impl From<Bin> for (f64, f64, u64) {
+    fn from(Bin { from_us, below_us, count }: Bin) -> Self {
+        (from_us, below_us, count)
+    }
 }
 
 /// A percentile with its interval ([`CONFIDENCE`]), which supposes that values are independent of each other and
@@ -59,9 +90,10 @@ pub struct Percentile {
 pub const PERCENTS: [(f64, u64); 5] = [(50.0, 0), (90.0, 0), (99.0, 0), (99.9, P999_COUNT), (99.99, P9999_COUNT)];
 
 impl Distribution {
-    /// The distribution of a histogram of nanoseconds.
+    /// The distribution of a histogram of nanoseconds whose bins are finest around `about_ns`: the tick's length for a
+    /// period, 0 for other latencies.
     #[must_use]
-    pub fn of(name: &str, histogram: &Histogram<u64>) -> Self {
+    pub fn of(name: &str, histogram: &Histogram<u64>, about_ns: u64) -> Self {
         Self {
             name: name.to_owned(),
             percentiles: PERCENTS
@@ -70,7 +102,7 @@ impl Distribution {
                 .filter_map(|(percent, _)| percentile(histogram, percent))
                 .collect(),
             curve: curve(histogram),
-            buckets: buckets(histogram),
+            bins: Bins::about(histogram, about_ns).of(histogram),
         }
     }
 
@@ -131,6 +163,47 @@ pub fn buckets(histogram: &Histogram<u64>) -> Vec<Bucket> {
         .collect()
 }
 
+/// How values are sorted into bins: equal steps of ln(1 + d / threshold), where d is the distance from the middle. Up
+/// to the threshold bins are of about equal width, beyond it of equal ratio.
+struct Bins {
+    about_ns: u64,
+    threshold_ns: f64,
+}
+
+impl Bins {
+    /// Bins no narrower than two steps of the histogram are wide: narrower ones would be empty in turns.
+    fn about(histogram: &Histogram<u64>, about_ns: u64) -> Self {
+        Self { about_ns, threshold_ns: 2.0 * histogram.equivalent_range(about_ns) as f64 / Self::step() }
+    }
+
+    fn step() -> f64 {
+        std::f64::consts::LN_10 / BINS_PER_DECADE
+    }
+
+    /// Number of the bin of a value; below the middle it is negative.
+    fn number(&self, ns: u64) -> i64 {
+        let distance_ns = ns as f64 - self.about_ns as f64;
+        let steps = (distance_ns.abs() / self.threshold_ns).ln_1p() / Self::step();
+        (steps * distance_ns.signum()).floor() as i64
+    }
+
+    /// Where a bin begins [us].
+    fn begin_us(&self, number: i64) -> f64 {
+        let distance_ns = self.threshold_ns * (Self::step() * number.abs() as f64).exp_m1();
+        let begin_ns = self.about_ns as f64 + distance_ns * number.signum() as f64;
+        begin_ns.round() / 1e3
+    }
+
+    fn of(&self, histogram: &Histogram<u64>) -> Vec<Bin> {
+        let mut counts: BTreeMap<i64, u64> = BTreeMap::new();
+        for value in histogram.iter_recorded() {
+            *counts.entry(self.number(value.value_iterated_to())).or_default() += value.count_at_value();
+        }
+        let bin = |(number, count)| Bin { from_us: self.begin_us(number), below_us: self.begin_us(number + 1), count };
+        counts.into_iter().map(bin).collect()
+    }
+}
+
 /// Ranks, from 1, of the values between which a quantile lies with [`CONFIDENCE`] (order statistics: how many of
 /// `count` values do not exceed the quantile is binomial); none where `count` is too small for both.
 fn ranks(count: u64, quantile: f64) -> Option<(u64, u64)> {
@@ -177,7 +250,7 @@ mod tests {
     #[test]
     fn percentiles_need_enough_values() {
         let percents = |count: u64| -> Vec<f64> {
-            let distribution = Distribution::of("loop", &histogram(1..=count));
+            let distribution = Distribution::of("loop", &histogram(1..=count), 0);
             distribution.percentiles.iter().map(|percentile| percentile.percent).collect()
         };
         // The largest of n values is above the median with a probability of 1 - 2^-n.
@@ -197,5 +270,42 @@ mod tests {
         let bars = buckets(&histogram);
         assert_eq!(bars.iter().map(|bar| bar.count).sum::<u64>(), 20_000);
         assert!(bars.iter().all(|bar| bar.from_us < bar.below_us), "{bars:?}");
+    }
+
+    #[test]
+    fn bins_hold_every_value_and_follow_each_other() {
+        for (about_ns, every_ns) in [(0, 1), (1_000_000, 700)] {
+            let values = (1..=20_000_u64).map(|i| i * every_ns);
+            let bins = Distribution::of("period", &histogram(values), about_ns).bins;
+            assert_eq!(bins.iter().map(|bin| bin.count).sum::<u64>(), 20_000, "around {about_ns} ns");
+            assert!(bins.iter().all(|bin| bin.from_us < bin.below_us), "{bins:?}");
+            assert!(
+                bins.windows(2).all(|pair| pair[0].below_us == pair[1].from_us),
+                "none of these is empty: {bins:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn bins_are_finest_around_their_middle() {
+        let period_us = [985.0, 999.5, 1_000.5, 1_015.0, 101_000.0];
+        let ns = period_us.into_iter().map(|us: f64| (us * 1e3) as u64);
+        let bins = Distribution::of("period", &histogram(ns), 1_000_000).bins;
+        let numbers: Vec<u64> = bins.iter().map(|bin| bin.count).collect();
+        assert_eq!(numbers, [1, 1, 1, 1, 1], "{bins:?}");
+        let width = |i: usize| bins[i].below_us - bins[i].from_us;
+        assert!(width(1) < 1.1 && width(3) < 4.0 && width(4) > 5_000.0, "{bins:?}");
+        assert!((bins[1].below_us - 1_000.0).abs() < 1e-9 && bins[2].from_us == bins[1].below_us, "{bins:?}");
+    }
+
+    #[test]
+    fn there_are_no_more_bins_than_the_bounds_of_a_latency_give() {
+        let highest = crate::tally::series::HIGHEST_NS;
+        let widest = histogram([1, highest].into_iter());
+        for about_ns in [0, 1_000_000, 10_000_000] {
+            let bins = Bins::about(&widest, about_ns);
+            let count = bins.number(highest) - bins.number(1) + 1;
+            assert!(count <= 220, "{count} around {about_ns} ns");
+        }
     }
 }

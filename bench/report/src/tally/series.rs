@@ -140,13 +140,14 @@ impl SeriesSet {
         Ok(())
     }
 
-    /// Distributions of every series that has values.
+    /// Distributions of every series that has values; a tick is `tick_ns` long, 0 where it has no length.
     #[must_use]
-    pub fn distributions(&self) -> Vec<Distribution> {
+    pub fn distributions(&self, tick_ns: u64) -> Vec<Distribution> {
+        let about_ns = |series: Series| if matches!(series, Series::Period(_)) { tick_ns } else { 0 };
         self.entries
             .iter()
             .filter(|entry| !entry.flight.is_empty())
-            .map(|entry| Distribution::of(&entry.series.name(), &entry.flight))
+            .map(|entry| Distribution::of(&entry.series.name(), &entry.flight, about_ns(entry.series)))
             .collect()
     }
 

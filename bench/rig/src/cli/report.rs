@@ -28,6 +28,9 @@ pub struct ReportArgs {
     /// Also write the gates and the three words to this file, as JUnit XML for a CI server.
     #[arg(long, value_name = "FILE.xml")]
     pub junit: Option<PathBuf>,
+    /// Open the flight's page in a browser instead: the one that BROWSER names, or the system's.
+    #[arg(long, conflicts_with_all = ["full", "section", "format"])]
+    pub open: bool,
     /// Directory in which `latest` is looked up [default: runs].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

@@ -9,12 +9,13 @@
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   let texts = 0;
   for (let node = walker.nextNode(); node; node = walker.nextNode()) {
-    if (!node.textContent.trim() || node.parentElement.closest("title, style")) continue;
+    if (!node.textContent.trim() || node.parentElement.closest("title, style, script")) continue;
     const range = document.createRange();
     range.selectNodeContents(node);
     for (const box of range.getClientRects()) {
       texts += 1;
-      if (box.left < -slack || box.right > width + slack) faults.push(`${words(node)} leaves the page`);
+      // The contents scroll where they are wider than the page.
+      if (!node.parentElement.closest("nav") && (box.left < -slack || box.right > width + slack)) faults.push(`${words(node)} leaves the page`);
       const card = node.parentElement.closest("figure, .tiles div, td, th");
       const room = card && card.getBoundingClientRect();
       if (room && (box.left < room.left - slack || box.right > room.right + slack)) faults.push(`${words(node)} leaves its box`);
@@ -37,7 +38,7 @@
       // Boxes of text are higher than what is written in them.
       if (across > 0 && down > 4) faults.push(`${words(one)} overlaps ${words(other)} in ${name}`);
     }));
-    for (const line of svg.querySelectorAll("path.line, path.stem")) {
+    for (const line of svg.querySelectorAll("path.line, path.stem, path.steps")) {
       if (!line.getAttribute("d")) faults.push(`a line of ${name} is empty`);
     }
   }
@@ -67,8 +68,20 @@
   document.querySelectorAll("h1, h2, h3, p, dt, dd, th, td, b, a, span, summary, small").forEach((e) => {
     if (e.textContent.trim()) demand(e, getComputedStyle(e).color, 4.5);
   });
-  document.querySelectorAll("svg path.line:not(.reference), svg path.stem").forEach((line) => demand(line, getComputedStyle(line).stroke, 3));
-  document.querySelectorAll("svg rect.bar").forEach((bar) => demand(bar, getComputedStyle(bar).fill, 3));
+  document.querySelectorAll("svg path.line:not(.reference), svg path.stem, svg path.steps, svg .mark, svg .work, svg .cross, svg .late-stage").forEach((line) => demand(line, getComputedStyle(line).stroke, 3));
+  document.querySelectorAll("svg rect.bar, svg rect.work:not(.stale)").forEach((bar) => demand(bar, getComputedStyle(bar).fill, 3));
+
+  // The contents stay in sight, in one row.
+  const nav = document.querySelector("nav"), isShown = nav && getComputedStyle(nav).display !== "none";
+  if (isShown) {
+    window.scrollTo(0, document.body.scrollHeight / 2);
+    const { top, height } = nav.getBoundingClientRect();
+    if (Math.abs(top) > slack || height > 60) faults.push(`the contents stand at ${top}, ${height} high`);
+    for (const link of nav.querySelectorAll("a")) {
+      if (!document.querySelector(link.getAttribute("href"))) faults.push(`nothing is at ${link.getAttribute("href")}`);
+    }
+    window.scrollTo(0, 0);
+  }
 
   return {
     faults: [...new Set(faults)],

@@ -117,7 +117,7 @@ impl Recorder<'_> {
                 counts: self.interrupts.until(&Interrupts::read(self.watch.processor)),
             },
             // What only a page shows is worked out once, at the end.
-            distributions: if ending.is_some() { self.tally.series.distributions() } else { Vec::new() },
+            distributions: if ending.is_some() { self.tally.series.distributions(run.period_ns) } else { Vec::new() },
             // The launcher measures them when everybody has landed.
             beside: None,
             traces: ending.map(|_| self.tally.tracer.traces()),
