@@ -104,7 +104,8 @@ impl<W: Write> PerfettoWriter<W> {
     /// # Errors
     /// Those of the writer below.
     pub fn new(out: W) -> io::Result<Self> {
-        let mut writer = Self { out, deadlines_missed: 0, epochs: BTreeMap::new(), waiting: Vec::new(), slices: 0, instants: 0 };
+        let mut writer =
+            Self { out, deadlines_missed: 0, epochs: BTreeMap::new(), waiting: Vec::new(), slices: 0, instants: 0 };
         writer.track(FLIGHT, "ironbird", None)?;
         for (number, stage) in (1..).zip(STAGES) {
             writer.track(number, stage.name(), Some(FLIGHT))?;
@@ -150,12 +151,15 @@ impl<W: Write> PerfettoWriter<W> {
         let is_fresh = stage.checked_sub(1).is_none_or(|input| envelope.input_tick[input] == envelope.tick);
         let name = if is_fresh { C::SENDER.name().to_owned() } else { format!("{} (stale input)", C::SENDER) };
         self.slices += 1;
-        self.event(stamps.receive_ns, TrackEvent {
-            r#type: Some(SLICE_BEGIN),
-            track_uuid: Some(track),
-            name: Some(name),
-            debug_annotations: vec![number("tick", envelope.tick)],
-        })?;
+        self.event(
+            stamps.receive_ns,
+            TrackEvent {
+                r#type: Some(SLICE_BEGIN),
+                track_uuid: Some(track),
+                name: Some(name),
+                debug_annotations: vec![number("tick", envelope.tick)],
+            },
+        )?;
         let end = TrackEvent { r#type: Some(SLICE_END), track_uuid: Some(track), ..TrackEvent::default() };
         self.event(stamps.send_ns.max(stamps.receive_ns), end)
     }
@@ -190,7 +194,13 @@ impl<W: Write> PerfettoWriter<W> {
         self.out.flush()
     }
 
-    fn instant(&mut self, track: u64, at_ns: u64, name: &str, debug_annotations: Vec<DebugAnnotation>) -> io::Result<()> {
+    fn instant(
+        &mut self,
+        track: u64,
+        at_ns: u64,
+        name: &str,
+        debug_annotations: Vec<DebugAnnotation>,
+    ) -> io::Result<()> {
         self.instants += 1;
         let (r#type, track_uuid, name) = (Some(INSTANT), Some(track), Some(name.to_owned()));
         self.event(at_ns, TrackEvent { r#type, track_uuid, name, debug_annotations })

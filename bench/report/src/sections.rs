@@ -12,7 +12,8 @@ use crate::tally::series::{Series, Statistics};
 use crate::tally::theorem::Theorem;
 use failure::{FAILED, GATE, INTERRUPTED, OK, errno_text};
 use flight_log::TOPICS;
-use flight_log::writer::{Counts, Fate};
+use flight_log::entry::Counts;
+use flight_log::writer::Fate;
 
 /// Status of a flight that held its gates and was recorded whole.
 const PASS: &str = "PASS";
@@ -169,20 +170,25 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
 }
 
 /// Puts in what became of the messages on their way to the flight log. A flight that lacks some is no plain PASS.
-pub fn take_log(report: &mut Report, fate: &Fate) {
-    report.recorder.log = log_section(fate);
+pub fn take_log(report: &mut Report, kept: &str, fate: &Fate) {
+    report.recorder.log = log_section(kept, fate);
     if losses::unlogged(report) > 0 && report.verdict.status == PASS {
         report.verdict.status = INCOMPLETE.into();
     }
 }
 
-/// What became of the messages on their way to the flight log.
-pub fn log_section(fate: &Fate) -> schema::LogSection {
+/// What became of the messages on their way to the flight log, which keeps `kept`.
+pub fn log_section(kept: &str, fate: &Fate) -> schema::LogSection {
     let by_topic = |counts: &Counts| TOPICS.iter().map(|topic| (*topic).to_owned()).zip(*counts).collect();
     schema::LogSection {
+        kept: kept.into(),
+        files: fate.files,
         file_bytes: fate.file_bytes,
         messages: by_topic(&fate.written),
         dropped: by_topic(&fate.dropped),
+        left_out: by_topic(&fate.left_out),
+        removed: by_topic(&fate.removed),
+        stretches: fate.stretches,
         refused: fate.refused.clone(),
     }
 }

@@ -170,7 +170,10 @@ fn deals(flights: usize, in_a: usize) -> Vec<Vec<bool>> {
                 .flat_map(|dealt| {
                     let [in_first, in_second] = may_be(&dealt);
                     let with = move |is_in_a: bool| [dealt.as_slice(), &[is_in_a]].concat();
-                    [in_first.then(|| with(true)), in_second.then(|| with(false))].into_iter().flatten().collect::<Vec<_>>()
+                    [in_first.then(|| with(true)), in_second.then(|| with(false))]
+                        .into_iter()
+                        .flatten()
+                        .collect::<Vec<_>>()
                 })
                 .collect();
         }

@@ -219,9 +219,8 @@ impl Words {
     /// As `key=value` pairs of a line for programs.
     #[must_use]
     pub fn pairs(&self) -> String {
-        let pair = |(subject, word, _): (&str, &str, &str)| {
-            format!("{}={}", subject.to_lowercase(), word.replace(' ', "-"))
-        };
+        let pair =
+            |(subject, word, _): (&str, &str, &str)| format!("{}={}", subject.to_lowercase(), word.replace(' ', "-"));
         self.each().map(pair).join(" ")
     }
 }

@@ -146,6 +146,9 @@ pub struct RecorderArgs {
     /// Directory in which the flight gets one of its own [default: runs].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Messages to keep in flight.mcap [default: all].
+    #[arg(long, value_enum, value_name = "MESSAGES")]
+    pub log: Option<LogArg>,
     /// Also write the states to this file.
     #[arg(long, value_name = "FILE.csv")]
     pub states: Option<PathBuf>,
@@ -161,6 +164,17 @@ pub struct RecorderArgs {
     /// Gate: end with exit code 3 when this does not hold; may be repeated.
     #[arg(long = "gate", value_enum, value_name = "GATE")]
     pub gates: Vec<GateName>,
+}
+
+/// Messages that the flight log keeps.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum LogArg {
+    /// All of them: only such a log can be replayed.
+    All,
+    /// Those within a second of a missed deadline, a swap, take-off or landing.
+    AroundMisses,
+    /// None: there is no flight.mcap.
+    Off,
 }
 
 /// A gate that is passed or not, without a number.
@@ -371,6 +385,9 @@ impl RecorderArgs {
         let mut set = Overrides::new();
         if let Some(out) = &self.out {
             set.push(("recorder.out", Value::from(out.to_string_lossy().into_owned())));
+        }
+        if let Some(log) = self.log {
+            set.push(("recorder.log", Value::from(name_of(log))));
         }
         if let Some(every) = self.every {
             set.push(("recorder.states_every_ticks", Value::from(i64::from(every))));

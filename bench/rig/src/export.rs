@@ -15,8 +15,9 @@ use crate::output::{print, say};
 use crate::run_directory::find_log;
 use failure::{Failure, InFile as _, OK};
 use flight_log::codec::Logged;
+use flight_log::entry::LogEntry;
 use flight_log::perfetto::{self, PerfettoWriter};
-use flight_log::reader::{End, LogEntry, LogReader};
+use flight_log::reader::{End, Kept, LogReader};
 use flight_log::{TOPICS, rows};
 
 /// Exports.
@@ -50,7 +51,18 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     Ok(OK)
 }
 
+/// Says what an export lacks, from what the log tells of itself.
 fn say_what_is_missing(reader: &LogReader, path: &Path) {
+    let Ok(Kept { around_ticks, files_before }) = reader.kept() else { return };
+    if let Some(ticks) = around_ticks {
+        say(&format!(
+            "{} keeps excerpts: {ticks} ticks before and after missed deadlines, swaps, take-off and landing\n",
+            path.display()
+        ));
+    }
+    if files_before > 0 {
+        say(&format!("{} is not the log's first file; missing before it: {files_before}\n", path.display()));
+    }
     if reader.end() == End::Truncated {
         say(&format!(
             "{} is truncated: its end is missing; exported is what the recorder had written before\n",

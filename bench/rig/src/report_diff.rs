@@ -43,7 +43,7 @@ fn groups(args: &DiffArgs) -> Result<(&[PathBuf], &[PathBuf]), Failure> {
             1 => "one flight and no `--`: two are compared, or two groups".to_owned(),
             several => format!("{several} flights and no `--`: which are A and which are B?"),
         })
-            .help("ironbird report diff A B, or ironbird report diff A1 A2 A3 -- B1 B2 B3")),
+        .help("ironbird report diff A B, or ironbird report diff A1 A2 A3 -- B1 B2 B3")),
         (a, b) => Ok((a, b)),
     }
 }
@@ -51,7 +51,10 @@ fn groups(args: &DiffArgs) -> Result<(&[PathBuf], &[PathBuf]), Failure> {
 /// A flight that is named more than once, however its path is spelled.
 fn twice<'a>(a: &'a [PathBuf], b: &'a [PathBuf]) -> Option<&'a Path> {
     let mut seen = BTreeSet::new();
-    a.iter().chain(b).find(|run| !seen.insert(run.canonicalize().unwrap_or_else(|_| (*run).clone()))).map(PathBuf::as_path)
+    a.iter()
+        .chain(b)
+        .find(|run| !seen.insert(run.canonicalize().unwrap_or_else(|_| (*run).clone())))
+        .map(PathBuf::as_path)
 }
 
 /// The flight of a directory.

@@ -376,7 +376,8 @@ fn feed(autopsy: &mut Autopsy, traces: &BTreeMap<u64, TickPassages>, samples: &[
             let mut row = 0;
             // At the begin of each tick since its last state, the plant looks for the command of the tick before.
             for begun in judged + 1..=*tick {
-                let sent_ns = traces.get(&(begun - 1)).and_then(|trace| trace[Role::Mixer as usize]).map(|it| it.send_ns);
+                let sent_ns =
+                    traces.get(&(begun - 1)).and_then(|trace| trace[Role::Mixer as usize]).map(|it| it.send_ns);
                 row = if sent_ns.is_some_and(|ns| ns <= GRID.begin_of(begun)) { 0 } else { row + 1 };
                 missed += u64::from(row > 0);
             }
@@ -431,13 +432,16 @@ fn stopped(stage: Role, ticks: std::ops::Range<u64>, until: u64) -> BTreeMap<u64
             Some(Passage { receive_ns, send_ns: receive_ns + 5 * US, is_fresh })
         };
         let [plant, outer, inner, mixer] = good(tick);
-        traces.insert(tick, match stage {
-            // Without a state the outer loop publishes nothing, and the inner one what it held.
-            Role::Plant => [None, None, at_cut_off(Role::Inner, false), at_cut_off(Role::Mixer, true)],
-            Role::Outer => [plant, None, at_cut_off(Role::Inner, false), at_cut_off(Role::Mixer, true)],
-            Role::Inner => [plant, outer, None, at_cut_off(Role::Mixer, false)],
-            _ => [plant, outer, inner, mixer.filter(|_| false)],
-        });
+        traces.insert(
+            tick,
+            match stage {
+                // Without a state the outer loop publishes nothing, and the inner one what it held.
+                Role::Plant => [None, None, at_cut_off(Role::Inner, false), at_cut_off(Role::Mixer, true)],
+                Role::Outer => [plant, None, at_cut_off(Role::Inner, false), at_cut_off(Role::Mixer, true)],
+                Role::Inner => [plant, outer, None, at_cut_off(Role::Mixer, false)],
+                _ => [plant, outer, inner, mixer.filter(|_| false)],
+            },
+        );
     }
     traces
 }

@@ -15,7 +15,8 @@ use std::process::Command;
 use std::time::Duration;
 
 use flight_log::TOPICS;
-use flight_log::reader::{End, LogEntry, LogReader};
+use flight_log::entry::LogEntry;
+use flight_log::reader::{End, LogReader};
 use model::role::Role;
 use rig::{Ended, Rig, lacks_tool, not_tested, send, wait_until};
 use rustix::process::Signal;

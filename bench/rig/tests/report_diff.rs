@@ -80,7 +80,10 @@ fn groups_differ_in_what_was_changed_and_in_nothing_else() {
     let text = rig.run("report", &["diff", a1, a2, a3, "--", b1, b2, b3]).expect(0).stdout;
     assert!(text.lines().nth(1).unwrap().starts_with("Tracking  "), "{text}");
     assert!(text.contains("figures DIFFER (any false one: 10 %)") && text.contains(" MORE\n"), "{text}");
-    assert!(text.lines().all(|line| line.chars().count() <= 80 || line.contains(a1.as_str()) || line.contains(": ")), "{text}");
+    assert!(
+        text.lines().all(|line| line.chars().count() <= 80 || line.contains(a1.as_str()) || line.contains(": ")),
+        "{text}"
+    );
 }
 
 #[test]

@@ -109,7 +109,9 @@ impl FloorComparison {
     #[must_use]
     pub fn measured(&self) -> (usize, usize) {
         let steals: Vec<f64> = match &self.pairs {
-            Pairs::Ratio { pairs, .. } | Pairs::Difference { pairs, .. } => pairs.iter().map(|p| p.steal_percent).collect(),
+            Pairs::Ratio { pairs, .. } | Pairs::Difference { pairs, .. } => {
+                pairs.iter().map(|p| p.steal_percent).collect()
+            }
             Pairs::Events { pairs, .. } => pairs.iter().map(|p| p.steal_percent).collect(),
         };
         (steals.len(), steals.iter().filter(|steal| **steal > STEAL_LIMIT_PERCENT).count())

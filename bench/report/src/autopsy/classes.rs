@@ -80,12 +80,8 @@ const EXPLAINS_PERCENT: u64 = 50;
 /// Classes an outage.
 #[must_use]
 pub fn classify(scene: &Scene<'_>) -> Opinion {
-    let unknown = |evidence: &str| Opinion {
-        class: Class::CannotTell,
-        stage: None,
-        delay_ns: 0,
-        evidence: evidence.into(),
-    };
+    let unknown =
+        |evidence: &str| Opinion { class: Class::CannotTell, stage: None, delay_ns: 0, evidence: evidence.into() };
     if scene.messages_lost() {
         return unknown("the recorder lost messages around it");
     }

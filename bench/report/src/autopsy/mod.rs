@@ -117,7 +117,12 @@ impl Section {
         }
         let mut out = String::from("\nOutages   missed  cause\n");
         for count in &self.classes {
-            out += &format!("  {:>7} {:>7}  {}\n", count.outages, count.missed, named(count.class, count.stage.as_deref()));
+            out += &format!(
+                "  {:>7} {:>7}  {}\n",
+                count.outages,
+                count.missed,
+                named(count.class, count.stage.as_deref())
+            );
         }
         if self.pending > 0 {
             out += &format!("  {:>7} {:>7}  not classed yet\n", "-", self.pending);

@@ -16,7 +16,8 @@ const SERIES: [&str; 6] = ["loop", "slack", "wake.plant", "hop.plant_outer", "ho
 #[must_use]
 pub fn render(report: &Report, directory: &str) -> String {
     let mut lines = vec![super::pace(report)];
-    lines.extend(report.words.each().map(|(subject, word, why)| format!("{subject:<9} {}: {why}", word.to_uppercase())));
+    lines
+        .extend(report.words.each().map(|(subject, word, why)| format!("{subject:<9} {}: {why}", word.to_uppercase())));
     lines.extend(losses::sentences(report));
     if !matches!(report.run.ending.as_str(), "completed" | "") {
         lines.push(format!("Ended     {}", report.run.ending));
@@ -56,8 +57,10 @@ fn latencies(report: &Report) -> Vec<String> {
 /// How many outages there were, and the worst one.
 fn outages(report: &Report) -> Option<String> {
     let autopsy = &report.autopsy;
-    let (outages, missed) =
-        autopsy.classes.iter().fold((0, 0), |(outages, missed), count| (outages + count.outages, missed + count.missed));
+    let (outages, missed) = autopsy
+        .classes
+        .iter()
+        .fold((0, 0), |(outages, missed), count| (outages + count.outages, missed + count.missed));
     let worst = autopsy.worst.first()?;
     let many = if outages == 1 { "1, with".to_owned() } else { format!("{outages}, with") };
     Some(format!("Outages   {many} {missed} of the missed deadlines; the worst: {}", worst.line()))

@@ -214,15 +214,7 @@ fn roles(out: &mut String, report: &Report) -> Written {
         count(recorder.incomplete_ticks, "tick"),
         recorder.cpu_percent
     )?;
-    let log = &recorder.log;
-    let (written, dropped): (u64, u64) = (log.messages.values().sum(), log.dropped.values().sum());
-    writeln!(
-        out,
-        "  flight.mcap: {} in {:.1} MB, {dropped} dropped{}",
-        count(written, "message"),
-        log.file_bytes as f64 / 1e6,
-        log.refused.as_ref().map_or_else(String::new, |reason| format!(" ({reason})"))
-    )?;
+    writeln!(out, "  {}", losses::log(&recorder.log))?;
     for (file, reason) in &recorder.unwritten {
         writeln!(out, "  {file} is incomplete: {reason}")?;
     }

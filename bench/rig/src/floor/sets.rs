@@ -79,8 +79,10 @@ impl Stress {
     pub fn check(&mut self) -> Result<(), Failure> {
         match self.0.try_wait() {
             Ok(None) => Ok(()),
-            Ok(Some(status)) => Err(Failure::failed(format!("stress-ng has ended with {status}: nothing loads the machine"))
-                .help(format!("see what it says: stress-ng {} --timeout 5", STRESS.join(" ")))),
+            Ok(Some(status)) => {
+                Err(Failure::failed(format!("stress-ng has ended with {status}: nothing loads the machine"))
+                    .help(format!("see what it says: stress-ng {} --timeout 5", STRESS.join(" "))))
+            }
             Err(e) => Err(Failure::failed(format!("cannot look at stress-ng: {e}"))),
         }
     }
@@ -106,7 +108,12 @@ struct Together {
 
 impl Together {
     /// `computing` is a flight whose laws took as long: where there is one, the floors come first and the flight last.
-    fn measure(hangar: &Hangar, effort: &MeasuringEffort, with_ring: bool, computing: Option<&Report>) -> Result<Self, Failure> {
+    fn measure(
+        hangar: &Hangar,
+        effort: &MeasuringEffort,
+        with_ring: bool,
+        computing: Option<&Report>,
+    ) -> Result<Self, Failure> {
         let duration = format!("{}ms", effort.duration.as_millis());
         let fly = || hangar.fly(&["--rt", "require", "--duration", &duration]);
         let bare = || {

@@ -22,8 +22,9 @@ use crate::record::hlog::{self, Hlog, Lines};
 use crate::record::ports::{DRAIN_EVERY, Ports, Relays, horizon, rest};
 use crate::record::replaced::Replaced;
 use crate::run_directory::make_latest;
-use crate::settings::Settings;
+use crate::settings::{LogName, Settings};
 use failure::{Failure, InFile as _};
+use flight_log::entry::LogEntry;
 use flight_log::facts::record;
 use flight_log::writer::FlightLog;
 use machine::Machine;
@@ -91,7 +92,8 @@ struct Recorder<'a> {
     so_far: Replaced,
     /// Whether `latest` leads to this flight.
     is_latest: bool,
-    log: FlightLog,
+    /// None where no messages are to be kept.
+    log: Option<FlightLog>,
     relays: Relays,
     /// Files that could not be written, with the first reason: the flight goes on without them.
     unwritten: BTreeMap<&'static str, String>,
@@ -122,10 +124,16 @@ impl<'a> Recorder<'a> {
         let mut tally = Tally::new(armed.pace, armed.run.get().t0_ns, tracking)?;
         tally.begin_autopsy(watch.is_virtual, watch.processor.is_some());
         let facts = facts(&armed.run.get(), settings, instance.name(), &host, &crew.sections())?;
+        let log = match settings.recorder.log {
+            LogName::Off => None,
+            LogName::All | LogName::AroundMisses => {
+                Some(FlightLog::create(&files.directory.join(flight_log::FILE), &facts)?)
+            }
+        };
         Ok(Self {
             settings,
             relays,
-            log: FlightLog::create(&files.directory.join(flight_log::FILE), &facts)?,
+            log,
             unwritten: BTreeMap::new(),
             parameter_epoch: 0,
             directory: &files.directory,
@@ -158,7 +166,7 @@ impl<'a> Recorder<'a> {
             self.look_at_loops(&armed.run);
             station.status.ticks_run = self.tally.newest_tick();
             station.pass_on_stop();
-            self.log.keep(now_ns())?;
+            self.log.as_mut().map_or(Ok(()), |log| log.keep(now_ns()))?;
             if now_ns() >= armed.run.get().t0_ns + (u64::from(hlog.seconds()) + 1) * NS_PER_S {
                 let closed = hlog.close_second(&mut self.tally.series);
                 self.note(hlog::FILE, closed);
@@ -203,13 +211,15 @@ impl<'a> Recorder<'a> {
         self.tally.miss_runs.update(run.deadlines_missed, run.deadline_miss_run);
         let mut report = self.report(&run, ports, meter, Some(ending))?;
         // Last of what needs room, and before the report, which says what became of it.
-        let fate = self.log.finish(record(&[
-            ("ending", ending.words()),
-            ("ticks_run", &run.ticks_run.to_string()),
-            ("ticks_skipped", &run.ticks_skipped.to_string()),
-            ("deadlines_missed", &run.deadlines_missed.to_string()),
-        ]))?;
-        take_log(&mut report, &fate);
+        if let Some(log) = self.log {
+            let fate = log.finish(record(&[
+                ("ending", ending.words()),
+                ("ticks_run", &run.ticks_run.to_string()),
+                ("ticks_skipped", &run.ticks_skipped.to_string()),
+                ("deadlines_missed", &run.deadlines_missed.to_string()),
+            ]))?;
+            take_log(&mut report, self.settings.recorder.log.name(), &fate);
+        }
         self.so_far.close();
         write_all(&report, self.directory)?;
         if !self.is_latest {
@@ -260,30 +270,31 @@ impl<'a> Recorder<'a> {
 
     fn drain(&mut self, ports: &mut Ports, armed: &Armed) -> Result<(), Failure> {
         let horizon = horizon(armed.pace, || armed.run.get());
-        let (tally, joiner, log) = (&mut self.tally, &mut self.joiner, &mut self.log);
+        let (tally, joiner) = (&mut self.tally, &mut self.joiner);
+        let mut log = |entry| self.log.as_mut().map_or((), |log| log.take(entry));
         let (relays, mut relayed) = (&self.relays, Ok(()));
         ports.states.drain(horizon, |message| {
             keep_first(&mut relayed, relays.states.pass_on(message));
-            log.state(message);
+            log(LogEntry::State(*message));
             self.parameter_epoch = message.content.parameter_epoch;
             tally.state(message);
             joiner.take(message.envelope.tick, LoopMessage::State(message.content));
         })?;
         ports.setpoints.drain(horizon, |message| {
             keep_first(&mut relayed, relays.setpoints.pass_on(message));
-            log.setpoint(message);
+            log(LogEntry::Setpoint(*message));
             tally.setpoint(message);
             joiner.take(message.envelope.tick, LoopMessage::Setpoint(message.content));
         })?;
         ports.wrenches.drain(horizon, |message| {
             keep_first(&mut relayed, relays.wrenches.pass_on(message));
-            log.write(message);
+            log(LogEntry::Wrench(*message));
             tally.wrench(message);
             joiner.take(message.envelope.tick, LoopMessage::Wrench(message.content));
         })?;
         ports.rotor_speeds.drain(horizon, |message| {
             keep_first(&mut relayed, relays.rotor_speeds.pass_on(message));
-            log.write(message);
+            log(LogEntry::RotorSpeeds(*message));
             tally.rotor_speeds(message);
             if !is_last_word(message) {
                 joiner.take(message.envelope.tick, LoopMessage::RotorSpeeds(message.content));
@@ -291,7 +302,7 @@ impl<'a> Recorder<'a> {
         })?;
         ports.swaps.drain(horizon, |message| {
             keep_first(&mut relayed, relays.swaps.pass_on(message));
-            log.write(message);
+            log(LogEntry::Swap(*message));
             tally.swap(message);
         })?;
         self.note("what observers see", relayed.map_err(Failure::from));

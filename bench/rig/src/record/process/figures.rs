@@ -11,6 +11,7 @@ use crate::record::ports::Ports;
 use crate::wall_time::utc;
 use failure::Failure;
 use flight_log::TOPICS;
+use flight_log::writer::FlightLog;
 use machine::cpu_times::CpuTimes;
 use report::autopsy::Autopsy;
 use report::schema::{self, Report, RunLength};
@@ -98,7 +99,10 @@ impl Recorder<'_> {
                 rejected: rejected(&ports.rejections()),
                 incomplete_ticks: self.joiner.incomplete,
                 cpu_percent: 100.0 * meter.read().cpu_ns as f64 / elapsed_ns as f64,
-                log: log_section(&self.log.fate()),
+                log: log_section(
+                    self.settings.recorder.log.name(),
+                    &self.log.as_ref().map(FlightLog::fate).unwrap_or_default(),
+                ),
                 unwritten: self.unwritten.iter().map(|(file, why)| ((*file).to_owned(), why.clone())).collect(),
             },
             host: self.host.clone(),
