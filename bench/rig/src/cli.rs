@@ -16,6 +16,8 @@ use crate::doctor::DoctorArgs;
 use crate::fault::Fault;
 use crate::floor::command::FloorArgs;
 use crate::floor::hop::HopArgs;
+use crate::manual::{CompletionsArgs, ManArgs};
+use crate::runs::RunsArgs;
 use crate::settings::Overrides;
 use flight_log::TOPICS;
 
@@ -55,6 +57,8 @@ pub enum Command {
     Export(ExportArgs),
     /// Fly a recorded flight again from its log, and compare.
     Replay(ReplayArgs),
+    /// List the flights that were recorded; remove old ones with --prune.
+    Runs(RunsArgs),
     /// Fly the same laws in one process, in simulated time.
     Simulate(SimulateArgs),
     /// Measure the rig beside the machine's own limits.
@@ -66,6 +70,10 @@ pub enum Command {
     Doctor(DoctorArgs),
     /// Remove what killed processes left: shared memory, locks, service files.
     Clean(CleanArgs),
+    /// Print the completions of a shell: ironbird completions bash > /etc/bash_completion.d/ironbird
+    Completions(CompletionsArgs),
+    /// Print the manual page: ironbird man | man -l -
+    Man(ManArgs),
     /// Run the airframe alone.
     Plant(RoleArgs),
     /// Run the outer (position) loop alone.

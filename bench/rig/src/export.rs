@@ -20,6 +20,16 @@ use flight_log::perfetto::{self, PerfettoWriter};
 use flight_log::reader::{End, Kept, LogReader};
 use flight_log::{TOPICS, rows};
 
+/// Directory of an export's tables in that of its flight.
+pub const DIRECTORY: &str = "export";
+
+/// Whether an export leaves a table of this name.
+#[must_use]
+pub fn is_ours(name: &str) -> bool {
+    let formats = [TableFormat::Csv, TableFormat::Json];
+    TOPICS.iter().any(|topic| formats.iter().any(|format| name == format!("{topic}.{}", format.extension())))
+}
+
 /// Exports.
 ///
 /// # Errors
@@ -38,7 +48,7 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     };
     let mut tables = match &args.topic {
         Some(topic) => Tables::one(topic, format)?,
-        None => Tables::all(args.to.clone().unwrap_or_else(|| beside.join("export")), format)?,
+        None => Tables::all(args.to.clone().unwrap_or_else(|| beside.join(DIRECTORY)), format)?,
     };
     // What stands before a damage is exported, and the damage said.
     let read = tables.fill(&mut reader).and_then(|()| tables.finish());
