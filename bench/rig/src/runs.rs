@@ -119,7 +119,7 @@ impl RecordedRun {
         Some(Self {
             name: directory.file_name()?.to_string_lossy().into_owned(),
             directory: directory.to_owned(),
-            started: utc(started),
+            started: report.as_ref().map_or_else(|| utc(made), |report| report.run.started.clone()),
             started_unix_s: started.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs(),
             status,
             length_s: report.as_ref().map(|it| (it.ticks.run + it.ticks.skipped) as f64 * it.run.period_us / 1e6),

@@ -49,7 +49,7 @@ fn bash_completes_commands_flags_and_values() {
 #[test]
 fn other_shells_have_completions_too() {
     let rig = Rig::new("shells");
-    for (shell, words) in [("zsh", "#compdef ironbird"), ("fish", "complete -c ironbird"), ("elvish", "ironbird")] {
+    for (shell, words) in [("zsh", "#compdef ironbird"), ("fish", "complete -c ironbird")] {
         ironbird(&rig, &["completions", shell]).expect(0).says(words).says("around-misses");
     }
     ironbird(&rig, &["completions", "csh"]).expect(2).complains("invalid value 'csh' for '<SHELL>'").complains("bash");
@@ -60,21 +60,23 @@ fn other_shells_have_completions_too() {
 fn manual_pages_are_set_without_a_complaint() {
     let rig = Rig::new("man");
     let pages = rig.path("pages");
-    fs::create_dir(&pages).unwrap();
     ironbird(&rig, &["man", "--to", pages.to_str().unwrap()]).expect(0);
+    assert!(!pages.join("ironbird-ring-hop.1").exists(), "what is hidden has no page");
     for page in ["ironbird.1", "ironbird-fly.1", "ironbird-runs.1", "ironbird-report-diff.1"] {
         assert!(pages.join(page).is_file(), "{page}");
     }
     let printed = ironbird(&rig, &["man"]).expect(0);
     assert_eq!(printed.stdout, fs::read_to_string(pages.join("ironbird.1")).unwrap());
+    ironbird(&rig, &["man", "report", "diff"]).expect(0).says("\\fBironbird report diff\\fR");
     let fly = ironbird(&rig, &["man", "fly"]).expect(0).says(".TH ironbird-fly 1").says("around\\-misses");
     ironbird(&rig, &["man", "hover"])
         .expect(2)
         .complains("ironbird has no command `hover`")
-        .complains("name one of fly, ");
-    ironbird(&rig, &["man", "--to", "/nowhere"])
+        .complains("name one of: fly, ")
+        .complains("report diff, ");
+    ironbird(&rig, &["man", "--to", "/dev/null/man"])
         .expect(2)
-        .complains("cannot write manual pages into /nowhere: No such");
+        .complains("cannot write manual pages into /dev/null/man: Not a directory");
     if Command::new("groff").arg("--version").output().is_err() {
         lacks_tool("manual pages: groff is not installed");
         return;
