@@ -107,7 +107,7 @@ fn machine(report: &Report) -> Markup {
         ("kernel", host.kernel.clone()),
         ("preemption", host.preemption.clone()),
         ("processors", format!("{} x {}", host.cpus, host.cpu)),
-        ("hypervisor", if host.hypervisor { "yes" } else { "none seen" }.into()),
+        ("hypervisor", host.hypervisor.map_or("not known", |it| if it { "yes" } else { "none" }).into()),
         ("clock source", host.clock_source.clone()),
         ("sched_rt_runtime_us", host.rt_runtime_us.to_string()),
         ("stolen by the host", format!("{} ms, {:.2} %", report.steal.stolen_ms, report.steal.percent)),

@@ -162,7 +162,7 @@ impl Tally {
 
     /// Follows the causes of missed deadlines from now on; in lockstep there are no deadlines.
     ///
-    /// `is_virtual`: a hypervisor runs below; `shares_processor`: all loops were granted the same one.
+    /// `is_virtual`: a hypervisor may run below; `shares_processor`: all loops were granted the same one.
     pub fn begin_autopsy(&mut self, is_virtual: bool, shares_processor: bool) {
         self.autopsy = self.grid.map(|grid| Autopsy::new(grid, is_virtual, shares_processor));
     }

@@ -93,8 +93,7 @@ pub fn here(report: &Report) -> String {
 #[must_use]
 pub fn machine(report: &Report) -> String {
     let host = &report.host;
-    let below = if host.hypervisor { ", under a hypervisor" } else { "" };
-    format!("{} ({}), {} x {}{below}", host.kernel, host.preemption, host.cpus, host.cpu)
+    format!("{} ({}), {} x {}{}", host.kernel, host.preemption, host.cpus, host.cpu, host.below())
 }
 
 /// What was flown, and how fast.

@@ -51,7 +51,7 @@ pub fn facts(
         ("preemption", &host.preemption),
         ("cpu", &host.cpu),
         ("cpus", &host.cpus.to_string()),
-        ("hypervisor", &host.hypervisor.to_string()),
+        ("hypervisor", &host.hypervisor.map_or_else(|| "unknown".into(), |it| it.to_string())),
         ("clock_source", &host.clock_source),
         ("rt_runtime_us", &host.rt_runtime_us.to_string()),
     ]);

@@ -120,7 +120,7 @@ impl<'a> Recorder<'a> {
         if let Some(path) = &files.states {
             states.push(StatesWriter::spooled(path, tracking, every)?);
         }
-        let watch = Watch::new(&crew.loops(), host.hypervisor);
+        let watch = Watch::new(&crew.loops(), host.hypervisor != Some(false));
         let mut tally = Tally::new(armed.pace, armed.run.get().t0_ns, tracking)?;
         tally.begin_autopsy(watch.is_virtual, watch.processor.is_some());
         let facts = facts(&armed.run.get(), settings, instance.name(), &host, &crew.sections())?;
