@@ -46,8 +46,11 @@ pub struct Report {
     /// The theorem, watched; empty in reports from before it was.
     #[serde(default)]
     pub theorem: Theorem,
-    /// Swaps of plant parameters, in order.
+    /// Swaps of plant parameters, in order; the first 500.
     pub swaps: Vec<AppliedSwap>,
+    /// Later ones.
+    #[serde(default)]
+    pub swaps_left_out: u64,
     /// Latencies.
     pub series: Vec<Statistics>,
     /// The processes.

@@ -28,7 +28,7 @@ use machine::{Machine, cpu_list};
 /// The commented default, which is also where the defaults come from.
 pub const DEFAULT: &str = include_str!("default.toml");
 
-/// Longest flight [s]: 30 days.
+/// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
 const LONGEST_S: f64 = 30.0 * 86_400.0;
 /// Longest time that is kept before an event [s]: until one comes, the recorder holds it in memory.
 const LONGEST_AROUND_S: f64 = 10.0;
@@ -146,6 +146,8 @@ pub struct RecorderSettings {
     pub log_file_mb: u64,
     /// The newest files of it that are kept; 0 is all.
     pub log_files: u64,
+    /// An interval of latency.hlog takes so long [s].
+    pub hlog_every_s: u64,
     /// A row of states.csv every so many ticks.
     pub states_every_ticks: u64,
     /// Deadlines missed per million ticks that are allowed; negative is any number.
@@ -382,6 +384,7 @@ impl Settings {
             )
             .help("the newest file may have only just begun; `ironbird fly --print-config` explains every setting"));
         }
+        within("recorder.hlog_every_s", self.recorder.hlog_every_s as f64, 1.0, 3600.0)?;
         within("recorder.states_every_ticks", self.recorder.states_every_ticks as f64, 1.0, 1e9)?;
         let refused = |e: controller::SettingsError| {
             Failure::usage(format!("settings: {e}")).help("see `ironbird fly --print-config`")

@@ -188,3 +188,36 @@ fn the_newest_files_of_a_log_are_kept_where_no_more_are_to_be() {
         .complains("cannot be replayed: it is not the log's first file")
         .complains("recorder.log_files = 0");
 }
+
+#[test]
+fn intervals_of_the_latency_log_are_as_long_as_asked() {
+    let rig = Rig::new("intervals");
+    let config = rig.settings("[recorder]\nhlog_every_s = 2\nlog = \"off\"\n");
+    rig.run("fly", &["--rt", "off", "--duration", "4500ms", "--config", &config]).expect(0);
+    let log = fs::read_to_string(rig.out().join("latest/latency.hlog")).unwrap();
+    assert!(log.starts_with("#[ironbird: values in nanoseconds, a tag per series, intervals of 2 s]\n"), "{log}");
+    let begins: Vec<&str> = log.lines().filter_map(|line| line.strip_prefix("Tag=loop,")).collect();
+    let expected = ["0.000,2.000,", "2.000,2.000,", "4.000,2.000,"];
+    assert!(
+        begins.len() == 3 && begins.iter().zip(expected).all(|(line, begin)| line.starts_with(begin)),
+        "{begins:?}"
+    );
+}
+
+#[test]
+fn settings_of_the_log_that_make_no_sense_are_named() {
+    let rig = Rig::new("no-sense");
+    for (text, words) in [
+        ("log = \"some\"", "unknown variant `some`, expected one of `all`, `around-misses`, `off`"),
+        ("log = 1", "recorder.log = 1: expected a string, as in \"all\""),
+        ("log_around_s = 11", "recorder.log_around_s = 11 is out of range: allowed are 0 to 10"),
+        ("log_file_mb = 0", "recorder.log_file_mb = 0 is out of range: allowed are 1 to 1000000"),
+        ("log_files = 1", "recorder.log_files = 1 is out of range: allowed are 0, for all, and 2 or more"),
+        ("log_files = -2", "recorder.log_files"),
+        ("hlog_every_s = 0", "recorder.hlog_every_s = 0 is out of range: allowed are 1 to 3600"),
+    ] {
+        let file = rig.settings(&format!("[recorder]\n{text}\n"));
+        rig.run("fly", &["--config", &file]).expect(2).complains(words).complains(&format!("settings file {file}"));
+        rig.assert_nothing_started();
+    }
+}

@@ -272,6 +272,9 @@ fn flight(out: &mut String, report: &Report) -> Written {
             changes.join(", ")
         )?;
     }
+    if report.swaps_left_out > 0 {
+        writeln!(out, "  and {} later ones", report.swaps_left_out)?;
+    }
     Ok(())
 }
 

@@ -71,7 +71,8 @@ pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<R
     let meter = UsageMeter::start();
     let lines = Lines::create(&files.directory)?;
     let (mut out, mut serializer) = (lines.out(), V2DeflateSerializer::new());
-    let mut log = Hlog::begin(&lines, &mut out, &mut serializer, armed.run.get().t0_wall_ns)?;
+    let mut log =
+        Hlog::begin(&lines, &mut out, &mut serializer, armed.run.get().t0_wall_ns, settings.recorder.hlog_every_s)?;
     let recorder = Recorder::new(&armed, settings, files, &machine, (station.wire().instance(), relays, crew))?;
     let outcome = recorder.record(&mut ports, &mut station, &armed, &meter, (&mut log, &lines));
     station.land(&meter);
@@ -90,6 +91,8 @@ struct Recorder<'a> {
     states: Vec<StatesWriter>,
     /// The report while the flight is in the air.
     so_far: Replaced,
+    /// Seconds of the flight that are over.
+    seconds: u64,
     /// Whether `latest` leads to this flight.
     is_latest: bool,
     /// None where no messages are to be kept.
@@ -145,6 +148,7 @@ impl<'a> Recorder<'a> {
             joiner: Joiner::default(),
             states,
             so_far: Replaced::new(files.directory.join("report.json"))?,
+            seconds: 0,
             is_latest: false,
             crew,
             cpu_times: CpuTimes::read(watch.processor),
@@ -167,9 +171,12 @@ impl<'a> Recorder<'a> {
             station.status.ticks_run = self.tally.newest_tick();
             station.pass_on_stop();
             self.log.as_mut().map_or(Ok(()), |log| log.keep(now_ns()))?;
-            if now_ns() >= armed.run.get().t0_ns + (u64::from(hlog.seconds()) + 1) * NS_PER_S {
-                let closed = hlog.close_second(&mut self.tally.series);
-                self.note(hlog::FILE, closed);
+            if now_ns() >= armed.run.get().t0_ns + (self.seconds + 1) * NS_PER_S {
+                self.seconds += 1;
+                if self.seconds.is_multiple_of(self.settings.recorder.hlog_every_s) {
+                    let closed = hlog.close_interval(&mut self.tally.series);
+                    self.note(hlog::FILE, closed);
+                }
                 let report = self.report(&armed.run.get(), ports, meter, None)?;
                 let text = json::to_string(&report).in_file("write", Path::new("report.json"));
                 let put = text.and_then(|text| self.so_far.put(text + "\n"));
@@ -192,12 +199,12 @@ impl<'a> Recorder<'a> {
         let run = armed.run.get();
         // A swap of a tick that was skipped at the very end is in no state, but the plant has counted it.
         let swaps = self.parameter_epoch.max(run.parameter_epoch);
-        while (self.tally.swaps.len() as u64) < swaps && now_ns() < until {
+        while self.tally.swaps_seen < swaps && now_ns() < until {
             sleep(DRAIN_EVERY);
             self.drain(ports, armed)?;
         }
         self.tally.finish(&run, closed_ns);
-        let closed = hlog.close_second(&mut self.tally.series).and_then(|()| lines.finish());
+        let closed = hlog.close_interval(&mut self.tally.series).and_then(|()| lines.finish());
         self.note(hlog::FILE, closed);
         while let Some(joined) = self.joiner.rest() {
             self.follow(&joined);

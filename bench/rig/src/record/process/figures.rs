@@ -92,6 +92,7 @@ impl Recorder<'_> {
             flight: performance,
             theorem,
             swaps: self.tally.swaps.clone(),
+            swaps_left_out: self.tally.swaps_seen - self.tally.swaps.len() as u64,
             series,
             roles: self.crew.sections(),
             recorder: schema::RecorderSection {
