@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Read as _};
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use mcap::McapError;
@@ -223,12 +223,13 @@ impl LogReader {
             self.end = Some(End::Complete);
             return Ok(());
         };
-        self.path.set_file_name(next);
-        match File::open(&self.path) {
-            Ok(file) => (self.file, self.parser) = (file, parser()),
-            Err(e) if e.kind() == io::ErrorKind::NotFound => self.end = Some(End::Truncated),
-            Err(e) => return Err(e).in_file("read the flight log", &self.path),
-        }
+        let path = self.path.with_file_name(next);
+        let file = File::open(&path).map_err(|e| {
+            self.end = Some(End::Truncated);
+            Failure::failed(format!("cannot read {}, in which {} goes on: {e}", path.display(), self.path.display()))
+                .help("the files of a log belong together; what stands before can be exported")
+        })?;
+        (self.path, self.file, self.parser) = (path, file, parser());
         (self.channels, self.schemas) = (BTreeMap::new(), BTreeMap::new());
         (self.has_data_end, self.has_footer) = (false, false);
         Ok(())

@@ -1,6 +1,7 @@
 //! Settings: defaults, preset, file, flags, in this order; checked before anything starts.
 
 mod layers;
+mod log;
 #[cfg(test)]
 mod tests;
 
@@ -21,8 +22,8 @@ use toml::{Table, Value};
 
 use crate::fault::Fault;
 use failure::Failure;
-use flight_log::facts::{ALL, AROUND_MISSES, LogPlan, OFF};
 use layers::{layered, same};
+pub use log::LogName;
 use machine::{Machine, cpu_list};
 
 /// The commented default, which is also where the defaults come from.
@@ -30,8 +31,6 @@ pub const DEFAULT: &str = include_str!("default.toml");
 
 /// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
 const LONGEST_S: f64 = 30.0 * 86_400.0;
-/// Longest time that is kept before an event [s]: until one comes, the recorder holds it in memory.
-const LONGEST_AROUND_S: f64 = 10.0;
 
 /// Sections that all roles of a run must share.
 const SHARED_SECTIONS: [&str; 6] = ["flight", "plant", "model", "gains", "limits", "rotor"];
@@ -106,30 +105,6 @@ pub struct RealtimeSection {
     pub priority: i32,
     /// Processor of the loops: a number, or "auto".
     pub cpu: Value,
-}
-
-/// Messages that the flight log keeps.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum LogName {
-    /// All of them.
-    All,
-    /// Those around missed deadlines, swaps, take-off and landing.
-    AroundMisses,
-    /// None: there is no log.
-    Off,
-}
-
-impl LogName {
-    /// As it is written.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::All => ALL,
-            Self::AroundMisses => AROUND_MISSES,
-            Self::Off => OFF,
-        }
-    }
 }
 
 /// What is recorded, and which gates the flight must pass.
@@ -335,18 +310,6 @@ impl Settings {
             .map_err(|e| Failure::usage(format!("fault: {e}")).help("`ironbird params` lists names, units and ranges"))
     }
 
-    /// What the flight log keeps.
-    #[must_use]
-    pub fn log_plan(&self) -> LogPlan {
-        let RecorderSettings { log, log_around_s, log_file_mb, log_files, .. } = self.recorder;
-        let around_ticks = (log_around_s / self.flight.period_s).round() as u64;
-        LogPlan {
-            around_ticks: (log == LogName::AroundMisses).then_some(around_ticks),
-            file_bytes: log_file_mb * 1_000_000,
-            files: (log_files > 0).then_some(log_files),
-        }
-    }
-
     /// Last tick of the flight.
     #[must_use]
     pub fn last_tick(&self) -> u64 {
@@ -376,15 +339,7 @@ impl Settings {
         within("flight.tracking_error_max_m", flight.tracking_error_max_m, 0.0, 1e4)?;
         within("flight.ground_z_m", flight.ground_z_m, -1e4, 0.0)?;
         within("rt.priority", f64::from(self.rt.priority), 1.0, 95.0)?;
-        within("recorder.log_around_s", self.recorder.log_around_s, 0.0, LONGEST_AROUND_S)?;
-        within("recorder.log_file_mb", self.recorder.log_file_mb as f64, 1.0, 1e6)?;
-        if self.recorder.log_files == 1 {
-            return Err(Failure::usage(
-                "recorder.log_files = 1 is out of range: allowed are 0, for all, and 2 or more",
-            )
-            .help("the newest file may have only just begun; `ironbird fly --print-config` explains every setting"));
-        }
-        within("recorder.hlog_every_s", self.recorder.hlog_every_s as f64, 1.0, 3600.0)?;
+        self.check_log()?;
         within("recorder.states_every_ticks", self.recorder.states_every_ticks as f64, 1.0, 1e9)?;
         let refused = |e: controller::SettingsError| {
             Failure::usage(format!("settings: {e}")).help("see `ironbird fly --print-config`")

@@ -272,7 +272,7 @@ fn a_full_disk_costs_messages_and_not_the_flight() {
     let unlogged: u64 = result["unlogged"].parse().unwrap();
     assert!(unlogged > 1000 && result["lost"] == "0", "{result:?}");
     assert!(
-        text.lines().take(8).any(|line| line.starts_with(&format!("NOT WHOLE: flight.mcap lacks {unlogged} "))),
+        text.lines().take(9).any(|line| line.starts_with(&format!("NOT WHOLE: flight.mcap lacks {unlogged} "))),
         "{text}"
     );
     let section = &report["recorder"]["log"];
