@@ -8,7 +8,9 @@ pub mod doctor;
 pub mod executable;
 pub mod floor;
 mod hypervisor;
+pub mod interrupts;
 pub mod sampler;
+pub mod trace;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! Facts about the machine, and how much processor time others took.
+//! Facts about the machine, how much processor time others took, and what interrupted.
 
 use serde::{Deserialize, Serialize};
 
@@ -43,4 +43,55 @@ pub struct Steal {
     pub stolen_ms: u64,
     /// Share of their time [%].
     pub percent: f64,
+}
+
+/// Which kind of an interrupt.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum InterruptKind {
+    /// A device, a timer or another processor interrupted.
+    Hard,
+    /// What the kernel put off until after such an interrupt.
+    Soft,
+}
+
+/// How often an interrupt came during the flight.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct InterruptCount {
+    /// Which kind.
+    pub kind: InterruptKind,
+    /// As the kernel names it: a number, or letters such as `LOC`; or a soft one such as `TIMER`.
+    pub name: String,
+    /// The device or the reason; empty for soft ones.
+    pub source: String,
+    /// How often.
+    pub count: u64,
+}
+
+/// Interrupts of the loops' processor during the flight.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct InterruptSection {
+    /// The processor; none where the loops did not share one, and all are counted together.
+    pub processor: Option<u64>,
+    /// What came, the most frequent first.
+    pub counts: Vec<InterruptCount>,
+}
+
+impl InterruptSection {
+    /// The section of the report for people; empty where nothing was counted.
+    #[must_use]
+    pub fn text(&self, ticks: u64) -> String {
+        if self.counts.is_empty() {
+            return String::new();
+        }
+        let place =
+            self.processor.map_or_else(|| "all processors".into(), |number| format!("processor {number}, the loops'"));
+        let mut out = format!("\nInterrupts of {place}    count  per tick\n");
+        for InterruptCount { kind, name, source, count } in &self.counts {
+            let softness = if *kind == InterruptKind::Soft { "soft " } else { "" };
+            let what = format!("{softness}{name} {source}");
+            out += &format!("  {:<36} {count:>9} {:>9.3}\n", what.trim_end(), *count as f64 / ticks.max(1) as f64);
+        }
+        out
+    }
 }

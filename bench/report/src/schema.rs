@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::autopsy;
 use crate::beside::Beside;
 use crate::finding::Diagnosis;
-use crate::host::{Host, Steal};
+use crate::host::{Host, InterruptSection, Steal};
 use crate::json;
 use crate::tally::distribution::{Bucket, Distribution};
 use crate::tally::series::Statistics;
@@ -64,6 +64,9 @@ pub struct Report {
     pub doctor: Diagnosis,
     /// What the host took during the flight.
     pub steal: Steal,
+    /// What interrupted the loops' processor during the flight.
+    #[serde(default)]
+    pub interrupts: InterruptSection,
     /// How the latencies are distributed; empty while the flight is in the air.
     #[serde(default)]
     pub distributions: Vec<Distribution>,

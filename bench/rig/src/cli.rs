@@ -163,6 +163,9 @@ pub struct RecorderArgs {
     /// A row of the states every N ticks [default: 50].
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::every)]
     pub every: Option<u32>,
+    /// Have the kernel trace the loops' processor: an outage then tells who ran instead.
+    #[arg(long)]
+    pub trace: bool,
     /// Gate: end with exit code 3 when more deadlines per million ticks were missed.
     #[arg(long, value_name = "PPM", allow_hyphen_values = true, value_parser = values::limit)]
     pub max_miss_rate: Option<f64>,
@@ -399,6 +402,9 @@ impl RecorderArgs {
         }
         if let Some(every) = self.every {
             set.push(("recorder.states_every_ticks", Value::from(i64::from(every))));
+        }
+        if self.trace {
+            set.push(("recorder.trace", Value::from(true)));
         }
         if let Some(ppm) = self.max_miss_rate {
             set.push(("recorder.max_miss_rate_ppm", Value::from(ppm)));

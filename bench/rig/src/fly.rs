@@ -16,6 +16,7 @@ use wire::instance::{Instance, Lock};
 use crate::cli::FlyArgs;
 use crate::floor::beside;
 use crate::output::{print, say};
+use crate::record::traced;
 use crate::run_directory::RunDirectory;
 use crate::settings::Settings;
 use asked::Asked;
@@ -55,7 +56,9 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     instance.prepare()?;
     let lock = instance.lock_launcher()?;
     let mut asked = Asked::listen()?;
-    let outcome = start_and_watch(&instance, &settings, args, &mut asked);
+    let can_trace = traced::check(settings.recorder.trace, instance.name());
+    let outcome = can_trace.and_then(|()| start_and_watch(&instance, &settings, args, &mut asked));
+    traced::remove_left(settings.recorder.trace, instance.name());
     release(&instance, lock);
     let (directory, ended) = outcome?;
     let report_path = directory.path.join("report.json");

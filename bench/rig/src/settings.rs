@@ -131,6 +131,8 @@ pub struct RecorderSettings {
     pub max_loop_p999_us: f64,
     /// Whether the theorem must hold: no unexplained violation, estimates live.
     pub gate_theorem: bool,
+    /// Whether the kernel's trace of the loops' processor tells who ran in an outage.
+    pub trace: bool,
 }
 
 /// What is set on the command line, as keys of the settings.

@@ -9,6 +9,7 @@ use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
 use model::role::{Role, STAGES};
 use report::autopsy::classes::{Class, classify};
 use report::autopsy::evidence::{CounterSample, Counters, Life, Passage, Scene, TickPassages};
+use report::autopsy::runners::{Runner, Slice};
 use report::autopsy::{AROUND_TICKS, Autopsy, Outage};
 
 const T: u64 = 1_000_000;
@@ -23,6 +24,7 @@ const WINDOW_TICKS: u64 = 2 * AROUND_TICKS;
 struct Made {
     traces: BTreeMap<u64, TickPassages>,
     samples: Vec<CounterSample>,
+    slices: Vec<Slice>,
     is_virtual: bool,
     share_processor: bool,
 }
@@ -49,6 +51,7 @@ fn made() -> Made {
     Made {
         traces: (0..WINDOW_TICKS).map(|tick| (tick, good(tick))).collect(),
         samples: (0..=7).map(sample).collect(),
+        slices: Vec::new(),
         is_virtual: true,
         share_processor: true,
     }
@@ -95,13 +98,16 @@ impl Made {
 
     fn class(&self) -> (Class, Option<Role>, String) {
         let stamps = self.traces.values().flatten().flatten().map(|passage| passage.send_ns);
-        let is_whole = |tick: &u64| self.traces.get(tick).is_some_and(|trace| trace.iter().all(Option::is_some));
+        let is_whole = |tick: &u64| {
+            self.traces.get(tick).is_some_and(|trace| trace.iter().all(|it| it.is_some_and(|it| it.is_fresh)))
+        };
         let last = (MISSED..WINDOW_TICKS).take_while(|tick| *tick == MISSED || !is_whole(tick)).last().unwrap();
         let scene = Scene {
             grid: GRID,
             outage: Outage { first: MISSED, last, missed: 1 },
             traces: &self.traces,
             samples: &self.samples,
+            slices: &self.slices,
             until_ns: stamps.max().unwrap(),
             is_virtual: self.is_virtual,
             share_processor: self.share_processor,
@@ -288,7 +294,13 @@ fn what_the_kernel_counts_for_the_late_stage_goes_before_what_it_looks_like() {
         by_nobody(made);
         made.samples[4..].iter_mut().for_each(|sample| sample.busy = 1);
     };
-    assert_class("by somebody", by_somebody, Class::Preempted, Some(Role::Plant), "which was busy for 10 ms");
+    let on_hardware = |made: &mut Made| {
+        by_somebody(made);
+        made.is_virtual = false;
+    };
+    assert_class("by somebody", on_hardware, Class::Preempted, Some(Role::Plant), "which was busy for 10 ms");
+    // Where the host stops a virtual machine, whoever was on its processor seems to run.
+    assert_class("there", by_somebody, Class::ReadyNotRun, Some(Role::Plant), "nobody was seen to run");
     // Two thirds of the ticks are as bad: what is usual is what the good ones show.
     let all_the_time = |made: &mut Made| {
         stall(made);
@@ -338,6 +350,58 @@ fn a_stage_that_was_stopped_or_has_ended_is_named() {
         made.samples[4].stages[Role::Inner as usize].life = Life::Stopped;
     };
     assert_class("upstream", upstream, Class::StoppedOrDead, Some(Role::Inner), "its process was stopped");
+    // An outage is due to what most of it is due to, not to what it began with.
+    let begun_by_another = |made: &mut Made| {
+        made.delays(MISSED, Role::Plant, 700);
+        made.delays(MISSED + 1, Role::Plant, 600);
+        made.silence_of(Role::Mixer, MISSED..MISSED + 20);
+        made.samples[4].stages[Role::Mixer as usize].life = Life::Stopped;
+    };
+    assert_class("begun", begun_by_another, Class::StoppedOrDead, Some(Role::Mixer), "its process was stopped");
+}
+
+#[test]
+fn a_trace_shows_who_ran_instead() {
+    let hog = |pid: u64, priority: u64| Runner::Thread { pid, priority, name: "hog".into() };
+    let before_ns = GRID.begin_of(MISSED - 10);
+    let from_ns = GRID.begin_of(MISSED);
+    let to_ns = from_ns + 1_820 * US;
+    let late = |made: &mut Made, slices: Vec<Slice>| {
+        made.silence(MISSED..MISSED + 1);
+        made.delays(MISSED + 1, Role::Plant, 800);
+        made.slices = slices;
+    };
+    let hogged = |made: &mut Made| {
+        let idle = Slice { from_ns, to_ns: from_ns + 200 * US, runner: Runner::Idle };
+        let plant = Slice { from_ns: before_ns, to_ns: before_ns + US, runner: hog(100, 19) };
+        late(made, vec![plant, idle, Slice { from_ns: from_ns + 200 * US, to_ns, runner: hog(4711, 0) }]);
+    };
+    let words = "a thread at least as urgent ran; there ran hog (4711) 1620 us, idle 200 us";
+    assert_class("hogged", hogged, Class::Preempted, Some(Role::Plant), words);
+    // The plant itself, nobody, or who is less urgent than the plant: that kept nobody from the processor.
+    for runner in [hog(100, 19), Runner::Idle, hog(4711, 120)] {
+        let mut made = made();
+        let plant = Slice { from_ns: before_ns, to_ns: before_ns + US, runner: hog(100, 19) };
+        late(&mut made, vec![plant, Slice { from_ns, to_ns, runner }]);
+        let (class, _, evidence) = made.class();
+        assert_ne!(class, Class::Preempted, "{evidence}");
+        assert!(evidence.contains("there ran"), "{evidence}");
+    }
+}
+
+#[test]
+fn an_outage_of_many_delays_is_due_to_whose_they_mostly_are() {
+    let slow = |made: &mut Made| {
+        for tick in MISSED..MISSED + 20 {
+            made.computes(tick, Role::Inner, if tick % 2 == 0 { 1_100 } else { 1_200 });
+            // Its output is of no use to the mixer, which waited until its cut-off and is in time.
+            let begin = GRID.begin_of(tick);
+            *made.stage(tick, Role::Mixer) =
+                Passage { receive_ns: begin + 860 * US, send_ns: begin + 865 * US, is_fresh: false };
+        }
+        made.delays(MISSED + 3, Role::Plant, 300);
+    };
+    assert_class("slow", slow, Class::ComputedLong, Some(Role::Inner), "in the longest of 20 delays");
 }
 
 #[test]

@@ -59,8 +59,8 @@ fn an_excerpt_holds_take_off_swaps_and_landing_and_says_that_it_is_one() {
     let (entries, end) = read(&rig.out().join("latest/flight.mcap"));
     assert_eq!(end, End::Complete);
     let expected: Vec<u64> = (0..=50).chain(450..=550).chain(950..=1000).collect();
-    for topic in 0..3 {
-        assert_eq!(ticks(&entries, topic), expected, "{}", TOPICS[topic]);
+    for (topic, name) in TOPICS.iter().enumerate().take(3) {
+        assert_eq!(ticks(&entries, topic), expected, "{name}");
     }
     assert_eq!(ticks(&entries, 4), [500], "the swap");
     let report = rig.report();

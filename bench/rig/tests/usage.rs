@@ -383,3 +383,20 @@ fn too_little_shared_memory_is_said_before_anything_starts() {
         rig.assert_nothing_started();
     }
 }
+
+#[test]
+fn a_trace_that_the_kernel_does_not_give_is_refused_before_anything_starts() {
+    let rig = Rig::new("untraced");
+    // An empty directory where the kernel would have its traces.
+    let mut fly = Command::new("unshare");
+    let script = "mount -t tmpfs tmpfs /sys/kernel/tracing && exec \"$0\" \"$@\"";
+    if !Command::new("unshare").args(["-m", "true"]).status().is_ok_and(|status| status.success()) {
+        not_tested("unshare (util-linux) is not there, or not permitted");
+        return;
+    }
+    fly.args(["-m", "sh", "-c", script, IRONBIRD, "fly", "--trace"]).args(rig.own_args("fly", &["--duration", "1s"]));
+    fly.env("IRONBIRD_ROOT", rig.root());
+    rig.launch(fly).end().expect(1).complains("cannot trace the loops' processor").complains("without --trace");
+    rig.assert_nothing_started();
+    rig.assert_nothing_left();
+}

@@ -1,15 +1,19 @@
 //! Why an outage came about: one class each, a pure function of the evidence.
 //!
-//! An outage begins with one stage of a tick that was late: it got the processor too late, computed for too long, or
-//! did not send what the next stage waited for. The culprit is the stage whose delay exceeds its usual delay by most
-//! in the first tick. The usual delay is the lower quartile of the ticks around. The class follows from the stage's
-//! counters, from its processor's, and from the other stages' signs of life, from when it was due to its next sign of
-//! life. A cause that nothing was seen of is not named: the class then is "the recorder cannot tell".
+//! An outage is a row of delays: a stage of a tick got the processor too late, computed for too long, or did not send
+//! what the next stage waited for; the next delay is looked for when that stage is back. In each such tick the culprit
+//! is the stage whose delay exceeds its usual delay by most; the usual delay is the lower quartile of the ticks around.
+//! The culprit of the outage is the one with most of the time. The class follows from the stage's counters, from its
+//! processor's, and from the other stages' signs of life in its longest delay, from when it was due to its next sign
+//! of life. A cause that nothing was seen of is not named: the class then is "the recorder cannot tell".
+
+use std::collections::BTreeMap;
 
 use model::role::{Role, STAGES};
 use serde::{Deserialize, Serialize};
 
 use crate::autopsy::evidence::{Delay, Scene, Suspect};
+use crate::autopsy::runners::{Runner, RunnerTime};
 
 /// Why an outage came about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -62,7 +66,7 @@ impl Class {
 }
 
 /// What the evidence says of an outage.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Opinion {
     /// Why it came about.
     pub class: Class,
@@ -72,6 +76,8 @@ pub struct Opinion {
     pub delay_ns: u64,
     /// The evidence in words.
     pub evidence: String,
+    /// Who had the loops' processor in the delay, the longest first; empty without a trace.
+    pub ran: Vec<RunnerTime>,
 }
 
 /// Share of a delay, in percent, that the counters must explain.
@@ -80,32 +86,98 @@ const EXPLAINS_PERCENT: u64 = 50;
 /// Classes an outage.
 #[must_use]
 pub fn classify(scene: &Scene<'_>) -> Opinion {
-    let unknown =
-        |evidence: &str| Opinion { class: Class::CannotTell, stage: None, delay_ns: 0, evidence: evidence.into() };
+    let unknown = |evidence: &str| Opinion {
+        class: Class::CannotTell,
+        stage: None,
+        delay_ns: 0,
+        evidence: evidence.into(),
+        ran: Vec::new(),
+    };
     if scene.messages_lost() {
         return unknown("the recorder lost messages around it");
     }
-    let suspects = scene.suspects(scene.outage.first);
+    let Some((suspect, times)) = longest(&delays(scene), scene.grid.period_ns) else {
+        return unknown("no stage was later than usual");
+    };
+    let Some(suspect) = suspect else {
+        return unknown("several stages were late, none of them by most of it");
+    };
+    let (class, why) = explain(scene, &suspect);
+    let stage = class.is_of_a_stage().then_some(suspect.stage);
+    let delay_ns = suspect.to_ns - suspect.from_ns;
+    let again = if times > 1 { format!(" in the longest of {times} delays") } else { String::new() };
+    let ran: Vec<RunnerTime> = scene
+        .ran(&suspect)
+        .unwrap_or_default()
+        .into_iter()
+        .take(RUNNERS)
+        .map(|(runner, ns)| RunnerTime { who: runner.words(), us: ns as f64 / 1e3 })
+        .collect();
+    let longest: Vec<String> =
+        ran.iter().take(RUNNERS_IN_WORDS).map(|it| format!("{} {:.0} us", it.who, it.us)).collect();
+    let meanwhile = if longest.is_empty() { String::new() } else { format!("; there ran {}", longest.join(", ")) };
+    Opinion { class, stage, delay_ns, evidence: format!("{}{again}; {why}{meanwhile}", suspect.words()), ran }
+}
+
+/// Who is told of, of those that ran in a delay.
+const RUNNERS: usize = 10;
+/// Who is told of in words.
+const RUNNERS_IN_WORDS: usize = 3;
+
+/// Delays of an outage that are looked at.
+const DELAYS: usize = 64;
+
+/// The delays of an outage, one after the other; nothing for a tick in which none of several was most of it.
+fn delays(scene: &Scene<'_>) -> Vec<Option<Suspect>> {
+    let (mut tick, mut delays) = (scene.outage.first, Vec::new());
+    while tick <= scene.outage.last && delays.len() < DELAYS {
+        let suspects = scene.suspects(tick);
+        tick += 1;
+        if suspects.is_empty() {
+            continue;
+        }
+        let worst = worst_of(&suspects);
+        if let Some(suspect) = worst {
+            tick = tick.max(scene.grid.tick_at(suspect.to_ns));
+        }
+        delays.push(worst);
+    }
+    delays
+}
+
+/// The stage whose delay is most of a tick's.
+fn worst_of(suspects: &[Suspect]) -> Option<Suspect> {
     let (inputs, own): (Vec<&Suspect>, Vec<&Suspect>) = suspects.iter().partition(|it| it.delay == Delay::Input);
     let share_ns = |suspect: &&&Suspect| suspect.share_ns;
     let worst = match (own.iter().max_by_key(share_ns), inputs.iter().max_by_key(share_ns)) {
         // A stage that was waited for is late with something, unless its message was not used.
         (Some(own), Some(input)) if own.share_ns * 100 < input.share_ns * EXPLAINS_PERCENT => input,
         (Some(own), _) => own,
-        (None, Some(input)) => input,
-        (None, None) => return unknown("no stage was later than usual"),
+        (None, input) => input?,
     };
     let all_ns: u64 = own.iter().map(|suspect| suspect.share_ns).sum();
-    if worst.share_ns * 100 < all_ns * EXPLAINS_PERCENT {
-        return unknown("several stages were late, none of them by most of it");
-    }
-    let (class, why) = explain(scene, worst);
-    let stage = class.is_of_a_stage().then_some(worst.stage);
-    let delay_ns = worst.to_ns - worst.from_ns;
-    Opinion { class, stage, delay_ns, evidence: format!("{}; {why}", worst.words()) }
+    (worst.share_ns * 100 >= all_ns * EXPLAINS_PERCENT).then_some(**worst)
 }
 
-/// The class of the delay that an outage began with, with its evidence.
+/// The longest delay of the stage that most of the time is due to, with how many it had; nothing where there is no
+/// such stage, and nothing at all where there are no delays.
+fn longest(delays: &[Option<Suspect>], period_ns: u64) -> Option<(Option<Suspect>, usize)> {
+    let length_ns = |suspect: &Suspect| suspect.to_ns - suspect.from_ns;
+    let mut culprits = BTreeMap::<Role, Vec<Suspect>>::new();
+    for suspect in delays.iter().flatten() {
+        culprits.entry(suspect.stage).or_default().push(*suspect);
+    }
+    let time_ns = |delays: &Vec<Suspect>| delays.iter().map(length_ns).sum::<u64>();
+    let undecided_ns = delays.iter().filter(|delay| delay.is_none()).count() as u64 * period_ns;
+    let all_ns = undecided_ns + culprits.values().map(time_ns).sum::<u64>();
+    let Some(most) = culprits.values().max_by_key(|delays| time_ns(delays)) else {
+        return (!delays.is_empty()).then_some((None, 0));
+    };
+    let is_most = time_ns(most) * 100 >= all_ns * EXPLAINS_PERCENT;
+    Some((most.iter().copied().max_by_key(length_ns).filter(|_| is_most), most.len()))
+}
+
+/// The class of a delay, with its evidence.
 fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
     let usage = scene.usage(suspect);
     let explains = |ns: u64| ns > 0 && ns * 100 >= suspect.excess_ns * EXPLAINS_PERCENT;
@@ -122,6 +194,9 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
     if usage.faults > 0 {
         return (Class::PageFault, format!("{} page faults", usage.faults));
     }
+    if suspect.delay != Delay::Input && explains(urgent_ns(scene, suspect)) {
+        return (Class::Preempted, "a thread at least as urgent ran".into());
+    }
     if explains(usage.waited_ns) {
         let (us, switches) = (usage.waited_ns / 1000, usage.involuntary_switches);
         let ready = format!("ready to run for {us} us without the processor");
@@ -131,7 +206,8 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
         if others.is_some_and(|others| others.ran) {
             return (Class::Preempted, format!("{ready}, other stages ran meanwhile"));
         }
-        if explains(processor.busy_ns) {
+        // Where the host stops a virtual machine, whoever was on its processor seems to run.
+        if explains(processor.busy_ns) && !scene.is_virtual {
             return (Class::Preempted, format!("{ready}, which was busy for {} ms", processor.busy_ns / 1_000_000));
         }
         return (Class::ReadyNotRun, format!("{ready}, and nobody was seen to run"));
@@ -165,6 +241,24 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
         Delay::Compute => (Class::ComputedLong, "nothing interrupted it".into()),
         Delay::Wake | Delay::Input => (Class::WakeLate, "nothing else was due meanwhile".into()),
     }
+}
+
+/// How long threads that may keep a stage from the processor had it in a delay, as the trace tells [ns].
+///
+/// Who is less urgent than a stage that is ready cannot have kept it from the processor: the kernel did not switch, or
+/// a virtual machine stood still with that thread on its processor.
+fn urgent_ns(scene: &Scene<'_>, suspect: &Suspect) -> u64 {
+    let own = scene.thread_of(suspect.stage);
+    let own_priority = scene.slices.iter().find_map(|slice| match slice.runner {
+        Runner::Thread { pid, priority, .. } if Some(pid) == own => Some(priority),
+        _ => None,
+    });
+    let is_urgent = |runner: &Runner| match runner {
+        Runner::Thread { pid, priority, .. } => Some(*pid) != own && own_priority.is_some_and(|own| *priority <= own),
+        _ => false,
+    };
+    let ran = scene.ran(suspect).unwrap_or_default();
+    ran.into_iter().filter(|(runner, _)| is_urgent(runner)).map(|(_, ns)| ns).sum()
 }
 
 /// Stages of the loop by their place in [`STAGES`].

@@ -9,6 +9,7 @@ use model::grid::Grid;
 use model::role::{Role, STAGES};
 
 use crate::autopsy::Outage;
+use crate::autopsy::runners::{Runner, Slice, runners};
 
 /// A stage's work of a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,6 +83,8 @@ pub struct Scene<'a> {
     pub traces: &'a BTreeMap<u64, TickPassages>,
     /// The samples around it, in order.
     pub samples: &'a [CounterSample],
+    /// Who ran on the loops' processor; empty without a trace.
+    pub slices: &'a [Slice],
     /// How far the traces reach [ns].
     pub until_ns: u64,
     /// A hypervisor may run below.
@@ -299,6 +302,21 @@ impl Scene<'_> {
             usage.ran_ns = beyond(|counters| counters.ran_ns);
         }
         usage
+    }
+
+    /// Who had the loops' processor while the stage was late, the longest first; nothing where no trace covers it.
+    #[must_use]
+    pub fn ran(&self, suspect: &Suspect) -> Option<Vec<(&Runner, u64)>> {
+        let times = runners(self.slices, suspect.from_ns, suspect.to_ns).filter(|_| self.share_processor)?;
+        let mut times: Vec<(&Runner, u64)> = times.into_iter().collect();
+        times.sort_by_key(|(_, ns)| std::cmp::Reverse(*ns));
+        Some(times)
+    }
+
+    /// The thread of a stage, as far as it is known.
+    #[must_use]
+    pub fn thread_of(&self, stage: Role) -> Option<u64> {
+        self.samples.last().map(|sample| sample.stages[stage as usize].pid)
     }
 
     /// What is known of the loops' processor while the stage was late.

@@ -15,6 +15,7 @@
 
 pub mod classes;
 pub mod evidence;
+pub mod runners;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -27,6 +28,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::autopsy::classes::{Class, Opinion, classify, index};
 use crate::autopsy::evidence::{CounterSample, Life, Passage, Scene, TickPassages};
+use crate::autopsy::runners::{RunnerTime, Slice};
 
 /// Ticks that are kept before and after an outage: what is usual is seen in them.
 pub const AROUND_TICKS: u64 = 32;
@@ -82,6 +84,9 @@ pub struct Case {
     pub stage: Option<String>,
     /// The evidence in words.
     pub evidence: String,
+    /// Who had the loops' processor in the delay, the longest first; empty without a trace.
+    #[serde(default)]
+    pub ran: Vec<RunnerTime>,
     /// What the stages did around its begin.
     pub timeline: Vec<TimelineTick>,
 }
@@ -180,6 +185,8 @@ pub struct Autopsy {
     share_processor: bool,
     traces: BTreeMap<u64, TickPassages>,
     samples: VecDeque<CounterSample>,
+    /// Who ran on the loops' processor, where it is traced.
+    slices: VecDeque<Slice>,
     /// Ticks that the plant's next states judged: from, to, missed deadlines among them, the last one's verdict.
     judged: Vec<Judged>,
     last_state: Option<(u64, u64)>,
@@ -228,6 +235,7 @@ impl Autopsy {
             share_processor,
             traces: BTreeMap::new(),
             samples: VecDeque::new(),
+            slices: VecDeque::new(),
             judged: Vec::new(),
             last_state: None,
             missed: BTreeSet::new(),
@@ -264,6 +272,17 @@ impl Autopsy {
     /// Takes what the kernel has counted.
     pub fn sample(&mut self, sample: CounterSample) {
         self.samples.push_back(sample);
+    }
+
+    /// Takes what the kernel's trace tells, in order.
+    pub fn ran(&mut self, slices: Vec<Slice>) {
+        self.slices.extend(slices);
+    }
+
+    /// Whether an outage lasts or is found, and waits to be classed.
+    #[must_use]
+    pub fn has_outage(&self) -> bool {
+        self.open.is_some() || !self.missed.is_empty() || !self.judged.is_empty()
     }
 
     /// Takes which stages ended without landing, seen at an instant after the last sample: such an end ends the run,
@@ -382,6 +401,7 @@ impl Autopsy {
             grid: self.grid,
             traces: &traces,
             samples: self.samples.make_contiguous(),
+            slices: self.slices.make_contiguous(),
             outage,
             until_ns,
             is_virtual: self.is_virtual,
@@ -423,6 +443,7 @@ impl Autopsy {
             class: opinion.class,
             stage: opinion.stage.map(|stage| stage.name().into()),
             evidence: opinion.evidence,
+            ran: opinion.ran,
             timeline: timeline.collect(),
         }
     }
@@ -435,6 +456,9 @@ impl Autopsy {
         let oldest_ns = self.grid.begin_of(oldest).saturating_sub(SAMPLES_BEYOND_NS);
         while self.samples.front().is_some_and(|sample| sample.at_ns < oldest_ns) {
             self.samples.pop_front();
+        }
+        while self.slices.front().is_some_and(|slice| slice.to_ns < oldest_ns) {
+            self.slices.pop_front();
         }
     }
 

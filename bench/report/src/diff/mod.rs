@@ -375,12 +375,12 @@ mod tests {
         };
         let one = flat(r#"{"a": {"b": 1, "c": [1]}}"#);
         let other = flat(r#"{"a": {"b": 1, "c": [2]}, "d": "x"}"#);
-        let found = differences(&[one.clone(), one.clone()], &[other.clone()]);
+        let found = differences(&[one.clone(), one.clone()], std::slice::from_ref(&other));
         let keys: Vec<&str> = found.iter().map(|difference| difference.key.as_str()).collect();
         assert_eq!(keys, ["a.c", "d"]);
         assert_eq!((&found[1].a[..], &found[1].b[..]), (&[Value::Null][..], &[Value::from("x")][..]));
         // Also within a group.
-        assert_eq!(differences(&[one.clone(), other], &[one.clone()])[0].a.len(), 2);
-        assert_eq!(differences(&[one.clone()], &[one]), []);
+        assert_eq!(differences(&[one.clone(), other], std::slice::from_ref(&one))[0].a.len(), 2);
+        assert_eq!(differences(std::slice::from_ref(&one), std::slice::from_ref(&one)), []);
     }
 }

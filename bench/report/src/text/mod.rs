@@ -221,6 +221,7 @@ fn roles(out: &mut String, report: &Report) -> Written {
     for (name, role) in report.roles.iter().filter(|(name, _)| *name != "record") {
         writeln!(out, "  {name:<9} {}", grants(role))?;
     }
+    out.write_str(&report.interrupts.text(report.ticks.run))?;
     Ok(())
 }
 

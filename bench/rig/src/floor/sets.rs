@@ -209,7 +209,7 @@ fn in_turns<T, F>(
     floor: impl FnOnce() -> Result<F, Failure>,
 ) -> Result<(T, F, f64), Failure> {
     let before = CpuTimes::read(processor);
-    let (ours, floor) = if pair % 2 == 0 {
+    let (ours, floor) = if pair.is_multiple_of(2) {
         let ours = ours()?;
         (ours, floor()?)
     } else {

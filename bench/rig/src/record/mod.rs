@@ -12,3 +12,4 @@ pub mod hlog;
 pub mod ports;
 pub mod process;
 pub mod replaced;
+pub mod traced;

@@ -21,6 +21,7 @@ use crate::record::crew::Crew;
 use crate::record::hlog::{self, Hlog, Lines};
 use crate::record::ports::{DRAIN_EVERY, Ports, Relays, horizon, rest};
 use crate::record::replaced::Replaced;
+use crate::record::traced::Traced;
 use crate::run_directory::make_latest;
 use crate::settings::{LogName, Settings};
 use failure::{Failure, InFile as _};
@@ -30,6 +31,7 @@ use flight_log::writer::FlightLog;
 use machine::Machine;
 use machine::cpu_times::{CpuTimes, host_of};
 use machine::doctor;
+use machine::interrupts::Interrupts;
 use machine::sampler::{Watch, fallen};
 use report::files::write_all;
 use report::finding::Diagnosis;
@@ -87,6 +89,7 @@ struct Recorder<'a> {
     doctor: Diagnosis,
     tally: Tally,
     watch: Watch,
+    traced: Traced,
     joiner: Joiner,
     states: Vec<StatesWriter>,
     /// The report while the flight is in the air.
@@ -104,6 +107,7 @@ struct Recorder<'a> {
     parameter_epoch: u64,
     crew: Crew,
     cpu_times: CpuTimes,
+    interrupts: Interrupts,
     period_s: f64,
 }
 
@@ -145,6 +149,7 @@ impl<'a> Recorder<'a> {
             doctor: Diagnosis::of(&doctor::findings(machine)),
             tally,
             watch,
+            traced: Traced::begin(settings.recorder.trace, instance.name(), watch.processor)?,
             joiner: Joiner::default(),
             states,
             so_far: Replaced::new(files.directory.join("report.json"))?,
@@ -152,6 +157,7 @@ impl<'a> Recorder<'a> {
             is_latest: false,
             crew,
             cpu_times: CpuTimes::read(watch.processor),
+            interrupts: Interrupts::read(watch.processor),
             period_s,
         })
     }
@@ -212,6 +218,7 @@ impl<'a> Recorder<'a> {
         let finished = self.states.iter_mut().try_for_each(StatesWriter::finish);
         self.note("states.csv", finished);
         if let Some(autopsy) = &mut self.tally.autopsy {
+            autopsy.ran(self.traced.take());
             autopsy.fallen(fallen(&self.crew.loops()), now_ns());
             autopsy.finish(run.deadlines_missed, run.last_tick + 1);
         }
@@ -251,6 +258,9 @@ impl<'a> Recorder<'a> {
         // After the last tick processes end as they should.
         if run.get().phase() == RunPhase::Flying {
             autopsy.sample(sample);
+        }
+        if autopsy.has_outage() {
+            autopsy.ran(self.traced.take());
         }
         autopsy.look();
     }

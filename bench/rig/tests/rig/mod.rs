@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use signal_hook::consts::{SIGINT, SIGQUIT};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT};
 use signal_hook::flag::register_conditional_default;
 use tempfile::TempDir;
 use wire::instance::Instance;
@@ -192,11 +192,11 @@ impl Drop for Rig {
 }
 
 /// Has the processes of a test hear what interrupts them: a script that starts the tests in the background has SIGINT
-/// and SIGQUIT ignored, which a process hands on. What is caught is at its default again in the next program.
+/// and SIGQUIT ignored, nohup has SIGHUP ignored, and a process hands that on. What is caught is at its default again in the next program.
 fn hear_signals() {
     static HEARD: Once = Once::new();
     HEARD.call_once(|| {
-        for signal in [SIGINT, SIGQUIT] {
+        for signal in [SIGHUP, SIGINT, SIGQUIT] {
             register_conditional_default(signal, Arc::new(AtomicBool::new(true))).unwrap();
         }
     });

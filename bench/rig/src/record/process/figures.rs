@@ -13,7 +13,9 @@ use failure::Failure;
 use flight_log::TOPICS;
 use flight_log::writer::FlightLog;
 use machine::cpu_times::CpuTimes;
+use machine::interrupts::Interrupts;
 use report::autopsy::Autopsy;
+use report::host::InterruptSection;
 use report::schema::{self, Report, RunLength};
 use report::sections::{gates, log_section, rejected, verdict};
 use report::tally::deadlines::LateStretch;
@@ -109,6 +111,10 @@ impl Recorder<'_> {
             host: self.host.clone(),
             doctor: self.doctor.clone(),
             steal,
+            interrupts: InterruptSection {
+                processor: self.watch.processor,
+                counts: self.interrupts.until(&Interrupts::read(self.watch.processor)),
+            },
             // What only a page shows is worked out once, at the end.
             distributions: if ending.is_some() { self.tally.series.distributions() } else { Vec::new() },
             // The launcher measures them when everybody has landed.

@@ -1,0 +1,49 @@
+//! The kernel's trace of the loops' processor beside a flight.
+
+use failure::Failure;
+use machine::trace::{self, TRACEFS, Trace};
+use report::autopsy::runners::Slice;
+
+/// The trace, where it is asked for.
+#[derive(Debug, Default)]
+pub struct Traced(Option<Trace>);
+
+impl Traced {
+    /// Starts it, if it is asked for.
+    ///
+    /// # Errors
+    /// [`refused`].
+    pub fn begin(is_asked: bool, instance: &str, processor: Option<u64>) -> Result<Self, Failure> {
+        let begin = || Trace::begin(instance, processor).map_err(|e| refused(&e));
+        is_asked.then(begin).transpose().map(Self)
+    }
+
+    /// What ran since the last time.
+    pub fn take(&mut self) -> Vec<Slice> {
+        // A trace that can no longer be read explains nothing more.
+        self.0.as_mut().and_then(|trace| trace.take().ok()).unwrap_or_default()
+    }
+}
+
+/// Whether a flight of this name could be traced.
+///
+/// # Errors
+/// [`refused`].
+pub fn check(is_asked: bool, instance: &str) -> Result<(), Failure> {
+    if is_asked { Trace::try_here(instance).map_err(|e| refused(&e)) } else { Ok(()) }
+}
+
+/// Removes what a recorder that was killed left of its trace.
+pub fn remove_left(is_asked: bool, instance: &str) {
+    if is_asked {
+        trace::remove_left(instance);
+    }
+}
+
+/// What is said where the kernel traces nothing for us.
+fn refused(error: &std::io::Error) -> Failure {
+    Failure::failed(format!("cannot trace the loops' processor: {error}")).help(format!(
+        "as root: mount -t tracefs nodev {TRACEFS}, and fly as root or `chgrp -R` it to a group of yours; without root, \
+         fly without --trace: the report then tells causes from counters alone"
+    ))
+}
