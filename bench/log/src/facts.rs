@@ -14,8 +14,12 @@ pub const SETTINGS: &str = "settings";
 pub const HOST: &str = "host";
 /// Name of the record with what each process asked of the system, and was granted.
 pub const REALTIME: &str = "realtime";
-/// Name of the record that ends a log: how the flight ended.
+/// Name of the record with what the log keeps, and which of its files this is.
+pub const KEPT: &str = "log";
+/// Name of the record that ends a file of the log: how the flight ended, or which file goes on.
 pub const LANDING: &str = "landing";
+/// What [`LANDING`] calls the file that goes on.
+pub const CONTINUED_IN: &str = "continued_in";
 
 /// Names and texts of a record.
 pub type Record = BTreeMap<String, String>;
@@ -27,14 +31,47 @@ pub struct Facts {
     pub pace: Pace,
     /// Sample time of the laws [ns].
     pub sample_time_ns: u64,
+    /// Which messages it keeps, and in how many files.
+    pub plan: LogPlan,
     /// The records by name.
     pub records: Vec<(&'static str, Record)>,
 }
 
+/// Which messages a log keeps, and in how many files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LogPlan {
+    /// Ticks that are kept before and after an event; none where every message is kept.
+    pub around_ticks: Option<u64>,
+    /// Length at which a file ends and the next one begins [bytes].
+    pub file_bytes: u64,
+    /// The newest files that are kept; none where all of them are.
+    pub files: Option<u64>,
+}
+
+impl LogPlan {
+    /// Every message, in one file.
+    pub const WHOLE: Self = Self { around_ticks: None, file_bytes: u64::MAX, files: None };
+
+    /// What is kept, in a word.
+    #[must_use]
+    pub const fn kept(&self) -> &'static str {
+        if self.around_ticks.is_some() { AROUND_MISSES } else { ALL }
+    }
+}
+
+/// What a log keeps that holds every message.
+pub const ALL: &str = "all";
+/// What a log keeps that holds excerpts.
+pub const AROUND_MISSES: &str = "around-misses";
+/// What is kept where there is no log.
+pub const OFF: &str = "off";
+
 impl Facts {
-    /// The records by name.
-    pub(crate) fn records(&self) -> impl Iterator<Item = (&'static str, Record)> {
-        self.records.iter().cloned()
+    /// The records of a file of the log by name.
+    pub(crate) fn records(&self, part: u64) -> impl Iterator<Item = (&'static str, Record)> {
+        let around_ticks = self.plan.around_ticks.unwrap_or(0).to_string();
+        let kept = record(&[("kept", self.plan.kept()), ("around_ticks", &around_ticks), ("part", &part.to_string())]);
+        self.records.iter().cloned().chain([(KEPT, kept)])
     }
 }
 

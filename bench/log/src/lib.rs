@@ -1,7 +1,7 @@
 //! The flight log: every message in one MCAP file, which other tools can read too.
 //!
 //! ```text
-//! messages --codec--> writer --chunks--> spool --> flight.mcap --> reader --> export, replay
+//! messages --excerpt, codec--> writer --chunks--> spool --> flight.mcap, flight.1.mcap, ... --> reader --> export, replay
 //! ```
 //!
 //! Schemas, units and codec are derived from the layouts of the messages. docs/recording.md describes the file.
@@ -11,6 +11,8 @@ use model::topic::Topic;
 
 pub mod build;
 pub mod codec;
+pub mod entry;
+pub mod excerpt;
 pub mod facts;
 pub mod perfetto;
 pub mod reader;
@@ -21,8 +23,41 @@ pub mod spool;
 pub mod units;
 pub mod writer;
 
-/// Name of the log in a flight's directory.
+/// Name of the log in a flight's directory: of its first file.
 pub const FILE: &str = "flight.mcap";
+
+/// Name of the files of the log: the first has no number.
+#[must_use]
+pub fn file_name(part: u64) -> String {
+    if part == 0 { FILE.into() } else { format!("flight.{part}.mcap") }
+}
+
+/// Number of a file of the log; none of another file.
+#[must_use]
+pub fn part_of(file_name: &str) -> Option<u64> {
+    let part = match file_name.strip_prefix("flight.")?.strip_suffix("mcap")? {
+        "" => 0,
+        number => number.strip_suffix('.')?.parse().ok()?,
+    };
+    (crate::file_name(part) == file_name).then_some(part)
+}
 
 /// Topics of the loop, in the order of the data's way.
 pub const TOPICS: [&str; 5] = [State::NAME, Setpoint::NAME, Wrench::NAME, RotorSpeeds::NAME, SwapRecord::NAME];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_of_the_log_are_told_from_others() {
+        for part in [0, 1, 17] {
+            assert_eq!(part_of(&file_name(part)), Some(part));
+        }
+        for other in
+            ["flight.svg", "flight.0.mcap", "flight.01.mcap", "flight.+1.mcap", "flight.one.mcap", "myflight.mcap"]
+        {
+            assert_eq!(part_of(other), None, "{other}");
+        }
+    }
+}

@@ -1,6 +1,7 @@
 //! Reads a flight log from start to end and trusts only what its checksums cover.
 //!
-//! It reads chunk by chunk, so it can also read what a killed recorder or a full disk left behind.
+//! It reads chunk by chunk, so it can also read what a killed recorder or a full disk left behind. From a file that
+//! names another one, which goes on, it goes on there.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -11,34 +12,19 @@ use mcap::McapError;
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use model::boards::LOCKSTEP;
-use model::envelope::{LAYOUT, Message};
+use model::envelope::LAYOUT;
 use model::grid::{Grid, Pace};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;
 
 use crate::build::Build;
 use crate::codec::{Logged, decode};
+use crate::entry::LogEntry;
 use crate::{facts, schema};
 use failure::{Failure, InFile as _};
 
 /// A record longer than this is no log's [bytes].
 const RECORD_LIMIT: usize = 1 << 28;
-
-/// A message of one of the topics.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(clippy::large_enum_variant, reason = "the largest is the most frequent")]
-pub enum LogEntry {
-    /// Topic `state`.
-    State(Message<State>),
-    /// Topic `setpoint`.
-    Setpoint(Message<Setpoint>),
-    /// Topic `wrench`.
-    Wrench(Message<Wrench>),
-    /// Topic `rotor_speeds`.
-    RotorSpeeds(Message<RotorSpeeds>),
-    /// Topic `swaps`.
-    Swap(Message<SwapRecord>),
-}
 
 /// How far a log goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,6 +50,15 @@ pub struct LogReader {
     has_footer: bool,
 }
 
+/// What a log holds, by its own words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Kept {
+    /// Ticks around missed deadlines that it keeps; none where it keeps every message.
+    pub around_ticks: Option<u64>,
+    /// Files that were before the first one that is there.
+    pub files_before: u64,
+}
+
 impl LogReader {
     /// Opens a log and reads what it says of its flight.
     ///
@@ -71,16 +66,10 @@ impl LogReader {
     /// [`Failure`] names the file, and says what is wrong with it.
     pub fn open(path: &Path) -> Result<Self, Failure> {
         let file = File::open(path).in_file("read the flight log", path)?;
-        let options = LinearReaderOptions::default()
-            .with_prevalidate_chunk_crcs(true)
-            .with_validate_data_section_crc(true)
-            .with_validate_summary_section_crc(true)
-            .with_check_finishes_after_end_magic(true)
-            .with_record_length_limit(RECORD_LIMIT);
         Ok(Self {
             path: path.to_owned(),
             file,
-            parser: LinearReader::new_with_options(options),
+            parser: parser(),
             channels: BTreeMap::new(),
             schemas: BTreeMap::new(),
             facts: BTreeMap::new(),
@@ -154,6 +143,23 @@ impl LogReader {
         Ok(if period_ns == LOCKSTEP { Pace::Lockstep } else { Pace::Realtime(Grid { t0_ns, period_ns }) })
     }
 
+    /// What it holds: of its first file that is there.
+    ///
+    /// # Errors
+    /// [`Failure`] names the file, where it says no number.
+    pub fn kept(&self) -> Result<Kept, Failure> {
+        // Logs from before there were excerpts do not say.
+        let number = |name: &str| match self.facts.get(facts::KEPT).and_then(|record| record.get(name)) {
+            None => Ok(0),
+            Some(text) => text.parse().map_err(|_| {
+                self.damaged(&format!("its record `{}` has {name} = `{text}`, which is no number", facts::KEPT))
+            }),
+        };
+        let is_excerpt = self.fact(facts::KEPT, "kept").is_ok_and(|kept| kept == facts::AROUND_MISSES);
+        let around_ticks = number("around_ticks")?;
+        Ok(Kept { around_ticks: is_excerpt.then_some(around_ticks), files_before: number("part")? })
+    }
+
     /// The executable that wrote it; what the log does not say is unknown.
     #[must_use]
     pub fn build(&self) -> Build {
@@ -177,13 +183,7 @@ impl LogReader {
 
     fn step(&mut self) -> Result<Option<LogEntry>, Failure> {
         let event = match self.parser.next_event() {
-            None => {
-                self.end = Some(End::Complete);
-                if !(self.has_data_end && self.has_footer) {
-                    return Err(self.damaged("its checksums are missing"));
-                }
-                return Ok(None);
-            }
+            None => return self.end_file().map(|()| None),
             // The end of the file inside a record: of a log that was not finished.
             Some(Err(McapError::UnexpectedEof)) => {
                 self.end = Some(End::Truncated);
@@ -212,10 +212,37 @@ impl LogReader {
         }
     }
 
+    /// Ends with this file, or goes on with the one that it names.
+    fn end_file(&mut self) -> Result<(), Failure> {
+        if !(self.has_data_end && self.has_footer) {
+            self.end = Some(End::Complete);
+            return Err(self.damaged("its checksums are missing"));
+        }
+        let landing = self.facts.get_mut(facts::LANDING);
+        let Some(next) = landing.and_then(|landing| landing.remove(facts::CONTINUED_IN)) else {
+            self.end = Some(End::Complete);
+            return Ok(());
+        };
+        let path = self.path.with_file_name(next);
+        let file = File::open(&path).map_err(|e| {
+            self.end = Some(End::Truncated);
+            Failure::failed(format!("cannot read {}, in which {} goes on: {e}", path.display(), self.path.display()))
+                .help("the files of a log belong together; what stands before can be exported")
+        })?;
+        (self.path, self.file, self.parser) = (path, file, parser());
+        (self.channels, self.schemas) = (BTreeMap::new(), BTreeMap::new());
+        (self.has_data_end, self.has_footer) = (false, false);
+        Ok(())
+    }
+
     fn take(&mut self, record: Record<'static>) -> Result<Option<LogEntry>, Failure> {
         match record {
-            Record::Metadata(metadata) => {
+            Record::Metadata(metadata) if metadata.name == facts::LANDING => {
                 self.facts.insert(metadata.name, metadata.metadata);
+            }
+            // Every file of a log says the same, but for its number: that of the first is kept.
+            Record::Metadata(metadata) => {
+                self.facts.entry(metadata.name).or_insert(metadata.metadata);
             }
             Record::Schema { header, data } => {
                 self.schemas.insert(header.id, (header.name, data.into_owned()));
@@ -302,4 +329,15 @@ impl LogReader {
             None => Err(self.damaged(&format!("a message of topic `{topic}` does not follow its schema"))),
         }
     }
+}
+
+fn parser() -> LinearReader {
+    LinearReader::new_with_options(
+        LinearReaderOptions::default()
+            .with_prevalidate_chunk_crcs(true)
+            .with_validate_data_section_crc(true)
+            .with_validate_summary_section_crc(true)
+            .with_check_finishes_after_end_magic(true)
+            .with_record_length_limit(RECORD_LIMIT),
+    )
 }

@@ -144,12 +144,24 @@ impl Spool {
         state.on_disk
     }
 
-    /// As [`Self::settle`], and waits until the disk has it all and has synced it, or takes nothing more.
-    pub fn finish(&self) -> u64 {
+    /// As [`Self::settle`], has what is there synced at once, and takes nothing more.
+    pub fn end(&self) {
         self.settle();
         let queue = Arc::clone(&self.0.borrow().queue);
         queue.state().end();
         queue.changed.notify_all();
+    }
+
+    /// Whether the disk has it all and has synced it.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.0.borrow().queue.state().is_at_rest()
+    }
+
+    /// As [`Self::end`], and waits until the disk has it all and has synced it, or takes nothing more.
+    pub fn finish(&self) -> u64 {
+        self.end();
+        let queue = Arc::clone(&self.0.borrow().queue);
         queue.await_rest()
     }
 

@@ -1,81 +1,68 @@
-//! Writes the flight log: all messages, the scene, and what a replay needs.
+//! Writes the flight log: chooses what is kept, and begins a new file when one is long enough.
 //!
-//! There is one chunk per [`CHUNK_NS`]. Inside a chunk the messages are grouped by topic, because zstd compresses
-//! similar data best. After a killed recorder the file is readable up to the last chunk. A full disk costs messages,
-//! which are counted, but never the flight.
+//! ```text
+//!   messages --all, or the excerpt--> flight.mcap --long enough--> flight.1.mcap ... flight.N.mcap
+//!                                     closed in the background      the newest few are kept, or all
+//! ```
+//!
+//! Every file has its own index and facts, and says which one goes on. A full disk costs messages, which are counted,
+//! but never the flight.
 
-use std::collections::{BTreeMap, VecDeque};
-use std::fs::File;
-use std::path::Path;
+mod file;
 
-use mcap::records::{MessageHeader, Metadata};
-use mcap::write::NoSeek;
-use mcap::{Compression, McapError, WriteOptions, Writer};
-use model::envelope::Message;
-use model::grid::{NS_PER_S, Pace};
-use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::topic::Topic;
+use std::collections::VecDeque;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
-use crate::codec::{Logged, encode};
-use crate::facts::{Facts, LANDING};
-use crate::scene::{self, Placed};
-use crate::spool::{LEFT_FREE_BYTES, Spool};
-use crate::{TOPICS, schema, units};
+use mcap::McapError;
+
+use crate::entry::{Counts, LogEntry};
+use crate::excerpt::Excerpt;
+use crate::facts::{CONTINUED_IN, Facts, Record};
+use crate::spool::{Disk, LEFT_FREE_BYTES, Spool};
+use crate::{TOPICS, file_name};
 use failure::{Failure, InFile as _};
-
-/// Longest time between two chunks [ns].
-pub const CHUNK_NS: u64 = NS_PER_S / 2;
-/// Longest chunk before it is compressed [bytes]; in lockstep the clock would make longer ones.
-const CHUNK_BYTES: usize = 1 << 20;
-/// Level of zstd: up to 15 nothing gets smaller beyond 6, and at 3 a flight is a thirtieth larger. But compressing is a
-/// burst beside the loops, whose 99th percentile it can be, and at 3 it takes half as long.
-const LEVEL: u32 = 3;
-/// The same in lockstep, where ticks come as fast as the recorder takes them, and compressing is most of what it does.
-const LOCKSTEP_LEVEL: u32 = 1;
-/// Messages per topic, in the order of [`TOPICS`].
-pub type Counts = [u64; TOPICS.len()];
+pub use file::CHUNK_NS;
+use file::{FileFate, LogFile};
 
 /// What became of the messages so far.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Fate {
-    /// Length of the file [bytes].
+    /// Length of the files that are kept [bytes].
     pub file_bytes: u64,
-    /// In the file, or on their way to a disk that has taken everything so far.
+    /// How many they are.
+    pub files: u64,
+    /// In them, or on their way to a disk that has taken everything so far.
     pub written: Counts,
-    /// Not in the file. Messages that wait for a disk that has refused some are not, until it takes them.
+    /// Not in them. Messages that wait for a disk that has refused some are not, until it takes them.
     pub dropped: Counts,
+    /// Not wanted: no event was near.
+    pub left_out: Counts,
+    /// In files that were removed, because newer ones are kept.
+    pub removed: Counts,
+    /// Stretches of an excerpt.
+    pub stretches: u64,
     /// Why the disk did not take something, the first time.
     pub refused: Option<String>,
 }
 
-/// Messages of a channel.
-type Part = Vec<(MessageHeader, Vec<u8>)>;
-
 /// The log of a flight in the air.
-#[allow(missing_debug_implementations, reason = "the writer has none")]
+#[allow(missing_debug_implementations, reason = "its files have none")]
 pub struct FlightLog {
-    writer: Writer<NoSeek<Spool>>,
-    spool: Spool,
-    pace: Pace,
-    newest_sample_ns: u64,
-    channels: BTreeMap<&'static str, u16>,
-    scene_every_ticks: u64,
-    scene_sequence: [u32; scene::CHANNELS.len()],
-    /// The present chunk, by channel.
-    chunk: BTreeMap<u16, Part>,
-    /// What is still to be written of the chunk before it.
-    ending: VecDeque<Part>,
-    /// Messages that had come when that one ended.
-    ended: Counts,
-    /// Messages that came.
-    taken: Counts,
-    /// Lengths at which the file is readable that have not reached the disk, with what is before them.
-    chunks: VecDeque<(u64, Counts)>,
-    /// The last one that has.
-    settled: (u64, Counts),
-    next_chunk_ns: u64,
-    /// Of the present one.
-    chunk_bytes: usize,
+    first_path: PathBuf,
+    facts: Facts,
+    excerpt: Option<Excerpt>,
+    /// What is kept and is not in the file yet.
+    file: LogFile,
+    part: u64,
+    /// The file before it, until the disk has it.
+    closing: Option<LogFile>,
+    /// The files before that one that are kept.
+    closed: VecDeque<FileFate>,
+    removed: Counts,
+    refused: Option<String>,
 }
 
 impl FlightLog {
@@ -86,281 +73,154 @@ impl FlightLog {
     pub fn create(path: &Path, facts: &Facts) -> Result<Self, Failure> {
         let file = File::create(path).in_file("write", path)?;
         let spool = Spool::new(file, LEFT_FREE_BYTES).in_file("write", path)?;
-        Self::begin(spool, facts).in_file("write", path)
+        Ok(Self {
+            first_path: path.to_owned(),
+            facts: facts.clone(),
+            excerpt: facts.plan.around_ticks.map(Excerpt::new),
+            file: LogFile::begin(spool, facts, 0, 0).in_file("write", path)?,
+            part: 0,
+            closing: None,
+            closed: VecDeque::new(),
+            removed: [0; TOPICS.len()],
+            refused: None,
+        })
     }
 
-    fn begin(spool: Spool, facts: &Facts) -> Result<Self, McapError> {
-        let options = WriteOptions::new()
-            .library(concat!("ironbird ", env!("CARGO_PKG_VERSION")))
-            .compression(Some(Compression::Zstd))
-            .compression_level(if facts.pace == Pace::Lockstep { LOCKSTEP_LEVEL } else { LEVEL })
-            // Chunks go to the spool whole, compressed by this thread; they end when they are told to.
-            .compression_threads(0)
-            .disable_seeking(true)
-            .chunk_size(None);
-        let mut writer = Writer::with_options(NoSeek::new(spool.clone()), options)?;
-        for (name, metadata) in facts.records() {
-            writer.write_metadata(&Metadata { name: name.into(), metadata })?;
-        }
-        let mut channels = BTreeMap::new();
-        add::<State>(&mut writer, &mut channels)?;
-        add::<Setpoint>(&mut writer, &mut channels)?;
-        add::<Wrench>(&mut writer, &mut channels)?;
-        add::<RotorSpeeds>(&mut writer, &mut channels)?;
-        add::<SwapRecord>(&mut writer, &mut channels)?;
-        let set = scene::descriptor_set();
-        for (topic, schema) in scene::CHANNELS {
-            let schema = writer.add_schema(schema, "protobuf", &set)?;
-            channels.insert(topic, writer.add_channel(schema, topic, "protobuf", &BTreeMap::new())?);
-        }
-        let mut log = Self {
-            writer,
-            spool,
-            pace: facts.pace,
-            newest_sample_ns: 0,
-            channels,
-            scene_every_ticks: scene::every_ticks(facts.sample_time_ns),
-            scene_sequence: [0; scene::CHANNELS.len()],
-            chunk: BTreeMap::new(),
-            ending: VecDeque::new(),
-            ended: [0; TOPICS.len()],
-            taken: [0; TOPICS.len()],
-            chunks: VecDeque::new(),
-            settled: (0, [0; TOPICS.len()]),
-            next_chunk_ns: 0,
-            chunk_bytes: 0,
-        };
-        log.end_chunk()?;
-        Ok(log)
-    }
-
-    /// Takes a message of a topic.
-    pub fn write<C: Logged>(&mut self, message: &Message<C>) {
-        let topic = <C as Topic>::NAME;
-        if let Some(count) = TOPICS.iter().position(|name| *name == topic).and_then(|i| self.taken.get_mut(i)) {
-            *count += 1;
-        }
-        if self.spool.has_given_up() {
-            return;
-        }
-        let envelope = &message.envelope;
-        let mut bytes = Vec::new();
-        encode(message, &mut bytes);
-        let header = MessageHeader {
-            channel_id: self.channels.get(topic).copied().unwrap_or_default(),
-            sequence: envelope.seq as u32,
-            log_time: self.log_time(message),
-            publish_time: envelope.stamps_of(C::SENDER).send_ns,
-        };
-        self.newest_sample_ns = self.newest_sample_ns.max(envelope.sample_ns);
-        self.add(header, bytes);
-    }
-
-    fn add(&mut self, header: MessageHeader, bytes: Vec<u8>) {
-        self.chunk_bytes += bytes.len();
-        self.chunk.entry(header.channel_id).or_default().push((header, bytes));
-    }
-
-    /// When a message was sampled [ns]; where it goes back to no sample, the begin of its tick, or in lockstep, where
-    /// ticks have no place on the clock, the newest sample.
-    fn log_time<C: Logged>(&self, message: &Message<C>) -> u64 {
-        let Message { envelope, .. } = message;
-        match self.pace {
-            _ if envelope.sample_ns > 0 => envelope.sample_ns,
-            Pace::Realtime(grid) => grid.begin_of(envelope.tick),
-            Pace::Lockstep => self.newest_sample_ns,
-        }
-    }
-
-    /// Takes a state, and every few ticks puts the airframe into the scene.
-    pub fn state(&mut self, message: &Message<State>) {
-        self.write(message);
-        let State { position_w_m, attitude_rad, .. } = message.content;
-        self.place(message, 0, scene::BODY, position_w_m, attitude_rad);
-    }
-
-    /// Takes a set-point, and every few ticks puts the reference into the scene.
-    pub fn setpoint(&mut self, message: &Message<Setpoint>) {
-        self.write(message);
-        let Setpoint { reference_position_w_m, attitude_rad, .. } = message.content;
-        self.place(message, 1, scene::REFERENCE, reference_position_w_m, attitude_rad);
-    }
-
-    fn place<C: Logged>(
-        &mut self,
-        message: &Message<C>,
-        pose: usize,
-        frame: &str,
-        position_w_m: [f64; 3],
-        attitude_rad: [f64; 3],
-    ) {
-        if !message.envelope.tick.is_multiple_of(self.scene_every_ticks) || self.spool.has_given_up() {
-            return;
-        }
-        let placed = Placed { at_ns: self.log_time(message), position_w_m, attitude_rad };
-        let publish_time = message.envelope.stamps_of(C::SENDER).send_ns;
-        for (channel, bytes) in [(pose, placed.pose()), (2, placed.transform(frame))] {
-            let header = MessageHeader {
-                channel_id: self.channels.get(scene::CHANNELS[channel].0).copied().unwrap_or_default(),
-                sequence: self.scene_sequence[channel],
-                log_time: placed.at_ns,
-                publish_time,
-            };
-            self.scene_sequence[channel] += 1;
-            self.add(header, bytes);
+    /// Takes a message.
+    pub fn take(&mut self, entry: LogEntry) {
+        let Self { excerpt, file, .. } = self;
+        match excerpt {
+            Some(excerpt) => excerpt.take(entry, |entry| file.take(entry)),
+            None => file.take(&entry),
         }
     }
 
     /// Ends a chunk when it is time, and hands it to the disk; to be called often.
     ///
-    /// By the clock, one channel per call: compressing a whole chunk takes several ticks and would disturb the loops.
-    ///
     /// # Errors
     /// [`Failure`], which no disk can cause.
     pub fn keep(&mut self, now_ns: u64) -> Result<(), Failure> {
-        if self.spool.has_given_up() {
-            return Ok(());
+        let is_handed_over = self.file.keep(now_ns).map_err(broken)?;
+        if let Some(closed) = self.closing.take_if(LogFile::is_on_disk) {
+            self.closed.push_back(closed.fate());
+            self.refused = self.refused.take().or_else(|| closed.refused());
         }
-        if self.ending.is_empty() {
-            if now_ns < self.next_chunk_ns && self.chunk_bytes < CHUNK_BYTES {
-                return Ok(());
-            }
-            self.next_chunk_ns = now_ns + CHUNK_NS;
-            self.begin_end();
-        }
-        let at_once = if self.pace == Pace::Lockstep { self.ending.len() } else { 1 };
-        self.compress(at_once).map_err(broken)?;
-        if self.ending.is_empty() {
-            self.hand_over().map_err(broken)?;
-        }
-        if self.spool.is_overfull() {
-            self.spool.give_up(self.settled.0);
+        // While the disk has not taken the file before, it is not asked to take another one.
+        if is_handed_over && self.file.length() >= self.facts.plan.file_bytes && self.closing.is_none() {
+            self.begin_next_file()?;
         }
         Ok(())
     }
 
-    /// Nothing more belongs to the present chunk.
-    fn begin_end(&mut self) {
-        self.ending.extend(std::mem::take(&mut self.chunk).into_values());
-        self.ended = self.taken;
-        self.chunk_bytes = 0;
-    }
-
-    fn compress(&mut self, channels: usize) -> Result<(), McapError> {
-        let channels = channels.min(self.ending.len());
-        for (header, bytes) in self.ending.drain(..channels).flatten() {
-            self.writer.write_to_known_channel(&header, &bytes)?;
+    fn begin_next_file(&mut self) -> Result<(), Failure> {
+        let next = self.part + 1;
+        let removed = self.facts.plan.files.and_then(|files| next.checked_sub(files));
+        let path = |part: u64| self.first_path.with_file_name(file_name(part));
+        let disk = NextFile { path: path(next), removes: removed.map(path), file: OnceLock::new() };
+        let spool = Spool::new(disk, LEFT_FREE_BYTES).in_file("write", &path(next))?;
+        let file = LogFile::begin(spool, &self.facts, next, self.file.newest_sample_ns()).map_err(broken)?;
+        let mut landing = self.messages();
+        landing.insert(CONTINUED_IN.into(), file_name(next));
+        let mut before = std::mem::replace(&mut self.file, file);
+        before.close(landing).map_err(broken)?;
+        self.closing = Some(before);
+        self.part = next;
+        if removed.is_some() {
+            let removed = self.closed.pop_front().unwrap_or_default();
+            add(&mut self.removed, removed.written);
         }
         Ok(())
-    }
-
-    fn hand_over(&mut self) -> Result<(), McapError> {
-        self.writer.flush()?;
-        self.chunks.push_back((self.spool.written(), self.ended));
-        self.settle();
-        Ok(())
-    }
-
-    /// Ends the present chunk, and what is left of the one before it.
-    fn end_chunk(&mut self) -> Result<(), McapError> {
-        self.begin_end();
-        self.compress(usize::MAX)?;
-        self.hand_over()
-    }
-
-    fn settle(&mut self) {
-        let on_disk = self.spool.settle();
-        while let Some(chunk) = self.chunks.pop_front_if(|(length, _)| *length <= on_disk) {
-            self.settled = chunk;
-        }
     }
 
     /// What became of the messages so far.
     #[must_use]
     pub fn fate(&self) -> Fate {
-        let refused = self.spool.refused();
-        // A recorder that dies now leaves what has settled: what waits for a full disk is not promised.
-        let (file_bytes, written) = if refused.is_some() { self.settled } else { (self.spool.written(), self.taken) };
-        let mut dropped = self.taken;
-        for (dropped, written) in dropped.iter_mut().zip(written) {
-            *dropped -= written;
+        let excerpt = self.excerpt.as_ref();
+        let mut fate = Fate {
+            removed: self.removed,
+            left_out: excerpt.map_or([0; TOPICS.len()], Excerpt::left_out),
+            stretches: excerpt.map_or(0, Excerpt::stretches),
+            refused: self.refused.clone().or_else(|| self.closing.as_ref()?.refused()).or_else(|| self.file.refused()),
+            ..Fate::default()
+        };
+        let written = self.closing.iter().chain([&self.file]).map(LogFile::fate);
+        for file in self.closed.iter().copied().chain(written) {
+            fate.files += 1;
+            fate.file_bytes += file.bytes;
+            add(&mut fate.written, file.written);
+            add(&mut fate.dropped, file.dropped);
         }
-        Fate { file_bytes, written, dropped, refused }
+        fate
+    }
+
+    /// Messages that the log has held so far, by topic, as its reader counts them.
+    fn messages(&self) -> Record {
+        let fate = self.fate();
+        let mut all = fate.written;
+        add(&mut all, fate.dropped);
+        add(&mut all, fate.removed);
+        TOPICS.iter().zip(all).map(|(topic, count)| (format!("messages.{topic}"), count.to_string())).collect()
     }
 
     /// Ends the log with its last facts and its index; says what became of the messages.
     ///
     /// # Errors
     /// As [`Self::keep`].
-    pub fn finish(mut self, mut last_facts: BTreeMap<String, String>) -> Result<Fate, Failure> {
-        for (topic, count) in TOPICS.iter().zip(self.taken) {
-            last_facts.insert(format!("messages.{topic}"), count.to_string());
+    pub fn finish(mut self, mut last_facts: Record) -> Result<Fate, Failure> {
+        let Self { excerpt, file, .. } = &mut self;
+        if let Some(excerpt) = excerpt {
+            excerpt.finish(|entry| file.take(entry));
         }
-        self.writer.write_metadata(&Metadata { name: LANDING.into(), metadata: last_facts }).map_err(broken)?;
-        self.end_chunk().map_err(broken)?;
-        self.writer.finish().map_err(broken)?;
-        self.chunks.push_back((self.spool.written(), self.taken));
-        self.spool.finish();
-        self.settle();
-        if !self.chunks.is_empty() {
-            self.spool.give_up(self.settled.0);
-            self.spool.finish();
-        }
+        last_facts.extend(self.messages());
+        self.file.close(last_facts).map_err(broken)?;
+        self.closing.iter_mut().chain([&mut self.file]).for_each(LogFile::wait);
         Ok(self.fate())
     }
 }
 
-fn add<C: Logged>(
-    writer: &mut Writer<NoSeek<Spool>>,
-    channels: &mut BTreeMap<&'static str, u16>,
-) -> Result<(), McapError> {
-    let topic = <C as Topic>::NAME;
-    let schema = writer.add_schema(&schema::name::<C>(), "protobuf", &schema::descriptor_set::<C>())?;
-    channels.insert(topic, writer.add_channel(schema, topic, "protobuf", &units::describe::<C>())?);
-    Ok(())
+/// A file that the thread at the disk makes when its first bytes come, and that takes the place of an older one.
+struct NextFile {
+    path: PathBuf,
+    removes: Option<PathBuf>,
+    file: OnceLock<File>,
+}
+
+impl NextFile {
+    fn file(&self) -> io::Result<&File> {
+        if self.file.get().is_none() {
+            let file = File::create(&self.path)?;
+            if let Some(oldest) = &self.removes {
+                // One that resists costs room, and no message.
+                let _ = fs::remove_file(oldest);
+            }
+            return Ok(self.file.get_or_init(|| file));
+        }
+        self.file.get().ok_or_else(|| io::Error::other("there is no file"))
+    }
+}
+
+impl Disk for NextFile {
+    fn free(&self) -> Option<u64> {
+        self.file().ok()?.free()
+    }
+
+    fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
+        self.file()?.write_at(bytes, place)
+    }
+
+    fn cut(&self, length: u64) -> io::Result<()> {
+        self.file()?.cut(length)
+    }
+
+    fn sync(&self) -> io::Result<()> {
+        self.file()?.sync()
+    }
+}
+
+fn add(sum: &mut Counts, counts: Counts) {
+    sum.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
 }
 
 fn broken(error: McapError) -> Failure {
     Failure::failed(format!("cannot write the flight log: {error}"))
-}
-
-#[cfg(test)]
-mod tests {
-    use std::io;
-    use std::time::Duration;
-
-    use super::*;
-    use crate::spool::Disk;
-
-    struct FullDisk;
-
-    impl Disk for FullDisk {
-        fn free(&self) -> Option<u64> {
-            Some(0)
-        }
-
-        fn write_at(&self, _: &[u8], _: u64) -> io::Result<()> {
-            unreachable!("there is no room")
-        }
-
-        fn cut(&self, _: u64) -> io::Result<()> {
-            Ok(())
-        }
-
-        fn sync(&self) -> io::Result<()> {
-            Ok(())
-        }
-    }
-
-    #[test]
-    fn what_waits_for_a_full_disk_is_not_said_to_be_in_the_file() {
-        let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, records: Vec::new() };
-        let mut log = FlightLog::begin(Spool::new(FullDisk, 1).unwrap(), &facts).unwrap();
-        log.state(&Message { envelope: model::envelope::Envelope::new(), content: State::default() });
-        while log.spool.refused().is_none() {
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        let fate = log.fate();
-        assert_eq!((fate.file_bytes, fate.written, fate.dropped), (0, [0; 5], [1, 0, 0, 0, 0]));
-    }
 }

@@ -21,7 +21,7 @@ pub fn host_of(machine: &Machine) -> Host {
         preemption: machine.preemption().into(),
         cpu: machine.field("/proc/cpuinfo", "model name").unwrap_or_else(unknown),
         cpus: cpuinfo.lines().filter(|line| line.starts_with("processor")).count() as u64,
-        hypervisor: machine.is_virtual(),
+        hypervisor: machine.hypervisor(),
         clock_source: machine.clock_source(),
         rt_runtime_us: machine.number(RT_RUNTIME).unwrap_or(0),
     }

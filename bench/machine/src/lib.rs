@@ -7,6 +7,7 @@ pub mod cpu_times;
 pub mod doctor;
 pub mod executable;
 pub mod floor;
+mod hypervisor;
 pub mod interrupts;
 pub mod sampler;
 pub mod trace;
@@ -122,11 +123,10 @@ impl Machine {
         text.lines().find_map(|line| line.strip_prefix(name))?.split_whitespace().next()?.parse().ok()
     }
 
-    /// Whether a hypervisor runs below.
+    /// Whether a hypervisor runs below; nothing where that is not known.
     #[must_use]
-    pub fn is_virtual(&self) -> bool {
-        let flags = self.field("/proc/cpuinfo", "flags").unwrap_or_default();
-        flags.split(' ').any(|flag| flag == "hypervisor") || self.read("/sys/hypervisor/type").is_some()
+    pub fn hypervisor(&self) -> Option<bool> {
+        hypervisor::runs_below(self)
     }
 
     /// The preemption model that the kernel names, or `unknown`.

@@ -15,7 +15,7 @@ use report::autopsy::evidence::{CounterSample, Counters, Life};
 pub struct Watch {
     /// The processor that all loops were granted; nothing where they were not, or not the same.
     pub processor: Option<u64>,
-    /// A hypervisor runs below, which may take time from them.
+    /// A hypervisor may run below, and take time from them.
     pub is_virtual: bool,
 }
 

@@ -16,12 +16,24 @@ pub struct Host {
     pub cpu: String,
     /// Processors online.
     pub cpus: u64,
-    /// Whether a hypervisor runs below.
-    pub hypervisor: bool,
+    /// Whether a hypervisor runs below; none where that is not known.
+    pub hypervisor: Option<bool>,
     /// Clock source in use.
     pub clock_source: String,
     /// /proc/sys/kernel/sched_rt_runtime_us: what SCHED_FIFO gets of each period; -1 is all.
     pub rt_runtime_us: i64,
+}
+
+impl Host {
+    /// Whether a hypervisor runs below, after a list of what does.
+    #[must_use]
+    pub const fn below(&self) -> &'static str {
+        match self.hypervisor {
+            Some(true) => ", under a hypervisor",
+            Some(false) => "",
+            None => ", perhaps under a hypervisor",
+        }
+    }
 }
 
 /// Time that the host took from one processor, or from all of them together.

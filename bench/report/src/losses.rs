@@ -2,7 +2,12 @@
 //!
 //! The top of the report says so, and such a flight is never a plain PASS.
 
-use crate::schema::Report;
+use std::collections::BTreeMap;
+
+use crate::schema::{LogSection, Report};
+use crate::text::count;
+use flight_log::FILE;
+use flight_log::facts::{AROUND_MISSES, OFF};
 
 /// Status of a flight that held its gates as far as it was seen.
 pub const INCOMPLETE: &str = "INCOMPLETE";
@@ -19,6 +24,33 @@ pub fn unlogged(report: &Report) -> u64 {
     report.recorder.log.dropped.values().sum()
 }
 
+fn sum(counts: &BTreeMap<String, u64>) -> u64 {
+    counts.values().sum()
+}
+
+/// What flight.mcap holds, and what it was not to hold.
+#[must_use]
+pub fn log(log: &LogSection) -> String {
+    if log.kept == OFF {
+        return "flight.mcap: none, as asked (recorder.log = off)".into();
+    }
+    let mut text = match log.files {
+        0 | 1 => format!("{FILE}: "),
+        files => format!("flight*.mcap: {files} files, "),
+    };
+    let megabytes = log.file_bytes as f64 / 1e6;
+    text += &format!("{} in {megabytes:.1} MB, {} dropped", count(sum(&log.messages), "message"), sum(&log.dropped));
+    text.extend(log.refused.iter().map(|reason| format!(" ({reason})")));
+    if log.kept == AROUND_MISSES {
+        text += &format!("; {} kept, {} left out as asked", count(log.stretches, "excerpt"), sum(&log.left_out));
+    }
+    let removed = sum(&log.removed);
+    if removed > 0 {
+        text += &format!("; {removed} in older files, removed as asked");
+    }
+    text
+}
+
 /// What is missing, a sentence each.
 #[must_use]
 pub fn sentences(report: &Report) -> Vec<String> {
@@ -26,12 +58,13 @@ pub fn sentences(report: &Report) -> Vec<String> {
     let (lost, unlogged) = (lost(report), unlogged(report));
     if lost > 0 {
         let log = &report.recorder.log;
-        let seen: u64 = log.messages.values().sum::<u64>() + unlogged;
+        let seen: u64 = [&log.messages, &log.dropped, &log.left_out, &log.removed].into_iter().map(sum).sum();
         let of: Vec<String> =
             report.recorder.lost.iter().filter(|(_, n)| **n > 0).map(|(topic, n)| format!("{topic} {n}")).collect();
+        // Without a log nobody has counted them.
+        let of_all = if log.kept == OFF { String::new() } else { format!(" of {}", seen + lost) };
         sentences.push(format!(
-            "NOT WHOLE: {lost} of {} messages were lost before they were recorded ({}); no latency is known of them",
-            seen + lost,
+            "NOT WHOLE: {lost}{of_all} messages were lost before they were recorded ({}); no latency is known of them",
             of.join(", ")
         ));
     }

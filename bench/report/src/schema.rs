@@ -46,8 +46,11 @@ pub struct Report {
     /// The theorem, watched; empty in reports from before it was.
     #[serde(default)]
     pub theorem: Theorem,
-    /// Swaps of plant parameters, in order.
+    /// Swaps of plant parameters, in order; the first 500.
     pub swaps: Vec<AppliedSwap>,
+    /// Later ones.
+    #[serde(default)]
+    pub swaps_left_out: u64,
     /// Latencies.
     pub series: Vec<Statistics>,
     /// The processes.
@@ -323,15 +326,25 @@ pub struct RecorderSection {
     pub unwritten: BTreeMap<String, String>,
 }
 
-/// What became of the messages on their way to flight.mcap.
+/// What became of the messages on their way to flight.mcap and the files that go on from it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LogSection {
-    /// Length of the file [bytes].
+    /// What it was to keep: `all`, `around-misses` or `off`; empty in reports from before that could be chosen.
+    pub kept: String,
+    /// Files that are there.
+    pub files: u64,
+    /// Their length [bytes].
     pub file_bytes: u64,
-    /// Messages in it, by topic.
+    /// Messages in them, by topic.
     pub messages: BTreeMap<String, u64>,
     /// Messages that the disk did not take, by topic.
     pub dropped: BTreeMap<String, u64>,
+    /// Messages that were not to be kept, by topic.
+    pub left_out: BTreeMap<String, u64>,
+    /// Messages in files that were removed for newer ones, by topic.
+    pub removed: BTreeMap<String, u64>,
+    /// Stretches of the flight that are kept, where not all of it is.
+    pub stretches: u64,
     /// Why it did not take something, the first time.
     pub refused: Option<String>,
 }

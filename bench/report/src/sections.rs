@@ -9,7 +9,8 @@ use model::realtime::STEPS;
 use crate::schema;
 use failure::errno_text;
 use flight_log::TOPICS;
-use flight_log::writer::{Counts, Fate};
+use flight_log::entry::Counts;
+use flight_log::writer::Fate;
 
 /// Rejections by the name of their reason.
 pub fn rejected(rejections: &Rejections) -> BTreeMap<String, u64> {
@@ -55,13 +56,18 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
     }
 }
 
-/// What became of the messages on their way to the flight log.
-pub fn log_section(fate: &Fate) -> schema::LogSection {
+/// What became of the messages on their way to the flight log, which keeps `kept`.
+pub fn log_section(kept: &str, fate: &Fate) -> schema::LogSection {
     let by_topic = |counts: &Counts| TOPICS.iter().map(|topic| (*topic).to_owned()).zip(*counts).collect();
     schema::LogSection {
+        kept: kept.into(),
+        files: fate.files,
         file_bytes: fate.file_bytes,
         messages: by_topic(&fate.written),
         dropped: by_topic(&fate.dropped),
+        left_out: by_topic(&fate.left_out),
+        removed: by_topic(&fate.removed),
+        stretches: fate.stretches,
         refused: fate.refused.clone(),
     }
 }

@@ -261,8 +261,8 @@ pub fn break_off(report: &mut Report, status: &str, exit_code: u8, ending: Strin
 }
 
 /// Puts in what became of the messages on their way to the flight log. A flight that lacks some is no plain PASS.
-pub fn take_log(report: &mut Report, fate: &Fate) {
-    report.recorder.log = crate::sections::log_section(fate);
+pub fn take_log(report: &mut Report, kept: &str, fate: &Fate) {
+    report.recorder.log = crate::sections::log_section(kept, fate);
     if losses::unlogged(report) > 0 && report.verdict.status == PASS {
         report.verdict.status = INCOMPLETE.into();
     }

@@ -18,6 +18,8 @@ use crate::doctor::DoctorArgs;
 use crate::fault::Fault;
 use crate::floor::command::FloorArgs;
 use crate::floor::hop::HopArgs;
+use crate::manual::{CompletionsArgs, ManArgs};
+use crate::runs::RunsArgs;
 use crate::settings::Overrides;
 use flight_log::TOPICS;
 
@@ -57,6 +59,8 @@ pub enum Command {
     Export(ExportArgs),
     /// Fly a recorded flight again from its log, and compare.
     Replay(ReplayArgs),
+    /// List the flights that were recorded; remove old ones with --prune.
+    Runs(RunsArgs),
     /// Fly the same laws in one process, in simulated time.
     Simulate(SimulateArgs),
     /// Measure the rig beside the machine's own limits.
@@ -68,6 +72,10 @@ pub enum Command {
     Doctor(DoctorArgs),
     /// Remove what killed processes left: shared memory, locks, service files.
     Clean(CleanArgs),
+    /// Print the completions of a shell: ironbird completions bash > /etc/bash_completion.d/ironbird
+    Completions(CompletionsArgs),
+    /// Print the manual page: ironbird man | man -l -
+    Man(ManArgs),
     /// Run the airframe alone.
     Plant(RoleArgs),
     /// Run the outer (position) loop alone.
@@ -148,6 +156,9 @@ pub struct RecorderArgs {
     /// Directory in which the flight gets one of its own [default: runs].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Messages to keep in flight.mcap [default: all].
+    #[arg(long, value_enum, value_name = "MESSAGES")]
+    pub log: Option<LogArg>,
     /// Also write the states to this file.
     #[arg(long, value_name = "FILE.csv")]
     pub states: Option<PathBuf>,
@@ -160,6 +171,17 @@ pub struct RecorderArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "documented by its type")]
     pub gates: GateArgs,
+}
+
+/// Messages that the flight log keeps.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum LogArg {
+    /// All of them: only such a log can be replayed.
+    All,
+    /// Those within a second of a missed deadline, a swap, take-off or landing.
+    AroundMisses,
+    /// None: there is no flight.mcap.
+    Off,
 }
 
 /// What advances the ticks.
@@ -360,6 +382,9 @@ impl RecorderArgs {
         let mut set = Overrides::new();
         if let Some(out) = &self.out {
             set.push(("recorder.out", Value::from(out.to_string_lossy().into_owned())));
+        }
+        if let Some(log) = self.log {
+            set.push(("recorder.log", Value::from(name_of(log))));
         }
         if let Some(every) = self.every {
             set.push(("recorder.states_every_ticks", Value::from(i64::from(every))));

@@ -15,9 +15,20 @@ use crate::output::{print, say};
 use crate::run_directory::find_log;
 use failure::{Failure, InFile as _, OK};
 use flight_log::codec::Logged;
+use flight_log::entry::LogEntry;
 use flight_log::perfetto::{self, PerfettoWriter};
-use flight_log::reader::{End, LogEntry, LogReader};
+use flight_log::reader::{End, Kept, LogReader};
 use flight_log::{TOPICS, rows};
+
+/// Directory of an export's tables in that of its flight.
+pub const DIRECTORY: &str = "export";
+
+/// Whether an export leaves a table of this name.
+#[must_use]
+pub fn is_ours(name: &str) -> bool {
+    let formats = [TableFormat::Csv, TableFormat::Json];
+    TOPICS.iter().any(|topic| formats.iter().any(|format| name == format!("{topic}.{}", format.extension())))
+}
 
 /// Exports.
 ///
@@ -37,7 +48,7 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     };
     let mut tables = match &args.topic {
         Some(topic) => Tables::one(topic, format)?,
-        None => Tables::all(args.to.clone().unwrap_or_else(|| beside.join("export")), format)?,
+        None => Tables::all(args.to.clone().unwrap_or_else(|| beside.join(DIRECTORY)), format)?,
     };
     // What stands before a damage is exported, and the damage said.
     let read = tables.fill(&mut reader).and_then(|()| tables.finish());
@@ -50,7 +61,18 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     Ok(OK)
 }
 
+/// Says what an export lacks, from what the log tells of itself.
 fn say_what_is_missing(reader: &LogReader, path: &Path) {
+    let Ok(Kept { around_ticks, files_before }) = reader.kept() else { return };
+    if let Some(ticks) = around_ticks {
+        say(&format!(
+            "{} keeps excerpts: {ticks} ticks before and after missed deadlines, swaps, take-off and landing\n",
+            path.display()
+        ));
+    }
+    if files_before > 0 {
+        say(&format!("{} is not the log's first file; missing before it: {files_before}\n", path.display()));
+    }
     if reader.end() == End::Truncated {
         say(&format!(
             "{} is truncated: its end is missing; exported is what the recorder had written before\n",

@@ -7,7 +7,9 @@ use failure::Failure;
 use ironbird::cli::{BridgeTo, Cli, Command};
 use ironbird::floor::{command, hop};
 use ironbird::output::say;
-use ironbird::{clean, doctor, export, fly, inject, limits, params, replay, roles, show_report, simulate, watch};
+use ironbird::{
+    clean, doctor, export, fly, inject, limits, manual, params, replay, roles, runs, show_report, simulate, watch,
+};
 use model::role::Role;
 use role::rt::CountingAllocator;
 use role::signals::forget_inherited;
@@ -42,10 +44,13 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Report(args) => show_report::show(args),
         Command::Export(args) => export::export(args),
         Command::Replay(args) => replay::replay(args),
+        Command::Runs(args) => runs::runs(args),
         Command::Simulate(args) => simulate::simulate(args),
         Command::Floor(args) => command::floor(args),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Clean(args) => clean::clean(*args),
+        Command::Completions(args) => manual::completions(args),
+        Command::Man(args) => manual::man(args),
         Command::Plant(args) => roles::play(Role::Plant, args),
         Command::Outer(args) => roles::play(Role::Outer, args),
         Command::Inner(args) => roles::play(Role::Inner, args),

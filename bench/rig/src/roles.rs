@@ -16,12 +16,12 @@ use wire::instance::Instance;
 
 use crate::cli::{RecordArgs, RoleArgs};
 use crate::output::print;
+use crate::record::hlog;
 use crate::record::process::{self, Files};
 use crate::run_directory::RunDirectory;
 use crate::settings::{PaceName, Settings};
 use crate::show_report::ended;
 use failure::{Failure, OK, check_writable};
-use flight_log;
 
 /// Plays a role of the loop until the run is over.
 ///
@@ -105,7 +105,7 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     let recorded = process::run(station, &settings, &files);
     leave(&instance, &args.role);
     // Where the flight has begun, a file that cannot be written is no consequence of a signal.
-    let has_begun = directory.join(flight_log::FILE).exists();
+    let has_begun = directory.join(hlog::FILE).exists();
     let recorded = recorded.map_err(|failure| failure.broken_off(!has_begun && stop.load(Ordering::Relaxed)));
     if let (Err(_), Some(made)) = (&recorded, made) {
         made.discard();

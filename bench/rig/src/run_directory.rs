@@ -10,9 +10,10 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use model::role::ROLES;
+use toml::Table;
 
 use crate::record::hlog;
-use crate::settings::Settings;
+use crate::settings::{LogName, Settings};
 use crate::wall_time::file_stamp;
 use failure::{Failure, InFile as _};
 use flight_log::FILE;
@@ -154,7 +155,17 @@ fn flights_in(out: &Path) -> String {
     }
 }
 
-/// The log of a flight: of its directory, of `latest`, or the file itself.
+/// The files of a flight's log, in order: of a long one the first may have been removed.
+#[must_use]
+pub fn log_files(directory: &Path) -> Vec<PathBuf> {
+    let names =
+        fs::read_dir(directory).into_iter().flatten().filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let mut parts: Vec<u64> = names.filter_map(|name| flight_log::part_of(&name)).collect();
+    parts.sort_unstable();
+    parts.into_iter().map(|part| directory.join(flight_log::file_name(part))).collect()
+}
+
+/// The first file of the log of a flight: of its directory, of `latest`, or the file itself.
 ///
 /// # Errors
 /// Usage, where there is no such flight or it has no log.
@@ -163,9 +174,17 @@ pub fn find_log(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
         return Ok(run.to_owned());
     }
     let directory = find(run, out)?;
-    let path = directory.join(FILE);
-    if path.is_file() {
-        return Ok(path);
+    if let Some(first) = log_files(&directory).first() {
+        return Ok(first.clone());
+    }
+    let settings = fs::read_to_string(directory.join("settings.toml")).ok().and_then(|text| text.parse::<Table>().ok());
+    let kept = settings.as_ref().and_then(|settings| settings.get("recorder")?.get("log")?.as_str());
+    if kept == Some(LogName::Off.name()) {
+        return Err(Failure::usage(format!(
+            "{} holds no {FILE}: it was flown with recorder.log = \"off\"",
+            directory.display()
+        ))
+        .help("name a flight that has one; `fly --log all` keeps every message, `--log around-misses` excerpts"));
     }
     let mut there: Vec<String> = fs::read_dir(&directory)
         .into_iter()

@@ -2,6 +2,7 @@
 
 mod gates;
 mod layers;
+mod log;
 #[cfg(test)]
 mod tests;
 
@@ -22,10 +23,14 @@ use toml::{Table, Value};
 use crate::fault::Fault;
 use failure::Failure;
 use layers::{layered, same};
+pub use log::LogName;
 use machine::{Machine, cpu_list};
 
 /// The commented default, which is also where the defaults come from.
 pub const DEFAULT: &str = include_str!("default.toml");
+
+/// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
+const LONGEST_S: f64 = 30.0 * 86_400.0;
 
 /// Sections that all roles of a run must share.
 const SHARED_SECTIONS: [&str; 6] = ["flight", "plant", "model", "gains", "limits", "rotor"];
@@ -108,6 +113,16 @@ pub struct RealtimeSection {
 pub struct RecorderSettings {
     /// Directory in which each flight gets one of its own.
     pub out: String,
+    /// Messages that the flight log keeps.
+    pub log: LogName,
+    /// Flight time that it keeps before and after an event, where it keeps no more [s].
+    pub log_around_s: f64,
+    /// Length at which a file of it ends and the next one begins [MB].
+    pub log_file_mb: u64,
+    /// The newest files of it that are kept; 0 is all.
+    pub log_files: u64,
+    /// An interval of latency.hlog takes so long [s].
+    pub hlog_every_s: u64,
     /// A row of states.csv every so many ticks.
     pub states_every_ticks: u64,
     /// Deadlines missed per million ticks that are allowed; negative is any number.
@@ -318,12 +333,13 @@ impl Settings {
 
     fn check(&self) -> Result<(), Failure> {
         let flight = &self.flight;
-        within("flight.duration_s", flight.duration_s, flight.period_s, 86_400.0)?;
+        within("flight.duration_s", flight.duration_s, flight.period_s, LONGEST_S)?;
         within("flight.slowdown", flight.slowdown as f64, 1.0, 1000.0)?;
         within("flight.position_error_max_m", flight.position_error_max_m, 0.01, 1e4)?;
         within("flight.tracking_error_max_m", flight.tracking_error_max_m, 0.0, 1e4)?;
         within("flight.ground_z_m", flight.ground_z_m, -1e4, 0.0)?;
         within("rt.priority", f64::from(self.rt.priority), 1.0, 95.0)?;
+        self.check_log()?;
         within("recorder.states_every_ticks", self.recorder.states_every_ticks as f64, 1.0, 1e9)?;
         self.recorder.check_gates()?;
         let refused = |e: controller::SettingsError| {

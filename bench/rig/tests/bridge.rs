@@ -17,7 +17,7 @@ use rig::{Rig, Running, wait_until};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest as _;
-use tungstenite::{Message, WebSocket};
+use tungstenite::{HandshakeError, Message, WebSocket};
 
 /// Ends a test that hangs.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -34,11 +34,23 @@ struct Client {
 
 impl Client {
     fn connect(port: u16) -> Self {
+        Self::of_page(port, None).unwrap()
+    }
+
+    /// A client that tells an origin, as a page in a browser does; the status where it is sent away.
+    fn of_page(port: u16, origin: Option<&str>) -> Result<Self, u16> {
         let stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let mut request = format!("ws://127.0.0.1:{port}").into_client_request().unwrap();
         request.headers_mut().insert("sec-websocket-protocol", "foxglove.sdk.v1".parse().unwrap());
-        let (socket, response) = tungstenite::client(request, stream).unwrap();
+        if let Some(origin) = origin {
+            request.headers_mut().insert("origin", origin.parse().unwrap());
+        }
+        let (socket, response) = match tungstenite::client(request, stream) {
+            Ok(joined) => joined,
+            Err(HandshakeError::Failure(tungstenite::Error::Http(response))) => return Err(response.status().as_u16()),
+            Err(e) => panic!("{e}"),
+        };
         assert_eq!(response.headers()["sec-websocket-protocol"], "foxglove.sdk.v1");
         let mut client = Self { socket, unread: VecDeque::new(), channels: BTreeMap::new(), server: Value::Null };
         client.server = client.text("serverInfo");
@@ -47,7 +59,7 @@ impl Client {
                 client.channels.insert(channel["topic"].as_str().unwrap().to_owned(), channel.clone());
             }
         }
-        client
+        Ok(client)
     }
 
     fn send(&mut self, message: &Value) {
@@ -113,11 +125,11 @@ fn by_name(answer: &Value) -> BTreeMap<String, f64> {
 }
 
 /// A bridge on a free port, which it is asked for.
-fn open(rig: &Rig) -> (Running, u16) {
-    let bridge = rig.start("bridge", &["foxglove", "--port", "0"]);
+fn open(rig: &Rig, args: &[&str]) -> (Running, u16) {
+    let bridge = rig.start("bridge", &[&["foxglove", "--port", "0"], args].concat());
     bridge.await_output("Ctrl-C ends");
     let said = bridge.stdout();
-    let port = said.split("ws://127.0.0.1:").nth(1).unwrap().split(';').next().unwrap().parse().unwrap();
+    let port = said.split("ws://127.0.0.1:").nth(1).unwrap().split(',').next().unwrap().parse().unwrap();
     (bridge, port)
 }
 
@@ -136,7 +148,7 @@ fn land(rig: &Rig, flight: Running, bridge: Running) {
 fn topics_have_the_schemas_of_the_log_and_their_messages_decode() {
     let rig = Rig::new("topics");
     let flight = take_off(&rig);
-    let (bridge, port) = open(&rig);
+    let (bridge, port) = open(&rig, &[]);
     let mut client = Client::connect(port);
     assert_eq!(client.server["name"], format!("ironbird {}", rig.instance));
     assert!(client.server["capabilities"].as_array().unwrap().contains(&"parameters".into()), "{}", client.server);
@@ -190,7 +202,7 @@ fn base64(text: &str) -> Vec<u8> {
 fn parameters_are_read_and_swapped_and_every_client_hears_of_it() {
     let rig = Rig::new("values");
     let flight = take_off(&rig);
-    let (bridge, port) = open(&rig);
+    let (bridge, port) = open(&rig, &["--allow-swaps"]);
     let (mut client, mut other) = (Client::connect(port), Client::connect(port));
     let all = client.values(json!({"op": "getParameters", "parameterNames": [], "id": "all"}));
     assert_eq!((all.len(), all["mass_kg"], all["rotor_inertia_kg_m2"]), (18, 0.52, 3.36e-5));
@@ -217,11 +229,11 @@ fn parameters_are_read_and_swapped_and_every_client_hears_of_it() {
 fn what_the_plant_would_refuse_is_answered_with_what_is_in_force_and_why() {
     let rig = Rig::new("refused");
     let flight = take_off(&rig);
-    let (bridge, port) = open(&rig);
+    let (bridge, port) = open(&rig, &["--allow-swaps"]);
     let mut client = Client::connect(port);
     for (name, value, why) in [
         ("mass_kg", json!(50), "mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg"),
-        ("mass_kg", json!("heavy"), "is not a number"),
+        ("mass_kg", json!("heavy"), "mass_kg = `heavy` is not a number"),
         ("mas_kg", json!(0.6), "unknown parameter `mas_kg`; did you mean `mass_kg`?"),
     ] {
         client.send(&json!({"op": "setParameters", "id": why, "parameters": [{"name": name, "value": value}]}));
@@ -243,10 +255,57 @@ fn what_the_plant_would_refuse_is_answered_with_what_is_in_force_and_why() {
 }
 
 #[test]
+fn clients_swap_nothing_unless_they_are_allowed_to() {
+    let rig = Rig::new("read-only");
+    let flight = take_off(&rig);
+    let (bridge, port) = open(&rig, &[]);
+    assert!(bridge.stdout().contains(", read-only; Ctrl-C ends"), "{}", bridge.stdout());
+    let mut client = Client::connect(port);
+    let all = client.values(json!({"op": "getParameters", "parameterNames": [], "id": "all"}));
+    assert_eq!((all.len(), all["mass_kg"]), (18, 0.52));
+    let wanted = json!([{"name": "mass_kg", "value": 0.6}]);
+    client.send(&json!({"op": "setParameters", "id": "set", "parameters": wanted}));
+    let status = client.text("status");
+    assert!(status["message"].as_str().unwrap().contains("read-only: start it with --allow-swaps"), "{status}");
+    assert_eq!(by_name(&client.text("parameterValues")), BTreeMap::from([("mass_kg".into(), 0.52)]));
+    let params = rig.run("params", &["--json"]).json();
+    assert_eq!(params[0]["in_force"], 0.52);
+    // As soon as they are, the same wish is granted.
+    let (second, port) = open(&rig, &["--allow-swaps"]);
+    assert!(second.stdout().contains(", whoever reaches it may swap parameters; "), "{}", second.stdout());
+    let set = Client::connect(port).values(json!({"op": "setParameters", "id": "set", "parameters": wanted}));
+    assert_eq!(set, BTreeMap::from([("mass_kg".into(), 0.6)]));
+    second.signal(Signal::INT);
+    second.end().expect(130);
+    land(&rig, flight, bridge);
+}
+
+#[test]
+fn pages_of_other_origins_are_sent_away() {
+    let rig = Rig::new("origins");
+    let flight = take_off(&rig);
+    let (bridge, port) = open(&rig, &["--allow-origin", "https://studio.example:8080"]);
+    let status = |origin: Option<&str>| Client::of_page(port, origin).map_or_else(|status| status, |_| 101);
+    for known in ["https://app.foxglove.dev", "http://localhost:3000", "https://studio.example:8080"] {
+        assert_eq!(status(Some(known)), 101, "{known}");
+    }
+    for unknown in ["https://evil.example", "null", "https://studio.example", "http://localhost.evil.example"] {
+        assert_eq!(status(Some(unknown)), 403, "{unknown}");
+        assert!(bridge.stderr().contains(&format!("refused a page of {unknown}; ")), "{}", bridge.stderr());
+    }
+    assert_eq!(status(None), 101, "a program tells none");
+    for wrong in ["*", "studio.example", "https://studio.example/", "https://*.example"] {
+        let refused = rig.run("bridge", &["foxglove", "--allow-origin", wrong]).expect(2);
+        refused.complains(&format!("invalid value '{wrong}'")).complains("as in https://studio.example:8080");
+    }
+    land(&rig, flight, bridge);
+}
+
+#[test]
 fn ctrl_c_ends_it_and_the_flight_flies_on() {
     let rig = Rig::new("ctrlc");
     let flight = take_off(&rig);
-    let (bridge, port) = open(&rig);
+    let (bridge, port) = open(&rig, &[]);
     let mut client = Client::connect(port);
     client.subscribe(&["state"]);
     client.data();
@@ -254,7 +313,7 @@ fn ctrl_c_ends_it_and_the_flight_flies_on() {
     bridge.end().expect(130);
     wait_until("the client to be told", || client.socket.read().is_err().then_some(()));
     rig.run("inject", &["mass_kg=0.6"]).expect(0);
-    let (bridge, _) = open(&rig);
+    let (bridge, _) = open(&rig, &[]);
     land(&rig, flight, bridge);
 }
 

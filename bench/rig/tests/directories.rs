@@ -11,7 +11,8 @@ use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use flight_log::facts::{Facts, record};
+use flight_log::entry::LogEntry;
+use flight_log::facts::{Facts, LogPlan, record};
 use flight_log::writer::FlightLog;
 use ironbird::run_directory::RunDirectory;
 use ironbird::settings::Settings;
@@ -229,14 +230,16 @@ fn a_flight_that_cannot_be_looked_at_is_not_said_to_be_none() {
 fn a_flights_directory_goes_unless_something_was_recorded() {
     let rig = Rig::new("discarded");
     let settings = Settings::resolve(None, &Vec::new()).unwrap();
-    let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, records: vec![("run", record(&[]))] };
+    let (plan, records) = (LogPlan::WHOLE, vec![("run", record(&[]))]);
+    let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, plan, records };
     for (messages, kept) in [(0, false), (1, true)] {
         let directory = RunDirectory::create(&rig.out(), &settings, "some").unwrap();
         for name in ["record.log", "plant.log", "latency.hlog", "states.csv"] {
             fs::write(directory.path.join(name), "what a recorder has begun\n").unwrap();
         }
         let mut log = FlightLog::create(&directory.path.join("flight.mcap"), &facts).unwrap();
-        (0..messages).for_each(|_| log.state(&Message { envelope: Envelope::new(), content: State::default() }));
+        (0..messages)
+            .for_each(|_| log.take(LogEntry::State(Message { envelope: Envelope::new(), content: State::default() })));
         log.finish(record(&[])).unwrap();
         directory.discard();
         assert_eq!(directory.path.exists(), kept, "{messages} messages");

@@ -121,6 +121,7 @@ fn what_files_tell_is_found_with_its_weight_and_a_fix() {
         ),
         ("proc/cpuinfo", "flags : fpu hypervisor\n", "hypervisor", Soft, "virtual machine", "vcpupin"),
         ("sys/hypervisor/type", "xen\n", "hypervisor", Soft, "virtual machine", "vcpupin"),
+        ("sys/class/dmi/id/sys_vendor", "QEMU\n", "hypervisor", Soft, "virtual machine", "vcpupin"),
         (
             "sys/devices/system/clocksource/clocksource0/current_clocksource",
             "hpet",

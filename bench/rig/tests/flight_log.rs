@@ -15,7 +15,8 @@ use std::process::Command;
 use std::time::Duration;
 
 use flight_log::TOPICS;
-use flight_log::reader::{End, LogEntry, LogReader};
+use flight_log::entry::LogEntry;
+use flight_log::reader::{End, LogReader};
 use model::role::Role;
 use rig::{Ended, Rig, lacks_tool, not_tested, send, wait_until};
 use rustix::process::Signal;
@@ -271,7 +272,7 @@ fn a_full_disk_costs_messages_and_not_the_flight() {
     let unlogged: u64 = result["unlogged"].parse().unwrap();
     assert!(unlogged > 1000 && result["lost"] == "0", "{result:?}");
     assert!(
-        text.lines().take(8).any(|line| line.starts_with(&format!("NOT WHOLE: flight.mcap lacks {unlogged} "))),
+        text.lines().take(9).any(|line| line.starts_with(&format!("NOT WHOLE: flight.mcap lacks {unlogged} "))),
         "{text}"
     );
     let section = &report["recorder"]["log"];

@@ -60,7 +60,7 @@ fn header(log: &str, name: &str) -> f64 {
 }
 
 fn check_text(log: &str, report: &Report) {
-    assert!(log.starts_with("#[ironbird: values in nanoseconds, a tag per series, an interval per second]\n"));
+    assert!(log.starts_with("#[ironbird: values in nanoseconds, a tag per series, intervals of 1 s]\n"));
     // The run is numbered when the roles are ready, and t_0 announced after that.
     let start_s = header(log, "StartTime");
     assert!(start_s >= report.run.run_id as f64 / 1e9 - 1e-3, "{start_s} is before the run");

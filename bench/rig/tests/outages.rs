@@ -7,7 +7,8 @@ use std::fs;
 use std::path::Path;
 
 use controller::Trajectory;
-use flight_log::reader::{LogEntry, LogReader};
+use flight_log::entry::LogEntry;
+use flight_log::reader::LogReader;
 use model::boards::{RUN, Run, RunPhase};
 use model::messages::NO_TICK;
 use report::schema::Report;

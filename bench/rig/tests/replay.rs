@@ -6,8 +6,9 @@ mod recorded;
 use std::path::{Path, PathBuf};
 
 use failure::Failure;
+use flight_log::entry::LogEntry;
 use flight_log::facts::record;
-use flight_log::reader::{LogEntry, LogReader};
+use flight_log::reader::LogReader;
 use flight_log::writer::FlightLog;
 use ironbird::replay::{Replayed, fly_again};
 use recorded::{Dice, Published, Trouble, fly, settings, write};
@@ -184,13 +185,7 @@ fn finish_again(
         if !keep(&mut entry) {
             continue;
         }
-        match &entry {
-            LogEntry::State(message) => log.state(message),
-            LogEntry::Setpoint(message) => log.setpoint(message),
-            LogEntry::Wrench(message) => log.write(message),
-            LogEntry::RotorSpeeds(message) => log.write(message),
-            LogEntry::Swap(message) => log.write(message),
-        }
+        log.take(entry);
     }
     log.finish(record(landing)).unwrap();
 }

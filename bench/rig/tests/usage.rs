@@ -49,7 +49,10 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         ),
         ("fly", &["--preset", "race"], "[possible values: flight, paper, soft]"),
         ("fly", &["--duration", "3parsecs"], "invalid value '3parsecs' for '--duration <DURATION>': unknown time unit"),
-        ("fly", &["--duration", "0s"], "flight.duration_s = 0 is out of range: allowed are 0.001 to 86400"),
+        ("fly", &["--duration", "0s"], "flight.duration_s = 0 is out of range: allowed are 0.001 to 2592000"),
+        ("fly", &["--duration", "31d"], "flight.duration_s = 2678400 is out of range: allowed are 0.001 to 2592000"),
+        ("fly", &["--log", "misses"], "[possible values: all, around-misses, off]"),
+        ("record", &["--log", "none"], "[possible values: all, around-misses, off]"),
         ("fly", &["--rt", "maybe"], "[possible values: require, prefer, off]"),
         ("fly", &["--cpu", "9999"], "rt.cpu = 9999: allowed are a processor's number and \"auto\""),
         ("fly", &["--cpu", "1023"], "rt.cpu = 1023: this process may use the processors 0"),
@@ -310,11 +313,10 @@ fn a_trace_that_the_kernel_does_not_give_is_refused_before_anything_starts() {
     let mut fly = Command::new("unshare");
     let script = "mount -t tmpfs tmpfs /sys/kernel/tracing && exec \"$0\" \"$@\"";
     if !Command::new("unshare").args(["-m", "true"]).status().is_ok_and(|status| status.success()) {
-        rig::not_tested("unshare (util-linux) is not there, or not permitted");
+        not_tested("unshare (util-linux) is not there, or not permitted");
         return;
     }
-    fly.args(["-m", "sh", "-c", script, rig::IRONBIRD, "fly", "--trace"])
-        .args(rig.own_args("fly", &["--duration", "1s"]));
+    fly.args(["-m", "sh", "-c", script, IRONBIRD, "fly", "--trace"]).args(rig.own_args("fly", &["--duration", "1s"]));
     fly.env("IRONBIRD_ROOT", rig.root());
     rig.launch(fly).end().expect(1).complains("cannot trace the loops' processor").complains("without --trace");
     rig.assert_nothing_started();

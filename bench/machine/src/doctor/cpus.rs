@@ -94,13 +94,13 @@ fn deep_sleep(machine: &Machine) -> Finding {
 
 fn hypervisor(machine: &Machine) -> Finding {
     let why = "a hypervisor takes processors away and says so later, as steal, or not at all";
-    if machine.is_virtual() {
-        Finding::ok("hypervisor", "this is a virtual machine", why).softens(
+    match machine.hypervisor() {
+        Some(true) => Finding::ok("hypervisor", "this is a virtual machine", why).softens(
             "fly on the hardware itself; or pin the virtual processors to cores that nobody else uses \
              (libvirt: virsh vcpupin, with isolcpus on the host)",
-        )
-    } else {
-        Finding::ok("hypervisor", "none", why)
+        ),
+        Some(false) => Finding::ok("hypervisor", "none", why),
+        None => Finding::ok("hypervisor", "not known: neither processor nor firmware tells", why),
     }
 }
 

@@ -87,7 +87,7 @@ pub struct Scene<'a> {
     pub slices: &'a [Slice],
     /// How far the traces reach [ns].
     pub until_ns: u64,
-    /// A hypervisor runs below.
+    /// A hypervisor may run below.
     pub is_virtual: bool,
     /// All loops share one processor, so a sign of life of any loop is one of the processor.
     pub share_processor: bool,

@@ -185,7 +185,7 @@ impl TimelineStage {
 #[derive(Clone, Debug)]
 pub struct Autopsy {
     grid: Grid,
-    /// A hypervisor runs below.
+    /// A hypervisor may run below.
     is_virtual: bool,
     /// All loops have the same processor.
     share_processor: bool,

@@ -3,6 +3,7 @@
 use maud::{Markup, html};
 use model::role::STAGES;
 
+use crate::losses;
 use crate::page::parts::{self, cell, table};
 use crate::schema::{Report, RoleSection};
 
@@ -106,7 +107,7 @@ fn machine(report: &Report) -> Markup {
         ("kernel", host.kernel.clone()),
         ("preemption", host.preemption.clone()),
         ("processors", format!("{} x {}", host.cpus, host.cpu)),
-        ("hypervisor", if host.hypervisor { "yes" } else { "none seen" }.into()),
+        ("hypervisor", host.hypervisor.map_or("not known", |it| if it { "yes" } else { "none" }).into()),
         ("clock source", host.clock_source.clone()),
         ("sched_rt_runtime_us", host.rt_runtime_us.to_string()),
         ("stolen by the host", format!("{} ms, {:.2} %", report.steal.stolen_ms, report.steal.percent)),
@@ -121,21 +122,12 @@ fn recorder(report: &Report) -> Markup {
     let recorder = &report.recorder;
     let log = &recorder.log;
     let lost: u64 = recorder.lost.values().sum();
-    let dropped: u64 = log.dropped.values().sum();
     let mut facts = vec![
         ("messages lost", lost.to_string()),
         ("ticks incomplete", recorder.incomplete_ticks.to_string()),
         ("share of a processor", format!("{:.1} %", recorder.cpu_percent)),
-        (
-            "flight.mcap",
-            format!(
-                "{} messages in {:.1} MB, {dropped} dropped",
-                log.messages.values().sum::<u64>(),
-                log.file_bytes as f64 / 1e6
-            ),
-        ),
+        ("flight log", losses::log(log)),
     ];
-    facts.extend(log.refused.iter().map(|reason| ("flight.mcap refused", reason.clone())));
     let unwritten = recorder.unwritten.iter().map(|(file, reason)| ("incomplete", format!("{file}: {reason}")));
     facts.extend(unwritten);
     facts_table(&facts)

@@ -139,6 +139,7 @@ pub fn section(report: &Report) -> Markup {
             h3 { "Live swaps" }
             @if report.swaps.is_empty() { p { "No parameter of the airframe was swapped." } }
             @else { (swaps(report)) }
+            @if report.swaps_left_out > 0 { p { "And " (report.swaps_left_out) " later ones." } }
         },
     )
 }

@@ -27,6 +27,9 @@ use crate::tally::tracer::Tracer;
 use crate::tracking::{RecentStates, Tracking, TrackingError};
 use failure::Failure;
 
+/// Swaps that are kept one by one.
+pub const SWAPS_KEPT: usize = 500;
+
 /// Everything that is counted over a flight.
 #[derive(Debug)]
 pub struct Tally {
@@ -59,8 +62,10 @@ pub struct Tally {
     recent: RecentStates,
     /// The theorem, watched.
     pub theorem: TheoremTally,
-    /// Swaps seen.
+    /// The first [`SWAPS_KEPT`] swaps.
     pub swaps: Vec<schema::AppliedSwap>,
+    /// All that came.
+    pub swaps_seen: u64,
     /// The flight over time.
     pub tracer: Tracer,
     newest: Option<(u64, u64)>,
@@ -135,6 +140,7 @@ impl Tally {
             recent: RecentStates::new(tracking.period_s()),
             theorem: TheoremTally::default(),
             swaps: Vec::new(),
+            swaps_seen: 0,
             newest: None,
             skipped: 0,
         })
@@ -162,7 +168,7 @@ impl Tally {
 
     /// Follows the causes of missed deadlines from now on; in lockstep there are no deadlines.
     ///
-    /// `is_virtual`: a hypervisor runs below; `shares_processor`: all loops were granted the same one.
+    /// `is_virtual`: a hypervisor may run below; `shares_processor`: all loops were granted the same one.
     pub fn begin_autopsy(&mut self, is_virtual: bool, shares_processor: bool) {
         self.autopsy = self.grid.map(|grid| Autopsy::new(grid, is_virtual, shares_processor));
     }
@@ -244,8 +250,11 @@ impl Tally {
     /// Takes a swap.
     pub fn swap(&mut self, message: &Message<SwapRecord>) {
         self.follow(4, message);
-        let period_s = self.tracking.period_s();
-        self.swaps.push(schema::AppliedSwap::new(message.envelope.tick, period_s, &message.content));
+        self.swaps_seen += 1;
+        if self.swaps.len() < SWAPS_KEPT {
+            let period_s = self.tracking.period_s();
+            self.swaps.push(schema::AppliedSwap::new(message.envelope.tick, period_s, &message.content));
+        }
     }
 
     /// Messages that were overwritten before they were read, in the order of [`flight_log::TOPICS`].
@@ -312,7 +321,8 @@ impl Tally {
 #[cfg(test)]
 mod tests {
     use controller::Trajectory;
-    use model::envelope::Envelope;
+    use model::envelope::{Envelope, Stamps};
+    use model::role::STAGES;
 
     use super::*;
 
@@ -334,5 +344,61 @@ mod tests {
         assert_eq!((flying.run, flying.skipped, flying.elapsed_periods, flying.identity_holds), (5, 2, 7, true));
         // At the end the plant's own count is held against the messages.
         assert!(!tally.ticks(&phase(boards::RunPhase::Closed)).identity_holds);
+    }
+
+    /// Messages of a tick as a flight on `grid` has them: every 50th is late, and brings a swap.
+    fn take_tick(tally: &mut Tally, grid: Grid, seq: u64, tick: u64) {
+        let envelope = |sent_us: u64| {
+            let mut envelope = Envelope { tick, seq, sample_ns: grid.begin_of(tick) + 20_000, ..Envelope::new() };
+            envelope.input_tick = [tick; 3];
+            let stamps =
+                Stamps { receive_ns: grid.begin_of(tick) + 10_000, send_ns: grid.begin_of(tick) + sent_us * 1000 };
+            envelope.stamps = [stamps; STAGES.len()];
+            envelope
+        };
+        let (is_late, late) = (seq.is_multiple_of(50), seq / 50);
+        let content = State { deadlines_missed: late, deadline_miss_run: u64::from(is_late), ..State::default() };
+        tally.state(&Message { envelope: envelope(20), content });
+        tally.setpoint(&Message { envelope: envelope(30), content: Setpoint::default() });
+        tally.wrench(&Message { envelope: envelope(40), content: Wrench::default() });
+        let sent_us = if is_late { 1_100 } else { 50 };
+        tally.rotor_speeds(&Message { envelope: envelope(sent_us), content: RotorSpeeds::default() });
+        if is_late {
+            let envelope = Envelope { tick, seq: late, ..Envelope::new() };
+            tally.swap(&Message { envelope, content: SwapRecord::default() });
+        }
+    }
+
+    #[test]
+    fn what_is_kept_is_bounded_however_long_a_flight_is() {
+        let grid = Grid { t0_ns: 1_000_000_000, period_ns: 1_000_000 };
+        let mut tally = Tally::new(Pace::Realtime(grid), grid.t0_ns, Tracking::of(Trajectory::Hover, 1e-3)).unwrap();
+        tally.begin_autopsy(true, true);
+        for tick in 0..60_000 {
+            take_tick(&mut tally, grid, tick, tick);
+            if let Some(autopsy) = &mut tally.autopsy {
+                autopsy.look();
+            }
+            assert!(tally.passages.len() <= 8 && tally.commands.len() <= 2, "tick {tick}");
+        }
+        assert_eq!((tally.swaps.len(), tally.swaps_seen), (SWAPS_KEPT, 1200));
+        assert!(tally.late_commands.stretches().len() <= deadlines::KEPT && tally.late_commands.left_out() > 0);
+        assert!(tally.miss_runs.lengths().len() <= 2, "{:?}", tally.miss_runs.lengths());
+        assert_eq!(tally.lost(), [0; 5]);
+    }
+
+    #[test]
+    fn a_flight_of_30_days_is_counted_as_one_of_a_minute_is() {
+        const DAYS_30: u64 = 30 * 86_400_000;
+        let grid = Grid { t0_ns: 1_000_000_000, period_ns: 1_000_000 };
+        let tracking = Tracking::of(Trajectory::Lissajous, 1e-3);
+        let mut tally = Tally::joining(Pace::Realtime(grid), grid.t0_ns, tracking).unwrap();
+        for tick in DAYS_30 - 1000..=DAYS_30 {
+            take_tick(&mut tally, grid, tick, tick);
+        }
+        assert_eq!((tally.states, tally.newest_tick(), tally.lost()), (1001, DAYS_30, [0; 5]));
+        let late = tally.late_commands.stretches();
+        assert!(late.len() >= 20 && late.iter().all(|stretch| stretch.late_ns == 100_000), "{late:?}");
+        assert!(tracking.position_w_m(DAYS_30).iter().all(|m| m.is_finite() && m.abs() < 10.0));
     }
 }

@@ -1,4 +1,4 @@
-//! Latency series: HdrHistograms with fixed bounds, per flight and per second.
+//! Latency series: HdrHistograms with fixed bounds, per flight and per interval of the log.
 
 use std::io::Write;
 use std::time::Duration;
@@ -89,7 +89,7 @@ pub struct SeriesSet {
 struct Entry {
     series: Series,
     flight: Histogram<u64>,
-    second: Histogram<u64>,
+    interval: Histogram<u64>,
 }
 
 impl SeriesSet {
@@ -100,7 +100,7 @@ impl SeriesSet {
     pub fn new() -> Result<Self, Failure> {
         let entries = Series::all()
             .into_iter()
-            .map(|series| Ok(Entry { series, flight: histogram()?, second: histogram()? }))
+            .map(|series| Ok(Entry { series, flight: histogram()?, interval: histogram()? }))
             .collect::<Result<_, Failure>>()?;
         Ok(Self { entries })
     }
@@ -109,7 +109,7 @@ impl SeriesSet {
     pub fn record(&mut self, series: Series, value_ns: u64) {
         if let Some(entry) = self.entries.iter_mut().find(|entry| entry.series == series) {
             entry.flight.saturating_record(value_ns);
-            entry.second.saturating_record(value_ns);
+            entry.interval.saturating_record(value_ns);
         }
     }
 
@@ -119,23 +119,23 @@ impl SeriesSet {
         self.entries.iter().find(|entry| entry.series == series).map(|entry| &entry.flight)
     }
 
-    /// Writes the present second to an interval log and begins the next one.
+    /// Writes the present interval to an interval log and begins the next one.
     ///
     /// `start` counts from the log's base time.
     ///
     /// # Errors
     /// [`Failure`] where it cannot be written.
-    pub fn close_second<W: Write>(
+    pub fn close_interval<W: Write>(
         &mut self,
         log: &mut IntervalLogWriter<'_, '_, W, V2DeflateSerializer>,
         start: Duration,
         length: Duration,
     ) -> Result<(), Failure> {
-        for entry in self.entries.iter_mut().filter(|entry| !entry.second.is_empty()) {
+        for entry in self.entries.iter_mut().filter(|entry| !entry.interval.is_empty()) {
             let name = entry.series.name();
-            log.write_histogram(&entry.second, start, length, Tag::new(&name))
+            log.write_histogram(&entry.interval, start, length, Tag::new(&name))
                 .map_err(|e| Failure::failed(format!("cannot write latency.hlog: {e:?}")))?;
-            entry.second.reset();
+            entry.interval.reset();
         }
         Ok(())
     }

@@ -130,8 +130,7 @@ pub fn here(report: &Report) -> String {
 #[must_use]
 pub fn machine(report: &Report) -> String {
     let host = &report.host;
-    let below = if host.hypervisor { ", under a hypervisor" } else { "" };
-    format!("{} ({}), {} x {}{below}", host.kernel, host.preemption, host.cpus, host.cpu)
+    format!("{} ({}), {} x {}{}", host.kernel, host.preemption, host.cpus, host.cpu, host.below())
 }
 
 /// What was flown, and how fast.
@@ -269,15 +268,7 @@ fn roles(out: &mut String, report: &Report) -> Written {
         count(recorder.incomplete_ticks, "tick"),
         recorder.cpu_percent
     )?;
-    let log = &recorder.log;
-    let (written, dropped): (u64, u64) = (log.messages.values().sum(), log.dropped.values().sum());
-    writeln!(
-        out,
-        "  flight.mcap: {} in {:.1} MB, {dropped} dropped{}",
-        count(written, "message"),
-        log.file_bytes as f64 / 1e6,
-        log.refused.as_ref().map_or_else(String::new, |reason| format!(" ({reason})"))
-    )?;
+    writeln!(out, "  {}", losses::log(&recorder.log))?;
     for (file, reason) in &recorder.unwritten {
         writeln!(out, "  {file} is incomplete: {reason}")?;
     }
@@ -336,6 +327,9 @@ fn flight(out: &mut String, report: &Report) -> Written {
             swap.time_s,
             changes.join(", ")
         )?;
+    }
+    if report.swaps_left_out > 0 {
+        writeln!(out, "  and {} later ones", report.swaps_left_out)?;
     }
     Ok(())
 }

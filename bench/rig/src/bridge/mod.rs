@@ -1,17 +1,18 @@
 //! `ironbird bridge foxglove`: serves a flight over the Foxglove WebSocket protocol.
 //!
 //! ```text
-//! recorder, boards --observe--> channels, parameters --SDK--> Foxglove
-//!                            the plant's desk <--inject-- parameter panel
+//! recorder, boards --observe--> channels, parameters --SDK--> door --> Foxglove
+//!                            the plant's desk <--inject-- parameter panel, with --allow-swaps
 //! ```
 //!
 //! Topics, schemas and metadata are those of flight.mcap (flight_log); times are ns since 1970.
 
 mod channels;
+mod door;
 mod parameters;
 
-use std::io::ErrorKind;
-use std::net::Ipv6Addr;
+use std::io::{self, ErrorKind};
+use std::net::{Ipv6Addr, SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
@@ -55,10 +56,11 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
     let mut observation = join(&instance)?;
     let context = Context::new();
     let mut channels = Channels::new(&context, &observation.run())?;
-    let desk = Arc::new(ParameterMirror::new(instance.clone(), observation.in_force()));
-    let server = start(args, &context, &desk)?;
-    let address = address(&args.host, server.port());
-    print(&format!("serving instance `{}` on ws://{address}; Ctrl-C ends\n", instance.name()))?;
+    let desk = Arc::new(ParameterMirror::new(instance.clone(), observation.in_force(), args.allow_swaps));
+    let (server, port) = start(args, &context, &desk)?;
+    let address = address(&args.host, port);
+    let swaps = if args.allow_swaps { "whoever reaches it may swap parameters" } else { "read-only" };
+    print(&format!("serving instance `{}` on ws://{address}, {swaps}; Ctrl-C ends\n", instance.name()))?;
     let served = serve(&mut observation, &mut channels, &desk, &server, &stop);
     if let Ok(Some(ending)) = &served {
         server.publish_status(Status::info(format!("the flight has ended: {}", ending.words())));
@@ -90,31 +92,35 @@ fn join(instance: &Instance) -> Result<Observation, Failure> {
     }
 }
 
+/// Starts the server and opens its door; gives the door's port.
 fn start(
     args: &FoxgloveArgs,
     context: &Arc<Context>,
     desk: &Arc<ParameterMirror>,
-) -> Result<WebSocketServerHandle, Failure> {
-    let host = if args.host.parse::<Ipv6Addr>().is_ok() { format!("[{}]", args.host) } else { args.host.clone() };
-    WebSocketServer::new()
+) -> Result<(WebSocketServerHandle, u16), Failure> {
+    // First, because it is what a user can be wrong about.
+    let listener = TcpListener::bind((args.host.as_str(), args.port)).map_err(|e| not_listening(args, &e))?;
+    let port = listener.local_addr().map_err(|e| not_listening(args, &e))?.port();
+    let hidden = door::hidden_address();
+    let server = WebSocketServer::new()
         .name(format!("ironbird {}", args.instance))
         .context(context)
-        .bind(host, args.port)
+        .bind(hidden.to_string(), 0)
         .message_backlog_size(BACKLOG)
         .parameter_handler(Arc::<ParameterMirror>::clone(desk))
         .start_blocking()
-        .map_err(|e| not_listening(args, &e))
+        .map_err(|e: FoxgloveError| Failure::failed(format!("cannot serve: {e}")))?;
+    door::open(listener, SocketAddr::from((hidden, server.port())), &args.allow_origin)
+        .map_err(|e| not_listening(args, &e))?;
+    Ok((server, port))
 }
 
-fn not_listening(args: &FoxgloveArgs, error: &FoxgloveError) -> Failure {
+fn not_listening(args: &FoxgloveArgs, error: &io::Error) -> Failure {
     let address = address(&args.host, args.port);
-    let FoxgloveError::Bind(reason) = error else {
-        return Failure::failed(format!("cannot serve on {address}: {error}"));
-    };
-    match reason.kind() {
+    match error.kind() {
         ErrorKind::AddrInUse => Failure::new(OCCUPIED, format!("cannot serve on {address}: the port is in use"))
             .help("end the other server, or name another port; --port 0 takes one that is free"),
-        _ => Failure::usage(format!("cannot serve on {address}: {reason}"))
+        _ => Failure::usage(format!("cannot serve on {address}: {error}"))
             .help("--host is a name or an address of this machine; 127.0.0.1 is for programs on it alone"),
     }
 }

@@ -19,12 +19,17 @@ use failure::Failure;
 pub(super) struct ParameterMirror {
     instance: Instance,
     in_force: Mutex<InForce>,
+    /// Whether clients may swap.
+    allows_swaps: bool,
 }
+
+/// What a client that may not swap is told.
+const READ_ONLY: &str = "this bridge is read-only: start it with --allow-swaps, or use `ironbird inject`";
 
 impl ParameterMirror {
     /// A desk with the parameters in force.
-    pub(super) fn new(instance: Instance, in_force: InForce) -> Self {
-        Self { instance, in_force: Mutex::new(in_force) }
+    pub(super) fn new(instance: Instance, in_force: InForce, allows_swaps: bool) -> Self {
+        Self { instance, in_force: Mutex::new(in_force), allows_swaps }
     }
 
     /// Takes what is on the board; gives all values where a swap has taken hold, whoever asked for it.
@@ -63,7 +68,10 @@ fn changes(wanted: &[Parameter]) -> Result<Vec<(parameters::Parameter, f64)>, Fa
             Some(ParameterValue::Float64(value)) => *value,
             // As a client writes a number without a fraction.
             Some(ParameterValue::Integer(value)) => *value as f64,
-            Some(other) => return Err(Failure::usage(format!("{name} = {other:?} is not a number"))),
+            Some(ParameterValue::String(text)) => {
+                return Err(Failure::usage(format!("{name} = `{text}` is not a number")));
+            }
+            Some(_) => return Err(Failure::usage(format!("{name} is not a number"))),
             None => return Err(Failure::usage(format!("{name} cannot be unset: an airframe has one"))),
         };
         changes.push((parameter, parameter.check(value).map_err(usage)?));
@@ -83,10 +91,11 @@ impl ParameterHandler for ParameterMirror {
 
     fn set(&self, client: AnyClient, wanted: Vec<Parameter>, _: Option<String>, responder: SetParametersResponder) {
         let names: Vec<String> = wanted.iter().map(|parameter| parameter.name.clone()).collect();
-        let (instance, mut present) = (self.instance.clone(), *self.in_force());
+        let (instance, mut present, allows_swaps) = (self.instance.clone(), *self.in_force(), self.allows_swaps);
         // The plant may take its time, and the client's other messages shall not wait for it.
         thread::spawn(move || {
-            match changes(&wanted).and_then(|changes| ask(&instance, &changes, When::In(Duration::ZERO))) {
+            let asked = if allows_swaps { changes(&wanted) } else { Err(Failure::usage(READ_ONLY)) };
+            match asked.and_then(|changes| ask(&instance, &changes, When::In(Duration::ZERO))) {
                 Ok(applied) => {
                     for (parameter, _, new) in applied.changes {
                         present.value[parameter as usize] = new;

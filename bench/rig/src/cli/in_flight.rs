@@ -25,15 +25,22 @@ pub struct WatchArgs {
 /// Protocols of other programs.
 #[derive(Debug, Subcommand)]
 pub enum BridgeTo {
-    /// Foxglove WebSocket: topics, the 3-D scene, and the airframe's parameters to be swapped from the panel. Only in a
-    /// build with `--features foxglove`.
+    /// Foxglove WebSocket: topics, the 3-D scene, and the airframe's parameters. Only in a build with `--features
+    /// foxglove`.
     Foxglove(FoxgloveArgs),
 }
 
 /// Flags of `bridge foxglove`.
 #[derive(Clone, Debug, Args)]
 pub struct FoxgloveArgs {
-    /// Address to listen on; whoever reaches it may swap parameters.
+    /// Let clients swap parameters from the panel: anyone who reaches the address.
+    #[arg(long)]
+    pub allow_swaps: bool,
+    /// Let in pages of this origin too, as in https://studio.example; may be repeated. Those of app.foxglove.dev and of
+    /// this machine are, and what is no browser's page.
+    #[arg(long, value_name = "ORIGIN", value_parser = values::origin)]
+    pub allow_origin: Vec<String>,
+    /// Address to listen on.
     #[arg(long, value_name = "HOST", default_value = "127.0.0.1")]
     pub host: String,
     /// Port to listen on; 0 takes one that is free.

@@ -34,6 +34,17 @@ pub(crate) fn every(text: &str) -> Result<u32, String> {
     number.ok_or_else(|| format!("write a whole number from 1 to {MOST}"))
 }
 
+/// The origin of a page, as a browser tells it.
+pub(crate) fn origin(text: &str) -> Result<String, String> {
+    let is_origin = text.split_once("://").is_some_and(|(scheme, host)| {
+        !scheme.is_empty() && !host.is_empty() && !host.contains(['/', '*']) && !text.contains(char::is_whitespace)
+    });
+    if is_origin {
+        return Ok(text.to_owned());
+    }
+    Err("write scheme, host and port as the browser does, without a path, as in https://studio.example:8080".into())
+}
+
 /// A fault.
 pub(crate) fn fault(text: &str) -> Result<Fault, String> {
     text.parse().map_err(|e| format!("{e} (`ironbird params` lists names, units and ranges)"))

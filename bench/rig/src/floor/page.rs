@@ -123,8 +123,8 @@ impl Page {
     }
 
     fn machine(&self) -> String {
-        let Host { kernel, preemption, cpu, cpus, hypervisor, .. } = &self.host;
-        let under = if *hypervisor { ", under a hypervisor" } else { "" };
+        let Host { kernel, preemption, cpu, cpus, .. } = &self.host;
+        let under = self.host.below();
         format!("Machine: {cpus} x {cpu}{under}, Linux {kernel} ({preemption}).")
     }
 }

@@ -51,12 +51,18 @@ pub fn facts(
         ("preemption", &host.preemption),
         ("cpu", &host.cpu),
         ("cpus", &host.cpus.to_string()),
-        ("hypervisor", &host.hypervisor.to_string()),
+        ("hypervisor", &host.hypervisor.map_or_else(|| "unknown".into(), |it| it.to_string())),
         ("clock_source", &host.clock_source),
         ("rt_runtime_us", &host.rt_runtime_us.to_string()),
     ]);
     let realtime = roles.iter().map(|(role, section)| (role.clone(), granted(section))).collect();
-    Ok(Facts { pace, sample_time_ns, records: vec![(RUN, run), (SETTINGS, texts), (HOST, host), (REALTIME, realtime)] })
+    let plan = settings.log_plan();
+    Ok(Facts {
+        pace,
+        sample_time_ns,
+        plan,
+        records: vec![(RUN, run), (SETTINGS, texts), (HOST, host), (REALTIME, realtime)],
+    })
 }
 
 /// What a process asked of the system, a step a line.

@@ -1,4 +1,4 @@
-//! latency.hlog: every series second by second, as an HdrHistogram interval log of whole lines.
+//! latency.hlog: every series, interval by interval, as an HdrHistogram interval log of whole lines.
 //!
 //! The recorder that writes it holds a lock on it: so it shows whether the recorder of a flight lives ([`lives`]).
 
@@ -18,18 +18,18 @@ use report::tally::series::SeriesSet;
 pub const FILE: &str = "latency.hlog";
 /// What it leaves free on its disk, for the report [bytes].
 const LEFT_FREE_BYTES: u64 = 1 << 20;
-const SECOND: Duration = Duration::from_secs(1);
 
 /// The file, from which lines go to the disk.
 #[derive(Clone, Debug)]
 pub struct Lines(Spool);
 
-/// Writes seconds.
+/// Writes intervals.
 #[allow(missing_debug_implementations, reason = "the writer has none")]
 pub struct Hlog<'a> {
     writer: IntervalLogWriter<'a, 'a, Spool, V2DeflateSerializer>,
     lines: Lines,
-    seconds: u32,
+    length: Duration,
+    intervals: u32,
 }
 
 impl Lines {
@@ -78,7 +78,7 @@ impl Lines {
 }
 
 impl<'a> Hlog<'a> {
-    /// A log of a flight that starts at `start_wall_ns` [ns since 1970].
+    /// A log of a flight that starts at `start_wall_ns` [ns since 1970], in intervals of `length_s` [s].
     ///
     /// # Errors
     /// [`Failure`] where it cannot be begun.
@@ -87,33 +87,28 @@ impl<'a> Hlog<'a> {
         out: &'a mut Spool,
         serializer: &'a mut V2DeflateSerializer,
         start_wall_ns: u64,
+        length_s: u64,
     ) -> Result<Self, Failure> {
         let start: SystemTime = UNIX_EPOCH + Duration::from_nanos(start_wall_ns);
         let writer = IntervalLogWriterBuilder::new()
-            .add_comment("[ironbird: values in nanoseconds, a tag per series, an interval per second]")
+            .add_comment(&format!("[ironbird: values in nanoseconds, a tag per series, intervals of {length_s} s]"))
             .with_start_time(start)
             .with_base_time(start)
             .with_max_value_divisor(1e6)
             .begin_log_with(out, serializer)
             .map_err(|e| Failure::failed(format!("cannot write {FILE}: {e:?}")))?;
         lines.settle();
-        Ok(Self { writer, lines: lines.clone(), seconds: 0 })
+        Ok(Self { writer, lines: lines.clone(), length: Duration::from_secs(length_s), intervals: 0 })
     }
 
-    /// Seconds that are closed.
-    #[must_use]
-    pub const fn seconds(&self) -> u32 {
-        self.seconds
-    }
-
-    /// Writes the present second of every series, and begins the next one.
+    /// Writes the present interval of every series, and begins the next one.
     ///
     /// # Errors
-    /// As [`SeriesSet::close_second`].
-    pub fn close_second(&mut self, series: &mut SeriesSet) -> Result<(), Failure> {
-        let closed = series.close_second(&mut self.writer, self.seconds * SECOND, SECOND);
+    /// As [`SeriesSet::close_interval`].
+    pub fn close_interval(&mut self, series: &mut SeriesSet) -> Result<(), Failure> {
+        let closed = series.close_interval(&mut self.writer, self.intervals * self.length, self.length);
         self.lines.settle();
-        self.seconds += 1;
+        self.intervals += 1;
         closed
     }
 }
@@ -130,14 +125,14 @@ mod tests {
     use super::*;
     use report::tally::series::Series;
 
-    fn a_second(directory: &Path) -> Result<(), Failure> {
+    fn an_interval(directory: &Path) -> Result<(), Failure> {
         let lines = Lines::create(directory)?;
         let (mut out, mut serializer) = (lines.out(), V2DeflateSerializer::new());
-        let mut hlog = Hlog::begin(&lines, &mut out, &mut serializer, 1_700_000_000_000_000_000)?;
+        let mut hlog = Hlog::begin(&lines, &mut out, &mut serializer, 1_700_000_000_000_000_000, 1)?;
         let mut series = SeriesSet::new()?;
         series.record(Series::Loop, 30_000);
         assert!(lives(directory), "it is locked");
-        hlog.close_second(&mut series)?;
+        hlog.close_interval(&mut series)?;
         lines.finish()
     }
 
@@ -145,14 +140,14 @@ mod tests {
     fn a_full_disk_is_an_error_with_its_reason() {
         let directory = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink("/dev/full", directory.path().join(FILE)).unwrap();
-        let failure = a_second(directory.path()).unwrap_err().to_string();
+        let failure = an_interval(directory.path()).unwrap_err().to_string();
         assert!(failure.contains("cannot write latency.hlog: No space left on device"), "{failure}");
     }
 
     #[test]
     fn a_finished_log_is_of_whole_lines_and_free_again() {
         let directory = tempfile::tempdir().unwrap();
-        a_second(directory.path()).unwrap();
+        an_interval(directory.path()).unwrap();
         let text = std::fs::read_to_string(directory.path().join(FILE)).unwrap();
         assert!(text.ends_with('\n') && text.lines().last().unwrap().starts_with("Tag=loop,0.000,1.000,"), "{text}");
         while lives(directory.path()) {

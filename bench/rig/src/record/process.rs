@@ -23,8 +23,9 @@ use crate::record::ports::{DRAIN_EVERY, Ports, Relays, horizon, rest};
 use crate::record::replaced::Replaced;
 use crate::record::traced::Traced;
 use crate::run_directory::make_latest;
-use crate::settings::Settings;
+use crate::settings::{LogName, Settings};
 use failure::{Failure, InFile as _};
+use flight_log::entry::LogEntry;
 use flight_log::facts::record;
 use flight_log::writer::FlightLog;
 use machine::Machine;
@@ -72,7 +73,8 @@ pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<R
     let meter = UsageMeter::start();
     let lines = Lines::create(&files.directory)?;
     let (mut out, mut serializer) = (lines.out(), V2DeflateSerializer::new());
-    let mut log = Hlog::begin(&lines, &mut out, &mut serializer, armed.run.get().t0_wall_ns)?;
+    let mut log =
+        Hlog::begin(&lines, &mut out, &mut serializer, armed.run.get().t0_wall_ns, settings.recorder.hlog_every_s)?;
     let recorder = Recorder::new(&armed, settings, files, &machine, (station.wire().instance(), relays, crew))?;
     let outcome = recorder.record(&mut ports, &mut station, &armed, &meter, (&mut log, &lines));
     station.land(&meter);
@@ -92,9 +94,12 @@ struct Recorder<'a> {
     states: Vec<StatesWriter>,
     /// The report while the flight is in the air.
     so_far: Replaced,
+    /// Seconds of the flight that are over.
+    seconds: u64,
     /// Whether `latest` leads to this flight.
     is_latest: bool,
-    log: FlightLog,
+    /// None where no messages are to be kept.
+    log: Option<FlightLog>,
     relays: Relays,
     /// Files that could not be written, with the first reason: the flight goes on without them.
     unwritten: BTreeMap<&'static str, String>,
@@ -122,14 +127,20 @@ impl<'a> Recorder<'a> {
         if let Some(path) = &files.states {
             states.push(StatesWriter::spooled(path, tracking, every)?);
         }
-        let watch = Watch::new(&crew.loops(), host.hypervisor);
+        let watch = Watch::new(&crew.loops(), host.hypervisor != Some(false));
         let mut tally = Tally::new(armed.pace, armed.run.get().t0_ns, tracking)?;
         tally.begin_autopsy(watch.is_virtual, watch.processor.is_some());
         let facts = facts(&armed.run.get(), settings, instance.name(), &host, &crew.sections())?;
+        let log = match settings.recorder.log {
+            LogName::Off => None,
+            LogName::All | LogName::AroundMisses => {
+                Some(FlightLog::create(&files.directory.join(flight_log::FILE), &facts)?)
+            }
+        };
         Ok(Self {
             settings,
             relays,
-            log: FlightLog::create(&files.directory.join(flight_log::FILE), &facts)?,
+            log,
             unwritten: BTreeMap::new(),
             parameter_epoch: 0,
             directory: &files.directory,
@@ -142,6 +153,7 @@ impl<'a> Recorder<'a> {
             joiner: Joiner::default(),
             states,
             so_far: Replaced::new(files.directory.join("report.json"))?,
+            seconds: 0,
             is_latest: false,
             crew,
             cpu_times: CpuTimes::read(watch.processor),
@@ -164,10 +176,13 @@ impl<'a> Recorder<'a> {
             self.look_at_loops(&armed.run);
             station.status.ticks_run = self.tally.newest_tick();
             station.pass_on_stop();
-            self.log.keep(now_ns())?;
-            if now_ns() >= armed.run.get().t0_ns + (u64::from(hlog.seconds()) + 1) * NS_PER_S {
-                let closed = hlog.close_second(&mut self.tally.series);
-                self.note(hlog::FILE, closed);
+            self.log.as_mut().map_or(Ok(()), |log| log.keep(now_ns()))?;
+            if now_ns() >= armed.run.get().t0_ns + (self.seconds + 1) * NS_PER_S {
+                self.seconds += 1;
+                if self.seconds.is_multiple_of(self.settings.recorder.hlog_every_s) {
+                    let closed = hlog.close_interval(&mut self.tally.series);
+                    self.note(hlog::FILE, closed);
+                }
                 let report = self.report(&armed.run.get(), ports, meter, None)?;
                 let text = json::to_string(&report).in_file("write", Path::new("report.json"));
                 let put = text.and_then(|text| self.so_far.put(text + "\n"));
@@ -190,12 +205,12 @@ impl<'a> Recorder<'a> {
         let run = armed.run.get();
         // A swap of a tick that was skipped at the very end is in no state, but the plant has counted it.
         let swaps = self.parameter_epoch.max(run.parameter_epoch);
-        while (self.tally.swaps.len() as u64) < swaps && now_ns() < until {
+        while self.tally.swaps_seen < swaps && now_ns() < until {
             sleep(DRAIN_EVERY);
             self.drain(ports, armed)?;
         }
         self.tally.finish(&run, closed_ns);
-        let closed = hlog.close_second(&mut self.tally.series).and_then(|()| lines.finish());
+        let closed = hlog.close_interval(&mut self.tally.series).and_then(|()| lines.finish());
         self.note(hlog::FILE, closed);
         while let Some(joined) = self.joiner.rest() {
             self.follow(&joined);
@@ -210,13 +225,15 @@ impl<'a> Recorder<'a> {
         self.tally.miss_runs.update(run.deadlines_missed, run.deadline_miss_run);
         let mut report = self.report(&run, ports, meter, Some(ending))?;
         // Last of what needs room, and before the report, which says what became of it.
-        let fate = self.log.finish(record(&[
-            ("ending", ending.words()),
-            ("ticks_run", &run.ticks_run.to_string()),
-            ("ticks_skipped", &run.ticks_skipped.to_string()),
-            ("deadlines_missed", &run.deadlines_missed.to_string()),
-        ]))?;
-        take_log(&mut report, &fate);
+        if let Some(log) = self.log {
+            let fate = log.finish(record(&[
+                ("ending", ending.words()),
+                ("ticks_run", &run.ticks_run.to_string()),
+                ("ticks_skipped", &run.ticks_skipped.to_string()),
+                ("deadlines_missed", &run.deadlines_missed.to_string()),
+            ]))?;
+            take_log(&mut report, self.settings.recorder.log.name(), &fate);
+        }
         self.so_far.close();
         write_all(&report, self.directory)?;
         if !self.is_latest {
@@ -270,30 +287,31 @@ impl<'a> Recorder<'a> {
 
     fn drain(&mut self, ports: &mut Ports, armed: &Armed) -> Result<(), Failure> {
         let horizon = horizon(armed.pace, || armed.run.get());
-        let (tally, joiner, log) = (&mut self.tally, &mut self.joiner, &mut self.log);
+        let (tally, joiner) = (&mut self.tally, &mut self.joiner);
+        let mut log = |entry| self.log.as_mut().map_or((), |log| log.take(entry));
         let (relays, mut relayed) = (&self.relays, Ok(()));
         ports.states.drain(horizon, |message| {
             keep_first(&mut relayed, relays.states.pass_on(message));
-            log.state(message);
+            log(LogEntry::State(*message));
             self.parameter_epoch = message.content.parameter_epoch;
             tally.state(message);
             joiner.take(message.envelope.tick, LoopMessage::State(message.content));
         })?;
         ports.setpoints.drain(horizon, |message| {
             keep_first(&mut relayed, relays.setpoints.pass_on(message));
-            log.setpoint(message);
+            log(LogEntry::Setpoint(*message));
             tally.setpoint(message);
             joiner.take(message.envelope.tick, LoopMessage::Setpoint(message.content));
         })?;
         ports.wrenches.drain(horizon, |message| {
             keep_first(&mut relayed, relays.wrenches.pass_on(message));
-            log.write(message);
+            log(LogEntry::Wrench(*message));
             tally.wrench(message);
             joiner.take(message.envelope.tick, LoopMessage::Wrench(message.content));
         })?;
         ports.rotor_speeds.drain(horizon, |message| {
             keep_first(&mut relayed, relays.rotor_speeds.pass_on(message));
-            log.write(message);
+            log(LogEntry::RotorSpeeds(*message));
             tally.rotor_speeds(message);
             if !is_last_word(message) {
                 joiner.take(message.envelope.tick, LoopMessage::RotorSpeeds(message.content));
@@ -301,7 +319,7 @@ impl<'a> Recorder<'a> {
         })?;
         ports.swaps.drain(horizon, |message| {
             keep_first(&mut relayed, relays.swaps.pass_on(message));
-            log.write(message);
+            log(LogEntry::Swap(*message));
             tally.swap(message);
         })?;
         self.note("what observers see", relayed.map_err(Failure::from));

@@ -29,7 +29,8 @@ use crate::replay::survey::{Survey, survey};
 use crate::replay::window::Window;
 use crate::run_directory::find_log;
 use failure::{Failure, GATE, OK};
-use flight_log::reader::{End, LogEntry, LogReader};
+use flight_log::entry::LogEntry;
+use flight_log::reader::{End, LogReader};
 use report::tracking::Tracking;
 
 /// Messages read ahead of the one that is replayed: more than the recorder takes in at once after its longest absence.

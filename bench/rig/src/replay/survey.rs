@@ -14,8 +14,9 @@ use failure::Failure;
 use flight_log::TOPICS;
 use flight_log::build::Build;
 use flight_log::codec::Logged;
+use flight_log::entry::LogEntry;
 use flight_log::facts::{RUN, SETTINGS};
-use flight_log::reader::{End, LogEntry, LogReader};
+use flight_log::reader::{End, Kept, LogReader};
 use report::text::count;
 
 /// A log that can be replayed.
@@ -49,6 +50,7 @@ pub fn survey(path: &Path) -> Result<Survey, Failure> {
         });
     };
     reader.check_version()?;
+    check_whole(&reader, path)?;
     let settings = settings_of(&reader)?;
     let mut expected = ExpectedMessages::new(&reader)?;
     let mut swaps = Vec::new();
@@ -77,6 +79,19 @@ pub fn survey(path: &Path) -> Result<Survey, Failure> {
     let last_tick = newest.map(|message| message.envelope.tick);
     let build = reader.build();
     Ok(Survey { build, settings, pace: reader.pace()?, swaps, end: reader.end(), last_tick })
+}
+
+/// Refuses excerpts, and logs of which files were removed: the state that they begin with is not known.
+fn check_whole(reader: &LogReader, path: &Path) -> Result<(), Failure> {
+    let Kept { around_ticks, files_before } = reader.kept()?;
+    let what = match around_ticks {
+        Some(ticks) => format!("it keeps excerpts, {} before and after each event", count(ticks, "tick")),
+        None if files_before > 0 => format!("it is not the log's first file; missing before it: {files_before}"),
+        None => return Ok(()),
+    };
+    Err(Failure::failed(format!("{} cannot be replayed: {what}", path.display())).help(
+        "a state depends on everything before it, so that only a whole log can be flown again: `fly --log all`, with          `recorder.log_files = 0`; `ironbird export` gives what is there",
+    ))
 }
 
 /// The settings in a log, if they are those that its processes agreed on.

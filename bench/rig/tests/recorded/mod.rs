@@ -10,6 +10,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
 use controller::{OuterLoop, WatchedLoop};
+use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, record};
 use flight_log::writer::{CHUNK_NS, Fate, FlightLog};
 use ironbird::settings::Settings;
@@ -223,19 +224,19 @@ pub fn write(path: &Path, settings: &Settings, published: &Published) -> Fate {
     for from in (0..=end).step_by(10) {
         let now = |tick: u64| (from..from + 10).contains(&tick);
         for message in published.states.iter().filter(|message| now(message.envelope.tick)) {
-            log.state(message);
+            log.take(LogEntry::State(*message));
         }
         for message in published.setpoints.iter().filter(|message| now(message.envelope.tick)) {
-            log.setpoint(message);
+            log.take(LogEntry::Setpoint(*message));
         }
         for message in published.wrenches.iter().filter(|message| now(message.envelope.tick)) {
-            log.write(message);
+            log.take(LogEntry::Wrench(*message));
         }
         for message in published.rotor_speeds.iter().filter(|message| now(message.envelope.tick)) {
-            log.write(message);
+            log.take(LogEntry::RotorSpeeds(*message));
         }
         for message in published.swaps.iter().filter(|message| now(message.envelope.tick + SWAPS_LATER)) {
-            log.write(message);
+            log.take(LogEntry::Swap(*message));
         }
         log.keep(GRID.begin_of(0) + from * CHUNK_NS).unwrap();
     }

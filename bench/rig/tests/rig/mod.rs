@@ -96,10 +96,10 @@ impl Rig {
                 all.splice(end..end, [flag.to_owned(), value.to_owned()]);
             }
         };
-        if !matches!(command, "clean" | "simulate" | "report" | "export" | "replay" | "floor") {
+        if !matches!(command, "clean" | "simulate" | "report" | "export" | "replay" | "floor" | "runs") {
             default("--instance", &self.instance);
         }
-        if matches!(command, "fly" | "record" | "report" | "export" | "replay") {
+        if matches!(command, "fly" | "record" | "report" | "export" | "replay" | "runs") {
             default("--out", self.out().to_str().unwrap());
         }
         all

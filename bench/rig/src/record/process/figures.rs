@@ -11,6 +11,7 @@ use crate::record::ports::Ports;
 use crate::wall_time::utc;
 use failure::Failure;
 use flight_log::TOPICS;
+use flight_log::writer::FlightLog;
 use machine::cpu_times::CpuTimes;
 use machine::interrupts::Interrupts;
 use report::autopsy::Autopsy;
@@ -99,6 +100,7 @@ impl Recorder<'_> {
             flight: performance,
             theorem,
             swaps: self.tally.swaps.clone(),
+            swaps_left_out: self.tally.swaps_seen - self.tally.swaps.len() as u64,
             series,
             roles,
             recorder: schema::RecorderSection {
@@ -106,7 +108,10 @@ impl Recorder<'_> {
                 rejected: rejected(&ports.rejections()),
                 incomplete_ticks: self.joiner.incomplete,
                 cpu_percent: 100.0 * meter.read().cpu_ns as f64 / elapsed_ns as f64,
-                log: log_section(&self.log.fate()),
+                log: log_section(
+                    self.settings.recorder.log.name(),
+                    &self.log.as_ref().map(FlightLog::fate).unwrap_or_default(),
+                ),
                 unwritten: self.unwritten.iter().map(|(file, why)| ((*file).to_owned(), why.clone())).collect(),
             },
             host: self.host.clone(),

@@ -1,0 +1,51 @@
+//! A message of one of the topics of the flight log.
+
+use model::envelope::{Envelope, Message};
+use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+
+use crate::TOPICS;
+
+/// Messages per topic, in the order of [`TOPICS`].
+pub type Counts = [u64; TOPICS.len()];
+
+/// A message of one of the topics.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "the largest is the most frequent")]
+pub enum LogEntry {
+    /// Topic `state`.
+    State(Message<State>),
+    /// Topic `setpoint`.
+    Setpoint(Message<Setpoint>),
+    /// Topic `wrench`.
+    Wrench(Message<Wrench>),
+    /// Topic `rotor_speeds`.
+    RotorSpeeds(Message<RotorSpeeds>),
+    /// Topic `swaps`.
+    Swap(Message<SwapRecord>),
+}
+
+impl LogEntry {
+    /// Its envelope.
+    #[must_use]
+    pub const fn envelope(&self) -> &Envelope {
+        match self {
+            Self::State(message) => &message.envelope,
+            Self::Setpoint(message) => &message.envelope,
+            Self::Wrench(message) => &message.envelope,
+            Self::RotorSpeeds(message) => &message.envelope,
+            Self::Swap(message) => &message.envelope,
+        }
+    }
+
+    /// Its topic's place in [`TOPICS`].
+    #[must_use]
+    pub const fn topic(&self) -> usize {
+        match self {
+            Self::State(_) => 0,
+            Self::Setpoint(_) => 1,
+            Self::Wrench(_) => 2,
+            Self::RotorSpeeds(_) => 3,
+            Self::Swap(_) => 4,
+        }
+    }
+}

@@ -1,0 +1,367 @@
+//! One file of the flight log: messages in chunks, the scene, and what its reader needs to begin with it.
+//!
+//! There is one chunk per [`CHUNK_NS`]. Inside a chunk the messages are grouped by topic, because zstd compresses
+//! similar data best. After a killed recorder the file is readable up to the last chunk.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use mcap::{Compression, McapError, WriteOptions, Writer};
+use model::envelope::Message;
+use model::grid::{NS_PER_S, Pace};
+use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::topic::Topic;
+
+use crate::codec::{Logged, encode};
+use crate::entry::{Counts, LogEntry};
+use crate::facts::{Facts, LANDING, Record};
+use crate::scene::{self, Placed};
+use crate::spool::Spool;
+use crate::{TOPICS, schema, units};
+
+/// Longest time between two chunks [ns].
+pub const CHUNK_NS: u64 = NS_PER_S / 2;
+/// Longest chunk before it is compressed [bytes]; in lockstep the clock would make longer ones.
+const CHUNK_BYTES: usize = 1 << 20;
+/// Level of zstd: up to 15 nothing gets smaller beyond 6, and at 3 a flight is a thirtieth larger. But compressing is a
+/// burst beside the loops, whose 99th percentile it can be, and at 3 it takes half as long.
+const LEVEL: u32 = 3;
+/// The same in lockstep, where ticks come as fast as the recorder takes them, and compressing is most of what it does.
+const LOCKSTEP_LEVEL: u32 = 1;
+
+/// What became of the messages of a file so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct FileFate {
+    /// Its length [bytes].
+    pub(super) bytes: u64,
+    /// Messages in it, or on their way to a disk that has taken everything so far.
+    pub(super) written: Counts,
+    /// Messages that are not.
+    pub(super) dropped: Counts,
+}
+
+/// Messages of a channel.
+type Part = Vec<(MessageHeader, Vec<u8>)>;
+
+/// A file that is being written.
+pub(super) struct LogFile {
+    writer: Writer<NoSeek<Spool>>,
+    spool: Spool,
+    pace: Pace,
+    newest_sample_ns: u64,
+    channels: BTreeMap<&'static str, u16>,
+    scene_every_ticks: u64,
+    scene_sequence: [u32; scene::CHANNELS.len()],
+    /// The present chunk, by channel.
+    chunk: BTreeMap<u16, Part>,
+    /// What is still to be written of the chunk before it.
+    ending: VecDeque<Part>,
+    /// Messages that had come when that one ended.
+    ended: Counts,
+    /// Messages that came.
+    taken: Counts,
+    /// Lengths at which the file is readable that have not reached the disk, with what is before them.
+    chunks: VecDeque<(u64, Counts)>,
+    /// The last one that has.
+    settled: (u64, Counts),
+    next_chunk_ns: u64,
+    /// Of the present one.
+    chunk_bytes: usize,
+}
+
+impl LogFile {
+    /// A file with its schemas and facts, before its first message; `newest_sample_ns` is of the file before it.
+    pub(super) fn begin(spool: Spool, facts: &Facts, part: u64, newest_sample_ns: u64) -> Result<Self, McapError> {
+        let options = WriteOptions::new()
+            .library(concat!("ironbird ", env!("CARGO_PKG_VERSION")))
+            .compression(Some(Compression::Zstd))
+            .compression_level(if facts.pace == Pace::Lockstep { LOCKSTEP_LEVEL } else { LEVEL })
+            // Chunks go to the spool whole, compressed by this thread; they end when they are told to.
+            .compression_threads(0)
+            .disable_seeking(true)
+            .chunk_size(None);
+        let mut writer = Writer::with_options(NoSeek::new(spool.clone()), options)?;
+        for (name, metadata) in facts.records(part) {
+            writer.write_metadata(&Metadata { name: name.into(), metadata })?;
+        }
+        let mut channels = BTreeMap::new();
+        add::<State>(&mut writer, &mut channels)?;
+        add::<Setpoint>(&mut writer, &mut channels)?;
+        add::<Wrench>(&mut writer, &mut channels)?;
+        add::<RotorSpeeds>(&mut writer, &mut channels)?;
+        add::<SwapRecord>(&mut writer, &mut channels)?;
+        let set = scene::descriptor_set();
+        for (topic, schema) in scene::CHANNELS {
+            let schema = writer.add_schema(schema, "protobuf", &set)?;
+            channels.insert(topic, writer.add_channel(schema, topic, "protobuf", &BTreeMap::new())?);
+        }
+        let mut file = Self {
+            writer,
+            spool,
+            pace: facts.pace,
+            newest_sample_ns,
+            channels,
+            scene_every_ticks: scene::every_ticks(facts.sample_time_ns),
+            scene_sequence: [0; scene::CHANNELS.len()],
+            chunk: BTreeMap::new(),
+            ending: VecDeque::new(),
+            ended: [0; TOPICS.len()],
+            taken: [0; TOPICS.len()],
+            chunks: VecDeque::new(),
+            settled: (0, [0; TOPICS.len()]),
+            next_chunk_ns: 0,
+            chunk_bytes: 0,
+        };
+        file.end_chunk()?;
+        Ok(file)
+    }
+
+    /// Takes a message, and every few ticks puts airframe and reference into the scene.
+    pub(super) fn take(&mut self, entry: &LogEntry) {
+        self.taken[entry.topic()] += 1;
+        if self.spool.has_given_up() {
+            return;
+        }
+        match entry {
+            LogEntry::State(message) => {
+                self.write(message);
+                let State { position_w_m, attitude_rad, .. } = message.content;
+                self.place(message, 0, scene::BODY, position_w_m, attitude_rad);
+            }
+            LogEntry::Setpoint(message) => {
+                self.write(message);
+                let Setpoint { reference_position_w_m, attitude_rad, .. } = message.content;
+                self.place(message, 1, scene::REFERENCE, reference_position_w_m, attitude_rad);
+            }
+            LogEntry::Wrench(message) => self.write(message),
+            LogEntry::RotorSpeeds(message) => self.write(message),
+            LogEntry::Swap(message) => self.write(message),
+        }
+    }
+
+    fn write<C: Logged>(&mut self, message: &Message<C>) {
+        let envelope = &message.envelope;
+        let mut bytes = Vec::new();
+        encode(message, &mut bytes);
+        let header = MessageHeader {
+            channel_id: self.channels.get(<C as Topic>::NAME).copied().unwrap_or_default(),
+            sequence: envelope.seq as u32,
+            log_time: self.log_time(message),
+            publish_time: envelope.stamps_of(C::SENDER).send_ns,
+        };
+        self.newest_sample_ns = self.newest_sample_ns.max(envelope.sample_ns);
+        self.add(header, bytes);
+    }
+
+    fn add(&mut self, header: MessageHeader, bytes: Vec<u8>) {
+        self.chunk_bytes += bytes.len();
+        self.chunk.entry(header.channel_id).or_default().push((header, bytes));
+    }
+
+    /// When a message was sampled [ns]; where it goes back to no sample, the begin of its tick, or in lockstep, where
+    /// ticks have no place on the clock, the newest sample.
+    fn log_time<C: Logged>(&self, message: &Message<C>) -> u64 {
+        let Message { envelope, .. } = message;
+        match self.pace {
+            _ if envelope.sample_ns > 0 => envelope.sample_ns,
+            Pace::Realtime(grid) => grid.begin_of(envelope.tick),
+            Pace::Lockstep => self.newest_sample_ns,
+        }
+    }
+
+    fn place<C: Logged>(
+        &mut self,
+        message: &Message<C>,
+        pose: usize,
+        frame: &str,
+        position_w_m: [f64; 3],
+        attitude_rad: [f64; 3],
+    ) {
+        if !message.envelope.tick.is_multiple_of(self.scene_every_ticks) {
+            return;
+        }
+        let placed = Placed { at_ns: self.log_time(message), position_w_m, attitude_rad };
+        let publish_time = message.envelope.stamps_of(C::SENDER).send_ns;
+        for (channel, bytes) in [(pose, placed.pose()), (2, placed.transform(frame))] {
+            let header = MessageHeader {
+                channel_id: self.channels.get(scene::CHANNELS[channel].0).copied().unwrap_or_default(),
+                sequence: self.scene_sequence[channel],
+                log_time: placed.at_ns,
+                publish_time,
+            };
+            self.scene_sequence[channel] += 1;
+            self.add(header, bytes);
+        }
+    }
+
+    /// Ends a chunk when it is time, and hands it to the disk; to be called often. Says whether all but the present
+    /// chunk is handed over.
+    ///
+    /// By the clock, one channel per call: compressing a whole chunk takes several ticks and would disturb the loops.
+    pub(super) fn keep(&mut self, now_ns: u64) -> Result<bool, McapError> {
+        if self.spool.has_given_up() {
+            return Ok(false);
+        }
+        if self.ending.is_empty() {
+            if now_ns < self.next_chunk_ns && self.chunk_bytes < CHUNK_BYTES {
+                return Ok(false);
+            }
+            self.next_chunk_ns = now_ns + CHUNK_NS;
+            self.begin_end();
+        }
+        let at_once = if self.pace == Pace::Lockstep { self.ending.len() } else { 1 };
+        self.compress(at_once)?;
+        let is_handed_over = self.ending.is_empty();
+        if is_handed_over {
+            self.hand_over()?;
+        }
+        if self.spool.is_overfull() {
+            self.spool.give_up(self.settled.0);
+        }
+        Ok(is_handed_over)
+    }
+
+    /// Nothing more belongs to the present chunk.
+    fn begin_end(&mut self) {
+        self.ending.extend(std::mem::take(&mut self.chunk).into_values());
+        self.ended = self.taken;
+        self.chunk_bytes = 0;
+    }
+
+    fn compress(&mut self, channels: usize) -> Result<(), McapError> {
+        let channels = channels.min(self.ending.len());
+        for (header, bytes) in self.ending.drain(..channels).flatten() {
+            self.writer.write_to_known_channel(&header, &bytes)?;
+        }
+        Ok(())
+    }
+
+    fn hand_over(&mut self) -> Result<(), McapError> {
+        self.writer.flush()?;
+        self.chunks.push_back((self.spool.written(), self.ended));
+        self.settle();
+        Ok(())
+    }
+
+    /// Ends the present chunk, and what is left of the one before it.
+    fn end_chunk(&mut self) -> Result<(), McapError> {
+        self.begin_end();
+        self.compress(usize::MAX)?;
+        self.hand_over()
+    }
+
+    fn settle(&mut self) {
+        let on_disk = self.spool.settle();
+        while let Some(chunk) = self.chunks.pop_front_if(|(length, _)| *length <= on_disk) {
+            self.settled = chunk;
+        }
+    }
+
+    /// Length of the file when everything that was handed over is there [bytes].
+    pub(super) fn length(&self) -> u64 {
+        self.spool.written()
+    }
+
+    /// When the newest message was sampled [ns].
+    pub(super) const fn newest_sample_ns(&self) -> u64 {
+        self.newest_sample_ns
+    }
+
+    /// Why the disk did not take something, the first time.
+    pub(super) fn refused(&self) -> Option<String> {
+        self.spool.refused()
+    }
+
+    /// What became of the messages so far.
+    pub(super) fn fate(&self) -> FileFate {
+        // A recorder that dies now leaves what has settled: what waits for a full disk is not promised.
+        let (bytes, written) =
+            if self.spool.refused().is_some() { self.settled } else { (self.spool.written(), self.taken) };
+        let mut dropped = self.taken;
+        for (dropped, written) in dropped.iter_mut().zip(written) {
+            *dropped -= written;
+        }
+        FileFate { bytes, written, dropped }
+    }
+
+    /// Ends the file with its last facts and its index, and hands them to the disk without waiting.
+    pub(super) fn close(&mut self, last_facts: Record) -> Result<(), McapError> {
+        self.writer.write_metadata(&Metadata { name: LANDING.into(), metadata: last_facts })?;
+        self.end_chunk()?;
+        self.writer.finish()?;
+        self.chunks.push_back((self.spool.written(), self.taken));
+        self.spool.end();
+        Ok(())
+    }
+
+    /// Whether the disk has all of a file that was closed.
+    pub(super) fn is_on_disk(&mut self) -> bool {
+        self.settle();
+        self.chunks.is_empty() && self.spool.is_at_rest()
+    }
+
+    /// Waits until the disk has all of a file that was closed, or takes nothing more.
+    pub(super) fn wait(&mut self) {
+        self.spool.finish();
+        self.settle();
+        if !self.chunks.is_empty() {
+            self.spool.give_up(self.settled.0);
+            self.spool.finish();
+        }
+    }
+}
+
+fn add<C: Logged>(
+    writer: &mut Writer<NoSeek<Spool>>,
+    channels: &mut BTreeMap<&'static str, u16>,
+) -> Result<(), McapError> {
+    let topic = <C as Topic>::NAME;
+    let schema = writer.add_schema(&schema::name::<C>(), "protobuf", &schema::descriptor_set::<C>())?;
+    channels.insert(topic, writer.add_channel(schema, topic, "protobuf", &units::describe::<C>())?);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+    use std::time::Duration;
+
+    use super::*;
+    use crate::facts::LogPlan;
+    use crate::spool::Disk;
+
+    struct FullDisk;
+
+    impl Disk for FullDisk {
+        fn free(&self) -> Option<u64> {
+            Some(0)
+        }
+
+        fn write_at(&self, _: &[u8], _: u64) -> io::Result<()> {
+            unreachable!("there is no room")
+        }
+
+        fn cut(&self, _: u64) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn sync(&self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn what_waits_for_a_full_disk_is_not_said_to_be_in_the_file() {
+        let plan = LogPlan::WHOLE;
+        let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, plan, records: Vec::new() };
+        let mut file = LogFile::begin(Spool::new(FullDisk, 1).unwrap(), &facts, 0, 0).unwrap();
+        let state = Message { envelope: model::envelope::Envelope::new(), content: State::default() };
+        file.take(&LogEntry::State(state));
+        while file.refused().is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let fate = file.fate();
+        assert_eq!((fate.bytes, fate.written, fate.dropped), (0, [0; 5], [1, 0, 0, 0, 0]));
+    }
+}

@@ -1,0 +1,225 @@
+//! What flight.mcap keeps: everything, excerpts or nothing, in files of a length; and what can be done with each.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod rig;
+
+use std::fs;
+use std::path::Path;
+use std::thread::sleep;
+use std::time::Duration;
+
+use flight_log::TOPICS;
+use flight_log::entry::LogEntry;
+use flight_log::reader::{End, LogReader};
+use model::envelope::Message;
+use model::messages::State;
+use rig::{Rig, send};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// All that a log holds, from its first file on.
+fn read(log: &Path) -> (Vec<LogEntry>, End) {
+    let mut reader = LogReader::open(log).unwrap();
+    let mut entries = Vec::new();
+    while let Some(entry) = reader.next_entry().unwrap() {
+        entries.push(entry);
+    }
+    (entries, reader.end())
+}
+
+fn ticks(entries: &[LogEntry], topic: usize) -> Vec<u64> {
+    entries.iter().filter(|entry| entry.topic() == topic).map(|entry| entry.envelope().tick).collect()
+}
+
+fn states(entries: &[LogEntry]) -> Vec<Message<State>> {
+    let state = |entry: &LogEntry| match entry {
+        LogEntry::State(message) => Some(*message),
+        _ => None,
+    };
+    entries.iter().filter_map(state).collect()
+}
+
+fn sum(log: &Value, what: &str) -> u64 {
+    TOPICS.iter().map(|topic| log[what][topic].as_u64().unwrap()).sum()
+}
+
+fn file_names(directory: &Path) -> Vec<String> {
+    let names = fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = names.filter(|name| name.ends_with(".mcap")).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn an_excerpt_holds_take_off_swaps_and_landing_and_says_that_it_is_one() {
+    let rig = Rig::new("excerpt");
+    let config = rig.settings("[recorder]\nlog_around_s = 0.05\n");
+    let flight = ["--pace", "lockstep", "--duration", "1s", "--fault", "mass_kg=0.6@tick500", "--config", &config];
+    rig.run("fly", &[&flight[..], &["--log", "around-misses"]].concat()).expect(0);
+    let (entries, end) = read(&rig.out().join("latest/flight.mcap"));
+    assert_eq!(end, End::Complete);
+    let expected: Vec<u64> = (0..=50).chain(450..=550).chain(950..=1000).collect();
+    for (topic, name) in TOPICS.iter().enumerate().take(3) {
+        assert_eq!(ticks(&entries, topic), expected, "{name}");
+    }
+    assert_eq!(ticks(&entries, 4), [500], "the swap");
+    let report = rig.report();
+    let log = &report["recorder"]["log"];
+    assert_eq!((&log["kept"], &log["stretches"], &log["files"]), (&"around-misses".into(), &3.into(), &1.into()));
+    assert_eq!((sum(log, "left_out"), sum(log, "dropped")), (4 * (1001 - 203), 0), "{log}");
+    // What was not to be kept is not missing.
+    assert_eq!((&report["verdict"]["status"], sum(log, "messages")), (&"PASS".into(), entries.len() as u64));
+    let text = fs::read_to_string(rig.out().join("latest/report.txt")).unwrap();
+    assert!(text.contains("; 3 excerpts kept, 3192 left out as asked\n"), "{text}");
+    let exported = rig.run("export", &["--topic", "state"]).expect(0).complains("keeps excerpts: 50 ticks before");
+    assert_eq!(exported.stdout.lines().count(), 1 + expected.len());
+    for verify in [&["--verify"][..], &[]] {
+        let refused = rig.run("replay", verify).expect(1).complains("cannot be replayed: it keeps excerpts, 50 ticks");
+        assert_eq!(refused.complains("fly --log all").stdout, "");
+    }
+}
+
+#[test]
+fn an_excerpt_holds_what_is_around_every_missed_deadline() {
+    const AROUND: u64 = 20;
+    let rig = Rig::new("around");
+    let config = rig.settings("[flight]\nslowdown = 5\n[recorder]\nlog = \"around-misses\"\nlog_around_s = 0.02\n");
+    let flight = rig.take_off(&["--rt", "off", "--duration", "1s", "--config", &config]);
+    sleep(Duration::from_secs(2));
+    let mixer = flight.roles()["mixer"];
+    send(mixer, Signal::STOP);
+    sleep(Duration::from_millis(60));
+    send(mixer, Signal::CONT);
+    flight.end().expect(0);
+    let report = rig.report();
+    let missed = report["deadlines"]["missed"].as_u64().unwrap();
+    let (entries, end) = read(&rig.out().join("latest/flight.mcap"));
+    let states = states(&entries);
+    assert!(missed > 5 && end == End::Complete, "{missed} missed");
+    // What is missed after the last state is in no state.
+    assert!((missed - 1..=missed).contains(&states.last().unwrap().content.deadlines_missed), "of {missed}");
+    let mut gaps = 0;
+    for pair in states.windows(2) {
+        let (before, after) = (&pair[0], &pair[1]);
+        let skipped = after.content.ticks_skipped - before.content.ticks_skipped;
+        let is_gap = before.envelope.tick + 1 + skipped != after.envelope.tick;
+        gaps += u64::from(is_gap);
+        if after.content.deadlines_missed > before.content.deadlines_missed {
+            assert!(
+                !is_gap,
+                "a deadline was missed between ticks {} and {}",
+                before.envelope.tick, after.envelope.tick
+            );
+            let tick = after.envelope.tick;
+            let around = states.iter().filter(|state| state.envelope.tick.abs_diff(tick) <= AROUND).count() as u64;
+            let skipped = states.last().unwrap().content.ticks_skipped;
+            let whole = (tick + AROUND).min(1000) - tick.saturating_sub(AROUND) + 1;
+            assert!(around + skipped >= whole, "around tick {tick}: {around} of {whole}, {skipped} skipped");
+        }
+    }
+    assert!(gaps > 0 && sum(&report["recorder"]["log"], "left_out") > 0, "everything is kept: {}", report["recorder"]);
+    assert_eq!(report["verdict"]["status"], "PASS");
+}
+
+#[test]
+fn a_flight_without_a_log_has_a_report_and_says_why_there_is_no_more() {
+    let rig = Rig::new("no-log");
+    let flown = rig.run("fly", &["--pace", "lockstep", "--duration", "1s", "--log", "off"]).expect(0);
+    let result = flown.result();
+    assert_eq!(
+        (result["status"].as_str(), result["unlogged"].as_str(), result["ticks"].as_str()),
+        ("PASS", "0", "1001")
+    );
+    assert_eq!(file_names(&rig.out().join("latest")), Vec::<String>::new());
+    let text = fs::read_to_string(rig.out().join("latest/report.txt")).unwrap();
+    assert!(text.contains("flight.mcap: none, as asked (recorder.log = off)\n"), "{text}");
+    assert!(fs::metadata(rig.out().join("latest/latency.hlog")).unwrap().len() > 0);
+    for command in ["export", "replay"] {
+        let refused = rig.run(command, &[]).expect(2).complains("holds no flight.mcap: it was flown with recorder.log");
+        refused.complains("`fly --log all` keeps every message");
+    }
+}
+
+#[test]
+fn a_long_log_goes_on_in_further_files_and_is_read_as_one() {
+    let rig = Rig::new("files");
+    let config = rig.settings("[recorder]\nlog_file_mb = 1\n");
+    rig.run("fly", &["--pace", "lockstep", "--duration", "8s", "--config", &config]).expect(0);
+    let latest = rig.out().join("latest");
+    let report = rig.report();
+    let log = &report["recorder"]["log"];
+    let names = file_names(&latest);
+    assert!(names.len() > 2 && log["files"] == names.len(), "{names:?} {log}");
+    let bytes: u64 = names.iter().map(|name| fs::metadata(latest.join(name)).unwrap().len()).sum();
+    assert_eq!((&log["file_bytes"], sum(log, "dropped")), (&bytes.into(), 0));
+    let (entries, end) = read(&latest.join("flight.mcap"));
+    assert_eq!((end, entries.len() as u64), (End::Complete, sum(log, "messages")));
+    assert_eq!(ticks(&entries, 0), (0..=8000).collect::<Vec<_>>());
+    rig.run("replay", &["--verify"]).expect(0).says("8001 ticks").says("identical");
+    rig.run("export", &[]).expect(0).says("    8001 messages  ");
+    // One of them alone is whole, and no whole flight.
+    let second = latest.join("flight.1.mcap");
+    rig.run("replay", &[second.to_str().unwrap()])
+        .expect(1)
+        .complains("not the log's first file; missing before it: 1");
+    fs::remove_file(&second).unwrap();
+    let missing = "latest/flight.1.mcap, in which";
+    rig.run("replay", &["--verify"]).expect(1).complains(missing).complains("flight.mcap goes on: No such file");
+    let exported = rig.run("export", &["--topic", "state"]).expect(1).complains(missing);
+    assert!(exported.stdout.lines().count() > 1000, "what stands before is exported");
+}
+
+#[test]
+fn the_newest_files_of_a_log_are_kept_where_no_more_are_to_be() {
+    let rig = Rig::new("newest");
+    let config = rig.settings("[recorder]\nlog_file_mb = 1\nlog_files = 2\n");
+    let flown = rig.run("fly", &["--pace", "lockstep", "--duration", "8s", "--config", &config]).expect(0);
+    assert_eq!(flown.result()["status"], "PASS", "what was removed as asked is not missing");
+    let latest = rig.out().join("latest");
+    let names = file_names(&latest);
+    assert!(names.len() == 2 && !names.contains(&"flight.mcap".to_owned()), "{names:?}");
+    let report = rig.report();
+    let log = &report["recorder"]["log"];
+    assert_eq!(sum(log, "messages") + sum(log, "removed"), 4 * 8001 + 1, "{log}");
+    let text = fs::read_to_string(latest.join("report.txt")).unwrap();
+    assert!(text.contains(&format!("; {} in older files, removed as asked\n", sum(log, "removed"))), "{text}");
+    let exported = rig.run("export", &["--topic", "state"]).expect(0).complains("is not the log's first file");
+    assert_eq!(exported.stdout.lines().count() as u64, 1 + log["messages"]["state"].as_u64().unwrap());
+    rig.run("replay", &[])
+        .expect(1)
+        .complains("cannot be replayed: it is not the log's first file")
+        .complains("recorder.log_files = 0");
+}
+
+#[test]
+fn intervals_of_the_latency_log_are_as_long_as_asked() {
+    let rig = Rig::new("intervals");
+    let config = rig.settings("[recorder]\nhlog_every_s = 2\nlog = \"off\"\n");
+    rig.run("fly", &["--rt", "off", "--duration", "4500ms", "--config", &config]).expect(0);
+    let log = fs::read_to_string(rig.out().join("latest/latency.hlog")).unwrap();
+    assert!(log.starts_with("#[ironbird: values in nanoseconds, a tag per series, intervals of 2 s]\n"), "{log}");
+    let begins: Vec<&str> = log.lines().filter_map(|line| line.strip_prefix("Tag=loop,")).collect();
+    let expected = ["0.000,2.000,", "2.000,2.000,", "4.000,2.000,"];
+    assert!(
+        begins.len() == 3 && begins.iter().zip(expected).all(|(line, begin)| line.starts_with(begin)),
+        "{begins:?}"
+    );
+}
+
+#[test]
+fn settings_of_the_log_that_make_no_sense_are_named() {
+    let rig = Rig::new("no-sense");
+    for (text, words) in [
+        ("log = \"some\"", "unknown variant `some`, expected one of `all`, `around-misses`, `off`"),
+        ("log = 1", "recorder.log = 1: expected a string, as in \"all\""),
+        ("log_around_s = 11", "recorder.log_around_s = 11 is out of range: allowed are 0 to 10"),
+        ("log_file_mb = 0", "recorder.log_file_mb = 0 is out of range: allowed are 1 to 1000000"),
+        ("log_files = 1", "recorder.log_files = 1 is out of range: allowed are 0, for all, and 2 or more"),
+        ("log_files = -2", "recorder.log_files"),
+        ("hlog_every_s = 0", "recorder.hlog_every_s = 0 is out of range: allowed are 1 to 3600"),
+    ] {
+        let file = rig.settings(&format!("[recorder]\n{text}\n"));
+        rig.run("fly", &["--config", &file]).expect(2).complains(words).complains(&format!("settings file {file}"));
+        rig.assert_nothing_started();
+    }
+}
