@@ -130,7 +130,7 @@ fn flight(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Reasoned<FlightWo
         let (error, limit) = (performance.recent_error_max_m, limits.error_max_m);
         let word = if error <= limit { FlightWord::Tracked } else { FlightWord::OffTrack };
         let recent_s = performance.recent_s;
-        (word, format!("at most {error:.4} m from the reference in the last {recent_s:.1} s, allowed are {limit} m"))
+        (word, format!("position error up to {error:.4} m in the last {recent_s:.1} s, limit {limit} m"))
     };
     Reasoned { word, why }
 }
