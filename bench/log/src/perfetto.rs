@@ -169,7 +169,7 @@ impl<W: Write> PerfettoWriter<W> {
     /// # Errors
     /// Those of the writer below.
     pub fn swap(&mut self, message: &Message<SwapRecord>) -> io::Result<()> {
-        let Some(at_ns) = self.epochs.get(&message.envelope.parameter_epoch).copied() else {
+        let Some(at_ns) = self.epochs.get(&message.content.parameter_epoch).copied() else {
             self.waiting.push(*message);
             return Ok(());
         };

@@ -207,6 +207,13 @@ fn intervals_of_the_latency_log_are_as_long_as_asked() {
 }
 
 #[test]
+fn a_flight_may_be_as_long_as_a_soak_of_a_week() {
+    let rig = Rig::new("week");
+    let printed = rig.run("fly", &["--duration", "7d", "--log", "around-misses", "--print-config"]).expect(0);
+    printed.says("duration_s = 604800.0 ").says("log = \"around-misses\" ");
+}
+
+#[test]
 fn settings_of_the_log_that_make_no_sense_are_named() {
     let rig = Rig::new("no-sense");
     for (text, words) in [

@@ -78,6 +78,20 @@ fn a_disk_that_blocks_holds_nobody_up_and_loses_nothing_that_fits() {
 }
 
 #[test]
+fn a_file_that_is_ended_while_its_disk_blocks_is_waited_for_by_nobody() {
+    let (mut file, mut spool, allow, done) = gated();
+    spool.write_all(b"last").unwrap();
+    spool.end();
+    assert!(!spool.is_at_rest(), "nothing is allowed yet");
+    allow.send(()).unwrap();
+    while !spool.is_at_rest() {
+        thread::yield_now();
+    }
+    assert_eq!((text(&mut file).as_str(), spool.settle()), ("last", 4));
+    assert_eq!(done.try_iter().collect::<Vec<_>>(), ["write", "sync"]);
+}
+
+#[test]
 fn a_disk_that_blocks_for_too_long_is_named_and_the_file_ends_with_a_whole_piece() {
     let (mut file, mut spool, allow, done) = gated();
     spool.write_all(b"whole").unwrap();

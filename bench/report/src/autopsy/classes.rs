@@ -236,7 +236,7 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
         Delay::Wake if others.ran => (Class::WakeLate, "others ran meanwhile".into()),
         // The host may have taken the processor without saying so.
         _ if scene.is_virtual => {
-            (Class::CannotTell, "nothing else was due, to show whether a hypervisor took the processor".into())
+            (Class::CannotTell, "on a virtual machine, or what may be one, nothing else was due to show it".into())
         }
         Delay::Compute => (Class::ComputedLong, "nothing interrupted it".into()),
         Delay::Wake | Delay::Input => (Class::WakeLate, "nothing else was due meanwhile".into()),
