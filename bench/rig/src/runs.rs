@@ -50,7 +50,8 @@ struct RecordedRun {
     /// When it began: for people, and for programs.
     started: String,
     started_unix_s: u64,
-    /// `PASS` and so on; `in the air`, `cut short` where its recorder has gone, or `no report`.
+    /// `PASS` and so on; `in the air`, `cut short` where its recorder has gone, `no report`, or
+    /// `unreadable` where another version wrote it.
     status: String,
     /// Its flight time [s]; none without a report.
     length_s: Option<f64>,
@@ -112,6 +113,7 @@ impl RecordedRun {
         let is_in_the_air = directory.join(hlog::FILE).exists() && hlog::lives(directory);
         let status = match &report {
             _ if is_in_the_air => "in the air".into(),
+            None if directory.join("report.json").exists() => "unreadable".into(),
             None => "no report".into(),
             Some(report) if report.run.in_flight => "cut short".into(),
             Some(report) => report.verdict.status.clone(),

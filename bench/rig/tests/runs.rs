@@ -105,7 +105,10 @@ fn what_ironbird_has_not_made_stays_and_so_does_its_directory() {
     std::os::unix::fs::symlink(&elsewhere, &directories[0]).unwrap();
     let pruned = runs(&rig, &["--prune", "--keep", "1"]).expect(0).says("0 flights, ");
     let pruned = pruned.says("ironbird has not made ").says("/plots\n").says("/export/mine.csv\n");
-    assert!(!pruned.stdout.contains(name_of(&directories[0])), "what a link leads to is not looked at: {pruned}");
+    assert!(
+        !pruned.stdout.contains(&format!("{}:", name_of(&directories[0]))),
+        "what a link leads to is not looked at: {pruned}"
+    );
     assert_eq!(there(&directories), [true; 4]);
     for kept in [
         other.join("run.json"),
@@ -143,6 +146,8 @@ fn flights_without_a_report_are_listed_and_can_go() {
     let long_ago = SystemTime::now() - Duration::from_secs(100 * 86_400);
     File::options().write(true).open(begun.join("run.json")).unwrap().set_modified(long_ago).unwrap();
     runs(&rig, &[]).expect(0).says("no report   -\n");
+    fs::write(begun.join("report.json"), "{\"schema\": \"of another version\"}").unwrap();
+    runs(&rig, &[]).expect(0).says("unreadable  -\n");
     runs(&rig, &["--prune", "--older-than", "30d"]).expect(0).says("1 flight, ");
     assert_eq!(there(&directories), [false, true]);
 }
