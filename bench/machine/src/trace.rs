@@ -69,8 +69,8 @@ impl Trace {
     ///
     /// # Errors
     /// What the kernel refuses, with the file that it refuses.
-    pub fn try_here(name: &str) -> io::Result<()> {
-        Self::begin(name, None).map(drop)
+    pub fn try_here() -> io::Result<()> {
+        Self::begin(&format!("try-{}", std::process::id()), None).map(drop)
     }
 
     /// What ran since the last time.

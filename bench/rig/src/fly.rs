@@ -50,6 +50,7 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     settings.check_cpu()?;
     check_writable("--states", args.recorder.states.as_deref())?;
     check_writable("--junit", args.junit.as_deref())?;
+    traced::check(settings.recorder.trace)?;
     args.floor.map_or(Ok(()), |duration| beside::check(&settings, duration))?;
     let mut asked = Asked::listen()?;
     let (directory, ended, mut report) = match flown(&settings, args, &mut asked) {
@@ -95,8 +96,7 @@ fn flown(settings: &Settings, args: &FlyArgs, asked: &mut Asked) -> Result<(RunD
     }
     instance.prepare()?;
     let lock = instance.lock_launcher()?;
-    let can_trace = traced::check(settings.recorder.trace, instance.name());
-    let outcome = can_trace.and_then(|()| start_and_watch(&instance, settings, args, asked));
+    let outcome = start_and_watch(&instance, settings, args, asked);
     traced::remove_left(settings.recorder.trace, instance.name());
     release(&instance, lock);
     let (directory, ended) = outcome?;

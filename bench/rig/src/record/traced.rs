@@ -12,7 +12,7 @@ impl Traced {
     /// Starts it, if it is asked for.
     ///
     /// # Errors
-    /// [`refused`].
+    /// [`Failure`] names what the kernel refuses, and what to do.
     pub fn begin(is_asked: bool, instance: &str, processor: Option<u64>) -> Result<Self, Failure> {
         let begin = || Trace::begin(instance, processor).map_err(|e| refused(&e));
         is_asked.then(begin).transpose().map(Self)
@@ -25,12 +25,12 @@ impl Traced {
     }
 }
 
-/// Whether a flight of this name could be traced.
+/// Whether a flight can be traced here.
 ///
 /// # Errors
-/// [`refused`].
-pub fn check(is_asked: bool, instance: &str) -> Result<(), Failure> {
-    if is_asked { Trace::try_here(instance).map_err(|e| refused(&e)) } else { Ok(()) }
+/// [`Failure`] names what the kernel refuses, and what to do.
+pub fn check(is_asked: bool) -> Result<(), Failure> {
+    if is_asked { Trace::try_here().map_err(|e| refused(&e)) } else { Ok(()) }
 }
 
 /// Removes what a recorder that was killed left of its trace.

@@ -252,11 +252,28 @@ impl Running {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status.code();
             }
-            assert!(Instant::now() < until, "{} does not end; it said:\n{}", self.what, self.stderr());
+            assert!(
+                Instant::now() < until,
+                "{} does not end; {}; it said:\n{}",
+                self.what,
+                self.place(),
+                self.stderr()
+            );
             sleep(LOOK_EVERY);
         };
         let stdout = fs::read_to_string(&self.stdout).unwrap();
         Ended { what: self.what.clone(), code, stdout, stderr: self.stderr() }
+    }
+
+    /// Where the threads of a process are that does not go on, as far as the system tells.
+    fn place(&self) -> String {
+        let of = |file: &str| fs::read_to_string(format!("/proc/{}/{file}", self.pid())).unwrap_or_default();
+        let status = of("status");
+        let state = status.lines().find(|line| line.starts_with("State:")).unwrap_or_default();
+        let args = ["-p", &self.pid().to_string(), "-batch", "-ex", "thread apply all bt 20"];
+        let stack =
+            Command::new("gdb").args(args).output().map(|gdb| String::from_utf8_lossy(&gdb.stdout).into_owned());
+        format!("{state}, waits in {}, system call {}\n{}", of("wchan"), of("syscall"), stack.unwrap_or_default())
     }
 
     /// The five roles that a launcher has started: process numbers by name.
