@@ -150,7 +150,7 @@ fn when_everybody_is_late_together_the_processor_stalled() {
         long_stall(made);
         made.samples[5..].iter_mut().for_each(|sample| sample.busy = 2);
     };
-    assert_class("somebody ran", somebody_ran, Class::CannotTell, None, "whether a hypervisor took the processor");
+    assert_class("somebody ran", somebody_ran, Class::CannotTell, None, "nothing else was due to show it");
 }
 
 /// Nobody publishes anything for 20 ticks.
@@ -166,7 +166,7 @@ fn when_the_host_took_half_of_the_time_it_is_the_host() {
         made.delays(MISSED, Role::Plant, 930);
         made.delays(MISSED + 1, Role::Plant, 60);
     };
-    assert_class("short", short, Class::CannotTell, None, "whether a hypervisor took the processor");
+    assert_class("short", short, Class::CannotTell, None, "nothing else was due to show it");
     let takes = |made: &mut Made, jiffies: u64| {
         long_stall(made);
         made.samples[5..].iter_mut().for_each(|sample| sample.stolen = jiffies);

@@ -40,8 +40,8 @@ pub struct Distribution {
     /// 1 - 1/2n.
     pub curve: Vec<(f64, f64)>,
     /// The histogram: every value is in one bin, and empty bins are left out. Around 0, or around the length of a tick
-    /// where the series is a period, bins are as narrow as three digits allow; far from it there are
-    /// [`BINS_PER_DECADE`] a decade. There are at most 220.
+    /// where the series is a period, bins are as narrow as three digits allow; far from it there are 24 a decade. There
+    /// are at most 220.
     pub bins: Vec<Bin>,
 }
 
