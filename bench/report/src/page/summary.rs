@@ -13,12 +13,11 @@ pub fn head(report: &Report) -> Markup {
     let run = &report.run;
     let verdict = &report.verdict;
     let failed = verdict.status != "PASS" && !run.in_flight;
-    let held = verdict.gates.iter().filter(|gate| gate.held).count();
     html! {
         header {
             h1 {
                 (run.trajectory) " with gains " (run.preset) " "
-                span.verdict.bad[failed] { (verdict.status) ", " (held) " of " (verdict.gates.len()) " gates" }
+                span.verdict.bad[failed] { (verdict.words()) }
             }
             (words(report))
             @for sentence in losses::sentences(report) { p.bad { (sentence) } }
