@@ -81,7 +81,9 @@ fn take_tick(flight: &mut WatchedFlight, tick: u64) {
 fn model() -> Model {
     let mut model = Model::new("left", false, true);
     // Its reference is (1, -1, 1) m from tick 0 on.
-    let settings = BTreeMap::from([("flight.trajectory".to_owned(), "step".to_owned())]);
+    let settings =
+        [("flight.trajectory", "step"), ("flight.tracking_error_max_m", "0.1"), ("flight.ground_z_m", "-0.25")];
+    let settings = settings.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
     model.join(&run(), settings).unwrap();
     let flight = model.flight.as_mut().unwrap();
     (100..1100).for_each(|tick| take_tick(flight, tick));
@@ -136,7 +138,8 @@ fn without_a_flight_it_says_what_it_waits_for_and_how_to_start_one() {
 fn the_page_of_the_flight_has_position_attitude_and_error() {
     let screen = screen(&model(), 80, 24);
     assert_eq!(screen[0], " left   flying   1.1 of 30.0 s   missed 4   skipped 3   tick 1099   step, gains");
-    assert_eq!(screen[1], " 1  Flight  2  Latency  3  Theorem  4  Plant  5  Real time");
+    assert_eq!(screen[1], " off track   timing late   theorem not applicable");
+    assert_eq!(screen[2], " 1  Flight  2  Latency  3  Theorem  4  Plant  5  Real time");
     shows(&screen, "position       1.000    -1.000     1.500 m");
     shows(&screen, "error          0.000     0.000     0.500 m");
     shows(&screen, "attitude        5.73    -11.46     57.30 deg");

@@ -113,15 +113,26 @@ impl Words {
     /// The words of a flight.
     #[must_use]
     pub fn of(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Self {
-        Self { flight: flight(evidence, limits), timing: timing(evidence), theorem: theorem_word(evidence.theorem) }
+        let Evidence { run, ending, ticks, deadlines, performance, theorem, steal, .. } = evidence;
+        let slowdown = run.wall_period_us / run.period_us;
+        Self {
+            flight: flight_word(performance, *ending, limits),
+            timing: timing_word(ticks, deadlines.missed, slowdown, steal),
+            theorem: theorem_word(theorem),
+        }
     }
 }
 
-fn flight(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Reasoned<FlightWord> {
-    let performance = evidence.performance;
+/// Whether a flight follows its reference; it still flies without an ending.
+#[must_use]
+pub fn flight_word(
+    performance: &ControlPerformance,
+    ending: Option<Ending>,
+    limits: &TrackingLimits,
+) -> Reasoned<FlightWord> {
     let (word, why) = if performance.states == 0 {
         (FlightWord::NotSeen, "no state was seen".into())
-    } else if let Some(ending) = evidence.ending.filter(|ending| ending.left_envelope()) {
+    } else if let Some(ending) = ending.filter(|ending| ending.left_envelope()) {
         (FlightWord::Lost, ending.words().to_owned())
     } else if performance.lowest_z_m < limits.ground_z_m {
         let (lowest, ground) = (performance.lowest_z_m, limits.ground_z_m);
@@ -135,24 +146,23 @@ fn flight(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Reasoned<FlightWo
     Reasoned { word, why }
 }
 
-fn timing(evidence: &Evidence<'_>) -> Reasoned<TimingWord> {
-    let Evidence { run, ticks, deadlines, steal, .. } = evidence;
+/// Whether a flight was in time; its clock is `slowdown` times as slow, and 0 in lockstep.
+#[must_use]
+pub fn timing_word(ticks: &Ticks, missed: u64, slowdown: f64, steal: &Steal) -> Reasoned<TimingWord> {
     let all = ticks.run + ticks.skipped;
-    let counts = format!(
-        "{} of {all} deadlines missed ({:.1} per million), {} ticks skipped",
-        deadlines.missed, deadlines.missed_ppm, ticks.skipped
-    );
-    let slow = run.wall_period_us / run.period_us;
-    let (word, why) = if slow == 0.0 {
+    let missed_ppm = missed as f64 * 1e6 / all.max(1) as f64;
+    let counts =
+        format!("{missed} of {all} deadlines missed ({missed_ppm:.1} per million), {} ticks skipped", ticks.skipped);
+    let (word, why) = if slowdown == 0.0 {
         (TimingWord::NotMeasured, "in lockstep there are no deadlines".into())
-    } else if slow > 1.0 {
-        (TimingWord::NotMeasured, format!("slowed {slow:.0} times: latencies of a slow clock"))
+    } else if slowdown > 1.0 {
+        (TimingWord::NotMeasured, format!("slowed {slowdown:.0} times: latencies of a slow clock"))
     } else if steal.percent > STEAL_LIMIT_PERCENT {
         let stolen = format!("the host stole {:.1} % of {}", steal.percent, steal.processors());
         (TimingWord::NotMeasured, format!("{stolen}; {counts}"))
     } else if all == 0 {
         (TimingWord::NotMeasured, "no tick was flown".into())
-    } else if deadlines.missed > 0 || ticks.skipped > 0 {
+    } else if missed > 0 || ticks.skipped > 0 {
         (TimingWord::Late, counts)
     } else {
         (TimingWord::InTime, counts)

@@ -55,6 +55,9 @@ impl Feed {
         }
         flight.in_force = observation.in_force();
         flight.crew = observation.crew();
+        let mut steal = flight.steal;
+        steal.look(flight);
+        flight.steal = steal;
         flight.recorder_lives = observation.lives(Role::Record);
         if self.ended.is_none() && observation.ending().is_some() {
             self.ended = Some(Instant::now());

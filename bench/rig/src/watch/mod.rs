@@ -12,6 +12,7 @@ pub mod model;
 pub mod plain;
 mod terminal;
 pub mod trace;
+pub mod words;
 
 use std::io::{self, IsTerminal as _};
 use std::sync::Arc;

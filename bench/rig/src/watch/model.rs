@@ -17,6 +17,8 @@ use failure::Failure;
 use report::tally::{Tally, is_last_word};
 use report::tracking::Tracking;
 
+use crate::watch::words::StealWatch;
+
 /// A page of the dashboard.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tab {
@@ -187,6 +189,8 @@ pub struct WatchedFlight {
     pub crew: BTreeMap<Role, Status>,
     /// The parameters in force.
     pub in_force: InForce,
+    /// What the host takes.
+    pub steal: StealWatch,
 }
 
 impl WatchedFlight {
@@ -209,6 +213,7 @@ impl WatchedFlight {
             v: ErrorTrace::default(),
             crew: BTreeMap::new(),
             in_force: InForce::default(),
+            steal: StealWatch::default(),
         })
     }
 

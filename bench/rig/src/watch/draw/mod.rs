@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! head    instance, phase, time, tick, misses
+//! words   does it track, is it in time, does the theorem hold
 //! tabs
 //! body    a page per file
 //! foot    keys
@@ -23,6 +24,8 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Paragraph, Sparkline, Wrap};
 
 use crate::watch::model::{Model, Tab, WatchedFlight};
+use crate::watch::words::words;
+use report::words::{FlightWord, TheoremWord, TimingWord};
 use style::Paint;
 
 /// The smallest terminal that has room for a page.
@@ -40,7 +43,7 @@ pub fn draw(model: &Model, frame: &mut Frame<'_>) {
         frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: true }), area);
         return;
     }
-    let [head, tabs, _, body, foot] = Layout::vertical([
+    let [head, words, tabs, body, foot] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Length(1),
         Constraint::Length(1),
@@ -49,6 +52,7 @@ pub fn draw(model: &Model, frame: &mut Frame<'_>) {
     ])
     .areas(area);
     frame.render_widget(head_line(model, paint, area.width), head);
+    frame.render_widget(word_line(model, paint, area.width), words);
     frame.render_widget(tab_line(model, paint, area.width), tabs);
     frame.render_widget(foot_line(model, paint, area.width), foot);
     let body = Rect { x: body.x + 1, width: body.width - 2, ..body };
@@ -114,6 +118,27 @@ fn head_line<'a>(model: &'a Model, paint: Paint, width: u16) -> Line<'a> {
         parts.push(Span::styled(format!("   {trajectory}, gains {preset}"), paint.faint()));
     }
     fitting(parts.into_iter().map(Line::from), width)
+}
+
+fn word_line<'a>(model: &'a Model, paint: Paint, width: u16) -> Line<'a> {
+    let Some(flight) = &model.flight else { return Line::default() };
+    let words = words(flight);
+    let style = |is_bad: bool, is_good: bool| match (is_bad, is_good) {
+        (true, _) => paint.bad(),
+        (_, true) => paint.good(),
+        _ => paint.faint(),
+    };
+    let (flown, timing, theorem) = (words.flight.word, words.timing.word, words.theorem.word);
+    let is_off = matches!(flown, FlightWord::OffTrack | FlightWord::Lost);
+    let parts = [
+        (flown.words(), style(is_off, flown == FlightWord::Tracked)),
+        (timing.words(), style(timing == TimingWord::Late, timing == TimingWord::InTime)),
+        (theorem.words(), style(theorem == TheoremWord::Broken, theorem == TheoremWord::Holds)),
+    ];
+    let subjects = [" ", "   timing ", "   theorem "];
+    let part =
+        |(subject, (word, style))| Line::from(vec![Span::styled(subject, paint.faint()), Span::styled(word, style)]);
+    fitting(subjects.into_iter().zip(parts).map(part), width)
 }
 
 fn tab_line<'a>(model: &Model, paint: Paint, width: u16) -> Line<'a> {
