@@ -143,7 +143,7 @@ pub struct Ticks {
     pub run: u64,
     /// Skipped because the plant woke too late.
     pub skipped: u64,
-    /// From the begin of tick 0 to the end of the last tick [s], by the clock.
+    /// From the beginning of tick 0 to the end of the last tick [s], by the clock.
     pub elapsed_s: f64,
     /// The same in periods.
     pub elapsed_periods: u64,

@@ -244,7 +244,8 @@ impl FlightVerdict {
     #[must_use]
     pub fn words(&self) -> String {
         match self.asked() {
-            (_, 0) => format!("{}: no gate was asked for", self.status),
+            (_, 0) if self.status == PASS => format!("{PASS}: no gate was asked for"),
+            (_, 0) => self.status.clone(),
             (held, asked) => format!("{}: {held} of {asked} asked for held", self.status),
         }
     }

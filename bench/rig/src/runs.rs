@@ -31,7 +31,8 @@ pub struct RunsArgs {
     #[arg(long, requires = "which")]
     pub prune: bool,
     /// Remove all but the newest N.
-    #[arg(long, value_name = "N", requires = "prune", group = "which", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", requires = "prune", group = "which", allow_hyphen_values = true,
+        value_parser = clap::value_parser!(u32).range(1..))]
     pub keep: Option<u32>,
     /// Remove those that began longer ago, as in 7d or 12h.
     #[arg(long, value_name = "AGE", requires = "prune", group = "which", allow_hyphen_values = true,

@@ -150,7 +150,7 @@ fn when_everybody_is_late_together_the_processor_stalled() {
         long_stall(made);
         made.samples[5..].iter_mut().for_each(|sample| sample.busy = 2);
     };
-    assert_class("somebody ran", somebody_ran, Class::CannotTell, None, "nothing else was due to show it");
+    assert_class("somebody ran", somebody_ran, Class::CannotTell, None, "the processor was busy");
 }
 
 /// Nobody publishes anything for 20 ticks.
@@ -438,7 +438,7 @@ fn feed(autopsy: &mut Autopsy, traces: &BTreeMap<u64, TickPassages>, samples: &[
         };
         if let Some(plant) = envelope(Role::Plant) {
             let mut row = 0;
-            // At the begin of each tick since its last state, the plant looks for the command of the tick before.
+            // At the beginning of each tick since its last state, the plant looks for the command of the tick before.
             for begun in judged + 1..=*tick {
                 let sent_ns =
                     traces.get(&(begun - 1)).and_then(|trace| trace[Role::Mixer as usize]).map(|it| it.send_ns);
@@ -479,7 +479,7 @@ fn every_missed_deadline_is_in_one_outage() {
     let outages: Vec<_> = section.worst.iter().map(|case| (case.tick, case.ticks, case.missed)).collect();
     assert_eq!(outages, [(MISSED, 2, 2), (WINDOW_TICKS - 1, 1, 1)]);
     assert_eq!(section.worst[0].class, Class::ProcessorStalled);
-    // From the begin of the first tick to the plant's waking, 120 us after that of the third.
+    // From the beginning of the first tick to the plant's waking, 120 us after that of the third.
     assert!((section.worst[0].delay_us - 2_120.0).abs() < 1e-6, "{:?}", section.worst[0]);
     let worked: Vec<_> = section.worst[0].timeline.iter().map(|tick| (tick.tick, tick.stages.len())).collect();
     let expected = [(MISSED - 1, 4), (MISSED, 0), (MISSED + 1, 0), (MISSED + 2, 4), (MISSED + 3, 4)];

@@ -220,7 +220,9 @@ fn loops_that_are_frozen_together_look_like_a_stall_and_a_single_one_like_a_late
     sleep(Duration::from_millis(500));
     freezer.freeze(&[roles["mixer"]], Duration::from_millis(100));
     let ended = flight.end().expect(0);
-    assert!(counted(&rig, "processor_stalled", None).0 > 0, "{ended}");
+    // Where somebody else has the processor meanwhile, nobody can tell.
+    let together = ["processor_stalled", "cannot_tell"].map(|class| counted(&rig, class, None).1);
+    assert!(together.iter().sum::<u64>() >= 9, "{ended}");
     let report = rig.report();
     let steps = report["roles"]["mixer"]["realtime"].as_array().unwrap();
     // On a processor of its own, nobody can tell that the mixer alone was frozen.
@@ -396,7 +398,7 @@ fn stop_each(found: &mut BTreeMap<String, Found>, slowdown: u64, lengths_ms: &[u
     flight.end();
     let cases = worst(&rig);
     for ((stage, ms), begin_s) in stops().zip(begins_s) {
-        // The first report is there a second after the begin of the flight, and is seen a little later.
+        // The first report is there a second after the beginning of the flight, and is seen a little later.
         let times_s = (begin_s - 0.3, begin_s + 0.3);
         let of = found.entry(format!("{stage} stopped for {ms} ms, ticks of {slowdown} ms")).or_default();
         of.look(&cases, times_s, ms / slowdown, ("stopped_or_dead", stage.name()));

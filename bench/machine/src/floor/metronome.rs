@@ -18,7 +18,7 @@ pub struct Metronome {
     grid: Grid,
     next_tick: u64,
     ticks: u64,
-    /// From the begin of each tick to the waking [ns]; ticks slept through enter with their whole lateness.
+    /// From the beginning of each tick to the waking [ns]; ticks slept through enter with their whole lateness.
     pub lateness: Histogram<u64>,
     /// Ticks slept through.
     pub skipped: u64,

@@ -26,7 +26,7 @@ pub struct TimerSettings {
 /// How late the thread woke.
 #[derive(Clone, Debug)]
 pub struct TimerFloor {
-    /// From the begin of each tick to the waking [ns]; ticks slept through enter with their whole lateness.
+    /// From the beginning of each tick to the waking [ns]; ticks slept through enter with their whole lateness.
     pub lateness: Histogram<u64>,
     /// Ticks that it was woken for.
     pub ticks_run: u64,

@@ -229,7 +229,10 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
     let Some(others) = others else {
         return (Class::CannotTell, "the loops do not share a processor, so that nothing else shows it".into());
     };
-    if !others.ran && others.were_due && !explains(processor.busy_ns) {
+    if !others.ran && others.were_due {
+        if explains(processor.busy_ns) {
+            return (Class::CannotTell, "no stage ran, although others were due, and the processor was busy".into());
+        }
         return (Class::ProcessorStalled, "nobody ran, although others were due".into());
     }
     match suspect.delay {

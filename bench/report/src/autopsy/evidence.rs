@@ -170,7 +170,7 @@ pub struct OtherStages {
     pub were_due: bool,
 }
 
-/// At the begin of a span, stamps that still belong to what was before [% of a tick].
+/// At the beginning of a span, stamps that still belong to what was before [% of a tick].
 const HEAD_PERCENT: u64 = 5;
 /// At the end of a span, stamps of stages that waited for the same thing and came first [% of a tick].
 const TAIL_PERCENT: u64 = 20;
@@ -246,7 +246,7 @@ impl Scene<'_> {
         suspects
     }
 
-    /// What a duration usually is in the ticks around; `pick` is given the begin of the tick.
+    /// What a duration usually is in the ticks around; `pick` is given the beginning of the tick.
     fn usual(&self, pick: impl Fn(u64, &TickPassages) -> Option<u64>) -> u64 {
         let others = self.traces.iter().filter(|(tick, _)| !(self.outage.first..=self.outage.last).contains(tick));
         usual_of(others.filter_map(|(other, trace)| pick(self.grid.begin_of(*other), trace)).collect())

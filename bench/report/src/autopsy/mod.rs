@@ -79,7 +79,7 @@ pub struct Case {
     pub missed: u64,
     /// From the instant when the late stage was due to its next sign of life [us]; 0 where no stage is known.
     pub delay_us: f64,
-    /// That instant, from the begin of the first tick on [us].
+    /// That instant, from the beginning of the first tick on [us].
     pub due_us: f64,
     /// Why.
     pub class: Class,
@@ -103,7 +103,7 @@ pub struct TimelineTick {
     pub stages: Vec<TimelineStage>,
 }
 
-/// What a stage did in a tick; times from the begin of the outage's first tick on [us].
+/// What a stage did in a tick; times from the beginning of the outage's first tick on [us].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimelineStage {
     /// The stage.
@@ -134,7 +134,8 @@ impl Section {
             out += &case.text();
         }
         if !self.worst.is_empty() {
-            out += "  woke .. sent [us], from the begin of the outage's first tick; * without the input of its tick\n";
+            out +=
+                "  woke .. sent [us], from the beginning of the outage's first tick; * without the input of its tick\n";
         }
         out
     }

@@ -34,7 +34,7 @@ pub struct Row {
     pub work: Vec<Work>,
 }
 
-/// A line over all rows, at the begin of a stretch of time.
+/// A line over all rows, at the beginning of a stretch of time.
 #[derive(Clone, Debug)]
 pub struct Begin {
     /// Where.

@@ -5,14 +5,14 @@
 pub enum Scale {
     /// Equal distances for equal differences.
     Linear {
-        /// At the begin of the axis.
+        /// At the beginning of the axis.
         low: f64,
         /// At its end.
         high: f64,
     },
     /// Equal distances for equal ratios.
     Log {
-        /// At the begin of the axis, above 0.
+        /// At the beginning of the axis, above 0.
         low: f64,
         /// At its end.
         high: f64,
@@ -21,7 +21,7 @@ pub enum Scale {
     Symmetric {
         /// Where linear becomes logarithmic, above 0.
         threshold: f64,
-        /// At the begin of the axis, below 0.
+        /// At the beginning of the axis, below 0.
         low: f64,
         /// At its end, above 0.
         high: f64,

@@ -31,7 +31,7 @@ pub fn histogram() -> Result<Histogram<u64>, Failure> {
 /// What a series measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Series {
-    /// From the begin of the tick on the grid to the stage's waking, skipped ticks included.
+    /// From the beginning of the tick on the grid to the stage's waking, skipped ticks included.
     Wake(Role),
     /// Between two wakings of a stage.
     Period(Role),

@@ -50,7 +50,9 @@ fn sentences(report: &Report) -> Vec<String> {
     let mut all = report.words.each().map(word).to_vec();
     all.extend(losses::sentences(report));
     all.extend(gates(report));
-    all.push(format!("Flown     {}: {}", super::ending(report), super::pace(report)));
+    let (run, ticks) = (&report.run, &report.ticks);
+    let (ending, pace) = (super::ending(report), super::pace(report));
+    all.push(format!("Flown     {ending}: {pace}; {:.1} s from {}", ticks.elapsed_s, run.started));
     all.extend(outages(report));
     all.push(tracking(report));
     all.extend(floors(report));
@@ -110,8 +112,8 @@ fn outages(report: &Report) -> Option<String> {
     let outages: u64 = autopsy.classes.iter().map(|count| count.outages).sum();
     let missed: u64 = autopsy.classes.iter().map(|count| count.missed).sum();
     let due = match missed {
-        0 => format!("{} of them due to {}", first.outages, first.cause()),
-        _ => format!("{} due to {}", first.missed, first.cause()),
+        0 => format!("{} of them: {}", first.outages, first.cause()),
+        _ => format!("{} of these: {}", first.missed, first.cause()),
     };
     let worst = autopsy.worst.first().map_or_else(String::new, |worst| format!("; the worst: {}", worst.line()));
     Some(format!("Outages   {outages} with {}, {due}{worst}", super::count(missed, "missed deadline")))

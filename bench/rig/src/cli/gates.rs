@@ -19,7 +19,7 @@ pub struct GateArgs {
     /// Ticks that a stage worked with a stale input, per million at the most.
     #[arg(long, value_name = "PPM", allow_hyphen_values = true, value_parser = values::limit)]
     pub max_stale_rate: Option<f64>,
-    /// 99.9th percentile of the plant's wake-up, from the begin of the tick, at the most [us].
+    /// 99.9th percentile of the plant's wake-up, from the beginning of the tick, at the most [us].
     #[arg(long, value_name = "US", allow_hyphen_values = true, value_parser = values::limit)]
     pub max_wake_p999: Option<f64>,
     /// 99.9th percentile of the loop at the most [us].

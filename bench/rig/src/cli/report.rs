@@ -39,7 +39,7 @@ pub struct ReportArgs {
 /// What else to do with reports.
 #[derive(Clone, Debug, Subcommand)]
 pub enum ReportCommand {
-    /// Compare two flights: every percentile as a ratio, and which differences the sample sizes support.
+    /// Compare flights: two by their numbers, groups of three and more by what they differ in.
     Diff(DiffArgs),
 }
 

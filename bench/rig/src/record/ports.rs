@@ -166,7 +166,7 @@ mod tests {
         assert_eq!(at(1.0, 100.15), ms(110.15));
         assert_eq!(at(1.0, 100.90), ms(110.15), "it took its time");
         assert_eq!(at(1.0, 20.0), ms(100.15), "before the first tick there is nothing to drain");
-        // In slow motion: never at once, and at the begin of no tick.
+        // In slow motion: never at once, and at the beginning of no tick.
         assert_eq!(at(20.0, 103.0), ms(113.0));
         assert_eq!(at(20.0, 113.0), ms(123.0));
         assert_eq!(at(20.0, 100.0), ms(103.0));
