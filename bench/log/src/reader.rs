@@ -65,6 +65,13 @@ impl LogReader {
     /// # Errors
     /// [`Failure`] names the file, and says what is wrong with it.
     pub fn open(path: &Path) -> Result<Self, Failure> {
+        // A pipe may have no writer.
+        if std::fs::metadata(path).is_ok_and(|file| !file.is_file()) {
+            return Err(Failure::failed(format!(
+                "cannot read the flight log {}: it is not a regular file",
+                path.display()
+            )));
+        }
         let file = File::open(path).in_file("read the flight log", path)?;
         Ok(Self {
             path: path.to_owned(),

@@ -70,7 +70,7 @@ impl Trace {
     /// # Errors
     /// What the kernel refuses, with the file that it refuses.
     pub fn try_here() -> io::Result<()> {
-        Self::begin(&format!("try-{}", std::process::id()), None).map(drop)
+        Self::begin(&format!("ironbird-try-{}", std::process::id()), None).map(drop)
     }
 
     /// What ran since the last time.
@@ -100,16 +100,14 @@ impl Drop for Trace {
     }
 }
 
-/// Removes the ring of a process that was killed; nothing happens where there is none.
-pub fn remove_left(name: &str) {
+/// Removes the ring of a process that was killed; says which, where there was one.
+pub fn remove_left(name: &str) -> Option<PathBuf> {
     let ring = ring(Path::new(TRACEFS), name);
-    if ring.is_dir() {
-        let _ = fs::remove_dir(ring);
-    }
+    fs::remove_dir(&ring).is_ok().then_some(ring)
 }
 
 fn ring(tracefs: &Path, name: &str) -> PathBuf {
-    tracefs.join("instances").join(format!("ironbird-{name}"))
+    tracefs.join("instances").join(name)
 }
 
 fn named(path: &Path, error: &io::Error) -> io::Error {
@@ -273,6 +271,6 @@ mod tests {
     #[test]
     fn a_refusal_names_the_file() {
         let error = Trace::begin_at(Path::new("/proc/self/nowhere"), "x", Some(0)).unwrap_err();
-        assert!(error.to_string().starts_with("/proc/self/nowhere/instances/ironbird-x: "), "{error}");
+        assert!(error.to_string().starts_with("/proc/self/nowhere/instances/x: "), "{error}");
     }
 }

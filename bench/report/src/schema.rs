@@ -371,6 +371,13 @@ impl Report {
     /// # Errors
     /// [`Failure`] names the file, and the schema where it is another one.
     pub fn read(path: &Path) -> Result<Self, Failure> {
+        // A pipe may have no writer.
+        if std::fs::metadata(path).is_ok_and(|file| !file.is_file()) {
+            return Err(Failure::failed(format!(
+                "cannot read the report {}: it is not a regular file",
+                path.display()
+            )));
+        }
         let text = std::fs::read_to_string(path).in_file("read the report", path)?;
         #[derive(Deserialize)]
         struct Schema {

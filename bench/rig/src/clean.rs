@@ -5,6 +5,7 @@ use wire::Wire;
 use wire::instance::{Instance, root_path};
 
 use crate::output::print;
+use crate::record::traced;
 use failure::{Failure, OK};
 
 /// What to do with leftovers.
@@ -46,7 +47,8 @@ fn remove(instance: &Instance) -> Result<String, Failure> {
         let (name, cleaned) = (instance.name(), wire.cleaned);
         return Ok(format!("instance `{name}` is alive; removed the remains of {cleaned} dead processes\n"));
     }
-    Ok(instance.remove_leftovers()?.iter().map(|path| format!("removed {}\n", path.display())).collect())
+    let removed = instance.remove_leftovers()?.into_iter().chain(traced::remove_left(instance));
+    Ok(removed.map(|path| format!("removed {}\n", path.display())).collect())
 }
 
 fn announce(instance: &Instance) -> String {

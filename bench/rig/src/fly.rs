@@ -97,7 +97,9 @@ fn flown(settings: &Settings, args: &FlyArgs, asked: &mut Asked) -> Result<(RunD
     instance.prepare()?;
     let lock = instance.lock_launcher()?;
     let outcome = start_and_watch(&instance, settings, args, asked);
-    traced::remove_left(settings.recorder.trace, instance.name());
+    if settings.recorder.trace {
+        traced::remove_left(&instance);
+    }
     release(&instance, lock);
     let (directory, ended) = outcome?;
     let report_path = directory.path.join("report.json");

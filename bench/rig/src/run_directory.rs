@@ -2,14 +2,16 @@
 //!
 //! The link `latest` beside it points to the newest flight that has a report.
 
-use std::fs;
-use std::io;
+use std::fs::{self, File};
+use std::io::{self, Write as _};
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use std::time::SystemTime;
 
 use model::role::ROLES;
+use rustix::fs::{FlockOperation, flock};
 use toml::Table;
 
 use crate::record::hlog;
@@ -26,7 +28,18 @@ use report::run_facts::RunFacts;
 pub struct RunDirectory {
     /// Where it is.
     pub path: PathBuf,
+    /// Its run.json, locked as long as this lives: the flight has not ended.
+    held: Option<Arc<File>>,
 }
+
+/// Whether the process that made a flight's directory lives.
+#[must_use]
+pub fn is_held(directory: &Path) -> bool {
+    File::open(directory.join(FACTS)).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared).is_err())
+}
+
+/// The file that says what flew.
+const FACTS: &str = "run.json";
 
 impl RunDirectory {
     /// Makes a new directory below `out`, with run.json and settings.toml.
@@ -53,7 +66,7 @@ impl RunDirectory {
                 Err(e) => return Err(refused(e)),
             }
         };
-        let directory = Self { path };
+        let mut directory = Self { path, held: None };
         match directory.describe(settings, instance) {
             Ok(()) => Ok(directory),
             Err(failure) => {
@@ -63,17 +76,20 @@ impl RunDirectory {
         }
     }
 
-    fn describe(&self, settings: &Settings, instance: &str) -> Result<(), Failure> {
+    fn describe(&mut self, settings: &Settings, instance: &str) -> Result<(), Failure> {
         let facts = RunFacts {
             version: env!("CARGO_PKG_VERSION").into(),
             build: crate::build::here(),
             instance: instance.into(),
-            settings: serde_json::to_value(settings).in_file("write", &self.path.join("run.json"))?,
+            settings: serde_json::to_value(settings).in_file("write", &self.path.join(FACTS))?,
             host: host(),
         };
-        let file = self.path.join("run.json");
+        let file = self.path.join(FACTS);
         let text = serde_json::to_string_pretty(&facts).in_file("write", &file)?;
-        fs::write(&file, text + "\n").in_file("write", &file)?;
+        let mut held = File::create_new(&file).in_file("write", &file)?;
+        flock(&held, FlockOperation::LockExclusive).in_file("lock", &file)?;
+        held.write_all((text + "\n").as_bytes()).in_file("write", &file)?;
+        self.held = Some(Arc::new(held));
         let file = self.settings_file();
         fs::write(&file, settings.commented()?).in_file("write", &file)
     }

@@ -14,6 +14,7 @@ use serde::Serialize;
 use crate::cli::values;
 use crate::output::print;
 use crate::record::hlog;
+use crate::run_directory::is_held;
 use crate::settings::Settings;
 use crate::wall_time::utc;
 use failure::{Failure, OK};
@@ -43,6 +44,9 @@ pub struct RunsArgs {
     pub dry_run: bool,
 }
 
+/// Status of a flight whose processes live and which has not taken off, or has just landed.
+const STARTS: &str = "starting";
+
 /// A flight's directory.
 #[derive(Debug, Serialize)]
 struct RecordedRun {
@@ -51,7 +55,7 @@ struct RecordedRun {
     /// When it began: for people, and for programs.
     started: String,
     started_unix_s: u64,
-    /// `PASS` and so on; `in the air`, `cut short` where its recorder has gone, `no report`, or
+    /// `PASS` and so on; `starting`, `in the air`, `cut short` where its recorder has gone, `no report`, or
     /// `unreadable` where another version wrote it.
     status: String,
     /// Its flight time [s]; none without a report.
@@ -107,6 +111,10 @@ impl RecordedRun {
     /// What a directory tells; nothing where it is no flight's.
     fn of(directory: &Path, latest: Option<&Path>) -> Option<Self> {
         let facts = directory.join("run.json");
+        // A pipe may have no writer, and what a link leads to is somebody else's.
+        if !facts.symlink_metadata().is_ok_and(|file| file.is_file()) {
+            return None;
+        }
         serde_json::from_str::<RunFacts>(&fs::read_to_string(&facts).ok()?).ok()?;
         let report = Report::read(&directory.join("report.json")).ok();
         let made = fs::metadata(&facts).and_then(|it| it.modified()).unwrap_or(UNIX_EPOCH);
@@ -114,6 +122,7 @@ impl RecordedRun {
         let is_in_the_air = directory.join(hlog::FILE).exists() && hlog::lives(directory);
         let status = match &report {
             _ if is_in_the_air => "in the air".into(),
+            _ if is_held(directory) => STARTS.into(),
             None if directory.join("report.json").exists() => "unreadable".into(),
             None => "no report".into(),
             Some(report) if report.run.in_flight => "cut short".into(),
@@ -134,7 +143,7 @@ impl RecordedRun {
     }
 
     fn is_in_the_air(&self) -> bool {
-        self.status == "in the air"
+        self.status == "in the air" || self.status == STARTS
     }
 
     fn age(&self) -> Duration {

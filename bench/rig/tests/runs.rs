@@ -5,9 +5,11 @@ mod rig;
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::{Duration, SystemTime};
 
-use rig::{Ended, Rig};
+use rig::{Ended, Rig, wait_until};
+use rustix::process::Signal;
 use serde_json::Value;
 
 const SHORT: [&str; 6] = ["--pace", "lockstep", "--duration", "50ms", "--fault", "mass_kg=0.6@tick20"];
@@ -124,13 +126,13 @@ fn what_ironbird_has_not_made_stays_and_so_does_its_directory() {
 fn a_flight_in_the_air_is_listed_as_that_and_left_alone() {
     let rig = Rig::new("aloft");
     let flight = rig.take_off(&["--rt", "off", "--duration", "1h", "--config", &rig.slow(20)]);
-    rig::wait_until("the flight to be listed", || {
+    wait_until("the flight to be listed", || {
         let listed = runs(&rig, &["--json"]).json();
         (listed[0]["status"] == "in the air" && listed[0]["is_latest"] == true).then_some(())
     });
     fs::remove_file(rig.out().join("latest")).unwrap();
     runs(&rig, &["--prune", "--older-than", "0s"]).expect(0).says("it is in the air").says("0 flights, ");
-    flight.signal(rustix::process::Signal::INT);
+    flight.signal(Signal::INT);
     flight.end().expect(130);
     let listed: Value = runs(&rig, &["--json"]).expect(0).json();
     assert_eq!(listed[0]["status"], "INTERRUPTED");
@@ -169,4 +171,40 @@ fn wrong_uses_of_runs_are_named() {
     fs::create_dir(rig.out()).unwrap();
     assert_eq!(runs(&rig, &[]).expect(0).stdout, format!("{} holds no flight\n", rig.out().display()));
     assert_eq!(runs(&rig, &["--json"]).expect(0).stdout, "[]\n");
+}
+
+#[test]
+fn a_flight_that_waits_for_its_processes_is_not_pruned() {
+    let rig = Rig::new("waits");
+    let record = rig.start("record", &[]);
+    wait_until("the directory of the flight", || rig.run_directories().pop());
+    let out = rig.out().to_str().unwrap().to_owned();
+    rig.run("runs", &["--out", &out]).expect(0).says("starting");
+    rig.run("runs", &["--prune", "--older-than", "0s", "--out", &out]).expect(0).says("kept ").says("0 flights");
+    assert_eq!(rig.run_directories().len(), 1);
+    record.signal(Signal::TERM);
+    record.end().expect(130);
+}
+
+#[test]
+fn a_pipe_in_place_of_a_file_holds_nobody_up() {
+    let rig = Rig::new("pipes");
+    rig.run("fly", &["--pace", "lockstep", "--duration", "100ms"]).expect(0);
+    let out = rig.out().to_str().unwrap().to_owned();
+    let whole = rig.run_directories().pop().unwrap();
+    for file in ["run.json", "report.json", "latency.hlog", "flight.mcap"] {
+        let directory = rig.out().join(format!("with-a-pipe-for-{file}"));
+        fs::create_dir(&directory).unwrap();
+        for kept in ["run.json", "report.json", "flight.mcap"].iter().filter(|kept| **kept != file) {
+            fs::copy(rig.out().join(&whole).join(kept), directory.join(kept)).unwrap();
+        }
+        assert!(Command::new("mkfifo").arg(directory.join(file)).status().unwrap().success());
+    }
+    rig.run("runs", &["--out", &out]).expect(0);
+    rig.run("runs", &["--prune", "--keep", "100", "--out", &out]).expect(0);
+    for command in [&["export", "with-a-pipe-for-flight.mcap"][..], &["replay", "with-a-pipe-for-flight.mcap"]] {
+        let ended = rig.run(command[0], &command[1..]);
+        assert!(matches!(ended.code, Some(1 | 2)), "{ended}");
+        ended.complains("is not a regular file");
+    }
 }

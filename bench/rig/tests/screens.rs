@@ -2,8 +2,6 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-use std::collections::BTreeMap;
-
 use failure::Failure;
 use ironbird::inject::Applied;
 use ironbird::observe::ObservedMessage;

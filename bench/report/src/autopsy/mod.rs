@@ -393,7 +393,20 @@ impl Autopsy {
                 }
             }
             self.count_unplaced(missed - misses.len() as u64);
-            self.missed.extend(misses.into_iter().map(|tick| tick - 1));
+            misses.into_iter().for_each(|tick| self.place(tick - 1));
+        }
+    }
+
+    /// Finds a place for a missed deadline. A plant that was away judges ticks that were looked at long ago: then the
+    /// outage lasts that they belong to.
+    fn place(&mut self, tick: u64) {
+        let was_looked_at = self.next.is_some_and(|next| tick < next);
+        match self.open.as_mut().filter(|outage| outage.first <= tick) {
+            _ if !was_looked_at => {
+                self.missed.insert(tick);
+            }
+            Some(outage) => outage.missed += 1,
+            None => self.count_unplaced(1),
         }
     }
 

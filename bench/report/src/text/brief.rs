@@ -109,8 +109,9 @@ fn shortened(path: &str) -> String {
 fn outages(report: &Report) -> Option<String> {
     let autopsy = &report.autopsy;
     let first = autopsy.classes.first()?;
-    let outages: u64 = autopsy.classes.iter().map(|count| count.outages).sum();
-    let missed: u64 = autopsy.classes.iter().map(|count| count.missed).sum();
+    // A file may hold any numbers.
+    let outages = autopsy.classes.iter().map(|count| count.outages).fold(0, u64::saturating_add);
+    let missed = autopsy.classes.iter().map(|count| count.missed).fold(0, u64::saturating_add);
     let due = match missed {
         0 => format!("{} of them: {}", first.outages, first.cause()),
         _ => format!("{} of these: {}", first.missed, first.cause()),

@@ -2,7 +2,7 @@
 //!
 //! The recorder that writes it holds a lock on it: so it shows whether the recorder of a flight lives ([`lives`]).
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -116,7 +116,12 @@ impl<'a> Hlog<'a> {
 /// Whether somebody records into a flight's directory; not known counts as yes.
 #[must_use]
 pub fn lives(directory: &Path) -> bool {
-    let Ok(file) = File::open(directory.join(FILE)) else { return true };
+    let path = directory.join(FILE);
+    // What is no file is none of ours, and a pipe may have no writer.
+    if fs::metadata(&path).is_ok_and(|file| !file.is_file()) {
+        return false;
+    }
+    let Ok(file) = File::open(path) else { return true };
     flock(&file, FlockOperation::NonBlockingLockShared).is_err()
 }
 
@@ -148,7 +153,7 @@ mod tests {
     fn a_finished_log_is_of_whole_lines_and_free_again() {
         let directory = tempfile::tempdir().unwrap();
         an_interval(directory.path()).unwrap();
-        let text = std::fs::read_to_string(directory.path().join(FILE)).unwrap();
+        let text = fs::read_to_string(directory.path().join(FILE)).unwrap();
         assert!(text.ends_with('\n') && text.lines().last().unwrap().starts_with("Tag=loop,0.000,1.000,"), "{text}");
         while lives(directory.path()) {
             std::thread::yield_now();

@@ -149,7 +149,7 @@ impl<'a> Recorder<'a> {
             doctor: Diagnosis::of(&doctor::findings(machine)),
             tally,
             watch,
-            traced: Traced::begin(settings.recorder.trace, instance.name(), watch.processor)?,
+            traced: Traced::begin(settings.recorder.trace, instance, watch.processor)?,
             joiner: Joiner::default(),
             states,
             so_far: Replaced::new(files.directory.join("report.json"))?,

@@ -1,8 +1,11 @@
 //! The kernel's trace of the loops' processor beside a flight.
 
+use std::path::PathBuf;
+
 use failure::Failure;
 use machine::trace::{self, TRACEFS, Trace};
 use report::autopsy::runners::Slice;
+use wire::instance::Instance;
 
 /// The trace, where it is asked for.
 #[derive(Debug, Default)]
@@ -13,8 +16,8 @@ impl Traced {
     ///
     /// # Errors
     /// [`Failure`] names what the kernel refuses, and what to do.
-    pub fn begin(is_asked: bool, instance: &str, processor: Option<u64>) -> Result<Self, Failure> {
-        let begin = || Trace::begin(instance, processor).map_err(|e| refused(&e));
+    pub fn begin(is_asked: bool, instance: &Instance, processor: Option<u64>) -> Result<Self, Failure> {
+        let begin = || Trace::begin(&ring_of(instance), processor).map_err(|e| refused(&e));
         is_asked.then(begin).transpose().map(Self)
     }
 
@@ -33,11 +36,14 @@ pub fn check(is_asked: bool) -> Result<(), Failure> {
     if is_asked { Trace::try_here().map_err(|e| refused(&e)) } else { Ok(()) }
 }
 
-/// Removes what a recorder that was killed left of its trace.
-pub fn remove_left(is_asked: bool, instance: &str) {
-    if is_asked {
-        trace::remove_left(instance);
-    }
+/// The name of an instance's ring; instances of one name under two roots stay apart.
+fn ring_of(instance: &Instance) -> String {
+    instance.prefix().trim_end_matches('.').to_owned()
+}
+
+/// Removes the ring that a killed recorder has left; says which, where there was one.
+pub fn remove_left(instance: &Instance) -> Option<PathBuf> {
+    trace::remove_left(&ring_of(instance))
 }
 
 /// What is said where the kernel traces nothing for us.

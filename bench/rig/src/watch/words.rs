@@ -2,6 +2,7 @@
 
 use machine::cpu_times::CpuTimes;
 use machine::sampler::Watch;
+use model::messages::NO_TICK;
 use model::role::STAGES;
 use report::host::Steal;
 use report::words::{Reasoned, TrackingLimits, Words, flight_word, theorem_word, timing_word};
@@ -37,7 +38,8 @@ pub fn words(flight: &WatchedFlight) -> Words {
     // Counted by the plant, from the flight's begin on.
     let mut ticks = tally.ticks(run);
     ticks.skipped = run.ticks_skipped;
-    ticks.run = (flight.tick() + 1).saturating_sub(run.ticks_skipped);
+    let begun = if flight.tick() == NO_TICK { 0 } else { flight.tick() + 1 };
+    ticks.run = begun.saturating_sub(run.ticks_skipped);
     let limit = |key: &str| flight.setting(key).parse::<f64>().ok();
     let limits = limit("flight.tracking_error_max_m").zip(limit("flight.ground_z_m"));
     let unknown = || Reasoned { why: "the limits of the flight are not known".into(), ..Reasoned::default() };
