@@ -3,6 +3,7 @@
 //! The recorder that writes it holds a lock on it: so it shows whether the recorder of a flight lives ([`lives`]).
 
 use std::fs::{self, File};
+use std::os::unix::fs::FileTypeExt as _;
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -117,8 +118,8 @@ impl<'a> Hlog<'a> {
 #[must_use]
 pub fn lives(directory: &Path) -> bool {
     let path = directory.join(FILE);
-    // What is no file is none of ours, and a pipe may have no writer.
-    if fs::metadata(&path).is_ok_and(|file| !file.is_file()) {
+    // A pipe is none of ours, and may have no writer.
+    if fs::metadata(&path).is_ok_and(|file| file.file_type().is_fifo()) {
         return false;
     }
     let Ok(file) = File::open(path) else { return true };
