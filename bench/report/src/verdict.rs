@@ -23,6 +23,8 @@ const PASS: &str = "PASS";
 pub struct GatesAsked {
     /// Distance from the reference beyond which a flight ends [m].
     pub position_error_max_m: f64,
+    /// Height below which the airframe has hit the ground [m].
+    pub ground_z_m: f64,
     /// Deadlines missed per million at the most.
     pub max_miss_rate_ppm: Option<f64>,
     /// Ticks skipped per million at the most.
@@ -47,7 +49,7 @@ const ENVELOPE: &str = "flight envelope";
 /// What the flight must satisfy, and whether it does.
 #[must_use]
 pub fn gates(asked: &GatesAsked, evidence: &Evidence<'_>) -> Vec<Gate> {
-    let mut gates = vec![envelope(asked.position_error_max_m, evidence.ending), ticks(evidence)];
+    let mut gates = vec![envelope(asked, evidence), ticks(evidence)];
     // Plant, stages and kernel count these themselves.
     gates.extend(limits([
         ("deadlines missed per million", asked.max_miss_rate_ppm, misses(evidence)),
@@ -106,12 +108,21 @@ fn unless_lost(lost: u64, gate: Gate) -> Gate {
     Gate { held: false, value: format!("{}, and {lost} messages were not seen", gate.value), ..gate }
 }
 
-fn envelope(error_max_m: f64, ending: Option<Ending>) -> Gate {
+fn envelope(asked: &GatesAsked, evidence: &Evidence<'_>) -> Gate {
+    let GatesAsked { position_error_max_m, ground_z_m, .. } = asked;
+    let (ending, lowest_z_m) = (evidence.ending, evidence.performance.lowest_z_m);
+    let has_left = ending.is_some_and(Ending::left_envelope);
+    let has_hit = lowest_z_m < *ground_z_m;
+    let value = if has_hit && !has_left {
+        format!("below ground: down to z = {lowest_z_m:.2} m")
+    } else {
+        envelope_words(ending).into()
+    };
     Gate {
         name: ENVELOPE.into(),
-        limit: format!("position error <= {error_max_m} m, pitch <= 80 deg"),
-        value: envelope_words(ending).into(),
-        held: !ending.is_some_and(Ending::left_envelope),
+        limit: format!("position error <= {position_error_max_m} m, pitch <= 80 deg, z >= {ground_z_m} m"),
+        value,
+        held: !has_left && !has_hit,
         asked: false,
     }
 }
@@ -254,7 +265,7 @@ impl FlightVerdict {
 /// Ends the report of a flight in the air, whose recorder will not do so.
 pub fn break_off(report: &mut Report, status: &str, exit_code: u8, ending: String) {
     if report.run.in_flight {
-        let left = report.verdict.gates.iter_mut().filter(|gate| gate.name == ENVELOPE);
+        let left = report.verdict.gates.iter_mut().filter(|gate| gate.name == ENVELOPE && gate.held);
         left.for_each(|gate| gate.value = envelope_words(Some(Ending::None)).into());
     }
     (report.verdict.status, report.verdict.exit_code) = (status.into(), exit_code);
@@ -277,6 +288,7 @@ mod tests {
     /// Limits that a good flight keeps exactly.
     const ASKED: GatesAsked = GatesAsked {
         position_error_max_m: 10.0,
+        ground_z_m: -0.25,
         max_miss_rate_ppm: Some(0.0),
         max_skip_rate_ppm: Some(0.0),
         max_stale_rate_ppm: Some(0.0),
@@ -298,6 +310,8 @@ mod tests {
     #[test]
     fn each_gate_breaks_by_its_own_number_alone() {
         assert_eq!(broken(|_| ()), [""; 0]);
+        let hit = broken(|it| it.performance.lowest_z_m = -0.26);
+        assert_eq!(hit, ["flight envelope: below ground: down to z = -0.26 m"]);
         assert_eq!(broken(|it| it.deadlines.missed = 2), ["deadlines missed per million: 100.0"]);
         assert_eq!(broken(|it| it.ticks.skipped = 1), ["ticks skipped per million: 50.0"]);
         assert_eq!(broken(|it| it.steal.percent = 0.25), ["steal [%]: 0.25 of processor 1"]);
@@ -342,7 +356,7 @@ mod tests {
         };
         let all = verdict_of(&ASKED);
         assert_eq!((all.asked(), all.words().as_str()), ((8, 8), "PASS: 8 of 8 asked for held"));
-        let none = verdict_of(&GatesAsked { position_error_max_m: 10.0, ..GatesAsked::default() });
+        let none = verdict_of(&GatesAsked { position_error_max_m: 10.0, ground_z_m: -0.25, ..GatesAsked::default() });
         assert_eq!((none.asked(), none.words().as_str()), ((0, 0), "PASS: no gate was asked for"));
         let miss = verdict_of(&GatesAsked { max_loop_p999_us: Some(1.0), ..ASKED });
         assert_eq!(miss.words(), "FAIL: 7 of 8 asked for held");

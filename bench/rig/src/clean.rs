@@ -26,7 +26,7 @@ pub fn clean(args: CleanArgs) -> Result<u8, Failure> {
         text += &if args.dry_run { announce(&instance) } else { remove(&instance)? };
         for path in instance.foreign() {
             let kept = if args.dry_run { "would keep" } else { "kept" };
-            text += &format!("{kept} {}: ironbird has not made it\n", path.display());
+            text += &format!("{kept} {}: not created by ironbird\n", path.display());
         }
         if let Some(refusal) = instance.refusal() {
             let (kept, name) = (if args.dry_run { "would keep" } else { "kept" }, instance.name());

@@ -30,13 +30,13 @@ pub struct Fault {
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum FaultError {
     /// No instant.
-    #[error("`{0}` says no instant: write NAME=VALUE[,NAME=VALUE]@8s or ...@tick8000")]
+    #[error("`{0}` has no time: write NAME=VALUE[,NAME=VALUE]@8s or ...@tick8000")]
     NoInstant(String),
     /// The instant cannot be read.
     #[error("`{0}` is no instant: write @8s, @500ms or @tick8000")]
     Instant(String),
     /// No `=`.
-    #[error("`{0}` is no assignment: write NAME=VALUE, as in rotational_drag_nm_s=0.525")]
+    #[error("`{0}` is not an assignment: write NAME=VALUE, as in rotational_drag_nm_s=0.525")]
     NoAssignment(String),
     /// The value is no number.
     #[error("{name} = `{value}` is not a number")]
@@ -133,15 +133,15 @@ mod tests {
     #[test]
     fn every_mistake_is_named() {
         for (text, said) in [
-            ("mass_kg=0.6", "says no instant"),
+            ("mass_kg=0.6", "has no time"),
             ("mass_kg=0.6@soon", "`soon` is no instant"),
             ("mass_kg=0.6@tick-1", "`tick-1` is no instant"),
-            ("mass_kg@8s", "`mass_kg` is no assignment"),
+            ("mass_kg@8s", "`mass_kg` is not an assignment"),
             ("mass_kg=heavy@8s", "mass_kg = `heavy` is not a number"),
             ("mas_kg=0.6@8s", "did you mean `mass_kg`"),
             ("mass_kg=-1@8s", "mass_kg = -1 is out of range: allowed are 0.05 to 5.0 kg"),
             ("mass_kg=0.6,mass_kg=0.7@8s", "mass_kg is given twice"),
-            ("@8s", "`` is no assignment"),
+            ("@8s", "`` is not an assignment"),
         ] {
             let error = text.parse::<Fault>().unwrap_err().to_string();
             assert!(error.contains(said), "{text}: {error}");

@@ -121,9 +121,9 @@ pub fn flying(instance: &Instance) -> Result<(Wire, Run), Failure> {
         let help = if others.is_empty() {
             "no instance flies; start one: ironbird fly".to_owned()
         } else {
-            format!("these fly: {} (--instance NAME)", others.join(", "))
+            format!("running: {} (--instance NAME)", others.join(", "))
         };
-        Failure::failed(format!("instance `{}` does not fly", instance.name())).help(help)
+        Failure::failed(format!("no flight is running as instance `{}`", instance.name())).help(help)
     })
 }
 

@@ -39,6 +39,8 @@ pub fn open_page(directory: &Path) -> Result<(), Failure> {
 fn refused(page: &Path, error: &io::Error) -> Failure {
     let why = match error.kind() {
         ErrorKind::NotFound => "neither xdg-open nor gio nor kde-open is installed".to_owned(),
+        // The library's words name a number of the system's.
+        ErrorKind::Other => "the system's program that opens files has found no browser".to_owned(),
         _ => error.to_string(),
     };
     Failure::failed(format!("cannot open {} in a browser: {why}", page.display())).help(

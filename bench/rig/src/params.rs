@@ -74,7 +74,7 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
             values.tick,
             values.parameter_epoch
         ),
-        None => format!("instance `{}` does not fly: no values in force\n", instance.name()),
+        None => format!("no flight is running as instance `{}`: no values in force\n", instance.name()),
     });
     print(&text)?;
     Ok(OK)

@@ -24,7 +24,7 @@ pub fn diff(args: &DiffArgs) -> Result<u8, Failure> {
     let (a, b) = (found(a)?, found(b)?);
     if let Some(twice) = twice(&a, &b) {
         return Err(Failure::usage(format!("{} is named twice", twice.display()))
-            .help("a flight says nothing about itself: name different flights"));
+            .help("a flight cannot be compared with itself: name different flights"));
     }
     let flown = |runs: &[PathBuf]| runs.iter().map(|run| flown(run)).collect::<Result<Vec<_>, Failure>>();
     let diff = compare(&flown(&a)?, &flown(&b)?);

@@ -65,7 +65,7 @@ struct RecordedRun {
     words: Option<[String; 3]>,
     /// All of its files [bytes].
     bytes: u64,
-    /// Whether `latest` leads to it.
+    /// Whether `latest` points to it.
     is_latest: bool,
 }
 

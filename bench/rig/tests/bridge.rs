@@ -320,7 +320,7 @@ fn ctrl_c_ends_it_and_the_flight_flies_on() {
 #[test]
 fn addresses_that_cannot_be_served_are_named() {
     let rig = Rig::new("address");
-    rig.run("bridge", &["foxglove"]).expect(1).complains("does not fly").complains("ironbird fly");
+    rig.run("bridge", &["foxglove"]).expect(1).complains("no flight is running as instance").complains("ironbird fly");
     rig.assert_nothing_started();
     let flight = take_off(&rig);
     let other = TcpListener::bind(("127.0.0.1", 0)).unwrap();

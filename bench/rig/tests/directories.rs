@@ -125,7 +125,7 @@ fn what_is_put_into_the_directory_during_a_flight_stays_and_clean_names_it() {
     let named = rig.run("clean", &[]).expect(0);
     for name in ["bus", "go", "link", "notes", "src", "work"] {
         assert!(
-            named.stdout.contains(&format!("kept {}: ironbird has not made it\n", directory.join(name).display())),
+            named.stdout.contains(&format!("kept {}: not created by ironbird\n", directory.join(name).display())),
             "{named}"
         );
     }

@@ -138,7 +138,7 @@ fn refused_in_flight(rig: &Rig) {
     let late = rig.run("inject", &["mass_kg=0.6", "--at-tick", "301"]).expect(2);
     late.complains("tick 301 never comes: the flight ends at tick 300");
     let other = rig.run("inject", &["mass_kg=0.6", "--instance", "nobody"]).expect(1);
-    other.complains("instance `nobody` does not fly").complains(&format!("these fly: {}", rig.instance));
+    other.complains("no flight is running as instance `nobody`").complains(&format!("running: {}", rig.instance));
 }
 
 /// The table of parameters shows what was injected.
@@ -190,10 +190,10 @@ fn where_nobody_flies_inject_and_params_say_so() {
     let rig = Rig::new("grounded");
     rig.run("inject", &["mass_kg=0.6"])
         .expect(1)
-        .complains(&format!("instance `{}` does not fly", rig.instance))
+        .complains(&format!("no flight is running as instance `{}`", rig.instance))
         .complains("no instance flies; start one: ironbird fly");
     let params = rig.run("params", &[]).expect(0);
-    params.says("rotational_drag_nm_s").says("does not fly: no values in force");
+    params.says("rotational_drag_nm_s").says("no values in force");
     rig.assert_nothing_started();
 }
 

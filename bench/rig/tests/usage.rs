@@ -105,7 +105,7 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         (
             "fly",
             &["--fault", "mass_kg=0.6"],
-            "`mass_kg=0.6` says no instant: write NAME=VALUE[,NAME=VALUE]@8s or ...@tick8000",
+            "`mass_kg=0.6` has no time: write NAME=VALUE[,NAME=VALUE]@8s or ...@tick8000",
         ),
         ("fly", &["--fault", "mass_kg=0.6@soon"], "`soon` is no instant: write @8s, @500ms or @tick8000"),
         ("fly", &["--fault", "mas_kg=0.6@1s"], "unknown parameter `mas_kg`; did you mean `mass_kg`?"),
@@ -117,7 +117,7 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
             "a fault at tick 2000 never strikes: the flight ends at tick 1000",
         ),
         ("fly", &["--launcher", "1"], "unexpected argument '--launcher' found"),
-        ("simulate", &["--fault", "mass_kg@1s"], "`mass_kg` is no assignment: write NAME=VALUE"),
+        ("simulate", &["--fault", "mass_kg@1s"], "`mass_kg` is not an assignment: write NAME=VALUE"),
         (
             "simulate",
             &["--states", "/nowhere/s.csv"],
@@ -127,7 +127,7 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         ("mixer", &["--instance", ""], "instance name `` is not allowed"),
         ("record", &["--states", "/nowhere/s.csv"], "--states: cannot write /nowhere/s.csv: No such file or directory"),
         ("inject", &[], "required arguments were not provided: <NAME=VALUE>..."),
-        ("inject", &["mass_kg"], "`mass_kg` is no assignment: write NAME=VALUE, as in rotational_drag_nm_s=0.525"),
+        ("inject", &["mass_kg"], "`mass_kg` is not an assignment: write NAME=VALUE, as in rotational_drag_nm_s=0.525"),
         ("inject", &["mass_kg=heavy"], "mass_kg = `heavy` is not a number"),
         ("inject", &["mass_kg=-1"], "mass_kg = -1 is out of range: allowed are 0.05 to 5.0 kg"),
         (

@@ -165,7 +165,7 @@ fn refused(report: &Report) -> Vec<String> {
 }
 
 /// What can be done about a refusal, and what can be flown in spite of it.
-const WITHOUT_IT: &str = "`ironbird doctor` has the remedies; those that need no root are --pace lockstep, \
+const WITHOUT_IT: &str = "`ironbird doctor` lists remedies; those that need no root are --pace lockstep, \
                           flight.slowdown (slow motion) and `ironbird simulate`";
 
 /// What the status follows from, and the gates that did not hold.

@@ -340,7 +340,7 @@ pub fn without_state(report: &Report) -> String {
     match report.flight.ticks_without_state {
         0 => String::new(),
         1 => "; 1 tick has none".into(),
-        ticks => format!("; {ticks} ticks have none"),
+        ticks => format!("; {ticks} ticks without one"),
     }
 }
 

@@ -60,13 +60,13 @@ pub(super) fn prune(runs: &[RecordedRun], args: &RunsArgs) -> Result<u8, Failure
 /// Why a flight is not to be removed.
 fn why_not(run: &RecordedRun) -> Option<String> {
     if run.is_latest {
-        return Some("`latest` leads to it".into());
+        return Some("`latest` points to it".into());
     }
     if run.is_in_the_air() {
         return Some("it is in the air".into());
     }
     let foreign = foreign(&run.directory)?;
-    Some(format!("ironbird has not made {}", foreign.display()))
+    Some(format!("{} was not created by ironbird", foreign.display()))
 }
 
 /// Something in a flight's directory that ironbird has not made.

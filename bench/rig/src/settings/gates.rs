@@ -13,6 +13,7 @@ impl Settings {
         let recorder = &self.recorder;
         GatesAsked {
             position_error_max_m: self.flight.position_error_max_m,
+            ground_z_m: self.flight.ground_z_m,
             max_miss_rate_ppm: limit(recorder.max_miss_rate_ppm),
             max_skip_rate_ppm: limit(recorder.max_skip_rate_ppm),
             max_stale_rate_ppm: limit(recorder.max_stale_rate_ppm),
