@@ -1,11 +1,15 @@
 //! What ran on a processor: the kernel's own trace of context switches and interrupts, in a ring of our own.
 //!
-//! Reading stops the ring, takes what is in it, empties it and starts it again; what runs meanwhile is not seen.
+//! Reading consumes what is in the ring and does not wait; the ring goes on meanwhile. Where more came than fits, the
+//! kernel says so, and nobody is taken to have run across the gap.
 
 use std::collections::BTreeMap;
-use std::fs;
-use std::io;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, ErrorKind, Read as _};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
+
+use rustix::fs::OFlags;
 
 use report::autopsy::runners::{Runner, Slice};
 
@@ -14,6 +18,9 @@ pub const TRACEFS: &str = "/sys/kernel/tracing";
 
 /// The ring of one processor [KiB]: some seconds of a flight.
 const RING_KIB: &str = "1024";
+
+/// What a ring holds, as text.
+const PIPE: &str = "trace_pipe";
 
 /// What is traced; the last is only there on x86, where timers and other processors interrupt by vectors.
 const EVENTS: [(&str, bool); 6] = [
@@ -25,10 +32,14 @@ const EVENTS: [(&str, bool); 6] = [
     ("irq_vectors", false),
 ];
 
-/// A ring of the kernel's trace, removed with the value.
+/// The kernel's trace, until the value is dropped.
 #[derive(Debug)]
 pub struct Trace {
-    ring: PathBuf,
+    /// What the ring holds as text, gone once it is read. Closed before the ring, which cannot be removed while it is open.
+    pipe: File,
+    ring: Ring,
+    /// The beginning of a line whose end has not been read.
+    rest: Vec<u8>,
     readers: Readers,
 }
 
@@ -42,27 +53,21 @@ impl Trace {
     }
 
     fn begin_at(tracefs: &Path, name: &str, processor: Option<u64>) -> io::Result<Self> {
-        let ring = ring(tracefs, name);
-        // One that a killed process left holds old events.
-        if ring.is_dir() {
-            let _ = fs::remove_dir(&ring);
-        }
-        fs::create_dir(&ring).map_err(|e| named(&ring, &e))?;
-        let trace = Self { ring, readers: Readers::default() };
-        trace.put("trace_clock", "mono")?;
+        let ring = Ring::new(ring(tracefs, name))?;
+        ring.put("trace_clock", "mono")?;
         if let Some(processor) = processor {
-            trace.put("tracing_cpumask", &mask(processor))?;
-            trace.put(&format!("per_cpu/cpu{processor}/buffer_size_kb"), RING_KIB)?;
+            ring.put("tracing_cpumask", &mask(processor))?;
+            ring.put(&format!("per_cpu/cpu{processor}/buffer_size_kb"), RING_KIB)?;
         } else {
-            trace.put("buffer_size_kb", RING_KIB)?;
+            ring.put("buffer_size_kb", RING_KIB)?;
         }
         for (event, must_be_there) in EVENTS {
-            let enabled = trace.put(&format!("events/{event}/enable"), "1");
+            let enabled = ring.put(&format!("events/{event}/enable"), "1");
             if must_be_there {
                 enabled?;
             }
         }
-        Ok(trace)
+        Ok(Self { pipe: ring.pipe()?, ring, rest: Vec::new(), readers: Readers::default() })
     }
 
     /// Whether a ring can be made here; nothing is left of it.
@@ -78,25 +83,47 @@ impl Trace {
     /// # Errors
     /// What the kernel refuses, with the file that it refuses.
     pub fn take(&mut self) -> io::Result<Vec<Slice>> {
-        self.put("tracing_on", "0")?;
-        let path = self.ring.join("trace");
-        let text = fs::read(&path).map_err(|e| named(&path, &e))?;
-        self.put("trace", "")?;
-        self.put("tracing_on", "1")?;
+        if let Err(e) = self.pipe.read_to_end(&mut self.rest)
+            && e.kind() != ErrorKind::WouldBlock
+        {
+            return Err(named(&self.ring.0.join(PIPE), &e));
+        }
+        let lines = self.rest.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
+        let text: Vec<u8> = self.rest.drain(..lines).collect();
         Ok(self.readers.read(&String::from_utf8_lossy(&text)))
-    }
-
-    fn put(&self, file: &str, value: &str) -> io::Result<()> {
-        let path = self.ring.join(file);
-        // Opened to be truncated: that is what empties a ring.
-        fs::write(&path, value).map_err(|e| named(&path, &e))
     }
 }
 
-impl Drop for Trace {
+/// A ring of the kernel's trace, removed with the value.
+#[derive(Debug)]
+struct Ring(PathBuf);
+
+impl Ring {
+    fn new(path: PathBuf) -> io::Result<Self> {
+        // One that a killed process left holds old events.
+        if path.is_dir() {
+            let _ = fs::remove_dir(&path);
+        }
+        fs::create_dir(&path).map_err(|e| named(&path, &e))?;
+        Ok(Self(path))
+    }
+
+    fn put(&self, file: &str, value: &str) -> io::Result<()> {
+        let path = self.0.join(file);
+        fs::write(&path, value).map_err(|e| named(&path, &e))
+    }
+
+    fn pipe(&self) -> io::Result<File> {
+        let path = self.0.join(PIPE);
+        let flags = OFlags::NONBLOCK.bits().cast_signed();
+        OpenOptions::new().read(true).custom_flags(flags).open(&path).map_err(|e| named(&path, &e))
+    }
+}
+
+impl Drop for Ring {
     fn drop(&mut self) {
         let _ = self.put("tracing_on", "0");
-        let _ = fs::remove_dir(&self.ring);
+        let _ = fs::remove_dir(&self.0);
     }
 }
 
@@ -127,13 +154,27 @@ struct Readers(BTreeMap<String, Reader>);
 impl Readers {
     /// The slices that end in the next part of a trace, in the order of their ends.
     fn read(&mut self, trace: &str) -> Vec<Slice> {
-        let events = trace.lines().filter_map(Event::of);
-        events.filter_map(|event| self.0.entry(event.cpu.to_owned()).or_default().take(&event)).collect()
+        let mut slices = Vec::new();
+        for line in trace.lines() {
+            if is_gap(line) {
+                self.0.clear();
+            } else if let Some(event) = Event::of(line) {
+                self.0.entry(event.cpu.to_owned()).or_default().take(&event, &mut slices);
+            }
+        }
+        slices
     }
+}
+
+/// `CPU:1 [LOST 12 EVENTS]`: the ring was full.
+fn is_gap(line: &str) -> bool {
+    line.starts_with("CPU:") && line.ends_with(" EVENTS]")
 }
 
 /// A line of the trace.
 struct Event<'a> {
+    /// Who ran: the thread's number, 0 of the idle one.
+    pid: u64,
     cpu: &'a str,
     at_ns: u64,
     name: &'a str,
@@ -150,9 +191,10 @@ impl<'a> Event<'a> {
         let (name, fields) = rest.split_once(": ").or_else(|| rest.split_once(':'))?;
         let mut words = head.rsplit(' ').filter(|word| !word.is_empty());
         let (time, _flags, cpu) = (words.next()?, words.next()?, words.next()?);
+        let pid = words.next()?.rsplit_once('-')?.1.parse().ok()?;
         let (seconds, micros) = time.split_once('.')?;
         let at_ns = seconds.parse::<u64>().ok()? * 1_000_000_000 + micros.parse::<u64>().ok()? * 1_000;
-        Some(Self { cpu: cpu.strip_prefix('[')?.strip_suffix(']')?, at_ns, name, fields })
+        Some(Self { pid, cpu: cpu.strip_prefix('[')?.strip_suffix(']')?, at_ns, name, fields })
     }
 }
 
@@ -161,27 +203,42 @@ impl<'a> Event<'a> {
 struct Reader {
     /// The number of who runs, since when.
     thread: Option<(u64, u64)>,
+    /// When the last event was.
+    seen_ns: u64,
     /// What interrupts it, since when.
     interrupts: Vec<(Runner, u64)>,
 }
 
 impl Reader {
-    fn take(&mut self, event: &Event<'_>) -> Option<Slice> {
-        let Event { at_ns, name, fields, .. } = *event;
+    /// Takes the next event; gives the slices that it ends.
+    fn take(&mut self, event: &Event<'_>, slices: &mut Vec<Slice>) {
+        let Event { pid, at_ns, name, fields, .. } = *event;
+        self.find(pid, at_ns, slices);
+        self.seen_ns = at_ns;
         if name == "sched_switch" {
-            let (leaves, comes) = switch(fields)?;
-            let (pid, from_ns) = self.thread.replace((comes, at_ns))?;
-            // Between two parts of a trace, others may have run.
-            return (leaves.pid() == pid).then_some(Slice { from_ns, to_ns: at_ns, runner: leaves });
-        }
-        if name.ends_with("_exit") {
-            let (runner, from_ns) = self.interrupts.pop()?;
-            return Some(Slice { from_ns, to_ns: at_ns, runner });
-        }
-        if let Some(kind) = name.strip_suffix("_entry") {
+            let Some((leaves, comes)) = switch(fields) else { return };
+            let ran = self.thread.replace((comes, at_ns)).filter(|(_, from_ns)| *from_ns < at_ns);
+            slices.extend(ran.map(|(_, from_ns)| Slice { from_ns, to_ns: at_ns, runner: leaves }));
+        } else if name.ends_with("_exit") {
+            let entered = self.interrupts.pop();
+            slices.extend(entered.map(|(runner, from_ns)| Slice { from_ns, to_ns: at_ns, runner }));
+        } else if let Some(kind) = name.strip_suffix("_entry") {
             self.interrupts.push((Runner::Interrupt { name: interrupt(kind, fields) }, at_ns));
         }
-        None
+    }
+
+    /// Finds who runs where the switch to it was not traced: some kernels trace none from the idle thread, which ends
+    /// with the interrupt that was seen in it last. After another thread nobody knows since when.
+    fn find(&mut self, pid: u64, at_ns: u64, slices: &mut Vec<Slice>) {
+        self.thread = match self.thread {
+            Some((known, _)) if known == pid => return,
+            Some((0, from_ns)) if self.seen_ns > from_ns => {
+                slices.push(Slice { from_ns, to_ns: self.seen_ns, runner: Runner::Idle });
+                Some((pid, self.seen_ns))
+            }
+            Some(_) => Some((pid, at_ns)),
+            None => None,
+        };
     }
 }
 
@@ -250,10 +307,32 @@ mod tests {
         assert_eq!(readers.read(&lines[..3].join("\n")), []);
         let rest = readers.read(&lines[9..].join("\n"));
         assert_eq!(rest.iter().map(|it| it.runner.words()).collect::<Vec<_>>(), ["a: b-1 [2] (77)", "idle"]);
-        // Here somebody else ran in between, and nobody knows since when.
+    }
+
+    #[test]
+    fn who_runs_after_an_untraced_switch_is_known_since_the_last_interrupt_of_the_idle_thread_or_not_at_all() {
+        const INTERRUPTED: &str = "<idle>-0 [001] dNh1. 100.001480: local_timer_exit: vector=236";
+        const LEAVES: &str = "hog-7 [001] d..2. 100.009000: sched_switch: prev_comm=hog prev_pid=7 prev_prio=0 prev_state=S ==> next_comm=ironbird next_pid=9 next_prio=19";
+        let lines: Vec<&str> = TRACE.lines().collect();
+        let told = |lines: &[&str]| -> Vec<(String, u64)> {
+            let slices = Readers::default().read(&lines.join("\n"));
+            slices.iter().map(|it| (it.runner.words(), it.to_ns - it.from_ns)).collect()
+        };
+        assert!(lines[2].ends_with("next_pid=77 next_prio=120") && lines[9].contains("next_comm=swapper/1"));
+        let expected = [("idle".to_owned(), 480_000), ("hog (7)".into(), 7_520_000)];
+        assert_eq!(told(&[lines[9], INTERRUPTED, LEAVES]), expected);
+        assert_eq!(told(&[lines[9], LEAVES]), [], "nobody knows since when it ran");
+        assert_eq!(told(&[lines[2], LEAVES]), [], "nor here");
+    }
+
+    #[test]
+    fn nobody_is_taken_to_have_run_while_the_ring_was_full() {
+        let lines: Vec<&str> = TRACE.lines().collect();
         let mut readers = Readers::default();
-        readers.read(&lines[..3].join("\n"));
-        assert_eq!(readers.read(lines[10]), []);
+        assert_eq!(readers.read(&lines[..3].join("\n")), []);
+        assert_eq!(readers.read("CPU:1 [LOST 12 EVENTS]"), []);
+        let told = readers.read(&lines[9..].join("\n"));
+        assert_eq!(told.iter().map(|it| it.runner.words()).collect::<Vec<_>>(), ["idle"], "not a: b-1 [2]");
     }
 
     #[test]

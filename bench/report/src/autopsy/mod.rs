@@ -49,7 +49,7 @@ pub struct Section {
     pub classes: Vec<ClassCount>,
     /// Deadlines missed in an outage that lasts, or is not classed yet.
     pub pending: u64,
-    /// The worst outages, by deadlines missed, then by length.
+    /// The worst outages: by length in ticks, then by deadlines missed.
     pub worst: Vec<Case>,
 }
 
@@ -286,12 +286,6 @@ impl Autopsy {
         self.slices.extend(slices);
     }
 
-    /// Whether an outage lasts or is found, and waits to be classed.
-    #[must_use]
-    pub fn has_outage(&self) -> bool {
-        self.open.is_some() || !self.missed.is_empty() || !self.judged.is_empty()
-    }
-
     /// Takes which stages ended without landing, seen at an instant after the last sample: such an end ends the run,
     /// most often before the next sample would have shown it.
     pub fn fallen(&mut self, stages: [bool; STAGES.len()], at_ns: u64) {
@@ -435,7 +429,7 @@ impl Autopsy {
         let count = self.counts.entry((opinion.class, opinion.stage)).or_default();
         *count = (count.0 + 1, count.1 + outage.missed);
         let case = self.case(outage, opinion);
-        let place = self.worst.partition_point(|other| (other.missed, other.ticks) >= (case.missed, case.ticks));
+        let place = self.worst.partition_point(|other| (other.ticks, other.missed) >= (case.ticks, case.missed));
         self.worst.insert(place, case);
         self.worst.truncate(WORST);
     }

@@ -259,9 +259,7 @@ impl<'a> Recorder<'a> {
         if run.get().phase() == RunPhase::Flying {
             autopsy.sample(sample);
         }
-        if autopsy.has_outage() {
-            autopsy.ran(self.traced.take());
-        }
+        autopsy.ran(self.traced.take());
         autopsy.look();
     }
 
