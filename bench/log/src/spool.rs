@@ -5,7 +5,8 @@
 //!
 //! ```text
 //!   keeping --the disk takes no more--> waiting --it does again--> keeping
-//!                                       waiting --PATIENCE_BYTES wait--> given up, cut after the last whole piece
+//!                                       waiting --PATIENCE_BYTES wait--> pieces are left out until fewer do
+//!                                       waiting --the end--> cut after the last whole piece
 //! ```
 
 use std::cell::RefCell;
@@ -105,6 +106,8 @@ struct SpoolState {
     retry_at: Option<Instant>,
     /// Why it did not, the first time.
     refused: Option<String>,
+    /// Whether a piece was left out.
+    has_gap: bool,
     has_given_up: bool,
     /// Nothing more comes: what is there is to be written and synced at once.
     is_last: bool,
@@ -144,6 +147,24 @@ impl Spool {
         state.on_disk
     }
 
+    /// As [`Self::settle`]; but a piece for which too much waits is left out, and the ones after it are not.
+    pub fn settle_or_leave_out(&self) {
+        if self.is_overfull() {
+            self.0.borrow_mut().piece.clear();
+            self.leave_out();
+        } else {
+            self.settle();
+        }
+    }
+
+    /// Says that something is left out, as the disk is too slow for it.
+    pub fn leave_out(&self) {
+        let kept = self.0.borrow();
+        let mut state = kept.queue.state();
+        state.refuse(format!("the disk is too slow: {} MiB waited for it", PATIENCE_BYTES >> 20));
+        state.has_gap = true;
+    }
+
     /// As [`Self::settle`], has what is there synced at once, and takes nothing more.
     pub fn end(&self) {
         self.settle();
@@ -173,11 +194,12 @@ impl Spool {
         state.handed + kept.piece.len() as u64
     }
 
-    /// Whether so much waits that it makes no sense to write more.
+    /// Whether so much waits that nothing more can.
     #[must_use]
     pub fn is_overfull(&self) -> bool {
-        let on_disk = self.0.borrow().queue.state().on_disk;
-        self.written() - on_disk > PATIENCE_BYTES
+        let kept = self.0.borrow();
+        let state = kept.queue.state();
+        state.handed - state.on_disk > PATIENCE_BYTES
     }
 
     /// Takes nothing more, and has the file cut to a length at which it is readable [bytes].
@@ -185,18 +207,19 @@ impl Spool {
         let mut kept = self.0.borrow_mut();
         kept.piece = Vec::new();
         let mut state = kept.queue.state();
-        let waiting = state.handed - state.on_disk;
-        state.refuse(format!("the disk is too slow: {} MiB waited for it", waiting >> 20));
+        state.refuse(format!("the disk took nothing for {} s", END_PATIENCE.as_secs()));
         state.pieces.clear();
-        state.has_given_up = true;
+        (state.has_gap, state.has_given_up) = (true, true);
         (state.handed, state.on_disk, state.cut) = (length, length, Some(length));
         kept.queue.changed.notify_all();
     }
 
-    /// Whether it has given up.
+    /// Why the file is not whole, where something is left out.
     #[must_use]
-    pub fn has_given_up(&self) -> bool {
-        self.0.borrow().queue.state().has_given_up
+    pub fn gap(&self) -> Option<String> {
+        let kept = self.0.borrow();
+        let state = kept.queue.state();
+        state.refused.clone().filter(|_| state.has_gap || state.on_disk < state.handed)
     }
 
     /// Why the disk did not take something, the first time.

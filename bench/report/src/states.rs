@@ -125,10 +125,7 @@ impl StatesWriter {
     pub fn flush(&mut self) -> Result<(), Failure> {
         self.csv.flush().map_err(|e| Failure::failed(format!("cannot write the states: {e}")))?;
         if let Some(spool) = &self.spool {
-            let on_disk = spool.settle();
-            if spool.is_overfull() {
-                spool.give_up(on_disk);
-            }
+            spool.settle_or_leave_out();
         }
         Ok(())
     }
@@ -140,9 +137,8 @@ impl StatesWriter {
     pub fn finish(&mut self) -> Result<(), Failure> {
         self.flush()?;
         let Some(spool) = &self.spool else { return Ok(()) };
-        let on_disk = spool.finish();
-        let reason = spool.refused().filter(|_| on_disk < spool.written() || spool.has_given_up());
-        reason.map_or(Ok(()), |reason| Err(Failure::failed(format!("cannot write the states: {reason}"))))
+        spool.finish();
+        spool.gap().map_or(Ok(()), |reason| Err(Failure::failed(format!("the states are not whole: {reason}"))))
     }
 }
 

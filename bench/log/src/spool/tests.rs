@@ -58,7 +58,7 @@ fn what_waits_goes_in_order_and_what_is_given_up_is_cut() {
     assert_eq!(spool.finish(), 12);
     spool.give_up(5);
     spool.write_all(b" third").unwrap();
-    assert_eq!((spool.finish(), spool.has_given_up(), spool.written()), (5, true, 5));
+    assert_eq!((spool.finish(), spool.gap().is_some(), spool.written()), (5, true, 5));
     assert_eq!(text(&mut file), "first");
 }
 
@@ -92,7 +92,31 @@ fn a_file_that_is_ended_while_its_disk_blocks_is_waited_for_by_nobody() {
 }
 
 #[test]
-fn a_disk_that_blocks_for_too_long_is_named_and_the_file_ends_with_a_whole_piece() {
+fn what_a_disk_that_blocks_for_too_long_has_no_room_for_is_left_out_and_what_comes_after_it_is_not() {
+    let (mut file, mut spool, allow, done) = gated();
+    let much = vec![b'x'; PATIENCE_BYTES as usize + 1];
+    for piece in [&much[..], b" left out", b" too"] {
+        spool.write_all(piece).unwrap();
+        spool.settle_or_leave_out();
+    }
+    assert!(spool.is_overfull());
+    assert_eq!(spool.written(), PATIENCE_BYTES + 1);
+    assert!(spool.gap().unwrap().contains("the disk is too slow: 16 MiB waited"), "{:?}", spool.gap());
+    allow.send(()).unwrap();
+    assert_eq!(done.recv(), Ok("write"));
+    while spool.is_overfull() {
+        thread::yield_now();
+    }
+    spool.write_all(b" kept").unwrap();
+    spool.settle_or_leave_out();
+    allow.send(()).unwrap();
+    assert_eq!(spool.finish(), PATIENCE_BYTES + 6);
+    assert_eq!(text(&mut file).trim_start_matches('x'), " kept");
+    assert!(spool.gap().is_some(), "what was left out stays so");
+}
+
+#[test]
+fn a_disk_that_stands_still_at_the_end_is_named_and_the_file_ends_with_a_whole_piece() {
     let (mut file, mut spool, allow, done) = gated();
     spool.write_all(b"whole").unwrap();
     spool.settle();
@@ -101,11 +125,11 @@ fn a_disk_that_blocks_for_too_long_is_named_and_the_file_ends_with_a_whole_piece
     while spool.settle() < 5 {
         thread::yield_now();
     }
-    spool.write_all(&vec![b'x'; PATIENCE_BYTES as usize + 1]).unwrap();
+    assert_eq!(spool.gap(), None);
+    spool.write_all(b" and a piece").unwrap();
     spool.settle();
-    assert!(spool.is_overfull());
     spool.give_up(5);
-    assert!(spool.refused().unwrap().contains("the disk is too slow: 16 MiB waited"), "{:?}", spool.refused());
+    assert!(spool.gap().unwrap().contains("the disk took nothing for 3 s"), "{:?}", spool.gap());
     // It is still in the middle of that write.
     allow.send(()).unwrap();
     assert_eq!((spool.finish(), text(&mut file).as_str()), (5, "whole"));
@@ -120,6 +144,7 @@ fn a_disk_with_too_little_room_is_left_alone_and_said_so() {
     assert!(spool.refused().unwrap().contains("left free on the disk"));
     assert!(!spool.is_overfull());
     spool.write_all(&vec![0; PATIENCE_BYTES as usize]).unwrap();
+    spool.settle();
     assert!(spool.is_overfull());
 }
 

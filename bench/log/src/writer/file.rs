@@ -57,10 +57,12 @@ pub(super) struct LogFile {
     chunk: BTreeMap<u16, Part>,
     /// What is still to be written of the chunk before it.
     ending: VecDeque<Part>,
-    /// Messages that had come when that one ended.
+    /// Messages that had come when that one ended, without those that were left out.
     ended: Counts,
     /// Messages that came.
     taken: Counts,
+    /// Messages of these that were left out, as the disk was too slow for them.
+    left_out: Counts,
     /// Lengths at which the file is readable that have not reached the disk, with what is before them.
     chunks: VecDeque<(u64, Counts)>,
     /// The last one that has.
@@ -108,6 +110,7 @@ impl LogFile {
             ending: VecDeque::new(),
             ended: [0; TOPICS.len()],
             taken: [0; TOPICS.len()],
+            left_out: [0; TOPICS.len()],
             chunks: VecDeque::new(),
             settled: (0, [0; TOPICS.len()]),
             next_chunk_ns: 0,
@@ -120,9 +123,6 @@ impl LogFile {
     /// Takes a message, and every few ticks puts airframe and reference into the scene.
     pub(super) fn take(&mut self, entry: &LogEntry) {
         self.taken[entry.topic()] += 1;
-        if self.spool.has_given_up() {
-            return;
-        }
         match entry {
             LogEntry::State(message) => {
                 self.write(message);
@@ -200,9 +200,6 @@ impl LogFile {
     ///
     /// By the clock, one channel per call: compressing a whole chunk takes several ticks and would disturb the loops.
     pub(super) fn keep(&mut self, now_ns: u64) -> Result<bool, McapError> {
-        if self.spool.has_given_up() {
-            return Ok(false);
-        }
         if self.ending.is_empty() {
             if now_ns < self.next_chunk_ns && self.chunk_bytes < CHUNK_BYTES {
                 return Ok(false);
@@ -216,17 +213,21 @@ impl LogFile {
         if is_handed_over {
             self.hand_over()?;
         }
-        if self.spool.is_overfull() {
-            self.spool.give_up(self.settled.0);
-        }
         Ok(is_handed_over)
     }
 
-    /// Nothing more belongs to the present chunk.
+    /// Nothing more belongs to the present chunk. It is left out where too much waits for the disk: the chunks after it
+    /// need not be.
     fn begin_end(&mut self) {
-        self.ending.extend(std::mem::take(&mut self.chunk).into_values());
-        self.ended = self.taken;
+        let chunk = std::mem::take(&mut self.chunk);
         self.chunk_bytes = 0;
+        if self.spool.is_overfull() {
+            self.left_out = less(self.taken, self.ended);
+            self.spool.leave_out();
+        } else {
+            self.ending.extend(chunk.into_values());
+        }
+        self.ended = less(self.taken, self.left_out);
     }
 
     fn compress(&mut self, channels: usize) -> Result<(), McapError> {
@@ -278,11 +279,7 @@ impl LogFile {
         // A recorder that dies now leaves what has settled: what waits for a full disk is not promised.
         let (bytes, written) =
             if self.spool.refused().is_some() { self.settled } else { (self.spool.written(), self.taken) };
-        let mut dropped = self.taken;
-        for (dropped, written) in dropped.iter_mut().zip(written) {
-            *dropped -= written;
-        }
-        FileFate { bytes, written, dropped }
+        FileFate { bytes, written, dropped: less(self.taken, written) }
     }
 
     /// Ends the file with its last facts and its index, and hands them to the disk without waiting.
@@ -290,7 +287,7 @@ impl LogFile {
         self.writer.write_metadata(&Metadata { name: LANDING.into(), metadata: last_facts })?;
         self.end_chunk()?;
         self.writer.finish()?;
-        self.chunks.push_back((self.spool.written(), self.taken));
+        self.chunks.push_back((self.spool.written(), self.ended));
         self.spool.end();
         Ok(())
     }
@@ -312,6 +309,11 @@ impl LogFile {
     }
 }
 
+/// The messages of some that are not of others.
+fn less(all: Counts, others: Counts) -> Counts {
+    std::array::from_fn(|topic| all[topic] - others[topic])
+}
+
 fn add<C: Logged>(
     writer: &mut Writer<NoSeek<Spool>>,
     channels: &mut BTreeMap<&'static str, u16>,
@@ -324,7 +326,10 @@ fn add<C: Logged>(
 
 #[cfg(test)]
 mod tests {
+    use std::fs::File;
     use std::io;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
     use std::time::Duration;
 
     use super::*;
@@ -363,5 +368,88 @@ mod tests {
         }
         let fate = file.fate();
         assert_eq!((fate.bytes, fate.written, fate.dropped), (0, [0; 5], [1, 0, 0, 0, 0]));
+    }
+
+    /// A disk that stands still until it is let go.
+    struct Stuck(File, Arc<AtomicBool>);
+
+    impl Disk for Stuck {
+        fn free(&self) -> Option<u64> {
+            None
+        }
+
+        fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
+            while !self.1.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            self.0.write_at(bytes, place)
+        }
+
+        fn cut(&self, length: u64) -> io::Result<()> {
+            self.0.cut(length)
+        }
+
+        fn sync(&self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_file_goes_on_after_what_a_slow_disk_had_no_room_for_and_is_whole() {
+        let path = tempfile::NamedTempFile::new().unwrap().into_temp_path();
+        let goes_on = Arc::new(AtomicBool::new(false));
+        let disk = Stuck(File::create(&path).unwrap(), Arc::clone(&goes_on));
+        let run = [("version", env!("CARGO_PKG_VERSION"))];
+        let records = vec![(crate::facts::RUN, crate::facts::record(&run))];
+        let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, plan: LogPlan::WHOLE, records };
+        let mut file = LogFile::begin(Spool::new(disk, 1).unwrap(), &facts, 0, 0).unwrap();
+        let mut tick = 0;
+        let mut noise = 1_u64;
+        // A chunk that does not get smaller by being compressed.
+        let mut chunk = |file: &mut LogFile| {
+            let begin = tick;
+            while file.chunk_bytes < CHUNK_BYTES {
+                let mut state = Message { envelope: model::envelope::Envelope::new(), content: State::default() };
+                (state.envelope.tick, tick) = (tick, tick + 1);
+                for value in state.content.position_w_m.iter_mut().chain(&mut state.content.velocity_w_m_s) {
+                    noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    *value = f64::from_bits(noise >> 2);
+                }
+                file.take(&LogEntry::State(state));
+            }
+            assert!(file.keep(tick).unwrap());
+            begin..tick
+        };
+        let mut kept = Vec::new();
+        while !file.spool.is_overfull() {
+            kept.extend(chunk(&mut file));
+        }
+        let left_out = chunk(&mut file);
+        goes_on.store(true, Ordering::Relaxed);
+        while file.spool.is_overfull() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        kept.extend(chunk(&mut file));
+        file.close(BTreeMap::new()).unwrap();
+        file.wait();
+        let fate = file.fate();
+        assert_eq!((fate.written[0], fate.dropped[0]), (kept.len() as u64, left_out.count() as u64));
+        assert!(file.refused().unwrap().contains("the disk is too slow"));
+        assert_eq!(fate.bytes, path.metadata().unwrap().len());
+        let mut reader = crate::reader::LogReader::open(&path).unwrap();
+        let read: Vec<u64> = std::iter::from_fn(|| reader.next_entry().unwrap())
+            .map(|entry| match entry {
+                LogEntry::State(state) => state.envelope.tick,
+                _ => unreachable!("only states were written"),
+            })
+            .collect();
+        assert_eq!((read, reader.end()), (kept, crate::reader::End::Complete));
+        // The index says the same.
+        let bytes = std::fs::read(&path).unwrap();
+        let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+        assert_eq!(
+            summary.stats.unwrap().channel_message_counts[&file.channels[<State as Topic>::NAME]],
+            fate.written[0]
+        );
     }
 }

@@ -52,15 +52,6 @@ impl Lines {
         self.0.clone()
     }
 
-    /// Hands whole lines to the disk.
-    fn settle(&self) {
-        let on_disk = self.0.settle();
-        if self.0.is_overfull() {
-            // Every piece that is there is of whole lines.
-            self.0.give_up(on_disk);
-        }
-    }
-
     /// Ends the file.
     ///
     /// # Errors
@@ -71,10 +62,7 @@ impl Lines {
             self.0.give_up(on_disk);
             self.0.finish();
         }
-        match self.0.refused().filter(|_| self.0.has_given_up()) {
-            Some(reason) => Err(Failure::failed(format!("cannot write {FILE}: {reason}"))),
-            None => Ok(()),
-        }
+        self.0.gap().map_or(Ok(()), |reason| Err(Failure::failed(format!("{FILE} is not whole: {reason}"))))
     }
 }
 
@@ -98,7 +86,7 @@ impl<'a> Hlog<'a> {
             .with_max_value_divisor(1e6)
             .begin_log_with(out, serializer)
             .map_err(|e| Failure::failed(format!("cannot write {FILE}: {e:?}")))?;
-        lines.settle();
+        lines.0.settle_or_leave_out();
         Ok(Self { writer, lines: lines.clone(), length: Duration::from_secs(length_s), intervals: 0 })
     }
 
@@ -108,7 +96,7 @@ impl<'a> Hlog<'a> {
     /// As [`SeriesSet::close_interval`].
     pub fn close_interval(&mut self, series: &mut SeriesSet) -> Result<(), Failure> {
         let closed = series.close_interval(&mut self.writer, self.intervals * self.length, self.length);
-        self.lines.settle();
+        self.lines.0.settle_or_leave_out();
         self.intervals += 1;
         closed
     }
@@ -147,7 +135,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink("/dev/full", directory.path().join(FILE)).unwrap();
         let failure = an_interval(directory.path()).unwrap_err().to_string();
-        assert!(failure.contains("cannot write latency.hlog: No space left on device"), "{failure}");
+        assert!(failure.contains("latency.hlog is not whole: No space left on device"), "{failure}");
     }
 
     #[test]
