@@ -10,22 +10,12 @@ use std::time::Duration;
 
 use flight_log::TOPICS;
 use flight_log::entry::LogEntry;
-use flight_log::reader::{End, LogReader};
+use flight_log::reader::End;
 use model::envelope::Message;
 use model::messages::State;
-use rig::{Rig, send};
+use rig::{Rig, read_log, send};
 use rustix::process::Signal;
 use serde_json::Value;
-
-/// All that a log holds, from its first file on.
-fn read(log: &Path) -> (Vec<LogEntry>, End) {
-    let mut reader = LogReader::open(log).unwrap();
-    let mut entries = Vec::new();
-    while let Some(entry) = reader.next_entry().unwrap() {
-        entries.push(entry);
-    }
-    (entries, reader.end())
-}
 
 fn ticks(entries: &[LogEntry], topic: usize) -> Vec<u64> {
     entries.iter().filter(|entry| entry.topic() == topic).map(|entry| entry.envelope().tick).collect()
@@ -56,7 +46,7 @@ fn an_excerpt_holds_take_off_swaps_and_landing_and_says_that_it_is_one() {
     let config = rig.settings("[recorder]\nlog_around_s = 0.05\n");
     let flight = ["--pace", "lockstep", "--duration", "1s", "--fault", "mass_kg=0.6@tick500", "--config", &config];
     rig.run("fly", &[&flight[..], &["--log", "around-misses"]].concat()).expect(0);
-    let (entries, end) = read(&rig.out().join("latest/flight.mcap"));
+    let (entries, end) = read_log(&rig.out().join("latest/flight.mcap"));
     assert_eq!(end, End::Complete);
     let expected: Vec<u64> = (0..=50).chain(450..=550).chain(950..=1000).collect();
     for (topic, name) in TOPICS.iter().enumerate().take(3) {
@@ -93,7 +83,7 @@ fn an_excerpt_holds_what_is_around_every_missed_deadline() {
     flight.end().expect(0);
     let report = rig.report();
     let missed = report["deadlines"]["missed"].as_u64().unwrap();
-    let (entries, end) = read(&rig.out().join("latest/flight.mcap"));
+    let (entries, end) = read_log(&rig.out().join("latest/flight.mcap"));
     let states = states(&entries);
     assert!(missed > 5 && end == End::Complete, "{missed} missed");
     // What is missed after the last state is in no state.
@@ -152,7 +142,7 @@ fn a_long_log_goes_on_in_further_files_and_is_read_as_one() {
     assert!(names.len() > 2 && log["files"] == names.len(), "{names:?} {log}");
     let bytes: u64 = names.iter().map(|name| fs::metadata(latest.join(name)).unwrap().len()).sum();
     assert_eq!((&log["file_bytes"], sum(log, "dropped")), (&bytes.into(), 0));
-    let (entries, end) = read(&latest.join("flight.mcap"));
+    let (entries, end) = read_log(&latest.join("flight.mcap"));
     assert_eq!((end, entries.len() as u64), (End::Complete, sum(log, "messages")));
     assert_eq!(ticks(&entries, 0), (0..=8000).collect::<Vec<_>>());
     rig.run("replay", &["--verify"]).expect(0).says("8001 ticks").says("identical");

@@ -8,20 +8,18 @@ use std::path::Path;
 
 use controller::Trajectory;
 use flight_log::entry::LogEntry;
-use flight_log::reader::LogReader;
 use model::boards::{RUN, Run, RunPhase};
 use model::messages::NO_TICK;
 use report::schema::Report;
 use report::traces;
-use rig::{Rig, Running, send, wait_until};
+use rig::{Rig, Running, read_log, send, wait_until};
 use rustix::process::Signal;
 use wire::Wire;
 
 /// Distances of all states in a log from the reference of their tick [m].
 fn errors_m(log: &Path, trajectory: Trajectory, period_s: f64) -> Vec<f64> {
-    let mut reader = LogReader::open(log).unwrap();
     let mut errors = Vec::new();
-    while let Some(entry) = reader.next_entry().unwrap() {
+    for entry in read_log(log).0 {
         let LogEntry::State(message) = entry else { continue };
         let reference: [f64; 3] = trajectory.reference(message.envelope.tick as f64 * period_s).position().into();
         let squares = reference.iter().zip(message.content.position_w_m).map(|(r, p)| (r - p) * (r - p));

@@ -14,6 +14,8 @@ use std::sync::{Arc, Once};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use flight_log::entry::LogEntry;
+use flight_log::reader::{End, LogReader};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT};
@@ -422,4 +424,14 @@ pub fn lacks_tool(what: &str) {
 /// Rounds of a soak.
 pub fn rounds() -> u64 {
     std::env::var("IRONBIRD_ROUNDS").map_or(1, |rounds| rounds.parse().unwrap())
+}
+
+/// All that a log holds, from its first file on.
+pub fn read_log(log: &Path) -> (Vec<LogEntry>, End) {
+    let mut reader = LogReader::open(log).unwrap();
+    let mut entries = Vec::new();
+    while let Some(entry) = reader.next_entry().unwrap() {
+        entries.push(entry);
+    }
+    (entries, reader.end())
 }
