@@ -87,7 +87,8 @@ struct DebugAnnotation {
 #[derive(Debug)]
 pub struct PerfettoWriter<W> {
     out: W,
-    deadlines_missed: u64,
+    /// As the newest state counts them; none before the first one.
+    deadlines_missed: Option<u64>,
     /// When the first state of each parameter epoch was sampled [ns].
     epochs: BTreeMap<u64, u64>,
     /// Swaps whose first state has not come yet.
@@ -105,7 +106,7 @@ impl<W: Write> PerfettoWriter<W> {
     /// Those of the writer below.
     pub fn new(out: W) -> io::Result<Self> {
         let mut writer =
-            Self { out, deadlines_missed: 0, epochs: BTreeMap::new(), waiting: Vec::new(), slices: 0, instants: 0 };
+            Self { out, deadlines_missed: None, epochs: BTreeMap::new(), waiting: Vec::new(), slices: 0, instants: 0 };
         writer.track(FLIGHT, "ironbird", None)?;
         for (number, stage) in (1..).zip(STAGES) {
             writer.track(number, stage.name(), Some(FLIGHT))?;
@@ -120,15 +121,16 @@ impl<W: Write> PerfettoWriter<W> {
     /// # Errors
     /// Those of the writer below.
     pub fn state(&mut self, message: &Message<State>) -> io::Result<()> {
+        let at_ns = message.envelope.stamps_of(Role::Plant).receive_ns;
         let missed = message.content.deadlines_missed;
-        if missed > self.deadlines_missed {
-            let at_ns = message.envelope.stamps_of(Role::Plant).receive_ns;
-            let count = missed - self.deadlines_missed;
+        // What was missed before a log whose first files are gone was not missed now.
+        let before =
+            self.deadlines_missed.replace(missed).unwrap_or(if message.envelope.tick == 0 { 0 } else { missed });
+        if missed > before {
+            let count = missed - before;
             let annotations = vec![number("count", count), number("up to tick", message.envelope.tick)];
             self.instant(MISSES, at_ns, "missed", annotations)?;
-            self.deadlines_missed = missed;
         }
-        let at_ns = message.envelope.stamps_of(Role::Plant).receive_ns;
         self.epochs.entry(message.content.parameter_epoch).or_insert(at_ns);
         for swap in std::mem::take(&mut self.waiting) {
             self.swap(&swap)?;
@@ -169,10 +171,12 @@ impl<W: Write> PerfettoWriter<W> {
     /// # Errors
     /// Those of the writer below.
     pub fn swap(&mut self, message: &Message<SwapRecord>) -> io::Result<()> {
-        let Some(at_ns) = self.epochs.get(&message.content.parameter_epoch).copied() else {
+        // A swap that another one follows at once is in no state by itself.
+        let Some((_, at_ns)) = self.epochs.range(message.content.parameter_epoch..).next() else {
             self.waiting.push(*message);
             return Ok(());
         };
+        let at_ns = *at_ns;
         let changes: Vec<DebugAnnotation> = message
             .content
             .changes()
@@ -186,7 +190,7 @@ impl<W: Write> PerfettoWriter<W> {
         self.instant(SWAPS, at_ns, "swap", changes)
     }
 
-    /// Ends the trace.
+    /// Ends the trace. Swaps that no state was flown with are not in it: they were never in force.
     ///
     /// # Errors
     /// Those of the writer below.

@@ -9,7 +9,7 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use mcap::McapError;
-use mcap::records::Record;
+use mcap::records::{Metadata, Record};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use model::boards::LOCKSTEP;
 use model::envelope::LAYOUT;
@@ -40,6 +40,8 @@ pub enum End {
 pub struct LogReader {
     path: PathBuf,
     file: File,
+    /// Which file of the log it is, once it has said so.
+    part: Option<u64>,
     parser: LinearReader,
     /// What is read by the messages' layouts: topics by channel.
     channels: BTreeMap<u16, &'static str>,
@@ -65,17 +67,10 @@ impl LogReader {
     /// # Errors
     /// [`Failure`] names the file, and says what is wrong with it.
     pub fn open(path: &Path) -> Result<Self, Failure> {
-        // A pipe may have no writer.
-        if std::fs::metadata(path).is_ok_and(|file| !file.is_file()) {
-            return Err(Failure::failed(format!(
-                "cannot read the flight log {}: it is not a regular file",
-                path.display()
-            )));
-        }
-        let file = File::open(path).in_file("read the flight log", path)?;
         Ok(Self {
             path: path.to_owned(),
-            file,
+            file: open_file(path)?,
+            part: None,
             parser: parser(),
             channels: BTreeMap::new(),
             schemas: BTreeMap::new(),
@@ -225,17 +220,26 @@ impl LogReader {
             self.end = Some(End::Complete);
             return Err(self.damaged("its checksums are missing"));
         }
-        let landing = self.facts.get_mut(facts::LANDING);
-        let Some(next) = landing.and_then(|landing| landing.remove(facts::CONTINUED_IN)) else {
+        let continued = self.facts.get(facts::LANDING).and_then(|landing| landing.get(facts::CONTINUED_IN)).cloned();
+        let Some(next) = continued else {
             self.end = Some(End::Complete);
             return Ok(());
         };
+        self.end = Some(End::Truncated);
+        // The landing of the whole log is that of its last file.
+        self.facts.remove(facts::LANDING);
+        let next_part = self.part.map(|part| part + 1);
+        if crate::part_of(&next) != next_part || next_part.is_none() {
+            return Err(self.damaged(&format!("it goes on in `{next}`, which is not the file after it")));
+        }
         let path = self.path.with_file_name(next);
-        let file = File::open(&path).map_err(|e| {
-            self.end = Some(End::Truncated);
-            Failure::failed(format!("cannot read {}, in which {} goes on: {e}", path.display(), self.path.display()))
-                .help("the files of a log belong together; what stands before can be exported")
+        let file = open_file(&path).map_err(|failure| {
+            failure.help(format!(
+                "{} goes on in it: the files of a log belong together; what stands before can be exported",
+                self.path.display()
+            ))
         })?;
+        self.end = None;
         (self.path, self.file, self.parser) = (path, file, parser());
         (self.channels, self.schemas) = (BTreeMap::new(), BTreeMap::new());
         (self.has_data_end, self.has_footer) = (false, false);
@@ -249,6 +253,7 @@ impl LogReader {
             }
             // Every file of a log says the same, but for its number: that of the first is kept.
             Record::Metadata(metadata) => {
+                self.check_follows(&metadata)?;
                 self.facts.entry(metadata.name).or_insert(metadata.metadata);
             }
             Record::Schema { header, data } => {
@@ -271,6 +276,22 @@ impl LogReader {
             _ => {}
         }
         Ok(None)
+    }
+
+    /// Refuses a file that is not the next one of the same flight, where there was one before it.
+    fn check_follows(&mut self, metadata: &Metadata) -> Result<(), Failure> {
+        let first = self.facts.get(&metadata.name);
+        if metadata.name == facts::RUN && first.is_some_and(|first| *first != metadata.metadata) {
+            return Err(self.damaged("it is of another flight than the file before it"));
+        }
+        if metadata.name == facts::KEPT {
+            // Logs from before there were several files do not say.
+            let part = metadata.metadata.get("part").and_then(|part| part.parse().ok()).unwrap_or(0);
+            if let Some(before) = self.part.replace(part).filter(|before| *before + 1 != part) {
+                return Err(self.damaged(&format!("it is file {part} of a log, and stands after file {before}")));
+            }
+        }
+        Ok(())
     }
 
     fn take_channel(&mut self, channel: &mcap::records::Channel) -> Result<(), Failure> {
@@ -336,6 +357,15 @@ impl LogReader {
             None => Err(self.damaged(&format!("a message of topic `{topic}` does not follow its schema"))),
         }
     }
+}
+
+fn open_file(path: &Path) -> Result<File, Failure> {
+    // A pipe may have no writer.
+    if std::fs::metadata(path).is_ok_and(|file| !file.is_file()) {
+        let path = path.display();
+        return Err(Failure::failed(format!("cannot read the flight log {path}: it is not a regular file")));
+    }
+    File::open(path).in_file("read the flight log", path)
 }
 
 fn parser() -> LinearReader {

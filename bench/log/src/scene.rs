@@ -4,6 +4,7 @@
 
 use model::frames::quaternion_wb;
 use model::grid::NS_PER_S;
+use model::messages::{Setpoint, State};
 use prost::Message as _;
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, Timestamp};
@@ -90,15 +91,45 @@ struct FrameTransform {
 /// Where something is at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placed {
+    /// Its pose's place in [`CHANNELS`].
+    pose: usize,
+    /// Name of its frame.
+    frame: &'static str,
     /// When, on the clock of the log [ns].
-    pub at_ns: u64,
+    at_ns: u64,
     /// Where, world frame [m].
-    pub position_w_m: [f64; 3],
+    position_w_m: [f64; 3],
     /// Roll, pitch, yaw [rad].
-    pub attitude_rad: [f64; 3],
+    attitude_rad: [f64; 3],
 }
 
 impl Placed {
+    /// The airframe in a state.
+    #[must_use]
+    pub const fn airframe(at_ns: u64, state: &State) -> Self {
+        let State { position_w_m, attitude_rad, .. } = *state;
+        Self { pose: 0, frame: BODY, at_ns, position_w_m, attitude_rad }
+    }
+
+    /// Where it should be by a setpoint.
+    #[must_use]
+    pub const fn reference(at_ns: u64, setpoint: &Setpoint) -> Self {
+        let Setpoint { reference_position_w_m, attitude_rad, .. } = *setpoint;
+        Self { pose: 1, frame: REFERENCE, at_ns, position_w_m: reference_position_w_m, attitude_rad }
+    }
+
+    /// When, on the clock of the log [ns].
+    #[must_use]
+    pub const fn at_ns(&self) -> u64 {
+        self.at_ns
+    }
+
+    /// Its messages, each with its place in [`CHANNELS`].
+    #[must_use]
+    pub fn messages(&self) -> [(usize, Vec<u8>); 2] {
+        [(self.pose, self.pose()), (2, self.transform())]
+    }
+
     fn timestamp(&self) -> Timestamp {
         let seconds = (self.at_ns / NS_PER_S).cast_signed();
         Timestamp { seconds, nanos: (self.at_ns % NS_PER_S) as i32 }
@@ -114,21 +145,17 @@ impl Placed {
         Quaternion { x, y, z, w }
     }
 
-    /// As a pose in the world.
-    #[must_use]
-    pub fn pose(&self) -> Vec<u8> {
+    fn pose(&self) -> Vec<u8> {
         let pose = Pose { position: Some(self.position()), orientation: Some(self.orientation()) };
         let message = PoseInFrame { timestamp: Some(self.timestamp()), frame_id: WORLD.into(), pose: Some(pose) };
         message.encode_to_vec()
     }
 
-    /// As the frame `child` in the world.
-    #[must_use]
-    pub fn transform(&self, child: &str) -> Vec<u8> {
+    fn transform(&self) -> Vec<u8> {
         let message = FrameTransform {
             timestamp: Some(self.timestamp()),
             parent_frame_id: WORLD.into(),
-            child_frame_id: child.into(),
+            child_frame_id: self.frame.into(),
             translation: Some(self.position()),
             rotation: Some(self.orientation()),
         };

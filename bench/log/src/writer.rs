@@ -54,7 +54,6 @@ pub struct FlightLog {
     first_path: PathBuf,
     facts: Facts,
     excerpt: Option<Excerpt>,
-    /// What is kept and is not in the file yet.
     file: LogFile,
     part: u64,
     /// The file before it, until the disk has it.
@@ -187,15 +186,15 @@ struct NextFile {
 
 impl NextFile {
     fn file(&self) -> io::Result<&File> {
-        if self.file.get().is_none() {
-            let file = File::create(&self.path)?;
-            if let Some(oldest) = &self.removes {
-                // One that resists costs room, and no message.
-                let _ = fs::remove_file(oldest);
-            }
-            return Ok(self.file.get_or_init(|| file));
+        if let Some(file) = self.file.get() {
+            return Ok(file);
         }
-        self.file.get().ok_or_else(|| io::Error::other("there is no file"))
+        let file = File::create(&self.path)?;
+        if let Some(oldest) = &self.removes {
+            // One that resists costs room, and no message.
+            let _ = fs::remove_file(oldest);
+        }
+        Ok(self.file.get_or_init(|| file))
     }
 }
 

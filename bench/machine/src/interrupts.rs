@@ -70,9 +70,12 @@ fn rows(table: &str, processor: Option<u64>) -> Vec<(String, Counted)> {
         }
         let count = counts.iter().enumerate().filter(|(place, _)| is_wanted(*place)).map(|(_, count)| count).sum();
         let (name, source) = (name.trim(), &words[header.len()..]);
-        // Before the device of a numbered one stand its controller and its line.
+        // Before the devices of a numbered one, with commas between them, stand its controller and its line.
         let is_numbered = name.parse::<u32>().is_ok();
-        let source = if is_numbered { source.last().copied().unwrap_or_default().into() } else { source.join(" ") };
+        let before_last = &source[..source.len().saturating_sub(1)];
+        let more = before_last.iter().rev().take_while(|word| word.ends_with(',')).count();
+        let from = if is_numbered { before_last.len() - more } else { 0 };
+        let source = source[from..].join(" ");
         Some((name.to_owned(), Counted { count, source }))
     };
     lines.filter_map(row).collect()
@@ -86,6 +89,7 @@ mod tests {
     use crate::Answers;
 
     const HARD: &str = "            CPU0       CPU2
+  16:          0          3  IO-APIC  16-fasteoi   ehci_hcd:usb1, nvidia
   24:          1        700  PCI-MSIX-0000:00:02.0   1-edge      virtio1-req.0
  LOC:    1000000    2000000  Local timer interrupts
  ERR:          0
@@ -108,7 +112,12 @@ mod tests {
     fn a_processor_is_found_by_its_name_as_some_may_be_offline() {
         let none = Interrupts::default();
         let of = |processor| told(&none.until(&counted(HARD, SOFT, processor)));
-        let expected = ["Hard LOC Local timer interrupts 2000000", "Hard 24 virtio1-req.0 700", "Soft TIMER  20"];
+        let expected = [
+            "Hard LOC Local timer interrupts 2000000",
+            "Hard 24 virtio1-req.0 700",
+            "Soft TIMER  20",
+            "Hard 16 ehci_hcd:usb1, nvidia 3",
+        ];
         assert_eq!(of(Some(2)), expected);
         assert_eq!(of(Some(1)), [""; 0]);
         assert_eq!(of(None)[0], "Hard LOC Local timer interrupts 3000000");

@@ -127,10 +127,19 @@ impl Drop for Ring {
     }
 }
 
-/// Removes the ring of a process that was killed; says which, where there was one.
-pub fn remove_left(name: &str) -> Option<PathBuf> {
-    let ring = ring(Path::new(TRACEFS), name);
-    fs::remove_dir(&ring).is_ok().then_some(ring)
+/// Removes the ring of a process that was killed, if there is one.
+///
+/// # Errors
+/// The system's; a ring that is being read is busy.
+pub fn remove_left(name: &str) -> io::Result<()> {
+    fs::remove_dir(ring(Path::new(TRACEFS), name))
+}
+
+/// The rings whose names begin like this, by their names.
+#[must_use]
+pub fn rings(prefix: &str) -> Vec<String> {
+    let entries = fs::read_dir(ring(Path::new(TRACEFS), "")).into_iter().flatten().filter_map(Result::ok);
+    entries.filter_map(|entry| entry.file_name().into_string().ok()).filter(|name| name.starts_with(prefix)).collect()
 }
 
 fn ring(tracefs: &Path, name: &str) -> PathBuf {
@@ -217,6 +226,8 @@ impl Reader {
         self.seen_ns = at_ns;
         if name == "sched_switch" {
             let Some((leaves, comes)) = switch(fields) else { return };
+            // Where soft interrupts are threads (PREEMPT_RT), one may be switched out before it ends.
+            self.interrupts.clear();
             let ran = self.thread.replace((comes, at_ns)).filter(|(_, from_ns)| *from_ns < at_ns);
             slices.extend(ran.map(|(_, from_ns)| Slice { from_ns, to_ns: at_ns, runner: leaves }));
         } else if name.ends_with("_exit") {

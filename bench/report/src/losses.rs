@@ -15,17 +15,18 @@ pub const INCOMPLETE: &str = "INCOMPLETE";
 /// Messages that never reached the recorder.
 #[must_use]
 pub fn lost(report: &Report) -> u64 {
-    report.recorder.lost.values().sum()
+    sum(&report.recorder.lost)
 }
 
 /// Messages that reached the recorder, and not flight.mcap.
 #[must_use]
 pub fn unlogged(report: &Report) -> u64 {
-    report.recorder.log.dropped.values().sum()
+    sum(&report.recorder.log.dropped)
 }
 
+/// A file may hold any numbers.
 fn sum(counts: &BTreeMap<String, u64>) -> u64 {
-    counts.values().sum()
+    counts.values().fold(0, |sum, count| sum.saturating_add(*count))
 }
 
 /// What flight.mcap holds, and what it was not to hold.
@@ -58,11 +59,12 @@ pub fn sentences(report: &Report) -> Vec<String> {
     let (lost, unlogged) = (lost(report), unlogged(report));
     if lost > 0 {
         let log = &report.recorder.log;
-        let seen: u64 = [&log.messages, &log.dropped, &log.left_out, &log.removed].into_iter().map(sum).sum();
+        let all = [&log.messages, &log.dropped, &log.left_out, &log.removed].into_iter().map(sum);
+        let all = all.fold(lost, u64::saturating_add);
         let of: Vec<String> =
             report.recorder.lost.iter().filter(|(_, n)| **n > 0).map(|(topic, n)| format!("{topic} {n}")).collect();
         // Without a log nobody has counted them.
-        let of_all = if log.kept == OFF { String::new() } else { format!(" of {}", seen + lost) };
+        let of_all = if log.kept == OFF { String::new() } else { format!(" of {all}") };
         sentences.push(format!(
             "NOT WHOLE: {lost}{of_all} messages were lost before they were recorded ({}); no latency is known of them",
             of.join(", ")

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use model::messages::SwapRecord;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::autopsy;
 use crate::beside::Beside;
@@ -40,7 +41,7 @@ pub struct Report {
     pub deadlines: DeadlineSection,
     /// Why they were missed.
     #[serde(default)]
-    pub autopsy: autopsy::Section,
+    pub autopsy: autopsy::section::Section,
     /// The control performance.
     pub flight: ControlPerformance,
     /// The theorem, watched; empty in reports from before it was.
@@ -106,6 +107,48 @@ pub struct RunSection {
     pub ending: String,
     /// Whether these are the numbers so far of a flight in the air.
     pub in_flight: bool,
+}
+
+/// How fast a flight went, against the clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Speed {
+    /// As fast as its processes pass ticks on.
+    Lockstep,
+    /// With the clock.
+    Clock,
+    /// So many times slower than the clock.
+    Slowed(u64),
+}
+
+impl Speed {
+    /// Of ticks that are so long on the clock, of laws with this sample time [ns].
+    #[must_use]
+    pub const fn of(period_ns: u64, sample_time_ns: u64) -> Self {
+        match (period_ns + sample_time_ns / 2).checked_div(sample_time_ns) {
+            _ if period_ns == 0 => Self::Lockstep,
+            None | Some(0 | 1) => Self::Clock,
+            Some(times) => Self::Slowed(times),
+        }
+    }
+
+    /// Why latencies tell nothing of real time, where they do not.
+    #[must_use]
+    pub fn why_not_real_time(self) -> Option<String> {
+        match self {
+            Self::Lockstep => Some("in lockstep there are no deadlines".into()),
+            Self::Clock => None,
+            Self::Slowed(times) => Some(format!("slowed {times} times: latencies of a slow clock")),
+        }
+    }
+}
+
+impl RunSection {
+    /// How fast it went.
+    #[must_use]
+    pub fn speed(&self) -> Speed {
+        let [period_ns, sample_time_ns] = [self.wall_period_us, self.period_us].map(|us| (us * 1e3).round() as u64);
+        Speed::of(period_ns, sample_time_ns)
+    }
 }
 
 /// Whether a flight passed.
@@ -379,18 +422,19 @@ impl Report {
             )));
         }
         let text = std::fs::read_to_string(path).in_file("read the report", path)?;
-        #[derive(Deserialize)]
-        struct Schema {
-            schema: String,
-        }
-        let Schema { schema } = serde_json::from_str(&text).in_file("read the report", path)?;
+        let value: Value = serde_json::from_str(&text).in_file("read the report", path)?;
+        let schema = value["schema"].as_str().unwrap_or("none");
         if schema != SCHEMA {
             return Err(Failure::failed(format!(
                 "{} has the schema `{schema}`, this version reads `{SCHEMA}`",
                 path.display()
             )));
         }
-        serde_json::from_str(&text).in_file("read the report", path)
+        if let Some(what) = implausible(&value, String::new()) {
+            return Err(Failure::failed(format!("cannot read the report {}: {what}", path.display()))
+                .help("it is not as ironbird wrote it; `ironbird export` reads the flight's log"));
+        }
+        serde_json::from_value(value).in_file("read the report", path)
     }
 
     /// Writes the report so that a reader finds the old one or the new one, never a part.
@@ -408,5 +452,26 @@ impl Report {
     #[must_use]
     pub fn series(&self, name: &str) -> Option<&Statistics> {
         self.series.iter().find(|series| series.name == name)
+    }
+}
+
+/// The first value that no flight has, with its place: pictures of such a number would have no scale, and a terminal
+/// might do what such a text says.
+fn implausible(value: &Value, place: String) -> Option<String> {
+    const LARGEST: f64 = 1e30;
+    match value {
+        Value::Number(number) => number
+            .as_f64()
+            .is_none_or(|it| it.abs() > LARGEST)
+            .then(|| format!("{place} = {number} is no number of a flight: allowed are those up to {LARGEST:e}")),
+        Value::String(text) => text.contains(|c: char| c.is_control() && c != '\n').then(|| {
+            format!("{place} = \"{}\" is no text of a flight: it has control characters", text.escape_default())
+        }),
+        Value::Array(values) => values.iter().enumerate().find_map(|(i, it)| implausible(it, format!("{place}[{i}]"))),
+        Value::Object(keys) => {
+            let dot = if place.is_empty() { "" } else { "." };
+            keys.iter().find_map(|(key, it)| implausible(it, format!("{place}{dot}{key}")))
+        }
+        Value::Null | Value::Bool(_) => None,
     }
 }

@@ -39,17 +39,23 @@ pub fn median(values: &[f64]) -> f64 {
 
 /// The interval of the median of what the values were drawn from; none for fewer than [`VALUES_NEEDED`].
 ///
-/// Of n independent values, the number below the median is binomial (n, 1/2). The k-th smallest and the k-th largest
-/// value therefore hold the median between them with 1 - 2 P(fewer than k are below).
 #[must_use]
 pub fn median_interval(values: &[f64]) -> Option<Interval> {
-    let below = Binomial::new(0.5, values.len() as u64).ok()?;
-    // The first rank that is too likely to be above the median; the one before it is not.
-    let rank = usize::try_from(below.inverse_cdf((1.0 - CONFIDENCE) / 2.0)).ok()?.checked_sub(1)?;
+    let (low, high) = ranks(values.len() as u64, 0.5)?;
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    let (low, high) = (*sorted.get(rank)?, *sorted.get(sorted.len().checked_sub(1 + rank)?)?);
-    (rank < sorted.len() / 2).then_some(Interval { low, high })
+    let of_rank = |rank: u64| sorted.get(usize::try_from(rank).ok()?.checked_sub(1)?).copied();
+    Some(Interval { low: of_rank(low)?, high: of_rank(high)? })
+}
+
+/// Ranks, from 1, of the values between which a quantile lies with [`CONFIDENCE`] (order statistics: how many of
+/// `count` independent values do not exceed the quantile is binomial); none where `count` is too small for both.
+#[must_use]
+pub fn ranks(count: u64, quantile: f64) -> Option<(u64, u64)> {
+    let beyond = (1.0 - CONFIDENCE) / 2.0;
+    let not_above = Binomial::new(quantile, count).ok()?;
+    let (low, high) = (not_above.inverse_cdf(beyond), not_above.inverse_cdf(1.0 - beyond) + 1);
+    (low >= 1 && high <= count).then_some((low, high))
 }
 
 /// Events that were counted.
@@ -82,10 +88,10 @@ pub fn pooled(pairs: &[[Events; 2]]) -> [Events; 2] {
     [0, 1].map(|side| Events::sum(pairs.iter().map(|pair| pair[side])))
 }
 
-/// The interval of the ratio of the first sides' rate to that of the second ones: a bootstrap over pairs, which keeps
-/// together what happened in the same minute. None for fewer than two pairs.
+/// The interval of the ratio of the first sides' rate to that of the second ones. None for fewer than two pairs.
 ///
-/// The upper end is infinite where the second sides may as well have had no event.
+/// A bootstrap over pairs keeps together what happened in the same minute. As few pairs may be alike by chance, the
+/// rates of what is drawn vary, too, as those of so many independent events do (gamma, with half an event more).
 #[must_use]
 pub fn rate_ratio_interval(pairs: &[[Events; 2]]) -> Option<Interval> {
     if pairs.len() < 2 {
@@ -95,13 +101,31 @@ pub fn rate_ratio_interval(pairs: &[[Events; 2]]) -> Option<Interval> {
     let mut ratios: Vec<f64> = (0..RESAMPLINGS)
         .map(|_| {
             let drawn: Vec<[Events; 2]> = (0..pairs.len()).map(|_| pairs[random.usize(..pairs.len())]).collect();
-            let [ours, floor] = pooled(&drawn);
-            if floor.count == 0 { f64::INFINITY } else { ours.rate() / floor.rate() }
+            let [ours, floor] = pooled(&drawn).map(|events| likely_rate(events, &mut random));
+            ours / floor
         })
         .collect();
     ratios.sort_by(f64::total_cmp);
     let beyond = ((1.0 - CONFIDENCE) / 2.0 * RESAMPLINGS as f64) as usize;
     Some(Interval { low: ratios[beyond], high: ratios[RESAMPLINGS - 1 - beyond] })
+}
+
+/// A rate under which so many events are likely: their number and a half as shape of a gamma distribution.
+fn likely_rate(events: Events, random: &mut fastrand::Rng) -> f64 {
+    /// Beyond, the distribution's third root is normal to within a thousandth (Wilson and Hilferty).
+    const FEW: u64 = 30;
+    let mut exponential = || -(1.0 - random.f64()).ln();
+    // Of Box and Muller.
+    let length = (2.0 * exponential()).sqrt();
+    let whole: f64 = (0..events.count.min(FEW)).map(|_| exponential()).sum();
+    let normal = length * (std::f64::consts::TAU * random.f64()).cos();
+    let shape = events.count as f64 + 0.5;
+    let likely = if events.count <= FEW {
+        whole + normal * normal / 2.0
+    } else {
+        shape * (1.0 - 1.0 / (9.0 * shape) + normal / (3.0 * shape.sqrt())).powi(3)
+    };
+    likely / events.exposure as f64
 }
 
 /// Two groups of values of one kind, one value a flight.
@@ -227,6 +251,8 @@ fn distance(pool: &[f64], of_a: &[bool]) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     #[test]
@@ -278,10 +304,41 @@ mod tests {
         let interval = rate_ratio_interval(&uneven).unwrap();
         assert!(interval.low < 0.6 && interval.high > 1.3, "{interval:?}");
         let even = rate_ratio_interval(&[pair(100, 101); 9]).unwrap();
-        assert!(even.low > 0.98 && even.high < 1.0, "{even:?}");
-        assert_eq!(rate_ratio_interval(&[pair(1, 0), pair(3, 1)]).unwrap().high, f64::INFINITY);
+        // Nine hundred events a side say no more than 9 %, however alike the pairs are.
+        assert!((0.88..0.93).contains(&even.low) && (1.06..1.11).contains(&even.high), "{even:?}");
+        assert!(rate_ratio_interval(&[pair(1, 0), pair(3, 1)]).unwrap().high > 20.0);
+        assert!(rate_ratio_interval(&[pair(0, 9); 9]).unwrap().high < 0.1, "none of 81");
         assert_eq!(rate_ratio_interval(&[pair(1, 1)]), None);
         assert_eq!(rate_ratio_interval(&uneven), rate_ratio_interval(&uneven), "no run of the program is another");
+    }
+
+    #[test]
+    fn a_ratio_of_rates_is_held_about_as_often_as_said() {
+        let mut random = fastrand::Rng::with_seed(4);
+        for (pairs, mean, own) in [(6, 3.0, 0.0), (9, 12.0, 0.0), (9, 12.0, 0.5), (20, 12.0, 0.5)] {
+            let runs = 300;
+            let held = (0..runs)
+                .filter(|_| {
+                    let mut side = || {
+                        let mean = mean * (1.0 + own * (2.0 * random.f64() - 1.0));
+                        // As many as come before the time is over.
+                        let mut time = 0.0;
+                        let mut count = 0;
+                        loop {
+                            time -= (1.0 - random.f64()).ln() / mean;
+                            if time > 1.0 {
+                                return Events { count, exposure: 11_000 };
+                            }
+                            count += 1;
+                        }
+                    };
+                    let all: Vec<[Events; 2]> = (0..pairs).map(|_| [side(), side()]).collect();
+                    rate_ratio_interval(&all).is_some_and(|it| (it.low..=it.high).contains(&1.0))
+                })
+                .count();
+            // 3 standard deviations of 300 draws.
+            assert!(held as f64 >= f64::from(runs) * (CONFIDENCE - 0.038), "{pairs} pairs of {mean}: {held} of {runs}");
+        }
     }
 
     #[test]
@@ -331,6 +388,10 @@ mod tests {
     #[test]
     fn all_ways_to_deal_are_tried_where_they_are_few_and_many_otherwise() {
         assert_eq!(deals(6, 3).len(), 20);
+        let all: BTreeSet<Vec<bool>> = deals(6, 3).into_iter().collect();
+        assert_eq!(all.len(), 20, "no way twice");
+        let drawn: BTreeSet<Vec<bool>> = deals(30, 15).into_iter().collect();
+        assert!(drawn.len() > DEALS * 9 / 10, "{} of {DEALS}", drawn.len());
         assert!(deals(6, 3).iter().all(|dealt| dealt.iter().filter(|is_in_a| **is_in_a).count() == 3));
         assert_eq!(deals(30, 15).len(), DEALS);
         assert_eq!(deals(30, 15)[0].iter().filter(|is_in_a| **is_in_a).count(), 15);

@@ -8,7 +8,7 @@ use model::boards::Ending;
 use model::role::{Role, STAGES};
 
 use crate::losses::{self, INCOMPLETE};
-use crate::schema::{FlightVerdict, Gate, Report, RunSection};
+use crate::schema::{FlightVerdict, Gate, Report, RunSection, Speed};
 use crate::tally::series::Series;
 use crate::tally::theorem::Theorem;
 use crate::words::{Evidence, Reasoned, TheoremWord, theorem_word};
@@ -91,7 +91,10 @@ impl Found {
 
     /// Of a measurement in the clock's time, which a flight in lockstep has not.
     fn on_the_clock(run: &RunSection, found: impl FnOnce() -> Self) -> Self {
-        if run.wall_period_us > 0.0 { found() } else { Self::nothing("in lockstep there are no deadlines") }
+        match run.speed() {
+            speed @ Speed::Lockstep => Self::nothing(speed.why_not_real_time().unwrap_or_default()),
+            Speed::Clock | Speed::Slowed(_) => found(),
+        }
     }
 }
 
@@ -263,8 +266,9 @@ impl FlightVerdict {
 }
 
 /// Ends the report of a flight in the air, whose recorder will not do so.
-pub fn break_off(report: &mut Report, status: &str, exit_code: u8, ending: String) {
+pub fn break_off(report: &mut Report, status: &str, exit_code: u8, mut ending: String) {
     if report.run.in_flight {
+        ending += &format!("; the numbers end {:.1} s into the flight", report.ticks.elapsed_s);
         let left = report.verdict.gates.iter_mut().filter(|gate| gate.name == ENVELOPE && gate.held);
         left.for_each(|gate| gate.value = envelope_words(Some(Ending::None)).into());
     }

@@ -7,6 +7,7 @@ use wire::instance::{Instance, root_path};
 use crate::output::print;
 use crate::record::traced;
 use failure::{Failure, OK};
+use machine::trace;
 
 /// What to do with leftovers.
 #[derive(Clone, Copy, Debug, Args)]
@@ -33,6 +34,16 @@ pub fn clean(args: CleanArgs) -> Result<u8, Failure> {
             text += &format!("{kept} the shared memory of instance `{name}`: {refusal}\n");
         }
     }
+    for ring in traced::left() {
+        text += &if args.dry_run {
+            format!("would remove the kernel's trace {ring}\n")
+        } else {
+            trace::remove_left(&ring).map_or_else(
+                |e| format!("kept the kernel's trace {ring}: {e}\n"),
+                |()| format!("removed the kernel's trace {ring}\n"),
+            )
+        };
+    }
     if text.is_empty() {
         text = format!("nothing to remove under {} and in /dev/shm\n", root_path().display());
     }
@@ -47,8 +58,7 @@ fn remove(instance: &Instance) -> Result<String, Failure> {
         let (name, cleaned) = (instance.name(), wire.cleaned);
         return Ok(format!("instance `{name}` is alive; removed the remains of {cleaned} dead processes\n"));
     }
-    let removed = instance.remove_leftovers()?.into_iter().chain(traced::remove_left(instance));
-    Ok(removed.map(|path| format!("removed {}\n", path.display())).collect())
+    Ok(instance.remove_leftovers()?.iter().map(|path| format!("removed {}\n", path.display())).collect())
 }
 
 fn announce(instance: &Instance) -> String {

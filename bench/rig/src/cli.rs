@@ -53,7 +53,7 @@ pub enum Command {
     Inject(InjectArgs),
     /// List every parameter of the airframe: unit, range, nominal value, value in force.
     Params(ParamsArgs),
-    /// Show the report of a flight, even of one in the air; or compare two flights.
+    /// Show the report of a flight, even of one in the air; or compare flights.
     Report(ReportArgs),
     /// Write the messages of a flight as CSV or JSON, or its stages as a Perfetto trace.
     Export(ExportArgs),
@@ -178,7 +178,7 @@ pub struct RecorderArgs {
 pub enum LogArg {
     /// All of them: only such a log can be replayed.
     All,
-    /// Those within a second of a missed deadline, a swap, take-off or landing.
+    /// Those within recorder.log_around_s of a missed deadline, a swap, take-off or landing.
     AroundMisses,
     /// None: there is no flight.mcap.
     Off,
@@ -295,7 +295,7 @@ pub struct ExportArgs {
     /// How to write it.
     #[arg(long, value_enum, default_value_t = ExportFormat::Csv)]
     pub format: ExportFormat,
-    /// Directory of the files [default: `export` in the flight's directory].
+    /// Directory of the files [default: `export` in the flight's directory; a Perfetto trace: the flight's directory].
     #[arg(long, value_name = "DIR", conflicts_with = "topic")]
     pub to: Option<PathBuf>,
     /// Directory in which `latest` is looked up [default: runs].

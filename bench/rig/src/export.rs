@@ -87,7 +87,13 @@ fn trace(reader: &mut LogReader, log: &Path, directory: &Path) -> Result<u8, Fai
     let path = directory.join(perfetto::FILE);
     let file = File::create(&path).in_file("write", &path)?;
     let mut writer = PerfettoWriter::new(BufWriter::new(file)).in_file("write", &path)?;
-    while let Some(entry) = reader.next_entry()? {
+    let read = loop {
+        let entry = match reader.next_entry() {
+            Ok(Some(entry)) => entry,
+            Ok(None) => break Ok(()),
+            // What stands before the damage is exported.
+            Err(failure) => break Err(failure),
+        };
         match &entry {
             LogEntry::State(message) => writer.state(message),
             LogEntry::Setpoint(message) => writer.work(message),
@@ -96,11 +102,11 @@ fn trace(reader: &mut LogReader, log: &Path, directory: &Path) -> Result<u8, Fai
             LogEntry::Swap(message) => writer.swap(message),
         }
         .in_file("write", &path)?;
-    }
+    };
     writer.finish().in_file("write", &path)?;
     print(&format!("{:>8} slices, {} instants  {}\n", writer.slices, writer.instants, path.display()))?;
     say_what_is_missing(reader, log);
-    Ok(OK)
+    read.map(|()| OK)
 }
 
 fn make(directory: &Path) -> Result<(), Failure> {

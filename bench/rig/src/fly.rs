@@ -18,7 +18,8 @@ use crate::floor::beside;
 use crate::open_page::open_page;
 use crate::output::{print, say};
 use crate::record::traced;
-use crate::run_directory::RunDirectory;
+use crate::roles::remove_leftovers;
+use crate::run_directory::{RunDirectory, make_latest};
 use crate::settings::Settings;
 use crate::show_report;
 use asked::Asked;
@@ -39,30 +40,51 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// # Errors
 /// Usage, and everything that can go wrong on the way (docs/architecture.md, "Exit codes").
 pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
+    check_writable("--junit", args.junit.as_deref())?;
+    match take_off(args) {
+        Ok(None) => Ok(OK),
+        Ok(Some(flown)) => land(args, flown),
+        Err(failure) => {
+            let told = args.junit.as_ref().map_or(Ok(()), |path| junit::write_failure(&failure, path));
+            Err(match told {
+                Ok(()) => failure,
+                Err(untold) => failure.append(&format!("; {untold}")),
+            })
+        }
+    }
+}
+
+/// A flight that has a report.
+struct Flown {
+    settings: Settings,
+    asked: Asked,
+    directory: RunDirectory,
+    ended: Ended,
+    report: Report,
+}
+
+/// Flies what the flags ask for; nothing where they ask for its settings alone.
+fn take_off(args: &FlyArgs) -> Result<Option<Flown>, Failure> {
     let mut overrides = args.flight.overrides();
     overrides.extend(args.rt.overrides());
     overrides.extend(args.recorder.overrides());
     let settings = Settings::resolve(args.flight.config.as_deref(), &overrides)?;
     if args.print_config {
         print(&settings.commented()?)?;
-        return Ok(OK);
+        return Ok(None);
     }
     settings.check_cpu()?;
     check_writable("--states", args.recorder.states.as_deref())?;
-    check_writable("--junit", args.junit.as_deref())?;
     traced::check(settings.recorder.trace)?;
     args.floor.map_or(Ok(()), |duration| beside::check(&settings, duration))?;
     let mut asked = Asked::listen()?;
-    let (directory, ended, mut report) = match flown(&settings, args, &mut asked) {
-        Ok(flown) => flown,
-        Err(failure) => {
-            let told = args.junit.as_ref().map_or(Ok(()), |path| junit::write_failure(&failure, path));
-            return Err(match told {
-                Ok(()) => failure,
-                Err(untold) => failure.append(&format!("; {untold}")),
-            });
-        }
-    };
+    let (directory, ended, report) = flown(&settings, args, &mut asked)?;
+    Ok(Some(Flown { settings, asked, directory, ended, report }))
+}
+
+/// Completes the report of a flight, and prints it.
+fn land(args: &FlyArgs, flown: Flown) -> Result<u8, Failure> {
+    let Flown { settings, mut asked, directory, ended, mut report } = flown;
     let corrected = ended.correct(&mut report);
     let mut exit_code = report.verdict.exit_code;
     let mut unmeasured = None;
@@ -77,12 +99,14 @@ pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     let needs_writing = corrected || report.beside.is_some();
     let written = if needs_writing { write_all(&report, &directory.path) } else { Ok(()) };
     let passed_on = args.junit.as_ref().map_or(Ok(()), |path| junit::write(&report, path));
+    // A recorder that died may not have come to it.
+    let pointed = if corrected { make_latest(&directory.path) } else { Ok(()) };
     if let Some(died) = &ended.died {
         say(&died.words(&directory.path));
     }
     print(&show_report::ended(&report, &directory.path))?;
     // What the flight found weighs more than what became of the rest.
-    let rest = written.and(passed_on).and(unmeasured.map_or(Ok(()), Err));
+    let rest = written.and(pointed).and(passed_on).and(unmeasured.map_or(Ok(()), Err));
     let shown = rest.and_then(|()| if args.open { open_page(&directory.path) } else { Ok(()) });
     shown.map(|()| exit_code).map_err(|failure| failure.or_code(exit_code))
 }
@@ -97,9 +121,6 @@ fn flown(settings: &Settings, args: &FlyArgs, asked: &mut Asked) -> Result<(RunD
     instance.prepare()?;
     let lock = instance.lock_launcher()?;
     let outcome = start_and_watch(&instance, settings, args, asked);
-    if settings.recorder.trace {
-        traced::remove_left(&instance);
-    }
     release(&instance, lock);
     let (directory, ended) = outcome?;
     let report_path = directory.path.join("report.json");
@@ -166,6 +187,5 @@ fn measure_floors(
 /// Gives the instance up and removes what killed processes may have left.
 fn release(instance: &Instance, lock: Lock) {
     drop(lock);
-    // What resists is found by the next start or by `ironbird clean`, which names it.
-    let _ = instance.remove_leftovers();
+    remove_leftovers(instance);
 }

@@ -121,7 +121,7 @@ pub fn flying(instance: &Instance) -> Result<(Wire, Run), Failure> {
         let help = if others.is_empty() {
             "no instance flies; start one: ironbird fly".to_owned()
         } else {
-            format!("running: {} (--instance NAME)", others.join(", "))
+            format!("running instances: {}; name one with --instance NAME", others.join(", "))
         };
         Failure::failed(format!("no flight is running as instance `{}`", instance.name())).help(help)
     })

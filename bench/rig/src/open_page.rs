@@ -11,7 +11,7 @@ use failure::{Failure, InFile as _};
 /// How long a program that opens files may take to say that it cannot; one that still runs shows the page.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// Opens the page of a flight, and says which.
+/// Has the page of a flight opened, and says which, and by whom where somebody named it.
 ///
 /// # Errors
 /// Usage, where there is no page yet; [`Failure`] where nothing could show it.
@@ -26,13 +26,16 @@ pub fn open_page(directory: &Path) -> Result<(), Failure> {
     // A browser that runs already has another working directory.
     let page = page.canonicalize().in_file("open", &page)?;
     let shown = page.display();
-    match env::var("BROWSER").ok().filter(|browser| !browser.is_empty()) {
-        Some(browser) => open::with_detached(&page, &browser)
+    if let Some(browser) = env::var("BROWSER").ok().filter(|browser| !browser.is_empty()) {
+        open::with_detached(&page, &browser)
             .map_err(|e| Failure::failed(format!("cannot open {shown} with BROWSER={browser}: {e}")))
-            .map_err(|failure| failure.help("BROWSER names a program that takes a file"))?,
-        None => open::that_detached_with_timeout(&page, PATIENCE).map_err(|e| refused(&page, &e))?,
+            .map_err(|failure| failure.help("BROWSER names a program that takes a file"))?;
+        // What it does with the page, it does not say.
+        say(&format!("gave {shown} to {browser}\n"));
+    } else {
+        open::that_detached_with_timeout(&page, PATIENCE).map_err(|e| refused(&page, &e))?;
+        say(&format!("opened {shown}\n"));
     }
-    say(&format!("opened {shown}\n"));
     Ok(())
 }
 

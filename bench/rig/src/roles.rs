@@ -16,8 +16,8 @@ use wire::instance::Instance;
 
 use crate::cli::{RecordArgs, RoleArgs};
 use crate::output::print;
-use crate::record::hlog;
 use crate::record::process::{self, Files};
+use crate::record::{hlog, traced};
 use crate::run_directory::RunDirectory;
 use crate::settings::{PaceName, Settings};
 use crate::show_report::ended;
@@ -70,9 +70,15 @@ fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure>
 /// The last one that is on its own removes what the middleware leaves; a launcher that lives does so itself.
 fn leave(instance: &Instance, args: &RoleArgs) {
     if is_on_its_own(args.launcher) {
-        // What resists is found by the next start or by `ironbird clean`, which names it.
-        let _ = instance.remove_leftovers();
+        remove_leftovers(instance);
     }
+}
+
+/// Removes what the processes of an instance leave, if none of them lives.
+pub fn remove_leftovers(instance: &Instance) {
+    // What resists is found by the next start or by `ironbird clean`, which names it.
+    let _ = instance.remove_leftovers();
+    traced::remove_left(instance);
 }
 
 /// Records until the run is over; by hand, prints the report.
@@ -85,6 +91,7 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     overrides.extend(args.recorder.overrides());
     let settings = Settings::resolve(args.role.flight.config.as_deref(), &overrides)?;
     check_writable("--states", args.recorder.states.as_deref())?;
+    traced::check(settings.recorder.trace)?;
     let station = take_station(Role::Record, &args.role, &settings)?;
     let instance = station.wire().instance().clone();
     let made = match &args.run_dir {

@@ -12,6 +12,7 @@ use std::time::SystemTime;
 
 use model::role::ROLES;
 use rustix::fs::{FlockOperation, flock};
+use rustix::io::Errno;
 use toml::Table;
 
 use crate::record::hlog;
@@ -35,11 +36,52 @@ pub struct RunDirectory {
 /// Whether the process that made a flight's directory lives.
 #[must_use]
 pub fn is_held(directory: &Path) -> bool {
-    File::open(directory.join(FACTS)).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared).is_err())
+    let locked = |file: File| flock(&file, FlockOperation::NonBlockingLockShared);
+    File::open(directory.join(FACTS)).is_ok_and(|file| locked(file) == Err(Errno::WOULDBLOCK))
 }
 
-/// The file that says what flew.
-const FACTS: &str = "run.json";
+/// The file that says what flew, by which a flight is known.
+pub const FACTS: &str = "run.json";
+
+/// What a flight leaves beside its log and what its processes say.
+const FILES: [&str; 11] = [
+    FACTS,
+    "settings.toml",
+    "report.json",
+    "report.json.next",
+    "report.json.draft",
+    "report.txt",
+    "report.html",
+    "flight.svg",
+    hlog::FILE,
+    "states.csv",
+    flight_log::perfetto::FILE,
+];
+
+/// Whether a flight leaves a file of this name.
+#[must_use]
+pub fn is_ours(name: &str) -> bool {
+    let role = name.strip_suffix(".log").and_then(|name| ROLES.into_iter().find(|role| role.name() == name));
+    FILES.contains(&name) || role.is_some() || flight_log::part_of(name).is_some()
+}
+
+/// Entries of a directory by name.
+#[must_use]
+pub fn entries(directory: &Path, is_wanted: impl Fn(&str) -> bool) -> Vec<PathBuf> {
+    let entries = fs::read_dir(directory).into_iter().flatten().filter_map(Result::ok);
+    entries.filter(|entry| entry.file_name().to_str().is_some_and(&is_wanted)).map(|entry| entry.path()).collect()
+}
+
+/// The directory of flights: the one that was named, or that of the settings.
+///
+/// # Errors
+/// Those of [`Settings::resolve`].
+pub fn out_or_default(out: Option<&Path>) -> Result<PathBuf, Failure> {
+    match out {
+        Some(out) => Ok(out.to_owned()),
+        None => Ok(PathBuf::from(Settings::resolve(None, &Vec::new())?.recorder.out)),
+    }
+}
 
 impl RunDirectory {
     /// Makes a new directory below `out`, with run.json and settings.toml.
@@ -87,7 +129,8 @@ impl RunDirectory {
         let file = self.path.join(FACTS);
         let text = serde_json::to_string_pretty(&facts).in_file("write", &file)?;
         let mut held = File::create_new(&file).in_file("write", &file)?;
-        flock(&held, FlockOperation::LockExclusive).in_file("lock", &file)?;
+        // Where the disk knows no locks, `is_held` says of nobody that he lives.
+        let _ = flock(&held, FlockOperation::LockExclusive);
         held.write_all((text + "\n").as_bytes()).in_file("write", &file)?;
         self.held = Some(Arc::new(held));
         let file = self.settings_file();
@@ -99,12 +142,9 @@ impl RunDirectory {
         if self.path.join("report.json").exists() || holds_messages(&self.path.join(FILE)) {
             return;
         }
-        let logs = ROLES.map(|role| format!("{role}.log"));
-        let begun =
-            ["run.json", "settings.toml", FILE, hlog::FILE, "states.csv", "report.json.next", "report.json.draft"];
-        for name in begun.into_iter().chain(logs.iter().map(String::as_str)) {
-            // Where it is not there or cannot go, the directory stays.
-            let _ = fs::remove_file(self.path.join(name));
+        for path in entries(&self.path, is_ours) {
+            // Where it cannot go, the directory stays.
+            let _ = fs::remove_file(path);
         }
         let _ = fs::remove_dir(&self.path);
     }
@@ -139,10 +179,7 @@ pub fn make_latest(directory: &Path) -> Result<(), Failure> {
 /// # Errors
 /// Usage, where there is none; names the flights that are there.
 pub fn find(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
-    let out = match out {
-        Some(out) => out.to_owned(),
-        None => PathBuf::from(Settings::resolve(None, &Vec::new())?.recorder.out),
-    };
+    let out = out_or_default(out)?;
     let mut candidates = vec![run.to_owned(), out.join(run)];
     // An absolute path is the same below any directory.
     candidates.dedup();
@@ -159,7 +196,7 @@ fn flights_in(out: &Path) -> String {
     let mut flights: Vec<String> = fs::read_dir(out)
         .into_iter()
         .flatten()
-        .filter_map(|entry| Some(entry.ok()?.path()).filter(|path| path.join("run.json").is_file()))
+        .filter_map(|entry| Some(entry.ok()?.path()).filter(|path| path.join(FACTS).is_file()))
         .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))
         .filter(|name| name != "latest")
         .collect();

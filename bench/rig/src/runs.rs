@@ -14,8 +14,7 @@ use serde::Serialize;
 use crate::cli::values;
 use crate::output::print;
 use crate::record::hlog;
-use crate::run_directory::is_held;
-use crate::settings::Settings;
+use crate::run_directory::{FACTS, is_held, out_or_default};
 use crate::wall_time::utc;
 use failure::{Failure, OK};
 
@@ -44,9 +43,6 @@ pub struct RunsArgs {
     pub dry_run: bool,
 }
 
-/// Status of a flight whose processes live and which has not taken off, or has just landed.
-const STARTS: &str = "starting";
-
 /// A flight's directory.
 #[derive(Debug, Serialize)]
 struct RecordedRun {
@@ -67,6 +63,9 @@ struct RecordedRun {
     bytes: u64,
     /// Whether `latest` points to it.
     is_latest: bool,
+    /// Whether one of its processes lives.
+    #[serde(skip)]
+    is_alive: bool,
 }
 
 /// Lists flights, or removes old ones.
@@ -74,10 +73,7 @@ struct RecordedRun {
 /// # Errors
 /// Usage, where there is no such directory; [`Failure`] names what resisted.
 pub fn runs(args: &RunsArgs) -> Result<u8, Failure> {
-    let out = match &args.out {
-        Some(out) => out.clone(),
-        None => PathBuf::from(Settings::resolve(None, &Vec::new())?.recorder.out),
-    };
+    let out = out_or_default(args.out.as_deref())?;
     let runs = recorded(&out)?;
     if args.prune {
         return prune::prune(&runs, args);
@@ -110,7 +106,7 @@ fn recorded(out: &Path) -> Result<Vec<RecordedRun>, Failure> {
 impl RecordedRun {
     /// What a directory tells; nothing where it is no flight's.
     fn of(directory: &Path, latest: Option<&Path>) -> Option<Self> {
-        let facts = directory.join("run.json");
+        let facts = directory.join(FACTS);
         // A pipe may have no writer, and what a link leads to is somebody else's.
         if !facts.symlink_metadata().is_ok_and(|file| file.is_file()) {
             return None;
@@ -120,9 +116,10 @@ impl RecordedRun {
         let made = fs::metadata(&facts).and_then(|it| it.modified()).unwrap_or(UNIX_EPOCH);
         let started = report.as_ref().map_or(made, |report| UNIX_EPOCH + Duration::from_nanos(report.run.run_id));
         let is_in_the_air = directory.join(hlog::FILE).exists() && hlog::lives(directory);
+        let is_held = is_held(directory);
         let status = match &report {
             _ if is_in_the_air => "in the air".into(),
-            _ if is_held(directory) => STARTS.into(),
+            None if is_held => "starting".into(),
             None if directory.join("report.json").exists() => "unreadable".into(),
             None => "no report".into(),
             Some(report) if report.run.in_flight => "cut short".into(),
@@ -138,12 +135,9 @@ impl RecordedRun {
             missed: report.as_ref().map(|it| it.deadlines.missed),
             words: report.map(|it| it.words.each().map(|(_, word, _)| word.to_owned())),
             bytes: bytes(directory),
+            is_alive: is_in_the_air || is_held,
             is_latest: latest.is_some_and(|latest| fs::canonicalize(directory).is_ok_and(|it| it == latest)),
         })
-    }
-
-    fn is_in_the_air(&self) -> bool {
-        self.status == "in the air" || self.status == STARTS
     }
 
     fn age(&self) -> Duration {

@@ -178,7 +178,7 @@ fn when_the_host_took_half_of_the_time_it_is_the_host() {
         made.delays(MISSED + 30, Role::Plant, 100);
         made.samples[5..].iter_mut().for_each(|sample| sample.stolen = 1);
     };
-    assert_class("a jiffy by chance", chance, Class::ProcessorStalled, None, "nobody ran");
+    assert_class("a jiffy by chance", chance, Class::ProcessorStalled, None, "no stage ran");
     // Of another processor, for all that is known.
     let apart = |made: &mut Made| {
         takes(made, 2);
@@ -233,7 +233,7 @@ fn a_stage_that_computes_long_while_others_run_or_again_and_again_is_named() {
         made.delays(MISSED + 1, Role::Plant, 1_000);
         made.is_virtual = false;
     };
-    assert_class("on hardware", hardware, Class::ProcessorStalled, None, "nobody ran");
+    assert_class("on hardware", hardware, Class::ProcessorStalled, None, "no stage ran");
     // With the highest priority nobody else can run meanwhile: what the kernel counts for it tells.
     let ran = |made: &mut Made| {
         hardware(made);
@@ -376,7 +376,8 @@ fn a_trace_shows_who_ran_instead() {
         let plant = Slice { from_ns: before_ns, to_ns: before_ns + US, runner: hog(100, 19) };
         late(made, vec![plant, idle, Slice { from_ns: from_ns + 200 * US, to_ns, runner: hog(4711, 0) }]);
     };
-    let words = "a thread at least as urgent ran; there ran hog (4711) 1620 us, idle 200 us";
+    let words =
+        "interrupts, or a thread at least as urgent, had the processor; there ran hog (4711) 1620 us, idle 200 us";
     assert_class("hogged", hogged, Class::Preempted, Some(Role::Plant), words);
     // The plant itself, nobody, or who is less urgent than the plant: that kept nobody from the processor.
     for runner in [hog(100, 19), Runner::Idle, hog(4711, 120)] {
@@ -385,8 +386,16 @@ fn a_trace_shows_who_ran_instead() {
         late(&mut made, vec![plant, Slice { from_ns, to_ns, runner }]);
         let (class, _, evidence) = made.class();
         assert_ne!(class, Class::Preempted, "{evidence}");
-        assert!(evidence.contains("there ran"), "{evidence}");
+        assert!(evidence.contains("no stage ran, although others were due; there ran"), "{evidence}");
     }
+    let interrupted = |made: &mut Made| {
+        let timer = Runner::Interrupt { name: "softirq TIMER".into() };
+        let plant = Slice { from_ns: before_ns, to_ns: before_ns + US, runner: hog(100, 19) };
+        let idle = Slice { from_ns, to_ns, runner: Runner::Idle };
+        late(made, vec![plant, idle, Slice { from_ns, to_ns, runner: timer }]);
+    };
+    let words = "interrupts, or a thread at least as urgent, had the processor; there ran";
+    assert_class("interrupted", interrupted, Class::Preempted, Some(Role::Plant), words);
 }
 
 #[test]
@@ -565,7 +574,7 @@ fn an_end_of_the_flight_and_what_was_before_a_stage_began_are_no_outages() {
     let mut autopsy = Autopsy::new(GRID, true, true);
     assert_eq!(feed(&mut autopsy, &made.traces, &made.samples), 0);
     autopsy.finish(0, WINDOW_TICKS - 1);
-    assert_eq!(autopsy.section(), report::autopsy::Section::default());
+    assert_eq!(autopsy.section(), report::autopsy::section::Section::default());
 }
 
 /// A stage that dies in the last tick, and ends the run with it, before any sample shows it.

@@ -10,25 +10,24 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Mutex, PoisonError};
 use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ironbird::settings::Settings;
 use mixer::Mixer;
+use model::boards::{RUN, Run};
 use model::inspection::{Expected, Rejections};
 use model::messages::NO_TICK;
 use model::role::{Role, STAGES};
-use rig::{Ended, Rig, Running, not_tested, rounds, send, wait_until};
+use rig::{Ended, Rig, Running, in_own_mounts, not_tested, rounds, send, stop_for, take_station, wait_until};
 use role::rt::{loops_cpu, take_stand};
 use role::shell::{MixerJob, Shell};
 use role::stage::{self, Stage, TickOutcome, Turn};
-use role::station::{Orders, Station};
 use rustix::process::Signal;
 use rustix::thread::gettid;
 use serde_json::Value;
-use wire::clock::Horizon;
-use wire::clock::now_ns;
+use wire::Wire;
+use wire::clock::{Horizon, now_ns};
 use wire::error::Error;
-use wire::instance::Instance;
 
 /// A tick [ns].
 const T: u64 = 1_000_000;
@@ -58,13 +57,6 @@ fn worst(rig: &Rig) -> Vec<Value> {
     rig.report()["autopsy"]["worst"].as_array().unwrap().clone()
 }
 
-/// Stops a process for a time.
-fn stop(pid: u32, time: Duration) {
-    send(pid, Signal::STOP);
-    sleep(time);
-    send(pid, Signal::CONT);
-}
-
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_stopped_mixer_is_found_and_the_report_says_so() {
@@ -73,7 +65,7 @@ fn a_stopped_mixer_is_found_and_the_report_says_so() {
     // In slow motion, so that what else happens on the machine misses no deadline.
     let flight = rig.take_off(&["--duration", "300ms", "--config", &rig.slow(10)]);
     await_first_report(&rig);
-    stop(flight.roles()["mixer"], Duration::from_millis(500));
+    stop_for(flight.roles()["mixer"], Duration::from_millis(500));
     let ended = flight.end().expect(0).says("stage stopped or dead, mixer");
     let (outages, missed) = counted(&rig, "stopped_or_dead", Some("mixer"));
     assert_eq!(outages, 1, "{ended}");
@@ -114,22 +106,15 @@ fn hog(time_ns: u64) {
     hog.unwrap().join().unwrap();
 }
 
-/// Starts a flight with a trace, in a mount namespace of its own that has one; nothing where that is not permitted.
+/// Mounts what the kernel traces with.
+const TRACEFS: &str = "mount -t tracefs nodev /sys/kernel/tracing";
+/// Whether it traces for us.
+const TRACES: &str = "mkdir /sys/kernel/tracing/instances/t$$ && rmdir /sys/kernel/tracing/instances/t$$";
+
+/// Starts a flight with a trace; nothing where the kernel traces nothing for this user.
 fn take_off_traced(rig: &Rig, args: &[&str]) -> Option<Running> {
-    let script = "mount -t tracefs nodev /sys/kernel/tracing && exec \"$0\" \"$@\"";
-    let mut flight = Command::new("unshare");
-    flight.args(["-m", "sh", "-c", script, rig::IRONBIRD, "fly", "--trace"]).args(rig.own_args("fly", args));
-    flight.env("IRONBIRD_ROOT", rig.root());
-    let can = [
-        "-m",
-        "sh",
-        "-c",
-        "mount -t tracefs nodev /sys/kernel/tracing && mkdir /sys/kernel/tracing/instances/ibtest && rmdir /sys/kernel/tracing/instances/ibtest",
-    ];
-    if !Command::new("unshare").args(can).status().is_ok_and(|status| status.success()) {
-        not_tested("the kernel traces nothing for this user");
-        return None;
-    }
+    let mut flight = in_own_mounts(TRACEFS, TRACES, rig::IRONBIRD)?;
+    flight.args(["fly", "--trace"]).args(rig.own_args("fly", args)).env("IRONBIRD_ROOT", rig.root());
     let flight = rig.launch(flight);
     rig.await_flight();
     Some(flight)
@@ -144,15 +129,38 @@ fn a_trace_names_who_kept_the_loops_from_their_processor() {
     }
     let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
     let rig = Rig::new("traced");
-    let Some(flight) = take_off_traced(&rig, &["--duration", "3s"]) else { return };
+    // In slow motion, so that a stall of the host is no match for it.
+    let slow = rig.slow(10);
+    let Some(flight) = take_off_traced(&rig, &["--duration", "300ms", "--config", &slow]) else { return };
     await_first_report(&rig);
-    hog(30 * T);
+    hog(300 * T);
     let ended = flight.end().expect(0);
     assert!(counted(&rig, "preempted", Some("plant")).1 >= 29, "{ended}");
     let is_hogs = |case: &Value| case["ran"][0]["who"].as_str().is_some_and(|who| who.starts_with("hog ("));
     let case = worst(&rig).into_iter().find(is_hogs).unwrap_or_else(|| panic!("no hog in {ended}"));
-    assert!(case["ran"][0]["us"].as_f64().unwrap() >= 25e3, "{case}");
+    assert!(case["ran"][0]["us"].as_f64().unwrap() >= 250e3, "{case}");
     assert!(case["missed"].as_u64().unwrap() >= 29, "{case}");
+}
+
+#[test]
+fn a_trace_that_killed_processes_left_is_found_and_removed() {
+    let rig = Rig::new("untraced");
+    let Some(mut flight) = in_own_mounts(TRACEFS, TRACES, "sh") else { return };
+    // What killed processes leave: the launcher and the recorder are gone before they could remove it.
+    let script = "\"$1\" fly --trace --rt off --duration 600s --out \"$2\" --instance \"$3\" & fly=$!
+until grep -qs ticks_run \"$2\"/latest/report.json; do sleep 0.05; done
+kill -KILL $(pgrep -f -- \"--instance $3\") $fly
+sleep 0.2
+echo; echo TRIED; \"$1\" clean --dry-run; echo CLEANED; \"$1\" clean; echo AGAIN; \"$1\" clean; ls /sys/kernel/tracing/instances";
+    let out = rig.out();
+    flight.args(["-c", script, "sh", rig::IRONBIRD, out.to_str().unwrap(), &rig.instance]);
+    flight.env("IRONBIRD_ROOT", rig.root());
+    let ended = rig.launch(flight).end().expect(0);
+    let (tried, rest) = ended.stdout.split_once("CLEANED").unwrap();
+    let (cleaned, again) = rest.split_once("AGAIN").unwrap();
+    assert!(tried.contains("would remove the kernel's trace ironbird_"), "{ended}");
+    assert!(cleaned.contains("\nremoved the kernel's trace ironbird_"), "{ended}");
+    assert!(again.contains("nothing to remove") && !again.contains(&rig.instance), "{ended}");
 }
 
 #[test]
@@ -164,9 +172,10 @@ fn loops_that_somebody_keeps_from_the_processor_were_ready_and_not_run() {
         return;
     }
     let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
-    let flight = rig.take_off(&["--duration", "3s"]);
+    // In slow motion, so that a stall of the host is no match for it.
+    let flight = rig.take_off(&["--duration", "300ms", "--config", &rig.slow(10)]);
     await_first_report(&rig);
-    hog(30 * T);
+    hog(300 * T);
     let ended = flight.end().expect(0);
     // Without a trace, who ran is seen only by what the kernel counts: a virtual machine does not show it surely.
     let missed = ["preempted", "ready_not_run"].map(|class| counted(&rig, class, Some("plant")).1);
@@ -295,13 +304,7 @@ impl Stage for TroubledMixer {
 fn troubled_mixer() {
     let Ok(instance) = std::env::var(INSTANCE) else { return };
     let settings = Settings::resolve(Some(Path::new("troubled.toml")), &Vec::new()).unwrap();
-    let orders = Orders {
-        instance: Instance::new(&instance).unwrap(),
-        rt: settings.realtime().unwrap(),
-        settings: settings.shared_text().unwrap(),
-        launcher: None,
-    };
-    let mut station = Station::take(Role::Mixer, orders).unwrap();
+    let mut station = take_station(Role::Mixer, &instance, &settings);
     // The thread of a test is not the first of its process, and it is the loop's that the recorder samples.
     station.status.pid = u64::try_from(gettid().as_raw_nonzero().get()).unwrap();
     let doorbell = station.wire().doorbell_with_alarm(Role::Mixer).unwrap();
@@ -379,6 +382,12 @@ impl Found {
     }
 }
 
+/// When tick 0 of the flight began [ns].
+fn t0_ns(rig: &Rig) -> u64 {
+    let wire = Wire::open(&rig.known()).unwrap();
+    wire.board_reader::<Run>(RUN).unwrap().unwrap().get().t0_ns
+}
+
 /// Stops each stage in turn for so long, in one flight.
 fn stop_each(found: &mut BTreeMap<String, Found>, slowdown: u64, lengths_ms: &[u64]) {
     let rig = Rig::new("causes");
@@ -388,18 +397,18 @@ fn stop_each(found: &mut BTreeMap<String, Found>, slowdown: u64, lengths_ms: &[u
     let duration = format!("{}ms", wall_ms / slowdown);
     let flight = rig.take_off(&["--trajectory", "hover", "--duration", &duration, "--config", &rig.slow(slowdown)]);
     await_first_report(&rig);
-    let (reported, roles) = (Instant::now(), flight.roles());
+    let (t0_ns, roles) = (t0_ns(&rig), flight.roles());
     let mut begins_s = Vec::new();
     for (stage, ms) in stops() {
         sleep(pause);
-        begins_s.push(1.0 + reported.elapsed().as_secs_f64());
-        stop(roles[stage.name()], Duration::from_millis(ms));
+        begins_s.push((now_ns() - t0_ns) as f64 / 1e9);
+        stop_for(roles[stage.name()], Duration::from_millis(ms));
     }
     flight.end();
     let cases = worst(&rig);
     for ((stage, ms), begin_s) in stops().zip(begins_s) {
-        // The first report is there a second after the beginning of the flight, and is seen a little later.
-        let times_s = (begin_s - 0.3, begin_s + 0.3);
+        // A stage is out from its tick after the stop on, and what came before may belong to the same outage.
+        let times_s = (begin_s - 0.02, begin_s + 0.03);
         let of = found.entry(format!("{stage} stopped for {ms} ms, ticks of {slowdown} ms")).or_default();
         of.look(&cases, times_s, ms / slowdown, ("stopped_or_dead", stage.name()));
     }
@@ -416,12 +425,11 @@ fn soak_of_causes() {
         let rig = Rig::new("hogged");
         if let Some(flight) = take_off_traced(&rig, &["--duration", "3s"]) {
             await_first_report(&rig);
-            let at_s = 1.0 + 0.3;
-            sleep(Duration::from_millis(300));
+            let at_s = (now_ns() - t0_ns(&rig)) as f64 / 1e9;
             hog(30 * T);
             flight.end();
             let of = found.entry("FIFO hog for 30 ms, traced".into()).or_default();
-            of.look(&worst(&rig), (at_s - 0.3, at_s + 0.3), 30, ("preempted", "plant"));
+            of.look(&worst(&rig), (at_s - 0.02, at_s + 0.03), 30, ("preempted", "plant"));
         }
         let rig = Rig::new("troubled");
         fly_with_a_troubled_mixer(&rig);

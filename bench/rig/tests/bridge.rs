@@ -13,7 +13,7 @@ use flight_log::codec::decode;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use prost::Message as _;
 use prost_types::FileDescriptorSet;
-use rig::{Rig, Running, wait_until};
+use rig::{Rig, Running};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest as _;
@@ -103,6 +103,18 @@ impl Client {
                 }
             } else if let Message::Binary(bytes) = self.socket.read().unwrap() {
                 self.unread.push_back(bytes.into());
+            }
+        }
+    }
+
+    /// What the server says until it closes the connection in order.
+    fn farewell(mut self) -> String {
+        let mut said = String::new();
+        loop {
+            match self.socket.read().unwrap() {
+                Message::Text(text) => said += text.as_str(),
+                Message::Close(_) => return said,
+                _ => {}
             }
         }
     }
@@ -311,10 +323,25 @@ fn ctrl_c_ends_it_and_the_flight_flies_on() {
     client.data();
     bridge.signal(Signal::INT);
     bridge.end().expect(130);
-    wait_until("the client to be told", || client.socket.read().is_err().then_some(()));
+    client.farewell();
     rig.run("inject", &["mass_kg=0.6"]).expect(0);
     let (bridge, _) = open(&rig, &[]);
     land(&rig, flight, bridge);
+}
+
+#[test]
+fn every_client_hears_how_the_flight_ended() {
+    let rig = Rig::new("farewell");
+    let flight = take_off(&rig);
+    let (bridge, port) = open(&rig, &[]);
+    let mut clients: Vec<Client> = (0..3).map(|_| Client::connect(port)).collect();
+    clients[0].subscribe(&["state"]);
+    clients[0].data();
+    land(&rig, flight, bridge);
+    for client in clients {
+        let said = client.farewell();
+        assert!(said.contains("the flight has ended: interrupted"), "{said}");
+    }
 }
 
 #[test]

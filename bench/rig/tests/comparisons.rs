@@ -12,15 +12,13 @@ use ironbird::settings::Settings;
 use model::inspection::{Expected, Rejections};
 use model::messages::NO_TICK;
 use model::role::Role;
-use rig::{Rig, rounds};
+use rig::{Rig, rounds, take_station};
 use role::shell::{InnerJob, Shell};
 use role::stage::{self, Stage, TickOutcome, Turn};
-use role::station::{Orders, Station};
 use rustix::thread::gettid;
 use serde_json::Value;
 use wire::clock::{Horizon, now_ns};
 use wire::error::Error;
-use wire::instance::Instance;
 
 /// In the environment of the inner loop below: its instance, and by how much it sees its input late [us].
 const INSTANCE: &str = "LATE_INNER_INSTANCE";
@@ -67,13 +65,7 @@ fn late_inner() {
     let Ok(instance) = std::env::var(INSTANCE) else { return };
     let late_ns = std::env::var(LATE_US).unwrap().parse::<u64>().unwrap() * 1_000;
     let settings = Settings::resolve(Some(Path::new("flight.toml")), &Vec::new()).unwrap();
-    let orders = Orders {
-        instance: Instance::new(&instance).unwrap(),
-        rt: settings.realtime().unwrap(),
-        settings: settings.shared_text().unwrap(),
-        launcher: None,
-    };
-    let mut station = Station::take(Role::Inner, orders).unwrap();
+    let mut station = take_station(Role::Inner, &instance, &settings);
     // The thread of a test is not the first of its process, and it is the loop's that the recorder samples.
     station.status.pid = u64::try_from(gettid().as_raw_nonzero().get()).unwrap();
     let doorbell = station.wire().doorbell(Role::Inner).unwrap();
@@ -100,7 +92,6 @@ fn fly(rig: &Rig, late_us: &str) -> String {
 /// What is said of timing.
 #[derive(Debug, Default)]
 struct Said {
-    comparisons: u64,
     not_judged: u64,
     differ: u64,
     hop_is_more: u64,
@@ -116,7 +107,6 @@ impl Said {
             .chain(b.iter().map(String::as_str))
             .collect();
         let diff = rig.run("report", &args).expect(0).json();
-        self.comparisons += 1;
         if diff["timing"]["says"] != "judged" {
             self.not_judged += 1;
             return;
@@ -146,5 +136,7 @@ fn soak_of_comparisons() {
         late.compare(&rig, &a, &b);
     }
     println!("alike: {alike:?}\none hop late by {KNOWN_US} us: {late:?}");
-    assert_eq!((alike.comparisons, late.comparisons), (rounds(), rounds()));
+    // With a probability of even one false difference of 10 % (three flights a side), that many and one more.
+    assert!(alike.differ <= rounds() / 10 + 1, "{alike:?}");
+    assert!(late.hop_is_more > 0 || late.not_judged > 0, "{late:?}");
 }

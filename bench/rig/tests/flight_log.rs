@@ -18,7 +18,7 @@ use flight_log::TOPICS;
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, LogReader};
 use model::role::Role;
-use rig::{Ended, Rig, lacks_tool, not_tested, send, wait_until};
+use rig::{Ended, Rig, lacks_tool, not_tested, send, stop_for, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -122,10 +122,7 @@ fn a_trace_shows_every_tick_of_every_stage_every_miss_and_every_swap() {
     let rig = Rig::new("trace");
     let flight = rig.take_off(&["--rt", "off", "--duration", "3s", "--fault", "mass_kg=0.6@tick200"]);
     // Deadlines are missed on purpose.
-    let mixer = flight.roles()["mixer"];
-    send(mixer, Signal::STOP);
-    std::thread::sleep(Duration::from_millis(50));
-    send(mixer, Signal::CONT);
+    stop_for(flight.roles()["mixer"], Duration::from_millis(50));
     flight.end().expect(0);
     rig.run("export", &["--format", "perfetto"]).expect(0).says("latest/flight.perfetto-trace");
     rig.run("export", &["--format", "perfetto", "--topic", "state"]).expect(2).complains("not of one topic");

@@ -138,7 +138,9 @@ fn refused_in_flight(rig: &Rig) {
     let late = rig.run("inject", &["mass_kg=0.6", "--at-tick", "301"]).expect(2);
     late.complains("tick 301 never comes: the flight ends at tick 300");
     let other = rig.run("inject", &["mass_kg=0.6", "--instance", "nobody"]).expect(1);
-    other.complains("no flight is running as instance `nobody`").complains(&format!("running: {}", rig.instance));
+    other
+        .complains("no flight is running as instance `nobody`")
+        .complains(&format!("running instances: {}", rig.instance));
 }
 
 /// The table of parameters shows what was injected.

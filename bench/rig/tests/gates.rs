@@ -8,7 +8,7 @@ use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
-use rig::{Ended, Rig, Running, lacks_tool, send};
+use rig::{Ended, Rig, Running, lacks_tool, stop_for};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -59,10 +59,7 @@ fn number(value: &str) -> f64 {
 }
 
 fn stop(flight: &Running, role: &str) {
-    let pid = flight.roles()[role];
-    send(pid, Signal::STOP);
-    sleep(Duration::from_millis(150));
-    send(pid, Signal::CONT);
+    stop_for(flight.roles()[role], Duration::from_millis(150));
 }
 
 #[test]
@@ -226,8 +223,13 @@ fn a_ci_server_reads_the_gates_as_tests() {
     assert!(read["cases"].as_array().unwrap().contains(&missed), "{read}");
     let words = ["flight", "timing", "theorem", "status"].map(|name| read["properties"][name].as_str().unwrap());
     assert_eq!(words, ["tracked", "not measured", "holds", "FAIL"]);
-    rig.run("report", &["--junit", &told]).expect(0);
-    assert_eq!(fs::read_to_string(&told).unwrap(), fs::read_to_string(&flown).unwrap());
+    for with in [&[][..], &["--open"]] {
+        let mut command = rig.command("report", &[&["--junit", &told], with].concat());
+        command.env("BROWSER", "true");
+        rig.launch(command).end().expect(0);
+        assert_eq!(fs::read_to_string(&told).unwrap(), fs::read_to_string(&flown).unwrap());
+        fs::remove_file(&told).unwrap();
+    }
 }
 
 #[test]
@@ -242,9 +244,17 @@ fn a_flight_that_did_not_come_to_its_end_is_no_passed_test() {
     let interrupted = serde_json::json!(["end of the flight", ["error", "INTERRUPTED: interrupted"]]);
     assert_eq!(read["cases"][0], interrupted, "{read}");
     fs::write(&file, "of yesterday").unwrap();
-    rig.run("fly", &["--rt", "off", "--out", "/proc/nope", "--junit", &file]).expect(2);
-    let read = junit(&file).unwrap();
-    assert_eq!(read["counts"], serde_json::json!([1, 0, 1]), "{read}");
-    let why = read["cases"][0][1][1].as_str().unwrap();
-    assert!(why.starts_with("cannot record into /proc/nope"), "{why}");
+    for (refused, words) in [
+        (["--out", "/proc/nope"], "cannot record into /proc/nope"),
+        (["--cpu", "1023"], "--cpu 1023: "),
+        (["--config", "/proc/nope"], "cannot read the settings file /proc/nope"),
+        (["--states", "/proc/nope"], "cannot write /proc/nope"),
+    ] {
+        fs::write(&file, "of yesterday").unwrap();
+        rig.run("fly", &[&["--rt", "off", "--junit", &file], &refused[..]].concat()).expect(2);
+        let read = junit(&file).unwrap();
+        assert_eq!(read["counts"], serde_json::json!([1, 0, 1]), "{read}");
+        let why = read["cases"][0][1][1].as_str().unwrap();
+        assert!(why.starts_with(words), "{why}");
+    }
 }

@@ -7,18 +7,12 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use model::role::Role;
-use rig::{Rig, send, wait_until};
+use rig::{Rig, stop_for, wait_until};
 use rustix::process::Signal;
 
 /// Ticks of 10 ms, rotors that saturate, noise, and swaps.
 const TROUBLED: &str = "[flight]\nslowdown = 10\ntrajectory = \"fast\"\nduration_s = 0.8\n\
     faults = [\"gyro_noise_rad_s=0.02@tick40\", \"rotor_efficiency_3=0.9@tick790\"]\n[rotor]\nmax_rad_s = 220.0\n";
-
-fn stop_for(pid: u32, ms: u64) {
-    send(pid, Signal::STOP);
-    sleep(Duration::from_millis(ms));
-    send(pid, Signal::CONT);
-}
 
 #[track_caller]
 fn verifies(rig: &Rig) {
@@ -35,7 +29,7 @@ fn a_flight_whose_stages_are_stopped_one_after_the_other_is_identical() {
     let roles = flight.roles();
     for (role, ms) in [("outer", 100), ("inner", 60), ("mixer", 23), ("plant", 40), ("plant", 430), ("mixer", 300)] {
         sleep(Duration::from_millis(120));
-        stop_for(roles[role], ms);
+        stop_for(roles[role], Duration::from_millis(ms));
     }
     rig.run("inject", &["mass_kg=0.55", "rotational_drag_nm_s=0.2"]);
     flight.end();

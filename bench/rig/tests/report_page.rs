@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use browser::Browser;
 use model::role::{Role, STAGES};
 use report::autopsy::classes::Class;
-use report::autopsy::{Case, ClassCount, Section, TimelineStage, TimelineTick};
+use report::autopsy::section::{Case, ClassCount, Section, TimelineStage, TimelineTick};
 use report::page;
 use report::schema::{LateStretchSection, Report, RunLength};
 use rig::{Rig, wait_until};
@@ -148,7 +148,10 @@ fn outage(tick: u64, ticks: u64) -> Case {
         stage: Some("inner".into()),
         evidence: HOSTILE.into(),
         ran: Vec::new(),
-        timeline: shown.into_iter().map(|tick| TimelineTick { tick, stages: stages(tick) }).collect(),
+        timeline: shown
+            .into_iter()
+            .map(|it| TimelineTick { tick: it, missed: (tick..tick + ticks).contains(&it), stages: stages(it) })
+            .collect(),
     }
 }
 

@@ -201,7 +201,14 @@ fn a_pipe_in_place_of_a_file_holds_nobody_up() {
         }
         assert!(Command::new("mkfifo").arg(directory.join(file)).status().unwrap().success());
     }
-    rig.run("runs", &["--out", &out]).expect(0);
+    let listed = rig.run("runs", &["--json", "--out", &out]).expect(0).json();
+    let status = |file: &str| {
+        let name = format!("with-a-pipe-for-{file}");
+        let run = listed.as_array().unwrap().iter().find(|run| run["name"] == *name)?;
+        Some(run["status"].as_str().unwrap().to_owned())
+    };
+    let told = ["run.json", "report.json", "latency.hlog", "flight.mcap"].map(status);
+    assert_eq!(told, [None, Some("unreadable".into()), Some("PASS".into()), Some("PASS".into())]);
     rig.run("runs", &["--prune", "--keep", "100", "--out", &out]).expect(0);
     for command in [&["export", "with-a-pipe-for-flight.mcap"][..], &["replay", "with-a-pipe-for-flight.mcap"]] {
         let ended = rig.run(command[0], &command[1..]);

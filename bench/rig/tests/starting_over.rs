@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use rustix::process::Signal;
 
-use rig::{Rig, Running, not_tested, rounds, send};
+use rig::{Rig, Running, in_own_mounts, rounds, send};
 
 /// Children of a process, also those that have yet to become what they shall be.
 fn children(pid: u32) -> Vec<u32> {
@@ -90,7 +90,6 @@ fn many_starts_after_starts_that_were_killed_fly() {
 
 /// Starts the roles one after the other as by hand, each when the one before waits, where /dev/shm has 64 MiB.
 const BY_HAND: &str = r#"
-mount -t tmpfs -o size=64m tmpfs /dev/shm || exit 99
 for role in plant outer inner mixer; do
     "$0" $role "$@" 2> $role.err &
     pids="$pids $!"
@@ -110,12 +109,8 @@ for pid in $pids; do wait $pid || exit 96; done
 #[ignore = "long: part of the gate"]
 fn five_roles_by_hand_fly_in_the_shared_memory_of_a_container() {
     let rig = Rig::new("container");
-    if !Command::new("unshare").args(["-m", "true"]).status().is_ok_and(|status| status.success()) {
-        not_tested("unshare (util-linux) is not there, or not permitted");
-        return;
-    }
-    let mut roles = Command::new("unshare");
-    roles.args(["-m", "sh", "-c", BY_HAND, rig::IRONBIRD]);
+    let Some(mut roles) = in_own_mounts("mount -t tmpfs -o size=64m tmpfs /dev/shm", "true", "sh") else { return };
+    roles.args(["-c", BY_HAND, rig::IRONBIRD]);
     roles.args(rig.own_args("plant", &["--config", &rig.slow(5), "--duration", "100ms"]));
     roles.env("IRONBIRD_ROOT", rig.root());
     let ended = rig.launch(roles).end().expect(0).says("second inner 5\n");
@@ -125,14 +120,10 @@ fn five_roles_by_hand_fly_in_the_shared_memory_of_a_container() {
 #[test]
 fn too_few_inodes_are_named_with_the_remedy() {
     let rig = Rig::new("inodes");
-    if !Command::new("unshare").args(["-m", "true"]).status().is_ok_and(|status| status.success()) {
-        not_tested("unshare (util-linux) is not there, or not permitted");
-        return;
-    }
     for inodes in [2, 3, 4, 6, 9, 12] {
-        let mut plant = Command::new("unshare");
-        let script = format!("mount -t tmpfs -o size=256m,nr_inodes={inodes} tmpfs /dev/shm && exec \"$0\" \"$@\"");
-        plant.args(["-m", "sh", "-c", &script, rig::IRONBIRD, "plant"]).args(rig.own_args("plant", &["--rt", "off"]));
+        let mount = format!("mount -t tmpfs -o size=256m,nr_inodes={inodes} tmpfs /dev/shm");
+        let Some(mut plant) = in_own_mounts(&mount, "true", rig::IRONBIRD) else { return };
+        plant.arg("plant").args(rig.own_args("plant", &["--rt", "off"]));
         plant.env("IRONBIRD_ROOT", rig.root());
         let plant = rig.launch(plant).end();
         assert!(matches!(plant.code, Some(1 | 2)), "{inodes} inodes: {plant}");

@@ -7,11 +7,10 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::process::Command;
 
+use clap::CommandFactory as _;
+use ironbird::cli::Cli;
 use rig::unprivileged::fly_unprivileged;
-use rig::{IRONBIRD, Rig, not_tested};
-
-const COMMANDS: [&str; 11] =
-    ["fly", "inject", "params", "report", "simulate", "clean", "plant", "outer", "inner", "mixer", "record"];
+use rig::{IRONBIRD, Rig, in_own_mounts, not_tested};
 
 #[test]
 fn every_command_explains_itself() {
@@ -22,7 +21,10 @@ fn every_command_explains_itself() {
         rig.launch(command).end()
     };
     let overview = run(&["--help"]).expect(0);
-    for command in COMMANDS {
+    let shown = Cli::command();
+    let shown: Vec<&str> = shown.get_subcommands().filter(|it| !it.is_hide_set()).map(|it| it.get_name()).collect();
+    assert!(shown.len() > 15, "{shown:?}");
+    for command in shown {
         assert!(
             overview.stdout.lines().any(|line| line.trim_start().starts_with(&format!("{command} "))),
             "{overview}"
@@ -210,7 +212,19 @@ fn every_wrong_setting_is_named_with_file_value_and_what_is_allowed() {
         ("[model]\nwingspan_m = 2\n", "unknown key `model.wingspan_m`"),
         ("[gains]\nattitude_1_s = [8, 8]\n", "gains.attitude_1_s = [8, 8]: expected a list of 3 numbers"),
         ("[gains]\nalpha_1_s = 2000\n", "gains.alpha_1_s = 2000 cannot fly"),
-        ("[recorder]\nmax_steal_percent = nan\n", "recorder.max_steal_percent = NaN: allowed are 0 and more, and"),
+        ("[recorder]\nmax_steal_percent = nan\n", "recorder.max_steal_percent = NaN: allowed are 0 to 100, and"),
+        ("[recorder]\nmax_steal_percent = 150\n", "recorder.max_steal_percent = 150: allowed are 0 to 100, and"),
+        ("[recorder]\nmax_wake_p999_us = inf\n", "recorder.max_wake_p999_us = inf: allowed are 0 and more, and"),
+        ("[recorder]\nlog = \"some\"\n", "unknown variant `some`, expected one of `all`, `around-misses`, `off`"),
+        ("[recorder]\nlog = 1\n", "recorder.log = 1: expected a string, as in \"all\""),
+        ("[recorder]\nlog_around_s = 11\n", "recorder.log_around_s = 11 is out of range: allowed are 0 to 10"),
+        ("[recorder]\nlog_file_mb = 0\n", "recorder.log_file_mb = 0 is out of range: allowed are 1 to 1000000"),
+        (
+            "[recorder]\nlog_files = 1\n",
+            "recorder.log_files = 1 is out of range: allowed are 0, for all, and 2 or more",
+        ),
+        ("[recorder]\nlog_files = -2\n", "recorder.log_files"),
+        ("[recorder]\nhlog_every_s = 0\n", "recorder.hlog_every_s = 0 is out of range: allowed are 1 to 3600"),
         ("[rt]\npriority = 99\n", "rt.priority = 99 is out of range: allowed are 1 to 95"),
         ("[rt]\npriority = 99\n", "help: `ironbird fly --print-config` explains every setting"),
         ("[flight\n", "TOML parse error at line 1"),
@@ -288,14 +302,10 @@ fn a_file_that_a_user_may_not_write_is_named_with_what_to_do() {
 #[test]
 fn too_little_shared_memory_is_said_before_anything_starts() {
     let rig = Rig::new("small-shm");
-    if !Command::new("unshare").args(["-m", "true"]).status().is_ok_and(|status| status.success()) {
-        not_tested("unshare (util-linux) is not there, or not permitted");
-        return;
-    }
     for command in ["fly", "plant"] {
-        let mut small = Command::new("unshare");
-        let script = "mount -t tmpfs -o size=4m tmpfs /dev/shm && exec \"$0\" \"$@\"";
-        small.args(["-m", "sh", "-c", script, IRONBIRD, command]).args(rig.own_args(command, &["--rt", "off"]));
+        let mount = "mount -t tmpfs -o size=4m tmpfs /dev/shm";
+        let Some(mut small) = in_own_mounts(mount, "true", IRONBIRD) else { return };
+        small.arg(command).args(rig.own_args(command, &["--rt", "off"]));
         small.env("IRONBIRD_ROOT", rig.root());
         rig.launch(small)
             .end()
@@ -310,15 +320,15 @@ fn too_little_shared_memory_is_said_before_anything_starts() {
 fn a_trace_that_the_kernel_does_not_give_is_refused_before_anything_starts() {
     let rig = Rig::new("untraced");
     // An empty directory where the kernel would have its traces.
-    let mut fly = Command::new("unshare");
-    let script = "mount -t tmpfs tmpfs /sys/kernel/tracing && exec \"$0\" \"$@\"";
-    if !Command::new("unshare").args(["-m", "true"]).status().is_ok_and(|status| status.success()) {
-        not_tested("unshare (util-linux) is not there, or not permitted");
-        return;
+    for command in ["fly", "record"] {
+        let Some(mut traced) = in_own_mounts("mount -t tmpfs tmpfs /sys/kernel/tracing", "true", IRONBIRD) else {
+            return;
+        };
+        traced.args([command, "--trace"]).args(rig.own_args(command, &["--duration", "1s"]));
+        traced.env("IRONBIRD_ROOT", rig.root());
+        let refused = rig.launch(traced).end().expect(1);
+        refused.complains("cannot trace the loops' processor").complains("without --trace");
+        rig.assert_nothing_started();
     }
-    fly.args(["-m", "sh", "-c", script, IRONBIRD, "fly", "--trace"]).args(rig.own_args("fly", &["--duration", "1s"]));
-    fly.env("IRONBIRD_ROOT", rig.root());
-    rig.launch(fly).end().expect(1).complains("cannot trace the loops' processor").complains("without --trace");
-    rig.assert_nothing_started();
     rig.assert_nothing_left();
 }

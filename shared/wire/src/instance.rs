@@ -89,6 +89,14 @@ impl Instance {
         format!("{}{}.", Self::prefix_of_root(&self.root), self.name())
     }
 
+    /// The same as far as all instances under this process' root share it.
+    ///
+    /// # Errors
+    /// [`Error::RootPath`], [`Error::RootPathTooLong`].
+    pub fn root_prefix() -> Result<String, Error> {
+        Ok(Self::prefix_of_root(&short(root::root()?)?))
+    }
+
     /// The same as far as all instances under one root share it.
     fn prefix_of_root(root: &Path) -> String {
         let hash = fnv1a(FNV_OFFSET, root.as_os_str().as_encoded_bytes());

@@ -126,13 +126,11 @@ impl LogFile {
         match entry {
             LogEntry::State(message) => {
                 self.write(message);
-                let State { position_w_m, attitude_rad, .. } = message.content;
-                self.place(message, 0, scene::BODY, position_w_m, attitude_rad);
+                self.place(message, Placed::airframe);
             }
             LogEntry::Setpoint(message) => {
                 self.write(message);
-                let Setpoint { reference_position_w_m, attitude_rad, .. } = message.content;
-                self.place(message, 1, scene::REFERENCE, reference_position_w_m, attitude_rad);
+                self.place(message, Placed::reference);
             }
             LogEntry::Wrench(message) => self.write(message),
             LogEntry::RotorSpeeds(message) => self.write(message),
@@ -170,24 +168,17 @@ impl LogFile {
         }
     }
 
-    fn place<C: Logged>(
-        &mut self,
-        message: &Message<C>,
-        pose: usize,
-        frame: &str,
-        position_w_m: [f64; 3],
-        attitude_rad: [f64; 3],
-    ) {
+    fn place<C: Logged>(&mut self, message: &Message<C>, placed: fn(u64, &C) -> Placed) {
         if !message.envelope.tick.is_multiple_of(self.scene_every_ticks) {
             return;
         }
-        let placed = Placed { at_ns: self.log_time(message), position_w_m, attitude_rad };
+        let placed = placed(self.log_time(message), &message.content);
         let publish_time = message.envelope.stamps_of(C::SENDER).send_ns;
-        for (channel, bytes) in [(pose, placed.pose()), (2, placed.transform(frame))] {
+        for (channel, bytes) in placed.messages() {
             let header = MessageHeader {
                 channel_id: self.channels.get(scene::CHANNELS[channel].0).copied().unwrap_or_default(),
                 sequence: self.scene_sequence[channel],
-                log_time: placed.at_ns,
+                log_time: placed.at_ns(),
                 publish_time,
             };
             self.scene_sequence[channel] += 1;

@@ -195,7 +195,7 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
         return (Class::PageFault, format!("{} page faults", usage.faults));
     }
     if suspect.delay != Delay::Input && explains(urgent_ns(scene, suspect)) {
-        return (Class::Preempted, "a thread at least as urgent ran".into());
+        return (Class::Preempted, "interrupts, or a thread at least as urgent, had the processor".into());
     }
     if explains(usage.waited_ns) {
         let (us, switches) = (usage.waited_ns / 1000, usage.involuntary_switches);
@@ -210,7 +210,8 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
         if explains(processor.busy_ns) && !scene.is_virtual {
             return (Class::Preempted, format!("{ready}, which was busy for {} ms", processor.busy_ns / 1_000_000));
         }
-        return (Class::ReadyNotRun, format!("{ready}, and nobody was seen to run"));
+        let seen = if scene.ran(suspect).is_some() { "nobody that may keep it waiting" } else { "nobody" };
+        return (Class::ReadyNotRun, format!("{ready}, and {seen} was seen to run"));
     }
     if suspect.delay == Delay::Input {
         return (Class::UpstreamLate, "nothing says why".into());
@@ -233,7 +234,7 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
         if explains(processor.busy_ns) {
             return (Class::CannotTell, "no stage ran, although others were due, and the processor was busy".into());
         }
-        return (Class::ProcessorStalled, "nobody ran, although others were due".into());
+        return (Class::ProcessorStalled, "no stage ran, although others were due".into());
     }
     match suspect.delay {
         Delay::Wake if others.ran => (Class::WakeLate, "others ran meanwhile".into()),
@@ -246,7 +247,7 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
     }
 }
 
-/// How long threads that may keep a stage from the processor had it in a delay, as the trace tells [ns].
+/// How long interrupts, and threads that may keep a stage from the processor, had it in a delay, as the trace tells [ns].
 ///
 /// Who is less urgent than a stage that is ready cannot have kept it from the processor: the kernel did not switch, or
 /// a virtual machine stood still with that thread on its processor.
@@ -258,7 +259,8 @@ fn urgent_ns(scene: &Scene<'_>, suspect: &Suspect) -> u64 {
     });
     let is_urgent = |runner: &Runner| match runner {
         Runner::Thread { pid, priority, .. } => Some(*pid) != own && own_priority.is_some_and(|own| *priority <= own),
-        _ => false,
+        Runner::Interrupt { .. } => true,
+        Runner::Idle => false,
     };
     let ran = scene.ran(suspect).unwrap_or_default();
     ran.into_iter().filter(|(runner, _)| is_urgent(runner)).map(|(_, ns)| ns).sum()

@@ -16,6 +16,7 @@
 pub mod classes;
 pub mod evidence;
 pub mod runners;
+pub mod section;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -24,163 +25,23 @@ use model::grid::Grid;
 use model::messages::State;
 use model::role::{Role, STAGES};
 use model::topic::Topic;
-use serde::{Deserialize, Serialize};
 
 use crate::autopsy::classes::{Class, Opinion, classify, index};
 use crate::autopsy::evidence::{CounterSample, Life, Passage, Scene, TickPassages};
-use crate::autopsy::runners::{RunnerTime, Slice};
+use crate::autopsy::runners::Slice;
+use crate::autopsy::section::{Case, ClassCount, Section, TimelineStage, TimelineTick};
 
 /// Ticks that are kept before and after an outage: what is usual is seen in them.
 pub const AROUND_TICKS: u64 = 32;
 /// An outage is classed as it stands when it has lasted for so many ticks; what follows is another one.
 const LONGEST_TICKS: u64 = 60_000;
-/// Outages of which the report shows the timeline.
-const WORST: usize = 10;
+/// Outages that the report holds each by itself.
+const WORST: usize = 100;
 /// Ticks before and after the first tick of an outage, and its last one, in its timeline: what lies between two such
 /// ends of a long one is all alike.
 const TIMELINE: (u64, u64) = (1, 2);
 /// Samples that are kept beyond those of the ticks [ns].
 const SAMPLES_BEYOND_NS: u64 = 200_000_000;
-
-/// The autopsy in the report.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Section {
-    /// How many outages each class has, by the stage that they were due to; the one with the most misses first.
-    pub classes: Vec<ClassCount>,
-    /// Deadlines missed in an outage that lasts, or is not classed yet.
-    pub pending: u64,
-    /// The worst outages: by length in ticks, then by deadlines missed.
-    pub worst: Vec<Case>,
-}
-
-/// Outages of a class.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ClassCount {
-    /// The class.
-    pub class: Class,
-    /// The stage that they were due to; none where it was none, or is not known.
-    pub stage: Option<String>,
-    /// Outages.
-    pub outages: u64,
-    /// Deadlines missed in them.
-    pub missed: u64,
-}
-
-/// An outage.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Case {
-    /// Its first tick.
-    pub tick: u64,
-    /// Begin of that tick as time of the flight on the clock [s].
-    pub time_s: f64,
-    /// How many ticks were out.
-    pub ticks: u64,
-    /// How many of their commands missed the deadline.
-    pub missed: u64,
-    /// From the instant when the late stage was due to its next sign of life [us]; 0 where no stage is known.
-    pub delay_us: f64,
-    /// That instant, from the beginning of the first tick on [us].
-    pub due_us: f64,
-    /// Why.
-    pub class: Class,
-    /// The stage that it was due to.
-    pub stage: Option<String>,
-    /// The evidence in words.
-    pub evidence: String,
-    /// Who had the loops' processor in the delay, the longest first; empty without a trace.
-    #[serde(default)]
-    pub ran: Vec<RunnerTime>,
-    /// What the stages did around its first tick and its last one; ticks between these are left out.
-    pub timeline: Vec<TimelineTick>,
-}
-
-/// What the stages did in a tick.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TimelineTick {
-    /// The tick.
-    pub tick: u64,
-    /// Plant, outer, inner, mixer; those that published something.
-    pub stages: Vec<TimelineStage>,
-}
-
-/// What a stage did in a tick; times from the beginning of the outage's first tick on [us].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TimelineStage {
-    /// The stage.
-    pub role: String,
-    /// When it woke, and had its input.
-    pub wake_us: f64,
-    /// When its output was published.
-    pub send_us: f64,
-    /// Its driving input was of the tick; otherwise it had waited until its cut-off.
-    pub is_fresh: bool,
-}
-
-impl Section {
-    /// The section of the report for people; empty where nothing was out.
-    #[must_use]
-    pub fn text(&self) -> String {
-        if self.classes.is_empty() && self.pending == 0 {
-            return String::new();
-        }
-        let mut out = String::from("\nOutages   missed  cause\n");
-        for count in &self.classes {
-            out += &format!("  {:>7} {:>7}  {}\n", count.outages, count.missed, count.cause());
-        }
-        if self.pending > 0 {
-            out += &format!("  {:>7} {:>7}  not classed yet\n", "-", self.pending);
-        }
-        for case in &self.worst {
-            out += &case.text();
-        }
-        if !self.worst.is_empty() {
-            out +=
-                "  woke .. sent [us], from the beginning of the outage's first tick; * without the input of its tick\n";
-        }
-        out
-    }
-}
-
-impl ClassCount {
-    /// The class, with its stage.
-    #[must_use]
-    pub fn cause(&self) -> String {
-        named(self.class, self.stage.as_deref())
-    }
-}
-
-/// A class with the stage that it is due to.
-fn named(class: Class, stage: Option<&str>) -> String {
-    stage.map_or_else(|| class.words().to_owned(), |stage| format!("{}, {stage}", class.words()))
-}
-
-impl Case {
-    /// Where, how long and why, in one line.
-    #[must_use]
-    pub fn line(&self) -> String {
-        let Self { tick, time_s, ticks, missed, delay_us, .. } = self;
-        let ticks = if *ticks == 1 { "1 tick".to_owned() } else { format!("{ticks} ticks") };
-        let cause = named(self.class, self.stage.as_deref());
-        format!("tick {tick} ({time_s:.3} s): {ticks}, {missed} missed, {delay_us:.0} us: {cause} ({})", self.evidence)
-    }
-
-    fn text(&self) -> String {
-        let mut out = format!("  {}\n", self.line());
-        for TimelineTick { tick, stages } in &self.timeline {
-            let stages: Vec<String> = stages.iter().map(TimelineStage::text).collect();
-            let stages = if stages.is_empty() { "nobody published".into() } else { stages.join("  ") };
-            out += &format!("    {:>+3}  {stages}\n", tick.cast_signed() - self.tick.cast_signed());
-        }
-        out
-    }
-}
-
-impl TimelineStage {
-    fn text(&self) -> String {
-        let stale = if self.is_fresh { "" } else { "*" };
-        format!("{}{stale} {:.0} .. {:.0}", self.role, self.wake_us, self.send_us)
-    }
-}
 
 /// Follows a flight.
 #[derive(Clone, Debug)]
@@ -199,6 +60,8 @@ pub struct Autopsy {
     last_state: Option<(u64, u64)>,
     /// Ticks whose commands missed their deadlines, and that are in no outage yet.
     missed: BTreeSet<u64>,
+    /// All of them, as long as their stamps are kept.
+    verdicts: BTreeSet<u64>,
     /// The next tick to look at; none before the first state.
     next: Option<u64>,
     /// Whether every stage has worked a tick: what is not there before has not begun yet.
@@ -246,6 +109,7 @@ impl Autopsy {
             judged: Vec::new(),
             last_state: None,
             missed: BTreeSet::new(),
+            verdicts: BTreeSet::new(),
             next: None,
             has_begun: false,
             open: None,
@@ -394,6 +258,7 @@ impl Autopsy {
     /// Finds a place for a missed deadline. A plant that was away judges ticks that were looked at long ago: then the
     /// outage lasts that they belong to.
     fn place(&mut self, tick: u64) {
+        self.verdicts.insert(tick);
         let was_looked_at = self.next.is_some_and(|next| tick < next);
         match self.open.as_mut().filter(|outage| outage.first <= tick) {
             _ if !was_looked_at => {
@@ -449,9 +314,11 @@ impl Autopsy {
             STAGES.into_iter().zip(trace).filter_map(|(role, it)| Some(stage_of((role, (*it)?)))).collect()
         };
         let seen = self.newest().max(outage.last);
-        let timeline = shown
-            .range(..=seen)
-            .map(|tick| TimelineTick { tick: *tick, stages: self.traces.get(tick).map(stages_of).unwrap_or_default() });
+        let timeline = shown.range(..=seen).map(|tick| TimelineTick {
+            tick: *tick,
+            missed: self.verdicts.contains(tick),
+            stages: self.traces.get(tick).map(stages_of).unwrap_or_default(),
+        });
         Case {
             tick: outage.first,
             time_s: (begin_ns - self.grid.t0_ns) as f64 / 1e9,
@@ -472,6 +339,7 @@ impl Autopsy {
         let begin = self.open.map(|outage| outage.first).or(self.next).unwrap_or(newest);
         let oldest = begin.saturating_sub(AROUND_TICKS);
         self.traces = self.traces.split_off(&oldest);
+        self.verdicts = self.verdicts.split_off(&oldest);
         let oldest_ns = self.grid.begin_of(oldest).saturating_sub(SAMPLES_BEYOND_NS);
         while self.samples.front().is_some_and(|sample| sample.at_ns < oldest_ns) {
             self.samples.pop_front();

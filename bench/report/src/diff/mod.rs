@@ -190,8 +190,8 @@ impl Flown {
     /// Why its latencies tell nothing of the loops.
     fn disturbed(&self) -> Option<String> {
         let (run, steal) = (&self.report.run, self.report.steal.percent);
-        if run.wall_period_us != run.period_us {
-            return Some(format!("{} did not fly at the speed of the clock", self.run));
+        if let Some(why) = run.speed().why_not_real_time() {
+            return Some(format!("{}: {why}", self.run));
         }
         (steal > STEAL_LIMIT_PERCENT).then(|| {
             format!("the host stole {steal:.2} % during {}: {STEAL_LIMIT_PERCENT} % at most allow a verdict", self.run)
@@ -214,8 +214,12 @@ fn flatten(prefix: &str, value: &Value, into: &mut BTreeMap<String, Value>) {
 fn differences(a: &[BTreeMap<String, Value>], b: &[BTreeMap<String, Value>]) -> Vec<Difference> {
     let keys: BTreeSet<&String> = a.iter().chain(b).flat_map(BTreeMap::keys).collect();
     let of = |group: &[BTreeMap<String, Value>], key: &String| {
-        let mut values: Vec<Value> = group.iter().map(|flat| flat.get(key).cloned().unwrap_or_default()).collect();
-        values.dedup();
+        let mut values: Vec<Value> = Vec::new();
+        for value in group.iter().map(|flat| flat.get(key).cloned().unwrap_or_default()) {
+            if !values.contains(&value) {
+                values.push(value);
+            }
+        }
         values
     };
     keys.into_iter()
@@ -358,6 +362,8 @@ mod tests {
         assert_eq!(judged(&[10.0, 10.1, 10.2], &[20.0, 20.1, 20.3], 0.1), Says::More);
         assert_eq!(judged(&[20.0, 20.1, 20.3], &[10.0, 10.1, 10.2], 0.1), Says::Less);
         assert_eq!(judged(&[10.0, 10.1, 10.2], &[20.0, 20.1, 20.3], 0.2), Says::NoDifference);
+        // Three a side are as far apart by chance once in ten times: they must be farther apart than each is wide.
+        assert_eq!(judged(&[10.0, 10.1, 14.0], &[16.0, 20.1, 20.3], 0.1), Says::NoDifference);
         // Never mind how sure it is.
         assert_eq!(judged(&[10.0, 10.0, 10.0], &[10.1, 10.1, 10.1], 0.001), Says::NoDifference);
     }
@@ -384,7 +390,8 @@ mod tests {
         assert_eq!(keys, ["a.c", "d"]);
         assert_eq!((&found[1].a[..], &found[1].b[..]), (&[Value::Null][..], &[Value::from("x")][..]));
         // Also within a group.
-        assert_eq!(differences(&[one.clone(), other], from_ref(&one))[0].a.len(), 2);
+        assert_eq!(differences(&[one.clone(), other.clone()], from_ref(&one))[0].a.len(), 2);
+        assert_eq!(differences(&[one.clone(), other, one.clone()], from_ref(&one))[0].a.len(), 2, "each value once");
         assert_eq!(differences(from_ref(&one), from_ref(&one)), []);
     }
 }

@@ -3,8 +3,10 @@
 use std::fmt::Write as _;
 
 use serde_json::Value;
+use textwrap::{Options, WordSplitter, wrap};
 
 use crate::diff::{Conclusion, Diff, Difference, FigureDiff, Says, Side};
+use crate::text::{INDENT, WIDTH, count};
 
 /// Renders a comparison for people.
 #[must_use]
@@ -33,21 +35,28 @@ fn write(out: &mut String, diff: &Diff) -> std::fmt::Result {
     rest.clone().filter(|figure| figure.says != Says::TooFewValues).try_for_each(|figure| row(out, figure))?;
     let missing = rest.filter(|figure| figure.says == Says::TooFewValues).count();
     if missing > 0 {
-        writeln!(out, "  {missing} percentiles have too few values in some flight")?;
+        writeln!(out, "  {} too few values in some flight", has(missing as u64))?;
     }
     Ok(())
 }
 
 fn conclusion(out: &mut String, subject: &str, conclusion: &Conclusion) -> std::fmt::Result {
-    match conclusion {
-        Conclusion::NotJudged { reason } => writeln!(out, "{subject:<9} not judged: {reason}"),
-        Conclusion::Judged { differ: 0, judged, level } => {
-            writeln!(out, "{subject:<9} no difference in {judged} figures (any false one: {:.0} %)", level * 100.0)
-        }
+    let sentence = match conclusion {
+        Conclusion::NotJudged { reason } => format!("{subject:<9} not judged: {reason}"),
         Conclusion::Judged { differ, judged, level } => {
-            writeln!(out, "{subject:<9} {differ} of {judged} figures DIFFER (any false one: {:.0} %)", level * 100.0)
+            let found = match differ {
+                0 => format!("no difference in {judged} figures"),
+                differ => format!("{differ} of {judged} figures DIFFER"),
+            };
+            format!("{subject:<9} {found} (probability of even one false difference: {:.0} %)", level * 100.0)
         }
-    }
+    };
+    let options = Options::new(WIDTH).subsequent_indent(INDENT).word_splitter(WordSplitter::NoHyphenation);
+    wrap(&sentence, options).iter().try_for_each(|line| writeln!(out, "{line}"))
+}
+
+fn has(figures: u64) -> String {
+    format!("{} {}", count(figures, "figure"), if figures == 1 { "has" } else { "have" })
 }
 
 fn heading(out: &mut String, title: &str) -> std::fmt::Result {

@@ -43,7 +43,7 @@ pub fn section(report: &Report) -> Markup {
             }
         }
         p.note {
-            "Every value is in its bin. Above each histogram, a row for each series:"
+            "Every value is in its bin. Above histograms of latencies, a row for each series:"
             @for mark in Mark::ALL { " " span.nobreak { (mark.sample()) " " (mark.words()) } }
             ". A percentile stands there if it has enough values. Differences are linear up to 10 us and logarithmic beyond."
         }

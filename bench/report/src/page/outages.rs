@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 use model::role::STAGES;
 
-use crate::autopsy::{Case, TimelineStage, TimelineTick};
+use crate::autopsy::section::{Case, TimelineStage, TimelineTick, WORST_SHOWN};
 use crate::page::parts::{cell, count, figure, section as part, table};
 use crate::plot::gantt::{Begin, Gantt, Row, Work};
 use crate::schema::Report;
@@ -26,7 +26,7 @@ pub fn section(report: &Report) -> Markup {
             ]
         })))
         @if autopsy.pending > 0 { p.note { (count(autopsy.pending, "missed deadline")) " not classed yet." } }
-        h3 { (worst(autopsy.worst.len())) }
+        h3 { (worst(autopsy.worst.len().min(WORST_SHOWN))) }
         p.marks {
             span.key.block.deadline { "worked: from waking to sending" } " "
             span.key.block.stale.deadline { "without the input of its tick" } " "
@@ -35,7 +35,7 @@ pub fn section(report: &Report) -> Markup {
             span.key.block.band.late { "its command missed the deadline" }
         }
         div.plots {
-            @for (i, case) in autopsy.worst.iter().enumerate() { (picture(i + 1, case, tick_us)) }
+            @for (i, case) in autopsy.worst.iter().take(WORST_SHOWN).enumerate() { (picture(i + 1, case, tick_us)) }
         }
         p.note {
             "Lines stand where ticks begin, which is the deadline of the tick before. The kernel's counters are read every "
@@ -46,7 +46,7 @@ pub fn section(report: &Report) -> Markup {
 }
 
 fn worst(number: usize) -> String {
-    if number == 1 { "What happened".into() } else { format!("The {number} worst") }
+    if number == 1 { "What happened".into() } else { format!("The {number} longest") }
 }
 
 fn picture(number: usize, case: &Case, tick_us: f64) -> Markup {
@@ -83,7 +83,7 @@ fn gantt(case: &Case, tick_us: f64, title: String) -> Gantt {
             after => format!("{after:+}"),
         },
     });
-    let missed = case.timeline.iter().filter(|tick| missed(tick, begin_us(tick.tick + 1))).map(|tick| {
+    let missed = case.timeline.iter().filter(|tick| tick.missed).map(|tick| {
         let word = format!("tick {}: its command missed the deadline", tick.tick);
         (begin_us(tick.tick), begin_us(tick.tick + 1), word)
     });
@@ -111,13 +111,6 @@ fn windows(case: &Case) -> Vec<(u64, u64)> {
         }
     }
     shown
-}
-
-/// Whether the command of a tick was not there at its deadline.
-fn missed(tick: &TimelineTick, deadline_us: f64) -> bool {
-    let [.., mixer] = STAGES;
-    let sent_us = tick.stages.iter().find(|stage| stage.role == mixer.name()).map(|stage| stage.send_us);
-    sent_us.is_none_or(|sent_us| sent_us > deadline_us)
 }
 
 fn row(case: &Case, stage: usize, begin_us: impl Fn(u64) -> f64) -> Row {

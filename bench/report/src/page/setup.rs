@@ -121,7 +121,7 @@ fn machine(report: &Report) -> Markup {
 fn recorder(report: &Report) -> Markup {
     let recorder = &report.recorder;
     let log = &recorder.log;
-    let lost: u64 = recorder.lost.values().sum();
+    let lost = losses::lost(report);
     let mut facts = vec![
         ("messages lost", lost.to_string()),
         ("ticks incomplete", recorder.incomplete_ticks.to_string()),

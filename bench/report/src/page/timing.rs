@@ -9,7 +9,7 @@ use crate::page::parts::{Key, cell, chart, count, figure, section as part, table
 use crate::plot::bars::{Bar, bars};
 use crate::plot::scale::Scale;
 use crate::plot::{Axis, Chart, Layer};
-use crate::schema::Report;
+use crate::schema::{Report, Speed};
 use crate::tally::distribution::{Distribution, PERCENTS, Percentile};
 use crate::tally::series::Statistics;
 use crate::text::beside::rows;
@@ -76,7 +76,7 @@ fn stage_bars(report: &Report, pick: fn(&Statistics) -> Option<f64>) -> Vec<Bar>
     let mut all = Vec::new();
     for (name, class) in STAGES {
         // In lockstep nothing is late.
-        let without = report.run.wall_period_us == 0.0 && name == STAGES[0].0;
+        let without = report.run.speed() == Speed::Lockstep && name == STAGES[0].0;
         let value = match value(name) {
             Some(value) => value,
             None if without => continue,
@@ -206,7 +206,7 @@ fn curve(report: &Report, title: &str, keys: &[Key<'static>]) -> Chart {
 fn misses(report: &Report) -> Markup {
     let deadlines = &report.deadlines;
     let ticks = |number: u64| count(number, "tick");
-    if report.run.wall_period_us == 0.0 {
+    if report.run.speed() == Speed::Lockstep {
         return html! { p { "In lockstep there are no deadlines." } };
     }
     html! {
@@ -269,8 +269,8 @@ fn intervals(report: &Report) -> Markup {
                 summary { "What the number of values says of each percentile" }
                 (table(&columns, rows))
                 p.note {
-                    "With 97.5 % the percentile [us] that endless sampling would give lies in its interval, if ticks do not "
-                    "depend on each other. They do: the true interval is wider (docs/report.md)."
+                    "With 95 % the percentile [us] that endless sampling would give lies in its interval, if ticks do not "
+                    "depend on each other. They do: the true interval is wider."
                 }
             }
         }

@@ -9,6 +9,8 @@ use model::monitor::{CAUSES, Cause, Monitor};
 use model::parameters::ESTIMATED;
 use serde::{Deserialize, Serialize};
 
+use crate::text::count;
+
 /// Share of a parameter's size, or of what its estimate was off by first, within which it counts as found.
 pub const FOUND: f64 = 0.01;
 
@@ -226,6 +228,18 @@ impl Theorem {
     #[must_use]
     pub fn unexplained(&self) -> u64 {
         self.violations.get(Cause::Unexplained.name()).copied().unwrap_or(0)
+    }
+
+    /// How many steps were checked, and how often V rose in one.
+    #[must_use]
+    pub fn counts(&self) -> String {
+        let violations = self.violations.values().fold(0, |sum: u64, count| sum.saturating_add(*count));
+        let unexplained = self.unexplained();
+        let checked = format!("{} checked", count(self.ticks_checked, "step"));
+        match violations {
+            0 => format!("{checked}, V rose in none"),
+            _ => format!("{checked}, V rose in {violations}, {unexplained} of them unexplained"),
+        }
     }
 
     /// What the gate `theorem` found.

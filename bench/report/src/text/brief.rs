@@ -2,21 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use model::role::STAGES;
+use model::role::{Role, STAGES};
 use textwrap::{Options, WordSplitter, wrap};
 
-use super::beside;
+use super::{INDENT, WIDTH, beside};
 use crate::losses;
-use crate::schema::Report;
+use crate::schema::{Report, Speed};
 
-/// Columns of a terminal that nobody has made wider.
-const WIDTH: usize = 80;
 /// Lines; with that of the result they are 30.
 const HEIGHT: usize = 29;
 /// Lines of a sentence; where it ends is in the whole report.
 const LINES: usize = 3;
-/// What the lines of a sentence begin with after the first one.
-const INDENT: &str = "          ";
 /// Last line of what there is no room for.
 const MORE: &str = "          ... the rest: ironbird report --full";
 /// The latencies that say how the loop did: those of the whole, then of each step.
@@ -68,7 +64,11 @@ fn lines(sentence: &str) -> Vec<String> {
     if lines.len() > LINES {
         lines.truncate(LINES);
         lines.iter_mut().skip(LINES - 1).for_each(|last| {
-            *last = last.chars().take(WIDTH - CUT.len()).collect::<String>() + CUT;
+            let mut kept: String = last.chars().take(WIDTH - CUT.len()).collect();
+            if kept.len() < last.len() {
+                kept.truncate(kept.trim_end_matches(|c: char| !c.is_whitespace()).trim_end().len());
+            }
+            *last = kept + CUT;
         });
     }
     lines
@@ -116,8 +116,10 @@ fn outages(report: &Report) -> Option<String> {
         0 => format!("{} of them: {}", first.outages, first.cause()),
         _ => format!("{} of these: {}", first.missed, first.cause()),
     };
-    let worst = autopsy.worst.first().map_or_else(String::new, |worst| format!("; the worst: {}", worst.line()));
-    Some(format!("Outages   {outages} with {}, {due}{worst}", super::count(missed, "missed deadline")))
+    let worst = autopsy.worst.first().map_or_else(String::new, |worst| format!("; the longest: {}", worst.line()));
+    // Misses that no outage was seen with are counted under the first class, too.
+    let with = if outages == 0 { "none seen" } else { &outages.to_string() };
+    Some(format!("Outages   {with} with {}, {due}{worst}", super::count(missed, "missed deadline")))
 }
 
 fn tracking(report: &Report) -> String {
@@ -153,7 +155,10 @@ fn refused(report: &Report) -> Vec<String> {
         }
     }
     if by_step.is_empty() {
-        return Vec::new();
+        let is_plain = |stage: &Role| report.roles.get(stage.name()).is_some_and(|it| it.scheduling == "other");
+        let is_on_the_clock = report.run.speed() != Speed::Lockstep && STAGES.iter().all(is_plain);
+        let words = "Real time not asked for: the loops were scheduled like any other program".to_owned();
+        return is_on_the_clock.then_some(words).into_iter().collect();
     }
     let part = |((step, reason), roles): (&(&str, &str), &Vec<&str>)| {
         let whom =

@@ -7,7 +7,7 @@ pub mod theorem;
 use std::fmt::Write as _;
 
 use crate::losses;
-use crate::schema::{Report, RoleSection};
+use crate::schema::{Report, RoleSection, Speed};
 use crate::tally::series::Statistics;
 use crate::words::TimingWord;
 
@@ -74,6 +74,11 @@ pub fn result_line(report: &Report, directory: &str) -> String {
     .join(" ")
 }
 
+/// Columns of a terminal that nobody has made wider.
+pub const WIDTH: usize = 80;
+/// What the lines of a sentence begin with after the first one.
+pub const INDENT: &str = "          ";
+
 /// `1 tick`, `2 ticks`.
 #[must_use]
 pub fn count(number: u64, thing: &str) -> String {
@@ -137,15 +142,13 @@ pub fn machine(report: &Report) -> String {
 #[must_use]
 pub fn pace(report: &Report) -> String {
     let run = &report.run;
-    let slow = run.wall_period_us / run.period_us;
-    let pace = if slow == 0.0 {
-        format!(", in lockstep{}: its latencies are not real-time latencies", times_real_time(report))
-    } else if slow > 1.0 {
-        format!(", slowed {slow:.0} times: latencies of a slow clock")
-    } else {
-        String::new()
+    let pace = match run.speed() {
+        Speed::Lockstep => {
+            format!(", in lockstep{}: its latencies are not real-time latencies", times_real_time(report))
+        }
+        speed => speed.why_not_real_time().map_or_else(String::new, |why| format!(", {why}")),
     };
-    format!("{} with gains {}, T = {:.0} us{pace}", run.trajectory, run.preset, run.period_us)
+    format!("trajectory {}, gains {}, T = {:.0} us{pace}", run.trajectory, run.preset, run.period_us)
 }
 
 /// How much faster than the clock a flight in lockstep was.
@@ -189,7 +192,7 @@ fn ticks(out: &mut String, report: &Report) -> Written {
 
 fn outages(out: &mut String, report: &Report) -> Written {
     let text = report.autopsy.text();
-    if report.run.wall_period_us == 0.0 {
+    if report.run.speed() == Speed::Lockstep {
         writeln!(out, "Outages   not looked for: in lockstep there are no deadlines")
     } else if text.is_empty() {
         writeln!(out, "Outages   none")
@@ -260,7 +263,7 @@ fn roles(out: &mut String, report: &Report) -> Written {
         }
     }
     let recorder = &report.recorder;
-    let lost: u64 = recorder.lost.values().sum();
+    let lost = losses::lost(report);
     writeln!(
         out,
         "  recorder: lost {}, {} incomplete, {:.1} % of a processor",

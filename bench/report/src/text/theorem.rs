@@ -45,13 +45,7 @@ impl Theorem {
         if self.ticks_checked == 0 {
             return writeln!(out, "\nTheorem   not watched: no step of the estimates was seen");
         }
-        writeln!(
-            out,
-            "\nTheorem   {}: {} steps checked, {} unexplained",
-            self.verdict(),
-            self.ticks_checked,
-            self.unexplained()
-        )?;
+        writeln!(out, "\nTheorem   {}: {}", self.verdict(), self.counts())?;
         for (cause, count) in self.violations.iter().filter(|(cause, _)| *cause != Cause::Unexplained.name()) {
             writeln!(out, "  explained rises of V_th: {count}, {}", explained(cause))?;
         }

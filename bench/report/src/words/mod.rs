@@ -9,7 +9,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use crate::host::{STEAL_LIMIT_PERCENT, Steal};
-use crate::schema::{ControlPerformance, DeadlineSection, RoleSection, RunSection, Ticks};
+use crate::schema::{ControlPerformance, DeadlineSection, RoleSection, RunSection, Speed, Ticks};
 use crate::tally::series::Statistics;
 use crate::tally::theorem::Theorem;
 use model::boards::Ending;
@@ -114,10 +114,9 @@ impl Words {
     #[must_use]
     pub fn of(evidence: &Evidence<'_>, limits: &TrackingLimits) -> Self {
         let Evidence { run, ending, ticks, deadlines, performance, theorem, steal, .. } = evidence;
-        let slowdown = run.wall_period_us / run.period_us;
         Self {
             flight: flight_word(performance, *ending, limits),
-            timing: timing_word(ticks, deadlines.missed, slowdown, steal),
+            timing: timing_word(ticks, deadlines.missed, run.speed(), steal),
             theorem: theorem_word(theorem),
         }
     }
@@ -146,17 +145,15 @@ pub fn flight_word(
     Reasoned { word, why }
 }
 
-/// Whether a flight was in time; its clock is `slowdown` times as slow, and 0 in lockstep.
+/// Whether a flight was in time.
 #[must_use]
-pub fn timing_word(ticks: &Ticks, missed: u64, slowdown: f64, steal: &Steal) -> Reasoned<TimingWord> {
+pub fn timing_word(ticks: &Ticks, missed: u64, speed: Speed, steal: &Steal) -> Reasoned<TimingWord> {
     let all = ticks.run + ticks.skipped;
     let missed_ppm = missed as f64 * 1e6 / all.max(1) as f64;
     let counts =
         format!("{missed} of {all} deadlines missed ({missed_ppm:.1} per million), {} ticks skipped", ticks.skipped);
-    let (word, why) = if slowdown == 0.0 {
-        (TimingWord::NotMeasured, "in lockstep there are no deadlines".into())
-    } else if slowdown > 1.0 {
-        (TimingWord::NotMeasured, format!("slowed {slowdown:.0} times: latencies of a slow clock"))
+    let (word, why) = if let Some(why) = speed.why_not_real_time() {
+        (TimingWord::NotMeasured, why)
     } else if steal.percent > STEAL_LIMIT_PERCENT {
         let stolen = format!("the host stole {:.1} % of {}", steal.percent, steal.processors());
         (TimingWord::NotMeasured, format!("{stolen}; {counts}"))
@@ -174,7 +171,7 @@ pub fn timing_word(ticks: &Ticks, missed: u64, slowdown: f64, steal: &Steal) -> 
 #[must_use]
 pub fn theorem_word(theorem: &Theorem) -> Reasoned<TheoremWord> {
     let unexplained = theorem.unexplained();
-    let counts = format!("{} steps checked, {unexplained} unexplained", theorem.ticks_checked);
+    let counts = theorem.counts();
     let (word, why) = if theorem.ticks_checked == 0 {
         (TheoremWord::NotApplicable, "no step of the estimates was checked".into())
     } else if theorem.holds && theorem.steps_adapted == 0 {
@@ -296,6 +293,9 @@ mod tests {
         assert_eq!(timing(|it| it.ticks.skipped = 1), "late");
         assert_eq!(timing(|it| it.run.wall_period_us = 0.0), "not measured");
         assert_eq!(timing(|it| it.run.wall_period_us = 5000.0), "not measured");
+        // A sample time need not be a whole number of nanoseconds.
+        assert_eq!(timing(|it| (it.run.period_us, it.run.wall_period_us) = (1666.6667, 1666.667)), "in time");
+        assert_eq!(timing(|it| (it.run.period_us, it.run.wall_period_us) = (333.3333, 333.333)), "in time");
         assert_eq!(timing(|it| it.steal.percent = 1.0), "in time");
         assert_eq!(timing(|it| it.steal.percent = 1.01), "not measured");
         assert_eq!(timing(|it| it.ticks.run = 0), "not measured");

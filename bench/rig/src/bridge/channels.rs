@@ -82,13 +82,11 @@ impl Channels {
         match seen {
             ObservedMessage::State(message) => {
                 write(&self.states, message, clock, bytes);
-                let State { position_w_m, attitude_rad, .. } = message.content;
-                self.place(message, 0, scene::BODY, position_w_m, attitude_rad);
+                self.place(message, Placed::airframe);
             }
             ObservedMessage::Setpoint(message) => {
                 write(&self.setpoints, message, clock, bytes);
-                let Setpoint { reference_position_w_m, attitude_rad, .. } = message.content;
-                self.place(message, 1, scene::REFERENCE, reference_position_w_m, attitude_rad);
+                self.place(message, Placed::reference);
             }
             ObservedMessage::Wrench(message) => write(&self.wrenches, message, clock, bytes),
             ObservedMessage::RotorSpeeds(message) => write(&self.rotor_speeds, message, clock, bytes),
@@ -96,21 +94,13 @@ impl Channels {
         }
     }
 
-    fn place<C: Topic>(
-        &mut self,
-        message: &Message<C>,
-        pose: usize,
-        frame: &str,
-        position_w_m: [f64; 3],
-        attitude_rad: [f64; 3],
-    ) {
+    fn place<C: Topic>(&mut self, message: &Message<C>, placed: fn(u64, &C) -> Placed) {
         if !message.envelope.tick.is_multiple_of(self.scene_every_ticks) {
             return;
         }
-        let at_ns = self.clock.of(message);
-        let placed = Placed { at_ns, position_w_m, attitude_rad };
-        for (channel, bytes) in [(pose, placed.pose()), (2, placed.transform(frame))] {
-            self.scene[channel].log_with_meta(&bytes, PartialMetadata::with_log_time(at_ns));
+        let placed = placed(self.clock.of(message), &message.content);
+        for (channel, bytes) in placed.messages() {
+            self.scene[channel].log_with_meta(&bytes, PartialMetadata::with_log_time(placed.at_ns()));
         }
     }
 }

@@ -13,7 +13,7 @@ use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::output::say;
 
@@ -23,22 +23,54 @@ const APP: &str = "https://app.foxglove.dev";
 const HEAD_BYTES: usize = 16 << 10;
 /// How long a request may take to come.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// How long clients may take to hear the server's last words.
+const LEAVING: Duration = Duration::from_secs(1);
+/// How soon the system is asked again that had no room for a client.
+const RETRY_EVERY: Duration = Duration::from_millis(100);
 const HEAD_END: &[u8] = b"\r\n\r\n";
 
-/// Opens a door: from now on its connections go to `server`, if they come from `origins` or are known anyway.
-///
-/// # Errors
-/// The system's, where it has no thread for it.
-pub(super) fn open(listener: TcpListener, server: SocketAddr, origins: &[String]) -> io::Result<()> {
-    let origins: Arc<[String]> = origins.into();
-    thread::Builder::new().name("door".into()).spawn(move || {
-        for client in listener.incoming().filter_map(Result::ok) {
-            let origins = Arc::clone(&origins);
-            // Where there is no thread for it, the client is sent away with the stream.
-            let _ = thread::Builder::new().name("client".into()).spawn(move || let_in(client, server, &origins));
+/// The door.
+#[derive(Debug)]
+pub(super) struct Door {
+    /// Where it is.
+    pub(super) port: u16,
+    /// Held by every client that is in, and twice by the door.
+    clients: Arc<()>,
+}
+
+impl Door {
+    /// Opens a door: from now on its connections go to `server`, if they come from `origins` or are known anyway.
+    ///
+    /// # Errors
+    /// The system's, where it has no thread for it.
+    pub(super) fn open(listener: TcpListener, server: SocketAddr, origins: &[String]) -> io::Result<Self> {
+        let origins: Arc<[String]> = origins.into();
+        let clients = Arc::new(());
+        let door = Self { port: listener.local_addr()?.port(), clients: Arc::clone(&clients) };
+        thread::Builder::new().name("door".into()).spawn(move || {
+            for client in listener.incoming() {
+                let Ok(client) = client else {
+                    thread::sleep(RETRY_EVERY);
+                    continue;
+                };
+                let (origins, clients) = (Arc::clone(&origins), Arc::clone(&clients));
+                // Where there is no thread for it, the client is sent away with the stream.
+                let _ = thread::Builder::new().name("client".into()).spawn(move || {
+                    let _ = let_in(client, server, &origins);
+                    drop(clients);
+                });
+            }
+        })?;
+        Ok(door)
+    }
+
+    /// Waits until every client has what the server, which has ended, had to say.
+    pub(super) fn await_empty(&self) {
+        let until = Instant::now() + LEAVING;
+        while Arc::strong_count(&self.clients) > 2 && Instant::now() < until {
+            thread::sleep(LEAVING / 100);
         }
-    })?;
-    Ok(())
+    }
 }
 
 /// A loopback address that nobody can guess.
@@ -49,7 +81,6 @@ pub(super) fn hidden_address() -> Ipv4Addr {
 }
 
 fn let_in(mut client: TcpStream, server: SocketAddr, origins: &[String]) -> io::Result<()> {
-    client.set_read_timeout(Some(PATIENCE))?;
     let head = head(&mut client)?;
     if let Err(origin) = check(&head, origins) {
         say(&format!("refused a page of {origin}; --allow-origin {origin} lets it in\n"));
@@ -81,8 +112,14 @@ fn pass_on(from: &mut TcpStream, to: &mut TcpStream) {
 
 /// The head of a request, and what has come behind it.
 fn head(client: &mut TcpStream) -> io::Result<Vec<u8>> {
+    let until = Instant::now() + PATIENCE;
     let (mut head, mut piece) = (Vec::new(), [0; 1024]);
     while !head.windows(HEAD_END.len()).any(|end| end == HEAD_END) {
+        let left = until.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(ErrorKind::TimedOut.into());
+        }
+        client.set_read_timeout(Some(left))?;
         let read = client.read(&mut piece)?;
         if read == 0 || head.len() > HEAD_BYTES {
             return Err(ErrorKind::InvalidData.into());

@@ -29,7 +29,9 @@ use crate::cli::FoxgloveArgs;
 use crate::inject::flying;
 use crate::observe::Observation;
 use crate::output::print;
+use crate::roles::remove_leftovers;
 use channels::Channels;
+use door::Door;
 use failure::{Failure, INTERRUPTED, OCCUPIED, OK};
 use parameters::ParameterMirror;
 
@@ -57,8 +59,8 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
     let context = Context::new();
     let mut channels = Channels::new(&context, &observation.run())?;
     let desk = Arc::new(ParameterMirror::new(instance.clone(), observation.in_force(), args.allow_swaps));
-    let (server, port) = start(args, &context, &desk)?;
-    let address = address(&args.host, port);
+    let (server, door) = start(args, &context, &desk)?;
+    let address = address(&args.host, door.port);
     let swaps = if args.allow_swaps { "whoever reaches it may swap parameters" } else { "read-only" };
     print(&format!("serving instance `{}` on ws://{address}, {swaps}; Ctrl-C ends\n", instance.name()))?;
     let served = serve(&mut observation, &mut channels, &desk, &server, &stop);
@@ -66,9 +68,10 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
         server.publish_status(Status::info(format!("the flight has ended: {}", ending.words())));
     }
     server.stop().wait_blocking();
+    door.await_empty();
     drop(observation);
-    // Where the others have left before. What resists is found by the next start or by `ironbird clean`.
-    let _ = instance.remove_leftovers();
+    // Where the others have left before.
+    remove_leftovers(&instance);
     match served? {
         Some(ending) => {
             print(&format!("the flight has ended: {}\n", ending.words()))?;
@@ -92,15 +95,14 @@ fn join(instance: &Instance) -> Result<Observation, Failure> {
     }
 }
 
-/// Starts the server and opens its door; gives the door's port.
+/// Starts the server and opens its door.
 fn start(
     args: &FoxgloveArgs,
     context: &Arc<Context>,
     desk: &Arc<ParameterMirror>,
-) -> Result<(WebSocketServerHandle, u16), Failure> {
+) -> Result<(WebSocketServerHandle, Door), Failure> {
     // First, because it is what a user can be wrong about.
     let listener = TcpListener::bind((args.host.as_str(), args.port)).map_err(|e| not_listening(args, &e))?;
-    let port = listener.local_addr().map_err(|e| not_listening(args, &e))?.port();
     let hidden = door::hidden_address();
     let server = WebSocketServer::new()
         .name(format!("ironbird {}", args.instance))
@@ -110,9 +112,9 @@ fn start(
         .parameter_handler(Arc::<ParameterMirror>::clone(desk))
         .start_blocking()
         .map_err(|e: FoxgloveError| Failure::failed(format!("cannot serve: {e}")))?;
-    door::open(listener, SocketAddr::from((hidden, server.port())), &args.allow_origin)
+    let door = Door::open(listener, SocketAddr::from((hidden, server.port())), &args.allow_origin)
         .map_err(|e| not_listening(args, &e))?;
-    Ok((server, port))
+    Ok((server, door))
 }
 
 fn not_listening(args: &FoxgloveArgs, error: &io::Error) -> Failure {

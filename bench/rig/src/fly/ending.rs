@@ -64,9 +64,7 @@ impl Ended {
         let (status, exit_code, ending) = match &self.died {
             Some(died) => ("ABORTED", FAILED, died.how()),
             None if !report.run.in_flight => return false,
-            None if self.is_over() => {
-                ("INTERRUPTED", INTERRUPTED, "interrupted; numbers up to the recorder's last second".into())
-            }
+            None if self.is_over() => ("INTERRUPTED", INTERRUPTED, "interrupted".into()),
             None => ("ABORTED", FAILED, "the recorder ended too early".into()),
         };
         break_off(report, status, exit_code, ending);

@@ -59,7 +59,9 @@ impl StatusLine {
 /// Columns of the terminal on standard error.
 fn columns() -> usize {
     const UNKNOWN: usize = 80;
-    tcgetwinsize(io::stderr()).map_or(UNKNOWN, |size| usize::from(size.ws_col)).max(1)
+    let told = tcgetwinsize(io::stderr()).map(|size| usize::from(size.ws_col));
+    // A line without a size, as of a serial port, tells 0.
+    told.ok().filter(|columns| *columns > 0).unwrap_or(UNKNOWN)
 }
 
 /// The part of a line that does not wrap: one that does cannot be taken off the terminal again.

@@ -42,7 +42,7 @@ impl Lines {
         let path = directory.join(FILE);
         let file = File::create(&path).in_file("write", &path)?;
         // Where the disk knows no locks, `lives` cannot tell either, and says so of nobody.
-        let _ = flock(&file, FlockOperation::NonBlockingLockExclusive);
+        let _ = flock(&file, FlockOperation::LockExclusive);
         Spool::new(file, LEFT_FREE_BYTES).map(Self).in_file("write", &path)
     }
 

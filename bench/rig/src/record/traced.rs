@@ -1,7 +1,5 @@
 //! The kernel's trace of the loops' processor beside a flight.
 
-use std::path::PathBuf;
-
 use failure::Failure;
 use machine::trace::{self, TRACEFS, Trace};
 use report::autopsy::runners::Slice;
@@ -41,9 +39,17 @@ fn ring_of(instance: &Instance) -> String {
     instance.prefix().trim_end_matches('.').to_owned()
 }
 
-/// Removes the ring that a killed recorder has left; says which, where there was one.
-pub fn remove_left(instance: &Instance) -> Option<PathBuf> {
-    trace::remove_left(&ring_of(instance))
+/// Removes the ring that a killed recorder of an instance has left; one that is being read stays.
+pub fn remove_left(instance: &Instance) {
+    let _ = trace::remove_left(&ring_of(instance));
+}
+
+/// The rings of this root's instances that do not live.
+#[must_use]
+pub fn left() -> Vec<String> {
+    let alive: Vec<String> = Instance::known().iter().filter(|it| it.is_alive()).map(ring_of).collect();
+    let rings = Instance::root_prefix().map(|prefix| trace::rings(&prefix)).unwrap_or_default();
+    rings.into_iter().filter(|ring| !alive.contains(ring)).collect()
 }
 
 /// What is said where the kernel traces nothing for us.

@@ -90,7 +90,8 @@ fn check_whole(reader: &LogReader, path: &Path) -> Result<(), Failure> {
         None => return Ok(()),
     };
     Err(Failure::failed(format!("{} cannot be replayed: {what}", path.display())).help(
-        "a state depends on everything before it, so that only a whole log can be flown again: `fly --log all`, with          `recorder.log_files = 0`; `ironbird export` gives what is there",
+        "a state depends on everything before it, so that only a whole log can be flown again: `fly --log all`, with \
+         `recorder.log_files = 0`; `ironbird export` gives what is there",
     ))
 }
 

@@ -1,48 +1,32 @@
 //! `ironbird runs --prune`: removes old flights, file by file, and nothing that ironbird has not made.
 
 use std::fs;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
-
-use model::role::ROLES;
 
 use super::{RecordedRun, RunsArgs, size};
 use crate::export;
 use crate::output::print;
-use crate::record::hlog;
+use crate::run_directory::{FACTS, entries, is_ours};
 use failure::{Failure, OK};
 use report::text::count;
-
-/// What a flight leaves beside its log and what its processes say; run.json, by which it is known, goes last.
-const FILES: [&str; 11] = [
-    "settings.toml",
-    "report.json",
-    "report.json.next",
-    "report.json.draft",
-    "report.txt",
-    "report.html",
-    "flight.svg",
-    hlog::FILE,
-    "states.csv",
-    flight_log::perfetto::FILE,
-    LAST,
-];
-const LAST: &str = "run.json";
 
 /// Removes what the flags ask for.
 ///
 /// # Errors
-/// [`Failure`] names the first file that resisted, after all others are gone.
+/// [`Failure`] counts the flights that resisted, after all others are gone; each is named with its reason.
 pub(super) fn prune(runs: &[RecordedRun], args: &RunsArgs) -> Result<u8, Failure> {
     let kept = args.keep.map_or(0, |keep| usize::try_from(keep).unwrap_or(usize::MAX));
     let is_old = |run: &&RecordedRun| args.older_than.is_none_or(|age| run.age() > age);
-    let (mut text, mut resisted) = (String::new(), None);
-    let (mut removed, mut bytes) = (0, 0);
+    let mut text = String::new();
+    let (mut removed, mut bytes, mut resisted) = (0, 0, 0);
     for run in runs.iter().skip(kept).filter(is_old) {
         match why_not(run) {
             Some(why) => text += &format!("{} {}: {why}\n", if args.dry_run { "would keep" } else { "kept" }, run.name),
             None => {
                 if let Err(failure) = if args.dry_run { Ok(()) } else { remove(&run.directory) } {
-                    resisted.get_or_insert(failure);
+                    text += &format!("kept {}: {failure}\n", run.name);
+                    resisted += 1;
                     continue;
                 }
                 let removes = if args.dry_run { "would remove" } else { "removed" };
@@ -54,7 +38,11 @@ pub(super) fn prune(runs: &[RecordedRun], args: &RunsArgs) -> Result<u8, Failure
     let removes = if args.dry_run { "would be removed" } else { "removed" };
     text += &format!("{}, {} {removes}\n", count(removed, "flight"), size(bytes));
     print(&text)?;
-    resisted.map_or(Ok(OK), Err)
+    if resisted == 0 {
+        return Ok(OK);
+    }
+    Err(Failure::failed(format!("{} could not be removed", count(resisted, "flight")))
+        .help("remove what is named yourself, or run this as the user who flew"))
 }
 
 /// Why a flight is not to be removed.
@@ -62,8 +50,8 @@ fn why_not(run: &RecordedRun) -> Option<String> {
     if run.is_latest {
         return Some("`latest` points to it".into());
     }
-    if run.is_in_the_air() {
-        return Some("it is in the air".into());
+    if run.is_alive {
+        return Some("its processes live".into());
     }
     let foreign = foreign(&run.directory)?;
     Some(format!("{} was not created by ironbird", foreign.display()))
@@ -86,35 +74,28 @@ fn others(directory: &Path, is_ours: impl Fn(&str, bool) -> bool) -> Option<Path
     entries.filter(is_other).map(|entry| entry.path()).min()
 }
 
-/// Whether a flight leaves a file of this name.
-fn is_ours(name: &str) -> bool {
-    let role = name.strip_suffix(".log").and_then(|name| ROLES.into_iter().find(|role| role.name() == name));
-    FILES.contains(&name) || role.is_some() || flight_log::part_of(name).is_some()
-}
-
 /// Removes a flight's files and then its directory, which stays where something has come meanwhile.
 fn remove(directory: &Path) -> Result<(), Failure> {
     let exported = directory.join(export::DIRECTORY);
     let files =
-        [entries(&exported, export::is_ours), entries(directory, |name| is_ours(name) && name != LAST)].concat();
+        [entries(&exported, export::is_ours), entries(directory, |name| is_ours(name) && name != FACTS)].concat();
     for path in &files {
-        fs::remove_file(path).map_err(|e| resists(path, &e))?;
+        gone(path, fs::remove_file(path))?;
     }
-    if exported.is_dir() {
-        fs::remove_dir(&exported).map_err(|e| resists(&exported, &e))?;
-    }
-    let last = directory.join(LAST);
-    fs::remove_file(&last).map_err(|e| resists(&last, &e))?;
-    fs::remove_dir(directory).map_err(|e| resists(directory, &e))
+    gone(&exported, fs::remove_dir(&exported))?;
+    let last = directory.join(FACTS);
+    gone(&last, fs::remove_file(&last))?;
+    gone(directory, fs::remove_dir(directory))
 }
 
-/// Entries of a directory by name.
-fn entries(directory: &Path, is_wanted: impl Fn(&str) -> bool) -> Vec<PathBuf> {
-    let entries = fs::read_dir(directory).into_iter().flatten().filter_map(Result::ok);
-    entries.filter(|entry| entry.file_name().to_str().is_some_and(&is_wanted)).map(|entry| entry.path()).collect()
+/// What is not there any more, somebody else has removed.
+fn gone(path: &Path, removed: io::Result<()>) -> Result<(), Failure> {
+    match removed {
+        Err(e) if e.kind() != ErrorKind::NotFound => Err(resists(path, &e)),
+        _ => Ok(()),
+    }
 }
 
-fn resists(path: &Path, error: &std::io::Error) -> Failure {
+fn resists(path: &Path, error: &io::Error) -> Failure {
     Failure::failed(format!("cannot remove {}: {error}", path.display()))
-        .help("remove it yourself, or run this as the user who flew")
 }

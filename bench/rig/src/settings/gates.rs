@@ -32,7 +32,22 @@ impl RecorderSettings {
     /// # Errors
     /// A usage [`Failure`] names the key.
     pub(super) fn check_gates(&self) -> Result<(), Failure> {
-        let limits = [
+        let is_wrong = |(key, limit): &&(&str, f64)| !limit.is_finite() || key.ends_with("percent") && *limit > 100.0;
+        match self.limits().iter().find(is_wrong) {
+            Some((key, limit)) => {
+                let most = if key.ends_with("percent") { "0 to 100" } else { "0 and more" };
+                Err(Failure::usage(format!(
+                    "recorder.{key} = {limit}: allowed are {most}, and a negative number for no gate"
+                ))
+                .help("`ironbird fly --print-config` explains every setting"))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// The limits of gates by their keys; a negative one is none.
+    const fn limits(&self) -> [(&'static str, f64); 7] {
+        [
             ("max_miss_rate_ppm", self.max_miss_rate_ppm),
             ("max_skip_rate_ppm", self.max_skip_rate_ppm),
             ("max_stale_rate_ppm", self.max_stale_rate_ppm),
@@ -40,13 +55,6 @@ impl RecorderSettings {
             ("max_loop_p999_us", self.max_loop_p999_us),
             ("max_tracking_error_m", self.max_tracking_error_m),
             ("max_steal_percent", self.max_steal_percent),
-        ];
-        match limits.iter().find(|(_, limit)| !limit.is_finite()) {
-            Some((key, limit)) => Err(Failure::usage(format!(
-                "recorder.{key} = {limit}: allowed are 0 and more, and a negative number for no gate"
-            ))
-            .help("`ironbird fly --print-config` explains every setting")),
-            None => Ok(()),
-        }
+        ]
     }
 }

@@ -5,6 +5,7 @@ use machine::sampler::Watch;
 use model::messages::NO_TICK;
 use model::role::STAGES;
 use report::host::Steal;
+use report::schema::Speed;
 use report::words::{Reasoned, TrackingLimits, Words, flight_word, theorem_word, timing_word};
 
 use super::model::WatchedFlight;
@@ -34,7 +35,7 @@ impl StealWatch {
 #[must_use]
 pub fn words(flight: &WatchedFlight) -> Words {
     let (run, tally) = (&flight.run, &flight.tally);
-    let slowdown = run.period_ns as f64 / run.sample_time_ns.max(1) as f64;
+    let speed = Speed::of(run.period_ns, run.sample_time_ns);
     // Counted by the plant, from the flight's begin on.
     let mut ticks = tally.ticks(run);
     ticks.skipped = run.ticks_skipped;
@@ -48,7 +49,7 @@ pub fn words(flight: &WatchedFlight) -> Words {
     };
     Words {
         flight: limits.map_or_else(unknown, tracked),
-        timing: timing_word(&ticks, run.deadlines_missed, slowdown, &flight.steal.steal),
+        timing: timing_word(&ticks, run.deadlines_missed, speed, &flight.steal.steal),
         theorem: theorem_word(&tally.theorem.section()),
     }
 }

@@ -16,6 +16,9 @@ use std::time::{Duration, Instant};
 
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, LogReader};
+use ironbird::settings::Settings;
+use model::role::Role;
+use role::station::{Orders, Station};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT};
@@ -318,6 +321,9 @@ impl Ended {
     /// Demands words on standard error, however the lines were broken.
     pub fn complains(self, words: &str) -> Self {
         assert!(squeezed(&self.stderr).contains(&squeezed(words)), "no `{words}` on standard error of {self}");
+        let help =
+            self.stderr.lines().find(|line| line.trim_start().starts_with("help: ") && line.trim().contains("  "));
+        assert_eq!(help, None, "a run of blanks in {self}");
         self
     }
 
@@ -424,6 +430,37 @@ pub fn lacks_tool(what: &str) {
 /// Rounds of a soak.
 pub fn rounds() -> u64 {
     std::env::var("IRONBIRD_ROUNDS").map_or(1, |rounds| rounds.parse().unwrap())
+}
+
+/// Stops a process for a time.
+pub fn stop_for(pid: u32, time: Duration) {
+    send(pid, Signal::STOP);
+    sleep(time);
+    send(pid, Signal::CONT);
+}
+
+/// A program in a mount namespace of its own, in which a shell's script has mounted something first; nothing where that is
+/// not permitted, or `probe` fails in it.
+pub fn in_own_mounts(mount: &str, probe: &str, program: &str) -> Option<Command> {
+    let can = Command::new("unshare").args(["-m", "sh", "-c", &format!("{mount} && {probe}")]).status();
+    if !can.is_ok_and(|status| status.success()) {
+        not_tested(&format!("not permitted here: unshare -m, {mount}, {probe}"));
+        return None;
+    }
+    let mut command = Command::new("unshare");
+    command.args(["-m", "sh", "-c", &format!("{mount} && exec \"$0\" \"$@\""), program]);
+    Some(command)
+}
+
+/// The place of a stage in a flight, taken by this process as its command takes it.
+pub fn take_station(role: Role, instance: &str, settings: &Settings) -> Station {
+    let orders = Orders {
+        instance: Instance::new(instance).unwrap(),
+        rt: settings.realtime().unwrap(),
+        settings: settings.shared_text().unwrap(),
+        launcher: None,
+    };
+    Station::take(role, orders).unwrap()
 }
 
 /// All that a log holds, from its first file on.
