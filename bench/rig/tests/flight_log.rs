@@ -120,7 +120,7 @@ fn check_channels(channels: &Value) {
 #[test]
 fn a_trace_shows_every_tick_of_every_stage_every_miss_and_every_swap() {
     let rig = Rig::new("trace");
-    let flight = rig.take_off(&["--rt", "off", "--duration", "3s", "--fault", "mass_kg=0.6@tick200"]);
+    let flight = rig.take_off(&["--rt", "off", "--duration", "3s", "--fault", "mass_kg=0.53@tick200"]);
     // Deadlines are missed on purpose.
     stop_for(flight.roles()["mixer"], Duration::from_millis(50));
     flight.end().expect(0);

@@ -38,7 +38,7 @@ fn two_flights_show_numbers_without_a_verdict() {
         "flight.trajectory: lissajous | hover",
         "| sundial",
         "loop p50 [us]",
-        "percentiles have too few values",
+        "figures have too few values",
     ] {
         assert!(text.contains(words), "no `{words}` in\n{text}");
     }
@@ -56,7 +56,7 @@ fn two_flights_show_numbers_without_a_verdict() {
 #[test]
 fn groups_differ_in_what_was_changed_and_in_nothing_else() {
     let rig = Rig::new("groups");
-    let other: &[&str] = &["--fault", "mass_kg=0.6@100ms"];
+    let other: &[&str] = &["--fault", "mass_kg=0.55@100ms"];
     let flights = fly(&rig, &[&[], other, &[], other, &[], other, &[]]);
     let [a1, b1, a2, b2, a3, b3, a4] = &flights[..] else { panic!("{flights:?}") };
     let compare = |args: &[&str]| {

@@ -132,7 +132,7 @@ fn a_flight_in_the_air_is_listed_as_that_and_left_alone() {
         (listed[0]["status"] == "in the air" && listed[0]["is_latest"] == true).then_some(())
     });
     fs::remove_file(rig.out().join("latest")).unwrap();
-    runs(&rig, &["--prune", "--older-than", "0s"]).expect(0).says("it is in the air").says("0 flights, ");
+    runs(&rig, &["--prune", "--older-than", "0s"]).expect(0).says("its processes live").says("0 flights, ");
     flight.signal(Signal::INT);
     flight.end().expect(130);
     let listed: Value = runs(&rig, &["--json"]).expect(0).json();

@@ -243,8 +243,8 @@ mod tests {
             distribution.percentiles.iter().map(|percentile| percentile.percent).collect()
         };
         // The largest of n values is above the median with a probability of 1 - 2^-n.
-        assert_eq!(percents(6), Vec::<f64>::new());
-        assert_eq!(percents(7), [50.0]);
+        assert_eq!(percents(5), Vec::<f64>::new());
+        assert_eq!(percents(6), [50.0]);
         assert_eq!(percents(P999_COUNT - 1), [50.0, 90.0, 99.0]);
         assert_eq!(percents(P999_COUNT), [50.0, 90.0, 99.0, 99.9]);
         assert_eq!(percents(P9999_COUNT), [50.0, 90.0, 99.0, 99.9, 99.99]);

@@ -41,6 +41,8 @@ const DRAIN_EVERY: Duration = Duration::from_millis(10);
 const JOINING: Duration = Duration::from_secs(2);
 /// From a flight's end to the last message that the recorder passes on, with a margin.
 const LAST_MESSAGES: Duration = Duration::from_millis(200);
+/// How long the SDK may take to send the last status.
+const LAST_WORDS: Duration = Duration::from_millis(200);
 /// Messages that a slow client may fall behind before it loses the oldest: a second of all topics.
 const BACKLOG: usize = 4096;
 
@@ -66,6 +68,8 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
     let served = serve(&mut observation, &mut channels, &desk, &server, &stop);
     if let Ok(Some(ending)) = &served {
         server.publish_status(Status::info(format!("the flight has ended: {}", ending.words())));
+        // The SDK sends it by itself, and drops what it has not sent when it is stopped.
+        sleep(LAST_WORDS);
     }
     server.stop().wait_blocking();
     door.await_empty();
