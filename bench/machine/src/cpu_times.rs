@@ -1,5 +1,6 @@
 //! Machine facts for a report, and how much processor time others took.
 
+use report::autopsy::evidence::JIFFY_NS;
 use report::host::{Host, Steal};
 
 use crate::{Machine, RT_RUNTIME};
@@ -39,7 +40,7 @@ pub struct CpuTimes {
 }
 
 /// The unit of /proc/stat [ms].
-const JIFFY_MS: u64 = 10;
+const JIFFY_MS: u64 = JIFFY_NS / 1_000_000;
 
 impl CpuTimes {
     /// Counters of one processor of this machine, or of all of them.

@@ -3,6 +3,7 @@
 //! The processor's own flag exists on x86 alone. Elsewhere firmware tells: DMI on servers, the device tree on boards.
 
 use crate::Machine;
+use crate::cpu_times::CpuTimes;
 
 /// Where firmware names maker and machine.
 const DMI: [&str; 5] = ["product_name", "sys_vendor", "board_vendor", "bios_vendor", "product_version"];
@@ -61,9 +62,7 @@ fn names_hypervisor(dmi: &[Option<String>; DMI.len()]) -> bool {
 }
 
 fn has_steal(machine: &Machine) -> bool {
-    let stat = machine.read("/proc/stat").unwrap_or_default();
-    let all = stat.lines().find_map(|line| line.strip_prefix("cpu "));
-    all.and_then(|times| times.split_whitespace().nth(7)?.parse::<u64>().ok()).is_some_and(|stolen| stolen > 0)
+    CpuTimes::of(machine, None).stolen() > 0
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@ use std::time::Duration;
 
 use quick_junit::{NonSuccessKind, Property, Report as Document, TestCase, TestCaseStatus, TestSuite};
 
-use crate::losses::INCOMPLETE;
 use crate::schema::{Gate, Report};
 use failure::{Failure, InFile as _};
 
@@ -20,13 +19,13 @@ const CLASS: &str = "ironbird.fly";
 /// [`Failure`] names the file that cannot be written.
 pub fn write(report: &Report, path: &Path) -> Result<(), Failure> {
     let run = &report.run;
-    let mut suite = TestSuite::new(format!("{} with gains {}, {}", run.trajectory, run.preset, run.started));
+    let mut suite = TestSuite::new(format!("trajectory {}, gains {}, {}", run.trajectory, run.preset, run.started));
     suite.set_time(Duration::try_from_secs_f64(report.ticks.elapsed_s).unwrap_or_default());
     for (subject, word, why) in report.words.each() {
         suite.add_property(Property::new(subject.to_lowercase(), word));
         suite.add_property(Property::new(format!("{}.why", subject.to_lowercase()), why));
     }
-    suite.add_property(("status", report.verdict.status.as_str()));
+    suite.add_property(("status", report.verdict.status.name()));
     suite.add_property(Property::new("steal_percent", format!("{:.2}", report.steal.percent)));
     suite.add_property(Property::new("build", report.run.build.token()));
     suite.add_test_case(end(report));
@@ -47,9 +46,8 @@ pub fn write_failure(why: &Failure, path: &Path) -> Result<(), Failure> {
 /// Whether the flight came to its end in order.
 fn end(report: &Report) -> TestCase {
     let verdict = &report.verdict;
-    let is_over = matches!(verdict.status.as_str(), "PASS" | INCOMPLETE | "FAIL");
     let why = (NonSuccessKind::Error, format!("{}: {}", verdict.status, report.run.ending));
-    named("end of the flight", (!is_over).then_some(why))
+    named("end of the flight", (!verdict.status.is_over()).then_some(why))
 }
 
 fn case(gate: &Gate) -> TestCase {

@@ -1,7 +1,7 @@
 //! From records to numbers to pages: accounting, outages, and the report.
 //!
 //! ```text
-//! messages --> tally (series, deadlines, theorem, tracer), autopsy --> schema --> text, page, diff
+//! messages --> tally (series, deadlines, theorem, tracer), autopsy --> words, verdict --> schema --> text, page, junit, diff
 //! ```
 //!
 //! Nothing here starts a process, reads a clock or knows the middleware.
@@ -20,8 +20,10 @@ pub mod plot;
 pub mod run_facts;
 pub mod schema;
 pub mod sections;
+pub mod speed;
 pub mod states;
 pub mod statistics;
+pub mod status;
 pub mod tally;
 pub mod text;
 pub mod tick;

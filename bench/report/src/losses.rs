@@ -9,9 +9,6 @@ use crate::text::count;
 use flight_log::FILE;
 use flight_log::facts::{AROUND_MISSES, OFF};
 
-/// Status of a flight that held its gates as far as it was seen.
-pub const INCOMPLETE: &str = "INCOMPLETE";
-
 /// Messages that never reached the recorder.
 #[must_use]
 pub fn lost(report: &Report) -> u64 {

@@ -1,23 +1,21 @@
 //! The report of a flight: every number, as written to report.json.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use model::messages::SwapRecord;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use crate::autopsy;
 use crate::beside::Beside;
 use crate::finding::Diagnosis;
 use crate::host::{Host, InterruptSection, Steal};
-use crate::json;
+use crate::speed::Speed;
+use crate::status::FlightStatus;
 use crate::tally::distribution::{Bucket, Distribution};
 use crate::tally::series::Statistics;
 use crate::tally::theorem::Theorem;
 use crate::traces::Traces;
 use crate::words::Words;
-use failure::{Failure, InFile as _};
 use flight_log::build::Build;
 
 /// Version of the schema: changed whenever a key changes its meaning or goes.
@@ -109,39 +107,6 @@ pub struct RunSection {
     pub in_flight: bool,
 }
 
-/// How fast a flight went, against the clock.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Speed {
-    /// As fast as its processes pass ticks on.
-    Lockstep,
-    /// With the clock.
-    Clock,
-    /// So many times slower than the clock.
-    Slowed(u64),
-}
-
-impl Speed {
-    /// Of ticks that are so long on the clock, of laws with this sample time [ns].
-    #[must_use]
-    pub const fn of(period_ns: u64, sample_time_ns: u64) -> Self {
-        match (period_ns + sample_time_ns / 2).checked_div(sample_time_ns) {
-            _ if period_ns == 0 => Self::Lockstep,
-            None | Some(0 | 1) => Self::Clock,
-            Some(times) => Self::Slowed(times),
-        }
-    }
-
-    /// Why latencies tell nothing of real time, where they do not.
-    #[must_use]
-    pub fn why_not_real_time(self) -> Option<String> {
-        match self {
-            Self::Lockstep => Some("in lockstep there are no deadlines".into()),
-            Self::Clock => None,
-            Self::Slowed(times) => Some(format!("slowed {times} times: latencies of a slow clock")),
-        }
-    }
-}
-
 impl RunSection {
     /// How fast it went.
     #[must_use]
@@ -154,9 +119,8 @@ impl RunSection {
 /// Whether a flight passed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FlightVerdict {
-    /// `PASS`, `INCOMPLETE` (held, but not all was seen or logged), `FAIL` (a gate did not hold), `INTERRUPTED` (by a
-    /// signal) or `ABORTED` (a role failed); `FLYING` while it flies.
-    pub status: String,
+    /// What it came to.
+    pub status: FlightStatus,
     /// Exit code of the flight.
     pub exit_code: u8,
     /// Each gate.
@@ -409,69 +373,9 @@ impl AppliedSwap {
 }
 
 impl Report {
-    /// Reads a report.
-    ///
-    /// # Errors
-    /// [`Failure`] names the file, and the schema where it is another one.
-    pub fn read(path: &Path) -> Result<Self, Failure> {
-        // A pipe may have no writer.
-        if std::fs::metadata(path).is_ok_and(|file| !file.is_file()) {
-            return Err(Failure::failed(format!(
-                "cannot read the report {}: it is not a regular file",
-                path.display()
-            )));
-        }
-        let text = std::fs::read_to_string(path).in_file("read the report", path)?;
-        let value: Value = serde_json::from_str(&text).in_file("read the report", path)?;
-        let schema = value["schema"].as_str().unwrap_or("none");
-        if schema != SCHEMA {
-            return Err(Failure::failed(format!(
-                "{} has the schema `{schema}`, this version reads `{SCHEMA}`",
-                path.display()
-            )));
-        }
-        if let Some(what) = implausible(&value, String::new()) {
-            return Err(Failure::failed(format!("cannot read the report {}: {what}", path.display()))
-                .help("it is not as ironbird wrote it; `ironbird export` reads the flight's log"));
-        }
-        serde_json::from_value(value).in_file("read the report", path)
-    }
-
-    /// Writes the report so that a reader finds the old one or the new one, never a part.
-    ///
-    /// # Errors
-    /// [`Failure`] names the file.
-    pub fn write(&self, path: &Path) -> Result<(), Failure> {
-        let text = json::to_string(self).in_file("write", path)?;
-        let draft = path.with_extension("json.draft");
-        std::fs::write(&draft, text + "\n").in_file("write", &draft)?;
-        std::fs::rename(&draft, path).in_file("write", path)
-    }
-
     /// Statistics of a series by name.
     #[must_use]
     pub fn series(&self, name: &str) -> Option<&Statistics> {
         self.series.iter().find(|series| series.name == name)
-    }
-}
-
-/// The first value that no flight has, with its place: pictures of such a number would have no scale, and a terminal
-/// might do what such a text says.
-fn implausible(value: &Value, place: String) -> Option<String> {
-    const LARGEST: f64 = 1e30;
-    match value {
-        Value::Number(number) => number
-            .as_f64()
-            .is_none_or(|it| it.abs() > LARGEST)
-            .then(|| format!("{place} = {number} is no number of a flight: allowed are those up to {LARGEST:e}")),
-        Value::String(text) => text.contains(|c: char| c.is_control() && c != '\n').then(|| {
-            format!("{place} = \"{}\" is no text of a flight: it has control characters", text.escape_default())
-        }),
-        Value::Array(values) => values.iter().enumerate().find_map(|(i, it)| implausible(it, format!("{place}[{i}]"))),
-        Value::Object(keys) => {
-            let dot = if place.is_empty() { "" } else { "." };
-            keys.iter().find_map(|(key, it)| implausible(it, format!("{place}{dot}{key}")))
-        }
-        Value::Null | Value::Bool(_) => None,
     }
 }

@@ -7,16 +7,14 @@ use std::fmt;
 use model::boards::Ending;
 use model::role::{Role, STAGES};
 
-use crate::losses::{self, INCOMPLETE};
-use crate::schema::{FlightVerdict, Gate, Report, RunSection, Speed};
+use crate::losses;
+use crate::schema::{FlightVerdict, Gate, Report, RunSection};
+use crate::speed::Speed;
+use crate::status::FlightStatus;
 use crate::tally::series::Series;
 use crate::tally::theorem::Theorem;
 use crate::words::{Evidence, Reasoned, TheoremWord, theorem_word};
-use failure::{FAILED, GATE, INTERRUPTED, OK};
 use flight_log::writer::Fate;
-
-/// Status of a flight that held its gates and was recorded whole.
-const PASS: &str = "PASS";
 
 /// The gates that a flight was asked to hold.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -235,15 +233,15 @@ impl fmt::Display for Gate {
 #[must_use]
 pub fn verdict(gates: Vec<Gate>, lost: u64, ending: Option<Ending>) -> FlightVerdict {
     let held = gates.iter().all(|gate| gate.held);
-    let (status, exit_code) = match ending {
-        None => ("FLYING", OK),
-        Some(Ending::Interrupted) => ("INTERRUPTED", INTERRUPTED),
-        Some(Ending::Failed) => ("ABORTED", FAILED),
-        _ if held && lost > 0 => (INCOMPLETE, OK),
-        _ if held => (PASS, OK),
-        _ => ("FAIL", GATE),
+    let status = match ending {
+        None => FlightStatus::Flying,
+        Some(Ending::Interrupted) => FlightStatus::Interrupted,
+        Some(Ending::Failed) => FlightStatus::Aborted,
+        _ if held && lost > 0 => FlightStatus::Incomplete,
+        _ if held => FlightStatus::Pass,
+        _ => FlightStatus::Fail,
     };
-    FlightVerdict { status: status.into(), exit_code, gates }
+    FlightVerdict { status, exit_code: status.exit_code(), gates }
 }
 
 impl FlightVerdict {
@@ -258,29 +256,29 @@ impl FlightVerdict {
     #[must_use]
     pub fn words(&self) -> String {
         match self.asked() {
-            (_, 0) if self.status == PASS => format!("{PASS}: no gate was asked for"),
-            (_, 0) => self.status.clone(),
+            (_, 0) if self.status == FlightStatus::Pass => format!("{}: no gate was asked for", self.status),
+            (_, 0) => self.status.to_string(),
             (held, asked) => format!("{}: {held} of {asked} asked for held", self.status),
         }
     }
 }
 
 /// Ends the report of a flight in the air, whose recorder will not do so.
-pub fn break_off(report: &mut Report, status: &str, exit_code: u8, mut ending: String) {
+pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String) {
     if report.run.in_flight {
         ending += &format!("; the numbers end {:.1} s into the flight", report.ticks.elapsed_s);
         let left = report.verdict.gates.iter_mut().filter(|gate| gate.name == ENVELOPE && gate.held);
         left.for_each(|gate| gate.value = envelope_words(Some(Ending::None)).into());
     }
-    (report.verdict.status, report.verdict.exit_code) = (status.into(), exit_code);
+    (report.verdict.status, report.verdict.exit_code) = (status, status.exit_code());
     (report.run.ending, report.run.in_flight) = (ending, false);
 }
 
 /// Puts in what became of the messages on their way to the flight log. A flight that lacks some is no plain PASS.
 pub fn take_log(report: &mut Report, kept: &str, fate: &Fate) {
     report.recorder.log = crate::sections::log_section(kept, fate);
-    if losses::unlogged(report) > 0 && report.verdict.status == PASS {
-        report.verdict.status = INCOMPLETE.into();
+    if losses::unlogged(report) > 0 && report.verdict.status == FlightStatus::Pass {
+        report.verdict.status = FlightStatus::Incomplete;
     }
 }
 

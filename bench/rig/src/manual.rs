@@ -56,7 +56,7 @@ pub fn man(args: &ManArgs) -> Result<u8, Failure> {
     cli.build();
     match &args.to {
         Some(directory) => {
-            fs::create_dir_all(directory).and_then(|()| fs::read_dir(directory).map(drop)).map_err(|e| {
+            fs::create_dir_all(directory).map_err(|e| {
                 Failure::usage(format!("cannot write manual pages into {}: {e}", directory.display()))
                     .help("name a directory that you can write: --to DIR")
             })?;

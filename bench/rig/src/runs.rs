@@ -123,7 +123,7 @@ impl RecordedRun {
             None if directory.join("report.json").exists() => "unreadable".into(),
             None => "no report".into(),
             Some(report) if report.run.in_flight => "cut short".into(),
-            Some(report) => report.verdict.status.clone(),
+            Some(report) => report.verdict.status.to_string(),
         };
         Some(Self {
             name: directory.file_name()?.to_string_lossy().into_owned(),

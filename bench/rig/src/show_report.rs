@@ -9,9 +9,10 @@ use crate::output::print;
 use crate::record::hlog;
 use crate::run_directory::{find, log_files};
 use crate::wall_time::utc;
-use failure::{FAILED, Failure, OK, check_writable};
+use failure::{Failure, OK, check_writable};
 use report::page;
 use report::schema::Report;
+use report::status::FlightStatus;
 use report::text::brief::Left;
 use report::verdict::break_off;
 use report::{json, junit, text};
@@ -81,7 +82,7 @@ fn abandoned(report: &mut Report, directory: &Path) {
     let last = fs::metadata(directory.join("report.json")).and_then(|file| file.modified());
     let at = last.map_or_else(|_| String::new(), |at| format!(" at {}", utc(at)));
     let ending = format!("the recorder of this flight died{at}");
-    break_off(report, "ABORTED", FAILED, ending);
+    break_off(report, FlightStatus::Aborted, ending);
 }
 
 /// The report in a flight's directory.

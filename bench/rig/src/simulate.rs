@@ -16,6 +16,7 @@ use failure::{Failure, GATE, InFile as _, OK, check_writable};
 use report::page::picture;
 use report::schema::{AppliedSwap, Gate};
 use report::states::{Joined, StatesWriter};
+use report::status::FlightStatus;
 use report::tally::theorem::{Theorem, TheoremTally};
 use report::tally::tracer::Tracer;
 use report::tracking::{Tracking, TrackingError};
@@ -43,7 +44,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     let flown = fly(&mut rig, &settings, states.as_mut(), tracer.as_mut())?;
     let wall_s = start.elapsed().as_secs_f64();
     if let (Some(path), Some(tracer)) = (&args.plot, &tracer) {
-        let title = format!("{} with gains {}, simulated", settings.flight.trajectory, settings.flight.preset);
+        let title = format!("trajectory {}, gains {}, simulated", settings.flight.trajectory, settings.flight.preset);
         let svg = picture::render(&tracer.traces(), &flown.swaps, settings.flight.period_s, &title);
         fs::write(path, svg).in_file("write", path)?;
     }
@@ -66,7 +67,7 @@ fn check_drawn(path: Option<&Path>) -> Result<(), Failure> {
 fn summary(flown: &Simulated, settings: &Settings, wall_s: f64) -> String {
     let flown_s = flown.ticks as f64 * settings.flight.period_s;
     let mut text = format!(
-        "{} with gains {}: {} ticks, {flown_s:.3} s simulated in {wall_s:.3} s ({:.0} times real time)\n",
+        "trajectory {}, gains {}: {} ticks, {flown_s:.3} s simulated in {wall_s:.3} s ({:.0} times real time)\n",
         settings.flight.trajectory,
         settings.flight.preset,
         flown.ticks,
@@ -83,7 +84,7 @@ fn summary(flown: &Simulated, settings: &Settings, wall_s: f64) -> String {
     let gate = flown.gate(settings);
     let held = usize::from(gate.as_ref().is_some_and(|gate| gate.held));
     text.extend(gate.iter().filter(|gate| !gate.held).map(|gate| format!("{gate}\n")));
-    let status = if flown.passes(settings) { "PASS" } else { "FAIL" };
+    let status = if flown.passes(settings) { FlightStatus::Pass } else { FlightStatus::Fail };
     text + &format!("RESULT status={status} gates={held}/{} ticks={} run=none\n", gate.iter().len(), flown.ticks)
 }
 

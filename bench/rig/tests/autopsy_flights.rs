@@ -357,7 +357,7 @@ struct Found {
 }
 
 /// Classes that name no cause.
-const UNKNOWN: [&str; 3] = ["cannot_tell", "processor_stalled", "ready_not_run"];
+const UNKNOWN: [&str; 4] = ["cannot_tell", "processor_stalled", "ready_not_run", "wake_late"];
 
 impl Found {
     /// Looks for an outage of `ticks` between two times of the flight [s]; who is away for as long need not be out in
@@ -366,7 +366,8 @@ impl Found {
         self.caused += 1;
         let is_it = |case: &&Value| {
             let time_s = case["time_s"].as_f64().unwrap();
-            (times_s.0..times_s.1).contains(&time_s) && case["ticks"].as_u64().unwrap() >= ticks.saturating_sub(1).max(1)
+            (times_s.0..times_s.1).contains(&time_s)
+                && case["ticks"].as_u64().unwrap() >= ticks.saturating_sub(1).max(1)
         };
         let Some(case) = cases.iter().find(is_it) else {
             let told = |case: &Value| format!("{} s: {} ticks", case["time_s"], case["ticks"]);
@@ -394,7 +395,8 @@ fn stop_each(found: &mut BTreeMap<String, Found>, slowdown: u64, lengths_ms: &[u
     let rig = Rig::new("causes");
     let stops = || STAGES.into_iter().flat_map(|stage| lengths_ms.iter().map(move |ms| (stage, *ms)));
     let pause = Duration::from_millis(700);
-    let wall_ms = 1000 + stops().map(|(_, ms)| ms + 700).sum::<u64>() + 1000;
+    // The first report may come a second late.
+    let wall_ms = 2000 + stops().map(|(_, ms)| ms + 700).sum::<u64>() + 1000;
     let duration = format!("{}ms", wall_ms / slowdown);
     let flight = rig.take_off(&["--trajectory", "hover", "--duration", &duration, "--config", &rig.slow(slowdown)]);
     await_first_report(&rig);

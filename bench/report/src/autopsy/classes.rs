@@ -23,7 +23,7 @@ pub enum Class {
     HostStall,
     /// Nothing was seen to run on the loops' processor, although stages were due; nobody says why.
     ProcessorStalled,
-    /// The kernel gave a stage the processor late, while others ran.
+    /// A stage woke late while others ran, and nothing says why.
     WakeLate,
     /// A stage computed longer than usual.
     ComputedLong,
@@ -48,7 +48,7 @@ impl Class {
         match self {
             Self::HostStall => "host stall",
             Self::ProcessorStalled => "processor stalled",
-            Self::WakeLate => "kernel wake-up late",
+            Self::WakeLate => "woke late, nothing says why",
             Self::ComputedLong => "stage computed long",
             Self::UpstreamLate => "upstream late",
             Self::PageFault => "page fault",

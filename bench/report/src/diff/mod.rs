@@ -16,6 +16,7 @@ use crate::host::STEAL_LIMIT_PERCENT;
 use crate::run_facts::RunFacts;
 use crate::schema::Report;
 use crate::statistics::{Groups, median, permutation_test};
+use crate::status::FlightStatus;
 use figures::{Subject, figures};
 use flight_log::build::Build;
 
@@ -84,7 +85,7 @@ pub struct Side {
     /// Its start.
     pub started: String,
     /// Whether it passed.
-    pub status: String,
+    pub status: FlightStatus,
     /// Ticks run.
     pub ticks: u64,
     /// Ticks skipped.
@@ -163,7 +164,7 @@ impl Flown {
             run: self.run.clone(),
             build: self.facts.build.of_version(&self.facts.version),
             started: report.run.started.clone(),
-            status: report.verdict.status.clone(),
+            status: report.verdict.status,
             ticks: report.ticks.run,
             skipped: report.ticks.skipped,
             missed: report.deadlines.missed,

@@ -33,7 +33,7 @@ const POLICY: &str =
 pub fn render(report: &Report) -> String {
     let run = &report.run;
     let build = run.build.of_version(&run.version);
-    let title = format!("{} with gains {}, {}", run.trajectory, run.preset, run.started);
+    let title = format!("trajectory {}, gains {}, {}", run.trajectory, run.preset, run.started);
     let page: Markup = html! {
         (DOCTYPE)
         html lang="en" {

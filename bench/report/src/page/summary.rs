@@ -5,6 +5,7 @@ use maud::{Markup, html};
 use crate::losses;
 use crate::page::parts::{self, cell, table, us};
 use crate::schema::Report;
+use crate::status::FlightStatus;
 use crate::text;
 use crate::words::{FlightWord, TheoremWord, TimingWord, Words};
 
@@ -12,11 +13,11 @@ use crate::words::{FlightWord, TheoremWord, TimingWord, Words};
 pub fn head(report: &Report) -> Markup {
     let run = &report.run;
     let verdict = &report.verdict;
-    let failed = verdict.status != "PASS" && !run.in_flight;
+    let failed = verdict.status != FlightStatus::Pass && !run.in_flight;
     html! {
         header {
             h1 {
-                (run.trajectory) " with gains " (run.preset) " "
+                "trajectory " (run.trajectory) ", gains " (run.preset) " "
                 span.verdict.bad[failed] { (verdict.words()) }
             }
             (words(report))

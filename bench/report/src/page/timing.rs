@@ -9,7 +9,8 @@ use crate::page::parts::{Key, cell, chart, count, figure, section as part, table
 use crate::plot::bars::{Bar, bars};
 use crate::plot::scale::Scale;
 use crate::plot::{Axis, Chart, Layer};
-use crate::schema::{Report, Speed};
+use crate::schema::Report;
+use crate::speed::Speed;
 use crate::tally::distribution::{Distribution, PERCENTS, Percentile};
 use crate::tally::series::Statistics;
 use crate::text::beside::rows;

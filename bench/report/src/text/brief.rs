@@ -7,7 +7,8 @@ use textwrap::{Options, WordSplitter, wrap};
 
 use super::{INDENT, WIDTH, beside};
 use crate::losses;
-use crate::schema::{Report, Speed};
+use crate::schema::Report;
+use crate::speed::Speed;
 
 /// Lines; with that of the result they are 30.
 const HEIGHT: usize = 29;

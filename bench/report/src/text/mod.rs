@@ -7,7 +7,8 @@ pub mod theorem;
 use std::fmt::Write as _;
 
 use crate::losses;
-use crate::schema::{Report, RoleSection, Speed};
+use crate::schema::{Report, RoleSection};
+use crate::speed::Speed;
 use crate::tally::series::Statistics;
 use crate::words::TimingWord;
 

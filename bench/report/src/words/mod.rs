@@ -9,7 +9,8 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use crate::host::{STEAL_LIMIT_PERCENT, Steal};
-use crate::schema::{ControlPerformance, DeadlineSection, RoleSection, RunSection, Speed, Ticks};
+use crate::schema::{ControlPerformance, DeadlineSection, RoleSection, RunSection, Ticks};
+use crate::speed::Speed;
 use crate::tally::series::Statistics;
 use crate::tally::theorem::Theorem;
 use model::boards::Ending;

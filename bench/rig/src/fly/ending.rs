@@ -13,6 +13,7 @@ use crate::fly::launcher::ENDING;
 use crate::output::say;
 use failure::{FAILED, Failure, GATE, INTERRUPTED};
 use report::schema::Report;
+use report::status::FlightStatus;
 use report::verdict::break_off;
 
 /// How a flight's processes ended.
@@ -61,13 +62,13 @@ impl Ended {
     /// Puts into the report what the recorder could not know: that a process died, or that its own last word is
     /// missing. Says whether it did.
     pub(super) fn correct(&self, report: &mut Report) -> bool {
-        let (status, exit_code, ending) = match &self.died {
-            Some(died) => ("ABORTED", FAILED, died.how()),
+        let (status, ending) = match &self.died {
+            Some(died) => (FlightStatus::Aborted, died.how()),
             None if !report.run.in_flight => return false,
-            None if self.is_over() => ("INTERRUPTED", INTERRUPTED, "interrupted".into()),
-            None => ("ABORTED", FAILED, "the recorder ended too early".into()),
+            None if self.is_over() => (FlightStatus::Interrupted, "interrupted".into()),
+            None => (FlightStatus::Aborted, "the recorder ended too early".into()),
         };
-        break_off(report, status, exit_code, ending);
+        break_off(report, status, ending);
         true
     }
 

@@ -80,7 +80,7 @@ impl Summary {
         let [skipped, missed] = [state.ticks_skipped - self.before[0], state.deadlines_missed - self.before[1]];
         let from = if self.from_tick > 0 { format!("from tick {} ", self.from_tick) } else { String::new() };
         let mut text = format!(
-            "{} with gains {}: {} replayed, {from}to tick {tick} ({:.3} s); {skipped} skipped, {} missed\n",
+            "trajectory {}, gains {}: {} replayed, {from}to tick {tick} ({:.3} s); {skipped} skipped, {} missed\n",
             flight.trajectory,
             flight.preset,
             count(self.ticks, "tick"),

@@ -5,7 +5,7 @@ use machine::sampler::Watch;
 use model::messages::NO_TICK;
 use model::role::STAGES;
 use report::host::Steal;
-use report::schema::Speed;
+use report::speed::Speed;
 use report::words::{Reasoned, TrackingLimits, Words, flight_word, theorem_word, timing_word};
 
 use super::model::WatchedFlight;

@@ -1,0 +1,34 @@
+//! Whether a flight went with the clock.
+
+/// How fast a flight went, against the clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Speed {
+    /// As fast as its processes pass ticks on.
+    Lockstep,
+    /// With the clock.
+    Clock,
+    /// So many times slower than the clock.
+    Slowed(u64),
+}
+
+impl Speed {
+    /// Of ticks that are so long on the clock, of laws with this sample time [ns].
+    #[must_use]
+    pub const fn of(period_ns: u64, sample_time_ns: u64) -> Self {
+        match (period_ns + sample_time_ns / 2).checked_div(sample_time_ns) {
+            _ if period_ns == 0 => Self::Lockstep,
+            None | Some(0 | 1) => Self::Clock,
+            Some(times) => Self::Slowed(times),
+        }
+    }
+
+    /// Why latencies tell nothing of real time, where they do not.
+    #[must_use]
+    pub fn why_not_real_time(self) -> Option<String> {
+        match self {
+            Self::Lockstep => Some("in lockstep there are no deadlines".into()),
+            Self::Clock => None,
+            Self::Slowed(times) => Some(format!("slowed {times} times: latencies of a slow clock")),
+        }
+    }
+}

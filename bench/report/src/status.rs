@@ -1,0 +1,62 @@
+//! What a flight came to, in a word, with its exit code.
+
+use std::fmt;
+
+use failure::{FAILED, GATE, INTERRUPTED, OK};
+use serde::{Deserialize, Serialize};
+
+/// What a flight came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum FlightStatus {
+    /// It still flies.
+    Flying,
+    /// It held its gates and was recorded whole.
+    Pass,
+    /// It held its gates as far as it was seen; not all was, or not all was logged.
+    Incomplete,
+    /// A gate did not hold.
+    Fail,
+    /// A signal ended it.
+    Interrupted,
+    /// A role failed.
+    Aborted,
+}
+
+impl FlightStatus {
+    /// In a word.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Flying => "FLYING",
+            Self::Pass => "PASS",
+            Self::Incomplete => "INCOMPLETE",
+            Self::Fail => "FAIL",
+            Self::Interrupted => "INTERRUPTED",
+            Self::Aborted => "ABORTED",
+        }
+    }
+
+    /// Exit code of the flight.
+    #[must_use]
+    pub const fn exit_code(self) -> u8 {
+        match self {
+            Self::Flying | Self::Pass | Self::Incomplete => OK,
+            Self::Fail => GATE,
+            Self::Interrupted => INTERRUPTED,
+            Self::Aborted => FAILED,
+        }
+    }
+
+    /// Whether the flight came to its end in order.
+    #[must_use]
+    pub const fn is_over(self) -> bool {
+        matches!(self, Self::Pass | Self::Incomplete | Self::Fail)
+    }
+}
+
+impl fmt::Display for FlightStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
