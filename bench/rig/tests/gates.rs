@@ -248,7 +248,7 @@ fn a_flight_that_did_not_come_to_its_end_is_no_passed_test() {
         (["--out", "/proc/nope"], "cannot record into /proc/nope"),
         (["--cpu", "1023"], "rt.cpu = 1023: "),
         (["--config", "/proc/nope"], "cannot read the settings file /proc/nope"),
-        (["--states", "/proc/nope"], "cannot write /proc/nope"),
+        (["--states", "/nowhere/states.csv"], "--states: cannot write /nowhere/states.csv"),
     ] {
         fs::write(&file, "of yesterday").unwrap();
         rig.run("fly", &[&["--rt", "off", "--junit", &file], &refused[..]].concat()).expect(2);

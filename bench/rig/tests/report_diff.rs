@@ -78,7 +78,7 @@ fn groups_differ_in_what_was_changed_and_in_nothing_else() {
     let rms = figure(&alike, "position error, rms [m]");
     assert_eq!((&rms["a"], &rms["says"]), (&rms["b"], &"not_judged".into()));
     let text = rig.run("report", &["diff", a1, a2, a3, "--", b1, b2, b3]).expect(0).stdout;
-    assert!(text.lines().nth(1).unwrap().starts_with("Tracking  "), "{text}");
+    assert!(text.lines().nth(2).unwrap().starts_with("Tracking  "), "{text}");
     assert!(text.contains("figures DIFFER (probability of even one false difference: 10 %)"), "{text}");
     assert!(text.contains(" MORE\n"), "{text}");
     // Paths and values of settings are as long as they are.
