@@ -92,7 +92,7 @@ fn sides(out: &mut String, name: &str, sides: &[Side]) -> std::fmt::Result {
         writeln!(out, "{name}{number}  {}  {}", side.run, side.status)?;
         writeln!(
             out,
-            "    {}: ticks {} + {} skipped, {} missed, {:.2} % stolen, theorem {}",
+            "    {}\n    ticks {} + {} skipped, {} missed, {:.2} % stolen, theorem {}",
             side.build, side.ticks, side.skipped, side.missed, side.steal_percent, side.theorem
         )?;
     }
