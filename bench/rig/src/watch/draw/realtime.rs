@@ -1,7 +1,7 @@
 //! Page 5: the real-time rights that each process requested and got.
 
 use model::boards::{RolePhase, Status};
-use model::realtime::STEPS;
+use model::realtime::{RealtimeStep, STEPS};
 use model::role::Role;
 use ratatui::Frame;
 use ratatui::layout::Rect;
@@ -37,12 +37,14 @@ pub(super) fn draw(flight: &WatchedFlight, paint: Paint, frame: &mut Frame<'_>, 
     for step in STEPS {
         let title = serde_json::to_value(step).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default();
         let mut line = Line::from(format!("{title:<name$}"));
-        for (_, status) in &crew {
+        for (role, status) in &crew {
             let grant = status.grants.of(step);
-            let asked = if grant.value > 0 || step == model::realtime::RealtimeStep::Affinity {
-                format!("{} ", grant.value)
-            } else {
-                String::new()
+            let asked = match (step, role) {
+                // It takes the others.
+                (RealtimeStep::Affinity, Role::Record) => format!("not {} ", grant.value),
+                (RealtimeStep::Affinity, _) => format!("{} ", grant.value),
+                _ if grant.value > 0 => format!("{} ", grant.value),
+                _ => String::new(),
             };
             line.push_span(match (grant.asked, grant.granted()) {
                 (1, true) => Span::styled(format!("{:<COLUMN$}", format!("{asked}ok")), paint.good()),
