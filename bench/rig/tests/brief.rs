@@ -130,7 +130,7 @@ fn a_lost_an_interrupted_and_a_dead_flight_say_so_first() {
 
     let flight = rig.take_off(&["--rt", "off", "--duration", "600s"]);
     flight.signal(Signal::INT);
-    assert_brief(&rig, flight.end().expect(130)).says("\nFlown     interrupted: lissajous ");
+    assert_brief(&rig, flight.end().expect(130)).says("\nFlown     interrupted: trajectory lissajous");
 
     let flight = rig.take_off(&["--rt", "off", "--duration", "600s"]);
     rig::wait_until("a report", || rig.out().join("latest/report.json").exists().then_some(()));
@@ -153,5 +153,5 @@ fn a_student_without_root_reads_what_was_refused_and_what_he_can_do() {
     ended
         .says("\nRefused   ")
         .tells("scheduler to all loops: Operation not permitted")
-        .tells("`ironbird doctor` has the");
+        .tells("`ironbird doctor` lists remedies; those that need no root are");
 }

@@ -79,12 +79,12 @@ fn two_builds_are_said_to_differ_and_an_unknown_one_is_still_read() {
     let here = ironbird::build::here();
     let other = Build { commit: "0000000".into(), ..here.clone() };
     let ended = rig.run("report", &["diff", &a, &b]).expect(0).says("\nBuilds: different\n");
-    let ended = ended.says(&format!("    {here}: ")).says(&format!("    {other}: "));
+    let ended = ended.says(&format!("    {here}\n")).says(&format!("    {other}\n"));
     assert!(ended.stdout.contains("\nMachine: the same\n"), "the machine is: {ended}");
     // As a version leaves them that knew nothing of builds.
     change("run.json", &|facts| drop(facts.as_object_mut().unwrap().remove("build")));
     change("report.json", &|report| drop(report["run"].as_object_mut().unwrap().remove("build")));
     let unknown = format!("{} (build unknown)", here.version);
-    rig.run("report", &["diff", &a, &b]).expect(0).says(&format!("    {unknown}: "));
+    rig.run("report", &["diff", &a, &b]).expect(0).says(&format!("    {unknown}\n"));
     rig.run("report", &[&b, "--section", "head"]).expect(0).says(&format!("ironbird {unknown}  "));
 }

@@ -15,6 +15,7 @@ use flight_log::writer::FlightLog;
 use machine::cpu_times::CpuTimes;
 use machine::interrupts::Interrupts;
 use report::autopsy::Autopsy;
+use report::autopsy::section::WORST_SHOWN;
 use report::host::InterruptSection;
 use report::schema::{self, Report, RunLength};
 use report::sections::{log_section, rejected};
@@ -87,6 +88,11 @@ impl Recorder<'_> {
             steal: &steal,
             lost: lost_messages,
         };
+        let mut autopsy = self.tally.autopsy.as_ref().map(Autopsy::section).unwrap_or_default();
+        if ending.is_none() {
+            // Written every second: as much as is shown.
+            autopsy.worst.truncate(WORST_SHOWN);
+        }
         let words = Words::of(&evidence, &self.settings.tracking_limits());
         let gates = gates(&self.settings.gates_asked(), &evidence);
         Ok(Report {
@@ -96,7 +102,7 @@ impl Recorder<'_> {
             verdict: verdict(gates, lost_messages, ending),
             ticks,
             deadlines,
-            autopsy: self.tally.autopsy.as_ref().map(Autopsy::section).unwrap_or_default(),
+            autopsy,
             flight: performance,
             theorem,
             swaps: self.tally.swaps.clone(),
