@@ -17,9 +17,10 @@ use model::grid::{Grid, Pace};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;
 
+use crate::TOPICS;
 use crate::build::Build;
 use crate::codec::{Logged, decode};
-use crate::entry::LogEntry;
+use crate::entry::{Counts, LogEntry};
 use crate::{facts, schema};
 use failure::{Failure, InFile as _};
 
@@ -48,6 +49,8 @@ pub struct LogReader {
     schemas: BTreeMap<u16, (String, Vec<u8>)>,
     facts: BTreeMap<String, facts::Record>,
     end: Option<End>,
+    /// Messages that were read.
+    read: Counts,
     has_data_end: bool,
     has_footer: bool,
 }
@@ -76,6 +79,7 @@ impl LogReader {
             schemas: BTreeMap::new(),
             facts: BTreeMap::new(),
             end: None,
+            read: [0; TOPICS.len()],
             has_data_end: false,
             has_footer: false,
         })
@@ -88,10 +92,35 @@ impl LogReader {
     pub fn next_entry(&mut self) -> Result<Option<LogEntry>, Failure> {
         while self.end.is_none() {
             if let Some(entry) = self.step()? {
+                self.read[entry.topic()] += 1;
                 return Ok(Some(entry));
             }
         }
         Ok(None)
+    }
+
+    /// The file that was read last.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Messages that a log with its beginning and its end lacks, by topic: those that it says it was to hold.
+    ///
+    /// # Errors
+    /// As [`Self::landed`].
+    pub fn missing(&self) -> Result<Vec<(&'static str, u64)>, Failure> {
+        if self.end() != End::Complete || self.kept()?.files_before > 0 {
+            return Ok(Vec::new());
+        }
+        let mut missing = Vec::new();
+        for (topic, read) in TOPICS.into_iter().zip(self.read) {
+            let told = self.landed(&format!("messages.{topic}"))?.unwrap_or(read);
+            if told > read {
+                missing.push((topic, told - read));
+            }
+        }
+        Ok(missing)
     }
 
     /// How far the log goes; [`End::Truncated`] while it has not been read to its end.
@@ -191,6 +220,11 @@ impl LogReader {
                 self.end = Some(End::Truncated);
                 if self.facts.is_empty() {
                     return Err(self.damaged("it ends before its first record"));
+                }
+                let next = self.part.map(|part| self.path.with_file_name(crate::file_name(part + 1)));
+                if let Some(next) = next.filter(|next| next.exists()) {
+                    let next = next.file_name().unwrap_or_default().display().to_string();
+                    return Err(self.damaged(&format!("its end is missing, and the log goes on in {next}")));
                 }
                 return Ok(None);
             }

@@ -61,6 +61,8 @@ pub struct FlightLog {
     /// The files before that one that are kept.
     closed: VecDeque<FileFate>,
     removed: Counts,
+    /// Not in the files that were removed either.
+    dropped: Counts,
     refused: Option<String>,
 }
 
@@ -81,6 +83,7 @@ impl FlightLog {
             closing: None,
             closed: VecDeque::new(),
             removed: [0; TOPICS.len()],
+            dropped: [0; TOPICS.len()],
             refused: None,
         })
     }
@@ -127,6 +130,7 @@ impl FlightLog {
         if removed.is_some() {
             let removed = self.closed.pop_front().unwrap_or_default();
             add(&mut self.removed, removed.written);
+            add(&mut self.dropped, removed.dropped);
         }
         Ok(())
     }
@@ -137,6 +141,7 @@ impl FlightLog {
         let excerpt = self.excerpt.as_ref();
         let mut fate = Fate {
             removed: self.removed,
+            dropped: self.dropped,
             left_out: excerpt.map_or([0; TOPICS.len()], Excerpt::left_out),
             stretches: excerpt.map_or(0, Excerpt::stretches),
             refused: self.refused.clone().or_else(|| self.closing.as_ref()?.refused()).or_else(|| self.file.refused()),

@@ -70,14 +70,6 @@ impl Trace {
         Ok(Self { pipe: ring.pipe()?, ring, rest: Vec::new(), readers: Readers::default() })
     }
 
-    /// Whether a ring can be made here; nothing is left of it.
-    ///
-    /// # Errors
-    /// What the kernel refuses, with the file that it refuses.
-    pub fn try_here() -> io::Result<()> {
-        Self::begin(&format!("ironbird-try-{}", std::process::id()), None).map(drop)
-    }
-
     /// What ran since the last time.
     ///
     /// # Errors

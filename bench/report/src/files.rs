@@ -10,7 +10,7 @@ use crate::page;
 use crate::page::picture;
 use crate::schema::{Report, SCHEMA};
 use crate::text;
-use failure::{Failure, InFile as _};
+use failure::{Failure, InFile as _, read_text};
 
 /// Writes report.json, report.txt, report.html, and flight.svg where the report has traces.
 ///
@@ -45,14 +45,7 @@ impl Report {
     /// # Errors
     /// [`Failure`] names the file, and the schema where it is another one.
     pub fn read(path: &Path) -> Result<Self, Failure> {
-        // A pipe may have no writer.
-        if std::fs::metadata(path).is_ok_and(|file| !file.is_file()) {
-            return Err(Failure::failed(format!(
-                "cannot read the report {}: it is not a regular file",
-                path.display()
-            )));
-        }
-        let text = std::fs::read_to_string(path).in_file("read the report", path)?;
+        let text = read_text("read the report", path)?;
         let value: Value = serde_json::from_str(&text).in_file("read the report", path)?;
         let schema = value["schema"].as_str().unwrap_or("none");
         if schema != SCHEMA {
@@ -89,7 +82,7 @@ fn implausible(value: &Value, place: String) -> Option<String> {
             .as_f64()
             .is_none_or(|it| it.abs() > LARGEST)
             .then(|| format!("{place} = {number} is no number of a flight: allowed are those up to {LARGEST:e}")),
-        Value::String(text) => text.contains(|c: char| c.is_control() && c != '\n').then(|| {
+        Value::String(text) => text.contains(char::is_control).then(|| {
             format!("{place} = \"{}\" is no text of a flight: it has control characters", text.escape_default())
         }),
         Value::Array(values) => values.iter().enumerate().find_map(|(i, it)| implausible(it, format!("{place}[{i}]"))),

@@ -2,7 +2,7 @@
 //! stages as a Perfetto trace.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
@@ -13,12 +13,13 @@ use model::topic::Topic;
 use crate::cli::{ExportArgs, ExportFormat};
 use crate::output::{print, say};
 use crate::run_directory::find_log;
-use failure::{Failure, InFile as _, OK};
+use failure::{Failure, InFile as _, OK, replace};
 use flight_log::codec::Logged;
 use flight_log::entry::LogEntry;
 use flight_log::perfetto::{self, PerfettoWriter};
 use flight_log::reader::{End, Kept, LogReader};
 use flight_log::{TOPICS, rows};
+use report::text::count;
 
 /// Directory of an export's tables in that of its flight.
 pub const DIRECTORY: &str = "export";
@@ -44,7 +45,7 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
         ExportFormat::Perfetto if args.topic.is_some() => {
             return Err(Failure::usage("a Perfetto trace is of all stages, not of one topic").help("leave --topic out"));
         }
-        ExportFormat::Perfetto => return trace(&mut reader, &path, args.to.as_deref().unwrap_or(beside)),
+        ExportFormat::Perfetto => return trace(&mut reader, args.to.as_deref().unwrap_or(beside)),
     };
     let mut tables = match &args.topic {
         Some(topic) => Tables::one(topic, format)?,
@@ -56,14 +57,15 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     read?;
     // Who closes the pipe has not seen the end, and has not asked for it.
     if tables.is_read {
-        say_what_is_missing(&reader, &path);
+        say_what_is_missing(&reader)?;
     }
     Ok(OK)
 }
 
 /// Says what an export lacks, from what the log tells of itself.
-fn say_what_is_missing(reader: &LogReader, path: &Path) {
-    let Ok(Kept { around_ticks, files_before }) = reader.kept() else { return };
+fn say_what_is_missing(reader: &LogReader) -> Result<(), Failure> {
+    let Ok(Kept { around_ticks, files_before }) = reader.kept() else { return Ok(()) };
+    let path = reader.path();
     if let Some(ticks) = around_ticks {
         say(&format!(
             "{} keeps excerpts: {ticks} ticks before and after missed deadlines, swaps, take-off and landing\n",
@@ -79,13 +81,18 @@ fn say_what_is_missing(reader: &LogReader, path: &Path) {
             path.display()
         ));
     }
+    for (topic, missing) in reader.missing()? {
+        let missing = count(missing, "message");
+        say(&format!("{} lacks {missing} of topic {topic}: the disk had no room for them\n", path.display()));
+    }
+    Ok(())
 }
 
 /// Writes the stages' work as a Perfetto trace.
-fn trace(reader: &mut LogReader, log: &Path, directory: &Path) -> Result<u8, Failure> {
+fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     make(directory)?;
     let path = directory.join(perfetto::FILE);
-    let file = File::create(&path).in_file("write", &path)?;
+    let file = replace(&path)?;
     let mut writer = PerfettoWriter::new(BufWriter::new(file)).in_file("write", &path)?;
     let read = loop {
         let entry = match reader.next_entry() {
@@ -105,8 +112,9 @@ fn trace(reader: &mut LogReader, log: &Path, directory: &Path) -> Result<u8, Fai
     };
     writer.finish().in_file("write", &path)?;
     print(&format!("{:>8} slices, {} instants  {}\n", writer.slices, writer.instants, path.display()))?;
-    say_what_is_missing(reader, log);
-    read.map(|()| OK)
+    read?;
+    say_what_is_missing(reader)?;
+    Ok(OK)
 }
 
 fn make(directory: &Path) -> Result<(), Failure> {
@@ -185,7 +193,7 @@ impl Tables {
         let mut open = BTreeMap::new();
         for topic in TOPICS {
             let path = directory.join(format!("{topic}.{}", format.extension()));
-            let file = File::create(&path).in_file("write", &path)?;
+            let file = replace(&path)?;
             let (table, begun) = Table::new(topic, format, file);
             begun.in_file("write", &path)?;
             open.insert(topic, table);

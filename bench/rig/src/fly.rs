@@ -73,11 +73,12 @@ fn take_off(args: &FlyArgs) -> Result<Option<Flown>, Failure> {
         print(&settings.commented()?)?;
         return Ok(None);
     }
+    // First, so that what a check makes goes with it.
+    let mut asked = Asked::listen()?;
     settings.check_cpu()?;
     check_writable("--states", args.recorder.states.as_deref())?;
     traced::check(settings.recorder.trace)?;
     args.floor.map_or(Ok(()), |duration| beside::check(&settings, duration))?;
-    let mut asked = Asked::listen()?;
     let (directory, ended, report) = flown(&settings, args, &mut asked)?;
     Ok(Some(Flown { settings, asked, directory, ended, report }))
 }

@@ -5,7 +5,7 @@ use std::io::{self, ErrorKind, Write as _};
 use rustix::fs::{FileType, fstat};
 use rustix::io::Errno;
 
-use failure::Failure;
+use failure::{Failure, harmless};
 
 /// Writes a text to standard output.
 ///
@@ -13,7 +13,7 @@ use failure::Failure;
 /// [`Failure`] with the system's reason; not when the reader has closed the pipe, as `head` does, or the terminal.
 pub fn print(text: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+    match out.write_all(harmless(text).as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe && !is_of_a_closed_terminal(&e) => {
             Err(Failure::failed(format!("cannot write to standard output: {e}")))
         }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use failure::{Failure, InFile as _, OK};
+use failure::{Failure, InFile as _, OK, read_text};
 use report::diff::{Flown, compare, text};
 use report::json;
 
@@ -68,7 +68,7 @@ fn flown(directory: &Path) -> Result<Flown, Failure> {
         .help("wait for the flight's end; a flight whose recorder died, or of an older version, has none"));
     }
     let path = directory.join("run.json");
-    let text = std::fs::read_to_string(&path).in_file("read", &path)?;
+    let text = read_text("read", &path)?;
     let facts = serde_json::from_str(&text).in_file("read", &path)?;
     Ok(Flown { run: directory.display().to_string(), report, facts })
 }

@@ -18,7 +18,7 @@ use toml::Table;
 use crate::record::hlog;
 use crate::settings::{LogName, Settings};
 use crate::wall_time::file_stamp;
-use failure::{Failure, InFile as _};
+use failure::{Failure, InFile as _, read_text};
 use flight_log::FILE;
 use flight_log::reader::LogReader;
 use machine::cpu_times::host;
@@ -171,7 +171,11 @@ pub fn make_latest(directory: &Path) -> Result<(), Failure> {
     let link = out.join("latest");
     // Replaced in one step, so that `latest` always leads somewhere.
     let draft = out.join(format!(".latest.{}", std::process::id()));
-    symlink(name, &draft).and_then(|()| fs::rename(&draft, &link)).in_file("point to the flight with", &link)
+    let made = symlink(name, &draft).and_then(|()| fs::rename(&draft, &link));
+    if made.is_err() {
+        let _ = fs::remove_file(&draft);
+    }
+    made.in_file("point to the flight with", &link)
 }
 
 /// The directory of a flight that was flown: by its path, or by its name below `out`.
@@ -230,7 +234,7 @@ pub fn find_log(run: &Path, out: Option<&Path>) -> Result<PathBuf, Failure> {
     if let Some(first) = log_files(&directory).first() {
         return Ok(first.clone());
     }
-    let settings = fs::read_to_string(directory.join("settings.toml")).ok().and_then(|text| text.parse::<Table>().ok());
+    let settings = read_text("read", &directory.join("settings.toml")).ok().and_then(|text| text.parse::<Table>().ok());
     let kept = settings.as_ref().and_then(|settings| settings.get("recorder")?.get("log")?.as_str());
     if kept == Some(LogName::Off.name()) {
         return Err(Failure::usage(format!(

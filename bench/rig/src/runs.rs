@@ -16,7 +16,7 @@ use crate::output::print;
 use crate::record::hlog;
 use crate::run_directory::{FACTS, is_held, out_or_default};
 use crate::wall_time::utc;
-use failure::{Failure, OK};
+use failure::{Failure, OK, read_text};
 
 /// Flags of `runs`.
 #[derive(Clone, Debug, Args)]
@@ -111,7 +111,7 @@ impl RecordedRun {
         if !facts.symlink_metadata().is_ok_and(|file| file.is_file()) {
             return None;
         }
-        serde_json::from_str::<RunFacts>(&fs::read_to_string(&facts).ok()?).ok()?;
+        serde_json::from_str::<RunFacts>(&read_text("read", &facts).ok()?).ok()?;
         let report = Report::read(&directory.join("report.json")).ok();
         let made = fs::metadata(&facts).and_then(|it| it.modified()).unwrap_or(UNIX_EPOCH);
         let started = report.as_ref().map_or(made, |report| UNIX_EPOCH + Duration::from_nanos(report.run.run_id));
@@ -149,7 +149,7 @@ impl RecordedRun {
         let length = self.length_s.map_or_else(|| "-".into(), length);
         let missed = self.missed.map_or_else(|| "-".into(), |missed| missed.to_string());
         let words = self.words.as_ref().map_or_else(|| "-".into(), |[flight, timing, _]| format!("{flight}, {timing}"));
-        let name = if self.is_latest { format!("{} *", self.name) } else { self.name.clone() };
+        let name = self.name.replace(char::is_control, "?") + if self.is_latest { " *" } else { "" };
         format!("{name:<22} {length:>6} {missed:>6} {:>6}  {:<11} {words}\n", size(self.bytes), self.status)
     }
 }

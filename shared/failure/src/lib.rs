@@ -1,9 +1,11 @@
 //! How a command fails: exit code, what happened, what to do about it.
 
+use std::fs::File;
+use std::os::unix::fs::FileTypeExt as _;
 use std::path::Path;
 use std::{fmt, fs, io};
 
-use rustix::fs::{Access, access};
+use rustix::fs::{Access, Mode, OFlags, access, open};
 use rustix::io::Errno;
 
 /// Exit code of a run or command that did what it should.
@@ -84,7 +86,7 @@ impl Failure {
     #[must_use]
     pub fn told(&self) -> String {
         let help = self.help.as_ref().map_or_else(String::new, |help| format!(" help: {help}\n"));
-        format!("error: {}\n{help}", self.message)
+        harmless(&format!("error: {}\n{help}", self.message))
     }
 }
 
@@ -117,6 +119,51 @@ impl<T, E: fmt::Display> InFile<T> for Result<T, E> {
     }
 }
 
+/// A text that a terminal shows and does not obey: names and files are anybody's.
+#[must_use]
+pub fn harmless(text: &str) -> String {
+    let shown = |c: char| match c {
+        '\n' | '\t' => c.to_string(),
+        c if c.is_control() => c.escape_default().to_string(),
+        c => c.to_string(),
+    };
+    text.chars().map(shown).collect()
+}
+
+/// Largest text that is read [bytes].
+const TEXT_BYTES: u64 = 64 << 20;
+
+/// A text file, if it is one: a pipe may have no writer, and a device no end.
+///
+/// # Errors
+/// [`Failure`] names the file.
+pub fn read_text(doing: &str, path: &Path) -> Result<String, Failure> {
+    let file = fs::metadata(path).in_file(doing, path)?;
+    let refused = |why: &str| Failure::failed(format!("cannot {doing} {}: {why}", path.display()));
+    if !file.is_file() {
+        return Err(refused("it is not a regular file"));
+    }
+    if file.len() > TEXT_BYTES {
+        return Err(refused(&format!(
+            "it is {} MiB long, and at most {} are read",
+            file.len() >> 20,
+            TEXT_BYTES >> 20
+        )));
+    }
+    fs::read_to_string(path).in_file(doing, path)
+}
+
+/// A new file in place of what has the name: a link is not followed, and a pipe not waited for.
+///
+/// # Errors
+/// [`Failure`] names the file.
+pub fn replace(path: &Path) -> Result<File, Failure> {
+    match fs::remove_file(path) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(e).in_file("write", path),
+        _ => File::create_new(path).in_file("write", path),
+    }
+}
+
 /// Whether a file that a flag names can be written: asked before anything starts, and nothing is made by it.
 ///
 /// # Errors
@@ -125,6 +172,10 @@ pub fn check_writable(flag: &str, path: Option<&Path>) -> Result<(), Failure> {
     let Some(path) = path else { return Ok(()) };
     let asked = match fs::metadata(path) {
         Ok(file) if file.is_dir() => Err(Errno::ISDIR),
+        // One that nobody reads would be waited for.
+        Ok(file) if file.file_type().is_fifo() => {
+            open(path, OFlags::WRONLY | OFlags::NONBLOCK, Mode::empty()).map(drop)
+        }
         Ok(_) => access(path, Access::WRITE_OK),
         // It will be made.
         Err(_) => {

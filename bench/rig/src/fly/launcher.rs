@@ -20,6 +20,7 @@ use crate::fly::LOOK_EVERY;
 use crate::fly::asked::Asked;
 use crate::fly::ending::{Ended, Left, log_path, process};
 use crate::fly::status_line::StatusLine;
+use crate::output::say;
 use crate::run_directory::RunDirectory;
 use crate::settings::Settings;
 use failure::{Failure, InFile as _};
@@ -27,6 +28,8 @@ use machine::executable::own_executable;
 
 /// How long processes may take to end after they were told to.
 const LANDING: Duration = Duration::from_secs(5);
+/// How long processes may take to be ready before it is said that they are waited for.
+const GETTING_READY: Duration = Duration::from_secs(10);
 
 /// How long they may take to end after the flight has: more than a recorder waits for a disk that stands still.
 pub(super) const ENDING: Duration = Duration::from_secs(30);
@@ -99,6 +102,8 @@ impl Launcher {
         let mut over_since: Option<Instant> = None;
         let mut forced = false;
         let mut board: Option<BoardReader<Run>> = None;
+        let begun = Instant::now();
+        let mut has_told = false;
         while !self.children.is_empty() {
             sleep(LOOK_EVERY);
             asked.look();
@@ -110,6 +115,10 @@ impl Launcher {
             let early = run.is_some_and(|run| matches!(run.phase(), RunPhase::Mustering | RunPhase::Opening));
             if !forced {
                 left.into_iter().for_each(|left| ended.take(left, told_at.is_some(), early));
+            }
+            if !has_told && !ended.flown && begun.elapsed() > GETTING_READY {
+                has_told = true;
+                say("still waiting for all processes to be ready; plant.log says for which\n");
             }
             if told_at.is_none() && ended.is_over() {
                 self.tell_all();

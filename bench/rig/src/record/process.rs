@@ -223,6 +223,12 @@ impl<'a> Recorder<'a> {
             autopsy.finish(run.deadlines_missed, run.last_tick + 1);
         }
         self.tally.miss_runs.update(run.deadlines_missed, run.deadline_miss_run);
+        // The final one is written whole, or it is said why not.
+        self.unwritten.remove("report.json");
+        if !self.is_latest {
+            let pointed = make_latest(self.directory);
+            self.note("latest", pointed);
+        }
         let mut report = self.report(&run, ports, meter, Some(ending))?;
         // Last of what needs room, and before the report, which says what became of it.
         if let Some(log) = self.log {
@@ -236,9 +242,6 @@ impl<'a> Recorder<'a> {
         }
         self.so_far.close();
         write_all(&report, self.directory)?;
-        if !self.is_latest {
-            make_latest(self.directory)?;
-        }
         Ok(report)
     }
 

@@ -1,5 +1,7 @@
 //! The kernel's trace of the loops' processor beside a flight.
 
+use std::io::ErrorKind;
+
 use failure::Failure;
 use machine::trace::{self, TRACEFS, Trace};
 use report::autopsy::runners::Slice;
@@ -31,7 +33,12 @@ impl Traced {
 /// # Errors
 /// [`Failure`] names what the kernel refuses, and what to do.
 pub fn check(is_asked: bool) -> Result<(), Failure> {
-    if is_asked { Trace::try_here().map_err(|e| refused(&e)) } else { Ok(()) }
+    if !is_asked {
+        return Ok(());
+    }
+    // A name that `clean` knows, where this is killed meanwhile.
+    let name = format!("{}try-{}", Instance::root_prefix()?, std::process::id());
+    Trace::begin(&name, None).map(drop).map_err(|e| refused(&e))
 }
 
 /// The name of an instance's ring; instances of one name under two roots stay apart.
@@ -54,7 +61,12 @@ pub fn left() -> Vec<String> {
 
 /// What is said where the kernel traces nothing for us.
 fn refused(error: &std::io::Error) -> Failure {
-    Failure::failed(format!("cannot trace the loops' processor: {error}")).help(format!(
+    let failure = Failure::failed(format!("cannot trace the loops' processor: {error}"));
+    if error.kind() == ErrorKind::AlreadyExists {
+        return failure
+            .help("somebody reads the trace that a killed flight has left; end that program, or fly without --trace");
+    }
+    failure.help(format!(
         "as root: mount -t tracefs nodev {TRACEFS}, and fly as root or `chgrp -R` it to a group of yours; without root, \
          fly without --trace: the report then tells causes from counters alone"
     ))

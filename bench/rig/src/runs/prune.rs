@@ -25,7 +25,7 @@ pub(super) fn prune(runs: &[RecordedRun], args: &RunsArgs) -> Result<u8, Failure
             Some(why) => text += &format!("{} {}: {why}\n", if args.dry_run { "would keep" } else { "kept" }, run.name),
             None => {
                 if let Err(failure) = if args.dry_run { Ok(()) } else { remove(&run.directory) } {
-                    text += &format!("kept {}: {failure}\n", run.name);
+                    text += &format!("removed in part {}: {failure}\n", run.name);
                     resisted += 1;
                     continue;
                 }
@@ -52,6 +52,10 @@ fn why_not(run: &RecordedRun) -> Option<String> {
     }
     if run.is_alive {
         return Some("its processes live".into());
+    }
+    let exported = run.directory.join(export::DIRECTORY);
+    if let Some(e) = fs::read_dir(&exported).err().filter(|e| e.kind() != ErrorKind::NotFound) {
+        return Some(format!("cannot look into {}: {e}", exported.display()));
     }
     let foreign = foreign(&run.directory)?;
     Some(format!("{} was not created by ironbird", foreign.display()))

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use crate::facts::LogPlan;
 use crate::spool::Disk;
+use crate::writer::FlightLog;
 use crate::writer::file::*;
 
 struct FullDisk;
@@ -44,6 +45,34 @@ fn what_waits_for_a_full_disk_is_not_said_to_be_in_the_file() {
     assert_eq!((fate.bytes, fate.written, fate.dropped), (0, [0; 5], [1, 0, 0, 0, 0]));
 }
 
+/// States that do not get smaller by being compressed.
+#[derive(Default)]
+struct Noise {
+    tick: u64,
+    word: u64,
+}
+
+impl Noise {
+    /// As many as make a chunk.
+    fn chunk(&mut self) -> Vec<Message<State>> {
+        let mut bytes = Vec::new();
+        let mut length = 0;
+        let mut states = Vec::new();
+        while length < CHUNK_BYTES {
+            let mut state = Message { envelope: model::envelope::Envelope::new(), content: State::default() };
+            (state.envelope.tick, self.tick) = (self.tick, self.tick + 1);
+            for value in state.content.position_w_m.iter_mut().chain(&mut state.content.velocity_w_m_s) {
+                self.word = self.word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                *value = f64::from_bits(self.word >> 2);
+            }
+            encode(&state, &mut bytes);
+            length += bytes.len();
+            states.push(state);
+        }
+        states
+    }
+}
+
 /// A disk that stands still until it is let go.
 struct Stuck(File, Arc<AtomicBool>);
 
@@ -69,6 +98,45 @@ impl Disk for Stuck {
 }
 
 #[test]
+fn what_a_slow_disk_had_no_room_for_is_counted_also_when_its_file_is_removed() {
+    let directory = tempfile::tempdir().unwrap();
+    let goes_on = Arc::new(AtomicBool::new(false));
+    let path = directory.path().join(crate::file_name(0));
+    let disk = Stuck(File::create(&path).unwrap(), Arc::clone(&goes_on));
+    let plan = LogPlan { around_ticks: None, file_bytes: 1 << 20, files: Some(2) };
+    let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, plan, records: Vec::new() };
+    let mut log = FlightLog::create(&path, &facts).unwrap();
+    log.file = LogFile::begin(Spool::new(disk, 1).unwrap(), &facts, 0, 0).unwrap();
+    let mut noise = Noise::default();
+    let mut taken = 0;
+    let mut fly = |log: &mut FlightLog| {
+        for state in noise.chunk() {
+            log.take(LogEntry::State(state));
+            taken += 1;
+        }
+        log.keep(taken).unwrap();
+        taken
+    };
+    while log.fate().dropped[0] == 0 || !log.file.spool.is_overfull() {
+        fly(&mut log);
+    }
+    let dropped = log.fate().dropped[0];
+    goes_on.store(true, Ordering::Relaxed);
+    let deadline = std::time::Instant::now() + Duration::from_secs(60);
+    let taken = loop {
+        let taken = fly(&mut log);
+        let fate = log.fate();
+        assert_eq!(fate.written[0] + fate.dropped[0] + fate.removed[0], taken);
+        if fate.removed[0] > 0 || std::time::Instant::now() > deadline {
+            break taken;
+        }
+    };
+    let fate = log.finish(BTreeMap::new()).unwrap();
+    assert!(fate.removed[0] > 0 && fate.dropped[0] > 0 && dropped > 0, "{fate:?}");
+    assert_eq!(fate.written[0] + fate.dropped[0] + fate.removed[0], taken, "{fate:?}");
+}
+
+#[test]
 fn a_file_goes_on_after_what_a_slow_disk_had_no_room_for_and_is_whole() {
     let path = tempfile::NamedTempFile::new().unwrap().into_temp_path();
     let goes_on = Arc::new(AtomicBool::new(false));
@@ -77,22 +145,12 @@ fn a_file_goes_on_after_what_a_slow_disk_had_no_room_for_and_is_whole() {
     let records = vec![(crate::facts::RUN, crate::facts::record(&run))];
     let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, plan: LogPlan::WHOLE, records };
     let mut file = LogFile::begin(Spool::new(disk, 1).unwrap(), &facts, 0, 0).unwrap();
-    let mut tick = 0;
-    let mut noise = 1_u64;
-    // A chunk that does not get smaller by being compressed.
+    let mut noise = Noise::default();
     let mut chunk = |file: &mut LogFile| {
-        let begin = tick;
-        while file.chunk_bytes < CHUNK_BYTES {
-            let mut state = Message { envelope: model::envelope::Envelope::new(), content: State::default() };
-            (state.envelope.tick, tick) = (tick, tick + 1);
-            for value in state.content.position_w_m.iter_mut().chain(&mut state.content.velocity_w_m_s) {
-                noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                *value = f64::from_bits(noise >> 2);
-            }
-            file.take(&LogEntry::State(state));
-        }
-        assert!(file.keep(tick).unwrap());
-        begin..tick
+        let begin = noise.tick;
+        noise.chunk().into_iter().for_each(|state| file.take(&LogEntry::State(state)));
+        assert!(file.keep(noise.tick).unwrap());
+        begin..noise.tick
     };
     let mut kept = Vec::new();
     while !file.spool.is_overfull() {
