@@ -258,7 +258,7 @@ impl FlightVerdict {
         match self.asked() {
             (_, 0) if self.status == FlightStatus::Pass => format!("{}: no gate was asked for", self.status),
             (_, 0) => self.status.to_string(),
-            (held, asked) => format!("{}: {held} of {asked} asked for held", self.status),
+            (held, asked) => format!("{}: {held} of {asked} gates held", self.status),
         }
     }
 }
@@ -357,10 +357,10 @@ mod tests {
             verdict(gates(asked, &sample.evidence()), 0, sample.ending)
         };
         let all = verdict_of(&ASKED);
-        assert_eq!((all.asked(), all.words().as_str()), ((8, 8), "PASS: 8 of 8 asked for held"));
+        assert_eq!((all.asked(), all.words().as_str()), ((8, 8), "PASS: 8 of 8 gates held"));
         let none = verdict_of(&GatesAsked { position_error_max_m: 10.0, ground_z_m: -0.25, ..GatesAsked::default() });
         assert_eq!((none.asked(), none.words().as_str()), ((0, 0), "PASS: no gate was asked for"));
         let miss = verdict_of(&GatesAsked { max_loop_p999_us: Some(1.0), ..ASKED });
-        assert_eq!(miss.words(), "FAIL: 7 of 8 asked for held");
+        assert_eq!(miss.words(), "FAIL: 7 of 8 gates held");
     }
 }

@@ -117,6 +117,10 @@ fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
 /// [`Failure`] says that nobody flies, and lists the instances that do; those of [`flight`].
 pub fn flying(instance: &Instance) -> Result<(Wire, Run), Failure> {
     flight(instance)?.ok_or_else(|| {
+        if instance.is_alive() {
+            return Failure::failed(format!("instance `{}` has not taken off, or has landed", instance.name()))
+                .help("a flight begins when plant, outer, inner and mixer are ready; each says for whom it waits");
+        }
         let others: Vec<String> = Instance::flying().iter().map(|other| other.name().to_owned()).collect();
         let help = if others.is_empty() {
             "no instance flies; start one: ironbird fly".to_owned()

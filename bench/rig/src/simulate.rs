@@ -117,6 +117,7 @@ fn fly(
 ) -> Result<Simulated, Failure> {
     let tracking = Tracking::of(settings.flight.trajectory, settings.flight.period_s);
     let mut theorem = TheoremTally::default();
+    let mut lowest_z_m = f64::INFINITY;
     let mut flown = Simulated {
         ticks: 0,
         error: TrackingError::default(),
@@ -135,6 +136,7 @@ fn fly(
             }
         }
         flown.ticks += 1;
+        lowest_z_m = lowest_z_m.min(record.state.position_w_m[2]);
         if let Some(states) = &mut states {
             states.write(&Joined::from(&record))?;
         }
@@ -166,6 +168,12 @@ fn fly(
         if flown.departure.is_some() {
             break;
         }
+    }
+    let ground_z_m = settings.flight.ground_z_m;
+    if flown.departure.is_none() && lowest_z_m < ground_z_m {
+        flown.departure = Some(format!(
+            "the flight was below ground: down to z = {lowest_z_m:.2} m, the ground is at {ground_z_m} m"
+        ));
     }
     flown.theorem = theorem.section();
     Ok(flown)

@@ -494,7 +494,7 @@ fn every_missed_deadline_is_in_one_outage() {
     let expected = [(MISSED - 1, 4), (MISSED, 0), (MISSED + 1, 0), (MISSED + 2, 4), (MISSED + 3, 4)];
     assert_eq!(worked, expected, "also the ticks in which nobody published");
     let text = section.text();
-    let line = format!("tick {MISSED} (0.032 s): 2 ticks, 2 missed, 2120 us: processor stalled (");
+    let line = format!("tick {MISSED} (0.032 s): 2 ticks, 2 missed, a delay of 2120 us: processor stalled (");
     assert!(text.contains(&line), "{text}");
 }
 

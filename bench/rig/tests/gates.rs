@@ -107,7 +107,7 @@ fn latencies_and_tracking_fail_gates_that_are_too_narrow_and_hold_wide_ones() {
     for name in NAMES {
         assert!(number(&failed(&rig, &ended, name)) > 1e-9);
     }
-    let ended = fly("1e9").expect(0).says("\nGates     PASS: 3 of 3 asked for held\n");
+    let ended = fly("1e9").expect(0).says("\nGates     PASS: 3 of 3 gates held\n");
     assert_eq!(ended.result()["gates"], "3/3", "{ended}");
     let report = rig.report();
     let of = |name: &str| number(gate(&rig, name)["value"].as_str().unwrap());
@@ -162,7 +162,7 @@ fn a_pass_says_how_many_gates_were_asked_for() {
     let ended = rig.run("fly", &lockstep).expect(0).says("\nGates     PASS: no gate was asked for\n");
     assert_eq!((&ended.result()["status"], &ended.result()["gates"]), (&"PASS".into(), &"0/0".into()));
     let args = [&lockstep[..], &["--gate", "theorem", "--max-tracking-error", "1"]].concat();
-    let ended = rig.run("fly", &args).expect(0).says("\nGates     PASS: 2 of 2 asked for held\n");
+    let ended = rig.run("fly", &args).expect(0).says("\nGates     PASS: 2 of 2 gates held\n");
     assert_eq!(ended.result()["gates"], "2/2", "{ended}");
 }
 

@@ -372,7 +372,7 @@ fn the_processes_see_what_the_simulation_sees_and_the_gate_is_passed_on() {
     let options = [&["--gate", "theorem", "--duration", "3s"], &faults[..]].concat();
     let flown = rig.run("fly", &[&["--pace", "lockstep"], &options[..]].concat()).expect(0);
     let simulated = rig.run("simulate", &options).expect(0);
-    let flown = flown.says("\nGates     PASS: 1 of 1 asked for held\n");
+    let flown = flown.says("\nGates     PASS: 1 of 1 gates held\n");
     assert_eq!(flown.result()["gates"], "1/1", "{flown}");
     let flown = rig.run("report", &["--section", "theorem"]).expect(0);
     let (flown, simulated) = (section(&flown.stdout), section(&simulated.stdout));

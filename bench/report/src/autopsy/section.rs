@@ -132,7 +132,7 @@ impl Case {
         let ticks = count(*ticks, "tick");
         let cause = named(self.class, self.stage.as_deref());
         // Where no stage is known to be late, there is no delay.
-        let delay = if *delay_us > 0.0 { format!(", {delay_us:.0} us") } else { String::new() };
+        let delay = if *delay_us > 0.0 { format!(", a delay of {delay_us:.0} us") } else { String::new() };
         format!("tick {tick} ({time_s:.3} s): {ticks}, {missed} missed{delay}: {cause} ({})", self.evidence)
     }
 

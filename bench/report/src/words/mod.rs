@@ -133,7 +133,10 @@ pub fn flight_word(
     let (word, why) = if performance.states == 0 {
         (FlightWord::NotSeen, "no state was seen".into())
     } else if let Some(ending) = ending.filter(|ending| ending.left_envelope()) {
-        (FlightWord::Lost, ending.words().to_owned())
+        (
+            FlightWord::Lost,
+            format!("{}; position error up to {:.2} m", ending.words(), performance.position_error_max_m),
+        )
     } else if performance.lowest_z_m < limits.ground_z_m {
         let (lowest, ground) = (performance.lowest_z_m, limits.ground_z_m);
         (FlightWord::Lost, format!("below ground: down to z = {lowest:.2} m, the ground is at {ground} m"))

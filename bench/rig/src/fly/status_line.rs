@@ -64,9 +64,17 @@ fn columns() -> usize {
     told.ok().filter(|columns| *columns > 0).unwrap_or(UNKNOWN)
 }
 
-/// The part of a line that does not wrap: one that does cannot be taken off the terminal again.
+/// The fields of a line that do not wrap: one that does cannot be taken off the terminal again, and half a number is
+/// another one.
 fn cut(line: &str, columns: usize) -> String {
-    line.chars().take(columns - 1).collect()
+    let mut kept = line;
+    while kept.chars().count() >= columns {
+        match kept.rsplit_once("   ") {
+            Some((before, _)) => kept = before.trim_end(),
+            None => return kept.chars().take(columns - 1).collect(),
+        }
+    }
+    kept.to_owned()
 }
 
 /// Figures of the recorder's report, which it writes anew once a second.
@@ -120,7 +128,11 @@ mod tests {
 
     #[test]
     fn a_line_never_fills_its_terminal() {
-        assert_eq!(cut("    1.0 of 30.0 s", 8), "    1.0");
+        let line = "    1.0 of 30.0 s   missed 12   loop p99 678";
+        assert_eq!(cut(line, 80), line);
+        assert_eq!(cut(line, line.len()), "    1.0 of 30.0 s   missed 12", "half a number is another one");
+        assert_eq!(cut(line, 20), "    1.0 of 30.0 s");
+        assert_eq!(cut(line, 8), "", "not even its first field has the room");
         assert_eq!(cut("armed", 80), "armed");
         assert_eq!(cut("armed", 1), "");
     }

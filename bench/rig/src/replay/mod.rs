@@ -86,25 +86,28 @@ fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
     let (ticks, values) = (again.summary.ticks, again.comparison.values);
     // Standard output is the verdict alone.
     say(&builds(&again.survey));
+    if again.survey.end != End::Complete {
+        return Err(truncated(path, again));
+    }
     if let Some(divergence) = &again.comparison.first {
         print(&format!("replay: diverges at {divergence}\n"))?;
         return Ok(GATE);
-    }
-    if !again.is_identical() {
-        return Err(truncated(path, again));
     }
     print(&format!("replay: {ticks} ticks, {values} values, identical\n"))?;
     Ok(OK)
 }
 
-/// A log without its end, whose messages agree.
+/// A log without its end: what differs in it may follow from what it lacks.
 fn truncated(path: &Path, again: &Replayed) -> Failure {
     let (ticks, values) = (again.summary.ticks, again.comparison.values);
-    Failure::failed(format!(
-        "{} is truncated: its end is missing; the {ticks} ticks before agree in {values} values",
-        path.display()
-    ))
-    .help("a flight is verified from a whole record alone; `ironbird export` gives what the recorder had written")
+    let far = match &again.comparison.first {
+        None => format!("the {ticks} ticks that it has agree in {values} values"),
+        Some(divergence) => format!("it differs at {divergence}, which may be for want of what is missing"),
+    };
+    Failure::failed(format!("{} is truncated: its end is missing; {far}", path.display())).help(
+        "the flight is still in the air, or its recorder died: only a whole log can be verified; `ironbird export` \
+         gives what is there",
+    )
 }
 
 /// Who flew, and who replays.
@@ -116,8 +119,8 @@ fn builds(survey: &Survey) -> String {
 fn tell(path: &Path, again: &Replayed) -> Result<u8, Failure> {
     print(&(again.summary.text(&again.survey) + &builds(&again.survey)))?;
     match &again.comparison.first {
+        _ if again.survey.end != End::Complete => return Err(truncated(path, again)),
         Some(divergence) => print(&format!("diverges from the record at {divergence}\n"))?,
-        None if !again.is_identical() => return Err(truncated(path, again)),
         None => print(&format!("agrees with the record in {} values\n", again.comparison.values))?,
     }
     Ok(OK)

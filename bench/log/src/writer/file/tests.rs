@@ -103,7 +103,7 @@ fn what_a_slow_disk_had_no_room_for_is_counted_also_when_its_file_is_removed() {
     let goes_on = Arc::new(AtomicBool::new(false));
     let path = directory.path().join(crate::file_name(0));
     let disk = Stuck(File::create(&path).unwrap(), Arc::clone(&goes_on));
-    let plan = LogPlan { around_ticks: None, file_bytes: 1 << 20, files: Some(2) };
+    let plan = LogPlan { around_ticks: None, file_bytes: u64::MAX, files: Some(1) };
     let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, plan, records: Vec::new() };
     let mut log = FlightLog::create(&path, &facts).unwrap();
     log.file = LogFile::begin(Spool::new(disk, 1).unwrap(), &facts, 0, 0).unwrap();
@@ -117,10 +117,12 @@ fn what_a_slow_disk_had_no_room_for_is_counted_also_when_its_file_is_removed() {
         log.keep(taken).unwrap();
         taken
     };
-    while log.fate().dropped[0] == 0 || !log.file.spool.is_overfull() {
+    while !log.file.spool.is_overfull() {
         fly(&mut log);
     }
+    fly(&mut log);
     let dropped = log.fate().dropped[0];
+    log.facts.plan.file_bytes = 1 << 20;
     goes_on.store(true, Ordering::Relaxed);
     let deadline = std::time::Instant::now() + Duration::from_secs(60);
     let taken = loop {

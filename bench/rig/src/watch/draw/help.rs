@@ -11,10 +11,10 @@ use crate::watch::model::Model;
 pub(super) fn draw(model: &Model, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
     let keys = [
         ("1 .. 5", "pages"),
-        ("Tab, S-Tab", "next page, last page"),
+        ("Tab, S-Tab", "next page, previous page"),
         ("Up, Down", "rows"),
         ("Enter", "edit and inject (Plant)"),
-        ("r", "statistics anew"),
+        ("r", "restart statistics"),
         ("q, Esc", "leave; it flies on"),
         ("Ctrl-C", if model.launched { "end the flight" } else { "leave" }),
     ];
