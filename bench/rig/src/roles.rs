@@ -91,7 +91,8 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     overrides.extend(args.recorder.overrides());
     let settings = Settings::resolve(args.role.flight.config.as_deref(), &overrides)?;
     check_writable("--states", args.recorder.states.as_deref())?;
-    traced::check(settings.recorder.trace)?;
+    // The launcher has looked.
+    traced::check(settings.recorder.trace && args.role.launcher.is_none())?;
     let station = take_station(Role::Record, &args.role, &settings)?;
     let instance = station.wire().instance().clone();
     let made = match &args.run_dir {

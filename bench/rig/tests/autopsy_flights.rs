@@ -147,7 +147,11 @@ fn a_trace_that_killed_processes_left_is_found_and_removed() {
     let rig = Rig::new("untraced");
     let Some(mut flight) = in_own_mounts(TRACEFS, TRACES, "sh") else { return };
     // What killed processes leave: the launcher and the recorder are gone before they could remove it.
-    let script = "\"$1\" fly --trace --rt off --duration 600s --out \"$2\" --instance \"$3\" & fly=$!
+    let script = "for s in 0.01 0.02 0.03 0.05 0.08; do
+\"$1\" fly --trace --rt off --duration 600s --out \"$2\" --instance \"$3\" > /dev/null 2>&1 & fly=$!
+sleep $s; kill -INT $fly; wait $fly; done
+ls /sys/kernel/tracing/instances; echo STOPPED
+\"$1\" fly --trace --rt off --duration 600s --out \"$2\" --instance \"$3\" & fly=$!
 until grep -qs ticks_run \"$2\"/latest/report.json; do sleep 0.05; done
 kill -KILL $(pgrep -f -- \"--instance $3\") $fly
 sleep 0.2
@@ -156,6 +160,8 @@ echo; echo TRIED; \"$1\" clean --dry-run; echo CLEANED; \"$1\" clean; echo AGAIN
     flight.args(["-c", script, "sh", rig::IRONBIRD, out.to_str().unwrap(), &rig.instance]);
     flight.env("IRONBIRD_ROOT", rig.root());
     let ended = rig.launch(flight).end().expect(0);
+    let (stopped, _) = ended.stdout.split_once("STOPPED").unwrap();
+    assert!(!stopped.contains("ironbird_"), "who is told to end leaves none: {ended}");
     let (tried, rest) = ended.stdout.split_once("CLEANED").unwrap();
     let (cleaned, again) = rest.split_once("AGAIN").unwrap();
     assert!(tried.contains("would remove the kernel's trace ironbird_"), "{ended}");
