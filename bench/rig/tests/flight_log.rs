@@ -120,9 +120,9 @@ fn check_channels(channels: &Value) {
 #[test]
 fn a_trace_shows_every_tick_of_every_stage_every_miss_and_every_swap() {
     let rig = Rig::new("trace");
-    let flight = rig.take_off(&["--rt", "off", "--duration", "3s", "--fault", "mass_kg=0.53@tick200"]);
+    let flight = rig.take_off(&["--rt", "off", "--duration", "3s", "--fault", "rotational_drag_nm_s=0.2@tick200"]);
     // Deadlines are missed on purpose.
-    stop_for(flight.roles()["mixer"], Duration::from_millis(200));
+    stop_for(flight.roles()["mixer"], Duration::from_millis(100));
     flight.end().expect(0);
     rig.run("export", &["--format", "perfetto"]).expect(0).says("latest/flight.perfetto-trace");
     rig.run("export", &["--format", "perfetto", "--topic", "state"]).expect(2).complains("not of one topic");
@@ -166,7 +166,7 @@ fn a_trace_shows_every_tick_of_every_stage_every_miss_and_every_swap() {
     let reported = rig.report()["deadlines"]["missed"].as_u64().unwrap();
     assert!(missed > 20 && (missed..=missed + 1).contains(&reported), "{missed} of {reported}");
     let [swap] = of("swaps")[..] else { panic!("{instants:?}") };
-    assert_eq!((&swap[1], &swap[2]["mass_kg"]), (&swapped_ns.into(), &"0.52 -> 0.53".into()));
+    assert_eq!((&swap[1], &swap[2]["rotational_drag_nm_s"]), (&swapped_ns.into(), &"0.105 -> 0.2".into()));
 }
 
 #[test]
