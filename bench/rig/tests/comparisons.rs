@@ -138,5 +138,6 @@ fn soak_of_comparisons() {
     println!("alike: {alike:?}\none hop late by {KNOWN_US} us: {late:?}");
     // With a probability of even one false difference of 10 % (three flights a side), that many and one more.
     assert!(alike.differ <= rounds() / 10 + 1, "{alike:?}");
-    assert!(late.hop_is_more > 0 || late.not_judged > 0, "{late:?}");
+    // Three of four find the other one; a few rounds may miss it.
+    assert!(rounds() < 10 || late.hop_is_more > 0, "{late:?}");
 }
