@@ -199,7 +199,9 @@ impl Plant {
         self.has_begun = true;
     }
 
-    fn state(&self) -> State {
+    /// The state as it would be published now.
+    #[must_use]
+    pub fn state(&self) -> State {
         let RigidBody { eta1, v, eta2, nu2 } = self.body;
         let measured = gyro::measured(&nu2, self.airframe.gyro_noise_rad_s(), self.seed, self.tick);
         State {

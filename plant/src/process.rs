@@ -10,8 +10,9 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use model::boards::{Ending, IN_FORCE, InForce, Run, RunPhase};
 use model::envelope::{Envelope, Stamps};
 use model::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
-use model::grid::Pace;
+use model::grid::{Grid, Pace};
 use model::messages::{Dated, RotorSpeeds, State};
+use model::realtime::Lead;
 use model::role::Role;
 use role::farewell::say_landed;
 use role::rt::UsageMeter;
@@ -69,6 +70,9 @@ pub struct PlantProcess<'a> {
     in_force: Board<InForce>,
     orders: Consumer<'a, SwapRequest>,
     events: Producer<'a, Event>,
+    /// How far ahead of its tick the timer is set.
+    lead: Lead,
+    rehearsals: u64,
     previous_busy_ns: u64,
     ticks_run: u64,
 }
@@ -102,6 +106,8 @@ impl<'a> PlantProcess<'a> {
             in_force,
             orders,
             events,
+            lead: Lead::default(),
+            rehearsals: 0,
             previous_busy_ns: 0,
             ticks_run: 0,
         })
@@ -125,6 +131,7 @@ impl<'a> PlantProcess<'a> {
         let mut opened = station.open_run(plan, |expected, epoch| self.arm(expected, epoch))?;
         // A desk that has ended on an error takes no run number; its error comes with its end.
         let _ = open_desk.send((opened.expected, station.status.epoch));
+        self.lead = station.choose_lead(&mut opened, || self.rehearse(0))?;
         let meter = UsageMeter::start();
         let flown = self.fly(station, &mut opened, plan.last_tick);
         let ending = *flown.as_ref().unwrap_or(&Ending::Failed);
@@ -140,16 +147,18 @@ impl<'a> PlantProcess<'a> {
 
     fn fly(&mut self, station: &mut Station, opened: &mut Opened, last_tick: u64) -> Result<Ending, Error> {
         let pace = opened.pace;
-        wait_until(opened.run.t0_ns);
+        if pace == Pace::Lockstep {
+            wait_until(opened.run.t0_ns);
+        }
         let mut next_tick = 0;
         loop {
-            let (tick, wake_ns) = match pace {
+            let (tick, waking) = match pace {
                 Pace::Realtime(grid) => {
-                    let wake_ns = wait_until(grid.begin_of(next_tick));
-                    (grid.tick_at(wake_ns).max(next_tick), wake_ns)
+                    let waking = self.wait_for_tick(next_tick, grid)?;
+                    (grid.tick_at(waking.wake_ns).max(next_tick), waking)
                 }
                 Pace::Lockstep => match self.wait_for_command(next_tick, station, opened)? {
-                    Some(wake_ns) => (next_tick, wake_ns),
+                    Some(wake_ns) => (next_tick, Waking { wake_ns, timer_late_ns: 0 }),
                     None => return Ok(opened.wanted_end().unwrap_or(Ending::Interrupted)),
                 },
             };
@@ -161,12 +170,13 @@ impl<'a> PlantProcess<'a> {
                 self.report(&state, &mut opened.run);
                 return Ok(Ending::Completed);
             }
-            let worked = self.tick(tick, wake_ns, pace)?;
+            let worked = self.tick(tick, waking, pace)?;
             opened.run.tick = tick;
             opened.run.ticks_run = self.ticks_run;
             self.report(&worked.state, &mut opened.run);
             opened.board.put(opened.run);
             station.status.ticks_run = self.ticks_run;
+            station.status.rehearsals = self.rehearsals;
             station.status.ticks_skipped = worked.state.ticks_skipped;
             station.status.rejections = *self.commands.rejections();
             station.publish_status();
@@ -183,7 +193,7 @@ impl<'a> PlantProcess<'a> {
                 return Ok(ending);
             }
             next_tick = tick + 1;
-            self.previous_busy_ns = now_ns() - wake_ns;
+            self.previous_busy_ns = now_ns() - waking.wake_ns;
         }
     }
 
@@ -198,7 +208,7 @@ impl<'a> PlantProcess<'a> {
     ///
     /// # Errors
     /// Those of the ports.
-    pub fn tick(&mut self, tick: u64, wake_ns: u64, pace: Pace) -> Result<PlantTick, Error> {
+    pub fn tick(&mut self, tick: u64, waking: Waking, pace: Pace) -> Result<PlantTick, Error> {
         self.take_command(tick, pace)?;
         while let Some(order) = self.orders.dequeue() {
             self.schedule(order, tick);
@@ -206,19 +216,54 @@ impl<'a> PlantProcess<'a> {
         let state = self.plant.begin(tick);
         let envelope = self.plant.envelope();
         if !matches!(envelope, Err(Departure::NotFinite { .. })) {
-            let mut history = Envelope {
-                sample_ns: wake_ns,
-                parameter_epoch: state.parameter_epoch,
-                previous_busy_ns: self.previous_busy_ns,
-                ..Envelope::new()
-            };
-            history.stamps[Role::Plant as usize] = Stamps { receive_ns: wake_ns, send_ns: 0 };
-            self.states.send(tick, &history, state)?;
+            self.states.send(tick, &self.history(waking, &state), state)?;
             self.ticks_run += 1;
         }
         self.hand_over_applied();
         self.plant.finish();
         Ok(PlantTick { state, envelope })
+    }
+
+    /// Has all stages rehearse their next tick, and returns when they have, or at once where they run elsewhere.
+    ///
+    /// Nothing of the flight changes: it looks at the plant, and prepares a message that is not sent.
+    ///
+    /// # Errors
+    /// Those of the port.
+    pub fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
+        let state = self.plant.state();
+        let waking = Waking { wake_ns: now_ns(), timer_late_ns: 0 };
+        self.rehearsals += u64::from(tick > 0);
+        self.states.rehearse(tick, &self.history(waking, &state), state)
+    }
+
+    fn history(&self, waking: Waking, state: &State) -> Envelope {
+        let mut history = Envelope {
+            sample_ns: waking.wake_ns,
+            timer_late_ns: waking.timer_late_ns,
+            parameter_epoch: state.parameter_epoch,
+            previous_busy_ns: self.previous_busy_ns,
+            ..Envelope::new()
+        };
+        history.stamps[Role::Plant as usize] = Stamps { receive_ns: waking.wake_ns, send_ns: 0 };
+        history
+    }
+
+    /// Sleeps until the lead before a tick, rehearses if there is time, and reads the clock until the tick begins.
+    fn wait_for_tick(&mut self, tick: u64, grid: Grid) -> Result<Waking, Error> {
+        let begin_ns = grid.begin_of(tick);
+        let asked_ns = begin_ns - self.lead.lead_ns;
+        let mut now = wait_until(asked_ns);
+        let timer_late_ns = now - asked_ns;
+        if self.lead.rehearsal_ns > 0 && now + self.lead.rehearsal_ns <= begin_ns {
+            // Commands that are there are taken in any case: now, and once more when the tick begins.
+            self.take_command(tick, Pace::Realtime(grid))?;
+            self.rehearse(tick)?;
+        }
+        while now < begin_ns {
+            now = now_ns();
+        }
+        Ok(Waking { wake_ns: now, timer_late_ns })
     }
 
     /// Offers every command that has come since the last look.
@@ -287,6 +332,15 @@ impl<'a> PlantProcess<'a> {
             let _ = self.events.enqueue(Event::Applied(applied.clone()));
         }
     }
+}
+
+/// How the plant woke for a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Waking {
+    /// When it began the tick [ns].
+    pub wake_ns: u64,
+    /// How late the kernel woke it, after the instant that its timer was set to [ns].
+    pub timer_late_ns: u64,
 }
 
 /// What came of a tick.

@@ -54,6 +54,9 @@ pub struct Report {
     pub series: Vec<Statistics>,
     /// The processes.
     pub roles: BTreeMap<String, RoleSection>,
+    /// How far ahead of its tick the plant's timer is set, and at what price; empty in reports from before it was.
+    #[serde(default)]
+    pub lead: LeadSection,
     /// The recorder's own losses.
     pub recorder: RecorderSection,
     /// The machine.
@@ -313,6 +316,22 @@ pub struct RtStep {
     pub granted: bool,
     /// Why not.
     pub refused: Option<String>,
+}
+
+/// The lead of the plant's timer.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct LeadSection {
+    /// How far ahead of its tick the timer is set [us]; 0 is at the tick.
+    pub lead_us: f64,
+    /// Time that a rehearsal must have left to be begun [us]; 0 where none is held.
+    pub rehearsal_us: f64,
+    /// 90th percentile of the timer's lateness, measured before take-off [us]; 0 where it was not.
+    pub timer_p90_us: f64,
+    /// Ticks that were rehearsed by all stages.
+    pub rehearsals: u64,
+    /// From the timer's waking to the beginning of the tick: share of the loops' processor [%].
+    pub waited_percent: f64,
 }
 
 /// The recorder's own losses.

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod gates;
+mod real_time;
 mod report;
 
 use std::path::PathBuf;
@@ -13,6 +14,7 @@ use toml::Value;
 use crate::build::VERSION;
 use crate::clean::CleanArgs;
 pub use crate::cli::gates::{GateArgs, GateName};
+pub use crate::cli::real_time::{LeadArg, PaceArg, RtArgs, RtMode};
 pub use crate::cli::report::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
 use crate::doctor::DoctorArgs;
 use crate::fault::Fault;
@@ -120,35 +122,6 @@ pub struct FlightArgs {
     pub faults: Vec<Fault>,
 }
 
-/// How to run it in real time.
-#[derive(Clone, Debug, Default, Args)]
-#[command(next_help_heading = "Real time")]
-pub struct RtArgs {
-    /// Whether to insist on real time [default: prefer].
-    #[arg(long, value_enum)]
-    pub rt: Option<RtMode>,
-    /// What advances the ticks [default: realtime].
-    #[arg(long, value_enum)]
-    pub pace: Option<PaceArg>,
-    /// Processor of the four loops [default: the highest-numbered one].
-    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::processor)]
-    pub cpu: Option<u16>,
-    /// Name of the instance; several fly side by side.
-    #[arg(long, value_name = "NAME", default_value = "default")]
-    pub instance: String,
-}
-
-/// Whether to insist on real time.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum RtMode {
-    /// End with exit code 4 when SCHED_FIFO, locked memory or anything else that is needed is refused.
-    Require,
-    /// Fly with what is granted, and say what was not.
-    Prefer,
-    /// Ask for nothing.
-    Off,
-}
-
 /// Where to record, and which gates to pass.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Record")]
@@ -182,15 +155,6 @@ pub enum LogArg {
     AroundMisses,
     /// None: there is no flight.mcap.
     Off,
-}
-
-/// What advances the ticks.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum PaceArg {
-    /// The clock: a tick a millisecond, whoever is ready for it.
-    Realtime,
-    /// The chain itself: the next tick begins when the rotor command has arrived; not real-time.
-    Lockstep,
 }
 
 /// Flags of `fly`.
@@ -355,24 +319,6 @@ impl FlightArgs {
 /// A value as it is typed.
 fn name_of(value: impl ValueEnum) -> String {
     value.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
-}
-
-impl RtArgs {
-    /// What the flags set.
-    #[must_use]
-    pub fn overrides(&self) -> Overrides {
-        let mut set = Overrides::new();
-        if let Some(mode) = self.rt {
-            set.push(("rt.mode", Value::from(name_of(mode))));
-        }
-        if let Some(pace) = self.pace {
-            set.push(("flight.pace", Value::from(name_of(pace))));
-        }
-        if let Some(cpu) = self.cpu {
-            set.push(("rt.cpu", Value::from(i64::from(cpu))));
-        }
-        set
-    }
 }
 
 impl RecorderArgs {

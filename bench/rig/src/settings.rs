@@ -3,6 +3,7 @@
 mod gates;
 mod layers;
 mod log;
+mod real_time;
 #[cfg(test)]
 mod tests;
 
@@ -13,7 +14,6 @@ use controller::{Gains, Limits, Preset, Trajectory};
 use model::boards::LOCKSTEP;
 use model::limits::RotorLimits;
 use model::parameters::{Airframe, Parameter};
-use model::realtime;
 use plant::Swap;
 use report::words::TrackingLimits;
 use serde::{Deserialize, Serialize};
@@ -24,7 +24,7 @@ use crate::fault::Fault;
 use failure::Failure;
 use layers::{layered, same};
 pub use log::LogName;
-use machine::{Machine, cpu_list};
+pub use real_time::{RealtimeSection, check_cpu};
 
 /// The commented default, which is also where the defaults come from.
 pub const DEFAULT: &str = include_str!("default.toml");
@@ -93,18 +93,6 @@ pub enum PaceName {
     Realtime,
     /// The chain itself, as fast as it can.
     Lockstep,
-}
-
-/// Real time.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RealtimeSection {
-    /// How much the user insists.
-    pub mode: realtime::RealtimeMode,
-    /// SCHED_FIFO priority of the plant.
-    pub priority: i32,
-    /// Processor of the loops: a number, or "auto".
-    pub cpu: Value,
 }
 
 /// What is recorded, and which gates the flight must pass.
@@ -258,43 +246,10 @@ impl Settings {
         })
     }
 
-    /// What to ask the system for.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] where `rt.cpu` is neither a processor nor "auto".
-    pub fn realtime(&self) -> Result<realtime::RealtimeSettings, Failure> {
-        // A SCHED_FIFO process that never sleeps is throttled by the kernel, and starves whoever shares its processor.
-        if self.flight.pace == PaceName::Lockstep {
-            return Ok(realtime::RealtimeSettings {
-                mode: realtime::RealtimeMode::Off,
-                priority: self.rt.priority,
-                cpu: None,
-            });
-        }
-        let cpu = match &self.rt.cpu {
-            Value::String(auto) if auto == "auto" => None,
-            Value::Integer(cpu) if (0..1024).contains(cpu) => usize::try_from(*cpu).ok(),
-            other => {
-                return Err(Failure::usage(format!("rt.cpu = {other}: allowed are a processor's number and \"auto\""))
-                    .help("`taskset -p $$` shows the processors that this shell may use"));
-            }
-        };
-        Ok(realtime::RealtimeSettings { mode: self.rt.mode, priority: self.rt.priority, cpu })
-    }
-
     /// When the flight counts as tracked.
     #[must_use]
     pub const fn tracking_limits(&self) -> TrackingLimits {
         TrackingLimits { error_max_m: self.flight.tracking_error_max_m, ground_z_m: self.flight.ground_z_m }
-    }
-
-    /// Whether the processor that is named for the loops is one of this process': asked where they are to run.
-    ///
-    /// # Errors
-    /// As [`check_cpu`].
-    pub fn check_cpu(&self) -> Result<(), Failure> {
-        let named = self.rt.cpu.as_integer().and_then(|cpu| usize::try_from(cpu).ok());
-        named.map_or(Ok(()), |cpu| check_cpu(&format!("rt.cpu = {cpu}"), cpu))
     }
 
     /// Swaps known before the flight.
@@ -366,21 +321,6 @@ impl Settings {
         self.plant()?;
         self.realtime()?;
         Ok(())
-    }
-}
-
-/// Whether this process may use a processor that the user names as `named`.
-///
-/// # Errors
-/// A usage [`Failure`] names those that it may use.
-pub fn check_cpu(named: &str, cpu: usize) -> Result<(), Failure> {
-    let allowed = Machine::files().field("/proc/self/status", "Cpus_allowed_list");
-    match allowed {
-        Some(list) if !cpu_list(&list).contains(&cpu) => {
-            Err(Failure::usage(format!("{named}: this process may use the processors {list}"))
-                .help("name one of them with --cpu N, or none: the highest-numbered one is taken"))
-        }
-        _ => Ok(()),
     }
 }
 

@@ -302,6 +302,10 @@ impl Stage for TroubledMixer {
         self.mixer.tick(turn)
     }
 
+    fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
+        self.mixer.rehearse(tick)
+    }
+
     fn rejections(&self) -> Rejections {
         self.mixer.rejections()
     }

@@ -54,6 +54,10 @@ impl Stage for LateInner {
         self.inner.tick(turn)
     }
 
+    fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
+        self.inner.rehearse(tick)
+    }
+
     fn rejections(&self) -> Rejections {
         self.inner.rejections()
     }

@@ -26,7 +26,7 @@ use model::realtime::Usage;
 use model::role::{Role, STAGES};
 use model::topic::Topic;
 use plant::desk::{self, Event, INBOX, OUTBOX, SwapRequest};
-use plant::process::PlantProcess;
+use plant::process::{PlantProcess, Waking};
 use plant::swap::Swap;
 use report::tick::TickRecord;
 use role::rt::{CountingAllocator, UsageMeter, settle, thread_allocations};
@@ -100,6 +100,15 @@ impl<S: Stage> Place<S> {
         self.board.put(Status { ticks_run: tick, rejections: self.stage.rejections(), ..Status::default() });
         thread_allocations() - before
     }
+
+    /// Rung without a message, before the tick.
+    fn rehearse(&mut self, tick: u64) -> u64 {
+        let before = thread_allocations();
+        assert!(self.doorbell.wait_until(now_ns() + LONG.as_nanos() as u64).unwrap());
+        assert_eq!(self.stage.take(tick).unwrap(), tick.checked_sub(1).unwrap_or(NO_TICK), "a rehearsal sends nothing");
+        self.stage.rehearse(tick).unwrap();
+        thread_allocations() - before
+    }
 }
 
 /// The four roles in one thread.
@@ -142,10 +151,20 @@ impl<'a> Crew<'a> {
         let tick = self.next_tick;
         self.next_tick += 1;
         let before = thread_allocations();
-        let worked = self.plant.tick(tick, now_ns(), self.pace).unwrap();
+        let waking = Waking { wake_ns: now_ns(), timer_late_ns: 0 };
+        let worked = self.plant.tick(tick, waking, self.pace).unwrap();
         let plant = thread_allocations() - before;
         assert!(worked.envelope.is_ok());
         [plant, self.outer.tick(tick), self.inner.tick(tick), self.mixer.tick(tick)]
+    }
+
+    /// Rehearses the next tick.
+    fn rehearse(&mut self) -> Allocations {
+        let tick = self.next_tick;
+        let before = thread_allocations();
+        self.plant.rehearse(tick).unwrap();
+        let plant = thread_allocations() - before;
+        [plant, self.outer.rehearse(tick), self.inner.rehearse(tick), self.mixer.rehearse(tick)]
     }
 
     /// Ticks until the crew has settled.
@@ -223,8 +242,9 @@ fn swaps() -> [(u64, SwapRequest); 3] {
 }
 const SWAPPED_AT: [u64; 3] = [20, 205, 700];
 
-/// Flies with swaps, and compares with the flight in one process where a recorder listens.
-fn fly_and_count(with_recorder: bool) {
+/// Flies with swaps and so many rehearsals before each tick, and compares with the flight in one process where a recorder
+/// listens.
+fn fly_and_count(with_recorder: bool, rehearsals: u64) {
     let site = Site::new();
     let wire = Wire::open(&site.instance).unwrap();
     let (mut inbox, mut outbox) = (Queue::<SwapRequest, INBOX>::new(), Queue::<Event, OUTBOX>::new());
@@ -245,7 +265,10 @@ fn fly_and_count(with_recorder: bool) {
         if let Some((_, order)) = orders.next_if(|(before, _)| *before == tick) {
             orders_in.enqueue(order).unwrap();
         }
-        allocations[tick as usize] = crew.tick();
+        let rehearsed: Vec<Allocations> = (0..rehearsals).map(|_| crew.rehearse()).collect();
+        let worked = crew.tick();
+        allocations[tick as usize] =
+            std::array::from_fn(|i| worked[i] + rehearsed.iter().map(|rehearsal| rehearsal[i]).sum::<u64>());
         if tick + 1 == WARM_UP + TICKS {
             usage = meter.read();
         }
@@ -255,7 +278,8 @@ fn fly_and_count(with_recorder: bool) {
         assert_eq!(*allocations, [1; 4], "in tick {tick} of {STAGES:?}: one loan each and nothing else");
     }
     assert_eq!((usage.minor_faults, usage.major_faults), (0, 0), "over {TICKS} ticks of all four roles");
-    assert_eq!(usage.allocations, 4 * TICKS, "between the ticks nothing allocates either");
+    let collected = if rehearsals > 0 { TICKS } else { 0 };
+    assert_eq!(usage.allocations - collected, 4 * TICKS, "between the ticks nothing allocates either");
     for (ticket, expected_tick) in (1..).zip(SWAPPED_AT) {
         let Some(Event::Applied(applied)) = events_out.dequeue() else { panic!("swap {ticket} was not applied") };
         assert_eq!((applied.ticket, applied.tick, applied.epoch), (ticket, expected_tick, ticket));
@@ -276,12 +300,18 @@ fn in_process(ticks: u64) -> Vec<TickRecord> {
 
 #[test]
 fn a_tick_allocates_only_the_loan_and_faults_no_page() {
-    fly_and_count(false);
+    fly_and_count(false, 0);
 }
 
 #[test]
 fn a_recorder_costs_the_tick_nothing_and_hears_the_flight_of_one_process_bit_by_bit() {
-    fly_and_count(true);
+    fly_and_count(true, 0);
+}
+
+#[test]
+fn rehearsals_change_no_bit_of_the_flight_and_take_the_loan_ahead_instead_of_another_one() {
+    fly_and_count(true, 1);
+    fly_and_count(true, 3);
 }
 
 #[test]

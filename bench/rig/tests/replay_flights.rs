@@ -44,6 +44,30 @@ fn a_flight_whose_stages_are_stopped_one_after_the_other_is_identical() {
 }
 
 #[test]
+fn a_rehearsed_flight_is_identical_and_says_how_often_it_was_rehearsed() {
+    let rig = Rig::new("rehearsed");
+    let settings = rig.settings(TROUBLED);
+    let fly = |lead: &str| {
+        rig.run("fly", &["--rt", "off", "--config", &settings, "--lead", lead]);
+        rig.report()["lead"].clone()
+    };
+    let lead = fly("4000");
+    assert_eq!(lead["lead_us"], 4000.0);
+    let number = |key: &str| lead[key].as_f64().unwrap();
+    assert!(number("rehearsals") > 0.0 && number("rehearsal_us") > 0.0 && number("waited_percent") > 0.0, "{lead}");
+    assert!(rig.report()["ticks"]["run"].as_f64().unwrap() >= number("rehearsals"), "{lead}");
+    verifies(&rig);
+    let told = rig.run("report", &["--section", "processes"]).expect(0);
+    told.says("Lead 4000 us before the tick (timer p90 ").says("; rehearsed ").says(" us were left; it took ");
+    let none = fly("0");
+    assert_eq!((none["lead_us"].as_f64(), none["rehearsals"].as_u64()), (Some(0.0), Some(0)));
+    verifies(&rig);
+    rig.run("report", &["--section", "processes"])
+        .expect(0)
+        .says("Lead none: the plant's timer is set to the beginning");
+}
+
+#[test]
 #[ignore = "long: part of the gate"]
 fn a_flight_with_an_inner_loop_that_dies_and_comes_back_is_identical() {
     let rig = Rig::new("reborn");

@@ -77,6 +77,22 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         ("fly", &["--duration", "-3s"], "for '--duration <DURATION>': a time is not negative; write a number"),
         ("fly", &["--duration", "0s"], "`ironbird fly --print-config` explains every setting"),
         ("fly", &["--floor", "-3s"], "for '--floor <DURATION>': a time is not negative; write a number"),
+        (
+            "fly",
+            &["--lead", "soon"],
+            "invalid value 'soon' for '--lead <US>': write whole microseconds, as in 150, or auto",
+        ),
+        ("fly", &["--lead", "-1"], "for '--lead <US>': write whole microseconds"),
+        (
+            "fly",
+            &["--lead", "501"],
+            "rt.lead_us = 501: allowed are \"auto\" and whole microseconds from 0 (at the tick) to 500",
+        ),
+        (
+            "plant",
+            &["--rehearse", "maybe"],
+            "invalid value 'maybe' for '--rehearse <BOOL>' [possible values: true, false]",
+        ),
         ("fly", &["--cpu", "auto"], "for '--cpu <N>': no processor has this number; write 0, 1 and so on"),
         ("fly", &["--config", "nofile"], "cannot read the settings file nofile: No such file or directory"),
         ("fly", &["--config", "nofile"], "`ironbird fly --print-config` writes one to begin with"),

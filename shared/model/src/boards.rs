@@ -7,7 +7,7 @@ use crate::inspection::Rejections;
 use crate::layout::{from_wire, layout};
 use crate::messages::NO_TICK;
 use crate::parameters::PARAMETERS;
-use crate::realtime::{Grants, Usage};
+use crate::realtime::{Grants, Lead, Usage};
 
 /// Name of the plant's board with the [`Run`].
 pub const RUN: &str = "run";
@@ -117,6 +117,8 @@ pub struct Run {
     pub deadline_miss_run: u64,
     /// Parameter swaps applied.
     pub parameter_epoch: u64,
+    /// How far ahead of a tick the plant's timer is set.
+    pub lead: Lead,
 }
 layout!(Run {
     phase,
@@ -136,6 +138,7 @@ layout!(Run {
     deadlines_missed,
     deadline_miss_run,
     parameter_epoch,
+    lead,
 });
 
 impl Default for Run {
@@ -158,6 +161,7 @@ impl Default for Run {
             deadlines_missed: 0,
             deadline_miss_run: 0,
             parameter_epoch: 0,
+            lead: Lead::default(),
         }
     }
 }
@@ -229,6 +233,8 @@ pub struct Status {
     pub ticks_skipped: u64,
     /// Ticks that it worked with an input that was not of the tick.
     pub ticks_stale: u64,
+    /// Ticks that it rehearsed, but those before take-off.
+    pub rehearsals: u64,
     /// Messages that did not pass inspection.
     pub rejections: Rejections,
     /// What the system granted.
@@ -246,6 +252,7 @@ layout!(Status {
     ticks_run,
     ticks_skipped,
     ticks_stale,
+    rehearsals,
     rejections,
     grants,
     usage,

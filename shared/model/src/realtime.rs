@@ -29,7 +29,33 @@ pub struct RealtimeSettings {
     pub priority: i32,
     /// The processor for the four loops; `None` takes the highest-numbered one allowed.
     pub cpu: Option<usize>,
+    /// How far ahead of its tick the plant's timer is set.
+    pub lead: LeadSetting,
+    /// Whether the stages rehearse their tick in the lead.
+    pub rehearse: bool,
 }
+
+/// How far ahead of its tick the plant's timer is to be set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LeadSetting {
+    /// As far as a measurement before take-off says, where SCHED_FIFO is granted; else not at all.
+    Auto,
+    /// So far [ns]; 0 is not at all.
+    Fixed(u64),
+}
+
+/// The lead of a flight: how far ahead of a tick its timer is set, and what the time is used for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Lead {
+    /// How far ahead [ns]; 0 is at the tick.
+    pub lead_ns: u64,
+    /// Time that a rehearsal must have left to be begun [ns]; 0 where none is held.
+    pub rehearsal_ns: u64,
+    /// 90th percentile of the timer's lateness as it was measured before take-off [ns]; 0 where it was not.
+    pub timer_p90_ns: u64,
+}
+layout!(Lead { lead_ns, rehearsal_ns, timer_p90_ns });
 
 /// A step of the set-up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -7,7 +7,7 @@ use law::{InnerLaw, MixerLaw, OuterLaw};
 use model::boards::Ending;
 use model::envelope::{Envelope, Stamps};
 use model::inspection::{Expected, Rejections};
-use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+use model::messages::{Dated, RotorSpeeds, Setpoint, State, Wrench};
 use model::role::Role;
 use model::topic::Topic;
 use wire::clock::Horizon;
@@ -27,7 +27,7 @@ pub struct Made<C> {
 }
 
 /// A law with its place in the chain.
-pub trait Job {
+pub trait Job: Clone {
     /// Its role.
     const ROLE: Role;
     /// Where it comes from.
@@ -36,7 +36,7 @@ pub trait Job {
     type Output: Topic;
 
     /// Works a tick with the newest inputs, of whatever tick.
-    fn work(&mut self, tick: u64, inputs: &Self::Inputs) -> Made<Self::Output>;
+    fn work(&mut self, tick: u64, inputs: &<Self::Inputs as Inputs>::Dated) -> Made<Self::Output>;
 
     /// The last message to the next stage when the run is over.
     fn last_word(&self) -> Option<Self::Output> {
@@ -46,6 +46,9 @@ pub trait Job {
 
 /// The receivers of a stage; the first one's messages wake it.
 pub trait Inputs: Sized {
+    /// What the law is given of them: contents, each with its tick.
+    type Dated;
+
     /// Makes the ports.
     ///
     /// # Errors
@@ -64,6 +67,12 @@ pub trait Inputs: Sized {
     /// Those of the ports.
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error>;
 
+    /// The newest of each.
+    fn dated(&self) -> Self::Dated;
+
+    /// The newest of each, as if they were of this tick.
+    fn dated_as_of(&self, tick: u64) -> Self::Dated;
+
     /// Whether all are of this tick.
     fn fresh(&self, tick: u64) -> bool;
 
@@ -75,6 +84,8 @@ pub trait Inputs: Sized {
 }
 
 impl<A: Topic> Inputs for Receiver<A> {
+    type Dated = Dated<A>;
+
     fn new(wire: &Wire) -> Result<Self, Error> {
         wire.receiver(LATEST)
     }
@@ -85,6 +96,14 @@ impl<A: Topic> Inputs for Receiver<A> {
 
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
         self.take(horizon)
+    }
+
+    fn dated(&self) -> Dated<A> {
+        self.dated()
+    }
+
+    fn dated_as_of(&self, tick: u64) -> Dated<A> {
+        Dated { tick, ..self.dated() }
     }
 
     fn fresh(&self, tick: u64) -> bool {
@@ -102,6 +121,8 @@ impl<A: Topic> Inputs for Receiver<A> {
 }
 
 impl<A: Topic, B: Topic> Inputs for (Receiver<A>, Receiver<B>) {
+    type Dated = (Dated<A>, Dated<B>);
+
     fn new(wire: &Wire) -> Result<Self, Error> {
         Ok((wire.receiver(LATEST)?, wire.receiver(LATEST)?))
     }
@@ -116,6 +137,14 @@ impl<A: Topic, B: Topic> Inputs for (Receiver<A>, Receiver<B>) {
         let tick = self.0.take(horizon)?;
         self.1.take(horizon)?;
         Ok(tick)
+    }
+
+    fn dated(&self) -> Self::Dated {
+        (self.0.dated(), self.1.dated())
+    }
+
+    fn dated_as_of(&self, tick: u64) -> Self::Dated {
+        (self.0.dated_as_of(tick), self.1.dated_as_of(tick))
     }
 
     fn fresh(&self, tick: u64) -> bool {
@@ -167,7 +196,7 @@ impl<J: Job> Stage for Shell<J> {
 
     fn tick(&mut self, turn: &Turn) -> Result<TickOutcome, Error> {
         let stale = !self.inputs.fresh(turn.tick);
-        let Made { output, wants_end } = self.job.work(turn.tick, &self.inputs);
+        let Made { output, wants_end } = self.job.work(turn.tick, &self.inputs.dated());
         if let Some(output) = output {
             let mut history = self.inputs.history(turn.tick);
             history.previous_busy_ns = turn.previous_busy_ns;
@@ -175,6 +204,13 @@ impl<J: Job> Stage for Shell<J> {
             self.output.send(turn.tick, &history, output)?;
         }
         Ok(TickOutcome { stale, wants_end })
+    }
+
+    fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
+        match self.job.clone().work(tick, &self.inputs.dated_as_of(tick)).output {
+            Some(output) => self.output.rehearse(tick, &self.inputs.history(tick), output),
+            None => Ok(()),
+        }
     }
 
     fn finish(&mut self, tick: u64) -> Result<(), Error> {
@@ -200,9 +236,8 @@ impl<L: OuterLaw> Job for OuterJob<L> {
     type Inputs = Receiver<State>;
     type Output = Setpoint;
 
-    fn work(&mut self, tick: u64, states: &Self::Inputs) -> Made<Setpoint> {
-        let state = states.dated();
-        let output = self.law.tick(tick, &state);
+    fn work(&mut self, tick: u64, state: &Dated<State>) -> Made<Setpoint> {
+        let output = self.law.tick(tick, state);
         let is_lost = |setpoint: Setpoint| setpoint.position_error_m(&state.content) > self.position_error_max_m;
         Made { output, wants_end: output.is_some_and(is_lost).then_some(Ending::Position) }
     }
@@ -217,9 +252,8 @@ impl<L: InnerLaw> Job for InnerJob<L> {
     type Inputs = (Receiver<Setpoint>, Receiver<State>);
     type Output = Wrench;
 
-    fn work(&mut self, tick: u64, (setpoints, states): &Self::Inputs) -> Made<Wrench> {
-        let wrench = self.0.tick(tick, &states.dated(), &setpoints.dated());
-        Made { output: Some(wrench), wants_end: None }
+    fn work(&mut self, tick: u64, (setpoint, state): &(Dated<Setpoint>, Dated<State>)) -> Made<Wrench> {
+        Made { output: Some(self.0.tick(tick, state, setpoint)), wants_end: None }
     }
 }
 
@@ -232,8 +266,8 @@ impl<L: MixerLaw> Job for MixerJob<L> {
     type Inputs = Receiver<Wrench>;
     type Output = RotorSpeeds;
 
-    fn work(&mut self, tick: u64, wrenches: &Self::Inputs) -> Made<RotorSpeeds> {
-        Made { output: Some(self.0.tick(tick, &wrenches.dated())), wants_end: None }
+    fn work(&mut self, tick: u64, wrench: &Dated<Wrench>) -> Made<RotorSpeeds> {
+        Made { output: Some(self.0.tick(tick, wrench)), wants_end: None }
     }
 
     fn last_word(&self) -> Option<RotorSpeeds> {

@@ -63,6 +63,13 @@ pub trait Stage {
     /// Those of the ports.
     fn tick(&mut self, turn: &Turn) -> Result<TickOutcome, Error>;
 
+    /// Does what [`Stage::tick`] would, with what was taken last as if it were of this tick, and changes nothing: the
+    /// law works on a clone, and no message is sent. The next stage is rung for its rehearsal.
+    ///
+    /// # Errors
+    /// Those of the ports.
+    fn rehearse(&mut self, tick: u64) -> Result<(), Error>;
+
     /// Called last, when the run is over: sends the final message to the next stage.
     ///
     /// # Errors
@@ -132,6 +139,11 @@ fn fly<S: Stage>(
     loop {
         let (tick, receive_ns) = match pacer.wait(doorbell, |pace| stage.take(pace))? {
             WakeReason::Work { tick, receive_ns } => (tick, receive_ns),
+            WakeReason::Rehearsal { tick } => {
+                stage.rehearse(tick)?;
+                station.status.rehearsals += u64::from(tick > 0);
+                continue;
+            }
             WakeReason::Silence { tick, receive_ns } => {
                 if let Some(next) = armed.run.successor() {
                     return Err(replaced(S::ROLE, &next));
@@ -213,6 +225,8 @@ enum WakeReason {
     Work { tick: u64, receive_ns: u64 },
     /// The deadline of a tick has passed without it.
     Silence { tick: u64, receive_ns: u64 },
+    /// It was rung without a message, shortly before a tick.
+    Rehearsal { tick: u64 },
 }
 
 /// Decides which tick a stage works next.
@@ -239,6 +253,7 @@ impl Pacer {
         mut take: impl FnMut(Pace) -> Result<u64, Error>,
     ) -> Result<WakeReason, Error> {
         self.since_ns = now_ns();
+        let mut rung = false;
         loop {
             let newest = take(self.pace)?;
             // After the ports: a machine that stalls in between must not make what has come look too early.
@@ -246,8 +261,18 @@ impl Pacer {
             if let Some(wake) = self.decide(now, newest) {
                 return Ok(wake);
             }
-            doorbell.wait_until(self.look_up(now))?;
+            if rung && self.is_to_come(now) {
+                return Ok(WakeReason::Rehearsal { tick: self.next_tick });
+            }
+            rung = doorbell.wait_until(self.look_up(now))?;
         }
+    }
+
+    /// Whether the next tick begins within half a period from `now`, or the first one is still to come.
+    const fn is_to_come(&self, now: u64) -> bool {
+        let Pace::Realtime(grid) = self.pace else { return false };
+        let begin_ns = grid.begin_of(self.next_tick);
+        now < begin_ns && (self.next_tick == 0 || now + grid.period_ns / 2 >= begin_ns)
     }
 
     /// When the stage looks up from waiting that began at `now` [ns].
@@ -334,6 +359,16 @@ mod tests {
         assert_eq!(pacer.decide(at(9, 100), 4), None, "a pause of the machine: tick 9 may still get its input");
         assert_eq!((pacer.next_tick, pacer.skipped), (9, 4));
         assert_eq!(pacer.decide(at(9, 200), 9), Some(WakeReason::Work { tick: 9, receive_ns: at(9, 200) }));
+    }
+
+    #[test]
+    fn a_ring_without_a_message_is_a_rehearsal_only_shortly_before_the_tick_that_is_next() {
+        let pacer = |next_tick| Pacer::new(Pace::Realtime(GRID), Role::Inner, next_tick);
+        assert!(pacer(5).is_to_come(at(4, 500)));
+        assert!(!pacer(5).is_to_come(at(4, 499)), "the tick before may still be on its way");
+        assert!(!pacer(5).is_to_come(at(5, 0)), "the tick has begun, and wins");
+        assert!(pacer(0).is_to_come(1), "before take-off there is none before it");
+        assert!(!Pacer::new(Pace::Lockstep, Role::Inner, 0).is_to_come(1), "in lockstep no tick is waited for");
     }
 
     #[test]

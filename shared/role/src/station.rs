@@ -9,6 +9,7 @@
 //! flying joins the run at the present tick.
 
 mod join;
+mod lead;
 mod open;
 
 use std::sync::Arc;

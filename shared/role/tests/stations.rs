@@ -18,7 +18,7 @@ use model::flight_plan::FlightPlan;
 use model::grid::{Grid, Pace};
 use model::inspection::{Expected, Rejections};
 use model::messages::NO_TICK;
-use model::realtime::{RealtimeMode, RealtimeSettings};
+use model::realtime::{LeadSetting, RealtimeMode, RealtimeSettings};
 use model::role::{ROLES, Role};
 use role::rt::fifo_refusal;
 use role::stage::{self, Stage, TickOutcome, Turn};
@@ -35,7 +35,7 @@ const PLAN: FlightPlan = FlightPlan { last_tick: 10, sample_time_ns: 1_000_000, 
 fn take(instance: &Instance, role: Role, mode: RealtimeMode) -> Station {
     let orders = Orders {
         instance: instance.clone(),
-        rt: RealtimeSettings { mode, priority: 10, cpu: None },
+        rt: RealtimeSettings { mode, priority: 10, cpu: None, lead: LeadSetting::Fixed(0), rehearse: false },
         settings: "flight.seed = 1\n".into(),
         launcher: None,
     };
@@ -152,6 +152,10 @@ impl Stage for Idle<'_> {
 
     fn tick(&mut self, _: &Turn) -> Result<TickOutcome, Error> {
         Ok(TickOutcome { stale: true, wants_end: None })
+    }
+
+    fn rehearse(&mut self, _: u64) -> Result<(), Error> {
+        Ok(())
     }
 
     fn rejections(&self) -> Rejections {

@@ -1,9 +1,12 @@
 //! Ports of the loop's topics: one sender, latest-only receivers, deep recorder's.
 
+use std::mem::MaybeUninit;
+
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::ipc;
+use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use super::{Bell, DEEP, NODES, Wire, layout_verifier};
@@ -57,7 +60,7 @@ impl Wire {
             .max_loaned_samples(1)
             .create()
             .map_err(|e| Error::wire(format!("cannot become the sender of topic `{}`", C::NAME), e))?;
-        Ok(Sender { publisher, bell, envelope: Envelope::new() })
+        Ok(Sender { loan: None, publisher, bell, envelope: Envelope::new() })
     }
 
     /// A receiver that keeps `depth` messages of a topic.
@@ -82,13 +85,25 @@ pub(super) fn slot_bytes<C: Topic>(subscribers: usize, depth: usize) -> u64 {
     (slots * (size_of::<Message<C>>() + 64)) as u64
 }
 
+/// A place for a message in shared memory, before it is sent.
+type Loan<C> = SampleMutUninit<ipc::Service, MaybeUninit<Payload<Message<C>>>, ()>;
+
 /// Sends the messages of a topic.
-#[derive(Debug)]
 pub struct Sender<C: Topic> {
+    /// Taken ahead of the message that it is for, by a rehearsal.
+    loan: Option<Loan<C>>,
     publisher: Publisher<ipc::Service, Payload<Message<C>>, ()>,
     bell: Option<Bell>,
     /// What every message of this sender carries.
     envelope: Envelope,
+}
+
+impl<C: Topic> std::fmt::Debug for Sender<C> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { loan, publisher, bell, envelope } = self;
+        let loaned = loan.is_some();
+        write!(f, "Sender {{ loaned: {loaned}, publisher: {publisher:?}, bell: {bell:?}, envelope: {envelope:?} }}")
+    }
 }
 
 impl<C: Topic> Sender<C> {
@@ -112,16 +127,48 @@ impl<C: Topic> Sender<C> {
     /// [`Error::Wire`].
     pub fn send(&mut self, tick: u64, history: &Envelope, content: C) -> Result<(), Error> {
         let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot send on topic `{}`", C::NAME), e);
-        let sample = self.publisher.loan_uninit().map_err(|e| failed(&e))?;
-        let Envelope { layout, run_id, settings, epoch, seq, .. } = self.envelope;
-        let mut envelope = Envelope { layout, run_id, settings, epoch, seq, tick, ..*history };
+        let loan = self.take_loan()?;
+        let mut envelope = self.envelope_of(tick, history);
         envelope.stamps[C::SENDER as usize].send_ns = now_ns();
-        sample.write_payload(Payload(Message { envelope, content })).send().map_err(|e| failed(&e))?;
+        loan.write_payload(Payload(Message { envelope, content })).send().map_err(|e| failed(&e))?;
         self.envelope.seq += 1;
-        if let Some(bell) = &self.bell {
-            bell.ring()?;
+        self.ring()
+    }
+
+    /// Does of [`Sender::send`] what can be done without sending: takes the loan, which the next message is then sent
+    /// with, fills it, and rings. Whoever it wakes finds no message.
+    ///
+    /// # Errors
+    /// [`Error::Wire`].
+    pub fn rehearse(&mut self, tick: u64, history: &Envelope, content: C) -> Result<(), Error> {
+        let mut loan = self.take_loan()?;
+        let mut envelope = self.envelope_of(tick, history);
+        envelope.stamps[C::SENDER as usize].send_ns = now_ns();
+        loan.payload_mut().write(Payload(Message { envelope, content }));
+        self.loan = Some(loan);
+        // The part of a send that looks for receivers that have come or gone.
+        self.publisher
+            .update_connections()
+            .map_err(|e| Error::wire(format!("cannot rehearse on topic `{}`", C::NAME), e))?;
+        self.ring()
+    }
+
+    fn take_loan(&mut self) -> Result<Loan<C>, Error> {
+        match self.loan.take() {
+            Some(loan) => Ok(loan),
+            None => {
+                self.publisher.loan_uninit().map_err(|e| Error::wire(format!("cannot send on topic `{}`", C::NAME), e))
+            }
         }
-        Ok(())
+    }
+
+    fn envelope_of(&self, tick: u64, history: &Envelope) -> Envelope {
+        let Envelope { layout, run_id, settings, epoch, seq, .. } = self.envelope;
+        Envelope { layout, run_id, settings, epoch, seq, tick, ..*history }
+    }
+
+    fn ring(&self) -> Result<(), Error> {
+        self.bell.as_ref().map_or(Ok(()), Bell::ring)
     }
 }
 

@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 
 use crate::page::parts::{Key, chart, us};
-use crate::page::timing::{BUSY, COMPUTE, HOPS, PERIODS, WAKES};
+use crate::page::timing::{BUSY, COMPUTE, HOPS, PERIODS, TIMER, WAKES};
 use crate::plot::lanes::{LANE, Lane, Mark};
 use crate::plot::scale::Scale;
 use crate::plot::{Axis, Chart, HEIGHT, Layer};
@@ -19,9 +19,10 @@ pub fn section(report: &Report) -> Markup {
         return html! {};
     }
     let (latency, bare) = ("latency [us]", Value::Bare);
-    let pictures: [(&str, &str, &[Key<'static>], &str, Value); 7] = [
+    let pictures: [(&str, &str, &[Key<'static>], &str, Value); 8] = [
         ("histogram-loop", "Loop", &[("loop", "loop")], latency, bare),
         ("histogram-wake", "Wake-up against the grid", &WAKES, latency, bare),
+        ("histogram-timer", "The plant's timer against the instant that it was set to", &TIMER, latency, bare),
         ("histogram-hop", "Hops", &HOPS, latency, bare),
         period(report),
         ("histogram-deadline", "Commands against their deadline", &DEADLINE, "late by [us]", Value::Late),

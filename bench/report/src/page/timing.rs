@@ -113,13 +113,14 @@ fn over_time(report: &Report) -> Markup {
 }
 
 fn curves(report: &Report) -> Markup {
-    let groups: [(&str, &str, &[Key<'_>]); 6] = [
+    let groups: [(&str, &str, &[Key<'_>]); 7] = [
         (
             "curve-loop",
             "Loop, slack, lateness of late commands",
             &[("loop", "loop"), ("floor", "raw futex ring"), ("slack", "slack"), ("late", "late")],
         ),
         ("curve-wake", "Wake-up against the grid", &WAKES_AND_FLOOR),
+        ("curve-timer", "The plant's timer against the instant that it was set to", &TIMER),
         ("curve-hop", "Hops", &HOPS),
         ("curve-compute", "Computing", &COMPUTE),
         ("curve-busy", "Busy", &BUSY),
@@ -166,6 +167,8 @@ fn floors(report: &Report, beside: &Beside) -> Markup {
     }
 }
 
+/// The timer of the plant, in its colour.
+pub const TIMER: [Key<'static>; 1] = [("plant", "timer")];
 /// Series of the stages, each in its colour.
 pub const WAKES: [Key<'static>; 4] =
     [("plant", "wake.plant"), ("outer", "wake.outer"), ("inner", "wake.inner"), ("mixer", "wake.mixer")];

@@ -14,13 +14,14 @@ use model::envelope::Message;
 use model::grid::{Grid, Pace};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::parameters::ESTIMATED;
+use model::realtime::Lead;
 use model::role::Role;
 use model::topic::Topic;
 
 use crate::autopsy::Autopsy;
 use crate::schema::{self, Estimate};
 use crate::tally::deadlines::{Deadlines, LateCommands, MissRuns};
-use crate::tally::series::SeriesSet;
+use crate::tally::series::{Series, SeriesSet};
 use crate::tally::theorem::TheoremTally;
 use crate::tally::timing::{StampedCommand, StampedPassage};
 use crate::tally::tracer::Tracer;
@@ -48,6 +49,10 @@ pub struct Tally {
     pub autopsy: Option<Autopsy>,
     /// Misses by the stamps.
     pub late_commands: LateCommands,
+    /// How far ahead of a tick the plant's timer is set [ns].
+    pub lead_ns: u64,
+    /// What the plant had left of it when it woke, over all ticks [ns].
+    lead_left_ns: u64,
     /// States seen.
     pub states: u64,
     last_wake: [Option<(u64, u64)>; 4],
@@ -130,6 +135,8 @@ impl Tally {
             autopsy: None,
             late_commands: LateCommands::default(),
             tracer: Tracer::new(tracking),
+            lead_ns: 0,
+            lead_left_ns: 0,
             states: 0,
             last_wake: [None; 4],
             passages: VecDeque::new(),
@@ -189,6 +196,11 @@ impl Tally {
             self.miss_runs = MissRuns::joining(state.deadlines_missed, state.deadline_miss_run);
         }
         self.states += 1;
+        if self.grid.is_some() {
+            let timer_late_ns = message.envelope.timer_late_ns;
+            self.series.record(Series::Timer, timer_late_ns);
+            self.lead_left_ns += self.lead_ns.saturating_sub(timer_late_ns);
+        }
         if unseen {
             self.miss_runs.unseen(state.deadlines_missed, state.deadline_miss_run);
         }
@@ -261,6 +273,20 @@ impl Tally {
     #[must_use]
     pub fn lost(&self) -> [u64; 5] {
         self.sequences.map(|sequence| sequence.lost)
+    }
+
+    /// The lead, and what waiting for the ticks cost of the time that the flight took.
+    #[must_use]
+    pub fn lead(&self, lead: &Lead, rehearsals: u64) -> schema::LeadSection {
+        let us = |ns: u64| ns as f64 / 1e3;
+        let flown_ns = self.grid.map_or(0, |grid| self.states * grid.period_ns);
+        schema::LeadSection {
+            lead_us: us(lead.lead_ns),
+            rehearsal_us: us(lead.rehearsal_ns),
+            timer_p90_us: us(lead.timer_p90_ns),
+            rehearsals,
+            waited_percent: 100.0 * self.lead_left_ns as f64 / flown_ns.max(1) as f64,
+        }
     }
 
     /// Ticks, with the identity that they must satisfy: the sum is counted from messages, the time is the clock's.
@@ -344,6 +370,23 @@ mod tests {
         assert_eq!((flying.run, flying.skipped, flying.elapsed_periods, flying.identity_holds), (5, 2, 7, true));
         // At the end the plant's own count is held against the messages.
         assert!(!tally.ticks(&phase(boards::RunPhase::Closed)).identity_holds);
+    }
+
+    #[test]
+    fn what_a_timer_leaves_of_its_lead_is_waited_out_and_paid_for() {
+        let grid = Grid { t0_ns: 1_000_000_000, period_ns: 1_000_000 };
+        let mut tally = Tally::new(Pace::Realtime(grid), grid.t0_ns, Tracking::of(Trajectory::Hover, 1e-3)).unwrap();
+        tally.lead_ns = 100_000;
+        for (tick, timer_late_ns) in (0..).zip([20_000, 60_000, 300_000, 20_000]) {
+            let sample_ns = grid.begin_of(tick) + if timer_late_ns > 100_000 { 200_000 } else { 0 };
+            let envelope = Envelope { tick, seq: tick, sample_ns, timer_late_ns, ..Envelope::new() };
+            tally.state(&Message { envelope, content: State::default() });
+        }
+        let timer = tally.series.flight(Series::Timer).unwrap();
+        assert_eq!((timer.len(), timer.count_between(290_000, 310_000)), (4, 1), "also one that came after its tick");
+        let lead = tally.lead(&Lead { lead_ns: 100_000, rehearsal_ns: 40_000, timer_p90_ns: 30_000 }, 3);
+        assert_eq!((lead.lead_us, lead.rehearsal_us, lead.timer_p90_us, lead.rehearsals), (100.0, 40.0, 30.0, 3));
+        assert!((lead.waited_percent - 5.0).abs() < 1e-9, "80 + 40 + 0 + 80 us of 4 ms: {lead:?}");
     }
 
     /// Messages of a tick as a flight on `grid` has them: every 50th is late, and brings a swap.

@@ -31,6 +31,8 @@ pub fn histogram() -> Result<Histogram<u64>, Failure> {
 /// What a series measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Series {
+    /// From the instant that the plant's timer was set to, to its waking.
+    Timer,
     /// From the beginning of the tick on the grid to the stage's waking, skipped ticks included.
     Wake(Role),
     /// Between two wakings of a stage.
@@ -54,7 +56,7 @@ impl Series {
     #[must_use]
     pub fn all() -> Vec<Self> {
         let [plant, outer, inner, mixer] = STAGES;
-        let mut all = vec![Self::Loop, Self::Slack, Self::Late];
+        let mut all = vec![Self::Loop, Self::Slack, Self::Late, Self::Timer];
         all.extend(STAGES.map(Self::Wake));
         all.extend([Self::Hop(plant, outer), Self::Hop(outer, inner), Self::Hop(inner, mixer)]);
         all.extend(STAGES.map(Self::Compute));
@@ -67,6 +69,7 @@ impl Series {
     #[must_use]
     pub fn name(self) -> String {
         match self {
+            Self::Timer => "timer".into(),
             Self::Wake(role) => format!("wake.{role}"),
             Self::Period(role) => format!("period.{role}"),
             Self::Hop(from, to) => format!("hop.{from}_{to}"),

@@ -17,7 +17,8 @@ const LINES: usize = 3;
 /// Last line of what there is no room for.
 const MORE: &str = "          ... the rest: ironbird report --full";
 /// The latencies that say how the loop did: those of the whole, then of each step.
-const SERIES: [&str; 6] = ["loop", "slack", "wake.plant", "hop.plant_outer", "hop.outer_inner", "hop.inner_mixer"];
+const SERIES: [&str; 7] =
+    ["loop", "slack", "timer", "wake.plant", "hop.plant_outer", "hop.outer_inner", "hop.inner_mixer"];
 
 /// Where the rest of a flight is, as far as it is there.
 #[derive(Clone, Debug, Default)]

@@ -7,7 +7,7 @@ pub mod theorem;
 use std::fmt::Write as _;
 
 use crate::losses;
-use crate::schema::{Report, RoleSection};
+use crate::schema::{Report, RoleSection, Ticks};
 use crate::speed::Speed;
 use crate::tally::series::Statistics;
 use crate::words::TimingWord;
@@ -280,8 +280,29 @@ fn roles(out: &mut String, report: &Report) -> Written {
     for (name, role) in report.roles.iter().filter(|(name, _)| *name != "record") {
         writeln!(out, "  {name:<9} {}", grants(role))?;
     }
+    writeln!(out, "{}", lead(report))?;
     out.write_str(&report.interrupts.text(report.ticks.run))?;
     Ok(())
+}
+
+/// How far ahead of its tick the plant's timer is set, why, and at what price.
+#[must_use]
+pub fn lead(report: &Report) -> String {
+    let lead = &report.lead;
+    if lead.lead_us == 0.0 {
+        return "Lead none: the plant's timer is set to the beginning of the tick".into();
+    }
+    let rehearsed = if lead.rehearsal_us > 0.0 {
+        let Ticks { run, .. } = report.ticks;
+        format!("; rehearsed {} of {run} ticks, each where {:.0} us were left", lead.rehearsals, lead.rehearsal_us)
+    } else {
+        "; no rehearsals".into()
+    };
+    format!(
+        "Lead {:.0} us before the tick (timer p90 {:.0} us before take-off){rehearsed}; it took {:.1} % of the loops' \
+         processor",
+        lead.lead_us, lead.timer_p90_us, lead.waited_percent
+    )
 }
 
 fn grants(role: &RoleSection) -> String {

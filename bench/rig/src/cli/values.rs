@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use crate::cli::LeadArg;
 use crate::fault::Fault;
 
 /// A length of time with its unit.
@@ -19,6 +20,14 @@ pub(crate) fn processor(text: &str) -> Result<u16, String> {
         "no processor has this number; write 0, 1 and so on, or leave the flag out: the highest-numbered one is taken"
             .into()
     })
+}
+
+/// How far ahead of its tick a timer is set.
+pub(crate) fn lead(text: &str) -> Result<LeadArg, String> {
+    match text {
+        "auto" => Ok(LeadArg::Auto),
+        us => us.parse().map(LeadArg::Us).map_err(|_| "write whole microseconds, as in 150, or auto".into()),
+    }
 }
 
 /// A limit of a gate.

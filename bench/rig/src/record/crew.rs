@@ -43,6 +43,12 @@ impl Crew {
         STAGES.map(|role| self.0.get(&role).map(BoardReader::get).unwrap_or_default())
     }
 
+    /// Ticks that were rehearsed to the end of the chain.
+    #[must_use]
+    pub fn rehearsals(&self) -> u64 {
+        self.0.get(&Role::Mixer).map_or(0, |board| board.get().rehearsals)
+    }
+
     /// Everybody's section of the report, by name.
     #[must_use]
     pub fn sections(&self) -> BTreeMap<String, RoleSection> {

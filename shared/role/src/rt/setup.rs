@@ -179,11 +179,14 @@ pub fn hold_cpu_latency() -> io::Result<File> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::realtime::{Grant, STEPS};
+    use model::realtime::{Grant, LeadSetting, STEPS};
+
+    const fn settings(mode: RealtimeMode, priority: i32) -> RealtimeSettings {
+        RealtimeSettings { mode, priority, cpu: None, lead: LeadSetting::Fixed(0), rehearse: false }
+    }
 
     /// Settings for a processor that no machine has.
-    const NOWHERE: RealtimeSettings =
-        RealtimeSettings { mode: RealtimeMode::Require, priority: 80, cpu: Some(100_000) };
+    const NOWHERE: RealtimeSettings = RealtimeSettings { cpu: Some(100_000), ..settings(RealtimeMode::Require, 80) };
 
     /// On a thread of its own: a test must not leave its settings to others.
     fn aside<T: Send>(act: impl FnOnce() -> T + Send) -> T {
@@ -208,7 +211,7 @@ mod tests {
 
     #[test]
     fn real_time_is_given_back_when_the_set_up_is_dropped() {
-        let settings = RealtimeSettings { mode: RealtimeMode::Prefer, priority: 10, cpu: None };
+        let settings = settings(RealtimeMode::Prefer, 10);
         let (granted, during, after) = aside(|| {
             let engaged = Engaged::engage(Role::Outer, &settings).unwrap();
             let (granted, during) = (engaged.grants.of(RealtimeStep::Scheduler).granted(), sys::scheduler().unwrap());
@@ -226,7 +229,7 @@ mod tests {
 
     #[test]
     fn off_asks_for_nothing() {
-        let settings = RealtimeSettings { mode: RealtimeMode::Off, priority: 80, cpu: None };
+        let settings = settings(RealtimeMode::Off, 80);
         let engaged = Engaged::engage(Role::Plant, &settings).unwrap();
         assert!(STEPS.iter().all(|step| engaged.grants.of(*step).asked == 0));
     }

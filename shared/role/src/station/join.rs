@@ -28,7 +28,7 @@ use wire::error::Error;
 use wire::{BoardReader, Wire};
 
 /// Roles enter their loops this long before t_0 [ns].
-const SETTLED_BEFORE_NS: u64 = 20_000_000;
+const SETTLED_BEFORE_NS: u64 = 200_000_000;
 
 /// A run that the station has armed for.
 #[allow(missing_debug_implementations, reason = "the middleware's handles have none")]

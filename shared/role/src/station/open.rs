@@ -8,13 +8,14 @@
 
 use std::thread::sleep;
 
-use super::{LOOK_EVERY, Station, status_board, wall_ns};
+use super::{LOOK_EVERY, Station, lead, status_board, wall_ns};
 use crate::patience::Patience;
 use crate::rt::{Engaged, settle};
 use model::boards::{Ending, RUN, RolePhase, Run, RunPhase, SETTINGS, SETTINGS_MAX, SettingsText, Status};
 use model::flight_plan::FlightPlan;
 use model::grid::Pace;
 use model::inspection::Expected;
+use model::realtime::{Lead, RealtimeStep};
 use model::role::{ROLES, Role};
 use wire::clock::now_ns;
 use wire::error::Error;
@@ -38,6 +39,7 @@ pub struct Opened {
     pub board: Board<Run>,
     /// What is on the board.
     pub run: Run,
+    is_fifo: bool,
     /// The other roles' boards, in the order of [`ROLES`].
     pub crew: Vec<BoardReader<Status>>,
     _settings: Board<SettingsText>,
@@ -58,6 +60,18 @@ impl Opened {
 }
 
 impl Station {
+    /// Chooses the lead of a run that was opened, and writes it on the board.
+    ///
+    /// # Errors
+    /// Those of `rehearse`, which has all stages rehearse, and returns when they have.
+    pub fn choose_lead(&self, opened: &mut Opened, rehearse: impl FnMut() -> Result<(), Error>) -> Result<Lead, Error> {
+        if let Pace::Realtime(grid) = opened.pace {
+            opened.run.lead = lead::choose(&self.orders.rt, opened.is_fifo, &grid, rehearse)?;
+            opened.board.put(opened.run);
+        }
+        Ok(opened.run.lead)
+    }
+
     /// Opens a run: waits until every role is ready, announces t_0, and waits until all have armed for it.
     ///
     /// # Errors
@@ -98,7 +112,8 @@ impl Station {
         self.status.armed_t0_ns = run.t0_ns;
         self.enter(RolePhase::Flying);
         let crew = crew.into_iter().map(|(_, board)| board).collect();
-        Ok(Opened { _engaged: engaged, pace: run.pace(), expected, board, run, crew, _settings: settings })
+        let is_fifo = engaged.grants.of(RealtimeStep::Scheduler).granted();
+        Ok(Opened { _engaged: engaged, pace: run.pace(), expected, board, run, is_fifo, crew, _settings: settings })
     }
 
     /// The run before anybody has come.

@@ -109,6 +109,7 @@ impl Recorder<'_> {
             swaps_left_out: self.tally.swaps_seen - self.tally.swaps.len() as u64,
             series,
             roles,
+            lead: self.tally.lead(&run.lead, self.crew.rehearsals()),
             recorder: schema::RecorderSection {
                 lost,
                 rejected: rejected(&ports.rejections()),

@@ -1,0 +1,91 @@
+//! The settings of real time.
+
+use machine::{Machine, cpu_list};
+use model::realtime::{LeadSetting, RealtimeMode, RealtimeSettings};
+use serde::{Deserialize, Serialize};
+use toml::Value;
+
+use super::{PaceName, Settings};
+use failure::Failure;
+
+/// Real time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RealtimeSection {
+    /// How much the user insists.
+    pub mode: RealtimeMode,
+    /// SCHED_FIFO priority of the plant.
+    pub priority: i32,
+    /// Processor of the loops: a number, or "auto".
+    pub cpu: Value,
+    /// How far ahead of a tick the plant's timer is set [us]: a number, or "auto".
+    pub lead_us: Value,
+    /// Whether the stages rehearse their tick in the lead.
+    pub rehearse: bool,
+}
+
+impl Settings {
+    /// What to ask the system for.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] where `rt.cpu` is neither a processor nor "auto".
+    pub fn realtime(&self) -> Result<RealtimeSettings, Failure> {
+        // A SCHED_FIFO process that never sleeps is throttled by the kernel, and starves whoever shares its processor.
+        if self.flight.pace == PaceName::Lockstep {
+            return Ok(RealtimeSettings {
+                mode: RealtimeMode::Off,
+                priority: self.rt.priority,
+                cpu: None,
+                lead: LeadSetting::Fixed(0),
+                rehearse: false,
+            });
+        }
+        let cpu = match &self.rt.cpu {
+            Value::String(auto) if auto == "auto" => None,
+            Value::Integer(cpu) if (0..1024).contains(cpu) => usize::try_from(*cpu).ok(),
+            other => {
+                return Err(Failure::usage(format!("rt.cpu = {other}: allowed are a processor's number and \"auto\""))
+                    .help("`taskset -p $$` shows the processors that this shell may use"));
+            }
+        };
+        let RealtimeSection { mode, priority, rehearse, .. } = self.rt;
+        Ok(RealtimeSettings { mode, priority, cpu, lead: self.lead()?, rehearse })
+    }
+
+    fn lead(&self) -> Result<LeadSetting, Failure> {
+        let most_us = self.wall_period_ns() / 1000 / 2;
+        match &self.rt.lead_us {
+            Value::String(auto) if auto == "auto" => Ok(LeadSetting::Auto),
+            Value::Integer(us) if us.cast_unsigned() <= most_us => Ok(LeadSetting::Fixed(us.cast_unsigned() * 1000)),
+            other => Err(Failure::usage(format!(
+                "rt.lead_us = {other}: allowed are \"auto\" and whole microseconds from 0 (at the tick) to {most_us}, half \
+                 a period"
+            ))
+            .help("`ironbird fly --print-config` explains every setting")),
+        }
+    }
+
+    /// Whether the processor that is named for the loops is one of this process': asked where they are to run.
+    ///
+    /// # Errors
+    /// As [`check_cpu`].
+    pub fn check_cpu(&self) -> Result<(), Failure> {
+        let named = self.rt.cpu.as_integer().and_then(|cpu| usize::try_from(cpu).ok());
+        named.map_or(Ok(()), |cpu| check_cpu(&format!("rt.cpu = {cpu}"), cpu))
+    }
+}
+
+/// Whether this process may use a processor that the user names as `named`.
+///
+/// # Errors
+/// A usage [`Failure`] names those that it may use.
+pub fn check_cpu(named: &str, cpu: usize) -> Result<(), Failure> {
+    let allowed = Machine::files().field("/proc/self/status", "Cpus_allowed_list");
+    match allowed {
+        Some(list) if !cpu_list(&list).contains(&cpu) => {
+            Err(Failure::usage(format!("{named}: this process may use the processors {list}"))
+                .help("name one of them with --cpu N, or none: the highest-numbered one is taken"))
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,130 @@
+//! The lead: how far ahead of its tick the plant's timer is set.
+//!
+//! A timer of the kernel is late by some microseconds, and now and then by many. Set ahead by that much, it wakes the
+//! plant before the tick in all but a few cases. The plant rehearses in the time that is left, and reads the clock until
+//! the tick begins. This file chooses the lead. It measures this machine for that, on the processor of the loops, with
+//! all loops there: between their arming and t_0, in ticks of the flight's length that are only rehearsed.
+
+use model::grid::Grid;
+use model::realtime::{Lead, LeadSetting, RealtimeSettings};
+use wire::clock::{now_ns, sleep_until};
+use wire::error::Error;
+
+/// The other roles are in their loops so long after the plant has said that it will fly [ns].
+const IN_LOOPS_NS: u64 = 6_000_000;
+/// Longest time between two measurements [ns]: slower flights are measured as often.
+const EVERY_NS: u64 = 1_000_000;
+/// An automatic lead covers so many times the lateness that one timer in ten exceeds.
+///
+/// Of the hundred and some that are measured, this quantile is one that a host which stalls now and then does not bend.
+/// Here, three times as much is what one timer in some hundreds exceeds (docs/decisions/0019-lead-and-rehearsal.md).
+const TIMERS: u64 = 3;
+/// Added to what was measured, for the clock to be watched [ns].
+const MARGIN_NS: u64 = 10_000;
+/// Share of the period that an automatic lead takes at most [%].
+const MOST_PERCENT: u64 = 25;
+
+/// Chooses the lead of a flight that begins at `grid.t0_ns`, and returns before then.
+///
+/// `rehearse` has all stages rehearse, and returns when they have.
+///
+/// # Errors
+/// Those of `rehearse`.
+pub fn choose(
+    settings: &RealtimeSettings,
+    is_fifo: bool,
+    grid: &Grid,
+    mut rehearse: impl FnMut() -> Result<(), Error>,
+) -> Result<Lead, Error> {
+    if settings.lead == LeadSetting::Fixed(0) || (settings.lead == LeadSetting::Auto && !is_fifo) {
+        return Ok(Lead::default());
+    }
+    let every_ns = grid.period_ns.min(EVERY_NS);
+    let (mut timers, mut rehearsals) = (Vec::new(), Vec::new());
+    let mut next_ns = now_ns() + IN_LOOPS_NS;
+    while next_ns + 2 * every_ns < grid.t0_ns {
+        if sleep_until(next_ns) {
+            let woke_ns = now_ns();
+            timers.push(woke_ns - next_ns);
+            if settings.rehearse {
+                rehearse()?;
+                rehearsals.push(now_ns() - woke_ns);
+            }
+        }
+        next_ns = (next_ns + every_ns).max(now_ns());
+    }
+    let (timer_p90_ns, rehearsal_ns) = (quantile(&mut timers, 90), quantile(&mut rehearsals, 90));
+    let lead_ns = match settings.lead {
+        LeadSetting::Fixed(ns) => ns,
+        LeadSetting::Auto => automatic(timer_p90_ns, rehearsal_ns, grid.period_ns),
+    };
+    Ok(Lead { lead_ns, rehearsal_ns, timer_p90_ns })
+}
+
+/// Long enough for a rehearsal as long as one in ten, after a timer that is late as few are.
+fn automatic(timer_p90_ns: u64, rehearsal_ns: u64, period_ns: u64) -> u64 {
+    (TIMERS * timer_p90_ns + rehearsal_ns + MARGIN_NS).min(period_ns * MOST_PERCENT / 100)
+}
+
+/// The smallest value that `percent` of all do not exceed; 0 of none.
+fn quantile(values: &mut [u64], percent: usize) -> u64 {
+    values.sort_unstable();
+    let rank = (values.len() * percent).div_ceil(100);
+    rank.checked_sub(1).and_then(|i| values.get(i)).copied().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::realtime::RealtimeMode;
+
+    fn settings(lead: LeadSetting, rehearse: bool) -> RealtimeSettings {
+        RealtimeSettings { mode: RealtimeMode::Prefer, priority: 10, cpu: None, lead, rehearse }
+    }
+
+    fn soon() -> Grid {
+        Grid { t0_ns: now_ns() + 60_000_000, period_ns: 1_000_000 }
+    }
+
+    #[test]
+    fn without_a_lead_nothing_is_measured() {
+        let refuse = || Err(Error::Interrupted);
+        for (lead, is_fifo) in [(LeadSetting::Fixed(0), true), (LeadSetting::Auto, false)] {
+            assert_eq!(choose(&settings(lead, true), is_fifo, &soon(), refuse).unwrap(), Lead::default());
+        }
+        assert!(choose(&settings(LeadSetting::Auto, true), true, &soon(), refuse).is_err(), "and here it is");
+    }
+
+    #[test]
+    fn a_lead_is_chosen_before_take_off_from_what_was_measured() {
+        let grid = soon();
+        let mut rehearsed = 0_u64;
+        let lead = choose(&settings(LeadSetting::Auto, true), true, &grid, || {
+            rehearsed += 1;
+            let until_ns = now_ns() + 50_000;
+            while now_ns() < until_ns {}
+            Ok(())
+        })
+        .unwrap();
+        assert!(now_ns() < grid.t0_ns || rehearsed < 3, "a machine that did not stall is ready for t_0");
+        assert!(rehearsed > 0 && lead.rehearsal_ns >= 50_000, "{rehearsed} rehearsals, {lead:?}");
+        assert!(lead.timer_p90_ns > 0 && lead.lead_ns >= lead.rehearsal_ns.min(250_000), "{lead:?}");
+        let fixed = choose(&settings(LeadSetting::Fixed(70_000), false), false, &soon(), || Err(Error::Interrupted));
+        let fixed = fixed.unwrap();
+        assert_eq!((fixed.lead_ns, fixed.rehearsal_ns), (70_000, 0), "one that is set is kept, and nobody rehearses");
+        assert!(fixed.timer_p90_ns > 0, "the report says what it stands beside");
+    }
+
+    #[test]
+    fn an_automatic_lead_covers_late_timers_and_a_rehearsal_and_leaves_most_of_the_tick() {
+        assert_eq!(automatic(30_000, 35_000, 1_000_000), 135_000);
+        assert_eq!(automatic(2_000_000, 35_000, 1_000_000), 250_000);
+    }
+
+    #[test]
+    fn quantiles_are_values_that_were_measured() {
+        let mut values: Vec<u64> = (1..=100).rev().collect();
+        assert_eq!((quantile(&mut values, 90), quantile(&mut values, 99)), (90, 99));
+        assert_eq!((quantile(&mut [7], 90), quantile(&mut [], 90)), (7, 0));
+    }
+}
