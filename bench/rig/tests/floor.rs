@@ -15,7 +15,15 @@ const TICK_NS: u64 = 1_000_000;
 const WAKES: [WakeMechanism; 2] = [WakeMechanism::Eventfd, WakeMechanism::Futex];
 
 fn ring_of(work: Vec<Work>, wake: WakeMechanism) -> ring::RingSettings {
-    ring::RingSettings { wake, period_ns: TICK_NS, duration: Duration::from_millis(200), cpu: None, priority: 80, work }
+    ring::RingSettings {
+        wake,
+        period_ns: TICK_NS,
+        duration: Duration::from_millis(200),
+        cpu: None,
+        priority: 80,
+        work,
+        rehearsal: None,
+    }
 }
 
 #[test]

@@ -78,8 +78,15 @@ impl MeasuredMachine {
         let before = CpuTimes::read(processor);
         let timer = timer::measure(&timer::TimerSettings { period_ns: TICK_NS, duration, cpu, priority })?;
         let work = vec![Work::default(); STAGES.len()];
-        let settings =
-            ring::RingSettings { wake: WakeMechanism::Futex, period_ns: TICK_NS, duration, cpu, priority, work };
+        let settings = ring::RingSettings {
+            wake: WakeMechanism::Futex,
+            period_ns: TICK_NS,
+            duration,
+            cpu,
+            priority,
+            work,
+            rehearsal: None,
+        };
         let ring = ring::measure(&settings, executable)?;
         let mut refused = timer.standing.refused.clone();
         refused.extend(ring.standing.refused.iter().cloned());

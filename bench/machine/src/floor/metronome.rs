@@ -10,7 +10,7 @@ use failure::Failure;
 use report::tally::series::histogram;
 
 /// From the making of a metronome to its first tick [ns].
-const LEAD_NS: u64 = 2_000_000;
+const BEGINS_NS: u64 = 2_000_000;
 
 /// Wakes the calling thread tick after tick.
 #[derive(Clone, Debug)]
@@ -40,19 +40,32 @@ impl Metronome {
         lateness.saturating_record(1);
         lateness.reset();
         let ticks = u64::try_from(ticks).unwrap_or(u64::MAX);
-        let grid = Grid { t0_ns: now_ns() + LEAD_NS, period_ns };
+        let grid = Grid { t0_ns: now_ns() + BEGINS_NS, period_ns };
         Ok(Self { grid, next_tick: 0, ticks, lateness, skipped: 0 })
     }
 
     /// Sleeps until the next tick; gives when the thread woke [ns], and nothing after the last tick.
     pub fn next_wake(&mut self) -> Option<u64> {
+        self.next_wake_after(0, |_| ())
+    }
+
+    /// Sleeps until `lead_ns` before the next tick, acts, and reads the clock until the tick begins; gives when it had
+    /// begun [ns], and nothing after the last tick. `act` is given the time that is left [ns], and is left out where
+    /// there is none.
+    pub fn next_wake_after(&mut self, lead_ns: u64, act: impl FnOnce(u64)) -> Option<u64> {
         if self.next_tick >= self.ticks {
             return None;
         }
         let begin_ns = self.grid.begin_of(self.next_tick);
         let mut woken_ns = now_ns();
+        while woken_ns < begin_ns - lead_ns {
+            sleep_until(begin_ns - lead_ns);
+            woken_ns = now_ns();
+        }
+        if woken_ns < begin_ns {
+            act(begin_ns - woken_ns);
+        }
         while woken_ns < begin_ns {
-            sleep_until(begin_ns);
             woken_ns = now_ns();
         }
         let current = self.grid.tick_at(woken_ns).min(self.ticks - 1);
@@ -89,6 +102,22 @@ mod tests {
         assert!(metronome.skipped >= 3, "{metronome:?}");
         assert_eq!(metronome.lateness.len(), 30);
         assert!(metronome.lateness.max() >= 3_000_000, "the whole lateness of a tick slept through");
+    }
+
+    #[test]
+    fn with_a_lead_it_acts_before_the_tick_and_never_begins_it_early() {
+        let mut metronome = Metronome::new(1_000_000, Duration::from_millis(20)).unwrap();
+        let (mut acted, mut most_left_ns) = (0, 0);
+        let mut tick = 0;
+        while let Some(woken_ns) = metronome.next_wake_after(200_000, |left_ns| {
+            acted += 1;
+            most_left_ns = left_ns.max(most_left_ns);
+        }) {
+            tick = metronome.grid.tick_at(woken_ns).max(tick);
+            assert!(woken_ns >= metronome.grid.begin_of(metronome.next_tick - 1));
+        }
+        assert!((1..=20).contains(&acted) && (1..=200_000).contains(&most_left_ns), "{acted}, {most_left_ns}");
+        assert_eq!(metronome.lateness.len(), 20);
     }
 
     #[test]

@@ -40,6 +40,17 @@ pub struct RingSettings {
     pub priority: i32,
     /// What each process computes before it wakes the next one: as many as there are processes, 2 to 64.
     pub work: Vec<Work>,
+    /// Whether it rehearses, as the loops do.
+    pub rehearsal: Option<RingRehearsal>,
+}
+
+/// A token that goes around before each tick and is not recorded.
+#[derive(Clone, Copy, Debug)]
+pub struct RingRehearsal {
+    /// How far ahead of a tick the timer is set [ns].
+    pub lead_ns: u64,
+    /// Time that must be left for a rehearsal to begin [ns].
+    pub needs_ns: u64,
 }
 
 /// How long a token took.
@@ -103,12 +114,21 @@ fn go_around(link: &mut Link, settings: &RingSettings, standing: Standing) -> Re
         return race(link, settings, standing, chain, lap);
     }
     let mut metronome = Metronome::new(settings.period_ns, settings.duration)?;
-    while metronome.next_wake().is_some() {
+    let RingRehearsal { lead_ns, needs_ns } =
+        settings.rehearsal.unwrap_or(RingRehearsal { lead_ns: 0, needs_ns: u64::MAX });
+    let mut rehearsed = Ok(());
+    while metronome
+        .next_wake_after(lead_ns, |left_ns| {
+            if left_ns >= needs_ns {
+                rehearsed = pass_around(link, settings.work[0]).map(drop);
+            }
+        })
+        .is_some()
+    {
+        std::mem::replace(&mut rehearsed, Ok(()))?;
         // The metronome's own records are none of the ring's time.
         let start_ns = now_ns();
-        settings.work[0].run();
-        link.ring(now_ns())?;
-        let sent_ns = link.wait(Some(PATIENCE))?;
+        let sent_ns = pass_around(link, settings.work[0])?;
         lap.saturating_record(now_ns() - start_ns);
         chain.saturating_record(sent_ns.saturating_sub(start_ns));
     }
@@ -121,6 +141,13 @@ fn go_around(link: &mut Link, settings: &RingSettings, standing: Standing) -> Re
         lateness: metronome.lateness,
         standing,
     })
+}
+
+/// Sends the token around; gives when the last process sent it [ns].
+fn pass_around(link: &mut Link, work: Work) -> Result<u64, Failure> {
+    work.run();
+    link.ring(now_ns())?;
+    link.wait(Some(PATIENCE))
 }
 
 /// Lap after lap, as fast as the machine can.

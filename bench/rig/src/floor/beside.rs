@@ -58,6 +58,7 @@ pub fn take(report: &Report, settings: &Settings, duration: Duration, executable
         cpu: realtime.cpu,
         priority,
         work: computing_as(report)?,
+        rehearsal: None,
     };
     let ring = ring::measure(&ring, executable)?;
     let mut refused = timer.standing.refused.clone();

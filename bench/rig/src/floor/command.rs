@@ -156,9 +156,16 @@ fn kept(numbers: &Path, host: &report::host::Host) -> Result<Page, Failure> {
 
 fn write(directory: &Path, page: &Page) -> Result<(), Failure> {
     let (text, numbers) = (directory.join("benchmarks.md"), directory.join(NUMBERS));
-    std::fs::write(&text, page.markdown()).in_file("write", &text)?;
+    // A page that is not there yet, or cannot be read, has nothing to keep.
+    let tried = std::fs::read_to_string(&text).unwrap_or_default();
+    std::fs::write(&text, page.markdown() + tried_of(&tried)).in_file("write", &text)?;
     let json = serde_json::to_string_pretty(page).in_file("write", &numbers)?;
     std::fs::write(&numbers, json + "\n").in_file("write", &numbers)
+}
+
+/// What people write at the end of the page: what was tried and measured otherwise.
+fn tried_of(page: &str) -> &str {
+    page.find("\n## Tried\n").map_or("", |begin| &page[begin..])
 }
 
 /// What measures a set again.
@@ -168,4 +175,16 @@ fn command(args: &FloorArgs, set: Set) -> String {
 
 fn now() -> String {
     utc(SystemTime::now())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_people_wrote_at_the_end_of_the_page_stays() {
+        let page = "# Benchmarks\n\nfigures\n\n## Tried\n\n| try | ratio |\n";
+        assert_eq!(tried_of(page), "\n## Tried\n\n| try | ratio |\n");
+        assert_eq!(tried_of("# Benchmarks\n\nfigures, tried\n"), "");
+    }
 }

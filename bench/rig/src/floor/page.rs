@@ -48,7 +48,7 @@ impl MeasuredSet {
 /// How the name of a comparison's floor is explained.
 const LEGEND: &str = "\
 * *wake*: from a tick's begin to the plant's waking, beside `cyclictest` on the same processor with the same priority and period.\n\
-* *loop*: from the sampling of the state to the publishing of the rotor command, beside a raw futex ring of four processes that compute as long.\n\
+* *loop*: from the sampling of the state to the publishing of the rotor command, beside a raw futex ring of four processes that compute as long. A flight rehearses its tick, the ring does not; the ring of the lines *the ring rehearses too* does, with the flight's lead.\n\
 * *misses*: missed deadlines, beside ticks for which cyclictest woke later than a period less the loop's median; ticks that it slept through count as ours do, with their whole lateness.\n\
 * *lockstep tick*: a tick of `fly --pace lockstep`, beside a lap of a raw eventfd ring of four processes, SCHED_OTHER; the line below says what 25 times real time would take.\n\
 * *laws*: one tick of plant, outer loop, inner loop and mixer, beside the same written by hand in scalars; *simulate* is beside what 500 times real time would take.\n\
