@@ -179,8 +179,20 @@ impl Spool {
         self.0.borrow().queue.state().is_at_rest()
     }
 
-    /// As [`Self::end`], and waits until the disk has it all and has synced it, or takes nothing more.
-    pub fn finish(&self) -> u64 {
+    /// As [`Self::end`], and waits until the disk has it all and has synced it. Where it takes nothing more, the file
+    /// is cut after the last whole piece. Gives why it is not whole, where it is not.
+    pub fn finish(&self) -> Option<String> {
+        let on_disk = self.rest();
+        if on_disk < self.written() {
+            self.give_up(on_disk);
+            self.rest();
+        }
+        self.gap()
+    }
+
+    /// As [`Self::end`], and waits until the disk has it all and has synced it, or takes nothing more; gives what it has
+    /// [bytes].
+    fn rest(&self) -> u64 {
         self.end();
         let queue = Arc::clone(&self.0.borrow().queue);
         queue.await_rest()
@@ -203,7 +215,7 @@ impl Spool {
     }
 
     /// Takes nothing more, and has the file cut to a length at which it is readable [bytes].
-    pub fn give_up(&self, length: u64) {
+    fn give_up(&self, length: u64) {
         let mut kept = self.0.borrow_mut();
         kept.piece = Vec::new();
         let mut state = kept.queue.state();
@@ -215,8 +227,7 @@ impl Spool {
     }
 
     /// Why the file is not whole, where something is left out.
-    #[must_use]
-    pub fn gap(&self) -> Option<String> {
+    fn gap(&self) -> Option<String> {
         let kept = self.0.borrow();
         let state = kept.queue.state();
         state.refused.clone().filter(|_| state.has_gap || state.on_disk < state.handed)

@@ -137,8 +137,7 @@ impl StatesWriter {
     pub fn finish(&mut self) -> Result<(), Failure> {
         self.flush()?;
         let Some(spool) = &self.spool else { return Ok(()) };
-        spool.finish();
-        spool.gap().map_or(Ok(()), |reason| Err(Failure::failed(format!("the states are not whole: {reason}"))))
+        spool.finish().map_or(Ok(()), |reason| Err(Failure::failed(format!("the states are not whole: {reason}"))))
     }
 }
 
@@ -289,7 +288,10 @@ impl Parts {
 
 #[cfg(test)]
 mod tests {
+    use std::io;
+
     use super::*;
+    use flight_log::spool::Disk;
 
     fn take(joiner: &mut Joiner, tick: u64, topics: &str) {
         for topic in topics.chars() {
@@ -348,5 +350,37 @@ mod tests {
         let text = std::fs::read_to_string(file.path()).unwrap();
         let zeros = ",0.0".repeat(12);
         assert_eq!(text.lines().nth(1), Some(format!("0.003{zeros}{},1.0,-1.0,1.0,0.5", ",".repeat(14)).as_str()));
+    }
+
+    /// A disk that stands still for good, and refuses nothing.
+    struct Stuck;
+
+    impl Disk for Stuck {
+        fn free(&self) -> Option<u64> {
+            None
+        }
+
+        fn write_at(&self, _: &[u8], _: u64) -> io::Result<()> {
+            loop {
+                std::thread::park();
+            }
+        }
+
+        fn cut(&self, _: u64) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn sync(&self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_disk_that_stands_still_at_the_end_leaves_no_whole_file() {
+        let spool = Spool::new(Stuck, 0).unwrap();
+        let tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
+        let mut states = StatesWriter::begin(Box::new(spool.clone()), Some(spool), tracking, 1).unwrap();
+        let failure = states.finish().unwrap_err().to_string();
+        assert_eq!(failure, "the states are not whole: the disk took nothing for 3 s");
     }
 }

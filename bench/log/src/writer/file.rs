@@ -293,10 +293,6 @@ impl LogFile {
     pub(super) fn wait(&mut self) {
         self.spool.finish();
         self.settle();
-        if !self.chunks.is_empty() {
-            self.spool.give_up(self.settled.0);
-            self.spool.finish();
-        }
     }
 }
 

@@ -57,12 +57,7 @@ impl Lines {
     /// # Errors
     /// [`Failure`] with the system's reason, where it is not all there.
     pub fn finish(&self) -> Result<(), Failure> {
-        let on_disk = self.0.finish();
-        if on_disk < self.0.written() {
-            self.0.give_up(on_disk);
-            self.0.finish();
-        }
-        self.0.gap().map_or(Ok(()), |reason| Err(Failure::failed(format!("{FILE} is not whole: {reason}"))))
+        self.0.finish().map_or(Ok(()), |reason| Err(Failure::failed(format!("{FILE} is not whole: {reason}"))))
     }
 }
 
