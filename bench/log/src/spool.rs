@@ -1,11 +1,11 @@
 //! Buffers writes to a disk that may be full or slow.
 //!
-//! A piece is written whole, waits, or is left out. A separate thread writes the pieces and has them synced every
+//! A piece is written whole, waits, or is dropped. A separate thread writes the pieces and has them synced every
 //! `SYNC_EVERY`, so a disk that blocks holds nobody up.
 //!
 //! ```text
 //!   keeping --the disk takes no more--> waiting --it does again--> keeping
-//!                                       waiting --PATIENCE_BYTES wait--> pieces are left out until fewer do
+//!                                       waiting --PATIENCE_BYTES wait--> pieces are dropped until fewer do
 //!                                       waiting --the end--> cut after the last whole piece
 //! ```
 
@@ -106,7 +106,7 @@ struct SpoolState {
     retry_at: Option<Instant>,
     /// Why it did not, the first time.
     refused: Option<String>,
-    /// Whether a piece was left out.
+    /// Whether a piece was dropped.
     has_gap: bool,
     has_given_up: bool,
     /// Nothing more comes: what is there is to be written and synced at once.
@@ -147,18 +147,18 @@ impl Spool {
         state.on_disk
     }
 
-    /// As [`Self::settle`]; but a piece for which too much waits is left out, and the ones after it are not.
-    pub fn settle_or_leave_out(&self) {
+    /// As [`Self::settle`]; but a piece for which too much waits is dropped, and the ones after it are not.
+    pub fn settle_or_drop(&self) {
         if self.is_overfull() {
             self.0.borrow_mut().piece.clear();
-            self.leave_out();
+            self.say_dropped();
         } else {
             self.settle();
         }
     }
 
-    /// Says that something is left out, as the disk is too slow for it.
-    pub fn leave_out(&self) {
+    /// Says that something is dropped, as the disk is too slow for it.
+    pub fn say_dropped(&self) {
         let kept = self.0.borrow();
         let mut state = kept.queue.state();
         state.refuse(format!("the disk is too slow: {} MiB waited for it", PATIENCE_BYTES >> 20));
@@ -226,7 +226,7 @@ impl Spool {
         kept.queue.changed.notify_all();
     }
 
-    /// Why the file is not whole, where something is left out.
+    /// Why the file is not whole, where something was dropped or given up.
     fn gap(&self) -> Option<String> {
         let kept = self.0.borrow();
         let state = kept.queue.state();

@@ -125,7 +125,7 @@ impl StatesWriter {
     pub fn flush(&mut self) -> Result<(), Failure> {
         self.csv.flush().map_err(|e| Failure::failed(format!("cannot write the states: {e}")))?;
         if let Some(spool) = &self.spool {
-            spool.settle_or_leave_out();
+            spool.settle_or_drop();
         }
         Ok(())
     }

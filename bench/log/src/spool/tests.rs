@@ -92,12 +92,12 @@ fn a_file_that_is_ended_while_its_disk_blocks_is_waited_for_by_nobody() {
 }
 
 #[test]
-fn what_a_disk_that_blocks_for_too_long_has_no_room_for_is_left_out_and_what_comes_after_it_is_not() {
+fn what_a_disk_that_blocks_for_too_long_has_no_room_for_is_dropped_and_what_comes_after_it_is_not() {
     let (mut file, mut spool, allow, done) = gated();
     let much = vec![b'x'; PATIENCE_BYTES as usize + 1];
-    for piece in [&much[..], b" left out", b" too"] {
+    for piece in [&much[..], b" dropped", b" too"] {
         spool.write_all(piece).unwrap();
-        spool.settle_or_leave_out();
+        spool.settle_or_drop();
     }
     assert!(spool.is_overfull());
     assert_eq!(spool.written(), PATIENCE_BYTES + 1);
@@ -108,11 +108,11 @@ fn what_a_disk_that_blocks_for_too_long_has_no_room_for_is_left_out_and_what_com
         thread::yield_now();
     }
     spool.write_all(b" kept").unwrap();
-    spool.settle_or_leave_out();
+    spool.settle_or_drop();
     allow.send(()).unwrap();
     assert_eq!(spool.rest(), PATIENCE_BYTES + 6);
     assert_eq!(text(&mut file).trim_start_matches('x'), " kept");
-    assert!(spool.gap().is_some(), "what was left out stays so");
+    assert!(spool.gap().is_some(), "what was dropped stays so");
 }
 
 #[test]
