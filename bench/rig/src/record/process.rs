@@ -215,7 +215,8 @@ impl<'a> Recorder<'a> {
         while let Some(joined) = self.joiner.rest() {
             self.follow(&joined);
         }
-        let finished = self.states.iter_mut().try_for_each(StatesWriter::finish);
+        // Each of them, also after one that is not whole.
+        let finished = self.states.iter_mut().map(StatesWriter::finish).fold(Ok(()), Result::and);
         self.note("states.csv", finished);
         if let Some(autopsy) = &mut self.tally.autopsy {
             autopsy.ran(self.traced.take());
