@@ -8,6 +8,7 @@ use std::time::Duration;
 use quick_junit::{NonSuccessKind, Property, Report as Document, TestCase, TestCaseStatus, TestSuite};
 
 use crate::schema::{Gate, Report};
+use crate::text;
 use failure::{Failure, InFile as _};
 
 /// Group of the test cases.
@@ -18,8 +19,7 @@ const CLASS: &str = "ironbird.fly";
 /// # Errors
 /// [`Failure`] names the file that cannot be written.
 pub fn write(report: &Report, path: &Path) -> Result<(), Failure> {
-    let run = &report.run;
-    let mut suite = TestSuite::new(format!("trajectory {}, gains {}, {}", run.trajectory, run.preset, run.started));
+    let mut suite = TestSuite::new(text::title(&report.run));
     suite.set_time(Duration::try_from_secs_f64(report.ticks.elapsed_s).unwrap_or_default());
     for (subject, word, why) in report.words.each() {
         suite.add_property(Property::new(subject.to_lowercase(), word));

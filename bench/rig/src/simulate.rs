@@ -19,6 +19,7 @@ use report::states::{Joined, StatesWriter};
 use report::status::FlightStatus;
 use report::tally::theorem::{Theorem, TheoremTally};
 use report::tally::tracer::Tracer;
+use report::text;
 use report::tracking::{Tracking, TrackingError};
 
 /// Simulates a flight.
@@ -44,7 +45,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     let flown = fly(&mut rig, &settings, states.as_mut(), tracer.as_mut())?;
     let wall_s = start.elapsed().as_secs_f64();
     if let (Some(path), Some(tracer)) = (&args.plot, &tracer) {
-        let title = format!("trajectory {}, gains {}, simulated", settings.flight.trajectory, settings.flight.preset);
+        let title = format!("{}, simulated", text::flown(settings.flight.trajectory, settings.flight.preset));
         let svg = picture::render(&tracer.traces(), &flown.swaps, settings.flight.period_s, &title);
         fs::write(path, svg).in_file("write", path)?;
     }
@@ -67,9 +68,8 @@ fn check_drawn(path: Option<&Path>) -> Result<(), Failure> {
 fn summary(flown: &Simulated, settings: &Settings, wall_s: f64) -> String {
     let flown_s = flown.ticks as f64 * settings.flight.period_s;
     let mut text = format!(
-        "trajectory {}, gains {}: {} ticks, {flown_s:.3} s simulated in {wall_s:.3} s ({:.0} times real time)\n",
-        settings.flight.trajectory,
-        settings.flight.preset,
+        "{}: {} ticks, {flown_s:.3} s simulated in {wall_s:.3} s ({:.0} times real time)\n",
+        text::flown(settings.flight.trajectory, settings.flight.preset),
         flown.ticks,
         flown_s / wall_s
     );
