@@ -9,7 +9,7 @@ use quick_junit::{NonSuccessKind, Property, Report as Document, TestCase, TestCa
 
 use crate::schema::{Gate, Report};
 use crate::text;
-use failure::{Failure, InFile as _};
+use failure::{Failure, InFile as _, write_text};
 
 /// Group of the test cases.
 const CLASS: &str = "ironbird.fly";
@@ -73,5 +73,5 @@ fn put(suite: TestSuite, path: &Path) -> Result<(), Failure> {
     let mut document = Document::new("ironbird");
     document.add_test_suite(suite);
     let text = document.to_string().in_file("write", path)?;
-    std::fs::write(path, text).in_file("write", path)
+    write_text(path, &text)
 }

@@ -3,7 +3,6 @@
 //! Every state has its row. A cell is empty if the stage published nothing for that tick.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
@@ -11,7 +10,7 @@ use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
 
 use crate::tick::TickRecord;
 use crate::tracking::Tracking;
-use failure::{Failure, InFile as _};
+use failure::{Failure, InFile as _, create_file};
 use flight_log::spool::Spool;
 
 /// What the states leave free on their disk, for the report [bytes].
@@ -68,7 +67,7 @@ impl StatesWriter {
     /// # Errors
     /// [`Failure`] names the file.
     pub fn create(path: &Path, tracking: Tracking, every_ticks: u64) -> Result<Self, Failure> {
-        let file = File::create(path).in_file("write the states to", path)?;
+        let file = create_file(path).in_file("write the states to", path)?;
         Self::begin(Box::new(BufWriter::new(file)), None, tracking, every_ticks).in_file("write the states to", path)
     }
 
@@ -77,7 +76,7 @@ impl StatesWriter {
     /// # Errors
     /// [`Failure`] names the file.
     pub fn spooled(path: &Path, tracking: Tracking, every_ticks: u64) -> Result<Self, Failure> {
-        let file = File::create(path).in_file("write the states to", path)?;
+        let file = create_file(path).in_file("write the states to", path)?;
         if !file.metadata().is_ok_and(|facts| facts.is_file()) {
             let out = Box::new(BufWriter::new(file));
             return Self::begin(out, None, tracking, every_ticks).in_file("write the states to", path);

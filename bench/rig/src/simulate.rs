@@ -1,6 +1,5 @@
 //! `ironbird simulate`: runs the same four tick functions in one process, in simulated time.
 
-use std::fs;
 use std::path::Path;
 use std::time::Instant;
 
@@ -12,7 +11,7 @@ use crate::cli::SimulateArgs;
 use crate::in_process::InProcess;
 use crate::output::print;
 use crate::settings::Settings;
-use failure::{Failure, GATE, InFile as _, OK, check_writable};
+use failure::{Failure, GATE, OK, check_writable, write_text};
 use report::page::picture;
 use report::schema::{AppliedSwap, Gate};
 use report::states::{Joined, StatesWriter};
@@ -47,7 +46,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     if let (Some(path), Some(tracer)) = (&args.plot, &tracer) {
         let title = format!("{}, simulated", text::flown(settings.flight.trajectory, settings.flight.preset));
         let svg = picture::render(&tracer.traces(), &flown.swaps, settings.flight.period_s, &title);
-        fs::write(path, svg).in_file("write", path)?;
+        write_text(path, &svg)?;
     }
     if let Some(states) = &mut states {
         states.flush()?;

@@ -1,11 +1,12 @@
 //! How a command fails: exit code, what happened, what to do about it.
 
 use std::fs::{File, OpenOptions};
-use std::os::unix::fs::{FileTypeExt as _, OpenOptionsExt as _};
+use std::io::Write as _;
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 use std::{fmt, fs, io};
 
-use rustix::fs::{Access, Mode, OFlags, access, open};
+use rustix::fs::{Access, OFlags, access, fcntl_getfl, fcntl_setfl};
 use rustix::io::Errno;
 
 /// Exit code of a run or command that did what it should.
@@ -160,6 +161,31 @@ pub fn read_text(doing: &str, path: &Path) -> Result<String, Failure> {
     io::read_to_string(file).in_file(doing, path)
 }
 
+/// Opens a file to be written from its beginning, made if it is not there. A pipe is one, too, if somebody reads it.
+///
+/// # Errors
+/// The system's.
+pub fn create_file(path: &Path) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(true);
+    // Opening a pipe waits for its reader otherwise.
+    let file = options.custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path).map_err(|e| {
+        let is_unread = e.raw_os_error() == Some(Errno::NXIO.raw_os_error());
+        if is_unread { io::Error::new(e.kind(), "it is a pipe that nobody reads") } else { e }
+    })?;
+    // Writing then waits for who reads slowly.
+    fcntl_setfl(&file, fcntl_getfl(&file)? - OFlags::NONBLOCK)?;
+    Ok(file)
+}
+
+/// Writes a text into a file, opened as by [`create_file`].
+///
+/// # Errors
+/// [`Failure`] names the file.
+pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
+    create_file(path).and_then(|mut file| file.write_all(text.as_bytes())).in_file("write", path)
+}
+
 /// A new file in place of what has the name: a link is not followed, and a pipe not waited for.
 ///
 /// # Errors
@@ -179,10 +205,7 @@ pub fn check_writable(flag: &str, path: Option<&Path>) -> Result<(), Failure> {
     let Some(path) = path else { return Ok(()) };
     let asked = match fs::metadata(path) {
         Ok(file) if file.is_dir() => Err(Errno::ISDIR),
-        // One that nobody reads would be waited for.
-        Ok(file) if file.file_type().is_fifo() => {
-            open(path, OFlags::WRONLY | OFlags::NONBLOCK, Mode::empty()).map(drop)
-        }
+        // Nothing is opened: who reads a pipe would take that for all that comes.
         Ok(_) => access(path, Access::WRITE_OK),
         // It will be made.
         Err(_) => {
@@ -239,7 +262,7 @@ mod tests {
         assert!(Command::new("mkfifo").arg(path("pipe")).status().unwrap().success());
         let _socket = UnixListener::bind(path("socket")).unwrap();
         for name in ["link", "old", "pipe", "socket", "new"] {
-            io::Write::write_all(&mut replace(&path(name)).unwrap(), b"ours").unwrap();
+            replace(&path(name)).unwrap().write_all(b"ours").unwrap();
             assert_eq!(fs::read_to_string(path(name)).unwrap(), "ours", "{name}");
             assert!(path(name).symlink_metadata().unwrap().is_file(), "{name}");
         }
