@@ -3,6 +3,7 @@
 mod gates;
 mod layers;
 mod log;
+mod processes;
 #[cfg(test)]
 mod tests;
 
@@ -12,8 +13,7 @@ use std::path::Path;
 use controller::{Gains, Limits, Preset, Trajectory};
 use model::boards::LOCKSTEP;
 use model::limits::RotorLimits;
-use model::parameters::{Airframe, Parameter};
-use model::realtime;
+use model::realtime::RealtimeMode;
 use plant::Swap;
 use report::words::TrackingLimits;
 use serde::{Deserialize, Serialize};
@@ -100,7 +100,7 @@ pub enum PaceName {
 #[serde(deny_unknown_fields)]
 pub struct RealtimeSection {
     /// How much the user insists.
-    pub mode: realtime::RealtimeMode,
+    pub mode: RealtimeMode,
     /// SCHED_FIFO priority of the plant.
     pub priority: i32,
     /// Processor of the loops: a number, or "auto".
@@ -210,78 +210,6 @@ impl Settings {
         Ok(text)
     }
 
-    /// The true airframe at tick 0.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names the parameter.
-    pub fn airframe(&self) -> Result<Airframe, Failure> {
-        airframe("plant", &self.plant)
-    }
-
-    /// Settings of the plant.
-    ///
-    /// # Errors
-    /// As [`Self::airframe`].
-    pub fn plant(&self) -> Result<plant::PlantSettings, Failure> {
-        Ok(plant::PlantSettings {
-            period_s: self.flight.period_s,
-            airframe: self.airframe()?,
-            rotor: self.rotor,
-            seed: self.flight.seed,
-        })
-    }
-
-    /// Settings of the two loops.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names the parameter of the model.
-    pub fn controller(&self) -> Result<controller::LoopSettings, Failure> {
-        Ok(controller::LoopSettings {
-            period_s: self.flight.period_s,
-            trajectory: self.flight.trajectory,
-            gains: self.gains,
-            limits: self.limits,
-            rotor: self.rotor,
-            model: airframe("model", &self.model)?,
-        })
-    }
-
-    /// Settings of the mixer.
-    ///
-    /// # Errors
-    /// As [`Self::controller`].
-    pub fn mixer(&self) -> Result<mixer::MixerSettings, Failure> {
-        Ok(mixer::MixerSettings {
-            period_s: self.flight.period_s,
-            model: airframe("model", &self.model)?,
-            rotor: self.rotor,
-        })
-    }
-
-    /// What to ask the system for.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] where `rt.cpu` is neither a processor nor "auto".
-    pub fn realtime(&self) -> Result<realtime::RealtimeSettings, Failure> {
-        // A SCHED_FIFO process that never sleeps is throttled by the kernel, and starves whoever shares its processor.
-        if self.flight.pace == PaceName::Lockstep {
-            return Ok(realtime::RealtimeSettings {
-                mode: realtime::RealtimeMode::Off,
-                priority: self.rt.priority,
-                cpu: None,
-            });
-        }
-        let cpu = match &self.rt.cpu {
-            Value::String(auto) if auto == "auto" => None,
-            Value::Integer(cpu) if (0..1024).contains(cpu) => usize::try_from(*cpu).ok(),
-            other => {
-                return Err(Failure::usage(format!("rt.cpu = {other}: allowed are a processor's number and \"auto\""))
-                    .help("`taskset -p $$` shows the processors that this shell may use"));
-            }
-        };
-        Ok(realtime::RealtimeSettings { mode: self.rt.mode, priority: self.rt.priority, cpu })
-    }
-
     /// When the flight counts as tracked.
     #[must_use]
     pub const fn tracking_limits(&self) -> TrackingLimits {
@@ -382,16 +310,6 @@ pub fn check_cpu(named: &str, cpu: usize) -> Result<(), Failure> {
         }
         _ => Ok(()),
     }
-}
-
-fn airframe(section: &str, values: &BTreeMap<String, f64>) -> Result<Airframe, Failure> {
-    let mut airframe = Airframe::nominal();
-    for (name, value) in values {
-        Parameter::from_name(name)
-            .and_then(|parameter| airframe.set(parameter, *value))
-            .map_err(|e| Failure::usage(format!("{section}.{e}")).help("see `ironbird params`"))?;
-    }
-    Ok(airframe)
 }
 
 fn within(key: &str, value: f64, min: f64, max: f64) -> Result<(), Failure> {

@@ -2,6 +2,7 @@
 
 pub mod deadlines;
 pub mod distribution;
+mod flight;
 pub mod series;
 pub mod theorem;
 mod timing;
@@ -13,18 +14,18 @@ use model::boards;
 use model::envelope::Message;
 use model::grid::{Grid, Pace};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::parameters::ESTIMATED;
 use model::role::Role;
 use model::topic::Topic;
 
 use crate::autopsy::Autopsy;
-use crate::schema::{self, Estimate};
+use crate::schema;
 use crate::tally::deadlines::{Deadlines, LateCommands, MissRuns};
+use crate::tally::flight::FlightTally;
 use crate::tally::series::SeriesSet;
 use crate::tally::theorem::TheoremTally;
 use crate::tally::timing::{StampedCommand, StampedPassage};
 use crate::tally::tracer::Tracer;
-use crate::tracking::{RecentStates, Tracking, TrackingError};
+use crate::tracking::{RecentStates, Tracking};
 use failure::Failure;
 
 /// Swaps that are kept one by one.
@@ -92,15 +93,6 @@ impl Sequence {
         self.last = Some((epoch, seq));
         seq > expected
     }
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct FlightTally {
-    truth: [f64; 3],
-    tracking: TrackingError,
-    estimate: [f64; 3],
-    rate_error: f64,
-    saturated: u64,
 }
 
 /// Whether a rotor command is the mixer's last word of a run: idle, and the answer to no state.
@@ -295,26 +287,7 @@ impl Tally {
     /// Control performance so far.
     #[must_use]
     pub fn flight(&self) -> schema::ControlPerformance {
-        let flight = &self.flight;
-        schema::ControlPerformance {
-            position_error_rms_m: flight.tracking.rms_m(),
-            position_error_max_m: flight.tracking.max_m(),
-            position_error_final_m: flight.tracking.last_m(),
-            states: flight.tracking.states(),
-            ticks_without_state: 0,
-            recent_error_max_m: self.recent.error_max_m(),
-            recent_s: self.recent.length_s(),
-            lowest_z_m: self.recent.lowest_z_m(),
-            rate_error_final_rad_s: flight.rate_error,
-            saturated_ticks: flight.saturated,
-            estimates: (0..3)
-                .map(|i| Estimate {
-                    name: ESTIMATED[i].name().into(),
-                    estimated: flight.estimate[i],
-                    actual: flight.truth[i],
-                })
-                .collect(),
-        }
+        self.flight.performance(&self.recent)
     }
 }
 
