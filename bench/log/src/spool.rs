@@ -190,8 +190,8 @@ impl Spool {
         self.gap()
     }
 
-    /// As [`Self::end`], and waits until the disk has it all and has synced it, or takes nothing more; gives what it has
-    /// [bytes].
+    /// As [`Self::end`], and waits until the disk has it all and has synced it, or takes nothing more; gives what it
+    /// has [bytes].
     fn rest(&self) -> u64 {
         self.end();
         let queue = Arc::clone(&self.0.borrow().queue);

@@ -35,7 +35,8 @@ const EVENTS: [(&str, bool); 6] = [
 /// The kernel's trace, until the value is dropped.
 #[derive(Debug)]
 pub struct Trace {
-    /// What the ring holds as text, gone once it is read. Closed before the ring, which cannot be removed while it is open.
+    /// What the ring holds as text, gone once it is read. Closed before the ring, which cannot be removed while it
+    /// is open.
     pipe: File,
     ring: Ring,
     /// The beginning of a line whose end has not been read.

@@ -137,7 +137,7 @@ impl RunDirectory {
         fs::write(&file, settings.commented()?).in_file("write", &file)
     }
 
-    /// Removes a directory in which nothing was recorded; what is not of a flight's start stays, and the directory with it.
+    /// Removes a directory in which nothing was recorded; what is not of a flight's start stays, and so does it.
     pub fn discard(&self) {
         if self.path.join("report.json").exists() || holds_messages(&self.path.join(FILE)) {
             return;

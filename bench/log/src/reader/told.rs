@@ -1,4 +1,4 @@
-//! What a log says of its flight: by whom it was written, at what pace, and how much it was to hold.
+//! What a log says of its flight: its writer, its pace, what it was to hold.
 
 use failure::Failure;
 use model::boards::LOCKSTEP;

@@ -157,8 +157,8 @@ impl LogFile {
         self.chunk.entry(header.channel_id).or_default().push((header, bytes));
     }
 
-    /// When a message was sampled [ns]; where it goes back to no sample, the beginning of its tick, or in lockstep, where
-    /// ticks have no place on the clock, the newest sample.
+    /// When a message was sampled [ns]; where it goes back to no sample, the beginning of its tick, or in lockstep,
+    /// where ticks have no place on the clock, the newest sample.
     fn log_time<C: Logged>(&self, message: &Message<C>) -> u64 {
         let Message { envelope, .. } = message;
         match self.pace {
