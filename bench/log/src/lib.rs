@@ -1,7 +1,8 @@
 //! The flight log: every message in one MCAP file, which other tools can read too.
 //!
 //! ```text
-//! messages --excerpt, codec--> writer --chunks--> spool --> flight.mcap, flight.1.mcap, ... --> reader --> export, replay
+//! messages --excerpt, codec--> writer --chunks--> spool --> flight.mcap, flight.1.mcap, ...
+//!                                                           --> reader --> export, replay
 //! ```
 //!
 //! Schemas, units and codec are derived from the layouts of the messages. docs/recording.md describes the file.

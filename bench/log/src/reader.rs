@@ -3,6 +3,8 @@
 //! It reads chunk by chunk, so it can also read what a killed recorder or a full disk left behind. From a file that
 //! names another one, which goes on, it goes on there.
 
+mod told;
+
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read as _;
@@ -11,21 +13,22 @@ use std::path::{Path, PathBuf};
 use mcap::McapError;
 use mcap::records::{Metadata, Record};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use model::boards::LOCKSTEP;
-use model::envelope::LAYOUT;
-use model::grid::{Grid, Pace};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;
 
 use crate::TOPICS;
-use crate::build::Build;
 use crate::codec::{Logged, decode};
 use crate::entry::{Counts, LogEntry};
 use crate::{facts, schema};
-use failure::{Failure, InFile as _};
+use failure::{Failure, InFile as _, open_file};
+
+pub use told::Kept;
 
 /// A record longer than this is no log's [bytes].
 const RECORD_LIMIT: usize = 1 << 28;
+
+/// What fails where a file cannot be read.
+const READ: &str = "read the flight log";
 
 /// How far a log goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,15 +58,6 @@ pub struct LogReader {
     has_footer: bool,
 }
 
-/// What a log holds, by its own words.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Kept {
-    /// Ticks around missed deadlines that it keeps; none where it keeps every message.
-    pub around_ticks: Option<u64>,
-    /// Files that were before the first one that is there.
-    pub files_before: u64,
-}
-
 impl LogReader {
     /// Opens a log and reads what it says of its flight.
     ///
@@ -72,7 +66,7 @@ impl LogReader {
     pub fn open(path: &Path) -> Result<Self, Failure> {
         Ok(Self {
             path: path.to_owned(),
-            file: open_file(path)?,
+            file: open_file(path).in_file(READ, path)?,
             part: None,
             parser: parser(),
             channels: BTreeMap::new(),
@@ -105,111 +99,10 @@ impl LogReader {
         &self.path
     }
 
-    /// Messages that a log with its beginning and its end lacks, by topic: those that it says it was to hold.
-    ///
-    /// # Errors
-    /// As [`Self::landed`].
-    pub fn missing(&self) -> Result<Vec<(&'static str, u64)>, Failure> {
-        if self.end() != End::Complete || self.kept()?.files_before > 0 {
-            return Ok(Vec::new());
-        }
-        let mut missing = Vec::new();
-        for (topic, read) in TOPICS.into_iter().zip(self.read) {
-            let told = self.landed(&format!("messages.{topic}"))?.unwrap_or(read);
-            if told > read {
-                missing.push((topic, told - read));
-            }
-        }
-        Ok(missing)
-    }
-
     /// How far the log goes; [`End::Truncated`] while it has not been read to its end.
     #[must_use]
     pub fn end(&self) -> End {
         self.end.unwrap_or(End::Truncated)
-    }
-
-    /// What the log says of its flight, as far as it has been read: all but the landing stands before the messages.
-    ///
-    /// # Errors
-    /// [`Failure`] names the file and the missing fact.
-    pub fn fact(&self, record: &str, name: &str) -> Result<&str, Failure> {
-        self.facts
-            .get(record)
-            .and_then(|record| record.get(name))
-            .map(String::as_str)
-            .ok_or_else(|| self.damaged(&format!("its record `{record}` has no `{name}`")))
-    }
-
-    /// A number of the record that ends the log; none where it does not say.
-    ///
-    /// # Errors
-    /// [`Failure`] names the file, where the record is missing or says no number.
-    pub fn landed(&self, name: &str) -> Result<Option<u64>, Failure> {
-        let landing = self.facts.get(facts::LANDING).ok_or_else(|| {
-            self.damaged("its record `landing` is missing: it has an end, but not the one that its recorder wrote")
-        })?;
-        let Some(text) = landing.get(name) else { return Ok(None) };
-        let number = text
-            .parse()
-            .map_err(|_| self.damaged(&format!("its record `landing` has {name} = `{text}`, which is no number")))?;
-        Ok(Some(number))
-    }
-
-    /// A number of the record about the run.
-    ///
-    /// # Errors
-    /// As [`Self::fact`].
-    pub fn number(&self, name: &str) -> Result<u64, Failure> {
-        let text = self.fact(facts::RUN, name)?;
-        text.parse().map_err(|_| self.damaged(&format!("its record `run` has {name} = `{text}`, which is no number")))
-    }
-
-    /// What moved the ticks of the run on.
-    ///
-    /// # Errors
-    /// As [`Self::fact`].
-    pub fn pace(&self) -> Result<Pace, Failure> {
-        let (t0_ns, period_ns) = (self.number("t0_ns")?, self.number("period_ns")?);
-        Ok(if period_ns == LOCKSTEP { Pace::Lockstep } else { Pace::Realtime(Grid { t0_ns, period_ns }) })
-    }
-
-    /// What it holds: of its first file that is there.
-    ///
-    /// # Errors
-    /// [`Failure`] names the file, where it says no number.
-    pub fn kept(&self) -> Result<Kept, Failure> {
-        // Logs from before there were excerpts do not say.
-        let number = |name: &str| match self.facts.get(facts::KEPT).and_then(|record| record.get(name)) {
-            None => Ok(0),
-            Some(text) => text.parse().map_err(|_| {
-                self.damaged(&format!("its record `{}` has {name} = `{text}`, which is no number", facts::KEPT))
-            }),
-        };
-        let is_excerpt = self.fact(facts::KEPT, "kept").is_ok_and(|kept| kept == facts::AROUND_MISSES);
-        let around_ticks = number("around_ticks")?;
-        Ok(Kept { around_ticks: is_excerpt.then_some(around_ticks), files_before: number("part")? })
-    }
-
-    /// The executable that wrote it; what the log does not say is unknown.
-    #[must_use]
-    pub fn build(&self) -> Build {
-        let told = |name: &str| self.fact(facts::RUN, name).map_or_else(|_| "unknown".to_owned(), str::to_owned);
-        Build {
-            version: told("version"),
-            commit: told("commit"),
-            dirty: told("dirty") == "true",
-            profile: told("profile"),
-            rustc: told("rustc"),
-            target: told("target"),
-        }
-    }
-
-    /// A failure of this log.
-    #[must_use]
-    pub fn damaged(&self, what: &str) -> Failure {
-        Failure::failed(format!("{} is damaged or no flight log: {what}", self.path.display()))
-            .help("only an undamaged log can be trusted; what stands before the damage can be exported")
     }
 
     fn step(&mut self) -> Result<Option<LogEntry>, Failure> {
@@ -221,9 +114,7 @@ impl LogReader {
                 if self.facts.is_empty() {
                     return Err(self.damaged("it ends before its first record"));
                 }
-                let next = self.part.map(|part| self.path.with_file_name(crate::file_name(part + 1)));
-                if let Some(next) = next.filter(|next| next.exists()) {
-                    let next = next.file_name().unwrap_or_default().display().to_string();
+                if let Some(next) = self.next_name().filter(|next| self.path.with_file_name(next).exists()) {
                     return Err(self.damaged(&format!("its end is missing, and the log goes on in {next}")));
                 }
                 return Ok(None);
@@ -236,7 +127,7 @@ impl LogReader {
         };
         match event {
             LinearReadEvent::ReadRequest(wanted) => {
-                let read = self.file.read(self.parser.insert(wanted)).in_file("read the flight log", &self.path)?;
+                let read = self.file.read(self.parser.insert(wanted)).in_file(READ, &self.path)?;
                 self.parser.notify_read(read);
                 Ok(None)
             }
@@ -246,6 +137,11 @@ impl LogReader {
                 self.take(record)
             }
         }
+    }
+
+    /// Name of the file after this one.
+    fn next_name(&self) -> Option<String> {
+        self.part.map(|part| crate::file_name(part + 1))
     }
 
     /// Ends with this file, or goes on with the one that it names.
@@ -262,12 +158,11 @@ impl LogReader {
         self.end = Some(End::Truncated);
         // The landing of the whole log is that of its last file.
         self.facts.remove(facts::LANDING);
-        let next_part = self.part.map(|part| part + 1);
-        if crate::part_of(&next) != next_part || next_part.is_none() {
+        if self.next_name().as_ref() != Some(&next) {
             return Err(self.damaged(&format!("it goes on in `{next}`, which is not the file after it")));
         }
         let path = self.path.with_file_name(next);
-        let file = open_file(&path).map_err(|failure| {
+        let file = open_file(&path).in_file(READ, &path).map_err(|failure| {
             failure.help(format!(
                 "{} goes on in it: the files of a log belong together; what stands before can be exported",
                 self.path.display()
@@ -349,34 +244,6 @@ impl LogReader {
         Ok(())
     }
 
-    /// A failure of a log that another version has written.
-    fn of_other_version(&self, how: &str) -> Failure {
-        Failure::failed(format!(
-            "{} was written by another version of ironbird, {}: {how}",
-            self.path.display(),
-            self.build(),
-        ))
-        .help("use that version; the schemas in the log let any MCAP reader read it (docs/recording.md)")
-    }
-
-    /// Refuses a log that another version wrote, or one with other layouts.
-    ///
-    /// # Errors
-    /// [`Failure`] says what differs.
-    pub fn check_version(&self) -> Result<(), Failure> {
-        for (name, ours) in [
-            ("format", facts::FORMAT.to_owned()),
-            ("version", env!("CARGO_PKG_VERSION").into()),
-            ("layout", format!("{LAYOUT:016x}")),
-        ] {
-            let theirs = self.fact(facts::RUN, name)?;
-            if theirs != ours {
-                return Err(self.of_other_version(&format!("{name} `{theirs}`, here `{ours}`")));
-            }
-        }
-        Ok(())
-    }
-
     fn take_message(&self, channel: u16, data: &[u8]) -> Result<Option<LogEntry>, Failure> {
         let Some(topic) = self.channels.get(&channel) else { return Ok(None) };
         let entry = match *topic {
@@ -391,15 +258,6 @@ impl LogReader {
             None => Err(self.damaged(&format!("a message of topic `{topic}` does not follow its schema"))),
         }
     }
-}
-
-fn open_file(path: &Path) -> Result<File, Failure> {
-    // A pipe may have no writer.
-    if std::fs::metadata(path).is_ok_and(|file| !file.is_file()) {
-        let path = path.display();
-        return Err(Failure::failed(format!("cannot read the flight log {path}: it is not a regular file")));
-    }
-    File::open(path).in_file("read the flight log", path)
 }
 
 fn parser() -> LinearReader {

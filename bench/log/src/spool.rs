@@ -1,11 +1,11 @@
 //! Buffers writes to a disk that may be full or slow.
 //!
-//! A piece is written whole, waits, or is left out. A separate thread writes the pieces and has them synced every
+//! A piece is written whole, waits, or is dropped. A separate thread writes the pieces and has them synced every
 //! `SYNC_EVERY`, so a disk that blocks holds nobody up.
 //!
 //! ```text
 //!   keeping --the disk takes no more--> waiting --it does again--> keeping
-//!                                       waiting --PATIENCE_BYTES wait--> pieces are left out until fewer do
+//!                                       waiting --PATIENCE_BYTES wait--> pieces are dropped until fewer do
 //!                                       waiting --the end--> cut after the last whole piece
 //! ```
 
@@ -106,7 +106,7 @@ struct SpoolState {
     retry_at: Option<Instant>,
     /// Why it did not, the first time.
     refused: Option<String>,
-    /// Whether a piece was left out.
+    /// Whether a piece was dropped.
     has_gap: bool,
     has_given_up: bool,
     /// Nothing more comes: what is there is to be written and synced at once.
@@ -147,18 +147,18 @@ impl Spool {
         state.on_disk
     }
 
-    /// As [`Self::settle`]; but a piece for which too much waits is left out, and the ones after it are not.
-    pub fn settle_or_leave_out(&self) {
+    /// As [`Self::settle`]; but a piece for which too much waits is dropped, and the ones after it are not.
+    pub fn settle_or_drop(&self) {
         if self.is_overfull() {
             self.0.borrow_mut().piece.clear();
-            self.leave_out();
+            self.say_dropped();
         } else {
             self.settle();
         }
     }
 
-    /// Says that something is left out, as the disk is too slow for it.
-    pub fn leave_out(&self) {
+    /// Says that something is dropped, as the disk is too slow for it.
+    pub fn say_dropped(&self) {
         let kept = self.0.borrow();
         let mut state = kept.queue.state();
         state.refuse(format!("the disk is too slow: {} MiB waited for it", PATIENCE_BYTES >> 20));
@@ -179,8 +179,20 @@ impl Spool {
         self.0.borrow().queue.state().is_at_rest()
     }
 
-    /// As [`Self::end`], and waits until the disk has it all and has synced it, or takes nothing more.
-    pub fn finish(&self) -> u64 {
+    /// As [`Self::end`], and waits until the disk has it all and has synced it. Where it takes nothing more, the file
+    /// is cut after the last whole piece. Gives why it is not whole, where it is not.
+    pub fn finish(&self) -> Option<String> {
+        let on_disk = self.rest();
+        if on_disk < self.written() {
+            self.give_up(on_disk);
+            self.rest();
+        }
+        self.gap()
+    }
+
+    /// As [`Self::end`], and waits until the disk has it all and has synced it, or takes nothing more; gives what it
+    /// has [bytes].
+    fn rest(&self) -> u64 {
         self.end();
         let queue = Arc::clone(&self.0.borrow().queue);
         queue.await_rest()
@@ -203,7 +215,7 @@ impl Spool {
     }
 
     /// Takes nothing more, and has the file cut to a length at which it is readable [bytes].
-    pub fn give_up(&self, length: u64) {
+    fn give_up(&self, length: u64) {
         let mut kept = self.0.borrow_mut();
         kept.piece = Vec::new();
         let mut state = kept.queue.state();
@@ -214,9 +226,8 @@ impl Spool {
         kept.queue.changed.notify_all();
     }
 
-    /// Why the file is not whole, where something is left out.
-    #[must_use]
-    pub fn gap(&self) -> Option<String> {
+    /// Why the file is not whole, where something was dropped or given up.
+    fn gap(&self) -> Option<String> {
         let kept = self.0.borrow();
         let state = kept.queue.state();
         state.refused.clone().filter(|_| state.has_gap || state.on_disk < state.handed)

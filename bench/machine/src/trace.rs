@@ -35,7 +35,8 @@ const EVENTS: [(&str, bool); 6] = [
 /// The kernel's trace, until the value is dropped.
 #[derive(Debug)]
 pub struct Trace {
-    /// What the ring holds as text, gone once it is read. Closed before the ring, which cannot be removed while it is open.
+    /// What the ring holds as text, gone once it is read. Closed before the ring, which cannot be removed while it
+    /// is open.
     pipe: File,
     ring: Ring,
     /// The beginning of a line whose end has not been read.
@@ -53,7 +54,7 @@ impl Trace {
     }
 
     fn begin_at(tracefs: &Path, name: &str, processor: Option<u64>) -> io::Result<Self> {
-        let ring = Ring::new(ring(tracefs, name))?;
+        let ring = Ring::new(instances(tracefs).join(name))?;
         ring.put("trace_clock", "mono")?;
         if let Some(processor) = processor {
             ring.put("tracing_cpumask", &mask(processor))?;
@@ -124,18 +125,19 @@ impl Drop for Ring {
 /// # Errors
 /// The system's; a ring that is being read is busy.
 pub fn remove_left(name: &str) -> io::Result<()> {
-    fs::remove_dir(ring(Path::new(TRACEFS), name))
+    fs::remove_dir(instances(Path::new(TRACEFS)).join(name))
 }
 
 /// The rings whose names begin like this, by their names.
 #[must_use]
 pub fn rings(prefix: &str) -> Vec<String> {
-    let entries = fs::read_dir(ring(Path::new(TRACEFS), "")).into_iter().flatten().filter_map(Result::ok);
+    let entries = fs::read_dir(instances(Path::new(TRACEFS))).into_iter().flatten().filter_map(Result::ok);
     entries.filter_map(|entry| entry.file_name().into_string().ok()).filter(|name| name.starts_with(prefix)).collect()
 }
 
-fn ring(tracefs: &Path, name: &str) -> PathBuf {
-    tracefs.join("instances").join(name)
+/// Where the rings are.
+fn instances(tracefs: &Path) -> PathBuf {
+    tracefs.join("instances")
 }
 
 fn named(path: &Path, error: &io::Error) -> io::Error {
@@ -348,6 +350,16 @@ mod tests {
     #[test]
     fn a_processor_is_a_bit_of_a_word() {
         assert_eq!([0, 5, 31, 32, 65].map(mask), ["1", "20", "80000000", "1,00000000", "2,00000000,00000000"]);
+    }
+
+    #[test]
+    fn a_trace_that_cannot_be_read_names_the_file() {
+        // No directory is read as a file.
+        let pipe = File::open("/").unwrap();
+        let ring = Ring("/proc/self/nowhere".into());
+        let mut trace = Trace { pipe, ring, rest: Vec::new(), readers: Readers::default() };
+        let error = trace.take().unwrap_err().to_string();
+        assert_eq!(error, "/proc/self/nowhere/trace_pipe: Is a directory (os error 21)");
     }
 
     #[test]

@@ -26,8 +26,7 @@ pub fn write_all(report: &Report, directory: &Path) -> Result<(), Failure> {
     write("report.html", page::render(report))?;
     if let Some(traces) = &report.traces {
         let run = &report.run;
-        let title = format!("trajectory {}, gains {}, {}", run.trajectory, run.preset, run.started);
-        write("flight.svg", picture::render(traces, &report.swaps, run.period_us / 1e6, &title))?;
+        write("flight.svg", picture::render(traces, &report.swaps, run.period_us / 1e6, &text::title(run)))?;
     }
     sync(directory);
     Ok(())

@@ -8,7 +8,8 @@ use std::time::Duration;
 use quick_junit::{NonSuccessKind, Property, Report as Document, TestCase, TestCaseStatus, TestSuite};
 
 use crate::schema::{Gate, Report};
-use failure::{Failure, InFile as _};
+use crate::text;
+use failure::{Failure, InFile as _, write_text};
 
 /// Group of the test cases.
 const CLASS: &str = "ironbird.fly";
@@ -18,8 +19,7 @@ const CLASS: &str = "ironbird.fly";
 /// # Errors
 /// [`Failure`] names the file that cannot be written.
 pub fn write(report: &Report, path: &Path) -> Result<(), Failure> {
-    let run = &report.run;
-    let mut suite = TestSuite::new(format!("trajectory {}, gains {}, {}", run.trajectory, run.preset, run.started));
+    let mut suite = TestSuite::new(text::title(&report.run));
     suite.set_time(Duration::try_from_secs_f64(report.ticks.elapsed_s).unwrap_or_default());
     for (subject, word, why) in report.words.each() {
         suite.add_property(Property::new(subject.to_lowercase(), word));
@@ -73,5 +73,5 @@ fn put(suite: TestSuite, path: &Path) -> Result<(), Failure> {
     let mut document = Document::new("ironbird");
     document.add_test_suite(suite);
     let text = document.to_string().in_file("write", path)?;
-    std::fs::write(path, text).in_file("write", path)
+    write_text(path, &text)
 }

@@ -1,7 +1,8 @@
 //! From records to numbers to pages: accounting, outages, and the report.
 //!
 //! ```text
-//! messages --> tally (series, deadlines, theorem, tracer), autopsy --> words, verdict --> schema --> text, page, junit, diff
+//! messages --> tally (series, deadlines, theorem, tracer), autopsy --> words, verdict
+//!          --> schema --> text, page, junit, diff
 //! ```
 //!
 //! Nothing here starts a process, reads a clock or knows the middleware.

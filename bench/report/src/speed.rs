@@ -1,5 +1,7 @@
 //! Whether a flight went with the clock.
 
+use model::boards::LOCKSTEP;
+
 /// How fast a flight went, against the clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Speed {
@@ -12,11 +14,11 @@ pub enum Speed {
 }
 
 impl Speed {
-    /// Of ticks that are so long on the clock, of laws with this sample time [ns].
+    /// Of ticks that are so long on the clock, or [`LOCKSTEP`], of laws with this sample time [ns].
     #[must_use]
     pub const fn of(period_ns: u64, sample_time_ns: u64) -> Self {
         match (period_ns + sample_time_ns / 2).checked_div(sample_time_ns) {
-            _ if period_ns == 0 => Self::Lockstep,
+            _ if period_ns == LOCKSTEP => Self::Lockstep,
             None | Some(0 | 1) => Self::Clock,
             Some(times) => Self::Slowed(times),
         }

@@ -3,7 +3,6 @@
 //! Every state has its row. A cell is empty if the stage published nothing for that tick.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
@@ -11,7 +10,7 @@ use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
 
 use crate::tick::TickRecord;
 use crate::tracking::Tracking;
-use failure::{Failure, InFile as _};
+use failure::{Failure, InFile as _, create_file};
 use flight_log::spool::Spool;
 
 /// What the states leave free on their disk, for the report [bytes].
@@ -68,7 +67,7 @@ impl StatesWriter {
     /// # Errors
     /// [`Failure`] names the file.
     pub fn create(path: &Path, tracking: Tracking, every_ticks: u64) -> Result<Self, Failure> {
-        let file = File::create(path).in_file("write the states to", path)?;
+        let file = create_file(path).in_file("write the states to", path)?;
         Self::begin(Box::new(BufWriter::new(file)), None, tracking, every_ticks).in_file("write the states to", path)
     }
 
@@ -77,7 +76,7 @@ impl StatesWriter {
     /// # Errors
     /// [`Failure`] names the file.
     pub fn spooled(path: &Path, tracking: Tracking, every_ticks: u64) -> Result<Self, Failure> {
-        let file = File::create(path).in_file("write the states to", path)?;
+        let file = create_file(path).in_file("write the states to", path)?;
         if !file.metadata().is_ok_and(|facts| facts.is_file()) {
             let out = Box::new(BufWriter::new(file));
             return Self::begin(out, None, tracking, every_ticks).in_file("write the states to", path);
@@ -125,7 +124,7 @@ impl StatesWriter {
     pub fn flush(&mut self) -> Result<(), Failure> {
         self.csv.flush().map_err(|e| Failure::failed(format!("cannot write the states: {e}")))?;
         if let Some(spool) = &self.spool {
-            spool.settle_or_leave_out();
+            spool.settle_or_drop();
         }
         Ok(())
     }
@@ -137,8 +136,7 @@ impl StatesWriter {
     pub fn finish(&mut self) -> Result<(), Failure> {
         self.flush()?;
         let Some(spool) = &self.spool else { return Ok(()) };
-        spool.finish();
-        spool.gap().map_or(Ok(()), |reason| Err(Failure::failed(format!("the states are not whole: {reason}"))))
+        spool.finish().map_or(Ok(()), |reason| Err(Failure::failed(format!("the states are not whole: {reason}"))))
     }
 }
 
@@ -289,7 +287,10 @@ impl Parts {
 
 #[cfg(test)]
 mod tests {
+    use std::io;
+
     use super::*;
+    use flight_log::spool::Disk;
 
     fn take(joiner: &mut Joiner, tick: u64, topics: &str) {
         for topic in topics.chars() {
@@ -348,5 +349,37 @@ mod tests {
         let text = std::fs::read_to_string(file.path()).unwrap();
         let zeros = ",0.0".repeat(12);
         assert_eq!(text.lines().nth(1), Some(format!("0.003{zeros}{},1.0,-1.0,1.0,0.5", ",".repeat(14)).as_str()));
+    }
+
+    /// A disk that stands still for good, and refuses nothing.
+    struct Stuck;
+
+    impl Disk for Stuck {
+        fn free(&self) -> Option<u64> {
+            None
+        }
+
+        fn write_at(&self, _: &[u8], _: u64) -> io::Result<()> {
+            loop {
+                std::thread::park();
+            }
+        }
+
+        fn cut(&self, _: u64) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn sync(&self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_disk_that_stands_still_at_the_end_leaves_no_whole_file() {
+        let spool = Spool::new(Stuck, 0).unwrap();
+        let tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
+        let mut states = StatesWriter::begin(Box::new(spool.clone()), Some(spool), tracking, 1).unwrap();
+        let failure = states.finish().unwrap_err().to_string();
+        assert_eq!(failure, "the states are not whole: the disk took nothing for 3 s");
     }
 }

@@ -8,7 +8,8 @@ use statrs::distribution::{Binomial, DiscreteCDF as _};
 
 /// Probability with which an interval of this file holds what it is of, at the least.
 pub const CONFIDENCE: f64 = 0.95;
-/// Fewest values that an interval of the median needs: the extremes of six hold it with 96.9 %, those of five with 93.8 %.
+/// Fewest values that an interval of the median needs: the extremes of six hold it with 96.9 %, those of five with
+/// 93.8 %.
 pub const VALUES_NEEDED: usize = 6;
 /// Resamplings of a bootstrap.
 const RESAMPLINGS: usize = 10_000;
@@ -38,7 +39,6 @@ pub fn median(values: &[f64]) -> f64 {
 }
 
 /// The interval of the median of what the values were drawn from; none for fewer than [`VALUES_NEEDED`].
-///
 #[must_use]
 pub fn median_interval(values: &[f64]) -> Option<Interval> {
     let (low, high) = ranks(values.len() as u64, 0.5)?;

@@ -18,7 +18,7 @@ use toml::Table;
 use crate::record::hlog;
 use crate::settings::{LogName, Settings};
 use crate::wall_time::file_stamp;
-use failure::{Failure, InFile as _, read_text};
+use failure::{Failure, InFile as _, open_file, read_text};
 use flight_log::FILE;
 use flight_log::reader::LogReader;
 use machine::cpu_times::host;
@@ -37,7 +37,7 @@ pub struct RunDirectory {
 #[must_use]
 pub fn is_held(directory: &Path) -> bool {
     let locked = |file: File| flock(&file, FlockOperation::NonBlockingLockShared);
-    File::open(directory.join(FACTS)).is_ok_and(|file| locked(file) == Err(Errno::WOULDBLOCK))
+    open_file(&directory.join(FACTS)).is_ok_and(|file| locked(file) == Err(Errno::WOULDBLOCK))
 }
 
 /// The file that says what flew, by which a flight is known.
@@ -137,7 +137,7 @@ impl RunDirectory {
         fs::write(&file, settings.commented()?).in_file("write", &file)
     }
 
-    /// Removes a directory in which nothing was recorded; what is not of a flight's start stays, and the directory with it.
+    /// Removes a directory in which nothing was recorded; what is not of a flight's start stays, and so does it.
     pub fn discard(&self) {
         if self.path.join("report.json").exists() || holds_messages(&self.path.join(FILE)) {
             return;

@@ -3,6 +3,7 @@
 mod gates;
 mod layers;
 mod log;
+mod processes;
 mod real_time;
 #[cfg(test)]
 mod tests;
@@ -13,7 +14,6 @@ use std::path::Path;
 use controller::{Gains, Limits, Preset, Trajectory};
 use model::boards::LOCKSTEP;
 use model::limits::RotorLimits;
-use model::parameters::{Airframe, Parameter};
 use plant::Swap;
 use report::words::TrackingLimits;
 use serde::{Deserialize, Serialize};
@@ -198,54 +198,6 @@ impl Settings {
         Ok(text)
     }
 
-    /// The true airframe at tick 0.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names the parameter.
-    pub fn airframe(&self) -> Result<Airframe, Failure> {
-        airframe("plant", &self.plant)
-    }
-
-    /// Settings of the plant.
-    ///
-    /// # Errors
-    /// As [`Self::airframe`].
-    pub fn plant(&self) -> Result<plant::PlantSettings, Failure> {
-        Ok(plant::PlantSettings {
-            period_s: self.flight.period_s,
-            airframe: self.airframe()?,
-            rotor: self.rotor,
-            seed: self.flight.seed,
-        })
-    }
-
-    /// Settings of the two loops.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names the parameter of the model.
-    pub fn controller(&self) -> Result<controller::LoopSettings, Failure> {
-        Ok(controller::LoopSettings {
-            period_s: self.flight.period_s,
-            trajectory: self.flight.trajectory,
-            gains: self.gains,
-            limits: self.limits,
-            rotor: self.rotor,
-            model: airframe("model", &self.model)?,
-        })
-    }
-
-    /// Settings of the mixer.
-    ///
-    /// # Errors
-    /// As [`Self::controller`].
-    pub fn mixer(&self) -> Result<mixer::MixerSettings, Failure> {
-        Ok(mixer::MixerSettings {
-            period_s: self.flight.period_s,
-            model: airframe("model", &self.model)?,
-            rotor: self.rotor,
-        })
-    }
-
     /// When the flight counts as tracked.
     #[must_use]
     pub const fn tracking_limits(&self) -> TrackingLimits {
@@ -322,16 +274,6 @@ impl Settings {
         self.realtime()?;
         Ok(())
     }
-}
-
-fn airframe(section: &str, values: &BTreeMap<String, f64>) -> Result<Airframe, Failure> {
-    let mut airframe = Airframe::nominal();
-    for (name, value) in values {
-        Parameter::from_name(name)
-            .and_then(|parameter| airframe.set(parameter, *value))
-            .map_err(|e| Failure::usage(format!("{section}.{e}")).help("see `ironbird params`"))?;
-    }
-    Ok(airframe)
 }
 
 fn within(key: &str, value: f64, min: f64, max: f64) -> Result<(), Failure> {

@@ -1,6 +1,5 @@
 //! `ironbird simulate`: runs the same four tick functions in one process, in simulated time.
 
-use std::fs;
 use std::path::Path;
 use std::time::Instant;
 
@@ -12,13 +11,14 @@ use crate::cli::SimulateArgs;
 use crate::in_process::InProcess;
 use crate::output::print;
 use crate::settings::Settings;
-use failure::{Failure, GATE, InFile as _, OK, check_writable};
+use failure::{Failure, GATE, OK, check_writable, write_text};
 use report::page::picture;
 use report::schema::{AppliedSwap, Gate};
 use report::states::{Joined, StatesWriter};
 use report::status::FlightStatus;
 use report::tally::theorem::{Theorem, TheoremTally};
 use report::tally::tracer::Tracer;
+use report::text;
 use report::tracking::{Tracking, TrackingError};
 
 /// Simulates a flight.
@@ -44,9 +44,9 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     let flown = fly(&mut rig, &settings, states.as_mut(), tracer.as_mut())?;
     let wall_s = start.elapsed().as_secs_f64();
     if let (Some(path), Some(tracer)) = (&args.plot, &tracer) {
-        let title = format!("trajectory {}, gains {}, simulated", settings.flight.trajectory, settings.flight.preset);
+        let title = format!("{}, simulated", text::flown(settings.flight.trajectory, settings.flight.preset));
         let svg = picture::render(&tracer.traces(), &flown.swaps, settings.flight.period_s, &title);
-        fs::write(path, svg).in_file("write", path)?;
+        write_text(path, &svg)?;
     }
     if let Some(states) = &mut states {
         states.flush()?;
@@ -67,9 +67,8 @@ fn check_drawn(path: Option<&Path>) -> Result<(), Failure> {
 fn summary(flown: &Simulated, settings: &Settings, wall_s: f64) -> String {
     let flown_s = flown.ticks as f64 * settings.flight.period_s;
     let mut text = format!(
-        "trajectory {}, gains {}: {} ticks, {flown_s:.3} s simulated in {wall_s:.3} s ({:.0} times real time)\n",
-        settings.flight.trajectory,
-        settings.flight.preset,
+        "{}: {} ticks, {flown_s:.3} s simulated in {wall_s:.3} s ({:.0} times real time)\n",
+        text::flown(settings.flight.trajectory, settings.flight.preset),
         flown.ticks,
         flown_s / wall_s
     );

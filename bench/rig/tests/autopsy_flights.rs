@@ -1,44 +1,21 @@
 //! The autopsy of real flights: every class is caused on purpose, but for the recorder that cannot tell.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+mod causes;
 mod rig;
 
-use std::collections::BTreeMap;
 use std::fs;
-use std::hint::black_box;
 use std::path::{Path, PathBuf};
-use std::process::Command;
-use std::sync::{Mutex, PoisonError};
+use std::sync::PoisonError;
 use std::thread::sleep;
 use std::time::Duration;
 
-use ironbird::settings::Settings;
-use mixer::Mixer;
-use model::boards::{RUN, Run};
-use model::inspection::{Expected, Rejections};
-use model::messages::NO_TICK;
-use model::role::{Role, STAGES};
-use rig::{Ended, Rig, Running, in_own_mounts, not_tested, rounds, send, stop_for, take_station, wait_until};
-use role::rt::{loops_cpu, take_stand};
-use role::shell::{MixerJob, Shell};
-use role::stage::{self, Stage, TickOutcome, Turn};
+use causes::{
+    PROCESSOR, T, TRACEFS, TRACES, await_first_report, fly_with_a_troubled_mixer, hog, take_off_traced, worst,
+};
+use rig::{Rig, in_own_mounts, not_tested, send, stop_for};
 use rustix::process::Signal;
-use rustix::thread::gettid;
 use serde_json::Value;
-use wire::Wire;
-use wire::clock::{Horizon, now_ns};
-use wire::error::Error;
-
-/// A tick [ns].
-const T: u64 = 1_000_000;
-
-/// One flight at a time: on the loops' processor, two keep each other from it.
-static PROCESSOR: Mutex<()> = Mutex::new(());
-
-/// Waits until a flight has been in the air for a second, and has its first report.
-fn await_first_report(rig: &Rig) {
-    wait_until("the first report", || rig.out().join("latest/report.json").exists().then_some(()));
-}
 
 /// Outages of a class in the report, with the deadlines missed in them; every missed deadline belongs to one.
 fn counted(rig: &Rig, class: &str, stage: Option<&str>) -> (u64, u64) {
@@ -50,11 +27,6 @@ fn counted(rig: &Rig, class: &str, stage: Option<&str>) -> (u64, u64) {
     of_class.fold((0, 0), |(outages, missed), it| {
         (outages + it["outages"].as_u64().unwrap(), missed + it["missed"].as_u64().unwrap())
     })
-}
-
-/// The worst outages of the report.
-fn worst(rig: &Rig) -> Vec<Value> {
-    rig.report()["autopsy"]["worst"].as_array().unwrap().clone()
 }
 
 #[test]
@@ -93,31 +65,6 @@ fn a_killed_mixer_is_found() {
     flight.signal(Signal::CONT);
     let ended = flight.end().expect(1);
     assert_eq!(counted(&rig, "stopped_or_dead", Some("mixer")).0, 1, "{ended}");
-}
-
-/// Keeps everybody else from the loops' processor for a time, from within a tick on.
-fn hog(time_ns: u64) {
-    let cpu = loops_cpu();
-    let hog = std::thread::Builder::new().name("hog".into()).spawn(move || {
-        assert_eq!(take_stand(cpu, 99).priority, 99);
-        let until_ns = now_ns() + time_ns;
-        while now_ns() < until_ns {}
-    });
-    hog.unwrap().join().unwrap();
-}
-
-/// Mounts what the kernel traces with.
-const TRACEFS: &str = "mount -t tracefs nodev /sys/kernel/tracing";
-/// Whether it traces for us.
-const TRACES: &str = "mkdir /sys/kernel/tracing/instances/t$$ && rmdir /sys/kernel/tracing/instances/t$$";
-
-/// Starts a flight with a trace; nothing where the kernel traces nothing for this user.
-fn take_off_traced(rig: &Rig, args: &[&str]) -> Option<Running> {
-    let mut flight = in_own_mounts(TRACEFS, TRACES, rig::IRONBIRD)?;
-    flight.args(["fly", "--trace"]).args(rig.own_args("fly", args)).env("IRONBIRD_ROOT", rig.root());
-    let flight = rig.launch(flight);
-    rig.await_flight();
-    Some(flight)
 }
 
 #[test]
@@ -249,100 +196,6 @@ fn loops_that_are_frozen_together_look_like_a_stall_and_a_single_one_like_a_late
     }
 }
 
-/// Settings of the flight with the troubled mixer: ticks of 10 ms, so that what else happens misses no deadline.
-const TROUBLED: &str = "[flight]\nslowdown = 10\nduration_s = 0.6\n";
-/// A tick of that flight [ns].
-const SLOW_T: u64 = 10 * T;
-/// In the environment of the troubled mixer: the instance that it belongs to.
-const INSTANCE: &str = "TROUBLED_INSTANCE";
-
-/// A mixer that in some ticks does something besides its work, or does not hear its input.
-struct TroubledMixer {
-    mixer: Shell<MixerJob<Mixer>>,
-}
-
-impl TroubledMixer {
-    /// It computes for longer than a tick, in two ticks near to each other.
-    const COMPUTES: [u64; 4] = [100, 110, 150, 160];
-    /// It touches memory that it never had, and then computes.
-    const FAULTS: [u64; 3] = [220, 260, 300];
-    /// It does not take what the inner loop sent in time, and is a little too slow after its cut-off.
-    const DEAF: [u64; 3] = [360, 400, 440];
-}
-
-fn compute_until(ns: u64) {
-    while now_ns() < ns {}
-}
-
-impl Stage for TroubledMixer {
-    const ROLE: Role = Role::Mixer;
-
-    fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
-        self.mixer.arm(expected, epoch)
-    }
-
-    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
-        // A message of the next tick may be there, too.
-        let tick = horizon.latest_tick() - 1;
-        if Self::DEAF.contains(&tick) { Ok(NO_TICK) } else { self.mixer.take(horizon) }
-    }
-
-    fn tick(&mut self, turn: &Turn) -> Result<TickOutcome, Error> {
-        if Self::COMPUTES.contains(&turn.tick) {
-            compute_until(turn.receive_ns + SLOW_T);
-        }
-        if Self::FAULTS.contains(&turn.tick) {
-            // Never given back, so that it is new each time.
-            black_box(vec![1_u8; 1 << 20].leak());
-            compute_until(turn.receive_ns + SLOW_T);
-        }
-        if Self::DEAF.contains(&turn.tick) {
-            compute_until(turn.receive_ns + SLOW_T / 5);
-        }
-        self.mixer.tick(turn)
-    }
-
-    fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
-        self.mixer.rehearse(tick)
-    }
-
-    fn rejections(&self) -> Rejections {
-        self.mixer.rejections()
-    }
-}
-
-/// The mixer of the test below, in a process of its own.
-#[test]
-#[ignore = "no test, but a process that a test starts"]
-fn troubled_mixer() {
-    let Ok(instance) = std::env::var(INSTANCE) else { return };
-    let settings = Settings::resolve(Some(Path::new("troubled.toml")), &Vec::new()).unwrap();
-    let mut station = take_station(Role::Mixer, &instance, &settings);
-    // The thread of a test is not the first of its process, and it is the loop's that the recorder samples.
-    station.status.pid = u64::try_from(gettid().as_raw_nonzero().get()).unwrap();
-    let doorbell = station.wire().doorbell_with_alarm(Role::Mixer).unwrap();
-    let mixer = Shell::new(station.wire(), MixerJob(Mixer::new(&settings.mixer().unwrap())), None).unwrap();
-    // What it is late with shall be its own doing; refused, it may be preempted. No memory is locked, as page faults
-    // are wanted.
-    let _ = take_stand(loops_cpu(), 90);
-    stage::run(TroubledMixer { mixer }, doorbell, station).unwrap();
-}
-
-fn fly_with_a_troubled_mixer(rig: &Rig) -> Ended {
-    let settings = rig.file("troubled.toml");
-    fs::write(&settings, TROUBLED.to_owned() + "[rt]\nmode = \"off\"\n").unwrap();
-    let start = |role: &str| rig.start(role, &["--config", &settings]);
-    let mut mixer = Command::new(std::env::current_exe().unwrap());
-    mixer.args(["--exact", "troubled_mixer", "--ignored"]);
-    mixer.env("IRONBIRD_ROOT", rig.root()).env(INSTANCE, &rig.instance);
-    let loops = [start("plant"), start("outer"), start("inner"), rig.launch(mixer)];
-    let recorder = start("record");
-    for process in loops {
-        process.end().expect(0);
-    }
-    recorder.end()
-}
-
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_mixer_that_computes_long_or_faults_and_an_input_that_is_not_heard_are_told_apart() {
@@ -353,116 +206,4 @@ fn a_mixer_that_computes_long_or_faults_and_an_input_that_is_not_heard_are_told_
     for (class, stage) in [("computed_long", "mixer"), ("page_fault", "mixer"), ("upstream_late", "inner")] {
         assert!(counted(&rig, class, Some(stage)).0 > 0, "{class}: {ended}");
     }
-}
-
-/// What became of a cause in the reports of many flights.
-#[derive(Debug, Default)]
-struct Found {
-    caused: u64,
-    /// One outage at its time, with all of its ticks.
-    whole: u64,
-    /// Of these: its class, and its stage.
-    named: u64,
-    /// Of these: the report says that it does not know.
-    unknown: u64,
-    /// Of these: another class or stage.
-    wrong: Vec<String>,
-}
-
-/// Classes that name no cause.
-const UNKNOWN: [&str; 4] = ["cannot_tell", "processor_stalled", "ready_not_run", "wake_late"];
-
-impl Found {
-    /// Looks for an outage of `ticks` between two times of the flight [s]; who is away for as long need not be out in
-    /// the one that he leaves in, or in the one that he is back in.
-    fn look(&mut self, cases: &[Value], times_s: (f64, f64), ticks: u64, (class, stage): (&str, &str)) {
-        self.caused += 1;
-        let is_it = |case: &&Value| {
-            let time_s = case["time_s"].as_f64().unwrap();
-            (times_s.0..times_s.1).contains(&time_s)
-                && case["ticks"].as_u64().unwrap() >= ticks.saturating_sub(1).max(1)
-        };
-        let Some(case) = cases.iter().find(is_it) else {
-            let told = |case: &Value| format!("{} s: {} ticks", case["time_s"], case["ticks"]);
-            println!("not found at {times_s:?} s: {:?}", cases.iter().map(told).collect::<Vec<_>>());
-            return;
-        };
-        self.whole += 1;
-        let said = (case["class"].as_str().unwrap(), case["stage"].as_str().unwrap_or("-"));
-        match said {
-            _ if said == (class, stage) => self.named += 1,
-            (class, _) if UNKNOWN.contains(&class) => self.unknown += 1,
-            (class, stage) => self.wrong.push(format!("{class}, {stage}")),
-        }
-    }
-}
-
-/// When tick 0 of the flight began [ns].
-fn t0_ns(rig: &Rig) -> u64 {
-    let wire = Wire::open(&rig.known()).unwrap();
-    wire.board_reader::<Run>(RUN).unwrap().unwrap().get().t0_ns
-}
-
-/// Stops each stage in turn for so long, in one flight.
-fn stop_each(found: &mut BTreeMap<String, Found>, slowdown: u64, lengths_ms: &[u64]) {
-    let rig = Rig::new("causes");
-    let stops = || STAGES.into_iter().flat_map(|stage| lengths_ms.iter().map(move |ms| (stage, *ms)));
-    let pause = Duration::from_millis(700);
-    // The first report may come a second late.
-    let wall_ms = 2000 + stops().map(|(_, ms)| ms + 700).sum::<u64>() + 1000;
-    let duration = format!("{}ms", wall_ms / slowdown);
-    let flight = rig.take_off(&["--trajectory", "hover", "--duration", &duration, "--config", &rig.slow(slowdown)]);
-    await_first_report(&rig);
-    let (t0_ns, roles) = (t0_ns(&rig), flight.roles());
-    let mut begins_s = Vec::new();
-    for (stage, ms) in stops() {
-        sleep(pause);
-        begins_s.push((now_ns() - t0_ns) as f64 / 1e9);
-        stop_for(roles[stage.name()], Duration::from_millis(ms));
-    }
-    flight.end();
-    let cases = worst(&rig);
-    for ((stage, ms), begin_s) in stops().zip(begins_s) {
-        // A stage is out from its tick after the stop on, and what came before may belong to the same outage.
-        let times_s = (begin_s - 0.02, begin_s + 0.03);
-        let of = found.entry(format!("{stage} stopped for {ms} ms, ticks of {slowdown} ms")).or_default();
-        of.look(&cases, times_s, ms / slowdown, ("stopped_or_dead", stage.name()));
-    }
-}
-
-#[test]
-#[ignore = "soak: as many rounds as IRONBIRD_ROUNDS says, or one"]
-fn soak_of_causes() {
-    let _alone = PROCESSOR.lock().unwrap_or_else(PoisonError::into_inner);
-    let mut found = BTreeMap::<String, Found>::new();
-    for _ in 0..rounds() {
-        stop_each(&mut found, 1, &[5, 100]);
-        stop_each(&mut found, 10, &[3000]);
-        let rig = Rig::new("hogged");
-        if let Some(flight) = take_off_traced(&rig, &["--duration", "3s"]) {
-            await_first_report(&rig);
-            let at_s = (now_ns() - t0_ns(&rig)) as f64 / 1e9;
-            hog(30 * T);
-            flight.end();
-            let of = found.entry("FIFO hog for 30 ms, traced".into()).or_default();
-            of.look(&worst(&rig), (at_s - 0.02, at_s + 0.03), 30, ("preempted", "plant"));
-        }
-        let rig = Rig::new("troubled");
-        fly_with_a_troubled_mixer(&rig);
-        let cases = worst(&rig);
-        let (computes, faults) = (TroubledMixer::COMPUTES, TroubledMixer::FAULTS);
-        for (cause, ticks, class) in
-            [("slow law", &computes[..], "computed_long"), ("page faults", &faults[..], "page_fault")]
-        {
-            for tick in ticks {
-                let time_s = *tick as f64 * SLOW_T as f64 * 1e-9;
-                let of = found.entry(format!("{cause}, ticks of 10 ms")).or_default();
-                of.look(&cases, (time_s - 0.015, time_s + 0.015), 1, (class, "mixer"));
-            }
-        }
-    }
-    for (cause, of) in &found {
-        println!("{cause}: {of:?}");
-    }
-    assert!(found.values().all(|of| of.caused >= rounds()));
 }

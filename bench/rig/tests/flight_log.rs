@@ -1,8 +1,8 @@
 //! flight.mcap of real flights: complete, read by others, exported, and no danger to a flight.
 //!
-//! The other reader is `mcap` with `mcap-protobuf-support` of PyPI (bench/rig/tests/requirements.txt), run by the Python
-//! that `IRONBIRD_PYTHON` names. Where that is not set and `python3` has no such packages, the comparison is left out,
-//! and says so.
+//! The other reader is `mcap` with `mcap-protobuf-support` of PyPI (bench/rig/tests/requirements.txt), run by the
+//! Python that `IRONBIRD_PYTHON` names. Where that is not set and `python3` has no such packages, the comparison is
+//! left out, and says so.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 mod rig;

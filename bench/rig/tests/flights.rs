@@ -326,6 +326,10 @@ fn a_signal_ends_a_plant_that_waits_for_the_others() {
     let rig = Rig::new("lonely");
     let plant = rig.start("plant", &["--rt", "off"]);
     plant.await_words("waiting for");
+    rig.run("inject", &["mass_kg=0.6"])
+        .expect(1)
+        .complains(&format!("instance `{}` has not taken off, or has landed", rig.instance))
+        .complains("a flight begins when plant, outer, inner and mixer are ready");
     plant.signal(Signal::INT);
     plant.end().expect(130).complains("interrupted");
     rig.assert_nothing_left();

@@ -46,7 +46,7 @@ fn await_waiting_for_all(plant: &Running) {
     plant.await_words("waiting for outer, inner, mixer, record");
 }
 
-/// Kills the plant in flight and starts it again: the others must end, and say why; the new plant flies with a new crew.
+/// Kills the plant in flight and starts it again: the others must end, and say why; the new one flies with a new crew.
 fn restart_the_plant(after: Duration) -> BTreeMap<&'static str, String> {
     let rig = Rig::new("again");
     let args = by_hand(&rig);

@@ -4,10 +4,12 @@
 mod rig;
 
 use std::fs::{self, File};
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, SystemTime};
 
+use rig::unprivileged::unprivileged;
 use rig::{Ended, Rig, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -89,6 +91,25 @@ fn flights_go_by_their_age_and_the_latest_never_does() {
     runs(&rig, &["--prune", "--older-than", "0s"]).expect(0).says("`latest` points to it").says("1 flight, ");
     assert_eq!(there(&directories), [false, true]);
     rig.run("report", &[]).expect(0);
+}
+
+#[test]
+fn flights_that_resist_are_named_and_the_others_go() {
+    let (rig, directories) = flown("resisting", 3);
+    let Some(prune) = unprivileged(&rig, "runs", &["--prune", "--keep", "1"]) else { return };
+    // The files of the first may not be removed; those of the second may, as may its directory.
+    let may = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+    [&rig.out(), &directories[1]].into_iter().for_each(|path| may(path, 0o777));
+    may(&directories[0], 0o555);
+    let pruned = rig.launch(prune).end().expect(1).complains("1 flight could not be removed");
+    may(&directories[0], 0o755);
+    let pruned = pruned.says(&format!(
+        "removed in part {}: cannot remove {}/",
+        name_of(&directories[0]),
+        directories[0].display()
+    ));
+    pruned.says(": Permission denied").says(&format!("removed {} (", name_of(&directories[1]))).says("1 flight, ");
+    assert_eq!(there(&directories), [true, false, true]);
 }
 
 #[test]

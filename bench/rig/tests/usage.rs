@@ -60,7 +60,7 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         ("fly", &["--cpu", "1023"], "rt.cpu = 1023: this process may use the processors 0"),
         ("fly", &["--cpu", "1023"], "name one of them with --cpu N"),
         ("inner", &["--cpu", "1023"], "rt.cpu = 1023: this process may use the processors 0"),
-        ("fly", &["--config", "/dev/zero"], "cannot read the settings file /dev/zero: it is no regular file"),
+        ("fly", &["--config", "/dev/zero"], "cannot read the settings file /dev/zero: it is not a regular file"),
         ("fly", &["--states", "/"], "--states: cannot write /: Is a directory"),
         ("fly", &["--every", "0"], "invalid value '0' for '--every <N>': write a whole number from 1 to 1000000000"),
         (
@@ -179,7 +179,7 @@ fn settings_without_end_are_refused_and_so_is_a_processor_that_the_doctor_may_no
     let pipe = rig.file("pipe");
     assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     // Nobody ever writes into it.
-    rig.run("fly", &["--config", &pipe]).expect(2).complains(&format!("{pipe}: it is no regular file"));
+    rig.run("fly", &["--config", &pipe]).expect(2).complains(&format!("{pipe}: it is not a regular file"));
     let long = rig.settings(&"# long\n".repeat(200_000));
     rig.run("fly", &["--config", &long]).expect(2).complains(&format!("{long}: it is longer than 1 MiB"));
     rig.assert_nothing_started();

@@ -1,11 +1,12 @@
 //! How a command fails: exit code, what happened, what to do about it.
 
-use std::fs::File;
-use std::os::unix::fs::FileTypeExt as _;
+use std::fs::{File, OpenOptions};
+use std::io::Write as _;
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 use std::{fmt, fs, io};
 
-use rustix::fs::{Access, Mode, OFlags, access, open};
+use rustix::fs::{Access, OFlags, access, fcntl_getfl, fcntl_setfl};
 use rustix::io::Errno;
 
 /// Exit code of a run or command that did what it should.
@@ -130,27 +131,59 @@ pub fn harmless(text: &str) -> String {
     text.chars().map(shown).collect()
 }
 
+/// Opens a file to be read, if it is one: a pipe may have no writer, and a device no end.
+///
+/// # Errors
+/// The system's; of the kind [`io::ErrorKind::InvalidInput`] for what is not a regular file.
+pub fn open_file(path: &Path) -> io::Result<File> {
+    // Opening a pipe waits for its writer otherwise.
+    let file = OpenOptions::new().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path)?;
+    if file.metadata()?.is_file() {
+        return Ok(file);
+    }
+    Err(io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file"))
+}
+
 /// Largest text that is read [bytes].
 const TEXT_BYTES: u64 = 64 << 20;
 
-/// A text file, if it is one: a pipe may have no writer, and a device no end.
+/// A text file, opened as by [`open_file`].
 ///
 /// # Errors
 /// [`Failure`] names the file.
 pub fn read_text(doing: &str, path: &Path) -> Result<String, Failure> {
-    let file = fs::metadata(path).in_file(doing, path)?;
-    let refused = |why: &str| Failure::failed(format!("cannot {doing} {}: {why}", path.display()));
-    if !file.is_file() {
-        return Err(refused("it is not a regular file"));
+    let file = open_file(path).in_file(doing, path)?;
+    let length = file.metadata().in_file(doing, path)?.len();
+    if length > TEXT_BYTES {
+        let why = format!("it is {} MiB long, and at most {} are read", length >> 20, TEXT_BYTES >> 20);
+        return Err(why).in_file(doing, path);
     }
-    if file.len() > TEXT_BYTES {
-        return Err(refused(&format!(
-            "it is {} MiB long, and at most {} are read",
-            file.len() >> 20,
-            TEXT_BYTES >> 20
-        )));
-    }
-    fs::read_to_string(path).in_file(doing, path)
+    io::read_to_string(file).in_file(doing, path)
+}
+
+/// Opens a file to be written from its beginning, made if it is not there. A pipe is one, too, if somebody reads it.
+///
+/// # Errors
+/// The system's.
+pub fn create_file(path: &Path) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(true);
+    // Opening a pipe waits for its reader otherwise.
+    let file = options.custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path).map_err(|e| {
+        let is_unread = e.raw_os_error() == Some(Errno::NXIO.raw_os_error());
+        if is_unread { io::Error::new(e.kind(), "it is a pipe that nobody reads") } else { e }
+    })?;
+    // Writing then waits for who reads slowly.
+    fcntl_setfl(&file, fcntl_getfl(&file)? - OFlags::NONBLOCK)?;
+    Ok(file)
+}
+
+/// Writes a text into a file, opened as by [`create_file`].
+///
+/// # Errors
+/// [`Failure`] names the file.
+pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
+    create_file(path).and_then(|mut file| file.write_all(text.as_bytes())).in_file("write", path)
 }
 
 /// A new file in place of what has the name: a link is not followed, and a pipe not waited for.
@@ -172,10 +205,7 @@ pub fn check_writable(flag: &str, path: Option<&Path>) -> Result<(), Failure> {
     let Some(path) = path else { return Ok(()) };
     let asked = match fs::metadata(path) {
         Ok(file) if file.is_dir() => Err(Errno::ISDIR),
-        // One that nobody reads would be waited for.
-        Ok(file) if file.file_type().is_fifo() => {
-            open(path, OFlags::WRONLY | OFlags::NONBLOCK, Mode::empty()).map(drop)
-        }
+        // Nothing is opened: who reads a pipe would take that for all that comes.
         Ok(_) => access(path, Access::WRITE_OK),
         // It will be made.
         Err(_) => {
@@ -188,4 +218,57 @@ pub fn check_writable(flag: &str, path: Option<&Path>) -> Result<(), Failure> {
             .help("name a file in a directory that is there and that you can write")
     };
     asked.map_err(refused)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::net::UnixListener;
+    use std::process::Command;
+
+    use super::*;
+
+    #[test]
+    fn a_text_is_read_from_a_regular_file_that_is_no_longer_than_a_text() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name);
+        fs::write(path("text"), "words").unwrap();
+        assert_eq!(read_text("read", &path("text")).unwrap(), "words");
+        File::create(path("log")).unwrap().set_len(TEXT_BYTES).unwrap();
+        assert_eq!(read_text("read", &path("log")).unwrap().len() as u64, TEXT_BYTES, "zeros are text");
+        File::create(path("long")).unwrap().set_len(TEXT_BYTES + (1 << 20)).unwrap();
+        fs::write(path("bytes"), [0xff]).unwrap();
+        assert!(Command::new("mkfifo").arg(path("pipe")).status().unwrap().success());
+        for (name, why) in [
+            ("long", "it is 65 MiB long, and at most 64 are read"),
+            ("bytes", "stream did not contain valid UTF-8"),
+            ("pipe", "it is not a regular file"),
+            (".", "it is not a regular file"),
+            ("none", "No such file or directory (os error 2)"),
+        ] {
+            let failure = read_text("read the notes", &path(name)).map(drop).unwrap_err();
+            let told = format!("cannot read the notes {}: {why}", path(name).display());
+            assert_eq!((failure.code, failure.to_string()), (FAILED, told));
+        }
+    }
+
+    #[test]
+    fn a_file_is_replaced_and_what_a_link_leads_to_stays() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name);
+        fs::write(path("theirs"), "theirs").unwrap();
+        std::os::unix::fs::symlink(path("theirs"), path("link")).unwrap();
+        fs::write(path("old"), "much older").unwrap();
+        let held = File::open(path("old")).unwrap();
+        assert!(Command::new("mkfifo").arg(path("pipe")).status().unwrap().success());
+        let _socket = UnixListener::bind(path("socket")).unwrap();
+        for name in ["link", "old", "pipe", "socket", "new"] {
+            replace(&path(name)).unwrap().write_all(b"ours").unwrap();
+            assert_eq!(fs::read_to_string(path(name)).unwrap(), "ours", "{name}");
+            assert!(path(name).symlink_metadata().unwrap().is_file(), "{name}");
+        }
+        assert_eq!(fs::read_to_string(path("theirs")).unwrap(), "theirs");
+        assert_eq!(io::read_to_string(held).unwrap(), "much older", "who reads the old one still has it");
+        let failure = replace(directory.path()).unwrap_err().to_string();
+        assert_eq!(failure, format!("cannot write {}: Is a directory (os error 21)", directory.path().display()));
+    }
 }

@@ -53,12 +53,12 @@ fn what_waits_goes_in_order_and_what_is_given_up_is_cut() {
     let mut file = tempfile::tempfile().unwrap();
     let mut spool = Spool::new(file.try_clone().unwrap(), 0).unwrap();
     spool.write_all(b"first").unwrap();
-    assert_eq!((spool.written(), spool.finish(), spool.written()), (5, 5, 5));
+    assert_eq!((spool.written(), spool.rest(), spool.written()), (5, 5, 5));
     spool.write_all(b" second").unwrap();
-    assert_eq!(spool.finish(), 12);
+    assert_eq!(spool.rest(), 12);
     spool.give_up(5);
     spool.write_all(b" third").unwrap();
-    assert_eq!((spool.finish(), spool.gap().is_some(), spool.written()), (5, true, 5));
+    assert_eq!((spool.rest(), spool.gap().is_some(), spool.written()), (5, true, 5));
     assert_eq!(text(&mut file), "first");
 }
 
@@ -72,7 +72,7 @@ fn a_disk_that_blocks_holds_nobody_up_and_loses_nothing_that_fits() {
     }
     assert_eq!((spool.written(), spool.refused(), text(&mut file).as_str()), (13, None, ""));
     (0..3).for_each(|_| allow.send(()).unwrap());
-    assert_eq!(spool.finish(), 13);
+    assert_eq!((spool.rest(), spool.finish()), (13, None));
     assert_eq!(text(&mut file), "one two three");
     assert_eq!(done.try_iter().collect::<Vec<_>>(), ["write", "write", "write", "sync"], "synced at the end");
 }
@@ -92,12 +92,12 @@ fn a_file_that_is_ended_while_its_disk_blocks_is_waited_for_by_nobody() {
 }
 
 #[test]
-fn what_a_disk_that_blocks_for_too_long_has_no_room_for_is_left_out_and_what_comes_after_it_is_not() {
+fn what_a_disk_that_blocks_for_too_long_has_no_room_for_is_dropped_and_what_comes_after_it_is_not() {
     let (mut file, mut spool, allow, done) = gated();
     let much = vec![b'x'; PATIENCE_BYTES as usize + 1];
-    for piece in [&much[..], b" left out", b" too"] {
+    for piece in [&much[..], b" dropped", b" too"] {
         spool.write_all(piece).unwrap();
-        spool.settle_or_leave_out();
+        spool.settle_or_drop();
     }
     assert!(spool.is_overfull());
     assert_eq!(spool.written(), PATIENCE_BYTES + 1);
@@ -108,11 +108,11 @@ fn what_a_disk_that_blocks_for_too_long_has_no_room_for_is_left_out_and_what_com
         thread::yield_now();
     }
     spool.write_all(b" kept").unwrap();
-    spool.settle_or_leave_out();
+    spool.settle_or_drop();
     allow.send(()).unwrap();
-    assert_eq!(spool.finish(), PATIENCE_BYTES + 6);
+    assert_eq!(spool.rest(), PATIENCE_BYTES + 6);
     assert_eq!(text(&mut file).trim_start_matches('x'), " kept");
-    assert!(spool.gap().is_some(), "what was left out stays so");
+    assert!(spool.gap().is_some(), "what was dropped stays so");
 }
 
 #[test]
@@ -127,12 +127,10 @@ fn a_disk_that_stands_still_at_the_end_is_named_and_the_file_ends_with_a_whole_p
     }
     assert_eq!(spool.gap(), None);
     spool.write_all(b" and a piece").unwrap();
-    spool.settle();
-    spool.give_up(5);
-    assert!(spool.gap().unwrap().contains("the disk took nothing for 3 s"), "{:?}", spool.gap());
+    assert_eq!(spool.finish().as_deref(), Some("the disk took nothing for 3 s"));
     // It is still in the middle of that write.
     allow.send(()).unwrap();
-    assert_eq!((spool.finish(), text(&mut file).as_str()), (5, "whole"));
+    assert_eq!((spool.rest(), text(&mut file).as_str()), (5, "whole"));
 }
 
 #[test]
@@ -140,7 +138,7 @@ fn a_disk_with_too_little_room_is_left_alone_and_said_so() {
     let file = tempfile::tempfile().unwrap();
     let mut spool = Spool::new(file.try_clone().unwrap(), u64::MAX >> 1).unwrap();
     spool.write_all(&[0; 100]).unwrap();
-    assert_eq!((spool.finish(), file.metadata().unwrap().len()), (0, 0));
+    assert_eq!((spool.rest(), file.metadata().unwrap().len()), (0, 0));
     assert!(spool.refused().unwrap().contains("left free on the disk"));
     assert!(!spool.is_overfull());
     spool.write_all(&vec![0; PATIENCE_BYTES as usize]).unwrap();
@@ -152,7 +150,7 @@ fn a_disk_with_too_little_room_is_left_alone_and_said_so() {
 fn a_file_that_cannot_be_written_is_no_failure_of_the_writer() {
     let mut spool = Spool::new(File::open("/dev/null").unwrap(), 0).unwrap();
     spool.write_all(b"lost").unwrap();
-    assert_eq!(spool.finish(), 0);
+    assert_eq!(spool.rest(), 0);
     assert!(spool.refused().is_some_and(|reason| reason.contains("Bad file descriptor")), "{:?}", spool.refused());
 }
 
@@ -178,9 +176,9 @@ fn what_a_full_disk_took_of_a_piece_is_taken_back() {
     let mut file = tempfile::tempfile().unwrap();
     let mut spool = Spool::new(Full(file.try_clone().unwrap()), 0).unwrap();
     spool.write_all(b"line\n").unwrap();
-    spool.finish();
+    spool.rest();
     spool.write_all(b"a second line\n").unwrap();
-    assert_eq!((spool.finish(), text(&mut file).as_str()), (5, "line\n"));
+    assert_eq!((spool.rest(), text(&mut file).as_str()), (5, "line\n"));
     assert!(spool.refused().is_some());
 }
 
@@ -189,7 +187,7 @@ fn a_spool_that_is_dropped_waits_for_no_thread_that_has_ended() {
     for _ in 0..50 {
         let mut spool = Spool::new(tempfile::tempfile().unwrap(), 0).unwrap();
         spool.write_all(b"piece").unwrap();
-        spool.finish();
+        spool.rest();
         let begun = Instant::now();
         drop(spool);
         assert!(begun.elapsed() < END_PATIENCE, "it was waited for a thread that says nothing any more");

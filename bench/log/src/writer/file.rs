@@ -57,12 +57,12 @@ pub(super) struct LogFile {
     chunk: BTreeMap<u16, Part>,
     /// What is still to be written of the chunk before it.
     ending: VecDeque<Part>,
-    /// Messages that had come when that one ended, without those that were left out.
+    /// Messages that had come when that one ended, without those that were dropped.
     ended: Counts,
     /// Messages that came.
     taken: Counts,
-    /// Messages of these that were left out, as the disk was too slow for them.
-    left_out: Counts,
+    /// Messages of these that were dropped, as the disk was too slow for them.
+    dropped: Counts,
     /// Lengths at which the file is readable that have not reached the disk, with what is before them.
     chunks: VecDeque<(u64, Counts)>,
     /// The last one that has.
@@ -110,7 +110,7 @@ impl LogFile {
             ending: VecDeque::new(),
             ended: [0; TOPICS.len()],
             taken: [0; TOPICS.len()],
-            left_out: [0; TOPICS.len()],
+            dropped: [0; TOPICS.len()],
             chunks: VecDeque::new(),
             settled: (0, [0; TOPICS.len()]),
             next_chunk_ns: 0,
@@ -157,8 +157,8 @@ impl LogFile {
         self.chunk.entry(header.channel_id).or_default().push((header, bytes));
     }
 
-    /// When a message was sampled [ns]; where it goes back to no sample, the beginning of its tick, or in lockstep, where
-    /// ticks have no place on the clock, the newest sample.
+    /// When a message was sampled [ns]; where it goes back to no sample, the beginning of its tick, or in lockstep,
+    /// where ticks have no place on the clock, the newest sample.
     fn log_time<C: Logged>(&self, message: &Message<C>) -> u64 {
         let Message { envelope, .. } = message;
         match self.pace {
@@ -207,18 +207,18 @@ impl LogFile {
         Ok(is_handed_over)
     }
 
-    /// Nothing more belongs to the present chunk. It is left out where too much waits for the disk: the chunks after it
+    /// Nothing more belongs to the present chunk. It is dropped where too much waits for the disk: the chunks after it
     /// need not be.
     fn begin_end(&mut self) {
         let chunk = std::mem::take(&mut self.chunk);
         self.chunk_bytes = 0;
         if self.spool.is_overfull() {
-            self.left_out = less(self.taken, self.ended);
-            self.spool.leave_out();
+            self.dropped = less(self.taken, self.ended);
+            self.spool.say_dropped();
         } else {
             self.ending.extend(chunk.into_values());
         }
-        self.ended = less(self.taken, self.left_out);
+        self.ended = less(self.taken, self.dropped);
     }
 
     fn compress(&mut self, channels: usize) -> Result<(), McapError> {
@@ -293,10 +293,6 @@ impl LogFile {
     pub(super) fn wait(&mut self) {
         self.spool.finish();
         self.settle();
-        if !self.chunks.is_empty() {
-            self.spool.give_up(self.settled.0);
-            self.spool.finish();
-        }
     }
 }
 

@@ -60,7 +60,8 @@ pub struct RingFloor {
     pub chain: Histogram<u64>,
     /// From the first process' begin to its having the token back [ns].
     pub lap: Histogram<u64>,
-    /// From the beginning of each tick to the first process' waking [ns]; ticks slept through with their whole lateness.
+    /// From the beginning of each tick to the first process' waking [ns]; ticks slept through with their whole
+    /// lateness.
     pub lateness: Histogram<u64>,
     /// Tokens that went around.
     pub ticks_run: u64,

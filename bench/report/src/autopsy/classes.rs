@@ -247,7 +247,7 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
     }
 }
 
-/// How long interrupts, and threads that may keep a stage from the processor, had it in a delay, as the trace tells [ns].
+/// How long interrupts, and threads that may keep a stage from the processor, had it in a delay [ns]: by the trace.
 ///
 /// Who is less urgent than a stage that is ready cannot have kept it from the processor: the kernel did not switch, or
 /// a virtual machine stood still with that thread on its processor.

@@ -58,11 +58,9 @@ pub struct Autopsy {
     /// Ticks that the plant's next states judged: from, to, missed deadlines among them, the last one's verdict.
     judged: Vec<Judged>,
     last_state: Option<(u64, u64)>,
-    /// Ticks whose commands missed their deadlines, and that are in no outage yet.
+    /// Ticks whose commands missed their deadlines, as long as their stamps are kept.
     missed: BTreeSet<u64>,
-    /// All of them, as long as their stamps are kept.
-    verdicts: BTreeSet<u64>,
-    /// The next tick to look at; none before the first state.
+    /// The next tick to look at: from it on, misses are in no outage yet. None before the first state.
     next: Option<u64>,
     /// Whether every stage has worked a tick: what is not there before has not begun yet.
     has_begun: bool,
@@ -109,7 +107,6 @@ impl Autopsy {
             judged: Vec::new(),
             last_state: None,
             missed: BTreeSet::new(),
-            verdicts: BTreeSet::new(),
             next: None,
             has_begun: false,
             open: None,
@@ -188,7 +185,7 @@ impl Autopsy {
             _ => {}
         }
         // Of ticks before the first one that was seen.
-        self.count_unplaced(self.missed.len() as u64);
+        self.count_unplaced(self.not_looked_at());
         self.missed.clear();
     }
 
@@ -199,7 +196,7 @@ impl Autopsy {
     /// Continues, opens or closes an outage with a tick.
     fn look_at(&mut self, tick: u64) {
         self.next = Some(tick + 1);
-        let missed = u64::from(self.missed.remove(&tick));
+        let missed = u64::from(self.missed.contains(&tick));
         let trace = self.traces.get(&tick).copied().unwrap_or_default();
         let is_whole = trace.iter().all(|passage| passage.is_some_and(|passage| passage.is_fresh));
         self.has_begun |= is_whole;
@@ -223,6 +220,11 @@ impl Autopsy {
             }
         };
         self.open = Some(outage);
+    }
+
+    /// Misses that are in no outage yet.
+    fn not_looked_at(&self) -> u64 {
+        self.missed.range(self.next.unwrap_or(0)..).count() as u64
     }
 
     fn count_unplaced(&mut self, missed: u64) {
@@ -258,12 +260,10 @@ impl Autopsy {
     /// Finds a place for a missed deadline. A plant that was away judges ticks that were looked at long ago: then the
     /// outage lasts that they belong to.
     fn place(&mut self, tick: u64) {
-        self.verdicts.insert(tick);
+        self.missed.insert(tick);
         let was_looked_at = self.next.is_some_and(|next| tick < next);
         match self.open.as_mut().filter(|outage| outage.first <= tick) {
-            _ if !was_looked_at => {
-                self.missed.insert(tick);
-            }
+            _ if !was_looked_at => {}
             Some(outage) => outage.missed += 1,
             None => self.count_unplaced(1),
         }
@@ -316,7 +316,7 @@ impl Autopsy {
         let seen = self.newest().max(outage.last);
         let timeline = shown.range(..=seen).map(|tick| TimelineTick {
             tick: *tick,
-            missed: self.verdicts.contains(tick),
+            missed: self.missed.contains(tick),
             stages: self.traces.get(tick).map(stages_of).unwrap_or_default(),
         });
         Case {
@@ -339,7 +339,7 @@ impl Autopsy {
         let begin = self.open.map(|outage| outage.first).or(self.next).unwrap_or(newest);
         let oldest = begin.saturating_sub(AROUND_TICKS);
         self.traces = self.traces.split_off(&oldest);
-        self.verdicts = self.verdicts.split_off(&oldest);
+        self.missed = self.missed.split_off(&oldest);
         let oldest_ns = self.grid.begin_of(oldest).saturating_sub(SAMPLES_BEYOND_NS);
         while self.samples.front().is_some_and(|sample| sample.at_ns < oldest_ns) {
             self.samples.pop_front();
@@ -365,7 +365,7 @@ impl Autopsy {
         classes.sort_by_key(|class| std::cmp::Reverse((class.missed, class.outages)));
         let judged: u64 = self.judged.iter().map(|judged| judged.missed).sum();
         let open = self.open.map_or(0, |outage| outage.missed);
-        Section { classes, pending: judged + self.missed.len() as u64 + open, worst: self.worst.clone() }
+        Section { classes, pending: judged + self.not_looked_at() + open, worst: self.worst.clone() }
     }
 }
 

@@ -16,7 +16,7 @@ pub struct Section {
     pub classes: Vec<ClassCount>,
     /// Deadlines missed in an outage that lasts, or is not classed yet.
     pub pending: u64,
-    /// The worst outages: by length in ticks, then by deadlines missed.
+    /// The longest outages in ticks; of those alike, the ones with more deadlines missed first.
     pub worst: Vec<Case>,
 }
 

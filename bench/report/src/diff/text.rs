@@ -3,10 +3,9 @@
 use std::fmt::Write as _;
 
 use serde_json::Value;
-use textwrap::{Options, WordSplitter, wrap};
 
 use crate::diff::{Conclusion, Diff, Difference, FigureDiff, Says, Side};
-use crate::text::{INDENT, WIDTH, count};
+use crate::text::{count, wrapped};
 
 /// Renders a comparison for people.
 #[must_use]
@@ -51,8 +50,7 @@ fn conclusion(out: &mut String, subject: &str, conclusion: &Conclusion) -> std::
             format!("{subject:<9} {found} (probability of even one false difference: {:.0} %)", level * 100.0)
         }
     };
-    let options = Options::new(WIDTH).subsequent_indent(INDENT).word_splitter(WordSplitter::NoHyphenation);
-    wrap(&sentence, options).iter().try_for_each(|line| writeln!(out, "{line}"))
+    wrapped(&sentence).iter().try_for_each(|line| writeln!(out, "{line}"))
 }
 
 fn has(figures: u64) -> String {

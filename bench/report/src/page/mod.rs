@@ -17,6 +17,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use crate::plot::STYLE;
 use crate::schema::Report;
+use crate::text;
 
 /// What the page looks like, without its charts.
 const PAGE_STYLE: &str = include_str!("page.css");
@@ -33,7 +34,6 @@ const POLICY: &str =
 pub fn render(report: &Report) -> String {
     let run = &report.run;
     let build = run.build.of_version(&run.version);
-    let title = format!("trajectory {}, gains {}, {}", run.trajectory, run.preset, run.started);
     let page: Markup = html! {
         (DOCTYPE)
         html lang="en" {
@@ -44,7 +44,7 @@ pub fn render(report: &Report) -> String {
                 meta name="generator" content=(format!("ironbird {build}"));
                 // An empty picture, so that no browser asks a server for one.
                 link rel="icon" href="data:,";
-                title { (title) }
+                title { (text::title(run)) }
                 style { (PreEscaped(STYLE)) (PreEscaped(PAGE_STYLE)) }
             }
             body {

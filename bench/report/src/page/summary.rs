@@ -17,7 +17,7 @@ pub fn head(report: &Report) -> Markup {
     html! {
         header {
             h1 {
-                "trajectory " (run.trajectory) ", gains " (run.preset) " "
+                (text::flown(&run.trajectory, &run.preset)) " "
                 span.verdict.bad[failed] { (verdict.words()) }
             }
             (words(report))

@@ -69,8 +69,8 @@ impl From<Bin> for (f64, f64, u64) {
     }
 }
 
-/// A percentile with its interval ([`crate::statistics::CONFIDENCE`]), which supposes that values are independent of each other and
-/// nothing about their distribution.
+/// A percentile with its interval ([`crate::statistics::CONFIDENCE`]), which supposes that values are independent of
+/// each other and nothing about their distribution.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Percentile {
     /// 99.9 for the 99.9th.

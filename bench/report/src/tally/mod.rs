@@ -2,6 +2,7 @@
 
 pub mod deadlines;
 pub mod distribution;
+mod flight;
 pub mod series;
 pub mod theorem;
 mod timing;
@@ -13,19 +14,18 @@ use model::boards;
 use model::envelope::Message;
 use model::grid::{Grid, Pace};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::parameters::ESTIMATED;
-use model::realtime::Lead;
 use model::role::Role;
 use model::topic::Topic;
 
 use crate::autopsy::Autopsy;
-use crate::schema::{self, Estimate};
+use crate::schema;
 use crate::tally::deadlines::{Deadlines, LateCommands, MissRuns};
-use crate::tally::series::{Series, SeriesSet};
+use crate::tally::flight::FlightTally;
+use crate::tally::series::SeriesSet;
 use crate::tally::theorem::TheoremTally;
 use crate::tally::timing::{StampedCommand, StampedPassage};
 use crate::tally::tracer::Tracer;
-use crate::tracking::{RecentStates, Tracking, TrackingError};
+use crate::tracking::{RecentStates, Tracking};
 use failure::Failure;
 
 /// Swaps that are kept one by one.
@@ -97,15 +97,6 @@ impl Sequence {
         self.last = Some((epoch, seq));
         seq > expected
     }
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct FlightTally {
-    truth: [f64; 3],
-    tracking: TrackingError,
-    estimate: [f64; 3],
-    rate_error: f64,
-    saturated: u64,
 }
 
 /// Whether a rotor command is the mixer's last word of a run: idle, and the answer to no state.
@@ -196,11 +187,7 @@ impl Tally {
             self.miss_runs = MissRuns::joining(state.deadlines_missed, state.deadline_miss_run);
         }
         self.states += 1;
-        if self.grid.is_some() {
-            let timer_late_ns = message.envelope.timer_late_ns;
-            self.series.record(Series::Timer, timer_late_ns);
-            self.lead_left_ns += self.lead_ns.saturating_sub(timer_late_ns);
-        }
+        self.timer(message.envelope.timer_late_ns);
         if unseen {
             self.miss_runs.unseen(state.deadlines_missed, state.deadline_miss_run);
         }
@@ -275,20 +262,6 @@ impl Tally {
         self.sequences.map(|sequence| sequence.lost)
     }
 
-    /// The lead, and what waiting for the ticks cost of the time that the flight took.
-    #[must_use]
-    pub fn lead(&self, lead: &Lead, rehearsals: u64) -> schema::LeadSection {
-        let us = |ns: u64| ns as f64 / 1e3;
-        let flown_ns = self.grid.map_or(0, |grid| self.states * grid.period_ns);
-        schema::LeadSection {
-            lead_us: us(lead.lead_ns),
-            rehearsal_us: us(lead.rehearsal_ns),
-            timer_p90_us: us(lead.timer_p90_ns),
-            rehearsals,
-            waited_percent: 100.0 * self.lead_left_ns as f64 / flown_ns.max(1) as f64,
-        }
-    }
-
     /// Ticks, with the identity that they must satisfy: the sum is counted from messages, the time is the clock's.
     #[must_use]
     pub fn ticks(&self, run: &boards::Run) -> schema::Ticks {
@@ -321,26 +294,7 @@ impl Tally {
     /// Control performance so far.
     #[must_use]
     pub fn flight(&self) -> schema::ControlPerformance {
-        let flight = &self.flight;
-        schema::ControlPerformance {
-            position_error_rms_m: flight.tracking.rms_m(),
-            position_error_max_m: flight.tracking.max_m(),
-            position_error_final_m: flight.tracking.last_m(),
-            states: flight.tracking.states(),
-            ticks_without_state: 0,
-            recent_error_max_m: self.recent.error_max_m(),
-            recent_s: self.recent.length_s(),
-            lowest_z_m: self.recent.lowest_z_m(),
-            rate_error_final_rad_s: flight.rate_error,
-            saturated_ticks: flight.saturated,
-            estimates: (0..3)
-                .map(|i| Estimate {
-                    name: ESTIMATED[i].name().into(),
-                    estimated: flight.estimate[i],
-                    actual: flight.truth[i],
-                })
-                .collect(),
-        }
+        self.flight.performance(&self.recent)
     }
 }
 
@@ -370,23 +324,6 @@ mod tests {
         assert_eq!((flying.run, flying.skipped, flying.elapsed_periods, flying.identity_holds), (5, 2, 7, true));
         // At the end the plant's own count is held against the messages.
         assert!(!tally.ticks(&phase(boards::RunPhase::Closed)).identity_holds);
-    }
-
-    #[test]
-    fn what_a_timer_leaves_of_its_lead_is_waited_out_and_paid_for() {
-        let grid = Grid { t0_ns: 1_000_000_000, period_ns: 1_000_000 };
-        let mut tally = Tally::new(Pace::Realtime(grid), grid.t0_ns, Tracking::of(Trajectory::Hover, 1e-3)).unwrap();
-        tally.lead_ns = 100_000;
-        for (tick, timer_late_ns) in (0..).zip([20_000, 60_000, 300_000, 20_000]) {
-            let sample_ns = grid.begin_of(tick) + if timer_late_ns > 100_000 { 200_000 } else { 0 };
-            let envelope = Envelope { tick, seq: tick, sample_ns, timer_late_ns, ..Envelope::new() };
-            tally.state(&Message { envelope, content: State::default() });
-        }
-        let timer = tally.series.flight(Series::Timer).unwrap();
-        assert_eq!((timer.len(), timer.count_between(290_000, 310_000)), (4, 1), "also one that came after its tick");
-        let lead = tally.lead(&Lead { lead_ns: 100_000, rehearsal_ns: 40_000, timer_p90_ns: 30_000 }, 3);
-        assert_eq!((lead.lead_us, lead.rehearsal_us, lead.timer_p90_us, lead.rehearsals), (100.0, 40.0, 30.0, 3));
-        assert!((lead.waited_percent - 5.0).abs() < 1e-9, "80 + 40 + 0 + 80 us of 4 ms: {lead:?}");
     }
 
     /// Messages of a tick as a flight on `grid` has them: every 50th is late, and brings a swap.

@@ -8,9 +8,11 @@ use std::ops::RangeInclusive;
 
 use model::boards;
 use model::envelope::Message;
+use model::realtime::Lead;
 use model::role::{Role, STAGES};
 use model::topic::Topic;
 
+use crate::schema;
 use crate::tally::Tally;
 use crate::tally::deadlines::{DeadlineOutcome, LateCommands};
 use crate::tally::series::{Series, SeriesSet};
@@ -62,6 +64,28 @@ impl Tally {
             if role == Role::Plant {
                 self.tracer.timing(owed, Timing::Wake, late_ns);
             }
+        }
+    }
+
+    /// How late the kernel woke the plant for a tick; what it left of the lead was waited out.
+    pub(super) fn timer(&mut self, late_ns: u64) {
+        if self.grid.is_some() {
+            self.series.record(Series::Timer, late_ns);
+            self.lead_left_ns += self.lead_ns.saturating_sub(late_ns);
+        }
+    }
+
+    /// The lead, and what waiting for the ticks cost of the time that the flight took.
+    #[must_use]
+    pub fn lead(&self, lead: &Lead, rehearsals: u64) -> schema::LeadSection {
+        let us = |ns: u64| ns as f64 / 1e3;
+        let flown_ns = self.grid.map_or(0, |grid| self.states * grid.period_ns);
+        schema::LeadSection {
+            lead_us: us(lead.lead_ns),
+            rehearsal_us: us(lead.rehearsal_ns),
+            timer_p90_us: us(lead.timer_p90_ns),
+            rehearsals,
+            waited_percent: 100.0 * self.lead_left_ns as f64 / flown_ns.max(1) as f64,
         }
     }
 
@@ -178,5 +202,33 @@ fn enter(series: &mut SeriesSet, late_commands: &mut LateCommands, tick: u64, ve
             late_commands.take(tick, ns);
             series.record(Series::Late, ns);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use controller::Trajectory;
+    use model::envelope::Envelope;
+    use model::grid::{Grid, Pace};
+    use model::messages::State;
+
+    use super::*;
+    use crate::tracking::Tracking;
+
+    #[test]
+    fn what_a_timer_leaves_of_its_lead_is_waited_out_and_paid_for() {
+        let grid = Grid { t0_ns: 1_000_000_000, period_ns: 1_000_000 };
+        let mut tally = Tally::new(Pace::Realtime(grid), grid.t0_ns, Tracking::of(Trajectory::Hover, 1e-3)).unwrap();
+        tally.lead_ns = 100_000;
+        for (tick, timer_late_ns) in (0..).zip([20_000, 60_000, 300_000, 20_000]) {
+            let sample_ns = grid.begin_of(tick) + if timer_late_ns > 100_000 { 200_000 } else { 0 };
+            let envelope = Envelope { tick, seq: tick, sample_ns, timer_late_ns, ..Envelope::new() };
+            tally.state(&Message { envelope, content: State::default() });
+        }
+        let timer = tally.series.flight(Series::Timer).unwrap();
+        assert_eq!((timer.len(), timer.count_between(290_000, 310_000)), (4, 1), "also one that came after its tick");
+        let lead = tally.lead(&Lead { lead_ns: 100_000, rehearsal_ns: 40_000, timer_p90_ns: 30_000 }, 3);
+        assert_eq!((lead.lead_us, lead.rehearsal_us, lead.timer_p90_us, lead.rehearsals), (100.0, 40.0, 30.0, 3));
+        assert!((lead.waited_percent - 5.0).abs() < 1e-9, "80 + 40 + 0 + 80 us of 4 ms: {lead:?}");
     }
 }

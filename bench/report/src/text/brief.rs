@@ -3,9 +3,8 @@
 use std::collections::BTreeMap;
 
 use model::role::{Role, STAGES};
-use textwrap::{Options, WordSplitter, wrap};
 
-use super::{INDENT, WIDTH, beside};
+use super::{INDENT, WIDTH, beside, wrapped};
 use crate::losses;
 use crate::schema::Report;
 use crate::speed::Speed;
@@ -61,8 +60,7 @@ fn sentences(report: &Report) -> Vec<String> {
 /// A sentence in as many lines as it may have.
 fn lines(sentence: &str) -> Vec<String> {
     const CUT: &str = " ...";
-    let options = Options::new(WIDTH).subsequent_indent(INDENT).word_splitter(WordSplitter::NoHyphenation);
-    let mut lines: Vec<String> = wrap(sentence, options).into_iter().map(Into::into).collect();
+    let mut lines = wrapped(sentence);
     if lines.len() > LINES {
         lines.truncate(LINES);
         lines.iter_mut().skip(LINES - 1).for_each(|last| {
@@ -107,7 +105,7 @@ fn shortened(path: &str) -> String {
     format!("{head}...{tail}")
 }
 
-/// How many outages there were, what most misses were due to, and the worst one.
+/// How many outages there were, what most misses were due to, and the longest one.
 fn outages(report: &Report) -> Option<String> {
     let autopsy = &report.autopsy;
     let first = autopsy.classes.first()?;
@@ -118,10 +116,10 @@ fn outages(report: &Report) -> Option<String> {
         0 => format!("{} of them: {}", first.outages, first.cause()),
         _ => format!("{} of these: {}", first.missed, first.cause()),
     };
-    let worst = autopsy.worst.first().map_or_else(String::new, |worst| format!("; the longest: {}", worst.line()));
+    let longest = autopsy.worst.first().map_or_else(String::new, |case| format!("; the longest: {}", case.line()));
     // Misses that no outage was seen with are counted under the first class, too.
     let with = if outages == 0 { "none seen" } else { &outages.to_string() };
-    Some(format!("Outages   {with} with {}, {due}{worst}", super::count(missed, "missed deadline")))
+    Some(format!("Outages   {with} with {}, {due}{longest}", super::count(missed, "missed deadline")))
 }
 
 fn tracking(report: &Report) -> String {

@@ -4,10 +4,12 @@ pub mod beside;
 pub mod brief;
 pub mod theorem;
 
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
+
+use textwrap::{Options, WordSplitter};
 
 use crate::losses;
-use crate::schema::{Report, RoleSection, Ticks};
+use crate::schema::{Report, RoleSection, RunSection, Ticks};
 use crate::speed::Speed;
 use crate::tally::series::Statistics;
 use crate::words::TimingWord;
@@ -54,6 +56,18 @@ pub fn section(report: &Report, name: &str) -> String {
     out.trim_start_matches('\n').to_owned()
 }
 
+/// What was flown, in the words of all that is said of a flight.
+#[must_use]
+pub fn flown(trajectory: impl Display, preset: impl Display) -> String {
+    format!("trajectory {trajectory}, gains {preset}")
+}
+
+/// What was flown, and when.
+#[must_use]
+pub fn title(run: &RunSection) -> String {
+    format!("{}, {}", flown(&run.trajectory, &run.preset), run.started)
+}
+
 /// The one parseable last line of a flight.
 #[must_use]
 pub fn result_line(report: &Report, directory: &str) -> String {
@@ -76,9 +90,16 @@ pub fn result_line(report: &Report, directory: &str) -> String {
 }
 
 /// Columns of a terminal that nobody has made wider.
-pub const WIDTH: usize = 80;
+const WIDTH: usize = 80;
 /// What the lines of a sentence begin with after the first one.
-pub const INDENT: &str = "          ";
+const INDENT: &str = "          ";
+
+/// A sentence as lines of a terminal.
+#[must_use]
+pub fn wrapped(sentence: &str) -> Vec<String> {
+    let options = Options::new(WIDTH).subsequent_indent(INDENT).word_splitter(WordSplitter::NoHyphenation);
+    textwrap::wrap(sentence, options).into_iter().map(Into::into).collect()
+}
 
 /// `1 tick`, `2 ticks`.
 #[must_use]
@@ -149,7 +170,7 @@ pub fn pace(report: &Report) -> String {
         }
         speed => speed.why_not_real_time().map_or_else(String::new, |why| format!(", {why}")),
     };
-    format!("trajectory {}, gains {}, T = {:.0} us{pace}", run.trajectory, run.preset, run.period_us)
+    format!("{}, T = {:.0} us{pace}", flown(&run.trajectory, &run.preset), run.period_us)
 }
 
 /// How much faster than the clock a flight in lockstep was.

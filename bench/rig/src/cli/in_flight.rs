@@ -36,8 +36,8 @@ pub struct FoxgloveArgs {
     /// Let clients swap parameters from the panel: anyone who reaches the address.
     #[arg(long)]
     pub allow_swaps: bool,
-    /// Let in pages of this origin too, as in `https://studio.example`; may be repeated. Those of app.foxglove.dev and of
-    /// this machine are let in, and whatever is no browser's page.
+    /// Let in pages of this origin too, as in `https://studio.example`; may be repeated. Those of app.foxglove.dev and
+    /// of this machine are let in, and whatever is no browser's page.
     #[arg(long, value_name = "ORIGIN", value_parser = values::origin)]
     pub allow_origin: Vec<String>,
     /// Address to listen on.

@@ -1,7 +1,7 @@
 //! System calls, allocations and page faults per tick and role, beside the least that is possible.
 //!
-//! `strace` counts the calls of a loop's thread in the middle of a flight. The flight is in slow motion, so strace makes
-//! no tick late. Each loop counts its own allocations and faults.
+//! `strace` counts the calls of a loop's thread in the middle of a flight. The flight is in slow motion, so strace
+//! makes no tick late. Each loop counts its own allocations and faults.
 
 use std::collections::BTreeMap;
 use std::fs;

@@ -58,7 +58,7 @@ impl Hangar {
         self.directory.path()
     }
 
-    /// The command of a flight with these flags, and where its directory will be when it has a report: none but its own.
+    /// The command of a flight with these flags, and where its directory will be when it has a report: only its own.
     #[must_use]
     pub fn command(&self, flags: &[&str]) -> (Command, PathBuf) {
         let out = self.directory.path().join(format!("flight{}", self.launched.fetch_add(1, Ordering::Relaxed)));
@@ -71,7 +71,7 @@ impl Hangar {
     /// Flies, and gives the report.
     ///
     /// # Errors
-    /// [`Failure`] where the flight cannot be launched or leaves no report of all its ticks, with what it complained of.
+    /// [`Failure`] where the flight cannot be launched or leaves no report of all its ticks, with its complaints.
     pub fn fly(&self, flags: &[&str]) -> Result<Report, Failure> {
         let (mut command, run) = self.command(flags);
         let output = command.output().map_err(|e| Failure::failed(format!("cannot launch a flight: {e}")))?;

@@ -199,7 +199,7 @@ impl Drop for Launcher {
     }
 }
 
-/// Whether the flight of this launcher is over: its plant has said so, or the clock does. In lockstep only the plant can.
+/// Whether the flight of this launcher is over: its plant has said so, or the clock does; in lockstep only the plant.
 fn is_over(run: &Run) -> bool {
     let end_ns = run.t0_ns + (run.last_tick + 1) * run.period_ns;
     let is_past = run.phase() == RunPhase::Flying && run.period_ns != LOCKSTEP && now_ns() > end_ns;

@@ -57,12 +57,7 @@ impl Lines {
     /// # Errors
     /// [`Failure`] with the system's reason, where it is not all there.
     pub fn finish(&self) -> Result<(), Failure> {
-        let on_disk = self.0.finish();
-        if on_disk < self.0.written() {
-            self.0.give_up(on_disk);
-            self.0.finish();
-        }
-        self.0.gap().map_or(Ok(()), |reason| Err(Failure::failed(format!("{FILE} is not whole: {reason}"))))
+        self.0.finish().map_or(Ok(()), |reason| Err(Failure::failed(format!("{FILE} is not whole: {reason}"))))
     }
 }
 
@@ -86,7 +81,7 @@ impl<'a> Hlog<'a> {
             .with_max_value_divisor(1e6)
             .begin_log_with(out, serializer)
             .map_err(|e| Failure::failed(format!("cannot write {FILE}: {e:?}")))?;
-        lines.0.settle_or_leave_out();
+        lines.0.settle_or_drop();
         Ok(Self { writer, lines: lines.clone(), length: Duration::from_secs(length_s), intervals: 0 })
     }
 
@@ -96,7 +91,7 @@ impl<'a> Hlog<'a> {
     /// As [`SeriesSet::close_interval`].
     pub fn close_interval(&mut self, series: &mut SeriesSet) -> Result<(), Failure> {
         let closed = series.close_interval(&mut self.writer, self.intervals * self.length, self.length);
-        self.lines.0.settle_or_leave_out();
+        self.lines.0.settle_or_drop();
         self.intervals += 1;
         closed
     }

@@ -117,8 +117,8 @@ impl Relays {
 
 /// Which ticks messages can be of, for whoever flies with nobody: by the clock, as for the stages.
 ///
-/// Lockstep has no clock. The plant shows each tick on its board when its state is out, so that messages are of the next
-/// tick at the latest.
+/// Lockstep has no clock. The plant shows each tick on its board when its state is out, so that messages are of the
+/// next tick at the latest.
 pub fn horizon(pace: Pace, run: impl Fn() -> Run + Copy) -> impl Horizon {
     move || match pace {
         Pace::Realtime(_) => pace.latest_tick(),

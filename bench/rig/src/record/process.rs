@@ -215,10 +215,11 @@ impl<'a> Recorder<'a> {
         while let Some(joined) = self.joiner.rest() {
             self.follow(&joined);
         }
-        let finished = self.states.iter_mut().try_for_each(StatesWriter::finish);
+        // Each of them, also after one that is not whole.
+        let finished = self.states.iter_mut().map(StatesWriter::finish).fold(Ok(()), Result::and);
         self.note("states.csv", finished);
+        self.take_trace();
         if let Some(autopsy) = &mut self.tally.autopsy {
-            autopsy.ran(self.traced.take());
             autopsy.fallen(fallen(&self.crew.loops()), now_ns());
             autopsy.finish(run.deadlines_missed, run.last_tick + 1);
         }
@@ -257,13 +258,21 @@ impl<'a> Recorder<'a> {
     /// Samples what the kernel counts for the loops while they fly, and classes the deadlines missed so far.
     fn look_at_loops(&mut self, run: &JoinedRun) {
         let sample = self.watch.sample(&self.crew.loops(), self.tally.lost().iter().sum());
+        self.take_trace();
         let Some(autopsy) = &mut self.tally.autopsy else { return };
         // After the last tick processes end as they should.
         if run.get().phase() == RunPhase::Flying {
             autopsy.sample(sample);
         }
-        autopsy.ran(self.traced.take());
         autopsy.look();
+    }
+
+    /// Takes what the kernel has traced since the last time.
+    fn take_trace(&mut self) {
+        match (self.traced.take(), &mut self.tally.autopsy) {
+            (Ok(slices), Some(autopsy)) => autopsy.ran(slices),
+            (taken, _) => self.note("the trace of the loops' processor", taken.map(drop)),
+        }
     }
 
     /// Waits for the figures of roles that still live.

@@ -21,10 +21,16 @@ impl Traced {
         is_asked.then(begin).transpose().map(Self)
     }
 
-    /// What ran since the last time.
-    pub fn take(&mut self) -> Vec<Slice> {
-        // A trace that can no longer be read explains nothing more.
-        self.0.as_mut().and_then(|trace| trace.take().ok()).unwrap_or_default()
+    /// What ran since the last time. A trace that can no longer be read explains nothing more, and ends.
+    ///
+    /// # Errors
+    /// [`Failure`] names what the kernel refuses, once.
+    pub fn take(&mut self) -> Result<Vec<Slice>, Failure> {
+        let Some(trace) = &mut self.0 else { return Ok(Vec::new()) };
+        trace.take().map_err(|e| {
+            self.0 = None;
+            Failure::failed(format!("cannot read it: {e}"))
+        })
     }
 }
 

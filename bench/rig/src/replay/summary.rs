@@ -3,7 +3,7 @@
 use model::messages::{Mode, RotorSpeeds, State, Wrench};
 
 use crate::replay::survey::Survey;
-use report::text::count;
+use report::text::{count, flown};
 use report::tracking::{Tracking, TrackingError};
 
 /// Modes by number, as they are named.
@@ -80,9 +80,8 @@ impl Summary {
         let [skipped, missed] = [state.ticks_skipped - self.before[0], state.deadlines_missed - self.before[1]];
         let from = if self.from_tick > 0 { format!("from tick {} ", self.from_tick) } else { String::new() };
         let mut text = format!(
-            "trajectory {}, gains {}: {} replayed, {from}to tick {tick} ({:.3} s); {skipped} skipped, {} missed\n",
-            flight.trajectory,
-            flight.preset,
+            "{}: {} replayed, {from}to tick {tick} ({:.3} s); {skipped} skipped, {} missed\n",
+            flown(flight.trajectory, flight.preset),
             count(self.ticks, "tick"),
             tick as f64 * flight.period_s,
             count(missed, "deadline")

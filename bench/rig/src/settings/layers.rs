@@ -1,6 +1,5 @@
 //! Merges the layers of the settings (default, preset, file, flags) and checks the file.
 
-use std::fs::{self, File};
 use std::io::{self, Read as _};
 use std::path::Path;
 
@@ -8,7 +7,7 @@ use controller::{Gains, Preset};
 use toml::{Table, Value};
 
 use crate::settings::{DEFAULT, Overrides};
-use failure::Failure;
+use failure::{Failure, open_file};
 
 /// The settings as a table, and the file that had a part in them.
 pub(super) fn layered<'a>(file: Option<&'a Path>, overrides: &Overrides) -> Result<(Table, Option<&'a Path>), Failure> {
@@ -73,11 +72,8 @@ fn read(path: &Path, default: &Table) -> Result<Table, Failure> {
 /// The text of a regular file of at most 1 MiB: a device may have no end, and a pipe may have no writer.
 fn text_of(path: &Path) -> io::Result<String> {
     const MOST_BYTES: u64 = 1 << 20;
-    if !fs::metadata(path)?.is_file() {
-        return Err(io::Error::other("it is no regular file"));
-    }
     let mut text = String::new();
-    File::open(path)?.take(MOST_BYTES + 1).read_to_string(&mut text)?;
+    open_file(path)?.take(MOST_BYTES + 1).read_to_string(&mut text)?;
     if text.len() as u64 > MOST_BYTES {
         return Err(io::Error::other("it is longer than 1 MiB"));
     }

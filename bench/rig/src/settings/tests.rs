@@ -2,6 +2,8 @@
 
 use std::io::Write as _;
 
+use model::parameters::Airframe;
+
 use crate::settings::*;
 
 fn from_file(text: &str) -> Result<Settings, Failure> {

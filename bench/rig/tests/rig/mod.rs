@@ -1,18 +1,18 @@
 //! A rig for one test: own root, own output, own instance, own processes.
-#![allow(dead_code, reason = "each test file uses its part")]
+#![allow(dead_code, unused_imports, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+mod process;
+mod system;
 pub mod unprivileged;
 
-use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Once};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, LogReader};
@@ -21,15 +21,14 @@ use model::role::Role;
 use role::station::{Orders, Station};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT};
-use signal_hook::flag::register_conditional_default;
 use tempfile::TempDir;
 use wire::instance::Instance;
 
+pub use process::{Ended, Running};
+use system::{command_line, hear_signals, names, processes};
+pub use system::{is_gone, send, stop_for, wait_until};
+
 pub const IRONBIRD: &str = env!("CARGO_BIN_EXE_ironbird");
-/// Ends a test that hangs; no verdict on latency.
-const PATIENCE: Duration = Duration::from_secs(60);
-const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 /// What one test flies.
 pub struct Rig {
@@ -198,222 +197,9 @@ impl Drop for Rig {
     }
 }
 
-/// Has the processes of a test hear what interrupts them: a script that starts the tests in the background has SIGINT
-/// and SIGQUIT ignored, nohup has SIGHUP ignored, and a process hands that on. What is caught is at its default again in the next program.
-fn hear_signals() {
-    static HEARD: Once = Once::new();
-    HEARD.call_once(|| {
-        for signal in [SIGHUP, SIGINT, SIGQUIT] {
-            register_conditional_default(signal, Arc::new(AtomicBool::new(true))).unwrap();
-        }
-    });
-}
-
-/// A process that the test has started, and kills if it still runs at the end.
-pub struct Running {
-    what: String,
-    child: Child,
-    stdout: PathBuf,
-    stderr: PathBuf,
-}
-
-impl Running {
-    pub fn pid(&self) -> u32 {
-        self.child.id()
-    }
-
-    pub fn signal(&self, signal: Signal) {
-        send(self.pid(), signal);
-    }
-
-    pub fn is_running(&mut self) -> bool {
-        self.child.try_wait().unwrap().is_none()
-    }
-
-    /// What it has said on standard error so far.
-    pub fn stderr(&self) -> String {
-        fs::read_to_string(&self.stderr).unwrap()
-    }
-
-    /// Waits until it says something on standard error.
-    pub fn await_words(&self, words: &str) {
-        wait_until(&format!("{} to say `{words}`", self.what), || self.stderr().contains(words).then_some(()));
-    }
-
-    /// What it has said on standard output so far.
-    pub fn stdout(&self) -> String {
-        fs::read_to_string(&self.stdout).unwrap()
-    }
-
-    /// Waits until it says something on standard output.
-    pub fn await_output(&self, words: &str) {
-        wait_until(&format!("{} to print `{words}`", self.what), || self.stdout().contains(words).then_some(()));
-    }
-
-    /// Waits for its end.
-    pub fn end(mut self) -> Ended {
-        let until = Instant::now() + PATIENCE;
-        let code = loop {
-            if let Some(status) = self.child.try_wait().unwrap() {
-                break status.code();
-            }
-            assert!(
-                Instant::now() < until,
-                "{} does not end; {}; it said:\n{}",
-                self.what,
-                self.place(),
-                self.stderr()
-            );
-            sleep(LOOK_EVERY);
-        };
-        let stdout = fs::read_to_string(&self.stdout).unwrap();
-        Ended { what: self.what.clone(), code, stdout, stderr: self.stderr() }
-    }
-
-    /// Where the threads of a process are that does not go on, as far as the system tells.
-    fn place(&self) -> String {
-        let of = |file: &str| fs::read_to_string(format!("/proc/{}/{file}", self.pid())).unwrap_or_default();
-        let status = of("status");
-        let state = status.lines().find(|line| line.starts_with("State:")).unwrap_or_default();
-        let args = ["-p", &self.pid().to_string(), "-batch", "-ex", "thread apply all bt 20"];
-        let stack =
-            Command::new("gdb").args(args).output().map(|gdb| String::from_utf8_lossy(&gdb.stdout).into_owned());
-        format!("{state}, waits in {}, system call {}\n{}", of("wchan"), of("syscall"), stack.unwrap_or_default())
-    }
-
-    /// The five roles that a launcher has started: process numbers by name.
-    pub fn roles(&self) -> BTreeMap<String, u32> {
-        wait_until("the launcher to start five roles", || {
-            let roles: BTreeMap<_, _> = children(self.pid())
-                .into_iter()
-                .filter_map(|pid| Some((command_line(pid).get(1)?.clone(), pid)))
-                .filter(|(role, _)| role != "fly")
-                .collect();
-            (roles.len() == 5).then_some(roles)
-        })
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// A process that has ended.
-#[derive(Debug)]
-pub struct Ended {
-    pub what: String,
-    /// Exit code; none when a signal ended it.
-    pub code: Option<i32>,
-    pub stdout: String,
-    pub stderr: String,
-}
-
-impl Ended {
-    /// Demands an exit code.
-    pub fn expect(self, code: i32) -> Self {
-        assert_eq!(self.code, Some(code), "exit code of {self}");
-        self
-    }
-
-    /// Demands words on standard error, however the lines were broken.
-    pub fn complains(self, words: &str) -> Self {
-        assert!(squeezed(&self.stderr).contains(&squeezed(words)), "no `{words}` on standard error of {self}");
-        let help =
-            self.stderr.lines().find(|line| line.trim_start().starts_with("help: ") && line.trim().contains("  "));
-        assert_eq!(help, None, "a run of blanks in {self}");
-        self
-    }
-
-    /// Demands words on standard output, however the lines were broken.
-    pub fn tells(self, words: &str) -> Self {
-        assert!(squeezed(&self.stdout).contains(&squeezed(words)), "no `{words}` on standard output of {self}");
-        self
-    }
-
-    /// Demands words on standard output.
-    pub fn says(self, words: &str) -> Self {
-        assert!(self.stdout.contains(words), "no `{words}` on standard output of {self}");
-        self
-    }
-
-    pub fn json(&self) -> Value {
-        serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {self}"))
-    }
-
-    /// The last line, which must be that of the result, as its `key=value` pairs.
-    pub fn result(&self) -> BTreeMap<String, String> {
-        let line = self.stdout.lines().last().unwrap_or_default();
-        let pairs = line.strip_prefix("RESULT ").unwrap_or_else(|| panic!("the last line is no result: {self}"));
-        pairs.split(' ').filter_map(|pair| pair.split_once('=')).map(|(k, v)| (k.into(), v.into())).collect()
-    }
-}
-
-impl std::fmt::Display for Ended {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}\n--- stdout\n{}\n--- stderr\n{}", self.what, self.stdout, self.stderr)
-    }
-}
-
-/// Messages are broken into lines at the terminal's width: compare without blanks and margin.
-fn squeezed(text: &str) -> String {
-    text.chars().filter(|c| !c.is_whitespace() && *c != '│').collect()
-}
-
 /// What messages call the process of a role.
 pub fn process_of(role: &str) -> String {
     if role == "record" { "recorder".into() } else { format!("{role} process") }
-}
-
-/// Waits for something that must come.
-pub fn wait_until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
-    let until = Instant::now() + PATIENCE;
-    loop {
-        if let Some(found) = look() {
-            return found;
-        }
-        assert!(Instant::now() < until, "waited in vain for {what}");
-        sleep(LOOK_EVERY);
-    }
-}
-
-pub fn send(pid: u32, signal: Signal) {
-    kill_process(Pid::from_raw(i32::try_from(pid).unwrap()).unwrap(), signal).unwrap();
-}
-
-/// Whether a process is no more; one that nobody has waited for yet counts as gone.
-pub fn is_gone(pid: u32) -> bool {
-    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    stat.rsplit_once(')').is_none_or(|(_, rest)| matches!(rest.trim().chars().next(), Some('Z' | 'X')))
-}
-
-fn names(directory: &Path) -> Vec<String> {
-    let entries = fs::read_dir(directory).into_iter().flatten();
-    let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
-}
-
-fn processes() -> impl Iterator<Item = u32> {
-    names(Path::new("/proc")).into_iter().filter_map(|name| name.parse().ok())
-}
-
-/// Empty where the process has ended.
-fn command_line(pid: u32) -> Vec<String> {
-    let bytes = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-    bytes.split(|byte| *byte == 0).map(|arg| String::from_utf8_lossy(arg).into_owned()).collect()
-}
-
-fn children(pid: u32) -> Vec<u32> {
-    let tasks = names(Path::new(&format!("/proc/{pid}/task")));
-    let text = |task| fs::read_to_string(format!("/proc/{pid}/task/{task}/children")).unwrap_or_default();
-    tasks
-        .into_iter()
-        .map(text)
-        .flat_map(|list| list.split(' ').filter_map(|n| n.parse().ok()).collect::<Vec<_>>())
-        .collect()
 }
 
 /// Says that something is left out, past the harness, which shows what a test prints only when it fails.
@@ -432,15 +218,8 @@ pub fn rounds() -> u64 {
     std::env::var("IRONBIRD_ROUNDS").map_or(1, |rounds| rounds.parse().unwrap())
 }
 
-/// Stops a process for a time.
-pub fn stop_for(pid: u32, time: Duration) {
-    send(pid, Signal::STOP);
-    sleep(time);
-    send(pid, Signal::CONT);
-}
-
-/// A program in a mount namespace of its own, in which a shell's script has mounted something first; nothing where that is
-/// not permitted, or `probe` fails in it.
+/// A program in a mount namespace of its own, in which a shell's script has mounted something first; nothing where that
+/// is not permitted, or `probe` fails in it.
 pub fn in_own_mounts(mount: &str, probe: &str, program: &str) -> Option<Command> {
     let can = Command::new("unshare").args(["-m", "sh", "-c", &format!("{mount} && {probe}")]).status();
     if !can.is_ok_and(|status| status.success()) {

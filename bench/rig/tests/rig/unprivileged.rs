@@ -1,4 +1,4 @@
-//! A flight of a user to whom nothing is granted.
+//! What a user does to whom nothing is granted.
 
 use std::fs;
 use std::os::unix::fs::{PermissionsExt as _, chown};
@@ -6,11 +6,24 @@ use std::process::Command;
 
 use super::{Ended, IRONBIRD, Rig, not_tested};
 
+const NOBODY: u32 = 65534;
+
 /// A flight of a user without privileges; none where there is no way to become one.
 pub fn fly_unprivileged(rig: &Rig, args: &[&str]) -> Option<Ended> {
-    const NOBODY: u32 = 65534;
+    let command = unprivileged(rig, "fly", args)?;
+    if rustix::process::geteuid().is_root() {
+        for directory in [rig.root(), rig.out()] {
+            fs::create_dir_all(&directory).unwrap();
+            chown(&directory, Some(NOBODY), Some(NOBODY)).unwrap();
+        }
+    }
+    Some(rig.launch(command).end())
+}
+
+/// `ironbird COMMAND` of a user without privileges; none where there is no way to become one.
+pub fn unprivileged(rig: &Rig, command: &str, args: &[&str]) -> Option<Command> {
     if !rustix::process::geteuid().is_root() {
-        return Some(rig.run("fly", args));
+        return Some(rig.command(command, args));
     }
     let id = NOBODY.to_string();
     let as_nobody = ["--reuid", &id, "--regid", &id, "--clear-groups"];
@@ -23,13 +36,9 @@ pub fn fly_unprivileged(rig: &Rig, args: &[&str]) -> Option<Ended> {
     if !executable.exists() {
         fs::copy(IRONBIRD, &executable).unwrap();
         fs::set_permissions(rig.path("."), fs::Permissions::from_mode(0o755)).unwrap();
-        for directory in [rig.root(), rig.out()] {
-            fs::create_dir(&directory).unwrap();
-            chown(&directory, Some(NOBODY), Some(NOBODY)).unwrap();
-        }
     }
-    let mut command = Command::new("setpriv");
-    command.args(as_nobody).arg(executable).arg("fly").args(rig.own_args("fly", args));
-    command.env("IRONBIRD_ROOT", rig.root());
-    Some(rig.launch(command).end())
+    let mut process = Command::new("setpriv");
+    process.args(as_nobody).arg(executable).arg(command).args(rig.own_args(command, args));
+    process.env("IRONBIRD_ROOT", rig.root());
+    Some(process)
 }

@@ -158,7 +158,7 @@ fn a_file_goes_on_after_what_a_slow_disk_had_no_room_for_and_is_whole() {
     while !file.spool.is_overfull() {
         kept.extend(chunk(&mut file));
     }
-    let left_out = chunk(&mut file);
+    let dropped = chunk(&mut file);
     goes_on.store(true, Ordering::Relaxed);
     while file.spool.is_overfull() {
         std::thread::sleep(Duration::from_millis(1));
@@ -167,7 +167,7 @@ fn a_file_goes_on_after_what_a_slow_disk_had_no_room_for_and_is_whole() {
     file.close(BTreeMap::new()).unwrap();
     file.wait();
     let fate = file.fate();
-    assert_eq!((fate.written[0], fate.dropped[0]), (kept.len() as u64, left_out.count() as u64));
+    assert_eq!((fate.written[0], fate.dropped[0]), (kept.len() as u64, dropped.count() as u64));
     assert!(file.refused().unwrap().contains("the disk is too slow"));
     assert_eq!(fate.bytes, path.metadata().unwrap().len());
     let mut reader = crate::reader::LogReader::open(&path).unwrap();
