@@ -131,9 +131,12 @@ impl<'a> PlantProcess<'a> {
         let mut opened = station.open_run(plan, |expected, epoch| self.arm(expected, epoch))?;
         // A desk that has ended on an error takes no run number; its error comes with its end.
         let _ = open_desk.send((opened.expected, station.status.epoch));
-        self.lead = station.choose_lead(&mut opened, || self.rehearse(0))?;
+        let lead = station.choose_lead(&mut opened, || self.rehearse(0));
         let meter = UsageMeter::start();
-        let flown = self.fly(station, &mut opened, plan.last_tick);
+        let flown = lead.and_then(|lead| {
+            self.lead = lead;
+            self.fly(station, &mut opened, plan.last_tick)
+        });
         let ending = *flown.as_ref().unwrap_or(&Ending::Failed);
         opened.run.ending = ending as u64;
         opened.run.phase = RunPhase::Closed as u64;
@@ -154,7 +157,7 @@ impl<'a> PlantProcess<'a> {
         loop {
             let (tick, waking) = match pace {
                 Pace::Realtime(grid) => {
-                    let waking = self.wait_for_tick(next_tick, grid)?;
+                    let waking = self.wait_for_tick(next_tick, last_tick, grid)?;
                     (grid.tick_at(waking.wake_ns).max(next_tick), waking)
                 }
                 Pace::Lockstep => match self.wait_for_command(next_tick, station, opened)? {
@@ -250,12 +253,14 @@ impl<'a> PlantProcess<'a> {
     }
 
     /// Sleeps until the lead before a tick, rehearses if there is time, and reads the clock until the tick begins.
-    fn wait_for_tick(&mut self, tick: u64, grid: Grid) -> Result<Waking, Error> {
+    fn wait_for_tick(&mut self, tick: u64, last_tick: u64, grid: Grid) -> Result<Waking, Error> {
         let begin_ns = grid.begin_of(tick);
-        let asked_ns = begin_ns - self.lead.lead_ns;
+        // Where the tick before took longer than until then, no timer is set, and none is late.
+        let asked_ns = begin_ns.saturating_sub(self.lead.lead_ns).max(now_ns().min(begin_ns));
         let mut now = wait_until(asked_ns);
         let timer_late_ns = now - asked_ns;
-        if self.lead.rehearsal_ns > 0 && now + self.lead.rehearsal_ns <= begin_ns {
+        let is_rehearsed = self.lead.rehearsal_ns > 0 && tick <= last_tick;
+        if is_rehearsed && now + self.lead.rehearsal_ns <= begin_ns {
             // Commands that are there are taken in any case: now, and once more when the tick begins.
             self.take_command(tick, Pace::Realtime(grid))?;
             self.rehearse(tick)?;

@@ -328,10 +328,10 @@ pub struct LeadSection {
     pub rehearsal_us: f64,
     /// 90th percentile of the timer's lateness, measured before take-off [us]; 0 where it was not.
     pub timer_p90_us: f64,
-    /// Ticks that were rehearsed by all stages.
+    /// Ticks after the first that the mixer, the last of the chain, rehearsed.
     pub rehearsals: u64,
-    /// From the timer's waking to the beginning of the tick: share of the loops' processor [%].
-    pub waited_percent: f64,
+    /// From the timer's waking to the beginning of the tick, rehearsals among it: share of the loops' processor [%].
+    pub processor_percent: f64,
 }
 
 /// The recorder's own losses.

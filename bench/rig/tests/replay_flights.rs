@@ -54,7 +54,7 @@ fn a_rehearsed_flight_is_identical_and_says_how_often_it_was_rehearsed() {
     let lead = fly("4000");
     assert_eq!(lead["lead_us"], 4000.0);
     let number = |key: &str| lead[key].as_f64().unwrap();
-    assert!(number("rehearsals") > 0.0 && number("rehearsal_us") > 0.0 && number("waited_percent") > 0.0, "{lead}");
+    assert!(number("rehearsals") > 0.0 && number("rehearsal_us") > 0.0 && number("processor_percent") > 0.0, "{lead}");
     assert!(rig.report()["ticks"]["run"].as_f64().unwrap() >= number("rehearsals"), "{lead}");
     verifies(&rig);
     let told = rig.run("report", &["--section", "processes"]).expect(0);

@@ -86,7 +86,7 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         (
             "fly",
             &["--lead", "501"],
-            "rt.lead_us = 501: allowed are \"auto\" and whole microseconds from 0 (at the tick) to 500",
+            "rt.lead_us = 501: allowed are \"auto\" and whole microseconds from 0 (at the tick) to 500: half a period",
         ),
         (
             "plant",

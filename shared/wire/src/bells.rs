@@ -16,7 +16,7 @@ use crate::sys::{BELLS, BellPage};
 use model::layout::{FNV_OFFSET, fnv1a};
 
 /// Token of the last bell of the page, which nobody rings: how the page is used.
-const MARK: u64 = fnv1a(FNV_OFFSET, b"ironbird-bells/1");
+const MARK: u64 = fnv1a(FNV_OFFSET, b"ironbird-bells/2");
 
 /// A share in the page of an instance.
 ///

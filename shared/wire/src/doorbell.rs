@@ -64,7 +64,8 @@ impl Wire {
     pub fn doorbell(&self, owner: impl Into<Owner>) -> Result<Doorbell, Error> {
         let (page, place) = (self.bells.page()?, owner.into().place());
         let heard = Cell::new(page[place].rung.load(Ordering::Acquire));
-        Ok(Doorbell { page, place, heard, alarm: None })
+        let rehearsed = Cell::new(page[place].rehearsals.load(Ordering::Acquire));
+        Ok(Doorbell { page, place, heard, rehearsed, alarm: None })
     }
 
     /// As [`Wire::doorbell`], but only for the calling thread, and with an alarm that outlives the waits.
@@ -98,6 +99,8 @@ pub struct Doorbell {
     place: usize,
     /// How often it had rung when it was last answered.
     heard: Cell<u32>,
+    /// How many calls to a rehearsal there had been when they were last asked for.
+    rehearsed: Cell<u32>,
     alarm: Option<Alarm>,
 }
 
@@ -124,6 +127,13 @@ impl Doorbell {
         }
     }
 
+    /// Whether somebody has rung for a rehearsal since this was last asked.
+    #[must_use]
+    pub fn rehearsal_is_called(&self) -> bool {
+        let called = self.page[self.place].rehearsals.load(Ordering::Acquire);
+        self.rehearsed.replace(called) != called
+    }
+
     fn answer(&self) -> bool {
         let rung = self.page[self.place].rung.load(Ordering::Acquire);
         self.heard.replace(rung) != rung
@@ -138,6 +148,15 @@ pub struct Bell {
 }
 
 impl Bell {
+    /// Rings for a rehearsal: whoever wakes finds no message.
+    ///
+    /// # Errors
+    /// As [`Self::ring`].
+    pub fn ring_for_rehearsal(&self) -> Result<(), Error> {
+        self.page[self.place].rehearsals.fetch_add(1, Ordering::Release);
+        self.ring()
+    }
+
     /// Rings. It is no error if nobody waits: others notice a dead stage by its silence.
     ///
     /// # Errors

@@ -126,17 +126,16 @@ impl<C: Topic> Sender<C> {
     /// # Errors
     /// [`Error::Wire`].
     pub fn send(&mut self, tick: u64, history: &Envelope, content: C) -> Result<(), Error> {
-        let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot send on topic `{}`", C::NAME), e);
         let loan = self.take_loan()?;
         let mut envelope = self.envelope_of(tick, history);
         envelope.stamps[C::SENDER as usize].send_ns = now_ns();
-        loan.write_payload(Payload(Message { envelope, content })).send().map_err(|e| failed(&e))?;
+        loan.write_payload(Payload(Message { envelope, content })).send().map_err(|e| not_sent::<C>(&e))?;
         self.envelope.seq += 1;
-        self.ring()
+        self.bell.as_ref().map_or(Ok(()), Bell::ring)
     }
 
     /// Does of [`Sender::send`] what can be done without sending: takes the loan, which the next message is then sent
-    /// with, fills it, and rings. Whoever it wakes finds no message.
+    /// with, fills it, and rings for a rehearsal.
     ///
     /// # Errors
     /// [`Error::Wire`].
@@ -147,18 +146,14 @@ impl<C: Topic> Sender<C> {
         loan.payload_mut().write(Payload(Message { envelope, content }));
         self.loan = Some(loan);
         // The part of a send that looks for receivers that have come or gone.
-        self.publisher
-            .update_connections()
-            .map_err(|e| Error::wire(format!("cannot rehearse on topic `{}`", C::NAME), e))?;
-        self.ring()
+        self.publisher.update_connections().map_err(|e| not_sent::<C>(&e))?;
+        self.bell.as_ref().map_or(Ok(()), Bell::ring_for_rehearsal)
     }
 
     fn take_loan(&mut self) -> Result<Loan<C>, Error> {
         match self.loan.take() {
             Some(loan) => Ok(loan),
-            None => {
-                self.publisher.loan_uninit().map_err(|e| Error::wire(format!("cannot send on topic `{}`", C::NAME), e))
-            }
+            None => self.publisher.loan_uninit().map_err(|e| not_sent::<C>(&e)),
         }
     }
 
@@ -166,10 +161,10 @@ impl<C: Topic> Sender<C> {
         let Envelope { layout, run_id, settings, epoch, seq, .. } = self.envelope;
         Envelope { layout, run_id, settings, epoch, seq, tick, ..*history }
     }
+}
 
-    fn ring(&self) -> Result<(), Error> {
-        self.bell.as_ref().map_or(Ok(()), Bell::ring)
-    }
+fn not_sent<C: Topic>(reason: &dyn std::fmt::Debug) -> Error {
+    Error::wire(format!("cannot send on topic `{}`", C::NAME), reason)
 }
 
 /// Receives the messages of a topic: copies each once, inspects the copy, keeps the newest.

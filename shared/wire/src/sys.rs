@@ -28,6 +28,8 @@ unsafe impl<T: Plain> ZeroCopySend for Payload<T> {}
 pub struct BellWord {
     /// Grows with every ring: the word to wait on.
     pub rung: AtomicU32,
+    /// Grows with every ring that calls to a rehearsal.
+    pub rehearsals: AtomicU32,
     /// What is handed over.
     pub token: AtomicU64,
 }

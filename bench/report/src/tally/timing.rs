@@ -85,7 +85,7 @@ impl Tally {
             rehearsal_us: us(lead.rehearsal_ns),
             timer_p90_us: us(lead.timer_p90_ns),
             rehearsals,
-            waited_percent: 100.0 * self.lead_left_ns as f64 / flown_ns.max(1) as f64,
+            processor_percent: 100.0 * self.lead_left_ns as f64 / flown_ns.max(1) as f64,
         }
     }
 
@@ -229,6 +229,6 @@ mod tests {
         assert_eq!((timer.len(), timer.count_between(290_000, 310_000)), (4, 1), "also one that came after its tick");
         let lead = tally.lead(&Lead { lead_ns: 100_000, rehearsal_ns: 40_000, timer_p90_ns: 30_000 }, 3);
         assert_eq!((lead.lead_us, lead.rehearsal_us, lead.timer_p90_us, lead.rehearsals), (100.0, 40.0, 30.0, 3));
-        assert!((lead.waited_percent - 5.0).abs() < 1e-9, "80 + 40 + 0 + 80 us of 4 ms: {lead:?}");
+        assert!((lead.processor_percent - 5.0).abs() < 1e-9, "80 + 40 + 0 + 80 us of 4 ms: {lead:?}");
     }
 }

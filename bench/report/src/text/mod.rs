@@ -322,7 +322,7 @@ pub fn lead(report: &Report) -> String {
     format!(
         "Lead {:.0} us before the tick (timer p90 {:.0} us before take-off){rehearsed}; it took {:.1} % of the loops' \
          processor",
-        lead.lead_us, lead.timer_p90_us, lead.waited_percent
+        lead.lead_us, lead.timer_p90_us, lead.processor_percent
     )
 }
 

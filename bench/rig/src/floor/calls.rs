@@ -60,7 +60,7 @@ pub fn measure(hangar: &Hangar) -> Result<Vec<RoleCalls>, Failure> {
     let settings = hangar.directory().join("slow.toml");
     fs::write(&settings, format!("[flight]\nslowdown = {SLOWDOWN}\n")).in_file("write", &settings)?;
     let text = settings.to_string_lossy();
-    let (mut command, run) = hangar.command(&["--duration", "1h", "--config", &text]);
+    let (mut command, run) = hangar.command(&["--duration", "1h", "--lead", "0", "--config", &text]);
     let mut flight = command.spawn().map_err(|e| Failure::failed(format!("cannot launch a flight: {e}")))?;
     let counted = count(hangar, &run.join("report.json"));
     if let Some(pid) = Pid::from_raw(flight.id().cast_signed()) {
@@ -114,7 +114,7 @@ fn of_role(hangar: &Hangar, role: Role, least: u64) -> Result<RoleCalls, Failure
     strace.wait().map_err(|e| Failure::failed(format!("cannot wait for strace: {e}")))?;
     let text = fs::read_to_string(&log).in_file("read", &log)?;
     let counts = parse(&text);
-    // A loop waits once per tick; how many ticks there were follows from the waits, not from a clock.
+    // Without a lead a loop waits once per tick; how many ticks there were follows from the waits, not from a clock.
     let ticks = WAITS.iter().filter_map(|name| counts.get(*name)).max().copied().unwrap_or(0);
     if ticks == 0 {
         return Err(Failure::failed(format!("strace saw no call of the {role}"))

@@ -47,7 +47,8 @@ impl MeasuredSet {
 
 /// How the name of a comparison's floor is explained.
 const LEGEND: &str = "\
-* *wake*: from a tick's begin to the plant's waking, beside `cyclictest` on the same processor with the same priority and period.\n\
+* *wake*: from a tick's begin to the plant's waking, beside `cyclictest` on the same processor with the same priority and period: what the lead buys.\n\
+* *timer*: from the instant that the plant's timer was set to, which is a lead before its tick, to the plant's waking, beside the same: what the kernel does, in either.\n\
 * *loop*: from the sampling of the state to the publishing of the rotor command, beside a raw futex ring of four processes that compute as long. A flight rehearses its tick, the ring does not; the ring of the lines *the ring rehearses too* does, with the flight's lead.\n\
 * *misses*: missed deadlines, beside ticks for which cyclictest woke later than a period less the loop's median; ticks that it slept through count as ours do, with their whole lateness.\n\
 * *lockstep tick*: a tick of `fly --pace lockstep`, beside a lap of a raw eventfd ring of four processes, SCHED_OTHER; the line below says what 25 times real time would take.\n\
@@ -66,7 +67,8 @@ processor are left out.
 
 /// What is said of system calls.
 const CALLS_LEGEND: &str = "
-The least is one wait, and one notify where a stage follows. The mixer sets its timer by a call of its own, when its command is out, \
+Of a flight without a lead (`--lead 0`): a rehearsal has a wait, and a notify where a stage follows, of its own. The least is one \
+wait, and one notify where a stage follows. The mixer sets its timer by a call of its own, when its command is out, \
 so that no timer is cancelled while the loop runs (decision 5). The one allocation is iceoryx2's, a loan of 48 bytes. Page faults are \
 of the whole flight.
 ";

@@ -159,6 +159,7 @@ pub fn flights(
     let under = if load.is_some() { ", under load" } else { "" };
     let of = |what: &str, goal: f64| FloorComparison::ratio(&format!("{what}{under}"), "us", goal);
     let mut wake = [of("wake p50", 0.02), of("wake p99", 0.3)];
+    let mut timer = [of("timer p50", 1.05), of("timer p99", 1.1)];
     let mut chain = [of("loop p50", 0.8), of("loop p99", 1.0), of("loop p99.9", 1.2)];
     let mut rehearsed =
         ["p50", "p99", "p99.9"].map(|quantile| of(&format!("loop {quantile}, the ring rehearses too"), 1.5));
@@ -171,10 +172,13 @@ pub fn flights(
         if let Some(load) = &mut load {
             load.check()?;
         }
-        let (woken, looped) = (series(&report, "wake.plant")?, series(&report, "loop")?);
+        let [woken, called, looped] = ["wake.plant", "timer", "loop"].map(|name| series(&report, name));
+        let (woken, called, looped) = (woken?, called?, looped?);
         let bare_us = |quantile: f64| bare.value_at_quantile(quantile) as f64 / 1e3;
         wake[0].take(woken.p50_us, bare_us(0.5), steal_percent);
         wake[1].take(woken.p99_us, bare_us(0.99), steal_percent);
+        timer[0].take(called.p50_us, bare_us(0.5), steal_percent);
+        timer[1].take(called.p99_us, bare_us(0.99), steal_percent);
         for (ring, rows) in [(&ring, &mut chain), (&rehearsed_ring, &mut rehearsed)] {
             let Some(ring) = ring else { continue };
             let ring_us = |quantile: f64| ring.chain.value_at_quantile(quantile) as f64 / 1e3;
@@ -192,6 +196,7 @@ pub fn flights(
         last = Some(report);
     }
     let mut all: Vec<FloorComparison> = wake.into();
+    all.extend(timer);
     all.extend(chain);
     all.extend(rehearsed);
     all.push(misses);

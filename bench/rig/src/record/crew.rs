@@ -43,7 +43,7 @@ impl Crew {
         STAGES.map(|role| self.0.get(&role).map(BoardReader::get).unwrap_or_default())
     }
 
-    /// Ticks that were rehearsed to the end of the chain.
+    /// Ticks that the mixer rehearsed, which is the last of the chain.
     #[must_use]
     pub fn rehearsals(&self) -> u64 {
         self.0.get(&Role::Mixer).map_or(0, |board| board.get().rehearsals)

@@ -1,12 +1,16 @@
 //! The settings of real time.
 
 use machine::{Machine, cpu_list};
+use model::boards::LOCKSTEP;
 use model::realtime::{LeadSetting, RealtimeMode, RealtimeSettings};
 use serde::{Deserialize, Serialize};
 use toml::Value;
 
 use super::{PaceName, Settings};
 use failure::Failure;
+
+/// Longest lead [ns]: the clock is read all the while, by a process that nothing on its processor interrupts.
+const LONGEST_LEAD_NS: u64 = 5_000_000;
 
 /// Real time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,8 +32,9 @@ impl Settings {
     /// What to ask the system for.
     ///
     /// # Errors
-    /// A usage [`Failure`] where `rt.cpu` is neither a processor nor "auto".
+    /// A usage [`Failure`] where `rt.cpu` is neither a processor nor "auto", or `rt.lead_us` is no lead.
     pub fn realtime(&self) -> Result<RealtimeSettings, Failure> {
+        let lead = self.lead()?;
         // A SCHED_FIFO process that never sleeps is throttled by the kernel, and starves whoever shares its processor.
         if self.flight.pace == PaceName::Lockstep {
             return Ok(RealtimeSettings {
@@ -49,17 +54,22 @@ impl Settings {
             }
         };
         let RealtimeSection { mode, priority, rehearse, .. } = self.rt;
-        Ok(RealtimeSettings { mode, priority, cpu, lead: self.lead()?, rehearse })
+        Ok(RealtimeSettings { mode, priority, cpu, lead, rehearse })
     }
 
     fn lead(&self) -> Result<LeadSetting, Failure> {
-        let most_us = self.wall_period_ns() / 1000 / 2;
+        let tick_ns = match self.wall_period_ns() {
+            LOCKSTEP => self.sample_time_ns(),
+            period_ns => period_ns,
+        };
+        let most_us = (tick_ns / 2).min(LONGEST_LEAD_NS) / 1000;
         match &self.rt.lead_us {
             Value::String(auto) if auto == "auto" => Ok(LeadSetting::Auto),
             Value::Integer(us) if us.cast_unsigned() <= most_us => Ok(LeadSetting::Fixed(us.cast_unsigned() * 1000)),
             other => Err(Failure::usage(format!(
-                "rt.lead_us = {other}: allowed are \"auto\" and whole microseconds from 0 (at the tick) to {most_us}, half \
-                 a period"
+                "rt.lead_us = {other}: allowed are \"auto\" and whole microseconds from 0 (at the tick) to {most_us}: half \
+                 a period, and at most {} ms",
+                LONGEST_LEAD_NS / 1_000_000
             ))
             .help("`ironbird fly --print-config` explains every setting")),
         }

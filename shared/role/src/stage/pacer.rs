@@ -28,7 +28,7 @@ pub(super) enum WakeReason {
     Work { tick: u64, receive_ns: u64 },
     /// The deadline of a tick has passed without it.
     Silence { tick: u64, receive_ns: u64 },
-    /// It was rung without a message, shortly before a tick.
+    /// A rehearsal was called for, shortly before a tick.
     Rehearsal { tick: u64 },
 }
 
@@ -56,7 +56,6 @@ impl Pacer {
         mut take: impl FnMut(Pace) -> Result<u64, Error>,
     ) -> Result<WakeReason, Error> {
         self.since_ns = now_ns();
-        let mut rung = false;
         loop {
             let newest = take(self.pace)?;
             // After the ports: a machine that stalls in between must not make what has come look too early.
@@ -64,10 +63,10 @@ impl Pacer {
             if let Some(wake) = self.decide(now, newest) {
                 return Ok(wake);
             }
-            if rung && self.is_to_come(now) {
+            if doorbell.rehearsal_is_called() && self.is_to_come(now) {
                 return Ok(WakeReason::Rehearsal { tick: self.next_tick });
             }
-            rung = doorbell.wait_until(self.look_up(now))?;
+            doorbell.wait_until(self.look_up(now))?;
         }
     }
 
@@ -166,13 +165,39 @@ mod tests {
     }
 
     #[test]
-    fn a_ring_without_a_message_is_a_rehearsal_only_shortly_before_the_tick_that_is_next() {
+    fn a_rehearsal_is_held_only_shortly_before_the_tick_that_is_next() {
         let pacer = |next_tick| Pacer::new(Pace::Realtime(GRID), Role::Inner, next_tick);
         assert!(pacer(5).is_to_come(at(4, 500)));
         assert!(!pacer(5).is_to_come(at(4, 499)), "the tick before may still be on its way");
         assert!(!pacer(5).is_to_come(at(5, 0)), "the tick has begun, and wins");
         assert!(pacer(0).is_to_come(1), "before take-off there is none before it");
         assert!(!Pacer::new(Pace::Lockstep, Role::Inner, 0).is_to_come(1), "in lockstep no tick is waited for");
+    }
+
+    #[test]
+    fn a_ring_is_no_rehearsal_unless_it_calls_for_one() {
+        let root = tempfile::Builder::new().prefix("ib-").tempdir_in("/tmp").unwrap();
+        let instance = wire::instance::Instance::under(root.path(), "called").unwrap();
+        let wire = wire::Wire::open(&instance).unwrap();
+        let (doorbell, bell) = (wire.doorbell(Role::Inner).unwrap(), wire.bell(Role::Inner).unwrap());
+        // An hour long, and begun fifty minutes ago: the next tick is to come.
+        let period_ns = 3_600_000_000_000;
+        let grid = Grid { t0_ns: now_ns() - period_ns * 5 / 6, period_ns };
+        // Rung in the first look and in the second; the third finds a message, so that the wait has an end.
+        let woken_by = |ring: &dyn Fn()| {
+            let mut looks = 0;
+            Pacer::new(Pace::Realtime(grid), Role::Inner, 1).wait(&doorbell, |_| {
+                looks += 1;
+                ring();
+                Ok(if looks > 2 { 1 } else { NO_TICK })
+            })
+        };
+        let late_message_or_alarm = woken_by(&|| bell.ring().unwrap()).unwrap();
+        assert!(matches!(late_message_or_alarm, WakeReason::Work { tick: 1, .. }), "{late_message_or_alarm:?}");
+        let called = woken_by(&|| bell.ring_for_rehearsal().unwrap()).unwrap();
+        assert_eq!(called, WakeReason::Rehearsal { tick: 1 });
+        drop(wire);
+        instance.remove_leftovers().unwrap();
     }
 
     #[test]

@@ -27,9 +27,6 @@ use wire::clock::now_ns;
 use wire::error::Error;
 use wire::{BoardReader, Wire};
 
-/// Roles enter their loops this long before t_0 [ns].
-const SETTLED_BEFORE_NS: u64 = 200_000_000;
-
 /// A run that the station has armed for.
 #[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
 pub struct Armed {
@@ -213,9 +210,6 @@ impl Station {
     }
 
     fn take_off(&mut self, engaged: Engaged, board: BoardReader<Run>, run: Run) -> Armed {
-        while now_ns() + SETTLED_BEFORE_NS < run.t0_ns {
-            sleep(LOOK_EVERY);
-        }
         let pace = run.pace();
         let first_tick = match pace {
             Pace::Realtime(grid) if now_ns() >= grid.t0_ns => grid.tick_at(now_ns()) + 1,

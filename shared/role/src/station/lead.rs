@@ -1,7 +1,7 @@
 //! The lead: how far ahead of its tick the plant's timer is set.
 //!
-//! A timer of the kernel is late by some microseconds, and now and then by many. Set ahead by that much, it wakes the
-//! plant before the tick in all but a few cases. The plant rehearses in the time that is left, and reads the clock until
+//! A timer of the kernel is late by some microseconds, and now and then by many. Set ahead by more than that, it wakes
+//! the plant before the tick in all but a few cases. The plant rehearses in the time that is left, and reads the clock until
 //! the tick begins. This file chooses the lead. It measures this machine for that, on the processor of the loops, with
 //! all loops there: between their arming and t_0, in ticks of the flight's length that are only rehearsed.
 
@@ -17,9 +17,8 @@ const EVERY_NS: u64 = 1_000_000;
 /// An automatic lead covers so many times the lateness that one timer in ten exceeds.
 ///
 /// Of the hundred and some that are measured, this quantile is one that a host which stalls now and then does not bend.
-/// Here, three times as much is what one timer in some hundreds exceeds (docs/decisions/0019-lead-and-rehearsal.md).
 const TIMERS: u64 = 3;
-/// Added to what was measured, for the clock to be watched [ns].
+/// Added to what was measured, so that the plant reads the clock at least so long [ns].
 const MARGIN_NS: u64 = 10_000;
 /// Share of the period that an automatic lead takes at most [%].
 const MOST_PERCENT: u64 = 25;
@@ -40,9 +39,14 @@ pub fn choose(
         return Ok(Lead::default());
     }
     let every_ns = grid.period_ns.min(EVERY_NS);
+    let longest_ns = match settings.lead {
+        LeadSetting::Fixed(ns) => ns,
+        LeadSetting::Auto => most(grid.period_ns),
+    };
     let (mut timers, mut rehearsals) = (Vec::new(), Vec::new());
     let mut next_ns = now_ns() + IN_LOOPS_NS;
-    while next_ns + 2 * every_ns < grid.t0_ns {
+    // The timer of tick 0 is still to be set then.
+    while next_ns + 2 * every_ns + longest_ns < grid.t0_ns {
         if sleep_until(next_ns) {
             let woke_ns = now_ns();
             timers.push(woke_ns - next_ns);
@@ -51,19 +55,30 @@ pub fn choose(
                 rehearsals.push(now_ns() - woke_ns);
             }
         }
-        next_ns = (next_ns + every_ns).max(now_ns());
+        // One that is over would measure nothing.
+        next_ns += every_ns * (now_ns().saturating_sub(next_ns) / every_ns + 1);
     }
     let (timer_p90_ns, rehearsal_ns) = (quantile(&mut timers, 90), quantile(&mut rehearsals, 90));
-    let lead_ns = match settings.lead {
-        LeadSetting::Fixed(ns) => ns,
+    Ok(match settings.lead {
+        LeadSetting::Fixed(lead_ns) => Lead { lead_ns, rehearsal_ns, timer_p90_ns },
         LeadSetting::Auto => automatic(timer_p90_ns, rehearsal_ns, grid.period_ns),
-    };
-    Ok(Lead { lead_ns, rehearsal_ns, timer_p90_ns })
+    })
 }
 
-/// Long enough for a rehearsal as long as one in ten, after a timer that is late as few are.
-fn automatic(timer_p90_ns: u64, rehearsal_ns: u64, period_ns: u64) -> u64 {
-    (TIMERS * timer_p90_ns + rehearsal_ns + MARGIN_NS).min(period_ns * MOST_PERCENT / 100)
+/// Long enough for a rehearsal as nine in ten need it, after a timer that is late as few are; without rehearsals where
+/// they do not fit. None where nothing was measured.
+fn automatic(timer_p90_ns: u64, rehearsal_ns: u64, period_ns: u64) -> Lead {
+    if timer_p90_ns == 0 {
+        return Lead::default();
+    }
+    let most_ns = most(period_ns);
+    let rehearsal_ns = if rehearsal_ns < most_ns { rehearsal_ns } else { 0 };
+    Lead { lead_ns: (TIMERS * timer_p90_ns + rehearsal_ns + MARGIN_NS).min(most_ns), rehearsal_ns, timer_p90_ns }
+}
+
+/// The longest automatic lead [ns].
+const fn most(period_ns: u64) -> u64 {
+    period_ns * MOST_PERCENT / 100
 }
 
 /// The smallest value that `percent` of all do not exceed; 0 of none.
@@ -83,7 +98,7 @@ mod tests {
     }
 
     fn soon() -> Grid {
-        Grid { t0_ns: now_ns() + 60_000_000, period_ns: 1_000_000 }
+        Grid { t0_ns: now_ns() + 600_000_000, period_ns: 1_000_000 }
     }
 
     #[test]
@@ -97,16 +112,14 @@ mod tests {
 
     #[test]
     fn a_lead_is_chosen_before_take_off_from_what_was_measured() {
-        let grid = soon();
         let mut rehearsed = 0_u64;
-        let lead = choose(&settings(LeadSetting::Auto, true), true, &grid, || {
+        let lead = choose(&settings(LeadSetting::Auto, true), true, &soon(), || {
             rehearsed += 1;
             let until_ns = now_ns() + 50_000;
             while now_ns() < until_ns {}
             Ok(())
         })
         .unwrap();
-        assert!(now_ns() < grid.t0_ns || rehearsed < 3, "a machine that did not stall is ready for t_0");
         assert!(rehearsed > 0 && lead.rehearsal_ns >= 50_000, "{rehearsed} rehearsals, {lead:?}");
         assert!(lead.timer_p90_ns > 0 && lead.lead_ns >= lead.rehearsal_ns.min(250_000), "{lead:?}");
         let fixed = choose(&settings(LeadSetting::Fixed(70_000), false), false, &soon(), || Err(Error::Interrupted));
@@ -117,8 +130,14 @@ mod tests {
 
     #[test]
     fn an_automatic_lead_covers_late_timers_and_a_rehearsal_and_leaves_most_of_the_tick() {
-        assert_eq!(automatic(30_000, 35_000, 1_000_000), 135_000);
-        assert_eq!(automatic(2_000_000, 35_000, 1_000_000), 250_000);
+        let chosen = |timer, rehearsal, period| {
+            let Lead { lead_ns, rehearsal_ns, .. } = automatic(timer, rehearsal, period);
+            (lead_ns, rehearsal_ns)
+        };
+        assert_eq!(chosen(30_000, 35_000, 1_000_000), (135_000, 35_000));
+        assert_eq!(chosen(2_000_000, 35_000, 1_000_000), (250_000, 35_000));
+        assert_eq!(chosen(10_000, 70_000, 250_000), (40_000, 0), "rehearsals that do not fit are none");
+        assert_eq!(automatic(0, 0, 1_000_000), Lead::default(), "a machine that stalled has measured nothing");
     }
 
     #[test]
