@@ -11,6 +11,7 @@
 //!
 //! Claim (18), that the estimates converge, holds only under persistent excitation: in hover I_R and k_r never move.
 
+use model::math::exp;
 use model::rate_dynamics::{coupling, disturbance, regressor};
 use nalgebra::{Cholesky, Matrix3, Vector3};
 
@@ -72,7 +73,7 @@ impl Adaptation {
         Self {
             gamma: gains.adaptation.into(),
             step_s2: settings.period_s / gains.alpha_1_s,
-            p: if w_e > 0.0 { (-w_e * settings.period_s).exp() } else { 0.0 },
+            p: if w_e > 0.0 { exp(-w_e * settings.period_s) } else { 0.0 },
             lo: gains.estimate_min.into(),
             hi: gains.estimate_max.into(),
             period_s: settings.period_s,

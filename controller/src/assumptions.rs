@@ -6,6 +6,7 @@
 //!
 //! A broken assumption is remembered until the low-pass of the adaptation has forgotten the samples taken under it.
 
+use model::math::ln;
 use model::messages::{Dated, Mode, State, Truth, Wrench};
 use model::monitor::{CAUSES, Cause};
 use model::parameters::{Airframe, PARAMETERS, Parameter};
@@ -52,7 +53,7 @@ impl Assumptions {
     /// Those of an adaptation with its model.
     #[must_use]
     pub fn new(adaptation: &Adaptation, model: &Airframe) -> Self {
-        let faded_ticks = if adaptation.p > 0.0 { (FORGOTTEN.ln() / adaptation.p.ln()).ceil() as u64 } else { 1 };
+        let faded_ticks = if adaptation.p > 0.0 { (ln(FORGOTTEN) / ln(adaptation.p)).ceil() as u64 } else { 1 };
         Self { model: *model, lo: adaptation.lo, hi: adaptation.hi, faded_ticks, seen: [None; CAUSES], newest: None }
     }
 

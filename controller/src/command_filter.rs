@@ -4,6 +4,7 @@
 //! and of second order, one per axis. It is exact for a set-point held over the tick, so its result does not depend on
 //! T.
 
+use model::math::exp;
 use model::messages::Setpoint;
 use nalgebra::Vector3;
 
@@ -58,6 +59,6 @@ impl CommandFilter {
 pub fn advance_axis(ec: f64, e1: f64, win: f64, w_f: f64, dt_s: f64) -> (f64, f64) {
     let target = win / (w_f * w_f);
     let y0 = ec - target;
-    let decay = (-w_f * dt_s).exp();
+    let decay = exp(-w_f * dt_s);
     (target + decay * ((1.0 + w_f * dt_s) * y0 + dt_s * e1), decay * (-w_f * w_f * dt_s * y0 + (1.0 - w_f * dt_s) * e1))
 }

@@ -5,6 +5,7 @@
 //! atan2. As printed, multiplied by the norm, they have no value above 0.10 m/s^2. The derivatives are not in the
 //! paper, which feeds none forward; they follow from (13) and (14) along the reference.
 
+use model::math::{atan2, hypot, sin_cos};
 use nalgebra::Vector3;
 
 /// Yaw along the reference: psi_d [rad], dpsi_d [rad/s], ddpsi_d [rad/s^2].
@@ -36,17 +37,17 @@ pub struct TiltRates {
 /// `a` is the acceleration that the thrust gives, gravity and drag included; its z must be above 0.
 #[must_use]
 pub fn tilt(a: &Vector3<f64>, psi: f64) -> (f64, f64) {
-    let (sin, cos) = psi.sin_cos();
+    let (sin, cos) = sin_cos(psi);
     let s = a.x * sin - a.y * cos;
     let c = a.x * cos + a.y * sin;
-    (s.atan2(c.hypot(a.z)), c.atan2(a.z))
+    (atan2(s, hypot(c, a.z)), atan2(c, a.z))
 }
 
 /// First and second derivatives of [`tilt`] where `a` [m/s^2] changes by `da` [m/s^3] and `dda` [m/s^4].
 #[must_use]
 pub fn tilt_rates(a: &Vector3<f64>, da: &Vector3<f64>, dda: &Vector3<f64>, yaw: &Yaw) -> TiltRates {
     let &Yaw { psi, dpsi, ddpsi } = yaw;
-    let (sin, cos) = psi.sin_cos();
+    let (sin, cos) = sin_cos(psi);
     let across = |v: &Vector3<f64>| v.x * sin - v.y * cos;
     let along = |v: &Vector3<f64>| v.x * cos + v.y * sin;
     let (s, c) = (across(a), along(a));

@@ -11,6 +11,7 @@
 //!
 //! for any eps. The theorem is the case eps = 0; in general the right side is at most s |eps|^2/4.
 
+use model::math::exp;
 use nalgebra::{Cholesky, Const, Matrix3, Vector3};
 
 use crate::adaptation::Adaptation;
@@ -96,7 +97,7 @@ impl RateWeight {
     pub fn new(adaptation: &Adaptation) -> Self {
         let Adaptation { period_s, step_s2, .. } = *adaptation;
         let alpha_t = period_s * period_s / step_s2;
-        Self { a: (-alpha_t).exp(), alpha_t, step_s2, n_max: 0.0 }
+        Self { a: exp(-alpha_t), alpha_t, step_s2, n_max: 0.0 }
     }
 
     /// Takes a step in: sigma holds for every step so far, so it can only fall.
@@ -107,7 +108,8 @@ impl RateWeight {
     /// sigma = (1 - a)/(alpha T (1 + Nmax)^2).
     #[must_use]
     pub fn sigma(&self) -> f64 {
-        (1.0 - self.a) / (self.alpha_t * (1.0 + self.n_max).powi(2))
+        let most = 1.0 + self.n_max;
+        (1.0 - self.a) / (self.alpha_t * most * most)
     }
 
     /// -sigma/2 (1 - a)|e|^2 - T/(2 alpha)|zb|^2 [rad^2/s^2]: what V may change by in a step from rate error `e`

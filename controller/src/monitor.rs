@@ -13,6 +13,7 @@
 
 use std::f64::consts::SQRT_2;
 
+use model::math::exp;
 use model::messages::{Dated, State, Wrench};
 use model::monitor::{Cause, Monitor};
 use nalgebra::{Matrix3, Vector3};
@@ -88,7 +89,7 @@ impl TheoremMonitor {
             rate_weight: RateWeight::new(&adaptation),
             trapezoid_rad_s2: 0.0,
             trapezoid_sum: 0.0,
-            rate_kept: (-period_s / RATE_MEMORY_S).exp(),
+            rate_kept: exp(-period_s / RATE_MEMORY_S),
             x: Matrix3::zeros(),
             y: Vector3::zeros(),
             has_begun: false,

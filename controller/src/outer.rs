@@ -10,6 +10,7 @@
 use law::OuterLaw;
 use model::frames::rot_wb;
 use model::limits::RotorLimits;
+use model::math::tan;
 use model::messages::{Dated, Setpoint, State};
 use model::parameters::Airframe;
 use nalgebra::Vector3;
@@ -81,7 +82,7 @@ pub fn thrust_acceleration(wanted: &Vector3<f64>, velocity: &Vector3<f64>, model
 pub fn limit(a: &Vector3<f64>, limits: &Limits, g: f64) -> (Vector3<f64>, bool) {
     let z = a.z.clamp(limits.acceleration_z_min_g * g, limits.acceleration_z_max_g * g);
     let horizontal = a.xy().norm();
-    let allowed = z * limits.tilt_max_rad.tan();
+    let allowed = z * tan(limits.tilt_max_rad);
     let scale = if horizontal > allowed { allowed / horizontal } else { 1.0 };
     let limited = z != a.z || horizontal > allowed;
     (Vector3::new(scale * a.x, scale * a.y, z), limited)

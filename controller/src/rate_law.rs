@@ -5,6 +5,7 @@
 //! throughout. The gain is alpha in continuous time but [`sampled_gain`] here: with alpha itself, the paper's 1e4/s
 //! would multiply the error by 1 - alpha T = -9 in every tick of 1 ms.
 
+use model::math::exp_m1;
 use model::rate_dynamics::{coupling, disturbance, regressor};
 use nalgebra::Vector3;
 
@@ -24,7 +25,7 @@ pub struct RatePoint {
 /// a_d = (1 - exp(-alpha T))/T [1/s]: the gain for which a torque held over T gives e(t + T) = exp(-alpha T) e(t).
 #[must_use]
 pub fn sampled_gain(alpha_1_s: f64, period_s: f64) -> f64 {
-    -(-alpha_1_s * period_s).exp_m1() / period_s
+    -exp_m1(-alpha_1_s * period_s) / period_s
 }
 
 /// (19): torque tau [N m, body frame] for d(e) = -`gain` e, e = nu2 - nu2_d.

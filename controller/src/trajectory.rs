@@ -7,6 +7,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use model::math::sin_cos;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -180,7 +181,7 @@ impl Axis {
     /// Its value and derivatives before the ramp.
     fn derivatives(&self, t_s: f64) -> [f64; ORDERS] {
         let &Self { c0, c1, a, w, ph } = self;
-        let (sin, cos) = (w * t_s + ph).sin_cos();
+        let (sin, cos) = sin_cos(w * t_s + ph);
         let w2 = w * w;
         [c0 + c1 * t_s + a * sin, c1 + a * w * cos, -a * w2 * sin, -a * w2 * w * cos, a * w2 * w2 * sin]
     }
@@ -194,16 +195,17 @@ fn ramp(t_s: f64) -> [f64; ORDERS] {
     if y >= 1.0 {
         return [1.0, 0.0, 0.0, 0.0, 0.0];
     }
-    let s = y.powi(5) * (126.0 + y * (-420.0 + y * (540.0 + y * (-315.0 + y * 70.0))));
+    let y2 = y * y;
+    let s = y2 * y2 * y * (126.0 + y * (-420.0 + y * (540.0 + y * (-315.0 + y * 70.0))));
     let z = y * (1.0 - y);
     let dz = 1.0 - 2.0 * y;
     let z2 = z * z;
     [
         s,
         630.0 * z2 * z2 / RAMP_S,
-        2520.0 * z2 * z * dz / RAMP_S.powi(2),
-        2520.0 * z2 * (3.0 * dz * dz - 2.0 * z) / RAMP_S.powi(3),
-        15120.0 * z * dz * (dz * dz - 3.0 * z) / RAMP_S.powi(4),
+        2520.0 * z2 * z * dz / (RAMP_S * RAMP_S),
+        2520.0 * z2 * (3.0 * dz * dz - 2.0 * z) / (RAMP_S * RAMP_S * RAMP_S),
+        15120.0 * z * dz * (dz * dz - 3.0 * z) / (RAMP_S * RAMP_S * RAMP_S * RAMP_S),
     ]
 }
 

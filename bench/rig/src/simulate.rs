@@ -13,6 +13,7 @@ use crate::in_process::InProcess;
 use crate::output::print;
 use crate::settings::Settings;
 use failure::{Failure, GATE, InFile as _, OK, check_writable};
+use report::output_hash::OutputHash;
 use report::page::picture;
 use report::schema::{AppliedSwap, Gate};
 use report::states::{Joined, StatesWriter};
@@ -85,11 +86,12 @@ fn summary(flown: &Simulated, settings: &Settings, wall_s: f64) -> String {
     let held = usize::from(gate.as_ref().is_some_and(|gate| gate.held));
     text.extend(gate.iter().filter(|gate| !gate.held).map(|gate| format!("{gate}\n")));
     let status = if flown.passes(settings) { FlightStatus::Pass } else { FlightStatus::Fail };
-    text + &format!("RESULT status={status} gates={held}/{} ticks={} run=none\n", gate.iter().len(), flown.ticks)
+    text + &format!("RESULT status={status} gates={held}/{} ticks={} outputs={} run=none\n", gate.iter().len(), flown.ticks, flown.outputs)
 }
 
 struct Simulated {
     ticks: u64,
+    outputs: OutputHash,
     error: TrackingError,
     estimates: [(&'static str, f64, f64); 3],
     theorem: Theorem,
@@ -120,6 +122,7 @@ fn fly(
     let mut lowest_z_m = f64::INFINITY;
     let mut flown = Simulated {
         ticks: 0,
+        outputs: OutputHash::default(),
         error: TrackingError::default(),
         estimates: ESTIMATED.map(|parameter| (parameter.name(), 0.0, 0.0)),
         theorem: Theorem::default(),
@@ -137,6 +140,10 @@ fn fly(
         }
         flown.ticks += 1;
         lowest_z_m = lowest_z_m.min(record.state.position_w_m[2]);
+        flown.outputs.take(tick, &record.state);
+        record.setpoint.iter().for_each(|setpoint| flown.outputs.take(tick, setpoint));
+        flown.outputs.take(tick, &record.wrench);
+        flown.outputs.take(tick, &record.rotor_speeds);
         if let Some(states) = &mut states {
             states.write(&Joined::from(&record))?;
         }

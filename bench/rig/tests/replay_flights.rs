@@ -18,7 +18,7 @@ const TROUBLED: &str = "[flight]\nslowdown = 10\ntrajectory = \"fast\"\nduration
 fn verifies(rig: &Rig) {
     let verified = rig.run("replay", &["--verify"]).expect(0);
     let (ticks, said) = (rig.report()["ticks"]["run"].clone(), verified.stdout.clone());
-    assert!(said.starts_with(&format!("replay: {ticks} ticks, ")) && said.ends_with(" values, identical\n"), "{said}");
+    assert!(said.starts_with(&format!("replay: {ticks} ticks, ")) && said.contains(" values, identical; outputs "), "{said}");
 }
 
 #[test]

@@ -5,16 +5,18 @@
 
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Vector3};
+
+use crate::math::sin_cos;
 
 /// J1: rotates a vector from the body into the world frame, `v_w = rot_wb * v_b`.
 #[must_use]
 #[rustfmt::skip]
 #[inline]
 pub fn rot_wb(eta2: &Vector3<f64>) -> Matrix3<f64> {
-    let (s_phi, c_phi) = eta2.x.sin_cos();
-    let (s_th, c_th) = eta2.y.sin_cos();
-    let (s_psi, c_psi) = eta2.z.sin_cos();
+    let (s_phi, c_phi) = sin_cos(eta2.x);
+    let (s_th, c_th) = sin_cos(eta2.y);
+    let (s_psi, c_psi) = sin_cos(eta2.z);
     Matrix3::new(
         c_psi * c_th, c_psi * s_th * s_phi - s_psi * c_phi, c_psi * s_th * c_phi + s_psi * s_phi,
         s_psi * c_th, s_psi * s_th * s_phi + c_psi * c_phi, s_psi * s_th * c_phi - c_psi * s_phi,
@@ -26,7 +28,13 @@ pub fn rot_wb(eta2: &Vector3<f64>) -> Matrix3<f64> {
 #[must_use]
 #[inline]
 pub fn quaternion_wb(eta2: &Vector3<f64>) -> [f64; 4] {
-    UnitQuaternion::from_euler_angles(eta2.x, eta2.y, eta2.z).coords.into()
+    let [(s_phi, c_phi), (s_th, c_th), (s_psi, c_psi)] = [eta2.x, eta2.y, eta2.z].map(|angle| sin_cos(angle / 2.0));
+    [
+        s_phi * c_th * c_psi - c_phi * s_th * s_psi,
+        c_phi * s_th * c_psi + s_phi * c_th * s_psi,
+        c_phi * c_th * s_psi - s_phi * s_th * c_psi,
+        c_phi * c_th * c_psi + s_phi * s_th * s_psi,
+    ]
 }
 
 /// J2: turns body rates into Euler-angle rates, `d(eta2) = J2 nu2`. Singular at a pitch of +-90 degrees.
@@ -34,8 +42,8 @@ pub fn quaternion_wb(eta2: &Vector3<f64>) -> [f64; 4] {
 #[rustfmt::skip]
 #[inline]
 pub fn euler_rate_of_body_rate(eta2: &Vector3<f64>) -> Matrix3<f64> {
-    let (s_phi, c_phi) = eta2.x.sin_cos();
-    let (s_th, c_th) = eta2.y.sin_cos();
+    let (s_phi, c_phi) = sin_cos(eta2.x);
+    let (s_th, c_th) = sin_cos(eta2.y);
     let sec_th = c_th.recip();
     let t_th = s_th * sec_th;
     Matrix3::new(
@@ -50,8 +58,8 @@ pub fn euler_rate_of_body_rate(eta2: &Vector3<f64>) -> Matrix3<f64> {
 #[rustfmt::skip]
 #[inline]
 pub fn body_rate_of_euler_rate(eta2: &Vector3<f64>) -> Matrix3<f64> {
-    let (s_phi, c_phi) = eta2.x.sin_cos();
-    let (s_th, c_th) = eta2.y.sin_cos();
+    let (s_phi, c_phi) = sin_cos(eta2.x);
+    let (s_th, c_th) = sin_cos(eta2.y);
     Matrix3::new(
         1.0, 0.0,    -s_th,
         0.0, c_phi,  s_phi * c_th,
@@ -64,8 +72,8 @@ pub fn body_rate_of_euler_rate(eta2: &Vector3<f64>) -> Matrix3<f64> {
 #[rustfmt::skip]
 #[inline]
 pub fn body_rate_of_euler_rate_dot(eta2: &Vector3<f64>, d_eta2: &Vector3<f64>) -> Matrix3<f64> {
-    let (s_phi, c_phi) = eta2.x.sin_cos();
-    let (s_th, c_th) = eta2.y.sin_cos();
+    let (s_phi, c_phi) = sin_cos(eta2.x);
+    let (s_th, c_th) = sin_cos(eta2.y);
     let (d_phi, d_th) = (d_eta2.x, d_eta2.y);
     Matrix3::new(
         0.0, 0.0,            -c_th * d_th,

@@ -11,6 +11,7 @@ pub mod grid;
 pub mod inspection;
 pub mod layout;
 pub mod limits;
+pub mod math;
 pub mod messages;
 pub mod monitor;
 pub mod parameters;

@@ -5,6 +5,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::math::sin;
+
 /// f: inertial coupling of the body rates [rad/s^2]; `i_m` is the diagonal of I_M [kg m^2].
 #[must_use]
 #[inline]
@@ -17,7 +19,7 @@ pub fn coupling(nu2: &Vector3<f64>, i_m: &Vector3<f64>) -> Vector3<f64> {
 #[must_use]
 #[inline]
 pub fn disturbance(t_s: f64) -> Vector3<f64> {
-    let s = t_s.sin();
+    let s = sin(t_s);
     Vector3::new(s, 0.8 * s, 0.6 * s)
 }
 

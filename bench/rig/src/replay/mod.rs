@@ -93,7 +93,7 @@ fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
         print(&format!("replay: diverges at {divergence}\n"))?;
         return Ok(GATE);
     }
-    print(&format!("replay: {ticks} ticks, {values} values, identical\n"))?;
+    print(&format!("replay: {ticks} ticks, {values} values, identical; outputs {}\n", again.summary.outputs))?;
     Ok(OK)
 }
 
@@ -218,13 +218,17 @@ impl Again {
         match entry {
             LogEntry::State(message) => {
                 let state = self.airframe.step(message, &windows.rotor_speeds, comparison)?;
+                self.summary.outputs.take(message.envelope.tick, &state);
                 self.summary.state(message.envelope.tick, &state);
             }
             LogEntry::Setpoint(message) => {
-                self.loops.setpoint(message, &windows.states, comparison)?;
+                if let Some(setpoint) = self.loops.setpoint(message, &windows.states, comparison)? {
+                    self.summary.outputs.take(message.envelope.tick, &setpoint);
+                }
             }
             LogEntry::Wrench(message) => {
                 let wrench = self.loops.wrench(message, &windows.states, &windows.setpoints, comparison)?;
+                self.summary.outputs.take(message.envelope.tick, &wrench);
                 if message.envelope.tick >= self.from_tick {
                     self.summary.wrench(&wrench);
                 } else {
@@ -233,6 +237,7 @@ impl Again {
             }
             LogEntry::RotorSpeeds(message) => {
                 let speeds = self.loops.rotor_speeds(message, &windows.wrenches, comparison)?;
+                self.summary.outputs.take(message.envelope.tick, &speeds);
                 if message.envelope.tick >= self.from_tick {
                     self.summary.rotor_speeds(&speeds);
                 }
