@@ -86,7 +86,12 @@ fn summary(flown: &Simulated, settings: &Settings, wall_s: f64) -> String {
     let held = usize::from(gate.as_ref().is_some_and(|gate| gate.held));
     text.extend(gate.iter().filter(|gate| !gate.held).map(|gate| format!("{gate}\n")));
     let status = if flown.passes(settings) { FlightStatus::Pass } else { FlightStatus::Fail };
-    text + &format!("RESULT status={status} gates={held}/{} ticks={} outputs={} run=none\n", gate.iter().len(), flown.ticks, flown.outputs)
+    text + &format!(
+        "RESULT status={status} gates={held}/{} ticks={} outputs={} run=none\n",
+        gate.iter().len(),
+        flown.ticks,
+        flown.outputs
+    )
 }
 
 struct Simulated {

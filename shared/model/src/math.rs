@@ -84,8 +84,24 @@ mod tests {
 
     /// What the standard library takes from the system, or leaves to the compiler's choice.
     const OF_THE_SYSTEM: [&str; 18] = [
-        ".sin(", ".cos(", ".tan(", ".sin_cos(", ".asin(", ".acos(", ".atan(", ".atan2(", ".exp(", ".ln(", ".log10(",
-        ".powf(", ".powi(", ".exp_m1(", ".ln_1p(", ".hypot(", ".mul_add(", "from_euler_angles(",
+        ".sin(",
+        ".cos(",
+        ".tan(",
+        ".sin_cos(",
+        ".asin(",
+        ".acos(",
+        ".atan(",
+        ".atan2(",
+        ".exp(",
+        ".ln(",
+        ".log10(",
+        ".powf(",
+        ".powi(",
+        ".exp_m1(",
+        ".ln_1p(",
+        ".hypot(",
+        ".mul_add(",
+        "from_euler_angles(",
     ];
     /// What the laws are compiled from.
     const LAWS: [&str; 5] = ["shared/model/src", "shared/law/src", "plant/src", "controller/src", "mixer/src"];

@@ -31,6 +31,7 @@ use crate::run_directory::find_log;
 use failure::{Failure, GATE, OK};
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, LogReader};
+use report::tally::is_last_word;
 use report::tracking::Tracking;
 
 /// Messages read ahead of the one that is replayed: more than the recorder takes in at once after its longest absence.
@@ -237,7 +238,10 @@ impl Again {
             }
             LogEntry::RotorSpeeds(message) => {
                 let speeds = self.loops.rotor_speeds(message, &windows.wrenches, comparison)?;
-                self.summary.outputs.take(message.envelope.tick, &speeds);
+                // After the last tick the mixer stops the rotors: an answer to no state.
+                if !is_last_word(message) {
+                    self.summary.outputs.take(message.envelope.tick, &speeds);
+                }
                 if message.envelope.tick >= self.from_tick {
                     self.summary.rotor_speeds(&speeds);
                 }
