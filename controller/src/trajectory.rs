@@ -75,22 +75,29 @@ impl Trajectory {
             Self::Step => [1.0, 0.0, 0.0, 0.0, 0.0],
             _ => ramp(t_s),
         };
-        Reference { axis: self.axes().map(|axis| product(&ramp, &axis.derivatives(t_s))) }
+        let axes = self.axes();
+        Reference { axis: std::array::from_fn(|i| product(&ramp, &axes[i].derivatives(t_s))) }
     }
 
     /// x, y, z and psi of the trajectory.
-    const fn axes(self) -> [Axis; 4] {
+    const fn axes(self) -> &'static [Axis; 4] {
+        const HOVER: [Axis; 4] = [fixed(0.0), fixed(0.0), fixed(1.0), fixed(0.0)];
+        const STEP: [Axis; 4] = [fixed(1.0), fixed(-1.0), fixed(1.0), fixed(0.5)];
+        const HELIX: [Axis; 4] = [
+            Axis { ph: std::f64::consts::FRAC_PI_2, ..wave(0.0, 1.0, 0.6) },
+            wave(0.0, 1.0, 0.6),
+            Axis { c1: 0.1, ..fixed(1.0) },
+            wave(0.0, 0.4, 0.5),
+        ];
+        const LISSAJOUS: [Axis; 4] =
+            [wave(0.0, 2.0, 0.5), wave(0.0, 1.0, 1.0), wave(1.5, 0.3, 0.7), wave(0.0, 0.5, 0.4)];
+        const FAST: [Axis; 4] = [wave(0.0, 1.5, 1.2), wave(0.0, 0.6, 2.4), wave(1.5, 0.3, 1.7), wave(0.0, 0.3, 0.9)];
         match self {
-            Self::Hover => [fixed(0.0), fixed(0.0), fixed(1.0), fixed(0.0)],
-            Self::Step => [fixed(1.0), fixed(-1.0), fixed(1.0), fixed(0.5)],
-            Self::Helix => [
-                Axis { ph: std::f64::consts::FRAC_PI_2, ..wave(0.0, 1.0, 0.6) },
-                wave(0.0, 1.0, 0.6),
-                Axis { c1: 0.1, ..fixed(1.0) },
-                wave(0.0, 0.4, 0.5),
-            ],
-            Self::Lissajous => [wave(0.0, 2.0, 0.5), wave(0.0, 1.0, 1.0), wave(1.5, 0.3, 0.7), wave(0.0, 0.5, 0.4)],
-            Self::Fast => [wave(0.0, 1.5, 1.2), wave(0.0, 0.6, 2.4), wave(1.5, 0.3, 1.7), wave(0.0, 0.3, 0.9)],
+            Self::Hover => &HOVER,
+            Self::Step => &STEP,
+            Self::Helix => &HELIX,
+            Self::Lissajous => &LISSAJOUS,
+            Self::Fast => &FAST,
         }
     }
 }

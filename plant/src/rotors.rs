@@ -55,10 +55,16 @@ impl Spin {
         Self { command, start, time_constant_s: airframe.motor_time_constant_s() }
     }
 
+    /// Whether the speeds follow the command with a lag.
+    #[must_use]
+    pub fn lags(&self) -> bool {
+        self.time_constant_s != 0.0
+    }
+
     /// Speeds w [rad/s] at `offset_s` [s] after the tick.
     #[must_use]
     pub fn speed(&self, offset_s: f64) -> Vector4<f64> {
-        if self.time_constant_s == 0.0 {
+        if !self.lags() {
             return self.command;
         }
         self.command + (self.start - self.command) * exp(-offset_s / self.time_constant_s)

@@ -15,7 +15,6 @@ pub mod host;
 pub mod json;
 pub mod junit;
 pub mod losses;
-pub mod output_hash;
 pub mod page;
 pub mod plot;
 pub mod run_facts;

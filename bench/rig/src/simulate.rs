@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::time::Instant;
 
+use model::output_hash::OutputHash;
 use model::parameters::ESTIMATED;
 use plant::Departure;
 use plant::desk::swap_record;
@@ -13,7 +14,6 @@ use crate::in_process::InProcess;
 use crate::output::print;
 use crate::settings::Settings;
 use failure::{Failure, GATE, InFile as _, OK, check_writable};
-use report::output_hash::OutputHash;
 use report::page::picture;
 use report::schema::{AppliedSwap, Gate};
 use report::states::{Joined, StatesWriter};
@@ -135,7 +135,8 @@ fn fly(
         departure: None,
     };
     for tick in 0..=settings.last_tick() {
-        let record = rig.tick();
+        rig.tick();
+        let (state, setpoint, wrench) = (rig.state(), rig.setpoint(), rig.wrench());
         if let Err(departure) = rig.envelope() {
             flown.departure = Some(departure.to_string());
             // As in a flight of processes, what is no number is not published.
@@ -144,26 +145,24 @@ fn fly(
             }
         }
         flown.ticks += 1;
-        lowest_z_m = lowest_z_m.min(record.state.position_w_m[2]);
-        flown.outputs.take(tick, &record.state);
-        record.setpoint.iter().for_each(|setpoint| flown.outputs.take(tick, setpoint));
-        flown.outputs.take(tick, &record.wrench);
-        flown.outputs.take(tick, &record.rotor_speeds);
+        lowest_z_m = lowest_z_m.min(state.position_w_m[2]);
+        flown.outputs.take(tick, state);
+        setpoint.iter().for_each(|setpoint| flown.outputs.take(tick, *setpoint));
+        flown.outputs.take(tick, wrench);
+        flown.outputs.take(tick, rig.rotor_speeds());
         if let Some(states) = &mut states {
-            states.write(&Joined::from(&record))?;
+            states.write(&Joined::from(&rig.record()))?;
         }
         let applied = rig.plant().applied().iter();
         flown
             .swaps
             .extend(applied.map(|swap| AppliedSwap::new(swap.tick, settings.flight.period_s, &swap_record(swap))));
         if let Some(tracer) = &mut tracer {
-            tracer.take(&Joined::from(&record));
+            tracer.take(&Joined::from(&rig.record()));
         }
         // A set-point carries the reference of its tick already.
-        let error_m = record
-            .setpoint
-            .as_ref()
-            .map_or_else(|| tracking.error_m(tick, &record.state), |setpoint| setpoint.position_error_m(&record.state));
+        let error_m =
+            setpoint.map_or_else(|| tracking.error_m(tick, state), |setpoint| setpoint.position_error_m(state));
         flown.error.take(error_m);
         if error_m > settings.flight.position_error_max_m {
             flown.departure = Some(format!(
@@ -171,11 +170,11 @@ fn fly(
                 settings.flight.position_error_max_m
             ));
         }
-        let actual = record.state.truth.theta();
+        let actual = state.truth.theta();
         theorem.truth(actual);
-        theorem.take(0, &record.wrench.monitor);
+        theorem.take(0, &wrench.monitor);
         for (i, estimate) in flown.estimates.iter_mut().enumerate() {
-            (estimate.1, estimate.2) = (record.wrench.estimate[i], actual[i]);
+            (estimate.1, estimate.2) = (wrench.estimate[i], actual[i]);
         }
         if flown.departure.is_some() {
             break;

@@ -14,6 +14,7 @@ pub mod limits;
 pub mod math;
 pub mod messages;
 pub mod monitor;
+pub mod output_hash;
 pub mod parameters;
 pub mod rate_dynamics;
 pub mod realtime;

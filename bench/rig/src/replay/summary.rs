@@ -1,9 +1,9 @@
 //! Summarises a replayed flight in a few lines.
 
 use model::messages::{Mode, RotorSpeeds, State, Wrench};
+use model::output_hash::OutputHash;
 
 use crate::replay::survey::Survey;
-use report::output_hash::OutputHash;
 use report::text::count;
 use report::tracking::{Tracking, TrackingError};
 

@@ -2,51 +2,65 @@
 
 use std::fmt;
 
-use model::layout::{Field, Visitor, Walk, fnv1a};
-use model::role::STAGES;
-use model::topic::Topic;
-
-/// Before the first byte (FNV-1a).
-const BEGIN: u64 = 0xcbf2_9ce4_8422_2325;
+use crate::layout::{Field, Visitor, Walk};
+use crate::role::STAGES;
+use crate::topic::Topic;
 
 /// The hash so far. Stages may be taken in any order; the outputs of each one in that of their ticks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct OutputHash([u64; STAGES.len()]);
-
-impl Default for OutputHash {
-    fn default() -> Self {
-        Self([BEGIN; STAGES.len()])
-    }
-}
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct OutputHash([Outputs; STAGES.len()]);
 
 impl OutputHash {
     /// Takes what a stage put out in a tick.
     pub fn take<C: Topic>(&mut self, tick: u64, content: &C) {
-        let hash = &mut self.0[C::SENDER as usize];
-        *hash = fnv1a(*hash, &tick.to_le_bytes());
-        content.visit(&mut Hashed(hash));
+        let outputs = &mut self.0[C::SENDER as usize];
+        outputs.take(tick);
+        content.visit(outputs);
     }
 }
 
 impl fmt::Display for OutputHash {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let all = self.0.iter().fold(BEGIN, |all, hash| fnv1a(all, &hash.to_le_bytes()));
-        write!(f, "{all:016x}")
+        let mut all = Outputs::default();
+        self.0.iter().for_each(|outputs| all.take(outputs.sum));
+        write!(f, "{:016x}", all.sum)
+    }
+}
+
+/// A stage's outputs so far: the sum of their words, each mixed with its place. No word waits for the one before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Outputs {
+    sum: u64,
+    place: u64,
+}
+
+impl Outputs {
+    #[inline]
+    fn take(&mut self, word: u64) {
+        /// 2^64 divided by the golden ratio: it gives every place bits of its own.
+        const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+        /// Of splitmix64's finalizer.
+        const SPREAD: u64 = 0xbf58_476d_1ce4_e5b9;
+        self.place = self.place.wrapping_add(GOLDEN);
+        // Both products can be undone: where one word differs, so does the sum.
+        let product = (word ^ self.place).wrapping_mul(SPREAD);
+        self.sum = self.sum.wrapping_add((product ^ (product >> 32)).wrapping_mul(GOLDEN));
     }
 }
 
 /// Takes every bit of every field.
-struct Hashed<'a>(&'a mut u64);
-
-impl Visitor for Hashed<'_> {
+impl Visitor for Outputs {
+    #[inline]
     fn integers(&mut self, _: &'static Field, values: &[u64]) {
-        values.iter().for_each(|value| *self.0 = fnv1a(*self.0, &value.to_le_bytes()));
+        values.iter().for_each(|value| self.take(*value));
     }
 
+    #[inline]
     fn numbers(&mut self, _: &'static Field, values: &[f64]) {
-        values.iter().for_each(|value| *self.0 = fnv1a(*self.0, &value.to_le_bytes()));
+        values.iter().for_each(|value| self.take(value.to_bits()));
     }
 
+    #[inline]
     fn structs<L: Walk>(&mut self, _: &'static Field, values: &[L]) {
         values.iter().for_each(|value| value.visit(self));
     }
@@ -54,7 +68,7 @@ impl Visitor for Hashed<'_> {
 
 #[cfg(test)]
 mod tests {
-    use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+    use crate::messages::{RotorSpeeds, Setpoint, State, Wrench};
 
     use super::*;
 
