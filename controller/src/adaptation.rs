@@ -11,10 +11,13 @@
 //!
 //! Claim (18), that the estimates converge, holds only under persistent excitation: in hover I_R and k_r never move.
 
-use model::rate_dynamics::{coupling, disturbance, regressor};
-use nalgebra::{Cholesky, Matrix3, Vector3};
+use model::math::exp;
+use model::rate_dynamics::Inertia;
+use nalgebra::{Matrix3, Vector3};
 
+use crate::evidence::Regression;
 use crate::settings::LoopSettings;
+use crate::weight::Weight;
 
 /// The constants of the adaptation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,8 +34,8 @@ pub struct Adaptation {
     pub hi: Vector3<f64>,
     /// T [s].
     pub period_s: f64,
-    /// Diagonal of I_M [kg m^2].
-    pub i_m: Vector3<f64>,
+    /// I_M.
+    pub inertia: Inertia,
 }
 
 /// What the adaptation has learnt, and the filtered samples behind it.
@@ -47,16 +50,16 @@ pub struct Learnt {
 }
 
 /// One whole tick as it was measured.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LastTick {
     /// nu2 at its start [rad/s].
     pub nu2_start: Vector3<f64>,
     /// nu2 at its end [rad/s].
     pub nu2_end: Vector3<f64>,
-    /// Time of its start [s].
-    pub t_start_s: f64,
-    /// Time of its end [s].
-    pub t_end_s: f64,
+    /// h(t) at its start, without unit.
+    pub h_start: Vector3<f64>,
+    /// h(t) at its end, without unit.
+    pub h_end: Vector3<f64>,
     /// Om_m, mean net rotor speed [rad/s].
     pub om_m: f64,
     /// tau_m, mean torque of the rotors by the nominal model [N m].
@@ -72,11 +75,11 @@ impl Adaptation {
         Self {
             gamma: gains.adaptation.into(),
             step_s2: settings.period_s / gains.alpha_1_s,
-            p: if w_e > 0.0 { (-w_e * settings.period_s).exp() } else { 0.0 },
+            p: if w_e > 0.0 { exp(-w_e * settings.period_s) } else { 0.0 },
             lo: gains.estimate_min.into(),
             hi: gains.estimate_max.into(),
             period_s: settings.period_s,
-            i_m: settings.model.i_m().into(),
+            inertia: Inertia::new(settings.model.i_m().into()),
         }
     }
 
@@ -86,19 +89,37 @@ impl Adaptation {
         Learnt { theta: self.clip(&Vector3::zeros()), x: Matrix3::zeros(), y: Vector3::zeros() }
     }
 
-    /// What is known after one more tick. The 3x3 weight is positive definite for every finite sample; were it
-    /// not, the estimates would stay as they are.
+    /// What is known after one more tick.
     #[must_use]
     pub fn step(&self, learnt: &Learnt, last: &LastTick) -> Learnt {
-        let (x, y) = self.filter(&learnt.x, &learnt.y, last);
-        let r = y - x * learnt.theta;
-        let gamma_xt = Matrix3::from_diagonal(&self.gamma) * x.transpose();
-        let weight = Matrix3::identity() + self.step_s2 * x * gamma_xt;
-        let theta = Cholesky::new(weight).map_or(learnt.theta, |weight| {
+        let regression = self.regression(&learnt.x, &learnt.y, last);
+        Learnt { theta: self.learn(&learnt.theta, &regression), x: regression.x, y: regression.y }
+    }
+
+    /// X, Y and W after one more tick.
+    #[must_use]
+    pub fn regression(&self, x: &Matrix3<f64>, y: &Vector3<f64>, last: &LastTick) -> Regression {
+        let (x, y) = self.filter(x, y, last);
+        Regression { x, y, weight: Weight::new(&x, &self.gain()), last: *last }
+    }
+
+    /// The estimates after a step from `theta`. The 3x3 weight is positive definite for every finite sample; were it
+    /// not, the estimates would stay as they are.
+    #[must_use]
+    pub fn learn(&self, theta: &Vector3<f64>, regression: &Regression) -> Vector3<f64> {
+        let Regression { x, y, weight, .. } = regression;
+        let r = y - x * theta;
+        weight.map_or(*theta, |weight| {
             let zb = weight.solve(&r);
-            self.clip(&(learnt.theta + self.step_s2 * gamma_xt * zb))
-        });
-        Learnt { theta, x, y }
+            self.clip(&(theta + self.gain().component_mul(&x.tr_mul(&zb))))
+        })
+    }
+
+    /// The diagonal of (T/alpha) Gamma.
+    #[must_use]
+    #[inline]
+    pub fn gain(&self) -> Vector3<f64> {
+        self.step_s2 * self.gamma
     }
 
     /// X and Y after one more tick: the low-pass over regressor and sample.
@@ -110,13 +131,12 @@ impl Adaptation {
 
     /// Phib and y: regressor of the last tick, and the acceleration [rad/s^2] that known terms do not explain.
     fn sample(&self, last: &LastTick) -> (Matrix3<f64>, Vector3<f64>) {
-        let i_m = &self.i_m;
-        let phi = (regressor(&last.nu2_start, last.om_m, &disturbance(last.t_start_s), i_m)
-            + regressor(&last.nu2_end, last.om_m, &disturbance(last.t_end_s), i_m))
-            / 2.0;
-        let f = (coupling(&last.nu2_start, i_m) + coupling(&last.nu2_end, i_m)) / 2.0;
-        let dnu2 = (last.nu2_end - last.nu2_start) / self.period_s;
-        (phi, dnu2 - f - last.tau_m.component_div(i_m))
+        let &LastTick { nu2_start, nu2_end, h_start, h_end, om_m, ref tau_m } = last;
+        // Phi is linear in rates and h: the mean of its two values is its value at the means.
+        let phi = self.inertia.regressor(&(0.5 * (nu2_start + nu2_end)), om_m, &(0.5 * (h_start + h_end)));
+        let f = 0.5 * (self.inertia.coupling(&nu2_start) + self.inertia.coupling(&nu2_end));
+        let dnu2 = (nu2_end - nu2_start) / self.period_s;
+        (phi, dnu2 - f - self.inertia.acceleration(tau_m))
     }
 
     fn clip(&self, theta: &Vector3<f64>) -> Vector3<f64> {

@@ -6,9 +6,10 @@
 //!
 //! A broken assumption is remembered until the low-pass of the adaptation has forgotten the samples taken under it.
 
+use model::math::ln;
 use model::messages::{Dated, Mode, State, Truth, Wrench};
 use model::monitor::{CAUSES, Cause};
-use model::parameters::{Airframe, PARAMETERS, Parameter};
+use model::parameters::{Airframe, Parameter};
 use nalgebra::Vector3;
 
 use crate::adaptation::Adaptation;
@@ -44,7 +45,8 @@ pub struct Assumptions {
 /// What the state before said.
 #[derive(Clone, Copy, Debug)]
 struct Known {
-    parameter: [f64; PARAMETERS],
+    /// True values of the estimated parameters.
+    theta: [f64; 3],
     ticks_skipped: u64,
 }
 
@@ -52,7 +54,7 @@ impl Assumptions {
     /// Those of an adaptation with its model.
     #[must_use]
     pub fn new(adaptation: &Adaptation, model: &Airframe) -> Self {
-        let faded_ticks = if adaptation.p > 0.0 { (FORGOTTEN.ln() / adaptation.p.ln()).ceil() as u64 } else { 1 };
+        let faded_ticks = if adaptation.p > 0.0 { (ln(FORGOTTEN) / ln(adaptation.p)).ceil() as u64 } else { 1 };
         Self { model: *model, lo: adaptation.lo, hi: adaptation.hi, faded_ticks, seen: [None; CAUSES], newest: None }
     }
 
@@ -65,15 +67,16 @@ impl Assumptions {
             self.see(Cause::StaleInput, tick);
             return false;
         }
-        let State { truth, ticks_skipped, deadline_miss_run, command_saturated, .. } = state.content;
-        let known = self.newest.replace(Known { parameter: truth.parameter, ticks_skipped });
-        let swapped = known.is_some_and(|known| Truth { parameter: known.parameter, ..truth }.theta() != truth.theta());
+        let &State { ref truth, ticks_skipped, deadline_miss_run, command_saturated, .. } = &state.content;
+        let theta = truth.theta();
+        let known = self.newest.replace(Known { theta, ticks_skipped });
+        let swapped = known.is_some_and(|known| known.theta != theta);
         let skipped = known.is_some_and(|known| known.ticks_skipped != ticks_skipped);
-        let theta = Vector3::from(truth.theta());
+        let theta = Vector3::from(theta);
         for (cause, holds) in [
             (Cause::LiveSwap, swapped),
             (Cause::OutOfBounds, theta.sup(&self.lo).inf(&self.hi) != theta),
-            (Cause::BrokenModel, self.model_is_broken(&truth)),
+            (Cause::BrokenModel, self.model_is_broken(truth)),
             (Cause::GyroNoise, truth.get(Parameter::GyroNoise) > 0.0),
             (Cause::MotorLag, truth.get(Parameter::MotorTimeConstant) > 0.0),
             (Cause::Saturation, command_saturated == 1),

@@ -4,6 +4,7 @@
 //! and of second order, one per axis. It is exact for a set-point held over the tick, so its result does not depend on
 //! T.
 
+use model::math::exp;
 use model::messages::Setpoint;
 use nalgebra::Vector3;
 
@@ -42,22 +43,34 @@ impl CommandFilter {
         win - 2.0 * w_f.component_mul(e1) - w_f.component_mul(w_f).component_mul(ec)
     }
 
-    /// The filter after `dt_s` [s] under a constant input.
+    /// The filter after a time under a constant input.
     #[must_use]
-    pub fn advance(&self, win: &Vector3<f64>, dt_s: f64) -> Self {
-        let mut next = *self;
-        for i in 0..3 {
-            (next.ec[i], next.e1[i]) = advance_axis(self.ec[i], self.e1[i], win[i], self.w_f[i], dt_s);
-        }
-        next
+    pub fn advance(&self, win: &Vector3<f64>, over: &Passage) -> Self {
+        let Self { w_f, ec, e1 } = self;
+        let &Passage { dt_s, ref w_f_dt, ref decay } = over;
+        let target = win.component_div(&w_f.component_mul(w_f));
+        let y0 = ec - target;
+        let keep_ec = y0 + w_f_dt.component_mul(&y0) + dt_s * e1;
+        let keep_e1 = e1 - w_f_dt.component_mul(&(w_f.component_mul(&y0) + e1));
+        Self { w_f: *w_f, ec: target + decay.component_mul(&keep_ec), e1: decay.component_mul(&keep_e1) }
     }
 }
 
-/// One axis after `dt_s` [s] under a constant `win` [rad/s^2]: (ec [rad], e1 [rad/s]).
-#[must_use]
-pub fn advance_axis(ec: f64, e1: f64, win: f64, w_f: f64, dt_s: f64) -> (f64, f64) {
-    let target = win / (w_f * w_f);
-    let y0 = ec - target;
-    let decay = (-w_f * dt_s).exp();
-    (target + decay * ((1.0 + w_f * dt_s) * y0 + dt_s * e1), decay * (-w_f * w_f * dt_s * y0 + (1.0 - w_f * dt_s) * e1))
+/// A length of time, as the filter goes through it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Passage {
+    dt_s: f64,
+    /// w_f dt, per axis.
+    w_f_dt: Vector3<f64>,
+    /// E = exp(-w_f dt), per axis.
+    decay: Vector3<f64>,
+}
+
+impl Passage {
+    /// `dt_s` [s] of a filter with the bandwidth `w_f` [rad/s].
+    #[must_use]
+    pub fn new(w_f: &Vector3<f64>, dt_s: f64) -> Self {
+        let w_f_dt = w_f * dt_s;
+        Self { dt_s, w_f_dt, decay: w_f_dt.map(|x| exp(-x)) }
+    }
 }

@@ -5,17 +5,37 @@
 //! atan2. As printed, multiplied by the norm, they have no value above 0.10 m/s^2. The derivatives are not in the
 //! paper, which feeds none forward; they follow from (13) and (14) along the reference.
 
+use model::math::{atan2, sin_cos};
 use nalgebra::Vector3;
 
 /// Yaw along the reference: psi_d [rad], dpsi_d [rad/s], ddpsi_d [rad/s^2].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Yaw {
-    /// psi_d [rad].
-    pub psi: f64,
+    sin: f64,
+    cos: f64,
     /// dpsi_d [rad/s].
     pub dpsi: f64,
     /// ddpsi_d [rad/s^2].
     pub ddpsi: f64,
+}
+
+impl Yaw {
+    /// At psi_d [rad], with its derivatives dpsi_d [rad/s] and ddpsi_d [rad/s^2].
+    #[must_use]
+    pub fn new(psi: f64, dpsi: f64, ddpsi: f64) -> Self {
+        let (sin, cos) = sin_cos(psi);
+        Self { sin, cos, dpsi, ddpsi }
+    }
+
+    /// Along the heading.
+    fn along(&self, v: &Vector3<f64>) -> f64 {
+        v.x * self.cos + v.y * self.sin
+    }
+
+    /// Across it, to the right.
+    fn across(&self, v: &Vector3<f64>) -> f64 {
+        v.x * self.sin - v.y * self.cos
+    }
 }
 
 /// Derivatives of roll and pitch along the reference.
@@ -31,24 +51,20 @@ pub struct TiltRates {
     pub ddtheta: f64,
 }
 
-/// (13), (14): roll and pitch [rad] that point the thrust along `a` [m/s^2, world frame] at yaw `psi` [rad].
+/// (13), (14): roll and pitch [rad] that point the thrust along `a` [m/s^2, world frame] at a yaw.
 ///
 /// `a` is the acceleration that the thrust gives, gravity and drag included; its z must be above 0.
 #[must_use]
-pub fn tilt(a: &Vector3<f64>, psi: f64) -> (f64, f64) {
-    let (sin, cos) = psi.sin_cos();
-    let s = a.x * sin - a.y * cos;
-    let c = a.x * cos + a.y * sin;
-    (s.atan2(c.hypot(a.z)), c.atan2(a.z))
+pub fn tilt(a: &Vector3<f64>, yaw: &Yaw) -> (f64, f64) {
+    let (s, c) = (yaw.across(a), yaw.along(a));
+    (atan2(s, (c * c + a.z * a.z).sqrt()), atan2(c, a.z))
 }
 
 /// First and second derivatives of [`tilt`] where `a` [m/s^2] changes by `da` [m/s^3] and `dda` [m/s^4].
 #[must_use]
 pub fn tilt_rates(a: &Vector3<f64>, da: &Vector3<f64>, dda: &Vector3<f64>, yaw: &Yaw) -> TiltRates {
-    let &Yaw { psi, dpsi, ddpsi } = yaw;
-    let (sin, cos) = psi.sin_cos();
-    let across = |v: &Vector3<f64>| v.x * sin - v.y * cos;
-    let along = |v: &Vector3<f64>| v.x * cos + v.y * sin;
+    let &Yaw { dpsi, ddpsi, .. } = yaw;
+    let (across, along) = (|v| yaw.across(v), |v| yaw.along(v));
     let (s, c) = (across(a), along(a));
     let ds = across(da) + dpsi * c;
     let dc = along(da) - dpsi * s;
@@ -59,16 +75,17 @@ pub fn tilt_rates(a: &Vector3<f64>, da: &Vector3<f64>, dda: &Vector3<f64>, yaw: 
     let dq = 2.0 * (c * dc + a.z * da.z);
     let ddq = 2.0 * (dc * dc + c * ddc + da.z * da.z + a.z * dda.z);
     let rho = q.sqrt();
-    let drho = dq / (2.0 * rho);
-    let ddrho = ddq / (2.0 * rho) - dq * dq / (4.0 * rho * q);
     let n = s * s + q;
+    let (per_q, per_n, per_2rho) = (1.0 / q, 1.0 / n, 0.5 / rho);
+    let drho = dq * per_2rho;
+    let ddrho = per_2rho * (ddq - 0.5 * dq * dq * per_q);
 
-    let dtheta = (dc * a.z - c * da.z) / q;
-    let dphi = (ds * rho - s * drho) / n;
+    let dtheta = (dc * a.z - c * da.z) * per_q;
+    let dphi = (ds * rho - s * drho) * per_n;
     TiltRates {
         dphi,
         dtheta,
-        ddphi: (dds * rho - s * ddrho) / n - dphi * 2.0 * (s * ds + rho * drho) / n,
-        ddtheta: (ddc * a.z - c * dda.z) / q - dtheta * dq / q,
+        ddphi: per_n * (dds * rho - s * ddrho - dphi * 2.0 * (s * ds + rho * drho)),
+        ddtheta: per_q * (ddc * a.z - c * dda.z - dtheta * dq),
     }
 }

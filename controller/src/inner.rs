@@ -18,14 +18,15 @@
 use law::InnerLaw;
 use model::allocation::net_speed;
 use model::messages::{Dated, Mode, NO_TICK, Setpoint, State, Wrench};
+use model::rate_dynamics::{Inertia, disturbance};
 use nalgebra::Vector3;
 
-use crate::adaptation::{Adaptation, Learnt};
-use crate::command_filter::CommandFilter;
+use crate::adaptation::Adaptation;
+use crate::command_filter::{CommandFilter, Passage};
+use crate::evidence::Evidence;
 use crate::predictor::predict;
 use crate::rate_law::{RatePoint, sampled_gain, torque};
 use crate::rate_reference::rate_reference;
-use crate::samples::Samples;
 use crate::settings::LoopSettings;
 
 /// How long an input may be missing before the loop falls back [s].
@@ -36,17 +37,20 @@ const HOLD_S: f64 = 0.1;
 pub struct InnerLoop {
     settings: LoopSettings,
     adaptation: Adaptation,
-    i_m: Vector3<f64>,
+    inertia: Inertia,
     k_eta: Vector3<f64>,
     gain: f64,
     hold_ticks: u64,
 
     filter: CommandFilter,
+    /// What the filter goes through from one tick to the next.
+    tick_passes: Passage,
     /// Input of the filter in the last tick, and the tick that `filter` is valid for.
     win: Vector3<f64>,
     filter_tick: u64,
-    learnt: Learnt,
-    samples: Samples,
+    evidence: Evidence,
+    /// Estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2].
+    theta: Vector3<f64>,
     thrust_n: f64,
 }
 
@@ -56,28 +60,36 @@ impl InnerLoop {
     pub fn new(settings: &LoopSettings) -> Self {
         let gains = &settings.gains;
         let adaptation = Adaptation::new(settings);
+        let w_f = Vector3::from(gains.command_filter_rad_s);
         Self {
             settings: *settings,
             adaptation,
-            i_m: settings.model.i_m().into(),
+            inertia: adaptation.inertia,
             k_eta: gains.attitude_1_s.into(),
             gain: sampled_gain(gains.alpha_1_s, settings.period_s),
             hold_ticks: (HOLD_S / settings.period_s).round() as u64,
-            filter: CommandFilter::at_rest(gains.command_filter_rad_s.into(), Vector3::zeros()),
+            filter: CommandFilter::at_rest(w_f, Vector3::zeros()),
+            tick_passes: Passage::new(&w_f, settings.period_s),
             win: Vector3::zeros(),
             filter_tick: 0,
-            learnt: adaptation.prior(),
-            samples: Samples::new(settings),
+            evidence: Evidence::new(settings),
+            theta: adaptation.prior().theta,
             thrust_n: 0.0,
         }
+    }
+
+    /// What the states said so far.
+    #[must_use]
+    pub const fn evidence(&self) -> &Evidence {
+        &self.evidence
     }
 
     /// Runs the filter through the ticks since the last call, on the input that it had.
     fn catch_up(&mut self, tick: u64) {
         let skipped = tick.saturating_sub(self.filter_tick);
         if skipped > 0 {
-            let dt_s = skipped as f64 * self.settings.period_s;
-            self.filter = self.filter.advance(&self.win, dt_s);
+            let passed = Passage::new(&self.filter.w_f, skipped as f64 * self.settings.period_s);
+            self.filter = self.filter.advance(&self.win, &passed);
         }
     }
 
@@ -107,30 +119,32 @@ impl InnerLoop {
         let period_s = self.settings.period_s;
         let eta2 = Vector3::from(state.attitude_rad);
         let om_m = net_speed(&state.rotor_speed_mean_rad_s.into());
-        let now = RatePoint { nu2: state.rate_b_rad_s.into(), om: om_m, t_s: tick as f64 * period_s };
-        if let Some(last) = self.samples.take(tick, state) {
-            self.learnt = self.adaptation.step(&self.learnt, &last);
+        self.evidence.take(tick, state);
+        if let Some(regression) = self.evidence.at(tick) {
+            self.theta = self.adaptation.learn(&self.theta, regression);
         }
-        let theta = &self.learnt.theta;
+        let samples = self.evidence.samples();
+        let now = RatePoint { nu2: state.rate_b_rad_s.into(), om: om_m, h: samples.newest_h() };
+        let theta = &self.theta;
 
         let (eta2, at, filter) = if self.settings.gains.predictor_ticks == 0 {
             (eta2, now, &self.filter)
         } else {
             let command = state.rotor_speed_command_rad_s;
             let om_s = net_speed(&command.into());
-            let tau_s = self.samples.rotor_torque(&command.map(|w| w * w));
+            let tau_s = samples.rotor_torque(&command.map(|w| w * w));
             let now = RatePoint { om: om_s, ..now };
-            let (eta2, nu2) = predict(&eta2, &now, theta, &tau_s, period_s, &self.i_m);
-            let t_s = (tick + 1) as f64 * period_s;
-            (eta2, RatePoint { nu2, t_s, ..now }, next)
+            let (eta2, nu2) = predict(&eta2, &now, theta, &tau_s, period_s, &self.inertia);
+            let h = disturbance((tick + 1) as f64 * period_s);
+            (eta2, RatePoint { nu2, h, ..now }, next)
         };
         let e2 = filter.acceleration(win);
         let reference = rate_reference(&eta2, &at.nu2, filter, &e2, &self.k_eta);
-        let tau = torque(&at, &reference, theta, self.gain, &self.i_m);
+        let tau = torque(&at, &reference, theta, self.gain, &self.inertia);
         Wrench {
             thrust_n: order.thrust_n,
             torque_b_nm: tau.into(),
-            estimate: self.learnt.theta.into(),
+            estimate: self.theta.into(),
             rate_error_b_rad_s: (at.nu2 - reference.nu2_d).into(),
             mode: mode as u64,
             ..Wrench::default()
@@ -140,7 +154,7 @@ impl InnerLoop {
     /// Without a state of this tick: no torque. The rate error is unknown, and given as 0.
     fn coast(&self, lost: bool) -> Wrench {
         let (thrust_n, mode) = if lost { (self.hover_thrust_n(), Mode::Fallback) } else { (self.thrust_n, Mode::Held) };
-        Wrench { thrust_n, estimate: self.learnt.theta.into(), mode: mode as u64, ..Wrench::default() }
+        Wrench { thrust_n, estimate: self.theta.into(), mode: mode as u64, ..Wrench::default() }
     }
 
     /// m g [N].
@@ -152,7 +166,8 @@ impl InnerLoop {
 impl InnerLaw for InnerLoop {
     /// Thrust and torque of a tick, from the newest state and set-point, whatever tick they are of.
     fn tick(&mut self, tick: u64, state: &Dated<State>, setpoint: &Dated<Setpoint>) -> Wrench {
-        let lost = self.samples.newest_tick().is_none_or(|sampled| tick.saturating_sub(sampled) > self.hold_ticks);
+        let lost =
+            self.evidence.samples().newest_tick().is_none_or(|sampled| tick.saturating_sub(sampled) > self.hold_ticks);
         let measured = (state.tick == tick).then_some(&state.content);
         match measured {
             Some(state) if lost => {
@@ -163,7 +178,7 @@ impl InnerLaw for InnerLoop {
         }
         let (order, mode) = self.order(tick, setpoint);
         let win = self.filter.input(&order);
-        let next = self.filter.advance(&win, self.settings.period_s);
+        let next = self.filter.advance(&win, &self.tick_passes);
         let wrench = match measured {
             Some(state) => self.control(tick, state, &order, mode, &win, &next),
             None => self.coast(lost),

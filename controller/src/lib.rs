@@ -13,6 +13,7 @@
 pub mod adaptation;
 pub mod assumptions;
 pub mod command_filter;
+pub mod evidence;
 pub mod excitation;
 pub mod flatness;
 pub mod gains;
@@ -27,6 +28,7 @@ pub mod samples;
 pub mod settings;
 pub mod trajectory;
 pub mod watched;
+pub mod weight;
 
 pub use gains::{Gains, Preset};
 pub use inner::InnerLoop;

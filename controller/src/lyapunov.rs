@@ -11,9 +11,11 @@
 //!
 //! for any eps. The theorem is the case eps = 0; in general the right side is at most s |eps|^2/4.
 
-use nalgebra::{Cholesky, Const, Matrix3, Vector3};
+use model::math::exp;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::adaptation::Adaptation;
+use crate::weight::Weight;
 
 /// V_th = 1/2 ~th^T Gamma^-1 ~th [rad^2/s^2], for `error` ~th and the diagonal `gamma`.
 #[must_use]
@@ -35,17 +37,16 @@ pub struct EstimateStep {
     /// sqrt(s) X Gamma^1/2, without unit.
     scaled: Matrix3<f64>,
     /// W = I + s X Gamma X^T.
-    weight: Cholesky<f64, Const<3>>,
+    weight: Weight,
 }
 
 impl EstimateStep {
-    /// The step of an adaptation at X; none where W is not finite.
+    /// The step of an adaptation at X, with W of the same X.
     #[must_use]
-    pub fn new(adaptation: &Adaptation, x: &Matrix3<f64>) -> Option<Self> {
-        let root = adaptation.gamma.map(f64::sqrt);
-        let scaled = adaptation.step_s2.sqrt() * x * Matrix3::from_diagonal(&root);
-        let weight = Cholesky::new(Matrix3::identity() + scaled * scaled.transpose())?;
-        Some(Self { step_s2: adaptation.step_s2, scaled, weight })
+    pub fn new(adaptation: &Adaptation, x: &Matrix3<f64>, weight: Weight) -> Self {
+        let root = adaptation.gain().map(f64::sqrt);
+        let scaled = Matrix3::from_fn(|i, j| x[(i, j)] * root[j]);
+        Self { step_s2: adaptation.step_s2, scaled, weight }
     }
 
     /// zb = W^-1 r [rad/s^2]: what a step leaves of the residual r.
@@ -69,7 +70,7 @@ impl EstimateStep {
     /// G = s Gamma^1/2 X^T W^-1 X Gamma^1/2: on the exact model a step multiplies Gamma^-1/2 ~th by I - G.
     #[must_use]
     pub fn contraction(&self) -> Matrix3<f64> {
-        self.scaled.tr_mul(&self.weight.solve(&self.scaled))
+        self.weight.sandwiched(&self.scaled)
     }
 
     /// Trace of s X Gamma X^T: no eigenvalue is above it.
@@ -96,7 +97,7 @@ impl RateWeight {
     pub fn new(adaptation: &Adaptation) -> Self {
         let Adaptation { period_s, step_s2, .. } = *adaptation;
         let alpha_t = period_s * period_s / step_s2;
-        Self { a: (-alpha_t).exp(), alpha_t, step_s2, n_max: 0.0 }
+        Self { a: exp(-alpha_t), alpha_t, step_s2, n_max: 0.0 }
     }
 
     /// Takes a step in: sigma holds for every step so far, so it can only fall.
@@ -107,7 +108,8 @@ impl RateWeight {
     /// sigma = (1 - a)/(alpha T (1 + Nmax)^2).
     #[must_use]
     pub fn sigma(&self) -> f64 {
-        (1.0 - self.a) / (self.alpha_t * (1.0 + self.n_max).powi(2))
+        let most = 1.0 + self.n_max;
+        (1.0 - self.a) / (self.alpha_t * most * most)
     }
 
     /// -sigma/2 (1 - a)|e|^2 - T/(2 alpha)|zb|^2 [rad^2/s^2]: what V may change by in a step from rate error `e`

@@ -2,8 +2,8 @@
 //!
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (18)
 //! and (20)-(22), in the discrete form of docs/paper.md. The monitor knows the settings and sees states, with their
-//! truth, and wrenches. It looks into no law. It builds X and Y from the states itself and checks two things at every
-//! step:
+//! truth, wrenches, and the evidence: X and Y, which follow from the states alone ([`crate::evidence`]). It looks at no
+//! estimate but the published ones, and checks two things at every step:
 //!
 //! 1. V_th does not rise. If it does, a broken assumption must explain the rise ([`crate::assumptions`]).
 //! 2. V_th changes by no more than the step owes, allowing for the model's mismatch ([`crate::lyapunov`]). The only
@@ -13,15 +13,16 @@
 
 use std::f64::consts::SQRT_2;
 
+use model::math::exp;
 use model::messages::{Dated, State, Wrench};
 use model::monitor::{Cause, Monitor};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use crate::adaptation::{Adaptation, LastTick};
 use crate::assumptions::Assumptions;
+use crate::evidence::{Evidence, Regression};
 use crate::excitation::Excitation;
 use crate::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
-use crate::samples::Samples;
 use crate::settings::LoopSettings;
 
 /// Rise of V_th in a step that counts as rounding, as a share of V_th at the start.
@@ -45,7 +46,6 @@ const LOOK_S: f64 = 0.1;
 #[derive(Clone, Debug)]
 pub struct TheoremMonitor {
     adaptation: Adaptation,
-    samples: Samples,
     assumptions: Assumptions,
     excitation: Excitation,
     rate_weight: RateWeight,
@@ -54,8 +54,6 @@ pub struct TheoremMonitor {
     /// What that may have added to V_th since the start [rad^2/s^2].
     trapezoid_sum: f64,
     rate_kept: f64,
-    x: Matrix3<f64>,
-    y: Vector3<f64>,
     has_begun: bool,
     before: Before,
     /// V_th when the error began that the excitation works on [rad^2/s^2].
@@ -82,15 +80,12 @@ impl TheoremMonitor {
         let period_s = settings.period_s;
         Self {
             adaptation,
-            samples: Samples::new(settings),
             assumptions: Assumptions::new(&adaptation, &settings.model),
             excitation: Excitation::new(period_s),
             rate_weight: RateWeight::new(&adaptation),
             trapezoid_rad_s2: 0.0,
             trapezoid_sum: 0.0,
-            rate_kept: (-period_s / RATE_MEMORY_S).exp(),
-            x: Matrix3::zeros(),
-            y: Vector3::zeros(),
+            rate_kept: exp(-period_s / RATE_MEMORY_S),
             has_begun: false,
             before: Before::default(),
             v_th_begun: 0.0,
@@ -102,13 +97,14 @@ impl TheoremMonitor {
 
     /// Looks at the wrench of a tick, and at the newest state, whatever tick it is of.
     ///
-    /// Call it once per tick, with rising ticks; ticks may be left out.
-    pub fn watch(&mut self, tick: u64, state: &Dated<State>, wrench: &Wrench) -> Monitor {
+    /// `evidence` has taken the state of this tick, if there was one. Call it once per tick, with rising ticks; ticks
+    /// may be left out.
+    pub fn watch(&mut self, tick: u64, state: &Dated<State>, wrench: &Wrench, evidence: &Evidence) -> &Monitor {
         let swapped = self.assumptions.look(tick, state, wrench);
         let mut now = Monitor { causes: self.assumptions.bits(tick), is_violation: 0, ..self.shown };
         now.ticks_stale += u64::from(self.assumptions.seen_at(Cause::StaleInput, tick));
         if state.tick == tick {
-            self.compare(tick, &state.content, wrench, swapped, &mut now);
+            self.compare(tick, &state.content, wrench, evidence.at(tick), swapped, &mut now);
         }
         // Beyond any flight: what cannot be computed cannot be proven, and must not ground the loop.
         if !now.is_finite() {
@@ -116,10 +112,18 @@ impl TheoremMonitor {
             now.violations[Cause::Unexplained as usize] += 1;
         }
         self.shown = now;
-        now
+        &self.shown
     }
 
-    fn compare(&mut self, tick: u64, state: &State, wrench: &Wrench, swapped: bool, now: &mut Monitor) {
+    fn compare(
+        &mut self,
+        tick: u64,
+        state: &State,
+        wrench: &Wrench,
+        regression: Option<&Regression>,
+        swapped: bool,
+        now: &mut Monitor,
+    ) {
         let theta = Vector3::from(state.truth.theta());
         let estimate = Vector3::from(wrench.estimate);
         let (error, e) = (estimate - theta, Vector3::from(wrench.rate_error_b_rad_s));
@@ -130,14 +134,13 @@ impl TheoremMonitor {
         now.ticks_saturated += state.command_saturated;
         self.rate_error(&e, now);
         let begins = !std::mem::replace(&mut self.has_begun, true);
-        let last = self.samples.take(tick, state);
         if begins || swapped {
             now.live_swaps += u64::from(swapped);
             now.v_th_start = now.v_th_start.max(now.v_th);
             now.estimate_error_start = error.abs().into();
         }
-        if let Some(last) = last {
-            self.step(tick, &last, &theta, &was, swapped, now);
+        if let Some(regression) = regression {
+            self.step(tick, regression, &theta, &was, swapped, now);
         }
         let is_new = begins || self.assumptions.holds(Cause::LiveSwap, tick);
         if is_new {
@@ -177,7 +180,8 @@ impl TheoremMonitor {
     /// Error of the trapezoidal rule over a tick [rad/s^2]: T^2/12 of the third derivative of the rates. Under a held
     /// torque that is, by (8), the slope squared times their acceleration, the curvature of f, and that of h(t).
     fn trapezoid(&self, last: &LastTick, theta: &Vector3<f64>) -> f64 {
-        let Adaptation { i_m, period_s, .. } = &self.adaptation;
+        let Adaptation { inertia, period_s, .. } = &self.adaptation;
+        let i_m = inertia.i_m();
         let curvature = 2.0 * (i_m.max() - i_m.min()) / i_m.min();
         let slope = (theta.y.abs() + (theta.x * last.om_m).abs()) / i_m.min() + curvature * last.nu2_end.norm();
         let acceleration = (last.nu2_end - last.nu2_start).norm() / period_s;
@@ -188,24 +192,25 @@ impl TheoremMonitor {
     fn step(
         &mut self,
         tick: u64,
-        last: &LastTick,
+        regression: &Regression,
         theta: &Vector3<f64>,
         was: &Before,
         swapped: bool,
         now: &mut Monitor,
     ) {
         let (gamma, cause) = (self.adaptation.gamma, self.assumptions.cause_of_rise(tick));
-        (self.x, self.y) = self.adaptation.filter(&self.x, &self.y, last);
-        let Some(step) = EstimateStep::new(&self.adaptation, &self.x) else {
+        let Regression { x, y, weight, last } = regression;
+        let Some(weight) = weight else {
             now.v_th = f64::NAN;
             return;
         };
+        let step = EstimateStep::new(&self.adaptation, x, *weight);
         let (before, after) = (was.estimate - theta, Vector3::from(now.estimate_error));
         // Of this step alone: both sides with the parameters that hold now.
         let change = v_th_change(&before, &after, &gamma);
-        let mismatch = self.y - self.x * theta;
-        let zb = step.left_of(&(self.y - self.x * was.estimate));
-        let zb_exact = step.left_of(&(-self.x * before));
+        let mismatch = y - x * theta;
+        let zb = step.left_of(&(y - x * was.estimate));
+        let zb_exact = step.left_of(&(-x * before));
         let rounding = ROUNDING * now.v_th_start + self.rise_of(ROUNDING_RAD_S2);
         let trapezoid = self.trapezoid(last, theta);
         self.trapezoid_rad_s2 += (1.0 - self.adaptation.p) * (trapezoid - self.trapezoid_rad_s2);

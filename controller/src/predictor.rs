@@ -6,8 +6,8 @@
 //! state message reports as in force, so its one-tick prediction is right even when a command was late. A predictor
 //! that looks further than the delay is worse than none (docs/paper.md).
 
-use model::frames::euler_rate_of_body_rate;
-use model::rate_dynamics::{coupling, disturbance, regressor};
+use model::frames::RollPitch;
+use model::rate_dynamics::Inertia;
 use nalgebra::Vector3;
 
 use crate::rate_law::RatePoint;
@@ -15,7 +15,7 @@ use crate::rate_law::RatePoint;
 /// (eta2 [rad], nu2 [rad/s]) one period later, by (8) and (5) with the estimates.
 ///
 /// `now.om` and `tau` [N m] belong to the rotor command that is in force over this period; `theta` are the
-/// estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2]; `i_m` is the diagonal of I_M [kg m^2].
+/// estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2].
 #[must_use]
 pub fn predict(
     eta2: &Vector3<f64>,
@@ -23,12 +23,12 @@ pub fn predict(
     theta: &Vector3<f64>,
     tau: &Vector3<f64>,
     period_s: f64,
-    i_m: &Vector3<f64>,
+    inertia: &Inertia,
 ) -> (Vector3<f64>, Vector3<f64>) {
-    let phi = regressor(&now.nu2, now.om, &disturbance(now.t_s), i_m);
-    let dnu2 = coupling(&now.nu2, i_m) + phi * theta + tau.component_div(i_m);
+    let phi = inertia.regressor(&now.nu2, now.om, &now.h);
+    let dnu2 = inertia.coupling(&now.nu2) + phi * theta + inertia.acceleration(tau);
     let nu2_next = now.nu2 + period_s * dnu2;
     let mean_nu2 = (now.nu2 + nu2_next) / 2.0;
-    let eta2_next = eta2 + period_s * (euler_rate_of_body_rate(eta2) * mean_nu2);
+    let eta2_next = eta2 + period_s * RollPitch::of(eta2).euler_rate(&mean_nu2);
     (eta2_next, nu2_next)
 }

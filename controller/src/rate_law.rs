@@ -5,7 +5,8 @@
 //! throughout. The gain is alpha in continuous time but [`sampled_gain`] here: with alpha itself, the paper's 1e4/s
 //! would multiply the error by 1 - alpha T = -9 in every tick of 1 ms.
 
-use model::rate_dynamics::{coupling, disturbance, regressor};
+use model::math::exp_m1;
+use model::rate_dynamics::Inertia;
 use nalgebra::Vector3;
 
 use crate::rate_reference::RateReference;
@@ -17,30 +18,29 @@ pub struct RatePoint {
     pub nu2: Vector3<f64>,
     /// Om, net rotor speed (4) [rad/s].
     pub om: f64,
-    /// t, time since the start of the flight [s].
-    pub t_s: f64,
+    /// h(t), direction of the disturbance, without unit.
+    pub h: Vector3<f64>,
 }
 
 /// a_d = (1 - exp(-alpha T))/T [1/s]: the gain for which a torque held over T gives e(t + T) = exp(-alpha T) e(t).
 #[must_use]
 pub fn sampled_gain(alpha_1_s: f64, period_s: f64) -> f64 {
-    -(-alpha_1_s * period_s).exp_m1() / period_s
+    -exp_m1(-alpha_1_s * period_s) / period_s
 }
 
 /// (19): torque tau [N m, body frame] for d(e) = -`gain` e, e = nu2 - nu2_d.
 ///
-/// `theta` are the estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2]; `i_m` is the diagonal of I_M
-/// [kg m^2]; `gain` [1/s] is [`sampled_gain`], or alpha itself for the law in continuous time.
+/// `theta` are the estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2]; `gain` [1/s] is [`sampled_gain`], or alpha itself for the law in continuous time.
 #[must_use]
 pub fn torque(
     at: &RatePoint,
     reference: &RateReference,
     theta: &Vector3<f64>,
     gain: f64,
-    i_m: &Vector3<f64>,
+    inertia: &Inertia,
 ) -> Vector3<f64> {
     let e = at.nu2 - reference.nu2_d;
-    let known = coupling(&at.nu2, i_m);
-    let learnt = regressor(&at.nu2, at.om, &disturbance(at.t_s), i_m) * theta;
-    i_m.component_mul(&(reference.dnu2_d - gain * e - known - learnt))
+    let known = inertia.coupling(&at.nu2);
+    let learnt = inertia.regressor(&at.nu2, at.om, &at.h) * theta;
+    inertia.i_m().component_mul(&(reference.dnu2_d - gain * e - known - learnt))
 }

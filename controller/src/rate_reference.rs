@@ -4,7 +4,7 @@
 //! nu2_d and d(nu2_d) in (17)-(19) but does not derive them from the eta2_d of (13), (14). Here xi, the wanted Euler
 //! rates, closes the attitude error with K_eta, and (5) turns xi into body rates.
 
-use model::frames::{body_rate_of_euler_rate, body_rate_of_euler_rate_dot, euler_rate_of_body_rate, wrap};
+use model::frames::{RollPitch, wrap};
 use nalgebra::Vector3;
 
 use crate::command_filter::CommandFilter;
@@ -31,12 +31,14 @@ pub fn rate_reference(
     k_eta: &Vector3<f64>,
 ) -> RateReference {
     let CommandFilter { ec, e1, .. } = filter;
-    let d_eta2 = euler_rate_of_body_rate(eta2) * nu2;
+    let roll_pitch = RollPitch::of(eta2);
+    let d_eta2 = roll_pitch.euler_rate(nu2);
     let mut error = ec - eta2;
     error.z = wrap(error.z);
     let xi = e1 + k_eta.component_mul(&error);
     let dxi = e2 + k_eta.component_mul(&(e1 - d_eta2));
-    let w = body_rate_of_euler_rate(eta2);
-    let dw = body_rate_of_euler_rate_dot(eta2, &d_eta2);
-    RateReference { nu2_d: w * xi, dnu2_d: w * dxi + dw * xi }
+    RateReference {
+        nu2_d: roll_pitch.body_rate(&xi),
+        dnu2_d: roll_pitch.body_rate(&dxi) + roll_pitch.body_rate_dot(&d_eta2, &xi),
+    }
 }

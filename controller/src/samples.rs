@@ -5,6 +5,7 @@
 
 use model::allocation::{Allocation, net_speed};
 use model::messages::{ROTORS, State};
+use model::rate_dynamics::disturbance;
 use nalgebra::Vector3;
 
 use crate::adaptation::LastTick;
@@ -17,8 +18,16 @@ pub struct Samples {
     allocation: Allocation,
     /// Thrust coefficient [N s^2].
     k: f64,
-    /// Newest body rates measured in time, with their tick.
-    newest: Option<(u64, Vector3<f64>)>,
+    newest: Option<Sample>,
+}
+
+/// Body rates that were measured in time.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    tick: u64,
+    nu2: Vector3<f64>,
+    /// h(t) at the tick.
+    h: Vector3<f64>,
 }
 
 impl Samples {
@@ -36,18 +45,24 @@ impl Samples {
     /// Tick of the newest sample.
     #[must_use]
     pub fn newest_tick(&self) -> Option<u64> {
-        self.newest.map(|(tick, _)| tick)
+        self.newest.map(|newest| newest.tick)
+    }
+
+    /// h(t) at the newest sample, without unit; 0 before the first.
+    #[must_use]
+    pub fn newest_h(&self) -> Vector3<f64> {
+        self.newest.map_or(Vector3::zeros(), |newest| newest.h)
     }
 
     /// Takes the state of `tick`; gives the tick that ended with it, unless its start was not measured.
     pub fn take(&mut self, tick: u64, state: &State) -> Option<LastTick> {
-        let nu2_end = state.rate_b_rad_s.into();
-        let (sampled, nu2_start) = self.newest.replace((tick, nu2_end))?;
-        (sampled + 1 == tick).then(|| LastTick {
-            nu2_start,
-            nu2_end,
-            t_start_s: sampled as f64 * self.period_s,
-            t_end_s: tick as f64 * self.period_s,
+        let end = Sample { tick, nu2: state.rate_b_rad_s.into(), h: disturbance(tick as f64 * self.period_s) };
+        let start = self.newest.replace(end)?;
+        (start.tick + 1 == tick).then(|| LastTick {
+            nu2_start: start.nu2,
+            nu2_end: end.nu2,
+            h_start: start.h,
+            h_end: end.h,
             om_m: net_speed(&state.rotor_speed_mean_rad_s.into()),
             tau_m: self.rotor_torque(&state.rotor_speed_squared_mean_rad2_s2),
         })

@@ -3,6 +3,7 @@
 //! The paper has no counterpart: its loops are continuous and have neither delay nor limits.
 
 use model::limits::RotorLimits;
+use model::math::{exp_m1, ln_1p, sin};
 use model::parameters::Airframe;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -209,11 +210,11 @@ impl LoopSettings {
         let alpha_t = self.gains.alpha_1_s * self.period_s;
         let delay_ticks = CHAIN_DELAY_TICKS.saturating_sub(self.gains.predictor_ticks);
         let limit = loop_gain_limit(delay_ticks);
-        let loop_gain = -(-alpha_t).exp_m1();
+        let loop_gain = -exp_m1(-alpha_t);
         if loop_gain < limit {
             return Ok(());
         }
-        let alpha_t_max = -(-limit).ln_1p();
+        let alpha_t_max = -ln_1p(-limit);
         Err(SettingsError::RateLoopUnstable {
             alpha_1_s: self.gains.alpha_1_s,
             period_s: self.period_s,
@@ -233,7 +234,7 @@ impl LoopSettings {
 #[must_use]
 pub fn loop_gain_limit(delay_ticks: u32) -> f64 {
     let d = f64::from(delay_ticks);
-    2.0 * (std::f64::consts::PI / (2.0 * (2.0 * d + 1.0))).sin()
+    2.0 * sin(std::f64::consts::PI / (2.0 * (2.0 * d + 1.0)))
 }
 
 fn positive(key: &str, value: f64) -> Result<(), SettingsError> {

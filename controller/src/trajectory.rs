@@ -7,6 +7,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use model::math::sin_cos;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -74,22 +75,29 @@ impl Trajectory {
             Self::Step => [1.0, 0.0, 0.0, 0.0, 0.0],
             _ => ramp(t_s),
         };
-        Reference { axis: self.axes().map(|axis| product(&ramp, &axis.derivatives(t_s))) }
+        let axes = self.axes();
+        Reference { axis: std::array::from_fn(|i| product(&ramp, &axes[i].derivatives(t_s))) }
     }
 
     /// x, y, z and psi of the trajectory.
-    const fn axes(self) -> [Axis; 4] {
+    const fn axes(self) -> &'static [Axis; 4] {
+        const HOVER: [Axis; 4] = [fixed(0.0), fixed(0.0), fixed(1.0), fixed(0.0)];
+        const STEP: [Axis; 4] = [fixed(1.0), fixed(-1.0), fixed(1.0), fixed(0.5)];
+        const HELIX: [Axis; 4] = [
+            Axis { ph: std::f64::consts::FRAC_PI_2, ..wave(0.0, 1.0, 0.6) },
+            wave(0.0, 1.0, 0.6),
+            Axis { c1: 0.1, ..fixed(1.0) },
+            wave(0.0, 0.4, 0.5),
+        ];
+        const LISSAJOUS: [Axis; 4] =
+            [wave(0.0, 2.0, 0.5), wave(0.0, 1.0, 1.0), wave(1.5, 0.3, 0.7), wave(0.0, 0.5, 0.4)];
+        const FAST: [Axis; 4] = [wave(0.0, 1.5, 1.2), wave(0.0, 0.6, 2.4), wave(1.5, 0.3, 1.7), wave(0.0, 0.3, 0.9)];
         match self {
-            Self::Hover => [fixed(0.0), fixed(0.0), fixed(1.0), fixed(0.0)],
-            Self::Step => [fixed(1.0), fixed(-1.0), fixed(1.0), fixed(0.5)],
-            Self::Helix => [
-                Axis { ph: std::f64::consts::FRAC_PI_2, ..wave(0.0, 1.0, 0.6) },
-                wave(0.0, 1.0, 0.6),
-                Axis { c1: 0.1, ..fixed(1.0) },
-                wave(0.0, 0.4, 0.5),
-            ],
-            Self::Lissajous => [wave(0.0, 2.0, 0.5), wave(0.0, 1.0, 1.0), wave(1.5, 0.3, 0.7), wave(0.0, 0.5, 0.4)],
-            Self::Fast => [wave(0.0, 1.5, 1.2), wave(0.0, 0.6, 2.4), wave(1.5, 0.3, 1.7), wave(0.0, 0.3, 0.9)],
+            Self::Hover => &HOVER,
+            Self::Step => &STEP,
+            Self::Helix => &HELIX,
+            Self::Lissajous => &LISSAJOUS,
+            Self::Fast => &FAST,
         }
     }
 }
@@ -180,7 +188,7 @@ impl Axis {
     /// Its value and derivatives before the ramp.
     fn derivatives(&self, t_s: f64) -> [f64; ORDERS] {
         let &Self { c0, c1, a, w, ph } = self;
-        let (sin, cos) = (w * t_s + ph).sin_cos();
+        let (sin, cos) = sin_cos(w * t_s + ph);
         let w2 = w * w;
         [c0 + c1 * t_s + a * sin, c1 + a * w * cos, -a * w2 * sin, -a * w2 * w * cos, a * w2 * w2 * sin]
     }
@@ -194,16 +202,17 @@ fn ramp(t_s: f64) -> [f64; ORDERS] {
     if y >= 1.0 {
         return [1.0, 0.0, 0.0, 0.0, 0.0];
     }
-    let s = y.powi(5) * (126.0 + y * (-420.0 + y * (540.0 + y * (-315.0 + y * 70.0))));
+    let y2 = y * y;
+    let s = y2 * y2 * y * (126.0 + y * (-420.0 + y * (540.0 + y * (-315.0 + y * 70.0))));
     let z = y * (1.0 - y);
     let dz = 1.0 - 2.0 * y;
     let z2 = z * z;
     [
         s,
         630.0 * z2 * z2 / RAMP_S,
-        2520.0 * z2 * z * dz / RAMP_S.powi(2),
-        2520.0 * z2 * (3.0 * dz * dz - 2.0 * z) / RAMP_S.powi(3),
-        15120.0 * z * dz * (dz * dz - 3.0 * z) / RAMP_S.powi(4),
+        2520.0 * z2 * z * dz / (RAMP_S * RAMP_S),
+        2520.0 * z2 * (3.0 * dz * dz - 2.0 * z) / (RAMP_S * RAMP_S * RAMP_S),
+        15120.0 * z * dz * (dz * dz - 3.0 * z) / (RAMP_S * RAMP_S * RAMP_S * RAMP_S),
     ]
 }
 

@@ -30,6 +30,6 @@ impl InnerLaw for WatchedLoop {
     #[inline]
     fn tick(&mut self, tick: u64, state: &Dated<State>, setpoint: &Dated<Setpoint>) -> Wrench {
         let wrench = self.law.tick(tick, state, setpoint);
-        Wrench { monitor: self.monitor.watch(tick, state, &wrench), ..wrench }
+        Wrench { monitor: *self.monitor.watch(tick, state, &wrench, self.law.evidence()), ..wrench }
     }
 }

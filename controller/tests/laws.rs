@@ -1,10 +1,10 @@
 //! What must hold for the laws at every input, not only in the reference cases.
 
 use controller::adaptation::{Adaptation, LastTick, Learnt};
-use controller::command_filter::CommandFilter;
-use controller::outer::limit;
+use controller::command_filter::{CommandFilter, Passage};
+use controller::outer::AccelerationLimits;
 use controller::{Limits, LoopSettings, Preset, Trajectory};
-use model::rate_dynamics::{coupling, disturbance, regressor};
+use model::rate_dynamics::disturbance;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -36,8 +36,9 @@ proptest! {
         ec in vector(1.0), e1 in vector(5.0), win in vector(400.0), dt in 1e-4..0.2,
     ) {
         let filter = CommandFilter { w_f: Vector3::new(20.0, 20.0, 3.0), ec, e1 };
-        let once = filter.advance(&win, dt);
-        let twice = filter.advance(&win, dt / 2.0).advance(&win, dt / 2.0);
+        let (whole, half) = (Passage::new(&filter.w_f, dt), Passage::new(&filter.w_f, dt / 2.0));
+        let once = filter.advance(&win, &whole);
+        let twice = filter.advance(&win, &half).advance(&win, &half);
         prop_assert!((once.ec - twice.ec).amax() < 1e-12);
         prop_assert!((once.e1 - twice.e1).amax() < 1e-11);
     }
@@ -48,7 +49,7 @@ proptest! {
     ) {
         let filter = CommandFilter { w_f: Vector3::new(20.0, 20.0, 3.0), ec, e1 };
         let dt = 1e-6;
-        let next = filter.advance(&win, dt);
+        let next = filter.advance(&win, &Passage::new(&filter.w_f, dt));
         prop_assert!(((next.ec - ec) / dt - e1).amax() < 1e-2);
         prop_assert!(((next.e1 - e1) / dt - filter.acceleration(&win)).amax() < 1e-1);
     }
@@ -57,12 +58,13 @@ proptest! {
     fn a_limited_acceleration_is_inside_the_limits_and_keeps_its_direction(a in vector(60.0)) {
         let limits = Limits::default();
         let g = 9.8;
-        let (inside, limited) = limit(&a, &limits, g);
+        let bounds = AccelerationLimits::new(&limits, g);
+        let (inside, limited) = bounds.limit(&a);
         prop_assert!((0.2 * g..=2.0 * g).contains(&inside.z));
         prop_assert!(inside.x.hypot(inside.y) <= inside.z * limits.tilt_max_rad.tan() * (1.0 + 1e-12));
         prop_assert!((inside.x * a.y - inside.y * a.x).abs() < 1e-10);
         prop_assert_eq!(limited, inside != a);
-        let (again, _) = limit(&inside, &limits, g);
+        let (again, _) = bounds.limit(&inside);
         prop_assert!((again - inside).amax() < 1e-12);
     }
 }
@@ -76,18 +78,17 @@ fn exact_tick(
     om_m: f64,
     tau_m: Vector3<f64>,
 ) -> LastTick {
-    let Adaptation { period_s, i_m, .. } = adaptation;
-    let acceleration = |nu2: &Vector3<f64>, t_s: f64| {
-        coupling(nu2, i_m) + regressor(nu2, om_m, &disturbance(t_s), i_m) * theta + tau_m.component_div(i_m)
+    let Adaptation { period_s, inertia, .. } = adaptation;
+    let acceleration = |nu2: &Vector3<f64>, h: &Vector3<f64>| {
+        inertia.coupling(nu2) + inertia.regressor(nu2, om_m, h) * theta + inertia.acceleration(&tau_m)
     };
-    let t_start_s = tick as f64 * period_s;
-    let t_end_s = (tick + 1) as f64 * period_s;
-    let at_start = acceleration(&nu2_start, t_start_s);
+    let [h_start, h_end] = [tick, tick + 1].map(|tick| disturbance(tick as f64 * period_s));
+    let at_start = acceleration(&nu2_start, &h_start);
     let mut nu2_end = nu2_start;
     for _ in 0..40 {
-        nu2_end = nu2_start + period_s / 2.0 * (at_start + acceleration(&nu2_end, t_end_s));
+        nu2_end = nu2_start + period_s / 2.0 * (at_start + acceleration(&nu2_end, &h_end));
     }
-    LastTick { nu2_start, nu2_end, t_start_s, t_end_s, om_m, tau_m }
+    LastTick { nu2_start, nu2_end, h_start, h_end, om_m, tau_m }
 }
 
 /// V_th = 1/2 ~th^T Gamma^-1 ~th.
@@ -134,9 +135,8 @@ proptest! {
         let adaptation = Adaptation::new(&LoopSettings::new(Trajectory::Hover, preset));
         let mut learnt = adaptation.prior();
         for (tick, (om_m, nu2_start, nu2_end, tau_m)) in ticks.into_iter().enumerate() {
-            let t_start_s = tick as f64 * adaptation.period_s;
-            let t_end_s = t_start_s + adaptation.period_s;
-            let last = LastTick { nu2_start, nu2_end, t_start_s, t_end_s, om_m, tau_m };
+            let [h_start, h_end] = [tick, tick + 1].map(|tick| disturbance(tick as f64 * adaptation.period_s));
+            let last = LastTick { nu2_start, nu2_end, h_start, h_end, om_m, tau_m };
             learnt = adaptation.step(&learnt, &last);
             for i in 0..3 {
                 let bounds = adaptation.lo[i]..=adaptation.hi[i];

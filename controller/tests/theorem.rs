@@ -3,11 +3,13 @@
 use controller::adaptation::{Adaptation, LastTick};
 use controller::excitation::Excitation;
 use controller::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
+use controller::weight::Weight;
 use controller::{InnerLoop, LoopSettings, Preset, TheoremMonitor, Trajectory, WatchedLoop};
 use law::InnerLaw as _;
 use model::messages::{Dated, Setpoint, State, Truth, Wrench};
 use model::monitor::{Cause, Monitor};
 use model::parameters::{Airframe, PARAMETERS, Parameter};
+use model::rate_dynamics::disturbance;
 use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -18,6 +20,10 @@ fn vector(size: f64) -> impl Strategy<Value = Vector3<f64>> {
 
 fn theta() -> impl Strategy<Value = Vector3<f64>> {
     (-1e-3..1e-3, 0.0..1.0, -2.0..2.0).prop_map(|(i_r, k_r, delta)| Vector3::new(i_r, k_r, delta))
+}
+
+fn step(adaptation: &Adaptation, x: &Matrix3<f64>) -> EstimateStep {
+    EstimateStep::new(adaptation, x, Weight::new(x, &adaptation.gain()).expect("X is finite"))
 }
 
 fn adaptation(preset: Preset) -> Adaptation {
@@ -35,10 +41,10 @@ proptest! {
         let mut learnt = adaptation.prior();
         let start = v_th(&(learnt.theta - theta), &adaptation.gamma);
         for (tick, (om_m, nu2_start, nu2_end, tau_m)) in ticks.into_iter().enumerate() {
-            let t_start_s = tick as f64 * adaptation.period_s;
-            let last = LastTick { nu2_start, nu2_end, t_start_s, t_end_s: t_start_s + adaptation.period_s, om_m, tau_m };
+            let [h_start, h_end] = [tick, tick + 1].map(|tick| disturbance(tick as f64 * adaptation.period_s));
+            let last = LastTick { nu2_start, nu2_end, h_start, h_end, om_m, tau_m };
             let next = adaptation.step(&learnt, &last);
-            let step = EstimateStep::new(&adaptation, &next.x).unwrap();
+            let step = step(&adaptation, &next.x);
             let zb = step.left_of(&(next.y - next.x * learnt.theta));
             let mismatch = next.y - next.x * theta;
             let change = v_th_change(&(learnt.theta - theta), &(next.theta - theta), &adaptation.gamma);
@@ -66,7 +72,7 @@ proptest! {
         let (s, a) = (adaptation.step_s2, (-alpha_1_s * settings.period_s).exp());
         let gamma = Matrix3::from_diagonal(&adaptation.gamma);
         let steps: Vec<_> =
-            ticks.iter().map(|columns| EstimateStep::new(&adaptation, &Matrix3::from_columns(columns)).unwrap()).collect();
+            ticks.iter().map(|columns| step(&adaptation, &Matrix3::from_columns(columns))).collect();
         // Nmax holds along the whole flight.
         let mut weight = RateWeight::new(&adaptation);
         steps.iter().for_each(|step| weight.take(step));
@@ -99,7 +105,7 @@ proptest! {
         let mut scaled = error;
         for columns in &ticks {
             let x = Matrix3::from_columns(columns);
-            let step = EstimateStep::new(&adaptation, &x).unwrap();
+            let step = step(&adaptation, &x);
             let ahead = scaled.component_mul(&root);
             let moved = adaptation.step_s2 * Matrix3::from_diagonal(&adaptation.gamma) * x.transpose();
             scaled = (ahead + moved * step.left_of(&(-x * ahead))).component_div(&root);
@@ -182,7 +188,7 @@ fn estimates_that_move_against_their_samples_are_unexplained() {
             state.content.rate_b_rad_s = [0.0; 3];
             let wrench = law.tick(tick, &state, &setpoint(tick));
             let estimate = (Vector3::from(wrench.estimate) + push).into();
-            monitor.watch(tick, &state, &Wrench { estimate, ..wrench })
+            *monitor.watch(tick, &state, &Wrench { estimate, ..wrench }, law.evidence())
         };
         for tick in 0..10 {
             assert_eq!(watch(tick, Vector3::zeros()).violations[0], 0);

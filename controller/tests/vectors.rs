@@ -1,7 +1,7 @@
 //! Every law of this crate against the reference vectors: 50 cases each, to 1e-12.
 
 use controller::adaptation::{Adaptation, LastTick, Learnt};
-use controller::command_filter::{CommandFilter, advance_axis};
+use controller::command_filter::{CommandFilter, Passage};
 use controller::flatness::{TiltRates, Yaw, tilt, tilt_rates};
 use controller::outer::{thrust, thrust_acceleration};
 use controller::predictor::predict;
@@ -9,6 +9,7 @@ use controller::rate_law::{RatePoint, sampled_gain, torque};
 use controller::rate_reference::{RateReference, rate_reference};
 use controller::{LoopSettings, Preset, Trajectory};
 use model::parameters::Airframe;
+use model::rate_dynamics::{Inertia, disturbance};
 use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
 
@@ -44,8 +45,8 @@ fn assert_close(actual: &[f64], expected: &[f64], tolerance: f64) {
     }
 }
 
-fn i_m() -> Vector3<f64> {
-    Airframe::nominal().i_m().into()
+fn inertia() -> Inertia {
+    Inertia::new(Airframe::nominal().i_m().into())
 }
 
 #[test]
@@ -53,7 +54,7 @@ fn att_des() {
     each_case("att_des", |case| {
         let model = Airframe::nominal();
         let a = thrust_acceleration(&vector(&case["U"]), &vector(&case["vel"]), &model);
-        let (phi, theta) = tilt(&a, number(&case["psi_d"]));
+        let (phi, theta) = tilt(&a, &Yaw::new(number(&case["psi_d"]), 0.0, 0.0));
         assert_close(a.as_slice(), vector(&case["a"]).as_slice(), TOLERANCE);
         let expected = [number(&case["phi_d"]), number(&case["theta_d"])];
         assert_close(&[phi, theta], &expected, TOLERANCE);
@@ -63,7 +64,7 @@ fn att_des() {
 #[test]
 fn flat_rates() {
     each_case("flat_rates", |case| {
-        let yaw = Yaw { psi: number(&case["psi"]), dpsi: number(&case["dpsi"]), ddpsi: number(&case["ddpsi"]) };
+        let yaw = Yaw::new(number(&case["psi"]), number(&case["dpsi"]), number(&case["ddpsi"]));
         let (a, da, dda) = (vector(&case["a"]), vector(&case["jerk"]), vector(&case["snap"]));
         let TiltRates { dphi, dtheta, ddphi, ddtheta } = tilt_rates(&a, &da, &dda, &yaw);
         let expected: [f64; 4] = std::array::from_fn(|i| number(&case["out_dphi_dth_ddphi_ddth"][i]));
@@ -101,22 +102,18 @@ fn rate_ref() {
 #[test]
 fn filter() {
     each_case("filter", |case| {
-        let (ec, e1) = advance_axis(
-            number(&case["ec"]),
-            number(&case["dec"]),
-            number(&case["win"]),
-            number(&case["omega"]),
-            number(&case["T"]),
-        );
-        let expected = [number(&case["ec_next"]), number(&case["dec_next"])];
-        assert_close(&[ec, e1], &expected, TOLERANCE);
+        let each = |key: &str| Vector3::repeat(number(&case[key]));
+        let filter = CommandFilter { w_f: each("omega"), ec: each("ec"), e1: each("dec") };
+        let next = filter.advance(&each("win"), &Passage::new(&filter.w_f, number(&case["T"])));
+        assert_close(next.ec.as_slice(), each("ec_next").as_slice(), TOLERANCE);
+        assert_close(next.e1.as_slice(), each("dec_next").as_slice(), TOLERANCE);
     });
 }
 
 fn torque_of(case: &Value, gain: f64) -> Vector3<f64> {
-    let at = RatePoint { nu2: vector(&case["nu"]), om: number(&case["Om"]), t_s: number(&case["t"]) };
+    let at = RatePoint { nu2: vector(&case["nu"]), om: number(&case["Om"]), h: disturbance(number(&case["t"])) };
     let reference = RateReference { nu2_d: vector(&case["nu_d"]), dnu2_d: vector(&case["dnu_d"]) };
-    torque(&at, &reference, &vector(&case["theta"]), gain, &i_m())
+    torque(&at, &reference, &vector(&case["theta"]), gain, &inertia())
 }
 
 #[test]
@@ -162,8 +159,8 @@ fn check_adaptation(preset: Preset, case: &Value, tolerance: f64) {
     let last = LastTick {
         nu2_start: vector(&case["nu_prev"]),
         nu2_end: vector(&case["nu_now"]),
-        t_start_s,
-        t_end_s: t_start_s + number(&case["T"]),
+        h_start: disturbance(t_start_s),
+        h_end: disturbance(t_start_s + number(&case["T"])),
         om_m: number(&case["Om_mean"]),
         tau_m: vector(&case["tau_mean"]),
     };
@@ -198,14 +195,14 @@ fn traj() {
 #[test]
 fn prediction() {
     each_case("predict", |case| {
-        let now = RatePoint { nu2: vector(&case["nu"]), om: number(&case["Om"]), t_s: number(&case["t"]) };
+        let now = RatePoint { nu2: vector(&case["nu"]), om: number(&case["Om"]), h: disturbance(number(&case["t"])) };
         let (eta2, nu2) = predict(
             &vector(&case["eul"]),
             &now,
             &vector(&case["theta"]),
             &vector(&case["tau"]),
             number(&case["T"]),
-            &i_m(),
+            &inertia(),
         );
         assert_close(nu2.as_slice(), vector(&case["nu_next"]).as_slice(), TOLERANCE);
         assert_close(eta2.as_slice(), vector(&case["eul_next"]).as_slice(), TOLERANCE);

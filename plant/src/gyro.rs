@@ -6,6 +6,7 @@
 
 use std::f64::consts::TAU;
 
+use model::math::{cos, ln};
 use nalgebra::Vector3;
 
 /// 2^64 divided by the golden ratio: the increment of splitmix64.
@@ -27,9 +28,9 @@ pub fn standard_normal(seed: u64, tick: u64, axis: u64) -> f64 {
     let stream = mixed(mixed(seed.wrapping_add(GOLDEN)) ^ tick);
     let word = |draw: u64| mixed(stream.wrapping_add(GOLDEN.wrapping_mul(2 * axis + draw)));
     // The radius needs a number in (0, 1], the angle one in [0, 1).
-    let radius = (((word(1) >> 11) + 1) as f64 * ULP).ln();
+    let radius = ln(((word(1) >> 11) + 1) as f64 * ULP);
     let angle = (word(2) >> 11) as f64 * ULP;
-    (-2.0 * radius).sqrt() * (TAU * angle).cos()
+    (-2.0 * radius).sqrt() * cos(TAU * angle)
 }
 
 /// Body rates as the gyro shows them [rad/s]: `nu2` plus noise of standard deviation `sigma` [rad/s] per sample.

@@ -2,12 +2,12 @@
 //!
 //! It owns the steps and the times of their stages. Inside a tick the rotors' motion and the disturbance h(t) are
 //! continuous, so both are evaluated at the stage times. Every time is computed from the integer tick and the step
-//! number, never from a running sum: the same tick gives the same bits, however the plant got there.
+//! number, never from a sum that runs from tick to tick: the same tick gives the same bits, however the plant got there.
 
 use model::parameters::Airframe;
-use model::rate_dynamics::disturbance;
+use model::rate_dynamics::Disturbances;
 
-use crate::rigid_body::{Forcing, RigidBody, RigidBodyRate};
+use crate::rigid_body::{Dynamics, Forcing, RigidBody, RigidBodyRate};
 use crate::rotors::{Spin, effort};
 
 /// Runge-Kutta steps per tick: 250 us each at 1 kHz.
@@ -26,35 +26,38 @@ pub fn integrate(
     period_s: f64,
     substeps: u32,
 ) -> RigidBody {
-    let tick_s = tick as f64 * period_s;
+    let dynamics = Dynamics::new(airframe);
     let half_s = period_s / f64::from(2 * substeps);
-    // Of the number of half steps, so that the end of a step is the instant at which the next one begins.
-    let offset_s = |half_steps: u32| f64::from(half_steps) * half_s;
-    let (mut body, mut start) = (*body, forcing(airframe, spin, tick_s, 0.0));
+    let mut h = Disturbances::new(tick as f64 * period_s, half_s);
+    let of_rotors = |half_steps: u32| dynamics.forcing(&effort(airframe, &spin.speed(f64::from(half_steps) * half_s)));
+    let mut rotors = of_rotors(0);
+    let mut body = *body;
+    let mut start = dynamics.disturbed(&rotors, &h.next_h());
     for step in 0..substeps {
-        let middle = forcing(airframe, spin, tick_s, offset_s(2 * step + 1));
-        let end = forcing(airframe, spin, tick_s, offset_s(2 * step + 2));
-        body = runge_kutta_4(&body, airframe, [&start, &middle, &end], half_s);
+        // Without a lag the rotors do the same all through the tick.
+        if spin.lags() {
+            rotors = of_rotors(2 * step + 1);
+        }
+        let middle = dynamics.disturbed(&rotors, &h.next_h());
+        if spin.lags() {
+            rotors = of_rotors(2 * step + 2);
+        }
+        // The end of a step is the instant at which the next one begins.
+        let end = dynamics.disturbed(&rotors, &h.next_h());
+        body = runge_kutta_4(&body, &dynamics, [&start, &middle, &end], half_s);
         start = end;
     }
     body
 }
 
-/// The forcing `offset_s` [s] after a tick at `tick_s` [s].
-// Part of the loop over the steps, as `RigidBody::rate` is.
-#[inline(always)]
-fn forcing(airframe: &Airframe, spin: &Spin, tick_s: f64, offset_s: f64) -> Forcing {
-    Forcing { effort: effort(airframe, &spin.speed(offset_s)), h: disturbance(tick_s + offset_s) }
-}
-
 /// One classical Runge-Kutta step of twice `half` [s], under the forcing at its start, in its middle and at its end.
-fn runge_kutta_4(body: &RigidBody, airframe: &Airframe, forcing: [&Forcing; 3], half: f64) -> RigidBody {
+fn runge_kutta_4(body: &RigidBody, dynamics: &Dynamics, forcing: [&Forcing; 3], half: f64) -> RigidBody {
     let [start, middle, end] = forcing;
     let dt = 2.0 * half;
-    let k1 = body.rate(airframe, start);
-    let k2 = body.along(&k1, half).rate(airframe, middle);
-    let k3 = body.along(&k2, half).rate(airframe, middle);
-    let k4 = body.along(&k3, dt).rate(airframe, end);
+    let k1 = body.rate(dynamics, start);
+    let k2 = body.along(&k1, half).rate(dynamics, middle);
+    let k3 = body.along(&k2, half).rate(dynamics, middle);
+    let k4 = body.along(&k3, dt).rate(dynamics, end);
     let sixth = 1.0 / 6.0;
     let mean = RigidBodyRate {
         d_eta1: (k1.d_eta1 + (k2.d_eta1 + k3.d_eta1) * 2.0 + k4.d_eta1) * sixth,

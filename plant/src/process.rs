@@ -31,6 +31,10 @@ const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
 /// In lockstep, how often the plant looks up while it waits for the recorder, which rings nobody [ns].
 const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 
+/// Share of the time that a rehearsal is given which is forgotten in every tick: a rehearsal in which the host stalled
+/// would else be the last one.
+const FORGOTTEN: u64 = 256;
+
 /// Runs the plant until its last tick, a signal, or the end of what the model covers.
 ///
 /// # Errors
@@ -72,6 +76,8 @@ pub struct PlantProcess<'a> {
     events: Producer<'a, Event>,
     /// How far ahead of its tick the timer is set.
     lead: Lead,
+    /// Time that must be left for a rehearsal to begin: what the longest one needed, slowly forgotten [ns].
+    rehearsal_ns: u64,
     rehearsals: u64,
     previous_busy_ns: u64,
     ticks_run: u64,
@@ -107,6 +113,7 @@ impl<'a> PlantProcess<'a> {
             orders,
             events,
             lead: Lead::default(),
+            rehearsal_ns: 0,
             rehearsals: 0,
             previous_busy_ns: 0,
             ticks_run: 0,
@@ -134,7 +141,7 @@ impl<'a> PlantProcess<'a> {
         let lead = station.choose_lead(&mut opened, || self.rehearse(0));
         let meter = UsageMeter::start();
         let flown = lead.and_then(|lead| {
-            self.lead = lead;
+            (self.lead, self.rehearsal_ns) = (lead, lead.rehearsal_ns);
             self.fly(station, &mut opened, plan.last_tick)
         });
         let ending = *flown.as_ref().unwrap_or(&Ending::Failed);
@@ -259,11 +266,15 @@ impl<'a> PlantProcess<'a> {
         let asked_ns = begin_ns.saturating_sub(self.lead.lead_ns).max(now_ns().min(begin_ns));
         let mut now = wait_until(asked_ns);
         let timer_late_ns = now - asked_ns;
-        let is_rehearsed = self.lead.rehearsal_ns > 0 && tick <= last_tick;
-        if is_rehearsed && now + self.lead.rehearsal_ns <= begin_ns {
-            // Commands that are there are taken in any case: now, and once more when the tick begins.
-            self.take_command(tick, Pace::Realtime(grid))?;
-            self.rehearse(tick)?;
+        if self.lead.rehearsal_ns > 0 && tick <= last_tick {
+            self.rehearsal_ns -= self.rehearsal_ns / FORGOTTEN;
+            if now + self.rehearsal_ns <= begin_ns {
+                // Commands that are there are taken in any case: now, and once more when the tick begins.
+                self.take_command(tick, Pace::Realtime(grid))?;
+                self.rehearse(tick)?;
+                let took_ns = now_ns() - now;
+                self.rehearsal_ns = self.rehearsal_ns.max(took_ns.min(self.lead.lead_ns));
+            }
         }
         while now < begin_ns {
             now = now_ns();

@@ -10,9 +10,9 @@
 //! * h is a known function of time, h(t), not of the rates.
 //! * u is only the total thrust. The body velocity is v, and I_M^-1 tau has no letter of its own.
 
-use model::frames::{euler_rate_of_body_rate, rot_wb};
+use model::frames::RollPitch;
 use model::parameters::Airframe;
-use model::rate_dynamics::{coupling, regressor};
+use model::rate_dynamics::Inertia;
 use nalgebra::Vector3;
 
 /// Where the body is and how it moves.
@@ -44,10 +44,12 @@ pub struct RigidBodyRate {
 /// What drives the body at an instant, however it moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Forcing {
-    /// What the rotors do.
-    pub effort: Effort,
-    /// h(t), direction of the periodic disturbance, without unit.
-    pub h: Vector3<f64>,
+    /// Thrust over mass, u/m [m/s^2].
+    pub lift: f64,
+    /// I_M^-1 tau + h(t) delta [rad/s^2].
+    pub push: Vector3<f64>,
+    /// Net rotor speed of (4), Om [rad/s].
+    pub om: f64,
 }
 
 /// What the rotors do to the body at an instant.
@@ -61,42 +63,97 @@ pub struct Effort {
     pub om: f64,
 }
 
-/// (1): acceleration in the world frame [m/s^2], of attitude `eta2` [rad], velocity `v` [m/s, world], thrust `u` [N].
-#[must_use]
-pub fn linear_acceleration(airframe: &Airframe, eta2: &Vector3<f64>, v: &Vector3<f64>, u: f64) -> Vector3<f64> {
-    let (m, g, k_t) = (airframe.m(), airframe.g(), airframe.k_t());
-    let z_e = Vector3::z();
-    -g * z_e + rot_wb(eta2).column(2) * (u / m) - v * (k_t / m)
+/// (1) and (8) with the parameters of one airframe: their quotients, which hold for a whole tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dynamics {
+    /// Gravity, g [m/s^2].
+    g: f64,
+    /// 1/m [1/kg].
+    per_mass: f64,
+    /// k_t/m [1/s].
+    drag: f64,
+    inertia: Inertia,
+    /// I_M^-1 I_R of x and y, without unit.
+    gyroscopic: [f64; 2],
+    /// I_M^-1 k_r [1/s].
+    rate_drag: Vector3<f64>,
+    /// delta [rad/s^2].
+    delta: f64,
 }
 
-/// (8), which is (3) solved for d(nu2): angular acceleration in the body frame [rad/s^2], of rates `nu2` [rad/s], net
-/// rotor speed `om` [rad/s], direction of the disturbance `h` and torque `tau` [N m].
-#[must_use]
-pub fn angular_acceleration(
-    airframe: &Airframe,
-    nu2: &Vector3<f64>,
-    om: f64,
-    h: &Vector3<f64>,
-    tau: &Vector3<f64>,
-) -> Vector3<f64> {
-    let i_m = Vector3::from(airframe.i_m());
-    let theta = Vector3::new(airframe.i_r(), airframe.k_r(), airframe.delta());
-    coupling(nu2, &i_m) + regressor(nu2, om, h, &i_m) * theta + tau.component_div(&i_m)
+impl Dynamics {
+    /// Those of an airframe.
+    #[must_use]
+    #[inline]
+    pub fn new(airframe: &Airframe) -> Self {
+        let (m, i_m) = (airframe.m(), Vector3::from(airframe.i_m()));
+        let inertia = Inertia::new(i_m);
+        let per_inertia = inertia.acceleration(&Vector3::repeat(1.0));
+        Self {
+            g: airframe.g(),
+            per_mass: 1.0 / m,
+            drag: airframe.k_t() / m,
+            inertia,
+            gyroscopic: [airframe.i_r() * per_inertia.x, airframe.i_r() * per_inertia.y],
+            rate_drag: per_inertia * airframe.k_r(),
+            delta: airframe.delta(),
+        }
+    }
+
+    /// What the rotors do, without the disturbance.
+    #[must_use]
+    #[inline]
+    pub fn forcing(&self, effort: &Effort) -> Forcing {
+        let Effort { u, tau, om } = effort;
+        Forcing { lift: u * self.per_mass, push: self.inertia.acceleration(tau), om: *om }
+    }
+
+    /// The same with the disturbance; `h` is h(t), without unit.
+    #[must_use]
+    #[inline]
+    pub fn disturbed(&self, forcing: &Forcing, h: &Vector3<f64>) -> Forcing {
+        Forcing { push: forcing.push + h * self.delta, ..*forcing }
+    }
+
+    /// (1): acceleration in the world frame [m/s^2] at attitude `eta2` [rad] and velocity `v` [m/s, world]; `roll_pitch`
+    /// are those of `eta2`.
+    #[must_use]
+    #[inline]
+    pub fn linear_acceleration(
+        &self,
+        roll_pitch: &RollPitch,
+        eta2: &Vector3<f64>,
+        v: &Vector3<f64>,
+        forcing: &Forcing,
+    ) -> Vector3<f64> {
+        let z_e = Vector3::z();
+        -self.g * z_e + roll_pitch.rot_wb(eta2.z).column(2) * forcing.lift - v * self.drag
+    }
+
+    /// (8), which is (3) solved for d(nu2): angular acceleration in the body frame [rad/s^2] at rates `nu2` [rad/s].
+    #[must_use]
+    #[inline]
+    pub fn angular_acceleration(&self, nu2: &Vector3<f64>, forcing: &Forcing) -> Vector3<f64> {
+        let [i_r_x, i_r_y] = self.gyroscopic;
+        let g1_i_r = Vector3::new(-i_r_x * forcing.om * nu2.y, i_r_y * forcing.om * nu2.x, 0.0);
+        let g2_k_r = -self.rate_drag.component_mul(nu2);
+        self.inertia.coupling(nu2) + g1_i_r + g2_k_r + forcing.push
+    }
 }
 
 impl RigidBody {
     /// (1), (5), (8): the derivative under a forcing. Singular at a pitch of +-90 degrees.
     #[must_use]
-    // Part of the integrator's loop, so that quotients of parameters are computed once a tick and not 16 times.
+    // Part of the integrator's loop: called, it would hand 25 numbers through memory, 16 times a tick.
     #[inline(always)]
-    pub fn rate(&self, airframe: &Airframe, forcing: &Forcing) -> RigidBodyRate {
+    pub fn rate(&self, dynamics: &Dynamics, forcing: &Forcing) -> RigidBodyRate {
         let Self { eta2, v, nu2, .. } = self;
-        let Forcing { effort, h } = forcing;
+        let roll_pitch = RollPitch::of(eta2);
         RigidBodyRate {
             d_eta1: *v,
-            d_v: linear_acceleration(airframe, eta2, v, effort.u),
-            d_eta2: euler_rate_of_body_rate(eta2) * nu2,
-            d_nu2: angular_acceleration(airframe, nu2, effort.om, h, &effort.tau),
+            d_v: dynamics.linear_acceleration(&roll_pitch, eta2, v, forcing),
+            d_eta2: roll_pitch.euler_rate(nu2),
+            d_nu2: dynamics.angular_acceleration(nu2, forcing),
         }
     }
 

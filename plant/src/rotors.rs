@@ -11,6 +11,7 @@
 //!   first-order lag of the speeds. Nominally both are off.
 
 use model::allocation::{Allocation, net_speed};
+use model::math::{exp, exp_m1};
 use model::parameters::Airframe;
 use nalgebra::Vector4;
 
@@ -54,13 +55,19 @@ impl Spin {
         Self { command, start, time_constant_s: airframe.motor_time_constant_s() }
     }
 
+    /// Whether the speeds follow the command with a lag.
+    #[must_use]
+    pub fn lags(&self) -> bool {
+        self.time_constant_s != 0.0
+    }
+
     /// Speeds w [rad/s] at `offset_s` [s] after the tick.
     #[must_use]
     pub fn speed(&self, offset_s: f64) -> Vector4<f64> {
-        if self.time_constant_s == 0.0 {
+        if !self.lags() {
             return self.command;
         }
-        self.command + (self.start - self.command) * (-offset_s / self.time_constant_s).exp()
+        self.command + (self.start - self.command) * exp(-offset_s / self.time_constant_s)
     }
 
     /// Exact means of w and w^2 over the first `period_s` [s] after the tick: the integrals of the exponential.
@@ -73,8 +80,8 @@ impl Spin {
         let gap = start - w_c;
         let ratio = tau / period_s;
         // exp_m1 keeps its digits where the motors are slow, and the means close to the start.
-        let decay = -(-1.0 / ratio).exp_m1() * ratio;
-        let decay_squared = -(-2.0 / ratio).exp_m1() * ratio / 2.0;
+        let decay = -exp_m1(-1.0 / ratio) * ratio;
+        let decay_squared = -exp_m1(-2.0 / ratio) * ratio / 2.0;
         SpinMeans {
             speed: w_c + gap * decay,
             speed_squared: w_c.component_mul(&w_c)

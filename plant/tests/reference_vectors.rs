@@ -2,10 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+use model::frames::RollPitch;
 use model::parameters::Airframe;
 use model::rate_dynamics::disturbance;
 use nalgebra::Vector3;
-use plant::rigid_body::{angular_acceleration, linear_acceleration};
+use plant::rigid_body::{Dynamics, Effort};
 use serde_json::Value;
 
 const CASES: usize = 50;
@@ -35,19 +36,23 @@ fn assert_close(actual: &Vector3<f64>, expected: &Vector3<f64>, case: usize) {
 
 #[test]
 fn acceleration_by_equation_1() {
-    let airframe = Airframe::nominal();
+    let dynamics = Dynamics::new(&Airframe::nominal());
     for (i, case) in cases("acc_lin").iter().enumerate() {
-        let a = linear_acceleration(&airframe, &vector(&case["eul"]), &vector(&case["vel"]), number(&case["u"]));
+        let eta2 = vector(&case["eul"]);
+        let effort = Effort { u: number(&case["u"]), ..Effort::default() };
+        let forcing = dynamics.forcing(&effort);
+        let a = dynamics.linear_acceleration(&RollPitch::of(&eta2), &eta2, &vector(&case["vel"]), &forcing);
         assert_close(&a, &vector(&case["out"]), i);
     }
 }
 
 #[test]
 fn angular_acceleration_by_equation_8() {
-    let airframe = Airframe::nominal();
+    let dynamics = Dynamics::new(&Airframe::nominal());
     for (i, case) in cases("acc_rot").iter().enumerate() {
-        let (nu2, tau) = (vector(&case["nu"]), vector(&case["tau"]));
-        let a = angular_acceleration(&airframe, &nu2, number(&case["Om"]), &disturbance(number(&case["t"])), &tau);
+        let effort = Effort { tau: vector(&case["tau"]), om: number(&case["Om"]), ..Effort::default() };
+        let forcing = dynamics.disturbed(&dynamics.forcing(&effort), &disturbance(number(&case["t"])));
+        let a = dynamics.angular_acceleration(&vector(&case["nu"]), &forcing);
         assert_close(&a, &vector(&case["out"]), i);
     }
 }

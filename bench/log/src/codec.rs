@@ -43,25 +43,39 @@ pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
     (decoder.whole && decoder.bytes.is_empty()).then_some(message)
 }
 
+/// A struct that stands within a message.
+trait Nested: Walk {
+    /// Length of its fields [bytes].
+    const LENGTH: usize = encoded_length(Self::FIELDS, ENVELOPE_NUMBER);
+}
+
+impl<L: Walk> Nested for L {}
+
 /// Length of a struct's fields, numbered from `first` on [bytes].
-fn encoded_length(fields: &[Field], first: u32) -> usize {
-    fields
-        .iter()
-        .zip(first..)
-        .map(|(field, number)| {
-            let tag = varint_length(u64::from(number << 3));
-            let delimited = |length: usize| tag + varint_length(length as u64) + length;
-            match (field.kind, field.length) {
-                (Kind::Struct { fields, .. }, length) => {
-                    length.unwrap_or(1) * delimited(encoded_length(fields, ENVELOPE_NUMBER))
+const fn encoded_length(fields: &[Field], first: u32) -> usize {
+    let (mut sum, mut i) = (0, 0);
+    while i < fields.len() {
+        let tag = varint_length(((first as u64) + i as u64) << 3);
+        sum += match (fields[i].kind, fields[i].length) {
+            (Kind::Struct { fields, .. }, length) => {
+                let each = delimited_length(tag, encoded_length(fields, ENVELOPE_NUMBER));
+                match length {
+                    Some(length) => length * each,
+                    None => each,
                 }
-                (Kind::U64 | Kind::F64, None) => tag + size_of::<u64>(),
-                (Kind::U64 | Kind::F64, Some(length)) => delimited(length * size_of::<u64>()),
-                // Not shown to a visitor, and in no message.
-                (Kind::U8 | Kind::I64, _) => 0,
             }
-        })
-        .sum()
+            (Kind::U64 | Kind::F64, None) => tag + size_of::<u64>(),
+            (Kind::U64 | Kind::F64, Some(length)) => delimited_length(tag, length * size_of::<u64>()),
+            // Not shown to a visitor, and in no message.
+            (Kind::U8 | Kind::I64, _) => 0,
+        };
+        i += 1;
+    }
+    sum
+}
+
+const fn delimited_length(tag: usize, length: usize) -> usize {
+    tag + varint_length(length as u64) + length
 }
 
 const fn varint_length(value: u64) -> usize {
@@ -88,7 +102,7 @@ impl Encoder<'_> {
 
     fn nested<L: Walk>(&mut self, value: &L) {
         self.tag(LENGTH_DELIMITED);
-        self.varint(encoded_length(L::FIELDS, ENVELOPE_NUMBER) as u64);
+        self.varint(<L as Nested>::LENGTH as u64);
         let outside = self.number;
         self.number = ENVELOPE_NUMBER;
         value.visit(self);
@@ -162,7 +176,7 @@ impl Decoder<'_> {
 
     fn nested<L: Walk>(&mut self, value: &mut L) {
         self.tag(LENGTH_DELIMITED);
-        self.expect(encoded_length(L::FIELDS, ENVELOPE_NUMBER) as u64);
+        self.expect(<L as Nested>::LENGTH as u64);
         let outside = self.number;
         self.number = ENVELOPE_NUMBER;
         value.visit_mut(self);

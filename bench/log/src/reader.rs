@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use mcap::McapError;
 use mcap::records::{Metadata, Record};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use model::envelope::Message;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::topic::Topic;
 
@@ -54,6 +55,8 @@ pub struct LogReader {
     end: Option<End>,
     /// Messages that were read.
     read: Counts,
+    /// The one that was read last.
+    newest: LogEntry,
     has_data_end: bool,
     has_footer: bool,
 }
@@ -74,6 +77,7 @@ impl LogReader {
             facts: BTreeMap::new(),
             end: None,
             read: [0; TOPICS.len()],
+            newest: LogEntry::State(Message::default()),
             has_data_end: false,
             has_footer: false,
         })
@@ -83,11 +87,11 @@ impl LogReader {
     ///
     /// # Errors
     /// [`Failure`] names the file, and says where it is damaged, or of which other version.
-    pub fn next_entry(&mut self) -> Result<Option<LogEntry>, Failure> {
+    pub fn next_entry(&mut self) -> Result<Option<&LogEntry>, Failure> {
         while self.end.is_none() {
-            if let Some(entry) = self.step()? {
-                self.read[entry.topic()] += 1;
-                return Ok(Some(entry));
+            if self.step()? {
+                self.read[self.newest.topic()] += 1;
+                return Ok(Some(&self.newest));
             }
         }
         Ok(None)
@@ -105,9 +109,10 @@ impl LogReader {
         self.end.unwrap_or(End::Truncated)
     }
 
-    fn step(&mut self) -> Result<Option<LogEntry>, Failure> {
+    /// Takes what comes next; true where it is a message.
+    fn step(&mut self) -> Result<bool, Failure> {
         let event = match self.parser.next_event() {
-            None => return self.end_file().map(|()| None),
+            None => return self.end_file().map(|()| false),
             // The end of the file inside a record: of a log that was not finished.
             Some(Err(McapError::UnexpectedEof)) => {
                 self.end = Some(End::Truncated);
@@ -117,7 +122,7 @@ impl LogReader {
                 if let Some(next) = self.next_name().filter(|next| self.path.with_file_name(next).exists()) {
                     return Err(self.damaged(&format!("its end is missing, and the log goes on in {next}")));
                 }
-                return Ok(None);
+                return Ok(false);
             }
             Some(Err(e)) => {
                 self.end = Some(End::Truncated);
@@ -129,12 +134,23 @@ impl LogReader {
             LinearReadEvent::ReadRequest(wanted) => {
                 let read = self.file.read(self.parser.insert(wanted)).in_file(READ, &self.path)?;
                 self.parser.notify_read(read);
-                Ok(None)
+                Ok(false)
             }
             LinearReadEvent::Record { opcode, data } => {
-                let parsed = mcap::parse_record(opcode, data).map(Record::into_owned);
-                let record = parsed.map_err(|e| self.damaged(&e.to_string()))?;
-                self.take(record)
+                let record = match mcap::parse_record(opcode, data) {
+                    Ok(Record::Message { header, data }) => {
+                        let Some(topic) = self.channels.get(&header.channel_id) else { return Ok(false) };
+                        let Some(entry) = entry(topic, &data) else {
+                            let what = format!("a message of topic `{topic}` does not follow its schema");
+                            return Err(self.damaged(&what));
+                        };
+                        self.newest = entry;
+                        return Ok(true);
+                    }
+                    parsed => parsed.map(Record::into_owned),
+                };
+                let record = record.map_err(|e| self.damaged(&e.to_string()))?;
+                self.take(record).map(|()| false)
             }
         }
     }
@@ -175,7 +191,7 @@ impl LogReader {
         Ok(())
     }
 
-    fn take(&mut self, record: Record<'static>) -> Result<Option<LogEntry>, Failure> {
+    fn take(&mut self, record: Record<'static>) -> Result<(), Failure> {
         match record {
             Record::Metadata(metadata) if metadata.name == facts::LANDING => {
                 self.facts.insert(metadata.name, metadata.metadata);
@@ -189,7 +205,6 @@ impl LogReader {
                 self.schemas.insert(header.id, (header.name, data.into_owned()));
             }
             Record::Channel(channel) => self.take_channel(&channel)?,
-            Record::Message { header, data } => return self.take_message(header.channel_id, &data),
             Record::DataEnd(end) => {
                 self.has_data_end = true;
                 if end.data_section_crc == 0 {
@@ -204,7 +219,7 @@ impl LogReader {
             }
             _ => {}
         }
-        Ok(None)
+        Ok(())
     }
 
     /// Refuses a file that is not the next one of the same flight, where there was one before it.
@@ -243,21 +258,17 @@ impl LogReader {
         self.channels.insert(channel.id, <C as Topic>::NAME);
         Ok(())
     }
+}
 
-    fn take_message(&self, channel: u16, data: &[u8]) -> Result<Option<LogEntry>, Failure> {
-        let Some(topic) = self.channels.get(&channel) else { return Ok(None) };
-        let entry = match *topic {
-            State::NAME => decode(data).map(LogEntry::State),
-            Setpoint::NAME => decode(data).map(LogEntry::Setpoint),
-            Wrench::NAME => decode(data).map(LogEntry::Wrench),
-            RotorSpeeds::NAME => decode(data).map(LogEntry::RotorSpeeds),
-            _ => decode(data).map(LogEntry::Swap),
-        };
-        match entry {
-            Some(entry) => Ok(Some(entry)),
-            None => Err(self.damaged(&format!("a message of topic `{topic}` does not follow its schema"))),
-        }
-    }
+/// A message of a topic; none where its bytes do not follow the layout.
+fn entry(topic: &str, data: &[u8]) -> Option<LogEntry> {
+    Some(match topic {
+        State::NAME => LogEntry::State(decode(data)?),
+        Setpoint::NAME => LogEntry::Setpoint(decode(data)?),
+        Wrench::NAME => LogEntry::Wrench(decode(data)?),
+        RotorSpeeds::NAME => LogEntry::RotorSpeeds(decode(data)?),
+        _ => LogEntry::Swap(decode(data)?),
+    })
 }
 
 fn parser() -> LinearReader {

@@ -324,7 +324,7 @@ pub struct RtStep {
 pub struct LeadSection {
     /// How far ahead of its tick the timer is set [us]; 0 is at the tick.
     pub lead_us: f64,
-    /// Time that a rehearsal must have left to be begun [us]; 0 where none is held.
+    /// 90th percentile of what a rehearsal took before take-off [us]; 0 where none is held.
     pub rehearsal_us: f64,
     /// 90th percentile of the timer's lateness, measured before take-off [us]; 0 where it was not.
     pub timer_p90_us: f64,

@@ -20,7 +20,7 @@ fn simulate(criterion: &mut Criterion) {
                 || rig.clone(),
                 |rig| {
                     for _ in 0..TICKS {
-                        std::hint::black_box(rig.tick());
+                        std::hint::black_box(&mut *rig).tick();
                     }
                 },
                 BatchSize::SmallInput,

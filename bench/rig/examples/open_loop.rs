@@ -60,7 +60,11 @@ fn work() -> Result<Value, Box<dyn Error>> {
         &laws,
         &mixer::MixerSettings { period_s, model: airframe, rotor },
     );
-    let speeds: Vec<[f64; 4]> = (0..TICKS).map(|_| flight.tick().state.rotor_speed_command_rad_s).collect();
+    let commanded = |_| {
+        flight.tick();
+        flight.state().rotor_speed_command_rad_s
+    };
+    let speeds: Vec<[f64; 4]> = (0..TICKS).map(commanded).collect();
     let commands: Vec<Value> = speeds
         .iter()
         .map(|speed| {

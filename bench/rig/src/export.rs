@@ -101,7 +101,7 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
             // What stands before the damage is exported.
             Err(failure) => break Err(failure),
         };
-        match &entry {
+        match entry {
             LogEntry::State(message) => writer.state(message),
             LogEntry::Setpoint(message) => writer.work(message),
             LogEntry::Wrench(message) => writer.work(message),
@@ -205,7 +205,7 @@ impl Tables {
         while self.is_read
             && let Some(entry) = reader.next_entry()?
         {
-            match &entry {
+            match entry {
                 LogEntry::State(message) => self.write(message),
                 LogEntry::Setpoint(message) => self.write(message),
                 LogEntry::Wrench(message) => self.write(message),

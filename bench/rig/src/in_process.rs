@@ -6,7 +6,7 @@
 
 use controller::{OuterLoop, WatchedLoop};
 use mixer::Mixer;
-use model::messages::{Dated, NO_TICK, Setpoint};
+use model::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
 use plant::{Departure, Plant};
 
 use crate::settings::Settings;
@@ -21,8 +21,11 @@ pub struct InProcess {
     outer: OuterLoop,
     inner: WatchedLoop,
     mixer: Mixer,
+    state: Dated<State>,
     /// The newest one, as the inner loop would hold it.
     setpoint: Dated<Setpoint>,
+    wrench: Dated<Wrench>,
+    rotor_speeds: RotorSpeeds,
     /// Tick that is next.
     tick: u64,
     envelope: Result<(), Departure>,
@@ -41,7 +44,10 @@ impl InProcess {
             outer: OuterLoop::new(controller),
             inner: WatchedLoop::new(controller),
             mixer: Mixer::new(mixer),
+            state: Dated { tick: NO_TICK, content: State::default() },
             setpoint: Dated { tick: NO_TICK, content: Setpoint::default() },
+            wrench: Dated { tick: NO_TICK, content: Wrench::default() },
+            rotor_speeds: RotorSpeeds::default(),
             tick: 0,
             envelope: Ok(()),
         }
@@ -60,20 +66,54 @@ impl InProcess {
     }
 
     /// Flies one tick.
-    pub fn tick(&mut self) -> TickRecord {
+    pub fn tick(&mut self) {
         let tick = self.tick;
-        let state = Dated { tick, content: self.plant.begin(tick) };
+        self.state = Dated { tick, content: self.plant.begin(tick) };
         self.envelope = self.plant.envelope();
-        let setpoint = self.outer.tick(tick, &state);
-        if let Some(content) = setpoint {
+        if let Some(content) = self.outer.tick(tick, &self.state) {
             self.setpoint = Dated { tick, content };
         }
-        let wrench = self.inner.tick(tick, &state, &self.setpoint);
-        let rotor_speeds = self.mixer.tick(tick, &Dated { tick, content: wrench });
-        self.plant.offer(Dated { tick, content: rotor_speeds }, tick + 1);
+        self.wrench = Dated { tick, content: self.inner.tick(tick, &self.state, &self.setpoint) };
+        self.rotor_speeds = self.mixer.tick(tick, &self.wrench);
+        self.plant.offer(Dated { tick, content: self.rotor_speeds }, tick + 1);
         self.plant.finish();
         self.tick += 1;
-        TickRecord { tick, state: state.content, setpoint, wrench, rotor_speeds }
+    }
+
+    /// State of the tick that was flown last.
+    #[must_use]
+    pub const fn state(&self) -> &State {
+        &self.state.content
+    }
+
+    /// Its set-point, if the outer loop gave one.
+    #[must_use]
+    pub fn setpoint(&self) -> Option<&Setpoint> {
+        (self.setpoint.tick == self.state.tick).then_some(&self.setpoint.content)
+    }
+
+    /// Its wrench.
+    #[must_use]
+    pub const fn wrench(&self) -> &Wrench {
+        &self.wrench.content
+    }
+
+    /// Its rotor command, which is in force from the next tick on.
+    #[must_use]
+    pub const fn rotor_speeds(&self) -> &RotorSpeeds {
+        &self.rotor_speeds
+    }
+
+    /// All of it.
+    #[must_use]
+    pub fn record(&self) -> TickRecord {
+        TickRecord {
+            tick: self.state.tick,
+            state: *self.state(),
+            setpoint: self.setpoint().copied(),
+            wrench: *self.wrench(),
+            rotor_speeds: self.rotor_speeds,
+        }
     }
 
     /// Whether the model covers the state of the tick that was flown last, as the plant's process judges it.

@@ -159,7 +159,8 @@ impl RunDirectory {
 /// Whether a flight log holds a message; one that cannot be read counts as if it did.
 fn holds_messages(path: &Path) -> bool {
     let is_begun = fs::metadata(path).is_ok_and(|file| file.len() > 0);
-    is_begun && !matches!(LogReader::open(path).and_then(|mut log| log.next_entry()), Ok(None))
+    is_begun
+        && !matches!(LogReader::open(path).and_then(|mut log| log.next_entry().map(|entry| entry.is_none())), Ok(true))
 }
 
 /// Points `latest`, beside a flight's directory, at it: done when the flight has a report.

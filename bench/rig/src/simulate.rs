@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
+use model::output_hash::OutputHash;
 use model::parameters::ESTIMATED;
 use plant::Departure;
 use plant::desk::swap_record;
@@ -84,11 +85,17 @@ fn summary(flown: &Simulated, settings: &Settings, wall_s: f64) -> String {
     let held = usize::from(gate.as_ref().is_some_and(|gate| gate.held));
     text.extend(gate.iter().filter(|gate| !gate.held).map(|gate| format!("{gate}\n")));
     let status = if flown.passes(settings) { FlightStatus::Pass } else { FlightStatus::Fail };
-    text + &format!("RESULT status={status} gates={held}/{} ticks={} run=none\n", gate.iter().len(), flown.ticks)
+    text + &format!(
+        "RESULT status={status} gates={held}/{} ticks={} outputs={} run=none\n",
+        gate.iter().len(),
+        flown.ticks,
+        flown.outputs
+    )
 }
 
 struct Simulated {
     ticks: u64,
+    outputs: OutputHash,
     error: TrackingError,
     estimates: [(&'static str, f64, f64); 3],
     theorem: Theorem,
@@ -119,6 +126,7 @@ fn fly(
     let mut lowest_z_m = f64::INFINITY;
     let mut flown = Simulated {
         ticks: 0,
+        outputs: OutputHash::default(),
         error: TrackingError::default(),
         estimates: ESTIMATED.map(|parameter| (parameter.name(), 0.0, 0.0)),
         theorem: Theorem::default(),
@@ -126,7 +134,8 @@ fn fly(
         departure: None,
     };
     for tick in 0..=settings.last_tick() {
-        let record = rig.tick();
+        rig.tick();
+        let (state, setpoint, wrench) = (rig.state(), rig.setpoint(), rig.wrench());
         if let Err(departure) = rig.envelope() {
             flown.departure = Some(departure.to_string());
             // As in a flight of processes, what is no number is not published.
@@ -135,22 +144,24 @@ fn fly(
             }
         }
         flown.ticks += 1;
-        lowest_z_m = lowest_z_m.min(record.state.position_w_m[2]);
+        lowest_z_m = lowest_z_m.min(state.position_w_m[2]);
+        flown.outputs.take(tick, state);
+        setpoint.iter().for_each(|setpoint| flown.outputs.take(tick, *setpoint));
+        flown.outputs.take(tick, wrench);
+        flown.outputs.take(tick, rig.rotor_speeds());
         if let Some(states) = &mut states {
-            states.write(&Joined::from(&record))?;
+            states.write(&Joined::from(&rig.record()))?;
         }
         let applied = rig.plant().applied().iter();
         flown
             .swaps
             .extend(applied.map(|swap| AppliedSwap::new(swap.tick, settings.flight.period_s, &swap_record(swap))));
         if let Some(tracer) = &mut tracer {
-            tracer.take(&Joined::from(&record));
+            tracer.take(&Joined::from(&rig.record()));
         }
         // A set-point carries the reference of its tick already.
-        let error_m = record
-            .setpoint
-            .as_ref()
-            .map_or_else(|| tracking.error_m(tick, &record.state), |setpoint| setpoint.position_error_m(&record.state));
+        let error_m =
+            setpoint.map_or_else(|| tracking.error_m(tick, state), |setpoint| setpoint.position_error_m(state));
         flown.error.take(error_m);
         if error_m > settings.flight.position_error_max_m {
             flown.departure = Some(format!(
@@ -158,11 +169,11 @@ fn fly(
                 settings.flight.position_error_max_m
             ));
         }
-        let actual = record.state.truth.theta();
+        let actual = state.truth.theta();
         theorem.truth(actual);
-        theorem.take(0, &record.wrench.monitor);
+        theorem.take(0, &wrench.monitor);
         for (i, estimate) in flown.estimates.iter_mut().enumerate() {
-            (estimate.1, estimate.2) = (record.wrench.estimate[i], actual[i]);
+            (estimate.1, estimate.2) = (wrench.estimate[i], actual[i]);
         }
         if flown.departure.is_some() {
             break;

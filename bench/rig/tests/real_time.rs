@@ -295,7 +295,11 @@ fn in_process(ticks: u64) -> Vec<TickRecord> {
     for ((_, order), tick) in swaps().into_iter().zip(SWAPPED_AT) {
         rig.plant_mut().schedule(Swap { tick, ..order.swap }).unwrap();
     }
-    (0..ticks).map(|_| rig.tick()).collect()
+    let fly = |_| {
+        rig.tick();
+        rig.record()
+    };
+    (0..ticks).map(fly).collect()
 }
 
 #[test]

@@ -181,7 +181,7 @@ fn finish_again(
 ) {
     let mut reader = LogReader::open(from).unwrap();
     let mut log = FlightLog::create(to, &recorded::facts(&settings(text))).unwrap();
-    while let Some(mut entry) = reader.next_entry().unwrap() {
+    while let Some(mut entry) = reader.next_entry().unwrap().copied() {
         if !keep(&mut entry) {
             continue;
         }

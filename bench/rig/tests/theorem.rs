@@ -15,6 +15,7 @@ use mixer::Mixer;
 use model::limits::RotorLimits;
 use model::messages::{Dated, NO_TICK, Setpoint, State, Wrench};
 use model::parameters::{Airframe, Parameter};
+use model::rate_dynamics::Inertia;
 use plant::{Plant, Swap};
 use report::tally::theorem::{Theorem, TheoremTally};
 use rig::Rig;
@@ -75,7 +76,8 @@ impl Flight {
         self.schedule(rig.plant_mut());
         let mut tally = TheoremTally::default();
         for _ in 0..=self.last_tick() {
-            let record = rig.tick();
+            rig.tick();
+            let record = rig.record();
             assert_eq!(rig.plant().envelope(), Ok(()));
             tally.truth(record.state.truth.theta());
             tally.take(0, &record.wrench.monitor);
@@ -105,7 +107,7 @@ impl Flight {
             }
             setpoint = outer.tick(tick, &state).map_or(setpoint, |content| Dated { tick, content });
             let wrench = law.tick(tick, &state, &setpoint);
-            tally.take(0, &monitor.watch(tick, &state, &publish(tick, &state, wrench)));
+            tally.take(0, monitor.watch(tick, &state, &publish(tick, &state, wrench), law.evidence()));
             plant.offer(Dated { tick, content: mixer.tick(tick, &Dated { tick, content: wrench }) }, tick + 1);
             plant.finish();
             assert_eq!(plant.envelope(), Ok(()));
@@ -312,6 +314,12 @@ impl Mutant {
     }
 }
 
+fn heavier(inertia: &Inertia) -> Inertia {
+    let mut i_m = *inertia.i_m();
+    i_m.x *= 1.2;
+    Inertia::new(i_m)
+}
+
 type Mutation = (&'static str, fn(&mut Adaptation), fn(&Learnt, &Learnt) -> Learnt);
 
 const MUTATIONS: [Mutation; 6] = [
@@ -320,7 +328,7 @@ const MUTATIONS: [Mutation; 6] = [
     ("estimates frozen", |_| {}, |before, after| Learnt { theta: before.theta, ..*after }),
     ("everything frozen", |_| {}, |before, _| *before),
     ("Gamma a tenth", |adaptation| adaptation.gamma /= 10.0, |_, after| *after),
-    ("wrong inertia", |adaptation| adaptation.i_m.x *= 1.2, |_, after| *after),
+    ("wrong inertia", |adaptation| adaptation.inertia = heavier(&adaptation.inertia), |_, after| *after),
 ];
 
 #[test]

@@ -1,5 +1,7 @@
 //! The airframe in plain numbers: (1), (3) to (8), four Runge-Kutta steps per tick.
 
+use model::math::sin_cos;
+
 use crate::{C, G, I_X, I_Y, I_Z, K, K_T, KAPPA, M, T};
 
 /// I_R [kg m^2], k_r [N m s], delta [rad/s^2] as they are.
@@ -64,9 +66,9 @@ impl Body {
 
     /// Its derivative; `h` is delta sin t [rad/s^2].
     fn rate(&self, push: &Push, h: f64) -> Self {
-        let (s_phi, c_phi) = self.phi.sin_cos();
-        let (s_th, c_th) = self.theta.sin_cos();
-        let (s_psi, c_psi) = self.psi.sin_cos();
+        let (s_phi, c_phi) = sin_cos(self.phi);
+        let (s_th, c_th) = sin_cos(self.theta);
+        let (s_psi, c_psi) = sin_cos(self.psi);
         let &Self { vx, vy, vz, p, q, r, .. } = self;
         // Yaw rate; roll rate gains its share by the tilt.
         let turn = (s_phi * q + c_phi * r) / c_th;
@@ -98,11 +100,17 @@ pub fn fly(body: &Body, t: f64, w: &[f64; 4]) -> Body {
         om: w[0] - w[1] + w[2] - w[3],
     };
     let mut b = *body;
-    let mut h_start = DELTA * t.sin();
-    for step in 0..STEPS {
-        let start = t + step as f64 * H;
-        let h_middle = DELTA * (start + H / 2.0).sin();
-        let h_end = DELTA * (start + H).sin();
+    // delta sin t, half a step further each time: sin(t + dt) = sin t cos dt + cos t sin dt.
+    let (mut sin, mut cos) = sin_cos(t);
+    let (sin_half, cos_half) = sin_cos(H / 2.0);
+    let mut h_next = || {
+        let h = DELTA * sin;
+        (sin, cos) = (sin * cos_half + cos * sin_half, cos * cos_half - sin * sin_half);
+        h
+    };
+    let mut h_start = h_next();
+    for _ in 0..STEPS {
+        let (h_middle, h_end) = (h_next(), h_next());
         let k1 = b.rate(&push, h_start);
         let k2 = b.along(&k1, H / 2.0).rate(&push, h_middle);
         let k3 = b.along(&k2, H / 2.0).rate(&push, h_middle);

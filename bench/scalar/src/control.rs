@@ -2,6 +2,8 @@
 //!
 //! These are equations (9) to (20), sampled.
 
+use model::math::{atan2, exp, exp_m1, sin, sin_cos};
+
 use crate::airframe::Body;
 use crate::{C, G, I_X, I_Y, I_Z, K, K_T, KAPPA, M, T};
 
@@ -39,7 +41,7 @@ pub struct AttitudeSetpoint {
 
 /// c + a sin(w t) with four derivatives, raised by the ramp `s`.
 fn axis(s: &[f64; 5], t: f64, c: f64, a: f64, w: f64) -> [f64; 5] {
-    let (sin, cos) = (w * t).sin_cos();
+    let (sin, cos) = sin_cos(w * t);
     let b0 = c + a * sin;
     let b1 = a * w * cos;
     let b2 = -a * w * w * sin;
@@ -93,16 +95,16 @@ pub fn outer(t: f64, b: &Body) -> AttitudeSetpoint {
         ay *= az * TILT_MAX / horizontal;
     }
 
-    let (s_psi, c_psi) = psi[0].sin_cos();
+    let (s_psi, c_psi) = sin_cos(psi[0]);
     let across = ax * s_psi - ay * c_psi;
     let along = ax * c_psi + ay * s_psi;
-    let phi_d = across.atan2((along * along + az * az).sqrt());
-    let theta_d = along.atan2(az);
+    let phi_d = atan2(across, (along * along + az * az).sqrt());
+    let theta_d = atan2(along, az);
     let ahead = if limited { [0.0; 4] } else { tilt_rates(&x, &y, &z, &psi, s_psi, c_psi) };
 
-    let (s_phi, c_phi) = b.phi.sin_cos();
-    let (s_th, c_th) = b.theta.sin_cos();
-    let (s_yaw, c_yaw) = b.psi.sin_cos();
+    let (s_phi, c_phi) = sin_cos(b.phi);
+    let (s_th, c_th) = sin_cos(b.theta);
+    let (s_yaw, c_yaw) = sin_cos(b.psi);
     let u = M
         * (ax * (c_yaw * s_th * c_phi + s_yaw * s_phi)
             + ay * (s_yaw * s_th * c_phi - c_yaw * s_phi)
@@ -167,9 +169,9 @@ pub struct Inner {
 impl Default for Inner {
     fn default() -> Self {
         Self {
-            decay: W_F.map(|w_f| (-w_f * T).exp()),
-            fresh: -(-W_E * T).exp_m1(),
-            gain: -(-ALPHA * T).exp_m1() / T,
+            decay: W_F.map(|w_f| exp(-w_f * T)),
+            fresh: -exp_m1(-W_E * T),
+            gain: -exp_m1(-ALPHA * T) / T,
             ec: [0.0; 3],
             e1: [0.0; 3],
             theta: [0.0; 3],
@@ -189,7 +191,7 @@ impl Inner {
     /// Torque [N m] at `t` [s]; `w` are the rotor speeds of the tick before [rad/s].
     pub fn tick(&mut self, t: f64, b: &Body, w: &[f64; 4], order: &AttitudeSetpoint) -> [f64; 3] {
         let om = w[0] - w[1] + w[2] - w[3];
-        let h = t.sin();
+        let h = sin(t);
         let nu2 = [b.p, b.q, b.r];
         if let Some((before, h_before)) = self.last {
             self.learn(&before, h_before, &nu2, h, om, w);
@@ -209,8 +211,8 @@ impl Inner {
             e1[i] = self.decay[i] * (-w_f * w_f * T * y0 + (1.0 - w_f * T) * self.e1[i]);
         }
 
-        let (s_phi, c_phi) = b.phi.sin_cos();
-        let (s_th, c_th) = b.theta.sin_cos();
+        let (s_phi, c_phi) = sin_cos(b.phi);
+        let (s_th, c_th) = sin_cos(b.theta);
         let &Body { p, q, r, .. } = b;
         let dpsi = (s_phi * q + c_phi * r) / c_th;
         let dphi = p + s_th * dpsi;

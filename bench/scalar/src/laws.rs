@@ -17,7 +17,10 @@ pub struct Laws {
     outer: OuterLoop,
     inner: InnerLoop,
     mixer: Mixer,
+    state: Dated<State>,
     setpoint: Dated<Setpoint>,
+    wrench: Dated<Wrench>,
+    speeds: RotorSpeeds,
     tick: u64,
 }
 
@@ -32,24 +35,33 @@ impl Laws {
             outer: OuterLoop::new(&controller),
             inner: InnerLoop::new(&controller),
             mixer: Mixer::new(&mixer::MixerSettings { period_s, model: airframe, rotor }),
+            state: Dated { tick: NO_TICK, content: State::default() },
             setpoint: Dated { tick: NO_TICK, content: Setpoint::default() },
+            wrench: Dated { tick: NO_TICK, content: Wrench::default() },
+            speeds: RotorSpeeds::default(),
             tick: 0,
         }
     }
 
-    /// Flies one tick: state, what the inner loop asks for, and the command that is in force from the next tick on.
-    pub fn tick(&mut self) -> (State, Wrench, RotorSpeeds) {
+    /// Flies one tick.
+    pub fn tick(&mut self) {
         let tick = self.tick;
-        let state = Dated { tick, content: self.plant.begin(tick) };
-        if let Some(content) = self.outer.tick(tick, &state) {
+        self.state = Dated { tick, content: self.plant.begin(tick) };
+        if let Some(content) = self.outer.tick(tick, &self.state) {
             self.setpoint = Dated { tick, content };
         }
-        let wrench = self.inner.tick(tick, &state, &self.setpoint);
-        let speeds = self.mixer.tick(tick, &Dated { tick, content: wrench });
-        self.plant.offer(Dated { tick, content: speeds }, tick + 1);
+        self.wrench = Dated { tick, content: self.inner.tick(tick, &self.state, &self.setpoint) };
+        self.speeds = self.mixer.tick(tick, &self.wrench);
+        self.plant.offer(Dated { tick, content: self.speeds }, tick + 1);
         self.plant.finish();
         self.tick += 1;
-        (state.content, wrench, speeds)
+    }
+
+    /// State of the tick that was flown last, what the inner loop asked for, and the command that is in force from the
+    /// next tick on.
+    #[must_use]
+    pub const fn newest(&self) -> (&State, &Wrench, &RotorSpeeds) {
+        (&self.state.content, &self.wrench.content, &self.speeds)
     }
 }
 

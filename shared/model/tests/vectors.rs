@@ -1,9 +1,9 @@
 //! Frames, allocation and rate dynamics: 50 reference vectors each, to 1e-12.
 
 use model::allocation::{Allocation, net_speed};
-use model::frames::{body_rate_of_euler_rate, euler_rate_of_body_rate, rot_wb};
+use model::frames::RollPitch;
 use model::parameters::Airframe;
-use model::rate_dynamics::{coupling, disturbance, regressor};
+use model::rate_dynamics::{Inertia, disturbance};
 use nalgebra::{Matrix3, Vector3, Vector4};
 use serde_json::Value;
 
@@ -39,6 +39,11 @@ fn assert_close(actual: &[f64], expected: &[f64]) {
     }
 }
 
+/// The matrix of a linear map.
+fn matrix(of: impl Fn(&Vector3<f64>) -> Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z()].map(|unit| of(&unit)))
+}
+
 fn check_frame(group: &str, frame: impl Fn(&Vector3<f64>) -> Matrix3<f64>) {
     each_case(group, |case| {
         let expected = Matrix3::from_fn(|i, j| number(&case["out"][i][j]));
@@ -49,26 +54,26 @@ fn check_frame(group: &str, frame: impl Fn(&Vector3<f64>) -> Matrix3<f64>) {
 
 #[test]
 fn j1() {
-    check_frame("J1", rot_wb);
+    check_frame("J1", |eta2| RollPitch::of(eta2).rot_wb(eta2.z));
 }
 
 #[test]
 fn j2() {
-    check_frame("J2", euler_rate_of_body_rate);
+    check_frame("J2", |eta2| matrix(|nu2| RollPitch::of(eta2).euler_rate(nu2)));
 }
 
 #[test]
 fn w() {
-    check_frame("W", body_rate_of_euler_rate);
+    check_frame("W", |eta2| matrix(|xi| RollPitch::of(eta2).body_rate(xi)));
 }
 
 #[test]
 fn regressors() {
     each_case("regressors", |case| {
-        let i_m = Vector3::from(Airframe::nominal().i_m());
+        let inertia = Inertia::new(Airframe::nominal().i_m().into());
         let (nu2, om, t_s) = (vector(&case["nu"]), number(&case["Om"]), number(&case["t"]));
-        let phi = regressor(&nu2, om, &disturbance(t_s), &i_m);
-        assert_close(coupling(&nu2, &i_m).as_slice(), vector(&case["f"]).as_slice());
+        let phi = inertia.regressor(&nu2, om, &disturbance(t_s));
+        assert_close(inertia.coupling(&nu2).as_slice(), vector(&case["f"]).as_slice());
         assert_close(disturbance(t_s).as_slice(), vector(&case["h"]).as_slice());
         for (column, name) in ["g1", "g2", "h"].into_iter().enumerate() {
             let actual: Vector3<f64> = phi.column(column).into();

@@ -9,7 +9,7 @@ use std::fmt::{Display, Write as _};
 use textwrap::{Options, WordSplitter};
 
 use crate::losses;
-use crate::schema::{Report, RoleSection, RunSection, Ticks};
+use crate::schema::{Report, RoleSection, RunSection};
 use crate::speed::Speed;
 use crate::tally::series::Statistics;
 use crate::words::TimingWord;
@@ -313,15 +313,15 @@ pub fn lead(report: &Report) -> String {
     if lead.lead_us == 0.0 {
         return "Lead none: the plant's timer is set to the beginning of the tick".into();
     }
-    let rehearsed = if lead.rehearsal_us > 0.0 {
-        let Ticks { run, .. } = report.ticks;
-        format!("; rehearsed {} of {run} ticks, each where {:.0} us were left", lead.rehearsals, lead.rehearsal_us)
+    let (rehearsal, rehearsed) = if lead.rehearsal_us > 0.0 {
+        let of = format!("; rehearsed {} of {} ticks", lead.rehearsals, report.ticks.run);
+        (format!(", rehearsal p90 {:.0} us", lead.rehearsal_us), of)
     } else {
-        "; no rehearsals".into()
+        (String::new(), "; no rehearsals".into())
     };
     format!(
-        "Lead {:.0} us before the tick (timer p90 {:.0} us before take-off){rehearsed}; it took {:.1} % of the loops' \
-         processor",
+        "Lead {:.0} us before the tick (before take-off: timer p90 {:.0} us{rehearsal}){rehearsed}; it took {:.1} % of the \
+         loops' processor",
         lead.lead_us, lead.timer_p90_us, lead.processor_percent
     )
 }

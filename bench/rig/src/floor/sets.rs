@@ -289,7 +289,7 @@ pub fn laws(effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
         let (before, mut rig) = (CpuTimes::read(None), InProcess::of(&settings)?);
         let start = Instant::now();
         for _ in 0..TIMED_TICKS {
-            black_box(rig.tick());
+            black_box(&mut rig).tick();
         }
         let ours = start.elapsed().as_secs_f64() * 1e6 / TIMED_TICKS as f64;
         let steal_percent = before.steal_until(&CpuTimes::read(None)).percent;

@@ -14,7 +14,8 @@ pub mod summary;
 pub mod survey;
 pub mod window;
 
-use std::collections::BTreeMap;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 use std::path::Path;
 
 use model::role::Role;
@@ -31,6 +32,7 @@ use crate::run_directory::find_log;
 use failure::{Failure, GATE, OK};
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, LogReader};
+use report::tally::is_last_word;
 use report::tracking::Tracking;
 
 /// Messages read ahead of the one that is replayed: more than the recorder takes in at once after its longest absence.
@@ -93,7 +95,7 @@ fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
         print(&format!("replay: diverges at {divergence}\n"))?;
         return Ok(GATE);
     }
-    print(&format!("replay: {ticks} ticks, {values} values, identical\n"))?;
+    print(&format!("replay: {ticks} ticks, {values} values, identical; outputs {}\n", again.summary.outputs))?;
     Ok(OK)
 }
 
@@ -136,9 +138,8 @@ struct Again {
     /// Processes of the inner loop that were started in flight before the first tick that counts.
     restarts_before: u64,
     windows: Windows,
-    /// Read and not replayed yet, by tick and stage.
-    ahead: BTreeMap<(u64, Role, u64), LogEntry>,
-    read: u64,
+    /// Tick and stage of what was read and not replayed yet: the earliest is on top.
+    ahead: BinaryHeap<Reverse<(u64, Role)>>,
 }
 
 #[derive(Default)]
@@ -160,32 +161,35 @@ impl Again {
             summary: Summary::new(Tracking::of(flight.trajectory, flight.period_s), from_tick),
             restarts_before: 0,
             windows: Windows::default(),
-            ahead: BTreeMap::new(),
-            read: 0,
+            ahead: BinaryHeap::new(),
         })
     }
 
     /// Flies to the end of the log; where told so, no further than to the first difference.
     fn fly(&mut self, path: &Path, stops: bool) -> Result<(), Failure> {
         let mut reader = LogReader::open(path)?;
-        loop {
-            let entry = reader.next_entry()?;
-            let behind = if entry.is_some() { LOOKAHEAD } else { 0 };
-            if let Some(entry) = &entry {
-                self.take(entry);
-            }
-            while self.ahead.len() > behind {
-                let Some((_, next)) = self.ahead.pop_first() else { break };
-                self.step(&next)?;
-                if stops && self.comparison.first.is_some() {
-                    return Ok(());
-                }
-            }
-            if entry.is_none() {
-                self.summary.restarts = self.loops.restarts - self.restarts_before;
+        while let Some(entry) = reader.next_entry()? {
+            self.take(entry);
+            if self.catch_up(LOOKAHEAD, stops)? {
                 return Ok(());
             }
         }
+        if !self.catch_up(0, stops)? {
+            self.summary.restarts = self.loops.restarts - self.restarts_before;
+        }
+        Ok(())
+    }
+
+    /// Flies until no more than `behind` messages wait; true where it stopped at a difference.
+    fn catch_up(&mut self, behind: usize, stops: bool) -> Result<bool, Failure> {
+        while self.ahead.len() > behind {
+            let Some(Reverse((tick, stage))) = self.ahead.pop() else { break };
+            self.step(tick, stage)?;
+            if stops && self.comparison.first.is_some() {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     fn take(&mut self, entry: &LogEntry) {
@@ -209,35 +213,46 @@ impl Again {
             // Known from the survey, because they may be recorded later than the states that they change.
             LogEntry::Swap(_) => return,
         };
-        self.read += 1;
-        self.ahead.insert((tick, stage, self.read), *entry);
+        self.ahead.push(Reverse((tick, stage)));
     }
 
-    fn step(&mut self, entry: &LogEntry) -> Result<(), Failure> {
-        let (windows, comparison) = (&self.windows, &mut self.comparison);
-        match entry {
-            LogEntry::State(message) => {
+    fn step(&mut self, tick: u64, stage: Role) -> Result<(), Failure> {
+        let (windows, comparison, outputs) = (&self.windows, &mut self.comparison, &mut self.summary.outputs);
+        match stage {
+            Role::Plant => {
+                let message = windows.states.of(tick)?;
                 let state = self.airframe.step(message, &windows.rotor_speeds, comparison)?;
-                self.summary.state(message.envelope.tick, &state);
+                outputs.take(tick, &state);
+                self.summary.state(tick, &state);
             }
-            LogEntry::Setpoint(message) => {
-                self.loops.setpoint(message, &windows.states, comparison)?;
+            Role::Outer => {
+                let message = windows.setpoints.of(tick)?;
+                if let Some(setpoint) = self.loops.setpoint(message, &windows.states, comparison)? {
+                    outputs.take(tick, &setpoint);
+                }
             }
-            LogEntry::Wrench(message) => {
+            Role::Inner => {
+                let message = windows.wrenches.of(tick)?;
                 let wrench = self.loops.wrench(message, &windows.states, &windows.setpoints, comparison)?;
-                if message.envelope.tick >= self.from_tick {
+                outputs.take(tick, &wrench);
+                if tick >= self.from_tick {
                     self.summary.wrench(&wrench);
                 } else {
                     self.restarts_before = self.loops.restarts;
                 }
             }
-            LogEntry::RotorSpeeds(message) => {
+            Role::Mixer => {
+                let message = windows.rotor_speeds.of(tick)?;
                 let speeds = self.loops.rotor_speeds(message, &windows.wrenches, comparison)?;
-                if message.envelope.tick >= self.from_tick {
+                // After the last tick the mixer stops the rotors: an answer to no state.
+                if !is_last_word(message) {
+                    outputs.take(tick, &speeds);
+                }
+                if tick >= self.from_tick {
                     self.summary.rotor_speeds(&speeds);
                 }
             }
-            LogEntry::Swap(_) => {}
+            Role::Record => {}
         }
         Ok(())
     }

@@ -1,6 +1,7 @@
 //! Summarises a replayed flight in a few lines.
 
 use model::messages::{Mode, RotorSpeeds, State, Wrench};
+use model::output_hash::OutputHash;
 
 use crate::replay::survey::Survey;
 use report::text::{count, flown};
@@ -28,6 +29,8 @@ pub struct Summary {
     mixer: [u64; MODES.len()],
     saturated: u64,
     estimate: [f64; 3],
+    /// Of everything that was replayed, in every tick.
+    pub outputs: OutputHash,
 }
 
 impl Summary {
@@ -46,6 +49,7 @@ impl Summary {
             mixer: [0; MODES.len()],
             saturated: 0,
             estimate: [0.0; 3],
+            outputs: OutputHash::default(),
         }
     }
 
@@ -90,6 +94,7 @@ impl Summary {
         let [restarts, saturated] = [count(self.restarts, "time"), count(self.saturated, "tick")];
         text += &format!("inner loop {}; started {restarts} in flight\n", modes(&self.inner));
         text += &format!("mixer      {}; rotors saturated in {saturated}\n", modes(&self.mixer));
+        text += &format!("outputs    {}\n", self.outputs);
         let [i_r, k_r, delta] = self.estimate;
         text += &format!("estimates  I_R {i_r:.6e} kg m^2, k_r {k_r:.6e} N m s, delta {delta:.6e} rad/s^2\n");
         for swap in survey.swaps.iter().filter(|swap| swap.envelope.tick >= self.from_tick) {

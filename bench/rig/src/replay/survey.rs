@@ -42,7 +42,7 @@ pub struct Survey {
 /// [`Failure`] says what does not hold.
 pub fn survey(path: &Path) -> Result<Survey, Failure> {
     let mut reader = LogReader::open(path)?;
-    let Some(first) = reader.next_entry()? else {
+    let Some(first) = reader.next_entry()?.copied() else {
         return Err(match reader.end() {
             End::Complete => Failure::failed(format!("{} holds no message: nothing was flown", path.display())),
             End::Truncated => Failure::failed(format!("{} is truncated before its first message", path.display()))
@@ -55,9 +55,9 @@ pub fn survey(path: &Path) -> Result<Survey, Failure> {
     let mut expected = ExpectedMessages::new(&reader)?;
     let mut swaps = Vec::new();
     let mut newest: Option<Message<State>> = None;
-    let mut next = Some(first);
+    let mut next = Some(&first);
     while let Some(entry) = next {
-        match &entry {
+        match entry {
             LogEntry::State(message) => {
                 expected.check(message)?;
                 newest = Some(*message);
@@ -135,7 +135,7 @@ pub(super) fn gap(what: &str) -> Failure {
 /// What the messages of a log have in common, and which ones come next.
 struct ExpectedMessages {
     run_id: u64,
-    settings: String,
+    settings: u64,
     /// Messages by topic.
     messages: BTreeMap<&'static str, u64>,
     /// Epoch and sequence of the newest message, by topic.
@@ -144,7 +144,10 @@ struct ExpectedMessages {
 
 impl ExpectedMessages {
     fn new(reader: &LogReader) -> Result<Self, Failure> {
-        let settings = reader.fact(RUN, "settings")?.to_owned();
+        let text = reader.fact(RUN, "settings")?;
+        let settings = u64::from_str_radix(text, 16).map_err(|_| {
+            reader.damaged(&format!("its record `{RUN}` has settings = `{text}`, which is no fingerprint"))
+        })?;
         Ok(Self { run_id: reader.number("run_id")?, settings, messages: BTreeMap::new(), newest: BTreeMap::new() })
     }
 
@@ -172,10 +175,10 @@ impl ExpectedMessages {
     fn check<C: Logged>(&mut self, message: &Message<C>) -> Result<(), Failure> {
         let (topic, envelope) = (<C as Topic>::NAME, &message.envelope);
         let Envelope { layout, run_id, settings, epoch, seq, tick, .. } = *envelope;
-        if layout != LAYOUT || run_id != self.run_id || format!("{settings:016x}") != self.settings {
+        if layout != LAYOUT || run_id != self.run_id || settings != self.settings {
             return Err(Failure::failed(format!(
                 "the log mixes runs: message {seq} of topic `{topic}` (tick {tick}) has run {run_id} and settings \
-                 {settings:016x}, the log has run {} and settings {}",
+                 {settings:016x}, the log has run {} and settings {:016x}",
                 self.run_id, self.settings
             )));
         }

@@ -58,7 +58,21 @@ impl<C: Topic> Window<C> {
         }
     }
 
+    /// The message of a tick.
+    ///
+    /// # Errors
+    /// [`Failure`] where the log has none.
+    pub fn of(&self, tick: u64) -> Result<&Message<C>, Failure> {
+        Ok(&self.messages[self.place(tick, tick)?])
+    }
+
     fn place(&self, of_tick: u64, tick: u64) -> Result<usize, Failure> {
+        // Where no tick was left out, the distance from the first one says it.
+        let first = self.messages.front().map_or(0, |message| message.envelope.tick);
+        let likely = usize::try_from(of_tick.wrapping_sub(first)).unwrap_or(usize::MAX);
+        if self.messages.get(likely).is_some_and(|message| message.envelope.tick == of_tick) {
+            return Ok(likely);
+        }
         self.messages.binary_search_by_key(&of_tick, |message| message.envelope.tick).map_err(|_| {
             gap(&format!("at tick {tick} the `{}` of tick {of_tick} was used, which is not in it", C::NAME))
         })

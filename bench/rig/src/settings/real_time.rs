@@ -35,6 +35,14 @@ impl Settings {
     /// A usage [`Failure`] where `rt.cpu` is neither a processor nor "auto", or `rt.lead_us` is no lead.
     pub fn realtime(&self) -> Result<RealtimeSettings, Failure> {
         let lead = self.lead()?;
+        let cpu = match &self.rt.cpu {
+            Value::String(auto) if auto == "auto" => None,
+            Value::Integer(cpu) if (0..1024).contains(cpu) => usize::try_from(*cpu).ok(),
+            other => {
+                return Err(Failure::usage(format!("rt.cpu = {other}: allowed are a processor's number and \"auto\""))
+                    .help("`taskset -p $$` shows the processors that this shell may use"));
+            }
+        };
         // A SCHED_FIFO process that never sleeps is throttled by the kernel, and starves whoever shares its processor.
         if self.flight.pace == PaceName::Lockstep {
             return Ok(RealtimeSettings {
@@ -45,14 +53,6 @@ impl Settings {
                 rehearse: false,
             });
         }
-        let cpu = match &self.rt.cpu {
-            Value::String(auto) if auto == "auto" => None,
-            Value::Integer(cpu) if (0..1024).contains(cpu) => usize::try_from(*cpu).ok(),
-            other => {
-                return Err(Failure::usage(format!("rt.cpu = {other}: allowed are a processor's number and \"auto\""))
-                    .help("`taskset -p $$` shows the processors that this shell may use"));
-            }
-        };
         let RealtimeSection { mode, priority, rehearse, .. } = self.rt;
         Ok(RealtimeSettings { mode, priority, cpu, lead, rehearse })
     }

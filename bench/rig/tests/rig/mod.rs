@@ -247,7 +247,7 @@ pub fn read_log(log: &Path) -> (Vec<LogEntry>, End) {
     let mut reader = LogReader::open(log).unwrap();
     let mut entries = Vec::new();
     while let Some(entry) = reader.next_entry().unwrap() {
-        entries.push(entry);
+        entries.push(*entry);
     }
     (entries, reader.end())
 }

@@ -12,8 +12,8 @@ use wire::error::Error;
 
 /// The other roles are in their loops so long after the plant has said that it will fly [ns].
 const IN_LOOPS_NS: u64 = 6_000_000;
-/// Longest time between two measurements [ns]: slower flights are measured as often.
-const EVERY_NS: u64 = 1_000_000;
+/// Longest time between two measurements [ns]: of a slower flight there would be too few.
+const EVERY_NS: u64 = 10_000_000;
 /// An automatic lead covers so many times the lateness that one timer in ten exceeds.
 ///
 /// Of the hundred and some that are measured, this quantile is one that a host which stalls now and then does not bend.

@@ -171,7 +171,7 @@ fn a_file_goes_on_after_what_a_slow_disk_had_no_room_for_and_is_whole() {
     assert!(file.refused().unwrap().contains("the disk is too slow"));
     assert_eq!(fate.bytes, path.metadata().unwrap().len());
     let mut reader = crate::reader::LogReader::open(&path).unwrap();
-    let read: Vec<u64> = std::iter::from_fn(|| reader.next_entry().unwrap())
+    let read: Vec<u64> = std::iter::from_fn(|| reader.next_entry().unwrap().copied())
         .map(|entry| match entry {
             LogEntry::State(state) => state.envelope.tick,
             _ => unreachable!("only states were written"),

@@ -1,0 +1,113 @@
+//! A hash over everything that the stages put out in a flight: the same bits on every machine, or the laws are not.
+
+use std::fmt;
+
+use crate::layout::{Field, Visitor, Walk};
+use crate::role::STAGES;
+use crate::topic::Topic;
+
+/// The hash so far. Stages may be taken in any order; the outputs of each one in that of their ticks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct OutputHash([Outputs; STAGES.len()]);
+
+impl OutputHash {
+    /// Takes what a stage put out in a tick.
+    pub fn take<C: Topic>(&mut self, tick: u64, content: &C) {
+        let outputs = &mut self.0[C::SENDER as usize];
+        outputs.take(tick);
+        content.visit(outputs);
+    }
+}
+
+impl fmt::Display for OutputHash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut all = Outputs::default();
+        self.0.iter().for_each(|outputs| all.take(outputs.sum));
+        write!(f, "{:016x}", all.sum)
+    }
+}
+
+/// A stage's outputs so far: the sum of their words, each mixed with its place. No word waits for the one before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Outputs {
+    sum: u64,
+    place: u64,
+}
+
+impl Outputs {
+    #[inline]
+    fn take(&mut self, word: u64) {
+        /// 2^64 divided by the golden ratio: it gives every place bits of its own.
+        const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+        /// Of splitmix64's finalizer.
+        const SPREAD: u64 = 0xbf58_476d_1ce4_e5b9;
+        self.place = self.place.wrapping_add(GOLDEN);
+        // Both products can be undone: where one word differs, so does the sum.
+        let product = (word ^ self.place).wrapping_mul(SPREAD);
+        self.sum = self.sum.wrapping_add((product ^ (product >> 32)).wrapping_mul(GOLDEN));
+    }
+}
+
+/// Takes every bit of every field.
+impl Visitor for Outputs {
+    #[inline]
+    fn integers(&mut self, _: &'static Field, values: &[u64]) {
+        values.iter().for_each(|value| self.take(*value));
+    }
+
+    #[inline]
+    fn numbers(&mut self, _: &'static Field, values: &[f64]) {
+        values.iter().for_each(|value| self.take(value.to_bits()));
+    }
+
+    #[inline]
+    fn structs<L: Walk>(&mut self, _: &'static Field, values: &[L]) {
+        values.iter().for_each(|value| value.visit(self));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::messages::{RotorSpeeds, Setpoint, State, Wrench};
+
+    use super::*;
+
+    fn of(change: impl Fn(u64, &mut State, &mut Wrench)) -> String {
+        let mut hash = OutputHash::default();
+        for tick in 0..3 {
+            let (mut state, mut wrench) = (State::default(), Wrench::default());
+            change(tick, &mut state, &mut wrench);
+            hash.take(tick, &state);
+            hash.take(tick, &Setpoint::default());
+            hash.take(tick, &wrench);
+            hash.take(tick, &RotorSpeeds::default());
+        }
+        hash.to_string()
+    }
+
+    #[test]
+    fn one_bit_of_any_stage_in_any_tick_is_another_hash() {
+        let same = of(|_, _, _| ());
+        assert_eq!((same.len(), &same), (16, &of(|_, _, _| ())));
+        assert_ne!(same, of(|tick, state, _| state.position_w_m[2] = if tick == 1 { f64::from_bits(1) } else { 0.0 }));
+        assert_ne!(same, of(|tick, _, wrench| wrench.monitor.v_th = if tick == 2 { -0.0 } else { 0.0 }));
+        assert_ne!(same, of(|tick, state, _| state.ticks_skipped = tick / 2));
+    }
+
+    #[test]
+    fn the_order_of_stages_does_not_count_and_that_of_ticks_does() {
+        let hash = |ticks: [u64; 2], plant_first: bool| {
+            let mut hash = OutputHash::default();
+            if plant_first {
+                ticks.iter().for_each(|tick| hash.take(*tick, &State::default()));
+            }
+            ticks.iter().for_each(|tick| hash.take(*tick, &Wrench::default()));
+            if !plant_first {
+                ticks.iter().for_each(|tick| hash.take(*tick, &State::default()));
+            }
+            hash.to_string()
+        };
+        assert_eq!(hash([1, 2], true), hash([1, 2], false));
+        assert_ne!(hash([1, 2], true), hash([2, 1], true));
+    }
+}
