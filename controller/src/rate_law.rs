@@ -30,7 +30,8 @@ pub fn sampled_gain(alpha_1_s: f64, period_s: f64) -> f64 {
 
 /// (19): torque tau [N m, body frame] for d(e) = -`gain` e, e = nu2 - nu2_d.
 ///
-/// `theta` are the estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2]; `gain` [1/s] is [`sampled_gain`], or alpha itself for the law in continuous time.
+/// `theta` are the estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2]; `gain` [1/s] is [`sampled_gain`], or alpha
+/// itself for the law in continuous time.
 #[must_use]
 pub fn torque(
     at: &RatePoint,

@@ -2,7 +2,7 @@
 //!
 //! It owns the steps and the times of their stages. Inside a tick the rotors' motion and the disturbance h(t) are
 //! continuous, so both are evaluated at the stage times. Every time is computed from the integer tick and the step
-//! number, never from a sum that runs from tick to tick: the same tick gives the same bits, however the plant got there.
+//! number, never from a sum that runs over ticks: the same tick gives the same bits, however the plant got there.
 
 use model::parameters::Airframe;
 use model::rate_dynamics::Disturbances;

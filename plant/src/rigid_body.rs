@@ -115,8 +115,9 @@ impl Dynamics {
         Forcing { push: forcing.push + h * self.delta, ..*forcing }
     }
 
-    /// (1): acceleration in the world frame [m/s^2] at attitude `eta2` [rad] and velocity `v` [m/s, world]; `roll_pitch`
-    /// are those of `eta2`.
+    /// (1): acceleration in the world frame [m/s^2] at attitude `eta2` [rad] and velocity `v` [m/s, world].
+    ///
+    /// `roll_pitch` are those of `eta2`.
     #[must_use]
     #[inline]
     pub fn linear_acceleration(

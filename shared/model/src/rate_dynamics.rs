@@ -41,7 +41,7 @@ impl Inertia {
         Vector3::new(-self.ratio.x * q * r, -self.ratio.y * p * r, -self.ratio.z * p * q)
     }
 
-    /// Phi(nu2, Om, t) = [g1 g2 h]: columns for I_R [kg m^2], k_r [N m s], delta [rad/s^2]; `h` is [`disturbance`] at t.
+    /// Phi(nu2, Om, t) = [g1 g2 h]: columns for I_R [kg m^2], k_r [N m s], delta [rad/s^2]; `h` is h(t).
     ///
     /// It is linear in (nu2, h): at the mean of two samples it is the mean of both.
     #[must_use]
