@@ -84,7 +84,7 @@ fn text_of(path: &Path) -> io::Result<String> {
 fn coerce(value: &Value, expected: &Value) -> Option<Value> {
     match (value, expected) {
         (Value::Integer(i), Value::Float(_)) => Some(Value::Float(*i as f64)),
-        // "auto", or a processor's number.
+        // "auto", or a number: of a processor, of microseconds.
         (Value::Integer(_), Value::String(auto)) if auto == "auto" => Some(value.clone()),
         (Value::Array(values), Value::Array(expected)) => match expected.first() {
             Some(first) if values.len() == expected.len() => {
@@ -103,6 +103,7 @@ fn kind(expected: &Value) -> String {
         Value::Array(values) => format!("a list of {} numbers", values.len()),
         Value::Float(_) => "a number".into(),
         Value::Integer(_) => "a whole number".into(),
+        Value::String(auto) if auto == "auto" => "a whole number or a string".into(),
         Value::String(_) => "a string".into(),
         other => other.type_str().into(),
     }
