@@ -31,9 +31,10 @@ const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
 /// In lockstep, how often the plant looks up while it waits for the recorder, which rings nobody [ns].
 const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 
-/// Share of the time that a rehearsal is given which is forgotten in every tick: a rehearsal in which the host stalled
-/// would else be the last one.
-const FORGOTTEN: u64 = 256;
+/// The time that a rehearsal is given grows by this part of it when one took longer, and shrinks by the next part in
+/// every tick: so one in fifty takes longer.
+const GROWS_BY: u64 = 16;
+const SHRINKS_BY: u64 = 50 * GROWS_BY;
 
 /// Runs the plant until its last tick, a signal, or the end of what the model covers.
 ///
@@ -76,7 +77,7 @@ pub struct PlantProcess<'a> {
     events: Producer<'a, Event>,
     /// How far ahead of its tick the timer is set.
     lead: Lead,
-    /// Time that must be left for a rehearsal to begin: what the longest one needed, slowly forgotten [ns].
+    /// Time that must be left for a rehearsal to begin: what all but one in fifty take [ns].
     rehearsal_ns: u64,
     rehearsals: u64,
     previous_busy_ns: u64,
@@ -263,17 +264,19 @@ impl<'a> PlantProcess<'a> {
     fn wait_for_tick(&mut self, tick: u64, last_tick: u64, grid: Grid) -> Result<Waking, Error> {
         let begin_ns = grid.begin_of(tick);
         // Where the tick before took longer than until then, no timer is set, and none is late.
-        let asked_ns = begin_ns.saturating_sub(self.lead.lead_ns).max(now_ns().min(begin_ns));
+        let asked_ns = begin_ns.saturating_sub(self.lead.lead_ns).max(now_ns());
         let mut now = wait_until(asked_ns);
         let timer_late_ns = now - asked_ns;
         if self.lead.rehearsal_ns > 0 && tick <= last_tick {
-            self.rehearsal_ns -= self.rehearsal_ns / FORGOTTEN;
+            self.rehearsal_ns -= self.rehearsal_ns / SHRINKS_BY;
             if now + self.rehearsal_ns <= begin_ns {
                 // Commands that are there are taken in any case: now, and once more when the tick begins.
                 self.take_command(tick, Pace::Realtime(grid))?;
                 self.rehearse(tick)?;
-                let took_ns = now_ns() - now;
-                self.rehearsal_ns = self.rehearsal_ns.max(took_ns.min(self.lead.lead_ns));
+                if now_ns() - now > self.rehearsal_ns {
+                    let longer_ns = self.rehearsal_ns + self.rehearsal_ns / GROWS_BY;
+                    self.rehearsal_ns = longer_ns.min(self.lead.lead_ns);
+                }
             }
         }
         while now < begin_ns {

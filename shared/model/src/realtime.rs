@@ -35,6 +35,9 @@ pub struct RealtimeSettings {
     pub rehearse: bool,
 }
 
+/// Longest lead [ns]: the clock is read all the while, by a process that nothing on its processor interrupts.
+pub const LONGEST_LEAD_NS: u64 = 5_000_000;
+
 /// How far ahead of its tick the plant's timer is to be set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeadSetting {

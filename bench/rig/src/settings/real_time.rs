@@ -2,15 +2,12 @@
 
 use machine::{Machine, cpu_list};
 use model::boards::LOCKSTEP;
-use model::realtime::{LeadSetting, RealtimeMode, RealtimeSettings};
+use model::realtime::{LONGEST_LEAD_NS, LeadSetting, RealtimeMode, RealtimeSettings};
 use serde::{Deserialize, Serialize};
 use toml::Value;
 
 use super::{PaceName, Settings};
 use failure::Failure;
-
-/// Longest lead [ns]: the clock is read all the while, by a process that nothing on its processor interrupts.
-const LONGEST_LEAD_NS: u64 = 5_000_000;
 
 /// Real time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

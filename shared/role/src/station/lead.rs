@@ -6,7 +6,7 @@
 //! all loops there: between their arming and t_0, in ticks of the flight's length that are only rehearsed.
 
 use model::grid::Grid;
-use model::realtime::{Lead, LeadSetting, RealtimeSettings};
+use model::realtime::{LONGEST_LEAD_NS, Lead, LeadSetting, RealtimeSettings};
 use wire::clock::{now_ns, sleep_until};
 use wire::error::Error;
 
@@ -77,8 +77,8 @@ fn automatic(timer_p90_ns: u64, rehearsal_ns: u64, period_ns: u64) -> Lead {
 }
 
 /// The longest automatic lead [ns].
-const fn most(period_ns: u64) -> u64 {
-    period_ns * MOST_PERCENT / 100
+fn most(period_ns: u64) -> u64 {
+    (period_ns * MOST_PERCENT / 100).min(LONGEST_LEAD_NS)
 }
 
 /// The smallest value that `percent` of all do not exceed; 0 of none.
