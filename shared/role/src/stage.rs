@@ -209,23 +209,16 @@ impl SignsOfLife {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::grid::Grid;
-
-    const GRID: Grid = Grid { t0_ns: 1_000_000, period_ns: 1_000 };
-
-    fn at(tick: u64, offset: u64) -> u64 {
-        GRID.begin_of(tick) + offset
-    }
 
     #[test]
     fn a_plant_that_is_silent_is_looked_after_ten_times_a_second() {
-        let mut signs = SignsOfLife::new(at(0, 0));
+        let mut signs = SignsOfLife::new(0);
         let looks = |signs: &mut SignsOfLife, from_ms: u64, to_ms: u64| {
-            (from_ms..to_ms).filter(|ms| signs.look_is_due(at(0, ms * 1_000_000))).count()
+            (from_ms..to_ms).filter(|ms| signs.look_is_due(ms * 1_000_000)).count()
         };
         assert_eq!(looks(&mut signs, 0, 1001), 0, "within a second it may be late");
         assert_eq!(looks(&mut signs, 1001, 3001), 20);
-        signs.heard(at(0, 3_001_000_000));
+        signs.heard(3_001_000_000);
         assert_eq!(looks(&mut signs, 3001, 4002), 0);
     }
 }
