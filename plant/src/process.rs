@@ -12,9 +12,9 @@ use model::envelope::{Envelope, Stamps};
 use model::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use model::grid::{Grid, Pace};
 use model::messages::{Dated, RotorSpeeds, State};
-use model::realtime::Lead;
 use model::role::Role;
 use role::farewell::say_landed;
+use role::lead::LeadInForce;
 use role::rt::UsageMeter;
 use role::station::{Opened, Station};
 use wire::clock::{Horizon as _, now_ns, sleep_until};
@@ -30,11 +30,6 @@ use crate::swap::{AppliedSwap, Swap};
 const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
 /// In lockstep, how often the plant looks up while it waits for the recorder, which rings nobody [ns].
 const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
-
-/// The time that a rehearsal is given grows by this part of it when one took longer, and shrinks by the next part in
-/// every tick: so one in fifty takes longer.
-const GROWS_BY: u64 = 16;
-const SHRINKS_BY: u64 = 50 * GROWS_BY;
 
 /// Runs the plant until its last tick, a signal, or the end of what the model covers.
 ///
@@ -75,11 +70,7 @@ pub struct PlantProcess<'a> {
     in_force: Board<InForce>,
     orders: Consumer<'a, SwapRequest>,
     events: Producer<'a, Event>,
-    /// How far ahead of its tick the timer is set.
-    lead: Lead,
-    /// Time that must be left for a rehearsal to begin: what all but one in fifty take [ns].
-    rehearsal_ns: u64,
-    rehearsals: u64,
+    lead: LeadInForce,
     previous_busy_ns: u64,
     ticks_run: u64,
 }
@@ -113,9 +104,7 @@ impl<'a> PlantProcess<'a> {
             in_force,
             orders,
             events,
-            lead: Lead::default(),
-            rehearsal_ns: 0,
-            rehearsals: 0,
+            lead: LeadInForce::none(),
             previous_busy_ns: 0,
             ticks_run: 0,
         })
@@ -142,7 +131,7 @@ impl<'a> PlantProcess<'a> {
         let lead = station.choose_lead(&mut opened, || self.rehearse(0));
         let meter = UsageMeter::start();
         let flown = lead.and_then(|lead| {
-            (self.lead, self.rehearsal_ns) = (lead, lead.rehearsal_ns);
+            self.lead = lead;
             self.fly(station, &mut opened, plan.last_tick)
         });
         let ending = *flown.as_ref().unwrap_or(&Ending::Failed);
@@ -169,7 +158,7 @@ impl<'a> PlantProcess<'a> {
                     (grid.tick_at(waking.wake_ns).max(next_tick), waking)
                 }
                 Pace::Lockstep => match self.wait_for_command(next_tick, station, opened)? {
-                    Some(wake_ns) => (next_tick, Waking { wake_ns, timer_late_ns: 0 }),
+                    Some(wake_ns) => (next_tick, Waking { wake_ns, lead_ns: 0, timer_late_ns: 0 }),
                     None => return Ok(opened.wanted_end().unwrap_or(Ending::Interrupted)),
                 },
             };
@@ -187,7 +176,6 @@ impl<'a> PlantProcess<'a> {
             self.report(&worked.state, &mut opened.run);
             opened.board.put(opened.run);
             station.status.ticks_run = self.ticks_run;
-            station.status.rehearsals = self.rehearsals;
             station.status.ticks_skipped = worked.state.ticks_skipped;
             station.status.rejections = *self.commands.rejections();
             station.publish_status();
@@ -243,14 +231,14 @@ impl<'a> PlantProcess<'a> {
     /// Those of the port.
     pub fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
         let state = self.plant.state();
-        let waking = Waking { wake_ns: now_ns(), timer_late_ns: 0 };
-        self.rehearsals += u64::from(tick > 0);
+        let waking = Waking { wake_ns: now_ns(), lead_ns: 0, timer_late_ns: 0 };
         self.states.rehearse(tick, &self.history(waking, &state), state)
     }
 
     fn history(&self, waking: Waking, state: &State) -> Envelope {
         let mut history = Envelope {
             sample_ns: waking.wake_ns,
+            lead_ns: waking.lead_ns,
             timer_late_ns: waking.timer_late_ns,
             parameter_epoch: state.parameter_epoch,
             previous_busy_ns: self.previous_busy_ns,
@@ -262,27 +250,23 @@ impl<'a> PlantProcess<'a> {
 
     /// Sleeps until the lead before a tick, rehearses if there is time, and reads the clock until the tick begins.
     fn wait_for_tick(&mut self, tick: u64, last_tick: u64, grid: Grid) -> Result<Waking, Error> {
-        let begin_ns = grid.begin_of(tick);
+        let (begin_ns, lead_ns) = (grid.begin_of(tick), self.lead.lead_ns());
         // Where the tick before took longer than until then, no timer is set, and none is late.
-        let asked_ns = begin_ns.saturating_sub(self.lead.lead_ns).max(now_ns());
+        let asked_ns = begin_ns.saturating_sub(lead_ns).max(now_ns());
         let mut now = wait_until(asked_ns);
         let timer_late_ns = now - asked_ns;
-        if self.lead.rehearsal_ns > 0 && tick <= last_tick {
-            self.rehearsal_ns -= self.rehearsal_ns / SHRINKS_BY;
-            if now + self.rehearsal_ns <= begin_ns {
-                // Commands that are there are taken in any case: now, and once more when the tick begins.
-                self.take_command(tick, Pace::Realtime(grid))?;
-                self.rehearse(tick)?;
-                if now_ns() - now > self.rehearsal_ns {
-                    let longer_ns = self.rehearsal_ns + self.rehearsal_ns / GROWS_BY;
-                    self.rehearsal_ns = longer_ns.min(self.lead.lead_ns);
-                }
-            }
+        let mut rehearsal_ns = 0;
+        if tick <= last_tick && self.lead.allows_rehearsal(begin_ns.saturating_sub(now)) {
+            // Commands that are there are taken in any case: now, and once more when the tick begins.
+            self.take_command(tick, Pace::Realtime(grid))?;
+            self.rehearse(tick)?;
+            rehearsal_ns = now_ns() - now;
         }
+        self.lead.follow(timer_late_ns, rehearsal_ns);
         while now < begin_ns {
             now = now_ns();
         }
-        Ok(Waking { wake_ns: now, timer_late_ns })
+        Ok(Waking { wake_ns: now, lead_ns, timer_late_ns })
     }
 
     /// Offers every command that has come since the last look.
@@ -358,6 +342,8 @@ impl<'a> PlantProcess<'a> {
 pub struct Waking {
     /// When it began the tick [ns].
     pub wake_ns: u64,
+    /// How far ahead of the tick its timer was to be set [ns].
+    pub lead_ns: u64,
     /// How late the kernel woke it, after the instant that its timer was set to [ns].
     pub timer_late_ns: u64,
 }

@@ -15,6 +15,7 @@ pub mod finding;
 pub mod host;
 pub mod json;
 pub mod junit;
+pub mod lead;
 pub mod losses;
 pub mod page;
 pub mod plot;

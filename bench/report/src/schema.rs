@@ -9,6 +9,7 @@ use crate::autopsy;
 use crate::beside::Beside;
 use crate::finding::Diagnosis;
 use crate::host::{Host, InterruptSection, Steal};
+use crate::lead::LeadSection;
 use crate::speed::Speed;
 use crate::status::FlightStatus;
 use crate::tally::distribution::{Bucket, Distribution};
@@ -316,22 +317,6 @@ pub struct RtStep {
     pub granted: bool,
     /// Why not.
     pub refused: Option<String>,
-}
-
-/// The lead of the plant's timer.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct LeadSection {
-    /// How far ahead of its tick the timer is set [us]; 0 is at the tick.
-    pub lead_us: f64,
-    /// 90th percentile of what a rehearsal took before take-off [us]; 0 where none is held.
-    pub rehearsal_us: f64,
-    /// 90th percentile of the timer's lateness, measured before take-off [us]; 0 where it was not.
-    pub timer_p90_us: f64,
-    /// Ticks after the first that the mixer, the last of the chain, rehearsed.
-    pub rehearsals: u64,
-    /// From the timer's waking to the beginning of the tick, rehearsals among it: share of the loops' processor [%].
-    pub processor_percent: f64,
 }
 
 /// The recorder's own losses.

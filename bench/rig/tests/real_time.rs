@@ -151,7 +151,7 @@ impl<'a> Crew<'a> {
         let tick = self.next_tick;
         self.next_tick += 1;
         let before = thread_allocations();
-        let waking = Waking { wake_ns: now_ns(), timer_late_ns: 0 };
+        let waking = Waking { wake_ns: now_ns(), lead_ns: 0, timer_late_ns: 0 };
         let worked = self.plant.tick(tick, waking, self.pace).unwrap();
         let plant = thread_allocations() - before;
         assert!(worked.envelope.is_ok());

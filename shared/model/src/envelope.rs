@@ -40,6 +40,8 @@ pub struct Envelope {
     pub parameter_epoch: u64,
     /// When the plant sampled the state that it all goes back to [ns].
     pub sample_ns: u64,
+    /// How far ahead of the tick the plant's timer was to be set [ns].
+    pub lead_ns: u64,
     /// How late the kernel woke the plant, after the instant that its timer was set to [ns].
     pub timer_late_ns: u64,
     /// Tick of the newest state, set-point and wrench used; [`NO_TICK`] where none was.
@@ -63,6 +65,7 @@ impl Envelope {
             tick: NO_TICK,
             parameter_epoch: 0,
             sample_ns: 0,
+            lead_ns: 0,
             timer_late_ns: 0,
             input_tick: [NO_TICK; 3],
             previous_busy_ns: 0,
@@ -133,6 +136,7 @@ layout!(Envelope {
     tick,
     parameter_epoch,
     sample_ns,
+    lead_ns,
     timer_late_ns,
     input_tick,
     previous_busy_ns,

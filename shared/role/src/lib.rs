@@ -4,7 +4,9 @@
 
 pub mod farewell;
 pub mod launcher;
+pub mod lead;
 mod patience;
+pub mod quantile;
 pub mod rt;
 pub mod shell;
 pub mod signals;

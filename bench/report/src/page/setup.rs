@@ -6,7 +6,6 @@ use model::role::STAGES;
 use crate::losses;
 use crate::page::parts::{self, cell, table};
 use crate::schema::{Report, RoleSection};
-use crate::text::lead;
 
 /// The section.
 pub fn section(report: &Report) -> Markup {
@@ -16,7 +15,7 @@ pub fn section(report: &Report) -> Markup {
         (rejections(report))
         h3 { "Real time, asked and granted" }
         (realtime(report))
-        p { (lead(report)) }
+        p { (report.lead.text(report.ticks.run)) }
         div.columns {
             div { h3 { "Machine" } (machine(report)) }
             div { h3 { "Recorder" } (recorder(report)) }

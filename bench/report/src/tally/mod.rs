@@ -3,6 +3,7 @@
 pub mod deadlines;
 pub mod distribution;
 mod flight;
+mod lead;
 pub mod series;
 pub mod theorem;
 mod timing;
@@ -21,6 +22,7 @@ use crate::autopsy::Autopsy;
 use crate::schema;
 use crate::tally::deadlines::{Deadlines, LateCommands, MissRuns};
 use crate::tally::flight::FlightTally;
+use crate::tally::lead::LeadTally;
 use crate::tally::series::SeriesSet;
 use crate::tally::theorem::TheoremTally;
 use crate::tally::timing::{StampedCommand, StampedPassage};
@@ -49,10 +51,7 @@ pub struct Tally {
     pub autopsy: Option<Autopsy>,
     /// Misses by the stamps.
     pub late_commands: LateCommands,
-    /// How far ahead of a tick the plant's timer is set [ns].
-    pub lead_ns: u64,
-    /// What the plant had left of it when it woke, over all ticks [ns].
-    lead_left_ns: u64,
+    leads: LeadTally,
     /// States seen.
     pub states: u64,
     last_wake: [Option<(u64, u64)>; 4],
@@ -126,8 +125,7 @@ impl Tally {
             autopsy: None,
             late_commands: LateCommands::default(),
             tracer: Tracer::new(tracking),
-            lead_ns: 0,
-            lead_left_ns: 0,
+            leads: LeadTally::new()?,
             states: 0,
             last_wake: [None; 4],
             passages: VecDeque::new(),
@@ -187,7 +185,7 @@ impl Tally {
             self.miss_runs = MissRuns::joining(state.deadlines_missed, state.deadline_miss_run);
         }
         self.states += 1;
-        self.timer(message.envelope.timer_late_ns);
+        self.timer(message.envelope.lead_ns, message.envelope.timer_late_ns);
         if unseen {
             self.miss_runs.unseen(state.deadlines_missed, state.deadline_miss_run);
         }

@@ -12,7 +12,7 @@ use model::realtime::Lead;
 use model::role::{Role, STAGES};
 use model::topic::Topic;
 
-use crate::schema;
+use crate::lead::LeadSection;
 use crate::tally::Tally;
 use crate::tally::deadlines::{DeadlineOutcome, LateCommands};
 use crate::tally::series::{Series, SeriesSet};
@@ -67,26 +67,19 @@ impl Tally {
         }
     }
 
-    /// How late the kernel woke the plant for a tick; what it left of the lead was waited out.
-    pub(super) fn timer(&mut self, late_ns: u64) {
+    /// How far ahead of a tick the plant's timer was to be set, and how late the kernel woke it.
+    pub(super) fn timer(&mut self, lead_ns: u64, late_ns: u64) {
         if self.grid.is_some() {
             self.series.record(Series::Timer, late_ns);
-            self.lead_left_ns += self.lead_ns.saturating_sub(late_ns);
+            self.leads.take(lead_ns, late_ns);
         }
     }
 
-    /// The lead, and what waiting for the ticks cost of the time that the flight took.
+    /// The lead, at take-off and in flight, and what waiting for the ticks cost of the time that the flight took.
     #[must_use]
-    pub fn lead(&self, lead: &Lead, rehearsals: u64) -> schema::LeadSection {
-        let us = |ns: u64| ns as f64 / 1e3;
+    pub fn lead(&self, at_take_off: &Lead, rehearsals: u64) -> LeadSection {
         let flown_ns = self.grid.map_or(0, |grid| self.states * grid.period_ns);
-        schema::LeadSection {
-            lead_us: us(lead.lead_ns),
-            rehearsal_us: us(lead.rehearsal_ns),
-            timer_p90_us: us(lead.timer_p90_ns),
-            rehearsals,
-            processor_percent: 100.0 * self.lead_left_ns as f64 / flown_ns.max(1) as f64,
-        }
+        self.leads.section(at_take_off, rehearsals, flown_ns)
     }
 
     /// A stage's stamps in a message of its own.
@@ -219,16 +212,17 @@ mod tests {
     fn what_a_timer_leaves_of_its_lead_is_waited_out_and_paid_for() {
         let grid = Grid { t0_ns: 1_000_000_000, period_ns: 1_000_000 };
         let mut tally = Tally::new(Pace::Realtime(grid), grid.t0_ns, Tracking::of(Trajectory::Hover, 1e-3)).unwrap();
-        tally.lead_ns = 100_000;
-        for (tick, timer_late_ns) in (0..).zip([20_000, 60_000, 300_000, 20_000]) {
-            let sample_ns = grid.begin_of(tick) + if timer_late_ns > 100_000 { 200_000 } else { 0 };
-            let envelope = Envelope { tick, seq: tick, sample_ns, timer_late_ns, ..Envelope::new() };
+        let ticks = [(100_000, 20_000), (110_000, 60_000), (90_000, 300_000), (100_000, 30_000)];
+        for (tick, (lead_ns, timer_late_ns)) in (0..).zip(ticks) {
+            let sample_ns = grid.begin_of(tick) + if timer_late_ns > lead_ns { 210_000 } else { 0 };
+            let envelope = Envelope { tick, seq: tick, sample_ns, lead_ns, timer_late_ns, ..Envelope::new() };
             tally.state(&Message { envelope, content: State::default() });
         }
         let timer = tally.series.flight(Series::Timer).unwrap();
         assert_eq!((timer.len(), timer.count_between(290_000, 310_000)), (4, 1), "also one that came after its tick");
         let lead = tally.lead(&Lead { lead_ns: 100_000, rehearsal_ns: 40_000, timer_p90_ns: 30_000 }, 3);
         assert_eq!((lead.lead_us, lead.rehearsal_us, lead.timer_p90_us, lead.rehearsals), (100.0, 40.0, 30.0, 3));
-        assert!((lead.processor_percent - 5.0).abs() < 1e-9, "80 + 40 + 0 + 80 us of 4 ms: {lead:?}");
+        assert_eq!([lead.least_us, lead.median_us, lead.most_us].map(f64::round), [90.0, 100.0, 110.0]);
+        assert!((lead.processor_percent - 5.0).abs() < 1e-9, "80 + 50 + 0 + 70 us of 4 ms: {lead:?}");
     }
 }

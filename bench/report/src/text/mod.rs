@@ -301,29 +301,9 @@ fn roles(out: &mut String, report: &Report) -> Written {
     for (name, role) in report.roles.iter().filter(|(name, _)| *name != "record") {
         writeln!(out, "  {name:<9} {}", grants(role))?;
     }
-    writeln!(out, "{}", lead(report))?;
+    writeln!(out, "{}", report.lead.text(report.ticks.run))?;
     out.write_str(&report.interrupts.text(report.ticks.run))?;
     Ok(())
-}
-
-/// How far ahead of its tick the plant's timer is set, why, and at what price.
-#[must_use]
-pub fn lead(report: &Report) -> String {
-    let lead = &report.lead;
-    if lead.lead_us == 0.0 {
-        return "Lead none: the plant's timer is set to the beginning of the tick".into();
-    }
-    let (rehearsal, rehearsed) = if lead.rehearsal_us > 0.0 {
-        let of = format!("; rehearsed {} of {} ticks", lead.rehearsals, report.ticks.run);
-        (format!(", rehearsal p90 {:.0} us", lead.rehearsal_us), of)
-    } else {
-        (String::new(), "; no rehearsals".into())
-    };
-    format!(
-        "Lead {:.0} us before the tick (before take-off: timer p90 {:.0} us{rehearsal}){rehearsed}; it took {:.1} % of the \
-         loops' processor",
-        lead.lead_us, lead.timer_p90_us, lead.processor_percent
-    )
 }
 
 fn grants(role: &RoleSection) -> String {

@@ -216,9 +216,9 @@ fn ring_beside(
     ring::measure(&ring::RingSettings { rehearsal, ..settings }, hangar.executable())
 }
 
-/// As the flight's lead was, where it had rehearsals.
+/// As the flight's lead was in the median, where it had rehearsals.
 fn rehearsal_of(report: &Report) -> Option<ring::RingRehearsal> {
-    let [lead_ns, needs_ns] = [report.lead.lead_us, report.lead.rehearsal_us].map(|us| (us * 1e3) as u64);
+    let [lead_ns, needs_ns] = [report.lead.median_us, report.lead.rehearsal_us].map(|us| (us * 1e3) as u64);
     (needs_ns > 0).then_some(ring::RingRehearsal { lead_ns, needs_ns })
 }
 

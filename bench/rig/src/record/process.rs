@@ -297,7 +297,6 @@ impl<'a> Recorder<'a> {
 
     fn drain(&mut self, ports: &mut Ports, armed: &Armed) -> Result<(), Failure> {
         let horizon = horizon(armed.pace, || armed.run.get());
-        self.tally.lead_ns = armed.run.get().lead.lead_ns;
         let (tally, joiner) = (&mut self.tally, &mut self.joiner);
         let mut log = |entry| self.log.as_mut().map_or((), |log| log.take(entry));
         let (relays, mut relayed) = (&self.relays, Ok(()));

@@ -1,12 +1,14 @@
-//! The lead: how far ahead of its tick the plant's timer is set.
+//! The measurement before take-off that gives the lead with which a flight begins.
 //!
 //! A timer of the kernel is late by some microseconds, and now and then by many. Set ahead by more than that, it wakes
 //! the plant before the tick in all but a few cases. The plant rehearses in the time that is left, and reads the clock until
-//! the tick begins. This file chooses the lead. It measures this machine for that, on the processor of the loops, with
-//! all loops there: between their arming and t_0, in ticks of the flight's length that are only rehearsed.
+//! the tick begins. How late timers are on this machine, and how long a rehearsal takes, is measured on the processor of
+//! the loops, with all loops there: between their arming and t_0, in ticks of the flight's length that are only rehearsed.
+//! [`crate::lead`] knows what follows from it.
 
+use crate::lead::{automatic, most};
 use model::grid::Grid;
-use model::realtime::{LONGEST_LEAD_NS, Lead, LeadSetting, RealtimeSettings};
+use model::realtime::{Lead, LeadSetting, RealtimeSettings};
 use wire::clock::{now_ns, sleep_until};
 use wire::error::Error;
 
@@ -14,18 +16,8 @@ use wire::error::Error;
 const IN_LOOPS_NS: u64 = 6_000_000;
 /// Longest time between two measurements [ns]: of a slower flight there would be too few.
 const EVERY_NS: u64 = 10_000_000;
-/// An automatic lead covers so many times the lateness that one timer in ten exceeds.
-///
-/// Of the hundred and some that are measured, this quantile is one that a host which stalls now and then does not bend.
-const TIMERS: u64 = 3;
-/// And so many times what one rehearsal in ten exceeds, because few of those in flight shall find too little time left.
-const REHEARSALS: u64 = 2;
-/// Added to what was measured, so that the plant reads the clock at least so long [ns].
-const MARGIN_NS: u64 = 10_000;
-/// Share of the period that an automatic lead takes at most [%].
-const MOST_PERCENT: u64 = 25;
 
-/// Chooses the lead of a flight that begins at `grid.t0_ns`, and returns before then.
+/// Chooses the lead at the take-off of a flight that begins at `grid.t0_ns`, and returns before then.
 ///
 /// `rehearse` has all stages rehearse, and returns when they have.
 ///
@@ -65,26 +57,6 @@ pub fn choose(
         LeadSetting::Fixed(lead_ns) => Lead { lead_ns, rehearsal_ns, timer_p90_ns },
         LeadSetting::Auto => automatic(timer_p90_ns, rehearsal_ns, grid.period_ns),
     })
-}
-
-/// Long enough for a rehearsal as nine in ten need it, after a timer that is late as few are; without rehearsals where
-/// they do not fit. None where nothing was measured.
-fn automatic(timer_p90_ns: u64, rehearsal_ns: u64, period_ns: u64) -> Lead {
-    if timer_p90_ns == 0 {
-        return Lead::default();
-    }
-    let most_ns = most(period_ns);
-    let rehearsal_ns = if rehearsal_ns < most_ns { rehearsal_ns } else { 0 };
-    Lead {
-        lead_ns: (TIMERS * timer_p90_ns + REHEARSALS * rehearsal_ns + MARGIN_NS).min(most_ns),
-        rehearsal_ns,
-        timer_p90_ns,
-    }
-}
-
-/// The longest automatic lead [ns].
-fn most(period_ns: u64) -> u64 {
-    (period_ns * MOST_PERCENT / 100).min(LONGEST_LEAD_NS)
 }
 
 /// The smallest value that `percent` of all do not exceed; 0 of none.
@@ -132,18 +104,6 @@ mod tests {
         let fixed = fixed.unwrap();
         assert_eq!((fixed.lead_ns, fixed.rehearsal_ns), (70_000, 0), "one that is set is kept, and nobody rehearses");
         assert!(fixed.timer_p90_ns > 0, "the report says what it stands beside");
-    }
-
-    #[test]
-    fn an_automatic_lead_covers_late_timers_and_a_rehearsal_and_leaves_most_of_the_tick() {
-        let chosen = |timer, rehearsal, period| {
-            let Lead { lead_ns, rehearsal_ns, .. } = automatic(timer, rehearsal, period);
-            (lead_ns, rehearsal_ns)
-        };
-        assert_eq!(chosen(30_000, 35_000, 1_000_000), (170_000, 35_000));
-        assert_eq!(chosen(2_000_000, 35_000, 1_000_000), (250_000, 35_000));
-        assert_eq!(chosen(10_000, 70_000, 250_000), (40_000, 0), "rehearsals that do not fit are none");
-        assert_eq!(automatic(0, 0, 1_000_000), Lead::default(), "a machine that stalled has measured nothing");
     }
 
     #[test]

@@ -9,13 +9,14 @@
 use std::thread::sleep;
 
 use super::{LOOK_EVERY, Station, lead, status_board, wall_ns};
+use crate::lead::LeadInForce;
 use crate::patience::Patience;
 use crate::rt::{Engaged, settle};
 use model::boards::{Ending, RUN, RolePhase, Run, RunPhase, SETTINGS, SETTINGS_MAX, SettingsText, Status};
 use model::flight_plan::FlightPlan;
 use model::grid::Pace;
 use model::inspection::Expected;
-use model::realtime::{Lead, RealtimeStep};
+use model::realtime::RealtimeStep;
 use model::role::{ROLES, Role};
 use wire::clock::now_ns;
 use wire::error::Error;
@@ -60,16 +61,20 @@ impl Opened {
 }
 
 impl Station {
-    /// Chooses the lead of a run that was opened, and writes it on the board.
+    /// Chooses the lead with which a run that was opened begins, and writes it on the board.
     ///
     /// # Errors
     /// Those of `rehearse`, which has all stages rehearse, and returns when they have.
-    pub fn choose_lead(&self, opened: &mut Opened, rehearse: impl FnMut() -> Result<(), Error>) -> Result<Lead, Error> {
-        if let Pace::Realtime(grid) = opened.pace {
-            opened.run.lead = lead::choose(&self.orders.rt, opened.is_fifo, &grid, rehearse)?;
-            opened.board.put(opened.run);
-        }
-        Ok(opened.run.lead)
+    pub fn choose_lead(
+        &self,
+        opened: &mut Opened,
+        rehearse: impl FnMut() -> Result<(), Error>,
+    ) -> Result<LeadInForce, Error> {
+        let Pace::Realtime(grid) = opened.pace else { return Ok(LeadInForce::none()) };
+        let settings = &self.orders.rt;
+        opened.run.lead = lead::choose(settings, opened.is_fifo, &grid, rehearse)?;
+        opened.board.put(opened.run);
+        Ok(LeadInForce::new(&opened.run.lead, settings.lead, grid.period_ns))
     }
 
     /// Opens a run: waits until every role is ready, announces t_0, and waits until all have armed for it.
