@@ -117,7 +117,7 @@ pub struct Run {
     pub deadline_miss_run: u64,
     /// Parameter swaps applied.
     pub parameter_epoch: u64,
-    /// How far ahead of a tick the plant's timer is set.
+    /// How far ahead of a tick the plant's timer was set at take-off.
     pub lead: Lead,
 }
 layout!(Run {
@@ -233,7 +233,7 @@ pub struct Status {
     pub ticks_skipped: u64,
     /// Ticks that it worked with an input that was not of the tick.
     pub ticks_stale: u64,
-    /// Ticks that it rehearsed, but those before take-off.
+    /// Ticks after the first that it rehearsed, so none before take-off; 0 of the plant, which calls for them.
     pub rehearsals: u64,
     /// Messages that did not pass inspection.
     pub rejections: Rejections,

@@ -41,13 +41,16 @@ pub const LONGEST_LEAD_NS: u64 = 5_000_000;
 /// How far ahead of its tick the plant's timer is to be set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeadSetting {
-    /// As far as a measurement before take-off says, where SCHED_FIFO is granted; else not at all.
+    /// As far as a measurement before take-off says, and then as the flight shows, where SCHED_FIFO is granted; else not
+    /// at all.
     Auto,
     /// So far [ns]; 0 is not at all.
     Fixed(u64),
 }
 
-/// The lead of a flight: how far ahead of a tick its timer is set, and what the time is used for.
+/// The lead at take-off: how far ahead of a tick the timer is set, and what the time is used for.
+///
+/// Every state's envelope says how far ahead it was set for its tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub struct Lead {

@@ -21,8 +21,8 @@ pub struct RtArgs {
     pub cpu: Option<u16>,
     /// How far ahead of its tick the plant's timer is set: microseconds, or auto [default: auto].
     ///
-    /// The plant waits out the rest by reading the clock. auto measures this machine before take-off; without SCHED_FIFO
-    /// it is 0, which is no lead.
+    /// The plant waits out the rest by reading the clock. auto measures this machine before take-off, and follows the
+    /// flight; without SCHED_FIFO it is 0, which is no lead.
     #[arg(long, value_name = "US", allow_hyphen_values = true, value_parser = values::lead)]
     pub lead: Option<LeadArg>,
     /// Whether the stages rehearse their tick in the lead [default: true].
