@@ -209,6 +209,9 @@ fn change(entry: &mut LogEntry, field: &str) {
         LogEntry::RotorSpeeds(message) if field == "rotor_speeds.saturated" && message.envelope.tick == 90 => {
             message.content.saturated ^= 1;
         }
+        LogEntry::Theorem(message) if field == "theorem.v_th" && message.envelope.tick == 90 => {
+            flip(&mut message.content.v_th);
+        }
         LogEntry::Swap(message) if field == "swaps.old[0]" && message.envelope.tick == 60 => {
             flip(&mut message.content.old[0]);
         }
@@ -227,6 +230,7 @@ fn a_changed_value_with_whole_checksums_diverges_at_its_tick_stage_and_field() {
         ("outer", "setpoint.thrust_n"),
         ("inner", "wrench.torque_b_nm[2]"),
         ("mixer", "rotor_speeds.saturated"),
+        ("record", "theorem.v_th"),
         ("plant", "swaps.old[0]"),
     ] {
         rewrite(&path, &changed, NOISY, |entry| {
