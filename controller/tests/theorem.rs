@@ -10,6 +10,7 @@ use model::messages::{Dated, Setpoint, State, Truth, Wrench};
 use model::monitor::{Cause, Monitor};
 use model::parameters::{Airframe, PARAMETERS, Parameter};
 use model::rate_dynamics::disturbance;
+use model::topic::Topic as _;
 use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -187,7 +188,7 @@ fn a_truth_beyond_numbers_is_a_violation_and_never_an_infinite_wrench() {
     for tick in 0..30 {
         let parameter = if tick == 20 { [1e300; PARAMETERS] } else { *Airframe::nominal().values() };
         last = watched.tick(tick, &state(tick, parameter));
-        assert!(last.is_finite(), "{last:?}");
+        assert!(last.finite(), "{last:?}");
     }
     assert!(last.violations[Cause::Unexplained as usize] > 0);
 }

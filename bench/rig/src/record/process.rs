@@ -221,7 +221,7 @@ impl<'a> Recorder<'a> {
             self.drain(ports, armed)?;
         }
         while let Some((wrench, state)) = self.pairs.rest() {
-            self.watch(&wrench, state.as_ref());
+            self.judge(&wrench, state.as_ref());
         }
         self.tally.finish(&run, closed_ns);
         let closed = hlog.close_interval(&mut self.tally.series).and_then(|()| lines.finish());
@@ -350,7 +350,7 @@ impl<'a> Recorder<'a> {
         })?;
         self.note(OBSERVED, relayed.map_err(Failure::from));
         while let Some((wrench, state)) = self.pairs.paired() {
-            self.watch(&wrench, state.as_ref());
+            self.judge(&wrench, state.as_ref());
         }
         while let Some(joined) = self.joiner.settled() {
             self.follow(&joined);
@@ -359,7 +359,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// Says of a wrench what the theorem's monitor finds, on a topic that goes the ways of the others.
-    fn watch(&mut self, wrench: &Message<Wrench>, state: Option<&Dated<State>>) {
+    fn judge(&mut self, wrench: &Message<Wrench>, state: Option<&Dated<State>>) {
         let found = self.theorem.watch(wrench, state);
         match &found {
             Some(message) => {
