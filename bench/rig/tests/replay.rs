@@ -62,7 +62,7 @@ fn a_flight_without_trouble_is_identical_and_every_value_is_compared() {
     let replayed = assert_identical(&path);
     assert_eq!(replayed.summary.ticks, 101);
     let loops = values(&published.setpoints) + values(&published.wrenches) + values(&published.rotor_speeds);
-    assert_eq!(replayed.comparison.values, values(&published.states) + loops);
+    assert_eq!(replayed.comparison.values, values(&published.states) + loops + values(&published.theorem));
     let later = fly_again(&path, 60, true).unwrap();
     assert!(later.is_identical() && later.summary.ticks == 41, "{:?}", later.summary);
     let beyond = fly_again(&path, 102, true).unwrap_err();
