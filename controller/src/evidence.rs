@@ -1,7 +1,7 @@
 //! What the states of a flight say about the unknowns: X, Y, and the weight W of a step that learns from them.
 //!
-//! It is a function of settings and states alone, and no estimate enters it. So the law that learns from it and the
-//! monitor that checks what the law made of it share one, and nothing is computed twice.
+//! It is a function of settings and states alone, and no estimate enters it. So the monitor gets the law's own numbers
+//! from the states that the law had, and needs nothing of the law but its messages.
 
 use model::messages::State;
 use nalgebra::{Matrix3, Vector3};

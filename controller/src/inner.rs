@@ -3,7 +3,7 @@
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
 //! (17)-(22), sampled. The file of each law lists its differences from the paper. This file owns the order within a
 //! tick and the reaction to stale inputs. Rotor limits belong to the mixer. The loop never sees [`State::truth`]; the
-//! monitor beside it does ([`crate::watched`]).
+//! monitor of its messages does ([`crate::monitor`]).
 //!
 //! | input | missing for up to 100 ms: `Held` | longer, or never there: `Fallback` |
 //! |---|---|---|
@@ -78,12 +78,6 @@ impl InnerLoop {
         }
     }
 
-    /// What the states said so far.
-    #[must_use]
-    pub const fn evidence(&self) -> &Evidence {
-        &self.evidence
-    }
-
     /// Runs the filter through the ticks since the last call, on the input that it had.
     fn catch_up(&mut self, tick: u64) {
         let skipped = tick.saturating_sub(self.filter_tick);
@@ -147,7 +141,6 @@ impl InnerLoop {
             estimate: self.theta.into(),
             rate_error_b_rad_s: (at.nu2 - reference.nu2_d).into(),
             mode: mode as u64,
-            ..Wrench::default()
         }
     }
 

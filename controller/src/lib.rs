@@ -4,8 +4,8 @@
 //! flow: a [`Trajectory`] gives the [`Reference`] at the tick. [`OuterLoop`], a PD loop, turns it and the measured
 //! state into the wanted thrust and attitude ([`flatness`]). [`InnerLoop`], which is adaptive, smooths the attitude
 //! ([`command_filter`]), turns it into body rates ([`rate_reference`]), learns I_R, k_r and delta ([`adaptation`]) and
-//! asks for a torque ([`rate_law`]), one tick ahead if configured so ([`predictor`]). [`WatchedLoop`] puts the
-//! theorem's monitor beside it ([`monitor`]).
+//! asks for a torque ([`rate_law`]), one tick ahead if configured so ([`predictor`]). [`TheoremMonitor`] checks what it
+//! has learnt, from messages alone ([`monitor`]).
 //!
 //! Everything here is a pure law: time comes in as a tick, data as [`model::messages`]. A tick uses no port or clock,
 //! allocates nothing and logs nothing. The rotors belong to the mixer, the airframe to the plant.
@@ -27,7 +27,6 @@ pub mod rate_reference;
 pub mod samples;
 pub mod settings;
 pub mod trajectory;
-pub mod watched;
 pub mod weight;
 
 pub use gains::{Gains, Preset};
@@ -36,4 +35,3 @@ pub use monitor::TheoremMonitor;
 pub use outer::OuterLoop;
 pub use settings::{Limits, LoopSettings, SettingsError};
 pub use trajectory::{Reference, Trajectory};
-pub use watched::WatchedLoop;

@@ -1,9 +1,10 @@
 //! The theorem's monitor: checks a law's published estimates against the proof.
 //!
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (18)
-//! and (20)-(22), in the discrete form of docs/paper.md. The monitor knows the settings and sees states, with their
-//! truth, wrenches, and the evidence: X and Y, which follow from the states alone ([`crate::evidence`]). It looks at no
-//! estimate but the published ones, and checks two things at every step:
+//! and (20)-(22), in the discrete form of docs/paper.md. The monitor knows the settings, and sees states, with their
+//! truth, and wrenches. X and Y follow from the states alone ([`crate::evidence`]). It stands beside a flight and not in
+//! its loop: nothing of what it says goes back. It looks at no estimate but the published ones, and checks two things at
+//! every step:
 //!
 //! 1. V_th does not rise. If it does, a broken assumption must explain the rise ([`crate::assumptions`]).
 //! 2. V_th changes by no more than the step owes, allowing for the model's mismatch ([`crate::lyapunov`]). The only
@@ -16,6 +17,7 @@ use std::f64::consts::SQRT_2;
 use model::math::exp;
 use model::messages::{Dated, State, Wrench};
 use model::monitor::{Cause, Monitor};
+use model::topic::Topic as _;
 use nalgebra::Vector3;
 
 use crate::adaptation::{Adaptation, LastTick};
@@ -46,6 +48,8 @@ const LOOK_S: f64 = 0.1;
 #[derive(Clone, Debug)]
 pub struct TheoremMonitor {
     adaptation: Adaptation,
+    /// That of the law, from the same states.
+    evidence: Evidence,
     assumptions: Assumptions,
     excitation: Excitation,
     rate_weight: RateWeight,
@@ -80,6 +84,7 @@ impl TheoremMonitor {
         let period_s = settings.period_s;
         Self {
             adaptation,
+            evidence: Evidence::new(settings),
             assumptions: Assumptions::new(&adaptation, &settings.model),
             excitation: Excitation::new(period_s),
             rate_weight: RateWeight::new(&adaptation),
@@ -95,19 +100,19 @@ impl TheoremMonitor {
         }
     }
 
-    /// Looks at the wrench of a tick, and at the newest state, whatever tick it is of.
+    /// Looks at the wrench of a tick, and at the state that the law made it from, whatever tick that is of.
     ///
-    /// `evidence` has taken the state of this tick, if there was one. Call it once per tick, with rising ticks; ticks
-    /// may be left out.
-    pub fn watch(&mut self, tick: u64, state: &Dated<State>, wrench: &Wrench, evidence: &Evidence) -> &Monitor {
+    /// Call it for every wrench of a law from its first one on, with rising ticks; ticks without a wrench are left out.
+    pub fn watch(&mut self, tick: u64, state: &Dated<State>, wrench: &Wrench) -> &Monitor {
         let swapped = self.assumptions.look(tick, state, wrench);
         let mut now = Monitor { causes: self.assumptions.bits(tick), is_violation: 0, ..self.shown };
         now.ticks_stale += u64::from(self.assumptions.seen_at(Cause::StaleInput, tick));
         if state.tick == tick {
-            self.compare(tick, &state.content, wrench, evidence.at(tick), swapped, &mut now);
+            self.evidence.take(tick, &state.content);
+            self.compare(tick, &state.content, wrench, swapped, &mut now);
         }
         // Beyond any flight: what cannot be computed cannot be proven, and must not ground the loop.
-        if !now.is_finite() {
+        if !now.finite() {
             now = Monitor { causes: now.causes, is_violation: 1, ..self.shown };
             now.violations[Cause::Unexplained as usize] += 1;
         }
@@ -115,15 +120,7 @@ impl TheoremMonitor {
         &self.shown
     }
 
-    fn compare(
-        &mut self,
-        tick: u64,
-        state: &State,
-        wrench: &Wrench,
-        regression: Option<&Regression>,
-        swapped: bool,
-        now: &mut Monitor,
-    ) {
+    fn compare(&mut self, tick: u64, state: &State, wrench: &Wrench, swapped: bool, now: &mut Monitor) {
         let theta = Vector3::from(state.truth.theta());
         let estimate = Vector3::from(wrench.estimate);
         let (error, e) = (estimate - theta, Vector3::from(wrench.rate_error_b_rad_s));
@@ -139,8 +136,8 @@ impl TheoremMonitor {
             now.v_th_start = now.v_th_start.max(now.v_th);
             now.estimate_error_start = error.abs().into();
         }
-        if let Some(regression) = regression {
-            self.step(tick, regression, &theta, &was, swapped, now);
+        if let Some(regression) = self.evidence.at(tick).copied() {
+            self.step(tick, &regression, &theta, &was, swapped, now);
         }
         let is_new = begins || self.assumptions.holds(Cause::LiveSwap, tick);
         if is_new {

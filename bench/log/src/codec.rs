@@ -213,6 +213,7 @@ impl VisitorMut for Decoder<'_> {
 #[cfg(test)]
 mod tests {
     use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+    use model::monitor::Monitor;
     use proptest::prelude::*;
 
     use super::*;
@@ -268,6 +269,7 @@ mod tests {
             comes_back::<Wrench>(seed);
             comes_back::<RotorSpeeds>(seed);
             comes_back::<SwapRecord>(seed);
+            comes_back::<Monitor>(seed);
         }
     }
 

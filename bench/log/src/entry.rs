@@ -2,6 +2,7 @@
 
 use model::envelope::{Envelope, Message};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::monitor::Monitor;
 
 use crate::TOPICS;
 
@@ -22,6 +23,8 @@ pub enum LogEntry {
     RotorSpeeds(Message<RotorSpeeds>),
     /// Topic `swaps`.
     Swap(Message<SwapRecord>),
+    /// Topic `theorem`.
+    Theorem(Message<Monitor>),
 }
 
 impl LogEntry {
@@ -34,6 +37,7 @@ impl LogEntry {
             Self::Wrench(message) => &message.envelope,
             Self::RotorSpeeds(message) => &message.envelope,
             Self::Swap(message) => &message.envelope,
+            Self::Theorem(message) => &message.envelope,
         }
     }
 
@@ -46,6 +50,7 @@ impl LogEntry {
             Self::Wrench(_) => 2,
             Self::RotorSpeeds(_) => 3,
             Self::Swap(_) => 4,
+            Self::Theorem(_) => 5,
         }
     }
 }

@@ -8,6 +8,7 @@
 //! Schemas, units and codec are derived from the layouts of the messages. docs/recording.md describes the file.
 
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::monitor::Monitor;
 use model::topic::Topic;
 
 pub mod build;
@@ -43,8 +44,9 @@ pub fn part_of(file_name: &str) -> Option<u64> {
     (crate::file_name(part) == file_name).then_some(part)
 }
 
-/// Topics of the loop, in the order of the data's way.
-pub const TOPICS: [&str; 5] = [State::NAME, Setpoint::NAME, Wrench::NAME, RotorSpeeds::NAME, SwapRecord::NAME];
+/// Topics of the loop, in the order of the data's way, and those beside it.
+pub const TOPICS: [&str; 6] =
+    [State::NAME, Setpoint::NAME, Wrench::NAME, RotorSpeeds::NAME, SwapRecord::NAME, Monitor::NAME];
 
 #[cfg(test)]
 mod tests {

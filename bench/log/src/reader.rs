@@ -15,6 +15,7 @@ use mcap::records::{Metadata, Record};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use model::envelope::Message;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::monitor::Monitor;
 use model::topic::Topic;
 
 use crate::TOPICS;
@@ -245,6 +246,7 @@ impl LogReader {
             Wrench::NAME => self.know::<Wrench>(channel),
             RotorSpeeds::NAME => self.know::<RotorSpeeds>(channel),
             SwapRecord::NAME => self.know::<SwapRecord>(channel),
+            Monitor::NAME => self.know::<Monitor>(channel),
             _ => Ok(()),
         }
     }
@@ -267,7 +269,8 @@ fn entry(topic: &str, data: &[u8]) -> Option<LogEntry> {
         Setpoint::NAME => LogEntry::Setpoint(decode(data)?),
         Wrench::NAME => LogEntry::Wrench(decode(data)?),
         RotorSpeeds::NAME => LogEntry::RotorSpeeds(decode(data)?),
-        _ => LogEntry::Swap(decode(data)?),
+        SwapRecord::NAME => LogEntry::Swap(decode(data)?),
+        _ => LogEntry::Theorem(decode(data)?),
     })
 }
 

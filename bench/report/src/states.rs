@@ -7,6 +7,7 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+use model::monitor::Monitor;
 
 use crate::tick::TickRecord;
 use crate::tracking::Tracking;
@@ -173,12 +174,14 @@ pub struct Joined {
     pub wrench: Option<Wrench>,
     /// Rotor command of the tick; none where none was published.
     pub rotor_speeds: Option<RotorSpeeds>,
+    /// What is said of the theorem; none where nobody could tell.
+    pub monitor: Option<Monitor>,
 }
 
 impl From<&TickRecord> for Joined {
     fn from(record: &TickRecord) -> Self {
-        let TickRecord { tick, state, setpoint, wrench, rotor_speeds } = *record;
-        Self { tick, state, setpoint, wrench: Some(wrench), rotor_speeds: Some(rotor_speeds) }
+        let TickRecord { tick, state, setpoint, wrench, rotor_speeds, monitor } = *record;
+        Self { tick, state, setpoint, wrench: Some(wrench), rotor_speeds: Some(rotor_speeds), monitor }
     }
 }
 
@@ -203,6 +206,7 @@ struct Parts {
     setpoint: Option<Setpoint>,
     wrench: Option<Wrench>,
     rotor_speeds: Option<RotorSpeeds>,
+    monitor: Option<Monitor>,
 }
 
 /// A message of one topic.
@@ -212,8 +216,8 @@ pub enum LoopMessage {
     State(State),
     /// Topic `setpoint`.
     Setpoint(Setpoint),
-    /// Topic `wrench`.
-    Wrench(Wrench),
+    /// Topic `wrench`, with what topic `theorem` says of it.
+    Wrench(Wrench, Option<Monitor>),
     /// Topic `rotor_speeds`.
     RotorSpeeds(RotorSpeeds),
 }
@@ -227,7 +231,7 @@ impl Joiner {
         let topic = match part {
             LoopMessage::State(_) => 0,
             LoopMessage::Setpoint(_) => 1,
-            LoopMessage::Wrench(_) => 2,
+            LoopMessage::Wrench(..) => 2,
             LoopMessage::RotorSpeeds(_) => 3,
         };
         self.newest[topic] = self.newest[topic].max(Some(tick));
@@ -238,7 +242,7 @@ impl Joiner {
         match part {
             LoopMessage::State(state) => parts.state = Some(state),
             LoopMessage::Setpoint(setpoint) => parts.setpoint = Some(setpoint),
-            LoopMessage::Wrench(wrench) => parts.wrench = Some(wrench),
+            LoopMessage::Wrench(wrench, monitor) => (parts.wrench, parts.monitor) = (Some(wrench), monitor),
             LoopMessage::RotorSpeeds(speeds) => parts.rotor_speeds = Some(speeds),
         }
     }
@@ -274,8 +278,8 @@ impl Joiner {
         let (tick, parts) = self.waiting.pop_first()?;
         self.settled = Some(tick);
         self.incomplete += u64::from(parts.there() != [true; TOPICS]);
-        let Parts { state, setpoint, wrench, rotor_speeds } = parts;
-        state.map(|state| Joined { tick, state, setpoint, wrench, rotor_speeds })
+        let Parts { state, setpoint, wrench, rotor_speeds, monitor } = parts;
+        state.map(|state| Joined { tick, state, setpoint, wrench, rotor_speeds, monitor })
     }
 }
 
@@ -299,7 +303,7 @@ mod tests {
                 match topic {
                     's' => LoopMessage::State(State::default()),
                     'p' => LoopMessage::Setpoint(Setpoint::default()),
-                    'w' => LoopMessage::Wrench(Wrench::default()),
+                    'w' => LoopMessage::Wrench(Wrench::default(), None),
                     _ => LoopMessage::RotorSpeeds(RotorSpeeds::default()),
                 },
             );
@@ -343,7 +347,8 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
         let mut states = StatesWriter::create(file.path(), tracking, 1).unwrap();
-        let joined = Joined { tick: 3, state: State::default(), setpoint: None, wrench: None, rotor_speeds: None };
+        let state = State::default();
+        let joined = Joined { tick: 3, state, setpoint: None, wrench: None, rotor_speeds: None, monitor: None };
         states.write(&joined).unwrap();
         states.flush().unwrap();
         let text = std::fs::read_to_string(file.path()).unwrap();

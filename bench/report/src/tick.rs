@@ -1,6 +1,7 @@
 //! One tick of a flight with every message sent in it.
 
 use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+use model::monitor::Monitor;
 
 /// What the stages told each other at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,4 +16,6 @@ pub struct TickRecord {
     pub wrench: Wrench,
     /// Command that is in force from the next tick on.
     pub rotor_speeds: RotorSpeeds,
+    /// What is said of the theorem, if somebody watches it.
+    pub monitor: Option<Monitor>,
 }

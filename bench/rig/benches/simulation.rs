@@ -1,4 +1,4 @@
-//! How fast the four laws fly in one process: ticks per second, on one core.
+//! How fast the four laws fly in one process, the theorem's monitor beside them: ticks per second, on one core.
 //!
 //! A thousand ticks per second are real time at 1 kHz, so `thrpt` in Kelem/s is the factor over real time.
 
@@ -14,7 +14,8 @@ fn simulate(criterion: &mut Criterion) {
     for preset in ["flight", "paper"] {
         let overrides = vec![("flight.preset", toml::Value::from(preset))];
         let settings = Settings::resolve(None, &overrides).unwrap_or_else(|failure| panic!("{failure}"));
-        let rig = InProcess::of(&settings).unwrap_or_else(|failure| panic!("{failure}"));
+        let controller = settings.controller().unwrap_or_else(|failure| panic!("{failure}"));
+        let rig = InProcess::of(&settings).unwrap_or_else(|failure| panic!("{failure}")).watched(&controller);
         group.bench_function(preset, |bencher| {
             bencher.iter_batched_ref(
                 || rig.clone(),

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use model::envelope::Message;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::monitor::Monitor;
 use model::topic::Topic;
 
 use crate::cli::{ExportArgs, ExportFormat};
@@ -107,6 +108,7 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
             LogEntry::Wrench(message) => writer.work(message),
             LogEntry::RotorSpeeds(message) => writer.work(message),
             LogEntry::Swap(message) => writer.swap(message),
+            LogEntry::Theorem(_) => Ok(()),
         }
         .in_file("write", &path)?;
     };
@@ -175,7 +177,8 @@ fn columns(topic: &str) -> Vec<String> {
         Setpoint::NAME => rows::columns::<Setpoint>(),
         Wrench::NAME => rows::columns::<Wrench>(),
         RotorSpeeds::NAME => rows::columns::<RotorSpeeds>(),
-        _ => rows::columns::<SwapRecord>(),
+        SwapRecord::NAME => rows::columns::<SwapRecord>(),
+        _ => rows::columns::<Monitor>(),
     }
 }
 
@@ -211,6 +214,7 @@ impl Tables {
                 LogEntry::Wrench(message) => self.write(message),
                 LogEntry::RotorSpeeds(message) => self.write(message),
                 LogEntry::Swap(message) => self.write(message),
+                LogEntry::Theorem(message) => self.write(message),
             }?;
         }
         Ok(())

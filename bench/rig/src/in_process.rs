@@ -4,9 +4,10 @@
 //! Four processes that miss no deadline must reproduce this flight bit by bit. It is also the fast one for tests and
 //! campaigns. It allocates nothing after [`InProcess::new`].
 
-use controller::{OuterLoop, WatchedLoop};
+use controller::{InnerLoop, OuterLoop, TheoremMonitor};
 use mixer::Mixer;
 use model::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
+use model::monitor::Monitor;
 use plant::{Departure, Plant};
 
 use crate::settings::Settings;
@@ -19,7 +20,7 @@ use report::tick::TickRecord;
 pub struct InProcess {
     plant: Plant,
     outer: OuterLoop,
-    inner: WatchedLoop,
+    inner: InnerLoop,
     mixer: Mixer,
     state: Dated<State>,
     /// The newest one, as the inner loop would hold it.
@@ -29,6 +30,9 @@ pub struct InProcess {
     /// Tick that is next.
     tick: u64,
     envelope: Result<(), Departure>,
+    /// Beside the laws, where somebody asks for it.
+    theorem: Option<TheoremMonitor>,
+    monitor: Option<Monitor>,
 }
 
 impl InProcess {
@@ -42,7 +46,7 @@ impl InProcess {
         Self {
             plant: Plant::new(plant),
             outer: OuterLoop::new(controller),
-            inner: WatchedLoop::new(controller),
+            inner: InnerLoop::new(controller),
             mixer: Mixer::new(mixer),
             state: Dated { tick: NO_TICK, content: State::default() },
             setpoint: Dated { tick: NO_TICK, content: Setpoint::default() },
@@ -50,6 +54,8 @@ impl InProcess {
             rotor_speeds: RotorSpeeds::default(),
             tick: 0,
             envelope: Ok(()),
+            theorem: None,
+            monitor: None,
         }
     }
 
@@ -65,6 +71,12 @@ impl InProcess {
         Ok(rig)
     }
 
+    /// The same flight with the theorem's monitor beside it, for a controller with these settings.
+    #[must_use]
+    pub fn watched(self, controller: &controller::LoopSettings) -> Self {
+        Self { theorem: Some(TheoremMonitor::new(controller)), ..self }
+    }
+
     /// Flies one tick.
     pub fn tick(&mut self) {
         let tick = self.tick;
@@ -77,6 +89,9 @@ impl InProcess {
         self.rotor_speeds = self.mixer.tick(tick, &self.wrench);
         self.plant.offer(Dated { tick, content: self.rotor_speeds }, tick + 1);
         self.plant.finish();
+        if let Some(theorem) = &mut self.theorem {
+            self.monitor = Some(*theorem.watch(tick, &self.state, &self.wrench.content));
+        }
         self.tick += 1;
     }
 
@@ -104,6 +119,12 @@ impl InProcess {
         &self.rotor_speeds
     }
 
+    /// What is said of the theorem, if it is watched.
+    #[must_use]
+    pub const fn monitor(&self) -> Option<&Monitor> {
+        self.monitor.as_ref()
+    }
+
     /// All of it.
     #[must_use]
     pub fn record(&self) -> TickRecord {
@@ -113,6 +134,7 @@ impl InProcess {
             setpoint: self.setpoint().copied(),
             wrench: *self.wrench(),
             rotor_speeds: self.rotor_speeds,
+            monitor: self.monitor,
         }
     }
 

@@ -28,5 +28,7 @@ pub mod runs;
 pub mod settings;
 pub mod show_report;
 pub mod simulate;
+pub mod theorem;
 pub mod wall_time;
 pub mod watch;
+pub mod window;

@@ -1,6 +1,6 @@
 //! A by-stander's view of a flight: joins and leaves without touching a loop.
 //!
-//! Messages come from the recorder, which passes them on, and everything else from the notice boards.
+//! Messages come from the recorder, which passes them on with what it makes of them, and everything else from the notice boards.
 
 use std::collections::BTreeMap;
 
@@ -8,10 +8,11 @@ use model::boards::{Ending, IN_FORCE, InForce, RUN, Run, RunPhase, SETTINGS, Set
 use model::envelope::Message;
 use model::inspection::Expected;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::monitor::Monitor;
 use model::role::Role;
 use wire::error::Error;
 use wire::instance::Instance;
-use wire::{BoardReader, Wire};
+use wire::{BoardReader, Receiver, Wire};
 
 use crate::record::crew::Crew;
 use crate::record::ports::{Ports, horizon};
@@ -29,12 +30,15 @@ pub enum ObservedMessage<'a> {
     RotorSpeeds(&'a Message<RotorSpeeds>),
     /// Topic `swaps`.
     Swap(&'a Message<SwapRecord>),
+    /// Topic `theorem`.
+    Theorem(&'a Message<Monitor>),
 }
 
 /// A flight, observed.
 #[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
 pub struct Observation {
     ports: Ports,
+    theorem: Receiver<Monitor>,
     run: BoardReader<Run>,
     in_force: BoardReader<InForce>,
     crew: Crew,
@@ -60,8 +64,10 @@ impl Observation {
             return Ok(None);
         }
         let Some(in_force) = wire.board_reader(IN_FORCE)? else { return Ok(None) };
-        let mut ports = Ports::observing(&wire)?;
-        ports.arm(Expected { run_id: flown.run_id, settings: flown.settings })?;
+        let (mut ports, mut theorem) = (Ports::observing(&wire)?, wire.observer()?);
+        let expected = Expected { run_id: flown.run_id, settings: flown.settings };
+        ports.arm(expected)?;
+        theorem.arm(expected)?;
         let text = wire.board_reader::<SettingsText>(SETTINGS)?.map(|board| board.get()).unwrap_or_default();
         let settings = text
             .text()
@@ -70,7 +76,7 @@ impl Observation {
             .map(|(key, value)| (key.to_owned(), value.trim_matches('"').to_owned()))
             .collect();
         let crew = Crew::open(&wire)?;
-        Ok(Some(Self { ports, run, in_force, crew, settings, wire }))
+        Ok(Some(Self { ports, theorem, run, in_force, crew, settings, wire }))
     }
 
     /// The run as its plant shows it.
@@ -119,7 +125,8 @@ impl Observation {
         ports.setpoints.drain(horizon, |message| each(ObservedMessage::Setpoint(message)))?;
         ports.wrenches.drain(horizon, |message| each(ObservedMessage::Wrench(message)))?;
         ports.rotor_speeds.drain(horizon, |message| each(ObservedMessage::RotorSpeeds(message)))?;
-        ports.swaps.drain(horizon, |message| each(ObservedMessage::Swap(message)))
+        ports.swaps.drain(horizon, |message| each(ObservedMessage::Swap(message)))?;
+        self.theorem.drain(horizon, |message| each(ObservedMessage::Theorem(message)))
     }
 }
 

@@ -4,7 +4,7 @@ use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
-use controller::{OuterLoop, WatchedLoop};
+use controller::{InnerLoop, OuterLoop};
 use mixer::Mixer;
 use model::flight_plan::FlightPlan;
 use model::role::Role;
@@ -57,7 +57,7 @@ fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure>
             let law = OuterLoop::new(&settings.controller()?);
             shell::outer(station, law, settings.flight.position_error_max_m)?;
         }
-        Role::Inner => shell::inner(station, WatchedLoop::new(&settings.controller()?))?,
+        Role::Inner => shell::inner(station, InnerLoop::new(&settings.controller()?))?,
         Role::Mixer => {
             let law = Mixer::new(&settings.mixer()?);
             shell::mixer(station, law, settings.flight.pace == PaceName::Lockstep)?;

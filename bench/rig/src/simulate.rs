@@ -39,7 +39,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
         }
         None => None,
     };
-    let mut rig = InProcess::of(&settings)?;
+    let mut rig = InProcess::of(&settings)?.watched(&settings.controller()?);
     let start = Instant::now();
     let mut tracer = args.plot.as_ref().map(|_| Tracer::new(tracking));
     let flown = fly(&mut rig, &settings, states.as_mut(), tracer.as_mut())?;
@@ -171,7 +171,7 @@ fn fly(
         }
         let actual = state.truth.theta();
         theorem.truth(actual);
-        theorem.take(0, &wrench.monitor);
+        rig.monitor().into_iter().for_each(|monitor| theorem.take(0, monitor));
         for (i, estimate) in flown.estimates.iter_mut().enumerate() {
             (estimate.1, estimate.2) = (wrench.estimate[i], actual[i]);
         }

@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use controller::WatchedLoop;
+use controller::InnerLoop;
 use ironbird::settings::Settings;
 use model::inspection::{Expected, Rejections};
 use model::messages::NO_TICK;
@@ -28,7 +28,7 @@ const KNOWN_US: &str = "20";
 
 /// An inner loop that sees its input late, as if the hop to it took longer.
 struct LateInner {
-    inner: Shell<InnerJob<WatchedLoop>>,
+    inner: Shell<InnerJob<InnerLoop>>,
     late_ns: u64,
     seen: u64,
 }
@@ -73,7 +73,7 @@ fn late_inner() {
     // The thread of a test is not the first of its process, and it is the loop's that the recorder samples.
     station.status.pid = u64::try_from(gettid().as_raw_nonzero().get()).unwrap();
     let doorbell = station.wire().doorbell(Role::Inner).unwrap();
-    let law = WatchedLoop::new(&settings.controller().unwrap());
+    let law = InnerLoop::new(&settings.controller().unwrap());
     let inner = Shell::new(station.wire(), InnerJob(law), Some(Role::Mixer)).unwrap();
     stage::run(LateInner { inner, late_ns, seen: NO_TICK }, doorbell, station).unwrap();
 }

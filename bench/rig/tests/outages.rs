@@ -168,6 +168,8 @@ fn a_recorder_that_saw_half_a_flight_says_so_and_so_does_the_one_that_died() {
     let lost: u64 = report.recorder.lost.values().sum();
     let result = second.result();
     assert!(lost > 100, "{lost}");
+    // Nor does it judge the estimates, of which it knows no beginning.
+    assert!(report.theorem.ticks_checked == 0 && report.theorem.ticks_unwatched > 100, "{:?}", report.theorem);
     assert_eq!((result["status"].as_str(), &result["lost"]), ("INCOMPLETE", &lost.to_string()));
     let second = second.says(&format!("NOT WHOLE: {lost} of "));
     assert!(second.stdout.lines().take(9).any(|line| line.starts_with("NOT WHOLE")), "at the top: {second}");

@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, mpsc};
 use std::thread;
 use std::time::Duration;
 
-use controller::{OuterLoop, WatchedLoop};
+use controller::{InnerLoop, OuterLoop};
 use heapless::spsc::{Consumer, Producer, Queue};
 use ironbird::in_process::InProcess;
 use ironbird::settings::Settings;
@@ -116,7 +116,7 @@ struct Crew<'a> {
     pace: Pace,
     plant: PlantProcess<'a>,
     outer: Place<Shell<OuterJob<OuterLoop>>>,
-    inner: Place<Shell<InnerJob<WatchedLoop>>>,
+    inner: Place<Shell<InnerJob<InnerLoop>>>,
     mixer: Place<Shell<MixerJob<Mixer>>>,
     next_tick: u64,
 }
@@ -126,7 +126,7 @@ impl<'a> Crew<'a> {
         let settings = settings();
         let (plant, controller) = (settings.plant().unwrap(), settings.controller().unwrap());
         let outer = OuterJob { law: OuterLoop::new(&controller), position_error_max_m: 5.0 };
-        let inner = InnerJob(WatchedLoop::new(&controller));
+        let inner = InnerJob(InnerLoop::new(&controller));
         let mixer = MixerJob(Mixer::new(&settings.mixer().unwrap()));
         Self {
             pace: Pace::Realtime(Grid { t0_ns: now_ns() + 3_600_000_000_000, period_ns: 1_000_000 }),

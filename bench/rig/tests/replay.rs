@@ -62,7 +62,7 @@ fn a_flight_without_trouble_is_identical_and_every_value_is_compared() {
     let replayed = assert_identical(&path);
     assert_eq!(replayed.summary.ticks, 101);
     let loops = values(&published.setpoints) + values(&published.wrenches) + values(&published.rotor_speeds);
-    assert_eq!(replayed.comparison.values, values(&published.states) + loops);
+    assert_eq!(replayed.comparison.values, values(&published.states) + loops + values(&published.theorem));
     let later = fly_again(&path, 60, true).unwrap();
     assert!(later.is_identical() && later.summary.ticks == 41, "{:?}", later.summary);
     let beyond = fly_again(&path, 102, true).unwrap_err();
@@ -209,6 +209,9 @@ fn change(entry: &mut LogEntry, field: &str) {
         LogEntry::RotorSpeeds(message) if field == "rotor_speeds.saturated" && message.envelope.tick == 90 => {
             message.content.saturated ^= 1;
         }
+        LogEntry::Theorem(message) if field == "theorem.v_th" && message.envelope.tick == 90 => {
+            flip(&mut message.content.v_th);
+        }
         LogEntry::Swap(message) if field == "swaps.old[0]" && message.envelope.tick == 60 => {
             flip(&mut message.content.old[0]);
         }
@@ -227,6 +230,7 @@ fn a_changed_value_with_whole_checksums_diverges_at_its_tick_stage_and_field() {
         ("outer", "setpoint.thrust_n"),
         ("inner", "wrench.torque_b_nm[2]"),
         ("mixer", "rotor_speeds.saturated"),
+        ("record", "theorem.v_th"),
         ("plant", "swaps.old[0]"),
     ] {
         rewrite(&path, &changed, NOISY, |entry| {

@@ -72,7 +72,7 @@ impl Flight {
 
     /// Flies it as `ironbird simulate` does.
     fn fly(&self) -> Theorem {
-        let mut rig = InProcess::new(&self.plant(), &self.settings, &self.mixer());
+        let mut rig = InProcess::new(&self.plant(), &self.settings, &self.mixer()).watched(&self.settings);
         self.schedule(rig.plant_mut());
         let mut tally = TheoremTally::default();
         for _ in 0..=self.last_tick() {
@@ -80,7 +80,7 @@ impl Flight {
             let record = rig.record();
             assert_eq!(rig.plant().envelope(), Ok(()));
             tally.truth(record.state.truth.theta());
-            tally.take(0, &record.wrench.monitor);
+            tally.take(0, &record.monitor.unwrap());
         }
         tally.section()
     }
@@ -107,7 +107,7 @@ impl Flight {
             }
             setpoint = outer.tick(tick, &state).map_or(setpoint, |content| Dated { tick, content });
             let wrench = law.tick(tick, &state, &setpoint);
-            tally.take(0, monitor.watch(tick, &state, &publish(tick, &state, wrench), law.evidence()));
+            tally.take(0, monitor.watch(tick, &state, &publish(tick, &state, wrench)));
             plant.offer(Dated { tick, content: mixer.tick(tick, &Dated { tick, content: wrench }) }, tick + 1);
             plant.finish();
             assert_eq!(plant.envelope(), Ok(()));

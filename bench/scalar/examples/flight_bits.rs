@@ -3,7 +3,7 @@
 //! It consists of the laws alone, so that it is soon compiled for another processor. Every function of `model::math` is
 //! in the flight: motor lag, noise, limits, a fast reference. `.ci/same-bits` compares.
 
-use controller::{LoopSettings, OuterLoop, Preset, Trajectory, WatchedLoop};
+use controller::{InnerLoop, LoopSettings, OuterLoop, Preset, Trajectory};
 use law::{InnerLaw as _, MixerLaw as _, OuterLaw as _};
 use mixer::{Mixer, MixerSettings};
 use model::limits::RotorLimits;
@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut plant = Plant::new(&PlantSettings { period_s, airframe, rotor, seed: 1 });
     plant.schedule(Swap::new(1000, &[(Parameter::MotorTimeConstant, 0.02), (Parameter::GyroNoise, 0.01)])?)?;
     plant.schedule(Swap::new(4000, &[(Parameter::RotationalDrag, 0.525)])?)?;
-    let (mut outer, mut inner) = (OuterLoop::new(&settings), WatchedLoop::new(&settings));
+    let (mut outer, mut inner) = (OuterLoop::new(&settings), InnerLoop::new(&settings));
     let mut mixer = Mixer::new(&MixerSettings { period_s, model: airframe, rotor });
 
     let mut outputs = OutputHash::default();

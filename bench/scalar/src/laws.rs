@@ -1,6 +1,6 @@
 //! The rig's own laws without the monitor: reference for the hand-written flight.
 //!
-//! `ironbird simulate` also runs the theorem's monitor, which no autopilot has.
+//! `ironbird simulate` also runs the theorem's monitor beside them, which no autopilot has.
 
 use controller::{InnerLoop, OuterLoop, Preset, Trajectory};
 use law::{InnerLaw as _, MixerLaw as _, OuterLaw as _};

@@ -150,6 +150,7 @@ impl Inspector {
 mod tests {
     use super::*;
     use crate::messages::{RotorSpeeds, Setpoint, State, Wrench};
+    use crate::monitor::{CAUSES, Monitor};
 
     const EXPECTED: Expected = Expected { run_id: 7, settings: 9 };
 
@@ -216,5 +217,23 @@ mod tests {
         let mut setpoint = message::<Setpoint>(0, 0);
         setpoint.content.limited = 2;
         assert_eq!(Inspector::new(EXPECTED).inspect(&setpoint, 0), Err(Reason::Implausible));
+    }
+
+    #[test]
+    fn what_is_said_of_the_theorem_is_finite_and_names_causes_that_exist() {
+        type Forge = fn(&mut Monitor);
+        let cases: [(Reason, Forge); 4] = [
+            (Reason::NonFinite, |monitor| monitor.rise_max[8] = f64::NAN),
+            (Reason::Implausible, |monitor| monitor.causes = 1 << CAUSES),
+            (Reason::Implausible, |monitor| monitor.is_violation = 2),
+            (Reason::Implausible, |monitor| monitor.is_live = 2),
+        ];
+        for (reason, forge) in cases {
+            let mut said = message::<Monitor>(0, 0);
+            said.content.causes = (1 << CAUSES) - 1;
+            assert_eq!(Inspector::new(EXPECTED).inspect(&said, 0), Ok(()));
+            forge(&mut said.content);
+            assert_eq!(Inspector::new(EXPECTED).inspect(&said, 0), Err(reason));
+        }
     }
 }

@@ -7,7 +7,6 @@
 use nalgebra::Vector3;
 
 use crate::layout::{from_wire, layout};
-use crate::monitor::Monitor;
 use crate::parameters::{ESTIMATED, PARAMETERS, Parameter};
 
 /// Rotors of the airframe, numbered from 1: rear left, rear right, front right, front left.
@@ -137,8 +136,6 @@ pub struct Wrench {
     pub rate_error_b_rad_s: [f64; 3],
     /// How the stage got here: a [`Mode`] as number.
     pub mode: u64,
-    /// What the monitor beside the law says; no law reads it.
-    pub monitor: Monitor,
 }
 
 /// Topic `rotor_speeds`: what the mixer commands, and what it could achieve.
@@ -225,6 +222,6 @@ layout!(Setpoint {
     reference_position_w_m,
     reference_yaw_rad,
 });
-layout!(Wrench { thrust_n, torque_b_nm, estimate, rate_error_b_rad_s, mode, monitor });
+layout!(Wrench { thrust_n, torque_b_nm, estimate, rate_error_b_rad_s, mode });
 layout!(SwapRecord { parameter_epoch, count, parameter, old, new });
 layout!(RotorSpeeds { speed_rad_s, thrust_n, torque_b_nm, saturated, mode });

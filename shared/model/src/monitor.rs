@@ -1,7 +1,7 @@
 //! What the theorem's monitor reports of a tick and of the flight so far.
 //!
-//! It is a block of topic `wrench`. The inner loop's process fills it beside the law, which neither writes nor reads
-//! it. Counts and maxima run from the start of that process. docs/theorem.md explains every number.
+//! It is topic `theorem`: the recorder makes one message of every wrench, and no stage reads it. Counts and maxima run
+//! from the start of the inner loop's process. docs/theorem.md explains every number.
 
 use crate::layout::{from_wire, layout};
 
@@ -81,7 +81,7 @@ impl Cause {
     }
 }
 
-/// The theorem, watched: V_th and V, their changes, what explains a rise, and what the flight can teach.
+/// Topic `theorem`, the theorem watched: V_th and V, their changes, what explains a rise, and what the flight can teach.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct Monitor {
@@ -189,33 +189,10 @@ layout!(Monitor {
     live_swaps,
 });
 
-impl Monitor {
-    /// Calls `look` on every number that is not a count.
-    pub fn numbers(&self, mut look: impl FnMut(&[f64])) {
-        look(&self.rise_max);
-        look(&[self.v_th, self.v_th_start, self.v_th_change, self.v_th_change_predicted]);
-        look(&[self.descent, self.descent_predicted, self.step_excess_max, self.mismatch_rad_s2]);
-        look(&[self.v, self.v_change, self.v_change_bound, self.sigma]);
-        look(&[self.rate_error_rms_rad_s, self.rate_error_max_rad_s]);
-        look(&self.estimate_error);
-        look(&self.estimate_error_start);
-        look(&self.estimate_error_bound);
-        look(&[self.excitation, self.excitation_least]);
-        look(&self.identifiability);
-    }
-
-    /// Whether every number is finite.
-    #[must_use]
-    pub fn is_finite(&self) -> bool {
-        let mut finite = true;
-        self.numbers(|numbers| finite &= numbers.iter().all(|number| number.is_finite()));
-        finite
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::topic::Topic as _;
 
     #[test]
     fn causes_are_numbered_in_order_and_named_apart() {

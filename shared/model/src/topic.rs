@@ -2,6 +2,7 @@
 
 use crate::layout::Walk;
 use crate::messages::{Mode, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use crate::monitor::{CAUSES, Monitor};
 use crate::parameters::{PARAMETERS, Parameter};
 use crate::role::Role;
 
@@ -11,7 +12,7 @@ pub trait Topic: Walk + Copy + std::fmt::Debug + Default + 'static {
     const NAME: &'static str;
     /// The one role that publishes it.
     const SENDER: Role;
-    /// Processes that subscribe to it at the most: the loop's, and the recorder.
+    /// Processes that subscribe to it at the most: the loop's, and the recorder. What the recorder makes itself has none.
     const SUBSCRIBERS: usize;
     /// Whether several messages may be made for one tick.
     const MANY_PER_TICK: bool = false;
@@ -118,7 +119,6 @@ impl Topic for Wrench {
         look(&self.torque_b_nm);
         look(&self.estimate);
         look(&self.rate_error_b_rad_s);
-        self.monitor.numbers(look);
     }
 
     fn plausible(&self) -> bool {
@@ -163,5 +163,28 @@ impl Topic for SwapRecord {
     fn plausible(&self) -> bool {
         self.count <= PARAMETERS as u64
             && self.parameter.iter().take(self.count as usize).all(|index| Parameter::from_index(*index).is_some())
+    }
+}
+
+impl Topic for Monitor {
+    const NAME: &'static str = "theorem";
+    const SENDER: Role = Role::Record;
+    const SUBSCRIBERS: usize = 0;
+
+    fn numbers(&self, mut look: impl FnMut(&[f64])) {
+        look(&self.rise_max);
+        look(&[self.v_th, self.v_th_start, self.v_th_change, self.v_th_change_predicted]);
+        look(&[self.descent, self.descent_predicted, self.step_excess_max, self.mismatch_rad_s2]);
+        look(&[self.v, self.v_change, self.v_change_bound, self.sigma]);
+        look(&[self.rate_error_rms_rad_s, self.rate_error_max_rad_s]);
+        look(&self.estimate_error);
+        look(&self.estimate_error_start);
+        look(&self.estimate_error_bound);
+        look(&[self.excitation, self.excitation_least]);
+        look(&self.identifiability);
+    }
+
+    fn plausible(&self) -> bool {
+        self.causes < 1 << CAUSES && self.is_violation <= 1 && self.is_live <= 1
     }
 }

@@ -37,6 +37,7 @@ use crate::instance::{Instance, Lock};
 use crate::refusal::{Refusal, RefusalKind};
 use crate::shortage::{SHARED_MEMORY, Shortage, shortage};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::monitor::Monitor;
 use model::topic::Topic;
 
 /// Samples that the loops keep of a topic: the newest.
@@ -104,7 +105,8 @@ impl Wire {
             + observers::<Setpoint>()
             + observers::<Wrench>()
             + observers::<RotorSpeeds>()
-            + observers::<SwapRecord>();
+            + observers::<SwapRecord>()
+            + observers::<Monitor>();
         2 * topics + observed
     }
 

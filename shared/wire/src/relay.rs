@@ -1,4 +1,4 @@
-//! Topics for observers: the recorder passes every message on.
+//! Topics for observers: the recorder passes every message on, and what it makes of them.
 //!
 //! When a subscriber joins or leaves, the publisher's next send maps memory and allocates. In a loop that may cost a
 //! deadline; in the recorder it does no harm.
@@ -54,7 +54,7 @@ impl Wire {
     }
 }
 
-/// Passes messages of a topic on, as they came.
+/// Passes messages of a topic on, as they came, or as the recorder made them.
 #[derive(Debug)]
 pub struct Relay<C: Topic> {
     publisher: Publisher<ipc::Service, Payload<Message<C>>, ()>,

@@ -11,6 +11,7 @@ use mcap::{Compression, McapError, WriteOptions, Writer};
 use model::envelope::Message;
 use model::grid::{NS_PER_S, Pace};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::monitor::Monitor;
 use model::topic::Topic;
 
 use crate::codec::{Logged, encode};
@@ -93,6 +94,7 @@ impl LogFile {
         add::<Wrench>(&mut writer, &mut channels)?;
         add::<RotorSpeeds>(&mut writer, &mut channels)?;
         add::<SwapRecord>(&mut writer, &mut channels)?;
+        add::<Monitor>(&mut writer, &mut channels)?;
         let set = scene::descriptor_set();
         for (topic, schema) in scene::CHANNELS {
             let schema = writer.add_schema(schema, "protobuf", &set)?;
@@ -135,6 +137,7 @@ impl LogFile {
             LogEntry::Wrench(message) => self.write(message),
             LogEntry::RotorSpeeds(message) => self.write(message),
             LogEntry::Swap(message) => self.write(message),
+            LogEntry::Theorem(message) => self.write(message),
         }
     }
 
@@ -142,11 +145,15 @@ impl LogFile {
         let envelope = &message.envelope;
         let mut bytes = Vec::new();
         encode(message, &mut bytes);
+        let log_time = self.log_time(message);
         let header = MessageHeader {
             channel_id: self.channels.get(<C as Topic>::NAME).copied().unwrap_or_default(),
             sequence: envelope.seq as u32,
-            log_time: self.log_time(message),
-            publish_time: envelope.stamps_of(C::SENDER).send_ns,
+            log_time,
+            // Where the sender is no stage there is none, and MCAP asks for the other one.
+            publish_time: Some(envelope.stamps_of(C::SENDER).send_ns)
+                .filter(|sent_ns| *sent_ns > 0)
+                .unwrap_or(log_time),
         };
         self.newest_sample_ns = self.newest_sample_ns.max(envelope.sample_ns);
         self.add(header, bytes);

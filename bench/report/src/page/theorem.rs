@@ -24,6 +24,11 @@ pub fn section(report: &Report) -> Markup {
             ", in " (parts::count(theorem.steps_adapted, "step")) ". Largest excess of a step over what it owes: "
             (exponent(theorem.step_excess_max)) " of what rounding is allowed."
         }
+        @if theorem.ticks_unwatched > 0 {
+            p.note {
+                (parts::count(theorem.ticks_unwatched, "tick")) " not watched: a message that the monitor needs was lost."
+            }
+        }
         p { (theorem.convergence) }
         (plots(report))
         div.columns {

@@ -15,6 +15,7 @@ use model::boards;
 use model::envelope::Message;
 use model::grid::{Grid, Pace};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::monitor::Monitor;
 use model::role::Role;
 use model::topic::Topic;
 
@@ -29,6 +30,8 @@ use crate::tally::timing::{StampedCommand, StampedPassage};
 use crate::tally::tracer::Tracer;
 use crate::tracking::{RecentStates, Tracking};
 use failure::Failure;
+use flight_log::TOPICS;
+use flight_log::entry::Counts;
 
 /// Swaps that are kept one by one.
 pub const SWAPS_KEPT: usize = 500;
@@ -61,7 +64,7 @@ pub struct Tally {
     commands: VecDeque<StampedCommand>,
     /// When the mixer said its last word [ns].
     last_word_ns: Option<u64>,
-    sequences: [Sequence; 5],
+    sequences: [Sequence; TOPICS.len()],
     flight: FlightTally,
     recent: RecentStates,
     /// The theorem, watched.
@@ -131,7 +134,7 @@ impl Tally {
             passages: VecDeque::new(),
             commands: VecDeque::new(),
             last_word_ns: None,
-            sequences: [Sequence::default(); 5],
+            sequences: [Sequence::default(); TOPICS.len()],
             flight: FlightTally::default(),
             recent: RecentStates::new(tracking.period_s()),
             theorem: TheoremTally::default(),
@@ -217,7 +220,6 @@ impl Tally {
         self.keep_stamps(message);
         let hop = Self::hop(Role::Outer, message.envelope.input_tick[1], message);
         self.stage(StampedPassage { hop, ..Self::passage(message, follows_loss) });
-        self.theorem.take(message.envelope.epoch, &message.content.monitor);
         self.flight.estimate = message.content.estimate;
         self.flight.rate_error = message.content.rate_error_b_rad_s.iter().map(|e| e * e).sum::<f64>().sqrt();
     }
@@ -254,9 +256,15 @@ impl Tally {
         }
     }
 
-    /// Messages that were overwritten before they were read, in the order of [`flight_log::TOPICS`].
+    /// Takes what is said of the theorem.
+    pub fn theorem(&mut self, message: &Message<Monitor>) {
+        self.follow(5, message);
+        self.theorem.take(message.envelope.epoch, &message.content);
+    }
+
+    /// Messages that were overwritten before they were read, in the order of [`TOPICS`].
     #[must_use]
-    pub fn lost(&self) -> [u64; 5] {
+    pub fn lost(&self) -> Counts {
         self.sequences.map(|sequence| sequence.lost)
     }
 
@@ -362,7 +370,7 @@ mod tests {
         assert_eq!((tally.swaps.len(), tally.swaps_seen), (SWAPS_KEPT, 1200));
         assert!(tally.late_commands.stretches().len() <= deadlines::KEPT && tally.late_commands.left_out() > 0);
         assert!(tally.miss_runs.lengths().len() <= 2, "{:?}", tally.miss_runs.lengths());
-        assert_eq!(tally.lost(), [0; 5]);
+        assert_eq!(tally.lost(), [0; TOPICS.len()]);
     }
 
     #[test]
@@ -374,7 +382,7 @@ mod tests {
         for tick in DAYS_30 - 1000..=DAYS_30 {
             take_tick(&mut tally, grid, tick, tick);
         }
-        assert_eq!((tally.states, tally.newest_tick(), tally.lost()), (1001, DAYS_30, [0; 5]));
+        assert_eq!((tally.states, tally.newest_tick(), tally.lost()), (1001, DAYS_30, [0; TOPICS.len()]));
         let late = tally.late_commands.stretches();
         assert!(late.len() >= 20 && late.iter().all(|stretch| stretch.late_ns == 100_000), "{late:?}");
         assert!(tracking.position_w_m(DAYS_30).iter().all(|m| m.is_finite() && m.abs() < 10.0));

@@ -24,6 +24,9 @@ pub struct Theorem {
     pub holds: bool,
     /// Steps of the estimates that were checked.
     pub ticks_checked: u64,
+    /// Wrenches that nothing can be said of, because a message before them was lost.
+    #[serde(default)]
+    pub ticks_unwatched: u64,
     /// Steps at which V_th rose, or fell by less than the step owes, by cause.
     pub violations: BTreeMap<String, u64>,
     /// Largest rise of V_th in a step, by the cause in force, or `none`.
@@ -97,7 +100,7 @@ pub struct Watched {
     pub found: bool,
 }
 
-/// Follows the monitor's block through a flight, and through restarts of the inner loop.
+/// Follows topic `theorem` through a flight, and through restarts of the inner loop.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TheoremTally {
     /// Of the inner loops that have ended.
@@ -108,6 +111,8 @@ pub struct TheoremTally {
     theta: [f64; 3],
     /// Broken assumptions since the bounds began, as the sum of [`Cause::bit`].
     broken: u64,
+    /// Wrenches that nothing is said of.
+    unwatched: u64,
 }
 
 /// Causes under which the theorem gives the estimates no bound. A live swap is none: the bound begins anew with it.
@@ -119,7 +124,12 @@ impl TheoremTally {
         self.theta = theta;
     }
 
-    /// Takes the block of a wrench; `epoch` tells one start of the inner loop from the next.
+    /// Counts a wrench that nothing is said of.
+    pub fn unwatched(&mut self) {
+        self.unwatched += 1;
+    }
+
+    /// Takes what is said of a wrench; `epoch` tells one start of the inner loop from the next.
     pub fn take(&mut self, epoch: u64, monitor: &Monitor) {
         if let Some((known, last)) = self.newest
             && known != epoch
@@ -137,8 +147,10 @@ impl TheoremTally {
     /// The section of the report.
     #[must_use]
     pub fn section(&self) -> Theorem {
-        let Some((_, newest)) = self.newest else { return Theorem::default() };
-        Theorem::of(&self.ended.map_or(newest, |ended| together(&ended, &newest)), self.theta, self.broken)
+        let of = |(_, newest): (u64, Monitor)| {
+            Theorem::of(&self.ended.map_or(newest, |ended| together(&ended, &newest)), self.theta, self.broken)
+        };
+        Theorem { ticks_unwatched: self.unwatched, ..self.newest.map(of).unwrap_or_default() }
     }
 }
 
@@ -192,6 +204,7 @@ impl Theorem {
         Self {
             holds: is_live && monitor.violations[Cause::Unexplained as usize] == 0,
             ticks_checked: monitor.ticks_checked,
+            ticks_unwatched: 0,
             violations: by_cause(&monitor.violations),
             largest_rise: Cause::ALL
                 .into_iter()
@@ -235,7 +248,10 @@ impl Theorem {
     pub fn counts(&self) -> String {
         let violations = self.violations.values().fold(0, |sum: u64, count| sum.saturating_add(*count));
         let unexplained = self.unexplained();
-        let checked = format!("{} checked", count(self.ticks_checked, "step"));
+        let mut checked = format!("{} checked", count(self.ticks_checked, "step"));
+        if self.ticks_unwatched > 0 {
+            checked += &format!(", {} not watched after a lost message", self.ticks_unwatched);
+        }
         match violations {
             0 => format!("{checked}, V rose in none"),
             _ => format!("{checked}, V rose in {violations}, {unexplained} of them unexplained"),
@@ -367,5 +383,17 @@ mod tests {
         assert_eq!((theorem.ticks_checked, theorem.unexplained(), theorem.is_live), (20, 3, false));
         assert_eq!((theorem.v_th_start, theorem.excitation), (3.0, 0.25));
         assert_eq!(theorem.largest_rise["gyro_noise"], Rise { absolute: 0.5, relative: 0.5 / 3.0 });
+    }
+
+    #[test]
+    fn what_was_not_watched_is_said() {
+        let mut tally = TheoremTally::default();
+        tally.unwatched();
+        tally.unwatched();
+        assert!(tally.section().text().contains("before the first step was lost, and 2 ticks went by"));
+        tally.take(1, &monitor(0, 1));
+        let theorem = tally.section();
+        assert_eq!((theorem.ticks_checked, theorem.ticks_unwatched, theorem.holds), (10, 2, true));
+        assert!(theorem.text().contains("10 steps checked, 2 not watched after a lost message, V rose in none"));
     }
 }

@@ -86,7 +86,7 @@ impl Tracer {
             }
             self.path.push_back(PathSample { tick, position: joined.state.position_w_m, reference });
         }
-        let counts = joined.wrench.map_or(self.counted, |wrench| wrench.monitor.violations);
+        let counts = joined.monitor.map_or(self.counted, |monitor| monitor.violations);
         if counts != self.counted {
             for (i, at) in self.violations.at(tick, CAUSES).iter_mut().enumerate() {
                 // A restarted inner loop counts from 0.
@@ -137,10 +137,9 @@ impl Tracer {
 
 /// What is followed of a tick, by name; nothing of a stage that published nothing for it.
 fn channels(joined: &Joined, reference: [f64; 3], distance_m: f64) -> Vec<(&'static str, Option<f64>)> {
-    let Joined { state, setpoint, wrench, rotor_speeds, .. } = joined;
+    let Joined { state, setpoint, wrench, rotor_speeds, monitor, .. } = joined;
     let position = state.position_w_m;
     let error = std::array::from_fn::<_, 3, _>(|i| reference[i] - position[i]);
-    let monitor = wrench.map(|wrench| wrench.monitor);
     let mut all = Vec::with_capacity(48);
     follow(&mut all, &traces::ATTITUDE, Some(state.attitude_rad));
     follow(&mut all, &traces::ATTITUDE_REFERENCE, setpoint.map(|setpoint| setpoint.attitude_rad));
@@ -264,6 +263,7 @@ impl Stretches<Range> {
 mod tests {
     use controller::Trajectory;
     use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+    use model::monitor::Monitor;
 
     use super::*;
 
@@ -272,7 +272,7 @@ mod tests {
     fn joined(tick: u64, x: f64) -> Joined {
         let state = State { position_w_m: [x, 0.0, 1.0], ..State::default() };
         let (wrench, rotor_speeds) = (Some(Wrench::default()), Some(RotorSpeeds::default()));
-        Joined { tick, state, setpoint: Some(Setpoint::default()), wrench, rotor_speeds }
+        Joined { tick, state, setpoint: Some(Setpoint::default()), wrench, rotor_speeds, monitor: None }
     }
 
     #[test]
@@ -320,9 +320,9 @@ mod tests {
     fn violations_are_counted_where_they_are_through_a_restart() {
         let mut tracer = Tracer::new(TRACKING);
         for (tick, count) in [(0, 0), (1, 2), (2, 2), (3, 1)] {
-            let mut wrench = Wrench::default();
-            wrench.monitor.violations[Cause::GyroNoise as usize] = count;
-            tracer.take(&Joined { wrench: Some(wrench), ..joined(tick, 0.0) });
+            let mut monitor = Monitor::default();
+            monitor.violations[Cause::GyroNoise as usize] = count;
+            tracer.take(&Joined { monitor: Some(monitor), ..joined(tick, 0.0) });
         }
         let violations = tracer.traces().violations;
         assert_eq!(violations.len(), 1, "{violations:?}");

@@ -43,7 +43,11 @@ impl Theorem {
 
     fn write(&self, out: &mut String) -> std::fmt::Result {
         if self.ticks_checked == 0 {
-            return writeln!(out, "\nTheorem   not watched: no step of the estimates was seen");
+            let why = match self.ticks_unwatched {
+                0 => "no step of the estimates was seen".into(),
+                ticks => format!("a message before the first step was lost, and {} went by", count(ticks, "tick")),
+            };
+            return writeln!(out, "\nTheorem   not watched: {why}");
         }
         writeln!(out, "\nTheorem   {}: {}", self.verdict(), self.counts())?;
         for (cause, count) in self.violations.iter().filter(|(cause, _)| *cause != Cause::Unexplained.name()) {

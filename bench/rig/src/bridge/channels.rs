@@ -6,6 +6,7 @@ use foxglove::{Context, FoxgloveError, PartialMetadata, RawChannel, Schema};
 use model::boards::Run;
 use model::envelope::Message;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::monitor::Monitor;
 use model::topic::Topic;
 
 use crate::observe::ObservedMessage;
@@ -22,6 +23,7 @@ pub(super) struct Channels {
     wrenches: Arc<RawChannel>,
     rotor_speeds: Arc<RawChannel>,
     swaps: Arc<RawChannel>,
+    theorem: Arc<RawChannel>,
     scene: [Arc<RawChannel>; scene::CHANNELS.len()],
     scene_every_ticks: u64,
     clock: Clock,
@@ -66,6 +68,7 @@ impl Channels {
             wrenches: topic::<Wrench>(context).map_err(broken)?,
             rotor_speeds: topic::<RotorSpeeds>(context).map_err(broken)?,
             swaps: topic::<SwapRecord>(context).map_err(broken)?,
+            theorem: topic::<Monitor>(context).map_err(broken)?,
             scene: [actual.map_err(broken)?, reference.map_err(broken)?, transforms.map_err(broken)?],
             scene_every_ticks: scene::every_ticks(run.sample_time_ns),
             clock: Clock {
@@ -91,6 +94,7 @@ impl Channels {
             ObservedMessage::Wrench(message) => write(&self.wrenches, message, clock, bytes),
             ObservedMessage::RotorSpeeds(message) => write(&self.rotor_speeds, message, clock, bytes),
             ObservedMessage::Swap(message) => write(&self.swaps, message, clock, bytes),
+            ObservedMessage::Theorem(message) => write(&self.theorem, message, clock, bytes),
         }
     }
 

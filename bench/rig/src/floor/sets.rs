@@ -286,7 +286,7 @@ pub fn laws(effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
     let mut simulate = FloorComparison::ratio("simulate, real time 1/500", "us", 1.0);
     let settings = Settings::resolve(None, &Vec::new())?;
     for _ in 0..effort.pairs {
-        let (before, mut rig) = (CpuTimes::read(None), InProcess::of(&settings)?);
+        let (before, mut rig) = (CpuTimes::read(None), InProcess::of(&settings)?.watched(&settings.controller()?));
         let start = Instant::now();
         for _ in 0..TIMED_TICKS {
             black_box(&mut rig).tick();

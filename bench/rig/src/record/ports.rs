@@ -1,4 +1,4 @@
-//! Ports of every topic: the recorder's, its relays, an observer's; and when the recorder drains them.
+//! Ports of the loop's topics: the recorder's, its relays, an observer's; and when the recorder drains them.
 
 use std::thread::sleep;
 use std::time::Duration;
@@ -7,6 +7,7 @@ use model::boards::Run;
 use model::grid::{Grid, Pace};
 use model::inspection::{Expected, Rejections};
 use model::messages::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::monitor::Monitor;
 use wire::clock::{Horizon, now_ns, sleep_until};
 use wire::error::Error;
 use wire::{DEEP, Receiver, Relay, Wire};
@@ -16,7 +17,7 @@ pub const DRAIN_EVERY: Duration = Duration::from_millis(10);
 /// Share of a tick, in percent, after which its loops are done for certain where nothing is wrong.
 const LOOPS_DONE_PERCENT: u64 = 15;
 
-/// Ports to receive every topic by.
+/// Ports to receive every topic of the loop by.
 #[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
 pub struct Ports {
     /// Topic `state`.
@@ -84,7 +85,7 @@ impl Ports {
     }
 }
 
-/// Ports to pass every topic on by.
+/// Ports to pass every topic on by, and what the recorder says itself.
 #[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
 pub struct Relays {
     /// Topic `state`.
@@ -97,6 +98,8 @@ pub struct Relays {
     pub rotor_speeds: Relay<RotorSpeeds>,
     /// Topic `swaps`.
     pub swaps: Relay<SwapRecord>,
+    /// Topic `theorem`.
+    pub theorem: Relay<Monitor>,
 }
 
 impl Relays {
@@ -111,6 +114,7 @@ impl Relays {
             wrenches: wire.relay()?,
             rotor_speeds: wire.relay()?,
             swaps: wire.relay()?,
+            theorem: wire.relay()?,
         })
     }
 }

@@ -9,7 +9,9 @@ use std::time::Duration;
 
 use hdrhistogram::serialization::V2DeflateSerializer;
 use model::boards::{Ending, RolePhase, RunPhase, Status};
+use model::envelope::Message;
 use model::grid::NS_PER_S;
+use model::messages::{Dated, State, Wrench};
 use model::role::Role;
 use role::rt::UsageMeter;
 use role::station::{Armed, JoinedRun, Station};
@@ -19,11 +21,13 @@ use wire::instance::Instance;
 use super::facts::facts;
 use crate::record::crew::Crew;
 use crate::record::hlog::{self, Hlog, Lines};
+use crate::record::pairs::Pairs;
 use crate::record::ports::{DRAIN_EVERY, Ports, Relays, horizon, rest};
 use crate::record::replaced::Replaced;
 use crate::record::traced::Traced;
 use crate::run_directory::make_latest;
 use crate::settings::{LogName, Settings};
+use crate::theorem::FlightMonitor;
 use failure::{Failure, InFile as _};
 use flight_log::entry::LogEntry;
 use flight_log::facts::record;
@@ -47,6 +51,9 @@ use report::verdict::take_log;
 const LANDING: Duration = Duration::from_secs(2);
 /// How long it then waits for the records of the last swaps, which come from beside the plant's loop.
 const LAST_SWAPS: Duration = Duration::from_millis(500);
+
+/// What suffers where a relay fails.
+const OBSERVED: &str = "what observers see";
 
 /// Where the recorder writes.
 #[derive(Clone, Debug)]
@@ -90,6 +97,8 @@ struct Recorder<'a> {
     tally: Tally,
     watch: Watch,
     traced: Traced,
+    pairs: Pairs,
+    theorem: FlightMonitor,
     joiner: Joiner,
     states: Vec<StatesWriter>,
     /// The report while the flight is in the air.
@@ -150,6 +159,8 @@ impl<'a> Recorder<'a> {
             tally,
             watch,
             traced: Traced::begin(settings.recorder.trace, instance, watch.processor)?,
+            pairs: Pairs::new(),
+            theorem: FlightMonitor::new(&settings.controller()?),
             joiner: Joiner::default(),
             states,
             so_far: Replaced::new(files.directory.join("report.json"))?,
@@ -208,6 +219,9 @@ impl<'a> Recorder<'a> {
         while self.tally.swaps_seen < swaps && now_ns() < until {
             sleep(DRAIN_EVERY);
             self.drain(ports, armed)?;
+        }
+        while let Some((wrench, state)) = self.pairs.rest() {
+            self.judge(&wrench, state.as_ref());
         }
         self.tally.finish(&run, closed_ns);
         let closed = hlog.close_interval(&mut self.tally.series).and_then(|()| lines.finish());
@@ -297,7 +311,7 @@ impl<'a> Recorder<'a> {
 
     fn drain(&mut self, ports: &mut Ports, armed: &Armed) -> Result<(), Failure> {
         let horizon = horizon(armed.pace, || armed.run.get());
-        let (tally, joiner) = (&mut self.tally, &mut self.joiner);
+        let (tally, joiner, pairs) = (&mut self.tally, &mut self.joiner, &mut self.pairs);
         let mut log = |entry| self.log.as_mut().map_or((), |log| log.take(entry));
         let (relays, mut relayed) = (&self.relays, Ok(()));
         ports.states.drain(horizon, |message| {
@@ -305,6 +319,7 @@ impl<'a> Recorder<'a> {
             log(LogEntry::State(*message));
             self.parameter_epoch = message.content.parameter_epoch;
             tally.state(message);
+            pairs.state(message);
             joiner.take(message.envelope.tick, LoopMessage::State(message.content));
         })?;
         ports.setpoints.drain(horizon, |message| {
@@ -317,7 +332,7 @@ impl<'a> Recorder<'a> {
             keep_first(&mut relayed, relays.wrenches.pass_on(message));
             log(LogEntry::Wrench(*message));
             tally.wrench(message);
-            joiner.take(message.envelope.tick, LoopMessage::Wrench(message.content));
+            pairs.wrench(message);
         })?;
         ports.rotor_speeds.drain(horizon, |message| {
             keep_first(&mut relayed, relays.rotor_speeds.pass_on(message));
@@ -332,11 +347,32 @@ impl<'a> Recorder<'a> {
             log(LogEntry::Swap(*message));
             tally.swap(message);
         })?;
-        self.note("what observers see", relayed.map_err(Failure::from));
+        self.note(OBSERVED, relayed.map_err(Failure::from));
+        while let Some((wrench, state)) = self.pairs.paired() {
+            self.judge(&wrench, state.as_ref());
+        }
         while let Some(joined) = self.joiner.settled() {
             self.follow(&joined);
         }
         Ok(())
+    }
+
+    /// Says of a wrench what the theorem's monitor finds, on a topic that goes the ways of the others.
+    fn judge(&mut self, wrench: &Message<Wrench>, state: Option<&Dated<State>>) {
+        let found = self.theorem.watch(wrench, state);
+        match &found {
+            Some(message) => {
+                let relayed = self.relays.theorem.pass_on(message);
+                self.note(OBSERVED, relayed.map_err(Failure::from));
+                if let Some(log) = &mut self.log {
+                    log.take(LogEntry::Theorem(*message));
+                }
+                self.tally.theorem(message);
+            }
+            None => self.tally.theorem.unwatched(),
+        }
+        let monitor = found.map(|message| message.content);
+        self.joiner.take(wrench.envelope.tick, LoopMessage::Wrench(wrench.content, monitor));
     }
 
     /// Takes a state, with what the stages made of it.

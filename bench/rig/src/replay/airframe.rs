@@ -13,7 +13,8 @@ use plant::desk::swap_record;
 use plant::{Plant, Swap};
 
 use crate::replay::compare::ReplayComparison;
-use crate::replay::window::Window;
+use crate::replay::inputs::up_to;
+use crate::window::Window;
 use failure::Failure;
 
 /// The plant, standing between two recorded states.
@@ -46,7 +47,8 @@ impl AirframeReplay {
     ) -> Result<State, Failure> {
         let (tick, recorded) = (message.envelope.tick, &message.content);
         let due = self.schedule_until(tick)?;
-        for command in commands.up_to(
+        for command in up_to(
+            commands,
             recorded.command_taken_tick,
             recorded.commands_taken.wrapping_sub(self.commands_taken),
             tick,

@@ -5,14 +5,15 @@
 //!             --again---> each message: its stage's law on the recorded inputs --compare--> bit for bit
 //! ```
 //!
-//! Every stage gets recorded inputs, so a difference shows at the stage that made it and goes no further.
+//! Every stage gets recorded inputs, and so does the theorem's monitor. A difference therefore shows at the one that made
+//! it and goes no further.
 
 pub mod airframe;
 pub mod compare;
+pub mod inputs;
 pub mod loops;
 pub mod summary;
 pub mod survey;
-pub mod window;
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -24,10 +25,10 @@ use crate::cli::ReplayArgs;
 use crate::output::{print, say};
 use crate::replay::airframe::AirframeReplay;
 use crate::replay::compare::ReplayComparison;
+use crate::replay::inputs::{Inputs, of};
 use crate::replay::loops::LoopsReplay;
 use crate::replay::summary::Summary;
 use crate::replay::survey::{Survey, survey};
-use crate::replay::window::Window;
 use crate::run_directory::find_log;
 use failure::{Failure, GATE, OK};
 use flight_log::entry::LogEntry;
@@ -137,17 +138,9 @@ struct Again {
     summary: Summary,
     /// Processes of the inner loop that were started in flight before the first tick that counts.
     restarts_before: u64,
-    windows: Windows,
+    inputs: Inputs,
     /// Tick and stage of what was read and not replayed yet: the earliest is on top.
     ahead: BinaryHeap<Reverse<(u64, Role)>>,
-}
-
-#[derive(Default)]
-struct Windows {
-    states: Window<model::messages::State>,
-    setpoints: Window<model::messages::Setpoint>,
-    wrenches: Window<model::messages::Wrench>,
-    rotor_speeds: Window<model::messages::RotorSpeeds>,
 }
 
 impl Again {
@@ -160,7 +153,7 @@ impl Again {
             comparison: ReplayComparison::from(from_tick),
             summary: Summary::new(Tracking::of(flight.trajectory, flight.period_s), from_tick),
             restarts_before: 0,
-            windows: Windows::default(),
+            inputs: Inputs::new(),
             ahead: BinaryHeap::new(),
         })
     }
@@ -195,20 +188,24 @@ impl Again {
     fn take(&mut self, entry: &LogEntry) {
         let (tick, stage) = match entry {
             LogEntry::State(message) => {
-                self.windows.states.push(*message);
+                self.inputs.states.push(*message);
                 (message.envelope.tick, Role::Plant)
             }
             LogEntry::Setpoint(message) => {
-                self.windows.setpoints.push(*message);
+                self.inputs.setpoints.push(*message);
                 (message.envelope.tick, Role::Outer)
             }
             LogEntry::Wrench(message) => {
-                self.windows.wrenches.push(*message);
+                self.inputs.wrenches.push(*message);
                 (message.envelope.tick, Role::Inner)
             }
             LogEntry::RotorSpeeds(message) => {
-                self.windows.rotor_speeds.push(*message);
+                self.inputs.rotor_speeds.push(*message);
                 (message.envelope.tick, Role::Mixer)
+            }
+            LogEntry::Theorem(message) => {
+                self.inputs.theorem.push(*message);
+                (message.envelope.tick, Role::Record)
             }
             // Known from the survey, because they may be recorded later than the states that they change.
             LogEntry::Swap(_) => return,
@@ -217,23 +214,23 @@ impl Again {
     }
 
     fn step(&mut self, tick: u64, stage: Role) -> Result<(), Failure> {
-        let (windows, comparison, outputs) = (&self.windows, &mut self.comparison, &mut self.summary.outputs);
+        let (inputs, comparison, outputs) = (&self.inputs, &mut self.comparison, &mut self.summary.outputs);
         match stage {
             Role::Plant => {
-                let message = windows.states.of(tick)?;
-                let state = self.airframe.step(message, &windows.rotor_speeds, comparison)?;
+                let message = of(&inputs.states, tick)?;
+                let state = self.airframe.step(message, &inputs.rotor_speeds, comparison)?;
                 outputs.take(tick, &state);
                 self.summary.state(tick, &state);
             }
             Role::Outer => {
-                let message = windows.setpoints.of(tick)?;
-                if let Some(setpoint) = self.loops.setpoint(message, &windows.states, comparison)? {
+                let message = of(&inputs.setpoints, tick)?;
+                if let Some(setpoint) = self.loops.setpoint(message, inputs, comparison)? {
                     outputs.take(tick, &setpoint);
                 }
             }
             Role::Inner => {
-                let message = windows.wrenches.of(tick)?;
-                let wrench = self.loops.wrench(message, &windows.states, &windows.setpoints, comparison)?;
+                let message = of(&inputs.wrenches, tick)?;
+                let wrench = self.loops.wrench(message, inputs, comparison)?;
                 outputs.take(tick, &wrench);
                 if tick >= self.from_tick {
                     self.summary.wrench(&wrench);
@@ -242,8 +239,8 @@ impl Again {
                 }
             }
             Role::Mixer => {
-                let message = windows.rotor_speeds.of(tick)?;
-                let speeds = self.loops.rotor_speeds(message, &windows.wrenches, comparison)?;
+                let message = of(&inputs.rotor_speeds, tick)?;
+                let speeds = self.loops.rotor_speeds(message, inputs, comparison)?;
                 // After the last tick the mixer stops the rotors: an answer to no state.
                 if !is_last_word(message) {
                     outputs.take(tick, &speeds);
@@ -252,7 +249,7 @@ impl Again {
                     self.summary.rotor_speeds(&speeds);
                 }
             }
-            Role::Record => {}
+            Role::Record => self.loops.theorem(of(&inputs.theorem, tick)?, inputs, comparison)?,
         }
         Ok(())
     }

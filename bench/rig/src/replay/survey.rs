@@ -69,6 +69,7 @@ pub fn survey(path: &Path) -> Result<Survey, Failure> {
                 expected.check(message)?;
                 swaps.push(*message);
             }
+            LogEntry::Theorem(message) => expected.check(message)?,
         }
         next = reader.next_entry()?;
     }

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use controller::Trajectory;
 use model::boards::{Ending, InForce, Run, Status};
 use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+use model::monitor::Monitor;
 use model::parameters::{Parameter, SPECS};
 use model::role::Role;
 
@@ -179,6 +180,8 @@ pub struct WatchedFlight {
     pub wrench: Option<Wrench>,
     /// Newest rotor command.
     pub rotor_speeds: Option<RotorSpeeds>,
+    /// What was said of the theorem last.
+    pub monitor: Option<Monitor>,
     /// Position error [m].
     pub position_error: ErrorTrace,
     /// V_th [rad^2/s^2].
@@ -208,6 +211,7 @@ impl WatchedFlight {
             setpoint: None,
             wrench: None,
             rotor_speeds: None,
+            monitor: None,
             position_error: ErrorTrace::default(),
             v_th: ErrorTrace::default(),
             v: ErrorTrace::default(),
@@ -225,7 +229,7 @@ impl WatchedFlight {
         self.lost_before = self.lost();
         let theorem = self.tally.theorem;
         self.tally = Self::tally(&self.run, self.tracking)?;
-        // The monitor counts beside the law, from the flight's begin on.
+        // The monitor counts in the recorder, from the flight's begin on.
         self.tally.theorem = theorem;
         self.position_error = ErrorTrace::default();
         self.v_th = ErrorTrace::default();
@@ -267,9 +271,6 @@ impl WatchedFlight {
             ObservedMessage::Wrench(message) => {
                 self.tally.wrench(message);
                 self.wrench = Some(message.content);
-                let (time_s, monitor) = (self.run.flight_time_s(message.envelope.tick), &message.content.monitor);
-                self.v_th.take(time_s, monitor.v_th);
-                self.v.take(time_s, monitor.v);
             }
             ObservedMessage::RotorSpeeds(message) => {
                 self.tally.rotor_speeds(message);
@@ -278,6 +279,13 @@ impl WatchedFlight {
                 }
             }
             ObservedMessage::Swap(message) => self.tally.swap(message),
+            ObservedMessage::Theorem(message) => {
+                self.tally.theorem(message);
+                self.monitor = Some(message.content);
+                let time_s = self.run.flight_time_s(message.envelope.tick);
+                self.v_th.take(time_s, message.content.v_th);
+                self.v.take(time_s, message.content.v);
+            }
         }
     }
 }

@@ -51,8 +51,7 @@ pub fn line(flight: &WatchedFlight) -> String {
         let _ = write!(line, "   loop p50 {:.1} p99 {:.1} us", statistics.p50_us, statistics.p99_us);
     }
     let _ = write!(line, "   missed {}", flight.run.deadlines_missed);
-    if let Some(wrench) = &flight.wrench {
-        let monitor = &wrench.monitor;
+    if let Some(monitor) = &flight.monitor {
         let violations: u64 = monitor.violations.iter().sum();
         let _ = write!(
             line,

@@ -9,16 +9,18 @@ use law::{InnerLaw as _, MixerLaw as _, OuterLaw as _};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
-use controller::{OuterLoop, WatchedLoop};
+use controller::{InnerLoop, OuterLoop};
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, record};
 use flight_log::writer::{CHUNK_NS, Fate, FlightLog};
 use ironbird::settings::Settings;
+use ironbird::theorem::FlightMonitor;
 use mixer::Mixer;
 use model::boards::Run;
 use model::envelope::{Envelope, Message, Stamps};
 use model::grid::{Grid, Pace};
 use model::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::monitor::Monitor;
 use model::role::Role;
 use model::settings_text::fingerprint;
 use model::topic::Topic;
@@ -53,6 +55,7 @@ pub struct Published {
     pub wrenches: Vec<Message<Wrench>>,
     pub rotor_speeds: Vec<Message<RotorSpeeds>>,
     pub swaps: Vec<Message<SwapRecord>>,
+    pub theorem: Vec<Message<Monitor>>,
 }
 
 /// Settings with these lines of a settings file.
@@ -92,10 +95,11 @@ struct Flight<'a> {
     fingerprint: u64,
     plant: Plant,
     outer: OuterLoop,
-    inner: WatchedLoop,
+    inner: InnerLoop,
     inner_epoch: u64,
     inner_seq: u64,
     mixer: Mixer,
+    theorem: FlightMonitor,
     published: Published,
     /// Commands that the plant has not taken yet.
     on_the_way: VecDeque<Message<RotorSpeeds>>,
@@ -114,10 +118,11 @@ impl<'a> Flight<'a> {
             fingerprint: fingerprint(&settings.shared_text().unwrap()),
             plant,
             outer: OuterLoop::new(&controller),
-            inner: WatchedLoop::new(&controller),
+            inner: InnerLoop::new(&controller),
             inner_epoch: EPOCH,
             inner_seq: 0,
             mixer: Mixer::new(&settings.mixer().unwrap()),
+            theorem: FlightMonitor::new(&controller),
             published: Published::default(),
             on_the_way: VecDeque::new(),
             last_sent_ns: 0,
@@ -167,7 +172,7 @@ impl<'a> Flight<'a> {
             self.published.setpoints.push(message);
         }
         if trouble.inner_restarts {
-            self.inner = WatchedLoop::new(&self.settings.controller().unwrap());
+            self.inner = InnerLoop::new(&self.settings.controller().unwrap());
             (self.inner_epoch, self.inner_seq) = (begin_ns, 0);
         }
         if !trouble.inner_sleeps {
@@ -179,6 +184,7 @@ impl<'a> Flight<'a> {
             let message = self.message(tick, self.inner_epoch, self.inner_seq as usize, history, wrench);
             self.inner_seq += 1;
             self.published.wrenches.push(message);
+            self.published.theorem.push(self.theorem.watch(&message, Some(&state)).unwrap());
         }
         if !trouble.mixer_sleeps {
             let (wrench, mut history) = newest(&self.published.wrenches);
@@ -234,6 +240,9 @@ pub fn write(path: &Path, settings: &Settings, published: &Published) -> Fate {
         }
         for message in published.rotor_speeds.iter().filter(|message| now(message.envelope.tick)) {
             log.take(LogEntry::RotorSpeeds(*message));
+        }
+        for message in published.theorem.iter().filter(|message| now(message.envelope.tick)) {
+            log.take(LogEntry::Theorem(*message));
         }
         for message in published.swaps.iter().filter(|message| now(message.envelope.tick + SWAPS_LATER)) {
             log.take(LogEntry::Swap(*message));

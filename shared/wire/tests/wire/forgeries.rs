@@ -9,7 +9,6 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use model::envelope::{Envelope, Message};
 use model::inspection::{Expected, REASONS, Reason};
 use model::messages::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::monitor::Monitor;
 use model::topic::Topic;
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
@@ -156,10 +155,9 @@ fn forged_setpoints_are_rejected() {
 #[test]
 fn forged_wrenches_are_rejected() {
     let mut forgeries = envelope_forgeries::<Wrench>();
-    forgeries.extend::<[Forgery<Wrench>; 5]>([
+    forgeries.extend::<[Forgery<Wrench>; 4]>([
         (Reason::NonFinite, |m| m.content.torque_b_nm[1] = f64::NAN),
         (Reason::NonFinite, |m| m.content.estimate[2] = f64::NAN),
-        (Reason::NonFinite, |m| m.content.monitor.rise_max[8] = f64::NAN),
         (Reason::Implausible, |m| m.content.torque_b_nm[0] = 1e9),
         (Reason::Implausible, |m| m.content.mode = u64::MAX),
     ]);
@@ -221,13 +219,12 @@ fn number() -> impl Strategy<Value = f64> {
 }
 
 fn any_wrench() -> impl Strategy<Value = Wrench> {
-    (prop::array::uniform11(number()), prop_oneof![9 => 0..4_u64, 1 => any::<u64>()]).prop_map(|(n, mode)| Wrench {
+    (prop::array::uniform10(number()), prop_oneof![9 => 0..4_u64, 1 => any::<u64>()]).prop_map(|(n, mode)| Wrench {
         thrust_n: n[0],
         torque_b_nm: [n[1], n[2], n[3]],
         estimate: [n[4], n[5], n[6]],
         rate_error_b_rad_s: [n[7], n[8], n[9]],
         mode,
-        monitor: Monitor { v_th: n[10], ..Monitor::default() },
     })
 }
 
@@ -236,7 +233,6 @@ fn any_wrench() -> impl Strategy<Value = Wrench> {
 fn is_believable(wrench: &Wrench) -> bool {
     let finite = [wrench.estimate, wrench.rate_error_b_rad_s, wrench.torque_b_nm].concat();
     finite.iter().all(|number| number.is_finite())
-        && wrench.monitor.v_th.is_finite()
         && wrench.thrust_n >= 0.0
         && wrench.thrust_n <= 10_000.0
         && wrench.torque_b_nm.iter().all(|torque| *torque >= -100_000.0 && *torque <= 100_000.0)

@@ -21,11 +21,10 @@ const PICTURE: u16 = 8;
 const DECADES: f64 = 6.0;
 
 pub(super) fn draw(flight: &WatchedFlight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
-    let Some(wrench) = &flight.wrench else {
-        put(frame, area, vec![Line::from("no wrench has come yet")]);
+    let (Some(wrench), Some(monitor)) = (&flight.wrench, &flight.monitor) else {
+        put(frame, area, vec![Line::from("nothing has been said of the theorem yet")]);
         return;
     };
-    let monitor = &wrench.monitor;
     let theorem = flight.tally.theorem.section();
     let mut lines = vec![verdict(&theorem, area.width, paint)];
     lines.extend(values(flight, monitor, area.width));

@@ -1,0 +1,99 @@
+//! The theorem's monitor beside a flight's messages, through restarts of the inner loop.
+
+use controller::{LoopSettings, TheoremMonitor};
+use model::envelope::Message;
+use model::messages::{Dated, State, Wrench};
+use model::monitor::Monitor;
+
+/// A monitor for each process of the inner loop.
+///
+/// Every process of the loop begins with its priors, and so does its monitor. A monitor that has missed a message does
+/// not know any more what the law has seen: it says nothing until the next process begins.
+#[derive(Clone, Debug)]
+pub struct FlightMonitor {
+    settings: LoopSettings,
+    /// Start of the present process.
+    epoch: Option<u64>,
+    /// Sequence number of its next wrench.
+    next_seq: u64,
+    /// None once a message was missed.
+    monitor: Option<TheoremMonitor>,
+}
+
+impl FlightMonitor {
+    /// Before the first wrench of a law with these settings.
+    #[must_use]
+    pub const fn new(settings: &LoopSettings) -> Self {
+        Self { settings: *settings, epoch: None, next_seq: 0, monitor: None }
+    }
+
+    /// What is to be said of a wrench, and of the state that it was made from; none where that cannot be known.
+    ///
+    /// The envelope is the wrench's: process, sequence and tick are those of what it speaks of.
+    pub fn watch(&mut self, wrench: &Message<Wrench>, state: Option<&Dated<State>>) -> Option<Message<Monitor>> {
+        let envelope = wrench.envelope;
+        if self.epoch != Some(envelope.epoch) {
+            self.epoch = Some(envelope.epoch);
+            self.next_seq = 0;
+            self.monitor = Some(TheoremMonitor::new(&self.settings));
+        }
+        if envelope.seq != self.next_seq || state.is_none() {
+            self.monitor = None;
+        }
+        self.next_seq = envelope.seq.saturating_add(1);
+        let content = *self.monitor.as_mut()?.watch(envelope.tick, state?, &wrench.content);
+        Some(Message { envelope, content })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use controller::{Preset, Trajectory};
+    use model::envelope::Envelope;
+
+    use super::*;
+
+    fn wrench(epoch: u64, seq: u64) -> Message<Wrench> {
+        let envelope = Envelope { epoch, seq, tick: 100 * epoch + seq, ..Envelope::new() };
+        Message { envelope, content: Wrench::default() }
+    }
+
+    /// What is said of a wrench: how many stale ticks there have been, as its state is never of its tick.
+    fn said(monitor: &mut FlightMonitor, epoch: u64, seq: u64, has_state: bool) -> Option<u64> {
+        let state = Dated { tick: 1, content: State::default() };
+        let said = monitor.watch(&wrench(epoch, seq), has_state.then_some(&state))?;
+        assert_eq!(said.envelope, wrench(epoch, seq).envelope);
+        Some(said.content.ticks_stale)
+    }
+
+    fn monitor() -> FlightMonitor {
+        FlightMonitor::new(&LoopSettings::new(Trajectory::Hover, Preset::Flight))
+    }
+
+    #[test]
+    fn every_process_of_the_loop_has_a_monitor_of_its_own() {
+        let mut monitor = monitor();
+        let counted: Vec<_> = (0..3).map(|seq| said(&mut monitor, 1, seq, true)).collect();
+        assert_eq!(counted, [Some(1), Some(2), Some(3)]);
+        assert_eq!(said(&mut monitor, 2, 0, true), Some(1));
+    }
+
+    #[test]
+    fn after_a_lost_message_nothing_is_said_until_the_next_process_begins() {
+        let lost: [fn(&mut FlightMonitor) -> Option<u64>; 2] =
+            [|monitor| said(monitor, 1, 1, false), |monitor| said(monitor, 1, 2, true)];
+        for lost in lost {
+            let mut monitor = monitor();
+            assert_eq!(said(&mut monitor, 1, 0, true), Some(1));
+            assert_eq!(lost(&mut monitor), None);
+            assert_eq!(said(&mut monitor, 1, 3, true), None);
+            assert_eq!(said(&mut monitor, 2, 0, true), Some(1));
+        }
+    }
+
+    #[test]
+    fn of_a_process_that_was_not_seen_from_its_begin_on_nothing_is_said() {
+        let mut monitor = monitor();
+        assert_eq!([7, 8].map(|seq| said(&mut monitor, 1, seq, true)), [None; 2]);
+    }
+}

@@ -1,0 +1,75 @@
+//! The newest messages of a topic, to find those that others were made from.
+
+use std::collections::VecDeque;
+
+use model::envelope::Message;
+use model::messages::{Dated, NO_TICK};
+use model::topic::Topic;
+
+/// Messages of a topic by rising tick.
+#[derive(Clone, Debug)]
+pub struct Window<C: Topic> {
+    kept: usize,
+    messages: VecDeque<Message<C>>,
+}
+
+impl<C: Topic> Window<C> {
+    /// An empty window that keeps so many messages.
+    #[must_use]
+    pub const fn keeping(kept: usize) -> Self {
+        Self { kept, messages: VecDeque::new() }
+    }
+
+    /// Takes the next message.
+    pub fn push(&mut self, message: Message<C>) {
+        if self.messages.len() >= self.kept {
+            self.messages.pop_front();
+        }
+        self.messages.push_back(message);
+    }
+
+    /// Lets go of what is older than a tick.
+    pub fn forget_before(&mut self, tick: u64) {
+        while self.messages.pop_front_if(|message| message.envelope.tick < tick).is_some() {}
+    }
+
+    /// Tick of the newest message.
+    #[must_use]
+    pub fn newest_tick(&self) -> Option<u64> {
+        self.messages.back().map(|message| message.envelope.tick)
+    }
+
+    /// What a stage had as its newest input, by the tick that it says this was of; none where that is not here.
+    #[must_use]
+    pub fn input(&self, input_tick: u64) -> Option<Dated<C>> {
+        if input_tick == NO_TICK {
+            return Some(Dated { tick: NO_TICK, content: C::default() });
+        }
+        let content = self.of(input_tick)?.content;
+        Some(Dated { tick: input_tick, content })
+    }
+
+    /// The `count` messages up to the one of tick `last`; none where there are not so many.
+    #[must_use]
+    pub fn up_to(&self, last: u64, count: u64) -> Option<impl Iterator<Item = &Message<C>>> {
+        let end = if count > 0 { self.place(last)? + 1 } else { 0 };
+        let begin = end.checked_sub(usize::try_from(count).ok()?)?;
+        Some(self.messages.range(begin..end))
+    }
+
+    /// The message of a tick.
+    #[must_use]
+    pub fn of(&self, tick: u64) -> Option<&Message<C>> {
+        self.messages.get(self.place(tick)?)
+    }
+
+    fn place(&self, tick: u64) -> Option<usize> {
+        // Where no tick was left out, the distance from the first one says it.
+        let first = self.messages.front().map_or(0, |message| message.envelope.tick);
+        let likely = usize::try_from(tick.wrapping_sub(first)).unwrap_or(usize::MAX);
+        if self.messages.get(likely).is_some_and(|message| message.envelope.tick == tick) {
+            return Some(likely);
+        }
+        self.messages.binary_search_by_key(&tick, |message| message.envelope.tick).ok()
+    }
+}
