@@ -13,12 +13,10 @@ use std::path::{Path, PathBuf};
 use mcap::McapError;
 use mcap::records::{Metadata, Record};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use model::envelope::Message;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::topic::Topic;
 
 use crate::TOPICS;
-use crate::codec::{Logged, decode};
+use crate::codec::decode_into;
 use crate::entry::{Counts, LogEntry};
 use crate::{facts, schema};
 use failure::{Failure, InFile as _, open_file};
@@ -48,8 +46,8 @@ pub struct LogReader {
     /// Which file of the log it is, once it has said so.
     part: Option<u64>,
     parser: LinearReader,
-    /// What is read by the messages' layouts: topics by channel.
-    channels: BTreeMap<u16, &'static str>,
+    /// What is read by the messages' layouts: places in [`TOPICS`] by channel.
+    channels: BTreeMap<u16, usize>,
     schemas: BTreeMap<u16, (String, Vec<u8>)>,
     facts: BTreeMap<String, facts::Record>,
     end: Option<End>,
@@ -77,7 +75,7 @@ impl LogReader {
             facts: BTreeMap::new(),
             end: None,
             read: [0; TOPICS.len()],
-            newest: LogEntry::State(Message::default()),
+            newest: LogEntry::empty(0),
             has_data_end: false,
             has_footer: false,
         })
@@ -139,12 +137,11 @@ impl LogReader {
             LinearReadEvent::Record { opcode, data } => {
                 let record = match mcap::parse_record(opcode, data) {
                     Ok(Record::Message { header, data }) => {
-                        let Some(topic) = self.channels.get(&header.channel_id) else { return Ok(false) };
-                        let Some(entry) = entry(topic, &data) else {
-                            let what = format!("a message of topic `{topic}` does not follow its schema");
+                        let Some(topic) = self.channels.get(&header.channel_id).copied() else { return Ok(false) };
+                        if !read(topic, &data, &mut self.newest) {
+                            let what = format!("a message of topic `{}` does not follow its schema", TOPICS[topic]);
                             return Err(self.damaged(&what));
-                        };
-                        self.newest = entry;
+                        }
                         return Ok(true);
                     }
                     parsed => parsed.map(Record::into_owned),
@@ -239,36 +236,36 @@ impl LogReader {
     }
 
     fn take_channel(&mut self, channel: &mcap::records::Channel) -> Result<(), Failure> {
-        match channel.topic.as_str() {
-            State::NAME => self.know::<State>(channel),
-            Setpoint::NAME => self.know::<Setpoint>(channel),
-            Wrench::NAME => self.know::<Wrench>(channel),
-            RotorSpeeds::NAME => self.know::<RotorSpeeds>(channel),
-            SwapRecord::NAME => self.know::<SwapRecord>(channel),
-            _ => Ok(()),
-        }
-    }
-
-    /// Takes a channel in whose messages are laid out as here.
-    fn know<C: Logged>(&mut self, channel: &mcap::records::Channel) -> Result<(), Failure> {
-        let ours = schema::descriptor_set::<C>();
+        let Some(place) = TOPICS.iter().position(|topic| *topic == channel.topic) else { return Ok(()) };
+        let ours = match LogEntry::empty(place) {
+            LogEntry::State(_) => schema::descriptor_set::<State>(),
+            LogEntry::Setpoint(_) => schema::descriptor_set::<Setpoint>(),
+            LogEntry::Wrench(_) => schema::descriptor_set::<Wrench>(),
+            LogEntry::RotorSpeeds(_) => schema::descriptor_set::<RotorSpeeds>(),
+            LogEntry::Swap(_) => schema::descriptor_set::<SwapRecord>(),
+        };
+        // Only what is laid out as here can be read.
         if self.schemas.get(&channel.schema_id).is_none_or(|(_, theirs)| *theirs != ours) {
             return Err(self.of_other_version(&format!("its topic `{}` has another schema", channel.topic)));
         }
-        self.channels.insert(channel.id, <C as Topic>::NAME);
+        self.channels.insert(channel.id, place);
         Ok(())
     }
 }
 
-/// A message of a topic; none where its bytes do not follow the layout.
-fn entry(topic: &str, data: &[u8]) -> Option<LogEntry> {
-    Some(match topic {
-        State::NAME => LogEntry::State(decode(data)?),
-        Setpoint::NAME => LogEntry::Setpoint(decode(data)?),
-        Wrench::NAME => LogEntry::Wrench(decode(data)?),
-        RotorSpeeds::NAME => LogEntry::RotorSpeeds(decode(data)?),
-        _ => LogEntry::Swap(decode(data)?),
-    })
+/// Reads a message of a topic into the place of another one; false where its bytes do not follow the layout.
+fn read(topic: usize, data: &[u8], entry: &mut LogEntry) -> bool {
+    // Messages of a topic stand together: most come into the place of one of their own.
+    if entry.topic() != topic {
+        *entry = LogEntry::empty(topic);
+    }
+    match entry {
+        LogEntry::State(message) => decode_into(data, message),
+        LogEntry::Setpoint(message) => decode_into(data, message),
+        LogEntry::Wrench(message) => decode_into(data, message),
+        LogEntry::RotorSpeeds(message) => decode_into(data, message),
+        LogEntry::Swap(message) => decode_into(data, message),
+    }
 }
 
 fn parser() -> LinearReader {

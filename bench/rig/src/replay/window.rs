@@ -10,28 +10,42 @@ use crate::replay::LOOKAHEAD;
 use crate::replay::survey::gap;
 use failure::Failure;
 
-/// Messages kept: those read ahead, and as many behind. An input is the newest that its stage had; that is never so old.
-const KEPT: usize = 2 * LOOKAHEAD;
+/// Messages kept behind the one that is replayed. An input is the newest that its stage had; that is never so old.
+const KEPT_BEHIND: usize = LOOKAHEAD;
 
-/// Messages of a topic by rising tick.
+/// Messages of a topic by rising tick, and how far they are replayed.
 #[derive(Clone, Debug)]
 pub struct Window<C: Topic> {
     messages: VecDeque<Message<C>>,
+    /// How many of them are replayed.
+    replayed: usize,
 }
 
 impl<C: Topic> Window<C> {
     /// An empty window.
     #[must_use]
     pub const fn new() -> Self {
-        Self { messages: VecDeque::new() }
+        Self { messages: VecDeque::new(), replayed: 0 }
     }
 
     /// Takes the next message.
-    pub fn push(&mut self, message: Message<C>) {
-        if self.messages.len() >= KEPT {
+    pub fn push(&mut self, message: &Message<C>) {
+        if self.replayed > KEPT_BEHIND {
             self.messages.pop_front();
+            self.replayed -= 1;
         }
-        self.messages.push_back(message);
+        self.messages.push_back(*message);
+    }
+
+    /// The message that is to be replayed next.
+    #[must_use]
+    pub fn next(&self) -> Option<&Message<C>> {
+        self.messages.get(self.replayed)
+    }
+
+    /// That message is replayed.
+    pub const fn advance(&mut self) {
+        self.replayed += 1;
     }
 
     /// What a stage had as its newest input at `tick`, by the tick that it says this was of.
