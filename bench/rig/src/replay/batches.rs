@@ -4,26 +4,66 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, TryRecvError, channel, sync_
 
 use failure::Failure;
 use flight_log::entry::LogEntry;
+use model::envelope::Message;
+use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 
 /// Messages handed over at once: they take longer than the waking of a thread.
 const BATCH: usize = 256;
 /// Batches on their way: a chunk of the log, which is decompressed at once.
 const ON_THEIR_WAY: usize = 16;
 
+/// Messages by topic, each in the order of the log.
+#[derive(Clone, Debug, Default)]
+pub struct Batch {
+    /// Topic `state`.
+    pub states: Vec<Message<State>>,
+    /// Topic `setpoint`.
+    pub setpoints: Vec<Message<Setpoint>>,
+    /// Topic `wrench`.
+    pub wrenches: Vec<Message<Wrench>>,
+    /// Topic `rotor_speeds`.
+    pub rotor_speeds: Vec<Message<RotorSpeeds>>,
+    /// Topic `swaps`.
+    pub swaps: Vec<Message<SwapRecord>>,
+    length: usize,
+}
+
+impl Batch {
+    fn push(&mut self, entry: &LogEntry) {
+        match entry {
+            LogEntry::State(message) => self.states.push(*message),
+            LogEntry::Setpoint(message) => self.setpoints.push(*message),
+            LogEntry::Wrench(message) => self.wrenches.push(*message),
+            LogEntry::RotorSpeeds(message) => self.rotor_speeds.push(*message),
+            LogEntry::Swap(message) => self.swaps.push(*message),
+        }
+        self.length += 1;
+    }
+
+    fn clear(&mut self) {
+        self.states.clear();
+        self.setpoints.clear();
+        self.wrenches.clear();
+        self.rotor_speeds.clear();
+        self.swaps.clear();
+        self.length = 0;
+    }
+}
+
 /// The end that reads.
 #[derive(Debug)]
 pub struct ToFlight {
-    batch: Vec<LogEntry>,
-    full: SyncSender<Vec<LogEntry>>,
+    batch: Batch,
+    full: SyncSender<Batch>,
     /// To be filled again: new memory costs as much as what is put there.
-    empty: Receiver<Vec<LogEntry>>,
+    empty: Receiver<Batch>,
 }
 
 /// The end that flies.
 #[derive(Debug)]
 pub struct FromLog {
-    full: Receiver<Vec<LogEntry>>,
-    empty: Sender<Vec<LogEntry>>,
+    full: Receiver<Batch>,
+    empty: Sender<Batch>,
 }
 
 /// A way from one thread to another.
@@ -31,14 +71,14 @@ pub struct FromLog {
 pub fn batches() -> (ToFlight, FromLog) {
     let (full, from_log) = sync_channel(ON_THEIR_WAY);
     let (to_log, empty) = channel();
-    (ToFlight { batch: Vec::with_capacity(BATCH), full, empty }, FromLog { full: from_log, empty: to_log })
+    (ToFlight { batch: Batch::default(), full, empty }, FromLog { full: from_log, empty: to_log })
 }
 
 impl ToFlight {
     /// Takes a message; nothing happens to it where the flight has ended.
     pub fn push(&mut self, entry: &LogEntry) {
-        self.batch.push(*entry);
-        if self.batch.len() == BATCH {
+        self.batch.push(entry);
+        if self.batch.length == BATCH {
             self.hand_over();
         }
     }
@@ -54,7 +94,7 @@ impl ToFlight {
                 empty.clear();
                 empty
             }
-            Err(TryRecvError::Empty) => Vec::with_capacity(BATCH),
+            Err(TryRecvError::Empty) => Batch::default(),
             // The flight has ended. The log is still read to its end.
             Err(TryRecvError::Disconnected) => return self.batch.clear(),
         };
@@ -68,7 +108,7 @@ impl FromLog {
     ///
     /// # Errors
     /// Those of `fly`.
-    pub fn each(self, mut fly: impl FnMut(&[LogEntry]) -> Result<bool, Failure>) -> Result<(), Failure> {
+    pub fn each(self, mut fly: impl FnMut(&Batch) -> Result<bool, Failure>) -> Result<(), Failure> {
         for batch in &self.full {
             if !fly(&batch)? {
                 break;

@@ -26,7 +26,7 @@ use model::role::Role;
 use crate::cli::ReplayArgs;
 use crate::output::{print, say};
 use crate::replay::airframe::AirframeReplay;
-use crate::replay::batches::{FromLog, batches};
+use crate::replay::batches::{Batch, FromLog, batches};
 use crate::replay::compare::ReplayComparison;
 use crate::replay::loops::LoopsReplay;
 use crate::replay::summary::Summary;
@@ -36,7 +36,6 @@ use crate::run_directory::find_log;
 use crate::settings::Settings;
 use crate::wall_time::speed;
 use failure::{Failure, GATE, OK};
-use flight_log::entry::LogEntry;
 use flight_log::reader::End;
 use report::tally::is_last_word;
 use report::tracking::Tracking;
@@ -206,7 +205,7 @@ impl Again {
     fn fly(mut self, log: FromLog, stops: bool) -> Result<Self, Failure> {
         let mut stopped = false;
         log.each(|batch| {
-            batch.iter().for_each(|entry| self.take(entry));
+            self.take(batch);
             stopped = self.catch_up(LOOKAHEAD, stops)?;
             Ok(!stopped)
         })?;
@@ -238,15 +237,14 @@ impl Again {
         self.ahead < LOOKAHEAD_FOR_SWAPS && state.is_some_and(|state| !self.airframe.knows_swaps_of(&state.content))
     }
 
-    fn take(&mut self, entry: &LogEntry) {
-        match entry {
-            LogEntry::State(message) => self.windows.states.push(message),
-            LogEntry::Setpoint(message) => self.windows.setpoints.push(message),
-            LogEntry::Wrench(message) => self.windows.wrenches.push(message),
-            LogEntry::RotorSpeeds(message) => self.windows.rotor_speeds.push(message),
-            LogEntry::Swap(message) => return self.airframe.push_swap(message),
-        }
-        self.ahead += 1;
+    fn take(&mut self, batch: &Batch) {
+        let Batch { states, setpoints, wrenches, rotor_speeds, swaps, .. } = batch;
+        self.windows.states.extend(states);
+        self.windows.setpoints.extend(setpoints);
+        self.windows.wrenches.extend(wrenches);
+        self.windows.rotor_speeds.extend(rotor_speeds);
+        swaps.iter().for_each(|swap| self.airframe.push_swap(swap));
+        self.ahead += states.len() + setpoints.len() + wrenches.len() + rotor_speeds.len();
     }
 
     fn step(&mut self, tick: u64, stage: Role) -> Result<(), Failure> {

@@ -28,13 +28,12 @@ impl<C: Topic> Window<C> {
         Self { messages: VecDeque::new(), replayed: 0 }
     }
 
-    /// Takes the next message.
-    pub fn push(&mut self, message: &Message<C>) {
-        if self.replayed > KEPT_BEHIND {
-            self.messages.pop_front();
-            self.replayed -= 1;
-        }
-        self.messages.push_back(*message);
+    /// Takes the next messages.
+    pub fn extend(&mut self, messages: &[Message<C>]) {
+        let forgotten = self.replayed.saturating_sub(KEPT_BEHIND);
+        self.messages.drain(..forgotten);
+        self.replayed -= forgotten;
+        self.messages.extend(messages);
     }
 
     /// The message that is to be replayed next.
