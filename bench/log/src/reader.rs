@@ -11,7 +11,7 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use mcap::McapError;
-use mcap::records::{Metadata, Record};
+use mcap::records::{Metadata, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 
@@ -25,6 +25,9 @@ pub use told::Kept;
 
 /// A record longer than this is no log's [bytes].
 const RECORD_LIMIT: usize = 1 << 28;
+
+/// Length of what stands before a message: channel, sequence, and two times [bytes].
+const MESSAGE_HEADER: usize = 2 + 4 + 8 + 8;
 
 /// What fails where a file cannot be read.
 const READ: &str = "read the flight log";
@@ -135,17 +138,19 @@ impl LogReader {
                 Ok(false)
             }
             LinearReadEvent::Record { opcode, data } => {
-                let record = match mcap::parse_record(opcode, data) {
-                    Ok(Record::Message { header, data }) => {
-                        let Some(topic) = self.channels.get(&header.channel_id).copied() else { return Ok(false) };
-                        if !read(topic, &data, &mut self.newest) {
-                            let what = format!("a message of topic `{}` does not follow its schema", TOPICS[topic]);
-                            return Err(self.damaged(&what));
-                        }
-                        return Ok(true);
+                // Most records are messages, of which the channel is all that is wanted.
+                if opcode == op::MESSAGE
+                    && let Some((header, data)) = data.split_at_checked(MESSAGE_HEADER)
+                {
+                    let channel = u16::from_le_bytes([header[0], header[1]]);
+                    let Some(topic) = self.channels.get(&channel).copied() else { return Ok(false) };
+                    if !read(topic, data, &mut self.newest) {
+                        let what = format!("a message of topic `{}` does not follow its schema", TOPICS[topic]);
+                        return Err(self.damaged(&what));
                     }
-                    parsed => parsed.map(Record::into_owned),
-                };
+                    return Ok(true);
+                }
+                let record = mcap::parse_record(opcode, data).map(Record::into_owned);
                 let record = record.map_err(|e| self.damaged(&e.to_string()))?;
                 self.take(record).map(|()| false)
             }

@@ -119,3 +119,48 @@ impl FromLog {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use model::envelope::Envelope;
+
+    use super::*;
+
+    fn state(tick: u64) -> LogEntry {
+        LogEntry::State(Message { envelope: Envelope { tick, ..Envelope::new() }, content: State::default() })
+    }
+
+    #[test]
+    fn every_message_comes_once_and_in_order_also_of_the_last_batch() {
+        const MESSAGES: u64 = 3 * (BATCH * ON_THEIR_WAY) as u64 + 1;
+        let (mut to_flight, from_log) = batches();
+        let mut came = Vec::new();
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                (0..MESSAGES).for_each(|tick| to_flight.push(&state(tick)));
+                to_flight.finish();
+            });
+            let mut take = |batch: &Batch| came.extend(batch.states.iter().map(|message| message.envelope.tick));
+            from_log
+                .each(|batch| {
+                    take(batch);
+                    Ok(true)
+                })
+                .unwrap();
+        });
+        assert!(came.iter().copied().eq(0..MESSAGES), "{} came", came.len());
+    }
+
+    #[test]
+    fn a_flight_that_has_ended_keeps_nobody_from_reading_on() {
+        let (mut to_flight, from_log) = batches();
+        std::thread::scope(|scope| {
+            let flight = scope.spawn(move || from_log.each(|_| Ok(false)));
+            for tick in 0..3 * (BATCH * ON_THEIR_WAY) as u64 {
+                to_flight.push(&state(tick));
+            }
+            to_flight.finish();
+            flight.join().unwrap().unwrap();
+        });
+    }
+}
