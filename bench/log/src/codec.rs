@@ -36,11 +36,17 @@ pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
 #[must_use]
 pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
     let mut message = Message { envelope: Envelope::new(), content: C::default() };
+    decode_into(bytes, &mut message).then_some(message)
+}
+
+/// Reads a message into the place of another one; false where the bytes are not one, and what stands there then is none.
+#[must_use]
+pub fn decode_into<C: Logged>(bytes: &[u8], message: &mut Message<C>) -> bool {
     let mut decoder = Decoder { bytes, number: ENVELOPE_NUMBER, whole: true };
     decoder.nested(&mut message.envelope);
     decoder.number = CONTENT_NUMBER;
     message.content.visit_mut(&mut decoder);
-    (decoder.whole && decoder.bytes.is_empty()).then_some(message)
+    decoder.whole && decoder.bytes.is_empty()
 }
 
 /// A struct that stands within a message.
@@ -144,36 +150,29 @@ struct Decoder<'a> {
 }
 
 impl Decoder<'_> {
-    fn varint(&mut self) -> Option<u64> {
-        let mut value = 0;
-        for shift in (0..64).step_by(7) {
-            let (byte, rest) = self.bytes.split_first()?;
-            self.bytes = rest;
-            value |= u64::from(byte & 0x7f) << shift;
-            if byte & 0x80 == 0 {
-                return Some(value);
+    /// Takes a varint, which must be this one and as short as it can be.
+    #[inline]
+    fn expect(&mut self, mut value: u64) {
+        loop {
+            let is_last = value < 0x80;
+            let byte = if is_last { value as u8 } else { value as u8 | 0x80 };
+            match self.bytes.split_first() {
+                Some((first, rest)) if *first == byte => self.bytes = rest,
+                _ => self.whole = false,
             }
+            if is_last {
+                return;
+            }
+            value >>= 7;
         }
-        None
     }
 
-    fn expect(&mut self, value: u64) {
-        self.whole = self.whole && self.varint() == Some(value);
-    }
-
+    #[inline]
     fn tag(&mut self, wire_type: u32) {
         self.expect(u64::from(self.number << 3 | wire_type));
     }
 
-    fn word(&mut self) -> u64 {
-        let Some((word, rest)) = self.bytes.split_first_chunk() else {
-            self.whole = false;
-            return 0;
-        };
-        self.bytes = rest;
-        u64::from_le_bytes(*word)
-    }
-
+    #[inline]
     fn nested<L: Walk>(&mut self, value: &mut L) {
         self.tag(LENGTH_DELIMITED);
         self.expect(<L as Nested>::LENGTH as u64);
@@ -183,27 +182,40 @@ impl Decoder<'_> {
         self.number = outside;
     }
 
-    fn words(&mut self, field: &Field, count: usize, mut take: impl FnMut(usize, u64)) {
+    /// The words of a field; none where there are too few.
+    #[inline]
+    fn words(&mut self, field: &Field, count: usize) -> impl Iterator<Item = u64> {
+        let length = count * size_of::<u64>();
         if field.length.is_some() {
             self.tag(LENGTH_DELIMITED);
-            self.expect((count * size_of::<u64>()) as u64);
+            self.expect(length as u64);
         } else {
             self.tag(FIXED64);
         }
-        (0..count).for_each(|i| take(i, self.word()));
         self.number += 1;
+        let (words, rest) = self.bytes.split_at_checked(length).unwrap_or_else(|| {
+            self.whole = false;
+            Default::default()
+        });
+        self.bytes = rest;
+        words.as_chunks().0.iter().map(|word| u64::from_le_bytes(*word))
     }
 }
 
 impl VisitorMut for Decoder<'_> {
+    #[inline]
     fn integers(&mut self, field: &'static Field, values: &mut [u64]) {
-        self.words(field, values.len(), |i, word| values[i] = word);
+        let words = self.words(field, values.len());
+        values.iter_mut().zip(words).for_each(|(value, word)| *value = word);
     }
 
+    #[inline]
     fn numbers(&mut self, field: &'static Field, values: &mut [f64]) {
-        self.words(field, values.len(), |i, word| values[i] = f64::from_bits(word));
+        let words = self.words(field, values.len());
+        values.iter_mut().zip(words).for_each(|(value, word)| *value = f64::from_bits(word));
     }
 
+    #[inline]
     fn structs<L: Walk>(&mut self, _: &'static Field, values: &mut [L]) {
         values.iter_mut().for_each(|value| self.nested(value));
         self.number += 1;

@@ -28,6 +28,18 @@ pub enum LogEntry {
 }
 
 impl LogEntry {
+    /// An empty message of a topic, by its place in [`TOPICS`].
+    pub(crate) fn empty(topic: usize) -> Self {
+        match topic {
+            0 => Self::State(Message::default()),
+            1 => Self::Setpoint(Message::default()),
+            2 => Self::Wrench(Message::default()),
+            3 => Self::RotorSpeeds(Message::default()),
+            4 => Self::Swap(Message::default()),
+            _ => Self::Theorem(Message::default()),
+        }
+    }
+
     /// Its envelope.
     #[must_use]
     pub const fn envelope(&self) -> &Envelope {

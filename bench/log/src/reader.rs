@@ -11,15 +11,13 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use mcap::McapError;
-use mcap::records::{Metadata, Record};
+use mcap::records::{Metadata, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use model::envelope::Message;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::monitor::Monitor;
-use model::topic::Topic;
 
 use crate::TOPICS;
-use crate::codec::{Logged, decode};
+use crate::codec::decode_into;
 use crate::entry::{Counts, LogEntry};
 use crate::{facts, schema};
 use failure::{Failure, InFile as _, open_file};
@@ -28,6 +26,9 @@ pub use told::Kept;
 
 /// A record longer than this is no log's [bytes].
 const RECORD_LIMIT: usize = 1 << 28;
+
+/// Length of what stands before a message: channel, sequence, and two times [bytes].
+const MESSAGE_HEADER: usize = 2 + 4 + 8 + 8;
 
 /// What fails where a file cannot be read.
 const READ: &str = "read the flight log";
@@ -49,8 +50,8 @@ pub struct LogReader {
     /// Which file of the log it is, once it has said so.
     part: Option<u64>,
     parser: LinearReader,
-    /// What is read by the messages' layouts: topics by channel.
-    channels: BTreeMap<u16, &'static str>,
+    /// What is read by the messages' layouts: places in [`TOPICS`] by channel.
+    channels: BTreeMap<u16, usize>,
     schemas: BTreeMap<u16, (String, Vec<u8>)>,
     facts: BTreeMap<String, facts::Record>,
     end: Option<End>,
@@ -78,7 +79,7 @@ impl LogReader {
             facts: BTreeMap::new(),
             end: None,
             read: [0; TOPICS.len()],
-            newest: LogEntry::State(Message::default()),
+            newest: LogEntry::empty(0),
             has_data_end: false,
             has_footer: false,
         })
@@ -138,18 +139,19 @@ impl LogReader {
                 Ok(false)
             }
             LinearReadEvent::Record { opcode, data } => {
-                let record = match mcap::parse_record(opcode, data) {
-                    Ok(Record::Message { header, data }) => {
-                        let Some(topic) = self.channels.get(&header.channel_id) else { return Ok(false) };
-                        let Some(entry) = entry(topic, &data) else {
-                            let what = format!("a message of topic `{topic}` does not follow its schema");
-                            return Err(self.damaged(&what));
-                        };
-                        self.newest = entry;
-                        return Ok(true);
+                // Most records are messages, of which the channel is all that is wanted.
+                if opcode == op::MESSAGE
+                    && let Some((header, data)) = data.split_at_checked(MESSAGE_HEADER)
+                {
+                    let channel = u16::from_le_bytes([header[0], header[1]]);
+                    let Some(topic) = self.channels.get(&channel).copied() else { return Ok(false) };
+                    if !read(topic, data, &mut self.newest) {
+                        let what = format!("a message of topic `{}` does not follow its schema", TOPICS[topic]);
+                        return Err(self.damaged(&what));
                     }
-                    parsed => parsed.map(Record::into_owned),
-                };
+                    return Ok(true);
+                }
+                let record = mcap::parse_record(opcode, data).map(Record::into_owned);
                 let record = record.map_err(|e| self.damaged(&e.to_string()))?;
                 self.take(record).map(|()| false)
             }
@@ -240,38 +242,38 @@ impl LogReader {
     }
 
     fn take_channel(&mut self, channel: &mcap::records::Channel) -> Result<(), Failure> {
-        match channel.topic.as_str() {
-            State::NAME => self.know::<State>(channel),
-            Setpoint::NAME => self.know::<Setpoint>(channel),
-            Wrench::NAME => self.know::<Wrench>(channel),
-            RotorSpeeds::NAME => self.know::<RotorSpeeds>(channel),
-            SwapRecord::NAME => self.know::<SwapRecord>(channel),
-            Monitor::NAME => self.know::<Monitor>(channel),
-            _ => Ok(()),
-        }
-    }
-
-    /// Takes a channel in whose messages are laid out as here.
-    fn know<C: Logged>(&mut self, channel: &mcap::records::Channel) -> Result<(), Failure> {
-        let ours = schema::descriptor_set::<C>();
+        let Some(place) = TOPICS.iter().position(|topic| *topic == channel.topic) else { return Ok(()) };
+        let ours = match LogEntry::empty(place) {
+            LogEntry::State(_) => schema::descriptor_set::<State>(),
+            LogEntry::Setpoint(_) => schema::descriptor_set::<Setpoint>(),
+            LogEntry::Wrench(_) => schema::descriptor_set::<Wrench>(),
+            LogEntry::RotorSpeeds(_) => schema::descriptor_set::<RotorSpeeds>(),
+            LogEntry::Swap(_) => schema::descriptor_set::<SwapRecord>(),
+            LogEntry::Theorem(_) => schema::descriptor_set::<Monitor>(),
+        };
+        // Only what is laid out as here can be read.
         if self.schemas.get(&channel.schema_id).is_none_or(|(_, theirs)| *theirs != ours) {
             return Err(self.of_other_version(&format!("its topic `{}` has another schema", channel.topic)));
         }
-        self.channels.insert(channel.id, <C as Topic>::NAME);
+        self.channels.insert(channel.id, place);
         Ok(())
     }
 }
 
-/// A message of a topic; none where its bytes do not follow the layout.
-fn entry(topic: &str, data: &[u8]) -> Option<LogEntry> {
-    Some(match topic {
-        State::NAME => LogEntry::State(decode(data)?),
-        Setpoint::NAME => LogEntry::Setpoint(decode(data)?),
-        Wrench::NAME => LogEntry::Wrench(decode(data)?),
-        RotorSpeeds::NAME => LogEntry::RotorSpeeds(decode(data)?),
-        SwapRecord::NAME => LogEntry::Swap(decode(data)?),
-        _ => LogEntry::Theorem(decode(data)?),
-    })
+/// Reads a message of a topic into the place of another one; false where its bytes do not follow the layout.
+fn read(topic: usize, data: &[u8], entry: &mut LogEntry) -> bool {
+    // Messages of a topic stand together: most come into the place of one of their own.
+    if entry.topic() != topic {
+        *entry = LogEntry::empty(topic);
+    }
+    match entry {
+        LogEntry::State(message) => decode_into(data, message),
+        LogEntry::Setpoint(message) => decode_into(data, message),
+        LogEntry::Wrench(message) => decode_into(data, message),
+        LogEntry::RotorSpeeds(message) => decode_into(data, message),
+        LogEntry::Swap(message) => decode_into(data, message),
+        LogEntry::Theorem(message) => decode_into(data, message),
+    }
 }
 
 fn parser() -> LinearReader {

@@ -34,9 +34,10 @@ fn name_columns(path: &str, fields: &[Field], columns: &mut Vec<String>) {
 }
 
 /// The words of a content in the order of its columns: whole numbers, and the bits of the others.
-pub fn words<L: Walk>(content: &L, out: &mut Vec<u64>) {
-    struct Words<'a>(&'a mut Vec<u64>);
-    impl Visitor for Words<'_> {
+#[must_use]
+pub fn words<L: Walk>(content: &L) -> Vec<u64> {
+    struct Words(Vec<u64>);
+    impl Visitor for Words {
         fn integers(&mut self, _: &'static Field, values: &[u64]) {
             self.0.extend_from_slice(values);
         }
@@ -49,7 +50,9 @@ pub fn words<L: Walk>(content: &L, out: &mut Vec<u64>) {
             values.iter().for_each(|value| value.visit(self));
         }
     }
-    content.visit(&mut Words(out));
+    let mut words = Words(Vec::new());
+    content.visit(&mut words);
+    words.0
 }
 
 /// Name and value of each number of a content, the value in words.
@@ -179,8 +182,7 @@ mod tests {
         assert_eq!((of("torque_b_nm[0]"), of("torque_b_nm[1]"), of("mode")), ("1e-300", "-0.0", "2"));
         assert_eq!((of("envelope.tick"), of("envelope.stamps[3].send_ns")), ("7", "9"));
         assert_eq!(of("envelope.input_tick[0]"), NO_TICK.to_string());
-        let mut words_of = Vec::new();
-        words(&message().content, &mut words_of);
+        let words_of = words(&message().content);
         assert_eq!(words_of.len(), named(&message().content).len());
         assert_eq!(words_of[2], (-0.0f64).to_bits());
     }

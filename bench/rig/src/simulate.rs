@@ -12,6 +12,7 @@ use crate::cli::SimulateArgs;
 use crate::in_process::InProcess;
 use crate::output::print;
 use crate::settings::Settings;
+use crate::wall_time::speed;
 use failure::{Failure, GATE, OK, check_writable, write_text};
 use report::page::picture;
 use report::schema::{AppliedSwap, Gate};
@@ -68,10 +69,10 @@ fn check_drawn(path: Option<&Path>) -> Result<(), Failure> {
 fn summary(flown: &Simulated, settings: &Settings, wall_s: f64) -> String {
     let flown_s = flown.ticks as f64 * settings.flight.period_s;
     let mut text = format!(
-        "{}: {} ticks, {flown_s:.3} s simulated in {wall_s:.3} s ({:.0} times real time)\n",
+        "{}: {} ticks, {flown_s:.3} s simulated in {}\n",
         text::flown(settings.flight.trajectory, settings.flight.preset),
         flown.ticks,
-        flown_s / wall_s
+        speed(flown_s, wall_s)
     );
     text += &format!("position error {}\n", flown.error);
     for (name, estimated, actual) in &flown.estimates {

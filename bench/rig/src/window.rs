@@ -6,31 +6,46 @@ use model::envelope::Message;
 use model::messages::{Dated, NO_TICK};
 use model::topic::Topic;
 
-/// Messages of a topic by rising tick.
+/// Messages of a topic by rising tick, and how far they are worked through.
 #[derive(Clone, Debug)]
 pub struct Window<C: Topic> {
     kept: usize,
     messages: VecDeque<Message<C>>,
+    /// How many of them are worked through.
+    done: usize,
 }
 
 impl<C: Topic> Window<C> {
-    /// An empty window that keeps so many messages.
+    /// An empty window that keeps so many messages behind the next one.
     #[must_use]
     pub const fn keeping(kept: usize) -> Self {
-        Self { kept, messages: VecDeque::new() }
+        Self { kept, messages: VecDeque::new(), done: 0 }
     }
 
-    /// Takes the next message.
-    pub fn push(&mut self, message: Message<C>) {
-        if self.messages.len() >= self.kept {
-            self.messages.pop_front();
-        }
-        self.messages.push_back(message);
+    /// Takes messages.
+    pub fn extend(&mut self, messages: &[Message<C>]) {
+        let forgotten = self.done.saturating_sub(self.kept);
+        self.messages.drain(..forgotten);
+        self.done -= forgotten;
+        self.messages.extend(messages);
+    }
+
+    /// The first message that is not worked through.
+    #[must_use]
+    pub fn next(&self) -> Option<&Message<C>> {
+        self.messages.get(self.done)
+    }
+
+    /// That message is worked through.
+    pub const fn advance(&mut self) {
+        self.done += 1;
     }
 
     /// Lets go of what is older than a tick.
     pub fn forget_before(&mut self, tick: u64) {
-        while self.messages.pop_front_if(|message| message.envelope.tick < tick).is_some() {}
+        while self.messages.pop_front_if(|message| message.envelope.tick < tick).is_some() {
+            self.done = self.done.saturating_sub(1);
+        }
     }
 
     /// Tick of the newest message.

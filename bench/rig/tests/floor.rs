@@ -100,14 +100,15 @@ fn a_process_of_the_ring_started_by_hand_says_that_it_is_none() {
 fn the_page_has_a_row_per_comparison_and_its_numbers_lie_beside() {
     let rig = Rig::new("floor");
     let to = rig.path("benchmarks");
-    let options = ["--only", "lockstep,laws", "--pairs", "1", "--seconds", "1", "--write", to.to_str().unwrap()];
-    let page = rig.run("floor", &options).expect(0).says("| lockstep tick | ").says("| laws, one tick | ").stdout;
+    let options = ["--only", "lockstep,laws,replay", "--pairs", "1", "--seconds", "1", "--write", to.to_str().unwrap()];
+    let ended = rig.run("floor", &options).expect(0).says("| lockstep tick | ").says("| laws, one tick | ");
+    let page = ended.says("| replay --verify, one tick | ").stdout;
     assert_eq!(std::fs::read_to_string(to.join("benchmarks.md")).unwrap(), page);
     let numbers = std::fs::read_to_string(to.join("benchmarks.json")).unwrap();
     let numbers: serde_json::Value = serde_json::from_str(&numbers).unwrap();
     let sets = numbers["sets"].as_array().unwrap();
     let comparisons: Vec<_> = sets.iter().flat_map(|set| set["comparisons"].as_array().unwrap()).collect();
-    assert_eq!(comparisons.len(), 4);
+    assert_eq!(comparisons.len(), 5);
     for comparison in comparisons {
         let pair = &comparison["pairs"]["pairs"][0];
         assert!(pair["ours"].as_f64().unwrap() > 0.0 && pair["floor"].as_f64().unwrap() > 0.0, "{comparison}");

@@ -10,7 +10,8 @@ use flight_log::entry::LogEntry;
 use flight_log::facts::record;
 use flight_log::reader::LogReader;
 use flight_log::writer::FlightLog;
-use ironbird::replay::{Replayed, fly_again};
+use ironbird::replay::{LOOKAHEAD, Replayed, fly_again};
+use recorded::rewritten::{change, flip, rewrite, rewrite_landing};
 use recorded::{Dice, Published, Trouble, fly, settings, write};
 use tempfile::TempDir;
 
@@ -162,63 +163,6 @@ fn trouble_of_all_kinds_at_once_is_identical() {
     assert!(seen.iter().all(|count| *count > 0), "there was trouble: {seen:?}");
 }
 
-/// Writes a log again, with another number of ticks in its landing record.
-fn rewrite_landing(from: &Path, to: &Path, text: &str, ticks_run: &str) {
-    finish_again(from, to, text, |_| true, &[("ticks_run", ticks_run)]);
-}
-
-/// Writes a log again, without the messages that `keep` does not want, which it may also change.
-fn rewrite(from: &Path, to: &Path, text: &str, keep: impl FnMut(&mut LogEntry) -> bool) {
-    finish_again(from, to, text, keep, &[]);
-}
-
-fn finish_again(
-    from: &Path,
-    to: &Path,
-    text: &str,
-    mut keep: impl FnMut(&mut LogEntry) -> bool,
-    landing: &[(&str, &str)],
-) {
-    let mut reader = LogReader::open(from).unwrap();
-    let mut log = FlightLog::create(to, &recorded::facts(&settings(text))).unwrap();
-    while let Some(mut entry) = reader.next_entry().unwrap().copied() {
-        if !keep(&mut entry) {
-            continue;
-        }
-        log.take(entry);
-    }
-    log.finish(record(landing)).unwrap();
-}
-
-fn flip(value: &mut f64) {
-    *value = f64::from_bits(value.to_bits() ^ 1);
-}
-
-/// Changes the lowest bit of a value: of tick 90, or of the swap of tick 60.
-fn change(entry: &mut LogEntry, field: &str) {
-    match entry {
-        LogEntry::State(message) if field == "state.position_w_m[1]" && message.envelope.tick == 90 => {
-            flip(&mut message.content.position_w_m[1]);
-        }
-        LogEntry::Setpoint(message) if field == "setpoint.thrust_n" && message.envelope.tick == 90 => {
-            flip(&mut message.content.thrust_n);
-        }
-        LogEntry::Wrench(message) if field == "wrench.torque_b_nm[2]" && message.envelope.tick == 90 => {
-            flip(&mut message.content.torque_b_nm[2]);
-        }
-        LogEntry::RotorSpeeds(message) if field == "rotor_speeds.saturated" && message.envelope.tick == 90 => {
-            message.content.saturated ^= 1;
-        }
-        LogEntry::Theorem(message) if field == "theorem.v_th" && message.envelope.tick == 90 => {
-            flip(&mut message.content.v_th);
-        }
-        LogEntry::Swap(message) if field == "swaps.old[0]" && message.envelope.tick == 60 => {
-            flip(&mut message.content.old[0]);
-        }
-        _ => {}
-    }
-}
-
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_changed_value_with_whole_checksums_diverges_at_its_tick_stage_and_field() {
@@ -270,6 +214,54 @@ fn a_log_with_a_gap_is_refused_and_the_gap_named() {
     assert!(said.contains("its last state knows 4 swaps, and it holds 3"), "{said}");
     let said = refused(&|_| false);
     assert!(said.contains("holds no message"), "{said}");
+}
+
+#[test]
+fn what_is_wrong_with_a_log_comes_before_what_differs_in_it() {
+    let place = Place::new();
+    let (path, _) = place.log(NOISY, |_| Trouble::default());
+    let changed = place.path("changed.mcap");
+    let rewritten = |gap_at: Option<u64>| {
+        rewrite(&path, &changed, NOISY, |entry| {
+            change(entry, "setpoint.thrust_n");
+            !matches!(entry, LogEntry::Wrench(message) if Some(message.envelope.tick) == gap_at)
+        });
+        verify(&changed)
+    };
+    let divergence = rewritten(None).unwrap().comparison.first.unwrap();
+    assert_eq!((divergence.tick, divergence.field.as_str()), (90, "thrust_n"));
+    let said = rewritten(Some(350)).unwrap_err().to_string();
+    assert!(said.contains("topic `wrench` lacks 1 message before tick 351"), "{said}");
+    let said = fly_again(&changed, 1000, true).unwrap_err().to_string();
+    assert!(said.contains("topic `wrench` lacks 1 message"), "before the tick that it ends before: {said}");
+    let mut flipped = std::fs::read(&path).unwrap();
+    let middle = flipped.len() / 2;
+    flipped[middle] ^= 1;
+    std::fs::write(&changed, flipped).unwrap();
+    let said = verify(&changed).unwrap_err().to_string();
+    assert!(said.contains("changed.mcap is damaged or no flight log: "), "{said}");
+}
+
+#[test]
+fn a_swap_is_waited_for_that_is_recorded_long_after_its_tick() {
+    let place = Place::new();
+    let text = "[flight]\nduration_s = 6.0\nfaults = [\"mass_kg=0.6@tick7\"]\n";
+    let (path, published) = place.log(text, |_| Trouble::default());
+    assert!(4 * published.states.len() > LOOKAHEAD + 100, "the state that knows the swap is due before its record");
+    let late = place.path("late.mcap");
+    let mut reader = LogReader::open(&path).unwrap();
+    let mut log = FlightLog::create(&late, &recorded::facts(&settings(text))).unwrap();
+    let mut swaps = Vec::new();
+    while let Some(entry) = reader.next_entry().unwrap() {
+        match entry {
+            LogEntry::Swap(_) => swaps.push(*entry),
+            _ => log.take(*entry),
+        }
+    }
+    assert_eq!(swaps.len(), 1);
+    swaps.into_iter().for_each(|swap| log.take(swap));
+    log.finish(record(&[])).unwrap();
+    assert_identical(&late);
 }
 
 /// Writes a log again as far as its first messages, with the landing record of the whole one and an end of its own.

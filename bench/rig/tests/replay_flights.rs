@@ -16,7 +16,8 @@ const TROUBLED: &str = "[flight]\nslowdown = 10\ntrajectory = \"fast\"\nduration
 
 #[track_caller]
 fn verifies(rig: &Rig) {
-    let verified = rig.run("replay", &["--verify"]).expect(0);
+    let verified =
+        rig.run("replay", &["--verify"]).expect(0).complains(" s flown again in ").complains(" times real time)");
     let (ticks, said) = (rig.report()["ticks"]["run"].clone(), verified.stdout.clone());
     assert!(
         said.starts_with(&format!("replay: {ticks} ticks, ")) && said.contains(" values, identical; outputs "),

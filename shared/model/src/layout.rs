@@ -7,7 +7,10 @@
 //!
 //! What has a layout may lie in shared memory: [`Plain`] promises it, and [`layout!`] checks it.
 
+mod fingerprint;
+
 use crate::vocabulary::VOCABULARY;
+pub use fingerprint::{FNV_OFFSET, fingerprint, fnv1a, is_dense};
 
 /// What a field is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,6 +86,10 @@ pub trait Walk: Layout {
 
     /// Lends each field, in order.
     fn visit_mut<V: VisitorMut>(&mut self, visitor: &mut V);
+
+    /// Whether every bit of every field is the same: `==` takes two zeros for one, and no number for another.
+    #[must_use]
+    fn is_same(&self, other: &Self) -> bool;
 }
 
 /// What is shown the fields of a struct: an array whole, a single value as an array of one.
@@ -117,6 +124,9 @@ pub trait Element: Plain {
 
     /// Lends a field of it.
     fn lend<V: VisitorMut>(elements: &mut [Self], field: &'static Field, visitor: &mut V);
+
+    /// Whether every bit is the same.
+    fn is_same(&self, other: &Self) -> bool;
 }
 
 /// The type of a field: an element, or an array of them.
@@ -131,6 +141,9 @@ pub trait FieldType: Plain {
 
     /// Lends the field.
     fn lend<V: VisitorMut>(&mut self, field: &'static Field, visitor: &mut V);
+
+    /// Whether every bit is the same.
+    fn is_same(&self, other: &Self) -> bool;
 }
 
 impl<T: Element, const N: usize> FieldType for [T; N] {
@@ -144,13 +157,23 @@ impl<T: Element, const N: usize> FieldType for [T; N] {
     fn lend<V: VisitorMut>(&mut self, field: &'static Field, visitor: &mut V) {
         T::lend(self, field, visitor);
     }
+
+    #[inline]
+    fn is_same(&self, other: &Self) -> bool {
+        self.iter().zip(other).all(|(this, other)| Element::is_same(this, other))
+    }
 }
 
 /// Makes a type an [`Element`], and with it the type of a field.
 #[macro_export]
 #[doc(hidden)]
 macro_rules! element {
-    ($type:ty, $kind:expr, ($field:ident, $visitor:ident, $elements:ident) => $visit:block) => {
+    (
+        $type:ty,
+        $kind:expr,
+        ($field:ident, $visitor:ident, $elements:ident) => $visit:block,
+        ($this:ident, $other:ident) => $same:expr
+    ) => {
         impl $crate::layout::Element for $type {
             const KIND: $crate::layout::Kind = $kind;
 
@@ -169,6 +192,12 @@ macro_rules! element {
             ) {
                 $visit
             }
+
+            #[inline]
+            fn is_same(&self, other: &Self) -> bool {
+                let ($this, $other) = (self, other);
+                $same
+            }
         }
 
         impl $crate::layout::FieldType for $type {
@@ -182,76 +211,25 @@ macro_rules! element {
             fn lend<V: $crate::layout::VisitorMut>(&mut self, field: &'static $crate::layout::Field, visitor: &mut V) {
                 <Self as $crate::layout::Element>::lend(std::slice::from_mut(self), field, visitor);
             }
+
+            #[inline]
+            fn is_same(&self, other: &Self) -> bool {
+                <Self as $crate::layout::Element>::is_same(self, other)
+            }
         }
     };
 }
 pub use element;
 
-element!(u64, Kind::U64, (field, visitor, elements) => { visitor.integers(field, elements); });
-element!(f64, Kind::F64, (field, visitor, elements) => { visitor.numbers(field, elements); });
-element!(u8, Kind::U8, (_field, _visitor, _elements) => {});
-element!(i64, Kind::I64, (_field, _visitor, _elements) => {});
-
-/// FNV-1a over names, offsets, sizes and kinds; of a struct within, over its fields likewise.
-#[must_use]
-pub const fn fingerprint(fields: &[Field]) -> u64 {
-    let mut hash = FNV_OFFSET;
-    let mut i = 0;
-    while i < fields.len() {
-        hash = fnv1a(hash, fields[i].name.as_bytes());
-        hash = fnv1a(hash, &fields[i].offset.to_le_bytes());
-        hash = fnv1a(hash, &fields[i].size.to_le_bytes());
-        hash = fnv1a(hash, fields[i].kind.word().as_bytes());
-        if let Kind::Struct { fields: inner, .. } = fields[i].kind {
-            hash = fnv1a(hash, &fingerprint(inner).to_le_bytes());
-        }
-        i += 1;
-    }
-    hash
-}
-
-impl Kind {
-    /// A word that no other kind has; of a struct, its name.
-    #[must_use]
-    pub const fn word(self) -> &'static str {
-        match self {
-            Self::U8 => "u8",
-            Self::I64 => "i64",
-            Self::U64 => "u64",
-            Self::F64 => "f64",
-            Self::Struct { name, .. } => name,
-        }
-    }
-}
-
-/// Start value of [`fnv1a`].
-pub const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
-
-/// Continues a 64-bit FNV-1a hash over more bytes.
-#[must_use]
-pub const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
-    let mut i = 0;
-    while i < bytes.len() {
-        hash = (hash ^ bytes[i] as u64).wrapping_mul(0x0000_0100_0000_01b3);
-        i += 1;
-    }
-    hash
-}
-
-/// Whether the fields follow each other without padding and fill the struct.
-#[must_use]
-pub const fn is_dense(fields: &[Field], size: usize) -> bool {
-    let mut end = 0;
-    let mut i = 0;
-    while i < fields.len() {
-        if fields[i].offset != end {
-            return false;
-        }
-        end += fields[i].size;
-        i += 1;
-    }
-    end == size
-}
+element!(u64, Kind::U64, (field, visitor, elements) => { visitor.integers(field, elements); }, (a, b) => a == b);
+element!(
+    f64,
+    Kind::F64,
+    (field, visitor, elements) => { visitor.numbers(field, elements); },
+    (a, b) => a.to_bits() == b.to_bits()
+);
+element!(u8, Kind::U8, (_field, _visitor, _elements) => {}, (a, b) => a == b);
+element!(i64, Kind::I64, (_field, _visitor, _elements) => {}, (a, b) => a == b);
 
 /// Describes a wire struct: `repr(C)`, every field listed, in order, each a number or made of numbers.
 ///
@@ -339,6 +317,11 @@ macro_rules! layout {
                     $crate::layout::FieldType::lend(&mut self.$field, field, visitor);
                 })+
             }
+
+            #[inline]
+            fn is_same(&self, other: &Self) -> bool {
+                $($crate::layout::FieldType::is_same(&self.$field, &other.$field))&&+
+            }
         }
         $crate::layout::element!(
             $name,
@@ -346,7 +329,8 @@ macro_rules! layout {
                 name: stringify!($name),
                 fields: <$name as $crate::layout::Layout>::FIELDS,
             },
-            (field, visitor, elements) => { visitor.structs(field, elements); }
+            (field, visitor, elements) => { visitor.structs(field, elements); },
+            (this, other) => $crate::layout::Walk::is_same(this, other)
         );
         const _: () = {
             assert!(

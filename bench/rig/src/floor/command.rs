@@ -51,6 +51,8 @@ pub enum Set {
     Lockstep,
     /// A tick of the laws, and of `simulate`.
     Laws,
+    /// A flight flown again from its log, and compared bit for bit.
+    Replay,
     /// A ring that is known to be slower.
     KnownSlow,
     /// System calls, allocations and page faults.
@@ -110,7 +112,7 @@ fn missing(set: Set) -> Option<String> {
         Set::Load => lacks(cyclictest::is_installed(), "cyclictest (rt-tests)")
             .or_else(|| lacks(Stress::is_installed(), "stress-ng")),
         Set::Calls => lacks(calls::is_installed(), "strace"),
-        Set::Lockstep | Set::Laws | Set::KnownSlow => None,
+        Set::Lockstep | Set::Laws | Set::Replay | Set::KnownSlow => None,
     }
 }
 
@@ -123,6 +125,7 @@ fn measure(hangar: &Hangar, effort: &MeasuringEffort, measured: &mut MeasuredSet
         }
         Set::Lockstep => measured.comparisons = sets::lockstep(hangar, effort)?,
         Set::Laws => measured.comparisons = sets::laws(effort)?,
+        Set::Replay => measured.comparisons = sets::replay(hangar, effort)?,
         Set::KnownSlow => measured.comparisons = sets::known_slow(hangar, effort)?,
         Set::Calls => measured.calls = calls::measure(hangar)?,
     }

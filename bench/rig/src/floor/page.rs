@@ -53,6 +53,7 @@ const LEGEND: &str = "\
 * *misses*: missed deadlines, beside ticks for which cyclictest woke later than a period less the loop's median; ticks that it slept through count as ours do, with their whole lateness.\n\
 * *lockstep tick*: a tick of `fly --pace lockstep`, beside a lap of a raw eventfd ring of four processes, SCHED_OTHER; the line below says what 25 times real time would take.\n\
 * *laws*: one tick of plant, outer loop, inner loop and mixer, beside the same written by hand in scalars; *simulate* is beside what 500 times real time would take.\n\
+* *replay --verify*: a tick of a lockstep flight that is read from its log, flown again and compared bit for bit, beside a tick of `simulate` of the same flight; whole processes, begin and end included.\n\
 * *20 us put into a hop*: the instrument's own test, a ring with that much more to do beside one without. Ratio of what was seen to what was put in.\n";
 
 /// What is said of all comparisons.

@@ -1,5 +1,6 @@
 //! The sets of comparisons: each measures ours and its floor in turns, A B A B.
 
+use std::ffi::OsStr;
 use std::hint::black_box;
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
@@ -28,6 +29,9 @@ use scalar::timing;
 const PERIOD_NS: u64 = 1_000_000;
 /// Ticks of a side where laws are timed: long enough for the kernel's count of stolen time.
 const TIMED_TICKS: u64 = 200_000;
+/// Seconds of flight that are flown again for a second that a side is asked to last: at hundreds of times real time it
+/// lasts less, because a log of all that would fill the disk.
+const FLOWN_AGAIN: u64 = 5;
 /// Spin that is added to a hop in the test of the instrument [us].
 pub const KNOWN_US: f64 = 20.0;
 
@@ -298,6 +302,35 @@ pub fn laws(effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
     Ok(vec![tick, simulate])
 }
 
+/// A tick of `replay --verify` beside one of `simulate`: the same laws of the same flight, one after the other. Both are
+/// processes, as a user starts them.
+///
+/// # Errors
+/// [`Failure`] of a flight that cannot be flown, simulated or replayed.
+pub fn replay(hangar: &Hangar, effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
+    let mut tick = FloorComparison::ratio("replay --verify, one tick", "us", 2.0);
+    let simulated = format!("{}s", FLOWN_AGAIN * effort.duration.as_secs().max(1));
+    let (mut flight, run) = hangar.command(&["--pace", "lockstep", "--duration", &simulated]);
+    ended(&mut flight)?;
+    let ticks = Report::read(&run.join("report.json"))?.ticks.run as f64;
+    let us = |words: [&OsStr; 3]| -> Result<f64, Failure> {
+        let start = Instant::now();
+        ended(Command::new(hangar.executable()).args(words))?;
+        Ok(start.elapsed().as_secs_f64() * 1e6 / ticks)
+    };
+    for pair in 0..effort.pairs {
+        // Neither side is bound to a processor.
+        let (ours, floor, steal_percent) = in_turns(
+            pair,
+            None,
+            || us(["replay".as_ref(), "--verify".as_ref(), run.as_os_str()]),
+            || us(["simulate".as_ref(), "--duration".as_ref(), simulated.as_ref()]),
+        )?;
+        tick.take(ours, floor, steal_percent);
+    }
+    Ok(vec![tick])
+}
+
 /// The test of the instrument: a ring with 20 us of arithmetic more in one hop must show them.
 ///
 /// # Errors
@@ -322,4 +355,17 @@ pub fn known_slow(hangar: &Hangar, effort: &MeasuringEffort) -> Result<Vec<Floor
         p99.take(us(&ours, 0.99), us(&floor, 0.99), steal_percent);
     }
     Ok(vec![p50, p99])
+}
+
+/// Runs a command of ours to its end.
+fn ended(command: &mut Command) -> Result<(), Failure> {
+    let output = command.stdin(Stdio::null()).output();
+    let output =
+        output.map_err(|e| Failure::failed(format!("cannot start {}: {e}", command.get_program().display())))?;
+    if output.status.success() {
+        return Ok(());
+    }
+    let what = command.get_args().next().unwrap_or_default().display();
+    let complaint = String::from_utf8_lossy(&output.stderr);
+    Err(Failure::failed(format!("`ironbird {what}` ended with {}: {}", output.status, complaint.trim())))
 }

@@ -29,7 +29,8 @@ impl Pairs {
 
     /// Takes the next state.
     pub fn state(&mut self, message: &Message<State>) {
-        self.states.push(*message);
+        self.states.extend(std::slice::from_ref(message));
+        self.states.advance();
     }
 
     /// Takes the next wrench.

@@ -4,6 +4,8 @@
 //! are new since the state before. Each acts from the tick that its send stamp allows, as in the plant's process.
 //! Skipped ticks are therefore flown with the commands that were in force in them.
 
+use std::collections::VecDeque;
+
 use model::envelope::Message;
 use model::grid::Pace;
 use model::messages::{Dated, RotorSpeeds, State, SwapRecord};
@@ -22,8 +24,10 @@ use failure::Failure;
 pub struct AirframeReplay {
     plant: Plant,
     pace: Pace,
-    /// Swaps that are still to come, the next one last.
-    swaps: Vec<Message<SwapRecord>>,
+    /// Swaps that are known and still to come.
+    swaps: VecDeque<Message<SwapRecord>>,
+    /// Swaps that are known, or were.
+    swaps_known: u64,
     /// Commands that the plant had taken with the state before.
     commands_taken: u64,
 }
@@ -31,8 +35,20 @@ pub struct AirframeReplay {
 impl AirframeReplay {
     /// The plant at tick 0.
     #[must_use]
-    pub fn new(settings: &plant::PlantSettings, pace: Pace, swaps: &[Message<SwapRecord>]) -> Self {
-        Self { plant: Plant::new(settings), pace, swaps: swaps.iter().rev().copied().collect(), commands_taken: 0 }
+    pub fn new(settings: &plant::PlantSettings, pace: Pace) -> Self {
+        Self { plant: Plant::new(settings), pace, swaps: VecDeque::new(), swaps_known: 0, commands_taken: 0 }
+    }
+
+    /// Takes the record of the next swap.
+    pub fn push_swap(&mut self, swap: &Message<SwapRecord>) {
+        self.swaps.push_back(*swap);
+        self.swaps_known += 1;
+    }
+
+    /// Whether a state says of no other swaps than those whose records have come.
+    #[must_use]
+    pub const fn knows_swaps_of(&self, state: &State) -> bool {
+        state.parameter_epoch <= self.swaps_known
     }
 
     /// Flies to a recorded state and compares it, and the swaps that took hold on the way.
@@ -72,7 +88,7 @@ impl AirframeReplay {
     /// Hands the swaps of ticks up to this one to the plant, and gives them.
     fn schedule_until(&mut self, tick: u64) -> Result<Vec<Message<SwapRecord>>, Failure> {
         let mut due = Vec::new();
-        while let Some(swap) = self.swaps.pop_if(|swap| swap.envelope.tick <= tick) {
+        while let Some(swap) = self.swaps.pop_front_if(|swap| swap.envelope.tick <= tick) {
             let changes: Vec<(Parameter, f64)> =
                 swap.content.changes().map(|(parameter, _, new)| (parameter, new)).collect();
             let refused = |e: &dyn std::fmt::Display| {

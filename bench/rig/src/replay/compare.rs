@@ -40,8 +40,6 @@ pub struct ReplayComparison {
     pub values: u64,
     /// The first difference.
     pub first: Option<Divergence>,
-    recorded: Vec<u64>,
-    replayed: Vec<u64>,
 }
 
 impl ReplayComparison {
@@ -56,23 +54,14 @@ impl ReplayComparison {
         if tick < self.from_tick {
             return;
         }
-        if self.equal(recorded, replayed) {
-            self.values += self.recorded.len() as u64;
+        if recorded.is_same(replayed) {
+            self.values += (size_of::<C>() / size_of::<u64>()) as u64;
         } else {
-            let differs = self.recorded.iter().zip(&self.replayed).position(|(a, b)| a != b).unwrap_or(0);
+            let differs = words(recorded).iter().zip(&words(replayed)).position(|(a, b)| a != b).unwrap_or(0);
             let name = |content: &C| named(content).into_iter().nth(differs).unwrap_or_default();
             let ((field, recorded), (_, replayed)) = (name(recorded), name(replayed));
             self.differ::<C>(tick, field, recorded, replayed);
         }
-    }
-
-    /// Whether two contents are the same in every bit.
-    pub fn equal<C: Logged>(&mut self, recorded: &C, replayed: &C) -> bool {
-        self.recorded.clear();
-        self.replayed.clear();
-        words(recorded, &mut self.recorded);
-        words(replayed, &mut self.replayed);
-        self.recorded == self.replayed
     }
 
     /// Takes a difference down, if it is the first.

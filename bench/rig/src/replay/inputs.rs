@@ -3,15 +3,17 @@
 use model::envelope::Message;
 use model::messages::{Dated, RotorSpeeds, Setpoint, State, Wrench};
 use model::monitor::Monitor;
+use model::role::Role;
 use model::topic::Topic;
 
 use crate::replay::LOOKAHEAD;
+use crate::replay::batches::Batch;
 use crate::replay::survey::gap;
 use crate::window::Window;
 use failure::Failure;
 
-/// Messages kept: those read ahead, and as many behind. An input is the newest that its stage had; that is never so old.
-const KEPT: usize = 2 * LOOKAHEAD;
+/// Messages kept behind the one that is replayed. An input is the newest that its stage had; that is never so old.
+const KEPT: usize = LOOKAHEAD;
 
 /// A window per topic.
 #[derive(Clone, Debug)]
@@ -40,12 +42,40 @@ impl Inputs {
             theorem: Window::keeping(KEPT),
         }
     }
+
+    /// Takes messages of the log; how many are to be replayed.
+    pub fn take(&mut self, batch: &Batch) -> usize {
+        let Batch { states, setpoints, wrenches, rotor_speeds, theorem, .. } = batch;
+        self.states.extend(states);
+        self.setpoints.extend(setpoints);
+        self.wrenches.extend(wrenches);
+        self.rotor_speeds.extend(rotor_speeds);
+        self.theorem.extend(theorem);
+        states.len() + setpoints.len() + wrenches.len() + rotor_speeds.len() + theorem.len()
+    }
+
+    /// Tick and sender of the earliest message that is not replayed yet.
+    #[must_use]
+    pub fn earliest(&self) -> Option<(u64, Role)> {
+        let next = [
+            (next_tick(&self.states), Role::Plant),
+            (next_tick(&self.setpoints), Role::Outer),
+            (next_tick(&self.wrenches), Role::Inner),
+            (next_tick(&self.rotor_speeds), Role::Mixer),
+            (next_tick(&self.theorem), Role::Record),
+        ];
+        next.into_iter().filter_map(|(tick, role)| Some((tick?, role))).min()
+    }
 }
 
 impl Default for Inputs {
     fn default() -> Self {
         Self::new()
     }
+}
+
+fn next_tick<C: Topic>(window: &Window<C>) -> Option<u64> {
+    window.next().map(|message| message.envelope.tick)
 }
 
 /// The message of a tick.

@@ -1,44 +1,52 @@
 //! `ironbird replay`: runs the tick functions again, from the flight log alone.
 //!
 //! ```text
-//! flight.mcap --survey--> whole, of this version, without a gap
-//!             --again---> each message: its stage's law on the recorded inputs --compare--> bit for bit
+//! flight.mcap --survey--> whole, of this version, without a gap                              a thread
+//!             --again---> each message: its stage's law on the recorded inputs --compare-->  a second one
 //! ```
 //!
 //! Every stage gets recorded inputs, and so does the theorem's monitor. A difference therefore shows at the one that made
-//! it and goes no further.
+//! it and goes no further. The log is read once. What the survey finds at its end comes before what the flight found on
+//! the way.
 
 pub mod airframe;
+pub mod batches;
 pub mod compare;
 pub mod inputs;
 pub mod loops;
 pub mod summary;
 pub mod survey;
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 use std::path::Path;
+use std::thread;
+use std::time::Instant;
 
+use model::grid::Pace;
 use model::role::Role;
 
 use crate::cli::ReplayArgs;
 use crate::output::{print, say};
 use crate::replay::airframe::AirframeReplay;
+use crate::replay::batches::{Batch, FromLog, batches};
 use crate::replay::compare::ReplayComparison;
 use crate::replay::inputs::{Inputs, of};
 use crate::replay::loops::LoopsReplay;
 use crate::replay::summary::Summary;
-use crate::replay::survey::{Survey, survey};
+use crate::replay::survey::{Survey, Surveyor};
 use crate::run_directory::find_log;
+use crate::settings::Settings;
+use crate::wall_time::speed;
 use failure::{Failure, GATE, OK};
-use flight_log::entry::LogEntry;
-use flight_log::reader::{End, LogReader};
+use flight_log::reader::End;
 use report::tally::is_last_word;
 use report::tracking::Tracking;
 
 /// Messages read ahead of the one that is replayed: more than the recorder takes in at once after its longest absence.
 /// What a message goes back to may stand behind it in the log, because the recorder takes topic after topic.
 pub const LOOKAHEAD: usize = 20_000;
+/// Messages that at the most wait for the record of a swap: it comes from beside the plant's loop, and in lockstep the
+/// clock says nothing of how many ticks later. A second of lockstep.
+const LOOKAHEAD_FOR_SWAPS: usize = 8 * LOOKAHEAD;
 
 /// Replays.
 ///
@@ -46,7 +54,11 @@ pub const LOOKAHEAD: usize = 20_000;
 /// Usage; a log that cannot be replayed, and why.
 pub fn replay(args: &ReplayArgs) -> Result<u8, Failure> {
     let path = find_log(&args.run, args.out.as_deref())?;
+    let start = Instant::now();
     let again = fly_again(&path, args.from, args.verify)?;
+    // Standard output is the verdict alone.
+    let flown_s = again.summary.flown_ticks() as f64 * again.survey.settings.flight.period_s;
+    say(&format!("{flown_s:.3} s flown again in {}\n", speed(flown_s, start.elapsed().as_secs_f64())));
     if args.verify { verdict(&path, &again) } else { tell(&path, &again) }
 }
 
@@ -74,15 +86,26 @@ impl Replayed {
 /// # Errors
 /// As [`replay`].
 pub fn fly_again(path: &Path, from_tick: u64, stops: bool) -> Result<Replayed, Failure> {
-    let survey = survey(path)?;
+    let surveyor = Surveyor::open(path)?;
+    let settings = surveyor.settings.clone();
+    let again = surveyor.pace().and_then(|pace| Again::new(&settings, pace, from_tick));
+    let (survey, again) = thread::scope(|scope| -> Result<_, Failure> {
+        let (mut to_flight, from_log) = batches();
+        let flight = thread::Builder::new()
+            .spawn_scoped(scope, move || again.and_then(|again| again.fly(from_log, stops)))
+            .map_err(|e| Failure::failed(format!("cannot start a thread to fly again: {e}")))?;
+        let survey = surveyor.look_through(|entry| to_flight.push(entry))?;
+        to_flight.finish();
+        let again = flight.join().unwrap_or_else(|_| Err(Failure::failed("the thread that flies again panicked")));
+        Ok((survey, again))
+    })?;
     let last_tick = survey.last_tick.unwrap_or(0);
     if from_tick > last_tick {
         return Err(Failure::usage(format!("--from {from_tick}: the log ends at tick {last_tick}"))
             .help(format!("name a tick from 0 to {last_tick}")));
     }
-    let mut again = Again::new(&survey, from_tick)?;
-    again.fly(path, stops)?;
-    Ok(Replayed { survey, comparison: again.comparison, summary: again.summary })
+    let Again { comparison, summary, .. } = again?;
+    Ok(Replayed { survey, comparison, summary })
 }
 
 fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
@@ -139,45 +162,48 @@ struct Again {
     /// Processes of the inner loop that were started in flight before the first tick that counts.
     restarts_before: u64,
     inputs: Inputs,
-    /// Tick and stage of what was read and not replayed yet: the earliest is on top.
-    ahead: BinaryHeap<Reverse<(u64, Role)>>,
+    /// Messages that were read and not replayed yet.
+    ahead: usize,
 }
 
 impl Again {
-    fn new(survey: &Survey, from_tick: u64) -> Result<Self, Failure> {
-        let flight = &survey.settings.flight;
+    fn new(settings: &Settings, pace: Pace, from_tick: u64) -> Result<Self, Failure> {
+        let flight = &settings.flight;
         Ok(Self {
             from_tick,
-            airframe: AirframeReplay::new(&survey.settings.plant()?, survey.pace, &survey.swaps),
-            loops: LoopsReplay::new(&survey.settings)?,
+            airframe: AirframeReplay::new(&settings.plant()?, pace),
+            loops: LoopsReplay::new(settings)?,
             comparison: ReplayComparison::from(from_tick),
             summary: Summary::new(Tracking::of(flight.trajectory, flight.period_s), from_tick),
             restarts_before: 0,
             inputs: Inputs::new(),
-            ahead: BinaryHeap::new(),
+            ahead: 0,
         })
     }
 
     /// Flies to the end of the log; where told so, no further than to the first difference.
-    fn fly(&mut self, path: &Path, stops: bool) -> Result<(), Failure> {
-        let mut reader = LogReader::open(path)?;
-        while let Some(entry) = reader.next_entry()? {
-            self.take(entry);
-            if self.catch_up(LOOKAHEAD, stops)? {
-                return Ok(());
-            }
-        }
-        if !self.catch_up(0, stops)? {
+    fn fly(mut self, log: FromLog, stops: bool) -> Result<Self, Failure> {
+        let mut stopped = false;
+        log.each(|batch| {
+            self.take(batch);
+            stopped = self.catch_up(LOOKAHEAD, stops)?;
+            Ok(!stopped)
+        })?;
+        if !stopped && !self.catch_up(0, stops)? {
             self.summary.restarts = self.loops.restarts - self.restarts_before;
         }
-        Ok(())
+        Ok(self)
     }
 
     /// Flies until no more than `behind` messages wait; true where it stopped at a difference.
     fn catch_up(&mut self, behind: usize, stops: bool) -> Result<bool, Failure> {
-        while self.ahead.len() > behind {
-            let Some(Reverse((tick, stage))) = self.ahead.pop() else { break };
+        while self.ahead > behind {
+            let Some((tick, stage)) = self.inputs.earliest() else { break };
+            if behind > 0 && stage == Role::Plant && self.waits_for_swap() {
+                break;
+            }
             self.step(tick, stage)?;
+            self.ahead -= 1;
             if stops && self.comparison.first.is_some() {
                 return Ok(true);
             }
@@ -185,48 +211,33 @@ impl Again {
         Ok(false)
     }
 
-    fn take(&mut self, entry: &LogEntry) {
-        let (tick, stage) = match entry {
-            LogEntry::State(message) => {
-                self.inputs.states.push(*message);
-                (message.envelope.tick, Role::Plant)
-            }
-            LogEntry::Setpoint(message) => {
-                self.inputs.setpoints.push(*message);
-                (message.envelope.tick, Role::Outer)
-            }
-            LogEntry::Wrench(message) => {
-                self.inputs.wrenches.push(*message);
-                (message.envelope.tick, Role::Inner)
-            }
-            LogEntry::RotorSpeeds(message) => {
-                self.inputs.rotor_speeds.push(*message);
-                (message.envelope.tick, Role::Mixer)
-            }
-            LogEntry::Theorem(message) => {
-                self.inputs.theorem.push(*message);
-                (message.envelope.tick, Role::Record)
-            }
-            // Known from the survey, because they may be recorded later than the states that they change.
-            LogEntry::Swap(_) => return,
-        };
-        self.ahead.push(Reverse((tick, stage)));
+    /// Whether the next state knows a swap whose record is still to come.
+    fn waits_for_swap(&self) -> bool {
+        let state = self.inputs.states.next();
+        self.ahead < LOOKAHEAD_FOR_SWAPS && state.is_some_and(|state| !self.airframe.knows_swaps_of(&state.content))
+    }
+
+    fn take(&mut self, batch: &Batch) {
+        self.ahead += self.inputs.take(batch);
+        batch.swaps.iter().for_each(|swap| self.airframe.push_swap(swap));
     }
 
     fn step(&mut self, tick: u64, stage: Role) -> Result<(), Failure> {
-        let (inputs, comparison, outputs) = (&self.inputs, &mut self.comparison, &mut self.summary.outputs);
+        let (inputs, comparison, outputs) = (&mut self.inputs, &mut self.comparison, &mut self.summary.outputs);
         match stage {
             Role::Plant => {
                 let message = of(&inputs.states, tick)?;
                 let state = self.airframe.step(message, &inputs.rotor_speeds, comparison)?;
                 outputs.take(tick, &state);
                 self.summary.state(tick, &state);
+                inputs.states.advance();
             }
             Role::Outer => {
                 let message = of(&inputs.setpoints, tick)?;
                 if let Some(setpoint) = self.loops.setpoint(message, inputs, comparison)? {
                     outputs.take(tick, &setpoint);
                 }
+                inputs.setpoints.advance();
             }
             Role::Inner => {
                 let message = of(&inputs.wrenches, tick)?;
@@ -237,6 +248,7 @@ impl Again {
                 } else {
                     self.restarts_before = self.loops.restarts;
                 }
+                inputs.wrenches.advance();
             }
             Role::Mixer => {
                 let message = of(&inputs.rotor_speeds, tick)?;
@@ -248,8 +260,12 @@ impl Again {
                 if tick >= self.from_tick {
                     self.summary.rotor_speeds(&speeds);
                 }
+                inputs.rotor_speeds.advance();
             }
-            Role::Record => self.loops.theorem(of(&inputs.theorem, tick)?, inputs, comparison)?,
+            Role::Record => {
+                self.loops.theorem(of(&inputs.theorem, tick)?, inputs, comparison)?;
+                inputs.theorem.advance();
+            }
         }
         Ok(())
     }

@@ -76,6 +76,12 @@ impl Summary {
         self.saturated += speeds.saturated;
     }
 
+    /// Ticks from the first to the newest one, skipped ones among them.
+    #[must_use]
+    pub fn flown_ticks(&self) -> u64 {
+        self.newest.map_or(0, |(tick, _)| tick + 1)
+    }
+
     /// In words.
     #[must_use]
     pub fn text(&self, survey: &Survey) -> String {

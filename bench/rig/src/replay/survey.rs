@@ -1,11 +1,11 @@
-//! Checks a log before it is replayed: undamaged, of this version and one run, no gap.
+//! Checks a log while it is read: undamaged, of this version and one run, no gap.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use model::envelope::{Envelope, LAYOUT, Message};
 use model::grid::Pace;
-use model::messages::{State, SwapRecord};
+use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::monitor::Monitor;
 use model::settings_text::fingerprint;
 use model::topic::Topic;
 
@@ -13,8 +13,7 @@ use crate::settings::Settings;
 use failure::Failure;
 use flight_log::TOPICS;
 use flight_log::build::Build;
-use flight_log::codec::Logged;
-use flight_log::entry::LogEntry;
+use flight_log::entry::{Counts, LogEntry};
 use flight_log::facts::{RUN, SETTINGS};
 use flight_log::reader::{End, Kept, LogReader};
 use report::text::count;
@@ -36,50 +35,79 @@ pub struct Survey {
     pub last_tick: Option<u64>,
 }
 
-/// Looks through a log.
-///
-/// # Errors
-/// [`Failure`] says what does not hold.
-pub fn survey(path: &Path) -> Result<Survey, Failure> {
-    let mut reader = LogReader::open(path)?;
-    let Some(first) = reader.next_entry()?.copied() else {
-        return Err(match reader.end() {
-            End::Complete => Failure::failed(format!("{} holds no message: nothing was flown", path.display())),
-            End::Truncated => Failure::failed(format!("{} is truncated before its first message", path.display()))
-                .help("nothing can be replayed or exported from it; name another flight"),
-        });
-    };
-    reader.check_version()?;
-    check_whole(&reader, path)?;
-    let settings = settings_of(&reader)?;
-    let mut expected = ExpectedMessages::new(&reader)?;
-    let mut swaps = Vec::new();
-    let mut newest: Option<Message<State>> = None;
-    let mut next = Some(&first);
-    while let Some(entry) = next {
-        match entry {
-            LogEntry::State(message) => {
-                expected.check(message)?;
-                newest = Some(*message);
+/// A log that is looked through while it is read.
+#[allow(missing_debug_implementations, reason = "its reader has none")]
+pub struct Surveyor {
+    reader: LogReader,
+    /// What the flight was flown with.
+    pub settings: Settings,
+    expected: ExpectedMessages,
+    swaps: Vec<Message<SwapRecord>>,
+    first: LogEntry,
+}
+
+impl Surveyor {
+    /// Looks at what stands before the messages of a log, and at the first of them.
+    ///
+    /// # Errors
+    /// [`Failure`] says what does not hold.
+    pub fn open(path: &Path) -> Result<Self, Failure> {
+        let mut reader = LogReader::open(path)?;
+        let Some(first) = reader.next_entry()?.copied() else {
+            return Err(match reader.end() {
+                End::Complete => Failure::failed(format!("{} holds no message: nothing was flown", path.display())),
+                End::Truncated => Failure::failed(format!("{} is truncated before its first message", path.display()))
+                    .help("nothing can be replayed or exported from it; name another flight"),
+            });
+        };
+        reader.check_version()?;
+        check_whole(&reader, path)?;
+        let settings = settings_of(&reader)?;
+        let expected = ExpectedMessages::new(&reader)?;
+        Ok(Self { reader, settings, expected, swaps: Vec::new(), first })
+    }
+
+    /// What moved the ticks of the flight on.
+    ///
+    /// # Errors
+    /// [`Failure`] where the log does not say.
+    pub fn pace(&self) -> Result<Pace, Failure> {
+        self.reader.pace()
+    }
+
+    /// Reads to the end of the log, and hands each message on that is the one to come.
+    ///
+    /// # Errors
+    /// [`Failure`] says what does not hold.
+    pub fn look_through(mut self, mut hand_on: impl FnMut(&LogEntry)) -> Result<Survey, Failure> {
+        let mut newest = None;
+        let mut next = Some(&self.first);
+        while let Some(entry) = next {
+            self.expected.check(entry)?;
+            match entry {
+                LogEntry::State(Message { envelope, content }) => {
+                    newest = Some((envelope.tick, content.parameter_epoch));
+                }
+                LogEntry::Swap(message) => self.swaps.push(*message),
+                _ => {}
             }
-            LogEntry::Setpoint(message) => expected.check(message)?,
-            LogEntry::Wrench(message) => expected.check(message)?,
-            LogEntry::RotorSpeeds(message) => expected.check(message)?,
-            LogEntry::Swap(message) => {
-                expected.check(message)?;
-                swaps.push(*message);
-            }
-            LogEntry::Theorem(message) => expected.check(message)?,
+            hand_on(entry);
+            next = self.reader.next_entry()?;
         }
-        next = reader.next_entry()?;
+        let (reader, swaps) = (self.reader, self.swaps);
+        if reader.end() == End::Complete {
+            self.expected.check_landing(&reader)?;
+        }
+        check_swaps(&swaps, newest.map_or(0, |(_, parameter_epoch)| parameter_epoch), reader.end())?;
+        Ok(Survey {
+            build: reader.build(),
+            settings: self.settings,
+            pace: reader.pace()?,
+            swaps,
+            end: reader.end(),
+            last_tick: newest.map(|(tick, _)| tick),
+        })
     }
-    if reader.end() == End::Complete {
-        expected.check_landing(&reader)?;
-    }
-    check_swaps(&swaps, newest.as_ref(), reader.end())?;
-    let last_tick = newest.map(|message| message.envelope.tick);
-    let build = reader.build();
-    Ok(Survey { build, settings, pace: reader.pace()?, swaps, end: reader.end(), last_tick })
 }
 
 /// Refuses excerpts, and logs of which files were removed: the state that they begin with is not known.
@@ -112,15 +140,14 @@ fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
-/// Every swap that a state knows must be there; a truncated log may end between them.
-fn check_swaps(swaps: &[Message<SwapRecord>], newest: Option<&Message<State>>, end: End) -> Result<(), Failure> {
+/// Every swap that the last state knows must be there; a truncated log may end between them.
+fn check_swaps(swaps: &[Message<SwapRecord>], known: u64, end: End) -> Result<(), Failure> {
     for (expected, swap) in (1..).zip(swaps) {
         let epoch = swap.content.parameter_epoch;
         if epoch != expected {
             return Err(gap(&format!("swap {expected} is missing: after {} comes {epoch}", expected - 1)));
         }
     }
-    let known = newest.map_or(0, |message| message.content.parameter_epoch);
     if known > swaps.len() as u64 && end == End::Complete {
         return Err(gap(&format!("its last state knows {known} swaps, and it holds {}", swaps.len())));
     }
@@ -138,9 +165,17 @@ struct ExpectedMessages {
     run_id: u64,
     settings: u64,
     /// Messages by topic.
-    messages: BTreeMap<&'static str, u64>,
-    /// Epoch and sequence of the newest message, by topic.
-    newest: BTreeMap<&'static str, Envelope>,
+    messages: Counts,
+    /// The newest one of each topic.
+    newest: [Option<Sent>; TOPICS.len()],
+}
+
+/// Which message of its sender it is.
+#[derive(Clone, Copy)]
+struct Sent {
+    epoch: u64,
+    seq: u64,
+    tick: u64,
 }
 
 impl ExpectedMessages {
@@ -149,20 +184,20 @@ impl ExpectedMessages {
         let settings = u64::from_str_radix(text, 16).map_err(|_| {
             reader.damaged(&format!("its record `{RUN}` has settings = `{text}`, which is no fingerprint"))
         })?;
-        Ok(Self { run_id: reader.number("run_id")?, settings, messages: BTreeMap::new(), newest: BTreeMap::new() })
+        let run_id = reader.number("run_id")?;
+        Ok(Self { run_id, settings, messages: [0; TOPICS.len()], newest: [None; TOPICS.len()] })
     }
 
     /// Whether the log holds what its recorder wrote, and every state that the plant published.
     fn check_landing(&self, reader: &LogReader) -> Result<(), Failure> {
-        for topic in TOPICS {
-            let holds = self.messages.get(topic).copied().unwrap_or(0);
+        for (topic, holds) in TOPICS.into_iter().zip(self.messages) {
             let written = reader.landed(&format!("messages.{topic}"))?;
-            if written.is_none_or(|written| written != holds) {
+            if written != Some(holds) {
                 let written = written.map_or_else(|| "does not say how many".into(), |n| format!("wrote {n}"));
                 return Err(gap(&format!("it holds {holds} messages of topic `{topic}`, and its recorder {written}")));
             }
         }
-        let states = self.messages.get(State::NAME).copied().unwrap_or(0);
+        let [states, ..] = self.messages;
         match reader.landed("ticks_run")? {
             // A plant that dies may have published a state that it has not counted yet.
             Some(published) if states < published => Err(gap(&format!(
@@ -173,9 +208,17 @@ impl ExpectedMessages {
         }
     }
 
-    fn check<C: Logged>(&mut self, message: &Message<C>) -> Result<(), Failure> {
-        let (topic, envelope) = (<C as Topic>::NAME, &message.envelope);
-        let Envelope { layout, run_id, settings, epoch, seq, tick, .. } = *envelope;
+    fn check(&mut self, entry: &LogEntry) -> Result<(), Failure> {
+        let (place, topic) = (entry.topic(), TOPICS[entry.topic()]);
+        let many_per_tick = match entry {
+            LogEntry::State(_) => State::MANY_PER_TICK,
+            LogEntry::Setpoint(_) => Setpoint::MANY_PER_TICK,
+            LogEntry::Wrench(_) => Wrench::MANY_PER_TICK,
+            LogEntry::RotorSpeeds(_) => RotorSpeeds::MANY_PER_TICK,
+            LogEntry::Swap(_) => SwapRecord::MANY_PER_TICK,
+            LogEntry::Theorem(_) => Monitor::MANY_PER_TICK,
+        };
+        let Envelope { layout, run_id, settings, epoch, seq, tick, .. } = *entry.envelope();
         if layout != LAYOUT || run_id != self.run_id || settings != self.settings {
             return Err(Failure::failed(format!(
                 "the log mixes runs: message {seq} of topic `{topic}` (tick {tick}) has run {run_id} and settings \
@@ -183,15 +226,15 @@ impl ExpectedMessages {
                 self.run_id, self.settings
             )));
         }
-        *self.messages.entry(topic).or_default() += 1;
-        let last = self.newest.insert(topic, *envelope);
+        self.messages[place] += 1;
+        let last = self.newest[place].replace(Sent { epoch, seq, tick });
         let same_sender = last.filter(|last| last.epoch == epoch);
         let owed = same_sender.map_or(0, |last| last.seq + 1);
         if seq != owed {
             let missing = seq.wrapping_sub(owed);
             return Err(gap(&format!("topic `{topic}` lacks {} before tick {tick}", count(missing, "message"))));
         }
-        let rises = last.is_none_or(|last| last.tick + u64::from(!C::MANY_PER_TICK) <= tick && last.epoch <= epoch);
+        let rises = last.is_none_or(|last| last.tick + u64::from(!many_per_tick) <= tick && last.epoch <= epoch);
         if !rises {
             return Err(gap(&format!("topic `{topic}` goes back to tick {tick}")));
         }

@@ -5,6 +5,8 @@
 #![allow(dead_code, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+pub mod rewritten;
+
 use law::{InnerLaw as _, MixerLaw as _, OuterLaw as _};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;

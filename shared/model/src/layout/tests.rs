@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::envelope::Envelope;
+use crate::messages::State;
 
 const A: Field = Field { name: "a", offset: 0, size: 8, kind: Kind::U64, length: None };
 const B: Field = Field { name: "b", offset: 8, ..A };
@@ -65,4 +66,37 @@ fn gaps_are_seen() {
     assert!(is_dense(&[A, B], 16));
     assert!(!is_dense(&[A, B], 24));
     assert!(!is_dense(&[A, Field { offset: 12, ..B }], 20));
+}
+
+#[test]
+fn what_differs_in_one_bit_is_not_the_same() {
+    /// Changes the sign or the highest bit of a word, the one after so many.
+    struct Flip(usize);
+    impl Flip {
+        fn is_due(&mut self) -> bool {
+            self.0 = self.0.wrapping_sub(1);
+            self.0 == usize::MAX
+        }
+    }
+    impl VisitorMut for Flip {
+        fn integers(&mut self, _: &'static Field, values: &mut [u64]) {
+            values.iter_mut().filter(|_| self.is_due()).for_each(|value| *value ^= 1 << 63);
+        }
+        fn numbers(&mut self, _: &'static Field, values: &mut [f64]) {
+            values.iter_mut().filter(|_| self.is_due()).for_each(|value| *value = -*value);
+        }
+        fn structs<L: Walk>(&mut self, _: &'static Field, values: &mut [L]) {
+            values.iter_mut().for_each(|value| value.visit_mut(self));
+        }
+    }
+    let mut state = State::default();
+    assert!(state.is_same(&state));
+    for word in 0..size_of::<State>() / size_of::<u64>() {
+        let mut other = state;
+        other.visit_mut(&mut Flip(word));
+        // Zeros of either sign are equal.
+        assert!(!state.is_same(&other), "word {word}");
+    }
+    state.truth.parameter[1] = f64::NAN;
+    assert!(state.is_same(&state), "no number is the same as itself");
 }
