@@ -43,8 +43,8 @@ impl LeadSection {
             (String::new(), "no rehearsals".into())
         };
         format!(
-            "Lead {lead_us:.0} us before the tick{in_flight} (before take-off: timer p90 {timer_p90_us:.0} us{rehearsal}); \
-             {rehearsed}; it took {:.1} % of the loops' processor",
+            "Lead {lead_us:.0} us before the tick{in_flight} (before take-off: timer p90 {timer_p90_us:.0} \
+             us{rehearsal}); {rehearsed}; it took {:.1} % of the loops' processor",
             self.processor_percent
         )
     }
@@ -68,14 +68,14 @@ mod tests {
         };
         assert_eq!(
             set.text(1000),
-            "Lead 124 us before the tick (before take-off: timer p90 27 us, rehearsal p90 33 us); rehearsed 990 of 1000 \
-             ticks; it took 9.9 % of the loops' processor"
+            "Lead 124 us before the tick (before take-off: timer p90 27 us, rehearsal p90 33 us); rehearsed 990 of \
+             1000 ticks; it took 9.9 % of the loops' processor"
         );
         let follows = LeadSection { least_us: 96.4, median_us: 131.0, most_us: 210.0, ..set };
         assert_eq!(
             follows.text(1000),
-            "Lead 124 us before the tick at take-off, 96 to 210 us in flight, 131 us in the median (before take-off: timer \
-             p90 27 us, rehearsal p90 33 us); rehearsed 990 of 1000 ticks; it took 9.9 % of the loops' processor"
+            "Lead 124 us before the tick at take-off, 96 to 210 us in flight, 131 us in the median (before take-off: \
+             timer p90 27 us, rehearsal p90 33 us); rehearsed 990 of 1000 ticks; it took 9.9 % of the loops' processor"
         );
         let only_waits = LeadSection { rehearsal_us: 0.0, rehearsals: 0, ..follows };
         assert!(

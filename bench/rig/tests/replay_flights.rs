@@ -80,7 +80,8 @@ fn rehearsals_before_take_off_do_not_count_as_rehearsed_ticks() {
     let settings = rig.settings("[flight]\nslowdown = 10\nduration_s = 0.008\n");
     rig.run("fly", &["--rt", "off", "--config", &settings, "--lead", "4000"]);
     let report = rig.report();
-    let (ticks, rehearsals) = (report["ticks"]["run"].as_u64().unwrap(), report["lead"]["rehearsals"].as_u64().unwrap());
+    let (ticks, rehearsals) =
+        (report["ticks"]["run"].as_u64().unwrap(), report["lead"]["rehearsals"].as_u64().unwrap());
     assert!(ticks <= 9 && rehearsals < ticks, "{rehearsals} rehearsals in {ticks} ticks");
     assert!(report["lead"]["rehearsal_us"].as_f64().unwrap() > 0.0, "and there were some: {report}");
 }

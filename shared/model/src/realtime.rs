@@ -41,8 +41,8 @@ pub const LONGEST_LEAD_NS: u64 = 5_000_000;
 /// How far ahead of its tick the plant's timer is to be set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeadSetting {
-    /// As far as a measurement before take-off says, and then as the flight shows, where SCHED_FIFO is granted; else not
-    /// at all.
+    /// As far as a measurement before take-off says, and then as the flight shows, where SCHED_FIFO is granted; else
+    /// not at all.
     Auto,
     /// So far [ns]; 0 is not at all.
     Fixed(u64),

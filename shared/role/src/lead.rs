@@ -1,7 +1,7 @@
 //! The lead in force: how far ahead of its next tick the plant's timer is set.
 //!
-//! The measurement before take-off gives the lead that a flight begins with. In flight an automatic lead follows what it
-//! is for, from tick to tick: a timer that is late, and a rehearsal. No clock is read here.
+//! The measurement before take-off gives the lead that a flight begins with. In flight an automatic lead follows what
+//! it is for, from tick to tick: a timer that is late, and a rehearsal. No clock is read here.
 
 use crate::quantile::TrackedQuantile;
 use model::realtime::{LONGEST_LEAD_NS, Lead, LeadSetting};
@@ -16,8 +16,8 @@ const REHEARSALS: u64 = 2;
 const TIMERS_LATER: u64 = 100;
 /// And the time that one rehearsal in so many exceeds.
 const REHEARSALS_LONGER: u64 = 50;
-/// Added to both, so that the plant reads the clock at least so long [ns]. It is the least lead: that of a machine whose
-/// timers are never late, and which has nothing to rehearse.
+/// Added to both, so that the plant reads the clock at least so long [ns]. It is the least lead: that of a machine
+/// whose timers are never late, and which has nothing to rehearse.
 const MARGIN_NS: u64 = 10_000;
 /// Share of the period that an automatic lead takes at most [%].
 const MOST_PERCENT: u64 = 25;

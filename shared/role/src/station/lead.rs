@@ -1,9 +1,10 @@
 //! The measurement before take-off that gives the lead with which a flight begins.
 //!
 //! A timer of the kernel is late by some microseconds, and now and then by many. Set ahead by more than that, it wakes
-//! the plant before the tick in all but a few cases. The plant rehearses in the time that is left, and reads the clock until
-//! the tick begins. How late timers are on this machine, and how long a rehearsal takes, is measured on the processor of
-//! the loops, with all loops there: between their arming and t_0, in ticks of the flight's length that are only rehearsed.
+//! the plant before the tick in all but a few cases. The plant rehearses in the time that is left, and reads the clock
+//! until the tick begins. How late timers are on this machine, and how long a rehearsal takes, is measured on the
+//! processor of the loops, with all loops there: between their arming and t_0, in ticks of the flight's length that are
+//! only rehearsed.
 //! [`crate::lead`] knows what follows from it.
 
 use crate::lead::{automatic, most};
