@@ -126,7 +126,7 @@ pub trait Element: Plain {
     fn lend<V: VisitorMut>(elements: &mut [Self], field: &'static Field, visitor: &mut V);
 
     /// Whether every bit is the same.
-    fn is_same(&self, other: &Self) -> bool;
+    fn same_bits(&self, other: &Self) -> bool;
 }
 
 /// The type of a field: an element, or an array of them.
@@ -143,7 +143,7 @@ pub trait FieldType: Plain {
     fn lend<V: VisitorMut>(&mut self, field: &'static Field, visitor: &mut V);
 
     /// Whether every bit is the same.
-    fn is_same(&self, other: &Self) -> bool;
+    fn same_bits(&self, other: &Self) -> bool;
 }
 
 impl<T: Element, const N: usize> FieldType for [T; N] {
@@ -159,8 +159,8 @@ impl<T: Element, const N: usize> FieldType for [T; N] {
     }
 
     #[inline]
-    fn is_same(&self, other: &Self) -> bool {
-        self.iter().zip(other).all(|(this, other)| Element::is_same(this, other))
+    fn same_bits(&self, other: &Self) -> bool {
+        self.iter().zip(other).all(|(this, other)| Element::same_bits(this, other))
     }
 }
 
@@ -194,7 +194,7 @@ macro_rules! element {
             }
 
             #[inline]
-            fn is_same(&self, other: &Self) -> bool {
+            fn same_bits(&self, other: &Self) -> bool {
                 let ($this, $other) = (self, other);
                 $same
             }
@@ -213,8 +213,8 @@ macro_rules! element {
             }
 
             #[inline]
-            fn is_same(&self, other: &Self) -> bool {
-                <Self as $crate::layout::Element>::is_same(self, other)
+            fn same_bits(&self, other: &Self) -> bool {
+                <Self as $crate::layout::Element>::same_bits(self, other)
             }
         }
     };
@@ -320,7 +320,7 @@ macro_rules! layout {
 
             #[inline]
             fn is_same(&self, other: &Self) -> bool {
-                $($crate::layout::FieldType::is_same(&self.$field, &other.$field))&&+
+                $($crate::layout::FieldType::same_bits(&self.$field, &other.$field))&&+
             }
         }
         $crate::layout::element!(

@@ -110,7 +110,6 @@ pub fn fly_again(path: &Path, from_tick: u64, stops: bool) -> Result<Replayed, F
 
 fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
     let (ticks, values) = (again.summary.ticks, again.comparison.values);
-    // Standard output is the verdict alone.
     say(&builds(&again.survey));
     if again.survey.end != End::Complete {
         return Err(truncated(path, again));
