@@ -126,8 +126,8 @@ mod tests {
         let mut pairs = Pairs::new();
         let (kept, last) = (KEPT as u64, 5 * KEPT as u64);
         (0..=last).for_each(|tick| state(&mut pairs, tick));
-        wrench(&mut pairs, last, last - kept);
-        wrench(&mut pairs, last + 1, last - kept + 1);
-        assert_eq!(paired(&mut pairs), [(last, None), (last + 1, Some(last - kept + 1))]);
+        wrench(&mut pairs, last, last - kept - 1);
+        wrench(&mut pairs, last + 1, last - kept);
+        assert_eq!(paired(&mut pairs), [(last, None), (last + 1, Some(last - kept))]);
     }
 }
