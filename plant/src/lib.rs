@@ -4,6 +4,7 @@
 //! tick. The other modules are its parts. Each is a pure law or a plain queue and knows no clock, transport or
 //! operating system. The process shell is [`process`], with its [`desk`].
 
+pub mod departure;
 pub mod desk;
 pub mod gyro;
 pub mod integrator;
@@ -12,7 +13,10 @@ pub mod plant;
 pub mod process;
 pub mod rigid_body;
 pub mod rotors;
+pub mod settings;
 pub mod swap;
 
-pub use crate::plant::{Departure, Plant, PlantSettings};
+pub use crate::departure::Departure;
+pub use crate::plant::Plant;
+pub use crate::settings::{Initial, PlantSettings};
 pub use crate::swap::{AppliedSwap, Change, Swap, SwapError};

@@ -43,7 +43,7 @@ pub enum Ending {
     Completed = 1,
     /// A signal asked a role to end.
     Interrupted = 2,
-    /// Pitch came too close to the singularity of the Euler angles.
+    /// The airframe tilted beyond the limit of the settings.
     Attitude = 3,
     /// The position error left the envelope.
     Position = 4,
@@ -65,7 +65,7 @@ impl Ending {
             Self::None => "still flying",
             Self::Completed => "completed",
             Self::Interrupted => "interrupted",
-            Self::Attitude => "left the envelope: pitch beyond 80 degrees",
+            Self::Attitude => "left the envelope: tilt beyond its limit",
             Self::Position => "left the envelope: position error beyond its limit",
             Self::NonFinite => "left the envelope: the state is not finite",
             Self::Failed => "a role failed",

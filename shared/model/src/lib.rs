@@ -3,6 +3,7 @@
 //! It contains no middleware, no clock and no operating system. Laws, processes and reports share it.
 
 pub mod allocation;
+pub mod attitude;
 pub mod boards;
 pub mod envelope;
 pub mod flight_plan;

@@ -26,6 +26,8 @@ impl Settings {
             airframe: self.airframe()?,
             rotor: self.rotor,
             seed: self.flight.seed,
+            initial: (&self.initial).into(),
+            tilt_max_rad: self.flight.tilt_max_rad,
         })
     }
 
