@@ -6,13 +6,15 @@
 
 pub mod departure;
 pub mod desk;
-pub mod gyro;
 pub mod integrator;
 pub mod latch;
+pub mod noise;
 pub mod plant;
+pub mod positioning;
 pub mod process;
 pub mod rigid_body;
 pub mod rotors;
+pub mod sensors;
 pub mod settings;
 pub mod swap;
 

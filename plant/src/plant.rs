@@ -6,7 +6,7 @@
 //! that was in force: an outage affects the flight.
 //!
 //! This file owns the order of these steps. The steps themselves are [`crate::swap`], [`crate::latch`],
-//! [`crate::rotors`], [`crate::integrator`] and [`crate::gyro`].
+//! [`crate::rotors`], [`crate::integrator`] and [`crate::sensors`].
 
 use std::f64::consts::PI;
 
@@ -17,11 +17,11 @@ use model::parameters::Airframe;
 use nalgebra::{Vector3, Vector4};
 
 use crate::departure::Departure;
-use crate::gyro;
 use crate::integrator::{SUBSTEPS, integrate};
 use crate::latch::Latch;
-use crate::rigid_body::{Dynamics, RigidBody};
-use crate::rotors::{Spin, SpinMeans, effort, hover};
+use crate::rigid_body::{RigidBody, specific_force};
+use crate::rotors::{Spin, SpinMeans, hover, thrust};
+use crate::sensors::Sensors;
 use crate::settings::PlantSettings;
 use crate::swap::{AppliedSwap, PENDING_SWAPS, Swap, SwapError, SwapQueue};
 
@@ -29,12 +29,12 @@ use crate::swap::{AppliedSwap, PENDING_SWAPS, Swap, SwapError, SwapQueue};
 #[derive(Clone, Debug)]
 pub struct Plant {
     period_s: f64,
-    seed: u64,
     airframe: Airframe,
     body: RigidBody,
     /// Roll, pitch, yaw of the body [rad], followed tick by tick so that roll and yaw are not wrapped.
     eta2: Vector3<f64>,
     tilt_max_rad: f64,
+    sensors: Sensors,
     /// Actual rotor speeds at the tick [rad/s].
     rotor_speed: Vector4<f64>,
     /// Of the tick before.
@@ -59,19 +59,20 @@ impl Plant {
         let PlantSettings { period_s, airframe, rotor, seed, initial, tilt_max_rad } = *settings;
         let eta2 = Vector3::from(initial.attitude_rad);
         let attitude = Attitude::of_euler(&eta2);
+        let body = RigidBody {
+            eta1: initial.position_w_m.into(),
+            v: initial.velocity_w_m_s.into(),
+            attitude,
+            nu2: initial.rate_b_rad_s.into(),
+        };
         let hover = hover(&airframe);
         Self {
             period_s,
-            seed,
             airframe,
-            body: RigidBody {
-                eta1: initial.position_w_m.into(),
-                v: initial.velocity_w_m_s.into(),
-                attitude,
-                nu2: initial.rate_b_rad_s.into(),
-            },
+            body,
             eta2: attitude.euler_near(&eta2),
             tilt_max_rad,
+            sensors: Sensors::new(period_s, seed, &body),
             rotor_speed: hover,
             means: SpinMeans::steady(&hover),
             latch: Latch::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
@@ -152,6 +153,7 @@ impl Plant {
         let spin = Spin::new(&self.airframe, self.rotor_speed, Vector4::from(self.latch.speed()));
         self.body = integrate(&self.body, &self.airframe, &spin, self.tick, self.period_s, SUBSTEPS);
         self.eta2 = self.body.attitude.euler_near(&self.eta2);
+        self.sensors.advance(&self.airframe, &self.body);
         self.means = spin.means(self.period_s);
         self.rotor_speed = spin.speed(self.period_s);
         self.tick += 1;
@@ -174,32 +176,28 @@ impl Plant {
                 changes,
             });
         }
+        self.sensors.settle(&self.airframe);
         self.latch.enter(self.tick);
         self.has_begun = true;
     }
 
-    /// What the sensors would show now.
+    /// What the sensors would show now. The accelerometer feels the rotors as they turned until now.
     #[must_use]
     pub fn measured(&self) -> Measured {
-        let RigidBody { eta1, v, attitude, nu2 } = &self.body;
-        let sigma = self.airframe.gyro_noise_rad_s();
+        let Self { airframe, body, sensors, .. } = self;
+        let (position, velocity) = sensors.fix(airframe);
+        let force = specific_force(airframe, body, thrust(airframe, &self.rotor_speed));
         Measured {
-            position_w_m: (*eta1).into(),
-            velocity_w_m_s: (*v).into(),
+            position_w_m: position.into(),
+            velocity_w_m_s: velocity.into(),
             attitude_rad: self.eta2.into(),
-            attitude_quaternion: attitude.wxyz(),
-            rate_b_rad_s: gyro::measured(nu2, sigma, self.seed, self.tick).into(),
-            specific_force_b_m_s2: self.specific_force().into(),
+            attitude_quaternion: body.attitude.wxyz(),
+            rate_b_rad_s: sensors.rates(airframe, &body.nu2).into(),
+            specific_force_b_m_s2: sensors.specific_force(airframe, &force).into(),
             rotor_speed_mean_rad_s: self.means.speed.into(),
             rotor_speed_squared_mean_rad2_s2: self.means.speed_squared.into(),
             rotor_speed_command_rad_s: self.latch.speed(),
         }
-    }
-
-    /// True specific force, body frame [m/s^2], with the rotors as they turned until now.
-    fn specific_force(&self) -> Vector3<f64> {
-        let u = effort(&self.airframe, &self.rotor_speed).u;
-        Dynamics::new(&self.airframe).specific_force(&self.body, u)
     }
 
     /// The state as it would be published now.
@@ -222,7 +220,12 @@ impl Plant {
             deadline_miss_run: self.latch.deadline_miss_run(),
             ticks_skipped: self.ticks_skipped,
             parameter_epoch: self.parameter_epoch,
-            truth: Truth { rate_b_rad_s: self.body.nu2.into(), parameter: *self.airframe.values() },
+            truth: Truth {
+                position_w_m: self.body.eta1.into(),
+                velocity_w_m_s: self.body.v.into(),
+                rate_b_rad_s: self.body.nu2.into(),
+                parameter: *self.airframe.values(),
+            },
         }
     }
 

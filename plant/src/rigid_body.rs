@@ -123,14 +123,6 @@ impl Dynamics {
         -self.g * z_e + attitude.z_b_in_w() * forcing.lift - v * self.drag
     }
 
-    /// Specific force in the body frame [m/s^2], which an accelerometer in the centre of mass shows: the acceleration
-    /// less gravity, R^T (d(v) + g z_e), under thrust `u` [N].
-    #[must_use]
-    #[inline]
-    pub fn specific_force(&self, body: &RigidBody, u: f64) -> Vector3<f64> {
-        Vector3::z() * (u * self.per_mass) - body.attitude.to_body(&body.v) * self.drag
-    }
-
     /// (8), which is (3) solved for d(nu2): angular acceleration in the body frame [rad/s^2] at rates `nu2` [rad/s].
     #[must_use]
     #[inline]
@@ -140,6 +132,14 @@ impl Dynamics {
         let g2_k_r = -self.rate_drag.component_mul(nu2);
         self.inertia.coupling(nu2) + g1_i_r + g2_k_r + forcing.push
     }
+}
+
+/// Specific force in the body frame [m/s^2], under thrust `u` [N]: the acceleration of (1) less gravity,
+/// J1^T (d(v) + g z_e), as an accelerometer in the centre of mass feels it.
+#[must_use]
+#[inline]
+pub fn specific_force(airframe: &Airframe, body: &RigidBody, u: f64) -> Vector3<f64> {
+    (Vector3::z() * u - body.attitude.to_body(&body.v) * airframe.k_t()) / airframe.m()
 }
 
 impl RigidBody {
