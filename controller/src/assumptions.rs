@@ -101,7 +101,9 @@ impl Assumptions {
             Parameter::RotorEfficiency3,
             Parameter::RotorEfficiency4,
         ];
-        MODELLED.iter().any(|parameter| truth.get(*parameter) != self.model.get(*parameter))
+        // The model has no ground either.
+        truth.touches_ground == 1
+            || MODELLED.iter().any(|parameter| truth.get(*parameter) != self.model.get(*parameter))
             // The controller's model has no efficiencies: it takes every rotor for a whole one.
             || efficiency.iter().any(|parameter| truth.get(*parameter) != 1.0)
     }

@@ -241,6 +241,7 @@ fn no_law_reads_the_truth() {
             position_w_m: [1.0, 2.0, 3.0],
             velocity_w_m_s: [1.0, 2.0, 3.0],
             rate_b_rad_s: [1.0, 2.0, 3.0],
+            touches_ground: 1,
             parameter: [1.0; PARAMETERS],
         };
         assert_eq!(outer.tick(tick, &plain), outer.tick(tick, &shown));

@@ -26,6 +26,20 @@ pub fn integrate(
     period_s: f64,
     substeps: u32,
 ) -> RigidBody {
+    integrate_with(body, airframe, spin, tick, period_s, substeps, |_| {})
+}
+
+/// The same, with something that acts on the body after every step: the ground.
+#[must_use]
+pub fn integrate_with(
+    body: &RigidBody,
+    airframe: &Airframe,
+    spin: &Spin,
+    tick: u64,
+    period_s: f64,
+    substeps: u32,
+    mut after_step: impl FnMut(&mut RigidBody),
+) -> RigidBody {
     let dynamics = Dynamics::new(airframe);
     let half_s = period_s / f64::from(2 * substeps);
     let mut h = Disturbances::new(tick as f64 * period_s, half_s);
@@ -45,6 +59,7 @@ pub fn integrate(
         // The end of a step is the instant at which the next one begins.
         let end = dynamics.disturbed(&rotors, &h.next_h());
         body = runge_kutta_4(&body, &dynamics, [&start, &middle, &end], half_s);
+        after_step(&mut body);
         start = end;
     }
     // Four steps stretch the quaternion by less than rounding does, so once a tick is enough.

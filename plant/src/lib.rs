@@ -1,4 +1,4 @@
-//! The airframe as the controller meets it: body, rotors, gyro, live parameters.
+//! The airframe as the controller meets it: body, rotors, ground, sensors, live parameters.
 //!
 //! [`plant::Plant`] is the stage: the process shell calls [`plant::Plant::begin`] and [`plant::Plant::finish`] once per
 //! tick. The other modules are its parts. Each is a pure law or a plain queue and knows no clock, transport or
@@ -6,6 +6,7 @@
 
 pub mod departure;
 pub mod desk;
+pub mod ground;
 pub mod integrator;
 pub mod latch;
 pub mod noise;
@@ -18,7 +19,8 @@ pub mod sensors;
 pub mod settings;
 pub mod swap;
 
-pub use crate::departure::Departure;
+pub use crate::departure::{Crash, Departure};
+pub use crate::ground::Ground;
 pub use crate::plant::Plant;
 pub use crate::settings::{Initial, PlantSettings};
 pub use crate::swap::{AppliedSwap, Change, Swap, SwapError};

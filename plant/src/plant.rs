@@ -16,8 +16,9 @@ use model::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds, State, Truth};
 use model::parameters::Airframe;
 use nalgebra::{Vector3, Vector4};
 
-use crate::departure::Departure;
-use crate::integrator::{SUBSTEPS, integrate};
+use crate::departure::{Crash, Departure};
+use crate::ground::{Contact, Ground};
+use crate::integrator::{SUBSTEPS, integrate, integrate_with};
 use crate::latch::Latch;
 use crate::rigid_body::{RigidBody, specific_force};
 use crate::rotors::{Spin, SpinMeans, hover, thrust};
@@ -34,6 +35,10 @@ pub struct Plant {
     /// Roll, pitch, yaw of the body [rad], followed tick by tick so that roll and yaw are not wrapped.
     eta2: Vector3<f64>,
     tilt_max_rad: f64,
+    ground: Option<Ground>,
+    /// Mean acceleration by the ground over the last tick, world frame [m/s^2].
+    pushed_w: Vector3<f64>,
+    crash: Option<Crash>,
     sensors: Sensors,
     /// Actual rotor speeds at the tick [rad/s].
     rotor_speed: Vector4<f64>,
@@ -56,7 +61,7 @@ impl Plant {
     /// A plant at tick 0: where the settings say, rotors at the hover speed of the airframe.
     #[must_use]
     pub fn new(settings: &PlantSettings) -> Self {
-        let PlantSettings { period_s, airframe, rotor, seed, initial, tilt_max_rad } = *settings;
+        let PlantSettings { period_s, airframe, rotor, seed, initial, ground, tilt_max_rad } = *settings;
         let eta2 = Vector3::from(initial.attitude_rad);
         let attitude = Attitude::of_euler(&eta2);
         let body = RigidBody {
@@ -72,6 +77,9 @@ impl Plant {
             body,
             eta2: attitude.euler_near(&eta2),
             tilt_max_rad,
+            ground,
+            pushed_w: Vector3::zeros(),
+            crash: None,
             sensors: Sensors::new(period_s, seed, &body),
             rotor_speed: hover,
             means: SpinMeans::steady(&hover),
@@ -151,13 +159,28 @@ impl Plant {
             return;
         }
         let spin = Spin::new(&self.airframe, self.rotor_speed, Vector4::from(self.latch.speed()));
-        self.body = integrate(&self.body, &self.airframe, &spin, self.tick, self.period_s, SUBSTEPS);
+        self.body = self.flown(&spin);
         self.eta2 = self.body.attitude.euler_near(&self.eta2);
         self.sensors.advance(&self.airframe, &self.body);
         self.means = spin.means(self.period_s);
         self.rotor_speed = spin.speed(self.period_s);
         self.tick += 1;
         self.has_begun = false;
+    }
+
+    /// The body at the next tick, kept above the ground.
+    fn flown(&mut self, spin: &Spin) -> RigidBody {
+        let (body, airframe, tick, period_s) = (&self.body, &self.airframe, self.tick, self.period_s);
+        let Some(ground) = self.ground else {
+            return integrate(body, airframe, spin, tick, period_s, SUBSTEPS);
+        };
+        let mut contact = Contact::default();
+        let step_s = period_s / f64::from(SUBSTEPS);
+        let keep_above = |body: &mut RigidBody| ground.keep_above(airframe, body, step_s, &mut contact);
+        let body = integrate_with(body, airframe, spin, tick, period_s, SUBSTEPS, keep_above);
+        self.pushed_w = contact.impulse_w / (airframe.m() * period_s);
+        self.crash = self.crash.or_else(|| ground.crash(tick + 1, &contact));
+        body
     }
 
     /// Settles, once, what holds from the body's present tick on.
@@ -186,7 +209,8 @@ impl Plant {
     pub fn measured(&self) -> Measured {
         let Self { airframe, body, sensors, .. } = self;
         let (position, velocity) = sensors.fix(airframe);
-        let force = specific_force(airframe, body, thrust(airframe, &self.rotor_speed));
+        let free = specific_force(airframe, body, thrust(airframe, &self.rotor_speed));
+        let force = free + body.attitude.to_body(&self.pushed_w);
         Measured {
             position_w_m: position.into(),
             velocity_w_m_s: velocity.into(),
@@ -224,6 +248,7 @@ impl Plant {
                 position_w_m: self.body.eta1.into(),
                 velocity_w_m_s: self.body.v.into(),
                 rate_b_rad_s: self.body.nu2.into(),
+                touches_ground: u64::from(self.pushed_w != Vector3::zeros()),
                 parameter: *self.airframe.values(),
             },
         }
@@ -247,6 +272,12 @@ impl Plant {
         &self.applied
     }
 
+    /// Height of the airframe's lowest point above the ground [m], where there is one.
+    #[must_use]
+    pub fn clearance_m(&self) -> Option<f64> {
+        self.ground.map(|ground| ground.clearance_m(&self.airframe, &self.body))
+    }
+
     /// Whether the state lies within the envelope of the settings.
     ///
     /// # Errors
@@ -255,6 +286,9 @@ impl Plant {
         let (tick, tilt_max_rad) = (self.tick, self.tilt_max_rad);
         if !self.body.is_finite() {
             return Err(Departure::NotFinite { tick });
+        }
+        if let Some(crash) = self.crash {
+            return Err(Departure::Crash(crash));
         }
         // No angle needs to be computed where none is too large.
         if tilt_max_rad < PI {

@@ -196,6 +196,7 @@ impl<'a> PlantProcess<'a> {
             if let Err(departure) = worked.envelope {
                 return Ok(match departure {
                     Departure::NotFinite { .. } => Ending::NonFinite,
+                    Departure::Crash(_) => Ending::Crash,
                     Departure::Tilt { .. } => Ending::Attitude,
                 });
             }

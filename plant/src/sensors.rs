@@ -17,7 +17,7 @@ pub struct Sensors {
     period_s: f64,
     seed: u64,
     tick: u64,
-    /// What the gyro's bias has walked so far [rad/s].
+    /// What the gyro's bias has walked since the drift was switched on [rad/s].
     drift: Vector3<f64>,
     positioning: Positioning,
 }
@@ -33,9 +33,11 @@ impl Sensors {
     /// Goes on to the next tick, to which the body has come under these parameters.
     pub fn advance(&mut self, airframe: &Airframe, body: &RigidBody) {
         let walk = airframe.get(Parameter::GyroDrift);
-        if walk > 0.0 {
-            self.drift += Stream::GyroDrift.normal(self.seed, self.tick) * (walk * self.period_s.sqrt());
-        }
+        self.drift = if walk > 0.0 {
+            self.drift + Stream::GyroDrift.normal(self.seed, self.tick) * (walk * self.period_s.sqrt())
+        } else {
+            Vector3::zeros()
+        };
         self.tick += 1;
         self.positioning.take(self.tick, body);
     }
@@ -48,7 +50,7 @@ impl Sensors {
     /// Body rates [rad/s] as the gyro shows `nu2` [rad/s].
     #[must_use]
     pub fn rates(&self, airframe: &Airframe, nu2: &Vector3<f64>) -> Vector3<f64> {
-        if !Airframe::gyro_errs(airframe.values()) && self.drift == Vector3::zeros() {
+        if !Airframe::gyro_errs(airframe.values()) {
             return *nu2;
         }
         let (per_sample, density) = (airframe.gyro_noise_rad_s(), airframe.get(Parameter::GyroNoiseDensity));

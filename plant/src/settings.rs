@@ -5,6 +5,8 @@ use std::f64::consts::PI;
 use model::limits::RotorLimits;
 use model::parameters::Airframe;
 
+use crate::ground::Ground;
+
 /// What a plant is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantSettings {
@@ -18,6 +20,8 @@ pub struct PlantSettings {
     pub seed: u64,
     /// Where the flight begins, and how the body moves there.
     pub initial: Initial,
+    /// The ground; without one the airframe falls on.
+    pub ground: Option<Ground>,
     /// Angle between body z and the vertical beyond which the flight has left its envelope [rad]; pi is no limit.
     pub tilt_max_rad: f64,
 }
@@ -31,6 +35,7 @@ impl Default for PlantSettings {
             rotor: RotorLimits::default(),
             seed: 0,
             initial: Initial::default(),
+            ground: None,
             tilt_max_rad: PI,
         }
     }

@@ -1,6 +1,7 @@
 //! Settings: defaults, preset, file, flags, in this order; checked before anything starts.
 
 mod gates;
+mod ground;
 mod initial;
 mod layers;
 mod log;
@@ -24,6 +25,7 @@ use toml::{Table, Value};
 
 use crate::fault::Fault;
 use failure::Failure;
+pub use ground::GroundSection;
 pub use initial::InitialSection;
 use layers::{layered, same};
 pub use log::LogName;
@@ -36,7 +38,7 @@ pub const DEFAULT: &str = include_str!("default.toml");
 const LONGEST_S: f64 = 30.0 * 86_400.0;
 
 /// Sections that all roles of a run must share.
-const SHARED_SECTIONS: [&str; 7] = ["flight", "initial", "plant", "model", "gains", "limits", "rotor"];
+const SHARED_SECTIONS: [&str; 8] = ["flight", "initial", "ground", "plant", "model", "gains", "limits", "rotor"];
 
 /// Everything that can be set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,6 +48,8 @@ pub struct Settings {
     pub flight: FlightSettings,
     /// The body at tick 0.
     pub initial: InitialSection,
+    /// The ground, at `flight.ground_z_m`.
+    pub ground: GroundSection,
     /// The true airframe at tick 0, by parameter name.
     pub plant: BTreeMap<String, f64>,
     /// The airframe as the controller believes it to be, by parameter name.
@@ -255,6 +259,7 @@ impl Settings {
         within("flight.ground_z_m", flight.ground_z_m, -1e4, 0.0)?;
         within("rt.priority", f64::from(self.rt.priority), 1.0, 95.0)?;
         self.initial.check()?;
+        self.ground.check()?;
         self.check_log()?;
         within("recorder.states_every_ticks", self.recorder.states_every_ticks as f64, 1.0, 1e9)?;
         self.recorder.check_gates()?;
@@ -279,7 +284,7 @@ impl Settings {
             ))
             .help("fly longer (--duration), or strike earlier"));
         }
-        self.plant()?;
+        self.check_start()?;
         self.realtime()?;
         Ok(())
     }

@@ -51,10 +51,12 @@ pub enum Ending {
     NonFinite = 5,
     /// A role failed.
     Failed = 6,
+    /// The airframe hit the ground as no landing does.
+    Crash = 7,
 }
 
 from_wire!(RunPhase { Mustering, Opening, Flying, Closed });
-from_wire!(Ending { None, Completed, Interrupted, Attitude, Position, NonFinite, Failed });
+from_wire!(Ending { None, Completed, Interrupted, Attitude, Position, NonFinite, Failed, Crash });
 from_wire!(RolePhase { Starting, Ready, Armed, Flying, Landed });
 
 impl Ending {
@@ -69,13 +71,14 @@ impl Ending {
             Self::Position => "left the envelope: position error beyond its limit",
             Self::NonFinite => "left the envelope: the state is not finite",
             Self::Failed => "a role failed",
+            Self::Crash => "left the envelope: crashed into the ground",
         }
     }
 
     /// Whether the flight left its envelope.
     #[must_use]
     pub const fn left_envelope(self) -> bool {
-        matches!(self, Self::Attitude | Self::Position | Self::NonFinite)
+        matches!(self, Self::Attitude | Self::Position | Self::NonFinite | Self::Crash)
     }
 }
 
