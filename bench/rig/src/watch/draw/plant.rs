@@ -41,7 +41,7 @@ const fn is_roomy(width: u16) -> bool {
 
 fn heading(width: u16) -> String {
     if is_roomy(width) {
-        format!("{:<24}{:>11}  {:<12}{:>8}{:>8}{:>8}", "parameter", "in force", "unit", "nominal", "min", "max")
+        format!("{:<24}{:>11}  {:<8}{:>9}{:>9}{:>9}", "parameter", "in force", "unit", "nominal", "min", "max")
     } else {
         format!("{:<24}{:>11}", "parameter", "in force")
     }
@@ -51,7 +51,10 @@ fn row_text(spec: &Spec, value: f64, width: u16) -> String {
     let mark = if value == spec.nominal { ' ' } else { '*' };
     let row = format!("{:<24}{:>10}{mark}", spec.name, number(value));
     if is_roomy(width) {
-        format!("{row}  {:<12}{:>8}{:>8}{:>8}", spec.unit, number(spec.nominal), number(spec.min), number(spec.max))
+        // A long unit takes its room from the nominal value beside it, which is 0 there.
+        let rest = 17_usize.saturating_sub(spec.unit.len().max(8));
+        let nominal = number(spec.nominal);
+        format!("{row}  {:<8}{nominal:>rest$}{:>9}{:>9}", spec.unit, number(spec.min), number(spec.max))
     } else {
         row
     }
