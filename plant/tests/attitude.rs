@@ -45,9 +45,8 @@ fn euler_step(
     let k2 = rate(k1, dt_s / 2.0);
     let k3 = rate(k2, dt_s / 2.0);
     let k4 = rate(k3, dt_s);
-    let mean = |a: Vector3<f64>, b: Vector3<f64>, c: Vector3<f64>, d: Vector3<f64>| (a + (b + c) * 2.0 + d) / 6.0;
-    let mean_of = |of: fn((Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| mean(of(k1), of(k2), of(k3), of(k4));
-    (eta2 + mean_of(|k| k.0) * dt_s, nu2 + mean_of(|k| k.1) * dt_s)
+    let sixth_s = dt_s / 6.0;
+    (eta2 + (k1.0 + (k2.0 + k3.0) * 2.0 + k4.0) * sixth_s, nu2 + (k1.1 + (k2.1 + k3.1) * 2.0 + k4.1) * sixth_s)
 }
 
 #[test]
