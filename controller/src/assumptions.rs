@@ -77,7 +77,7 @@ impl Assumptions {
             (Cause::LiveSwap, swapped),
             (Cause::OutOfBounds, theta.sup(&self.lo).inf(&self.hi) != theta),
             (Cause::BrokenModel, self.model_is_broken(truth)),
-            (Cause::GyroNoise, truth.get(Parameter::GyroNoise) > 0.0),
+            (Cause::GyroNoise, Airframe::gyro_errs(&truth.parameter)),
             (Cause::MotorLag, truth.get(Parameter::MotorTimeConstant) > 0.0),
             (Cause::Saturation, command_saturated == 1),
             (Cause::StaleInput, skipped || deadline_miss_run > 0),
@@ -101,7 +101,9 @@ impl Assumptions {
             Parameter::RotorEfficiency3,
             Parameter::RotorEfficiency4,
         ];
-        MODELLED.iter().any(|parameter| truth.get(*parameter) != self.model.get(*parameter))
+        // The model has no ground either.
+        truth.touches_ground == 1
+            || MODELLED.iter().any(|parameter| truth.get(*parameter) != self.model.get(*parameter))
             // The controller's model has no efficiencies: it takes every rotor for a whole one.
             || efficiency.iter().any(|parameter| truth.get(*parameter) != 1.0)
     }

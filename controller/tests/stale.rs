@@ -236,7 +236,13 @@ fn no_law_reads_the_truth() {
     for tick in 0..50 {
         let plain = state(tick);
         let mut shown = plain;
-        shown.content.truth = Truth { rate_b_rad_s: [1.0, 2.0, 3.0], parameter: [1.0; PARAMETERS] };
+        shown.content.truth = Truth {
+            position_w_m: [1.0, 2.0, 3.0],
+            velocity_w_m_s: [1.0, 2.0, 3.0],
+            rate_b_rad_s: [1.0, 2.0, 3.0],
+            touches_ground: 1,
+            parameter: [1.0; PARAMETERS],
+        };
         assert_eq!(outer.tick(tick, &plain), outer.tick(tick, &shown));
         let wrench = untold.tick(tick, &plain, &setpoint(tick));
         assert_eq!(bits(&wrench), bits(&told.tick(tick, &shown, &setpoint(tick))));

@@ -26,6 +26,20 @@ pub fn integrate(
     period_s: f64,
     substeps: u32,
 ) -> RigidBody {
+    integrate_with(body, airframe, spin, tick, period_s, substeps, |_| {})
+}
+
+/// The same, with something that acts on the body after every step: the ground.
+#[must_use]
+pub fn integrate_with(
+    body: &RigidBody,
+    airframe: &Airframe,
+    spin: &Spin,
+    tick: u64,
+    period_s: f64,
+    substeps: u32,
+    mut after_step: impl FnMut(&mut RigidBody),
+) -> RigidBody {
     let dynamics = Dynamics::new(airframe);
     let half_s = period_s / f64::from(2 * substeps);
     let mut h = Disturbances::new(tick as f64 * period_s, half_s);
@@ -45,9 +59,11 @@ pub fn integrate(
         // The end of a step is the instant at which the next one begins.
         let end = dynamics.disturbed(&rotors, &h.next_h());
         body = runge_kutta_4(&body, &dynamics, [&start, &middle, &end], half_s);
+        after_step(&mut body);
         start = end;
     }
-    body
+    // Four steps stretch the quaternion by less than rounding does, so once a tick is enough.
+    RigidBody { attitude: body.attitude.normalised(), ..body }
 }
 
 /// One classical Runge-Kutta step of twice `half` [s], under the forcing at its start, in its middle and at its end.
@@ -62,7 +78,7 @@ fn runge_kutta_4(body: &RigidBody, dynamics: &Dynamics, forcing: [&Forcing; 3], 
     let mean = RigidBodyRate {
         d_eta1: (k1.d_eta1 + (k2.d_eta1 + k3.d_eta1) * 2.0 + k4.d_eta1) * sixth,
         d_v: (k1.d_v + (k2.d_v + k3.d_v) * 2.0 + k4.d_v) * sixth,
-        d_eta2: (k1.d_eta2 + (k2.d_eta2 + k3.d_eta2) * 2.0 + k4.d_eta2) * sixth,
+        d_attitude: (k1.d_attitude + (k2.d_attitude + k3.d_attitude) * 2.0 + k4.d_attitude) * sixth,
         d_nu2: (k1.d_nu2 + (k2.d_nu2 + k3.d_nu2) * 2.0 + k4.d_nu2) * sixth,
     };
     body.along(&mean, dt)

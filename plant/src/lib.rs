@@ -1,18 +1,26 @@
-//! The airframe as the controller meets it: body, rotors, gyro, live parameters.
+//! The airframe as the controller meets it: body, rotors, ground, sensors, live parameters.
 //!
 //! [`plant::Plant`] is the stage: the process shell calls [`plant::Plant::begin`] and [`plant::Plant::finish`] once per
 //! tick. The other modules are its parts. Each is a pure law or a plain queue and knows no clock, transport or
 //! operating system. The process shell is [`process`], with its [`desk`].
 
+pub mod departure;
 pub mod desk;
-pub mod gyro;
+pub mod ground;
 pub mod integrator;
 pub mod latch;
+pub mod noise;
 pub mod plant;
+pub mod positioning;
 pub mod process;
 pub mod rigid_body;
 pub mod rotors;
+pub mod sensors;
+pub mod settings;
 pub mod swap;
 
-pub use crate::plant::{Departure, Plant, PlantSettings};
+pub use crate::departure::{Crash, Departure};
+pub use crate::ground::Ground;
+pub use crate::plant::Plant;
+pub use crate::settings::{Initial, PlantSettings};
 pub use crate::swap::{AppliedSwap, Change, Swap, SwapError};

@@ -6,44 +6,40 @@
 //! that was in force: an outage affects the flight.
 //!
 //! This file owns the order of these steps. The steps themselves are [`crate::swap`], [`crate::latch`],
-//! [`crate::rotors`], [`crate::integrator`] and [`crate::gyro`].
+//! [`crate::rotors`], [`crate::integrator`] and [`crate::sensors`].
 
-use model::limits::RotorLimits;
+use std::f64::consts::PI;
+
+use model::attitude::Attitude;
+use model::measured::Measured;
 use model::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds, State, Truth};
 use model::parameters::Airframe;
-use nalgebra::Vector4;
-use thiserror::Error;
+use nalgebra::{Vector3, Vector4};
 
-use crate::gyro;
-use crate::integrator::{SUBSTEPS, integrate};
+use crate::departure::{Crash, Departure};
+use crate::ground::{Contact, Ground};
+use crate::integrator::{SUBSTEPS, integrate, integrate_with};
 use crate::latch::Latch;
-use crate::rigid_body::RigidBody;
-use crate::rotors::{Spin, SpinMeans, hover};
+use crate::rigid_body::{RigidBody, specific_force};
+use crate::rotors::{Spin, SpinMeans, hover, thrust};
+use crate::sensors::Sensors;
+use crate::settings::PlantSettings;
 use crate::swap::{AppliedSwap, PENDING_SWAPS, Swap, SwapError, SwapQueue};
-
-/// Pitch beyond which the flight counts as lost [rad]: J2 of (5) is singular at 90 degrees.
-pub const PITCH_LIMIT_RAD: f64 = 80.0_f64.to_radians();
-
-/// What a plant is made of.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PlantSettings {
-    /// Length of a tick, T [s].
-    pub period_s: f64,
-    /// True parameters at the start; swaps change them in flight.
-    pub airframe: Airframe,
-    /// Range of the rotor speeds, whose lower end is idle.
-    pub rotor: RotorLimits,
-    /// Seed of the gyro noise.
-    pub seed: u64,
-}
 
 /// The simulated airframe, standing at a grid tick or on its way to the next.
 #[derive(Clone, Debug)]
 pub struct Plant {
     period_s: f64,
-    seed: u64,
     airframe: Airframe,
     body: RigidBody,
+    /// Roll, pitch, yaw of the body [rad], followed tick by tick so that roll and yaw are not wrapped.
+    eta2: Vector3<f64>,
+    tilt_max_rad: f64,
+    ground: Option<Ground>,
+    /// Mean acceleration by the ground over the last tick, world frame [m/s^2].
+    pushed_w: Vector3<f64>,
+    crash: Option<Crash>,
+    sensors: Sensors,
     /// Actual rotor speeds at the tick [rad/s].
     rotor_speed: Vector4<f64>,
     /// Of the tick before.
@@ -61,39 +57,30 @@ pub struct Plant {
     parameter_epoch: u64,
 }
 
-/// The flight left the envelope in which the model means anything.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
-pub enum Departure {
-    /// A position, velocity, angle or rate is infinite or not a number.
-    #[error("the flight diverged: at tick {tick} the state is no longer finite")]
-    NotFinite {
-        /// Tick at which it was seen.
-        tick: u64,
-    },
-    /// The pitch is beyond [`PITCH_LIMIT_RAD`].
-    #[error(
-        "the flight left its envelope: at tick {tick} the pitch is {:.1} degrees, allowed are +-{:.0}",
-        pitch_rad.to_degrees(), PITCH_LIMIT_RAD.to_degrees()
-    )]
-    Pitch {
-        /// Tick at which it was seen.
-        tick: u64,
-        /// The pitch [rad].
-        pitch_rad: f64,
-    },
-}
-
 impl Plant {
-    /// A plant at tick 0: at rest in the origin, rotors at the hover speed of the airframe.
+    /// A plant at tick 0: where the settings say, rotors at the hover speed of the airframe.
     #[must_use]
     pub fn new(settings: &PlantSettings) -> Self {
-        let PlantSettings { period_s, airframe, rotor, seed } = *settings;
+        let PlantSettings { period_s, airframe, rotor, seed, initial, ground, tilt_max_rad } = *settings;
+        let eta2 = Vector3::from(initial.attitude_rad);
+        let attitude = Attitude::of_euler(&eta2);
+        let body = RigidBody {
+            eta1: initial.position_w_m.into(),
+            v: initial.velocity_w_m_s.into(),
+            attitude,
+            nu2: initial.rate_b_rad_s.into(),
+        };
         let hover = hover(&airframe);
         Self {
             period_s,
-            seed,
             airframe,
-            body: RigidBody::default(),
+            body,
+            eta2: attitude.euler_near(&eta2),
+            tilt_max_rad,
+            ground,
+            pushed_w: Vector3::zeros(),
+            crash: None,
+            sensors: Sensors::new(period_s, seed, &body),
             rotor_speed: hover,
             means: SpinMeans::steady(&hover),
             latch: Latch::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
@@ -172,11 +159,28 @@ impl Plant {
             return;
         }
         let spin = Spin::new(&self.airframe, self.rotor_speed, Vector4::from(self.latch.speed()));
-        self.body = integrate(&self.body, &self.airframe, &spin, self.tick, self.period_s, SUBSTEPS);
+        self.body = self.flown(&spin);
+        self.eta2 = self.body.attitude.euler_near(&self.eta2);
+        self.sensors.advance(&self.airframe, &self.body);
         self.means = spin.means(self.period_s);
         self.rotor_speed = spin.speed(self.period_s);
         self.tick += 1;
         self.has_begun = false;
+    }
+
+    /// The body at the next tick, kept above the ground.
+    fn flown(&mut self, spin: &Spin) -> RigidBody {
+        let (body, airframe, tick, period_s) = (&self.body, &self.airframe, self.tick, self.period_s);
+        let Some(ground) = self.ground else {
+            return integrate(body, airframe, spin, tick, period_s, SUBSTEPS);
+        };
+        let mut contact = Contact::default();
+        let step_s = period_s / f64::from(SUBSTEPS);
+        let keep_above = |body: &mut RigidBody| ground.keep_above(airframe, body, step_s, &mut contact);
+        let body = integrate_with(body, airframe, spin, tick, period_s, SUBSTEPS, keep_above);
+        self.pushed_w = contact.impulse_w / (airframe.m() * period_s);
+        self.crash = self.crash.or_else(|| ground.crash(tick + 1, &contact));
+        body
     }
 
     /// Settles, once, what holds from the body's present tick on.
@@ -195,23 +199,43 @@ impl Plant {
                 changes,
             });
         }
+        self.sensors.settle(&self.airframe);
         self.latch.enter(self.tick);
         self.has_begun = true;
+    }
+
+    /// What the sensors would show now. The accelerometer feels the rotors as they turned until now.
+    #[must_use]
+    pub fn measured(&self) -> Measured {
+        let Self { airframe, body, sensors, .. } = self;
+        let (position, velocity) = sensors.fix(airframe);
+        let free = specific_force(airframe, body, thrust(airframe, &self.rotor_speed));
+        let force = free + body.attitude.to_body(&self.pushed_w);
+        Measured {
+            position_w_m: position.into(),
+            velocity_w_m_s: velocity.into(),
+            attitude_rad: self.eta2.into(),
+            attitude_quaternion: body.attitude.wxyz(),
+            rate_b_rad_s: sensors.rates(airframe, &body.nu2).into(),
+            specific_force_b_m_s2: sensors.specific_force(airframe, &force).into(),
+            rotor_speed_mean_rad_s: self.means.speed.into(),
+            rotor_speed_squared_mean_rad2_s2: self.means.speed_squared.into(),
+            rotor_speed_command_rad_s: self.latch.speed(),
+        }
     }
 
     /// The state as it would be published now.
     #[must_use]
     pub fn state(&self) -> State {
-        let RigidBody { eta1, v, eta2, nu2 } = self.body;
-        let measured = gyro::measured(&nu2, self.airframe.gyro_noise_rad_s(), self.seed, self.tick);
+        let shown = self.measured();
         State {
-            position_w_m: eta1.into(),
-            velocity_w_m_s: v.into(),
-            attitude_rad: eta2.into(),
-            rate_b_rad_s: measured.into(),
-            rotor_speed_mean_rad_s: self.means.speed.into(),
-            rotor_speed_squared_mean_rad2_s2: self.means.speed_squared.into(),
-            rotor_speed_command_rad_s: self.latch.speed(),
+            position_w_m: shown.position_w_m,
+            velocity_w_m_s: shown.velocity_w_m_s,
+            attitude_rad: shown.attitude_rad,
+            rate_b_rad_s: shown.rate_b_rad_s,
+            rotor_speed_mean_rad_s: shown.rotor_speed_mean_rad_s,
+            rotor_speed_squared_mean_rad2_s2: shown.rotor_speed_squared_mean_rad2_s2,
+            rotor_speed_command_rad_s: shown.rotor_speed_command_rad_s,
             command_tick: self.latch.command_tick(),
             commands_taken: self.commands_taken,
             command_taken_tick: self.command_taken_tick,
@@ -220,7 +244,13 @@ impl Plant {
             deadline_miss_run: self.latch.deadline_miss_run(),
             ticks_skipped: self.ticks_skipped,
             parameter_epoch: self.parameter_epoch,
-            truth: Truth { rate_b_rad_s: nu2.into(), parameter: *self.airframe.values() },
+            truth: Truth {
+                position_w_m: self.body.eta1.into(),
+                velocity_w_m_s: self.body.v.into(),
+                rate_b_rad_s: self.body.nu2.into(),
+                touches_ground: u64::from(self.pushed_w != Vector3::zeros()),
+                parameter: *self.airframe.values(),
+            },
         }
     }
 
@@ -242,17 +272,30 @@ impl Plant {
         &self.applied
     }
 
-    /// Whether the state is one that the model covers.
+    /// Height of the airframe's lowest point above the ground [m], where there is one.
+    #[must_use]
+    pub fn clearance_m(&self) -> Option<f64> {
+        self.ground.map(|ground| ground.clearance_m(&self.airframe, &self.body))
+    }
+
+    /// Whether the state lies within the envelope of the settings.
     ///
     /// # Errors
-    /// [`Departure`] says in what way it is not, and at which tick.
+    /// [`Departure`] says in what way it does not, and at which tick.
     pub fn envelope(&self) -> Result<(), Departure> {
-        let (tick, pitch_rad) = (self.tick, self.body.eta2.y);
+        let (tick, tilt_max_rad) = (self.tick, self.tilt_max_rad);
         if !self.body.is_finite() {
             return Err(Departure::NotFinite { tick });
         }
-        if pitch_rad.abs() > PITCH_LIMIT_RAD {
-            return Err(Departure::Pitch { tick, pitch_rad });
+        if let Some(crash) = self.crash {
+            return Err(Departure::Crash(crash));
+        }
+        // No angle needs to be computed where none is too large.
+        if tilt_max_rad < PI {
+            let tilt_rad = self.body.tilt_rad();
+            if tilt_rad > tilt_max_rad {
+                return Err(Departure::Tilt { tick, tilt_rad, tilt_max_rad });
+            }
         }
         Ok(())
     }

@@ -21,9 +21,11 @@ use wire::clock::{Horizon as _, now_ns, sleep_until};
 use wire::error::Error;
 use wire::{Board, DEEP, Doorbell, Receiver, Sender, Wire};
 
+use crate::departure::Departure;
 use crate::desk::{self, Event, INBOX, OUTBOX, SwapRequest};
 use crate::latch::pending_commands;
-use crate::plant::{Departure, Plant, PlantSettings};
+use crate::plant::Plant;
+use crate::settings::PlantSettings;
 use crate::swap::{AppliedSwap, Swap};
 
 /// In lockstep, how far the recorder may fall behind: half of what its ports keep.
@@ -182,7 +184,8 @@ impl<'a> PlantProcess<'a> {
             if let Err(departure) = worked.envelope {
                 return Ok(match departure {
                     Departure::NotFinite { .. } => Ending::NonFinite,
-                    Departure::Pitch { .. } => Ending::Attitude,
+                    Departure::Crash(_) => Ending::Crash,
+                    Departure::Tilt { .. } => Ending::Attitude,
                 });
             }
             if station.stop_requested() {

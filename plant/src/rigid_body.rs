@@ -1,19 +1,19 @@
-//! Rigid body of the quadrotor: equations (1), (3) in the form (8), and (5).
+//! Rigid body of the quadrotor: equations (1), (3) in the form (8), and the attitude.
 //!
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri). This
 //! file owns the accelerations and the state derivative. [`crate::rotors`] owns how thrust and torque come about.
 //!
 //! Differences from the paper (docs/paper.md lists them all):
-//! * J2 of (5): rows 2 and 3 are derived from S(nu2) = J1^T d(J1)/dt. As printed, q would drive the yaw of level
-//!   flight.
+//! * (5) is replaced by q_dot = 1/2 q (x) (0, nu2) of a unit quaternion: the same motion, without the singularity of J2.
 //! * f of (8) is the vector F(nu2) nu2, and row 3 of g2 is r/I_z, not T_z/I_z. Both follow from (3).
 //! * h is a known function of time, h(t), not of the rates.
 //! * u is only the total thrust. The body velocity is v, and I_M^-1 tau has no letter of its own.
 
-use model::frames::RollPitch;
+use model::attitude::Attitude;
+use model::math::atan2;
 use model::parameters::Airframe;
 use model::rate_dynamics::Inertia;
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector4};
 
 /// Where the body is and how it moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -22,8 +22,8 @@ pub struct RigidBody {
     pub eta1: Vector3<f64>,
     /// Velocity, world frame [m/s].
     pub v: Vector3<f64>,
-    /// Roll, pitch, yaw [rad]; never wrapped, so that it stays continuous.
-    pub eta2: Vector3<f64>,
+    /// Attitude, body to world.
+    pub attitude: Attitude,
     /// Body rates p, q, r [rad/s].
     pub nu2: Vector3<f64>,
 }
@@ -35,8 +35,8 @@ pub struct RigidBodyRate {
     pub d_eta1: Vector3<f64>,
     /// Acceleration, world frame [m/s^2].
     pub d_v: Vector3<f64>,
-    /// Rates of roll, pitch, yaw [rad/s].
-    pub d_eta2: Vector3<f64>,
+    /// Derivative of the quaternion, w, x, y, z [1/s].
+    pub d_attitude: Vector4<f64>,
     /// Angular acceleration, body frame [rad/s^2].
     pub d_nu2: Vector3<f64>,
 }
@@ -115,20 +115,12 @@ impl Dynamics {
         Forcing { push: forcing.push + h * self.delta, ..*forcing }
     }
 
-    /// (1): acceleration in the world frame [m/s^2] at attitude `eta2` [rad] and velocity `v` [m/s, world].
-    ///
-    /// `roll_pitch` are those of `eta2`.
+    /// (1): acceleration in the world frame [m/s^2] at an attitude and velocity `v` [m/s, world].
     #[must_use]
     #[inline]
-    pub fn linear_acceleration(
-        &self,
-        roll_pitch: &RollPitch,
-        eta2: &Vector3<f64>,
-        v: &Vector3<f64>,
-        forcing: &Forcing,
-    ) -> Vector3<f64> {
+    pub fn linear_acceleration(&self, attitude: &Attitude, v: &Vector3<f64>, forcing: &Forcing) -> Vector3<f64> {
         let z_e = Vector3::z();
-        -self.g * z_e + roll_pitch.rot_wb(eta2.z).column(2) * forcing.lift - v * self.drag
+        -self.g * z_e + attitude.z_b_in_w() * forcing.lift - v * self.drag
     }
 
     /// (8), which is (3) solved for d(nu2): angular acceleration in the body frame [rad/s^2] at rates `nu2` [rad/s].
@@ -142,18 +134,25 @@ impl Dynamics {
     }
 }
 
+/// Specific force in the body frame [m/s^2], under thrust `u` [N]: the acceleration of (1) less gravity,
+/// J1^T (d(v) + g z_e), as an accelerometer in the centre of mass feels it.
+#[must_use]
+#[inline]
+pub fn specific_force(airframe: &Airframe, body: &RigidBody, u: f64) -> Vector3<f64> {
+    (Vector3::z() * u - body.attitude.to_body(&body.v) * airframe.k_t()) / airframe.m()
+}
+
 impl RigidBody {
-    /// (1), (5), (8): the derivative under a forcing. Singular at a pitch of +-90 degrees.
+    /// (1), (8) and that of the quaternion: the derivative under a forcing.
     #[must_use]
     // Part of the integrator's loop: called, it would hand 25 numbers through memory, 16 times a tick.
     #[inline(always)]
     pub fn rate(&self, dynamics: &Dynamics, forcing: &Forcing) -> RigidBodyRate {
-        let Self { eta2, v, nu2, .. } = self;
-        let roll_pitch = RollPitch::of(eta2);
+        let Self { attitude, v, nu2, .. } = self;
         RigidBodyRate {
             d_eta1: *v,
-            d_v: dynamics.linear_acceleration(&roll_pitch, eta2, v, forcing),
-            d_eta2: roll_pitch.euler_rate(nu2),
+            d_v: dynamics.linear_acceleration(attitude, v, forcing),
+            d_attitude: attitude.rate(nu2),
             d_nu2: dynamics.angular_acceleration(nu2, forcing),
         }
     }
@@ -164,14 +163,22 @@ impl RigidBody {
         Self {
             eta1: self.eta1 + rate.d_eta1 * dt_s,
             v: self.v + rate.d_v * dt_s,
-            eta2: self.eta2 + rate.d_eta2 * dt_s,
+            attitude: self.attitude.along(&rate.d_attitude, dt_s),
             nu2: self.nu2 + rate.d_nu2 * dt_s,
         }
+    }
+
+    /// Angle between body z and the vertical [rad]: 0 level, pi upside down.
+    #[must_use]
+    pub fn tilt_rad(&self) -> f64 {
+        let z_b = self.attitude.z_b_in_w();
+        atan2((z_b.x * z_b.x + z_b.y * z_b.y).sqrt(), z_b.z)
     }
 
     /// Whether every component is a finite number.
     #[must_use]
     pub fn is_finite(&self) -> bool {
-        [self.eta1, self.v, self.eta2, self.nu2].iter().flatten().all(|x| x.is_finite())
+        let attitude = self.attitude.wxyz();
+        [self.eta1, self.v, self.nu2].iter().flatten().chain(&attitude).all(|x| x.is_finite())
     }
 }

@@ -91,12 +91,24 @@ impl Spin {
     }
 }
 
+/// (6) for each rotor that turns at `w` [rad/s], with the true efficiencies: thrust [N].
+#[must_use]
+#[inline]
+fn forces(airframe: &Airframe, w: &Vector4<f64>) -> Vector4<f64> {
+    w.component_mul(w).component_mul(&Vector4::from(airframe.rotor_efficiency())) * airframe.k()
+}
+
+/// (6), (7): total thrust of rotors that turn at `w` [rad/s], with the true efficiencies [N].
+#[must_use]
+#[inline]
+pub fn thrust(airframe: &Airframe, w: &Vector4<f64>) -> f64 {
+    forces(airframe, w).sum()
+}
+
 /// (4), (6), (7): thrust, torque and net speed of rotors that turn at `w` [rad/s], with the true efficiencies.
 #[must_use]
 pub fn effort(airframe: &Airframe, w: &Vector4<f64>) -> Effort {
-    let efficiency = Vector4::from(airframe.rotor_efficiency());
-    let f = w.component_mul(w).component_mul(&efficiency) * airframe.k();
-    let (u, tau) = Allocation::new(airframe).wrench(&f);
+    let (u, tau) = Allocation::new(airframe).wrench(&forces(airframe, w));
     Effort { u, tau, om: net_speed(w) }
 }
 

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-use model::frames::RollPitch;
+use model::attitude::Attitude;
 use model::limits::RotorLimits;
 use model::messages::{Dated, RotorSpeeds};
 use model::parameters::{Airframe, Parameter};
@@ -24,7 +24,7 @@ fn airframe(changes: &[(Parameter, f64)]) -> Airframe {
 }
 
 fn settings(airframe: Airframe) -> PlantSettings {
-    PlantSettings { period_s: PERIOD_S, airframe, rotor: RotorLimits::default(), seed: 0 }
+    PlantSettings { period_s: PERIOD_S, airframe, rotor: RotorLimits::default(), seed: 0, ..PlantSettings::default() }
 }
 
 #[test]
@@ -59,7 +59,7 @@ fn free_fall_without_drag_keeps_its_energy_and_its_spin() {
     let spin = Spin::new(&airframe, Vector4::zeros(), Vector4::zeros());
     let end = (0..200).fold(start, |body, tick| integrate(&body, &airframe, &spin, tick, PERIOD_S, SUBSTEPS));
     assert!((energy(&end) - energy(&start)).abs() < 1e-12, "{} became {}", energy(&start), energy(&end));
-    let momentum = |body: &RigidBody| RollPitch::of(&body.eta2).rot_wb(body.eta2.z) * body.nu2.component_mul(&i_m);
+    let momentum = |body: &RigidBody| body.attitude.rot_wb() * body.nu2.component_mul(&i_m);
     assert!((momentum(&end) - momentum(&start)).norm() < 1e-11);
 }
 
@@ -92,7 +92,7 @@ fn the_integrator_is_of_order_4() {
     let spin = Spin::new(&airframe, Vector4::new(250.0, 150.0, 180.0, 230.0), hover(&airframe));
     let start = RigidBody {
         v: Vector3::new(1.0, 0.5, -0.5),
-        eta2: Vector3::new(0.3, -0.2, 0.1),
+        attitude: Attitude::of_euler(&Vector3::new(0.3, -0.2, 0.1)),
         nu2: Vector3::new(1.0, -2.0, 0.5),
         ..RigidBody::default()
     };
@@ -101,8 +101,9 @@ fn the_integrator_is_of_order_4() {
     let exact = flown(4096);
     let error = |substeps| {
         let body = flown(substeps);
-        let parts = [body.eta1 - exact.eta1, body.v - exact.v, body.eta2 - exact.eta2, body.nu2 - exact.nu2];
-        parts.map(|part| part.norm())
+        let turned = Vector4::from(body.attitude.wxyz()) - Vector4::from(exact.attitude.wxyz());
+        let parts = [body.eta1 - exact.eta1, body.v - exact.v, body.nu2 - exact.nu2].map(|part| part.norm());
+        [parts[0], parts[1], turned.norm(), parts[2]]
     };
     let errors = [8, 16, 32].map(error);
     for pair in errors.windows(2) {

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-use model::frames::RollPitch;
+use model::attitude::Attitude;
 use model::parameters::Airframe;
 use model::rate_dynamics::disturbance;
 use nalgebra::Vector3;
@@ -41,7 +41,7 @@ fn acceleration_by_equation_1() {
         let eta2 = vector(&case["eul"]);
         let effort = Effort { u: number(&case["u"]), ..Effort::default() };
         let forcing = dynamics.forcing(&effort);
-        let a = dynamics.linear_acceleration(&RollPitch::of(&eta2), &eta2, &vector(&case["vel"]), &forcing);
+        let a = dynamics.linear_acceleration(&Attitude::of_euler(&eta2), &vector(&case["vel"]), &forcing);
         assert_close(&a, &vector(&case["out"]), i);
     }
 }

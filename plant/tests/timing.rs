@@ -15,7 +15,13 @@ fn plant() -> Plant {
 }
 
 fn settings() -> PlantSettings {
-    PlantSettings { period_s: 0.001, airframe: Airframe::nominal(), rotor: RotorLimits::default(), seed: 42 }
+    PlantSettings {
+        period_s: 0.001,
+        airframe: Airframe::nominal(),
+        rotor: RotorLimits::default(),
+        seed: 42,
+        ..PlantSettings::default()
+    }
 }
 
 fn hover() -> [f64; 4] {
@@ -357,7 +363,8 @@ fn gyro_noise_is_in_the_measurement_and_not_in_the_truth() {
 
 #[test]
 fn a_flight_out_of_its_envelope_is_told() {
-    let mut plant = plant();
+    let tilt_max_rad = 80.0_f64.to_radians();
+    let mut plant = Plant::new(&PlantSettings { tilt_max_rad, ..settings() });
     assert_eq!(plant.envelope(), Ok(()));
     let flip = RotorSpeeds { speed_rad_s: [350.0, 350.0, 30.0, 30.0], ..RotorSpeeds::default() };
     let departure = (0..2000)
@@ -368,7 +375,7 @@ fn a_flight_out_of_its_envelope_is_told() {
             plant.envelope().err()
         })
         .unwrap();
-    assert!(matches!(departure, Departure::Pitch { pitch_rad, .. } if pitch_rad > 1.396), "{departure}");
+    assert!(matches!(departure, Departure::Tilt { tilt_rad, .. } if tilt_rad > 1.396), "{departure}");
     let wrong = RotorSpeeds { speed_rad_s: [f64::NAN; 4], ..RotorSpeeds::default() };
     plant.begin(2001);
     plant.offer(Dated { tick: 2001, content: wrong }, 2002);

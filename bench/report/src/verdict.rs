@@ -23,6 +23,8 @@ pub struct GatesAsked {
     pub position_error_max_m: f64,
     /// Height below which the airframe has hit the ground [m].
     pub ground_z_m: f64,
+    /// Angle between body z and the vertical beyond which a flight ends [rad].
+    pub tilt_max_rad: f64,
     /// Deadlines missed per million at the most.
     pub max_miss_rate_ppm: Option<f64>,
     /// Ticks skipped per million at the most.
@@ -110,7 +112,8 @@ fn unless_lost(lost: u64, gate: Gate) -> Gate {
 }
 
 fn envelope(asked: &GatesAsked, evidence: &Evidence<'_>) -> Gate {
-    let GatesAsked { position_error_max_m, ground_z_m, .. } = asked;
+    let GatesAsked { position_error_max_m, ground_z_m, tilt_max_rad, .. } = asked;
+    let tilt_max_deg = tilt_max_rad.to_degrees();
     let (ending, lowest_z_m) = (evidence.ending, evidence.performance.lowest_z_m);
     let has_left = ending.is_some_and(Ending::left_envelope);
     let has_hit = lowest_z_m < *ground_z_m;
@@ -121,7 +124,9 @@ fn envelope(asked: &GatesAsked, evidence: &Evidence<'_>) -> Gate {
     };
     Gate {
         name: ENVELOPE.into(),
-        limit: format!("position error <= {position_error_max_m} m, pitch <= 80 deg, z >= {ground_z_m} m"),
+        limit: format!(
+            "position error <= {position_error_max_m} m, tilt <= {tilt_max_deg:.0} deg, z >= {ground_z_m} m"
+        ),
         value,
         held: !has_left && !has_hit,
         asked: false,
@@ -291,6 +296,7 @@ mod tests {
     const ASKED: GatesAsked = GatesAsked {
         position_error_max_m: 10.0,
         ground_z_m: -0.25,
+        tilt_max_rad: std::f64::consts::PI,
         max_miss_rate_ppm: Some(0.0),
         max_skip_rate_ppm: Some(0.0),
         max_stale_rate_ppm: Some(0.0),

@@ -10,7 +10,6 @@ use std::time::Instant;
 
 use controller::{Preset, Trajectory};
 use ironbird::in_process::InProcess;
-use model::frames::quaternion_wb;
 use model::limits::RotorLimits;
 use model::parameters::{Airframe, Parameter};
 use plant::integrator::{SUBSTEPS, integrate};
@@ -56,7 +55,7 @@ fn work() -> Result<Value, Box<dyn Error>> {
     };
     let period_s = laws.period_s;
     let mut flight = InProcess::new(
-        &plant::PlantSettings { period_s, airframe, rotor, seed: 0 },
+        &plant::PlantSettings { period_s, airframe, rotor, seed: 0, ..plant::PlantSettings::default() },
         &laws,
         &mixer::MixerSettings { period_s, model: airframe, rotor },
     );
@@ -115,5 +114,6 @@ fn fly(airframe: &Airframe, speeds: &[[f64; 4]], period_s: f64, steps: u32) -> R
 
 fn end_state(body: &RigidBody) -> Value {
     let position: [f64; 3] = body.eta1.into();
-    json!({ "position_w_m": position, "quaternion_wb_xyzw": quaternion_wb(&body.eta2) })
+    let [w, x, y, z] = body.attitude.wxyz();
+    json!({ "position_w_m": position, "quaternion_wb_xyzw": [x, y, z, w] })
 }

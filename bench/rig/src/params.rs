@@ -51,12 +51,12 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
         return Ok(OK);
     }
     let mut text = format!(
-        "{:<24} {:<9} {:>10} {:>8} {:>10} {:>10}  {:<8} meaning\n",
+        "{:<24} {:<12} {:>10} {:>8} {:>10} {:>10}  {:<8} meaning\n",
         "name", "unit", "min", "max", "nominal", "in force", "equation"
     );
     for row in &rows {
         text.push_str(&format!(
-            "{:<24} {:<9} {:>10} {:>8} {:>10} {:>10}  {:<8} {}\n",
+            "{:<24} {:<12} {:>10} {:>8} {:>10} {:>10}  {:<8} {}\n",
             row.name,
             row.unit,
             number(row.min),

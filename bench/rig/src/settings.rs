@@ -1,6 +1,8 @@
 //! Settings: defaults, preset, file, flags, in this order; checked before anything starts.
 
 mod gates;
+mod ground;
+mod initial;
 mod layers;
 mod log;
 mod processes;
@@ -9,6 +11,7 @@ mod real_time;
 mod tests;
 
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 use std::path::Path;
 
 use controller::{Gains, Limits, Preset, Trajectory};
@@ -22,6 +25,8 @@ use toml::{Table, Value};
 
 use crate::fault::Fault;
 use failure::Failure;
+pub use ground::GroundSection;
+pub use initial::InitialSection;
 use layers::{layered, same};
 pub use log::LogName;
 pub use real_time::{RealtimeSection, check_cpu};
@@ -33,7 +38,7 @@ pub const DEFAULT: &str = include_str!("default.toml");
 const LONGEST_S: f64 = 30.0 * 86_400.0;
 
 /// Sections that all roles of a run must share.
-const SHARED_SECTIONS: [&str; 6] = ["flight", "plant", "model", "gains", "limits", "rotor"];
+const SHARED_SECTIONS: [&str; 8] = ["flight", "initial", "ground", "plant", "model", "gains", "limits", "rotor"];
 
 /// Everything that can be set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,6 +46,10 @@ const SHARED_SECTIONS: [&str; 6] = ["flight", "plant", "model", "gains", "limits
 pub struct Settings {
     /// What to fly.
     pub flight: FlightSettings,
+    /// The body at tick 0.
+    pub initial: InitialSection,
+    /// The ground, at `flight.ground_z_m`.
+    pub ground: GroundSection,
     /// The true airframe at tick 0, by parameter name.
     pub plant: BTreeMap<String, f64>,
     /// The airframe as the controller believes it to be, by parameter name.
@@ -73,7 +82,7 @@ pub struct FlightSettings {
     pub pace: PaceName,
     /// Periods on the clock per tick.
     pub slowdown: u64,
-    /// Seed of the gyro noise.
+    /// Seed of the sensors' noise.
     pub seed: u64,
     /// Swaps known before the flight.
     pub faults: Vec<String>,
@@ -81,6 +90,8 @@ pub struct FlightSettings {
     pub position_error_max_m: f64,
     /// Position error up to which its last 5 s count as tracked [m].
     pub tracking_error_max_m: f64,
+    /// Angle between body z and the vertical beyond which the flight has left its envelope [rad]; pi is no limit.
+    pub tilt_max_rad: f64,
     /// Height below which the airframe has hit the ground [m]; it is flown on.
     pub ground_z_m: f64,
 }
@@ -244,8 +255,11 @@ impl Settings {
         within("flight.slowdown", flight.slowdown as f64, 1.0, 1000.0)?;
         within("flight.position_error_max_m", flight.position_error_max_m, 0.01, 1e4)?;
         within("flight.tracking_error_max_m", flight.tracking_error_max_m, 0.0, 1e4)?;
+        within("flight.tilt_max_rad", flight.tilt_max_rad, 0.1, PI)?;
         within("flight.ground_z_m", flight.ground_z_m, -1e4, 0.0)?;
         within("rt.priority", f64::from(self.rt.priority), 1.0, 95.0)?;
+        self.initial.check()?;
+        self.ground.check()?;
         self.check_log()?;
         within("recorder.states_every_ticks", self.recorder.states_every_ticks as f64, 1.0, 1e9)?;
         self.recorder.check_gates()?;
@@ -270,7 +284,7 @@ impl Settings {
             ))
             .help("fly longer (--duration), or strike earlier"));
         }
-        self.plant()?;
+        self.check_start()?;
         self.realtime()?;
         Ok(())
     }

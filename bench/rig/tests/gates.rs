@@ -170,11 +170,27 @@ fn a_pass_says_how_many_gates_were_asked_for() {
 #[ignore = "long: part of the gate"]
 fn a_flight_that_leaves_its_envelope_fails_flown_or_simulated() {
     let rig = Rig::new("envelope");
-    for (fault, max_m, simulated, flown) in [
-        ("rotor_efficiency_1=0@tick50", 0.01, "the position error is 0.01 m", "position error beyond its limit"),
-        ("rotational_drag_nm_s=0,rotor_efficiency_1=0@tick5", 100.0, "the pitch is 8", "pitch beyond 80 degrees"),
+    for (fault, limits, simulated, flown) in [
+        (
+            "rotor_efficiency_1=0@tick50",
+            "position_error_max_m = 0.01\n",
+            "the position error is 0.01 m",
+            "position error beyond its limit",
+        ),
+        (
+            "rotational_drag_nm_s=0,rotor_efficiency_1=0@tick5",
+            "position_error_max_m = 100.0\ntilt_max_rad = 1.396\n",
+            "the tilt is 8",
+            "tilt beyond its limit",
+        ),
+        (
+            "rotor_efficiency_1=0,rotor_efficiency_3=0@tick5",
+            "position_error_max_m = 100.0\n[ground]\ncontact = \"plane\"\ncrash_speed_m_s = 0.5\n",
+            "it crashed, at ",
+            "crashed into the ground",
+        ),
     ] {
-        let settings = rig.settings(&format!("[flight]\nslowdown = 2\nposition_error_max_m = {max_m:?}\n"));
+        let settings = rig.settings(&format!("[flight]\nslowdown = 2\n{limits}"));
         let args = ["--config", &settings, "--duration", "2s", "--fault", fault];
         let ended = rig.run("simulate", &args).expect(3).says("the flight left its envelope: at tick ").says(simulated);
         assert_eq!(ended.result()["status"], "FAIL");

@@ -91,7 +91,13 @@ impl Flight {
             gains: self.gains,
             ..controller::LoopSettings::new(self.trajectory, Preset::Flight)
         };
-        let mut plant = Plant::new(&plant::PlantSettings { period_s: PERIOD_S, airframe, rotor, seed: self.seed });
+        let mut plant = Plant::new(&plant::PlantSettings {
+            period_s: PERIOD_S,
+            airframe,
+            rotor,
+            seed: self.seed,
+            ..plant::PlantSettings::default()
+        });
         if let Some(change) = self.swap {
             plant.schedule(Swap::new(8000, &[change]).unwrap()).unwrap();
         }

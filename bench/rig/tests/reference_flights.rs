@@ -76,7 +76,7 @@ const GROUPS: [Group; 8] = [
 fn flight(trajectory: Trajectory, preset: Preset) -> InProcess {
     let (airframe, rotor) = (Airframe::nominal(), RotorLimits::default());
     InProcess::new(
-        &plant::PlantSettings { period_s: PERIOD_S, airframe, rotor, seed: 0 },
+        &plant::PlantSettings { period_s: PERIOD_S, airframe, rotor, seed: 0, ..plant::PlantSettings::default() },
         &controller::LoopSettings { period_s: PERIOD_S, rotor, ..controller::LoopSettings::new(trajectory, preset) },
         &mixer::MixerSettings { period_s: PERIOD_S, model: airframe, rotor },
     )

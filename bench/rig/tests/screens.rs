@@ -59,7 +59,7 @@ fn take_tick(flight: &mut WatchedFlight, tick: u64) {
         position_w_m: [1.0, -1.0, 1.5],
         attitude_rad: [0.1, -0.2, 1.0],
         deadlines_missed: 4,
-        truth: Truth { rate_b_rad_s: [0.0; 3], parameter: *Airframe::nominal().values() },
+        truth: Truth { parameter: *Airframe::nominal().values(), ..Truth::default() },
         ..State::default()
     };
     let setpoint =

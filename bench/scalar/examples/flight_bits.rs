@@ -18,7 +18,7 @@ const LAST_TICK: u64 = 10_000;
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let settings = LoopSettings::new(Trajectory::Fast, Preset::Flight);
     let (period_s, airframe, rotor) = (settings.period_s, Airframe::nominal(), RotorLimits::default());
-    let mut plant = Plant::new(&PlantSettings { period_s, airframe, rotor, seed: 1 });
+    let mut plant = Plant::new(&PlantSettings { period_s, airframe, rotor, seed: 1, ..PlantSettings::default() });
     plant.schedule(Swap::new(1000, &[(Parameter::MotorTimeConstant, 0.02), (Parameter::GyroNoise, 0.01)])?)?;
     plant.schedule(Swap::new(4000, &[(Parameter::RotationalDrag, 0.525)])?)?;
     let (mut outer, mut inner) = (OuterLoop::new(&settings), InnerLoop::new(&settings));

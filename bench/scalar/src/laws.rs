@@ -31,7 +31,13 @@ impl Laws {
         let controller = controller::LoopSettings::new(Trajectory::Lissajous, Preset::Flight);
         let (period_s, airframe, rotor) = (controller.period_s, Airframe::nominal(), RotorLimits::default());
         Self {
-            plant: Plant::new(&plant::PlantSettings { period_s, airframe, rotor, seed: 0 }),
+            plant: Plant::new(&plant::PlantSettings {
+                period_s,
+                airframe,
+                rotor,
+                seed: 0,
+                ..plant::PlantSettings::default()
+            }),
             outer: OuterLoop::new(&controller),
             inner: InnerLoop::new(&controller),
             mixer: Mixer::new(&mixer::MixerSettings { period_s, model: airframe, rotor }),

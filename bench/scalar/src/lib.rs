@@ -3,8 +3,8 @@
 //! It flies the Lissajous figure with the gains `flight`, the nominal airframe and no swap, at 1 kHz. Plant, outer
 //! loop, inner adaptive loop and mixer are written as one would write them in C for one airframe and nothing else.
 //! Constants are known to the compiler, and what does not change within a tick is computed once. There is no vector
-//! type, setting, message, mode or check. The theorem's monitor has no counterpart here; [`laws::Laws`] flies the rig's
-//! own laws without it.
+//! type, setting, message, mode or check, and of the sensors only what the loops look at. The theorem's monitor has no
+//! counterpart here; [`laws::Laws`] flies the rig's own laws without it.
 //!
 //! The equations are those of docs/paper.md; the symbols are those of docs/conventions.md. Over a flight it follows the
 //! rig's laws to 1e-9 (tested in [`timing`]), not bit by bit, because it orders its operations differently.

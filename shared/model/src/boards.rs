@@ -43,7 +43,7 @@ pub enum Ending {
     Completed = 1,
     /// A signal asked a role to end.
     Interrupted = 2,
-    /// Pitch came too close to the singularity of the Euler angles.
+    /// The airframe tilted beyond the limit of the settings.
     Attitude = 3,
     /// The position error left the envelope.
     Position = 4,
@@ -51,10 +51,12 @@ pub enum Ending {
     NonFinite = 5,
     /// A role failed.
     Failed = 6,
+    /// The airframe hit the ground as no landing does.
+    Crash = 7,
 }
 
 from_wire!(RunPhase { Mustering, Opening, Flying, Closed });
-from_wire!(Ending { None, Completed, Interrupted, Attitude, Position, NonFinite, Failed });
+from_wire!(Ending { None, Completed, Interrupted, Attitude, Position, NonFinite, Failed, Crash });
 from_wire!(RolePhase { Starting, Ready, Armed, Flying, Landed });
 
 impl Ending {
@@ -65,17 +67,18 @@ impl Ending {
             Self::None => "still flying",
             Self::Completed => "completed",
             Self::Interrupted => "interrupted",
-            Self::Attitude => "left the envelope: pitch beyond 80 degrees",
+            Self::Attitude => "left the envelope: tilt beyond its limit",
             Self::Position => "left the envelope: position error beyond its limit",
             Self::NonFinite => "left the envelope: the state is not finite",
             Self::Failed => "a role failed",
+            Self::Crash => "left the envelope: crashed into the ground",
         }
     }
 
     /// Whether the flight left its envelope.
     #[must_use]
     pub const fn left_envelope(self) -> bool {
-        matches!(self, Self::Attitude | Self::Position | Self::NonFinite)
+        matches!(self, Self::Attitude | Self::Position | Self::NonFinite | Self::Crash)
     }
 }
 

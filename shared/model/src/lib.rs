@@ -3,6 +3,7 @@
 //! It contains no middleware, no clock and no operating system. Laws, processes and reports share it.
 
 pub mod allocation;
+pub mod attitude;
 pub mod boards;
 pub mod envelope;
 pub mod flight_plan;
@@ -12,13 +13,16 @@ pub mod inspection;
 pub mod layout;
 pub mod limits;
 pub mod math;
+pub mod measured;
 pub mod messages;
 pub mod monitor;
 pub mod output_hash;
 pub mod parameters;
 pub mod rate_dynamics;
 pub mod realtime;
+pub mod reference;
 pub mod role;
 pub mod settings_text;
+pub mod telemetry;
 pub mod topic;
 pub mod vocabulary;

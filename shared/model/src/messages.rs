@@ -74,8 +74,14 @@ pub struct State {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct Truth {
-    /// Body rates without the gyro's noise [rad/s].
+    /// Position, world frame [m].
+    pub position_w_m: [f64; 3],
+    /// Velocity, world frame [m/s].
+    pub velocity_w_m_s: [f64; 3],
+    /// Body rates without the gyro's errors [rad/s].
     pub rate_b_rad_s: [f64; 3],
+    /// 1 when the ground touched the airframe in the last tick, else 0.
+    pub touches_ground: u64,
     /// True parameters in force, in the order of [`crate::parameters::SPECS`] and in their units.
     pub parameter: [f64; PARAMETERS],
 }
@@ -212,7 +218,7 @@ layout!(State {
     parameter_epoch,
     truth,
 });
-layout!(Truth { rate_b_rad_s, parameter });
+layout!(Truth { position_w_m, velocity_w_m_s, rate_b_rad_s, touches_ground, parameter });
 layout!(Setpoint {
     thrust_n,
     attitude_rad,

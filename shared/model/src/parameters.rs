@@ -33,11 +33,20 @@ pub enum Parameter {
     RotorEfficiency3,
     RotorEfficiency4,
     MotorTimeConstant,
+    PositionNoise,
+    VelocityNoise,
+    PositionDelay,
+    PositionRate,
+    AccelerometerNoise,
+    AccelerometerBias,
+    GyroBias,
+    GyroDrift,
+    GyroNoiseDensity,
     GyroNoise,
 }
 
 /// How many parameters there are.
-pub const PARAMETERS: usize = 18;
+pub const PARAMETERS: usize = 27;
 
 /// The parameters that the inner loop estimates, in the order of theta: I_R, k_r, delta.
 pub const ESTIMATED: [Parameter; 3] = [Parameter::RotorInertia, Parameter::RotationalDrag, Parameter::DisturbanceGain];
@@ -99,7 +108,16 @@ pub const SPECS: [Spec; PARAMETERS] = [
     spec!(RotorEfficiency3, "rotor_efficiency_3", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 3 gives"),
     spec!(RotorEfficiency4, "rotor_efficiency_4", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 4 gives"),
     spec!(MotorTimeConstant, "motor_time_constant_s", "s", 0.0..=1.0, 0.0, "beyond", "first-order lag of the rotor speeds; 0 is none"),
-    spec!(GyroNoise, "gyro_noise_rad_s", "rad/s", 0.0..=1.0, 0.0, "beyond", "standard deviation of the measured rates, per sample"),
+    spec!(PositionNoise, "position_noise_m", "m", 0.0..=10.0, 0.0, "beyond", "standard deviation of a position fix, per axis"),
+    spec!(VelocityNoise, "velocity_noise_m_s", "m/s", 0.0..=10.0, 0.0, "beyond", "standard deviation of a fix's velocity, per axis"),
+    spec!(PositionDelay, "position_delay_s", "s", 0.0..=1.0, 0.0, "beyond", "age of a fix of position and velocity when it arrives"),
+    spec!(PositionRate, "position_rate_hz", "Hz", 0.0..=1000.0, 0.0, "beyond", "fixes of position and velocity a second; 0 is one a tick"),
+    spec!(AccelerometerNoise, "accel_noise_m_s2_rthz", "m/s^2/rtHz", 0.0..=1.0, 0.0, "beyond", "white noise of the specific force, as a density"),
+    spec!(AccelerometerBias, "accel_bias_m_s2", "m/s^2", -5.0..=5.0, 0.0, "beyond", "bias of the specific force, on each axis"),
+    spec!(GyroBias, "gyro_bias_rad_s", "rad/s", -1.0..=1.0, 0.0, "beyond", "bias of the measured rates, on each axis"),
+    spec!(GyroDrift, "gyro_drift_rad_s2_rthz", "rad/s^2/rtHz", 0.0..=0.1, 0.0, "beyond", "random walk of the gyro's bias, as a density"),
+    spec!(GyroNoiseDensity, "gyro_noise_rad_s_rthz", "rad/s/rtHz", 0.0..=0.1, 0.0, "beyond", "white noise of the measured rates, as a density"),
+    spec!(GyroNoise, "gyro_noise_rad_s", "rad/s", 0.0..=1.0, 0.0, "beyond", "standard deviation of the measured rates, per sample, whatever T"),
 ];
 
 impl Parameter {
@@ -321,11 +339,18 @@ impl Airframe {
         self.get(Parameter::MotorTimeConstant)
     }
 
-    /// Standard deviation of the gyro noise [rad/s].
+    /// Standard deviation of the gyro noise per sample [rad/s].
     #[must_use]
     #[inline]
     pub const fn gyro_noise_rad_s(&self) -> f64 {
         self.get(Parameter::GyroNoise)
+    }
+
+    /// Whether the measured rates differ from the true ones.
+    #[must_use]
+    pub fn gyro_errs(values: &[f64; PARAMETERS]) -> bool {
+        use Parameter::{GyroBias, GyroDrift, GyroNoise, GyroNoiseDensity};
+        [GyroNoise, GyroNoiseDensity, GyroBias, GyroDrift].iter().any(|&parameter| values[parameter as usize] != 0.0)
     }
 
     /// Speed of each rotor in hover, sqrt(m g / 4 k) [rad/s].

@@ -65,6 +65,8 @@ impl Topic for State {
         look(&self.rotor_speed_mean_rad_s);
         look(&self.rotor_speed_squared_mean_rad2_s2);
         look(&self.rotor_speed_command_rad_s);
+        look(&self.truth.position_w_m);
+        look(&self.truth.velocity_w_m_s);
         look(&self.truth.rate_b_rad_s);
         look(&self.truth.parameter);
     }
@@ -81,6 +83,7 @@ impl Topic for State {
                 bound::ROTOR_SPEED_RAD_S * bound::ROTOR_SPEED_RAD_S,
             )
             && self.command_saturated <= 1
+            && self.truth.touches_ground <= 1
             && within(&self.truth.parameter, bound::PARAMETER)
     }
 }

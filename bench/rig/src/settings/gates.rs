@@ -14,6 +14,7 @@ impl Settings {
         GatesAsked {
             position_error_max_m: self.flight.position_error_max_m,
             ground_z_m: self.flight.ground_z_m,
+            tilt_max_rad: self.flight.tilt_max_rad,
             max_miss_rate_ppm: limit(recorder.max_miss_rate_ppm),
             max_skip_rate_ppm: limit(recorder.max_skip_rate_ppm),
             max_stale_rate_ppm: limit(recorder.max_stale_rate_ppm),

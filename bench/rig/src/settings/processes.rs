@@ -26,6 +26,9 @@ impl Settings {
             airframe: self.airframe()?,
             rotor: self.rotor,
             seed: self.flight.seed,
+            initial: (&self.initial).into(),
+            ground: self.ground.plane(self.flight.ground_z_m),
+            tilt_max_rad: self.flight.tilt_max_rad,
         })
     }
 

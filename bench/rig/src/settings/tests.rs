@@ -19,6 +19,8 @@ fn the_default_is_the_laws_default() {
     assert_eq!(settings.limits, Limits::default());
     assert_eq!(settings.rotor, RotorLimits::default());
     assert_eq!(settings.airframe().unwrap(), Airframe::nominal());
+    let seed = settings.flight.seed;
+    assert_eq!(settings.plant().unwrap(), plant::PlantSettings { seed, ..plant::PlantSettings::default() });
     assert_eq!(settings.controller().unwrap().model, Airframe::nominal());
     assert_eq!((settings.last_tick(), settings.wall_period_ns()), (30_000, 1_000_000));
 }
@@ -61,6 +63,18 @@ fn every_mistake_names_key_value_and_what_is_allowed() {
         ("[rt]\ncpu = -2\n", "rt.cpu = -2"),
         ("[flight]\nfaults = [\"mas_kg=1@2s\"]\n", "did you mean `mass_kg`"),
         ("[flight]\nfaults = [\"mass_kg=1@2h\"]\n", "never strikes: the flight ends at tick 30000"),
+        ("[flight]\ntilt_max_rad = 4\n", "flight.tilt_max_rad = 4 is out of range: allowed are 0.1 to 3.14"),
+        ("[initial]\nattitude_rad = [0, 1.6, 0]\n", "initial.attitude_rad[1] = 1.6 is out of range: allowed are -1.57"),
+        ("[initial]\nrate_b_rad_s = [0, 0, nan]\n", "initial.rate_b_rad_s[2] = NaN is out of range"),
+        ("[ground]\ncontact = \"sea\"\n", "unknown variant `sea`, expected `off` or `plane`"),
+        ("[ground]\nleg_m = 0\n", "ground.leg_m = 0 is out of range: allowed are 0.001 to 2"),
+        ("[ground]\nfriction = -1\n", "ground.friction = -1 is out of range"),
+        ("[ground]\ncrash_speed_m_s = inf\n", "ground.crash_speed_m_s = inf is out of range"),
+        ("[ground]\ncrash_tilt_rad = 4\n", "ground.crash_tilt_rad = 4 is out of range"),
+        (
+            "[ground]\ncontact = \"plane\"\n[initial]\nposition_w_m = [0, 0, -0.3]\n",
+            "initial.position_w_m[2] = -0.3 is 0.100 m too low: the airframe would begin in the ground at -0.25 m",
+        ),
         ("[flight\n", "TOML parse error at line 1"),
     ] {
         let failure = from_file(text).unwrap_err();
@@ -70,6 +84,16 @@ fn every_mistake_names_key_value_and_what_is_allowed() {
     let missing = Settings::resolve(Some(Path::new("/nowhere.toml")), &Vec::new()).unwrap_err();
     assert_eq!(missing.code, failure::USAGE);
     assert!(missing.to_string().contains("/nowhere.toml"));
+}
+
+#[test]
+fn a_flight_may_begin_on_the_ground_in_any_attitude() {
+    let on_feet = "[ground]\ncontact = \"plane\"\n[initial]\nposition_w_m = [0, 0, -0.2]\n";
+    let plant = from_file(on_feet).unwrap().plant().unwrap();
+    assert_eq!(plant.ground.map(|ground| (ground.z_m, ground.leg_m)), Some((-0.25, 0.05)));
+    let inverted = "[initial]\nattitude_rad = [3.1, 0, -2]\nposition_w_m = [0, 0, 3]\n";
+    let plant = from_file(inverted).unwrap().plant().unwrap();
+    assert_eq!((plant.initial.attitude_rad, plant.ground), ([3.1, 0.0, -2.0], None));
 }
 
 #[test]

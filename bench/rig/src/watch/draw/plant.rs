@@ -51,7 +51,10 @@ fn row_text(spec: &Spec, value: f64, width: u16) -> String {
     let mark = if value == spec.nominal { ' ' } else { '*' };
     let row = format!("{:<24}{:>10}{mark}", spec.name, number(value));
     if is_roomy(width) {
-        format!("{row}  {:<8}{:>9}{:>9}{:>9}", spec.unit, number(spec.nominal), number(spec.min), number(spec.max))
+        // A long unit takes its room from the nominal value beside it, which is 0 there.
+        let rest = 17_usize.saturating_sub(spec.unit.len().max(8));
+        let nominal = number(spec.nominal);
+        format!("{row}  {:<8}{nominal:>rest$}{:>9}{:>9}", spec.unit, number(spec.min), number(spec.max))
     } else {
         row
     }

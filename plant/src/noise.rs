@@ -1,6 +1,6 @@
-//! Gyro: white noise on the measured body rates, a function of (seed, tick, axis).
+//! Noise: standard normal variates as a function of (seed, tick, stream, axis).
 //!
-//! This goes beyond the paper, whose rates are exact. The generator is counter-based and pure: it has no state, so a
+//! This goes beyond the paper, whose sensors are exact. The generator is counter-based and pure: it has no state, so a
 //! sample does not depend on earlier draws, and a skipped tick shifts nothing. Splitmix64's finalizer makes the bits
 //! (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014); Box-Muller makes the normal variate.
 
@@ -22,27 +22,39 @@ const fn mixed(word: u64) -> u64 {
     word ^ (word >> 31)
 }
 
-/// A standard normal variate: the sample of `axis` (0, 1, 2 are x, y, z) at `tick` in the flight of `seed`.
+/// What a variate is drawn for; each has its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stream {
+    /// White noise of the body rates.
+    Gyro,
+    /// Steps of the gyro's drift.
+    GyroDrift,
+    /// White noise of the specific force.
+    Accelerometer,
+    /// Error of a position fix.
+    Position,
+    /// Error of its velocity.
+    Velocity,
+}
+
+impl Stream {
+    /// Three independent standard normal variates, for x, y, z.
+    #[must_use]
+    pub fn normal(self, seed: u64, tick: u64) -> Vector3<f64> {
+        let first = 3 * self as u64;
+        Vector3::from_fn(|axis, _| standard_normal(seed, tick, first + axis as u64))
+    }
+}
+
+/// A standard normal variate: the sample of `axis` at `tick` in the flight of `seed`.
 #[must_use]
-pub fn standard_normal(seed: u64, tick: u64, axis: u64) -> f64 {
+fn standard_normal(seed: u64, tick: u64, axis: u64) -> f64 {
     let stream = mixed(mixed(seed.wrapping_add(GOLDEN)) ^ tick);
     let word = |draw: u64| mixed(stream.wrapping_add(GOLDEN.wrapping_mul(2 * axis + draw)));
     // The radius needs a number in (0, 1], the angle one in [0, 1).
     let radius = ln(((word(1) >> 11) + 1) as f64 * ULP);
     let angle = (word(2) >> 11) as f64 * ULP;
     (-2.0 * radius).sqrt() * cos(TAU * angle)
-}
-
-/// Body rates as the gyro shows them [rad/s]: `nu2` plus noise of standard deviation `sigma` [rad/s] per sample.
-///
-/// Without noise the measurement is the truth, bit by bit.
-#[must_use]
-pub fn measured(nu2: &Vector3<f64>, sigma: f64, seed: u64, tick: u64) -> Vector3<f64> {
-    if sigma == 0.0 {
-        return *nu2;
-    }
-    let noise = |axis| sigma * standard_normal(seed, tick, axis);
-    nu2 + Vector3::new(noise(0), noise(1), noise(2))
 }
 
 #[cfg(test)]
@@ -83,10 +95,14 @@ mod tests {
     }
 
     #[test]
-    fn without_noise_the_measurement_is_the_truth_bit_by_bit() {
-        let nu2 = Vector3::new(-0.0, 1e-300, 0.1 + 0.2);
-        let shown = measured(&nu2, 0.0, 3, 4);
-        assert_eq!(shown.map(f64::to_bits), nu2.map(f64::to_bits));
-        assert_ne!(measured(&nu2, 0.01, 3, 4), nu2);
+    fn every_stream_has_its_own_samples() {
+        use Stream::{Accelerometer, Gyro, GyroDrift, Position, Velocity};
+        let drawn: Vec<f64> = [Gyro, GyroDrift, Accelerometer, Position, Velocity]
+            .iter()
+            .flat_map(|stream| <[f64; 3]>::from(stream.normal(7, 5)))
+            .collect();
+        for (i, sample) in drawn.iter().enumerate() {
+            assert!(!drawn[..i].contains(sample), "{i}: {drawn:?}");
+        }
     }
 }

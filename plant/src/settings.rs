@@ -1,0 +1,55 @@
+//! What a plant is made of: airframe, start of the flight, envelope.
+
+use std::f64::consts::PI;
+
+use model::limits::RotorLimits;
+use model::parameters::Airframe;
+
+use crate::ground::Ground;
+
+/// What a plant is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlantSettings {
+    /// Length of a tick, T [s].
+    pub period_s: f64,
+    /// True parameters at the start; swaps change them in flight.
+    pub airframe: Airframe,
+    /// Range of the rotor speeds, whose lower end is idle.
+    pub rotor: RotorLimits,
+    /// Seed of the sensors' noise.
+    pub seed: u64,
+    /// Where the flight begins, and how the body moves there.
+    pub initial: Initial,
+    /// The ground; without one the airframe falls on.
+    pub ground: Option<Ground>,
+    /// Angle between body z and the vertical beyond which the flight has left its envelope [rad]; pi is no limit.
+    pub tilt_max_rad: f64,
+}
+
+impl Default for PlantSettings {
+    /// The nominal airframe at 1 kHz, at rest in the origin, free to take any attitude.
+    fn default() -> Self {
+        Self {
+            period_s: 0.001,
+            airframe: Airframe::nominal(),
+            rotor: RotorLimits::default(),
+            seed: 0,
+            initial: Initial::default(),
+            ground: None,
+            tilt_max_rad: PI,
+        }
+    }
+}
+
+/// The body at tick 0; by default at rest in the origin, level.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Initial {
+    /// Position, world frame [m].
+    pub position_w_m: [f64; 3],
+    /// Velocity, world frame [m/s].
+    pub velocity_w_m_s: [f64; 3],
+    /// Roll, pitch, yaw [rad].
+    pub attitude_rad: [f64; 3],
+    /// Body rates p, q, r [rad/s].
+    pub rate_b_rad_s: [f64; 3],
+}
