@@ -15,6 +15,7 @@ use wire::{BoardReader, Wire};
 
 use crate::record::crew::Crew;
 use crate::record::ports::{Ports, horizon};
+use crate::settings::airframe::pairs;
 
 /// A message of any topic.
 #[derive(Clone, Copy, Debug)]
@@ -63,12 +64,7 @@ impl Observation {
         let mut ports = Ports::observing(&wire)?;
         ports.arm(Expected { run_id: flown.run_id, settings: flown.settings })?;
         let text = wire.board_reader::<SettingsText>(SETTINGS)?.map(|board| board.get()).unwrap_or_default();
-        let settings = text
-            .text()
-            .lines()
-            .filter_map(|line| line.split_once(" = "))
-            .map(|(key, value)| (key.to_owned(), value.trim_matches('"').to_owned()))
-            .collect();
+        let settings = pairs(text.text());
         let crew = Crew::open(&wire)?;
         Ok(Some(Self { ports, run, in_force, crew, settings, wire }))
     }

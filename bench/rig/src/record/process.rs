@@ -122,7 +122,7 @@ impl<'a> Recorder<'a> {
         let host = host_of(machine);
         let period_s = settings.flight.period_s;
         let every = settings.recorder.states_every_ticks;
-        let tracking = Tracking::of(settings.flight.trajectory, period_s);
+        let tracking = Tracking::along(settings.course()?, period_s);
         let mut states = vec![StatesWriter::spooled(&files.directory.join("states.csv"), tracking, every)?];
         if let Some(path) = &files.states {
             states.push(StatesWriter::spooled(path, tracking, every)?);

@@ -158,7 +158,7 @@ impl Again {
             airframe: AirframeReplay::new(&survey.settings.plant()?, survey.pace, &survey.swaps),
             loops: LoopsReplay::new(&survey.settings)?,
             comparison: ReplayComparison::from(from_tick),
-            summary: Summary::new(Tracking::of(flight.trajectory, flight.period_s), from_tick),
+            summary: Summary::new(Tracking::along(survey.settings.course()?, flight.period_s), from_tick),
             restarts_before: 0,
             windows: Windows::default(),
             ahead: BinaryHeap::new(),

@@ -4,14 +4,16 @@
 
 use std::collections::BTreeMap;
 
-use controller::Trajectory;
 use model::boards::{Ending, InForce, Run, Status};
 use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
-use model::parameters::{Parameter, SPECS};
+use model::parameters::{Airframe, Parameter, SPECS};
 use model::role::Role;
 
 use crate::inject::Applied;
 use crate::observe::ObservedMessage;
+use crate::settings::PointsFile;
+use crate::settings::airframe::airframe_of;
+use crate::settings::trajectory::{built_in, is_file};
 use crate::watch::trace::ErrorTrace;
 use failure::Failure;
 use report::tally::{Tally, is_last_word};
@@ -189,6 +191,8 @@ pub struct WatchedFlight {
     pub crew: BTreeMap<Role, Status>,
     /// The parameters in force.
     pub in_force: InForce,
+    /// The airframe as it was built.
+    pub airframe: Airframe,
     /// What the host takes.
     pub steal: StealWatch,
 }
@@ -197,6 +201,7 @@ impl WatchedFlight {
     fn new(run: &Run, settings: BTreeMap<String, String>) -> Result<Self, Failure> {
         let tracking = tracking(run, &settings)?;
         Ok(Self {
+            airframe: airframe_of(&settings)?,
             run: *run,
             settings,
             ending: None,
@@ -286,7 +291,12 @@ impl WatchedFlight {
 fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, Failure> {
     const KEY: &str = "flight.trajectory";
     let name = settings.get(KEY).map_or("", String::as_str);
-    let trajectory =
-        name.parse::<Trajectory>().map_err(|e| Failure::failed(format!("{KEY} of the flight is `{name}`: {e}")))?;
-    Ok(Tracking::of(trajectory, run.sample_time_ns as f64 / 1e9))
+    let course = if is_file(name) {
+        PointsFile::read(name)?.course
+    } else {
+        built_in(name).map_err(|e| Failure::failed(format!("{KEY} of the flight is `{name}`: {e}")))?
+    };
+    let number = |key: &str| settings.get(key).and_then(|value| value.parse().ok()).unwrap_or(1.0);
+    let course = course.stretched(number("trajectory.size"), number("trajectory.period"));
+    Ok(Tracking::along(course, run.sample_time_ns as f64 / 1e9))
 }
