@@ -297,7 +297,11 @@ impl Settings {
             .iter()
             .map(|text| text.parse::<Fault>()?.swap(self.flight.period_s, &airframe))
             .collect::<Result<Vec<_>, _>>()
-            .map_err(|e| Failure::usage(format!("fault: {e}")).help("`ironbird params` lists names, units and ranges"))
+            .map_err(|e| {
+                let list = format!("`ironbird params --airframe {}`", self.flight.airframe);
+                let list = if self.flight.airframe == airframe::PAPER { "`ironbird params`".into() } else { list };
+                Failure::usage(format!("fault: {e} ({list} lists names, units and ranges)"))
+            })
     }
 
     /// Last tick of the flight.

@@ -6,7 +6,10 @@ mod rig;
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 
-use controller::Trajectory;
+use controller::{LoopSettings, Preset, Trajectory};
+use ironbird::in_process::InProcess;
+use model::limits::RotorLimits;
+use model::parameters::{Airframe, Parameter};
 use rig::Rig;
 
 /// A file of the Crazyflie's size, which is a bit heavier.
@@ -28,9 +31,48 @@ fn every_built_in_airframe_flies_every_trajectory() {
     for airframe in ["paper", "crazyflie", "x500"] {
         for trajectory in Trajectory::NAMES {
             let flight = rig.run("simulate", &["--airframe", airframe, "--trajectory", trajectory]).expect(0);
-            let last_m = error_m(&flight.stdout, "last");
+            let last_m = error_m(&flight.stdout, "at the end");
             assert!(last_m < 0.1, "{airframe}, {trajectory}: {last_m}");
         }
+    }
+}
+
+/// The paper's airframe with `s` times the inertia, and whatever turns it alike under s times the torque.
+fn enlarged(s: f64) -> Airframe {
+    use Parameter::{ArmLength, DragFactor, InertiaX, InertiaY, InertiaZ, RotationalDrag, RotorInertia};
+    let mut values = *Airframe::nominal().values();
+    for parameter in [InertiaX, InertiaY, InertiaZ, RotationalDrag, RotorInertia, ArmLength, DragFactor] {
+        values[parameter as usize] *= s;
+    }
+    Airframe::built_with(values).unwrap()
+}
+
+#[test]
+fn an_airframe_with_more_inertia_flies_alike_under_its_gains() {
+    let flight = |airframe: Airframe| {
+        let (period_s, rotor) = (1e-3, RotorLimits::default());
+        let mut settings = LoopSettings::new(Trajectory::Fast, Preset::Flight);
+        settings.gains = settings.gains.scaled(&Airframe::nominal(), &airframe);
+        settings.model = airframe;
+        InProcess::new(
+            &plant::PlantSettings { period_s, airframe, rotor, seed: 1 },
+            &settings,
+            &mixer::MixerSettings { period_s, model: airframe, rotor },
+        )
+    };
+    for s in [2.0, 0.25, 3e-3, 40.0] {
+        let (mut paper, mut other) = (flight(Airframe::nominal()), flight(enlarged(s)));
+        for tick in 0..8000 {
+            paper.tick();
+            other.tick();
+            for axis in 0..3 {
+                let apart_m = paper.state().position_w_m[axis] - other.state().position_w_m[axis];
+                assert!(apart_m.abs() < 1e-6, "{s} times the inertia, tick {tick}: {apart_m} m apart");
+            }
+            let (one, many) = (paper.wrench().estimate, other.wrench().estimate);
+            assert!((one[1] - many[1] / s).abs() < 1e-5 && (one[2] - many[2]).abs() < 1e-4, "{one:?} {many:?}");
+        }
+        assert!(paper.wrench().estimate[1] > 0.01, "it has learnt");
     }
 }
 
@@ -40,14 +82,13 @@ fn an_airframe_file_flies_in_processes_as_in_simulation_and_is_replayed_without_
     let file = rig.file("own.toml");
     fs::write(&file, OWN).unwrap();
     let flight = ["--airframe", &file, "--duration", "500ms", "--fault", "mass_kg=+10%@100ms"];
-    let flown = rig.run("fly", &[&flight[..], &["--pace", "lockstep"]].concat()).expect(0);
-    let simulated = rig.run("simulate", &flight).expect(0);
-    let outputs = |text: &str| text.split("outputs=").nth(1).unwrap().split(' ').next().unwrap().to_owned();
-    assert_eq!(outputs(&flown.stdout), outputs(&simulated.stdout));
+    rig.run("fly", &[&flight[..], &["--pace", "lockstep"]].concat()).expect(0);
+    let simulated = rig.run("simulate", &flight).expect(0).result();
     let change = &rig.report()["swaps"][0]["changes"][0];
     assert_eq!(change["new"].as_f64(), Some(0.03 * 1.1), "{change}");
     fs::remove_file(&file).unwrap();
-    rig.run("replay", &["latest", "--verify"]).expect(0);
+    let replayed = rig.run("replay", &["latest", "--verify"]).expect(0);
+    replayed.says(&format!("identical; outputs {}\n", simulated["outputs"]));
 }
 
 #[test]
@@ -78,7 +119,7 @@ fn what_is_printed_is_read_back_as_the_same_flight() {
     let config = rig.settings(&printed);
     let outputs = |args: &[&str]| {
         let told = rig.run("simulate", &[&["--duration", "1s"], args].concat()).expect(0);
-        told.stdout.split("outputs=").nth(1).unwrap().to_owned()
+        told.result()["outputs"].clone()
     };
     assert_eq!(outputs(&["--config", &config]), outputs(&["--airframe", "x500"]));
 }

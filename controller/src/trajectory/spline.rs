@@ -135,9 +135,29 @@ const fn at_rest(value: f64) -> [f64; ORDERS] {
 }
 
 /// n (n - 1) ... over `count` factors: what the derivative of that order makes of u^n.
-fn falling(n: usize, count: usize) -> f64 {
-    (0..count).map(|i| n as f64 - i as f64).product()
+const fn falling(n: usize, count: usize) -> f64 {
+    let (mut product, mut i) = (1.0, 0);
+    while i < count {
+        product *= n as f64 - i as f64;
+        i += 1;
+    }
+    product
 }
+
+/// [`falling`] for the orders and coefficients that a tick evaluates.
+const FALLING: [[f64; COEFFICIENTS]; ORDERS] = {
+    let mut table = [[0.0; COEFFICIENTS]; ORDERS];
+    let mut order = 0;
+    while order < ORDERS {
+        let mut n = order;
+        while n < COEFFICIENTS {
+            table[order][n] = falling(n, order);
+            n += 1;
+        }
+        order += 1;
+    }
+    table
+};
 
 impl Segment {
     fn at(&self, u: f64) -> Reference {
@@ -146,7 +166,7 @@ impl Segment {
             axis: self.coefficients.map(|c| {
                 let mut unit = 1.0;
                 std::array::from_fn(|order| {
-                    let sum = (order..COEFFICIENTS).rev().fold(0.0, |sum, n| sum * u + falling(n, order) * c[n]);
+                    let sum = (order..COEFFICIENTS).rev().fold(0.0, |sum, n| sum * u + FALLING[order][n] * c[n]);
                     let derivative = sum * unit;
                     unit *= per_length;
                     derivative
@@ -171,9 +191,11 @@ impl Hermite {
         // The derivative j at u = 1 is the sum over n of n!/(n - j)! c_n; c_n is the n-th derivative at 0 by n!.
         let of_high = SMatrix::<f64, 5, 5>::from_fn(|j, n| falling(n + ORDERS, j));
         let of_low = SMatrix::<f64, 5, 5>::from_fn(|j, n| if n >= j { 1.0 / falling(n - j, n - j) } else { 0.0 });
-        let from_end = of_high.try_inverse().unwrap_or_default();
+        // Column j holds whole numbers by j!: so rounding is undone.
+        let exact = |matrix: SMatrix<f64, 5, 5>| matrix.map(|number| (24.0 * number).round() / 24.0);
+        let from_end = exact(of_high.try_inverse().unwrap_or_default());
         Self {
-            from_begin: -from_end * of_low,
+            from_begin: exact(-from_end * of_low),
             from_end,
             at_begin: SMatrix::from_fn(|m, n| if m == n { falling(n + ORDERS, n + ORDERS) } else { 0.0 }),
             at_end: SMatrix::from_fn(|m, n| if n >= m { falling(n + ORDERS, m + ORDERS) } else { 0.0 }),

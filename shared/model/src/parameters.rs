@@ -193,8 +193,8 @@ pub fn after_blank(unit: &str) -> String {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "[f64; PARAMETERS]", try_from = "[f64; PARAMETERS]")]
 pub struct Airframe {
-    values: [f64; PARAMETERS],
-    built: [f64; PARAMETERS],
+    pub(crate) values: [f64; PARAMETERS],
+    pub(crate) built: [f64; PARAMETERS],
 }
 
 impl Airframe {
@@ -208,37 +208,6 @@ impl Airframe {
             i += 1;
         }
         Self { values, built: values }
-    }
-
-    /// An airframe that is built with these values, in the order of [`SPECS`].
-    ///
-    /// # Errors
-    /// [`ParameterError::OutOfRange`] for a value that no airframe has ([`Parameter::widest`]).
-    pub fn built_with(values: [f64; PARAMETERS]) -> Result<Self, ParameterError> {
-        for (spec, value) in SPECS.iter().zip(values) {
-            spec.parameter.widest().check(spec.parameter, value)?;
-        }
-        Ok(Self { values, built: values })
-    }
-
-    /// The same airframe as it was built.
-    #[must_use]
-    pub const fn as_built(&self) -> Self {
-        Self { values: self.built, built: self.built }
-    }
-
-    /// The range of a parameter of this airframe.
-    #[must_use]
-    pub fn range(&self, parameter: Parameter) -> Range {
-        parameter.range_of(self.built[parameter as usize])
-    }
-
-    /// Checks a value against the range of this airframe.
-    ///
-    /// # Errors
-    /// [`ParameterError::OutOfRange`], also for NaN and infinities.
-    pub fn check(&self, parameter: Parameter, value: f64) -> Result<f64, ParameterError> {
-        self.range(parameter).check(parameter, value)
     }
 
     /// The value of a parameter, in its unit.

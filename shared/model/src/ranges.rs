@@ -5,7 +5,7 @@
 //! airframe was built with, as a factor, as the table allows from the paper's. What has no size (gravity, ratios, what
 //! is 0 by default) has the range of the table for every airframe.
 
-use crate::parameters::{Parameter, ParameterError};
+use crate::parameters::{Airframe, PARAMETERS, Parameter, ParameterError, SPECS};
 
 /// How much smaller than the least of the table, and larger than the greatest, a value may be that an airframe is built
 /// with: half a ton, or an inertia of a tenth of a gram by square millimetre.
@@ -80,10 +80,42 @@ impl Parameter {
     }
 }
 
+impl Airframe {
+    /// An airframe that is built with these values, in the order of [`SPECS`].
+    ///
+    /// # Errors
+    /// [`ParameterError::OutOfRange`] for a value that no airframe has ([`Parameter::widest`]).
+    pub fn built_with(values: [f64; PARAMETERS]) -> Result<Self, ParameterError> {
+        for (spec, value) in SPECS.iter().zip(values) {
+            spec.parameter.widest().check(spec.parameter, value)?;
+        }
+        Ok(Self { values, built: values })
+    }
+
+    /// The same airframe as it was built.
+    #[must_use]
+    pub const fn as_built(&self) -> Self {
+        Self { values: self.built, built: self.built }
+    }
+
+    /// The range of a parameter of this airframe.
+    #[must_use]
+    pub fn range(&self, parameter: Parameter) -> Range {
+        parameter.range_of(self.built[parameter as usize])
+    }
+
+    /// Checks a value against the range of this airframe.
+    ///
+    /// # Errors
+    /// [`ParameterError::OutOfRange`], also for NaN and infinities.
+    pub fn check(&self, parameter: Parameter, value: f64) -> Result<f64, ParameterError> {
+        self.range(parameter).check(parameter, value)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parameters::{Airframe, SPECS};
 
     #[test]
     fn the_papers_airframe_has_the_ranges_of_the_table_bit_for_bit() {

@@ -292,7 +292,11 @@ fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, 
     const KEY: &str = "flight.trajectory";
     let name = settings.get(KEY).map_or("", String::as_str);
     let course = if is_file(name) {
-        PointsFile::read(name)?.course
+        let points = PointsFile::read(name)?;
+        if settings.get("trajectory.sha256") != Some(&points.sha256) {
+            return Err(Failure::failed(format!("the trajectory file {name} has changed since the flight began")));
+        }
+        points.course
     } else {
         built_in(name).map_err(|e| Failure::failed(format!("{KEY} of the flight is `{name}`: {e}")))?
     };
