@@ -126,6 +126,7 @@ fn fly(
 ) -> Result<Simulated, Failure> {
     let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
     let mut theorem = TheoremTally::default();
+    theorem.flown_by(&settings.airframe()?);
     let mut lowest_z_m = f64::INFINITY;
     let mut flown = Simulated {
         ticks: 0,

@@ -129,6 +129,7 @@ impl<'a> Recorder<'a> {
         }
         let watch = Watch::new(&crew.loops(), host.hypervisor != Some(false));
         let mut tally = Tally::new(armed.pace, armed.run.get().t0_ns, tracking)?;
+        tally.theorem.flown_by(&settings.airframe()?);
         tally.begin_autopsy(watch.is_virtual, watch.processor.is_some());
         let facts = facts(&armed.run.get(), settings, instance.name(), &host, &crew.sections())?;
         let log = match settings.recorder.log {

@@ -200,13 +200,16 @@ pub struct WatchedFlight {
 impl WatchedFlight {
     fn new(run: &Run, settings: BTreeMap<String, String>) -> Result<Self, Failure> {
         let tracking = tracking(run, &settings)?;
+        let airframe = airframe_of(&settings)?;
+        let mut tally = Self::tally(run, tracking)?;
+        tally.theorem.flown_by(&airframe);
         Ok(Self {
-            airframe: airframe_of(&settings)?,
+            airframe,
             run: *run,
             settings,
             ending: None,
             recorder_lives: true,
-            tally: Self::tally(run, tracking)?,
+            tally,
             lost_before: 0,
             tracking,
             state: None,
