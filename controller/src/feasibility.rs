@@ -1,8 +1,8 @@
 //! What a course asks of an airframe, against what it may and can: looked at before a flight.
 //!
-//! The airframe is taken to fly the reference exactly. Its thrust and attitude follow from (9)-(16), and its body rates,
-//! torques and rotor speeds from their derivatives, (8) and (7): the model is differentially flat. Gusts, estimates and
-//! the way back to the reference ask for more, so what is feasible here may still not be flown.
+//! The airframe is taken to fly the reference exactly. Its thrust and attitude follow from (9)-(16), and its torques and
+//! rotor speeds from their derivatives, (8) and (7): the model is differentially flat. Estimates, disturbances and the
+//! way back to the reference ask for more, so what is feasible here may still not be flown.
 
 use std::fmt;
 

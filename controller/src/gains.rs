@@ -122,11 +122,11 @@ impl Gains {
     /// Gains that do for the airframe `to` what these do for `from`, both as they were built.
     ///
     /// K_P, K_D, K_eta, w_f, alpha and w_e are frequencies: they stay. An airframe whose inertia I_M, k_r and I_R are s
-    /// times those of another turns like that one under s times the torque. In (8) the first two columns of Phi are then
-    /// 1/s of what they were, and theta's first two elements s times. The update (20), Gamma Phi^T e, keeps up with that
-    /// where gamma1 and gamma2 go with s^2. I_R stands beside the speed of the rotors, whose hover is r times as fast:
-    /// gamma1 goes with (s/r)^2. delta and gamma3 are of no size. The bounds go with their parameters. s is the quotient
-    /// of the traces of I_M.
+    /// times those of another turns like that one under s times the torque. In (8) the first two columns of Phi are
+    /// then 1/s of what they were, and theta's first two elements s times. The update (20), Gamma Phi^T e, keeps up with
+    /// that where gamma1 and gamma2 go with s^2. I_R stands beside the speed of the rotors, whose hover is r times as
+    /// fast: gamma1 goes with (s/r)^2. delta and gamma3 are of no size. The bounds go with their parameters. s is the
+    /// quotient of the traces of I_M.
     ///
     /// A motor with a lag tau [s] leaves the rate loop the damping 1/(2 sqrt(alpha tau)). Where alpha would leave less
     /// than 0.56, it is lowered to 0.8/tau, Gamma in proportion, and the loops around it to what they may be beside it.

@@ -113,6 +113,22 @@ fn ranges_follow_the_airframe() {
 }
 
 #[test]
+fn injections_go_by_the_airframe_that_flies() {
+    let rig = Rig::new("injected-airframe");
+    let slow = rig.slow(20);
+    let flight = rig.take_off(&["--rt", "off", "--airframe", "x500", "--config", &slow, "--duration", "300ms"]);
+    let nominal_kg = 2.064_307_692_3;
+    let more = format!("  mass_kg  {nominal_kg:?} -> {:?} kg\n", nominal_kg * 1.1);
+    rig.run("inject", &["mass_kg=+10%"]).expect(0).says(&more);
+    rig.run("inject", &["mass_kg=nominal"]).expect(0).says(&format!(" -> {nominal_kg:?} kg\n"));
+    let light = rig.run("inject", &["mass_kg=0.1"]).expect(2);
+    light.complains("mass_kg = 0.1 is out of range: allowed are 0.198");
+    let rows = rig.run("params", &["--json"]).expect(0).json();
+    assert_eq!(rows[0]["nominal"].as_f64(), Some(nominal_kg), "{rows}");
+    flight.end().expect(0);
+}
+
+#[test]
 fn what_is_printed_is_read_back_as_the_same_flight() {
     let rig = Rig::new("printed-airframe");
     let printed = rig.run("fly", &["--airframe", "x500", "--print-config"]).expect(0).stdout.clone();
