@@ -67,7 +67,9 @@ fn every_mistake_in_a_file_is_named_and_nothing_starts() {
     fs::write(rig.file("binary.csv"), b"t,x,y,z,yaw\n0,0,0,0,0\n\xff,0,0,0,0\n").unwrap();
     fs::write(rig.file("text.csv"), "t,x,y,z,yaw\n0,0,0,0,0\n1,one,0,0,0\n").unwrap();
     fs::write(rig.file("cut.csv"), "t,x,y,z,yaw\n0,0,0,0,0\n1,1,0,0,0\n2,1,0").unwrap();
+    fs::write(rig.file("long.csv"), vec![b'0'; (4 << 20) + 1]).unwrap();
     for (file, told) in [
+        ("long.csv", "long.csv: it is longer than 4 MiB"),
         ("folder.csv", "folder.csv: it is not a regular file"),
         ("absent.csv", "absent.csv: No such file or directory"),
         ("binary.csv", "binary.csv: line 3 is not UTF-8"),
