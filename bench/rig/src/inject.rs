@@ -11,7 +11,7 @@ use wire::instance::Instance;
 use wire::{SwapAnswer, SwapOrder, SwapOutcome, Wire};
 
 use crate::cli::InjectArgs;
-use crate::fault::{Wanted, check_once, values_of};
+use crate::fault::{Wanted, WantedValue, check_once, values_of};
 use crate::output::print;
 use crate::settings::airframe::{airframe_of, pairs};
 use failure::{Failure, OK};
@@ -81,6 +81,14 @@ fn wrong(error: &impl fmt::Display) -> Failure {
 /// Usage; nobody flying; a refusal by the plant; no answer in time.
 pub fn ask(instance: &Instance, wanted: &[Wanted], when: When) -> Result<Applied, Failure> {
     check_once(wanted).map_err(|e| wrong(&e))?;
+    // What no airframe of any size can have need not wait for one that flies.
+    for Wanted { parameter, value } in wanted {
+        if let WantedValue::Number(value) = *value
+            && parameter.widest().check(*parameter, value).is_err()
+        {
+            parameter.check(value).map_err(|e| wrong(&e))?;
+        }
+    }
     let (wire, run) = flying(instance)?;
     let airframe = airframe(&wire)?;
     let changes = values_of(wanted, &airframe).map_err(|e| wrong(&e))?;

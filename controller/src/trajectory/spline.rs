@@ -121,8 +121,7 @@ impl Spline {
                     (0..ORDERS).any(|order| {
                         let jump = (before.axis[axis][order] - after.axis[axis][order]).abs() * unit;
                         unit *= segment.length_s;
-                        // Also where it is no number.
-                        !(jump <= ROUNDING * size[axis] * COEFFICIENTS as f64)
+                        jump.is_nan() || jump > ROUNDING * size[axis] * COEFFICIENTS as f64
                     })
                 })
             })
