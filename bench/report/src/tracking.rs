@@ -181,7 +181,7 @@ mod tests {
     fn the_reference_of_a_tick_is_that_of_its_set_point() {
         let settings = controller::LoopSettings::new(Trajectory::Lissajous, Preset::Flight);
         let mut outer = OuterLoop::new(&settings);
-        let tracking = Tracking::of(settings.trajectory, settings.period_s);
+        let tracking = Tracking::along(settings.trajectory, settings.period_s);
         for tick in [0, 1, 777, 4_999, 5_000, 29_999] {
             let content = State { position_w_m: [1.0, -2.0, 0.5], ..State::default() };
             let setpoint = outer.tick(tick, &Dated { tick, content }).unwrap();
