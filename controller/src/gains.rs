@@ -6,6 +6,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use model::parameters::Airframe;
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -110,8 +112,99 @@ impl Gains {
     }
 }
 
+/// Damping of the rate loop that motors with a lag must leave: alpha tau at the most, as `soft` has it at 20 ms.
+const ALPHA_LAG_MAX: f64 = 0.8;
+/// How much slower than the rate loop the attitude loop and the command filter are at the least, as in `soft`.
+const ATTITUDE_PER_ALPHA_MAX: f64 = 0.2;
+const FILTER_PER_ALPHA_MAX: f64 = 0.5;
+
+impl Gains {
+    /// Gains that do for the airframe `to` what these do for `from`, both as they were built.
+    ///
+    /// K_P, K_D, K_eta, w_f, alpha and w_e are frequencies: they stay. An airframe whose inertia I_M, k_r and I_R are s
+    /// times those of another turns like that one under s times the torque. In (8) the first two columns of Phi are
+    /// then 1/s of what they were, and theta's first two elements s times. The update (20), Gamma Phi^T e, keeps up with
+    /// that where gamma1 and gamma2 go with s^2. I_R stands beside the speed of the rotors, whose hover is r times as
+    /// fast: gamma1 goes with (s/r)^2. delta and gamma3 are of no size. The bounds go with their parameters. s is the
+    /// quotient of the traces of I_M.
+    ///
+    /// A motor with a lag tau [s] leaves the rate loop the damping 1/(2 sqrt(alpha tau)). Where alpha would leave less
+    /// than 0.56, it is lowered to 0.8/tau, Gamma in proportion, and the loops around it to what they may be beside it.
+    #[must_use]
+    pub fn scaled(&self, from: &Airframe, to: &Airframe) -> Self {
+        let trace = |airframe: &Airframe| airframe.i_m().iter().sum::<f64>();
+        let s = trace(to) / trace(from);
+        let per_r = from.hover_speed_rad_s() / to.hover_speed_rad_s();
+        let size = [s * per_r, s, 1.0];
+        let alpha_1_s = match to.motor_time_constant_s() {
+            lag_s if lag_s > 0.0 => self.alpha_1_s.min(ALPHA_LAG_MAX / lag_s),
+            _ => self.alpha_1_s,
+        };
+        let slowed = alpha_1_s / self.alpha_1_s;
+        let beside = |gain: f64, share: f64| if slowed < 1.0 { gain.min(share * alpha_1_s) } else { gain };
+        Self {
+            attitude_1_s: self.attitude_1_s.map(|gain| beside(gain, ATTITUDE_PER_ALPHA_MAX)),
+            command_filter_rad_s: self.command_filter_rad_s.map(|gain| beside(gain, FILTER_PER_ALPHA_MAX)),
+            alpha_1_s,
+            adaptation: std::array::from_fn(|i| self.adaptation[i] * size[i] * size[i] * slowed),
+            estimate_min: std::array::from_fn(|i| self.estimate_min[i] * size[i]),
+            estimate_max: std::array::from_fn(|i| self.estimate_max[i] * size[i]),
+            ..*self
+        }
+    }
+}
+
 impl Default for Gains {
     fn default() -> Self {
         Self::preset(Preset::Flight)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::parameters::Parameter;
+
+    /// An airframe of the paper's, with some values that are different.
+    fn built(values: &[(Parameter, f64)]) -> Airframe {
+        let mut all = *Airframe::nominal().values();
+        for (parameter, value) in values {
+            all[*parameter as usize] = *value;
+        }
+        Airframe::built_with(all).unwrap()
+    }
+
+    #[test]
+    fn the_papers_airframe_keeps_every_preset_bit_for_bit() {
+        for preset in Preset::ALL {
+            let gains = Gains::preset(preset);
+            assert_eq!(gains.scaled(&Airframe::nominal(), &Airframe::nominal()), gains);
+        }
+    }
+
+    #[test]
+    fn gamma_goes_with_the_square_of_the_inertia_and_frequencies_stay() {
+        use Parameter::{InertiaX, InertiaY, InertiaZ, ThrustCoefficient};
+        let gains = Gains::default();
+        // Twice the inertia; a quarter of the thrust coefficient, so rotors twice as fast.
+        let twice = [(InertiaX, 0.0138), (InertiaY, 0.0138), (InertiaZ, 0.0258), (ThrustCoefficient, 3.13e-5 / 4.0)];
+        let scaled = gains.scaled(&Airframe::nominal(), &built(&twice));
+        let close = |a: f64, b: f64| (a - b).abs() < 1e-12 * b.abs();
+        assert!(close(scaled.adaptation[0], 2e-4) && close(scaled.adaptation[1], 2.4), "{scaled:?}");
+        assert_eq!((scaled.adaptation[2], scaled.alpha_1_s, scaled.attitude_1_s), (100.0, 200.0, [8.0, 8.0, 3.0]));
+        assert!(close(scaled.estimate_max[0], 1e-3) && close(scaled.estimate_max[1], 2.0), "{scaled:?}");
+    }
+
+    #[test]
+    fn motors_with_a_lag_slow_the_loops_down_to_what_soft_has() {
+        let slow = built(&[(Parameter::MotorTimeConstant, 0.02)]);
+        let scaled = Gains::default().scaled(&Airframe::nominal(), &slow);
+        let soft = Gains::preset(Preset::Soft);
+        assert_eq!((scaled.alpha_1_s, scaled.attitude_1_s), (soft.alpha_1_s, soft.attitude_1_s));
+        assert_eq!(scaled.command_filter_rad_s, soft.command_filter_rad_s);
+        for i in 0..3 {
+            assert!((scaled.adaptation[i] / soft.adaptation[i] - 1.0).abs() < 1e-12);
+        }
+        assert_eq!(soft.scaled(&Airframe::nominal(), &slow), soft);
     }
 }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::gains::{Gains, Preset};
-use crate::trajectory::Trajectory;
+use crate::trajectory::Course;
 
 /// Limits of the acceleration that the outer loop asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +29,21 @@ impl Default for Limits {
     }
 }
 
+impl Limits {
+    /// Limits that an airframe with these rotors can keep, as it was built.
+    ///
+    /// Half of what its rotors can give beyond hover is left for the torque; the paper's airframe, whose rotors carry
+    /// three times its weight, keeps the default of 2 g.
+    #[must_use]
+    pub fn scaled(&self, to: &Airframe, rotor: &RotorLimits) -> Self {
+        let most_g = 4.0 * rotor.f_max(to.k()) / (to.m() * to.g());
+        let with_room_g = 1.0 + 0.5 * (most_g - 1.0);
+        // Without gravity there is no weight to compare with.
+        let max_g = if with_room_g > self.acceleration_z_min_g { with_room_g } else { self.acceleration_z_max_g };
+        Self { acceleration_z_max_g: self.acceleration_z_max_g.min(max_g), ..*self }
+    }
+}
+
 /// Everything that the two loops are told before a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -36,7 +51,7 @@ pub struct LoopSettings {
     /// T, length of a tick [s].
     pub period_s: f64,
     /// What to fly.
-    pub trajectory: Trajectory,
+    pub trajectory: Course,
     /// Gains of both loops.
     pub gains: Gains,
     /// Limits of the outer loop.
@@ -124,10 +139,10 @@ const CHAIN_DELAY_TICKS: u32 = 2;
 impl LoopSettings {
     /// A trajectory with the gains of a preset; nominal airframe and limits, 1 kHz.
     #[must_use]
-    pub fn new(trajectory: Trajectory, preset: Preset) -> Self {
+    pub fn new(trajectory: impl Into<Course>, preset: Preset) -> Self {
         Self {
             period_s: 1e-3,
-            trajectory,
+            trajectory: trajectory.into(),
             gains: Gains::preset(preset),
             limits: Limits::default(),
             rotor: RotorLimits::default(),

@@ -4,8 +4,14 @@
 //! sin(w t + ph)). The ramp s(t) raises it from rest at the origin over 5 s, so no derivative up to snap jumps. Only
 //! `step` has no ramp: it jumps on purpose.
 
+mod course;
+mod spline;
+
 use std::fmt;
 use std::str::FromStr;
+
+pub use course::Course;
+pub use spline::{Point, Spline, SplineError};
 
 use model::math::sin_cos;
 use nalgebra::Vector3;
@@ -13,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Orders of derivative that a reference holds: value, rate, acceleration, jerk, snap.
-const ORDERS: usize = 5;
+pub(crate) const ORDERS: usize = 5;
 
 /// Length of the ramp s(t) [s].
 const RAMP_S: f64 = 5.0;

@@ -109,6 +109,9 @@ impl Plant {
     /// # Errors
     /// [`SwapError`] when the swap is not valid or too many are pending; nothing is changed then.
     pub fn schedule(&mut self, mut swap: Swap) -> Result<u64, SwapError> {
+        for &(parameter, value) in &swap.changes {
+            self.airframe.check(parameter, value)?;
+        }
         let next_boundary = self.tick + u64::from(self.has_begun);
         let tick = swap.tick.max(next_boundary);
         swap.tick = tick;

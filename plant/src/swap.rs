@@ -80,7 +80,7 @@ impl Swap {
         Ok(swap)
     }
 
-    /// Checks that it changes something, each parameter once, and within its range.
+    /// Checks that it changes something, each parameter once, to a value that some airframe can have.
     ///
     /// # Errors
     /// [`SwapError::Empty`], [`SwapError::Twice`] or [`SwapError::Value`].
@@ -89,7 +89,7 @@ impl Swap {
             return Err(SwapError::Empty);
         }
         for (i, &(parameter, value)) in self.changes.iter().enumerate() {
-            parameter.check(value)?;
+            parameter.widest().check(parameter, value)?;
             if self.changes[..i].iter().any(|&(earlier, _)| earlier == parameter) {
                 return Err(SwapError::Twice { parameter });
             }
@@ -102,7 +102,7 @@ impl Swap {
         let before = *airframe;
         self.changes
             .iter()
-            // The queue let only checked values in, so none is refused here.
+            // The plant let only values within the airframe's ranges in, so none is refused here.
             .filter(|&&(parameter, value)| airframe.set(parameter, value).is_ok())
             .map(|&(parameter, new)| Change { parameter, old: before.get(parameter), new })
             .collect()

@@ -10,6 +10,8 @@ pub const FORMAT: &str = "ironbird-log/1";
 pub const RUN: &str = "run";
 /// Name of the record with the settings.
 pub const SETTINGS: &str = "settings";
+/// What [`SETTINGS`] calls the points of the trajectory, where it has some: the file as it was read.
+pub const POINTS: &str = "trajectory.csv";
 /// Name of the record with the machine.
 pub const HOST: &str = "host";
 /// Name of the record with what each process asked of the system, and was granted.

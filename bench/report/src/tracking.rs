@@ -6,13 +6,13 @@
 use std::collections::VecDeque;
 use std::fmt;
 
-use controller::Trajectory;
+use controller::{Course, Trajectory};
 use model::messages::{Setpoint, State};
 
 /// The reference of a flight.
 #[derive(Clone, Copy, Debug)]
 pub struct Tracking {
-    trajectory: Trajectory,
+    course: Course,
     period_s: f64,
 }
 
@@ -20,7 +20,13 @@ impl Tracking {
     /// Of a trajectory that is flown in ticks of `period_s` [s].
     #[must_use]
     pub const fn of(trajectory: Trajectory, period_s: f64) -> Self {
-        Self { trajectory, period_s }
+        Self::along(Course::of(trajectory), period_s)
+    }
+
+    /// Of a course that is flown in ticks of `period_s` [s].
+    #[must_use]
+    pub const fn along(course: Course, period_s: f64) -> Self {
+        Self { course, period_s }
     }
 
     /// Sample time of the laws [s].
@@ -32,13 +38,13 @@ impl Tracking {
     /// Reference position at a tick, world frame [m]: that of the tick's set-point, bit for bit.
     #[must_use]
     pub fn position_w_m(&self, tick: u64) -> [f64; 3] {
-        self.trajectory.reference(tick as f64 * self.period_s).position().into()
+        self.course.reference(tick as f64 * self.period_s).position().into()
     }
 
     /// Reference yaw at a tick [rad].
     #[must_use]
     pub fn yaw_rad(&self, tick: u64) -> f64 {
-        self.trajectory.reference(tick as f64 * self.period_s).yaw()
+        self.course.reference(tick as f64 * self.period_s).yaw()
     }
 
     /// Distance of the state of a tick from its reference [m].
@@ -175,7 +181,7 @@ mod tests {
     fn the_reference_of_a_tick_is_that_of_its_set_point() {
         let settings = controller::LoopSettings::new(Trajectory::Lissajous, Preset::Flight);
         let mut outer = OuterLoop::new(&settings);
-        let tracking = Tracking::of(settings.trajectory, settings.period_s);
+        let tracking = Tracking::along(settings.trajectory, settings.period_s);
         for tick in [0, 1, 777, 4_999, 5_000, 29_999] {
             let content = State { position_w_m: [1.0, -2.0, 0.5], ..State::default() };
             let setpoint = outer.tick(tick, &Dated { tick, content }).unwrap();

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use controller::{Preset, Trajectory};
+use controller::Preset;
 use toml::Value;
 
 use crate::build::VERSION;
@@ -93,10 +93,6 @@ pub enum Command {
     RingHop(HopArgs),
 }
 
-fn trajectories() -> clap::builder::PossibleValuesParser {
-    Trajectory::NAMES.into()
-}
-
 fn presets() -> clap::builder::PossibleValuesParser {
     Preset::NAMES.into()
 }
@@ -105,9 +101,12 @@ fn presets() -> clap::builder::PossibleValuesParser {
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Flight")]
 pub struct FlightArgs {
-    /// Reference trajectory [default: lissajous].
-    #[arg(long, value_parser = trajectories())]
+    /// Reference trajectory, or a CSV file of points with the columns t,x,y,z,yaw [default: lissajous].
+    #[arg(long, value_parser = values::TrajectoryParser)]
     pub trajectory: Option<String>,
+    /// Airframe: paper, crazyflie, x500, or an airframe file [default: paper].
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    pub airframe: Option<String>,
     /// Set of gains [default: flight].
     #[arg(long, value_parser = presets())]
     pub preset: Option<String>,
@@ -117,7 +116,8 @@ pub struct FlightArgs {
     /// Settings file (TOML); flags override it.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Swap plant parameters at an instant: 'NAME=VALUE[,NAME=VALUE]@8s' or '...@tick8000'; may be repeated.
+    /// Swap plant parameters at an instant: 'NAME=VALUE[,NAME=VALUE]@8s' or '...@tick8000'; may be repeated. A value
+    /// is a number, nominal, or +30% of nominal.
     #[arg(long = "fault", value_name = "FAULT", value_parser = values::fault)]
     pub faults: Vec<Fault>,
 }
@@ -302,6 +302,9 @@ impl FlightArgs {
         let mut set = Overrides::new();
         if let Some(name) = &self.trajectory {
             set.push(("flight.trajectory", Value::from(name.clone())));
+        }
+        if let Some(name) = &self.airframe {
+            set.push(("flight.airframe", Value::from(name.clone())));
         }
         if let Some(name) = &self.preset {
             set.push(("flight.preset", Value::from(name.clone())));

@@ -73,6 +73,9 @@ fn take_off(args: &FlyArgs) -> Result<Option<Flown>, Failure> {
         print(&settings.commented()?)?;
         return Ok(None);
     }
+    for warning in settings.warnings()? {
+        say(&format!("warning: {warning}\n"));
+    }
     // First, so that what a check makes goes with it.
     let mut asked = Asked::listen()?;
     settings.check_cpu()?;

@@ -3,15 +3,17 @@
 use std::fmt;
 use std::time::Duration;
 
-use model::boards::{RUN, Run, RunPhase};
+use model::boards::{RUN, Run, RunPhase, SETTINGS, SettingsText};
 use model::messages::NO_TICK;
-use model::parameters::{PARAMETERS, Parameter, ParameterError, after_blank};
+use model::parameters::{Airframe, PARAMETERS, Parameter, ParameterError, after_blank};
 use model::role::Role;
 use wire::instance::Instance;
 use wire::{SwapAnswer, SwapOrder, SwapOutcome, Wire};
 
 use crate::cli::InjectArgs;
+use crate::fault::{Wanted, WantedValue, check_once, values_of};
 use crate::output::print;
+use crate::settings::airframe::{airframe_of, pairs};
 use failure::{Failure, OK};
 
 /// How long the plant may take to answer, beyond the time until the tick that was asked for.
@@ -77,9 +79,20 @@ fn wrong(error: &impl fmt::Display) -> Failure {
 ///
 /// # Errors
 /// Usage; nobody flying; a refusal by the plant; no answer in time.
-pub fn ask(instance: &Instance, changes: &[(Parameter, f64)], when: When) -> Result<Applied, Failure> {
-    plant::Swap::new(0, changes).map_err(|e| wrong(&e))?;
+pub fn ask(instance: &Instance, wanted: &[Wanted], when: When) -> Result<Applied, Failure> {
+    check_once(wanted).map_err(|e| wrong(&e))?;
+    // What no airframe of any size can have need not wait for one that flies.
+    for Wanted { parameter, value } in wanted {
+        if let WantedValue::Number(value) = *value
+            && parameter.widest().check(*parameter, value).is_err()
+        {
+            parameter.check(value).map_err(|e| wrong(&e))?;
+        }
+    }
     let (wire, run) = flying(instance)?;
+    let airframe = airframe(&wire)?;
+    let changes = values_of(wanted, &airframe).map_err(|e| wrong(&e))?;
+    plant::Swap::new(0, &changes).map_err(|e| wrong(&e))?;
     let present = if run.tick == NO_TICK { 0 } else { run.tick };
     let (at_tick, in_ticks) = match when {
         When::AtTick(tick) => (tick, 0),
@@ -104,7 +117,7 @@ pub fn ask(instance: &Instance, changes: &[(Parameter, f64)], when: When) -> Res
     }
     let patience = PATIENCE + Duration::from_nanos(wait_ticks.saturating_mul(run.period_ns));
     let answer = wire.swap_client()?.ask(order, patience)?;
-    read_answer(changes, at_tick, &answer, &run)
+    read_answer(&changes, at_tick, &answer, &run, &airframe)
 }
 
 fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
@@ -144,7 +157,22 @@ pub fn flight(instance: &Instance) -> Result<Option<(Wire, Run)>, Failure> {
     Ok((run.phase() == RunPhase::Flying).then_some((wire, run)))
 }
 
-fn read_answer(changes: &[(Parameter, f64)], at_tick: u64, answer: &SwapAnswer, run: &Run) -> Result<Applied, Failure> {
+/// The airframe that flies, as it was built.
+///
+/// # Errors
+/// [`Failure`] where the plant's board does not have it.
+pub fn airframe(wire: &Wire) -> Result<Airframe, Failure> {
+    let text = wire.board_reader::<SettingsText>(SETTINGS)?.map(|board| board.get()).unwrap_or_default();
+    airframe_of(&pairs(text.text()))
+}
+
+fn read_answer(
+    changes: &[(Parameter, f64)],
+    at_tick: u64,
+    answer: &SwapAnswer,
+    run: &Run,
+    airframe: &Airframe,
+) -> Result<Applied, Failure> {
     let refused = |why: String| Err(Failure::failed(format!("the plant refused: {why}")));
     match SwapOutcome::from_wire(answer.verdict) {
         Some(SwapOutcome::Applied) => Ok(Applied {
@@ -157,7 +185,7 @@ fn read_answer(changes: &[(Parameter, f64)], at_tick: u64, answer: &SwapAnswer, 
         Some(SwapOutcome::OutOfRange) => match Parameter::from_index(answer.parameter) {
             Some(parameter) => {
                 let value = changes.iter().find(|(p, _)| *p == parameter).map_or(f64::NAN, |(_, value)| *value);
-                refused(ParameterError::OutOfRange { parameter, value }.to_string())
+                refused(ParameterError::OutOfRange { parameter, value, range: airframe.range(parameter) }.to_string())
             }
             None => refused("a value is out of range".into()),
         },

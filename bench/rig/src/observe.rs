@@ -16,6 +16,7 @@ use wire::{BoardReader, Receiver, Wire};
 
 use crate::record::crew::Crew;
 use crate::record::ports::{Ports, horizon};
+use crate::settings::airframe::pairs;
 
 /// A message of any topic.
 #[derive(Clone, Copy, Debug)]
@@ -69,12 +70,7 @@ impl Observation {
         ports.arm(expected)?;
         theorem.arm(expected)?;
         let text = wire.board_reader::<SettingsText>(SETTINGS)?.map(|board| board.get()).unwrap_or_default();
-        let settings = text
-            .text()
-            .lines()
-            .filter_map(|line| line.split_once(" = "))
-            .map(|(key, value)| (key.to_owned(), value.trim_matches('"').to_owned()))
-            .collect();
+        let settings = pairs(text.text());
         let crew = Crew::open(&wire)?;
         Ok(Some(Self { ports, theorem, run, in_force, crew, settings, wire }))
     }

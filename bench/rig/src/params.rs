@@ -1,13 +1,14 @@
 //! `ironbird params`: lists the airframe's parameters, with the values in force.
 
 use model::boards::{IN_FORCE, InForce};
-use model::parameters::SPECS;
+use model::parameters::{Airframe, SPECS};
 use serde::Serialize;
 use wire::instance::Instance;
 
 use crate::cli::ParamsArgs;
-use crate::inject::flight;
+use crate::inject::{self, flight};
 use crate::output::print;
+use crate::settings::airframe::named;
 use failure::{Failure, OK};
 
 #[derive(Serialize)]
@@ -28,18 +29,24 @@ struct Row {
 /// Usage; a flight that cannot be looked at.
 pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
     let instance = Instance::new(&args.instance)?;
-    let in_force = match flight(&instance)? {
-        Some((wire, _)) => wire.board_reader::<InForce>(IN_FORCE)?.map(|board| board.get()),
-        None => None,
+    let (in_force, flown) = match flight(&instance)? {
+        Some((wire, _)) => {
+            (wire.board_reader::<InForce>(IN_FORCE)?.map(|board| board.get()), Some(inject::airframe(&wire)?))
+        }
+        None => (None, None),
+    };
+    let airframe = match &args.airframe {
+        Some(name) => named(name)?,
+        None => flown.unwrap_or(Airframe::nominal()),
     };
     let rows: Vec<Row> = SPECS
         .iter()
         .map(|spec| Row {
             name: spec.name,
             unit: spec.unit,
-            min: spec.min,
-            max: spec.max,
-            nominal: spec.nominal,
+            min: airframe.range(spec.parameter).min,
+            max: airframe.range(spec.parameter).max,
+            nominal: airframe.as_built().get(spec.parameter),
             in_force: in_force.map(|values| values.value[spec.parameter as usize]),
             equation: spec.equation,
             meaning: spec.meaning,
@@ -59,8 +66,8 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
             "{:<24} {:<12} {:>10} {:>8} {:>10} {:>10}  {:<8} {}\n",
             row.name,
             row.unit,
-            number(row.min),
-            number(row.max),
+            bound(row.min),
+            bound(row.max),
             number(row.nominal),
             row.in_force.map_or_else(|| "-".into(), number),
             row.equation,
@@ -78,6 +85,12 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
     });
     print(&text)?;
     Ok(OK)
+}
+
+/// An end of a range; of an airframe of another size it is a quotient, which is shown in short.
+pub(crate) fn bound(value: f64) -> String {
+    let whole = number(value);
+    if whole.len() > 8 { format!("{value:.2e}") } else { whole }
 }
 
 fn number(value: f64) -> String {

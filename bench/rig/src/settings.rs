@@ -1,5 +1,6 @@
 //! Settings: defaults, preset, file, flags, in this order; checked before anything starts.
 
+pub(crate) mod airframe;
 mod gates;
 mod ground;
 mod initial;
@@ -9,12 +10,15 @@ mod processes;
 mod real_time;
 #[cfg(test)]
 mod tests;
+pub(crate) mod trajectory;
+mod warnings;
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::path::Path;
 
-use controller::{Gains, Limits, Preset, Trajectory};
+use controller::trajectory::UnknownTrajectory;
+use controller::{Course, Gains, Limits, Preset, Trajectory};
 use model::boards::LOCKSTEP;
 use model::limits::RotorLimits;
 use plant::Swap;
@@ -30,6 +34,7 @@ pub use initial::InitialSection;
 use layers::{layered, same};
 pub use log::LogName;
 pub use real_time::{RealtimeSection, check_cpu};
+pub use trajectory::{PointsFile, TrajectorySection};
 
 /// The commented default, which is also where the defaults come from.
 pub const DEFAULT: &str = include_str!("default.toml");
@@ -38,7 +43,8 @@ pub const DEFAULT: &str = include_str!("default.toml");
 const LONGEST_S: f64 = 30.0 * 86_400.0;
 
 /// Sections that all roles of a run must share.
-const SHARED_SECTIONS: [&str; 8] = ["flight", "initial", "ground", "plant", "model", "gains", "limits", "rotor"];
+const SHARED_SECTIONS: [&str; 10] =
+    ["flight", "trajectory", "initial", "ground", "airframe", "plant", "model", "gains", "limits", "rotor"];
 
 /// Everything that can be set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,6 +56,12 @@ pub struct Settings {
     pub initial: InitialSection,
     /// The ground, at `flight.ground_z_m`.
     pub ground: GroundSection,
+    /// How the trajectory is stretched, and which points it has.
+    #[serde(default)]
+    pub trajectory: TrajectorySection,
+    /// What the airframe was built with, by parameter name; the ranges of its parameters follow from it.
+    #[serde(default = "airframe::paper")]
+    pub airframe: BTreeMap<String, f64>,
     /// The true airframe at tick 0, by parameter name.
     pub plant: BTreeMap<String, f64>,
     /// The airframe as the controller believes it to be, by parameter name.
@@ -64,14 +76,19 @@ pub struct Settings {
     pub rt: RealtimeSection,
     /// What is recorded, and which gates the flight must pass.
     pub recorder: RecorderSettings,
+    /// The points of the trajectory, where it has some.
+    #[serde(skip)]
+    pub points: Option<PointsFile>,
 }
 
 /// What to fly.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FlightSettings {
-    /// Reference trajectory.
-    pub trajectory: Trajectory,
+    /// Reference trajectory: a name, or a file of points.
+    pub trajectory: String,
+    /// Name or file of the airframe.
+    pub airframe: String,
     /// Set of gains.
     pub preset: Preset,
     /// Length of the flight [s].
@@ -161,6 +178,7 @@ impl Settings {
                 let what = e.to_string().trim_end().replace('\n', " ");
                 Failure::usage(format!("settings: {what}")).help("see `ironbird fly --print-config`")
             })
+            .and_then(Self::with_points)
             .and_then(|settings: Self| settings.check().map(|()| settings))
             .map_err(|failure| match origin {
                 Some(path) => failure.append(&format!(" (settings file {})", path.display())),
@@ -175,7 +193,11 @@ impl Settings {
     pub fn commented(&self) -> Result<String, Failure> {
         let broken = |e: String| Failure::failed(format!("the commented default is broken: {e}"));
         let mut document: toml_edit::DocumentMut = DEFAULT.parse().map_err(|e| broken(format!("{e}")))?;
-        let table = Table::try_from(self).map_err(|e| broken(e.to_string()))?;
+        let mut table = Table::try_from(self).map_err(|e| broken(e.to_string()))?;
+        table.remove("airframe");
+        if self.airframe != airframe::paper() {
+            document.insert("airframe", toml_edit::Item::Table(airframe::commented(&self.airframe)));
+        }
         for (section, keys) in &table {
             for (key, value) in keys.as_table().into_iter().flatten() {
                 let text = value.to_string();
@@ -209,6 +231,67 @@ impl Settings {
         Ok(text)
     }
 
+    /// The settings with the points that their trajectory names, if it is a file.
+    fn with_points(mut self) -> Result<Self, Failure> {
+        if !trajectory::is_file(&self.flight.trajectory) {
+            return Ok(self);
+        }
+        // Where the roles of a flight stand in different folders, they mean the same file.
+        if let Ok(path) = Path::new(&self.flight.trajectory).canonicalize() {
+            self.flight.trajectory = path.to_string_lossy().into_owned();
+        }
+        let read = PointsFile::read(&self.flight.trajectory)?;
+        self.take_points(read)?;
+        Ok(self)
+    }
+
+    /// Takes the points of the trajectory, if they are those that the settings have the hash of.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names both hashes.
+    pub fn take_points(&mut self, points: PointsFile) -> Result<(), Failure> {
+        let wanted = &self.trajectory.sha256;
+        if !wanted.is_empty() && *wanted != points.sha256 {
+            return Err(Failure::usage(format!(
+                "trajectory file {}: its SHA-256 is {}, but the settings were made for {wanted}",
+                self.flight.trajectory, points.sha256
+            ))
+            .help("the file has changed: bring the old one back, or take trajectory.sha256 out of the settings"));
+        }
+        self.trajectory.sha256.clone_from(&points.sha256);
+        self.points = Some(points);
+        Ok(())
+    }
+
+    /// What is flown.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the trajectory that is unknown, which checked settings rule out.
+    pub fn course(&self) -> Result<Course, Failure> {
+        let TrajectorySection { size, period, .. } = self.trajectory;
+        let course = match &self.points {
+            Some(points) => points.course,
+            None => trajectory::built_in(&self.flight.trajectory).map_err(|UnknownTrajectory(name)| {
+                let names: Vec<String> = Trajectory::NAMES.iter().map(|name| format!("`{name}`")).collect();
+                Failure::usage(format!(
+                    "settings: unknown variant `{name}`, expected one of {}, or a CSV file, in `flight.trajectory`",
+                    names.join(", ")
+                ))
+                .help("see `ironbird fly --print-config`")
+            })?,
+        };
+        Ok(course.stretched(size, period))
+    }
+
+    /// The trajectory in a word, for titles.
+    #[must_use]
+    pub fn trajectory_name(&self) -> &str {
+        match self.flight.trajectory.rsplit_once('/') {
+            Some((_, file)) => file,
+            None => &self.flight.trajectory,
+        }
+    }
+
     /// When the flight counts as tracked.
     #[must_use]
     pub const fn tracking_limits(&self) -> TrackingLimits {
@@ -220,12 +303,17 @@ impl Settings {
     /// # Errors
     /// A usage [`Failure`] quotes the fault and says what is wrong with it.
     pub fn faults(&self) -> Result<Vec<Swap>, Failure> {
+        let airframe = self.airframe()?;
         self.flight
             .faults
             .iter()
-            .map(|text| text.parse::<Fault>()?.swap(self.flight.period_s))
+            .map(|text| text.parse::<Fault>()?.swap(self.flight.period_s, &airframe))
             .collect::<Result<Vec<_>, _>>()
-            .map_err(|e| Failure::usage(format!("fault: {e}")).help("`ironbird params` lists names, units and ranges"))
+            .map_err(|e| {
+                let list = format!("`ironbird params --airframe {}`", self.flight.airframe);
+                let list = if self.flight.airframe == airframe::PAPER { "`ironbird params`".into() } else { list };
+                Failure::usage(format!("fault: {e} ({list} lists names, units and ranges)"))
+            })
     }
 
     /// Last tick of the flight.
@@ -257,6 +345,8 @@ impl Settings {
         within("flight.tracking_error_max_m", flight.tracking_error_max_m, 0.0, 1e4)?;
         within("flight.tilt_max_rad", flight.tilt_max_rad, 0.1, PI)?;
         within("flight.ground_z_m", flight.ground_z_m, -1e4, 0.0)?;
+        within("trajectory.size", self.trajectory.size, 0.01, 100.0)?;
+        within("trajectory.period", self.trajectory.period, 0.01, 100.0)?;
         within("rt.priority", f64::from(self.rt.priority), 1.0, 95.0)?;
         self.initial.check()?;
         self.ground.check()?;

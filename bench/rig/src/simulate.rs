@@ -10,7 +10,7 @@ use plant::desk::swap_record;
 
 use crate::cli::SimulateArgs;
 use crate::in_process::InProcess;
-use crate::output::print;
+use crate::output::{print, say};
 use crate::settings::Settings;
 use crate::wall_time::speed;
 use failure::{Failure, GATE, OK, check_writable, write_text};
@@ -32,7 +32,10 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     check_writable("--states", args.states.as_deref())?;
     check_writable("--plot", args.plot.as_deref())?;
     check_drawn(args.plot.as_deref())?;
-    let tracking = Tracking::of(settings.flight.trajectory, settings.flight.period_s);
+    for warning in settings.warnings()? {
+        say(&format!("warning: {warning}\n"));
+    }
+    let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
     let mut states = match &args.states {
         Some(path) => {
             let every = settings.recorder.states_every_ticks;
@@ -46,7 +49,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     let flown = fly(&mut rig, &settings, states.as_mut(), tracer.as_mut())?;
     let wall_s = start.elapsed().as_secs_f64();
     if let (Some(path), Some(tracer)) = (&args.plot, &tracer) {
-        let title = format!("{}, simulated", text::flown(settings.flight.trajectory, settings.flight.preset));
+        let title = format!("{}, simulated", text::flown(settings.trajectory_name(), settings.flight.preset));
         let svg = picture::render(&tracer.traces(), &flown.swaps, settings.flight.period_s, &title);
         write_text(path, &svg)?;
     }
@@ -70,7 +73,7 @@ fn summary(flown: &Simulated, settings: &Settings, wall_s: f64) -> String {
     let flown_s = flown.ticks as f64 * settings.flight.period_s;
     let mut text = format!(
         "{}: {} ticks, {flown_s:.3} s simulated in {}\n",
-        text::flown(settings.flight.trajectory, settings.flight.preset),
+        text::flown(settings.trajectory_name(), settings.flight.preset),
         flown.ticks,
         speed(flown_s, wall_s)
     );
@@ -122,8 +125,9 @@ fn fly(
     mut states: Option<&mut StatesWriter>,
     mut tracer: Option<&mut Tracer>,
 ) -> Result<Simulated, Failure> {
-    let tracking = Tracking::of(settings.flight.trajectory, settings.flight.period_s);
+    let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
     let mut theorem = TheoremTally::default();
+    theorem.flown_by(&settings.airframe()?);
     let mut lowest_z_m = f64::INFINITY;
     let mut flown = Simulated {
         ticks: 0,

@@ -18,6 +18,7 @@ pub mod messages;
 pub mod monitor;
 pub mod output_hash;
 pub mod parameters;
+pub mod ranges;
 pub mod rate_dynamics;
 pub mod realtime;
 pub mod reference;

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::messages::ROTORS;
+use crate::ranges::Range;
 
 /// Every parameter of the airframe, in the order of the wire, of `ironbird params` and of the report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -155,17 +156,13 @@ impl Parameter {
         })
     }
 
-    /// Checks a value against the range of the parameter.
+    /// Checks a value against the range that the parameter has for the paper's airframe.
     ///
     /// # Errors
     /// [`ParameterError::OutOfRange`], also for NaN and infinities.
     pub fn check(self, value: f64) -> Result<f64, ParameterError> {
         let spec = self.spec();
-        if (spec.min..=spec.max).contains(&value) {
-            Ok(value)
-        } else {
-            Err(ParameterError::OutOfRange { parameter: self, value })
-        }
+        Range { min: spec.min, max: spec.max }.check(self, value)
     }
 }
 
@@ -189,13 +186,15 @@ pub enum ParameterError {
     /// The value is outside the range of the parameter.
     #[error(
         "{} = {value} is out of range: allowed are {:?} to {:?}{}",
-        parameter.name(), parameter.spec().min, parameter.spec().max, after_blank(parameter.spec().unit)
+        parameter.name(), range.min, range.max, after_blank(parameter.spec().unit)
     )]
     OutOfRange {
         /// The parameter.
         parameter: Parameter,
         /// The value that was refused.
         value: f64,
+        /// What is allowed.
+        range: Range,
     },
 }
 
@@ -205,13 +204,15 @@ pub fn after_blank(unit: &str) -> String {
     if unit.is_empty() { String::new() } else { format!(" {unit}") }
 }
 
-/// A full set of parameters, each within its range.
+/// A full set of parameters, each within its range, and the values that the airframe was built with.
 ///
-/// Indexed by [`Parameter`]; the accessors are the paper's symbols.
+/// The ranges follow from what it was built with ([`crate::ranges`]). Indexed by [`Parameter`]; the accessors are the
+/// paper's symbols. As an array of numbers it is the paper's airframe with these values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "[f64; PARAMETERS]", try_from = "[f64; PARAMETERS]")]
 pub struct Airframe {
-    values: [f64; PARAMETERS],
+    pub(crate) values: [f64; PARAMETERS],
+    pub(crate) built: [f64; PARAMETERS],
 }
 
 impl Airframe {
@@ -224,7 +225,7 @@ impl Airframe {
             values[i] = SPECS[i].nominal;
             i += 1;
         }
-        Self { values }
+        Self { values, built: values }
     }
 
     /// The value of a parameter, in its unit.
@@ -239,7 +240,7 @@ impl Airframe {
     /// # Errors
     /// [`ParameterError::OutOfRange`]; nothing is changed then.
     pub fn set(&mut self, parameter: Parameter, value: f64) -> Result<(), ParameterError> {
-        self.values[parameter as usize] = parameter.check(value)?;
+        self.values[parameter as usize] = self.check(parameter, value)?;
         Ok(())
     }
 
@@ -374,7 +375,7 @@ impl TryFrom<[f64; PARAMETERS]> for Airframe {
         for (spec, value) in SPECS.iter().zip(values) {
             spec.parameter.check(value)?;
         }
-        Ok(Self { values })
+        Ok(Self { values, ..Self::nominal() })
     }
 }
 

@@ -63,7 +63,8 @@ proptest! {
                 prop_assert!((spec.min..=spec.max).contains(&value));
                 prop_assert_eq!(airframe.get(parameter), value);
             }
-            Err(ParameterError::OutOfRange { parameter: named, value: refused }) => {
+            Err(ParameterError::OutOfRange { parameter: named, value: refused, range }) => {
+                prop_assert_eq!((range.min, range.max), (spec.min, spec.max));
                 prop_assert!(!(value >= spec.min && value <= spec.max));
                 prop_assert_eq!(named, parameter);
                 prop_assert_eq!(refused.to_bits(), value.to_bits());

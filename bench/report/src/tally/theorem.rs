@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use controller::excitation::EXCITING;
 use model::monitor::{CAUSES, Cause, Monitor};
-use model::parameters::ESTIMATED;
+use model::parameters::{Airframe, ESTIMATED};
 use serde::{Deserialize, Serialize};
 
 use crate::text::count;
@@ -101,7 +101,7 @@ pub struct Watched {
 }
 
 /// Follows topic `theorem` through a flight, and through restarts of the inner loop.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct TheoremTally {
     /// Of the inner loops that have ended.
     ended: Option<Monitor>,
@@ -109,6 +109,8 @@ pub struct TheoremTally {
     newest: Option<(u64, Monitor)>,
     /// True values of the estimated parameters.
     theta: [f64; 3],
+    /// Values that the airframe was built with: an estimate of a parameter that is 0 is held against them.
+    built: [f64; 3],
     /// Broken assumptions since the bounds began, as the sum of [`Cause::bit`].
     broken: u64,
     /// Wrenches that nothing is said of.
@@ -118,7 +120,19 @@ pub struct TheoremTally {
 /// Causes under which the theorem gives the estimates no bound. A live swap is none: the bound begins anew with it.
 const UNBOUNDED: [Cause; 4] = [Cause::OutOfBounds, Cause::BrokenModel, Cause::GyroNoise, Cause::MotorLag];
 
+impl Default for TheoremTally {
+    fn default() -> Self {
+        let built = ESTIMATED.map(|parameter| parameter.spec().nominal);
+        Self { ended: None, newest: None, theta: [0.0; 3], built, broken: 0 }
+    }
+}
+
 impl TheoremTally {
+    /// Follows the flight of another airframe than the paper's.
+    pub fn flown_by(&mut self, airframe: &Airframe) {
+        self.built = ESTIMATED.map(|parameter| airframe.as_built().get(parameter).abs());
+    }
+
     /// Takes the true values of the estimated parameters.
     pub fn truth(&mut self, theta: [f64; 3]) {
         self.theta = theta;
@@ -147,10 +161,11 @@ impl TheoremTally {
     /// The section of the report.
     #[must_use]
     pub fn section(&self) -> Theorem {
-        let of = |(_, newest): (u64, Monitor)| {
-            Theorem::of(&self.ended.map_or(newest, |ended| together(&ended, &newest)), self.theta, self.broken)
+        let Some((_, newest)) = self.newest else {
+            return Theorem { ticks_unwatched: self.unwatched, ..Theorem::default() };
         };
-        Theorem { ticks_unwatched: self.unwatched, ..self.newest.map(of).unwrap_or_default() }
+        let all = self.ended.map_or(newest, |ended| together(&ended, &newest));
+        Theorem { ticks_unwatched: self.unwatched, ..Theorem::of(&all, self.theta, self.built, self.broken) }
     }
 }
 
@@ -178,16 +193,16 @@ fn together(earlier: &Monitor, later: &Monitor) -> Monitor {
 }
 
 impl Theorem {
-    /// The section of what a monitor said last, with the true values of the estimated parameters, and the causes since
-    /// the bounds began.
+    /// The section of what a monitor said last, with the true values of the estimated parameters, those that the
+    /// airframe was built with, and the causes since the bounds began.
     #[must_use]
-    pub fn of(monitor: &Monitor, theta: [f64; 3], causes: u64) -> Self {
+    pub fn of(monitor: &Monitor, theta: [f64; 3], built: [f64; 3], causes: u64) -> Self {
         let broken = UNBOUNDED.into_iter().filter(|cause| causes & cause.bit() != 0);
         let broken: Vec<String> = broken.map(|cause| cause.name().to_owned()).collect();
         let estimates: Vec<Watched> = (0..3)
             .map(|i| {
                 let (error, error_start) = (monitor.estimate_error[i], monitor.estimate_error_start[i]);
-                let size = error_start.max(theta[i].abs()).max(ESTIMATED[i].spec().nominal);
+                let size = error_start.max(theta[i].abs()).max(built[i]);
                 Watched {
                     name: ESTIMATED[i].name().into(),
                     actual: theta[i],
@@ -337,9 +352,9 @@ mod tests {
 
     #[test]
     fn an_unexplained_violation_or_lifeless_estimates_fail() {
-        assert!(Theorem::of(&monitor(0, 1), [0.0; 3], 0).holds);
+        assert!(Theorem::of(&monitor(0, 1), [0.0; 3], [1.0; 3], 0).holds);
         for (monitor, said) in [(monitor(1, 1), "1 unexplained"), (monitor(0, 0), "do not move as predicted")] {
-            let theorem = Theorem::of(&monitor, [0.0; 3], 0);
+            let theorem = Theorem::of(&monitor, [0.0; 3], [1.0; 3], 0);
             assert!(!theorem.holds && theorem.found().contains(said), "{theorem:?}");
             assert!(theorem.text().contains("DOES NOT HOLD"), "{}", theorem.text());
         }

@@ -11,6 +11,7 @@ use model::boards::InForce;
 use model::parameters::{self, SPECS};
 use wire::instance::Instance;
 
+use crate::fault::{Wanted, WantedValue};
 use crate::inject::{When, ask};
 use failure::Failure;
 
@@ -59,7 +60,7 @@ fn values(in_force: &InForce, names: &[String]) -> Vec<Parameter> {
 }
 
 /// The changes that a client asks for; in one swap, so that they hold from one tick on.
-fn changes(wanted: &[Parameter]) -> Result<Vec<(parameters::Parameter, f64)>, Failure> {
+fn changes(wanted: &[Parameter]) -> Result<Vec<Wanted>, Failure> {
     let mut changes = Vec::new();
     for Parameter { name, value, .. } in wanted {
         let usage = |e: parameters::ParameterError| Failure::usage(e.to_string());
@@ -74,7 +75,7 @@ fn changes(wanted: &[Parameter]) -> Result<Vec<(parameters::Parameter, f64)>, Fa
             Some(_) => return Err(Failure::usage(format!("{name} is not a number"))),
             None => return Err(Failure::usage(format!("{name} cannot be unset: an airframe has one"))),
         };
-        changes.push((parameter, parameter.check(value).map_err(usage)?));
+        changes.push(Wanted { parameter, value: WantedValue::Number(value) });
     }
     Ok(changes)
 }

@@ -3,10 +3,9 @@
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
-use model::parameters::Parameter;
 
 use crate::cli::values;
-use crate::fault::{FaultError, parse_change};
+use crate::fault::{FaultError, Wanted};
 
 /// Flags of `watch`.
 #[derive(Clone, Debug, Args)]
@@ -54,7 +53,7 @@ pub struct FoxgloveArgs {
 /// Flags of `inject`.
 #[derive(Clone, Debug, Args)]
 pub struct InjectArgs {
-    /// New values, all applied at one tick: NAME=VALUE...
+    /// New values, all applied at one tick: NAME=VALUE... A value is a number, nominal, or +30% of nominal.
     #[arg(required = true, value_name = "NAME=VALUE")]
     pub changes: Vec<String>,
     /// Apply at this tick of the flight.
@@ -74,17 +73,20 @@ pub struct ParamsArgs {
     /// Name of the instance.
     #[arg(long, value_name = "NAME", default_value = "default")]
     pub instance: String,
+    /// Airframe whose ranges and nominal values are listed [default: that of the flight, or paper].
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    pub airframe: Option<String>,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
 }
 
 impl InjectArgs {
-    /// The changes, read and checked.
+    /// The changes, as far as they can be read without an airframe.
     ///
     /// # Errors
-    /// As [`parse_change`].
-    pub fn parsed(&self) -> Result<Vec<(Parameter, f64)>, FaultError> {
-        self.changes.iter().flat_map(|text| text.split(',')).map(parse_change).collect()
+    /// [`FaultError`] names what is wrong with one.
+    pub fn parsed(&self) -> Result<Vec<Wanted>, FaultError> {
+        self.changes.iter().flat_map(|text| text.split(',')).map(str::parse).collect()
     }
 }

@@ -1,9 +1,14 @@
 //! Parses the values of flags. An error says what is allowed.
 
+use std::ffi::OsStr;
 use std::time::Duration;
 
 use crate::cli::LeadArg;
 use crate::fault::Fault;
+use crate::settings::trajectory::is_file;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Arg, Command};
+use controller::Trajectory;
 
 /// A length of time with its unit.
 pub(crate) fn duration(text: &str) -> Result<Duration, String> {
@@ -12,6 +17,25 @@ pub(crate) fn duration(text: &str) -> Result<Duration, String> {
         let why = if text.starts_with('-') { "a time is not negative".into() } else { e.to_string() };
         format!("{}; {WRITE}", why.trim_end())
     })
+}
+
+/// A built-in trajectory, or a file of points.
+#[derive(Clone)]
+pub(crate) struct TrajectoryParser;
+
+impl TypedValueParser for TrajectoryParser {
+    type Value = String;
+
+    fn parse_ref(&self, command: &Command, arg: Option<&Arg>, value: &OsStr) -> Result<String, clap::Error> {
+        match value.to_str().filter(|text| is_file(text)) {
+            Some(file) => Ok(file.into()),
+            None => PossibleValuesParser::new(Trajectory::NAMES).parse_ref(command, arg, value),
+        }
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new(Trajectory::NAMES.into_iter().map(PossibleValue::new)))
+    }
 }
 
 /// The number of a processor.

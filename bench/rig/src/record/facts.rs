@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use failure::Failure;
-use flight_log::facts::{FORMAT, Facts, HOST, REALTIME, RUN, SETTINGS, record};
+use flight_log::facts::{FORMAT, Facts, HOST, POINTS, REALTIME, RUN, SETTINGS, record};
 use model::boards;
 use model::envelope::LAYOUT;
 use report::host::Host;
@@ -45,7 +45,8 @@ pub fn facts(
         ("sample_time_ns", &run.sample_time_ns.to_string()),
         ("last_tick", &run.last_tick.to_string()),
     ]);
-    let texts = record(&[("settings.toml", &settings.commented()?), ("shared", &settings.shared_text()?)]);
+    let mut texts = record(&[("settings.toml", &settings.commented()?), ("shared", &settings.shared_text()?)]);
+    texts.extend(settings.points.iter().map(|points| (POINTS.to_owned(), points.text.clone())));
     let host = record(&[
         ("kernel", &host.kernel),
         ("preemption", &host.preemption),

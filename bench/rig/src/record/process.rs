@@ -131,13 +131,14 @@ impl<'a> Recorder<'a> {
         let host = host_of(machine);
         let period_s = settings.flight.period_s;
         let every = settings.recorder.states_every_ticks;
-        let tracking = Tracking::of(settings.flight.trajectory, period_s);
+        let tracking = Tracking::along(settings.course()?, period_s);
         let mut states = vec![StatesWriter::spooled(&files.directory.join("states.csv"), tracking, every)?];
         if let Some(path) = &files.states {
             states.push(StatesWriter::spooled(path, tracking, every)?);
         }
         let watch = Watch::new(&crew.loops(), host.hypervisor != Some(false));
         let mut tally = Tally::new(armed.pace, armed.run.get().t0_ns, tracking)?;
+        tally.theorem.flown_by(&settings.airframe()?);
         tally.begin_autopsy(watch.is_virtual, watch.processor.is_some());
         let facts = facts(&armed.run.get(), settings, instance.name(), &host, &crew.sections())?;
         let log = match settings.recorder.log {

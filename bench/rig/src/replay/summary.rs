@@ -91,7 +91,7 @@ impl Summary {
         let from = if self.from_tick > 0 { format!("from tick {} ", self.from_tick) } else { String::new() };
         let mut text = format!(
             "{}: {} replayed, {from}to tick {tick} ({:.3} s); {skipped} skipped, {} missed\n",
-            flown(flight.trajectory, flight.preset),
+            flown(survey.settings.trajectory_name(), flight.preset),
             count(self.ticks, "tick"),
             tick as f64 * flight.period_s,
             count(missed, "deadline")

@@ -9,12 +9,13 @@ use model::monitor::Monitor;
 use model::settings_text::fingerprint;
 use model::topic::Topic;
 
-use crate::settings::Settings;
+use crate::settings::trajectory::is_file;
+use crate::settings::{PointsFile, Settings};
 use failure::Failure;
 use flight_log::TOPICS;
 use flight_log::build::Build;
 use flight_log::entry::{Counts, LogEntry};
-use flight_log::facts::{RUN, SETTINGS};
+use flight_log::facts::{POINTS, RUN, SETTINGS};
 use flight_log::reader::{End, Kept, LogReader};
 use report::text::count;
 
@@ -127,7 +128,12 @@ fn check_whole(reader: &LogReader, path: &Path) -> Result<(), Failure> {
 /// The settings in a log, if they are those that its processes agreed on.
 fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
     let text = reader.fact(SETTINGS, "settings.toml")?;
-    let settings: Settings = toml::from_str(text).map_err(|e| reader.damaged(&format!("its settings: {e}")))?;
+    let mut settings: Settings = toml::from_str(text).map_err(|e| reader.damaged(&format!("its settings: {e}")))?;
+    if is_file(&settings.flight.trajectory) {
+        let points = PointsFile::of(reader.fact(SETTINGS, POINTS)?.to_owned());
+        let points = points.map_err(|e| reader.damaged(&format!("its {POINTS}: {e}")))?;
+        settings.take_points(points).map_err(|e| reader.damaged(&e.to_string()))?;
+    }
     let shared = settings.shared_text()?;
     let (flown, agreed) = (reader.fact(SETTINGS, "shared")?, reader.fact(RUN, "settings")?);
     if shared != flown {

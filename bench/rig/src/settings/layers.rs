@@ -3,27 +3,28 @@
 use std::io::{self, Read as _};
 use std::path::Path;
 
-use controller::{Gains, Preset};
+use controller::{Gains, Limits, Preset};
+use model::parameters::Airframe;
 use toml::{Table, Value};
 
+use crate::settings::airframe::{self, Design};
 use crate::settings::{DEFAULT, Overrides};
 use failure::{Failure, open_file};
 
 /// The settings as a table, and the file that had a part in them.
 pub(super) fn layered<'a>(file: Option<&'a Path>, overrides: &Overrides) -> Result<(Table, Option<&'a Path>), Failure> {
     let mut table: Table = DEFAULT.parse().map_err(|e| Failure::failed(format!("the default is broken: {e}")))?;
-    let given = file.map(|path| read(path, &table)).transpose()?.unwrap_or_default();
+    airframe::design(airframe::PAPER, &section(&table, "model"))?.lay(&mut table);
+    let mut given = file.map(|path| read(path, &table)).transpose()?.unwrap_or_default();
     let flag = |key: &str| overrides.iter().find(|(k, _)| *k == key).map(|(_, value)| value);
+    let design = lay_airframe(&mut table, &mut given, flag("flight.airframe").and_then(Value::as_str))?;
     let preset = flag("flight.preset").or_else(|| given.get("flight")?.get("preset")).and_then(Value::as_str);
-    if let Some(preset) = preset {
-        let preset: Preset = preset.parse().map_err(|e| {
-            // A flag with an unknown name does not come this far.
-            let place = file.map(|path| format!(" (settings file {})", path.display())).unwrap_or_default();
-            Failure::usage(format!("flight.preset: {e}{place}")).help("see `ironbird fly --print-config`")
-        })?;
-        let gains = Table::try_from(Gains::preset(preset)).map_err(|e| Failure::failed(e.to_string()))?;
-        table.insert("gains".into(), Value::Table(gains));
-    }
+    let preset = preset.map_or(Ok(Preset::Flight), str::parse).map_err(|e| {
+        // A flag with an unknown name does not come this far.
+        let place = file.map(|path| format!(" (settings file {})", path.display())).unwrap_or_default();
+        Failure::usage(format!("flight.preset: {e}{place}")).help("see `ironbird fly --print-config`")
+    })?;
+    lay_gains(&mut table, preset, &design)?;
     for (section, keys) in given {
         if let (Some(Value::Table(into)), Value::Table(keys)) = (table.get_mut(&section), keys) {
             into.extend(keys);
@@ -37,6 +38,46 @@ pub(super) fn layered<'a>(file: Option<&'a Path>, overrides: &Overrides) -> Resu
         }
     }
     Ok((table, file))
+}
+
+/// Lays the airframe over the defaults: that of the flag, or that of the settings file, or the paper's.
+///
+/// A section `[airframe]` of the file goes before the name in it: where it is whole, as in the settings of a flight, no
+/// other file is read. A flag goes before both.
+fn lay_airframe(table: &mut Table, given: &mut Table, flag: Option<&str>) -> Result<Design, Failure> {
+    let model = section(table, "model");
+    let kept = given.remove("airframe").and_then(|kept| kept.as_table().cloned()).filter(|_| flag.is_none());
+    let named = given.get("flight").and_then(|flight| flight.get("airframe")).and_then(Value::as_str);
+    let mut values = section(table, "airframe");
+    let is_whole = kept.as_ref().is_some_and(|kept| kept.len() == values.len());
+    let name = flag.or(named).filter(|_| !is_whole).unwrap_or(airframe::PAPER);
+    let mut design = airframe::design(name, &model)?;
+    if let Some(kept) = kept {
+        design.lay(table);
+        values = section(table, "airframe");
+        values.extend(kept);
+        let values = values.into_iter().filter_map(|(name, value)| Some((name, value.as_float()?))).collect();
+        design.airframe = airframe::built(&values)
+            .map_err(|e| Failure::usage(format!("airframe: {e}")).help("see `ironbird params`"))?;
+    }
+    design.lay(table);
+    Ok(design)
+}
+
+/// Lays the gains of a preset and the limits over the defaults, as they suit the airframe.
+fn lay_gains(table: &mut Table, preset: Preset, design: &Design) -> Result<(), Failure> {
+    let Design { airframe, rotor, .. } = design;
+    let gains = Gains::preset(preset).scaled(&Airframe::nominal(), airframe);
+    let limits = Limits::default().scaled(airframe, rotor);
+    let written = |e: toml::ser::Error| Failure::failed(e.to_string());
+    table.insert("gains".into(), Value::Table(Table::try_from(gains).map_err(written)?));
+    table.insert("limits".into(), Value::Table(Table::try_from(limits).map_err(written)?));
+    Ok(())
+}
+
+/// A section of the settings.
+pub(super) fn section(table: &Table, name: &str) -> Table {
+    table.get(name).and_then(Value::as_table).cloned().unwrap_or_default()
 }
 
 /// Reads a settings file: every key must be known, and of the type that the default has.
@@ -70,7 +111,7 @@ fn read(path: &Path, default: &Table) -> Result<Table, Failure> {
 }
 
 /// The text of a regular file of at most 1 MiB: a device may have no end, and a pipe may have no writer.
-fn text_of(path: &Path) -> io::Result<String> {
+pub(super) fn text_of(path: &Path) -> io::Result<String> {
     const MOST_BYTES: u64 = 1 << 20;
     let mut text = String::new();
     open_file(path)?.take(MOST_BYTES + 1).read_to_string(&mut text)?;
@@ -109,7 +150,7 @@ fn kind(expected: &Value) -> String {
     }
 }
 
-fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a String>) -> String {
+pub(super) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a String>) -> String {
     known
         .max_by(|a, b| strsim::jaro_winkler(a, name).total_cmp(&strsim::jaro_winkler(b, name)))
         .map_or_else(String::new, |nearest| format!("; did you mean `{nearest}`?"))

@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use model::parameters::{Airframe, Parameter};
+use model::parameters::{Airframe, Parameter, ParameterError};
 
 use super::Settings;
+use super::airframe::built;
 use failure::Failure;
 
 impl Settings {
@@ -13,7 +14,7 @@ impl Settings {
     /// # Errors
     /// A usage [`Failure`] names the parameter.
     pub fn airframe(&self) -> Result<Airframe, Failure> {
-        airframe("plant", &self.plant)
+        self.airframe_of("plant", &self.plant)
     }
 
     /// Settings of the plant.
@@ -39,11 +40,11 @@ impl Settings {
     pub fn controller(&self) -> Result<controller::LoopSettings, Failure> {
         Ok(controller::LoopSettings {
             period_s: self.flight.period_s,
-            trajectory: self.flight.trajectory,
+            trajectory: self.course()?,
             gains: self.gains,
             limits: self.limits,
             rotor: self.rotor,
-            model: airframe("model", &self.model)?,
+            model: self.airframe_of("model", &self.model)?,
         })
     }
 
@@ -54,18 +55,23 @@ impl Settings {
     pub fn mixer(&self) -> Result<mixer::MixerSettings, Failure> {
         Ok(mixer::MixerSettings {
             period_s: self.flight.period_s,
-            model: airframe("model", &self.model)?,
+            model: self.airframe_of("model", &self.model)?,
             rotor: self.rotor,
         })
     }
-}
 
-fn airframe(section: &str, values: &BTreeMap<String, f64>) -> Result<Airframe, Failure> {
-    let mut airframe = Airframe::nominal();
-    for (name, value) in values {
-        Parameter::from_name(name)
-            .and_then(|parameter| airframe.set(parameter, *value))
-            .map_err(|e| Failure::usage(format!("{section}.{e}")).help("see `ironbird params`"))?;
+    /// The airframe that was built, with the values of a section.
+    fn airframe_of(&self, section: &str, values: &BTreeMap<String, f64>) -> Result<Airframe, Failure> {
+        let refused = |section: &str, e: ParameterError| {
+            Failure::usage(format!("{section}.{e}"))
+                .help(format!("see `ironbird params --airframe {}`", self.flight.airframe))
+        };
+        let mut airframe = built(&self.airframe).map_err(|e| refused("airframe", e))?;
+        for (name, value) in values {
+            Parameter::from_name(name)
+                .and_then(|parameter| airframe.set(parameter, *value))
+                .map_err(|e| refused(section, e))?;
+        }
+        Ok(airframe)
     }
-    Ok(airframe)
 }

@@ -1,9 +1,9 @@
 //! What a key does.
 
-use model::parameters::{Parameter, SPECS};
+use model::parameters::{Airframe, Parameter, SPECS};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-use crate::fault::parse_change;
+use crate::fault::Wanted;
 use crate::watch::model::{Model, Said, Tab};
 use report::tally::series::Series;
 
@@ -106,7 +106,9 @@ impl Model {
         if typed.is_empty() {
             return Action::None;
         }
-        match parse_change(&format!("{}={typed}", self.desk.parameter())) {
+        let airframe = self.flight.as_ref().map_or(Airframe::nominal(), |flight| flight.airframe);
+        let wanted = format!("{}={typed}", self.desk.parameter()).parse::<Wanted>();
+        match wanted.and_then(|wanted| wanted.of(&airframe)) {
             Ok((parameter, value)) => {
                 self.desk.waits = true;
                 Action::Inject(parameter, value)

@@ -4,15 +4,17 @@
 
 use std::collections::BTreeMap;
 
-use controller::Trajectory;
 use model::boards::{Ending, InForce, Run, Status};
 use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
 use model::monitor::Monitor;
-use model::parameters::{Parameter, SPECS};
+use model::parameters::{Airframe, Parameter, SPECS};
 use model::role::Role;
 
 use crate::inject::Applied;
 use crate::observe::ObservedMessage;
+use crate::settings::PointsFile;
+use crate::settings::airframe::airframe_of;
+use crate::settings::trajectory::{built_in, is_file};
 use crate::watch::trace::ErrorTrace;
 use failure::Failure;
 use report::tally::{Tally, is_last_word};
@@ -192,6 +194,8 @@ pub struct WatchedFlight {
     pub crew: BTreeMap<Role, Status>,
     /// The parameters in force.
     pub in_force: InForce,
+    /// The airframe as it was built.
+    pub airframe: Airframe,
     /// What the host takes.
     pub steal: StealWatch,
 }
@@ -199,12 +203,16 @@ pub struct WatchedFlight {
 impl WatchedFlight {
     fn new(run: &Run, settings: BTreeMap<String, String>) -> Result<Self, Failure> {
         let tracking = tracking(run, &settings)?;
+        let airframe = airframe_of(&settings)?;
+        let mut tally = Self::tally(run, tracking)?;
+        tally.theorem.flown_by(&airframe);
         Ok(Self {
+            airframe,
             run: *run,
             settings,
             ending: None,
             recorder_lives: true,
-            tally: Self::tally(run, tracking)?,
+            tally,
             lost_before: 0,
             tracking,
             state: None,
@@ -294,7 +302,16 @@ impl WatchedFlight {
 fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, Failure> {
     const KEY: &str = "flight.trajectory";
     let name = settings.get(KEY).map_or("", String::as_str);
-    let trajectory =
-        name.parse::<Trajectory>().map_err(|e| Failure::failed(format!("{KEY} of the flight is `{name}`: {e}")))?;
-    Ok(Tracking::of(trajectory, run.sample_time_ns as f64 / 1e9))
+    let course = if is_file(name) {
+        let points = PointsFile::read(name)?;
+        if settings.get("trajectory.sha256") != Some(&points.sha256) {
+            return Err(Failure::failed(format!("the trajectory file {name} has changed since the flight began")));
+        }
+        points.course
+    } else {
+        built_in(name).map_err(|e| Failure::failed(format!("{KEY} of the flight is `{name}`: {e}")))?
+    };
+    let number = |key: &str| settings.get(key).and_then(|value| value.parse().ok()).unwrap_or(1.0);
+    let course = course.stretched(number("trajectory.size"), number("trajectory.period"));
+    Ok(Tracking::along(course, run.sample_time_ns as f64 / 1e9))
 }

@@ -13,6 +13,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use signal_hook::iterator::Signals;
 use wire::instance::Instance;
 
+use crate::fault::{Wanted, WantedValue};
 use crate::inject::{Applied, When, ask};
 use crate::watch::draw::draw;
 use crate::watch::feed::Feed;
@@ -121,12 +122,13 @@ fn show(
             Action::EndFlight => end_flight(outside.launcher),
             Action::Reset => model.reset()?,
             Action::Inject(parameter, value) => {
+                let wanted = Wanted { parameter, value: WantedValue::Number(value) };
                 let instance = outside.instance.clone();
                 // The plant may take its time, and the dashboard goes on.
                 let asking = sender.clone();
                 let ask_it = move || {
                     // Nobody is left to tell when the dashboard has been left.
-                    let _ = asking.send(ask(&instance, &[(parameter, value)], When::In(Duration::ZERO)));
+                    let _ = asking.send(ask(&instance, &[wanted], When::In(Duration::ZERO)));
                 };
                 if let Err(e) = std::thread::Builder::new().spawn(ask_it) {
                     model.answer(Err(Failure::failed(format!("cannot start a thread to ask the plant: {e}"))));

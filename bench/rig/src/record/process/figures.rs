@@ -68,7 +68,7 @@ impl Recorder<'_> {
             instance: self.instance.clone(),
             version: env!("CARGO_PKG_VERSION").into(),
             build: crate::build::here(),
-            trajectory: self.settings.flight.trajectory.name().into(),
+            trajectory: self.settings.trajectory_name().into(),
             preset: self.settings.flight.preset.name().into(),
             period_us: self.period_s * 1e6,
             wall_period_us: run.period_ns as f64 / 1e3,

@@ -1,11 +1,12 @@
 //! Page 4: the parameters in force, and the desk that swaps them.
 
-use model::parameters::{SPECS, Spec};
+use model::parameters::{Airframe, SPECS, Spec};
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Paragraph, Wrap};
 
+use crate::params::bound;
 use crate::watch::draw::style::Paint;
 use crate::watch::draw::{first_row, put};
 use crate::watch::model::{ParameterPage, WatchedFlight};
@@ -20,12 +21,12 @@ pub(super) fn draw(flight: &WatchedFlight, desk: &ParameterPage, paint: Paint, f
         let value = flight.in_force.value[row];
         let style = if row == desk.selected {
             paint.selected()
-        } else if value != spec.nominal {
+        } else if value != flight.airframe.get(spec.parameter) {
             paint.bad()
         } else {
             ratatui::style::Style::new()
         };
-        lines.push(Line::styled(row_text(spec, value, area.width), style));
+        lines.push(Line::styled(row_text(spec, &flight.airframe, value, area.width), style));
     }
     put(frame, area, lines);
     let used = (SPECS.len().min(room) + 1) as u16;
@@ -47,14 +48,15 @@ fn heading(width: u16) -> String {
     }
 }
 
-fn row_text(spec: &Spec, value: f64, width: u16) -> String {
-    let mark = if value == spec.nominal { ' ' } else { '*' };
+fn row_text(spec: &Spec, airframe: &Airframe, value: f64, width: u16) -> String {
+    let (nominal, range) = (airframe.get(spec.parameter), airframe.range(spec.parameter));
+    let mark = if value == nominal { ' ' } else { '*' };
     let row = format!("{:<24}{:>10}{mark}", spec.name, number(value));
     if is_roomy(width) {
         // A long unit takes its room from the nominal value beside it, which is 0 there.
         let rest = 17_usize.saturating_sub(spec.unit.len().max(8));
-        let nominal = number(spec.nominal);
-        format!("{row}  {:<8}{nominal:>rest$}{:>9}{:>9}", spec.unit, number(spec.min), number(spec.max))
+        let nominal = number(nominal);
+        format!("{row}  {:<8}{nominal:>rest$}{:>9}{:>9}", spec.unit, bound(range.min), bound(range.max))
     } else {
         row
     }
@@ -67,10 +69,11 @@ fn number(value: f64) -> String {
 
 fn said<'a>(flight: &WatchedFlight, desk: &'a ParameterPage, paint: Paint) -> Vec<Line<'a>> {
     let spec = desk.parameter().spec();
+    let range = flight.airframe.range(spec.parameter);
     let mut lines = Vec::new();
     if let Some(typed) = &desk.typed {
         lines.push(Line::from(vec![
-            Span::raw(format!("{} [{}], {:?} to {:?}: ", spec.name, spec.unit, spec.min, spec.max)),
+            Span::raw(format!("{} [{}], {:?} to {:?}: ", spec.name, spec.unit, range.min, range.max)),
             Span::styled(format!("{typed}_"), paint.heading()),
         ]));
     } else if desk.waits {

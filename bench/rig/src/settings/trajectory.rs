@@ -1,0 +1,218 @@
+//! What is flown: a built-in trajectory, or the points of a CSV file; and how it is stretched.
+//!
+//! The roles share the SHA-256 of the points, not the points: each reads the file itself, and one whose file differs is
+//! refused by both hashes. The flight log keeps the file, so a replay needs no other.
+
+use std::fmt;
+use std::io::Read as _;
+use std::path::Path;
+
+use controller::trajectory::{Point, UnknownTrajectory};
+use controller::{Course, Spline, Trajectory};
+use failure::{Failure, open_file};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+
+/// First line of a file of points.
+pub(crate) const HEADER: &str = "t,x,y,z,yaw";
+/// Points at the most: a curve of so many takes 3.4 MB, which each role locks in memory.
+const MOST_POINTS: usize = 10_000;
+/// Longest file [bytes].
+const MOST_BYTES: u64 = 4 << 20;
+/// Shortest time between two points [s]: a tick at 1 kHz.
+const SHORTEST_S: f64 = 1e-3;
+/// Latest point [s].
+const LATEST_S: f64 = 1e6;
+/// Furthest point [m], and most turned one [rad], inside of what messages may say.
+const FURTHEST: f64 = 1e4;
+
+/// How a trajectory is stretched, and which points it has.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrajectorySection {
+    /// x, y and z are so many times as large.
+    pub size: f64,
+    /// It takes so many times as long.
+    pub period: f64,
+    /// SHA-256 of the file of points; empty where there is none.
+    pub sha256: String,
+}
+
+impl Default for TrajectorySection {
+    fn default() -> Self {
+        Self { size: 1.0, period: 1.0, sha256: String::new() }
+    }
+}
+
+/// The points of a file, read.
+#[derive(Clone, PartialEq)]
+pub struct PointsFile {
+    /// The file, as it was read.
+    pub text: String,
+    /// SHA-256 of the text.
+    pub sha256: String,
+    /// The curve through the points.
+    pub course: Course,
+}
+
+impl fmt::Debug for PointsFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("PointsFile").field("sha256", &self.sha256).finish_non_exhaustive()
+    }
+}
+
+/// Whether a trajectory is a file, by its ending or a folder in its name.
+pub(crate) fn is_file(trajectory: &str) -> bool {
+    trajectory.contains('/') || Path::new(trajectory).extension().is_some()
+}
+
+/// A built-in trajectory.
+///
+/// # Errors
+/// [`UnknownTrajectory`].
+pub(crate) fn built_in(name: &str) -> Result<Course, UnknownTrajectory> {
+    name.parse::<Trajectory>().map(Course::of)
+}
+
+impl PointsFile {
+    /// Reads a file of points.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the file, the line and the column.
+    pub(crate) fn read(path: &str) -> Result<Self, Failure> {
+        let unread = |why: &dyn fmt::Display| {
+            Failure::usage(format!("cannot read the trajectory file {path}: {why}"))
+                .help("name a CSV file that you can read; docs/airframes.md has the format")
+        };
+        let mut bytes = Vec::new();
+        open_file(Path::new(path))
+            .and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes))
+            .map_err(|e| unread(&e))?;
+        if bytes.len() as u64 > MOST_BYTES {
+            return Err(unread(&format!("it is longer than {} MiB", MOST_BYTES >> 20)));
+        }
+        let text = String::from_utf8(bytes).map_err(|e| {
+            let line = 1 + e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
+            unread(&format!("line {line} is not UTF-8"))
+        })?;
+        Self::of(text).map_err(|why| {
+            Failure::usage(format!("trajectory file {path}: {why}"))
+                .help(format!("a first line {HEADER} and a line per point, in s, m and rad; see docs/airframes.md"))
+        })
+    }
+
+    /// The points of a text.
+    ///
+    /// # Errors
+    /// What is wrong with it, with line and column.
+    pub(crate) fn of(text: String) -> Result<Self, String> {
+        let points = points(&text)?;
+        let spline = Spline::through(&points).map_err(|e| e.to_string())?;
+        let sha256 = Sha256::digest(&text).iter().map(|byte| format!("{byte:02x}")).collect();
+        Ok(Self { text, sha256, course: Course::along(spline) })
+    }
+}
+
+/// Reads points: a first line [`HEADER`], then a line per point.
+fn points(text: &str) -> Result<Vec<Point>, String> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let mut lines = text.lines().enumerate().map(|(i, line)| (i + 1, line));
+    let header = lines.next().map_or("", |(_, line)| line);
+    let names: Vec<&str> = header.split(',').map(str::trim).collect();
+    if names.join(",") != HEADER {
+        return Err(format!("line 1 is `{}`: expected {HEADER}", shortened(header)));
+    }
+    let mut points: Vec<Point> = Vec::new();
+    for (line, text) in lines.filter(|(_, text)| !text.trim().is_empty()) {
+        if points.len() == MOST_POINTS {
+            return Err(format!("line {line}: more than {MOST_POINTS} points"));
+        }
+        let point = point(line, text)?;
+        match points.last() {
+            None if point.t_s != 0.0 => {
+                return Err(format!("line {line}, column t: the first point is at {} s: expected 0", point.t_s));
+            }
+            Some(before) if point.t_s < before.t_s + SHORTEST_S => {
+                let (t_s, before_s) = (point.t_s, before.t_s);
+                return Err(format!(
+                    "line {line}, column t: {t_s} s follows {before_s} s: expected at least {SHORTEST_S} s later"
+                ));
+            }
+            _ => points.push(point),
+        }
+    }
+    match points.len() {
+        0 => Err("it has no point: expected at least 2".into()),
+        1 => Err("it has 1 point: expected at least 2".into()),
+        _ => Ok(points),
+    }
+}
+
+fn point(line: usize, text: &str) -> Result<Point, String> {
+    let fields: Vec<&str> = text.split(',').map(str::trim).collect();
+    let names: Vec<&str> = HEADER.split(',').collect();
+    if fields.len() != names.len() {
+        return Err(format!("line {line} has {} columns: expected {}, as in {HEADER}", fields.len(), names.len()));
+    }
+    let mut numbers = [0.0; 5];
+    for ((number, field), name) in numbers.iter_mut().zip(&fields).zip(&names) {
+        let place = format!("line {line}, column {name}");
+        let value: f64 = field.parse().map_err(|_| format!("{place}: `{}` is not a number", shortened(field)))?;
+        let most = if *name == "t" { LATEST_S } else { FURTHEST };
+        if !(-most..=most).contains(&value) {
+            return Err(format!("{place}: {value} is out of range: allowed are -{most} to {most}"));
+        }
+        *number = value;
+    }
+    let [t_s, value @ ..] = numbers;
+    Ok(Point { t_s, value })
+}
+
+/// The begin of what may be long.
+fn shortened(text: &str) -> String {
+    text.chars().take(40).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_are_read_from_what_spreadsheets_write() {
+        let plain = points("t,x,y,z,yaw\n0,0,0,0,0\n1.5,1e0,-2,0.5,3\n").unwrap();
+        assert_eq!(plain[1], Point { t_s: 1.5, value: [1.0, -2.0, 0.5, 3.0] });
+        let marked = "\u{feff}t, x, y, z, yaw\r\n0,0,0,0,0\r\n 1.5 , 1 ,-2,0.5,3";
+        assert_eq!(points(marked).unwrap(), plain);
+    }
+
+    #[test]
+    fn every_mistake_is_told_with_line_and_column() {
+        for (text, told) in [
+            ("", "line 1 is ``: expected t,x,y,z,yaw"),
+            ("0,0,0,0,0\n1,1,1,1,1\n", "line 1 is `0,0,0,0,0`: expected t,x,y,z,yaw"),
+            ("t,x,y,z\n0,0,0,0\n", "line 1 is `t,x,y,z`"),
+            ("t,x,y,z,yaw\n", "it has no point"),
+            ("t,x,y,z,yaw\n0,0,0,0,0\n", "it has 1 point"),
+            ("t,x,y,z,yaw\n0,0,0,0,0\n1,2,3\n", "line 3 has 3 columns: expected 5"),
+            ("t,x,y,z,yaw\n0,0,0,0,0\n1,a,3,4,5\n", "line 3, column x: `a` is not a number"),
+            ("t,x,y,z,yaw\n0,0,0,0,0\n1,2,3,nan,5\n", "line 3, column z: NaN is out of range"),
+            ("t,x,y,z,yaw\n0,0,0,0,0\n1,2,3,4,inf\n", "line 3, column yaw: inf is out of range"),
+            ("t,x,y,z,yaw\n0,0,0,0,0\n1,2,2e4,4,0\n", "line 3, column y: 20000 is out of range"),
+            ("t,x,y,z,yaw\n1,0,0,0,0\n2,0,0,0,0\n", "line 2, column t: the first point is at 1 s: expected 0"),
+            ("t,x,y,z,yaw\n0,0,0,0,0\n1,0,0,0,0\n1,0,0,0,0\n", "line 4, column t: 1 s follows 1 s: expected at least"),
+        ] {
+            let error = points(text).unwrap_err();
+            assert!(error.contains(told), "{text}: {error}");
+        }
+        let many: String = (0..=MOST_POINTS).map(|i| format!("{i},0,0,0,0\n")).collect();
+        let error = points(&format!("{HEADER}\n{many}")).unwrap_err();
+        assert_eq!(error, format!("line {}: more than {MOST_POINTS} points", MOST_POINTS + 2));
+    }
+
+    #[test]
+    fn one_digit_makes_another_hash() {
+        let hash = |text: &str| PointsFile::of(text.to_owned()).unwrap().sha256;
+        assert_ne!(hash("t,x,y,z,yaw\n0,0,0,0,0\n1,1,0,0,0\n"), hash("t,x,y,z,yaw\n0,0,0,0,0\n1,1,0,0,1\n"));
+        assert_eq!(hash("t,x,y,z,yaw\n0,0,0,0,0\n1,1,0,0,0\n").len(), 64);
+    }
+}

@@ -1,0 +1,175 @@
+//! Airframes to choose from: built in and of a file, in all commands; what is wrong with a file is told at once.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod rig;
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+
+use controller::{LoopSettings, Preset, Trajectory};
+use ironbird::in_process::InProcess;
+use model::limits::RotorLimits;
+use model::parameters::{Airframe, Parameter};
+use rig::Rig;
+
+/// A file of the Crazyflie's size, which is a bit heavier.
+const OWN: &str = "[airframe]\nmass_kg = 0.03\ngravity_m_s2 = 9.8\ntranslational_drag_kg_s = 8e-3\n\
+                   rotational_drag_nm_s = 1.7e-5\narm_length_m = 0.046\nthrust_coefficient_n_s2 = 1.6e-8\n\
+                   drag_factor_nm_s2 = 7.6e-11\nrotor_inertia_kg_m2 = 1.1e-7\ninertia_x_kg_m2 = 1.7e-5\n\
+                   inertia_y_kg_m2 = 1.7e-5\ninertia_z_kg_m2 = 2.9e-5\n[rotor]\nmin_rad_s = 200\nmax_rad_s = 2618\n";
+
+/// The position error that `simulate` tells, by its name [m].
+fn error_m(told: &str, name: &str) -> f64 {
+    let line = told.lines().find(|line| line.starts_with("position error ")).unwrap();
+    let value = line.split_once(&format!("{name} ")).unwrap().1;
+    value.split([' ', ',']).next().unwrap().parse().unwrap()
+}
+
+#[test]
+fn every_built_in_airframe_flies_every_trajectory() {
+    let rig = Rig::new("airframes");
+    for airframe in ["paper", "crazyflie", "x500"] {
+        for trajectory in Trajectory::NAMES {
+            let flight = rig.run("simulate", &["--airframe", airframe, "--trajectory", trajectory]).expect(0);
+            let last_m = error_m(&flight.stdout, "at the end");
+            assert!(last_m < 0.1, "{airframe}, {trajectory}: {last_m}");
+        }
+    }
+}
+
+/// The paper's airframe with `s` times the inertia, and whatever turns it alike under s times the torque.
+fn enlarged(s: f64) -> Airframe {
+    use Parameter::{ArmLength, DragFactor, InertiaX, InertiaY, InertiaZ, RotationalDrag, RotorInertia};
+    let mut values = *Airframe::nominal().values();
+    for parameter in [InertiaX, InertiaY, InertiaZ, RotationalDrag, RotorInertia, ArmLength, DragFactor] {
+        values[parameter as usize] *= s;
+    }
+    Airframe::built_with(values).unwrap()
+}
+
+#[test]
+fn an_airframe_with_more_inertia_flies_alike_under_its_gains() {
+    let flight = |airframe: Airframe| {
+        let (period_s, rotor) = (1e-3, RotorLimits::default());
+        let mut settings = LoopSettings::new(Trajectory::Fast, Preset::Flight);
+        settings.gains = settings.gains.scaled(&Airframe::nominal(), &airframe);
+        settings.model = airframe;
+        InProcess::new(
+            &plant::PlantSettings { period_s, airframe, rotor, seed: 1 },
+            &settings,
+            &mixer::MixerSettings { period_s, model: airframe, rotor },
+        )
+    };
+    for s in [2.0, 0.25, 3e-3, 40.0] {
+        let (mut paper, mut other) = (flight(Airframe::nominal()), flight(enlarged(s)));
+        for tick in 0..8000 {
+            paper.tick();
+            other.tick();
+            for axis in 0..3 {
+                let apart_m = paper.state().position_w_m[axis] - other.state().position_w_m[axis];
+                assert!(apart_m.abs() < 1e-6, "{s} times the inertia, tick {tick}: {apart_m} m apart");
+            }
+            let (one, many) = (paper.wrench().estimate, other.wrench().estimate);
+            assert!((one[1] - many[1] / s).abs() < 1e-5 && (one[2] - many[2]).abs() < 1e-4, "{one:?} {many:?}");
+        }
+        assert!(paper.wrench().estimate[1] > 0.01, "it has learnt");
+    }
+}
+
+#[test]
+fn an_airframe_file_flies_in_processes_as_in_simulation_and_is_replayed_without_the_file() {
+    let rig = Rig::new("own-airframe");
+    let file = rig.file("own.toml");
+    fs::write(&file, OWN).unwrap();
+    let flight = ["--airframe", &file, "--duration", "500ms", "--fault", "mass_kg=+10%@100ms"];
+    rig.run("fly", &[&flight[..], &["--pace", "lockstep"]].concat()).expect(0);
+    let simulated = rig.run("simulate", &flight).expect(0).result();
+    let change = &rig.report()["swaps"][0]["changes"][0];
+    assert_eq!(change["new"].as_f64(), Some(0.03 * 1.1), "{change}");
+    fs::remove_file(&file).unwrap();
+    let replayed = rig.run("replay", &["latest", "--verify"]).expect(0);
+    replayed.says(&format!("identical; outputs {}\n", simulated["outputs"]));
+}
+
+#[test]
+fn ranges_follow_the_airframe() {
+    let rig = Rig::new("ranges");
+    let list = rig.run("params", &["--airframe", "crazyflie", "--json"]).expect(0);
+    let rows: serde_json::Value = serde_json::from_str(&list.stdout).unwrap();
+    let mass = rows.as_array().unwrap().iter().find(|row| row["name"] == "mass_kg").unwrap();
+    assert_eq!(mass["nominal"].as_f64(), Some(0.027));
+    assert!((mass["max"].as_f64().unwrap() - 5.0 * 0.027 / 0.52).abs() < 1e-12);
+    for (args, told) in [
+        (["--fault", "mass_kg=0.52@1s"], "mass_kg = 0.52 is out of range: allowed are 0.0025961538461538"),
+        (["--fault", "mass_kg=+900%@1s"], "mass_kg = 0.27 is out of range"),
+        (["--fault", "mass_kg=30%@1s"], "`mass_kg=30%` has no sign"),
+        (["--fault", "gyro_noise_rad_s=+30%@1s"], "gyro_noise_rad_s is nominally 0"),
+    ] {
+        rig.run("simulate", &[&["--airframe", "crazyflie"], &args[..]].concat()).expect(2).complains(told);
+    }
+    let heavy = rig.settings("[flight]\nairframe = \"crazyflie\"\n[plant]\nmass_kg = 0.52\n");
+    let refused = rig.run("simulate", &["--config", &heavy]).expect(2);
+    refused.complains("plant.mass_kg = 0.52 is out of range").complains("`ironbird params --airframe crazyflie`");
+}
+
+#[test]
+fn injections_go_by_the_airframe_that_flies() {
+    let rig = Rig::new("injected-airframe");
+    let slow = rig.slow(20);
+    let flight = rig.take_off(&["--rt", "off", "--airframe", "x500", "--config", &slow, "--duration", "300ms"]);
+    let nominal_kg = 2.064_307_692_3;
+    let more = format!("  mass_kg  {nominal_kg:?} -> {:?} kg\n", nominal_kg * 1.1);
+    rig.run("inject", &["mass_kg=+10%"]).expect(0).says(&more);
+    rig.run("inject", &["mass_kg=nominal"]).expect(0).says(&format!(" -> {nominal_kg:?} kg\n"));
+    let light = rig.run("inject", &["mass_kg=0.1"]).expect(2);
+    light.complains("mass_kg = 0.1 is out of range: allowed are 0.198");
+    let rows = rig.run("params", &["--json"]).expect(0).json();
+    assert_eq!(rows[0]["nominal"].as_f64(), Some(nominal_kg), "{rows}");
+    flight.end().expect(0);
+}
+
+#[test]
+fn what_is_printed_is_read_back_as_the_same_flight() {
+    let rig = Rig::new("printed-airframe");
+    let printed = rig.run("fly", &["--airframe", "x500", "--print-config"]).expect(0).stdout.clone();
+    let config = rig.settings(&printed);
+    let outputs = |args: &[&str]| {
+        let told = rig.run("simulate", &[&["--duration", "1s"], args].concat()).expect(0);
+        told.result()["outputs"].clone()
+    };
+    assert_eq!(outputs(&["--config", &config]), outputs(&["--airframe", "x500"]));
+}
+
+#[test]
+fn a_file_that_is_no_airframe_is_named_with_all_its_mistakes_and_nothing_starts() {
+    let rig = Rig::new("bad-airframe");
+    let wrong = OWN.replace("mass_kg = 0.03", "mas_kg = 0.03").replace("1.7e-5\ninertia_z", "nan\ninertia_z");
+    fs::write(rig.file("wrong.toml"), wrong).unwrap();
+    fs::write(rig.file("binary.toml"), [0xff, 0xfe, 0x00]).unwrap();
+    fs::write(rig.file("locked.toml"), OWN).unwrap();
+    fs::set_permissions(rig.file("locked.toml"), fs::Permissions::from_mode(0o000)).unwrap();
+    fs::create_dir(rig.file("folder.toml")).unwrap();
+    let may_read_all = fs::read(rig.file("locked.toml")).is_ok();
+    for (file, told) in [
+        ("wrong.toml", "line 2: airframe: unknown parameter `mas_kg`; did you mean `mass_kg`?"),
+        ("wrong.toml", "line 11: airframe: inertia_y_kg_m2 = NaN is out of range"),
+        ("wrong.toml", "missing in [airframe]: mass_kg"),
+        ("binary.toml", "binary.toml: stream did not contain valid UTF-8"),
+        ("folder.toml", "folder.toml: it is not a regular file"),
+        ("absent.toml", "absent.toml: No such file or directory"),
+        ("locked.toml", "locked.toml: Permission denied"),
+    ] {
+        if file == "locked.toml" && may_read_all {
+            rig::not_tested("a file that may not be read: this user may read every file");
+            continue;
+        }
+        for command in ["fly", "simulate", "plant", "record"] {
+            rig.run(command, &["--airframe", &rig.file(file)]).expect(2).complains(told);
+        }
+    }
+    let unknown = rig.run("fly", &["--airframe", "crazyfly"]).expect(2);
+    unknown
+        .complains("unknown airframe `crazyfly`; did you mean `crazyflie`?")
+        .complains("known are paper, crazyflie, x500");
+    rig.assert_nothing_started();
+}

@@ -1,0 +1,169 @@
+//! The curve through points: passes through them, rests at its ends, does not jump; and the exact solution.
+
+use controller::trajectory::{Point, Spline, SplineError};
+use controller::{Course, Trajectory};
+use proptest::prelude::*;
+
+/// Points whose intervals differ by a factor of up to 20.
+fn any_points() -> impl Strategy<Value = Vec<Point>> {
+    prop::collection::vec((0.05..1.0_f64, prop::array::uniform4(-5.0..5.0_f64)), 2..40).prop_map(|steps| {
+        let mut t_s = -steps[0].0;
+        let point = |(length_s, value)| {
+            t_s += length_s;
+            Point { t_s, value }
+        };
+        steps.into_iter().map(point).collect()
+    })
+}
+
+/// The largest size of each derivative in the interval before a time [s].
+fn sizes(spline: &Spline, from_s: f64, to_s: f64) -> [f64; 5] {
+    let mut sizes = [1e-9; 5];
+    for i in 0..=20 {
+        let reference = spline.reference(from_s + (to_s - from_s) * f64::from(i) / 20.0);
+        for axis in reference.axis {
+            for (size, value) in sizes.iter_mut().zip(axis) {
+                *size = f64::max(*size, value.abs());
+            }
+        }
+    }
+    sizes
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn it_passes_through_its_points_and_rests_at_both_ends(points in any_points()) {
+        let spline = Spline::through(&points).unwrap();
+        for point in &points {
+            let reference = spline.reference(point.t_s);
+            for axis in 0..4 {
+                prop_assert_eq!(reference.axis[axis][0], point.value[axis]);
+            }
+        }
+        for t_s in [points[0].t_s - 1.0, points[0].t_s, spline.end_s(), spline.end_s() + 1e6] {
+            for axis in spline.reference(t_s).axis {
+                prop_assert!(axis[1..].iter().all(|derivative| derivative.abs() < 1e-12), "{t_s}: {axis:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_derivative_up_to_snap_jumps_at_a_point(points in any_points()) {
+        let spline = Spline::through(&points).unwrap();
+        for pair in points.windows(2) {
+            let (from_s, to_s) = (pair[0].t_s, pair[1].t_s);
+            let size = sizes(&spline, from_s, to_s);
+            let (before, after) = (spline.reference(to_s.next_down()), spline.reference(to_s));
+            for axis in 0..4 {
+                for order in 0..5 {
+                    let jump = (before.axis[axis][order] - after.axis[axis][order]).abs();
+                    // Rounding of the fifth derivative's worth of an interval.
+                    let allowed = 1e-6 * size[order].max(size[4] * (to_s - from_s).powi(4 - order as i32));
+                    prop_assert!(jump <= allowed, "order {order} at {to_s}: {jump} of {}", size[order]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn each_derivative_is_that_of_the_one_before(points in any_points(), share in 0.01..0.99_f64) {
+        let spline = Spline::through(&points).unwrap();
+        let (from_s, to_s) = (points[0].t_s, points[1].t_s);
+        let size = sizes(&spline, from_s, to_s);
+        let h_s = 1e-5 * (to_s - from_s);
+        let t_s = from_s + share * (to_s - from_s);
+        let (low, mid, high) = (spline.reference(t_s - h_s), spline.reference(t_s), spline.reference(t_s + h_s));
+        for axis in 0..4 {
+            for order in 0..4 {
+                let slope = (high.axis[axis][order] - low.axis[axis][order]) / (2.0 * h_s);
+                let allowed = 1e-5 * (size[order + 1] + size[order] / (to_s - from_s));
+                prop_assert!((slope - mid.axis[axis][order + 1]).abs() < allowed, "order {order}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_stretched_course_is_larger_and_slower(
+        index in 0..5_usize, t_s in 0.0..20.0_f64, size in 0.1..3.0_f64, period in 0.3..3.0_f64,
+    ) {
+        let course = Course::of(Trajectory::ALL[index]);
+        let (plain, stretched) = (course.reference(t_s), course.stretched(size, period).reference(t_s * period));
+        for axis in 0..4 {
+            for order in 0..5 {
+                let factor = if axis < 3 { size } else { 1.0 } / period.powi(order as i32);
+                let (is, wanted) = (stretched.axis[axis][order], factor * plain.axis[axis][order]);
+                prop_assert!((is - wanted).abs() < 1e-9 * (1.0 + wanted.abs()), "{is} {wanted}");
+            }
+        }
+    }
+}
+
+#[test]
+fn it_is_the_exact_solution() {
+    let cases: serde_json::Value = serde_json::from_str(include_str!("spline/exact.json")).unwrap();
+    for case in cases.as_array().unwrap() {
+        let number = |value: &serde_json::Value| value.as_f64().unwrap();
+        let points: Vec<Point> = case["points"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|point| Point { t_s: number(&point[0]), value: [0.0, number(&point[1]), 0.0, -number(&point[1])] })
+            .collect();
+        let spline = Spline::through(&points).unwrap();
+        for sample in case["samples"].as_array().unwrap() {
+            let reference = spline.reference(number(&sample[0]));
+            for order in 0..5 {
+                let exact = number(&sample[order + 1]);
+                let close = |is: f64| (is - exact).abs() < 1e-9 * (100.0_f64.powi(order as i32) + exact.abs());
+                assert!(close(reference.axis[1][order]), "{} {order}: {:?} {exact}", sample[0], reference.axis[1]);
+                assert!(close(-reference.axis[3][order]), "the axes are alike");
+                assert_eq!(reference.axis[0][order], 0.0);
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_no_curve_is_refused_by_its_point() {
+    let point = |t_s: f64, x: f64| Point { t_s, value: [x, 0.0, 0.0, 0.0] };
+    assert_eq!(Spline::through(&[]), Err(SplineError::TooFew));
+    assert_eq!(Spline::through(&[point(0.0, 1.0)]), Err(SplineError::TooFew));
+    for (second, third) in [((1.0, 0.0), (1.0, 1.0)), ((1.0, 0.0), (0.5, 1.0)), ((1.0, 0.0), (2.0, f64::NAN))] {
+        let points = [point(0.0, 0.0), point(second.0, second.1), point(third.0, third.1)];
+        assert_eq!(Spline::through(&points), Err(SplineError::NotLater(2)));
+    }
+    let uneven = [point(0.0, 0.0), point(1e-200, 1.0), point(1.0, -1.0), point(2.0, 5.0)];
+    assert!(matches!(Spline::through(&uneven), Err(SplineError::Uneven(_))));
+}
+
+#[test]
+fn a_course_as_it_is_has_the_bits_of_its_trajectory() {
+    for trajectory in Trajectory::ALL {
+        for i in 0..2000 {
+            let t_s = f64::from(i) * 0.01;
+            assert_eq!(Course::of(trajectory).reference(t_s), trajectory.reference(t_s));
+        }
+    }
+}
+
+#[test]
+fn thousands_of_points_keep_to_their_circle() {
+    let points: Vec<Point> = (0..=5000)
+        .map(|i| {
+            let t_s = f64::from(i) * 0.02;
+            let (sin, cos) = (t_s * 0.5).sin_cos();
+            Point { t_s, value: [cos, sin, 1.0, 0.0] }
+        })
+        .collect();
+    let spline = Spline::through(&points).unwrap();
+    // Far from the ends, where it comes from rest.
+    for i in 500..9500 {
+        let t_s = f64::from(i) * 0.01;
+        let (sin, cos) = (t_s * 0.5).sin_cos();
+        let reference = spline.reference(t_s);
+        assert!((reference.axis[0][0] - cos).abs() < 1e-9 && (reference.axis[1][1] - 0.5 * cos).abs() < 1e-6);
+        assert!((reference.axis[0][2] + 0.25 * cos).abs() < 1e-5, "{sin}");
+    }
+}
