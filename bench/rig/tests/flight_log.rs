@@ -117,7 +117,7 @@ fn a_trace_shows_every_tick_of_every_stage_every_miss_and_every_swap() {
     let flight = rig.take_off(&["--rt", "off", "--duration", "3s", "--fault", "rotational_drag_nm_s=0.2@tick200"]);
     // Deadlines are missed on purpose, and in flight: what `take_off` sees is there up to 200 ms before tick 0.
     sleep(Duration::from_millis(300));
-    stop_for(flight.roles()["mixer"], Duration::from_millis(100));
+    stop_for(flight.roles()["mixer"], Duration::from_millis(50));
     flight.end().expect(0);
     rig.run("export", &["--format", "perfetto"]).expect(0).says("latest/flight.perfetto-trace");
     rig.run("export", &["--format", "perfetto", "--topic", "state"]).expect(2).complains("not of one topic");
