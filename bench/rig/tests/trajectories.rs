@@ -32,7 +32,7 @@ fn a_flight_ends_where_its_points_end() {
     let text = fs::read_to_string(&states).unwrap();
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let last: Vec<&str> = lines.last().unwrap().split(',').collect();
+    let last: Vec<&str> = lines.next_back().unwrap().split(',').collect();
     let number = |name: &str| {
         let column = header.iter().position(|it| *it == name).unwrap_or_else(|| panic!("{name} in {header:?}"));
         last[column].parse::<f64>().unwrap()
