@@ -123,7 +123,7 @@ const UNBOUNDED: [Cause; 4] = [Cause::OutOfBounds, Cause::BrokenModel, Cause::Gy
 impl Default for TheoremTally {
     fn default() -> Self {
         let built = ESTIMATED.map(|parameter| parameter.spec().nominal);
-        Self { ended: None, newest: None, theta: [0.0; 3], built, broken: 0 }
+        Self { ended: None, newest: None, theta: [0.0; 3], built, broken: 0, unwatched: 0 }
     }
 }
 
