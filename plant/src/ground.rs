@@ -4,7 +4,7 @@
 //! have come below the plane get impulses: along the normal so large that they do not sink further, across it as large
 //! as Coulomb's friction allows. The impulses are found by projected Gauss-Seidel sweeps. No stiffness limits the step,
 //! and none gives back energy. Where the body is, they count as forces that acted all through the step: what stands
-//! does not creep. What is still below the plane is raised to it.
+//! does not creep. What is still below the plane is raised to it, and the motion pays for the height.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -84,6 +84,23 @@ impl Struck<'_> {
     }
 }
 
+/// Takes from the motion of a body what contact has given it in energy since `free`, the end of a step that fell by
+/// `fall_m_s2` [m/s^2]. What the motion cannot pay is left below the plane: some nanometres, where nearly at rest.
+fn take_back(airframe: &Airframe, free: &RigidBody, fall_m_s2: f64, body: &mut RigidBody) {
+    let i_m = Vector3::from(airframe.i_m());
+    let kinetic_j =
+        |body: &RigidBody| (airframe.m() * body.v.norm_squared() + body.nu2.component_mul(&i_m).dot(&body.nu2)) / 2.0;
+    let weight_n = airframe.m() * fall_m_s2;
+    let moving_j = kinetic_j(body);
+    let given_j = moving_j - kinetic_j(free) + weight_n * (body.eta1.z - free.eta1.z);
+    if given_j > 0.0 && weight_n > 0.0 {
+        let kept = (1.0 - given_j / moving_j).max(0.0).sqrt();
+        body.v *= kept;
+        body.nu2 *= kept;
+        body.eta1.z -= (given_j - moving_j).max(0.0) / weight_n;
+    }
+}
+
 impl Ground {
     /// Height of the lowest corner above the plane [m].
     #[must_use]
@@ -93,8 +110,15 @@ impl Ground {
         body.eta1.z - self.z_m + self.corners(airframe).iter().fold(f64::INFINITY, lowest)
     }
 
-    /// Keeps a body above the plane after a step of `step_s` [s], and adds what that took to `contact`.
-    pub fn keep_above(&self, airframe: &Airframe, body: &mut RigidBody, step_s: f64, contact: &mut Contact) {
+    /// Keeps a body above the plane after a step of `step_s` [s] from `start`, and adds what that took to `contact`.
+    pub fn keep_above(
+        &self,
+        airframe: &Airframe,
+        start: &RigidBody,
+        body: &mut RigidBody,
+        step_s: f64,
+        contact: &mut Contact,
+    ) {
         let clearance_m = self.clearance_m(airframe, body);
         // Not a number is not below ground either.
         if clearance_m.is_nan() || clearance_m > 0.0 {
@@ -102,7 +126,7 @@ impl Ground {
         }
         contact.tilt_rad = contact.tilt_rad.max(body.tilt_rad());
         let rot_wb = body.attitude.rot_wb();
-        let (height_m, before) = (body.eta1.z - self.z_m, *body);
+        let (height_m, free) = (body.eta1.z - self.z_m, *body);
         let per_inertia = Vector3::from(airframe.i_m()).map(f64::recip);
         let mut struck = Struck { body, rot_wb, per_mass: 1.0 / airframe.m(), per_inertia };
         let mut touching: heapless::Vec<Corner, CORNERS> = self
@@ -123,9 +147,10 @@ impl Ground {
             contact.impulse_w += corner.impulse_w;
         }
         let half_s = step_s / 2.0;
-        body.eta1 += (body.v - before.v) * half_s;
-        body.attitude = body.attitude.along(&body.attitude.rate(&(body.nu2 - before.nu2)), half_s).normalised();
+        body.eta1 += (body.v - free.v) * half_s;
+        body.attitude = body.attitude.along(&body.attitude.rate(&(body.nu2 - free.nu2)), half_s).normalised();
         body.eta1.z -= self.clearance_m(airframe, body).min(0.0);
+        take_back(airframe, &free, (start.v.z - free.v.z) / step_s, body);
     }
 
     /// Whether a contact was none of a landing.

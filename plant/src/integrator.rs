@@ -26,10 +26,10 @@ pub fn integrate(
     period_s: f64,
     substeps: u32,
 ) -> RigidBody {
-    integrate_with(body, airframe, spin, tick, period_s, substeps, |_| {})
+    integrate_with(body, airframe, spin, tick, period_s, substeps, |_, _| {})
 }
 
-/// The same, with something that acts on the body after every step: the ground.
+/// The same, with something that acts on the body after every step, and is told where it began: the ground.
 #[must_use]
 pub fn integrate_with(
     body: &RigidBody,
@@ -38,7 +38,7 @@ pub fn integrate_with(
     tick: u64,
     period_s: f64,
     substeps: u32,
-    mut after_step: impl FnMut(&mut RigidBody),
+    mut after_step: impl FnMut(&RigidBody, &mut RigidBody),
 ) -> RigidBody {
     let dynamics = Dynamics::new(airframe);
     let half_s = period_s / f64::from(2 * substeps);
@@ -58,8 +58,9 @@ pub fn integrate_with(
         }
         // The end of a step is the instant at which the next one begins.
         let end = dynamics.disturbed(&rotors, &h.next_h());
+        let step_start = body;
         body = runge_kutta_4(&body, &dynamics, [&start, &middle, &end], half_s);
-        after_step(&mut body);
+        after_step(&step_start, &mut body);
         start = end;
     }
     // Four steps stretch the quaternion by less than rounding does, so once a tick is enough.

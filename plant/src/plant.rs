@@ -179,7 +179,9 @@ impl Plant {
         };
         let mut contact = Contact::default();
         let step_s = period_s / f64::from(SUBSTEPS);
-        let keep_above = |body: &mut RigidBody| ground.keep_above(airframe, body, step_s, &mut contact);
+        let keep_above = |start: &RigidBody, body: &mut RigidBody| {
+            ground.keep_above(airframe, start, body, step_s, &mut contact);
+        };
         let body = integrate_with(body, airframe, spin, tick, period_s, SUBSTEPS, keep_above);
         self.pushed_w = contact.impulse_w / (airframe.m() * period_s);
         self.crash = self.crash.or_else(|| ground.crash(tick + 1, &contact));

@@ -55,7 +55,7 @@ fn an_airframe_with_more_inertia_flies_alike_under_its_gains() {
         settings.gains = settings.gains.scaled(&Airframe::nominal(), &airframe);
         settings.model = airframe;
         InProcess::new(
-            &plant::PlantSettings { period_s, airframe, rotor, seed: 1 },
+            &plant::PlantSettings { period_s, airframe, rotor, seed: 1, ..plant::PlantSettings::default() },
             &settings,
             &mixer::MixerSettings { period_s, model: airframe, rotor },
         )

@@ -173,7 +173,7 @@ impl Again {
             airframe: AirframeReplay::new(&settings.plant()?, pace),
             loops: LoopsReplay::new(settings)?,
             comparison: ReplayComparison::from(from_tick),
-            summary: Summary::new(Tracking::along(survey.settings.course()?, flight.period_s), from_tick),
+            summary: Summary::new(Tracking::along(settings.course()?, flight.period_s), from_tick),
             restarts_before: 0,
             inputs: Inputs::new(),
             ahead: 0,
