@@ -11,6 +11,7 @@ use std::time::Duration;
 use flight_log::TOPICS;
 use flight_log::codec::decode;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::parameters::PARAMETERS;
 use prost::Message as _;
 use prost_types::FileDescriptorSet;
 use rig::{Rig, Running};
@@ -217,7 +218,7 @@ fn parameters_are_read_and_swapped_and_every_client_hears_of_it() {
     let (bridge, port) = open(&rig, &["--allow-swaps"]);
     let (mut client, mut other) = (Client::connect(port), Client::connect(port));
     let all = client.values(json!({"op": "getParameters", "parameterNames": [], "id": "all"}));
-    assert_eq!((all.len(), all["mass_kg"], all["rotor_inertia_kg_m2"]), (18, 0.52, 3.36e-5));
+    assert_eq!((all.len(), all["mass_kg"], all["rotor_inertia_kg_m2"]), (PARAMETERS, 0.52, 3.36e-5));
     other.send(&json!({"op": "subscribeParameterUpdates", "parameterNames": ["mass_kg"]}));
     other.values(json!({"op": "getParameters", "parameterNames": ["mass_kg"], "id": "subscribed"}));
     client.subscribe(&["swaps"]);
@@ -274,7 +275,7 @@ fn clients_swap_nothing_unless_they_are_allowed_to() {
     assert!(bridge.stdout().contains(", read-only; Ctrl-C ends"), "{}", bridge.stdout());
     let mut client = Client::connect(port);
     let all = client.values(json!({"op": "getParameters", "parameterNames": [], "id": "all"}));
-    assert_eq!((all.len(), all["mass_kg"]), (18, 0.52));
+    assert_eq!((all.len(), all["mass_kg"]), (PARAMETERS, 0.52));
     let wanted = json!([{"name": "mass_kg", "value": 0.6}]);
     client.send(&json!({"op": "setParameters", "id": "set", "parameters": wanted}));
     let status = client.text("status");

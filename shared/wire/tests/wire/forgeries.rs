@@ -9,6 +9,7 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use model::envelope::{Envelope, Message};
 use model::inspection::{Expected, REASONS, Reason};
 use model::messages::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use model::parameters::PARAMETERS;
 use model::topic::Topic;
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
@@ -186,7 +187,7 @@ fn forged_swap_records_are_rejected() {
         (Reason::Tick, |m| m.envelope.tick -= 2),
         (Reason::NonFinite, |m| m.content.new[17] = f64::NAN),
         (Reason::Implausible, |m| m.content.count = 19),
-        (Reason::Implausible, |m| (m.content.count, m.content.parameter[0]) = (1, 18)),
+        (Reason::Implausible, |m| (m.content.count, m.content.parameter[0]) = (1, PARAMETERS as u64)),
     ]);
 }
 
