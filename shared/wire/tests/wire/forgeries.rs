@@ -185,8 +185,8 @@ fn forged_swap_records_are_rejected() {
         (Reason::Sequence, |m| m.envelope.seq -= 1),
         // Several swaps may hold from one tick on, but none from a tick that is over.
         (Reason::Tick, |m| m.envelope.tick -= 2),
-        (Reason::NonFinite, |m| m.content.new[17] = f64::NAN),
-        (Reason::Implausible, |m| m.content.count = 19),
+        (Reason::NonFinite, |m| m.content.new[PARAMETERS - 1] = f64::NAN),
+        (Reason::Implausible, |m| m.content.count = PARAMETERS as u64 + 1),
         (Reason::Implausible, |m| (m.content.count, m.content.parameter[0]) = (1, PARAMETERS as u64)),
     ]);
 }
