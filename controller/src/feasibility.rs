@@ -1,8 +1,8 @@
 //! What a course asks of an airframe, against what it may and can: looked at before a flight.
 //!
-//! The airframe is taken to fly the reference exactly. Its thrust and attitude follow from (9)-(16), and its torques and
-//! rotor speeds from their derivatives, (8) and (7): the model is differentially flat. Estimates, disturbances and the
-//! way back to the reference ask for more, so what is feasible here may still not be flown.
+//! The airframe is taken to fly the reference exactly. Its thrust and attitude follow from (9)-(16), and its torques
+//! and rotor speeds from their derivatives, (8) and (7): the model is differentially flat. Estimates, disturbances and
+//! the way back to the reference ask for more, so what is feasible here may still not be flown.
 
 use std::fmt;
 
@@ -21,8 +21,7 @@ use crate::trajectory::Reference;
 const STEP_S: f64 = 0.01;
 /// A course is looked at for so long at the most [s]: the built-in ones do not end, and repeat themselves by then.
 const LONGEST_S: f64 = 600.0;
-/// Distance from the origin, where every flight begins, at which a course counts as beginning with a jump [m], and yaw
-/// likewise [rad].
+/// Distance from where the flight begins at which a course counts as beginning with a jump [m], and yaw likewise [rad].
 const JUMP: f64 = 1e-3;
 
 /// What a course asks for too much of.
@@ -57,9 +56,18 @@ pub struct Excess {
     pub allowed: f64,
 }
 
-/// Walks a course up to `duration_s` [s] and gives what it asks too much of.
+/// Where a flight begins.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Start {
+    /// Position, world frame [m].
+    pub position_w_m: [f64; 3],
+    /// Yaw [rad].
+    pub yaw_rad: f64,
+}
+
+/// Walks a course up to `duration_s` [s] and gives what it asks too much of, for a flight that begins at `start`.
 #[must_use]
-pub fn excesses(settings: &LoopSettings, duration_s: f64) -> Vec<Excess> {
+pub fn excesses(settings: &LoopSettings, start: &Start, duration_s: f64) -> Vec<Excess> {
     let course = &settings.trajectory;
     let end_s = duration_s.min(LONGEST_S).min(course.end_s().unwrap_or(f64::INFINITY));
     let mut found: Vec<Excess> = Vec::new();
@@ -76,7 +84,8 @@ pub fn excesses(settings: &LoopSettings, duration_s: f64) -> Vec<Excess> {
         }
     };
     let begin = course.reference(0.0);
-    take(Demanded::Jump, 0.0, begin.position().norm().max(begin.yaw().abs()), JUMP, false);
+    let away_m = (begin.position() - Vector3::from(start.position_w_m)).norm();
+    take(Demanded::Jump, 0.0, away_m.max((begin.yaw() - start.yaw_rad).abs()), JUMP, false);
     let limits = &settings.limits;
     let looks = (end_s / STEP_S).floor() as u64;
     for i in 0..=looks {
@@ -157,7 +166,7 @@ mod tests {
     use crate::trajectory::{Course, Trajectory};
 
     fn found(course: impl Into<Course>) -> Vec<Excess> {
-        excesses(&LoopSettings::new(course, Preset::Flight), 30.0)
+        excesses(&LoopSettings::new(course, Preset::Flight), &Start::default(), 30.0)
     }
 
     #[test]
@@ -175,6 +184,19 @@ mod tests {
     }
 
     #[test]
+    fn a_course_jumps_from_where_the_flight_begins() {
+        let jumps = |trajectory, position_w_m, yaw_rad| {
+            let settings = LoopSettings::new(trajectory, Preset::Flight);
+            let found = excesses(&settings, &Start { position_w_m, yaw_rad }, 1.0);
+            found.iter().find(|excess| excess.demanded == Demanded::Jump).map(|excess| excess.worst)
+        };
+        let begin = Course::of(Trajectory::Step).reference(0.0);
+        assert_eq!(jumps(Trajectory::Step, begin.position().into(), begin.yaw()), None);
+        assert_eq!(jumps(Trajectory::Hover, [0.0, 0.0, 3.0], 0.0), Some(3.0));
+        assert_eq!(jumps(Trajectory::Hover, [0.0; 3], -0.5), Some(0.5));
+    }
+
+    #[test]
     fn what_is_too_quick_is_named_with_its_instant() {
         let hurried = found(Course::of(Trajectory::Fast).stretched(1.0, 0.5));
         let tilt = hurried.iter().find(|excess| excess.demanded == Demanded::Tilt).unwrap();
@@ -188,7 +210,7 @@ mod tests {
         let mut settings = LoopSettings::new(Trajectory::Hover, Preset::Flight);
         let hover = settings.model.hover_speed_rad_s();
         settings.rotor.max_rad_s = 0.99 * hover;
-        let found = excesses(&settings, 60.0);
+        let found = excesses(&settings, &Start::default(), 60.0);
         let last = found.iter().find(|excess| excess.demanded == Demanded::RotorAbove).unwrap();
         assert_eq!((last.first_s, last.allowed), (0.0, 0.99 * hover));
         assert!(last.worst >= hover && last.worst < 1.2 * hover);

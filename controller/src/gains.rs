@@ -123,10 +123,10 @@ impl Gains {
     ///
     /// K_P, K_D, K_eta, w_f, alpha and w_e are frequencies: they stay. An airframe whose inertia I_M, k_r and I_R are s
     /// times those of another turns like that one under s times the torque. In (8) the first two columns of Phi are
-    /// then 1/s of what they were, and theta's first two elements s times. The update (20), Gamma Phi^T e, keeps up with
-    /// that where gamma1 and gamma2 go with s^2. I_R stands beside the speed of the rotors, whose hover is r times as
-    /// fast: gamma1 goes with (s/r)^2. delta and gamma3 are of no size. The bounds go with their parameters. s is the
-    /// quotient of the traces of I_M.
+    /// then 1/s of what they were, and theta's first two elements s times. The update (20), Gamma Phi^T e, keeps up
+    /// with that where gamma1 and gamma2 go with s^2. I_R stands beside the speed of the rotors, whose hover is r times
+    /// as fast: gamma1 goes with (s/r)^2. delta and gamma3 are of no size. The bounds go with their parameters. s is
+    /// the quotient of the traces of I_M.
     ///
     /// A motor with a lag tau [s] leaves the rate loop the damping 1/(2 sqrt(alpha tau)). Where alpha would leave less
     /// than 0.56, it is lowered to 0.8/tau, Gamma in proportion, and the loops around it to what they may be beside it.
@@ -134,7 +134,8 @@ impl Gains {
     pub fn scaled(&self, from: &Airframe, to: &Airframe) -> Self {
         let trace = |airframe: &Airframe| airframe.i_m().iter().sum::<f64>();
         let s = trace(to) / trace(from);
-        let per_r = from.hover_speed_rad_s() / to.hover_speed_rad_s();
+        // Without gravity no rotor turns in hover, and the two are not compared.
+        let per_r = if to.g() > 0.0 { from.hover_speed_rad_s() / to.hover_speed_rad_s() } else { 1.0 };
         let size = [s * per_r, s, 1.0];
         let alpha_1_s = match to.motor_time_constant_s() {
             lag_s if lag_s > 0.0 => self.alpha_1_s.min(ALPHA_LAG_MAX / lag_s),
@@ -193,6 +194,12 @@ mod tests {
         assert!(close(scaled.adaptation[0], 2e-4) && close(scaled.adaptation[1], 2.4), "{scaled:?}");
         assert_eq!((scaled.adaptation[2], scaled.alpha_1_s, scaled.attitude_1_s), (100.0, 200.0, [8.0, 8.0, 3.0]));
         assert!(close(scaled.estimate_max[0], 1e-3) && close(scaled.estimate_max[1], 2.0), "{scaled:?}");
+    }
+
+    #[test]
+    fn an_airframe_without_gravity_has_gains_that_are_numbers() {
+        let weightless = built(&[(Parameter::Gravity, 0.0)]);
+        assert_eq!(Gains::default().scaled(&Airframe::nominal(), &weightless), Gains::default());
     }
 
     #[test]

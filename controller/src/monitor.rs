@@ -2,9 +2,9 @@
 //!
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri), (18)
 //! and (20)-(22), in the discrete form of docs/paper.md. The monitor knows the settings, and sees states, with their
-//! truth, and wrenches. X and Y follow from the states alone ([`crate::evidence`]). It stands beside a flight and not in
-//! its loop: nothing of what it says goes back. It looks at no estimate but the published ones, and checks two things at
-//! every step:
+//! truth, and wrenches. X and Y follow from the states alone ([`crate::evidence`]). It stands beside a flight and not
+//! in its loop: nothing of what it says goes back. It looks at no estimate but the published ones, and checks two
+//! things at every step:
 //!
 //! 1. V_th does not rise. If it does, a broken assumption must explain the rise ([`crate::assumptions`]).
 //! 2. V_th changes by no more than the step owes, allowing for the model's mismatch ([`crate::lyapunov`]). The only

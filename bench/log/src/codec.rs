@@ -39,7 +39,7 @@ pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
     decode_into(bytes, &mut message).then_some(message)
 }
 
-/// Reads a message into the place of another one; false where the bytes are not one, and what stands there then is none.
+/// Reads a message into the place of another one; false where the bytes are not one, and then none stands there.
 #[must_use]
 pub fn decode_into<C: Logged>(bytes: &[u8], message: &mut Message<C>) -> bool {
     let mut decoder = Decoder { bytes, number: ENVELOPE_NUMBER, whole: true };

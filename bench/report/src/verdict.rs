@@ -13,6 +13,7 @@ use crate::speed::Speed;
 use crate::status::FlightStatus;
 use crate::tally::series::Series;
 use crate::tally::theorem::Theorem;
+use crate::text::count;
 use crate::words::{Evidence, Reasoned, TheoremWord, theorem_word};
 use flight_log::writer::Fate;
 
@@ -217,11 +218,12 @@ impl Gate {
         Self {
             name: "theorem".into(),
             limit: "0 unexplained, estimates live".into(),
-            value: match word {
-                TheoremWord::NotApplicable => Found::nothing(why).words,
-                _ => theorem.found(),
+            value: match (word, theorem.ticks_unwatched) {
+                (TheoremWord::NotApplicable, _) => Found::nothing(why).words,
+                (_, 0) => theorem.found(),
+                (_, unwatched) => format!("{}, {} not watched", theorem.found(), count(unwatched, "tick")),
             },
-            held: word == TheoremWord::Holds,
+            held: word == TheoremWord::Holds && theorem.ticks_unwatched == 0,
             asked: true,
         }
     }
@@ -333,6 +335,8 @@ mod tests {
         assert_eq!(broken(|it| it.series[1].p999_us = Some(51.1)), ["wake.plant p99.9 [us]: 51.1"]);
         let off = |it: &mut Sample| it.performance.recent_error_max_m = 0.02;
         assert_eq!(broken(off), ["position error in the last 5 s [m]: 0.0200"]);
+        let unwatched = broken(|it| it.theorem.ticks_unwatched = 1);
+        assert_eq!(unwatched, ["theorem: 0 unexplained, estimates live, 1 tick not watched"]);
         let still = broken(|it| (it.theorem.holds, it.theorem.is_live) = (false, false));
         assert_eq!(still, ["theorem: 0 unexplained, estimates do not move as predicted"]);
     }

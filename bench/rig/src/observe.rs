@@ -1,6 +1,7 @@
 //! A by-stander's view of a flight: joins and leaves without touching a loop.
 //!
-//! Messages come from the recorder, which passes them on with what it makes of them, and everything else from the notice boards.
+//! Messages come from the recorder, which passes them on with what it makes of them. Everything else is on the notice
+//! boards.
 
 use std::collections::BTreeMap;
 

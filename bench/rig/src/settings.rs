@@ -195,7 +195,7 @@ impl Settings {
         let mut document: toml_edit::DocumentMut = DEFAULT.parse().map_err(|e| broken(format!("{e}")))?;
         let mut table = Table::try_from(self).map_err(|e| broken(e.to_string()))?;
         table.remove("airframe");
-        if self.airframe != airframe::paper() {
+        if self.flight.airframe != airframe::PAPER || self.airframe != airframe::paper() {
             document.insert("airframe", toml_edit::Item::Table(airframe::commented(&self.airframe)));
         }
         for (section, keys) in &table {

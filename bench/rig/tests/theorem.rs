@@ -49,13 +49,7 @@ impl Flight {
         for (parameter, value) in &self.start {
             airframe.set(*parameter, *value).unwrap();
         }
-        plant::PlantSettings {
-            period_s: self.settings.period_s,
-            airframe,
-            rotor: RotorLimits::default(),
-            seed: 1,
-            ..plant::PlantSettings::default()
-        }
+        plant::PlantSettings { period_s: self.settings.period_s, airframe, seed: 1, ..plant::PlantSettings::default() }
     }
 
     fn mixer(&self) -> mixer::MixerSettings {

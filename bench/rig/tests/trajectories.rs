@@ -91,6 +91,9 @@ fn what_is_too_quick_is_said_before_the_flight_with_its_instant() {
     flown.complains("warning: trajectory fast asks for a tilt of ").complains("limits.tilt_max_rad is 0.6109");
     let jump = rig.run("simulate", &["--trajectory", "step", "--duration", "1s"]).expect(0);
     jump.complains("warning: trajectory step begins with a jump: 1.732 m or rad away");
+    let aloft = rig.settings("[flight]\ntrajectory = \"hover\"\n[initial]\nposition_w_m = [0, 0, 3]\n");
+    rig.run("simulate", &["--config", &aloft, "--duration", "1s"])
+        .complains("warning: trajectory hover begins with a jump: 3.000 m or rad away");
     let calm = rig.run("simulate", &["--trajectory", "lissajous", "--duration", "1s"]).expect(0);
     assert_eq!(calm.stderr, "");
     let none = rig.settings("[trajectory]\nsize = 0\n");

@@ -1,9 +1,9 @@
 //! A curve through points in time: at rest at both ends, and smooth beyond snap.
 //!
 //! Between two points it is a polynomial of degree 9; its derivatives up to the 8th do not jump at a point. At both
-//! ends velocity, acceleration, jerk and snap are 0. Of all curves through the points that rest at their ends, it is the one
-//! with the least integral of the squared fifth derivative. That is the smoothing spline's classic property one order
-//! above the minimum-snap trajectories of Mellinger and Kumar, "Minimum snap trajectory generation and control for
+//! ends velocity, acceleration, jerk and snap are 0. Of all curves through the points that rest at their ends, it is the
+//! one with the least integral of the squared fifth derivative. That is the classic property of an interpolating spline,
+//! one order above the minimum-snap trajectories of Mellinger and Kumar, "Minimum snap trajectory generation and control for
 //! quadrotors", ICRA 2011, whose snap itself jumps.
 //!
 //! Unknown are the derivatives 1 to 4 at each inner point. They follow from the derivatives 5 to 8, which are the same

@@ -81,7 +81,8 @@ impl Cause {
     }
 }
 
-/// Topic `theorem`, the theorem watched: V_th and V, their changes, what explains a rise, and what the flight can teach.
+/// Topic `theorem`, the theorem watched: V_th and V, their changes, what explains a rise, and what the flight can
+/// teach.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct Monitor {

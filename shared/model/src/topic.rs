@@ -12,7 +12,7 @@ pub trait Topic: Walk + Copy + std::fmt::Debug + Default + 'static {
     const NAME: &'static str;
     /// The one role that publishes it.
     const SENDER: Role;
-    /// Processes that subscribe to it at the most: the loop's, and the recorder. What the recorder makes itself has none.
+    /// Processes that subscribe to it at the most: the loop's, and the recorder; none to what the recorder makes.
     const SUBSCRIBERS: usize;
     /// Whether several messages may be made for one tick.
     const MANY_PER_TICK: bool = false;

@@ -26,7 +26,7 @@ pub fn section(report: &Report) -> Markup {
         }
         @if theorem.ticks_unwatched > 0 {
             p.note {
-                (parts::count(theorem.ticks_unwatched, "tick")) " not watched: a message that the monitor needs was lost."
+                (parts::count(theorem.ticks_unwatched, "tick")) " not watched: the monitor lacks a message before them."
             }
         }
         p { (theorem.convergence) }

@@ -302,8 +302,8 @@ pub fn laws(effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
     Ok(vec![tick, simulate])
 }
 
-/// A tick of `replay --verify` beside one of `simulate`: the same laws of the same flight, one after the other. Both are
-/// processes, as a user starts them.
+/// A tick of `replay --verify` beside one of `simulate`: the same laws of the same flight, one after the other. Both
+/// are processes, as a user starts them.
 ///
 /// # Errors
 /// [`Failure`] of a flight that cannot be flown, simulated or replayed.

@@ -5,9 +5,9 @@
 //!             --again---> each message: its stage's law on the recorded inputs --compare-->  a second one
 //! ```
 //!
-//! Every stage gets recorded inputs, and so does the theorem's monitor. A difference therefore shows at the one that made
-//! it and goes no further. The log is read once. What the survey finds at its end comes before what the flight found on
-//! the way.
+//! Every stage gets recorded inputs, and so does the theorem's monitor. A difference therefore shows at the one that
+//! made it and goes no further. The log is read once. What the survey finds at its end comes before what the flight
+//! found on the way.
 
 pub mod airframe;
 pub mod batches;

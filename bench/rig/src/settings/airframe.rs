@@ -193,6 +193,8 @@ impl Reader<'_> {
         for (name, &(value, line)) in given {
             if !model.contains_key(name) {
                 self.says(line, format!("unknown key `model.{name}`{}", nearest(name, model.keys())));
+            } else if line == usize::MAX {
+                // It is no number, which has been said.
             } else if let (Some(airframe), Ok(parameter)) = (airframe, Parameter::from_name(name))
                 && let Err(error) = airframe.check(parameter, value)
             {
@@ -337,6 +339,12 @@ mod tests {
         }
         assert!(!mistakes.contains("arm_length_m, "), "it is there, if wrong: {mistakes}");
         assert_eq!(read("[airframe\n", &model()).unwrap_err().len(), 1);
+        let (_, paper) = BUILT_IN[0];
+        let believes = |what: &str| read(&format!("{paper}\n[model]\n{what}\n"), &model()).unwrap_err();
+        let (no_number, too_much) = (believes("mass_kg = \"light\""), believes("mass_kg = 50"));
+        assert!(no_number[0].contains("model.mass_kg = \"light\": expected a number"), "{no_number:?}");
+        assert!(too_much[0].contains("model: mass_kg = 50 is out of range"), "{too_much:?}");
+        assert_eq!((no_number.len(), too_much.len()), (1, 1), "{no_number:?} {too_much:?}");
         assert!(read("airframe = 3\n", &model()).unwrap_err()[0].starts_with("line 1: `airframe` must be a section"));
         assert!(read("", &model()).unwrap_err().join(" ").contains("missing in [rotor]: min_rad_s, max_rad_s"));
     }

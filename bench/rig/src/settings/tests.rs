@@ -36,6 +36,18 @@ fn the_printed_settings_are_read_back_as_they_are() {
 }
 
 #[test]
+fn printed_settings_need_no_airframe_file_also_where_it_is_built_as_the_papers_is() {
+    let mut file = tempfile::Builder::new().suffix(".toml").tempfile().unwrap();
+    let paper = include_str!("../../airframes/paper.toml");
+    write!(file, "{paper}\n[model]\nmass_kg = 0.6\n").unwrap();
+    let name = file.path().to_str().unwrap().to_owned();
+    let settings = Settings::resolve(None, &vec![("flight.airframe", Value::from(name))]).unwrap();
+    assert_eq!((settings.model["mass_kg"], settings.airframe().unwrap()), (0.6, Airframe::nominal()));
+    drop(file);
+    assert_eq!(from_file(&settings.commented().unwrap()).unwrap(), settings);
+}
+
+#[test]
 fn flags_go_before_the_file_and_the_file_before_the_preset() {
     let settings = from_file("[flight]\npreset = \"soft\"\n[gains]\nalpha_1_s = 50\n").unwrap();
     assert_eq!(settings.gains, Gains { alpha_1_s: 50.0, ..Gains::preset(Preset::Soft) });

@@ -21,6 +21,8 @@ const MOST_POINTS: usize = 10_000;
 const MOST_BYTES: u64 = 4 << 20;
 /// Shortest time between two points [s]: a tick at 1 kHz.
 const SHORTEST_S: f64 = 1e-3;
+/// What rounding may take from it [s]: times that are written 1 ms apart are read as less at times.
+const ROUNDING_S: f64 = 1e-9;
 /// Latest point [s].
 const LATEST_S: f64 = 1e6;
 /// Furthest point [m], and most turned one [rad], inside of what messages may say.
@@ -132,7 +134,7 @@ fn points(text: &str) -> Result<Vec<Point>, String> {
             None if point.t_s != 0.0 => {
                 return Err(format!("line {line}, column t: the first point is at {} s: expected 0", point.t_s));
             }
-            Some(before) if point.t_s < before.t_s + SHORTEST_S => {
+            Some(before) if point.t_s - before.t_s < SHORTEST_S - ROUNDING_S => {
                 let (t_s, before_s) = (point.t_s, before.t_s);
                 return Err(format!(
                     "line {line}, column t: {t_s} s follows {before_s} s: expected at least {SHORTEST_S} s later"
@@ -207,6 +209,18 @@ mod tests {
         let many: String = (0..=MOST_POINTS).map(|i| format!("{i},0,0,0,0\n")).collect();
         let error = points(&format!("{HEADER}\n{many}")).unwrap_err();
         assert_eq!(error, format!("line {}: more than {MOST_POINTS} points", MOST_POINTS + 2));
+    }
+
+    #[test]
+    fn points_of_every_millisecond_are_far_enough_apart() {
+        for from_s in [0, 999_980] {
+            let line = |i: usize| format!("{}.{:03},0,0,0,0\n", from_s + i / 1000, i % 1000);
+            let every_ms: String = (1..MOST_POINTS).map(line).collect();
+            let read = points(&format!("{HEADER}\n0,0,0,0,0\n{every_ms}"));
+            assert_eq!(read.map(|points| points.len()), Ok(MOST_POINTS));
+        }
+        let error = points(&format!("{HEADER}\n0,0,0,0,0\n0.00099,0,0,0,0\n")).unwrap_err();
+        assert_eq!(error, "line 3, column t: 0.00099 s follows 0 s: expected at least 0.001 s later");
     }
 
     #[test]

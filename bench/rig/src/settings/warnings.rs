@@ -1,6 +1,6 @@
 //! What is said before take-off and flown all the same.
 
-use controller::feasibility::excesses;
+use controller::feasibility::{Start, excesses};
 use failure::Failure;
 
 use super::Settings;
@@ -16,8 +16,9 @@ impl Settings {
     pub fn warnings(&self) -> Result<Vec<String>, Failure> {
         let controller = self.controller()?;
         let name = self.trajectory_name();
-        let mut warnings: Vec<String> =
-            excesses(&controller, self.flight.duration_s).iter().map(|it| format!("trajectory {name} {it}")).collect();
+        let start = Start { position_w_m: self.initial.position_w_m, yaw_rad: self.initial.attitude_rad[2] };
+        let excesses = excesses(&controller, &start, self.flight.duration_s);
+        let mut warnings: Vec<String> = excesses.iter().map(|it| format!("trajectory {name} {it}")).collect();
         let (alpha_1_s, lag_s) = (controller.gains.alpha_1_s, controller.model.motor_time_constant_s());
         // tau s^2 + s + alpha.
         let damping = 0.5 / (alpha_1_s * lag_s).sqrt();
