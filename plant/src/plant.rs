@@ -31,7 +31,7 @@ use crate::swap::{AppliedSwap, PENDING_SWAPS, Swap, SwapError, SwapQueue};
 pub struct Plant {
     period_s: f64,
     airframe: Airframe,
-    /// Of the airframe.
+    /// Quotients of the parameters, until a swap.
     dynamics: Dynamics,
     body: RigidBody,
     /// Roll, pitch, yaw of the body [rad], followed tick by tick so that roll and yaw are not wrapped.
