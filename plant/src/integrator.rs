@@ -8,7 +8,7 @@ use model::parameters::Airframe;
 use model::rate_dynamics::Disturbances;
 
 use crate::rigid_body::{Dynamics, Forcing, RigidBody, RigidBodyRate};
-use crate::rotors::{Spin, effort};
+use crate::rotors::Spin;
 
 /// Runge-Kutta steps per tick: 250 us each at 1 kHz.
 pub const SUBSTEPS: u32 = 4;
@@ -26,24 +26,23 @@ pub fn integrate(
     period_s: f64,
     substeps: u32,
 ) -> RigidBody {
-    integrate_with(body, airframe, spin, tick, period_s, substeps, |_, _| {})
+    integrate_with(body, &Dynamics::new(airframe), spin, tick, period_s, substeps, |_, _| {})
 }
 
 /// The same, with something that acts on the body after every step, and is told where it began: the ground.
 #[must_use]
 pub fn integrate_with(
     body: &RigidBody,
-    airframe: &Airframe,
+    dynamics: &Dynamics,
     spin: &Spin,
     tick: u64,
     period_s: f64,
     substeps: u32,
     mut after_step: impl FnMut(&RigidBody, &mut RigidBody),
 ) -> RigidBody {
-    let dynamics = Dynamics::new(airframe);
     let half_s = period_s / f64::from(2 * substeps);
     let mut h = Disturbances::new(tick as f64 * period_s, half_s);
-    let of_rotors = |half_steps: u32| dynamics.forcing(&effort(airframe, &spin.speed(f64::from(half_steps) * half_s)));
+    let of_rotors = |half_steps: u32| dynamics.forcing(&spin.effort(f64::from(half_steps) * half_s));
     let mut rotors = of_rotors(0);
     let mut body = *body;
     let mut start = dynamics.disturbed(&rotors, &h.next_h());
@@ -59,7 +58,7 @@ pub fn integrate_with(
         // The end of a step is the instant at which the next one begins.
         let end = dynamics.disturbed(&rotors, &h.next_h());
         let step_start = body;
-        body = runge_kutta_4(&body, &dynamics, [&start, &middle, &end], half_s);
+        body = runge_kutta_4(&body, dynamics, [&start, &middle, &end], half_s);
         after_step(&step_start, &mut body);
         start = end;
     }
@@ -68,6 +67,8 @@ pub fn integrate_with(
 }
 
 /// One classical Runge-Kutta step of twice `half` [s], under the forcing at its start, in its middle and at its end.
+// Called, it would hand the body through memory, four times a tick, and each step would wait for that.
+#[inline(always)]
 fn runge_kutta_4(body: &RigidBody, dynamics: &Dynamics, forcing: [&Forcing; 3], half: f64) -> RigidBody {
     let [start, middle, end] = forcing;
     let dt = 2.0 * half;

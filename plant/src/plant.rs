@@ -18,9 +18,9 @@ use nalgebra::{Vector3, Vector4};
 
 use crate::departure::{Crash, Departure};
 use crate::ground::{Contact, Ground};
-use crate::integrator::{SUBSTEPS, integrate, integrate_with};
+use crate::integrator::{SUBSTEPS, integrate_with};
 use crate::latch::Latch;
-use crate::rigid_body::{RigidBody, specific_force};
+use crate::rigid_body::{Dynamics, RigidBody};
 use crate::rotors::{Spin, SpinMeans, hover, thrust};
 use crate::sensors::Sensors;
 use crate::settings::PlantSettings;
@@ -31,6 +31,8 @@ use crate::swap::{AppliedSwap, PENDING_SWAPS, Swap, SwapError, SwapQueue};
 pub struct Plant {
     period_s: f64,
     airframe: Airframe,
+    /// Quotients of the parameters, until a swap.
+    dynamics: Dynamics,
     body: RigidBody,
     /// Roll, pitch, yaw of the body [rad], followed tick by tick so that roll and yaw are not wrapped.
     eta2: Vector3<f64>,
@@ -74,13 +76,14 @@ impl Plant {
         Self {
             period_s,
             airframe,
+            dynamics: Dynamics::new(&airframe),
             body,
             eta2: attitude.euler_near(&eta2),
             tilt_max_rad,
             ground,
             pushed_w: Vector3::zeros(),
             crash: None,
-            sensors: Sensors::new(period_s, seed, &body),
+            sensors: Sensors::new(period_s, seed, &airframe, &body),
             rotor_speed: hover,
             means: SpinMeans::steady(&hover),
             latch: Latch::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
@@ -173,16 +176,17 @@ impl Plant {
 
     /// The body at the next tick, kept above the ground.
     fn flown(&mut self, spin: &Spin) -> RigidBody {
-        let (body, airframe, tick, period_s) = (&self.body, &self.airframe, self.tick, self.period_s);
+        let Self { airframe, dynamics, body, tick, period_s, .. } = self;
+        let (tick, period_s) = (*tick, *period_s);
         let Some(ground) = self.ground else {
-            return integrate(body, airframe, spin, tick, period_s, SUBSTEPS);
+            return integrate_with(body, dynamics, spin, tick, period_s, SUBSTEPS, |_, _| {});
         };
         let mut contact = Contact::default();
         let step_s = period_s / f64::from(SUBSTEPS);
         let keep_above = |start: &RigidBody, body: &mut RigidBody| {
             ground.keep_above(airframe, start, body, step_s, &mut contact);
         };
-        let body = integrate_with(body, airframe, spin, tick, period_s, SUBSTEPS, keep_above);
+        let body = integrate_with(body, dynamics, spin, tick, period_s, SUBSTEPS, keep_above);
         self.pushed_w = contact.impulse_w / (airframe.m() * period_s);
         self.crash = self.crash.or_else(|| ground.crash(tick + 1, &contact));
         body
@@ -196,6 +200,8 @@ impl Plant {
         while let Some(swap) = self.swaps.pop_due(self.tick) {
             self.parameter_epoch += 1;
             let changes = swap.apply(&mut self.airframe);
+            self.dynamics = Dynamics::new(&self.airframe);
+            self.sensors.tune(&self.airframe);
             // As many places as the queue has, and emptied by every `begin`: there is always room.
             let _ = self.applied.push(AppliedSwap {
                 tick: self.tick,
@@ -204,7 +210,7 @@ impl Plant {
                 changes,
             });
         }
-        self.sensors.settle(&self.airframe);
+        self.sensors.settle();
         self.latch.enter(self.tick);
         self.has_begun = true;
     }
@@ -212,35 +218,35 @@ impl Plant {
     /// What the sensors would show now. The accelerometer feels the rotors as they turned until now.
     #[must_use]
     pub fn measured(&self) -> Measured {
-        let Self { airframe, body, sensors, .. } = self;
-        let (position, velocity) = sensors.fix(airframe);
-        let free = specific_force(airframe, body, thrust(airframe, &self.rotor_speed));
-        let force = free + body.attitude.to_body(&self.pushed_w);
+        let Self { airframe, body, .. } = self;
+        let state = self.state();
+        let force = self.dynamics.specific_force(body, thrust(airframe, &self.rotor_speed), &self.pushed_w);
         Measured {
-            position_w_m: position.into(),
-            velocity_w_m_s: velocity.into(),
-            attitude_rad: self.eta2.into(),
+            position_w_m: state.position_w_m,
+            velocity_w_m_s: state.velocity_w_m_s,
+            attitude_rad: state.attitude_rad,
             attitude_quaternion: body.attitude.wxyz(),
-            rate_b_rad_s: sensors.rates(airframe, &body.nu2).into(),
-            specific_force_b_m_s2: sensors.specific_force(airframe, &force).into(),
-            rotor_speed_mean_rad_s: self.means.speed.into(),
-            rotor_speed_squared_mean_rad2_s2: self.means.speed_squared.into(),
-            rotor_speed_command_rad_s: self.latch.speed(),
+            rate_b_rad_s: state.rate_b_rad_s,
+            specific_force_b_m_s2: self.sensors.specific_force(airframe, &force).into(),
+            rotor_speed_mean_rad_s: state.rotor_speed_mean_rad_s,
+            rotor_speed_squared_mean_rad2_s2: state.rotor_speed_squared_mean_rad2_s2,
+            rotor_speed_command_rad_s: state.rotor_speed_command_rad_s,
         }
     }
 
     /// The state as it would be published now.
     #[must_use]
     pub fn state(&self) -> State {
-        let shown = self.measured();
+        let Self { airframe, body, sensors, .. } = self;
+        let (position, velocity) = sensors.fix(airframe);
         State {
-            position_w_m: shown.position_w_m,
-            velocity_w_m_s: shown.velocity_w_m_s,
-            attitude_rad: shown.attitude_rad,
-            rate_b_rad_s: shown.rate_b_rad_s,
-            rotor_speed_mean_rad_s: shown.rotor_speed_mean_rad_s,
-            rotor_speed_squared_mean_rad2_s2: shown.rotor_speed_squared_mean_rad2_s2,
-            rotor_speed_command_rad_s: shown.rotor_speed_command_rad_s,
+            position_w_m: position.into(),
+            velocity_w_m_s: velocity.into(),
+            attitude_rad: self.eta2.into(),
+            rate_b_rad_s: sensors.rates(airframe, &body.nu2).into(),
+            rotor_speed_mean_rad_s: self.means.speed.into(),
+            rotor_speed_squared_mean_rad2_s2: self.means.speed_squared.into(),
+            rotor_speed_command_rad_s: self.latch.speed(),
             command_tick: self.latch.command_tick(),
             commands_taken: self.commands_taken,
             command_taken_tick: self.command_taken_tick,
@@ -250,11 +256,11 @@ impl Plant {
             ticks_skipped: self.ticks_skipped,
             parameter_epoch: self.parameter_epoch,
             truth: Truth {
-                position_w_m: self.body.eta1.into(),
-                velocity_w_m_s: self.body.v.into(),
-                rate_b_rad_s: self.body.nu2.into(),
+                position_w_m: body.eta1.into(),
+                velocity_w_m_s: body.v.into(),
+                rate_b_rad_s: body.nu2.into(),
                 touches_ground: u64::from(self.pushed_w != Vector3::zeros()),
-                parameter: *self.airframe.values(),
+                parameter: *airframe.values(),
             },
         }
     }

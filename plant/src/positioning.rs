@@ -37,15 +37,30 @@ pub struct Positioning {
     /// Place of the newest one.
     newest: usize,
     arrived: Fix,
+    /// Age of a fix when it arrives, and how often there is one, in ticks.
+    age: usize,
+    every: u64,
 }
 
 impl Positioning {
-    /// A receiver that knows where the flight begins; `period_s` is T [s].
+    /// A receiver that knows where the flight of an airframe begins; `period_s` is T [s].
     #[must_use]
-    pub fn new(period_s: f64, body: &RigidBody) -> Self {
+    pub fn new(period_s: f64, airframe: &Airframe, body: &RigidBody) -> Self {
         let start = Fix::of(0, body);
         let ticks = (LONGEST_S / period_s).round() as usize;
-        Self { period_s, on_their_way: vec![start; ticks + 1], newest: 0, arrived: start }
+        let on_their_way = vec![start; ticks + 1];
+        let mut receiver = Self { period_s, on_their_way, newest: 0, arrived: start, age: 0, every: 1 };
+        receiver.tune(airframe);
+        receiver
+    }
+
+    /// Takes over delay and rate of the parameters.
+    pub fn tune(&mut self, airframe: &Airframe) {
+        let ticks = |time_s: f64| (time_s / self.period_s).round() as usize;
+        let rate_hz = airframe.get(Parameter::PositionRate);
+        let every = if rate_hz > 0.0 { ticks(1.0 / rate_hz).max(1) as u64 } else { 1 };
+        let age = ticks(airframe.get(Parameter::PositionDelay)).min(self.on_their_way.len() - 1);
+        (self.age, self.every) = (age, every);
     }
 
     /// Takes the fix of the tick that the body has come to.
@@ -55,13 +70,10 @@ impl Positioning {
     }
 
     /// Settles which fix is shown at the tick of the newest.
-    pub fn settle(&mut self, airframe: &Airframe) {
-        let ticks = |time_s: f64| (time_s / self.period_s).round() as usize;
-        let age = ticks(airframe.get(Parameter::PositionDelay)).min(self.on_their_way.len() - 1);
-        let back = if age <= self.newest { 0 } else { self.on_their_way.len() };
-        let due = self.on_their_way[self.newest + back - age];
-        let rate_hz = airframe.get(Parameter::PositionRate);
-        let every = if rate_hz > 0.0 { ticks(1.0 / rate_hz).max(1) as u64 } else { 1 };
+    pub fn settle(&mut self) {
+        let &mut Self { newest, age, every, .. } = self;
+        let back = if age <= newest { 0 } else { self.on_their_way.len() };
+        let due = self.on_their_way[newest + back - age];
         if every == 1 || due.tick.is_multiple_of(every) {
             self.arrived = due;
         }

@@ -132,14 +132,14 @@ impl Dynamics {
         let g2_k_r = -self.rate_drag.component_mul(nu2);
         self.inertia.coupling(nu2) + g1_i_r + g2_k_r + forcing.push
     }
-}
 
-/// Specific force in the body frame [m/s^2], under thrust `u` [N]: the acceleration of (1) less gravity,
-/// J1^T (d(v) + g z_e), as an accelerometer in the centre of mass feels it.
-#[must_use]
-#[inline]
-pub fn specific_force(airframe: &Airframe, body: &RigidBody, u: f64) -> Vector3<f64> {
-    (Vector3::z() * u - body.attitude.to_body(&body.v) * airframe.k_t()) / airframe.m()
+    /// Specific force in the body frame [m/s^2], under thrust `u` [N] and while the ground accelerates the body by
+    /// `pushed_w` [m/s^2, world]: the acceleration less gravity, as an accelerometer in the centre of mass feels it.
+    #[must_use]
+    #[inline]
+    pub fn specific_force(&self, body: &RigidBody, u: f64, pushed_w: &Vector3<f64>) -> Vector3<f64> {
+        Vector3::z() * (u * self.per_mass) + body.attitude.to_body(&(pushed_w - body.v * self.drag))
+    }
 }
 
 impl RigidBody {

@@ -23,6 +23,7 @@ use crate::rigid_body::Effort;
 /// the first instant on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spin {
+    rotors: Rotors,
     /// Commanded speeds w_c [rad/s].
     command: Vector4<f64>,
     /// Speeds at the tick, w_0 [rad/s].
@@ -52,7 +53,7 @@ impl Spin {
     /// The motion from `start` [rad/s] under `command` [rad/s], with the motors of the airframe.
     #[must_use]
     pub fn new(airframe: &Airframe, start: Vector4<f64>, command: Vector4<f64>) -> Self {
-        Self { command, start, time_constant_s: airframe.motor_time_constant_s() }
+        Self { rotors: Rotors::new(airframe), command, start, time_constant_s: airframe.motor_time_constant_s() }
     }
 
     /// Whether the speeds follow the command with a lag.
@@ -70,10 +71,16 @@ impl Spin {
         self.command + (self.start - self.command) * exp(-offset_s / self.time_constant_s)
     }
 
+    /// What the rotors do at `offset_s` [s] after the tick.
+    #[must_use]
+    pub fn effort(&self, offset_s: f64) -> Effort {
+        self.rotors.effort(&self.speed(offset_s))
+    }
+
     /// Exact means of w and w^2 over the first `period_s` [s] after the tick: the integrals of the exponential.
     #[must_use]
     pub fn means(&self, period_s: f64) -> SpinMeans {
-        let Self { command: w_c, start, time_constant_s: tau } = *self;
+        let Self { command: w_c, start, time_constant_s: tau, .. } = *self;
         if tau == 0.0 {
             return SpinMeans::steady(&w_c);
         }
@@ -91,25 +98,44 @@ impl Spin {
     }
 }
 
-/// (6) for each rotor that turns at `w` [rad/s], with the true efficiencies: thrust [N].
-#[must_use]
-#[inline]
-fn forces(airframe: &Airframe, w: &Vector4<f64>) -> Vector4<f64> {
-    w.component_mul(w).component_mul(&Vector4::from(airframe.rotor_efficiency())) * airframe.k()
+/// (4), (6), (7) with the parameters of one airframe, its true efficiencies among them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Rotors {
+    k: f64,
+    efficiency: Vector4<f64>,
+    allocation: Allocation,
+}
+
+impl Rotors {
+    #[inline]
+    fn new(airframe: &Airframe) -> Self {
+        Self { k: airframe.k(), efficiency: airframe.rotor_efficiency().into(), allocation: Allocation::new(airframe) }
+    }
+
+    /// (6) for each rotor that turns at `w` [rad/s]: thrust [N].
+    #[inline]
+    fn forces(&self, w: &Vector4<f64>) -> Vector4<f64> {
+        w.component_mul(w).component_mul(&self.efficiency) * self.k
+    }
+
+    #[inline]
+    fn effort(&self, w: &Vector4<f64>) -> Effort {
+        let (u, tau) = self.allocation.wrench(&self.forces(w));
+        Effort { u, tau, om: net_speed(w) }
+    }
 }
 
 /// (6), (7): total thrust of rotors that turn at `w` [rad/s], with the true efficiencies [N].
 #[must_use]
 #[inline]
 pub fn thrust(airframe: &Airframe, w: &Vector4<f64>) -> f64 {
-    forces(airframe, w).sum()
+    Rotors::new(airframe).forces(w).sum()
 }
 
 /// (4), (6), (7): thrust, torque and net speed of rotors that turn at `w` [rad/s], with the true efficiencies.
 #[must_use]
 pub fn effort(airframe: &Airframe, w: &Vector4<f64>) -> Effort {
-    let (u, tau) = Allocation::new(airframe).wrench(&forces(airframe, w));
-    Effort { u, tau, om: net_speed(w) }
+    Rotors::new(airframe).effort(w)
 }
 
 /// Speeds of all four rotors in hover [rad/s].

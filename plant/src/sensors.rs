@@ -23,10 +23,10 @@ pub struct Sensors {
 }
 
 impl Sensors {
-    /// Those of a flight that begins with `body`; `period_s` is T [s].
+    /// Those of a flight of `airframe` that begins with `body`; `period_s` is T [s].
     #[must_use]
-    pub fn new(period_s: f64, seed: u64, body: &RigidBody) -> Self {
-        let positioning = Positioning::new(period_s, body);
+    pub fn new(period_s: f64, seed: u64, airframe: &Airframe, body: &RigidBody) -> Self {
+        let positioning = Positioning::new(period_s, airframe, body);
         Self { period_s, seed, tick: 0, drift: Vector3::zeros(), positioning }
     }
 
@@ -42,9 +42,14 @@ impl Sensors {
         self.positioning.take(self.tick, body);
     }
 
+    /// Follows a change of the parameters.
+    pub fn tune(&mut self, airframe: &Airframe) {
+        self.positioning.tune(airframe);
+    }
+
     /// Settles, once the parameters of the tick are known, which fix is shown in it.
-    pub fn settle(&mut self, airframe: &Airframe) {
-        self.positioning.settle(airframe);
+    pub fn settle(&mut self) {
+        self.positioning.settle();
     }
 
     /// Body rates [rad/s] as the gyro shows `nu2` [rad/s].

@@ -4,13 +4,13 @@
 
 use model::attitude::Attitude;
 use model::limits::RotorLimits;
-use model::messages::{Dated, RotorSpeeds};
+use model::messages::{Dated, RotorSpeeds, State};
 use model::parameters::{Airframe, Parameter};
 use nalgebra::{Vector3, Vector4};
 use plant::integrator::{SUBSTEPS, integrate};
 use plant::rigid_body::{Effort, RigidBody};
 use plant::rotors::{Spin, effort, hover};
-use plant::{Plant, PlantSettings};
+use plant::{Initial, Plant, PlantSettings, Swap};
 use proptest::prelude::*;
 
 const PERIOD_S: f64 = 0.001;
@@ -122,6 +122,27 @@ fn the_same_tick_gives_the_same_bits_from_any_history() {
     let once = integrate(&body, &airframe, &spin, 12_345, PERIOD_S, SUBSTEPS);
     let _elsewhere = integrate(&once, &airframe, &spin, 3, PERIOD_S, SUBSTEPS);
     assert_eq!(integrate(&body, &airframe, &spin, 12_345, PERIOD_S, SUBSTEPS), once);
+}
+
+#[test]
+fn an_airframe_that_is_swapped_before_the_flight_flies_as_one_built_so() {
+    let changes = [
+        (Parameter::TranslationalDrag, 0.5),
+        (Parameter::RotationalDrag, 0.3),
+        (Parameter::RotorInertia, 5e-5),
+        (Parameter::InertiaX, 0.008),
+        (Parameter::DisturbanceGain, 1.0),
+        (Parameter::PositionDelay, 0.02),
+        (Parameter::PositionRate, 100.0),
+    ];
+    let initial = Initial { rate_b_rad_s: [0.5, -0.2, 0.3], velocity_w_m_s: [1.0, 0.0, 2.0], ..Initial::default() };
+    let mut built = Plant::new(&PlantSettings { initial, ..settings(airframe(&changes)) });
+    let mut swapped = Plant::new(&PlantSettings { initial, ..settings(airframe(&[])) });
+    swapped.schedule(Swap::new(0, &changes).unwrap()).unwrap();
+    for tick in 0..200 {
+        assert_eq!(swapped.begin(tick), State { parameter_epoch: 1, ..built.begin(tick) }, "tick {tick}");
+        assert_eq!(swapped.measured(), built.measured(), "tick {tick}");
+    }
 }
 
 #[test]

@@ -52,14 +52,15 @@ impl Laws {
     /// Flies one tick.
     pub fn tick(&mut self) {
         let tick = self.tick;
-        self.state = Dated { tick, content: self.plant.begin(tick) };
-        if let Some(content) = self.outer.tick(tick, &self.state) {
+        let state = Dated { tick, content: self.plant.begin(tick) };
+        if let Some(content) = self.outer.tick(tick, &state) {
             self.setpoint = Dated { tick, content };
         }
-        self.wrench = Dated { tick, content: self.inner.tick(tick, &self.state, &self.setpoint) };
+        self.wrench = Dated { tick, content: self.inner.tick(tick, &state, &self.setpoint) };
         self.speeds = self.mixer.tick(tick, &self.wrench);
         self.plant.offer(Dated { tick, content: self.speeds }, tick + 1);
         self.plant.finish();
+        self.state = state;
         self.tick += 1;
     }
 
