@@ -5,9 +5,6 @@
 //! ticks. Ticks may be skipped. A driver may also rehearse: it calls a clone with what the next tick may bring, and
 //! throws the clone away.
 
-pub mod description;
-pub mod law;
-
 use model::messages::{Dated, RotorSpeeds, Setpoint, State, Wrench};
 
 /// The position loop: the state to thrust and attitude wanted.
