@@ -34,7 +34,8 @@ fn main() {
 fn sources(root: &Path) -> Vec<String> {
     let crates =
         folders(root, "").into_iter().flat_map(|name| [folders(root, &format!("{name}/")), vec![name]].concat());
-    let crates = crates.filter(|name| root.join(name).join("Cargo.toml").exists());
+    // `python` is built upon these crates, and none of them upon it.
+    let crates = crates.filter(|name| root.join(name).join("Cargo.toml").exists() && !name.starts_with("python"));
     let compiled = ["src", "build.rs", "Cargo.toml"];
     let mut sources: Vec<String> = crates.flat_map(|name| compiled.map(|file| format!("{name}/{file}"))).collect();
     sources.extend(["Cargo.toml", "Cargo.lock", "rust-toolchain.toml"].map(str::to_owned));

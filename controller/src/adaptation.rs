@@ -11,12 +11,13 @@
 //!
 //! Claim (18), that the estimates converge, holds only under persistent excitation: in hover I_R and k_r never move.
 
+use law::law::Rig;
 use model::math::exp;
 use model::rate_dynamics::Inertia;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::evidence::Regression;
-use crate::settings::LoopSettings;
+use crate::gains::Gains;
 use crate::weight::Weight;
 
 /// The constants of the adaptation.
@@ -67,19 +68,18 @@ pub struct LastTick {
 }
 
 impl Adaptation {
-    /// The adaptation of settings.
+    /// The adaptation of gains on a rig.
     #[must_use]
-    pub fn new(settings: &LoopSettings) -> Self {
-        let gains = &settings.gains;
+    pub fn new(rig: &Rig, gains: &Gains) -> Self {
         let w_e = gains.regressor_filter_rad_s;
         Self {
             gamma: gains.adaptation.into(),
-            step_s2: settings.period_s / gains.alpha_1_s,
-            p: if w_e > 0.0 { exp(-w_e * settings.period_s) } else { 0.0 },
+            step_s2: rig.period_s / gains.alpha_1_s,
+            p: if w_e > 0.0 { exp(-w_e * rig.period_s) } else { 0.0 },
             lo: gains.estimate_min.into(),
             hi: gains.estimate_max.into(),
-            period_s: settings.period_s,
-            inertia: Inertia::new(settings.model.i_m().into()),
+            period_s: rig.period_s,
+            inertia: Inertia::new(rig.airframe.i_m().into()),
         }
     }
 
@@ -87,6 +87,12 @@ impl Adaptation {
     #[must_use]
     pub fn prior(&self) -> Learnt {
         Learnt { theta: self.clip(&Vector3::zeros()), x: Matrix3::zeros(), y: Vector3::zeros() }
+    }
+
+    /// Whether these are estimates that it could have come by: finite, and within their bounds.
+    #[must_use]
+    pub fn admits(&self, theta: &Vector3<f64>) -> bool {
+        self.clip(theta) == *theta && theta.iter().all(|estimate| estimate.is_finite())
     }
 
     /// What is known after one more tick.

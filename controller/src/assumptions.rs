@@ -47,7 +47,19 @@ pub struct Assumptions {
 struct Known {
     /// True values of the estimated parameters.
     theta: [f64; 3],
+    parameter_epoch: u64,
     ticks_skipped: u64,
+}
+
+/// How the true values of the estimated parameters have come to a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Moved {
+    /// They are those of the state before.
+    Not,
+    /// They have gone on along a ramp.
+    Along,
+    /// They have been swapped, or have begun a ramp.
+    Swapped,
 }
 
 impl Assumptions {
@@ -58,23 +70,29 @@ impl Assumptions {
         Self { model: *model, lo: adaptation.lo, hi: adaptation.hi, faded_ticks, seen: [None; CAUSES], newest: None }
     }
 
-    /// Looks at a tick; says whether the true value of an estimated parameter has been swapped since the last state.
-    pub fn look(&mut self, tick: u64, state: &Dated<State>, wrench: &Wrench) -> bool {
+    /// Looks at a tick; says whether the true value of an estimated parameter has changed since the last state.
+    pub fn look(&mut self, tick: u64, state: &Dated<State>, wrench: &Wrench) -> Moved {
         if wrench.mode != Mode::Fresh as u64 {
             self.see(Cause::StaleInput, tick);
         }
         if state.tick != tick {
             self.see(Cause::StaleInput, tick);
-            return false;
+            return Moved::Not;
         }
-        let &State { ref truth, ticks_skipped, deadline_miss_run, command_saturated, .. } = &state.content;
+        let &State { ref truth, parameter_epoch, ticks_skipped, deadline_miss_run, command_saturated, .. } =
+            &state.content;
         let theta = truth.theta();
-        let known = self.newest.replace(Known { theta, ticks_skipped });
-        let swapped = known.is_some_and(|known| known.theta != theta);
+        let known = self.newest.replace(Known { theta, parameter_epoch, ticks_skipped });
+        let moved = match known {
+            Some(known) if known.theta == theta => Moved::Not,
+            Some(known) if known.parameter_epoch == parameter_epoch => Moved::Along,
+            Some(_) => Moved::Swapped,
+            None => Moved::Not,
+        };
         let skipped = known.is_some_and(|known| known.ticks_skipped != ticks_skipped);
         let theta = Vector3::from(theta);
         for (cause, holds) in [
-            (Cause::LiveSwap, swapped),
+            (Cause::LiveSwap, moved != Moved::Not),
             (Cause::OutOfBounds, theta.sup(&self.lo).inf(&self.hi) != theta),
             (Cause::BrokenModel, self.model_is_broken(truth)),
             (Cause::GyroNoise, Airframe::gyro_errs(&truth.parameter)),
@@ -87,7 +105,7 @@ impl Assumptions {
                 self.see(cause, tick);
             }
         }
-        swapped
+        moved
     }
 
     fn see(&mut self, cause: Cause, tick: u64) {

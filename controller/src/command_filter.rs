@@ -4,8 +4,8 @@
 //! and of second order, one per axis. It is exact for a set-point held over the tick, so its result does not depend on
 //! T.
 
+use law::law::Wanted;
 use model::math::exp;
-use model::messages::Setpoint;
 use nalgebra::Vector3;
 
 /// The filter and its state, per axis roll, pitch, yaw.
@@ -28,11 +28,11 @@ impl CommandFilter {
 
     /// win: the input [rad/s^2] that makes the filter follow a set-point and its derivatives without lag.
     #[must_use]
-    pub fn input(&self, setpoint: &Setpoint) -> Vector3<f64> {
+    pub fn input(&self, wanted: &Wanted) -> Vector3<f64> {
         let w_f = &self.w_f;
-        let r = Vector3::from(setpoint.attitude_rad);
-        let r1 = Vector3::from(setpoint.attitude_rate_rad_s);
-        let r2 = Vector3::from(setpoint.attitude_acceleration_rad_s2);
+        let r = Vector3::from(wanted.attitude_rad);
+        let r1 = Vector3::from(wanted.attitude_rate_rad_s);
+        let r2 = Vector3::from(wanted.attitude_acceleration_rad_s2);
         r2 + 2.0 * w_f.component_mul(&r1) + w_f.component_mul(w_f).component_mul(&r)
     }
 

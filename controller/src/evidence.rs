@@ -3,12 +3,13 @@
 //! It is a function of settings and states alone, and no estimate enters it. So the monitor gets the law's own numbers
 //! from the states that the law had, and needs nothing of the law but its messages.
 
-use model::messages::State;
+use law::law::Rig;
+use model::measured::Measured;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::adaptation::{Adaptation, LastTick};
+use crate::gains::Gains;
 use crate::samples::Samples;
-use crate::settings::LoopSettings;
 use crate::weight::Weight;
 
 /// X and Y through a flight.
@@ -37,14 +38,14 @@ pub struct Regression {
 impl Evidence {
     /// Before the first state.
     #[must_use]
-    pub fn new(settings: &LoopSettings) -> Self {
+    pub fn new(rig: &Rig, gains: &Gains) -> Self {
         let newest = Regression { x: Matrix3::zeros(), y: Vector3::zeros(), weight: None, last: LastTick::default() };
-        Self { adaptation: Adaptation::new(settings), samples: Samples::new(settings), newest, ended_at: None }
+        Self { adaptation: Adaptation::new(rig, gains), samples: Samples::new(rig), newest, ended_at: None }
     }
 
-    /// Takes the state of `tick`. Call it once for each, with rising ticks; ticks may be left out.
-    pub fn take(&mut self, tick: u64, state: &State) {
-        if let Some(last) = self.samples.take(tick, state) {
+    /// Takes the measurement of `tick`. Call it once for each, with rising ticks; ticks may be left out.
+    pub fn take(&mut self, tick: u64, measured: &Measured) {
+        if let Some(last) = self.samples.take(tick, measured) {
             self.newest = self.adaptation.regression(&self.newest.x, &self.newest.y, &last);
             self.ended_at = Some(tick);
         }

@@ -6,16 +6,20 @@
 
 use std::fmt;
 
+use law::law::Rig;
 use model::allocation::Allocation;
 use model::frames::RollPitch;
 use model::math::atan2;
+use model::parameters::Airframe;
 use model::rate_dynamics::Inertia;
+use model::reference::Reference;
+use model::role::Role;
 use nalgebra::Vector3;
 
 use crate::flatness::{Yaw, tilt, tilt_rates};
-use crate::outer::thrust_acceleration;
-use crate::settings::LoopSettings;
-use crate::trajectory::Reference;
+use crate::laws::pd::thrust_acceleration;
+use crate::limits::Limits;
+use crate::trajectory::Course;
 
 /// Time between two looks [s].
 const STEP_S: f64 = 0.01;
@@ -54,6 +58,8 @@ pub struct Excess {
     pub worst: f64,
     /// What is allowed, in the same unit.
     pub allowed: f64,
+    /// The role whose law has the limit, where a law has it.
+    pub limited_by: Option<Role>,
 }
 
 /// Where a flight begins.
@@ -65,10 +71,17 @@ pub struct Start {
     pub yaw_rad: f64,
 }
 
-/// Walks a course up to `duration_s` [s] and gives what it asks too much of, for a flight that begins at `start`.
+/// Walks a course up to `duration_s` [s] from `start` on and gives what it asks too much of: of the rotors, and of the
+/// law that has limits of the thrust acceleration, if there is one.
 #[must_use]
-pub fn excesses(settings: &LoopSettings, start: &Start, duration_s: f64) -> Vec<Excess> {
-    let course = &settings.trajectory;
+pub fn excesses(
+    course: &Course,
+    rig: &Rig,
+    limits: Option<(Role, Limits)>,
+    start: &Start,
+    duration_s: f64,
+) -> Vec<Excess> {
+    let limited_by = limits.map(|(role, _)| role);
     let end_s = duration_s.min(LONGEST_S).min(course.end_s().unwrap_or(f64::INFINITY));
     let mut found: Vec<Excess> = Vec::new();
     let mut take = |demanded, t_s: f64, value: f64, allowed: f64, is_below: bool| {
@@ -80,57 +93,67 @@ pub fn excesses(settings: &LoopSettings, start: &Start, duration_s: f64) -> Vec<
         match found.iter_mut().find(|excess| excess.demanded == demanded) {
             Some(excess) if over(value) > over(excess.worst) => (excess.worst_s, excess.worst) = (t_s, value),
             Some(_) => {}
-            None => found.push(Excess { demanded, first_s: t_s, worst_s: t_s, worst: value, allowed }),
+            None => found.push(Excess { demanded, first_s: t_s, worst_s: t_s, worst: value, allowed, limited_by }),
         }
     };
     let begin = course.reference(0.0);
-    let away_m = (begin.position() - Vector3::from(start.position_w_m)).norm();
-    take(Demanded::Jump, 0.0, away_m.max((begin.yaw() - start.yaw_rad).abs()), JUMP, false);
-    let limits = &settings.limits;
+    let away_m = (Vector3::from(begin.position_w_m) - Vector3::from(start.position_w_m)).norm();
+    take(Demanded::Jump, 0.0, away_m.max((begin.yaw_rad - start.yaw_rad).abs()), JUMP, false);
     let looks = (end_s / STEP_S).floor() as u64;
     for i in 0..=looks {
         let t_s = i as f64 * STEP_S;
-        let asked = Asked::of(&course.reference(t_s), settings);
-        take(Demanded::Climb, t_s, asked.climb_g, limits.acceleration_z_max_g, false);
-        take(Demanded::Descent, t_s, asked.climb_g, limits.acceleration_z_min_g, true);
-        take(Demanded::Tilt, t_s, asked.tilt_rad, limits.tilt_max_rad, false);
-        take(Demanded::RotorAbove, t_s, asked.fastest_rad_s, settings.rotor.max_rad_s, false);
-        take(Demanded::RotorBelow, t_s, asked.slowest_rad_s, settings.rotor.min_rad_s, true);
+        let asked = Asked::of(&course.reference(t_s), &rig.airframe);
+        if let Some((_, limits)) = limits {
+            // Without gravity, a limit in its multiples is none.
+            if let Some(climb_g) = asked.climb_g {
+                take(Demanded::Climb, t_s, climb_g, limits.acceleration_z_max_g, false);
+                take(Demanded::Descent, t_s, climb_g, limits.acceleration_z_min_g, true);
+            }
+            take(Demanded::Tilt, t_s, asked.tilt_rad, limits.tilt_max_rad, false);
+        }
+        take(Demanded::RotorAbove, t_s, asked.fastest_rad_s, rig.rotor.max_rad_s, false);
+        take(Demanded::RotorBelow, t_s, asked.slowest_rad_s, rig.rotor.min_rad_s, true);
     }
     found
 }
 
 /// What a reference asks for at an instant.
 struct Asked {
-    climb_g: f64,
+    climb_g: Option<f64>,
     tilt_rad: f64,
     fastest_rad_s: f64,
     slowest_rad_s: f64,
 }
 
 impl Asked {
-    fn of(reference: &Reference, settings: &LoopSettings) -> Self {
-        let model = &settings.model;
+    fn of(reference: &Reference, model: &Airframe) -> Self {
+        let &Reference { yaw_rad, yaw_rate_rad_s, yaw_acceleration_rad_s2, .. } = reference;
+        let [velocity, acceleration, jerk, snap] =
+            [reference.velocity_w_m_s, reference.acceleration_w_m_s2, reference.jerk_w_m_s3, reference.snap_w_m_s4]
+                .map(Vector3::from);
         let drag = model.k_t() / model.m();
-        let a = thrust_acceleration(&reference.acceleration(), &reference.velocity(), model);
-        let (da, dda) =
-            (reference.jerk() + drag * reference.acceleration(), reference.snap() + drag * reference.jerk());
-        let yaw = Yaw::new(reference.yaw(), reference.yaw_rate(), reference.yaw_acceleration());
+        let a = thrust_acceleration(&acceleration, &velocity, model);
+        let (da, dda) = (jerk + drag * acceleration, snap + drag * jerk);
+        let yaw = Yaw::new(yaw_rad, yaw_rate_rad_s, yaw_acceleration_rad_s2);
         let (phi, theta) = tilt(&a, &yaw);
         let rates = tilt_rates(&a, &da, &dda, &yaw);
         let (xi, dxi) = (
-            Vector3::new(rates.dphi, rates.dtheta, reference.yaw_rate()),
-            Vector3::new(rates.ddphi, rates.ddtheta, reference.yaw_acceleration()),
+            Vector3::new(rates.dphi, rates.dtheta, yaw_rate_rad_s),
+            Vector3::new(rates.ddphi, rates.ddtheta, yaw_acceleration_rad_s2),
         );
-        let attitude = RollPitch::of(&Vector3::new(phi, theta, reference.yaw()));
+        let attitude = RollPitch::of(&Vector3::new(phi, theta, yaw_rad));
         let nu2 = attitude.body_rate(&xi);
         let dnu2 = attitude.body_rate_dot(&xi, &xi) + attitude.body_rate(&dxi);
         let inertia = Inertia::new(Vector3::from(model.i_m()));
-        let tau = inertia.i_m().component_mul(&(dnu2 - inertia.coupling(&nu2))) + model.k_r() * nu2;
+        let mut tau = inertia.i_m().component_mul(&(dnu2 - inertia.coupling(&nu2))) + model.k_r() * nu2;
+        if model.d() == 0.0 {
+            // No speed of the rotors gives a yaw torque then, and none is asked of them.
+            tau.z = 0.0;
+        }
         let thrusts = Allocation::new(model).thrusts(model.m() * a.norm(), &tau);
         let speed = |f: f64| (f.max(0.0) / model.k()).sqrt();
         Self {
-            climb_g: a.z / model.g(),
+            climb_g: (model.g() > 0.0).then(|| a.z / model.g()),
             tilt_rad: atan2(a.xy().norm(), a.z),
             fastest_rad_s: speed(thrusts.max()),
             slowest_rad_s: speed(thrusts.min()),
@@ -140,14 +163,14 @@ impl Asked {
 
 impl fmt::Display for Excess {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { demanded, first_s, worst_s, worst, allowed } = self;
+        let Self { demanded, first_s, worst_s, worst, allowed, limited_by } = self;
         let (what, unit, key) = match demanded {
             Demanded::Jump => {
                 return write!(f, "begins with a jump: {worst:.3} m or rad away from where the flight stands at 0 s");
             }
-            Demanded::Climb => ("a vertical thrust", "g", "limits.acceleration_z_max_g"),
-            Demanded::Descent => ("a vertical thrust", "g", "limits.acceleration_z_min_g"),
-            Demanded::Tilt => ("a tilt", "rad", "limits.tilt_max_rad"),
+            Demanded::Climb => ("a vertical thrust", "g", "acceleration_z_max_g"),
+            Demanded::Descent => ("a vertical thrust", "g", "acceleration_z_min_g"),
+            Demanded::Tilt => ("a tilt", "rad", "tilt_max_rad"),
             Demanded::RotorAbove => ("a rotor speed", "rad/s", "rotor.max_rad_s"),
             Demanded::RotorBelow => ("a rotor speed", "rad/s", "rotor.min_rad_s"),
         };
@@ -155,18 +178,27 @@ impl fmt::Display for Excess {
         if first_s != worst_s {
             write!(f, ", too much from {first_s:.2} s on")?;
         }
-        write!(f, "; {key} is {allowed:.4}")
+        match (demanded, limited_by) {
+            (Demanded::Climb | Demanded::Descent | Demanded::Tilt, Some(role)) => {
+                write!(f, "; {role}.{key} is {allowed:.4}")
+            }
+            _ => write!(f, "; {key} is {allowed:.4}"),
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gains::Preset;
-    use crate::trajectory::{Course, Trajectory};
+    use crate::laws::Pd;
+    use crate::trajectory::Trajectory;
+    use law::description::Settings;
+    use law::law::Law as _;
 
     fn found(course: impl Into<Course>) -> Vec<Excess> {
-        excesses(&LoopSettings::new(course, Preset::Flight), &Start::default(), 30.0)
+        let limits = Limits::of(&Pd::DESCRIPTION, &Settings::default()).map(|limits| (Role::Outer, limits));
+        assert!(limits.is_some());
+        excesses(&course.into(), &Rig::default(), limits, &Start::default(), 30.0)
     }
 
     #[test]
@@ -186,12 +218,12 @@ mod tests {
     #[test]
     fn a_course_jumps_from_where_the_flight_begins() {
         let jumps = |trajectory, position_w_m, yaw_rad| {
-            let settings = LoopSettings::new(trajectory, Preset::Flight);
-            let found = excesses(&settings, &Start { position_w_m, yaw_rad }, 1.0);
+            let start = Start { position_w_m, yaw_rad };
+            let found = excesses(&Course::of(trajectory), &Rig::default(), None, &start, 1.0);
             found.iter().find(|excess| excess.demanded == Demanded::Jump).map(|excess| excess.worst)
         };
         let begin = Course::of(Trajectory::Step).reference(0.0);
-        assert_eq!(jumps(Trajectory::Step, begin.position().into(), begin.yaw()), None);
+        assert_eq!(jumps(Trajectory::Step, begin.position_w_m, begin.yaw_rad), None);
         assert_eq!(jumps(Trajectory::Hover, [0.0, 0.0, 3.0], 0.0), Some(3.0));
         assert_eq!(jumps(Trajectory::Hover, [0.0; 3], -0.5), Some(0.5));
     }
@@ -201,16 +233,16 @@ mod tests {
         let hurried = found(Course::of(Trajectory::Fast).stretched(1.0, 0.5));
         let tilt = hurried.iter().find(|excess| excess.demanded == Demanded::Tilt).unwrap();
         assert!(tilt.first_s < tilt.worst_s && tilt.worst > tilt.allowed, "{tilt}");
-        assert!(tilt.to_string().contains("limits.tilt_max_rad is 0.6109"), "{tilt}");
+        assert!(tilt.to_string().contains("outer.tilt_max_rad is 0.6109"), "{tilt}");
         assert!(hurried.iter().any(|excess| excess.demanded == Demanded::RotorAbove), "{hurried:?}");
     }
 
     #[test]
     fn a_rotor_in_hover_turns_at_the_speed_of_hover() {
-        let mut settings = LoopSettings::new(Trajectory::Hover, Preset::Flight);
-        let hover = settings.model.hover_speed_rad_s();
-        settings.rotor.max_rad_s = 0.99 * hover;
-        let found = excesses(&settings, &Start::default(), 60.0);
+        let mut rig = Rig::default();
+        let hover = rig.airframe.hover_speed_rad_s();
+        rig.rotor.max_rad_s = 0.99 * hover;
+        let found = excesses(&Trajectory::Hover.into(), &rig, None, &Start::default(), 60.0);
         let last = found.iter().find(|excess| excess.demanded == Demanded::RotorAbove).unwrap();
         assert_eq!((last.first_s, last.allowed), (0.0, 0.99 * hover));
         assert!(last.worst >= hover && last.worst < 1.2 * hover);

@@ -1,47 +1,128 @@
-//! Gains of both loops, and the three named sets of them.
+//! Settings of the paper's inner loop: filter, rate loop, adaptation, and the three named sets of them.
 //!
 //! `paper` is the paper's own set (its alpha and Gamma) and needs the predictor to fly at 1 kHz. `flight` and `soft`
 //! are this rig's sets: `flight` for a chain with delay and noise, `soft` for motors with lag.
 
-use std::fmt;
-use std::str::FromStr;
-
+use law::description::{Preset, Setting, SettingKind, Settings, Value};
+use law::law::Rig;
 use model::parameters::Airframe;
 
-use serde::{Deserialize, Serialize};
-use thiserror::Error;
+/// Words of [`ADAPTATION`].
+const ON: &str = "on";
+const OFF: &str = "off";
 
-/// A named set of gains.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Preset {
-    /// Default: tolerates 0 to 3 ticks of delay at 1 kHz, and gyro noise.
-    Flight,
-    /// The paper's alpha and Gamma. Needs the predictor; saturates under gyro noise.
-    Paper,
-    /// For motors with a lag of about 20 ms.
-    Soft,
+/// K_eta.
+pub const ATTITUDE_1_S: Setting = Setting {
+    name: "attitude_1_s",
+    unit: "1/s",
+    meaning: "K_eta: roll, pitch, yaw",
+    kind: positive_three([8.0, 8.0, 3.0]),
+};
+/// w_f.
+pub const COMMAND_FILTER_RAD_S: Setting = Setting {
+    name: "command_filter_rad_s",
+    unit: "rad/s",
+    meaning: "w_f, bandwidth of the command filter: roll, pitch, yaw",
+    kind: positive_three([20.0, 20.0, 3.0]),
+};
+/// alpha.
+pub const ALPHA_1_S: Setting = Setting {
+    name: "alpha_1_s",
+    unit: "1/s",
+    meaning: "alpha, decay of the rate error",
+    kind: SettingKind::Number { default: 200.0, min: f64::MIN_POSITIVE, max: f64::MAX },
+};
+/// How far the loop predicts.
+pub const PREDICTOR_TICKS: Setting = Setting {
+    name: "predictor_ticks",
+    unit: "",
+    meaning: "ticks that the loop predicts ahead: 0 (none) or 1 (the chain's delay)",
+    kind: SettingKind::Number { default: 0.0, min: 0.0, max: 1.0 },
+};
+/// Whether the loop learns.
+pub const ADAPTATION: Setting = Setting {
+    name: "adaptation",
+    unit: "",
+    meaning: "whether I_R, k_r and delta are learnt; off keeps their priors",
+    kind: SettingKind::Word { default: ON, words: &[ON, OFF] },
+};
+/// Diagonal of Gamma.
+pub const ADAPTATION_GAIN: Setting = Setting {
+    name: "adaptation_gain",
+    unit: "",
+    meaning: "Gamma: gamma1 [kg^2 m^4 s^2], gamma2 [kg^2 m^4], gamma3 [1/s^2]",
+    kind: positive_three([2e-4, 0.6, 100.0]),
+};
+/// w_e.
+pub const REGRESSOR_FILTER_RAD_S: Setting = Setting {
+    name: "regressor_filter_rad_s",
+    unit: "rad/s",
+    meaning: "w_e, bandwidth of the filter of the adaptation's samples; 0 is off",
+    kind: SettingKind::Number { default: 50.0, min: 0.0, max: f64::MAX },
+};
+/// Lower bounds of the estimates.
+pub const ESTIMATE_MIN: Setting = Setting {
+    name: "estimate_min",
+    unit: "",
+    meaning: "lower bounds of I_R [kg m^2], k_r [N m s], delta [rad/s^2]",
+    kind: SettingKind::Three { default: [-1e-3, 0.0, -2.0], min: f64::MIN, max: f64::MAX },
+};
+/// Upper bounds of the estimates.
+pub const ESTIMATE_MAX: Setting = Setting {
+    name: "estimate_max",
+    unit: "",
+    meaning: "upper bounds of the same",
+    kind: SettingKind::Three { default: [1e-3, 1.0, 2.0], min: f64::MIN, max: f64::MAX },
+};
+
+/// Names of [`PRESETS`].
+pub const PRESET_NAMES: [&str; 3] = ["flight", "paper", "soft"];
+
+/// Sets of all settings.
+pub const PRESETS: &[Preset] = &[
+    Preset { name: PRESET_NAMES[0], values: &[] },
+    Preset {
+        name: PRESET_NAMES[1],
+        values: &[
+            (ALPHA_1_S.name, Value::Number(1e4)),
+            (PREDICTOR_TICKS.name, Value::Number(1.0)),
+            (ADAPTATION_GAIN.name, Value::Three([1e4, 100.0, 2000.0])),
+            (REGRESSOR_FILTER_RAD_S.name, Value::Number(0.0)),
+        ],
+    },
+    Preset {
+        name: PRESET_NAMES[2],
+        values: &[(ALPHA_1_S.name, Value::Number(40.0)), (ADAPTATION_GAIN.name, Value::Three([4e-5, 0.12, 20.0]))],
+    },
+];
+
+/// The same sets without what belongs to the adaptation.
+pub const FIXED_PRESETS: &[Preset] = &[
+    Preset { name: PRESET_NAMES[0], values: &[] },
+    Preset {
+        name: PRESET_NAMES[1],
+        values: &[(ALPHA_1_S.name, Value::Number(1e4)), (PREDICTOR_TICKS.name, Value::Number(1.0))],
+    },
+    Preset { name: PRESET_NAMES[2], values: &[(ALPHA_1_S.name, Value::Number(40.0))] },
+];
+
+const fn positive_three(default: [f64; 3]) -> SettingKind {
+    SettingKind::Three { default, min: f64::MIN_POSITIVE, max: f64::MAX }
 }
 
-/// No preset has this name.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("unknown preset `{0}`; known are {names}", names = Preset::NAMES.join(", "))]
-pub struct UnknownPreset(pub String);
-
-/// Gains of the outer loop, the command filter, the inner loop and its adaptation.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// Gains of the command filter, the inner loop and its adaptation.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gains {
-    /// K_P of the position loop [1/s^2].
-    pub position_1_s2: f64,
-    /// K_D of the position loop [1/s].
-    pub velocity_1_s: f64,
     /// K_eta of roll, pitch, yaw [1/s].
     pub attitude_1_s: [f64; 3],
     /// w_f of the command filter for roll, pitch, yaw [rad/s].
     pub command_filter_rad_s: [f64; 3],
     /// alpha of the rate loop [1/s].
     pub alpha_1_s: f64,
+    /// Ticks that the inner loop predicts ahead: 0 (none) or 1 (the chain's delay).
+    pub predictor_ticks: f64,
+    /// Whether anything is learnt.
+    pub adapts: bool,
     /// Diagonal of Gamma: gamma1 [kg^2 m^4 s^2], gamma2 [kg^2 m^4], gamma3 [1/s^2].
     pub adaptation: [f64; 3],
     /// w_e, bandwidth of the filter of the adaptation's samples [rad/s]; 0 is off.
@@ -50,65 +131,30 @@ pub struct Gains {
     pub estimate_min: [f64; 3],
     /// Upper bounds of the estimates, in the same units.
     pub estimate_max: [f64; 3],
-    /// Ticks that the inner loop predicts ahead: 0 (none) or 1 (the chain's delay).
-    pub predictor_ticks: u32,
-}
-
-impl Preset {
-    /// All of them, in the order of [`Self::NAMES`].
-    pub const ALL: [Self; 3] = [Self::Flight, Self::Paper, Self::Soft];
-
-    /// Their names, as typed by the user.
-    pub const NAMES: [&str; 3] = ["flight", "paper", "soft"];
-
-    /// Its name.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        Self::NAMES[self as usize]
-    }
-}
-
-impl fmt::Display for Preset {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl FromStr for Preset {
-    type Err = UnknownPreset;
-
-    fn from_str(name: &str) -> Result<Self, UnknownPreset> {
-        Self::ALL.into_iter().find(|preset| preset.name() == name).ok_or_else(|| UnknownPreset(name.to_owned()))
-    }
 }
 
 impl Gains {
-    /// The gains of a preset.
+    /// Those of the law's settings.
     #[must_use]
-    pub const fn preset(preset: Preset) -> Self {
-        let flight = Self {
-            position_1_s2: 1.0,
-            velocity_1_s: 1.0,
-            attitude_1_s: [8.0, 8.0, 3.0],
-            command_filter_rad_s: [20.0, 20.0, 3.0],
-            alpha_1_s: 200.0,
-            adaptation: [2e-4, 0.6, 100.0],
-            regressor_filter_rad_s: 50.0,
-            estimate_min: [-1e-3, 0.0, -2.0],
-            estimate_max: [1e-3, 1.0, 2.0],
-            predictor_ticks: 0,
-        };
-        match preset {
-            Preset::Flight => flight,
-            Preset::Paper => Self {
-                alpha_1_s: 1e4,
-                adaptation: [1e4, 100.0, 2000.0],
-                regressor_filter_rad_s: 0.0,
-                predictor_ticks: 1,
-                ..flight
-            },
-            Preset::Soft => Self { alpha_1_s: 40.0, adaptation: [4e-5, 0.12, 20.0], ..flight },
+    pub fn of(settings: &Settings) -> Self {
+        Self {
+            attitude_1_s: settings.three(&ATTITUDE_1_S),
+            command_filter_rad_s: settings.three(&COMMAND_FILTER_RAD_S),
+            alpha_1_s: settings.number(&ALPHA_1_S),
+            predictor_ticks: settings.number(&PREDICTOR_TICKS),
+            adapts: settings.word(&ADAPTATION) == ON,
+            adaptation: settings.three(&ADAPTATION_GAIN),
+            regressor_filter_rad_s: settings.number(&REGRESSOR_FILTER_RAD_S),
+            estimate_min: settings.three(&ESTIMATE_MIN),
+            estimate_max: settings.three(&ESTIMATE_MAX),
         }
+    }
+
+    /// Those of a preset; none where there is none of that name.
+    #[must_use]
+    pub fn preset(name: &str) -> Option<Self> {
+        let preset = PRESETS.iter().find(|preset| preset.name == name)?;
+        Some(Self::of(&Settings::new(preset.values.to_vec())))
     }
 }
 
@@ -121,7 +167,7 @@ const FILTER_PER_ALPHA_MAX: f64 = 0.5;
 impl Gains {
     /// Gains that do for the airframe `to` what these do for `from`, both as they were built.
     ///
-    /// K_P, K_D, K_eta, w_f, alpha and w_e are frequencies: they stay. An airframe whose inertia I_M, k_r and I_R are s
+    /// K_eta, w_f, alpha and w_e are frequencies: they stay. An airframe whose inertia I_M, k_r and I_R are s
     /// times those of another turns like that one under s times the torque. In (8) the first two columns of Phi are
     /// then 1/s of what they were, and theta's first two elements s times. The update (20), Gamma Phi^T e, keeps up
     /// with that where gamma1 and gamma2 go with s^2. I_R stands beside the speed of the rotors, whose hover is r times
@@ -155,9 +201,26 @@ impl Gains {
     }
 }
 
+/// Settings that do for the airframe of `rig` what these do for the nominal one: [`Gains::scaled`].
+#[must_use]
+pub fn suited(settings: &Settings, rig: &Rig) -> Settings {
+    let gains = Gains::of(settings).scaled(&Airframe::nominal(), &rig.airframe);
+    Settings::new(vec![
+        (ATTITUDE_1_S.name, Value::Three(gains.attitude_1_s)),
+        (COMMAND_FILTER_RAD_S.name, Value::Three(gains.command_filter_rad_s)),
+        (ALPHA_1_S.name, Value::Number(gains.alpha_1_s)),
+        (PREDICTOR_TICKS.name, Value::Number(gains.predictor_ticks)),
+        (ADAPTATION.name, Value::Word(settings.word(&ADAPTATION))),
+        (ADAPTATION_GAIN.name, Value::Three(gains.adaptation)),
+        (REGRESSOR_FILTER_RAD_S.name, Value::Number(gains.regressor_filter_rad_s)),
+        (ESTIMATE_MIN.name, Value::Three(gains.estimate_min)),
+        (ESTIMATE_MAX.name, Value::Three(gains.estimate_max)),
+    ])
+}
+
 impl Default for Gains {
     fn default() -> Self {
-        Self::preset(Preset::Flight)
+        Self::of(&Settings::default())
     }
 }
 
@@ -177,9 +240,13 @@ mod tests {
 
     #[test]
     fn the_papers_airframe_keeps_every_preset_bit_for_bit() {
-        for preset in Preset::ALL {
-            let gains = Gains::preset(preset);
+        for preset in PRESET_NAMES {
+            let gains = Gains::preset(preset).unwrap();
             assert_eq!(gains.scaled(&Airframe::nominal(), &Airframe::nominal()), gains);
+        }
+        for preset in PRESETS {
+            let settings = Settings::new(preset.values.to_vec());
+            assert_eq!(Gains::of(&suited(&settings, &Rig::default())), Gains::of(&settings), "{}", preset.name);
         }
     }
 
@@ -206,7 +273,7 @@ mod tests {
     fn motors_with_a_lag_slow_the_loops_down_to_what_soft_has() {
         let slow = built(&[(Parameter::MotorTimeConstant, 0.02)]);
         let scaled = Gains::default().scaled(&Airframe::nominal(), &slow);
-        let soft = Gains::preset(Preset::Soft);
+        let soft = Gains::preset("soft").unwrap();
         assert_eq!((scaled.alpha_1_s, scaled.attitude_1_s), (soft.alpha_1_s, soft.attitude_1_s));
         assert_eq!(scaled.command_filter_rad_s, soft.command_filter_rad_s);
         for i in 0..3 {

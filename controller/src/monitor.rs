@@ -14,6 +14,7 @@
 
 use std::f64::consts::SQRT_2;
 
+use law::law::Rig;
 use model::math::exp;
 use model::messages::{Dated, State, Wrench};
 use model::monitor::{Cause, Monitor};
@@ -21,11 +22,12 @@ use model::topic::Topic as _;
 use nalgebra::Vector3;
 
 use crate::adaptation::{Adaptation, LastTick};
-use crate::assumptions::Assumptions;
+use crate::assumptions::{Assumptions, Moved};
 use crate::evidence::{Evidence, Regression};
 use crate::excitation::Excitation;
+use crate::gains::Gains;
+use crate::laws::adaptive;
 use crate::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
-use crate::settings::LoopSettings;
 
 /// Rise of V_th in a step that counts as rounding, as a share of V_th at the start.
 pub const ROUNDING: f64 = 1e-12;
@@ -77,15 +79,15 @@ struct Before {
 }
 
 impl TheoremMonitor {
-    /// A monitor for a law with these settings.
+    /// A monitor for a law with these gains.
     #[must_use]
-    pub fn new(settings: &LoopSettings) -> Self {
-        let adaptation = Adaptation::new(settings);
-        let period_s = settings.period_s;
+    pub fn new(rig: &Rig, gains: &Gains) -> Self {
+        let adaptation = Adaptation::new(rig, gains);
+        let period_s = rig.period_s;
         Self {
             adaptation,
-            evidence: Evidence::new(settings),
-            assumptions: Assumptions::new(&adaptation, &settings.model),
+            evidence: Evidence::new(rig, gains),
+            assumptions: Assumptions::new(&adaptation, &rig.airframe),
             excitation: Excitation::new(period_s),
             rate_weight: RateWeight::new(&adaptation),
             trapezoid_rad_s2: 0.0,
@@ -104,12 +106,12 @@ impl TheoremMonitor {
     ///
     /// Call it for every wrench of a law from its first one on, with rising ticks; ticks without a wrench are left out.
     pub fn watch(&mut self, tick: u64, state: &Dated<State>, wrench: &Wrench) -> &Monitor {
-        let swapped = self.assumptions.look(tick, state, wrench);
+        let moved = self.assumptions.look(tick, state, wrench);
         let mut now = Monitor { causes: self.assumptions.bits(tick), is_violation: 0, ..self.shown };
         now.ticks_stale += u64::from(self.assumptions.seen_at(Cause::StaleInput, tick));
         if state.tick == tick {
-            self.evidence.take(tick, &state.content);
-            self.compare(tick, &state.content, wrench, swapped, &mut now);
+            self.evidence.take(tick, &state.content.measured);
+            self.compare(tick, &state.content, wrench, moved, &mut now);
         }
         // Beyond any flight: what cannot be computed cannot be proven, and must not ground the loop.
         if !now.finite() {
@@ -120,10 +122,10 @@ impl TheoremMonitor {
         &self.shown
     }
 
-    fn compare(&mut self, tick: u64, state: &State, wrench: &Wrench, swapped: bool, now: &mut Monitor) {
+    fn compare(&mut self, tick: u64, state: &State, wrench: &Wrench, moved: Moved, now: &mut Monitor) {
         let theta = Vector3::from(state.truth.theta());
-        let estimate = Vector3::from(wrench.estimate);
-        let (error, e) = (estimate - theta, Vector3::from(wrench.rate_error_b_rad_s));
+        let estimate = Vector3::from(adaptive::estimate(&wrench.telemetry));
+        let (error, e) = (estimate - theta, Vector3::from(adaptive::rate_error(&wrench.telemetry)));
         let was = self.before;
         self.before = Before { estimate, v_th: v_th(&error, &self.adaptation.gamma), e };
         now.v_th = self.before.v_th;
@@ -131,8 +133,10 @@ impl TheoremMonitor {
         now.ticks_saturated += state.command_saturated;
         self.rate_error(&e, now);
         let begins = !std::mem::replace(&mut self.has_begun, true);
+        let swapped = moved != Moved::Not;
         if begins || swapped {
-            now.live_swaps += u64::from(swapped);
+            // A ramp is one swap, however many steps it takes.
+            now.live_swaps += u64::from(moved == Moved::Swapped);
             now.v_th_start = now.v_th_start.max(now.v_th);
             now.estimate_error_start = error.abs().into();
         }

@@ -3,13 +3,14 @@
 //! The paper has no counterpart, since nothing is sampled in continuous time. A tick counts only if both its start and
 //! its end were measured, because the rotor means of a state cover one tick.
 
+use law::law::Rig;
 use model::allocation::{Allocation, net_speed};
-use model::messages::{ROTORS, State};
+use model::measured::Measured;
+use model::messages::ROTORS;
 use model::rate_dynamics::disturbance;
 use nalgebra::Vector3;
 
 use crate::adaptation::LastTick;
-use crate::settings::LoopSettings;
 
 /// The newest measured body rates, and the nominal rotors between them and the ones before.
 #[derive(Clone, Debug)]
@@ -33,13 +34,8 @@ struct Sample {
 impl Samples {
     /// Before the first sample.
     #[must_use]
-    pub fn new(settings: &LoopSettings) -> Self {
-        Self {
-            period_s: settings.period_s,
-            allocation: Allocation::new(&settings.model),
-            k: settings.model.k(),
-            newest: None,
-        }
+    pub fn new(rig: &Rig) -> Self {
+        Self { period_s: rig.period_s, allocation: Allocation::new(&rig.airframe), k: rig.airframe.k(), newest: None }
     }
 
     /// Tick of the newest sample.
@@ -54,17 +50,17 @@ impl Samples {
         self.newest.map_or(Vector3::zeros(), |newest| newest.h)
     }
 
-    /// Takes the state of `tick`; gives the tick that ended with it, unless its start was not measured.
-    pub fn take(&mut self, tick: u64, state: &State) -> Option<LastTick> {
-        let end = Sample { tick, nu2: state.rate_b_rad_s.into(), h: disturbance(tick as f64 * self.period_s) };
+    /// Takes the measurement of `tick`; gives the tick that ended with it, unless its start was not measured.
+    pub fn take(&mut self, tick: u64, measured: &Measured) -> Option<LastTick> {
+        let end = Sample { tick, nu2: measured.rate_b_rad_s.into(), h: disturbance(tick as f64 * self.period_s) };
         let start = self.newest.replace(end)?;
         (start.tick + 1 == tick).then(|| LastTick {
             nu2_start: start.nu2,
             nu2_end: end.nu2,
             h_start: start.h,
             h_end: end.h,
-            om_m: net_speed(&state.rotor_speed_mean_rad_s.into()),
-            tau_m: self.rotor_torque(&state.rotor_speed_squared_mean_rad2_s2),
+            om_m: net_speed(&measured.rotor_speed_mean_rad_s.into()),
+            tau_m: self.rotor_torque(&measured.rotor_speed_squared_mean_rad2_s2),
         })
     }
 

@@ -14,7 +14,7 @@ pub use course::Course;
 pub use spline::{Point, Spline, SplineError};
 
 use model::math::sin_cos;
-use nalgebra::Vector3;
+use model::reference::Reference;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -44,13 +44,6 @@ pub enum Trajectory {
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("unknown trajectory `{0}`; known are {names}", names = Trajectory::NAMES.join(", "))]
 pub struct UnknownTrajectory(pub String);
-
-/// Reference at one instant: position in the world frame, and yaw.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reference {
-    /// Rows x, y, z [m] and psi [rad]; column n is the n-th derivative by time [.../s^n].
-    pub axis: [[f64; ORDERS]; 4],
-}
 
 /// One axis before the ramp: c0 + c1 t + A sin(w t + ph).
 struct Axis {
@@ -82,7 +75,7 @@ impl Trajectory {
             _ => ramp(t_s),
         };
         let axes = self.axes();
-        Reference { axis: std::array::from_fn(|i| product(&ramp, &axes[i].derivatives(t_s))) }
+        reference_of(&std::array::from_fn(|i| product(&ramp, &axes[i].derivatives(t_s))))
     }
 
     /// x, y, z and psi of the trajectory.
@@ -108,6 +101,21 @@ impl Trajectory {
     }
 }
 
+/// The reference whose x, y, z [m] and psi [rad] have these values and derivatives.
+fn reference_of(&[x, y, z, psi]: &[[f64; ORDERS]; 4]) -> Reference {
+    let order = |n: usize| [x[n], y[n], z[n]];
+    Reference {
+        position_w_m: order(0),
+        velocity_w_m_s: order(1),
+        acceleration_w_m_s2: order(2),
+        jerk_w_m_s3: order(3),
+        snap_w_m_s4: order(4),
+        yaw_rad: psi[0],
+        yaw_rate_rad_s: psi[1],
+        yaw_acceleration_rad_s2: psi[2],
+    }
+}
+
 impl fmt::Display for Trajectory {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
@@ -122,61 +130,6 @@ impl FromStr for Trajectory {
             .into_iter()
             .find(|trajectory| trajectory.name() == name)
             .ok_or_else(|| UnknownTrajectory(name.to_owned()))
-    }
-}
-
-impl Reference {
-    /// p_d, world frame [m].
-    #[must_use]
-    pub fn position(&self) -> Vector3<f64> {
-        self.derivative(0)
-    }
-
-    /// dp_d, world frame [m/s].
-    #[must_use]
-    pub fn velocity(&self) -> Vector3<f64> {
-        self.derivative(1)
-    }
-
-    /// d2p_d, world frame [m/s^2].
-    #[must_use]
-    pub fn acceleration(&self) -> Vector3<f64> {
-        self.derivative(2)
-    }
-
-    /// d3p_d, world frame [m/s^3].
-    #[must_use]
-    pub fn jerk(&self) -> Vector3<f64> {
-        self.derivative(3)
-    }
-
-    /// d4p_d, world frame [m/s^4].
-    #[must_use]
-    pub fn snap(&self) -> Vector3<f64> {
-        self.derivative(4)
-    }
-
-    /// psi_d [rad], not wrapped.
-    #[must_use]
-    pub const fn yaw(&self) -> f64 {
-        self.axis[3][0]
-    }
-
-    /// dpsi_d [rad/s].
-    #[must_use]
-    pub const fn yaw_rate(&self) -> f64 {
-        self.axis[3][1]
-    }
-
-    /// ddpsi_d [rad/s^2].
-    #[must_use]
-    pub const fn yaw_acceleration(&self) -> f64 {
-        self.axis[3][2]
-    }
-
-    fn derivative(&self, order: usize) -> Vector3<f64> {
-        let [x, y, z, _] = &self.axis;
-        Vector3::new(x[order], y[order], z[order])
     }
 }
 

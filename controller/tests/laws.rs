@@ -2,9 +2,12 @@
 
 use controller::adaptation::{Adaptation, LastTick, Learnt};
 use controller::command_filter::{CommandFilter, Passage};
-use controller::outer::AccelerationLimits;
-use controller::{Limits, LoopSettings, Preset, Trajectory};
+use controller::gains::PRESET_NAMES;
+use controller::limits::AccelerationLimits;
+use controller::{Gains, Limits, Trajectory};
+use law::Rig;
 use model::rate_dynamics::disturbance;
+use model::reference::Reference;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -22,9 +25,9 @@ proptest! {
         let from_ramp_end: f64 = t - 5.0;
         prop_assume!(from_ramp_end.abs() > 2e-4);
         let h = 1e-4;
-        let [before, at, after] = [t - h, t, t + h].map(|t| trajectory.reference(t).axis);
+        let [before, at, after] = [t - h, t, t + h].map(|t| axes(&trajectory.reference(t)));
         for axis in 0..4 {
-            for order in 1..5 {
+            for order in 1..at[axis].len() {
                 let slope = (after[axis][order - 1] - before[axis][order - 1]) / (2.0 * h);
                 prop_assert!((slope - at[axis][order]).abs() < 1e-6, "axis {axis}, order {order}");
             }
@@ -56,17 +59,27 @@ proptest! {
 
     #[test]
     fn a_limited_acceleration_is_inside_the_limits_and_keeps_its_direction(a in vector(60.0)) {
-        let limits = Limits::default();
-        let g = 9.8;
+        let (g, tilt_max_rad) = (9.8, 35_f64.to_radians());
+        let limits = Limits { acceleration_z_min_g: 0.2, acceleration_z_max_g: 2.0, tilt_max_rad };
         let bounds = AccelerationLimits::new(&limits, g);
         let (inside, limited) = bounds.limit(&a);
         prop_assert!((0.2 * g..=2.0 * g).contains(&inside.z));
-        prop_assert!(inside.x.hypot(inside.y) <= inside.z * limits.tilt_max_rad.tan() * (1.0 + 1e-12));
+        prop_assert!(inside.x.hypot(inside.y) <= inside.z * tilt_max_rad.tan() * (1.0 + 1e-12));
         prop_assert!((inside.x * a.y - inside.y * a.x).abs() < 1e-10);
         prop_assert_eq!(limited, inside != a);
         let (again, _) = bounds.limit(&inside);
         prop_assert!((again - inside).amax() < 1e-12);
     }
+}
+
+/// The orders of x, y, z and psi that a reference has.
+fn axes(reference: &Reference) -> [Vec<f64>; 4] {
+    let Reference { position_w_m, velocity_w_m_s, acceleration_w_m_s2, jerk_w_m_s3, snap_w_m_s4, .. } = *reference;
+    let along = |i: usize| {
+        [position_w_m, velocity_w_m_s, acceleration_w_m_s2, jerk_w_m_s3, snap_w_m_s4].map(|order| order[i]).to_vec()
+    };
+    let yaw = vec![reference.yaw_rad, reference.yaw_rate_rad_s, reference.yaw_acceleration_rad_s2];
+    [along(0), along(1), along(2), yaw]
 }
 
 /// A tick of an airframe that obeys (8) exactly, in the trapezoidal rule that the adaptation samples with.
@@ -102,11 +115,11 @@ proptest! {
 
     #[test]
     fn estimates_stay_in_bounds_and_their_error_never_grows_on_the_exact_model(
-        preset in select(&Preset::ALL),
+        preset in select(&PRESET_NAMES),
         theta in (-1e-3..1e-3, 0.0..1.0, -2.0..2.0).prop_map(|(a, b, c)| Vector3::new(a, b, c)),
         flight in prop::collection::vec((-200.0..200.0, vector(0.3)), 200),
     ) {
-        let adaptation = Adaptation::new(&LoopSettings::new(Trajectory::Hover, preset));
+        let adaptation = Adaptation::new(&Rig::default(), &Gains::preset(preset).expect("a preset"));
         let mut learnt = adaptation.prior();
         let start = v_th(&adaptation, &learnt, &theta);
         let mut before = start;
@@ -129,10 +142,10 @@ proptest! {
 
     #[test]
     fn estimates_stay_in_bounds_whatever_is_measured(
-        preset in select(&Preset::ALL),
+        preset in select(&PRESET_NAMES),
         ticks in prop::collection::vec((-1e3..1e3, vector(50.0), vector(50.0), vector(5.0)), 50),
     ) {
-        let adaptation = Adaptation::new(&LoopSettings::new(Trajectory::Hover, preset));
+        let adaptation = Adaptation::new(&Rig::default(), &Gains::preset(preset).expect("a preset"));
         let mut learnt = adaptation.prior();
         for (tick, (om_m, nu2_start, nu2_end, tau_m)) in ticks.into_iter().enumerate() {
             let [h_start, h_end] = [tick, tick + 1].map(|tick| disturbance(tick as f64 * adaptation.period_s));
@@ -151,7 +164,7 @@ fn every_ramped_trajectory_starts_at_rest_and_each_has_its_name() {
     for (trajectory, name) in Trajectory::ALL.into_iter().zip(Trajectory::NAMES) {
         assert_eq!(trajectory.name(), name);
         assert_eq!(name.parse(), Ok(trajectory));
-        let moves = trajectory.reference(0.0).axis != [[0.0; 5]; 4];
+        let moves = trajectory.reference(0.0) != Reference::default();
         assert_eq!(moves, trajectory == Trajectory::Step);
     }
     let error = "loop".parse::<Trajectory>().unwrap_err().to_string();

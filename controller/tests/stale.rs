@@ -1,14 +1,29 @@
 //! What both loops do with inputs that are late, missing, or back again.
 
-use controller::{InnerLoop, LoopSettings, OuterLoop, Preset, TheoremMonitor, Trajectory};
-use law::{InnerLaw as _, OuterLaw as _};
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use controller::laws::adaptive::{estimate, rate_error};
+use controller::laws::{Adaptive, Fixed, Pd};
+use controller::{Course, Gains, TheoremMonitor, Trajectory};
+use law::description::Settings;
+use law::law::Law as _;
+use law::stage::{InnerStage as _, OuterStage as _};
+use law::{GuardedInner, GuardedOuter, Rig};
+use model::measured::Measured;
 use model::messages::{Dated, Mode, NO_TICK, Setpoint, State, Truth, Wrench};
 use model::parameters::PARAMETERS;
 
 const HOLD_TICKS: u64 = 100;
 
-fn settings() -> LoopSettings {
-    LoopSettings::new(Trajectory::Lissajous, Preset::Flight)
+fn outer_loop() -> GuardedOuter {
+    let rig = Rig::default();
+    let law = Pd::new(&rig, &Settings::default()).unwrap();
+    GuardedOuter::new(law.into(), Course::of(Trajectory::Lissajous).route(rig.period_s), &rig)
+}
+
+fn inner_loop() -> GuardedInner {
+    let rig = Rig::default();
+    GuardedInner::new(Adaptive::with(&rig, &Gains::default()).into(), &rig)
 }
 
 fn dated<T>(tick: u64, content: T) -> Dated<T> {
@@ -17,17 +32,19 @@ fn dated<T>(tick: u64, content: T) -> Dated<T> {
 
 /// A slightly tilted airframe in hover, with a gyro that shows a different rate at every tick.
 fn state(tick: u64) -> Dated<State> {
-    let settings = settings();
-    let w = settings.model.hover_speed_rad_s();
+    let w = Rig::default().airframe.hover_speed_rad_s();
     let rate = 0.01 * (tick as f64).sin();
     dated(
         tick,
         State {
-            attitude_rad: [0.1, -0.05, 0.3],
-            rate_b_rad_s: [rate, -rate, 0.5 * rate],
-            rotor_speed_mean_rad_s: [w; 4],
-            rotor_speed_squared_mean_rad2_s2: [w * w; 4],
-            rotor_speed_command_rad_s: [w; 4],
+            measured: Measured {
+                attitude_rad: [0.1, -0.05, 0.3],
+                rate_b_rad_s: [rate, -rate, 0.5 * rate],
+                rotor_speed_mean_rad_s: [w; 4],
+                rotor_speed_squared_mean_rad2_s2: [w * w; 4],
+                rotor_speed_command_rad_s: [w; 4],
+                ..Measured::default()
+            },
             ..State::default()
         },
     )
@@ -50,8 +67,8 @@ fn never<T: Default>() -> Dated<T> {
 }
 
 /// A loop that has flown the ticks 0 to `ticks` - 1 on fresh inputs.
-fn flown(ticks: u64) -> InnerLoop {
-    let mut inner = InnerLoop::new(&settings());
+fn flown(ticks: u64) -> GuardedInner {
+    let mut inner = inner_loop();
     for tick in 0..ticks {
         inner.tick(tick, &state(tick), &setpoint(tick));
     }
@@ -63,12 +80,12 @@ fn mode(wrench: &Wrench) -> Mode {
 }
 
 fn hover_thrust_n() -> f64 {
-    settings().model.m() * settings().model.g()
+    Rig::default().airframe.m() * Rig::default().airframe.g()
 }
 
 #[test]
 fn the_outer_loop_publishes_nothing_for_a_state_of_another_tick() {
-    let mut outer = OuterLoop::new(&settings());
+    let mut outer = outer_loop();
     assert_eq!(outer.tick(7, &state(6)), None);
     assert_eq!(outer.tick(7, &state(8)), None);
     assert_eq!(outer.tick(7, &never()), None);
@@ -77,12 +94,12 @@ fn the_outer_loop_publishes_nothing_for_a_state_of_another_tick() {
 
 #[test]
 fn the_outer_loop_feeds_nothing_forward_while_limited() {
-    let mut outer = OuterLoop::new(&settings());
+    let mut outer = outer_loop();
     let near = outer.tick(3000, &state(3000)).unwrap();
     assert_eq!(near.limited, 0);
     assert_ne!(near.attitude_rate_rad_s[0], 0.0);
     let mut far = state(3000);
-    far.content.position_w_m = [20.0, 0.0, 0.0];
+    far.content.measured.position_w_m = [20.0, 0.0, 0.0];
     let far = outer.tick(3000, &far).unwrap();
     assert_eq!(far.limited, 1);
     assert_eq!(far.attitude_rate_rad_s[..2], [0.0, 0.0]);
@@ -105,10 +122,10 @@ fn a_stale_set_point_is_held_for_100_ms_and_then_the_airframe_is_levelled() {
     }
     let level = state(5000);
     let mut level = level.content;
-    level.attitude_rad = [0.0, 0.0, 0.4];
-    level.rate_b_rad_s = [0.0; 3];
+    level.measured.attitude_rad = [0.0, 0.0, 0.4];
+    level.measured.rate_b_rad_s = [0.0; 3];
     let wrench = inner.tick(4010, &dated(4010, level), &setpoint(9));
-    for e in wrench.rate_error_b_rad_s {
+    for e in rate_error(&wrench.telemetry) {
         assert!(e.abs() < 1e-3, "the order is level at the last yaw: {e}");
     }
 }
@@ -125,23 +142,23 @@ fn a_held_set_point_gives_what_a_repeated_one_gives() {
 
 #[test]
 fn without_any_set_point_the_airframe_is_levelled_at_its_own_yaw() {
-    let mut inner = InnerLoop::new(&settings());
+    let mut inner = inner_loop();
     let mut wrench = Wrench::default();
     for tick in 0..3000 {
         let mut state = state(tick);
-        state.content.attitude_rad = [0.0, 0.0, 0.3];
-        state.content.rate_b_rad_s = [0.0; 3];
+        state.content.measured.attitude_rad = [0.0, 0.0, 0.3];
+        state.content.measured.rate_b_rad_s = [0.0; 3];
         wrench = inner.tick(tick, &state, &never());
         assert_eq!(mode(&wrench), Mode::Fallback);
         assert_eq!(wrench.thrust_n, hover_thrust_n());
     }
-    assert_eq!(wrench.rate_error_b_rad_s, [0.0; 3]);
+    assert_eq!(rate_error(&wrench.telemetry), [0.0; 3]);
 }
 
 #[test]
 fn a_stale_state_gives_no_torque_and_teaches_nothing() {
     let mut inner = flown(10);
-    let learnt = inner.clone().tick(9, &state(8), &setpoint(9)).estimate;
+    let learnt = estimate(&inner.rehearse(9, &state(8), &setpoint(9)).unwrap().telemetry);
     assert_ne!(learnt, [0.0; 3]);
     for tick in 10..400 {
         let wrench = inner.tick(tick, &state(9), &setpoint(tick));
@@ -150,7 +167,8 @@ fn a_stale_state_gives_no_torque_and_teaches_nothing() {
         assert_eq!(mode(&wrench), expected, "{tick}");
         assert_eq!(wrench.thrust_n, thrust_n, "{tick}");
         assert_eq!(wrench.torque_b_nm, [0.0; 3]);
-        assert_eq!(wrench.estimate, learnt);
+        assert_eq!(estimate(&wrench.telemetry), learnt);
+        assert!(rate_error(&wrench.telemetry).iter().all(|e| e.is_nan()), "nobody measured it");
     }
 }
 
@@ -166,7 +184,7 @@ fn states_that_are_always_one_tick_late_do_not_pass_for_a_short_outage() {
 
 #[test]
 fn without_any_state_the_loop_asks_for_hover_thrust() {
-    let mut inner = InnerLoop::new(&settings());
+    let mut inner = inner_loop();
     let wrench = inner.tick(0, &never(), &setpoint(0));
     assert_eq!(mode(&wrench), Mode::Fallback);
     assert_eq!(wrench.thrust_n, hover_thrust_n());
@@ -174,15 +192,42 @@ fn without_any_state_the_loop_asks_for_hover_thrust() {
 }
 
 #[test]
+fn a_loop_takes_over_the_estimates_of_another_where_they_are_within_their_bounds() {
+    let learnt = flown(50).estimates().unwrap();
+    let prior = inner_loop().estimates().unwrap();
+    assert_ne!(learnt, prior);
+    let mut inner = inner_loop();
+    assert!(inner.resume(learnt));
+    let first = inner.tick(50, &state(50), &setpoint(50));
+    assert_eq!(estimate(&first.telemetry), learnt, "nothing is learnt from the first state");
+    let bounds = Gains::default();
+    for i in 0..3 {
+        for wrong in [f64::NAN, f64::INFINITY, bounds.estimate_min[i] - 1e-9, bounds.estimate_max[i] + 1e-9] {
+            let (mut inner, mut estimates) = (inner_loop(), learnt);
+            estimates[i] = wrong;
+            assert!(!inner.resume(estimates), "{estimates:?}");
+            assert_eq!(inner.estimates(), Some(prior), "it begins with its priors");
+        }
+    }
+    let rig = Rig::default();
+    let mut fixed = GuardedInner::new(Fixed::new(&rig, &Settings::default()).unwrap().into(), &rig);
+    assert_eq!(
+        (fixed.estimates(), fixed.resume(learnt)),
+        (None, false),
+        "a law that learns nothing takes nothing over"
+    );
+}
+
+#[test]
 fn the_first_step_after_missed_states_is_not_learnt_from() {
     let mut inner = flown(10);
-    let before = inner.clone().tick(10, &never(), &setpoint(10)).estimate;
+    let before = estimate(&inner.rehearse(10, &never(), &setpoint(10)).unwrap().telemetry);
     inner.tick(10, &state(9), &setpoint(10));
     let back = inner.tick(11, &state(11), &setpoint(11));
-    assert_eq!(back.estimate, before);
+    assert_eq!(estimate(&back.telemetry), before);
     assert_eq!(mode(&back), Mode::Fresh);
     let after = inner.tick(12, &state(12), &setpoint(12));
-    assert_ne!(after.estimate, before);
+    assert_ne!(estimate(&after.telemetry), before);
 }
 
 #[test]
@@ -192,8 +237,8 @@ fn the_command_filter_keeps_time_through_missed_states_and_missed_ticks() {
         whole.tick(tick, &state(tick), &setpoint(tick));
         blind.tick(tick, &state(9), &setpoint(tick));
     }
-    let [whole, blind, late] =
-        [&mut whole, &mut blind, &mut late].map(|inner| inner.tick(30, &state(30), &setpoint(30)).rate_error_b_rad_s);
+    let [whole, blind, late] = [&mut whole, &mut blind, &mut late]
+        .map(|inner| rate_error(&inner.tick(30, &state(30), &setpoint(30)).telemetry));
     assert_eq!(whole, blind);
     for (a, b) in whole.iter().zip(late) {
         assert!((a - b).abs() < 1e-13, "{a} {b}");
@@ -204,35 +249,33 @@ fn the_command_filter_keeps_time_through_missed_states_and_missed_ticks() {
 fn a_loop_starts_at_rest_from_the_measured_attitude_at_any_tick() {
     let at_rest = |tick| {
         let mut state = state(tick);
-        state.content.rate_b_rad_s = [0.0; 3];
+        state.content.measured.rate_b_rad_s = [0.0; 3];
         state
     };
-    let mut restarted = InnerLoop::new(&settings());
+    let mut restarted = inner_loop();
     let mut blinded = flown(10);
     blinded.tick(10, &state(9), &setpoint(10));
     for inner in [&mut restarted, &mut blinded] {
         let wrench = inner.tick(5000, &at_rest(5000), &setpoint(5000));
-        assert_eq!(wrench.rate_error_b_rad_s, [0.0; 3]);
+        assert_eq!(rate_error(&wrench.telemetry), [0.0; 3]);
         assert_eq!(mode(&wrench), Mode::Fresh);
     }
-    let restarted = InnerLoop::new(&settings()).tick(5000, &at_rest(5000), &setpoint(5000));
-    assert_eq!(restarted.estimate, [0.0; 3]);
+    let restarted = inner_loop().tick(5000, &at_rest(5000), &setpoint(5000));
+    assert_eq!(estimate(&restarted.telemetry), [0.0; 3]);
 }
 
 /// What the law says, bit by bit.
 fn bits(wrench: &Wrench) -> Vec<u64> {
-    let Wrench { thrust_n, torque_b_nm, estimate, rate_error_b_rad_s, mode } = *wrench;
-    let numbers = [[thrust_n].as_slice(), &torque_b_nm, &estimate, &rate_error_b_rad_s].concat();
+    let Wrench { thrust_n, torque_b_nm, mode, telemetry } = *wrench;
+    let numbers = [[thrust_n].as_slice(), &torque_b_nm, &telemetry.value].concat();
     numbers.into_iter().map(f64::to_bits).chain([mode]).collect()
 }
 
 #[test]
 fn no_law_reads_the_truth() {
-    let settings = settings();
-    let mut told = InnerLoop::new(&settings);
-    let mut untold = InnerLoop::new(&settings);
-    let mut outer = OuterLoop::new(&settings);
-    let (mut of_plain, mut of_shown) = (TheoremMonitor::new(&settings), TheoremMonitor::new(&settings));
+    let (mut told, mut untold, mut outer) = (inner_loop(), inner_loop(), outer_loop());
+    let monitor = || TheoremMonitor::new(&Rig::default(), &Gains::default());
+    let (mut of_plain, mut of_shown) = (monitor(), monitor());
     for tick in 0..50 {
         let plain = state(tick);
         let mut shown = plain;

@@ -2,11 +2,15 @@
 
 use controller::adaptation::{Adaptation, LastTick};
 use controller::excitation::Excitation;
+use controller::gains::PRESET_NAMES;
+use controller::laws::{Adaptive, adaptive};
 use controller::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
 use controller::weight::Weight;
-use controller::{InnerLoop, LoopSettings, Preset, TheoremMonitor, Trajectory};
-use law::InnerLaw as _;
-use model::messages::{Dated, Setpoint, State, Truth, Wrench};
+use controller::{Gains, TheoremMonitor};
+use law::stage::InnerStage as _;
+use law::{GuardedInner, Rig};
+use model::measured::Measured;
+use model::messages::{Dated, Setpoint, State, Truth};
 use model::monitor::{Cause, Monitor};
 use model::parameters::{Airframe, PARAMETERS, Parameter};
 use model::rate_dynamics::disturbance;
@@ -27,14 +31,14 @@ fn step(adaptation: &Adaptation, x: &Matrix3<f64>) -> EstimateStep {
     EstimateStep::new(adaptation, x, Weight::new(x, &adaptation.gain()).expect("X is finite"))
 }
 
-fn adaptation(preset: Preset) -> Adaptation {
-    Adaptation::new(&LoopSettings::new(Trajectory::Hover, preset))
+fn adaptation(preset: &str) -> Adaptation {
+    Adaptation::new(&Rig::default(), &Gains::preset(preset).expect("a preset"))
 }
 
 proptest! {
     #[test]
     fn a_step_never_exceeds_what_it_owes_whatever_was_measured(
-        preset in select(&Preset::ALL),
+        preset in select(&PRESET_NAMES),
         theta in theta(),
         ticks in prop::collection::vec((-200.0..200.0, vector(1.0), vector(1.0), vector(0.5)), 40),
     ) {
@@ -66,11 +70,9 @@ proptest! {
         e in vector(1.0),
         ticks in prop::collection::vec(prop::array::uniform3(vector(50.0)), 30),
     ) {
-        let mut settings = LoopSettings::new(Trajectory::Hover, Preset::Flight);
-        settings.gains.alpha_1_s = alpha_1_s;
-        settings.gains.regressor_filter_rad_s = 0.0;
-        let adaptation = Adaptation::new(&settings);
-        let (s, a) = (adaptation.step_s2, (-alpha_1_s * settings.period_s).exp());
+        let gains = Gains { alpha_1_s, regressor_filter_rad_s: 0.0, ..Gains::default() };
+        let adaptation = Adaptation::new(&Rig::default(), &gains);
+        let (s, a) = (adaptation.step_s2, (-alpha_1_s * Rig::default().period_s).exp());
         let gamma = Matrix3::from_diagonal(&adaptation.gamma);
         let steps: Vec<_> =
             ticks.iter().map(|columns| step(&adaptation, &Matrix3::from_columns(columns))).collect();
@@ -86,7 +88,7 @@ proptest! {
             let r = -x * error;
             let zb = step.left_of(&r);
             // (19) in (8) over a tick: e+ = a e - T X ~th.
-            let (next_e, next_error) = (a * e + settings.period_s * r, error + s * gamma * x.transpose() * zb);
+            let (next_e, next_error) = (a * e + Rig::default().period_s * r, error + s * gamma * x.transpose() * zb);
             let bound = weight.v_change_bound(&e, &zb);
             let change = v(&next_e, &next_error) - v(&e, &error);
             prop_assert!(bound <= 0.0 && change <= bound + 1e-12 * v(&e, &error), "{change:e} > {bound:e}");
@@ -96,7 +98,7 @@ proptest! {
 
     #[test]
     fn what_is_left_of_an_error_is_bounded_by_the_contractions(
-        preset in select(&Preset::ALL),
+        preset in select(&PRESET_NAMES),
         error in vector(1.0),
         ticks in prop::collection::vec(prop::array::uniform3(vector(50.0)), 30),
     ) {
@@ -148,15 +150,20 @@ fn excitation_left_of(contraction: &Matrix3<f64>) -> f64 {
 fn state(tick: u64, parameter: [f64; PARAMETERS]) -> Dated<State> {
     let w = Airframe::nominal().hover_speed_rad_s();
     let rate = 0.01 * (tick as f64).sin();
-    let content = State {
+    let measured = Measured {
         rate_b_rad_s: [rate, -rate, 0.5 * rate],
         rotor_speed_mean_rad_s: [w; 4],
         rotor_speed_squared_mean_rad2_s2: [w * w; 4],
         rotor_speed_command_rad_s: [w; 4],
-        truth: Truth { parameter, ..Truth::default() },
-        ..State::default()
+        ..Measured::default()
     };
+    let content = State { measured, truth: Truth { parameter, ..Truth::default() }, ..State::default() };
     Dated { tick, content }
+}
+
+fn guarded() -> GuardedInner {
+    let rig = Rig::default();
+    GuardedInner::new(Adaptive::with(&rig, &Gains::default()).into(), &rig)
 }
 
 fn setpoint(tick: u64) -> Dated<Setpoint> {
@@ -164,26 +171,25 @@ fn setpoint(tick: u64) -> Dated<Setpoint> {
 }
 
 /// An inner loop, and the monitor of what it says.
-struct WatchedLoop {
-    law: InnerLoop,
+struct Watched {
+    inner: GuardedInner,
     monitor: TheoremMonitor,
 }
 
-impl WatchedLoop {
-    fn new(settings: &LoopSettings) -> Self {
-        Self { law: InnerLoop::new(settings), monitor: TheoremMonitor::new(settings) }
-    }
+fn watched() -> Watched {
+    Watched { inner: guarded(), monitor: TheoremMonitor::new(&Rig::default(), &Gains::default()) }
+}
 
+impl Watched {
     fn tick(&mut self, tick: u64, state: &Dated<State>) -> Monitor {
-        let wrench = self.law.tick(tick, state, &setpoint(tick));
+        let wrench = self.inner.tick(tick, state, &setpoint(tick));
         *self.monitor.watch(tick, state, &wrench)
     }
 }
 
 #[test]
 fn a_truth_beyond_numbers_is_a_violation_and_never_an_infinite_wrench() {
-    let settings = LoopSettings::new(Trajectory::Hover, Preset::Flight);
-    let mut watched = WatchedLoop::new(&settings);
+    let mut watched = watched();
     let mut last = Monitor::default();
     for tick in 0..30 {
         let parameter = if tick == 20 { [1e300; PARAMETERS] } else { *Airframe::nominal().values() };
@@ -195,18 +201,20 @@ fn a_truth_beyond_numbers_is_a_violation_and_never_an_infinite_wrench() {
 
 #[test]
 fn estimates_that_move_against_their_samples_are_unexplained() {
-    let settings = LoopSettings::new(Trajectory::Hover, Preset::Flight);
+    let (rig, gains) = (Rig::default(), Gains::default());
     let mut airframe = Airframe::nominal();
     airframe.set(Parameter::DisturbanceGain, 0.0).unwrap();
     // At rest, without a disturbance, nothing can be learnt. From 0, these lead away from the truth.
     for push in [Vector3::new(-1e-9, 0.0, 0.0), Vector3::new(0.0, -1e-6, 0.0), Vector3::new(0.0, 0.0, 1e-3)] {
-        let (mut law, mut monitor) = (InnerLoop::new(&settings), TheoremMonitor::new(&settings));
+        let mut inner = guarded();
+        let mut monitor = TheoremMonitor::new(&rig, &gains);
         let mut watch = |tick: u64, push: Vector3<f64>| {
             let mut state = state(tick, *airframe.values());
-            state.content.rate_b_rad_s = [0.0; 3];
-            let wrench = law.tick(tick, &state, &setpoint(tick));
-            let estimate = (Vector3::from(wrench.estimate) + push).into();
-            *monitor.watch(tick, &state, &Wrench { estimate, ..wrench })
+            state.content.measured.rate_b_rad_s = [0.0; 3];
+            let mut wrench = inner.tick(tick, &state, &setpoint(tick));
+            let estimate = Vector3::from(adaptive::estimate(&wrench.telemetry)) + push;
+            wrench.telemetry.value[3..6].copy_from_slice(estimate.as_slice());
+            *monitor.watch(tick, &state, &wrench)
         };
         for tick in 0..10 {
             assert_eq!(watch(tick, Vector3::zeros()).violations[0], 0);
@@ -218,8 +226,7 @@ fn estimates_that_move_against_their_samples_are_unexplained() {
 
 #[test]
 fn a_stale_state_is_counted_and_changes_nothing_else() {
-    let settings = LoopSettings::new(Trajectory::Hover, Preset::Flight);
-    let mut watched = WatchedLoop::new(&settings);
+    let mut watched = watched();
     let nominal = *Airframe::nominal().values();
     for tick in 0..10 {
         watched.tick(tick, &state(tick, nominal));

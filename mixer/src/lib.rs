@@ -1,9 +1,13 @@
 //! From thrust and torque to rotor speeds: (7) inverted, saturation by priority.
 //!
-//! [`mixer::Mixer`] is the stage, which is asked once per tick ([`law::MixerLaw`]). [`mix`] is the law.
-//! Neither knows a clock, a transport or an operating system.
+//! [`Priority`] is the law; [`mix`] is what it computes. Neither knows a clock, a transport or an operating system.
+
+use law::registry::{AnyMixer, Entry};
 
 pub mod mix;
-pub mod mixer;
+pub mod priority;
 
-pub use crate::mixer::{Mixer, MixerSettings};
+pub use crate::priority::Priority;
+
+/// The mixers that come with the rig; the first one flies when nothing is said.
+pub const LAWS: &[Entry<dyn AnyMixer>] = &[Entry::mixer::<Priority>()];

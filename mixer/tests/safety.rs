@@ -1,14 +1,17 @@
 //! Safety of the mixer stage: its output for a wrench of each age.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-use law::MixerLaw as _;
-use mixer::{Mixer, MixerSettings};
-use model::limits::RotorLimits;
+use law::description::Settings;
+use law::law::Law as _;
+use law::stage::MixerStage as _;
+use law::{GuardedMixer, Rig};
+use mixer::Priority;
 use model::messages::{Dated, Mode, NO_TICK, RotorSpeeds, Wrench};
 use model::parameters::Airframe;
 
-fn settings() -> MixerSettings {
-    MixerSettings { period_s: 0.001, model: Airframe::nominal(), rotor: RotorLimits::default() }
+fn mixer(period_s: f64) -> GuardedMixer {
+    let rig = Rig { period_s, ..Rig::default() };
+    GuardedMixer::new(Priority::new(&rig, &Settings::default()).unwrap().into(), &rig)
 }
 
 fn wrench(tick: u64) -> Dated<Wrench> {
@@ -25,7 +28,7 @@ fn assert_idle(speeds: &RotorSpeeds) {
 
 #[test]
 fn a_fresh_wrench_is_met() {
-    let speeds = Mixer::new(&settings()).tick(100, &wrench(100));
+    let speeds = mixer(0.001).tick(100, &wrench(100));
     assert_eq!((speeds.mode, speeds.saturated), (Mode::Fresh as u64, 0));
     assert!((speeds.thrust_n - 5.0).abs() < 1e-12);
     for (achieved, asked) in speeds.torque_b_nm.iter().zip([0.02, -0.01, 0.005]) {
@@ -38,7 +41,7 @@ fn a_fresh_wrench_is_met() {
 
 #[test]
 fn a_wrench_ages_from_held_over_fallback_to_idle() {
-    let mut mixer = Mixer::new(&settings());
+    let mut mixer = mixer(0.001);
     let fresh = mixer.tick(100, &wrench(100));
     for age in 1..=3 {
         let held = mixer.tick(100 + age, &wrench(100));
@@ -60,13 +63,13 @@ fn a_wrench_ages_from_held_over_fallback_to_idle() {
 fn before_the_first_wrench_the_rotors_idle() {
     let nothing = Dated { tick: NO_TICK, content: Wrench::default() };
     for tick in [0, 1, 49, 100] {
-        assert_idle(&Mixer::new(&settings()).tick(tick, &nothing));
+        assert_idle(&mixer(0.001).tick(tick, &nothing));
     }
 }
 
 #[test]
 fn the_inner_loops_own_mode_changes_nothing_but_idle() {
-    let mut mixer = Mixer::new(&settings());
+    let mut mixer = mixer(0.001);
     let mut of_mode = |mode: Mode| {
         let mut wrench = wrench(7);
         wrench.content.mode = mode as u64;
@@ -79,14 +82,14 @@ fn the_inner_loops_own_mode_changes_nothing_but_idle() {
 
 #[test]
 fn ages_are_ticks_of_any_length() {
-    let mut mixer = Mixer::new(&MixerSettings { period_s: 0.005, ..settings() });
+    let mut mixer = mixer(0.005);
     assert_eq!(mixer.tick(9, &wrench(0)).mode, Mode::Fallback as u64);
     assert_idle(&mixer.tick(10, &wrench(0)));
 }
 
 /// Ages in ticks at which a wrench is no longer held, and at which the rotors idle.
 fn windows(period_s: f64) -> (u64, u64) {
-    let mut mixer = Mixer::new(&MixerSettings { period_s, ..settings() });
+    let mut mixer = mixer(period_s);
     let mut first = |mode: Mode| (1..1000).find(|age| mixer.tick(*age, &wrench(0)).mode == mode as u64).unwrap();
     (first(Mode::Fallback), first(Mode::Idle))
 }
@@ -104,7 +107,7 @@ fn a_wrench_is_held_for_three_ticks_or_3_ms_and_every_mode_has_its_turn_at_every
 fn an_impossible_demand_is_flagged_and_what_is_achieved_is_told() {
     let mut wrench = wrench(3);
     wrench.content.torque_b_nm = [0.0, 0.0, 10.0];
-    let speeds = Mixer::new(&settings()).tick(3, &wrench);
+    let speeds = mixer(0.001).tick(3, &wrench);
     assert_eq!(speeds.saturated, 1);
     assert!((speeds.thrust_n - 5.0).abs() < 1e-12);
     assert!(speeds.torque_b_nm[2] > 0.0 && speeds.torque_b_nm[2] < 0.2);

@@ -36,7 +36,8 @@ pub enum Departure {
     Crash(Crash),
     /// The airframe is tilted beyond [`crate::PlantSettings::tilt_max_rad`].
     #[error(
-        "the flight left its envelope: at tick {tick} the tilt is {:.1} degrees, allowed are {:.1}",
+        "the flight left its envelope: at tick {tick} the tilt is {:.1} degrees, allowed are {:.1} \
+         (flight.tilt_max_rad = {tilt_max_rad})",
         tilt_rad.to_degrees(), tilt_max_rad.to_degrees()
     )]
     Tilt {

@@ -17,7 +17,7 @@ use wire::error::Error;
 use wire::instance::Instance;
 use wire::{Owner, Sender, SwapAnswer, SwapCall, SwapOrder, SwapOutcome, Wire};
 
-use crate::swap::{AppliedSwap, Swap, SwapError};
+use crate::swap::{AppliedSwap, Swap, SwapError, Target};
 
 /// Orders that may lie between the desk and the loop.
 pub const INBOX: usize = 16;
@@ -170,15 +170,15 @@ impl Desk<'_> {
 fn read(order: &SwapOrder) -> Result<SwapRequest, SwapError> {
     let count = usize::try_from(order.count).unwrap_or(usize::MAX);
     let named = order.parameter.get(..count).ok_or(SwapError::Empty)?;
-    let mut changes = heapless::Vec::<_, PARAMETERS>::new();
-    for (index, value) in named.iter().zip(order.value) {
+    let mut targets = heapless::Vec::<_, PARAMETERS>::new();
+    for ((index, value), steps) in named.iter().zip(order.value).zip(order.steps) {
         let parameter = Parameter::from_index(*index).ok_or_else(|| {
-            SwapError::Value(ParameterError::Unknown { name: format!("number {index}"), nearest: "mass_kg" })
+            SwapError::Value(ParameterError::Unknown { name: format!("number {index}"), nearest: None })
         })?;
         // No more than the table has rows.
-        let _ = changes.push((parameter, value));
+        let _ = targets.push(Target { parameter, value, steps });
     }
-    let swap = Swap::new(0, &changes)?;
+    let swap = Swap::to(0, &targets)?;
     let tick = (order.at_tick != NO_TICK).then_some(order.at_tick);
     Ok(SwapRequest { tick, in_ticks: order.in_ticks, swap })
 }
@@ -186,7 +186,9 @@ fn read(order: &SwapOrder) -> Result<SwapRequest, SwapError> {
 fn refusal(reason: &SwapError, tick: u64) -> SwapAnswer {
     let (verdict, parameter) = match reason {
         SwapError::Empty => (SwapOutcome::Malformed, 0),
-        SwapError::Twice { parameter } => (SwapOutcome::Malformed, *parameter as u64),
+        SwapError::Twice { parameter } | SwapError::Steps { parameter, .. } => {
+            (SwapOutcome::Malformed, *parameter as u64)
+        }
         SwapError::Value(ParameterError::Unknown { .. }) => (SwapOutcome::UnknownParameter, 0),
         SwapError::Value(ParameterError::OutOfRange { parameter, .. }) => (SwapOutcome::OutOfRange, *parameter as u64),
         SwapError::Full => (SwapOutcome::QueueFull, 0),
@@ -203,6 +205,7 @@ pub fn swap_record(applied: &AppliedSwap) -> SwapRecord {
         record.parameter[i] = change.parameter as u64;
         record.old[i] = change.old;
         record.new[i] = change.new;
+        record.steps[i] = change.steps;
     }
     record
 }

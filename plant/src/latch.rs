@@ -90,6 +90,7 @@ impl Latch {
     ///
     /// It replaces waiting commands that are older and would not act earlier. A command without a tick is ignored. If
     /// there is no room, the command is dropped, which shows as a missed deadline.
+    #[inline]
     pub fn offer(&mut self, command: &Dated<RotorSpeeds>, effective_tick: u64) {
         if command.tick == NO_TICK {
             return;

@@ -4,6 +4,7 @@
 //! tick. The other modules are its parts. Each is a pure law or a plain queue and knows no clock, transport or
 //! operating system. The process shell is [`process`], with its [`desk`].
 
+pub mod command_delay;
 pub mod departure;
 pub mod desk;
 pub mod ground;
@@ -13,6 +14,7 @@ pub mod noise;
 pub mod plant;
 pub mod positioning;
 pub mod process;
+pub mod ramp;
 pub mod rigid_body;
 pub mod rotors;
 pub mod sensors;
@@ -23,4 +25,4 @@ pub use crate::departure::{Crash, Departure};
 pub use crate::ground::Ground;
 pub use crate::plant::Plant;
 pub use crate::settings::{Initial, PlantSettings};
-pub use crate::swap::{AppliedSwap, Change, Swap, SwapError};
+pub use crate::swap::{AppliedSwap, Swap, SwapError, Target};

@@ -1,26 +1,9 @@
-//! Noise: standard normal variates as a function of (seed, tick, stream, axis).
+//! Noise of the sensors: standard normal variates as a function of (seed, tick, stream, axis).
 //!
-//! This goes beyond the paper, whose sensors are exact. The generator is counter-based and pure: it has no state, so a
-//! sample does not depend on earlier draws, and a skipped tick shifts nothing. Splitmix64's finalizer makes the bits
-//! (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014); Box-Muller makes the normal variate.
+//! This goes beyond the paper, whose sensors are exact. [`model::noise`] makes the variates.
 
-use std::f64::consts::TAU;
-
-use model::math::{cos, ln};
+use model::noise::standard_normal;
 use nalgebra::Vector3;
-
-/// 2^64 divided by the golden ratio: the increment of splitmix64.
-const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
-
-/// 2^-53: the spacing of uniform numbers made of 53 bits.
-const ULP: f64 = 1.0 / 9_007_199_254_740_992.0;
-
-/// Finalizer of splitmix64: a bijection that spreads every input bit over the whole word.
-const fn mixed(word: u64) -> u64 {
-    let word = (word ^ (word >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let word = (word ^ (word >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    word ^ (word >> 31)
-}
 
 /// What a variate is drawn for; each has its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,17 +27,6 @@ impl Stream {
         let first = 3 * self as u64;
         Vector3::from_fn(|axis, _| standard_normal(seed, tick, first + axis as u64))
     }
-}
-
-/// A standard normal variate: the sample of `axis` at `tick` in the flight of `seed`.
-#[must_use]
-fn standard_normal(seed: u64, tick: u64, axis: u64) -> f64 {
-    let stream = mixed(mixed(seed.wrapping_add(GOLDEN)) ^ tick);
-    let word = |draw: u64| mixed(stream.wrapping_add(GOLDEN.wrapping_mul(2 * axis + draw)));
-    // The radius needs a number in (0, 1], the angle one in [0, 1).
-    let radius = ln(((word(1) >> 11) + 1) as f64 * ULP);
-    let angle = (word(2) >> 11) as f64 * ULP;
-    (-2.0 * radius).sqrt() * cos(TAU * angle)
 }
 
 #[cfg(test)]

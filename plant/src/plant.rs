@@ -5,21 +5,25 @@
 //! swaps, rotor command, deadline verdict. A tick that the shell slept through is flown all the same, with the command
 //! that was in force: an outage affects the flight.
 //!
-//! This file owns the order of these steps. The steps themselves are [`crate::swap`], [`crate::latch`],
-//! [`crate::rotors`], [`crate::integrator`] and [`crate::sensors`].
+//! This file owns the order of these steps. The steps themselves are [`crate::swap`], [`crate::ramp`], [`crate::latch`],
+//! [`crate::command_delay`], [`crate::rotors`], [`crate::integrator`] and [`crate::sensors`].
 
 use std::f64::consts::PI;
 
 use model::attitude::Attitude;
+use model::fault::gate::{Gate, Passed};
+use model::inspection::Rejections;
 use model::measured::Measured;
 use model::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds, State, Truth};
 use model::parameters::Airframe;
 use nalgebra::{Vector3, Vector4};
 
+use crate::command_delay::CommandDelay;
 use crate::departure::{Crash, Departure};
 use crate::ground::{Contact, Ground};
 use crate::integrator::{SUBSTEPS, integrate_with};
 use crate::latch::Latch;
+use crate::ramp::Ramps;
 use crate::rigid_body::{Dynamics, RigidBody};
 use crate::rotors::{Spin, SpinMeans, hover, thrust};
 use crate::sensors::Sensors;
@@ -31,7 +35,7 @@ use crate::swap::{AppliedSwap, PENDING_SWAPS, Swap, SwapError, SwapQueue};
 pub struct Plant {
     period_s: f64,
     airframe: Airframe,
-    /// Quotients of the parameters, until a swap.
+    /// Quotients of the parameters, until they change.
     dynamics: Dynamics,
     body: RigidBody,
     /// Roll, pitch, yaw of the body [rad], followed tick by tick so that roll and yaw are not wrapped.
@@ -47,10 +51,16 @@ pub struct Plant {
     /// Of the tick before.
     means: SpinMeans,
     latch: Latch,
+    delay: CommandDelay,
+    /// Behind the inspection of commands, where they have faults.
+    gate: Option<Box<Gate<RotorSpeeds>>>,
     commands_taken: u64,
     command_taken_tick: u64,
     swaps: SwapQueue,
     applied: heapless::Vec<AppliedSwap, PENDING_SWAPS>,
+    ramps: Ramps,
+    /// Tick of the newest change of a parameter since the last [`Plant::begin`] or [`Plant::end`] began.
+    changed_tick: Option<u64>,
     /// Tick at which the body stands.
     tick: u64,
     /// Whether swaps, command and verdict of this tick are settled.
@@ -87,10 +97,14 @@ impl Plant {
             rotor_speed: hover,
             means: SpinMeans::steady(&hover),
             latch: Latch::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
+            delay: CommandDelay::new(period_s, &airframe, hover.into()),
+            gate: None,
             commands_taken: 0,
             command_taken_tick: NO_TICK,
             swaps: SwapQueue::default(),
             applied: heapless::Vec::new(),
+            ramps: Ramps::default(),
+            changed_tick: None,
             tick: 0,
             has_begun: false,
             ticks_skipped: 0,
@@ -98,12 +112,34 @@ impl Plant {
         }
     }
 
+    /// The same plant, with faults of the commands that it is handed.
+    #[must_use]
+    pub fn gated(self, gate: Option<Gate<RotorSpeeds>>) -> Self {
+        Self { gate: gate.map(Box::new), ..self }
+    }
+
+    /// Commands that were refused for what a fault had made of them.
+    #[must_use]
+    pub fn rejections(&self) -> Rejections {
+        self.gate.as_ref().map(|gate| *gate.rejections()).unwrap_or_default()
+    }
+
     /// Hands over a rotor command. It is in force from `effective_tick` on at the earliest, and never before the tick
     /// after its own. The newest command in force wins; see [`crate::latch`] for what is late and what is lost.
+    // Called, it would be handed a copy of all the telemetry.
+    #[inline]
     pub fn offer(&mut self, command: Dated<RotorSpeeds>, effective_tick: u64) {
         self.commands_taken += 1;
         self.command_taken_tick = command.tick;
-        self.latch.offer(&command, effective_tick);
+        match &mut self.gate {
+            None => self.latch.offer(&command, effective_tick),
+            Some(gate) => {
+                let tick = command.tick;
+                if let Some(Passed { content, delay }) = gate.pass(tick, &command.content) {
+                    self.latch.offer(&Dated { tick, content }, effective_tick.max(tick + 1) + delay);
+                }
+            }
+        }
     }
 
     /// Takes a swap that holds from its tick on, or from the next boundary if its tick has already begun. Before the
@@ -112,8 +148,8 @@ impl Plant {
     /// # Errors
     /// [`SwapError`] when the swap is not valid or too many are pending; nothing is changed then.
     pub fn schedule(&mut self, mut swap: Swap) -> Result<u64, SwapError> {
-        for &(parameter, value) in &swap.changes {
-            self.airframe.check(parameter, value)?;
+        for target in &swap.targets {
+            self.airframe.check(target.parameter, target.value)?;
         }
         let next_boundary = self.tick + u64::from(self.has_begun);
         let tick = swap.tick.max(next_boundary);
@@ -127,11 +163,18 @@ impl Plant {
     /// Ticks in between that were never begun are flown, judged and counted as skipped; a begun tick that was not
     /// finished is finished. A tick that lies behind changes nothing.
     pub fn begin(&mut self, tick: u64) -> State {
+        let mut state = State::default();
+        self.begin_into(tick, &mut state);
+        state
+    }
+
+    /// The same into the place of another state.
+    pub fn begin_into(&mut self, tick: u64, state: &mut State) {
         self.fly_to(tick);
         if self.tick == tick {
             self.enter();
         }
-        self.state()
+        self.show(state);
     }
 
     /// Ends the flight after its last tick, flown or skipped: judges the last command, at the tick that would be next.
@@ -149,6 +192,7 @@ impl Plant {
     /// Flies what lies before `tick`: the rest of the begun tick, and ticks that were skipped.
     fn fly_to(&mut self, tick: u64) {
         self.applied.clear();
+        self.changed_tick = None;
         if tick > self.tick {
             self.finish();
         }
@@ -164,7 +208,7 @@ impl Plant {
         if !self.has_begun {
             return;
         }
-        let spin = Spin::new(&self.airframe, self.rotor_speed, Vector4::from(self.latch.speed()));
+        let spin = Spin::new(&self.airframe, self.rotor_speed, Vector4::from(self.delay.acting()));
         self.body = self.flown(&spin);
         self.eta2 = self.body.attitude.euler_near(&self.eta2);
         self.sensors.advance(&self.airframe, &self.body);
@@ -199,9 +243,8 @@ impl Plant {
         }
         while let Some(swap) = self.swaps.pop_due(self.tick) {
             self.parameter_epoch += 1;
-            let changes = swap.apply(&mut self.airframe);
-            self.dynamics = Dynamics::new(&self.airframe);
-            self.sensors.tune(&self.airframe);
+            let changes = self.ramps.begin(&swap, self.tick, &mut self.airframe);
+            self.changed_tick = Some(self.tick);
             // As many places as the queue has, and emptied by every `begin`: there is always room.
             let _ = self.applied.push(AppliedSwap {
                 tick: self.tick,
@@ -210,59 +253,76 @@ impl Plant {
                 changes,
             });
         }
+        if self.ramps.step(self.tick, &mut self.airframe) {
+            self.changed_tick = Some(self.tick);
+        }
+        if self.changed_tick == Some(self.tick) {
+            self.dynamics = Dynamics::new(&self.airframe);
+            self.sensors.tune(&self.airframe);
+            self.delay.tune(&self.airframe);
+        }
         self.sensors.settle();
         self.latch.enter(self.tick);
+        self.delay.take(self.latch.speed());
         self.has_begun = true;
     }
 
     /// What the sensors would show now. The accelerometer feels the rotors as they turned until now.
     #[must_use]
     pub fn measured(&self) -> Measured {
-        let Self { airframe, body, .. } = self;
-        let state = self.state();
-        let force = self.dynamics.specific_force(body, thrust(airframe, &self.rotor_speed), &self.pushed_w);
-        Measured {
-            position_w_m: state.position_w_m,
-            velocity_w_m_s: state.velocity_w_m_s,
-            attitude_rad: state.attitude_rad,
-            attitude_quaternion: body.attitude.wxyz(),
-            rate_b_rad_s: state.rate_b_rad_s,
-            specific_force_b_m_s2: self.sensors.specific_force(airframe, &force).into(),
-            rotor_speed_mean_rad_s: state.rotor_speed_mean_rad_s,
-            rotor_speed_squared_mean_rad2_s2: state.rotor_speed_squared_mean_rad2_s2,
-            rotor_speed_command_rad_s: state.rotor_speed_command_rad_s,
-        }
+        self.state().measured
     }
 
     /// The state as it would be published now.
     #[must_use]
     pub fn state(&self) -> State {
-        let Self { airframe, body, sensors, .. } = self;
-        let (position, velocity) = sensors.fix(airframe);
-        State {
-            position_w_m: position.into(),
-            velocity_w_m_s: velocity.into(),
+        let mut state = State::default();
+        self.show(&mut state);
+        state
+    }
+
+    /// Writes every number of the state as it would be published now.
+    fn show(&self, state: &mut State) {
+        let Self { airframe, body, sensors, latch, .. } = self;
+        // Piece by piece, each where it belongs: a value of all would be made elsewhere, and copied.
+        let State {
+            measured,
+            command_tick,
+            commands_taken,
+            command_taken_tick,
+            command_saturated,
+            deadlines_missed,
+            deadline_miss_run,
+            ticks_skipped,
+            parameter_epoch,
+            truth: Truth { position_w_m, velocity_w_m_s, rate_b_rad_s, touches_ground, parameter },
+        } = state;
+        let (fix, fix_velocity) = sensors.fix(airframe);
+        let force = self.dynamics.specific_force(body, thrust(airframe, &self.rotor_speed), &self.pushed_w);
+        *measured = Measured {
+            position_w_m: fix.into(),
+            velocity_w_m_s: fix_velocity.into(),
             attitude_rad: self.eta2.into(),
+            attitude_quaternion: body.attitude.wxyz(),
             rate_b_rad_s: sensors.rates(airframe, &body.nu2).into(),
+            specific_force_b_m_s2: sensors.specific_force(airframe, &force).into(),
             rotor_speed_mean_rad_s: self.means.speed.into(),
             rotor_speed_squared_mean_rad2_s2: self.means.speed_squared.into(),
-            rotor_speed_command_rad_s: self.latch.speed(),
-            command_tick: self.latch.command_tick(),
-            commands_taken: self.commands_taken,
-            command_taken_tick: self.command_taken_tick,
-            command_saturated: u64::from(self.latch.is_saturated()),
-            deadlines_missed: self.latch.deadlines_missed(),
-            deadline_miss_run: self.latch.deadline_miss_run(),
-            ticks_skipped: self.ticks_skipped,
-            parameter_epoch: self.parameter_epoch,
-            truth: Truth {
-                position_w_m: body.eta1.into(),
-                velocity_w_m_s: body.v.into(),
-                rate_b_rad_s: body.nu2.into(),
-                touches_ground: u64::from(self.pushed_w != Vector3::zeros()),
-                parameter: *airframe.values(),
-            },
-        }
+            rotor_speed_command_rad_s: latch.speed(),
+        };
+        *command_tick = latch.command_tick();
+        *commands_taken = self.commands_taken;
+        *command_taken_tick = self.command_taken_tick;
+        *command_saturated = u64::from(latch.is_saturated());
+        *deadlines_missed = latch.deadlines_missed();
+        *deadline_miss_run = latch.deadline_miss_run();
+        *ticks_skipped = self.ticks_skipped;
+        *parameter_epoch = self.parameter_epoch;
+        *position_w_m = body.eta1.into();
+        *velocity_w_m_s = body.v.into();
+        *rate_b_rad_s = body.nu2.into();
+        *touches_ground = u64::from(self.pushed_w != Vector3::zeros());
+        *parameter = *airframe.values();
     }
 
     /// The true parameters that hold now.
@@ -281,6 +341,13 @@ impl Plant {
     #[must_use]
     pub fn applied(&self) -> &[AppliedSwap] {
         &self.applied
+    }
+
+    /// Tick of the newest change of a parameter, by a swap or a step of a ramp, that the last [`Plant::begin`] or
+    /// [`Plant::end`] made.
+    #[must_use]
+    pub const fn changed_tick(&self) -> Option<u64> {
+        self.changed_tick
     }
 
     /// Height of the airframe's lowest point above the ground [m], where there is one.

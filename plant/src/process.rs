@@ -9,6 +9,8 @@ use std::thread;
 use heapless::spsc::{Consumer, Producer, Queue};
 use model::boards::{Ending, IN_FORCE, InForce, Run, RunPhase};
 use model::envelope::{Envelope, Stamps};
+use model::fault::gate::Gate;
+use model::fault::{MessageFaults, Port};
 use model::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use model::grid::{Grid, Pace};
 use model::messages::{Dated, RotorSpeeds, State};
@@ -26,7 +28,7 @@ use crate::desk::{self, Event, INBOX, OUTBOX, SwapRequest};
 use crate::latch::pending_commands;
 use crate::plant::Plant;
 use crate::settings::PlantSettings;
-use crate::swap::{AppliedSwap, Swap};
+use crate::swap::Swap;
 
 /// In lockstep, how far the recorder may fall behind: half of what its ports keep.
 const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
@@ -37,7 +39,13 @@ const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 ///
 /// # Errors
 /// Those of the station and of the ports.
-pub fn run(mut station: Station, settings: &PlantSettings, plan: FlightPlan, faults: &[Swap]) -> Result<(), Error> {
+pub fn run(
+    mut station: Station,
+    settings: &PlantSettings,
+    plan: FlightPlan,
+    faults: &[Swap],
+    messages: &MessageFaults,
+) -> Result<(), Error> {
     let mut inbox = Queue::<SwapRequest, INBOX>::new();
     let mut outbox = Queue::<Event, OUTBOX>::new();
     let (orders_in, orders_out) = inbox.split();
@@ -51,6 +59,7 @@ pub fn run(mut station: Station, settings: &PlantSettings, plan: FlightPlan, fau
         // A desk that cannot open ends, and its error is the result of `join` below.
         let flown = if told.recv().is_ok() {
             let mut plant = PlantProcess::new(station.wire(), settings, faults, orders_out, events_in)?;
+            plant.plant = plant.plant.gated(Gate::new(messages, Port::PlantRotorSpeeds));
             plant.serve(&mut station, plan, &open_desk)
         } else {
             Ok(())
@@ -179,7 +188,7 @@ impl<'a> PlantProcess<'a> {
             opened.board.put(opened.run);
             station.status.ticks_run = self.ticks_run;
             station.status.ticks_skipped = worked.state.ticks_skipped;
-            station.status.rejections = *self.commands.rejections();
+            station.status.rejections = self.commands.rejections().and(&self.plant.rejections());
             station.publish_status();
             if let Err(departure) = worked.envelope {
                 return Ok(match departure {
@@ -332,8 +341,9 @@ impl<'a> PlantProcess<'a> {
     }
 
     fn hand_over_applied(&mut self) {
-        let Some(AppliedSwap { tick, epoch, .. }) = self.plant.applied().last() else { return };
-        self.in_force.put(InForce { tick: *tick, parameter_epoch: *epoch, value: *self.plant.airframe().values() });
+        let Some(tick) = self.plant.changed_tick() else { return };
+        let (parameter_epoch, value) = (self.plant.parameter_epoch(), *self.plant.airframe().values());
+        self.in_force.put(InForce { tick, parameter_epoch, value });
         for applied in self.plant.applied() {
             let _ = self.events.enqueue(Event::Applied(applied.clone()));
         }

@@ -1,22 +1,36 @@
 //! Swaps: sets of parameter values that take hold together, at a tick.
 //!
 //! A swap is how the airframe changes in flight: a fault, a payload, gyro noise switched on. This file owns the
-//! validity of a swap and the order in which pending swaps are applied. [`crate::plant`] knows when the plant has
-//! reached a tick.
+//! validity of a swap and the order in which pending swaps are applied. [`crate::ramp`] owns what takes more than one
+//! tick, and [`crate::plant`] knows when the plant has reached a tick.
 
-use model::parameters::{Airframe, PARAMETERS, Parameter, ParameterError};
+use model::messages::Change;
+use model::parameters::{PARAMETERS, Parameter, ParameterError};
 use thiserror::Error;
 
 /// Pending swaps that fit into the queue.
 pub const PENDING_SWAPS: usize = 64;
+/// Steps of the longest ramp: 30 days, the longest flight, at the shortest tick, 0.1 ms.
+pub const STEPS_MAX: u64 = 30 * 86_400 * 10_000;
+
+/// What a parameter is to become.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target {
+    /// The parameter.
+    pub parameter: Parameter,
+    /// Its new value, in its unit.
+    pub value: f64,
+    /// Equal steps in which it gets there, one a tick from the swap's on; 1 is at once.
+    pub steps: u64,
+}
 
 /// New values of some parameters, all from the same tick on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Swap {
     /// Grid tick from which on they are wanted.
     pub tick: u64,
-    /// Parameters with their new values, each parameter once.
-    pub changes: heapless::Vec<(Parameter, f64), PARAMETERS>,
+    /// What the parameters are to become, each parameter once.
+    pub targets: heapless::Vec<Target, PARAMETERS>,
     /// Number by which the asker knows it again; 0 for faults known before the flight.
     pub ticket: u64,
 }
@@ -34,17 +48,6 @@ pub struct AppliedSwap {
     pub changes: heapless::Vec<Change, PARAMETERS>,
 }
 
-/// A parameter's value before and after a swap.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Change {
-    /// The parameter.
-    pub parameter: Parameter,
-    /// Value until the swap, in the parameter's unit.
-    pub old: f64,
-    /// Value from the swap on.
-    pub new: f64,
-}
-
 /// Why a swap was refused; nothing of it is applied then.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum SwapError {
@@ -57,6 +60,14 @@ pub enum SwapError {
         /// The parameter.
         parameter: Parameter,
     },
+    /// A ramp of no step, or of more than a flight has ticks.
+    #[error("{parameter}: a ramp of {steps} steps: allowed are 1 to {STEPS_MAX}")]
+    Steps {
+        /// The parameter.
+        parameter: Parameter,
+        /// How many it was to take.
+        steps: u64,
+    },
     /// A value is out of its range.
     #[error(transparent)]
     Value(#[from] ParameterError),
@@ -66,46 +77,51 @@ pub enum SwapError {
 }
 
 impl Swap {
-    /// A valid swap of `changes` from `tick` on.
+    /// A valid swap to these values, which hold at once from `tick` on.
     ///
     /// # Errors
     /// As [`Swap::check`].
     pub fn new(tick: u64, changes: &[(Parameter, f64)]) -> Result<Self, SwapError> {
-        let mut swap = Self { tick, changes: heapless::Vec::new(), ticket: 0 };
-        for &(parameter, value) in changes {
-            // More changes than there are parameters repeat one of them.
-            swap.changes.push((parameter, value)).map_err(|(parameter, _)| SwapError::Twice { parameter })?;
+        Self::of(tick, changes.iter().map(|&(parameter, value)| Target { parameter, value, steps: 1 }))
+    }
+
+    /// A valid swap to these targets, with the first step of each at `tick`.
+    ///
+    /// # Errors
+    /// As [`Swap::check`].
+    pub fn to(tick: u64, targets: &[Target]) -> Result<Self, SwapError> {
+        Self::of(tick, targets.iter().copied())
+    }
+
+    fn of(tick: u64, targets: impl Iterator<Item = Target>) -> Result<Self, SwapError> {
+        let mut swap = Self { tick, targets: heapless::Vec::new(), ticket: 0 };
+        for target in targets {
+            // More targets than there are parameters repeat one of them.
+            swap.targets.push(target).map_err(|Target { parameter, .. }| SwapError::Twice { parameter })?;
         }
         swap.check()?;
         Ok(swap)
     }
 
-    /// Checks that it changes something, each parameter once, to a value that some airframe can have.
+    /// Checks that it changes something, each parameter once, to a value that some airframe can have, in steps that fit
+    /// into a flight.
     ///
     /// # Errors
-    /// [`SwapError::Empty`], [`SwapError::Twice`] or [`SwapError::Value`].
+    /// [`SwapError::Empty`], [`SwapError::Twice`], [`SwapError::Steps`] or [`SwapError::Value`].
     pub fn check(&self) -> Result<(), SwapError> {
-        if self.changes.is_empty() {
+        if self.targets.is_empty() {
             return Err(SwapError::Empty);
         }
-        for (i, &(parameter, value)) in self.changes.iter().enumerate() {
+        for (i, &Target { parameter, value, steps }) in self.targets.iter().enumerate() {
             parameter.widest().check(parameter, value)?;
-            if self.changes[..i].iter().any(|&(earlier, _)| earlier == parameter) {
+            if !(1..=STEPS_MAX).contains(&steps) {
+                return Err(SwapError::Steps { parameter, steps });
+            }
+            if self.targets[..i].iter().any(|earlier| earlier.parameter == parameter) {
                 return Err(SwapError::Twice { parameter });
             }
         }
         Ok(())
-    }
-
-    /// Gives the airframe its new values, and tells what they replaced.
-    pub(crate) fn apply(&self, airframe: &mut Airframe) -> heapless::Vec<Change, PARAMETERS> {
-        let before = *airframe;
-        self.changes
-            .iter()
-            // The plant let only values within the airframe's ranges in, so none is refused here.
-            .filter(|&&(parameter, value)| airframe.set(parameter, value).is_ok())
-            .map(|&(parameter, new)| Change { parameter, old: before.get(parameter), new })
-            .collect()
     }
 }
 
@@ -148,6 +164,11 @@ mod tests {
         }
         let too_many = [(Mass, 0.6); PARAMETERS + 1];
         assert_eq!(Swap::new(3, &too_many), Err(SwapError::Twice { parameter: Mass }));
+        for steps in [0, STEPS_MAX + 1] {
+            let refused = Swap::to(3, &[Target { parameter: Mass, value: 0.6, steps }]).unwrap_err();
+            assert_eq!(refused.to_string(), format!("mass_kg: a ramp of {steps} steps: allowed are 1 to 25920000000"));
+        }
+        assert!(Swap::to(3, &[Target { parameter: Mass, value: 0.6, steps: STEPS_MAX }]).is_ok());
     }
 
     #[test]
@@ -158,7 +179,7 @@ mod tests {
         }
         assert_eq!(queue.pop_due(2), None);
         let order: Vec<(u64, f64)> =
-            std::iter::from_fn(|| queue.pop_due(8)).map(|swap| (swap.tick, swap.changes[0].1)).collect();
+            std::iter::from_fn(|| queue.pop_due(8)).map(|swap| (swap.tick, swap.targets[0].value)).collect();
         assert_eq!(order, [(3, 0.2), (3, 0.5), (5, 0.1), (5, 0.1 * 3.0)]);
         assert_eq!(queue.pop_due(9).map(|swap| swap.tick), Some(9));
     }

@@ -78,7 +78,7 @@ fn yaw_and_roll_are_counted_over_whole_turns() {
         initial.rate_b_rad_s[axis] = 8.0;
         let mut plant = Plant::new(&PlantSettings { airframe: free(), initial, ..PlantSettings::default() });
         let state = plant.begin(2000);
-        assert!((state.attitude_rad[axis] - 16.0).abs() < 1e-9, "{:?}", state.attitude_rad);
+        assert!((state.measured.attitude_rad[axis] - 16.0).abs() < 1e-9, "{:?}", state.measured.attitude_rad);
     }
 }
 
@@ -87,7 +87,7 @@ fn a_flight_begins_in_the_attitude_of_its_settings() {
     let initial = Initial { attitude_rad: [170.0_f64.to_radians(), -0.4, 2.5], ..Initial::default() };
     let mut plant = Plant::new(&PlantSettings { initial, ..PlantSettings::default() });
     let state = plant.begin(0);
-    assert!((Vector3::from(state.attitude_rad) - Vector3::from(initial.attitude_rad)).norm() < 1e-14);
+    assert!((Vector3::from(state.measured.attitude_rad) - Vector3::from(initial.attitude_rad)).norm() < 1e-14);
     assert_eq!(plant.envelope(), Ok(()));
     let limited = PlantSettings { tilt_max_rad: 1.5, initial, ..PlantSettings::default() };
     let said = Plant::new(&limited).envelope().unwrap_err().to_string();

@@ -40,9 +40,9 @@ const fn at(position_w_m: [f64; 3]) -> Initial {
 fn at_rest_it_stays_where_it_stands_and_feels_its_weight() {
     let mut plant = plant(at([0.3, -0.2, REST_Z_M]));
     fly(&mut plant, 5000, RotorLimits::default().min_rad_s, |state, plant| {
-        let off = Vector3::from(state.position_w_m) - Vector3::new(0.3, -0.2, REST_Z_M);
+        let off = Vector3::from(state.measured.position_w_m) - Vector3::new(0.3, -0.2, REST_Z_M);
         assert!(off.norm() < 1e-6, "{state:?}");
-        assert!(Vector3::from(state.attitude_rad).norm() < 1e-6, "{state:?}");
+        assert!(Vector3::from(state.measured.attitude_rad).norm() < 1e-6, "{state:?}");
         assert_eq!(plant.envelope(), Ok(()));
         // Tick 1 ends a tick at hover speed, in which the feet carried nothing.
         if state.truth.position_w_m[2] < REST_Z_M + 1e-9 && plant.measured().rotor_speed_mean_rad_s[0] < 31.0 {
@@ -84,11 +84,11 @@ fn it_slides_to_a_stop_as_friction_says() {
     let mut stopped = None;
     let mut farthest: f64 = 0.0;
     fly(&mut plant, 1000, RotorLimits::default().min_rad_s, |state, _| {
-        farthest = farthest.max(state.position_w_m[0]);
-        if stopped.is_none() && state.velocity_w_m_s[0] < 1e-9 {
-            stopped = Some(state.position_w_m[0]);
+        farthest = farthest.max(state.measured.position_w_m[0]);
+        if stopped.is_none() && state.measured.velocity_w_m_s[0] < 1e-9 {
+            stopped = Some(state.measured.position_w_m[0]);
         }
-        assert!(state.velocity_w_m_s[0] > -1e-6, "it is not thrown back: {state:?}");
+        assert!(state.measured.velocity_w_m_s[0] > -1e-6, "it is not thrown back: {state:?}");
     });
     // v^2 / (2 mu g) = 0.085 m without drag, which shortens it a little; tick 0 is flown at hover speed, without load.
     let stopped = stopped.unwrap();

@@ -34,10 +34,15 @@ fn hover_stays_put() {
     let hover = RotorSpeeds { speed_rad_s: hover(&airframe).into(), ..RotorSpeeds::default() };
     for tick in 0..5000 {
         let state = plant.begin(tick);
-        let worst = [state.position_w_m, state.velocity_w_m_s, state.attitude_rad, state.truth.rate_b_rad_s]
-            .iter()
-            .flatten()
-            .fold(0.0_f64, |worst, x| worst.max(x.abs()));
+        let worst = [
+            state.measured.position_w_m,
+            state.measured.velocity_w_m_s,
+            state.measured.attitude_rad,
+            state.truth.rate_b_rad_s,
+        ]
+        .iter()
+        .flatten()
+        .fold(0.0_f64, |worst, x| worst.max(x.abs()));
         assert!(worst < 1e-12, "tick {tick}: off by {worst}");
         plant.offer(Dated { tick, content: hover }, tick + 1);
         plant.finish();
@@ -160,7 +165,7 @@ fn rotors_follow_a_step_of_the_command_with_their_time_constant() {
         let elapsed_s = (tick as f64 - 1.5) * PERIOD_S;
         if elapsed_s > 0.0 {
             let speed = 300.0 + (start - 300.0) * (-elapsed_s / tau).exp();
-            assert!((state.rotor_speed_mean_rad_s[0] - speed).abs() < 0.02, "tick {tick}");
+            assert!((state.measured.rotor_speed_mean_rad_s[0] - speed).abs() < 0.02, "tick {tick}");
         }
     }
 }

@@ -108,7 +108,7 @@ fn a_fix_arrives_late_and_is_shown_until_the_next() {
         let state = plant.begin(tick as u64);
         truth.push((state.truth.position_w_m, state.truth.velocity_w_m_s));
         let taken = tick.saturating_sub(100) / 20 * 20;
-        assert_eq!((state.position_w_m, state.velocity_w_m_s), truth[taken], "tick {tick}");
+        assert_eq!((state.measured.position_w_m, state.measured.velocity_w_m_s), truth[taken], "tick {tick}");
         plant.finish();
     }
 }
@@ -128,7 +128,7 @@ fn fixes_err_as_much_as_they_may_and_a_skipped_tick_shifts_nothing() {
     for tick in 0..300 {
         let shown = every.begin(tick);
         if tick % 13 == 0 {
-            assert_eq!(seldom.begin(tick).position_w_m, shown.position_w_m);
+            assert_eq!(seldom.begin(tick).measured.position_w_m, shown.measured.position_w_m);
         }
     }
 }

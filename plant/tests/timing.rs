@@ -3,10 +3,10 @@
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use model::limits::RotorLimits;
-use model::messages::{Dated, NO_TICK, RotorSpeeds, State};
+use model::messages::{Change, Dated, NO_TICK, RotorSpeeds, State};
 use model::parameters::{Airframe, Parameter};
 use plant::swap::PENDING_SWAPS;
-use plant::{Change, Departure, Plant, PlantSettings, Swap, SwapError};
+use plant::{Departure, Plant, PlantSettings, Swap, SwapError};
 
 const IDLE: [f64; 4] = [30.0; 4];
 
@@ -47,7 +47,7 @@ fn fly(plant: &mut Plant, tick: u64) -> State {
 
 /// Command in force, its tick, misses so far and the run.
 fn verdict(state: &State) -> ([f64; 4], u64, u64, u64) {
-    (state.rotor_speed_command_rad_s, state.command_tick, state.deadlines_missed, state.deadline_miss_run)
+    (state.measured.rotor_speed_command_rad_s, state.command_tick, state.deadlines_missed, state.deadline_miss_run)
 }
 
 #[test]
@@ -58,8 +58,8 @@ fn a_command_acts_from_the_tick_after_its_own() {
         let state = fly(&mut plant, tick);
         assert_eq!(verdict(&state), (speeds(tick - 1), tick - 1, 0, 0));
         let flown = if tick == 1 { hover() } else { speeds(tick - 2) };
-        assert_eq!(state.rotor_speed_mean_rad_s, flown);
-        assert_eq!(state.rotor_speed_squared_mean_rad2_s2, flown.map(|w| w * w));
+        assert_eq!(state.measured.rotor_speed_mean_rad_s, flown);
+        assert_eq!(state.measured.rotor_speed_squared_mean_rad2_s2, flown.map(|w| w * w));
     }
 }
 
@@ -233,15 +233,15 @@ fn without_commands_for_20_ms_the_rotors_idle_until_a_newer_one() {
 #[test]
 fn hover_does_not_hold_for_ever_either() {
     let mut plant = plant();
-    assert_eq!(plant.begin(19).rotor_speed_command_rad_s, hover());
-    assert_eq!(plant.begin(20).rotor_speed_command_rad_s, IDLE);
+    assert_eq!(plant.begin(19).measured.rotor_speed_command_rad_s, hover());
+    assert_eq!(plant.begin(20).measured.rotor_speed_command_rad_s, IDLE);
 }
 
 #[test]
 fn the_timeout_counts_ticks_of_any_length() {
     let mut plant = Plant::new(&PlantSettings { period_s: 0.002, ..settings() });
-    assert_eq!(plant.begin(9).rotor_speed_command_rad_s, hover());
-    assert_eq!(plant.begin(10).rotor_speed_command_rad_s, IDLE);
+    assert_eq!(plant.begin(9).measured.rotor_speed_command_rad_s, hover());
+    assert_eq!(plant.begin(10).measured.rotor_speed_command_rad_s, IDLE);
 }
 
 #[test]
@@ -282,7 +282,10 @@ fn a_swap_holds_from_its_tick_on_and_all_of_it_together() {
     assert_eq!((applied.tick, applied.epoch), (5, 1));
     assert_eq!(
         applied.changes.as_slice(),
-        [Change { parameter: Mass, old: 0.52, new: 0.6 }, Change { parameter: RotationalDrag, old: 0.105, new: 0.525 }]
+        [
+            Change { parameter: Mass, old: 0.52, new: 0.6, steps: 1 },
+            Change { parameter: RotationalDrag, old: 0.105, new: 0.525, steps: 1 }
+        ]
     );
     plant.finish();
     plant.begin(6);
@@ -334,7 +337,7 @@ fn a_swap_of_a_skipped_tick_holds_from_that_tick_on() {
 fn refused_swaps_change_nothing() {
     let mut plant = plant();
     let mut unchecked = Swap::new(0, &[(Parameter::Mass, 0.6)]).unwrap();
-    unchecked.changes[0].1 = f64::NAN;
+    unchecked.targets[0].value = f64::NAN;
     assert!(matches!(plant.schedule(unchecked), Err(SwapError::Value(_))));
     for tick in 0..PENDING_SWAPS as u64 {
         plant.schedule(Swap::new(tick + 1, &[(Parameter::Mass, 0.6)]).unwrap()).unwrap();
@@ -354,10 +357,10 @@ fn gyro_noise_is_in_the_measurement_and_not_in_the_truth() {
     other.schedule(swap()).unwrap();
     for tick in 0..20 {
         let (n, q, o) = (fly(&mut noisy, tick), fly(&mut quiet, tick), fly(&mut other, tick));
-        assert_eq!(q.rate_b_rad_s, q.truth.rate_b_rad_s);
+        assert_eq!(q.measured.rate_b_rad_s, q.truth.rate_b_rad_s);
         assert_eq!(n.truth.rate_b_rad_s, q.truth.rate_b_rad_s);
-        assert_eq!(n.rate_b_rad_s == n.truth.rate_b_rad_s, tick < 10);
-        assert_eq!(n.rate_b_rad_s == o.rate_b_rad_s, tick < 10);
+        assert_eq!(n.measured.rate_b_rad_s == n.truth.rate_b_rad_s, tick < 10);
+        assert_eq!(n.measured.rate_b_rad_s == o.measured.rate_b_rad_s, tick < 10);
     }
 }
 
@@ -381,4 +384,66 @@ fn a_flight_out_of_its_envelope_is_told() {
     plant.offer(Dated { tick: 2001, content: wrong }, 2002);
     plant.begin(2003);
     assert_eq!(plant.envelope(), Err(Departure::NotFinite { tick: 2003 }));
+}
+
+/// Rotor speeds over the tick before.
+fn turned(state: &State) -> [f64; 4] {
+    state.measured.rotor_speed_mean_rad_s
+}
+
+#[test]
+fn a_delay_of_commands_reaches_the_motors_and_no_verdict() {
+    let mut airframe = Airframe::nominal();
+    airframe.set(Parameter::CommandDelay, 0.003).unwrap();
+    let mut plant = Plant::new(&PlantSettings { airframe, ..settings() });
+    for tick in 0..50 {
+        let state = fly(&mut plant, tick);
+        // The command of tick k is in force in k + 1, acts in k + 4, and is the mean of the tick before k + 5.
+        assert_eq!(turned(&state), if tick < 5 { hover() } else { speeds(tick - 5) }, "tick {tick}");
+        let in_force = if tick == 0 { (hover(), NO_TICK, 0, 0) } else { (speeds(tick - 1), tick - 1, 0, 0) };
+        assert_eq!(verdict(&state), in_force);
+    }
+}
+
+#[test]
+fn a_delay_that_grows_repeats_commands_and_one_that_shrinks_skips_some() {
+    let mut plant = plant();
+    plant.schedule(Swap::new(20, &[(Parameter::CommandDelay, 0.010)]).unwrap()).unwrap();
+    plant.schedule(Swap::new(40, &[(Parameter::CommandDelay, 0.001)]).unwrap()).unwrap();
+    for tick in 0..60 {
+        let state = fly(&mut plant, tick);
+        let delay = match tick {
+            0..=20 => 0,
+            21..=40 => 10,
+            _ => 1,
+        };
+        if tick >= 2 {
+            assert_eq!(turned(&state), speeds(tick - 2 - delay), "tick {tick}");
+        }
+    }
+}
+
+#[test]
+fn a_delay_is_rounded_to_ticks_of_any_length() {
+    let first_of = |period_s: f64, delay_s: f64| {
+        let mut airframe = Airframe::nominal();
+        airframe.set(Parameter::CommandDelay, delay_s).unwrap();
+        let mut plant = Plant::new(&PlantSettings { airframe, period_s, ..settings() });
+        (0..200).find(|tick| turned(&fly(&mut plant, *tick)) == speeds(0)).map(|tick| tick - 2)
+    };
+    assert_eq!(first_of(1e-3, 0.0), Some(0));
+    assert_eq!(first_of(1e-3, 0.0004), Some(0));
+    assert_eq!(first_of(1e-3, 0.0006), Some(1));
+    assert_eq!(first_of(1e-4, 0.010), Some(100));
+    assert_eq!(first_of(0.02, 0.010), Some(1), "half a tick is one");
+    assert!(Airframe::nominal().set(Parameter::CommandDelay, 0.011).is_err());
+}
+
+#[test]
+fn idle_comes_late_too() {
+    let mut airframe = Airframe::nominal();
+    airframe.set(Parameter::CommandDelay, 0.002).unwrap();
+    let mut plant = Plant::new(&PlantSettings { airframe, ..settings() });
+    let idle: Vec<u64> = (0..30).filter(|tick| turned(&plant.begin(*tick)) == IDLE).collect();
+    assert_eq!(idle.first(), Some(&23), "in force in tick 20, acts in 22");
 }

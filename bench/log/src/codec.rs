@@ -4,9 +4,12 @@
 //! `fixed64` and floats are `double`, so every bit is kept. Every field is written, zeros too, so all messages of a
 //! type have the same size. The reader insists on exactly that: a message that deviates was not written with this
 //! layout.
+//!
+//! What a law shows in its stage's message is left out: it has a message of its own, with names ([`crate::telemetry`]).
 
 use model::envelope::{Envelope, Message};
 use model::layout::{Field, Kind, Visitor, VisitorMut, Walk};
+use model::telemetry::Telemetry;
 use model::topic::Topic;
 
 /// Number of the envelope's field.
@@ -23,6 +26,12 @@ pub trait Logged: Topic + Walk {}
 
 impl<C: Topic + Walk> Logged for C {}
 
+/// Whether a field is telemetry, which is logged beside the message that it came in.
+#[must_use]
+pub fn is_telemetry(field: &Field) -> bool {
+    matches!(field.kind, Kind::Struct { name, .. } if name == Telemetry::STRUCT)
+}
+
 /// Writes a message.
 pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
     out.clear();
@@ -32,14 +41,15 @@ pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
     message.content.visit(&mut encoder);
 }
 
-/// Reads a message; `None` where the bytes are not one.
+/// Reads a message, without what a law shows in it; `None` where the bytes are not one.
 #[must_use]
 pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
     let mut message = Message { envelope: Envelope::new(), content: C::default() };
     decode_into(bytes, &mut message).then_some(message)
 }
 
-/// Reads a message into the place of another one; false where the bytes are not one, and then none stands there.
+/// Reads a message into the place of another one, of which the telemetry stays; false where the bytes are not one, and
+/// then none stands there.
 #[must_use]
 pub fn decode_into<C: Logged>(bytes: &[u8], message: &mut Message<C>) -> bool {
     let mut decoder = Decoder { bytes, number: ENVELOPE_NUMBER, whole: true };
@@ -47,6 +57,21 @@ pub fn decode_into<C: Logged>(bytes: &[u8], message: &mut Message<C>) -> bool {
     decoder.number = CONTENT_NUMBER;
     message.content.visit_mut(&mut decoder);
     decoder.whole && decoder.bytes.is_empty()
+}
+
+/// Writes a field that is a word: a whole number, or the bits of another one.
+pub(crate) fn put_word(number: u32, word: u64, out: &mut Vec<u8>) {
+    Encoder { out, number }.tag(FIXED64);
+    out.extend(word.to_le_bytes());
+}
+
+/// Takes such a field off; `None` where it is not the next one.
+pub(crate) fn take_word(number: u32, bytes: &mut &[u8]) -> Option<u64> {
+    let mut decoder = Decoder { bytes, number, whole: true };
+    decoder.tag(FIXED64);
+    let (word, rest) = decoder.bytes.split_first_chunk().filter(|_| decoder.whole)?;
+    *bytes = rest;
+    Some(u64::from_le_bytes(*word))
 }
 
 /// A struct that stands within a message.
@@ -136,7 +161,10 @@ impl Visitor for Encoder<'_> {
         self.words(field, values.iter().map(|value| value.to_bits()));
     }
 
-    fn structs<L: Walk>(&mut self, _: &'static Field, values: &[L]) {
+    fn structs<L: Walk>(&mut self, field: &'static Field, values: &[L]) {
+        if is_telemetry(field) {
+            return;
+        }
         values.iter().for_each(|value| self.nested(value));
         self.number += 1;
     }
@@ -216,7 +244,10 @@ impl VisitorMut for Decoder<'_> {
     }
 
     #[inline]
-    fn structs<L: Walk>(&mut self, _: &'static Field, values: &mut [L]) {
+    fn structs<L: Walk>(&mut self, field: &'static Field, values: &mut [L]) {
+        if is_telemetry(field) {
+            return;
+        }
         values.iter_mut().for_each(|value| self.nested(value));
         self.number += 1;
     }

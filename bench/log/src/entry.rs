@@ -3,6 +3,7 @@
 use model::envelope::{Envelope, Message};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::monitor::Monitor;
+use model::telemetry::Telemetry;
 
 use crate::TOPICS;
 
@@ -50,6 +51,16 @@ impl LogEntry {
             Self::RotorSpeeds(message) => &message.envelope,
             Self::Swap(message) => &message.envelope,
             Self::Theorem(message) => &message.envelope,
+        }
+    }
+
+    /// What the law of its sender shows in it; none where the sender has no law.
+    pub(crate) const fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
+        match self {
+            Self::Setpoint(message) => Some(&mut message.content.telemetry),
+            Self::Wrench(message) => Some(&mut message.content.telemetry),
+            Self::RotorSpeeds(message) => Some(&mut message.content.telemetry),
+            Self::State(_) | Self::Swap(_) | Self::Theorem(_) => None,
         }
     }
 

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use model::grid::Pace;
+use model::telemetry::Signals;
 
 /// Version of the log: changed whenever a reader of the old one would misunderstand the new one.
 pub const FORMAT: &str = "ironbird-log/1";
@@ -12,6 +13,10 @@ pub const RUN: &str = "run";
 pub const SETTINGS: &str = "settings";
 /// What [`SETTINGS`] calls the points of the trajectory, where it has some: the file as it was read.
 pub const POINTS: &str = "trajectory.csv";
+/// Name of the record with the laws: of each role its name, its version, and its file with its SHA-256 where it has one.
+pub const LAWS: &str = "laws";
+/// Name of the record with the faults of messages, by number, with their ticks; there is none without faults.
+pub const FAULTS: &str = "faults";
 /// Name of the record with the machine.
 pub const HOST: &str = "host";
 /// Name of the record with what each process asked of the system, and was granted.
@@ -35,6 +40,10 @@ pub struct Facts {
     pub sample_time_ns: u64,
     /// Which messages it keeps, and in how many files.
     pub plan: LogPlan,
+    /// What the laws show.
+    pub signals: Signals,
+    /// Why topic `theorem` stays empty, where it does.
+    pub no_theorem: Option<String>,
     /// The records by name.
     pub records: Vec<(&'static str, Record)>,
 }

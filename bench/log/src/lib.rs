@@ -5,7 +5,7 @@
 //!                                                           --> reader --> export, replay
 //! ```
 //!
-//! Schemas, units and codec are derived from the layouts of the messages. docs/recording.md describes the file.
+//! Schemas, units and codec are derived from the layouts of the messages, and from the signals of the laws. docs/recording.md describes the file.
 
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::monitor::Monitor;
@@ -22,6 +22,7 @@ pub mod rows;
 pub mod scene;
 pub mod schema;
 pub mod spool;
+pub mod telemetry;
 pub mod units;
 pub mod writer;
 

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 use model::envelope::Message;
-use model::messages::{State, SwapRecord};
+use model::messages::{Change, State, SwapRecord};
 use model::role::{Role, STAGES};
 use model::topic::Topic;
 use prost::Message as _;
@@ -180,9 +180,12 @@ impl<W: Write> PerfettoWriter<W> {
         let changes: Vec<DebugAnnotation> = message
             .content
             .changes()
-            .map(|(parameter, old, new)| DebugAnnotation {
+            .map(|Change { parameter, old, new, steps }| DebugAnnotation {
                 name: Some(parameter.name().to_owned()),
-                string_value: Some(format!("{old} -> {new}")),
+                string_value: Some(match steps {
+                    1 => format!("{old} -> {new}"),
+                    ticks => format!("{old} -> {new} over {ticks} ticks"),
+                }),
                 ..DebugAnnotation::default()
             })
             .chain([number("tick", message.envelope.tick)])

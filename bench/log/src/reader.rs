@@ -3,6 +3,7 @@
 //! It reads chunk by chunk, so it can also read what a killed recorder or a full disk left behind. From a file that
 //! names another one, which goes on, it goes on there.
 
+mod assembly;
 mod told;
 
 use std::collections::BTreeMap;
@@ -11,15 +12,14 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use mcap::McapError;
-use mcap::records::{Metadata, Record, op};
+use mcap::records::{Channel, Metadata, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::monitor::Monitor;
+use model::role::Role;
 
-use crate::TOPICS;
-use crate::codec::decode_into;
 use crate::entry::{Counts, LogEntry};
-use crate::{facts, schema};
+use crate::telemetry::TelemetryTopic;
+use crate::{TOPICS, facts};
+use assembly::Assembly;
 use failure::{Failure, InFile as _, open_file};
 
 pub use told::Kept;
@@ -29,6 +29,11 @@ const RECORD_LIMIT: usize = 1 << 28;
 
 /// Length of what stands before a message: channel, sequence, and two times [bytes].
 const MESSAGE_HEADER: usize = 2 + 4 + 8 + 8;
+
+/// As much of a file is read at once, where that much is left [bytes]: some chunks. A chunk that is there as a whole is
+/// decompressed to where it is read; one that comes in pieces takes a copy more. No more, whatever length a record says
+/// that it has: memory follows what the file holds.
+const READ_AHEAD: usize = 1 << 21;
 
 /// What fails where a file cannot be read.
 const READ: &str = "read the flight log";
@@ -50,15 +55,12 @@ pub struct LogReader {
     /// Which file of the log it is, once it has said so.
     part: Option<u64>,
     parser: LinearReader,
-    /// What is read by the messages' layouts: places in [`TOPICS`] by channel.
-    channels: BTreeMap<u16, usize>,
+    assembly: Assembly,
     schemas: BTreeMap<u16, (String, Vec<u8>)>,
     facts: BTreeMap<String, facts::Record>,
     end: Option<End>,
     /// Messages that were read.
     read: Counts,
-    /// The one that was read last.
-    newest: LogEntry,
     has_data_end: bool,
     has_footer: bool,
 }
@@ -74,12 +76,11 @@ impl LogReader {
             file: open_file(path).in_file(READ, path)?,
             part: None,
             parser: parser(),
-            channels: BTreeMap::new(),
+            assembly: Assembly::new(),
             schemas: BTreeMap::new(),
             facts: BTreeMap::new(),
             end: None,
             read: [0; TOPICS.len()],
-            newest: LogEntry::empty(0),
             has_data_end: false,
             has_footer: false,
         })
@@ -92,11 +93,24 @@ impl LogReader {
     pub fn next_entry(&mut self) -> Result<Option<&LogEntry>, Failure> {
         while self.end.is_none() {
             if self.step()? {
-                self.read[self.newest.topic()] += 1;
-                return Ok(Some(&self.newest));
+                let newest = self.assembly.newest();
+                self.read[newest.topic()] += 1;
+                return Ok(Some(newest));
             }
         }
         Ok(None)
+    }
+
+    /// The message that was read last.
+    #[must_use]
+    pub const fn newest(&self) -> &LogEntry {
+        self.assembly.newest()
+    }
+
+    /// What the law of a role shows, as the log names it; none of a law without signals, and before the first message.
+    #[must_use]
+    pub fn telemetry(&self, role: Role) -> Option<&TelemetryTopic> {
+        self.assembly.telemetry(role)
     }
 
     /// The file that was read last.
@@ -133,8 +147,9 @@ impl LogReader {
             Some(Ok(event)) => event,
         };
         match event {
-            LinearReadEvent::ReadRequest(wanted) => {
-                let read = self.file.read(self.parser.insert(wanted)).in_file(READ, &self.path)?;
+            LinearReadEvent::ReadRequest(_) => {
+                let room = self.parser.insert(READ_AHEAD);
+                let read = self.file.read(room).in_file(READ, &self.path)?;
                 self.parser.notify_read(read);
                 Ok(false)
             }
@@ -144,12 +159,7 @@ impl LogReader {
                     && let Some((header, data)) = data.split_at_checked(MESSAGE_HEADER)
                 {
                     let channel = u16::from_le_bytes([header[0], header[1]]);
-                    let Some(topic) = self.channels.get(&channel).copied() else { return Ok(false) };
-                    if !read(topic, data, &mut self.newest) {
-                        let what = format!("a message of topic `{}` does not follow its schema", TOPICS[topic]);
-                        return Err(self.damaged(&what));
-                    }
-                    return Ok(true);
+                    return self.assembly.take(channel, data).map_err(|what| self.damaged(&what));
                 }
                 let record = mcap::parse_record(opcode, data).map(Record::into_owned);
                 let record = record.map_err(|e| self.damaged(&e.to_string()))?;
@@ -160,11 +170,12 @@ impl LogReader {
 
     /// Name of the file after this one.
     fn next_name(&self) -> Option<String> {
-        self.part.map(|part| crate::file_name(part + 1))
+        self.part.and_then(|part| part.checked_add(1)).map(crate::file_name)
     }
 
     /// Ends with this file, or goes on with the one that it names.
     fn end_file(&mut self) -> Result<(), Failure> {
+        self.assembly.check_whole().map_err(|what| self.damaged(&what))?;
         if !(self.has_data_end && self.has_footer) {
             self.end = Some(End::Complete);
             return Err(self.damaged("its checksums are missing"));
@@ -189,7 +200,8 @@ impl LogReader {
         })?;
         self.end = None;
         (self.path, self.file, self.parser) = (path, file, parser());
-        (self.channels, self.schemas) = (BTreeMap::new(), BTreeMap::new());
+        self.schemas.clear();
+        self.assembly.begin_file();
         (self.has_data_end, self.has_footer) = (false, false);
         Ok(())
     }
@@ -234,45 +246,24 @@ impl LogReader {
         if metadata.name == facts::KEPT {
             // Logs from before there were several files do not say.
             let part = metadata.metadata.get("part").and_then(|part| part.parse().ok()).unwrap_or(0);
-            if let Some(before) = self.part.replace(part).filter(|before| *before + 1 != part) {
+            if let Some(before) = self.part.replace(part).filter(|before| before.checked_add(1) != Some(part)) {
                 return Err(self.damaged(&format!("it is file {part} of a log, and stands after file {before}")));
             }
         }
         Ok(())
     }
 
-    fn take_channel(&mut self, channel: &mcap::records::Channel) -> Result<(), Failure> {
-        let Some(place) = TOPICS.iter().position(|topic| *topic == channel.topic) else { return Ok(()) };
-        let ours = match LogEntry::empty(place) {
-            LogEntry::State(_) => schema::descriptor_set::<State>(),
-            LogEntry::Setpoint(_) => schema::descriptor_set::<Setpoint>(),
-            LogEntry::Wrench(_) => schema::descriptor_set::<Wrench>(),
-            LogEntry::RotorSpeeds(_) => schema::descriptor_set::<RotorSpeeds>(),
-            LogEntry::Swap(_) => schema::descriptor_set::<SwapRecord>(),
-            LogEntry::Theorem(_) => schema::descriptor_set::<Monitor>(),
-        };
-        // Only what is laid out as here can be read.
-        if self.schemas.get(&channel.schema_id).is_none_or(|(_, theirs)| *theirs != ours) {
-            return Err(self.of_other_version(&format!("its topic `{}` has another schema", channel.topic)));
+    fn take_channel(&mut self, channel: &Channel) -> Result<(), Failure> {
+        let schema = self.schemas.get(&channel.schema_id).map(|(_, schema)| schema.as_slice());
+        if self.assembly.take_channel(channel, schema) {
+            return Ok(());
         }
-        self.channels.insert(channel.id, place);
-        Ok(())
-    }
-}
-
-/// Reads a message of a topic into the place of another one; false where its bytes do not follow the layout.
-fn read(topic: usize, data: &[u8], entry: &mut LogEntry) -> bool {
-    // Messages of a topic stand together: most come into the place of one of their own.
-    if entry.topic() != topic {
-        *entry = LogEntry::empty(topic);
-    }
-    match entry {
-        LogEntry::State(message) => decode_into(data, message),
-        LogEntry::Setpoint(message) => decode_into(data, message),
-        LogEntry::Wrench(message) => decode_into(data, message),
-        LogEntry::RotorSpeeds(message) => decode_into(data, message),
-        LogEntry::Swap(message) => decode_into(data, message),
-        LogEntry::Theorem(message) => decode_into(data, message),
+        // Only what is laid out as here can be read.
+        self.check_version()?;
+        let (topic, version) = (&channel.topic, env!("CARGO_PKG_VERSION"));
+        Err(self.damaged(&format!(
+            "the schema of its topic `{topic}` is not that of ironbird {version}, which its record `run` names"
+        )))
     }
 }
 

@@ -1,13 +1,14 @@
 //! Writes messages as CSV rows or JSON lines, driven by their layouts.
 //!
-//! Numbers are written so that every bit can be read back.
+//! Numbers are written so that every bit can be read back. What a law shows has rows of its own
+//! ([`crate::telemetry`]).
 
 use std::fmt::Write as _;
 
 use model::envelope::{Envelope, Message};
 use model::layout::{Field, Kind, Layout as _, Visitor, Walk};
 
-use crate::codec::Logged;
+use crate::codec::{Logged, is_telemetry};
 
 /// Names of the columns, as in `envelope.tick` and `position_w_m[2]`.
 #[must_use]
@@ -19,7 +20,7 @@ pub fn columns<C: Logged>() -> Vec<String> {
 }
 
 fn name_columns(path: &str, fields: &[Field], columns: &mut Vec<String>) {
-    for field in fields {
+    for field in fields.iter().filter(|field| !is_telemetry(field)) {
         let names = match field.length {
             None => vec![format!("{path}{}", field.name)],
             Some(length) => (0..length).map(|i| format!("{path}{}[{i}]", field.name)).collect(),
@@ -46,8 +47,10 @@ pub fn words<L: Walk>(content: &L) -> Vec<u64> {
             self.0.extend(values.iter().map(|value| value.to_bits()));
         }
 
-        fn structs<L: Walk>(&mut self, _: &'static Field, values: &[L]) {
-            values.iter().for_each(|value| value.visit(self));
+        fn structs<L: Walk>(&mut self, field: &'static Field, values: &[L]) {
+            if !is_telemetry(field) {
+                values.iter().for_each(|value| value.visit(self));
+            }
         }
     }
     let mut words = Words(Vec::new());
@@ -107,8 +110,10 @@ impl Visitor for Row {
         values.iter().for_each(|value| self.push(format_args!("{value:?}")));
     }
 
-    fn structs<L: Walk>(&mut self, _: &'static Field, values: &[L]) {
-        values.iter().for_each(|value| value.visit(self));
+    fn structs<L: Walk>(&mut self, field: &'static Field, values: &[L]) {
+        if !is_telemetry(field) {
+            values.iter().for_each(|value| value.visit(self));
+        }
     }
 }
 
@@ -155,7 +160,9 @@ impl Visitor for Object {
     }
 
     fn structs<L: Walk>(&mut self, field: &'static Field, values: &[L]) {
-        self.field(field, values, |object, value| object.nested(value));
+        if !is_telemetry(field) {
+            self.field(field, values, |object, value| object.nested(value));
+        }
     }
 }
 

@@ -4,6 +4,7 @@
 
 use model::frames::quaternion_wb;
 use model::grid::NS_PER_S;
+use model::measured::Measured;
 use model::messages::{Setpoint, State};
 use prost::Message as _;
 use prost_types::field_descriptor_proto::{Label, Type};
@@ -107,15 +108,15 @@ impl Placed {
     /// The airframe in a state.
     #[must_use]
     pub const fn airframe(at_ns: u64, state: &State) -> Self {
-        let State { position_w_m, attitude_rad, .. } = *state;
+        let Measured { position_w_m, attitude_rad, .. } = state.measured;
         Self { pose: 0, frame: BODY, at_ns, position_w_m, attitude_rad }
     }
 
     /// Where it should be by a setpoint.
     #[must_use]
     pub const fn reference(at_ns: u64, setpoint: &Setpoint) -> Self {
-        let Setpoint { reference_position_w_m, attitude_rad, .. } = *setpoint;
-        Self { pose: 1, frame: REFERENCE, at_ns, position_w_m: reference_position_w_m, attitude_rad }
+        let Setpoint { ref reference, attitude_rad, .. } = *setpoint;
+        Self { pose: 1, frame: REFERENCE, at_ns, position_w_m: reference.position_w_m, attitude_rad }
     }
 
     /// When, on the clock of the log [ns].

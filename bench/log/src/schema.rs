@@ -11,7 +11,7 @@ use prost::Message as _;
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet};
 
-use crate::codec::{CONTENT_NUMBER, ENVELOPE_NUMBER, Logged};
+use crate::codec::{CONTENT_NUMBER, ENVELOPE_NUMBER, Logged, is_telemetry};
 
 /// Package of the schemas.
 pub const PACKAGE: &str = "ironbird";
@@ -35,10 +35,15 @@ pub fn descriptor_set<C: Logged>() -> Vec<u8> {
         ..DescriptorProto::default()
     };
     messages.insert(C::STRUCT, main);
+    file(<C as Topic>::NAME, messages.into_values().collect())
+}
+
+/// The messages of a topic as a file of their own, as its bytes stand in the log.
+pub(crate) fn file(topic: &str, message_type: Vec<DescriptorProto>) -> Vec<u8> {
     let file = FileDescriptorProto {
-        name: Some(format!("{PACKAGE}/{}.proto", <C as Topic>::NAME)),
+        name: Some(format!("{PACKAGE}/{topic}.proto")),
         package: Some(PACKAGE.into()),
-        message_type: messages.into_values().collect(),
+        message_type,
         syntax: Some("proto3".into()),
         ..FileDescriptorProto::default()
     };
@@ -47,7 +52,7 @@ pub fn descriptor_set<C: Logged>() -> Vec<u8> {
 
 /// A struct, and those that it is made of.
 fn collect(name: &'static str, layout: &[Field], messages: &mut BTreeMap<&'static str, DescriptorProto>) {
-    for field in layout {
+    for field in layout.iter().filter(|field| !is_telemetry(field)) {
         if let Kind::Struct { name, fields } = field.kind {
             collect(name, fields, messages);
         }
@@ -59,6 +64,7 @@ fn collect(name: &'static str, layout: &[Field], messages: &mut BTreeMap<&'stati
 fn fields(layout: &[Field], first: u32) -> Vec<FieldDescriptorProto> {
     layout
         .iter()
+        .filter(|field| !is_telemetry(field))
         .zip(first..)
         .map(|(field, number)| match field.kind {
             Kind::Struct { name, .. } => reference(field.name, number, field.length, name),
@@ -70,7 +76,7 @@ fn fields(layout: &[Field], first: u32) -> Vec<FieldDescriptorProto> {
         .collect()
 }
 
-fn plain(name: &str, number: u32, length: Option<usize>, kind: Type) -> FieldDescriptorProto {
+pub(crate) fn plain(name: &str, number: u32, length: Option<usize>, kind: Type) -> FieldDescriptorProto {
     let label = if length.is_some() { Label::Repeated } else { Label::Optional };
     FieldDescriptorProto {
         name: Some(name.into()),
@@ -100,14 +106,15 @@ mod tests {
         let set = FileDescriptorSet::decode(descriptor_set::<State>().as_slice()).unwrap();
         let [file] = set.file.as_slice() else { panic!("{set:?}") };
         let names: Vec<&str> = file.message_type.iter().map(DescriptorProto::name).collect();
-        assert_eq!(names, ["Envelope", "Stamps", "State", "Truth"]);
-        let state = &file.message_type[2];
+        assert_eq!(names, ["Envelope", "Measured", "Stamps", "State", "Truth"]);
+        let (measured, state) = (&file.message_type[1], &file.message_type[3]);
         let fields: Vec<&str> = state.field.iter().map(FieldDescriptorProto::name).collect();
         let expected: Vec<&str> = State::FIELDS.iter().map(|field| field.name).collect();
         assert_eq!((fields[0], &fields[1..]), ("envelope", expected.as_slice()));
         assert_eq!(state.field[0].type_name(), ".ironbird.Envelope");
         let tick = state.field.iter().find(|field| field.name() == "command_tick").unwrap();
         assert_eq!((tick.r#type(), tick.label()), (Type::Fixed64, Label::Optional));
-        assert_eq!((state.field[1].r#type(), state.field[1].label()), (Type::Double, Label::Repeated));
+        assert_eq!(state.field[1].type_name(), ".ironbird.Measured");
+        assert_eq!((measured.field[0].r#type(), measured.field[0].label()), (Type::Double, Label::Repeated));
     }
 }

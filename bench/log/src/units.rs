@@ -6,7 +6,7 @@ use model::envelope::Envelope;
 use model::layout::{Field, Kind, Layout as _};
 use model::parameters::{PARAMETERS, SPECS};
 
-use crate::codec::Logged;
+use crate::codec::{Logged, is_telemetry};
 
 /// Unit by the end of the name; the longer ones first.
 const UNITS: [(&str, &str); 14] = [
@@ -27,9 +27,10 @@ const UNITS: [(&str, &str); 14] = [
 ];
 
 /// Frame by a part of the name.
-const FRAMES: [(&str, &str); 3] = [
+const FRAMES: [(&str, &str); 4] = [
     ("_w_", "world: right-handed, z up"),
     ("_b_", "body: x forward, y left, z up"),
+    ("attitude_quaternion", "body to world: unit quaternion w, x, y, z"),
     ("attitude_", "body to world: ZYX Euler angles roll, pitch, yaw"),
 ];
 
@@ -42,8 +43,14 @@ pub fn describe<C: Logged>() -> BTreeMap<String, String> {
     facts
 }
 
+/// What the metadata of a topic say that does not apply to a flight.
+#[must_use]
+pub fn not_applicable(why: &str) -> (String, String) {
+    ("not_applicable".into(), why.into())
+}
+
 fn describe_fields(path: &str, fields: &[Field], facts: &mut BTreeMap<String, String>) {
-    for field in fields {
+    for field in fields.iter().filter(|field| !is_telemetry(field)) {
         let name = format!("{path}{}", field.name);
         if let Kind::Struct { fields, .. } = field.kind {
             describe_fields(&format!("{name}."), fields, facts);
@@ -67,7 +74,7 @@ fn unit(field: &Field) -> String {
         };
     }
     match field.name {
-        "estimate" => "kg m^2, N m s, rad/s^2".into(),
+        "attitude_quaternion" => "1".into(),
         "parameter" => "row of the table of parameters, from 0".into(),
         name => {
             let unit = UNITS.iter().find(|(end, _)| name.ends_with(end));
@@ -87,21 +94,22 @@ mod tests {
     fn units_and_frames_are_those_of_the_names() {
         let facts = describe::<State>();
         for (key, value) in [
-            ("unit.position_w_m", "m"),
-            ("unit.velocity_w_m_s", "m/s"),
-            ("unit.rotor_speed_squared_mean_rad2_s2", "rad^2/s^2"),
+            ("unit.measured.position_w_m", "m"),
+            ("unit.measured.velocity_w_m_s", "m/s"),
+            ("unit.measured.rotor_speed_squared_mean_rad2_s2", "rad^2/s^2"),
             ("unit.truth.rate_b_rad_s", "rad/s"),
             ("unit.envelope.stamps.send_ns", "ns of CLOCK_MONOTONIC"),
             ("unit.envelope.seq", "1"),
             ("unit.deadlines_missed", "1"),
-            ("frame.position_w_m", "world: right-handed, z up"),
+            ("frame.measured.position_w_m", "world: right-handed, z up"),
             ("frame.truth.rate_b_rad_s", "body: x forward, y left, z up"),
         ] {
             assert_eq!(facts.get(key).map(String::as_str), Some(value), "{key}");
         }
-        assert!(facts["frame.attitude_rad"].starts_with("body to world"));
+        assert!(facts["frame.measured.attitude_rad"].starts_with("body to world"));
         assert!(facts["unit.command_tick"].starts_with("tick"));
-        assert!(!facts.contains_key("frame.rotor_speed_mean_rad_s"));
+        assert!(!facts.contains_key("frame.measured.rotor_speed_mean_rad_s"));
+        assert_eq!(facts["frame.measured.attitude_quaternion"], "body to world: unit quaternion w, x, y, z");
         assert_eq!(describe::<Wrench>()["unit.torque_b_nm"], "N m");
         let swap = describe::<SwapRecord>();
         assert!(swap["unit.new"].contains("mass_kg [kg]") && swap["unit.parameter"].starts_with("row"));

@@ -41,6 +41,32 @@ impl Watch {
     }
 }
 
+/// What a process's main thread is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Look {
+    /// The kernel's letter: `R` ready or running, `S` and `D` waiting, `T` and `t` stopped, `Z` ended.
+    pub state: char,
+    /// Time that it has run [ns].
+    pub ran_ns: u64,
+}
+
+impl Look {
+    /// At a process; nothing where it is gone.
+    #[must_use]
+    pub fn at(pid: u64) -> Option<Self> {
+        let read = |file: &str| std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/{file}")).ok();
+        let state = read("stat")?.rsplit_once(')')?.1.trim_start().chars().next()?;
+        let ran_ns = read("schedstat").and_then(|text| text.split_whitespace().next()?.parse().ok());
+        Some(Self { state, ran_ns: ran_ns.unwrap_or(0) })
+    }
+
+    /// Whether a signal or a debugger has stopped it.
+    #[must_use]
+    pub const fn is_stopped(self) -> bool {
+        matches!(self.state, 'T' | 't')
+    }
+}
+
 /// Which of these loops ended without landing.
 #[must_use]
 pub fn fallen(loops: &[Status; STAGES.len()]) -> [bool; STAGES.len()] {
@@ -107,6 +133,13 @@ mod tests {
         assert!(before.faults > 0);
         assert_eq!(counters(u64::from(u32::MAX)).life, Life::Dead);
         assert_eq!(counters(0).life, Life::Lives);
+    }
+
+    #[test]
+    fn a_look_at_this_process_finds_it_running_and_at_nobody_nothing() {
+        let look = Look::at(u64::from(std::process::id())).unwrap();
+        assert!("RSD".contains(look.state) && look.ran_ns > 0 && !look.is_stopped(), "{look:?}");
+        assert_eq!(Look::at(u64::from(u32::MAX)), None);
     }
 
     #[test]

@@ -26,7 +26,10 @@ pub fn write_all(report: &Report, directory: &Path) -> Result<(), Failure> {
     write("report.html", page::render(report))?;
     if let Some(traces) = &report.traces {
         let run = &report.run;
-        write("flight.svg", picture::render(traces, &report.swaps, run.period_us / 1e6, &text::title(run)))?;
+        write(
+            "flight.svg",
+            picture::render(traces, &report.swaps, &report.faults, run.period_us / 1e6, &text::title(run)),
+        )?;
     }
     sync(directory);
     Ok(())
@@ -72,14 +75,25 @@ impl Report {
     }
 }
 
+/// Whether a place is that of a number that a law showed of itself: it may be any, and its charts bear it.
+fn is_telemetry(place: &str) -> bool {
+    place.starts_with("run.laws.") && place.contains(".telemetry[") || place.starts_with("traces.telemetry.")
+}
+
 /// The first value that no flight has, with its place: pictures of such a number would have no scale, and a terminal
 /// might do what such a text says.
 fn implausible(value: &Value, place: String) -> Option<String> {
     const LARGEST: f64 = 1e30;
+    /// Of ticks, counts and bytes, of which some are added up; the run's number is a time.
+    const LARGEST_WHOLE: f64 = 1e15;
     match value {
+        Value::Number(number) if !number.is_f64() && place != "run.run_id" => number
+            .as_f64()
+            .is_none_or(|it| it.abs() > LARGEST_WHOLE)
+            .then(|| format!("{place} = {number} is no count of a flight: allowed are those up to {LARGEST_WHOLE:e}")),
         Value::Number(number) => number
             .as_f64()
-            .is_none_or(|it| it.abs() > LARGEST)
+            .is_none_or(|it| it.abs() > LARGEST && !is_telemetry(&place))
             .then(|| format!("{place} = {number} is no number of a flight: allowed are those up to {LARGEST:e}")),
         Value::String(text) => text.contains(char::is_control).then(|| {
             format!("{place} = \"{}\" is no text of a flight: it has control characters", text.escape_default())

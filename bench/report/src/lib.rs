@@ -9,12 +9,16 @@
 
 pub mod autopsy;
 pub mod beside;
+pub mod comparison;
+pub mod deaths;
 pub mod diff;
 pub mod files;
 pub mod finding;
 pub mod host;
+pub mod injected;
 pub mod json;
 pub mod junit;
+pub mod laws;
 pub mod lead;
 pub mod losses;
 pub mod page;
@@ -26,6 +30,7 @@ pub mod speed;
 pub mod states;
 pub mod statistics;
 pub mod status;
+pub mod swaps;
 pub mod tally;
 pub mod text;
 pub mod tick;

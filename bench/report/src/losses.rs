@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::laws;
 use crate::schema::{LogSection, Report};
 use crate::text::count;
 use flight_log::FILE;
@@ -49,7 +50,7 @@ pub fn log(log: &LogSection) -> String {
     text
 }
 
-/// What is missing, a sentence each.
+/// What is missing, and what laws could not say, a sentence each.
 #[must_use]
 pub fn sentences(report: &Report) -> Vec<String> {
     let mut sentences = Vec::new();
@@ -73,5 +74,6 @@ pub fn sentences(report: &Report) -> Vec<String> {
     }
     let unwritten = report.recorder.unwritten.iter();
     sentences.extend(unwritten.map(|(file, why)| format!("NOT WHOLE: {file} is incomplete: {why}")));
+    sentences.extend(laws::sentences(&report.run, &report.series, &report.roles));
     sentences
 }

@@ -2,16 +2,18 @@
 
 use std::collections::BTreeMap;
 
-use model::messages::SwapRecord;
 use serde::{Deserialize, Serialize};
 
 use crate::autopsy;
 use crate::beside::Beside;
+use crate::deaths::Death;
 use crate::finding::Diagnosis;
 use crate::host::{Host, InterruptSection, Steal};
+use crate::injected::InjectedFault;
+use crate::laws::LawSection;
 use crate::lead::LeadSection;
-use crate::speed::Speed;
 use crate::status::FlightStatus;
+use crate::swaps::AppliedSwap;
 use crate::tally::distribution::{Bucket, Distribution};
 use crate::tally::series::Statistics;
 use crate::tally::theorem::Theorem;
@@ -41,16 +43,25 @@ pub struct Report {
     /// Why they were missed.
     #[serde(default)]
     pub autopsy: autopsy::section::Section,
+    /// Processes that ended while the flight needed them; the first 500.
+    #[serde(default)]
+    pub deaths: Vec<Death>,
+    /// Later ones.
+    #[serde(default)]
+    pub deaths_left_out: u64,
     /// The control performance.
     pub flight: ControlPerformance,
-    /// The theorem, watched; empty in reports from before it was.
-    #[serde(default)]
+    /// The theorem, watched; empty in reports from before it was. Where the inner law has none, it says so and no more.
+    #[serde(default, serialize_with = "Theorem::serialize_applicable")]
     pub theorem: Theorem,
     /// Swaps of plant parameters, in order; the first 500.
     pub swaps: Vec<AppliedSwap>,
     /// Later ones.
     #[serde(default)]
     pub swaps_left_out: u64,
+    /// Faults of messages and stages that were planned.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<InjectedFault>,
     /// Latencies.
     pub series: Vec<Statistics>,
     /// The processes.
@@ -97,7 +108,13 @@ pub struct RunSection {
     pub build: Build,
     /// Reference trajectory.
     pub trajectory: String,
-    /// Set of gains.
+    /// Airframe, or the name of its file; empty in reports from before it was named.
+    #[serde(default)]
+    pub airframe: String,
+    /// SHA-256 of its file; empty where it is built in.
+    #[serde(default)]
+    pub airframe_sha256: String,
+    /// Preset of the laws.
     pub preset: String,
     /// Sample time of the laws [us].
     pub period_us: f64,
@@ -105,19 +122,16 @@ pub struct RunSection {
     pub wall_period_us: f64,
     /// Fingerprint of the settings that all roles shared.
     pub settings_fingerprint: String,
+    /// The law of each role; empty in reports from before they could be chosen.
+    #[serde(default)]
+    pub laws: BTreeMap<String, LawSection>,
     /// How it ended.
     pub ending: String,
+    /// What the process that died said last, a line each; empty where none did.
+    #[serde(default)]
+    pub last_words: Vec<String>,
     /// Whether these are the numbers so far of a flight in the air.
     pub in_flight: bool,
-}
-
-impl RunSection {
-    /// How fast it went.
-    #[must_use]
-    pub fn speed(&self) -> Speed {
-        let [period_ns, sample_time_ns] = [self.wall_period_us, self.period_us].map(|us| (us * 1e3).round() as u64);
-        Speed::of(period_ns, sample_time_ns)
-    }
 }
 
 /// Whether a flight passed.
@@ -225,11 +239,13 @@ pub struct ControlPerformance {
     pub recent_s: f64,
     /// Lowest point of the flight, world frame [m].
     pub lowest_z_m: f64,
-    /// Norm of the rate error at the end [rad/s].
-    pub rate_error_final_rad_s: f64,
+    /// Norm of the inner law's rate error at the end [rad/s]; missing where the law shows none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rate_error_final_rad_s: Option<f64>,
     /// Ticks in which the rotors could not do what was asked.
     pub saturated_ticks: u64,
-    /// Estimates at the end, with what is true.
+    /// Estimates at the end, with what is true; missing where the inner law estimates nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub estimates: Vec<Estimate>,
 }
 
@@ -242,30 +258,6 @@ pub struct Estimate {
     pub estimated: f64,
     /// What the plant flies with.
     pub actual: f64,
-}
-
-/// A swap of plant parameters.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct AppliedSwap {
-    /// Tick from which it held.
-    pub tick: u64,
-    /// The same as time of the flight [s].
-    pub time_s: f64,
-    /// Parameter epoch that began with it.
-    pub parameter_epoch: u64,
-    /// What changed.
-    pub changes: Vec<ParameterChange>,
-}
-
-/// A changed parameter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ParameterChange {
-    /// Name with unit.
-    pub name: String,
-    /// Before.
-    pub old: f64,
-    /// From then on.
-    pub new: f64,
 }
 
 /// A process of the rig.
@@ -358,22 +350,6 @@ pub struct LogSection {
     pub stretches: u64,
     /// Why it did not take something, the first time.
     pub refused: Option<String>,
-}
-
-impl AppliedSwap {
-    /// A swap that holds from a tick of `period_s` [s] on.
-    #[must_use]
-    pub fn new(tick: u64, period_s: f64, record: &SwapRecord) -> Self {
-        Self {
-            tick,
-            time_s: tick as f64 * period_s,
-            parameter_epoch: record.parameter_epoch,
-            changes: record
-                .changes()
-                .map(|(parameter, old, new)| ParameterChange { name: parameter.name().into(), old, new })
-                .collect(),
-        }
-    }
 }
 
 impl Report {

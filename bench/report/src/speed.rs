@@ -2,6 +2,8 @@
 
 use model::boards::LOCKSTEP;
 
+use crate::schema::RunSection;
+
 /// How fast a flight went, against the clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Speed {
@@ -17,7 +19,7 @@ impl Speed {
     /// Of ticks that are so long on the clock, or [`LOCKSTEP`], of laws with this sample time [ns].
     #[must_use]
     pub const fn of(period_ns: u64, sample_time_ns: u64) -> Self {
-        match (period_ns + sample_time_ns / 2).checked_div(sample_time_ns) {
+        match period_ns.saturating_add(sample_time_ns / 2).checked_div(sample_time_ns) {
             _ if period_ns == LOCKSTEP => Self::Lockstep,
             None | Some(0 | 1) => Self::Clock,
             Some(times) => Self::Slowed(times),
@@ -32,5 +34,14 @@ impl Speed {
             Self::Clock => None,
             Self::Slowed(times) => Some(format!("slowed {times} times: latencies of a slow clock")),
         }
+    }
+}
+
+impl RunSection {
+    /// How fast it went.
+    #[must_use]
+    pub fn speed(&self) -> Speed {
+        let [period_ns, sample_time_ns] = [self.wall_period_us, self.period_us].map(|us| (us * 1e3).round() as u64);
+        Speed::of(period_ns, sample_time_ns)
     }
 }

@@ -22,7 +22,7 @@ pub const POSITION_REFERENCE: Names = ["x_reference_w_m", "y_reference_w_m", "z_
 pub const POSITION_ERROR: Names = ["x_error_w_m", "y_error_w_m", "z_error_w_m"];
 /// Distance of the flown position from its reference.
 pub const DISTANCE: &str = "position_error_m";
-/// Rate error e of the law, body frame.
+/// Rate error e of the inner law, body frame; of a law that shows one.
 pub const RATE_ERROR: Names = ["p_error_b_rad_s", "q_error_b_rad_s", "r_error_b_rad_s"];
 /// Thrust demanded.
 pub const THRUST: &str = "thrust_n";
@@ -30,7 +30,7 @@ pub const THRUST: &str = "thrust_n";
 pub const TORQUE: Names = ["torque_x_b_nm", "torque_y_b_nm", "torque_z_b_nm"];
 /// Speeds commanded of the rotors.
 pub const ROTORS: [&str; 4] = ["rotor_1_rad_s", "rotor_2_rad_s", "rotor_3_rad_s", "rotor_4_rad_s"];
-/// Estimates of I_R, k_r, delta.
+/// Estimates of I_R, k_r, delta; of a law that has a theorem.
 pub const ESTIMATE: Names = ["i_r_estimated_kg_m2", "k_r_estimated_nm_s", "delta_estimated_rad_s2"];
 /// Their true values.
 pub const ACTUAL: Names = ["i_r_actual_kg_m2", "k_r_actual_nm_s", "delta_actual_rad_s2"];
@@ -55,6 +55,9 @@ pub struct Traces {
     pub timing: Group,
     /// The way flown, for pictures of it from three sides.
     pub path: Path,
+    /// What the laws show, by role, of every tick in which they do.
+    #[serde(default)]
+    pub telemetry: BTreeMap<String, Group>,
     /// Violations of the theorem over time, by cause.
     pub violations: BTreeMap<String, Vec<Violations>>,
 }
@@ -110,7 +113,27 @@ pub struct Span {
     pub max: f64,
 }
 
+impl Traces {
+    /// Whether the inner law estimates what the traces have the truth of.
+    #[must_use]
+    pub fn has_estimates(&self) -> bool {
+        self.flight.has(ESTIMATE[0])
+    }
+
+    /// Whether the inner law shows its rate error.
+    #[must_use]
+    pub fn has_rate_error(&self) -> bool {
+        self.flight.has(RATE_ERROR[0])
+    }
+}
+
 impl Group {
+    /// Whether a channel was followed at all.
+    #[must_use]
+    pub fn has(&self, channel: &str) -> bool {
+        self.spans(channel).next().is_some()
+    }
+
     /// The stretches of a channel that have values; none of a channel that is not there.
     pub fn spans(&self, channel: &str) -> impl Iterator<Item = Span> + '_ {
         let trace = self.channels.get(channel);

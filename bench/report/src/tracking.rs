@@ -1,5 +1,7 @@
 //! How far a flight is from its reference, in every state.
 //!
+//! It is judged by where the vehicle truly is, and not by what its sensors show: errors of the position do not make a
+//! flight that tracks one that does not, or the other way round.
 //! The reference is a function of time alone, so a state counts even if no set-point was published for its tick. A
 //! flight that nobody controls is far from its reference, not without one.
 
@@ -8,6 +10,9 @@ use std::fmt;
 
 use controller::{Course, Trajectory};
 use model::messages::{Setpoint, State};
+use model::reference::Reference;
+
+use crate::text::count;
 
 /// The reference of a flight.
 #[derive(Clone, Copy, Debug)]
@@ -38,20 +43,23 @@ impl Tracking {
     /// Reference position at a tick, world frame [m]: that of the tick's set-point, bit for bit.
     #[must_use]
     pub fn position_w_m(&self, tick: u64) -> [f64; 3] {
-        self.course.reference(tick as f64 * self.period_s).position().into()
+        self.reference(tick).position_w_m
     }
 
     /// Reference yaw at a tick [rad].
     #[must_use]
     pub fn yaw_rad(&self, tick: u64) -> f64 {
-        self.course.reference(tick as f64 * self.period_s).yaw()
+        self.reference(tick).yaw_rad
     }
 
-    /// Distance of the state of a tick from its reference [m].
+    fn reference(&self, tick: u64) -> Reference {
+        self.course.reference(tick as f64 * self.period_s)
+    }
+
+    /// True distance of the state of a tick from its reference [m].
     #[must_use]
     pub fn error_m(&self, tick: u64, state: &State) -> f64 {
-        let reference = Setpoint { reference_position_w_m: self.position_w_m(tick), ..Setpoint::default() };
-        reference.position_error_m(state)
+        Setpoint { reference: self.reference(tick), ..Setpoint::default() }.position_error_m(state)
     }
 }
 
@@ -165,30 +173,39 @@ impl fmt::Display for TrackingError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { states, max_m, last_m, .. } = self;
         let rms_m = self.rms_m();
-        write!(f, "rms {rms_m:.4} m, largest {max_m:.4} m, at the end {last_m:.4} m, over {states} states")
+        write!(f, "rms {rms_m:.4} m, largest {max_m:.4} m, at the end {last_m:.4} m, over {}", count(*states, "state"))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use controller::{OuterLoop, Preset};
-    use law::OuterLaw as _;
-    use model::messages::Dated;
+    use controller::laws::Pd;
+    use law::description::Settings;
+    use law::law::Law as _;
+    use law::stage::OuterStage as _;
+    use law::{GuardedOuter, Rig};
+    use model::measured::Measured;
+    use model::messages::{Dated, Truth};
 
     use super::*;
 
     #[test]
     fn the_reference_of_a_tick_is_that_of_its_set_point() {
-        let settings = controller::LoopSettings::new(Trajectory::Lissajous, Preset::Flight);
-        let mut outer = OuterLoop::new(&settings);
-        let tracking = Tracking::along(settings.trajectory, settings.period_s);
+        let (rig, course) = (Rig::default(), Course::of(Trajectory::Lissajous));
+        let law = Pd::new(&rig, &Settings::default()).unwrap();
+        let mut outer = GuardedOuter::new(law.into(), course.route(rig.period_s), &rig);
+        let tracking = Tracking::along(course, rig.period_s);
         for tick in [0, 1, 777, 4_999, 5_000, 29_999] {
-            let content = State { position_w_m: [1.0, -2.0, 0.5], ..State::default() };
+            let measured = Measured { position_w_m: [1.0, -2.0, 0.5], ..Measured::default() };
+            let truth = Truth { position_w_m: [1.5, -2.0, 0.5], ..Truth::default() };
+            let content = State { measured, truth, ..State::default() };
             let setpoint = outer.tick(tick, &Dated { tick, content }).unwrap();
             let bits = |position: [f64; 3]| position.map(f64::to_bits);
-            assert_eq!(bits(tracking.position_w_m(tick)), bits(setpoint.reference_position_w_m), "tick {tick}");
-            assert_eq!(tracking.yaw_rad(tick).to_bits(), setpoint.reference_yaw_rad.to_bits(), "tick {tick}");
+            assert_eq!(bits(tracking.position_w_m(tick)), bits(setpoint.reference.position_w_m), "tick {tick}");
+            assert_eq!(tracking.yaw_rad(tick).to_bits(), setpoint.reference.yaw_rad.to_bits(), "tick {tick}");
             assert_eq!(tracking.error_m(tick, &content).to_bits(), setpoint.position_error_m(&content).to_bits());
+            let shown = State { measured: Measured::default(), ..content };
+            assert_eq!(tracking.error_m(tick, &shown).to_bits(), tracking.error_m(tick, &content).to_bits());
         }
     }
 

@@ -14,7 +14,7 @@ use crate::status::FlightStatus;
 use crate::tally::series::Series;
 use crate::tally::theorem::Theorem;
 use crate::text::count;
-use crate::words::{Evidence, Reasoned, TheoremWord, theorem_word};
+use crate::words::{Evidence, Reasoned, TheoremWord, TimingWord, theorem_word};
 use flight_log::writer::Fate;
 
 /// The gates that a flight was asked to hold.
@@ -223,7 +223,7 @@ impl Gate {
                 (_, 0) => theorem.found(),
                 (_, unwatched) => format!("{}, {} not watched", theorem.found(), count(unwatched, "tick")),
             },
-            held: word == TheoremWord::Holds && theorem.ticks_unwatched == 0,
+            held: word == TheoremWord::Holds,
             asked: true,
         }
     }
@@ -276,6 +276,15 @@ pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String) 
         ending += &format!("; the numbers end {:.1} s into the flight", report.ticks.elapsed_s);
         let left = report.verdict.gates.iter_mut().filter(|gate| gate.name == ENVELOPE && gate.held);
         left.for_each(|gate| gate.value = envelope_words(Some(Ending::None)).into());
+    }
+    let timing = &mut report.words.timing;
+    if timing.word == TimingWord::InTime {
+        (timing.word, timing.why) = match report.autopsy.worst.first() {
+            Some(outage) => {
+                (TimingWord::Late, format!("{}, then nothing for {}", timing.why, count(outage.ticks, "tick")))
+            }
+            None => (TimingWord::NotMeasured, format!("it broke off; until then {}", timing.why)),
+        };
     }
     (report.verdict.status, report.verdict.exit_code) = (status, status.exit_code());
     (report.run.ending, report.run.in_flight) = (ending, false);

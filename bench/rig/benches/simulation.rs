@@ -14,11 +14,10 @@ fn simulate(criterion: &mut Criterion) {
     for preset in ["flight", "paper"] {
         let overrides = vec![("flight.preset", toml::Value::from(preset))];
         let settings = Settings::resolve(None, &overrides).unwrap_or_else(|failure| panic!("{failure}"));
-        let controller = settings.controller().unwrap_or_else(|failure| panic!("{failure}"));
-        let rig = InProcess::of(&settings).unwrap_or_else(|failure| panic!("{failure}")).watched(&controller);
+        let watched = || InProcess::of(&settings).and_then(|rig| Ok(rig.watched(settings.theorem()?)));
         group.bench_function(preset, |bencher| {
             bencher.iter_batched_ref(
-                || rig.clone(),
+                || watched().unwrap_or_else(|failure| panic!("{failure}")),
                 |rig| {
                     for _ in 0..TICKS {
                         std::hint::black_box(&mut *rig).tick();

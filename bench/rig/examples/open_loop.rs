@@ -8,9 +8,11 @@ use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
-use controller::{Preset, Trajectory};
+use controller::laws::{INNER, OUTER};
+use controller::{Course, Trajectory};
 use ironbird::in_process::InProcess;
-use model::limits::RotorLimits;
+use law::description::Settings;
+use law::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use model::parameters::{Airframe, Parameter};
 use plant::integrator::{SUBSTEPS, integrate};
 use plant::rigid_body::RigidBody;
@@ -48,20 +50,18 @@ fn airframe() -> Result<Airframe, Box<dyn Error>> {
 
 fn work() -> Result<Value, Box<dyn Error>> {
     let airframe = airframe()?;
-    let rotor = RotorLimits::default();
-    let laws = controller::LoopSettings {
-        model: airframe,
-        ..controller::LoopSettings::new(Trajectory::Lissajous, Preset::Flight)
-    };
-    let period_s = laws.period_s;
+    let (rig, defaults) = (Rig { airframe, ..Rig::default() }, Settings::default());
+    let Rig { period_s, rotor, .. } = rig;
+    let route = Course::of(Trajectory::Lissajous).route(period_s);
     let mut flight = InProcess::new(
         &plant::PlantSettings { period_s, airframe, rotor, seed: 0, ..plant::PlantSettings::default() },
-        &laws,
-        &mixer::MixerSettings { period_s, model: airframe, rotor },
+        GuardedOuter::new(OUTER[0].make(&rig, &defaults)?, route, &rig),
+        GuardedInner::new(INNER[0].make(&rig, &defaults)?, &rig),
+        GuardedMixer::new(mixer::LAWS[0].make(&rig, &defaults)?, &rig),
     );
     let commanded = |_| {
         flight.tick();
-        flight.state().rotor_speed_command_rad_s
+        flight.state().measured.rotor_speed_command_rad_s
     };
     let speeds: Vec<[f64; 4]> = (0..TICKS).map(commanded).collect();
     let commands: Vec<Value> = speeds

@@ -1,5 +1,8 @@
 //! The command line.
 
+mod campaign;
+mod compare;
+mod flight;
 mod gates;
 mod real_time;
 mod report;
@@ -8,22 +11,31 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use controller::Preset;
 use toml::Value;
 
 use crate::build::VERSION;
 use crate::clean::CleanArgs;
+pub use crate::cli::campaign::{
+    CampaignCheckArgs, CampaignCommand, CampaignDirectoryArgs, CampaignFlyArgs, CampaignReportArgs, CampaignRunArgs,
+    CampaignSubmitArgs, Engine, Shard,
+};
+pub use crate::cli::compare::CompareArgs;
+pub use crate::cli::flight::{CourseArgs, FlightArgs};
 pub use crate::cli::gates::{GateArgs, GateName};
 pub use crate::cli::real_time::{LeadArg, PaceArg, RtArgs, RtMode};
 pub use crate::cli::report::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
 use crate::doctor::DoctorArgs;
-use crate::fault::Fault;
+use crate::export::topics;
 use crate::floor::command::FloorArgs;
 use crate::floor::hop::HopArgs;
+use crate::laws::LawsArgs;
 use crate::manual::{CompletionsArgs, ManArgs};
+use crate::new_law::NewCommand;
 use crate::runs::RunsArgs;
-use crate::settings::Overrides;
-use flight_log::TOPICS;
+use crate::settings::laws::Moved;
+use crate::settings::{Overrides, Settings};
+use failure::Failure;
+use model::role::Role;
 
 mod in_flight;
 pub(crate) mod values;
@@ -55,6 +67,13 @@ pub enum Command {
     Inject(InjectArgs),
     /// List every parameter of the airframe: unit, range, nominal value, value in force.
     Params(ParamsArgs),
+    /// List what else can go wrong: faults of messages and stages, and the fields that can be wrong.
+    Faults,
+    /// List the laws that can fly; explain one.
+    Laws(LawsArgs),
+    /// Begin something of your own: a law.
+    #[command(subcommand)]
+    New(NewCommand),
     /// Show the report of a flight, even of one in the air; or compare flights.
     Report(ReportArgs),
     /// Write the messages of a flight as CSV or JSON, or its stages as a Perfetto trace.
@@ -65,6 +84,11 @@ pub enum Command {
     Runs(RunsArgs),
     /// Fly the same laws in one process, in simulated time.
     Simulate(SimulateArgs),
+    /// Fly the same flight with several laws, in simulated time, and put them side by side.
+    Compare(CompareArgs),
+    /// Fly a campaign: many flights with parameters drawn from a file, as rows of a table.
+    #[command(subcommand)]
+    Campaign(CampaignCommand),
     /// Measure the rig beside the machine's own limits.
     Floor(FloorArgs),
     /// Check whether this machine can fly in real time, and say what to change.
@@ -91,35 +115,6 @@ pub enum Command {
     /// A process of the raw ring that measures the machine.
     #[command(hide = true)]
     RingHop(HopArgs),
-}
-
-fn presets() -> clap::builder::PossibleValuesParser {
-    Preset::NAMES.into()
-}
-
-/// What to fly.
-#[derive(Clone, Debug, Default, Args)]
-#[command(next_help_heading = "Flight")]
-pub struct FlightArgs {
-    /// Reference trajectory, or a CSV file of points with the columns t,x,y,z,yaw [default: lissajous].
-    #[arg(long, value_parser = values::TrajectoryParser)]
-    pub trajectory: Option<String>,
-    /// Airframe: paper, crazyflie, x500, or an airframe file [default: paper].
-    #[arg(long, value_name = "NAME|FILE.toml")]
-    pub airframe: Option<String>,
-    /// Set of gains [default: flight].
-    #[arg(long, value_parser = presets())]
-    pub preset: Option<String>,
-    /// Length of the flight, as in 30s or 2m [default: 30s].
-    #[arg(long, allow_hyphen_values = true, value_parser = values::duration)]
-    pub duration: Option<Duration>,
-    /// Settings file (TOML); flags override it.
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Swap plant parameters at an instant: 'NAME=VALUE[,NAME=VALUE]@8s' or '...@tick8000'; may be repeated. A value
-    /// is a number, nominal, or +30% of nominal.
-    #[arg(long = "fault", value_name = "FAULT", value_parser = values::fault)]
-    pub faults: Vec<Fault>,
 }
 
 /// Where to record, and which gates to pass.
@@ -163,6 +158,9 @@ pub struct FlyArgs {
     /// Watch the flight in this terminal, as `ironbird watch` does.
     #[arg(long)]
     pub watch: bool,
+    /// What to do when a process dies or hangs in flight.
+    #[arg(long, value_enum, value_name = "WHAT", default_value_t = OnDeath::End)]
+    pub on_death: OnDeath,
     /// Right after the flight, measure each of the machine's floors for this long, for the report [example: 11s].
     #[arg(long, value_name = "DURATION", allow_hyphen_values = true, value_parser = values::duration)]
     pub floor: Option<Duration>,
@@ -184,6 +182,28 @@ pub struct FlyArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "documented by its type")]
     pub recorder: RecorderArgs,
+}
+
+/// What `fly` does when a process of its flight dies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum OnDeath {
+    /// End the flight, and say who died.
+    End,
+    /// Start it again, at most 5 times in 10 s; one that hangs for 100 ms is killed first. Without a plant the flight ends.
+    Restart,
+}
+
+impl FlyArgs {
+    /// Refuses restarts in lockstep, where nobody can join a flight.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the flag.
+    pub fn check(&self, settings: &Settings) -> Result<(), Failure> {
+        match self.on_death {
+            OnDeath::End => Ok(()),
+            OnDeath::Restart => real_time::on_the_clock("--on-death restart", settings),
+        }
+    }
 }
 
 /// Flags of a role.
@@ -223,6 +243,12 @@ pub struct SimulateArgs {
     /// Draw the flight into this file.
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
+    /// Fly with the outages, skipped ticks and stale inputs of this recorded flight: its directory, its log, or latest.
+    #[arg(long, value_name = "RUN")]
+    pub timing: Option<PathBuf>,
+    /// Directory in which `latest` is looked up [default: runs].
+    #[arg(long, value_name = "DIR", requires = "timing")]
+    pub out: Option<PathBuf>,
     /// Write the states to this file.
     #[arg(long, value_name = "FILE.csv")]
     pub states: Option<PathBuf>,
@@ -254,7 +280,7 @@ pub struct ExportArgs {
     #[arg(value_name = "RUN_DIR", default_value = "latest")]
     pub run: PathBuf,
     /// Write this topic to standard output [default: every topic to a file].
-    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(TOPICS))]
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(topics()))]
     pub topic: Option<String>,
     /// How to write it.
     #[arg(long, value_enum, default_value_t = ExportFormat::Csv)]
@@ -279,9 +305,27 @@ pub struct ReplayArgs {
     /// Compare and count from this tick on; the flight is still flown from tick 0.
     #[arg(long, value_name = "TICK", default_value_t = 0)]
     pub from: u64,
+    /// Where the file of the outer law is now; it must be the one that flew.
+    #[arg(long, value_name = "FILE")]
+    pub outer: Option<PathBuf>,
+    /// Where the file of the inner law is now.
+    #[arg(long, value_name = "FILE")]
+    pub inner: Option<PathBuf>,
+    /// Where the file of the mixer is now.
+    #[arg(long, value_name = "FILE")]
+    pub mixer: Option<PathBuf>,
     /// Directory in which `latest` is looked up [default: runs].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+}
+
+impl ReplayArgs {
+    /// Where the files of laws are now.
+    #[must_use]
+    pub fn moved(&self) -> Moved {
+        let named = [(Role::Outer, &self.outer), (Role::Inner, &self.inner), (Role::Mixer, &self.mixer)];
+        named.into_iter().filter_map(|(role, file)| Some((role, file.clone()?))).collect()
+    }
 }
 
 /// How to write messages.
@@ -295,36 +339,20 @@ pub enum ExportFormat {
     Perfetto,
 }
 
-impl FlightArgs {
-    /// What the flags set.
-    #[must_use]
-    pub fn overrides(&self) -> Overrides {
-        let mut set = Overrides::new();
-        if let Some(name) = &self.trajectory {
-            set.push(("flight.trajectory", Value::from(name.clone())));
-        }
-        if let Some(name) = &self.airframe {
-            set.push(("flight.airframe", Value::from(name.clone())));
-        }
-        if let Some(name) = &self.preset {
-            set.push(("flight.preset", Value::from(name.clone())));
-        }
-        if let Some(duration) = self.duration {
-            set.push(("flight.duration_s", Value::from(duration.as_secs_f64())));
-        }
-        if !self.faults.is_empty() {
-            set.push(("flight.faults", Value::from(self.faults.iter().map(Fault::to_string).collect::<Vec<_>>())));
-        }
-        set
-    }
-}
-
 /// A value as it is typed.
 fn name_of(value: impl ValueEnum) -> String {
     value.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
 }
 
 impl RecorderArgs {
+    /// Refuses flags that only mean something on the clock, where a flight is in lockstep.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the flag.
+    pub fn check(&self, settings: &Settings) -> Result<(), Failure> {
+        if self.trace { real_time::on_the_clock("--trace", settings) } else { Ok(()) }
+    }
+
     /// What the flags set.
     #[must_use]
     pub fn overrides(&self) -> Overrides {

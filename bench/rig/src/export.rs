@@ -19,6 +19,7 @@ use flight_log::codec::Logged;
 use flight_log::entry::LogEntry;
 use flight_log::perfetto::{self, PerfettoWriter};
 use flight_log::reader::{End, Kept, LogReader};
+use flight_log::telemetry::TELEMETRY_TOPICS;
 use flight_log::{TOPICS, rows};
 use report::text::count;
 
@@ -29,7 +30,12 @@ pub const DIRECTORY: &str = "export";
 #[must_use]
 pub fn is_ours(name: &str) -> bool {
     let formats = [TableFormat::Csv, TableFormat::Json];
-    TOPICS.iter().any(|topic| formats.iter().any(|format| name == format!("{topic}.{}", format.extension())))
+    topics().any(|topic| formats.iter().any(|format| name == format!("{topic}.{}", format.extension())))
+}
+
+/// Every topic that a log may have.
+pub fn topics() -> impl Iterator<Item = &'static str> {
+    TOPICS.into_iter().chain(TELEMETRY_TOPICS)
 }
 
 /// Exports.
@@ -56,6 +62,14 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     let read = tables.fill(&mut reader).and_then(|()| tables.finish());
     print(&tables.summary())?;
     read?;
+    if let Some(topic) = args.topic.as_deref().filter(|topic| tables.is_read && !tables.open.contains_key(topic)) {
+        let role = topic.split('_').next().unwrap_or_default();
+        return Err(Failure::usage(format!(
+            "{} has no topic {topic}: the {role} law that flew shows nothing",
+            path.display()
+        ))
+        .help("`ironbird laws NAME` lists what a law shows; `ironbird export` without --topic writes what there is"));
+    }
     // Who closes the pipe has not seen the end, and has not asked for it.
     if tables.is_read {
         say_what_is_missing(&reader)?;
@@ -148,6 +162,8 @@ struct Tables {
     /// Where they lie; none for standard output.
     directory: Option<PathBuf>,
     /// Topics that are wanted.
+    wanted: Vec<&'static str>,
+    /// Those that have begun.
     open: BTreeMap<&'static str, Table>,
     /// Whether somebody still reads.
     is_read: bool,
@@ -160,10 +176,10 @@ struct Table {
 
 impl Table {
     /// With the line that names the columns, also where no message follows.
-    fn new(topic: &str, format: TableFormat, out: impl Write + 'static) -> (Self, io::Result<()>) {
+    fn new(columns: &[String], format: TableFormat, out: impl Write + 'static) -> (Self, io::Result<()>) {
         let mut out: Box<dyn Write> = Box::new(BufWriter::new(out));
         let begun = match format {
-            TableFormat::Csv => writeln!(out, "{}", columns(topic).join(",")),
+            TableFormat::Csv => writeln!(out, "{}", columns.join(",")),
             TableFormat::Json => Ok(()),
         };
         (Self { out, messages: 0 }, begun)
@@ -183,51 +199,83 @@ fn columns(topic: &str) -> Vec<String> {
 }
 
 impl Tables {
+    /// One, on standard output; of what a law shows, once the log has said what that is.
     fn one(topic: &str, format: TableFormat) -> Result<Self, Failure> {
-        let (table, begun) = Table::new(topic, format, io::stdout());
-        let open = TOPICS.into_iter().filter(|name| *name == topic).zip([table]).collect();
-        let mut tables = Self { format, directory: None, open, is_read: true };
-        tables.written(begun)?;
+        let wanted = topics().filter(|name| *name == topic).collect();
+        let mut tables = Self { format, directory: None, wanted, open: BTreeMap::new(), is_read: true };
+        tables.begin_all()?;
         Ok(tables)
     }
 
     fn all(directory: PathBuf, format: TableFormat) -> Result<Self, Failure> {
         make(&directory)?;
-        let mut open = BTreeMap::new();
-        for topic in TOPICS {
-            let path = directory.join(format!("{topic}.{}", format.extension()));
-            let file = replace(&path)?;
-            let (table, begun) = Table::new(topic, format, file);
-            begun.in_file("write", &path)?;
-            open.insert(topic, table);
+        let wanted = topics().collect();
+        let mut tables = Self { format, directory: Some(directory), wanted, open: BTreeMap::new(), is_read: true };
+        tables.begin_all()?;
+        Ok(tables)
+    }
+
+    /// Begins the tables whose columns are known before the log is read.
+    fn begin_all(&mut self) -> Result<(), Failure> {
+        TOPICS.into_iter().try_for_each(|topic| self.begin(topic, || columns(topic)))
+    }
+
+    /// Begins a table, where it is wanted and has not begun.
+    fn begin(&mut self, topic: &'static str, columns: impl FnOnce() -> Vec<String>) -> Result<(), Failure> {
+        if self.open.contains_key(topic) || !self.wanted.contains(&topic) {
+            return Ok(());
         }
-        Ok(Self { format, directory: Some(directory), open, is_read: true })
+        let Some(path) = self.path(topic) else {
+            let (table, begun) = Table::new(&columns(), self.format, io::stdout());
+            self.open.insert(topic, table);
+            return self.written(begun);
+        };
+        let (table, begun) = Table::new(&columns(), self.format, replace(&path)?);
+        self.open.insert(topic, table);
+        begun.in_file("write", &path)
+    }
+
+    /// The file of a topic; none where it goes to standard output.
+    fn path(&self, topic: &str) -> Option<PathBuf> {
+        Some(self.directory.as_ref()?.join(format!("{topic}.{}", self.format.extension())))
     }
 
     fn fill(&mut self, reader: &mut LogReader) -> Result<(), Failure> {
-        while self.is_read
-            && let Some(entry) = reader.next_entry()?
-        {
-            match entry {
-                LogEntry::State(message) => self.write(message),
-                LogEntry::Setpoint(message) => self.write(message),
-                LogEntry::Wrench(message) => self.write(message),
-                LogEntry::RotorSpeeds(message) => self.write(message),
-                LogEntry::Swap(message) => self.write(message),
-                LogEntry::Theorem(message) => self.write(message),
+        while self.is_read && reader.next_entry()?.is_some() {
+            match reader.newest() {
+                LogEntry::State(message) => self.write(reader, message),
+                LogEntry::Setpoint(message) => self.write(reader, message),
+                LogEntry::Wrench(message) => self.write(reader, message),
+                LogEntry::RotorSpeeds(message) => self.write(reader, message),
+                LogEntry::Swap(message) => self.write(reader, message),
+                LogEntry::Theorem(message) => self.write(reader, message),
             }?;
         }
         Ok(())
     }
 
-    fn write<C: Logged>(&mut self, message: &Message<C>) -> Result<(), Failure> {
-        let Some(table) = self.open.get_mut(<C as Topic>::NAME) else { return Ok(()) };
-        let line = match self.format {
+    /// Writes a message, and what its law shows.
+    fn write<C: Logged>(&mut self, reader: &LogReader, message: &Message<C>) -> Result<(), Failure> {
+        let format = self.format;
+        self.put(<C as Topic>::NAME, || match format {
             TableFormat::Csv => rows::csv(message),
             TableFormat::Json => rows::json(message),
+        })?;
+        let Some((shown, telemetry)) = reader.telemetry(C::SENDER).zip(message.content.telemetry()) else {
+            return Ok(());
         };
+        self.begin(shown.topic(), || shown.columns())?;
+        self.put(shown.topic(), || match format {
+            TableFormat::Csv => shown.csv(message.envelope.tick, telemetry),
+            TableFormat::Json => shown.json(message.envelope.tick, telemetry),
+        })
+    }
+
+    /// Puts a line into a table, where that is wanted.
+    fn put(&mut self, topic: &str, line: impl FnOnce() -> String) -> Result<(), Failure> {
+        let Some(table) = self.open.get_mut(topic) else { return Ok(()) };
         table.messages += 1;
-        let written = writeln!(table.out, "{line}");
+        let written = writeln!(table.out, "{}", line());
         self.written(written)
     }
 
@@ -250,12 +298,10 @@ impl Tables {
 
     /// What was written where; nothing for standard output, which holds the messages.
     fn summary(&self) -> String {
-        let Some(directory) = &self.directory else { return String::new() };
-        let line = |topic: &str| {
-            let messages = self.open.get(topic).map_or(0, |table| table.messages);
-            let file = directory.join(format!("{topic}.{}", self.format.extension()));
-            format!("{messages:>8} messages  {}\n", file.display())
+        let line = |topic: &'static str| {
+            let (messages, file) = (self.open.get(topic)?.messages, self.path(topic)?);
+            Some(format!("{messages:>8} messages  {}\n", file.display()))
         };
-        TOPICS.into_iter().map(line).collect()
+        topics().filter_map(line).collect()
     }
 }

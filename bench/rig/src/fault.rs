@@ -1,17 +1,32 @@
-//! Faults as the user types them: `NAME=VALUE[,NAME=VALUE]@8s` or `@tick8000`.
+//! Faults as the user types them: `WHAT=VALUE[,WHAT=VALUE]@8s` or `@tick8000`, and `..9s` for an end.
 //!
-//! A value is a number, `nominal`, or a share of that which is added, as in `+30%`. Nominal is what the airframe was
-//! built with, so what a value is, and whether it is in range, shows only with an airframe.
+//! WHAT is a parameter of the airframe ([`parameter`]), messages at an input ([`message`]), or a stage ([`stage`]).
+//! What a fault is in the ticks of a flight is in [`plan`]. docs/injection.md is the user's page.
+
+mod error;
+pub mod listing;
+pub mod message;
+pub mod parameter;
+pub mod plan;
+pub mod stage;
+#[cfg(test)]
+mod tests;
+pub mod words;
 
 use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
-use model::parameters::{Airframe, Parameter, ParameterError};
-use plant::{Swap, SwapError};
-use thiserror::Error;
+pub use error::FaultError;
+use message::MessageChange;
+use model::fault::Span;
+use model::parameters::{Airframe, Parameter};
+pub(crate) use parameter::check_once;
+pub use parameter::{Wanted, WantedValue, targets_of};
+use plant::Swap;
+use stage::StageChange;
 
-/// When a fault strikes.
+/// When a fault strikes, or ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum At {
     /// At a tick.
@@ -20,125 +35,59 @@ pub enum At {
     Time(Duration),
 }
 
-/// New values of plant parameters at an instant of the flight.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Fault {
-    /// When.
-    pub at: At,
-    /// What, each parameter once.
-    pub changes: Vec<Wanted>,
-}
-
-/// A parameter with the value that is wanted for it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wanted {
-    /// The parameter.
-    pub parameter: Parameter,
-    /// Its value, as it was typed.
-    pub value: WantedValue,
-}
-
-/// A value as it is typed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum WantedValue {
-    /// In the unit of the parameter.
-    Number(f64),
-    /// That of the airframe as it was built, and so many percent of it more.
-    Percent(f64),
-    /// That of the airframe as it was built.
-    Nominal,
-}
-
-/// Why a fault was refused.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum FaultError {
-    /// No instant.
-    #[error("`{0}` has no time: write NAME=VALUE[,NAME=VALUE]@8s or ...@tick8000")]
-    NoInstant(String),
-    /// The instant cannot be read.
-    #[error("`{0}` is no instant: write @8s, @500ms or @tick8000")]
-    Instant(String),
-    /// No `=`.
-    #[error("`{0}` is not an assignment: write NAME=VALUE, as in rotational_drag_nm_s=0.525")]
-    NoAssignment(String),
-    /// The value is no number.
-    #[error("{name} = `{value}` is not a number")]
-    NotANumber {
-        /// The parameter.
-        name: String,
-        /// What stands for its value.
-        value: String,
-    },
-    /// A share without a sign.
-    #[error("`{0}` has no sign: write NAME=+30% for three tenths more than nominal, NAME=-30% for less")]
-    Unsigned(String),
-    /// A share of nothing.
-    #[error("{0} is nominally 0, of which there is no share: write a number{unit}", unit = in_unit(*.0))]
-    NothingToScale(Parameter),
-    /// The parameter is unknown or its value out of range.
-    #[error(transparent)]
-    Parameter(#[from] ParameterError),
-    /// The plant would refuse it.
-    #[error(transparent)]
-    Swap(#[from] SwapError),
-}
-
-impl FromStr for Wanted {
-    type Err = FaultError;
-
-    /// Reads one `NAME=VALUE`.
-    fn from_str(text: &str) -> Result<Self, FaultError> {
-        let (name, value) = text.split_once('=').ok_or_else(|| FaultError::NoAssignment(text.to_owned()))?;
-        let (name, value) = (name.trim(), value.trim());
-        let parameter = Parameter::from_name(name)?;
-        let number = |number: &str| {
-            number.parse().map_err(|_| FaultError::NotANumber { name: name.to_owned(), value: value.to_owned() })
-        };
-        let value = match value.strip_suffix('%') {
-            Some(percent) if percent.starts_with(['+', '-']) => WantedValue::Percent(number(percent)?),
-            Some(_) => return Err(FaultError::Unsigned(text.to_owned())),
-            None if value == "nominal" => WantedValue::Nominal,
-            None => WantedValue::Number(number(value)?),
-        };
-        Ok(Self { parameter, value })
-    }
-}
-
-impl Wanted {
-    /// The value for an airframe, in the unit of the parameter.
-    ///
-    /// # Errors
-    /// [`FaultError::Parameter`] where it is out of the airframe's range; [`FaultError::NothingToScale`].
-    pub fn of(&self, airframe: &Airframe) -> Result<(Parameter, f64), FaultError> {
-        let parameter = self.parameter;
-        let nominal = airframe.as_built().get(parameter);
-        let value = match self.value {
-            WantedValue::Number(number) => number,
-            WantedValue::Percent(_) if nominal == 0.0 => return Err(FaultError::NothingToScale(parameter)),
-            WantedValue::Percent(percent) => nominal * (1.0 + percent / 100.0),
-            WantedValue::Nominal => nominal,
-        };
-        Ok((parameter, airframe.check(parameter, value)?))
-    }
-}
-
-impl fmt::Display for Wanted {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let parameter = self.parameter;
-        match self.value {
-            WantedValue::Number(number) => write!(f, "{parameter}={number:?}"),
-            WantedValue::Percent(percent) => write!(f, "{parameter}={percent:+?}%"),
-            WantedValue::Nominal => write!(f, "{parameter}=nominal"),
+impl At {
+    /// The tick, where one takes `period_s` [s].
+    #[must_use]
+    pub fn tick(self, period_s: f64) -> u64 {
+        match self {
+            Self::Tick(tick) => tick,
+            Self::Time(time) => (time.as_secs_f64() / period_s).round() as u64,
         }
     }
 }
 
-/// The values that are wanted of an airframe.
-///
-/// # Errors
-/// The first of [`Wanted::of`].
-pub fn values_of(wanted: &[Wanted], airframe: &Airframe) -> Result<Vec<(Parameter, f64)>, FaultError> {
-    wanted.iter().map(|wanted| wanted.of(airframe)).collect()
+/// What goes wrong together, and when.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fault {
+    /// From when on.
+    pub from: At,
+    /// Until when; none is for good, or once.
+    pub to: Option<At>,
+    /// What, each thing once.
+    pub changes: Vec<Change>,
+}
+
+/// One thing that goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Change {
+    /// A parameter of the airframe has another value.
+    Parameter(Wanted),
+    /// Messages at an input.
+    Messages(MessageChange),
+    /// A stage is late, stopped or killed.
+    Stage(StageChange),
+}
+
+impl FromStr for Change {
+    type Err = FaultError;
+
+    /// Reads one `WHAT=VALUE`, or one `WHAT` that takes none.
+    fn from_str(text: &str) -> Result<Self, FaultError> {
+        let (what, value) = match text.split_once('=') {
+            Some((what, value)) => (what.trim(), Some(value.trim())),
+            None => (text.trim(), None),
+        };
+        if !what.contains('.') {
+            return text.parse().map(Self::Parameter);
+        }
+        if let Some(change) = StageChange::read(what, value)? {
+            return Ok(Self::Stage(change));
+        }
+        match MessageChange::read(what, value)? {
+            Some(change) => Ok(Self::Messages(change)),
+            None => Err(words::unknown(what)),
+        }
+    }
 }
 
 impl FromStr for Fault {
@@ -146,35 +95,122 @@ impl FromStr for Fault {
 
     fn from_str(text: &str) -> Result<Self, FaultError> {
         let (changes, at) = text.rsplit_once('@').ok_or_else(|| FaultError::NoInstant(text.to_owned()))?;
-        let instant = || FaultError::Instant(at.to_owned());
-        let at = match at.strip_prefix("tick") {
-            Some(tick) => At::Tick(tick.parse().map_err(|_| instant())?),
-            None => At::Time(humantime::parse_duration(at).map_err(|_| instant())?),
+        let instant = |at: &str| match at.strip_prefix("tick") {
+            Some(tick) => tick.parse().map(At::Tick).map_err(|_| FaultError::Instant(at.to_owned())),
+            None => humantime::parse_duration(at).map(At::Time).map_err(|_| FaultError::Instant(at.to_owned())),
         };
-        let changes = changes.split(',').map(str::parse).collect::<Result<Vec<Wanted>, _>>()?;
-        check_once(&changes)?;
-        Ok(Self { at, changes })
+        let (from, to) = match at.split_once("..") {
+            Some((from, to)) => (instant(from)?, Some(instant(to)?)),
+            None => (instant(at)?, None),
+        };
+        let changes = changes.split(',').map(str::parse).collect::<Result<Vec<Change>, _>>()?;
+        let fault = Self { from, to, changes };
+        fault.check_ends()?;
+        check_once(&fault.wanted())?;
+        Ok(fault)
     }
 }
 
 impl Fault {
-    /// As the plant of an airframe schedules it, with ticks of `period_s` [s].
+    /// What goes wrong, as it is typed, and until when where it has an end.
+    #[must_use]
+    pub fn what(&self) -> String {
+        let what = self.changes.iter().map(Change::to_string).collect::<Vec<_>>().join(",");
+        self.to.map_or_else(|| what.clone(), |to| format!("{what} until {to}"))
+    }
+
+    /// What goes wrong with messages and stages.
+    pub fn of_the_loop(&self) -> impl Iterator<Item = &Change> {
+        self.changes.iter().filter(|change| !matches!(change, Change::Parameter(_)))
+    }
+
+    /// What is wanted of the airframe's parameters.
+    #[must_use]
+    pub fn wanted(&self) -> Vec<Wanted> {
+        let wanted = |change: &Change| match change {
+            Change::Parameter(wanted) => Some(*wanted),
+            _ => None,
+        };
+        self.changes.iter().filter_map(wanted).collect()
+    }
+
+    /// What of it the plant of an airframe schedules, with ticks of `period_s` [s]; nothing where it is no parameter's.
     ///
     /// # Errors
     /// Those of [`Wanted::of`].
-    pub fn swap(&self, period_s: f64, airframe: &Airframe) -> Result<Swap, FaultError> {
-        let tick = match self.at {
-            At::Tick(tick) => tick,
-            At::Time(time) => (time.as_secs_f64() / period_s).round() as u64,
+    pub fn swap(&self, period_s: f64, airframe: &Airframe) -> Result<Option<Swap>, FaultError> {
+        let wanted = self.wanted();
+        if wanted.is_empty() {
+            return Ok(None);
+        }
+        Ok(Some(Swap::to(self.from.tick(period_s), &targets_of(&wanted, airframe, period_s)?)?))
+    }
+
+    /// Its ticks, where one takes `period_s` [s].
+    ///
+    /// # Errors
+    /// [`FaultError::Order`] where it ends before it begins.
+    pub fn span(&self, period_s: f64) -> Result<Span, FaultError> {
+        let (from, to) = (self.from.tick(period_s), self.to.map(|to| to.tick(period_s)));
+        match to {
+            Some(to) if to <= from => Err(FaultError::Order { fault: self.to_string(), from, to }),
+            _ => Ok(Span { from, to: to.unwrap_or(Span::FOR_GOOD) }),
+        }
+    }
+
+    /// Refuses an end for what has none.
+    fn check_ends(&self) -> Result<(), FaultError> {
+        if self.to.is_none() {
+            return Ok(());
+        }
+        let endless = |change: &Change| match change {
+            Change::Parameter(wanted) => Some(FaultError::ParameterEnds(wanted.parameter)),
+            Change::Stage(stage) if !stage.lasts() => Some(FaultError::StageEnds(stage.what())),
+            Change::Stage(_) | Change::Messages(_) => None,
         };
-        Ok(Swap::new(tick, &values_of(&self.changes, airframe)?)?)
+        self.changes.iter().find_map(endless).map_or(Ok(()), Err)
     }
 }
 
-/// Refuses two values for one parameter.
-pub(crate) fn check_once(wanted: &[Wanted]) -> Result<(), SwapError> {
-    let again = wanted.iter().enumerate().find(|(i, one)| wanted[..*i].iter().any(|it| it.parameter == one.parameter));
-    again.map_or(Ok(()), |(_, one)| Err(SwapError::Twice { parameter: one.parameter }))
+impl fmt::Display for Change {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Parameter(wanted) => wanted.fmt(f),
+            Self::Messages(change) => change.fmt(f),
+            Self::Stage(change) => change.fmt(f),
+        }
+    }
+}
+
+impl fmt::Display for At {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Tick(tick) => write!(f, "tick{tick}"),
+            Self::Time(time) => f.write_str(&typed(*time)),
+        }
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, change) in self.changes.iter().enumerate() {
+            write!(f, "{}{change}", if i == 0 { "" } else { "," })?;
+        }
+        write!(f, "@{}", self.from)?;
+        self.to.map_or(Ok(()), |to| write!(f, "..{to}"))
+    }
+}
+
+/// A time as it is typed.
+fn typed(time: Duration) -> String {
+    humantime::format_duration(time).to_string().replace(' ', "")
+}
+
+/// A text, or the begin of a long one.
+fn begin_of(text: &str) -> String {
+    const MOST: usize = 40;
+    let begin: String = text.chars().take(MOST).collect();
+    if begin.len() < text.len() { begin + "..." } else { begin }
 }
 
 /// A unit as it ends a hint.
@@ -182,78 +218,5 @@ fn in_unit(parameter: Parameter) -> String {
     match parameter.spec().unit {
         "" => String::new(),
         unit => format!(" in {unit}"),
-    }
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, wanted) in self.changes.iter().enumerate() {
-            write!(f, "{}{wanted}", if i == 0 { "" } else { "," })?;
-        }
-        match self.at {
-            At::Tick(tick) => write!(f, "@tick{tick}"),
-            At::Time(time) => write!(f, "@{}", humantime::format_duration(time).to_string().replace(' ', "")),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn both_instants_and_several_changes_are_read() {
-        let fault: Fault = "rotational_drag_nm_s=0.525@8s".parse().unwrap();
-        assert_eq!(fault.swap(0.001, &Airframe::nominal()).unwrap().tick, 8000);
-        let fault: Fault = "mass_kg=0.6, rotor_efficiency_3=0.7@tick8000".parse().unwrap();
-        assert_eq!(fault.at, At::Tick(8000));
-        let values = values_of(&fault.changes, &Airframe::nominal()).unwrap();
-        assert_eq!(values, [(Parameter::Mass, 0.6), (Parameter::RotorEfficiency3, 0.7)]);
-    }
-
-    #[test]
-    fn a_share_is_of_what_the_airframe_was_built_with() {
-        let mut airframe = Airframe::nominal();
-        airframe.set(Parameter::Mass, 0.8).unwrap();
-        let value = |text: &str| text.parse::<Wanted>().unwrap().of(&airframe).map(|(_, value)| value);
-        assert_eq!(value("mass_kg=+30%"), Ok(0.52 * 1.3));
-        assert_eq!(value("mass_kg=-50%"), Ok(0.26));
-        assert_eq!(value("mass_kg=nominal"), Ok(0.52));
-        assert_eq!(value("rotor_efficiency_2=-100%"), Ok(0.0));
-        let said = |text: &str| value(text).unwrap_err().to_string();
-        assert!(said("mass_kg=+1000%").contains("is out of range: allowed are 0.05 to 5.0 kg"));
-        assert_eq!(
-            said("gyro_noise_rad_s=+10%"),
-            "gyro_noise_rad_s is nominally 0, of which there is no share: write a number in rad/s"
-        );
-    }
-
-    #[test]
-    fn a_fault_prints_as_it_is_typed() {
-        for text in ["mass_kg=0.6@tick8000", "mass_kg=+30.5%,gyro_noise_rad_s=0.01@1m1s500ms", "mass_kg=nominal@3s"] {
-            let fault: Fault = text.parse().unwrap();
-            assert_eq!(fault.to_string().parse::<Fault>().unwrap(), fault, "{fault}");
-        }
-    }
-
-    #[test]
-    fn every_mistake_is_named() {
-        for (text, said) in [
-            ("mass_kg=0.6", "has no time"),
-            ("mass_kg=0.6@soon", "`soon` is no instant"),
-            ("mass_kg=0.6@tick-1", "`tick-1` is no instant"),
-            ("mass_kg@8s", "`mass_kg` is not an assignment"),
-            ("mass_kg=heavy@8s", "mass_kg = `heavy` is not a number"),
-            ("mas_kg=0.6@8s", "did you mean `mass_kg`"),
-            ("mass_kg=-1@8s", "mass_kg = -1 is out of range: allowed are 0.05 to 5.0 kg"),
-            ("mass_kg=30%@8s", "`mass_kg=30%` has no sign: write NAME=+30%"),
-            ("mass_kg=+a%@8s", "mass_kg = `+a%` is not a number"),
-            ("mass_kg=0.6,mass_kg=0.7@8s", "mass_kg is given twice"),
-            ("@8s", "`` is not an assignment"),
-        ] {
-            let swap = text.parse::<Fault>().and_then(|fault| fault.swap(0.001, &Airframe::nominal()));
-            let error = swap.unwrap_err().to_string();
-            assert!(error.contains(said), "{text}: {error}");
-        }
     }
 }

@@ -3,8 +3,14 @@
 mod asked;
 mod ending;
 mod launcher;
+mod pulse;
+mod recordings;
+mod restarts;
+pub mod signal_at;
+mod starter;
 mod status_line;
 
+use std::fs;
 use std::io::{self, IsTerminal as _};
 use std::path::Path;
 use std::thread::sleep;
@@ -20,11 +26,12 @@ use crate::output::{print, say};
 use crate::record::traced;
 use crate::roles::remove_leftovers;
 use crate::run_directory::{RunDirectory, make_latest};
-use crate::settings::Settings;
+use crate::settings::laws::Chosen;
+use crate::settings::{PaceName, Settings};
 use crate::show_report;
 use asked::Asked;
-use ending::Ended;
-use failure::{Failure, INTERRUPTED, OK, check_writable};
+use ending::{Ended, warnings};
+use failure::{Failure, INTERRUPTED, InFile as _, OK, check_writable};
 use launcher::Launcher;
 use machine::executable::own_executable;
 use report::beside::Beside;
@@ -41,6 +48,10 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// Usage, and everything that can go wrong on the way (docs/architecture.md, "Exit codes").
 pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
     check_writable("--junit", args.junit.as_deref())?;
+    // The result of an earlier flight is none of this one, however its process ends.
+    if let Some(earlier) = args.junit.as_ref().filter(|path| !args.print_config && path.is_file()) {
+        fs::remove_file(earlier).in_file("replace", earlier)?;
+    }
     match take_off(args) {
         Ok(None) => Ok(OK),
         Ok(Some(flown)) => land(args, flown),
@@ -68,13 +79,20 @@ fn take_off(args: &FlyArgs) -> Result<Option<Flown>, Failure> {
     let mut overrides = args.flight.overrides();
     overrides.extend(args.rt.overrides());
     overrides.extend(args.recorder.overrides());
-    let settings = Settings::resolve(args.flight.config.as_deref(), &overrides)?;
+    let settings = Settings::resolve(args.flight.course.config.as_deref(), &overrides)?;
+    settings.check_faults_of_processes()?;
+    args.rt.check(&settings)?;
+    args.recorder.check(&settings)?;
+    args.check(&settings)?;
     if args.print_config {
         print(&settings.commented()?)?;
         return Ok(None);
     }
     for warning in settings.warnings()? {
         say(&format!("warning: {warning}\n"));
+    }
+    if settings.flight.pace == PaceName::Realtime {
+        slow_laws(&settings)?.iter().for_each(|law| say(&format!("warning: {law}\n")));
     }
     // First, so that what a check makes goes with it.
     let mut asked = Asked::listen()?;
@@ -86,10 +104,16 @@ fn take_off(args: &FlyArgs) -> Result<Option<Flown>, Failure> {
     Ok(Some(Flown { settings, asked, directory, ended, report }))
 }
 
+/// The laws that promise nothing about their time, a sentence each.
+fn slow_laws(settings: &Settings) -> Result<Vec<String>, Failure> {
+    let slow = settings.chosen_laws()?.into_iter().filter_map(Chosen::library).filter(|law| law.not_real_time);
+    Ok(slow.map(|law| format!("the {} is not real-time: it may miss deadlines", law.words())).collect())
+}
+
 /// Completes the report of a flight, and prints it.
 fn land(args: &FlyArgs, flown: Flown) -> Result<u8, Failure> {
     let Flown { settings, mut asked, directory, ended, mut report } = flown;
-    let corrected = ended.correct(&mut report);
+    let corrected = ended.correct(&mut report, &directory.path);
     let mut exit_code = report.verdict.exit_code;
     let mut unmeasured = None;
     if let Some(duration) = args.floor.filter(|_| ended.died.is_none()) {
@@ -108,6 +132,7 @@ fn land(args: &FlyArgs, flown: Flown) -> Result<u8, Failure> {
     if let Some(died) = &ended.died {
         say(&died.words(&directory.path));
     }
+    warnings(&directory.path).iter().for_each(|warning| say(&format!("{warning}\n")));
     print(&show_report::ended(&report, &directory.path))?;
     // What the flight found weighs more than what became of the rest.
     let rest = written.and(pointed).and(passed_on).and(unmeasured.map_or(Ok(()), Err));
@@ -158,7 +183,7 @@ fn start_and_watch(
         }
     };
     let ended = launcher.watch(asked)?;
-    Ok((directory, ended))
+    Ok((launcher.recorded()?, ended))
 }
 
 /// Measures beside the flight that has just ended; nothing where a signal has come, which the report then goes without.

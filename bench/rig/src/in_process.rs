@@ -4,98 +4,177 @@
 //! Four processes that miss no deadline must reproduce this flight bit by bit. It is also the fast one for tests and
 //! campaigns. It allocates nothing after [`InProcess::new`].
 
-use controller::{InnerLoop, OuterLoop, TheoremMonitor};
-use mixer::Mixer;
+mod faulted;
+pub mod timed;
+
+use controller::TheoremMonitor;
+use model::inspection::Rejections;
 use model::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
 use model::monitor::Monitor;
+use model::role::Role;
 use plant::{Departure, Plant};
 
+use self::faulted::Faulted;
+use crate::fault::plan::{StageFault, StageTicks};
 use crate::settings::Settings;
 use failure::Failure;
-use law::{InnerLaw as _, MixerLaw as _, OuterLaw as _};
+use law::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
+use law::{GuardedInner, GuardedMixer, GuardedOuter};
+use report::states::Joined;
 use report::tick::TickRecord;
 
 /// A flight in one process, standing between two ticks.
-#[derive(Clone, Debug)]
+#[allow(missing_debug_implementations, reason = "a law need not have one")]
 pub struct InProcess {
     plant: Plant,
-    outer: OuterLoop,
-    inner: InnerLoop,
-    mixer: Mixer,
+    outer: GuardedOuter,
+    inner: GuardedInner,
+    mixer: GuardedMixer,
     state: Dated<State>,
     /// The newest one, as the inner loop would hold it.
     setpoint: Dated<Setpoint>,
     wrench: Dated<Wrench>,
-    rotor_speeds: RotorSpeeds,
+    rotor_speeds: Dated<RotorSpeeds>,
     /// Tick that is next.
     tick: u64,
     envelope: Result<(), Departure>,
     /// Beside the laws, where somebody asks for it.
     theorem: Option<TheoremMonitor>,
     monitor: Option<Monitor>,
+    /// Faults of messages and stages; none where there are none, which is the fast way.
+    faulted: Option<Box<Faulted>>,
 }
 
 impl InProcess {
     /// A flight that is about to begin with tick 0.
     #[must_use]
-    pub fn new(
-        plant: &plant::PlantSettings,
-        controller: &controller::LoopSettings,
-        mixer: &mixer::MixerSettings,
-    ) -> Self {
+    pub fn new(plant: &plant::PlantSettings, outer: GuardedOuter, inner: GuardedInner, mixer: GuardedMixer) -> Self {
         Self {
             plant: Plant::new(plant),
-            outer: OuterLoop::new(controller),
-            inner: InnerLoop::new(controller),
-            mixer: Mixer::new(mixer),
+            outer,
+            inner,
+            mixer,
             state: Dated { tick: NO_TICK, content: State::default() },
             setpoint: Dated { tick: NO_TICK, content: Setpoint::default() },
             wrench: Dated { tick: NO_TICK, content: Wrench::default() },
-            rotor_speeds: RotorSpeeds::default(),
+            rotor_speeds: Dated { tick: NO_TICK, content: RotorSpeeds::default() },
             tick: 0,
             envelope: Ok(()),
             theorem: None,
             monitor: None,
+            faulted: None,
         }
     }
 
-    /// The flight that settings describe, with its faults scheduled.
+    /// The flight that settings describe, with its faults.
     ///
     /// # Errors
     /// A usage [`Failure`], which settings that were resolved have ruled out.
     pub fn of(settings: &Settings) -> Result<Self, Failure> {
-        let mut rig = Self::new(&settings.plant()?, &settings.controller()?, &settings.mixer()?);
-        for fault in settings.faults()? {
-            rig.plant.schedule(fault).map_err(|e| Failure::usage(format!("fault: {e}")))?;
+        Self::faulty(settings, settings.outer_stage()?, settings.inner_stage()?)
+    }
+
+    /// The same with other loops than the settings name.
+    ///
+    /// # Errors
+    /// As [`Self::of`]; usage where such a loop is to be killed: nobody knows how to make it anew.
+    pub fn with(settings: &Settings, outer: GuardedOuter, inner: GuardedInner) -> Result<Self, Failure> {
+        let is_lost = |fault: &&StageFault| fault.kind == StageTicks::Anew && fault.role != Role::Mixer;
+        if let Some(fault) = settings.planned()?.stages.iter().find(is_lost) {
+            return Err(Failure::usage(format!(
+                "{}.kill: the law was handed over, and cannot be made anew",
+                fault.role
+            ))
+            .help("stop the stage instead, or name a law that the settings can make"));
+        }
+        Self::faulty(settings, outer, inner)
+    }
+
+    fn faulty(settings: &Settings, outer: GuardedOuter, inner: GuardedInner) -> Result<Self, Failure> {
+        let mixer = settings.mixer_stage()?;
+        let mut rig = Self::new(&settings.plant()?, outer, inner, mixer);
+        let planned = settings.planned()?;
+        if !planned.spares_the_loop() {
+            let faulted = Faulted::new(settings, &planned)?;
+            rig.plant = rig.plant.gated(faulted.plant_gate());
+            rig.faulted = Some(Box::new(faulted));
+        }
+        for swap in planned.swaps {
+            rig.plant.schedule(swap).map_err(|e| Failure::usage(format!("fault: {e}")))?;
         }
         Ok(rig)
     }
 
-    /// The same flight with the theorem's monitor beside it, for a controller with these settings.
+    /// The same flight with the theorem's monitor beside it, where the inner law has a theorem.
     #[must_use]
-    pub fn watched(self, controller: &controller::LoopSettings) -> Self {
-        Self { theorem: Some(TheoremMonitor::new(controller)), ..self }
+    pub fn watched(self, theorem: Option<TheoremMonitor>) -> Self {
+        let mut rig = Self { theorem, ..self };
+        if let Some(faulted) = &mut rig.faulted {
+            faulted.theorem.clone_from(&rig.theorem);
+        }
+        rig
     }
 
     /// Flies one tick.
     pub fn tick(&mut self) {
-        let tick = self.tick;
-        self.state = Dated { tick, content: self.plant.begin(tick) };
-        self.envelope = self.plant.envelope();
-        if let Some(content) = self.outer.tick(tick, &self.state) {
-            self.setpoint = Dated { tick, content };
+        if self.faulted.is_some() {
+            self.faulty_tick();
+            return;
         }
-        self.wrench = Dated { tick, content: self.inner.tick(tick, &self.state, &self.setpoint) };
-        self.rotor_speeds = self.mixer.tick(tick, &self.wrench);
-        self.plant.offer(Dated { tick, content: self.rotor_speeds }, tick + 1);
-        self.plant.finish();
+        let Self { plant, outer, inner, mixer, state, setpoint, wrench, rotor_speeds, tick, .. } = self;
+        let tick = *tick;
+        plant.begin_into(tick, &mut state.content);
+        state.tick = tick;
+        self.envelope = plant.envelope();
+        if outer.tick_into(tick, state, &mut setpoint.content) {
+            setpoint.tick = tick;
+        }
+        inner.tick_into(tick, state, setpoint, &mut wrench.content);
+        wrench.tick = tick;
+        mixer.tick_into(tick, wrench, &mut rotor_speeds.content);
+        rotor_speeds.tick = tick;
+        plant.offer(*rotor_speeds, tick + 1);
+        plant.finish();
         if let Some(theorem) = &mut self.theorem {
-            self.monitor = Some(*theorem.watch(tick, &self.state, &self.wrench.content));
+            self.monitor = Some(*theorem.watch(tick, state, &wrench.content));
         }
         self.tick += 1;
     }
 
-    /// State of the tick that was flown last.
+    #[cold]
+    fn faulty_tick(&mut self) {
+        if let Some(mut faulted) = self.faulted.take() {
+            faulted.tick(self);
+            self.faulted = Some(faulted);
+        }
+    }
+
+    /// Tick that was flown last; [`NO_TICK`] before the first.
+    #[must_use]
+    pub const fn flown_tick(&self) -> u64 {
+        self.tick.wrapping_sub(1)
+    }
+
+    /// Tick of the state that was published last.
+    #[must_use]
+    pub const fn state_tick(&self) -> u64 {
+        self.state.tick
+    }
+
+    /// Whether the plant published a state in that tick: not where it is out.
+    #[must_use]
+    pub const fn has_state(&self) -> bool {
+        self.state.tick == self.flown_tick()
+    }
+
+    /// Messages that inspection refused for what a fault had made of them.
+    #[must_use]
+    pub fn rejections(&self) -> Rejections {
+        let of_stages = self.faulted.as_ref().map(|faulted| faulted.rejections()).unwrap_or_default();
+        of_stages.and(&self.plant.rejections())
+    }
+
+    /// State of the tick that was flown last; an older one where the plant is out.
     #[must_use]
     pub const fn state(&self) -> &State {
         &self.state.content
@@ -104,19 +183,45 @@ impl InProcess {
     /// Its set-point, if the outer loop gave one.
     #[must_use]
     pub fn setpoint(&self) -> Option<&Setpoint> {
-        (self.setpoint.tick == self.state.tick).then_some(&self.setpoint.content)
+        (self.setpoint.tick == self.flown_tick()).then_some(&self.setpoint.content)
     }
 
-    /// Its wrench.
+    /// Its wrench; the last one where the inner loop is out.
     #[must_use]
     pub const fn wrench(&self) -> &Wrench {
         &self.wrench.content
     }
 
-    /// Its rotor command, which is in force from the next tick on.
+    /// Its rotor command, which is in force from the next tick on; the last one where the mixer is out.
     #[must_use]
     pub const fn rotor_speeds(&self) -> &RotorSpeeds {
-        &self.rotor_speeds
+        &self.rotor_speeds.content
+    }
+
+    /// Its wrench, if the inner loop gave one.
+    #[must_use]
+    pub fn new_wrench(&self) -> Option<&Wrench> {
+        (self.wrench.tick == self.flown_tick()).then_some(&self.wrench.content)
+    }
+
+    /// Its rotor command, if the mixer gave one.
+    #[must_use]
+    pub fn new_rotor_speeds(&self) -> Option<&RotorSpeeds> {
+        (self.rotor_speeds.tick == self.flown_tick()).then_some(&self.rotor_speeds.content)
+    }
+
+    /// The state, with what the stages made of it.
+    #[must_use]
+    pub fn joined(&self) -> Joined {
+        let wrench = self.new_wrench().copied();
+        Joined {
+            tick: self.flown_tick(),
+            state: *self.state(),
+            setpoint: self.setpoint().copied(),
+            wrench,
+            rotor_speeds: self.new_rotor_speeds().copied(),
+            monitor: self.monitor.filter(|_| wrench.is_some()),
+        }
     }
 
     /// What is said of the theorem, if it is watched.
@@ -133,7 +238,7 @@ impl InProcess {
             state: *self.state(),
             setpoint: self.setpoint().copied(),
             wrench: *self.wrench(),
-            rotor_speeds: self.rotor_speeds,
+            rotor_speeds: *self.rotor_speeds(),
             monitor: self.monitor,
         }
     }

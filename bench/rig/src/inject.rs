@@ -4,16 +4,17 @@ use std::fmt;
 use std::time::Duration;
 
 use model::boards::{RUN, Run, RunPhase, SETTINGS, SettingsText};
-use model::messages::NO_TICK;
+use model::messages::{Change, NO_TICK};
 use model::parameters::{Airframe, PARAMETERS, Parameter, ParameterError, after_blank};
 use model::role::Role;
+use plant::Target;
 use wire::instance::Instance;
 use wire::{SwapAnswer, SwapOrder, SwapOutcome, Wire};
 
 use crate::cli::InjectArgs;
-use crate::fault::{Wanted, WantedValue, check_once, values_of};
+use crate::fault::{Wanted, WantedValue, check_once, targets_of};
 use crate::output::print;
-use crate::settings::airframe::{airframe_of, pairs};
+use crate::settings::airframe::{PAPER, airframe_of, pairs};
 use failure::{Failure, OK};
 
 /// How long the plant may take to answer, beyond the time until the tick that was asked for.
@@ -53,8 +54,10 @@ pub struct Applied {
     pub time_s: f64,
     /// Parameter epoch that began with it.
     pub parameter_epoch: u64,
-    /// What changed: old and new value.
-    pub changes: Vec<(Parameter, f64, f64)>,
+    /// Sample time of the laws [ns].
+    pub sample_time_ns: u64,
+    /// What changed.
+    pub changes: Vec<Change>,
 }
 
 impl fmt::Display for Applied {
@@ -64,8 +67,13 @@ impl fmt::Display for Applied {
             Some(past) => writeln!(f, ": tick {past} was past")?,
             None => writeln!(f)?,
         }
-        for (parameter, old, new) in &self.changes {
-            writeln!(f, "  {parameter}  {old:?} -> {new:?}{}", after_blank(parameter.spec().unit))?;
+        for Change { parameter, old, new, steps } in &self.changes {
+            write!(f, "  {parameter}  {old:?} -> {new:?}{}", after_blank(parameter.spec().unit))?;
+            if *steps > 1 {
+                let over = Duration::from_nanos(steps.saturating_mul(self.sample_time_ns));
+                write!(f, " over {} s", over.as_secs_f64())?;
+            }
+            writeln!(f)?;
         }
         Ok(())
     }
@@ -81,18 +89,13 @@ fn wrong(error: &impl fmt::Display) -> Failure {
 /// Usage; nobody flying; a refusal by the plant; no answer in time.
 pub fn ask(instance: &Instance, wanted: &[Wanted], when: When) -> Result<Applied, Failure> {
     check_once(wanted).map_err(|e| wrong(&e))?;
-    // What no airframe of any size can have need not wait for one that flies.
-    for Wanted { parameter, value } in wanted {
-        if let WantedValue::Number(value) = *value
-            && parameter.widest().check(*parameter, value).is_err()
-        {
-            parameter.check(value).map_err(|e| wrong(&e))?;
-        }
+    if flight(instance).is_ok_and(|flight| flight.is_none()) {
+        check_possible(wanted)?;
     }
     let (wire, run) = flying(instance)?;
     let airframe = airframe(&wire)?;
-    let changes = values_of(wanted, &airframe).map_err(|e| wrong(&e))?;
-    plant::Swap::new(0, &changes).map_err(|e| wrong(&e))?;
+    let targets = targets_of(wanted, &airframe, run.sample_time_ns as f64 / 1e9).map_err(|e| wrong(&e))?;
+    plant::Swap::to(0, &targets).map_err(|e| wrong(&e))?;
     let present = if run.tick == NO_TICK { 0 } else { run.tick };
     let (at_tick, in_ticks) = match when {
         When::AtTick(tick) => (tick, 0),
@@ -107,17 +110,30 @@ pub fn ask(instance: &Instance, wanted: &[Wanted], when: When) -> Result<Applied
     let mut order = SwapOrder {
         at_tick,
         in_ticks,
-        count: changes.len() as u64,
+        count: targets.len() as u64,
         parameter: [0; PARAMETERS],
         value: [0.0; PARAMETERS],
+        steps: [1; PARAMETERS],
     };
-    for (i, (parameter, value)) in changes.iter().enumerate() {
-        order.parameter[i] = *parameter as u64;
-        order.value[i] = *value;
+    for (i, &Target { parameter, value, steps }) in targets.iter().enumerate() {
+        (order.parameter[i], order.value[i], order.steps[i]) = (parameter as u64, value, steps);
     }
     let patience = PATIENCE + Duration::from_nanos(wait_ticks.saturating_mul(run.period_ns));
     let answer = wire.swap_client()?.ask(order, patience)?;
-    read_answer(&changes, at_tick, &answer, &run, &airframe)
+    read_answer(&targets, at_tick, &answer, &run, &airframe)
+}
+
+/// Refuses what no airframe of any size can have: that need not wait for one that flies.
+fn check_possible(wanted: &[Wanted]) -> Result<(), Failure> {
+    for Wanted { parameter, value, .. } in wanted {
+        if let WantedValue::Number(value) = *value
+            && parameter.widest().check(*parameter, value).is_err()
+        {
+            let paper = |e| wrong(&format!("{e} for the airframe `{PAPER}`, and no other flies"));
+            parameter.check(value).map_err(paper)?;
+        }
+    }
+    Ok(())
 }
 
 fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
@@ -167,7 +183,7 @@ pub fn airframe(wire: &Wire) -> Result<Airframe, Failure> {
 }
 
 fn read_answer(
-    changes: &[(Parameter, f64)],
+    targets: &[Target],
     at_tick: u64,
     answer: &SwapAnswer,
     run: &Run,
@@ -180,17 +196,25 @@ fn read_answer(
             past_tick: (at_tick < answer.tick).then_some(at_tick),
             time_s: run.flight_time_s(answer.tick),
             parameter_epoch: answer.parameter_epoch,
-            changes: changes.iter().zip(answer.old).map(|((parameter, new), old)| (*parameter, old, *new)).collect(),
+            sample_time_ns: run.sample_time_ns,
+            changes: targets
+                .iter()
+                .zip(answer.old)
+                .map(|(&Target { parameter, value, steps }, old)| Change { parameter, old, new: value, steps })
+                .collect(),
         }),
         Some(SwapOutcome::OutOfRange) => match Parameter::from_index(answer.parameter) {
             Some(parameter) => {
-                let value = changes.iter().find(|(p, _)| *p == parameter).map_or(f64::NAN, |(_, value)| *value);
+                let wanted = targets.iter().find(|target| target.parameter == parameter);
+                let value = wanted.map_or(f64::NAN, |target| target.value);
                 refused(ParameterError::OutOfRange { parameter, value, range: airframe.range(parameter) }.to_string())
             }
             None => refused("a value is out of range".into()),
         },
         Some(SwapOutcome::UnknownParameter) => refused("it does not know one of the parameters".into()),
-        Some(SwapOutcome::Malformed) => refused("the swap names no parameter, or one twice".into()),
+        Some(SwapOutcome::Malformed) => {
+            refused("the swap names no parameter, or one twice, or a ramp of no length".into())
+        }
         Some(SwapOutcome::QueueFull) => refused("too many swaps wait for their ticks; ask again later".into()),
         Some(SwapOutcome::Ended) => refused("the run ended before the tick".into()),
         None => Err(Failure::failed(format!("the plant's answer {} is of another version", answer.verdict))),

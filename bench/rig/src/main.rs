@@ -5,27 +5,28 @@ use std::process::ExitCode;
 use clap::Parser as _;
 use failure::Failure;
 use ironbird::cli::{BridgeTo, Cli, Command};
+use ironbird::fault::listing;
 use ironbird::floor::{command, hop};
 use ironbird::output::say;
 use ironbird::{
-    clean, doctor, export, fly, inject, limits, manual, params, replay, roles, runs, show_report, simulate, watch,
+    campaign, clean, compare, doctor, export, fly, inject, laws, limits, manual, new_law, params, replay, roles, runs,
+    show_report, simulate, watch,
 };
 use model::role::Role;
-use role::rt::CountingAllocator;
 use role::signals::forget_inherited;
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+role::count_allocations!();
+law_library::name_exits!();
 
 fn main() -> ExitCode {
     let started = forget_inherited().map_err(Failure::from).and_then(|()| limits::heed());
-    match started.and_then(|()| run(&Cli::parse())) {
-        Ok(code) => ExitCode::from(code),
+    law_library::leave(match started.and_then(|()| run(&Cli::parse())) {
+        Ok(code) => code,
         Err(failure) => {
             say(&failure.told());
-            ExitCode::from(failure.code)
+            failure.code
         }
-    }
+    })
 }
 
 fn run(cli: &Cli) -> Result<u8, Failure> {
@@ -41,11 +42,16 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         }
         Command::Inject(args) => inject::inject(args),
         Command::Params(args) => params::params(args),
+        Command::Faults => listing::faults(),
+        Command::Laws(args) => laws::laws(args),
+        Command::New(args) => new_law::new(args),
         Command::Report(args) => show_report::show(args),
         Command::Export(args) => export::export(args),
         Command::Replay(args) => replay::replay(args),
         Command::Runs(args) => runs::runs(args),
         Command::Simulate(args) => simulate::simulate(args),
+        Command::Compare(args) => compare::compare(args),
+        Command::Campaign(command) => campaign::campaign(command),
         Command::Floor(args) => command::floor(args),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Clean(args) => clean::clean(*args),

@@ -93,6 +93,13 @@ pub(crate) fn bound(value: f64) -> String {
     if whole.len() > 8 { format!("{value:.2e}") } else { whole }
 }
 
-fn number(value: f64) -> String {
-    if value != 0.0 && value.abs() < 1e-3 { format!("{value:e}") } else { format!("{value}") }
+/// A value as it was typed; small ones as powers of ten. One on a ramp has more digits, and is shown in short.
+pub(crate) fn number(value: f64) -> String {
+    let is_small = value != 0.0 && value.abs() < 1e-3;
+    let whole = if is_small { format!("{value:e}") } else { format!("{value}") };
+    match (whole.len() > 12, is_small) {
+        (false, _) => whole,
+        (true, true) => format!("{value:.3e}"),
+        (true, false) => format!("{value:.6}"),
+    }
 }

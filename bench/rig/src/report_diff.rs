@@ -44,7 +44,11 @@ fn groups(args: &DiffArgs) -> Result<(&[PathBuf], &[PathBuf]), Failure> {
             several => format!("{several} flights and no `--`: which are A and which are B?"),
         })
         .help("ironbird report diff A B, or ironbird report diff A1 A2 A3 -- B1 B2 B3")),
-        (a, b) => Ok((a, b)),
+        (a, b) => match b.iter().find(|run| run.as_os_str().as_encoded_bytes().starts_with(b"-")) {
+            Some(flag) => Err(Failure::usage(format!("{}: behind `--` stand flights and no flags", flag.display()))
+                .help("ironbird report diff --format json A1 A2 A3 -- B1 B2 B3")),
+            None => Ok((a, b)),
+        },
     }
 }
 

@@ -4,13 +4,11 @@ use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
-use controller::{InnerLoop, OuterLoop};
-use mixer::Mixer;
 use model::flight_plan::FlightPlan;
 use model::role::Role;
 use role::launcher::is_on_its_own;
 use role::rt::{loops_cpu, take_stand};
-use role::shell;
+use role::shell::{self, Flight};
 use role::station::{Orders, Station};
 use wire::instance::Instance;
 
@@ -30,7 +28,9 @@ use failure::{Failure, OK, check_writable};
 pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
     let mut overrides = args.flight.overrides();
     overrides.extend(args.rt.overrides());
-    let settings = Settings::resolve(args.flight.config.as_deref(), &overrides)?;
+    let settings = Settings::resolve_to_make(&[role], args.flight.course.config.as_deref(), &overrides)?;
+    args.rt.check(&settings)?;
+    settings.check_faults_of_processes()?;
     let station = take_station(role, args, &settings)?;
     let (instance, stop) = (station.wire().instance().clone(), station.stop_flag());
     let flown = run(role, station, &settings);
@@ -39,11 +39,14 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
 }
 
 fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure> {
-    if settings.flight.pace == PaceName::Lockstep {
+    let lockstep = settings.flight.pace == PaceName::Lockstep;
+    if lockstep {
         // One after the other on one processor: to wake another one takes longer than a stage computes. Where that is
         // refused the flight is slower and the same.
         let _ = take_stand(loops_cpu(), 0);
     }
+    let faults = settings.planned()?;
+    let flight = Flight { lockstep, faults: faults.messages };
     match role {
         Role::Plant => {
             let plan = FlightPlan {
@@ -51,17 +54,13 @@ fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure>
                 sample_time_ns: settings.sample_time_ns(),
                 wall_period_ns: settings.wall_period_ns(),
             };
-            plant::process::run(station, &settings.plant()?, plan, &settings.faults()?)?;
+            plant::process::run(station, &settings.plant()?, plan, &faults.swaps, &faults.messages)?;
         }
         Role::Outer => {
-            let law = OuterLoop::new(&settings.controller()?);
-            shell::outer(station, law, settings.flight.position_error_max_m)?;
+            shell::outer(station, settings.outer_stage()?, settings.flight.position_error_max_m, &flight)?;
         }
-        Role::Inner => shell::inner(station, InnerLoop::new(&settings.controller()?))?,
-        Role::Mixer => {
-            let law = Mixer::new(&settings.mixer()?);
-            shell::mixer(station, law, settings.flight.pace == PaceName::Lockstep)?;
-        }
+        Role::Inner => shell::inner(station, settings.inner_stage()?, &flight)?,
+        Role::Mixer => shell::mixer(station, settings.mixer_stage()?, &flight)?,
         Role::Record => return Err(Failure::usage("the recorder has a command of its own: `ironbird record`")),
     }
     Ok(())
@@ -89,7 +88,9 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     let mut overrides = args.role.flight.overrides();
     overrides.extend(args.role.rt.overrides());
     overrides.extend(args.recorder.overrides());
-    let settings = Settings::resolve(args.role.flight.config.as_deref(), &overrides)?;
+    let settings = Settings::resolve_to_make(&[], args.role.flight.course.config.as_deref(), &overrides)?;
+    args.role.rt.check(&settings)?;
+    args.recorder.check(&settings)?;
     check_writable("--states", args.recorder.states.as_deref())?;
     // The launcher has looked.
     traced::check(settings.recorder.trace && args.role.launcher.is_none())?;
@@ -132,6 +133,8 @@ fn take_station(role: Role, args: &RoleArgs, settings: &Settings) -> Result<Stat
         instance: Instance::new(&args.rt.instance)?,
         rt: settings.realtime()?,
         settings: settings.shared_text()?,
+        law_options: settings.law_options()?,
+        resume_estimates: settings.flight.resume_estimates,
         launcher: args.launcher,
     };
     Ok(Station::take(role, orders)?)

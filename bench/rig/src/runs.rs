@@ -15,6 +15,8 @@ use crate::cli::values;
 use crate::output::print;
 use crate::record::hlog;
 use crate::run_directory::{FACTS, is_held, out_or_default};
+use crate::settings::airframe::PAPER;
+use crate::settings::last_name;
 use crate::wall_time::utc;
 use failure::{Failure, OK, read_text};
 
@@ -57,6 +59,8 @@ struct RecordedRun {
     /// Its flight time [s]; none without a report.
     length_s: Option<f64>,
     missed: Option<u64>,
+    /// Its airframe, or the name of its file.
+    airframe: String,
     /// Flight, timing and theorem; none without a report.
     words: Option<[String; 3]>,
     /// All of its files [bytes].
@@ -111,7 +115,7 @@ impl RecordedRun {
         if !facts.symlink_metadata().is_ok_and(|file| file.is_file()) {
             return None;
         }
-        serde_json::from_str::<RunFacts>(&read_text("read", &facts).ok()?).ok()?;
+        let RunFacts { settings, .. } = serde_json::from_str(&read_text("read", &facts).ok()?).ok()?;
         let report = Report::read(&directory.join("report.json")).ok();
         let made = fs::metadata(&facts).and_then(|it| it.modified()).unwrap_or(UNIX_EPOCH);
         let started = report.as_ref().map_or(made, |report| UNIX_EPOCH + Duration::from_nanos(report.run.run_id));
@@ -133,6 +137,7 @@ impl RecordedRun {
             status,
             length_s: report.as_ref().map(|it| (it.ticks.run + it.ticks.skipped) as f64 * it.run.period_us / 1e6),
             missed: report.as_ref().map(|it| it.deadlines.missed),
+            airframe: last_name(settings["flight"]["airframe"].as_str().unwrap_or(PAPER)).to_owned(),
             words: report.map(|it| it.words.each().map(|(_, word, _)| word.to_owned())),
             bytes: bytes(directory),
             is_alive: is_in_the_air || is_held,
@@ -150,7 +155,10 @@ impl RecordedRun {
         let missed = self.missed.map_or_else(|| "-".into(), |missed| missed.to_string());
         let words = self.words.as_ref().map_or_else(|| "-".into(), |[flight, timing, _]| format!("{flight}, {timing}"));
         let name = self.name.replace(char::is_control, "?") + if self.is_latest { " *" } else { "" };
-        format!("{name:<22} {length:>6} {missed:>6} {:>6}  {:<11} {words}\n", size(self.bytes), self.status)
+        // Most flights are of this one, and a row is to fit into 80 columns.
+        let airframe = if self.airframe == PAPER { String::new() } else { format!(", {}", self.airframe) };
+        let airframe = airframe.replace(char::is_control, "?");
+        format!("{name:<22} {length:>6} {missed:>6} {:>6}  {:<11} {words}{airframe}\n", size(self.bytes), self.status)
     }
 }
 
@@ -163,7 +171,9 @@ fn table(runs: &[RecordedRun], out: &Path) -> String {
         format!("{:<22} {:>6} {:>6} {:>6}  {:<11} flight, timing\n", "flight", "length", "misses", "size", "status");
     text.extend(runs.iter().map(RecordedRun::row));
     let latest = if runs.iter().any(|run| run.is_latest) { "; * is `latest`" } else { "" };
-    text + &format!("{} in {}{latest}\n", report::text::count(runs.len() as u64, "flight"), size(bytes))
+    let others = runs.iter().any(|run| run.airframe != PAPER);
+    let paper = if others { "; an airframe is named where it is not `paper`" } else { "" };
+    text + &format!("{} in {}{latest}{paper}\n", report::text::count(runs.len() as u64, "flight"), size(bytes))
 }
 
 /// A length of time in at most six characters.

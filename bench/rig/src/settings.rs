@@ -1,15 +1,19 @@
 //! Settings: defaults, preset, file, flags, in this order; checked before anything starts.
 
 pub(crate) mod airframe;
+mod faults;
 mod gates;
 mod ground;
 mod initial;
+pub mod laws;
 mod layers;
 mod log;
+mod mixed;
 mod processes;
 mod real_time;
 #[cfg(test)]
 mod tests;
+mod told;
 pub(crate) mod trajectory;
 mod warnings;
 
@@ -18,22 +22,26 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use controller::trajectory::UnknownTrajectory;
-use controller::{Course, Gains, Limits, Preset, Trajectory};
+use controller::{Course, Trajectory};
+use law::law::Rig;
 use model::boards::LOCKSTEP;
 use model::limits::RotorLimits;
-use plant::Swap;
+use model::role::Role;
+use report::text;
 use report::words::TrackingLimits;
 use serde::{Deserialize, Serialize};
 
 use toml::{Table, Value};
 
-use crate::fault::Fault;
 use failure::Failure;
 pub use ground::GroundSection;
 pub use initial::InitialSection;
-use layers::{layered, same};
+use laws::Moved;
+use layers::{layered, read, same, typed};
 pub use log::LogName;
 pub use real_time::{RealtimeSection, check_cpu};
+pub(crate) use told::last_name;
+use told::{refused, within};
 pub use trajectory::{PointsFile, TrajectorySection};
 
 /// The commented default, which is also where the defaults come from.
@@ -42,9 +50,12 @@ pub const DEFAULT: &str = include_str!("default.toml");
 /// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
 const LONGEST_S: f64 = 30.0 * 86_400.0;
 
+/// The roles that have laws.
+const LAWS: [Role; 3] = [Role::Outer, Role::Inner, Role::Mixer];
+
 /// Sections that all roles of a run must share.
-const SHARED_SECTIONS: [&str; 10] =
-    ["flight", "trajectory", "initial", "ground", "airframe", "plant", "model", "gains", "limits", "rotor"];
+const SHARED_SECTIONS: [&str; 11] =
+    ["flight", "trajectory", "initial", "ground", "airframe", "plant", "model", "rotor", "outer", "inner", "mixer"];
 
 /// Everything that can be set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,14 +75,16 @@ pub struct Settings {
     pub airframe: BTreeMap<String, f64>,
     /// The true airframe at tick 0, by parameter name.
     pub plant: BTreeMap<String, f64>,
-    /// The airframe as the controller believes it to be, by parameter name.
+    /// The airframe as the laws are told that it is, by parameter name.
     pub model: BTreeMap<String, f64>,
-    /// Gains of both loops.
-    pub gains: Gains,
-    /// Limits of the outer loop.
-    pub limits: Limits,
     /// Limits of the rotors.
     pub rotor: RotorLimits,
+    /// The outer law, and its settings.
+    pub outer: Table,
+    /// The inner law, and its settings.
+    pub inner: Table,
+    /// The mixer's law, and its settings.
+    pub mixer: Table,
     /// Real time.
     pub rt: RealtimeSection,
     /// What is recorded, and which gates the flight must pass.
@@ -79,6 +92,9 @@ pub struct Settings {
     /// The points of the trajectory, where it has some.
     #[serde(skip)]
     pub points: Option<PointsFile>,
+    /// Where files of laws are now.
+    #[serde(skip)]
+    pub moved: Moved,
 }
 
 /// What to fly.
@@ -89,8 +105,11 @@ pub struct FlightSettings {
     pub trajectory: String,
     /// Name or file of the airframe.
     pub airframe: String,
-    /// Set of gains.
-    pub preset: Preset,
+    /// SHA-256 of the file; empty where the airframe is built in.
+    #[serde(default)]
+    pub airframe_sha256: String,
+    /// Preset of the laws that have one of that name.
+    pub preset: String,
     /// Length of the flight [s].
     pub duration_s: f64,
     /// Sample time of the laws [s].
@@ -101,7 +120,10 @@ pub struct FlightSettings {
     pub slowdown: u64,
     /// Seed of the sensors' noise.
     pub seed: u64,
-    /// Swaps known before the flight.
+    /// Whether an inner loop that is started again in flight begins with the last estimates, and not with its priors.
+    #[serde(default)]
+    pub resume_estimates: bool,
+    /// What is planned to go wrong.
     pub faults: Vec<String>,
     /// Position error beyond which the flight has left its envelope [m].
     pub position_error_max_m: f64,
@@ -170,20 +192,39 @@ impl Settings {
     /// # Errors
     /// A usage [`Failure`] names the key, the value, what is allowed, and where it came from.
     pub fn resolve(file: Option<&Path>, overrides: &Overrides) -> Result<Self, Failure> {
-        let (table, origin) = layered(file, overrides)?;
-        table
-            .try_into()
-            .map_err(|e: toml::de::Error| {
-                // The second line names the key.
-                let what = e.to_string().trim_end().replace('\n', " ");
-                Failure::usage(format!("settings: {what}")).help("see `ironbird fly --print-config`")
-            })
-            .and_then(Self::with_points)
-            .and_then(|settings: Self| settings.check().map(|()| settings))
-            .map_err(|failure| match origin {
-                Some(path) => failure.append(&format!(" (settings file {})", path.display())),
-                None => failure,
-            })
+        Self::resolve_to_make(&LAWS, file, overrides)
+    }
+
+    /// As [`Self::resolve`], for a process that makes the laws of these roles alone.
+    ///
+    /// # Errors
+    /// As [`Self::resolve`].
+    pub fn resolve_to_make(makes: &[Role], file: Option<&Path>, overrides: &Overrides) -> Result<Self, Failure> {
+        Self::over(makes, file.map(read).transpose()?.unwrap_or_default(), file, overrides)
+    }
+
+    /// The settings that result from sections of keys, as a file would have them, and from what is said beside them.
+    ///
+    /// # Errors
+    /// As [`Self::resolve`].
+    pub fn of(given: Table, beside: &Overrides) -> Result<Self, Failure> {
+        Self::over(&LAWS, given, None, &typed(beside)?)
+    }
+
+    fn over(makes: &[Role], given: Table, file: Option<&Path>, overrides: &Overrides) -> Result<Self, Failure> {
+        Self::taken(layered(given, file, overrides)?, makes).map_err(|failure| match file {
+            Some(path) if !told::is_of_flags(&failure, overrides) => {
+                failure.append(&format!(" (settings file {})", path.display()))
+            }
+            _ => failure,
+        })
+    }
+
+    /// The settings of a table that has every key.
+    fn taken(table: Table, makes: &[Role]) -> Result<Self, Failure> {
+        told::check_texts("", &table)?;
+        let settings = table.try_into::<Self>().map_err(|e| told::unread(&e))?.with_points()?;
+        settings.check(makes).map(|()| settings)
     }
 
     /// The full commented settings, with these values.
@@ -198,7 +239,8 @@ impl Settings {
         if self.flight.airframe != airframe::PAPER || self.airframe != airframe::paper() {
             document.insert("airframe", toml_edit::Item::Table(airframe::commented(&self.airframe)));
         }
-        for (section, keys) in &table {
+        let is_laws = |section: &str| laws::SECTIONS.iter().any(|(name, _)| *name == section);
+        for (section, keys) in table.iter().filter(|(section, _)| !is_laws(section)) {
             for (key, value) in keys.as_table().into_iter().flatten() {
                 let text = value.to_string();
                 let value: toml_edit::Value = text.parse().map_err(|e| broken(format!("{section}.{key}: {e}")))?;
@@ -213,7 +255,11 @@ impl Settings {
                 }
             }
         }
-        Ok(document.to_string())
+        let mut text = document.to_string();
+        for (role, section) in self.law_sections() {
+            text += &laws::commented(role, section, &self.moved)?;
+        }
+        Ok(text)
     }
 
     /// What all roles of a run must share: one `section.key = value` a line.
@@ -229,38 +275,6 @@ impl Settings {
             }
         }
         Ok(text)
-    }
-
-    /// The settings with the points that their trajectory names, if it is a file.
-    fn with_points(mut self) -> Result<Self, Failure> {
-        if !trajectory::is_file(&self.flight.trajectory) {
-            return Ok(self);
-        }
-        // Where the roles of a flight stand in different folders, they mean the same file.
-        if let Ok(path) = Path::new(&self.flight.trajectory).canonicalize() {
-            self.flight.trajectory = path.to_string_lossy().into_owned();
-        }
-        let read = PointsFile::read(&self.flight.trajectory)?;
-        self.take_points(read)?;
-        Ok(self)
-    }
-
-    /// Takes the points of the trajectory, if they are those that the settings have the hash of.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names both hashes.
-    pub fn take_points(&mut self, points: PointsFile) -> Result<(), Failure> {
-        let wanted = &self.trajectory.sha256;
-        if !wanted.is_empty() && *wanted != points.sha256 {
-            return Err(Failure::usage(format!(
-                "trajectory file {}: its SHA-256 is {}, but the settings were made for {wanted}",
-                self.flight.trajectory, points.sha256
-            ))
-            .help("the file has changed: bring the old one back, or take trajectory.sha256 out of the settings"));
-        }
-        self.trajectory.sha256.clone_from(&points.sha256);
-        self.points = Some(points);
-        Ok(())
     }
 
     /// What is flown.
@@ -286,34 +300,26 @@ impl Settings {
     /// The trajectory in a word, for titles.
     #[must_use]
     pub fn trajectory_name(&self) -> &str {
-        match self.flight.trajectory.rsplit_once('/') {
-            Some((_, file)) => file,
-            None => &self.flight.trajectory,
-        }
+        last_name(&self.flight.trajectory)
+    }
+
+    /// The airframe in a word.
+    #[must_use]
+    pub fn airframe_name(&self) -> &str {
+        last_name(&self.flight.airframe)
+    }
+
+    /// What is flown, for titles.
+    #[must_use]
+    pub fn flown(&self) -> String {
+        let airframe = text::airframe(self.airframe_name(), &self.flight.airframe_sha256);
+        text::flown(self.trajectory_name(), &self.flight.preset, &airframe)
     }
 
     /// When the flight counts as tracked.
     #[must_use]
     pub const fn tracking_limits(&self) -> TrackingLimits {
         TrackingLimits { error_max_m: self.flight.tracking_error_max_m, ground_z_m: self.flight.ground_z_m }
-    }
-
-    /// Swaps known before the flight.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] quotes the fault and says what is wrong with it.
-    pub fn faults(&self) -> Result<Vec<Swap>, Failure> {
-        let airframe = self.airframe()?;
-        self.flight
-            .faults
-            .iter()
-            .map(|text| text.parse::<Fault>()?.swap(self.flight.period_s, &airframe))
-            .collect::<Result<Vec<_>, _>>()
-            .map_err(|e| {
-                let list = format!("`ironbird params --airframe {}`", self.flight.airframe);
-                let list = if self.flight.airframe == airframe::PAPER { "`ironbird params`".into() } else { list };
-                Failure::usage(format!("fault: {e} ({list} lists names, units and ranges)"))
-            })
     }
 
     /// Last tick of the flight.
@@ -337,8 +343,9 @@ impl Settings {
         }
     }
 
-    fn check(&self) -> Result<(), Failure> {
+    fn check(&self, makes: &[Role]) -> Result<(), Failure> {
         let flight = &self.flight;
+        Rig::check_period(flight.period_s).map_err(refused)?;
         within("flight.duration_s", flight.duration_s, flight.period_s, LONGEST_S)?;
         within("flight.slowdown", flight.slowdown as f64, 1.0, 1000.0)?;
         within("flight.position_error_max_m", flight.position_error_max_m, 0.01, 1e4)?;
@@ -353,38 +360,21 @@ impl Settings {
         self.check_log()?;
         within("recorder.states_every_ticks", self.recorder.states_every_ticks as f64, 1.0, 1e9)?;
         self.recorder.check_gates()?;
-        let refused = |e: controller::SettingsError| {
-            Failure::usage(format!("settings: {e}")).help("see `ironbird fly --print-config`")
-        };
-        self.controller()?.check().map_err(refused)?;
-        let faults = self.faults()?;
-        if faults.len() > plant::swap::PENDING_SWAPS {
-            return Err(Failure::usage(format!(
-                "flight.faults has {} entries: allowed are {}",
-                faults.len(),
-                plant::swap::PENDING_SWAPS
-            ))
-            .help("put values that change at the same instant into one fault: NAME=VALUE,NAME=VALUE@8s"));
+        self.rig()?.check().map_err(refused)?;
+        for (_, role) in laws::SECTIONS {
+            self.check_law(role, makes)?;
         }
-        if let Some(late) = faults.iter().find(|fault| fault.tick > self.last_tick()) {
+        if self.recorder.gate_theorem
+            && let Some(law) = self.law_without_theorem()?
+        {
             return Err(Failure::usage(format!(
-                "a fault at tick {} never strikes: the flight ends at tick {}",
-                late.tick,
-                self.last_tick()
+                "recorder.gate_theorem = true: the inner law `{law}` has no theorem with these settings"
             ))
-            .help("fly longer (--duration), or strike earlier"));
+            .help("fly `adaptive` with inner.adaptation = \"on\", or without --gate theorem"));
         }
+        self.check_faults()?;
         self.check_start()?;
         self.realtime()?;
-        Ok(())
-    }
-}
-
-fn within(key: &str, value: f64, min: f64, max: f64) -> Result<(), Failure> {
-    if (min..=max).contains(&value) {
-        Ok(())
-    } else {
-        Err(Failure::usage(format!("{key} = {value} is out of range: allowed are {min} to {max}"))
-            .help("`ironbird fly --print-config` explains every setting"))
+        self.check_length()
     }
 }

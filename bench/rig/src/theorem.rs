@@ -1,6 +1,6 @@
 //! The theorem's monitor beside a flight's messages, through restarts of the inner loop.
 
-use controller::{LoopSettings, TheoremMonitor};
+use controller::TheoremMonitor;
 use model::envelope::Message;
 use model::messages::{Dated, State, Wrench};
 use model::monitor::Monitor;
@@ -11,7 +11,8 @@ use model::monitor::Monitor;
 /// not know any more what the law has seen: it says nothing until the next process begins.
 #[derive(Clone, Debug)]
 pub struct FlightMonitor {
-    settings: LoopSettings,
+    /// As it begins beside each process; none where the law has no theorem.
+    begin: Option<TheoremMonitor>,
     /// Start of the present process.
     epoch: Option<u64>,
     /// Sequence number of its next wrench.
@@ -21,10 +22,16 @@ pub struct FlightMonitor {
 }
 
 impl FlightMonitor {
-    /// Before the first wrench of a law with these settings.
+    /// Before the first wrench of a law that this monitor, which has seen nothing, is for.
     #[must_use]
-    pub const fn new(settings: &LoopSettings) -> Self {
-        Self { settings: *settings, epoch: None, next_seq: 0, monitor: None }
+    pub const fn new(begin: Option<TheoremMonitor>) -> Self {
+        Self { begin, epoch: None, next_seq: 0, monitor: None }
+    }
+
+    /// Whether the law has a theorem.
+    #[must_use]
+    pub const fn applies(&self) -> bool {
+        self.begin.is_some()
     }
 
     /// What is to be said of a wrench, and of the state that it was made from; none where that cannot be known.
@@ -35,7 +42,7 @@ impl FlightMonitor {
         if self.epoch != Some(envelope.epoch) {
             self.epoch = Some(envelope.epoch);
             self.next_seq = 0;
-            self.monitor = Some(TheoremMonitor::new(&self.settings));
+            self.monitor.clone_from(&self.begin);
         }
         if envelope.seq != self.next_seq || state.is_none() {
             self.monitor = None;
@@ -48,7 +55,8 @@ impl FlightMonitor {
 
 #[cfg(test)]
 mod tests {
-    use controller::{Preset, Trajectory};
+    use controller::Gains;
+    use law::Rig;
     use model::envelope::Envelope;
 
     use super::*;
@@ -67,7 +75,7 @@ mod tests {
     }
 
     fn monitor() -> FlightMonitor {
-        FlightMonitor::new(&LoopSettings::new(Trajectory::Hover, Preset::Flight))
+        FlightMonitor::new(Some(TheoremMonitor::new(&Rig::default(), &Gains::default())))
     }
 
     #[test]

@@ -1,14 +1,15 @@
 //! Airframes to choose from: built in and of a file, in all commands; what is wrong with a file is told at once.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+mod papers;
 mod rig;
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 
-use controller::{LoopSettings, Preset, Trajectory};
+use controller::laws::adaptive;
+use controller::{Gains, Trajectory};
 use ironbird::in_process::InProcess;
-use model::limits::RotorLimits;
 use model::parameters::{Airframe, Parameter};
 use rig::Rig;
 
@@ -50,15 +51,11 @@ fn enlarged(s: f64) -> Airframe {
 #[test]
 fn an_airframe_with_more_inertia_flies_alike_under_its_gains() {
     let flight = |airframe: Airframe| {
-        let (period_s, rotor) = (1e-3, RotorLimits::default());
-        let mut settings = LoopSettings::new(Trajectory::Fast, Preset::Flight);
-        settings.gains = settings.gains.scaled(&Airframe::nominal(), &airframe);
-        settings.model = airframe;
-        InProcess::new(
-            &plant::PlantSettings { period_s, airframe, rotor, seed: 1, ..plant::PlantSettings::default() },
-            &settings,
-            &mixer::MixerSettings { period_s, model: airframe, rotor },
-        )
+        let law_rig = law::Rig { airframe, ..law::Rig::default() };
+        let gains = Gains::default().scaled(&Airframe::nominal(), &airframe);
+        let (outer, inner, mixer) = papers::stages(&law_rig, Trajectory::Fast, &gains);
+        let plant = plant::PlantSettings { airframe, seed: 1, ..plant::PlantSettings::default() };
+        InProcess::new(&plant, outer, inner, mixer)
     };
     for s in [2.0, 0.25, 3e-3, 40.0] {
         let (mut paper, mut other) = (flight(Airframe::nominal()), flight(enlarged(s)));
@@ -66,13 +63,13 @@ fn an_airframe_with_more_inertia_flies_alike_under_its_gains() {
             paper.tick();
             other.tick();
             for axis in 0..3 {
-                let apart_m = paper.state().position_w_m[axis] - other.state().position_w_m[axis];
+                let apart_m = paper.state().measured.position_w_m[axis] - other.state().measured.position_w_m[axis];
                 assert!(apart_m.abs() < 1e-6, "{s} times the inertia, tick {tick}: {apart_m} m apart");
             }
-            let (one, many) = (paper.wrench().estimate, other.wrench().estimate);
+            let [one, many] = [&paper, &other].map(|flight| adaptive::estimate(&flight.wrench().telemetry));
             assert!((one[1] - many[1] / s).abs() < 1e-5 && (one[2] - many[2]).abs() < 1e-4, "{one:?} {many:?}");
         }
-        assert!(paper.wrench().estimate[1] > 0.01, "it has learnt");
+        assert!(adaptive::estimate(&paper.wrench().telemetry)[1] > 0.01, "it has learnt");
     }
 }
 
@@ -86,7 +83,33 @@ fn an_airframe_file_flies_in_processes_as_in_simulation_and_is_replayed_without_
     let simulated = rig.run("simulate", &flight).expect(0).result();
     let change = &rig.report()["swaps"][0]["changes"][0];
     assert_eq!(change["new"].as_f64(), Some(0.03 * 1.1), "{change}");
+    let sums = std::process::Command::new("sha256sum").arg(&file).output().unwrap();
+    let sum = String::from_utf8(sums.stdout).unwrap()[..64].to_owned();
+    let named = format!("airframe own.toml (sha256 {})", &sum[..12]);
+    assert_eq!(rig.report()["run"]["airframe_sha256"], sum.as_str());
+    rig.run("report", &["--full"]).expect(0).says(&named);
+    rig.run("report", &[]).expect(0).says("airframe own.toml");
+    rig.run("simulate", &flight).expect(0).says(&format!("{named}: 501 ticks"));
+    for file in ["report.html", "flight.svg"] {
+        let text = fs::read_to_string(rig.out().join("latest").join(file)).unwrap();
+        assert!(text.contains(&named), "{file} names it");
+    }
+    rig.run("runs", &[]).expect(0).says(", own.toml\n").says("; an airframe is named where it is not `paper`\n");
+    assert_eq!(rig.run("runs", &["--json"]).json()[0]["airframe"], "own.toml");
+    // What the flight left refuses the file when it has changed; whole as it is, it needs no file.
+    let left = rig.out().join("latest/settings.toml");
+    let text = fs::read_to_string(&left).unwrap();
+    let begin = text.find("\n[airframe]").unwrap();
+    let end = begin + 1 + text[begin + 1..].find("\n[").or(text[begin + 1..].find("\n#")).unwrap();
+    let referring = rig.settings(&(text[..begin].to_owned() + &text[end..]));
+    fs::write(&file, OWN.replace("0.03", "0.031")).unwrap();
+    let changed = rig.run("simulate", &["--config", &referring]).expect(2);
+    changed
+        .complains(&format!("but the settings were made for a file with {sum}"))
+        .complains("bring the old file back");
     fs::remove_file(&file).unwrap();
+    rig.run("simulate", &["--config", left.to_str().unwrap()]).expect(0).says(&named);
+    rig.run("replay", &[]).expect(0).says(&named);
     let replayed = rig.run("replay", &["latest", "--verify"]).expect(0);
     replayed.says(&format!("identical; outputs {}\n", simulated["outputs"]));
 }
@@ -138,6 +161,36 @@ fn what_is_printed_is_read_back_as_the_same_flight() {
         told.result()["outputs"].clone()
     };
     assert_eq!(outputs(&["--config", &config]), outputs(&["--airframe", "x500"]));
+}
+
+#[test]
+fn settings_of_one_airframe_are_not_mixed_with_another() {
+    let rig = Rig::new("mixed-airframe");
+    let file = rig.file("own.toml");
+    fs::write(&file, OWN).unwrap();
+    for (printed_for, flag) in [("paper", "crazyflie"), ("x500", "paper"), (file.as_str(), "x500"), ("x500", &file)] {
+        let printed = rig.run("fly", &["--airframe", printed_for, "--print-config"]).expect(0).stdout.clone();
+        let config = rig.settings(&printed);
+        for command in ["fly", "simulate", "plant"] {
+            let refused = rig.run(command, &["--config", &config, "--airframe", flag]).expect(2);
+            refused
+                .complains(
+                    "its whole sections [plant], [model], [rotor], [outer], [inner], [mixer] are of the airframe ",
+                )
+                .complains(&format!("`{printed_for}`, and would go before those of --airframe {flag}"))
+                .complains(&format!("ironbird fly --airframe {flag} --print-config"));
+        }
+        rig.run("simulate", &["--config", &config, "--airframe", printed_for, "--duration", "100ms"]).expect(0);
+    }
+    // What somebody wrote is meant, for any airframe.
+    let few = rig.settings("[model]\nmass_kg = 0.03\n[rotor]\nmin_rad_s = 0\nmax_rad_s = 2700\n");
+    rig.run("simulate", &["--config", &few, "--airframe", "crazyflie", "--duration", "100ms"]).expect(0);
+    // A file that has changed is another airframe, though its name is the same.
+    let config = rig.settings(&rig.run("fly", &["--airframe", &file, "--print-config"]).expect(0).stdout);
+    fs::write(&file, OWN.replace("0.03", "0.031")).unwrap();
+    let refused = rig.run("simulate", &["--config", &config, "--airframe", &file]).expect(2);
+    refused.complains("but the settings were made for a file with ");
+    rig.assert_nothing_started();
 }
 
 #[test]

@@ -127,6 +127,29 @@ fn a_stage_that_computes_long_while_others_run_or_again_and_again_is_named() {
 }
 
 #[test]
+fn a_stage_that_always_takes_longer_than_a_tick_is_at_work_and_not_woken_late() {
+    let always = |made: &mut Made| {
+        for tick in 0..WINDOW_TICKS {
+            let begin = GRID.begin_of(tick);
+            let inner = Passage { receive_ns: begin + 50 * US, send_ns: begin + 2_450 * US, is_fresh: true };
+            let passages = made.traces.get_mut(&tick).unwrap();
+            passages[Role::Inner as usize] = (tick % 3 == 0).then_some(inner);
+            passages[Role::Mixer as usize] =
+                Some(Passage { receive_ns: begin + 900 * US, send_ns: begin + 905 * US, is_fresh: false });
+        }
+    };
+    assert_class("always", always, Class::ComputedLong, Some(Role::Inner), "inner was at work for");
+    // Under real-time scheduling the plant, which is less urgent, does not get the processor meanwhile.
+    let instead = |made: &mut Made| {
+        always(made);
+        for tick in (0..WINDOW_TICKS).filter(|tick| tick % 3 != 0) {
+            made.traces.remove(&tick);
+        }
+    };
+    assert_class("instead", instead, Class::ComputedLong, Some(Role::Inner), "inner was at work for");
+}
+
+#[test]
 fn a_stage_that_waits_for_a_message_that_was_sent_in_time_names_the_one_it_waits_for() {
     // The mixer did not take the wrench (it rejected it, say), waited until 90 % and was a little late itself.
     let unused = |made: &mut Made| {
@@ -225,6 +248,13 @@ fn a_stage_that_was_stopped_or_has_ended_is_named() {
         made.counts_from(5, Role::Mixer, |counters| *counters = Counters { pid: 900, ..Counters::default() });
     };
     assert_class("replaced", replaced, Class::StoppedOrDead, Some(Role::Mixer), "its process has ended");
+    assert_class("replaced", replaced, Class::StoppedOrDead, Some(Role::Mixer), ", and process 900 took its place");
+    let killed_as_it_hung = |made: &mut Made| {
+        replaced(made);
+        made.samples[4].stages[Role::Mixer as usize].life = Life::Stopped;
+    };
+    let why = "its process was stopped and has ended, and process 900 took its place";
+    assert_class("hung", killed_as_it_hung, Class::StoppedOrDead, Some(Role::Mixer), why);
     // The mixer worked at its cut-off and was late by a little; what it waited for had been stopped.
     let upstream = |made: &mut Made| {
         made.silence_of(Role::Inner, MISSED..MISSED + 20);

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use flight_log::TOPICS;
 use flight_log::codec::decode;
+use flight_log::telemetry::TELEMETRY_TOPICS;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::parameters::PARAMETERS;
 use prost::Message as _;
@@ -55,7 +56,7 @@ impl Client {
         assert_eq!(response.headers()["sec-websocket-protocol"], "foxglove.sdk.v1");
         let mut client = Self { socket, unread: VecDeque::new(), channels: BTreeMap::new(), server: Value::Null };
         client.server = client.text("serverInfo");
-        while client.channels.len() < TOPICS.len() + 3 {
+        while client.channels.len() < TOPICS.len() + TELEMETRY_TOPICS.len() + 3 {
             for channel in client.text("advertise")["channels"].as_array().unwrap() {
                 client.channels.insert(channel["topic"].as_str().unwrap().to_owned(), channel.clone());
             }
@@ -198,6 +199,33 @@ fn topics_have_the_schemas_of_the_log_and_their_messages_decode() {
     land(&rig, flight, bridge);
 }
 
+#[test]
+fn what_the_laws_show_has_their_names_and_a_topic_that_stays_empty_says_why() {
+    let rig = Rig::new("laws");
+    let flight = rig.take_off(&["--rt", "off", "--duration", "600s", "--outer", "estimating", "--inner", "geometric"]);
+    let (bridge, port) = open(&rig, &[]);
+    bridge.await_output("topic theorem stays empty, not applicable: the inner law `geometric` has no theorem\n");
+    let mut client = Client::connect(port);
+    let theorem = &client.channels["theorem"]["metadata"];
+    assert_eq!(theorem["not_applicable"], "the inner law `geometric` has no theorem", "{:?}", client.channels);
+    let fields = |topic: &str| -> Vec<String> {
+        let schema = base64(client.channels[topic]["schema"].as_str().unwrap());
+        let set = FileDescriptorSet::decode(schema.as_slice()).unwrap();
+        set.file[0].message_type[0].field.iter().map(|field| field.name().to_owned()).collect()
+    };
+    assert_eq!(client.channels["outer_telemetry"]["schemaName"], "ironbird.OuterTelemetry");
+    assert_eq!(fields("outer_telemetry"), ["tick", "thrust_scale", "mass_kg", "drag_1_s"]);
+    assert_eq!(fields("inner_telemetry")[..3], ["tick", "position_error_m", "attitude_error"]);
+    client.subscribe(&["outer_telemetry"]);
+    let (_, time_ns, bytes) = client.data();
+    // A tag and a word for each; the law believes in the mass that flies.
+    let words: Vec<[u8; 8]> = bytes.chunks(9).map(|field| field[1..].try_into().unwrap()).collect();
+    let mass_kg = f64::from_le_bytes(words[2]);
+    assert!(words.len() == 4 && u64::from_le_bytes(words[0]) < 600_000, "{words:?}");
+    assert!((mass_kg - 0.52).abs() < 0.05 && time_ns > 1_600_000_000_000_000_000, "{mass_kg} at {time_ns}");
+    land(&rig, flight, bridge);
+}
+
 fn base64(text: &str) -> Vec<u8> {
     let digit = |c: u8| match c {
         b'A'..=b'Z' => c - b'A',
@@ -230,7 +258,8 @@ fn parameters_are_read_and_swapped_and_every_client_hears_of_it() {
     assert_eq!((&params[0]["name"], &params[0]["in_force"]), (&"mass_kg".into(), &0.6.into()));
     assert_eq!(by_name(&other.text("parameterValues")), BTreeMap::from([("mass_kg".into(), 0.6)]));
     let swap = decode::<SwapRecord>(&client.data().2).unwrap();
-    let changed: Vec<_> = swap.content.changes().map(|(p, old, new)| (p.name(), old, new)).collect();
+    let changed: Vec<_> =
+        swap.content.changes().map(|change| (change.parameter.name(), change.old, change.new)).collect();
     assert_eq!(changed, [("mass_kg", 0.52, 0.6), ("motor_time_constant_s", 0.0, 0.0)]);
     // Who else swaps is heard of as well.
     rig.run("inject", &["mass_kg=0.55"]).expect(0);

@@ -7,8 +7,8 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use controller::InnerLoop;
 use ironbird::settings::Settings;
+use law::GuardedInner;
 use model::inspection::{Expected, Rejections};
 use model::messages::NO_TICK;
 use model::role::Role;
@@ -28,7 +28,7 @@ const KNOWN_US: &str = "20";
 
 /// An inner loop that sees its input late, as if the hop to it took longer.
 struct LateInner {
-    inner: Shell<InnerJob<InnerLoop>>,
+    inner: Shell<InnerJob<GuardedInner>>,
     late_ns: u64,
     seen: u64,
 }
@@ -54,7 +54,7 @@ impl Stage for LateInner {
         self.inner.tick(turn)
     }
 
-    fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
+    fn rehearse(&mut self, tick: u64) -> Result<bool, Error> {
         self.inner.rehearse(tick)
     }
 
@@ -73,7 +73,7 @@ fn late_inner() {
     // The thread of a test is not the first of its process, and it is the loop's that the recorder samples.
     station.status.pid = u64::try_from(gettid().as_raw_nonzero().get()).unwrap();
     let doorbell = station.wire().doorbell(Role::Inner).unwrap();
-    let law = InnerLoop::new(&settings.controller().unwrap());
+    let law = settings.inner_stage().unwrap();
     let inner = Shell::new(station.wire(), InnerJob(law), Some(Role::Mixer)).unwrap();
     stage::run(LateInner { inner, late_ns, seen: NO_TICK }, doorbell, station).unwrap();
 }

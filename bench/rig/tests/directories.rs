@@ -20,6 +20,7 @@ use model::envelope::{Envelope, Message};
 use model::grid::Pace;
 use model::messages::State;
 use model::role::Role;
+use model::telemetry::Signals;
 use rustix::process::Signal;
 use wire::instance::Instance;
 
@@ -212,7 +213,7 @@ fn a_flight_that_cannot_be_looked_at_is_not_said_to_be_none() {
         not_tested("a flight of another user: this user may not become one");
         return;
     }
-    fs::copy(rig::IRONBIRD, rig.path("ironbird")).unwrap();
+    rig::copy_executable(&rig.path("ironbird"));
     for directory in [rig.path("."), rig.root()] {
         fs::set_permissions(directory, fs::Permissions::from_mode(0o755)).unwrap();
     }
@@ -231,7 +232,8 @@ fn a_flights_directory_goes_unless_something_was_recorded() {
     let rig = Rig::new("discarded");
     let settings = Settings::resolve(None, &Vec::new()).unwrap();
     let (plan, records) = (LogPlan::WHOLE, vec![("run", record(&[]))]);
-    let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, plan, records };
+    let (signals, no_theorem) = (Signals::default(), None);
+    let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, plan, signals, no_theorem, records };
     for (messages, kept) in [(0, false), (1, true)] {
         let directory = RunDirectory::create(&rig.out(), &settings, "some").unwrap();
         for name in ["record.log", "plant.log", "latency.hlog", "states.csv"] {

@@ -12,7 +12,7 @@ use std::process::Command;
 use machine::doctor::{Examination, SCHEMA, examine};
 use machine::{Answers, Machine};
 use report::finding::{Finding, Level, RealtimeClass};
-use rig::{IRONBIRD, Rig, not_tested};
+use rig::{IRONBIRD, Rig, copy_executable, not_tested};
 use tempfile::TempDir;
 use wire::instance::Instance;
 
@@ -279,7 +279,7 @@ fn a_user_without_rights_is_told_what_is_refused_and_how_to_get_it() {
     // The test's own executable may lie where only its owner may look.
     let (home, executable) = (rig.path(""), rig.path("ironbird"));
     fs::set_permissions(&home, fs::Permissions::from_mode(0o755)).unwrap();
-    fs::copy(IRONBIRD, &executable).unwrap();
+    copy_executable(&executable);
     let mut command = Command::new(&executable);
     command.args(["doctor", "--seconds", "0.05"]).env("IRONBIRD_ROOT", rig.path("nobody")).uid(NOBODY).gid(NOBODY);
     let rtprio = rustix::process::getrlimit(rustix::process::Resource::Rtprio);

@@ -17,8 +17,15 @@ use std::time::Duration;
 
 use flight_log::TOPICS;
 use flight_log::entry::{Counts, LogEntry};
+use flight_log::facts::{Facts, LogPlan, record};
 use flight_log::reader::{End, LogReader};
+use flight_log::telemetry::TELEMETRY_TOPICS;
+use flight_log::writer::FlightLog;
+use model::envelope::Message;
+use model::grid::Pace;
+use model::messages::Wrench;
 use model::role::Role;
+use model::telemetry::Signals;
 use rig::{Ended, Rig, lacks_tool, not_tested, send, stop_for, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -89,11 +96,16 @@ fn every_message_is_in_the_log_and_others_read_the_same_numbers() {
         assert_eq!(channels[topic]["messages"], count, "{topic}");
     }
     check_channels(channels);
+    for (topic, stage) in TELEMETRY_TOPICS.iter().zip(["setpoint", "wrench", "rotor_speeds"]) {
+        assert_eq!(channels[topic]["messages"], channels[stage]["messages"], "{topic}");
+        assert_eq!(channels[stage]["metadata"]["telemetry"], **topic, "{stage}");
+        assert!(!read["first"][stage].as_str().unwrap().contains("telemetry"), "{}", read["first"][stage]);
+    }
     assert!(read["first"]["pose/actual"].as_str().unwrap().contains("frame_id: \"world\""), "{}", read["first"]);
     let records = &read["records"];
     let settings = fs::read_to_string(rig.out().join("latest/settings.toml")).unwrap();
     assert_eq!(records["settings"]["settings.toml"], settings);
-    assert!(records["settings"]["shared"].as_str().unwrap().contains("gains.alpha_1_s = 200.0\n"));
+    assert!(records["settings"]["shared"].as_str().unwrap().contains("inner.alpha_1_s = 200.0\n"));
     assert_eq!(records["run"]["version"], env!("CARGO_PKG_VERSION"));
     assert_eq!(records["host"]["kernel"], report["host"]["kernel"]);
     assert!(records["realtime"]["plant"].is_string(), "{}", records["realtime"]);
@@ -102,8 +114,11 @@ fn every_message_is_in_the_log_and_others_read_the_same_numbers() {
 
 fn check_channels(channels: &Value) {
     assert_eq!(channels["state"]["schema"], "ironbird.State");
-    assert_eq!(channels["state"]["metadata"]["unit.velocity_w_m_s"], "m/s");
-    assert_eq!(channels["state"]["metadata"]["frame.velocity_w_m_s"], "world: right-handed, z up");
+    assert_eq!(channels["state"]["metadata"]["unit.measured.velocity_w_m_s"], "m/s");
+    assert_eq!(channels["state"]["metadata"]["frame.measured.velocity_w_m_s"], "world: right-handed, z up");
+    assert_eq!(channels["inner_telemetry"]["schema"], "ironbird.InnerTelemetry");
+    assert_eq!(channels["inner_telemetry"]["metadata"]["unit.rotational_drag_nm_s"], "N m s");
+    assert_eq!(channels["mixer_telemetry"]["metadata"]["unit.yaw_share"], "1");
     let scene = [("pose/actual", "PoseInFrame"), ("pose/reference", "PoseInFrame"), ("transforms", "FrameTransform")];
     for (topic, schema) in scene {
         assert_eq!(channels[topic]["schema"], format!("foxglove.{schema}"));
@@ -165,6 +180,27 @@ fn a_trace_shows_every_tick_of_every_stage_every_miss_and_every_swap() {
 }
 
 #[test]
+fn a_law_that_shows_nothing_has_no_topic_and_an_export_of_it_says_so() {
+    let rig = Rig::new("silent");
+    let path = PathBuf::from(rig.file("silent.mcap"));
+    let (pace, plan, signals) = (Pace::Lockstep, LogPlan::WHOLE, Signals::default());
+    let records = Vec::new();
+    let facts = Facts { pace, sample_time_ns: 1_000_000, plan, signals, no_theorem: None, records };
+    let mut log = FlightLog::create(&path, &facts).unwrap();
+    let mut wrench = Message::<Wrench>::default();
+    wrench.content.thrust_n = 5.0;
+    log.take(LogEntry::Wrench(wrench));
+    log.finish(record(&[])).unwrap();
+    let mut reader = LogReader::open(&path).unwrap();
+    assert_eq!(reader.next_entry().unwrap(), Some(&LogEntry::Wrench(wrench)));
+    let path = path.to_str().unwrap();
+    let refused = rig.run("export", &[path, "--topic", "inner_telemetry"]).expect(2);
+    refused.complains("silent.mcap has no topic inner_telemetry: the inner law that flew shows nothing");
+    let exported = rig.run("export", &[path, "--to", &rig.file("tables")]).expect(0).says("1 messages");
+    assert!(exported.stdout.contains("wrench.csv") && !exported.stdout.contains("telemetry"), "{exported}");
+}
+
+#[test]
 fn an_export_is_whole_and_says_what_is_there_and_what_is_not() {
     let rig = Rig::new("export");
     rig.run("fly", &["--pace", "lockstep", "--duration", "200ms", "--fault", "mass_kg=0.6@tick50"]).expect(0);
@@ -173,7 +209,7 @@ fn an_export_is_whole_and_says_what_is_there_and_what_is_not() {
     let (header, rows) = csv.split_once('\n').unwrap();
     let columns: Vec<&str> = header.split(',').collect();
     assert!(rows.lines().count() == 201 && rows.lines().all(|row| row.split(',').count() == columns.len()));
-    let z = columns.iter().position(|column| *column == "position_w_m[2]").unwrap();
+    let z = columns.iter().position(|column| *column == "measured.position_w_m[2]").unwrap();
     let states = fs::read_to_string(rig.out().join("latest/states.csv")).unwrap();
     let z_of = |text: &str, column: usize| text.split(',').nth(column).unwrap().parse::<f64>().unwrap().to_bits();
     assert_eq!(z_of(rows.lines().nth(150).unwrap(), z), z_of(states.lines().nth(4).unwrap(), 3), "tick 150");

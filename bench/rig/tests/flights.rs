@@ -91,11 +91,11 @@ fn with_the_papers_gains_a_fault_and_gyro_noise_it_is_still_the_simulated_one() 
 
 #[test]
 #[ignore = "long: part of the gate"]
-fn with_soft_gains_and_weak_rotors_it_is_still_the_simulated_one() {
+fn with_soft_gains_and_weak_late_rotors_it_is_still_the_simulated_one() {
     let options = ["--preset", "soft", "--trajectory", "step", "--fault"];
     flies_as_simulated(
         "same-soft",
-        &[&options[..], &["rotor_efficiency_3=0.8,motor_time_constant_s=0.02@tick40"]].concat(),
+        &[&options[..], &["rotor_efficiency_3=0.8,motor_time_constant_s=0.02,command_delay_s=0.003@tick40"]].concat(),
     );
 }
 
@@ -160,7 +160,8 @@ fn parameters_swapped_by_another_process_hold_from_the_tick_that_it_is_told() {
     let states = rig.file("flown.csv");
     let mut ticks = [0; 4];
     without_a_miss(&rig, |slowdown| ticks = fly_and_inject(&rig, slowdown, &states));
-    let change = |name: &str, old: f64, new: f64| serde_json::json!({"name": name, "old": old, "new": new});
+    let change =
+        |name: &str, old: f64, new: f64| serde_json::json!({"name": name, "old": old, "new": new, "over_s": 0.0});
     let changes = [
         vec![change("rotational_drag_nm_s", 0.105, 0.525)],
         vec![
@@ -275,6 +276,16 @@ fn roles_started_by_hand_in_any_order_fly_together() {
 }
 
 #[test]
+fn a_plant_that_waits_names_the_laws_that_its_roles_need() {
+    let rig = Rig::new("laws-wait");
+    let plant = rig.start("plant", &["--rt", "off", "--outer", "estimating", "--inner", "indi"]);
+    plant.await_words("(each with the plant's settings: `ironbird outer --outer estimating --inner indi` ...)");
+    plant.signal(Signal::INT);
+    plant.end().expect(130);
+    rig.assert_nothing_left();
+}
+
+#[test]
 fn a_role_with_other_settings_than_the_plants_is_turned_away_and_the_right_one_may_come() {
     let rig = Rig::new("differ");
     let slow = rig.slow(20);
@@ -289,6 +300,10 @@ fn a_role_with_other_settings_than_the_plants_is_turned_away_and_the_right_one_m
     rig.run("outer", &["--rt", "off", "--config", &slow, "--duration", "30ms"])
         .expect(2)
         .complains("`flight.duration_s` is 0.03 for outer and 0.02 for the plant");
+    rig.run("mixer", &[&args[..], &["--inner", "indi"]].concat())
+        .expect(2)
+        .complains("`inner.law` is \"indi\" for mixer and \"adaptive\" for the plant")
+        .complains("--duration and --fault, and like the plant with --inner adaptive");
     let others: Vec<_> = ["outer", "inner", "mixer", "record"].iter().map(|role| rig.start(role, &args)).collect();
     for role in others.into_iter().chain([plant]) {
         role.end().expect(0);

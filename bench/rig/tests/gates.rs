@@ -145,7 +145,7 @@ fn a_gate_that_measured_nothing_fails() {
 #[test]
 fn a_theorem_that_nothing_is_learned_under_does_not_pass_for_one_that_holds() {
     let rig = Rig::new("pinned");
-    let pinned = rig.settings("[gains]\nestimate_min = [0.0, 0.0, 0.0]\nestimate_max = [0.0, 0.0, 0.0]\n");
+    let pinned = rig.settings("[inner]\nestimate_min = [0.0, 0.0, 0.0]\nestimate_max = [0.0, 0.0, 0.0]\n");
     let args = ["--config", &pinned, "--duration", "500ms", "--gate", "theorem"];
     let why = "measured nothing: no estimate moved: adaptation is off, or its bounds pin it";
     let ended = expect_failed(&rig, rig.run("fly", &[&["--pace", "lockstep"], &args[..]].concat()));

@@ -11,7 +11,9 @@ use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
-use rig::{IRONBIRD, Rig, Running, is_gone, lacks_tool, not_tested, process_of, rounds, send, wait_until};
+use rig::{
+    IRONBIRD, Rig, Running, copy_executable, is_gone, lacks_tool, not_tested, process_of, rounds, send, wait_until,
+};
 use rustix::process::Signal;
 
 const ROLES: [&str; 5] = ["plant", "outer", "inner", "mixer", "record"];
@@ -333,7 +335,7 @@ fn unprivileged(rig: &Rig, limit: &str) -> Option<Command> {
         return None;
     }
     let copy: PathBuf = rig.path("ironbird");
-    fs::copy(IRONBIRD, &copy).unwrap();
+    copy_executable(&copy);
     for directory in [rig.path("."), rig.root(), rig.out()] {
         fs::create_dir_all(&directory).unwrap();
         std::os::unix::fs::chown(&directory, Some(65534), Some(65534)).unwrap();

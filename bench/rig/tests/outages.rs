@@ -21,8 +21,8 @@ fn errors_m(log: &Path, trajectory: Trajectory, period_s: f64) -> Vec<f64> {
     let mut errors = Vec::new();
     for entry in read_log(log).0 {
         let LogEntry::State(message) = entry else { continue };
-        let reference: [f64; 3] = trajectory.reference(message.envelope.tick as f64 * period_s).position().into();
-        let squares = reference.iter().zip(message.content.position_w_m).map(|(r, p)| (r - p) * (r - p));
+        let reference: [f64; 3] = trajectory.reference(message.envelope.tick as f64 * period_s).position_w_m;
+        let squares = reference.iter().zip(message.content.measured.position_w_m).map(|(r, p)| (r - p) * (r - p));
         errors.push(squares.sum::<f64>().sqrt());
     }
     errors
@@ -141,6 +141,18 @@ fn what_stages_do_after_the_plants_death_is_no_part_of_the_flight() {
         let count = report.series(name).unwrap().count;
         assert!(count <= report.ticks.run + report.ticks.skipped, "{name}: {count} values, ticks {:?}", report.ticks);
     }
+}
+
+#[test]
+fn a_flight_whose_plant_fell_silent_was_not_in_time() {
+    let rig = Rig::new("silent");
+    let flight = rig.take_off(&["--duration", "60s"]);
+    await_tick(&rig, 300);
+    send(flight.roles()["plant"], Signal::KILL);
+    let ended = flight.end().expect(1);
+    let result = ended.result();
+    assert_eq!(result["status"], "ABORTED", "{ended}");
+    assert!(["late", "not-measured"].contains(&result["timing"].as_str()), "{ended}");
 }
 
 #[test]

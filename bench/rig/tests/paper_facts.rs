@@ -4,13 +4,15 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-use law::{InnerLaw as _, MixerLaw as _, OuterLaw as _};
+mod papers;
+
 use std::fmt;
 
+use controller::laws::adaptive;
 use controller::rate_law::sampled_gain;
-use controller::settings::loop_gain_limit;
-use controller::{Gains, InnerLoop, OuterLoop, Preset, Trajectory};
-use mixer::Mixer;
+use controller::rate_loop::loop_gain_limit;
+use controller::{Gains, Trajectory};
+use law::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
 use model::limits::RotorLimits;
 use model::messages::{Dated, NO_TICK, Setpoint};
 use model::parameters::{Airframe, Parameter};
@@ -68,10 +70,10 @@ impl fmt::Display for Flown {
 }
 
 impl Flight {
-    fn new(trajectory: Trajectory, preset: Preset) -> Self {
+    fn new(trajectory: Trajectory, preset: &str) -> Self {
         Self {
             trajectory,
-            gains: Gains::preset(preset),
+            gains: Gains::preset(preset).unwrap(),
             delay_ticks: 1,
             gyro_noise_rad_s: 0.0,
             motor_time_constant_s: 0.0,
@@ -87,10 +89,7 @@ impl Flight {
         let theta = [airframe.i_r(), airframe.k_r(), airframe.delta()];
         airframe.set(Parameter::GyroNoise, self.gyro_noise_rad_s).unwrap();
         airframe.set(Parameter::MotorTimeConstant, self.motor_time_constant_s).unwrap();
-        let settings = controller::LoopSettings {
-            gains: self.gains,
-            ..controller::LoopSettings::new(self.trajectory, Preset::Flight)
-        };
+        let rig = law::Rig { period_s: PERIOD_S, ..law::Rig::default() };
         let mut plant = Plant::new(&plant::PlantSettings {
             period_s: PERIOD_S,
             airframe,
@@ -101,9 +100,8 @@ impl Flight {
         if let Some(change) = self.swap {
             plant.schedule(Swap::new(8000, &[change]).unwrap()).unwrap();
         }
-        let mut outer = OuterLoop::new(&settings);
-        let mut inner = InnerLoop::new(&settings);
-        let mut mixer = Mixer::new(&mixer::MixerSettings { period_s: PERIOD_S, model: settings.model, rotor });
+        let (mut outer, mut mixer) = (papers::outer(&rig, self.trajectory), papers::mixer(&rig));
+        let mut inner = papers::inner(&rig, &self.gains);
         let mut setpoint = Dated { tick: NO_TICK, content: Setpoint::default() };
 
         let v_th = |estimate: &[f64; 3]| -> f64 {
@@ -136,12 +134,12 @@ impl Flight {
 
             saturated += content.saturated;
             if tick > self.last_tick / 2 {
-                e_squared += wrench.rate_error_b_rad_s.iter().map(|e| e * e).sum::<f64>();
+                e_squared += adaptive::rate_error(&wrench.telemetry).iter().map(|e| e * e).sum::<f64>();
             }
             flown.position_error_max_m =
                 flown.position_error_max_m.max(setpoint.content.position_error_m(&state.content));
-            flown.estimate = wrench.estimate;
-            let v_th_now = v_th(&wrench.estimate);
+            flown.estimate = adaptive::estimate(&wrench.telemetry);
+            let v_th_now = v_th(&flown.estimate);
             flown.v_th_rise_max = flown.v_th_rise_max.max((v_th_now - v_th_before) / v_th_start);
             v_th_before = v_th_now;
         }
@@ -163,7 +161,7 @@ fn paper_saturates_half_the_time_under_gyro_noise_and_flight_never() {
     let mut said = String::from("gyro noise of 0.01 rad/s:\n");
     for trajectory in [Trajectory::Hover, Trajectory::Lissajous] {
         for seed in 1..=3 {
-            let [flight, paper] = [Preset::Flight, Preset::Paper].map(|preset| {
+            let [flight, paper] = ["flight", "paper"].map(|preset| {
                 let flown = Flight { gyro_noise_rad_s: NOISE_RAD_S, seed, ..Flight::new(trajectory, preset) }.fly();
                 said += &format!("  {trajectory}, {preset}, seed {seed}: {flown}\n");
                 flown
@@ -179,10 +177,10 @@ fn paper_saturates_half_the_time_under_gyro_noise_and_flight_never() {
 fn flight_tolerates_0_to_3_ticks_of_delay_and_v_th_never_rises() {
     let mut said = String::from("delay, with the flight gains:\n");
     for delay_ticks in 0..=3_u32 {
-        let margin = loop_gain_limit(delay_ticks) / loop_gain(Gains::preset(Preset::Flight).alpha_1_s);
+        let margin = loop_gain_limit(delay_ticks) / loop_gain(Gains::preset("flight").unwrap().alpha_1_s);
         assert!(margin > 2.4, "{delay_ticks} ticks: {margin}");
         for trajectory in [Trajectory::Lissajous, Trajectory::Fast] {
-            let flown = Flight { delay_ticks: delay_ticks.into(), ..Flight::new(trajectory, Preset::Flight) }.fly();
+            let flown = Flight { delay_ticks: delay_ticks.into(), ..Flight::new(trajectory, "flight") }.fly();
             said += &format!("  {trajectory}, {delay_ticks} ticks, gain margin {margin:.2}: {flown}\n");
             assert_eq!(flown.saturated, 0.0);
             assert!(flown.rate_error_rms_rad_s < 1.5e-3 && flown.position_error_max_m < 0.01, "{flown}");
@@ -199,7 +197,7 @@ fn the_rate_loop_turns_unstable_at_the_limit_of_the_settings_check() {
     for delay_ticks in 2..=4_u32 {
         let alpha_max_1_s = -(-loop_gain_limit(delay_ticks)).ln_1p() / PERIOD_S;
         let [below, above] = [0.9, 1.1].map(|share| {
-            let mut flight = Flight::new(Trajectory::Lissajous, Preset::Flight);
+            let mut flight = Flight::new(Trajectory::Lissajous, "flight");
             flight.delay_ticks = delay_ticks.into();
             flight.gains.alpha_1_s = share * alpha_max_1_s;
             let flown = flight.fly();
@@ -216,8 +214,8 @@ fn the_rate_loop_turns_unstable_at_the_limit_of_the_settings_check() {
 fn the_papers_gains_need_a_predictor_of_the_chains_depth() {
     let mut said = String::from("predictor, with the paper's gains, lissajous:\n");
     let mut fly = |delay_ticks, predictor_ticks, gyro_noise_rad_s| {
-        let mut flight = Flight::new(Trajectory::Lissajous, Preset::Paper);
-        flight.gains.predictor_ticks = predictor_ticks;
+        let mut flight = Flight::new(Trajectory::Lissajous, "paper");
+        flight.gains.predictor_ticks = f64::from(predictor_ticks);
         let flown = Flight { delay_ticks, gyro_noise_rad_s, ..flight }.fly();
         said += &format!("  delay {delay_ticks}, predictor {predictor_ticks}, noise {gyro_noise_rad_s}: {flown}\n");
         flown
@@ -250,8 +248,8 @@ fn phase_margin_deg(gain_1_s: f64, lag_s: f64) -> f64 {
 #[test]
 fn slow_motors_with_noise_want_the_soft_gains() {
     let mut said = String::from("motors with a lag of 20 ms:\n");
-    let margins = [Preset::Flight, Preset::Soft]
-        .map(|preset| phase_margin_deg(sampled_gain(Gains::preset(preset).alpha_1_s, PERIOD_S), LAG_S));
+    let margins = ["flight", "soft"]
+        .map(|preset| phase_margin_deg(sampled_gain(Gains::preset(preset).unwrap().alpha_1_s, PERIOD_S), LAG_S));
     said += &format!("  phase margin in degrees, flight and soft: {margins:.0?}\n");
     assert!(margins[0] < 25.0 && margins[1] > 50.0, "{margins:?}");
     for trajectory in [Trajectory::Hover, Trajectory::Lissajous, Trajectory::Fast] {
@@ -261,9 +259,9 @@ fn slow_motors_with_noise_want_the_soft_gains() {
             said += &format!("  {trajectory}, {preset}, noise {gyro_noise_rad_s}: {flown}\n");
             flown.position_error_max_m
         };
-        let (flight, soft, paper) = (fly(Preset::Flight, 0.0), fly(Preset::Soft, 0.0), fly(Preset::Paper, 0.0));
+        let (flight, soft, paper) = (fly("flight", 0.0), fly("soft", 0.0), fly("paper", 0.0));
         assert!(flight < 0.05 && soft < 0.05 && paper > 1.0, "{trajectory}: {flight}, {soft}, {paper}");
-        let (flight, soft) = (fly(Preset::Flight, NOISE_RAD_S), fly(Preset::Soft, NOISE_RAD_S));
+        let (flight, soft) = (fly("flight", NOISE_RAD_S), fly("soft", NOISE_RAD_S));
         assert!(soft < flight / 3.0, "{trajectory} with noise: {flight}, {soft}");
     }
     println!("{said}");
@@ -274,7 +272,7 @@ fn slow_motors_with_noise_want_the_soft_gains() {
 fn estimates_converge_only_where_the_flight_excites_them() {
     let mut said = String::from("estimates after 60 s; true are I_R 3.36e-5, k_r 0.105, delta 0.2:\n");
     let model = Airframe::nominal();
-    for preset in [Preset::Flight, Preset::Paper] {
+    for preset in ["flight", "paper"] {
         for trajectory in Trajectory::ALL {
             let flown = Flight { last_tick: 60_000, ..Flight::new(trajectory, preset) }.fly();
             let Flown { estimate: [i_r, k_r, delta], v_th_end: v, v_th_rise_max: rise, .. } = flown;
@@ -285,7 +283,7 @@ fn estimates_converge_only_where_the_flight_excites_them() {
             match (preset, trajectory) {
                 (_, Trajectory::Hover) => assert!(off[0] > 0.9 && off[1] > 0.9 && off[2] < 1e-3, "{off:?}"),
                 (_, Trajectory::Step) => assert!(off[0] > 0.9, "{off:?}"),
-                (Preset::Flight, _) => assert!(off.iter().all(|off| *off < 1e-3), "{off:?}"),
+                ("flight", _) => assert!(off.iter().all(|off| *off < 1e-3), "{off:?}"),
                 _ => assert!(off[1] < 1e-3 && off[2] < 0.1, "{off:?}"),
             }
         }
@@ -297,7 +295,7 @@ fn estimates_converge_only_where_the_flight_excites_them() {
 fn v_th_rises_once_a_parameter_of_the_rate_loop_is_not_the_models() {
     let mut said = String::from("a swap at 8 s, lissajous, flight:\n");
     let mut fly = |parameter, value| {
-        let flight = Flight::new(Trajectory::Lissajous, Preset::Flight);
+        let flight = Flight::new(Trajectory::Lissajous, "flight");
         let flown = Flight { swap: Some((parameter, value)), ..flight }.fly();
         said += &format!("  {parameter} = {value}: {flown}\n");
         flown.v_th_rise_max

@@ -11,7 +11,7 @@ use rig::Rig;
 const RATES: [(&str, &str); 2] = [
     (
         "250 Hz",
-        "[flight]\nperiod_s = 0.004\nduration_s = 2.0\n[gains]\nalpha_1_s = 50.0\nattitude_1_s = [3.0, 3.0, 1.0]\n",
+        "[flight]\nperiod_s = 0.004\nduration_s = 2.0\n[inner]\nalpha_1_s = 50.0\nattitude_1_s = [3.0, 3.0, 1.0]\n",
     ),
     ("4 kHz", "[flight]\nperiod_s = 0.00025\nduration_s = 0.5\n"),
 ];

@@ -14,12 +14,12 @@ from mcap_protobuf.decoder import DecoderFactory
 
 
 def plain(message):
-    """A decoded message as dictionaries, lists and numbers, every field named."""
+    """A decoded message as dictionaries, lists and numbers, every field named; NaN is none, as JSON knows no such number."""
     fields = {}
     for field in message.DESCRIPTOR.fields:
         value = getattr(message, field.name)
         if field.message_type is None:
-            fields[field.name] = list(value) if field.is_repeated else value
+            fields[field.name] = list(value) if field.is_repeated else None if value != value else value
         elif field.is_repeated:
             fields[field.name] = [plain(part) for part in value]
         else:
@@ -50,9 +50,16 @@ def main(log, exported):
                 # Floats of Python are doubles, and its JSON keeps them: equal here is equal in every bit but -0's.
                 if read != expected:
                     sys.exit(f"{topic}, message {counts[topic]}: read {read}, exported {expected}")
-                sampled = read["envelope"]["sample_ns"]
-                if sampled and message.log_time != sampled:
-                    sys.exit(f"{topic}: log time {message.log_time}, sampled {sampled}")
+                times = (message.log_time, message.publish_time, message.sequence)
+                if topic.endswith("_telemetry"):
+                    # It belongs to the message right before it.
+                    if (*times, read["tick"]) != before:
+                        sys.exit(f"{topic}: not the times, number and tick of the message before it: {read}, {before}")
+                else:
+                    before = (*times, read["envelope"]["tick"])
+                    sampled = read["envelope"]["sample_ns"]
+                    if sampled and message.log_time != sampled:
+                        sys.exit(f"{topic}: log time {message.log_time}, sampled {sampled}")
             first.setdefault(topic, str(decoded))
         records = {record.name: record.metadata for record in reader.iter_metadata()}
     for topic, rest in lines.items():

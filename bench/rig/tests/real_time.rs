@@ -11,11 +11,10 @@ use std::sync::{Mutex, MutexGuard, mpsc};
 use std::thread;
 use std::time::Duration;
 
-use controller::{InnerLoop, OuterLoop};
 use heapless::spsc::{Consumer, Producer, Queue};
 use ironbird::in_process::InProcess;
 use ironbird::settings::Settings;
-use mixer::Mixer;
+use law::{GuardedInner, GuardedMixer, GuardedOuter};
 use model::boards::Status;
 use model::envelope::Message;
 use model::grid::{Grid, Pace};
@@ -27,9 +26,9 @@ use model::role::{Role, STAGES};
 use model::topic::Topic;
 use plant::desk::{self, Event, INBOX, OUTBOX, SwapRequest};
 use plant::process::{PlantProcess, Waking};
-use plant::swap::Swap;
+use plant::swap::{Swap, Target};
 use report::tick::TickRecord;
-use role::rt::{CountingAllocator, UsageMeter, settle, thread_allocations};
+use role::rt::{UsageMeter, settle, thread_allocations};
 use role::shell::{InnerJob, MixerJob, OuterJob, Shell};
 use role::stage::{Stage, Turn};
 use role::station::status_board;
@@ -38,8 +37,7 @@ use wire::clock::now_ns;
 use wire::instance::Instance;
 use wire::{Board, DEEP, Doorbell, LATEST, Receiver, SwapOrder, SwapOutcome, Wire};
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+role::count_allocations!();
 
 const EXPECTED: Expected = Expected { run_id: 7, settings: 9 };
 const EPOCH: u64 = 100;
@@ -115,19 +113,19 @@ impl<S: Stage> Place<S> {
 struct Crew<'a> {
     pace: Pace,
     plant: PlantProcess<'a>,
-    outer: Place<Shell<OuterJob<OuterLoop>>>,
-    inner: Place<Shell<InnerJob<InnerLoop>>>,
-    mixer: Place<Shell<MixerJob<Mixer>>>,
+    outer: Place<Shell<OuterJob<GuardedOuter>>>,
+    inner: Place<Shell<InnerJob<GuardedInner>>>,
+    mixer: Place<Shell<MixerJob<GuardedMixer>>>,
     next_tick: u64,
 }
 
 impl<'a> Crew<'a> {
     fn new(wire: &Wire, orders: Consumer<'a, SwapRequest>, events: Producer<'a, Event>) -> Self {
         let settings = settings();
-        let (plant, controller) = (settings.plant().unwrap(), settings.controller().unwrap());
-        let outer = OuterJob { law: OuterLoop::new(&controller), position_error_max_m: 5.0 };
-        let inner = InnerJob(InnerLoop::new(&controller));
-        let mixer = MixerJob(Mixer::new(&settings.mixer().unwrap()));
+        let plant = settings.plant().unwrap();
+        let outer = OuterJob { stage: settings.outer_stage().unwrap(), position_error_max_m: 5.0 };
+        let inner = InnerJob(settings.inner_stage().unwrap());
+        let mixer = MixerJob(settings.mixer_stage().unwrap());
         Self {
             pace: Pace::Realtime(Grid { t0_ns: now_ns() + 3_600_000_000_000, period_ns: 1_000_000 }),
             plant: PlantProcess::new(wire, &plant, &[], orders, events).unwrap(),
@@ -227,20 +225,22 @@ fn assert_same<C: Topic + PartialEq>(said: &mut Receiver<C>, flight: &[TickRecor
 }
 
 /// Swaps that are passed to the loop in flight, with the tick before which they are, and from which they hold.
-fn swaps() -> [(u64, SwapRequest); 3] {
+fn swaps() -> [(u64, SwapRequest); 4] {
     let order = |tick, in_ticks, ticket, changes: &[(Parameter, f64)]| SwapRequest {
         tick,
         in_ticks,
         swap: Swap { ticket, ..Swap::new(0, changes).unwrap() },
     };
+    let ramp = Swap::to(0, &[Target { parameter: Parameter::RotationalDrag, value: 0.3, steps: 100 }]).unwrap();
     [
         // The first one while warming up: its code too must have been fetched once.
         (10, order(Some(20), 0, 1, &[(Parameter::Mass, 0.6)])),
         (200, order(None, 5, 2, &[(Parameter::RotorEfficiency2, 0.9), (Parameter::GyroNoise, 0.01)])),
         (700, order(Some(0), 0, 3, &[(Parameter::RotorInertia, 5e-5), (Parameter::DisturbanceGain, 0.4)])),
+        (750, SwapRequest { tick: Some(760), in_ticks: 0, swap: Swap { ticket: 4, ..ramp } }),
     ]
 }
-const SWAPPED_AT: [u64; 3] = [20, 205, 700];
+const SWAPPED_AT: [u64; 4] = [20, 205, 700, 760];
 
 /// Flies with swaps and so many rehearsals before each tick, and compares with the flight in one process where a recorder
 /// listens.
@@ -356,8 +356,8 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
 }
 
 fn change_mass(mass_kg: f64) -> SwapOrder {
-    let mut order =
-        SwapOrder { at_tick: NO_TICK, in_ticks: 0, count: 1, parameter: [0; PARAMETERS], value: [0.0; PARAMETERS] };
+    let (parameter, value, steps) = ([0; PARAMETERS], [0.0; PARAMETERS], [1; PARAMETERS]);
+    let mut order = SwapOrder { at_tick: NO_TICK, in_ticks: 0, count: 1, parameter, value, steps };
     (order.parameter[0], order.value[0]) = (Parameter::Mass as u64, mass_kg);
     order
 }

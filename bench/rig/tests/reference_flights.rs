@@ -4,10 +4,12 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-use controller::{Preset, Trajectory};
+mod papers;
+
+use controller::laws::adaptive;
+use controller::{Gains, Trajectory};
 use ironbird::in_process::InProcess;
-use model::limits::RotorLimits;
-use model::parameters::{Airframe, Parameter};
+use model::parameters::Parameter;
 use plant::Swap;
 use report::tick::TickRecord;
 
@@ -30,19 +32,21 @@ const GROUPS: [Group; 8] = [
         name: "position, velocity, attitude [m, m/s, rad]",
         columns: &["x", "y", "z", "vx", "vy", "vz", "phi", "theta", "psi"],
         tolerance: 1e-9,
-        values: |TickRecord { state, .. }| [state.position_w_m, state.velocity_w_m_s, state.attitude_rad].concat(),
+        values: |TickRecord { state, .. }| {
+            [state.measured.position_w_m, state.measured.velocity_w_m_s, state.measured.attitude_rad].concat()
+        },
     },
     Group {
         name: "body rates [rad/s]",
         columns: &["p", "q", "r"],
         tolerance: 1e-9,
-        values: |record| record.state.rate_b_rad_s.to_vec(),
+        values: |record| record.state.measured.rate_b_rad_s.to_vec(),
     },
     Group {
         name: "estimates",
         columns: &["IR_hat", "kr_hat", "delta_hat"],
         tolerance: 1e-9,
-        values: |record| record.wrench.estimate.to_vec(),
+        values: |record| adaptive::estimate(&record.wrench.telemetry).to_vec(),
     },
     Group {
         name: "rotor speeds [rad/s]",
@@ -60,7 +64,7 @@ const GROUPS: [Group; 8] = [
         name: "rate error [rad/s]",
         columns: &["e_p", "e_q", "e_r"],
         tolerance: 1e-9,
-        values: |record| record.wrench.rate_error_b_rad_s.to_vec(),
+        values: |record| adaptive::rate_error(&record.wrench.telemetry).to_vec(),
     },
     Group {
         name: "reference [m, rad]",
@@ -68,18 +72,18 @@ const GROUPS: [Group; 8] = [
         tolerance: 1e-9,
         values: |record| {
             let setpoint = record.setpoint.unwrap();
-            [setpoint.reference_position_w_m.as_slice(), &[setpoint.reference_yaw_rad]].concat()
+            [setpoint.reference.position_w_m.as_slice(), &[setpoint.reference.yaw_rad]].concat()
         },
     },
 ];
 
-fn flight(trajectory: Trajectory, preset: Preset) -> InProcess {
-    let (airframe, rotor) = (Airframe::nominal(), RotorLimits::default());
-    InProcess::new(
-        &plant::PlantSettings { period_s: PERIOD_S, airframe, rotor, seed: 0, ..plant::PlantSettings::default() },
-        &controller::LoopSettings { period_s: PERIOD_S, rotor, ..controller::LoopSettings::new(trajectory, preset) },
-        &mixer::MixerSettings { period_s: PERIOD_S, model: airframe, rotor },
-    )
+fn flight(trajectory: Trajectory, preset: &str) -> InProcess {
+    let rig = law::Rig { period_s: PERIOD_S, ..law::Rig::default() };
+    let (outer, inner, mixer) = papers::stages(&rig, trajectory, &Gains::preset(preset).unwrap());
+    let law::Rig { airframe, rotor, .. } = rig;
+    let plant =
+        plant::PlantSettings { period_s: PERIOD_S, airframe, rotor, seed: 0, ..plant::PlantSettings::default() };
+    InProcess::new(&plant, outer, inner, mixer)
 }
 
 /// Flies on and compares every row of a reference; the largest error of each group.
@@ -123,22 +127,22 @@ fn compare(mut flight: InProcess, file: &str) -> [f64; GROUPS.len()] {
 
 #[test]
 fn lissajous_with_the_flight_gains() {
-    compare(flight(Trajectory::Lissajous, Preset::Flight), "flight_lissajous.csv");
+    compare(flight(Trajectory::Lissajous, "flight"), "flight_lissajous.csv");
 }
 
 #[test]
 fn step_with_the_flight_gains() {
-    compare(flight(Trajectory::Step, Preset::Flight), "flight_step.csv");
+    compare(flight(Trajectory::Step, "flight"), "flight_step.csv");
 }
 
 #[test]
 fn lissajous_with_the_papers_gains() {
-    compare(flight(Trajectory::Lissajous, Preset::Paper), "paper_lissajous.csv");
+    compare(flight(Trajectory::Lissajous, "paper"), "paper_lissajous.csv");
 }
 
 #[test]
 fn lissajous_with_a_swap_of_the_rotational_drag() {
-    let mut flight = flight(Trajectory::Lissajous, Preset::Flight);
+    let mut flight = flight(Trajectory::Lissajous, "flight");
     let swap = Swap::new(8000, &[(Parameter::RotationalDrag, 0.525)]).unwrap();
     assert_eq!(flight.plant_mut().schedule(swap), Ok(8000));
     compare(flight, "flight_lissajous_swap.csv");

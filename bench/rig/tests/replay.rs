@@ -11,6 +11,10 @@ use flight_log::facts::record;
 use flight_log::reader::LogReader;
 use flight_log::writer::FlightLog;
 use ironbird::replay::{LOOKAHEAD, Replayed, fly_again};
+use ironbird::settings::laws::Moved;
+use model::envelope::Message;
+use model::telemetry::{Signal, Signals};
+use model::topic::Topic;
 use recorded::rewritten::{change, flip, rewrite, rewrite_landing};
 use recorded::{Dice, Published, Trouble, fly, settings, write};
 use tempfile::TempDir;
@@ -43,7 +47,7 @@ impl Place {
 }
 
 fn verify(path: &Path) -> Result<Replayed, Failure> {
-    fly_again(path, 0, true)
+    fly_again(path, 0, true, &Moved::new())
 }
 
 #[track_caller]
@@ -55,18 +59,24 @@ fn assert_identical(path: &Path) -> Replayed {
 
 #[test]
 fn a_flight_without_trouble_is_identical_and_every_value_is_compared() {
-    fn values<C: model::topic::Topic>(messages: &[model::envelope::Message<C>]) -> u64 {
-        (size_of::<C>() / size_of::<u64>() * messages.len()) as u64
+    fn values<C: Topic>(messages: &[Message<C>], signals: &[Signal]) -> u64 {
+        let unnamed = C::default().telemetry().map_or(0, |telemetry| telemetry.value.len() - signals.len());
+        ((size_of::<C>() / size_of::<u64>() - unnamed) * messages.len()) as u64
     }
     let place = Place::new();
     let (path, published) = place.log(SHORT, |_| Trouble::default());
     let replayed = assert_identical(&path);
     assert_eq!(replayed.summary.ticks, 101);
-    let loops = values(&published.setpoints) + values(&published.wrenches) + values(&published.rotor_speeds);
-    assert_eq!(replayed.comparison.values, values(&published.states) + loops + values(&published.theorem));
-    let later = fly_again(&path, 60, true).unwrap();
+    let Signals { outer, inner, mixer } = settings(SHORT).flown_laws().unwrap().signals;
+    assert_eq!([outer.len(), inner.len(), mixer.len()], [3, 6, 2]);
+    let loops = values(&published.setpoints, outer)
+        + values(&published.wrenches, inner)
+        + values(&published.rotor_speeds, mixer);
+    let beside = values(&published.states, &[]) + values(&published.theorem, &[]);
+    assert_eq!(replayed.comparison.values, beside + loops);
+    let later = fly_again(&path, 60, true, &Moved::new()).unwrap();
     assert!(later.is_identical() && later.summary.ticks == 41, "{:?}", later.summary);
-    let beyond = fly_again(&path, 102, true).unwrap_err();
+    let beyond = fly_again(&path, 102, true, &Moved::new()).unwrap_err();
     assert!(beyond.to_string().contains("--from 102: the log ends at tick 100"), "{beyond}");
 }
 
@@ -112,7 +122,7 @@ fn a_replay_from_a_tick_counts_what_came_from_then_on() {
         before.map_or(0, |message| message.content.deadlines_missed)
     };
     let text = |from: u64| {
-        let again = fly_again(&path, from, false).unwrap();
+        let again = fly_again(&path, from, false, &Moved::new()).unwrap();
         again.summary.text(&again.survey)
     };
     let (whole, later) = (text(0), text(200));
@@ -170,10 +180,12 @@ fn a_changed_value_with_whole_checksums_diverges_at_its_tick_stage_and_field() {
     let (path, _) = place.log(NOISY, |_| Trouble::default());
     let changed = place.path("changed.mcap");
     for (stage, field) in [
-        ("plant", "state.position_w_m[1]"),
+        ("plant", "state.measured.position_w_m[1]"),
         ("outer", "setpoint.thrust_n"),
         ("inner", "wrench.torque_b_nm[2]"),
+        ("inner", "inner_telemetry.rotational_drag_nm_s"),
         ("mixer", "rotor_speeds.saturated"),
+        ("mixer", "mixer_telemetry.yaw_share"),
         ("record", "theorem.v_th"),
         ("plant", "swaps.old[0]"),
     ] {
@@ -232,7 +244,7 @@ fn what_is_wrong_with_a_log_comes_before_what_differs_in_it() {
     assert_eq!((divergence.tick, divergence.field.as_str()), (90, "thrust_n"));
     let said = rewritten(Some(350)).unwrap_err().to_string();
     assert!(said.contains("topic `wrench` lacks 1 message before tick 351"), "{said}");
-    let said = fly_again(&changed, 1000, true).unwrap_err().to_string();
+    let said = fly_again(&changed, 1000, true, &Moved::new()).unwrap_err().to_string();
     assert!(said.contains("topic `wrench` lacks 1 message"), "before the tick that it ends before: {said}");
     let mut flipped = std::fs::read(&path).unwrap();
     let middle = flipped.len() / 2;

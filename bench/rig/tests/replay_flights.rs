@@ -136,7 +136,7 @@ const EVERY_FUNCTION: [&str; 8] = [
     "--duration",
     "2s",
     "--fault",
-    "motor_time_constant_s=0.02,gyro_noise_rad_s=0.01@200ms",
+    "motor_time_constant_s=0.02,gyro_noise_rad_s=0.01,command_delay_s=0.002@200ms",
     "--fault",
     "rotational_drag_nm_s=0.525@1s",
 ];

@@ -95,6 +95,8 @@ fn what_cannot_be_compared_is_refused() {
     three.complains("3 flights and no `--`: which are A and which are B?").complains("A1 A2 A3 -- B1 B2 B3");
     rig.run("report", &["diff"]).expect(2).complains("<A>");
     rig.run("report", &["diff", "latest", "latest"]).expect(2).complains("is named twice");
+    let behind = rig.run("report", &["diff", "latest", "--", "latest", "--format", "json"]).expect(2);
+    behind.complains("--format: behind `--` stand flights and no flags").complains("--format json A1");
     rig.run("report", &["diff", "latest", "yesterday"]).expect(2).complains("no flight at yesterday");
     let empty = rig.out().join("empty");
     fs::create_dir(&empty).unwrap();

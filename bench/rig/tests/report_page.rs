@@ -24,7 +24,7 @@ use serde_json::{Value, json};
 const LOOK: &str = include_str!("browser/look.js");
 
 /// Plots of every flight.
-const PLOTS: [&str; 34] = [
+const PLOTS: [&str; 45] = [
     "roll",
     "pitch",
     "yaw",
@@ -43,6 +43,17 @@ const PLOTS: [&str; 34] = [
     "i_r-error",
     "k_r-error",
     "delta-error",
+    "outer-acceleration_wanted_x_m_s2",
+    "outer-acceleration_wanted_y_m_s2",
+    "outer-acceleration_wanted_z_m_s2",
+    "inner-rate_error_x_rad_s",
+    "inner-rate_error_y_rad_s",
+    "inner-rate_error_z_rad_s",
+    "inner-rotor_inertia_kg_m2",
+    "inner-rotational_drag_nm_s",
+    "inner-disturbance_gain_rad_s2",
+    "mixer-roll_pitch_share",
+    "mixer-yaw_share",
     "path-xy",
     "path-xz",
     "path-yz",
@@ -100,6 +111,7 @@ fn bad_day(directory: &Path) -> Report {
     report.run.instance = HOSTILE.into();
     report.verdict.gates[0].value = HOSTILE.into();
     report.swaps[0].changes[0].name = HOSTILE.into();
+    report.run.laws.get_mut("inner").unwrap().telemetry[5].unit = HOSTILE.into();
     let step = report.roles.get_mut("plant").unwrap().realtime.first_mut();
     if let Some(step) = step {
         (step.granted, step.refused) = (false, Some(HOSTILE.into()));

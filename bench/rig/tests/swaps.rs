@@ -16,7 +16,8 @@ use wire::{SwapOrder, SwapOutcome, Wire};
 const LONG: Duration = Duration::from_secs(60);
 
 fn mass(at_tick: u64, mass_kg: f64) -> SwapOrder {
-    let mut order = SwapOrder { at_tick, in_ticks: 0, count: 1, parameter: [0; PARAMETERS], value: [0.0; PARAMETERS] };
+    let (parameter, value, steps) = ([0; PARAMETERS], [0.0; PARAMETERS], [1; PARAMETERS]);
+    let mut order = SwapOrder { at_tick, in_ticks: 0, count: 1, parameter, value, steps };
     (order.parameter[0], order.value[0]) = (Parameter::Mass as u64, mass_kg);
     order
 }

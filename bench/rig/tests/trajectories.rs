@@ -48,7 +48,7 @@ fn a_changed_file_is_refused_by_both_hashes() {
     let file = rig.file("climb.csv");
     fs::write(&file, CLIMB).unwrap();
     let printed = rig.run("fly", &["--trajectory", &file, "--print-config"]).expect(0).stdout.clone();
-    let hash = printed.split("sha256 = \"").nth(1).unwrap().split('"').next().unwrap().to_owned();
+    let hash = printed.split("\nsha256 = \"").nth(1).unwrap().split('"').next().unwrap().to_owned();
     assert_eq!(hash.len(), 64);
     let config = rig.settings(&printed);
     rig.run("simulate", &["--config", &config, "--duration", "100ms"]).expect(0);
@@ -57,6 +57,25 @@ fn a_changed_file_is_refused_by_both_hashes() {
         let refused = rig.run(command, &["--config", &config]).expect(2);
         refused.complains("its SHA-256 is ").complains(&format!("but the settings were made for {hash}"));
     }
+    // The flag names another trajectory, of which the settings have no sum.
+    let other = rig.file("other.csv");
+    fs::write(&other, CLIMB.replace("0.5,0,0.5", "0.5,0,0.7")).unwrap();
+    let prints = |trajectory: &str| {
+        let args = ["--config", &config, "--trajectory", trajectory, "--print-config"];
+        rig.run("fly", &args)
+            .expect(0)
+            .stdout
+            .split("\nsha256 = \"")
+            .nth(1)
+            .unwrap()
+            .split('"')
+            .next()
+            .unwrap()
+            .to_owned()
+    };
+    assert_eq!(prints("hover"), "");
+    assert!(prints(&other).len() == 64 && prints(&other) != hash);
+    rig.run("simulate", &["--config", &config, "--trajectory", &file]).expect(2).complains("its SHA-256 is ");
     rig.assert_nothing_started();
 }
 
@@ -88,7 +107,7 @@ fn what_is_too_quick_is_said_before_the_flight_with_its_instant() {
     let rig = Rig::new("too-quick");
     let quick = rig.settings("[flight]\ntrajectory = \"fast\"\n[trajectory]\nperiod = 0.5\nsize = 0.5\n");
     let flown = rig.run("simulate", &["--config", &quick, "--duration", "8s"]);
-    flown.complains("warning: trajectory fast asks for a tilt of ").complains("limits.tilt_max_rad is 0.6109");
+    flown.complains("warning: trajectory fast asks for a tilt of ").complains("outer.tilt_max_rad is 0.6109");
     let jump = rig.run("simulate", &["--trajectory", "step", "--duration", "1s"]).expect(0);
     jump.complains("warning: trajectory step begins with a jump: 1.732 m or rad away");
     let aloft = rig.settings("[flight]\ntrajectory = \"hover\"\n[initial]\nposition_w_m = [0, 0, 3]\n");

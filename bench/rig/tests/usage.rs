@@ -11,6 +11,7 @@ use clap::CommandFactory as _;
 use ironbird::cli::Cli;
 use rig::unprivileged::fly_unprivileged;
 use rig::{IRONBIRD, Rig, in_own_mounts, not_tested};
+use serde_json::json;
 
 #[test]
 fn every_command_explains_itself() {
@@ -50,6 +51,15 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
             "invalid value 'loop' for '--trajectory <TRAJECTORY>' [possible values: hover, step, helix, lissajous, fast]",
         ),
         ("fly", &["--preset", "race"], "[possible values: flight, paper, soft]"),
+        (
+            "fly",
+            &["--inner", "adaptiv"],
+            "there is no inner law of that name; there are adaptive, indi, geometric, pid, fixed",
+        ),
+        ("simulate", &["--outer", "pid"], "outer.law = \"pid\": there is no outer law of that name; there are pd"),
+        ("mixer", &["--mixer", "least"], "there is no mixer law of that name; there are priority"),
+        ("fly", &["--inner", "fixed", "--gate", "theorem"], "the inner law `fixed` has no theorem with these settings"),
+        ("laws", &["fixt"], "no law is named `fixt`; there are fixed, "),
         ("fly", &["--duration", "3parsecs"], "invalid value '3parsecs' for '--duration <DURATION>': unknown time unit"),
         ("fly", &["--duration", "0s"], "flight.duration_s = 0 is out of range: allowed are 0.001 to 2592000"),
         ("fly", &["--duration", "31d"], "flight.duration_s = 2678400 is out of range: allowed are 0.001 to 2592000"),
@@ -101,7 +111,7 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
             &["--states", "/nowhere/s.csv"],
             "help: name a file in a directory that is there and that you can write",
         ),
-        ("fly", &["--fault", "nope=1@1s"], "unknown parameter `nope`; did you mean `"),
+        ("fly", &["--fault", "nope=1@1s"], "unknown parameter `nope` (`ironbird params` lists names"),
         ("fly", &["--fault", "nope=1@1s"], "`ironbird params` lists names, units and ranges"),
         (
             "fly",
@@ -157,7 +167,11 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         ("report", &["monday"], "no flight at monday or"),
         ("replay", &["/monday"], "no flight at /monday;"),
         ("report", &["--format", "xml"], "[possible values: text, json, html]"),
-        ("report", &["--section", "all"], "[possible values: head, deadlines, outages, latencies, floors, processes,"),
+        (
+            "report",
+            &["--section", "all"],
+            "[possible values: head, deadlines, outages, deaths, latencies, floors, processes,",
+        ),
         ("report", &["--section", "head", "--full"], "'--section <NAME>' cannot be used with '--full'"),
         ("report", &["--full", "--format", "json"], "'--full' cannot be used with '--format <FORMAT>'"),
         ("report", &["--junit", "/nowhere/j.xml"], "--junit: cannot write /nowhere/j.xml: No such file or directory"),
@@ -204,12 +218,18 @@ fn a_report_with_numbers_of_no_flight_is_refused() {
     let rig = Rig::new("crafted");
     rig.run("fly", &["--rt", "off", "--config", &rig.slow(5), "--duration", "50ms"]).expect(0);
     let path = rig.out().join("latest/report.json");
-    let mut report = rig.report();
-    report["series"][0]["max_us"] = serde_json::json!(1e308);
-    fs::write(&path, report.to_string()).unwrap();
-    for format in ["html", "text"] {
-        let refused = rig.run("report", &["--format", format]).expect(1);
-        refused.complains("series[0].max_us = 1e+308 is no number of a flight").complains("report.json");
+    let whole = rig.report();
+    for (place, value, words) in [
+        ("/series/0/max_us", json!(1e308), "series[0].max_us = 1e+308 is no number of a flight"),
+        // Sums of such counts do not fit.
+        ("/ticks/skipped", json!(u64::MAX), "ticks.skipped = 18446744073709551615 is no count of a flight"),
+    ] {
+        let mut report = whole.clone();
+        *report.pointer_mut(place).unwrap() = value;
+        fs::write(&path, report.to_string()).unwrap();
+        for format in ["html", "text"] {
+            rig.run("report", &["--format", format]).expect(1).complains(words).complains("report.json");
+        }
     }
 }
 
@@ -226,8 +246,17 @@ fn every_wrong_setting_is_named_with_file_value_and_what_is_allowed() {
         ("[flight]\npreset = \"race\"\n", "flight.preset: unknown preset `race`"),
         ("[plant]\nmass_kg = 50\n", "plant.mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg"),
         ("[model]\nwingspan_m = 2\n", "unknown key `model.wingspan_m`"),
-        ("[gains]\nattitude_1_s = [8, 8]\n", "gains.attitude_1_s = [8, 8]: expected a list of 3 numbers"),
-        ("[gains]\nalpha_1_s = 2000\n", "gains.alpha_1_s = 2000 cannot fly"),
+        ("[inner]\nattitude_1_s = [8, 8]\n", "inner.attitude_1_s = [8, 8]: expected a list of 3 numbers"),
+        ("[inner]\nalpha_1_s = 2000\n", "inner.alpha_1_s = 2000 cannot fly"),
+        ("[inner]\nlaw = \"adaptiv\"\n", "inner.law = \"adaptiv\": there is no inner law of that name"),
+        (
+            "[inner]\nlaw = \"fixed\"\nestimate_min = [0, 0, 0]\n",
+            "unknown key `inner.estimate_min` of the law \"fixed\"",
+        ),
+        ("[inner]\nadaptation = \"maybe\"\n", "allowed is \"on\" or \"off\""),
+        ("[inner]\nadaptation = \"off\"\n[recorder]\ngate_theorem = true\n", "`adaptive` has no theorem with these"),
+        ("[gains]\nalpha_1_s = 100\n", "`gains.alpha_1_s` is `inner.alpha_1_s`"),
+        ("[limits]\ntilt_max_rad = 0.3\n", "`limits.tilt_max_rad` is `outer.tilt_max_rad`"),
         ("[recorder]\nmax_steal_percent = nan\n", "recorder.max_steal_percent = NaN: allowed are 0 to 100, and"),
         ("[recorder]\nmax_steal_percent = 150\n", "recorder.max_steal_percent = 150: allowed are 0 to 100, and"),
         ("[recorder]\nmax_wake_p999_us = inf\n", "recorder.max_wake_p999_us = inf: allowed are 0 and more, and"),

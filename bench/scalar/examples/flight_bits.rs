@@ -3,26 +3,29 @@
 //! It consists of the laws alone, so that it is soon compiled for another processor. Every function of `model::math` is
 //! in the flight: motor lag, noise, limits, a fast reference. `.ci/same-bits` compares.
 
-use controller::{InnerLoop, LoopSettings, OuterLoop, Preset, Trajectory};
-use law::{InnerLaw as _, MixerLaw as _, OuterLaw as _};
-use mixer::{Mixer, MixerSettings};
-use model::limits::RotorLimits;
+use controller::laws::{INNER, OUTER};
+use controller::{Course, Trajectory};
+use law::description::Settings;
+use law::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
+use law::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use model::messages::{Dated, NO_TICK, Setpoint};
 use model::output_hash::OutputHash;
-use model::parameters::{Airframe, Parameter};
+use model::parameters::Parameter;
 use plant::{Plant, PlantSettings, Swap};
 
 /// `--duration 10s`.
 const LAST_TICK: u64 = 10_000;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let settings = LoopSettings::new(Trajectory::Fast, Preset::Flight);
-    let (period_s, airframe, rotor) = (settings.period_s, Airframe::nominal(), RotorLimits::default());
+    let (rig, defaults) = (Rig::default(), Settings::default());
+    let Rig { period_s, airframe, rotor } = rig;
     let mut plant = Plant::new(&PlantSettings { period_s, airframe, rotor, seed: 1, ..PlantSettings::default() });
     plant.schedule(Swap::new(1000, &[(Parameter::MotorTimeConstant, 0.02), (Parameter::GyroNoise, 0.01)])?)?;
     plant.schedule(Swap::new(4000, &[(Parameter::RotationalDrag, 0.525)])?)?;
-    let (mut outer, mut inner) = (OuterLoop::new(&settings), InnerLoop::new(&settings));
-    let mut mixer = Mixer::new(&MixerSettings { period_s, model: airframe, rotor });
+    let route = Course::of(Trajectory::Fast).route(period_s);
+    let mut outer = GuardedOuter::new(OUTER[0].make(&rig, &defaults)?, route, &rig);
+    let mut inner = GuardedInner::new(INNER[0].make(&rig, &defaults)?, &rig);
+    let mut mixer = GuardedMixer::new(mixer::LAWS[0].make(&rig, &defaults)?, &rig);
 
     let mut outputs = OutputHash::default();
     let mut setpoint = Dated { tick: NO_TICK, content: Setpoint::default() };

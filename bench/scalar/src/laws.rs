@@ -2,65 +2,66 @@
 //!
 //! `ironbird simulate` also runs the theorem's monitor beside them, which no autopilot has.
 
-use controller::{InnerLoop, OuterLoop, Preset, Trajectory};
-use law::{InnerLaw as _, MixerLaw as _, OuterLaw as _};
-use mixer::Mixer;
-use model::limits::RotorLimits;
+use controller::laws::{INNER, OUTER};
+use controller::{Course, Trajectory};
+use law::description::{Refused, Settings};
+use law::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
+use law::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use model::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
-use model::parameters::Airframe;
-use plant::Plant;
+use plant::{Plant, PlantSettings};
 
 /// Plant, outer loop, inner loop and mixer of the flight by hand, standing between two ticks.
-#[derive(Clone, Debug)]
+#[allow(missing_debug_implementations, reason = "a law need not have one")]
 pub struct Laws {
     plant: Plant,
-    outer: OuterLoop,
-    inner: InnerLoop,
-    mixer: Mixer,
+    outer: GuardedOuter,
+    inner: GuardedInner,
+    mixer: GuardedMixer,
     state: Dated<State>,
     setpoint: Dated<Setpoint>,
     wrench: Dated<Wrench>,
-    speeds: RotorSpeeds,
+    speeds: Dated<RotorSpeeds>,
     tick: u64,
 }
 
 impl Laws {
     /// The Lissajous figure with the gains `flight`, nominal airframe, 1 kHz, before tick 0.
-    #[must_use]
-    pub fn new() -> Self {
-        let controller = controller::LoopSettings::new(Trajectory::Lissajous, Preset::Flight);
-        let (period_s, airframe, rotor) = (controller.period_s, Airframe::nominal(), RotorLimits::default());
-        Self {
-            plant: Plant::new(&plant::PlantSettings {
-                period_s,
-                airframe,
-                rotor,
-                seed: 0,
-                ..plant::PlantSettings::default()
-            }),
-            outer: OuterLoop::new(&controller),
-            inner: InnerLoop::new(&controller),
-            mixer: Mixer::new(&mixer::MixerSettings { period_s, model: airframe, rotor }),
+    ///
+    /// # Errors
+    /// None: the laws take their own defaults.
+    pub fn new() -> Result<Self, Refused> {
+        let (rig, defaults) = (Rig::default(), Settings::default());
+        let Rig { period_s, airframe, rotor } = rig;
+        let route = Course::of(Trajectory::Lissajous).route(period_s);
+        let settings = PlantSettings { period_s, airframe, rotor, ..PlantSettings::default() };
+        Ok(Self {
+            plant: Plant::new(&settings),
+            outer: GuardedOuter::new(OUTER[0].make(&rig, &defaults)?, route, &rig),
+            inner: GuardedInner::new(INNER[0].make(&rig, &defaults)?, &rig),
+            mixer: GuardedMixer::new(mixer::LAWS[0].make(&rig, &defaults)?, &rig),
             state: Dated { tick: NO_TICK, content: State::default() },
             setpoint: Dated { tick: NO_TICK, content: Setpoint::default() },
             wrench: Dated { tick: NO_TICK, content: Wrench::default() },
-            speeds: RotorSpeeds::default(),
+            speeds: Dated { tick: NO_TICK, content: RotorSpeeds::default() },
             tick: 0,
-        }
+        })
     }
 
     /// Flies one tick.
     pub fn tick(&mut self) {
         let tick = self.tick;
-        let state = Dated { tick, content: self.plant.begin(tick) };
-        if let Some(content) = self.outer.tick(tick, &state) {
-            self.setpoint = Dated { tick, content };
+        let Self { plant, outer, inner, mixer, state, setpoint, wrench, speeds, .. } = self;
+        plant.begin_into(tick, &mut state.content);
+        state.tick = tick;
+        if outer.tick_into(tick, state, &mut setpoint.content) {
+            setpoint.tick = tick;
         }
-        self.wrench = Dated { tick, content: self.inner.tick(tick, &state, &self.setpoint) };
-        self.speeds = self.mixer.tick(tick, &self.wrench);
-        self.plant.offer(Dated { tick, content: self.speeds }, tick + 1);
-        self.plant.finish();
-        self.state = state;
+        inner.tick_into(tick, state, setpoint, &mut wrench.content);
+        wrench.tick = tick;
+        mixer.tick_into(tick, wrench, &mut speeds.content);
+        speeds.tick = tick;
+        plant.offer(*speeds, tick + 1);
+        plant.finish();
         self.tick += 1;
     }
 
@@ -68,12 +69,6 @@ impl Laws {
     /// next tick on.
     #[must_use]
     pub const fn newest(&self) -> (&State, &Wrench, &RotorSpeeds) {
-        (&self.state.content, &self.wrench.content, &self.speeds)
-    }
-}
-
-impl Default for Laws {
-    fn default() -> Self {
-        Self::new()
+        (&self.state.content, &self.wrench.content, &self.speeds.content)
     }
 }

@@ -5,6 +5,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use law::description::Refused;
+
 use crate::ScalarFlight;
 use crate::laws::Laws;
 
@@ -28,13 +30,17 @@ impl TimedPair {
 /// Flies the first `ticks` ticks by the laws and by hand, in turn, `pairs` times.
 ///
 /// One pair before them is flown and not counted: it finds caches and processor cold.
-#[must_use]
-pub fn pairs(pairs: usize, ticks: u64) -> Vec<TimedPair> {
-    let pair = || TimedPair {
-        laws_s: time(ticks, Laws::new(), Laws::tick),
-        scalar_s: time(ticks, ScalarFlight::new(), ScalarFlight::tick),
+///
+/// # Errors
+/// As [`Laws::new`].
+pub fn pairs(pairs: usize, ticks: u64) -> Result<Vec<TimedPair>, Refused> {
+    let pair = || {
+        Ok(TimedPair {
+            laws_s: time(ticks, Laws::new()?, Laws::tick),
+            scalar_s: time(ticks, ScalarFlight::new(), ScalarFlight::tick),
+        })
     };
-    black_box(pair());
+    black_box(pair()?);
     (0..pairs).map(|_| pair()).collect()
 }
 
@@ -50,6 +56,8 @@ fn time<F, S>(ticks: u64, flight: F, tick: impl Fn(&mut F) -> S) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use controller::laws::adaptive;
+
     use super::*;
 
     /// Ticks of a flight of 10 s.
@@ -57,18 +65,18 @@ mod tests {
 
     #[test]
     fn the_flight_by_hand_is_the_flight_of_the_laws() {
-        let (mut laws, mut hand) = (Laws::new(), ScalarFlight::new());
+        let (mut laws, mut hand) = (Laws::new().unwrap(), ScalarFlight::new());
         for tick in 0..=TICKS {
             laws.tick();
             let (state, wrench, speeds) = laws.newest();
             let sample = hand.tick();
-            let attitude = [state.attitude_rad, state.rate_b_rad_s].concat();
-            let body = [[state.position_w_m, state.velocity_w_m_s].concat(), attitude].concat();
+            let attitude = [state.measured.attitude_rad, state.measured.rate_b_rad_s].concat();
+            let body = [[state.measured.position_w_m, state.measured.velocity_w_m_s].concat(), attitude].concat();
             let demand = [[wrench.thrust_n].as_slice(), &wrench.torque_b_nm].concat();
             for (name, ours, by_hand) in [
                 ("body", body.as_slice(), sample.body.as_slice()),
                 ("thrust and torque", &demand, &sample.wrench),
-                ("estimates", &wrench.estimate, &sample.estimate),
+                ("estimates", &adaptive::estimate(&wrench.telemetry), &sample.estimate),
                 ("rotor speeds", &speeds.speed_rad_s, &sample.speed),
             ] {
                 for (i, (ours, by_hand)) in ours.iter().zip(by_hand).enumerate() {
@@ -78,12 +86,12 @@ mod tests {
             }
         }
         let (state, ..) = laws.newest();
-        assert!(state.position_w_m[2] > 1.0, "it flew: {:?}", state.position_w_m);
+        assert!(state.measured.position_w_m[2] > 1.0, "it flew: {:?}", state.measured.position_w_m);
     }
 
     #[test]
     fn every_pair_is_two_times_and_there_are_as_many_as_were_asked_for() {
-        let pairs = pairs(2, 100);
+        let pairs = pairs(2, 100).unwrap();
         assert_eq!(pairs.len(), 2);
         for pair in pairs {
             assert!(pair.laws_s > 0.0 && pair.scalar_s > 0.0 && pair.ratio().is_finite(), "{pair:?}");

@@ -1,8 +1,12 @@
 //! What is flown: a built-in trajectory or a curve through points, stretched in space and time.
 
+use std::sync::Arc;
+
+use law::guard::Route;
+use model::reference::Reference;
 use serde::{Deserialize, Serialize};
 
-use crate::trajectory::{ORDERS, Reference, Spline, Trajectory, UnknownTrajectory};
+use crate::trajectory::{Spline, Trajectory, UnknownTrajectory};
 
 /// A trajectory with its size and tempo.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,19 +48,32 @@ impl Course {
     #[must_use]
     pub fn reference(&self, t_s: f64) -> Reference {
         let t_s = t_s / self.period;
-        let mut reference = match self.shape {
+        let reference = match self.shape {
             Shape::Named(trajectory) => trajectory.reference(t_s),
             Shape::Points(spline) => spline.reference(t_s),
         };
-        let tempo = 1.0 / self.period;
-        for (i, axis) in reference.axis.iter_mut().enumerate() {
-            let mut factor = if i < 3 { self.size } else { 1.0 };
-            for derivative in axis.iter_mut().take(ORDERS) {
-                *derivative *= factor;
-                factor *= tempo;
-            }
+        let stretched = |vector: [f64; 3], order: u8| vector.map(|value| value * self.factor(self.size, order));
+        Reference {
+            position_w_m: stretched(reference.position_w_m, 0),
+            velocity_w_m_s: stretched(reference.velocity_w_m_s, 1),
+            acceleration_w_m_s2: stretched(reference.acceleration_w_m_s2, 2),
+            jerk_w_m_s3: stretched(reference.jerk_w_m_s3, 3),
+            snap_w_m_s4: stretched(reference.snap_w_m_s4, 4),
+            yaw_rad: reference.yaw_rad,
+            yaw_rate_rad_s: reference.yaw_rate_rad_s * self.factor(1.0, 1),
+            yaw_acceleration_rad_s2: reference.yaw_acceleration_rad_s2 * self.factor(1.0, 2),
         }
-        reference
+    }
+
+    /// What stretching makes of a derivative of some order, where the value is stretched by `size`.
+    fn factor(&self, size: f64, order: u8) -> f64 {
+        (0..order).fold(size, |factor, _| factor * (1.0 / self.period))
+    }
+
+    /// The reference of each tick of `period_s` [s].
+    #[must_use]
+    pub fn route(self, period_s: f64) -> Route {
+        Arc::new(move |tick| self.reference(tick as f64 * period_s))
     }
 
     /// When it has come to rest for good [s], if it does.

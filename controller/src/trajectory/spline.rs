@@ -9,10 +9,11 @@
 //! Unknown are the derivatives 1 to 4 at each inner point. They follow from the derivatives 5 to 8, which are the same
 //! from both sides: a block-tridiagonal system, solved once, before the flight.
 
+use model::reference::Reference;
 use nalgebra::{Matrix4, SMatrix};
 use thiserror::Error;
 
-use crate::trajectory::{ORDERS, Reference};
+use crate::trajectory::{ORDERS, reference_of};
 
 /// Values with their axes: x, y, z [m] and psi [rad].
 const AXES: usize = 4;
@@ -20,6 +21,9 @@ const AXES: usize = 4;
 const COEFFICIENTS: usize = 2 * ORDERS;
 /// Largest jump at a point that rounding may leave, in units of what the curve does in the interval beside it.
 const ROUNDING: f64 = 1e-6;
+
+/// Value and derivatives (columns) of x, y, z [m] and psi [rad] (rows).
+type Axes = [[f64; ORDERS]; AXES];
 
 /// A point of the curve: when [s], and x, y, z [m] and psi [rad].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,19 +100,25 @@ impl Spline {
     /// Value and derivatives at a time [s]; before its first point and after its last one, at rest there.
     #[must_use]
     pub fn reference(&self, t_s: f64) -> Reference {
+        reference_of(&self.axes(t_s))
+    }
+
+    /// The same as value and derivatives up to the fourth (columns) of x, y, z [m] and psi [rad] (rows).
+    #[must_use]
+    pub fn axes(&self, t_s: f64) -> [[f64; ORDERS]; AXES] {
         if t_s >= self.end.t_s {
-            return Reference { axis: self.end.value.map(at_rest) };
+            return self.end.value.map(at_rest);
         }
         let next = self.segments.partition_point(|segment| segment.begin_s <= t_s);
         match next.checked_sub(1).and_then(|i| self.segments.get(i)) {
             Some(segment) => segment.at((t_s - segment.begin_s) / segment.length_s),
-            None => Reference { axis: std::array::from_fn(|axis| at_rest(self.segments[0].coefficients[axis][0])) },
+            None => self.segments[0].coefficients.map(|c| at_rest(c[0])),
         }
     }
 
     /// The first point at which value or derivatives jump by more than rounding.
     fn first_jump(&self) -> Option<usize> {
-        let rest = Reference { axis: self.end.value.map(at_rest) };
+        let rest = self.end.value.map(at_rest);
         let after = self.segments.iter().skip(1).map(|segment| segment.at(0.0)).chain([rest]);
         self.segments
             .iter()
@@ -119,7 +129,7 @@ impl Spline {
                 (0..AXES).any(|axis| {
                     let mut unit = 1.0;
                     (0..ORDERS).any(|order| {
-                        let jump = (before.axis[axis][order] - after.axis[axis][order]).abs() * unit;
+                        let jump = (before[axis][order] - after[axis][order]).abs() * unit;
                         unit *= segment.length_s;
                         jump.is_nan() || jump > ROUNDING * size[axis] * COEFFICIENTS as f64
                     })
@@ -159,19 +169,17 @@ const FALLING: [[f64; COEFFICIENTS]; ORDERS] = {
 };
 
 impl Segment {
-    fn at(&self, u: f64) -> Reference {
+    fn at(&self, u: f64) -> Axes {
         let per_length = 1.0 / self.length_s;
-        Reference {
-            axis: self.coefficients.map(|c| {
-                let mut unit = 1.0;
-                std::array::from_fn(|order| {
-                    let sum = (order..COEFFICIENTS).rev().fold(0.0, |sum, n| sum * u + FALLING[order][n] * c[n]);
-                    let derivative = sum * unit;
-                    unit *= per_length;
-                    derivative
-                })
-            }),
-        }
+        self.coefficients.map(|c| {
+            let mut unit = 1.0;
+            std::array::from_fn(|order| {
+                let sum = (order..COEFFICIENTS).rev().fold(0.0, |sum, n| sum * u + FALLING[order][n] * c[n]);
+                let derivative = sum * unit;
+                unit *= per_length;
+                derivative
+            })
+        })
     }
 }
 

@@ -87,7 +87,7 @@ impl Failure {
     #[must_use]
     pub fn told(&self) -> String {
         let help = self.help.as_ref().map_or_else(String::new, |help| format!(" help: {help}\n"));
-        harmless(&format!("error: {}\n{help}", self.message))
+        format!("error: {}\n{}", shortened(&harmless(&self.message)), harmless(&help))
     }
 }
 
@@ -120,12 +120,34 @@ impl<T, E: fmt::Display> InFile<T> for Result<T, E> {
     }
 }
 
+/// Longest message that is told in full [characters]; of a longer one, as much of its begin and its end.
+const MOST_TOLD: usize = 3000;
+const BEGIN_TOLD: usize = 1500;
+const END_TOLD: usize = 1000;
+
+/// The begin and the end of what is too long: it may quote a line of a file, and a line has no longest length.
+fn shortened(message: &str) -> String {
+    let characters = message.chars().count();
+    if characters <= MOST_TOLD {
+        return message.to_owned();
+    }
+    let begin: String = message.chars().take(BEGIN_TOLD).collect();
+    let end: String = message.chars().skip(characters - END_TOLD).collect();
+    format!("{begin} ({} characters left out) {end}", characters - BEGIN_TOLD - END_TOLD)
+}
+
+/// Characters that have a terminal show what follows in another order than it stands.
+const TURNING: [char; 12] = [
+    '\u{61c}', '\u{200e}', '\u{200f}', '\u{202a}', '\u{202b}', '\u{202c}', '\u{202d}', '\u{202e}', '\u{2066}',
+    '\u{2067}', '\u{2068}', '\u{2069}',
+];
+
 /// A text that a terminal shows and does not obey: names and files are anybody's.
 #[must_use]
 pub fn harmless(text: &str) -> String {
     let shown = |c: char| match c {
         '\n' | '\t' => c.to_string(),
-        c if c.is_control() => c.escape_default().to_string(),
+        c if c.is_control() || TURNING.contains(&c) => c.escape_default().to_string(),
         c => c.to_string(),
     };
     text.chars().map(shown).collect()
@@ -144,8 +166,9 @@ pub fn open_file(path: &Path) -> io::Result<File> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file"))
 }
 
-/// Largest text that is read [bytes].
-const TEXT_BYTES: u64 = 64 << 20;
+/// Largest text that is read [bytes]: ten times the largest that is written. As JSON it takes up to 17 times as much
+/// memory.
+const TEXT_BYTES: u64 = 16 << 20;
 
 /// A text file, opened as by [`open_file`].
 ///
@@ -239,7 +262,7 @@ mod tests {
         fs::write(path("bytes"), [0xff]).unwrap();
         assert!(Command::new("mkfifo").arg(path("pipe")).status().unwrap().success());
         for (name, why) in [
-            ("long", "it is 65 MiB long, and at most 64 are read"),
+            ("long", "it is 17 MiB long, and at most 16 are read"),
             ("bytes", "stream did not contain valid UTF-8"),
             ("pipe", "it is not a regular file"),
             (".", "it is not a regular file"),
@@ -249,6 +272,27 @@ mod tests {
             let told = format!("cannot read the notes {}: {why}", path(name).display());
             assert_eq!((failure.code, failure.to_string()), (FAILED, told));
         }
+    }
+
+    #[test]
+    fn a_terminal_is_told_nothing_that_it_would_obey() {
+        let told = harmless("a\tb\n\u{1b}[2J\r\u{7}\u{9b}31m\u{202e}txt.exe\u{2066}\u{e4}\u{1f600}");
+        assert_eq!(told, "a\tb\n\\u{1b}[2J\\r\\u{7}\\u{9b}31m\\u{202e}txt.exe\\u{2066}\u{e4}\u{1f600}");
+    }
+
+    #[test]
+    fn of_a_message_without_end_the_begin_and_the_end_are_told() {
+        let told =
+            |length: usize| Failure::usage(format!("begin{}end", "\u{e4}".repeat(length - 8))).help("help").told();
+        assert!(told(3000).starts_with("error: begin\u{e4}") && told(3000).ends_with("\u{e4}end\n help: help\n"));
+        assert_eq!(told(3000).chars().count(), 3000 + "error: \n help: help\n".len());
+        let long = told(1_000_000);
+        assert!(
+            long.contains("\u{e4} (997500 characters left out) \u{e4}") && long.ends_with("\u{e4}end\n help: help\n")
+        );
+        let escaped = Failure::usage("\u{1b}".repeat(1000)).told();
+        assert!(escaped.contains("\\u{1b}\\u{1b}") && escaped.chars().count() < 2600, "{}", escaped.len());
+        assert!(long.starts_with("error: begin\u{e4}") && long.chars().count() < 2600, "{}", long.len());
     }
 
     #[test]

@@ -1,29 +1,18 @@
-//! What a law is: one trait per role, pure functions of state, input and tick.
+//! What a law is, and what the rig does around every law.
 //!
-//! A law knows no clock, no port and no operating system. It is given the tick and the inputs that have arrived, and
-//! returns what to send. Its driver (a role's process, a simulation, a replay) calls it once per tick, with increasing
-//! ticks. Ticks may be skipped. A driver may also rehearse: it calls a clone with what the next tick may bring, and
-//! throws the clone away.
+//! A law ([`law`]) is a value of a trait, one per role: it is given the tick, what the sensors show and what is wanted,
+//! and returns what to do. It knows no clock, no port and no operating system. [`description`] is what it says of
+//! itself; [`registry`] is how the rig finds it by name and holds it whatever its type. [`stage`] is what a driver (a
+//! role's process, a simulation, a replay) calls once per tick, with increasing ticks, of which some may be skipped:
+//! messages in, a message out. [`guard`] makes a stage of any law; stale inputs and answers that are not finite are its
+//! business, so that no law can forget them.
 
-use model::messages::{Dated, RotorSpeeds, Setpoint, State, Wrench};
+pub mod description;
+pub mod guard;
+pub mod law;
+pub mod registry;
+mod rig;
+pub mod stage;
 
-/// The position loop: the state to thrust and attitude wanted.
-pub trait OuterLaw: Clone {
-    /// The set-point of a tick from the newest state; nothing where that is not of this tick.
-    fn tick(&mut self, tick: u64, state: &Dated<State>) -> Option<Setpoint>;
-}
-
-/// The attitude and rate loop: state and set-point to thrust and torque.
-pub trait InnerLaw: Clone {
-    /// The wrench of a tick from the newest state and set-point, whatever tick they are of.
-    fn tick(&mut self, tick: u64, state: &Dated<State>, setpoint: &Dated<Setpoint>) -> Wrench;
-}
-
-/// The mixer: thrust and torque to rotor speeds.
-pub trait MixerLaw: Clone {
-    /// The rotor speeds of a tick from the newest wrench, whatever tick it is of.
-    fn tick(&mut self, tick: u64, wrench: &Dated<Wrench>) -> RotorSpeeds;
-
-    /// Every rotor at its smallest speed: the last word of a flight.
-    fn idle(&self) -> RotorSpeeds;
-}
+pub use guard::{GuardedInner, GuardedMixer, GuardedOuter};
+pub use rig::Rig;

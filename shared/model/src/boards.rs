@@ -215,7 +215,7 @@ pub enum RolePhase {
 }
 
 /// A role's status, written by itself.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct Status {
     /// A [`RolePhase`] as number.
@@ -244,6 +244,10 @@ pub struct Status {
     pub grants: Grants,
     /// What its loop used since it was armed; final once it has landed.
     pub usage: Usage,
+    /// The run that the estimates are of; 0 where there are none, or a successor is not to have them.
+    pub estimates_run: u64,
+    /// What its law had learnt with its last message: what a process that was started again may begin with.
+    pub estimates: [f64; 3],
 }
 layout!(Status {
     phase,
@@ -259,6 +263,8 @@ layout!(Status {
     rejections,
     grants,
     usage,
+    estimates_run,
+    estimates,
 });
 
 impl Status {

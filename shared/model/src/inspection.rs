@@ -183,8 +183,8 @@ mod tests {
             (Reason::Sequence, |m| m.envelope.epoch -= 1),
             (Reason::Tick, |m| m.envelope.tick = 12),
             (Reason::Tick, |m| m.envelope.tick = 9),
-            (Reason::NonFinite, |m| m.content.rate_b_rad_s[1] = f64::NAN),
-            (Reason::Implausible, |m| m.content.position_w_m[2] = 1e6),
+            (Reason::NonFinite, |m| m.content.measured.rate_b_rad_s[1] = f64::NAN),
+            (Reason::Implausible, |m| m.content.measured.position_w_m[2] = 1e6),
         ];
         for (reason, forge) in cases {
             let mut inspector = Inspector::new(EXPECTED);

@@ -23,7 +23,7 @@ pub struct Measured {
     pub rotor_speed_mean_rad_s: [f64; ROTORS],
     /// Mean of each rotor's squared speed over the last tick [rad^2/s^2].
     pub rotor_speed_squared_mean_rad2_s2: [f64; ROTORS],
-    /// Rotor speeds that are in force from this tick on [rad/s].
+    /// Rotor speeds that are in force from this tick on [rad/s]; the motors get them after the delay of commands.
     pub rotor_speed_command_rad_s: [f64; ROTORS],
 }
 

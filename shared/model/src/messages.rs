@@ -7,7 +7,10 @@
 use nalgebra::Vector3;
 
 use crate::layout::{from_wire, layout};
+use crate::measured::Measured;
 use crate::parameters::{ESTIMATED, PARAMETERS, Parameter};
+use crate::reference::Reference;
+use crate::telemetry::Telemetry;
 
 /// Rotors of the airframe, numbered from 1: rear left, rear right, front right, front left.
 pub const ROTORS: usize = 4;
@@ -32,24 +35,12 @@ impl<T> Dated<T> {
     }
 }
 
-/// Topic `state`: the airframe as its sensors show it at the tick, and what its rotors did since the last one.
+/// Topic `state`: what the sensors show at the tick, and the account that the plant keeps of commands and ticks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct State {
-    /// Position, world frame [m].
-    pub position_w_m: [f64; 3],
-    /// Velocity, world frame [m/s].
-    pub velocity_w_m_s: [f64; 3],
-    /// Roll, pitch, yaw: ZYX Euler angles, body to world [rad].
-    pub attitude_rad: [f64; 3],
-    /// Body rates p, q, r as the gyro measures them [rad/s].
-    pub rate_b_rad_s: [f64; 3],
-    /// Mean of each rotor's speed over the last tick [rad/s].
-    pub rotor_speed_mean_rad_s: [f64; ROTORS],
-    /// Mean of each rotor's squared speed over the last tick [rad^2/s^2].
-    pub rotor_speed_squared_mean_rad2_s2: [f64; ROTORS],
-    /// Rotor speeds that are in force from this tick on [rad/s].
-    pub rotor_speed_command_rad_s: [f64; ROTORS],
+    /// What a law is told of it.
+    pub measured: Measured,
     /// Tick of the command in force; [`NO_TICK`] while none has arrived.
     pub command_tick: u64,
     /// Commands that have come so far, also those that never were in force.
@@ -112,23 +103,25 @@ pub struct Setpoint {
     pub attitude_rate_rad_s: [f64; 3],
     /// Their second derivatives along the reference [rad/s^2].
     pub attitude_acceleration_rad_s2: [f64; 3],
-    /// 1 when a limit on the acceleration was active, else 0.
+    /// 1 when a limit of the law was active, else 0.
     pub limited: u64,
-    /// Reference position, world frame [m].
-    pub reference_position_w_m: [f64; 3],
-    /// Reference yaw [rad].
-    pub reference_yaw_rad: f64,
+    /// How the stage got here: a [`Mode`] as number.
+    pub mode: u64,
+    /// Where the vehicle should be at this tick.
+    pub reference: Reference,
+    /// What the law shows of itself.
+    pub telemetry: Telemetry,
 }
 
 impl Setpoint {
-    /// Distance between the vehicle and its reference [m].
+    /// Distance between the vehicle, where it truly is, and its reference [m]: for those who judge, never for a law.
     #[must_use]
     pub fn position_error_m(&self, state: &State) -> f64 {
-        (Vector3::from(state.position_w_m) - Vector3::from(self.reference_position_w_m)).norm()
+        (Vector3::from(state.truth.position_w_m) - Vector3::from(self.reference.position_w_m)).norm()
     }
 }
 
-/// Topic `wrench`: thrust and torque that the inner loop asks of the rotors, with what it has learnt.
+/// Topic `wrench`: thrust and torque that the inner loop asks of the rotors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct Wrench {
@@ -136,12 +129,10 @@ pub struct Wrench {
     pub thrust_n: f64,
     /// Torque tau about body x, y, z, before saturation [N m].
     pub torque_b_nm: [f64; 3],
-    /// Estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2].
-    pub estimate: [f64; 3],
-    /// Rate error e used in the law [rad/s].
-    pub rate_error_b_rad_s: [f64; 3],
     /// How the stage got here: a [`Mode`] as number.
     pub mode: u64,
+    /// What the law shows of itself.
+    pub telemetry: Telemetry,
 }
 
 /// Topic `rotor_speeds`: what the mixer commands, and what it could achieve.
@@ -158,6 +149,8 @@ pub struct RotorSpeeds {
     pub saturated: u64,
     /// How the stage got here: a [`Mode`] as number.
     pub mode: u64,
+    /// What the law shows of itself.
+    pub telemetry: Telemetry,
 }
 
 /// Topic `swaps`: a swap of the plant's parameters that has taken hold.
@@ -172,15 +165,33 @@ pub struct SwapRecord {
     pub parameter: [u64; PARAMETERS],
     /// Their values before, in their units.
     pub old: [f64; PARAMETERS],
-    /// Their values from then on.
+    /// Their values from the last of their steps on.
     pub new: [f64; PARAMETERS],
+    /// Equal steps in which they get there, one a tick from the record's on; 1 is at once.
+    pub steps: [u64; PARAMETERS],
+}
+
+/// A parameter's value before and after a swap.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Change {
+    /// The parameter.
+    pub parameter: Parameter,
+    /// Value until the swap, in the parameter's unit.
+    pub old: f64,
+    /// Value from the last step on.
+    pub new: f64,
+    /// Equal steps in which it gets there, one a tick; 1 is at once.
+    pub steps: u64,
 }
 
 impl SwapRecord {
-    /// The parameters that it changed, each with its value before and after.
-    pub fn changes(&self) -> impl Iterator<Item = (Parameter, f64, f64)> + '_ {
+    /// What it changed.
+    pub fn changes(&self) -> impl Iterator<Item = Change> + '_ {
         let count = usize::try_from(self.count).unwrap_or(0).min(PARAMETERS);
-        (0..count).filter_map(|i| Some((Parameter::from_index(self.parameter[i])?, self.old[i], self.new[i])))
+        (0..count).filter_map(|i| {
+            let parameter = Parameter::from_index(self.parameter[i])?;
+            Some(Change { parameter, old: self.old[i], new: self.new[i], steps: self.steps[i] })
+        })
     }
 }
 
@@ -196,18 +207,14 @@ pub enum Mode {
     Fallback = 2,
     /// Rotors at idle speed.
     Idle = 3,
+    /// The law's answer was not finite, or one that no airframe can give; the stage put a safe one in its place.
+    NotFinite = 4,
 }
 
-from_wire!(Mode { Fresh, Held, Fallback, Idle });
+from_wire!(Mode { Fresh, Held, Fallback, Idle, NotFinite });
 
 layout!(State {
-    position_w_m,
-    velocity_w_m_s,
-    attitude_rad,
-    rate_b_rad_s,
-    rotor_speed_mean_rad_s,
-    rotor_speed_squared_mean_rad2_s2,
-    rotor_speed_command_rad_s,
+    measured,
     command_tick,
     commands_taken,
     command_taken_tick,
@@ -225,9 +232,10 @@ layout!(Setpoint {
     attitude_rate_rad_s,
     attitude_acceleration_rad_s2,
     limited,
-    reference_position_w_m,
-    reference_yaw_rad,
+    mode,
+    reference,
+    telemetry,
 });
-layout!(Wrench { thrust_n, torque_b_nm, estimate, rate_error_b_rad_s, mode });
-layout!(SwapRecord { parameter_epoch, count, parameter, old, new });
-layout!(RotorSpeeds { speed_rad_s, thrust_n, torque_b_nm, saturated, mode });
+layout!(Wrench { thrust_n, torque_b_nm, mode, telemetry });
+layout!(SwapRecord { parameter_epoch, count, parameter, old, new, steps });
+layout!(RotorSpeeds { speed_rad_s, thrust_n, torque_b_nm, saturated, mode, telemetry });

@@ -90,8 +90,11 @@ mod tests {
     fn one_bit_of_any_stage_in_any_tick_is_another_hash() {
         let same = of(|_, _, _| ());
         assert_eq!((same.len(), &same), (16, &of(|_, _, _| ())));
-        assert_ne!(same, of(|tick, state, _| state.position_w_m[2] = if tick == 1 { f64::from_bits(1) } else { 0.0 }));
-        assert_ne!(same, of(|tick, _, wrench| wrench.estimate[1] = if tick == 2 { -0.0 } else { 0.0 }));
+        assert_ne!(
+            same,
+            of(|tick, state, _| state.measured.position_w_m[2] = if tick == 1 { f64::from_bits(1) } else { 0.0 })
+        );
+        assert_ne!(same, of(|tick, _, wrench| wrench.telemetry.value[1] = if tick == 2 { -0.0 } else { 0.0 }));
         assert_ne!(same, of(|tick, state, _| state.ticks_skipped = tick / 2));
     }
 

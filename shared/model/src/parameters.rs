@@ -36,6 +36,7 @@ pub enum Parameter {
     RotorEfficiency3,
     RotorEfficiency4,
     MotorTimeConstant,
+    CommandDelay,
     PositionNoise,
     VelocityNoise,
     PositionDelay,
@@ -49,7 +50,7 @@ pub enum Parameter {
 }
 
 /// How many parameters there are.
-pub const PARAMETERS: usize = 27;
+pub const PARAMETERS: usize = 28;
 
 /// The parameters that the inner loop estimates, in the order of theta: I_R, k_r, delta.
 pub const ESTIMATED: [Parameter; 3] = [Parameter::RotorInertia, Parameter::RotationalDrag, Parameter::DisturbanceGain];
@@ -111,6 +112,7 @@ pub const SPECS: [Spec; PARAMETERS] = [
     spec!(RotorEfficiency3, "rotor_efficiency_3", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 3 gives"),
     spec!(RotorEfficiency4, "rotor_efficiency_4", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 4 gives"),
     spec!(MotorTimeConstant, "motor_time_constant_s", "s", 0.0..=1.0, 0.0, "beyond", "first-order lag of the rotor speeds; 0 is none"),
+    spec!(CommandDelay, "command_delay_s", "s", 0.0..=0.01, 0.0, "beyond", "delay from a command in force to the motors, in whole ticks"),
     spec!(PositionNoise, "position_noise_m", "m", 0.0..=10.0, 0.0, "beyond", "standard deviation of a position fix, per axis"),
     spec!(VelocityNoise, "velocity_noise_m_s", "m/s", 0.0..=10.0, 0.0, "beyond", "standard deviation of a fix's velocity, per axis"),
     spec!(PositionDelay, "position_delay_s", "s", 0.0..=1.0, 0.0, "beyond", "age of a fix of position and velocity when it arrives"),
@@ -150,10 +152,7 @@ impl Parameter {
     /// [`ParameterError::Unknown`] names the nearest known parameter.
     pub fn from_name(name: &str) -> Result<Self, ParameterError> {
         SPECS.iter().find(|spec| spec.name == name).map(|spec| spec.parameter).ok_or_else(|| {
-            let nearest = SPECS
-                .iter()
-                .max_by(|a, b| strsim::jaro_winkler(a.name, name).total_cmp(&strsim::jaro_winkler(b.name, name)))
-                .map_or("", |spec| spec.name);
+            let nearest = nearest(name, SPECS.iter().map(|spec| spec.name));
             ParameterError::Unknown { name: name.to_owned(), nearest }
         })
     }
@@ -178,17 +177,17 @@ impl fmt::Display for Parameter {
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ParameterError {
     /// No parameter has this name.
-    #[error("unknown parameter `{name}`; did you mean `{nearest}`?")]
+    #[error("unknown parameter `{name}`{}", did_you_mean(*nearest))]
     Unknown {
         /// What was asked for.
         name: String,
-        /// The known name most like it.
-        nearest: &'static str,
+        /// The known name most like it, where one is like it at all.
+        nearest: Option<&'static str>,
     },
     /// The value is outside the range of the parameter.
     #[error(
-        "{} = {value} is out of range: allowed are {:?} to {:?}{}",
-        parameter.name(), range.min, range.max, after_blank(parameter.spec().unit)
+        "{} = {} is out of range: allowed are {:?} to {:?}{}",
+        parameter.name(), shown(*value), range.min, range.max, after_blank(parameter.spec().unit)
     )]
     OutOfRange {
         /// The parameter.
@@ -198,6 +197,29 @@ pub enum ParameterError {
         /// What is allowed.
         range: Range,
     },
+}
+
+/// Likeness (Jaro-Winkler, 0 to 1) from which on a name may have been meant: below it, a suggestion would be a guess.
+const LIKE: f64 = 0.8;
+
+/// The name that may have been meant by one that is not known.
+#[must_use]
+pub fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let likeness = |known: &str| strsim::jaro_winkler(known, name);
+    known.max_by(|a, b| likeness(a).total_cmp(&likeness(b))).filter(|nearest| likeness(nearest) >= LIKE)
+}
+
+/// The end of an error about a name that is not known.
+#[must_use]
+pub fn did_you_mean(nearest: Option<&str>) -> String {
+    nearest.map_or_else(String::new, |nearest| format!("; did you mean `{nearest}`?"))
+}
+
+/// A number as it was typed; one of very many digits as a power of ten.
+#[must_use]
+pub fn shown(value: f64) -> String {
+    let whole = value.to_string();
+    if whole.len() > 24 { format!("{value:e}") } else { whole }
 }
 
 /// A unit as it stands after a number; a ratio has none.
@@ -222,8 +244,20 @@ mod tests {
     #[test]
     fn an_unknown_name_gets_the_nearest_one() {
         let error = Parameter::from_name("mass").unwrap_err();
-        assert_eq!(error, ParameterError::Unknown { name: "mass".into(), nearest: "mass_kg" });
+        assert_eq!(error, ParameterError::Unknown { name: "mass".into(), nearest: Some("mass_kg") });
         let error = Parameter::from_name("rotor_efficency_3").unwrap_err();
         assert!(error.to_string().contains("`rotor_efficiency_3`"), "{error}");
+        for far in ["nope", "x", "", "quaternion"] {
+            let error = Parameter::from_name(far).unwrap_err();
+            assert_eq!(error.to_string(), format!("unknown parameter `{far}`"), "nothing is like it");
+        }
+    }
+
+    #[test]
+    fn a_number_of_hundreds_of_digits_is_told_in_short() {
+        let error = |value| Parameter::Mass.check(value).unwrap_err().to_string();
+        assert!(error(1e300).starts_with("mass_kg = 1e300 is out of range"), "{}", error(1e300));
+        assert!(error(-1e-300).starts_with("mass_kg = -1e-300 is out of range"), "{}", error(-1e-300));
+        assert!(error(50.25).starts_with("mass_kg = 50.25 is out of range"), "{}", error(50.25));
     }
 }

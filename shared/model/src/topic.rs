@@ -4,7 +4,9 @@ use crate::layout::Walk;
 use crate::messages::{Mode, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use crate::monitor::{CAUSES, Monitor};
 use crate::parameters::{PARAMETERS, Parameter};
+use crate::reference::Reference;
 use crate::role::Role;
+use crate::telemetry::Telemetry;
 
 /// A content that travels on a topic of its own.
 pub trait Topic: Walk + Copy + std::fmt::Debug + Default + 'static {
@@ -17,11 +19,21 @@ pub trait Topic: Walk + Copy + std::fmt::Debug + Default + 'static {
     /// Whether several messages may be made for one tick.
     const MANY_PER_TICK: bool = false;
 
-    /// Calls `look` on every number.
+    /// Calls `look` on every number that another stage reads. Telemetry is not among them: a law may show what it will.
     fn numbers(&self, look: impl FnMut(&[f64]));
 
     /// Whether finite numbers are also physically possible, and flags are ones that exist.
     fn plausible(&self) -> bool;
+
+    /// What the law of its sender shows in it; none where the sender has no law.
+    fn telemetry(&self) -> Option<&Telemetry> {
+        None
+    }
+
+    /// As [`Self::telemetry`], to fill it in.
+    fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
+        None
+    }
 
     /// Whether every number is finite.
     fn finite(&self) -> bool {
@@ -36,7 +48,10 @@ mod bound {
     pub(super) const POSITION_M: f64 = 1e5;
     pub(super) const VELOCITY_M_S: f64 = 1e3;
     pub(super) const ANGLE_RAD: f64 = 1e4;
+    /// A unit quaternion, with room for rounding.
+    pub(super) const QUATERNION: f64 = 1.001;
     pub(super) const RATE_RAD_S: f64 = 1e4;
+    pub(super) const ACCELERATION_M_S2: f64 = 1e6;
     pub(super) const ACCELERATION_RAD_S2: f64 = 1e8;
     pub(super) const ROTOR_SPEED_RAD_S: f64 = 1e5;
     pub(super) const THRUST_N: f64 = 1e4;
@@ -58,13 +73,16 @@ impl Topic for State {
     const SUBSCRIBERS: usize = 3;
 
     fn numbers(&self, mut look: impl FnMut(&[f64])) {
-        look(&self.position_w_m);
-        look(&self.velocity_w_m_s);
-        look(&self.attitude_rad);
-        look(&self.rate_b_rad_s);
-        look(&self.rotor_speed_mean_rad_s);
-        look(&self.rotor_speed_squared_mean_rad2_s2);
-        look(&self.rotor_speed_command_rad_s);
+        let measured = &self.measured;
+        look(&measured.position_w_m);
+        look(&measured.velocity_w_m_s);
+        look(&measured.attitude_rad);
+        look(&measured.attitude_quaternion);
+        look(&measured.rate_b_rad_s);
+        look(&measured.specific_force_b_m_s2);
+        look(&measured.rotor_speed_mean_rad_s);
+        look(&measured.rotor_speed_squared_mean_rad2_s2);
+        look(&measured.rotor_speed_command_rad_s);
         look(&self.truth.position_w_m);
         look(&self.truth.velocity_w_m_s);
         look(&self.truth.rate_b_rad_s);
@@ -72,14 +90,17 @@ impl Topic for State {
     }
 
     fn plausible(&self) -> bool {
-        within(&self.position_w_m, bound::POSITION_M)
-            && within(&self.velocity_w_m_s, bound::VELOCITY_M_S)
-            && within(&self.attitude_rad, bound::ANGLE_RAD)
-            && within(&self.rate_b_rad_s, bound::RATE_RAD_S)
-            && between_zero_and(&self.rotor_speed_mean_rad_s, bound::ROTOR_SPEED_RAD_S)
-            && between_zero_and(&self.rotor_speed_command_rad_s, bound::ROTOR_SPEED_RAD_S)
+        let measured = &self.measured;
+        within(&measured.position_w_m, bound::POSITION_M)
+            && within(&measured.velocity_w_m_s, bound::VELOCITY_M_S)
+            && within(&measured.attitude_rad, bound::ANGLE_RAD)
+            && within(&measured.attitude_quaternion, bound::QUATERNION)
+            && within(&measured.rate_b_rad_s, bound::RATE_RAD_S)
+            && within(&measured.specific_force_b_m_s2, bound::ACCELERATION_M_S2)
+            && between_zero_and(&measured.rotor_speed_mean_rad_s, bound::ROTOR_SPEED_RAD_S)
+            && between_zero_and(&measured.rotor_speed_command_rad_s, bound::ROTOR_SPEED_RAD_S)
             && between_zero_and(
-                &self.rotor_speed_squared_mean_rad2_s2,
+                &measured.rotor_speed_squared_mean_rad2_s2,
                 bound::ROTOR_SPEED_RAD_S * bound::ROTOR_SPEED_RAD_S,
             )
             && self.command_saturated <= 1
@@ -94,21 +115,39 @@ impl Topic for Setpoint {
     const SUBSCRIBERS: usize = 2;
 
     fn numbers(&self, mut look: impl FnMut(&[f64])) {
-        look(&[self.thrust_n, self.reference_yaw_rad]);
+        look(&[self.thrust_n]);
         look(&self.attitude_rad);
         look(&self.attitude_rate_rad_s);
         look(&self.attitude_acceleration_rad_s2);
-        look(&self.reference_position_w_m);
+        let reference = &self.reference;
+        look(&reference.position_w_m);
+        look(&reference.velocity_w_m_s);
+        look(&reference.acceleration_w_m_s2);
+        look(&reference.jerk_w_m_s3);
+        look(&reference.snap_w_m_s4);
+        look(&[reference.yaw_rad, reference.yaw_rate_rad_s, reference.yaw_acceleration_rad_s2]);
+    }
+
+    fn telemetry(&self) -> Option<&Telemetry> {
+        Some(&self.telemetry)
+    }
+
+    fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
+        Some(&mut self.telemetry)
     }
 
     fn plausible(&self) -> bool {
+        let Reference { position_w_m, velocity_w_m_s, yaw_rad, yaw_rate_rad_s, .. } = self.reference;
         between_zero_and(&[self.thrust_n], bound::THRUST_N)
             && within(&self.attitude_rad, bound::ANGLE_RAD)
             && within(&self.attitude_rate_rad_s, bound::RATE_RAD_S)
             && within(&self.attitude_acceleration_rad_s2, bound::ACCELERATION_RAD_S2)
-            && within(&self.reference_position_w_m, bound::POSITION_M)
-            && within(&[self.reference_yaw_rad], bound::ANGLE_RAD)
+            && within(&position_w_m, bound::POSITION_M)
+            && within(&velocity_w_m_s, bound::VELOCITY_M_S)
+            && within(&[yaw_rad], bound::ANGLE_RAD)
+            && within(&[yaw_rate_rad_s], bound::RATE_RAD_S)
             && self.limited <= 1
+            && Mode::from_wire(self.mode).is_some()
     }
 }
 
@@ -120,14 +159,19 @@ impl Topic for Wrench {
     fn numbers(&self, mut look: impl FnMut(&[f64])) {
         look(&[self.thrust_n]);
         look(&self.torque_b_nm);
-        look(&self.estimate);
-        look(&self.rate_error_b_rad_s);
+    }
+
+    fn telemetry(&self) -> Option<&Telemetry> {
+        Some(&self.telemetry)
+    }
+
+    fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
+        Some(&mut self.telemetry)
     }
 
     fn plausible(&self) -> bool {
         between_zero_and(&[self.thrust_n], bound::THRUST_N)
             && within(&self.torque_b_nm, bound::TORQUE_NM)
-            && within(&self.rate_error_b_rad_s, bound::RATE_RAD_S)
             && Mode::from_wire(self.mode).is_some()
     }
 }
@@ -141,6 +185,14 @@ impl Topic for RotorSpeeds {
         look(&self.speed_rad_s);
         look(&[self.thrust_n]);
         look(&self.torque_b_nm);
+    }
+
+    fn telemetry(&self) -> Option<&Telemetry> {
+        Some(&self.telemetry)
+    }
+
+    fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
+        Some(&mut self.telemetry)
     }
 
     fn plausible(&self) -> bool {
@@ -164,8 +216,9 @@ impl Topic for SwapRecord {
     }
 
     fn plausible(&self) -> bool {
+        let meant = self.parameter.iter().zip(self.steps).take(self.count as usize);
         self.count <= PARAMETERS as u64
-            && self.parameter.iter().take(self.count as usize).all(|index| Parameter::from_index(*index).is_some())
+            && meant.into_iter().all(|(index, steps)| Parameter::from_index(*index).is_some() && steps > 0)
     }
 }
 

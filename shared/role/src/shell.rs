@@ -1,11 +1,14 @@
-//! The process shell of a law: its inputs, its output, and their envelopes.
+//! The process shell of a stage: its inputs, its output, and their envelopes.
 //!
 //! One shell serves the outer loop, the inner loop and the mixer. A [`Job`] says what differs: the role, its inputs and
 //! its output. The first input is the one that wakes the stage. The envelope passes from the input to the output.
 
-use law::{InnerLaw, MixerLaw, OuterLaw};
+use law::stage::{InnerStage, MixerStage, OuterStage};
 use model::boards::Ending;
-use model::envelope::{Envelope, Stamps};
+use model::envelope::{Envelope, Message, Stamps};
+use model::fault::fields::Faulty;
+use model::fault::inlet::Inlet;
+use model::fault::{LONGEST_DELAY, MessageFaults, Port};
 use model::inspection::{Expected, Rejections};
 use model::messages::{Dated, RotorSpeeds, Setpoint, State, Wrench};
 use model::role::Role;
@@ -17,6 +20,9 @@ use wire::{LATEST, Receiver, Sender, Wire};
 use crate::stage::{self, Stage, TickOutcome, Turn};
 use crate::station::Station;
 
+/// Messages that an input with faults keeps for its stage: more than any fault looks back.
+const FAULTS_DEPTH: usize = 2 * LONGEST_DELAY as usize;
+
 /// What a stage makes of its inputs at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Made<C> {
@@ -26,8 +32,8 @@ pub struct Made<C> {
     pub wants_end: Option<Ending>,
 }
 
-/// A law with its place in the chain.
-pub trait Job: Clone {
+/// A stage with its place in the chain.
+pub trait Job {
     /// Its role.
     const ROLE: Role;
     /// Where it comes from.
@@ -38,6 +44,20 @@ pub trait Job: Clone {
     /// Works a tick with the newest inputs, of whatever tick.
     fn work(&mut self, tick: u64, inputs: &<Self::Inputs as Inputs>::Dated) -> Made<Self::Output>;
 
+    /// What [`Self::work`] would publish; nothing where the law cannot be copied. It changes nothing.
+    fn rehearse(&mut self, tick: u64, inputs: &<Self::Inputs as Inputs>::Dated) -> Option<Self::Output>;
+
+    /// As [`Stage::estimates`].
+    fn estimates(&self) -> Option<[f64; 3]> {
+        None
+    }
+
+    /// As [`Stage::resume`].
+    fn resume(&mut self, estimates: [f64; 3]) -> bool {
+        let _ = estimates;
+        false
+    }
+
     /// The last message to the next stage when the run is over.
     fn last_word(&self) -> Option<Self::Output> {
         None
@@ -46,14 +66,14 @@ pub trait Job: Clone {
 
 /// The receivers of a stage; the first one's messages wake it.
 pub trait Inputs: Sized {
-    /// What the law is given of them: contents, each with its tick.
+    /// What the stage is given of them: contents, each with its tick.
     type Dated;
 
-    /// Makes the ports.
+    /// Makes the ports of a role, whose inputs may have faults.
     ///
     /// # Errors
     /// Those of the ports.
-    fn new(wire: &Wire) -> Result<Self, Error>;
+    fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error>;
 
     /// Connects them for a run.
     ///
@@ -66,6 +86,9 @@ pub trait Inputs: Sized {
     /// # Errors
     /// Those of the ports.
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error>;
+
+    /// Settles what there is of each by a tick: a fault may hold messages back.
+    fn settle(&mut self, tick: u64);
 
     /// The newest of each.
     fn dated(&self) -> Self::Dated;
@@ -83,23 +106,53 @@ pub trait Inputs: Sized {
     fn rejections(&self) -> Rejections;
 }
 
-impl<A: Topic> Inputs for Receiver<A> {
+/// A receiver, and the faults of its messages where there are some.
+#[derive(Debug)]
+pub struct Input<C: Faulty> {
+    receiver: Receiver<C>,
+    inlet: Option<Box<Inlet<C>>>,
+}
+
+impl<C: Faulty> Input<C> {
+    /// The newest message, as the stage has it.
+    fn newest(&self) -> &Message<C> {
+        self.inlet.as_ref().map_or_else(|| self.receiver.newest(), |inlet| inlet.newest())
+    }
+}
+
+impl<A: Faulty> Inputs for Input<A> {
     type Dated = Dated<A>;
 
-    fn new(wire: &Wire) -> Result<Self, Error> {
-        wire.receiver(LATEST)
+    fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error> {
+        let port = Port::of(role, A::NAME).filter(|port| faults.of(*port).next().is_some());
+        // What lags behind the newest message is one that came before: none may be lost beneath it.
+        let depth = if port.is_some() { FAULTS_DEPTH } else { LATEST };
+        let inlet = port.map(|port| Box::new(Inlet::new(faults, port)));
+        Ok(Self { receiver: wire.receiver(depth)?, inlet })
     }
 
     fn arm(&mut self, expected: Expected) -> Result<(), Error> {
-        self.arm(expected)
+        self.receiver.arm(expected)
     }
 
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
-        self.take(horizon)
+        match &mut self.inlet {
+            None => self.receiver.take(horizon),
+            Some(inlet) => {
+                self.receiver.drain(horizon, |message| inlet.arrive(message))?;
+                Ok(self.receiver.newest().envelope.tick)
+            }
+        }
+    }
+
+    fn settle(&mut self, tick: u64) {
+        if let Some(inlet) = &mut self.inlet {
+            inlet.settle(tick);
+        }
     }
 
     fn dated(&self) -> Dated<A> {
-        self.dated()
+        self.inlet.as_ref().map_or_else(|| self.receiver.dated(), |inlet| inlet.dated())
     }
 
     fn dated_as_of(&self, tick: u64) -> Dated<A> {
@@ -116,15 +169,16 @@ impl<A: Topic> Inputs for Receiver<A> {
     }
 
     fn rejections(&self) -> Rejections {
-        *self.rejections()
+        let refused = self.inlet.as_ref().map(|inlet| inlet.rejections()).unwrap_or_default();
+        refused.and(self.receiver.rejections())
     }
 }
 
-impl<A: Topic, B: Topic> Inputs for (Receiver<A>, Receiver<B>) {
+impl<A: Faulty, B: Faulty> Inputs for (Input<A>, Input<B>) {
     type Dated = (Dated<A>, Dated<B>);
 
-    fn new(wire: &Wire) -> Result<Self, Error> {
-        Ok((wire.receiver(LATEST)?, wire.receiver(LATEST)?))
+    fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error> {
+        Ok((Input::new(wire, role, faults)?, Input::new(wire, role, faults)?))
     }
 
     fn arm(&mut self, expected: Expected) -> Result<(), Error> {
@@ -137,6 +191,11 @@ impl<A: Topic, B: Topic> Inputs for (Receiver<A>, Receiver<B>) {
         let tick = self.0.take(horizon)?;
         self.1.take(horizon)?;
         Ok(tick)
+    }
+
+    fn settle(&mut self, tick: u64) {
+        self.0.settle(tick);
+        self.1.settle(tick);
     }
 
     fn dated(&self) -> Self::Dated {
@@ -159,7 +218,7 @@ impl<A: Topic, B: Topic> Inputs for (Receiver<A>, Receiver<B>) {
     }
 
     fn rejections(&self) -> Rejections {
-        self.0.rejections().and(self.1.rejections())
+        self.0.rejections().and(&self.1.rejections())
     }
 }
 
@@ -169,6 +228,8 @@ pub struct Shell<J: Job> {
     job: J,
     inputs: J::Inputs,
     output: Sender<J::Output>,
+    /// Whether the next stage is told of a tick without an output: in lockstep nothing else tells it.
+    tells_silence: bool,
 }
 
 impl<J: Job> Shell<J> {
@@ -177,8 +238,17 @@ impl<J: Job> Shell<J> {
     /// # Errors
     /// Those of the ports.
     pub fn new(wire: &Wire, job: J, wakes: Option<Role>) -> Result<Self, Error> {
+        Self::of_flight(wire, job, wakes, &Flight { lockstep: false, faults: MessageFaults::none(0) })
+    }
+
+    /// The same in a flight whose messages may have faults.
+    ///
+    /// # Errors
+    /// Those of the ports.
+    pub fn of_flight(wire: &Wire, job: J, wakes: Option<Role>, flight: &Flight) -> Result<Self, Error> {
         let bell = wakes.map(|role| wire.bell(role)).transpose()?;
-        Ok(Self { job, inputs: J::Inputs::new(wire)?, output: wire.sender(bell)? })
+        let inputs = J::Inputs::new(wire, J::ROLE, &flight.faults)?;
+        Ok(Self { job, inputs, output: wire.sender(bell)?, tells_silence: flight.lockstep })
     }
 }
 
@@ -195,6 +265,7 @@ impl<J: Job> Stage for Shell<J> {
     }
 
     fn tick(&mut self, turn: &Turn) -> Result<TickOutcome, Error> {
+        self.inputs.settle(turn.tick);
         let stale = !self.inputs.fresh(turn.tick);
         let Made { output, wants_end } = self.job.work(turn.tick, &self.inputs.dated());
         if let Some(output) = output {
@@ -202,15 +273,15 @@ impl<J: Job> Stage for Shell<J> {
             history.previous_busy_ns = turn.previous_busy_ns;
             history.stamps[J::ROLE as usize] = Stamps { receive_ns: turn.receive_ns, send_ns: 0 };
             self.output.send(turn.tick, &history, output)?;
+        } else if self.tells_silence {
+            self.output.pass(turn.tick)?;
         }
         Ok(TickOutcome { stale, wants_end })
     }
 
-    fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
-        match self.job.clone().work(tick, &self.inputs.dated_as_of(tick)).output {
-            Some(output) => self.output.rehearse(tick, &self.inputs.history(tick), output),
-            None => Ok(()),
-        }
+    fn rehearse(&mut self, tick: u64) -> Result<bool, Error> {
+        let Some(output) = self.job.rehearse(tick, &self.inputs.dated_as_of(tick)) else { return Ok(false) };
+        self.output.rehearse(tick, &self.inputs.history(tick), output).map(|()| true)
     }
 
     fn finish(&mut self, tick: u64) -> Result<(), Error> {
@@ -220,54 +291,82 @@ impl<J: Job> Stage for Shell<J> {
     fn rejections(&self) -> Rejections {
         self.inputs.rejections()
     }
+
+    fn estimates(&self) -> Option<[f64; 3]> {
+        self.job.estimates()
+    }
+
+    fn resume(&mut self, estimates: [f64; 3]) -> bool {
+        self.job.resume(estimates)
+    }
 }
 
 /// The outer loop's job: a set-point from a state of this tick, and an end to a flight that is lost.
-#[derive(Clone, Debug)]
-pub struct OuterJob<L> {
-    /// Its law.
-    pub law: L,
+#[derive(Debug)]
+pub struct OuterJob<S> {
+    /// What it computes.
+    pub stage: S,
     /// Distance from the reference beyond which the flight ends [m].
     pub position_error_max_m: f64,
 }
 
-impl<L: OuterLaw> Job for OuterJob<L> {
+impl<S: OuterStage> Job for OuterJob<S> {
     const ROLE: Role = Role::Outer;
-    type Inputs = Receiver<State>;
+    type Inputs = Input<State>;
     type Output = Setpoint;
 
     fn work(&mut self, tick: u64, state: &Dated<State>) -> Made<Setpoint> {
-        let output = self.law.tick(tick, state);
+        let output = self.stage.tick(tick, state);
         let is_lost = |setpoint: Setpoint| setpoint.position_error_m(&state.content) > self.position_error_max_m;
         Made { output, wants_end: output.is_some_and(is_lost).then_some(Ending::Position) }
+    }
+
+    fn rehearse(&mut self, tick: u64, state: &Dated<State>) -> Option<Setpoint> {
+        self.stage.rehearse(tick, state)
     }
 }
 
 /// The inner loop's job: a wrench in every tick.
-#[derive(Clone, Debug)]
-pub struct InnerJob<L>(pub L);
+#[derive(Debug)]
+pub struct InnerJob<S>(pub S);
 
-impl<L: InnerLaw> Job for InnerJob<L> {
+impl<S: InnerStage> Job for InnerJob<S> {
     const ROLE: Role = Role::Inner;
-    type Inputs = (Receiver<Setpoint>, Receiver<State>);
+    type Inputs = (Input<Setpoint>, Input<State>);
     type Output = Wrench;
 
     fn work(&mut self, tick: u64, (setpoint, state): &(Dated<Setpoint>, Dated<State>)) -> Made<Wrench> {
         Made { output: Some(self.0.tick(tick, state, setpoint)), wants_end: None }
     }
+
+    fn rehearse(&mut self, tick: u64, (setpoint, state): &(Dated<Setpoint>, Dated<State>)) -> Option<Wrench> {
+        self.0.rehearse(tick, state, setpoint)
+    }
+
+    fn estimates(&self) -> Option<[f64; 3]> {
+        self.0.estimates()
+    }
+
+    fn resume(&mut self, estimates: [f64; 3]) -> bool {
+        self.0.resume(estimates)
+    }
 }
 
 /// The mixer's job: rotor speeds in every tick, and idle as the last word.
-#[derive(Clone, Debug)]
-pub struct MixerJob<L>(pub L);
+#[derive(Debug)]
+pub struct MixerJob<S>(pub S);
 
-impl<L: MixerLaw> Job for MixerJob<L> {
+impl<S: MixerStage> Job for MixerJob<S> {
     const ROLE: Role = Role::Mixer;
-    type Inputs = Receiver<Wrench>;
+    type Inputs = Input<Wrench>;
     type Output = RotorSpeeds;
 
     fn work(&mut self, tick: u64, wrench: &Dated<Wrench>) -> Made<RotorSpeeds> {
         Made { output: Some(self.0.tick(tick, wrench)), wants_end: None }
+    }
+
+    fn rehearse(&mut self, tick: u64, wrench: &Dated<Wrench>) -> Option<RotorSpeeds> {
+        self.0.rehearse(tick, wrench)
     }
 
     fn last_word(&self) -> Option<RotorSpeeds> {
@@ -275,14 +374,28 @@ impl<L: MixerLaw> Job for MixerJob<L> {
     }
 }
 
+/// What a stage has to know of the flight.
+#[derive(Clone, Copy, Debug)]
+pub struct Flight {
+    /// Whether the ticks are not tied to the clock.
+    pub lockstep: bool,
+    /// Faults of messages.
+    pub faults: MessageFaults,
+}
+
 /// Flies an outer loop until the plant closes the run.
 ///
 /// # Errors
 /// Those of the station and of the ports.
-pub fn outer<L: OuterLaw>(station: Station, law: L, position_error_max_m: f64) -> Result<(), Error> {
+pub fn outer<S: OuterStage>(
+    station: Station,
+    outer: S,
+    position_error_max_m: f64,
+    flight: &Flight,
+) -> Result<(), Error> {
     let doorbell = station.wire().doorbell(Role::Outer)?;
-    let job = OuterJob { law, position_error_max_m };
-    let shell = Shell::new(station.wire(), job, Some(Role::Inner))?;
+    let job = OuterJob { stage: outer, position_error_max_m };
+    let shell = Shell::of_flight(station.wire(), job, Some(Role::Inner), flight)?;
     stage::run(shell, doorbell, station)
 }
 
@@ -290,9 +403,9 @@ pub fn outer<L: OuterLaw>(station: Station, law: L, position_error_max_m: f64) -
 ///
 /// # Errors
 /// Those of the station and of the ports.
-pub fn inner<L: InnerLaw>(station: Station, law: L) -> Result<(), Error> {
+pub fn inner<S: InnerStage>(station: Station, inner: S, flight: &Flight) -> Result<(), Error> {
     let doorbell = station.wire().doorbell(Role::Inner)?;
-    let shell = Shell::new(station.wire(), InnerJob(law), Some(Role::Mixer))?;
+    let shell = Shell::of_flight(station.wire(), InnerJob(inner), Some(Role::Mixer), flight)?;
     stage::run(shell, doorbell, station)
 }
 
@@ -300,10 +413,10 @@ pub fn inner<L: InnerLaw>(station: Station, law: L) -> Result<(), Error> {
 ///
 /// # Errors
 /// Those of the station and of the ports.
-pub fn mixer<L: MixerLaw>(station: Station, law: L, lockstep: bool) -> Result<(), Error> {
-    let wire = station.wire();
+pub fn mixer<S: MixerStage>(station: Station, mixer: S, flight: &Flight) -> Result<(), Error> {
+    let (wire, lockstep) = (station.wire(), flight.lockstep);
     // The last stage of the chain has time for the second call when its command is out.
     let doorbell = if lockstep { wire.doorbell(Role::Mixer) } else { wire.doorbell_with_alarm(Role::Mixer) }?;
-    let shell = Shell::new(wire, MixerJob(law), lockstep.then_some(Role::Plant))?;
+    let shell = Shell::of_flight(wire, MixerJob(mixer), lockstep.then_some(Role::Plant), flight)?;
     stage::run(shell, doorbell, station)
 }

@@ -10,7 +10,7 @@ use self::pacer::{Pacer, WakeReason};
 use crate::farewell::say_landed;
 use crate::rt::UsageMeter;
 use crate::station::{Armed, Station};
-use model::boards::{Ending, Run, RunPhase};
+use model::boards::{Ending, Run, RunPhase, Status};
 use model::grid::{NS_PER_S, Pace};
 use model::inspection::{Expected, Rejections};
 use model::role::Role;
@@ -65,11 +65,12 @@ pub trait Stage {
     fn tick(&mut self, turn: &Turn) -> Result<TickOutcome, Error>;
 
     /// Does what [`Stage::tick`] would, with what was taken last as if it were of this tick, and changes nothing: the
-    /// law works on a clone, and no message is sent. The next stage is rung for its rehearsal.
+    /// law works on a clone, and no message is sent. The next stage is rung for its rehearsal. False where the law
+    /// cannot be copied: nothing is rehearsed then, here and behind it.
     ///
     /// # Errors
     /// Those of the ports.
-    fn rehearse(&mut self, tick: u64) -> Result<(), Error>;
+    fn rehearse(&mut self, tick: u64) -> Result<bool, Error>;
 
     /// Called last, when the run is over: sends the final message to the next stage.
     ///
@@ -82,6 +83,17 @@ pub trait Stage {
 
     /// Messages that did not pass inspection, over all ports.
     fn rejections(&self) -> Rejections;
+
+    /// What its law has learnt so far; nothing where it does not learn.
+    fn estimates(&self) -> Option<[f64; 3]> {
+        None
+    }
+
+    /// Begins with these estimates; false, and nothing is changed, where the law may not have them.
+    fn resume(&mut self, estimates: [f64; 3]) -> bool {
+        let _ = estimates;
+        false
+    }
 }
 
 /// After this long without a sign of life from the plant, a stage checks whether the plant's process lives [ns].
@@ -101,6 +113,7 @@ pub fn run<S: Stage>(stage: S, doorbell: Doorbell, station: Station) -> Result<(
     let doorbell = doorbell;
     let mut stage = stage;
     let armed = station.join(|_, expected, epoch| stage.arm(expected, epoch))?;
+    resume(&mut stage, &station, &armed);
     let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);
     let meter = UsageMeter::start();
     let flown = fly(&mut stage, &doorbell, &mut station, &armed, &mut pacer);
@@ -115,6 +128,20 @@ pub fn run<S: Stage>(stage: S, doorbell: Doorbell, station: Station) -> Result<(
     flown.and(finished)
 }
 
+/// Has a law begin with what its predecessor had learnt in this run, where it may, and says whether it does.
+fn resume<S: Stage>(stage: &mut S, station: &Station, armed: &Armed) {
+    let Status { estimates_run, estimates, .. } = station.status;
+    if !station.resumes_estimates() || estimates_run != armed.expected.run_id {
+        return;
+    }
+    let role = S::ROLE.name();
+    if stage.resume(estimates) {
+        tracing::info!(role, "begins with the last estimates {estimates:?}");
+    } else {
+        tracing::warn!(role, "begins with its priors: the last estimates {estimates:?} are none that its law may have");
+    }
+}
+
 fn fly<S: Stage>(
     stage: &mut S,
     doorbell: &Doorbell,
@@ -123,13 +150,14 @@ fn fly<S: Stage>(
     pacer: &mut Pacer,
 ) -> Result<(), Error> {
     let mut previous_busy_ns = 0;
+    let resumes = station.resumes_estimates();
     let mut signs_of_life = SignsOfLife::new(now_ns());
     loop {
         let (tick, receive_ns) = match pacer.wait(doorbell, |pace| stage.take(pace))? {
             WakeReason::Work { tick, receive_ns } => (tick, receive_ns),
             WakeReason::Rehearsal { tick } => {
-                stage.rehearse(tick)?;
-                station.status.rehearsals += u64::from(tick > 0);
+                let is_rehearsed = stage.rehearse(tick)?;
+                station.status.rehearsals += u64::from(is_rehearsed && tick > 0);
                 continue;
             }
             WakeReason::Silence { tick, receive_ns } => {
@@ -162,6 +190,9 @@ fn fly<S: Stage>(
         status.ticks_stale += u64::from(worked.stale);
         status.ticks_skipped = pacer.skipped;
         status.rejections = stage.rejections();
+        if let Some(estimates) = stage.estimates().filter(|_| resumes) {
+            (status.estimates_run, status.estimates) = (armed.expected.run_id, estimates);
+        }
         if let Some(end) = worked.wants_end {
             status.wants_end = end as u64;
         }

@@ -41,6 +41,10 @@ pub struct Orders {
     pub rt: realtime::RealtimeSettings,
     /// The settings that all roles of a run must share: one `key = value` a line.
     pub settings: String,
+    /// The options that every role of the run needs for its laws, as `--inner geometric`; empty for the usual ones.
+    pub law_options: String,
+    /// Whether a law begins with what its predecessor in the run had learnt.
+    pub resume_estimates: bool,
     /// Process number of the launcher, whose death ends the role; `None` when started by hand.
     pub launcher: Option<u32>,
 }
@@ -99,11 +103,15 @@ impl Station {
         orders.instance.prepare()?;
         let lock = orders.instance.lock(role)?;
         let wire = Wire::open(&orders.instance)?;
+        let before = wire.board_reader::<Status>(&status_board(role))?.map(|board| board.get()).unwrap_or_default();
         let board = wire.board(&status_board(role))?;
         let status = Status {
             pid: u64::from(std::process::id()),
             epoch: now_ns(),
             settings: fingerprint(&orders.settings),
+            // Kept for a successor, should this process die before it has flown.
+            estimates_run: before.estimates_run,
+            estimates: before.estimates,
             ..Status::default()
         };
         board.put(status);
@@ -126,6 +134,12 @@ impl Station {
     #[must_use]
     pub fn stop_flag(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.stop)
+    }
+
+    /// Whether a law begins with what its predecessor in the run had learnt.
+    #[must_use]
+    pub const fn resumes_estimates(&self) -> bool {
+        self.orders.resume_estimates
     }
 
     /// Writes the status on the board.

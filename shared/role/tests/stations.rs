@@ -37,6 +37,8 @@ fn take(instance: &Instance, role: Role, mode: RealtimeMode) -> Station {
         instance: instance.clone(),
         rt: RealtimeSettings { mode, priority: 10, cpu: None, lead: LeadSetting::Fixed(0), rehearse: false },
         settings: "flight.seed = 1\n".into(),
+        law_options: String::new(),
+        resume_estimates: false,
         launcher: None,
     };
     Station::take(role, orders).unwrap()
@@ -154,8 +156,8 @@ impl Stage for Idle<'_> {
         Ok(TickOutcome { stale: true, wants_end: None })
     }
 
-    fn rehearse(&mut self, _: u64) -> Result<(), Error> {
-        Ok(())
+    fn rehearse(&mut self, _: u64) -> Result<bool, Error> {
+        Ok(false)
     }
 
     fn rejections(&self) -> Rejections {

@@ -2,7 +2,7 @@
 //!
 //! The last process to leave removes it.
 
-use std::fs::{self, File};
+use std::fs;
 use std::os::fd::AsFd as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -12,11 +12,11 @@ use rustix::io::Errno;
 
 use crate::error::Error;
 use crate::instance::{Instance, SHARED_MEMORY, is_at, lock_soon, shared_memory};
-use crate::sys::{BELLS, BellPage};
+use crate::sys::{BELLS, BellPage, Locked};
 use model::layout::{FNV_OFFSET, fnv1a};
 
 /// Token of the last bell of the page, which nobody rings: how the page is used.
-const MARK: u64 = fnv1a(FNV_OFFSET, b"ironbird-bells/2");
+const MARK: u64 = fnv1a(FNV_OFFSET, b"ironbird-bells/3");
 
 /// A share in the page of an instance.
 ///
@@ -25,7 +25,7 @@ const MARK: u64 = fnv1a(FNV_OFFSET, b"ironbird-bells/2");
 /// ```
 #[derive(Debug)]
 pub(super) struct BellFile {
-    file: File,
+    file: Locked,
     path: PathBuf,
 }
 
@@ -51,7 +51,7 @@ impl BellFile {
             }
             // Reserved at once: a page that shared memory has no room for would end its reader.
             fallocate(&file, FallocateFlags::empty(), 0, BellPage::BYTES as u64).map_err(failed)?;
-            let joined = Self { file, path };
+            let joined = Self { file: Locked::new(file), path };
             joined.check_mark()?;
             return Ok(joined);
         }

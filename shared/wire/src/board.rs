@@ -22,7 +22,10 @@ use crate::sys::Payload;
 use model::layout::Layout;
 
 /// Sheets of a board: one more than the writers that may be killed while the board has a reader.
-const SHEETS: u64 = 8;
+pub const SHEETS: u64 = 64;
+/// Sheets that a reader looks at beyond the last one that was written on: so many writers in a row may be killed after
+/// they took a sheet and before they wrote on it.
+const AHEAD: usize = 7;
 
 /// What lies on a sheet.
 #[derive(Clone, Copy, Debug, Default, ZeroCopySend)]
@@ -148,10 +151,15 @@ impl<T: Notice> BoardReader<T> {
     /// What is on the board now. If its writer is gone, this is what it wrote last.
     #[must_use]
     pub fn get(&self) -> T {
-        let last = self.last.get();
-        // One look at a counter for each later sheet.
-        let later = self.sheets[last + 1..].iter().rposition(|look| !look.sheet.is_up_to_date(&look.before));
-        let last = later.map_or(last, |later| last + 1 + later);
+        let mut last = self.last.get();
+        // One look at a counter for each of the next sheets: they are taken in order.
+        let written_after = |last: usize| {
+            let next = &self.sheets[last + 1..self.sheets.len().min(last + 1 + AHEAD)];
+            Some(last + 1 + next.iter().rposition(|look| !look.sheet.is_up_to_date(&look.before))?)
+        };
+        while let Some(later) = written_after(last) {
+            last = later;
+        }
         self.last.set(last);
         self.sheets[last].sheet.get().value.0
     }

@@ -134,6 +134,12 @@ impl Doorbell {
         self.rehearsed.replace(called) != called
     }
 
+    /// The newest tick of this run of which the role before has nothing to say.
+    #[must_use]
+    pub fn silent_tick(&self) -> Option<u64> {
+        self.page[self.place].silent.load(Ordering::Acquire).checked_sub(1)
+    }
+
     fn answer(&self) -> bool {
         let rung = self.page[self.place].rung.load(Ordering::Acquire);
         self.heard.replace(rung) != rung
@@ -155,6 +161,20 @@ impl Bell {
     pub fn ring_for_rehearsal(&self) -> Result<(), Error> {
         self.page[self.place].rehearsals.fetch_add(1, Ordering::Release);
         self.ring()
+    }
+
+    /// Rings to say that there is no message of a tick.
+    ///
+    /// # Errors
+    /// As [`Self::ring`].
+    pub fn ring_for_silence(&self, tick: u64) -> Result<(), Error> {
+        self.page[self.place].silent.store(tick + 1, Ordering::Release);
+        self.ring()
+    }
+
+    /// Forgets the silence of an earlier run.
+    pub fn begin(&self) {
+        self.page[self.place].silent.store(0, Ordering::Release);
     }
 
     /// Rings. It is no error if nobody waits: others notice a dead stage by its silence.

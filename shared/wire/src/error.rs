@@ -81,6 +81,18 @@ pub enum Error {
         /// Who holds it; not known in the instant before it has written its number.
         pid: Option<u32>,
     },
+    /// A process that played the role has ended, and its lock has not.
+    #[error("instance `{instance}`: its {role} (process {pid}) has ended, but a process that it left keeps its lock")]
+    Orphaned {
+        /// The instance.
+        instance: String,
+        /// `fly` or a role.
+        role: String,
+        /// The process that took the lock.
+        pid: u32,
+        /// The lock.
+        path: PathBuf,
+    },
     /// As many processes observe the instance as may.
     #[error("instance `{instance}` has {most} observers already, and that is the most")]
     Crowded {
@@ -96,6 +108,8 @@ pub enum Error {
         role: Role,
         /// Each differing key with both values.
         differences: String,
+        /// The options that choose the plant's laws, where the role has others.
+        laws: String,
     },
     /// Real time was required and not granted.
     #[error("real time was required and not granted to the {role} process: {refused}")]
@@ -183,7 +197,11 @@ impl Error {
             | Self::SettingsDiffer { .. }
             | Self::TooMuch { .. } => USAGE,
             Self::RealtimeRefused { .. } => NO_REAL_TIME,
-            Self::Occupied { .. } | Self::Held { .. } | Self::Crowded { .. } | Self::Incompatible { .. } => OCCUPIED,
+            Self::Occupied { .. }
+            | Self::Orphaned { .. }
+            | Self::Held { .. }
+            | Self::Crowded { .. }
+            | Self::Incompatible { .. } => OCCUPIED,
             Self::Interrupted => INTERRUPTED,
             Self::SharedMemoryFull { .. }
             | Self::UsedUp { .. }
@@ -218,9 +236,11 @@ impl Error {
             Self::Occupied { instance, .. } => {
                 format!("wait for its end, or fly beside it under another name: --instance {instance}-2")
             }
+            Self::Orphaned { path, .. } => format!("`fuser -v {}` names it: end it", path.display()),
             Self::Crowded { .. } => "end one of the others: an `ironbird watch` or an `ironbird bridge`".into(),
-            Self::SettingsDiffer { .. } => {
-                "start every role with the same --config, --trajectory, --preset, --duration and --fault".into()
+            Self::SettingsDiffer { laws, .. } => {
+                let same = "start every role with the same --config, --trajectory, --preset, --duration and --fault";
+                if laws.is_empty() { same.into() } else { format!("{same}, and like the plant with {laws}") }
             }
             Self::RealtimeRefused { remedy, .. } => remedy.clone(),
             Self::SharedMemoryFull { path, .. } => format!(

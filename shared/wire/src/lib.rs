@@ -26,7 +26,7 @@ use iceoryx2::prelude::{
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 
-pub use board::{Board, BoardReader};
+pub use board::{Board, BoardReader, SHEETS};
 pub use doorbell::{Bell, Doorbell, Owner};
 pub use ports::{Receiver, Sender};
 pub use relay::{OBSERVED, OBSERVERS, Relay};
@@ -42,8 +42,8 @@ use model::topic::Topic;
 
 /// Samples that the loops keep of a topic: the newest.
 pub const LATEST: usize = 1;
-/// Samples that the recorder keeps of a topic: four seconds at 1 kHz.
-pub const DEEP: usize = 4096;
+/// Samples that the recorder keeps of a topic: 3.5 seconds at 1 kHz. An instance fits into the 64 MiB of a container.
+pub const DEEP: usize = 3500;
 /// Processes that may hold a service open: five roles, and observers.
 const NODES: usize = 24;
 /// How long a service may be in the making, or be taken down, by somebody else, and how often it is tried.
@@ -78,9 +78,15 @@ impl Wire {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|e| refused(instance, format!("cannot join instance `{}`", instance.name()), format!("{e:?}")))?;
+        instance.close_node_counter()?;
         let cleaned = leavings::remove(&node, instance);
         let bells = bells::BellFile::join(instance)?;
         Ok(Self { node, instance: instance.clone(), bells, cleaned, _in_use: in_use })
+    }
+
+    /// Removes what processes of the instance left that have died since; what living ones hold stays.
+    pub fn remove_leavings(&self) {
+        leavings::remove(&self.node, &self.instance);
     }
 
     /// The instance.

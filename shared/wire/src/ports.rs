@@ -112,6 +112,7 @@ impl<C: Topic> Sender<C> {
     /// # Errors
     /// [`Error::Wire`].
     pub fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
+        self.bell.iter().for_each(Bell::begin);
         self.envelope = Envelope { run_id: expected.run_id, settings: expected.settings, epoch, ..Envelope::new() };
         self.publisher
             .update_connections()
@@ -148,6 +149,14 @@ impl<C: Topic> Sender<C> {
         // The part of a send that looks for receivers that have come or gone.
         self.publisher.update_connections().map_err(|e| not_sent::<C>(&e))?;
         self.bell.as_ref().map_or(Ok(()), Bell::ring_for_rehearsal)
+    }
+
+    /// Rings to say that there is no message of a tick.
+    ///
+    /// # Errors
+    /// [`Error::System`].
+    pub fn pass(&self, tick: u64) -> Result<(), Error> {
+        self.bell.as_ref().map_or(Ok(()), |bell| bell.ring_for_silence(tick))
     }
 
     fn take_loan(&mut self) -> Result<Loan<C>, Error> {

@@ -34,8 +34,10 @@ pub struct SwapOrder {
     pub parameter: [u64; PARAMETERS],
     /// Their new values, in their units.
     pub value: [f64; PARAMETERS],
+    /// Equal steps in which they get there, one a tick; 1 is at once.
+    pub steps: [u64; PARAMETERS],
 }
-layout!(SwapOrder { at_tick, in_ticks, count, parameter, value });
+layout!(SwapOrder { at_tick, in_ticks, count, parameter, value, steps });
 
 /// The plant's answer.
 #[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
@@ -90,7 +92,7 @@ pub enum SwapOutcome {
     UnknownParameter = 1,
     /// A value is out of its range.
     OutOfRange = 2,
-    /// It names no parameter, too many, or one twice.
+    /// It names no parameter, too many, or one twice; or a ramp takes no step, or more than a flight has ticks.
     Malformed = 3,
     /// Too many swaps wait for their ticks.
     QueueFull = 4,

@@ -1,11 +1,13 @@
-//! The wire's only `unsafe` code: bell memory, timers, payloads, signal masks.
+//! The wire's only `unsafe` code: bell memory, timers, payloads, signal masks, locks beside forks.
 #![allow(unsafe_code, reason = "the one module of the crate where it is allowed; every use says why it is sound")]
 
+use std::fs::File;
 use std::io;
 use std::ops::Deref;
-use std::os::fd::BorrowedFd;
+use std::os::fd::{AsFd, AsRawFd as _, BorrowedFd};
 use std::ptr::NonNull;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::Once;
+use std::sync::atomic::{AtomicI32, AtomicU32, AtomicU64, Ordering};
 
 use iceoryx2::prelude::ZeroCopySend;
 use model::layout::Plain;
@@ -32,6 +34,8 @@ pub struct BellWord {
     pub rehearsals: AtomicU32,
     /// What is handed over.
     pub token: AtomicU64,
+    /// The tick after the newest of which the role before has nothing to say; 0 is none.
+    pub silent: AtomicU64,
 }
 
 /// Bells of a page.
@@ -184,4 +188,58 @@ pub fn mask_signals(how: i32, signals: &[i32]) -> io::Result<()> {
 /// The error number's.
 pub fn check(result: i32) -> io::Result<()> {
     if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+}
+
+/// How many locks of a process are known to its forks; others stay locked as long as a fork lives.
+const LOCKED: usize = 64;
+
+/// Descriptors that hold locks; -1 is none.
+static LOCKS: [AtomicI32; LOCKED] = [const { AtomicI32::new(-1) }; LOCKED];
+
+/// A file whose lock ends with this process: a child that is forked from it, by code of a law say, shares the file, and
+/// would keep it locked.
+#[derive(Debug)]
+pub struct Locked {
+    file: File,
+    place: Option<usize>,
+}
+
+impl Locked {
+    /// Keeps a file that was locked.
+    #[must_use]
+    pub fn new(file: File) -> Self {
+        static CLOSES: Once = Once::new();
+        // SAFETY: the function lives as long as the process, and makes system calls alone.
+        CLOSES.call_once(|| unsafe {
+            libc::pthread_atfork(None, None, Some(close_locks));
+        });
+        let take =
+            |slot: &AtomicI32| slot.compare_exchange(-1, file.as_raw_fd(), Ordering::AcqRel, Ordering::Relaxed).is_ok();
+        let place = LOCKS.iter().position(take);
+        Self { file, place }
+    }
+}
+
+impl AsFd for Locked {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.file.as_fd()
+    }
+}
+
+impl Drop for Locked {
+    fn drop(&mut self) {
+        // Before the file is closed, and its number another one's.
+        self.place.iter().for_each(|place| LOCKS[*place].store(-1, Ordering::Release));
+    }
+}
+
+/// In a child that was forked: the parent's descriptor goes on holding the lock.
+extern "C" fn close_locks() {
+    for lock in &LOCKS {
+        let file = lock.swap(-1, Ordering::AcqRel);
+        if file >= 0 {
+            // SAFETY: the child has a copy of the descriptor, of which nothing in it makes use: it holds a lock.
+            unsafe { libc::close(file) };
+        }
+    }
 }

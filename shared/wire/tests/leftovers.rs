@@ -22,7 +22,7 @@ use model::role::Role;
 use wire::clock::now_ns;
 use wire::error::Error;
 use wire::instance::{Instance, SHARED_MEMORY};
-use wire::{DEEP, LATEST, Wire};
+use wire::{DEEP, LATEST, SHEETS, Wire};
 
 use common::{EPOCH, EXPECTED, Site, remove, soon};
 
@@ -223,7 +223,7 @@ fn a_board_is_taken_over_from_killed_writers_while_an_observer_looks_at_it() {
     let first = observer.board::<InForce>("in_force").unwrap();
     let reader = observer.board_reader::<InForce>("in_force").unwrap().unwrap();
     drop(first);
-    for round in 10..17 {
+    for round in 10..10 + SHEETS - 1 {
         hold_everything_and_be_killed(&site.instance);
         assert_eq!(reader.get().tick, 5, "what the killed one wrote last, in round {round}");
         let wire = site.wire();

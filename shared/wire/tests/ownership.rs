@@ -184,8 +184,7 @@ fn what_an_instance_makes_is_its_users_alone() {
     let prefix = instance.prefix();
     for entry in fs::read_dir(SHARED_MEMORY).unwrap().map(|entry| entry.unwrap().path()) {
         let name = entry.file_name().unwrap().to_str().unwrap();
-        // iceoryx2 opens its counter of nodes to everybody, and nothing else.
-        if name.starts_with(&prefix) && !name.ends_with(".global_mgmt") {
+        if name.starts_with(&prefix) {
             assert_eq!(mode(&entry), 0o600, "{name}");
         }
     }

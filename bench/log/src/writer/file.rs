@@ -12,6 +12,7 @@ use model::envelope::Message;
 use model::grid::{NS_PER_S, Pace};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::monitor::Monitor;
+use model::telemetry::LAW_ROLES;
 use model::topic::Topic;
 
 use crate::codec::{Logged, encode};
@@ -19,6 +20,7 @@ use crate::entry::{Counts, LogEntry};
 use crate::facts::{Facts, LANDING, Record};
 use crate::scene::{self, Placed};
 use crate::spool::Spool;
+use crate::telemetry::{BESIDE, TelemetryTopic, place};
 use crate::{TOPICS, schema, units};
 
 /// Longest time between two chunks [ns].
@@ -42,7 +44,7 @@ pub(super) struct FileFate {
     pub(super) dropped: Counts,
 }
 
-/// Messages of a channel.
+/// Messages of a channel, each with what belongs right behind it.
 type Part = Vec<(MessageHeader, Vec<u8>)>;
 
 /// A file that is being written.
@@ -52,6 +54,8 @@ pub(super) struct LogFile {
     pace: Pace,
     newest_sample_ns: u64,
     channels: BTreeMap<&'static str, u16>,
+    /// What the laws show, each with its channel, in the order of [`LAW_ROLES`].
+    telemetry: [Option<(u16, TelemetryTopic)>; LAW_ROLES.len()],
     scene_every_ticks: u64,
     scene_sequence: [u32; scene::CHANNELS.len()],
     /// The present chunk, by channel.
@@ -88,13 +92,16 @@ impl LogFile {
         for (name, metadata) in facts.records(part) {
             writer.write_metadata(&Metadata { name: name.into(), metadata })?;
         }
-        let mut channels = BTreeMap::new();
-        add::<State>(&mut writer, &mut channels)?;
-        add::<Setpoint>(&mut writer, &mut channels)?;
-        add::<Wrench>(&mut writer, &mut channels)?;
-        add::<RotorSpeeds>(&mut writer, &mut channels)?;
-        add::<SwapRecord>(&mut writer, &mut channels)?;
-        add::<Monitor>(&mut writer, &mut channels)?;
+        let shown = LAW_ROLES.map(|role| TelemetryTopic::new(role, facts.signals.of(role)));
+        let mut channels = Channels { writer: &mut writer, shown: &shown, channels: BTreeMap::new() };
+        channels.add::<State>(None)?;
+        channels.add::<Setpoint>(None)?;
+        channels.add::<Wrench>(None)?;
+        channels.add::<RotorSpeeds>(None)?;
+        channels.add::<SwapRecord>(None)?;
+        channels.add::<Monitor>(facts.no_theorem.as_deref())?;
+        let mut channels = channels.channels;
+        let telemetry = add_telemetry(&mut writer, shown)?;
         let set = scene::descriptor_set();
         for (topic, schema) in scene::CHANNELS {
             let schema = writer.add_schema(schema, "protobuf", &set)?;
@@ -106,6 +113,7 @@ impl LogFile {
             pace: facts.pace,
             newest_sample_ns,
             channels,
+            telemetry,
             scene_every_ticks: scene::every_ticks(facts.sample_time_ns),
             scene_sequence: [0; scene::CHANNELS.len()],
             chunk: BTreeMap::new(),
@@ -156,12 +164,20 @@ impl LogFile {
                 .unwrap_or(log_time),
         };
         self.newest_sample_ns = self.newest_sample_ns.max(envelope.sample_ns);
-        self.add(header, bytes);
+        let part = header.channel_id;
+        self.add(part, header, bytes);
+        if let Some(telemetry) = message.content.telemetry()
+            && let Some((channel_id, shown)) = place(C::SENDER).and_then(|place| self.telemetry[place].as_ref())
+        {
+            let (header, mut bytes) = (MessageHeader { channel_id: *channel_id, ..header }, Vec::new());
+            shown.encode(envelope.tick, telemetry, &mut bytes);
+            self.add(part, header, bytes);
+        }
     }
 
-    fn add(&mut self, header: MessageHeader, bytes: Vec<u8>) {
+    fn add(&mut self, part: u16, header: MessageHeader, bytes: Vec<u8>) {
         self.chunk_bytes += bytes.len();
-        self.chunk.entry(header.channel_id).or_default().push((header, bytes));
+        self.chunk.entry(part).or_default().push((header, bytes));
     }
 
     /// When a message was sampled [ns]; where it goes back to no sample, the beginning of its tick, or in lockstep,
@@ -189,7 +205,7 @@ impl LogFile {
                 publish_time,
             };
             self.scene_sequence[channel] += 1;
-            self.add(header, bytes);
+            self.add(header.channel_id, header, bytes);
         }
     }
 
@@ -308,14 +324,40 @@ fn less(all: Counts, others: Counts) -> Counts {
     std::array::from_fn(|topic| all[topic] - others[topic])
 }
 
-fn add<C: Logged>(
+/// The topics of a file that is begun.
+struct Channels<'a> {
+    writer: &'a mut Writer<NoSeek<Spool>>,
+    shown: &'a [Option<TelemetryTopic>],
+    channels: BTreeMap<&'static str, u16>,
+}
+
+impl Channels<'_> {
+    /// Adds a topic; says why it does not apply, where it does not.
+    fn add<C: Logged>(&mut self, why_not: Option<&str>) -> Result<(), McapError> {
+        let topic = <C as Topic>::NAME;
+        let mut metadata = units::describe::<C>();
+        let shown = place(C::SENDER).and_then(|place| self.shown[place].as_ref());
+        metadata.extend(shown.map(|shown| (BESIDE.to_owned(), shown.topic().to_owned())));
+        metadata.extend(why_not.map(units::not_applicable));
+        let schema = self.writer.add_schema(&schema::name::<C>(), "protobuf", &schema::descriptor_set::<C>())?;
+        self.channels.insert(topic, self.writer.add_channel(schema, topic, "protobuf", &metadata)?);
+        Ok(())
+    }
+}
+
+/// Adds the topics of what the laws show.
+fn add_telemetry(
     writer: &mut Writer<NoSeek<Spool>>,
-    channels: &mut BTreeMap<&'static str, u16>,
-) -> Result<(), McapError> {
-    let topic = <C as Topic>::NAME;
-    let schema = writer.add_schema(&schema::name::<C>(), "protobuf", &schema::descriptor_set::<C>())?;
-    channels.insert(topic, writer.add_channel(schema, topic, "protobuf", &units::describe::<C>())?);
-    Ok(())
+    shown: [Option<TelemetryTopic>; LAW_ROLES.len()],
+) -> Result<[Option<(u16, TelemetryTopic)>; LAW_ROLES.len()], McapError> {
+    let mut added = [const { None }; LAW_ROLES.len()];
+    for (added, shown) in added.iter_mut().zip(shown) {
+        let Some(shown) = shown else { continue };
+        let schema = writer.add_schema(&shown.schema_name(), "protobuf", &shown.descriptor_set())?;
+        let channel = writer.add_channel(schema, shown.topic(), "protobuf", &shown.metadata())?;
+        *added = Some((channel, shown));
+    }
+    Ok(added)
 }
 
 #[cfg(test)]

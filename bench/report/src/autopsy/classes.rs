@@ -12,8 +12,9 @@ use std::collections::BTreeMap;
 use model::role::{Role, STAGES};
 use serde::{Deserialize, Serialize};
 
-use crate::autopsy::evidence::{Delay, Scene, Suspect};
+use crate::autopsy::evidence::Scene;
 use crate::autopsy::runners::{Runner, RunnerTime};
+use crate::autopsy::suspects::{Delay, Suspect};
 
 /// Why an outage came about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -102,6 +103,7 @@ pub fn classify(scene: &Scene<'_>) -> Opinion {
     let Some(suspect) = suspect else {
         return unknown("several stages were late, none of them by most of it");
     };
+    let suspect = scene.at_work_instead(&suspect).unwrap_or(suspect);
     let (class, why) = explain(scene, &suspect);
     let stage = class.is_of_a_stage().then_some(suspect.stage);
     let span_ns = Some((suspect.from_ns, suspect.to_ns));
@@ -181,11 +183,13 @@ fn longest(delays: &[Option<Suspect>], period_ns: u64) -> Option<(Option<Suspect
 fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
     let usage = scene.usage(suspect);
     let explains = |ns: u64| ns > 0 && ns * 100 >= suspect.excess_ns * EXPLAINS_PERCENT;
+    if usage.is_dead {
+        let before = if usage.is_stopped { "was stopped and " } else { "" };
+        let after = usage.successor.map_or_else(String::new, |pid| format!(", and process {pid} took its place"));
+        return (Class::StoppedOrDead, format!("its process {before}has ended{after}"));
+    }
     if usage.is_stopped {
         return (Class::StoppedOrDead, "its process was stopped".into());
-    }
-    if usage.is_dead {
-        return (Class::StoppedOrDead, "its process has ended".into());
     }
     let (processor, others) = (scene.processor(suspect), scene.others(suspect));
     if explains(processor.stolen_ns) {
@@ -216,7 +220,7 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
     if suspect.delay == Delay::Input {
         return (Class::UpstreamLate, "nothing says why".into());
     }
-    if suspect.delay == Delay::Compute {
+    if matches!(suspect.delay, Delay::Compute | Delay::Busy) {
         if explains(usage.ran_ns) {
             return (Class::ComputedLong, format!("it ran for {} us more than usual", usage.ran_ns / 1000));
         }
@@ -242,7 +246,7 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
         _ if scene.is_virtual => {
             (Class::CannotTell, "on a virtual machine, or what may be one, nothing else was due to show it".into())
         }
-        Delay::Compute => (Class::ComputedLong, "nothing interrupted it".into()),
+        Delay::Compute | Delay::Busy => (Class::ComputedLong, "nothing interrupted it".into()),
         Delay::Wake | Delay::Input => (Class::WakeLate, "nothing else was due meanwhile".into()),
     }
 }

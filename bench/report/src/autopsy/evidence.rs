@@ -10,6 +10,7 @@ use model::role::{Role, STAGES};
 
 use crate::autopsy::Outage;
 use crate::autopsy::runners::{Runner, Slice, runners};
+use crate::autopsy::suspects::{Suspect, usual_of};
 
 /// A stage's work of a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,48 +94,6 @@ pub struct Scene<'a> {
     pub share_processor: bool,
 }
 
-/// What a stage was late with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Delay {
-    /// With getting the processor after its timer, its input or its cut-off had come.
-    Wake,
-    /// With computing.
-    Compute,
-    /// With its output, so that the next stage waited until its cut-off.
-    Input,
-}
-
-/// A delay that was longer than usual.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Suspect {
-    /// The late stage.
-    pub stage: Role,
-    /// What it was late with.
-    pub delay: Delay,
-    /// From when on it was late [ns].
-    pub from_ns: u64,
-    /// Until when [ns].
-    pub to_ns: u64,
-    /// How much longer than usual [ns].
-    pub excess_ns: u64,
-    /// How much of that certainly lies in the tick [ns]. A stage that published nothing for it may have been back from
-    /// the beginning of the next tick on, when it was too late to publish.
-    pub share_ns: u64,
-}
-
-impl Suspect {
-    /// In words.
-    #[must_use]
-    pub fn words(&self) -> String {
-        let us = self.excess_ns / 1000;
-        match self.delay {
-            Delay::Wake => format!("{} woke {us} us later than usual", self.stage),
-            Delay::Compute => format!("{} computed {us} us longer than usual", self.stage),
-            Delay::Input => format!("{} was waited for {us} us longer than usual", self.stage),
-        }
-    }
-}
-
 /// What a stage's counters say of a span.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StageUsage {
@@ -142,6 +101,8 @@ pub struct StageUsage {
     pub is_stopped: bool,
     /// It was seen to have ended.
     pub is_dead: bool,
+    /// The process that had its place afterwards.
+    pub successor: Option<u64>,
     /// Page faults, beyond the usual.
     pub faults: u64,
     /// Involuntary switches, beyond the usual.
@@ -175,96 +136,7 @@ const HEAD_PERCENT: u64 = 5;
 /// At the end of a span, stamps of stages that waited for the same thing and came first [% of a tick].
 const TAIL_PERCENT: u64 = 20;
 
-/// What is usual among values: their lower quartile, because a disturbance that lasts must not pass for the usual.
-fn usual_of(mut values: Vec<u64>) -> u64 {
-    values.sort_unstable();
-    values.get(values.len() / 4).copied().unwrap_or(0)
-}
-
 impl Scene<'_> {
-    /// The delays in a tick that were longer than usual, in the order of the chain.
-    #[must_use]
-    pub fn suspects(&self, tick: u64) -> Vec<Suspect> {
-        let begin_ns = self.grid.begin_of(tick);
-        let trace = self.traces.get(&tick).copied().unwrap_or_default();
-        let mut suspects = Vec::new();
-        for (i, stage) in STAGES.into_iter().enumerate() {
-            let before = i.checked_sub(1);
-            let sent_ns = before.and_then(|before| trace[before]).map(|passage| passage.send_ns);
-            let cut_off_ns = begin_ns + self.grid.period_ns * stage.deadline_percent() / 100;
-            let came_in_time = i == 0 || sent_ns.is_some_and(|ns| ns <= cut_off_ns);
-            let is_fresh = trace[i].map_or(came_in_time, |passage| passage.is_fresh);
-            let (due_ns, usual_ns) = match sent_ns {
-                _ if i == 0 => (begin_ns, self.usual(|k, trace| Some(trace[0]?.receive_ns.saturating_sub(k)))),
-                Some(sent_ns) if is_fresh => {
-                    let hop = |trace: &TickPassages| Some(trace[i]?.receive_ns.saturating_sub(trace[i - 1]?.send_ns));
-                    (sent_ns, self.usual(|_, trace| hop(trace)))
-                }
-                _ => (cut_off_ns, 0),
-            };
-            if let (false, Some(before)) = (is_fresh, before) {
-                let usual_ns = self.usual(|begin, trace| Some(trace[before]?.send_ns.saturating_sub(begin)));
-                let excess_ns = (cut_off_ns - begin_ns).saturating_sub(usual_ns);
-                let came_ns = trace[before].map_or_else(|| self.next_sign_of(before, tick), |passage| passage.send_ns);
-                suspects.push(Suspect {
-                    stage: STAGES[before],
-                    delay: Delay::Input,
-                    from_ns: begin_ns + usual_ns,
-                    to_ns: came_ns.max(cut_off_ns),
-                    excess_ns,
-                    share_ns: excess_ns,
-                });
-                // Without a state of the tick the outer loop publishes nothing, as it should.
-                if stage == Role::Outer {
-                    continue;
-                }
-            }
-            let receive_ns = trace[i].map_or_else(|| self.next_sign_of(i, tick), |passage| passage.receive_ns);
-            let sure_ns = trace[i].map_or(self.grid.begin_of(tick + 1), |passage| passage.receive_ns);
-            suspects.push(Suspect {
-                stage,
-                delay: Delay::Wake,
-                from_ns: due_ns,
-                to_ns: receive_ns.max(due_ns),
-                excess_ns: receive_ns.saturating_sub(due_ns).saturating_sub(usual_ns),
-                share_ns: sure_ns.saturating_sub(due_ns).saturating_sub(usual_ns),
-            });
-            if let Some(passage) = trace[i] {
-                let computed_ns = passage.send_ns.saturating_sub(passage.receive_ns);
-                let excess_ns = computed_ns.saturating_sub(self.compute(i));
-                suspects.push(Suspect {
-                    stage,
-                    delay: Delay::Compute,
-                    from_ns: passage.receive_ns,
-                    to_ns: passage.send_ns,
-                    excess_ns,
-                    share_ns: excess_ns,
-                });
-            }
-        }
-        suspects.retain(|suspect| suspect.share_ns > 0);
-        suspects
-    }
-
-    /// What a duration usually is in the ticks around; `pick` is given the beginning of the tick.
-    fn usual(&self, pick: impl Fn(u64, &TickPassages) -> Option<u64>) -> u64 {
-        let others = self.traces.iter().filter(|(tick, _)| !(self.outage.first..=self.outage.last).contains(tick));
-        usual_of(others.filter_map(|(other, trace)| pick(self.grid.begin_of(*other), trace)).collect())
-    }
-
-    fn compute(&self, stage: usize) -> u64 {
-        self.usual(|_, trace| {
-            let passage = trace[stage]?;
-            Some(passage.send_ns.saturating_sub(passage.receive_ns))
-        })
-    }
-
-    /// When a stage woke for the first time after a tick that it left out [ns].
-    fn next_sign_of(&self, stage: usize, tick: u64) -> u64 {
-        let later = self.traces.range(tick + 1..).find_map(|(_, trace)| trace[stage]);
-        later.map_or(self.until_ns, |passage| passage.receive_ns)
-    }
-
     /// Whether the recorder lost messages between the first and the last sample.
     #[must_use]
     pub fn messages_lost(&self) -> bool {
@@ -290,9 +162,10 @@ impl Scene<'_> {
         usage.is_stopped = self.samples.iter().filter(meanwhile).any(|sample| of(sample).life == Life::Stopped);
         // A successor works before anybody looks.
         let next = self.samples.iter().find(|sample| sample.at_ns > until_ns);
-        let is_another = |sample: &CounterSample| before.is_some_and(|before| before.pid != of(sample).pid);
-        usage.is_dead = self.samples.iter().filter(meanwhile).any(|sample| of(sample).life == Life::Dead)
-            || self.samples.iter().filter(meanwhile).chain(next).any(is_another);
+        let mut pids = self.samples.iter().filter(meanwhile).chain(next).map(|sample| of(sample).pid);
+        usage.successor = before.and_then(|before| pids.find(|pid| *pid != before.pid));
+        usage.is_dead = usage.successor.is_some()
+            || self.samples.iter().filter(meanwhile).any(|sample| of(sample).life == Life::Dead);
         let Some((first, last)) = self.around(suspect) else { return usage };
         if of(first).pid == of(last).pid {
             let beyond = |count: fn(&Counters) -> u64| self.beyond_usual(suspect, |sample| count(&of(sample)));

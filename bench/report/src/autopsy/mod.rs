@@ -17,6 +17,7 @@ pub mod classes;
 pub mod evidence;
 pub mod runners;
 pub mod section;
+pub mod suspects;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 

@@ -34,7 +34,7 @@ pub fn figures(report: &Report) -> Vec<Figure> {
         figure(Subject::Tracking, "position error, rms [m]", Some(performance.position_error_rms_m)),
         figure(Subject::Tracking, "position error, largest [m]", Some(performance.position_error_max_m)),
         figure(Subject::Tracking, "position error, at the end [m]", Some(performance.position_error_final_m)),
-        figure(Subject::Tracking, "rate error, at the end [rad/s]", Some(performance.rate_error_final_rad_s)),
+        figure(Subject::Tracking, "rate error, at the end [rad/s]", performance.rate_error_final_rad_s),
         figure(Subject::Timing, "deadlines missed [per million]", per_million(report.deadlines.missed)),
         figure(Subject::Timing, "ticks skipped [per million]", per_million(report.ticks.skipped)),
     ];

@@ -1,10 +1,15 @@
 //! Charts of a flight over time and in space.
 
+use crate::injected::InjectedFault;
+use crate::laws::SignalSection;
 use crate::plot::scale::Scale;
 use crate::plot::{Axis, Chart, HEIGHT, Layer, WIDTH, through};
-use crate::schema::{AppliedSwap, LateStretchSection};
+use crate::schema::{LateStretchSection, Report};
+use crate::swaps::AppliedSwap;
 use crate::traces::{self, Group, Path, Traces};
 
+/// Shortest axis of an estimate, as a share of the true value.
+const LEAST_OF_TRUTH: f64 = 3e-3;
 /// Names of a vector's components: also their colours.
 const AXES: [&str; 3] = ["x", "y", "z"];
 /// Likewise of the attitude's.
@@ -17,11 +22,15 @@ pub const ROTORS: [&str; 4] = ["rotor-1", "rotor-2", "rotor-3", "rotor-4"];
 /// Height of a picture of the path [pixels].
 const PATH_HEIGHT: f64 = 330.0;
 
+/// Height of a chart of which there are many [pixels].
+const LOW: f64 = 150.0;
+
 /// Draws charts of a flight.
 #[derive(Clone, Copy, Debug)]
 pub struct Figures<'a> {
     traces: &'a Traces,
     swaps: &'a [AppliedSwap],
+    faults: &'a [InjectedFault],
     late: &'a [LateStretchSection],
     period_s: f64,
 }
@@ -35,7 +44,19 @@ impl<'a> Figures<'a> {
         late: &'a [LateStretchSection],
         period_s: f64,
     ) -> Self {
-        Self { traces, swaps, late, period_s }
+        Self { traces, swaps, faults: &[], late, period_s }
+    }
+
+    /// Of the flight of a report.
+    #[must_use]
+    pub fn of(traces: &'a Traces, report: &'a Report) -> Self {
+        Self::new(traces, &report.swaps, &report.deadlines.stretches, report.run.period_us / 1e6).faulty(&report.faults)
+    }
+
+    /// The same with marks of the flight's faults.
+    #[must_use]
+    pub const fn faulty(self, faults: &'a [InjectedFault]) -> Self {
+        Self { faults, ..self }
     }
 
     /// Roll, pitch or yaw, with what the outer loop wants.
@@ -80,7 +101,7 @@ impl<'a> Figures<'a> {
     /// The torque demanded.
     #[must_use]
     pub fn torque(&self) -> Chart {
-        self.three("torque [N m]", ANGLES, traces::TORQUE, 1e-4)
+        self.three("torque [N m]", ANGLES, traces::TORQUE, 1e-7)
     }
 
     /// The speeds commanded.
@@ -95,7 +116,10 @@ impl<'a> Figures<'a> {
     pub fn estimate(&self, i: usize) -> Chart {
         let label = ["I_R [kg m^2]", "k_r [N m s]", "delta [rad/s^2]"][i];
         let lines = [("reference", traces::ACTUAL[i]), (ESTIMATED[i], traces::ESTIMATE[i])];
-        self.over_time(label.into(), &lines, [1e-7, 1e-4, 1e-4][i])
+        // An airframe of any size fills its axis.
+        let actual = self.values(&self.traces.flight, &lines[..1]).map(f64::abs).fold(0.0, f64::max);
+        let least = if actual > 0.0 { LEAST_OF_TRUTH * actual } else { [1e-7, 1e-4, 1e-4][i] };
+        self.over_time(label.into(), &lines, least)
     }
 
     /// What an estimate is off by.
@@ -103,6 +127,18 @@ impl<'a> Figures<'a> {
     pub fn estimate_error(&self, i: usize) -> Chart {
         let label = ["error of I_R [kg m^2]", "error of k_r [N m s]", "error of delta [rad/s^2]"][i];
         self.over_time(label.into(), &[(ESTIMATED[i], traces::ESTIMATE_ERROR[i])], [1e-9, 1e-6, 1e-6][i])
+    }
+
+    /// A signal of a role's law, low, as there may be many.
+    #[must_use]
+    pub fn signal(&self, role: &'static str, group: &'a Group, signal: &SignalSection) -> Chart {
+        /// Least length of an axis, as a share of the numbers on it.
+        const LEAST: f64 = 1e-3;
+        let line = (role, signal.name.as_str());
+        let most = self.values(group, &[line]).fold(0.0, |most: f64, value| most.max(value.abs()));
+        let scale = Scale::linear(self.values(group, &[line]), if most > 0.0 { LEAST * most } else { 1.0 });
+        let chart = self.marked(signal.unit.clone(), scale, vec![self.line(group, &line)]);
+        Chart { title: format!("{} over time", signal.name), height: LOW, ..chart }
     }
 
     /// V and V_th.
@@ -208,17 +244,22 @@ impl<'a> Figures<'a> {
         spans.into_iter().flat_map(|span| [span.min, span.max])
     }
 
-    /// A chart over the whole flight, with its swaps and missed deadlines below what it shows.
+    /// A chart over the whole flight, with its swaps, faults and missed deadlines below what it shows.
     fn marked(&self, label: String, scale: Scale, layers: Vec<Layer>) -> Chart {
         let end_s = [&self.traces.flight, &self.traces.timing]
             .into_iter()
-            .filter_map(|group| group.tick.last().map(|tick| self.time_s(tick + group.every_ticks - 1)))
+            .filter_map(|group| group.tick.last().map(|tick| self.time_s(tick + group.every_ticks.saturating_sub(1))))
             .fold(0.0, f64::max);
         let marks = [
             Layer::Verticals { class: "missed", at: self.misses(end_s) },
             Layer::Verticals {
                 class: "swap",
-                at: self.swaps.iter().map(|swap| (swap.time_s, swap_words(swap))).collect(),
+                at: self
+                    .swaps
+                    .iter()
+                    .map(|swap| (swap.time_s, swap_words(swap)))
+                    .chain(self.faults.iter().flat_map(InjectedFault::marks))
+                    .collect(),
             },
         ];
         Chart {
@@ -266,9 +307,7 @@ fn widened(scale: Scale, factor: f64) -> Scale {
 }
 
 fn swap_words(swap: &AppliedSwap) -> String {
-    let changes: Vec<String> =
-        swap.changes.iter().map(|change| format!("{} {} -> {}", change.name, change.old, change.new)).collect();
-    format!("swap at {:.3} s: {}", swap.time_s, changes.join(", "))
+    format!("swap at {:.3} s: {}", swap.time_s, swap.words())
 }
 
 fn miss_words(stretch: &LateStretchSection) -> String {

@@ -1,13 +1,14 @@
-//! The flight: the paper's figures, drawn for this flight.
+//! The flight: the paper's figures, drawn for this flight, and what its laws show.
 
 use maud::{Markup, html};
 
 use crate::page::figures::{ESTIMATED, Figures, ROTORS};
 use crate::page::parts::{self, Key, cell, chart, number, table};
+use crate::page::telemetry;
 use crate::schema::Report;
 use crate::text;
 
-/// Attitude, position, errors, torque, rotors, estimates, path.
+/// Attitude, position, errors, torque, rotors, path; estimates of a law that has some; each law's telemetry.
 pub fn section(report: &Report) -> Markup {
     let flight = &report.flight;
     let estimates = flight.estimates.iter().map(|estimate| {
@@ -18,20 +19,25 @@ pub fn section(report: &Report) -> Markup {
         p {
             "Position error rms " (number(flight.position_error_rms_m)) " m, largest "
             (number(flight.position_error_max_m)) " m, at the end " (number(flight.position_error_final_m))
-            " m, over " (flight.states) " states" (text::without_state(report)) "; rate error at the end "
-            span.nobreak { (number(flight.rate_error_final_rad_s)) " rad/s" } "; rotors saturated in "
-            (parts::count(flight.saturated_ticks, "tick")) "."
+            " m, over " (parts::count(flight.states, "state")) (text::without_state(report))
+            @if let Some(e) = flight.rate_error_final_rad_s {
+                "; rate error of the inner law at the end " span.nobreak { (number(e)) " rad/s" }
+            }
+            "; rotors saturated in " (parts::count(flight.saturated_ticks, "tick")) "."
         }
         (plots(report))
-        h3 { "Estimates at the end" }
-        (table(&["parameter", "estimated", "true"], estimates))
+        @if !flight.estimates.is_empty() {
+            h3 { "Estimates at the end" }
+            (table(&["parameter", "estimated", "true"], estimates))
+        }
+        (telemetry::laws(report))
     };
     parts::section("flight", "Flight", content)
 }
 
 fn plots(report: &Report) -> Markup {
     let Some(traces) = &report.traces else { return html! {} };
-    let figures = Figures::new(traces, &report.swaps, &report.deadlines.stretches, report.run.period_us / 1e6);
+    let figures = Figures::of(traces, report);
     const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
     const AXES: [&str; 3] = ["x", "y", "z"];
     const AXIS_KEYS: [Key<'_>; 3] = [("x", "x"), ("y", "y"), ("z", "z")];
@@ -54,20 +60,24 @@ fn plots(report: &Report) -> Markup {
                     &[(AXES[i], "actual"), ("reference", "reference")], &figures.position(i)))
             }
             (chart("position-error", "Tracking error: position", &AXIS_KEYS, &figures.position_error()))
-            (chart("rate-error", "Tracking error: body rates", &ANGLE_KEYS, &figures.rate_error()))
+            @if traces.has_rate_error() {
+                (chart("rate-error", "Tracking error: body rates", &ANGLE_KEYS, &figures.rate_error()))
+            }
             (chart("distance", "Distance from the reference", &[], &figures.distance()))
             (chart("thrust", "Thrust demanded", &[], &figures.thrust()))
             (chart("torque", "Torque demanded", &ANGLE_KEYS, &figures.torque()))
             (chart("rotors", "Rotor speeds", &rotors, &figures.rotor_speeds()))
         }
-        div.plots {
-            @for i in 0..3 {
-                (chart(ESTIMATED[i], &format!("Estimate of {}", symbols[i]),
-                    &[(ESTIMATED[i], "estimated"), ("reference", "true")], &figures.estimate(i)))
-            }
-            @for i in 0..3 {
-                (chart(&format!("{}-error", ESTIMATED[i]), &format!("Estimation error of {}", symbols[i]),
-                    &[(ESTIMATED[i], "estimated less true")], &figures.estimate_error(i)))
+        @if traces.has_estimates() {
+            div.plots {
+                @for i in 0..3 {
+                    (chart(ESTIMATED[i], &format!("Estimate of {}", symbols[i]),
+                        &[(ESTIMATED[i], "estimated"), ("reference", "true")], &figures.estimate(i)))
+                }
+                @for i in 0..3 {
+                    (chart(&format!("{}-error", ESTIMATED[i]), &format!("Estimation error of {}", symbols[i]),
+                        &[(ESTIMATED[i], "estimated less true")], &figures.estimate_error(i)))
+                }
             }
         }
         div.plots {

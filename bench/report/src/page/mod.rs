@@ -6,10 +6,11 @@ pub mod figures;
 mod flight;
 mod histograms;
 mod outages;
-mod parts;
+pub mod parts;
 pub mod picture;
 mod setup;
 mod summary;
+mod telemetry;
 mod theorem;
 mod timing;
 
@@ -33,7 +34,26 @@ const POLICY: &str =
 #[must_use]
 pub fn render(report: &Report) -> String {
     let run = &report.run;
-    let build = run.build.of_version(&run.version);
+    let build = run.build.of_version(&run.version).to_string();
+    let body = html! {
+        (summary::head(report))
+        (summary::contents(report))
+        main {
+            (timing::section(report))
+            (outages::section(report))
+            (summary::section(report))
+            (flight::section(report))
+            (theorem::section(report))
+            (setup::section(report))
+        }
+        footer { "ironbird " (build) ", report.json of " (run.started) }
+    };
+    document(&text::title(run), &build, body)
+}
+
+/// A page of its own that a build has made.
+#[must_use]
+pub fn document(title: &str, build: &str, body: Markup) -> String {
     let page: Markup = html! {
         (DOCTYPE)
         html lang="en" {
@@ -44,21 +64,11 @@ pub fn render(report: &Report) -> String {
                 meta name="generator" content=(format!("ironbird {build}"));
                 // An empty picture, so that no browser asks a server for one.
                 link rel="icon" href="data:,";
-                title { (text::title(run)) }
+                title { (title) }
                 style { (PreEscaped(STYLE)) (PreEscaped(PAGE_STYLE)) }
             }
             body {
-                (summary::head(report))
-                (summary::contents(report))
-                main {
-                    (timing::section(report))
-                    (outages::section(report))
-                    (summary::section(report))
-                    (flight::section(report))
-                    (theorem::section(report))
-                    (setup::section(report))
-                }
-                footer { "ironbird " (build) ", report.json of " (run.started) }
+                (body)
                 script { (PreEscaped(READOUT)) }
             }
         }

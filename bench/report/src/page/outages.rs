@@ -16,6 +16,10 @@ pub fn section(report: &Report) -> Markup {
     }
     let tick_us = report.run.wall_period_us;
     let content = html! {
+        @if !report.deaths.is_empty() {
+            h3 { "Processes that ended in flight" }
+            ul { @for death in &report.deaths { li { (death.line()) } } }
+        }
         p { "An outage is a row of ticks in which a deadline was missed, or a stage did not work on its input." }
         (table(&["cause", "stage", "outages", "deadlines missed"], autopsy.classes.iter().map(|class| {
             vec![

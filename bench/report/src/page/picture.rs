@@ -1,12 +1,13 @@
 //! The flight as one picture, flight.svg.
 //!
-//! It shows path, height, position error and estimates, and marks the swaps.
+//! It shows path, height, position error and estimates, of a law without estimates the attitude, and marks the swaps.
 
 use maud::{Markup, PreEscaped, html};
 
+use crate::injected::InjectedFault;
 use crate::page::figures::Figures;
 use crate::plot::{Chart, HEIGHT, STYLE, WIDTH};
-use crate::schema::AppliedSwap;
+use crate::swaps::AppliedSwap;
 use crate::traces::Traces;
 
 /// Space around charts [pixels].
@@ -18,8 +19,8 @@ const HEADING: f64 = 62.0;
 
 /// Draws the picture of a flight whose laws' ticks are `period_s` [s] long.
 #[must_use]
-pub fn render(traces: &Traces, swaps: &[AppliedSwap], period_s: f64, title: &str) -> String {
-    let figures = Figures::new(traces, swaps, &[], period_s);
+pub fn render(traces: &Traces, swaps: &[AppliedSwap], faults: &[InjectedFault], period_s: f64, title: &str) -> String {
+    let figures = Figures::new(traces, swaps, &[], period_s).faulty(faults);
     let path = figures.path(0, 1);
     let mut rows: Vec<(f64, f64, String, Chart)> = Vec::new();
     let left = GAP;
@@ -33,10 +34,16 @@ pub fn render(traces: &Traces, swaps: &[AppliedSwap], period_s: f64, title: &str
     }
     let mut below = HEADING;
     for i in 0..3 {
-        let chart = figures.estimate(i);
-        rows.push((right, below, format!("estimate of {}", ["I_R", "k_r", "delta"][i]), chart));
+        let (title, chart) = if traces.has_estimates() {
+            (format!("estimate of {}", ["I_R", "k_r", "delta"][i]), figures.estimate(i))
+        } else {
+            (["roll", "pitch", "yaw"][i].to_owned(), figures.attitude(i))
+        };
+        rows.push((right, below, title, chart));
         below += TITLE + HEIGHT + GAP;
     }
+    let [flown, reference] =
+        if traces.has_estimates() { ["flown, estimated", "reference, true"] } else { ["flown", "reference"] };
     let (width, height) = (right + WIDTH + GAP, below_path.max(below));
     let picture: Markup = html! {
         svg xmlns="http://www.w3.org/2000/svg" viewBox=(format!("0 0 {width} {height}"))
@@ -44,7 +51,7 @@ pub fn render(traces: &Traces, swaps: &[AppliedSwap], period_s: f64, title: &str
             style { (PreEscaped(STYLE)) (PreEscaped(OWN_STYLE)) }
             rect.card x="0" y="0" width=(width) height=(height) {}
             text.heading x=(GAP) y="28" { (title) }
-            (key(GAP, &[("flown", "flown, estimated"), ("reference", "reference, true"), ("swap", "live swap")]))
+            (key(GAP, &[("flown", flown), ("reference", reference), ("swap", if faults.is_empty() { "live swap" } else { "swap, fault" })]))
             @for (x, y, title, chart) in &rows {
                 text.title x=(x) y=(y + 12.0) { (title) }
                 (chart.svg(Some([*x, y + TITLE, WIDTH, chart.height])))

@@ -6,6 +6,7 @@ use model::role::STAGES;
 use crate::losses;
 use crate::page::parts::{self, cell, table};
 use crate::schema::{Report, RoleSection};
+use crate::text;
 
 /// The section.
 pub fn section(report: &Report) -> Markup {
@@ -15,7 +16,7 @@ pub fn section(report: &Report) -> Markup {
         (rejections(report))
         h3 { "Real time, asked and granted" }
         (realtime(report))
-        p { (report.lead.text(report.ticks.run)) }
+        @if let Some(lead) = text::lead(report) { p { (lead) } }
         div.columns {
             div { h3 { "Machine" } (machine(report)) }
             div { h3 { "Recorder" } (recorder(report)) }

@@ -2,12 +2,13 @@
 
 use maud::{Markup, html};
 
-use crate::losses;
 use crate::page::parts::{self, cell, table, us};
 use crate::schema::Report;
 use crate::status::FlightStatus;
+use crate::swaps::seconds;
 use crate::text;
 use crate::words::{FlightWord, TheoremWord, TimingWord, Words};
+use crate::{laws, losses};
 
 /// What was flown, the three words, key numbers.
 pub fn head(report: &Report) -> Markup {
@@ -17,16 +18,17 @@ pub fn head(report: &Report) -> Markup {
     html! {
         header {
             h1 {
-                (text::flown(&run.trajectory, &run.preset)) " "
+                (run.flown()) " "
                 span.verdict.bad[failed] { (verdict.words()) }
             }
             (words(report))
             @for sentence in losses::sentences(report) { p.bad { (sentence) } }
+            @if !run.last_words.is_empty() { p { (run.ending) ". What it said last:" } pre { (run.last_words.join("\n")) } }
             (tiles(report))
             p {
                 (run.started) ", instance " (run.instance) ", "
                 @if run.in_flight { "in flight: numbers so far, plots come with its end" } @else { (run.ending) }
-                ". " (text::pace(report)) ". " (text::machine(report)) ". Real time here: " (text::here(report)) "."
+                ". " (text::pace(report)) ". Laws: " (laws::flown(&run.laws)) ". " (text::machine(report)) ". Real time here: " (text::here(report)) "."
             }
         }
     }
@@ -47,7 +49,7 @@ fn tones(words: &Words) -> [&'static str; 3] {
     let theorem = match words.theorem.word {
         TheoremWord::Holds => "good",
         TheoremWord::Broken => "bad",
-        TheoremWord::NotApplicable => "open",
+        TheoremWord::NotApplicable | TheoremWord::PartlyWatched => "open",
     };
     [flight, timing, theorem]
 }
@@ -140,6 +142,10 @@ pub fn section(report: &Report) -> Markup {
             @if report.swaps.is_empty() { p { "No parameter of the airframe was swapped." } }
             @else { (swaps(report)) }
             @if report.swaps_left_out > 0 { p { "And " (report.swaps_left_out) " later ones." } }
+            @if !report.faults.is_empty() {
+                h3 { "Faults of messages" }
+                (faults(report))
+            }
         },
     )
 }
@@ -153,8 +159,17 @@ fn swaps(report: &Report) -> Markup {
                 cell(swap.tick),
                 cell(change.old),
                 cell(change.new),
+                cell(if change.over_s > 0.0 { seconds(change.over_s) } else { "at once".into() }),
             ]
         })
     });
-    table(&["parameter", "at", "tick", "old", "new"], rows)
+    table(&["parameter", "at", "tick", "old", "new", "over"], rows)
+}
+
+fn faults(report: &Report) -> Markup {
+    let rows = report.faults.iter().map(|fault| {
+        let until = fault.to_s.map_or_else(|| "for good".into(), |to_s| format!("{to_s:.3} s"));
+        vec![cell(&fault.what), cell(format!("{:.3} s", fault.time_s)), cell(fault.tick), cell(until)]
+    });
+    table(&["fault", "from", "tick", "until"], rows)
 }

@@ -10,6 +10,9 @@ use crate::text::theorem::explained;
 /// The section.
 pub fn section(report: &Report) -> Markup {
     let theorem = &report.theorem;
+    if let Some(why) = theorem.inapplicable() {
+        return parts::section("theorem", "Theorem", html! { p { "Not applicable: " (why) "." } });
+    }
     if theorem.ticks_checked == 0 {
         let content = html! { p { "Not watched: no step of the estimates was seen." } };
         return parts::section("theorem", "Theorem", content);
@@ -60,7 +63,7 @@ fn exponent(value: f64) -> Markup {
 
 fn plots(report: &Report) -> Markup {
     let Some(traces) = &report.traces else { return html! {} };
-    let figures = Figures::new(traces, &report.swaps, &report.deadlines.stretches, report.run.period_us / 1e6);
+    let figures = Figures::of(traces, report);
     let keys = [("v", "V"), ("v_th", "V_th")];
     html! {
         div.plots {

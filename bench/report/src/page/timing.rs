@@ -93,7 +93,7 @@ fn stage_bars(report: &Report, pick: fn(&Statistics) -> Option<f64>) -> Vec<Bar>
 
 fn over_time(report: &Report) -> Markup {
     let Some(traces) = &report.traces else { return html! {} };
-    let figures = Figures::new(traces, &report.swaps, &report.deadlines.stretches, report.run.period_us / 1e6);
+    let figures = Figures::of(traces, report);
     let tick_us = Some(report.run.wall_period_us).filter(|us| *us > 0.0);
     html! {
         h3 { "Over time" }

@@ -136,16 +136,17 @@ fn linear_ticks(low: f64, high: f64, about: usize) -> Vec<Tick> {
     let (first, last) = ((low / step - 1e-6).ceil() as i64, (high / step + 1e-6).floor() as i64);
     let decimals = (-step.log10().floor()).max(0.0) as usize;
     let largest = low.abs().max(high.abs());
+    // All of an axis have the power of ten of the largest, so that they can be compared at a glance.
+    let furthest = first.saturating_abs().max(last.saturating_abs()) as f64 * step;
+    let exponent = furthest.log10().floor();
+    let digits = (exponent - step.log10().floor()).max(0.0) as usize;
     (first..=last)
         .take(TICKS_MOST)
         .map(|i| {
             let value = i as f64 * step;
             let label = match i {
                 0 => "0".into(),
-                _ if decimals > 4 || largest >= 1e6 => {
-                    let digits = (value.abs().log10().floor() - step.log10().floor()).max(0.0) as usize;
-                    format!("{value:.digits$e}")
-                }
+                _ if decimals > 4 || largest >= 1e6 => format!("{:.digits$}e{exponent}", value / 10_f64.powf(exponent)),
                 _ => format!("{value:.decimals$}"),
             };
             Tick { value, label }
@@ -218,6 +219,10 @@ mod tests {
             labels(Scale::Linear { low: 1e-5, high: 1.25e-5 }),
             ["1.00e-5", "1.05e-5", "1.10e-5", "1.15e-5", "1.20e-5", "1.25e-5"]
         );
+        // As of the Crazyflie's I_R: one power of ten, and as many digits.
+        assert_eq!(labels(Scale::Linear { low: -7e-9, high: 1.2e-7 }), ["0", "0.5e-7", "1.0e-7"]);
+        assert_eq!(labels(Scale::Linear { low: -1e-6, high: 2.1e-5 }), ["0", "0.5e-5", "1.0e-5", "1.5e-5", "2.0e-5"]);
+        assert_eq!(labels(Scale::Linear { low: -1.2e6, high: 1.1e6 }), ["-1.0e6", "-0.5e6", "0", "0.5e6", "1.0e6"]);
     }
 
     #[test]

@@ -1,10 +1,12 @@
 //! What the recorder counts: every message once, from its stamps and content.
 
 pub mod deadlines;
+pub mod deaths;
 pub mod distribution;
 mod flight;
 mod lead;
 pub mod series;
+pub mod telemetry;
 pub mod theorem;
 mod timing;
 pub mod tracer;
@@ -17,14 +19,19 @@ use model::grid::{Grid, Pace};
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::monitor::Monitor;
 use model::role::Role;
+use model::telemetry::LAW_ROLES;
 use model::topic::Topic;
 
 use crate::autopsy::Autopsy;
+use crate::laws::{FlownLaws, NotFinite};
 use crate::schema;
+use crate::swaps;
 use crate::tally::deadlines::{Deadlines, LateCommands, MissRuns};
+use crate::tally::deaths::DeathTally;
 use crate::tally::flight::FlightTally;
 use crate::tally::lead::LeadTally;
 use crate::tally::series::SeriesSet;
+use crate::tally::telemetry::TelemetryTally;
 use crate::tally::theorem::TheoremTally;
 use crate::tally::timing::{StampedCommand, StampedPassage};
 use crate::tally::tracer::Tracer;
@@ -52,6 +59,8 @@ pub struct Tally {
     deadlines: Option<Deadlines>,
     /// Why deadlines were missed; in lockstep there are none.
     pub autopsy: Option<Autopsy>,
+    /// Processes that ended in flight.
+    pub deaths: DeathTally,
     /// Misses by the stamps.
     pub late_commands: LateCommands,
     leads: LeadTally,
@@ -67,10 +76,15 @@ pub struct Tally {
     sequences: [Sequence; TOPICS.len()],
     flight: FlightTally,
     recent: RecentStates,
+    /// Answers that could not be used, of outer, inner and mixer law.
+    pub not_finite: [NotFinite; 3],
+    laws: FlownLaws,
+    /// What outer, inner and mixer law show.
+    pub telemetry: [TelemetryTally; LAW_ROLES.len()],
     /// The theorem, watched.
     pub theorem: TheoremTally,
     /// The first [`SWAPS_KEPT`] swaps.
-    pub swaps: Vec<schema::AppliedSwap>,
+    pub swaps: Vec<swaps::AppliedSwap>,
     /// All that came.
     pub swaps_seen: u64,
     /// The flight over time.
@@ -126,6 +140,7 @@ impl Tally {
             miss_runs: MissRuns::default(),
             deadlines: grid.map(Deadlines::new),
             autopsy: None,
+            deaths: DeathTally::new(tracking.period_s()),
             late_commands: LateCommands::default(),
             tracer: Tracer::new(tracking),
             leads: LeadTally::new()?,
@@ -137,6 +152,9 @@ impl Tally {
             sequences: [Sequence::default(); TOPICS.len()],
             flight: FlightTally::default(),
             recent: RecentStates::new(tracking.period_s()),
+            not_finite: [NotFinite::default(); 3],
+            laws: FlownLaws::default(),
+            telemetry: [TelemetryTally::new(&[]); LAW_ROLES.len()],
             theorem: TheoremTally::default(),
             swaps: Vec::new(),
             swaps_seen: 0,
@@ -154,12 +172,21 @@ impl Tally {
         Ok(Self { joins: true, deadlines: tally.grid.map(Deadlines::joining), ..tally })
     }
 
+    /// Follows what these laws show, from the next message on.
+    pub fn flown_by(&mut self, laws: FlownLaws) {
+        self.laws = laws;
+        self.telemetry = LAW_ROLES.map(|role| TelemetryTally::new(laws.signals.of(role)));
+        self.tracer.flown_by(laws);
+        laws.without_theorem.into_iter().for_each(|law| self.theorem.does_not_apply(law));
+    }
+
     /// Whether messages of the topic are missing before this one.
     fn follow<C: Topic>(&mut self, topic: usize, message: &Message<C>) -> bool {
         self.sequences[topic].follow(message.envelope.epoch, message.envelope.seq, self.joins)
     }
 
     fn keep_stamps<C: Topic>(&mut self, message: &Message<C>) {
+        self.deaths.message(message);
         if let Some(autopsy) = &mut self.autopsy {
             autopsy.stamps(message);
         }
@@ -178,6 +205,7 @@ impl Tally {
         let tick = message.envelope.tick;
         self.newest = Some((tick, message.envelope.sample_ns));
         self.skipped = message.content.ticks_skipped;
+        self.deaths.message(message);
         self.stage(Self::passage(message, unseen));
         self.settle(tick, tick.checked_sub(1));
         if let Some(autopsy) = &mut self.autopsy {
@@ -194,8 +222,9 @@ impl Tally {
         }
         self.miss_runs.update(state.deadlines_missed, state.deadline_miss_run);
         let error_m = self.tracking.error_m(tick, state);
+        self.deaths.error(tick, error_m);
         self.flight.tracking.take(error_m);
-        self.recent.take(tick, state.position_w_m[2], error_m);
+        self.recent.take(tick, state.truth.position_w_m[2], error_m);
         self.flight.truth = state.truth.theta();
         self.theorem.truth(self.flight.truth);
     }
@@ -210,6 +239,8 @@ impl Tally {
     pub fn setpoint(&mut self, message: &Message<Setpoint>) {
         let follows_loss = self.follow(1, message);
         self.keep_stamps(message);
+        self.not_finite[0].take(message.envelope.tick, message.content.mode);
+        self.telemetry[0].take(&message.content.telemetry);
         let hop = Self::hop(Role::Plant, message.envelope.input_tick[0], message);
         self.stage(StampedPassage { hop, ..Self::passage(message, follows_loss) });
     }
@@ -218,10 +249,11 @@ impl Tally {
     pub fn wrench(&mut self, message: &Message<Wrench>) {
         let follows_loss = self.follow(2, message);
         self.keep_stamps(message);
+        self.not_finite[1].take(message.envelope.tick, message.content.mode);
+        self.telemetry[1].take(&message.content.telemetry);
         let hop = Self::hop(Role::Outer, message.envelope.input_tick[1], message);
         self.stage(StampedPassage { hop, ..Self::passage(message, follows_loss) });
-        self.flight.estimate = message.content.estimate;
-        self.flight.rate_error = message.content.rate_error_b_rad_s.iter().map(|e| e * e).sum::<f64>().sqrt();
+        self.flight.shown(&self.laws, &message.content);
     }
 
     /// Takes a rotor command; the mixer's last word has no deadline.
@@ -234,6 +266,8 @@ impl Tally {
             return;
         }
         self.keep_stamps(message);
+        self.not_finite[2].take(envelope.tick, message.content.mode);
+        self.telemetry[2].take(&message.content.telemetry);
         let hop = Self::hop(Role::Inner, envelope.input_tick[2], message);
         let loop_ns = (envelope.sample_ns > 0).then(|| sent_ns.saturating_sub(envelope.sample_ns));
         self.stage(StampedPassage { hop, loop_ns, ..Self::passage(message, follows_loss) });
@@ -252,7 +286,7 @@ impl Tally {
         self.swaps_seen += 1;
         if self.swaps.len() < SWAPS_KEPT {
             let period_s = self.tracking.period_s();
-            self.swaps.push(schema::AppliedSwap::new(message.envelope.tick, period_s, &message.content));
+            self.swaps.push(swaps::AppliedSwap::new(message.envelope.tick, period_s, &message.content));
         }
     }
 
@@ -305,86 +339,4 @@ impl Tally {
 }
 
 #[cfg(test)]
-mod tests {
-    use controller::Trajectory;
-    use model::envelope::{Envelope, Stamps};
-    use model::role::STAGES;
-
-    use super::*;
-
-    #[test]
-    fn ticks_add_up_in_flight_whatever_the_plant_has_skipped_since() {
-        let grid = Grid { t0_ns: 1_000_000_000, period_ns: 1_000_000 };
-        let tracking = Tracking::of(Trajectory::Hover, 1e-3);
-        let mut tally = Tally::new(Pace::Realtime(grid), grid.t0_ns, tracking).unwrap();
-        // Ticks 3 and 4 were skipped.
-        for (seq, tick) in (0..).zip([0, 1, 2, 5, 6]) {
-            let sample_ns = grid.begin_of(tick) + 20_000;
-            let envelope = Envelope { tick, seq, sample_ns, ..Envelope::new() };
-            let content = State { ticks_skipped: if tick > 2 { 2 } else { 0 }, ..State::default() };
-            tally.state(&Message { envelope, content });
-        }
-        let phase =
-            |phase: boards::RunPhase| boards::Run { phase: phase as u64, ticks_skipped: 9, ..boards::Run::default() };
-        let flying = tally.ticks(&phase(boards::RunPhase::Flying));
-        assert_eq!((flying.run, flying.skipped, flying.elapsed_periods, flying.identity_holds), (5, 2, 7, true));
-        // At the end the plant's own count is held against the messages.
-        assert!(!tally.ticks(&phase(boards::RunPhase::Closed)).identity_holds);
-    }
-
-    /// Messages of a tick as a flight on `grid` has them: every 50th is late, and brings a swap.
-    fn take_tick(tally: &mut Tally, grid: Grid, seq: u64, tick: u64) {
-        let envelope = |sent_us: u64| {
-            let mut envelope = Envelope { tick, seq, sample_ns: grid.begin_of(tick) + 20_000, ..Envelope::new() };
-            envelope.input_tick = [tick; 3];
-            let stamps =
-                Stamps { receive_ns: grid.begin_of(tick) + 10_000, send_ns: grid.begin_of(tick) + sent_us * 1000 };
-            envelope.stamps = [stamps; STAGES.len()];
-            envelope
-        };
-        let (is_late, late) = (seq.is_multiple_of(50), seq / 50);
-        let content = State { deadlines_missed: late, deadline_miss_run: u64::from(is_late), ..State::default() };
-        tally.state(&Message { envelope: envelope(20), content });
-        tally.setpoint(&Message { envelope: envelope(30), content: Setpoint::default() });
-        tally.wrench(&Message { envelope: envelope(40), content: Wrench::default() });
-        let sent_us = if is_late { 1_100 } else { 50 };
-        tally.rotor_speeds(&Message { envelope: envelope(sent_us), content: RotorSpeeds::default() });
-        if is_late {
-            let envelope = Envelope { tick, seq: late, ..Envelope::new() };
-            tally.swap(&Message { envelope, content: SwapRecord::default() });
-        }
-    }
-
-    #[test]
-    fn what_is_kept_is_bounded_however_long_a_flight_is() {
-        let grid = Grid { t0_ns: 1_000_000_000, period_ns: 1_000_000 };
-        let mut tally = Tally::new(Pace::Realtime(grid), grid.t0_ns, Tracking::of(Trajectory::Hover, 1e-3)).unwrap();
-        tally.begin_autopsy(true, true);
-        for tick in 0..60_000 {
-            take_tick(&mut tally, grid, tick, tick);
-            if let Some(autopsy) = &mut tally.autopsy {
-                autopsy.look();
-            }
-            assert!(tally.passages.len() <= 8 && tally.commands.len() <= 2, "tick {tick}");
-        }
-        assert_eq!((tally.swaps.len(), tally.swaps_seen), (SWAPS_KEPT, 1200));
-        assert!(tally.late_commands.stretches().len() <= deadlines::KEPT && tally.late_commands.left_out() > 0);
-        assert!(tally.miss_runs.lengths().len() <= 2, "{:?}", tally.miss_runs.lengths());
-        assert_eq!(tally.lost(), [0; TOPICS.len()]);
-    }
-
-    #[test]
-    fn a_flight_of_30_days_is_counted_as_one_of_a_minute_is() {
-        const DAYS_30: u64 = 30 * 86_400_000;
-        let grid = Grid { t0_ns: 1_000_000_000, period_ns: 1_000_000 };
-        let tracking = Tracking::of(Trajectory::Lissajous, 1e-3);
-        let mut tally = Tally::joining(Pace::Realtime(grid), grid.t0_ns, tracking).unwrap();
-        for tick in DAYS_30 - 1000..=DAYS_30 {
-            take_tick(&mut tally, grid, tick, tick);
-        }
-        assert_eq!((tally.states, tally.newest_tick(), tally.lost()), (1001, DAYS_30, [0; TOPICS.len()]));
-        let late = tally.late_commands.stretches();
-        assert!(late.len() >= 20 && late.iter().all(|stretch| stretch.late_ns == 100_000), "{late:?}");
-        assert!(tracking.position_w_m(DAYS_30).iter().all(|m| m.is_finite() && m.abs() < 10.0));
-    }
-}
+mod tests;

@@ -7,9 +7,8 @@ use std::collections::BTreeMap;
 use controller::excitation::EXCITING;
 use model::monitor::{CAUSES, Cause, Monitor};
 use model::parameters::{Airframe, ESTIMATED};
-use serde::{Deserialize, Serialize};
-
-use crate::text::count;
+use serde::ser::SerializeStruct as _;
+use serde::{Deserialize, Serialize, Serializer};
 
 /// Share of a parameter's size, or of what its estimate was off by first, within which it counts as found.
 pub const FOUND: f64 = 0.01;
@@ -19,13 +18,15 @@ pub const NO_CAUSE: &str = "none";
 
 /// The section of the report.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Theorem {
     /// Whether no step was unexplained, and the estimates moved as predicted.
     pub holds: bool,
+    /// The inner law, where it has no theorem with its settings.
+    pub law_without: Option<String>,
     /// Steps of the estimates that were checked.
     pub ticks_checked: u64,
     /// Wrenches that nothing can be said of, because a message before them was lost.
-    #[serde(default)]
     pub ticks_unwatched: u64,
     /// Steps at which V_th rose, or fell by less than the step owes, by cause.
     pub violations: BTreeMap<String, u64>,
@@ -64,12 +65,27 @@ pub struct Theorem {
     /// The least of all 10 s.
     pub excitation_least: f64,
     /// Assumptions that did not hold since the start, or since the last live swap: no bound is proven under them.
-    #[serde(default)]
     pub broken: Vec<String>,
     /// Whether (18) held: every estimate was found.
     pub converged: bool,
     /// Whether (18) held, and why, in words.
     pub convergence: String,
+}
+
+impl Theorem {
+    /// Writes the section; of a law without a theorem, why there is none.
+    ///
+    /// # Errors
+    /// Those of the serializer.
+    pub fn serialize_applicable<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let (Some(law), Some(why)) = (&self.law_without, self.inapplicable()) else {
+            return self.serialize(serializer);
+        };
+        let mut section = serializer.serialize_struct("Theorem", 2)?;
+        section.serialize_field("law_without", law)?;
+        section.serialize_field("not_applicable", &why)?;
+        section.end()
+    }
 }
 
 /// A rise of V_th.
@@ -115,6 +131,8 @@ pub struct TheoremTally {
     broken: u64,
     /// Wrenches that nothing is said of.
     unwatched: u64,
+    /// The inner law, where it has no theorem.
+    law_without: Option<&'static str>,
 }
 
 /// Causes under which the theorem gives the estimates no bound. A live swap is none: the bound begins anew with it.
@@ -123,7 +141,7 @@ const UNBOUNDED: [Cause; 4] = [Cause::OutOfBounds, Cause::BrokenModel, Cause::Gy
 impl Default for TheoremTally {
     fn default() -> Self {
         let built = ESTIMATED.map(|parameter| parameter.spec().nominal);
-        Self { ended: None, newest: None, theta: [0.0; 3], built, broken: 0, unwatched: 0 }
+        Self { ended: None, newest: None, theta: [0.0; 3], built, broken: 0, unwatched: 0, law_without: None }
     }
 }
 
@@ -136,6 +154,17 @@ impl TheoremTally {
     /// Takes the true values of the estimated parameters.
     pub fn truth(&mut self, theta: [f64; 3]) {
         self.theta = theta;
+    }
+
+    /// Follows an inner law without a theorem.
+    pub fn does_not_apply(&mut self, law: &'static str) {
+        self.law_without = Some(law);
+    }
+
+    /// Whether the inner law has a theorem, and so estimates.
+    #[must_use]
+    pub const fn applies(&self) -> bool {
+        self.law_without.is_none()
     }
 
     /// Counts a wrench that nothing is said of.
@@ -162,7 +191,8 @@ impl TheoremTally {
     #[must_use]
     pub fn section(&self) -> Theorem {
         let Some((_, newest)) = self.newest else {
-            return Theorem { ticks_unwatched: self.unwatched, ..Theorem::default() };
+            let law_without = self.law_without.map(str::to_owned);
+            return Theorem { law_without, ticks_unwatched: self.unwatched, ..Theorem::default() };
         };
         let all = self.ended.map_or(newest, |ended| together(&ended, &newest));
         Theorem { ticks_unwatched: self.unwatched, ..Theorem::of(&all, self.theta, self.built, self.broken) }
@@ -218,6 +248,7 @@ impl Theorem {
         let is_live = monitor.is_live == 1;
         Self {
             holds: is_live && monitor.violations[Cause::Unexplained as usize] == 0,
+            law_without: None,
             ticks_checked: monitor.ticks_checked,
             ticks_unwatched: 0,
             violations: by_cause(&monitor.violations),
@@ -250,37 +281,6 @@ impl Theorem {
             excitation: monitor.excitation,
             excitation_least: monitor.excitation_least,
         }
-    }
-
-    /// Unexplained violations.
-    #[must_use]
-    pub fn unexplained(&self) -> u64 {
-        self.violations.get(Cause::Unexplained.name()).copied().unwrap_or(0)
-    }
-
-    /// How many steps were checked, and how often V rose in one.
-    #[must_use]
-    pub fn counts(&self) -> String {
-        let violations = self.violations.values().fold(0, |sum: u64, count| sum.saturating_add(*count));
-        let unexplained = self.unexplained();
-        let mut checked = format!("{} checked", count(self.ticks_checked, "step"));
-        if self.ticks_unwatched > 0 {
-            checked += &format!(", {} not watched after a lost message", self.ticks_unwatched);
-        }
-        match violations {
-            0 => format!("{checked}, V rose in none"),
-            _ => format!("{checked}, V rose in {violations}, {unexplained} of them unexplained"),
-        }
-    }
-
-    /// What the gate `theorem` found.
-    #[must_use]
-    pub fn found(&self) -> String {
-        let unexplained = self.unexplained();
-        format!(
-            "{unexplained} unexplained, estimates {}",
-            if self.is_live { "live" } else { "do not move as predicted" }
-        )
     }
 }
 

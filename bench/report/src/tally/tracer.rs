@@ -5,7 +5,10 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use model::monitor::{CAUSES, Cause};
+use model::role::Role;
+use model::telemetry::LAW_ROLES;
 
+use crate::laws::FlownLaws;
 use crate::states::Joined;
 use crate::traces::{self, Group, Path, Trace, Traces, Violations};
 use crate::tracking::Tracking;
@@ -32,10 +35,13 @@ pub enum Timing {
 #[derive(Debug)]
 pub struct Tracer {
     tracking: Tracking,
+    laws: FlownLaws,
     flight: Stretches<Range>,
     /// Names of the numbers in `flight`; none before the first tick.
     names: Vec<&'static str>,
     timing: Stretches<Range>,
+    /// What the laws show, in the order of [`LAW_ROLES`].
+    telemetry: [Stretches<Range>; LAW_ROLES.len()],
     /// Violations by cause.
     violations: Stretches<u64>,
     /// The monitor's counts so far.
@@ -57,9 +63,11 @@ impl Tracer {
     pub fn new(tracking: Tracking) -> Self {
         Self {
             tracking,
+            laws: FlownLaws::default(),
             flight: Stretches::default(),
             names: Vec::new(),
             timing: Stretches::default(),
+            telemetry: Default::default(),
             violations: Stretches::default(),
             counted: [0; CAUSES],
             path_every_ticks: ((PATH_EVERY_S / tracking.period_s()).round() as u64).max(1),
@@ -67,10 +75,15 @@ impl Tracer {
         }
     }
 
+    /// Follows what these laws show, from the first tick on.
+    pub const fn flown_by(&mut self, laws: FlownLaws) {
+        self.laws = laws;
+    }
+
     /// Takes a state, with what the stages made of it.
     pub fn take(&mut self, joined: &Joined) {
         let (tick, reference) = (joined.tick, self.tracking.position_w_m(joined.tick));
-        let channels = channels(joined, reference, self.tracking.error_m(tick, &joined.state));
+        let channels = channels(joined, &self.laws, reference, self.tracking.error_m(tick, &joined.state));
         if self.names.is_empty() {
             self.names = channels.iter().map(|(name, _)| *name).collect();
         }
@@ -80,11 +93,18 @@ impl Tracer {
         {
             *range = range.and(Range::of(value));
         }
+        for ((stretches, role), shown) in self.telemetry.iter_mut().zip(LAW_ROLES).zip(joined.telemetry()) {
+            let signals = self.laws.signals.of(role);
+            let Some(shown) = shown.filter(|_| !signals.is_empty()) else { continue };
+            for (range, (_, value)) in stretches.at(tick, signals.len()).iter_mut().zip(shown.of(signals)) {
+                *range = range.and(Range::of(value));
+            }
+        }
         if tick.is_multiple_of(self.path_every_ticks) {
             if self.path.len() == PATH_SAMPLES {
                 self.path.pop_front();
             }
-            self.path.push_back(PathSample { tick, position: joined.state.position_w_m, reference });
+            self.path.push_back(PathSample { tick, position: joined.state.measured.position_w_m, reference });
         }
         let counts = joined.monitor.map_or(self.counted, |monitor| monitor.violations);
         if counts != self.counted {
@@ -114,8 +134,17 @@ impl Tracer {
                 position_w_m: sample(|s| s.position),
                 reference_w_m: sample(|s| s.reference),
             },
+            telemetry: self.by_role(),
             violations: self.by_cause(),
         }
+    }
+
+    fn by_role(&self) -> BTreeMap<String, Group> {
+        let of = |(stretches, role): (&Stretches<Range>, Role)| {
+            let names: Vec<_> = self.laws.signals.of(role).iter().map(|signal| signal.name).collect();
+            (!names.is_empty()).then(|| (role.to_string(), stretches.group(&names)))
+        };
+        self.telemetry.iter().zip(LAW_ROLES).filter_map(of).collect()
     }
 
     fn by_cause(&self) -> BTreeMap<String, Vec<Violations>> {
@@ -135,27 +164,43 @@ impl Tracer {
     }
 }
 
-/// What is followed of a tick, by name; nothing of a stage that published nothing for it.
-fn channels(joined: &Joined, reference: [f64; 3], distance_m: f64) -> Vec<(&'static str, Option<f64>)> {
+/// What is followed of a tick, by name; nothing of a stage that published nothing for it. A law that estimates nothing
+/// has no estimates, and so on.
+fn channels(
+    joined: &Joined,
+    laws: &FlownLaws,
+    reference: [f64; 3],
+    distance_m: f64,
+) -> Vec<(&'static str, Option<f64>)> {
     let Joined { state, setpoint, wrench, rotor_speeds, monitor, .. } = joined;
-    let position = state.position_w_m;
+    // Where it truly is, as it is judged.
+    let position = state.truth.position_w_m;
     let error = std::array::from_fn::<_, 3, _>(|i| reference[i] - position[i]);
+    let truth = state.truth.theta();
     let mut all = Vec::with_capacity(48);
-    follow(&mut all, &traces::ATTITUDE, Some(state.attitude_rad));
+    follow(&mut all, &traces::ATTITUDE, Some(state.measured.attitude_rad));
     follow(&mut all, &traces::ATTITUDE_REFERENCE, setpoint.map(|setpoint| setpoint.attitude_rad));
     follow(&mut all, &traces::POSITION, Some(position));
     follow(&mut all, &traces::POSITION_REFERENCE, Some(reference));
     follow(&mut all, &traces::POSITION_ERROR, Some(error));
     follow(&mut all, &[traces::DISTANCE], Some([distance_m]));
     follow(&mut all, &[traces::THRUST], wrench.map(|wrench| [wrench.thrust_n]));
-    follow(&mut all, &traces::RATE_ERROR, wrench.map(|wrench| wrench.rate_error_b_rad_s));
     follow(&mut all, &traces::TORQUE, wrench.map(|wrench| wrench.torque_b_nm));
     follow(&mut all, &traces::ROTORS, rotor_speeds.map(|speeds| speeds.speed_rad_s));
-    follow(&mut all, &traces::ESTIMATE, wrench.map(|wrench| wrench.estimate));
-    follow(&mut all, &traces::ACTUAL, Some(state.truth.theta()));
-    follow(&mut all, &traces::ESTIMATE_ERROR, monitor.map(|monitor| monitor.estimate_error));
-    follow(&mut all, &traces::LYAPUNOV, monitor.map(|monitor| [monitor.v, monitor.v_th]));
-    follow(&mut all, &traces::LYAPUNOV_CHANGE, monitor.map(|monitor| [monitor.v_change, monitor.v_th_change]));
+    if let Some(places) = laws.rate_error() {
+        follow(&mut all, &traces::RATE_ERROR, wrench.map(|wrench| places.of(&wrench)));
+    }
+    if let Some(places) = laws.estimates() {
+        let estimate = wrench.map(|wrench| places.of(&wrench));
+        let error = estimate.map(|estimate| std::array::from_fn(|i| estimate[i] - truth[i]));
+        follow(&mut all, &traces::ESTIMATE, estimate);
+        follow(&mut all, &traces::ACTUAL, Some(truth));
+        follow(&mut all, &traces::ESTIMATE_ERROR, error);
+    }
+    if laws.without_theorem.is_none() {
+        follow(&mut all, &traces::LYAPUNOV, monitor.map(|monitor| [monitor.v, monitor.v_th]));
+        follow(&mut all, &traces::LYAPUNOV_CHANGE, monitor.map(|monitor| [monitor.v_change, monitor.v_th_change]));
+    }
     all
 }
 
@@ -173,7 +218,7 @@ fn rounded(value: f64) -> f64 {
 }
 
 /// What can become one with what comes next to it.
-trait Merge: Copy + Default {
+pub(crate) trait Merge: Copy + Default {
     fn and(self, other: Self) -> Self;
 }
 
@@ -185,13 +230,13 @@ impl Merge for u64 {
 
 /// Smallest and largest value; empty at first.
 #[derive(Clone, Copy, Debug)]
-struct Range {
+pub(crate) struct Range {
     min: f64,
     max: f64,
 }
 
 impl Range {
-    const fn of(value: f64) -> Self {
+    pub(crate) const fn of(value: f64) -> Self {
         Self { min: value, max: value }
     }
 }
@@ -210,7 +255,7 @@ impl Merge for Range {
 
 /// Stretches of equal length, by their number from tick 0 on; each has several channels.
 #[derive(Debug)]
-struct Stretches<T> {
+pub(crate) struct Stretches<T> {
     every_ticks: u64,
     stretches: BTreeMap<u64, Vec<T>>,
 }
@@ -223,7 +268,7 @@ impl<T> Default for Stretches<T> {
 
 impl<T: Merge> Stretches<T> {
     /// The channels of the stretch that a tick is in.
-    fn at(&mut self, tick: u64, channels: usize) -> &mut [T] {
+    pub(crate) fn at(&mut self, tick: u64, channels: usize) -> &mut [T] {
         if self.stretches.len() >= STRETCHES && !self.stretches.contains_key(&(tick / self.every_ticks)) {
             self.double();
         }
@@ -242,7 +287,8 @@ impl<T: Merge> Stretches<T> {
 }
 
 impl Stretches<Range> {
-    fn group(&self, names: &[&str]) -> Group {
+    /// The stretches so far, their channels by name.
+    pub(crate) fn group(&self, names: &[&str]) -> Group {
         let trace = |channel: usize, pick: fn(&Range) -> f64| -> Vec<Option<f64>> {
             let values = self.stretches.values().map(|ranges| pick(&ranges[channel]));
             values.map(|value| value.is_finite().then(|| rounded(value))).collect()
@@ -262,7 +308,7 @@ impl Stretches<Range> {
 #[cfg(test)]
 mod tests {
     use controller::Trajectory;
-    use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+    use model::messages::{RotorSpeeds, Setpoint, State, Truth, Wrench};
     use model::monitor::Monitor;
 
     use super::*;
@@ -270,7 +316,8 @@ mod tests {
     const TRACKING: Tracking = Tracking::of(Trajectory::Hover, 1e-3);
 
     fn joined(tick: u64, x: f64) -> Joined {
-        let state = State { position_w_m: [x, 0.0, 1.0], ..State::default() };
+        let truth = Truth { position_w_m: [x, 0.0, 1.0], ..Truth::default() };
+        let state = State { truth, ..State::default() };
         let (wrench, rotor_speeds) = (Some(Wrench::default()), Some(RotorSpeeds::default()));
         Joined { tick, state, setpoint: Some(Setpoint::default()), wrench, rotor_speeds, monitor: None }
     }

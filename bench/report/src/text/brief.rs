@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use model::role::{Role, STAGES};
 
 use super::{INDENT, WIDTH, beside, wrapped};
-use crate::losses;
 use crate::schema::Report;
 use crate::speed::Speed;
+use crate::{deaths, losses};
 
 /// Lines; with that of the result they are 30.
 const HEIGHT: usize = 29;
@@ -50,6 +50,7 @@ fn sentences(report: &Report) -> Vec<String> {
     let (run, ticks) = (&report.run, &report.ticks);
     let (ending, pace) = (super::ending(report), super::pace(report));
     all.push(format!("Flown     {ending}: {pace}; {:.1} s from {}", ticks.elapsed_s, run.started));
+    all.extend(deaths(report));
     all.extend(outages(report));
     all.push(tracking(report));
     all.extend(floors(report));
@@ -103,6 +104,15 @@ fn shortened(path: &str) -> String {
     let (head, tail): (String, String) =
         (path.chars().take(HEAD).collect(), path.chars().skip(length - (ROOM - HEAD - "...".len())).collect());
     format!("{head}...{tail}")
+}
+
+/// How many processes died, and the one that died last.
+fn deaths(report: &Report) -> Option<String> {
+    let last = report.deaths.last()?.line();
+    Some(match deaths::number(report) {
+        1 => format!("Deaths    {last}"),
+        all => format!("Deaths    {all}, the last one: {last}"),
+    })
 }
 
 /// How many outages there were, what most misses were due to, and the longest one.

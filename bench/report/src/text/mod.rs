@@ -8,24 +8,27 @@ use std::fmt::{Display, Write as _};
 
 use textwrap::{Options, WordSplitter};
 
-use crate::losses;
 use crate::schema::{Report, RoleSection, RunSection};
 use crate::speed::Speed;
+use crate::swaps::AppliedSwap;
 use crate::tally::series::Statistics;
 use crate::words::TimingWord;
+use crate::{deaths, laws, losses};
 
 /// Prints a section of the report.
 type Section = fn(&mut String, &Report) -> Written;
 
 /// The sections of the report, by name, in order.
-const SECTIONS: [(&str, Section); 9] = [
+const SECTIONS: [(&str, Section); 11] = [
     ("head", head),
     ("deadlines", ticks),
     ("outages", outages),
+    ("deaths", |out, report| out.write_str(&deaths::text(report))),
     ("latencies", latencies),
     ("floors", floors),
     ("processes", roles),
     ("tracking", flight),
+    ("telemetry", |out, report| out.write_str(&laws::telemetry(&report.run.laws))),
     ("theorem", |out, report| out.write_str(&report.theorem.text())),
     ("gates", gates),
 ];
@@ -56,16 +59,34 @@ pub fn section(report: &Report, name: &str) -> String {
     out.trim_start_matches('\n').to_owned()
 }
 
-/// What was flown, in the words of all that is said of a flight.
+/// What was flown, in the words of all that is said of a flight; `airframe` as of [`airframe`].
 #[must_use]
-pub fn flown(trajectory: impl Display, preset: impl Display) -> String {
-    format!("trajectory {trajectory}, gains {preset}")
+pub fn flown(trajectory: impl Display, preset: impl Display, airframe: &str) -> String {
+    let airframe = if airframe.is_empty() { String::new() } else { format!(", airframe {airframe}") };
+    format!("trajectory {trajectory}, gains {preset}{airframe}")
+}
+
+/// An airframe in a word: its name, and of a file also the begin of its SHA-256.
+#[must_use]
+pub fn airframe(name: &str, sha256: &str) -> String {
+    match sha256.get(..12) {
+        Some(begin) => format!("{name} (sha256 {begin})"),
+        None => name.to_owned(),
+    }
+}
+
+impl RunSection {
+    /// What was flown; reports from before airframes were named have none.
+    #[must_use]
+    pub fn flown(&self) -> String {
+        flown(&self.trajectory, &self.preset, &airframe(&self.airframe, &self.airframe_sha256))
+    }
 }
 
 /// What was flown, and when.
 #[must_use]
 pub fn title(run: &RunSection) -> String {
-    format!("{}, {}", flown(&run.trajectory, &run.preset), run.started)
+    format!("{}, {}", run.flown(), run.started)
 }
 
 /// The one parseable last line of a flight.
@@ -121,6 +142,9 @@ fn head(out: &mut String, report: &Report) -> Written {
         ending(report)
     )?;
     writeln!(out, "{}", pace(report))?;
+    if !run.laws.is_empty() {
+        writeln!(out, "laws {}", laws::flown(&run.laws))?;
+    }
     writeln!(out, "{}", machine(report))?;
     writeln!(
         out,
@@ -132,7 +156,11 @@ fn head(out: &mut String, report: &Report) -> Written {
         report.steal.processors()
     )?;
     writeln!(out, "real time here: {}", here(report))?;
-    losses::sentences(report).iter().try_for_each(|sentence| writeln!(out, "{sentence}"))
+    losses::sentences(report).iter().try_for_each(|sentence| writeln!(out, "{sentence}"))?;
+    if !run.last_words.is_empty() {
+        writeln!(out, "\nWhat it said last")?;
+    }
+    run.last_words.iter().try_for_each(|line| writeln!(out, "  {line}"))
 }
 
 /// How it ended, where it has.
@@ -170,7 +198,13 @@ pub fn pace(report: &Report) -> String {
         }
         speed => speed.why_not_real_time().map_or_else(String::new, |why| format!(", {why}")),
     };
-    format!("{}, T = {:.0} us{pace}", flown(&run.trajectory, &run.preset), run.period_us)
+    format!("{}, T = {:.0} us{pace}", run.flown(), run.period_us)
+}
+
+/// How the plant's timer was set; in lockstep there is none.
+#[must_use]
+pub fn lead(report: &Report) -> Option<String> {
+    (report.run.speed() != Speed::Lockstep).then(|| report.lead.text(report.ticks.run))
 }
 
 /// How much faster than the clock a flight in lockstep was.
@@ -201,7 +235,7 @@ fn ticks(out: &mut String, report: &Report) -> Written {
         "Deadlines missed {} ({:.1} per million); late by their stamps {}",
         deadlines.missed, deadlines.missed_ppm, deadlines.missed_by_stamps
     )?;
-    let most = deadlines.late.iter().map(|bucket| bucket.count).max().unwrap_or(1);
+    let most = deadlines.late.iter().map(|bucket| bucket.count).max().unwrap_or(1).max(1);
     for bucket in &deadlines.late {
         let bar = "#".repeat((bucket.count * 40).div_ceil(most) as usize);
         writeln!(out, "  late {:>8} .. {:<8} us {:>7}  {bar}", bucket.from_us, bucket.below_us, bucket.count)?;
@@ -301,7 +335,9 @@ fn roles(out: &mut String, report: &Report) -> Written {
     for (name, role) in report.roles.iter().filter(|(name, _)| *name != "record") {
         writeln!(out, "  {name:<9} {}", grants(role))?;
     }
-    writeln!(out, "{}", report.lead.text(report.ticks.run))?;
+    if let Some(lead) = lead(report) {
+        writeln!(out, "{lead}")?;
+    }
     out.write_str(&report.interrupts.text(report.ticks.run))?;
     Ok(())
 }
@@ -327,14 +363,17 @@ fn flight(out: &mut String, report: &Report) -> Written {
     let flight = &report.flight;
     writeln!(
         out,
-        "Tracking  position error rms {:.4} m, largest {:.4} m, at the end {:.4} m, over {} states{}",
+        "Tracking  position error rms {:.4} m, largest {:.4} m, at the end {:.4} m, over {}{}",
         flight.position_error_rms_m,
         flight.position_error_max_m,
         flight.position_error_final_m,
-        flight.states,
+        count(flight.states, "state"),
         without_state(report)
     )?;
     writeln!(out, "  rotors saturated in {}", count(flight.saturated_ticks, "tick"))?;
+    if let Some(e) = flight.rate_error_final_rad_s {
+        writeln!(out, "  rate error of the inner law at the end {e:.3e} rad/s")?;
+    }
     for estimate in &flight.estimates {
         writeln!(
             out,
@@ -343,19 +382,14 @@ fn flight(out: &mut String, report: &Report) -> Written {
         )?;
     }
     for swap in &report.swaps {
-        let changes: Vec<String> =
-            swap.changes.iter().map(|change| format!("{} {} -> {}", change.name, change.old, change.new)).collect();
-        writeln!(
-            out,
-            "  swap {} at tick {} ({:.3} s): {}",
-            swap.parameter_epoch,
-            swap.tick,
-            swap.time_s,
-            changes.join(", ")
-        )?;
+        let AppliedSwap { parameter_epoch, tick, time_s, .. } = swap;
+        writeln!(out, "  swap {parameter_epoch} at tick {tick} ({time_s:.3} s): {}", swap.words())?;
     }
     if report.swaps_left_out > 0 {
         writeln!(out, "  and {} later ones", report.swaps_left_out)?;
+    }
+    for fault in &report.faults {
+        writeln!(out, "  fault {}", fault.words())?;
     }
     Ok(())
 }

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use model::monitor::Cause;
 
+use crate::laws::no_theorem;
 use crate::tally::theorem::{NO_CAUSE, Theorem, Watched};
 use crate::text::count;
 
@@ -18,10 +19,48 @@ impl Theorem {
         out
     }
 
+    /// Why it says nothing of a flight whose inner law has no theorem.
+    #[must_use]
+    pub fn inapplicable(&self) -> Option<String> {
+        self.law_without.as_deref().map(no_theorem)
+    }
+
+    /// Unexplained violations.
+    #[must_use]
+    pub fn unexplained(&self) -> u64 {
+        self.violations.get(Cause::Unexplained.name()).copied().unwrap_or(0)
+    }
+
+    /// How many steps were checked, and how often V rose in one.
+    #[must_use]
+    pub fn counts(&self) -> String {
+        let violations = self.violations.values().fold(0, |sum: u64, count| sum.saturating_add(*count));
+        let unexplained = self.unexplained();
+        let mut checked = format!("{} checked", count(self.ticks_checked, "step"));
+        if self.ticks_unwatched > 0 {
+            checked += &format!(", {} not watched after a lost message", self.ticks_unwatched);
+        }
+        match violations {
+            0 => format!("{checked}, V rose in none"),
+            _ => format!("{checked}, V rose in {violations}, {unexplained} of them unexplained"),
+        }
+    }
+
+    /// What the gate `theorem` found.
+    #[must_use]
+    pub fn found(&self) -> String {
+        let unexplained = self.unexplained();
+        format!(
+            "{unexplained} unexplained, estimates {}",
+            if self.is_live { "live" } else { "do not move as predicted" }
+        )
+    }
+
     /// Whether it holds, in words.
     #[must_use]
     pub fn verdict(&self) -> &'static str {
         match (self.holds, self.violations.values().sum::<u64>()) {
+            _ if self.law_without.is_some() => "not applicable",
             _ if self.ticks_checked == 0 => "not watched",
             (false, _) => "DOES NOT HOLD",
             (true, 0) => "holds",
@@ -42,6 +81,9 @@ impl Theorem {
     }
 
     fn write(&self, out: &mut String) -> std::fmt::Result {
+        if let Some(why) = self.inapplicable() {
+            return writeln!(out, "\nTheorem   not applicable: {why}");
+        }
         if self.ticks_checked == 0 {
             let why = match self.ticks_unwatched {
                 0 => "no step of the estimates was seen".into(),

@@ -13,6 +13,7 @@ use crate::schema::{ControlPerformance, DeadlineSection, RoleSection, RunSection
 use crate::speed::Speed;
 use crate::tally::series::Statistics;
 use crate::tally::theorem::Theorem;
+use crate::text::count;
 use model::boards::Ending;
 
 /// When a flight counts as tracked.
@@ -59,8 +60,10 @@ pub enum TheoremWord {
     /// Nothing adapted that it speaks of.
     #[default]
     NotApplicable,
-    /// It does.
+    /// It does, at every tick.
     Holds,
+    /// It does where it was watched; it was not at every tick.
+    PartlyWatched,
     /// It does not, and no cause is known.
     Broken,
 }
@@ -154,8 +157,8 @@ pub fn flight_word(
 pub fn timing_word(ticks: &Ticks, missed: u64, speed: Speed, steal: &Steal) -> Reasoned<TimingWord> {
     let all = ticks.run + ticks.skipped;
     let missed_ppm = missed as f64 * 1e6 / all.max(1) as f64;
-    let counts =
-        format!("{missed} of {all} deadlines missed ({missed_ppm:.1} per million), {} ticks skipped", ticks.skipped);
+    let skipped = count(ticks.skipped, "tick");
+    let counts = format!("{missed} of {all} deadlines missed ({missed_ppm:.1} per million), {skipped} skipped");
     let (word, why) = if let Some(why) = speed.why_not_real_time() {
         (TimingWord::NotMeasured, why)
     } else if steal.percent > STEAL_LIMIT_PERCENT {
@@ -176,10 +179,14 @@ pub fn timing_word(ticks: &Ticks, missed: u64, speed: Speed, steal: &Steal) -> R
 pub fn theorem_word(theorem: &Theorem) -> Reasoned<TheoremWord> {
     let unexplained = theorem.unexplained();
     let counts = theorem.counts();
-    let (word, why) = if theorem.ticks_checked == 0 {
+    let (word, why) = if let Some(why) = theorem.inapplicable() {
+        (TheoremWord::NotApplicable, why)
+    } else if theorem.ticks_checked == 0 {
         (TheoremWord::NotApplicable, "no step of the estimates was checked".into())
     } else if theorem.holds && theorem.steps_adapted == 0 {
         (TheoremWord::NotApplicable, "no estimate moved: adaptation is off, or its bounds pin it".into())
+    } else if theorem.holds && theorem.ticks_unwatched > 0 {
+        (TheoremWord::PartlyWatched, format!("{counts}, {} not watched", count(theorem.ticks_unwatched, "tick")))
     } else if theorem.holds {
         (TheoremWord::Holds, counts)
     } else if unexplained == 0 {
@@ -222,6 +229,7 @@ impl TheoremWord {
         match self {
             Self::NotApplicable => "not applicable",
             Self::Holds => "holds",
+            Self::PartlyWatched => "partly watched",
             Self::Broken => "broken",
         }
     }
@@ -310,7 +318,10 @@ mod tests {
         let theorem = |change: fn(&mut Sample)| words(change)[2];
         assert_eq!(theorem(|it| it.theorem.ticks_checked = 0), "not applicable");
         assert_eq!(theorem(|it| it.theorem.steps_adapted = 0), "not applicable");
+        assert_eq!(theorem(|it| it.theorem.law_without = Some("pid".into())), "not applicable");
         assert_eq!(theorem(|it| it.theorem.holds = false), "broken");
+        assert_eq!(theorem(|it| it.theorem.ticks_unwatched = 1), "partly watched");
+        assert_eq!(theorem(|it| (it.theorem.ticks_unwatched, it.theorem.holds) = (1, false)), "broken");
         let lifeless = |it: &mut Sample| (it.theorem.steps_adapted, it.theorem.holds) = (0, false);
         assert_eq!(theorem(lifeless), "broken");
     }

@@ -7,13 +7,16 @@ use model::boards::Run;
 use model::envelope::Message;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::monitor::Monitor;
+use model::telemetry::LAW_ROLES;
 use model::topic::Topic;
 
 use crate::observe::ObservedMessage;
 use failure::Failure;
 use flight_log::codec::{Logged, encode};
 use flight_log::scene::{self, Placed};
+use flight_log::telemetry::TelemetryTopic;
 use flight_log::{schema, units};
+use report::laws::{FlownLaws, no_theorem};
 
 /// Every channel.
 #[allow(missing_debug_implementations, reason = "the channels have none")]
@@ -24,6 +27,8 @@ pub(super) struct Channels {
     rotor_speeds: Arc<RawChannel>,
     swaps: Arc<RawChannel>,
     theorem: Arc<RawChannel>,
+    /// What outer, inner and mixer law show.
+    telemetry: [Option<(Arc<RawChannel>, TelemetryTopic)>; LAW_ROLES.len()],
     scene: [Arc<RawChannel>; scene::CHANNELS.len()],
     scene_every_ticks: u64,
     clock: Clock,
@@ -50,25 +55,32 @@ impl Clock {
 }
 
 impl Channels {
-    /// Channels for a run.
+    /// Channels for a run of these laws.
     ///
     /// # Errors
     /// [`Failure`] where the SDK refuses one.
-    pub(super) fn new(context: &Arc<Context>, run: &Run) -> Result<Self, Failure> {
+    pub(super) fn new(context: &Arc<Context>, run: &Run, laws: &FlownLaws) -> Result<Self, Failure> {
         let broken = |e: FoxgloveError| Failure::failed(format!("cannot make a Foxglove channel: {e}"));
         let set = scene::descriptor_set();
         let place = |(topic, name): (&str, &str)| {
             let schema = Schema::new(name, "protobuf", set.clone());
             context.channel_builder(topic).message_encoding("protobuf").schema(schema).build_raw()
         };
+        let mut telemetry = [const { None }; LAW_ROLES.len()];
+        for (telemetry, role) in telemetry.iter_mut().zip(LAW_ROLES) {
+            let Some(shown) = TelemetryTopic::new(role, laws.signals.of(role)) else { continue };
+            *telemetry = Some((telemetry_channel(context, &shown).map_err(broken)?, shown));
+        }
+        let why_not = laws.without_theorem.map(no_theorem);
         let [actual, reference, transforms] = scene::CHANNELS.map(place);
         Ok(Self {
-            states: topic::<State>(context).map_err(broken)?,
-            setpoints: topic::<Setpoint>(context).map_err(broken)?,
-            wrenches: topic::<Wrench>(context).map_err(broken)?,
-            rotor_speeds: topic::<RotorSpeeds>(context).map_err(broken)?,
-            swaps: topic::<SwapRecord>(context).map_err(broken)?,
-            theorem: topic::<Monitor>(context).map_err(broken)?,
+            states: topic::<State>(context, None).map_err(broken)?,
+            setpoints: topic::<Setpoint>(context, None).map_err(broken)?,
+            wrenches: topic::<Wrench>(context, None).map_err(broken)?,
+            rotor_speeds: topic::<RotorSpeeds>(context, None).map_err(broken)?,
+            swaps: topic::<SwapRecord>(context, None).map_err(broken)?,
+            theorem: topic::<Monitor>(context, why_not.as_deref()).map_err(broken)?,
+            telemetry,
             scene: [actual.map_err(broken)?, reference.map_err(broken)?, transforms.map_err(broken)?],
             scene_every_ticks: scene::every_ticks(run.sample_time_ns),
             clock: Clock {
@@ -81,20 +93,38 @@ impl Channels {
 
     /// Passes a message on to whoever has subscribed to its channel.
     pub(super) fn pass_on(&mut self, seen: ObservedMessage<'_>) {
-        let (clock, bytes) = (&mut self.clock, &mut self.bytes);
         match seen {
             ObservedMessage::State(message) => {
-                write(&self.states, message, clock, bytes);
+                write(&self.states, message, &mut self.clock, &mut self.bytes);
                 self.place(message, Placed::airframe);
             }
             ObservedMessage::Setpoint(message) => {
-                write(&self.setpoints, message, clock, bytes);
+                write(&self.setpoints, message, &mut self.clock, &mut self.bytes);
+                self.show(message);
                 self.place(message, Placed::reference);
             }
-            ObservedMessage::Wrench(message) => write(&self.wrenches, message, clock, bytes),
-            ObservedMessage::RotorSpeeds(message) => write(&self.rotor_speeds, message, clock, bytes),
-            ObservedMessage::Swap(message) => write(&self.swaps, message, clock, bytes),
-            ObservedMessage::Theorem(message) => write(&self.theorem, message, clock, bytes),
+            ObservedMessage::Wrench(message) => {
+                write(&self.wrenches, message, &mut self.clock, &mut self.bytes);
+                self.show(message);
+            }
+            ObservedMessage::RotorSpeeds(message) => {
+                write(&self.rotor_speeds, message, &mut self.clock, &mut self.bytes);
+                self.show(message);
+            }
+            ObservedMessage::Swap(message) => write(&self.swaps, message, &mut self.clock, &mut self.bytes),
+            ObservedMessage::Theorem(message) => write(&self.theorem, message, &mut self.clock, &mut self.bytes),
+        }
+    }
+
+    /// Passes on what the law of a message's sender shows in it.
+    fn show<C: Topic>(&mut self, message: &Message<C>) {
+        let log_time = self.clock.of(message);
+        let channel = LAW_ROLES.iter().position(|role| *role == C::SENDER).and_then(|i| self.telemetry[i].as_ref());
+        if let Some(((channel, shown), telemetry)) = channel.zip(message.content.telemetry())
+            && channel.has_sinks()
+        {
+            shown.encode(message.envelope.tick, telemetry, &mut self.bytes);
+            channel.log_with_meta(&self.bytes, PartialMetadata::with_log_time(log_time));
         }
     }
 
@@ -109,12 +139,24 @@ impl Channels {
     }
 }
 
-fn topic<C: Logged>(context: &Arc<Context>) -> Result<Arc<RawChannel>, FoxgloveError> {
+/// A topic; says why it does not apply, where it does not.
+fn topic<C: Logged>(context: &Arc<Context>, why_not: Option<&str>) -> Result<Arc<RawChannel>, FoxgloveError> {
+    let mut metadata = units::describe::<C>();
+    metadata.extend(why_not.map(units::not_applicable));
     context
         .channel_builder(<C as Topic>::NAME)
         .message_encoding("protobuf")
         .schema(Schema::new(schema::name::<C>(), "protobuf", schema::descriptor_set::<C>()))
-        .metadata(units::describe::<C>())
+        .metadata(metadata)
+        .build_raw()
+}
+
+fn telemetry_channel(context: &Arc<Context>, shown: &TelemetryTopic) -> Result<Arc<RawChannel>, FoxgloveError> {
+    context
+        .channel_builder(shown.topic())
+        .message_encoding("protobuf")
+        .schema(Schema::new(shown.schema_name(), "protobuf", shown.descriptor_set()))
+        .metadata(shown.metadata())
         .build_raw()
 }
 

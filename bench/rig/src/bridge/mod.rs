@@ -30,10 +30,12 @@ use crate::inject::flying;
 use crate::observe::Observation;
 use crate::output::print;
 use crate::roles::remove_leftovers;
+use crate::settings::laws;
 use channels::Channels;
 use door::Door;
 use failure::{Failure, INTERRUPTED, OCCUPIED, OK};
 use parameters::ParameterMirror;
+use report::laws::no_theorem;
 
 /// How often messages are passed on.
 const DRAIN_EVERY: Duration = Duration::from_millis(10);
@@ -59,12 +61,16 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
     }
     let mut observation = join(&instance)?;
     let context = Context::new();
-    let mut channels = Channels::new(&context, &observation.run())?;
+    let laws = laws::shared(&observation.settings)?;
+    let mut channels = Channels::new(&context, &observation.run(), &laws)?;
     let desk = Arc::new(ParameterMirror::new(instance.clone(), observation.in_force(), args.allow_swaps));
     let (server, door) = start(args, &context, &desk)?;
     let address = address(&args.host, door.port);
     let swaps = if args.allow_swaps { "whoever reaches it may swap parameters" } else { "read-only" };
     print(&format!("serving instance `{}` on ws://{address}, {swaps}; Ctrl-C ends\n", instance.name()))?;
+    if let Some(law) = laws.without_theorem {
+        print(&format!("topic theorem stays empty, not applicable: {}\n", no_theorem(law)))?;
+    }
     let served = serve(&mut observation, &mut channels, &desk, &server, &stop);
     if let Ok(Some(ending)) = &served {
         server.publish_status(Status::info(format!("the flight has ended: {}", ending.words())));

@@ -75,7 +75,7 @@ fn changes(wanted: &[Parameter]) -> Result<Vec<Wanted>, Failure> {
             Some(_) => return Err(Failure::usage(format!("{name} is not a number"))),
             None => return Err(Failure::usage(format!("{name} cannot be unset: an airframe has one"))),
         };
-        changes.push(Wanted { parameter, value: WantedValue::Number(value) });
+        changes.push(Wanted { parameter, value: WantedValue::Number(value), over: None });
     }
     Ok(changes)
 }
@@ -98,8 +98,8 @@ impl ParameterHandler for ParameterMirror {
             let asked = if allows_swaps { changes(&wanted) } else { Err(Failure::usage(READ_ONLY)) };
             match asked.and_then(|changes| ask(&instance, &changes, When::In(Duration::ZERO))) {
                 Ok(applied) => {
-                    for (parameter, _, new) in applied.changes {
-                        present.value[parameter as usize] = new;
+                    for change in applied.changes {
+                        present.value[change.parameter as usize] = change.new;
                     }
                 }
                 // What is in force stays, and the client is told so, and why.

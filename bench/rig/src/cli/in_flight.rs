@@ -53,7 +53,8 @@ pub struct FoxgloveArgs {
 /// Flags of `inject`.
 #[derive(Clone, Debug, Args)]
 pub struct InjectArgs {
-    /// New values, all applied at one tick: NAME=VALUE... A value is a number, nominal, or +30% of nominal.
+    /// New values, all applied at one tick: NAME=VALUE... A value is a number, nominal, or +30% of nominal; ~2s behind
+    /// it goes there in 2 s.
     #[arg(required = true, value_name = "NAME=VALUE")]
     pub changes: Vec<String>,
     /// Apply at this tick of the flight.

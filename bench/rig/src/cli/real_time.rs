@@ -4,7 +4,8 @@ use clap::{Args, ValueEnum};
 use toml::Value;
 
 use crate::cli::{name_of, values};
-use crate::settings::Overrides;
+use crate::settings::{Overrides, PaceName, Settings};
+use failure::Failure;
 
 /// How to run it in real time.
 #[derive(Clone, Debug, Default, Args)]
@@ -62,7 +63,33 @@ pub enum LeadArg {
     Us(u32),
 }
 
+/// Refuses a flag in lockstep.
+pub(super) fn on_the_clock(flag: &str, settings: &Settings) -> Result<(), Failure> {
+    match settings.flight.pace {
+        PaceName::Realtime => Ok(()),
+        PaceName::Lockstep => {
+            Err(Failure::usage(format!("{flag} has no meaning in lockstep, where no clock moves the ticks"))
+                .help(format!("leave {flag} out, or fly on the clock: --pace realtime")))
+        }
+    }
+}
+
 impl RtArgs {
+    /// Refuses flags that only mean something on the clock, where a flight is in lockstep: they would be dropped.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the flag.
+    pub fn check(&self, settings: &Settings) -> Result<(), Failure> {
+        let asks = self.rt.is_some_and(|mode| !matches!(mode, RtMode::Off));
+        let given = [
+            ("--rt", asks),
+            ("--cpu", self.cpu.is_some()),
+            ("--lead", self.lead.is_some()),
+            ("--rehearse", self.rehearse.is_some()),
+        ];
+        given.into_iter().filter(|(_, is_given)| *is_given).try_for_each(|(flag, _)| on_the_clock(flag, settings))
+    }
+
     /// What the flags set.
     #[must_use]
     pub fn overrides(&self) -> Overrides {

@@ -3,10 +3,11 @@
 use std::ffi::OsStr;
 use std::time::Duration;
 
-use crate::cli::LeadArg;
-use crate::fault::Fault;
+use crate::cli::{LeadArg, Shard};
+use crate::fault::{Fault, FaultError};
+use crate::settings::laws::preset_names;
 use crate::settings::trajectory::is_file;
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::builder::{NonEmptyStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Command};
 use controller::Trajectory;
 
@@ -38,6 +39,22 @@ impl TypedValueParser for TrajectoryParser {
     }
 }
 
+/// The name of a preset: those of the laws that are built in are known, those of files are looked for later.
+#[derive(Clone)]
+pub(crate) struct PresetParser;
+
+impl TypedValueParser for PresetParser {
+    type Value = String;
+
+    fn parse_ref(&self, command: &Command, arg: Option<&Arg>, value: &OsStr) -> Result<String, clap::Error> {
+        NonEmptyStringValueParser::new().parse_ref(command, arg, value)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new(preset_names().into_iter().map(PossibleValue::new)))
+    }
+}
+
 /// The number of a processor.
 pub(crate) fn processor(text: &str) -> Result<u16, String> {
     text.parse().map_err(|_| {
@@ -60,11 +77,51 @@ pub(crate) fn limit(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "write a number of 0 or more, as in 100 or 2.5".into())
 }
 
+/// A seed, as a settings file can have it.
+pub(crate) fn seed(text: &str) -> Result<i64, String> {
+    let number = text.parse().ok().filter(|number| *number >= 0);
+    number.ok_or_else(|| format!("write a whole number from 0 to {}", i64::MAX))
+}
+
 /// A number of ticks of which one is taken.
 pub(crate) fn every(text: &str) -> Result<u32, String> {
     const MOST: u32 = 1_000_000_000;
     let number = text.parse().ok().filter(|number| (1..=MOST).contains(number));
     number.ok_or_else(|| format!("write a whole number from 1 to {MOST}"))
+}
+
+/// A part of a campaign, as K/N or auto/N.
+pub(crate) fn shard(text: &str) -> Result<Shard, String> {
+    let wrong = || "write K/N with K from 1 to N, as in 3/24, or auto/24".to_owned();
+    let (number, of) = text.split_once('/').ok_or_else(wrong)?;
+    let of = of.parse().ok().filter(|of| (1..=1_000_000).contains(of)).ok_or_else(wrong)?;
+    match number {
+        "auto" => Ok(Shard { number: None, of }),
+        number => {
+            let number = number.parse().ok().filter(|number| (1..=of).contains(number)).ok_or_else(wrong)?;
+            Ok(Shard { number: Some(number), of })
+        }
+    }
+}
+
+/// A number of shards.
+pub(crate) fn shards(text: &str) -> Result<u64, String> {
+    let number = text.parse().ok().filter(|number| (1..=1_000_000).contains(number));
+    number.ok_or_else(|| "write a whole number from 1 to 1000000".into())
+}
+
+/// A number of flights at once.
+pub(crate) fn jobs(text: &str) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|number| (1..=4096).contains(number));
+    number.ok_or_else(|| "write a whole number from 1 to 4096".into())
+}
+
+/// The width of an interval at which a campaign stops.
+pub(crate) fn until(text: &str) -> Result<f64, String> {
+    let width = text.split_once('<').filter(|(what, _)| what.trim() == "width(success)");
+    let width =
+        width.and_then(|(_, width)| width.trim().parse().ok()).filter(|width: &f64| *width > 0.0 && *width < 1.0);
+    width.ok_or_else(|| "write width(success) < W with W above 0 and below 1, as in 'width(success) < 0.01'".into())
 }
 
 /// The origin of a page, as a browser tells it.
@@ -80,5 +137,5 @@ pub(crate) fn origin(text: &str) -> Result<String, String> {
 
 /// A fault.
 pub(crate) fn fault(text: &str) -> Result<Fault, String> {
-    text.parse().map_err(|e| format!("{e} (`ironbird params` lists names, units and ranges)"))
+    text.parse().map_err(|e: FaultError| format!("{e} ({})", e.listed("")))
 }

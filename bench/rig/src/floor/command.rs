@@ -14,7 +14,7 @@ use crate::floor::flight::Hangar;
 use crate::floor::page::{MeasuredSet, Page};
 use crate::floor::sets::{self, MeasuringEffort, Stress};
 use crate::output::{print, say};
-use failure::{Failure, InFile as _, OK};
+use failure::{Failure, InFile as _, OK, read_text};
 use machine::floor::cyclictest;
 
 /// SCHED_FIFO priority of the plant in flights of this command; the stages have one more each.
@@ -145,7 +145,7 @@ fn kept(numbers: &Path, host: &report::host::Host) -> Result<Page, Failure> {
     if !numbers.exists() {
         return Ok(Page::new(host.clone()));
     }
-    let text = std::fs::read_to_string(numbers).in_file("read", numbers)?;
+    let text = read_text("read", numbers)?;
     let page: Page = serde_json::from_str(&text).map_err(|e| {
         Failure::usage(format!("{} holds no figures of this version: {e}", numbers.display()))
             .help("remove it, or name another directory: --write DIR")

@@ -284,13 +284,13 @@ pub fn lockstep(hangar: &Hangar, effort: &MeasuringEffort) -> Result<Vec<FloorCo
 pub fn laws(effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
     let mut tick = FloorComparison::ratio("laws, one tick", "us", 1.1);
     let before = CpuTimes::read(None);
-    let pairs = timing::pairs(effort.pairs, TIMED_TICKS);
+    let pairs = timing::pairs(effort.pairs, TIMED_TICKS).map_err(|e| Failure::failed(e.to_string()))?;
     let steal_percent = before.steal_until(&CpuTimes::read(None)).percent;
     pairs.into_iter().for_each(|pair| tick.take(pair.laws_s * 1e6, pair.scalar_s * 1e6, steal_percent));
     let mut simulate = FloorComparison::ratio("simulate, real time 1/500", "us", 1.0);
     let settings = Settings::resolve(None, &Vec::new())?;
     for _ in 0..effort.pairs {
-        let (before, mut rig) = (CpuTimes::read(None), InProcess::of(&settings)?.watched(&settings.controller()?));
+        let (before, mut rig) = (CpuTimes::read(None), InProcess::of(&settings)?.watched(settings.theorem()?));
         let start = Instant::now();
         for _ in 0..TIMED_TICKS {
             black_box(&mut rig).tick();

@@ -1,34 +1,40 @@
-//! Starts the processes of a flight, watches them and ends them.
+//! Starts the processes of a flight, watches them, starts them again where it may, and ends them.
 
-use std::fs::File;
-use std::os::unix::process::CommandExt as _;
-use std::process::{Child, Command, Stdio};
+use std::process::Child;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use model::boards::{LOCKSTEP, RUN, Run, RunPhase};
+use machine::sampler::Look;
+use model::boards::{LOCKSTEP, RUN, RolePhase, Run, RunPhase, Status};
 use model::messages::NO_TICK;
 use model::role::{ROLES, Role};
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, Signal, kill_process, kill_process_group};
 use wire::clock::now_ns;
 use wire::instance::Instance;
 use wire::{BoardReader, Wire};
 
-use crate::cli::FlyArgs;
+use crate::cli::{FlyArgs, OnDeath};
 use crate::dashboard::Dashboard;
-use crate::fly::LOOK_EVERY;
 use crate::fly::asked::Asked;
-use crate::fly::ending::{Ended, Left, log_path, process};
+use crate::fly::ending::{Ended, Killed, Left};
+use crate::fly::pulse::{self, Pulses};
+use crate::fly::recordings::Recordings;
+use crate::fly::restarts::Restarts;
+use crate::fly::starter::Starter;
 use crate::fly::status_line::StatusLine;
+use crate::fly::{LOOK_EVERY, restarts};
 use crate::output::say;
+use crate::record::crew::Crew;
 use crate::run_directory::RunDirectory;
 use crate::settings::Settings;
-use failure::{Failure, InFile as _};
+use failure::Failure;
 use machine::executable::own_executable;
+use report::deaths::Noted;
 
 /// How long processes may take to end after they were told to.
-const LANDING: Duration = Duration::from_secs(5);
-/// How long processes may take to be ready before it is said that they are waited for.
+pub(super) const LANDING: Duration = Duration::from_secs(5);
+/// How long processes may take to be ready before it is said that they are waited for, and one that was started again
+/// to fly.
 const GETTING_READY: Duration = Duration::from_secs(10);
 
 /// How long they may take to end after the flight has: more than a recorder waits for a disk that stands still.
@@ -36,9 +42,21 @@ pub(super) const ENDING: Duration = Duration::from_secs(30);
 
 /// The processes of a flight.
 pub(super) struct Launcher {
+    starter: Starter,
     children: Vec<(Role, Child)>,
-    /// Roles that were killed because they did not end with the flight.
-    hung: Vec<Role>,
+    on_death: OnDeath,
+    restarts: [Restarts; ROLES.len()],
+    /// Roles that are to be started again, and when.
+    due: Vec<(Role, Instant)>,
+    pulses: Option<Pulses>,
+    looked: Instant,
+    /// Processes that were killed because they hung, or did not end with the flight.
+    killed: Vec<(u32, Killed)>,
+    /// Processes that were started again too late for the flight, and told to end.
+    dismissed: Vec<u32>,
+    recordings: Recordings,
+    /// Everybody's status board, from the first tick on.
+    crew: Option<Crew>,
     dashboard: Option<Dashboard>,
     wire: Wire,
     status_line: StatusLine,
@@ -54,43 +72,34 @@ impl Launcher {
     ) -> Result<Self, Failure> {
         // Before any role starts: removes what dead processes of the instance left.
         let wire = Wire::open(instance)?;
-        let executable = own_executable()?;
-        let status_line = StatusLine::new(&directory.path, settings.flight.duration_s);
-        let mut launcher = Self { children: Vec::new(), hung: Vec::new(), dashboard: None, wire, status_line };
+        let now = Instant::now();
+        let mut launcher = Self {
+            starter: Starter::new(own_executable()?, instance, directory, args),
+            children: Vec::new(),
+            on_death: args.on_death,
+            restarts: ROLES.map(|_| Restarts::new(now)),
+            due: Vec::new(),
+            pulses: None,
+            looked: now,
+            killed: Vec::new(),
+            dismissed: Vec::new(),
+            recordings: Recordings::new(directory, settings, instance),
+            crew: None,
+            dashboard: None,
+            wire,
+            status_line: StatusLine::new(&directory.path, settings.flight.duration_s),
+        };
         for role in ROLES {
-            let log_path = log_path(&directory.path, role);
-            let log = File::create(&log_path).in_file("write", &log_path)?;
-            let mut command = Command::new(&executable);
-            command
-                .arg(role.name())
-                .arg("--config")
-                .arg(directory.settings_file())
-                .args(["--instance", instance.name()])
-                .args(["--launcher", &std::process::id().to_string()]);
-            if role == Role::Record {
-                command.arg("--run-dir").arg(&directory.path);
-                if let Some(states) = &args.recorder.states {
-                    command.arg("--states").arg(states);
-                }
-            }
-            let child = command
-                .stdin(Stdio::null())
-                .stdout(Stdio::null())
-                .stderr(log)
-                // Ctrl-C in a terminal reaches the launcher alone, which then ends the roles in order.
-                .process_group(0)
-                .spawn();
-            match child {
+            match launcher.starter.start(role, directory) {
                 Ok(child) => launcher.children.push((role, child)),
-                Err(e) => {
+                Err(failure) => {
                     launcher.kill();
-                    return Err(Failure::failed(format!("cannot start the {}: {e}", process(role)))
-                        .help("a flight has five processes of some threads each: see `ulimit -u`, and `ulimit -v`"));
+                    return Err(failure);
                 }
             }
         }
         if args.watch {
-            launcher.dashboard = Some(Dashboard::open(&executable, instance)?);
+            launcher.dashboard = Some(Dashboard::open(&launcher.starter.executable, instance)?);
         }
         Ok(launcher)
     }
@@ -103,17 +112,26 @@ impl Launcher {
         let mut forced = false;
         let mut board: Option<BoardReader<Run>> = None;
         let begun = Instant::now();
-        let mut has_told = false;
+        let (mut has_told, mut shown) = (false, begun);
         while !self.children.is_empty() {
-            sleep(LOOK_EVERY);
+            sleep(if self.restarts_roles() { pulse::LOOK_EVERY } else { LOOK_EVERY });
             asked.look();
             ended.interrupted |= asked.end;
             let left = self.reap(asked.end)?;
             // After the look at the processes: whoever has ended with the flight has seen the board say so.
             board = board.or_else(|| self.wire.board_reader(RUN).ok().flatten());
             let run = board.as_ref().map(BoardReader::get);
-            let early = run.is_some_and(|run| matches!(run.phase(), RunPhase::Mustering | RunPhase::Opening));
-            if !forced {
+            let early = run.is_some_and(|run| run.phase() != RunPhase::Closed);
+            if ended.outlasted.is_empty() && run.is_some_and(|run| is_over(&run) && !early) {
+                ended.outlasted = self.children.iter().map(|(role, _)| *role).collect();
+            }
+            let in_air = run.filter(|run| told_at.is_none() && self.is_in_air(run));
+            self.look_at_boards(in_air.is_some())?;
+            for left in left.into_iter().filter(|_| !forced) {
+                let left = match &in_air {
+                    Some(run) if !left.was_interrupted() => self.fallen(left, run, &mut ended),
+                    _ => Some(left),
+                };
                 left.into_iter().for_each(|left| ended.take(left, told_at.is_some(), early));
             }
             if !has_told && !ended.flown && begun.elapsed() > GETTING_READY {
@@ -125,24 +143,146 @@ impl Launcher {
                 told_at = Some(Instant::now());
             }
             ended.flown |= run.is_some_and(|run| run.phase() == RunPhase::Flying && run.tick != NO_TICK);
+            if let Some(run) = in_air.filter(|_| told_at.is_none() && self.restarts_roles()) {
+                self.start_again()?;
+                self.kill_hanging(&run);
+            }
             if told_at.is_none()
                 && let Some(run) = run.filter(is_over)
-                && over_since.get_or_insert_with(Instant::now).elapsed() > ENDING
             {
-                self.kill_hanging(run.phase());
+                self.dismiss_latecomers();
+                let over = over_since.get_or_insert_with(Instant::now).elapsed();
+                if over > ENDING {
+                    self.kill_lingering(run.phase(), over > ENDING + LANDING);
+                }
             }
             if asked.at_once || told_at.is_some_and(|at| at.elapsed() > LANDING) {
+                if !asked.at_once && !forced {
+                    ended.killed = self.children.iter().map(|(role, _)| *role).collect();
+                }
                 forced = true;
                 self.kill();
             }
             let terminal_taken = self.dashboard.as_mut().is_some_and(Dashboard::is_open);
-            run.iter().for_each(|run| self.status_line.show(run, terminal_taken));
+            if let Some(run) = run.filter(|_| shown.elapsed() >= LOOK_EVERY) {
+                shown = Instant::now();
+                self.status_line.show(&run, terminal_taken);
+            }
         }
         if let Some(dashboard) = &mut self.dashboard {
             dashboard.close();
         }
         self.status_line.clear();
         Ok(ended)
+    }
+
+    /// The directory with the flight's report, when all have ended.
+    pub(super) fn recorded(&self) -> Result<RunDirectory, Failure> {
+        self.recordings.settle()
+    }
+
+    fn restarts_roles(&self) -> bool {
+        self.on_death == OnDeath::Restart
+    }
+
+    /// Whether the flight of this launcher is in the air, and has ticks to come.
+    fn is_in_air(&self, run: &Run) -> bool {
+        let is_ours = run.launcher_pid == u64::from(std::process::id());
+        is_ours && run.phase() == RunPhase::Flying && run.tick != NO_TICK && run.tick < run.last_tick
+    }
+
+    fn look_at_boards(&mut self, in_air: bool) -> Result<(), Failure> {
+        if in_air && self.crew.is_none() {
+            self.crew = Some(Crew::open(&self.wire)?);
+        }
+        Ok(())
+    }
+
+    /// What a role's board says, where the process with this number has written on it.
+    fn status_of(&self, role: Role, pid: u32) -> Option<Status> {
+        let status = self.crew.as_ref()?.statuses().get(&role).copied()?;
+        (status.pid == u64::from(pid)).then_some(status)
+    }
+
+    /// Notes that a process has died in the air, and has its role started again; gives it back where it is not.
+    fn fallen(&mut self, mut left: Left, run: &Run, ended: &mut Ended) -> Option<Left> {
+        let epoch = self.status_of(left.role, left.pid).map_or(0, |status| status.epoch);
+        ended.grid = Some(run.pace());
+        ended.noted.push(Noted { role: left.role.name().into(), epoch, how: left.cause(), noticed_ns: now_ns() });
+        if !self.restarts_roles() {
+            return Some(left);
+        }
+        if left.role == Role::Plant {
+            left.not_again = Some("a plant cannot be started again in flight".into());
+            return Some(left);
+        }
+        let Some(due) = self.restarts[left.role as usize].due(Instant::now()) else {
+            let (most, s) = (restarts::MOST, restarts::WITHIN.as_secs());
+            left.not_again = Some(format!("it has been started again {most} times within {s} s, which is the most"));
+            return Some(left);
+        };
+        self.status_line.clear();
+        say(&format!("{}; it is started again\n", left.how("")));
+        // What it held is free when its successor comes.
+        self.wire.remove_leavings();
+        self.due.push((left.role, due));
+        None
+    }
+
+    /// Starts the roles that are due.
+    fn start_again(&mut self) -> Result<(), Failure> {
+        let now = Instant::now();
+        let (due, later): (Vec<_>, Vec<_>) =
+            std::mem::take(&mut self.due).into_iter().partition(|(_, due)| *due <= now);
+        self.due = later;
+        for (role, _) in due {
+            if role == Role::Record
+                && let Err(failure) = self.recordings.begin_another()
+            {
+                say(&format!("the flight goes on without a recorder: {failure}\n"));
+                continue;
+            }
+            let child = self.starter.start(role, self.recordings.newest())?;
+            self.restarts[role as usize].started_again(now);
+            self.children.push((role, child));
+        }
+        Ok(())
+    }
+
+    /// Kills loops that hang, and processes that were started again and do not come to fly.
+    fn kill_hanging(&mut self, run: &Run) {
+        let since = std::mem::replace(&mut self.looked, Instant::now()).elapsed();
+        let Some(crew) = &self.crew else { return };
+        let pulses = self.pulses.get_or_insert_with(|| Pulses::new(Duration::from_nanos(run.period_ns)));
+        let hanging = pulses.hanging(&crew.loops(), since, Look::at);
+        let (statuses, restarts) = (crew.statuses(), &self.restarts);
+        for (role, child) in &mut self.children {
+            let status = statuses.get(role).filter(|status| status.pid == u64::from(child.id()));
+            let is_late = || restarts[*role as usize].is_again() && restarts[*role as usize].age() > GETTING_READY;
+            let hangs = match status {
+                Some(status) if status.phase() == RolePhase::Flying => hanging.contains(role),
+                _ => is_late(),
+            };
+            if hangs {
+                self.killed.push((child.id(), Killed::Hung));
+                // Only a process that has ended already resists.
+                let _ = child.kill();
+            }
+        }
+    }
+
+    /// Tells processes to end that were started again and have not come to fly before the flight was over.
+    fn dismiss_latecomers(&mut self) {
+        self.due.clear();
+        for (role, child) in &self.children {
+            let (pid, is_again) = (child.id(), self.restarts[*role as usize].is_again());
+            let phase = self.status_of(*role, pid).map(|status| status.phase());
+            let has_flown = matches!(phase, Some(RolePhase::Flying | RolePhase::Landed));
+            if is_again && !has_flown && !self.dismissed.contains(&pid) {
+                self.dismissed.push(pid);
+                tell(child);
+            }
+        }
     }
 
     /// Takes ended processes off the list, and gives them.
@@ -153,30 +293,33 @@ impl Launcher {
             match child.try_wait().map_err(|e| Failure::failed(format!("cannot wait for {role}: {e}")))? {
                 None => next += 1,
                 Some(status) => {
-                    let hung = self.hung.contains(role);
-                    left.push(Left { role: *role, status, interrupted, hung });
+                    let (role, pid) = (*role, child.id());
+                    let killed = self.killed.iter().find(|(it, _)| *it == pid).map(|(_, why)| *why);
+                    // What code of a law has started, and left behind. Mostly there is nobody.
+                    let _ = number_of(child).map(|group| kill_process_group(group, Signal::KILL));
                     self.children.remove(next);
+                    if !self.dismissed.contains(&pid) {
+                        left.push(Left { role, pid, status, interrupted, killed, not_again: None });
+                    }
                 }
             }
         }
         Ok(left)
     }
 
-    fn tell_all(&self) {
-        for (_, child) in &self.children {
-            if let Some(pid) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
-                // It may have ended by itself meanwhile.
-                let _ = kill_process(pid, Signal::TERM);
-            }
-        }
+    fn tell_all(&mut self) {
+        self.due.clear();
+        self.children.iter().for_each(|(_, child)| tell(child));
     }
 
     /// Kills who has not ended with the flight: the plant alone where it has not closed the run, since the others end
-    /// when it is gone.
-    fn kill_hanging(&mut self, phase: RunPhase) {
-        let waits_for_plant = phase != RunPhase::Closed && self.children.iter().any(|(role, _)| *role == Role::Plant);
-        for (role, child) in self.children.iter_mut().filter(|(role, _)| !waits_for_plant || *role == Role::Plant) {
-            self.hung.push(*role);
+    /// when it is gone. All of them where it does not go: a stage that computes without an end at a higher priority
+    /// keeps it from its processor, and so from its death.
+    fn kill_lingering(&mut self, phase: RunPhase, all: bool) {
+        let waits_for_plant =
+            !all && phase != RunPhase::Closed && self.children.iter().any(|(role, _)| *role == Role::Plant);
+        for (_, child) in self.children.iter_mut().filter(|(role, _)| !waits_for_plant || *role == Role::Plant) {
+            self.killed.push((child.id(), Killed::AfterFlight));
             // Only a process that has ended already resists.
             let _ = child.kill();
         }
@@ -190,6 +333,14 @@ impl Launcher {
     }
 }
 
+/// Tells a process to end.
+fn tell(child: &Child) {
+    if let Some(pid) = number_of(child) {
+        // It may have ended by itself meanwhile.
+        let _ = kill_process(pid, Signal::TERM);
+    }
+}
+
 impl Drop for Launcher {
     fn drop(&mut self) {
         self.kill();
@@ -197,6 +348,11 @@ impl Drop for Launcher {
             let _ = child.wait();
         }
     }
+}
+
+/// The number of a process, and of its group.
+fn number_of(child: &Child) -> Option<Pid> {
+    i32::try_from(child.id()).ok().and_then(Pid::from_raw)
 }
 
 /// Whether the flight of this launcher is over: its plant has said so, or the clock does; in lockstep only the plant.

@@ -3,14 +3,16 @@
 use std::collections::BTreeMap;
 
 use failure::Failure;
-use flight_log::facts::{FORMAT, Facts, HOST, POINTS, REALTIME, RUN, SETTINGS, record};
+use flight_log::facts::{FAULTS, FORMAT, Facts, HOST, LAWS, POINTS, REALTIME, RUN, Record, SETTINGS, record};
 use model::boards;
 use model::envelope::LAYOUT;
 use report::host::Host;
+use report::laws::{FlownLaws, LawSection, NotFinite, no_theorem};
 use report::schema::RoleSection;
 
 use crate::build;
 use crate::settings::Settings;
+use crate::settings::laws::Chosen;
 
 /// The facts of a run.
 ///
@@ -47,6 +49,7 @@ pub fn facts(
     ]);
     let mut texts = record(&[("settings.toml", &settings.commented()?), ("shared", &settings.shared_text()?)]);
     texts.extend(settings.points.iter().map(|points| (POINTS.to_owned(), points.text.clone())));
+    let laws = settings.chosen_laws()?.into_iter().flat_map(of_law).collect();
     let host = record(&[
         ("kernel", &host.kernel),
         ("preemption", &host.preemption),
@@ -58,12 +61,21 @@ pub fn facts(
     ]);
     let realtime = roles.iter().map(|(role, section)| (role.clone(), granted(section))).collect();
     let plan = settings.log_plan();
-    Ok(Facts {
-        pace,
-        sample_time_ns,
-        plan,
-        records: vec![(RUN, run), (SETTINGS, texts), (HOST, host), (REALTIME, realtime)],
-    })
+    let FlownLaws { signals, without_theorem } = settings.flown_laws()?;
+    let faults: Record = (1..).zip(settings.injected()?).map(|(n, fault)| (format!("{n}"), fault.words())).collect();
+    let mut records = vec![(RUN, run), (SETTINGS, texts), (LAWS, laws), (HOST, host), (REALTIME, realtime)];
+    if !faults.is_empty() {
+        records.push((FAULTS, faults));
+    }
+    Ok(Facts { pace, sample_time_ns, plan, signals, no_theorem: without_theorem.map(no_theorem), records })
+}
+
+/// What identifies a law.
+fn of_law(law: Chosen) -> Vec<(String, String)> {
+    let LawSection { name, version, file, sha256, .. } = law.section(NotFinite::default(), Vec::new());
+    let role = law.description().role;
+    let said = [("name", Some(name)), ("version", Some(version)), ("file", file), ("sha256", sha256)];
+    said.into_iter().filter_map(|(what, text)| Some((format!("{role}.{what}"), text?))).collect()
 }
 
 /// What a process asked of the system, a step a line.

@@ -2,8 +2,8 @@
 //!
 //! The recorder that writes it holds a lock on it: so it shows whether the recorder of a flight lives ([`lives`]).
 
-use std::fs::{self, File};
-use std::os::unix::fs::FileTypeExt as _;
+use std::fs::File;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -11,7 +11,7 @@ use hdrhistogram::serialization::V2DeflateSerializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogWriter, IntervalLogWriterBuilder};
 use rustix::fs::{FlockOperation, flock};
 
-use failure::{Failure, InFile as _};
+use failure::{Failure, InFile as _, open_file};
 use flight_log::spool::Spool;
 use report::tally::series::SeriesSet;
 
@@ -100,27 +100,28 @@ impl<'a> Hlog<'a> {
 /// Whether somebody records into a flight's directory; not known counts as yes.
 #[must_use]
 pub fn lives(directory: &Path) -> bool {
-    let path = directory.join(FILE);
-    // A pipe is none of ours, and may have no writer.
-    if fs::metadata(&path).is_ok_and(|file| file.file_type().is_fifo()) {
-        return false;
+    match open_file(&directory.join(FILE)) {
+        Ok(file) => flock(&file, FlockOperation::NonBlockingLockShared).is_err(),
+        // A pipe or a device is none of ours.
+        Err(e) => e.kind() != ErrorKind::InvalidInput,
     }
-    let Ok(file) = File::open(path) else { return true };
-    flock(&file, FlockOperation::NonBlockingLockShared).is_err()
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
     use report::tally::series::Series;
 
-    fn an_interval(directory: &Path) -> Result<(), Failure> {
+    /// Records into a directory, whose file is known to be locked meanwhile where it is a file.
+    fn an_interval(directory: &Path, is_file: bool) -> Result<(), Failure> {
         let lines = Lines::create(directory)?;
         let (mut out, mut serializer) = (lines.out(), V2DeflateSerializer::new());
         let mut hlog = Hlog::begin(&lines, &mut out, &mut serializer, 1_700_000_000_000_000_000, 1)?;
         let mut series = SeriesSet::new()?;
         series.record(Series::Loop, 30_000);
-        assert!(lives(directory), "it is locked");
+        assert_eq!(lives(directory), is_file, "it is locked");
         hlog.close_interval(&mut series)?;
         lines.finish()
     }
@@ -129,14 +130,14 @@ mod tests {
     fn a_full_disk_is_an_error_with_its_reason() {
         let directory = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink("/dev/full", directory.path().join(FILE)).unwrap();
-        let failure = an_interval(directory.path()).unwrap_err().to_string();
+        let failure = an_interval(directory.path(), false).unwrap_err().to_string();
         assert!(failure.contains("latency.hlog is not whole: No space left on device"), "{failure}");
     }
 
     #[test]
     fn a_finished_log_is_of_whole_lines_and_free_again() {
         let directory = tempfile::tempdir().unwrap();
-        an_interval(directory.path()).unwrap();
+        an_interval(directory.path(), true).unwrap();
         let text = fs::read_to_string(directory.path().join(FILE)).unwrap();
         assert!(text.ends_with('\n') && text.lines().last().unwrap().starts_with("Tag=loop,0.000,1.000,"), "{text}");
         while lives(directory.path()) {

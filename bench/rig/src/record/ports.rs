@@ -153,6 +153,13 @@ fn next_drain(grid: Grid, now: u64) -> u64 {
     if between > now { between } else { due }
 }
 
+/// Keeps the first error of some.
+pub(super) fn keep_first<E>(kept: &mut Result<(), E>, next: Result<(), E>) {
+    if kept.is_ok() {
+        *kept = next;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -22,10 +22,11 @@ use super::facts::facts;
 use crate::record::crew::Crew;
 use crate::record::hlog::{self, Hlog, Lines};
 use crate::record::pairs::Pairs;
-use crate::record::ports::{DRAIN_EVERY, Ports, Relays, horizon, rest};
+use crate::record::ports::{DRAIN_EVERY, Ports, Relays, horizon, keep_first, rest};
 use crate::record::replaced::Replaced;
 use crate::record::traced::Traced;
 use crate::run_directory::make_latest;
+use crate::settings::laws::Chosen;
 use crate::settings::{LogName, Settings};
 use crate::theorem::FlightMonitor;
 use failure::{Failure, InFile as _};
@@ -90,6 +91,8 @@ pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<R
 
 struct Recorder<'a> {
     settings: &'a Settings,
+    /// Their laws, as they were when it began: a file that goes in flight is no matter.
+    chosen: [Chosen; 3],
     directory: &'a Path,
     instance: String,
     host: Host,
@@ -130,15 +133,16 @@ impl<'a> Recorder<'a> {
     ) -> Result<Self, Failure> {
         let host = host_of(machine);
         let period_s = settings.flight.period_s;
+        let (tracking, laws) = (Tracking::along(settings.course()?, period_s), settings.flown_laws()?);
         let every = settings.recorder.states_every_ticks;
-        let tracking = Tracking::along(settings.course()?, period_s);
-        let mut states = vec![StatesWriter::spooled(&files.directory.join("states.csv"), tracking, every)?];
+        let mut states = vec![StatesWriter::spooled(&files.directory.join("states.csv"), tracking, laws, every)?];
         if let Some(path) = &files.states {
-            states.push(StatesWriter::spooled(path, tracking, every)?);
+            states.push(StatesWriter::spooled(path, tracking, laws, every)?);
         }
         let watch = Watch::new(&crew.loops(), host.hypervisor != Some(false));
         let mut tally = Tally::new(armed.pace, armed.run.get().t0_ns, tracking)?;
         tally.theorem.flown_by(&settings.airframe()?);
+        tally.flown_by(laws);
         tally.begin_autopsy(watch.is_virtual, watch.processor.is_some());
         let facts = facts(&armed.run.get(), settings, instance.name(), &host, &crew.sections())?;
         let log = match settings.recorder.log {
@@ -149,6 +153,7 @@ impl<'a> Recorder<'a> {
         };
         Ok(Self {
             settings,
+            chosen: settings.chosen_laws()?,
             relays,
             log,
             unwritten: BTreeMap::new(),
@@ -161,7 +166,7 @@ impl<'a> Recorder<'a> {
             watch,
             traced: Traced::begin(settings.recorder.trace, instance, watch.processor)?,
             pairs: Pairs::new(),
-            theorem: FlightMonitor::new(&settings.controller()?),
+            theorem: FlightMonitor::new(settings.theorem()?),
             joiner: Joiner::default(),
             states,
             so_far: Replaced::new(files.directory.join("report.json"))?,
@@ -225,6 +230,7 @@ impl<'a> Recorder<'a> {
             self.judge(&wrench, state.as_ref());
         }
         self.tally.finish(&run, closed_ns);
+        self.tally.deaths.finish(fallen(&self.crew.loops()), self.tally.newest_tick());
         let closed = hlog.close_interval(&mut self.tally.series).and_then(|()| lines.finish());
         self.note(hlog::FILE, closed);
         while let Some(joined) = self.joiner.rest() {
@@ -370,7 +376,8 @@ impl<'a> Recorder<'a> {
                 }
                 self.tally.theorem(message);
             }
-            None => self.tally.theorem.unwatched(),
+            None if self.theorem.applies() => self.tally.theorem.unwatched(),
+            None => {}
         }
         let monitor = found.map(|message| message.content);
         self.joiner.take(wrench.envelope.tick, LoopMessage::Wrench(wrench.content, monitor));
@@ -387,11 +394,5 @@ impl<'a> Recorder<'a> {
     fn keep_states(&mut self) {
         let kept = self.states.iter_mut().try_for_each(StatesWriter::flush);
         self.note("states.csv", kept);
-    }
-}
-
-fn keep_first<E>(kept: &mut Result<(), E>, next: Result<(), E>) {
-    if kept.is_ok() {
-        *kept = next;
     }
 }

@@ -7,12 +7,13 @@
 use std::collections::VecDeque;
 
 use model::envelope::Message;
+use model::fault::gate::Gate;
+use model::fault::{MessageFaults, Port};
 use model::grid::Pace;
-use model::messages::{Dated, RotorSpeeds, State, SwapRecord};
-use model::parameters::Parameter;
+use model::messages::{Change, Dated, RotorSpeeds, State, SwapRecord};
 use model::role::Role;
 use plant::desk::swap_record;
-use plant::{Plant, Swap};
+use plant::{Plant, Swap, Target};
 
 use crate::replay::compare::ReplayComparison;
 use crate::replay::inputs::up_to;
@@ -35,8 +36,9 @@ pub struct AirframeReplay {
 impl AirframeReplay {
     /// The plant at tick 0.
     #[must_use]
-    pub fn new(settings: &plant::PlantSettings, pace: Pace) -> Self {
-        Self { plant: Plant::new(settings), pace, swaps: VecDeque::new(), swaps_known: 0, commands_taken: 0 }
+    pub fn new(settings: &plant::PlantSettings, pace: Pace, faults: &MessageFaults) -> Self {
+        let plant = Plant::new(settings).gated(Gate::new(faults, Port::PlantRotorSpeeds));
+        Self { plant, pace, swaps: VecDeque::new(), swaps_known: 0, commands_taken: 0 }
     }
 
     /// Takes the record of the next swap.
@@ -89,12 +91,12 @@ impl AirframeReplay {
     fn schedule_until(&mut self, tick: u64) -> Result<Vec<Message<SwapRecord>>, Failure> {
         let mut due = Vec::new();
         while let Some(swap) = self.swaps.pop_front_if(|swap| swap.envelope.tick <= tick) {
-            let changes: Vec<(Parameter, f64)> =
-                swap.content.changes().map(|(parameter, _, new)| (parameter, new)).collect();
+            let target = |Change { parameter, new, steps, .. }| Target { parameter, value: new, steps };
+            let targets: Vec<Target> = swap.content.changes().map(target).collect();
             let refused = |e: &dyn std::fmt::Display| {
                 Failure::failed(format!("swap {} of the log cannot be applied: {e}", swap.content.parameter_epoch))
             };
-            let order = Swap::new(swap.envelope.tick, &changes).map_err(|e| refused(&e))?;
+            let order = Swap::to(swap.envelope.tick, &targets).map_err(|e| refused(&e))?;
             let held_from = self.plant.schedule(order).map_err(|e| refused(&e))?;
             if held_from != swap.envelope.tick {
                 return Err(refused(&format!("it held from tick {}, which is past", swap.envelope.tick)));

@@ -14,6 +14,7 @@ pub mod batches;
 pub mod compare;
 pub mod inputs;
 pub mod loops;
+pub mod struck;
 pub mod summary;
 pub mod survey;
 
@@ -29,20 +30,22 @@ use crate::output::{print, say};
 use crate::replay::airframe::AirframeReplay;
 use crate::replay::batches::{Batch, FromLog, batches};
 use crate::replay::compare::ReplayComparison;
-use crate::replay::inputs::{Inputs, of};
+use crate::replay::inputs::{Inputs, Next, of};
 use crate::replay::loops::LoopsReplay;
 use crate::replay::summary::Summary;
 use crate::replay::survey::{Survey, Surveyor};
 use crate::run_directory::find_log;
 use crate::settings::Settings;
+use crate::settings::laws::Moved;
 use crate::wall_time::speed;
 use failure::{Failure, GATE, OK};
 use flight_log::reader::End;
 use report::tally::is_last_word;
+use report::text::count;
 use report::tracking::Tracking;
 
-/// Messages read ahead of the one that is replayed: more than the recorder takes in at once after its longest absence.
-/// What a message goes back to may stand behind it in the log, because the recorder takes topic after topic.
+/// Messages read ahead of one of which the log does not tell whether all that it goes back to has been read: more than
+/// the recorder takes in at once after its longest absence. It takes topic after topic, so that this may stand behind.
 pub const LOOKAHEAD: usize = 20_000;
 /// Messages that at the most wait for the record of a swap: it comes from beside the plant's loop, and in lockstep the
 /// clock says nothing of how many ticks later. A second of lockstep.
@@ -55,7 +58,7 @@ const LOOKAHEAD_FOR_SWAPS: usize = 8 * LOOKAHEAD;
 pub fn replay(args: &ReplayArgs) -> Result<u8, Failure> {
     let path = find_log(&args.run, args.out.as_deref())?;
     let start = Instant::now();
-    let again = fly_again(&path, args.from, args.verify)?;
+    let again = fly_again(&path, args.from, args.verify, &args.moved())?;
     // Standard output is the verdict alone.
     let flown_s = again.summary.flown_ticks() as f64 * again.survey.settings.flight.period_s;
     say(&format!("{flown_s:.3} s flown again in {}\n", speed(flown_s, start.elapsed().as_secs_f64())));
@@ -82,11 +85,19 @@ impl Replayed {
 }
 
 /// Flies a log again from tick 0, and compares from a tick on; where told so, no further than to the first difference.
+/// Laws of files are read at the places that the log names, but for those that have `moved`.
 ///
 /// # Errors
 /// As [`replay`].
-pub fn fly_again(path: &Path, from_tick: u64, stops: bool) -> Result<Replayed, Failure> {
-    let surveyor = Surveyor::open(path)?;
+pub fn fly_again(path: &Path, from_tick: u64, stops: bool, moved: &Moved) -> Result<Replayed, Failure> {
+    flown_again(path, from_tick, stops, moved).map_err(|failure| {
+        let name = path.display().to_string();
+        if failure.to_string().contains(&name) { failure } else { failure.append(&format!(" (flight log {name})")) }
+    })
+}
+
+fn flown_again(path: &Path, from_tick: u64, stops: bool, moved: &Moved) -> Result<Replayed, Failure> {
+    let surveyor = Surveyor::open(path, moved)?;
     let settings = surveyor.settings.clone();
     let again = surveyor.pace().and_then(|pace| Again::new(&settings, pace, from_tick));
     let (survey, again) = thread::scope(|scope| -> Result<_, Failure> {
@@ -118,7 +129,11 @@ fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
         print(&format!("replay: diverges at {divergence}\n"))?;
         return Ok(GATE);
     }
-    print(&format!("replay: {ticks} ticks, {values} values, identical; outputs {}\n", again.summary.outputs))?;
+    print(&format!(
+        "replay: {}, {values} values, identical; outputs {}\n",
+        count(ticks, "tick"),
+        again.summary.outputs
+    ))?;
     Ok(OK)
 }
 
@@ -126,7 +141,7 @@ fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
 fn truncated(path: &Path, again: &Replayed) -> Failure {
     let (ticks, values) = (again.summary.ticks, again.comparison.values);
     let far = match &again.comparison.first {
-        None => format!("the {ticks} ticks that it has agree in {values} values"),
+        None => format!("the {} that it has agree in {values} values", count(ticks, "tick")),
         Some(divergence) => format!("it differs at {divergence}, which may be for want of what is missing"),
     };
     Failure::failed(format!("{} is truncated: its end is missing; {far}", path.display())).help(
@@ -170,12 +185,12 @@ impl Again {
         let flight = &settings.flight;
         Ok(Self {
             from_tick,
-            airframe: AirframeReplay::new(&settings.plant()?, pace),
+            airframe: AirframeReplay::new(&settings.plant()?, pace, &settings.planned()?.messages),
             loops: LoopsReplay::new(settings)?,
-            comparison: ReplayComparison::from(from_tick),
+            comparison: ReplayComparison::from(from_tick, settings.flown_laws()?.signals),
             summary: Summary::new(Tracking::along(settings.course()?, flight.period_s), from_tick),
             restarts_before: 0,
-            inputs: Inputs::new(),
+            inputs: Inputs::new(settings.theorem()?.is_some()),
             ahead: 0,
         })
     }
@@ -194,10 +209,12 @@ impl Again {
         Ok(self)
     }
 
-    /// Flies until no more than `behind` messages wait; true where it stopped at a difference.
+    /// Flies what is settled, and then until no more than `behind` messages wait; true where it stopped at a difference.
     fn catch_up(&mut self, behind: usize, stops: bool) -> Result<bool, Failure> {
-        while self.ahead > behind {
-            let Some((tick, stage)) = self.inputs.earliest() else { break };
+        while let Some(Next { tick, stage, is_settled }) = self.inputs.earliest() {
+            if self.ahead <= behind && !is_settled {
+                break;
+            }
             if behind > 0 && stage == Role::Plant && self.waits_for_swap() {
                 break;
             }
@@ -229,10 +246,12 @@ impl Again {
                 let state = self.airframe.step(message, &inputs.rotor_speeds, comparison)?;
                 outputs.take(tick, &state);
                 self.summary.state(tick, &state);
+                self.loops.take_state(of(&inputs.states, tick)?);
                 inputs.states.advance();
             }
             Role::Outer => {
                 let message = of(&inputs.setpoints, tick)?;
+                self.loops.take_setpoint(message);
                 if let Some(setpoint) = self.loops.setpoint(message, inputs, comparison)? {
                     outputs.take(tick, &setpoint);
                 }
@@ -240,6 +259,7 @@ impl Again {
             }
             Role::Inner => {
                 let message = of(&inputs.wrenches, tick)?;
+                self.loops.take_wrench(message);
                 let wrench = self.loops.wrench(message, inputs, comparison)?;
                 outputs.take(tick, &wrench);
                 if tick >= self.from_tick {
@@ -252,12 +272,12 @@ impl Again {
             Role::Mixer => {
                 let message = of(&inputs.rotor_speeds, tick)?;
                 let speeds = self.loops.rotor_speeds(message, inputs, comparison)?;
-                // After the last tick the mixer stops the rotors: an answer to no state.
+                // After the last tick the mixer stops the rotors: an answer to no state, and no tick of its law.
                 if !is_last_word(message) {
                     outputs.take(tick, &speeds);
-                }
-                if tick >= self.from_tick {
-                    self.summary.rotor_speeds(&speeds);
+                    if tick >= self.from_tick {
+                        self.summary.rotor_speeds(&speeds);
+                    }
                 }
                 inputs.rotor_speeds.advance();
             }

@@ -1,15 +1,22 @@
 //! Summarises a replayed flight in a few lines.
 
+use controller::laws::adaptive;
 use model::messages::{Mode, RotorSpeeds, State, Wrench};
 use model::output_hash::OutputHash;
 
 use crate::replay::survey::Survey;
-use report::text::{count, flown};
+use report::swaps::AppliedSwap;
+use report::text::count;
 use report::tracking::{Tracking, TrackingError};
 
 /// Modes by number, as they are named.
-const MODES: [(Mode, &str); 4] =
-    [(Mode::Fresh, "fresh"), (Mode::Held, "held"), (Mode::Fallback, "fallback"), (Mode::Idle, "idle")];
+const MODES: [(Mode, &str); 5] = [
+    (Mode::Fresh, "fresh"),
+    (Mode::Held, "held"),
+    (Mode::Fallback, "fallback"),
+    (Mode::Idle, "idle"),
+    (Mode::NotFinite, "not finite"),
+];
 
 /// Counts over a replay.
 #[derive(Clone, Copy, Debug)]
@@ -67,7 +74,7 @@ impl Summary {
     /// Takes a wrench.
     pub fn wrench(&mut self, wrench: &Wrench) {
         take(&mut self.inner, wrench.mode);
-        self.estimate = wrench.estimate;
+        self.estimate = adaptive::estimate(&wrench.telemetry);
     }
 
     /// Takes a rotor command.
@@ -91,7 +98,7 @@ impl Summary {
         let from = if self.from_tick > 0 { format!("from tick {} ", self.from_tick) } else { String::new() };
         let mut text = format!(
             "{}: {} replayed, {from}to tick {tick} ({:.3} s); {skipped} skipped, {} missed\n",
-            flown(survey.settings.trajectory_name(), flight.preset),
+            survey.settings.flown(),
             count(self.ticks, "tick"),
             tick as f64 * flight.period_s,
             count(missed, "deadline")
@@ -102,15 +109,12 @@ impl Summary {
         text += &format!("mixer      {}; rotors saturated in {saturated}\n", modes(&self.mixer));
         text += &format!("outputs    {}\n", self.outputs);
         let [i_r, k_r, delta] = self.estimate;
-        text += &format!("estimates  I_R {i_r:.6e} kg m^2, k_r {k_r:.6e} N m s, delta {delta:.6e} rad/s^2\n");
+        if survey.settings.law_without_theorem().is_ok_and(|law| law.is_none()) {
+            text += &format!("estimates  I_R {i_r:.6e} kg m^2, k_r {k_r:.6e} N m s, delta {delta:.6e} rad/s^2\n");
+        }
         for swap in survey.swaps.iter().filter(|swap| swap.envelope.tick >= self.from_tick) {
-            let changes: Vec<String> = swap
-                .content
-                .changes()
-                .map(|(parameter, old, new)| format!("{} {old} -> {new}", parameter.name()))
-                .collect();
-            let (epoch, tick) = (swap.content.parameter_epoch, swap.envelope.tick);
-            text += &format!("swap {epoch} at tick {tick}: {}\n", changes.join(", "));
+            let swap = AppliedSwap::new(swap.envelope.tick, flight.period_s, &swap.content);
+            text += &format!("swap {} at tick {}: {}\n", swap.parameter_epoch, swap.tick, swap.words());
         }
         text
     }

@@ -9,6 +9,7 @@ use model::monitor::Monitor;
 use model::settings_text::fingerprint;
 use model::topic::Topic;
 
+use crate::settings::laws::{LAW, Moved};
 use crate::settings::trajectory::is_file;
 use crate::settings::{PointsFile, Settings};
 use failure::Failure;
@@ -52,18 +53,13 @@ impl Surveyor {
     ///
     /// # Errors
     /// [`Failure`] says what does not hold.
-    pub fn open(path: &Path) -> Result<Self, Failure> {
+    pub fn open(path: &Path, moved: &Moved) -> Result<Self, Failure> {
         let mut reader = LogReader::open(path)?;
-        let Some(first) = reader.next_entry()?.copied() else {
-            return Err(match reader.end() {
-                End::Complete => Failure::failed(format!("{} holds no message: nothing was flown", path.display())),
-                End::Truncated => Failure::failed(format!("{} is truncated before its first message", path.display()))
-                    .help("nothing can be replayed or exported from it; name another flight"),
-            });
-        };
+        let first = first_of(&mut reader)?;
         reader.check_version()?;
         check_whole(&reader, path)?;
-        let settings = settings_of(&reader)?;
+        let mut settings = settings_of(&reader)?;
+        take_moved(&mut settings, moved)?;
         let expected = ExpectedMessages::new(&reader)?;
         Ok(Self { reader, settings, expected, swaps: Vec::new(), first })
     }
@@ -111,8 +107,24 @@ impl Surveyor {
     }
 }
 
+/// The first message of a log, before which everything stands that it says of its flight.
+///
+/// # Errors
+/// [`Failure`] where there is none.
+pub fn first_of(reader: &mut LogReader) -> Result<LogEntry, Failure> {
+    if let Some(first) = reader.next_entry()? {
+        return Ok(*first);
+    }
+    let path = reader.path().display();
+    Err(match reader.end() {
+        End::Complete => Failure::failed(format!("{path} holds no message: nothing was flown")),
+        End::Truncated => Failure::failed(format!("{path} is truncated before its first message"))
+            .help("nothing can be replayed or exported from it; name another flight"),
+    })
+}
+
 /// Refuses excerpts, and logs of which files were removed: the state that they begin with is not known.
-fn check_whole(reader: &LogReader, path: &Path) -> Result<(), Failure> {
+pub fn check_whole(reader: &LogReader, path: &Path) -> Result<(), Failure> {
     let Kept { around_ticks, files_before } = reader.kept()?;
     let what = match around_ticks {
         Some(ticks) => format!("it keeps excerpts, {} before and after each event", count(ticks, "tick")),
@@ -126,7 +138,10 @@ fn check_whole(reader: &LogReader, path: &Path) -> Result<(), Failure> {
 }
 
 /// The settings in a log, if they are those that its processes agreed on.
-fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
+///
+/// # Errors
+/// [`Failure`] names the file, and says what does not hold.
+pub fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
     let text = reader.fact(SETTINGS, "settings.toml")?;
     let mut settings: Settings = toml::from_str(text).map_err(|e| reader.damaged(&format!("its settings: {e}")))?;
     if is_file(&settings.flight.trajectory) {
@@ -144,6 +159,28 @@ fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
         return Err(reader.damaged(&format!("its settings have the fingerprint {here}, its run {agreed}")));
     }
     Ok(settings)
+}
+
+/// Takes where the files of laws are now, and refuses what did not fly.
+fn take_moved(settings: &mut Settings, moved: &Moved) -> Result<(), Failure> {
+    for (role, file) in moved {
+        let section = settings.law_sections().into_iter().find(|(it, _)| it == role);
+        let flown = section.and_then(|(_, section)| section.get(LAW)?.as_str()).unwrap_or_default();
+        if !law_library::is_file(flown) {
+            return Err(Failure::usage(format!(
+                "--{role} {}: the flight flew the {role} law `{flown}`, which is built in",
+                file.display()
+            ))
+            .help("a replay flies the laws of the flight: leave the flag out"));
+        }
+    }
+    settings.moved.clone_from(moved);
+    // Loaded now: what is not there is said before the log is read.
+    settings.laws().map(drop).map_err(|failure| {
+        failure.help(
+            "a replay flies the same file: `ironbird replay --outer | --inner | --mixer FILE` says where it is now",
+        )
+    })
 }
 
 /// Every swap that the last state knows must be there; a truncated log may end between them.
@@ -235,13 +272,13 @@ impl ExpectedMessages {
         self.messages[place] += 1;
         let last = self.newest[place].replace(Sent { epoch, seq, tick });
         let same_sender = last.filter(|last| last.epoch == epoch);
-        let owed = same_sender.map_or(0, |last| last.seq + 1);
+        let owed = same_sender.map_or(0, |last| last.seq.saturating_add(1));
         if seq != owed {
             let missing = seq.wrapping_sub(owed);
             return Err(gap(&format!("topic `{topic}` lacks {} before tick {tick}", count(missing, "message"))));
         }
-        let rises = last.is_none_or(|last| last.tick + u64::from(!many_per_tick) <= tick && last.epoch <= epoch);
-        if !rises {
+        let rises = |last: Sent| if many_per_tick { last.tick <= tick } else { last.tick < tick };
+        if last.is_some_and(|last| !rises(last) || last.epoch > epoch) {
             return Err(gap(&format!("topic `{topic}` goes back to tick {tick}")));
         }
         Ok(())

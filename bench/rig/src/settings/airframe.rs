@@ -10,12 +10,13 @@ use std::path::Path;
 
 use failure::Failure;
 use model::limits::RotorLimits;
-use model::parameters::{Airframe, Parameter, ParameterError, SPECS};
+use model::parameters::{Airframe, Parameter, ParameterError, SPECS, shown};
 use toml::{Table, Value};
 use toml_edit::{Document, Item};
 
 use crate::settings::DEFAULT;
 use crate::settings::layers::{nearest, section, text_of};
+use crate::settings::trajectory::sha256_of;
 
 /// Built-in airframes by name.
 const BUILT_IN: [(&str, &str); 3] = [
@@ -25,7 +26,7 @@ const BUILT_IN: [(&str, &str); 3] = [
 ];
 
 /// Name of the paper's airframe, which is the default.
-pub(super) const PAPER: &str = "paper";
+pub(crate) const PAPER: &str = "paper";
 
 /// An airframe as it was built, with its rotors.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,6 +37,8 @@ pub(super) struct Design {
     pub rotor: RotorLimits,
     /// Where the controller believes something else.
     pub believed: BTreeMap<String, f64>,
+    /// SHA-256 of its file; empty where it is built in.
+    pub sha256: String,
 }
 
 /// The airframe of a name or of a file.
@@ -46,12 +49,16 @@ pub(super) struct Design {
 /// A usage [`Failure`] names every mistake of the file, with its line.
 pub(super) fn design(name: &str, model: &Table) -> Result<Design, Failure> {
     let place = || format!("airframe file {name}");
-    let text = match BUILT_IN.iter().find(|(known, _)| *known == name) {
-        Some((_, text)) => (*text).to_owned(),
-        None if is_path(name) => text_of(Path::new(name)).map_err(|e| {
-            Failure::usage(format!("cannot read the {}: {e}", place()))
-                .help("name a file that you can read; docs/airframes.md has one to begin with")
-        })?,
+    let (text, sha256) = match BUILT_IN.iter().find(|(known, _)| *known == name) {
+        Some((_, text)) => ((*text).to_owned(), String::new()),
+        None if is_path(name) => {
+            let text = text_of(Path::new(name)).map_err(|e| {
+                Failure::usage(format!("cannot read the {}: {e}", place()))
+                    .help("name a file that you can read; docs/airframes.md has one to begin with")
+            })?;
+            let sha256 = sha256_of(&text);
+            (text, sha256)
+        }
         None => {
             let names: Vec<String> = BUILT_IN.iter().map(|(name, _)| (*name).to_owned()).collect();
             return Err(Failure::usage(format!("unknown airframe `{name}`{}", nearest(name, names.iter())))
@@ -59,7 +66,10 @@ pub(super) fn design(name: &str, model: &Table) -> Result<Design, Failure> {
         }
     };
     let help = "docs/airframes.md has the format; `ironbird params` lists names, units and ranges";
-    read(&text, model).map_err(|mistakes| Failure::usage(format!("{}: {}", place(), mistakes.join("; "))).help(help))
+    let design = read(&text, model);
+    let design =
+        design.map_err(|mistakes| Failure::usage(format!("{}: {}", place(), mistakes.join("; "))).help(help))?;
+    Ok(Design { sha256, ..design })
 }
 
 /// Whether it names a file, by its ending or a folder in it.
@@ -92,7 +102,7 @@ fn read(text: &str, model: &Table) -> Result<Design, Vec<String>> {
     let rotor = reader.rotor(&rotor);
     let believed = reader.believed(&believed, model, airframe.as_ref());
     match (airframe, reader.mistakes.is_empty()) {
-        (Some(airframe), true) => Ok(Design { airframe, rotor, believed }),
+        (Some(airframe), true) => Ok(Design { airframe, rotor, believed, sha256: String::new() }),
         _ => Err(reader.told()),
     }
 }
@@ -172,13 +182,20 @@ impl Reader<'_> {
             };
             *place = value;
             if line != usize::MAX && !(0.0..=1e5).contains(&value) {
-                self.says(line, format!("rotor.{key} = {value} is out of range: allowed are 0 to 100000 rad/s"));
+                self.says(
+                    line,
+                    format!("rotor.{key} = {} is out of range: allowed are 0 to 100000 rad/s", shown(value)),
+                );
             }
         }
         let missing: Vec<&str> =
             ["min_rad_s", "max_rad_s"].into_iter().filter(|key| !given.contains_key(*key)).collect();
         if !missing.is_empty() {
             self.says(usize::MAX, format!("missing in [rotor]: {}", missing.join(", ")));
+        }
+        let [min, max] = [limits.min_rad_s, limits.max_rad_s];
+        if let (true, Some((_, line))) = (min > max, given.get("min_rad_s")) {
+            self.says(*line, format!("rotor.min_rad_s = {min} must not be above rotor.max_rad_s = {max}"));
         }
         limits
     }
@@ -208,7 +225,7 @@ impl Reader<'_> {
 }
 
 /// The line of a place in a text, from 1.
-fn line_of(text: &str, span: &Range<usize>) -> usize {
+pub(super) fn line_of(text: &str, span: &Range<usize>) -> usize {
     1 + text.as_bytes().iter().take(span.start).filter(|byte| **byte == b'\n').count()
 }
 
@@ -226,6 +243,9 @@ impl Design {
         if let Some(rotor) = settings.get_mut("rotor").and_then(Value::as_table_mut) {
             rotor.insert("min_rad_s".into(), Value::Float(self.rotor.min_rad_s));
             rotor.insert("max_rad_s".into(), Value::Float(self.rotor.max_rad_s));
+        }
+        if let Some(flight) = settings.get_mut("flight").and_then(Value::as_table_mut) {
+            flight.insert("airframe_sha256".into(), Value::String(self.sha256.clone()));
         }
     }
 }
@@ -248,10 +268,12 @@ pub(crate) fn built(values: &BTreeMap<String, f64>) -> Result<Airframe, Paramete
     Airframe::built_with(array)
 }
 
-/// The keys and values of a settings text.
+/// The keys and values of a settings text, which is TOML of lines `section.key = value`; strings without their quotes.
 pub(crate) fn pairs(text: &str) -> BTreeMap<String, String> {
-    let lines = text.lines().filter_map(|line| line.split_once(" = "));
-    lines.map(|(key, value)| (key.to_owned(), value.trim_matches('"').to_owned())).collect()
+    let table: Table = text.parse().unwrap_or_default();
+    let sections = table.iter().flat_map(|(section, keys)| keys.as_table().map(|keys| (section, keys)));
+    let told = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    sections.flat_map(|(section, keys)| keys.iter().map(move |(k, v)| (format!("{section}.{k}"), told(v)))).collect()
 }
 
 /// The airframe, as it was built, of settings that all roles share.

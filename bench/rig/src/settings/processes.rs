@@ -2,11 +2,19 @@
 
 use std::collections::BTreeMap;
 
+use controller::TheoremMonitor;
+use law::description::{self, Description};
+use law::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use model::parameters::{Airframe, Parameter, ParameterError};
+use model::role::Role;
+use model::telemetry::Signals;
+use toml::Table;
 
-use super::Settings;
 use super::airframe::built;
+use super::laws::Chosen;
+use super::{Settings, laws, refused};
 use failure::Failure;
+use report::laws::FlownLaws;
 
 impl Settings {
     /// The true airframe at tick 0.
@@ -33,31 +41,141 @@ impl Settings {
         })
     }
 
-    /// Settings of the two loops.
+    /// What the laws are told of the rig.
     ///
     /// # Errors
     /// A usage [`Failure`] names the parameter of the model.
-    pub fn controller(&self) -> Result<controller::LoopSettings, Failure> {
-        Ok(controller::LoopSettings {
-            period_s: self.flight.period_s,
-            trajectory: self.course()?,
-            gains: self.gains,
-            limits: self.limits,
-            rotor: self.rotor,
-            model: self.airframe_of("model", &self.model)?,
-        })
+    pub fn rig(&self) -> Result<Rig, Failure> {
+        let airframe = self.airframe_of("model", &self.model)?;
+        Ok(Rig { period_s: self.flight.period_s, airframe, rotor: self.rotor })
     }
 
-    /// Settings of the mixer.
+    /// The sections of the laws.
+    pub(crate) fn law_sections(&self) -> [(Role, &Table); 3] {
+        [(Role::Outer, &self.outer), (Role::Inner, &self.inner), (Role::Mixer, &self.mixer)]
+    }
+
+    /// The law of a role, with its settings.
     ///
     /// # Errors
-    /// As [`Self::controller`].
-    pub fn mixer(&self) -> Result<mixer::MixerSettings, Failure> {
-        Ok(mixer::MixerSettings {
-            period_s: self.flight.period_s,
-            model: self.airframe_of("model", &self.model)?,
-            rotor: self.rotor,
-        })
+    /// A usage [`Failure`] names the law, its file or its setting, and what is allowed.
+    pub(super) fn chosen(&self, role: Role) -> Result<(Chosen, description::Settings), Failure> {
+        let section = match role {
+            Role::Outer => &self.outer,
+            Role::Mixer => &self.mixer,
+            _ => &self.inner,
+        };
+        laws::chosen(role, section, &self.moved)
+    }
+
+    /// The chosen laws: outer, inner, mixer.
+    ///
+    /// # Errors
+    /// As [`Self::laws`].
+    pub fn chosen_laws(&self) -> Result<[Chosen; 3], Failure> {
+        Ok([self.chosen(Role::Outer)?.0, self.chosen(Role::Inner)?.0, self.chosen(Role::Mixer)?.0])
+    }
+
+    /// What the chosen laws say of themselves: outer, inner, mixer.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the law, its file or its setting, and what is allowed.
+    pub fn laws(&self) -> Result<[&'static Description; 3], Failure> {
+        Ok(self.chosen_laws()?.map(Chosen::description))
+    }
+
+    /// The options that choose the laws, of those that fly only when they are asked for.
+    ///
+    /// # Errors
+    /// As [`Self::laws`].
+    pub fn law_options(&self) -> Result<String, Failure> {
+        let asked = |law: &Chosen| {
+            let law = law.description();
+            laws::known(law.role).first().is_some_and(|first| first.name != law.name)
+        };
+        let option = |law: Chosen| format!("--{} {}", law.description().role, law.named());
+        let options = self.chosen_laws()?.into_iter().filter(asked).map(option);
+        Ok(options.collect::<Vec<_>>().join(" "))
+    }
+
+    /// The outer loop before tick 0.
+    ///
+    /// # Errors
+    /// As [`Self::laws`], and what the law does not take.
+    pub fn outer_stage(&self) -> Result<GuardedOuter, Failure> {
+        let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Outer)?);
+        let made = match law {
+            Chosen::BuiltIn(law) => laws::entry(controller::laws::OUTER, law).make(&rig, &settings),
+            Chosen::Library(library) => library.outer(&rig, &settings),
+        };
+        Ok(GuardedOuter::new(made.map_err(refused)?, self.course()?.route(rig.period_s), &rig))
+    }
+
+    /// The inner loop before tick 0.
+    ///
+    /// # Errors
+    /// As [`Self::outer_stage`].
+    pub fn inner_stage(&self) -> Result<GuardedInner, Failure> {
+        let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Inner)?);
+        let made = match law {
+            Chosen::BuiltIn(law) => laws::entry(controller::laws::INNER, law).make(&rig, &settings),
+            Chosen::Library(library) => library.inner(&rig, &settings),
+        };
+        Ok(GuardedInner::new(made.map_err(refused)?, &rig))
+    }
+
+    /// The mixer before tick 0.
+    ///
+    /// # Errors
+    /// As [`Self::outer_stage`].
+    pub fn mixer_stage(&self) -> Result<GuardedMixer, Failure> {
+        let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Mixer)?);
+        let made = match law {
+            Chosen::BuiltIn(law) => laws::entry(mixer::LAWS, law).make(&rig, &settings),
+            Chosen::Library(library) => library.mixer(&rig, &settings),
+        };
+        Ok(GuardedMixer::new(made.map_err(refused)?, &rig))
+    }
+
+    /// Whether the law of a role can be made. That of a file is made by those alone who fly it: its code is not run
+    /// where it is not needed.
+    pub(super) fn check_law(&self, role: Role, makes: &[Role]) -> Result<(), Failure> {
+        if self.chosen(role)?.0.library().is_some() && !makes.contains(&role) {
+            return Ok(());
+        }
+        match role {
+            Role::Outer => self.outer_stage().map(drop),
+            Role::Mixer => self.mixer_stage().map(drop),
+            _ => self.inner_stage().map(drop),
+        }
+    }
+
+    /// The theorem's monitor before tick 0; none where the chosen inner law, with its settings, has no theorem.
+    ///
+    /// # Errors
+    /// As [`Self::laws`].
+    pub fn theorem(&self) -> Result<Option<TheoremMonitor>, Failure> {
+        let (law, settings) = self.chosen(Role::Inner)?;
+        let rig = self.rig()?;
+        Ok(controller::laws::theorem(law.description().name, &settings).map(|gains| TheoremMonitor::new(&rig, &gains)))
+    }
+
+    /// The name of the chosen inner law where it, with its settings, has no theorem, and so no estimates.
+    ///
+    /// # Errors
+    /// As [`Self::laws`].
+    pub fn law_without_theorem(&self) -> Result<Option<&'static str>, Failure> {
+        let (law, settings) = self.chosen(Role::Inner)?;
+        Ok(laws::without_theorem(law.description(), &settings))
+    }
+
+    /// What the report knows of the chosen laws.
+    ///
+    /// # Errors
+    /// As [`Self::laws`].
+    pub fn flown_laws(&self) -> Result<FlownLaws, Failure> {
+        let [outer, inner, mixer] = self.laws()?.map(|law| law.telemetry);
+        Ok(FlownLaws { signals: Signals { outer, inner, mixer }, without_theorem: self.law_without_theorem()? })
     }
 
     /// The airframe that was built, with the values of a section.

@@ -6,12 +6,17 @@
 use std::fmt;
 use std::io::Read as _;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use controller::trajectory::{Point, UnknownTrajectory};
 use controller::{Course, Spline, Trajectory};
 use failure::{Failure, open_file};
+use model::parameters::shown;
+use report::text::count;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
+
+use super::Settings;
 
 /// First line of a file of points.
 pub(crate) const HEADER: &str = "t,x,y,z,yaw";
@@ -63,6 +68,42 @@ impl fmt::Debug for PointsFile {
     }
 }
 
+impl Settings {
+    /// The settings with the points that their trajectory names, if it is a file.
+    pub(super) fn with_points(mut self) -> Result<Self, Failure> {
+        if !is_file(&self.flight.trajectory) {
+            // Of a file that the settings no longer name.
+            self.trajectory.sha256.clear();
+            return Ok(self);
+        }
+        // Where the roles of a flight stand in different folders, they mean the same file.
+        if let Ok(path) = Path::new(&self.flight.trajectory).canonicalize() {
+            self.flight.trajectory = path.to_string_lossy().into_owned();
+        }
+        let read = PointsFile::read(&self.flight.trajectory)?;
+        self.take_points(read)?;
+        Ok(self)
+    }
+
+    /// Takes the points of the trajectory, if they are those that the settings have the hash of.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names both hashes.
+    pub fn take_points(&mut self, points: PointsFile) -> Result<(), Failure> {
+        let wanted = &self.trajectory.sha256;
+        if !wanted.is_empty() && *wanted != points.sha256 {
+            return Err(Failure::usage(format!(
+                "trajectory file {}: its SHA-256 is {}, but the settings were made for {wanted}",
+                self.flight.trajectory, points.sha256
+            ))
+            .help("the file has changed: bring the old one back, or take trajectory.sha256 out of the settings"));
+        }
+        self.trajectory.sha256.clone_from(&points.sha256);
+        self.points = Some(points);
+        Ok(())
+    }
+}
+
 /// Whether a trajectory is a file, by its ending or a folder in its name.
 pub(crate) fn is_file(trajectory: &str) -> bool {
     trajectory.contains('/') || Path::new(trajectory).extension().is_some()
@@ -108,11 +149,24 @@ impl PointsFile {
     /// # Errors
     /// What is wrong with it, with line and column.
     pub(crate) fn of(text: String) -> Result<Self, String> {
+        let sha256 = sha256_of(&text);
+        // A curve stays for as long as the process does, and a campaign flies the same one a million times.
+        static CURVES: Mutex<Vec<(String, Course)>> = Mutex::new(Vec::new());
+        let mut curves = CURVES.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, course)) = curves.iter().find(|(known, _)| *known == sha256) {
+            return Ok(Self { text, sha256, course: *course });
+        }
         let points = points(&text)?;
         let spline = Spline::through(&points).map_err(|e| e.to_string())?;
-        let sha256 = Sha256::digest(&text).iter().map(|byte| format!("{byte:02x}")).collect();
-        Ok(Self { text, sha256, course: Course::along(spline) })
+        let course = Course::along(spline);
+        curves.push((sha256.clone(), course));
+        Ok(Self { text, sha256, course })
     }
+}
+
+/// The SHA-256 of a text, as `sha256sum` writes it.
+pub(super) fn sha256_of(text: &str) -> String {
+    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Reads points: a first line [`HEADER`], then a line per point.
@@ -154,7 +208,8 @@ fn point(line: usize, text: &str) -> Result<Point, String> {
     let fields: Vec<&str> = text.split(',').map(str::trim).collect();
     let names: Vec<&str> = HEADER.split(',').collect();
     if fields.len() != names.len() {
-        return Err(format!("line {line} has {} columns: expected {}, as in {HEADER}", fields.len(), names.len()));
+        let found = count(fields.len() as u64, "column");
+        return Err(format!("line {line} has {found}: expected {}, as in {HEADER}", names.len()));
     }
     let mut numbers = [0.0; 5];
     for ((number, field), name) in numbers.iter_mut().zip(&fields).zip(&names) {
@@ -162,7 +217,7 @@ fn point(line: usize, text: &str) -> Result<Point, String> {
         let value: f64 = field.parse().map_err(|_| format!("{place}: `{}` is not a number", shortened(field)))?;
         let most = if *name == "t" { LATEST_S } else { FURTHEST };
         if !(-most..=most).contains(&value) {
-            return Err(format!("{place}: {value} is out of range: allowed are -{most} to {most}"));
+            return Err(format!("{place}: {} is out of range: allowed are -{most} to {most}", shown(value)));
         }
         *number = value;
     }
@@ -196,6 +251,7 @@ mod tests {
             ("t,x,y,z,yaw\n", "it has no point"),
             ("t,x,y,z,yaw\n0,0,0,0,0\n", "it has 1 point"),
             ("t,x,y,z,yaw\n0,0,0,0,0\n1,2,3\n", "line 3 has 3 columns: expected 5"),
+            ("t,x,y,z,yaw\n0,0,0,0,0\n1\n", "line 3 has 1 column: expected 5"),
             ("t,x,y,z,yaw\n0,0,0,0,0\n1,a,3,4,5\n", "line 3, column x: `a` is not a number"),
             ("t,x,y,z,yaw\n0,0,0,0,0\n1,2,3,nan,5\n", "line 3, column z: NaN is out of range"),
             ("t,x,y,z,yaw\n0,0,0,0,0\n1,2,3,4,inf\n", "line 3, column yaw: inf is out of range"),

@@ -58,7 +58,11 @@ impl Feed {
         let mut steal = flight.steal;
         steal.look(flight);
         flight.steal = steal;
-        flight.recorder_lives = observation.lives(Role::Record);
+        // Asked in this order: a recorder that ends with the flight is not lost, and one that was lost stays so.
+        let lives = observation.lives(Role::Record);
+        if lives || observation.ending().is_none() {
+            flight.recorder_lives = lives;
+        }
         if self.ended.is_none() && observation.ending().is_some() {
             self.ended = Some(Instant::now());
         }

@@ -1,6 +1,6 @@
 //! What a key does.
 
-use model::parameters::{Airframe, Parameter, SPECS};
+use model::parameters::{Airframe, SPECS};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use crate::fault::Wanted;
@@ -9,6 +9,8 @@ use report::tally::series::Series;
 
 /// Longest value that can be typed.
 const TYPED_MAX: usize = 24;
+/// What it may hold besides digits: numbers, `nominal`, shares, and the units of a ramp's time.
+const TYPED: &str = ".+-eE%~nominalmsuhd";
 
 /// What a key asks of the outside.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,8 +23,8 @@ pub enum Action {
     EndFlight,
     /// Begin all statistics anew.
     Reset,
-    /// Swap a parameter.
-    Inject(Parameter, f64),
+    /// Swap a parameter, at once or over a time.
+    Inject(Wanted),
 }
 
 impl Model {
@@ -47,7 +49,7 @@ impl Model {
             KeyCode::Char('r') => return Action::Reset,
             KeyCode::Tab | KeyCode::Right => self.turn(1),
             KeyCode::BackTab | KeyCode::Left => self.turn(Tab::ALL.len() - 1),
-            KeyCode::Char(digit @ '1'..='5') => {
+            KeyCode::Char(digit @ '1'..='6') => {
                 self.tab = Tab::ALL[digit as usize - '1' as usize];
             }
             code => self.table(code),
@@ -91,7 +93,7 @@ impl Model {
     fn type_value(&mut self, code: KeyCode) -> Action {
         let Some(typed) = &mut self.desk.typed else { return Action::None };
         match code {
-            KeyCode::Char(c) if typed.len() < TYPED_MAX && (c.is_ascii_digit() || ".+-eE".contains(c)) => typed.push(c),
+            KeyCode::Char(c) if typed.len() < TYPED_MAX && (c.is_ascii_digit() || TYPED.contains(c)) => typed.push(c),
             KeyCode::Backspace => drop(typed.pop()),
             KeyCode::Esc => self.desk.typed = None,
             KeyCode::Enter => return self.inject(),
@@ -108,10 +110,10 @@ impl Model {
         }
         let airframe = self.flight.as_ref().map_or(Airframe::nominal(), |flight| flight.airframe);
         let wanted = format!("{}={typed}", self.desk.parameter()).parse::<Wanted>();
-        match wanted.and_then(|wanted| wanted.of(&airframe)) {
-            Ok((parameter, value)) => {
+        match wanted.and_then(|wanted| wanted.of(&airframe).map(|_| wanted)) {
+            Ok(wanted) => {
                 self.desk.waits = true;
-                Action::Inject(parameter, value)
+                Action::Inject(wanted)
             }
             Err(error) => {
                 self.desk.typed = Some(typed);

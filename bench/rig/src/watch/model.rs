@@ -14,9 +14,12 @@ use crate::inject::Applied;
 use crate::observe::ObservedMessage;
 use crate::settings::PointsFile;
 use crate::settings::airframe::airframe_of;
+use crate::settings::laws;
 use crate::settings::trajectory::{built_in, is_file};
 use crate::watch::trace::ErrorTrace;
 use failure::Failure;
+use report::laws::FlownLaws;
+use report::swaps::AppliedSwap;
 use report::tally::{Tally, is_last_word};
 use report::tracking::Tracking;
 
@@ -36,11 +39,13 @@ pub enum Tab {
     Plant,
     /// What the system granted.
     RealTime,
+    /// What the laws show of themselves.
+    Laws,
 }
 
 impl Tab {
     /// All of them, in order.
-    pub const ALL: [Self; 5] = [Self::Flight, Self::Latency, Self::Theorem, Self::Plant, Self::RealTime];
+    pub const ALL: [Self; 6] = [Self::Flight, Self::Latency, Self::Theorem, Self::Plant, Self::RealTime, Self::Laws];
 
     /// Its name.
     #[must_use]
@@ -51,6 +56,7 @@ impl Tab {
             Self::Theorem => "Theorem",
             Self::Plant => "Plant",
             Self::RealTime => "Real time",
+            Self::Laws => "Laws",
         }
     }
 }
@@ -167,7 +173,7 @@ pub struct WatchedFlight {
     pub settings: BTreeMap<String, String>,
     /// How it ended.
     pub ending: Option<Ending>,
-    /// Whether the recorder lives, who passes everything on.
+    /// Whether the recorder lives, who passes everything on and watches the theorem; or did when the flight ended.
     pub recorder_lives: bool,
     /// Statistics since the dashboard joined, or since they were reset.
     pub tally: Tally,
@@ -194,8 +200,12 @@ pub struct WatchedFlight {
     pub crew: BTreeMap<Role, Status>,
     /// The parameters in force.
     pub in_force: InForce,
+    /// The newest swap that the dashboard has seen.
+    pub newest_swap: Option<AppliedSwap>,
     /// The airframe as it was built.
     pub airframe: Airframe,
+    /// What is known of the laws.
+    pub laws: FlownLaws,
     /// What the host takes.
     pub steal: StealWatch,
 }
@@ -204,10 +214,12 @@ impl WatchedFlight {
     fn new(run: &Run, settings: BTreeMap<String, String>) -> Result<Self, Failure> {
         let tracking = tracking(run, &settings)?;
         let airframe = airframe_of(&settings)?;
-        let mut tally = Self::tally(run, tracking)?;
+        let laws = laws::shared(&settings)?;
+        let mut tally = Self::tally(run, tracking, laws)?;
         tally.theorem.flown_by(&airframe);
         Ok(Self {
             airframe,
+            laws,
             run: *run,
             settings,
             ending: None,
@@ -225,18 +237,21 @@ impl WatchedFlight {
             v: ErrorTrace::default(),
             crew: BTreeMap::new(),
             in_force: InForce::default(),
+            newest_swap: None,
             steal: StealWatch::default(),
         })
     }
 
-    fn tally(run: &Run, tracking: Tracking) -> Result<Tally, Failure> {
-        Tally::joining(run.pace(), run.t0_ns, tracking)
+    fn tally(run: &Run, tracking: Tracking, laws: FlownLaws) -> Result<Tally, Failure> {
+        let mut tally = Tally::joining(run.pace(), run.t0_ns, tracking)?;
+        tally.flown_by(laws);
+        Ok(tally)
     }
 
     fn reset(&mut self) -> Result<(), Failure> {
         self.lost_before = self.lost();
         let theorem = self.tally.theorem;
-        self.tally = Self::tally(&self.run, self.tracking)?;
+        self.tally = Self::tally(&self.run, self.tracking, self.laws)?;
         // The monitor counts in the recorder, from the flight's begin on.
         self.tally.theorem = theorem;
         self.position_error = ErrorTrace::default();
@@ -255,6 +270,12 @@ impl WatchedFlight {
     #[must_use]
     pub fn tick(&self) -> u64 {
         if self.state.is_some() { self.tally.newest_tick() } else { self.run.tick }
+    }
+
+    /// The newest tick that was seen of, where the recorder has gone since: of what came later nothing is known.
+    #[must_use]
+    pub fn lost_at(&self) -> Option<u64> {
+        (!self.recorder_lives).then(|| self.tick())
     }
 
     /// A setting of the run, as text.
@@ -286,7 +307,11 @@ impl WatchedFlight {
                     self.rotor_speeds = Some(message.content);
                 }
             }
-            ObservedMessage::Swap(message) => self.tally.swap(message),
+            ObservedMessage::Swap(message) => {
+                self.tally.swap(message);
+                let period_s = self.run.sample_time_ns as f64 / 1e9;
+                self.newest_swap = Some(AppliedSwap::new(message.envelope.tick, period_s, &message.content));
+            }
             ObservedMessage::Theorem(message) => {
                 self.tally.theorem(message);
                 self.monitor = Some(message.content);
@@ -303,9 +328,17 @@ fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, 
     const KEY: &str = "flight.trajectory";
     let name = settings.get(KEY).map_or("", String::as_str);
     let course = if is_file(name) {
-        let points = PointsFile::read(name)?;
-        if settings.get("trajectory.sha256") != Some(&points.sha256) {
-            return Err(Failure::failed(format!("the trajectory file {name} has changed since the flight began")));
+        let sha256 = settings.get("trajectory.sha256").map_or("", String::as_str);
+        let gone = |what: String| {
+            Failure::failed(what).help(format!(
+                "bring back the file whose SHA-256 is {sha256}, and watch again; the flight itself goes on, and flight.mcap \
+                 keeps its points"
+            ))
+        };
+        let read = PointsFile::read(name);
+        let points = read.map_err(|e| gone(format!("the trajectory of the flight cannot be shown: {e}")))?;
+        if points.sha256 != sha256 {
+            return Err(gone(format!("the trajectory file {name} has changed since the flight began")));
         }
         points.course
     } else {

@@ -59,6 +59,9 @@ pub fn line(flight: &WatchedFlight) -> String {
             monitor.v, monitor.violations[0]
         );
     }
+    if let Some(tick) = flight.lost_at() {
+        let _ = write!(line, "   no recorder: as of tick {tick}, not watched since");
+    }
     let lost = flight.lost();
     if lost > 0 {
         let _ = write!(line, "   not seen {lost} messages");

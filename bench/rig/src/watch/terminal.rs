@@ -13,7 +13,6 @@ use rustix::process::{Pid, Signal, kill_process};
 use signal_hook::iterator::Signals;
 use wire::instance::Instance;
 
-use crate::fault::{Wanted, WantedValue};
 use crate::inject::{Applied, When, ask};
 use crate::watch::draw::draw;
 use crate::watch::feed::Feed;
@@ -121,8 +120,7 @@ fn show(
             Action::Quit => return Ok(OK),
             Action::EndFlight => end_flight(outside.launcher),
             Action::Reset => model.reset()?,
-            Action::Inject(parameter, value) => {
-                let wanted = Wanted { parameter, value: WantedValue::Number(value) };
+            Action::Inject(wanted) => {
                 let instance = outside.instance.clone();
                 // The plant may take its time, and the dashboard goes on.
                 let asking = sender.clone();

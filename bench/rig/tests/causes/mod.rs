@@ -8,7 +8,7 @@ use std::process::Command;
 use std::sync::Mutex;
 
 use ironbird::settings::Settings;
-use mixer::Mixer;
+use law::GuardedMixer;
 use model::inspection::{Expected, Rejections};
 use model::messages::NO_TICK;
 use model::role::Role;
@@ -72,7 +72,7 @@ const INSTANCE: &str = "TROUBLED_INSTANCE";
 
 /// A mixer that in some ticks does something besides its work, or does not hear its input.
 pub struct TroubledMixer {
-    mixer: Shell<MixerJob<Mixer>>,
+    mixer: Shell<MixerJob<GuardedMixer>>,
 }
 
 impl TroubledMixer {
@@ -116,7 +116,7 @@ impl Stage for TroubledMixer {
         self.mixer.tick(turn)
     }
 
-    fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
+    fn rehearse(&mut self, tick: u64) -> Result<bool, Error> {
         self.mixer.rehearse(tick)
     }
 
@@ -135,7 +135,7 @@ fn troubled_mixer() {
     // The thread of a test is not the first of its process, and it is the loop's that the recorder samples.
     station.status.pid = u64::try_from(gettid().as_raw_nonzero().get()).unwrap();
     let doorbell = station.wire().doorbell_with_alarm(Role::Mixer).unwrap();
-    let mixer = Shell::new(station.wire(), MixerJob(Mixer::new(&settings.mixer().unwrap())), None).unwrap();
+    let mixer = Shell::new(station.wire(), MixerJob(settings.mixer_stage().unwrap()), None).unwrap();
     // What it is late with shall be its own doing; refused, it may be preempted. No memory is locked, as page faults
     // are wanted.
     let _ = take_stand(loops_cpu(), 90);

@@ -7,17 +7,16 @@
 
 pub mod rewritten;
 
-use law::{InnerLaw as _, MixerLaw as _, OuterLaw as _};
+use law::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
+use law::{GuardedInner, GuardedMixer, GuardedOuter};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
-use controller::{InnerLoop, OuterLoop};
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, record};
 use flight_log::writer::{CHUNK_NS, Fate, FlightLog};
 use ironbird::settings::Settings;
 use ironbird::theorem::FlightMonitor;
-use mixer::Mixer;
 use model::boards::Run;
 use model::envelope::{Envelope, Message, Stamps};
 use model::grid::{Grid, Pace};
@@ -96,11 +95,11 @@ struct Flight<'a> {
     settings: &'a Settings,
     fingerprint: u64,
     plant: Plant,
-    outer: OuterLoop,
-    inner: InnerLoop,
+    outer: GuardedOuter,
+    inner: GuardedInner,
     inner_epoch: u64,
     inner_seq: u64,
-    mixer: Mixer,
+    mixer: GuardedMixer,
     theorem: FlightMonitor,
     published: Published,
     /// Commands that the plant has not taken yet.
@@ -111,20 +110,19 @@ struct Flight<'a> {
 impl<'a> Flight<'a> {
     fn new(settings: &'a Settings) -> Self {
         let mut plant = Plant::new(&settings.plant().unwrap());
-        for fault in settings.faults().unwrap() {
+        for fault in settings.planned().unwrap().swaps {
             plant.schedule(fault).unwrap();
         }
-        let controller = settings.controller().unwrap();
         Self {
             settings,
             fingerprint: fingerprint(&settings.shared_text().unwrap()),
             plant,
-            outer: OuterLoop::new(&controller),
-            inner: InnerLoop::new(&controller),
+            outer: settings.outer_stage().unwrap(),
+            inner: settings.inner_stage().unwrap(),
             inner_epoch: EPOCH,
             inner_seq: 0,
-            mixer: Mixer::new(&settings.mixer().unwrap()),
-            theorem: FlightMonitor::new(&controller),
+            mixer: settings.mixer_stage().unwrap(),
+            theorem: FlightMonitor::new(settings.theorem().unwrap()),
             published: Published::default(),
             on_the_way: VecDeque::new(),
             last_sent_ns: 0,
@@ -174,7 +172,7 @@ impl<'a> Flight<'a> {
             self.published.setpoints.push(message);
         }
         if trouble.inner_restarts {
-            self.inner = InnerLoop::new(&self.settings.controller().unwrap());
+            self.inner = self.settings.inner_stage().unwrap();
             (self.inner_epoch, self.inner_seq) = (begin_ns, 0);
         }
         if !trouble.inner_sleeps {

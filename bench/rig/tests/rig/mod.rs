@@ -30,6 +30,12 @@ pub use system::{is_gone, send, stop_for, wait_until};
 
 pub const IRONBIRD: &str = env!("CARGO_BIN_EXE_ironbird");
 
+/// Copies the executable by another process: while this one held the copy open to write, a child that another test's
+/// thread starts would hold it open too, and the copy could not be run ("text file busy").
+pub fn copy_executable(to: &Path) {
+    assert!(Command::new("cp").arg(IRONBIRD).arg(to).status().unwrap().success());
+}
+
 /// What one test flies.
 pub struct Rig {
     directory: TempDir,
@@ -100,7 +106,21 @@ impl Rig {
                 all.splice(end..end, [flag.to_owned(), value.to_owned()]);
             }
         };
-        if !matches!(command, "clean" | "simulate" | "report" | "export" | "replay" | "floor" | "runs") {
+        if !matches!(
+            command,
+            "campaign"
+                | "clean"
+                | "simulate"
+                | "compare"
+                | "report"
+                | "export"
+                | "replay"
+                | "floor"
+                | "runs"
+                | "laws"
+                | "new"
+                | "faults"
+        ) {
             default("--instance", &self.instance);
         }
         if matches!(command, "fly" | "record" | "report" | "export" | "replay" | "runs") {
@@ -237,6 +257,8 @@ pub fn take_station(role: Role, instance: &str, settings: &Settings) -> Station 
         instance: Instance::new(instance).unwrap(),
         rt: settings.realtime().unwrap(),
         settings: settings.shared_text().unwrap(),
+        law_options: String::new(),
+        resume_estimates: false,
         launcher: None,
     };
     Station::take(role, orders).unwrap()

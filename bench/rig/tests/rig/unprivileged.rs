@@ -4,7 +4,7 @@ use std::fs;
 use std::os::unix::fs::{PermissionsExt as _, chown};
 use std::process::Command;
 
-use super::{Ended, IRONBIRD, Rig, not_tested};
+use super::{Ended, Rig, copy_executable, not_tested};
 
 const NOBODY: u32 = 65534;
 
@@ -34,7 +34,7 @@ pub fn unprivileged(rig: &Rig, command: &str, args: &[&str]) -> Option<Command> 
     // Its own copy: the directory of the build may be closed to others.
     let executable = rig.path("ironbird");
     if !executable.exists() {
-        fs::copy(IRONBIRD, &executable).unwrap();
+        copy_executable(&executable);
         fs::set_permissions(rig.path("."), fs::Permissions::from_mode(0o755)).unwrap();
     }
     let mut process = Command::new("setpriv");

@@ -1,10 +1,6 @@
-//! System calls and allocator hooks that no safe crate offers.
-//!
-//! This is the only `unsafe` code of the roles.
-#![allow(unsafe_code, reason = "the one module where it is allowed; every use says why it is sound")]
+//! System calls that no safe crate offers.
+#![allow(unsafe_code, reason = "system calls; every use says why it is sound")]
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
@@ -160,46 +156,5 @@ pub(super) fn thread_usage() -> ThreadUsage {
         voluntary_switches: usage.ru_nvcsw.unsigned_abs(),
         involuntary_switches: usage.ru_nivcsw.unsigned_abs(),
         cpu_ns: ns(usage.ru_utime) + ns(usage.ru_stime),
-    }
-}
-
-/// The system's allocator, counting the calls of each thread: the proof that a tick does not allocate.
-#[derive(Debug)]
-pub struct CountingAllocator;
-
-thread_local! {
-    // Const-initialised and without a destructor: counting never allocates itself.
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-/// Allocations (and re-allocations) of the calling thread so far; 0 where the counter is not installed.
-#[must_use]
-pub fn thread_allocations() -> u64 {
-    ALLOCATIONS.get()
-}
-
-// SAFETY: every call is passed on to the system's allocator unchanged.
-unsafe impl GlobalAlloc for CountingAllocator {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: promised by the caller.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: promised by the caller.
-        unsafe { System.alloc_zeroed(layout) }
-    }
-
-    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: promised by the caller.
-        unsafe { System.realloc(pointer, layout, size) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: promised by the caller.
-        unsafe { System.dealloc(pointer, layout) }
     }
 }

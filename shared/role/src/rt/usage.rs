@@ -2,6 +2,7 @@
 //!
 //! It counts page faults, context switches, allocations and processor time.
 
+use super::allocations::thread_allocations;
 use super::sys;
 use model::realtime::Usage;
 
@@ -16,7 +17,7 @@ impl UsageMeter {
     /// Starts to measure.
     #[must_use]
     pub fn start() -> Self {
-        Self { allocations: sys::thread_allocations(), start: sys::thread_usage() }
+        Self { allocations: thread_allocations(), start: sys::thread_usage() }
     }
 
     /// What the thread used since the start.
@@ -28,7 +29,7 @@ impl UsageMeter {
             major_faults: now.major_faults - self.start.major_faults,
             voluntary_switches: now.voluntary_switches - self.start.voluntary_switches,
             involuntary_switches: now.involuntary_switches - self.start.involuntary_switches,
-            allocations: sys::thread_allocations() - self.allocations,
+            allocations: thread_allocations() - self.allocations,
             cpu_ns: now.cpu_ns - self.start.cpu_ns,
         }
     }

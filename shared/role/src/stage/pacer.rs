@@ -57,7 +57,9 @@ impl Pacer {
     ) -> Result<WakeReason, Error> {
         self.since_ns = now_ns();
         loop {
-            let newest = take(self.pace)?;
+            // Before the ports: what a tick has is there when the role before has said that it has nothing to add.
+            let silent = doorbell.silent_tick().filter(|_| self.pace == Pace::Lockstep);
+            let newest = latest(take(self.pace)?, silent);
             // After the ports: a machine that stalls in between must not make what has come look too early.
             let now = now_ns();
             if let Some(wake) = self.decide(now, newest) {
@@ -115,6 +117,14 @@ impl Pacer {
         // In lockstep no tick ends before it was worked.
         self.next_tick += u64::from(self.pace != Pace::Lockstep);
         Some(WakeReason::Silence { tick, receive_ns: now })
+    }
+}
+
+/// The newest tick that there is something to do of: that of the input, or one that has none.
+fn latest(input: u64, silent: Option<u64>) -> u64 {
+    match silent {
+        Some(silent) if input == NO_TICK || input < silent => silent,
+        _ => input,
     }
 }
 

@@ -22,7 +22,7 @@ use model::boards::{Ending, RUN, RolePhase, Run, RunPhase, SETTINGS, SettingsTex
 use model::grid::Pace;
 use model::inspection::Expected;
 use model::role::Role;
-use model::settings_text::differences;
+use model::settings_text::{differences, other_laws};
 use wire::clock::now_ns;
 use wire::error::Error;
 use wire::{BoardReader, Wire};
@@ -243,7 +243,8 @@ impl Station {
         if theirs.text().is_empty() || differences.is_empty() {
             return Ok(());
         }
-        Err(Error::SettingsDiffer { role: self.role, differences: differences.join("; ") })
+        let laws = other_laws(&self.orders.settings, theirs.text());
+        Err(Error::SettingsDiffer { role: self.role, differences: differences.join("; "), laws })
     }
 }
 

@@ -158,7 +158,9 @@ impl Station {
                 board.put(*run);
             }
             patience.say(|| {
-                format!("{} (each with the plant's settings: `ironbird {}` ...)", missing.join(", "), missing[0])
+                let (all, laws) = (missing.join(", "), &self.orders.law_options);
+                let command = format!("ironbird {} {laws}", missing[0]);
+                format!("{all} (each with the plant's settings: `{}` ...)", command.trim_end())
             });
             sleep(5 * LOOK_EVERY);
         }

@@ -18,6 +18,8 @@ use crate::error::Error;
 
 /// Permission of others to write.
 const OTHERS_WRITE: u32 = 0o022;
+/// Everything that others may be permitted.
+const OTHERS_MAY: u32 = 0o077;
 /// In a directory with this bit, only the owner of an entry may remove or rename it.
 const STICKY: u32 = 0o1000;
 /// Files are opened neither through a link, nor waiting for the other end of a pipe.
@@ -107,6 +109,19 @@ impl Directory {
     pub(super) fn identity(&self, name: &Path) -> Option<(u64, u64)> {
         let stat = statat(&self.descriptor, name, AtFlags::SYMLINK_NOFOLLOW).ok()?;
         Some((stat.st_dev, stat.st_ino))
+    }
+
+    /// Takes from others what they may do with a file of ours; one that is still being made has nothing for them.
+    pub(super) fn close_to_others(&self, name: &Path) -> Result<(), Error> {
+        let failed = |e: Errno| Error::system(format!("cannot close {} to others", self.path.join(name).display()), e);
+        let is_open = |stat: &Stat| stat.st_uid == geteuid().as_raw() && stat.st_mode & OTHERS_MAY != 0;
+        match openat(&self.descriptor, name, OFlags::RDONLY | SAFELY, Mode::empty()) {
+            Ok(file) if is_open(&fstat(&file).map_err(failed)?) => {
+                rustix::fs::fchmod(&file, PRIVATE_FILE).map_err(failed)
+            }
+            Ok(_) | Err(Errno::NOENT | Errno::ACCESS) => Ok(()),
+            Err(e) => Err(failed(e)),
+        }
     }
 
     /// Opens a file of ours in it, for reading and writing; `None` where nothing is.

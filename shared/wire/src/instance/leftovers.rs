@@ -22,6 +22,8 @@ use model::role::{ROLES, Role};
 /// Directories that the middleware makes below an instance's.
 const SERVICES: &str = "services";
 const NODES: &str = "nodes";
+/// End of the name of the segment in which it counts its nodes.
+const NODE_COUNTER: &[u8] = b".global_mgmt";
 
 /// What lies in an instance's directory, as paths below it.
 #[derive(Debug, Default)]
@@ -266,6 +268,15 @@ impl Instance {
                 Err(not_ours(path, "it has a name of this instance, and is no file of this user"))
             }
         }
+    }
+
+    /// Closes to others what the middleware opens to everybody: its counter of nodes, which anybody could shrink, so
+    /// that who reads it dies. Whatever else is open to others is refused where it is used.
+    pub(crate) fn close_node_counter(&self) -> Result<(), Error> {
+        let Some(memory) = shared_memory()? else { return Ok(()) };
+        let segments = self.segments();
+        let mut counters = segments.iter().filter(|name| name.as_encoded_bytes().ends_with(NODE_COUNTER));
+        counters.try_for_each(|name| memory.close_to_others(Path::new(name)))
     }
 
     /// Bytes of shared memory that it has already.

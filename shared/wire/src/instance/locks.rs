@@ -8,7 +8,8 @@
 //!   in_use.lock       shared      as long as the process uses the shared memory
 //! ```
 //!
-//! Locks are `flock`s: the kernel releases them when a process dies, however it dies.
+//! Locks are `flock`s: the kernel releases them when a process dies, however it dies. A child that was forked from the
+//! process, by code of a law say, does not share them ([`Locked`]).
 
 use std::fs::{DirBuilder, File};
 use std::io::{self, Read as _, Seek as _, Write as _};
@@ -19,11 +20,13 @@ use std::time::{Duration, Instant};
 
 use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
+use rustix::process::{Pid, test_kill_process};
 
 use super::directory::{Directory, PRIVATE_DIRECTORY};
 use super::{Instance, MARK};
 use crate::error::Error;
 use crate::shortage;
+use crate::sys::Locked;
 use model::role::{ROLES, Role};
 
 /// Name of the lock that all processes share which use the shared memory.
@@ -41,7 +44,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(1);
 /// A lock that is held as long as this lives.
 #[derive(Debug)]
 pub struct Lock {
-    _file: File,
+    _file: Locked,
 }
 
 /// The directory of an instance, in which nobody else takes a lock or removes anything while this lives.
@@ -63,7 +66,8 @@ impl Instance {
     /// Takes the lock of a role.
     ///
     /// # Errors
-    /// [`Error::Occupied`] names the process that holds it; those of [`Self::prepare`].
+    /// [`Error::Occupied`] names the process that holds it, [`Error::Orphaned`] one that held it and has ended; those of
+    /// [`Self::prepare`].
     pub fn lock(&self, role: Role) -> Result<Lock, Error> {
         self.lock_as(role.name())
     }
@@ -71,7 +75,7 @@ impl Instance {
     /// Takes the launcher's lock: one `fly` an instance.
     ///
     /// # Errors
-    /// [`Error::Occupied`] names the process that holds it; those of [`Self::prepare`].
+    /// As [`Self::lock`].
     pub fn lock_launcher(&self) -> Result<Lock, Error> {
         self.lock_as(LAUNCHER)
     }
@@ -84,11 +88,14 @@ impl Instance {
         let mut file = door.directory.file_or_new(&lock_name(role))?;
         if !try_lock(&file, &path)? {
             let (instance, role, pid) = (self.name().into(), role.into(), written_pid(&path));
-            return Err(Error::Occupied { instance, role, pid });
+            return Err(match pid.filter(|pid| has_ended(*pid)) {
+                Some(pid) => Error::Orphaned { instance, role, pid, path },
+                None => Error::Occupied { instance, role, pid },
+            });
         }
         file.set_len(0).and_then(|()| file.rewind()).map_err(root_path)?;
         writeln!(file, "{}", std::process::id()).map_err(root_path)?;
-        Ok(Lock { _file: file })
+        Ok(Lock { _file: Locked::new(file) })
     }
 
     /// Comes to use the instance's shared memory: [`Self::remove_leftovers`] leaves it alone until this is dropped.
@@ -106,7 +113,7 @@ impl Instance {
         }
         // Whoever holds it exclusively has the door.
         lock_soon(&file, FlockOperation::NonBlockingLockShared, &path)?;
-        Ok(Lock { _file: file })
+        Ok(Lock { _file: Locked::new(file) })
     }
 
     /// Whether a process plays the role now; where that cannot be seen for want of files, somebody does.
@@ -283,6 +290,11 @@ fn written_pid(path: &Path) -> Option<u32> {
     let mut text = String::new();
     open_to_look(path).ok()?.take(32).read_to_string(&mut text).ok()?;
     text.trim().parse().ok()
+}
+
+fn has_ended(pid: u32) -> bool {
+    let pid = i32::try_from(pid).ok().and_then(Pid::from_raw);
+    pid.is_some_and(|pid| test_kill_process(pid) == Err(Errno::SRCH))
 }
 
 fn open_to_look(path: &Path) -> io::Result<File> {

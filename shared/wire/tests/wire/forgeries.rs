@@ -10,6 +10,7 @@ use model::envelope::{Envelope, Message};
 use model::inspection::{Expected, REASONS, Reason};
 use model::messages::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::parameters::PARAMETERS;
+use model::telemetry::Telemetry;
 use model::topic::Topic;
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
@@ -127,14 +128,14 @@ fn zeroed<C: Topic>() -> Message<C> {
 fn forged_states_are_rejected() {
     let mut forgeries = envelope_forgeries::<State>();
     forgeries.extend::<[Forgery<State>; 10]>([
-        (Reason::NonFinite, |m| m.content.position_w_m[0] = f64::NAN),
-        (Reason::NonFinite, |m| m.content.rotor_speed_squared_mean_rad2_s2[3] = f64::INFINITY),
+        (Reason::NonFinite, |m| m.content.measured.position_w_m[0] = f64::NAN),
+        (Reason::NonFinite, |m| m.content.measured.rotor_speed_squared_mean_rad2_s2[3] = f64::INFINITY),
         (Reason::NonFinite, |m| m.content.truth.parameter[11] = f64::NAN),
         (Reason::NonFinite, |m| m.content.truth.rate_b_rad_s[2] = f64::NEG_INFINITY),
-        (Reason::Implausible, |m| m.content.position_w_m[2] = -1e6),
-        (Reason::Implausible, |m| m.content.velocity_w_m_s[1] = 1e9),
-        (Reason::Implausible, |m| m.content.rotor_speed_mean_rad_s[0] = -1.0),
-        (Reason::Implausible, |m| m.content.attitude_rad[0] = f64::MAX),
+        (Reason::Implausible, |m| m.content.measured.position_w_m[2] = -1e6),
+        (Reason::Implausible, |m| m.content.measured.velocity_w_m_s[1] = 1e9),
+        (Reason::Implausible, |m| m.content.measured.rotor_speed_mean_rad_s[0] = -1.0),
+        (Reason::Implausible, |m| m.content.measured.attitude_rad[0] = f64::MAX),
         (Reason::Implausible, |m| m.content.command_saturated = 2),
         (Reason::Implausible, |m| m.content.truth.parameter[7] = 1e300),
     ]);
@@ -144,11 +145,13 @@ fn forged_states_are_rejected() {
 #[test]
 fn forged_setpoints_are_rejected() {
     let mut forgeries = envelope_forgeries::<Setpoint>();
-    forgeries.extend::<[Forgery<Setpoint>; 4]>([
+    forgeries.extend::<[Forgery<Setpoint>; 6]>([
         (Reason::NonFinite, |m| m.content.thrust_n = f64::NAN),
-        (Reason::NonFinite, |m| m.content.reference_yaw_rad = f64::INFINITY),
+        (Reason::NonFinite, |m| m.content.reference.yaw_rad = f64::INFINITY),
         (Reason::Implausible, |m| m.content.thrust_n = -0.1),
+        (Reason::NonFinite, |m| m.content.reference.snap_w_m_s4[2] = f64::NAN),
         (Reason::Implausible, |m| m.content.limited = 2),
+        (Reason::Implausible, |m| m.content.mode = 5),
     ]);
     assert_rejected(&forgeries);
 }
@@ -156,9 +159,8 @@ fn forged_setpoints_are_rejected() {
 #[test]
 fn forged_wrenches_are_rejected() {
     let mut forgeries = envelope_forgeries::<Wrench>();
-    forgeries.extend::<[Forgery<Wrench>; 4]>([
+    forgeries.extend::<[Forgery<Wrench>; 3]>([
         (Reason::NonFinite, |m| m.content.torque_b_nm[1] = f64::NAN),
-        (Reason::NonFinite, |m| m.content.estimate[2] = f64::NAN),
         (Reason::Implausible, |m| m.content.torque_b_nm[0] = 1e9),
         (Reason::Implausible, |m| m.content.mode = u64::MAX),
     ]);
@@ -188,6 +190,7 @@ fn forged_swap_records_are_rejected() {
         (Reason::NonFinite, |m| m.content.new[PARAMETERS - 1] = f64::NAN),
         (Reason::Implausible, |m| m.content.count = PARAMETERS as u64 + 1),
         (Reason::Implausible, |m| (m.content.count, m.content.parameter[0]) = (1, PARAMETERS as u64)),
+        (Reason::Implausible, |m| (m.content.count, m.content.steps[0]) = (1, 0)),
     ]);
 }
 
@@ -220,25 +223,21 @@ fn number() -> impl Strategy<Value = f64> {
 }
 
 fn any_wrench() -> impl Strategy<Value = Wrench> {
-    (prop::array::uniform10(number()), prop_oneof![9 => 0..4_u64, 1 => any::<u64>()]).prop_map(|(n, mode)| Wrench {
-        thrust_n: n[0],
-        torque_b_nm: [n[1], n[2], n[3]],
-        estimate: [n[4], n[5], n[6]],
-        rate_error_b_rad_s: [n[7], n[8], n[9]],
-        mode,
+    (prop::array::uniform10(number()), prop_oneof![9 => 0..5_u64, 1 => any::<u64>()]).prop_map(|(n, mode)| {
+        let mut telemetry = Telemetry::default();
+        telemetry.value[..6].copy_from_slice(&n[4..10]);
+        Wrench { thrust_n: n[0], torque_b_nm: [n[1], n[2], n[3]], mode, telemetry }
     })
 }
 
-/// What may be believed of a wrench, written once more: thrust within 0 and 1e4 N, torque within 1e5 N m, rate error
-/// within 1e4 rad/s, everything finite, a mode that there is.
+/// What may be believed of a wrench, written once more: thrust within 0 and 1e4 N, torque within 1e5 N m, both
+/// finite, a mode that there is. Telemetry may be anything.
 fn is_believable(wrench: &Wrench) -> bool {
-    let finite = [wrench.estimate, wrench.rate_error_b_rad_s, wrench.torque_b_nm].concat();
-    finite.iter().all(|number| number.is_finite())
+    wrench.torque_b_nm.iter().all(|number| number.is_finite())
         && wrench.thrust_n >= 0.0
         && wrench.thrust_n <= 10_000.0
         && wrench.torque_b_nm.iter().all(|torque| *torque >= -100_000.0 && *torque <= 100_000.0)
-        && wrench.rate_error_b_rad_s.iter().all(|rate| *rate >= -10_000.0 && *rate <= 10_000.0)
-        && wrench.mode < 4
+        && wrench.mode < 5
 }
 
 #[test]

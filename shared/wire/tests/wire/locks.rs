@@ -1,6 +1,10 @@
 //! Locks: one process per role, known by its process number, released when it dies.
 
+use std::fs::File;
+use std::process::Command;
+
 use model::role::{ROLES, Role};
+use rustix::fs::{FlockOperation, flock};
 use wire::error::Error;
 use wire::instance::Instance;
 
@@ -39,6 +43,24 @@ fn a_role_whose_process_has_not_yet_written_its_number_is_taken_all_the_same() {
     assert_eq!(site.instance.pid_of(Role::Plant), None);
     let error = site.instance.lock(Role::Plant).unwrap_err();
     assert_eq!(error.to_string(), "instance `test` already has a running plant");
+}
+
+#[test]
+fn a_lock_that_outlives_its_process_is_said_to_be_another_ones() {
+    let site = Site::new();
+    site.instance.prepare().unwrap();
+    drop(site.instance.lock(Role::Inner).unwrap());
+    let mut ended = Command::new("true").spawn().unwrap();
+    ended.wait().unwrap();
+    let path = site.instance.directory().join("inner.lock");
+    std::fs::write(&path, format!("{}\n", ended.id())).unwrap();
+    let kept = File::open(&path).unwrap();
+    flock(&kept, FlockOperation::NonBlockingLockExclusive).unwrap();
+    let error = site.instance.lock(Role::Inner).unwrap_err();
+    let said = format!("its inner (process {}) has ended, but a process that it left keeps its lock", ended.id());
+    assert!(error.to_string().contains(&said), "{error}");
+    assert_eq!(error.exit_code(), 5);
+    assert_eq!(error.remedy().unwrap(), format!("`fuser -v {}` names it: end it", path.display()));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Relays: observers that come and go get messages unchanged.
 
 use model::envelope::{Envelope, Message};
+use model::measured::Measured;
 use model::messages::State;
 use wire::error::Error;
 use wire::instance::Instance;
@@ -21,7 +22,8 @@ fn message(tick: u64) -> Message<State> {
         ..Envelope::new()
     };
     envelope.stamps[0].send_ns = 1_000 * tick + 5;
-    Message { envelope, content: State { position_w_m: [tick as f64, 0.0, 0.0], ..State::default() } }
+    let measured = Measured { position_w_m: [tick as f64, 0.0, 0.0], ..Measured::default() };
+    Message { envelope, content: State { measured, ..State::default() } }
 }
 
 fn observer(wire: &Wire) -> Receiver<State> {

@@ -16,8 +16,14 @@ use crate::{Site, assert_incompatible, node};
 const LONG: Duration = Duration::from_secs(60);
 
 fn order(mass_kg: f64) -> SwapOrder {
-    let mut order =
-        SwapOrder { at_tick: NO_TICK, in_ticks: 3, count: 1, parameter: [0; PARAMETERS], value: [0.0; PARAMETERS] };
+    let mut order = SwapOrder {
+        at_tick: NO_TICK,
+        in_ticks: 3,
+        count: 1,
+        parameter: [0; PARAMETERS],
+        value: [0.0; PARAMETERS],
+        steps: [1; PARAMETERS],
+    };
     (order.parameter[0], order.value[0]) = (Parameter::Mass as u64, mass_kg);
     order
 }

@@ -5,6 +5,7 @@
 use iceoryx2::prelude::AttributeSpecifier;
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use model::envelope::{Envelope, Message};
+use model::measured::Measured;
 use model::messages::{NO_TICK, Setpoint, State, Wrench};
 use model::role::Role;
 use model::topic::Topic;
@@ -17,7 +18,7 @@ use crate::{EPOCH, EXPECTED, Site, assert_incompatible, node};
 
 /// A state that is known again by its number.
 fn state(number: u64) -> State {
-    State { position_w_m: [number as f64, 0.0, 0.0], ..State::default() }
+    State { measured: Measured { position_w_m: [number as f64, 0.0, 0.0], ..Measured::default() }, ..State::default() }
 }
 
 fn send(sender: &mut Sender<State>, ticks: std::ops::Range<u64>) {

@@ -6,6 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use model::telemetry::Signals;
+
 use crate::facts::LogPlan;
 use crate::spool::Disk;
 use crate::writer::FlightLog;
@@ -34,7 +36,14 @@ impl Disk for FullDisk {
 #[test]
 fn what_waits_for_a_full_disk_is_not_said_to_be_in_the_file() {
     let plan = LogPlan::WHOLE;
-    let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, plan, records: Vec::new() };
+    let facts = Facts {
+        pace: Pace::Lockstep,
+        sample_time_ns: 1_000_000,
+        plan,
+        signals: Signals::default(),
+        no_theorem: None,
+        records: Vec::new(),
+    };
     let mut file = LogFile::begin(Spool::new(FullDisk, 1).unwrap(), &facts, 0, 0).unwrap();
     let state = Message { envelope: model::envelope::Envelope::new(), content: State::default() };
     file.take(&LogEntry::State(state));
@@ -61,7 +70,9 @@ impl Noise {
         while length < CHUNK_BYTES {
             let mut state = Message { envelope: model::envelope::Envelope::new(), content: State::default() };
             (state.envelope.tick, self.tick) = (self.tick, self.tick + 1);
-            for value in state.content.position_w_m.iter_mut().chain(&mut state.content.velocity_w_m_s) {
+            for value in
+                state.content.measured.position_w_m.iter_mut().chain(&mut state.content.measured.velocity_w_m_s)
+            {
                 self.word = self.word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
                 *value = f64::from_bits(self.word >> 2);
             }
@@ -104,7 +115,14 @@ fn what_a_slow_disk_had_no_room_for_is_counted_also_when_its_file_is_removed() {
     let path = directory.path().join(crate::file_name(0));
     let disk = Stuck(File::create(&path).unwrap(), Arc::clone(&goes_on));
     let plan = LogPlan { around_ticks: None, file_bytes: u64::MAX, files: Some(1) };
-    let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, plan, records: Vec::new() };
+    let facts = Facts {
+        pace: Pace::Lockstep,
+        sample_time_ns: 1_000_000,
+        plan,
+        signals: Signals::default(),
+        no_theorem: None,
+        records: Vec::new(),
+    };
     let mut log = FlightLog::create(&path, &facts).unwrap();
     log.file = LogFile::begin(Spool::new(disk, 1).unwrap(), &facts, 0, 0).unwrap();
     let mut noise = Noise::default();
@@ -145,7 +163,14 @@ fn a_file_goes_on_after_what_a_slow_disk_had_no_room_for_and_is_whole() {
     let disk = Stuck(File::create(&path).unwrap(), Arc::clone(&goes_on));
     let run = [("version", env!("CARGO_PKG_VERSION"))];
     let records = vec![(crate::facts::RUN, crate::facts::record(&run))];
-    let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, plan: LogPlan::WHOLE, records };
+    let facts = Facts {
+        pace: Pace::Lockstep,
+        sample_time_ns: 1_000_000,
+        plan: LogPlan::WHOLE,
+        signals: Signals::default(),
+        no_theorem: None,
+        records,
+    };
     let mut file = LogFile::begin(Spool::new(disk, 1).unwrap(), &facts, 0, 0).unwrap();
     let mut noise = Noise::default();
     let mut chunk = |file: &mut LogFile| {

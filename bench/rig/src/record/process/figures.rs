@@ -1,5 +1,6 @@
 //! The recorder's figures so far, as a report.
 
+use std::collections::BTreeMap;
 use std::time::{Duration, UNIX_EPOCH};
 
 use model::boards::{Ending, Run};
@@ -8,6 +9,7 @@ use wire::clock::now_ns;
 
 use super::Recorder;
 use crate::record::ports::Ports;
+use crate::settings::laws::Chosen;
 use crate::wall_time::utc;
 use failure::Failure;
 use flight_log::TOPICS;
@@ -17,11 +19,13 @@ use machine::interrupts::Interrupts;
 use report::autopsy::Autopsy;
 use report::autopsy::section::WORST_SHOWN;
 use report::host::InterruptSection;
+use report::laws::{LawSection, NotFinite};
 use report::schema::{self, Report, RunLength};
 use report::sections::{log_section, rejected};
 use report::tally::deadlines::LateStretch;
 use report::tally::distribution::buckets;
 use report::tally::series::Series;
+use report::tally::telemetry::TelemetryTally;
 use report::verdict::{gates, verdict};
 use report::words::{Evidence, Words};
 
@@ -69,11 +73,15 @@ impl Recorder<'_> {
             version: env!("CARGO_PKG_VERSION").into(),
             build: crate::build::here(),
             trajectory: self.settings.trajectory_name().into(),
-            preset: self.settings.flight.preset.name().into(),
+            airframe: self.settings.airframe_name().into(),
+            airframe_sha256: self.settings.flight.airframe_sha256.clone(),
+            preset: self.settings.flight.preset.clone(),
             period_us: self.period_s * 1e6,
             wall_period_us: run.period_ns as f64 / 1e3,
             settings_fingerprint: format!("{:016x}", run.settings),
+            laws: self.laws(),
             ending: ending.unwrap_or(Ending::None).words().into(),
+            last_words: Vec::new(),
             in_flight: ending.is_none(),
         };
         let evidence = Evidence {
@@ -103,10 +111,13 @@ impl Recorder<'_> {
             ticks,
             deadlines,
             autopsy,
+            deaths: self.tally.deaths.deaths.clone(),
+            deaths_left_out: self.tally.deaths.left_out,
             flight: performance,
             theorem,
             swaps: self.tally.swaps.clone(),
             swaps_left_out: self.tally.swaps_seen - self.tally.swaps.len() as u64,
+            faults: self.settings.injected()?,
             series,
             roles,
             lead: self.tally.lead(&run.lead, self.crew.rehearsals()),
@@ -134,6 +145,15 @@ impl Recorder<'_> {
             beside: None,
             traces: ending.map(|_| self.tally.tracer.traces()),
         })
+    }
+
+    /// The laws that fly, with what they show, and their answers that could not be used.
+    fn laws(&self) -> BTreeMap<String, LawSection> {
+        let counted = self.chosen.into_iter().zip(self.tally.not_finite).zip(&self.tally.telemetry);
+        let section = |((law, not_finite), telemetry): ((Chosen, NotFinite), &TelemetryTally)| {
+            (law.description().role.to_string(), law.section(not_finite, telemetry.section()))
+        };
+        counted.map(section).collect()
     }
 
     fn late_stretch(&self, stretch: &LateStretch) -> schema::LateStretchSection {

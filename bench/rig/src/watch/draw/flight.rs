@@ -46,7 +46,7 @@ fn numbers<'a>(flight: &WatchedFlight, paint: Paint, width: u16) -> Vec<Line<'a>
     let state = flight.state.unwrap_or_default();
     let setpoint = flight.setpoint.unwrap_or_default();
     let speeds = flight.rotor_speeds.unwrap_or_default();
-    let (p, r) = (state.position_w_m, setpoint.reference_position_w_m);
+    let (p, r) = (state.truth.position_w_m, setpoint.reference.position_w_m);
     let total = flight.tally.flight();
     vec![
         heading(["x", "y", "z"]),
@@ -54,10 +54,10 @@ fn numbers<'a>(flight: &WatchedFlight, paint: Paint, width: u16) -> Vec<Line<'a>
         row("reference", &r, 3, "m"),
         row("error", &[p[0] - r[0], p[1] - r[1], p[2] - r[2]], 3, "m"),
         heading(["roll", "pitch", "yaw"]),
-        row("attitude", &degrees(state.attitude_rad), 2, "deg"),
+        row("attitude", &degrees(state.measured.attitude_rad), 2, "deg"),
         row("set-point", &degrees(setpoint.attitude_rad), 2, "deg"),
-        row("rate", &degrees(state.rate_b_rad_s), 2, "deg/s"),
-        rotors(&state.rotor_speed_command_rad_s, column, fewer),
+        row("rate", &degrees(state.measured.rate_b_rad_s), 2, "deg/s"),
+        rotors(&state.measured.rotor_speed_command_rad_s, column, fewer),
         Line::from(format!("{:<10}{:>column$.3} N", "thrust", speeds.thrust_n)),
         mode(flight, paint),
         Line::from(format!(
@@ -79,6 +79,7 @@ fn mode<'a>(flight: &WatchedFlight, paint: Paint) -> Line<'a> {
         Some(Mode::Held) => "held",
         Some(Mode::Fallback) => "fallback",
         Some(Mode::Idle) => "idle",
+        Some(Mode::NotFinite) => "not finite",
         None => "unknown",
     };
     let styled = |word: &'static str| Span::styled(word, paint.verdict(word == "fresh"));
@@ -102,7 +103,7 @@ fn mode<'a>(flight: &WatchedFlight, paint: Paint) -> Line<'a> {
 
 /// The horizon as seen from the airframe: it rises to the right when the left side is up.
 fn horizon(flight: &WatchedFlight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
-    let attitude = flight.state.map_or([0.0; 3], |state| state.attitude_rad);
+    let attitude = flight.state.map_or([0.0; 3], |state| state.measured.attitude_rad);
     let wanted = flight.setpoint.map_or([0.0; 3], |setpoint| setpoint.attitude_rad);
     // A cell is half as wide as it is high.
     let half_width = f64::from(area.width) / f64::from(area.height) / 2.0;

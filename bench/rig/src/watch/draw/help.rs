@@ -10,7 +10,7 @@ use crate::watch::model::Model;
 
 pub(super) fn draw(model: &Model, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
     let keys = [
-        ("1 .. 5", "pages"),
+        ("1 .. 6", "pages"),
         ("Tab, S-Tab", "next page, previous page"),
         ("Up, Down", "rows"),
         ("Enter", "edit and inject (Plant)"),

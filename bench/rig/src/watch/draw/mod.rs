@@ -11,6 +11,7 @@
 mod flight;
 mod help;
 mod latency;
+mod laws;
 mod plant;
 mod realtime;
 mod style;
@@ -63,6 +64,7 @@ pub fn draw(model: &Model, frame: &mut Frame<'_>) {
         (Some(flight), Tab::Theorem) => theorem::draw(flight, paint, frame, body),
         (Some(flight), Tab::Plant) => plant::draw(flight, &model.desk, paint, frame, body),
         (Some(flight), Tab::RealTime) => realtime::draw(flight, paint, frame, body),
+        (Some(flight), Tab::Laws) => laws::draw(flight, paint, frame, body),
     }
     if model.help {
         help::draw(model, paint, frame, area);
@@ -123,7 +125,9 @@ fn head_line<'a>(model: &'a Model, paint: Paint, width: u16) -> Line<'a> {
 fn word_line<'a>(model: &'a Model, paint: Paint, width: u16) -> Line<'a> {
     let Some(flight) = &model.flight else { return Line::default() };
     let words = words(flight);
+    let lost_at = flight.lost_at();
     let style = |is_bad: bool, is_good: bool| match (is_bad, is_good) {
+        _ if lost_at.is_some() => paint.faint(),
         (true, _) => paint.bad(),
         (_, true) => paint.good(),
         _ => paint.faint(),
@@ -138,7 +142,8 @@ fn word_line<'a>(model: &'a Model, paint: Paint, width: u16) -> Line<'a> {
     let subjects = [" ", "   timing ", "   theorem "];
     let part =
         |(subject, (word, style))| Line::from(vec![Span::styled(subject, paint.faint()), Span::styled(word, style)]);
-    fitting(subjects.into_iter().zip(parts).map(part), width)
+    let until = lost_at.map(|tick| Line::styled(format!(" up to tick {tick}:"), paint.bad()));
+    fitting(until.into_iter().chain(subjects.into_iter().zip(parts).map(part)), width)
 }
 
 fn tab_line<'a>(model: &Model, paint: Paint, width: u16) -> Line<'a> {

@@ -6,7 +6,7 @@ use ratatui::layout::Rect;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Paragraph, Wrap};
 
-use crate::params::bound;
+use crate::params::{bound, number};
 use crate::watch::draw::style::Paint;
 use crate::watch::draw::{first_row, put};
 use crate::watch::model::{ParameterPage, WatchedFlight};
@@ -62,11 +62,6 @@ fn row_text(spec: &Spec, airframe: &Airframe, value: f64, width: u16) -> String 
     }
 }
 
-/// Read exactly as typed; small ones as powers of ten.
-fn number(value: f64) -> String {
-    if value != 0.0 && value.abs() < 1e-3 { format!("{value:e}") } else { format!("{value}") }
-}
-
 fn said<'a>(flight: &WatchedFlight, desk: &'a ParameterPage, paint: Paint) -> Vec<Line<'a>> {
     let spec = desk.parameter().spec();
     let range = flight.airframe.range(spec.parameter);
@@ -86,7 +81,9 @@ fn said<'a>(flight: &WatchedFlight, desk: &'a ParameterPage, paint: Paint) -> Ve
         None if lines.is_empty() => {
             lines.push(Line::styled(spec.meaning, paint.faint()));
             let epoch = flight.in_force.parameter_epoch;
-            lines.push(Line::styled(format!("* is not nominal; swaps so far {epoch}"), paint.faint()));
+            let last = flight.newest_swap.as_ref().map(|swap| format!("; the last: {}", swap.words()));
+            let swaps = format!("* is not nominal; swaps so far {epoch}{}", last.unwrap_or_default());
+            lines.push(Line::styled(swaps, paint.faint()));
         }
         None => {}
     }

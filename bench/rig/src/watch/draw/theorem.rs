@@ -1,5 +1,6 @@
 //! Page 3: V and V_th, estimates beside true values, violations by cause.
 
+use controller::laws::adaptive;
 use model::monitor::{Cause, Monitor};
 use model::parameters::ESTIMATED;
 use ratatui::Frame;
@@ -11,6 +12,7 @@ use crate::watch::draw::style::Paint;
 use crate::watch::draw::{bars, put};
 use crate::watch::model::WatchedFlight;
 use crate::watch::trace::POINT_S;
+use report::laws::no_theorem;
 use report::tally::theorem::Theorem;
 
 /// The estimated parameters, where there is no room for their names.
@@ -21,19 +23,25 @@ const PICTURE: u16 = 8;
 const DECADES: f64 = 6.0;
 
 pub(super) fn draw(flight: &WatchedFlight, paint: Paint, frame: &mut Frame<'_>, area: Rect) {
+    if let Some(why) = flight.laws.without_theorem.map(no_theorem) {
+        let text = Paragraph::new(format!("The theorem is not applicable: {why}."));
+        frame.render_widget(text.wrap(Wrap { trim: true }), area);
+        return;
+    }
     let (Some(wrench), Some(monitor)) = (&flight.wrench, &flight.monitor) else {
         put(frame, area, vec![Line::from("nothing has been said of the theorem yet")]);
         return;
     };
     let theorem = flight.tally.theorem.section();
-    let mut lines = vec![verdict(&theorem, area.width, paint)];
+    let mut lines = vec![verdict(&theorem, flight.lost_at(), area.width, paint)];
     lines.extend(values(flight, monitor, area.width));
     lines.push(Line::styled(estimate_heading(area.width), paint.heading()));
     for (i, parameter) in ESTIMATED.iter().enumerate() {
         let truth = theorem.estimates.get(i).map_or(0.0, |estimate| estimate.actual);
         let found = theorem.estimates.get(i).is_some_and(|estimate| estimate.found);
         let name = if is_roomy(area.width) { parameter.name() } else { SYMBOLS[i] };
-        let mut row = estimate_row(name, wrench.estimate[i], truth, monitor.estimate_error[i], area.width);
+        let mut row =
+            estimate_row(name, adaptive::estimate(&wrench.telemetry)[i], truth, monitor.estimate_error[i], area.width);
         row.push_span(Span::styled(if found { "  found" } else { "" }, paint.good()));
         lines.push(row);
     }
@@ -56,7 +64,12 @@ pub(super) fn draw(flight: &WatchedFlight, paint: Paint, frame: &mut Frame<'_>, 
     picture(flight, paint, frame, Rect { y: rest.y + words, height: rest.height - words, ..rest });
 }
 
-fn verdict<'a>(theorem: &Theorem, width: u16, paint: Paint) -> Line<'a> {
+fn verdict<'a>(theorem: &Theorem, lost_at: Option<u64>, width: u16, paint: Paint) -> Line<'a> {
+    if let Some(tick) = lost_at {
+        let held = if theorem.holds { "held" } else { "DID NOT HOLD" };
+        let words = format!("theorem {held} up to tick {tick}; unchecked since: the recorder has gone");
+        return Line::styled(words, paint.bad());
+    }
     let words = if theorem.holds { "theorem holds" } else { "theorem DOES NOT HOLD" };
     let steps = if is_roomy(width) { format!(" {} steps,", theorem.ticks_checked) } else { String::new() };
     Line::from(vec![
@@ -67,9 +80,9 @@ fn verdict<'a>(theorem: &Theorem, width: u16, paint: Paint) -> Line<'a> {
 
 /// V, V_th and the rate error: each now, and where there is room how it changes.
 fn values<'a>(flight: &WatchedFlight, monitor: &Monitor, width: u16) -> [Line<'a>; 3] {
-    let e = flight.tally.flight().rate_error_final_rad_s;
+    let e = flight.tally.flight().rate_error_final_rad_s.map_or_else(|| "-".into(), |e| format!("{e:.3e}"));
     let (now, change) = (
-        [format!("V    {:>10.3e}", monitor.v), format!("V_th {:>10.3e}", monitor.v_th), format!("|e|  {e:>10.3e}")],
+        [format!("V    {:>10.3e}", monitor.v), format!("V_th {:>10.3e}", monitor.v_th), format!("|e|  {e:>10}")],
         [
             format!("  change {:>10.2e}  at most {:>10.2e}", monitor.v_change, monitor.v_change_bound),
             format!("  first  {:>10.2e}  fell by {:>10.2e}", monitor.v_th_start, monitor.descent),

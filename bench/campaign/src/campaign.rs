@@ -1,0 +1,166 @@
+//! A campaign: what its flights share, what each draws, and by which arms.
+
+use std::time::Duration;
+
+use sha2::{Digest as _, Sha256};
+use toml::{Table, Value};
+
+use crate::distribution::Distribution;
+use crate::gates::Gates;
+use crate::generator::Stream;
+use crate::lines::Lines;
+
+/// What a file describes.
+#[derive(Clone, Debug)]
+pub struct Campaign {
+    /// Its name.
+    pub name: String,
+    /// Flights per arm.
+    pub flights: u64,
+    /// Seed of all draws.
+    pub seed: u64,
+    /// Flights in a file of rows.
+    pub chunk: u64,
+    /// Sections of the settings that all flights begin with.
+    pub base: Table,
+    /// What is drawn for each flight, in the order of the columns.
+    pub factors: Vec<Factor>,
+    /// Faults, whose values are among the factors.
+    pub faults: Vec<Fault>,
+    /// What each flight is flown by, at least one.
+    pub arms: Vec<Arm>,
+    /// What counts as success.
+    pub gates: Gates,
+    /// Where in the file keys are.
+    pub lines: Lines,
+}
+
+/// What is drawn for each flight.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Factor {
+    /// Name of its column.
+    pub name: String,
+    /// What it sets.
+    pub target: Target,
+    /// What it is drawn from.
+    pub distribution: Distribution,
+    /// Line of the file.
+    pub line: usize,
+}
+
+/// What a factor sets.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// A key of the settings.
+    Setting {
+        /// Its section.
+        section: String,
+        /// The key in it.
+        key: String,
+    },
+    /// A part of a fault, which names the factor.
+    Fault,
+}
+
+/// A swap in flight: places of its parts among the factors.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fault {
+    /// The parameter.
+    pub what: usize,
+    /// Its new value.
+    pub value: usize,
+    /// When [s].
+    pub at_s: usize,
+    /// How long it takes to get there [s]; at once without.
+    pub over_s: Option<usize>,
+}
+
+/// A way to fly the same draws.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Arm {
+    /// Its name.
+    pub name: String,
+    /// Section, key and value of the settings.
+    pub settings: Vec<(String, String, Value)>,
+    /// Line of the file.
+    pub line: usize,
+}
+
+impl Campaign {
+    /// What a flight draws, in the order of the factors: of its number and the seed alone.
+    #[must_use]
+    pub fn draws(&self, flight: u64) -> Vec<Value> {
+        self.factors.iter().map(|it| it.distribution.draw(Stream::new(self.seed, &it.name), flight)).collect()
+    }
+
+    /// Sections of the settings of a flight by an arm, as a settings file would have them.
+    #[must_use]
+    pub fn given(&self, arm: &Arm, draws: &[Value]) -> Table {
+        let mut given = self.base.clone();
+        let mut set = |section: &str, key: &str, value: &Value| {
+            let section = given.entry(section).or_insert_with(|| Value::Table(Table::new()));
+            if let Some(section) = section.as_table_mut() {
+                section.insert(key.to_owned(), value.clone());
+            }
+        };
+        for (factor, value) in self.factors.iter().zip(draws) {
+            if let Target::Setting { section, key } = &factor.target {
+                set(section, key, value);
+            }
+        }
+        for (section, key, value) in &arm.settings {
+            set(section, key, value);
+        }
+        if !self.faults.is_empty() {
+            let own = given.get("flight").and_then(|it| it.get("faults")).and_then(Value::as_array);
+            let drawn = self.faults.iter().map(|fault| Value::from(fault.text(draws)));
+            let faults: Vec<Value> = own.into_iter().flatten().cloned().chain(drawn).collect();
+            let section = given.entry("flight").or_insert_with(|| Value::Table(Table::new()));
+            if let Some(section) = section.as_table_mut() {
+                section.insert("faults".into(), Value::Array(faults));
+            }
+        }
+        given
+    }
+
+    /// What the rows of the same campaign agree in, whatever its length: `settings` are those of each arm, resolved.
+    #[must_use]
+    pub fn fingerprint(&self, settings: &[String]) -> String {
+        let mut text = format!("ironbird-campaign/1\nseed {}\nchunk {}\n", self.seed, self.chunk);
+        for Factor { name, distribution, .. } in &self.factors {
+            text += &format!("factor {name} {distribution:?}\n");
+        }
+        for fault in &self.faults {
+            text += &format!("{fault:?}\n");
+        }
+        text += &format!("{:?}\n", self.gates);
+        for (arm, settings) in self.arms.iter().zip(settings) {
+            text += &format!("arm {} {:?}\n{settings}\n", arm.name, arm.settings);
+        }
+        Sha256::digest(text).iter().take(16).map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// Place of an arm by its name.
+    #[must_use]
+    pub fn arm(&self, name: &str) -> Option<usize> {
+        self.arms.iter().position(|arm| arm.name == name)
+    }
+}
+
+impl Fault {
+    /// As `--fault` has it.
+    fn text(&self, draws: &[Value]) -> String {
+        let number = |place: usize| match &draws[place] {
+            Value::Float(number) => format!("{number:?}"),
+            Value::String(text) => text.clone(),
+            other => other.to_string(),
+        };
+        // humantime reads whole numbers alone; times are checked where the file is read.
+        let time = |place: usize| {
+            let seconds = draws[place].as_float().unwrap_or_default();
+            format!("{}ns", Duration::try_from_secs_f64(seconds).unwrap_or_default().as_nanos())
+        };
+        let over = self.over_s.map_or_else(String::new, |over| format!("~{}", time(over)));
+        format!("{}={}{over}@{}", number(self.what), number(self.value), time(self.at_s))
+    }
+}

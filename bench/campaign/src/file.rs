@@ -1,0 +1,339 @@
+//! Reads a campaign's file, and tells every mistake in it with its line.
+
+mod distributions;
+
+use std::collections::BTreeMap;
+
+use failure::Failure;
+use model::parameters::{Parameter, did_you_mean, nearest};
+use toml::{Table, Value};
+use toml_edit::Document;
+
+use crate::campaign::{Arm, Campaign, Factor, Fault, Target};
+use crate::distribution::Distribution;
+use crate::gates::{Gates, METRICS, RECOVERED_BELOW_M, SignalGate};
+use crate::lines::{Lines, line_of};
+use distributions::Taken;
+
+/// Flights at the most.
+const FLIGHTS_MAX: i64 = 1_000_000_000;
+/// Flights in a file of rows, where the campaign says nothing.
+const CHUNK: i64 = 1000;
+/// Flights in a file of rows at the most: they are held in memory.
+const CHUNK_MAX: i64 = 100_000;
+/// Name of the only arm, where the campaign names none.
+const ONLY_ARM: &str = "base";
+/// Sections that are the campaign's own; all others are the settings'.
+const OWN: [&str; 5] = ["campaign", "factors", "fault", "arms", "success"];
+/// The seed of the sensors' noise, which flights draw unless the file says otherwise.
+const NOISE_SEED: &str = "flight.seed";
+
+/// Reads the text of a campaign's file.
+///
+/// # Errors
+/// A usage [`Failure`] tells every mistake, with its line.
+pub fn read(text: &str) -> Result<Campaign, Failure> {
+    let told = |mistakes: Vec<(usize, String)>| {
+        let told: Vec<String> = mistakes.iter().map(|(line, mistake)| format!("line {line}: {mistake}")).collect();
+        Failure::usage(told.join("; ")).help("docs/campaigns.md explains the file")
+    };
+    let unread = |message: &str, span: Option<std::ops::Range<usize>>| {
+        let line = span.map_or(1, |span| line_of(text, &span));
+        told(vec![(line, message.trim_end().replace('\n', ", "))])
+    };
+    let given: Table = text.parse().map_err(|e: toml::de::Error| unread(e.message(), e.span()))?;
+    let document = Document::parse(text).map_err(|e| unread(e.message(), e.span()))?;
+    let order = |section: &str| -> Vec<String> {
+        let keys = document.get(section).and_then(toml_edit::Item::as_table_like);
+        keys.map_or_else(Vec::new, |keys| keys.iter().map(|(key, _)| key.to_owned()).collect())
+    };
+    let mut reader = Reader { lines: Lines::of(text), mistakes: Vec::new(), taken: Taken::default() };
+    let campaign = reader.campaign(&given, &order("factors"), &order("arms"));
+    if reader.mistakes.is_empty() {
+        return Ok(Campaign { lines: reader.lines, ..campaign });
+    }
+    reader.mistakes.sort_by_key(|(line, _)| *line);
+    Err(told(reader.mistakes))
+}
+
+/// Collects the mistakes of a file.
+struct Reader {
+    lines: Lines,
+    mistakes: Vec<(usize, String)>,
+    taken: Taken,
+}
+
+impl Reader {
+    /// Notes a mistake at a key.
+    fn says(&mut self, path: &str, mistake: impl Into<String>) {
+        self.mistakes.push((self.lines.of_key(path), mistake.into()));
+    }
+
+    fn campaign(&mut self, given: &Table, factors: &[String], arms: &[String]) -> Campaign {
+        let own = self.section(given, "campaign");
+        self.check_keys("campaign", &own, &["name", "flights", "seed", "chunk"]);
+        if !given.contains_key("campaign") {
+            self.says("", "there is no section [campaign] with name and flights");
+        }
+        let name = self.name(&own);
+        let flights = self.whole(&own, "flights", None, 1..=FLIGHTS_MAX);
+        let seed = self.whole(&own, "seed", Some(1), 0..=i64::MAX);
+        let chunk = self.whole(&own, "chunk", Some(CHUNK), 1..=CHUNK_MAX);
+        self.taken.flights = flights;
+        let mut base = given.clone();
+        base.retain(|section, _| !OWN.contains(&section));
+        let section = self.section(given, "factors");
+        let mut drawn = self.factors(&section, factors);
+        if drawn.iter().all(|factor| factor.name != NOISE_SEED)
+            && base.get("flight").is_none_or(|it| it.get("seed").is_none())
+        {
+            let target = Target::Setting { section: "flight".into(), key: "seed".into() };
+            drawn.push(Factor { name: NOISE_SEED.into(), target, distribution: Distribution::Seed, line: 1 });
+        }
+        let faults = self.faults(given, &mut drawn);
+        self.grids(&mut drawn);
+        let has_fault = !faults.is_empty() || base.get("flight").is_some_and(|it| it.get("faults").is_some());
+        let success = self.section(given, "success");
+        Campaign {
+            name,
+            flights,
+            seed,
+            chunk,
+            arms: self.arms(given, arms, &drawn),
+            gates: self.gates(&success, has_fault),
+            base,
+            factors: drawn,
+            faults,
+            lines: Lines::default(),
+        }
+    }
+
+    /// A section that may be missing; what is no section is a mistake.
+    fn section(&mut self, given: &Table, name: &str) -> Table {
+        if given.get(name).is_some_and(|section| !section.is_table()) {
+            self.says(name, format!("`{name}` must be a section: [{name}]"));
+        }
+        given.get(name).and_then(Value::as_table).cloned().unwrap_or_default()
+    }
+
+    fn check_keys(&mut self, section: &str, given: &Table, known: &[&str]) {
+        for key in given.keys().filter(|key| !known.contains(&key.as_str())) {
+            let hint = did_you_mean(nearest(key, known.iter().copied()));
+            let dotted = section.split('.').next().unwrap_or_default();
+            self.says(
+                &format!("{section}.{key}"),
+                format!("unknown key `{key}` in [{dotted}], which has {}{hint}", known.join(", ")),
+            );
+        }
+    }
+
+    fn name(&mut self, own: &Table) -> String {
+        let name = own.get("name").and_then(Value::as_str).unwrap_or_default();
+        let is_name = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if name.is_empty() || name.len() > 64 || !name.chars().all(is_name) {
+            self.says(
+                "campaign.name",
+                "campaign.name must be 1 to 64 letters, digits, - or _, as in name = \"mass-and-drag\"",
+            );
+        }
+        name.to_owned()
+    }
+
+    fn whole(&mut self, own: &Table, key: &str, default: Option<i64>, allowed: std::ops::RangeInclusive<i64>) -> u64 {
+        let path = format!("campaign.{key}");
+        let value = match own.get(key) {
+            None => default,
+            Some(value) => value.as_integer().filter(|value| allowed.contains(value)),
+        };
+        if value.is_none() {
+            let given = own.get(key).map_or_else(|| "is missing".to_owned(), |value| format!("= {value}"));
+            let (least, most) = (allowed.start(), allowed.end());
+            self.says(&path, format!("{path} {given}: expected a whole number from {least} to {most}"));
+        }
+        value.unwrap_or(1).cast_unsigned()
+    }
+
+    fn factors(&mut self, given: &Table, order: &[String]) -> Vec<Factor> {
+        let mut factors = Vec::new();
+        for name in order {
+            let path = format!("factors.{name}");
+            let Some((section, key)) = name.split_once('.') else {
+                self.says(
+                    &path,
+                    format!("`{name}` is no key of the settings: write \"section.key\", as in \"plant.mass_kg\""),
+                );
+                continue;
+            };
+            let Some(distribution) = given.get(name).and_then(|value| self.distribution(&path, name, value)) else {
+                continue;
+            };
+            let target = Target::Setting { section: section.into(), key: key.into() };
+            factors.push(Factor { name: name.clone(), target, distribution, line: self.lines.of_key(&path) });
+        }
+        factors
+    }
+
+    /// Faults, whose parts join the factors.
+    fn faults(&mut self, given: &Table, factors: &mut Vec<Factor>) -> Vec<Fault> {
+        let tables = match given.get("fault") {
+            None => return Vec::new(),
+            Some(Value::Array(tables)) => tables.clone(),
+            Some(_) => {
+                self.says("fault", "faults are written as [[fault]], each with what, value and at_s");
+                return Vec::new();
+            }
+        };
+        let mut faults = Vec::new();
+        for (number, table) in (1..).zip(&tables) {
+            let path = format!("fault.{number}");
+            let Some(table) = table.as_table() else {
+                self.says("fault", "faults are written as [[fault]], each with what, value and at_s");
+                continue;
+            };
+            self.check_keys(&path, table, &["what", "value", "at_s", "over_s"]);
+            let mut part = |part: &str, is_needed: bool| {
+                let name = format!("{path}.{part}");
+                let Some(value) = table.get(part) else {
+                    if is_needed {
+                        self.says(&path, format!("fault {number} has no `{part}`: a fault has what, value and at_s"));
+                    }
+                    return None;
+                };
+                let distribution = self.distribution(&name, &name, value)?.fractional();
+                self.check_part(part, &name, &distribution);
+                let line = self.lines.of_key(&name);
+                factors.push(Factor { name, target: Target::Fault, distribution, line });
+                Some(factors.len() - 1)
+            };
+            let (what, value, at_s) = (part("what", true), part("value", true), part("at_s", true));
+            let over_s = part("over_s", false);
+            if let (Some(what), Some(value), Some(at_s)) = (what, value, at_s) {
+                faults.push(Fault { what, value, at_s, over_s });
+            }
+        }
+        faults
+    }
+
+    /// Refuses a part of a fault that is no parameter, value or time.
+    fn check_part(&mut self, part: &str, path: &str, distribution: &Distribution) {
+        for end in distribution.ends() {
+            match (part, &end) {
+                ("what", Value::String(name)) => {
+                    if let Err(e) = Parameter::from_name(name) {
+                        self.says(path, e.to_string());
+                    }
+                }
+                ("what", _) => {
+                    self.says(path, format!("{path} = {end}: expected the name of a parameter, as of --fault"))
+                }
+                ("value", Value::Float(_) | Value::String(_)) => {}
+                ("value", _) => self.says(path, format!("{path} = {end}: expected a number, \"nominal\" or \"+30%\"")),
+                (_, Value::Float(time)) if (0.0..=1e9).contains(time) => {}
+                (_, _) => self.says(path, format!("{path} = {end}: expected a time from 0 s on, as in 4.0")),
+            }
+        }
+    }
+
+    fn arms(&mut self, given: &Table, order: &[String], factors: &[Factor]) -> Vec<Arm> {
+        let section = self.section(given, "arms");
+        let mut arms = Vec::new();
+        for name in order {
+            let path = format!("arms.{name}");
+            let Some(keys) = section.get(name).and_then(Value::as_table) else {
+                self.says(&path, format!("`{name}` must be a section: [arms.{name}], with keys of the settings"));
+                continue;
+            };
+            let mut settings = Vec::new();
+            for (section, key, value) in flat(keys) {
+                let full = format!("{section}.{key}");
+                if key.is_empty() {
+                    self.says(
+                        &path,
+                        format!("`{section}` is no key of the settings: write \"section.key\", as in \"inner.law\""),
+                    );
+                } else if factors.iter().any(|factor| factor.name == full) {
+                    self.says(&path, format!("`{full}` is drawn as a factor, so the arm {name} cannot set it"));
+                } else {
+                    settings.push((section, key, value));
+                }
+            }
+            arms.push(Arm { name: name.clone(), settings, line: self.lines.of_key(&path) });
+        }
+        if arms.is_empty() {
+            arms.push(Arm { name: ONLY_ARM.into(), settings: Vec::new(), line: 1 });
+        }
+        arms
+    }
+
+    fn gates(&mut self, given: &Table, has_fault: bool) -> Gates {
+        let mut gates = Gates { recovered_below_m: RECOVERED_BELOW_M, ..Gates::default() };
+        for (key, value) in given {
+            let path = format!("success.{key}");
+            let number = value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64));
+            let place = METRICS.iter().position(|metric| metric.name == key);
+            match (key.as_str(), place, number.filter(|number| *number >= 0.0 && number.is_finite())) {
+                ("telemetry", ..) => gates.telemetry = self.signals(value),
+                ("recovered_below_m", _, Some(bound_m)) => gates.recovered_below_m = bound_m,
+                ("recovery_max_s", ..) if !has_fault => {
+                    self.says(&path, "recovery_max_s is the time after a fault, and the campaign has no [[fault]]");
+                }
+                (_, Some(place), Some(most)) => gates.limits.push((place, most)),
+                ("recovered_below_m", ..) | (_, Some(_), None) => {
+                    self.says(
+                        &path,
+                        format!("{path} = {value}: expected a number from 0 on, the most that counts as success"),
+                    );
+                }
+                (_, None, _) => {
+                    let known = METRICS.iter().map(|metric| metric.name).chain(["recovered_below_m", "telemetry"]);
+                    let hint = did_you_mean(nearest(key, known.clone()));
+                    let known: Vec<&str> = known.collect();
+                    self.says(&path, format!("unknown key `{key}` in [success], which has {}{hint}", known.join(", ")));
+                }
+            }
+        }
+        gates.limits.sort_by_key(|(place, _)| *place);
+        gates
+    }
+
+    fn signals(&mut self, value: &Value) -> Vec<SignalGate> {
+        let Some(keys) = value.as_table() else {
+            self.says("success.telemetry", "`telemetry` must be a section: [success.telemetry]");
+            return Vec::new();
+        };
+        let mut gates = Vec::new();
+        for (role, signal, value) in flat(keys) {
+            let path = format!("success.telemetry.{role}");
+            let role = model::telemetry::LAW_ROLES.into_iter().find(|known| known.name() == role);
+            let range = self.range(&value).filter(|[low, high]| low <= high);
+            match (role, signal.is_empty(), range) {
+                (Some(role), false, Some(range)) => gates.push(SignalGate { role, signal, range }),
+                _ => self.says(
+                    &path,
+                    "a number of a law is named by its role, with the range that it must stay in: \
+                     \"inner.rotational_drag_nm_s\" = [0.0, 1.0]",
+                ),
+            }
+        }
+        gates
+    }
+}
+
+/// Keys of the settings, whether they are written `"inner.law" = ..` or `inner.law = ..`: section, key, value.
+fn flat(keys: &Table) -> Vec<(String, String, Value)> {
+    let mut all: BTreeMap<(String, String), Value> = BTreeMap::new();
+    for (name, value) in keys {
+        match (name.split_once('.'), value) {
+            (None, Value::Table(inner)) => {
+                all.extend(inner.iter().map(|(key, value)| ((name.clone(), key.clone()), value.clone())));
+            }
+            (Some((section, key)), value) => {
+                all.insert((section.to_owned(), key.to_owned()), value.clone());
+            }
+            (None, value) => {
+                all.insert((name.clone(), String::new()), value.clone());
+            }
+        }
+    }
+    all.into_iter().map(|((section, key), value)| (section, key, value)).collect()
+}

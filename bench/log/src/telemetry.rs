@@ -1,0 +1,222 @@
+//! What a law shows, as a topic of its own: a message per tick, with a field per signal.
+//!
+//! The law's numbers come in the message of its stage. The log holds them beside it: first the stage's message, and right
+//! after it the numbers, with the same tick, sequence number and times. The channel of the stage's topic says on which
+//! topic they are ([`BESIDE`]). A reader puts both together again and loses no bit. A law without signals has no such
+//! topic.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use model::role::Role;
+use model::telemetry::{LAW_ROLES, Signal, TELEMETRY, Telemetry};
+use prost::Message as _;
+use prost_types::field_descriptor_proto::Type;
+use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorSet};
+
+use crate::codec::{put_word, take_word};
+use crate::schema::{PACKAGE, file, plain};
+
+/// The topics, by role in the order of [`LAW_ROLES`].
+pub const TELEMETRY_TOPICS: [&str; LAW_ROLES.len()] = ["outer_telemetry", "inner_telemetry", "mixer_telemetry"];
+
+/// What the metadata of a stage's channel call the topic of what its law shows.
+pub const BESIDE: &str = "telemetry";
+
+/// Name of the first field: the tick of the stage's message.
+pub const TICK: &str = "tick";
+/// Its number; those of the signals follow.
+const TICK_NUMBER: u32 = 1;
+
+/// The topic of what a role's law shows; none where the role has no law.
+#[must_use]
+pub fn topic(role: Role) -> Option<&'static str> {
+    place(role).map(|place| TELEMETRY_TOPICS[place])
+}
+
+/// A role's place in [`LAW_ROLES`].
+pub(crate) fn place(role: Role) -> Option<usize> {
+    LAW_ROLES.iter().position(|it| *it == role)
+}
+
+/// A law's signals, as a log or a bridge names them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TelemetryTopic {
+    role: Role,
+    /// Name and unit of each.
+    signals: Vec<(String, String)>,
+}
+
+impl TelemetryTopic {
+    /// The topic of a law with these signals; none of a law without any.
+    #[must_use]
+    pub fn new(role: Role, signals: &[Signal]) -> Option<Self> {
+        let signals = signals.iter().take(TELEMETRY).map(|signal| (signal.name.to_owned(), signal.unit.to_owned()));
+        let signals: Vec<_> = signals.collect();
+        (place(role).is_some() && !signals.is_empty()).then_some(Self { role, signals })
+    }
+
+    /// As a log describes it: by its schema, and the metadata of its channel. None where that is another's schema.
+    pub(crate) fn told(role: Role, schema: &[u8], metadata: &BTreeMap<String, String>) -> Option<Self> {
+        let set = FileDescriptorSet::decode(schema).ok()?;
+        let fields = &set.file.first()?.message_type.first()?.field;
+        let names = fields.iter().skip(1).map(|field| field.name().to_owned());
+        let unit = |name: &str| metadata.get(&format!("unit.{name}")).filter(|unit| *unit != RATIO).cloned();
+        let signals: Vec<_> = names.map(|name| (name.clone(), unit(&name).unwrap_or_default())).collect();
+        let told = Self { role, signals };
+        (told.signals.len() <= TELEMETRY && told.descriptor_set() == schema).then_some(told)
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn topic(&self) -> &'static str {
+        topic(self.role).unwrap_or_default()
+    }
+
+    /// Full name of its message, as in `ironbird.InnerTelemetry`.
+    #[must_use]
+    pub fn schema_name(&self) -> String {
+        format!("{PACKAGE}.{}", self.message())
+    }
+
+    const fn message(&self) -> &'static str {
+        match self.role {
+            Role::Outer => "OuterTelemetry",
+            Role::Inner => "InnerTelemetry",
+            _ => "MixerTelemetry",
+        }
+    }
+
+    /// Its schema, as the bytes stand in the log.
+    #[must_use]
+    pub fn descriptor_set(&self) -> Vec<u8> {
+        let tick = plain(TICK, TICK_NUMBER, None, Type::Fixed64);
+        let number = |((name, _), number): (&(String, String), u32)| plain(name, number, None, Type::Double);
+        let signals = self.signals.iter().zip(TICK_NUMBER + 1..).map(number);
+        let field: Vec<FieldDescriptorProto> = std::iter::once(tick).chain(signals).collect();
+        let message = DescriptorProto { name: Some(self.message().into()), field, ..DescriptorProto::default() };
+        file(self.topic(), vec![message])
+    }
+
+    /// The unit of each field, as in the other channels.
+    #[must_use]
+    pub fn metadata(&self) -> BTreeMap<String, String> {
+        let unit = |unit: &str| if unit.is_empty() { RATIO.into() } else { unit.to_owned() };
+        let signals = self.signals.iter().map(|(name, of)| (format!("unit.{name}"), unit(of)));
+        signals.chain([(format!("unit.{TICK}"), TICK.to_owned())]).collect()
+    }
+
+    /// Writes the numbers of a tick.
+    pub fn encode(&self, tick: u64, telemetry: &Telemetry, out: &mut Vec<u8>) {
+        out.clear();
+        put_word(TICK_NUMBER, tick, out);
+        for (value, number) in telemetry.value[..self.signals.len()].iter().zip(TICK_NUMBER + 1..) {
+            put_word(number, value.to_bits(), out);
+        }
+    }
+
+    /// Reads the numbers of a tick into those of the stage's message; false where the bytes are not they.
+    pub(crate) fn decode_into(&self, mut bytes: &[u8], tick: u64, telemetry: &mut Telemetry) -> bool {
+        if take_word(TICK_NUMBER, &mut bytes) != Some(tick) {
+            return false;
+        }
+        for (value, number) in telemetry.value[..self.signals.len()].iter_mut().zip(TICK_NUMBER + 1..) {
+            let Some(bits) = take_word(number, &mut bytes) else { return false };
+            *value = f64::from_bits(bits);
+        }
+        bytes.is_empty()
+    }
+
+    /// The columns of a table of it.
+    #[must_use]
+    pub fn columns(&self) -> Vec<String> {
+        let names = self.signals.iter().map(|(name, _)| name.clone());
+        std::iter::once(TICK.to_owned()).chain(names).collect()
+    }
+
+    /// A row of CSV, in the order of [`Self::columns`].
+    #[must_use]
+    pub fn csv(&self, tick: u64, telemetry: &Telemetry) -> String {
+        let mut row = tick.to_string();
+        for value in &telemetry.value[..self.signals.len()] {
+            // Writing into a string cannot fail.
+            let _ = write!(row, ",{value:?}");
+        }
+        row
+    }
+
+    /// An object of JSON.
+    #[must_use]
+    pub fn json(&self, tick: u64, telemetry: &Telemetry) -> String {
+        let mut object = format!("{{\"{TICK}\":{tick}");
+        for ((name, _), value) in self.signals.iter().zip(telemetry.value) {
+            // JSON knows no other numbers.
+            let value = if value.is_finite() { format!("{value:?}") } else { "null".into() };
+            let _ = write!(object, ",\"{name}\":{value}");
+        }
+        object + "}"
+    }
+}
+
+/// What metadata call the unit of a ratio.
+const RATIO: &str = "1";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIGNALS: [Signal; 3] = [
+        Signal { name: "mass_kg", unit: "kg" },
+        Signal { name: "limited", unit: "" },
+        Signal { name: "drag_1_s", unit: "1/s" },
+    ];
+
+    fn shown() -> TelemetryTopic {
+        TelemetryTopic::new(Role::Outer, &SIGNALS).unwrap()
+    }
+
+    fn telemetry() -> Telemetry {
+        let mut telemetry = Telemetry::default();
+        telemetry.value[..3].copy_from_slice(&[0.1 + 0.2, -0.0, f64::NAN]);
+        telemetry
+    }
+
+    #[test]
+    fn every_bit_comes_back_and_bytes_of_another_tick_or_length_are_none() {
+        for signals in [&SIGNALS[..], &[Signal { name: "x", unit: "" }; TELEMETRY]] {
+            let topic = TelemetryTopic::new(Role::Mixer, signals).unwrap();
+            let (mut bytes, mut read) = (Vec::new(), Telemetry::default());
+            topic.encode(7, &telemetry(), &mut bytes);
+            assert!(topic.decode_into(&bytes, 7, &mut read));
+            assert_eq!(read.value.map(f64::to_bits), telemetry().value.map(f64::to_bits));
+            assert!(!topic.decode_into(&bytes, 8, &mut read), "another tick");
+            assert!(!topic.decode_into(&bytes[..bytes.len() - 1], 7, &mut read), "a byte is missing");
+            bytes.push(0);
+            assert!(!topic.decode_into(&bytes, 7, &mut read), "a byte too many");
+        }
+    }
+
+    #[test]
+    fn a_log_tells_names_and_units_and_another_schema_is_refused() {
+        let ours = shown();
+        assert_eq!(TelemetryTopic::told(Role::Outer, &ours.descriptor_set(), &ours.metadata()), Some(ours.clone()));
+        assert_eq!(ours.metadata()["unit.limited"], "1");
+        assert_eq!(TelemetryTopic::told(Role::Inner, &ours.descriptor_set(), &ours.metadata()), None);
+        assert_eq!(TelemetryTopic::told(Role::Outer, &[1, 2, 3], &ours.metadata()), None);
+    }
+
+    #[test]
+    fn rows_and_objects_have_the_signals_names() {
+        let (topic, telemetry) = (shown(), telemetry());
+        assert_eq!(topic.columns(), ["tick", "mass_kg", "limited", "drag_1_s"]);
+        assert_eq!(topic.csv(7, &telemetry), "7,0.30000000000000004,-0.0,NaN");
+        let object = topic.json(7, &telemetry);
+        assert_eq!(object, r#"{"tick":7,"mass_kg":0.30000000000000004,"limited":-0.0,"drag_1_s":null}"#);
+    }
+
+    #[test]
+    fn a_law_without_signals_has_no_topic() {
+        assert_eq!(TelemetryTopic::new(Role::Inner, &[]), None);
+        assert_eq!(TelemetryTopic::new(Role::Plant, &SIGNALS), None);
+    }
+}

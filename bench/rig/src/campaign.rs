@@ -1,0 +1,35 @@
+//! `ironbird campaign`: many flights of one file, in this process's threads, and what they show.
+//!
+//! The file, its draws and its tables are the crate `campaign`. Here is what flies: each flight is that of `ironbird
+//! simulate` with the same settings, bit for bit.
+
+mod again;
+mod check;
+mod directory;
+mod flown;
+mod plan;
+mod progress;
+mod run;
+mod status;
+mod submit;
+mod told;
+
+use failure::Failure;
+
+use crate::cli::CampaignCommand;
+
+/// Does what a command says.
+///
+/// # Errors
+/// Usage: what is wrong with the file, with its lines. A file that cannot be written; an interruption.
+pub fn campaign(command: &CampaignCommand) -> Result<u8, Failure> {
+    match command {
+        CampaignCommand::Run(args) => run::run(args),
+        CampaignCommand::Check(args) => check::check(args),
+        CampaignCommand::Status(args) => status::status(args),
+        CampaignCommand::Merge(args) => status::merge(args),
+        CampaignCommand::Report(args) => told::report(args),
+        CampaignCommand::Submit(args) => submit::submit(args),
+        CampaignCommand::Fly(args) => again::fly(args),
+    }
+}

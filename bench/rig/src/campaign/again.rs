@@ -1,0 +1,114 @@
+//! `ironbird campaign fly`: one flight of a campaign again, with all it leaves.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use campaign::chunk::{self, State};
+use campaign::rows::Rows;
+use failure::{Failure, GATE, InFile as _, OK};
+
+use super::directory;
+use super::plan::Plan;
+use crate::cli::{CampaignFlyArgs, CourseArgs, FlightArgs, FlyArgs, OnDeath, RecorderArgs, RtArgs};
+use crate::fly;
+use crate::output::print;
+use crate::replay::fly_again;
+use crate::run_directory::find_log;
+use crate::settings::laws::Moved;
+use crate::settings::{PaceName, Settings};
+
+/// Flies a flight again; in lockstep its outputs must be those of its row.
+///
+/// # Errors
+/// Usage: a directory of no campaign, a flight or an arm that it has not; what can go wrong on the way of `fly`.
+pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
+    let plan = directory::plan(&args.directory)?;
+    let arm = arm(&plan, args.arm.as_deref())?;
+    if args.flight >= plan.campaign.flights {
+        return Err(Failure::usage(format!(
+            "there is no flight {}: the campaign {} has the flights 0 to {}",
+            args.flight,
+            plan.campaign.name,
+            plan.campaign.flights - 1
+        ))
+        .help("`ironbird campaign report DIR` lists the worst ones"));
+    }
+    let settings = settings(&plan, args, arm)?;
+    if args.print_config {
+        print(&settings.commented()?)?;
+        return Ok(OK);
+    }
+    let row = row(&plan, &args.directory, args.flight, arm)?;
+    let held = tempfile::tempdir().map_err(|e| Failure::failed(format!("cannot make a directory: {e}")))?;
+    let file = held.path().join("settings.toml");
+    fs::write(&file, settings.commented()?).in_file("write", &file)?;
+    let code = fly::fly(&asked(file, args.instance.clone()))?;
+    if args.live || ![OK, GATE].contains(&code) {
+        return Ok(code);
+    }
+    compare(Path::new(&settings.recorder.out), row.as_deref())
+}
+
+/// The arm of a name, or the first.
+fn arm(plan: &Plan, name: Option<&str>) -> Result<usize, Failure> {
+    let names = || plan.campaign.arms.iter().map(|arm| arm.name.as_str()).collect::<Vec<_>>().join(", ");
+    name.map_or(Ok(0), |name| {
+        plan.campaign.arm(name).ok_or_else(|| {
+            Failure::usage(format!("--arm {name}: the campaign {} has no such arm", plan.campaign.name))
+                .help(format!("its arms are {}", names()))
+        })
+    })
+}
+
+/// The settings of the flight, as it is flown again.
+fn settings(plan: &Plan, args: &CampaignFlyArgs, arm: usize) -> Result<Settings, Failure> {
+    let mut settings = plan.settings(args.flight, arm)?;
+    settings.flight.pace = if args.live { PaceName::Realtime } else { PaceName::Lockstep };
+    if let Some(out) = &args.out {
+        settings.recorder.out = out.to_string_lossy().into_owned();
+    }
+    Ok(settings)
+}
+
+/// `fly` with a settings file alone.
+fn asked(settings: PathBuf, instance: Option<String>) -> FlyArgs {
+    let mut rt = RtArgs { instance: "default".into(), ..RtArgs::default() };
+    instance.into_iter().for_each(|name| rt.instance = name);
+    FlyArgs {
+        watch: false,
+        floor: None,
+        junit: None,
+        open: false,
+        print_config: false,
+        on_death: OnDeath::End,
+        flight: FlightArgs {
+            course: CourseArgs { config: Some(settings), ..CourseArgs::default() },
+            ..FlightArgs::default()
+        },
+        rt,
+        recorder: RecorderArgs::default(),
+    }
+}
+
+/// The outputs of a flight's row, where it is there.
+fn row(plan: &Plan, directory: &Path, flight: u64, arm: usize) -> Result<Option<String>, Failure> {
+    let chunk = flight / plan.campaign.chunk;
+    if chunk::state(directory, &plan.campaign, &plan.identity, chunk) != State::Whole {
+        return Ok(None);
+    }
+    let row = Rows::new(directory, [chunk]).row(&plan.campaign, flight, arm)?;
+    Ok(row.into_iter().flatten().find(|(column, _)| column == "outputs").map(|(_, outputs)| outputs))
+}
+
+/// Holds the newest flight in a directory against a row.
+fn compare(out: &Path, row: Option<&str>) -> Result<u8, Failure> {
+    let log = find_log(Path::new("latest"), Some(out))?;
+    let outputs = fly_again(&log, 0, false, &Moved::new())?.summary.outputs.to_string();
+    let (words, code) = match row {
+        None => (format!("outputs {outputs}; the campaign has no row of this flight"), OK),
+        Some(row) if row == outputs => (format!("outputs {outputs}, as in the campaign's row"), OK),
+        Some(row) => (format!("outputs {outputs}, but the campaign's row has {row}"), GATE),
+    };
+    print(&format!("{words}\n"))?;
+    Ok(code)
+}

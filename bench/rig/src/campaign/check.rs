@@ -1,0 +1,90 @@
+//! `ironbird campaign check`: how many flights, how long here, how many bytes.
+
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+use campaign::chunk;
+use campaign::table::Row;
+use failure::{Failure, OK};
+
+use super::flown;
+use super::plan::Plan;
+use crate::cli::CampaignCheckArgs;
+use crate::output::print;
+use crate::parallel::processors;
+
+/// How long flights are tried for.
+const TRIED: Duration = Duration::from_secs(2);
+/// Flights that are tried at the most.
+const TRIED_MAX: u64 = 200;
+
+/// Says what a file means.
+///
+/// # Errors
+/// Usage: what is wrong with the file, with its lines.
+pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
+    let plan = Plan::read(&args.file)?;
+    let campaign = &plan.campaign;
+    let arms = campaign.arms.len();
+    let begun = Instant::now();
+    let mut rows = Vec::new();
+    let tried = campaign.flights.min(TRIED_MAX);
+    for i in 0..tried {
+        // All over the campaign, so that a grid's cells are tried too.
+        let flight = (u128::from(i) * u128::from(campaign.flights) / u128::from(tried)) as u64;
+        for arm in 0..arms {
+            rows.push(flown::row(&plan, flight, arm, &AtomicBool::new(false))?);
+        }
+        if begun.elapsed() > TRIED {
+            break;
+        }
+    }
+    let each_s = begun.elapsed().as_secs_f64() / rows.len() as f64;
+    let jobs = args.jobs.unwrap_or_else(processors);
+    let total = campaign.flights * arms as u64;
+    let length_s = plan.settings(0, 0)?.flight.duration_s;
+    let bytes = bytes(&plan, &rows)?;
+    let names: Vec<&str> = campaign.arms.iter().map(|arm| arm.name.as_str()).collect();
+    let takes = Duration::try_from_secs_f64((each_s * total as f64 / jobs as f64).ceil()).unwrap_or(Duration::MAX);
+    let drawn = campaign.factors.iter().filter(|factor| factor.distribution.varies()).count();
+    print(&format!(
+        "{}: {} flights of {length_s} s by {arms} arms ({}), {total} rows in {} files; {drawn} of {} factors vary\n\
+         time here  {} with {jobs} at once ({:.1} ms a flight, by {} that were tried one by one)\n\
+         on disk    {} ({} bytes a row)\n\
+         campaign   {}\n",
+        campaign.name,
+        campaign.flights,
+        names.join(", "),
+        campaign.chunks(),
+        campaign.factors.len(),
+        humantime::format_duration(takes),
+        1e3 * each_s,
+        rows.len(),
+        size(bytes.per_row * total as f64 + bytes.per_file * campaign.chunks() as f64),
+        bytes.per_row.round(),
+        plan.identity.campaign,
+    ))?;
+    Ok(OK)
+}
+
+/// What rows take on the disk.
+struct Bytes {
+    per_file: f64,
+    per_row: f64,
+}
+
+/// By the rows that were flown: once, and twice the same with their numbers told apart by what they drew.
+fn bytes(plan: &Plan, rows: &[Row]) -> Result<Bytes, Failure> {
+    let length = |rows: &[Row]| chunk::length(&plan.campaign, &plan.identity, rows).map(|bytes| bytes as f64);
+    let half = rows.len() / 2;
+    let (one, all) = (length(&rows[..half])?, length(rows)?);
+    let per_row = (all - one) / (rows.len() - half) as f64;
+    Ok(Bytes { per_file: (all - per_row * rows.len() as f64).max(0.0), per_row })
+}
+
+/// Bytes in a unit that is read at a glance.
+fn size(bytes: f64) -> String {
+    let units = ["B", "kB", "MB", "GB", "TB"];
+    let place = ((bytes.max(1.0).log10() / 3.0) as usize).min(units.len() - 1);
+    format!("{:.1} {}", bytes / 1000_f64.powi(place as i32), units[place])
+}

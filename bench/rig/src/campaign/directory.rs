@@ -1,0 +1,89 @@
+//! A campaign's directory: its rows, and a copy of its file.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use campaign::chunk::{SCHEMA, write_whole};
+use failure::{Failure, InFile as _, USAGE, read_text};
+use serde::{Deserialize, Serialize};
+use std::io::Write as _;
+
+use super::plan::Plan;
+
+/// The copy of the campaign's file.
+const FILE: &str = "campaign.toml";
+/// What is known of it besides.
+const FACTS: &str = "campaign.json";
+
+/// What the copy does not say.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Facts {
+    schema: String,
+    /// Where the file was: relative names in it are beside it.
+    file: PathBuf,
+    /// The campaign's fingerprint.
+    campaign: String,
+    /// The build that flies.
+    build: String,
+}
+
+/// Makes the directory of a campaign, or takes it up again.
+///
+/// # Errors
+/// A usage [`Failure`] where another campaign is in it; a file that cannot be written.
+pub(super) fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
+    fs::create_dir_all(directory).in_file("make the directory", directory)?;
+    let (file, facts) = (directory.join(FILE), directory.join(FACTS));
+    if facts.exists() {
+        let there = read_facts(directory)?;
+        if there.campaign != plan.identity.campaign {
+            return Err(Failure::usage(format!(
+                "{} holds another campaign: the file has changed in more than its number of flights",
+                directory.display()
+            ))
+            .help("fly it into another directory (--out DIR), or remove this one"));
+        }
+    }
+    let told = Facts {
+        schema: SCHEMA.into(),
+        file: plan.file.clone(),
+        campaign: plan.identity.campaign.clone(),
+        build: plan.identity.build.clone(),
+    };
+    let told = serde_json::to_string_pretty(&told).map_err(|e| Failure::failed(e.to_string()))? + "\n";
+    for (path, text) in [(&file, &plan.text), (&facts, &told)] {
+        // Shards that run side by side write the same.
+        if fs::read_to_string(path).is_ok_and(|there| there == *text) {
+            continue;
+        }
+        write_whole(path, |file| file.write_all(text.as_bytes()))?;
+    }
+    Ok(())
+}
+
+/// The campaign of a directory.
+///
+/// # Errors
+/// A usage [`Failure`] where the directory is none of a campaign; as [`Plan::read`].
+pub(super) fn plan(directory: &Path) -> Result<Plan, Failure> {
+    let facts = read_facts(directory)?;
+    let text = read_text("read the campaign", &directory.join(FILE)).map_err(|failure| failure.or_code(USAGE))?;
+    let plan = Plan::of(text, &facts.file)?;
+    if plan.identity.campaign != facts.campaign {
+        return Err(Failure::usage(format!(
+            "{} was flown by the build {}, for which its campaign means other settings than for this one",
+            directory.display(),
+            facts.build
+        ))
+        .help("read it with the build that flew it, or fly it again into another directory"));
+    }
+    Ok(plan)
+}
+
+fn read_facts(directory: &Path) -> Result<Facts, Failure> {
+    let path = directory.join(FACTS);
+    let text = read_text("read the campaign's directory", &path)
+        .map_err(|failure| failure.or_code(USAGE).help("name a directory of `ironbird campaign run FILE --out DIR`"))?;
+    serde_json::from_str(&text).map_err(|e| Failure::usage(format!("{}: {e}", path.display())))
+}

@@ -1,0 +1,117 @@
+//! `ironbird campaign status` and `merge`: which rows are there; all in one file.
+
+use campaign::chunk::{self, State};
+use campaign::rows::Rows;
+use failure::{Failure, GATE, OK};
+
+use super::directory;
+use super::plan::Plan;
+use crate::cli::CampaignDirectoryArgs;
+use crate::output::print;
+use report::text::count;
+
+/// All rows of a campaign.
+const MERGED: &str = "merged.parquet";
+
+/// What there is of each chunk.
+pub(super) struct Found {
+    pub whole: Vec<u64>,
+    missing: Vec<u64>,
+    /// With what is wrong.
+    refused: Vec<(u64, String)>,
+}
+
+pub(super) fn found(plan: &Plan, directory: &std::path::Path) -> Found {
+    let mut found = Found { whole: Vec::new(), missing: Vec::new(), refused: Vec::new() };
+    for chunk in 0..plan.campaign.chunks() {
+        match chunk::state(directory, &plan.campaign, &plan.identity, chunk) {
+            State::Whole => found.whole.push(chunk),
+            State::Missing => found.missing.push(chunk),
+            State::Refused(why) => found.refused.push((chunk, why)),
+        }
+    }
+    found
+}
+
+/// Says which flights are there: exit code 3 where some are not.
+///
+/// # Errors
+/// Usage: a directory of no campaign.
+pub(super) fn status(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
+    let plan = directory::plan(&args.directory)?;
+    let found = found(&plan, &args.directory);
+    let campaign = &plan.campaign;
+    let flights: u64 = found.whole.iter().map(|chunk| campaign.flights_of(*chunk).count() as u64).sum();
+    let mut text = format!(
+        "{}: {flights} of {} flights, each by {}; {} of {} files are whole\n",
+        campaign.name,
+        campaign.flights,
+        count(campaign.arms.len() as u64, "arm"),
+        found.whole.len(),
+        campaign.chunks()
+    );
+    if !found.missing.is_empty() {
+        text += &format!("missing: chunks {}\n", ranges(&found.missing));
+    }
+    for (chunk, why) in &found.refused {
+        text += &format!("{}: {why}\n", chunk::path_of(&args.directory, *chunk).display());
+    }
+    for other in chunk::others(&args.directory, campaign)? {
+        text += &format!("{}: none of this campaign's\n", args.directory.join(other).display());
+    }
+    let is_whole = found.missing.is_empty() && found.refused.is_empty();
+    if !is_whole {
+        text += &format!(
+            "`ironbird campaign run {} --out {}` flies what is missing\n",
+            plan.file.display(),
+            args.directory.display()
+        );
+    }
+    print(&text)?;
+    Ok(if is_whole { OK } else { GATE })
+}
+
+/// Numbers, those that follow each other as one: `0-3, 7`.
+pub(super) fn ranges(chunks: &[u64]) -> String {
+    let mut ranges: Vec<[u64; 2]> = Vec::new();
+    for chunk in chunks {
+        match ranges.last_mut().filter(|last| last[1] + 1 == *chunk) {
+            Some(last) => last[1] = *chunk,
+            None => ranges.push([*chunk; 2]),
+        }
+    }
+    let words = |[first, last]: &[u64; 2]| if first == last { first.to_string() } else { format!("{first}-{last}") };
+    ranges.iter().map(words).collect::<Vec<_>>().join(", ")
+}
+
+/// Puts all rows into one file.
+///
+/// # Errors
+/// Usage: a directory of no campaign. [`Failure`] where rows are missing; a file that cannot be written.
+pub(super) fn merge(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
+    let plan = directory::plan(&args.directory)?;
+    let found = found(&plan, &args.directory);
+    if found.whole.len() as u64 != plan.campaign.chunks() {
+        return Err(Failure::failed(format!(
+            "{}: {} of {} files of rows are whole, so that there is nothing to merge yet",
+            args.directory.display(),
+            found.whole.len(),
+            plan.campaign.chunks()
+        ))
+        .help(format!("`ironbird campaign status {}` says which are not", args.directory.display())));
+    }
+    let to = args.directory.join(MERGED);
+    let rows = Rows::new(&args.directory, found.whole).merge(&plan.campaign, &plan.identity, &to)?;
+    print(&format!("{}: {}\n", to.display(), count(rows, "row")))?;
+    Ok(OK)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chunks_that_follow_each_other_are_one_range() {
+        assert_eq!(ranges(&[0, 1, 2, 3, 7, 9, 10]), "0-3, 7, 9-10");
+    }
+}

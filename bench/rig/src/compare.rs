@@ -1,0 +1,204 @@
+//! `ironbird compare`: flies one flight with several combinations of laws, side by side.
+//!
+//! Each flight is that of `ironbird simulate` with the same options, bit for bit: one law is one function, and no flight
+//! knows of the others. The processors share them out.
+
+mod table;
+
+use model::role::Role;
+use report::comparison::page::COMBINATIONS_MAX;
+use report::comparison::tally::Tally;
+use report::comparison::{Comparison, Fault, Flight, Laws, Outcome, SCHEMA, page, text};
+use report::json;
+use report::tracking::Tracking;
+use toml::Value;
+
+use crate::build;
+use crate::cli::{CompareArgs, DiffFormat};
+use crate::in_process::InProcess;
+use crate::output::{print, say};
+use crate::parallel::{on_processors, processors};
+use crate::settings::{Overrides, Settings};
+use crate::simulate;
+use crate::unusable::Unusable;
+use failure::{Failure, OK, check_writable, write_text};
+
+/// Ticks at the most: every error of every flight is kept until the end.
+const TICKS_MAX: u64 = 1_000_000;
+
+/// Compares.
+///
+/// # Errors
+/// Usage: laws that are unknown, named twice, too few or too many; a flight that is too long. A file that cannot be
+/// written.
+pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
+    check_writable("--page", args.page.as_deref())?;
+    let combinations = combinations(args)?;
+    if let Some(path) = &args.table {
+        print(&table::tables(args, &combinations, path)?)?;
+        return Ok(OK);
+    }
+    let plan = Plan::new(args, &combinations, &args.course.overrides())?;
+    warn(&plan)?;
+    let comparison = flown(&[plan])?.remove(0);
+    if let Some(path) = &args.page {
+        write_text(path, &page::render(&comparison))?;
+        say(&format!("written: {}\n", path.display()));
+    }
+    match args.format {
+        DiffFormat::Text => print(&text::render(&comparison))?,
+        DiffFormat::Json => print(&(json::to_string(&comparison).map_err(|e| Failure::failed(e.to_string()))? + "\n"))?,
+    }
+    Ok(OK)
+}
+
+/// Every outer law with every inner law and mixer, as settings.
+fn combinations(args: &CompareArgs) -> Result<Vec<Overrides>, Failure> {
+    let mut all = vec![Overrides::new()];
+    for (role, key, names) in [
+        (Role::Outer, "outer.law", &args.outer),
+        (Role::Mixer, "mixer.law", &args.mixer),
+        (Role::Inner, "inner.law", &args.inner),
+    ] {
+        if let Some((_, twice)) = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
+            return Err(Failure::usage(format!("the {role} law `{twice}` is named twice"))
+                .help(format!("name each law once; `ironbird laws` lists those that --{role} can name")));
+        }
+        if !names.is_empty() {
+            let with = |set: &Overrides, name: &String| [set.clone(), vec![(key, Value::from(name.clone()))]].concat();
+            all = all.iter().flat_map(|set| names.iter().map(move |name| with(set, name))).collect();
+        }
+    }
+    match all.len() {
+        1 => Err(Failure::usage("one combination of laws is nothing to compare")
+            .help("name two laws or more, as in --inner adaptive --inner indi; `ironbird laws` lists them")),
+        2..=COMBINATIONS_MAX => Ok(all),
+        more => Err(Failure::usage(format!("{more} combinations of laws: allowed are {COMBINATIONS_MAX}"))
+            .help("every outer law is flown with every inner law and mixer: name fewer of them")),
+    }
+}
+
+/// A flight for each combination.
+#[derive(Debug)]
+struct Plan {
+    flight: Flight,
+    settings: Vec<Settings>,
+}
+
+impl Plan {
+    /// The flight that the settings file and `overrides` describe, by combinations of which there is at least one.
+    fn new(args: &CompareArgs, combinations: &[Overrides], overrides: &Overrides) -> Result<Self, Failure> {
+        let resolve = |laws: &Overrides| {
+            Settings::resolve(args.course.config.as_deref(), &[overrides.clone(), laws.clone()].concat())
+        };
+        let settings: Vec<Settings> = combinations.iter().map(resolve).collect::<Result<_, _>>()?;
+        check_names(combinations, &settings)?;
+        let first = &settings[0];
+        let last_tick = first.last_tick();
+        if last_tick >= TICKS_MAX {
+            return Err(Failure::usage(format!(
+                "a flight of {} ticks is too long to be compared: allowed are {TICKS_MAX}",
+                last_tick + 1
+            ))
+            .help("fly a shorter one (--duration)"));
+        }
+        let flight = Flight {
+            trajectory: first.trajectory_name().into(),
+            airframe: first.flight.airframe.clone(),
+            preset: first.flight.preset.clone(),
+            seed: first.flight.seed,
+            last_tick,
+            period_s: first.flight.period_s,
+            bound_m: args.recovered_below,
+            faults: faults(first)?,
+        };
+        Ok(Self { flight, settings })
+    }
+}
+
+/// Refuses combinations that nobody could tell apart: laws of two files may have one name.
+fn check_names(combinations: &[Overrides], settings: &[Settings]) -> Result<(), Failure> {
+    let mut seen: Vec<([&str; 3], &Overrides)> = Vec::new();
+    for (set, settings) in combinations.iter().zip(settings) {
+        let names = settings.laws()?.map(|law| law.name);
+        if let Some((_, before)) = seen.iter().find(|(seen, _)| *seen == names) {
+            let differing = before.iter().zip(set).find(|(before, it)| before != it);
+            let [first, second] = differing.map_or([""; 2], |((_, first), (_, second))| {
+                [first, second].map(|law| law.as_str().unwrap_or_default())
+            });
+            let [outer, inner, mixer] = names;
+            return Err(Failure::usage(format!(
+                "{first} and {second} have one name: both would be told as {outer} + {inner} + {mixer}"
+            ))
+            .help("give one of the two laws another name: a comparison tells laws apart by it"));
+        }
+        seen.push((names, set));
+    }
+    Ok(())
+}
+
+/// The faults of a flight in order, those of one tick as one.
+fn faults(settings: &Settings) -> Result<Vec<Fault>, Failure> {
+    let period_s = settings.flight.period_s;
+    let typed = settings.typed_faults().map_err(|e| Failure::usage(format!("fault: {e}")))?;
+    let mut all: Vec<(u64, String)> = typed.iter().map(|fault| (fault.from.tick(period_s), fault.what())).collect();
+    all.sort_by_key(|(tick, _)| *tick);
+    let mut faults: Vec<Fault> = Vec::new();
+    for (tick, what) in all {
+        match faults.last_mut().filter(|last| last.tick == tick) {
+            Some(last) => last.what += &format!(",{what}"),
+            None => faults.push(Fault { tick, time_s: tick as f64 * period_s, what }),
+        }
+    }
+    Ok(faults)
+}
+
+/// Says what the flights ask for beyond their limits, once where it is the same for all.
+fn warn(plan: &Plan) -> Result<(), Failure> {
+    let mut said: Vec<String> = Vec::new();
+    for settings in &plan.settings {
+        for warning in settings.warnings()? {
+            if !said.contains(&warning) {
+                say(&format!("warning: {warning}\n"));
+                said.push(warning);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The outcomes of some plans, whose flights are shared out among the processors.
+fn flown(plans: &[Plan]) -> Result<Vec<Comparison>, Failure> {
+    let flights: Vec<_> =
+        plans.iter().flat_map(|plan| plan.settings.iter().map(move |it| (&plan.flight, it))).collect();
+    let mut outcomes =
+        on_processors(&flights, processors(), |(flight, settings)| fly(flight, settings), |_| ()).into_iter();
+    let compared = |plan: &Plan| {
+        let outcomes = outcomes.by_ref().take(plan.settings.len()).collect::<Result<_, _>>()?;
+        Ok(Comparison { schema: SCHEMA, build: build::here(), flight: plan.flight.clone(), outcomes })
+    };
+    plans.iter().map(compared).collect()
+}
+
+/// Flies as `ironbird simulate` does.
+fn fly(flight: &Flight, settings: &Settings) -> Result<Outcome, Failure> {
+    let airframe = settings.airframe()?;
+    let mut tally = Tally::new(Tracking::along(settings.course()?, flight.period_s), &airframe);
+    let mut rig = InProcess::of(settings)?;
+    let mut unusable = Unusable::default();
+    let flown = simulate::fly(&mut rig, settings, |rig| {
+        unusable.take(rig);
+        tally.take(rig.flown_tick(), rig.state(), rig.rotor_speeds());
+        Ok(())
+    })?;
+    let [outer, inner, mixer] = settings.laws()?.map(|law| law.name.to_owned());
+    Ok(Outcome {
+        laws: Laws { outer, inner, mixer },
+        ticks: flown.ticks,
+        ended_early_s: (flown.ticks <= flight.last_tick).then(|| flight.time_s(flown.ticks.saturating_sub(1))),
+        lost: flown.departure,
+        unusable: unusable.sentences(settings)?,
+        figures: tally.figures(flight),
+        outputs: flown.outputs.to_string(),
+    })
+}

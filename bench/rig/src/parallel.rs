@@ -1,0 +1,78 @@
+//! Work that processors share out: each item by itself, the results in the items' order.
+
+use std::num::NonZero;
+use std::panic::resume_unwind;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
+
+/// How many pieces of work this machine does at once.
+#[must_use]
+pub fn processors() -> usize {
+    thread::available_parallelism().map_or(1, NonZero::get)
+}
+
+/// Does a piece of work for each item, `workers` at once; meanwhile `look` is told every so often how many are done.
+pub fn on_processors<T: Sync, R: Send>(
+    items: &[T],
+    workers: usize,
+    work: impl Fn(&T) -> R + Sync,
+    mut look: impl FnMut(usize),
+) -> Vec<R> {
+    /// How often somebody looks at long work.
+    const EVERY: Duration = Duration::from_millis(200);
+    let (next, done, running) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicUsize::new(0));
+    let watcher = thread::current();
+    let worker = || {
+        let mut results = Vec::new();
+        let _leaves = Leaves { running: &running, watcher: &watcher };
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = items.get(i) else { return results };
+            results.push((i, work(item)));
+            done.fetch_add(1, Ordering::Relaxed);
+        }
+    };
+    let mut results: Vec<(usize, R)> = thread::scope(|scope| {
+        let workers = workers.min(items.len());
+        running.store(workers, Ordering::Relaxed);
+        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
+        while running.load(Ordering::Acquire) > 0 {
+            thread::park_timeout(EVERY);
+            look(done.load(Ordering::Relaxed));
+        }
+        look(done.load(Ordering::Relaxed));
+        workers.into_iter().flat_map(|it| it.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
+    });
+    results.sort_by_key(|(i, _)| *i);
+    results.into_iter().map(|(_, result)| result).collect()
+}
+
+/// Tells that a worker has ended, also by a panic.
+struct Leaves<'a> {
+    running: &'a AtomicUsize,
+    watcher: &'a thread::Thread,
+}
+
+impl Drop for Leaves<'_> {
+    fn drop(&mut self) {
+        self.running.fetch_sub(1, Ordering::Release);
+        self.watcher.unpark();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_are_in_the_items_order_however_many_work() {
+        let items: Vec<u64> = (0..100).collect();
+        for workers in [1, 3, 200] {
+            let mut looks = Vec::new();
+            let squares = on_processors(&items, workers, |item| item * item, |done| looks.push(done));
+            assert_eq!(squares, items.iter().map(|item| item * item).collect::<Vec<_>>());
+            assert!(looks.last() == Some(&100) && looks.is_sorted(), "{looks:?}");
+        }
+    }
+}

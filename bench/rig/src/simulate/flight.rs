@@ -1,0 +1,163 @@
+//! Flies in one process to the end, and judges every state on the way.
+
+use model::output_hash::OutputHash;
+use plant::Departure;
+use plant::desk::swap_record;
+
+use crate::in_process::InProcess;
+use crate::in_process::timed::Timed;
+use crate::settings::Settings;
+use crate::timing::{Made, Timing};
+use failure::Failure;
+use report::swaps::AppliedSwap;
+use report::tracking::{Tracking, TrackingError};
+
+/// A flight in one process that has ended.
+#[derive(Clone, Debug)]
+pub struct Simulated {
+    /// Ticks that were flown.
+    pub ticks: u64,
+    /// Hash over everything that the stages put out.
+    pub outputs: OutputHash,
+    /// How far the vehicle was from its reference.
+    pub error: TrackingError,
+    /// Swaps that took hold.
+    pub swaps: Vec<AppliedSwap>,
+    /// How the flight left its envelope; none where it was flown to its end.
+    pub departure: Option<String>,
+}
+
+/// Flies to the last tick, or out of the envelope, and shows each tick that was flown.
+///
+/// # Errors
+/// A usage [`Failure`], which settings that were resolved have ruled out; what `look` fails with ends the flight.
+pub fn fly(
+    rig: &mut InProcess,
+    settings: &Settings,
+    mut look: impl FnMut(&InProcess) -> Result<(), Failure>,
+) -> Result<Simulated, Failure> {
+    let mut judge = Judge::new(settings)?;
+    for tick in 0..=settings.last_tick() {
+        rig.tick();
+        if rig.has_state() {
+            if !judge.enters(rig) {
+                break;
+            }
+            judge.flown.outputs.take(tick, rig.state());
+            rig.setpoint().iter().for_each(|setpoint| judge.flown.outputs.take(tick, *setpoint));
+        }
+        judge.flown.ticks += 1;
+        rig.new_wrench().into_iter().for_each(|wrench| judge.flown.outputs.take(tick, wrench));
+        rig.new_rotor_speeds().into_iter().for_each(|speeds| judge.flown.outputs.take(tick, speeds));
+        if rig.has_state() {
+            look(rig)?;
+            judge.leaves(rig);
+        }
+        if judge.flown.departure.is_some() {
+            break;
+        }
+    }
+    Ok(judge.end())
+}
+
+/// The same with the timing of a recorded flight. Ticks that it skipped are not shown.
+///
+/// # Errors
+/// As [`fly`].
+pub fn fly_timed(
+    rig: &mut InProcess,
+    settings: &Settings,
+    timing: &Timing,
+    mut look: impl FnMut(&InProcess) -> Result<(), Failure>,
+) -> Result<Simulated, Failure> {
+    let (mut judge, mut timed) = (Judge::new(settings)?, Timed::new(settings)?);
+    let mut is_open = false;
+    for event in timing.events.iter().filter(|event| event.tick <= settings.last_tick()) {
+        if is_open && matches!(event.made, Made::State { .. }) {
+            look(rig)?;
+            judge.leaves(rig);
+            is_open = false;
+        }
+        if judge.flown.departure.is_some() {
+            break;
+        }
+        timed.play(event, rig, settings, &mut judge.flown.outputs)?;
+        if matches!(event.made, Made::State { .. }) {
+            if !judge.enters(rig) {
+                break;
+            }
+            judge.flown.outputs.take(event.tick, rig.state());
+            judge.flown.ticks += 1;
+            is_open = true;
+        }
+    }
+    if is_open {
+        look(rig)?;
+        judge.leaves(rig);
+    }
+    Ok(judge.end())
+}
+
+/// What is said of a flight while it is flown.
+struct Judge<'a> {
+    settings: &'a Settings,
+    tracking: Tracking,
+    lowest_z_m: f64,
+    flown: Simulated,
+}
+
+impl<'a> Judge<'a> {
+    fn new(settings: &'a Settings) -> Result<Self, Failure> {
+        let flown = Simulated {
+            ticks: 0,
+            outputs: OutputHash::default(),
+            error: TrackingError::default(),
+            swaps: Vec::new(),
+            departure: None,
+        };
+        let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
+        Ok(Self { settings, tracking, lowest_z_m: f64::INFINITY, flown })
+    }
+
+    /// Looks at a new state; false where it is none.
+    fn enters(&mut self, rig: &InProcess) -> bool {
+        if let Err(departure) = rig.envelope() {
+            self.flown.departure = Some(departure.to_string());
+            // As in a flight of processes, what is no number is not published.
+            if matches!(departure, Departure::NotFinite { .. }) {
+                return false;
+            }
+        }
+        self.lowest_z_m = self.lowest_z_m.min(rig.state().truth.position_w_m[2]);
+        let (applied, period_s) = (rig.plant().applied().iter(), self.settings.flight.period_s);
+        self.flown.swaps.extend(applied.map(|swap| AppliedSwap::new(swap.tick, period_s, &swap_record(swap))));
+        true
+    }
+
+    /// Looks at a state with what was made of it.
+    fn leaves(&mut self, rig: &InProcess) {
+        let (tick, state, setpoint) = (rig.state_tick(), rig.state(), rig.setpoint());
+        // A set-point carries the reference of its tick already.
+        let error_m =
+            setpoint.map_or_else(|| self.tracking.error_m(tick, state), |setpoint| setpoint.position_error_m(state));
+        self.flown.error.take(error_m);
+        let allowed_m = self.settings.flight.position_error_max_m;
+        // It is the outer loop that ends a flight for this, where it works.
+        if setpoint.is_some() && error_m > allowed_m {
+            self.flown.departure = Some(format!(
+                "the flight left its envelope: at tick {tick} the position error is {error_m:.2} m, allowed are \
+                 {allowed_m} m"
+            ));
+        }
+    }
+
+    fn end(self) -> Simulated {
+        let (mut flown, lowest_z_m, ground_z_m) = (self.flown, self.lowest_z_m, self.settings.flight.ground_z_m);
+        if flown.departure.is_none() && lowest_z_m < ground_z_m {
+            flown.departure = Some(format!(
+                "the flight was below ground: down to z = {lowest_z_m:.2} m, the ground is at {ground_z_m} m"
+            ));
+        }
+        flown
+    }
+}

@@ -1,0 +1,356 @@
+//! Campaigns: rows are flights of `simulate`, shards do not matter, and what is wrong with a file is told.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod rig;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use rig::{Rig, lacks_tool, wait_until};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// A small campaign of all ways to draw: two arms, six files of rows.
+const SMALL: &str = r#"
+[campaign]
+name = "small"
+flights = 23
+seed = 7
+chunk = 4
+
+[flight]
+trajectory = "fast"
+duration_s = 1.5
+
+[plant]
+gyro_noise_rad_s = 0.01
+
+[factors]
+"plant.mass_kg" = { uniform = [0.4, 0.7] }
+"plant.rotational_drag_nm_s" = { loguniform = [0.01, 0.5] }
+"plant.inertia_x_kg_m2" = { normal = [0.007, 0.002], within = [0.004, 0.01] }
+"plant.inertia_y_kg_m2" = { latin = [0.004, 0.01] }
+"plant.arm_length_m" = { sobol = [0.18, 0.22] }
+"plant.thrust_coefficient_n_s2" = { sobol = [2.8e-5, 3.4e-5] }
+"flight.trajectory" = { choice = ["fast", "lissajous", "hover"] }
+"plant.motor_time_constant_s" = { grid = [0.0, 0.01, 0.02] }
+"inner.alpha_1_s" = { grid = [20.0, 25.0] }
+"plant.command_delay_s" = 0.001
+
+[[fault]]
+what = { choice = ["rotor_efficiency_1", "rotor_efficiency_3"] }
+value = { uniform = [0.7, 1.0] }
+at_s = { uniform = [0.2, 0.6] }
+over_s = 0.1
+
+[[fault]]
+what = "mass_kg"
+value = "+10%"
+at_s = 1
+
+[arms.adaptive]
+"inner.law" = "adaptive"
+"outer.law" = "estimating"
+[arms.fixed]
+inner.law = "fixed"
+
+[success]
+position_error_max_m = 0.4
+recovery_max_s = 1.0
+recovered_below_m = 0.3
+[success.telemetry]
+"inner.rotational_drag_nm_s" = [0.0, 0.4]
+"#;
+
+/// A file of the repository.
+fn ours(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(path)
+}
+
+/// `ironbird campaign`.
+fn campaign(rig: &Rig, args: &[&str]) -> rig::Ended {
+    rig.run("campaign", args)
+}
+
+/// Flies a file into a directory of the rig, and gives that.
+fn flown(rig: &Rig, text: &str, directory: &str, args: &[&str]) -> String {
+    let (file, out) = (rig.settings(text), rig.file(directory));
+    campaign(rig, &[&["run", file.as_str(), "--out", &out][..], args].concat()).expect(0);
+    out
+}
+
+/// The files of rows of a directory, by name.
+fn chunks(directory: &str) -> BTreeMap<String, Vec<u8>> {
+    let files = fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().path());
+    let chunks = files.filter(|path| path.extension().is_some_and(|ending| ending == "parquet"));
+    chunks.map(|path| (path.file_name().unwrap().to_str().unwrap().to_owned(), fs::read(&path).unwrap())).collect()
+}
+
+#[test]
+fn rows_are_the_same_bytes_from_one_shard_and_from_many() {
+    let rig = Rig::new("shards");
+    let whole = flown(&rig, SMALL, "whole", &["--jobs", "1"]);
+    assert_eq!(chunks(&whole).len(), 6);
+    for shard in ["3/5", "1/5", "5/5", "4/5", "2/5"] {
+        flown(&rig, SMALL, "parts", &["--shard", shard, "--jobs", "3"]);
+    }
+    let parts = rig.file("parts");
+    assert_eq!(chunks(&whole), chunks(&parts));
+    campaign(&rig, &["merge", &whole]).expect(0).says("46 rows");
+    campaign(&rig, &["merge", &parts]).expect(0);
+    let merged = |directory: &str| fs::read(Path::new(directory).join("merged.parquet")).unwrap();
+    assert_eq!(merged(&whole), merged(&parts));
+    // Again is harmless, and a longer campaign keeps what is there, but for the chunk that was not full.
+    let again = campaign(&rig, &["run", &rig.settings(SMALL), "--out", &parts]).expect(0).result();
+    assert_eq!((again["flown"].as_str(), again["kept"].as_str()), ("0", "46"));
+    let longer = SMALL.replace("flights = 23", "flights = 30").replace("latin", "uniform");
+    let shorter = SMALL.replace("latin", "uniform");
+    let grown = flown(&rig, &shorter, "grown", &[]);
+    let before = chunks(&grown);
+    let again = campaign(&rig, &["run", &rig.settings(&longer), "--out", &grown]).expect(0);
+    let again = again.complains("it has the flights 20..23, and not 20..24; it is flown again").result();
+    assert_eq!((again["flown"].as_str(), again["kept"].as_str()), ("20", "40"));
+    let after = chunks(&grown);
+    assert!(
+        before.iter().filter(|(name, _)| *name != "chunk-0000005.parquet").all(|(name, rows)| after[name] == *rows)
+    );
+    assert_eq!(chunks(&flown(&rig, &longer, "long", &[])), after);
+}
+
+#[test]
+fn a_row_is_a_simulated_flight_bit_for_bit() {
+    let rig = Rig::new("rows");
+    let out = flown(&rig, SMALL, "rows", &[]);
+    let report = campaign(&rig, &["report", &out, "--format", "json"]).expect(0).json();
+    let worst = report["worst"].as_array().unwrap();
+    assert_eq!(worst.len(), 10);
+    let mut outputs = Vec::new();
+    for flight in [0, 5, 14, 22] {
+        for arm in ["adaptive", "fixed"] {
+            let number = flight.to_string();
+            let settings = campaign(&rig, &["fly", &out, &number, "--arm", arm, "--print-config"])
+                .expect(0)
+                .stdout
+                .replace("lockstep", "realtime");
+            let simulated = rig.run("simulate", &["--config", &rig.settings(&settings)]);
+            let simulated = simulated.result()["outputs"].clone();
+            assert_eq!(row(&out, flight, arm == "fixed"), simulated, "flight {flight} by {arm}");
+            outputs.push(simulated);
+        }
+    }
+    outputs.sort();
+    outputs.dedup();
+    assert_eq!(outputs.len(), 8, "eight flights, and not one of them eight times");
+}
+
+/// The outputs of a row.
+fn row(directory: &str, flight: u64, second_arm: bool) -> String {
+    let text = fs::read_to_string(Path::new(directory).join("campaign.toml")).unwrap();
+    let campaign = campaign::file::read(&text).unwrap();
+    let rows = campaign::rows::Rows::new(Path::new(directory), 0..campaign.chunks());
+    let row = rows.row(&campaign, flight, usize::from(second_arm)).unwrap().unwrap();
+    row.into_iter().find(|(column, _)| column == "outputs").unwrap().1
+}
+
+#[test]
+fn what_is_killed_broken_or_foreign_is_named_and_flown_again() {
+    let rig = Rig::new("broken");
+    let long = SMALL.replace("flights = 23", "flights = 400");
+    let file = rig.settings(&long);
+    let out = rig.file("rows");
+    let running = rig.start("campaign", &["run", &file, "--out", &out, "--jobs", "1"]);
+    wait_until("two files of rows", || (Path::new(&out).is_dir() && chunks(&out).len() >= 2).then_some(()));
+    running.signal(Signal::KILL);
+    assert_eq!(running.end().code, None);
+    campaign(&rig, &["status", &out]).expect(3).says("missing: chunks");
+    campaign(&rig, &["merge", &out]).expect(1).complains("so that there is nothing to merge yet");
+
+    let small = flown(&rig, SMALL, "small", &[]);
+    let whole = chunks(&small);
+    let of = |chunk: u64| Path::new(&small).join(format!("chunk-000000{chunk}.parquet"));
+    fs::write(of(0), &whole["chunk-0000000.parquet"][..900]).unwrap();
+    let mut flipped = whole["chunk-0000001.parquet"].clone();
+    flipped[700] ^= 4;
+    fs::write(of(1), flipped).unwrap();
+    fs::copy(Path::new(&out).join("chunk-0000000.parquet"), of(2)).unwrap();
+    fs::copy(of(4), of(3)).unwrap();
+    fs::remove_file(of(5)).unwrap();
+    let status = campaign(&rig, &["status", &small]).expect(3);
+    let status = status.says("4 of 23 flights, each by 2 arms; 1 of 6 files are whole").says("missing: chunks 5");
+    for said in ["chunk-0000000.parquet: it is broken: ", "chunk-0000001.parquet: it is broken: "] {
+        assert!(status.stdout.contains(said), "{status}");
+    }
+    let status = status.tells("chunk-0000002.parquet: it is foreign: of the campaign small with the fingerprint ");
+    status.tells("chunk-0000003.parquet: it has the flights 16..20, and not 12..16");
+    let again = campaign(&rig, &["run", &rig.settings(SMALL), "--out", &small]).expect(0);
+    let again = again.complains("it is flown again").result();
+    assert_eq!((again["flown"].as_str(), again["kept"].as_str()), ("38", "8"));
+    assert_eq!(chunks(&small), whole);
+    campaign(&rig, &["status", &small]).expect(0);
+
+    let other = SMALL.replace("seed = 7", "seed = 8");
+    let refused = campaign(&rig, &["run", &rig.settings(&other), "--out", &small]).expect(2);
+    refused.complains("holds another campaign: the file has changed in more than its number of flights");
+    campaign(&rig, &["status", &rig.file("nowhere")]).expect(2).complains("cannot read the campaign's directory");
+}
+
+#[test]
+fn a_signal_ends_a_campaign_and_keeps_its_whole_files() {
+    let rig = Rig::new("signal");
+    let long = SMALL.replace("flights = 23", "flights = 4000").replace("duration_s = 1.5", "duration_s = 60.0");
+    for (signal, name) in [(Signal::INT, "int"), (Signal::TERM, "term")] {
+        let out = rig.file(name);
+        let running = rig.start("campaign", &["run", &rig.settings(&long), "--out", &out, "--jobs", "2"]);
+        wait_until("the campaign's directory", || Path::new(&out).join("campaign.json").exists().then_some(()));
+        running.signal(signal);
+        running.end().expect(130).says("RESULT status=INTERRUPTED");
+        let rests = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        assert_eq!(rests.filter(|name| name.contains("aside")).collect::<Vec<_>>(), Vec::<String>::new());
+    }
+}
+
+#[test]
+fn the_documented_campaign_is_checked_and_flown() {
+    let rig = Rig::new("example");
+    let example = ours("examples/mass-and-drag.toml");
+    let check = campaign(&rig, &["check", example.to_str().unwrap()]).expect(0);
+    let check = check.says("mass-and-drag: 2000 flights of 10 s by 2 arms (adaptive, fixed), 4000 rows in 2 files");
+    check.says("on disk").says("time here");
+    let text = fs::read_to_string(&example).unwrap();
+    assert!(fs::read_to_string(ours("docs/campaigns.md")).unwrap().contains(&indented(&text)), "as documented");
+    let out = flown(&rig, &text.replace("flights = 2000 ", "flights = 20 "), "rows", &[]);
+    let report = campaign(&rig, &["report", &out, "--exact", "--page", &rig.file("page.html")]).expect(0);
+    let report = report.says("mass-and-drag: 20 flights, each by 2 arms").says("Clopper-Pearson");
+    report.says("adaptive - fixed: success ").tells("fly one again: ironbird campaign fly");
+    let page = fs::read_to_string(rig.path("page.html")).unwrap();
+    assert!(page.contains("What matters") && page.contains("plant.mass_kg") && !page.contains("http://"), "{page}");
+    let robustness = ours("examples/robustness.toml");
+    campaign(&rig, &["check", robustness.to_str().unwrap()]).expect(0).says("by 6 arms");
+}
+
+/// As a document has a file.
+fn indented(text: &str) -> String {
+    text.lines().map(|line| if line.is_empty() { "\n".into() } else { format!("    {line}\n") }).collect()
+}
+
+#[test]
+fn the_worst_flight_flies_again_in_four_processes_as_in_its_row() {
+    let rig = Rig::new("again");
+    let out = flown(&rig, SMALL, "rows", &[]);
+    let report = campaign(&rig, &["report", &out, "--format", "json"]).expect(0).json();
+    let worst = &report["worst"][0];
+    let (flight, arm) = (worst["flight"].to_string(), worst["arm"].as_str().unwrap());
+    let runs = rig.out();
+    let told = ["--out", runs.to_str().unwrap(), "--instance", rig.instance.as_str()];
+    let fly = rig.run("campaign", &[&["fly", out.as_str(), &flight, "--arm", arm][..], &told].concat());
+    fly.expect(0).says(", as in the campaign's row");
+    rig.run("replay", &["--verify"]).expect(0).says("identical");
+    assert!(rig.out().join("latest/report.html").exists());
+    campaign(&rig, &["fly", &out, "23"]).expect(2).complains("there is no flight 23");
+    let refused = campaign(&rig, &["fly", &out, "0", "--arm", "indi"]).expect(2);
+    refused.complains("the campaign small has no such arm").complains("its arms are adaptive, fixed");
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_campaign_stops_when_it_knows_enough() {
+    let rig = Rig::new("until");
+    let easy = "[campaign]\nname = \"easy\"\nflights = 1000\nchunk = 10\n[flight]\nduration_s = 0.2\n";
+    let out = rig.file("rows");
+    let file = rig.settings(easy);
+    let run = ["run", file.as_str(), "--out", &out, "--until", "width(success) < 0.1"];
+    let stopped = campaign(&rig, &run).expect(0).says("RESULT status=STOPPED").says("stopped: width(success) = 0.");
+    let flown: u64 = stopped.result()["flown"].parse().unwrap();
+    assert!((20..=80).contains(&flown), "{flown}");
+    let again = campaign(&rig, &run).expect(0).result();
+    assert_eq!((again["flown"].as_str(), again["kept"].parse::<u64>().unwrap()), ("0", flown), "what is there counts");
+    for wrong in ["success < 0.1", "width(success) < 2", "width(success)"] {
+        campaign(&rig, &["run", &rig.settings(easy), "--until", wrong]).expect(2).complains("write width(success) < W");
+    }
+    for wrong in ["0/3", "4/3", "x/3", "3", "1/0", "auto"] {
+        campaign(&rig, &["run", &rig.settings(easy), "--shard", wrong]).expect(2).complains("write K/N");
+    }
+    let mut task =
+        rig.command("campaign", &["run", &rig.settings(easy), "--out", &rig.file("task"), "--shard", "auto/100"]);
+    task.env("SLURM_ARRAY_TASK_ID", "7");
+    rig.launch(task).end().expect(0);
+    assert_eq!(chunks(&rig.file("task")).keys().collect::<Vec<_>>(), ["chunk-0000006.parquet"]);
+    let unknown = campaign(&rig, &["run", &rig.settings(easy), "--out", &rig.file("x"), "--shard", "auto/2"]).expect(2);
+    unknown.complains("no task number is in SLURM_ARRAY_TASK_ID, HQ_TASK_ID");
+}
+
+/// An engine that is none: it flies the tasks of an array one after the other, and loses one of them the first time.
+const ENGINE: &str = r#"#!/bin/sh
+echo "$0 $*" >> calls
+for word; do case $word in --array=*) array=${word#--array=};; esac; script=$word; done
+case $array in *-*) array=$(seq -s ' ' "${array%-*}" "${array#*-}");; esac
+for task in $(echo "$array" | tr , ' '); do
+    if [ "$task" = 3 ] && [ ! -e lost ]; then touch lost; failed=1; continue; fi
+    SLURM_ARRAY_TASK_ID=$task sh "$script" >> tasks.log 2>&1 || failed=1
+done
+exit ${failed:-0}
+"#;
+
+#[test]
+fn an_engine_gets_an_array_and_again_what_it_lost() {
+    let rig = Rig::new("engines");
+    let (file, out) = (rig.settings(SMALL), rig.file("rows"));
+    for (engine, said) in [("slurm", "#SBATCH --requeue"), ("hyperqueue", "hq submit --wait"), ("local", "# sh ")] {
+        let dry = ["submit", file.as_str(), "--on", engine, "--out", &out, "--shards", "4", "--dry-run"];
+        campaign(&rig, &dry).expect(0).says(said).says("campaign run ");
+        assert!(!Path::new(&out).exists(), "a dry run makes nothing");
+    }
+    let tools = rig.path("tools");
+    fs::create_dir(&tools).unwrap();
+    fs::write(tools.join("sbatch"), ENGINE).unwrap();
+    fs::set_permissions(tools.join("sbatch"), fs::Permissions::from_mode(0o755)).unwrap();
+    let submit = |on: &str| {
+        let mut command = rig.command("campaign", &["submit", &file, "--on", on, "--out", &out, "--shards", "4"]);
+        command.env("PATH", format!("{}:{}", tools.display(), std::env::var("PATH").unwrap()));
+        rig.launch(command).end()
+    };
+    let submitted = submit("slurm").expect(0).says("all 4 shards are there");
+    submitted.complains("round 1: 4 of 4 shards: 1-4").complains("round 2: 1 of 4 shards: 3");
+    let calls = fs::read_to_string(rig.path("calls")).unwrap();
+    assert!(calls.lines().count() == 2 && calls.contains("--array=1-4 ") && calls.contains("--array=3 "), "{calls}");
+    assert_eq!(chunks(&out), chunks(&flown(&rig, SMALL, "whole", &[])));
+    submit("slurm").expect(0);
+    assert_eq!(fs::read_to_string(rig.path("calls")).unwrap(), calls, "where all is there nothing is submitted");
+    fs::remove_file(Path::new(&out).join("chunk-0000000.parquet")).unwrap();
+    if !Command::new("hq").arg("--version").output().is_ok_and(|output| output.status.success()) {
+        submit("hyperqueue").expect(1).complains("cannot start hq");
+    }
+}
+
+#[test]
+fn public_readers_read_the_rows() {
+    let named = std::env::var("IRONBIRD_PYTHON").ok().filter(|python| !python.is_empty());
+    let python = named.clone().unwrap_or_else(|| "python3".into());
+    let imports = ["-c", "import duckdb, pandas, polars, pyarrow.parquet"];
+    if !Command::new(&python).args(imports).output().is_ok_and(|output| output.status.success()) {
+        let missing = format!("{python} lacks packages: pip install -r bench/rig/tests/requirements.txt");
+        assert!(named.is_none(), "IRONBIRD_PYTHON: {missing}");
+        lacks_tool(&format!("rows of campaigns are not read by other implementations: {missing}"));
+        return;
+    }
+    let rig = Rig::new("readers");
+    let out = flown(&rig, SMALL, "rows", &[]);
+    campaign(&rig, &["merge", &out]).expect(0);
+    let script = ours("bench/rig/tests/read_rows.py");
+    let read = Command::new(python).arg(script).arg(Path::new(&out).join("merged.parquet")).output().unwrap();
+    assert!(read.status.success(), "{}", String::from_utf8_lossy(&read.stderr));
+    let read: Value = serde_json::from_slice(&read.stdout).unwrap();
+    assert_eq!((&read["unit"], &read["told"]["ironbird.schema"]), (&"kg".into(), &"ironbird-campaign/1".into()));
+    let report = campaign(&rig, &["report", &out, "--format", "json"]).expect(0).json();
+    let successes: u64 = report["arms"].as_array().unwrap().iter().map(|arm| arm["successes"].as_u64().unwrap()).sum();
+    for reader in ["duckdb", "polars", "pandas"] {
+        assert_eq!((read[reader][0].as_u64(), read[reader][1].as_u64()), (Some(46), Some(successes)), "{reader}");
+        for i in [2, 3] {
+            let off = read[reader][i].as_f64().unwrap() / read["duckdb"][i].as_f64().unwrap() - 1.0;
+            assert!(off.abs() < 1e-12, "{reader}: {off}");
+        }
+    }
+}

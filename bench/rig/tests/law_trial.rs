@@ -1,0 +1,130 @@
+//! The trial of laws: what comes with the rig passes it, and each way to fail is found.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use ironbird::laws::trial::{Candidate, Findings, trial, words};
+use law::description::{Description, Refused, Settings};
+use law::law::{Demand, InnerLaw, Law, Rig, Wanted};
+use model::measured::Measured;
+use model::messages::Dated;
+use model::reference::Reference;
+use model::role::Role;
+use model::telemetry::Telemetry;
+use std::cell::Cell;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+fn passes(name: &str, findings: &Findings) {
+    assert_eq!(findings.difference, None, "{name}");
+    assert_eq!(findings.not_finite, None, "{name}");
+    assert!(findings.is_copied, "{name}");
+    assert_eq!(findings.rehearsed, None, "{name}");
+    let [median, p99] = findings.hot_ns;
+    assert!(0 < median && median <= p99 && 0 < findings.cold_ns, "{name}: {findings:?}");
+}
+
+#[test]
+fn every_law_that_comes_with_the_rig_passes() {
+    let (rig, settings) = (Rig::default(), Settings::default());
+    for entry in controller::laws::OUTER {
+        let make = || entry.make(&rig, &settings).map(Candidate::Outer);
+        passes(entry.description.name, &trial(&rig, make, || ()).unwrap());
+    }
+    for entry in controller::laws::INNER {
+        let make = || entry.make(&rig, &settings).map(Candidate::Inner);
+        passes(entry.description.name, &trial(&rig, make, || ()).unwrap());
+    }
+    for entry in mixer::LAWS {
+        let make = || entry.make(&rig, &settings).map(Candidate::Mixer);
+        passes(entry.description.name, &trial(&rig, make, || ()).unwrap());
+    }
+}
+
+/// Calls of all instances of [`Odd`] together: what a law must not depend on.
+static CALLS: AtomicU64 = AtomicU64::new(0);
+
+/// Divides by a rate that can be 0 or small, and shows something that no input gave.
+#[derive(Clone)]
+struct Odd;
+
+impl Law for Odd {
+    const DESCRIPTION: Description = Description {
+        name: "odd",
+        role: Role::Inner,
+        version: "1",
+        summary: "fails",
+        source: "nowhere",
+        settings: &[],
+        presets: &[],
+        suited: None,
+        telemetry: &[],
+    };
+
+    fn new(_: &Rig, _: &Settings) -> Result<Self, Refused> {
+        Ok(Self)
+    }
+}
+
+impl InnerLaw for Odd {
+    fn tick(
+        &mut self,
+        _: u64,
+        measured: &Dated<Measured>,
+        _: &Dated<Wanted>,
+        _: &Reference,
+        telemetry: &mut Telemetry,
+    ) -> Demand {
+        let climbs = measured.content.velocity_w_m_s[2] > 0.0;
+        telemetry.value[3] = (CALLS.fetch_add(1, Ordering::Relaxed) / 5001) as f64;
+        Demand { thrust_n: if climbs { f64::INFINITY } else { 1.0 }, torque_b_nm: [0.0; 3] }
+    }
+}
+
+#[test]
+fn a_law_that_repeats_itself_not_or_divides_by_zero_is_found() {
+    let rig = Rig::default();
+    let make = || Ok::<_, Refused>(Candidate::Inner(Odd.into()));
+    let heard = Cell::new(0);
+    let findings = trial(&rig, make, || heard.set(heard.get() + 1)).unwrap();
+    let difference = findings.difference.unwrap();
+    assert_eq!((difference.input, difference.index, difference.values), (2500, 13, [0.0, 1.0]));
+    let not_finite = findings.not_finite.unwrap();
+    assert_eq!((not_finite.index, not_finite.value), (0, f64::INFINITY));
+    assert!(heard.get() >= 120_000, "also of each tick whose time is taken: {}", heard.get());
+    assert!(!findings.passes(true));
+}
+
+/// Counts its ticks in memory that its copies share.
+#[derive(Clone)]
+struct Shares(Arc<AtomicU64>);
+
+impl Law for Shares {
+    const DESCRIPTION: Description = Description { name: "shares", ..Odd::DESCRIPTION };
+
+    fn new(_: &Rig, _: &Settings) -> Result<Self, Refused> {
+        Ok(Self(Arc::default()))
+    }
+}
+
+impl InnerLaw for Shares {
+    fn tick(&mut self, _: u64, _: &Dated<Measured>, _: &Dated<Wanted>, _: &Reference, _: &mut Telemetry) -> Demand {
+        Demand { thrust_n: self.0.fetch_add(1, Ordering::Relaxed) as f64, torque_b_nm: [0.0; 3] }
+    }
+}
+
+#[test]
+fn a_law_that_its_rehearsals_change_is_found() {
+    let (rig, settings) = (Rig::default(), Settings::default());
+    let findings = trial(&rig, || Shares::new(&rig, &settings).map(|law| Candidate::Inner(law.into())), || ()).unwrap();
+    assert_eq!(findings.difference, None, "asked alone it repeats itself");
+    assert_eq!(findings.rehearsed.map(|it| (it.input, it.index, it.values)), Some((0, 0, [0.0, 1.0])));
+    assert!(!findings.passes(true));
+    let said = words::render(&findings, &Shares::DESCRIPTION, true);
+    assert!(said.contains("rehearsed    NO: thrust_n of input 0 was 0.0, and 1.0 where it had been"), "{said}");
+}
+
+#[test]
+fn a_law_that_refuses_to_begin_is_not_tried() {
+    let refused = Refused("no".into());
+    let make = || Err(refused.clone());
+    assert_eq!(trial(&Rig::default(), make, || ()).unwrap_err(), refused);
+}

@@ -1,0 +1,62 @@
+//! The laws of the outer and the inner loop that come with the rig, each in one file beside the source that it follows.
+//!
+//! | role | law | source |
+//! |---|---|---|
+//! | outer | [`Pd`] | the paper, (9)-(16) |
+//! | outer | [`Estimating`] | the same, with estimates of thrust scale and drag |
+//! | inner | [`Adaptive`] | the paper, (17)-(22) |
+//! | inner | [`Fixed`] | the same without adaptation |
+//! | inner | [`Geometric`] | Lee, Leok, McClamroch 2010 |
+//! | inner | [`Indi`] | Smeur, Chu, de Croon 2016 |
+//! | inner | [`Pid`] | the cascade of PX4, Brescianini, Hehn, D'Andrea 2013 |
+//!
+//! What they share is not a law: rotations ([`attitude`]), a low-pass ([`low_pass`]), and the refusal of loops that
+//! cannot fly ([`cascade`]).
+
+use law::description::Settings;
+use law::law::Law as _;
+use law::registry::{AnyInner, AnyOuter, Entry};
+
+use crate::gains::Gains;
+
+pub mod adaptive;
+pub mod attitude;
+pub mod cascade;
+pub mod estimating;
+pub mod geometric;
+pub mod indi;
+pub mod low_pass;
+pub mod pd;
+pub mod pid;
+
+pub use adaptive::{Adaptive, Fixed};
+pub use estimating::Estimating;
+pub use geometric::Geometric;
+pub use indi::Indi;
+pub use pd::Pd;
+pub use pid::Pid;
+
+/// The outer laws; the first one flies when nothing is said.
+pub const OUTER: &[Entry<dyn AnyOuter>] = &[Entry::outer::<Pd>(), Entry::outer::<Estimating>()];
+
+/// The inner laws; the first one flies when nothing is said.
+pub const INNER: &[Entry<dyn AnyInner>] = &[
+    Entry::inner::<Adaptive>(),
+    Entry::inner::<Fixed>(),
+    Entry::inner::<Geometric>(),
+    Entry::inner::<Indi>(),
+    Entry::inner::<Pid>(),
+];
+
+/// The gains on which the theorem's monitor watches an inner law; none for a law without a theorem.
+#[must_use]
+pub fn theorem(name: &str, settings: &Settings) -> Option<Gains> {
+    let gains = Gains::of(settings);
+    (may_have_theorem(name) && gains.adapts).then_some(gains)
+}
+
+/// Whether the inner law of a name has a theorem with some of its settings.
+#[must_use]
+pub fn may_have_theorem(name: &str) -> bool {
+    name == Adaptive::DESCRIPTION.name
+}

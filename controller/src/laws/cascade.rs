@@ -1,0 +1,56 @@
+//! What every cascade of an attitude and a rate loop must keep to: refusals in words.
+
+use law::description::{Refused, Setting};
+
+use crate::limits::Limits;
+use crate::rate_loop::loop_gain_limit;
+
+/// Delay that a rate loop must survive: one tick by design, and one more for a late command.
+const DELAY_TICKS: u32 = 2;
+
+const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
+
+/// A setting with its three values.
+pub type Gain<'a> = (&'a Setting, &'a [f64; 3]);
+
+/// Refuses a rate gain that a late command makes unstable, and an attitude gain above the rate gain.
+///
+/// Sampled, the rate error goes as e(k+1) = e(k) - gain T e(k-2), see [`loop_gain_limit`]. With both gains equal the
+/// cascade s^2 + rate s + rate attitude has a damping of one half.
+///
+/// # Errors
+/// [`Refused`] names both settings, the axis, and what is allowed.
+pub fn check((attitude, attitude_gain): Gain, (rate, rate_gain): Gain, period_s: f64) -> Result<(), Refused> {
+    let allowed = loop_gain_limit(DELAY_TICKS) / period_s;
+    for (i, axis) in AXES.iter().enumerate() {
+        let (outer, inner) = (attitude_gain[i], rate_gain[i]);
+        let (outer_name, inner_name) = (attitude.name, rate.name);
+        if inner >= allowed {
+            return Err(Refused(format!(
+                "{inner_name} = {inner} 1/s ({axis}) cannot fly at a period_s of {period_s}: with a late command the \
+                 rate loop is stable below {allowed:.1} 1/s; lower {inner_name}, or fly with a shorter period_s"
+            )));
+        }
+        if outer > inner {
+            return Err(Refused(format!(
+                "{outer_name} = {outer} ({axis}) is above {inner_name} = {inner}: the attitude loop must be the \
+                 slower one, allowed is up to {inner}; lower {outer_name} or raise {inner_name}"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses limits of the acceleration whose lower end is not below the upper one.
+///
+/// # Errors
+/// [`Refused`] names both.
+pub fn check_limits(limits: &Limits) -> Result<(), Refused> {
+    let Limits { acceleration_z_min_g: low, acceleration_z_max_g: high, .. } = *limits;
+    if low < high {
+        return Ok(());
+    }
+    Err(Refused(format!(
+        "acceleration_z_min_g = {low} must be below acceleration_z_max_g = {high}: raise the one or lower the other"
+    )))
+}

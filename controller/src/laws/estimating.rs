@@ -1,0 +1,218 @@
+//! Outer law `estimating`: the paper's, which learns thrust scale and drag.
+//!
+//! Source of the loop: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran,
+//! Montazeri), (9)-(16), with the differences of [`crate::laws::pd`]. The paper takes mass and k_t as known: where the
+//! mass is 30 % off, its vehicle sags by metres. Here both are estimated, by the same normalised gradient as in the
+//! paper's inner loop (docs/theorem.md), from the velocity that was gained over the last tick:
+//!
+//! ```text
+//!     lam = m_nominal/m, sig = k_t/m                          (1):  dv = -g z_e + lam p1 + sig p2
+//!     p1 = R_ z_e u_m/m_nominal,  u_m = sum k mean(w^2),  p2 = -v_
+//!     z = v - v_ - T(-g z_e + lam p1 + sig p2)
+//!     D = 1 + T(g_l |p1|^2 + g_s |p2|^2)
+//!     lam <- clip(lam + g_l p1.z/D, 0.4, 2)
+//!     sig <- clip(sig + g_s p2.z/D, 0, 10)
+//! ```
+//!
+//! R_ and v_ are those at the start of the tick, u_m is what the rotors really did in it. So a saturated or late
+//! command teaches nothing wrong. Rotors that lose thrust look like a heavier vehicle, and are treated as one.
+
+use law::description::{Description, Refused, Setting, SettingKind, Settings, Signal};
+use law::law::{Law, OuterLaw, Rig, Wanted};
+use model::frames::RollPitch;
+use model::measured::Measured;
+use model::reference::Reference;
+use model::role::Role;
+use model::telemetry::Telemetry;
+use nalgebra::Vector3;
+
+use crate::flatness::{TiltRates, Yaw, tilt, tilt_rates};
+use crate::laws::cascade::check_limits;
+use crate::laws::pd::thrust;
+use crate::limits::{self, AccelerationLimits, Limits};
+
+/// Bounds of lam.
+const THRUST_SCALE: (f64, f64) = (0.4, 2.0);
+/// Bounds of sig [1/s].
+const DRAG: (f64, f64) = (0.0, 10.0);
+
+const POSITION: Setting = Setting {
+    name: "position_1_s2",
+    unit: "1/s^2",
+    meaning: "K_P of the position loop",
+    kind: SettingKind::Number { default: 4.0, min: 0.01, max: 100.0 },
+};
+const VELOCITY: Setting = Setting {
+    name: "velocity_1_s",
+    unit: "1/s",
+    meaning: "K_D of the position loop",
+    kind: SettingKind::Number { default: 3.4, min: 0.01, max: 100.0 },
+};
+const THRUST_SCALE_GAIN: Setting = Setting {
+    name: "thrust_scale_gain_s3_m2",
+    unit: "s^3/m^2",
+    meaning: "g_l, gain of the estimate of the thrust scale; 0 keeps the nominal mass",
+    kind: SettingKind::Number { default: 0.02, min: 0.0, max: 10.0 },
+};
+const DRAG_GAIN: Setting = Setting {
+    name: "drag_gain_s_m2",
+    unit: "s/m^2",
+    meaning: "g_s, gain of the estimate of the drag; 0 keeps the nominal drag",
+    kind: SettingKind::Number { default: 2.0, min: 0.0, max: 1000.0 },
+};
+const ACCELERATION_Z_MIN: Setting = Setting {
+    name: "acceleration_z_min_g",
+    unit: "g",
+    meaning: "smallest vertical thrust acceleration",
+    kind: SettingKind::Number { default: 0.2, min: 0.01, max: 1.0 },
+};
+const ACCELERATION_Z_MAX: Setting = Setting {
+    name: "acceleration_z_max_g",
+    unit: "g",
+    meaning: "largest vertical thrust acceleration",
+    kind: SettingKind::Number { default: 2.0, min: 1.0, max: 20.0 },
+};
+const TILT_MAX: Setting = Setting {
+    name: "tilt_max_rad",
+    unit: "rad",
+    meaning: "largest angle between the thrust asked for and the vertical",
+    kind: SettingKind::Number { default: 35_f64.to_radians(), min: 0.001, max: 1.5 },
+};
+
+/// The law, with what it has learnt.
+#[derive(Clone, Debug)]
+pub struct Estimating {
+    rig: Rig,
+    k_p: f64,
+    k_d: f64,
+    limits: AccelerationLimits,
+    g_l: f64,
+    g_s: f64,
+    /// Thrust scale m_nominal/m.
+    lam: f64,
+    /// Drag k_t/m [1/s].
+    sig: f64,
+    last: Option<Sample>,
+}
+
+/// What is kept of a tick for the next one.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    tick: u64,
+    /// Velocity, world frame [m/s].
+    v: Vector3<f64>,
+    /// J1 z_e.
+    z_b: Vector3<f64>,
+}
+
+impl Law for Estimating {
+    const DESCRIPTION: Description = Description {
+        name: "estimating",
+        role: Role::Outer,
+        version: "1",
+        summary: "PD position loop that learns thrust scale and drag: for wrong mass, weak rotors, changed drag",
+        source: "Imran, Montazeri, An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle, \
+                 (9)-(16); with a normalised-gradient estimate of m and k_t that is not in the paper",
+        settings: &[POSITION, VELOCITY, THRUST_SCALE_GAIN, DRAG_GAIN, ACCELERATION_Z_MIN, ACCELERATION_Z_MAX, TILT_MAX],
+        presets: &[],
+        suited: Some(|settings, rig| limits::suited(settings, &ACCELERATION_Z_MIN, &ACCELERATION_Z_MAX, rig)),
+        telemetry: &[
+            Signal { name: "thrust_scale", unit: "" },
+            Signal { name: "mass_kg", unit: "kg" },
+            Signal { name: "drag_1_s", unit: "1/s" },
+        ],
+    };
+
+    fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {
+        let limits = Limits {
+            acceleration_z_min_g: settings.number(&ACCELERATION_Z_MIN),
+            acceleration_z_max_g: settings.number(&ACCELERATION_Z_MAX),
+            tilt_max_rad: settings.number(&TILT_MAX),
+        };
+        check_limits(&limits)?;
+        let sig = rig.airframe.k_t() / rig.airframe.m();
+        if sig > DRAG.1 {
+            return Err(Refused(format!(
+                "translational_drag_kg_s / mass_kg = {sig:.3} 1/s is beyond what `estimating` estimates: allowed is \
+                 up to {} 1/s; change the airframe, or fly another outer law",
+                DRAG.1
+            )));
+        }
+        Ok(Self {
+            rig: *rig,
+            k_p: settings.number(&POSITION),
+            k_d: settings.number(&VELOCITY),
+            limits: AccelerationLimits::new(&limits, rig.airframe.g()),
+            g_l: settings.number(&THRUST_SCALE_GAIN),
+            g_s: settings.number(&DRAG_GAIN),
+            lam: 1.0,
+            sig,
+            last: None,
+        })
+    }
+}
+
+impl Estimating {
+    /// Learns from the tick that ended at velocity `v` [m/s]; `last` stood at its start.
+    fn learn(&mut self, last: &Sample, v: &Vector3<f64>, speed_squared: &[f64; 4]) {
+        let Rig { period_s: t, airframe, .. } = &self.rig;
+        let u_m = airframe.k() * speed_squared.iter().sum::<f64>();
+        let p1 = last.z_b * (u_m / airframe.m());
+        let p2 = -last.v;
+        let known = self.lam * p1 + self.sig * p2 - airframe.g() * Vector3::z();
+        let z = v - last.v - *t * known;
+        let d = 1.0 + t * (self.g_l * p1.norm_squared() + self.g_s * p2.norm_squared());
+        self.lam = (self.lam + self.g_l * p1.dot(&z) / d).clamp(THRUST_SCALE.0, THRUST_SCALE.1);
+        self.sig = (self.sig + self.g_s * p2.dot(&z) / d).clamp(DRAG.0, DRAG.1);
+    }
+
+    /// (10) with the drag learnt: acceleration that the thrust must give, world frame [m/s^2].
+    fn thrust_acceleration(&self, wanted: &Vector3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
+        wanted + self.rig.airframe.g() * Vector3::z() + self.sig * v
+    }
+
+    /// Derivatives of roll and pitch for a vehicle that flies the reference exactly.
+    fn ahead(&self, reference: &Reference, yaw: &Yaw) -> TiltRates {
+        let [v, dv, ddv, dddv] =
+            [reference.velocity_w_m_s, reference.acceleration_w_m_s2, reference.jerk_w_m_s3, reference.snap_w_m_s4]
+                .map(Vector3::from);
+        tilt_rates(&self.thrust_acceleration(&dv, &v), &(ddv + self.sig * dv), &(dddv + self.sig * ddv), yaw)
+    }
+}
+
+impl OuterLaw for Estimating {
+    fn tick(&mut self, tick: u64, measured: &Measured, reference: &Reference, telemetry: &mut Telemetry) -> Wanted {
+        let Rig { airframe, rotor, .. } = self.rig;
+        let p = Vector3::from(measured.position_w_m);
+        let v = Vector3::from(measured.velocity_w_m_s);
+        let eta2 = Vector3::from(measured.attitude_rad);
+        let z_b = RollPitch::of(&eta2).rot_wb(eta2.z).column(2).into_owned();
+        // The rotors' means cover one tick: after a gap nothing is known of the ticks in it.
+        if let Some(last) = self.last.replace(Sample { tick, v, z_b }).filter(|last| last.tick + 1 == tick) {
+            self.learn(&last, &v, &measured.rotor_speed_squared_mean_rad2_s2);
+        }
+
+        let p_d = Vector3::from(reference.position_w_m);
+        let v_d = Vector3::from(reference.velocity_w_m_s);
+        let dv_d = Vector3::from(reference.acceleration_w_m_s2);
+        let wanted = dv_d + self.k_d * (v_d - v) + self.k_p * (p_d - p);
+        let (a, limited) = self.limits.limit(&self.thrust_acceleration(&wanted, &v));
+        let yaw = Yaw::new(reference.yaw_rad, reference.yaw_rate_rad_s, reference.yaw_acceleration_rad_s2);
+        let (phi_d, theta_d) = tilt(&a, &yaw);
+        let ahead = if limited {
+            TiltRates { dphi: 0.0, dtheta: 0.0, ddphi: 0.0, ddtheta: 0.0 }
+        } else {
+            self.ahead(reference, &yaw)
+        };
+        let u = thrust(&a, &eta2, &airframe) / self.lam;
+        let k = airframe.k();
+        telemetry.value[..3].copy_from_slice(&[self.lam, airframe.m() / self.lam, self.sig]);
+        Wanted {
+            thrust_n: u.clamp(4.0 * rotor.f_min(k), 4.0 * rotor.f_max(k)),
+            attitude_rad: [phi_d, theta_d, reference.yaw_rad],
+            attitude_rate_rad_s: [ahead.dphi, ahead.dtheta, reference.yaw_rate_rad_s],
+            attitude_acceleration_rad_s2: [ahead.ddphi, ahead.ddtheta, reference.yaw_acceleration_rad_s2],
+            limited,
+        }
+    }
+}

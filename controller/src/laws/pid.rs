@@ -1,0 +1,241 @@
+//! Inner law `pid`: the cascade that flight stacks fly, attitude P and rate PID.
+//!
+//! Source: the multicopter attitude and rate controllers of the PX4 autopilot (BSD-3-Clause), as its documentation
+//! draws them ("Controller Diagrams"), and for the attitude Dario Brescianini, Markus Hehn, Raffaello D'Andrea,
+//! "Nonlinear Quadrocopter Attitude Control", ETH Zurich, 2013: tilt first, yaw with a weight.
+//!
+//! ```text
+//!     q_t = shortest turn of R z_e into R_d z_e, then q
+//!     q_t^-1 q_d is a turn about z by some angle a:   q_w = q_t z(yaw_weight a)
+//!     nu2_r = P_eta 2 vec(q^-1 q_w) + nu2_d, each axis within its largest rate;   e = nu2_r - nu2
+//!     tau = I_M( P e + i - D H(s) d(nu2) )
+//!     i <- clip(i + T I max(0, 1 - (e/400 deg/s)^2) e, +-i_max); an axis whose torque the rotors cannot give takes no
+//!                                                                error that asks for more of it
+//! ```
+//!
+//! Differences from PX4:
+//! * The torque is normalised by the inertia, so that P is in 1/s, I in 1/s^2, and D a ratio, on any airframe.
+//! * The rates along the reference are fed forward on all axes: here the outer law knows them. PX4 does so for yaw.
+//! * Whether the rotors can give the torque is told by (7) inverted, of the same tick, not by the mixer's answer.
+//! * The acceleration is filtered by a low-pass of second order; the filter of the rates themselves is left out.
+
+use std::f64::consts::FRAC_1_SQRT_2;
+
+use law::description::{Description, Refused, Setting, SettingKind, Settings, Signal};
+use law::law::{Demand, InnerLaw, Law, Rig, Wanted};
+use model::allocation::Allocation;
+use model::math::{atan2, sin_cos};
+use model::measured::Measured;
+use model::messages::Dated;
+use model::reference::Reference;
+use model::role::Role;
+use model::telemetry::Telemetry;
+use nalgebra::Vector3;
+
+use crate::laws::attitude::{Attitude, WantedAttitude};
+use crate::laws::cascade;
+use crate::laws::low_pass::LowPass;
+
+/// A gap in the measurements after which integrator and filter start anew [s].
+const FORGET_S: f64 = 0.1;
+/// Rate error at which the integrator takes nothing any more [rad/s].
+const INTEGRATOR_ERROR_MAX: f64 = 400_f64.to_radians();
+
+const ATTITUDE: Setting = Setting {
+    name: "attitude_1_s",
+    unit: "1/s",
+    meaning: "P of the attitude error: roll, pitch, yaw",
+    kind: SettingKind::Three { default: [8.0, 8.0, 3.0], min: 0.1, max: 200.0 },
+};
+const YAW_WEIGHT: Setting = Setting {
+    name: "yaw_weight",
+    unit: "",
+    meaning: "share of a yaw error that the attitude error holds; the gain makes up for it, up to the largest rate",
+    kind: SettingKind::Number { default: 0.4, min: 0.05, max: 1.0 },
+};
+const RATE_MAX: Setting = Setting {
+    name: "rate_max_rad_s",
+    unit: "rad/s",
+    meaning: "largest rates wanted: roll, pitch, yaw",
+    kind: SettingKind::Three { default: [4.0, 4.0, 3.5], min: 0.1, max: 40.0 },
+};
+const RATE: Setting = Setting {
+    name: "rate_1_s",
+    unit: "1/s",
+    meaning: "P of the rate error: roll, pitch, yaw",
+    kind: SettingKind::Three { default: [40.0, 40.0, 20.0], min: 0.1, max: 1000.0 },
+};
+const INTEGRAL: Setting = Setting {
+    name: "integral_1_s2",
+    unit: "1/s^2",
+    meaning: "I of the rate error: roll, pitch, yaw",
+    kind: SettingKind::Three { default: [120.0, 120.0, 40.0], min: 0.0, max: 1e5 },
+};
+const DERIVATIVE: Setting = Setting {
+    name: "derivative",
+    unit: "",
+    meaning: "D, ratio of the angular acceleration: roll, pitch, yaw",
+    kind: SettingKind::Three { default: [0.2, 0.2, 0.0], min: 0.0, max: 0.9 },
+};
+const INTEGRAL_MAX: Setting = Setting {
+    name: "integral_max_rad_s2",
+    unit: "rad/s^2",
+    meaning: "largest integrator: roll, pitch, yaw",
+    kind: SettingKind::Three { default: [60.0, 60.0, 10.0], min: 0.0, max: 1e4 },
+};
+const FILTER: Setting = Setting {
+    name: "filter_rad_s",
+    unit: "rad/s",
+    meaning: "bandwidth of the low-pass of the angular acceleration",
+    kind: SettingKind::Number { default: 190.0, min: 1.0, max: 5000.0 },
+};
+
+/// The law: integrator, filter, and the last measurement.
+#[derive(Clone, Debug)]
+pub struct Pid {
+    rig: Rig,
+    allocation: Allocation,
+    i_m: Vector3<f64>,
+    attitude: Vector3<f64>,
+    yaw_weight: f64,
+    rate_max: Vector3<f64>,
+    p: Vector3<f64>,
+    i: Vector3<f64>,
+    d: Vector3<f64>,
+    integral_max: Vector3<f64>,
+    /// i [rad/s^2].
+    integral: Vector3<f64>,
+    acceleration: LowPass,
+    last: Option<Sample>,
+    thrust_n: f64,
+}
+
+/// Body rates that were measured at a tick.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    tick: u64,
+    nu2: Vector3<f64>,
+}
+
+impl Law for Pid {
+    const DESCRIPTION: Description = Description {
+        name: "pid",
+        role: Role::Inner,
+        version: "1",
+        summary: "attitude P on the quaternion and rate PID, in the structure that flight stacks fly",
+        source: "PX4 autopilot, multicopter attitude and rate control; Brescianini, Hehn, D'Andrea, Nonlinear \
+                 Quadrocopter Attitude Control, 2013",
+        settings: &[ATTITUDE, YAW_WEIGHT, RATE_MAX, RATE, INTEGRAL, DERIVATIVE, INTEGRAL_MAX, FILTER],
+        presets: &[],
+        suited: None,
+        telemetry: &[
+            Signal { name: "rate_error_x_rad_s", unit: "rad/s" },
+            Signal { name: "rate_error_y_rad_s", unit: "rad/s" },
+            Signal { name: "rate_error_z_rad_s", unit: "rad/s" },
+            Signal { name: "integral_x_rad_s2", unit: "rad/s^2" },
+            Signal { name: "integral_y_rad_s2", unit: "rad/s^2" },
+            Signal { name: "integral_z_rad_s2", unit: "rad/s^2" },
+            Signal { name: "saturated", unit: "" },
+        ],
+    };
+
+    fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {
+        let (attitude, rate) = (settings.three(&ATTITUDE), settings.three(&RATE));
+        cascade::check((&ATTITUDE, &attitude), (&RATE, &rate), rig.period_s)?;
+        Ok(Self {
+            rig: *rig,
+            allocation: Allocation::new(&rig.airframe),
+            i_m: rig.airframe.i_m().into(),
+            attitude: attitude.into(),
+            yaw_weight: settings.number(&YAW_WEIGHT),
+            rate_max: settings.three(&RATE_MAX).into(),
+            p: rate.into(),
+            i: settings.three(&INTEGRAL).into(),
+            d: settings.three(&DERIVATIVE).into(),
+            integral_max: settings.three(&INTEGRAL_MAX).into(),
+            integral: Vector3::zeros(),
+            acceleration: LowPass::new(&FILTER, settings.number(&FILTER), FRAC_1_SQRT_2, rig.period_s)?,
+            last: None,
+            thrust_n: rig.airframe.m() * rig.airframe.g(),
+        })
+    }
+}
+
+/// The attitude wanted with its turn about z, beyond the tilt from `q`, reduced to `weight` of it.
+fn weighted(q: &Attitude, q_d: &Attitude, weight: f64) -> Attitude {
+    let axis = |attitude: &Attitude| attitude.turn(&Vector3::z());
+    // Upside down no tilt is the shortest, and the attitude wanted is taken as it is.
+    let Some(tilt) = Attitude::between(&axis(q), &axis(q_d)) else { return *q_d };
+    let q_t = tilt.times(q);
+    let about_z = q_t.inverse().times(q_d).short_way();
+    let (sin, cos) = sin_cos(weight * atan2(about_z.v.z, about_z.w));
+    q_t.times(&Attitude { w: cos, v: sin * Vector3::z() })
+}
+
+impl Pid {
+    /// Takes the measurement of `tick`: the filter moves on where the tick before it was measured too.
+    fn take(&mut self, tick: u64, nu2: &Vector3<f64>) {
+        let Some(last) = self.last.replace(Sample { tick, nu2: *nu2 }) else { return };
+        if last.tick + 1 == tick {
+            self.acceleration.take(&((nu2 - last.nu2) / self.rig.period_s));
+        } else if (tick.saturating_sub(last.tick)) as f64 * self.rig.period_s > FORGET_S {
+            self.acceleration.forget();
+            self.integral = Vector3::zeros();
+        }
+    }
+
+    /// Whether a rotor would have to leave its range for thrust `u` [N] and torque `tau` [N m].
+    fn saturates(&self, u: f64, tau: &Vector3<f64>) -> bool {
+        let Rig { airframe, rotor, .. } = &self.rig;
+        let range = rotor.f_min(airframe.k())..=rotor.f_max(airframe.k());
+        !self.allocation.thrusts(u, tau).iter().all(|f| range.contains(f))
+    }
+
+    /// The integrator after a tick with rate error `e` [rad/s] that asked for `tau` [N m].
+    fn integrated(&self, e: &Vector3<f64>, tau: &Vector3<f64>, saturated: bool) -> Vector3<f64> {
+        Vector3::from_fn(|axis, _| {
+            let (e, limit) = (e[axis], self.integral_max[axis]);
+            let taken = if saturated && e * tau[axis] > 0.0 { 0.0 } else { e };
+            let factor = (1.0 - (e / INTEGRATOR_ERROR_MAX) * (e / INTEGRATOR_ERROR_MAX)).max(0.0);
+            (self.integral[axis] + self.rig.period_s * self.i[axis] * factor * taken).clamp(-limit, limit)
+        })
+    }
+}
+
+impl InnerLaw for Pid {
+    /// Without a measurement of this tick: no torque, and the last thrust.
+    fn tick(
+        &mut self,
+        tick: u64,
+        measured: &Dated<Measured>,
+        wanted: &Dated<Wanted>,
+        _reference: &Reference,
+        telemetry: &mut Telemetry,
+    ) -> Demand {
+        if measured.tick != tick {
+            return Demand { thrust_n: self.thrust_n, ..Demand::default() };
+        }
+        let state = &measured.content;
+        let nu2 = Vector3::from(state.rate_b_rad_s);
+        self.take(tick, &nu2);
+
+        let WantedAttitude { attitude: q_d, nu2: nu2_d, .. } = WantedAttitude::of(&wanted.content);
+        let q = Attitude::new(state.attitude_quaternion);
+        let q_e = q.inverse().times(&weighted(&q, &q_d, self.yaw_weight)).short_way();
+        // The weight is for large errors alone: undone in the gain, as PX4 does.
+        let gain = self.attitude.component_div(&Vector3::new(1.0, 1.0, self.yaw_weight));
+        let ahead = q.inverse().times(&q_d).turn(&nu2_d);
+        let nu2_r = (2.0 * gain.component_mul(&q_e.v) + ahead).sup(&-self.rate_max).inf(&self.rate_max);
+        let e = nu2_r - nu2;
+        let damping = self.d.component_mul(self.acceleration.output());
+        let tau = self.i_m.component_mul(&(self.p.component_mul(&e) + self.integral - damping));
+
+        self.thrust_n = wanted.content.thrust_n;
+        let saturated = self.saturates(self.thrust_n, &tau);
+        self.integral = self.integrated(&e, &tau, saturated);
+        let i = &self.integral;
+        let shown = [e.x, e.y, e.z, i.x, i.y, i.z, f64::from(u8::from(saturated))];
+        telemetry.value[..shown.len()].copy_from_slice(&shown);
+        Demand { thrust_n: self.thrust_n, torque_b_nm: tau.into() }
+    }
+}

@@ -1,0 +1,134 @@
+//! A flight of any laws in one process: the plant, an outer and an inner law, the mixer.
+
+use controller::Trajectory;
+use law::GuardedMixer;
+use law::description::{Settings, Value};
+use law::law::{Demand, InnerLaw, Law as _, OuterLaw, Rig, Wanted};
+use law::stage::MixerStage as _;
+use mixer::Priority;
+use model::measured::Measured;
+use model::messages::{Dated, Wrench};
+use model::parameters::Parameter;
+use model::reference::Reference;
+use model::telemetry::Telemetry;
+use nalgebra::Vector3;
+use plant::{Plant, PlantSettings, Swap};
+
+/// What an inner law is asked in a tick, and what it answers.
+pub type Inner = Box<dyn FnMut(u64, &Measured, &Wanted, &Reference) -> Demand>;
+/// The same of an outer law, which also shows something of itself.
+pub type Outer = Box<dyn FnMut(u64, &Measured, &Reference, &mut Telemetry) -> Wanted>;
+
+/// What is flown, and what goes wrong in it.
+#[derive(Clone, Debug)]
+pub struct Course {
+    pub trajectory: Trajectory,
+    /// Parameters that differ from what the laws believe, each from a tick on.
+    pub faults: Vec<(u64, Parameter, f64)>,
+    pub delay_ticks: u64,
+    /// Every so many ticks the laws are not asked, and the rotors get no command.
+    pub skip_every: Option<u64>,
+    pub seconds: f64,
+}
+
+/// What came of it, per tick.
+#[derive(Clone, Debug, Default)]
+pub struct Track {
+    /// Distance from the reference [m].
+    pub error_m: Vec<f64>,
+    /// Largest change of a rotor command from the tick before [rad/s].
+    pub agitation_rad_s: Vec<f64>,
+    /// What the outer law shows of itself.
+    pub telemetry: Vec<Telemetry>,
+}
+
+pub fn rig() -> Rig {
+    Rig::default()
+}
+
+pub fn course(trajectory: Trajectory) -> Course {
+    Course { trajectory, faults: vec![], delay_ticks: 1, skip_every: None, seconds: 20.0 }
+}
+
+impl Course {
+    pub fn with(mut self, at_s: f64, parameter: Parameter, value: f64) -> Self {
+        self.faults.push(((at_s * 1e3) as u64, parameter, value));
+        self
+    }
+
+    pub fn skipping(self, every: u64) -> Self {
+        Self { skip_every: Some(every), ..self }
+    }
+
+    pub fn delayed(self, delay_ticks: u64) -> Self {
+        Self { delay_ticks, ..self }
+    }
+}
+
+impl Track {
+    /// Largest error from an instant on [m].
+    pub fn worst(&self, from_s: f64) -> f64 {
+        self.error_m[(from_s * 1e3) as usize..].iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Root mean square of the rotor commands' changes in the second half [rad/s].
+    pub fn agitation(&self) -> f64 {
+        let half = &self.agitation_rad_s[self.agitation_rad_s.len() / 2..];
+        (half.iter().map(|change| change * change).sum::<f64>() / half.len() as f64).sqrt()
+    }
+}
+
+/// A law with its own defaults, as the flight asks it.
+pub fn inner<L: InnerLaw + 'static>(values: Vec<(&'static str, Value)>) -> Inner {
+    let mut law = L::new(&rig(), &Settings::new(values)).expect("the settings go together");
+    let mut telemetry = Telemetry::default();
+    Box::new(move |tick, measured, wanted, reference| {
+        let dated = Dated { tick, content: *measured };
+        law.tick(tick, &dated, &Dated { tick, content: *wanted }, reference, &mut telemetry)
+    })
+}
+
+/// An outer law with settings other than its defaults.
+pub fn outer<L: OuterLaw + 'static>(values: Vec<(&'static str, Value)>) -> Outer {
+    let mut law = L::new(&rig(), &Settings::new(values)).expect("the settings go together");
+    Box::new(move |tick, measured, reference, telemetry| law.tick(tick, measured, reference, telemetry))
+}
+
+/// Flies a course to its end, or until the vehicle is lost: then every error is infinite.
+pub fn fly(course: &Course, mut outer: Outer, mut inner: Inner) -> Track {
+    let Rig { period_s, airframe, rotor } = rig();
+    let mut plant = Plant::new(&PlantSettings { period_s, airframe, rotor, seed: 1, ..PlantSettings::default() });
+    for &(tick, parameter, value) in &course.faults {
+        plant.schedule(Swap::new(tick, &[(parameter, value)]).expect("in range")).expect("there is room");
+    }
+    let law = Priority::new(&rig(), &Settings::default()).expect("it has no settings");
+    let mut mixer = GuardedMixer::new(law.into(), &rig());
+    let mut track = Track::default();
+    let mut before = plant.measured().rotor_speed_command_rad_s;
+    let ticks = (course.seconds / period_s).round() as u64;
+    for tick in 0..ticks {
+        let measured = plant.begin(tick).measured;
+        let reference = course.trajectory.reference(tick as f64 * period_s);
+        let mut telemetry = Telemetry::default();
+        if course.skip_every.is_none_or(|every| tick % every != every - 1) {
+            let wanted = outer(tick, &measured, &reference, &mut telemetry);
+            let Demand { thrust_n, torque_b_nm } = inner(tick, &measured, &wanted, &reference);
+            let wrench = Wrench { thrust_n, torque_b_nm, ..Wrench::default() };
+            let command = mixer.tick(tick, &Dated { tick, content: wrench });
+            plant.offer(Dated { tick, content: command }, tick + course.delay_ticks);
+        }
+        let error = Vector3::from(measured.position_w_m) - Vector3::from(reference.position_w_m);
+        let lost = plant.envelope().is_err();
+        track.error_m.push(if lost { f64::INFINITY } else { error.norm() });
+        let change = before.iter().zip(measured.rotor_speed_command_rad_s).map(|(a, b)| (a - b).abs());
+        track.agitation_rad_s.push(change.fold(0.0, f64::max));
+        before = measured.rotor_speed_command_rad_s;
+        track.telemetry.push(telemetry);
+        if lost {
+            track.error_m = vec![f64::INFINITY; ticks as usize];
+            return track;
+        }
+        plant.finish();
+    }
+    track
+}

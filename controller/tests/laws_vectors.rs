@@ -1,0 +1,179 @@
+//! The laws besides the paper's against vectors of an independent implementation: 50 flights of some ticks each.
+//!
+//! `vectors/laws.py` makes them from the formulas of the sources; it is run by hand.
+
+use controller::laws::{Estimating, Geometric, Indi, Pid};
+use law::description::{SettingKind, Settings, Value};
+use law::law::{InnerLaw, Law, OuterLaw, Rig, Wanted};
+use model::limits::RotorLimits;
+use model::measured::Measured;
+use model::messages::Dated;
+use model::parameters::{Airframe, Parameter};
+use model::reference::Reference;
+use model::telemetry::Telemetry;
+use serde_json::Value as Json;
+
+const TOLERANCE: f64 = 1e-12;
+
+fn number(json: &Json) -> f64 {
+    json.as_f64().unwrap_or_default()
+}
+
+/// As many numbers as are asked for; 0 for what the law may not look at.
+fn numbers<const N: usize>(json: &Json) -> [f64; N] {
+    std::array::from_fn(|i| number(&json[i]))
+}
+
+fn tick_of(json: &Json) -> u64 {
+    json.as_u64().expect("a tick")
+}
+
+fn rig(case: &Json) -> Rig {
+    let mut airframe = Airframe::nominal();
+    for (name, value) in case["airframe"].as_object().expect("an airframe") {
+        if !name.starts_with("rotor_m") {
+            airframe.set(Parameter::from_name(name).expect("known"), number(value)).expect("in range");
+        }
+    }
+    let [min_rad_s, max_rad_s] = ["min", "max"].map(|end| number(&case["airframe"][format!("rotor_{end}_rad_s")]));
+    Rig { period_s: number(&case["period_s"]), airframe, rotor: RotorLimits { min_rad_s, max_rad_s } }
+}
+
+fn law_of<L: Law>(case: &Json) -> L {
+    let given = &case["settings"];
+    let values = L::DESCRIPTION.settings.iter().map(|setting| {
+        let value = &given[setting.name];
+        assert!(!value.is_null(), "{}", setting.name);
+        let value = match setting.kind {
+            SettingKind::Three { .. } => Value::Three(numbers(value)),
+            _ => Value::Number(number(value)),
+        };
+        (setting.name, value)
+    });
+    L::new(&rig(case), &Settings::new(values.collect())).expect("the settings go together")
+}
+
+fn measured(json: &Json) -> Measured {
+    Measured {
+        position_w_m: numbers(&json["position_w_m"]),
+        velocity_w_m_s: numbers(&json["velocity_w_m_s"]),
+        attitude_rad: numbers(&json["attitude_rad"]),
+        attitude_quaternion: numbers(&json["attitude_quaternion"]),
+        rate_b_rad_s: numbers(&json["rate_b_rad_s"]),
+        rotor_speed_squared_mean_rad2_s2: numbers(&json["rotor_speed_squared_mean_rad2_s2"]),
+        ..Measured::default()
+    }
+}
+
+fn reference(json: &Json) -> Reference {
+    Reference {
+        position_w_m: numbers(&json["position_w_m"]),
+        velocity_w_m_s: numbers(&json["velocity_w_m_s"]),
+        acceleration_w_m_s2: numbers(&json["acceleration_w_m_s2"]),
+        jerk_w_m_s3: numbers(&json["jerk_w_m_s3"]),
+        snap_w_m_s4: numbers(&json["snap_w_m_s4"]),
+        yaw_rad: number(&json["yaw_rad"]),
+        yaw_rate_rad_s: number(&json["yaw_rate_rad_s"]),
+        yaw_acceleration_rad_s2: number(&json["yaw_acceleration_rad_s2"]),
+    }
+}
+
+fn wanted(json: &Json) -> Wanted {
+    Wanted {
+        thrust_n: number(&json["thrust_n"]),
+        attitude_rad: numbers(&json["attitude_rad"]),
+        attitude_rate_rad_s: numbers(&json["attitude_rate_rad_s"]),
+        attitude_acceleration_rad_s2: numbers(&json["attitude_acceleration_rad_s2"]),
+        limited: json["limited"].as_bool().unwrap_or_default(),
+    }
+}
+
+/// Compares relative to max(1, |expected|).
+fn assert_close(what: &str, actual: &[f64], expected: &[f64]) {
+    for (a, b) in actual.iter().zip(expected) {
+        let error = (a - b).abs() / b.abs().max(1.0);
+        assert!(error <= TOLERANCE, "{what}: {a} for {b}: off by {error:e}");
+    }
+}
+
+/// Flies each case of a law through its ticks.
+fn each_case<L: Law>(ask: impl Fn(&mut L, &Json, &mut Telemetry) -> Vec<f64>, expected: impl Fn(&Json) -> Vec<f64>) {
+    let vectors: Json = serde_json::from_str(include_str!("vectors/laws.json")).expect("the vectors are JSON");
+    let name = L::DESCRIPTION.name;
+    let cases = vectors[name].as_array().expect("a list of cases");
+    assert_eq!(cases.len(), 50, "{name}");
+    let signals = L::DESCRIPTION.telemetry.len();
+    for (number_of_case, case) in cases.iter().enumerate() {
+        let mut law: L = law_of(case);
+        let mut telemetry = Telemetry::default();
+        for row in case["ticks"].as_array().expect("a list of ticks") {
+            let what = format!("{name}, case {number_of_case}, tick {}", row["tick"]);
+            let answer = ask(&mut law, row, &mut telemetry);
+            assert_close(&what, &answer, &expected(&row["out"]));
+            let shown: [f64; 32] = numbers(&row["out"]["telemetry"]);
+            assert_eq!(row["out"]["telemetry"].as_array().map(Vec::len), Some(signals), "{what}");
+            assert_close(&format!("{what}, telemetry"), &telemetry.value, &shown);
+        }
+    }
+}
+
+fn inner<L: InnerLaw>() {
+    each_case::<L>(
+        |law, row, telemetry| {
+            let (tick, measured_tick) = (tick_of(&row["tick"]), tick_of(&row["measured_tick"]));
+            let measured = Dated { tick: measured_tick, content: measured(&row["measured"]) };
+            let wanted = Dated { tick, content: wanted(&row["wanted"]) };
+            let demand = law.tick(tick, &measured, &wanted, &reference(&row["reference"]), telemetry);
+            [&[demand.thrust_n], &demand.torque_b_nm[..]].concat()
+        },
+        |out| [&[number(&out["thrust_n"])], &numbers::<3>(&out["torque_b_nm"])[..]].concat(),
+    );
+}
+
+fn in_a_row(wanted: &Wanted) -> Vec<f64> {
+    let angles = [wanted.attitude_rad, wanted.attitude_rate_rad_s, wanted.attitude_acceleration_rad_s2].concat();
+    [&[wanted.thrust_n, f64::from(u8::from(wanted.limited))], &angles[..]].concat()
+}
+
+#[test]
+fn estimating() {
+    each_case::<Estimating>(
+        |law, row, telemetry| {
+            let (measured, reference) = (measured(&row["measured"]), reference(&row["reference"]));
+            in_a_row(&law.tick(tick_of(&row["tick"]), &measured, &reference, telemetry))
+        },
+        |out| in_a_row(&wanted(out)),
+    );
+}
+
+#[test]
+fn geometric() {
+    inner::<Geometric>();
+}
+
+#[test]
+fn indi() {
+    inner::<Indi>();
+}
+
+#[test]
+fn pid() {
+    inner::<Pid>();
+}
+
+#[test]
+fn geometric_answers_a_turn_by_its_sine_and_the_square_of_its_gain() {
+    let (rig, gain, angle) = (Rig::default(), 6.0, 0.8_f64);
+    let settings = Settings::new(vec![("attitude_rad_s", Value::Three([14.0, 14.0, gain]))]);
+    let mut law = Geometric::new(&rig, &settings).expect("the settings go together");
+    // Turned about z, at rest where it should be: (1/2) (R_d^T R - R^T R_d)^vee is the sine of the angle, and no more.
+    let measured = Measured {
+        attitude_rad: [0.0, 0.0, angle],
+        attitude_quaternion: [(angle / 2.0).cos(), 0.0, 0.0, (angle / 2.0).sin()],
+        ..Measured::default()
+    };
+    let (measured, wanted) = (Dated { tick: 0, content: measured }, Dated { tick: 0, content: Wanted::default() });
+    let demand = law.tick(0, &measured, &wanted, &Reference::default(), &mut Telemetry::default());
+    let expected = -rig.airframe.i_m()[2] * gain * gain * angle.sin();
+    assert!((demand.torque_b_nm[2] - expected).abs() < TOLERANCE, "{} for {expected}", demand.torque_b_nm[2]);
+}

@@ -1,0 +1,51 @@
+//! The law `priority`: thrust first, then roll and pitch, then yaw; see [`crate::mix`].
+
+use law::description::{Description, Refused, Settings, Signal};
+use law::law::{Demand, Law, MixerLaw, Rig};
+use model::allocation::Allocation;
+use model::messages::ROTORS;
+use model::role::Role;
+use model::telemetry::Telemetry;
+
+use crate::mix::{mix, speeds};
+
+/// The mixer of an airframe. It keeps nothing from one tick to the next.
+#[derive(Clone, Copy, Debug)]
+pub struct Priority {
+    allocation: Allocation,
+    /// Thrust coefficient [N s^2].
+    k: f64,
+    /// Smallest and largest thrust of a rotor [N].
+    f_min: f64,
+    f_max: f64,
+}
+
+impl Law for Priority {
+    const DESCRIPTION: Description = Description {
+        name: "priority",
+        role: Role::Mixer,
+        version: "1",
+        summary: "saturates by priority: thrust, then roll and pitch, then yaw",
+        source: "Imran and Montazeri, An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial \
+                 Vehicle, (6), (7) inverted; docs/paper.md lists the differences",
+        settings: &[],
+        presets: &[],
+        suited: None,
+        telemetry: &[Signal { name: "roll_pitch_share", unit: "" }, Signal { name: "yaw_share", unit: "" }],
+    };
+
+    fn new(rig: &Rig, _: &Settings) -> Result<Self, Refused> {
+        let k = rig.airframe.k();
+        let (f_min, f_max) = (rig.rotor.f_min(k), rig.rotor.f_max(k));
+        Ok(Self { allocation: Allocation::new(&rig.airframe), k, f_min, f_max })
+    }
+}
+
+impl MixerLaw for Priority {
+    fn tick(&mut self, _: u64, demand: &Demand, telemetry: &mut Telemetry) -> ([f64; ROTORS], bool) {
+        let mix = mix(&self.allocation, demand.thrust_n, &demand.torque_b_nm.into(), self.f_min, self.f_max);
+        telemetry.value[0] = mix.roll_pitch_share;
+        telemetry.value[1] = mix.yaw_share;
+        (speeds(&mix.f, self.k).into(), mix.saturated)
+    }
+}

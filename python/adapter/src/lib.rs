@@ -1,0 +1,71 @@
+//! The adapter for laws in Python: the rig loads it, and it makes laws of `.py` files.
+//!
+//! ```text
+//!   my_law.py --interpreter--> a Python within the process of the role, with the packages of a virtual environment
+//!             --table--------> what the class `Law` says of itself, as the C interface has it
+//!             --tick---------> structs to objects, the answer back to numbers; an exception ends the process
+//! ```
+//!
+//! Nothing here keeps real time: a tick allocates, and takes as long as the interpreter does.
+
+mod interpreter;
+mod table;
+mod tick;
+
+use std::ffi::{CStr, c_char};
+use std::ptr;
+
+use ironbird_law::abi::IronbirdLaw;
+use pyo3::Python;
+use python_law::Looked;
+
+/// The law of a file, by its path; see `ironbird_law.h`.
+///
+/// # Safety
+/// `path` is a text that a NUL ends; `refused` has room for `refused_size` bytes.
+#[unsafe(no_mangle)]
+#[allow(unsafe_code, reason = "the rig calls it by its name")]
+pub unsafe extern "C" fn ironbird_law_open(
+    path: *const c_char,
+    refused: *mut c_char,
+    refused_size: u64,
+) -> *const IronbirdLaw {
+    // SAFETY: the caller's promise.
+    let (path, refused) = unsafe { (CStr::from_ptr(path), Refusal { text: refused, size: refused_size }) };
+    let opened = path.to_str().map_err(|_| "its path is not UTF-8".to_owned()).and_then(|path| {
+        interpreter::start()?;
+        Python::attach(|py| {
+            interpreter::check_numpy(py)?;
+            let looked = Looked::of_file(py, path).map_err(|raised| interpreter::words(py, &raised))?;
+            interpreter::settle(py);
+            Ok(table::of(looked))
+        })
+    });
+    opened.unwrap_or_else(|why| {
+        refused.say(&why);
+        ptr::null()
+    })
+}
+
+/// Where the rig reads why something was refused.
+struct Refusal {
+    text: *mut c_char,
+    size: u64,
+}
+
+impl Refusal {
+    /// Writes a text, as far as there is room.
+    #[allow(unsafe_code, reason = "the caller's buffer")]
+    fn say(&self, why: &str) {
+        let Some(most) = (self.size as usize).checked_sub(1) else { return };
+        let mut end = why.len().min(most);
+        while !why.is_char_boundary(end) {
+            end -= 1;
+        }
+        // SAFETY: the caller of the interface promises so much room; the end is within it.
+        unsafe {
+            ptr::copy_nonoverlapping(why.as_ptr(), self.text.cast(), end);
+            self.text.add(end).write(0);
+        }
+    }
+}

@@ -1,0 +1,15 @@
+//! A law in Python, as the rig asks it: arrays in, numbers out, exceptions kept.
+//!
+//! The module `ironbird` flies such laws in a notebook, and the adapter in the rig's own processes.
+
+mod answer;
+mod arrays;
+mod inputs;
+mod law;
+mod look;
+
+pub use answer::Shape;
+pub use arrays::array;
+pub use inputs::{MODEL, Measured, Reference, Rig, Wanted};
+pub use law::{FlyingInner, FlyingOuter, PythonLaw, Raised};
+pub use look::{Looked, SaidSetting, is_refusal, load};

@@ -1,0 +1,124 @@
+//! What a law in Python says of itself: `look.py`, read from here.
+
+use std::ffi::CString;
+
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyDict, PyModule};
+
+use crate::inputs::Rig;
+use crate::law::PythonLaw;
+
+/// A law that was looked at, and does not fly yet.
+#[derive(Debug)]
+pub struct Looked {
+    /// Its role, as `inner`.
+    pub role: String,
+    /// Its name.
+    pub name: String,
+    /// Its own version.
+    pub version: String,
+    /// What it is for.
+    pub summary: String,
+    /// Where it comes from; may be empty.
+    pub source: String,
+    /// Names and units of what it shows.
+    pub telemetry: Vec<(String, String)>,
+    /// Its settings.
+    pub settings: Vec<SaidSetting>,
+    /// The file that it stands in, and the line of its `tick`.
+    pub file: String,
+    /// Its class, or the object that flies as it is.
+    law: Py<PyAny>,
+    /// Its `tick` in words, with file and line.
+    place: String,
+}
+
+/// A setting: name, unit, meaning, default (no number, one, or three), least and largest number, words.
+#[derive(Clone, Debug, FromPyObject)]
+pub struct SaidSetting(pub String, pub String, pub String, pub Vec<f64>, pub f64, pub f64, pub Vec<String>);
+
+impl Looked {
+    /// Looks at a function, an object with `tick`, or a class of such, for a role.
+    ///
+    /// # Errors
+    /// What is no law.
+    pub fn at(law: &Bound<'_, PyAny>, role: &str) -> PyResult<Self> {
+        Self::of(&module(law.py())?.call_method1("look", (law, role))?)
+    }
+
+    /// Looks at the law of a file.
+    ///
+    /// # Errors
+    /// What is wrong with it, with its line.
+    pub fn of_file(py: Python<'_>, path: &str) -> PyResult<Self> {
+        let (class, _) = load(py, path)?;
+        Self::of(&module(py)?.call_method1("look_at_class", (class,))?)
+    }
+
+    /// An exception in a line, with its place in the law's file.
+    #[must_use]
+    pub fn told(&self, py: Python<'_>, raised: &PyErr) -> String {
+        let path = self.file.rsplit_once(':').map_or(self.file.as_str(), |(path, _)| path);
+        let error = (raised.value(py), path, raised.traceback(py));
+        let told = module(py).and_then(|module| module.call_method1("told", error)?.extract());
+        told.unwrap_or_else(|_| raised.to_string())
+    }
+
+    fn of(said: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let text = |key: &str| said.get_item(key)?.extract::<String>();
+        Ok(Self {
+            role: text("role")?,
+            name: text("name")?,
+            version: text("version")?,
+            summary: text("summary")?,
+            source: text("source")?,
+            telemetry: said.get_item("telemetry")?.extract()?,
+            settings: said.get_item("settings")?.extract()?,
+            file: text("file")?,
+            law: said.get_item("law")?.unbind(),
+            place: text("place")?,
+        })
+    }
+
+    /// An instance of its class, told of the rig and the settings; an object flies as it is.
+    ///
+    /// # Errors
+    /// What its class raises, with its line.
+    pub fn make(&self, py: Python<'_>, rig: Rig, settings: &Bound<'_, PyDict>) -> PyResult<PythonLaw> {
+        let tick = module(py)?.call_method1("make", (&self.law, rig, settings))?;
+        Ok(PythonLaw::new(tick.unbind(), self.place.clone(), self.telemetry.len()))
+    }
+
+    /// The settings that result from those that are given, each checked.
+    ///
+    /// # Errors
+    /// `Refused` names the setting, its value and what is allowed.
+    pub fn settled<'py>(&self, py: Python<'py>, given: &Bound<'py, PyDict>) -> PyResult<Bound<'py, PyDict>> {
+        let settled = module(py)?.call_method1("settled", (&self.law, &self.role, given))?;
+        Ok(settled.cast_into()?)
+    }
+}
+
+/// The class of a file that is a law, and the SHA-256 of the file.
+///
+/// # Errors
+/// What is wrong with the file, with its line.
+pub fn load<'py>(py: Python<'py>, path: &str) -> PyResult<(Bound<'py, PyAny>, String)> {
+    module(py)?.call_method1("load", (path,))?.extract()
+}
+
+/// Whether an exception says that a law was refused, in words that need no traceback.
+#[must_use]
+pub fn is_refusal(py: Python<'_>, raised: &PyErr) -> bool {
+    module(py).and_then(|module| module.getattr("Refused")).is_ok_and(|refused| raised.is_instance(py, &refused))
+}
+
+fn module(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
+    static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
+    let module = MODULE.get_or_try_init(py, || {
+        let code = CString::new(include_str!("look.py"))?;
+        PyModule::from_code(py, &code, c"ironbird/look.py", c"ironbird_look").map(Bound::unbind)
+    });
+    module.map(|module| module.bind(py))
+}

@@ -1,0 +1,231 @@
+"""A flight as arrays: one row per tick, groups by topic, units by name."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from ironbird._rig import Column
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+
+class Group(Mapping[str, Array]):
+    """Arrays by name, as attributes or as keys; a row per tick, NaN where nothing was said."""
+
+    def __init__(self, arrays: dict[str, Array]) -> None:
+        self._arrays = arrays
+
+    def __getitem__(self, name: str) -> Array:
+        if name not in self._arrays:
+            raise KeyError(self._lacks(name))
+        return self._arrays[name]
+
+    def _lacks(self, name: object) -> str:
+        there = f"there are {', '.join(self._arrays)}" if self._arrays else "it is empty"
+        return f"{type(self).__name__} has no {name!r}; {there}"
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._arrays)
+
+    def __len__(self) -> int:
+        return len(self._arrays)
+
+    # What a type checker knows of are the names that the groups declare.
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            if not name.startswith("_") and name in self._arrays:
+                return self._arrays[name]
+            words = f"{type(self).__name__} has no {name!r}" if name.startswith("_") else self._lacks(name)
+            raise AttributeError(words, name=name, obj=self)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._arrays]
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(self._arrays)})"
+
+
+class Units(dict[str, str]):
+    """Units by the names of their arrays; one that is not there is told with those nearest to it."""
+
+    def __missing__(self, name: str) -> str:
+        nearest = difflib.get_close_matches(str(name), self, n=5, cutoff=0.0)
+        raise KeyError(f"units has no {name!r}; the nearest are {', '.join(nearest)}")
+
+
+class State(Group):
+    """What the sensors show at the tick, and the plant's account of commands and ticks."""
+
+    position_w_m: Array
+    velocity_w_m_s: Array
+    attitude_rad: Array
+    attitude_quaternion: Array
+    rate_b_rad_s: Array
+    specific_force_b_m_s2: Array
+    rotor_speed_mean_rad_s: Array
+    rotor_speed_squared_mean_rad2_s2: Array
+    rotor_speed_command_rad_s: Array
+    command_tick: Array
+    commands_taken: Array
+    command_taken_tick: Array
+    command_saturated: Array
+    deadlines_missed: Array
+    deadline_miss_run: Array
+    ticks_skipped: Array
+    parameter_epoch: Array
+
+
+class Truth(Group):
+    """What no sensor shows, and the parameters in force, by the names of `ironbird params`."""
+
+    position_w_m: Array
+    velocity_w_m_s: Array
+    rate_b_rad_s: Array
+    touches_ground: Array
+
+
+class Setpoint(Group):
+    """What the outer law wants."""
+
+    thrust_n: Array
+    attitude_rad: Array
+    attitude_rate_rad_s: Array
+    attitude_acceleration_rad_s2: Array
+    limited: Array
+    mode: Array
+
+
+class Path(Group):
+    """Where the vehicle should be."""
+
+    position_w_m: Array
+    velocity_w_m_s: Array
+    acceleration_w_m_s2: Array
+    jerk_w_m_s3: Array
+    snap_w_m_s4: Array
+    yaw_rad: Array
+    yaw_rate_rad_s: Array
+    yaw_acceleration_rad_s2: Array
+
+
+class Wrench(Group):
+    """What the inner law asks of the rotors."""
+
+    thrust_n: Array
+    torque_b_nm: Array
+    mode: Array
+
+
+class RotorSpeeds(Group):
+    """What the mixer commands, and what that achieves by the nominal model."""
+
+    speed_rad_s: Array
+    thrust_n: Array
+    torque_b_nm: Array
+    saturated: Array
+    mode: Array
+
+
+class Telemetry(NamedTuple):
+    """What each law shows of itself, by the law's own names."""
+
+    outer: Group
+    inner: Group
+    mixer: Group
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A parameter of the plant that changed in flight."""
+
+    tick: int
+    """Tick from which the new value held."""
+    t: float
+    """The same as time of the flight [s]."""
+    parameter: str
+    """Name with unit."""
+    old: float
+    new: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Flight:
+    """A flight: arrays with a row per tick, and what is known of it."""
+
+    t: Array
+    """Time of the flight [s]."""
+    tick: Array
+    """Number of the tick."""
+    state: State
+    truth: Truth
+    setpoint: Setpoint
+    reference: Path
+    wrench: Wrench
+    rotor_speeds: RotorSpeeds
+    telemetry: Telemetry
+    theorem: Group
+    """What the theorem's monitor says; empty where the inner law has no theorem."""
+    timing: Group
+    """Latencies [us]; empty in a simulated flight. `slack_us` is below 0 where a deadline was missed."""
+    units: Mapping[str, str]
+    """Unit of each array, as `units["state.position_w_m"]`; empty for a ratio, a count or a flag."""
+    faults: tuple[Fault, ...]
+    end: str
+    """Why it ended: `completed`, or how it left its envelope."""
+    fingerprint: str
+    """Hash over all outputs of all stages, the one that `ironbird simulate` and `ironbird replay` print."""
+    laws: Mapping[str, str]
+    """Name of the law of each role."""
+    trajectory: str
+    period_s: float
+    """Length of a tick [s]."""
+    settings: Mapping[str, Mapping[str, Any]]
+    """What it was flown with; `simulate(settings=flight.settings)` flies it again."""
+
+    @property
+    def position_error_m(self) -> Array:
+        """Distance between the vehicle and its reference [m]."""
+        error: Array = np.linalg.norm(self.state.position_w_m - self.reference.position_w_m, axis=1)
+        return error
+
+    def __repr__(self) -> str:
+        flown = f"{self.trajectory}, {len(self.t)} ticks, {' + '.join(self.laws.values())}"
+        return f"<Flight {flown}: {self.end}, outputs {self.fingerprint}>"
+
+    @classmethod
+    def _of(cls, columns: list[Column], facts: dict[str, Any]) -> Flight:
+        groups: dict[str, dict[str, Array]] = {}
+        for group, name, _, array in columns:
+            groups.setdefault(group, {})[name] = array
+        telemetry = (Group(groups.get(f"telemetry.{role}", {})) for role in Telemetry._fields)
+        tick: Array = facts["tick"]
+        return cls(
+            t=tick * facts["period_s"],
+            tick=tick,
+            state=State(groups["state"]),
+            truth=Truth(groups["truth"]),
+            setpoint=Setpoint(groups["setpoint"]),
+            reference=Path(groups["reference"]),
+            wrench=Wrench(groups["wrench"]),
+            rotor_speeds=RotorSpeeds(groups["rotor_speeds"]),
+            telemetry=Telemetry(*telemetry),
+            theorem=Group(groups.get("theorem", {})),
+            timing=Group(groups.get("timing", {})),
+            units=Units({"t": "s"} | {f"{group}.{name}": unit for group, name, unit, _ in columns}),
+            faults=tuple(Fault(*fault) for fault in facts["faults"]),
+            end=facts["end"],
+            fingerprint=facts["fingerprint"],
+            laws=facts["laws"],
+            trajectory=facts["trajectory"],
+            period_s=facts["period_s"],
+            settings=tomllib.loads(facts["settings"]) | facts.get("handed", {}),
+        )

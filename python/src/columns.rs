@@ -1,0 +1,189 @@
+//! The fields of a topic's messages as columns: one for each field, and a row for each message.
+
+use std::collections::{BTreeMap, TryReserveError};
+
+use flight_log::codec::Logged;
+use flight_log::units::describe;
+use model::layout::{Field, Kind, Visitor, Walk};
+use model::parameters::{PARAMETERS, SPECS};
+use pyo3::prelude::*;
+
+/// A field over time.
+#[derive(Debug)]
+pub(crate) struct Column {
+    /// The group that it is shown in, as `state` or `telemetry.inner`.
+    pub group: String,
+    /// Name with unit.
+    pub name: String,
+    /// Unit; empty for a ratio.
+    pub unit: String,
+    /// How many numbers a row has, where it is an array.
+    pub width: Option<usize>,
+    /// Row after row.
+    pub values: Vec<f64>,
+}
+
+/// The columns of a topic.
+#[derive(Debug)]
+pub(crate) struct Columns {
+    columns: Vec<Column>,
+    /// Where each field's numbers go, in the order of the layout.
+    places: Vec<Place>,
+    /// Field that comes next.
+    next: usize,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    first: usize,
+    /// Numbers that have a column each; the rest of the field is left out.
+    apart: Option<usize>,
+}
+
+/// Names and units of what a law shows.
+pub(crate) type Signals = Vec<(String, String)>;
+
+impl Columns {
+    /// Those of a topic whose law shows these signals; one for all of them where their names are not known.
+    pub(crate) fn of<C: Logged>(signals: &Option<Signals>) -> Self {
+        let mut columns = Self { columns: Vec::new(), places: Vec::new(), next: 0 };
+        let telemetry = format!("telemetry.{}", C::SENDER);
+        let mut plan = Plan { columns: &mut columns, facts: describe::<C>(), telemetry, signals };
+        plan.fields(C::FIELDS, C::NAME, "");
+        columns
+    }
+
+    /// Adds a row.
+    pub(crate) fn push<C: Walk>(&mut self, content: &C) {
+        self.next = 0;
+        content.visit(self);
+    }
+
+    /// Adds a number to each column.
+    pub(crate) fn push_row(&mut self, row: impl Iterator<Item = f64>) {
+        self.columns.iter_mut().zip(row).for_each(|(column, value)| column.values.push(value));
+    }
+
+    /// How many numbers a row has.
+    pub(crate) fn numbers(&self) -> u64 {
+        self.columns.iter().map(|column| column.width.unwrap_or(1) as u64).sum()
+    }
+
+    /// Takes room for so many rows.
+    ///
+    /// # Errors
+    /// That there is not as much.
+    pub(crate) fn reserve(&mut self, rows: usize) -> Result<(), TryReserveError> {
+        self.columns
+            .iter_mut()
+            .try_for_each(|column| column.values.try_reserve_exact(rows.saturating_mul(column.width.unwrap_or(1))))
+    }
+
+    pub(crate) fn into_columns(self) -> Vec<Column> {
+        self.columns
+    }
+
+    fn take(&mut self, values: impl ExactSizeIterator<Item = f64>) {
+        let Place { first, apart } = self.places[self.next];
+        self.next += 1;
+        match apart {
+            None => self.columns[first].values.extend(values),
+            Some(count) => {
+                self.columns[first..first + count].iter_mut().zip(values).for_each(|(column, value)| {
+                    column.values.push(value);
+                });
+            }
+        }
+    }
+}
+
+impl From<Vec<Column>> for Columns {
+    fn from(columns: Vec<Column>) -> Self {
+        Self { columns, places: Vec::new(), next: 0 }
+    }
+}
+
+impl Visitor for Columns {
+    fn integers(&mut self, _: &'static Field, values: &[u64]) {
+        // Of the counts and ticks in messages, the largest one stands for none.
+        self.take(values.iter().map(|value| if *value == u64::MAX { f64::NAN } else { *value as f64 }));
+    }
+
+    fn numbers(&mut self, _: &'static Field, values: &[f64]) {
+        self.take(values.iter().copied());
+    }
+
+    fn structs<L: Walk>(&mut self, _: &'static Field, values: &[L]) {
+        values.iter().for_each(|value| value.visit(self));
+    }
+}
+
+/// Makes a column, or several, of each field.
+struct Plan<'a> {
+    columns: &'a mut Columns,
+    /// Units by path.
+    facts: BTreeMap<String, String>,
+    telemetry: String,
+    signals: &'a Option<Signals>,
+}
+
+impl Plan<'_> {
+    fn fields(&mut self, fields: &[Field], group: &str, path: &str) {
+        for field in fields {
+            let place = Place { first: self.columns.columns.len(), apart: None };
+            match (field.name, field.kind) {
+                ("value", _) if group == self.telemetry && self.signals.is_some() => {
+                    self.apart(group, self.signals.clone().unwrap_or_default(), place);
+                }
+                ("parameter", _) if field.length == Some(PARAMETERS) => {
+                    let specs = SPECS.iter().map(|spec| (spec.name.to_owned(), spec.unit.to_owned()));
+                    self.apart(group, specs.collect(), place);
+                }
+                (name, Kind::Struct { fields, .. }) => {
+                    let telemetry = self.telemetry.clone();
+                    let group = match name {
+                        "truth" | "reference" => name,
+                        "telemetry" => &telemetry,
+                        _ => group,
+                    };
+                    self.fields(fields, group, &format!("{path}{name}."));
+                }
+                (name, _) => {
+                    let unit = self.facts.get(&format!("unit.{path}{name}")).map_or("", String::as_str);
+                    // Of ticks the log says which one is none; here that is no number.
+                    let unit = unit.split_once(';').map_or(unit, |(unit, _)| unit);
+                    let unit = if unit == "1" { "" } else { unit };
+                    self.column(group, name.to_owned(), unit.to_owned(), field.length);
+                    self.columns.places.push(place);
+                }
+            }
+        }
+    }
+
+    fn apart(&mut self, group: &str, names: Signals, place: Place) {
+        self.columns.places.push(Place { apart: Some(names.len()), ..place });
+        names.into_iter().for_each(|(name, unit)| self.column(group, name, unit, None));
+    }
+
+    fn column(&mut self, group: &str, name: String, unit: String, width: Option<usize>) {
+        self.columns.columns.push(Column { group: group.to_owned(), name, unit, width, values: Vec::new() });
+    }
+}
+
+/// A column as Python has it: group, name, unit, array.
+pub(crate) type ShownColumn<'py> = (String, String, String, Bound<'py, PyAny>);
+
+impl Column {
+    /// As an array with a row per tick.
+    ///
+    /// # Errors
+    /// What numpy raises.
+    pub(crate) fn shown<'py>(self, py: Python<'py>) -> PyResult<ShownColumn<'py>> {
+        let flat = python_law::array(py, &self.values)?;
+        let array = match self.width {
+            None => flat,
+            Some(width) => flat.call_method1("reshape", (-1, width))?,
+        };
+        Ok((self.group, self.name, self.unit, array))
+    }
+}

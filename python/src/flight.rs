@@ -1,0 +1,134 @@
+//! A flight as Python gets it: its messages by topic as columns, and facts by name.
+
+use std::path::Path;
+
+use ::law::description::Description;
+use ironbird::in_process::InProcess;
+use ironbird::settings::Settings;
+use ironbird::settings::laws::known;
+use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+use model::monitor::Monitor;
+use model::role::{Role, STAGES};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use python_law::array;
+use report::swaps::AppliedSwap;
+use toml::{Table as Section, Value};
+
+use crate::columns::{Column, ShownColumn, Signals};
+use crate::table::{Table, rows};
+
+/// Columns, and facts by name.
+pub(crate) type Shown<'py> = (Vec<ShownColumn<'py>>, Bound<'py, PyDict>);
+
+/// A law that flew: its name, and what it shows.
+#[derive(Clone, Debug)]
+pub(crate) struct FlownLaw {
+    pub name: String,
+    /// None where only the law's file knows their names.
+    pub signals: Option<Signals>,
+}
+
+impl From<&'static Description> for FlownLaw {
+    fn from(law: &'static Description) -> Self {
+        let signals = law.telemetry.iter().map(|signal| (signal.name.into(), signal.unit.into()));
+        Self { name: law.name.into(), signals: Some(signals.collect()) }
+    }
+}
+
+impl FlownLaw {
+    /// The laws of a flight that was recorded: outer, inner, mixer. No file of a law is opened, as its code would run.
+    pub(crate) fn recorded(settings: &Settings) -> [Self; 3] {
+        let law = |role: Role, section: &Section| {
+            let name = section.get("law").and_then(Value::as_str).unwrap_or_default();
+            let built_in = known(role).into_iter().find(|law| law.name == name);
+            let file = || Path::new(name).file_name().unwrap_or_default().to_string_lossy().into_owned();
+            built_in.map_or_else(|| Self { name: file(), signals: None }, Self::from)
+        };
+        let Settings { outer, inner, mixer, .. } = settings;
+        [law(Role::Outer, outer), law(Role::Inner, inner), law(Role::Mixer, mixer)]
+    }
+}
+
+/// The messages of a flight by topic.
+#[derive(Debug)]
+pub(crate) struct Tables {
+    pub state: Table,
+    pub setpoint: Table,
+    pub wrench: Table,
+    pub rotor_speeds: Table,
+    pub theorem: Table,
+}
+
+impl Tables {
+    /// Empty, for what these laws show: outer, inner, mixer.
+    pub(crate) fn of([outer, inner, mixer]: &[FlownLaw; 3]) -> Self {
+        let none = Some(Signals::new());
+        Self {
+            state: Table::of::<State>(&none),
+            setpoint: Table::of::<Setpoint>(&outer.signals),
+            wrench: Table::of::<Wrench>(&inner.signals),
+            rotor_speeds: Table::of::<RotorSpeeds>(&mixer.signals),
+            theorem: Table::of::<Monitor>(&none),
+        }
+    }
+
+    /// Each of them.
+    pub(crate) fn all(&mut self) -> [&mut Table; 5] {
+        let Self { state, setpoint, wrench, rotor_speeds, theorem } = self;
+        [state, setpoint, wrench, rotor_speeds, theorem]
+    }
+
+    /// Takes what was said in a tick.
+    pub(crate) fn take(&mut self, tick: u64, rig: &InProcess) {
+        self.state.push(tick, rig.state());
+        rig.setpoint().into_iter().for_each(|setpoint| self.setpoint.push(tick, setpoint));
+        rig.new_wrench().into_iter().for_each(|wrench| self.wrench.push(tick, wrench));
+        rig.new_rotor_speeds().into_iter().for_each(|speeds| self.rotor_speeds.push(tick, speeds));
+        rig.monitor().into_iter().for_each(|monitor| self.theorem.push(tick, monitor));
+    }
+
+    /// All of it on the same ticks, with tables beside; nothing of the theorem where nothing was said of it.
+    pub(crate) fn shown<'py>(
+        self,
+        py: Python<'py>,
+        mut beside: Vec<Table>,
+        facts: Bound<'py, PyDict>,
+    ) -> PyResult<Shown<'py>> {
+        let Self { state, setpoint, wrench, rotor_speeds, theorem } = self;
+        let mut tables = vec![state, setpoint, wrench, rotor_speeds];
+        tables.extend((!theorem.is_empty()).then_some(theorem));
+        let rows = rows(&tables);
+        tables.append(&mut beside);
+        facts.set_item("tick", array(py, &rows.iter().map(|tick| *tick as f64).collect::<Vec<_>>())?)?;
+        let columns = tables.into_iter().flat_map(|table| table.on(&rows));
+        Ok((columns.map(|column: Column| column.shown(py)).collect::<PyResult<_>>()?, facts))
+    }
+}
+
+/// What is known of every flight; the settings also as text.
+pub(crate) fn facts<'py>(
+    py: Python<'py>,
+    settings: &Settings,
+    text: &str,
+    laws: &[FlownLaw; 3],
+    swaps: &[AppliedSwap],
+) -> PyResult<Bound<'py, PyDict>> {
+    let facts = PyDict::new(py);
+    facts.set_item("settings", text)?;
+    facts.set_item("period_s", settings.flight.period_s)?;
+    facts.set_item("trajectory", settings.trajectory_name())?;
+    let names = PyDict::new(py);
+    for (role, law) in STAGES[1..].iter().zip(laws) {
+        names.set_item(role.name(), &law.name)?;
+    }
+    facts.set_item("laws", names)?;
+    let faults: Vec<_> = swaps
+        .iter()
+        .flat_map(|swap| {
+            swap.changes.iter().map(|change| (swap.tick, swap.time_s, &change.name, change.old, change.new))
+        })
+        .collect();
+    facts.set_item("faults", faults)?;
+    Ok(facts)
+}

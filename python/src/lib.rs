@@ -1,0 +1,28 @@
+//! `ironbird._rig`: the rig as a module of Python. `ironbird/__init__.py` is its face.
+
+mod columns;
+mod errors;
+mod flight;
+mod handed;
+mod memory;
+mod read;
+mod settings;
+mod simulate;
+mod table;
+mod timing;
+
+use pyo3::prelude::*;
+
+/// The rig.
+#[pymodule]
+mod _rig {
+    #[pymodule_export]
+    use python_law::{Measured, Reference, Rig, Wanted};
+
+    #[pymodule_export]
+    use crate::errors::{LogError, SettingsError};
+    #[pymodule_export]
+    use crate::read::read;
+    #[pymodule_export]
+    use crate::simulate::simulate;
+}

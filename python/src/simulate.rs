@@ -1,0 +1,111 @@
+//! `ironbird.simulate`: a flight in one process, with laws of the rig or of Python.
+
+use std::sync::Arc;
+
+use ::law::registry::{AnyInner, AnyOuter, Made};
+use ::law::{GuardedInner, GuardedOuter};
+use failure::Failure;
+use ironbird::in_process::InProcess;
+use ironbird::settings::Settings;
+use ironbird::simulate::fly;
+use model::boards::Ending;
+use model::role::Role;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use python_law::{FlyingInner, FlyingOuter, PythonLaw, Raised};
+
+use crate::errors::settings_error;
+use crate::flight::{FlownLaw, Shown, Tables, facts};
+use crate::handed::Handed;
+use crate::memory;
+use crate::settings::{overrides, table};
+
+/// Ticks between two looks at whether Ctrl-C was pressed.
+const LOOK_TICKS: u64 = 1024;
+
+/// Flies what settings describe, and arguments before them, by the keys of their settings; `outer` and `inner` are laws
+/// in Python, or None for those of the settings.
+#[pyfunction]
+#[pyo3(signature = (settings, arguments, outer=None, inner=None))]
+pub(crate) fn simulate<'py>(
+    py: Python<'py>,
+    settings: &Bound<'py, PyDict>,
+    arguments: &Bound<'py, PyDict>,
+    outer: Option<&Bound<'py, PyAny>>,
+    inner: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Shown<'py>> {
+    let outer = Handed::of(Role::Outer, settings, arguments, outer)?;
+    let inner = Handed::of(Role::Inner, settings, arguments, inner)?;
+    let settings = Settings::of(table(settings, "")?, &overrides(arguments)?).map_err(settings_error)?;
+    let laws = laws(&settings, outer.as_ref(), inner.as_ref()).map_err(settings_error)?;
+    let rig = settings.rig().map_err(settings_error)?;
+    let made = |law: &Option<Handed<'py>>| law.as_ref().map(|law| law.law(rig)).transpose();
+    let raised = Raised::default();
+    let mut flight = flight(&settings, made(&outer)?, made(&inner)?, &raised).map_err(settings_error)?;
+    let mut tables = Tables::of(&laws);
+    memory::reserve(&mut tables, settings.last_tick() + 1)?;
+    let mut tick = 0;
+    let flown = py.detach(|| {
+        fly(&mut flight, &settings, |rig| {
+            tables.take(tick, rig);
+            tick += 1;
+            if tick.is_multiple_of(LOOK_TICKS) {
+                Python::attach(|py| py.check_signals()).unwrap_or_else(|signal| raised.keep(signal));
+            }
+            if raised.is_there() { Err(Failure::failed("an exception")) } else { Ok(()) }
+        })
+    });
+    if let Some(raised) = raised.take() {
+        return Err(raised);
+    }
+    let flown = flown.map_err(settings_error)?;
+    let text = settings.commented().map_err(settings_error)?;
+    let facts = facts(py, &settings, &text, &laws, &flown.swaps)?;
+    facts.set_item("end", flown.departure.as_deref().unwrap_or(Ending::Completed.words()))?;
+    facts.set_item("fingerprint", flown.outputs.to_string())?;
+    let handed = PyDict::new(py);
+    for (role, law) in [("outer", outer), ("inner", inner)] {
+        law.map_or(Ok(()), |law| handed.set_item(role, law.section))?;
+    }
+    facts.set_item("handed", handed)?;
+    tables.shown(py, Vec::new(), facts)
+}
+
+/// The laws that fly: outer, inner, mixer.
+fn laws(settings: &Settings, outer: Option<&Handed>, inner: Option<&Handed>) -> Result<[FlownLaw; 3], Failure> {
+    let [of_outer, of_inner, mixer] = settings.laws()?.map(FlownLaw::from);
+    Ok([outer.map_or(of_outer, FlownLaw::from), inner.map_or(of_inner, FlownLaw::from), mixer])
+}
+
+/// The flight that settings describe, with the laws of Python in place of theirs.
+fn flight(
+    settings: &Settings,
+    outer: Option<Arc<PythonLaw>>,
+    inner: Option<Arc<PythonLaw>>,
+    raised: &Raised,
+) -> Result<InProcess, Failure> {
+    let rig = settings.rig()?;
+    let theorem = if inner.is_none() { settings.theorem()? } else { None };
+    if outer.is_none() && inner.is_none() {
+        return Ok(InProcess::of(settings)?.watched(theorem));
+    }
+    let outer = match outer {
+        None => settings.outer_stage()?,
+        Some(law) => {
+            let signals = law.shown();
+            let law = FlyingOuter(law, raised.clone());
+            let made = Made::<dyn AnyOuter> { law: Box::new(law.clone()), twin: Box::new(law), signals };
+            GuardedOuter::new(made, settings.course()?.route(rig.period_s), &rig)
+        }
+    };
+    let inner = match inner {
+        None => settings.inner_stage()?,
+        Some(law) => {
+            let signals = law.shown();
+            let law = FlyingInner(law, raised.clone());
+            let made = Made::<dyn AnyInner> { law: Box::new(law.clone()), twin: Box::new(law), signals };
+            GuardedInner::new(made, &rig)
+        }
+    };
+    Ok(InProcess::with(settings, outer, inner)?.watched(theorem))
+}

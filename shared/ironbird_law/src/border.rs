@@ -1,0 +1,252 @@
+//! What stands between a law in Rust and the C interface: the table of its type, and the functions in it.
+#![allow(unsafe_code, reason = "the rig's pointers; each use says why it is sound")]
+
+use std::ffi::{CString, c_char, c_void};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ptr;
+
+use crate::abi::{
+    IRONBIRD_INNER, IRONBIRD_LAW_INTERFACE, IRONBIRD_MIXER, IRONBIRD_NUMBER, IRONBIRD_OUTER, IRONBIRD_THREE,
+    IRONBIRD_WORD, IronbirdDemand, IronbirdInnerInput, IronbirdLaw, IronbirdMixerInput, IronbirdOuterInput,
+    IronbirdPreset, IronbirdRig, IronbirdRotorSpeeds, IronbirdSetting, IronbirdSignal, IronbirdSizes,
+    IronbirdTelemetry, IronbirdValue, IronbirdWanted,
+};
+use crate::{Description, InnerLaw, Law, MixerLaw, OuterLaw, Preset, Refused, Setting, SettingKind, Settings, Value};
+
+/// A role that a law of this type can have.
+pub trait RoleOf<L> {
+    /// Enters the role and its tick.
+    #[doc(hidden)]
+    fn enter(table: &mut IronbirdLaw);
+}
+
+/// The role of an [`OuterLaw`].
+#[derive(Clone, Copy, Debug)]
+pub enum Outer {}
+/// The role of an [`InnerLaw`].
+#[derive(Clone, Copy, Debug)]
+pub enum Inner {}
+/// The role of a [`MixerLaw`].
+#[derive(Clone, Copy, Debug)]
+pub enum Mixer {}
+
+impl<L: OuterLaw> RoleOf<L> for Outer {
+    fn enter(table: &mut IronbirdLaw) {
+        table.role = IRONBIRD_OUTER;
+        table.tick_outer = Some(tick_outer::<L>);
+    }
+}
+
+impl<L: InnerLaw> RoleOf<L> for Inner {
+    fn enter(table: &mut IronbirdLaw) {
+        table.role = IRONBIRD_INNER;
+        table.tick_inner = Some(tick_inner::<L>);
+    }
+}
+
+impl<L: MixerLaw> RoleOf<L> for Mixer {
+    fn enter(table: &mut IronbirdLaw) {
+        table.role = IRONBIRD_MIXER;
+        table.tick_mixer = Some(tick_mixer::<L>);
+    }
+}
+
+impl IronbirdSizes {
+    /// Those of this build.
+    pub const HERE: Self = Self {
+        law: size_of::<IronbirdLaw>() as u64,
+        setting: size_of::<IronbirdSetting>() as u64,
+        value: size_of::<IronbirdValue>() as u64,
+        preset: size_of::<IronbirdPreset>() as u64,
+        signal: size_of::<IronbirdSignal>() as u64,
+        rig: size_of::<IronbirdRig>() as u64,
+        outer_input: size_of::<IronbirdOuterInput>() as u64,
+        wanted: size_of::<IronbirdWanted>() as u64,
+        inner_input: size_of::<IronbirdInnerInput>() as u64,
+        demand: size_of::<IronbirdDemand>() as u64,
+        mixer_input: size_of::<IronbirdMixerInput>() as u64,
+        rotor_speeds: size_of::<IronbirdRotorSpeeds>() as u64,
+        telemetry: size_of::<IronbirdTelemetry>() as u64,
+    };
+}
+
+// SAFETY: what a table points to is never changed.
+unsafe impl Send for IronbirdLaw {}
+// SAFETY: as above.
+unsafe impl Sync for IronbirdLaw {}
+
+/// Makes the table of a law. Its texts are leaked: a library is never unloaded.
+#[doc(hidden)]
+#[must_use]
+pub fn table<L: Law>() -> IronbirdLaw {
+    let Description { name, version, summary, source, settings, presets, telemetry, not_real_time } = L::DESCRIPTION;
+    let settings: Vec<_> = settings.iter().map(setting).collect();
+    let presets: Vec<_> = presets.iter().map(|set| preset(set, L::DESCRIPTION.settings)).collect();
+    let telemetry: Vec<_> =
+        telemetry.iter().map(|signal| IronbirdSignal { name: text(signal.name), unit: text(signal.unit) }).collect();
+    let mut table = IronbirdLaw {
+        interface_version: IRONBIRD_LAW_INTERFACE,
+        sizes: IronbirdSizes::HERE,
+        role: 0,
+        not_real_time: u64::from(not_real_time),
+        name: text(name),
+        version: text(version),
+        summary: text(summary),
+        source: text(source),
+        settings_count: settings.len() as u64,
+        settings: kept(settings),
+        presets_count: presets.len() as u64,
+        presets: kept(presets),
+        telemetry_count: telemetry.len() as u64,
+        telemetry: kept(telemetry),
+        context: ptr::null_mut(),
+        create: Some(create::<L>),
+        destroy: Some(destroy::<L>),
+        copy_into: Some(copy_into::<L>),
+        tick_outer: None,
+        tick_inner: None,
+        tick_mixer: None,
+    };
+    L::Role::enter(&mut table);
+    table
+}
+
+fn setting(setting: &Setting) -> IronbirdSetting {
+    let Setting { name, unit, meaning, kind } = *setting;
+    let (kind, default_number, min, max, words) = match kind {
+        SettingKind::Number { default, min, max } => (IRONBIRD_NUMBER, [default, 0.0, 0.0], min, max, &[][..]),
+        SettingKind::Three { default, min, max } => (IRONBIRD_THREE, default, min, max, &[][..]),
+        SettingKind::Word(words) => (IRONBIRD_WORD, [0.0; 3], 0.0, 0.0, words),
+    };
+    IronbirdSetting {
+        name: text(name),
+        unit: text(unit),
+        meaning: text(meaning),
+        kind,
+        default_number,
+        min,
+        max,
+        words: kept(words.iter().map(|word| text(word)).collect()),
+        words_count: words.len() as u64,
+    }
+}
+
+fn preset(preset: &Preset, settings: &[Setting]) -> IronbirdPreset {
+    let given = Settings::new(preset.values.to_vec());
+    let values = settings.iter().map(|setting| value(setting, &given)).collect();
+    IronbirdPreset { name: text(preset.name), values: kept(values) }
+}
+
+/// A setting's value as the interface has it.
+fn value(setting: &Setting, given: &Settings) -> IronbirdValue {
+    match setting.kind {
+        SettingKind::Number { .. } => IronbirdValue { number: [given.number(setting), 0.0, 0.0], word: 0 },
+        SettingKind::Three { .. } => IronbirdValue { number: given.three(setting), word: 0 },
+        SettingKind::Word(words) => {
+            let word = words.iter().position(|word| *word == given.word(setting)).unwrap_or(words.len());
+            IronbirdValue { number: [0.0; 3], word: word as u64 }
+        }
+    }
+}
+
+/// A setting's value as the law has it.
+fn given(setting: &Setting, value: &IronbirdValue) -> Value {
+    match setting.kind {
+        SettingKind::Number { .. } => Value::Number(value.number[0]),
+        SettingKind::Three { .. } => Value::Three(value.number),
+        SettingKind::Word(words) => {
+            Value::Word(usize::try_from(value.word).ok().and_then(|i| words.get(i)).copied().unwrap_or_default())
+        }
+    }
+}
+
+/// A text that stays; one with a NUL in it ends there.
+fn text(text: &str) -> *const c_char {
+    let text = text.split('\0').next().unwrap_or_default();
+    CString::new(text).unwrap_or_default().into_raw()
+}
+
+/// An array that stays.
+fn kept<T>(array: Vec<T>) -> *const T {
+    if array.is_empty() { ptr::null() } else { Vec::leak(array).as_ptr() }
+}
+
+unsafe extern "C" fn create<L: Law>(
+    _: *mut c_void,
+    rig: *const IronbirdRig,
+    values: *const IronbirdValue,
+    refused: *mut c_char,
+    refused_size: u64,
+) -> *mut c_void {
+    let described = L::DESCRIPTION.settings;
+    // SAFETY: the rig hands over a rig, and as many values as the law has settings, for the time of this call.
+    let (rig, values) = unsafe {
+        (&*rig, if described.is_empty() { &[][..] } else { std::slice::from_raw_parts(values, described.len()) })
+    };
+    let settings = Settings::new(
+        described.iter().zip(values).map(|(setting, value)| (setting.name, given(setting, value))).collect(),
+    );
+    // The law that panics half made is dropped here, and nothing else has seen it.
+    let made = catch_unwind(AssertUnwindSafe(|| L::new(rig, &settings)));
+    let why = match made {
+        Ok(Ok(law)) => return Box::into_raw(Box::new(law)).cast(),
+        Ok(Err(Refused(why))) => why,
+        Err(panic) => {
+            let said = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+            format!("it panicked: {}", said.unwrap_or("without a text"))
+        }
+    };
+    // SAFETY: the rig hands over so many bytes to be written.
+    let buffer = unsafe { std::slice::from_raw_parts_mut(refused.cast::<u8>(), refused_size as usize) };
+    let mut length = why.len().min(buffer.len().saturating_sub(1));
+    while !why.is_char_boundary(length) {
+        length -= 1;
+    }
+    buffer[..length].copy_from_slice(&why.as_bytes()[..length]);
+    buffer[length..].iter_mut().take(1).for_each(|end| *end = 0);
+    ptr::null_mut()
+}
+
+unsafe extern "C" fn destroy<L: Law>(law: *mut c_void) {
+    // SAFETY: the rig hands back, once, what `create` gave.
+    drop(unsafe { Box::from_raw(law.cast::<L>()) });
+}
+
+unsafe extern "C" fn copy_into<L: Law>(law: *const c_void, other: *mut c_void) {
+    // SAFETY: both are different instances that `create` gave.
+    let (law, other) = unsafe { (&*law.cast::<L>(), &mut *other.cast::<L>()) };
+    other.clone_from(law);
+}
+
+/// A panic that would leave this function ends the process, after its text.
+unsafe extern "C" fn tick_outer<L: OuterLaw>(
+    law: *mut c_void,
+    input: *const IronbirdOuterInput,
+    wanted: *mut IronbirdWanted,
+    telemetry: *mut IronbirdTelemetry,
+) {
+    // SAFETY: the instance is one that `create` gave; the rest is valid, and nobody else's, for the time of this call.
+    unsafe { *wanted = (*law.cast::<L>()).tick(&*input, &mut *telemetry) };
+}
+
+/// As [`tick_outer`].
+unsafe extern "C" fn tick_inner<L: InnerLaw>(
+    law: *mut c_void,
+    input: *const IronbirdInnerInput,
+    demand: *mut IronbirdDemand,
+    telemetry: *mut IronbirdTelemetry,
+) {
+    // SAFETY: as in `tick_outer`.
+    unsafe { *demand = (*law.cast::<L>()).tick(&*input, &mut *telemetry) };
+}
+
+/// As [`tick_outer`].
+unsafe extern "C" fn tick_mixer<L: MixerLaw>(
+    law: *mut c_void,
+    input: *const IronbirdMixerInput,
+    speeds: *mut IronbirdRotorSpeeds,
+    telemetry: *mut IronbirdTelemetry,
+) {
+    // SAFETY: as in `tick_outer`.
+    unsafe { *speeds = (*law.cast::<L>()).tick(&*input, &mut *telemetry) };
+}

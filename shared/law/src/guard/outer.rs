@@ -1,0 +1,95 @@
+//! The outer loop's stage: any outer law, and what is published when its answer cannot be.
+
+use std::sync::Arc;
+
+use model::messages::{Dated, Mode, Setpoint, State};
+use model::reference::Reference;
+use model::telemetry::Telemetry;
+use model::topic::Topic as _;
+
+use crate::guard::{hold_ticks, level};
+use crate::law::{Rig, Wanted};
+use crate::registry::{AnyOuter, Made};
+use crate::stage::OuterStage;
+
+/// The reference of a tick.
+pub type Route = Arc<dyn Fn(u64) -> Reference + Send + Sync>;
+
+/// An outer law, guarded.
+#[allow(missing_debug_implementations, reason = "a law need not have one")]
+pub struct GuardedOuter {
+    made: Made<dyn AnyOuter>,
+    route: Route,
+    memory: Memory,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Memory {
+    rig: Rig,
+    /// How many numbers the law shows.
+    signals: usize,
+    hold_ticks: u64,
+    /// Tick of the last answer that could be published, and the answer.
+    last: Option<(u64, Wanted)>,
+}
+
+impl GuardedOuter {
+    /// A law before tick 0, and where it should fly.
+    #[must_use]
+    pub fn new(made: Made<dyn AnyOuter>, route: Route, rig: &Rig) -> Self {
+        let memory = Memory { rig: *rig, signals: made.signals, hold_ticks: hold_ticks(rig), last: None };
+        Self { made, route, memory }
+    }
+}
+
+impl OuterStage for GuardedOuter {
+    fn tick_into(&mut self, tick: u64, state: &Dated<State>, setpoint: &mut Setpoint) -> bool {
+        if state.tick != tick {
+            return false;
+        }
+        setpoint.reference = (self.route)(tick);
+        self.memory.tick(&mut *self.made.law, tick, &state.content, setpoint);
+        true
+    }
+
+    fn rehearse(&mut self, tick: u64, state: &Dated<State>) -> Option<Setpoint> {
+        if state.tick != tick || !self.made.law.copy_into(&mut *self.made.twin) {
+            return None;
+        }
+        let mut memory = self.memory;
+        let mut setpoint = Setpoint { reference: (self.route)(tick), ..Setpoint::default() };
+        memory.tick(&mut *self.made.twin, tick, &state.content, &mut setpoint);
+        Some(setpoint)
+    }
+}
+
+impl Memory {
+    /// Completes a set-point that has its reference.
+    fn tick(&mut self, law: &mut dyn AnyOuter, tick: u64, state: &State, setpoint: &mut Setpoint) {
+        setpoint.telemetry = Telemetry::unsaid(self.signals);
+        let wanted = law.tick(tick, &state.measured, &setpoint.reference, &mut setpoint.telemetry);
+        setpoint.telemetry.cut(self.signals);
+        write(&wanted, Mode::Fresh, setpoint);
+        if setpoint.finite() && setpoint.plausible() {
+            self.last = Some((tick, wanted));
+            return;
+        }
+        let safe = match self.last {
+            Some((answered, wanted)) if tick - answered <= self.hold_ticks => wanted,
+            Some((_, wanted)) => level(&self.rig, wanted.attitude_rad[2]),
+            None => level(&self.rig, state.measured.attitude_rad[2]),
+        };
+        write(&safe, Mode::NotFinite, setpoint);
+    }
+}
+
+/// Rotors only push: less than no thrust is none.
+fn write(wanted: &Wanted, mode: Mode, setpoint: &mut Setpoint) {
+    let &Wanted { thrust_n, attitude_rad, attitude_rate_rad_s, attitude_acceleration_rad_s2, limited } = wanted;
+    setpoint.thrust_n = if thrust_n < 0.0 { 0.0 } else { thrust_n };
+    setpoint.attitude_rad = attitude_rad;
+    setpoint.attitude_rate_rad_s = attitude_rate_rad_s;
+    setpoint.attitude_acceleration_rad_s2 = attitude_acceleration_rad_s2;
+    setpoint.limited = u64::from(limited);
+    setpoint.mode = mode as u64;
+}

@@ -1,0 +1,291 @@
+//! Faults of messages as data: which input of which stage, what is wrong with it, in which ticks.
+//!
+//! A fault strikes behind the inspection of a receiving input ([`gate`]), and is a function of the tick that a message
+//! was made for. It is therefore the same fault in processes, in one process and in replay, at any pace. Faults of
+//! parameters go another way: they are swaps of the plant.
+
+pub mod fields;
+pub mod gate;
+pub mod inlet;
+
+use std::fmt;
+
+use crate::messages::{RotorSpeeds, Setpoint, State, Wrench};
+use crate::role::Role;
+use crate::topic::Topic;
+use fields::{Faulty as _, Field};
+
+/// Faults of messages that one flight can have, counted by input: `state.drop` makes two of them.
+pub const MOST: usize = 32;
+
+/// The most ticks by which a message is delayed, or its content lags: the commands that can wait at the plant are 64.
+pub const LONGEST_DELAY: u64 = 60;
+
+/// An input of a stage: where faults of messages strike.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Port {
+    /// The outer loop's state.
+    OuterState,
+    /// The inner loop's state.
+    InnerState,
+    /// The inner loop's set-point.
+    InnerSetpoint,
+    /// The mixer's wrench.
+    MixerWrench,
+    /// The plant's rotor command.
+    PlantRotorSpeeds,
+}
+
+/// Every input.
+pub const PORTS: [Port; 5] =
+    [Port::OuterState, Port::InnerState, Port::InnerSetpoint, Port::MixerWrench, Port::PlantRotorSpeeds];
+
+impl Port {
+    /// The input of a stage for a topic, if it has one that can have faults.
+    #[must_use]
+    pub fn of(role: Role, topic: &str) -> Option<Self> {
+        PORTS.into_iter().find(|port| port.role() == role && port.topic() == topic)
+    }
+
+    /// The stage that receives.
+    #[must_use]
+    pub const fn role(self) -> Role {
+        match self {
+            Self::OuterState => Role::Outer,
+            Self::InnerState | Self::InnerSetpoint => Role::Inner,
+            Self::MixerWrench => Role::Mixer,
+            Self::PlantRotorSpeeds => Role::Plant,
+        }
+    }
+
+    /// Name of the topic that it receives.
+    #[must_use]
+    pub const fn topic(self) -> &'static str {
+        match self {
+            Self::OuterState | Self::InnerState => State::NAME,
+            Self::InnerSetpoint => Setpoint::NAME,
+            Self::MixerWrench => Wrench::NAME,
+            Self::PlantRotorSpeeds => RotorSpeeds::NAME,
+        }
+    }
+
+    /// Fields of the topic that faults can strike.
+    #[must_use]
+    pub const fn fields(self) -> &'static [Field] {
+        match self {
+            Self::OuterState | Self::InnerState => State::STRUCK,
+            Self::InnerSetpoint => Setpoint::STRUCK,
+            Self::MixerWrench => Wrench::STRUCK,
+            Self::PlantRotorSpeeds => RotorSpeeds::STRUCK,
+        }
+    }
+}
+
+/// A field of a message, or one number of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// Place of the field among those that faults can strike.
+    pub field: usize,
+    /// Place of the number in it; none is all of them.
+    pub axis: Option<usize>,
+}
+
+impl Place {
+    /// Whether both name a number.
+    #[must_use]
+    pub fn meets(self, other: Self) -> bool {
+        let same_axis = self.axis.zip(other.axis).is_none_or(|(a, b)| a == b);
+        self.field == other.field && same_axis
+    }
+}
+
+/// What is wrong with messages.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Kind {
+    /// A share of them, 0 to 1, is lost at random.
+    Drop(f64),
+    /// The first so many of each so many are lost.
+    DropEach {
+        /// How many are lost.
+        lost: u64,
+        /// Of how many.
+        of: u64,
+    },
+    /// They come so many ticks later.
+    Delay(u64),
+    /// They come in time, and with the content of so many ticks before.
+    Lag(u64),
+    /// They come in time, and with the content of the last one before the fault.
+    Freeze,
+    /// A number has normal noise of this standard deviation, in the field's unit.
+    Noise(Place, f64),
+    /// A number is so much larger, in the field's unit.
+    Bias(Place, f64),
+    /// A number is none.
+    Nan(Place),
+}
+
+impl Kind {
+    /// The word for it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Drop(_) | Self::DropEach { .. } => "drop",
+            Self::Delay(_) => "delay",
+            Self::Lag(_) => "lag",
+            Self::Freeze => "freeze",
+            Self::Noise(..) => "noise",
+            Self::Bias(..) => "bias",
+            Self::Nan(_) => "nan",
+        }
+    }
+
+    /// The number that it strikes, where it is not the whole message.
+    #[must_use]
+    pub const fn place(self) -> Option<Place> {
+        match self {
+            Self::Noise(place, _) | Self::Bias(place, _) | Self::Nan(place) => Some(place),
+            _ => None,
+        }
+    }
+}
+
+/// Ticks from the first to the one before `to`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Span {
+    /// The first.
+    pub from: u64,
+    /// The first one after it; [`Span::FOR_GOOD`] where it has no end.
+    pub to: u64,
+}
+
+impl Span {
+    /// The end of what has none.
+    pub const FOR_GOOD: u64 = u64::MAX;
+
+    /// Whether a tick lies in it.
+    #[must_use]
+    pub const fn holds(self, tick: u64) -> bool {
+        self.from <= tick && tick < self.to
+    }
+
+    /// Whether some tick lies in both.
+    #[must_use]
+    pub const fn meets(self, other: Self) -> bool {
+        self.from < other.to && other.from < self.to
+    }
+}
+
+/// A fault of the messages at an input.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MessageFault {
+    /// Where.
+    pub port: Port,
+    /// What.
+    pub kind: Kind,
+    /// In messages of which ticks.
+    pub span: Span,
+}
+
+impl MessageFault {
+    /// Whether both would have a say in the same message and contradict each other.
+    #[must_use]
+    pub fn contradicts(&self, other: &Self) -> bool {
+        let same_place = match (self.kind.place(), other.kind.place()) {
+            (Some(a), Some(b)) => a.meets(b),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        self.port == other.port && self.kind.name() == other.kind.name() && same_place && self.span.meets(other.span)
+    }
+}
+
+/// The faults of a flight's messages, and the seed of what is random in them.
+///
+/// The place of a fault is its number: what it draws depends on seed, number and tick alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MessageFaults {
+    /// Seed of the flight.
+    pub seed: u64,
+    faults: [Option<MessageFault>; MOST],
+}
+
+impl MessageFaults {
+    /// None.
+    #[must_use]
+    pub const fn none(seed: u64) -> Self {
+        Self { seed, faults: [None; MOST] }
+    }
+
+    /// Takes one more.
+    ///
+    /// # Errors
+    /// [`NoRoom`] where there are [`MOST`].
+    pub fn push(&mut self, fault: MessageFault) -> Result<(), NoRoom> {
+        let place = self.faults.iter_mut().find(|place| place.is_none()).ok_or(NoRoom)?;
+        *place = Some(fault);
+        Ok(())
+    }
+
+    /// All of them, each with its number.
+    pub fn iter(&self) -> impl Iterator<Item = (u64, &MessageFault)> {
+        (0..).zip(&self.faults).filter_map(|(number, fault)| Some((number, fault.as_ref()?)))
+    }
+
+    /// Those of an input.
+    pub fn of(&self, port: Port) -> impl Iterator<Item = (u64, &MessageFault)> {
+        self.iter().filter(move |(_, fault)| fault.port == port)
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.faults[0].is_none()
+    }
+}
+
+/// A flight has as many faults of messages as it can have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NoRoom;
+
+impl fmt::Display for Port {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{}", self.role(), self.topic())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fault(port: Port, kind: Kind, from: u64, to: u64) -> MessageFault {
+        MessageFault { port, kind, span: Span { from, to } }
+    }
+
+    #[test]
+    fn faults_contradict_each_other_in_the_same_messages_and_numbers_alone() {
+        use Port::{InnerState, OuterState};
+        let all = Place { field: 0, axis: None };
+        let one = |axis| Place { field: 0, axis: Some(axis) };
+        let drop = fault(OuterState, Kind::Drop(0.1), 10, 20);
+        assert!(drop.contradicts(&fault(OuterState, Kind::DropEach { lost: 1, of: 2 }, 19, 30)));
+        assert!(!drop.contradicts(&fault(OuterState, Kind::Drop(0.2), 20, 30)), "one after the other");
+        assert!(!drop.contradicts(&fault(InnerState, Kind::Drop(0.2), 10, 20)));
+        assert!(!drop.contradicts(&fault(OuterState, Kind::Delay(3), 10, 20)));
+        let bias = fault(OuterState, Kind::Bias(one(1), 1.0), 0, 9);
+        assert!(bias.contradicts(&fault(OuterState, Kind::Bias(all, 1.0), 0, 9)));
+        assert!(!bias.contradicts(&fault(OuterState, Kind::Bias(one(2), 1.0), 0, 9)));
+        assert!(!bias.contradicts(&fault(OuterState, Kind::Noise(one(1), 1.0), 0, 9)));
+    }
+
+    #[test]
+    fn a_table_that_is_full_takes_no_more() {
+        let mut faults = MessageFaults::none(7);
+        assert!(faults.is_empty());
+        let one = fault(Port::MixerWrench, Kind::Freeze, 0, Span::FOR_GOOD);
+        (0..MOST).for_each(|_| faults.push(one).unwrap());
+        assert_eq!(faults.push(one), Err(NoRoom));
+        let numbers: Vec<u64> = faults.of(Port::MixerWrench).map(|(number, _)| number).collect();
+        assert_eq!(numbers, (0..MOST as u64).collect::<Vec<_>>());
+        assert_eq!(faults.of(Port::OuterState).count(), 0);
+    }
+}

@@ -1,0 +1,82 @@
+//! An input with faults: the gate, the messages that it holds back, and the newest that the stage has.
+
+use std::collections::VecDeque;
+
+use crate::envelope::Message;
+use crate::fault::fields::Faulty;
+use crate::fault::gate::{Gate, Passed};
+use crate::fault::{LONGEST_DELAY, MessageFaults, Port};
+use crate::inspection::Rejections;
+use crate::messages::{Dated, NO_TICK};
+
+/// Messages that may be held back: one a tick, for the longest delay, and the newest.
+const ROOM: usize = LONGEST_DELAY as usize + 4;
+
+/// What stands between an inspected message and the stage that it is for.
+///
+/// Show it every message with [`Inlet::arrive`], and ask it with [`Inlet::settle`] at every tick that the stage works.
+#[derive(Clone, Debug)]
+pub struct Inlet<C: Faulty> {
+    gate: Option<Gate<C>>,
+    /// Those that come later, each with the first tick that has it.
+    waiting: VecDeque<(u64, Message<C>)>,
+    newest: Message<C>,
+}
+
+impl<C: Faulty> Inlet<C> {
+    /// An input that nothing has come to.
+    #[must_use]
+    pub fn new(faults: &MessageFaults, port: Port) -> Self {
+        Self { gate: Gate::new(faults, port), waiting: VecDeque::with_capacity(ROOM), newest: Message::default() }
+    }
+
+    /// Takes a message that inspection let through. It keeps its envelope, whatever becomes of its content.
+    pub fn arrive(&mut self, message: &Message<C>) {
+        self.arrive_late(message, 0);
+    }
+
+    /// The same of a message that its sender was so many ticks late with.
+    pub fn arrive_late(&mut self, message: &Message<C>, late: u64) {
+        let (envelope, tick) = (message.envelope, message.envelope.tick);
+        let passed = match &mut self.gate {
+            Some(gate) => gate.pass(tick, &message.content),
+            None => Some(Passed { content: message.content, delay: 0 }),
+        };
+        let Some(Passed { content, delay }) = passed else { return };
+        if self.waiting.len() == ROOM {
+            self.waiting.pop_front();
+        }
+        self.waiting.push_back((tick.saturating_add(delay).saturating_add(late), Message { envelope, content }));
+    }
+
+    /// The newest message that has come by a tick. One that was overtaken on its way is never used.
+    pub fn settle(&mut self, tick: u64) -> &Message<C> {
+        let Self { waiting, newest, .. } = self;
+        waiting.retain(|(due, message)| {
+            let is_due = *due <= tick;
+            if is_due && (newest.envelope.tick == NO_TICK || newest.envelope.tick < message.envelope.tick) {
+                *newest = *message;
+            }
+            !is_due
+        });
+        newest
+    }
+
+    /// The newest message that the stage has.
+    #[must_use]
+    pub const fn newest(&self) -> &Message<C> {
+        &self.newest
+    }
+
+    /// Content and tick of it.
+    #[must_use]
+    pub const fn dated(&self) -> Dated<C> {
+        Dated { tick: self.newest.envelope.tick, content: self.newest.content }
+    }
+
+    /// Messages that were refused for what a fault had made of them.
+    #[must_use]
+    pub fn rejections(&self) -> Rejections {
+        self.gate.as_ref().map(|gate| *gate.rejections()).unwrap_or_default()
+    }
+}
