@@ -39,7 +39,7 @@ fn bash_completes_commands_flags_and_values() {
         shell(&rig, "bash", &script)
     };
     let Some(found) = complete("ironbird f") else { return };
-    assert!(found.contains("complete ") && found.lines().last() == Some("fly floor"), "{found}");
+    assert!(found.contains("complete ") && found.lines().last() == Some("fly faults floor"), "{found}");
     assert_eq!(complete("ironbird fly --log a").unwrap().lines().last(), Some("all around-misses"));
     assert_eq!(complete("ironbird runs --ol").unwrap().lines().last(), Some("--older-than"));
     let all = complete("ironbird r").unwrap();
