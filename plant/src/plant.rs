@@ -126,13 +126,12 @@ impl Plant {
 
     /// Hands over a rotor command. It is in force from `effective_tick` on at the earliest, and never before the tick
     /// after its own. The newest command in force wins; see [`crate::latch`] for what is late and what is lost.
-    // Called, it would be handed a copy of all the telemetry.
     #[inline]
-    pub fn offer(&mut self, command: Dated<RotorSpeeds>, effective_tick: u64) {
+    pub fn offer(&mut self, command: &Dated<RotorSpeeds>, effective_tick: u64) {
         self.commands_taken += 1;
         self.command_taken_tick = command.tick;
         match &mut self.gate {
-            None => self.latch.offer(&command, effective_tick),
+            None => self.latch.offer(command, effective_tick),
             Some(gate) => {
                 let tick = command.tick;
                 if let Some(Passed { content, delay }) = gate.pass(tick, &command.content) {

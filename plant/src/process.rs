@@ -295,7 +295,7 @@ impl<'a> PlantProcess<'a> {
         self.commands.drain(latest_tick, |message| {
             let made_for = message.envelope.tick;
             let effective_tick = pace.effective_tick(made_for, message.envelope.stamps_of(Role::Mixer).send_ns);
-            plant.offer(Dated { tick: made_for, content: message.content }, effective_tick);
+            plant.offer(&Dated { tick: made_for, content: message.content }, effective_tick);
         })
     }
 

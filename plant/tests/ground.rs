@@ -27,7 +27,7 @@ fn fly(plant: &mut Plant, ticks: u64, speed_rad_s: f64, mut see: impl FnMut(&Sta
     let content = RotorSpeeds { speed_rad_s: [speed_rad_s; 4], ..RotorSpeeds::default() };
     for tick in 0..ticks {
         see(&plant.begin(tick), plant);
-        plant.offer(Dated { tick, content }, tick + 1);
+        plant.offer(&Dated { tick, content }, tick + 1);
         plant.finish();
     }
 }

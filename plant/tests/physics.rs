@@ -44,7 +44,7 @@ fn hover_stays_put() {
         .flatten()
         .fold(0.0_f64, |worst, x| worst.max(x.abs()));
         assert!(worst < 1e-12, "tick {tick}: off by {worst}");
-        plant.offer(Dated { tick, content: hover }, tick + 1);
+        plant.offer(&Dated { tick, content: hover }, tick + 1);
         plant.finish();
     }
 }
@@ -159,7 +159,7 @@ fn rotors_follow_a_step_of_the_command_with_their_time_constant() {
     let start = airframe.hover_speed_rad_s();
     for tick in 0..200 {
         let state = plant.begin(tick);
-        plant.offer(Dated { tick, content: command }, tick + 1);
+        plant.offer(&Dated { tick, content: command }, tick + 1);
         plant.finish();
         // The first command acts from tick 1 on; the mean of [t_k-1, t_k) lies beside the speed half a tick earlier.
         let elapsed_s = (tick as f64 - 1.5) * PERIOD_S;

@@ -15,7 +15,7 @@ fn ramp(tick: u64, value: f64, steps: u64) -> Swap {
 fn fly(plant: &mut Plant, tick: u64) -> State {
     let state = plant.begin(tick);
     let speed_rad_s = [Airframe::nominal().hover_speed_rad_s(); 4];
-    plant.offer(Dated { tick, content: RotorSpeeds { speed_rad_s, ..RotorSpeeds::default() } }, tick + 1);
+    plant.offer(&Dated { tick, content: RotorSpeeds { speed_rad_s, ..RotorSpeeds::default() } }, tick + 1);
     plant.finish();
     state
 }

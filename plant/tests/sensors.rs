@@ -143,7 +143,7 @@ fn in_free_fall_it_feels_nothing_and_a_thrust_along_its_own_z() {
     assert!((felt - Vector3::z() * 9.8).norm() < 1e-12, "hover thrust, whatever the attitude: {felt}");
     for tick in 0..3 {
         plant.begin(tick);
-        plant.offer(Dated { tick, content: RotorSpeeds::default() }, tick + 1);
+        plant.offer(&Dated { tick, content: RotorSpeeds::default() }, tick + 1);
         plant.finish();
     }
     plant.begin(3);

@@ -40,7 +40,7 @@ fn command(tick: u64) -> Dated<RotorSpeeds> {
 /// One tick with its command in time.
 fn fly(plant: &mut Plant, tick: u64) -> State {
     let state = plant.begin(tick);
-    plant.offer(command(tick), tick + 1);
+    plant.offer(&command(tick), tick + 1);
     plant.finish();
     state
 }
@@ -67,7 +67,7 @@ fn a_command_acts_from_the_tick_after_its_own() {
 fn a_command_offered_with_its_own_tick_still_waits_for_the_next() {
     let mut plant = plant();
     plant.begin(0);
-    plant.offer(command(0), 0);
+    plant.offer(&command(0), 0);
     plant.finish();
     assert_eq!(verdict(&plant.begin(1)), (speeds(0), 0, 0, 0));
 }
@@ -79,7 +79,7 @@ fn hover_holds_until_the_first_command() {
         assert_eq!(verdict(&plant.begin(tick)), (hover(), NO_TICK, tick, tick));
         plant.finish();
     }
-    plant.offer(command(4), 5);
+    plant.offer(&command(4), 5);
     assert_eq!(verdict(&plant.begin(5)), (speeds(4), 4, 4, 0));
 }
 
@@ -91,16 +91,16 @@ fn a_late_command_is_a_miss_and_acts_when_it_arrives() {
     }
     // The command of tick 10 arrives a tick late, that of tick 11 in time behind it.
     plant.begin(10);
-    plant.offer(command(10), 12);
+    plant.offer(&command(10), 12);
     plant.finish();
     assert_eq!(verdict(&plant.begin(11)), (speeds(9), 9, 1, 1));
     plant.finish();
     assert_eq!(verdict(&plant.begin(12)), (speeds(10), 10, 2, 2));
-    plant.offer(command(12), 13);
+    plant.offer(&command(12), 13);
     plant.finish();
     assert_eq!(verdict(&plant.begin(13)), (speeds(12), 12, 2, 0));
     // Late, and overtaken by its successor: never in force.
-    plant.offer(command(11), 14);
+    plant.offer(&command(11), 14);
     plant.finish();
     assert_eq!(verdict(&plant.begin(14)), (speeds(12), 12, 3, 1));
 }
@@ -114,7 +114,7 @@ fn of_two_commands_due_at_a_tick_the_newer_one_wins_in_either_order() {
             plant.finish();
         }
         for tick in pair {
-            plant.offer(command(tick), 5);
+            plant.offer(&command(tick), 5);
         }
         assert_eq!(verdict(&plant.begin(5)), (speeds(4), 4, 4, 0));
     }
@@ -128,7 +128,7 @@ fn a_steady_delay_of_three_ticks_misses_every_deadline_but_flies() {
         if tick >= 3 {
             assert_eq!(verdict(&state), (speeds(tick - 3), tick - 3, tick, tick));
         }
-        plant.offer(command(tick), tick + 3);
+        plant.offer(&command(tick), tick + 3);
         plant.finish();
     }
 }
@@ -140,7 +140,7 @@ fn a_delay_beyond_the_room_for_waiting_commands_lets_some_through() {
     for tick in 0..100 {
         let state = plant.begin(tick);
         in_force.push(state.command_tick);
-        plant.offer(command(tick), tick + 10);
+        plant.offer(&command(tick), tick + 10);
         plant.finish();
     }
     in_force.dedup();
@@ -158,7 +158,7 @@ fn commands_of_64_ms_may_wait_at_any_rate() {
                 state.command_tick, in_force,
                 "tick {tick}, T = {period_s} s: as late as its delay, and no more"
             );
-            plant.offer(command(tick), tick + delay);
+            plant.offer(&command(tick), tick + delay);
             plant.finish();
         }
     }
@@ -182,7 +182,7 @@ fn skipped_ticks_are_flown_judged_and_counted() {
     assert_eq!(state, State { ticks_skipped: 3, ..expected });
     // The command of tick 9 was in time for tick 10.
     assert_eq!(verdict(&state), (speeds(9), 9, 3, 3));
-    skipping.offer(command(13), 14);
+    skipping.offer(&command(13), 14);
     skipping.finish();
     assert_eq!(verdict(&skipping.begin(14)), (speeds(13), 13, 3, 0));
 }
@@ -195,7 +195,7 @@ fn a_tick_begun_twice_or_not_finished_is_flown_once() {
         let expected = fly(&mut plain, tick);
         untidy.begin(tick);
         assert_eq!(untidy.begin(tick), expected);
-        untidy.offer(command(tick), tick + 1);
+        untidy.offer(&command(tick), tick + 1);
         if tick % 2 == 0 {
             untidy.finish();
             untidy.finish();
@@ -221,11 +221,11 @@ fn without_commands_for_20_ms_the_rotors_idle_until_a_newer_one() {
         let in_force = if tick < 30 { speeds(9) } else { IDLE };
         assert_eq!(verdict(&state), (in_force, 9, tick - 10, tick - 10), "tick {tick}");
         // Sent again, it is not newer.
-        plant.offer(command(9), tick + 1);
+        plant.offer(&command(9), tick + 1);
         plant.finish();
     }
     plant.begin(40);
-    plant.offer(command(40), 41);
+    plant.offer(&command(40), 41);
     plant.finish();
     assert_eq!(verdict(&plant.begin(41)), (speeds(40), 40, 30, 0));
 }
@@ -373,7 +373,7 @@ fn a_flight_out_of_its_envelope_is_told() {
     let departure = (0..2000)
         .find_map(|tick| {
             plant.begin(tick);
-            plant.offer(Dated { tick, content: flip }, tick + 1);
+            plant.offer(&Dated { tick, content: flip }, tick + 1);
             plant.finish();
             plant.envelope().err()
         })
@@ -381,7 +381,7 @@ fn a_flight_out_of_its_envelope_is_told() {
     assert!(matches!(departure, Departure::Tilt { tilt_rad, .. } if tilt_rad > 1.396), "{departure}");
     let wrong = RotorSpeeds { speed_rad_s: [f64::NAN; 4], ..RotorSpeeds::default() };
     plant.begin(2001);
-    plant.offer(Dated { tick: 2001, content: wrong }, 2002);
+    plant.offer(&Dated { tick: 2001, content: wrong }, 2002);
     plant.begin(2003);
     assert_eq!(plant.envelope(), Err(Departure::NotFinite { tick: 2003 }));
 }

@@ -133,7 +133,7 @@ impl InProcess {
         wrench.tick = tick;
         mixer.tick_into(tick, wrench, &mut rotor_speeds.content);
         rotor_speeds.tick = tick;
-        plant.offer(*rotor_speeds, tick + 1);
+        plant.offer(rotor_speeds, tick + 1);
         plant.finish();
         if let Some(theorem) = &mut self.theorem {
             self.monitor = Some(*theorem.watch(tick, state, &wrench.content));

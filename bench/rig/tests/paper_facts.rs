@@ -127,7 +127,7 @@ impl Flight {
             // The latch holds a command back until the tick after its own, so one without delay is dated back; that
             // of tick 0 is lost.
             let made_for = if self.delay_ticks == 0 { tick.wrapping_sub(1) } else { tick };
-            plant.offer(Dated { tick: made_for, content }, tick + self.delay_ticks);
+            plant.offer(&Dated { tick: made_for, content }, tick + self.delay_ticks);
             plant.begin(tick);
             plant.finish();
             assert_eq!(plant.envelope(), Ok(()));

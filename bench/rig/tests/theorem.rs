@@ -106,7 +106,7 @@ impl Flight {
             setpoint = outer.tick(tick, &state).map_or(setpoint, |content| Dated { tick, content });
             let wrench = inner.tick(tick, &state, &setpoint);
             tally.take(0, monitor.watch(tick, &state, &publish(tick, &state, wrench)));
-            plant.offer(Dated { tick, content: mixer.tick(tick, &Dated { tick, content: wrench }) }, tick + 1);
+            plant.offer(&Dated { tick, content: mixer.tick(tick, &Dated { tick, content: wrench }) }, tick + 1);
             plant.finish();
             assert_eq!(plant.envelope(), Ok(()));
         }

@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let speeds = mixer.tick(tick, &wrench);
         outputs.take(tick, &wrench.content);
         outputs.take(tick, &speeds);
-        plant.offer(Dated { tick, content: speeds }, tick + 1);
+        plant.offer(&Dated { tick, content: speeds }, tick + 1);
         plant.finish();
     }
     println!("{outputs}");

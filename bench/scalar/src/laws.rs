@@ -60,7 +60,7 @@ impl Laws {
         wrench.tick = tick;
         mixer.tick_into(tick, wrench, &mut speeds.content);
         speeds.tick = tick;
-        plant.offer(*speeds, tick + 1);
+        plant.offer(speeds, tick + 1);
         plant.finish();
         self.tick += 1;
     }

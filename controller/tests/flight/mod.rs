@@ -115,7 +115,7 @@ pub fn fly(course: &Course, mut outer: Outer, mut inner: Inner) -> Track {
             let Demand { thrust_n, torque_b_nm } = inner(tick, &measured, &wanted, &reference);
             let wrench = Wrench { thrust_n, torque_b_nm, ..Wrench::default() };
             let command = mixer.tick(tick, &Dated { tick, content: wrench });
-            plant.offer(Dated { tick, content: command }, tick + course.delay_ticks);
+            plant.offer(&Dated { tick, content: command }, tick + course.delay_ticks);
         }
         let error = Vector3::from(measured.position_w_m) - Vector3::from(reference.position_w_m);
         let lost = plant.envelope().is_err();

@@ -47,8 +47,14 @@ impl Telemetry {
     #[must_use]
     pub fn unsaid(signals: usize) -> Self {
         let mut telemetry = Self::default();
-        telemetry.value[..signals.min(TELEMETRY)].fill(f64::NAN);
+        telemetry.forget(signals);
         telemetry
+    }
+
+    /// Back to where a law has said nothing: see [`Telemetry::unsaid`], in place.
+    pub fn forget(&mut self, signals: usize) {
+        self.value[..signals.min(TELEMETRY)].fill(f64::NAN);
+        self.cut(signals);
     }
 
     /// Takes out numbers that are no signals.

@@ -150,7 +150,7 @@ impl Faulted {
     /// The plant's tick: it takes the commands that have come, and publishes the state.
     fn plant(&mut self, tick: u64, rig: &mut InProcess) {
         while let Some((command, acts_from)) = self.commands.pop_front() {
-            rig.plant.offer(command, acts_from);
+            rig.plant.offer(&command, acts_from);
         }
         rig.plant.begin_into(tick, &mut rig.state.content);
         rig.state.tick = tick;

@@ -122,7 +122,7 @@ impl Timed {
         let until = self.commands.iter().take_while(|(command, _)| new > 0 && command.tick <= taken_tick).count();
         let lost = until.saturating_sub(usize::try_from(new).unwrap_or(usize::MAX));
         for (command, acts_from) in self.commands.drain(..until).skip(lost) {
-            rig.plant.offer(command, acts_from);
+            rig.plant.offer(&command, acts_from);
         }
     }
 

@@ -73,7 +73,7 @@ impl AirframeReplay {
         )? {
             let envelope = &command.envelope;
             let acts_from = self.pace.effective_tick(envelope.tick, envelope.stamps_of(Role::Mixer).send_ns);
-            self.plant.offer(Dated { tick: envelope.tick, content: command.content }, acts_from);
+            self.plant.offer(&Dated { tick: envelope.tick, content: command.content }, acts_from);
         }
         self.commands_taken = recorded.commands_taken;
         let replayed = self.plant.begin(tick);

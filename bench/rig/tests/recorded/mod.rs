@@ -144,7 +144,7 @@ impl<'a> Flight<'a> {
         // What does not fit the plant's port has been overwritten.
         for message in &there[there.len().saturating_sub(PENDING_COMMANDS)..] {
             let effective = Pace::Realtime(GRID).effective_tick(message.envelope.tick, sent(message));
-            self.plant.offer(Dated { tick: message.envelope.tick, content: message.content }, effective);
+            self.plant.offer(&Dated { tick: message.envelope.tick, content: message.content }, effective);
         }
         let state = self.plant.begin(tick);
         let mut history = Envelope { sample_ns: wake_ns, parameter_epoch: state.parameter_epoch, ..Envelope::new() };

@@ -13,7 +13,6 @@
 
 use model::messages::{Dated, Mode, NO_TICK, Setpoint, State, Wrench};
 use model::reference::Reference;
-use model::telemetry::Telemetry;
 use model::topic::Topic as _;
 
 use crate::guard::{hold_ticks, hover_thrust_n, level};
@@ -118,7 +117,7 @@ impl Memory {
         }
         let signals = self.signals;
         let (wanted, reference, mode) = self.order(tick, state, setpoint);
-        wrench.telemetry = Telemetry::unsaid(signals);
+        wrench.telemetry.forget(signals);
         let demand = law.tick(tick, &measured, &wanted, reference, &mut wrench.telemetry);
         wrench.telemetry.cut(signals);
         write(&demand, mode, wrench);

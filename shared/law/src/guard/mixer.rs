@@ -106,7 +106,7 @@ impl MixerStage for GuardedMixer {
 
 impl Rotors {
     fn tick(&self, law: &mut dyn AnyMixer, tick: u64, wrench: &Dated<Wrench>, speeds: &mut RotorSpeeds) {
-        speeds.telemetry = Telemetry::unsaid(self.signals);
+        speeds.telemetry.forget(self.signals);
         let Wrench { thrust_n, torque_b_nm, mode, .. } = wrench.content;
         let demand = Demand { thrust_n, torque_b_nm };
         match wrench.age(tick) {

@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use model::messages::{Dated, Mode, Setpoint, State};
 use model::reference::Reference;
-use model::telemetry::Telemetry;
 use model::topic::Topic as _;
 
 use crate::guard::{hold_ticks, level};
@@ -66,7 +65,7 @@ impl OuterStage for GuardedOuter {
 impl Memory {
     /// Completes a set-point that has its reference.
     fn tick(&mut self, law: &mut dyn AnyOuter, tick: u64, state: &State, setpoint: &mut Setpoint) {
-        setpoint.telemetry = Telemetry::unsaid(self.signals);
+        setpoint.telemetry.forget(self.signals);
         let wanted = law.tick(tick, &state.measured, &setpoint.reference, &mut setpoint.telemetry);
         setpoint.telemetry.cut(self.signals);
         write(&wanted, Mode::Fresh, setpoint);
