@@ -1,17 +1,17 @@
 //! Airframes to choose from: built in and of a file, in all commands; what is wrong with a file is told at once.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod papers;
-mod rig;
+use crate::papers;
+use crate::rig;
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 
+use crate::rig::Rig;
 use controller::laws::adaptive;
 use controller::{Gains, Trajectory};
 use ironbird::in_process::InProcess;
 use model::parameters::{Airframe, Parameter};
-use rig::Rig;
 
 /// A file of the Crazyflie's size, which is a bit heavier.
 const OWN: &str = "[airframe]\nmass_kg = 0.03\ngravity_m_s2 = 9.8\ntranslational_drag_kg_s = 8e-3\n\

@@ -1,8 +1,6 @@
 //! The classes of the autopsy, each from evidence that is made up.
 
-mod made;
-
-use made::{GRID, MISSED, Made, US, WINDOW_TICKS, made, stall};
+use crate::made::{GRID, MISSED, Made, US, WINDOW_TICKS, made, stall};
 use model::role::Role;
 use report::autopsy::classes::Class;
 use report::autopsy::evidence::{Counters, Life, Passage};

@@ -1,8 +1,7 @@
 //! The autopsy of real flights: every class is caused on purpose, but for the recorder that cannot tell.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod causes;
-mod rig;
+use crate::rig;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,10 +9,10 @@ use std::sync::PoisonError;
 use std::thread::sleep;
 use std::time::Duration;
 
-use causes::{
+use crate::causes::{
     PROCESSOR, T, TRACEFS, TRACES, await_first_report, fly_with_a_troubled_mixer, hog, take_off_traced, worst,
 };
-use rig::{Rig, in_own_mounts, not_tested, send, stop_for};
+use crate::rig::{Rig, in_own_mounts, not_tested, send, stop_for};
 use rustix::process::Signal;
 use serde_json::Value;
 

@@ -1,11 +1,9 @@
 //! The outages of the autopsy: their ticks, and every missed deadline in one.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod made;
-
 use std::collections::BTreeMap;
 
-use made::{GRID, MISSED, T, US, WINDOW_TICKS, good, made, stall};
+use crate::made::{GRID, MISSED, T, US, WINDOW_TICKS, good, made, stall};
 use model::envelope::{Envelope, Message, Stamps};
 use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
 use model::role::{Role, STAGES};

@@ -1,20 +1,17 @@
 //! How often the autopsy finds a cause made on purpose, whole and by name.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod causes;
-mod rig;
-
 use std::collections::BTreeMap;
 use std::sync::PoisonError;
 use std::thread::sleep;
 use std::time::Duration;
 
-use causes::{
+use crate::causes::{
     PROCESSOR, SLOW_T, T, TroubledMixer, await_first_report, fly_with_a_troubled_mixer, hog, take_off_traced, worst,
 };
+use crate::rig::{Rig, rounds, stop_for};
 use model::boards::{RUN, Run};
 use model::role::STAGES;
-use rig::{Rig, rounds, stop_for};
 use serde_json::Value;
 use wire::Wire;
 use wire::clock::now_ns;

@@ -2,12 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::collections::{BTreeMap, VecDeque};
 use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
+use crate::rig::{Rig, Running};
 use flight_log::TOPICS;
 use flight_log::codec::decode;
 use flight_log::telemetry::TELEMETRY_TOPICS;
@@ -15,7 +14,6 @@ use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::parameters::PARAMETERS;
 use prost::Message as _;
 use prost_types::FileDescriptorSet;
-use rig::{Rig, Running};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest as _;

@@ -1,8 +1,6 @@
 //! What reaches the bridge's port besides clients of its protocol.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::{Read as _, Write as _};
@@ -10,7 +8,7 @@ use std::net::{Shutdown, TcpStream};
 use std::os::linux::fs::MetadataExt as _;
 use std::time::{Duration, Instant};
 
-use rig::Rig;
+use crate::rig::Rig;
 use rustix::process::Signal;
 
 /// How long the door may take to send somebody away: a head has 5 s to come.

@@ -1,14 +1,14 @@
 //! What a flight ends with, however it ended: at most 30 lines of at most 80 columns, and what matters first.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
+use crate::rig;
 
 use std::fs;
 use std::thread::sleep;
 use std::time::Duration;
 
-use rig::unprivileged::fly_unprivileged;
-use rig::{Ended, Rig, send, stop_for};
+use crate::rig::unprivileged::fly_unprivileged;
+use crate::rig::{Ended, Rig, send, stop_for};
 use rustix::process::Signal;
 
 /// Demands the form of what a flight ends with, and of what `ironbird report` says of it.

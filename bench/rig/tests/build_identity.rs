@@ -1,13 +1,13 @@
 //! Which executable flew: the same words everywhere, and two builds are never taken for one.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
+use crate::rig;
 
 use std::fs;
 
+use crate::rig::Rig;
 use flight_log::build::Build;
 use flight_log::reader::LogReader;
-use rig::Rig;
 use serde_json::Value;
 
 const LOCKSTEP: [&str; 4] = ["--pace", "lockstep", "--duration", "300ms"];

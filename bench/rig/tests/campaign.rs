@@ -1,7 +1,7 @@
 //! Campaigns: rows are flights of `simulate`, shards do not matter, and what is wrong with a file is told.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
+use crate::rig;
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -9,7 +9,7 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use rig::{Rig, lacks_tool, wait_until};
+use crate::rig::{Rig, lacks_tool, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 

@@ -1,12 +1,10 @@
 //! Laws side by side: the flights are those of `simulate`, and the documents say what they say.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use rig::Rig;
+use crate::rig::Rig;
 use serde_json::Value;
 
 /// Laws of the outer loop, and of the inner one.

@@ -1,18 +1,16 @@
 //! What `ironbird report diff` says of groups of real flights that are alike, and of groups that are not.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use crate::rig::{Rig, rounds, take_station};
 use ironbird::settings::Settings;
 use law::GuardedInner;
 use model::inspection::{Expected, Rejections};
 use model::messages::NO_TICK;
 use model::role::Role;
-use rig::{Rig, rounds, take_station};
 use role::shell::{InnerJob, Shell};
 use role::stage::{self, Stage, TickOutcome, Turn};
 use rustix::thread::gettid;
@@ -84,7 +82,7 @@ fn fly(rig: &Rig, late_us: &str) -> String {
     fs::write(&settings, "[flight]\nduration_s = 3.0\n").unwrap();
     let start = |role: &str| rig.start(role, &["--config", &settings]);
     let mut inner = Command::new(std::env::current_exe().unwrap());
-    inner.args(["--exact", "late_inner", "--ignored"]);
+    inner.args(["--exact", "comparisons::late_inner", "--ignored"]);
     inner.env("IRONBIRD_ROOT", rig.root()).env(INSTANCE, &rig.instance).env(LATE_US, late_us);
     let roles = [start("record"), start("plant"), start("outer"), rig.launch(inner), start("mixer")];
     for process in roles {

@@ -1,12 +1,13 @@
 //! `fly --on-death restart`: processes that die or hang in flight come back, or the flight ends and says why.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
+use crate::rig;
 
 use std::fs;
 use std::thread::sleep;
 use std::time::Duration;
 
+use crate::rig::{Rig, Running, is_gone, not_tested, process_of, rounds, send, wait_until};
 use controller::laws::adaptive::estimate;
 use flight_log::entry::LogEntry;
 use flight_log::reader::End;
@@ -16,7 +17,6 @@ use model::messages::NO_TICK;
 use model::role::Role;
 use report::deaths::Death;
 use report::schema::Report;
-use rig::{Rig, Running, is_gone, not_tested, process_of, rounds, send, wait_until};
 use role::station::status_board;
 use rustix::process::Signal;
 use wire::Wire;

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
+use crate::rig;
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -24,7 +24,7 @@ use model::telemetry::Signals;
 use rustix::process::Signal;
 use wire::instance::Instance;
 
-use rig::{Ended, Rig, Running, is_gone, not_tested, send, wait_until};
+use crate::rig::{Ended, Rig, Running, is_gone, not_tested, send, wait_until};
 
 /// A user who owns nothing.
 const NOBODY: u32 = 65534;

@@ -1,18 +1,16 @@
 //! The doctor: what it finds on machines that are made up, and that this machine gets a verdict.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::process::CommandExt as _;
 use std::path::PathBuf;
 use std::process::Command;
 
+use crate::rig::{IRONBIRD, Rig, copy_executable, not_tested};
 use machine::doctor::{Examination, SCHEMA, examine};
 use machine::{Answers, Machine};
 use report::finding::{Finding, Level, RealtimeClass};
-use rig::{IRONBIRD, Rig, copy_executable, not_tested};
 use tempfile::TempDir;
 use wire::instance::Instance;
 

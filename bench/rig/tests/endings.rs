@@ -1,15 +1,13 @@
 //! How flights end: signals, dead launchers, dead roles, leftovers.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use crate::rig::{Ended, Rig, Running, is_gone, process_of, send, wait_until};
 use model::boards::{RUN, Run, RunPhase};
-use rig::{Ended, Rig, Running, is_gone, process_of, send, wait_until};
 use rustix::process::Signal;
 use wire::Wire;
 

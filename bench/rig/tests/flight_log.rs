@@ -5,8 +5,6 @@
 //! left out, and says so.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::os::unix::process::CommandExt as _;
@@ -15,6 +13,7 @@ use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
+use crate::rig::{Ended, Rig, lacks_tool, not_tested, send, stop_for, wait_until};
 use flight_log::TOPICS;
 use flight_log::entry::{Counts, LogEntry};
 use flight_log::facts::{Facts, LogPlan, record};
@@ -26,7 +25,6 @@ use model::grid::Pace;
 use model::messages::Wrench;
 use model::role::Role;
 use model::telemetry::Signals;
-use rig::{Ended, Rig, lacks_tool, not_tested, send, stop_for, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 

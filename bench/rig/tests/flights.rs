@@ -1,11 +1,9 @@
 //! Flights of real processes: bit-identical to simulation, swapped, watched.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::io::Write as _;
 
-use rig::{Ended, Rig, wait_until};
+use crate::rig::{Ended, Rig, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 

@@ -1,15 +1,15 @@
 //! The machine's floors: what they count and what ends them; how fast they are is no test's business.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
+use crate::rig;
 
 use std::path::Path;
 use std::time::Duration;
 
+use crate::rig::{IRONBIRD, Rig};
 use machine::floor::link::WakeMechanism;
 use machine::floor::work::Work;
 use machine::floor::{ring, timer};
-use rig::{IRONBIRD, Rig};
 
 const TICK_NS: u64 = 1_000_000;
 const WAKES: [WakeMechanism; 2] = [WakeMechanism::Eventfd, WakeMechanism::Futex];

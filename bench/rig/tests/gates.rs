@@ -1,14 +1,12 @@
 //! What gates find: each broken by a real flight, or passed by one, and what became of it in JUnit XML.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
-use rig::{Ended, Rig, Running, lacks_tool, stop_for};
+use crate::rig::{Ended, Rig, Running, lacks_tool, stop_for};
 use rustix::process::Signal;
 use serde_json::Value;
 

@@ -1,15 +1,12 @@
 //! Files that somebody hands over: what has no end is refused, and what is only read runs no code.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod compiled;
-mod rig;
-
 use std::fs::{self, File};
 use std::path::Path;
 use std::process::Command;
 
-use compiled::library;
-use rig::Rig;
+use crate::compiled::library;
+use crate::rig::Rig;
 
 /// Puts something in the place of a file.
 type Maker = fn(&Path);

@@ -1,18 +1,16 @@
 //! Faults of messages and stages: what they do in a simulation, and that processes and replay fly the same bits.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::time::Duration;
 
+use crate::rig::{Rig, stop_for};
 use flight_log::reader::LogReader;
 use ironbird::in_process::InProcess;
 use ironbird::settings::Settings;
 use ironbird::simulate::{Simulated, fly};
 use model::inspection::Reason;
 use model::messages::Mode;
-use rig::{Rig, stop_for};
 
 const TICKS: u64 = 3001;
 

@@ -6,16 +6,14 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::rig::{Rig, lacks_tool, send, wait_until};
 use report::schema::Report;
 use report::tally::series::Series;
-use rig::{Rig, lacks_tool, send, wait_until};
 use rustix::process::Signal;
 use serde::Deserialize;
 use tempfile::TempDir;

@@ -1,11 +1,9 @@
 //! The link `latest`: where it leads, when it moves, and what is in its way.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 
-use rig::{Rig, wait_until};
+use crate::rig::{Rig, wait_until};
 use rustix::process::Signal;
 
 #[test]

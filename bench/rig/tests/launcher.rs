@@ -3,15 +3,13 @@
 //! Terminals are made by python3; where there is none, those tests are left out, and say so.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
-use rig::{
+use crate::rig::{
     IRONBIRD, Rig, Running, copy_executable, is_gone, lacks_tool, not_tested, process_of, rounds, send, wait_until,
 };
 use rustix::process::Signal;

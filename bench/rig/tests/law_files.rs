@@ -1,16 +1,15 @@
 //! Laws of shared libraries: they fly, are logged and replayed; what is wrong with a file is named, and nothing starts.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod compiled;
-mod rig;
+use crate::rig;
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::process::Command;
 
-use compiled::{cascade, library, misbehaving, root};
-use rig::unprivileged::unprivileged;
-use rig::{Ended, Rig};
+use crate::compiled::{cascade, library, misbehaving, root};
+use crate::rig::unprivileged::unprivileged;
+use crate::rig::{Ended, Rig};
 
 /// Root mean square of the position error that `simulate` tells [m].
 fn rms_m(flown: &Ended) -> f64 {

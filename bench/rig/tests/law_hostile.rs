@@ -1,12 +1,12 @@
 //! Laws that work against the rig: no verdict without evidence, no hang, no silence, and no harm to what comes after.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod compiled;
-mod rig;
+use crate::compiled;
+use crate::rig;
 
 use std::fs;
 
-use rig::{Ended, Rig};
+use crate::rig::{Ended, Rig};
 
 /// As a report names it.
 const NAMED: &str = "the inner process, which flew the law `hostile` (libhostile.so),";

@@ -1,13 +1,12 @@
 //! Laws that do what no law should: the report names each, the other roles end in order, and nothing is left.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod compiled;
-mod rig;
+use crate::rig;
 
 use std::fs;
 
-use compiled::misbehaving;
-use rig::{Ended, Rig};
+use crate::compiled::misbehaving;
+use crate::rig::{Ended, Rig};
 
 const NAMED: &str = "inner law `misbehaving` (libmisbehaving.so)";
 

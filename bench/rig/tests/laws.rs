@@ -1,11 +1,9 @@
 //! Laws are chosen by name: they fly, are logged and replayed, and say what they are.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::collections::{BTreeMap, BTreeSet};
 
-use rig::Rig;
+use crate::rig::Rig;
 
 #[test]
 fn the_list_and_each_law_say_what_there_is() {

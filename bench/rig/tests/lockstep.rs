@@ -1,14 +1,12 @@
 //! Lockstep: the same four processes, as fast as the chain itself can.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 
+use crate::rig::{Rig, send, wait_until};
 use controller::Trajectory;
 use controller::gains::PRESET_NAMES;
 use model::parameters::{SPECS, Spec};
-use rig::{Rig, send, wait_until};
 use rustix::process::Signal;
 
 /// A swap of a parameter to a value that a flight survives.

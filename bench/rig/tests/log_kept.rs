@@ -1,8 +1,6 @@
 //! What flight.mcap keeps: everything, excerpts or nothing, in files of a length; and what can be done with each.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::ops::Range;
 use std::path::Path;
@@ -10,12 +8,12 @@ use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
+use crate::rig::{Rig, read_log, stop_for};
 use flight_log::TOPICS;
 use flight_log::entry::LogEntry;
 use flight_log::reader::End;
 use model::envelope::Message;
 use model::messages::State;
-use rig::{Rig, read_log, stop_for};
 use serde_json::Value;
 
 fn ticks(entries: &[LogEntry], topic: usize) -> Vec<u64> {

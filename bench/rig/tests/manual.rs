@@ -1,12 +1,10 @@
 //! Completions, as bash uses them, and manual pages, as groff sets them.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::process::Command;
 
-use rig::{Ended, IRONBIRD, Rig, lacks_tool};
+use crate::rig::{Ended, IRONBIRD, Rig, lacks_tool};
 
 fn ironbird(rig: &Rig, args: &[&str]) -> Ended {
     let mut command = Command::new(IRONBIRD);

@@ -1,13 +1,11 @@
 //! `ironbird new law`: what it makes builds, flies and passes its own test; what it refuses is named.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::process::Command;
 
-use rig::{IRONBIRD, Rig, lacks_tool};
+use crate::rig::{IRONBIRD, Rig, lacks_tool};
 
 fn has_compiler() -> bool {
     let has = Command::new("cc").arg("--version").output().is_ok_and(|it| it.status.success());

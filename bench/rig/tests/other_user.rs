@@ -1,14 +1,12 @@
 //! Another user of the machine beside a flight: he reads, writes, shrinks and removes nothing of it. Real processes.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::os::unix::fs::{MetadataExt as _, symlink};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use rig::{Rig, not_tested};
+use crate::rig::{Rig, not_tested};
 use rustix::process::Signal;
 
 /// Options of setpriv that make a process one of a user who owns nothing.

@@ -1,18 +1,16 @@
 //! Stages that stop in flight: the report of a flight that nobody controls, and of one that ends in an outage.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::path::Path;
 
+use crate::rig::{Rig, Running, read_log, send, wait_until};
 use controller::Trajectory;
 use flight_log::entry::LogEntry;
 use model::boards::{RUN, Run, RunPhase};
 use model::messages::NO_TICK;
 use report::schema::Report;
 use report::traces;
-use rig::{Rig, Running, read_log, send, wait_until};
 use rustix::process::Signal;
 use wire::Wire;
 

@@ -4,7 +4,7 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod papers;
+use crate::papers;
 
 use std::fmt;
 

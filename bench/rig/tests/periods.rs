@@ -1,11 +1,9 @@
 //! Flights at other rates than 1 kHz: the same five processes, and the simulated flight bit for bit.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 
-use rig::Rig;
+use crate::rig::Rig;
 
 /// Settings of a flight of 250 Hz, whose gains its longer delay allows, and of one of 4 kHz.
 const RATES: [(&str, &str); 2] = [

@@ -1,12 +1,10 @@
 //! Pipes in place of the files that flags name: read, and read by nobody.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::process::Command;
 
-use rig::{Rig, Running, wait_until};
+use crate::rig::{Rig, Running, wait_until};
 
 const SHORT: [&str; 4] = ["--pace", "lockstep", "--duration", "500ms"];
 

@@ -1,12 +1,10 @@
 //! Ramps in real flights: the same bits in processes, in one process and in replay; what is said of them.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 
+use crate::rig::{Rig, read_log};
 use flight_log::entry::LogEntry;
-use rig::{Rig, read_log};
 use rustix::process::Signal;
 
 #[test]

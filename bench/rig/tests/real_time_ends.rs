@@ -4,11 +4,9 @@
 //! scheduled as when it gave up its memory is read there.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 
-use rig::{Rig, Running, is_gone, not_tested, wait_until};
+use crate::rig::{Rig, Running, is_gone, not_tested, wait_until};
 use role::rt::fifo_refusal;
 use rustix::process::Signal;
 

@@ -1,10 +1,12 @@
 //! Replay of logs: exact in all kinds of trouble, and never content with a log that is not whole and unchanged.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod recorded;
+use crate::recorded;
 
 use std::path::{Path, PathBuf};
 
+use crate::recorded::rewritten::{change, flip, rewrite, rewrite_landing};
+use crate::recorded::{Dice, Published, Trouble, fly, settings, write};
 use failure::Failure;
 use flight_log::entry::LogEntry;
 use flight_log::facts::record;
@@ -15,8 +17,6 @@ use ironbird::settings::laws::Moved;
 use model::envelope::Message;
 use model::telemetry::{Signal, Signals};
 use model::topic::Topic;
-use recorded::rewritten::{change, flip, rewrite, rewrite_landing};
-use recorded::{Dice, Published, Trouble, fly, settings, write};
 use tempfile::TempDir;
 
 const SHORT: &str = "[flight]\nduration_s = 0.1\n";

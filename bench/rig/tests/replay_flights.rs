@@ -1,13 +1,11 @@
 //! Replay of real flights in slow motion, with stages that are stopped and started again.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::thread::sleep;
 use std::time::Duration;
 
+use crate::rig::{Rig, stop_for, wait_until};
 use model::role::Role;
-use rig::{Rig, stop_for, wait_until};
 use rustix::process::Signal;
 
 /// Ticks of 10 ms, rotors that saturate, noise, and swaps.

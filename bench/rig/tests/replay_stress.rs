@@ -3,11 +3,11 @@
 //! `stress-ng` keeps two processors busy. Where it is not installed the flights are left out, and that is said.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
+use crate::rig;
 
 use std::process::{Child, Command, Stdio};
 
-use rig::{Rig, lacks_tool};
+use crate::rig::{Rig, lacks_tool};
 
 const FLIGHTS: usize = 20;
 

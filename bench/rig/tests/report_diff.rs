@@ -1,11 +1,9 @@
 //! `ironbird report diff` on real flights.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 
-use rig::Rig;
+use crate::rig::Rig;
 use serde_json::Value;
 
 const LOCKSTEP: [&str; 4] = ["--pace", "lockstep", "--duration", "1500ms"];

@@ -4,21 +4,18 @@
 //! says so.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod browser;
-mod rig;
-
 use std::collections::BTreeSet;
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
-use browser::Browser;
+use crate::browser::Browser;
+use crate::rig::{Rig, wait_until};
 use model::role::{Role, STAGES};
 use report::autopsy::classes::Class;
 use report::autopsy::section::{Case, ClassCount, Section, TimelineStage, TimelineTick};
 use report::page;
 use report::schema::{LateStretchSection, Report, RunLength};
-use rig::{Rig, wait_until};
 use serde_json::{Value, json};
 
 const LOOK: &str = include_str!("browser/look.js");

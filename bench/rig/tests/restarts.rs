@@ -1,14 +1,14 @@
 //! Roles that are killed and started again: every role of a rig ends or flies, and says why. None waits for ever.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
+use crate::rig;
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use rig::{Ended, Rig, Running, rounds, wait_until};
+use crate::rig::{Ended, Rig, Running, rounds, wait_until};
 use rustix::process::Signal;
 
 const OTHERS: [&str; 4] = ["outer", "inner", "mixer", "record"];

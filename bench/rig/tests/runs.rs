@@ -1,16 +1,14 @@
 //! `ironbird runs`: the list of flights, and what its pruning removes and what it never does.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs::{self, File};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, SystemTime};
 
-use rig::unprivileged::unprivileged;
-use rig::{Ended, Rig, wait_until};
+use crate::rig::unprivileged::unprivileged;
+use crate::rig::{Ended, Rig, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 

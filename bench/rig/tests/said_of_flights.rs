@@ -1,11 +1,9 @@
 //! What is said of a flight is of that flight: no timer in lockstep, no tick that no law worked, no error of a sensor.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 
-use rig::Rig;
+use crate::rig::Rig;
 
 const LOCKSTEP: [&str; 4] = ["--pace", "lockstep", "--duration", "100ms"];
 

@@ -3,11 +3,9 @@
 //! What blocks them before it becomes `ironbird` is a line of Python; where there is no `python3` this says so.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::process::{Command, Stdio};
 
-use rig::{Rig, lacks_tool};
+use crate::rig::{Rig, lacks_tool};
 use rustix::process::Signal;
 
 /// Blocks what a daemon may block, ignores what a shell may ignore, and becomes its arguments.

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
+use crate::rig;
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use rustix::process::Signal;
 
-use rig::{Rig, Running, in_own_mounts, rounds, send};
+use crate::rig::{Rig, Running, in_own_mounts, rounds, send};
 
 /// Children of a process, also those that have yet to become what they shall be.
 fn children(pid: u32) -> Vec<u32> {

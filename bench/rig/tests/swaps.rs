@@ -1,14 +1,12 @@
 //! Swaps at the edges: clients that are killed while they wait, and a swap for the tick after the last.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::thread::sleep;
 use std::time::Duration;
 
+use crate::rig::{Rig, Running};
 use model::boards::{RUN, Run, RunPhase};
 use model::parameters::{PARAMETERS, Parameter};
-use rig::{Rig, Running};
 use rustix::process::Signal;
 use wire::{SwapOrder, SwapOutcome, Wire};
 

@@ -2,11 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod papers;
-mod rig;
+use crate::papers;
 
 use std::collections::BTreeMap;
 
+use crate::rig::Rig;
 use controller::adaptation::{Adaptation, Learnt};
 use controller::samples::Samples;
 use controller::{Gains, TheoremMonitor, Trajectory};
@@ -17,7 +17,6 @@ use model::parameters::{Airframe, Parameter};
 use model::rate_dynamics::Inertia;
 use plant::{Plant, Swap};
 use report::tally::theorem::{Theorem, TheoremTally};
-use rig::Rig;
 
 /// A flight of the nominal airframe, but for what is said here.
 #[derive(Clone)]

@@ -1,11 +1,9 @@
 //! Trajectories of a file: flown, replayed without it, refused where roles differ; what is too quick is said before.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 
-use rig::Rig;
+use crate::rig::Rig;
 
 const CLIMB: &str = "t,x,y,z,yaw\n0,0,0,0,0\n2,0.5,0,0.5,0\n4,1,-0.5,1,0.5\n";
 

@@ -1,13 +1,11 @@
 //! The tutorial's commands, as a newcomer types them. Those in Python: `python/tests/test_docs.py`.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use rig::{IRONBIRD, Rig, lacks_tool};
+use crate::rig::{IRONBIRD, Rig, lacks_tool};
 
 /// The commands of a section of docs/your-law.md, in order.
 fn commands(section: &str) -> Vec<String> {

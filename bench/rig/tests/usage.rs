@@ -1,16 +1,14 @@
 //! What users get wrong, and what the machine refuses.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::process::Command;
 
+use crate::rig::unprivileged::fly_unprivileged;
+use crate::rig::{IRONBIRD, Rig, in_own_mounts, not_tested};
 use clap::CommandFactory as _;
 use ironbird::cli::Cli;
-use rig::unprivileged::fly_unprivileged;
-use rig::{IRONBIRD, Rig, in_own_mounts, not_tested};
 use serde_json::json;
 
 #[test]

@@ -5,10 +5,8 @@
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
+use crate::rig::{IRONBIRD, Rig, Running, is_gone, read_log, send, wait_until};
 use flight_log::entry::LogEntry;
-use rig::{IRONBIRD, Rig, Running, is_gone, read_log, send, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 use terminal::Screen;
@@ -18,7 +16,7 @@ mod terminal {
 
     use std::process::{Command, Output};
 
-    use super::rig::{Rig, lacks_tool, wait_until};
+    use crate::rig::{Rig, lacks_tool, wait_until};
 
     pub struct Screen {
         tmux: String,

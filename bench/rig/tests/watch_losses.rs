@@ -1,11 +1,9 @@
 //! What the dashboard says when it loses the recorder, or the file of the trajectory.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 
-use rig::{Rig, wait_until};
+use crate::rig::{Rig, wait_until};
 use rustix::process::Signal;
 
 #[test]

@@ -1,9 +1,7 @@
 //! What is wrong with a campaign's file is told, with its line, and nothing is begun.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
-use rig::Rig;
+use crate::rig::Rig;
 
 #[test]
 fn every_mistake_is_named_with_its_line() {

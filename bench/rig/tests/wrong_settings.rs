@@ -1,11 +1,11 @@
 //! Wrong settings whose cause is easily mistaken: the error names the key, the file or the flag that it is in.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
+use crate::rig;
 
 use std::fs;
 
-use rig::Rig;
+use crate::rig::Rig;
 use rustix::process::Signal;
 
 /// What `simulate` with a settings file is told, and whether it is told of the file.

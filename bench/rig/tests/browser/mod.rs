@@ -1,5 +1,4 @@
 //! A browser for one test: headless Chromium, spoken to over its debugging pipe.
-#![allow(dead_code, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use std::io::{BufRead as _, BufReader, Write as _};

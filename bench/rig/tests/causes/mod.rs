@@ -1,5 +1,4 @@
 //! Causes of missed deadlines, made on purpose: a hog, and a mixer in trouble.
-#![allow(dead_code, reason = "each test file uses its part")]
 
 use std::fs;
 use std::hint::black_box;

@@ -1,5 +1,4 @@
 //! Laws in C, compiled for a test.
-#![allow(dead_code, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use std::path::{Path, PathBuf};

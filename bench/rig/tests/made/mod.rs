@@ -1,5 +1,4 @@
 //! Evidence that is made up: a good flight around one tick, with changes.
-#![allow(dead_code, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use std::collections::BTreeMap;

@@ -1,5 +1,4 @@
 //! The paper's laws in their stages, with gains that a test chooses.
-#![allow(dead_code, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use controller::laws::{Adaptive, Pd};
