@@ -18,6 +18,7 @@ use role::stage::{self, Stage, TickOutcome, Turn};
 use rustix::thread::gettid;
 use serde_json::Value;
 use wire::clock::{Horizon, now_ns};
+use wire::Wire;
 use wire::error::Error;
 
 /// In the environment of the inner loop below: its instance, and by how much it sees its input late [us].
@@ -36,8 +37,8 @@ struct LateInner {
 impl Stage for LateInner {
     const ROLE: Role = Role::Inner;
 
-    fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
-        self.inner.arm(expected, epoch)
+    fn arm(&mut self, wire: &Wire, expected: Expected, epoch: u64) -> Result<(), Error> {
+        self.inner.arm(wire, expected, epoch)
     }
 
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {

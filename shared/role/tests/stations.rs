@@ -25,6 +25,7 @@ use role::stage::{self, Stage, TickOutcome, Turn};
 use role::station::{Orders, Station};
 use wire::clock::Horizon;
 use wire::clock::now_ns;
+use wire::Wire;
 use wire::error::Error;
 use wire::instance::Instance;
 
@@ -143,7 +144,7 @@ struct Idle<'a> {
 impl Stage for Idle<'_> {
     const ROLE: Role = Role::Inner;
 
-    fn arm(&mut self, _: Expected, _: u64) -> Result<(), Error> {
+    fn arm(&mut self, _: &Wire, _: Expected, _: u64) -> Result<(), Error> {
         *self.armed.lock().unwrap() = Some(policy());
         if self.refuses { Err(Error::Interrupted) } else { Ok(()) }
     }

@@ -18,6 +18,7 @@ use role::stage::{self, Stage, TickOutcome, Turn};
 use rustix::thread::gettid;
 use serde_json::Value;
 use wire::clock::{Horizon, now_ns};
+use wire::Wire;
 use wire::error::Error;
 
 use crate::rig::{self, Ended, Rig, Running, in_own_mounts, take_station, wait_until};
@@ -91,8 +92,8 @@ fn compute_until(ns: u64) {
 impl Stage for TroubledMixer {
     const ROLE: Role = Role::Mixer;
 
-    fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
-        self.mixer.arm(expected, epoch)
+    fn arm(&mut self, wire: &Wire, expected: Expected, epoch: u64) -> Result<(), Error> {
+        self.mixer.arm(wire, expected, epoch)
     }
 
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
