@@ -87,6 +87,8 @@ pub struct PlantProcess<'a> {
     live_board: Board<LiveBoard>,
     /// Whether the plant itself is late in some tick.
     is_late: bool,
+    /// How much longer than in flight a tick takes on the clock.
+    slowdown: u64,
     lead: LeadInForce,
     previous_busy_ns: u64,
     ticks_run: u64,
@@ -121,6 +123,7 @@ impl<'a> PlantProcess<'a> {
             live: LiveBoard::default(),
             live_board,
             is_late: false,
+            slowdown: 1,
             states: wire.sender(Some(wire.bell(Role::Outer)?))?,
             // The one port of the loop that keeps more than the newest: see `take_command`.
             commands: wire.receiver(pending_commands(settings.period_s))?,
@@ -156,6 +159,7 @@ impl<'a> PlantProcess<'a> {
         plan: FlightPlan,
         open_desk: &mpsc::Sender<(model::inspection::Expected, u64)>,
     ) -> Result<(), Error> {
+        self.slowdown = plan.wall_period_ns / plan.sample_time_ns.max(1);
         let mut opened = station.open_run(plan, |expected, epoch| self.arm(expected, epoch))?;
         // A desk that has ended on an error takes no run number; its error comes with its end.
         let _ = open_desk.send((opened.expected, station.status.epoch));
@@ -250,7 +254,7 @@ impl<'a> PlantProcess<'a> {
         let state = self.plant.begin(tick);
         let envelope = self.plant.envelope();
         if self.is_late {
-            busy_wait(self.faults.late.late_ns(Role::Plant, tick));
+            busy_wait(self.slowdown.saturating_mul(self.faults.late.late_ns(Role::Plant, tick)));
         }
         if !matches!(envelope, Err(Departure::NotFinite { .. })) {
             self.states.send(tick, &self.history(waking, &state), state)?;

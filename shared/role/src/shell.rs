@@ -255,6 +255,7 @@ pub struct Shell<J: Job> {
     faults: LoopFaults,
     /// Whether this stage is late in some tick.
     is_late: bool,
+    slowdown: u64,
     /// The plant's board of what was injected.
     live: Option<BoardReader<LiveBoard>>,
 }
@@ -265,7 +266,7 @@ impl<J: Job> Shell<J> {
     /// # Errors
     /// Those of the ports.
     pub fn new(wire: &Wire, job: J, wakes: Option<Role>) -> Result<Self, Error> {
-        Self::of_flight(wire, job, wakes, &Flight { lockstep: false, faults: LoopFaults::none(0) })
+        Self::of_flight(wire, job, wakes, &Flight { lockstep: false, slowdown: 1, faults: LoopFaults::none(0) })
     }
 
     /// The same in a flight whose messages may have faults.
@@ -277,7 +278,7 @@ impl<J: Job> Shell<J> {
         let inputs = J::Inputs::new(wire, J::ROLE, &flight.faults.messages)?;
         let (tells_silence, planned, output) = (flight.lockstep, flight.faults, wire.sender(bell)?);
         let is_late = !planned.late.of(J::ROLE).is_empty();
-        Ok(Self { job, inputs, output, tells_silence, planned, faults: planned, is_late, live: None })
+        Ok(Self { job, inputs, output, tells_silence, planned, faults: planned, is_late, slowdown: flight.slowdown, live: None })
     }
 
     /// Takes what was injected into the flight since the last look.
@@ -289,7 +290,7 @@ impl<J: Job> Shell<J> {
     /// Computes for as much longer as a fault says.
     fn be_late(&self, tick: u64) {
         if self.is_late {
-            busy_wait(self.faults.late.late_ns(J::ROLE, tick));
+            busy_wait(self.slowdown.saturating_mul(self.faults.late.late_ns(J::ROLE, tick)));
         }
     }
 
@@ -436,6 +437,8 @@ impl<S: MixerStage> Job for MixerJob<S> {
 pub struct Flight {
     /// Whether the ticks are not tied to the clock.
     pub lockstep: bool,
+    /// How much longer than in flight a tick takes on the clock.
+    pub slowdown: u64,
     /// What was planned to go wrong with messages and stages.
     pub faults: LoopFaults,
 }

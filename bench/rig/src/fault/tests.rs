@@ -110,7 +110,7 @@ fn messages_and_stages_are_read_with_their_ticks() {
     ])
     .unwrap();
     let (a, b) = (Span { from: 8000, to: 9000 }, Span { from: 100, to: Span::FOR_GOOD });
-    let messages: Vec<_> = planned.messages.iter().map(|(_, fault)| (fault.port, fault.kind, fault.span)).collect();
+    let messages: Vec<_> = planned.loops.messages.iter().map(|(_, fault)| (fault.port, fault.kind, fault.span)).collect();
     assert_eq!(
         messages,
         [

@@ -62,6 +62,23 @@ pub enum Trouble {
     },
 }
 
+impl Trouble {
+    /// Whether it is the same thing that goes wrong, whatever the numbers are.
+    #[must_use]
+    pub fn is_like(&self, other: &Self) -> bool {
+        match (*self, *other) {
+            (Self::Messages { port, kind }, Self::Messages { port: other, kind: with }) => {
+                MessageFault { port, kind, span: Span { from: 0, to: 1 } }.is_like(other, with)
+            }
+            (Self::Late { role, .. }, Self::Late { role: other, .. })
+            | (Self::Stop { role, .. }, Self::Stop { role: other, .. })
+            | (Self::Kill { role }, Self::Kill { role: other }) => role == other,
+            (Self::Hog { .. }, Self::Hog { .. }) | (Self::Load { .. }, Self::Load { .. }) => true,
+            _ => false,
+        }
+    }
+}
+
 /// A fault with its ticks, or the end of what it names.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LiveFault {
