@@ -266,7 +266,12 @@ fn read_answer(
             changes: targets
                 .iter()
                 .zip(answer.old)
-                .map(|(&Target { parameter, value, steps }, old)| messages::Change { parameter, old, new: value, steps })
+                .map(|(&Target { parameter, value, steps }, old)| messages::Change {
+                    parameter,
+                    old,
+                    new: value,
+                    steps,
+                })
                 .collect(),
         }),
         Some(SwapOutcome::OutOfRange) => match Parameter::from_index(answer.parameter) {

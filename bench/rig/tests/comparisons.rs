@@ -17,8 +17,8 @@ use role::shell::{InnerJob, Shell};
 use role::stage::{self, Stage, TickOutcome, Turn};
 use rustix::thread::gettid;
 use serde_json::Value;
-use wire::clock::{Horizon, now_ns};
 use wire::Wire;
+use wire::clock::{Horizon, now_ns};
 use wire::error::Error;
 
 /// In the environment of the inner loop below: its instance, and by how much it sees its input late [us].

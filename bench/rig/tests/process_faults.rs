@@ -181,8 +181,5 @@ fn who_keeps_the_processor_busy_or_was_stopped_does_not_outlive_a_launcher_that_
 fn a_priority_that_the_kernel_refuses_is_refused_before_take_off() {
     let rig = Rig::new("refused");
     let Some(ended) = fly_unprivileged(&rig, &["--rt", "off", "--fault", "cpu.hog=90@1s"]) else { return };
-    ended
-        .expect(1)
-        .complains("cpu.hog=90: the kernel refuses SCHED_FIFO 90")
-        .complains("CAP_SYS_NICE");
+    ended.expect(1).complains("cpu.hog=90: the kernel refuses SCHED_FIFO 90").complains("CAP_SYS_NICE");
 }

@@ -278,7 +278,17 @@ impl<J: Job> Shell<J> {
         let inputs = J::Inputs::new(wire, J::ROLE, &flight.faults.messages)?;
         let (tells_silence, planned, output) = (flight.lockstep, flight.faults, wire.sender(bell)?);
         let is_late = !planned.late.of(J::ROLE).is_empty();
-        Ok(Self { job, inputs, output, tells_silence, planned, faults: planned, is_late, slowdown: flight.slowdown, live: None })
+        Ok(Self {
+            job,
+            inputs,
+            output,
+            tells_silence,
+            planned,
+            faults: planned,
+            is_late,
+            slowdown: flight.slowdown,
+            live: None,
+        })
     }
 
     /// Takes what was injected into the flight since the last look.

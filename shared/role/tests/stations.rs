@@ -23,9 +23,9 @@ use model::role::{ROLES, Role};
 use role::rt::fifo_refusal;
 use role::stage::{self, Stage, TickOutcome, Turn};
 use role::station::{Orders, Station};
+use wire::Wire;
 use wire::clock::Horizon;
 use wire::clock::now_ns;
-use wire::Wire;
 use wire::error::Error;
 use wire::instance::Instance;
 

@@ -30,8 +30,8 @@ use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 
 pub use board::{Board, BoardReader, SHEETS};
 pub use doorbell::{Bell, Doorbell, Owner};
-pub use ports::{Receiver, Sender};
 pub use injection::{FaultAnswer, FaultCall, FaultClient, FaultOrder, FaultServer};
+pub use ports::{Receiver, Sender};
 pub use relay::{OBSERVED, OBSERVERS, Relay};
 pub use swaps::{SwapAnswer, SwapCall, SwapClient, SwapOrder, SwapOutcome, SwapServer};
 

@@ -32,7 +32,7 @@ pub enum BridgeTo {
 /// Flags of `bridge foxglove`.
 #[derive(Clone, Debug, Args)]
 pub struct FoxgloveArgs {
-    /// Let clients swap parameters from the panel: anyone who reaches the address.
+    /// Let clients swap parameters and inject faults from the panel: anyone who reaches the address.
     #[arg(long)]
     pub allow_swaps: bool,
     /// Let in pages of this origin too, as in `https://studio.example`; may be repeated. Those of app.foxglove.dev and

@@ -18,10 +18,9 @@ pub fn faults() -> Result<u8, Failure> {
 }
 
 fn text() -> String {
-    let mut text =
-        "--fault 'WHAT[=VALUE][,WHAT[=VALUE]...]@FROM[..TO]'      FROM, TO: 8s, 500ms, tick8000\n\
+    let mut text = "--fault 'WHAT[=VALUE][,WHAT[=VALUE]...]@FROM[..TO]'      FROM, TO: 8s, 500ms, tick8000\n\
          ironbird inject WHAT[=VALUE]... [--at-tick N | --in TIME] [--for TIME]      into a flight in the air\n\n"
-            .to_owned();
+        .to_owned();
     let delays = format!("1 to {LONGEST_DELAY}");
     let restart = format!("the stage ends; simulated, a new one works {} later", typed(RESTART));
     text += &table(&[

@@ -9,8 +9,8 @@ use model::parameters::Airframe;
 use model::role::Role;
 use plant::Swap;
 
-use crate::fault::stage::{StageChange, StageKind};
 use crate::fault::live::planned_again;
+use crate::fault::stage::{StageChange, StageKind};
 use crate::fault::{Change, Fault, FaultError, Lasting, typed};
 
 /// How long a stage that was killed takes until it works again: a launcher that lets nothing start anew within 50 ms, and
@@ -83,7 +83,8 @@ impl Planned {
     /// # Errors
     /// [`FaultError`] of the first that cannot be, alone or beside the others.
     pub fn new(faults: &[Fault], period_s: f64, airframe: &Airframe, seed: u64) -> Result<Self, FaultError> {
-        let mut planned = Self { swaps: Vec::new(), loops: LoopFaults::none(seed), acts: Vec::new(), stages: Vec::new() };
+        let mut planned =
+            Self { swaps: Vec::new(), loops: LoopFaults::none(seed), acts: Vec::new(), stages: Vec::new() };
         for fault in faults {
             let span = fault.span(period_s)?;
             planned.swaps.extend(fault.swap(period_s, airframe)?);

@@ -27,9 +27,11 @@ impl ProcessorChange {
         Ok(Some(match what {
             "cpu.hog" => {
                 let priority = text.parse().ok().filter(|priority| (1..=HIGHEST).contains(priority));
-                Self::Hog(priority.ok_or_else(|| {
-                    refused(format!("a SCHED_FIFO priority from 1 to {HIGHEST}, as in cpu.hog=90"))
-                })?)
+                Self::Hog(
+                    priority.ok_or_else(|| {
+                        refused(format!("a SCHED_FIFO priority from 1 to {HIGHEST}, as in cpu.hog=90"))
+                    })?,
+                )
             }
             "cpu.load" => {
                 let share = text.parse().ok().filter(|share| *share > 0.0 && *share <= 1.0);

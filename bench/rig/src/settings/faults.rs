@@ -121,8 +121,10 @@ pub fn check_possible(trouble: &Trouble, what: &str, in_lockstep: bool, launched
             Err(Failure::usage(format!("{what}: in lockstep no tick is late, however busy the processor is"))
                 .help("fly on the clock: --pace realtime"))
         }
-        _ if in_lockstep => Err(Failure::usage(format!("{what}: in lockstep ticks wait for a stage that is not ready"))
-            .help("fly on the clock: --pace realtime; `ironbird simulate` flies it in ticks")),
+        _ if in_lockstep => {
+            Err(Failure::usage(format!("{what}: in lockstep ticks wait for a stage that is not ready"))
+                .help("fly on the clock: --pace realtime; `ironbird simulate` flies it in ticks"))
+        }
         Trouble::Late { .. } => Ok(()),
         _ if !launched => Err(Failure::usage(format!("{what}: it is done by a launcher, and here there is none"))
             .help("start the flight with `ironbird fly`, or signal the process yourself")),

@@ -100,7 +100,9 @@ impl Model {
         let fault = self.desk.fault;
         let Some(typed) = &mut self.desk.typed else { return Action::None };
         match code {
-            KeyCode::Char(c) if !fault && typed.len() < TYPED_MAX && (c.is_ascii_digit() || TYPED.contains(c)) => typed.push(c),
+            KeyCode::Char(c) if !fault && typed.len() < TYPED_MAX && (c.is_ascii_digit() || TYPED.contains(c)) => {
+                typed.push(c)
+            }
             KeyCode::Char(c) if fault && typed.len() < FAULT_MAX && (c.is_ascii_graphic() || c == ' ') => typed.push(c),
             KeyCode::Backspace => drop(typed.pop()),
             KeyCode::Esc => self.desk.typed = None,

@@ -149,9 +149,7 @@ impl Model {
     pub fn answer(&mut self, answer: Result<String, Failure>) {
         self.desk.waits = false;
         self.desk.said = Some(match answer {
-            Ok(injected) => {
-                Said { text: injected.split_whitespace().collect::<Vec<_>>().join(" "), refused: false }
-            }
+            Ok(injected) => Said { text: injected.split_whitespace().collect::<Vec<_>>().join(" "), refused: false },
             Err(failure) => Said { text: failure.to_string(), refused: true },
         });
     }

@@ -17,8 +17,8 @@ use role::shell::{MixerJob, Shell};
 use role::stage::{self, Stage, TickOutcome, Turn};
 use rustix::thread::gettid;
 use serde_json::Value;
-use wire::clock::{Horizon, now_ns};
 use wire::Wire;
+use wire::clock::{Horizon, now_ns};
 use wire::error::Error;
 
 use crate::rig::{self, Ended, Rig, Running, in_own_mounts, take_station, wait_until};
