@@ -9,13 +9,16 @@ use std::sync::mpsc;
 
 use heapless::spsc::{Consumer, Producer};
 use model::envelope::Envelope;
+use model::fault::live::{FaultWords, LiveFault};
+use model::fault::{NotTaken, Span};
 use model::inspection::Expected;
 use model::messages::{NO_TICK, SwapRecord};
 use model::parameters::{PARAMETERS, Parameter, ParameterError};
 use wire::clock::now_ns;
 use wire::error::Error;
+use wire::injection::{ENDED, MALFORMED, MOST_AT_ONCE, STRIKES};
 use wire::instance::Instance;
-use wire::{Owner, Sender, SwapAnswer, SwapCall, SwapOrder, SwapOutcome, Wire};
+use wire::{FaultAnswer, FaultCall, FaultOrder, Owner, Sender, SwapAnswer, SwapCall, SwapOrder, SwapOutcome, Wire};
 
 use crate::swap::{AppliedSwap, Swap, SwapError, Target};
 
@@ -40,7 +43,32 @@ pub struct SwapRequest {
     pub swap: Swap,
 }
 
-/// What the loop says of a swap.
+/// Faults of messages and stages on their way to the loop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FaultRequest {
+    /// Number of the order.
+    pub ticket: u64,
+    /// Tick from which they shall strike; `None` counts from the present one.
+    pub tick: Option<u64>,
+    /// With no tick: how many ticks from the present one.
+    pub in_ticks: u64,
+    /// For how many ticks.
+    pub for_ticks: u64,
+    /// The faults, whose ticks the loop says.
+    pub faults: heapless::Vec<LiveFault, MOST_AT_ONCE>,
+}
+
+/// An order on its way to the loop.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "lies in a queue of fixed places; a box would be freed in the loop")]
+pub enum Request {
+    /// Of parameters.
+    Swap(SwapRequest),
+    /// Of faults.
+    Faults(FaultRequest),
+}
+
+/// What the loop says of an order.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "lies in a queue of fixed places; a box would allocate in the loop")]
 pub enum Event {
@@ -54,6 +82,22 @@ pub enum Event {
         tick: u64,
         /// Why.
         reason: SwapError,
+    },
+    /// Faults strike in these ticks.
+    Strikes {
+        /// Which order.
+        ticket: u64,
+        /// The ticks.
+        span: Span,
+    },
+    /// Faults do not strike.
+    NotTaken {
+        /// Which order.
+        ticket: u64,
+        /// Which of its faults.
+        which: usize,
+        /// Why.
+        reason: NotTaken,
     },
 }
 
@@ -69,13 +113,14 @@ pub fn serve(
     instance: &Instance,
     ready: &mpsc::Sender<()>,
     opened: &mpsc::Receiver<(Expected, u64)>,
-    orders: Producer<'_, SwapRequest>,
+    orders: Producer<'_, Request>,
     events: Consumer<'_, Event>,
 ) -> Result<(), Error> {
     let wire = Wire::open(instance)?;
-    let server = wire.swap_server()?;
+    let (server, fault_server) = (wire.swap_server()?, wire.fault_server()?);
     let doorbell = wire.doorbell(Owner::Desk)?;
-    let mut desk = Desk { records: wire.sender(None)?, orders, events, waiting: heapless::Vec::new(), ticket: 0 };
+    let (waiting, for_faults) = (heapless::Vec::new(), heapless::Vec::new());
+    let mut desk = Desk { records: wire.sender(None)?, orders, events, waiting, for_faults, ticket: 0 };
     // The loop waits for this, so it is there.
     let _ = ready.send(());
     let Ok((expected, epoch)) = opened.recv() else { return Ok(()) };
@@ -84,8 +129,12 @@ pub fn serve(
         let closed = opened.try_recv() == Err(mpsc::TryRecvError::Disconnected);
         // First: whoever asks next may have come into the place of one that has left.
         desk.waiting.retain(|(_, call)| server.is_awaited(call));
+        desk.for_faults.retain(|(_, call)| fault_server.is_awaited(call));
         while let Some(call) = server.next()? {
             desk.receive(call);
+        }
+        while let Some(call) = fault_server.next()? {
+            desk.receive_faults(call);
         }
         while let Some(event) = desk.events.dequeue() {
             desk.pass_on(event)?;
@@ -94,17 +143,20 @@ pub fn serve(
             desk.dismiss();
             return Ok(());
         }
-        let patience = if desk.waiting.is_empty() { IDLE_NS } else { BUSY_NS };
+        let is_idle = desk.waiting.is_empty() && desk.for_faults.is_empty();
+        let patience = if is_idle { IDLE_NS } else { BUSY_NS };
         doorbell.wait_until(now_ns() + patience)?;
     }
 }
 
 struct Desk<'a> {
     records: Sender<SwapRecord>,
-    orders: Producer<'a, SwapRequest>,
+    orders: Producer<'a, Request>,
     events: Consumer<'a, Event>,
     /// Callers whose swaps have not come to hold yet, by ticket.
     waiting: heapless::Vec<(u64, SwapCall), INBOX>,
+    /// Callers whose faults the loop has not taken yet, by ticket.
+    for_faults: heapless::Vec<(u64, FaultCall), INBOX>,
     ticket: u64,
 }
 
@@ -120,8 +172,31 @@ impl Desk<'_> {
             return call.answer(refusal(&SwapError::Full, 0));
         }
         // The inbox has one place less than callers may wait.
-        if self.orders.enqueue(order).is_err() {
+        if self.orders.enqueue(Request::Swap(order)).is_err() {
             self.answer(self.ticket, refusal(&SwapError::Full, 0));
+        }
+    }
+
+    fn receive_faults(&mut self, call: FaultCall) {
+        let order = call.order();
+        let Some(faults) = faults_of(&order) else { return call.answer(fault_refusal(MALFORMED, 0)) };
+        self.ticket += 1;
+        let FaultOrder { at_tick, in_ticks, for_ticks, .. } = order;
+        let tick = (at_tick != NO_TICK).then_some(at_tick);
+        let request = FaultRequest { ticket: self.ticket, tick, in_ticks, for_ticks, faults };
+        let full = fault_refusal(NotTaken::NoRoom as u64, 0);
+        if let Err((_, call)) = self.for_faults.push((self.ticket, call)) {
+            return call.answer(full);
+        }
+        // The inbox has one place less than callers may wait.
+        if self.orders.enqueue(Request::Faults(request)).is_err() {
+            self.answer_faults(self.ticket, full);
+        }
+    }
+
+    fn answer_faults(&mut self, ticket: u64, answer: FaultAnswer) {
+        if let Some(place) = self.for_faults.iter().position(|(waiting, _)| *waiting == ticket) {
+            self.for_faults.swap_remove(place).1.answer(answer);
         }
     }
 
@@ -134,6 +209,12 @@ impl Desk<'_> {
     fn pass_on(&mut self, event: Event) -> Result<(), Error> {
         match event {
             Event::Refused { ticket, tick, reason } => self.answer(ticket, refusal(&reason, tick)),
+            Event::Strikes { ticket, span: Span { from, to } } => {
+                self.answer_faults(ticket, FaultAnswer { verdict: STRIKES, from, to, which: 0 });
+            }
+            Event::NotTaken { ticket, which, reason } => {
+                self.answer_faults(ticket, fault_refusal(reason as u64, which as u64));
+            }
             Event::Applied(applied) => {
                 let record = swap_record(&applied);
                 self.records.send(applied.tick, &Envelope::new(), record)?;
@@ -154,6 +235,9 @@ impl Desk<'_> {
 
     /// Tells everybody who still waits that the run is over.
     fn dismiss(&mut self) {
+        while let Some((_, call)) = self.for_faults.pop() {
+            call.answer(fault_refusal(ENDED, 0));
+        }
         while let Some((_, call)) = self.waiting.pop() {
             call.answer(SwapAnswer {
                 verdict: SwapOutcome::Ended as u64,
@@ -164,6 +248,17 @@ impl Desk<'_> {
             });
         }
     }
+}
+
+/// The faults of an order of the wire; nothing where one of them is none, or where there are none or too many.
+fn faults_of(order: &FaultOrder) -> Option<heapless::Vec<LiveFault, MOST_AT_ONCE>> {
+    let count = usize::try_from(order.count).ok().filter(|count| *count > 0)?;
+    let faults: Option<heapless::Vec<_, _>> = order.faults.get(..count)?.iter().map(FaultWords::fault).collect();
+    faults.filter(|_| order.for_ticks > 0)
+}
+
+fn fault_refusal(verdict: u64, which: u64) -> FaultAnswer {
+    FaultAnswer { verdict, from: 0, to: 0, which }
 }
 
 /// An order of the wire as a swap that may be applied.

@@ -12,6 +12,7 @@ use std::f64::consts::PI;
 
 use model::attitude::Attitude;
 use model::fault::gate::{Gate, Passed};
+use model::fault::{MessageFaults, Port};
 use model::inspection::Rejections;
 use model::measured::Measured;
 use model::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds, State, Truth};
@@ -54,6 +55,8 @@ pub struct Plant {
     delay: CommandDelay,
     /// Behind the inspection of commands, where they have faults.
     gate: Option<Box<Gate<RotorSpeeds>>>,
+    /// Whether commands go through it.
+    is_struck: bool,
     commands_taken: u64,
     command_taken_tick: u64,
     swaps: SwapQueue,
@@ -99,6 +102,7 @@ impl Plant {
             latch: Latch::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
             delay: CommandDelay::new(period_s, &airframe, hover.into()),
             gate: None,
+            is_struck: false,
             commands_taken: 0,
             command_taken_tick: NO_TICK,
             swaps: SwapQueue::default(),
@@ -115,7 +119,24 @@ impl Plant {
     /// The same plant, with faults of the commands that it is handed.
     #[must_use]
     pub fn gated(self, gate: Option<Gate<RotorSpeeds>>) -> Self {
-        Self { gate: gate.map(Box::new), ..self }
+        Self { is_struck: gate.is_some(), gate: gate.map(Box::new), ..self }
+    }
+
+    /// The same plant, with faults of its commands that may change in flight.
+    #[must_use]
+    pub fn gated_by(self, faults: &MessageFaults) -> Self {
+        let mut plant = self.gated(Some(Gate::changing(faults, Port::PlantRotorSpeeds)));
+        plant.is_struck = false;
+        plant.change_faults(faults);
+        plant
+    }
+
+    /// Takes the faults of its commands as they are from now on, without an allocation.
+    pub fn change_faults(&mut self, faults: &MessageFaults) {
+        if let Some(gate) = &mut self.gate {
+            gate.change(faults, Port::PlantRotorSpeeds);
+            self.is_struck |= faults.of(Port::PlantRotorSpeeds).next().is_some();
+        }
     }
 
     /// Commands that were refused for what a fault had made of them.
@@ -130,7 +151,7 @@ impl Plant {
     pub fn offer(&mut self, command: &Dated<RotorSpeeds>, effective_tick: u64) {
         self.commands_taken += 1;
         self.command_taken_tick = command.tick;
-        match &mut self.gate {
+        match self.gate.as_mut().filter(|_| self.is_struck) {
             None => self.latch.offer(command, effective_tick),
             Some(gate) => {
                 let tick = command.tick;

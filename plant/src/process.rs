@@ -9,8 +9,8 @@ use std::thread;
 use heapless::spsc::{Consumer, Producer, Queue};
 use model::boards::{Ending, IN_FORCE, InForce, Run, RunPhase};
 use model::envelope::{Envelope, Stamps};
-use model::fault::gate::Gate;
-use model::fault::{MessageFaults, Port};
+use model::fault::Span;
+use model::fault::live::{LIVE, LiveBoard, LiveFault, LoopFaults, NOTICE_TICKS};
 use model::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use model::grid::{Grid, Pace};
 use model::messages::{Dated, RotorSpeeds, State};
@@ -19,12 +19,12 @@ use role::farewell::say_landed;
 use role::lead::LeadInForce;
 use role::rt::UsageMeter;
 use role::station::{Opened, Station};
-use wire::clock::{Horizon as _, now_ns, sleep_until};
+use wire::clock::{Horizon as _, busy_wait, now_ns, sleep_until};
 use wire::error::Error;
 use wire::{Board, DEEP, Doorbell, Receiver, Sender, Wire};
 
 use crate::departure::Departure;
-use crate::desk::{self, Event, INBOX, OUTBOX, SwapRequest};
+use crate::desk::{self, Event, FaultRequest, INBOX, OUTBOX, Request, SwapRequest};
 use crate::latch::pending_commands;
 use crate::plant::Plant;
 use crate::settings::PlantSettings;
@@ -44,9 +44,9 @@ pub fn run(
     settings: &PlantSettings,
     plan: FlightPlan,
     faults: &[Swap],
-    messages: &MessageFaults,
+    planned: &LoopFaults,
 ) -> Result<(), Error> {
-    let mut inbox = Queue::<SwapRequest, INBOX>::new();
+    let mut inbox = Queue::<Request, INBOX>::new();
     let mut outbox = Queue::<Event, OUTBOX>::new();
     let (orders_in, orders_out) = inbox.split();
     let (events_in, events_out) = outbox.split();
@@ -59,7 +59,7 @@ pub fn run(
         // A desk that cannot open ends, and its error is the result of `join` below.
         let flown = if told.recv().is_ok() {
             let mut plant = PlantProcess::new(station.wire(), settings, faults, orders_out, events_in)?;
-            plant.plant = plant.plant.gated(Gate::new(messages, Port::PlantRotorSpeeds));
+            plant.planned(planned);
             plant.serve(&mut station, plan, &open_desk)
         } else {
             Ok(())
@@ -79,8 +79,16 @@ pub struct PlantProcess<'a> {
     /// Rung by the mixer in lockstep.
     doorbell: Doorbell,
     in_force: Board<InForce>,
-    orders: Consumer<'a, SwapRequest>,
+    orders: Consumer<'a, Request>,
     events: Producer<'a, Event>,
+    /// What was planned and injected so far, and the board of the latter.
+    faults: LoopFaults,
+    live: LiveBoard,
+    live_board: Board<LiveBoard>,
+    /// Whether the plant itself is late in some tick.
+    is_late: bool,
+    /// How much longer than in flight a tick takes on the clock.
+    slowdown: u64,
     lead: LeadInForce,
     previous_busy_ns: u64,
     ticks_run: u64,
@@ -95,10 +103,11 @@ impl<'a> PlantProcess<'a> {
         wire: &Wire,
         settings: &PlantSettings,
         faults: &[Swap],
-        orders: Consumer<'a, SwapRequest>,
+        orders: Consumer<'a, Request>,
         events: Producer<'a, Event>,
     ) -> Result<Self, Error> {
-        let mut plant = Plant::new(settings);
+        let none = LoopFaults::none(settings.seed);
+        let mut plant = Plant::new(settings).gated_by(&none.messages);
         for fault in faults {
             plant
                 .schedule(fault.clone())
@@ -106,8 +115,15 @@ impl<'a> PlantProcess<'a> {
         }
         let in_force = wire.board(IN_FORCE)?;
         in_force.put(InForce { tick: 0, parameter_epoch: 0, value: *plant.airframe().values() });
+        let live_board = wire.board(LIVE)?;
+        live_board.put(LiveBoard::default());
         Ok(Self {
             plant,
+            faults: none,
+            live: LiveBoard::default(),
+            live_board,
+            is_late: false,
+            slowdown: 1,
             states: wire.sender(Some(wire.bell(Role::Outer)?))?,
             // The one port of the loop that keeps more than the newest: see `take_command`.
             commands: wire.receiver(pending_commands(settings.period_s))?,
@@ -119,6 +135,13 @@ impl<'a> PlantProcess<'a> {
             previous_busy_ns: 0,
             ticks_run: 0,
         })
+    }
+
+    /// Takes what is planned to go wrong with messages and stages.
+    pub fn planned(&mut self, faults: &LoopFaults) {
+        self.faults = *faults;
+        self.plant.change_faults(&faults.messages);
+        self.is_late = !faults.late.of(Role::Plant).is_empty();
     }
 
     /// Connects the ports to those of the other roles.
@@ -136,6 +159,7 @@ impl<'a> PlantProcess<'a> {
         plan: FlightPlan,
         open_desk: &mpsc::Sender<(model::inspection::Expected, u64)>,
     ) -> Result<(), Error> {
+        self.slowdown = plan.wall_period_ns / plan.sample_time_ns.max(1);
         let mut opened = station.open_run(plan, |expected, epoch| self.arm(expected, epoch))?;
         // A desk that has ended on an error takes no run number; its error comes with its end.
         let _ = open_desk.send((opened.expected, station.status.epoch));
@@ -222,10 +246,16 @@ impl<'a> PlantProcess<'a> {
     pub fn tick(&mut self, tick: u64, waking: Waking, pace: Pace) -> Result<PlantTick, Error> {
         self.take_command(tick, pace)?;
         while let Some(order) = self.orders.dequeue() {
-            self.schedule(order, tick);
+            match order {
+                Request::Swap(order) => self.schedule(order, tick),
+                Request::Faults(order) => self.strike(&order, tick),
+            }
         }
         let state = self.plant.begin(tick);
         let envelope = self.plant.envelope();
+        if self.is_late {
+            busy_wait(self.slowdown.saturating_mul(self.faults.late.late_ns(Role::Plant, tick)));
+        }
         if !matches!(envelope, Err(Departure::NotFinite { .. })) {
             self.states.send(tick, &self.history(waking, &state), state)?;
             self.ticks_run += 1;
@@ -338,6 +368,28 @@ impl<'a> PlantProcess<'a> {
             // The outbox holds more events than orders can be under way.
             let _ = self.events.enqueue(Event::Refused { ticket, tick, reason });
         }
+    }
+
+    /// Takes faults in, and puts them on the board before this tick's state is published: whoever has that has them.
+    #[cold]
+    fn strike(&mut self, order: &FaultRequest, tick: u64) {
+        let asked = order.tick.unwrap_or_else(|| tick.saturating_add(order.in_ticks));
+        let from = asked.max(tick.saturating_add(NOTICE_TICKS));
+        let span = Span { from, to: from.saturating_add(order.for_ticks) };
+        let (mut faults, mut live) = (self.faults, self.live);
+        for (which, fault) in order.faults.iter().enumerate() {
+            let fault = LiveFault { span: fault.span_from(span), ..*fault };
+            if let Err(reason) = faults.take(&fault).and_then(|()| live.push(&fault)) {
+                // The outbox holds more events than orders can be under way.
+                let _ = self.events.enqueue(Event::NotTaken { ticket: order.ticket, which, reason });
+                return;
+            }
+        }
+        (self.faults, self.live) = (faults, live);
+        self.live_board.put(live);
+        self.plant.change_faults(&faults.messages);
+        self.is_late = !faults.late.of(Role::Plant).is_empty();
+        let _ = self.events.enqueue(Event::Strikes { ticket: order.ticket, span });
     }
 
     fn hand_over_applied(&mut self) {

@@ -16,6 +16,7 @@ pub mod codec;
 pub mod entry;
 pub mod excerpt;
 pub mod facts;
+pub mod injected;
 pub mod perfetto;
 pub mod reader;
 pub mod rows;

@@ -20,7 +20,7 @@ use mcap::McapError;
 
 use crate::entry::{Counts, LogEntry};
 use crate::excerpt::Excerpt;
-use crate::facts::{CONTINUED_IN, Facts, Record};
+use crate::facts::{CONTINUED_IN, Facts, INJECTED, Record};
 use crate::spool::{Disk, LEFT_FREE_BYTES, Spool};
 use crate::{TOPICS, file_name};
 use failure::{Failure, InFile as _};
@@ -164,6 +164,14 @@ impl FlightLog {
         add(&mut all, fate.dropped);
         add(&mut all, fate.removed);
         TOPICS.iter().zip(all).map(|(topic, count)| (format!("messages.{topic}"), count.to_string())).collect()
+    }
+
+    /// Takes what was injected into the flight, when it is over; to be called before [`Self::finish`].
+    ///
+    /// # Errors
+    /// As [`Self::keep`].
+    pub fn tell_injected(&mut self, injected: Record) -> Result<(), Failure> {
+        if injected.is_empty() { Ok(()) } else { self.file.tell(INJECTED, injected).map_err(broken) }
     }
 
     /// Ends the log with its last facts and its index; says what became of the messages.

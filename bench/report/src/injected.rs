@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A fault that was planned.
+/// A fault that was planned, or injected in flight.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InjectedFault {
     /// What, as it is typed: `inner.setpoint.delay=5`.
@@ -17,6 +17,9 @@ pub struct InjectedFault {
     /// The same as time of the flight [s].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to_s: Option<f64>,
+    /// Whether it was injected in flight.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub live: bool,
 }
 
 impl InjectedFault {
@@ -24,7 +27,13 @@ impl InjectedFault {
     #[must_use]
     pub fn new(what: String, tick: u64, to_tick: Option<u64>, period_s: f64) -> Self {
         let time_s = |tick: u64| tick as f64 * period_s;
-        Self { what, tick, time_s: time_s(tick), to_tick, to_s: to_tick.map(time_s) }
+        Self { what, tick, time_s: time_s(tick), to_tick, to_s: to_tick.map(time_s), live: false }
+    }
+
+    /// The same, injected in flight.
+    #[must_use]
+    pub fn in_flight(self) -> Self {
+        Self { live: true, ..self }
     }
 
     /// `setpoint.drop=0.1 from tick 8000 (8.000 s) to tick 9000 (9.000 s)`.
@@ -32,7 +41,8 @@ impl InjectedFault {
     pub fn words(&self) -> String {
         let Self { what, tick, time_s, .. } = self;
         let to = self.to_tick.zip(self.to_s).map(|(tick, time_s)| format!(" to tick {tick} ({time_s:.3} s)"));
-        format!("{what} from tick {tick} ({time_s:.3} s){}", to.unwrap_or_default())
+        let how = if self.live { ", injected in flight" } else { "" };
+        format!("{what} from tick {tick} ({time_s:.3} s){}{how}", to.unwrap_or_default())
     }
 
     /// Its begin and its end as marks over time [s].
@@ -57,5 +67,6 @@ mod tests {
         let for_good = InjectedFault::new("state.freeze".into(), 500, None, 0.002);
         assert_eq!(for_good.words(), "state.freeze from tick 500 (1.000 s)");
         assert_eq!(for_good.marks().count(), 1);
+        assert_eq!(for_good.in_flight().words(), "state.freeze from tick 500 (1.000 s), injected in flight");
     }
 }

@@ -28,6 +28,7 @@ use crate::doctor::DoctorArgs;
 use crate::export::topics;
 use crate::floor::command::FloorArgs;
 use crate::floor::hop::HopArgs;
+use crate::fly::burden::BurdenArgs;
 use crate::laws::LawsArgs;
 use crate::manual::{CompletionsArgs, ManArgs};
 use crate::new_law::NewCommand;
@@ -115,6 +116,9 @@ pub enum Command {
     /// A process of the raw ring that measures the machine.
     #[command(hide = true)]
     RingHop(HopArgs),
+    /// A process that keeps the loops' processor busy, for a fault.
+    #[command(hide = true)]
+    Burden(BurdenArgs),
 }
 
 /// Where to record, and which gates to pass.

@@ -1,13 +1,16 @@
 //! Faults as the user types them: `WHAT=VALUE[,WHAT=VALUE]@8s` or `@tick8000`, and `..9s` for an end.
 //!
-//! WHAT is a parameter of the airframe ([`parameter`]), messages at an input ([`message`]), or a stage ([`stage`]).
+//! WHAT is a parameter of the airframe ([`parameter`]), messages at an input ([`message`]), a stage ([`stage`]), or the
+//! loops' processor ([`processor`]).
 //! What a fault is in the ticks of a flight is in [`plan`]. docs/injection.md is the user's page.
 
 mod error;
 pub mod listing;
+pub mod live;
 pub mod message;
 pub mod parameter;
 pub mod plan;
+pub mod processor;
 pub mod stage;
 #[cfg(test)]
 mod tests;
@@ -24,6 +27,7 @@ use model::parameters::{Airframe, Parameter};
 pub(crate) use parameter::check_once;
 pub use parameter::{Wanted, WantedValue, targets_of};
 use plant::Swap;
+use processor::ProcessorChange;
 use stage::StageChange;
 
 /// When a fault strikes, or ends.
@@ -66,6 +70,21 @@ pub enum Change {
     Messages(MessageChange),
     /// A stage is late, stopped or killed.
     Stage(StageChange),
+    /// The loops' processor is kept busy.
+    Processor(ProcessorChange),
+    /// What lasts ends.
+    Off(Lasting),
+}
+
+/// What lasts until it is ended. Its number means nothing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lasting {
+    /// A fault of messages.
+    Messages(MessageChange),
+    /// A late stage.
+    Stage(StageChange),
+    /// A busy processor.
+    Processor(ProcessorChange),
 }
 
 impl FromStr for Change {
@@ -80,12 +99,86 @@ impl FromStr for Change {
         if !what.contains('.') {
             return text.parse().map(Self::Parameter);
         }
+        if value == Some(OFF) {
+            return Lasting::read(what).map(Self::Off);
+        }
+        Self::of_the_loop(what, value)
+    }
+}
+
+/// The value that ends what lasts.
+const OFF: &str = "off";
+
+impl Change {
+    /// What is wanted of a parameter, where it is one's.
+    #[must_use]
+    pub const fn wanted(&self) -> Option<Wanted> {
+        match self {
+            Self::Parameter(wanted) => Some(*wanted),
+            _ => None,
+        }
+    }
+
+    /// Whether it lasts as long as its ticks say.
+    #[must_use]
+    pub const fn lasts(&self) -> bool {
+        match self {
+            Self::Messages(_) | Self::Processor(_) => true,
+            Self::Stage(stage) => stage.lasts(),
+            Self::Parameter(_) | Self::Off(_) => false,
+        }
+    }
+
+    /// What it is, without its value.
+    #[must_use]
+    pub fn what(&self) -> String {
+        match self {
+            Self::Parameter(wanted) => wanted.parameter.to_string(),
+            Self::Messages(messages) => messages.what(),
+            Self::Stage(stage) => stage.what(),
+            Self::Processor(processor) => processor.what().to_owned(),
+            Self::Off(lasting) => lasting.what(),
+        }
+    }
+
+    fn of_the_loop(what: &str, value: Option<&str>) -> Result<Self, FaultError> {
         if let Some(change) = StageChange::read(what, value)? {
             return Ok(Self::Stage(change));
+        }
+        if let Some(change) = ProcessorChange::read(what, value)? {
+            return Ok(Self::Processor(change));
         }
         match MessageChange::read(what, value)? {
             Some(change) => Ok(Self::Messages(change)),
             None => Err(words::unknown(what)),
+        }
+    }
+}
+
+impl Lasting {
+    /// What is to end, by its name.
+    fn read(what: &str) -> Result<Self, FaultError> {
+        // Some value that the name takes: which one, nobody will look at.
+        let some = match what.rsplit('.').next().unwrap_or_default() {
+            "freeze" | "nan" | "kill" => None,
+            "late" | "stop" => Some("1ms"),
+            _ => Some("1"),
+        };
+        match Change::of_the_loop(what, some)? {
+            Change::Messages(messages) => Ok(Self::Messages(messages)),
+            Change::Processor(processor) => Ok(Self::Processor(processor)),
+            Change::Stage(stage) if stage.lasts() => Ok(Self::Stage(stage)),
+            Change::Stage(_) | Change::Parameter(_) | Change::Off(_) => Err(FaultError::NotLasting(what.to_owned())),
+        }
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn what(&self) -> String {
+        match self {
+            Self::Messages(messages) => messages.what(),
+            Self::Stage(stage) => stage.what(),
+            Self::Processor(processor) => processor.what().to_owned(),
         }
     }
 }
@@ -119,7 +212,7 @@ impl Fault {
         self.to.map_or_else(|| what.clone(), |to| format!("{what} until {to}"))
     }
 
-    /// What goes wrong with messages and stages.
+    /// What goes wrong with messages, stages and their processor.
     pub fn of_the_loop(&self) -> impl Iterator<Item = &Change> {
         self.changes.iter().filter(|change| !matches!(change, Change::Parameter(_)))
     }
@@ -127,11 +220,7 @@ impl Fault {
     /// What is wanted of the airframe's parameters.
     #[must_use]
     pub fn wanted(&self) -> Vec<Wanted> {
-        let wanted = |change: &Change| match change {
-            Change::Parameter(wanted) => Some(*wanted),
-            _ => None,
-        };
-        self.changes.iter().filter_map(wanted).collect()
+        self.changes.iter().filter_map(Change::wanted).collect()
     }
 
     /// What of it the plant of an airframe schedules, with ticks of `period_s` [s]; nothing where it is no parameter's.
@@ -166,7 +255,8 @@ impl Fault {
         let endless = |change: &Change| match change {
             Change::Parameter(wanted) => Some(FaultError::ParameterEnds(wanted.parameter)),
             Change::Stage(stage) if !stage.lasts() => Some(FaultError::StageEnds(stage.what())),
-            Change::Stage(_) | Change::Messages(_) => None,
+            Change::Off(lasting) => Some(FaultError::StageEnds(format!("{}={OFF}", lasting.what()))),
+            Change::Stage(_) | Change::Messages(_) | Change::Processor(_) => None,
         };
         self.changes.iter().find_map(endless).map_or(Ok(()), Err)
     }
@@ -178,6 +268,8 @@ impl fmt::Display for Change {
             Self::Parameter(wanted) => wanted.fmt(f),
             Self::Messages(change) => change.fmt(f),
             Self::Stage(change) => change.fmt(f),
+            Self::Processor(change) => change.fmt(f),
+            Self::Off(lasting) => write!(f, "{}={OFF}", lasting.what()),
         }
     }
 }

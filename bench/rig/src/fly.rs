@@ -1,6 +1,7 @@
 //! `ironbird fly`: starts five processes, watches them, ends them, prints the report.
 
 mod asked;
+pub mod burden;
 mod ending;
 mod launcher;
 mod pulse;
@@ -9,6 +10,7 @@ mod restarts;
 pub mod signal_at;
 mod starter;
 mod status_line;
+mod striker;
 
 use std::fs;
 use std::io::{self, IsTerminal as _};
@@ -80,7 +82,7 @@ fn take_off(args: &FlyArgs) -> Result<Option<Flown>, Failure> {
     overrides.extend(args.rt.overrides());
     overrides.extend(args.recorder.overrides());
     let settings = Settings::resolve(args.flight.course.config.as_deref(), &overrides)?;
-    settings.check_faults_of_processes()?;
+    settings.check_faults_of_processes(true)?;
     args.rt.check(&settings)?;
     args.recorder.check(&settings)?;
     args.check(&settings)?;
@@ -97,6 +99,7 @@ fn take_off(args: &FlyArgs) -> Result<Option<Flown>, Failure> {
     // First, so that what a check makes goes with it.
     let mut asked = Asked::listen()?;
     settings.check_cpu()?;
+    settings.check_priorities()?;
     check_writable("--states", args.recorder.states.as_deref())?;
     traced::check(settings.recorder.trace)?;
     args.floor.map_or(Ok(()), |duration| beside::check(&settings, duration))?;

@@ -8,6 +8,7 @@ mod faulted;
 pub mod timed;
 
 use controller::TheoremMonitor;
+use model::fault::live::Trouble;
 use model::inspection::Rejections;
 use model::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
 use model::monitor::Monitor;
@@ -15,6 +16,7 @@ use model::role::Role;
 use plant::{Departure, Plant};
 
 use self::faulted::Faulted;
+use crate::fault::FaultError;
 use crate::fault::plan::{StageFault, StageTicks};
 use crate::settings::Settings;
 use failure::Failure;
@@ -43,6 +45,10 @@ pub struct InProcess {
     monitor: Option<Monitor>,
     /// Faults of messages and stages; none where there are none, which is the fast way.
     faulted: Option<Box<Faulted>>,
+}
+
+fn needs_no_processor(what: &'static str) -> Failure {
+    Failure::usage(format!("fault: {}", FaultError::Processor(what)))
 }
 
 impl InProcess {
@@ -94,6 +100,13 @@ impl InProcess {
         let mixer = settings.mixer_stage()?;
         let mut rig = Self::new(&settings.plant()?, outer, inner, mixer);
         let planned = settings.planned()?;
+        for fault in &planned.acts {
+            match fault.trouble {
+                Trouble::Hog { .. } => return Err(needs_no_processor("cpu.hog")),
+                Trouble::Load { .. } => return Err(needs_no_processor("cpu.load")),
+                _ => {}
+            }
+        }
         if !planned.spares_the_loop() {
             let faulted = Faulted::new(settings, &planned)?;
             rig.plant = rig.plant.gated(faulted.plant_gate());

@@ -1,10 +1,12 @@
-//! `ironbird inject`: swaps parameters of a flying airframe.
+//! `ironbird inject`: swaps parameters of a flying airframe, and has messages, stages and their processor fail.
+
+pub mod strike;
 
 use std::fmt;
 use std::time::Duration;
 
 use model::boards::{RUN, Run, RunPhase, SETTINGS, SettingsText};
-use model::messages::{Change, NO_TICK};
+use model::messages::{self, NO_TICK};
 use model::parameters::{Airframe, PARAMETERS, Parameter, ParameterError, after_blank};
 use model::role::Role;
 use plant::Target;
@@ -12,7 +14,9 @@ use wire::instance::Instance;
 use wire::{SwapAnswer, SwapOrder, SwapOutcome, Wire};
 
 use crate::cli::InjectArgs;
-use crate::fault::{Wanted, WantedValue, check_once, targets_of};
+use crate::cli::values::duration;
+use crate::fault::{Change, FaultError, Wanted, WantedValue, check_once, targets_of};
+use crate::inject::strike::strike;
 use crate::output::print;
 use crate::settings::airframe::{PAPER, airframe_of, pairs};
 use failure::{Failure, OK};
@@ -20,18 +24,61 @@ use failure::{Failure, OK};
 /// How long the plant may take to answer, beyond the time until the tick that was asked for.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Asks the plant for a swap and prints what it answers.
+/// Asks the plant for what goes wrong and prints what it answers.
 ///
 /// # Errors
-/// As [`ask`].
+/// As [`ask`] and [`strike::strike`]; usage where both are wanted at once.
 pub fn inject(args: &InjectArgs) -> Result<u8, Failure> {
-    let changes = args.parsed().map_err(|e| wrong(&e))?;
+    let changes = args.parsed().map_err(|e| listed(&e))?;
     let when = match (args.at_tick, args.after) {
         (Some(tick), _) => When::AtTick(tick),
         (None, after) => When::In(after.unwrap_or_default()),
     };
-    print(&ask(&Instance::new(&args.instance)?, &changes, when)?.to_string())?;
+    print(&injected(&Instance::new(&args.instance)?, &changes, when, args.lasts)?)?;
     Ok(OK)
+}
+
+/// Injects parameters, or faults of the loop that last for a time; says what came of it.
+///
+/// # Errors
+/// As [`inject`].
+pub fn injected(
+    instance: &Instance,
+    changes: &[Change],
+    when: When,
+    lasts: Option<Duration>,
+) -> Result<String, Failure> {
+    let wanted: Vec<Wanted> = changes.iter().filter_map(Change::wanted).collect();
+    if wanted.is_empty() {
+        return Ok(strike(instance, changes, when, lasts)?.to_string());
+    }
+    if wanted.len() < changes.len() {
+        return Err(Failure::usage("parameters and faults of the loop are not injected by one command")
+            .help("give two commands, both with --at-tick N for the same tick"));
+    }
+    if lasts.is_some() {
+        return Err(Failure::usage("--for: a parameter holds until it is changed again")
+            .help("inject the change back, as in mass_kg=nominal"));
+    }
+    Ok(ask(instance, &wanted, when)?.to_string())
+}
+
+/// What somebody typed into a line: `state.drop=0.1,inner.late=1ms for 1s`.
+///
+/// # Errors
+/// A sentence says what cannot be read.
+pub fn words_of(text: &str) -> Result<(Vec<Change>, Option<Duration>), String> {
+    let (what, time) = match text.split_once(" for ") {
+        Some((what, time)) => (what, Some(time.trim())),
+        None => (text, None),
+    };
+    let changes = what.trim().split(',').map(str::parse).collect::<Result<Vec<Change>, _>>();
+    let lasts = time.map(duration).transpose()?;
+    Ok((changes.map_err(|e| e.to_string())?, lasts))
+}
+
+fn listed(error: &FaultError) -> Failure {
+    Failure::usage(error.to_string()).help(error.listed(""))
 }
 
 /// When a swap shall hold.
@@ -41,6 +88,35 @@ pub enum When {
     AtTick(u64),
     /// This much flight time later; from the next tick on where it is nothing.
     In(Duration),
+}
+
+/// The same in ticks, as the plant is asked.
+struct Instant {
+    /// The tick; `NO_TICK` where it is counted from now.
+    at_tick: u64,
+    in_ticks: u64,
+    /// Ticks until then.
+    wait_ticks: u64,
+}
+
+impl When {
+    /// In ticks of a run.
+    ///
+    /// # Errors
+    /// Usage where the flight is over by then.
+    fn of(self, run: &Run) -> Result<Instant, Failure> {
+        let present = if run.tick == NO_TICK { 0 } else { run.tick };
+        let (at_tick, in_ticks) = match self {
+            Self::AtTick(tick) => (tick, 0),
+            Self::In(after) => (NO_TICK, ticks(after, run.sample_time_ns)),
+        };
+        let wanted = if at_tick == NO_TICK { present.saturating_add(in_ticks) } else { at_tick };
+        if wanted > run.last_tick {
+            let what = format!("tick {wanted} never comes: the flight ends at tick {}", run.last_tick);
+            return Err(Failure::usage(what).help(format!("name one from {present} to {}", run.last_tick)));
+        }
+        Ok(Instant { at_tick, in_ticks, wait_ticks: wanted.saturating_sub(present) })
+    }
 }
 
 /// A swap that holds.
@@ -57,7 +133,7 @@ pub struct Applied {
     /// Sample time of the laws [ns].
     pub sample_time_ns: u64,
     /// What changed.
-    pub changes: Vec<Change>,
+    pub changes: Vec<messages::Change>,
 }
 
 impl fmt::Display for Applied {
@@ -67,7 +143,7 @@ impl fmt::Display for Applied {
             Some(past) => writeln!(f, ": tick {past} was past")?,
             None => writeln!(f)?,
         }
-        for Change { parameter, old, new, steps } in &self.changes {
+        for messages::Change { parameter, old, new, steps } in &self.changes {
             write!(f, "  {parameter}  {old:?} -> {new:?}{}", after_blank(parameter.spec().unit))?;
             if *steps > 1 {
                 let over = Duration::from_nanos(steps.saturating_mul(self.sample_time_ns));
@@ -96,17 +172,7 @@ pub fn ask(instance: &Instance, wanted: &[Wanted], when: When) -> Result<Applied
     let airframe = airframe(&wire)?;
     let targets = targets_of(wanted, &airframe, run.sample_time_ns as f64 / 1e9).map_err(|e| wrong(&e))?;
     plant::Swap::to(0, &targets).map_err(|e| wrong(&e))?;
-    let present = if run.tick == NO_TICK { 0 } else { run.tick };
-    let (at_tick, in_ticks) = match when {
-        When::AtTick(tick) => (tick, 0),
-        When::In(after) => (NO_TICK, ticks(after, run.sample_time_ns)),
-    };
-    let wanted = if at_tick == NO_TICK { present + in_ticks } else { at_tick };
-    if wanted > run.last_tick {
-        let what = format!("tick {wanted} never comes: the flight ends at tick {}", run.last_tick);
-        return Err(Failure::usage(what).help(format!("name one from {present} to {}", run.last_tick)));
-    }
-    let wait_ticks = wanted.saturating_sub(present);
+    let Instant { at_tick, in_ticks, wait_ticks } = when.of(&run)?;
     let mut order = SwapOrder {
         at_tick,
         in_ticks,
@@ -200,7 +266,12 @@ fn read_answer(
             changes: targets
                 .iter()
                 .zip(answer.old)
-                .map(|(&Target { parameter, value, steps }, old)| Change { parameter, old, new: value, steps })
+                .map(|(&Target { parameter, value, steps }, old)| messages::Change {
+                    parameter,
+                    old,
+                    new: value,
+                    steps,
+                })
                 .collect(),
         }),
         Some(SwapOutcome::OutOfRange) => match Parameter::from_index(answer.parameter) {

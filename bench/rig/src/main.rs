@@ -7,6 +7,7 @@ use failure::Failure;
 use ironbird::cli::{BridgeTo, Cli, Command};
 use ironbird::fault::listing;
 use ironbird::floor::{command, hop};
+use ironbird::fly::burden;
 use ironbird::output::say;
 use ironbird::{
     campaign, clean, compare, doctor, export, fly, inject, laws, limits, manual, new_law, params, replay, roles, runs,
@@ -63,5 +64,6 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Mixer(args) => roles::play(Role::Mixer, args),
         Command::Record(args) => roles::record(args),
         Command::RingHop(args) => hop::hop(args),
+        Command::Burden(args) => burden::burden(args),
     }
 }

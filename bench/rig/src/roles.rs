@@ -30,7 +30,7 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
     overrides.extend(args.rt.overrides());
     let settings = Settings::resolve_to_make(&[role], args.flight.course.config.as_deref(), &overrides)?;
     args.rt.check(&settings)?;
-    settings.check_faults_of_processes()?;
+    settings.check_faults_of_processes(args.launcher.is_some())?;
     let station = take_station(role, args, &settings)?;
     let (instance, stop) = (station.wire().instance().clone(), station.stop_flag());
     let flown = run(role, station, &settings);
@@ -46,7 +46,7 @@ fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure>
         let _ = take_stand(loops_cpu(), 0);
     }
     let faults = settings.planned()?;
-    let flight = Flight { lockstep, faults: faults.messages };
+    let flight = Flight { lockstep, slowdown: settings.flight.slowdown, faults: faults.loops };
     match role {
         Role::Plant => {
             let plan = FlightPlan {
@@ -54,7 +54,7 @@ fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure>
                 sample_time_ns: settings.sample_time_ns(),
                 wall_period_ns: settings.wall_period_ns(),
             };
-            plant::process::run(station, &settings.plant()?, plan, &faults.swaps, &faults.messages)?;
+            plant::process::run(station, &settings.plant()?, plan, &faults.swaps, &faults.loops)?;
         }
         Role::Outer => {
             shell::outer(station, settings.outer_stage()?, settings.flight.position_error_max_m, &flight)?;

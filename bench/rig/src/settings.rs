@@ -1,7 +1,7 @@
 //! Settings: defaults, preset, file, flags, in this order; checked before anything starts.
 
 pub(crate) mod airframe;
-mod faults;
+pub mod faults;
 mod gates;
 mod ground;
 mod initial;

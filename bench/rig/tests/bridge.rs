@@ -132,7 +132,8 @@ impl Client {
 }
 
 fn by_name(answer: &Value) -> BTreeMap<String, f64> {
-    let values = answer["parameters"].as_array().unwrap().iter();
+    // All but one are numbers.
+    let values = answer["parameters"].as_array().unwrap().iter().filter(|p| p["name"] != "inject");
     values.map(|p| (p["name"].as_str().unwrap().to_owned(), p["value"].as_f64().unwrap())).collect()
 }
 
@@ -292,6 +293,26 @@ fn what_the_plant_would_refuse_is_answered_with_what_is_in_force_and_why() {
     let params = rig.run("params", &["--json"]).json();
     assert_eq!(params[0]["in_force"], 0.52);
     land(&rig, flight, bridge);
+}
+
+#[test]
+fn a_fault_is_injected_by_a_parameter_of_words() {
+    let rig = Rig::new("words");
+    let flight = take_off(&rig);
+    let (bridge, port) = open(&rig, &["--allow-swaps"]);
+    let mut client = Client::connect(port);
+    let set =
+        |value: &str| json!({"op": "setParameters", "id": value, "parameters": [{"name": "inject", "value": value}]});
+    client.send(&set("setpoint.drop=0.1 for 20ms"));
+    let answer = client.text("parameterValues");
+    let said = answer["parameters"][0]["value"].as_str().unwrap();
+    assert!(said.starts_with("setpoint.drop=0.1 from tick ") && said.ends_with("injected in flight"), "{answer}");
+    client.send(&set("setpoint.dorp=0.1"));
+    let status = client.text("status");
+    assert!(status["message"].as_str().unwrap().contains("did you mean `setpoint.drop`?"), "{status}");
+    assert_eq!(client.text("parameterValues")["parameters"][0]["value"], "");
+    land(&rig, flight, bridge);
+    assert_eq!(rig.report()["faults"][0]["what"], "setpoint.drop=0.1");
 }
 
 #[test]

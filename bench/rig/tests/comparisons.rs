@@ -15,6 +15,7 @@ use role::shell::{InnerJob, Shell};
 use role::stage::{self, Stage, TickOutcome, Turn};
 use rustix::thread::gettid;
 use serde_json::Value;
+use wire::Wire;
 use wire::clock::{Horizon, now_ns};
 use wire::error::Error;
 
@@ -34,8 +35,8 @@ struct LateInner {
 impl Stage for LateInner {
     const ROLE: Role = Role::Inner;
 
-    fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
-        self.inner.arm(expected, epoch)
+    fn arm(&mut self, wire: &Wire, expected: Expected, epoch: u64) -> Result<(), Error> {
+        self.inner.arm(wire, expected, epoch)
     }
 
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {

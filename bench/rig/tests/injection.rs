@@ -47,6 +47,9 @@ fn the_same_faults_and_seed_are_the_same_flight_however_they_are_written() {
     ];
     assert_eq!(outputs(&[noisy]), outputs(&apart));
     assert_ne!(outputs(&[noisy]), outputs(&[]));
+    let ended = ["state.drop=0.1,state.position_w_m.noise=0.002@1s", "state.drop=off,state.position_w_m.noise=off@2s"];
+    assert_eq!(outputs(&[noisy]), outputs(&ended));
+    assert_eq!(outputs(&["inner.late=2ms@1s..2500ms", "inner.late=off@2s"]), outputs(&["inner.late=2ms@1s..2s"]));
     assert_ne!(outputs(&["inner.setpoint.lag=1@1s"]), outputs(&["inner.setpoint.lag=2@1s"]));
     let seeded = |seed| {
         let mut settings = settings(&[noisy]);
@@ -154,9 +157,9 @@ fn what_cannot_be_flown_is_named() {
         ("simulate", "state.drop=0.1@8s..40s", "state.drop=0.1@8s..40s ends at tick 40000, after the flight"),
         ("simulate", "state.drop=2@8s", "state.drop = `2`: write a share above 0 and up to 1"),
         ("simulate", "state.dorp=1@8s", "did you mean `state.drop`?"),
-        ("simulate", "cpu.hog=80@8s", "cpu.hog cannot be planned"),
+        ("simulate", "cpu.hog=80@8s", "fault: cpu.hog: ticks of a simulation need no processor"),
+        ("compare", "cpu.load=0.5@8s..9s", "fault: cpu.load: ticks of a simulation need no processor"),
         ("compare", "outer.wrench.drop=1@8s", "outer does not receive `wrench`"),
-        ("fly", "inner.stop=20ms@8s", "a fault of the stage inner, from tick 8000: processes are not made late"),
     ] {
         let laws: &[&str] = if command == "compare" { &["--inner", "adaptive", "--inner", "fixed"] } else { &[] };
         let ended = rig.run(command, &[&["--fault", fault], laws].concat()).expect(2);
@@ -258,7 +261,18 @@ fn a_simulation_with_the_timing_of_a_flight_is_that_flight_and_another_law_suffe
 fn the_list_of_faults_has_every_word_and_every_field() {
     let rig = Rig::new("listed");
     let listed = rig.run("faults", &[]).expect(0).stdout;
-    for word in ["TOPIC.lag", "ROLE.kill", "outer.state inner.state", "position_w_m", "roll pitch yaw", "rad^2/s^2"] {
+    for word in [
+        "TOPIC.lag",
+        "ROLE.kill",
+        "cpu.hog",
+        "cpu.load",
+        "off ",
+        "ironbird inject",
+        "outer.state inner.state",
+        "position_w_m",
+        "roll pitch yaw",
+        "rad^2/s^2",
+    ] {
         assert!(listed.contains(word), "{word}: {listed}");
     }
 }

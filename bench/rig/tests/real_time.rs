@@ -24,7 +24,7 @@ use model::parameters::{PARAMETERS, Parameter};
 use model::realtime::Usage;
 use model::role::{Role, STAGES};
 use model::topic::Topic;
-use plant::desk::{self, Event, INBOX, OUTBOX, SwapRequest};
+use plant::desk::{self, Event, INBOX, OUTBOX, Request, SwapRequest};
 use plant::process::{PlantProcess, Waking};
 use plant::swap::{Swap, Target};
 use report::tick::TickRecord;
@@ -120,7 +120,7 @@ struct Crew<'a> {
 }
 
 impl<'a> Crew<'a> {
-    fn new(wire: &Wire, orders: Consumer<'a, SwapRequest>, events: Producer<'a, Event>) -> Self {
+    fn new(wire: &Wire, orders: Consumer<'a, Request>, events: Producer<'a, Event>) -> Self {
         let settings = settings();
         let plant = settings.plant().unwrap();
         let outer = OuterJob { stage: settings.outer_stage().unwrap(), position_error_max_m: 5.0 };
@@ -136,11 +136,11 @@ impl<'a> Crew<'a> {
         }
     }
 
-    fn arm(&mut self) {
+    fn arm(&mut self, wire: &Wire) {
         self.plant.arm(EXPECTED, EPOCH).unwrap();
-        self.outer.stage.arm(EXPECTED, EPOCH).unwrap();
-        self.inner.stage.arm(EXPECTED, EPOCH).unwrap();
-        self.mixer.stage.arm(EXPECTED, EPOCH).unwrap();
+        self.outer.stage.arm(wire, EXPECTED, EPOCH).unwrap();
+        self.inner.stage.arm(wire, EXPECTED, EPOCH).unwrap();
+        self.mixer.stage.arm(wire, EXPECTED, EPOCH).unwrap();
         settle().unwrap();
     }
 
@@ -247,12 +247,12 @@ const SWAPPED_AT: [u64; 4] = [20, 205, 700, 760];
 fn fly_and_count(with_recorder: bool, rehearsals: u64) {
     let site = Site::new();
     let wire = Wire::open(&site.instance).unwrap();
-    let (mut inbox, mut outbox) = (Queue::<SwapRequest, INBOX>::new(), Queue::<Event, OUTBOX>::new());
+    let (mut inbox, mut outbox) = (Queue::<Request, INBOX>::new(), Queue::<Event, OUTBOX>::new());
     let (mut orders_in, orders_out) = inbox.split();
     let (events_in, mut events_out) = outbox.split();
     let mut recorder = with_recorder.then(|| Recorder::new(&wire));
     let mut crew = Crew::new(&wire, orders_out, events_in);
-    crew.arm();
+    crew.arm(&wire);
 
     let mut orders = swaps().into_iter().peekable();
     let mut allocations = vec![[u64::MAX; STAGES.len()]; (WARM_UP + TICKS) as usize];
@@ -263,7 +263,7 @@ fn fly_and_count(with_recorder: bool, rehearsals: u64) {
             meter = UsageMeter::start();
         }
         if let Some((_, order)) = orders.next_if(|(before, _)| *before == tick) {
-            orders_in.enqueue(order).unwrap();
+            orders_in.enqueue(Request::Swap(order)).unwrap();
         }
         let rehearsed: Vec<Allocations> = (0..rehearsals).map(|_| crew.rehearse()).collect();
         let worked = crew.tick();
@@ -323,7 +323,7 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
     const CLIENTS: u64 = 20;
     let site = Site::new();
     let wire = Wire::open(&site.instance).unwrap();
-    let (mut inbox, mut outbox) = (Queue::<SwapRequest, INBOX>::new(), Queue::<Event, OUTBOX>::new());
+    let (mut inbox, mut outbox) = (Queue::<Request, INBOX>::new(), Queue::<Event, OUTBOX>::new());
     let (orders_in, orders_out) = inbox.split();
     let (events_in, events_out) = outbox.split();
     thread::scope(|scope| {
@@ -333,7 +333,7 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
         let desk = scope.spawn(move || desk::serve(instance, &tell, &opened, orders_in, events_out));
         told.recv().unwrap();
         let mut crew = Crew::new(&wire, orders_out, events_in);
-        crew.arm();
+        crew.arm(&wire);
         crew.warm_up();
         open_desk.send((EXPECTED, EPOCH)).unwrap();
         let clients = scope.spawn(move || {
@@ -367,9 +367,9 @@ fn change_mass(mass_kg: f64) -> SwapOrder {
 fn a_receiver_that_joins_a_topic_in_flight_makes_the_sender_allocate() {
     let site = Site::new();
     let wire = Wire::open(&site.instance).unwrap();
-    let (mut inbox, mut outbox) = (Queue::<SwapRequest, INBOX>::new(), Queue::<Event, OUTBOX>::new());
+    let (mut inbox, mut outbox) = (Queue::<Request, INBOX>::new(), Queue::<Event, OUTBOX>::new());
     let mut crew = Crew::new(&wire, inbox.split().1, outbox.split().0);
-    crew.arm();
+    crew.arm(&wire);
     crew.warm_up();
     assert_eq!(crew.tick(), [1; 4]);
     let joined = wire.receiver::<Wrench>(LATEST).unwrap();

@@ -7,9 +7,12 @@
 pub mod fields;
 pub mod gate;
 pub mod inlet;
+pub mod late;
+pub mod live;
 
 use std::fmt;
 
+use crate::layout::from_wire;
 use crate::messages::{RotorSpeeds, Setpoint, State, Wrench};
 use crate::role::Role;
 use crate::topic::Topic;
@@ -172,8 +175,23 @@ impl Span {
     /// Whether some tick lies in both.
     #[must_use]
     pub const fn meets(self, other: Self) -> bool {
-        self.from < other.to && other.from < self.to
+        let (from, to) = (max(self.from, other.from), min(self.to, other.to));
+        from < to
     }
+
+    /// The same up to a tick; none of it is left where it begins then.
+    #[must_use]
+    pub const fn cut(self, tick: u64) -> Self {
+        Self { to: min(self.to, max(self.from, tick)), ..self }
+    }
+}
+
+const fn min(a: u64, b: u64) -> u64 {
+    if a < b { a } else { b }
+}
+
+const fn max(a: u64, b: u64) -> u64 {
+    if a > b { a } else { b }
 }
 
 /// A fault of the messages at an input.
@@ -191,11 +209,16 @@ impl MessageFault {
     /// Whether both would have a say in the same message and contradict each other.
     #[must_use]
     pub fn contradicts(&self, other: &Self) -> bool {
-        let same_place = match (self.kind.place(), other.kind.place()) {
+        self.is_like(other.port, other.kind) && self.span.meets(other.span)
+    }
+
+    /// Whether it does to the same messages, or to a number of them, what this kind does.
+    fn is_like(&self, port: Port, kind: Kind) -> bool {
+        let same_place = match (self.kind.place(), kind.place()) {
             (Some(a), Some(b)) => a.meets(b),
             (a, b) => a.is_none() && b.is_none(),
         };
-        self.port == other.port && self.kind.name() == other.kind.name() && same_place && self.span.meets(other.span)
+        self.port == port && self.kind.name() == kind.name() && same_place
     }
 }
 
@@ -219,10 +242,25 @@ impl MessageFaults {
     /// Takes one more.
     ///
     /// # Errors
-    /// [`NoRoom`] where there are [`MOST`].
-    pub fn push(&mut self, fault: MessageFault) -> Result<(), NoRoom> {
-        let place = self.faults.iter_mut().find(|place| place.is_none()).ok_or(NoRoom)?;
+    /// [`NotTaken`] where it contradicts another one, or where there are [`MOST`].
+    pub fn push(&mut self, fault: MessageFault) -> Result<(), NotTaken> {
+        if self.iter().any(|(_, other)| other.contradicts(&fault)) {
+            return Err(NotTaken::Contradiction);
+        }
+        let place = self.faults.iter_mut().find(|place| place.is_none()).ok_or(NotTaken::NoRoom)?;
         *place = Some(fault);
+        Ok(())
+    }
+
+    /// Ends those that do at an input what `kind` does, from a tick on. Whatever number the kind has is not looked at.
+    ///
+    /// # Errors
+    /// [`NotTaken::NothingToEnd`] where none strikes then or later.
+    pub fn end(&mut self, port: Port, kind: Kind, tick: u64) -> Result<(), NotTaken> {
+        let is_meant = |fault: &&mut MessageFault| fault.is_like(port, kind) && fault.span.to > tick;
+        let mut meant = self.faults.iter_mut().flatten().filter(is_meant).peekable();
+        meant.peek().ok_or(NotTaken::NothingToEnd)?;
+        meant.for_each(|fault| fault.span = fault.span.cut(tick));
         Ok(())
     }
 
@@ -243,9 +281,19 @@ impl MessageFaults {
     }
 }
 
-/// A flight has as many faults of messages as it can have.
+/// Why a fault was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NoRoom;
+#[repr(u64)]
+pub enum NotTaken {
+    /// A flight has as many as it can have.
+    NoRoom = 1,
+    /// Another one has a say in the same ticks.
+    Contradiction = 2,
+    /// There is none that could be ended.
+    NothingToEnd = 3,
+}
+
+from_wire!(NotTaken { NoRoom, Contradiction, NothingToEnd });
 
 impl fmt::Display for Port {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -278,12 +326,30 @@ mod tests {
     }
 
     #[test]
+    fn a_fault_is_ended_by_its_name_whatever_its_number() {
+        use Port::{InnerState, OuterState};
+        let mut faults = MessageFaults::none(7);
+        let drop = |port| fault(port, Kind::Drop(0.1), 10, Span::FOR_GOOD);
+        faults.push(drop(OuterState)).unwrap();
+        faults.push(drop(InnerState)).unwrap();
+        assert_eq!(faults.end(OuterState, Kind::Delay(1), 20), Err(NotTaken::NothingToEnd));
+        faults.end(OuterState, Kind::Drop(1.0), 20).unwrap();
+        assert_eq!(faults.end(OuterState, Kind::Drop(1.0), 20), Err(NotTaken::NothingToEnd), "it has an end then");
+        let spans: Vec<Span> = faults.iter().map(|(_, fault)| fault.span).collect();
+        assert_eq!(spans, [Span { from: 10, to: 20 }, Span { from: 10, to: Span::FOR_GOOD }]);
+        faults.end(InnerState, Kind::DropEach { lost: 1, of: 2 }, 5).unwrap();
+        assert!((0..100).all(|tick| faults.of(InnerState).all(|(_, fault)| !fault.span.holds(tick))), "it never began");
+        assert_eq!(faults.push(drop(InnerState)), Ok(()), "what never strikes contradicts nothing");
+        assert_eq!(faults.push(drop(InnerState)), Err(NotTaken::Contradiction));
+    }
+
+    #[test]
     fn a_table_that_is_full_takes_no_more() {
         let mut faults = MessageFaults::none(7);
         assert!(faults.is_empty());
-        let one = fault(Port::MixerWrench, Kind::Freeze, 0, Span::FOR_GOOD);
-        (0..MOST).for_each(|_| faults.push(one).unwrap());
-        assert_eq!(faults.push(one), Err(NoRoom));
+        let one = |number: u64| fault(Port::MixerWrench, Kind::Freeze, number, number + 1);
+        (0..MOST as u64).for_each(|number| faults.push(one(number)).unwrap());
+        assert_eq!(faults.push(one(MOST as u64)), Err(NotTaken::NoRoom));
         let numbers: Vec<u64> = faults.of(Port::MixerWrench).map(|(number, _)| number).collect();
         assert_eq!(numbers, (0..MOST as u64).collect::<Vec<_>>());
         assert_eq!(faults.of(Port::OuterState).count(), 0);

@@ -4,6 +4,7 @@
 //! differently would otherwise connect and swap the wrong parameter; with the words in the fingerprint they do not.
 
 use crate::boards::{Ending, RolePhase, RunPhase};
+use crate::fault::{self, NotTaken};
 use crate::inspection::Reason;
 use crate::layout::{FNV_OFFSET, fnv1a};
 use crate::messages::Mode;
@@ -41,6 +42,8 @@ pub const VOCABULARY: u64 = {
         Cause::WORDS,
         Reason::WORDS,
         RealtimeStep::WORDS,
+        fault::live::WORDS,
+        NotTaken::WORDS,
     ];
     let mut hash = FNV_OFFSET;
     let mut i = 0;

@@ -3,6 +3,7 @@
 
 use model::envelope::{Envelope, Message};
 use model::fault::inlet::Inlet;
+use model::fault::live::NOTICE_TICKS;
 use model::fault::{Kind, LONGEST_DELAY, MessageFault, MessageFaults, Place, Port, Span};
 use model::inspection::Reason;
 use model::messages::{Mode, NO_TICK, Wrench};
@@ -14,7 +15,8 @@ const THRUST: Place = Place { field: 0, axis: None };
 fn table(seed: u64, faults: &[(Kind, u64, u64)]) -> MessageFaults {
     let mut table = MessageFaults::none(seed);
     for (kind, from, to) in faults {
-        table.push(MessageFault { port: PORT, kind: *kind, span: Span { from: *from, to: *to } }).unwrap();
+        // What contradicts an earlier one is left out.
+        let _ = table.push(MessageFault { port: PORT, kind: *kind, span: Span { from: *from, to: *to } });
     }
     table
 }
@@ -176,6 +178,37 @@ proptest! {
             }
             let newest = inlet.settle(next);
             prop_assert_eq!((newest.envelope.tick, newest.content.thrust_n), awake[next as usize]);
+        }
+    }
+
+    /// Faults that an input is told of in flight, with as much notice as the plant gives, are those that it always knew.
+    #[test]
+    fn when_an_input_is_told_of_its_faults_does_not_matter(faults in faults()) {
+        let first = faults.iter().map(|(_, fault)| fault.span.from).min().unwrap_or(0);
+        let late = NOTICE_TICKS + 40;
+        let moved = |fault: &MessageFault| {
+            let Span { from, to } = fault.span;
+            let span = Span { from: from - first + late, to: to.saturating_add(late) };
+            MessageFault { span, ..*fault }
+        };
+        let (mut known, mut told) = (MessageFaults::none(7), Inlet::changing(&MessageFaults::none(7), PORT));
+        for (_, fault) in faults.iter() {
+            let _ = known.push(moved(fault));
+        }
+        let always = had(&known, 400);
+        let mut newest = Message::default();
+        for tick in 0..400 {
+            if tick == late - NOTICE_TICKS {
+                told.change(&known, PORT, &newest);
+            }
+            // Before that it is shown nothing, as where there is no fault.
+            if tick < late - NOTICE_TICKS {
+                newest = wrench(tick);
+                continue;
+            }
+            told.arrive(&wrench(tick));
+            let had = told.settle(tick);
+            prop_assert_eq!((had.envelope.tick, had.content.thrust_n), always[tick as usize], "tick {}", tick);
         }
     }
 }

@@ -8,14 +8,15 @@ use model::boards::Ending;
 use model::envelope::{Envelope, Message, Stamps};
 use model::fault::fields::Faulty;
 use model::fault::inlet::Inlet;
+use model::fault::live::{LIVE, LiveBoard, LoopFaults};
 use model::fault::{LONGEST_DELAY, MessageFaults, Port};
 use model::inspection::{Expected, Rejections};
 use model::messages::{Dated, RotorSpeeds, Setpoint, State, Wrench};
 use model::role::Role;
 use model::topic::Topic;
-use wire::clock::Horizon;
+use wire::clock::{Horizon, busy_wait};
 use wire::error::Error;
-use wire::{LATEST, Receiver, Sender, Wire};
+use wire::{BoardReader, LATEST, Receiver, Sender, Wire};
 
 use crate::stage::{self, Stage, TickOutcome, Turn};
 use crate::station::Station;
@@ -87,6 +88,9 @@ pub trait Inputs: Sized {
     /// Those of the ports.
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error>;
 
+    /// Takes the faults as they are from now on, without an allocation.
+    fn change(&mut self, faults: &MessageFaults);
+
     /// Settles what there is of each by a tick: a fault may hold messages back.
     fn settle(&mut self, tick: u64);
 
@@ -106,17 +110,21 @@ pub trait Inputs: Sized {
     fn rejections(&self) -> Rejections;
 }
 
-/// A receiver, and the faults of its messages where there are some.
+/// A receiver, and the faults of its messages once there are some.
 #[derive(Debug)]
 pub struct Input<C: Faulty> {
     receiver: Receiver<C>,
-    inlet: Option<Box<Inlet<C>>>,
+    /// None where the topic can have no faults.
+    port: Option<Port>,
+    inlet: Box<Inlet<C>>,
+    /// Whether messages go through the inlet.
+    is_struck: bool,
 }
 
 impl<C: Faulty> Input<C> {
     /// The newest message, as the stage has it.
     fn newest(&self) -> &Message<C> {
-        self.inlet.as_ref().map_or_else(|| self.receiver.newest(), |inlet| inlet.newest())
+        if self.is_struck { self.inlet.newest() } else { self.receiver.newest() }
     }
 }
 
@@ -124,11 +132,12 @@ impl<A: Faulty> Inputs for Input<A> {
     type Dated = Dated<A>;
 
     fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error> {
-        let port = Port::of(role, A::NAME).filter(|port| faults.of(*port).next().is_some());
+        let port = Port::of(role, A::NAME);
+        let is_struck = port.is_some_and(|port| faults.of(port).next().is_some());
         // What lags behind the newest message is one that came before: none may be lost beneath it.
-        let depth = if port.is_some() { FAULTS_DEPTH } else { LATEST };
-        let inlet = port.map(|port| Box::new(Inlet::new(faults, port)));
-        Ok(Self { receiver: wire.receiver(depth)?, inlet })
+        let depth = if is_struck { FAULTS_DEPTH } else { LATEST };
+        let inlet = Box::new(Inlet::changing(faults, port.unwrap_or(Port::OuterState)));
+        Ok(Self { receiver: wire.receiver(depth)?, port, inlet, is_struck })
     }
 
     fn arm(&mut self, expected: Expected) -> Result<(), Error> {
@@ -136,23 +145,29 @@ impl<A: Faulty> Inputs for Input<A> {
     }
 
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
-        match &mut self.inlet {
-            None => self.receiver.take(horizon),
-            Some(inlet) => {
-                self.receiver.drain(horizon, |message| inlet.arrive(message))?;
-                Ok(self.receiver.newest().envelope.tick)
-            }
+        if !self.is_struck {
+            return self.receiver.take(horizon);
+        }
+        self.receiver.drain(horizon, |message| self.inlet.arrive(message))?;
+        Ok(self.receiver.newest().envelope.tick)
+    }
+
+    fn change(&mut self, faults: &MessageFaults) {
+        let Some(port) = self.port else { return };
+        if self.is_struck || faults.of(port).next().is_some() {
+            self.inlet.change(faults, port, self.receiver.newest());
+            self.is_struck = true;
         }
     }
 
     fn settle(&mut self, tick: u64) {
-        if let Some(inlet) = &mut self.inlet {
-            inlet.settle(tick);
+        if self.is_struck {
+            self.inlet.settle(tick);
         }
     }
 
     fn dated(&self) -> Dated<A> {
-        self.inlet.as_ref().map_or_else(|| self.receiver.dated(), |inlet| inlet.dated())
+        if self.is_struck { self.inlet.dated() } else { self.receiver.dated() }
     }
 
     fn dated_as_of(&self, tick: u64) -> Dated<A> {
@@ -169,8 +184,7 @@ impl<A: Faulty> Inputs for Input<A> {
     }
 
     fn rejections(&self) -> Rejections {
-        let refused = self.inlet.as_ref().map(|inlet| inlet.rejections()).unwrap_or_default();
-        refused.and(self.receiver.rejections())
+        self.inlet.rejections().and(self.receiver.rejections())
     }
 }
 
@@ -191,6 +205,11 @@ impl<A: Faulty, B: Faulty> Inputs for (Input<A>, Input<B>) {
         let tick = self.0.take(horizon)?;
         self.1.take(horizon)?;
         Ok(tick)
+    }
+
+    fn change(&mut self, faults: &MessageFaults) {
+        self.0.change(faults);
+        self.1.change(faults);
     }
 
     fn settle(&mut self, tick: u64) {
@@ -230,6 +249,15 @@ pub struct Shell<J: Job> {
     output: Sender<J::Output>,
     /// Whether the next stage is told of a tick without an output: in lockstep nothing else tells it.
     tells_silence: bool,
+    /// The faults that were planned.
+    planned: LoopFaults,
+    /// Those and what was injected since.
+    faults: LoopFaults,
+    /// Whether this stage is late in some tick.
+    is_late: bool,
+    slowdown: u64,
+    /// The plant's board of what was injected.
+    live: Option<BoardReader<LiveBoard>>,
 }
 
 impl<J: Job> Shell<J> {
@@ -238,7 +266,7 @@ impl<J: Job> Shell<J> {
     /// # Errors
     /// Those of the ports.
     pub fn new(wire: &Wire, job: J, wakes: Option<Role>) -> Result<Self, Error> {
-        Self::of_flight(wire, job, wakes, &Flight { lockstep: false, faults: MessageFaults::none(0) })
+        Self::of_flight(wire, job, wakes, &Flight { lockstep: false, slowdown: 1, faults: LoopFaults::none(0) })
     }
 
     /// The same in a flight whose messages may have faults.
@@ -247,20 +275,59 @@ impl<J: Job> Shell<J> {
     /// Those of the ports.
     pub fn of_flight(wire: &Wire, job: J, wakes: Option<Role>, flight: &Flight) -> Result<Self, Error> {
         let bell = wakes.map(|role| wire.bell(role)).transpose()?;
-        let inputs = J::Inputs::new(wire, J::ROLE, &flight.faults)?;
-        Ok(Self { job, inputs, output: wire.sender(bell)?, tells_silence: flight.lockstep })
+        let inputs = J::Inputs::new(wire, J::ROLE, &flight.faults.messages)?;
+        let (tells_silence, planned, output) = (flight.lockstep, flight.faults, wire.sender(bell)?);
+        let is_late = !planned.late.of(J::ROLE).is_empty();
+        Ok(Self {
+            job,
+            inputs,
+            output,
+            tells_silence,
+            planned,
+            faults: planned,
+            is_late,
+            slowdown: flight.slowdown,
+            live: None,
+        })
+    }
+
+    /// Takes what was injected into the flight since the last look.
+    fn look_for_faults(&mut self) {
+        let Some(news) = self.live.as_mut().and_then(BoardReader::news) else { return };
+        self.take_faults(&news);
+    }
+
+    /// Computes for as much longer as a fault says.
+    fn be_late(&self, tick: u64) {
+        if self.is_late {
+            busy_wait(self.slowdown.saturating_mul(self.faults.late.late_ns(J::ROLE, tick)));
+        }
+    }
+
+    #[cold]
+    fn take_faults(&mut self, live: &LiveBoard) {
+        self.faults = self.planned.with(live);
+        self.is_late = !self.faults.late.of(J::ROLE).is_empty();
+        self.inputs.change(&self.faults.messages);
     }
 }
 
 impl<J: Job> Stage for Shell<J> {
     const ROLE: Role = J::ROLE;
 
-    fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
+    fn arm(&mut self, wire: &Wire, expected: Expected, epoch: u64) -> Result<(), Error> {
+        self.live = wire.board_reader(LIVE)?;
+        // What was injected before a process came that joins a flight.
+        if let Some(live) = self.live.as_ref().map(BoardReader::get) {
+            self.take_faults(&live);
+        }
         self.inputs.arm(expected)?;
         self.output.arm(expected, epoch)
     }
 
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
+        // Before the ports: what a message of this tick meets was on the board when it was sent.
+        self.look_for_faults();
         self.inputs.take(horizon)
     }
 
@@ -268,6 +335,7 @@ impl<J: Job> Stage for Shell<J> {
         self.inputs.settle(turn.tick);
         let stale = !self.inputs.fresh(turn.tick);
         let Made { output, wants_end } = self.job.work(turn.tick, &self.inputs.dated());
+        self.be_late(turn.tick);
         if let Some(output) = output {
             let mut history = self.inputs.history(turn.tick);
             history.previous_busy_ns = turn.previous_busy_ns;
@@ -379,8 +447,10 @@ impl<S: MixerStage> Job for MixerJob<S> {
 pub struct Flight {
     /// Whether the ticks are not tied to the clock.
     pub lockstep: bool,
-    /// Faults of messages.
-    pub faults: MessageFaults,
+    /// How much longer than in flight a tick takes on the clock.
+    pub slowdown: u64,
+    /// What was planned to go wrong with messages and stages.
+    pub faults: LoopFaults,
 }
 
 /// Flies an outer loop until the plant closes the run.

@@ -14,10 +14,10 @@ use model::boards::{Ending, Run, RunPhase, Status};
 use model::grid::{NS_PER_S, Pace};
 use model::inspection::{Expected, Rejections};
 use model::role::Role;
-use wire::Doorbell;
 use wire::clock::Horizon;
 use wire::clock::now_ns;
 use wire::error::Error;
+use wire::{Doorbell, Wire};
 
 /// One tick's work of a stage, as its process sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,7 +48,7 @@ pub trait Stage {
     ///
     /// # Errors
     /// Those of the ports.
-    fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error>;
+    fn arm(&mut self, wire: &Wire, expected: Expected, epoch: u64) -> Result<(), Error>;
 
     /// Takes what has arrived, and returns the tick of the input that wakes the stage ([`NO_TICK`]: none yet).
     ///
@@ -112,7 +112,7 @@ pub fn run<S: Stage>(stage: S, doorbell: Doorbell, station: Station) -> Result<(
     let mut station = station;
     let doorbell = doorbell;
     let mut stage = stage;
-    let armed = station.join(|_, expected, epoch| stage.arm(expected, epoch))?;
+    let armed = station.join(|wire, expected, epoch| stage.arm(wire, expected, epoch))?;
     resume(&mut stage, &station, &armed);
     let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);
     let meter = UsageMeter::start();

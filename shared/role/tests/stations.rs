@@ -23,6 +23,7 @@ use model::role::{ROLES, Role};
 use role::rt::fifo_refusal;
 use role::stage::{self, Stage, TickOutcome, Turn};
 use role::station::{Orders, Station};
+use wire::Wire;
 use wire::clock::Horizon;
 use wire::clock::now_ns;
 use wire::error::Error;
@@ -143,7 +144,7 @@ struct Idle<'a> {
 impl Stage for Idle<'_> {
     const ROLE: Role = Role::Inner;
 
-    fn arm(&mut self, _: Expected, _: u64) -> Result<(), Error> {
+    fn arm(&mut self, _: &Wire, _: Expected, _: u64) -> Result<(), Error> {
         *self.armed.lock().unwrap() = Some(policy());
         if self.refuses { Err(Error::Interrupted) } else { Ok(()) }
     }

@@ -163,4 +163,15 @@ impl<T: Notice> BoardReader<T> {
         self.last.set(last);
         self.sheets[last].sheet.get().value.0
     }
+
+    /// What was put on the board since the last time, or since the reader came; nothing mostly, for the price of a look
+    /// at a counter. Of a writer alone that had written before the reader came.
+    pub fn news(&mut self) -> Option<T> {
+        let Look { sheet, before } = &mut self.sheets[self.last.get()];
+        if sheet.is_up_to_date(before) {
+            return None;
+        }
+        *before = sheet.get();
+        Some(before.value.0)
+    }
 }

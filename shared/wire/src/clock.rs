@@ -24,6 +24,14 @@ pub fn sleep_until(instant_ns: u64) -> bool {
     clock_nanosleep_absolute(ClockId::Monotonic, &timespec(instant_ns)).is_ok()
 }
 
+/// Keeps the processor busy for a time [ns], without a system call that could give it away.
+pub fn busy_wait(ns: u64) {
+    let until_ns = now_ns() + ns;
+    while now_ns() < until_ns {
+        std::hint::spin_loop();
+    }
+}
+
 /// Tells the latest tick whose messages may be there, at the instant at which it is asked.
 ///
 /// A receiver asks when it holds a message: a tick that was read before would be too old when the machine has stalled

@@ -3,11 +3,13 @@
 //! This is the only place that names the middleware's services. Ports are made before a loop is armed. After that, a
 //! send costs one loan and a receive costs one copy.
 
+mod asking;
 mod bells;
 mod board;
 pub mod clock;
 mod doorbell;
 pub mod error;
+pub mod injection;
 pub mod instance;
 mod leavings;
 mod ports;
@@ -28,6 +30,7 @@ use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 
 pub use board::{Board, BoardReader, SHEETS};
 pub use doorbell::{Bell, Doorbell, Owner};
+pub use injection::{FaultAnswer, FaultCall, FaultClient, FaultOrder, FaultServer};
 pub use ports::{Receiver, Sender};
 pub use relay::{OBSERVED, OBSERVERS, Relay};
 pub use swaps::{SwapAnswer, SwapCall, SwapClient, SwapOrder, SwapOutcome, SwapServer};

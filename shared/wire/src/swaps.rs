@@ -1,24 +1,12 @@
 //! Parameter swaps: request to the plant and response, over iceoryx2.
 
-use std::time::Duration;
+use iceoryx2::prelude::ZeroCopySend;
 
-use iceoryx2::active_request::ActiveRequest;
-use iceoryx2::pending_response::PendingResponse;
-use iceoryx2::port::client::Client;
-use iceoryx2::port::server::Server;
-use iceoryx2::prelude::{CallbackProgression, ZeroCopySend, ipc};
-use iceoryx2::service::port_factory::PortFactory as _;
-use iceoryx2::service::port_factory::request_response::PortFactory;
-
-use super::{Bell, NODES, Owner, Wire, layout_verifier};
-use crate::clock::now_ns;
+use super::Wire;
+use crate::asking::{DeskCall, DeskClient, DeskServer, Question};
 use crate::error::Error;
-use crate::refusal::Refusal;
-use model::layout::{FNV_OFFSET, Layout as _, fnv1a, from_wire, layout};
+use model::layout::{from_wire, layout};
 use model::parameters::PARAMETERS;
-
-/// Clients that may ask at the same time.
-const CLIENTS: usize = 8;
 
 /// A swap as it is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
@@ -56,32 +44,6 @@ pub struct SwapAnswer {
 }
 layout!(SwapAnswer { verdict, tick, parameter_epoch, parameter, old });
 
-/// An order on its way.
-#[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
-#[repr(C)]
-struct Ask {
-    /// When it was sent [ns]: of those that come into one place after each other, no two have the same instant.
-    asked_ns: u64,
-    order: SwapOrder,
-}
-layout!(Ask { asked_ns, order });
-
-/// An answer on its way.
-///
-/// The middleware takes it to a client's place, and not to the client (iceoryx2 0.10). Somebody else may have the place
-/// by then, and must see that he is not meant.
-#[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
-#[repr(C)]
-struct Reply {
-    /// Of the order that it answers.
-    asked_ns: u64,
-    answer: SwapAnswer,
-}
-layout!(Reply { asked_ns, answer });
-
-/// The service with its payloads.
-type SwapService = PortFactory<ipc::Service, Ask, (), Reply, ()>;
-
 /// What became of a swap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
@@ -102,132 +64,33 @@ pub enum SwapOutcome {
 
 from_wire!(SwapOutcome { Applied, UnknownParameter, OutOfRange, Malformed, QueueFull, Ended });
 
-impl Wire {
-    fn swap_service(&self) -> Result<SwapService, Error> {
-        let layouts = [Ask::FINGERPRINT, Reply::FINGERPRINT, SwapOutcome::WORDS]
-            .into_iter()
-            .fold(FNV_OFFSET, |hash, part| fnv1a(hash, &part.to_le_bytes()));
-        let (service, layout) = (self.service_name("parameters")?, layout_verifier(layouts)?);
-        self.open_service("the service `parameters`".into(), || {
-            self.node
-                .service_builder(&service)
-                .request_response::<Ask, Reply>()
-                .max_servers(1)
-                .max_clients(CLIENTS)
-                .max_active_requests_per_client(1)
-                .max_response_buffer_size(1)
-                .max_nodes(NODES)
-                .open_or_create_with_attributes(&layout)
-                .map_err(Refusal::from)
-        })
-    }
+impl Question for SwapOrder {
+    const SERVICE: &'static str = "parameters";
+    const WORDS: u64 = SwapOutcome::WORDS;
+    type Answer = SwapAnswer;
+}
 
-    /// The plant's end.
+/// The plant's end.
+pub type SwapServer = DeskServer<SwapOrder>;
+/// An order that waits for its answer.
+pub type SwapCall = DeskCall<SwapOrder>;
+/// A client's end.
+pub type SwapClient = DeskClient<SwapOrder>;
+
+impl Wire {
+    /// The plant's end of the service for swaps.
     ///
     /// # Errors
     /// [`Error::Wire`], [`Error::Incompatible`].
     pub fn swap_server(&self) -> Result<SwapServer, Error> {
-        let service = self.swap_service()?;
-        let server =
-            service.server_builder().create().map_err(|e| Error::wire("cannot serve the service `parameters`", e))?;
-        Ok(SwapServer { server, service })
+        self.desk_server()
     }
 
-    /// A client's end.
+    /// A client's end of it.
     ///
     /// # Errors
     /// [`Error::Wire`], [`Error::Incompatible`].
     pub fn swap_client(&self) -> Result<SwapClient, Error> {
-        let client = self
-            .swap_service()?
-            .client_builder()
-            .create()
-            .map_err(|e| Error::wire("cannot ask the service `parameters`", e))?;
-        Ok(SwapClient { client, bell: self.bell(Owner::Desk)? })
-    }
-}
-
-/// Receives orders.
-#[derive(Debug)]
-pub struct SwapServer {
-    server: Server<ipc::Service, Ask, (), Reply, ()>,
-    service: SwapService,
-}
-
-/// An order that waits for its answer.
-#[derive(Debug)]
-pub struct SwapCall {
-    request: ActiveRequest<ipc::Service, Ask, (), Reply, ()>,
-}
-
-impl SwapServer {
-    /// The next order, if one has come.
-    ///
-    /// # Errors
-    /// [`Error::Wire`].
-    pub fn next(&self) -> Result<Option<SwapCall>, Error> {
-        let request = self.server.receive().map_err(|e| Error::wire("cannot receive a swap", e))?;
-        Ok(request.map(|request| SwapCall { request }))
-    }
-
-    /// Whether the one who asked waits for the answer; one that was killed counts until somebody else comes.
-    ///
-    /// A call that nobody awaits is to be dropped before [`Self::next`] is asked: the middleware would take a client
-    /// that has come into its place for the one that has left, and cut it off when the call is dropped.
-    #[must_use]
-    pub fn is_awaited(&self, call: &SwapCall) -> bool {
-        let asked = call.request.origin();
-        let mut is_there = false;
-        self.service.dynamic_config().list_clients(|client| {
-            is_there |= client.client_id == asked;
-            CallbackProgression::Continue
-        });
-        is_there && call.request.is_connected()
-    }
-}
-
-impl SwapCall {
-    /// What is asked for.
-    #[must_use]
-    pub fn order(&self) -> SwapOrder {
-        self.request.payload().order
-    }
-
-    /// Answers. It is no error if the client has gone.
-    pub fn answer(self, answer: SwapAnswer) {
-        let reply = Reply { asked_ns: self.request.payload().asked_ns, answer };
-        // Nobody is left to tell if this fails, and the swap itself is on record.
-        let _ = self.request.send_copy(reply);
-    }
-}
-
-/// Sends orders.
-#[derive(Debug)]
-pub struct SwapClient {
-    client: Client<ipc::Service, Ask, (), Reply, ()>,
-    bell: Bell,
-}
-
-impl SwapClient {
-    /// Asks, and waits for the answer until `patience` has passed.
-    ///
-    /// # Errors
-    /// [`Error::Wire`]; [`Error::Absent`] when no answer came in time.
-    pub fn ask(&self, order: SwapOrder, patience: Duration) -> Result<SwapAnswer, Error> {
-        let asked_ns = now_ns();
-        let pending: PendingResponse<_, _, _, _, _> =
-            self.client.send_copy(Ask { asked_ns, order }).map_err(|e| Error::wire("cannot ask for a swap", e))?;
-        self.bell.ring()?;
-        let until = asked_ns.saturating_add(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
-        loop {
-            let reply = pending.receive().map_err(|e| Error::wire("cannot receive the answer", e))?;
-            if let Some(reply) = reply.filter(|reply| reply.asked_ns == asked_ns) {
-                return Ok(reply.answer);
-            }
-            if now_ns() >= until {
-                return Err(Error::Absent { what: format!("the plant did not answer within {patience:?}") });
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        self.desk_client()
     }
 }

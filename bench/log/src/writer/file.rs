@@ -296,6 +296,11 @@ impl LogFile {
         FileFate { bytes, written, dropped: less(self.taken, written) }
     }
 
+    /// Writes a fact that was not known at the beginning.
+    pub(super) fn tell(&mut self, name: &str, metadata: Record) -> Result<(), McapError> {
+        self.writer.write_metadata(&Metadata { name: name.into(), metadata })
+    }
+
     /// Ends the file with its last facts and its index, and hands them to the disk without waiting.
     pub(super) fn close(&mut self, last_facts: Record) -> Result<(), McapError> {
         self.writer.write_metadata(&Metadata { name: LANDING.into(), metadata: last_facts })?;

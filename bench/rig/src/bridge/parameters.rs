@@ -1,4 +1,4 @@
-//! The airframe's parameters as parameters of the WebSocket protocol.
+//! The airframe's parameters as parameters of the WebSocket protocol, and one that takes the words of faults.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
@@ -12,7 +12,7 @@ use model::parameters::{self, SPECS};
 use wire::instance::Instance;
 
 use crate::fault::{Wanted, WantedValue};
-use crate::inject::{When, ask};
+use crate::inject::{When, ask, injected, words_of};
 use failure::Failure;
 
 /// What clients see of the plant's desk.
@@ -23,6 +23,9 @@ pub(super) struct ParameterMirror {
     /// Whether clients may swap.
     allows_swaps: bool,
 }
+
+/// The parameter whose value is a fault to inject, as `state.drop=0.1 for 1s`; its value is what came of the last one.
+const INJECT: &str = "inject";
 
 /// What a client that may not swap is told.
 const READ_ONLY: &str = "this bridge is read-only: start it with --allow-swaps, or use `ironbird inject`";
@@ -59,6 +62,15 @@ fn values(in_force: &InForce, names: &[String]) -> Vec<Parameter> {
         .collect()
 }
 
+/// Injects what a client has typed; says what came of it.
+fn strike(instance: &Instance, wanted: &Parameter) -> Result<String, Failure> {
+    let Some(ParameterValue::String(text)) = &wanted.value else {
+        return Err(Failure::usage(format!("{INJECT} takes words, as state.drop=0.1 for 1s")));
+    };
+    let (changes, lasts) = words_of(text).map_err(Failure::usage)?;
+    injected(instance, &changes, When::In(Duration::ZERO), lasts)
+}
+
 /// The changes that a client asks for; in one swap, so that they hold from one tick on.
 fn changes(wanted: &[Parameter]) -> Result<Vec<Wanted>, Failure> {
     let mut changes = Vec::new();
@@ -83,18 +95,37 @@ fn changes(wanted: &[Parameter]) -> Result<Vec<Wanted>, Failure> {
 impl ParameterHandler for ParameterMirror {
     fn get(&self, client: AnyClient, names: Vec<String>, _: Option<String>, responder: GetParametersResponder) {
         for name in &names {
-            if let Err(unknown) = parameters::Parameter::from_name(name) {
+            if let Err(unknown) = parameters::Parameter::from_name(name)
+                && !(self.allows_swaps && name == INJECT)
+            {
                 client.send_warning(unknown.to_string());
             }
         }
-        responder.respond(values(&self.in_force(), &names));
+        let mut known = values(&self.in_force(), &names);
+        if self.allows_swaps && (names.is_empty() || names.iter().any(|name| name == INJECT)) {
+            known.push(Parameter::string(INJECT, ""));
+        }
+        responder.respond(known);
     }
 
     fn set(&self, client: AnyClient, wanted: Vec<Parameter>, _: Option<String>, responder: SetParametersResponder) {
+        let (faults, wanted): (Vec<Parameter>, Vec<Parameter>) =
+            wanted.into_iter().partition(|parameter| self.allows_swaps && parameter.name == INJECT);
         let names: Vec<String> = wanted.iter().map(|parameter| parameter.name.clone()).collect();
         let (instance, mut present, allows_swaps) = (self.instance.clone(), *self.in_force(), self.allows_swaps);
         // The plant may take its time, and the client's other messages shall not wait for it.
         thread::spawn(move || {
+            let mut struck = Vec::new();
+            for fault in &faults {
+                let said = strike(&instance, fault).unwrap_or_else(|failure| {
+                    client.send_error(failure.to_string());
+                    String::new()
+                });
+                struck.push(Parameter::string(INJECT, said.trim_end()));
+            }
+            if wanted.is_empty() && !struck.is_empty() {
+                return responder.respond(struck);
+            }
             let asked = if allows_swaps { changes(&wanted) } else { Err(Failure::usage(READ_ONLY)) };
             match asked.and_then(|changes| ask(&instance, &changes, When::In(Duration::ZERO))) {
                 Ok(applied) => {
@@ -107,7 +138,8 @@ impl ParameterHandler for ParameterMirror {
             }
             let known: Vec<String> = names.into_iter().filter(|name| SPECS.iter().any(|s| s.name == name)).collect();
             // All of them is what no name means.
-            responder.respond(if known.is_empty() { Vec::new() } else { values(&present, &known) });
+            let values = if known.is_empty() { Vec::new() } else { values(&present, &known) };
+            responder.respond([values, struck].concat());
         });
     }
 }

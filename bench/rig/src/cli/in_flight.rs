@@ -5,7 +5,7 @@ use std::time::Duration;
 use clap::{Args, Subcommand};
 
 use crate::cli::values;
-use crate::fault::{FaultError, Wanted};
+use crate::fault::{Change, FaultError};
 
 /// Flags of `watch`.
 #[derive(Clone, Debug, Args)]
@@ -32,7 +32,7 @@ pub enum BridgeTo {
 /// Flags of `bridge foxglove`.
 #[derive(Clone, Debug, Args)]
 pub struct FoxgloveArgs {
-    /// Let clients swap parameters from the panel: anyone who reaches the address.
+    /// Let clients swap parameters and inject faults from the panel: anyone who reaches the address.
     #[arg(long)]
     pub allow_swaps: bool,
     /// Let in pages of this origin too, as in `https://studio.example`; may be repeated. Those of app.foxglove.dev and
@@ -53,13 +53,17 @@ pub struct FoxgloveArgs {
 /// Flags of `inject`.
 #[derive(Clone, Debug, Args)]
 pub struct InjectArgs {
-    /// New values, all applied at one tick: NAME=VALUE... A value is a number, nominal, or +30% of nominal; ~2s behind
-    /// it goes there in 2 s.
-    #[arg(required = true, value_name = "NAME=VALUE")]
+    /// What goes wrong from one tick on, in the words of --fault. New values of parameters, NAME=VALUE...: a number,
+    /// nominal, or +30% of nominal; ~2s behind it goes there in 2 s. Or faults of messages, stages and their processor,
+    /// as in state.drop=0.1, which state.drop=off ends; `ironbird faults` lists them.
+    #[arg(required = true, value_name = "WHAT[=VALUE]")]
     pub changes: Vec<String>,
     /// Apply at this tick of the flight.
     #[arg(long, value_name = "N", conflicts_with = "after")]
     pub at_tick: Option<u64>,
+    /// How long a fault lasts, as in 1s; without it for good, or once. A parameter holds until it is changed again.
+    #[arg(long = "for", value_name = "TIME", allow_hyphen_values = true, value_parser = values::duration)]
+    pub lasts: Option<Duration>,
     /// Apply this much flight time later, as in 500ms.
     #[arg(long = "in", value_name = "TIME", allow_hyphen_values = true, value_parser = values::duration)]
     pub after: Option<Duration>,
@@ -87,7 +91,7 @@ impl InjectArgs {
     ///
     /// # Errors
     /// [`FaultError`] names what is wrong with one.
-    pub fn parsed(&self) -> Result<Vec<Wanted>, FaultError> {
+    pub fn parsed(&self) -> Result<Vec<Change>, FaultError> {
         self.changes.iter().flat_map(|text| text.split(',')).map(str::parse).collect()
     }
 }

@@ -52,9 +52,15 @@ pub enum FaultError {
         /// The topic.
         topic: &'static str,
     },
-    /// A fault of the machine.
-    #[error("{0} cannot be planned: ticks of a simulation need no processor, and `fly` loads none beside its own")]
-    Processor(String),
+    /// A fault of the processor, of a flight that needs none.
+    #[error("{0}: ticks of a simulation need no processor: leave it out, or fly it with `ironbird fly`")]
+    Processor(&'static str),
+    /// What happens once does not end.
+    #[error("{0} happens once: there is nothing to end")]
+    NotLasting(String),
+    /// Nothing strikes that could be ended.
+    #[error("{0}=off: it does not strike then or later")]
+    NothingToEnd(String),
     /// The plant cannot be started anew.
     #[error("plant.kill: a flight ends with its plant; plant.stop=20ms stops it for a while")]
     PlantKilled,
@@ -105,6 +111,9 @@ pub enum FaultError {
         /// At which input.
         port: Port,
     },
+    /// The same is wrong already.
+    #[error("{0} is given for these ticks already: let one end before the other begins")]
+    Again(String),
     /// Two faults of a stage in the same ticks.
     #[error("two faults of {role} meet: one from tick {first}, one from tick {second}: let one end before")]
     StageMeets {
@@ -134,10 +143,13 @@ impl FaultError {
             Self::Unknown { .. }
             | Self::NoInput { .. }
             | Self::Processor(_)
+            | Self::NotLasting(_)
+            | Self::NothingToEnd(_)
             | Self::PlantKilled
             | Self::TakesNoValue(_)
             | Self::Value { .. }
             | Self::StageEnds(_)
+            | Self::Again(_)
             | Self::StageMeets { .. }
             | Self::Contradiction { .. }
             | Self::TooMany => "`ironbird faults` lists what there is".into(),

@@ -1,4 +1,4 @@
-//! `ironbird faults`: lists what can go wrong with messages and stages, and the fields that can be wrong.
+//! `ironbird faults`: lists what can go wrong with messages, stages and their processor, and the fields that can be wrong.
 
 use model::fault::fields::Field;
 use model::fault::{LONGEST_DELAY, PORTS, Port};
@@ -18,10 +18,11 @@ pub fn faults() -> Result<u8, Failure> {
 }
 
 fn text() -> String {
-    let mut text =
-        "--fault 'WHAT[=VALUE][,WHAT[=VALUE]...]@FROM[..TO]'      FROM, TO: 8s, 500ms, tick8000\n\n".to_owned();
+    let mut text = "--fault 'WHAT[=VALUE][,WHAT[=VALUE]...]@FROM[..TO]'      FROM, TO: 8s, 500ms, tick8000\n\
+         ironbird inject WHAT[=VALUE]... [--at-tick N | --in TIME] [--for TIME]      into a flight in the air\n\n"
+        .to_owned();
     let delays = format!("1 to {LONGEST_DELAY}");
-    let restart = format!("the stage ends, and a new one works {} later", typed(RESTART));
+    let restart = format!("the stage ends; simulated, a new one works {} later", typed(RESTART));
     text += &table(&[
         ["what", "value", "meaning"],
         ["PARAMETER", "see `ironbird params`", "the airframe has another value; no TO"],
@@ -35,6 +36,9 @@ fn text() -> String {
         ["ROLE.late", "time, or 40us..400us", "the stage computes so much longer; without TO in one tick"],
         ["ROLE.stop", "time", "the stage does nothing for so long; no TO"],
         ["ROLE.kill", "", &restart],
+        ["cpu.hog", "1 to 99", "a process of this SCHED_FIFO priority is always busy on the loops' processor"],
+        ["cpu.load", "0 to 1", "an ordinary process is busy there in this share of its time"],
+        ["what lasts", "off", "it ends; no TO"],
     ]);
     text += "\nTOPIC means every input of it; OUTER.TOPIC and so on mean one. FIELD may end in one of its axes.\n\n";
     let mut rows = vec![["topic", "inputs", "field", "axes", "unit"].map(str::to_owned)];

@@ -138,19 +138,27 @@ fn place(port: Port, field: &str, axis: Option<&str>) -> Option<Place> {
     Some(Place { field: place, axis: Some(axis) })
 }
 
-impl fmt::Display for MessageChange {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl MessageChange {
+    /// What it is, without its value.
+    #[must_use]
+    pub fn what(&self) -> String {
         let port = self.inputs.any();
-        match self.inputs {
-            Inputs::Topic(_) => f.write_str(port.topic()),
-            Inputs::One(_) => write!(f, "{port}"),
-        }?;
+        let mut what = match self.inputs {
+            Inputs::Topic(_) => port.topic().to_owned(),
+            Inputs::One(_) => port.to_string(),
+        };
         if let Some(Place { field, axis }) = self.kind.place() {
             let field = port.fields()[field];
-            write!(f, ".{}", field.name)?;
-            axis.map_or(Ok(()), |axis| write!(f, ".{}", field.axes[axis]))?;
+            what = format!("{what}.{}", field.name);
+            what.extend(axis.map(|axis| format!(".{}", field.axes[axis])));
         }
-        write!(f, ".{}", self.kind.name())?;
+        format!("{what}.{}", self.kind.name())
+    }
+}
+
+impl fmt::Display for MessageChange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.what())?;
         match self.kind {
             Kind::Drop(share) => write!(f, "={share:?}"),
             Kind::DropEach { lost, of } => write!(f, "={lost}/{of}"),

@@ -1,31 +1,32 @@
-//! What the faults of a flight are in its ticks: swaps, faults of messages, outages and lateness of stages.
+//! What the faults of a flight are in its ticks: swaps, faults of messages, outages and lateness of stages, and what its
+//! launcher does to processes.
 
 use std::time::Duration;
 
-use model::fault::{MessageFault, MessageFaults, Span};
-use model::noise::uniform;
+use model::fault::live::{LiveFault, LoopFaults, Trouble};
+use model::fault::{NotTaken, Span, late};
 use model::parameters::Airframe;
 use model::role::Role;
 use plant::Swap;
 
+use crate::fault::live::planned_again;
 use crate::fault::stage::{StageChange, StageKind};
-use crate::fault::{Change, Fault, FaultError, typed};
+use crate::fault::{Change, Fault, FaultError, Lasting, typed};
 
 /// How long a stage that was killed takes until it works again: a launcher that lets nothing start anew within 50 ms, and
 /// a process that is ready well within as much again.
 pub const RESTART: Duration = Duration::from_millis(100);
-
-/// Streams of random numbers of late stages; those of messages lie below.
-const FIRST_STREAM: u64 = 1 << 33;
 
 /// The faults of a flight, in ticks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Planned {
     /// Those of the airframe.
     pub swaps: Vec<Swap>,
-    /// Those of messages.
-    pub messages: MessageFaults,
-    /// Those of stages.
+    /// Those that stages strike themselves with: of messages, and lateness.
+    pub loops: LoopFaults,
+    /// What a launcher does to processes on the clock: stop, kill, keep the processor busy.
+    pub acts: Vec<LiveFault>,
+    /// Those of stages, in simulated ticks.
     pub stages: Vec<StageFault>,
 }
 
@@ -70,7 +71,7 @@ impl StageTicks {
     #[must_use]
     pub fn lateness(self, role: Role, seed: u64, tick: u64) -> Lateness {
         let Self::Late { least, most } = self else { return Lateness { output: 0, next: 1 } };
-        let periods = least + (most - least) * uniform(seed, tick, FIRST_STREAM + role as u64);
+        let periods = least + (most - least) * late::share(role, seed, tick);
         // A whole number of periods is reached in the tick that then begins.
         Lateness { output: periods.floor() as u64, next: (periods.ceil() as u64).max(1) }
     }
@@ -82,30 +83,41 @@ impl Planned {
     /// # Errors
     /// [`FaultError`] of the first that cannot be, alone or beside the others.
     pub fn new(faults: &[Fault], period_s: f64, airframe: &Airframe, seed: u64) -> Result<Self, FaultError> {
-        let mut planned = Self { swaps: Vec::new(), messages: MessageFaults::none(seed), stages: Vec::new() };
+        let mut planned =
+            Self { swaps: Vec::new(), loops: LoopFaults::none(seed), acts: Vec::new(), stages: Vec::new() };
         for fault in faults {
             let span = fault.span(period_s)?;
             planned.swaps.extend(fault.swap(period_s, airframe)?);
             for change in &fault.changes {
                 match change {
-                    Change::Parameter(_) => {}
-                    Change::Messages(messages) => {
-                        for port in messages.inputs.ports() {
-                            planned.take(MessageFault { port, kind: messages.kind, span })?;
-                        }
-                    }
                     Change::Stage(stage) => planned.take_stage(stage, span, period_s)?,
+                    Change::Off(Lasting::Stage(stage)) => planned.end_late(stage.role, span.from),
+                    Change::Parameter(_) | Change::Messages(_) | Change::Processor(_) | Change::Off(_) => {}
                 }
+                change.faults(span).try_for_each(|fault| planned.take(&fault))?;
             }
         }
         Ok(planned)
     }
 
-    fn take(&mut self, fault: MessageFault) -> Result<(), FaultError> {
-        if self.messages.iter().any(|(_, other)| other.contradicts(&fault)) {
-            return Err(FaultError::Contradiction { what: fault.kind.name(), port: fault.port });
+    fn take(&mut self, fault: &LiveFault) -> Result<(), FaultError> {
+        self.loops.take(fault).map_err(|reason| refused(reason, fault))?;
+        if !matches!(fault.trouble, Trouble::Messages { .. } | Trouble::Late { .. }) {
+            let is_on = |other: &LiveFault| {
+                !other.ends && other.trouble.is_like(&fault.trouble) && other.span.to > fault.span.from
+            };
+            if fault.ends && !self.acts.iter().any(is_on) {
+                return Err(refused(NotTaken::NothingToEnd, fault));
+            }
+            self.acts.push(*fault);
         }
-        self.messages.push(fault).map_err(|_| FaultError::TooMany)
+        Ok(())
+    }
+
+    /// A stage is no longer late.
+    fn end_late(&mut self, role: Role, tick: u64) {
+        let is_late = |fault: &&mut StageFault| fault.role == role && matches!(fault.kind, StageTicks::Late { .. });
+        self.stages.iter_mut().filter(is_late).for_each(|fault| fault.span = fault.span.cut(tick));
     }
 
     fn take_stage(&mut self, change: &StageChange, span: Span, period_s: f64) -> Result<(), FaultError> {
@@ -135,7 +147,23 @@ impl Planned {
     /// Whether nothing strikes but swaps.
     #[must_use]
     pub fn spares_the_loop(&self) -> bool {
-        self.messages.is_empty() && self.stages.is_empty()
+        self.loops.messages.is_empty() && self.stages.is_empty()
+    }
+}
+
+/// Why a fault is not taken, in its words.
+pub(crate) fn refused(reason: NotTaken, fault: &LiveFault) -> FaultError {
+    let what = || {
+        let change = planned_again(&[*fault]).first().and_then(|fault| fault.changes.first().copied());
+        change.map(|change| change.what()).unwrap_or_default()
+    };
+    match (reason, fault.trouble) {
+        (NotTaken::NoRoom, _) => FaultError::TooMany,
+        (NotTaken::NothingToEnd, _) => FaultError::NothingToEnd(what()),
+        (NotTaken::Contradiction, Trouble::Messages { port, kind }) => {
+            FaultError::Contradiction { what: kind.name(), port }
+        }
+        (NotTaken::Contradiction, _) => FaultError::Again(what()),
     }
 }
 

@@ -39,12 +39,9 @@ impl StageChange {
     /// Reads a fault of a stage; nothing where it names none.
     ///
     /// # Errors
-    /// [`FaultError`] where the value is not allowed, and for faults of processors.
+    /// [`FaultError`] where the value is not allowed.
     pub(super) fn read(what: &str, value: Option<&str>) -> Result<Option<Self>, FaultError> {
         let Some((name, word)) = what.split_once('.') else { return Ok(None) };
-        if name == "cpu" && ["hog", "load"].contains(&word) {
-            return Err(FaultError::Processor(what.to_owned()));
-        }
         let Some(role) = STAGES.into_iter().find(|role| role.name() == name) else { return Ok(None) };
         let kind = match word {
             "late" => late(what, value)?,
@@ -59,7 +56,7 @@ impl StageChange {
     }
 
     /// Whether it lasts as long as its ticks say.
-    pub(super) const fn lasts(&self) -> bool {
+    pub(crate) const fn lasts(&self) -> bool {
         matches!(self.kind, StageKind::Late { .. })
     }
 

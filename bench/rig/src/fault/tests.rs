@@ -1,11 +1,14 @@
 //! Tests of the grammar of faults, of what is refused, and of what faults are in ticks.
 
+use model::fault::live::LiveFault;
 use model::fault::{Kind, LONGEST_DELAY, MOST, PORTS, Place, Port, Span};
 use model::role::{Role, STAGES};
 use proptest::prelude::*;
 
+use super::live::planned_again;
 use super::message::{Inputs, MessageChange};
 use super::plan::{Lateness, Planned, StageFault, StageTicks};
+use super::processor::ProcessorChange;
 use super::stage::StageKind;
 use super::*;
 use model::parameters::SPECS;
@@ -110,7 +113,8 @@ fn messages_and_stages_are_read_with_their_ticks() {
     ])
     .unwrap();
     let (a, b) = (Span { from: 8000, to: 9000 }, Span { from: 100, to: Span::FOR_GOOD });
-    let messages: Vec<_> = planned.messages.iter().map(|(_, fault)| (fault.port, fault.kind, fault.span)).collect();
+    let messages: Vec<_> =
+        planned.loops.messages.iter().map(|(_, fault)| (fault.port, fault.kind, fault.span)).collect();
     assert_eq!(
         messages,
         [
@@ -141,6 +145,22 @@ fn a_late_stage_misses_the_ticks_that_begin_while_it_computes() {
         let count = outputs.iter().filter(|it| **it == output).count();
         assert!(count.abs_diff(expected) < 75, "{count} outputs are {output} ticks late");
     }
+}
+
+#[test]
+fn what_lasts_is_ended_by_its_name() {
+    let spans = |texts: &[&str]| -> Vec<Span> {
+        planned(texts).unwrap().loops.messages.iter().map(|(_, fault)| fault.span).collect()
+    };
+    let ended = spans(&["state.drop=0.1@8s", "inner.state.drop=off@9s"]);
+    assert_eq!(ended, [Span { from: 8000, to: Span::FOR_GOOD }, Span { from: 8000, to: 9000 }]);
+    assert_eq!(spans(&["state.drop=1/2@8s", "state.drop=off@9s"]), spans(&["state.drop=1/2@8s..9s"]));
+    let late = planned(&["inner.late=1ms@1s..9s", "inner.late=off@2s"]).unwrap();
+    assert_eq!(late.stages[0].span, Span { from: 1000, to: 2000 });
+    assert_eq!([1999, 2000].map(|tick| late.loops.late.late_ns(Role::Inner, tick)), [1_000_000, 0]);
+    let acts = planned(&["cpu.hog=90@1s", "cpu.load=0.5@1s..2s", "cpu.hog=off@3s", "inner.kill@4s"]).unwrap().acts;
+    let told: Vec<_> = acts.iter().map(|act| (act.ends, act.span.from, act.span.to)).collect();
+    assert_eq!(told, [(false, 1000, Span::FOR_GOOD), (false, 1000, 2000), (true, 3000, 3001), (false, 4000, 4001)]);
 }
 
 #[test]
@@ -180,8 +200,17 @@ fn every_mistake_in_faults_of_the_loop_is_named() {
         ("inner.stop=900us@8s", "inner.stop = `900us`: write a time of at least one tick, which is 1 ms here"),
         ("inner.kill=1@8s", "inner.kill takes no value"),
         ("plant.kill@8s", "plant.kill: a flight ends with its plant; plant.stop=20ms stops it"),
-        ("cpu.hog=80@8s", "cpu.hog cannot be planned"),
-        ("cpu.load=0.5@8s", "cpu.load cannot be planned"),
+        ("cpu.hog=100@8s", "cpu.hog = `100`: write a SCHED_FIFO priority from 1 to 99, as in cpu.hog=90"),
+        ("cpu.hog@8s", "cpu.hog = ``: write a SCHED_FIFO priority"),
+        ("cpu.load=0@8s", "cpu.load = `0`: write a share above 0 and up to 1, as in cpu.load=0.5"),
+        ("cpu.lod=0.5@8s", "unknown fault `cpu.lod`; did you mean `cpu.load`?"),
+        ("state.drop=off@8s", "state.drop=off: it does not strike then or later"),
+        ("inner.late=off@8s", "inner.late=off: it does not strike then or later"),
+        ("cpu.hog=off@8s", "cpu.hog=off: it does not strike then or later"),
+        ("inner.stop=off@8s", "inner.stop happens once: there is nothing to end"),
+        ("inner.kill=off@8s", "inner.kill happens once: there is nothing to end"),
+        ("state.dorp=off@8s", "did you mean `state.drop`?"),
+        ("state.drop=off@8s..9s", "state.drop=off happens once, at an instant: leave the end out"),
         ("state.drop=0.1@9s..8s", "`state.drop=0.1@9s..8s` ends at tick 8000, and begins at tick 9000"),
         ("state.drop=0.1@8s..tick8000", "ends at tick 8000, and begins at tick 8000"),
         ("state.drop=0.1@8s..soon", "`soon` is no instant"),
@@ -264,6 +293,11 @@ fn changes() -> impl Strategy<Value = (Change, bool)> {
         times().prop_map(StageKind::Stop),
         Just(StageKind::Kill),
     ];
+    let processor = prop_oneof![
+        (1_u8..100).prop_map(ProcessorChange::Hog),
+        (0.0..1.0_f64).prop_filter("a share", |share| *share > 0.0).prop_map(ProcessorChange::Load),
+    ];
+    let processor = processor.prop_map(|processor| (Change::Processor(processor), true));
     let stages = (1..STAGES.len(), stage_kinds).prop_map(|(role, kind)| {
         let lasts = matches!(kind, StageKind::Late { .. });
         (Change::Stage(StageChange { role: STAGES[role], kind }), lasts)
@@ -276,7 +310,7 @@ fn changes() -> impl Strategy<Value = (Change, bool)> {
             number.is_finite().then_some((Change::Parameter(wanted), false))
         },
     );
-    prop_oneof![messages, stages, parameters]
+    prop_oneof![messages, stages, processor, parameters]
 }
 
 proptest! {
@@ -288,6 +322,23 @@ proptest! {
     ) {
         let fault = Fault { from, to: to.filter(|_| lasts), changes: vec![change] };
         prop_assert_eq!(fault.to_string().parse::<Fault>(), Ok(fault.clone()), "{}", fault);
+    }
+
+    /// What a flight was told is told again in words that plan the same.
+    #[test]
+    fn what_was_injected_is_planned_again((change, _) in changes(), from in 0_u64..10_000, ticks in 1_u64..10_000) {
+        let live: Vec<LiveFault> = change.faults(Span { from, to: from + ticks }).collect();
+        let words: Vec<Fault> = planned_again(&live).iter().map(|fault| fault.to_string().parse().unwrap()).collect();
+        let again: Vec<LiveFault> = words
+            .iter()
+            .flat_map(|fault| fault.changes[0].faults(fault.span(1e-3).unwrap()).collect::<Vec<_>>())
+            .collect();
+        prop_assert_eq!(&again, &live);
+        let off = live.first().map(|_| format!("{}=off", change.what()).parse::<Change>());
+        if let Some(Ok(off)) = off {
+            prop_assert!(off.troubles().iter().zip(&live).all(|((trouble, _), it)| trouble.is_like(&it.trouble)));
+            prop_assert_eq!(off.to_string().parse::<Change>().unwrap(), off);
+        }
     }
 
     #[test]

@@ -13,6 +13,9 @@ pub const OF_NUMBERS: [&str; 3] = ["noise", "bias", "nan"];
 /// What can be wrong with a stage.
 pub const OF_STAGES: [&str; 3] = ["late", "stop", "kill"];
 
+/// What can be wrong with the loops' processor.
+pub const OF_PROCESSOR: [&str; 2] = ["cpu.hog", "cpu.load"];
+
 /// All names, those of single numbers left out.
 pub(super) fn known() -> Vec<String> {
     let mut known: Vec<String> = Vec::new();
@@ -26,6 +29,7 @@ pub(super) fn known() -> Vec<String> {
     let stages = STAGES.into_iter().flat_map(|role| OF_STAGES.map(|word| (role, word)));
     let possible = stages.filter(|stage| *stage != (Role::Plant, "kill"));
     known.extend(possible.map(|(role, word)| format!("{role}.{word}")));
+    known.extend(OF_PROCESSOR.map(str::to_owned));
     known
 }
 

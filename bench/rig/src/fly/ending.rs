@@ -59,6 +59,8 @@ pub(super) enum Killed {
     Hung,
     /// It did not end with the flight.
     AfterFlight,
+    /// A fault of this tick wanted it.
+    ByFault(u64),
 }
 
 impl Ended {
@@ -172,6 +174,7 @@ impl Left {
     pub(super) fn cause(&self) -> String {
         match self.killed {
             Some(Killed::Hung) => "hung, and was killed".into(),
+            Some(Killed::ByFault(tick)) => format!("killed by the fault {}.kill of tick {tick}", self.role),
             Some(Killed::AfterFlight) | None => self.status.to_string(),
         }
     }
@@ -193,6 +196,9 @@ impl Left {
                 format!("the {process} did not end within {} s of the flight and was killed", ENDING.as_secs())
             }
             Some(Killed::Hung) => format!("the {process} hung, and was killed"),
+            Some(Killed::ByFault(tick)) => {
+                format!("the {process} was killed by the fault {}.kill of tick {tick}", self.role)
+            }
             None if self.is_in_order() => format!("the {process} ended before the flight did: {}", self.status),
             None => format!("the {process} died: {}", self.status),
         };

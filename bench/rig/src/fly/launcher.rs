@@ -1,7 +1,6 @@
 //! Starts the processes of a flight, watches them, starts them again where it may, and ends them.
 
 use std::process::Child;
-use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use machine::sampler::Look;
@@ -22,6 +21,7 @@ use crate::fly::recordings::Recordings;
 use crate::fly::restarts::Restarts;
 use crate::fly::starter::Starter;
 use crate::fly::status_line::StatusLine;
+use crate::fly::striker::Striker;
 use crate::fly::{LOOK_EVERY, restarts};
 use crate::output::say;
 use crate::record::crew::Crew;
@@ -55,6 +55,7 @@ pub(super) struct Launcher {
     /// Processes that were started again too late for the flight, and told to end.
     dismissed: Vec<u32>,
     recordings: Recordings,
+    striker: Striker,
     /// Everybody's status board, from the first tick on.
     crew: Option<Crew>,
     dashboard: Option<Dashboard>,
@@ -72,9 +73,10 @@ impl Launcher {
     ) -> Result<Self, Failure> {
         // Before any role starts: removes what dead processes of the instance left.
         let wire = Wire::open(instance)?;
-        let now = Instant::now();
+        let (now, executable) = (Instant::now(), own_executable()?);
         let mut launcher = Self {
-            starter: Starter::new(own_executable()?, instance, directory, args),
+            striker: Striker::new(instance, &executable, settings)?,
+            starter: Starter::new(executable, instance, directory, args),
             children: Vec::new(),
             on_death: args.on_death,
             restarts: ROLES.map(|_| Restarts::new(now)),
@@ -114,7 +116,8 @@ impl Launcher {
         let begun = Instant::now();
         let (mut has_told, mut shown) = (false, begun);
         while !self.children.is_empty() {
-            sleep(if self.restarts_roles() { pulse::LOOK_EVERY } else { LOOK_EVERY });
+            let look_every = if self.restarts_roles() { pulse::LOOK_EVERY } else { LOOK_EVERY };
+            self.striker.rest(&self.wire, board.as_ref().map(BoardReader::get).as_ref(), look_every);
             asked.look();
             ended.interrupted |= asked.end;
             let left = self.reap(asked.end)?;
@@ -295,6 +298,8 @@ impl Launcher {
                 Some(status) => {
                     let (role, pid) = (*role, child.id());
                     let killed = self.killed.iter().find(|(it, _)| *it == pid).map(|(_, why)| *why);
+                    let killed = killed.or_else(|| self.striker.killed(pid).map(Killed::ByFault));
+                    self.striker.forget(pid);
                     // What code of a law has started, and left behind. Mostly there is nobody.
                     let _ = number_of(child).map(|group| kill_process_group(group, Signal::KILL));
                     self.children.remove(next);
@@ -309,6 +314,7 @@ impl Launcher {
 
     fn tell_all(&mut self) {
         self.due.clear();
+        self.striker.release();
         self.children.iter().for_each(|(_, child)| tell(child));
     }
 

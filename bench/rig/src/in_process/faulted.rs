@@ -66,7 +66,7 @@ impl Faulted {
     /// # Errors
     /// A usage [`Failure`], which settings that were resolved have ruled out.
     pub(super) fn new(settings: &Settings, planned: &Planned) -> Result<Self, Failure> {
-        let messages = planned.messages;
+        let messages = planned.loops.messages;
         let mut spares = Vec::new();
         for fault in planned.stages.iter().filter(|fault| fault.kind == StageTicks::Anew) {
             let spare = match fault.role {

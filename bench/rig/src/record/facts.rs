@@ -6,11 +6,13 @@ use failure::Failure;
 use flight_log::facts::{FAULTS, FORMAT, Facts, HOST, LAWS, POINTS, REALTIME, RUN, Record, SETTINGS, record};
 use model::boards;
 use model::envelope::LAYOUT;
+use model::fault::live::LiveFault;
 use report::host::Host;
 use report::laws::{FlownLaws, LawSection, NotFinite, no_theorem};
 use report::schema::RoleSection;
 
 use crate::build;
+use crate::fault::live::planned_again;
 use crate::settings::Settings;
 use crate::settings::laws::Chosen;
 
@@ -68,6 +70,11 @@ pub fn facts(
         records.push((FAULTS, faults));
     }
     Ok(Facts { pace, sample_time_ns, plan, signals, no_theorem: without_theorem.map(no_theorem), records })
+}
+
+/// What was injected in flight, by number, in the words that plan the same.
+pub fn injected_record(faults: &[LiveFault]) -> Record {
+    (1..).zip(planned_again(faults)).map(|(n, fault)| (format!("{n}"), fault.to_string())).collect()
 }
 
 /// What identifies a law.

@@ -10,15 +10,17 @@ use std::time::Duration;
 use hdrhistogram::serialization::V2DeflateSerializer;
 use model::boards::{Ending, RolePhase, RunPhase, Status};
 use model::envelope::Message;
+use model::fault::live::{LIVE, LiveBoard, LiveFault};
 use model::grid::NS_PER_S;
 use model::messages::{Dated, State, Wrench};
 use model::role::Role;
 use role::rt::UsageMeter;
 use role::station::{Armed, JoinedRun, Station};
+use wire::BoardReader;
 use wire::clock::now_ns;
 use wire::instance::Instance;
 
-use super::facts::facts;
+use super::facts::{facts, injected_record};
 use crate::record::crew::Crew;
 use crate::record::hlog::{self, Hlog, Lines};
 use crate::record::pairs::Pairs;
@@ -72,10 +74,11 @@ pub struct Files {
 pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<Report, Failure> {
     let (mut ports, relays) = (Ports::new(station.wire())?, Relays::new(station.wire())?);
     let machine = Machine::here(settings.rt.priority + Role::Mixer.priority_step(), settings.realtime()?.cpu);
-    let mut crew = Crew::default();
+    let (mut crew, mut live) = (Crew::default(), None);
     let armed = station.join(|wire, expected, _| {
         // Before the plant may take off: a flight can be over before the recorder's files are made.
         crew = Crew::open(wire)?;
+        live = wire.board_reader(LIVE)?;
         ports.arm(expected)
     })?;
     let meter = UsageMeter::start();
@@ -83,7 +86,7 @@ pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<R
     let (mut out, mut serializer) = (lines.out(), V2DeflateSerializer::new());
     let mut log =
         Hlog::begin(&lines, &mut out, &mut serializer, armed.run.get().t0_wall_ns, settings.recorder.hlog_every_s)?;
-    let recorder = Recorder::new(&armed, settings, files, &machine, (station.wire().instance(), relays, crew))?;
+    let recorder = Recorder::new(&armed, settings, files, &machine, (station.wire().instance(), relays, crew, live))?;
     let outcome = recorder.record(&mut ports, &mut station, &armed, &meter, (&mut log, &lines));
     station.land(&meter);
     outcome
@@ -118,6 +121,9 @@ struct Recorder<'a> {
     /// Of the newest state.
     parameter_epoch: u64,
     crew: Crew,
+    /// The plant's board of what was injected, and what was on it last.
+    live: Option<BoardReader<LiveBoard>>,
+    injected: Vec<LiveFault>,
     cpu_times: CpuTimes,
     interrupts: Interrupts,
     period_s: f64,
@@ -129,7 +135,7 @@ impl<'a> Recorder<'a> {
         settings: &'a Settings,
         files: &'a Files,
         machine: &Machine,
-        (instance, relays, crew): (&Instance, Relays, Crew),
+        (instance, relays, crew, live): (&Instance, Relays, Crew, Option<BoardReader<LiveBoard>>),
     ) -> Result<Self, Failure> {
         let host = host_of(machine);
         let period_s = settings.flight.period_s;
@@ -173,6 +179,8 @@ impl<'a> Recorder<'a> {
             seconds: 0,
             is_latest: false,
             crew,
+            live,
+            injected: Vec::new(),
             cpu_times: CpuTimes::read(watch.processor),
             interrupts: Interrupts::read(watch.processor),
             period_s,
@@ -196,6 +204,7 @@ impl<'a> Recorder<'a> {
             self.log.as_mut().map_or(Ok(()), |log| log.keep(now_ns()))?;
             if now_ns() >= armed.run.get().t0_ns + (self.seconds + 1) * NS_PER_S {
                 self.seconds += 1;
+                self.look_for_faults();
                 if self.seconds.is_multiple_of(self.settings.recorder.hlog_every_s) {
                     let closed = hlog.close_interval(&mut self.tally.series);
                     self.note(hlog::FILE, closed);
@@ -216,6 +225,7 @@ impl<'a> Recorder<'a> {
             }
         };
         let closed_ns = now_ns();
+        self.look_for_faults();
         self.await_landing();
         self.drain(ports, armed)?;
         let until = now_ns() + LAST_SWAPS.as_nanos() as u64;
@@ -253,7 +263,8 @@ impl<'a> Recorder<'a> {
         }
         let mut report = self.report(&run, ports, meter, Some(ending))?;
         // Last of what needs room, and before the report, which says what became of it.
-        if let Some(log) = self.log {
+        if let Some(mut log) = self.log {
+            log.tell_injected(injected_record(&self.injected))?;
             let fate = log.finish(record(&[
                 ("ending", ending.words()),
                 ("ticks_run", &run.ticks_run.to_string()),
@@ -265,6 +276,11 @@ impl<'a> Recorder<'a> {
         self.so_far.close();
         write_all(&report, self.directory)?;
         Ok(report)
+    }
+
+    /// Takes what was injected so far.
+    fn look_for_faults(&mut self) {
+        self.injected = self.live.iter().flat_map(|board| board.get().iter().collect::<Vec<_>>()).collect();
     }
 
     /// Points `latest` at this flight as soon as it has a report.

@@ -46,7 +46,7 @@ impl LoopsReplay {
         settings.outer_stage()?;
         settings.inner_stage()?;
         settings.mixer_stage()?;
-        let faults = settings.planned()?.messages;
+        let faults = settings.planned()?.loops.messages;
         Ok(Self {
             settings: settings.clone(),
             outer: None,

@@ -185,7 +185,7 @@ impl Again {
         let flight = &settings.flight;
         Ok(Self {
             from_tick,
-            airframe: AirframeReplay::new(&settings.plant()?, pace, &settings.planned()?.messages),
+            airframe: AirframeReplay::new(&settings.plant()?, pace, &settings.planned()?.loops.messages),
             loops: LoopsReplay::new(settings)?,
             comparison: ReplayComparison::from(from_tick, settings.flown_laws()?.signals),
             summary: Summary::new(Tracking::along(settings.course()?, flight.period_s), from_tick),

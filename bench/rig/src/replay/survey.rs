@@ -3,12 +3,14 @@
 use std::path::Path;
 
 use model::envelope::{Envelope, LAYOUT, Message};
+use model::fault::live::Trouble;
 use model::grid::Pace;
 use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::monitor::Monitor;
 use model::settings_text::fingerprint;
 use model::topic::Topic;
 
+use crate::fault::{Change, Fault};
 use crate::settings::laws::{LAW, Moved};
 use crate::settings::trajectory::is_file;
 use crate::settings::{PointsFile, Settings};
@@ -16,7 +18,8 @@ use failure::Failure;
 use flight_log::TOPICS;
 use flight_log::build::Build;
 use flight_log::entry::{Counts, LogEntry};
-use flight_log::facts::{POINTS, RUN, SETTINGS};
+use flight_log::facts::{INJECTED, POINTS, RUN, SETTINGS};
+use flight_log::injected::injected;
 use flight_log::reader::{End, Kept, LogReader};
 use report::text::count;
 
@@ -60,6 +63,7 @@ impl Surveyor {
         check_whole(&reader, path)?;
         let mut settings = settings_of(&reader)?;
         take_moved(&mut settings, moved)?;
+        take_injected(&mut settings, &reader, path)?;
         let expected = ExpectedMessages::new(&reader)?;
         Ok(Self { reader, settings, expected, swaps: Vec::new(), first })
     }
@@ -159,6 +163,22 @@ pub fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
         return Err(reader.damaged(&format!("its settings have the fingerprint {here}, its run {agreed}")));
     }
     Ok(settings)
+}
+
+/// Takes what was injected in flight into messages, as if it had been planned. What was done to processes shows in the
+/// ticks that they worked.
+fn take_injected(settings: &mut Settings, reader: &LogReader, path: &Path) -> Result<(), Failure> {
+    for text in injected(path)? {
+        let fault: Fault =
+            text.parse().map_err(|e| reader.damaged(&format!("its record `{INJECTED}` has `{text}`: {e}")))?;
+        if fault.changes.iter().flat_map(Change::troubles).any(|(it, _)| matches!(it, Trouble::Messages { .. })) {
+            settings.flight.faults.push(text);
+        }
+    }
+    settings
+        .planned()
+        .map(drop)
+        .map_err(|e| reader.damaged(&format!("the faults of its record `{INJECTED}` do not go together: {e}")))
 }
 
 /// Takes where the files of laws are now, and refuses what did not fly.

@@ -1,10 +1,13 @@
 //! The faults of the settings: what they are in ticks, and whether the flight is long enough for them.
 
 use model::fault::Span;
+use model::fault::live::Trouble;
+use model::realtime::RealtimeStep;
+use role::rt::{fifo_refusal, remedy};
 
 use crate::fault::plan::Planned;
 use crate::fault::{Fault, FaultError};
-use crate::settings::{Settings, airframe};
+use crate::settings::{PaceName, Settings, airframe};
 use failure::Failure;
 use report::injected::InjectedFault;
 
@@ -35,7 +38,7 @@ impl Settings {
         self.flight.faults.iter().map(|text| text.parse()).collect()
     }
 
-    /// The faults of messages and stages, for the report.
+    /// The faults of messages, stages and their processor, for the report.
     ///
     /// # Errors
     /// A usage [`Failure`], which settings that were resolved have ruled out.
@@ -84,17 +87,61 @@ impl Settings {
         Ok(())
     }
 
-    /// Refuses what processes cannot be made to do.
+    /// Refuses what processes cannot be made to do: those of a launcher, or those that were started by hand.
     ///
     /// # Errors
-    /// A usage [`Failure`] names the stage.
-    pub fn check_faults_of_processes(&self) -> Result<(), Failure> {
-        let planned = self.planned()?;
-        let Some(stage) = planned.stages.first() else { return Ok(()) };
-        Err(Failure::usage(format!(
-            "a fault of the stage {}, from tick {}: processes are not made late, stopped or killed by plan",
-            stage.role, stage.span.from
-        ))
-        .help("`ironbird simulate` flies it; messages of a stage can be lost or late in both, as in setpoint.drop=1"))
+    /// A usage [`Failure`] names the fault.
+    pub fn check_faults_of_processes(&self, launched: bool) -> Result<(), Failure> {
+        let faults = self.typed_faults().map_err(|e| Failure::usage(format!("fault: {e}")))?;
+        for change in faults.iter().flat_map(Fault::of_the_loop) {
+            for (trouble, _) in change.troubles() {
+                check_possible(&trouble, &change.to_string(), self.flight.pace == PaceName::Lockstep, launched)?;
+            }
+        }
+        Ok(())
     }
+
+    /// Refuses a planned process whose priority the kernel does not grant here.
+    ///
+    /// # Errors
+    /// [`Failure`] says why the kernel refuses, and what to do.
+    pub fn check_priorities(&self) -> Result<(), Failure> {
+        self.planned()?.acts.iter().try_for_each(|fault| check_priority(&fault.trouble))
+    }
+}
+
+/// Refuses what cannot go wrong in a flight of this pace, or one without a launcher; `what` is how it was typed.
+///
+/// # Errors
+/// A usage [`Failure`] names the fault.
+pub fn check_possible(trouble: &Trouble, what: &str, in_lockstep: bool, launched: bool) -> Result<(), Failure> {
+    match trouble {
+        Trouble::Messages { .. } => Ok(()),
+        Trouble::Hog { .. } | Trouble::Load { .. } if in_lockstep => {
+            Err(Failure::usage(format!("{what}: in lockstep no tick is late, however busy the processor is"))
+                .help("fly on the clock: --pace realtime"))
+        }
+        _ if in_lockstep => {
+            Err(Failure::usage(format!("{what}: in lockstep ticks wait for a stage that is not ready"))
+                .help("fly on the clock: --pace realtime; `ironbird simulate` flies it in ticks"))
+        }
+        Trouble::Late { .. } => Ok(()),
+        _ if !launched => Err(Failure::usage(format!("{what}: it is done by a launcher, and here there is none"))
+            .help("start the flight with `ironbird fly`, or signal the process yourself")),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a priority that the kernel does not grant here.
+///
+/// # Errors
+/// [`Failure`] says why it refuses, and what to do.
+pub fn check_priority(trouble: &Trouble) -> Result<(), Failure> {
+    let Trouble::Hog { priority } = trouble else { return Ok(()) };
+    let refusal = fifo_refusal(i32::try_from(*priority).unwrap_or(i32::MAX));
+    refusal.map_or(Ok(()), |reason| {
+        let errno = i64::from(reason.raw_os_error().unwrap_or_default());
+        Err(Failure::failed(format!("cpu.hog={priority}: the kernel refuses SCHED_FIFO {priority}: {reason}"))
+            .help(remedy(RealtimeStep::Scheduler, errno)))
+    })
 }

@@ -1,19 +1,24 @@
 //! What a key does.
 
+use std::time::Duration;
+
 use model::parameters::{Airframe, SPECS};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-use crate::fault::Wanted;
+use crate::fault::{Change, Wanted};
+use crate::inject::words_of;
 use crate::watch::model::{Model, Said, Tab};
 use report::tally::series::Series;
 
 /// Longest value that can be typed.
 const TYPED_MAX: usize = 24;
+/// The longest words of faults.
+const FAULT_MAX: usize = 120;
 /// What it may hold besides digits: numbers, `nominal`, shares, and the units of a ramp's time.
 const TYPED: &str = ".+-eE%~nominalmsuhd";
 
 /// What a key asks of the outside.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Action {
     /// Nothing.
     None,
@@ -23,8 +28,8 @@ pub enum Action {
     EndFlight,
     /// Begin all statistics anew.
     Reset,
-    /// Swap a parameter, at once or over a time.
-    Inject(Wanted),
+    /// Swap a parameter, at once or over a time; or have something fail, for good or for a time.
+    Inject(Vec<Change>, Option<Duration>),
 }
 
 impl Model {
@@ -75,27 +80,33 @@ impl Model {
             KeyCode::Down | KeyCode::Char('j') => *selected = (*selected + 1).min(last),
             KeyCode::Home => *selected = 0,
             KeyCode::End => *selected = last,
-            KeyCode::Enter if self.tab == Tab::Plant => self.begin_typing(),
+            KeyCode::Enter if self.tab == Tab::Plant => self.begin_typing(false),
+            KeyCode::Char('f') if self.tab == Tab::Plant => self.begin_typing(true),
             _ => {}
         }
     }
 
-    fn begin_typing(&mut self) {
+    fn begin_typing(&mut self, fault: bool) {
         if !self.flies() {
             self.desk.said = Some(Said { text: "nobody flies: nothing to inject into".into(), refused: true });
         } else if !self.desk.waits {
-            self.desk.typed = Some(String::new());
+            (self.desk.typed, self.desk.fault) = (Some(String::new()), fault);
             self.desk.said = None;
         }
     }
 
     /// Keys while a value is typed.
     fn type_value(&mut self, code: KeyCode) -> Action {
+        let fault = self.desk.fault;
         let Some(typed) = &mut self.desk.typed else { return Action::None };
         match code {
-            KeyCode::Char(c) if typed.len() < TYPED_MAX && (c.is_ascii_digit() || TYPED.contains(c)) => typed.push(c),
+            KeyCode::Char(c) if !fault && typed.len() < TYPED_MAX && (c.is_ascii_digit() || TYPED.contains(c)) => {
+                typed.push(c)
+            }
+            KeyCode::Char(c) if fault && typed.len() < FAULT_MAX && (c.is_ascii_graphic() || c == ' ') => typed.push(c),
             KeyCode::Backspace => drop(typed.pop()),
             KeyCode::Esc => self.desk.typed = None,
+            KeyCode::Enter if fault => return self.strike(),
             KeyCode::Enter => return self.inject(),
             _ => {}
         }
@@ -113,11 +124,30 @@ impl Model {
         match wanted.and_then(|wanted| wanted.of(&airframe).map(|_| wanted)) {
             Ok(wanted) => {
                 self.desk.waits = true;
-                Action::Inject(wanted)
+                Action::Inject(vec![Change::Parameter(wanted)], None)
             }
             Err(error) => {
                 self.desk.typed = Some(typed);
                 self.desk.said = Some(Said { text: error.to_string(), refused: true });
+                Action::None
+            }
+        }
+    }
+
+    /// The fault that was typed, as `state.drop=0.1 for 1s`; what cannot be read stays to be corrected.
+    fn strike(&mut self) -> Action {
+        let typed = self.desk.typed.take().unwrap_or_default();
+        if typed.trim().is_empty() {
+            return Action::None;
+        }
+        match words_of(&typed) {
+            Ok((changes, lasts)) => {
+                self.desk.waits = true;
+                Action::Inject(changes, lasts)
+            }
+            Err(text) => {
+                self.desk.typed = Some(typed);
+                self.desk.said = Some(Said { text, refused: true });
                 Action::None
             }
         }

@@ -10,7 +10,6 @@ use model::monitor::Monitor;
 use model::parameters::{Airframe, Parameter, SPECS};
 use model::role::Role;
 
-use crate::inject::Applied;
 use crate::observe::ObservedMessage;
 use crate::settings::PointsFile;
 use crate::settings::airframe::airframe_of;
@@ -75,8 +74,10 @@ pub struct Said {
 pub struct ParameterPage {
     /// Row of the table of parameters.
     pub selected: usize,
-    /// What is being typed as its new value.
+    /// What is being typed as its new value, or as a fault.
     pub typed: Option<String>,
+    /// Whether it is a fault.
+    pub fault: bool,
     /// Whether the plant has not answered yet.
     pub waits: bool,
     /// What came of the last one.
@@ -145,12 +146,10 @@ impl Model {
     }
 
     /// Takes the plant's answer to an injection.
-    pub fn answer(&mut self, answer: Result<Applied, Failure>) {
+    pub fn answer(&mut self, answer: Result<String, Failure>) {
         self.desk.waits = false;
         self.desk.said = Some(match answer {
-            Ok(applied) => {
-                Said { text: applied.to_string().split_whitespace().collect::<Vec<_>>().join(" "), refused: false }
-            }
+            Ok(injected) => Said { text: injected.split_whitespace().collect::<Vec<_>>().join(" "), refused: false },
             Err(failure) => Said { text: failure.to_string(), refused: true },
         });
     }

@@ -13,7 +13,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use signal_hook::iterator::Signals;
 use wire::instance::Instance;
 
-use crate::inject::{Applied, When, ask};
+use crate::inject::{When, injected};
 use crate::watch::draw::draw;
 use crate::watch::feed::Feed;
 use crate::watch::keys::Action;
@@ -92,7 +92,7 @@ fn show(
     outside: &Outside<'_>,
 ) -> Result<u8, Failure> {
     let broken = |e| Failure::failed(format!("cannot use the terminal: {e}"));
-    let (sender, answers) = mpsc::channel::<Result<Applied, Failure>>();
+    let (sender, answers) = mpsc::channel::<Result<String, Failure>>();
     let mut next_draw = Instant::now();
     loop {
         if outside.stop.load(Ordering::Relaxed) {
@@ -120,13 +120,13 @@ fn show(
             Action::Quit => return Ok(OK),
             Action::EndFlight => end_flight(outside.launcher),
             Action::Reset => model.reset()?,
-            Action::Inject(wanted) => {
+            Action::Inject(changes, lasts) => {
                 let instance = outside.instance.clone();
                 // The plant may take its time, and the dashboard goes on.
                 let asking = sender.clone();
                 let ask_it = move || {
                     // Nobody is left to tell when the dashboard has been left.
-                    let _ = asking.send(ask(&instance, &[wanted], When::In(Duration::ZERO)));
+                    let _ = asking.send(injected(&instance, &changes, When::In(Duration::ZERO), lasts));
                 };
                 if let Err(e) = std::thread::Builder::new().spawn(ask_it) {
                     model.answer(Err(Failure::failed(format!("cannot start a thread to ask the plant: {e}"))));

@@ -16,6 +16,7 @@ use role::shell::{MixerJob, Shell};
 use role::stage::{self, Stage, TickOutcome, Turn};
 use rustix::thread::gettid;
 use serde_json::Value;
+use wire::Wire;
 use wire::clock::{Horizon, now_ns};
 use wire::error::Error;
 
@@ -90,8 +91,8 @@ fn compute_until(ns: u64) {
 impl Stage for TroubledMixer {
     const ROLE: Role = Role::Mixer;
 
-    fn arm(&mut self, expected: Expected, epoch: u64) -> Result<(), Error> {
-        self.mixer.arm(expected, epoch)
+    fn arm(&mut self, wire: &Wire, expected: Expected, epoch: u64) -> Result<(), Error> {
+        self.mixer.arm(wire, expected, epoch)
     }
 
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {

@@ -4,6 +4,8 @@
 
 mod flight;
 
+use std::time::Duration;
+
 use failure::Failure;
 use ironbird::inject::Applied;
 use ironbird::observe::ObservedMessage;
@@ -163,21 +165,39 @@ fn a_parameter_is_edited_checked_and_injected() {
     shows(&screen(&model, 80, 24), "mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg");
     shows(&screen(&model, 80, 24), "mass_kg [kg], 0.05 to 5.0: 50_");
     let keys = [vec![KeyCode::Backspace, KeyCode::Backspace], typed("q0.6"), vec![KeyCode::Enter]].concat();
-    assert_eq!(press(&mut model, &keys), Action::Inject("mass_kg=0.6".parse().unwrap()));
+    assert_eq!(press(&mut model, &keys), Action::Inject(vec!["mass_kg=0.6".parse().unwrap()], None));
     shows(&screen(&model, 80, 24), "waits for the plant's answer");
     assert_eq!(press(&mut model, &[KeyCode::Enter]), Action::None, "one at a time");
     let applied = |steps| {
         let changes = vec![Change { parameter: Parameter::Mass, old: 0.52, new: 0.6, steps }];
         Applied { tick: 1200, past_tick: None, time_s: 1.2, parameter_epoch: 1, sample_time_ns: 1_000_000, changes }
     };
-    model.answer(Ok(applied(1)));
+    model.answer(Ok(applied(1).to_string()));
     shows(&screen(&model, 80, 24), "applied at tick 1200 (1.200 s), parameter epoch 1 mass_kg 0.52 -> 0.6 kg");
     let keys = [vec![KeyCode::Enter], typed("0.6~2s500ms"), vec![KeyCode::Enter]].concat();
-    assert_eq!(press(&mut model, &keys), Action::Inject("mass_kg=0.6~2s500ms".parse().unwrap()));
-    model.answer(Ok(applied(2500)));
+    assert_eq!(press(&mut model, &keys), Action::Inject(vec!["mass_kg=0.6~2s500ms".parse().unwrap()], None));
+    model.answer(Ok(applied(2500).to_string()));
     shows(&screen(&model, 120, 24), "parameter epoch 1 mass_kg 0.52 -> 0.6 kg over 2.5 s");
     model.answer(Err(Failure::failed("the plant refused: too many swaps wait for their ticks; ask again later")));
     shows(&screen(&model, 80, 24), "the plant refused: too many swaps");
+}
+
+#[test]
+fn a_fault_is_typed_read_and_injected() {
+    let mut model = model();
+    press(&mut model, &typed("4f"));
+    shows(&screen(&model, 80, 24), "fault, as in state.drop=0.1 for 1s: _");
+    assert_eq!(press(&mut model, &[typed("state.dorp=1"), vec![KeyCode::Enter]].concat()), Action::None);
+    shows(&screen(&model, 80, 24), "unknown fault `state.dorp`; did you mean `state.drop`?");
+    shows(&screen(&model, 80, 24), "state.dorp=1_");
+    let again = [vec![KeyCode::Esc], typed("fstate.drop=0.1,inner.late=1ms for soon"), vec![KeyCode::Enter]].concat();
+    assert_eq!(press(&mut model, &again), Action::None);
+    let again = [vec![KeyCode::Backspace; 4], typed("2s"), vec![KeyCode::Enter]].concat();
+    let changes = ["state.drop=0.1", "inner.late=1ms"].map(|text| text.parse().unwrap());
+    assert_eq!(press(&mut model, &again), Action::Inject(changes.into(), Some(Duration::from_secs(2))));
+    shows(&screen(&model, 80, 24), "waits for the plant's answer");
+    model.answer(Ok("state.drop=0.1 from tick 2000 (2.000 s) to tick 4000 (4.000 s), injected in flight\n".into()));
+    shows(&screen(&model, 120, 24), "state.drop=0.1 from tick 2000 (2.000 s)");
 }
 
 #[test]

@@ -12,7 +12,7 @@
 //! ```
 
 use crate::fault::fields::Faulty;
-use crate::fault::{Kind, LONGEST_DELAY, MessageFault, MessageFaults, Place, Port};
+use crate::fault::{Kind, LONGEST_DELAY, MOST, MessageFault, MessageFaults, Place, Port};
 use crate::inspection::{Reason, Rejections};
 use crate::messages::NO_TICK;
 use crate::noise::{standard_normal, uniform};
@@ -39,8 +39,9 @@ pub struct Passed<C> {
 pub struct Gate<C> {
     seed: u64,
     faults: Vec<(u64, MessageFault)>,
-    /// The newest contents with their ticks, by tick; empty where nothing lags.
+    /// The newest contents with their ticks, by tick; empty where nothing can lag.
     kept: Vec<(u64, C)>,
+    lags: bool,
     /// The last one before a freeze; none where nothing came, or nothing freezes.
     last: Option<C>,
     freezes: bool,
@@ -51,17 +52,38 @@ impl<C: Faulty> Gate<C> {
     /// The gate of an input before its first message; none where it has no faults.
     #[must_use]
     pub fn new(faults: &MessageFaults, port: Port) -> Option<Self> {
-        let own: Vec<(u64, MessageFault)> = faults.of(port).map(|(number, fault)| (number, *fault)).collect();
-        let any = |is: fn(Kind) -> bool| own.iter().any(|(_, fault)| is(fault.kind));
-        let (lags, freezes) = (any(|kind| matches!(kind, Kind::Lag(_))), any(|kind| kind == Kind::Freeze));
-        (!own.is_empty()).then(|| Self {
+        let lags = faults.of(port).any(|(_, fault)| matches!(fault.kind, Kind::Lag(_)));
+        faults.of(port).next()?;
+        Some(Self::with_room(faults, port, if lags { KEPT } else { 0 }))
+    }
+
+    /// The gate of an input whose faults may change in flight: it has room for whatever they will be.
+    #[must_use]
+    pub fn changing(faults: &MessageFaults, port: Port) -> Self {
+        Self::with_room(faults, port, KEPT)
+    }
+
+    fn with_room(faults: &MessageFaults, port: Port, kept: usize) -> Self {
+        let mut gate = Self {
             seed: faults.seed,
-            faults: own,
-            kept: if lags { vec![(NO_TICK, C::default()); KEPT] } else { Vec::new() },
+            faults: Vec::with_capacity(MOST),
+            kept: vec![(NO_TICK, C::default()); kept],
+            lags: false,
             last: None,
-            freezes,
+            freezes: false,
             rejections: Rejections::default(),
-        })
+        };
+        gate.change(faults, port);
+        gate
+    }
+
+    /// Takes the faults of an input as they are from now on; what it knows of earlier messages stays. It allocates
+    /// nothing where it was made as one that changes.
+    pub fn change(&mut self, faults: &MessageFaults, port: Port) {
+        self.faults.clear();
+        self.faults.extend(faults.of(port).map(|(number, fault)| (number, *fault)));
+        let any = |is: fn(Kind) -> bool| self.faults.iter().any(|(_, fault)| is(fault.kind));
+        (self.lags, self.freezes) = (any(|kind| matches!(kind, Kind::Lag(_))), any(|kind| kind == Kind::Freeze));
     }
 
     /// What comes of the message of a tick; nothing where it is lost or refused.
@@ -106,7 +128,9 @@ impl<C: Faulty> Gate<C> {
     }
 
     fn keep(&mut self, tick: u64, content: &C, is_frozen: bool) {
-        if let Some(place) = self.kept.get_mut((tick % KEPT as u64) as usize) {
+        if self.lags
+            && let Some(place) = self.kept.get_mut((tick % KEPT as u64) as usize)
+        {
             *place = (tick, *content);
         }
         if self.freezes && !is_frozen {

@@ -30,6 +30,23 @@ impl<C: Faulty> Inlet<C> {
         Self { gate: Gate::new(faults, port), waiting: VecDeque::with_capacity(ROOM), newest: Message::default() }
     }
 
+    /// An input that nothing has come to, and whose faults may change in flight.
+    #[must_use]
+    pub fn changing(faults: &MessageFaults, port: Port) -> Self {
+        Self { gate: Some(Gate::changing(faults, port)), ..Self::new(&MessageFaults::none(faults.seed), port) }
+    }
+
+    /// Takes the faults as they are from now on, without an allocation; `newest` is what came last before it was shown
+    /// any message.
+    pub fn change(&mut self, faults: &MessageFaults, port: Port, newest: &Message<C>) {
+        if let Some(gate) = &mut self.gate {
+            gate.change(faults, port);
+        }
+        if self.newest.envelope.tick == NO_TICK && self.waiting.is_empty() {
+            self.newest = *newest;
+        }
+    }
+
     /// Takes a message that inspection let through. It keeps its envelope, whatever becomes of its content.
     pub fn arrive(&mut self, message: &Message<C>) {
         self.arrive_late(message, 0);

@@ -8,6 +8,7 @@ use role::rt::UsageMeter;
 use wire::clock::now_ns;
 
 use super::Recorder;
+use crate::fault::live::injected;
 use crate::record::ports::Ports;
 use crate::settings::laws::Chosen;
 use crate::wall_time::utc;
@@ -117,7 +118,7 @@ impl Recorder<'_> {
             theorem,
             swaps: self.tally.swaps.clone(),
             swaps_left_out: self.tally.swaps_seen - self.tally.swaps.len() as u64,
-            faults: self.settings.injected()?,
+            faults: [self.settings.injected()?, injected(&self.injected, self.period_s)].concat(),
             series,
             roles,
             lead: self.tally.lead(&run.lead, self.crew.rehearsals()),

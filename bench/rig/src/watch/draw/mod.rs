@@ -177,7 +177,7 @@ fn foot_line<'a>(model: &Model, paint: Paint, width: u16) -> Line<'a> {
         keys.push(key("q", if model.flies() { "leave, it flies on" } else { "leave" }));
         keys.push(key("?", "help"));
         match model.tab {
-            Tab::Plant => keys.extend([key("Up/Down", "select"), key("Enter", "edit")]),
+            Tab::Plant => keys.extend([key("Up/Down", "select"), key("Enter", "edit"), key("f", "fault")]),
             Tab::Latency => keys.extend([key("Up/Down", "select"), key("r", "reset")]),
             _ => keys.extend([key("Tab", "next"), key("r", "reset")]),
         }

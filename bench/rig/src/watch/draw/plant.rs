@@ -66,7 +66,12 @@ fn said<'a>(flight: &WatchedFlight, desk: &'a ParameterPage, paint: Paint) -> Ve
     let spec = desk.parameter().spec();
     let range = flight.airframe.range(spec.parameter);
     let mut lines = Vec::new();
-    if let Some(typed) = &desk.typed {
+    if let Some(typed) = desk.typed.as_ref().filter(|_| desk.fault) {
+        lines.push(Line::from(vec![
+            Span::raw("fault, as in state.drop=0.1 for 1s: "),
+            Span::styled(format!("{typed}_"), paint.heading()),
+        ]));
+    } else if let Some(typed) = &desk.typed {
         lines.push(Line::from(vec![
             Span::raw(format!("{} [{}], {:?} to {:?}: ", spec.name, spec.unit, range.min, range.max)),
             Span::styled(format!("{typed}_"), paint.heading()),
