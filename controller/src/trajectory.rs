@@ -78,6 +78,29 @@ impl Trajectory {
         reference_of(&std::array::from_fn(|i| product(&ramp, &axes[i].derivatives(t_s))))
     }
 
+    /// After which time all that moves repeats, but for a climb [s]; none where it ends at rest.
+    #[must_use]
+    pub fn cycle_s(self) -> Option<f64> {
+        const fn divisor(a: u64, b: u64) -> u64 {
+            if b == 0 { a } else { divisor(b, a % b) }
+        }
+        // Every w is a multiple of 0.1 rad/s.
+        let tenths = self.axes().iter().filter(|axis| axis.a != 0.0).map(|axis| (axis.w * 10.0).round() as u64);
+        match tenths.fold(0, divisor) {
+            0 => None,
+            tenths => Some(20.0 * std::f64::consts::PI / tenths as f64),
+        }
+    }
+
+    /// When it has left its ramp [s].
+    #[must_use]
+    pub const fn begun_s(self) -> f64 {
+        match self {
+            Self::Step => 0.0,
+            _ => RAMP_S,
+        }
+    }
+
     /// x, y, z and psi of the trajectory.
     const fn axes(self) -> &'static [Axis; 4] {
         const HOVER: [Axis; 4] = [fixed(0.0), fixed(0.0), fixed(1.0), fixed(0.0)];

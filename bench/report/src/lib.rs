@@ -21,6 +21,7 @@ pub mod junit;
 pub mod laws;
 pub mod lead;
 pub mod losses;
+pub mod margin;
 pub mod page;
 pub mod plot;
 pub mod run_facts;

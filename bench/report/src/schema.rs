@@ -12,6 +12,7 @@ use crate::host::{Host, InterruptSection, Steal};
 use crate::injected::InjectedFault;
 use crate::laws::LawSection;
 use crate::lead::LeadSection;
+use crate::margin;
 use crate::status::FlightStatus;
 use crate::swaps::AppliedSwap;
 use crate::tally::distribution::{Bucket, Distribution};
@@ -43,6 +44,10 @@ pub struct Report {
     /// Why they were missed.
     #[serde(default)]
     pub autopsy: autopsy::section::Section,
+    /// The worst outage against what the loop bears; none in lockstep, where there are no outages, and in reports from
+    /// before margins were measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub margin: Option<margin::line::Section>,
     /// Processes that ended while the flight needed them; the first 500.
     #[serde(default)]
     pub deaths: Vec<Death>,

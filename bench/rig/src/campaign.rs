@@ -8,7 +8,6 @@ mod check;
 mod directory;
 mod flown;
 mod plan;
-mod progress;
 mod run;
 mod status;
 mod submit;

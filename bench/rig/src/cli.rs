@@ -4,6 +4,7 @@ mod campaign;
 mod compare;
 mod flight;
 mod gates;
+pub(crate) mod margin;
 mod real_time;
 mod report;
 
@@ -22,6 +23,7 @@ pub use crate::cli::campaign::{
 pub use crate::cli::compare::CompareArgs;
 pub use crate::cli::flight::{CourseArgs, FlightArgs};
 pub use crate::cli::gates::{GateArgs, GateName};
+pub use crate::cli::margin::{GateLimit, MarginArgs};
 pub use crate::cli::real_time::{LeadArg, PaceArg, RtArgs, RtMode};
 pub use crate::cli::report::{DiffArgs, DiffFormat, Format, ReportArgs, ReportCommand};
 use crate::doctor::DoctorArgs;
@@ -87,6 +89,8 @@ pub enum Command {
     Simulate(SimulateArgs),
     /// Fly the same flight with several laws, in simulated time, and put them side by side.
     Compare(CompareArgs),
+    /// Measure what a loop bears: the longest outage, lag and share of losses that its flight survives.
+    Margin(MarginArgs),
     /// Fly a campaign: many flights with parameters drawn from a file, as rows of a table.
     #[command(subcommand)]
     Campaign(CampaignCommand),

@@ -5,16 +5,14 @@
 
 mod table;
 
-use model::role::Role;
-use report::comparison::page::COMBINATIONS_MAX;
 use report::comparison::tally::Tally;
 use report::comparison::{Comparison, Fault, Flight, Laws, Outcome, SCHEMA, page, text};
 use report::json;
 use report::tracking::Tracking;
-use toml::Value;
 
 use crate::build;
 use crate::cli::{CompareArgs, DiffFormat};
+use crate::combinations;
 use crate::in_process::InProcess;
 use crate::output::{print, say};
 use crate::parallel::{on_processors, processors};
@@ -33,7 +31,11 @@ const TICKS_MAX: u64 = 1_000_000;
 /// written.
 pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
     check_writable("--page", args.page.as_deref())?;
-    let combinations = combinations(args)?;
+    let combinations = combinations::of(&args.outer, &args.inner, &args.mixer)?;
+    if combinations.len() == 1 {
+        return Err(Failure::usage("one combination of laws is nothing to compare")
+            .help("name two laws or more, as in --inner adaptive --inner indi; `ironbird laws` lists them"));
+    }
     if let Some(path) = &args.table {
         print(&table::tables(args, &combinations, path)?)?;
         return Ok(OK);
@@ -52,32 +54,6 @@ pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
     Ok(OK)
 }
 
-/// Every outer law with every inner law and mixer, as settings.
-fn combinations(args: &CompareArgs) -> Result<Vec<Overrides>, Failure> {
-    let mut all = vec![Overrides::new()];
-    for (role, key, names) in [
-        (Role::Outer, "outer.law", &args.outer),
-        (Role::Mixer, "mixer.law", &args.mixer),
-        (Role::Inner, "inner.law", &args.inner),
-    ] {
-        if let Some((_, twice)) = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
-            return Err(Failure::usage(format!("the {role} law `{twice}` is named twice"))
-                .help(format!("name each law once; `ironbird laws` lists those that --{role} can name")));
-        }
-        if !names.is_empty() {
-            let with = |set: &Overrides, name: &String| [set.clone(), vec![(key, Value::from(name.clone()))]].concat();
-            all = all.iter().flat_map(|set| names.iter().map(move |name| with(set, name))).collect();
-        }
-    }
-    match all.len() {
-        1 => Err(Failure::usage("one combination of laws is nothing to compare")
-            .help("name two laws or more, as in --inner adaptive --inner indi; `ironbird laws` lists them")),
-        2..=COMBINATIONS_MAX => Ok(all),
-        more => Err(Failure::usage(format!("{more} combinations of laws: allowed are {COMBINATIONS_MAX}"))
-            .help("every outer law is flown with every inner law and mixer: name fewer of them")),
-    }
-}
-
 /// A flight for each combination.
 #[derive(Debug)]
 struct Plan {
@@ -92,7 +68,7 @@ impl Plan {
             Settings::resolve(args.course.config.as_deref(), &[overrides.clone(), laws.clone()].concat())
         };
         let settings: Vec<Settings> = combinations.iter().map(resolve).collect::<Result<_, _>>()?;
-        check_names(combinations, &settings)?;
+        combinations::check_names(combinations, &settings)?;
         let first = &settings[0];
         let last_tick = first.last_tick();
         if last_tick >= TICKS_MAX {
@@ -114,27 +90,6 @@ impl Plan {
         };
         Ok(Self { flight, settings })
     }
-}
-
-/// Refuses combinations that nobody could tell apart: laws of two files may have one name.
-fn check_names(combinations: &[Overrides], settings: &[Settings]) -> Result<(), Failure> {
-    let mut seen: Vec<([&str; 3], &Overrides)> = Vec::new();
-    for (set, settings) in combinations.iter().zip(settings) {
-        let names = settings.laws()?.map(|law| law.name);
-        if let Some((_, before)) = seen.iter().find(|(seen, _)| *seen == names) {
-            let differing = before.iter().zip(set).find(|(before, it)| before != it);
-            let [first, second] = differing.map_or([""; 2], |((_, first), (_, second))| {
-                [first, second].map(|law| law.as_str().unwrap_or_default())
-            });
-            let [outer, inner, mixer] = names;
-            return Err(Failure::usage(format!(
-                "{first} and {second} have one name: both would be told as {outer} + {inner} + {mixer}"
-            ))
-            .help("give one of the two laws another name: a comparison tells laws apart by it"));
-        }
-        seen.push((names, set));
-    }
-    Ok(())
 }
 
 /// The faults of a flight in order, those of one tick as one.

@@ -128,6 +128,33 @@ impl InProcess {
         rig
     }
 
+    /// The flight that this one would become under other settings, which differ in faults of messages and stages that
+    /// begin later: 60 ticks, for those that look back. Nothing where a law cannot be copied.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn branch(&self, settings: &Settings) -> Result<Option<Self>, Failure> {
+        let mut rig = Self::of(settings)?;
+        let Self { plant, outer, inner, mixer, .. } = self;
+        if !(rig.outer.copy_from(outer) && rig.inner.copy_from(inner) && rig.mixer.copy_from(mixer)) {
+            return Ok(None);
+        }
+        rig.plant = plant.clone();
+        if let Some(faulted) = &mut rig.faulted {
+            rig.plant = rig.plant.gated(faulted.plant_gate());
+            faulted.take_over(self);
+        }
+        Ok(Some(Self {
+            state: self.state,
+            setpoint: self.setpoint,
+            wrench: self.wrench,
+            rotor_speeds: self.rotor_speeds,
+            tick: self.tick,
+            envelope: self.envelope,
+            ..rig
+        }))
+    }
+
     /// Flies one tick.
     pub fn tick(&mut self) {
         if self.faulted.is_some() {
@@ -166,6 +193,12 @@ impl InProcess {
     #[must_use]
     pub const fn flown_tick(&self) -> u64 {
         self.tick.wrapping_sub(1)
+    }
+
+    /// Tick that is next.
+    #[must_use]
+    pub const fn next_tick(&self) -> u64 {
+        self.tick
     }
 
     /// Tick of the state that was published last.

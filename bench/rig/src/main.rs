@@ -10,7 +10,7 @@ use ironbird::floor::{command, hop};
 use ironbird::fly::burden;
 use ironbird::output::say;
 use ironbird::{
-    campaign, clean, compare, doctor, export, fly, inject, laws, limits, manual, new_law, params, replay, roles, runs,
+    campaign, clean, compare, doctor, export, fly, inject, laws, limits, manual, margin, new_law, params, replay, roles, runs,
     show_report, simulate, watch,
 };
 use model::role::Role;
@@ -52,6 +52,7 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Runs(args) => runs::runs(args),
         Command::Simulate(args) => simulate::simulate(args),
         Command::Compare(args) => compare::compare(args),
+        Command::Margin(args) => margin::margin(args),
         Command::Campaign(command) => campaign::campaign(command),
         Command::Floor(args) => command::floor(args),
         Command::Doctor(args) => doctor::doctor(args),

@@ -2,9 +2,27 @@
 
 use std::num::NonZero;
 use std::panic::resume_unwind;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
 use std::time::Duration;
+
+use failure::Failure;
+use role::stop::stop_signals;
+use signal_hook::flag;
+
+/// Becomes true when a signal asks for the end; long work looks at it.
+///
+/// # Errors
+/// [`Failure`] where signals cannot be handled.
+pub fn asked_to_stop() -> Result<Arc<AtomicBool>, Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in stop_signals() {
+        flag::register(signal, Arc::clone(&stop))
+            .map_err(|e| Failure::failed(format!("cannot handle signals: {e}")))?;
+    }
+    Ok(stop)
+}
 
 /// How many pieces of work this machine does at once.
 #[must_use]

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::cli::{Format, ReportArgs, ReportCommand};
+use crate::margin::table::look_again;
 use crate::open_page::open_page;
 use crate::output::print;
 use crate::record::hlog;
@@ -35,6 +36,7 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
         report = read(&directory)?;
         abandoned(&mut report, &directory);
     }
+    look_again(&mut report, &directory);
     if let Some(path) = &args.junit {
         junit::write(&report, path)?;
     }

@@ -76,6 +76,24 @@ impl Course {
         Arc::new(move |tick| self.reference(tick as f64 * period_s))
     }
 
+    /// When it has left its ramp [s].
+    #[must_use]
+    pub fn begun_s(&self) -> f64 {
+        match self.shape {
+            Shape::Named(trajectory) => trajectory.begun_s() * self.period,
+            Shape::Points(_) => 0.0,
+        }
+    }
+
+    /// After which time it repeats, but for a climb [s]; none where it ends at rest.
+    #[must_use]
+    pub fn cycle_s(&self) -> Option<f64> {
+        match self.shape {
+            Shape::Named(trajectory) => Some(trajectory.cycle_s()? * self.period),
+            Shape::Points(_) => None,
+        }
+    }
+
     /// When it has come to rest for good [s], if it does.
     #[must_use]
     pub fn end_s(&self) -> Option<f64> {

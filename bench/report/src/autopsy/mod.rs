@@ -67,7 +67,8 @@ pub struct Autopsy {
     has_begun: bool,
     /// The outage that lasts.
     open: Option<Outage>,
-    counts: BTreeMap<(Class, Option<Role>), (u64, u64)>,
+    /// Outages, missed deadlines in them, and ticks of the longest.
+    counts: BTreeMap<(Class, Option<Role>), (u64, u64, u64)>,
     worst: Vec<Case>,
 }
 
@@ -293,7 +294,7 @@ impl Autopsy {
         }
         let opinion = classify(&scene);
         let count = self.counts.entry((opinion.class, opinion.stage)).or_default();
-        *count = (count.0 + 1, count.1 + outage.missed);
+        *count = (count.0 + 1, count.1 + outage.missed, count.2.max(outage.last - outage.first + 1));
         let case = self.case(outage, opinion);
         let place = self.worst.partition_point(|other| (other.ticks, other.missed) >= (case.ticks, case.missed));
         self.worst.insert(place, case);
@@ -356,11 +357,12 @@ impl Autopsy {
         let mut classes: Vec<ClassCount> = self
             .counts
             .iter()
-            .map(|((class, stage), (outages, missed))| ClassCount {
+            .map(|((class, stage), (outages, missed, longest_ticks))| ClassCount {
                 class: *class,
                 stage: stage.map(|stage| stage.name().into()),
                 outages: *outages,
                 missed: *missed,
+                longest_ticks: *longest_ticks,
             })
             .collect();
         classes.sort_by_key(|class| std::cmp::Reverse((class.missed, class.outages)));

@@ -31,6 +31,9 @@ pub struct ClassCount {
     pub outages: u64,
     /// Deadlines missed in them.
     pub missed: u64,
+    /// The longest of them [ticks]; 0 in reports from before it was kept.
+    #[serde(default)]
+    pub longest_ticks: u64,
 }
 
 /// An outage.

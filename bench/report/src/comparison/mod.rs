@@ -10,7 +10,7 @@ pub mod text;
 use std::fmt;
 
 use flight_log::build::Build;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::traces::Group;
 
@@ -67,7 +67,7 @@ pub struct Fault {
 }
 
 /// A law for each role.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Laws {
     /// Of the outer loop.
     pub outer: String,

@@ -25,6 +25,7 @@ pub fn head(report: &Report) -> Markup {
             @for sentence in losses::sentences(report) { p.bad { (sentence) } }
             @if !run.last_words.is_empty() { p { (run.ending) ". What it said last:" } pre { (run.last_words.join("\n")) } }
             (tiles(report))
+            @if let Some(margin) = &report.margin { p { "Margin: " (margin.sentence()) "." } }
             p {
                 (run.started) ", instance " (run.instance) ", "
                 @if run.in_flight { "in flight: numbers so far, plots come with its end" } @else { (run.ending) }

@@ -52,6 +52,7 @@ fn sentences(report: &Report) -> Vec<String> {
     all.push(format!("Flown     {ending}: {pace}; {:.1} s from {}", ticks.elapsed_s, run.started));
     all.extend(deaths(report));
     all.extend(outages(report));
+    all.extend(report.margin.iter().map(|margin| format!("Margin    {}", margin.sentence())));
     all.push(tracking(report));
     all.extend(floors(report));
     all.extend(refused(report));

@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use campaign::chunk::{self, State};
@@ -10,15 +9,13 @@ use campaign::rows::Rows;
 use campaign::statistics::rates::wilson;
 use campaign::table::Row;
 use failure::{Failure, INTERRUPTED, OK};
-use role::stop::stop_signals;
-use signal_hook::flag;
 
 use super::plan::Plan;
-use super::progress::Progress;
 use super::{directory, flown};
 use crate::cli::{CampaignRunArgs, Shard};
 use crate::output::{print, say};
-use crate::parallel::{on_processors, processors};
+use crate::parallel::{asked_to_stop, on_processors, processors};
+use crate::progress::Progress;
 
 /// Environment variables that number the tasks of a job, and what makes them begin with 1: those of Slurm, HyperQueue,
 /// Kubernetes and GNU parallel.
@@ -31,11 +28,7 @@ const TASKS: [(&str, u64); 4] =
 /// Usage: what is wrong with the file; a directory that holds another campaign. A file that cannot be written; an
 /// interruption, after which the chunks that were whole are kept.
 pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in stop_signals() {
-        flag::register(signal, Arc::clone(&stop))
-            .map_err(|e| Failure::failed(format!("cannot handle signals: {e}")))?;
-    }
+    let stop = asked_to_stop()?;
     let plan = Plan::read(&args.file)?;
     let out = args.out.clone().unwrap_or_else(|| default_directory(&plan));
     let chunks = args.shard.map_or(Ok(0..plan.campaign.chunks()), |shard| of_shard(&plan, shard))?;
@@ -104,7 +97,7 @@ impl Flying<'_> {
         let arms = campaign.arms.len() as u64;
         let rows_of = |chunk: u64| campaign.flights_of(chunk).count() as u64 * arms;
         let mut ended = Ended::default();
-        let mut progress = Progress::new(chunks.clone().map(rows_of).sum());
+        let mut progress = Progress::new(chunks.clone().map(rows_of).sum(), "flight");
         for chunk in chunks {
             let state = chunk::state(self.out, campaign, &self.plan.identity, chunk);
             if state == State::Whole {

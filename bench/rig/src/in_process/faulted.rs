@@ -101,6 +101,20 @@ impl Faulted {
         Gate::new(&self.messages, Port::PlantRotorSpeeds)
     }
 
+    /// Takes over from a flight without faults of messages and stages, between two ticks.
+    pub(super) fn take_over(&mut self, rig: &InProcess) {
+        let Some(tick) = rig.tick.checked_sub(1) else { return };
+        self.next_tick = [rig.tick; STAGES.len()];
+        self.outer_state.arrive(&message(&rig.state));
+        self.inner_state.arrive(&message(&rig.state));
+        self.inner_setpoint.arrive(&message(&rig.setpoint));
+        self.mixer_wrench.arrive(&message(&rig.wrench));
+        self.outer_state.settle(tick);
+        self.inner_state.settle(tick);
+        self.inner_setpoint.settle(tick);
+        self.mixer_wrench.settle(tick);
+    }
+
     /// Messages that were refused for what a fault had made of them, those of the plant left out.
     pub(super) fn rejections(&self) -> Rejections {
         self.rejections

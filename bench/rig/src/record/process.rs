@@ -11,7 +11,7 @@ use hdrhistogram::serialization::V2DeflateSerializer;
 use model::boards::{Ending, RolePhase, RunPhase, Status};
 use model::envelope::Message;
 use model::fault::live::{LIVE, LiveBoard, LiveFault};
-use model::grid::NS_PER_S;
+use model::grid::{NS_PER_S, Pace};
 use model::messages::{Dated, State, Wrench};
 use model::role::Role;
 use role::rt::UsageMeter;
@@ -21,6 +21,7 @@ use wire::clock::now_ns;
 use wire::instance::Instance;
 
 use super::facts::{facts, injected_record};
+use crate::margin::table;
 use crate::record::crew::Crew;
 use crate::record::hlog::{self, Hlog, Lines};
 use crate::record::pairs::Pairs;
@@ -44,6 +45,7 @@ use report::files::write_all;
 use report::finding::Diagnosis;
 use report::host::Host;
 use report::json;
+use report::margin;
 use report::schema::Report;
 use report::states::{Joined, Joiner, LoopMessage, StatesWriter};
 use report::tally::{Tally, is_last_word};
@@ -94,6 +96,8 @@ pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<R
 
 struct Recorder<'a> {
     settings: &'a Settings,
+    /// What the loop bears, as far as it is known; none in lockstep.
+    margin: Option<margin::line::Section>,
     /// Their laws, as they were when it began: a file that goes in flight is no matter.
     chosen: [Chosen; 3],
     directory: &'a Path,
@@ -159,6 +163,10 @@ impl<'a> Recorder<'a> {
         };
         Ok(Self {
             settings,
+            margin: match armed.pace {
+                Pace::Realtime(_) => Some(table::section(&table::fingerprint(settings)?, &files.directory)),
+                Pace::Lockstep => None,
+            },
             chosen: settings.chosen_laws()?,
             relays,
             log,

@@ -165,7 +165,7 @@ impl PointsFile {
 }
 
 /// The SHA-256 of a text, as `sha256sum` writes it.
-pub(super) fn sha256_of(text: &str) -> String {
+pub(crate) fn sha256_of(text: &str) -> String {
     Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 

@@ -27,7 +27,7 @@ pub struct Simulated {
     pub departure: Option<String>,
 }
 
-/// Flies to the last tick, or out of the envelope, and shows each tick that was flown.
+/// Flies from the next tick to the last one, or out of the envelope, and shows each tick that was flown.
 ///
 /// # Errors
 /// A usage [`Failure`], which settings that were resolved have ruled out; what `look` fails with ends the flight.
@@ -37,7 +37,7 @@ pub fn fly(
     mut look: impl FnMut(&InProcess) -> Result<(), Failure>,
 ) -> Result<Simulated, Failure> {
     let mut judge = Judge::new(settings)?;
-    for tick in 0..=settings.last_tick() {
+    for tick in rig.next_tick()..=settings.last_tick() {
         rig.tick();
         if rig.has_state() {
             if !judge.enters(rig) {

@@ -112,6 +112,7 @@ impl Rig {
                 | "clean"
                 | "simulate"
                 | "compare"
+                | "margin"
                 | "report"
                 | "export"
                 | "replay"
@@ -123,7 +124,7 @@ impl Rig {
         ) {
             default("--instance", &self.instance);
         }
-        if matches!(command, "fly" | "record" | "report" | "export" | "replay" | "runs") {
+        if matches!(command, "fly" | "record" | "report" | "export" | "replay" | "runs" | "margin") {
             default("--out", self.out().to_str().unwrap());
         }
         all

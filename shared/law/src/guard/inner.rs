@@ -70,6 +70,14 @@ impl GuardedInner {
         };
         Self { made, memory }
     }
+
+    /// Makes this stage what another one of the same law is; false, and nothing is to be flown by it, where the law
+    /// cannot be copied.
+    #[must_use]
+    pub fn copy_from(&mut self, other: &Self) -> bool {
+        self.memory = other.memory;
+        other.made.law.copy_into(&mut *self.made.law)
+    }
 }
 
 impl InnerStage for GuardedInner {

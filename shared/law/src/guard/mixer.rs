@@ -80,6 +80,12 @@ impl GuardedMixer {
         };
         Self { made, rotors }
     }
+
+    /// Makes this stage what another one of the same law is; false where the law cannot be copied.
+    #[must_use]
+    pub fn copy_from(&mut self, other: &Self) -> bool {
+        other.made.law.copy_into(&mut *self.made.law)
+    }
 }
 
 impl MixerStage for GuardedMixer {

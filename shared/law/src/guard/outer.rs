@@ -39,6 +39,14 @@ impl GuardedOuter {
         let memory = Memory { rig: *rig, signals: made.signals, hold_ticks: hold_ticks(rig), last: None };
         Self { made, route, memory }
     }
+
+    /// Makes this stage what another one of the same law is; false, and nothing is to be flown by it, where the law
+    /// cannot be copied.
+    #[must_use]
+    pub fn copy_from(&mut self, other: &Self) -> bool {
+        self.memory = other.memory;
+        other.made.law.copy_into(&mut *self.made.law)
+    }
 }
 
 impl OuterStage for GuardedOuter {

@@ -111,6 +111,7 @@ impl Recorder<'_> {
             verdict: verdict(gates, lost_messages, ending),
             ticks,
             deadlines,
+            margin: self.margin.clone().map(|margin| margin.with(&autopsy)),
             autopsy,
             deaths: self.tally.deaths.deaths.clone(),
             deaths_left_out: self.tally.deaths.left_out,

@@ -1,0 +1,163 @@
+//! A flight's worst outage against what its loop bears: the line of the report.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::autopsy::section::Section as Outages;
+use crate::margin::Margins;
+use crate::text::count;
+
+/// What stands for outages that are due to no stage, or to all: `machine` in a table of margins.
+pub const MACHINE: &str = "machine";
+
+/// What a flight's loop bears, and how near the flight came to it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Section {
+    /// Fingerprint of the settings that margins depend on: the name of their table.
+    pub fingerprint: String,
+    /// How to measure them, where they are not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unknown: Option<String>,
+    /// The longest outage survived, by stage; empty where not known.
+    pub bears: BTreeMap<String, Bears>,
+    /// Phases of the trajectory that these are the least of.
+    pub phases: u64,
+    /// The longest outages of this flight, by stage [ticks].
+    pub outages: BTreeMap<String, u64>,
+    /// The stage whose outage came nearest to what is borne; none without an outage, or where nothing is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nearest: Option<String>,
+    /// What it bears over its outage; no flight survived a margin below 1 in simulation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub margin: Option<f64>,
+}
+
+/// The longest outage of a stage that is survived.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Bears {
+    /// At the worst phase [ticks].
+    pub ticks: u64,
+    /// Whether no longer one was tried.
+    pub is_most: bool,
+}
+
+impl Section {
+    /// Of a flight whose margins nobody has measured; `command` measures them.
+    #[must_use]
+    pub fn unknown(fingerprint: String, command: String) -> Self {
+        Self { fingerprint, unknown: Some(command), ..Self::default() }
+    }
+
+    /// Of a flight whose laws bear what a table says; nothing where the table is of other settings, or lacks a stage.
+    #[must_use]
+    pub fn known(fingerprint: &str, table: &Margins) -> Option<Self> {
+        let law = table.laws.iter().find(|law| law.fingerprint == fingerprint)?;
+        let bears = |of: &str| {
+            let ticks = law.outages.iter().find(|margin| margin.of == of && !margin.ticks.is_empty())?.least();
+            Some((of.to_owned(), Bears { ticks, is_most: ticks >= table.longest_ticks }))
+        };
+        let stages = model::role::STAGES.into_iter().map(|role| role.name()).chain([MACHINE]);
+        let bears = stages.map(bears).collect::<Option<_>>()?;
+        let phases = table.phases_s.len() as u64;
+        Some(Self { fingerprint: fingerprint.into(), bears, phases, ..Self::default() })
+    }
+
+    /// The same with the outages of a flight.
+    #[must_use]
+    pub fn with(mut self, outages: &Outages) -> Self {
+        self.outages.clear();
+        for class in outages.classes.iter().filter(|class| class.longest_ticks > 0) {
+            let longest = self.outages.entry(class.stage.as_deref().unwrap_or(MACHINE).into()).or_default();
+            *longest = class.longest_ticks.max(*longest);
+        }
+        let ratio = |(stage, outage): (&String, &u64)| {
+            Some((self.bears.get(stage)?.ticks as f64 / *outage as f64, stage.clone()))
+        };
+        let nearest = self.outages.iter().filter_map(ratio).min_by(|a, b| a.0.total_cmp(&b.0));
+        (self.margin, self.nearest) = nearest.map_or((None, None), |(margin, stage)| (Some(margin), Some(stage)));
+        self
+    }
+
+    /// The line.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        if let Some(command) = &self.unknown {
+            return format!("not known: run {command}");
+        }
+        let most = |bears: &Bears| if bears.is_most { "more than " } else { "" };
+        match self.nearest.as_ref().and_then(|stage| Some((stage, self.bears.get(stage)?, self.outages.get(stage)?))) {
+            Some((stage, bears, outage)) => {
+                let least = if bears.is_most { "at least " } else { "" };
+                format!(
+                    "worst outage in this flight {} ({stage}); this loop bears {}{} (least of {}): margin {least}{:.1}",
+                    count(*outage, "tick"),
+                    most(bears),
+                    bears.ticks,
+                    count(self.phases, "phase"),
+                    self.margin.unwrap_or_default()
+                )
+            }
+            None => {
+                let each = self.bears.iter().map(|(stage, bears)| format!("{stage} {}{}", most(bears), bears.ticks));
+                let phases = count(self.phases, "phase");
+                format!(
+                    "no outage in this flight; this loop bears, in ticks: {} (least of {phases})",
+                    each.collect::<Vec<_>>().join(", ")
+                )
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::autopsy::classes::Class;
+    use crate::autopsy::section::ClassCount;
+
+    fn bears(all: &[(&str, u64)]) -> Section {
+        let bears = |(stage, ticks): &(&str, u64)| ((*stage).into(), Bears { ticks: *ticks, is_most: *ticks >= 2000 });
+        Section { bears: all.iter().map(bears).collect(), phases: 32, ..Section::default() }
+    }
+
+    fn outages(all: &[(Option<&str>, u64)]) -> Outages {
+        let class = |(stage, longest_ticks): &(Option<&str>, u64)| ClassCount {
+            class: Class::CannotTell,
+            stage: stage.map(str::to_owned),
+            outages: 1,
+            missed: 1,
+            longest_ticks: *longest_ticks,
+        };
+        Outages { classes: all.iter().map(class).collect(), ..Outages::default() }
+    }
+
+    #[test]
+    fn the_smallest_margin_is_told_and_not_the_longest_outage() {
+        let section = bears(&[("outer", 2000), ("inner", 118), ("machine", 30)]);
+        let told = |all: &[(Option<&str>, u64)]| section.clone().with(&outages(all)).sentence();
+        assert_eq!(
+            told(&[(Some("inner"), 40), (Some("inner"), 47), (Some("outer"), 300)]),
+            "worst outage in this flight 47 ticks (inner); this loop bears 118 (least of 32 phases): margin 2.5"
+        );
+        assert_eq!(
+            told(&[(None, 20), (Some("inner"), 47)]),
+            "worst outage in this flight 20 ticks (machine); this loop bears 30 (least of 32 phases): margin 1.5"
+        );
+        assert_eq!(
+            told(&[(Some("outer"), 1)]),
+            "worst outage in this flight 1 tick (outer); this loop bears more than 2000 (least of 32 phases): margin \
+             at least 2000.0"
+        );
+        assert_eq!(
+            told(&[]),
+            "no outage in this flight; this loop bears, in ticks: inner 118, machine 30, outer more than 2000 (least of \
+             32 phases)"
+        );
+        let unknown = Section::unknown("ab".into(), "ironbird margin --config settings.toml".into());
+        let unknown = unknown.with(&outages(&[(None, 5)]));
+        assert_eq!(unknown.sentence(), "not known: run ironbird margin --config settings.toml");
+        assert_eq!((unknown.outages["machine"], unknown.margin), (5, None));
+    }
+}

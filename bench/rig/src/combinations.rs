@@ -1,0 +1,59 @@
+//! Combinations of laws that are flown side by side: every outer law with every inner law and mixer.
+
+use model::role::Role;
+use report::comparison::page::COMBINATIONS_MAX;
+use toml::Value;
+
+use crate::settings::{Overrides, Settings};
+use failure::Failure;
+
+/// Every outer law with every inner law and mixer, as settings.
+///
+/// # Errors
+/// Usage: a law is named twice, or there are too many combinations.
+pub fn of(outer: &[String], inner: &[String], mixer: &[String]) -> Result<Vec<Overrides>, Failure> {
+    let mut all = vec![Overrides::new()];
+    for (role, key, names) in [
+        (Role::Outer, "outer.law", outer),
+        (Role::Mixer, "mixer.law", mixer),
+        (Role::Inner, "inner.law", inner),
+    ] {
+        if let Some((_, twice)) = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
+            return Err(Failure::usage(format!("the {role} law `{twice}` is named twice"))
+                .help(format!("name each law once; `ironbird laws` lists those that --{role} can name")));
+        }
+        if !names.is_empty() {
+            let with = |set: &Overrides, name: &String| [set.clone(), vec![(key, Value::from(name.clone()))]].concat();
+            all = all.iter().flat_map(|set| names.iter().map(move |name| with(set, name))).collect();
+        }
+    }
+    match all.len() {
+        1..=COMBINATIONS_MAX => Ok(all),
+        more => Err(Failure::usage(format!("{more} combinations of laws: allowed are {COMBINATIONS_MAX}"))
+            .help("every outer law is flown with every inner law and mixer: name fewer of them")),
+    }
+}
+
+/// Refuses combinations that nobody could tell apart: laws of two files may have one name.
+///
+/// # Errors
+/// Usage names both.
+pub fn check_names(combinations: &[Overrides], settings: &[Settings]) -> Result<(), Failure> {
+    let mut seen: Vec<([&str; 3], &Overrides)> = Vec::new();
+    for (set, settings) in combinations.iter().zip(settings) {
+        let names = settings.laws()?.map(|law| law.name);
+        if let Some((_, before)) = seen.iter().find(|(seen, _)| *seen == names) {
+            let differing = before.iter().zip(set).find(|(before, it)| before != it);
+            let [first, second] = differing.map_or([""; 2], |((_, first), (_, second))| {
+                [first, second].map(|law| law.as_str().unwrap_or_default())
+            });
+            let [outer, inner, mixer] = names;
+            return Err(Failure::usage(format!(
+                "{first} and {second} have one name: both would be told as {outer} + {inner} + {mixer}"
+            ))
+            .help("give one of the two laws another name: a comparison tells laws apart by it"));
+        }
+        seen.push((names, set));
+    }
+    Ok(())
+}

@@ -1,0 +1,257 @@
+//! Measures at one phase, and puts the phases together.
+
+use campaign::gates::Gates;
+use campaign::statistics::rates::clopper_pearson;
+use model::fault::{LONGEST_DELAY, Port};
+use report::comparison::Laws;
+use report::margin::{Exception, LawMargins, LossMargin, OutageMargin, PatternMargin, Point, SteadyMargin};
+
+use crate::margin::flights::Flights;
+use crate::margin::plan::{Asked, Judge, Unfaulted};
+use crate::margin::search::{checked, climbed, largest};
+use crate::margin::target::Target;
+use failure::Failure;
+
+/// Misses in a row behind which no more is tried.
+const MISSES: u32 = 3;
+/// Shares of losses that are flown [%].
+const SHARES: [u64; 14] = [1, 2, 5, 10, 15, 20, 25, 30, 40, 50, 60, 70, 80, 90];
+/// Shares of losses behind which no more is tried.
+const SHARE_MISSES: u32 = 2;
+/// Lengths of patterns of losses.
+const LENGTHS: [u64; 6] = [2, 5, 10, 20, 50, 100];
+/// The most ticks of lateness that a fault can have.
+const MOST_TICKS: u64 = LONGEST_DELAY as u64;
+
+/// What is measured.
+#[derive(Clone, Debug)]
+pub struct Task<'a> {
+    /// What is out, late or lost.
+    pub targets: Vec<Target>,
+    /// What the user asks.
+    pub asked: &'a Asked,
+    /// The longest outage that is tried [ticks].
+    pub longest: u64,
+    /// Sample time [s], and the same [ns].
+    pub period_s: f64,
+    /// See [`Self::period_s`].
+    pub tick_ns: u64,
+}
+
+/// What one phase bears, by target; what takes more flights is empty where the phase is not one of the sparse ones.
+#[derive(Clone, Debug)]
+pub struct OfPhase {
+    outages: Vec<(u64, Vec<(u64, bool)>)>,
+    lags: Vec<(u64, Vec<Point>)>,
+    delays: Vec<(u64, Vec<Point>)>,
+    losses: Vec<(u64, Vec<Point>)>,
+    /// For each of [`LENGTHS`].
+    patterns: Vec<Vec<u64>>,
+    flights: u64,
+}
+
+impl Task<'_> {
+    fn ticks(&self, time_s: f64) -> u64 {
+        (time_s / self.period_s).round() as u64
+    }
+
+    fn inputs(&self) -> impl Iterator<Item = Port> {
+        self.targets.iter().filter_map(|target| match target {
+            Target::Input(port) => Some(*port),
+            Target::Stage(_) | Target::Machine => None,
+        })
+    }
+
+    /// Measures at one phase; `is_sparse` is whether that takes more flights.
+    ///
+    /// # Errors
+    /// Those of [`Flights::fly`].
+    pub fn at(&self, flights: &Flights<'_>, judge: &Judge, is_sparse: bool) -> Result<OfPhase, Failure> {
+        let phase = Phase { task: self, flights, judge };
+        let outage = |target: &Target| phase.outage(*target, is_sparse);
+        let steady = |word: &'static str| -> Result<Vec<_>, Failure> {
+            if is_sparse { self.inputs().map(|port| phase.steady(port, word)).collect() } else { Ok(Vec::new()) }
+        };
+        Ok(OfPhase {
+            outages: self.targets.iter().map(outage).collect::<Result<_, _>>()?,
+            lags: steady("lag")?,
+            delays: steady("delay")?,
+            losses: self.inputs().map(|port| phase.loss(port)).collect::<Result<_, _>>()?,
+            patterns: match is_sparse {
+                true => self.inputs().map(|port| phase.patterns(port)).collect::<Result<_, _>>()?,
+                false => Vec::new(),
+            },
+            flights: flights.count(),
+        })
+    }
+
+    /// Puts the phases of laws together, which are in order.
+    pub fn together(&self, phases: &[OfPhase], begins_s: &[f64], laws: Law, judge: &Judge) -> LawMargins {
+        let Law { laws, fingerprint, unfaulted } = laws;
+        let outages = self.targets.iter().enumerate().map(|(i, target)| OutageMargin {
+            of: target.name(),
+            ticks: phases.iter().map(|phase| phase.outages[i].0).collect(),
+            exceptions: phases
+                .iter()
+                .zip(begins_s)
+                .flat_map(|(phase, phase_s)| phase.outages[i].1.iter().map(move |it| (*phase_s, *it)))
+                .map(|(phase_s, (ticks, survived))| Exception { phase_s, ticks, survived })
+                .collect(),
+        });
+        let sparse: Vec<&OfPhase> = phases.iter().filter(|phase| !phase.patterns.is_empty()).collect();
+        let steady = |of: fn(&OfPhase) -> &[(u64, Vec<Point>)]| -> Vec<SteadyMargin> {
+            let margin = |(i, port): (usize, Port)| {
+                let ticks = sparse.iter().map(|phase| of(phase)[i].0).min().unwrap_or(0);
+                let points = merged(sparse.iter().map(|phase| of(phase)[i].1.as_slice()));
+                SteadyMargin { input: port.to_string(), ticks, is_most: ticks == MOST_TICKS, points }
+            };
+            self.inputs().enumerate().map(margin).collect()
+        };
+        let loss = |(i, port): (usize, Port)| {
+            let mut shares: Vec<u64> = phases.iter().map(|phase| phase.losses[i].0).collect();
+            shares.sort_unstable();
+            let number = shares.len() as u64;
+            let interval = clopper_pearson(number, number);
+            LossMargin {
+                input: port.to_string(),
+                share: shares.first().map_or(0.0, |percent| *percent as f64 / 100.0),
+                survival: [interval.low, interval.high],
+                median_share: shares.get(shares.len().saturating_sub(1) / 2).map_or(0.0, |it| *it as f64 / 100.0),
+                points: merged(phases.iter().map(|phase| phase.losses[i].1.as_slice())),
+            }
+        };
+        let pattern = |(i, port): (usize, Port)| PatternMargin {
+            input: port.to_string(),
+            most: LENGTHS
+                .iter()
+                .enumerate()
+                .map(|(j, length)| [sparse.iter().map(|phase| phase.patterns[i][j]).min().unwrap_or(0), *length])
+                .collect(),
+        };
+        LawMargins {
+            laws,
+            fingerprint,
+            unfaulted_error_m: unfaulted.error_m,
+            unfaulted_saturated_percent: unfaulted.saturated_percent,
+            recovered_below_m: judge.outage.recovered_below_m,
+            tracked_below_m: judge.steady.recovered_below_m,
+            saturated_max_percent: judge.saturated_max_percent,
+            outages: outages.collect(),
+            lags: steady(|phase| &phase.lags),
+            delays: steady(|phase| &phase.delays),
+            losses: self.inputs().enumerate().map(loss).collect(),
+            patterns: self.inputs().enumerate().map(pattern).collect(),
+            flights: phases.iter().map(|phase| phase.flights).sum(),
+        }
+    }
+}
+
+/// Laws, and what they fly without a fault.
+#[derive(Clone, Debug)]
+pub struct Law {
+    /// Their names.
+    pub laws: Laws,
+    /// Of their settings.
+    pub fingerprint: String,
+    /// What they fly.
+    pub unfaulted: Unfaulted,
+}
+
+/// One phase of certain laws.
+struct Phase<'a> {
+    task: &'a Task<'a>,
+    flights: &'a Flights<'a>,
+    judge: &'a Judge,
+}
+
+impl Phase<'_> {
+    fn outage(&self, target: Target, is_checked: bool) -> Result<(u64, Vec<(u64, bool)>), Failure> {
+        let Task { asked, longest, tick_ns, .. } = *self.task;
+        let survives = |ticks: u64| -> Result<bool, Failure> {
+            let (from, end) = (self.flights.from, self.flights.from + ticks);
+            let gates = &self.judge.outage;
+            let last_tick = end + self.task.ticks(asked.after_s());
+            let fault = target.outage(from, ticks, tick_ns);
+            let flown = self.flights.fly(&[fault], end, last_tick, gates.recovered_below_m)?;
+            Ok(gates.is_success(&flown.outcome))
+        };
+        let found = largest(longest, survives)?;
+        if is_checked { checked(found, longest, survives) } else { Ok((found, Vec::new())) }
+    }
+
+    /// Flies under a fault that stays.
+    fn under(&self, fault: &str, at: f64) -> Result<(bool, Point), Failure> {
+        let from = self.flights.from;
+        let gates: &Gates = &self.judge.steady;
+        let last_tick = from + self.task.ticks(self.task.asked.steady_s());
+        let flown = self.flights.fly(&[format!("{fault}@tick{from}")], from, last_tick, gates.recovered_below_m)?;
+        let survived = gates.is_success(&flown.outcome);
+        Ok((survived, Point { at, flights: 1, survived: u64::from(survived), error_m: flown.error_m() }))
+    }
+
+    fn steady(&self, port: Port, word: &str) -> Result<(u64, Vec<Point>), Failure> {
+        let mut points = Vec::new();
+        let all = climbed(1..=MOST_TICKS, MISSES, |ticks| {
+            let (survived, point) = self.under(&format!("{port}.{word}={ticks}"), ticks as f64)?;
+            points.push(point);
+            Ok(survived)
+        })?;
+        Ok((all as u64, points))
+    }
+
+    /// The largest share of losses in percent.
+    fn loss(&self, port: Port) -> Result<(u64, Vec<Point>), Failure> {
+        let lose = |percent: u64| {
+            let share = percent as f64 / 100.0;
+            self.under(&format!("{port}.drop={share}"), share)
+        };
+        let mut points = Vec::new();
+        let all = climbed(SHARES, SHARE_MISSES, |percent| {
+            let (survived, point) = lose(percent)?;
+            points.push(point);
+            Ok(survived)
+        })?;
+        let low = all.checked_sub(1).map_or(0, |i| SHARES[i]);
+        let high = SHARES.get(all).copied().unwrap_or(100);
+        let more = largest(high - low - 1, |more| Ok(lose(low + more)?.0))?;
+        Ok((low + more, points))
+    }
+
+    /// For each length the most losses in a row.
+    fn patterns(&self, port: Port) -> Result<Vec<u64>, Failure> {
+        let most = |length: &u64| largest(length - 1, |lost| Ok(self.under(&format!("{port}.drop={lost}/{length}"), 0.0)?.0));
+        LENGTHS.iter().map(most).collect()
+    }
+}
+
+/// Points of one strength as one, in order of their strength.
+fn merged<'a>(phases: impl Iterator<Item = &'a [Point]>) -> Vec<Point> {
+    let mut all: Vec<Point> = Vec::new();
+    for point in phases.flatten() {
+        match all.iter_mut().find(|it| it.at == point.at) {
+            Some(it) => {
+                it.flights += point.flights;
+                it.survived += point.survived;
+                it.error_m = it.error_m.zip(point.error_m).map(|(a, b)| a.max(b));
+            }
+            None => all.push(*point),
+        }
+    }
+    all.sort_by(|a, b| a.at.total_cmp(&b.at));
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_of_one_strength_are_one_with_the_worst_error() {
+        let point = |at, survived, error_m| Point { at, flights: 1, survived, error_m };
+        let first = [point(1.0, 1, Some(0.2)), point(2.0, 0, None)];
+        let second = [point(1.0, 1, Some(0.3)), point(2.0, 1, Some(0.1)), point(3.0, 0, Some(2.0))];
+        let all = merged([&first[..], &second].into_iter());
+        let both = |at, survived, error_m| Point { at, flights: 2, survived, error_m };
+        assert_eq!(all, [both(1.0, 2, Some(0.3)), both(2.0, 1, None), point(3.0, 0, Some(2.0))]);
+    }
+}
