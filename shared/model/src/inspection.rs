@@ -10,6 +10,8 @@ use crate::vocabulary::words;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Reason {
+    /// Damaged on its way: its check word is not that of what came.
+    Checksum,
     /// Built with other message layouts.
     Layout,
     /// Of another run.
@@ -27,7 +29,8 @@ pub enum Reason {
 }
 
 /// Every reason, in the order of [`Rejections`].
-pub const REASONS: [Reason; 7] = [
+pub const REASONS: [Reason; 8] = [
+    Reason::Checksum,
     Reason::Layout,
     Reason::Run,
     Reason::Settings,
@@ -37,13 +40,14 @@ pub const REASONS: [Reason; 7] = [
     Reason::Implausible,
 ];
 
-words!(Reason { Layout, Run, Settings, Sequence, Tick, NonFinite, Implausible });
+words!(Reason { Checksum, Layout, Run, Settings, Sequence, Tick, NonFinite, Implausible });
 
 impl Reason {
     /// A word for the report.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
+            Self::Checksum => "checksum",
             Self::Layout => "layout",
             Self::Run => "run",
             Self::Settings => "settings",

@@ -5,6 +5,7 @@
 pub mod allocation;
 pub mod attitude;
 pub mod boards;
+pub mod check_word;
 pub mod envelope;
 pub mod fault;
 pub mod flight_plan;

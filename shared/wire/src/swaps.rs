@@ -6,7 +6,7 @@ use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::pending_response::PendingResponse;
 use iceoryx2::port::client::Client;
 use iceoryx2::port::server::Server;
-use iceoryx2::prelude::{CallbackProgression, ZeroCopySend, ipc};
+use iceoryx2::prelude::{CallbackProgression, ipc};
 use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::request_response::PortFactory;
 
@@ -14,6 +14,7 @@ use super::{Bell, NODES, Owner, Wire, layout_verifier};
 use crate::clock::now_ns;
 use crate::error::Error;
 use crate::refusal::Refusal;
+use crate::sys::Sealed;
 use model::layout::{FNV_OFFSET, Layout as _, fnv1a, from_wire, layout};
 use model::parameters::PARAMETERS;
 
@@ -21,7 +22,7 @@ use model::parameters::PARAMETERS;
 const CLIENTS: usize = 8;
 
 /// A swap as it is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 pub struct SwapOrder {
     /// Tick from which it takes hold; `NO_TICK` if the tick is counted from now.
@@ -40,7 +41,7 @@ pub struct SwapOrder {
 layout!(SwapOrder { at_tick, in_ticks, count, parameter, value, steps });
 
 /// The plant's answer.
-#[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 pub struct SwapAnswer {
     /// A [`SwapOutcome`] as number.
@@ -57,7 +58,7 @@ pub struct SwapAnswer {
 layout!(SwapAnswer { verdict, tick, parameter_epoch, parameter, old });
 
 /// An order on its way.
-#[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 struct Ask {
     /// When it was sent [ns]: of those that come into one place after each other, no two have the same instant.
@@ -70,7 +71,7 @@ layout!(Ask { asked_ns, order });
 ///
 /// The middleware takes it to a client's place, and not to the client (iceoryx2 0.10). Somebody else may have the place
 /// by then, and must see that he is not meant.
-#[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 struct Reply {
     /// Of the order that it answers.
@@ -80,7 +81,7 @@ struct Reply {
 layout!(Reply { asked_ns, answer });
 
 /// The service with its payloads.
-type SwapService = PortFactory<ipc::Service, Ask, (), Reply, ()>;
+type SwapService = PortFactory<ipc::Service, Sealed<Ask>, (), Sealed<Reply>, ()>;
 
 /// What became of a swap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,7 +112,7 @@ impl Wire {
         self.open_service("the service `parameters`".into(), || {
             self.node
                 .service_builder(&service)
-                .request_response::<Ask, Reply>()
+                .request_response::<Sealed<Ask>, Sealed<Reply>>()
                 .max_servers(1)
                 .max_clients(CLIENTS)
                 .max_active_requests_per_client(1)
@@ -150,24 +151,30 @@ impl Wire {
 /// Receives orders.
 #[derive(Debug)]
 pub struct SwapServer {
-    server: Server<ipc::Service, Ask, (), Reply, ()>,
+    server: Server<ipc::Service, Sealed<Ask>, (), Sealed<Reply>, ()>,
     service: SwapService,
 }
 
 /// An order that waits for its answer.
 #[derive(Debug)]
 pub struct SwapCall {
-    request: ActiveRequest<ipc::Service, Ask, (), Reply, ()>,
+    ask: Ask,
+    request: ActiveRequest<ipc::Service, Sealed<Ask>, (), Sealed<Reply>, ()>,
 }
 
 impl SwapServer {
-    /// The next order, if one has come.
+    /// The next order, if one has come. One that was damaged on its way is dropped, and its client gets no answer.
     ///
     /// # Errors
     /// [`Error::Wire`].
     pub fn next(&self) -> Result<Option<SwapCall>, Error> {
-        let request = self.server.receive().map_err(|e| Error::wire("cannot receive a swap", e))?;
-        Ok(request.map(|request| SwapCall { request }))
+        while let Some(request) = self.server.receive().map_err(|e| Error::wire("cannot receive a swap", e))? {
+            let sealed = *request.payload();
+            if let Ok(ask) = sealed.open() {
+                return Ok(Some(SwapCall { ask: *ask, request }));
+            }
+        }
+        Ok(None)
     }
 
     /// Whether the one who asked waits for the answer; one that was killed counts until somebody else comes.
@@ -189,22 +196,22 @@ impl SwapServer {
 impl SwapCall {
     /// What is asked for.
     #[must_use]
-    pub fn order(&self) -> SwapOrder {
-        self.request.payload().order
+    pub const fn order(&self) -> SwapOrder {
+        self.ask.order
     }
 
     /// Answers. It is no error if the client has gone.
     pub fn answer(self, answer: SwapAnswer) {
-        let reply = Reply { asked_ns: self.request.payload().asked_ns, answer };
+        let reply = Reply { asked_ns: self.ask.asked_ns, answer };
         // Nobody is left to tell if this fails, and the swap itself is on record.
-        let _ = self.request.send_copy(reply);
+        let _ = self.request.send_copy(Sealed::new(reply));
     }
 }
 
 /// Sends orders.
 #[derive(Debug)]
 pub struct SwapClient {
-    client: Client<ipc::Service, Ask, (), Reply, ()>,
+    client: Client<ipc::Service, Sealed<Ask>, (), Sealed<Reply>, ()>,
     bell: Bell,
 }
 
@@ -216,12 +223,14 @@ impl SwapClient {
     pub fn ask(&self, order: SwapOrder, patience: Duration) -> Result<SwapAnswer, Error> {
         let asked_ns = now_ns();
         let pending: PendingResponse<_, _, _, _, _> =
-            self.client.send_copy(Ask { asked_ns, order }).map_err(|e| Error::wire("cannot ask for a swap", e))?;
+            self.client.send_copy(Sealed::new(Ask { asked_ns, order })).map_err(|e| Error::wire("cannot ask for a swap", e))?;
         self.bell.ring()?;
         let until = asked_ns.saturating_add(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
         loop {
             let reply = pending.receive().map_err(|e| Error::wire("cannot receive the answer", e))?;
-            if let Some(reply) = reply.filter(|reply| reply.asked_ns == asked_ns) {
+            let ours = |reply: &&Reply| reply.asked_ns == asked_ns;
+            // A copy: what lies in shared memory may change between two looks.
+            if let Some(reply) = reply.map(|reply| *reply).as_ref().and_then(|reply| reply.open().ok()).filter(ours) {
                 return Ok(reply.answer);
             }
             if now_ns() >= until {

@@ -14,15 +14,15 @@ use model::telemetry::Telemetry;
 use model::topic::Topic;
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
-use wire::sys::Payload;
+use wire::sys::Sealed;
 use wire::{DEEP, Receiver, Wire};
 
 use crate::{EPOCH, EXPECTED, Site};
 
 /// The publisher of a topic without a sender's manners.
 struct Forger<C: Topic> {
-    publisher: Publisher<ipc::Service, Payload<Message<C>>, ()>,
-    _service: PortFactory<ipc::Service, Payload<Message<C>>, ()>,
+    publisher: Publisher<ipc::Service, Sealed<Message<C>>, ()>,
+    _service: PortFactory<ipc::Service, Sealed<Message<C>>, ()>,
     _node: Node<ipc::Service>,
 }
 
@@ -33,7 +33,7 @@ impl<C: Topic> Forger<C> {
         let name = format!("ironbird/test/{}", C::NAME);
         let service = node
             .service_builder(&name.as_str().try_into().unwrap())
-            .publish_subscribe::<Payload<Message<C>>>()
+            .publish_subscribe::<Sealed<Message<C>>>()
             .open()
             .unwrap();
         let publisher = service.publisher_builder().create().unwrap();
@@ -41,7 +41,7 @@ impl<C: Topic> Forger<C> {
     }
 
     fn send(&self, message: Message<C>) {
-        self.publisher.send_copy(Payload(message)).unwrap();
+        self.publisher.send_copy(Sealed::new(message)).unwrap();
     }
 }
 
