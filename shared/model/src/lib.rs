@@ -11,6 +11,7 @@ pub mod fault;
 pub mod flight_plan;
 pub mod frames;
 pub mod grid;
+pub mod guards;
 pub mod inspection;
 pub mod layout;
 pub mod limits;

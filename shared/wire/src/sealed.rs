@@ -1,6 +1,7 @@
 //! What is sent is sealed with its check word, and opened where it is received.
 
 use model::check_word::check_word;
+use model::guards::{Guard, is_on};
 use model::inspection::Reason;
 use model::layout::Layout;
 
@@ -19,6 +20,7 @@ impl<T: Layout> Sealed<T> {
     /// [`Reason::Checksum`] where a bit of it, or of the check word, has changed since.
     #[inline]
     pub fn open(&self) -> Result<&T, Reason> {
-        if check_word(words(&self.content)) == self.check { Ok(&self.content) } else { Err(Reason::Checksum) }
+        let is_whole = check_word(words(&self.content)) == self.check || !is_on(Guard::Checksum);
+        if is_whole { Ok(&self.content) } else { Err(Reason::Checksum) }
     }
 }

@@ -222,8 +222,10 @@ impl SwapClient {
     /// [`Error::Wire`]; [`Error::Absent`] when no answer came in time.
     pub fn ask(&self, order: SwapOrder, patience: Duration) -> Result<SwapAnswer, Error> {
         let asked_ns = now_ns();
-        let pending: PendingResponse<_, _, _, _, _> =
-            self.client.send_copy(Sealed::new(Ask { asked_ns, order })).map_err(|e| Error::wire("cannot ask for a swap", e))?;
+        let pending: PendingResponse<_, _, _, _, _> = self
+            .client
+            .send_copy(Sealed::new(Ask { asked_ns, order }))
+            .map_err(|e| Error::wire("cannot ask for a swap", e))?;
         self.bell.ring()?;
         let until = asked_ns.saturating_add(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
         loop {

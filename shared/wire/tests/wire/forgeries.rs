@@ -127,7 +127,7 @@ fn zeroed<C: Topic>() -> Message<C> {
 #[test]
 fn forged_states_are_rejected() {
     let mut forgeries = envelope_forgeries::<State>();
-    forgeries.extend::<[Forgery<State>; 10]>([
+    forgeries.extend::<[Forgery<State>; 11]>([
         (Reason::NonFinite, |m| m.content.measured.position_w_m[0] = f64::NAN),
         (Reason::NonFinite, |m| m.content.measured.rotor_speed_squared_mean_rad2_s2[3] = f64::INFINITY),
         (Reason::NonFinite, |m| m.content.truth.parameter[11] = f64::NAN),
@@ -137,6 +137,7 @@ fn forged_states_are_rejected() {
         (Reason::Implausible, |m| m.content.measured.rotor_speed_mean_rad_s[0] = -1.0),
         (Reason::Implausible, |m| m.content.measured.attitude_rad[0] = f64::MAX),
         (Reason::Implausible, |m| m.content.command_saturated = 2),
+        (Reason::Implausible, |m| m.content.truth.position_w_m[0] = 1e300),
         (Reason::Implausible, |m| m.content.truth.parameter[7] = 1e300),
     ]);
     assert_rejected(&forgeries);
@@ -145,12 +146,14 @@ fn forged_states_are_rejected() {
 #[test]
 fn forged_setpoints_are_rejected() {
     let mut forgeries = envelope_forgeries::<Setpoint>();
-    forgeries.extend::<[Forgery<Setpoint>; 6]>([
+    forgeries.extend::<[Forgery<Setpoint>; 8]>([
         (Reason::NonFinite, |m| m.content.thrust_n = f64::NAN),
         (Reason::NonFinite, |m| m.content.reference.yaw_rad = f64::INFINITY),
         (Reason::Implausible, |m| m.content.thrust_n = -0.1),
         (Reason::NonFinite, |m| m.content.reference.snap_w_m_s4[2] = f64::NAN),
         (Reason::Implausible, |m| m.content.limited = 2),
+        (Reason::Implausible, |m| m.content.reference.jerk_w_m_s3[1] = -1e300),
+        (Reason::Implausible, |m| m.content.reference.yaw_acceleration_rad_s2 = 1e300),
         (Reason::Implausible, |m| m.content.mode = 5),
     ]);
     assert_rejected(&forgeries);
