@@ -7,7 +7,7 @@ import signal
 import subprocess
 import time
 
-from rig import ROOT, demand, wait_until
+from rig import ROOT, demand, need_root, wait_until
 
 NOBODY = ("setpriv", "--reuid", "65534", "--regid", "65534", "--clear-groups")
 
@@ -145,6 +145,7 @@ def in_the_way(make, n, what):
             if what == "link":
                 place.symlink_to("/etc")
             elif what == "foreign":
+                need_root()
                 place.mkdir()
                 os.chown(place, 65534, 65534)
             elif what == "pipe":
@@ -162,6 +163,7 @@ def read_only(make, n):
         with make() as rig:
             rig.root.mkdir()
             command = rig.command("fly", "--rt", "off", "--duration", "100ms")
+            need_root()
             mount = f'mount -t tmpfs -o ro none {rig.root} && exec "$0" "$@"'
             ended = rig.launch(["unshare", "-m", "sh", "-c", mount, *command]).end().expect(1, 2)
             demand(str(rig.root) in ended.err and "panicked" not in ended.err, f"{ended}")
@@ -173,6 +175,7 @@ def other_user(make, n):
     """Another user looks at, writes to, removes and joins a flight: refused, and the flight loses nothing."""
     for _ in range(n):
         with make() as rig:
+            need_root()
             rig.directory.chmod(0o755)
             copy = rig.directory / "ironbird"
             subprocess.run(["cp", rig.executable, copy], check=True)

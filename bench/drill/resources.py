@@ -3,7 +3,7 @@
 import os
 import subprocess
 
-from rig import demand
+from rig import demand, need, need_root
 
 CLOCK = r"""
 #define _GNU_SOURCE
@@ -23,6 +23,7 @@ SHORT = ("--rt", "off", "--trajectory", "hover", "--duration", "1s")
 
 
 def in_own_mounts(rig, mount, *words, **options):
+    need_root()
     return rig.launch(["unshare", "-m", "sh", "-c", f'{mount} && exec "$0" "$@"', *rig.command(*words)], **options)
 
 
@@ -41,6 +42,7 @@ def memory_fills_up(make, n):
     """Fills a private /dev/shm to the last byte in flight: all of the flight's pages are there already."""
     for _ in range(n):
         with make() as rig:
+            need_root()
             inside = ('mount -t tmpfs -o size=200m none /dev/shm && ("$0" "$@"; echo $? > code) & '
                       "sleep 2.5; dd if=/dev/zero of=/dev/shm/full bs=1M 2>dd; df /dev/shm | tail -1 > full; wait")
             command = rig.command("fly", "--rt", "off", "--trajectory", "hover", "--duration", "5s")
@@ -55,6 +57,7 @@ def small_disk(make, n, size):
     """Records on a disk that fills up in flight: messages are dropped and counted, the flight is flown to its end."""
     for _ in range(n):
         with make() as rig:
+            need_root()
             disk, kept = rig.directory / "disk", rig.directory / "kept"
             disk.mkdir()
             script = (f"mount -t tmpfs -o size={size} none {disk} && \"$0\" \"$@\"; code=$?; cp -rL {disk}/latest {kept}; "
@@ -72,6 +75,7 @@ def limited(make, n, limit, user=None):
         with make() as rig:
             command = rig.command("fly", *SHORT)
             if user:
+                need_root()
                 copy = rig.directory / "ironbird"
                 subprocess.run(["cp", rig.executable, copy], check=True)
                 for path in (rig.root, rig.out):
@@ -93,6 +97,7 @@ def unprivileged(make, n, require):
     """Flies as a user to whom nothing is granted: labelled where real time is preferred, refused where it is required."""
     for _ in range(n):
         with make() as rig:
+            need_root()
             copy = rig.directory / "ironbird"
             subprocess.run(["cp", rig.executable, copy], check=True)
             for path in (rig.root, rig.out):
@@ -103,7 +108,7 @@ def unprivileged(make, n, require):
             ended = rig.launch(["setpriv", "--reuid", "65534", "--regid", "65534", "--clear-groups", "prlimit",
                                 "--memlock=65536", str(copy), *command]).end()
             if require == "yes":
-                ended.expect(4).says("SCHED_FIFO")
+                ended.expect(4).says("rtprio")
             else:
                 demand(ended.expect(0, 3).result()["rt"] == "other", f"{ended}")
             rig.demand_nothing_left()
@@ -128,6 +133,8 @@ def hogs(make, n, policy):
             flight = rig.take_off("--on-death", "restart", duration="3s", rt="prefer")
             last = max(os.sched_getaffinity(0))
             spin = "import time,sys\nend = time.monotonic() + 0.2\nwhile time.monotonic() < end: pass"
+            if policy == "fifo":
+                need_root()
             real_time = ["chrt", "-f", "90"] if policy == "fifo" else []
             for _ in range(2):
                 rig.launch(["taskset", "-c", str(last), *real_time, "python3", "-c", spin]).end().expect(0)
@@ -144,6 +151,7 @@ def traced(make, n):
     for _ in range(n):
         with make() as rig:
             flight = rig.take_off("--on-death", "end", duration="3s")
+            need("strace")
             tracer = rig.launch(["timeout", "-s", "INT", "0.5", "strace", "-f", "-p", str(rig.await_pid("inner")), "-o",
                                  "/dev/null"])
             tracer.end()
@@ -157,6 +165,7 @@ def wall_clock(make, n):
     """Steps the wall clock of all processes of a flight at each look at it, by up to an hour: nothing comes of it."""
     for _ in range(n):
         with make() as rig:
+            need("cc")
             source, shim = rig.directory / "clock.c", rig.directory / "clock.so"
             source.write_text(CLOCK)
             subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", shim, source, "-ldl"], check=True)
@@ -175,6 +184,7 @@ def old_machine(make, n):
     """Flies where the monotonic clock has run for 30 years."""
     for _ in range(n):
         with make() as rig:
+            need_root()
             command = ["unshare", "-T", "--monotonic", str(30 * 365 * 86400), "--fork", "--", *rig.command("fly", *SHORT)]
             rig.launch(command).end().expect(0, 3)
             rig.demand_replay()
@@ -203,7 +213,7 @@ ROWS = [
     {"name": "rights.preferred", "fault": "no real-time priority and 64 KiB of locked memory, real time preferred",
      "injector": unprivileged, "arguments": {"require": "no"}, "expected": "flight completed, labelled `other`", "n": 5},
     {"name": "rights.required", "fault": "the same, real time required", "injector": unprivileged,
-     "arguments": {"require": "yes"}, "expected": "refused with code 4, SCHED_FIFO named", "n": 5},
+     "arguments": {"require": "yes"}, "expected": "refused with code 4, the limit named", "n": 5},
     {"name": "processor.absent", "fault": "a processor that is not there, and only one that is", "injector": processors,
      "expected": "refused by name; flight on one processor completed", "n": 5},
     {"name": "processor.hog", "fault": "others compute on the loops' processor for 0.2 s", "injector": hogs,

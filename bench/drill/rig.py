@@ -21,6 +21,20 @@ class Wrong(Exception):
     """A trial did not come out as it is expected to."""
 
 
+class NotHere(Exception):
+    """A trial needs what this machine, or this user, does not have."""
+
+
+def need(program):
+    if not shutil.which(program):
+        raise NotHere(f"there is no {program}")
+
+
+def need_root():
+    if os.geteuid() != 0:
+        raise NotHere("only root may do this")
+
+
 def demand(holds, words):
     if not holds:
         raise Wrong(words)

@@ -4,7 +4,6 @@ use crate::layout::Walk;
 use crate::messages::{Mode, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use crate::monitor::{CAUSES, Monitor};
 use crate::parameters::{PARAMETERS, Parameter};
-use crate::reference::Reference;
 use crate::role::Role;
 use crate::telemetry::Telemetry;
 
