@@ -13,6 +13,7 @@ use ironbird::{
     campaign, clean, compare, doctor, export, fly, inject, laws, limits, manual, margin, new_law, params, replay, roles, runs,
     show_report, simulate, watch,
 };
+use model::guards;
 use model::role::Role;
 use role::signals::forget_inherited;
 
@@ -20,6 +21,12 @@ role::count_allocations!();
 law_library::name_exits!();
 
 fn main() -> ExitCode {
+    if guards::IS_MUTANT
+        && let Ok(guard) = std::env::var("IRONBIRD_GUARD_OFF")
+    {
+        let off = guards::switch_off(&guard);
+        say(&format!("MUTANT: guard `{guard}` {}\n", if off { "is off" } else { "is unknown" }));
+    }
     let started = forget_inherited().map_err(Failure::from).and_then(|()| limits::heed());
     law_library::leave(match started.and_then(|()| run(&Cli::parse())) {
         Ok(code) => code,

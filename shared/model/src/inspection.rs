@@ -1,6 +1,7 @@
 //! Entry check of every message: copied once, then accepted or counted by reason.
 
 use crate::envelope::{LAYOUT, Message};
+use crate::guards::{Guard, is_on};
 use crate::layout::layout;
 use crate::messages::NO_TICK;
 use crate::topic::Topic;
@@ -10,6 +11,8 @@ use crate::vocabulary::words;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Reason {
+    /// Damaged on its way: its check word is not that of what came.
+    Checksum,
     /// Built with other message layouts.
     Layout,
     /// Of another run.
@@ -27,7 +30,8 @@ pub enum Reason {
 }
 
 /// Every reason, in the order of [`Rejections`].
-pub const REASONS: [Reason; 7] = [
+pub const REASONS: [Reason; 8] = [
+    Reason::Checksum,
     Reason::Layout,
     Reason::Run,
     Reason::Settings,
@@ -37,13 +41,14 @@ pub const REASONS: [Reason; 7] = [
     Reason::Implausible,
 ];
 
-words!(Reason { Layout, Run, Settings, Sequence, Tick, NonFinite, Implausible });
+words!(Reason { Checksum, Layout, Run, Settings, Sequence, Tick, NonFinite, Implausible });
 
 impl Reason {
     /// A word for the report.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
+            Self::Checksum => "checksum",
             Self::Layout => "layout",
             Self::Run => "run",
             Self::Settings => "settings",
@@ -123,19 +128,23 @@ impl Inspector {
     pub fn inspect<C: Topic>(&mut self, message: &Message<C>, newest_tick: u64) -> Result<(), Reason> {
         let envelope = &message.envelope;
         let first = self.tick == NO_TICK;
-        if envelope.layout != LAYOUT {
+        if envelope.layout != LAYOUT && is_on(Guard::Layout) {
             Err(Reason::Layout)
-        } else if envelope.run_id != self.expected.run_id {
+        } else if envelope.run_id != self.expected.run_id && is_on(Guard::Run) {
             Err(Reason::Run)
-        } else if envelope.settings != self.expected.settings {
+        } else if envelope.settings != self.expected.settings && is_on(Guard::Settings) {
             Err(Reason::Settings)
-        } else if envelope.epoch < self.epoch || (!first && envelope.epoch == self.epoch && envelope.seq <= self.seq) {
+        } else if (envelope.epoch < self.epoch || (!first && envelope.epoch == self.epoch && envelope.seq <= self.seq))
+            && is_on(Guard::Sequence)
+        {
             Err(Reason::Sequence)
-        } else if envelope.tick > newest_tick || (!first && envelope.tick < self.tick + u64::from(!C::MANY_PER_TICK)) {
+        } else if (envelope.tick > newest_tick || (!first && envelope.tick < self.tick + u64::from(!C::MANY_PER_TICK)))
+            && is_on(Guard::Tick)
+        {
             Err(Reason::Tick)
-        } else if !message.content.finite() {
+        } else if !message.content.finite() && is_on(Guard::NonFinite) {
             Err(Reason::NonFinite)
-        } else if !message.content.plausible() {
+        } else if !message.content.plausible() && is_on(Guard::Implausible) {
             Err(Reason::Implausible)
         } else {
             self.epoch = envelope.epoch;

@@ -5,11 +5,13 @@
 pub mod allocation;
 pub mod attitude;
 pub mod boards;
+pub mod check_word;
 pub mod envelope;
 pub mod fault;
 pub mod flight_plan;
 pub mod frames;
 pub mod grid;
+pub mod guards;
 pub mod inspection;
 pub mod layout;
 pub mod limits;

@@ -4,7 +4,6 @@ use crate::layout::Walk;
 use crate::messages::{Mode, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use crate::monitor::{CAUSES, Monitor};
 use crate::parameters::{PARAMETERS, Parameter};
-use crate::reference::Reference;
 use crate::role::Role;
 use crate::telemetry::Telemetry;
 
@@ -53,6 +52,10 @@ mod bound {
     pub(super) const RATE_RAD_S: f64 = 1e4;
     pub(super) const ACCELERATION_M_S2: f64 = 1e6;
     pub(super) const ACCELERATION_RAD_S2: f64 = 1e8;
+    /// Derivatives of a reference that jumps: each goes with one over the time between two points, 1 ms at the least.
+    pub(super) const REFERENCE_ACCELERATION: f64 = 1e9;
+    pub(super) const REFERENCE_JERK: f64 = 1e12;
+    pub(super) const REFERENCE_SNAP: f64 = 1e15;
     pub(super) const ROTOR_SPEED_RAD_S: f64 = 1e5;
     pub(super) const THRUST_N: f64 = 1e4;
     pub(super) const TORQUE_NM: f64 = 1e5;
@@ -105,6 +108,9 @@ impl Topic for State {
             )
             && self.command_saturated <= 1
             && self.truth.touches_ground <= 1
+            && within(&self.truth.position_w_m, bound::POSITION_M)
+            && within(&self.truth.velocity_w_m_s, bound::VELOCITY_M_S)
+            && within(&self.truth.rate_b_rad_s, bound::RATE_RAD_S)
             && within(&self.truth.parameter, bound::PARAMETER)
     }
 }
@@ -137,15 +143,19 @@ impl Topic for Setpoint {
     }
 
     fn plausible(&self) -> bool {
-        let Reference { position_w_m, velocity_w_m_s, yaw_rad, yaw_rate_rad_s, .. } = self.reference;
+        let reference = &self.reference;
         between_zero_and(&[self.thrust_n], bound::THRUST_N)
             && within(&self.attitude_rad, bound::ANGLE_RAD)
             && within(&self.attitude_rate_rad_s, bound::RATE_RAD_S)
             && within(&self.attitude_acceleration_rad_s2, bound::ACCELERATION_RAD_S2)
-            && within(&position_w_m, bound::POSITION_M)
-            && within(&velocity_w_m_s, bound::VELOCITY_M_S)
-            && within(&[yaw_rad], bound::ANGLE_RAD)
-            && within(&[yaw_rate_rad_s], bound::RATE_RAD_S)
+            && within(&reference.position_w_m, bound::POSITION_M)
+            && within(&reference.velocity_w_m_s, bound::VELOCITY_M_S)
+            && within(&reference.acceleration_w_m_s2, bound::REFERENCE_ACCELERATION)
+            && within(&reference.jerk_w_m_s3, bound::REFERENCE_JERK)
+            && within(&reference.snap_w_m_s4, bound::REFERENCE_SNAP)
+            && within(&[reference.yaw_rad], bound::ANGLE_RAD)
+            && within(&[reference.yaw_rate_rad_s], bound::RATE_RAD_S)
+            && within(&[reference.yaw_acceleration_rad_s2], bound::REFERENCE_ACCELERATION)
             && self.limited <= 1
             && Mode::from_wire(self.mode).is_some()
     }

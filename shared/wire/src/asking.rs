@@ -15,7 +15,7 @@ use super::{Bell, NODES, Owner, Wire, layout_verifier};
 use crate::clock::now_ns;
 use crate::error::Error;
 use crate::refusal::Refusal;
-use crate::sys::Payload;
+use crate::sys::Sealed;
 use model::layout::{FNV_OFFSET, Layout, fnv1a};
 
 /// Clients that may ask at the same time.
@@ -39,9 +39,10 @@ pub trait Question: Said {
 #[derive(Clone, Copy, Debug, ZeroCopySend)]
 #[repr(C)]
 struct Ask<Q: Said> {
-    /// When it was sent [ns]: of those that come into one place after each other, no two have the same instant.
+    /// When it was sent [ns]: of those that come into one place after each other, no two have the same instant. Outside
+    /// the seal: with a damaged one, the answer is not taken.
     asked_ns: u64,
-    order: Payload<Q>,
+    order: Sealed<Q>,
 }
 
 /// An answer on its way.
@@ -53,7 +54,7 @@ struct Ask<Q: Said> {
 struct Reply<A: Said> {
     /// Of the order that it answers.
     asked_ns: u64,
-    answer: Payload<A>,
+    answer: Sealed<A>,
 }
 
 /// The service with its payloads.
@@ -116,18 +117,25 @@ pub struct DeskServer<Q: Question> {
 /// An order that waits for its answer.
 #[derive(Debug)]
 pub struct DeskCall<Q: Question> {
+    asked_ns: u64,
+    order: Q,
     request: ActiveRequest<ipc::Service, Ask<Q>, (), Reply<Q::Answer>, ()>,
 }
 
 impl<Q: Question> DeskServer<Q> {
-    /// The next order, if one has come.
+    /// The next order, if one has come. One that was damaged on its way is dropped, and its client gets no answer.
     ///
     /// # Errors
     /// [`Error::Wire`].
     pub fn next(&self) -> Result<Option<DeskCall<Q>>, Error> {
         let failed = |e| Error::wire(format!("cannot receive from the service `{}`", Q::SERVICE), e);
-        let request = self.server.receive().map_err(failed)?;
-        Ok(request.map(|request| DeskCall { request }))
+        while let Some(request) = self.server.receive().map_err(failed)? {
+            let Ask { asked_ns, order } = *request.payload();
+            if let Ok(&order) = order.open() {
+                return Ok(Some(DeskCall { asked_ns, order, request }));
+            }
+        }
+        Ok(None)
     }
 
     /// Whether the one who asked waits for the answer; one that was killed counts until somebody else comes.
@@ -149,13 +157,13 @@ impl<Q: Question> DeskServer<Q> {
 impl<Q: Question> DeskCall<Q> {
     /// What is asked for.
     #[must_use]
-    pub fn order(&self) -> Q {
-        self.request.payload().order.0
+    pub const fn order(&self) -> Q {
+        self.order
     }
 
     /// Answers. It is no error if the client has gone.
     pub fn answer(self, answer: Q::Answer) {
-        let reply = Reply { asked_ns: self.request.payload().asked_ns, answer: Payload(answer) };
+        let reply = Reply { asked_ns: self.asked_ns, answer: Sealed::new(answer) };
         // Nobody is left to tell if this fails, and what was asked for is on record.
         let _ = self.request.send_copy(reply);
     }
@@ -177,13 +185,15 @@ impl<Q: Question> DeskClient<Q> {
         let asked_ns = now_ns();
         let failed = |e| Error::wire(format!("cannot ask the service `{}`", Q::SERVICE), e);
         let pending: PendingResponse<_, _, _, _, _> =
-            self.client.send_copy(Ask { asked_ns, order: Payload(order) }).map_err(failed)?;
+            self.client.send_copy(Ask { asked_ns, order: Sealed::new(order) }).map_err(failed)?;
         self.bell.ring()?;
         let until = asked_ns.saturating_add(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
         loop {
             let reply = pending.receive().map_err(|e| Error::wire("cannot receive the answer", e))?;
-            if let Some(reply) = reply.filter(|reply| reply.asked_ns == asked_ns) {
-                return Ok(reply.answer.0);
+            // A copy: what lies in shared memory may change between two looks.
+            let ours = reply.map(|reply| *reply).filter(|reply| reply.asked_ns == asked_ns);
+            if let Some(&answer) = ours.as_ref().and_then(|reply| reply.answer.open().ok()) {
+                return Ok(answer);
             }
             if now_ns() >= until {
                 return Err(Error::Absent { what: format!("the plant did not answer within {patience:?}") });

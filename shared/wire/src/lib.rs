@@ -1,7 +1,7 @@
 //! The wire: iceoryx2 ports of an instance, with every limit explicit.
 //!
 //! This is the only place that names the middleware's services. Ports are made before a loop is armed. After that, a
-//! send costs one loan and a receive costs one copy.
+//! send costs one loan and a receive costs one copy, and both the check word of what is sent.
 
 mod asking;
 mod bells;
@@ -15,6 +15,7 @@ mod leavings;
 mod ports;
 mod refusal;
 mod relay;
+mod sealed;
 mod shortage;
 mod swaps;
 pub mod sys;

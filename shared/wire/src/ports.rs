@@ -14,14 +14,14 @@ use crate::clock::Horizon;
 use crate::clock::now_ns;
 use crate::error::Error;
 use crate::refusal::Refusal;
-use crate::sys::Payload;
+use crate::sys::Sealed;
 use model::envelope::{Envelope, LAYOUT, Message};
 use model::inspection::{Expected, Inspector, Rejections};
 use model::messages::{Dated, NO_TICK};
 use model::topic::Topic;
 
 impl Wire {
-    fn topic<C: Topic>(&self) -> Result<PortFactory<ipc::Service, Payload<Message<C>>, ()>, Error> {
+    fn topic<C: Topic>(&self) -> Result<PortFactory<ipc::Service, Sealed<Message<C>>, ()>, Error> {
         self.publish_subscribe(C::NAME, C::SUBSCRIBERS, DEEP)
     }
 
@@ -30,12 +30,12 @@ impl Wire {
         name: &str,
         subscribers: usize,
         depth: usize,
-    ) -> Result<PortFactory<ipc::Service, Payload<Message<C>>, ()>, Error> {
+    ) -> Result<PortFactory<ipc::Service, Sealed<Message<C>>, ()>, Error> {
         let (service, layout) = (self.service_name(name)?, layout_verifier(LAYOUT)?);
         self.open_service(format!("topic `{name}`"), || {
             self.node
                 .service_builder(&service)
-                .publish_subscribe::<Payload<Message<C>>>()
+                .publish_subscribe::<Sealed<Message<C>>>()
                 .max_publishers(1)
                 .max_subscribers(subscribers)
                 .subscriber_max_buffer_size(depth)
@@ -82,17 +82,17 @@ impl Wire {
 pub(super) fn slot_bytes<C: Topic>(subscribers: usize, depth: usize) -> u64 {
     // One slot per buffered and borrowed sample of every subscriber, one loaned, one in the hand of the sender.
     let slots = subscribers * (depth + 1) + 2;
-    (slots * (size_of::<Message<C>>() + 64)) as u64
+    (slots * (size_of::<Sealed<Message<C>>>() + 64)) as u64
 }
 
 /// A place for a message in shared memory, before it is sent.
-type Loan<C> = SampleMutUninit<ipc::Service, MaybeUninit<Payload<Message<C>>>, ()>;
+type Loan<C> = SampleMutUninit<ipc::Service, MaybeUninit<Sealed<Message<C>>>, ()>;
 
 /// Sends the messages of a topic.
 pub struct Sender<C: Topic> {
     /// Taken ahead of the message that it is for, by a rehearsal.
     loan: Option<Loan<C>>,
-    publisher: Publisher<ipc::Service, Payload<Message<C>>, ()>,
+    publisher: Publisher<ipc::Service, Sealed<Message<C>>, ()>,
     bell: Option<Bell>,
     /// What every message of this sender carries.
     envelope: Envelope,
@@ -130,7 +130,7 @@ impl<C: Topic> Sender<C> {
         let loan = self.take_loan()?;
         let mut envelope = self.envelope_of(tick, history);
         envelope.stamps[C::SENDER as usize].send_ns = now_ns();
-        loan.write_payload(Payload(Message { envelope, content })).send().map_err(|e| not_sent::<C>(&e))?;
+        loan.write_payload(Sealed::new(Message { envelope, content })).send().map_err(|e| not_sent::<C>(&e))?;
         self.envelope.seq += 1;
         self.bell.as_ref().map_or(Ok(()), Bell::ring)
     }
@@ -144,7 +144,7 @@ impl<C: Topic> Sender<C> {
         let mut loan = self.take_loan()?;
         let mut envelope = self.envelope_of(tick, history);
         envelope.stamps[C::SENDER as usize].send_ns = now_ns();
-        loan.payload_mut().write(Payload(Message { envelope, content }));
+        loan.payload_mut().write(Sealed::new(Message { envelope, content }));
         self.loan = Some(loan);
         // The part of a send that looks for receivers that have come or gone.
         self.publisher.update_connections().map_err(|e| not_sent::<C>(&e))?;
@@ -176,17 +176,17 @@ fn not_sent<C: Topic>(reason: &dyn std::fmt::Debug) -> Error {
     Error::wire(format!("cannot send on topic `{}`", C::NAME), reason)
 }
 
-/// Receives the messages of a topic: copies each once, inspects the copy, keeps the newest.
+/// Receives the messages of a topic: copies each once, opens and inspects the copy, keeps the newest.
 #[derive(Debug)]
 pub struct Receiver<C: Topic> {
-    subscriber: Subscriber<ipc::Service, Payload<Message<C>>, ()>,
+    subscriber: Subscriber<ipc::Service, Sealed<Message<C>>, ()>,
     inspector: Inspector,
     newest: Message<C>,
     rejections: Rejections,
 }
 
 impl<C: Topic> Receiver<C> {
-    pub(super) fn new(subscriber: Subscriber<ipc::Service, Payload<Message<C>>, ()>) -> Self {
+    pub(super) fn new(subscriber: Subscriber<ipc::Service, Sealed<Message<C>>, ()>) -> Self {
         Self {
             subscriber,
             inspector: Inspector::new(Expected { run_id: 0, settings: 0 }),
@@ -217,11 +217,12 @@ impl<C: Topic> Receiver<C> {
     pub fn drain(&mut self, horizon: impl Horizon, mut each: impl FnMut(&Message<C>)) -> Result<(), Error> {
         let failed = |e| Error::wire(format!("cannot receive from topic `{}`", C::NAME), e);
         while let Some(sample) = self.subscriber.receive().map_err(failed)? {
-            let Payload(message) = *sample.payload();
-            match self.inspector.inspect(&message, horizon.latest_tick()) {
-                Ok(()) => {
-                    self.newest = message;
-                    each(&message);
+            let sealed = *sample.payload();
+            let inspect = |message| self.inspector.inspect(message, horizon.latest_tick()).map(|()| message);
+            match sealed.open().and_then(inspect) {
+                Ok(message) => {
+                    self.newest = *message;
+                    each(message);
                 }
                 Err(reason) => self.rejections.count(reason),
             }

@@ -11,7 +11,7 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use super::{Receiver, Wire};
 use crate::error::Error;
-use crate::sys::Payload;
+use crate::sys::Sealed;
 use model::envelope::Message;
 use model::topic::Topic;
 
@@ -21,7 +21,7 @@ pub const OBSERVERS: usize = 4;
 pub const OBSERVED: usize = 512;
 
 impl Wire {
-    fn observed<C: Topic>(&self) -> Result<PortFactory<ipc::Service, Payload<Message<C>>, ()>, Error> {
+    fn observed<C: Topic>(&self) -> Result<PortFactory<ipc::Service, Sealed<Message<C>>, ()>, Error> {
         self.publish_subscribe(&format!("observed/{}", C::NAME), OBSERVERS, OBSERVED)
     }
 
@@ -57,8 +57,8 @@ impl Wire {
 /// Passes messages of a topic on, as they came, or as the recorder made them.
 #[derive(Debug)]
 pub struct Relay<C: Topic> {
-    publisher: Publisher<ipc::Service, Payload<Message<C>>, ()>,
-    service: PortFactory<ipc::Service, Payload<Message<C>>, ()>,
+    publisher: Publisher<ipc::Service, Sealed<Message<C>>, ()>,
+    service: PortFactory<ipc::Service, Sealed<Message<C>>, ()>,
 }
 
 impl<C: Topic> Relay<C> {
@@ -72,7 +72,7 @@ impl<C: Topic> Relay<C> {
         }
         let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot pass topic `{}` on", C::NAME), e);
         let sample = self.publisher.loan_uninit().map_err(|e| failed(&e))?;
-        sample.write_payload(Payload(*message)).send().map_err(|e| failed(&e))?;
+        sample.write_payload(Sealed::new(*message)).send().map_err(|e| failed(&e))?;
         Ok(())
     }
 }

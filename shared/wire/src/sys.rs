@@ -10,7 +10,7 @@ use std::sync::Once;
 use std::sync::atomic::{AtomicI32, AtomicU32, AtomicU64, Ordering};
 
 use iceoryx2::prelude::ZeroCopySend;
-use model::layout::Plain;
+use model::layout::{Layout, Plain, is_dense};
 use rustix::fs::fstat;
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::time::Timespec;
@@ -23,6 +23,29 @@ pub struct Payload<T>(pub T);
 
 // SAFETY: what is `Plain` consists of numbers alone: no pointer, no handle, nothing to drop.
 unsafe impl<T: Plain> ZeroCopySend for Payload<T> {}
+
+/// Numbers as they travel through shared memory, with a check word over all of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+pub struct Sealed<T> {
+    pub(crate) content: T,
+    pub(crate) check: u64,
+}
+
+// SAFETY: what has a layout is `Plain`, and a number stands behind it.
+unsafe impl<T: Layout> ZeroCopySend for Sealed<T> {}
+
+/// The words that a struct of numbers consists of.
+#[must_use]
+pub fn words<T: Layout>(value: &T) -> &[u64] {
+    const {
+        assert!(align_of::<T>() == align_of::<u64>() && size_of::<T>().is_multiple_of(size_of::<u64>()));
+        assert!(is_dense(T::FIELDS, size_of::<T>()));
+    }
+    // SAFETY: it is as long, aligned, and without padding, as has just been checked of it, and as `layout!` has checked
+    // of each struct in it; what is `Plain` may be read as any number.
+    unsafe { std::slice::from_raw_parts(std::ptr::from_ref(value).cast(), size_of::<T>() / size_of::<u64>()) }
+}
 
 /// A futex with a number to hand over; alone on its cache line.
 #[derive(Debug)]

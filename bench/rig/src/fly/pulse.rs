@@ -15,6 +15,7 @@ use std::time::Duration;
 
 use machine::sampler::Look;
 use model::boards::{RolePhase, Status};
+use model::guards::{Guard, is_on};
 use model::role::{Role, STAGES};
 
 /// How often the launcher looks where it starts roles again.
@@ -67,7 +68,9 @@ impl Pulses {
         }
         let hangs = |i: &usize| {
             let pulse = &self.of[*i];
-            pulse.still >= self.still && look(loops[*i].pid).is_some_and(|look| self.is_hang(pulse, look))
+            pulse.still >= self.still
+                && is_on(Guard::Heartbeat)
+                && look(loops[*i].pid).is_some_and(|look| self.is_hang(pulse, look))
         };
         (0..STAGES.len()).filter(hangs).map(|i| STAGES[i]).collect()
     }

@@ -3,6 +3,8 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use model::guards::{Guard, is_on};
+
 /// Restarts of a role ...
 pub(super) const MOST: usize = 5;
 /// ... in this time: one more ends the flight.
@@ -29,7 +31,7 @@ impl Restarts {
         while self.again.front().is_some_and(|then| now.duration_since(*then) >= WITHIN) {
             self.again.pop_front();
         }
-        (self.again.len() < MOST).then(|| now.max(self.started + APART))
+        (self.again.len() < MOST || !is_on(Guard::RestartLimit)).then(|| now.max(self.started + APART))
     }
 
     /// Takes in that it was started again.

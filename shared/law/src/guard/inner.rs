@@ -11,6 +11,7 @@
 //! A law is asked in every tick all the same: without a state its clocks run on, and its answer is not used. An answer
 //! that is not finite, or that no airframe can give, counts like a missing state: `NotFinite`.
 
+use model::guards::{Guard, is_on};
 use model::messages::{Dated, Mode, NO_TICK, Setpoint, State, Wrench};
 use model::reference::Reference;
 use model::topic::Topic as _;
@@ -116,7 +117,7 @@ impl Memory {
         let is_lost = self.is_past(self.measured_at, tick);
         let since = *self.since.get_or_insert(tick);
         let seen_at = self.measured_at.unwrap_or(since);
-        let is_blind = !is_fresh && tick.saturating_sub(seen_at) > self.blind_ticks;
+        let is_blind = !is_fresh && tick.saturating_sub(seen_at) > self.blind_ticks && is_on(Guard::Stale);
         if is_fresh {
             if is_lost {
                 self.began = here(&state.content, state.content.measured.attitude_rad[2]);
@@ -144,7 +145,7 @@ impl Memory {
 
     /// Whether something was longer ago than it is held for, or never was.
     fn is_past(&self, at: Option<u64>, tick: u64) -> bool {
-        at.is_none_or(|at| tick.saturating_sub(at) > self.hold_ticks)
+        at.is_none_or(|at| tick.saturating_sub(at) > self.hold_ticks && is_on(Guard::Stale))
     }
 
     /// What to follow in this tick, and how it was come by.
@@ -155,7 +156,7 @@ impl Memory {
         setpoint: &'a Dated<Setpoint>,
     ) -> (Dated<Wanted>, &'a Reference, Mode) {
         let dated = |content| Dated { tick: setpoint.tick, content };
-        if setpoint.age(tick) <= self.hold_ticks {
+        if setpoint.age(tick) <= self.hold_ticks || !is_on(Guard::Stale) {
             self.stays = None;
             let mode = if setpoint.tick == tick { Mode::Fresh } else { Mode::Held };
             return (dated(wanted(&setpoint.content)), &setpoint.content.reference, mode);

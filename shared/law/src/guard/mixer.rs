@@ -19,6 +19,7 @@
 //! the thrust demanded and no torque: `NotFinite`. Speeds beyond the rotors' range are brought to its ends.
 
 use model::allocation::Allocation;
+use model::guards::{Guard, is_on};
 use model::messages::{Dated, Mode, ROTORS, RotorSpeeds, Wrench};
 use model::telemetry::Telemetry;
 use nalgebra::Vector4;
@@ -116,9 +117,11 @@ impl Rotors {
         let Wrench { thrust_n, torque_b_nm, mode, .. } = wrench.content;
         let demand = Demand { thrust_n, torque_b_nm };
         match wrench.age(tick) {
-            age if age >= self.idle_after_ticks || mode == Mode::Idle as u64 => self.idle(speeds),
+            age if (age >= self.idle_after_ticks && is_on(Guard::Stale)) || mode == Mode::Idle as u64 => {
+                self.idle(speeds)
+            }
             0 => self.mix(law, tick, &demand, Mode::Fresh, speeds),
-            age if age <= self.held_ticks => self.mix(law, tick, &demand, Mode::Held, speeds),
+            age if age <= self.held_ticks || !is_on(Guard::Stale) => self.mix(law, tick, &demand, Mode::Held, speeds),
             _ => self.mix(law, tick, &Demand { torque_b_nm: [0.0; 3], ..demand }, Mode::Fallback, speeds),
         }
     }

@@ -20,6 +20,7 @@ use crate::patience::Patience;
 use crate::rt::{Engaged, settle};
 use model::boards::{Ending, RUN, RolePhase, Run, RunPhase, SETTINGS, SettingsText};
 use model::grid::Pace;
+use model::guards::{Guard, is_on};
 use model::inspection::Expected;
 use model::role::Role;
 use model::settings_text::{differences, other_laws};
@@ -194,9 +195,10 @@ impl Station {
         // A launched role flies with the plant of its own launcher: another one's is about to end.
         let is_of_our_flight = self.orders.launcher.is_none_or(|launcher| u64::from(launcher) == run.launcher_pid);
         let wrote_it = |pid: u32| u64::from(pid) == run.plant_pid;
+        let is_checked = is_on(Guard::RunCheck);
         if run.phase() == RunPhase::Closed
-            || !is_of_our_flight
-            || !self.orders.instance.pid_of(Role::Plant).is_some_and(wrote_it)
+            || (!is_of_our_flight && is_checked)
+            || !(!is_checked || self.orders.instance.pid_of(Role::Plant).is_some_and(wrote_it))
         {
             return Ok(None);
         }

@@ -14,15 +14,15 @@ use model::telemetry::Telemetry;
 use model::topic::Topic;
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
-use wire::sys::Payload;
+use wire::sys::Sealed;
 use wire::{DEEP, Receiver, Wire};
 
 use crate::{EPOCH, EXPECTED, Site};
 
 /// The publisher of a topic without a sender's manners.
 struct Forger<C: Topic> {
-    publisher: Publisher<ipc::Service, Payload<Message<C>>, ()>,
-    _service: PortFactory<ipc::Service, Payload<Message<C>>, ()>,
+    publisher: Publisher<ipc::Service, Sealed<Message<C>>, ()>,
+    _service: PortFactory<ipc::Service, Sealed<Message<C>>, ()>,
     _node: Node<ipc::Service>,
 }
 
@@ -33,7 +33,7 @@ impl<C: Topic> Forger<C> {
         let name = format!("ironbird/test/{}", C::NAME);
         let service = node
             .service_builder(&name.as_str().try_into().unwrap())
-            .publish_subscribe::<Payload<Message<C>>>()
+            .publish_subscribe::<Sealed<Message<C>>>()
             .open()
             .unwrap();
         let publisher = service.publisher_builder().create().unwrap();
@@ -41,7 +41,7 @@ impl<C: Topic> Forger<C> {
     }
 
     fn send(&self, message: Message<C>) {
-        self.publisher.send_copy(Payload(message)).unwrap();
+        self.publisher.send_copy(Sealed::new(message)).unwrap();
     }
 }
 
@@ -127,7 +127,7 @@ fn zeroed<C: Topic>() -> Message<C> {
 #[test]
 fn forged_states_are_rejected() {
     let mut forgeries = envelope_forgeries::<State>();
-    forgeries.extend::<[Forgery<State>; 10]>([
+    forgeries.extend::<[Forgery<State>; 11]>([
         (Reason::NonFinite, |m| m.content.measured.position_w_m[0] = f64::NAN),
         (Reason::NonFinite, |m| m.content.measured.rotor_speed_squared_mean_rad2_s2[3] = f64::INFINITY),
         (Reason::NonFinite, |m| m.content.truth.parameter[11] = f64::NAN),
@@ -137,6 +137,7 @@ fn forged_states_are_rejected() {
         (Reason::Implausible, |m| m.content.measured.rotor_speed_mean_rad_s[0] = -1.0),
         (Reason::Implausible, |m| m.content.measured.attitude_rad[0] = f64::MAX),
         (Reason::Implausible, |m| m.content.command_saturated = 2),
+        (Reason::Implausible, |m| m.content.truth.position_w_m[0] = 1e300),
         (Reason::Implausible, |m| m.content.truth.parameter[7] = 1e300),
     ]);
     assert_rejected(&forgeries);
@@ -145,12 +146,14 @@ fn forged_states_are_rejected() {
 #[test]
 fn forged_setpoints_are_rejected() {
     let mut forgeries = envelope_forgeries::<Setpoint>();
-    forgeries.extend::<[Forgery<Setpoint>; 6]>([
+    forgeries.extend::<[Forgery<Setpoint>; 8]>([
         (Reason::NonFinite, |m| m.content.thrust_n = f64::NAN),
         (Reason::NonFinite, |m| m.content.reference.yaw_rad = f64::INFINITY),
         (Reason::Implausible, |m| m.content.thrust_n = -0.1),
         (Reason::NonFinite, |m| m.content.reference.snap_w_m_s4[2] = f64::NAN),
         (Reason::Implausible, |m| m.content.limited = 2),
+        (Reason::Implausible, |m| m.content.reference.jerk_w_m_s3[1] = -1e300),
+        (Reason::Implausible, |m| m.content.reference.yaw_acceleration_rad_s2 = 1e300),
         (Reason::Implausible, |m| m.content.mode = 5),
     ]);
     assert_rejected(&forgeries);

@@ -8,6 +8,7 @@
 mod boards;
 #[path = "../common/mod.rs"]
 mod common;
+mod damage;
 mod doorbells;
 mod forgeries;
 mod locks;

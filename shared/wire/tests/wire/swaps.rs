@@ -7,6 +7,7 @@ use model::messages::NO_TICK;
 use model::parameters::{PARAMETERS, Parameter};
 use wire::clock::now_ns;
 use wire::error::Error;
+use wire::sys::Payload;
 
 use wire::{Owner, SwapAnswer, SwapCall, SwapOrder, SwapOutcome, SwapServer, Wire};
 
@@ -219,7 +220,7 @@ fn a_service_of_another_build_is_incompatible() {
     let theirs = node(&site);
     let _service = theirs
         .service_builder(&"ironbird/test/parameters".try_into().unwrap())
-        .request_response::<SwapOrder, SwapAnswer>()
+        .request_response::<Payload<SwapOrder>, Payload<SwapAnswer>>()
         .create()
         .unwrap();
     assert_incompatible(site.wire().swap_client(), "`parameters`");

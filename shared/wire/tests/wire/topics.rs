@@ -11,7 +11,7 @@ use model::role::Role;
 use model::topic::Topic;
 use wire::error::Error;
 use wire::instance::Instance;
-use wire::sys::Payload;
+use wire::sys::Sealed;
 use wire::{DEEP, LATEST, Receiver, Sender, Wire};
 
 use crate::{EPOCH, EXPECTED, Site, assert_incompatible, node};
@@ -227,7 +227,7 @@ fn a_topic_of_the_same_type_with_another_layout_is_incompatible() {
     let theirs = node(&site);
     let _service = theirs
         .service_builder(&"ironbird/test/state".try_into().unwrap())
-        .publish_subscribe::<Payload<Message<State>>>()
+        .publish_subscribe::<Sealed<Message<State>>>()
         .max_publishers(1)
         .max_subscribers(State::SUBSCRIBERS)
         .subscriber_max_buffer_size(DEEP)
@@ -246,7 +246,7 @@ fn a_topic_that_is_full_of_processes_is_not_called_incompatible() {
         .map(|_| {
             node(&site)
                 .service_builder(&"ironbird/test/state".try_into().unwrap())
-                .publish_subscribe::<Payload<Message<State>>>()
+                .publish_subscribe::<Sealed<Message<State>>>()
                 .open()
                 .unwrap()
         })

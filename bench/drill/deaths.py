@@ -1,0 +1,224 @@
+"""Processes that are killed, stopped, paused or stepped aside in flight."""
+
+import os
+import random
+import signal
+import time
+
+from rig import ROLES, STAGES, demand, wait_until
+
+RESTART = ("--on-death", "restart")
+# Of each role one in 2.1 s: five in ten seconds are borne.
+APART_S = 0.75
+# A board has 64 sheets, and a killed writer keeps its own.
+KILLS_PER_FLIGHT = 120
+
+
+def cost(death):
+    return {"ticks lost": death["ticks_lost"], "ms back": round(death["back_after_ms"], 1),
+            "ms noticed": round(death["noticed_after_ms"], 1), "m error": round(death["position_error_max_m"], 3)}
+
+
+def in_a_row(make, n, roles, number=signal.SIGKILL):
+    """Strikes roles in turns at random instants of one flight; each must come back, and the flight be replayed."""
+    draw = random.Random(n)
+    roles = roles.split("+")
+    apart_s = max(APART_S, 2.15 / len(roles))
+    while n > 0:
+        kills = min(n, KILLS_PER_FLIGHT)
+        n -= kills
+        with make() as rig:
+            flight = rig.take_off(*RESTART, duration=f"{kills * apart_s + 2.5:.1f}s")
+            begin = time.monotonic() + 0.3
+            for kill in range(kills):
+                time.sleep(max(0.0, begin + kill * apart_s + draw.random() * 0.05 - time.monotonic()))
+                role = roles[kill % len(roles)]
+                dead = rig.strike(role, number)
+                rig.await_pid(role, other_than=dead)
+            ended = flight.end().expect(0, 3)
+            report = rig.report()
+            demand(report["run"]["ending"] == "completed", report["run"]["ending"])
+            rig.demand_replay()
+            rig.demand_nothing_left()
+            found = report["deaths"]
+            demand(len(found) == kills, f"{kills} deaths, {len(found)} in the report: {ended}")
+            for death in found:
+                demand(death["back_after_ms"] is not None, f"not back: {death}")
+                yield cost(death)
+
+
+def recorder(make, n):
+    """Kills the recorder: the flight goes on, and another one records the rest."""
+    draw = random.Random(n)
+    for _ in range(n):
+        with make() as rig:
+            flight = rig.take_off(*RESTART, duration="3s")
+            time.sleep(0.5 + draw.random() * 0.3)
+            dead = rig.strike("record")
+            rig.await_pid("record", other_than=dead)
+            flight.end().expect(0)
+            report = rig.report()
+            ticks = report["ticks"]
+            demand(ticks["run"] + ticks["skipped"] == 3001, f"ticks: {ticks}")
+            rig.demand_nothing_left()
+            yield {"ms noticed": round(report["deaths"][0]["noticed_after_ms"] or 0.0, 1)}
+
+
+def ends_the_flight(make, n, role, number=signal.SIGKILL):
+    """Strikes a process without which no flight goes on: the others land, nothing is left, the next one flies."""
+    draw = random.Random(n)
+    for _ in range(n):
+        with make() as rig:
+            flight = rig.take_off(*RESTART, duration="60s")
+            time.sleep(draw.random() * 0.3)
+            begin = time.monotonic()
+            if role == "fly":
+                flight.send(number)
+                flight.end()
+            else:
+                rig.strike(role, number)
+                demand(flight.end().expect(1).result()["status"] == "ABORTED", "not ABORTED")
+            rig.demand_nothing_left(10)
+            took_s = time.monotonic() - begin
+            rig.demand_next_flight()
+            yield {"s to the end": round(took_s, 2)}
+
+
+def everything(make, n, latest_s, earliest_s=0.0):
+    """Kills all processes of a flight at once, at a random instant after its start: the next one flies, uncleaned."""
+    draw = random.Random(n)
+    with make() as rig:
+        for _ in range(n):
+            rig.fly(duration="60s")
+            time.sleep(earliest_s + draw.random() * (latest_s - earliest_s))
+            for pid in rig.processes():
+                try:
+                    os.kill(pid, signal.SIGKILL)
+                except ProcessLookupError:
+                    pass
+            wait_until("killed processes to go", lambda: not rig.processes(), 10)
+            begin = time.monotonic()
+            rig.demand_next_flight()
+            yield {"s next flight": round(time.monotonic() - begin, 2)}
+
+
+def while_starting(make, n, role):
+    """Kills a role while all start: the launcher ends and names it, and the next flight flies."""
+    draw = random.Random(n)
+    for _ in range(n):
+        with make() as rig:
+            flight = rig.fly(duration="60s")
+            pid = rig.await_pid(role)
+            time.sleep(draw.random() * 0.02)
+            os.kill(pid, signal.SIGKILL)
+            name = "recorder" if role == "record" else f"{role} process"
+            flight.end().expect(1).says(name)
+            rig.demand_nothing_left()
+            rig.demand_next_flight()
+            yield {}
+
+
+def while_landing(make, n, role):
+    """Ends a flight and kills a role on its way down: everybody ends, and nothing is left."""
+    draw = random.Random(n)
+    for _ in range(n):
+        with make() as rig:
+            flight = rig.take_off(duration="60s")
+            pid = rig.await_pid(role)
+            flight.send(signal.SIGINT)
+            time.sleep(draw.random() * 0.01)
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+            begin = time.monotonic()
+            flight.end(40).expect(1, 130)
+            rig.demand_nothing_left()
+            yield {"s to the end": round(time.monotonic() - begin, 2)}
+
+
+def crash_loop(make, n):
+    """Kills a role as often as it comes back: the sixth death within ten seconds ends the flight."""
+    for _ in range(n):
+        with make() as rig:
+            flight = rig.take_off(*RESTART, duration="20s")
+            dead, kills = None, 0
+            while flight.is_running() and kills < 9:
+                pid = rig.pid("inner")
+                if pid and pid != dead:
+                    time.sleep(0.25)
+                    if flight.is_running():
+                        os.kill(pid, signal.SIGKILL)
+                        dead, kills = pid, kills + 1
+                time.sleep(0.01)
+            flight.end(30).expect(1).says("it has been started again 5 times within 10 s, which is the most")
+            demand(kills == 6, f"{kills} kills")
+            rig.demand_nothing_left()
+            yield {"deaths": kills}
+
+
+def pause(make, n, role, ms):
+    """Stops a role for a while: it goes on where the clock is, is not killed, and sends no burst."""
+    draw = random.Random(n)
+    with make() as rig:
+        flight = rig.take_off(*RESTART, duration=f"{n * 0.4 + 2:.1f}s")
+        for _ in range(n):
+            time.sleep(0.3 + draw.random() * 0.02)
+            pids = [rig.strike(each, signal.SIGSTOP) for each in (ROLES if role == "all" else (role,))]
+            if role == "all":
+                # The launcher first goes last, as where a machine stands still.
+                flight.send(signal.SIGSTOP)
+            time.sleep(int(ms) / 1e3)
+            for pid in pids:
+                os.kill(pid, signal.SIGCONT)
+            flight.send(signal.SIGCONT)
+        flight.end().expect(0, 3)
+        report = rig.report()
+        demand(not report["deaths"], f"killed: {report['deaths']}")
+        rig.demand_replay()
+        rig.demand_nothing_left()
+        skipped = sum(said["ticks_skipped"] for said in report["roles"].values())
+        for _ in range(n):
+            yield {"ticks skipped in all": skipped} if role != "record" else {}
+
+
+ROWS = [
+    *({"name": f"kill.{role}", "fault": f"kill -9 of {role} in flight, at a random phase", "injector": in_a_row,
+       "arguments": {"roles": role}, "expected": "started again, joins; flight completed; replay identical; nothing left",
+       "n": 20, "short": 2} for role in STAGES),
+    {"name": "kill.turns", "fault": "kill -9 of outer, inner and mixer in turns, at random phases", "injector": in_a_row,
+     "arguments": {"roles": "outer+inner+mixer"},
+     "expected": "each is started again and joins; flight completed; replay identical; nothing left", "n": 960, "short": 6},
+    {"name": "kill.record", "fault": "kill -9 of the recorder in flight", "injector": recorder,
+     "expected": "flight goes on; another recorder writes the rest", "n": 20},
+    {"name": "kill.plant", "fault": "kill -9 of the plant in flight", "injector": ends_the_flight,
+     "arguments": {"role": "plant"}, "expected": "ABORTED, plant named; others land; next flight flies", "n": 20},
+    {"name": "kill.launcher", "fault": "kill -9 of the launcher in flight", "injector": ends_the_flight,
+     "arguments": {"role": "fly"}, "expected": "roles land by themselves and tidy up; next flight flies", "n": 20},
+    {"name": "kill.all.flying", "fault": "kill -9 of everything in flight", "injector": everything,
+     "arguments": {"latest_s": 2.0, "earliest_s": 0.8}, "expected": "next start flies without a clean, and leaves nothing",
+     "n": 100, "short": 2},
+    {"name": "kill.all.starting", "fault": "kill -9 of everything at a random step of the start", "injector": everything,
+     "arguments": {"latest_s": 0.6}, "expected": "next start flies without a clean, and leaves nothing", "n": 100, "short": 3},
+    *({"name": f"kill.{role}.starting", "fault": f"kill -9 of {role} while all start", "injector": while_starting,
+       "arguments": {"role": role}, "expected": "launcher ends and names it; next flight flies", "n": 10,
+       "short": int(role == "inner")} for role in ROLES),
+    *({"name": f"kill.{role}.landing", "fault": f"kill -9 of {role} while all land", "injector": while_landing,
+       "arguments": {"role": role}, "expected": "everybody ends within 40 s; nothing left", "n": 10,
+       "short": int(role == "mixer")} for role in ROLES),
+    {"name": "crash.loop", "fault": "a role dies each time it comes back", "injector": crash_loop,
+     "expected": "five restarts; the sixth death ends the flight and says why", "n": 5, "guards": ("restart_limit",)},
+    *({"name": f"hang.{role}", "fault": f"{role} is stopped and does not go on (SIGSTOP)", "injector": in_a_row,
+       "arguments": {"roles": role, "number": signal.SIGSTOP},
+       "expected": "noticed by its heartbeat, killed, started again; replay identical", "n": 10,
+       "short": int(role == "inner"), "guards": ("heartbeat",) if role == "inner" else ()} for role in STAGES),
+    {"name": "hang.plant", "fault": "the plant is stopped and does not go on", "injector": ends_the_flight,
+     "arguments": {"role": "plant", "number": signal.SIGSTOP}, "expected": "killed, ABORTED; others land; next flight flies",
+     "n": 5},
+    *({"name": f"pause.{role}", "fault": f"{role} is stopped for 20 ms", "injector": pause,
+       "arguments": {"role": role, "ms": 20}, "expected": "not killed; flight completed; replay identical", "n": 20,
+       "short": 3} for role in (*STAGES, "plant", "record")),
+    {"name": "pause.all", "fault": "everything is stopped for 200 ms", "injector": pause,
+     "arguments": {"role": "all", "ms": 200}, "expected": "nobody is taken for hanging; flight completed; replay identical",
+     "n": 10, "short": 2},
+]

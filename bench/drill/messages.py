@@ -1,0 +1,204 @@
+"""Messages that are lost, late, wrong, forged or damaged; floods of requests; observers that crash or never read."""
+
+import csv
+import io
+import itertools
+import json
+import random
+import signal
+import time
+
+import flip
+from rig import demand
+
+TOPICS = {"state": "position_w_m", "setpoint": "thrust_n", "wrench": "thrust_n", "rotor_speeds": "speed_rad_s"}
+LOCKSTEP = ("--pace", "lockstep", "--duration", "3s", "--trajectory", "hover")
+FRESH, HELD, FALLBACK, IDLE = "0", "1", "2", "3"
+
+
+def forged(make, n, kind):
+    """Bad messages into slots in use of all four topics, from a process that holds the publisher (`forge`)."""
+    with make() as rig:
+        rig.root.mkdir()
+        command = [rig.executable_of("forge"), kind, str(n), str(rig.root)]
+        ended = rig.launch(command).end(600).expect(0)
+        lines = [json.loads(line) for line in ended.out.splitlines()]
+        demand(len(lines) == 4, f"{len(lines)} topics")
+        for line in lines:
+            counted = line["rejected"][line["reason"]]
+            demand(line["accepted"] == 0, f"{line['topic']}: {line['accepted']} of {line['offered']} accepted")
+            demand(counted == line["offered"], f"{line['topic']}: {counted} of {line['offered']} refused as {line['reason']}")
+            demand(line["good"] == line["sent_good"], f"{line['topic']}: good messages lost: {line}")
+            yield {"_times": line["offered"], "accepted": line["accepted"]}
+
+
+def faulted(make, n, kind):
+    """A fault of the grammar on each topic in turn, in lockstep: the flight of `simulate` to the bit, and its replay."""
+    for topic in itertools.islice(itertools.cycle(TOPICS), n):
+        field = TOPICS[topic]
+        what = {"drop": f"{topic}.drop=0.1", "delay": f"{topic}.delay=3", "lag": f"{topic}.lag=3",
+                "freeze": f"{topic}.freeze", "noise": f"{topic}.{field}.noise=0.01", "bias": f"{topic}.{field}.bias=0.02",
+                "nan": f"{topic}.{field}.nan"}[kind]
+        with make() as rig:
+            sky = rig.settings("[flight]\nground_z_m = -100.0\n")
+            fault = ("--config", sky, "--fault", f"{what}@1s..1050ms")
+            rig.start("fly", *LOCKSTEP, *fault).end().expect(0)
+            replayed = rig.run("replay", "--verify").expect(0).says("identical").out
+            alone = rig.run("simulate", *LOCKSTEP[2:], *fault).expect(0).result()["outputs"]
+            demand(alone in replayed, f"{what}: simulate has {alone}: {replayed}")
+            rig.demand_nothing_left()
+            yield {}
+
+
+def modes(rig, topic):
+    rows = csv.DictReader(io.StringIO(rig.run("export", "--topic", topic).expect(0).out))
+    return [row["mode"] for row in rows]
+
+
+def missing(make, n, topic):
+    """Takes all messages of a topic away for 1.5 s: held, then the fallback, then idle, each when it is due."""
+    shown, due = {
+        # Which topic shows it, and the mode after so many ticks without.
+        "state": ("wrench", {50: (HELD,), 500: (FALLBACK,), 1100: (IDLE,)}),
+        "setpoint": ("wrench", {50: (HELD,), 150: (FALLBACK,)}),
+        "wrench": ("rotor_speeds", {2: (HELD,), 10: (FALLBACK,), 1100: (IDLE,)}),
+    }[topic]
+    for _ in range(n):
+        with make() as rig:
+            sky = rig.settings("[flight]\nground_z_m = -100.0\n")
+            rig.start("fly", *LOCKSTEP, "--config", sky, "--fault", f"{topic}.drop=1@tick1000..tick2500").end().expect(0, 3)
+            said = modes(rig, shown)
+            for ticks, expected in due.items():
+                mode = said[1000 + ticks]
+                demand(mode in expected, f"{shown} is in mode {mode} after {ticks} ticks without {topic}, not {expected}")
+            demand(said[2600] in (FRESH, HELD), f"mode {said[2600]} 100 ticks after the end of it")
+            rig.demand_nothing_left()
+            yield {}
+
+
+def flipped(make, n):
+    """Flips bits in the slots of a flight in the air, from outside, while they are in use; at least n reach a port."""
+    caught = 0
+    while caught < n:
+        with make() as rig:
+            flight = rig.take_off(duration="8s")
+            flips = flip.flip(rig, seconds=5.0, every_s=0.01)
+            flight.end().expect(0, 3)
+            report = rig.report()
+            roles = {**report["roles"], "record": report["recorder"]}
+            counts = {role: said["rejected"] for role, said in roles.items()}
+            found = sum(count["checksum"] for count in counts.values())
+            other = sum(sum(count.values()) for count in counts.values()) - found
+            demand(flips > 0 and found > 0, f"{flips} bits flipped, {found} noticed")
+            demand(other == 0, f"refused for another reason than the check word: {counts}")
+            demand(report["run"]["ending"] == "completed", report["run"]["ending"])
+            strange = carried_on(rig)
+            demand(strange == 0, f"{strange} messages carry on what was flipped")
+            rig.demand_nothing_left()
+            caught += found
+            yield {"_times": found, "flips": flips, "carried on": strange}
+
+
+def carried_on(rig):
+    """Messages whose envelope says what no undamaged one of a flight without swaps does."""
+    count = 0
+    for topic in TOPICS:
+        rows = csv.DictReader(io.StringIO(rig.run("export", "--topic", topic).out))
+        count += sum(int(row["envelope.parameter_epoch"]) != 0 for row in rows)
+    return count
+
+
+def flood(make, n):
+    """Eight clients swap a parameter as fast as they can: each is answered, and the flight flies on."""
+    with make() as rig:
+        flight = rig.take_off(duration=f"{3 + n / 40:.0f}s")
+        for _ in range(0, n, 8):
+            clients = [rig.start("inject", f"mass_kg={0.50 + i / 100}") for i in range(8)]
+            for client in clients:
+                client.end().expect(0)
+        flight.end().expect(0, 3)
+        rig.demand_nothing_left()
+        for _ in range(n):
+            yield {}
+
+
+def killed_clients(make, n):
+    """Kills clients at a random instant of their request: the flight flies on, and the next client is answered."""
+    draw = random.Random(n)
+    with make() as rig:
+        flight = rig.take_off(duration=f"{3 + n / 10:.0f}s")
+        for _ in range(n):
+            client = rig.start("inject", "mass_kg=0.53")
+            time.sleep(draw.random() * 0.06)
+            client.send(signal.SIGKILL)
+            client.end()
+            yield {}
+        rig.run("inject", "mass_kg=0.52").expect(0)
+        flight.end().expect(0, 3)
+        rig.demand_nothing_left()
+
+
+def observers(make, n, number):
+    """Observers that are killed, or stopped and never read, a dozen one after the other: the flight does not notice."""
+    with make() as rig:
+        flight = rig.take_off(duration=f"{3 + n * 0.5:.0f}s")
+        stopped = []
+        for i in range(n):
+            watcher = rig.start("watch")
+            time.sleep(0.3)
+            demand(watcher.is_running(), f"watch has ended: {watcher.said()[-200:]}")
+            watcher.send(number)
+            stopped.append(watcher)
+            if number == signal.SIGKILL or i % 3 == 2:
+                for watcher in stopped:
+                    watcher.send(signal.SIGKILL)
+                    watcher.end()
+                stopped = []
+        result = flight.end().expect(0, 3).result()
+        demand(result["lost"] == "0", f"lost: {result}")
+        for watcher in stopped:
+            watcher.send(signal.SIGKILL)
+            watcher.end()
+        rig.demand_replay()
+        rig.run("clean").expect(0)
+        rig.demand_nothing_left()
+        for _ in range(n):
+            yield {}
+
+
+KINDS = {
+    "flipped_bit": ("one bit of it is flipped, anywhere", "checksum"),
+    "garbage": ("up to 64 bytes of it are garbage", "checksum"),
+    "other_layout": ("of another build", "layout"), "other_run": ("of another run", "run"),
+    "other_settings": ("of other settings", "settings"), "repeated": ("a message once more", "sequence"),
+    "old_sequence": ("an older sequence number", "sequence"), "replaced_sender": ("of a sender that was replaced", "sequence"),
+    "future_tick": ("of a tick that has not begun", "tick"), "past_tick": ("of a tick that is over", "tick"),
+    "not_finite": ("NaN or infinity in any field", "non_finite"),
+    "implausible": ("a number in any field that no airframe has", "implausible"),
+}
+
+ROWS = [
+    *({"name": f"forged.{kind}", "fault": f"forged message: {words}", "injector": forged, "arguments": {"kind": kind},
+       "expected": f"none accepted; each counted as `{reason}`; every good one passes", "n": 1_000_000, "short": 20_000,
+       "guards": (f"inspection.{reason}",)} for kind, (words, reason) in KINDS.items()),
+    {"name": "flipped.live", "fault": "bits flipped in live shared memory, in slots that are in use", "injector": flipped,
+     "expected": "counted as `checksum` and never carried on; flight completed", "n": 5000, "short": 20,
+     "guards": ("inspection.checksum",)},
+    *({"name": f"message.{kind}", "fault": f"{words}, on each topic in turn", "injector": faulted, "arguments": {"kind": kind},
+       "expected": "the flight of `simulate` to the bit; replay identical", "n": 4, "short": 2 if kind == "drop" else 1}
+      for kind, words in {"drop": "a tenth of the messages is lost", "delay": "messages come 3 ticks late",
+                          "lag": "content of 3 ticks before", "freeze": "the last content again and again",
+                          "noise": "noise on a field", "bias": "a bias on a field", "nan": "no number in a field"}.items()),
+    *({"name": f"missing.{topic}", "fault": f"no `{topic}` at all for 1.5 s", "injector": missing,
+       "arguments": {"topic": topic}, "expected": "held, then fallback, then idle, each when it is due; flown again after",
+       "n": 3, "guards": ("stale_windows",)} for topic in ("state", "setpoint", "wrench")),
+    {"name": "flood.inject", "fault": "eight clients swap parameters as fast as they can", "injector": flood,
+     "expected": "each is answered; flight completed", "n": 400, "short": 16},
+    {"name": "kill.inject", "fault": "clients are killed at a random instant of their request", "injector": killed_clients,
+     "expected": "flight completed; the next client is answered", "n": 50, "short": 5},
+    {"name": "kill.watch", "fault": "observers are killed", "injector": observers, "arguments": {"number": signal.SIGKILL},
+     "expected": "nothing lost; flight completed; replay identical", "n": 20, "short": 2},
+    {"name": "stop.watch", "fault": "observers that never read (SIGSTOP)", "injector": observers,
+     "arguments": {"number": signal.SIGSTOP}, "expected": "nothing lost; flight completed; replay identical", "n": 12,
+     "short": 2},
+]
