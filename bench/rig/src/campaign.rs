@@ -4,6 +4,8 @@
 //! simulate` with the same settings, bit for bit.
 
 mod again;
+mod array;
+mod audit;
 mod check;
 mod directory;
 mod flown;
@@ -14,7 +16,12 @@ mod status;
 mod submit;
 mod told;
 
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
 use failure::Failure;
+use role::stop::stop_signals;
+use signal_hook::flag;
 
 use crate::cli::CampaignCommand;
 
@@ -32,4 +39,17 @@ pub fn campaign(command: &CampaignCommand) -> Result<u8, Failure> {
         CampaignCommand::Submit(args) => submit::submit(args),
         CampaignCommand::Fly(args) => again::fly(args),
     }
+}
+
+/// What a signal that asks for the end sets.
+///
+/// # Errors
+/// The system handles no more signals.
+fn hear_stop() -> Result<Arc<AtomicBool>, Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in stop_signals() {
+        flag::register(signal, Arc::clone(&stop))
+            .map_err(|e| Failure::failed(format!("cannot handle signals: {e}")))?;
+    }
+    Ok(stop)
 }

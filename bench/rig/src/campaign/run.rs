@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use campaign::chunk::{self, State};
@@ -10,12 +9,10 @@ use campaign::rows::Rows;
 use campaign::statistics::rates::wilson;
 use campaign::table::Row;
 use failure::{Failure, INTERRUPTED, OK};
-use role::stop::stop_signals;
-use signal_hook::flag;
 
 use super::plan::Plan;
 use super::progress::Progress;
-use super::{directory, flown};
+use super::{directory, flown, hear_stop};
 use crate::cli::{CampaignRunArgs, Shard};
 use crate::output::{print, say};
 use crate::parallel::{on_processors, processors};
@@ -31,11 +28,7 @@ const TASKS: [(&str, u64); 4] =
 /// Usage: what is wrong with the file; a directory that holds another campaign. A file that cannot be written; an
 /// interruption, after which the chunks that were whole are kept.
 pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in stop_signals() {
-        flag::register(signal, Arc::clone(&stop))
-            .map_err(|e| Failure::failed(format!("cannot handle signals: {e}")))?;
-    }
+    let stop = hear_stop()?;
     let plan = Plan::read(&args.file)?;
     let out = args.out.clone().unwrap_or_else(|| default_directory(&plan));
     let chunks = args.shard.map_or(Ok(0..plan.campaign.chunks()), |shard| of_shard(&plan, shard))?;
@@ -183,7 +176,10 @@ impl Flying<'_> {
 }
 
 /// All rows; or else the failure that is not just the end of the others.
-fn gathered(rows: Vec<Result<Row, Failure>>) -> Result<Vec<Row>, Failure> {
+///
+/// # Errors
+/// That of a flight.
+pub(super) fn gathered(rows: Vec<Result<Row, Failure>>) -> Result<Vec<Row>, Failure> {
     let mut all = Vec::with_capacity(rows.len());
     let mut failed: Option<Failure> = None;
     for row in rows {
