@@ -80,12 +80,11 @@ impl Array {
         let array = if shards.len() as u64 == self.shards { format!("1-{}", self.shards) } else { numbers };
         let array = format!("--array={array}");
         let script = self.script_file().display().to_string();
-        let words: Vec<String> = match on {
-            Engine::Slurm => ["sbatch", "--parsable", "--wait"].map(String::from).into(),
-            Engine::Hyperqueue => self.hyperqueue(),
+        let (words, shell): (Vec<String>, _) = match on {
+            Engine::Slurm => (["sbatch", "--parsable", "--wait"].map(String::from).into(), None),
+            Engine::Hyperqueue => (self.hyperqueue(), Some("sh".to_owned())),
             Engine::Local => return vec!["sh".into(), script],
         };
-        let shell = (on == Engine::Hyperqueue).then(|| "sh".to_owned());
         words.into_iter().chain([array]).chain(shell).chain([script]).collect()
     }
 

@@ -38,8 +38,11 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
     let array = Array::of(&plan, args, &out)?;
     if args.dry_run {
         let all: Vec<u64> = (1..=array.shards).collect();
-        let command = array.command(args.on, &all);
-        print(&format!("{}# {}\n", array.script(args.on), command.join(" ")))?;
+        let command = match args.on {
+            Engine::Local => String::new(),
+            engine => format!("# {}\n", array.command(engine, &all).join(" ")),
+        };
+        print(&(array.script(args.on) + &command))?;
         return Ok(OK);
     }
     let report = CampaignReportArgs {
