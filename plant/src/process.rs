@@ -340,11 +340,12 @@ impl<'a> PlantProcess<'a> {
             let now = now_ns();
             let is_there = tick == 0 || (self.commands.has_any() && self.commands.newest().envelope.tick + 1 >= tick);
             let recorded = opened.recorded_tick();
-            if is_there && tick < recorded + RECORDER_LAG_TICKS {
-                return Ok(Some(now));
-            }
+            // Who wants the end has said so before the command could come: the flight ends with the tick before.
             if station.stop_requested() || opened.wanted_end().is_some() {
                 return Ok(None);
+            }
+            if is_there && tick < recorded + RECORDER_LAG_TICKS {
+                return Ok(Some(now));
             }
             if now >= until_ns {
                 let what = if is_there {

@@ -31,8 +31,23 @@ pub struct Campaign {
     pub arms: Vec<Arm>,
     /// What counts as success.
     pub gates: Gates,
+    /// What an engine is asked for; rows do not depend on it.
+    pub submission: Submission,
     /// Where in the file keys are.
     pub lines: Lines,
+}
+
+/// What an engine is asked for, for each shard.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Submission {
+    /// Partition of Slurm; its default one where there is none.
+    pub partition: Option<String>,
+    /// Time after which the engine ends a shard; none where nothing limits it but the engine.
+    pub time_limit: Option<Duration>,
+    /// Whether the engine starts a shard again whose node was lost.
+    pub requeue: bool,
+    /// Processors.
+    pub processors: u64,
 }
 
 /// What is drawn for each flight.

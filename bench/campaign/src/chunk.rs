@@ -17,6 +17,7 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 
 use crate::campaign::Campaign;
+use crate::generator::Stream;
 use crate::sum::sum_of;
 use crate::table::{Columns, Row};
 
@@ -59,6 +60,13 @@ impl Campaign {
     pub fn flights_of(&self, chunk: u64) -> Range<u64> {
         let first = chunk * self.chunk;
         first..(first + self.chunk).min(self.flights)
+    }
+
+    /// The flights of a chunk that are in an audit of a share of all: always the same ones, and of a larger share these
+    /// and more.
+    pub fn audited(&self, chunk: u64, share: f64) -> impl Iterator<Item = u64> {
+        let stream = Stream::new(self.seed, "audit");
+        self.flights_of(chunk).filter(move |flight| stream.units(*flight, 0)[0] < share)
     }
 
     /// The chunks of a shard, of which there are `of`, numbered from 1.

@@ -1,6 +1,7 @@
 //! Reads a campaign's file, and tells every mistake in it with its line.
 
 mod distributions;
+mod submission;
 
 use std::collections::BTreeMap;
 
@@ -24,7 +25,7 @@ const CHUNK_MAX: i64 = 100_000;
 /// Name of the only arm, where the campaign names none.
 const ONLY_ARM: &str = "base";
 /// Sections that are the campaign's own; all others are the settings'.
-const OWN: [&str; 5] = ["campaign", "factors", "fault", "arms", "success"];
+const OWN: [&str; 6] = ["campaign", "factors", "fault", "arms", "success", "submit"];
 /// The seed of the sensors' noise, which flights draw unless the file says otherwise.
 const NOISE_SEED: &str = "flight.seed";
 
@@ -101,6 +102,7 @@ impl Reader {
             chunk,
             arms: self.arms(given, arms, &drawn),
             gates: self.gates(&success, has_fault),
+            submission: self.submission(given),
             base,
             factors: drawn,
             faults,

@@ -42,6 +42,60 @@ pub struct Findings {
     pub maps: Vec<Map>,
     /// The worst flights, the worst first.
     pub worst: Vec<Worst>,
+    /// What came of flying a share of the flights again; none where nobody asked for it.
+    pub audit: Option<Audit>,
+}
+
+/// A share of the flights that were flown again.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Audit {
+    /// The share that was asked for.
+    pub share: f64,
+    /// Flights that were flown again, each by all arms.
+    pub flights: u64,
+    /// Their rows.
+    pub rows: u64,
+    /// Rows in which something differed.
+    pub differ: u64,
+    /// The first of these.
+    pub differences: Vec<Difference>,
+}
+
+/// A cell that came out differently.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// The flight.
+    pub flight: u64,
+    /// What flew it.
+    pub arm: String,
+    /// The first column that differs.
+    pub column: String,
+    /// What the row has.
+    pub kept: String,
+    /// What came out now.
+    pub again: String,
+}
+
+impl Audit {
+    /// What it came to.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let Self { flights, rows, differ, .. } = self;
+        let flown = format!("{} flown again", counted(*flights as usize, "flight"));
+        match differ {
+            0 => format!("{flown}, {}: identical", counted(*rows as usize, "row")),
+            _ => format!("{flown}, {}: {differ} differ", counted(*rows as usize, "row")),
+        }
+    }
+}
+
+impl Difference {
+    /// The cell, and both values.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let Self { flight, arm, column, kept, again } = self;
+        format!("flight {flight} by {arm}: {column} is {kept} in its row, and {again} now")
+    }
 }
 
 /// What an arm came to.

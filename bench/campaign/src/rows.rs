@@ -13,13 +13,16 @@ use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchR
 
 use crate::campaign::Campaign;
 use crate::chunk::{Identity, path_of, told, write_whole, writer};
-use crate::table::Columns;
+use crate::table::{Columns, Row};
 
 /// The files of some chunks, in order. In them, the arms of a flight follow each other.
 #[derive(Clone, Debug)]
 pub struct Rows {
     files: Vec<PathBuf>,
 }
+
+/// A row as text, by the names of its columns.
+pub type Cells = Vec<(String, String)>;
 
 /// Rows that are decoded at once.
 const BATCH: usize = 8192;
@@ -124,22 +127,12 @@ impl Rows {
     ///
     /// # Errors
     /// As [`Self::numbers`].
-    pub fn row(&self, campaign: &Campaign, flight: u64, arm: usize) -> Result<Option<Vec<(String, String)>>, Failure> {
+    pub fn row(&self, campaign: &Campaign, flight: u64, arm: usize) -> Result<Option<Cells>, Failure> {
         let chunk = flight / campaign.chunk;
-        let Some(path) =
-            self.files.iter().find(|path| **path == path_of(path.parent().unwrap_or(Path::new("")), chunk))
-        else {
-            return Ok(None);
-        };
-        let mut before = (flight % campaign.chunk) as usize * campaign.arms.len() + arm;
-        for batch in open(path, None)? {
-            let batch = batch.in_file("read", path)?;
-            if before < batch.num_rows() {
-                return Ok(Some(cells(&batch, before)));
-            }
-            before -= batch.num_rows();
-        }
-        Ok(None)
+        let is_of = |path: &&PathBuf| **path == path_of(path.parent().unwrap_or(Path::new("")), chunk);
+        let Some(path) = self.files.iter().find(is_of) else { return Ok(None) };
+        let place = (flight % campaign.chunk) as usize * campaign.arms.len() + arm;
+        Ok(cells_in(path, &[place])?.pop())
     }
 
     /// Writes all rows into one file, whose content depends on nothing but the campaign.
@@ -166,6 +159,34 @@ impl Rows {
     }
 }
 
+/// The cells of rows of a chunk as text, in the order of their places, which rise.
+///
+/// # Errors
+/// [`Failure`] names the file that cannot be read.
+pub fn cells_of(directory: &Path, chunk: u64, places: &[usize]) -> Result<Vec<Cells>, Failure> {
+    cells_in(&path_of(directory, chunk), places)
+}
+
+fn cells_in(path: &Path, places: &[usize]) -> Result<Vec<Cells>, Failure> {
+    let (mut all, mut before) = (Vec::with_capacity(places.len()), 0);
+    for batch in open(path, None)? {
+        let batch = batch.in_file("read", path)?;
+        let here = places[all.len()..].iter().take_while(|place| **place < before + batch.num_rows());
+        all.extend(here.map(|place| cells(&batch, place - before)).collect::<Vec<_>>());
+        before += batch.num_rows();
+    }
+    Ok(all)
+}
+
+/// The cells of rows that are in no file.
+///
+/// # Errors
+/// As [`Columns::batch`].
+pub fn cells_again(campaign: &Campaign, rows: &[Row]) -> Result<Vec<Cells>, Failure> {
+    let batch = Columns::new(campaign).batch(campaign, rows)?;
+    Ok((0..rows.len()).map(|row| cells(&batch, row)).collect())
+}
+
 /// The batches of a file: of one column, or of all.
 fn open(path: &Path, column: Option<&str>) -> Result<ParquetRecordBatchReader, Failure> {
     let file = File::open(path).in_file("read", path)?;
@@ -176,7 +197,7 @@ fn open(path: &Path, column: Option<&str>) -> Result<ParquetRecordBatchReader, F
 }
 
 /// A row as text.
-fn cells(batch: &RecordBatch, row: usize) -> Vec<(String, String)> {
+fn cells(batch: &RecordBatch, row: usize) -> Cells {
     let text = |column: &ArrayRef| {
         if column.is_null(row) {
             return String::new();

@@ -4,6 +4,8 @@
 //! simulate` with the same settings, bit for bit.
 
 mod again;
+mod array;
+mod audit;
 mod check;
 mod directory;
 mod flown;

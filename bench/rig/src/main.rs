@@ -10,8 +10,8 @@ use ironbird::floor::{command, hop};
 use ironbird::fly::burden;
 use ironbird::output::say;
 use ironbird::{
-    campaign, clean, compare, doctor, export, fly, inject, laws, limits, manual, margin, new_law, params, replay, roles, runs,
-    show_report, simulate, watch,
+    campaign, clean, compare, doctor, export, fly, inject, laws, limits, manual, margin, new_law, params, replay,
+    roles, runs, show_report, simulate, watch,
 };
 use model::guards;
 use model::role::Role;

@@ -285,6 +285,7 @@ fn a_campaign_stops_when_it_knows_enough() {
 /// An engine that is none: it flies the tasks of an array one after the other, and loses one of them the first time.
 const ENGINE: &str = r#"#!/bin/sh
 echo "$0 $*" >> calls
+echo "7;cluster"
 for word; do case $word in --array=*) array=${word#--array=};; esac; script=$word; done
 case $array in *-*) array=$(seq -s ' ' "${array%-*}" "${array#*-}");; esac
 for task in $(echo "$array" | tr , ' '); do
@@ -298,7 +299,9 @@ exit ${failed:-0}
 fn an_engine_gets_an_array_and_again_what_it_lost() {
     let rig = Rig::new("engines");
     let (file, out) = (rig.settings(SMALL), rig.file("rows"));
-    for (engine, said) in [("slurm", "#SBATCH --requeue"), ("hyperqueue", "hq submit --wait"), ("local", "# sh ")] {
+    for (engine, said) in
+        [("slurm", "#SBATCH --requeue"), ("hyperqueue", "hq --output-mode=quiet submit --wait"), ("local", "#!/bin/sh")]
+    {
         let dry = ["submit", file.as_str(), "--on", engine, "--out", &out, "--shards", "4", "--dry-run"];
         campaign(&rig, &dry).expect(0).says(said).says("campaign run ");
         assert!(!Path::new(&out).exists(), "a dry run makes nothing");
@@ -312,7 +315,7 @@ fn an_engine_gets_an_array_and_again_what_it_lost() {
         command.env("PATH", format!("{}:{}", tools.display(), std::env::var("PATH").unwrap()));
         rig.launch(command).end()
     };
-    let submitted = submit("slurm").expect(0).says("all 4 shards are there");
+    let submitted = submit("slurm").expect(0).complains("all 4 shards are there").says("small: 23 flights, each by 2");
     submitted.complains("round 1: 4 of 4 shards: 1-4").complains("round 2: 1 of 4 shards: 3");
     let calls = fs::read_to_string(rig.path("calls")).unwrap();
     assert!(calls.lines().count() == 2 && calls.contains("--array=1-4 ") && calls.contains("--array=3 "), "{calls}");

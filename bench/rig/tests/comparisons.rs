@@ -49,8 +49,8 @@ impl Stage for LateInner {
         Ok(tick)
     }
 
-    fn tick(&mut self, turn: &Turn) -> Result<TickOutcome, Error> {
-        self.inner.tick(turn)
+    fn tick(&mut self, turn: &Turn, end: &mut dyn FnMut(model::boards::Ending)) -> Result<TickOutcome, Error> {
+        self.inner.tick(turn, end)
     }
 
     fn rehearse(&mut self, tick: u64) -> Result<bool, Error> {

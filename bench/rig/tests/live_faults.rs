@@ -1,13 +1,11 @@
 //! Faults that are injected into flights in the air: the same bits as planned ones, in the report, in the replay.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 
+use crate::rig::Rig;
 use flight_log::injected::injected;
 use model::fault::MOST;
-use rig::Rig;
 use rustix::process::Signal;
 use serde_json::Value;
 

@@ -3,13 +3,11 @@
 //! What is demanded has no upper bound in time: that a fault struck, is in the report, and what it must do at the least.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 
+use crate::rig::unprivileged::fly_unprivileged;
+use crate::rig::{Rig, is_gone, not_tested, send, wait_until};
 use report::schema::Report;
-use rig::unprivileged::fly_unprivileged;
-use rig::{Rig, is_gone, not_tested, send, wait_until};
 use role::rt::fifo_refusal;
 use rustix::process::Signal;
 

@@ -93,8 +93,10 @@ impl<S: Stage> Place<S> {
         let before = thread_allocations();
         assert!(self.doorbell.wait_until(now_ns() + LONG.as_nanos() as u64).unwrap());
         assert_eq!(self.stage.take(tick).unwrap(), tick);
-        let worked = self.stage.tick(&Turn { tick, receive_ns: now_ns(), previous_busy_ns: 1 }).unwrap();
-        assert!(!worked.stale && worked.wants_end.is_none());
+        let mut end = None;
+        let turn = Turn { tick, receive_ns: now_ns(), previous_busy_ns: 1 };
+        let worked = self.stage.tick(&turn, &mut |wanted| end = Some(wanted)).unwrap();
+        assert!(!worked.stale && end.is_none());
         self.board.put(Status { ticks_run: tick, rejections: self.stage.rejections(), ..Status::default() });
         thread_allocations() - before
     }

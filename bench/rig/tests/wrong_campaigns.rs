@@ -51,6 +51,21 @@ fn every_mistake_is_named_with_its_line() {
             "plant.mass_kg = 5.5 is out of range: allowed are 0.05 to 5.0 kg|: line 5",
         ),
         (&format!("{head}[plant]\nmass_kg = 0.5\ngarvity = 1.0"), "unknown key `plant.garvity`"),
+        (
+            &format!("{head}[submit]\npartiton = \"batch\""),
+            "line 5: unknown key `partiton` in [submit], which has partition, time_limit_s, requeue, processors; did you \
+             mean `partition`?",
+        ),
+        (
+            &format!("{head}[submit]\npartition = \"a b\"\nprocessors = 0"),
+            "line 5: submit.partition = \"a b\": expected a partition's name, as in \"batch\"|\
+             line 6: submit.processors = 0: expected a whole number from 1 to 4096",
+        ),
+        (
+            &format!("{head}[submit]\ntime_limit_s = 59\nrequeue = \"no\""),
+            "line 5: submit.time_limit_s = 59: expected a time from 60 to 1e8 s|\
+             line 6: submit.requeue = \"no\": expected true or false",
+        ),
         (&format!("{head}[[fault]]\nwhat = \"mass_kg\"\nvalue = 0.6"), "line 4: fault 1 has no `at_s`"),
         (&format!("{head}[[fault]]\nwhat = \"mas_kg\"\nvalue = 0.6\nat_s = 1.0"), "line 5: unknown parameter `mas_kg`"),
         (

@@ -331,11 +331,12 @@ impl<J: Job> Stage for Shell<J> {
         self.inputs.take(horizon)
     }
 
-    fn tick(&mut self, turn: &Turn) -> Result<TickOutcome, Error> {
+    fn tick(&mut self, turn: &Turn, end: &mut dyn FnMut(Ending)) -> Result<TickOutcome, Error> {
         self.inputs.settle(turn.tick);
         let stale = !self.inputs.fresh(turn.tick);
         let Made { output, wants_end } = self.job.work(turn.tick, &self.inputs.dated());
         self.be_late(turn.tick);
+        wants_end.into_iter().for_each(end);
         if let Some(output) = output {
             let mut history = self.inputs.history(turn.tick);
             history.previous_busy_ns = turn.previous_busy_ns;
@@ -344,7 +345,7 @@ impl<J: Job> Stage for Shell<J> {
         } else if self.tells_silence {
             self.output.pass(turn.tick)?;
         }
-        Ok(TickOutcome { stale, wants_end })
+        Ok(TickOutcome { stale })
     }
 
     fn rehearse(&mut self, tick: u64) -> Result<bool, Error> {

@@ -35,8 +35,6 @@ pub struct Turn {
 pub struct TickOutcome {
     /// Some input was not of the tick.
     pub stale: bool,
-    /// The stage wants the run to end.
-    pub wants_end: Option<Ending>,
 }
 
 /// A stage: its law with its ports.
@@ -58,11 +56,12 @@ pub trait Stage {
     /// Those of the ports.
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error>;
 
-    /// Works a tick with what was taken: step, limit, publish.
+    /// Works a tick with what was taken: step, limit, publish. `end` asks for the run's end, before anything is published:
+    /// whoever has the output can know.
     ///
     /// # Errors
     /// Those of the ports.
-    fn tick(&mut self, turn: &Turn) -> Result<TickOutcome, Error>;
+    fn tick(&mut self, turn: &Turn, end: &mut dyn FnMut(Ending)) -> Result<TickOutcome, Error>;
 
     /// Does what [`Stage::tick`] would, with what was taken last as if it were of this tick, and changes nothing: the
     /// law works on a clone, and no message is sent. The next stage is rung for its rehearsal. False where the law
@@ -181,7 +180,8 @@ fn fly<S: Stage>(
                 (tick, receive_ns)
             }
         };
-        let worked = stage.tick(&Turn { tick, receive_ns, previous_busy_ns })?;
+        let worked =
+            stage.tick(&Turn { tick, receive_ns, previous_busy_ns }, &mut |end| station.ask_for_the_end(end))?;
         if !worked.stale {
             signs_of_life.heard(receive_ns);
         }
@@ -192,9 +192,6 @@ fn fly<S: Stage>(
         status.rejections = stage.rejections();
         if let Some(estimates) = stage.estimates().filter(|_| resumes) {
             (status.estimates_run, status.estimates) = (armed.expected.run_id, estimates);
-        }
-        if let Some(end) = worked.wants_end {
-            status.wants_end = end as u64;
         }
         station.pass_on_stop();
         previous_busy_ns = now_ns() - receive_ns;

@@ -156,6 +156,12 @@ impl Station {
         self.publish_status();
     }
 
+    /// Asks the plant to end the run.
+    pub fn ask_for_the_end(&mut self, end: Ending) {
+        self.status.wants_end = end as u64;
+        self.publish_status();
+    }
+
     fn enter(&mut self, phase: RolePhase) {
         self.status.phase = phase as u64;
         self.publish_status();

@@ -13,7 +13,7 @@ use std::sync::{Mutex, mpsc};
 use std::thread::{scope, sleep};
 use std::time::Duration;
 
-use model::boards::RunPhase;
+use model::boards::{Ending, RunPhase};
 use model::flight_plan::FlightPlan;
 use model::grid::{Grid, Pace};
 use model::inspection::{Expected, Rejections};
@@ -153,8 +153,8 @@ impl Stage for Idle<'_> {
         Ok(NO_TICK)
     }
 
-    fn tick(&mut self, _: &Turn) -> Result<TickOutcome, Error> {
-        Ok(TickOutcome { stale: true, wants_end: None })
+    fn tick(&mut self, _: &Turn, _: &mut dyn FnMut(Ending)) -> Result<TickOutcome, Error> {
+        Ok(TickOutcome { stale: true })
     }
 
     fn rehearse(&mut self, _: u64) -> Result<bool, Error> {

@@ -75,6 +75,7 @@ pub fn of(campaign: &Campaign, identity: &Identity, rows: &Rows, exact: bool) ->
         factors,
         maps,
         worst: asked.worst(&lost)?,
+        audit: None,
     })
 }
 

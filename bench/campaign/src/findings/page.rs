@@ -40,6 +40,12 @@ pub fn render(findings: &Findings) -> String {
                 @if !findings.maps.is_empty() { (section("maps", "Success over two factors", maps(findings))) }
                 (section("metrics", "Distributions", distributions(findings)))
                 (section("worst", "Worst flights", worst(findings)))
+                @if let Some(audit) = &findings.audit {
+                    (section("audit", "Audit", html! {
+                        p { (audit.words()) "." }
+                        ul { @for it in &audit.differences { li { (it.words()) } } }
+                    }))
+                }
             }
             footer { "ironbird " (build) }
         },

@@ -24,6 +24,10 @@ pub fn render(findings: &Findings, directory: &str) -> String {
         pairs.iter().for_each(|pair| text += &paired(pair));
     }
     text += &effects(findings);
+    if let Some(audit) = &findings.audit {
+        text += &format!("\nAudit: {}\n", audit.words());
+        audit.differences.iter().for_each(|it| text += &format!("  {}\n", it.words()));
+    }
     text += "\nWorst flights\n";
     for flight in worst {
         text += &format!("  {}\n", worst_line(flight));

@@ -176,7 +176,10 @@ impl Flying<'_> {
 }
 
 /// All rows; or else the failure that is not just the end of the others.
-fn gathered(rows: Vec<Result<Row, Failure>>) -> Result<Vec<Row>, Failure> {
+///
+/// # Errors
+/// That of a flight.
+pub(super) fn gathered(rows: Vec<Result<Row, Failure>>) -> Result<Vec<Row>, Failure> {
     let mut all = Vec::with_capacity(rows.len());
     let mut failed: Option<Failure> = None;
     for row in rows {

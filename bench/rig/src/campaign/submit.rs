@@ -2,159 +2,187 @@
 //!
 //! The engine schedules; what is there is decided by the files alone. Submitting again is harmless.
 
-use std::fs;
-use std::path::{Path, PathBuf, absolute};
-use std::process::Command;
+use std::fs::{self, File};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::sleep;
+use std::time::{Duration, Instant, SystemTime};
 
-use failure::{FAILED, Failure, GATE, InFile as _, OK};
+use campaign::chunk::path_of;
+use failure::{FAILED, Failure, GATE, INTERRUPTED, InFile as _, OK};
+use rustix::process::{Pid, Signal, kill_process};
 
+use super::array::Array;
 use super::plan::Plan;
 use super::status::{found, ranges};
-use super::{directory, run};
-use crate::cli::{CampaignRunArgs, CampaignSubmitArgs, Engine};
+use super::{directory, run, told};
+use crate::cli::{CampaignReportArgs, CampaignRunArgs, CampaignSubmitArgs, DiffFormat, Engine};
 use crate::output::{print, say};
-use machine::executable::own_executable;
+use crate::parallel::asked_to_stop;
+use crate::progress::Progress;
 
 /// How often an array is submitted: what fails so often fails always.
 const ROUNDS: usize = 3;
+/// How often the files are looked for.
+const EVERY: Duration = Duration::from_millis(200);
+/// How long an engine may take to see that a job has ended of which all files are there. `sbatch --wait` looks ever more
+/// seldom.
+const GRACE: Duration = Duration::from_secs(2);
 
-/// Submits the shards that are not whole, waits for the engine, and submits again what it lost.
+/// Submits the shards that are not whole, watches the engine, submits again what it lost, and reports.
 ///
 /// # Errors
-/// Usage: what is wrong with the file; an engine that is not there. A file that cannot be written.
+/// Usage: what is wrong with the file; an engine that is not there, or takes no job. A file that cannot be written.
 pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
     let plan = Plan::read(&args.file)?;
     let out = args.out.clone().unwrap_or_else(|| run::default_directory(&plan));
     let array = Array::of(&plan, args, &out)?;
-    if args.on == Engine::Local && !args.dry_run {
-        return run::run(&CampaignRunArgs {
-            file: args.file.clone(),
-            shard: None,
-            out: Some(out),
-            jobs: None,
-            until: None,
-        });
-    }
     if args.dry_run {
         let all: Vec<u64> = (1..=array.shards).collect();
-        let command = array.command(args.on, &all);
-        print(&format!("{}# {}\n", array.script(args.on), command.join(" ")))?;
+        let command = match args.on {
+            Engine::Local => String::new(),
+            engine => format!("# {}\n", array.command(engine, &all).join(" ")),
+        };
+        print(&(array.script(args.on) + &command))?;
         return Ok(OK);
+    }
+    let report = CampaignReportArgs {
+        directory: out.clone(),
+        format: DiffFormat::Text,
+        page: None,
+        exact: false,
+        audit: None,
+        jobs: None,
+    };
+    if args.on == Engine::Local {
+        let file = args.file.clone();
+        let code = run::run(&CampaignRunArgs { file, shard: None, out: Some(out), jobs: None, until: None })?;
+        return if code == OK { told::report(&report) } else { Ok(code) };
     }
     directory::open(&plan, &out)?;
-    let script = out.join("submit.sh");
-    fs::write(&script, array.script(args.on)).in_file("write", &script)?;
+    let submitted = Submitted { plan: &plan, array: &array, on: args.on, stop: &*asked_to_stop()? };
+    fs::write(array.script_file(), array.script(args.on)).in_file("write", &array.script_file())?;
     for round in 1..=ROUNDS {
-        let missing = array.missing(&plan, &out);
-        if missing.is_empty() {
+        let missing = submitted.missing();
+        let shards = array.shards_of(&plan.campaign, &missing);
+        if shards.is_empty() {
             break;
         }
-        say(&format!("round {round}: {} of {} shards: {}\n", missing.len(), array.shards, ranges(&missing)));
-        let command = array.command(args.on, &missing);
-        let engine = &command[0];
-        let ended = Command::new(engine).args(&command[1..]).status().map_err(|e| {
-            Failure::new(FAILED, format!("cannot start {engine}: {e}"))
-                .help("run it where the engine's commands are on the path; --dry-run prints the script")
-        })?;
-        if !ended.success() {
-            // A task that failed makes the whole array fail; the files say which.
-            say(&format!("{engine} ended with {ended}\n"));
-        }
+        say(&format!("round {round}: {} of {} shards: {}\n", shards.len(), array.shards, ranges(&shards)));
+        submitted.fly(&missing, &shards)?;
     }
-    let missing = array.missing(&plan, &out);
-    if missing.is_empty() {
-        print(&format!("{}: all {} shards are there\n", out.display(), array.shards))?;
-        return Ok(OK);
+    let shards = array.shards_of(&plan.campaign, &submitted.missing());
+    if shards.is_empty() {
+        say(&format!("{}: all {} shards are there\n", out.display(), array.shards));
+        return told::report(&report);
     }
     print(&format!(
         "{}: {} of {} shards are missing after {ROUNDS} rounds: {}; their output is in {}\n",
         out.display(),
-        missing.len(),
+        shards.len(),
         array.shards,
-        ranges(&missing),
+        ranges(&shards),
         out.join("shard-*.log").display()
     ))?;
     Ok(GATE)
 }
 
-/// The array job of a campaign.
-struct Array {
-    name: String,
-    shards: u64,
-    executable: PathBuf,
-    file: PathBuf,
-    out: PathBuf,
+/// A campaign that an engine flies.
+struct Submitted<'a> {
+    plan: &'a Plan,
+    array: &'a Array,
+    on: Engine,
+    stop: &'a AtomicBool,
 }
 
-impl Array {
-    fn of(plan: &Plan, args: &CampaignSubmitArgs, out: &Path) -> Result<Self, Failure> {
-        let chunks = plan.campaign.chunks();
-        Ok(Self {
-            name: plan.campaign.name.clone(),
-            // A shard without a chunk would do nothing.
-            shards: args.shards.map_or(chunks, |shards| shards.min(chunks)),
-            executable: own_executable()?,
-            file: plan.file.clone(),
-            out: absolute(out).in_file("find", out)?,
-        })
+impl Submitted<'_> {
+    /// Chunks that are not whole.
+    fn missing(&self) -> Vec<u64> {
+        let whole = found(self.plan, &self.array.out).whole;
+        (0..self.plan.campaign.chunks()).filter(|chunk| whole.binary_search(chunk).is_err()).collect()
     }
 
-    /// The job: each task flies its shard.
-    fn script(&self, on: Engine) -> String {
-        let header = match on {
-            Engine::Slurm => format!(
-                "#SBATCH --job-name=ironbird-{}\n#SBATCH --output={}\n#SBATCH --open-mode=append\n#SBATCH --requeue\n",
-                self.name,
-                quoted(&self.out.join("shard-%a.log"))
-            ),
-            Engine::Hyperqueue | Engine::Local => String::new(),
-        };
-        let shard = match on {
-            Engine::Slurm => format!(" --shard auto/{} --jobs \"${{SLURM_CPUS_PER_TASK:-1}}\"", self.shards),
-            Engine::Hyperqueue => format!(" --shard auto/{} --jobs 1", self.shards),
-            Engine::Local => String::new(),
-        };
-        let [executable, file, out] = [&self.executable, &self.file, &self.out].map(|path| quoted(path));
-        format!("#!/bin/sh\n{header}exec {executable} campaign run {file} --out {out}{shard}\n")
+    /// When the file of a chunk was written, if it was.
+    fn written(&self, chunk: u64) -> Option<SystemTime> {
+        fs::metadata(path_of(&self.array.out, chunk)).and_then(|file| file.modified()).ok()
     }
 
-    /// What submits some shards and waits for their end.
-    fn command(&self, on: Engine, shards: &[u64]) -> Vec<String> {
-        let numbers = shards.iter().map(u64::to_string).collect::<Vec<_>>().join(",");
-        let array = if shards.len() as u64 == self.shards { format!("1-{}", self.shards) } else { numbers };
-        let script = self.out.join("submit.sh").display().to_string();
-        match on {
-            Engine::Slurm => vec!["sbatch".into(), "--wait".into(), format!("--array={array}"), script],
-            Engine::Hyperqueue => {
-                let log = self.out.join("shard-%{TASK_ID}.log").display().to_string();
-                let name = format!("--name=ironbird-{}", self.name);
-                let [stdout, stderr] = ["stdout", "stderr"].map(|which| format!("--{which}={log}"));
-                vec![
-                    "hq".into(),
-                    "submit".into(),
-                    "--wait".into(),
-                    name,
-                    format!("--array={array}"),
-                    stdout,
-                    stderr,
-                    "sh".into(),
-                    script,
-                ]
+    /// Has the engine fly some shards, and tells how far it is until its job has ended.
+    fn fly(&self, missing: &[u64], shards: &[u64]) -> Result<(), Failure> {
+        let (campaign, told) = (&self.plan.campaign, self.array.out.join("submit.job"));
+        let rows = |chunk: u64| campaign.flights_of(chunk).count() as u64 * campaign.arms.len() as u64;
+        // What lies there now is broken, and a new file will have another time.
+        let mut waited: Vec<(u64, Option<SystemTime>)> =
+            missing.iter().map(|chunk| (*chunk, self.written(*chunk))).collect();
+        let total = missing.iter().map(|chunk| rows(*chunk)).sum();
+        let mut progress = Progress::new(total, "flight");
+        let mut flown = 0;
+        let command = self.array.command(self.on, shards);
+        let mut engine = started(&command, File::create(&told).in_file("write", &told)?)?;
+        let mut all_there: Option<Instant> = None;
+        let ended = loop {
+            if let Some(ended) = engine.try_wait().in_file("wait for", command[0].as_ref())? {
+                break Some(ended);
             }
-            Engine::Local => vec!["sh".into(), script],
+            if self.stop.load(Ordering::Relaxed) {
+                progress.clear();
+                return Err(self.cancelled(&mut engine, &fs::read_to_string(&told).unwrap_or_default()));
+            }
+            if waited.is_empty() && all_there.get_or_insert_with(Instant::now).elapsed() > GRACE {
+                end(&mut engine);
+                break None;
+            }
+            waited.retain(|(chunk, before)| {
+                let is_new = self.written(*chunk) != *before;
+                flown += if is_new { rows(*chunk) } else { 0 };
+                !is_new
+            });
+            progress.look(flown);
+            sleep(EVERY);
+        };
+        progress.clear();
+        let Some(ended) = ended.filter(|ended| !ended.success()) else { return Ok(()) };
+        let engine = &command[0];
+        if fs::read_to_string(&told).unwrap_or_default().trim().is_empty() {
+            return Err(Failure::failed(format!("{engine} took no job: it ended with {ended}"))
+                .help("it has said why; `--dry-run` prints the script and the command"));
         }
+        // A task that failed makes the whole array fail; the files say which.
+        say(&format!("{engine} ended with {ended}\n"));
+        Ok(())
     }
 
-    /// Shards of which a chunk is not whole.
-    fn missing(&self, plan: &Plan, out: &Path) -> Vec<u64> {
-        let whole = found(plan, out).whole;
-        let is_missing =
-            |shard: &u64| plan.campaign.shard(*shard, self.shards).any(|chunk| whole.binary_search(&chunk).is_err());
-        (1..=self.shards).filter(is_missing).collect()
+    /// Ends the engine's job; `told` is what the engine printed of it.
+    fn cancelled(&self, engine: &mut Child, told: &str) -> Failure {
+        end(engine);
+        // Slurm says the number and, behind a semicolon, the cluster.
+        let job = told.lines().find_map(|line| line.split(';').next()?.trim().parse::<u64>().ok());
+        let cancel = job.and_then(|job| Array::cancel(self.on, &job.to_string()));
+        let words = cancel.map_or_else(String::new, |words| {
+            match Command::new(&words[0]).args(&words[1..]).stdin(Stdio::null()).status() {
+                Ok(status) if status.success() => String::new(),
+                _ => format!("; `{}` failed, so that its job may go on", words.join(" ")),
+            }
+        });
+        Failure::new(INTERRUPTED, format!("interrupted{words}"))
+            .help("whole files of rows are kept; the same command again flies what is missing")
     }
 }
 
-/// A path as a word of the shell.
-fn quoted(path: &Path) -> String {
-    format!("'{}'", path.display().to_string().replace('\'', r"'\''"))
+/// Starts an engine's command, whose output goes to a file.
+fn started(command: &[String], to: File) -> Result<Child, Failure> {
+    let engine = &command[0];
+    Command::new(engine).args(&command[1..]).stdin(Stdio::null()).stdout(to).spawn().map_err(|e| {
+        Failure::new(FAILED, format!("cannot start {engine}: {e}"))
+            .help("run it where the engine's commands are on the path; --dry-run prints the script")
+    })
+}
+
+/// Ends a process that waits.
+fn end(process: &mut Child) {
+    if let Some(pid) = i32::try_from(process.id()).ok().and_then(Pid::from_raw) {
+        // It may have ended by itself.
+        let _ = kill_process(pid, Signal::TERM);
+    }
+    let _ = process.wait();
 }

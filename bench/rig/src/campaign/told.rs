@@ -2,15 +2,16 @@
 
 use campaign::findings;
 use campaign::rows::Rows;
-use failure::{Failure, OK, check_writable, write_text};
+use failure::{Failure, GATE, OK, check_writable, write_text};
 use report::json;
 
-use super::directory;
 use super::status::found;
+use super::{audit, directory};
 use crate::cli::{CampaignReportArgs, DiffFormat};
 use crate::output::{print, say};
+use crate::parallel::processors;
 
-/// Reports.
+/// Reports; exit code 3 where an audit finds rows that are not those of their flights.
 ///
 /// # Errors
 /// Usage: a directory of no campaign, or without rows. A file that cannot be read or written.
@@ -29,8 +30,13 @@ pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
             plan.campaign.chunks()
         ));
     }
-    let rows = Rows::new(&args.directory, found.whole);
-    let findings = findings::of(&plan.campaign, &plan.identity, &rows, args.exact)?;
+    let whole = found.whole;
+    let rows = Rows::new(&args.directory, whole.iter().copied());
+    let mut findings = findings::of(&plan.campaign, &plan.identity, &rows, args.exact)?;
+    if let Some(share) = args.audit {
+        let jobs = args.jobs.unwrap_or_else(processors);
+        findings.audit = Some(audit::audit(&plan, &args.directory, &whole, share, jobs)?);
+    }
     if let Some(path) = &args.page {
         write_text(path, &findings::page::render(&findings))?;
     }
@@ -38,5 +44,5 @@ pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
         DiffFormat::Text => print(&findings::text::render(&findings, &args.directory.display().to_string()))?,
         DiffFormat::Json => print(&(json::to_string(&findings).map_err(|e| Failure::failed(e.to_string()))? + "\n"))?,
     }
-    Ok(OK)
+    Ok(if findings.audit.is_some_and(|audit| audit.differ > 0) { GATE } else { OK })
 }

@@ -19,7 +19,7 @@ pub enum CampaignCommand {
     Merge(CampaignDirectoryArgs),
     /// Say what a campaign has shown: success, differences of arms, what matters, the worst flights.
     Report(CampaignReportArgs),
-    /// Have an engine fly the shards of a campaign, and again those that it lost.
+    /// Have an engine fly the shards of a campaign, and again those that it lost; then report.
     Submit(CampaignSubmitArgs),
     /// Fly one flight of a campaign again in four processes, with its log and its page.
     Fly(CampaignFlyArgs),
@@ -65,7 +65,7 @@ pub struct CampaignSubmitArgs {
     /// What runs the shards.
     #[arg(long, value_enum, value_name = "ENGINE")]
     pub on: Engine,
-    /// Parts of the campaign [default: one for each file of rows].
+    /// Parts of the campaign [default: one for each file of rows, 1000 at the most].
     #[arg(long, value_name = "N", value_parser = values::shards)]
     pub shards: Option<u64>,
     /// Directory of the rows, which all nodes must see [default: campaigns/NAME].
@@ -119,6 +119,12 @@ pub struct CampaignReportArgs {
     /// Give exact intervals of success (Clopper and Pearson) instead of Wilson's.
     #[arg(long)]
     pub exact: bool,
+    /// Fly this share of the flights again, and hold them against their rows: exit code 3 where one differs.
+    #[arg(long, value_name = "SHARE", value_parser = values::share)]
+    pub audit: Option<f64>,
+    /// Flights at once of an audit [default: one on each processor].
+    #[arg(long, value_name = "N", value_parser = values::jobs, requires = "audit")]
+    pub jobs: Option<usize>,
 }
 
 /// Flags of `campaign fly`.

@@ -116,6 +116,12 @@ pub(crate) fn jobs(text: &str) -> Result<usize, String> {
     number.ok_or_else(|| "write a whole number from 1 to 4096".into())
 }
 
+/// A share of the flights.
+pub(crate) fn share(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| *number > 0.0 && *number <= 1.0);
+    number.ok_or_else(|| "write a share above 0 and up to 1, as in 0.01".into())
+}
+
 /// The width of an interval at which a campaign stops.
 pub(crate) fn until(text: &str) -> Result<f64, String> {
     let width = text.split_once('<').filter(|(what, _)| what.trim() == "width(success)");

@@ -73,7 +73,9 @@ impl Asked {
     /// # Errors
     /// Usage: a gate is given twice.
     pub fn new(limits: &[GateLimit]) -> Result<Self, Failure> {
-        if let Some((_, twice)) = limits.iter().enumerate().find(|(i, it)| limits[..*i].iter().any(|o| o.name == it.name)) {
+        if let Some((_, twice)) =
+            limits.iter().enumerate().find(|(i, it)| limits[..*i].iter().any(|o| o.name == it.name))
+        {
             return Err(Failure::usage(format!("--gate {} is given twice", twice.name)).help("give each limit once"));
         }
         Ok(Self { limits: limits.to_vec() })
@@ -111,11 +113,8 @@ impl Asked {
 
     fn gates(&self, bound_m: f64, saturated: Option<f64>) -> Gates {
         let place = |name: &str| METRICS.iter().position(|metric| metric.name == name);
-        let mut limits: Vec<(usize, f64)> = self
-            .limits
-            .iter()
-            .filter_map(|limit| Some((place(limit.name)?, limit.most)))
-            .collect();
+        let mut limits: Vec<(usize, f64)> =
+            self.limits.iter().filter_map(|limit| Some((place(limit.name)?, limit.most))).collect();
         if self.limit(RECOVERY).is_none() {
             limits.extend(place(RECOVERY).map(|place| (place, RECOVERY_MAX_S)));
         }

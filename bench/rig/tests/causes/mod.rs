@@ -101,7 +101,7 @@ impl Stage for TroubledMixer {
         if Self::DEAF.contains(&tick) { Ok(NO_TICK) } else { self.mixer.take(horizon) }
     }
 
-    fn tick(&mut self, turn: &Turn) -> Result<TickOutcome, Error> {
+    fn tick(&mut self, turn: &Turn, end: &mut dyn FnMut(model::boards::Ending)) -> Result<TickOutcome, Error> {
         if Self::COMPUTES.contains(&turn.tick) {
             compute_until(turn.receive_ns + SLOW_T);
         }
@@ -113,7 +113,7 @@ impl Stage for TroubledMixer {
         if Self::DEAF.contains(&turn.tick) {
             compute_until(turn.receive_ns + SLOW_T / 5);
         }
-        self.mixer.tick(turn)
+        self.mixer.tick(turn, end)
     }
 
     fn rehearse(&mut self, tick: u64) -> Result<bool, Error> {
