@@ -21,7 +21,7 @@ const SHARE_MISSES: u32 = 2;
 /// Lengths of patterns of losses.
 const LENGTHS: [u64; 6] = [2, 5, 10, 20, 50, 100];
 /// The most ticks of lateness that a fault can have.
-const MOST_TICKS: u64 = LONGEST_DELAY as u64;
+const MOST_TICKS: u64 = LONGEST_DELAY;
 
 /// What is measured.
 #[derive(Clone, Debug)]
