@@ -17,6 +17,8 @@ use ironbird::settings::Settings;
 use law::{GuardedInner, GuardedMixer, GuardedOuter};
 use model::boards::Status;
 use model::envelope::Message;
+use model::fault::live::{LiveFault, Trouble};
+use model::fault::{Kind, PORTS, Span};
 use model::grid::{Grid, Pace};
 use model::inspection::Expected;
 use model::messages::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
@@ -24,7 +26,7 @@ use model::parameters::{PARAMETERS, Parameter};
 use model::realtime::Usage;
 use model::role::{Role, STAGES};
 use model::topic::Topic;
-use plant::desk::{self, Event, INBOX, OUTBOX, Request, SwapRequest};
+use plant::desk::{self, Event, FaultRequest, INBOX, OUTBOX, Request, SwapRequest};
 use plant::process::{PlantProcess, Waking};
 use plant::swap::{Swap, Target};
 use report::tick::TickRecord;
@@ -242,7 +244,20 @@ fn swaps() -> [(u64, SwapRequest); 4] {
 }
 const SWAPPED_AT: [u64; 4] = [20, 205, 700, 760];
 
-/// Flies with swaps and so many rehearsals before each tick, and compares with the flight in one process where a recorder
+/// Faults of every input and stage that are passed to the loop in flight, with the tick before which they are: the first
+/// while warming up. They strike when the flight is over.
+fn faults() -> [(u64, FaultRequest); 2] {
+    let of = |kind| PORTS.map(|port| Trouble::Messages { port, kind }).to_vec();
+    let late = STAGES.map(|role| Trouble::Late { role, least_ns: 1, most_ns: 9 }).to_vec();
+    let order = |ticket, troubles: Vec<Trouble>| {
+        let span = Span { from: 0, to: 1 };
+        let faults = troubles.into_iter().map(|trouble| LiveFault { trouble, ends: false, span }).collect();
+        FaultRequest { ticket, tick: Some(WARM_UP + TICKS), in_ticks: 0, for_ticks: 10, faults }
+    };
+    [(15, order(1, of(Kind::Lag(3)))), (300, order(2, [of(Kind::Freeze), late].concat()))]
+}
+
+/// Flies with swaps, faults and so many rehearsals before each tick, and compares with the flight in one process where a recorder
 /// listens.
 fn fly_and_count(with_recorder: bool, rehearsals: u64) {
     let site = Site::new();
@@ -255,6 +270,7 @@ fn fly_and_count(with_recorder: bool, rehearsals: u64) {
     crew.arm(&wire);
 
     let mut orders = swaps().into_iter().peekable();
+    let mut strikes = faults().into_iter().peekable();
     let mut allocations = vec![[u64::MAX; STAGES.len()]; (WARM_UP + TICKS) as usize];
     let mut usage = Usage::default();
     let mut meter = UsageMeter::start();
@@ -264,6 +280,9 @@ fn fly_and_count(with_recorder: bool, rehearsals: u64) {
         }
         if let Some((_, order)) = orders.next_if(|(before, _)| *before == tick) {
             orders_in.enqueue(Request::Swap(order)).unwrap();
+        }
+        if let Some((_, order)) = strikes.next_if(|(before, _)| *before == tick) {
+            orders_in.enqueue(Request::Faults(order)).unwrap();
         }
         let rehearsed: Vec<Allocations> = (0..rehearsals).map(|_| crew.rehearse()).collect();
         let worked = crew.tick();
@@ -280,8 +299,12 @@ fn fly_and_count(with_recorder: bool, rehearsals: u64) {
     assert_eq!((usage.minor_faults, usage.major_faults), (0, 0), "over {TICKS} ticks of all four roles");
     let collected = if rehearsals > 0 { TICKS } else { 0 };
     assert_eq!(usage.allocations - collected, 4 * TICKS, "between the ticks nothing allocates either");
+    let events: Vec<Event> = std::iter::from_fn(|| events_out.dequeue()).collect();
+    let struck = events.iter().filter(|event| matches!(event, Event::Strikes { span, .. } if span.from >= TICKS));
+    assert_eq!(struck.count(), 2, "{events:?}");
+    let mut applied = events.iter().filter(|event| !matches!(event, Event::Strikes { .. }));
     for (ticket, expected_tick) in (1..).zip(SWAPPED_AT) {
-        let Some(Event::Applied(applied)) = events_out.dequeue() else { panic!("swap {ticket} was not applied") };
+        let Some(Event::Applied(applied)) = applied.next() else { panic!("swap {ticket} was not applied") };
         assert_eq!((applied.ticket, applied.tick, applied.epoch), (ticket, expected_tick, ticket));
     }
     if let Some(recorder) = &mut recorder {
