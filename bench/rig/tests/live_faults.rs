@@ -74,7 +74,9 @@ fn what_is_injected_in_flight_is_the_flight_that_was_planned_so_and_it_is_replay
     rig.run("report", &["--full"]).expect(0).says(&format!("  fault {line}")).says(", injected in flight\n");
     let directory = rig.out().join("latest");
     let page = fs::read_to_string(directory.join("report.html")).unwrap();
-    assert!(page.contains(&line) && page.contains("fault until"), "the page, and its plots");
+    let at_s = tick as f64 * 1e-3;
+    assert!(page.contains(&format!("fault from {at_s:.3} s: state.drop=0.2")), "its plots");
+    assert!(page.contains("fault until") && page.contains("injected in flight"), "its table");
     let in_log = injected(&directory.join("flight.mcap")).unwrap();
     assert_eq!(in_log.len(), 8);
     assert_eq!(in_log[0], format!("state.drop=0.2@tick{tick}..tick{}", tick + 100));
