@@ -2,12 +2,14 @@
 //!
 //! [`plant::Plant`] is the stage: the process shell calls [`plant::Plant::begin`] and [`plant::Plant::finish`] once per
 //! tick. The other modules are its parts. Each is a pure law or a plain queue and knows no clock, transport or
-//! operating system. The process shell is [`process`], with its [`desk`].
+//! operating system. The process shell is [`process`], with its [`desk`] and
+//! its [`injection`] of faults.
 
 pub mod command_delay;
 pub mod departure;
 pub mod desk;
 pub mod ground;
+pub mod injection;
 pub mod integrator;
 pub mod latch;
 pub mod noise;

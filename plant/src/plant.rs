@@ -126,10 +126,8 @@ impl Plant {
     /// The same plant, with faults of its commands that may change in flight.
     #[must_use]
     pub fn gated_by(self, faults: &MessageFaults) -> Self {
-        let mut plant = self.gated(Some(Gate::changing(faults, Port::PlantRotorSpeeds)));
-        plant.is_struck = false;
-        plant.change_faults(faults);
-        plant
+        let is_struck = faults.of(Port::PlantRotorSpeeds).next().is_some();
+        Self { is_struck, ..self.gated(Some(Gate::changing(faults, Port::PlantRotorSpeeds))) }
     }
 
     /// Takes the faults of its commands as they are from now on, without an allocation.

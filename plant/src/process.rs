@@ -9,8 +9,7 @@ use std::thread;
 use heapless::spsc::{Consumer, Producer, Queue};
 use model::boards::{Ending, IN_FORCE, InForce, Run, RunPhase};
 use model::envelope::{Envelope, Stamps};
-use model::fault::Span;
-use model::fault::live::{LIVE, LiveBoard, LiveFault, LoopFaults, NOTICE_TICKS};
+use model::fault::live::LoopFaults;
 use model::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use model::grid::{Grid, Pace};
 use model::messages::{Dated, RotorSpeeds, State};
@@ -19,12 +18,13 @@ use role::farewell::say_landed;
 use role::lead::LeadInForce;
 use role::rt::UsageMeter;
 use role::station::{Opened, Station};
-use wire::clock::{Horizon as _, busy_wait, now_ns, sleep_until};
+use wire::clock::{Horizon as _, now_ns, sleep_until};
 use wire::error::Error;
 use wire::{Board, DEEP, Doorbell, Receiver, Sender, Wire};
 
 use crate::departure::Departure;
-use crate::desk::{self, Event, FaultRequest, INBOX, OUTBOX, Request, SwapRequest};
+use crate::desk::{self, Event, INBOX, OUTBOX, Request, SwapRequest};
+use crate::injection::Injection;
 use crate::latch::pending_commands;
 use crate::plant::Plant;
 use crate::settings::PlantSettings;
@@ -81,14 +81,7 @@ pub struct PlantProcess<'a> {
     in_force: Board<InForce>,
     orders: Consumer<'a, Request>,
     events: Producer<'a, Event>,
-    /// What was planned and injected so far, and the board of the latter.
-    faults: LoopFaults,
-    live: LiveBoard,
-    live_board: Board<LiveBoard>,
-    /// Whether the plant itself is late in some tick.
-    is_late: bool,
-    /// How much longer than in flight a tick takes on the clock.
-    slowdown: u64,
+    injection: Injection,
     lead: LeadInForce,
     previous_busy_ns: u64,
     ticks_run: u64,
@@ -106,8 +99,8 @@ impl<'a> PlantProcess<'a> {
         orders: Consumer<'a, Request>,
         events: Producer<'a, Event>,
     ) -> Result<Self, Error> {
-        let none = LoopFaults::none(settings.seed);
-        let mut plant = Plant::new(settings).gated_by(&none.messages);
+        let injection = Injection::none(wire, settings.seed)?;
+        let mut plant = Plant::new(settings).gated_by(injection.messages());
         for fault in faults {
             plant
                 .schedule(fault.clone())
@@ -115,15 +108,9 @@ impl<'a> PlantProcess<'a> {
         }
         let in_force = wire.board(IN_FORCE)?;
         in_force.put(InForce { tick: 0, parameter_epoch: 0, value: *plant.airframe().values() });
-        let live_board = wire.board(LIVE)?;
-        live_board.put(LiveBoard::default());
         Ok(Self {
             plant,
-            faults: none,
-            live: LiveBoard::default(),
-            live_board,
-            is_late: false,
-            slowdown: 1,
+            injection,
             states: wire.sender(Some(wire.bell(Role::Outer)?))?,
             // The one port of the loop that keeps more than the newest: see `take_command`.
             commands: wire.receiver(pending_commands(settings.period_s))?,
@@ -139,9 +126,8 @@ impl<'a> PlantProcess<'a> {
 
     /// Takes what is planned to go wrong with messages and stages.
     pub fn planned(&mut self, faults: &LoopFaults) {
-        self.faults = *faults;
+        self.injection.plan(faults);
         self.plant.change_faults(&faults.messages);
-        self.is_late = !faults.late.of(Role::Plant).is_empty();
     }
 
     /// Connects the ports to those of the other roles.
@@ -159,7 +145,7 @@ impl<'a> PlantProcess<'a> {
         plan: FlightPlan,
         open_desk: &mpsc::Sender<(model::inspection::Expected, u64)>,
     ) -> Result<(), Error> {
-        self.slowdown = plan.wall_period_ns / plan.sample_time_ns.max(1);
+        self.injection.slowdown = plan.wall_period_ns / plan.sample_time_ns.max(1);
         let mut opened = station.open_run(plan, |expected, epoch| self.arm(expected, epoch))?;
         // A desk that has ended on an error takes no run number; its error comes with its end.
         let _ = open_desk.send((opened.expected, station.status.epoch));
@@ -248,14 +234,15 @@ impl<'a> PlantProcess<'a> {
         while let Some(order) = self.orders.dequeue() {
             match order {
                 Request::Swap(order) => self.schedule(order, tick),
-                Request::Faults(order) => self.strike(&order, tick),
+                Request::Faults(order) => {
+                    // The outbox holds more events than orders can be under way.
+                    let _ = self.events.enqueue(self.injection.strike(&order, tick, &mut self.plant));
+                }
             }
         }
         let state = self.plant.begin(tick);
         let envelope = self.plant.envelope();
-        if self.is_late {
-            busy_wait(self.slowdown.saturating_mul(self.faults.late.late_ns(Role::Plant, tick)));
-        }
+        self.injection.be_late(tick);
         if !matches!(envelope, Err(Departure::NotFinite { .. })) {
             self.states.send(tick, &self.history(waking, &state), state)?;
             self.ticks_run += 1;
@@ -371,28 +358,6 @@ impl<'a> PlantProcess<'a> {
         }
     }
 
-    /// Takes faults in, and puts them on the board before this tick's state is published: whoever has that has them.
-    #[cold]
-    fn strike(&mut self, order: &FaultRequest, tick: u64) {
-        let asked = order.tick.unwrap_or_else(|| tick.saturating_add(order.in_ticks));
-        let from = asked.max(tick.saturating_add(NOTICE_TICKS));
-        let span = Span { from, to: from.saturating_add(order.for_ticks) };
-        let (mut faults, mut live) = (self.faults, self.live);
-        for (which, fault) in order.faults.iter().enumerate() {
-            let fault = LiveFault { span: fault.span_from(span), ..*fault };
-            if let Err(reason) = faults.take(&fault).and_then(|()| live.push(&fault)) {
-                // The outbox holds more events than orders can be under way.
-                let _ = self.events.enqueue(Event::NotTaken { ticket: order.ticket, which, reason });
-                return;
-            }
-        }
-        (self.faults, self.live) = (faults, live);
-        self.live_board.put(live);
-        self.plant.change_faults(&faults.messages);
-        self.is_late = !faults.late.of(Role::Plant).is_empty();
-        let _ = self.events.enqueue(Event::Strikes { ticket: order.ticket, span });
-    }
-
     fn hand_over_applied(&mut self) {
         let Some(tick) = self.plant.changed_tick() else { return };
         let (parameter_epoch, value) = (self.plant.parameter_epoch(), *self.plant.airframe().values());
@@ -423,7 +388,7 @@ pub struct PlantTick {
     pub envelope: Result<(), Departure>,
 }
 
-/// Sleeps until an instant, through signals, and returns when it woke.
+/// Sleeps until an instant, through signals; gives when it woke.
 fn wait_until(instant_ns: u64) -> u64 {
     loop {
         sleep_until(instant_ns);

@@ -45,6 +45,20 @@ impl InjectedFault {
         format!("{what} from tick {tick} ({time_s:.3} s){}{how}", to.unwrap_or_default())
     }
 
+    /// Until when it strikes: an instant, for good, or once.
+    #[must_use]
+    pub fn until(&self) -> String {
+        let happens_once = |one: &str| {
+            let name = one.split('=').next().unwrap_or_default();
+            one.ends_with("=off") || [".stop", ".kill", ".late"].iter().any(|once| name.ends_with(once))
+        };
+        match self.to_s {
+            Some(to_s) => format!("{to_s:.3} s"),
+            None if self.what.split(',').all(happens_once) => "once".into(),
+            None => "for good".into(),
+        }
+    }
+
     /// Its begin and its end as marks over time [s].
     pub(crate) fn marks(&self) -> impl Iterator<Item = (f64, String)> {
         let Self { what, time_s, .. } = self;
@@ -67,6 +81,11 @@ mod tests {
         let for_good = InjectedFault::new("state.freeze".into(), 500, None, 0.002);
         assert_eq!(for_good.words(), "state.freeze from tick 500 (1.000 s)");
         assert_eq!(for_good.marks().count(), 1);
+        assert_eq!([with_end.until(), for_good.until()], ["9.000 s", "for good"]);
+        for once in ["inner.stop=20ms", "inner.kill", "inner.late=1ms,mixer.kill", "state.drop=off"] {
+            assert_eq!(InjectedFault::new(once.into(), 8000, None, 0.001).until(), "once", "{once}");
+        }
+        assert_eq!(InjectedFault::new("inner.kill,cpu.hog=90".into(), 8000, None, 0.001).until(), "for good");
         assert_eq!(for_good.in_flight().words(), "state.freeze from tick 500 (1.000 s), injected in flight");
     }
 }

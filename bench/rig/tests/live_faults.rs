@@ -20,8 +20,8 @@ fn from_tick(said: &str) -> u64 {
     after(said, " from tick ").parse().unwrap()
 }
 
-/// Sixty seconds in lockstep: some seconds on the clock.
-const LOCKSTEP: [&str; 6] = ["--pace", "lockstep", "--duration", "60s", "--trajectory", "hover"];
+/// Two minutes in lockstep: some seconds on the clock.
+const LOCKSTEP: [&str; 6] = ["--pace", "lockstep", "--duration", "120s", "--trajectory", "hover"];
 
 #[test]
 fn what_is_injected_in_flight_is_the_flight_that_was_planned_so_and_it_is_replayed() {
@@ -30,11 +30,9 @@ fn what_is_injected_in_flight_is_the_flight_that_was_planned_so_and_it_is_replay
     let mut planned = Vec::new();
     // One after the other, each when it comes: which ticks these are is not known before.
     for (fault, lasts) in [
-        ("state.drop=0.2,rotor_speeds.delay=2", Some("300ms")),
-        ("inner.setpoint.lag=4", Some("200ms")),
-        ("state.position_w_m.z.noise=0.001", None),
-        ("outer.state.freeze,wrench.thrust_n.bias=0.01", Some("20ms")),
-        ("state.position_w_m.noise=off", None),
+        ("state.drop=0.2,rotor_speeds.delay=2,outer.state.freeze", Some("100ms")),
+        ("inner.setpoint.lag=4,state.position_w_m.z.noise=0.001,wrench.thrust_n.bias=0.01", None),
+        ("state.position_w_m.noise=off,setpoint.lag=off", None),
     ] {
         let flags = lasts.map_or(vec![], |time| vec!["--for", time]);
         let said = rig.run("inject", &[&[fault][..], &flags].concat()).expect(0);
@@ -59,24 +57,27 @@ fn what_is_injected_in_flight_is_the_flight_that_was_planned_so_and_it_is_replay
         [
             "state.drop=0.2",
             "rotor_speeds.delay=2",
+            "outer.state.freeze",
             "setpoint.lag=4",
             "state.position_w_m.z.noise=0.001",
-            "outer.state.freeze",
             "wrench.thrust_n.bias=0.01",
-            "state.position_w_m.noise=off"
+            "state.position_w_m.noise=off",
+            "setpoint.lag=off"
         ]
     );
     assert!(told.iter().all(|fault| fault["live"] == true), "{told:?}");
     let tick = told[0]["tick"].as_u64().unwrap();
-    assert_eq!(told[0]["to_tick"], tick + 300);
+    assert_eq!(told[0]["to_tick"], tick + 100);
     let line = format!("state.drop=0.2 from tick {tick} ");
     rig.run("report", &["--full"]).expect(0).says(&format!("  fault {line}")).says(", injected in flight\n");
     let directory = rig.out().join("latest");
     let page = fs::read_to_string(directory.join("report.html")).unwrap();
-    assert!(page.contains(&line) && page.contains("fault until"), "the page, and its plots");
+    let at_s = tick as f64 * 1e-3;
+    assert!(page.contains(&format!("fault from {at_s:.3} s: state.drop=0.2")), "its plots");
+    assert!(page.contains("fault until") && page.contains("injected in flight"), "its table");
     let in_log = injected(&directory.join("flight.mcap")).unwrap();
-    assert_eq!(in_log.len(), 7);
-    assert_eq!(in_log[0], format!("state.drop=0.2@tick{tick}..tick{}", tick + 300));
+    assert_eq!(in_log.len(), 8);
+    assert_eq!(in_log[0], format!("state.drop=0.2@tick{tick}..tick{}", tick + 100));
     rig.assert_nothing_left();
 }
 

@@ -162,7 +162,7 @@ fn who_keeps_the_processor_busy_or_was_stopped_does_not_outlive_a_launcher_that_
     let faults = ["--fault", "cpu.load=0.2@300ms", "--fault", "inner.stop=20s@1s"];
     let flight = rig.take_off(&[&options[..], &faults].concat());
     let load = wait_until("the load", || burdens(&rig).first().copied());
-    let inner = flight.roles()["inner"];
+    let inner = rig.processes_of("inner")[0];
     let is_stopped = || {
         let stat = fs::read_to_string(format!("/proc/{inner}/stat")).unwrap_or_default();
         stat.rsplit(") ").next().is_some_and(|rest| rest.starts_with('T')).then_some(())

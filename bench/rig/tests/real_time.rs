@@ -17,6 +17,8 @@ use ironbird::settings::Settings;
 use law::{GuardedInner, GuardedMixer, GuardedOuter};
 use model::boards::Status;
 use model::envelope::Message;
+use model::fault::live::{LiveFault, Trouble};
+use model::fault::{Kind, PORTS, Span};
 use model::grid::{Grid, Pace};
 use model::inspection::Expected;
 use model::messages::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
@@ -24,7 +26,7 @@ use model::parameters::{PARAMETERS, Parameter};
 use model::realtime::Usage;
 use model::role::{Role, STAGES};
 use model::topic::Topic;
-use plant::desk::{self, Event, INBOX, OUTBOX, Request, SwapRequest};
+use plant::desk::{self, Event, FaultRequest, INBOX, OUTBOX, Request, SwapRequest};
 use plant::process::{PlantProcess, Waking};
 use plant::swap::{Swap, Target};
 use report::tick::TickRecord;
@@ -244,8 +246,19 @@ fn swaps() -> [(u64, SwapRequest); 4] {
 }
 const SWAPPED_AT: [u64; 4] = [20, 205, 700, 760];
 
-/// Flies with swaps and so many rehearsals before each tick, and compares with the flight in one process where a recorder
-/// listens.
+/// Faults of every input and stage that are passed to the loop in flight; they strike when it is over.
+fn faults() -> [(u64, Request); 2] {
+    let of = |kind| PORTS.map(|port| Trouble::Messages { port, kind }).to_vec();
+    let late = STAGES.map(|role| Trouble::Late { role, least_ns: 1, most_ns: 9 }).to_vec();
+    let order = |ticket, troubles: Vec<Trouble>| {
+        let fault = |trouble| LiveFault { trouble, ends: false, span: Span { from: 0, to: 1 } };
+        let faults = troubles.into_iter().map(fault).collect();
+        Request::Faults(FaultRequest { ticket, tick: Some(WARM_UP + TICKS), in_ticks: 0, for_ticks: 10, faults })
+    };
+    [(15, order(1, of(Kind::Lag(3)))), (300, order(2, [of(Kind::Freeze), late].concat()))]
+}
+
+/// Flies with swaps, faults and rehearsals before each tick; with a recorder compares with the flight in one process.
 fn fly_and_count(with_recorder: bool, rehearsals: u64) {
     let site = Site::new();
     let wire = Wire::open(&site.instance).unwrap();
@@ -256,7 +269,9 @@ fn fly_and_count(with_recorder: bool, rehearsals: u64) {
     let mut crew = Crew::new(&wire, orders_out, events_in);
     crew.arm(&wire);
 
-    let mut orders = swaps().into_iter().peekable();
+    let mut orders: Vec<(u64, Request)> = swaps().map(|(before, order)| (before, Request::Swap(order))).into();
+    orders.extend(faults());
+    orders.sort_by_key(|(before, _)| std::cmp::Reverse(*before));
     let mut allocations = vec![[u64::MAX; STAGES.len()]; (WARM_UP + TICKS) as usize];
     let mut usage = Usage::default();
     let mut meter = UsageMeter::start();
@@ -264,8 +279,8 @@ fn fly_and_count(with_recorder: bool, rehearsals: u64) {
         if tick == WARM_UP {
             meter = UsageMeter::start();
         }
-        if let Some((_, order)) = orders.next_if(|(before, _)| *before == tick) {
-            orders_in.enqueue(Request::Swap(order)).unwrap();
+        if let Some((_, order)) = orders.pop_if(|(before, _)| *before == tick) {
+            orders_in.enqueue(order).unwrap();
         }
         let rehearsed: Vec<Allocations> = (0..rehearsals).map(|_| crew.rehearse()).collect();
         let worked = crew.tick();
@@ -282,8 +297,11 @@ fn fly_and_count(with_recorder: bool, rehearsals: u64) {
     assert_eq!((usage.minor_faults, usage.major_faults), (0, 0), "over {TICKS} ticks of all four roles");
     let collected = if rehearsals > 0 { TICKS } else { 0 };
     assert_eq!(usage.allocations - collected, 4 * TICKS, "between the ticks nothing allocates either");
-    for (ticket, expected_tick) in (1..).zip(SWAPPED_AT) {
-        let Some(Event::Applied(applied)) = events_out.dequeue() else { panic!("swap {ticket} was not applied") };
+    let (struck, applied): (Vec<Event>, Vec<Event>) = std::iter::from_fn(|| events_out.dequeue())
+        .partition(|event| matches!(event, Event::Strikes { span, .. } if span.from >= TICKS));
+    assert_eq!(struck.len(), 2, "{applied:?}");
+    for ((ticket, expected_tick), event) in (1..).zip(SWAPPED_AT).zip(applied) {
+        let Event::Applied(applied) = event else { panic!("swap {ticket} was not applied: {event:?}") };
         assert_eq!((applied.ticket, applied.tick, applied.epoch), (ticket, expected_tick, ticket));
     }
     if let Some(recorder) = &mut recorder {

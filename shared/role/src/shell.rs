@@ -3,26 +3,23 @@
 //! One shell serves the outer loop, the inner loop and the mixer. A [`Job`] says what differs: the role, its inputs and
 //! its output. The first input is the one that wakes the stage. The envelope passes from the input to the output.
 
+mod inputs;
+
 use law::stage::{InnerStage, MixerStage, OuterStage};
 use model::boards::Ending;
-use model::envelope::{Envelope, Message, Stamps};
-use model::fault::fields::Faulty;
-use model::fault::inlet::Inlet;
+use model::envelope::{Envelope, Stamps};
 use model::fault::live::{LIVE, LiveBoard, LoopFaults};
-use model::fault::{LONGEST_DELAY, MessageFaults, Port};
 use model::inspection::{Expected, Rejections};
 use model::messages::{Dated, RotorSpeeds, Setpoint, State, Wrench};
 use model::role::Role;
 use model::topic::Topic;
 use wire::clock::{Horizon, busy_wait};
 use wire::error::Error;
-use wire::{BoardReader, LATEST, Receiver, Sender, Wire};
+use wire::{BoardReader, Sender, Wire};
 
+pub use self::inputs::{Input, Inputs};
 use crate::stage::{self, Stage, TickOutcome, Turn};
 use crate::station::Station;
-
-/// Messages that an input with faults keeps for its stage: more than any fault looks back.
-const FAULTS_DEPTH: usize = 2 * LONGEST_DELAY as usize;
 
 /// What a stage makes of its inputs at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,182 +59,6 @@ pub trait Job {
     /// The last message to the next stage when the run is over.
     fn last_word(&self) -> Option<Self::Output> {
         None
-    }
-}
-
-/// The receivers of a stage; the first one's messages wake it.
-pub trait Inputs: Sized {
-    /// What the stage is given of them: contents, each with its tick.
-    type Dated;
-
-    /// Makes the ports of a role, whose inputs may have faults.
-    ///
-    /// # Errors
-    /// Those of the ports.
-    fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error>;
-
-    /// Connects them for a run.
-    ///
-    /// # Errors
-    /// Those of the ports.
-    fn arm(&mut self, expected: Expected) -> Result<(), Error>;
-
-    /// Takes what has come; the tick of the newest that wakes.
-    ///
-    /// # Errors
-    /// Those of the ports.
-    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error>;
-
-    /// Takes the faults as they are from now on, without an allocation.
-    fn change(&mut self, faults: &MessageFaults);
-
-    /// Settles what there is of each by a tick: a fault may hold messages back.
-    fn settle(&mut self, tick: u64);
-
-    /// The newest of each.
-    fn dated(&self) -> Self::Dated;
-
-    /// The newest of each, as if they were of this tick.
-    fn dated_as_of(&self, tick: u64) -> Self::Dated;
-
-    /// Whether all are of this tick.
-    fn fresh(&self, tick: u64) -> bool;
-
-    /// The history that an output of this tick goes back to, with the tick of each input.
-    fn history(&self, tick: u64) -> Envelope;
-
-    /// Messages that did not pass inspection.
-    fn rejections(&self) -> Rejections;
-}
-
-/// A receiver, and the faults of its messages once there are some.
-#[derive(Debug)]
-pub struct Input<C: Faulty> {
-    receiver: Receiver<C>,
-    /// None where the topic can have no faults.
-    port: Option<Port>,
-    inlet: Box<Inlet<C>>,
-    /// Whether messages go through the inlet.
-    is_struck: bool,
-}
-
-impl<C: Faulty> Input<C> {
-    /// The newest message, as the stage has it.
-    fn newest(&self) -> &Message<C> {
-        if self.is_struck { self.inlet.newest() } else { self.receiver.newest() }
-    }
-}
-
-impl<A: Faulty> Inputs for Input<A> {
-    type Dated = Dated<A>;
-
-    fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error> {
-        let port = Port::of(role, A::NAME);
-        let is_struck = port.is_some_and(|port| faults.of(port).next().is_some());
-        // What lags behind the newest message is one that came before: none may be lost beneath it.
-        let depth = if is_struck { FAULTS_DEPTH } else { LATEST };
-        let inlet = Box::new(Inlet::changing(faults, port.unwrap_or(Port::OuterState)));
-        Ok(Self { receiver: wire.receiver(depth)?, port, inlet, is_struck })
-    }
-
-    fn arm(&mut self, expected: Expected) -> Result<(), Error> {
-        self.receiver.arm(expected)
-    }
-
-    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
-        if !self.is_struck {
-            return self.receiver.take(horizon);
-        }
-        self.receiver.drain(horizon, |message| self.inlet.arrive(message))?;
-        Ok(self.receiver.newest().envelope.tick)
-    }
-
-    fn change(&mut self, faults: &MessageFaults) {
-        let Some(port) = self.port else { return };
-        if self.is_struck || faults.of(port).next().is_some() {
-            self.inlet.change(faults, port, self.receiver.newest());
-            self.is_struck = true;
-        }
-    }
-
-    fn settle(&mut self, tick: u64) {
-        if self.is_struck {
-            self.inlet.settle(tick);
-        }
-    }
-
-    fn dated(&self) -> Dated<A> {
-        if self.is_struck { self.inlet.dated() } else { self.receiver.dated() }
-    }
-
-    fn dated_as_of(&self, tick: u64) -> Dated<A> {
-        Dated { tick, ..self.dated() }
-    }
-
-    fn fresh(&self, tick: u64) -> bool {
-        self.newest().envelope.tick == tick
-    }
-
-    fn history(&self, _tick: u64) -> Envelope {
-        let newest = self.newest().envelope;
-        newest.made_from(A::SENDER, newest.tick)
-    }
-
-    fn rejections(&self) -> Rejections {
-        self.inlet.rejections().and(self.receiver.rejections())
-    }
-}
-
-impl<A: Faulty, B: Faulty> Inputs for (Input<A>, Input<B>) {
-    type Dated = (Dated<A>, Dated<B>);
-
-    fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error> {
-        Ok((Input::new(wire, role, faults)?, Input::new(wire, role, faults)?))
-    }
-
-    fn arm(&mut self, expected: Expected) -> Result<(), Error> {
-        self.1.arm(expected)?;
-        self.0.arm(expected)
-    }
-
-    /// The second input of a tick was there before the first was made from it.
-    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
-        let tick = self.0.take(horizon)?;
-        self.1.take(horizon)?;
-        Ok(tick)
-    }
-
-    fn change(&mut self, faults: &MessageFaults) {
-        self.0.change(faults);
-        self.1.change(faults);
-    }
-
-    fn settle(&mut self, tick: u64) {
-        self.0.settle(tick);
-        self.1.settle(tick);
-    }
-
-    fn dated(&self) -> Self::Dated {
-        (self.0.dated(), self.1.dated())
-    }
-
-    fn dated_as_of(&self, tick: u64) -> Self::Dated {
-        (self.0.dated_as_of(tick), self.1.dated_as_of(tick))
-    }
-
-    fn fresh(&self, tick: u64) -> bool {
-        self.0.fresh(tick) && self.1.fresh(tick)
-    }
-
-    /// The history that reaches further: that of the first input, or that of the second if the first is stale.
-    fn history(&self, tick: u64) -> Envelope {
-        let (first, second) = (self.0.newest().envelope, self.1.newest().envelope);
-        let newest = if first.tick == tick { first } else { second };
-        newest.made_from(A::SENDER, first.tick).made_from(B::SENDER, second.tick)
-    }
-
-    fn rejections(&self) -> Rejections {
-        self.0.rejections().and(&self.1.rejections())
     }
 }
 

@@ -144,7 +144,7 @@ pub fn section(report: &Report) -> Markup {
             @else { (swaps(report)) }
             @if report.swaps_left_out > 0 { p { "And " (report.swaps_left_out) " later ones." } }
             @if !report.faults.is_empty() {
-                h3 { "Faults of messages" }
+                h3 { "Faults" }
                 (faults(report))
             }
         },
@@ -169,8 +169,14 @@ fn swaps(report: &Report) -> Markup {
 
 fn faults(report: &Report) -> Markup {
     let rows = report.faults.iter().map(|fault| {
-        let until = fault.to_s.map_or_else(|| "for good".into(), |to_s| format!("{to_s:.3} s"));
-        vec![cell(&fault.what), cell(format!("{:.3} s", fault.time_s)), cell(fault.tick), cell(until)]
+        let how = if fault.live { "injected in flight" } else { "planned" };
+        vec![
+            cell(&fault.what),
+            cell(format!("{:.3} s", fault.time_s)),
+            cell(fault.tick),
+            cell(fault.until()),
+            cell(how),
+        ]
     });
-    table(&["fault", "from", "tick", "until"], rows)
+    table(&["fault", "from", "tick", "until", "how"], rows)
 }

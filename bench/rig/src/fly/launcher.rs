@@ -349,6 +349,7 @@ fn tell(child: &Child) {
 
 impl Drop for Launcher {
     fn drop(&mut self) {
+        self.striker.release();
         self.kill();
         for (_, child) in &mut self.children {
             let _ = child.wait();

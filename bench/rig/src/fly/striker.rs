@@ -109,6 +109,8 @@ impl Striker {
 
     /// Takes what was planned, and what was injected since.
     fn look(&mut self, wire: &Wire, grid: &Grid) {
+        // Those whose time is over; why one has failed it has said itself.
+        self.burdens.retain_mut(|(_, child)| matches!(child.try_wait(), Ok(None)));
         for fault in std::mem::take(&mut self.planned) {
             self.take(fault, grid);
         }

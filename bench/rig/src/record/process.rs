@@ -125,7 +125,7 @@ struct Recorder<'a> {
     /// Of the newest state.
     parameter_epoch: u64,
     crew: Crew,
-    /// The plant's board of what was injected, and what was on it last.
+    /// The plant's board of faults, and what was on it last.
     live: Option<BoardReader<LiveBoard>>,
     injected: Vec<LiveFault>,
     cpu_times: CpuTimes,
@@ -236,8 +236,7 @@ impl<'a> Recorder<'a> {
         self.look_for_faults();
         self.await_landing();
         self.drain(ports, armed)?;
-        let until = now_ns() + LAST_SWAPS.as_nanos() as u64;
-        let run = armed.run.get();
+        let (until, run) = (now_ns() + LAST_SWAPS.as_nanos() as u64, armed.run.get());
         // A swap of a tick that was skipped at the very end is in no state, but the plant has counted it.
         let swaps = self.parameter_epoch.max(run.parameter_epoch);
         while self.tally.swaps_seen < swaps && now_ns() < until {
@@ -284,20 +283,6 @@ impl<'a> Recorder<'a> {
         self.so_far.close();
         write_all(&report, self.directory)?;
         Ok(report)
-    }
-
-    /// Takes what was injected so far.
-    fn look_for_faults(&mut self) {
-        self.injected = self.live.iter().flat_map(|board| board.get().iter().collect::<Vec<_>>()).collect();
-    }
-
-    /// Points `latest` at this flight as soon as it has a report.
-    fn point_latest(&mut self) {
-        if !self.is_latest && self.directory.join("report.json").exists() {
-            self.is_latest = true;
-            let pointed = make_latest(self.directory);
-            self.note("latest", pointed);
-        }
     }
 
     /// Samples what the kernel counts for the loops while they fly, and classes the deadlines missed so far.

@@ -33,7 +33,11 @@ impl<C: Faulty> Inlet<C> {
     /// An input that nothing has come to, and whose faults may change in flight.
     #[must_use]
     pub fn changing(faults: &MessageFaults, port: Port) -> Self {
-        Self { gate: Some(Gate::changing(faults, port)), ..Self::new(&MessageFaults::none(faults.seed), port) }
+        let mut inlet = Self::new(&MessageFaults::none(faults.seed), port);
+        // Memory that was never touched is none yet.
+        inlet.waiting.extend((0..ROOM).map(|_| (0, Message::default())));
+        inlet.waiting.clear();
+        Self { gate: Some(Gate::changing(faults, port)), ..inlet }
     }
 
     /// Takes the faults as they are from now on, without an allocation; `newest` is what came last before it was shown

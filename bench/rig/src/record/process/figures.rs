@@ -10,6 +10,7 @@ use wire::clock::now_ns;
 use super::Recorder;
 use crate::fault::live::injected;
 use crate::record::ports::Ports;
+use crate::run_directory::make_latest;
 use crate::settings::laws::Chosen;
 use crate::wall_time::utc;
 use failure::Failure;
@@ -147,6 +148,20 @@ impl Recorder<'_> {
             beside: None,
             traces: ending.map(|_| self.tally.tracer.traces()),
         })
+    }
+
+    /// Takes what was injected so far.
+    pub(super) fn look_for_faults(&mut self) {
+        self.injected = self.live.iter().flat_map(|board| board.get().iter().collect::<Vec<_>>()).collect();
+    }
+
+    /// Points `latest` at this flight as soon as it has a report.
+    pub(super) fn point_latest(&mut self) {
+        if !self.is_latest && self.directory.join("report.json").exists() {
+            self.is_latest = true;
+            let pointed = make_latest(self.directory);
+            self.note("latest", pointed);
+        }
     }
 
     /// The laws that fly, with what they show, and their answers that could not be used.

@@ -1,0 +1,75 @@
+//! What goes wrong in the loop: what was planned, what was injected in flight, and the board of the latter.
+
+use model::fault::live::{LIVE, LiveBoard, LiveFault, LoopFaults, NOTICE_TICKS};
+use model::fault::{MessageFaults, Span};
+use model::role::Role;
+use wire::clock::busy_wait;
+use wire::error::Error;
+use wire::{Board, Wire};
+
+use crate::desk::{Event, FaultRequest};
+use crate::plant::Plant;
+
+/// The faults of a flight, as its plant has them.
+#[allow(missing_debug_implementations, reason = "the middleware's handle has none")]
+pub struct Injection {
+    faults: LoopFaults,
+    live: LiveBoard,
+    board: Board<LiveBoard>,
+    /// Whether the plant itself is late in some tick.
+    is_late: bool,
+    /// How much longer than in flight a tick takes on the clock.
+    pub slowdown: u64,
+}
+
+impl Injection {
+    /// No faults, on a board that says so.
+    ///
+    /// # Errors
+    /// Those of the board.
+    pub fn none(wire: &Wire, seed: u64) -> Result<Self, Error> {
+        let (board, live) = (wire.board(LIVE)?, LiveBoard::default());
+        board.put(live);
+        Ok(Self { faults: LoopFaults::none(seed), live, board, is_late: false, slowdown: 1 })
+    }
+
+    /// Takes what was planned.
+    pub fn plan(&mut self, faults: &LoopFaults) {
+        self.faults = *faults;
+        self.is_late = !faults.late.of(Role::Plant).is_empty();
+    }
+
+    /// Those of messages.
+    #[must_use]
+    pub const fn messages(&self) -> &MessageFaults {
+        &self.faults.messages
+    }
+
+    /// Takes an order in, at a tick of which nothing has been published: whoever hears of it finds this on the board.
+    /// Says what became of it.
+    #[cold]
+    pub fn strike(&mut self, order: &FaultRequest, tick: u64, plant: &mut Plant) -> Event {
+        let asked = order.tick.unwrap_or_else(|| tick.saturating_add(order.in_ticks));
+        let from = asked.max(tick.saturating_add(NOTICE_TICKS));
+        let (ticket, span) = (order.ticket, Span { from, to: from.saturating_add(order.for_ticks) });
+        let (mut faults, mut live) = (self.faults, self.live);
+        for (which, fault) in order.faults.iter().enumerate() {
+            let fault = LiveFault { span: fault.span_from(span), ..*fault };
+            if let Err(reason) = faults.take(&fault).and_then(|()| live.push(&fault)) {
+                return Event::NotTaken { ticket, which, reason };
+            }
+        }
+        self.plan(&faults);
+        plant.change_faults(&faults.messages);
+        self.live = live;
+        self.board.put(live);
+        Event::Strikes { ticket, span }
+    }
+
+    /// Computes for as much longer as a fault says.
+    pub fn be_late(&self, tick: u64) {
+        if self.is_late {
+            busy_wait(self.slowdown.saturating_mul(self.faults.late.late_ns(Role::Plant, tick)));
+        }
+    }
+}
