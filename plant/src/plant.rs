@@ -112,10 +112,9 @@ impl Plant {
         }
     }
 
-    /// The same plant, with faults of the commands that it is handed.
-    #[must_use]
-    pub fn gated(self, gate: Option<Gate<RotorSpeeds>>) -> Self {
-        Self { gate: gate.map(Box::new), ..self }
+    /// Puts faults of the commands that it is handed before it.
+    pub fn gate(&mut self, gate: Option<Gate<RotorSpeeds>>) {
+        self.gate = gate.map(Box::new);
     }
 
     /// Commands that were refused for what a fault had made of them.

@@ -59,7 +59,7 @@ pub fn run(
         // A desk that cannot open ends, and its error is the result of `join` below.
         let flown = if told.recv().is_ok() {
             let mut plant = PlantProcess::new(station.wire(), settings, faults, orders_out, events_in)?;
-            plant.plant = plant.plant.gated(Gate::new(messages, Port::PlantRotorSpeeds));
+            plant.plant.gate(Gate::new(messages, Port::PlantRotorSpeeds));
             plant.serve(&mut station, plan, &open_desk)
         } else {
             Ok(())

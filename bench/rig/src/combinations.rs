@@ -13,11 +13,9 @@ use failure::Failure;
 /// Usage: a law is named twice, or there are too many combinations.
 pub fn of(outer: &[String], inner: &[String], mixer: &[String]) -> Result<Vec<Overrides>, Failure> {
     let mut all = vec![Overrides::new()];
-    for (role, key, names) in [
-        (Role::Outer, "outer.law", outer),
-        (Role::Mixer, "mixer.law", mixer),
-        (Role::Inner, "inner.law", inner),
-    ] {
+    for (role, key, names) in
+        [(Role::Outer, "outer.law", outer), (Role::Mixer, "mixer.law", mixer), (Role::Inner, "inner.law", inner)]
+    {
         if let Some((_, twice)) = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
             return Err(Failure::usage(format!("the {role} law `{twice}` is named twice"))
                 .help(format!("name each law once; `ironbird laws` lists those that --{role} can name")));

@@ -9,8 +9,8 @@ use ironbird::fault::listing;
 use ironbird::floor::{command, hop};
 use ironbird::output::say;
 use ironbird::{
-    campaign, clean, compare, doctor, export, fly, inject, laws, limits, manual, margin, new_law, params, replay, roles, runs,
-    show_report, simulate, watch,
+    campaign, clean, compare, doctor, export, fly, inject, laws, limits, manual, margin, new_law, params, replay,
+    roles, runs, show_report, simulate, watch,
 };
 use model::role::Role;
 use role::signals::forget_inherited;

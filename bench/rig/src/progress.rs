@@ -83,7 +83,13 @@ mod tests {
 
     #[test]
     fn rate_and_time_left_are_told() {
-        assert_eq!(words(200, 4000, "flight", Duration::from_secs(4)), "200 of 4000 flights, 50.0 flights/s, 1m 16s left");
-        assert_eq!(words(0, 4000, "flight", Duration::from_secs(4)), "0 of 4000 flights, 0.0 flights/s, time left unknown");
+        assert_eq!(
+            words(200, 4000, "flight", Duration::from_secs(4)),
+            "200 of 4000 flights, 50.0 flights/s, 1m 16s left"
+        );
+        assert_eq!(
+            words(0, 4000, "flight", Duration::from_secs(4)),
+            "0 of 4000 flights, 0.0 flights/s, time left unknown"
+        );
     }
 }

@@ -125,7 +125,13 @@ fn bad_day(directory: &Path) -> Report {
     };
     deadlines.stretches = (1..=4).map(stretch).collect();
     deadlines.runs = vec![RunLength { length_ticks: 1, count: 3 }, RunLength { length_ticks: 400, count: 12_345 }];
-    let outages = ClassCount { class: Class::StoppedOrDead, stage: Some("inner".into()), outages: 2, missed: 401, longest_ticks: 20 };
+    let outages = ClassCount {
+        class: Class::StoppedOrDead,
+        stage: Some("inner".into()),
+        outages: 2,
+        missed: 401,
+        longest_ticks: 20,
+    };
     report.autopsy =
         Section { classes: vec![outages], pending: 3, worst: vec![outage(1_234_567, 98_765), outage(70, 2)] };
     report

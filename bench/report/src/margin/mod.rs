@@ -234,7 +234,9 @@ impl Margins {
         let more: String = limits.iter().map(|(name, most)| format!("; {name} up to {most}")).collect();
         let saturated = match limits.iter().any(|(name, _)| name == SATURATED) {
             true => String::new(),
-            false => format!("; under a steady fault saturated in at most {SATURATED_MORE_PERCENT} % more of the ticks"),
+            false => {
+                format!("; under a steady fault saturated in at most {SATURATED_MORE_PERCENT} % more of the ticks")
+            }
         };
         format!(
             "envelope kept, position error below {below} within {recovery_max_s} s and for at least 1 s{saturated}{more}"

@@ -74,7 +74,11 @@ fn exceptions(margins: &Margins) -> String {
     for law in &margins.laws {
         for margin in &law.outages {
             for it in &margin.exceptions {
-                let what = if it.survived { "survived, where a shorter one was not" } else { "lost, where a longer one was survived" };
+                let what = if it.survived {
+                    "survived, where a shorter one was not"
+                } else {
+                    "lost, where a longer one was survived"
+                };
                 let name = margins.name_of(&law.laws);
                 let at = format!("{} at {:.3} s", count(it.ticks, "tick"), it.phase_s);
                 all.push(format!("  {name}: {} out for {at}: {what}\n", margin.of));
@@ -87,7 +91,9 @@ fn exceptions(margins: &Margins) -> String {
     let shown: String = all.iter().take(SHOWN).map(String::as_str).collect();
     let more = all.len().saturating_sub(SHOWN);
     let more = if more == 0 { String::new() } else { format!("  and {more} more, in --format json\n") };
-    format!("\nAgainst the order of things (a margin is the longest outage up to which none that was tried was lost)\n{shown}{more}")
+    format!(
+        "\nAgainst the order of things (a margin is the longest outage up to which none that was tried was lost)\n{shown}{more}"
+    )
 }
 
 /// A number of ticks, or that the longest that was tried was survived.

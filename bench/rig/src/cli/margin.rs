@@ -70,7 +70,8 @@ fn gate_limit(text: &str) -> Result<GateLimit, String> {
     let names = || METRICS.iter().map(|metric| metric.name).filter(|name| *name != "flown_s").chain([RECOVERED_BELOW]);
     let known = || names().collect::<Vec<_>>().join(", ");
     let (name, most) = text.split_once('=').ok_or_else(|| format!("write NAME=MOST; names are {}", known()))?;
-    let name = names().find(|it| *it == name.trim()).ok_or_else(|| format!("no gate has this name; there are {}", known()))?;
+    let name =
+        names().find(|it| *it == name.trim()).ok_or_else(|| format!("no gate has this name; there are {}", known()))?;
     Ok(GateLimit { name, most: values::limit(most.trim())? })
 }
 

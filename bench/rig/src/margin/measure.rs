@@ -219,7 +219,8 @@ impl Phase<'_> {
 
     /// For each length the most losses in a row.
     fn patterns(&self, port: Port) -> Result<Vec<u64>, Failure> {
-        let most = |length: &u64| largest(length - 1, |lost| Ok(self.under(&format!("{port}.drop={lost}/{length}"), 0.0)?.0));
+        let most =
+            |length: &u64| largest(length - 1, |lost| Ok(self.under(&format!("{port}.drop={lost}/{length}"), 0.0)?.0));
         LENGTHS.iter().map(most).collect()
     }
 }

@@ -10,6 +10,7 @@ use crate::cli::margin::RECOVERED_BELOW;
 use crate::cli::{GateLimit, MarginArgs};
 use crate::margin::flights::Flown;
 use crate::settings::Settings;
+use crate::settings::laws::known;
 use failure::{Failure, GATE};
 
 /// Time until the error must be below the bound for good, where nobody says it [s].
@@ -73,7 +74,9 @@ impl Asked {
     /// # Errors
     /// Usage: a gate is given twice.
     pub fn new(limits: &[GateLimit]) -> Result<Self, Failure> {
-        if let Some((_, twice)) = limits.iter().enumerate().find(|(i, it)| limits[..*i].iter().any(|o| o.name == it.name)) {
+        if let Some((_, twice)) =
+            limits.iter().enumerate().find(|(i, it)| limits[..*i].iter().any(|o| o.name == it.name))
+        {
             return Err(Failure::usage(format!("--gate {} is given twice", twice.name)).help("give each limit once"));
         }
         Ok(Self { limits: limits.to_vec() })
@@ -111,11 +114,8 @@ impl Asked {
 
     fn gates(&self, bound_m: f64, saturated: Option<f64>) -> Gates {
         let place = |name: &str| METRICS.iter().position(|metric| metric.name == name);
-        let mut limits: Vec<(usize, f64)> = self
-            .limits
-            .iter()
-            .filter_map(|limit| Some((place(limit.name)?, limit.most)))
-            .collect();
+        let mut limits: Vec<(usize, f64)> =
+            self.limits.iter().filter_map(|limit| Some((place(limit.name)?, limit.most))).collect();
         if self.limit(RECOVERY).is_none() {
             limits.extend(place(RECOVERY).map(|place| (place, RECOVERY_MAX_S)));
         }
@@ -199,6 +199,9 @@ fn unflyable(name: &str, why: &str) -> Failure {
 /// Laws in a word.
 pub fn name(settings: &Settings) -> Result<String, Failure> {
     let [outer, inner, mixer] = settings.laws()?.map(|law| law.name);
-    let [first_mixer] = [crate::settings::laws::known(Role::Mixer)[0].name];
-    Ok(if mixer == first_mixer { format!("{outer} + {inner}") } else { format!("{outer} + {inner} + {mixer}") })
+    Ok(if mixer == known(Role::Mixer)[0].name {
+        format!("{outer} + {inner}")
+    } else {
+        format!("{outer} + {inner} + {mixer}")
+    })
 }

@@ -12,7 +12,11 @@ pub fn largest(most: u64, mut survives: impl FnMut(u64) -> Result<bool, Failure>
 }
 
 /// The largest number that is survived, where `low` is and `high` is not.
-fn between(mut low: u64, mut high: u64, mut survives: impl FnMut(u64) -> Result<bool, Failure>) -> Result<u64, Failure> {
+fn between(
+    mut low: u64,
+    mut high: u64,
+    mut survives: impl FnMut(u64) -> Result<bool, Failure>,
+) -> Result<u64, Failure> {
     while high - low > 1 {
         let middle = low + (high - low) / 2;
         if survives(middle)? {
@@ -40,7 +44,8 @@ pub fn checked(
             exceptions.push((beyond, true));
         }
     }
-    let mut within: Vec<u64> = (1..4).map(|quarters| found * quarters / 4).filter(|it| (1..found).contains(it)).collect();
+    let mut within: Vec<u64> =
+        (1..4).map(|quarters| found * quarters / 4).filter(|it| (1..found).contains(it)).collect();
     within.dedup();
     for (i, tried) in within.iter().enumerate() {
         if !survives(*tried)? {
@@ -83,7 +88,10 @@ mod tests {
     use super::*;
 
     /// The answer, and how many flights it took.
-    fn counted<R>(survives: impl Fn(u64) -> bool, ask: impl FnOnce(&mut dyn FnMut(u64) -> Result<bool, Failure>) -> R) -> (R, u32) {
+    fn counted<R>(
+        survives: impl Fn(u64) -> bool,
+        ask: impl FnOnce(&mut dyn FnMut(u64) -> Result<bool, Failure>) -> R,
+    ) -> (R, u32) {
         let mut flights = 0;
         let answer = ask(&mut |number| {
             flights += 1;
