@@ -117,17 +117,16 @@ impl Plant {
         }
     }
 
-    /// The same plant, with faults of the commands that it is handed.
-    #[must_use]
-    pub fn gated(self, gate: Option<Gate<RotorSpeeds>>) -> Self {
-        Self { is_struck: gate.is_some(), gate: gate.map(Box::new), ..self }
+    /// Puts faults of the commands that it is handed before it.
+    pub fn gate(&mut self, gate: Option<Gate<RotorSpeeds>>) {
+        self.is_struck = gate.is_some();
+        self.gate = gate.map(Box::new);
     }
 
-    /// The same plant, with faults of its commands that may change in flight.
-    #[must_use]
-    pub fn gated_by(self, faults: &MessageFaults) -> Self {
-        let is_struck = faults.of(Port::PlantRotorSpeeds).next().is_some();
-        Self { is_struck, ..self.gated(Some(Gate::changing(faults, Port::PlantRotorSpeeds))) }
+    /// The same of faults that may change in flight.
+    pub fn gate_by(&mut self, faults: &MessageFaults) {
+        self.gate(Some(Gate::changing(faults, Port::PlantRotorSpeeds)));
+        self.is_struck = faults.of(Port::PlantRotorSpeeds).next().is_some();
     }
 
     /// Takes the faults of its commands as they are from now on, without an allocation.

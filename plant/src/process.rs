@@ -100,7 +100,8 @@ impl<'a> PlantProcess<'a> {
         events: Producer<'a, Event>,
     ) -> Result<Self, Error> {
         let injection = Injection::none(wire, settings.seed)?;
-        let mut plant = Plant::new(settings).gated_by(injection.messages());
+        let mut plant = Plant::new(settings);
+        plant.gate_by(injection.messages());
         for fault in faults {
             plant
                 .schedule(fault.clone())

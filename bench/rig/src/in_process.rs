@@ -109,7 +109,7 @@ impl InProcess {
         }
         if !planned.spares_the_loop() {
             let faulted = Faulted::new(settings, &planned)?;
-            rig.plant = rig.plant.gated(faulted.plant_gate());
+            rig.plant.gate(faulted.plant_gate());
             rig.faulted = Some(Box::new(faulted));
         }
         for swap in planned.swaps {
@@ -133,26 +133,24 @@ impl InProcess {
     ///
     /// # Errors
     /// As [`Self::of`].
-    pub fn branch(&self, settings: &Settings) -> Result<Option<Self>, Failure> {
-        let mut rig = Self::of(settings)?;
+    pub fn branch(&self, settings: &Settings) -> Result<Option<Box<Self>>, Failure> {
+        let mut rig = Box::new(Self::of(settings)?);
         let Self { plant, outer, inner, mixer, .. } = self;
         if !(rig.outer.copy_from(outer) && rig.inner.copy_from(inner) && rig.mixer.copy_from(mixer)) {
             return Ok(None);
         }
-        rig.plant = plant.clone();
+        rig.plant.clone_from(plant);
         if let Some(faulted) = &mut rig.faulted {
-            rig.plant = rig.plant.gated(faulted.plant_gate());
+            rig.plant.gate(faulted.plant_gate());
             faulted.take_over(self);
         }
-        Ok(Some(Self {
-            state: self.state,
-            setpoint: self.setpoint,
-            wrench: self.wrench,
-            rotor_speeds: self.rotor_speeds,
-            tick: self.tick,
-            envelope: self.envelope,
-            ..rig
-        }))
+        rig.state = self.state;
+        rig.setpoint = self.setpoint;
+        rig.wrench = self.wrench;
+        rig.rotor_speeds = self.rotor_speeds;
+        rig.tick = self.tick;
+        rig.envelope = self.envelope;
+        Ok(Some(rig))
     }
 
     /// Flies one tick.

@@ -27,7 +27,7 @@ use crate::margin::target::Target;
 use crate::output::{print, say};
 use crate::parallel::{asked_to_stop, on_processors, processors};
 use crate::progress::Progress;
-use crate::settings::Settings;
+use crate::settings::{Overrides, Settings};
 use failure::{Failure, INTERRUPTED, OK, check_writable, write_text};
 
 /// Every so many phases, what takes more flights is flown, and the order of things is looked at.
@@ -78,7 +78,7 @@ fn settings(args: &MarginArgs) -> Result<Vec<Settings>, Failure> {
     // It says when the last fault begins, which may be sooner than a fault of the file; flights have lengths of their own.
     course.duration = None;
     let given = course.overrides();
-    let resolve = |laws: &crate::settings::Overrides| {
+    let resolve = |laws: &Overrides| {
         let mut settings = Settings::resolve(course.config.as_deref(), &[given.clone(), laws.clone()].concat())?;
         if !settings.flight.faults.is_empty() {
             say("warning: a margin is measured without the faults of the settings file\n");

@@ -127,3 +127,27 @@ impl TryFrom<String> for Course {
         name.parse().map(Self::of)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_moves_repeats_after_its_cycle_and_not_sooner() {
+        for trajectory in [Trajectory::Lissajous, Trajectory::Fast, Trajectory::Helix] {
+            let course = Course::of(trajectory).stretched(1.0, 2.0);
+            let cycle_s = course.cycle_s().unwrap();
+            assert!((cycle_s - 2.0 * 62.83185307).abs() < 1e-6, "{trajectory}: {cycle_s}");
+            let off = |after_s: f64| {
+                let [now, later] = [30.0, 30.0 + after_s].map(|t_s| course.reference(t_s));
+                let [dx, dy] = [0, 1].map(|i| (now.position_w_m[i] - later.position_w_m[i]).abs());
+                dx.max(dy).max((now.yaw_rad - later.yaw_rad).abs())
+            };
+            assert!(off(cycle_s) < 1e-9, "{trajectory}");
+            assert!(off(cycle_s / 2.0) > 1e-3, "{trajectory}");
+            assert_eq!(course.begun_s(), 10.0);
+        }
+        assert_eq!([Trajectory::Hover, Trajectory::Step].map(|it| Course::of(it).cycle_s()), [None; 2]);
+        assert_eq!(Course::of(Trajectory::Step).begun_s(), 0.0);
+    }
+}

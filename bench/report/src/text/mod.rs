@@ -248,22 +248,13 @@ fn ticks(out: &mut String, report: &Report) -> Written {
 
 fn outages(out: &mut String, report: &Report) -> Written {
     let text = report.autopsy.text();
+    report.margin.iter().try_for_each(|margin| writeln!(out, "Margin    {}", margin.sentence()))?;
     if report.run.speed() == Speed::Lockstep {
         writeln!(out, "Outages   not looked for: in lockstep there are no deadlines")
     } else if text.is_empty() {
-        margin(out, report)?;
         writeln!(out, "Outages   none")
     } else {
-        margin(out, report)?;
         out.write_str(&text)
-    }
-}
-
-/// The worst outage against what the loop bears.
-fn margin(out: &mut String, report: &Report) -> Written {
-    match &report.margin {
-        Some(margin) => writeln!(out, "Margin    {}", margin.sentence()),
-        None => Ok(()),
     }
 }
 

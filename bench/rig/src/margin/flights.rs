@@ -23,8 +23,6 @@ const LEAD_TICKS: u64 = LONGEST_DELAY + 4;
 pub struct Flown {
     /// As of a campaign's flight; metrics are of the ticks since the fault began.
     pub outcome: Outcome,
-    /// Hash over all outputs since the flight branched off.
-    pub outputs: String,
 }
 
 impl Flown {
@@ -45,7 +43,7 @@ pub struct Flights<'a> {
     /// The first tick of faults.
     pub from: u64,
     /// The flight up to a little before; none where its laws cannot be copied.
-    base: Option<InProcess>,
+    base: Option<Box<InProcess>>,
     count: Cell<u64>,
 }
 
@@ -64,7 +62,7 @@ impl<'a> Flights<'a> {
             base: None,
             count: Cell::new(0),
         };
-        let mut base = InProcess::of(settings)?;
+        let mut base = Box::new(InProcess::of(settings)?);
         // Whoever cannot be copied is not flown in vain.
         if base.branch(settings)?.is_some() {
             while base.next_tick() + LEAD_TICKS < from {
@@ -98,7 +96,7 @@ impl<'a> Flights<'a> {
         let branched = self.base.as_ref().map(|base| base.branch(&settings)).transpose()?.flatten();
         let mut rig = match branched {
             Some(rig) => rig,
-            None => InProcess::of(&settings)?,
+            None => Box::new(InProcess::of(&settings)?),
         };
         let mut metrics = Metrics::new(period_s, &self.airframe, vec![recovers_from], last_tick, bound_m);
         let flown = simulate::fly(&mut rig, &settings, |rig| {
@@ -112,9 +110,9 @@ impl<'a> Flights<'a> {
             Ok(())
         })?;
         let outputs = flown.outputs.to_string();
-        let outcome =
-            Outcome { lost: flown.departure, metrics: metrics.values(), telemetry: Vec::new(), outputs: String::new() };
-        Ok(Flown { outcome, outputs })
+        Ok(Flown {
+            outcome: Outcome { lost: flown.departure, metrics: metrics.values(), telemetry: Vec::new(), outputs },
+        })
     }
 }
 
@@ -143,7 +141,8 @@ mod tests {
             let settings = Settings::of(noise, &laws).unwrap();
             let branched = Flights::new(&settings, 2000, &stop).unwrap();
             assert!(branched.base.as_ref().is_some_and(|base| base.next_tick() == 2000 - LEAD_TICKS));
-            let whole = Flights { base: None, ..Flights::new(&settings, 2000, &stop).unwrap() };
+            let mut whole = Flights::new(&settings, 2000, &stop).unwrap();
+            whole.base = None;
             for fault in [
                 "inner.stop=20ms@tick2000",
                 "plant.stop=9ms,outer.stop=9ms,inner.stop=9ms,mixer.stop=9ms@tick2000",

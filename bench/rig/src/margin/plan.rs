@@ -10,6 +10,7 @@ use crate::cli::margin::RECOVERED_BELOW;
 use crate::cli::{GateLimit, MarginArgs};
 use crate::margin::flights::Flown;
 use crate::settings::Settings;
+use crate::settings::laws::known;
 use failure::{Failure, GATE};
 
 /// Time until the error must be below the bound for good, where nobody says it [s].
@@ -198,6 +199,9 @@ fn unflyable(name: &str, why: &str) -> Failure {
 /// Laws in a word.
 pub fn name(settings: &Settings) -> Result<String, Failure> {
     let [outer, inner, mixer] = settings.laws()?.map(|law| law.name);
-    let [first_mixer] = [crate::settings::laws::known(Role::Mixer)[0].name];
-    Ok(if mixer == first_mixer { format!("{outer} + {inner}") } else { format!("{outer} + {inner} + {mixer}") })
+    Ok(if mixer == known(Role::Mixer)[0].name {
+        format!("{outer} + {inner}")
+    } else {
+        format!("{outer} + {inner} + {mixer}")
+    })
 }

@@ -3,9 +3,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use model::grid::Pace;
 use report::json;
 use report::margin::line::Section;
-use report::margin::{Margins, SCHEMA};
+use report::margin::{LawMargins, Margins, SCHEMA};
 use report::schema::Report;
 
 use crate::settings::Settings;
@@ -60,7 +61,7 @@ pub fn check(out: &Path) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure`] names the file that cannot be written.
 pub fn write(out: &Path, margins: &Margins) -> Result<Vec<PathBuf>, Failure> {
-    let write = |law: &report::margin::LawMargins| {
+    let write = |law: &LawMargins| {
         let path = path(out, &law.fingerprint);
         let table = Margins { laws: vec![law.clone()], ..margins.clone() };
         let text = json::to_string(&table).in_file("write", &path)?;
@@ -70,6 +71,17 @@ pub fn write(out: &Path, margins: &Margins) -> Result<Vec<PathBuf>, Failure> {
         Ok(path)
     };
     margins.laws.iter().map(write).collect()
+}
+
+/// What the loop of a flight bears that is about to begin; none in lockstep, where there are no outages.
+///
+/// # Errors
+/// As [`fingerprint`].
+pub fn of_flight(pace: Pace, settings: &Settings, directory: &Path) -> Result<Option<Section>, Failure> {
+    match pace {
+        Pace::Realtime(_) => Ok(Some(section(&fingerprint(settings)?, directory))),
+        Pace::Lockstep => Ok(None),
+    }
 }
 
 /// What a flight in a directory bears, as far as a table beside it says.

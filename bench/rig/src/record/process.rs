@@ -11,7 +11,7 @@ use hdrhistogram::serialization::V2DeflateSerializer;
 use model::boards::{Ending, RolePhase, RunPhase, Status};
 use model::envelope::Message;
 use model::fault::live::{LIVE, LiveBoard, LiveFault};
-use model::grid::{NS_PER_S, Pace};
+use model::grid::NS_PER_S;
 use model::messages::{Dated, State, Wrench};
 use model::role::Role;
 use role::rt::UsageMeter;
@@ -45,7 +45,7 @@ use report::files::write_all;
 use report::finding::Diagnosis;
 use report::host::Host;
 use report::json;
-use report::margin;
+use report::margin::line::Section;
 use report::schema::Report;
 use report::states::{Joined, Joiner, LoopMessage, StatesWriter};
 use report::tally::{Tally, is_last_word};
@@ -96,8 +96,8 @@ pub fn run(mut station: Station, settings: &Settings, files: &Files) -> Result<R
 
 struct Recorder<'a> {
     settings: &'a Settings,
-    /// What the loop bears, as far as it is known; none in lockstep.
-    margin: Option<margin::line::Section>,
+    /// What the loop bears.
+    margin: Option<Section>,
     /// Their laws, as they were when it began: a file that goes in flight is no matter.
     chosen: [Chosen; 3],
     directory: &'a Path,
@@ -163,10 +163,7 @@ impl<'a> Recorder<'a> {
         };
         Ok(Self {
             settings,
-            margin: match armed.pace {
-                Pace::Realtime(_) => Some(table::section(&table::fingerprint(settings)?, &files.directory)),
-                Pace::Lockstep => None,
-            },
+            margin: table::of_flight(armed.pace, settings, &files.directory)?,
             chosen: settings.chosen_laws()?,
             relays,
             log,

@@ -37,7 +37,8 @@ impl AirframeReplay {
     /// The plant at tick 0.
     #[must_use]
     pub fn new(settings: &plant::PlantSettings, pace: Pace, faults: &MessageFaults) -> Self {
-        let plant = Plant::new(settings).gated(Gate::new(faults, Port::PlantRotorSpeeds));
+        let mut plant = Plant::new(settings);
+        plant.gate(Gate::new(faults, Port::PlantRotorSpeeds));
         Self { plant, pace, swaps: VecDeque::new(), swaps_known: 0, commands_taken: 0 }
     }
 
