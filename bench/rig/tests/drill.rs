@@ -38,7 +38,10 @@ fn no_row_lacks_an_injector_or_an_expectation() {
         let (module, function) = text(row, "injector").split_once('(').unwrap().0.split_once('.').unwrap();
         let source = fs::read_to_string(root().join(format!("bench/drill/{module}.py"))).unwrap();
         let (_, body) = source.split_once(&format!("\ndef {function}(make, n")).unwrap_or_else(|| panic!("{row}"));
-        assert!(body.lines().nth(1).unwrap().trim_start().starts_with("\"\"\""), "{function} does not say what it does");
+        assert!(
+            body.lines().nth(1).unwrap().trim_start().starts_with("\"\"\""),
+            "{function} does not say what it does"
+        );
         assert!(row["n"].as_u64().unwrap() > 0, "{row}");
     }
 }
