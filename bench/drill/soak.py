@@ -24,7 +24,10 @@ def kill(rig, role, number=signal.SIGKILL):
 def pause(rig, role):
     pid = rig.strike(role, signal.SIGSTOP)
     time.sleep(0.01)
-    os.kill(pid, signal.SIGCONT)
+    try:
+        os.kill(pid, signal.SIGCONT)
+    except ProcessLookupError:
+        demand(role != "plant", "the pause of the plant took so long that it was taken for a hang")
 
 
 def swap(rig, clients=1):
