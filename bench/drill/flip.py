@@ -45,10 +45,13 @@ def segments(rig, run):
     """Those that hold messages of the run: large, and with its number at the second word of a slot."""
     found = []
     for path in rig.segments():
-        if path.stat().st_size > 1 << 20:
-            segment = Segment(path, run)
-            if len(segment.slots) > 1:
-                found.append(segment)
+        try:
+            segment = Segment(path, run) if path.stat().st_size > 1 << 20 else None
+        except FileNotFoundError:
+            # Of a process that has just ended.
+            continue
+        if segment and len(segment.slots) > 1:
+            found.append(segment)
     return found
 
 

@@ -81,8 +81,8 @@ def flipped(make, n):
     caught = 0
     while caught < n:
         with make() as rig:
-            flight = rig.take_off(duration="8s")
-            flips = flip.flip(rig, seconds=5.0, every_s=0.01)
+            flight = rig.take_off(duration="14s")
+            flips = flip.flip(rig, seconds=8.0, every_s=0.01)
             flight.end().expect(0, 3)
             report = rig.report()
             roles = {**report["roles"], "record": report["recorder"]}

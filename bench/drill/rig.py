@@ -162,8 +162,8 @@ class Rig:
         return str(path)
 
     def fly(self, *words, duration="3s", rt="off", **options):
-        """A flight that hovers far above the ground, so that a gap costs height and not the flight."""
-        sky = self.settings("[flight]\nground_z_m = -100.0\n", "sky.toml")
+        """A flight that hovers far above the ground, so that a gap costs height and not the flight: rows give it."""
+        sky = self.settings("[flight]\nground_z_m = -100.0\nposition_error_max_m = 90.0\n", "sky.toml")
         return self.start("fly", "--rt", rt, "--config", sky, "--trajectory", "hover", "--duration", duration, *words,
                           **options)
 

@@ -162,6 +162,21 @@ def pipe_without_reader(make, n):
             yield {}
 
 
+def again(make, n):
+    """Kills a launcher in flight and starts another flight after 0 to 3 s: it flies, or says who is in its place."""
+    for i in range(n):
+        with make() as rig:
+            flight = rig.take_off(duration="60s")
+            flight.send(signal.SIGKILL)
+            flight.end()
+            time.sleep((0.0, 0.02, 0.05, 0.1, 0.3, 1.0, 3.0)[i % 7])
+            ended = rig.run("fly", "--rt", "off", "--pace", "lockstep", "--duration", "50ms").expect(0, 5)
+            demand(ended.code == 0 or "already has a running" in ended.err, f"{ended}")
+            rig.demand_nothing_left()
+            rig.demand_next_flight()
+            yield {"turned away": int(ended.code == 5)}
+
+
 ROWS = [
     {"name": "start.orders", "fault": "the roles are started by hand in any of the 120 orders", "injector": orders,
      "expected": "they fly together; nothing left", "n": 120, "short": 2},
@@ -171,6 +186,8 @@ ROWS = [
      "expected": "turned away with code 5; the flight goes on", "n": 20, "short": 5},
     {"name": "start.two_instances", "fault": "two instances at the same time", "injector": two_instances,
      "expected": "both are the flight that each is alone, to the bit", "n": 10},
+    {"name": "start.again", "fault": "the launcher is killed, and another one started after 0 to 3 s", "injector": again,
+     "expected": "it flies, or is turned away with code 5 and the next one flies; nothing left", "n": 35},
     {"name": "start.dead_plant", "fault": "a role is started while the board of a dead plant is there",
      "injector": run_of_a_dead_plant, "expected": "it waits for a living plant and flies with it", "n": 5,
      "guards": ("run_check",)},

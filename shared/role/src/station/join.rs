@@ -195,8 +195,8 @@ impl Station {
         // A launched role flies with the plant of its own launcher: another one's is about to end.
         let is_of_our_flight = self.orders.launcher.is_none_or(|launcher| u64::from(launcher) == run.launcher_pid);
         let wrote_it = |pid: u32| u64::from(pid) == run.plant_pid;
-        let is_right = is_of_our_flight && self.orders.instance.pid_of(Role::Plant).is_some_and(wrote_it);
-        if run.phase() == RunPhase::Closed || (is_on(Guard::RunCheck) && !is_right) {
+        let is_ours = is_of_our_flight && self.orders.instance.pid_of(Role::Plant).is_some_and(wrote_it);
+        if run.phase() == RunPhase::Closed || (!is_ours && is_on(Guard::RunCheck)) {
             return Ok(None);
         }
         self.plant_pid = run.plant_pid;
