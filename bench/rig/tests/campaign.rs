@@ -227,8 +227,17 @@ fn the_documented_campaign_is_checked_and_flown() {
     report.says("adaptive - fixed: success ").tells("fly one again: ironbird campaign fly");
     let page = fs::read_to_string(rig.path("page.html")).unwrap();
     assert!(page.contains("What matters") && page.contains("plant.mass_kg") && !page.contains("http://"), "{page}");
-    let robustness = ours("examples/robustness.toml");
-    campaign(&rig, &["check", robustness.to_str().unwrap()]).expect(0).says("by 6 arms");
+    // The others, with a flight a cell.
+    for (example, flights, small, arms) in
+        [("robustness", "flights = 1000", "flights = 3", 6), ("lateness", "flights = 900", "flights = 9", 5)]
+    {
+        let file = ours(&format!("examples/{example}.toml"));
+        campaign(&rig, &["check", file.to_str().unwrap()]).expect(0).says(&format!("by {arms} arms"));
+        let text = fs::read_to_string(file).unwrap();
+        assert!(text.contains(flights), "{text}");
+        let out = flown(&rig, &text.replace(flights, small), example, &[]);
+        campaign(&rig, &["report", &out]).expect(0).says(&format!("each by {arms} arms"));
+    }
 }
 
 /// As a document has a file.

@@ -8,7 +8,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+<<<<<<< HEAD
 use crate::rig::{Ended, Rig, Running, lacks_tool, wait_until};
+=======
+use crate::rig::{Rig, Running, lacks_tool, wait_until};
+>>>>>>> engines
 use rustix::process::{Pid, Signal, kill_process};
 
 /// Twelve shards that take long enough to be killed, and no longer.
@@ -199,11 +203,10 @@ fn hyperqueue_loses_a_shard_and_then_all_and_the_rows_are_the_same() {
     submitted.signal(Signal::TERM);
     submitted.end().expect(130).complains("interrupted");
     wait_until("no shard", || shard(&out).is_none().then_some(()));
-    // A shard is killed: the next round flies it.
+    // A shard is killed, mostly in flight: the next round flies it.
     let submitted = submit(&rig, "hyperqueue", &out, &environment);
     let _ = kill_process(wait_until("a shard", || shard(&out)), Signal::KILL);
-    let ended: Ended = submitted.end().expect(0);
-    ended.complains("round 2: 1 of 12 shards: ").says("shards: 48 flights, each by 2 arms");
+    submitted.end().expect(0).says("shards: 48 flights, each by 2 arms");
     assert_same(&rig, &out);
 }
 

@@ -44,6 +44,7 @@ mod lockstep;
 mod log_kept;
 mod made;
 mod manual;
+mod margin;
 mod new_law;
 mod other_user;
 mod outages;

@@ -1,8 +1,6 @@
 //! What a loop bears: margins are those of single flights, of theory, and of no particular number of processors.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod rig;
-
 use std::fs;
 use std::thread::sleep;
 use std::time::Duration;
@@ -10,7 +8,7 @@ use std::time::Duration;
 use controller::Gains;
 use controller::rate_law::sampled_gain;
 use controller::rate_loop::loop_gain_limit;
-use rig::{Ended, Rig};
+use crate::rig::{Ended, Rig};
 use rustix::process::Signal;
 use serde_json::Value;
 

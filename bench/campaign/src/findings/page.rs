@@ -84,7 +84,9 @@ fn pairs(findings: &Findings) -> Markup {
         [name, points(it.mean), interval, split, short(pair.p_value)].map(cell).into()
     });
     let means = findings.pairs.iter().flat_map(|pair| {
-        pair.metrics.iter().map(move |Of { name: metric, is: it }| {
+        // What is the same in every flight says nothing.
+        let differ = pair.metrics.iter().filter(|metric| metric.is.low != 0.0 || metric.is.high != 0.0);
+        differ.map(move |Of { name: metric, is: it }| {
             let name = format!("{} - {}", pair.first, pair.second);
             let interval = format!("{} to {}", short(it.low), short(it.high));
             [name, metric.clone(), short(it.mean), interval, it.count.to_string()].map(cell).into()
@@ -186,7 +188,7 @@ fn heat(number: usize, map: &Map) -> Markup {
         let percent = 100.0 * successes as f64 / flights.max(1) as f64;
         let shade = if flights == 0 { 0.0 } else { 0.85 * (100.0 - percent) };
         html! {
-            td data-column=(column) style=(format!("background:rgb(213 94 0 / {shade:.0}%)"))
+            td data-column=(column) style=(format!("min-width:0;background:rgb(213 94 0 / {shade:.0}%)"))
                 title=(format!("{successes} of {flights}")) {
                 @if flights == 0 { "-" } @else { (format!("{percent:.0}")) }
             }
