@@ -8,11 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-<<<<<<< HEAD
-use crate::rig::{Ended, Rig, Running, lacks_tool, wait_until};
-=======
 use crate::rig::{Rig, Running, lacks_tool, wait_until};
->>>>>>> engines
 use rustix::process::{Pid, Signal, kill_process};
 
 /// Twelve shards that take long enough to be killed, and no longer.

@@ -5,10 +5,10 @@ use std::fs;
 use std::thread::sleep;
 use std::time::Duration;
 
+use crate::rig::{Ended, Rig};
 use controller::Gains;
 use controller::rate_law::sampled_gain;
 use controller::rate_loop::loop_gain_limit;
-use crate::rig::{Ended, Rig};
 use rustix::process::Signal;
 use serde_json::Value;
 
