@@ -194,11 +194,7 @@ fn forge<C: Topic>(root: &str, kind: &str, messages: u64) {
     assert!(child.wait().unwrap().success());
     let (topic, reason) = (C::NAME, KINDS.iter().find(|(name, _)| *name == kind).unwrap().1.name());
     let good = tick - 9;
-    writeln!(
-        std::io::stdout(),
-        "{{\"topic\":\"{topic}\",\"offered\":{offered},\"sent_good\":{good},\"reason\":\"{reason}\",{said}}}"
-    )
-    .unwrap();
+    println!("{{\"topic\":\"{topic}\",\"offered\":{offered},\"sent_good\":{good},\"reason\":\"{reason}\",{said}}}");
 }
 
 /// Receives a topic as a loop does, until the forger has no more.
