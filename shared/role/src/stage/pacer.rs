@@ -190,8 +190,8 @@ mod tests {
         let instance = wire::instance::Instance::under(root.path(), "called").unwrap();
         let wire = wire::Wire::open(&instance).unwrap();
         let (doorbell, bell) = (wire.doorbell(Role::Inner).unwrap(), wire.bell(Role::Inner).unwrap());
-        // An hour long, and begun fifty minutes ago: the next tick is to come.
-        let period_ns = 3_600_000_000_000;
+        // A minute long, and begun fifty seconds ago: the next tick is to come.
+        let period_ns = 60_000_000_000;
         let grid = Grid { t0_ns: now_ns() - period_ns * 5 / 6, period_ns };
         // Rung in the first look and in the second; the third finds a message, so that the wait has an end.
         let woken_by = |ring: &dyn Fn()| {
