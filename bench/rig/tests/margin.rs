@@ -204,7 +204,7 @@ fn what_cannot_be_measured_is_refused_with_what_to_do() {
     let falls = rig.settings("[flight]\ntrajectory = \"hover\"\n[plant]\nmass_kg = 1.5\n");
     rig.run("margin", &["--config", &falls, "--phases", "1", "--only", "outer"])
         .expect(3)
-        .complains("pd + adaptive does not hold the gate without a fault: the flight")
+        .complains("pd + adaptive does not hold the gate without a fault: ")
         .complains("choose laws, a trajectory or a preset that fly");
     let faulty = rig.settings("[flight]\ntrajectory = \"hover\"\nfaults = [\"mass_kg=0.6@8s\"]\n");
     let options = ["--config", &faulty, "--phases", "1", "--only", "outer", "--longest", "2ms"];
