@@ -4,6 +4,7 @@ import json
 import math
 import os
 import platform
+import re
 from pathlib import Path
 
 HEAD = """# Faults, tried
@@ -14,7 +15,7 @@ instance, own processes, and a look at what is left of them. *Survived* means th
 95 %, for the share that survives. Of forged messages, and of flipped bits, each message is a trial.
 
     bench/drill/run --only kill.inner --n 100     # one row again; --list shows the rows, --short is the gate's form
-    bench/drill/run --soak 2h                     # a fault every 10 s in one long flight after the other: growth of memory, files, descriptors
+    bench/drill/run --soak 2h                     # one flight with a fault every 10 s: what grows of memory, files, descriptors
     bench/drill/mutants                           # each guard switched off in a build of its own: what turns red
 
 """
@@ -30,6 +31,11 @@ def wilson(survived, tried):
 def percent(share):
     """Towards the worse, so that 100 % is said of nothing but all."""
     return f"{math.floor(share * 1e4) / 1e2:g}" if share < 1 else "100"
+
+
+def told(why):
+    """What went wrong in one line of a table, without the place of a rig that is gone."""
+    return re.sub(r"/tmp/ibd\w+", "RIG", " ".join(why.split()))[:300].replace("|", "/")
 
 
 def figures(row):

@@ -15,10 +15,16 @@ ROOT = HERE.parent.parent
 ROLES = ("plant", "outer", "inner", "mixer", "record")
 STAGES = ("outer", "inner", "mixer")
 PATIENCE_S = 90.0
+# What a launcher says last whose roles have not all come.
+WAITS = "plant.log says for which"
 
 
 class Wrong(Exception):
     """A trial did not come out as it is expected to."""
+
+
+class NotBegun(Exception):
+    """The flight did not get to fly, as on a machine that is too busy to start it: the fault was not tried."""
 
 
 class NotHere(Exception):
@@ -82,6 +88,8 @@ class Process:
         try:
             code = self.child.wait(patience_s)
         except subprocess.TimeoutExpired:
+            if self.said().rstrip().endswith(WAITS):
+                raise NotBegun(f"{self.said()[-200:]}") from None
             raise Wrong(f"does not end within {patience_s} s: {self.said()[-300:]}") from None
         return Ended(code, self.out.read_text(errors="replace"), self.said())
 
@@ -174,7 +182,12 @@ class Rig:
             asked = subprocess.run(self.command("params", "--json"), env=self.environment, capture_output=True,
                                    check=False)
             return asked.returncode == 0 and json.loads(asked.stdout)[0]["in_force"] is not None
-        wait_until("the flight to begin", flies, every_s=0.05)
+        try:
+            wait_until("the flight to begin", flies, every_s=0.05)
+        except Wrong as wrong:
+            if flight is None or not flight.is_running():
+                raise
+            raise NotBegun(str(wrong)) from None
         return flight
 
     def take_off(self, *words, **options):
