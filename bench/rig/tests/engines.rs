@@ -124,6 +124,9 @@ impl Slurm {
 
 impl Drop for Slurm {
     fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("{}", fs::read_to_string(self.0.join("slurmctld.log")).unwrap_or_default());
+        }
         let _ = Command::new(script("slurm")).arg("stop").arg(&self.0).stdin(Stdio::null()).output();
     }
 }
