@@ -7,6 +7,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use crate::rig::{Rig, Running, lacks_tool, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
@@ -124,6 +126,9 @@ impl Slurm {
 
 impl Drop for Slurm {
     fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("{}", fs::read_to_string(self.0.join("slurmctld.log")).unwrap_or_default());
+        }
         let _ = Command::new(script("slurm")).arg("stop").arg(&self.0).stdin(Stdio::null()).output();
     }
 }
@@ -134,7 +139,7 @@ fn slurm_loses_a_shard_and_its_node_and_the_rows_are_the_same() {
     let rig = Rig::new("slurm");
     let Some(slurm) = Slurm::start(&rig) else { return };
     let out = rig.file("rows");
-    let submitted = submit(&rig, "slurm", &out, &slurm.environment());
+    let mut submitted = submit(&rig, "slurm", &out, &slurm.environment());
     // A shard is killed; then the node's daemon with all that flies there, as by a power cut, and it comes back.
     let killed = wait_until("a shard", || shard(&out));
     let _ = kill_process(killed, Signal::KILL);
@@ -142,6 +147,11 @@ fn slurm_loses_a_shard_and_its_node_and_the_rows_are_the_same() {
     wait_until("another shard", || shard(&out).filter(|pid| *pid != killed));
     slurm.does("kill");
     slurm.does("node");
+    // Slurm takes its time to see what it has lost.
+    let until = Instant::now() + Duration::from_secs(300);
+    while submitted.is_running() && Instant::now() < until {
+        sleep(Duration::from_millis(200));
+    }
     let ended = submitted.end().expect(0).complains("round 1: 12 of 12 shards: 1-12");
     ended.complains("all 12 shards are there").says("shards: 48 flights, each by 2 arms");
     assert_same(&rig, &out);
