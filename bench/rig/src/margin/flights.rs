@@ -16,7 +16,7 @@ use crate::simulate;
 use failure::{Failure, INTERRUPTED};
 
 /// Ticks before a fault at which its flight branches off: inputs that look back need so many.
-const LEAD_TICKS: u64 = LONGEST_DELAY as u64 + 4;
+const LEAD_TICKS: u64 = LONGEST_DELAY + 4;
 
 /// What came of a flight.
 #[derive(Clone, Debug)]
