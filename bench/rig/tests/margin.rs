@@ -225,3 +225,16 @@ fn an_interruption_ends_it_and_leaves_no_table() {
     let tables = fs::read_dir(rig.out().join("margins")).unwrap().count();
     assert_eq!(tables, 0);
 }
+
+#[test]
+fn the_document_says_what_was_measured() {
+    let ours = |path: &str| {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(path);
+        fs::read_to_string(path).unwrap()
+    };
+    let (document, measured) = (ours("docs/margins.md"), ours("docs/margins.txt"));
+    assert!(measured.lines().count() > 40, "{measured}");
+    for line in measured.lines() {
+        assert!(document.contains(line.trim_end()), "docs/margins.md does not say: {line}");
+    }
+}

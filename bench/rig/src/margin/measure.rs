@@ -23,9 +23,6 @@ const LENGTHS: [u64; 6] = [2, 5, 10, 20, 50, 100];
 /// The most ticks of lateness that a fault can have.
 const MOST_TICKS: u64 = LONGEST_DELAY;
 
-/// The most that is borne [ticks or %], and what was flown to find it.
-type Bound = (u64, Vec<Point>);
-
 /// What is measured.
 #[derive(Clone, Debug)]
 pub struct Task<'a> {
@@ -41,13 +38,16 @@ pub struct Task<'a> {
     pub tick_ns: u64,
 }
 
+/// How far a fault was borne as it grew, and what was flown on the way.
+type Climb = (u64, Vec<Point>);
+
 /// What one phase bears, by target; what takes more flights is empty where the phase is not one of the sparse ones.
 #[derive(Clone, Debug)]
 pub struct OfPhase {
     outages: Vec<(u64, Vec<(u64, bool)>)>,
-    lags: Vec<Bound>,
-    delays: Vec<Bound>,
-    losses: Vec<Bound>,
+    lags: Vec<Climb>,
+    delays: Vec<Climb>,
+    losses: Vec<Climb>,
     /// For each of [`LENGTHS`].
     patterns: Vec<Vec<u64>>,
     flights: u64,
@@ -102,7 +102,7 @@ impl Task<'_> {
                 .collect(),
         });
         let sparse: Vec<&OfPhase> = phases.iter().filter(|phase| !phase.patterns.is_empty()).collect();
-        let steady = |of: fn(&OfPhase) -> &[Bound]| -> Vec<SteadyMargin> {
+        let steady = |of: fn(&OfPhase) -> &[Climb]| -> Vec<SteadyMargin> {
             let margin = |(i, port): (usize, Port)| {
                 let ticks = sparse.iter().map(|phase| of(phase)[i].0).min().unwrap_or(0);
                 let points = merged(sparse.iter().map(|phase| of(phase)[i].1.as_slice()));
@@ -192,7 +192,7 @@ impl Phase<'_> {
         Ok((survived, Point { at, flights: 1, survived: u64::from(survived), error_m: flown.error_m() }))
     }
 
-    fn steady(&self, port: Port, word: &str) -> Result<Bound, Failure> {
+    fn steady(&self, port: Port, word: &str) -> Result<Climb, Failure> {
         let mut points = Vec::new();
         let all = climbed(1..=MOST_TICKS, MISSES, |ticks| {
             let (survived, point) = self.under(&format!("{port}.{word}={ticks}"), ticks as f64)?;
@@ -203,7 +203,7 @@ impl Phase<'_> {
     }
 
     /// The largest share of losses in percent.
-    fn loss(&self, port: Port) -> Result<Bound, Failure> {
+    fn loss(&self, port: Port) -> Result<Climb, Failure> {
         let lose = |percent: u64| {
             let share = percent as f64 / 100.0;
             self.under(&format!("{port}.drop={share}"), share)
