@@ -44,7 +44,9 @@ pub fn run(
     let mut terminal = ratatui::try_init()
         .map_err(|e| Failure::failed(format!("cannot use the terminal: {e}")).help("ironbird watch --plain"))?;
     let outcome = show(&mut terminal, model, feed, &Outside { instance, launcher, stop });
-    let restored = ratatui::try_restore();
+    let restored = terminal.show_cursor().and_then(|()| ratatui::try_restore());
+    // Dropped, it would try once more, print why it cannot, and panic where there is no terminal to print to.
+    std::mem::forget(terminal);
     // What a terminal refuses that is being closed is no failure.
     if stop.load(Ordering::Relaxed) || is_closed() {
         return Ok(INTERRUPTED);
