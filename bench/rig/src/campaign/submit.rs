@@ -133,7 +133,8 @@ impl Submitted<'_> {
                 break None;
             }
             waited.retain(|(chunk, before)| {
-                let is_new = self.written(*chunk) != *before;
+                let now = self.written(*chunk);
+                let is_new = now.is_some() && now != *before;
                 flown += if is_new { rows(*chunk) } else { 0 };
                 !is_new
             });
