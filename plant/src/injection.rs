@@ -1,7 +1,9 @@
 //! What goes wrong in the loop: what was planned, what was injected in flight, and the board of the latter.
 
+use model::fault::acts::Acts;
 use model::fault::live::{LIVE, LiveBoard, LiveFault, LoopFaults, NOTICE_TICKS};
-use model::fault::{MessageFaults, Span};
+use model::fault::{MessageFaults, NotTaken, Span};
+use model::messages::RotorSpeeds;
 use model::role::Role;
 use wire::clock::busy_wait;
 use wire::error::Error;
@@ -14,12 +16,15 @@ use crate::plant::Plant;
 #[allow(missing_debug_implementations, reason = "the middleware's handle has none")]
 pub struct Injection {
     faults: LoopFaults,
+    acts: Acts,
     live: LiveBoard,
     board: Board<LiveBoard>,
     /// Whether the plant itself is late in some tick.
     is_late: bool,
     /// How much longer than in flight a tick takes on the clock.
     pub slowdown: u64,
+    /// The last tick of the flight: nothing strikes behind it.
+    pub last_tick: u64,
 }
 
 impl Injection {
@@ -27,15 +32,16 @@ impl Injection {
     ///
     /// # Errors
     /// Those of the board.
-    pub fn none(wire: &Wire, seed: u64) -> Result<Self, Error> {
+    pub fn none(wire: &Wire, seed: u64, sample_time_ns: u64) -> Result<Self, Error> {
         let (board, live) = (wire.board(LIVE)?, LiveBoard::default());
         board.put(live);
-        Ok(Self { faults: LoopFaults::none(seed), live, board, is_late: false, slowdown: 1 })
+        let (faults, acts) = (LoopFaults::none(seed), Acts::none(sample_time_ns));
+        Ok(Self { faults, acts, live, board, is_late: false, slowdown: 1, last_tick: u64::MAX })
     }
 
     /// Takes what was planned.
-    pub fn plan(&mut self, faults: &LoopFaults) {
-        self.faults = *faults;
+    pub fn plan(&mut self, faults: &LoopFaults, acts: &Acts) {
+        (self.faults, self.acts) = (*faults, *acts);
         self.is_late = !faults.late.of(Role::Plant).is_empty();
     }
 
@@ -46,21 +52,25 @@ impl Injection {
     }
 
     /// Takes an order in, at a tick of which nothing has been published: whoever hears of it finds this on the board.
-    /// Says what became of it.
+    /// Says what became of it. `newest` is the plant's newest command, where one has come.
     #[cold]
-    pub fn strike(&mut self, order: &FaultRequest, tick: u64, plant: &mut Plant) -> Event {
+    pub fn strike(&mut self, order: &FaultRequest, tick: u64, plant: &mut Plant, newest: Option<RotorSpeeds>) -> Event {
         let asked = order.tick.unwrap_or_else(|| tick.saturating_add(order.in_ticks));
         let from = asked.max(tick.saturating_add(NOTICE_TICKS));
         let (ticket, span) = (order.ticket, Span { from, to: from.saturating_add(order.for_ticks) });
-        let (mut faults, mut live) = (self.faults, self.live);
+        if from > self.last_tick {
+            return Event::NotTaken { ticket, which: 0, reason: NotTaken::AfterTheEnd };
+        }
+        let (mut faults, mut acts, mut live) = (self.faults, self.acts, self.live);
         for (which, fault) in order.faults.iter().enumerate() {
             let fault = LiveFault { span: fault.span_from(span), ..*fault };
-            if let Err(reason) = faults.take(&fault).and_then(|()| live.push(&fault)) {
+            let taken = faults.take(&fault).and_then(|()| acts.take(&fault)).and_then(|()| live.push(&fault));
+            if let Err(reason) = taken {
                 return Event::NotTaken { ticket, which, reason };
             }
         }
-        self.plan(&faults);
-        plant.change_faults(&faults.messages);
+        self.plan(&faults, &acts);
+        plant.change_faults(&faults.messages, newest);
         self.live = live;
         self.board.put(live);
         Event::Strikes { ticket, span }

@@ -22,6 +22,7 @@ pub mod rotors;
 pub mod sensors;
 pub mod settings;
 pub mod swap;
+mod waking;
 
 pub use crate::departure::{Crash, Departure};
 pub use crate::ground::Ground;

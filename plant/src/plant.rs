@@ -8,13 +8,13 @@
 //! This file owns the order of these steps. The steps themselves are [`crate::swap`], [`crate::ramp`], [`crate::latch`],
 //! [`crate::command_delay`], [`crate::rotors`], [`crate::integrator`] and [`crate::sensors`].
 
+mod struck;
+
 use std::f64::consts::PI;
 
 use model::attitude::Attitude;
 use model::fault::gate::{Gate, Passed};
-use model::fault::{MessageFaults, Port};
 use model::guards::{Guard, is_on};
-use model::inspection::Rejections;
 use model::measured::Measured;
 use model::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds, State, Truth};
 use model::parameters::Airframe;
@@ -115,32 +115,6 @@ impl Plant {
             ticks_skipped: 0,
             parameter_epoch: 0,
         }
-    }
-
-    /// Puts faults of the commands that it is handed before it.
-    pub fn gate(&mut self, gate: Option<Gate<RotorSpeeds>>) {
-        self.is_struck = gate.is_some();
-        self.gate = gate.map(Box::new);
-    }
-
-    /// The same of faults that may change in flight.
-    pub fn gate_by(&mut self, faults: &MessageFaults) {
-        self.gate(Some(Gate::changing(faults, Port::PlantRotorSpeeds)));
-        self.is_struck = faults.of(Port::PlantRotorSpeeds).next().is_some();
-    }
-
-    /// Takes the faults of its commands as they are from now on, without an allocation.
-    pub fn change_faults(&mut self, faults: &MessageFaults) {
-        if let Some(gate) = &mut self.gate {
-            gate.change(faults, Port::PlantRotorSpeeds);
-            self.is_struck |= faults.of(Port::PlantRotorSpeeds).next().is_some();
-        }
-    }
-
-    /// Commands that were refused for what a fault had made of them.
-    #[must_use]
-    pub fn rejections(&self) -> Rejections {
-        self.gate.as_ref().map(|gate| *gate.rejections()).unwrap_or_default()
     }
 
     /// Hands over a rotor command. It is in force from `effective_tick` on at the earliest, and never before the tick

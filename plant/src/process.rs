@@ -9,6 +9,7 @@ use std::thread;
 use heapless::spsc::{Consumer, Producer, Queue};
 use model::boards::{Ending, IN_FORCE, InForce, Run, RunPhase};
 use model::envelope::{Envelope, Stamps};
+use model::fault::acts::Acts;
 use model::fault::live::LoopFaults;
 use model::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
 use model::grid::{Grid, Pace};
@@ -18,7 +19,7 @@ use role::farewell::say_landed;
 use role::lead::LeadInForce;
 use role::rt::UsageMeter;
 use role::station::{Opened, Station};
-use wire::clock::{Horizon as _, now_ns, sleep_until};
+use wire::clock::{Horizon as _, now_ns};
 use wire::error::Error;
 use wire::{Board, DEEP, Doorbell, Receiver, Sender, Wire};
 
@@ -29,6 +30,8 @@ use crate::latch::pending_commands;
 use crate::plant::Plant;
 use crate::settings::PlantSettings;
 use crate::swap::Swap;
+pub use crate::waking::Waking;
+use crate::waking::wait_until;
 
 /// In lockstep, how far the recorder may fall behind: half of what its ports keep.
 const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
@@ -44,7 +47,7 @@ pub fn run(
     settings: &PlantSettings,
     plan: FlightPlan,
     faults: &[Swap],
-    planned: &LoopFaults,
+    planned: (&LoopFaults, &Acts),
 ) -> Result<(), Error> {
     let mut inbox = Queue::<Request, INBOX>::new();
     let mut outbox = Queue::<Event, OUTBOX>::new();
@@ -99,7 +102,7 @@ impl<'a> PlantProcess<'a> {
         orders: Consumer<'a, Request>,
         events: Producer<'a, Event>,
     ) -> Result<Self, Error> {
-        let injection = Injection::none(wire, settings.seed)?;
+        let injection = Injection::none(wire, settings.seed, (settings.period_s * 1e9).round() as u64)?;
         let mut plant = Plant::new(settings);
         plant.gate_by(injection.messages());
         for fault in faults {
@@ -126,9 +129,9 @@ impl<'a> PlantProcess<'a> {
     }
 
     /// Takes what is planned to go wrong with messages and stages.
-    pub fn planned(&mut self, faults: &LoopFaults) {
-        self.injection.plan(faults);
-        self.plant.change_faults(&faults.messages);
+    pub fn planned(&mut self, (faults, acts): (&LoopFaults, &Acts)) {
+        self.injection.plan(faults, acts);
+        self.plant.change_faults(&faults.messages, None);
     }
 
     /// Connects the ports to those of the other roles.
@@ -147,6 +150,7 @@ impl<'a> PlantProcess<'a> {
         open_desk: &mpsc::Sender<(model::inspection::Expected, u64)>,
     ) -> Result<(), Error> {
         self.injection.slowdown = plan.wall_period_ns / plan.sample_time_ns.max(1);
+        self.injection.last_tick = plan.last_tick;
         let mut opened = station.open_run(plan, |expected, epoch| self.arm(expected, epoch))?;
         // A desk that has ended on an error takes no run number; its error comes with its end.
         let _ = open_desk.send((opened.expected, station.status.epoch));
@@ -236,8 +240,9 @@ impl<'a> PlantProcess<'a> {
             match order {
                 Request::Swap(order) => self.schedule(order, tick),
                 Request::Faults(order) => {
+                    let newest = self.commands.has_any().then(|| self.commands.newest().content);
                     // The outbox holds more events than orders can be under way.
-                    let _ = self.events.enqueue(self.injection.strike(&order, tick, &mut self.plant));
+                    let _ = self.events.enqueue(self.injection.strike(&order, tick, &mut self.plant, newest));
                 }
             }
         }
@@ -369,17 +374,6 @@ impl<'a> PlantProcess<'a> {
     }
 }
 
-/// How the plant woke for a tick.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Waking {
-    /// When it began the tick [ns].
-    pub wake_ns: u64,
-    /// How far ahead of the tick its timer was to be set [ns].
-    pub lead_ns: u64,
-    /// How late the kernel woke it, after the instant that its timer was set to [ns].
-    pub timer_late_ns: u64,
-}
-
 /// What came of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantTick {
@@ -387,15 +381,4 @@ pub struct PlantTick {
     pub state: State,
     /// Whether the model covers it.
     pub envelope: Result<(), Departure>,
-}
-
-/// Sleeps until an instant, through signals; gives when it woke.
-fn wait_until(instant_ns: u64) -> u64 {
-    loop {
-        sleep_until(instant_ns);
-        let now = now_ns();
-        if now >= instant_ns {
-            return now;
-        }
-    }
 }

@@ -17,8 +17,8 @@ pub const POINTS: &str = "trajectory.csv";
 pub const LAWS: &str = "laws";
 /// Name of the record with the faults of messages, by number, with their ticks; there is none without faults.
 pub const FAULTS: &str = "faults";
-/// Name of the record with the faults that were injected in flight, by number, in the words that plan the same; it
-/// stands before [`LANDING`], and there is none without such faults.
+/// Name of the record with the faults that were injected in flight, by number, in the words that plan the same. Each
+/// time there were more it is written again, with all of them; the last one counts. There is none without such faults.
 pub const INJECTED: &str = "faults_injected";
 /// Name of the record with the machine.
 pub const HOST: &str = "host";

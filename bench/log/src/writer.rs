@@ -64,6 +64,10 @@ pub struct FlightLog {
     /// Not in the files that were removed either.
     dropped: Counts,
     refused: Option<String>,
+    /// What was injected so far.
+    injected: Record,
+    /// Whether the present file has that.
+    has_injected: bool,
 }
 
 impl FlightLog {
@@ -85,6 +89,8 @@ impl FlightLog {
             removed: [0; TOPICS.len()],
             dropped: [0; TOPICS.len()],
             refused: None,
+            injected: Record::new(),
+            has_injected: true,
         })
     }
 
@@ -107,6 +113,10 @@ impl FlightLog {
             self.closed.push_back(closed.fate());
             self.refused = self.refused.take().or_else(|| closed.refused());
         }
+        // Between two chunks: nothing is half compressed. Whoever kills this process leaves it in the file.
+        if is_handed_over {
+            self.tell_file()?;
+        }
         // While the disk has not taken the file before, it is not asked to take another one.
         if is_handed_over && self.file.length() >= self.facts.plan.file_bytes && self.closing.is_none() {
             self.begin_next_file()?;
@@ -127,6 +137,8 @@ impl FlightLog {
         before.close(landing).map_err(broken)?;
         self.closing = Some(before);
         self.part = next;
+        // The files before may be removed.
+        self.has_injected = self.injected.is_empty();
         if removed.is_some() {
             let removed = self.closed.pop_front().unwrap_or_default();
             add(&mut self.removed, removed.written);
@@ -166,12 +178,18 @@ impl FlightLog {
         TOPICS.iter().zip(all).map(|(topic, count)| (format!("messages.{topic}"), count.to_string())).collect()
     }
 
-    /// Takes what was injected into the flight, when it is over; to be called before [`Self::finish`].
-    ///
-    /// # Errors
-    /// As [`Self::keep`].
-    pub fn tell_injected(&mut self, injected: Record) -> Result<(), Failure> {
-        if injected.is_empty() { Ok(()) } else { self.file.tell(INJECTED, injected).map_err(broken) }
+    /// Takes what was injected into the flight so far; the file has it with its next chunk.
+    pub fn tell_injected(&mut self, injected: Record) {
+        self.has_injected = injected.is_empty();
+        self.injected = injected;
+    }
+
+    fn tell_file(&mut self) -> Result<(), Failure> {
+        if self.has_injected {
+            return Ok(());
+        }
+        self.has_injected = true;
+        self.file.tell(INJECTED, self.injected.clone()).map_err(broken)
     }
 
     /// Ends the log with its last facts and its index; says what became of the messages.
@@ -179,6 +197,7 @@ impl FlightLog {
     /// # Errors
     /// As [`Self::keep`].
     pub fn finish(mut self, mut last_facts: Record) -> Result<Fate, Failure> {
+        self.tell_file()?;
         let Self { excerpt, file, .. } = &mut self;
         if let Some(excerpt) = excerpt {
             excerpt.finish(|entry| file.take(entry));

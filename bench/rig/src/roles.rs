@@ -54,7 +54,7 @@ fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure>
                 sample_time_ns: settings.sample_time_ns(),
                 wall_period_ns: settings.wall_period_ns(),
             };
-            plant::process::run(station, &settings.plant()?, plan, &faults.swaps, &faults.loops)?;
+            plant::process::run(station, &settings.plant()?, plan, &faults.swaps, (&faults.loops, &faults.table))?;
         }
         Role::Outer => {
             shell::outer(station, settings.outer_stage()?, settings.flight.position_error_max_m, &flight)?;

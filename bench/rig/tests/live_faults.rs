@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use crate::rig::Rig;
+use crate::rig::{Rig, send, wait_until};
 use flight_log::injected::injected;
 use model::fault::MOST;
 use rustix::process::Signal;
@@ -130,6 +130,55 @@ fn an_instant_is_kept_where_it_is_far_enough_and_else_the_answer_says_so() {
     flight.signal(Signal::INT);
     flight.end();
     rig.assert_nothing_left();
+}
+
+#[test]
+fn a_late_stage_and_one_that_is_restarted_are_replayed_with_the_faults_that_were_injected() {
+    let rig = Rig::new("late-stage");
+    let config = rig
+        .settings("[flight]\nslowdown = 4\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n");
+    let options = ["--rt", "off", "--config", &config, "--duration", "3s", "--trajectory", "hover"];
+    // Every second tick alone is worked.
+    let late = ["--fault", "inner.late=1200us@200ms..2500ms", "--on-death", "restart"];
+    let flight = rig.take_off(&[&options[..], &late].concat());
+    rig.run("inject", &["inner.state.lag=3,inner.setpoint.delay=2,inner.setpoint.freeze", "--for", "1s"]).expect(0);
+    rig.run("inject", &["inner.state.position_w_m.z.bias=0.01"]).expect(0);
+    rig.run("inject", &["mixer.kill", "--at-tick", "2700"]).expect(0);
+    let refused = rig.run("inject", &["mixer.stop=20ms", "--at-tick", "2750"]).expect(1);
+    assert!(refused.stderr.contains("the plant refused: mixer.stop is given for these ticks already"), "{refused}");
+    let refused = rig.run("inject", &["cpu.load=off"]).expect(1);
+    assert!(refused.stderr.contains("cpu.load=off: it does not strike then or later"), "{refused}");
+    let refused = rig.run("inject", &["state.drop=0.1", "--at-tick", "3000", "--for", "1ms"]);
+    refused.expect(0);
+    flight.end().expect(0);
+    let skipped = rig.report()["roles"]["inner"]["ticks_skipped"].as_u64().unwrap();
+    assert!(skipped > 800, "{skipped}");
+    rig.run("replay", &["--verify"]).expect(0).says("identical");
+}
+
+#[test]
+fn what_was_injected_is_in_the_log_of_a_recorder_that_was_killed() {
+    let rig = Rig::new("no-landing");
+    let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(2), "--duration", "60s"]);
+    let said = rig.run("inject", &["state.drop=0.2", "--for", "10ms"]).expect(0).stdout;
+    let tick = from_tick(&said);
+    let directory = fs::read_dir(rig.out()).unwrap().map(|it| it.unwrap().path()).find(|it| it.is_dir()).unwrap();
+    let log = directory.join("flight.mcap");
+    let told = wait_until("the log to have the fault", || injected(&log).ok().filter(|faults| !faults.is_empty()));
+    assert_eq!(told, [format!("state.drop=0.2@tick{tick}..tick{}", tick + 10)]);
+    send(rig.processes_of("record")[0], Signal::KILL);
+    flight.signal(Signal::INT);
+    flight.end();
+    assert_eq!(injected(&log).unwrap(), told);
+}
+
+#[test]
+fn nothing_is_taken_that_would_strike_behind_the_flight() {
+    let rig = Rig::new("behind");
+    let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(100), "--duration", "60ms"]);
+    let refused = rig.run("inject", &["state.drop=0.1"]).expect(1);
+    assert!(refused.stderr.contains("state.drop never strikes: the flight ends before"), "{refused}");
+    flight.end();
 }
 
 #[test]

@@ -1,10 +1,8 @@
 //! A tick of a role allocates once, faults no page, and says what the flight in one process says.
 //!
-//! The four roles stand on real ports of one instance in one thread and are ticked by hand, with everything that
-//! their shells do in a tick: wait at the doorbell, take, step, publish, ring, write the status. The one
-//! allocation is the middleware's loan. The grid begins in an hour, so that every command is in time however slow
-//! the machine is.
-
+//! The four roles stand on real ports of one instance in one thread and are ticked by hand, with everything that their
+//! shells do in a tick: wait at the doorbell, take, step, publish, ring, write the status. The one allocation is the
+//! middleware's loan. The grid begins in an hour, so that every command is in time however slow the machine is.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use std::sync::{Mutex, MutexGuard, mpsc};
@@ -268,7 +266,6 @@ fn fly_and_count(with_recorder: bool, rehearsals: u64) {
     let mut recorder = with_recorder.then(|| Recorder::new(&wire));
     let mut crew = Crew::new(&wire, orders_out, events_in);
     crew.arm(&wire);
-
     let mut orders: Vec<(u64, Request)> = swaps().map(|(before, order)| (before, Request::Swap(order))).into();
     orders.extend(faults());
     orders.sort_by_key(|(before, _)| std::cmp::Reverse(*before));

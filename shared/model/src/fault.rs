@@ -4,6 +4,7 @@
 //! was made for. It is therefore the same fault in processes, in one process and in replay, at any pace. Faults of
 //! parameters go another way: they are swaps of the plant.
 
+pub mod acts;
 pub mod fields;
 pub mod gate;
 pub mod inlet;
@@ -23,6 +24,9 @@ pub const MOST: usize = 32;
 
 /// The most ticks by which a message is delayed, or its content lags: the commands that can wait at the plant are 64.
 pub const LONGEST_DELAY: u64 = 60;
+
+/// Messages of the longest pattern of losses.
+pub const LONGEST_PATTERN: u64 = 1_000_000;
 
 /// An input of a stage: where faults of messages strike.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -143,6 +147,19 @@ impl Kind {
         }
     }
 
+    /// Whether its numbers are ones that a fault may have.
+    #[must_use]
+    pub fn is_possible(self) -> bool {
+        match self {
+            Self::Drop(share) => is_share(share),
+            Self::DropEach { lost, of } => 1 <= lost && lost <= of && of <= LONGEST_PATTERN,
+            Self::Delay(ticks) | Self::Lag(ticks) => (1..=LONGEST_DELAY).contains(&ticks),
+            Self::Noise(_, deviation) => deviation.is_finite() && deviation > 0.0,
+            Self::Bias(_, more) => more.is_finite() && more != 0.0,
+            Self::Freeze | Self::Nan(_) => true,
+        }
+    }
+
     /// The number that it strikes, where it is not the whole message.
     #[must_use]
     pub const fn place(self) -> Option<Place> {
@@ -151,6 +168,12 @@ impl Kind {
             _ => None,
         }
     }
+}
+
+/// Whether a number is a share of something, and not of nothing.
+#[must_use]
+pub fn is_share(number: f64) -> bool {
+    number > 0.0 && number <= 1.0
 }
 
 /// Ticks from the first to the one before `to`.
@@ -291,9 +314,11 @@ pub enum NotTaken {
     Contradiction = 2,
     /// There is none that could be ended.
     NothingToEnd = 3,
+    /// The flight is over before it.
+    AfterTheEnd = 4,
 }
 
-from_wire!(NotTaken { NoRoom, Contradiction, NothingToEnd });
+from_wire!(NotTaken { NoRoom, Contradiction, NothingToEnd, AfterTheEnd });
 
 impl fmt::Display for Port {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

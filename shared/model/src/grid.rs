@@ -15,10 +15,10 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// When a tick begins [ns].
+    /// When a tick begins [ns]; the end of time where it is further than that.
     #[must_use]
     pub const fn begin_of(&self, tick: u64) -> u64 {
-        self.t0_ns + tick * self.period_ns
+        self.t0_ns.saturating_add(tick.saturating_mul(self.period_ns))
     }
 
     /// The tick that an instant lies in; 0 before the first has begun.

@@ -4,20 +4,22 @@
 //! its output. The first input is the one that wakes the stage. The envelope passes from the input to the output.
 
 mod inputs;
+mod troubles;
 
 use law::stage::{InnerStage, MixerStage, OuterStage};
 use model::boards::Ending;
 use model::envelope::{Envelope, Stamps};
-use model::fault::live::{LIVE, LiveBoard, LoopFaults};
+use model::fault::live::LoopFaults;
 use model::inspection::{Expected, Rejections};
 use model::messages::{Dated, RotorSpeeds, Setpoint, State, Wrench};
 use model::role::Role;
 use model::topic::Topic;
 use wire::clock::{Horizon, busy_wait};
 use wire::error::Error;
-use wire::{BoardReader, Sender, Wire};
+use wire::{Sender, Wire};
 
 pub use self::inputs::{Input, Inputs};
+pub use self::troubles::Troubles;
 use crate::stage::{self, Stage, TickOutcome, Turn};
 use crate::station::Station;
 
@@ -70,15 +72,8 @@ pub struct Shell<J: Job> {
     output: Sender<J::Output>,
     /// Whether the next stage is told of a tick without an output: in lockstep nothing else tells it.
     tells_silence: bool,
-    /// The faults that were planned.
-    planned: LoopFaults,
-    /// Those and what was injected since.
-    faults: LoopFaults,
-    /// Whether this stage is late in some tick.
-    is_late: bool,
+    troubles: Troubles,
     slowdown: u64,
-    /// The plant's board of what was injected.
-    live: Option<BoardReader<LiveBoard>>,
 }
 
 impl<J: Job> Shell<J> {
@@ -97,39 +92,17 @@ impl<J: Job> Shell<J> {
     pub fn of_flight(wire: &Wire, job: J, wakes: Option<Role>, flight: &Flight) -> Result<Self, Error> {
         let bell = wakes.map(|role| wire.bell(role)).transpose()?;
         let inputs = J::Inputs::new(wire, J::ROLE, &flight.faults.messages)?;
-        let (tells_silence, planned, output) = (flight.lockstep, flight.faults, wire.sender(bell)?);
-        let is_late = !planned.late.of(J::ROLE).is_empty();
-        Ok(Self {
-            job,
-            inputs,
-            output,
-            tells_silence,
-            planned,
-            faults: planned,
-            is_late,
-            slowdown: flight.slowdown,
-            live: None,
-        })
-    }
-
-    /// Takes what was injected into the flight since the last look.
-    fn look_for_faults(&mut self) {
-        let Some(news) = self.live.as_mut().and_then(BoardReader::news) else { return };
-        self.take_faults(&news);
+        let (tells_silence, output) = (flight.lockstep, wire.sender(bell)?);
+        let troubles = Troubles::planned(J::ROLE, flight.faults);
+        Ok(Self { job, inputs, output, tells_silence, troubles, slowdown: flight.slowdown })
     }
 
     /// Computes for as much longer as a fault says.
     fn be_late(&self, tick: u64) {
-        if self.is_late {
-            busy_wait(self.slowdown.saturating_mul(self.faults.late.late_ns(J::ROLE, tick)));
+        let late_ns = self.troubles.late_ns(tick);
+        if late_ns > 0 {
+            busy_wait(self.slowdown.saturating_mul(late_ns));
         }
-    }
-
-    #[cold]
-    fn take_faults(&mut self, live: &LiveBoard) {
-        self.faults = self.planned.with(live);
-        self.is_late = !self.faults.late.of(J::ROLE).is_empty();
-        self.inputs.change(&self.faults.messages);
     }
 }
 
@@ -137,19 +110,16 @@ impl<J: Job> Stage for Shell<J> {
     const ROLE: Role = J::ROLE;
 
     fn arm(&mut self, wire: &Wire, expected: Expected, epoch: u64) -> Result<(), Error> {
-        self.live = wire.board_reader(LIVE)?;
-        // What was injected before a process came that joins a flight.
-        if let Some(live) = self.live.as_ref().map(BoardReader::get) {
-            self.take_faults(&live);
-        }
+        self.troubles.arm(wire)?;
         self.inputs.arm(expected)?;
         self.output.arm(expected, epoch)
     }
 
     fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
-        // Before the ports: what a message of this tick meets was on the board when it was sent.
-        self.look_for_faults();
-        self.inputs.take(horizon)
+        let tick = self.inputs.take(horizon, &mut self.troubles)?;
+        // Also where nothing has come: a stage may be late in a tick without a message.
+        self.troubles.version();
+        Ok(tick)
     }
 
     fn tick(&mut self, turn: &Turn, end: &mut dyn FnMut(Ending)) -> Result<TickOutcome, Error> {

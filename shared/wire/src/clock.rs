@@ -26,7 +26,7 @@ pub fn sleep_until(instant_ns: u64) -> bool {
 
 /// Keeps the processor busy for a time [ns], without a system call that could give it away.
 pub fn busy_wait(ns: u64) {
-    let until_ns = now_ns() + ns;
+    let until_ns = now_ns().saturating_add(ns);
     while now_ns() < until_ns {
         std::hint::spin_loop();
     }

@@ -215,14 +215,26 @@ impl<C: Topic> Receiver<C> {
     /// # Errors
     /// [`Error::Wire`].
     pub fn drain(&mut self, horizon: impl Horizon, mut each: impl FnMut(&Message<C>)) -> Result<(), Error> {
+        self.drain_after(horizon, |_, message| each(message))
+    }
+
+    /// The same; `each` is also told what was the newest message before.
+    ///
+    /// # Errors
+    /// [`Error::Wire`].
+    pub fn drain_after(
+        &mut self,
+        horizon: impl Horizon,
+        mut each: impl FnMut(&Message<C>, &Message<C>),
+    ) -> Result<(), Error> {
         let failed = |e| Error::wire(format!("cannot receive from topic `{}`", C::NAME), e);
         while let Some(sample) = self.subscriber.receive().map_err(failed)? {
             let sealed = *sample.payload();
             let inspect = |message| self.inspector.inspect(message, horizon.latest_tick()).map(|()| message);
             match sealed.open().and_then(inspect) {
                 Ok(message) => {
+                    each(&self.newest, message);
                     self.newest = *message;
-                    each(message);
                 }
                 Err(reason) => self.rejections.count(reason),
             }

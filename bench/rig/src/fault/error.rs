@@ -1,5 +1,6 @@
 //! Why a fault was refused.
 
+use model::fault::live::{MOST_LIVE, NOTICE_TICKS};
 use model::fault::{MOST, Port};
 use model::parameters::{Parameter, ParameterError, did_you_mean};
 use model::role::Role;
@@ -61,6 +62,9 @@ pub enum FaultError {
     /// Nothing strikes that could be ended.
     #[error("{0}=off: it does not strike then or later")]
     NothingToEnd(String),
+    /// The flight is over before it.
+    #[error("{0} never strikes: the flight ends before, and all stages are told {NOTICE_TICKS} ticks ahead")]
+    AfterTheEnd(String),
     /// The plant cannot be started anew.
     #[error("plant.kill: a flight ends with its plant; plant.stop=20ms stops it for a while")]
     PlantKilled,
@@ -125,7 +129,9 @@ pub enum FaultError {
         second: u64,
     },
     /// The table is full.
-    #[error("there are more than {MOST} faults of messages, counted by input: leave some out")]
+    #[error(
+        "there are more than {MOST} faults of messages, counted by input, or more than {MOST_LIVE} of processes: leave some out"
+    )]
     TooMany,
     /// The parameter is unknown or its value out of range.
     #[error(transparent)]
@@ -145,6 +151,7 @@ impl FaultError {
             | Self::Processor(_)
             | Self::NotLasting(_)
             | Self::NothingToEnd(_)
+            | Self::AfterTheEnd(_)
             | Self::PlantKilled
             | Self::TakesNoValue(_)
             | Self::Value { .. }

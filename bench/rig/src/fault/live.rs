@@ -19,10 +19,10 @@ impl Change {
             Self::Parameter(_) => Vec::new(),
             Self::Messages(messages) => of_messages(messages, false),
             Self::Stage(stage) => vec![(of_stage(stage), false)],
-            Self::Processor(processor) => vec![(of_processor(*processor), false)],
+            Self::Processor(processor) => vec![(processor.trouble(), false)],
             Self::Off(Lasting::Messages(messages)) => of_messages(messages, true),
             Self::Off(Lasting::Stage(stage)) => vec![(of_stage(stage), true)],
-            Self::Off(Lasting::Processor(processor)) => vec![(of_processor(*processor), true)],
+            Self::Off(Lasting::Processor(processor)) => vec![(processor.trouble(), true)],
         }
     }
 
@@ -47,13 +47,6 @@ fn of_stage(stage: &StageChange) -> Trouble {
         StageKind::Late { least, most } => Trouble::Late { role, least_ns: ns(least), most_ns: ns(most) },
         StageKind::Stop(time) => Trouble::Stop { role, for_ns: ns(time) },
         StageKind::Kill => Trouble::Kill { role },
-    }
-}
-
-fn of_processor(processor: ProcessorChange) -> Trouble {
-    match processor {
-        ProcessorChange::Hog(priority) => Trouble::Hog { priority: u64::from(priority) },
-        ProcessorChange::Load(share) => Trouble::Load { share },
     }
 }
 

@@ -10,9 +10,6 @@ use model::role::STAGES;
 use crate::fault::words::unknown;
 use crate::fault::{FaultError, begin_of};
 
-/// Ticks of the longest pattern of losses.
-const LONGEST_PATTERN: u64 = 1_000_000;
-
 /// What is wrong with the messages of an input, or of all that a topic has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MessageChange {
@@ -81,15 +78,15 @@ impl MessageChange {
 
 /// What is wrong with whole messages.
 fn whole(what: &str, word: &str, value: Option<&str>) -> Result<Option<Kind>, FaultError> {
-    let ticks = |example: &str| {
-        let allowed = || format!("whole ticks from 1 to {LONGEST_DELAY}, as in {what}={example}");
-        let ticks = value.and_then(|value| value.parse().ok()).filter(|ticks| (1..=LONGEST_DELAY).contains(ticks));
-        ticks.ok_or_else(|| refused(what, value, allowed()))
+    let ticks = |kind: fn(u64) -> Kind| {
+        let allowed = || format!("whole ticks from 1 to {LONGEST_DELAY}, as in {what}=5");
+        let kind = value.and_then(|value| value.parse().ok()).map(kind).filter(|kind| kind.is_possible());
+        kind.ok_or_else(|| refused(what, value, allowed()))
     };
     Ok(Some(match word {
         "drop" => drop(what, value)?,
-        "delay" => Kind::Delay(ticks("5")?),
-        "lag" => Kind::Lag(ticks("5")?),
+        "delay" => ticks(Kind::Delay)?,
+        "lag" => ticks(Kind::Lag)?,
         "freeze" => without_value(what, value, Kind::Freeze)?,
         _ => return Ok(None),
     }))
@@ -98,14 +95,14 @@ fn whole(what: &str, word: &str, value: Option<&str>) -> Result<Option<Kind>, Fa
 /// What is wrong with numbers of messages.
 fn numbers(what: &str, place: Option<Place>, word: &str, value: Option<&str>) -> Result<Option<Kind>, FaultError> {
     let Some(place) = place else { return Ok(None) };
-    let number = |allowed: &str, is_allowed: fn(f64) -> bool| {
-        let number = value.and_then(|value| value.parse().ok()).filter(|number: &f64| number.is_finite());
-        let number = number.filter(|number| is_allowed(*number));
-        number.ok_or_else(|| refused(what, value, format!("{allowed} in the unit of the field, as in {what}=0.1")))
+    let number = |allowed: &str, kind: fn(Place, f64) -> Kind| {
+        let number = value.and_then(|value| value.parse().ok());
+        let kind = number.map(|number| kind(place, number)).filter(|kind| kind.is_possible());
+        kind.ok_or_else(|| refused(what, value, format!("{allowed} in the unit of the field, as in {what}=0.1")))
     };
     Ok(Some(match word {
-        "noise" => Kind::Noise(place, number("a standard deviation above 0", |number| number > 0.0)?),
-        "bias" => Kind::Bias(place, number("a number other than 0", |number| number != 0.0)?),
+        "noise" => number("a standard deviation above 0", Kind::Noise)?,
+        "bias" => number("a number other than 0", Kind::Bias)?,
         "nan" => without_value(what, value, Kind::Nan(place))?,
         _ => return Ok(None),
     }))
@@ -114,12 +111,12 @@ fn numbers(what: &str, place: Option<Place>, word: &str, value: Option<&str>) ->
 fn drop(what: &str, value: Option<&str>) -> Result<Kind, FaultError> {
     let pattern = |text: &str| {
         let (lost, of) = text.split_once('/')?;
-        let (lost, of) = (lost.trim().parse().ok()?, of.trim().parse().ok()?);
-        (1 <= lost && lost <= of && of <= LONGEST_PATTERN).then_some(Kind::DropEach { lost, of })
+        Some(Kind::DropEach { lost: lost.trim().parse().ok()?, of: of.trim().parse().ok()? })
     };
-    let share = |text: &str| text.parse().ok().filter(|share| *share > 0.0 && *share <= 1.0).map(Kind::Drop);
+    let share = |text: &str| text.parse().ok().map(Kind::Drop);
     let allowed = || format!("a share above 0 and up to 1, or n/m for the first n of each m, as in {what}=0.1 or 2/5");
-    value.and_then(|text| pattern(text).or_else(|| share(text))).ok_or_else(|| refused(what, value, allowed()))
+    let kind = value.and_then(|text| pattern(text).or_else(|| share(text))).filter(|kind| kind.is_possible());
+    kind.ok_or_else(|| refused(what, value, allowed()))
 }
 
 fn without_value(what: &str, value: Option<&str>, kind: Kind) -> Result<Kind, FaultError> {

@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use model::fault::acts::{Acts, RESTART_NS};
 use model::fault::live::{LiveFault, LoopFaults, Trouble};
 use model::fault::{NotTaken, Span, late};
 use model::parameters::Airframe;
@@ -13,9 +14,8 @@ use crate::fault::live::planned_again;
 use crate::fault::stage::{StageChange, StageKind};
 use crate::fault::{Change, Fault, FaultError, Lasting, typed};
 
-/// How long a stage that was killed takes until it works again: a launcher that lets nothing start anew within 50 ms, and
-/// a process that is ready well within as much again.
-pub const RESTART: Duration = Duration::from_millis(100);
+/// How long a stage that was killed takes until it works again.
+pub const RESTART: Duration = Duration::from_nanos(RESTART_NS);
 
 /// The faults of a flight, in ticks.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,6 +26,8 @@ pub struct Planned {
     pub loops: LoopFaults,
     /// What a launcher does to processes on the clock: stop, kill, keep the processor busy.
     pub acts: Vec<LiveFault>,
+    /// The same, and lateness, by the rules that hold in flight, too.
+    pub table: Acts,
     /// Those of stages, in simulated ticks.
     pub stages: Vec<StageFault>,
 }
@@ -83,8 +85,13 @@ impl Planned {
     /// # Errors
     /// [`FaultError`] of the first that cannot be, alone or beside the others.
     pub fn new(faults: &[Fault], period_s: f64, airframe: &Airframe, seed: u64) -> Result<Self, FaultError> {
-        let mut planned =
-            Self { swaps: Vec::new(), loops: LoopFaults::none(seed), acts: Vec::new(), stages: Vec::new() };
+        let mut planned = Self {
+            swaps: Vec::new(),
+            loops: LoopFaults::none(seed),
+            acts: Vec::new(),
+            table: Acts::none((period_s * 1e9).round() as u64),
+            stages: Vec::new(),
+        };
         for fault in faults {
             let span = fault.span(period_s)?;
             planned.swaps.extend(fault.swap(period_s, airframe)?);
@@ -101,14 +108,9 @@ impl Planned {
     }
 
     fn take(&mut self, fault: &LiveFault) -> Result<(), FaultError> {
-        self.loops.take(fault).map_err(|reason| refused(reason, fault))?;
+        let taken = self.loops.take(fault).and_then(|()| self.table.take(fault));
+        taken.map_err(|reason| refused(reason, fault))?;
         if !matches!(fault.trouble, Trouble::Messages { .. } | Trouble::Late { .. }) {
-            let is_on = |other: &LiveFault| {
-                !other.ends && other.trouble.is_like(&fault.trouble) && other.span.to > fault.span.from
-            };
-            if fault.ends && !self.acts.iter().any(is_on) {
-                return Err(refused(NotTaken::NothingToEnd, fault));
-            }
             self.acts.push(*fault);
         }
         Ok(())
@@ -159,6 +161,7 @@ pub(crate) fn refused(reason: NotTaken, fault: &LiveFault) -> FaultError {
     };
     match (reason, fault.trouble) {
         (NotTaken::NoRoom, _) => FaultError::TooMany,
+        (NotTaken::AfterTheEnd, _) => FaultError::AfterTheEnd(what()),
         (NotTaken::NothingToEnd, _) => FaultError::NothingToEnd(what()),
         (NotTaken::Contradiction, Trouble::Messages { port, kind }) => {
             FaultError::Contradiction { what: kind.name(), port }

@@ -1,6 +1,9 @@
 //! Faults of the loops' processor: `cpu.hog=90`, `cpu.load=0.5`.
 
 use std::fmt;
+use std::str::FromStr;
+
+use model::fault::live::{HIGHEST_PRIORITY, Trouble};
 
 use crate::fault::{FaultError, begin_of};
 
@@ -13,9 +16,6 @@ pub enum ProcessorChange {
     Load(f64),
 }
 
-/// The highest priority of SCHED_FIFO.
-const HIGHEST: u8 = 99;
-
 impl ProcessorChange {
     /// Reads a fault of the processor; nothing where it names none.
     ///
@@ -25,20 +25,22 @@ impl ProcessorChange {
         let text = value.unwrap_or_default();
         let refused = |allowed: String| FaultError::Value { what: what.to_owned(), value: begin_of(text), allowed };
         Ok(Some(match what {
-            "cpu.hog" => {
-                let priority = text.parse().ok().filter(|priority| (1..=HIGHEST).contains(priority));
-                Self::Hog(
-                    priority.ok_or_else(|| {
-                        refused(format!("a SCHED_FIFO priority from 1 to {HIGHEST}, as in cpu.hog=90"))
-                    })?,
-                )
-            }
-            "cpu.load" => {
-                let share = text.parse().ok().filter(|share| *share > 0.0 && *share <= 1.0);
-                Self::Load(share.ok_or_else(|| refused("a share above 0 and up to 1, as in cpu.load=0.5".into()))?)
-            }
+            "cpu.hog" => read(text, Self::Hog).ok_or_else(|| {
+                refused(format!("a SCHED_FIFO priority from 1 to {HIGHEST_PRIORITY}, as in cpu.hog=90"))
+            })?,
+            "cpu.load" => read(text, Self::Load)
+                .ok_or_else(|| refused("a share above 0 and up to 1, as in cpu.load=0.5".into()))?,
             _ => return Ok(None),
         }))
+    }
+
+    /// The same as processes have it.
+    #[must_use]
+    pub fn trouble(self) -> Trouble {
+        match self {
+            Self::Hog(priority) => Trouble::Hog { priority: u64::from(priority) },
+            Self::Load(share) => Trouble::Load { share },
+        }
     }
 
     /// What it is, without its value.
@@ -49,6 +51,11 @@ impl ProcessorChange {
             Self::Load(_) => "cpu.load",
         }
     }
+}
+
+/// A number that the fault may have.
+fn read<N: FromStr>(text: &str, of: fn(N) -> ProcessorChange) -> Option<ProcessorChange> {
+    text.parse().ok().map(of).filter(|change| change.trouble().is_possible())
 }
 
 impl fmt::Display for ProcessorChange {

@@ -3,12 +3,13 @@
 use std::fmt;
 use std::time::Duration;
 
+use model::fault::live::{LONGEST_NS, Trouble};
 use model::role::{Role, STAGES};
 
 use crate::fault::{FaultError, begin_of, typed};
 
-/// The longest time that a stage stops or is late: the airframe is lost long before.
-const LONGEST: Duration = Duration::from_secs(60);
+/// The longest time that a stage stops or is late.
+const LONGEST: Duration = Duration::from_nanos(LONGEST_NS);
 
 /// What goes wrong with a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,7 +49,7 @@ impl StageChange {
             "stop" => StageKind::Stop(time(what, value.unwrap_or_default())?),
             "kill" if value.is_some() => return Err(FaultError::TakesNoValue(what.to_owned())),
             // A flight ends with its plant.
-            "kill" if role == Role::Plant => return Err(FaultError::PlantKilled),
+            "kill" if !(Trouble::Kill { role }).is_possible() => return Err(FaultError::PlantKilled),
             "kill" => StageKind::Kill,
             _ => return Ok(None),
         };

@@ -2,13 +2,13 @@
 //!
 //! Everything is due at the beginning of a tick on the clock. The launcher rests here between two looks at its flight.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use model::boards::{Run, RunPhase};
-use model::fault::Span;
-use model::fault::live::{LIVE, LiveBoard, LiveFault, Trouble};
+use model::fault::live::{LIVE, LiveBoard, LiveFault, NOTICE_TICKS, Trouble};
 use model::grid::{Grid, Pace};
 use model::messages::NO_TICK;
 use role::rt::loops_cpu;
@@ -17,13 +17,16 @@ use wire::clock::{now_ns, sleep_until};
 use wire::instance::Instance;
 use wire::{BoardReader, Wire};
 
+use crate::fault::Fault;
+use crate::fault::live::planned_again;
 use crate::fly::signal_at::send_at;
 use crate::output::say;
 use crate::settings::Settings;
 use failure::Failure;
 
-/// How often it looks for what was injected: more often than in the time between an injection and its first tick.
-const LOOK_EVERY_NS: u64 = 20_000_000;
+/// How often it looks for what was injected, at the most and at the least: four times between an injection and its first
+/// tick, where that is possible.
+const LOOK_EVERY_NS: RangeInclusive<u64> = 1_000_000..=20_000_000;
 /// How long before its first tick a process is started that keeps the processor busy [ns].
 const START_AHEAD_NS: u64 = 300_000_000;
 /// How long before a tick the wait for a signal begins [ns].
@@ -42,9 +45,12 @@ pub(super) struct Striker {
     /// What is to come, each at its instant [ns].
     due: Vec<(u64, Act)>,
     stopped: Vec<Pid>,
-    burdens: Vec<(Trouble, Child)>,
+    /// Who keeps the processor busy, each with its fault.
+    burdens: Vec<(LiveFault, Child)>,
     /// Processes that were killed, each with the tick.
     killed: Vec<(u32, u64)>,
+    /// The flight ends: nothing is begun any more.
+    is_released: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -70,6 +76,7 @@ impl Striker {
             stopped: Vec::new(),
             burdens: Vec::new(),
             killed: Vec::new(),
+            is_released: false,
         })
     }
 
@@ -93,6 +100,7 @@ impl Striker {
             if run.is_some_and(|run| run.phase() == RunPhase::Closed) {
                 self.release();
             }
+            let grid = grid.filter(|_| !self.is_released);
             if let Some((run, grid)) = &grid {
                 self.look(wire, grid);
                 self.strike(run, grid);
@@ -102,7 +110,7 @@ impl Striker {
                 return;
             }
             let next = self.due.iter().map(|(at, _)| at.saturating_sub(AIM_NS)).min().unwrap_or(u64::MAX);
-            let next = if grid.is_some() { next.min(now + LOOK_EVERY_NS) } else { u64::MAX };
+            let next = grid.map_or(u64::MAX, |(_, grid)| next.min(now + look_every_ns(&grid)));
             sleep_until(next.min(until));
         }
     }
@@ -126,12 +134,24 @@ impl Striker {
 
     fn take(&mut self, fault: LiveFault, grid: &Grid) {
         let begin_ns = grid.begin_of(fault.span.from);
+        if fault.ends {
+            self.call_off(&fault);
+        }
         let ahead_ns = match fault.trouble {
             Trouble::Messages { .. } | Trouble::Late { .. } => return,
             Trouble::Hog { .. } | Trouble::Load { .. } if !fault.ends => START_AHEAD_NS,
             _ => 0,
         };
         self.due.push((begin_ns.saturating_sub(ahead_ns), Act::Strike(fault)));
+    }
+
+    /// What an end names and what has not begun by then never begins.
+    fn call_off(&mut self, end: &LiveFault) {
+        let never_begins =
+            |fault: &LiveFault| !fault.ends && fault.trouble.is_like(&end.trouble) && fault.span.from >= end.span.from;
+        self.due.retain(|(_, act)| !matches!(act, Act::Strike(fault) if never_begins(fault)));
+        // Those that were started ahead.
+        self.burdens.extract_if(.., |(fault, _)| never_begins(fault)).for_each(|(_, child)| kill(child));
     }
 
     fn strike(&mut self, run: &Run, grid: &Grid) {
@@ -141,7 +161,12 @@ impl Striker {
         due.sort_by_key(|(at, _)| *at);
         for (at, act) in due {
             let struck = match act {
-                Act::Strike(fault) => self.strike_with(&fault, run, grid),
+                Act::Strike(fault) => {
+                    if let Some(late) = lateness(&fault, grid.tick_at(now)) {
+                        say(&late);
+                    }
+                    self.strike_with(&fault, run, grid)
+                }
                 Act::Continue(pid) => {
                     wait_until(at);
                     self.go_on(pid);
@@ -157,16 +182,18 @@ impl Striker {
     fn strike_with(&mut self, fault: &LiveFault, run: &Run, grid: &Grid) -> Result<(), Failure> {
         let LiveFault { trouble, ends, span } = fault;
         let tick = span.from;
-        match *trouble {
+        match trouble {
             Trouble::Hog { .. } | Trouble::Load { .. } if *ends => {
                 wait_until(grid.begin_of(tick));
-                self.burdens.extract_if(.., |(other, _)| other.is_like(trouble)).for_each(|(_, child)| end(child));
+                let is_ended =
+                    |(other, _): &mut (LiveFault, Child)| other.trouble.is_like(trouble) && other.span.from < tick;
+                self.burdens.extract_if(.., is_ended).for_each(|(_, child)| kill(child));
                 Ok(())
             }
-            Trouble::Hog { priority } => self.burden(trouble, priority, 1.0, *span, run, grid),
-            Trouble::Load { share } => self.burden(trouble, 0, share, *span, run, grid),
+            Trouble::Hog { priority } => self.burden(fault, *priority, 1.0, run, grid),
+            Trouble::Load { share } => self.burden(fault, 0, *share, run, grid),
             Trouble::Stop { role, for_ns } => {
-                let pid = send_at(&self.instance, run, tick, role, Signal::STOP)?;
+                let pid = send_at(&self.instance, run, tick, *role, Signal::STOP)?;
                 let pid = i32::try_from(pid).ok().and_then(Pid::from_raw);
                 self.stopped.extend(pid);
                 // The time is one of the flight, which may be in slow motion.
@@ -176,7 +203,7 @@ impl Striker {
                 Ok(())
             }
             Trouble::Kill { role } => {
-                let pid = send_at(&self.instance, run, tick, role, Signal::KILL)?;
+                let pid = send_at(&self.instance, run, tick, *role, Signal::KILL)?;
                 self.killed.push((pid, tick));
                 Ok(())
             }
@@ -185,15 +212,8 @@ impl Striker {
     }
 
     /// Starts a process that keeps the processor busy in some ticks, and no longer than the flight.
-    fn burden(
-        &mut self,
-        trouble: &Trouble,
-        priority: u64,
-        share: f64,
-        span: Span,
-        run: &Run,
-        grid: &Grid,
-    ) -> Result<(), Failure> {
+    fn burden(&mut self, fault: &LiveFault, priority: u64, share: f64, run: &Run, grid: &Grid) -> Result<(), Failure> {
+        let span = fault.span;
         let until_ns = grid.begin_of(span.to.min(run.last_tick + 1));
         let child = Command::new(&self.executable)
             .arg("burden")
@@ -205,7 +225,7 @@ impl Striker {
             .stdout(Stdio::null())
             .spawn()
             .map_err(|e| Failure::failed(format!("cannot start a process that keeps the processor busy: {e}")))?;
-        self.burdens.push((*trouble, child));
+        self.burdens.push((*fault, child));
         Ok(())
     }
 
@@ -224,11 +244,12 @@ impl Striker {
 
     /// Undoes what lasts, and does nothing more: the flight ends.
     pub(super) fn release(&mut self) {
+        self.is_released = true;
         self.due.clear();
         while let Some(pid) = self.stopped.pop() {
             let _ = kill_process(pid, Signal::CONT);
         }
-        self.burdens.drain(..).for_each(|(_, child)| end(child));
+        self.burdens.drain(..).for_each(|(_, child)| kill(child));
     }
 }
 
@@ -238,6 +259,18 @@ impl Drop for Striker {
     }
 }
 
+/// How often it looks for what was injected [ns].
+fn look_every_ns(grid: &Grid) -> u64 {
+    (NOTICE_TICKS.saturating_mul(grid.period_ns) / 4).clamp(*LOOK_EVERY_NS.start(), *LOOK_EVERY_NS.end())
+}
+
+/// What is said of a fault whose tick is over.
+fn lateness(fault: &LiveFault, tick: u64) -> Option<String> {
+    let late = tick.checked_sub(fault.span.from).filter(|late| *late > 0)?;
+    let what: Vec<String> = planned_again(&[*fault]).iter().map(Fault::to_string).collect();
+    Some(format!("the fault {} strikes {late} ticks late: the launcher was told, or came to it, late\n", what.concat()))
+}
+
 fn wait_until(instant_ns: u64) {
     while now_ns() < instant_ns {
         // A signal to this process may end the sleep.
@@ -245,8 +278,33 @@ fn wait_until(instant_ns: u64) {
     }
 }
 
-fn end(mut child: Child) {
+fn kill(mut child: Child) {
     // Only a process that has ended already resists.
     let _ = child.kill();
     let _ = child.wait();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::fault::Span;
+    use model::role::Role;
+
+    #[test]
+    fn it_looks_often_enough_for_the_notice_that_stages_have() {
+        for (period_ns, every_ns) in
+            [(50_000, 1_000_000), (100_000, 1_600_000), (1_000_000, 16_000_000), (10_000_000, 20_000_000)]
+        {
+            assert_eq!(look_every_ns(&Grid { t0_ns: 0, period_ns }), every_ns);
+        }
+    }
+
+    #[test]
+    fn what_strikes_late_says_so() {
+        let trouble = Trouble::Stop { role: Role::Inner, for_ns: 20_000_000 };
+        let fault = LiveFault { trouble, ends: false, span: Span { from: 100, to: 101 } };
+        assert_eq!([99, 100].map(|tick| lateness(&fault, tick)), [None, None]);
+        let said = lateness(&fault, 107).unwrap();
+        assert!(said.starts_with("the fault inner.stop=20ms@tick100 strikes 7 ticks late"), "{said}");
+    }
 }

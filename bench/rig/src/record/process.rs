@@ -20,7 +20,7 @@ use wire::BoardReader;
 use wire::clock::now_ns;
 use wire::instance::Instance;
 
-use super::facts::{facts, injected_record};
+use super::facts::facts;
 use crate::margin::table;
 use crate::record::crew::Crew;
 use crate::record::hlog::{self, Hlog, Lines};
@@ -206,10 +206,10 @@ impl<'a> Recorder<'a> {
             self.look_at_loops(&armed.run);
             station.status.ticks_run = self.tally.newest_tick();
             station.pass_on_stop();
+            self.look_for_faults();
             self.log.as_mut().map_or(Ok(()), |log| log.keep(now_ns()))?;
             if now_ns() >= armed.run.get().t0_ns + (self.seconds + 1) * NS_PER_S {
                 self.seconds += 1;
-                self.look_for_faults();
                 if self.seconds.is_multiple_of(self.settings.recorder.hlog_every_s) {
                     let closed = hlog.close_interval(&mut self.tally.series);
                     self.note(hlog::FILE, closed);
@@ -267,8 +267,7 @@ impl<'a> Recorder<'a> {
         }
         let mut report = self.report(&run, ports, meter, Some(ending))?;
         // Last of what needs room, and before the report, which says what became of it.
-        if let Some(mut log) = self.log {
-            log.tell_injected(injected_record(&self.injected))?;
+        if let Some(log) = self.log {
             let fate = log.finish(record(&[
                 ("ending", ending.words()),
                 ("ticks_run", &run.ticks_run.to_string()),
@@ -394,11 +393,5 @@ impl<'a> Recorder<'a> {
         self.tally.tracer.take(joined);
         let written = self.states.iter_mut().try_for_each(|states| states.write(joined));
         self.note("states.csv", written);
-    }
-
-    /// Hands the states so far to the disk.
-    fn keep_states(&mut self) {
-        let kept = self.states.iter_mut().try_for_each(StatesWriter::flush);
-        self.note("states.csv", kept);
     }
 }

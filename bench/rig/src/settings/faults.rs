@@ -132,7 +132,8 @@ pub fn check_possible(trouble: &Trouble, what: &str, in_lockstep: bool, launched
     }
 }
 
-/// Refuses a priority that the kernel does not grant here.
+/// Refuses a priority that the kernel does not grant this process: a launcher's own for what is planned. One that is
+/// injected is asked for by the launcher later, which says so where it is refused there.
 ///
 /// # Errors
 /// [`Failure`] says why it refuses, and what to do.
@@ -141,7 +142,9 @@ pub fn check_priority(trouble: &Trouble) -> Result<(), Failure> {
     let refusal = fifo_refusal(i32::try_from(*priority).unwrap_or(i32::MAX));
     refusal.map_or(Ok(()), |reason| {
         let errno = i64::from(reason.raw_os_error().unwrap_or_default());
-        Err(Failure::failed(format!("cpu.hog={priority}: the kernel refuses SCHED_FIFO {priority}: {reason}"))
-            .help(remedy(RealtimeStep::Scheduler, errno)))
+        Err(Failure::failed(format!(
+            "cpu.hog={priority}: the kernel refuses SCHED_FIFO {priority} to this process: {reason}"
+        ))
+        .help(remedy(RealtimeStep::Scheduler, errno)))
     })
 }

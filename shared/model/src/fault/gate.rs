@@ -73,17 +73,21 @@ impl<C: Faulty> Gate<C> {
             freezes: false,
             rejections: Rejections::default(),
         };
-        gate.change(faults, port);
+        gate.change(faults, port, None);
         gate
     }
 
-    /// Takes the faults of an input as they are from now on; what it knows of earlier messages stays. It allocates
+    /// Takes the faults of an input as they are from now on; what it knows of earlier messages stays. `newest` is what
+    /// came last, which may not have been shown to it: a freeze may follow it with nothing in between. It allocates
     /// nothing where it was made as one that changes.
-    pub fn change(&mut self, faults: &MessageFaults, port: Port) {
+    pub fn change(&mut self, faults: &MessageFaults, port: Port, newest: Option<C>) {
         self.faults.clear();
         self.faults.extend(faults.of(port).map(|(number, fault)| (number, *fault)));
         let any = |is: fn(Kind) -> bool| self.faults.iter().any(|(_, fault)| is(fault.kind));
         (self.lags, self.freezes) = (any(|kind| matches!(kind, Kind::Lag(_))), any(|kind| kind == Kind::Freeze));
+        if self.freezes {
+            self.last = self.last.or(newest);
+        }
     }
 
     /// What comes of the message of a tick; nothing where it is lost or refused.

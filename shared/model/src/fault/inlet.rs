@@ -40,11 +40,11 @@ impl<C: Faulty> Inlet<C> {
         Self { gate: Some(Gate::changing(faults, port)), ..inlet }
     }
 
-    /// Takes the faults as they are from now on, without an allocation; `newest` is what came last before it was shown
-    /// any message.
+    /// Takes the faults as they are from now on, without an allocation; `newest` is what came last, whether it was shown
+    /// that or not.
     pub fn change(&mut self, faults: &MessageFaults, port: Port, newest: &Message<C>) {
         if let Some(gate) = &mut self.gate {
-            gate.change(faults, port);
+            gate.change(faults, port, (newest.envelope.tick != NO_TICK).then_some(newest.content));
         }
         if self.newest.envelope.tick == NO_TICK && self.waiting.is_empty() {
             self.newest = *newest;

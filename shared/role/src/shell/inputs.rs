@@ -11,7 +11,9 @@ use wire::clock::Horizon;
 use wire::error::Error;
 use wire::{LATEST, Receiver, Wire};
 
-/// Messages that an input with faults keeps for its stage: more than any fault looks back.
+use super::troubles::Troubles;
+
+/// Messages that an input that may have faults keeps for its stage: more than any fault looks back.
 const FAULTS_DEPTH: usize = 2 * LONGEST_DELAY as usize;
 
 /// The receivers of a stage; the first one's messages wake it.
@@ -31,14 +33,12 @@ pub trait Inputs: Sized {
     /// Those of the ports.
     fn arm(&mut self, expected: Expected) -> Result<(), Error>;
 
-    /// Takes what has come; the tick of the newest that wakes.
+    /// Takes what has come; the tick of the newest that wakes. What goes wrong with a message is asked for when it is
+    /// there, and taken without an allocation.
     ///
     /// # Errors
     /// Those of the ports.
-    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error>;
-
-    /// Takes the faults as they are from now on, without an allocation.
-    fn change(&mut self, faults: &MessageFaults);
+    fn take(&mut self, horizon: impl Horizon, troubles: &mut Troubles) -> Result<u64, Error>;
 
     /// Settles what there is of each by a tick: a fault may hold messages back.
     fn settle(&mut self, tick: u64);
@@ -68,6 +68,8 @@ pub struct Input<C: Faulty> {
     inlet: Box<Inlet<C>>,
     /// Whether messages go through the inlet.
     is_struck: bool,
+    /// Which of the stage's troubles it has taken.
+    version: u64,
 }
 
 impl<C: Faulty> Input<C> {
@@ -77,36 +79,47 @@ impl<C: Faulty> Input<C> {
     }
 }
 
+/// Takes the faults of an input as they are from now on; `before` is the newest message so far. Says whether there are
+/// any.
+#[cold]
+fn change<C: Faulty>(inlet: &mut Inlet<C>, port: Option<Port>, faults: &MessageFaults, before: &Message<C>) -> bool {
+    let Some(port) = port.filter(|port| faults.of(*port).next().is_some()) else { return false };
+    inlet.change(faults, port, before);
+    true
+}
+
 impl<A: Faulty> Inputs for Input<A> {
     type Dated = Dated<A>;
 
     fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error> {
         let port = Port::of(role, A::NAME);
         let is_struck = port.is_some_and(|port| faults.of(port).next().is_some());
-        // What lags behind the newest message is one that came before: none may be lost beneath it.
-        let depth = if is_struck { FAULTS_DEPTH } else { LATEST };
+        // What lags behind the newest message is one that came before: none may be lost beneath it, neither while a
+        // stage that was late comes to it, nor before a fault that is injected.
+        let depth = if port.is_some() { FAULTS_DEPTH } else { LATEST };
         let inlet = Box::new(Inlet::changing(faults, port.unwrap_or(Port::OuterState)));
-        Ok(Self { receiver: wire.receiver(depth)?, port, inlet, is_struck })
+        Ok(Self { receiver: wire.receiver(depth)?, port, inlet, is_struck, version: 0 })
     }
 
     fn arm(&mut self, expected: Expected) -> Result<(), Error> {
         self.receiver.arm(expected)
     }
 
-    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
-        if !self.is_struck {
-            return self.receiver.take(horizon);
-        }
-        self.receiver.drain(horizon, |message| self.inlet.arrive(message))?;
-        Ok(self.receiver.newest().envelope.tick)
-    }
-
-    fn change(&mut self, faults: &MessageFaults) {
-        let Some(port) = self.port else { return };
-        if self.is_struck || faults.of(port).next().is_some() {
-            self.inlet.change(faults, port, self.receiver.newest());
-            self.is_struck = true;
-        }
+    fn take(&mut self, horizon: impl Horizon, troubles: &mut Troubles) -> Result<u64, Error> {
+        let Self { receiver, port, inlet, is_struck, version } = self;
+        receiver.drain_after(horizon, |before, message| {
+            // With the message in hand: what it meets was on the board when it was sent, however long this stage then
+            // was without a processor.
+            let now = troubles.version();
+            if now != *version {
+                *version = now;
+                *is_struck |= change(inlet, *port, troubles.messages(), before);
+            }
+            if *is_struck {
+                inlet.arrive(message);
+            }
+        })?;
+        Ok(receiver.newest().envelope.tick)
     }
 
     fn settle(&mut self, tick: u64) {
@@ -150,15 +163,10 @@ impl<A: Faulty, B: Faulty> Inputs for (Input<A>, Input<B>) {
     }
 
     /// The second input of a tick was there before the first was made from it.
-    fn take(&mut self, horizon: impl Horizon) -> Result<u64, Error> {
-        let tick = self.0.take(horizon)?;
-        self.1.take(horizon)?;
+    fn take(&mut self, horizon: impl Horizon, troubles: &mut Troubles) -> Result<u64, Error> {
+        let tick = self.0.take(horizon, troubles)?;
+        self.1.take(horizon, troubles)?;
         Ok(tick)
-    }
-
-    fn change(&mut self, faults: &MessageFaults) {
-        self.0.change(faults);
-        self.1.change(faults);
     }
 
     fn settle(&mut self, tick: u64) {

@@ -5,10 +5,12 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use model::boards::{Ending, Run};
 use role::rt::UsageMeter;
+use wire::BoardReader;
 use wire::clock::now_ns;
 
 use super::Recorder;
 use crate::fault::live::injected;
+use crate::record::facts::injected_record;
 use crate::record::ports::Ports;
 use crate::run_directory::make_latest;
 use crate::settings::laws::Chosen;
@@ -152,7 +154,17 @@ impl Recorder<'_> {
 
     /// Takes what was injected so far.
     pub(super) fn look_for_faults(&mut self) {
-        self.injected = self.live.iter().flat_map(|board| board.get().iter().collect::<Vec<_>>()).collect();
+        let Some(board) = self.live.as_mut().and_then(BoardReader::news) else { return };
+        self.injected = board.iter().collect();
+        if let Some(log) = &mut self.log {
+            log.tell_injected(injected_record(&self.injected));
+        }
+    }
+
+    /// Hands the states so far to the disk.
+    fn keep_states(&mut self) {
+        let kept = self.states.iter_mut().try_for_each(StatesWriter::flush);
+        self.note("states.csv", kept);
     }
 
     /// Points `latest` at this flight as soon as it has a report.

@@ -1,0 +1,139 @@
+//! What is done to processes: stages that are late, stopped or killed, and processes that keep their processor busy.
+//!
+//! One table of rules for what is planned and what is injected: what a flight in the air took, its replay can plan.
+
+use crate::fault::live::{LiveFault, MOST_LIVE, Trouble};
+use crate::fault::{NotTaken, Span};
+use crate::role::Role;
+
+/// How long a stage that was killed takes until it works again [ns]: a launcher that lets nothing start anew within
+/// 50 ms, and a process that is ready well within as much again.
+pub const RESTART_NS: u64 = 100_000_000;
+
+/// What is done to processes in a flight, in the order in which it was planned or injected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Acts {
+    sample_time_ns: u64,
+    acts: [Option<LiveFault>; MOST_LIVE],
+}
+
+impl Acts {
+    /// Nothing, in a flight with ticks of so much flight time [ns].
+    #[must_use]
+    pub const fn none(sample_time_ns: u64) -> Self {
+        Self { sample_time_ns, acts: [None; MOST_LIVE] }
+    }
+
+    /// Takes one more, or the end of one. Faults of messages are taken and do nothing here.
+    ///
+    /// # Errors
+    /// [`NotTaken`] where two faults of a stage would meet, where there is nothing to end, or where there are
+    /// [`MOST_LIVE`]; nothing is changed then.
+    pub fn take(&mut self, fault: &LiveFault) -> Result<(), NotTaken> {
+        let LiveFault { trouble, ends, span } = *fault;
+        if matches!(trouble, Trouble::Messages { .. }) {
+            return Ok(());
+        }
+        if let Some((role, own)) = self.outage(fault).filter(|_| !ends) {
+            let meets =
+                |other: &LiveFault| self.outage(other).is_some_and(|(other, span)| other == role && span.meets(own));
+            if self.begun().any(meets) {
+                return Err(NotTaken::Contradiction);
+            }
+        }
+        let is_meant = |other: &LiveFault| {
+            let Span { from, to } = other.span;
+            other.trouble.is_like(&trouble) && to > span.from && from < to
+        };
+        if ends && !self.begun().any(is_meant) {
+            return Err(NotTaken::NothingToEnd);
+        }
+        let place = self.acts.iter().position(Option::is_none).ok_or(NotTaken::NoRoom)?;
+        if ends {
+            let meant = self.acts.iter_mut().flatten().filter(|other| !other.ends && is_meant(other));
+            meant.for_each(|other| other.span = other.span.cut(span.from));
+        }
+        self.acts[place] = Some(*fault);
+        Ok(())
+    }
+
+    /// What is begun, up to its end; ends are not among it.
+    pub fn begun(&self) -> impl Iterator<Item = &LiveFault> {
+        self.acts.iter().flatten().filter(|fault| !fault.ends)
+    }
+
+    /// The ticks in which a fault has its stage not do what it does otherwise; none where it has no stage.
+    fn outage(&self, fault: &LiveFault) -> Option<(Role, Span)> {
+        let Span { from, .. } = fault.span;
+        let ticks = |ns: u64| (ns / self.sample_time_ns.max(1)).max(1);
+        let out = |ns| Span { from, to: from.saturating_add(ticks(ns)) };
+        match fault.trouble {
+            Trouble::Late { role, .. } => Some((role, fault.span)),
+            Trouble::Stop { role, for_ns } => Some((role, out(for_ns))),
+            Trouble::Kill { role } => Some((role, out(RESTART_NS))),
+            Trouble::Messages { .. } | Trouble::Hog { .. } | Trouble::Load { .. } => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HOG: Trouble = Trouble::Hog { priority: 90 };
+
+    fn fault(trouble: Trouble, from: u64, to: u64) -> LiveFault {
+        LiveFault { trouble, ends: false, span: Span { from, to } }
+    }
+
+    fn off(trouble: Trouble, from: u64) -> LiveFault {
+        LiveFault { ends: true, ..fault(trouble, from, from + 1) }
+    }
+
+    fn stop(from: u64, ticks: u64) -> LiveFault {
+        fault(Trouble::Stop { role: Role::Inner, for_ns: ticks * 1_000_000 }, from, from + 1)
+    }
+
+    #[test]
+    fn a_stage_has_one_fault_at_a_time() {
+        let mut acts = Acts::none(1_000_000);
+        acts.take(&stop(100, 20)).unwrap();
+        assert_eq!(acts.take(&stop(119, 500)), Err(NotTaken::Contradiction), "its end would cut the other short");
+        acts.take(&stop(120, 5)).unwrap();
+        let late = |from, to| fault(Trouble::Late { role: Role::Inner, least_ns: 1, most_ns: 2 }, from, to);
+        assert_eq!(acts.take(&late(90, 101)), Err(NotTaken::Contradiction));
+        let kill = |role| fault(Trouble::Kill { role }, 110, 111);
+        assert_eq!(acts.take(&kill(Role::Inner)), Err(NotTaken::Contradiction));
+        acts.take(&kill(Role::Mixer)).unwrap();
+        assert_eq!(
+            acts.take(&fault(Trouble::Stop { role: Role::Mixer, for_ns: 1 }, 209, 210)),
+            Err(NotTaken::Contradiction)
+        );
+        acts.take(&fault(Trouble::Stop { role: Role::Mixer, for_ns: 1 }, 210, 211)).unwrap();
+        acts.take(&late(200, Span::FOR_GOOD)).unwrap();
+        acts.take(&off(late(0, 1).trouble, 300)).unwrap();
+        acts.take(&stop(300, 1)).unwrap();
+    }
+
+    #[test]
+    fn what_is_not_on_is_not_ended_and_what_is_ended_is_not_on() {
+        let mut acts = Acts::none(1_000_000);
+        assert_eq!(acts.take(&off(HOG, 100)), Err(NotTaken::NothingToEnd));
+        acts.take(&fault(HOG, 50, 90)).unwrap();
+        assert_eq!(acts.take(&off(HOG, 90)), Err(NotTaken::NothingToEnd), "its time is over by then");
+        acts.take(&fault(HOG, 200, Span::FOR_GOOD)).unwrap();
+        assert_eq!(acts.take(&off(Trouble::Load { share: 0.5 }, 100)), Err(NotTaken::NothingToEnd));
+        acts.take(&off(Trouble::Hog { priority: 1 }, 100)).unwrap();
+        assert_eq!(acts.take(&off(HOG, 101)), Err(NotTaken::NothingToEnd));
+        let left: Vec<Span> = acts.begun().map(|fault| fault.span).collect();
+        assert_eq!(left, [Span { from: 50, to: 90 }, Span { from: 200, to: 200 }]);
+    }
+
+    #[test]
+    fn a_flight_has_room_for_so_many() {
+        let mut acts = Acts::none(1_000_000);
+        (0..MOST_LIVE as u64).for_each(|n| acts.take(&stop(n, 1)).unwrap());
+        assert_eq!(acts.take(&stop(500, 1)), Err(NotTaken::NoRoom));
+        assert_eq!(acts.begun().count(), MOST_LIVE);
+    }
+}
