@@ -1,6 +1,6 @@
 //! `ironbird margin`: what a loop bears, by simulation: outages, dead time, losses.
 //!
-//! Each flight is that of `ironbird simulate` with a `--fault`, and the seed of its phase. Phases do not know of each
+//! Each flight is that of `ironbird simulate` with a `--fault`, and a seed of its phase. Phases do not know of each
 //! other, and the processors share them out: the same margins, however many there are.
 
 pub mod flights;
@@ -21,8 +21,8 @@ use crate::build;
 use crate::cli::{DiffFormat, MarginArgs};
 use crate::combinations;
 use crate::margin::flights::Flights;
-use crate::margin::measure::{Law, OfPhase, Task};
-use crate::margin::plan::{Asked, Judge, Phases, Unfaulted};
+use crate::margin::measure::{Law, Task};
+use crate::margin::plan::{Asked, Judged, Phases, Unfaulted};
 use crate::margin::target::Target;
 use crate::output::{print, say};
 use crate::parallel::{asked_to_stop, on_processors, processors};
@@ -45,26 +45,36 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
     let settings = settings(args)?;
     let phases = Phases::new(args, &settings[0])?;
     let task = task(args, &asked, &settings[0])?;
-    // A table that lacks what was left out would be taken for a whole one.
-    let out = args.only.is_empty().then(|| out(args, &settings[0]));
+    let left_out = left_out(args);
+    let out = left_out.is_none().then(|| out(args, &settings[0]));
     out.as_deref().map_or(Ok(()), table::check)?;
     let margins = measured(args, &settings, &phases, &task, &stop)?;
     if let Some(path) = &args.page {
         write_text(path, &page::render(&margins))?;
         say(&format!("written: {}\n", path.display()));
     }
-    match &out {
-        Some(out) => {
-            let written = table::write(out, &margins)?;
-            written.iter().for_each(|path| say(&format!("written, for reports of flights: {}\n", path.display())));
-        }
-        None => say("no table for reports of flights: --only leaves something out\n"),
+    for left in out.map_or_else(|| Ok(Vec::new()), |out| table::write(&out, &margins))? {
+        say(&format!("{left}\n"));
+    }
+    if let Some(why) = left_out {
+        say(&format!("no table for reports of flights: {why}\n"));
     }
     match args.format {
         DiffFormat::Text => print(&text::render(&margins))?,
         DiffFormat::Json => print(&(json::to_string(&margins).map_err(|e| Failure::failed(e.to_string()))? + "\n"))?,
     }
     Ok(OK)
+}
+
+/// Why no table is left, if so: a report would take what it says for the whole, and for the default gates.
+fn left_out(args: &MarginArgs) -> Option<String> {
+    let reasons = [
+        (!args.only.is_empty(), "--only leaves something out"),
+        (!args.gates.is_empty(), "--gate asks for other limits"),
+        (args.course.duration.is_some(), "--duration ends the phases sooner"),
+    ];
+    let told: Vec<&str> = reasons.into_iter().filter_map(|(is_so, why)| is_so.then_some(why)).collect();
+    (!told.is_empty()).then(|| told.join(", "))
 }
 
 /// The settings of each combination of laws, without faults.
@@ -130,38 +140,39 @@ fn measured(
 ) -> Result<Margins, Failure> {
     let jobs = args.jobs.unwrap_or_else(processors);
     let first = &settings[0];
-    let judged = on_processors(settings, jobs, |settings| judged(settings, phases, task, stop), |_| ());
-    let judged: Vec<(Law, Judge)> = judged.into_iter().collect::<Result<_, _>>()?;
     let number = phases.ticks.len();
     let items: Vec<(usize, usize)> = (0..settings.len()).flat_map(|law| (0..number).map(move |i| (law, i))).collect();
-    let mut progress = Progress::new(items.len() as u64, "phase");
-    // What cannot be flown ends all others.
-    let failed = AtomicBool::new(false);
-    let work = |(law, i): &(usize, usize)| {
-        if failed.load(Ordering::Relaxed) {
-            return Err(Failure::new(INTERRUPTED, "interrupted"));
-        }
-        let mut settings = settings[*law].clone();
-        settings.flight.seed = settings.flight.seed.wrapping_add(*i as u64);
-        let measured = Flights::new(&settings, phases.ticks[*i], stop)
-            .and_then(|flights| task.at(&flights, &judged[*law].1, i.is_multiple_of(SPARSE)));
-        measured.inspect_err(|_| failed.store(true, Ordering::Relaxed))
+    let place = |law: usize, i: usize| law * number + i;
+    let of_seed = |law: usize, seed: usize| {
+        let mut settings = settings[law].clone();
+        settings.flight.seed = settings.flight.seed.wrapping_add(seed as u64);
+        settings
     };
-    let measured = on_processors(&items, jobs, work, |done| progress.look(done as u64));
-    progress.clear();
-    let mut all: Vec<OfPhase> = Vec::with_capacity(measured.len());
-    let mut failure: Option<Failure> = None;
-    for phase in measured {
-        match phase {
-            Ok(phase) => all.push(phase),
-            Err(e) if failure.as_ref().is_none_or(|known| known.code == INTERRUPTED) => failure = Some(e),
-            Err(_) => {}
+    // What does not fly is told before the rest is flown.
+    let judged =
+        shared_out(&items, jobs, "unfaulted flight", |(law, i)| judged(&of_seed(*law, *i), phases, task, stop))?;
+    let all = shared_out(&items, jobs, "phase", |(law, i)| {
+        let flights = Flights::new(&of_seed(*law, *i), phases.ticks[*i], stop)?;
+        task.at(&flights, &judged[place(*law, *i)].judge, i.is_multiple_of(SPARSE))
+    })?;
+    // The largest share that all survive was chosen because they did: only other flights can say how probable that is.
+    let shares: Vec<Vec<u64>> = all.chunks(number).map(|phases| task.shares(phases)).collect();
+    let again = shared_out(&items, jobs, "repeated phase", |(law, i)| {
+        if shares[*law].iter().all(|share| *share == 0) {
+            return Ok(Vec::new());
         }
-    }
-    failure.map_or(Ok(()), Err)?;
+        let settings = of_seed(*law, number + i);
+        let judged = self::judged(&settings, phases, task, stop)?;
+        task.again(&Flights::new(&settings, phases.ticks[*i], stop)?, &judged.judge, &shares[*law])
+    })?;
     let phases_s: Vec<f64> = phases.ticks.iter().map(|tick| *tick as f64 * task.period_s).collect();
-    let laws = judged.into_iter().zip(all.chunks(number));
-    let laws = laws.map(|((law, judge), phases)| task.together(phases, &phases_s, law, &judge));
+    let of_law = |(law, settings): (usize, &Settings)| {
+        let [outer, inner, mixer] = settings.laws()?.map(|law| law.name.to_owned());
+        let named = Law { laws: Laws { outer, inner, mixer }, fingerprint: table::fingerprint(settings)? };
+        let its = place(law, 0)..place(law + 1, 0);
+        Ok(task.together(named, &phases_s, &judged[its.clone()], &all[its.clone()], &again[its]))
+    };
+    let laws = settings.iter().enumerate().map(of_law).collect::<Result<_, Failure>>()?;
     Ok(Margins {
         schema: SCHEMA.into(),
         build: build::here(),
@@ -170,7 +181,7 @@ fn measured(
         preset: first.flight.preset.clone(),
         seed: first.flight.seed,
         period_s: task.period_s,
-        laws: laws.collect(),
+        laws,
         phases_s,
         span_s: phases.span_s,
         cycle_s: phases.cycle_s,
@@ -181,19 +192,82 @@ fn measured(
     })
 }
 
-/// What laws fly without a fault, over all phases, and what therefore counts as survived.
-fn judged(settings: &Settings, phases: &Phases, task: &Task<'_>, stop: &AtomicBool) -> Result<(Law, Judge), Failure> {
+/// Does a piece of work for each item on all processors; what fails ends all others, and is told.
+fn shared_out<T: Sync, R: Send>(
+    items: &[T],
+    jobs: usize,
+    thing: &'static str,
+    work: impl Fn(&T) -> Result<R, Failure> + Sync,
+) -> Result<Vec<R>, Failure> {
+    let mut progress = Progress::new(items.len() as u64, thing);
+    let failed = AtomicBool::new(false);
+    let work = |item: &T| {
+        if failed.load(Ordering::Relaxed) {
+            return Err(Failure::new(INTERRUPTED, "interrupted"));
+        }
+        work(item).inspect_err(|_| failed.store(true, Ordering::Relaxed))
+    };
+    let results = on_processors(items, jobs, work, |done| progress.look(done as u64));
+    progress.clear();
+    let mut all: Vec<R> = Vec::with_capacity(results.len());
+    let mut failure: Option<Failure> = None;
+    for result in results {
+        match result {
+            Ok(it) => all.push(it),
+            Err(e) if failure.as_ref().is_none_or(|known| known.code == INTERRUPTED) => failure = Some(e),
+            Err(_) => {}
+        }
+    }
+    failure.map_or(Ok(all), Err)
+}
+
+/// What laws fly without a fault, over all phases and with one seed, and what therefore counts as survived.
+fn judged(settings: &Settings, phases: &Phases, task: &Task<'_>, stop: &AtomicBool) -> Result<Judged, Failure> {
     let name = plan::name(settings)?;
     let (first, last) = (phases.ticks.first().copied().unwrap_or(0), phases.ticks.last().copied().unwrap_or(0));
     let last = last + (task.asked.steady_s() / task.period_s).round() as u64;
     let flights = Flights::new(settings, first, stop)?;
     let fly = |bound_m: f64| flights.fly(&[], first, last, bound_m);
-    let unfaulted = Unfaulted::of(&fly(f64::INFINITY)?, &name)?;
-    let judge = task.asked.judge(&unfaulted, settings);
-    for gates in [&judge.outage, &judge.steady] {
+    let judged = task.asked.judge(Unfaulted::of(&fly(f64::INFINITY)?, &name)?, settings);
+    for gates in [&judged.judge.outage, &judged.judge.steady] {
         plan::check(&name, &fly(gates.recovered_below_m)?.outcome, gates)?;
     }
-    let [outer, inner, mixer] = settings.laws()?.map(|law| law.name.to_owned());
-    let laws = Laws { outer, inner, mixer };
-    Ok((Law { laws, fingerprint: table::fingerprint(settings)?, unfaulted }, judge))
+    Ok(judged)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::{Args as _, Command, FromArgMatches as _};
+
+    #[test]
+    fn a_table_is_left_for_the_gates_that_reports_tell_of_alone() {
+        let left_out = |flags: &[&str]| {
+            let command = MarginArgs::augment_args(Command::new("margin"));
+            let given = command.get_matches_from([&["margin"], flags].concat());
+            left_out(&MarginArgs::from_arg_matches(&given).unwrap())
+        };
+        assert_eq!(left_out(&["--phases", "1", "--longest", "60ms", "--inner", "indi"]), None);
+        for (flags, words) in [
+            (["--only", "inner"], "--only leaves something out"),
+            (["--gate", "recovered_below_m=5"], "--gate asks for other limits"),
+            (["--duration", "20s"], "--duration ends the phases sooner"),
+        ] {
+            assert_eq!(left_out(&flags).as_deref(), Some(words));
+        }
+        let both = left_out(&["--gate", "tilt_max_rad=1", "--only", "inner"]).unwrap();
+        assert_eq!(both, "--only leaves something out, --gate asks for other limits");
+    }
+
+    #[test]
+    fn what_failed_is_told_and_not_that_others_were_ended() {
+        let work = |item: &u32| match item {
+            5 => Err(Failure::usage("no")),
+            _ => Ok(*item),
+        };
+        assert_eq!(shared_out(&[1, 2, 3], 2, "phase", work).unwrap(), [1, 2, 3]);
+        for items in [[5, 1, 2], [1, 2, 5]] {
+            assert_eq!(shared_out(&items, 2, "phase", work).err().map(|e| e.to_string()), Some("no".into()));
+        }
+    }
 }

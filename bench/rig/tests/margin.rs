@@ -12,8 +12,8 @@ use controller::rate_loop::loop_gain_limit;
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// A survived flight is one whose envelope was kept, wherever it was.
-const ENVELOPE: [&str; 2] = ["--gate", "recovered_below_m=1000"];
+/// A survived flight is one whose envelope was kept, wherever it was and whatever its rotors did.
+const ENVELOPE: [&str; 4] = ["--gate", "recovered_below_m=1000", "--gate", "saturated_percent=100"];
 
 fn margins(rig: &Rig, options: &[&str]) -> Value {
     rig.run("margin", &[options, &["--format", "json"]].concat()).expect(0).json()
@@ -37,7 +37,9 @@ fn the_longest_outage_flies_in_simulate_and_one_tick_more_does_not() {
     let rig = Rig::new("simulated");
     let flight = ["--trajectory", "fast", "--inner", "indi"];
     let options = [&flight[..], &ENVELOPE, &["--phases", "2", "--only", "inner", "--only", "wrench"]].concat();
-    let margins = margins(&rig, &options);
+    let ended = rig.run("margin", &[&options[..], &["--format", "json"]].concat()).expect(0);
+    let ended = ended.complains("no table for reports of flights: --only leaves something out, --gate asks for other");
+    let margins = ended.json();
     assert_eq!(margins["schema"], "ironbird-margin/1");
     let begins = margins["phases_s"].as_array().unwrap();
     assert_eq!((begins.len(), &begins[0]), (2, &10.0.into()), "5 s of ramp, and 5 s to settle");
@@ -57,6 +59,18 @@ fn the_longest_outage_flies_in_simulate_and_one_tick_more_does_not() {
         drop(dropped).expect(0);
         drop(dropped + 1).expect(3);
     }
+    // What is told of survival was flown with the seeds behind those of the phases.
+    let losses = &margins["laws"][0]["losses"].as_array().unwrap()[0];
+    let percent = (losses["share"].as_f64().unwrap() * 100.0).round();
+    let survived = begins.iter().enumerate().filter(|(i, begin)| {
+        let begin = begin.as_f64().unwrap();
+        let (seed, duration) = ((3 + i).to_string(), format!("{}s", begin + 10.0));
+        let fault = format!("wrench.drop={}@tick{}", percent / 100.0, (begin * 1e3).round());
+        let options = ["--seed", &seed, "--duration", &duration, "--fault", &fault];
+        let ended = rig.run("simulate", &[&flight[..], &options].concat());
+        ended.code == Some(0)
+    });
+    assert_eq!((losses["flights"].as_u64(), losses["survived"].as_u64()), (Some(2), Some(survived.count() as u64)));
 }
 
 #[test]
@@ -138,6 +152,9 @@ fn a_report_knows_the_margin_once_it_has_been_measured() {
     assert!(page.contains("Margin: ") && page.contains("this loop bears"), "no margin on the page");
     let text = fs::read_to_string(rig.out().join("latest/report.txt")).unwrap();
     assert!(text.contains("\nMargin    "), "{text}");
+    // A margin is of one airframe.
+    let lighter = ["--config", &slow, "--duration", "1s", "--fault", "mass_kg=0.5@500ms"];
+    rig.run("fly", &lighter).expect(0).tells("this loop bears").tells("; of the airframe before 1 swap in flight");
     // Other laws are another loop; in lockstep there are no outages.
     rig.run("fly", &["--config", &slow, "--duration", "1s", "--inner", "indi"]).expect(0).tells("Margin not known");
     let lockstep = rig.run("fly", &["--pace", "lockstep", "--trajectory", "hover", "--duration", "1s"]).expect(0);
@@ -154,7 +171,7 @@ fn margins_are_drawn_with_a_line_for_each_law() {
     let page = rig.file("margins.html");
     let options = ["--inner", "pid", "--inner", "indi", "--trajectory", "hover", "--phases", "2", "--only", "setpoint"];
     let told = rig.run("margin", &[&options[..], &["--longest", "50ms", "--page", &page]].concat()).expect(0);
-    told.complains("no table for reports of flights: --only leaves something out").complains("written: ");
+    told.complains("no table for reports of flights: --only leaves something out\n").complains("written: ");
     assert!(!rig.out().exists(), "no table");
     let page = fs::read_to_string(page).unwrap();
     for words in ["pd + pid", "pd + indi", "begin of the outage [s]", "lag [ticks]", "messages lost [%]", "10.000 s on"]
@@ -236,5 +253,12 @@ fn the_document_says_what_was_measured() {
     assert!(measured.lines().count() > 40, "{measured}");
     for line in measured.lines() {
         assert!(document.contains(line.trim_end()), "docs/margins.md does not say: {line}");
+    }
+    let pictures: Vec<&str> = document.lines().filter(|line| line.starts_with("![")).collect();
+    assert_eq!(pictures.len(), 3);
+    for line in pictures {
+        let (_, name) = line.trim_end_matches(')').rsplit_once('(').unwrap();
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs").join(name);
+        assert!(fs::read(&path).unwrap().starts_with(b"\x89PNG"), "{}", path.display());
     }
 }

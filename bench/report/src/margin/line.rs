@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use flight_log::build::Build;
 use serde::{Deserialize, Serialize};
 
 use crate::autopsy::section::Section as Outages;
 use crate::margin::Margins;
+use crate::schema::Report;
 use crate::text::count;
 
 /// What stands for outages that are due to no stage, or to all: `machine` in a table of margins.
@@ -24,6 +26,9 @@ pub struct Section {
     pub bears: BTreeMap<String, Bears>,
     /// Phases of the trajectory that these are the least of.
     pub phases: u64,
+    /// The build that measured, where another one flew.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub measured_by: Option<String>,
     /// The longest outages of this flight, by stage [ticks].
     pub outages: BTreeMap<String, u64>,
     /// The stage whose outage came nearest to what is borne; none without an outage, or where nothing is known.
@@ -50,9 +55,10 @@ impl Section {
         Self { fingerprint, unknown: Some(command), ..Self::default() }
     }
 
-    /// Of a flight whose laws bear what a table says; nothing where the table is of other settings, or lacks a stage.
+    /// Of a flight of a build, whose laws bear what a table says; nothing where the table is of other settings, or lacks
+    /// a stage.
     #[must_use]
-    pub fn known(fingerprint: &str, table: &Margins) -> Option<Self> {
+    pub fn known(fingerprint: &str, table: &Margins, build: &Build) -> Option<Self> {
         let law = table.laws.iter().find(|law| law.fingerprint == fingerprint)?;
         let bears = |of: &str| {
             let ticks = law.outages.iter().find(|margin| margin.of == of && !margin.ticks.is_empty())?.least();
@@ -61,7 +67,8 @@ impl Section {
         let stages = model::role::STAGES.into_iter().map(|role| role.name()).chain([MACHINE]);
         let bears = stages.map(bears).collect::<Option<_>>()?;
         let phases = table.phases_s.len() as u64;
-        Some(Self { fingerprint: fingerprint.into(), bears, phases, ..Self::default() })
+        let measured_by = (table.build != *build).then(|| table.build.token());
+        Some(Self { fingerprint: fingerprint.into(), bears, phases, measured_by, ..Self::default() })
     }
 
     /// The same with the outages of a flight.
@@ -86,12 +93,14 @@ impl Section {
         if let Some(command) = &self.unknown {
             return format!("not known: run {command}");
         }
+        let by = self.measured_by.as_ref();
+        let by = by.map_or_else(String::new, |build| format!("; measured by another build, {build}"));
         let most = |bears: &Bears| if bears.is_most { "more than " } else { "" };
         match self.nearest.as_ref().and_then(|stage| Some((stage, self.bears.get(stage)?, self.outages.get(stage)?))) {
             Some((stage, bears, outage)) => {
                 let least = if bears.is_most { "at least " } else { "" };
                 format!(
-                    "worst outage in this flight {} ({stage}); this loop bears {}{} (least of {}): margin {least}{:.1}",
+                    "worst outage in this flight {} ({stage}); this loop bears {}{} (least of {}): margin {least}{:.1}{by}",
                     count(*outage, "tick"),
                     most(bears),
                     bears.ticks,
@@ -103,12 +112,25 @@ impl Section {
                 let each = self.bears.iter().map(|(stage, bears)| format!("{stage} {}{}", most(bears), bears.ticks));
                 let phases = count(self.phases, "phase");
                 format!(
-                    "no outage in this flight; this loop bears, in ticks: {} (least of {phases})",
+                    "no outage in this flight; this loop bears, in ticks: {} (least of {phases}){by}",
                     each.collect::<Vec<_>>().join(", ")
                 )
             }
         }
     }
+}
+
+/// The line of a flight, where it has one. A margin is of one airframe: that of the settings.
+#[must_use]
+pub fn sentence(report: &Report) -> Option<String> {
+    let margin = report.margin.as_ref()?;
+    let swaps = report.swaps.len() as u64 + report.swaps_left_out;
+    let swapped = match swaps {
+        _ if margin.unknown.is_some() => String::new(),
+        0 => String::new(),
+        _ => format!("; of the airframe before {} in flight", count(swaps, "swap")),
+    };
+    Some(format!("{}{swapped}", margin.sentence()))
 }
 
 #[cfg(test)]
@@ -154,6 +176,12 @@ mod tests {
             told(&[]),
             "no outage in this flight; this loop bears, in ticks: inner 118, machine 30, outer more than 2000 (least of \
              32 phases)"
+        );
+        let other = Section { measured_by: Some("7fa27a4-release".into()), ..section.clone() };
+        assert_eq!(
+            other.with(&outages(&[(Some("inner"), 47)])).sentence(),
+            "worst outage in this flight 47 ticks (inner); this loop bears 118 (least of 32 phases): margin 2.5; \
+             measured by another build, 7fa27a4-release"
         );
         let unknown = Section::unknown("ab".into(), "ironbird margin --config settings.toml".into());
         let unknown = unknown.with(&outages(&[(None, 5)]));

@@ -69,15 +69,15 @@ pub struct LawMargins {
     pub laws: Laws,
     /// Fingerprint of the settings that margins depend on.
     pub fingerprint: String,
-    /// The largest position error of the flight without a fault, from the first phase on [m].
+    /// The largest position error of the flights without a fault, one for each phase's seed, from the first phase on [m].
     pub unfaulted_error_m: f64,
-    /// Ticks of it in which the rotors were saturated [%].
+    /// Ticks in which the rotors were saturated in the worst of them [%].
     pub unfaulted_saturated_percent: f64,
-    /// Bound of the position error after an outage [m].
+    /// The widest bound of the position error after an outage: each phase has that of its own flight without a fault [m].
     pub recovered_below_m: f64,
-    /// Bound of the position error under a steady fault [m].
+    /// Likewise under a steady fault [m].
     pub tracked_below_m: f64,
-    /// Ticks in which the rotors may be saturated under a steady fault [%].
+    /// Likewise ticks in which the rotors may be saturated under a steady fault [%].
     pub saturated_max_percent: f64,
     /// Outages survived, by what is out.
     pub outages: Vec<OutageMargin>,
@@ -124,7 +124,7 @@ pub struct SteadyMargin {
     pub ticks: u64,
     /// Whether that is the most that can be asked for.
     pub is_most: bool,
-    /// What was flown.
+    /// What was flown, up to where the first phase flew no further.
     pub points: Vec<Point>,
 }
 
@@ -135,11 +135,15 @@ pub struct LossMargin {
     pub input: String,
     /// The largest share of messages lost up to which every flight survived.
     pub share: f64,
-    /// The probability of survival at that share, by flights that all survived: its exact interval at 95 %.
+    /// Flights at that share with seeds that it was not found with, one for each phase; none where it is 0.
+    pub flights: u64,
+    /// Those of them that survived.
+    pub survived: u64,
+    /// The probability of survival at that share, by them: its exact interval at 95 %.
     pub survival: [f64; 2],
     /// Half of the flights survived at least this share.
     pub median_share: f64,
-    /// What was flown.
+    /// What was flown, up to where the first phase flew no further.
     pub points: Vec<Point>,
 }
 

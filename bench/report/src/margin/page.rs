@@ -151,7 +151,8 @@ fn error_chart(input: &str, label: &str, lines: &[(&'static str, Vec<Point>)], a
 }
 
 /// What the dots are.
-const DOTS: &str = "A dot is where not every flight survived; a line ends where one left its envelope.";
+const DOTS: &str = "A dot is where not every flight survived. A line ends where one left its envelope, or where the \
+                    first phase had missed so often in a row that it was flown no further.";
 
 fn lateness(margins: &Margins) -> Markup {
     let inputs = |of: fn(&LawMargins) -> &[SteadyMargin]| -> Vec<String> {
@@ -188,11 +189,16 @@ fn losses(margins: &Margins) -> Markup {
     html! {
         p { "A share of the messages of an input is lost at random, by another seed at each phase. " (DOTS) }
         (over(margins, ("loss", "messages lost [%]"), &inputs, points, |share| 100.0 * share))
-        h3 { "Share that all flights survived / that half of them did [%], and the interval of survival at the first" }
+        h3 { "Share that all flights survived / that half of them did [%]" }
+        p {
+            "Behind them, how many flights with other seeds survived the first share, and the interval of the probability "
+            "of survival that follows, at 95 %."
+        }
         (rows(margins, &inputs, |law| {
             let each = law.losses.iter().map(|it| {
                 let [low, high] = it.survival.map(|it| 100.0 * it);
-                format!("{:.0} / {:.0} ({low:.1} to {high:.0})", 100.0 * it.share, 100.0 * it.median_share)
+                let (share, half) = (100.0 * it.share, 100.0 * it.median_share);
+                format!("{share:.0} / {half:.0} ({} of {}: {low:.1} to {high:.0} %)", it.survived, it.flights)
             });
             each.collect()
         }))

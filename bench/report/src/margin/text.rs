@@ -55,15 +55,15 @@ pub fn render(margins: &Margins) -> String {
 fn losses(margins: &Margins) -> String {
     let first = margins.laws.first();
     let columns: Vec<&str> = first.into_iter().flat_map(|law| &law.losses).map(|it| it.input.as_str()).collect();
-    let low = first.and_then(|law| law.losses.first()).map_or(0.0, |it| it.survival[0]);
-    let flights = margins.phases_s.len() as u64;
+    let flights = count(margins.phases_s.len() as u64, "flight");
     let title = format!(
-        "Largest share of random losses [%]: all of {} survived (with {:.1} % probability or more, at 95 %) / half did",
-        count(flights, "flight"),
-        100.0 * low
+        "Largest share of random losses [%]: all of {flights} survived (of as many with other seeds) / half did"
     );
     table(margins, &title, &columns, |law| {
-        law.losses.iter().map(|it| format!("{:.0} / {:.0}", 100.0 * it.share, 100.0 * it.median_share)).collect()
+        let each = law.losses.iter().map(|it| {
+            format!("{:.0} ({} of {}) / {:.0}", 100.0 * it.share, it.survived, it.flights, 100.0 * it.median_share)
+        });
+        each.collect()
     })
 }
 

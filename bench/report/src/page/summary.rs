@@ -8,7 +8,7 @@ use crate::status::FlightStatus;
 use crate::swaps::seconds;
 use crate::text;
 use crate::words::{FlightWord, TheoremWord, TimingWord, Words};
-use crate::{laws, losses};
+use crate::{laws, losses, margin};
 
 /// What was flown, the three words, key numbers.
 pub fn head(report: &Report) -> Markup {
@@ -25,7 +25,7 @@ pub fn head(report: &Report) -> Markup {
             @for sentence in losses::sentences(report) { p.bad { (sentence) } }
             @if !run.last_words.is_empty() { p { (run.ending) ". What it said last:" } pre { (run.last_words.join("\n")) } }
             (tiles(report))
-            @if let Some(margin) = &report.margin { p { "Margin: " (margin.sentence()) "." } }
+            @if let Some(margin) = margin::line::sentence(report) { p { "Margin: " (margin) "." } }
             p {
                 (run.started) ", instance " (run.instance) ", "
                 @if run.in_flight { "in flight: numbers so far, plots come with its end" } @else { (run.ending) }

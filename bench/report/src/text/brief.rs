@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use model::role::{Role, STAGES};
 
 use super::{INDENT, WIDTH, beside, wrapped};
+use crate::margin::line as margin;
 use crate::schema::Report;
 use crate::speed::Speed;
 use crate::{deaths, losses};
@@ -52,10 +53,14 @@ fn sentences(report: &Report) -> Vec<String> {
     all.push(format!("Flown     {ending}: {pace}; {:.1} s from {}", ticks.elapsed_s, run.started));
     all.extend(deaths(report));
     all.extend(outages(report));
-    all.extend(report.margin.iter().map(|margin| format!("Margin    {}", margin.sentence())));
+    // How to measure can wait: what is refused matters more, and there is room for little.
+    let is_known = report.margin.as_ref().is_some_and(|margin| margin.unknown.is_none());
+    let margin = margin::sentence(report).map(|sentence| format!("Margin    {sentence}"));
+    all.extend(margin.clone().filter(|_| is_known));
     all.push(tracking(report));
     all.extend(floors(report));
     all.extend(refused(report));
+    all.extend(margin.filter(|_| !is_known));
     all
 }
 

@@ -32,8 +32,8 @@ pub struct MarginArgs {
     /// Begin faults at so many instants, spread over one period of the trajectory, or up to --duration.
     #[arg(long, value_name = "N", default_value_t = 32, allow_hyphen_values = true, value_parser = phases)]
     pub phases: u32,
-    /// Measure this alone: a stage, all of them at once (machine), or the inputs of a topic; may be repeated. No table
-    /// for reports is left then.
+    /// Measure this alone: a stage, all of them at once (machine), or the inputs of a topic; may be repeated. As with
+    /// --gate and --duration, no table for reports is left then.
     #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(target::names()))]
     pub only: Vec<String>,
     /// The longest outage that is tried.

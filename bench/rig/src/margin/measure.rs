@@ -7,7 +7,7 @@ use report::comparison::Laws;
 use report::margin::{Exception, LawMargins, LossMargin, OutageMargin, PatternMargin, Point, SteadyMargin};
 
 use crate::margin::flights::Flights;
-use crate::margin::plan::{Asked, Judge, Unfaulted};
+use crate::margin::plan::{Asked, Judge, Judged};
 use crate::margin::search::{checked, climbed, largest};
 use crate::margin::target::Target;
 use failure::Failure;
@@ -88,9 +88,38 @@ impl Task<'_> {
         })
     }
 
-    /// Puts the phases of laws together, which are in order.
-    pub fn together(&self, phases: &[OfPhase], begins_s: &[f64], laws: Law, judge: &Judge) -> LawMargins {
-        let Law { laws, fingerprint, unfaulted } = laws;
+    /// For each input the largest share of losses [%] up to which every phase survived.
+    pub fn shares(&self, phases: &[OfPhase]) -> Vec<u64> {
+        let least = |(i, _)| phases.iter().map(|phase| phase.losses[i].0).min().unwrap_or(0);
+        self.inputs().enumerate().map(least).collect()
+    }
+
+    /// Whether each input's share of losses [%] is survived; nothing where none is lost.
+    ///
+    /// # Errors
+    /// Those of [`Flights::fly`].
+    pub fn again(&self, flights: &Flights<'_>, judge: &Judge, shares: &[u64]) -> Result<Vec<Option<bool>>, Failure> {
+        let phase = Phase { task: self, flights, judge };
+        let fly = |(port, percent): (Port, &u64)| match percent {
+            0 => Ok(None),
+            _ => Ok(Some(phase.lose(port, *percent)?.0)),
+        };
+        self.inputs().zip(shares).map(fly).collect()
+    }
+
+    /// Puts the phases of laws together, which are in order: how each was judged, what each bears, and whether each
+    /// survived the shares of losses that all bear once more.
+    pub fn together(
+        &self,
+        law: Law,
+        begins_s: &[f64],
+        judged: &[Judged],
+        phases: &[OfPhase],
+        again: &[Vec<Option<bool>>],
+    ) -> LawMargins {
+        let Law { laws, fingerprint } = law;
+        let largest = |of: fn(&Judged) -> f64| judged.iter().map(of).fold(0.0, f64::max);
+        let shares = self.shares(phases);
         let outages = self.targets.iter().enumerate().map(|(i, target)| OutageMargin {
             of: target.name(),
             ticks: phases.iter().map(|phase| phase.outages[i].0).collect(),
@@ -105,22 +134,25 @@ impl Task<'_> {
         let steady = |of: fn(&OfPhase) -> &[Climb]| -> Vec<SteadyMargin> {
             let margin = |(i, port): (usize, Port)| {
                 let ticks = sparse.iter().map(|phase| of(phase)[i].0).min().unwrap_or(0);
-                let points = merged(sparse.iter().map(|phase| of(phase)[i].1.as_slice()));
+                let points = merged(sparse.iter().map(|phase| of(phase)[i].1.as_slice()), sparse.len());
                 SteadyMargin { input: port.to_string(), ticks, is_most: ticks == MOST_TICKS, points }
             };
             self.inputs().enumerate().map(margin).collect()
         };
         let loss = |(i, port): (usize, Port)| {
-            let mut shares: Vec<u64> = phases.iter().map(|phase| phase.losses[i].0).collect();
-            shares.sort_unstable();
-            let number = shares.len() as u64;
-            let interval = clopper_pearson(number, number);
+            let mut each: Vec<u64> = phases.iter().map(|phase| phase.losses[i].0).collect();
+            each.sort_unstable();
+            let again: Vec<bool> = again.iter().filter_map(|phase| phase.get(i).copied().flatten()).collect();
+            let (flights, survived) = (again.len() as u64, again.iter().filter(|survived| **survived).count() as u64);
+            let interval = clopper_pearson(survived, flights);
             LossMargin {
                 input: port.to_string(),
-                share: shares.first().map_or(0.0, |percent| *percent as f64 / 100.0),
+                share: shares[i] as f64 / 100.0,
+                flights,
+                survived,
                 survival: [interval.low, interval.high],
-                median_share: shares.get(shares.len().saturating_sub(1) / 2).map_or(0.0, |it| *it as f64 / 100.0),
-                points: merged(phases.iter().map(|phase| phase.losses[i].1.as_slice())),
+                median_share: each.get(each.len().saturating_sub(1) / 2).map_or(0.0, |it| *it as f64 / 100.0),
+                points: merged(phases.iter().map(|phase| phase.losses[i].1.as_slice()), phases.len()),
             }
         };
         let pattern = |(i, port): (usize, Port)| PatternMargin {
@@ -134,30 +166,29 @@ impl Task<'_> {
         LawMargins {
             laws,
             fingerprint,
-            unfaulted_error_m: unfaulted.error_m,
-            unfaulted_saturated_percent: unfaulted.saturated_percent,
-            recovered_below_m: judge.outage.recovered_below_m,
-            tracked_below_m: judge.steady.recovered_below_m,
-            saturated_max_percent: judge.saturated_max_percent,
+            unfaulted_error_m: largest(|it| it.unfaulted.error_m),
+            unfaulted_saturated_percent: largest(|it| it.unfaulted.saturated_percent),
+            recovered_below_m: largest(|it| it.judge.outage.recovered_below_m),
+            tracked_below_m: largest(|it| it.judge.steady.recovered_below_m),
+            saturated_max_percent: largest(|it| it.judge.saturated_max_percent),
             outages: outages.collect(),
             lags: steady(|phase| &phase.lags),
             delays: steady(|phase| &phase.delays),
             losses: self.inputs().enumerate().map(loss).collect(),
             patterns: self.inputs().enumerate().map(pattern).collect(),
-            flights: phases.iter().map(|phase| phase.flights).sum(),
+            flights: phases.iter().map(|phase| phase.flights).sum::<u64>()
+                + again.iter().flatten().flatten().count() as u64,
         }
     }
 }
 
-/// Laws, and what they fly without a fault.
+/// Laws that are measured.
 #[derive(Clone, Debug)]
 pub struct Law {
     /// Their names.
     pub laws: Laws,
     /// Of their settings.
     pub fingerprint: String,
-    /// What they fly.
-    pub unfaulted: Unfaulted,
 }
 
 /// One phase of certain laws.
@@ -202,21 +233,23 @@ impl Phase<'_> {
         Ok((all as u64, points))
     }
 
+    /// Flies with a share of losses in percent.
+    fn lose(&self, port: Port, percent: u64) -> Result<(bool, Point), Failure> {
+        let share = percent as f64 / 100.0;
+        self.under(&format!("{port}.drop={share}"), share)
+    }
+
     /// The largest share of losses in percent.
     fn loss(&self, port: Port) -> Result<Climb, Failure> {
-        let lose = |percent: u64| {
-            let share = percent as f64 / 100.0;
-            self.under(&format!("{port}.drop={share}"), share)
-        };
         let mut points = Vec::new();
         let all = climbed(SHARES, SHARE_MISSES, |percent| {
-            let (survived, point) = lose(percent)?;
+            let (survived, point) = self.lose(port, percent)?;
             points.push(point);
             Ok(survived)
         })?;
         let low = all.checked_sub(1).map_or(0, |i| SHARES[i]);
         let high = SHARES.get(all).copied().unwrap_or(100);
-        let more = largest(high - low - 1, |more| Ok(lose(low + more)?.0))?;
+        let more = largest(high - low - 1, |more| Ok(self.lose(port, low + more)?.0))?;
         Ok((low + more, points))
     }
 
@@ -228,8 +261,9 @@ impl Phase<'_> {
     }
 }
 
-/// Points of one strength as one, in order of their strength.
-fn merged<'a>(phases: impl Iterator<Item = &'a [Point]>) -> Vec<Point> {
+/// Points of one strength as one, in order of their strength, up to where the first of so many phases flew no further:
+/// what lies beyond is of those alone that bear more.
+fn merged<'a>(phases: impl Iterator<Item = &'a [Point]>, number: usize) -> Vec<Point> {
     let mut all: Vec<Point> = Vec::new();
     for point in phases.flatten() {
         match all.iter_mut().find(|it| it.at == point.at) {
@@ -242,20 +276,54 @@ fn merged<'a>(phases: impl Iterator<Item = &'a [Point]>) -> Vec<Point> {
         }
     }
     all.sort_by(|a, b| a.at.total_cmp(&b.at));
-    all
+    all.into_iter().take_while(|it| it.flights == number as u64).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::margin::plan::Unfaulted;
+    use crate::settings::Settings;
 
     #[test]
     fn points_of_one_strength_are_one_with_the_worst_error() {
         let point = |at, survived, error_m| Point { at, flights: 1, survived, error_m };
         let first = [point(1.0, 1, Some(0.2)), point(2.0, 0, None)];
         let second = [point(1.0, 1, Some(0.3)), point(2.0, 1, Some(0.1)), point(3.0, 0, Some(2.0))];
-        let all = merged([&first[..], &second].into_iter());
+        let all = merged([&first[..], &second].into_iter(), 2);
         let both = |at, survived, error_m| Point { at, flights: 2, survived, error_m };
-        assert_eq!(all, [both(1.0, 2, Some(0.3)), both(2.0, 1, None), point(3.0, 0, Some(2.0))]);
+        assert_eq!(all, [both(1.0, 2, Some(0.3)), both(2.0, 1, None)], "what the first one did not fly is not drawn");
+    }
+
+    #[test]
+    fn survival_is_told_of_the_flights_that_were_flown_again() {
+        let asked = Asked::new(&[]).unwrap();
+        let targets = vec![Target::Input(Port::InnerState), Target::Input(Port::MixerWrench)];
+        let task = Task { targets, asked: &asked, longest: 2000, period_s: 1e-3, tick_ns: 1_000_000 };
+        let phase = |shares: [u64; 2]| OfPhase {
+            outages: vec![(100, Vec::new()); 2],
+            lags: Vec::new(),
+            delays: Vec::new(),
+            losses: shares.map(|share| (share, Vec::new())).into(),
+            patterns: Vec::new(),
+            flights: 10,
+        };
+        let phases = [phase([40, 0]), phase([30, 20]), phase([50, 60])];
+        assert_eq!(task.shares(&phases), [30, 0]);
+        let unfaulted = |error_m| Unfaulted { error_m, saturated_percent: 0.0 };
+        let settings = Settings::resolve(None, &Vec::new()).unwrap();
+        let judged = [0.004, 0.02, 0.001].map(|error_m| asked.judge(unfaulted(error_m), &settings));
+        assert_eq!(judged.each_ref().map(|it| it.judge.outage.recovered_below_m), [0.01, 0.04, 0.01], "each its own");
+        let laws = Laws { outer: "pd".into(), inner: "adaptive".into(), mixer: "priority".into() };
+        let law = Law { laws, fingerprint: String::new() };
+        let again = [vec![Some(true), None], vec![Some(false), None], vec![Some(true), None]];
+        let margins = task.together(law, &[10.0, 11.0, 12.0], &judged, &phases, &again);
+        let [state, wrench] = &margins.losses[..] else { panic!("{margins:?}") };
+        assert_eq!((state.share, state.flights, state.survived, state.median_share), (0.3, 3, 2, 0.4));
+        let interval = clopper_pearson(2, 3);
+        assert_eq!(state.survival, [interval.low, interval.high]);
+        assert!(state.survival[1] < 1.0, "one of three was lost");
+        assert_eq!((wrench.share, wrench.flights, wrench.survival), (0.0, 0, [0.0, 1.0]), "nothing is known");
+        assert_eq!((margins.flights, margins.recovered_below_m), (33, 0.04));
     }
 }

@@ -123,22 +123,32 @@ impl Asked {
         Gates { limits, recovered_below_m: bound_m, telemetry: Vec::new() }
     }
 
-    /// What it comes to for laws whose flight without a fault was this.
-    pub fn judge(&self, unfaulted: &Unfaulted, settings: &Settings) -> Judge {
+    /// What it comes to for a flight that without a fault was this.
+    pub fn judge(&self, unfaulted: Unfaulted, settings: &Settings) -> Judged {
         let bound_m = self.limit(RECOVERED_BELOW);
         let recovered_m = bound_m.unwrap_or((TIMES_UNFAULTED * unfaulted.error_m).max(SMALLEST_BOUND_M));
         let tracked_m = bound_m.unwrap_or(settings.flight.tracking_error_max_m.max(recovered_m));
         let own = self.limit(SATURATED);
         let saturated = unfaulted.saturated_percent + SATURATED_MORE_PERCENT;
-        Judge {
+        let judge = Judge {
             outage: self.gates(recovered_m, None),
             steady: self.gates(tracked_m, own.is_none().then_some(saturated)),
             saturated_max_percent: own.unwrap_or(saturated),
-        }
+        };
+        Judged { unfaulted, judge }
     }
 }
 
-/// What counts as survived with certain laws.
+/// How the flights of one seed are judged, and by what.
+#[derive(Clone, Debug)]
+pub struct Judged {
+    /// The flight without a fault.
+    pub unfaulted: Unfaulted,
+    /// What follows from it.
+    pub judge: Judge,
+}
+
+/// What counts as survived with certain laws and one seed.
 #[derive(Clone, Debug)]
 pub struct Judge {
     /// After an outage.

@@ -3,12 +3,15 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use flight_log::build::Build;
 use model::grid::Pace;
 use report::json;
 use report::margin::line::Section;
 use report::margin::{LawMargins, Margins, SCHEMA};
 use report::schema::Report;
+use report::text::count;
 
+use crate::build;
 use crate::settings::Settings;
 use crate::settings::trajectory::sha256_of;
 use failure::{Failure, InFile as _, read_text};
@@ -56,21 +59,35 @@ pub fn check(out: &Path) -> Result<(), Failure> {
     })
 }
 
-/// Leaves a table for each combination of laws; gives their paths.
+/// Leaves a table for each combination of laws, where the same build has not left one of more; says what became of each.
 ///
 /// # Errors
 /// [`Failure`] names the file that cannot be written.
-pub fn write(out: &Path, margins: &Margins) -> Result<Vec<PathBuf>, Failure> {
+pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
     let write = |law: &LawMargins| {
         let path = path(out, &law.fingerprint);
+        if let Some(known) = read(out, &law.fingerprint).filter(|known| is_more(known, margins)) {
+            return Ok(format!(
+                "kept, for reports of flights: {}, which is of {} and outages up to {}",
+                path.display(),
+                count(known.phases_s.len() as u64, "phase"),
+                count(known.longest_ticks, "tick")
+            ));
+        }
         let table = Margins { laws: vec![law.clone()], ..margins.clone() };
         let text = json::to_string(&table).in_file("write", &path)?;
         let draft = path.with_extension(format!("draft.{}", std::process::id()));
         fs::write(&draft, text + "\n").in_file("write", &draft)?;
         fs::rename(&draft, &path).in_file("write", &path)?;
-        Ok(path)
+        Ok(format!("written, for reports of flights: {}", path.display()))
     };
     margins.laws.iter().map(write).collect()
+}
+
+/// Whether a table of the same build is of more phases, or of longer outages.
+fn is_more(known: &Margins, than: &Margins) -> bool {
+    let is_more = known.phases_s.len() > than.phases_s.len() || known.longest_ticks > than.longest_ticks;
+    known.build == than.build && is_more
 }
 
 /// What the loop of a flight bears that is about to begin; none in lockstep, where there are no outages.
@@ -79,41 +96,109 @@ pub fn write(out: &Path, margins: &Margins) -> Result<Vec<PathBuf>, Failure> {
 /// As [`fingerprint`].
 pub fn of_flight(pace: Pace, settings: &Settings, directory: &Path) -> Result<Option<Section>, Failure> {
     match pace {
-        Pace::Realtime(_) => Ok(Some(section(&fingerprint(settings)?, directory))),
+        Pace::Realtime(_) => Ok(Some(section(&fingerprint(settings)?, directory, &build::here()))),
         Pace::Lockstep => Ok(None),
     }
 }
 
-/// What a flight in a directory bears, as far as a table beside it says.
+/// What a flight in a directory bears that a build flew, as far as a table beside it says.
 #[must_use]
-pub fn section(fingerprint: &str, directory: &Path) -> Section {
-    let table = directory.parent().and_then(|out| known(out, fingerprint));
-    table.unwrap_or_else(|| {
+fn section(fingerprint: &str, directory: &Path, build: &Build) -> Section {
+    let table = directory.parent().and_then(|out| read(out, fingerprint));
+    table.and_then(|table| Section::known(fingerprint, &table, build)).unwrap_or_else(|| {
         let settings = directory.join("settings.toml");
         Section::unknown(fingerprint.into(), format!("ironbird margin --config {}", settings.display()))
     })
 }
 
-/// What a table says; nothing where there is none, or none that can be read.
-fn known(out: &Path, fingerprint: &str) -> Option<Section> {
+/// A table; nothing where there is none, or none that can be read.
+fn read(out: &Path, fingerprint: &str) -> Option<Margins> {
     let text = read_text("read", &path(out, fingerprint)).ok()?;
     let table: Margins = serde_json::from_str(&text).ok()?;
-    (table.schema == SCHEMA).then(|| Section::known(fingerprint, &table)).flatten()
+    (table.schema == SCHEMA).then_some(table)
 }
 
 /// Looks once more for margins that were not known when a flight ended.
 pub fn look_again(report: &mut Report, directory: &Path) {
-    let Report { margin: Some(margin), autopsy, .. } = report else { return };
+    let Report { margin: Some(margin), autopsy, run, .. } = report else { return };
     let is_name = !margin.fingerprint.is_empty() && margin.fingerprint.bytes().all(|byte| byte.is_ascii_hexdigit());
     if margin.unknown.is_some() && is_name {
-        *margin = section(&margin.fingerprint, directory).with(autopsy);
+        *margin = section(&margin.fingerprint, directory, &run.build).with(autopsy);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use model::role::STAGES;
+    use report::comparison::Laws;
+    use report::margin::line::MACHINE;
+    use report::margin::{Gate, OutageMargin};
     use toml::Value;
+
+    /// Margins of so many phases, up to so many ticks, by a build of a commit.
+    fn margins(phases: usize, longest_ticks: u64, commit: &str) -> Margins {
+        let outage = |of: &str| OutageMargin { of: of.into(), ticks: vec![30; phases], exceptions: Vec::new() };
+        let laws = Laws { outer: "pd".into(), inner: "pid".into(), mixer: "priority".into() };
+        let law = LawMargins {
+            laws,
+            fingerprint: "ab".into(),
+            unfaulted_error_m: 0.0,
+            unfaulted_saturated_percent: 0.0,
+            recovered_below_m: 0.01,
+            tracked_below_m: 0.1,
+            saturated_max_percent: 10.0,
+            outages: STAGES.into_iter().map(|role| role.name()).chain([MACHINE]).map(outage).collect(),
+            lags: Vec::new(),
+            delays: Vec::new(),
+            losses: Vec::new(),
+            patterns: Vec::new(),
+            flights: 0,
+        };
+        Margins {
+            schema: SCHEMA.into(),
+            build: Build { commit: commit.into(), ..build::here() },
+            trajectory: "hover".into(),
+            airframe: "paper".into(),
+            preset: "flight".into(),
+            seed: 1,
+            period_s: 1e-3,
+            phases_s: vec![10.0; phases],
+            span_s: 10.0,
+            cycle_s: None,
+            sparse: 8,
+            longest_ticks,
+            steady_s: 10.0,
+            gate: Gate { recovered_below_m: None, tracked_below_m: 0.1, recovery_max_s: 5.0, limits: Vec::new() },
+            laws: vec![law],
+        }
+    }
+
+    #[test]
+    fn a_table_of_more_phases_is_kept_unless_another_build_made_it() {
+        let out = tempfile::tempdir().unwrap();
+        check(out.path()).unwrap();
+        let write = |phases, longest, commit| write(out.path(), &margins(phases, longest, commit)).unwrap().join(" ");
+        let phases = || read(out.path(), "ab").map_or(0, |table| table.phases_s.len());
+        assert!(write(1, 2000, "old").starts_with("written, for reports of flights: "));
+        assert!(write(32, 2000, "old").ends_with("ab.json") && phases() == 32);
+        let kept = write(1, 2000, "old");
+        assert!(kept.ends_with("ab.json, which is of 32 phases and outages up to 2000 ticks"), "{kept}");
+        assert!(write(64, 60, "old").starts_with("kept") && phases() == 32, "shorter outages");
+        assert!(write(1, 60, "new").starts_with("written") && phases() == 1, "another build");
+    }
+
+    #[test]
+    fn a_flight_of_another_build_is_told_who_measured() {
+        let out = tempfile::tempdir().unwrap();
+        check(out.path()).unwrap();
+        write(out.path(), &margins(32, 2000, "old")).unwrap();
+        let run = out.path().join("run");
+        let of = |commit: &str| section("ab", &run, &Build { commit: commit.into(), ..build::here() });
+        assert!(of("old").unknown.is_none() && of("old").measured_by.is_none());
+        assert!(of("new").measured_by.is_some_and(|build| build.starts_with("old")));
+        assert!(section("cd", &run, &build::here()).unknown.is_some());
+    }
 
     #[test]
     fn a_fingerprint_is_of_what_matters_and_of_nothing_else() {
