@@ -10,11 +10,16 @@ from pathlib import Path
 HEAD = """# Faults, tried
 
 Written by `bench/drill/run --write docs`; the same as data in [faults.json](faults.json), why it is so in
-[decision 28](decisions/0028-drill.md). Each trial flies real processes over real shared memory, as a trial of its own: own root, own
-instance, own processes, and a look at what is left of them. *Survived* means that all came out as expected. The interval is Wilson's, at
-95 %, for the share that survives. Of forged messages, and of flipped bits, each message is a trial.
+[decision 28](decisions/0028-drill.md). Each trial is made with
+real processes over real shared memory: own root, own instance, own processes, and a look at what is left of them. *Survived* means that
+all came out as expected; a flight against the clock that failed once was flown again, and both are counted.
 
-    bench/drill/run --only kill.inner --n 100     # one row again; --list shows the rows, --short is the gate's form
+What a trial is stands beside its number. Where it is not a flight, several trials share one: `8 deaths, 1 flight`. A flight that fails
+then costs all of its trials. The interval is Wilson's, at 95 %, for the share that survives: of flights where trials share them, else of
+trials. Few trials give wide intervals, and say no more than these.
+
+    bench/drill/run --short --write docs          # this page: each row a few times; without --short, as often as its n
+    bench/drill/run --only kill.inner --n 100     # one row again; --list shows the rows
     bench/drill/run --soak 2h                     # one flight with a fault every 10 s: what grows of memory, files, descriptors
     bench/drill/mutants                           # each guard switched off in a build of its own: what turns red
 
@@ -42,15 +47,23 @@ def figures(row):
     return "; ".join(f"{name} {median:g} / {worst:g}" for name, (median, worst) in row["figures"].items()) or "-"
 
 
+def counted(number, what):
+    ending = "" if number == 1 else "es" if what.endswith("h") else "s"
+    first, of, rest = what.partition(" that ")
+    return f"{number} {first}{ending}{of}{rest}"
+
+
 def line(row):
     tried, survived = row["tried"], row["survived"]
+    begin = f"| `{row['name']}` | {row['fault']} | `{row['injector']}` | {row['expected']}"
     if not tried:
-        outcome = f"not tried here: {row['why'] or 'not in this form'}"
-        return f"| `{row['name']}` | {row['fault']} | `{row['injector']}` | {row['expected']} | 0 | - | - | {outcome} |"
-    low, high = wilson(survived, tried)
+        return f"{begin} | 0 | - | - | not tried: {row['lack'] or row['why'] or 'not asked for'} |"
+    flights = row["flights"]
+    low, high = wilson(flights - row["flights_lost"], flights) if row["shares_flights"] else wilson(survived, tried)
+    what = "" if row["trial"] == "flight" else f" {counted(tried, row['trial'])[len(str(tried)) + 1:]}"
+    what += f", {counted(flights, 'flight')}" if row["shares_flights"] else ""
     failed = "" if survived == tried else f" **{row['why']}**"
-    return (f"| `{row['name']}` | {row['fault']} | `{row['injector']}` | {row['expected']}{failed} | {tried} | {survived} | "
-            f"{percent(low)} to {percent(high)} % | {figures(row)} |")
+    return (f"{begin}{failed} | {tried}{what} | {survived} | {percent(low)} to {percent(high)} % | {figures(row)} |")
 
 
 def write(directory, results):
@@ -59,17 +72,23 @@ def write(directory, results):
     rows = results["rows"]
     tried, good = [row for row in rows if row["tried"]], [row for row in rows if row["tried"] == row["survived"] > 0]
     text = HEAD
-    text += (f"{len(rows)} rows, {len(tried)} tried, {len(good)} of these without a trial that failed. {results['machine']}. "
-             "Other work ran on the machine meanwhile; figures of time say so much and no more.\n\n")
+    text += (f"All of it with one build, `{results['build']}`, on {results['date']}; {results['machine']}. {len(rows)} rows, "
+             f"{len(tried)} tried, {len(good)} of these without a trial that failed. Other work ran on the machine meanwhile; "
+             "figures of time say so much and no more.\n\n")
+    missing = [f"`{row['name']}`" for row in rows if not row["tried"]]
+    text += f"Not tried: {', '.join(missing)}.\n\n" if missing else ""
     for group in dict.fromkeys(row["group"] for row in rows):
         text += f"## {group}\n\n| row | fault | injector | expected | tried | survived | interval | median / worst |\n"
         text += "|---|---|---|---|---|---|---|---|\n"
         text += "".join(line(row) + "\n" for row in rows if row["group"] == group) + "\n"
-    for section in ("soak", "mutants"):
+    for section, title, command in (("soak", "One long flight", "bench/drill/run --soak 2h --write docs"),
+                                    ("mutants", "Guards switched off", "bench/drill/mutants --write docs")):
         if results.get(section):
             text += results[section]["text"] + "\n"
-    (directory / "faults.md").write_text(text)
+        else:
+            text += f"## {title}\n\nNot run with this build: `{command}`.\n\n"
+    (directory / "faults.md").write_text(text.rstrip("\n") + "\n")
 
 
 def machine():
-    return f"{os.cpu_count()} processors, {platform.system()} {platform.release()}, a {{profile}} build"
+    return f"{os.cpu_count()} processors, {platform.system()} {platform.release()}"

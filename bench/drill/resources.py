@@ -1,5 +1,6 @@
 """What the machine refuses or takes away: memory, disks, descriptors, rights, processors, clocks."""
 
+import json
 import os
 import subprocess
 
@@ -64,6 +65,8 @@ def small_disk(make, n, size):
                       "exit $code")
             command = rig.command("fly", "--pace", "lockstep", "--duration", "12s", "--out", disk)
             result = rig.launch(["unshare", "-m", "sh", "-c", script, *command]).end().expect(0).result()
+            ending = json.loads((kept / "report.json").read_text())["run"]["ending"]
+            demand(ending == "completed", ending)
             demand(result["status"] == "INCOMPLETE" and result["ticks"] == "12001", f"{result}")
             rig.demand_nothing_left()
             yield {"messages dropped": int(result["unlogged"])}
@@ -111,6 +114,7 @@ def unprivileged(make, n, require):
                 ended.expect(4).says("rtprio")
             else:
                 demand(ended.expect(0, 3).result()["rt"] == "other", f"{ended}")
+                demand(rig.report()["run"]["ending"] == "completed", rig.report()["run"]["ending"])
             rig.demand_nothing_left()
             yield {}
 
@@ -121,7 +125,7 @@ def processors(make, n):
         with make() as rig:
             ended = rig.run("fly", "--cpu", "99", "--duration", "1s")
             demand(ended.code not in (0, None) and "99" in ended.err + ended.out, f"{ended}")
-            rig.launch(["taskset", "-c", "0", *rig.command("fly", *SHORT)]).end().expect(0, 3)
+            rig.end_completed(rig.launch(["taskset", "-c", "0", *rig.command("fly", *SHORT)]))
             rig.demand_nothing_left()
             yield {}
 
@@ -138,7 +142,7 @@ def hogs(make, n, policy):
             real_time = ["chrt", "-f", "90"] if policy == "fifo" else []
             for _ in range(2):
                 rig.launch(["taskset", "-c", str(last), *real_time, "python3", "-c", spin]).end().expect(0)
-            flight.end().expect(0, 3)
+            rig.end_completed(flight)
             report = rig.report()
             demand(not report["deaths"], f"killed: {report['deaths']}")
             rig.demand_replay()
@@ -155,7 +159,7 @@ def traced(make, n):
             tracer = rig.launch(["timeout", "-s", "INT", "0.5", "strace", "-f", "-p", str(rig.await_pid("inner")), "-o",
                                  "/dev/null"])
             tracer.end()
-            flight.end().expect(0, 3)
+            rig.end_completed(flight)
             rig.demand_replay()
             rig.demand_nothing_left()
             yield {"ticks skipped": rig.report()["ticks"]["skipped"]}
@@ -170,10 +174,8 @@ def wall_clock(make, n):
             source.write_text(CLOCK)
             subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", shim, source, "-ldl"], check=True)
             environment = {**rig.environment, "LD_PRELOAD": str(shim)}
-            rig.fly(duration="2s", env=environment).end().expect(0, 3)
-            report = rig.report()
-            demand(report["run"]["ending"] == "completed", report["run"]["ending"])
-            ticks = report["ticks"]
+            rig.end_completed(rig.fly(duration="2s", env=environment))
+            ticks = rig.report()["ticks"]
             demand(ticks["run"] + ticks["skipped"] == 2001, f"ticks: {ticks}")
             rig.demand_replay()
             rig.demand_nothing_left()
@@ -186,7 +188,7 @@ def old_machine(make, n):
         with make() as rig:
             need_root()
             command = ["unshare", "-T", "--monotonic", str(30 * 365 * 86400), "--fork", "--", *rig.command("fly", *SHORT)]
-            rig.launch(command).end().expect(0, 3)
+            rig.end_completed(rig.launch(command))
             rig.demand_replay()
             rig.demand_nothing_left()
             yield {}

@@ -11,6 +11,19 @@ import resources
 import starts
 
 
+# What flies in lockstep or is refused before it flies: no busy machine makes it come out otherwise.
+NOT_TIMED = (messages.forged, messages.faulted, messages.missing, files.garbage, files.in_the_way, files.read_only,
+             files.hostile_middleware, bodies.law_is_wrong, bodies.tilted, bodies.worn, resources.small_memory,
+             resources.small_disk, resources.limited)
+# What a trial is where it is not a flight of its own, and whether such trials share a flight.
+TRIALS = {
+    messages.forged: ("message", False), messages.flipped: ("flipped bit that reached a port", True),
+    messages.flood: ("swap", True), messages.killed_clients: ("client", True), messages.observers: ("observer", True),
+    deaths.in_a_row: ("death", True), deaths.pause: ("pause", True), starts.second_flight: ("second start", True),
+    starts.second_role: ("second start", True), files.garbage: ("file", False),
+}
+
+
 @dataclass(frozen=True)
 class Row:
     name: str
@@ -19,11 +32,24 @@ class Row:
     injector: Callable
     expected: str
     n: int
-    # In the short form; 0 is not at all.
+    # In the short form; 0 is not at all, except where a page is written.
     short: int = 1
     arguments: dict = field(default_factory=dict)
     # Guards (shared/model/src/guards.rs) whose absence must turn this row red.
     guards: tuple = ()
+
+    @property
+    def is_timed(self):
+        """Whether it flies against the clock: one failed flight of it is flown again, and both are counted."""
+        return self.injector not in NOT_TIMED
+
+    @property
+    def trial(self):
+        return TRIALS.get(self.injector, ("flight", False))[0]
+
+    @property
+    def shares_flights(self):
+        return TRIALS.get(self.injector, ("flight", False))[1]
 
     def injector_name(self):
         words = ", ".join(f"{value}" for value in self.arguments.values())

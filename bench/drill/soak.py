@@ -1,4 +1,4 @@
-"""One long flight with a fault every ten seconds: what grows of memory, files and descriptors."""
+"""Long flights with a fault every ten seconds: what grows of memory, files and descriptors, and whether too much."""
 
 import itertools
 import os
@@ -8,12 +8,17 @@ import time
 from pathlib import Path
 
 import flip
-from rig import ROLES, demand
+from rig import ROLES, NotBegun, Wrong, demand
 
 EVERY_S = 10.0
 # What starting and the first faults take is no growth.
 WARM_UP = 0.2
 STAY = ("plant", "record", "fly")
+# A board has 64 sheets, and a killed writer keeps its own. In this time a role is struck at most 45 times.
+FLIGHT_S = 2700.0
+# What may be more at the end of a flight than after its warm-up, by the straight line through all looks.
+GROWTH_MOST = {"own memory of plant, recorder and launcher [KiB]": 2048, "descriptors": 8, "segments": 2,
+               "shared memory [KiB]": 256, "files below the root": 8, "files of the flight": 2, "threads": 2}
 
 
 def kill(rig, role, number=signal.SIGKILL):
@@ -105,46 +110,75 @@ def seconds(text):
     return float(text[:-1]) * {"s": 1, "m": 60, "h": 3600}[text[-1]]
 
 
-def soak(make, duration):
-    total_s, draw = seconds(duration), random.Random(7)
-    if os.geteuid() == 0:
-        # A pause that a busy machine makes longer than 80 ms is a hang, and a plant's hang the end of the flight.
-        os.nice(-15)
-    looks, done = [], {}
+def flight(make, total_s, draw, told):
+    """One flight; what is seen of it is told as it comes, so that a flight that goes wrong has been seen as well."""
+    looks, done = told["looks"], told["faults"]
     with make() as rig:
-        flight = rig.take_off("--on-death", "restart", "--log", "off", duration=f"{total_s:.0f}s",
-                              preexec_fn=lambda: os.setpriority(os.PRIO_PROCESS, 0, 0))
+        flown = rig.take_off("--on-death", "restart", "--log", "off", duration=f"{total_s:.0f}s",
+                             preexec_fn=lambda: os.setpriority(os.PRIO_PROCESS, 0, 0))
         begin = time.monotonic()
         for number, (name, strike) in enumerate(itertools.cycle(FAULTS), 1):
             due = begin + number * EVERY_S + draw.random()
             if due + EVERY_S > begin + total_s:
                 break
             time.sleep(max(0.0, due - time.monotonic()))
-            seen = look(rig, flight.pid)
+            seen = look(rig, flown.pid)
             if seen:
                 looks.append((time.monotonic() - begin, seen))
-            demand(flight.is_running(), f"the flight ended: {flight.said()[-500:]}")
+            demand(flown.is_running(), f"the flight ended: {flown.said()[-500:]}")
             strike(rig)
             done[name] = done.get(name, 0) + 1
             # The files of clients that have ended are not the flight's.
             rig.started = [process for process in rig.started if process.is_running()]
-        flight.end(120).expect(0, 3)
+        rig.end_completed(flown)
         report = rig.report()
-        demand(report["run"]["ending"] == "completed", report["run"]["ending"])
         rig.demand_nothing_left()
-        ticks = report["ticks"]
+        told["ticks"] = report["ticks"]["run"] + report["ticks"]["skipped"]
+        told["deaths"] = len(report["deaths"])
+        away = sum(death["back_after_ms"] is None for death in report["deaths"])
+        demand(away == 0, f"{away} of {told['deaths']} dead processes are not back")
+
+
+def grown(looks, total_s):
+    """What each quantity grew by, from the end of the warm-up to the last look."""
     warm = [(at, seen) for at, seen in looks if at >= WARM_UP * total_s]
-    rows = ["| what | after warm-up | at the end | most | growth per hour |", "|---|---|---|---|---|"]
-    growth = {}
-    for what in warm[0][1]:
-        series = [(at, seen[what]) for at, seen in warm]
-        growth[what] = slope_per_hour(series)
-        values = [value for _, value in series]
-        rows.append(f"| {what} | {values[0]} | {values[-1]} | {max(values)} | {growth[what]:+.1f} |")
-    faults = sum(done.values())
-    text = (f"## One long flight\n\n`bench/drill/run --soak {duration}`: {ticks['run'] + ticks['skipped']} ticks, a fault every "
-            f"{EVERY_S:.0f} s, {faults} in all of {len(done)} kinds, {len(report['deaths'])} deaths in the report, "
-            f"{sum(1 for death in report['deaths'] if death['back_after_ms'] is None)} of them not back; completed, nothing left.\n"
-            "The growth is the slope of a straight line through all looks after the first fifth.\n\n" + "\n".join(rows) + "\n")
+    demand(len(warm) >= 3, f"{len(warm)} looks after the warm-up; a soak takes at least 60s")
+    hours = (warm[-1][0] - warm[0][0]) / 3600
+    return {what: slope_per_hour([(at, seen[what]) for at, seen in warm]) * hours for what in GROWTH_MOST}
+
+
+def soak(make, duration):
+    """Flies for so long, in flights of at most FLIGHT_S; each is judged by its end and by what grew."""
+    left_s, draw = seconds(duration), random.Random(7)
+    if os.geteuid() == 0:
+        # A pause that a busy machine makes longer than 80 ms is a hang, and a plant's hang the end of the flight.
+        os.nice(-15)
+    flights, wrong = [], []
+    while left_s >= 60 or not flights:
+        flight_s = min(left_s, FLIGHT_S)
+        left_s -= flight_s
+        told = {"looks": [], "faults": {}, "ticks": 0, "deaths": 0, "growth": {}}
+        flights.append(told)
+        try:
+            flight(make, flight_s, draw, told)
+            told["growth"] = grown(told["looks"], flight_s)
+            for what, more in told["growth"].items():
+                demand(more <= GROWTH_MOST[what], f"{what} grew by {more:.1f}; {GROWTH_MOST[what]} are allowed")
+        except (Wrong, NotBegun, OSError, ValueError, LookupError) as error:
+            wrong.append(f"flight {len(flights)}: {error}")
+    rows = ["| what | after the first look | at the end | most | largest growth of a flight | allowed |", "|---|---|---|---|---|---|"]
+    for what, most in GROWTH_MOST.items():
+        series = [seen[what] for told in flights for _, seen in told["looks"]]
+        more = [told["growth"][what] for told in flights if told["growth"]]
+        if series and more:
+            rows.append(f"| {what} | {series[0]} | {series[-1]} | {max(series)} | {max(more):+.1f} | {most} |")
+    kinds = {name for told in flights for name in told["faults"]}
+    text = (f"## One long flight\n\n`bench/drill/run --soak {duration}`: {len(flights)} flights of at most {FLIGHT_S / 60:.0f} min, "
+            f"{sum(told['ticks'] for told in flights)} ticks, a fault every {EVERY_S:.0f} s, "
+            f"{sum(sum(told['faults'].values()) for told in flights)} in all of {len(kinds)} of {len(FAULTS)} kinds, "
+            f"{sum(told['deaths'] for told in flights)} deaths. "
+            + (f"**Wrong: {'; '.join(wrong)}.**" if wrong else "All completed, all that died came back, nothing left.")
+            + "\nGrowth is that of a straight line through all looks after the first fifth of a flight; a soak fails where it is more "
+            "than allowed.\n\n" + "\n".join(rows) + "\n")
     print(text)
-    return {"text": text, "faults": done, "looks": [(round(at), seen) for at, seen in looks], "growth": growth, "failed": 0}
+    return {"text": text, "flights": flights, "failed": [f"soak {why}" for why in wrong]}

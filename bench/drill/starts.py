@@ -29,11 +29,11 @@ def orders(make, n):
 
 def second_flight(make, n):
     """Starts a flight where one flies: it is turned away, and the first flies on."""
-    with make() as rig:
+    with make(trials=n) as rig:
         flight = rig.take_off(duration=f"{n * 0.3 + 3:.0f}s")
         for _ in range(n):
             rig.run("fly", "--rt", "off", "--duration", "1s").expect(5).says("already has a running fly")
-        demand(flight.end().expect(0, 3).result()["lost"] == "0", "messages are lost")
+        demand(rig.end_completed(flight).result()["lost"] == "0", "messages are lost")
         rig.demand_nothing_left()
         for _ in range(n):
             yield {}
@@ -41,13 +41,14 @@ def second_flight(make, n):
 
 def second_role(make, n):
     """Starts each role where it flies already: it is turned away, and the flight goes on."""
-    with make() as rig:
+    with make(trials=n) as rig:
         flight = rig.take_off(duration=f"{n * 0.3 + 3:.0f}s")
         for role in itertools.islice(itertools.cycle(ROLES), n):
             rig.run(role, "--rt", "off").expect(5).says(f"a running {role}")
-            yield {}
-        flight.end().expect(0, 3)
+        rig.end_completed(flight)
         rig.demand_nothing_left()
+        for _ in range(n):
+            yield {}
 
 
 def two_instances(make, n):

@@ -5,8 +5,11 @@
 
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// Whether this build can switch guards off.
-pub const IS_MUTANT: bool = option_env!("IRONBIRD_BUILD_MUTANTS").is_some();
+/// Whether this build can switch guards off; an empty variable asks for nothing.
+pub const IS_MUTANT: bool = match option_env!("IRONBIRD_BUILD_MUTANTS") {
+    Some(asked) => !asked.is_empty(),
+    None => false,
+};
 
 macro_rules! guards {
     ($($(#[$doc:meta])* $guard:ident = $name:literal),+ $(,)?) => {
