@@ -26,6 +26,7 @@ use report::host::InterruptSection;
 use report::laws::{LawSection, NotFinite};
 use report::schema::{self, Report, RunLength};
 use report::sections::{log_section, rejected};
+use report::states::StatesWriter;
 use report::tally::deadlines::LateStretch;
 use report::tally::distribution::buckets;
 use report::tally::series::Series;
@@ -162,7 +163,7 @@ impl Recorder<'_> {
     }
 
     /// Hands the states so far to the disk.
-    fn keep_states(&mut self) {
+    pub(super) fn keep_states(&mut self) {
         let kept = self.states.iter_mut().try_for_each(StatesWriter::flush);
         self.note("states.csv", kept);
     }
