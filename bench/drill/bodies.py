@@ -37,6 +37,7 @@ def law_hangs(make, n):
             flight.end().expect(1, 3).says("hung, and was killed; it is started again")
             deaths = rig.report()["deaths"]
             demand(deaths and deaths[0]["noticed_after_ms"] is not None, f"{deaths}")
+            demand(rig.report()["run"]["ending"] != "completed", "the flight completed with a law that never answers")
             rig.demand_nothing_left()
             yield {"ms noticed": round(deaths[0]["noticed_after_ms"], 1)}
 

@@ -92,6 +92,24 @@ def leftovers(make, n, how):
             yield {"by clean": int(ended.code != 0)}
 
 
+def counter_left(make, n):
+    """Puts the middleware's counter of nodes back after a flight: the next start removes it, or `ironbird clean` names it."""
+    for i in range(n):
+        with make() as rig:
+            flight = rig.take_off(duration="500ms")
+            [path] = [path for path in rig.segments() if path.suffix == ".global_mgmt"]
+            counter = path.read_bytes()
+            rig.end_completed(flight)
+            rig.demand_nothing_left()
+            path.touch(mode=0o600)
+            path.write_bytes(counter)
+            if i % 2 == 1:
+                rig.run("clean").expect(0).says(f"removed {path}")
+                rig.demand_nothing_left()
+            rig.demand_next_flight()
+            yield {}
+
+
 def segments_in_use(make, n, how):
     """Removes or cuts off the segments of a flight in the air: it goes on or ends, and the next one flies."""
     draw = random.Random(n)
@@ -212,6 +230,9 @@ ROWS = [
     *({"name": f"leftovers.{how}", "fault": f"what killed processes left in shared memory is {words}", "injector": leftovers,
        "arguments": {"how": how}, "expected": "next start flies, or asks for `ironbird clean` and then flies", "n": 20}
       for how, words in {"truncated": "cut off", "garbage": "overwritten", "removed": "half removed"}.items()),
+    {"name": "leftovers.counter", "fault": "the middleware's counter of nodes is left by a flight that ended in order",
+     "injector": counter_left, "expected": "next start flies and removes it, as `ironbird clean` does, which names it", "n": 10,
+     "short": 2},
     {"name": "segments.removed", "fault": "all segments are removed in flight", "injector": segments_in_use,
      "arguments": {"how": "removed"}, "expected": "no hang; next flight flies; nothing left", "n": 10},
     {"name": "segments.truncated", "fault": "a segment is cut off in flight", "injector": segments_in_use,

@@ -48,9 +48,8 @@ def figures(row):
 
 
 def counted(number, what):
-    ending = "" if number == 1 else "es" if what.endswith("h") else "s"
     first, of, rest = what.partition(" that ")
-    return f"{number} {first}{ending}{of}{rest}"
+    return f"{number} {first}{'' if number == 1 else 's'}{of}{rest}"
 
 
 def line(row):
@@ -60,10 +59,10 @@ def line(row):
         return f"{begin} | 0 | - | - | not tried: {row['lack'] or row['why'] or 'not asked for'} |"
     flights = row["flights"]
     low, high = wilson(flights - row["flights_lost"], flights) if row["shares_flights"] else wilson(survived, tried)
-    what = "" if row["trial"] == "flight" else f" {counted(tried, row['trial'])[len(str(tried)) + 1:]}"
-    what += f", {counted(flights, 'flight')}" if row["shares_flights"] else ""
+    number = str(tried) if row["trial"] == "flight" else counted(tried, row["trial"])
+    number += f", {counted(flights, 'flight')}" if row["shares_flights"] else ""
     failed = "" if survived == tried else f" **{row['why']}**"
-    return (f"{begin}{failed} | {tried}{what} | {survived} | {percent(low)} to {percent(high)} % | {figures(row)} |")
+    return (f"{begin}{failed} | {number} | {survived} | {percent(low)} to {percent(high)} % | {figures(row)} |")
 
 
 def write(directory, results):

@@ -58,14 +58,29 @@ fn every_guard_has_a_row_that_its_absence_turns_red() {
 fn every_row_has_its_line_in_the_page_with_what_became_of_it() {
     let page = fs::read_to_string(root().join("docs/faults.md")).unwrap();
     let data: Value = serde_json::from_str(&fs::read_to_string(root().join("docs/faults.json")).unwrap()).unwrap();
-    let data = data["rows"].as_array().unwrap();
+    let known = data["rows"].as_array().unwrap();
     for row in rows() {
         let name = text(&row, "name");
         let lines: Vec<&str> = page.lines().filter(|line| line.starts_with(&format!("| `{name}` |"))).collect();
         let [line] = lines[..] else { panic!("{} lines of `{name}` in docs/faults.md", lines.len()) };
         assert!(line.contains(text(&row, "expected")) && line.contains(text(&row, "injector")), "{line}");
-        let found = data.iter().find(|found| found["name"] == name).unwrap();
+        let found = known.iter().find(|found| found["name"] == name).unwrap();
         let [tried, survived] = ["tried", "survived"].map(|key| found[key].as_u64().unwrap());
-        assert!(line.contains(&format!("| {tried} | {}", if tried == 0 { "-".into() } else { survived.to_string() })));
+        let cells: Vec<&str> = line.split(" | ").collect();
+        if tried == 0 {
+            assert!(cells[4..].iter().any(|cell| cell.starts_with("not tried: ") && cell.len() > 14), "{line}");
+        } else {
+            assert_eq!(cells[4].split([' ', ',']).next(), Some(tried.to_string().as_str()), "{line}");
+            assert_eq!(cells[5], survived.to_string(), "{line}");
+        }
     }
+    let build = data["build"].as_str().unwrap();
+    assert!(build.starts_with("ironbird ") && !build.contains("mutant"), "{build}");
+    assert!(page.contains(&format!("with one build, `{build}`, on {}", text(&data, "date"))));
+}
+
+#[test]
+fn trials_are_counted_as_the_page_says() {
+    let said = Command::new("python3").arg(root().join("bench/drill/own_tests.py")).output().unwrap();
+    assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
 }
