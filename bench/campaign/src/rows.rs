@@ -176,8 +176,11 @@ fn cells_in(path: &Path, places: &[usize]) -> Result<Vec<Cells>, Failure> {
         before += batch.num_rows();
     }
     if all.len() < places.len() {
-        return Err(Failure::failed(format!("{} ends after {before} rows, and has fewer than its campaign", path.display()))
-            .help("`ironbird campaign status` names what is broken, and `campaign run` flies it again"));
+        return Err(Failure::failed(format!(
+            "{} ends after {before} rows, and has fewer than its campaign",
+            path.display()
+        ))
+        .help("`ironbird campaign status` names what is broken, and `campaign run` flies it again"));
     }
     Ok(all)
 }
