@@ -142,10 +142,10 @@ fn a_late_stage_and_one_that_is_restarted_are_replayed_with_the_faults_that_were
     let late = ["--fault", "inner.late=1800us@200ms..2500ms", "--on-death", "restart"];
     let flight = rig.take_off(&[&options[..], &late].concat());
     rig.run("inject", &["inner.state.lag=3,inner.setpoint.delay=2,inner.setpoint.freeze", "--for", "1s"]).expect(0);
-    rig.run("inject", &["inner.state.position_w_m.z.bias=0.01"]).expect(0);
-    rig.run("inject", &["inner.kill", "--at-tick", "2700"]).expect(0);
-    let refused = rig.run("inject", &["inner.stop=20ms", "--at-tick", "2750"]).expect(1);
-    assert!(refused.stderr.contains("the plant refused: inner.stop is given for these ticks already"), "{refused}");
+    rig.run("inject", &["inner.state.position_w_m.z.bias=0.01,wrench.thrust_n.bias=0.01"]).expect(0);
+    rig.run("inject", &["mixer.kill", "--at-tick", "2700"]).expect(0);
+    let refused = rig.run("inject", &["mixer.stop=20ms", "--at-tick", "2750"]).expect(1);
+    assert!(refused.stderr.contains("the plant refused: mixer.stop is given for these ticks already"), "{refused}");
     let refused = rig.run("inject", &["cpu.load=off"]).expect(1);
     assert!(refused.stderr.contains("cpu.load=off: it does not strike then or later"), "{refused}");
     rig.run("inject", &["state.drop=0.1", "--at-tick", "3000", "--for", "1ms"]).expect(0);

@@ -44,7 +44,7 @@ use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use model::monitor::Monitor;
 use model::topic::Topic;
 
-/// Samples that the loops keep of a topic: the newest.
+/// Samples that a receiver keeps which needs the newest alone.
 pub const LATEST: usize = 1;
 /// Samples that the recorder keeps of a topic: 3.5 seconds at 1 kHz. An instance fits into the 64 MiB of a container.
 pub const DEEP: usize = 3500;

@@ -1,4 +1,4 @@
-//! Ports of the loop's topics: one sender, latest-only receivers, deep recorder's.
+//! Ports of the loop's topics: one sender, receivers as deep as each needs.
 
 use std::mem::MaybeUninit;
 
