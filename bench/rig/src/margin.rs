@@ -166,7 +166,7 @@ fn measured(
         task.again(&Flights::new(&settings, phases.ticks[*i], stop)?, &judged.judge, &shares[*law])
     })?;
     let phases_s: Vec<f64> = phases.ticks.iter().map(|tick| *tick as f64 * task.period_s).collect();
-    let of_law = |(law, settings): (usize, &Settings)| {
+    let of_law = |(law, settings): (usize, &Settings)| -> Result<_, Failure> {
         let [outer, inner, mixer] = settings.laws()?.map(|law| law.name.to_owned());
         let named = Law { laws: Laws { outer, inner, mixer }, fingerprint: table::fingerprint(settings)? };
         let its = place(law, 0)..place(law + 1, 0);

@@ -152,7 +152,7 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         ("plant", &["--preset", "race"], "[possible values: flight, paper, soft]"),
         ("mixer", &["--instance", ""], "instance name `` is not allowed"),
         ("record", &["--states", "/nowhere/s.csv"], "--states: cannot write /nowhere/s.csv: No such file or directory"),
-        ("inject", &[], "required arguments were not provided: <NAME=VALUE>..."),
+        ("inject", &[], "required arguments were not provided: <WHAT[=VALUE]>..."),
         ("inject", &["mass_kg"], "`mass_kg` is not an assignment: write NAME=VALUE, as in rotational_drag_nm_s=0.525"),
         ("inject", &["mass_kg=heavy"], "mass_kg = `heavy` is not a number"),
         ("inject", &["mass_kg=-1"], "mass_kg = -1 is out of range: allowed are 0.05 to 5.0 kg"),

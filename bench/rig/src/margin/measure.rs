@@ -90,7 +90,7 @@ impl Task<'_> {
 
     /// For each input the largest share of losses [%] up to which every phase survived.
     pub fn shares(&self, phases: &[OfPhase]) -> Vec<u64> {
-        let least = |(i, _)| phases.iter().map(|phase| phase.losses[i].0).min().unwrap_or(0);
+        let least = |(i, _): (usize, Port)| phases.iter().map(|phase| phase.losses[i].0).min().unwrap_or(0);
         self.inputs().enumerate().map(least).collect()
     }
 
