@@ -80,7 +80,7 @@ def write(directory, results):
         text += f"## {group}\n\n| row | fault | injector | expected | tried | survived | interval | median / worst |\n"
         text += "|---|---|---|---|---|---|---|---|\n"
         text += "".join(line(row) + "\n" for row in rows if row["group"] == group) + "\n"
-    for section, title, command in (("soak", "One long flight", "bench/drill/run --soak 2h --write docs"),
+    for section, title, command in (("soak", "Long flights", "bench/drill/run --soak 2h --write docs"),
                                     ("mutants", "Guards switched off", "bench/drill/mutants --write docs")):
         if results.get(section):
             text += results[section]["text"] + "\n"
