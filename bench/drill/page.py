@@ -20,8 +20,8 @@ trials. Few trials give wide intervals, and say no more than these.
 
     bench/drill/run --short --write docs          # this page: each row a few times; without --short, as often as its n
     bench/drill/run --only kill.inner --n 100     # one row again; --list shows the rows
-    bench/drill/run --soak 2h                     # one flight with a fault every 10 s: what grows of memory, files, descriptors
-    bench/drill/mutants                           # each guard switched off in a build of its own: what turns red
+    bench/drill/run --soak 2h --write docs        # flights with a fault every 10 s: what grows of memory, files, descriptors
+    bench/drill/mutants --write docs              # each guard switched off in a build of its own: what turns red
 
 """
 
@@ -80,7 +80,7 @@ def write(directory, results):
         text += f"## {group}\n\n| row | fault | injector | expected | tried | survived | interval | median / worst |\n"
         text += "|---|---|---|---|---|---|---|---|\n"
         text += "".join(line(row) + "\n" for row in rows if row["group"] == group) + "\n"
-    for section, title, command in (("soak", "One long flight", "bench/drill/run --soak 2h --write docs"),
+    for section, title, command in (("soak", "Long flights", "bench/drill/run --soak 2h --write docs"),
                                     ("mutants", "Guards switched off", "bench/drill/mutants --write docs")):
         if results.get(section):
             text += results[section]["text"] + "\n"
