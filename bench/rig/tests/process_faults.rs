@@ -172,7 +172,10 @@ fn who_keeps_the_processor_busy_or_was_stopped_does_not_outlive_a_launcher_that_
     flight.end();
     wait_until("the load to end", || is_gone(load).then_some(()));
     wait_until("the inner loop to end", || is_gone(inner).then_some(()));
+    let are_gone = || ["plant", "outer", "mixer", "record"].iter().all(|role| rig.processes_of(role).is_empty());
+    wait_until("the others to end", || are_gone().then_some(()));
     rig.run("clean", &[]);
+    rig.assert_nothing_left();
 }
 
 #[test]

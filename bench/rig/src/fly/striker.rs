@@ -290,13 +290,13 @@ mod tests {
     use model::fault::Span;
     use model::role::Role;
 
-    /// A striker of a flight with two planned loads, its run, and who keeps its root.
-    fn site() -> (tempfile::TempDir, Wire, Striker, Run) {
+    /// Hands a striker of a flight with two planned loads to a test, with its wire and its run, and tidies up behind it.
+    fn on_site(test: impl FnOnce(&Wire, &mut Striker, &Run)) {
         let root = tempfile::Builder::new().prefix("ib-").tempdir_in("/tmp").unwrap();
         let instance = Instance::under(root.path(), "striker").unwrap();
         let faults = vec!["cpu.load=0.5@tick0", "cpu.load=0.4@tick5000"];
         let settings = Settings::resolve(None, &vec![("flight.faults", faults.into())]).unwrap();
-        let striker = Striker::new(&instance, Path::new("/bin/sleep"), &settings).unwrap();
+        let mut striker = Striker::new(&instance, Path::new("/bin/sleep"), &settings).unwrap();
         let run = Run {
             phase: RunPhase::Flying as u64,
             launcher_pid: u64::from(std::process::id()),
@@ -307,34 +307,35 @@ mod tests {
             tick: 0,
             ..Run::default()
         };
-        (root, Wire::open(&instance).unwrap(), striker, run)
+        let wire = Wire::open(&instance).unwrap();
+        test(&wire, &mut striker, &run);
+        drop((striker, wire));
+        instance.remove_leftovers().unwrap();
     }
 
     #[test]
     fn nothing_is_begun_once_the_flight_ends() {
-        let (_root, wire, mut striker, run) = site();
-        striker.rest(&wire, Some(&run), Duration::from_millis(1));
-        assert_eq!((striker.burdens.len(), striker.due.len()), (1, 1));
-        striker.release();
-        let again = LiveFault {
-            trouble: Trouble::Load { share: 0.5 },
-            ends: false,
-            span: Span { from: 0, to: Span::FOR_GOOD },
-        };
-        striker.planned.push(again);
-        striker.rest(&wire, Some(&run), Duration::from_millis(1));
-        assert_eq!((striker.burdens.len(), striker.due.len()), (0, 0));
+        on_site(|wire, striker, run| {
+            striker.rest(wire, Some(run), Duration::from_millis(1));
+            assert_eq!((striker.burdens.len(), striker.due.len()), (1, 1));
+            striker.release();
+            let span = Span { from: 0, to: Span::FOR_GOOD };
+            striker.planned.push(LiveFault { trouble: Trouble::Load { share: 0.5 }, ends: false, span });
+            striker.rest(wire, Some(run), Duration::from_millis(1));
+            assert_eq!((striker.burdens.len(), striker.due.len()), (0, 0));
+        });
     }
 
     #[test]
     fn an_end_takes_back_what_is_still_to_come_and_leaves_what_is_on_until_then() {
-        let (_root, wire, mut striker, run) = site();
-        striker.rest(&wire, Some(&run), Duration::from_millis(1));
-        let Pace::Realtime(grid) = run.pace() else { panic!() };
-        let trouble = Trouble::Load { share: 1.0 };
-        striker.take(LiveFault { trouble, ends: true, span: Span { from: 4000, to: 4001 } }, &grid);
-        let [(_, Act::Strike(left))] = striker.due[..] else { panic!("{:?}", striker.due) };
-        assert!(left.ends && striker.burdens.len() == 1, "{left:?}");
+        on_site(|wire, striker, run| {
+            striker.rest(wire, Some(run), Duration::from_millis(1));
+            let Pace::Realtime(grid) = run.pace() else { panic!() };
+            let trouble = Trouble::Load { share: 1.0 };
+            striker.take(LiveFault { trouble, ends: true, span: Span { from: 4000, to: 4001 } }, &grid);
+            let [(_, Act::Strike(left))] = striker.due[..] else { panic!("{:?}", striker.due) };
+            assert!(left.ends && striker.burdens.len() == 1, "{left:?}");
+        });
     }
 
     #[test]
