@@ -172,7 +172,7 @@ def soak(make, duration):
         if series and more:
             rows.append(f"| {what} | {series[0]} | {series[-1]} | {max(series)} | {max(more):+.1f} | {most} |")
     kinds = {name for told in flights for name in told["faults"]}
-    text = (f"## Long flights\n\n`bench/drill/run --soak {duration}`: {len(flights)} flight{"s" if len(flights) > 1 else ""} of at most {FLIGHT_S / 60:.0f} min, "
+    text = (f"## Long flights\n\n`bench/drill/run --soak {duration}`: {len(flights)} flight{'s' * (len(flights) > 1)} of at most {FLIGHT_S / 60:.0f} min, "
             f"{sum(told['ticks'] for told in flights)} ticks, a fault every {EVERY_S:.0f} s, "
             f"{sum(sum(told['faults'].values()) for told in flights)} in all of {len(kinds)} of {len(FAULTS)} kinds, "
             f"{sum(told['deaths'] for told in flights)} deaths. "
