@@ -20,8 +20,8 @@ fn from_tick(said: &str) -> u64 {
     after(said, " from tick ").parse().unwrap()
 }
 
-/// Two minutes in lockstep: some seconds on the clock.
-const LOCKSTEP: [&str; 6] = ["--pace", "lockstep", "--duration", "120s", "--trajectory", "hover"];
+/// In lockstep, some ten times as fast as the clock: long enough for several injections on a busy machine.
+const LOCKSTEP: [&str; 6] = ["--pace", "lockstep", "--duration", "400s", "--trajectory", "hover"];
 
 #[test]
 fn what_is_injected_in_flight_is_the_flight_that_was_planned_so_and_it_is_replayed() {
@@ -198,7 +198,7 @@ fn what_means_nothing_in_lockstep_is_refused_by_name_and_so_is_a_flight_that_is_
         assert!(refused.stderr.contains(&format!("{fault}: {why}")), "{}", refused.stderr);
     }
     rig.assert_nothing_started();
-    let flight = rig.take_off(&LOCKSTEP);
+    let flight = rig.take_off(&["--pace", "lockstep", "--duration", "1h", "--trajectory", "hover"]);
     for (fault, why) in refusals {
         let refused = rig.run("inject", &[fault]).expect(2);
         assert!(refused.stderr.contains(&format!("{fault}: {why}")), "{}", refused.stderr);
