@@ -93,7 +93,7 @@ class Counting(unittest.TestCase):
         def flown(make, total_s, draw, told):
             told["looks"] += looks
         with mock.patch.object(soak, "flight", flown), mock.patch.object(soak.os, "nice"), mock.patch("builtins.print"):
-            failed = soak.soak(None, "300s")["failed"]
+            failed = soak.soak(None, "a build", "300s")["failed"]
         self.assertEqual(len(failed), 1)
         self.assertIn("descriptors grew by 82.0; 8 are allowed", failed[0])
 

@@ -71,7 +71,7 @@ def write(directory, results):
     rows = results["rows"]
     tried, good = [row for row in rows if row["tried"]], [row for row in rows if row["tried"] == row["survived"] > 0]
     text = HEAD
-    text += (f"All of it with one build, `{results['build']}`, on {results['date']}; {results['machine']}. {len(rows)} rows, "
+    text += (f"All rows with one build, `{results['build']}`, on {results['date']}; {results['machine']}. {len(rows)} rows, "
              f"{len(tried)} tried, {len(good)} of these without a trial that failed. Other work ran on the machine meanwhile; "
              "figures of time say so much and no more.\n\n")
     missing = [f"`{row['name']}`" for row in rows if not row["tried"]]

@@ -8,12 +8,12 @@ import time
 from pathlib import Path
 
 import flip
-from rig import ROLES, NotBegun, Wrong, demand
+from rig import ROLES, STAGES, NotBegun, Wrong, demand
 
 EVERY_S = 10.0
 STAY = ("plant", "record", "fly")
-# A board has 64 sheets, and a killed writer keeps its own. In this time a role is struck at most 45 times.
-FLIGHT_S = 2700.0
+# A board has 64 sheets, and a killed writer keeps its own: in this time a role is killed 54 times.
+FLIGHT_S = 7200.0
 # What may be more at the end of a flight than after its first round of faults, by the straight line through all looks.
 GROWTH_MOST = {"own memory of plant, recorder and launcher [KiB]": 2048, "descriptors": 8, "segments": 2,
                "shared memory [KiB]": 256, "files below the root": 8, "files of the flight": 2, "threads": 2}
@@ -55,6 +55,7 @@ def watch_stops(rig):
     client.end()
 
 
+HANGS = itertools.cycle(STAGES)
 FAULTS = [
     ("kill outer", lambda rig: kill(rig, "outer")),
     ("pause plant", lambda rig: pause(rig, "plant")),
@@ -68,7 +69,7 @@ FAULTS = [
     ("eight clients", lambda rig: swap(rig, 8)),
     ("watch stopped", watch_stops),
     ("pause inner", lambda rig: pause(rig, "inner")),
-    ("hang outer", lambda rig: kill(rig, "outer", signal.SIGSTOP)),
+    ("hang of each in turn", lambda rig: kill(rig, next(HANGS), signal.SIGSTOP)),
     ("pause outer", lambda rig: pause(rig, "outer")),
     ("pause mixer", lambda rig: pause(rig, "mixer")),
     ("swap back", lambda rig: swap(rig)),
@@ -146,8 +147,8 @@ def grown(looks):
     return {what: slope_per_hour([(at, seen[what]) for at, seen in warm]) * hours for what in GROWTH_MOST}
 
 
-def soak(make, duration):
-    """Flies for so long, in flights of at most FLIGHT_S; each is judged by its end and by what grew."""
+def soak(make, build, duration):
+    """Flies a build for so long, in flights of at most FLIGHT_S; each is judged by its end and by what grew."""
     left_s, draw = seconds(duration), random.Random(7)
     if os.geteuid() == 0:
         # A pause that a busy machine makes longer than 80 ms is a hang, and a plant's hang the end of the flight.
@@ -172,8 +173,8 @@ def soak(make, duration):
         if series and more:
             rows.append(f"| {what} | {series[0]} | {series[-1]} | {max(series)} | {max(more):+.1f} | {most} |")
     kinds = {name for told in flights for name in told["faults"]}
-    text = (f"## Long flights\n\n`bench/drill/run --soak {duration}`: {len(flights)} flight{'s' * (len(flights) > 1)} of at most {FLIGHT_S / 60:.0f} min, "
-            f"{sum(told['ticks'] for told in flights)} ticks, a fault every {EVERY_S:.0f} s, "
+    text = (f"## Long flights\n\n`bench/drill/run --soak {duration}`: {len(flights)} flight{'s' * (len(flights) > 1)} of at most {FLIGHT_S / 60:.0f} min "
+            f"of `{build}`, {sum(told['ticks'] for told in flights)} ticks, a fault every {EVERY_S:.0f} s, "
             f"{sum(sum(told['faults'].values()) for told in flights)} in all of {len(kinds)} of {len(FAULTS)} kinds, "
             f"{sum(told['deaths'] for told in flights)} deaths. "
             + (f"**Wrong: {'; '.join(wrong)}.**" if wrong else "All completed, all that died came back, nothing left.")
