@@ -265,7 +265,8 @@ pub struct Estimate {
     pub actual: f64,
 }
 
-/// A process of the rig.
+/// A process of the rig: of a role that died and was started again, the last one. What the dead ones missed is among
+/// [`Report::deaths`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RoleSection {
     /// Ticks that it worked.

@@ -86,6 +86,7 @@ fn kill_once(role: Role, rt: &str, tick: u64) {
     let said = format!("the {role} process died: signal: 9 (SIGKILL); it is started again");
     let ended = ended.complains(&said).says(&format!("\nDeaths    {role} at tick "));
     assert_eq!(ended.result()["status"], "PASS", "{ended}");
+    assert_eq!(ended.result()["deaths"], "1", "{ended}");
     let report = report(&rig);
     if rt == "prefer" && report.roles["inner"].scheduling == "other" {
         not_tested("SCHED_FIFO was not granted");

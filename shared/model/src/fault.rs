@@ -316,9 +316,11 @@ pub enum NotTaken {
     NothingToEnd = 3,
     /// The flight is over before it.
     AfterTheEnd = 4,
+    /// It stops a stage for less than a tick.
+    UnderATick = 5,
 }
 
-from_wire!(NotTaken { NoRoom, Contradiction, NothingToEnd, AfterTheEnd });
+from_wire!(NotTaken { NoRoom, Contradiction, NothingToEnd, AfterTheEnd, UnderATick });
 
 impl fmt::Display for Port {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

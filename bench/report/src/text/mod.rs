@@ -106,6 +106,7 @@ pub fn result_line(report: &Report, directory: &str) -> String {
         format!("loop_p999_us={}", percentile("loop", |s| s.p999_us)),
         format!("wake_p99_us={}", percentile("wake.plant", |s| Some(s.p99_us))),
         format!("rt={rt} steal={:.2}", report.steal.percent),
+        format!("deaths={}", report.deaths.len() as u64 + report.deaths_left_out),
         format!("lost={} unlogged={}", losses::lost(report), losses::unlogged(report)),
         format!("build={} run={directory}", report.run.build.token()),
     ]

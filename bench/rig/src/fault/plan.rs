@@ -101,15 +101,15 @@ impl Planned {
                     Change::Off(Lasting::Stage(stage)) => planned.end_late(stage.role, span.from),
                     Change::Parameter(_) | Change::Messages(_) | Change::Processor(_) | Change::Off(_) => {}
                 }
-                change.faults(span).try_for_each(|fault| planned.take(&fault))?;
+                change.faults(span).try_for_each(|fault| planned.take(&fault, period_s))?;
             }
         }
         Ok(planned)
     }
 
-    fn take(&mut self, fault: &LiveFault) -> Result<(), FaultError> {
+    fn take(&mut self, fault: &LiveFault, period_s: f64) -> Result<(), FaultError> {
         let taken = self.loops.take(fault).and_then(|()| self.table.take(fault));
-        taken.map_err(|reason| refused(reason, fault))?;
+        taken.map_err(|reason| refused(reason, fault, period_s))?;
         if !matches!(fault.trouble, Trouble::Messages { .. } | Trouble::Late { .. }) {
             self.acts.push(*fault);
         }
@@ -131,10 +131,7 @@ impl Planned {
                 let kind = StageTicks::Late { least: periods(least), most: periods(most) };
                 (kind, if span.to == Span::FOR_GOOD { once } else { span })
             }
-            StageKind::Stop(time) if periods(time) < 1.0 => {
-                let allowed = format!("a time of at least one tick, which is {} ms here", period_s * 1e3);
-                return Err(FaultError::Value { what: change.what(), value: typed(time), allowed });
-            }
+            // One that is shorter than a tick is refused with the others of its table.
             StageKind::Stop(time) => (StageTicks::Out, out(periods(time))),
             StageKind::Kill => (StageTicks::Anew, out(periods(RESTART).max(1.0))),
         };
@@ -153,14 +150,22 @@ impl Planned {
     }
 }
 
-/// Why a fault is not taken, in its words.
-pub(crate) fn refused(reason: NotTaken, fault: &LiveFault) -> FaultError {
+/// Why a fault is not taken, in its words, in a flight with ticks of `period_s` [s].
+pub(crate) fn refused(reason: NotTaken, fault: &LiveFault, period_s: f64) -> FaultError {
     let what = || {
         let change = planned_again(&[*fault]).first().and_then(|fault| fault.changes.first().copied());
         change.map(|change| change.what()).unwrap_or_default()
     };
     match (reason, fault.trouble) {
         (NotTaken::NoRoom, _) => FaultError::TooMany,
+        (NotTaken::UnderATick, trouble) => FaultError::Value {
+            what: what(),
+            value: match trouble {
+                Trouble::Stop { for_ns, .. } => typed(Duration::from_nanos(for_ns)),
+                _ => String::new(),
+            },
+            allowed: format!("a time of at least one tick, which is {} ms here", period_s * 1e3),
+        },
         (NotTaken::AfterTheEnd, _) => FaultError::AfterTheEnd(what()),
         (NotTaken::NothingToEnd, _) => FaultError::NothingToEnd(what()),
         (NotTaken::Contradiction, Trouble::Messages { port, kind }) => {

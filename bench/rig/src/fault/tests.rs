@@ -223,6 +223,7 @@ fn every_mistake_in_faults_of_the_loop_is_named() {
             "state.rate_b_rad_s.bias=1,state.rate_b_rad_s.x.bias=1@8s",
             "`bias` is given twice for the same ticks at outer",
         ),
+        ("cpu.hog=90,cpu.hog=80@8s", "cpu.hog is given for these ticks already: let one end before the other begins"),
         ("inner.stop=20ms,inner.kill@8s", "two faults of inner meet: one from tick 8000, one from tick 8000"),
     ] {
         let error = planned(&[text]).unwrap_err().to_string();

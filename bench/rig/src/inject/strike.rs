@@ -82,7 +82,7 @@ pub fn strike(
     // The plant answers when it has taken them; they strike later.
     let answer = wire.fault_client()?.ask(order, PATIENCE + Duration::from_nanos(run.period_ns))?;
     let FaultAnswer { from, to, .. } = answer;
-    check(&answer, &faults)?;
+    check(&answer, &faults, run.sample_time_ns as f64 / 1e9)?;
     let taken: Vec<LiveFault> =
         faults.iter().map(|fault| LiveFault { span: fault.span_from(Span { from, to }), ..*fault }).collect();
     let early_tick = Some(at_tick).filter(|tick| *tick < from);
@@ -90,7 +90,7 @@ pub fn strike(
 }
 
 /// Whether the plant has taken them.
-fn check(answer: &FaultAnswer, faults: &[LiveFault]) -> Result<(), Failure> {
+fn check(answer: &FaultAnswer, faults: &[LiveFault], period_s: f64) -> Result<(), Failure> {
     let no = |why: String| Err(Failure::failed(format!("the plant refused: {why}")));
     match answer.verdict {
         STRIKES => Ok(()),
@@ -99,7 +99,7 @@ fn check(answer: &FaultAnswer, faults: &[LiveFault]) -> Result<(), Failure> {
         verdict => match NotTaken::from_wire(verdict) {
             Some(reason) => {
                 let which = usize::try_from(answer.which).ok().and_then(|which| faults.get(which));
-                let why = which.map(|fault| refused(reason, fault));
+                let why = which.map(|fault| refused(reason, fault, period_s));
                 match why {
                     Some(FaultError::TooMany) | None => no(format!(
                         "it has no room for more: a flight takes {MOST_LIVE} faults by `inject`, counted by input, of \

@@ -27,12 +27,19 @@ impl Acts {
     /// Takes one more, or the end of one. Faults of messages are taken and do nothing here.
     ///
     /// # Errors
-    /// [`NotTaken`] where two faults of a stage would meet, where there is nothing to end, or where there are
-    /// [`MOST_LIVE`]; nothing is changed then.
+    /// [`NotTaken`] where two faults of a stage would meet, or two hogs or loads; where a stop is shorter than a tick;
+    /// where there is nothing to end, or where there are [`MOST_LIVE`]. Nothing is changed then.
     pub fn take(&mut self, fault: &LiveFault) -> Result<(), NotTaken> {
         let LiveFault { trouble, ends, span } = *fault;
         if matches!(trouble, Trouble::Messages { .. }) {
             return Ok(());
+        }
+        if matches!(trouble, Trouble::Stop { for_ns, .. } if for_ns < self.sample_time_ns) {
+            return Err(NotTaken::UnderATick);
+        }
+        let of_processor = |other: &LiveFault| self.outage(other).is_none() && other.trouble.is_like(&trouble);
+        if !ends && self.begun().any(|other| of_processor(other) && other.span.meets(span)) {
+            return Err(NotTaken::Contradiction);
         }
         if let Some((role, own)) = self.outage(fault).filter(|_| !ends) {
             let meets =
@@ -106,10 +113,10 @@ mod tests {
         assert_eq!(acts.take(&kill(Role::Inner)), Err(NotTaken::Contradiction));
         acts.take(&kill(Role::Mixer)).unwrap();
         assert_eq!(
-            acts.take(&fault(Trouble::Stop { role: Role::Mixer, for_ns: 1 }, 209, 210)),
+            acts.take(&fault(Trouble::Stop { role: Role::Mixer, for_ns: 1_000_000 }, 209, 210)),
             Err(NotTaken::Contradiction)
         );
-        acts.take(&fault(Trouble::Stop { role: Role::Mixer, for_ns: 1 }, 210, 211)).unwrap();
+        acts.take(&fault(Trouble::Stop { role: Role::Mixer, for_ns: 1_000_000 }, 210, 211)).unwrap();
         acts.take(&late(200, Span::FOR_GOOD)).unwrap();
         acts.take(&off(late(0, 1).trouble, 300)).unwrap();
         acts.take(&stop(300, 1)).unwrap();
@@ -127,6 +134,27 @@ mod tests {
         assert_eq!(acts.take(&off(HOG, 101)), Err(NotTaken::NothingToEnd));
         let left: Vec<Span> = acts.begun().map(|fault| fault.span).collect();
         assert_eq!(left, [Span { from: 50, to: 90 }, Span { from: 200, to: 200 }]);
+    }
+
+    #[test]
+    fn a_stop_takes_a_tick_at_least() {
+        let stop = |for_ns| fault(Trouble::Stop { role: Role::Inner, for_ns }, 100, 101);
+        assert_eq!(Acts::none(1_000_000).take(&stop(999_999)), Err(NotTaken::UnderATick));
+        assert_eq!(Acts::none(1_000_000).take(&stop(1_000_000)), Ok(()));
+        assert_eq!(Acts::none(2_000_000).take(&stop(1_000_000)), Err(NotTaken::UnderATick));
+    }
+
+    #[test]
+    fn the_processor_has_one_hog_and_one_load_at_a_time() {
+        let mut acts = Acts::none(1_000_000);
+        acts.take(&fault(HOG, 100, Span::FOR_GOOD)).unwrap();
+        let other = Trouble::Hog { priority: 1 };
+        assert_eq!(acts.take(&fault(other, 200, 300)), Err(NotTaken::Contradiction));
+        acts.take(&fault(Trouble::Load { share: 0.5 }, 200, 300)).unwrap();
+        assert_eq!(acts.take(&fault(Trouble::Load { share: 0.1 }, 299, 400)), Err(NotTaken::Contradiction));
+        acts.take(&fault(other, 50, 100)).unwrap();
+        acts.take(&off(HOG, 250)).unwrap();
+        acts.take(&fault(other, 250, 300)).unwrap();
     }
 
     #[test]
