@@ -79,9 +79,22 @@ class Counting(unittest.TestCase):
 
     def test_the_interval_is_that_of_flights_where_trials_share_them(self):
         row = {"name": "n", "fault": "f", "injector": "i", "expected": "e", "tried": 8, "survived": 8, "flights": 1,
-               "flights_lost": 0, "trial": "death", "shares_flights": True, "why": "", "lack": "", "figures": {}}
-        self.assertIn("| 8 deaths, 1 flight | 8 | 20.65 to 100 %", page.line(row))
-        self.assertIn("| 8 | 8 | 67.55 to 100 %", page.line({**row, "trial": "flight", "shares_flights": False}))
+               "flights_lost": 0, "trial": "death", "shares_flights": True, "why": "", "lack": "", "figures": {}, "build": "A",
+               "executable": "1", "date": "2026-01-01"}
+        self.assertIn("| 8 deaths, 1 flight | 8 | 20.65 to 100 %", page.line(row, {}))
+        self.assertIn("| 8 | 8 | 67.55 to 100 %", page.line({**row, "trial": "flight", "shares_flights": False}, {}))
+
+    def test_a_row_says_of_which_build_it_is_where_there_are_several(self):
+        row = {"name": "n", "fault": "f", "injector": "i", "expected": "e", "tried": 8, "survived": 8, "flights": 8,
+               "flights_lost": 0, "trial": "flight", "shares_flights": False, "why": "", "lack": "", "figures": {},
+               "build": "A", "executable": "1", "date": "2026-01-01"}
+        other = {**row, "name": "m", "build": "B"}
+        alone, both = page.builds([row, row]), page.builds([row, other])
+        self.assertIn("| `n` |", page.line(row, alone))
+        self.assertEqual(page.told_of_builds([row, row], alone), "All rows with one build, `A` on 2026-01-01")
+        self.assertIn("| `n` (a) |", page.line(row, both))
+        self.assertIn("| `m` (b) |", page.line(other, both))
+        self.assertIn("1 rows (a) with `A` on 2026-01-01, 1 rows (b) with `B`", page.told_of_builds([row, other], both))
 
     def test_what_grows_in_a_soak_is_judged(self):
         still = {what: 100 for what in soak.GROWTH_MOST}

@@ -52,9 +52,26 @@ def counted(number, what):
     return f"{number} {first}{'' if number == 1 else 's'}{of}{rest}"
 
 
-def line(row):
+def builds(rows):
+    """The builds that rows were tried with, each with its mark: none where there is one alone."""
+    found = list(dict.fromkeys((row["build"], row["executable"], row["date"]) for row in rows if row["tried"]))
+    return {build: f" ({chr(ord('a') + number)})" if len(found) > 1 else "" for number, build in enumerate(found)}
+
+
+def told_of_builds(rows, marks):
+    def number(build):
+        return sum((row["build"], row["executable"], row["date"]) == build for row in rows)
+    said = [f"`{build[0]}` on {build[2]}" for build in marks]
+    if len(said) <= 1:
+        return f"All rows with one build, {''.join(said) or 'not tried'}"
+    each = ", ".join(f"{number(build)} rows{mark} with {words}" for (build, mark), words in zip(marks.items(), said))
+    return f"Of several builds, and a row says no more than what its own did: {each}"
+
+
+def line(row, marks):
+    mark = marks.get((row["build"], row["executable"], row["date"]), "")
     tried, survived = row["tried"], row["survived"]
-    begin = f"| `{row['name']}` | {row['fault']} | `{row['injector']}` | {row['expected']}"
+    begin = f"| `{row['name']}`{mark} | {row['fault']} | `{row['injector']}` | {row['expected']}"
     if not tried:
         return f"{begin} | 0 | - | - | not tried: {row['lack'] or row['why'] or 'not asked for'} |"
     flights = row["flights"]
@@ -71,7 +88,8 @@ def write(directory, results):
     rows = results["rows"]
     tried, good = [row for row in rows if row["tried"]], [row for row in rows if row["tried"] == row["survived"] > 0]
     text = HEAD
-    text += (f"All rows with one build, `{results['build']}`, on {results['date']}; {results['machine']}. {len(rows)} rows, "
+    marks = builds(rows)
+    text += (f"{told_of_builds(rows, marks)}; {results['machine']}. {len(rows)} rows, "
              f"{len(tried)} tried, {len(good)} of these without a trial that failed. Other work ran on the machine meanwhile; "
              "figures of time say so much and no more.\n\n")
     missing = [f"`{row['name']}`" for row in rows if not row["tried"]]
@@ -79,13 +97,13 @@ def write(directory, results):
     for group in dict.fromkeys(row["group"] for row in rows):
         text += f"## {group}\n\n| row | fault | injector | expected | tried | survived | interval | median / worst |\n"
         text += "|---|---|---|---|---|---|---|---|\n"
-        text += "".join(line(row) + "\n" for row in rows if row["group"] == group) + "\n"
+        text += "".join(line(row, marks) + "\n" for row in rows if row["group"] == group) + "\n"
     for section, title, command in (("soak", "Long flights", "bench/drill/run --soak 2h --write docs"),
                                     ("mutants", "Guards switched off", "bench/drill/mutants --write docs")):
         if results.get(section):
             text += results[section]["text"] + "\n"
         else:
-            text += f"## {title}\n\nNot run with this build: `{command}`.\n\n"
+            text += f"## {title}\n\nNot run: `{command}`.\n\n"
     (directory / "faults.md").write_text(text.rstrip("\n") + "\n")
 
 
