@@ -79,7 +79,9 @@ impl Death {
             (None, None) => {}
         }
         line.extend(self.ticks_lost.map(|ticks| format!(", {} lost", count(ticks, "tick"))));
-        line.extend(self.position_error_max_m.map(|m| format!(", position error up to {m:.4} m within {COST_S} s")));
+        // Where the flight ended with it, nothing was seen of what it cost.
+        let cost_m = self.position_error_max_m.filter(|_| self.back_after_ms.is_some());
+        line.extend(cost_m.map(|m| format!(", position error up to {m:.4} m within {COST_S} s")));
         line
     }
 }

@@ -66,7 +66,7 @@ pub enum Command {
     /// Serve a flight to another program's protocol.
     #[command(subcommand)]
     Bridge(BridgeTo),
-    /// Swap parameters of the flying airframe: NAME=VALUE...
+    /// Have something go wrong in a flight in the air: parameters (NAME=VALUE...), messages, stages, the processor.
     Inject(InjectArgs),
     /// List every parameter of the airframe: unit, range, nominal value, value in force.
     Params(ParamsArgs),
@@ -197,7 +197,7 @@ pub struct FlyArgs {
 pub enum OnDeath {
     /// End the flight, and say who died.
     End,
-    /// Start it again, at most 5 times in 10 s; one that hangs for 100 ms is killed first. Without a plant the flight ends.
+    /// Start it again, at most 5 times in 10 s; one that hangs for more than 80 ms is killed first. Without a plant the flight ends.
     Restart,
 }
 

@@ -155,7 +155,7 @@ fn a_stage_that_waits_for_a_message_that_was_sent_in_time_names_the_one_it_waits
         *made.stage(MISSED, Role::Mixer) =
             Passage { receive_ns: begin + 990 * US, send_ns: begin + 1_010 * US, is_fresh: false };
     };
-    assert_class("unused", unused, Class::UpstreamLate, Some(Role::Inner), "inner was waited for");
+    assert_class("unused", unused, Class::NotUsed, Some(Role::Inner), "what inner had sent in time was waited for");
 }
 
 #[test]

@@ -63,7 +63,7 @@ fn a_lost_flight_ends_again_where_its_rows_flight_ended() {
         };
         reasons.push(reason);
         let (number, arm) = (flight["flight"].to_string(), flight["arm"].as_str().unwrap());
-        again(&rig, &out, &number, arm, &[]).expect(0).says(", as in the campaign's row");
+        again(&rig, &out, &number, arm, &[]).expect(0).says(", as in the campaign's row, which is no success by");
         rig.run("replay", &["--verify"]).expect(0).says("identical");
     }
     reasons.dedup();

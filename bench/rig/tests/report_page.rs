@@ -127,7 +127,6 @@ fn bad_day(directory: &Path) -> Report {
         stage: Some("inner".into()),
         outages: 2,
         missed: 401,
-        longest_ticks: 20,
     };
     report.autopsy =
         Section { classes: vec![outages], pending: 3, worst: vec![outage(1_234_567, 98_765), outage(70, 2)] };

@@ -128,7 +128,7 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
     if mode & EVERYBODY_WRITES != 0 {
         let mode = mode & 0o7777;
         return Err(unusable(named, &format!("every user may write it, and it is code: its mode is {mode:04o}"))
-            .help(format!("chmod o-w {}; where files have no modes, copy it to where they do", named.display())));
+            .help(format!("chmod o-w {}; where files have no modes, copy it to where they do", file.display())));
     }
     let bytes = read(opened).map_err(|e| unread(named, &e))?;
     let sha256 = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();

@@ -2,6 +2,8 @@
 //!
 //! Instants are in nanoseconds on a clock that the caller has read; nothing here reads one.
 
+use crate::role::Role;
+
 /// Nanoseconds in a second.
 pub const NS_PER_S: u64 = 1_000_000_000;
 
@@ -19,6 +21,12 @@ impl Grid {
     #[must_use]
     pub const fn begin_of(&self, tick: u64) -> u64 {
         self.t0_ns.saturating_add(tick.saturating_mul(self.period_ns))
+    }
+
+    /// When a stage waits no longer for its input of a tick [ns].
+    #[must_use]
+    pub const fn cut_off_of(&self, stage: Role, tick: u64) -> u64 {
+        self.begin_of(tick).saturating_add(self.period_ns * stage.deadline_percent() / 100)
     }
 
     /// The tick that an instant lies in; 0 before the first has begun.

@@ -30,6 +30,8 @@ pub enum Class {
     ComputedLong,
     /// A stage waited until its cut-off for an input whose lateness nothing explains.
     UpstreamLate,
+    /// A stage waited until its cut-off for a message that had been sent in time.
+    NotUsed,
     /// The stage had page faults.
     PageFault,
     /// The stage wanted to run, and somebody else had the processor.
@@ -52,6 +54,7 @@ impl Class {
             Self::WakeLate => "woke late, nothing says why",
             Self::ComputedLong => "stage computed long",
             Self::UpstreamLate => "upstream late",
+            Self::NotUsed => "message in time, not used",
             Self::PageFault => "page fault",
             Self::Preempted => "preempted",
             Self::ReadyNotRun => "ready, not run",
@@ -149,7 +152,7 @@ fn delays(scene: &Scene<'_>) -> Vec<Option<Suspect>> {
 
 /// The stage whose delay is most of a tick's.
 fn worst_of(suspects: &[Suspect]) -> Option<Suspect> {
-    let (inputs, own): (Vec<&Suspect>, Vec<&Suspect>) = suspects.iter().partition(|it| it.delay == Delay::Input);
+    let (inputs, own): (Vec<&Suspect>, Vec<&Suspect>) = suspects.iter().partition(|it| it.delay.is_of_input());
     let share_ns = |suspect: &&&Suspect| suspect.share_ns;
     let worst = match (own.iter().max_by_key(share_ns), inputs.iter().max_by_key(share_ns)) {
         // A stage that was waited for is late with something, unless its message was not used.
@@ -181,6 +184,9 @@ fn longest(delays: &[Option<Suspect>], period_ns: u64) -> Option<(Option<Suspect
 
 /// The class of a delay, with its evidence.
 fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
+    if suspect.delay == Delay::Unused {
+        return (Class::NotUsed, "it was lost, held back or refused on its way".into());
+    }
     let usage = scene.usage(suspect);
     let explains = |ns: u64| ns > 0 && ns * 100 >= suspect.excess_ns * EXPLAINS_PERCENT;
     if usage.is_dead {

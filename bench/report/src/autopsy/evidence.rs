@@ -247,7 +247,7 @@ impl Scene<'_> {
             let begin_ns = self.grid.begin_of(tick);
             let mixed = self.traces.get(&tick).and_then(|trace| trace[Role::Mixer as usize]);
             let is_mixed = mixed.is_some_and(|passage| passage.send_ns <= suspect.from_ns);
-            let cut_off_ns = begin_ns + period_ns * Role::Mixer.deadline_percent() / 100;
+            let cut_off_ns = self.grid.cut_off_of(Role::Mixer, tick);
             others.were_due |= suspect.stage != Role::Plant && is_inside(begin_ns);
             others.were_due |= suspect.stage != Role::Mixer && !is_mixed && is_inside(cut_off_ns);
         }

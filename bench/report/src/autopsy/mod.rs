@@ -31,6 +31,7 @@ use crate::autopsy::classes::{Class, Opinion, classify, index};
 use crate::autopsy::evidence::{CounterSample, Life, Passage, Scene, TickPassages};
 use crate::autopsy::runners::Slice;
 use crate::autopsy::section::{Case, ClassCount, Section, TimelineStage, TimelineTick};
+use crate::margin::line::MACHINE;
 
 /// Ticks that are kept before and after an outage: what is usual is seen in them.
 pub const AROUND_TICKS: u64 = 32;
@@ -67,8 +68,10 @@ pub struct Autopsy {
     has_begun: bool,
     /// The outage that lasts.
     open: Option<Outage>,
-    /// Outages, missed deadlines in them, and ticks of the longest.
-    counts: BTreeMap<(Class, Option<Role>), (u64, u64, u64)>,
+    /// Outages, and missed deadlines in them.
+    counts: BTreeMap<(Class, Option<Role>), (u64, u64)>,
+    /// The longest row of ticks without an output in time: of each stage, and of all of them.
+    longest: [u64; STAGES.len() + 1],
     worst: Vec<Case>,
 }
 
@@ -113,6 +116,7 @@ impl Autopsy {
             has_begun: false,
             open: None,
             counts: BTreeMap::new(),
+            longest: [0; STAGES.len() + 1],
             worst: Vec::new(),
         }
     }
@@ -294,11 +298,39 @@ impl Autopsy {
         }
         let opinion = classify(&scene);
         let count = self.counts.entry((opinion.class, opinion.stage)).or_default();
-        *count = (count.0 + 1, count.1 + outage.missed, count.2.max(outage.last - outage.first + 1));
+        *count = (count.0 + 1, count.1 + outage.missed);
+        self.take_longest(outage);
         let case = self.case(outage, opinion);
         let place = self.worst.partition_point(|other| (other.ticks, other.missed) >= (case.ticks, case.missed));
         self.worst.insert(place, case);
         self.worst.truncate(WORST);
+    }
+
+    /// Takes the rows of ticks in which stages were out.
+    fn take_longest(&mut self, outage: Outage) {
+        let mut rows = [0; STAGES.len() + 1];
+        for tick in outage.first..=outage.last {
+            let out = self.out_in(tick);
+            let all = out.iter().all(|is_out| *is_out);
+            for ((row, longest), is_out) in rows.iter_mut().zip(&mut self.longest).zip(out.into_iter().chain([all])) {
+                *row = if is_out { *row + 1 } else { 0 };
+                *longest = (*longest).max(*row);
+            }
+        }
+    }
+
+    /// Which stages published nothing in a tick, or too late for the next one. What came in time and was not used is no
+    /// outage of its sender.
+    fn out_in(&self, tick: u64) -> [bool; STAGES.len()] {
+        let trace = self.traces.get(&tick).copied().unwrap_or_default();
+        std::array::from_fn(|i| {
+            let Some(passage) = trace[i] else { return true };
+            let (due_ns, is_used) = match STAGES.get(i + 1) {
+                Some(next) => (self.grid.cut_off_of(*next, tick), trace[i + 1].is_some_and(|next| next.is_fresh)),
+                None => (self.grid.begin_of(tick + 1), !self.missed.contains(&tick)),
+            };
+            !is_used && passage.send_ns > due_ns
+        })
     }
 
     fn case(&self, outage: Outage, opinion: Opinion) -> Case {
@@ -332,6 +364,7 @@ impl Autopsy {
             stage: opinion.stage.map(|stage| stage.name().into()),
             evidence: opinion.evidence,
             ran: opinion.ran,
+            faults: Vec::new(),
             timeline: timeline.collect(),
         }
     }
@@ -357,18 +390,24 @@ impl Autopsy {
         let mut classes: Vec<ClassCount> = self
             .counts
             .iter()
-            .map(|((class, stage), (outages, missed, longest_ticks))| ClassCount {
+            .map(|((class, stage), (outages, missed))| ClassCount {
                 class: *class,
                 stage: stage.map(|stage| stage.name().into()),
                 outages: *outages,
                 missed: *missed,
-                longest_ticks: *longest_ticks,
             })
             .collect();
         classes.sort_by_key(|class| std::cmp::Reverse((class.missed, class.outages)));
         let judged: u64 = self.judged.iter().map(|judged| judged.missed).sum();
         let open = self.open.map_or(0, |outage| outage.missed);
-        Section { classes, pending: judged + self.not_looked_at() + open, worst: self.worst.clone() }
+        let stages = STAGES.into_iter().map(|role| role.name()).chain([MACHINE]);
+        let longest = stages.zip(self.longest).filter(|(_, ticks)| *ticks > 0);
+        Section {
+            classes,
+            pending: judged + self.not_looked_at() + open,
+            longest: Some(longest.map(|(stage, ticks)| (stage.to_owned(), ticks)).collect()),
+            worst: self.worst.clone(),
+        }
     }
 }
 

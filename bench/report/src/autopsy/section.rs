@@ -1,9 +1,12 @@
 //! What the report says of outages.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use crate::autopsy::classes::Class;
 use crate::autopsy::runners::RunnerTime;
+use crate::injected::InjectedFault;
 use crate::text::count;
 
 /// Outages in the text and on the page; report.json has more.
@@ -16,6 +19,10 @@ pub struct Section {
     pub classes: Vec<ClassCount>,
     /// Deadlines missed in an outage that lasts, or is not classed yet.
     pub pending: u64,
+    /// The longest row of ticks without an output in time, of each stage that had one, and of all stages at once
+    /// ([`MACHINE`](crate::margin::line::MACHINE)); none in reports from before it was counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub longest: Option<BTreeMap<String, u64>>,
     /// The longest outages in ticks; of those alike, the ones with more deadlines missed first.
     pub worst: Vec<Case>,
 }
@@ -31,9 +38,6 @@ pub struct ClassCount {
     pub outages: u64,
     /// Deadlines missed in them.
     pub missed: u64,
-    /// The longest of them [ticks]; 0 in reports from before it was kept.
-    #[serde(default)]
-    pub longest_ticks: u64,
 }
 
 /// An outage.
@@ -60,6 +64,9 @@ pub struct Case {
     /// Who had the loops' processor in the delay, the longest first; empty without a trace.
     #[serde(default)]
     pub ran: Vec<RunnerTime>,
+    /// Faults of messages, stages and the processor that were on in it, or struck just before.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<String>,
     /// What the stages did around its first tick and its last one; ticks between these are left out.
     pub timeline: Vec<TimelineTick>,
 }
@@ -90,6 +97,16 @@ pub struct TimelineStage {
 }
 
 impl Section {
+    /// The same, and each outage with the faults that were on.
+    #[must_use]
+    pub fn struck_by(mut self, faults: &[InjectedFault]) -> Self {
+        for case in &mut self.worst {
+            let strikes = |fault: &&InjectedFault| fault.strikes(case.tick, case.tick + case.ticks - 1);
+            case.faults = faults.iter().filter(strikes).map(|fault| fault.what.clone()).collect();
+        }
+        self
+    }
+
     /// The section of the report for people; empty where nothing was out.
     #[must_use]
     pub fn text(&self) -> String {
@@ -136,12 +153,18 @@ impl Case {
         let cause = named(self.class, self.stage.as_deref());
         // Where no stage is known to be late, there is no delay.
         let delay = if *delay_us > 0.0 { format!(", a delay of {delay_us:.0} us") } else { String::new() };
-        format!("tick {tick} ({time_s:.3} s): {ticks}, {missed} missed{delay}: {cause} ({})", self.evidence)
+        let faults = if self.faults.is_empty() { String::new() } else { format!("; fault on: {}", self.faults.join(", ")) };
+        format!("tick {tick} ({time_s:.3} s): {ticks}, {missed} missed{delay}: {cause} ({}{faults})", self.evidence)
     }
 
     fn text(&self) -> String {
         let mut out = format!("  {}\n", self.line());
+        let mut next = self.timeline.first().map_or(0, |first| first.tick);
         for TimelineTick { tick, stages, .. } in &self.timeline {
+            if *tick > next {
+                out += "    ...\n";
+            }
+            next = tick.saturating_add(1);
             let stages: Vec<String> = stages.iter().map(TimelineStage::text).collect();
             let stages = if stages.is_empty() { "nobody published".into() } else { stages.join("  ") };
             out += &format!("    {:>+3}  {stages}\n", tick.cast_signed() - self.tick.cast_signed());

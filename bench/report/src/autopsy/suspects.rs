@@ -15,6 +15,16 @@ pub enum Delay {
     Compute,
     /// With its output, so that the next stage waited until its cut-off.
     Input,
+    /// With nothing: the next stage waited for an output that had been sent in time.
+    Unused,
+}
+
+impl Delay {
+    /// Whether it is the next stage that tells of it.
+    #[must_use]
+    pub const fn is_of_input(self) -> bool {
+        matches!(self, Self::Input | Self::Unused)
+    }
 }
 
 /// A delay that was longer than usual.
@@ -45,6 +55,7 @@ impl Suspect {
             Delay::Wake => format!("{} woke {us} us later than usual", self.stage),
             Delay::Compute => format!("{} computed {us} us longer than usual", self.stage),
             Delay::Input => format!("{} was waited for {us} us longer than usual", self.stage),
+            Delay::Unused => format!("what {} had sent in time was waited for {us} us longer than usual", self.stage),
         }
     }
 }
@@ -65,24 +76,26 @@ impl Scene<'_> {
         for (i, stage) in STAGES.into_iter().enumerate() {
             let before = i.checked_sub(1);
             let sent_ns = before.and_then(|before| trace[before]).map(|passage| passage.send_ns);
-            let cut_off_ns = begin_ns + self.grid.period_ns * stage.deadline_percent() / 100;
+            let cut_off_ns = self.grid.cut_off_of(stage, tick);
             let came_in_time = i == 0 || sent_ns.is_some_and(|ns| ns <= cut_off_ns);
             let is_fresh = trace[i].map_or(came_in_time, |passage| passage.is_fresh);
+            let hop = |trace: &TickPassages| {
+                let (own, sent) = (trace[i]?, trace[before?]?);
+                own.is_fresh.then(|| own.receive_ns.saturating_sub(sent.send_ns))
+            };
             let (due_ns, usual_ns) = match sent_ns {
                 _ if i == 0 => (begin_ns, self.usual(|k, trace| Some(trace[0]?.receive_ns.saturating_sub(k)))),
-                Some(sent_ns) if is_fresh => {
-                    let hop = |trace: &TickPassages| Some(trace[i]?.receive_ns.saturating_sub(trace[i - 1]?.send_ns));
-                    (sent_ns, self.usual(|_, trace| hop(trace)))
-                }
+                Some(sent_ns) if is_fresh => (sent_ns, self.usual(|_, trace| hop(trace))),
                 _ => (cut_off_ns, 0),
             };
             if let (false, Some(before)) = (is_fresh, before) {
                 let usual_ns = self.usual(|begin, trace| Some(trace[before]?.send_ns.saturating_sub(begin)));
                 let excess_ns = (cut_off_ns - begin_ns).saturating_sub(usual_ns);
                 let came_ns = trace[before].map_or_else(|| self.next_sign_of(before, tick), |passage| passage.send_ns);
+                let is_in_time = |sent_ns: u64| sent_ns + self.usual(|_, trace| hop(trace)) <= cut_off_ns;
                 suspects.push(Suspect {
                     stage: STAGES[before],
-                    delay: Delay::Input,
+                    delay: if sent_ns.is_some_and(is_in_time) { Delay::Unused } else { Delay::Input },
                     from_ns: begin_ns + usual_ns,
                     to_ns: came_ns.max(cut_off_ns),
                     excess_ns,

@@ -10,7 +10,7 @@ use crate::margin::Margins;
 use crate::schema::Report;
 use crate::text::count;
 
-/// What stands for outages that are due to no stage, or to all: `machine` in a table of margins.
+/// What stands for outages of all stages at once: `machine` in a table of margins.
 pub const MACHINE: &str = "machine";
 
 /// What a flight's loop bears, and how near the flight came to it.
@@ -74,10 +74,9 @@ impl Section {
     /// The same with the outages of a flight.
     #[must_use]
     pub fn with(mut self, outages: &Outages) -> Self {
-        self.outages.clear();
-        for class in outages.classes.iter().filter(|class| class.longest_ticks > 0) {
-            let longest = self.outages.entry(class.stage.as_deref().unwrap_or(MACHINE).into()).or_default();
-            *longest = class.longest_ticks.max(*longest);
+        // A report from before they were counted keeps what it says.
+        if let Some(longest) = &outages.longest {
+            self.outages.clone_from(longest);
         }
         let ratio = |(stage, outage): (&String, &u64)| {
             Some((self.bears.get(stage)?.ticks as f64 / *outage as f64, stage.clone()))
@@ -136,39 +135,30 @@ pub fn sentence(report: &Report) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::autopsy::classes::Class;
-    use crate::autopsy::section::ClassCount;
-
     fn bears(all: &[(&str, u64)]) -> Section {
         let bears = |(stage, ticks): &(&str, u64)| ((*stage).into(), Bears { ticks: *ticks, is_most: *ticks >= 2000 });
         Section { bears: all.iter().map(bears).collect(), phases: 32, ..Section::default() }
     }
 
-    fn outages(all: &[(Option<&str>, u64)]) -> Outages {
-        let class = |(stage, longest_ticks): &(Option<&str>, u64)| ClassCount {
-            class: Class::CannotTell,
-            stage: stage.map(str::to_owned),
-            outages: 1,
-            missed: 1,
-            longest_ticks: *longest_ticks,
-        };
-        Outages { classes: all.iter().map(class).collect(), ..Outages::default() }
+    fn outages(all: &[(&str, u64)]) -> Outages {
+        let longest = all.iter().map(|(stage, ticks)| ((*stage).to_owned(), *ticks)).collect();
+        Outages { longest: Some(longest), ..Outages::default() }
     }
 
     #[test]
     fn the_smallest_margin_is_told_and_not_the_longest_outage() {
         let section = bears(&[("outer", 2000), ("inner", 118), ("machine", 30)]);
-        let told = |all: &[(Option<&str>, u64)]| section.clone().with(&outages(all)).sentence();
+        let told = |all: &[(&str, u64)]| section.clone().with(&outages(all)).sentence();
         assert_eq!(
-            told(&[(Some("inner"), 40), (Some("inner"), 47), (Some("outer"), 300)]),
+            told(&[("inner", 47), ("outer", 300)]),
             "worst outage in this flight 47 ticks (inner); this loop bears 118 (least of 32 phases): margin 2.5"
         );
         assert_eq!(
-            told(&[(None, 20), (Some("inner"), 47)]),
+            told(&[(MACHINE, 20), ("inner", 47)]),
             "worst outage in this flight 20 ticks (machine); this loop bears 30 (least of 32 phases): margin 1.5"
         );
         assert_eq!(
-            told(&[(Some("outer"), 1)]),
+            told(&[("outer", 1)]),
             "worst outage in this flight 1 tick (outer); this loop bears more than 2000 (least of 32 phases): margin \
              at least 2000.0"
         );
@@ -179,12 +169,12 @@ mod tests {
         );
         let other = Section { measured_by: Some("7fa27a4-release".into()), ..section.clone() };
         assert_eq!(
-            other.with(&outages(&[(Some("inner"), 47)])).sentence(),
+            other.with(&outages(&[("inner", 47)])).sentence(),
             "worst outage in this flight 47 ticks (inner); this loop bears 118 (least of 32 phases): margin 2.5; \
              measured by another build, 7fa27a4-release"
         );
         let unknown = Section::unknown("ab".into(), "ironbird margin --config settings.toml".into());
-        let unknown = unknown.with(&outages(&[(None, 5)]));
+        let unknown = unknown.with(&outages(&[(MACHINE, 5)]));
         assert_eq!(unknown.sentence(), "not known: run ironbird margin --config settings.toml");
         assert_eq!((unknown.outages["machine"], unknown.margin), (5, None));
     }

@@ -46,7 +46,7 @@ fn plots(report: &Report) -> Markup {
     let symbols = ["I_R", "k_r", "delta"];
     html! {
         p.marks {
-            "In every plot over time: " span.key.mark.swap { "live swap" } " "
+            "In every plot over time: " span.key.mark.swap { @if report.faults.is_empty() { "live swap" } @else { "live swap, fault" } } " "
             span.key.mark.missed { "missed deadline" } " Each line is drawn through the smallest and the largest value of "
             (parts::count(traces.flight.every_ticks, "tick")) "."
         }

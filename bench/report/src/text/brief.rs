@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use model::role::{Role, STAGES};
 
 use super::{INDENT, WIDTH, beside, wrapped};
+use crate::injected::InjectedFault;
 use crate::margin::line as margin;
 use crate::schema::Report;
 use crate::speed::Speed;
@@ -51,6 +52,7 @@ fn sentences(report: &Report) -> Vec<String> {
     let (run, ticks) = (&report.run, &report.ticks);
     let (ending, pace) = (super::ending(report), super::pace(report));
     all.push(format!("Flown     {ending}: {pace}; {:.1} s from {}", ticks.elapsed_s, run.started));
+    all.extend(faults(report));
     all.extend(deaths(report));
     all.extend(outages(report));
     // How to measure can wait: what is refused matters more, and there is room for little.
@@ -110,6 +112,12 @@ fn shortened(path: &str) -> String {
     let (head, tail): (String, String) =
         (path.chars().take(HEAD).collect(), path.chars().skip(length - (ROOM - HEAD - "...".len())).collect());
     format!("{head}...{tail}")
+}
+
+/// What went wrong on purpose.
+fn faults(report: &Report) -> Option<String> {
+    let faults: Vec<String> = report.faults.iter().map(InjectedFault::brief).collect();
+    (!faults.is_empty()).then(|| format!("Faults    {}", faults.join(", ")))
 }
 
 /// How many processes died, and the one that died last.

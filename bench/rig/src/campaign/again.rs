@@ -1,5 +1,6 @@
 //! `ironbird campaign fly`: one flight of a campaign again, with all it leaves.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -46,7 +47,7 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
     if args.live || ![OK, GATE].contains(&code) {
         return Ok(code);
     }
-    compare(Path::new(&settings.recorder.out), row.as_deref())
+    compare(Path::new(&settings.recorder.out), row.as_ref())
 }
 
 /// The arm of a name, or the first.
@@ -90,24 +91,35 @@ fn asked(settings: PathBuf, instance: Option<String>) -> FlyArgs {
     }
 }
 
-/// The outputs of a flight's row, where it is there.
-fn row(plan: &Plan, directory: &Path, flight: u64, arm: usize) -> Result<Option<String>, Failure> {
+/// What is asked of a flight's row.
+struct Flown {
+    outputs: String,
+    is_success: bool,
+}
+
+/// A flight's row, where it is there.
+fn row(plan: &Plan, directory: &Path, flight: u64, arm: usize) -> Result<Option<Flown>, Failure> {
     let chunk = flight / plan.campaign.chunk;
     if chunk::state(directory, &plan.campaign, &plan.identity, chunk) != State::Whole {
         return Ok(None);
     }
     let row = Rows::new(directory, [chunk]).row(&plan.campaign, flight, arm)?;
-    Ok(row.into_iter().flatten().find(|(column, _)| column == "outputs").map(|(_, outputs)| outputs))
+    let row: BTreeMap<String, String> = row.into_iter().flatten().collect();
+    let is_success = row.get("success").is_some_and(|success| success == "true");
+    Ok(row.get("outputs").map(|outputs| Flown { outputs: outputs.clone(), is_success }))
 }
 
 /// Holds the newest flight in a directory against a row.
-fn compare(out: &Path, row: Option<&str>) -> Result<u8, Failure> {
+fn compare(out: &Path, row: Option<&Flown>) -> Result<u8, Failure> {
     let log = find_log(Path::new("latest"), Some(out))?;
     let outputs = fly_again(&log, 0, false, &Moved::new())?.summary.outputs.to_string();
     let (words, code) = match row {
         None => (format!("outputs {outputs}; the campaign has no row of this flight"), OK),
-        Some(row) if row == outputs => (format!("outputs {outputs}, as in the campaign's row"), OK),
-        Some(row) => (format!("outputs {outputs}, but the campaign's row has {row}"), GATE),
+        Some(row) if row.outputs == outputs => {
+            let success = if row.is_success { "a success" } else { "no success" };
+            (format!("outputs {outputs}, as in the campaign's row, which is {success} by the campaign's gates"), OK)
+        }
+        Some(row) => (format!("outputs {outputs}, but the campaign's row has {}", row.outputs), GATE),
     };
     print(&format!("{words}\n"))?;
     Ok(code)

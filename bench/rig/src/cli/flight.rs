@@ -23,7 +23,7 @@ pub struct CourseArgs {
     /// Preset of the laws that have one of that name [default: flight].
     #[arg(long, value_parser = values::PresetParser)]
     pub preset: Option<String>,
-    /// Length of the flight, as in 30s or 2m [default: 30s].
+    /// Length of the flight, as in 30s or 2m [default: 30s; of margin a period of the trajectory].
     #[arg(long, allow_hyphen_values = true, value_parser = values::duration)]
     pub duration: Option<Duration>,
     /// Seed of the sensors' noise [default: 1].

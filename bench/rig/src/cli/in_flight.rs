@@ -59,7 +59,7 @@ pub struct InjectArgs {
     #[arg(required = true, value_name = "WHAT[=VALUE]")]
     pub changes: Vec<String>,
     /// Apply at this tick of the flight.
-    #[arg(long, value_name = "N", conflicts_with = "after")]
+    #[arg(long, value_name = "N", conflicts_with = "after", allow_hyphen_values = true, value_parser = values::tick)]
     pub at_tick: Option<u64>,
     /// How long a fault lasts, as in 1s; without it for good, or once. A parameter holds until it is changed again.
     #[arg(long = "for", value_name = "TIME", allow_hyphen_values = true, value_parser = values::duration)]

@@ -20,6 +20,11 @@ pub(crate) fn duration(text: &str) -> Result<Duration, String> {
     })
 }
 
+/// The number of a tick.
+pub(crate) fn tick(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| "write the number of a tick, from 0 on, as in 8000; --in takes a time".into())
+}
+
 /// A built-in trajectory, or a file of points.
 #[derive(Clone)]
 pub(crate) struct TrajectoryParser;

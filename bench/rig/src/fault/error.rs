@@ -69,7 +69,7 @@ pub enum FaultError {
     #[error("plant.kill: a flight ends with its plant; plant.stop=20ms stops it for a while")]
     PlantKilled,
     /// A value for what takes none.
-    #[error("{0} takes no value: write {0}@8s or {0}@8s..9s")]
+    #[error("{0} takes no value: write {0}@8s{}", if .0.ends_with(".kill") { String::new() } else { format!(" or {0}@8s..9s", .0) })]
     TakesNoValue(String),
     /// The value is out of what is allowed, or cannot be read.
     #[error("{what} = `{value}`: write {allowed}")]

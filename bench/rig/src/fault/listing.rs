@@ -2,6 +2,7 @@
 
 use model::fault::fields::Field;
 use model::fault::{LONGEST_DELAY, PORTS, Port};
+use model::role::STAGES;
 
 use crate::fault::plan::RESTART;
 use crate::fault::typed;
@@ -40,7 +41,11 @@ fn text() -> String {
         ["cpu.load", "0 to 1", "an ordinary process is busy there in this share of its time"],
         ["what lasts", "off", "it ends; no TO"],
     ]);
-    text += "\nTOPIC means every input of it; OUTER.TOPIC and so on mean one. FIELD may end in one of its axes.\n\n";
+    let stages = STAGES.map(|role| role.name()).join(", ");
+    text += &format!(
+        "\nROLE is one of {stages}; a flight ends with its plant, so there is no plant.kill.\nTOPIC means every input of it; \
+         ROLE.TOPIC means one. FIELD may end in one of its axes.\n\n"
+    );
     let mut rows = vec![["topic", "inputs", "field", "axes", "unit"].map(str::to_owned)];
     let mut told: Vec<&str> = Vec::new();
     for port in PORTS {

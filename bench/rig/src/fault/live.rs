@@ -72,7 +72,12 @@ pub fn injected(live: &[LiveFault], period_s: f64) -> Vec<InjectedFault> {
         let what = fault.changes.iter().map(Change::to_string).collect::<Vec<_>>().join(",");
         InjectedFault::new(what, fault.from.tick(period_s), to, period_s).in_flight()
     };
-    planned_again(live).into_iter().map(told).collect()
+    let mut ended = live.to_vec();
+    for (place, end) in live.iter().enumerate().filter(|(_, fault)| fault.ends) {
+        let is_meant = |fault: &&mut LiveFault| !fault.ends && fault.trouble.is_like(&end.trouble);
+        ended[..place].iter_mut().filter(is_meant).for_each(|fault| fault.span.to = fault.span.to.min(end.span.from));
+    }
+    planned_again(&ended).into_iter().map(told).collect()
 }
 
 /// The first of some faults, with those behind it that are of the same topic's other inputs; and how many these are.

@@ -53,9 +53,11 @@ pub fn strike(
     }
     let (wire, run) = flying(instance)?;
     for change in changes {
-        for (trouble, _) in change.troubles() {
+        for (trouble, ends) in change.troubles() {
             check_possible(&trouble, &change.to_string(), run.period_ns == LOCKSTEP, run.launcher_pid != 0)?;
-            check_priority(&trouble)?;
+            if !ends {
+                check_priority(&trouble)?;
+            }
         }
     }
     let for_ticks = lasts.map_or(Span::FOR_GOOD, |time| ticks(time, run.sample_time_ns));

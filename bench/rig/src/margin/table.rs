@@ -122,7 +122,8 @@ fn read(out: &Path, fingerprint: &str) -> Option<Margins> {
 pub fn look_again(report: &mut Report, directory: &Path) {
     let Report { margin: Some(margin), autopsy, run, .. } = report else { return };
     let is_name = !margin.fingerprint.is_empty() && margin.fingerprint.bytes().all(|byte| byte.is_ascii_hexdigit());
-    if margin.unknown.is_some() && is_name {
+    // Reports from before outages were counted by stage have nothing to hold against a table.
+    if margin.unknown.is_some() && is_name && autopsy.longest.is_some() {
         *margin = section(&margin.fingerprint, directory, &run.build).with(autopsy);
     }
 }

@@ -45,16 +45,23 @@ impl Settings {
     pub fn injected(&self) -> Result<Vec<InjectedFault>, Failure> {
         let period_s = self.flight.period_s;
         let refused = |e: FaultError| Failure::usage(format!("fault: {e}"));
-        let mut injected = Vec::new();
+        let mut injected: Vec<(InjectedFault, Vec<Trouble>)> = Vec::new();
         for fault in self.typed_faults().map_err(refused)? {
             let Span { from, to } = fault.span(period_s).map_err(refused)?;
             let what: Vec<String> = fault.of_the_loop().map(|change| change.to_string()).collect();
-            if !what.is_empty() {
-                let to = (to != Span::FOR_GOOD).then_some(to);
-                injected.push(InjectedFault::new(what.join(","), from, to, period_s));
+            if what.is_empty() {
+                continue;
             }
+            let (ends, begins): (Vec<_>, Vec<_>) =
+                fault.of_the_loop().flat_map(|change| change.troubles()).partition(|(_, ends)| *ends);
+            let is_ended = |trouble: &Trouble| ends.iter().any(|(end, _)| trouble.is_like(end));
+            let ended = injected.iter_mut().filter(|(_, of)| !of.is_empty() && of.iter().all(is_ended));
+            ended.for_each(|(fault, _)| fault.end(from, period_s));
+            let to = (to != Span::FOR_GOOD).then_some(to);
+            let told = InjectedFault::new(what.join(","), from, to, period_s);
+            injected.push((told, begins.into_iter().map(|(trouble, _)| trouble).collect()));
         }
-        Ok(injected)
+        Ok(injected.into_iter().map(|(fault, _)| fault).collect())
     }
 
     pub(super) fn check_faults(&self) -> Result<(), Failure> {

@@ -101,7 +101,8 @@ impl Recorder<'_> {
             steal: &steal,
             lost: lost_messages,
         };
-        let mut autopsy = self.tally.autopsy.as_ref().map(Autopsy::section).unwrap_or_default();
+        let faults = [self.settings.injected()?, injected(&self.injected, self.period_s)].concat();
+        let mut autopsy = self.tally.autopsy.as_ref().map(Autopsy::section).unwrap_or_default().struck_by(&faults);
         if ending.is_none() {
             // Written every second: as much as is shown.
             autopsy.worst.truncate(WORST_SHOWN);
@@ -123,7 +124,7 @@ impl Recorder<'_> {
             theorem,
             swaps: self.tally.swaps.clone(),
             swaps_left_out: self.tally.swaps_seen - self.tally.swaps.len() as u64,
-            faults: [self.settings.injected()?, injected(&self.injected, self.period_s)].concat(),
+            faults,
             series,
             roles,
             lead: self.tally.lead(&run.lead, self.crew.rehearsals()),
