@@ -253,7 +253,7 @@ fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
             (Class::CannotTell, "on a virtual machine, or what may be one, nothing else was due to show it".into())
         }
         Delay::Compute | Delay::Busy => (Class::ComputedLong, "nothing interrupted it".into()),
-        Delay::Wake | Delay::Input => (Class::WakeLate, "nothing else was due meanwhile".into()),
+        Delay::Wake | Delay::Input | Delay::Unused => (Class::WakeLate, "nothing else was due meanwhile".into()),
     }
 }
 
