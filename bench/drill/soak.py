@@ -106,7 +106,10 @@ def slope_per_hour(points):
 
 
 def seconds(text):
-    return float(text[:-1]) * {"s": 1, "m": 60, "h": 3600}[text[-1]]
+    try:
+        return float(text[:-1]) * {"s": 1, "m": 60, "h": 3600}[text[-1:]]
+    except (ValueError, KeyError):
+        raise SystemExit(f"--soak {text}: write a number and its unit, as in 2h, 15m or 250s") from None
 
 
 def flight(make, total_s, draw, told):

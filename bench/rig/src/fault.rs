@@ -188,6 +188,9 @@ impl FromStr for Fault {
 
     fn from_str(text: &str) -> Result<Self, FaultError> {
         let (changes, at) = text.rsplit_once('@').ok_or_else(|| FaultError::NoInstant(text.to_owned()))?;
+        if changes.contains('@') {
+            return Err(FaultError::SeveralInstants(text.to_owned()));
+        }
         let instant = |at: &str| match at.strip_prefix("tick") {
             Some(tick) => tick.parse().map(At::Tick).map_err(|_| FaultError::Instant(at.to_owned())),
             None => humantime::parse_duration(at).map(At::Time).map_err(|_| FaultError::Instant(at.to_owned())),

@@ -293,13 +293,17 @@ impl Autopsy {
             share_processor: self.share_processor,
         };
         // What the recorder did not see is no outage of the loop.
-        if outage.missed == 0 && scene.messages_lost() {
+        let is_whole = !scene.messages_lost();
+        if outage.missed == 0 && !is_whole {
             return;
         }
         let opinion = classify(&scene);
         let count = self.counts.entry((opinion.class, opinion.stage)).or_default();
         *count = (count.0 + 1, count.1 + outage.missed);
-        self.take_longest(outage);
+        // Nor is a stage that it did not see published.
+        if is_whole {
+            self.take_longest(outage);
+        }
         let case = self.case(outage, opinion);
         let place = self.worst.partition_point(|other| (other.ticks, other.missed) >= (case.ticks, case.missed));
         self.worst.insert(place, case);

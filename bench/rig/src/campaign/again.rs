@@ -39,6 +39,14 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
         print(&settings.commented()?)?;
         return Ok(OK);
     }
+    if !args.live {
+        settings.check_faults_of_processes(true).map_err(|refused| {
+            refused.help(
+                "fly it on the clock with --live; or in ticks, as its row was flown: --print-config > flight.toml, and \
+                 `ironbird simulate --config flight.toml`",
+            )
+        })?;
+    }
     let row = row(&plan, &args.directory, args.flight, arm)?;
     let held = tempfile::tempdir().map_err(|e| Failure::failed(format!("cannot make a directory: {e}")))?;
     let file = held.path().join("settings.toml");

@@ -15,6 +15,9 @@ pub enum FaultError {
     /// No instant.
     #[error("`{0}` has no time: write NAME=VALUE[,NAME=VALUE]@8s or ...@tick8000")]
     NoInstant(String),
+    /// Several instants.
+    #[error("`{0}` has several instants: give --fault once for each")]
+    SeveralInstants(String),
     /// The instant cannot be read.
     #[error("`{0}` is no instant: write @8s, @500ms or @tick8000, and ..9s behind it for an end")]
     Instant(String),
@@ -69,7 +72,7 @@ pub enum FaultError {
     #[error("plant.kill: a flight ends with its plant; plant.stop=20ms stops it for a while")]
     PlantKilled,
     /// A value for what takes none.
-    #[error("{0} takes no value: write {0}@8s{}", if .0.ends_with(".kill") { String::new() } else { format!(" or {0}@8s..9s", .0) })]
+    #[error("{0} takes no value: write {0}@8s{end}", end = or_with_an_end(.0))]
     TakesNoValue(String),
     /// The value is out of what is allowed, or cannot be read.
     #[error("{what} = `{value}`: write {allowed}")]
@@ -170,4 +173,9 @@ fn inputs(role: Role) -> String {
     let inputs = model::fault::PORTS.into_iter().filter(|port| port.role() == role);
     let names: Vec<String> = inputs.map(|port| format!("`{}`", port.topic())).collect();
     format!("it receives {}", names.join(" and "))
+}
+
+/// How what takes no value is written with an end, where it has one.
+fn or_with_an_end(what: &str) -> String {
+    if what.ends_with(".kill") { String::new() } else { format!(" or {what}@8s..9s") }
 }
