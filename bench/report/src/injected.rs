@@ -134,11 +134,10 @@ mod tests {
         assert_eq!(InjectedFault::new("inner.kill,cpu.hog=90".into(), 8000, None, 0.001).until(), "for good");
         let once = InjectedFault::new("inner.stop=20ms".into(), 8000, None, 0.001);
         assert_eq!(once.words(), "inner.stop=20ms at tick 8000 (8.000 s)");
-        assert_eq!([&with_end, &for_good, &once].map(InjectedFault::brief), [
-            "state.drop=0.1 8.000 to 9.000 s",
-            "state.freeze from 1.000 s on",
-            "inner.stop=20ms at 8.000 s"
-        ]);
+        assert_eq!(
+            [&with_end, &for_good, &once].map(InjectedFault::brief),
+            ["state.drop=0.1 8.000 to 9.000 s", "state.freeze from 1.000 s on", "inner.stop=20ms at 8.000 s"]
+        );
         assert!(with_end.strikes(7000, 8000) && with_end.strikes(8999, 9999));
         assert!(!with_end.strikes(7000, 7999) && !with_end.strikes(9000, 9999));
         assert!(for_good.strikes(9000, 9000) && !for_good.strikes(0, 499));

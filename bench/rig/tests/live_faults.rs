@@ -110,7 +110,11 @@ fn an_instant_is_kept_where_it_is_far_enough_and_else_the_answer_says_so() {
     assert!(from_tick(&later) > from_tick(&said) + 4000, "{later}");
     rig.run("inject", &["cpu.load=0.1", "--at-tick", "19000", "--for", "100ms"]).expect(0);
     for (args, code, why) in [
-        (&["cpu.load=0.2", "--at-tick", "19050"][..], 1, "the plant refused: cpu.load is given for these ticks already"),
+        (
+            &["cpu.load=0.2", "--at-tick", "19050"][..],
+            1,
+            "the plant refused: cpu.load is given for these ticks already",
+        ),
         (&["mixer.stop=900us"], 1, "the plant refused: mixer.stop = `900us`: write a time of at least one tick"),
         (&["state.freeze"], 1, "the plant refused: `freeze` is given twice for the same ticks at outer.state"),
         (&["rotor_speeds.drop=off"], 1, "the plant refused: rotor_speeds.drop=off: it does not strike then or later"),

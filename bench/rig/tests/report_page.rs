@@ -122,14 +122,13 @@ fn bad_day(directory: &Path) -> Report {
     };
     deadlines.stretches = (1..=4).map(stretch).collect();
     deadlines.runs = vec![RunLength { length_ticks: 1, count: 3 }, RunLength { length_ticks: 400, count: 12_345 }];
-    let outages = ClassCount {
-        class: Class::StoppedOrDead,
-        stage: Some("inner".into()),
-        outages: 2,
-        missed: 401,
+    let outages = ClassCount { class: Class::StoppedOrDead, stage: Some("inner".into()), outages: 2, missed: 401 };
+    report.autopsy = Section {
+        classes: vec![outages],
+        pending: 3,
+        longest: None,
+        worst: vec![outage(1_234_567, 98_765), outage(70, 2)],
     };
-    report.autopsy =
-        Section { classes: vec![outages], pending: 3, worst: vec![outage(1_234_567, 98_765), outage(70, 2)] };
     report
 }
 
@@ -152,6 +151,7 @@ fn outage(tick: u64, ticks: u64) -> Case {
         worked.map(stage).collect()
     };
     Case {
+        faults: vec!["setpoint.drop=0.1".into()],
         tick,
         time_s: tick as f64 * 1e-3,
         ticks,

@@ -7,7 +7,7 @@ use report::plot::scale::Scale;
 use report::plot::{Axis, Chart, HEIGHT, Layer};
 
 use super::text::percent;
-use super::{FactorFindings, Findings, Map, Of};
+use super::{FactorFindings, Findings, Map, Of, Side};
 use crate::gates::{METRICS, Metric};
 use crate::statistics::bins::{Bin, short};
 use crate::statistics::distributions::Distribution;
@@ -132,16 +132,21 @@ fn factors(findings: &Findings) -> Markup {
 fn over(findings: &Findings, factor: &FactorFindings, keys: &[Key<'_>]) -> Markup {
     let ranges: Vec<[f64; 2]> = factor.arms.iter().flat_map(|it| it.bins.iter().filter_map(|bin| bin.range)).collect();
     if ranges.is_empty() {
-        let names: Vec<&str> =
-            factor.arms.first().into_iter().flat_map(|it| it.bins.iter().map(|bin| bin.name.as_str())).collect();
-        let columns: Vec<&str> = ["arm"].into_iter().chain(names).collect();
+        let columns: Vec<&str> =
+            ["value"].into_iter().chain(findings.arms.iter().map(|arm| arm.name.as_str())).collect();
         let rate = |bin: &Bin| {
             format!("{} ({} to {})", percent(rate(bin)), percent(bin.interval.low), percent(bin.interval.high))
         };
-        let rows = findings.arms.iter().zip(&factor.arms).map(|(arm, effect)| {
-            [arm.name.clone()].into_iter().chain(effect.bins.iter().map(rate)).map(cell).collect()
+        let values = factor.arms.first().map_or(0, |it| it.bins.len());
+        let rows = (0..values).map(|i| {
+            let bins = || factor.arms.iter().filter_map(|effect| effect.bins.get(i));
+            let name = bins().next().map_or_else(String::new, |bin| word(&bin.name).to_owned());
+            [name].into_iter().chain(bins().map(rate)).map(cell).collect()
         });
-        return figure(&factor.name, &factor.name, &[], table(&columns, rows));
+        // As wide as the page: words are longer than numbers.
+        return html! {
+            div style="grid-column: 1 / -1" { (figure(&factor.name, &factor.name, &[], table(&columns, rows))) }
+        };
     }
     let ends = ranges.iter().flatten().copied();
     let (low, high) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), it| (low.min(it), high.max(it)));
@@ -170,6 +175,11 @@ fn over(findings: &Findings, factor: &FactorFindings, keys: &[Key<'_>]) -> Marku
     chart(&factor.name, &factor.meaning, keys, &drawn)
 }
 
+/// A drawn value that is a list of one word, as that word.
+fn word(name: &str) -> &str {
+    name.strip_prefix("[\"").and_then(|it| it.strip_suffix("\"]")).unwrap_or(name)
+}
+
 fn rate(bin: &Bin) -> f64 {
     bin.successes as f64 / bin.flights.max(1) as f64
 }
@@ -183,7 +193,12 @@ fn maps(findings: &Findings) -> Markup {
 
 /// A map as a table of shaded cells.
 fn heat(number: usize, map: &Map) -> Markup {
-    let title = format!("{}: {} across, {} down", map.arm, map.x.factor, map.y.factor);
+    // What has the longer names goes down: a column is narrow.
+    let longest = |side: &Side| side.bins.iter().map(String::len).max().unwrap_or_default();
+    let is_turned = longest(&map.x) > longest(&map.y);
+    let (across, down) = if is_turned { (&map.y, &map.x) } else { (&map.x, &map.y) };
+    let counts = |row: usize, column: usize| if is_turned { map.cells[column][row] } else { map.cells[row][column] };
+    let title = format!("{}: {} across, {} down", map.arm, across.factor, down.factor);
     let cell = |[successes, flights]: [u64; 2], column: &String| {
         let percent = 100.0 * successes as f64 / flights.max(1) as f64;
         let shade = if flights == 0 { 0.0 } else { 0.85 * (100.0 - percent) };
@@ -200,12 +215,12 @@ fn heat(number: usize, map: &Map) -> Markup {
         &[],
         html! {
             table {
-                thead { tr { th {} @for name in &map.x.bins { th { (name) } } } }
+                thead { tr { th {} @for name in &across.bins { th { (word(name)) } } } }
                 tbody {
-                    @for (name, cells) in map.y.bins.iter().zip(&map.cells) {
+                    @for (row, name) in down.bins.iter().enumerate() {
                         tr {
-                            th scope="row" { (name) }
-                            @for (counts, column) in cells.iter().zip(&map.x.bins) { (cell(*counts, column)) }
+                            th scope="row" style="overflow-wrap:anywhere" { (word(name)) }
+                            @for (column, name) in across.bins.iter().enumerate() { (cell(counts(row, column), name)) }
                         }
                     }
                 }

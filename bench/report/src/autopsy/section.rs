@@ -153,7 +153,8 @@ impl Case {
         let cause = named(self.class, self.stage.as_deref());
         // Where no stage is known to be late, there is no delay.
         let delay = if *delay_us > 0.0 { format!(", a delay of {delay_us:.0} us") } else { String::new() };
-        let faults = if self.faults.is_empty() { String::new() } else { format!("; fault on: {}", self.faults.join(", ")) };
+        let faults =
+            if self.faults.is_empty() { String::new() } else { format!("; fault on: {}", self.faults.join(", ")) };
         format!("tick {tick} ({time_s:.3} s): {ticks}, {missed} missed{delay}: {cause} ({}{faults})", self.evidence)
     }
 
