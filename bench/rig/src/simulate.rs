@@ -17,7 +17,7 @@ use crate::timing::Timing;
 use crate::unusable::Unusable;
 use crate::wall_time::speed;
 use failure::{Failure, GATE, OK, check_writable, write_text};
-pub use flight::{Simulated, fly, fly_timed};
+pub use flight::{Simulated, fly, fly_with};
 use report::page::picture;
 use report::schema::Gate;
 use report::states::StatesWriter;
@@ -49,7 +49,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
         None => None,
     };
     let timing = args.timing.as_deref().map(|run| Timing::read(&find_log(run, args.out.as_deref())?)).transpose()?;
-    timing.iter().try_for_each(|timing| timing.check(&settings))?;
+    timing.iter().try_for_each(|timing| timing.check(&settings, "--timing"))?;
     let mut rig = InProcess::of(&settings)?.watched(settings.theorem()?);
     let mut watched = Watched::new(&settings)?;
     let start = Instant::now();
@@ -65,10 +65,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
         watched.take(rig);
         Ok(())
     };
-    let flown = match &timing {
-        Some(timing) => fly_timed(&mut rig, &settings, timing, look)?,
-        None => fly(&mut rig, &settings, look)?,
-    };
+    let flown = fly_with(&mut rig, &settings, timing.as_ref(), look)?;
     let wall_s = start.elapsed().as_secs_f64();
     if let (Some(path), Some(tracer)) = (&args.plot, &tracer) {
         let title = format!("{}, simulated", settings.flown());
