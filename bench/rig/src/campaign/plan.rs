@@ -8,7 +8,7 @@ use campaign::file;
 use failure::{Failure, USAGE, read_text};
 use toml::Value;
 
-use super::timings::Timings;
+use super::timings::{Timings, beside};
 use crate::build;
 use crate::settings::Settings;
 use crate::timing::Timing;
@@ -75,6 +75,13 @@ impl Plan {
         let arm = &self.campaign.arms[arm];
         self.checked(arm, &self.campaign.draws(flight), settings)
             .map_err(|failure| failure.append(&format!(": flight {flight} of the arm {} cannot be flown", arm.name)))
+    }
+
+    /// The recorded flight whose timing a flight by an arm has, if it has one.
+    pub fn recorded(&self, flight: u64, arm: usize) -> Option<PathBuf> {
+        let draws = self.campaign.draws(flight);
+        let name = self.campaign.timing(&self.campaign.arms[arm], &draws)?;
+        Some(beside(&self.file, name))
     }
 
     fn checked(&self, arm: &Arm, draws: &[Value], settings: &Settings) -> Result<Option<&Timing>, Failure> {

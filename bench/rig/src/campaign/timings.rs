@@ -1,7 +1,7 @@
 //! The recorded flights whose timing the flights of a campaign have.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use campaign::campaign::Campaign;
 use failure::{Failure, USAGE};
@@ -26,7 +26,7 @@ impl Timings {
                 if timings.contains_key(&name) {
                     continue;
                 }
-                let run = file.parent().unwrap_or_else(|| Path::new("")).join(&name);
+                let run = beside(file, &name);
                 let timing = find_log(&run, run.parent()).and_then(|log| Timing::read(&log)).map_err(|failure| {
                     let line = campaign.lines.of_key(&key);
                     failure.or_code(USAGE).append(&format!(": line {line}: timing = {name:?}"))
@@ -37,7 +37,7 @@ impl Timings {
         Ok(Self(timings))
     }
 
-    /// The one of a name.
+    /// The one of a name, which was read.
     pub fn of(&self, name: Option<&str>) -> Option<&Timing> {
         self.0.get(name?)
     }
@@ -51,4 +51,9 @@ impl Timings {
     pub fn told(&self, names: &[String]) -> String {
         names.iter().filter_map(|name| self.0.get(name)).map(|timing| format!("\ntiming {}", timing.sum())).collect()
     }
+}
+
+/// Where a recorded flight is that a campaign's file names.
+pub(super) fn beside(file: &Path, name: &str) -> PathBuf {
+    file.parent().unwrap_or_else(|| Path::new("")).join(name)
 }
