@@ -45,8 +45,10 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
     let row = row(&plan, &args.directory, args.flight, arm)?;
     if let Some(timing) = timing {
         if args.live {
-            return Err(Failure::usage("--live: a flight in real time has the timing of this machine, and no recorded one")
-                .help("leave the flag out: it is flown tick by tick with its recorded timing"));
+            return Err(Failure::usage(
+                "--live: a flight in real time has the timing of this machine, and no recorded one",
+            )
+            .help("leave the flag out: it is flown tick by tick with its recorded timing"));
         }
         return simulated(&plan, args, arm, &settings, timing, row.as_deref());
     }

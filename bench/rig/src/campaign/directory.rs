@@ -17,7 +17,8 @@ const FILE: &str = "campaign.toml";
 const FACTS: &str = "campaign.json";
 
 /// What to do where a recorded flight is another one.
-const OTHER_RECORDING: &str = "name the recorded flight itself, and not `latest`; or fly into another directory (--out DIR)";
+const OTHER_RECORDING: &str =
+    "name the recorded flight itself, and not `latest`; or fly into another directory (--out DIR)";
 
 /// What the copy does not say.
 #[derive(Debug, Serialize, Deserialize)]

@@ -27,12 +27,7 @@ pub(super) fn row(plan: &Plan, flight: u64, arm: usize, stop: &AtomicBool) -> Re
 }
 
 /// Flies as `ironbird simulate` does, and sums up.
-fn outcome(
-    settings: &Settings,
-    timing: Option<&Timing>,
-    gates: &Gates,
-    stop: &AtomicBool,
-) -> Result<Outcome, Failure> {
+fn outcome(settings: &Settings, timing: Option<&Timing>, gates: &Gates, stop: &AtomicBool) -> Result<Outcome, Failure> {
     let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
     let last_tick = settings.last_tick();
     let (period_s, bound_m) = (settings.flight.period_s, gates.recovered_below_m);
