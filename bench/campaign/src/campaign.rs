@@ -23,6 +23,8 @@ pub struct Campaign {
     pub chunk: u64,
     /// Sections of the settings that all flights begin with.
     pub base: Table,
+    /// The recorded flight whose timing flights have, unless their arm or their draw says another; on time without.
+    pub timing: Option<String>,
     /// What is drawn for each flight, in the order of the columns.
     pub factors: Vec<Factor>,
     /// Faults, whose values are among the factors.
@@ -75,6 +77,8 @@ pub enum Target {
     },
     /// A part of a fault, which names the factor.
     Fault,
+    /// The recorded flight whose timing a flight has.
+    Timing,
 }
 
 /// A swap in flight: places of its parts among the factors.
@@ -97,6 +101,8 @@ pub struct Arm {
     pub name: String,
     /// Section, key and value of the settings.
     pub settings: Vec<(String, String, Value)>,
+    /// The recorded flight whose timing its flights have.
+    pub timing: Option<String>,
     /// Line of the file.
     pub line: usize,
 }
@@ -138,7 +144,31 @@ impl Campaign {
         given
     }
 
-    /// What the rows of the same campaign agree in, whatever its length: `settings` are those of each arm, resolved.
+    /// The recorded flight whose timing a flight by an arm has, as the file names it.
+    #[must_use]
+    pub fn timing<'a>(&'a self, arm: &'a Arm, draws: &'a [Value]) -> Option<&'a str> {
+        let drawn = self.factors.iter().zip(draws).find(|(factor, _)| factor.target == Target::Timing);
+        let drawn = drawn.and_then(|(_, name)| name.as_str());
+        drawn.or(arm.timing.as_deref()).or(self.timing.as_deref())
+    }
+
+    /// All recorded flights whose timing flights by an arm have, and the key of the file that names them.
+    #[must_use]
+    pub fn timings(&self, arm: &Arm) -> (String, Vec<String>) {
+        let drawn = self.factors.iter().find(|factor| factor.target == Target::Timing);
+        let of = |name: &Option<String>| name.iter().cloned().collect();
+        match (drawn, &arm.timing) {
+            (Some(factor), _) => {
+                let names = factor.distribution.ends().into_iter().filter_map(|name| Some(name.as_str()?.to_owned()));
+                ("factors.timing".into(), names.collect())
+            }
+            (None, Some(_)) => (format!("arms.{}.timing", arm.name), of(&arm.timing)),
+            (None, None) => ("campaign.timing".into(), of(&self.timing)),
+        }
+    }
+
+    /// What the rows of the same campaign agree in, whatever its length: `settings` are those of each arm, resolved, with
+    /// whatever else its flights depend on.
     #[must_use]
     pub fn fingerprint(&self, settings: &[String]) -> String {
         let mut text = format!("ironbird-campaign/1\nseed {}\nchunk {}\n", self.seed, self.chunk);

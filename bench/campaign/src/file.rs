@@ -2,6 +2,7 @@
 
 mod distributions;
 mod submission;
+mod timing;
 
 use std::collections::BTreeMap;
 
@@ -15,6 +16,7 @@ use crate::distribution::Distribution;
 use crate::gates::{Gates, METRICS, RECOVERED_BELOW_M, SignalGate};
 use crate::lines::{Lines, line_of};
 use distributions::Taken;
+use timing::TIMING;
 
 /// Flights at the most.
 const FLIGHTS_MAX: i64 = 1_000_000_000;
@@ -72,7 +74,7 @@ impl Reader {
 
     fn campaign(&mut self, given: &Table, factors: &[String], arms: &[String]) -> Campaign {
         let own = self.section(given, "campaign");
-        self.check_keys("campaign", &own, &["name", "flights", "seed", "chunk"]);
+        self.check_keys("campaign", &own, &["name", "flights", "seed", "chunk", TIMING]);
         if !given.contains_key("campaign") {
             self.says("", "there is no section [campaign] with name and flights");
         }
@@ -95,6 +97,7 @@ impl Reader {
         self.grids(&mut drawn);
         let has_fault = !faults.is_empty() || base.get("flight").is_some_and(|it| it.get("faults").is_some());
         let success = self.section(given, "success");
+        let timing = own.get(TIMING).and_then(|value| self.recorded("campaign.timing", value, &drawn));
         Campaign {
             name,
             flights,
@@ -104,6 +107,7 @@ impl Reader {
             gates: self.gates(&success, has_fault),
             submission: self.submission(given),
             base,
+            timing,
             factors: drawn,
             faults,
             lines: Lines::default(),
@@ -159,6 +163,10 @@ impl Reader {
         let mut factors = Vec::new();
         for name in order {
             let path = format!("factors.{name}");
+            if name == TIMING {
+                factors.extend(given.get(name).and_then(|value| self.drawn_timing(value)));
+                continue;
+            }
             let Some((section, key)) = name.split_once('.') else {
                 self.says(
                     &path,
@@ -241,12 +249,14 @@ impl Reader {
         let mut arms = Vec::new();
         for name in order {
             let path = format!("arms.{name}");
-            let Some(keys) = section.get(name).and_then(Value::as_table) else {
+            let Some(mut keys) = section.get(name).and_then(Value::as_table).cloned() else {
                 self.says(&path, format!("`{name}` must be a section: [arms.{name}], with keys of the settings"));
                 continue;
             };
+            let timing = keys.remove(TIMING);
+            let timing = timing.and_then(|value| self.recorded(&format!("{path}.{TIMING}"), &value, factors));
             let mut settings = Vec::new();
-            for (section, key, value) in flat(keys) {
+            for (section, key, value) in flat(&keys) {
                 let full = format!("{section}.{key}");
                 if key.is_empty() {
                     self.says(
@@ -259,10 +269,10 @@ impl Reader {
                     settings.push((section, key, value));
                 }
             }
-            arms.push(Arm { name: name.clone(), settings, line: self.lines.of_key(&path) });
+            arms.push(Arm { name: name.clone(), settings, timing, line: self.lines.of_key(&path) });
         }
         if arms.is_empty() {
-            arms.push(Arm { name: ONLY_ARM.into(), settings: Vec::new(), line: 1 });
+            arms.push(Arm { name: ONLY_ARM.into(), settings: Vec::new(), timing: None, line: 1 });
         }
         arms
     }

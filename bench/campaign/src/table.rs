@@ -143,6 +143,7 @@ fn factor_field(campaign: &Campaign, factor: &Factor) -> Field {
             }
         }
         Target::Fault => of_fault(campaign, &factor.name),
+        Target::Timing => ("", "recorded flight whose timing the flight has".into()),
     };
     field(&factor.name, kind(&factor.distribution), unit, &meaning)
 }

@@ -13,6 +13,7 @@ mod plan;
 mod run;
 mod status;
 mod submit;
+mod timings;
 mod told;
 
 use failure::Failure;

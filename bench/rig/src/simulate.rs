@@ -17,7 +17,7 @@ use crate::timing::Timing;
 use crate::unusable::Unusable;
 use crate::wall_time::speed;
 use failure::{Failure, GATE, OK, check_writable, write_text};
-pub use flight::{Simulated, fly, fly_timed};
+pub use flight::{Simulated, fly, fly_with};
 use report::page::picture;
 use report::schema::Gate;
 use report::states::StatesWriter;
@@ -39,21 +39,39 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     for warning in settings.warnings()? {
         say(&format!("warning: {warning}\n"));
     }
+    let timing = args.timing.as_deref().map(|run| Timing::read(&find_log(run, args.out.as_deref())?)).transpose()?;
+    timing.iter().try_for_each(|timing| timing.check(&settings, "--timing"))?;
+    let leaves = Leaves { states: args.states.as_deref(), plot: args.plot.as_deref() };
+    Ok(told(&settings, timing.as_ref(), &leaves)?.1)
+}
+
+/// Files that a simulated flight leaves.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Leaves<'a> {
+    /// Its states.
+    pub states: Option<&'a Path>,
+    /// Its picture.
+    pub plot: Option<&'a Path>,
+}
+
+/// Simulates a flight, on time or with the timing of a recorded one, and tells of it; its outputs and the exit code.
+///
+/// # Errors
+/// Settings that cannot be flown; a file that cannot be written.
+pub fn told(settings: &Settings, timing: Option<&Timing>, leaves: &Leaves<'_>) -> Result<(Simulated, u8), Failure> {
     let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
     let laws = settings.flown_laws()?;
-    let mut states = match &args.states {
+    let mut states = match leaves.states {
         Some(path) => {
             let every = settings.recorder.states_every_ticks;
             Some(StatesWriter::create(path, tracking, laws, every)?)
         }
         None => None,
     };
-    let timing = args.timing.as_deref().map(|run| Timing::read(&find_log(run, args.out.as_deref())?)).transpose()?;
-    timing.iter().try_for_each(|timing| timing.check(&settings))?;
-    let mut rig = InProcess::of(&settings)?.watched(settings.theorem()?);
-    let mut watched = Watched::new(&settings)?;
+    let mut rig = InProcess::of(settings)?.watched(settings.theorem()?);
+    let mut watched = Watched::new(settings)?;
     let start = Instant::now();
-    let mut tracer = args.plot.as_ref().map(|_| Tracer::new(tracking));
+    let mut tracer = leaves.plot.map(|_| Tracer::new(tracking));
     tracer.iter_mut().for_each(|tracer| tracer.flown_by(laws));
     let look = |rig: &InProcess| -> Result<(), Failure> {
         if let Some(states) = &mut states {
@@ -65,12 +83,9 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
         watched.take(rig);
         Ok(())
     };
-    let flown = match &timing {
-        Some(timing) => fly_timed(&mut rig, &settings, timing, look)?,
-        None => fly(&mut rig, &settings, look)?,
-    };
+    let flown = fly_with(&mut rig, settings, timing, look)?;
     let wall_s = start.elapsed().as_secs_f64();
-    if let (Some(path), Some(tracer)) = (&args.plot, &tracer) {
+    if let (Some(path), Some(tracer)) = (leaves.plot, &tracer) {
         let title = format!("{}, simulated", settings.flown());
         let svg =
             picture::render(&tracer.traces(), &flown.swaps, &settings.injected()?, settings.flight.period_s, &title);
@@ -82,8 +97,8 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
     let theorem = watched.theorem.section();
     let gate = settings.recorder.gate_theorem.then(|| Gate::theorem(&theorem));
     let passes = flown.departure.is_none() && gate.as_ref().is_none_or(|gate| gate.held);
-    let mut text = summary(&flown, &settings, wall_s) + &watched.estimates() + &theorem.text();
-    text.extend(watched.unusable.sentences(&settings)?.iter().map(|sentence| format!("{sentence}\n")));
+    let mut text = summary(&flown, settings, wall_s) + &watched.estimates() + &theorem.text();
+    text.extend(watched.unusable.sentences(settings)?.iter().map(|sentence| format!("{sentence}\n")));
     for fault in settings.injected()? {
         text += &format!("fault {}\n", fault.words());
     }
@@ -101,7 +116,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
         flown.outputs
     );
     print(&text)?;
-    Ok(if passes { OK } else { GATE })
+    Ok((flown, if passes { OK } else { GATE }))
 }
 
 /// What faults of messages and stages, or the timing of another flight, came to.

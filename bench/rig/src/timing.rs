@@ -9,8 +9,10 @@ use std::path::Path;
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, LogReader};
 use model::envelope::Envelope;
+use model::grid::Pace;
 use model::role::Role;
 use report::tally::is_last_word;
+use sha2::{Digest as _, Sha256};
 
 use crate::replay::survey::{check_whole, first_of};
 use crate::settings::Settings;
@@ -83,6 +85,13 @@ impl Timing {
         reader.check_version()?;
         check_whole(&reader, path)?;
         let (pace, sample_time_ns) = (reader.pace()?, reader.number("sample_time_ns")?);
+        if pace == Pace::Lockstep {
+            return Err(Failure::failed(format!(
+                "{} was flown in lockstep, which waits for everybody: it has no timing",
+                path.display()
+            ))
+            .help("name a flight in real time: `ironbird fly --log all` without --lockstep"));
+        }
         let mut take = |entry: &LogEntry| {
             let event = |envelope: &Envelope, role: Role, made| {
                 let Envelope { tick, epoch, .. } = *envelope;
@@ -122,30 +131,47 @@ impl Timing {
         Ok(Self { events, last_tick, sample_time_ns })
     }
 
-    /// Refuses a flight that cannot have this timing.
+    /// The same for the same timing, wherever its recording lies: instants count by their order alone.
+    #[must_use]
+    pub fn sum(&self) -> String {
+        let mut sum = Sha256::new();
+        let mut add = |numbers: &[u64]| numbers.iter().for_each(|number| sum.update(number.to_le_bytes()));
+        add(&[self.sample_time_ns, self.last_tick]);
+        for Event { sent_ns: _, tick, epoch, made } in &self.events {
+            match made {
+                Made::State { taken, taken_tick } => add(&[0, *tick, *epoch, *taken, *taken_tick]),
+                Made::Setpoint { state } => add(&[1, *tick, *epoch, *state]),
+                Made::Wrench { state, setpoint } => add(&[2, *tick, *epoch, *state, *setpoint]),
+                Made::RotorSpeeds { wrench, acts_from } => add(&[3, *tick, *epoch, *wrench, *acts_from]),
+            }
+        }
+        sum.finalize().iter().take(16).map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// Refuses a flight that cannot have this timing, which the user asked for by `key`.
     ///
     /// # Errors
     /// A usage [`Failure`] says why it cannot.
-    pub fn check(&self, settings: &Settings) -> Result<(), Failure> {
+    pub fn check(&self, settings: &Settings, key: &str) -> Result<(), Failure> {
         let (here, there) = (settings.sample_time_ns(), self.sample_time_ns);
         if here != there {
             return Err(Failure::usage(format!(
-                "--timing: the recorded flight has ticks of {there} ns, this one of {here} ns"
+                "{key}: the recorded flight has ticks of {there} ns, this one of {here} ns"
             ))
-            .help("fly with the recorded period: `flight.period_s` in the file of --config"));
+            .help("fly with the recorded period: `flight.period_s` in the file"));
         }
         if settings.last_tick() > self.last_tick {
             let recorded_s = self.last_tick as f64 * settings.flight.period_s;
             return Err(Failure::usage(format!(
-                "--timing: the recorded flight ends at tick {}, this one at tick {}",
+                "{key}: the recorded flight ends at tick {}, this one at tick {}",
                 self.last_tick,
                 settings.last_tick()
             ))
-            .help(format!("fly no longer than it: --duration {recorded_s}s")));
+            .help(format!("fly no longer than it, {recorded_s} s: --duration, or `flight.duration_s` in the file")));
         }
         if !settings.planned()?.spares_the_loop() {
-            return Err(Failure::usage("--timing: faults of messages and stages have a timing of their own")
-                .help("leave them out, or fly them without --timing; faults of parameters may stay"));
+            return Err(Failure::usage(format!("{key}: faults of messages and stages have a timing of their own"))
+                .help("leave them out, or fly them without a recorded timing; faults of parameters may stay"));
         }
         Ok(())
     }

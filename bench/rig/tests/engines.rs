@@ -1,4 +1,4 @@
-//! Campaigns on real engines, Slurm and HyperQueue on this machine alone, and what befalls them: the rows are the same.
+//! Campaigns on real engines, Slurm, HyperQueue and GNU parallel over ssh, on this machine alone, and what befalls them: the rows are the same.
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use crate::rig;
@@ -214,6 +214,69 @@ fn hyperqueue_loses_a_shard_and_then_all_and_the_rows_are_the_same() {
     let _ = kill_process(wait_until("a shard", || shard(&out)), Signal::KILL);
     submitted.end().expect(0).says("shards: 48 flights, each by 2 arms");
     assert_same(&rig, &out);
+}
+
+/// An sshd of its own, for one test.
+struct Sshd(PathBuf);
+
+impl Sshd {
+    /// With what parallel needs to know of it; nothing where either is not installed.
+    fn start(rig: &Rig) -> Option<(Self, Vec<(String, String)>)> {
+        let is_there = |tool: &str| {
+            ["/usr/sbin", "/usr/bin", "/sbin"].iter().any(|directory| Path::new(directory).join(tool).exists())
+        };
+        let missing: Vec<&str> = ["parallel", "sshd", "ssh"].into_iter().filter(|tool| !is_there(tool)).collect();
+        if !missing.is_empty() {
+            let missing = missing.join(", ");
+            lacks_tool(&format!(
+                "campaigns are not flown over ssh: {missing} not installed: apt-get install parallel openssh-server"
+            ));
+            return None;
+        }
+        let sshd = Self(rig.path("sshd"));
+        let done = Command::new(script("ssh")).arg("start").arg(&sshd.0).stdin(Stdio::null()).output().unwrap();
+        assert!(done.status.success(), "start: {}", String::from_utf8_lossy(&done.stderr));
+        let exports = String::from_utf8(done.stdout).unwrap();
+        let (ssh, home) =
+            exports.trim().strip_prefix("export PARALLEL_SSH='").unwrap().split_once("' PARALLEL_HOME=").unwrap();
+        let told = [("PARALLEL_SSH", ssh), ("PARALLEL_HOME", home)];
+        Some((sshd, told.map(|(name, value)| (name.to_owned(), value.to_owned())).into()))
+    }
+}
+
+impl Drop for Sshd {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("{}", fs::read_to_string(self.0.join("sshd.log")).unwrap_or_default());
+        }
+        let _ = Command::new(script("ssh")).arg("stop").arg(&self.0).stdin(Stdio::null()).output();
+    }
+}
+
+#[test]
+fn parallel_flies_shards_on_two_nodes_loses_one_and_the_rows_are_the_same() {
+    let rig = Rig::new("ssh");
+    let Some((_sshd, told)) = Sshd::start(&rig) else { return };
+    let (file, out, home) = (rig.settings(CAMPAIGN), rig.file("rows"), rig.file(""));
+    let jobs = rig.file("jobs");
+    let parallel = || {
+        let mut command = Command::new("parallel");
+        command.args(["-S", "1/node1,1/node2", "--workdir", &home, "--joblog", &jobs, "--retries", "3"]);
+        command.args([rig::IRONBIRD, "campaign", "run", &file, "--out", &out, "--shard", "{}/6", "--jobs", "1", ":::"]);
+        command.args(["1", "2", "3", "4", "5", "6"]).envs(told.iter().map(|(name, value)| (name, value)));
+        rig.launch(command)
+    };
+    // A shard is killed: parallel starts it again.
+    let running = parallel();
+    let _ = kill_process(wait_until("a shard", || shard(&out)), Signal::KILL);
+    running.end().expect(0);
+    assert_same(&rig, &out);
+    let jobs = fs::read_to_string(&jobs).unwrap();
+    for node in ["node1", "node2"] {
+        assert!(jobs.lines().any(|line| line.split('\t').nth(1) == Some(node)), "{node} flew none: {jobs}");
+    }
+    let ran = jobs.lines().skip(1).count();
+    assert!(ran >= 6, "{jobs}");
 }
 
 #[test]

@@ -15,6 +15,8 @@ mod browser;
 mod build_identity;
 mod campaign;
 mod campaign_again;
+mod campaign_ends;
+mod campaign_timing;
 mod causes;
 mod compare;
 mod comparisons;

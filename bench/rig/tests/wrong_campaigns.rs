@@ -11,7 +11,7 @@ fn every_mistake_is_named_with_its_line() {
         ("flights = 3", "line 1: there is no section [campaign]"),
         (
             "[campaign]\nname = \"x\"\nflihgts = 10",
-            "line 3: unknown key `flihgts` in [campaign], which has name, flights, seed, chunk; did you mean `flights`?",
+            "line 3: unknown key `flihgts` in [campaign], which has name, flights, seed, chunk, timing; did you mean `flights`?",
         ),
         ("[campaign]\nname = \"x\"\nflights = 0", "line 3: campaign.flights = 0: expected a whole number from 1 to"),
         ("[campaign]\nname = \"a b\"\nflights = 1", "line 2: campaign.name must be 1 to 64 letters"),

@@ -17,6 +17,8 @@ use crate::replay::fly_again;
 use crate::run_directory::find_log;
 use crate::settings::laws::Moved;
 use crate::settings::{PaceName, Settings};
+use crate::simulate::{Leaves, told};
+use crate::timing::Timing;
 
 /// Flies a flight again; in lockstep its outputs must be those of its row.
 ///
@@ -35,8 +37,10 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
         .help("`ironbird campaign report DIR` lists the worst ones"));
     }
     let settings = settings(&plan, args, arm)?;
+    let timing = plan.timing(args.flight, arm, &settings)?;
     if args.print_config {
-        print(&settings.commented()?)?;
+        let timed = plan.recorded(args.flight, arm).map(|run| format!("# with --timing {}\n", run.display()));
+        print(&(timed.unwrap_or_default() + &settings.commented()?))?;
         return Ok(OK);
     }
     if !args.live {
@@ -48,6 +52,15 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
         })?;
     }
     let row = row(&plan, &args.directory, args.flight, arm)?;
+    if let Some(timing) = timing {
+        if args.live {
+            return Err(Failure::usage(
+                "--live: a flight in real time has the timing of this machine, and no recorded one",
+            )
+            .help("leave the flag out: it is flown tick by tick with its recorded timing"));
+        }
+        return simulated(&plan, args, arm, &settings, timing, row.as_deref());
+    }
     let held = tempfile::tempdir().map_err(|e| Failure::failed(format!("cannot make a directory: {e}")))?;
     let file = held.path().join("settings.toml");
     fs::write(&file, settings.commented()?).in_file("write", &file)?;
@@ -72,11 +85,32 @@ fn arm(plan: &Plan, name: Option<&str>) -> Result<usize, Failure> {
 /// The settings of the flight, as it is flown again.
 fn settings(plan: &Plan, args: &CampaignFlyArgs, arm: usize) -> Result<Settings, Failure> {
     let mut settings = plan.settings(args.flight, arm)?;
-    settings.flight.pace = if args.live { PaceName::Realtime } else { PaceName::Lockstep };
+    // No process takes part in a flight with a recorded timing.
+    let is_timed = plan.recorded(args.flight, arm).is_some();
+    settings.flight.pace = if args.live || is_timed { PaceName::Realtime } else { PaceName::Lockstep };
     if let Some(out) = &args.out {
         settings.recorder.out = out.to_string_lossy().into_owned();
     }
     Ok(settings)
+}
+
+/// Simulates a flight that has a recorded timing, into a directory of its own.
+fn simulated(
+    plan: &Plan,
+    args: &CampaignFlyArgs,
+    arm: usize,
+    settings: &Settings,
+    timing: &Timing,
+    row: Option<&str>,
+) -> Result<u8, Failure> {
+    let name = format!("{}-{}-{}", plan.campaign.name, args.flight, plan.campaign.arms[arm].name);
+    let directory = Path::new(&settings.recorder.out).join(name);
+    fs::create_dir_all(&directory).in_file("make the directory", &directory)?;
+    let [file, states, plot] = ["settings.toml", "states.csv", "flight.svg"].map(|name| directory.join(name));
+    fs::write(&file, settings.commented()?).in_file("write", &file)?;
+    let (flown, _) = told(settings, Some(timing), &Leaves { states: Some(&states), plot: Some(&plot) })?;
+    print(&format!("{}: settings.toml, states.csv, flight.svg\n", directory.display()))?;
+    against(&flown.outputs.to_string(), row)
 }
 
 /// `fly` with a settings file alone.
@@ -120,7 +154,11 @@ fn row(plan: &Plan, directory: &Path, flight: u64, arm: usize) -> Result<Option<
 /// Holds the newest flight in a directory against a row.
 fn compare(out: &Path, row: Option<&Flown>) -> Result<u8, Failure> {
     let log = find_log(Path::new("latest"), Some(out))?;
-    let outputs = fly_again(&log, 0, false, &Moved::new())?.summary.outputs.to_string();
+    against(&fly_again(&log, 0, false, &Moved::new())?.summary.outputs.to_string(), row)
+}
+
+/// Holds the outputs of a flight against a row's.
+fn against(outputs: &str, row: Option<&str>) -> Result<u8, Failure> {
     let (words, code) = match row {
         None => (format!("outputs {outputs}; the campaign has no row of this flight"), OK),
         Some(row) if row.outputs == outputs => {

@@ -1,5 +1,6 @@
 //! A campaign's directory: its rows, and a copy of its file.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -15,6 +16,10 @@ const FILE: &str = "campaign.toml";
 /// What is known of it besides.
 const FACTS: &str = "campaign.json";
 
+/// What to do where a recorded flight is another one.
+const OTHER_RECORDING: &str =
+    "name the recorded flight itself, and not `latest`; or fly into another directory (--out DIR)";
+
 /// What the copy does not say.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -26,6 +31,19 @@ struct Facts {
     campaign: String,
     /// The build that flies.
     build: String,
+    /// The recorded flights that the file names, and the sums over their timing.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    timings: BTreeMap<String, String>,
+}
+
+impl Facts {
+    /// The recorded flights that are others now, in words.
+    fn changed(&self, plan: &Plan) -> Option<String> {
+        let now = plan.timings.sums();
+        let changed = self.timings.iter().filter(|(name, sum)| now.get(*name).is_some_and(|it| it != *sum));
+        let names: Vec<&str> = changed.map(|(name, _)| name.as_str()).collect();
+        (!names.is_empty()).then(|| names.join(", "))
+    }
 }
 
 /// Makes the directory of a campaign, or takes it up again.
@@ -37,6 +55,13 @@ pub(super) fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
     let (file, facts) = (directory.join(FILE), directory.join(FACTS));
     if facts.exists() {
         let there = read_facts(directory)?;
+        if let Some(changed) = there.changed(plan) {
+            return Err(Failure::usage(format!(
+                "{} holds rows of another recorded flight than the one that is now at {changed}",
+                directory.display()
+            ))
+            .help(OTHER_RECORDING));
+        }
         if there.campaign != plan.identity.campaign {
             return Err(Failure::usage(format!(
                 "{} holds another campaign: the file has changed in more than its number of flights",
@@ -50,6 +75,7 @@ pub(super) fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
         file: plan.file.clone(),
         campaign: plan.identity.campaign.clone(),
         build: plan.identity.build.clone(),
+        timings: plan.timings.sums(),
     };
     let told = serde_json::to_string_pretty(&told).map_err(|e| Failure::failed(e.to_string()))? + "\n";
     for (path, text) in [(&file, &plan.text), (&facts, &told)] {
@@ -70,6 +96,13 @@ pub(super) fn plan(directory: &Path) -> Result<Plan, Failure> {
     let facts = read_facts(directory)?;
     let text = read_text("read the campaign", &directory.join(FILE)).map_err(|failure| failure.or_code(USAGE))?;
     let plan = Plan::of(text, &facts.file)?;
+    if let Some(changed) = facts.changed(&plan) {
+        return Err(Failure::usage(format!(
+            "{} was flown with another recorded flight than the one that is now at {changed}",
+            directory.display()
+        ))
+        .help(OTHER_RECORDING));
+    }
     if plan.identity.campaign != facts.campaign {
         return Err(Failure::usage(format!(
             "{} was flown by the build {}, for which its campaign means other settings than for this one",

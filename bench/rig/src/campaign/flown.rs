@@ -13,6 +13,7 @@ use super::plan::Plan;
 use crate::in_process::InProcess;
 use crate::settings::Settings;
 use crate::simulate;
+use crate::timing::Timing;
 
 /// Flies a flight by an arm, unless it is told to stop.
 ///
@@ -20,12 +21,13 @@ use crate::simulate;
 /// As of [`Plan::settings`]; an interruption.
 pub(super) fn row(plan: &Plan, flight: u64, arm: usize, stop: &AtomicBool) -> Result<Row, Failure> {
     let settings = plan.settings(flight, arm)?;
-    let outcome = outcome(&settings, &plan.campaign.gates, stop)?;
+    let timing = plan.timing(flight, arm, &settings)?;
+    let outcome = outcome(&settings, timing, &plan.campaign.gates, stop)?;
     Ok(Row { flight, arm, draws: plan.campaign.draws(flight), outcome })
 }
 
 /// Flies as `ironbird simulate` does, and sums up.
-fn outcome(settings: &Settings, gates: &Gates, stop: &AtomicBool) -> Result<Outcome, Failure> {
+fn outcome(settings: &Settings, timing: Option<&Timing>, gates: &Gates, stop: &AtomicBool) -> Result<Outcome, Failure> {
     let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
     let last_tick = settings.last_tick();
     let (period_s, bound_m) = (settings.flight.period_s, gates.recovered_below_m);
@@ -39,7 +41,7 @@ fn outcome(settings: &Settings, gates: &Gates, stop: &AtomicBool) -> Result<Outc
     let mut telemetry: Vec<Shown> =
         places.iter().map(|place| place.map_or(Shown::NotOfThisLaw, |_| Shown::Never)).collect();
     let mut rig = InProcess::of(settings)?;
-    let flown = simulate::fly(&mut rig, settings, |rig| {
+    let flown = simulate::fly_with(&mut rig, settings, timing, |rig| {
         if stop.load(Ordering::Relaxed) {
             return Err(Failure::new(INTERRUPTED, "interrupted"));
         }

@@ -8,8 +8,10 @@ use campaign::file;
 use failure::{Failure, USAGE, read_text};
 use toml::Value;
 
+use super::timings::{Timings, beside};
 use crate::build;
 use crate::settings::Settings;
+use crate::timing::Timing;
 
 /// A campaign that can be flown.
 #[derive(Clone, Debug)]
@@ -22,6 +24,8 @@ pub(super) struct Plan {
     pub text: String,
     /// Whose rows it makes.
     pub identity: Identity,
+    /// The recorded flights that it names.
+    pub timings: Timings,
 }
 
 impl Plan {
@@ -45,7 +49,8 @@ impl Plan {
         let campaign = file::read(&text).map_err(|failure| failure.append(&place))?;
         let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
         let identity = Identity { name: campaign.name.clone(), campaign: String::new(), build: flown_by() };
-        let mut plan = Self { campaign, file, text, identity };
+        let timings = Timings::read(&campaign, &file).map_err(|failure| failure.append(&place))?;
+        let mut plan = Self { campaign, file, text, identity, timings };
         let shared = plan.check()?;
         plan.identity.campaign = plan.campaign.fingerprint(&shared);
         Ok(plan)
@@ -62,8 +67,37 @@ impl Plan {
             .map_err(|failure| failure.append(&format!(": flight {flight} of the arm {} cannot be flown", arm.name)))
     }
 
+    /// The recorded timing of a flight by an arm, if it has one.
+    ///
+    /// # Errors
+    /// A usage [`Failure`] names the flight, the arm, and why these settings cannot have this timing.
+    pub fn timing(&self, flight: u64, arm: usize, settings: &Settings) -> Result<Option<&Timing>, Failure> {
+        let arm = &self.campaign.arms[arm];
+        self.checked(arm, &self.campaign.draws(flight), settings)
+            .map_err(|failure| failure.append(&format!(": flight {flight} of the arm {} cannot be flown", arm.name)))
+    }
+
+    /// The recorded flight whose timing a flight by an arm has, if it has one.
+    pub fn recorded(&self, flight: u64, arm: usize) -> Option<PathBuf> {
+        let draws = self.campaign.draws(flight);
+        let name = self.campaign.timing(&self.campaign.arms[arm], &draws)?;
+        Some(beside(&self.file, name))
+    }
+
+    fn checked(&self, arm: &Arm, draws: &[Value], settings: &Settings) -> Result<Option<&Timing>, Failure> {
+        let Some(timing) = self.timings.of(self.campaign.timing(arm, draws)) else { return Ok(None) };
+        timing.check(settings, &self.campaign.timings(arm).0).map(|()| Some(timing))
+    }
+
     fn resolved(&self, arm: &Arm, draws: &[Value]) -> Result<Settings, Failure> {
         Settings::of_file(self.campaign.given(arm, draws), &self.file)
+    }
+
+    /// The settings of a flight that can be flown.
+    fn tried(&self, arm: &Arm, draws: &[Value]) -> Result<Settings, Failure> {
+        let settings = self.resolved(arm, draws)?;
+        self.checked(arm, draws, &settings)?;
+        Ok(settings)
     }
 
     /// Whether the first flight can be flown by each arm, also with each end of what is drawn; the settings that the
@@ -73,19 +107,19 @@ impl Plan {
         let mut shared = Vec::new();
         let mut shown = vec![false; self.campaign.gates.telemetry.len()];
         for arm in &self.campaign.arms {
-            let settings = self.resolved(arm, &first).map_err(|failure| self.at_line(failure, arm, None))?;
+            let settings = self.tried(arm, &first).map_err(|failure| self.at_line(failure, arm, None))?;
             for (place, factor) in self.campaign.factors.iter().enumerate() {
                 for end in factor.distribution.ends() {
                     let mut draws = first.clone();
                     draws[place] = end;
-                    self.resolved(arm, &draws).map_err(|failure| self.at_line(failure, arm, Some(factor.line)))?;
+                    self.tried(arm, &draws).map_err(|failure| self.at_line(failure, arm, Some(factor.line)))?;
                 }
             }
             let signals = settings.flown_laws()?.signals;
             for (gate, shown) in self.campaign.gates.telemetry.iter().zip(&mut shown) {
                 *shown |= signals.of(gate.role).iter().any(|signal| signal.name == gate.signal);
             }
-            shared.push(settings.shared_text()?);
+            shared.push(settings.shared_text()? + &self.timings.told(&self.campaign.timings(arm).1));
         }
         let unknown = self.campaign.gates.telemetry.iter().zip(shown).find(|(_, shown)| !shown);
         if let Some((gate, _)) = unknown {

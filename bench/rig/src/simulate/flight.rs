@@ -60,11 +60,23 @@ pub fn fly(
     Ok(judge.end())
 }
 
-/// The same with the timing of a recorded flight. Ticks that it skipped are not shown.
+/// The same, with the timing of a recorded flight where there is one. Ticks that it skipped are not shown.
 ///
 /// # Errors
 /// As [`fly`].
-pub fn fly_timed(
+pub fn fly_with(
+    rig: &mut InProcess,
+    settings: &Settings,
+    timing: Option<&Timing>,
+    look: impl FnMut(&InProcess) -> Result<(), Failure>,
+) -> Result<Simulated, Failure> {
+    match timing {
+        Some(timing) => fly_timed(rig, settings, timing, look),
+        None => fly(rig, settings, look),
+    }
+}
+
+fn fly_timed(
     rig: &mut InProcess,
     settings: &Settings,
     timing: &Timing,
