@@ -6,6 +6,7 @@ use sha2::{Digest as _, Sha256};
 use toml::{Table, Value};
 
 use crate::distribution::Distribution;
+use crate::fault::Fault;
 use crate::gates::Gates;
 use crate::generator::Stream;
 use crate::lines::Lines;
@@ -79,19 +80,6 @@ pub enum Target {
     Fault,
     /// The recorded flight whose timing a flight has.
     Timing,
-}
-
-/// A swap in flight: places of its parts among the factors.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Fault {
-    /// The parameter.
-    pub what: usize,
-    /// Its new value.
-    pub value: usize,
-    /// When [s].
-    pub at_s: usize,
-    /// How long it takes to get there [s]; at once without.
-    pub over_s: Option<usize>,
 }
 
 /// A way to fly the same draws.
@@ -189,23 +177,5 @@ impl Campaign {
     #[must_use]
     pub fn arm(&self, name: &str) -> Option<usize> {
         self.arms.iter().position(|arm| arm.name == name)
-    }
-}
-
-impl Fault {
-    /// As `--fault` has it.
-    fn text(&self, draws: &[Value]) -> String {
-        let number = |place: usize| match &draws[place] {
-            Value::Float(number) => format!("{number:?}"),
-            Value::String(text) => text.clone(),
-            other => other.to_string(),
-        };
-        // humantime reads whole numbers alone; times are checked where the file is read.
-        let time = |place: usize| {
-            let seconds = draws[place].as_float().unwrap_or_default();
-            format!("{}ns", Duration::try_from_secs_f64(seconds).unwrap_or_default().as_nanos())
-        };
-        let over = self.over_s.map_or_else(String::new, |over| format!("~{}", time(over)));
-        format!("{}={}{over}@{}", number(self.what), number(self.value), time(self.at_s))
     }
 }

@@ -11,8 +11,9 @@ use model::parameters::{Parameter, did_you_mean, nearest};
 use toml::{Table, Value};
 use toml_edit::Document;
 
-use crate::campaign::{Arm, Campaign, Factor, Fault, Target};
+use crate::campaign::{Arm, Campaign, Factor, Target};
 use crate::distribution::Distribution;
+use crate::fault::{Fault, Number, is_of_the_loop};
 use crate::gates::{Gates, METRICS, RECOVERED_BELOW_M, SignalGate};
 use crate::lines::{Lines, line_of};
 use distributions::Taken;
@@ -30,6 +31,9 @@ const ONLY_ARM: &str = "base";
 const OWN: [&str; 6] = ["campaign", "factors", "fault", "arms", "success", "submit"];
 /// The seed of the sensors' noise, which flights draw unless the file says otherwise.
 const NOISE_SEED: &str = "flight.seed";
+
+/// How faults are written.
+const FAULTS: &str = "faults are written as [[fault]], each with what, value and at_s";
 
 /// Reads the text of a campaign's file.
 ///
@@ -95,7 +99,9 @@ impl Reader {
         }
         let faults = self.faults(given, &mut drawn);
         self.grids(&mut drawn);
-        let has_fault = !faults.is_empty() || base.get("flight").is_some_and(|it| it.get("faults").is_some());
+        let has_fault = !faults.is_empty()
+            || base.get("flight").is_some_and(|it| it.get("faults").is_some())
+            || drawn.iter().any(|factor| factor.name == "flight.faults");
         let success = self.section(given, "success");
         let timing = own.get(TIMING).and_then(|value| self.recorded("campaign.timing", value, &drawn));
         Campaign {
@@ -189,7 +195,7 @@ impl Reader {
             None => return Vec::new(),
             Some(Value::Array(tables)) => tables.clone(),
             Some(_) => {
-                self.says("fault", "faults are written as [[fault]], each with what, value and at_s");
+                self.says("fault", FAULTS);
                 return Vec::new();
             }
         };
@@ -197,10 +203,10 @@ impl Reader {
         for (number, table) in (1..).zip(&tables) {
             let path = format!("fault.{number}");
             let Some(table) = table.as_table() else {
-                self.says("fault", "faults are written as [[fault]], each with what, value and at_s");
+                self.says("fault", FAULTS);
                 continue;
             };
-            self.check_keys(&path, table, &["what", "value", "at_s", "over_s"]);
+            self.check_keys(&path, table, &["what", "value", "at_s", "over_s", "for_s"]);
             let mut part = |part: &str, is_needed: bool| {
                 let name = format!("{path}.{part}");
                 let Some(value) = table.get(part) else {
@@ -215,27 +221,36 @@ impl Reader {
                 factors.push(Factor { name, target: Target::Fault, distribution, line });
                 Some(factors.len() - 1)
             };
-            let (what, value, at_s) = (part("what", true), part("value", true), part("at_s", true));
-            let over_s = part("over_s", false);
-            if let (Some(what), Some(value), Some(at_s)) = (what, value, at_s) {
-                faults.push(Fault { what, value, at_s, over_s });
+            let is_valued = table.get("what").and_then(Value::as_str).is_none_or(|it| Number::of(it) != Number::None);
+            let (what, value, at_s) = (part("what", true), part("value", is_valued), part("at_s", true));
+            let (over_s, for_s) = (part("over_s", false), part("for_s", false));
+            if !is_valued && value.is_some() {
+                self.says(&format!("{path}.value"), format!("fault {number} takes no value: leave it out"));
+            }
+            if let (Some(what), Some(at_s)) = (what, at_s)
+                && (value.is_some() || !is_valued)
+            {
+                faults.push(Fault { what, value, at_s, over_s, for_s });
             }
         }
         faults
     }
 
-    /// Refuses a part of a fault that is no parameter, value or time.
+    /// Refuses a part of a fault that is no parameter, value or time. Faults of messages and stages are tried when the
+    /// first flight is.
     fn check_part(&mut self, part: &str, path: &str, distribution: &Distribution) {
         for end in distribution.ends() {
             match (part, &end) {
+                ("what", Value::String(name)) if is_of_the_loop(name) => {}
                 ("what", Value::String(name)) => {
                     if let Err(e) = Parameter::from_name(name) {
                         self.says(path, e.to_string());
                     }
                 }
-                ("what", _) => {
-                    self.says(path, format!("{path} = {end}: expected the name of a parameter, as of --fault"))
-                }
+                ("what", _) => self.says(
+                    path,
+                    format!("{path} = {end}: expected the name of a parameter, or state.drop and the like"),
+                ),
                 ("value", Value::Float(_) | Value::String(_)) => {}
                 ("value", _) => self.says(path, format!("{path} = {end}: expected a number, \"nominal\" or \"+30%\"")),
                 (_, Value::Float(time)) if (0.0..=1e9).contains(time) => {}
@@ -287,7 +302,7 @@ impl Reader {
                 ("telemetry", ..) => gates.telemetry = self.signals(value),
                 ("recovered_below_m", _, Some(bound_m)) => gates.recovered_below_m = bound_m,
                 ("recovery_max_s", ..) if !has_fault => {
-                    self.says(&path, "recovery_max_s is the time after a fault, and the campaign has no [[fault]]");
+                    self.says(&path, "recovery_max_s is the time after a fault, and the campaign has no [[fault]] and no flight.faults");
                 }
                 (_, Some(place), Some(most)) => gates.limits.push((place, most)),
                 ("recovered_below_m", ..) | (_, Some(_), None) => {

@@ -10,6 +10,7 @@
 pub mod campaign;
 pub mod chunk;
 pub mod distribution;
+pub mod fault;
 pub mod file;
 pub mod findings;
 pub mod gates;

@@ -12,6 +12,7 @@ use toml::Value;
 
 use crate::campaign::{Campaign, Factor, Target};
 use crate::distribution::Distribution;
+use crate::fault::Number;
 use crate::gates::METRICS;
 use crate::outcome::Outcome;
 
@@ -152,16 +153,17 @@ fn factor_field(campaign: &Campaign, factor: &Factor) -> Field {
 fn of_fault(campaign: &Campaign, name: &str) -> (&'static str, String) {
     let part = name.rsplit('.').next().unwrap_or_default();
     let place = campaign.factors.iter().position(|factor| factor.name == name);
-    let fault = campaign.faults.iter().find(|fault| place == Some(fault.value));
+    let fault = campaign.faults.iter().find(|fault| place == fault.value);
     let what = fault.map(|fault| &campaign.factors[fault.what].distribution);
     match (part, what) {
-        ("what", _) => ("", "parameter that the fault changes".into()),
+        ("what", _) => ("", "what goes wrong".into()),
         ("value", Some(Distribution::Fixed(Value::String(name)))) => {
-            let unit = Parameter::from_name(name).map_or("", |parameter| parameter.spec().unit);
-            (unit, format!("new value of {name}"))
+            let of_parameter = || Parameter::from_name(name).map_or("", |parameter| parameter.spec().unit);
+            (Number::of(name).unit().unwrap_or_else(of_parameter), format!("value of {name}"))
         }
-        ("value", _) => ("", "new value of the parameter".into()),
+        ("value", _) => ("", "value of the fault".into()),
         ("at_s", _) => ("s", "when the fault strikes".into()),
+        ("for_s", _) => ("s", "how long the fault lasts".into()),
         _ => ("s", "how long the fault takes".into()),
     }
 }

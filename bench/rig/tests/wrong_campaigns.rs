@@ -88,6 +88,24 @@ fn every_mistake_is_named_with_its_line() {
             &format!("{head}[success]\nposition_error_max = 0.5"),
             "line 5: unknown key `position_error_max` in [success], which has|did you mean `position_error_max_m`?",
         ),
+        (
+            &format!("{head}[[fault]]\nwhat = \"state.dorp\"\nvalue = 0.1\nat_s = 2.0"),
+            "unknown fault `state.dorp`; did you mean `state.drop`?",
+        ),
+        (&format!("{head}[[fault]]\nwhat = \"state.dorp\"\nvalue = 0.1\nat_s = 2.0"), "line 5, flown by the arm"),
+        (
+            &format!("{head}[[fault]]\nwhat = \"state.drop\"\nvalue = {{ uniform = [0.5, 1.5] }}\nat_s = 2.0"),
+            "state.drop = `1.5`: write a share above 0",
+        ),
+        (&format!("{head}[[fault]]\nwhat = \"state.drop\"\nat_s = 2.0"), "line 4: fault 1 has no `value`"),
+        (
+            &format!("{head}[[fault]]\nwhat = \"inner.kill\"\nvalue = 1.0\nat_s = 2.0"),
+            "line 6: fault 1 takes no value: leave it out",
+        ),
+        (
+            &format!("{head}[[fault]]\nwhat = \"mass_kg\"\nvalue = 0.6\nat_s = 2.0\nfor_s = 1.0"),
+            "mass_kg holds until it is changed again",
+        ),
         (&format!("{head}[success]\nrecovery_max_s = 0.5"), "line 5: recovery_max_s is the time after a fault"),
         (
             &format!("{head}[success]\ntilt_max_rad = -1"),

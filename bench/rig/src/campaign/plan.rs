@@ -138,9 +138,20 @@ impl Plan {
     /// The line of the key that a failure speaks of, or else of the factor, or else of the arm.
     fn at_line(&self, failure: Failure, arm: &Arm, factor: Option<usize>) -> Failure {
         let said = failure.to_string();
-        let of_key = self.campaign.lines.spoken_of(&said);
-        let line = factor.or(of_key).unwrap_or(arm.line);
+        let of_key = || self.campaign.lines.spoken_of(&said);
+        let line = factor.or_else(|| self.line_of_fault(&said)).or_else(of_key).unwrap_or(arm.line);
         failure.append(&format!(": line {line}, flown by the arm {}", arm.name))
+    }
+}
+
+impl Plan {
+    /// The line of the [[fault]] that a failure of the first flight speaks of, or of the only one.
+    fn line_of_fault(&self, said: &str) -> Option<usize> {
+        let (draws, faults) = (self.campaign.draws(0), &self.campaign.faults);
+        let named = faults.iter().find(|fault| said.contains(fault.what(&draws)));
+        let only = faults.first().filter(|_| faults.len() == 1);
+        let fault = named.or(only).filter(|_| said.starts_with("fault: "))?;
+        Some(self.campaign.factors[fault.what].line)
     }
 }
 
