@@ -90,7 +90,7 @@ impl Timing {
                 "{} was flown in lockstep, which waits for everybody: it has no timing",
                 path.display()
             ))
-            .help("name a flight in real time: `ironbird fly --log all` without --lockstep"));
+            .help("name a flight in real time: `ironbird fly --log all --pace realtime`"));
         }
         let mut take = |entry: &LogEntry| {
             let event = |envelope: &Envelope, role: Role, made| {

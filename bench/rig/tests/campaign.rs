@@ -99,6 +99,8 @@ fn rows_are_the_same_bytes_from_one_shard_and_from_many() {
     }
     let parts = rig.file("parts");
     assert_eq!(chunks(&whole), chunks(&parts));
+    let warned = campaign(&rig, &["run", &rig.settings(SMALL), "--out", &whole]).expect(0);
+    assert_eq!(warned.stderr.contains("uncommitted changes"), ironbird::build::here().dirty, "{warned}");
     campaign(&rig, &["merge", &whole]).expect(0).says("46 rows");
     campaign(&rig, &["merge", &parts]).expect(0);
     let merged = |directory: &str| fs::read(Path::new(directory).join("merged.parquet")).unwrap();

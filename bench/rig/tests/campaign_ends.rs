@@ -68,7 +68,7 @@ fn memory_kb(rig: &Rig, flights: u64) -> u64 {
     .concat();
     let text = format!(
         "[campaign]\nname = \"memory\"\nflights = {flights}\nchunk = 20\n[flight]\nduration_s = 0.01\n\
-         position_error_max_m = 1e-9\n[factors]\n{factors}"
+         position_error_max_m = 0.01\n[factors]\n{factors}"
     );
     let out = rig.file(&flights.to_string());
     let mut running = rig.start("campaign", &["run", &rig.settings(&text), "--out", &out, "--jobs", "1"]);

@@ -106,6 +106,7 @@ fn a_recording_is_known_by_its_content_and_another_one_is_refused() {
     let ran = run(&rig, &all, "rows").expect(0).result();
     let elsewhere = run(&rig, &text(&format!("timing = {one:?}"), "", ""), "rows").expect(0).result();
     assert_eq!((elsewhere["kept"].as_str(), &elsewhere["campaign"]), ("12", &ran["campaign"]), "the same campaign");
+    run(&rig, &all, "rows").expect(0).says("flown=0 kept=12");
     run(&rig, &text("", "", "timing = \"here\""), "arms").expect(0);
     let outputs = |out: &str| {
         let cells = (0..6).flat_map(|flight| [0, 1].map(|arm| cell(&rig.file(out), flight, arm, "outputs")));
@@ -144,7 +145,7 @@ fn what_is_no_timing_is_named_with_its_line() {
     let rig = Rig::new("no-timing");
     let run = recorded(&rig, &[]);
     let stepped = rig.file("stepped");
-    rig.run("fly", &["--lockstep", "--duration", "0.2s", "--out", &stepped]).expect(0);
+    rig.run("fly", &["--pace", "lockstep", "--log", "all", "--duration", "200ms", "--out", &stepped]).expect(0);
     let log = fs::read(Path::new(&run).join("flight.mcap")).unwrap();
     let (cut, garbage) = (rig.file("cut.mcap"), rig.file("garbage.mcap"));
     fs::write(&cut, &log[..log.len() / 2]).unwrap();
@@ -198,6 +199,6 @@ fn what_is_no_timing_is_named_with_its_line() {
         }
     }
     assert!(!rig.path("campaigns").exists(), "nothing was begun");
-    let refused = rig.run("simulate", &["--timing", "latest", "--out", &stepped, "--duration", "0.2s"]).expect(1);
+    let refused = rig.run("simulate", &["--timing", "latest", "--out", &stepped, "--duration", "200ms"]).expect(1);
     refused.complains("was flown in lockstep");
 }

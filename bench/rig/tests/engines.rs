@@ -82,7 +82,9 @@ fn shard(out: &str) -> Option<Pid> {
         let pid: i32 = entry.file_name().to_str()?.parse().ok()?;
         let line = fs::read_to_string(entry.path().join("cmdline")).ok()?;
         let words: Vec<&str> = line.split('\0').collect();
-        (words.contains(&"run") && words.contains(&out) && words.contains(&"--shard")).then(|| Pid::from_raw(pid))?
+        // Engines and shells have the same words behind their own.
+        (words[0].ends_with("ironbird") && words.contains(&"run") && words.contains(&out) && words.contains(&"--shard"))
+            .then(|| Pid::from_raw(pid))?
     })
 }
 

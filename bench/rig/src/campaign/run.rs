@@ -12,6 +12,7 @@ use failure::{Failure, INTERRUPTED, OK};
 
 use super::plan::Plan;
 use super::{directory, flown};
+use crate::build;
 use crate::cli::{CampaignRunArgs, Shard};
 use crate::output::{print, say};
 use crate::parallel::{asked_to_stop, on_processors, processors};
@@ -21,6 +22,10 @@ use crate::progress::Progress;
 /// Kubernetes and GNU parallel.
 const TASKS: [(&str, u64); 4] =
     [("SLURM_ARRAY_TASK_ID", 0), ("HQ_TASK_ID", 0), ("JOB_COMPLETION_INDEX", 1), ("PARALLEL_SEQ", 0)];
+
+/// What is said of a build with uncommitted changes.
+const DIRTY: &str = "this build has uncommitted changes, and rows of any other such build of its commit count as its own; \
+                     commit, and build again, before flying what shall count";
 
 /// Flies a campaign, or a shard of it.
 ///
@@ -33,6 +38,9 @@ pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
     let out = args.out.clone().unwrap_or_else(|| default_directory(&plan));
     let chunks = args.shard.map_or(Ok(0..plan.campaign.chunks()), |shard| of_shard(&plan, shard))?;
     directory::open(&plan, &out)?;
+    if build::here().dirty {
+        say(&format!("warning: {DIRTY}\n"));
+    }
     let jobs = args.jobs.unwrap_or_else(processors);
     let mut flying =
         Flying { plan: &plan, out: &out, jobs, stop: &stop, success: vec![[0; 2]; plan.campaign.arms.len()] };
