@@ -43,23 +43,15 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
         print(&(timed.unwrap_or_default() + &settings.commented()?))?;
         return Ok(OK);
     }
-    if !args.live {
-        settings.check_faults_of_processes(true).map_err(|refused| {
-            refused.help(
-                "fly it on the clock with --live; or in ticks, as its row was flown: --print-config > flight.toml, and \
-                 `ironbird simulate --config flight.toml`",
-            )
-        })?;
-    }
     let row = row(&plan, &args.directory, args.flight, arm)?;
-    if let Some(timing) = timing {
-        if args.live {
-            return Err(Failure::usage(
-                "--live: a flight in real time has the timing of this machine, and no recorded one",
-            )
-            .help("leave the flag out: it is flown tick by tick with its recorded timing"));
-        }
-        return simulated(&plan, args, arm, &settings, timing, row.as_deref());
+    if args.live && timing.is_some() {
+        return Err(Failure::usage(
+            "--live: a flight in real time has the timing of this machine, and no recorded one",
+        )
+        .help("leave the flag out: it is flown tick by tick with its recorded timing"));
+    }
+    if !args.live && is_of_ticks_alone(&settings, timing)? {
+        return simulated(&plan, args, arm, &settings, timing, row.as_ref());
     }
     let held = tempfile::tempdir().map_err(|e| Failure::failed(format!("cannot make a directory: {e}")))?;
     let file = held.path().join("settings.toml");
@@ -85,30 +77,35 @@ fn arm(plan: &Plan, name: Option<&str>) -> Result<usize, Failure> {
 /// The settings of the flight, as it is flown again.
 fn settings(plan: &Plan, args: &CampaignFlyArgs, arm: usize) -> Result<Settings, Failure> {
     let mut settings = plan.settings(args.flight, arm)?;
-    // No process takes part in a flight with a recorded timing.
-    let is_timed = plan.recorded(args.flight, arm).is_some();
-    settings.flight.pace = if args.live || is_timed { PaceName::Realtime } else { PaceName::Lockstep };
+    let is_of_ticks_alone = is_of_ticks_alone(&settings, plan.timing(args.flight, arm, &settings)?)?;
+    settings.flight.pace = if args.live || is_of_ticks_alone { PaceName::Realtime } else { PaceName::Lockstep };
     if let Some(out) = &args.out {
         settings.recorder.out = out.to_string_lossy().into_owned();
     }
     Ok(settings)
 }
 
-/// Simulates a flight that has a recorded timing, into a directory of its own.
+/// Whether a flight is one that no processes can fly in lockstep, where nobody is late: with a recorded timing, or with
+/// stages that are.
+fn is_of_ticks_alone(settings: &Settings, timing: Option<&Timing>) -> Result<bool, Failure> {
+    Ok(timing.is_some() || !settings.planned()?.stages.is_empty())
+}
+
+/// Simulates a flight, into a directory of its own.
 fn simulated(
     plan: &Plan,
     args: &CampaignFlyArgs,
     arm: usize,
     settings: &Settings,
-    timing: &Timing,
-    row: Option<&str>,
+    timing: Option<&Timing>,
+    row: Option<&Flown>,
 ) -> Result<u8, Failure> {
     let name = format!("{}-{}-{}", plan.campaign.name, args.flight, plan.campaign.arms[arm].name);
     let directory = Path::new(&settings.recorder.out).join(name);
     fs::create_dir_all(&directory).in_file("make the directory", &directory)?;
     let [file, states, plot] = ["settings.toml", "states.csv", "flight.svg"].map(|name| directory.join(name));
     fs::write(&file, settings.commented()?).in_file("write", &file)?;
-    let (flown, _) = told(settings, Some(timing), &Leaves { states: Some(&states), plot: Some(&plot) })?;
+    let (flown, _) = told(settings, timing, &Leaves { states: Some(&states), plot: Some(&plot) })?;
     print(&format!("{}: settings.toml, states.csv, flight.svg\n", directory.display()))?;
     against(&flown.outputs.to_string(), row)
 }
@@ -158,7 +155,7 @@ fn compare(out: &Path, row: Option<&Flown>) -> Result<u8, Failure> {
 }
 
 /// Holds the outputs of a flight against a row's.
-fn against(outputs: &str, row: Option<&str>) -> Result<u8, Failure> {
+fn against(outputs: &str, row: Option<&Flown>) -> Result<u8, Failure> {
     let (words, code) = match row {
         None => (format!("outputs {outputs}; the campaign has no row of this flight"), OK),
         Some(row) if row.outputs == outputs => {
