@@ -294,7 +294,7 @@ mod tests {
     fn on_site(test: impl FnOnce(&Wire, &mut Striker, &Run)) {
         let root = tempfile::Builder::new().prefix("ib-").tempdir_in("/tmp").unwrap();
         let instance = Instance::under(root.path(), "striker").unwrap();
-        let faults = vec!["cpu.load=0.5@tick0", "cpu.load=0.4@tick5000"];
+        let faults = vec!["cpu.load=0.5@tick0..tick4500", "cpu.load=0.4@tick5000"];
         let settings = Settings::resolve(None, &vec![("flight.faults", faults.into())]).unwrap();
         let mut striker = Striker::new(&instance, Path::new("/bin/sleep"), &settings).unwrap();
         let run = Run {
