@@ -11,9 +11,9 @@ use std::time::Duration;
 
 use crate::rig::{Rig, stop_for};
 
-/// Records a flight of a second, in slow motion, whose stages are stopped on the way; its directory.
+/// Records a flight of a second and a bit, in slow motion, whose stages are stopped on the way; its directory.
 fn recorded(rig: &Rig, stopped: &[&str]) -> String {
-    let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(3), "--duration", "1s"]);
+    let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(3), "--duration", "1200ms"]);
     for role in stopped {
         stop_for(flight.roles()[*role], Duration::from_millis(60));
     }
@@ -162,20 +162,20 @@ fn what_is_no_timing_is_named_with_its_line() {
         ),
         (
             text(&named(&run), "", "").replace("duration_s = 1.0", "duration_s = 2.0"),
-            "campaign.timing: the recorded flight ends at tick 1000, this one at tick 2000: line 5, flown by the arm pid|\
-             fly no longer than it, 1 s",
+            "campaign.timing: the recorded flight ends at tick |, this one at tick 2000|: line 5, flown by the arm pid|\
+             fly no longer than it, 1.",
         ),
         (
             text("", "", &named(&run)).replace("duration_s = 1.0", "duration_s = 1.0\nperiod_s = 0.0005"),
-            "arms.indi.timing: the recorded flight has ticks of 1000000 ns, this one of 500000 ns: line 16,",
+            "arms.indi.timing: the recorded flight has ticks of 1000000 ns, this one of 500000 ns|: line 16, flown by the arm indi",
         ),
         (
-            text(&named(&run), "\"flight.faults\" = { choice = [[], [\"state.drop=0.1\"]] }", ""),
-            "campaign.timing: faults of messages and stages have a timing of their own: line 10,",
+            text(&named(&run), "\"flight.faults\" = { grid = [[], [\"state.drop=0.1\"]] }", ""),
+            "campaign.timing: faults of messages and stages have a timing of their own|: line 10, flown by the arm pid",
         ),
         (
-            text(&named(&run), "\"flight.duration_s\" = { uniform = [0.5, 1.5] }", ""),
-            "the recorded flight ends at tick 1000, this one at tick 1500: line 10,",
+            text(&named(&run), "\"flight.duration_s\" = { grid = [0.5, 1.5] }", ""),
+            "the recorded flight ends at tick |, this one at tick 1500|: line 10, flown by the arm pid",
         ),
         (
             text("timing = 3", "", ""),

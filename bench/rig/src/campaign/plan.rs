@@ -96,7 +96,8 @@ impl Plan {
     /// The settings of a flight that can be flown.
     fn tried(&self, arm: &Arm, draws: &[Value]) -> Result<Settings, Failure> {
         let settings = self.resolved(arm, draws)?;
-        self.checked(arm, draws, &settings)?;
+        let place = format!(" (campaign {})", self.file.display());
+        self.checked(arm, draws, &settings).map_err(|failure| failure.append(&place))?;
         Ok(settings)
     }
 
