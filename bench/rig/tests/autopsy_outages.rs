@@ -10,6 +10,8 @@ use model::role::{Role, STAGES};
 use report::autopsy::Autopsy;
 use report::autopsy::classes::Class;
 use report::autopsy::evidence::{CounterSample, Life, Passage, TickPassages};
+use report::margin::line::MACHINE;
+
 /// Feeds an autopsy as the recorder does, with samples in between; gives the deadlines missed before the last state.
 fn feed(autopsy: &mut Autopsy, traces: &BTreeMap<u64, TickPassages>, samples: &[CounterSample]) -> u64 {
     let mut samples = samples.iter().peekable();
@@ -144,7 +146,29 @@ fn a_stop_of_any_length_is_one_outage_with_all_its_ticks() {
         let is_stopped = (case.class, case.stage.as_deref()) == (Class::StoppedOrDead, Some(stage.name()));
         // 5 ticks begin and end between two looks.
         assert_eq!(is_stopped, ticks > 10, "{stage} for {ticks} ticks: {}", section.text());
+        let longest = section.longest.unwrap();
+        assert_eq!(longest[stage.name()], ticks, "{longest:?}");
+        assert!(!longest.contains_key(MACHINE), "{longest:?}");
     }
+}
+
+#[test]
+fn what_came_in_time_and_was_not_used_is_no_outage_of_its_sender_and_all_stages_out_are_the_machine() {
+    let longest = |change: &dyn Fn(&mut TickPassages)| {
+        let mut made = made();
+        (MISSED..MISSED + 8).for_each(|tick| change(made.traces.get_mut(&tick).unwrap()));
+        let mut autopsy = Autopsy::new(GRID, true, true);
+        let missed = feed(&mut autopsy, &made.traces, &made.samples);
+        autopsy.finish(missed, WINDOW_TICKS - 1);
+        let section = autopsy.section();
+        assert!(!section.classes.is_empty());
+        (section.longest.unwrap(), section.classes[0].class)
+    };
+    let unused = |trace: &mut TickPassages| trace[Role::Mixer as usize].as_mut().unwrap().is_fresh = false;
+    assert_eq!(longest(&unused), (BTreeMap::new(), Class::NotUsed));
+    let (all, _) = longest(&|trace| *trace = TickPassages::default());
+    assert_eq!(all.len(), 5, "{all:?}");
+    assert!(all.values().all(|ticks| *ticks == 8), "{all:?}");
 }
 
 #[test]
@@ -155,7 +179,8 @@ fn an_end_of_the_flight_and_what_was_before_a_stage_began_are_no_outages() {
     let mut autopsy = Autopsy::new(GRID, true, true);
     assert_eq!(feed(&mut autopsy, &made.traces, &made.samples), 0);
     autopsy.finish(0, WINDOW_TICKS - 1);
-    assert_eq!(autopsy.section(), report::autopsy::section::Section::default());
+    let none = report::autopsy::section::Section { longest: Some(BTreeMap::new()), ..Default::default() };
+    assert_eq!(autopsy.section(), none);
 }
 
 /// A stage that dies in the last tick, and ends the run with it, before any sample shows it.

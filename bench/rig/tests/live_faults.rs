@@ -17,7 +17,7 @@ fn after<'a>(text: &'a str, word: &str) -> &'a str {
 
 /// The tick from which an injection strikes, by what it prints.
 fn from_tick(said: &str) -> u64 {
-    after(said, " from tick ").parse().unwrap()
+    after(said, if said.contains(" from tick ") { " from tick " } else { " at tick " }).parse().unwrap()
 }
 
 /// Three minutes in lockstep: some seconds on the clock.

@@ -43,7 +43,7 @@ fn a_stage_that_is_stopped_by_plan_is_out_for_so_many_ticks_and_goes_on() {
     let longest = report.deadlines.runs.iter().map(|run| run.length_ticks).max().unwrap_or(0);
     assert!(longest >= 55, "no rotor command comes from a mixer that is stopped: {:?}", report.deadlines.runs);
     assert!(report.deaths.is_empty(), "{:?}", report.deaths);
-    rig.run("report", &["--full"]).expect(0).says("  fault mixer.stop=60ms from tick 500 (0.500 s)\n");
+    rig.run("report", &["--full"]).expect(0).says("  fault mixer.stop=60ms at tick 500 (0.500 s)\n");
     let page = fs::read_to_string(rig.out().join("latest/report.html")).unwrap();
     assert!(page.contains("fault from 0.500 s: mixer.stop=60ms"), "the page's plots");
     rig.run("replay", &["--verify"]).expect(0).says("identical");
@@ -63,7 +63,7 @@ fn a_stage_that_is_killed_by_plan_ends_the_flight_which_says_why() {
     let [death] = &report.deaths[..] else { panic!("{:?}", report.deaths) };
     assert_eq!((death.role.as_str(), death.how.as_str()), ("inner", "killed by the fault inner.kill of tick 500"));
     assert!(death.tick >= 499, "{death:?}");
-    rig.run("report", &["--full"]).expect(0).says("  fault inner.kill from tick 500 (0.500 s)\n").says(&death.line());
+    rig.run("report", &["--full"]).expect(0).says("  fault inner.kill at tick 500 (0.500 s)\n").says(&death.line());
     rig.assert_nothing_left();
 }
 
@@ -75,7 +75,7 @@ fn a_stage_that_is_killed_is_started_again_where_that_is_wanted_planned_or_injec
     let flight = rig.take_off(&[&options[..], &["--on-death", "restart", "--fault", "mixer.kill@1500ms"]].concat());
     rig.run("inject", &["inner.kill", "--at-tick", "2500"])
         .expect(0)
-        .says("inner.kill from tick 2500 (2.500 s), injected in flight\n");
+        .says("inner.kill at tick 2500 (2.500 s), injected in flight\n");
     let ended = flight.end().expect(0);
     ended.complains("the mixer process was killed by the fault mixer.kill of tick 1500; it is started again");
     let report = report(&rig);

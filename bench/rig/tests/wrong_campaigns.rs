@@ -95,7 +95,7 @@ fn every_mistake_is_named_with_its_line() {
         (&format!("{head}[[fault]]\nwhat = \"state.dorp\"\nvalue = 0.1\nat_s = 2.0"), "line 5, flown by the arm"),
         (
             &format!("{head}[[fault]]\nwhat = \"state.drop\"\nvalue = {{ uniform = [0.5, 1.5] }}\nat_s = 2.0"),
-            "state.drop = `1.5`: write a share above 0",
+            "`: write a share above 0 and up to 1",
         ),
         (&format!("{head}[[fault]]\nwhat = \"state.drop\"\nat_s = 2.0"), "line 4: fault 1 has no `value`"),
         (
