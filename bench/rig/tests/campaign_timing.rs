@@ -183,7 +183,7 @@ fn what_is_no_timing_is_named_with_its_line() {
             "arms.indi.timing: the recorded flight has ticks of 1000000 ns, this one of 500000 ns|: line 16, flown by the arm indi",
         ),
         (
-            text(&named(&run), "\"flight.faults\" = { grid = [[], [\"state.drop=0.1\"]] }", ""),
+            text(&named(&run), "\"flight.faults\" = { grid = [[], [\"state.drop=0.1@500ms\"]] }", ""),
             "campaign.timing: faults of messages and stages have a timing of their own|: line 10, flown by the arm pid",
         ),
         (
