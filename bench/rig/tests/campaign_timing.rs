@@ -92,7 +92,7 @@ fn rows_are_those_of_simulate_with_the_timing_of_each_recorded_flight() {
     // The example, with these recordings and two flights.
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/machine-timing.toml");
     let changes = [
-        ("flights = 2000", "flights = 2"),
+        ("flights = 1000", "flights = 2"),
         ("duration_s = 8.0", "duration_s = 1.0"),
         ("../runs/calm/latest", calm.as_str()),
         ("../runs/busy/latest", stopped.as_str()),
@@ -101,7 +101,7 @@ fn rows_are_those_of_simulate_with_the_timing_of_each_recorded_flight() {
         assert!(text.contains(from), "{from}");
         text.replace(from, to)
     });
-    run(&rig, &small, "example").expect(0).says("RESULT status=COMPLETE flown=10 ");
+    run(&rig, &small, "example").expect(0).says("RESULT status=COMPLETE flown=20 ");
     rig.assert_nothing_left();
 }
 
