@@ -89,6 +89,19 @@ fn rows_are_those_of_simulate_with_the_timing_of_each_recorded_flight() {
     live.complains("a flight in real time has the timing of this machine");
     let audited = rig.run("campaign", &["report", &out, "--audit", "1"]).expect(0);
     audited.says("Audit: 6 flights flown again, 12 rows: identical");
+    // The example, with these recordings and two flights.
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/machine-timing.toml");
+    let changes = [
+        ("flights = 1000", "flights = 2"),
+        ("duration_s = 8.0", "duration_s = 1.0"),
+        ("../runs/calm/latest", calm.as_str()),
+        ("../runs/busy/latest", stopped.as_str()),
+    ];
+    let small = changes.into_iter().fold(fs::read_to_string(example).unwrap(), |text, (from, to)| {
+        assert!(text.contains(from), "{from}");
+        text.replace(from, to)
+    });
+    run(&rig, &small, "example").expect(0).says("RESULT status=COMPLETE flown=20 ");
     rig.assert_nothing_left();
 }
 
@@ -170,7 +183,7 @@ fn what_is_no_timing_is_named_with_its_line() {
             "arms.indi.timing: the recorded flight has ticks of 1000000 ns, this one of 500000 ns|: line 16, flown by the arm indi",
         ),
         (
-            text(&named(&run), "\"flight.faults\" = { grid = [[], [\"state.drop=0.1\"]] }", ""),
+            text(&named(&run), "\"flight.faults\" = { grid = [[], [\"state.drop=0.1@500ms\"]] }", ""),
             "campaign.timing: faults of messages and stages have a timing of their own|: line 10, flown by the arm pid",
         ),
         (
