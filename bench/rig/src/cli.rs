@@ -226,6 +226,9 @@ pub struct RoleArgs {
     /// End when the process with this number, which must be the parent, ends.
     #[arg(long, hide = true)]
     pub launcher: Option<u32>,
+    /// Get ready without a place in the flight, and wait until standard input has a byte; its end is the spare's.
+    #[arg(long, hide = true, requires = "launcher")]
+    pub spare: bool,
 }
 
 /// Flags of the recorder.

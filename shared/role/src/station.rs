@@ -20,10 +20,10 @@ pub use join::{Armed, JoinedRun};
 pub use open::Opened;
 
 use crate::launcher::end_with_launcher;
-use crate::rt::{self, Engaged, UsageMeter};
+use crate::rt::{self, Ahead, Engaged, UsageMeter};
 use crate::stop::{ends_at_once, stop_signals};
 use failure::{FAILED, INTERRUPTED};
-use model::boards::{Ending, RolePhase, Status};
+use model::boards::{Arrival, Ending, RolePhase, Status};
 use model::guards::{Guard, is_on};
 use model::realtime;
 use model::role::Role;
@@ -48,6 +48,10 @@ pub struct Orders {
     pub resume_estimates: bool,
     /// Process number of the launcher, whose death ends the role; `None` when started by hand.
     pub launcher: Option<u32>,
+    /// When the process was started, or as a spare told to go on [ns].
+    pub begun_ns: u64,
+    /// What of the real-time set-up a spare has done ahead.
+    pub ahead: Option<Ahead>,
 }
 
 /// How often a waiting role looks at the boards.
@@ -96,6 +100,7 @@ impl Station {
     }
 
     fn settle_in(role: Role, orders: Orders, stop: Arc<AtomicBool>) -> Result<Self, Error> {
+        let made_ns = now_ns();
         end_with_launcher(orders.launcher)?;
         // Where somebody has the place, that is the error.
         if !orders.instance.is_occupied(role) {
@@ -106,9 +111,11 @@ impl Station {
         let wire = Wire::open(&orders.instance)?;
         let before = wire.board_reader::<Status>(&status_board(role))?.map(|board| board.get()).unwrap_or_default();
         let board = wire.board(&status_board(role))?;
+        let epoch = now_ns();
         let status = Status {
             pid: u64::from(std::process::id()),
-            epoch: now_ns(),
+            epoch,
+            arrival: Arrival { begun_ns: orders.begun_ns, made_ns, placed_ns: epoch, ..Arrival::default() },
             settings: fingerprint(&orders.settings),
             // Kept for a successor, should this process die before it has flown.
             estimates_run: before.estimates_run,
@@ -171,7 +178,9 @@ impl Station {
     ///
     /// Real time is given back when what this returns is dropped: before the ports and the place.
     fn report_ready(&mut self) -> Result<Engaged, Error> {
-        let engaged = Engaged::engage(self.role, &self.orders.rt)?;
+        self.status.arrival.ported_ns = now_ns();
+        let engaged = Engaged::engage(self.role, &self.orders.rt, self.orders.ahead.as_ref())?;
+        self.status.arrival.engaged_ns = now_ns();
         self.status.grants = engaged.grants;
         self.enter(RolePhase::Ready);
         Ok(engaged)

@@ -205,7 +205,7 @@ impl Station {
 
     fn arm_for(&self, run: &Run, arm: &mut impl FnMut(&Wire, Expected, u64) -> Result<(), Error>) -> Result<(), Error> {
         arm(&self.wire, expected(run), self.status.epoch)?;
-        settle()
+        settle(self.orders.ahead.as_ref())
     }
 
     fn take_off(&mut self, engaged: Engaged, board: BoardReader<Run>, run: Run) -> Armed {
@@ -214,6 +214,7 @@ impl Station {
             Pace::Realtime(grid) if now_ns() >= grid.t0_ns => grid.tick_at(now_ns()) + 1,
             Pace::Realtime(_) | Pace::Lockstep => 0,
         };
+        self.status.arrival.armed_ns = now_ns();
         self.enter(RolePhase::Flying);
         Armed {
             _engaged: engaged,

@@ -1,0 +1,38 @@
+//! The ends of processes, which end a wait at once.
+
+use std::os::fd::{AsFd as _, OwnedFd};
+use std::process::Child;
+
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::process::{Pid, PidfdFlags, pidfd_open};
+use wire::clock::{now_ns, timespec};
+
+/// Processes whose ends are waited for: a descriptor of each, which the kernel makes readable when it has ended.
+#[derive(Default)]
+pub(super) struct Ends(Vec<(u32, OwnedFd)>);
+
+impl Ends {
+    /// Has a wait end with this process. Where the system has no such descriptor (before Linux 5.3) or no more, its end
+    /// is found at the next look.
+    pub(super) fn watch(&mut self, child: &Child) {
+        let end = number_of(child).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
+        self.0.extend(end.map(|end| (child.id(), end)));
+    }
+
+    /// Forgets a process that was reaped.
+    pub(super) fn forget(&mut self, pid: u32) {
+        self.0.retain(|(known, _)| *known != pid);
+    }
+
+    /// Waits until an instant, or until one of the processes has ended; whether one has. A signal may end it early.
+    pub(super) fn wait_until(&self, instant_ns: u64) -> bool {
+        let mut ends: Vec<_> = self.0.iter().map(|(_, end)| PollFd::from_borrowed_fd(end.as_fd(), PollFlags::IN)).collect();
+        let time = timespec(instant_ns.saturating_sub(now_ns()));
+        poll(&mut ends, Some(&time)).is_ok_and(|ended| ended > 0)
+    }
+}
+
+/// The number of a process, and of its group.
+pub(super) fn number_of(child: &Child) -> Option<Pid> {
+    i32::try_from(child.id()).ok().and_then(Pid::from_raw)
+}
