@@ -38,8 +38,17 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
     settings.check_faults_of_processes(args.launcher.is_some())?;
     let stage = make(role, &settings)?;
     let mut orders = orders(args, &settings, begun_ns)?;
-    if args.spare && !spare::stand_by(role, &mut orders)? {
-        return Ok(OK);
+    if args.spare {
+        let instance = orders.instance.clone();
+        let waited = spare::stand_by(role, orders);
+        match waited {
+            Ok(Some(told)) => orders = told,
+            // Its launcher may be dead.
+            ended => {
+                leave(&instance, args);
+                return ended.map(|_| OK).map_err(Failure::from);
+            }
+        }
     }
     let station = Station::take(role, orders)?;
     let (instance, stop) = (station.wire().instance().clone(), station.stop_flag());
@@ -163,7 +172,7 @@ fn orders(args: &RoleArgs, settings: &Settings, begun_ns: u64) -> Result<Orders,
         resume_estimates: settings.flight.resume_estimates,
         launcher: args.launcher,
         begun_ns,
-        ahead: None,
+        ready: None,
     })
 }
 

@@ -42,7 +42,7 @@ fn take(instance: &Instance, role: Role, mode: RealtimeMode) -> Station {
         resume_estimates: false,
         launcher: None,
         begun_ns: 0,
-        ahead: None,
+        ready: None,
     };
     Station::take(role, orders).unwrap()
 }

@@ -88,6 +88,17 @@ impl Wire {
         Ok(Some(BoardReader { sheets, last: Cell::new(last), _reader: reader, _service: service }))
     }
 
+    /// Opens a board that somebody has put up ahead of its reader or writer, and keeps it open.
+    ///
+    /// # Errors
+    /// [`Error::Wire`], [`Error::Incompatible`].
+    pub fn hold_board<T: Notice>(&mut self, name: &str) -> Result<(), Error> {
+        if let Some(board) = self.open_board::<T>(name)? {
+            self.held.push(Box::new(board));
+        }
+        Ok(())
+    }
+
     fn board_opener<T: Notice>(
         &self,
         name: &str,

@@ -20,6 +20,7 @@ mod shortage;
 mod swaps;
 pub mod sys;
 
+use std::any::Any;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -48,8 +49,8 @@ use model::topic::Topic;
 pub const LATEST: usize = 1;
 /// Samples that the recorder keeps of a topic: 3.5 seconds at 1 kHz. An instance fits into the 64 MiB of a container.
 pub const DEEP: usize = 3500;
-/// Processes that may hold a service open: five roles, and observers.
-const NODES: usize = 24;
+/// Processes that may hold a service open: five roles, their spares, and observers.
+const NODES: usize = 28;
 /// How long a service may be in the making, or be taken down, by somebody else, and how often it is tried.
 const PATIENCE: Duration = Duration::from_secs(5);
 const TRY_EVERY: Duration = Duration::from_millis(5);
@@ -57,6 +58,8 @@ const TRY_EVERY: Duration = Duration::from_millis(5);
 /// A process's access to an instance's shared memory.
 #[derive(Debug)]
 pub struct Wire {
+    /// Services that are held open without a port, so that ports are made faster.
+    held: Vec<Box<dyn Any>>,
     node: Node<ipc::Service>,
     instance: Instance,
     bells: bells::BellFile,
@@ -85,12 +88,13 @@ impl Wire {
         instance.close_node_counter()?;
         let cleaned = leavings::remove(&node, instance);
         let bells = bells::BellFile::join(instance)?;
-        Ok(Self { node, instance: instance.clone(), bells, cleaned, _in_use: in_use })
+        Ok(Self { held: Vec::new(), node, instance: instance.clone(), bells, cleaned, _in_use: in_use })
     }
 
-    /// Removes what processes of the instance left that have died since; what living ones hold stays.
+    /// Removes what processes of the instance left that have died since; what living ones hold stays. What one has left
+    /// that died while it made a service is removed by whoever opens that.
     pub fn remove_leavings(&self) {
-        leavings::remove(&self.node, &self.instance);
+        leavings::remove_of_ports(&self.node, &self.instance);
     }
 
     /// The instance.

@@ -25,6 +25,16 @@ impl Wire {
         self.publish_subscribe(C::NAME, C::SUBSCRIBERS, DEEP)
     }
 
+    /// Opens a topic ahead of its ports, and keeps it open.
+    ///
+    /// # Errors
+    /// [`Error::Wire`], [`Error::Incompatible`].
+    pub fn hold_topic<C: Topic>(&mut self) -> Result<(), Error> {
+        let topic = self.topic::<C>()?;
+        self.held.push(Box::new(topic));
+        Ok(())
+    }
+
     pub(super) fn publish_subscribe<C: Topic>(
         &self,
         name: &str,

@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 use machine::sampler::Look;
 use model::boards::{LOCKSTEP, RUN, RolePhase, Run, RunPhase, Status};
 use model::messages::NO_TICK;
+use model::realtime::RealtimeMode;
 use model::role::{ROLES, Role};
+use role::rt::Raised;
 use rustix::process::{Signal, kill_process, kill_process_group};
 use wire::clock::now_ns;
 use wire::instance::Instance;
@@ -49,6 +51,8 @@ pub(super) struct Launcher {
     spares: Spares,
     ends: Ends,
     on_death: OnDeath,
+    /// Whether real time is asked for: a launcher that has to bring a stage back does not wait for a processor then.
+    may_be_raised: bool,
     restarts: [Restarts; ROLES.len()],
     /// Those whose roles are to be started again, and when.
     due: Vec<(Left, Instant)>,
@@ -85,6 +89,7 @@ impl Launcher {
             spares: Spares::new(now),
             ends: Ends::default(),
             on_death: args.on_death,
+            may_be_raised: settings.realtime()?.mode != RealtimeMode::Off,
             restarts: ROLES.map(|_| Restarts::new(now)),
             due: Vec::new(),
             pulses: None,
@@ -121,13 +126,14 @@ impl Launcher {
         let mut board: Option<BoardReader<Run>> = None;
         let begun = Instant::now();
         let (mut has_told, mut shown) = (false, begun);
+        let mut raised: Option<Raised> = None;
         while !self.children.is_empty() {
             let look_every = if self.restarts_roles() { pulse::LOOK_EVERY } else { LOOK_EVERY };
             self.striker.rest(&self.wire, board.as_ref().map(BoardReader::get).as_ref(), look_every, &self.ends);
             asked.look();
             ended.interrupted |= asked.end;
             let left = self.reap(asked.end)?;
-            self.spares.reap(&mut self.ends, Instant::now());
+            self.spares.reap(&mut self.ends, &self.wire, Instant::now());
             // After the look at the processes: whoever has ended with the flight has seen the board say so.
             board = board.or_else(|| self.wire.board_reader(RUN).ok().flatten());
             let run = board.as_ref().map(BoardReader::get);
@@ -155,6 +161,9 @@ impl Launcher {
             }
             ended.flown |= run.is_some_and(|run| run.phase() == RunPhase::Flying && run.tick != NO_TICK);
             if let Some(run) = in_air.filter(|_| told_at.is_none() && self.restarts_roles()) {
+                if self.may_be_raised {
+                    raised.get_or_insert_with(Raised::now);
+                }
                 self.start_again(&mut ended.noted)?;
                 self.kill_hanging(&run);
                 self.spares.keep(&self.starter, &mut self.ends, Instant::now());
@@ -182,7 +191,8 @@ impl Launcher {
                 self.status_line.show(&run, terminal_taken);
             }
         }
-        self.spares.end(&mut self.ends, LANDING);
+        drop(raised);
+        self.spares.end(&mut self.ends, &self.wire, LANDING);
         if let Some(dashboard) = &mut self.dashboard {
             dashboard.close();
         }
@@ -397,7 +407,7 @@ impl Drop for Launcher {
         for (_, child) in &mut self.children {
             let _ = child.wait();
         }
-        self.spares.end(&mut self.ends, Duration::ZERO);
+        self.spares.end(&mut self.ends, &self.wire, Duration::ZERO);
     }
 }
 

@@ -8,11 +8,14 @@ use machine::sampler::Look;
 use model::role::{ROLES, Role};
 use rustix::process::{Signal, kill_process_group};
 
+use failure::INTERRUPTED;
+
 use crate::fly::ending::process;
 use crate::fly::ends::{Ends, number_of};
 use crate::fly::restarts::APART;
 use crate::fly::starter::Starter;
 use crate::output::say;
+use wire::Wire;
 
 /// The roles that have spares. A second recorder writes into a directory that there is not before the first one's death.
 const ROLES_WITH_SPARES: [Role; 3] = [Role::Outer, Role::Inner, Role::Mixer];
@@ -79,7 +82,7 @@ impl Spares {
     }
 
     /// Reaps those that have ended: a spare that was killed has a successor.
-    pub(super) fn reap(&mut self, ends: &mut Ends, now: Instant) {
+    pub(super) fn reap(&mut self, ends: &mut Ends, wire: &Wire, now: Instant) {
         let mut ended = Vec::new();
         self.waiting.retain_mut(|(role, child)| {
             let status = has_ended(child, ends);
@@ -87,9 +90,12 @@ impl Spares {
             status.is_none()
         });
         self.ending.retain_mut(|child| has_ended(child, ends).is_none());
+        if ended.iter().any(|(_, status)| status.code().is_none()) {
+            wire.remove_leavings();
+        }
         for (role, status) in ended {
             // One that a signal has ended could have waited on; one that has failed fails again.
-            let is_killed = status.code().is_none();
+            let is_killed = status.code().is_none_or(|code| code == i32::from(INTERRUPTED));
             self.from[role as usize] = is_killed.then(|| now + AGAIN);
             if !is_killed {
                 let process = process(role);
@@ -108,11 +114,11 @@ impl Spares {
     }
 
     /// Waits until all have ended that were told to, or kills them after a time.
-    pub(super) fn end(&mut self, ends: &mut Ends, patience: Duration) {
+    pub(super) fn end(&mut self, ends: &mut Ends, wire: &Wire, patience: Duration) {
         self.dismiss();
         let begun = Instant::now();
         while begun.elapsed() < patience && !self.ending.is_empty() {
-            self.reap(ends, Instant::now());
+            self.reap(ends, wire, Instant::now());
             std::thread::sleep(Duration::from_millis(1));
         }
         for mut child in self.ending.drain(..) {

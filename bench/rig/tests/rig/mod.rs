@@ -280,7 +280,7 @@ pub fn take_station(role: Role, instance: &str, settings: &Settings) -> Station 
         resume_estimates: false,
         launcher: None,
         begun_ns: 0,
-        ahead: None,
+        ready: None,
     };
     Station::take(role, orders).unwrap()
 }

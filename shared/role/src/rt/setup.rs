@@ -15,7 +15,7 @@ use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 
 use super::memory::{UNKNOWN, mappings, populate_mappings};
 use super::sys;
-use super::thread::{allowed_cpus, loops_cpu, prefault_stack};
+use super::thread::{Raised, allowed_cpus, loops_cpu, prefault_stack};
 use failure::errno_text;
 use model::realtime::{Grants, RealtimeMode, RealtimeSettings, RealtimeStep};
 use model::role::Role;
@@ -80,8 +80,10 @@ impl Drop for Engaged {
 }
 
 /// What of the set-up a process has done before it had ports, while it waited as a spare.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Ahead {
+    /// Once told to go on, it waits for nobody but real-time threads.
+    _raised: Raised,
     /// What was granted of it.
     grants: Grants,
     /// The processor of its loop.
@@ -105,9 +107,10 @@ impl Ahead {
         // Who has one processor alone waits on that one.
         let _ = sched_setaffinity(None, &others);
         hold_memory(&mut grants, None);
+        let raised = Raised::now();
         let is_locked = grants.of(RealtimeStep::MemoryLock).granted();
         let locked = if is_locked { mappings() } else { BTreeSet::new() };
-        Some(Self { grants, cpu, locked })
+        Some(Self { _raised: raised, grants, cpu, locked })
     }
 }
 
