@@ -197,7 +197,8 @@ pub struct FlyArgs {
 pub enum OnDeath {
     /// End the flight, and say who died.
     End,
-    /// Start it again, at most 5 times in 10 s; one that hangs for 100 ms is killed first. Without a plant the flight ends.
+    /// Have the spare that waits beside each loop take its place, or start it again, at most 5 times in 10 s; one that
+    /// hangs for 100 ms is killed first. Without a plant the flight ends.
     Restart,
 }
 

@@ -70,12 +70,12 @@ impl Ready {
             Role::Plant | Role::Record => {}
         }
         wire.hold_board::<LiveBoard>(LIVE)?;
+        wire.hold_board::<Status>(&status_board(role))?;
         let boards = Boards {
             run: wire.board_reader(RUN)?,
             settings: wire.board_reader(SETTINGS)?,
             status: wire.board_reader(&status_board(role))?,
         };
-        wire.hold_board::<Status>(&status_board(role))?;
         // Last: what was opened is locked with the rest.
         let ahead = Ahead::prepare(role, &orders.rt);
         Ok(Self { ahead, boards, wire })

@@ -22,6 +22,7 @@ pub mod sys;
 
 use std::any::Any;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::{
@@ -58,8 +59,10 @@ const TRY_EVERY: Duration = Duration::from_millis(5);
 /// A process's access to an instance's shared memory.
 #[derive(Debug)]
 pub struct Wire {
-    /// Services that are held open without a port, so that ports are made faster.
-    held: Vec<Box<dyn Any>>,
+    /// Topics that are held open without a port, so that ports are made faster: an `Arc` of a [`ports::Open`] each.
+    held_topics: Vec<Box<dyn Any + Send>>,
+    /// Boards likewise, by name.
+    held_boards: Vec<(String, Arc<board::Open>)>,
     node: Node<ipc::Service>,
     instance: Instance,
     bells: bells::BellFile,
@@ -88,7 +91,8 @@ impl Wire {
         instance.close_node_counter()?;
         let cleaned = leavings::remove(&node, instance);
         let bells = bells::BellFile::join(instance)?;
-        Ok(Self { held: Vec::new(), node, instance: instance.clone(), bells, cleaned, _in_use: in_use })
+        let (held_topics, held_boards) = (Vec::new(), Vec::new());
+        Ok(Self { held_topics, held_boards, node, instance: instance.clone(), bells, cleaned, _in_use: in_use })
     }
 
     /// Removes what processes of the instance left that have died since; what living ones hold stays. What one has left

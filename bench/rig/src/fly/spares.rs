@@ -89,8 +89,13 @@ impl Spares {
             ended.extend(status.map(|status| (*role, status)));
             status.is_none()
         });
-        self.ending.retain_mut(|child| has_ended(child, ends).is_none());
-        if ended.iter().any(|(_, status)| status.code().is_none()) {
+        let mut is_killed = ended.iter().any(|(_, status)| status.code().is_none());
+        self.ending.retain_mut(|child| {
+            let status = has_ended(child, ends);
+            is_killed |= status.is_some_and(|status| status.code().is_none());
+            status.is_none()
+        });
+        if is_killed {
             wire.remove_leavings();
         }
         for (role, status) in ended {

@@ -5,6 +5,8 @@ use std::fs;
 use std::io;
 use std::time::Duration;
 
+use rustix::mm::{MlockAllFlags, mlockall};
+
 use super::setup::Ahead;
 use super::sys;
 use wire::error::Error;
@@ -18,7 +20,12 @@ use wire::error::Error;
 /// # Errors
 /// [`Error::System`] when memory, or /dev/shm, has run out.
 pub fn settle(ahead: Option<&Ahead>) -> Result<(), Error> {
-    settle_by(ahead, sys::populate)
+    settle_by(ahead, sys::populate)?;
+    if ahead.is_some_and(|ahead| !ahead.locked.is_empty()) {
+        // Whatever is mapped in flight is touched as it is mapped, as by the set-up of a role that was no spare.
+        mlockall(MlockAllFlags::FUTURE).map_err(|e| Error::system("cannot lock the memory of the process", e))?;
+    }
+    Ok(())
 }
 
 fn settle_by(

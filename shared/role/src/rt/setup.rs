@@ -106,10 +106,12 @@ impl Ahead {
         let (others, _) = cpus_for(Role::Record, Some(cpu));
         // Who has one processor alone waits on that one.
         let _ = sched_setaffinity(None, &others);
-        hold_memory(&mut grants, None);
+        hold_memory(&mut grants);
         let raised = Raised::now();
         let is_locked = grants.of(RealtimeStep::MemoryLock).granted();
         let locked = if is_locked { mappings() } else { BTreeSet::new() };
+        // What ports map from now on is touched once, when the role arms, and not by each mapping too.
+        let _ = mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT);
         Some(Self { _raised: raised, grants, cpu, locked })
     }
 }
@@ -149,7 +151,9 @@ impl Engaged {
         if role == Role::Record {
             return;
         }
-        hold_memory(grants, ahead);
+        if ahead.is_none() {
+            hold_memory(grants);
+        }
         let held = hold_cpu_latency().map(|file| self._cpu_latency = Some(file));
         grants.note(RealtimeStep::CpuLatency, 0, errno(held));
         let priority = settings.priority + role.priority_step();
@@ -177,16 +181,14 @@ impl Engaged {
     }
 }
 
-/// Locks the memory of the process and touches it, but for what is locked already.
-fn hold_memory(grants: &mut Grants, ahead: Option<&Ahead>) {
-    if ahead.is_none_or(|ahead| ahead.locked.is_empty()) {
-        grants.note(RealtimeStep::Malloc, 0, errno(sys::keep_freed_memory()));
-        let locked = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(Into::into);
-        grants.note(RealtimeStep::MemoryLock, 0, errno(locked));
-        prefault_stack();
-        drop(black_box(vec![1_u8; HEAP_BYTES]));
-    }
-    grants.note(RealtimeStep::Prefault, 0, errno(populate_mappings(ahead, sys::populate)));
+/// Locks the memory of the process and touches it.
+fn hold_memory(grants: &mut Grants) {
+    grants.note(RealtimeStep::Malloc, 0, errno(sys::keep_freed_memory()));
+    let locked = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(Into::into);
+    grants.note(RealtimeStep::MemoryLock, 0, errno(locked));
+    prefault_stack();
+    drop(black_box(vec![1_u8; HEAP_BYTES]));
+    grants.note(RealtimeStep::Prefault, 0, errno(populate_mappings(None, sys::populate)));
 }
 
 /// The error number of a step; a reason without one counts as "not implemented".
