@@ -62,8 +62,6 @@ pub struct Way {
     pub is_spare: bool,
     /// When what the dead one had left was removed [ns].
     pub cleaned_ns: u64,
-    /// When it was started, or told to go on [ns].
-    pub started_ns: u64,
     /// What it says itself.
     pub arrival: Arrival,
 }
@@ -198,11 +196,39 @@ pub fn text(report: &Report) -> String {
     if report.deaths.is_empty() {
         return "Deaths    none\n".into();
     }
-    let parts = |death: &Death| death.back_parts.as_ref().map_or_else(String::new, |parts| format!("    {}\n", parts.line()));
+    let parts =
+        |death: &Death| death.back_parts.as_ref().map_or_else(String::new, |parts| format!("    {}\n", parts.line()));
     let lines = report.deaths.iter().map(|death| format!("  {}\n{}", death.line(), parts(death)));
     let left_out = match report.deaths_left_out {
         0 => String::new(),
         more => format!("  and {more} later ones\n"),
     };
     format!("Deaths    {}\n{}{left_out}", number(report), lines.collect::<String>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_parts_of_a_return_are_its_whole_time() {
+        let ms = |ms: u64| ms * 1_000_000;
+        let arrival = Arrival {
+            begun_ns: ms(107),
+            made_ns: ms(111),
+            placed_ns: ms(116),
+            ported_ns: ms(122),
+            engaged_ns: ms(129),
+            armed_ns: ms(137),
+        };
+        let way = Way { pid: 7, is_spare: true, cleaned_ns: ms(104), arrival };
+        let parts = way.parts(ms(102), ms(100), ms(146)).unwrap();
+        assert_eq!(parts.named().map(|(_, ms)| ms), [2.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]);
+        assert_eq!(parts.sum_ms(), 46.0);
+        assert!(parts.line().starts_with("a spare [ms]: noticed 2.00, cleaned up 2.00, woken 3.00, settings"));
+        let fresh = BackParts { spare: false, ..parts };
+        assert!(fresh.line().starts_with("a new process [ms]: noticed 2.00, cleaned up 2.00, started 3.00"));
+        let landed = Way { arrival: Arrival { armed_ns: 0, ..arrival }, ..way };
+        assert_eq!(landed.parts(ms(102), ms(100), ms(146)), None, "it did not get to fly");
+    }
 }

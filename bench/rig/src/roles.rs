@@ -4,8 +4,8 @@ use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
-use model::flight_plan::FlightPlan;
 use law::{GuardedInner, GuardedMixer, GuardedOuter};
+use model::flight_plan::FlightPlan;
 use model::role::Role;
 use plant::PlantSettings;
 use role::launcher::is_on_its_own;

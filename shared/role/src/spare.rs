@@ -82,16 +82,17 @@ impl Ready {
     }
 }
 
-/// Does what can be done ahead, and waits; the orders with which it is to go on, or nothing where it is not needed.
+/// Does what can be done ahead, and waits; the orders with which it is to go on, or nothing where it is not needed, or a
+/// signal has asked for its end.
 ///
 /// # Errors
-/// Those of the ports; [`Error::Interrupted`] where a signal has asked for its end, or the launcher is dead already;
-/// [`Error::System`].
+/// Those of the ports; [`Error::Interrupted`] where the launcher is dead already; [`Error::System`].
 pub fn stand_by(role: Role, mut orders: Orders) -> Result<Option<Orders>, Error> {
     // The launcher's death comes as a signal too, which must not end it before it has given up what it holds.
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|e| Error::system("cannot handle signals", e))?;
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|e| Error::system("cannot handle signals", e))?;
     }
     end_with_launcher(orders.launcher)?;
     orders.ready = Some(Ready::open(role, &orders)?);
@@ -99,9 +100,6 @@ pub fn stand_by(role: Role, mut orders: Orders) -> Result<Option<Orders>, Error>
     named(NAME)?;
     let is_told = is_told(&stop).map_err(|e| Error::system("cannot read whether the spare is to go on", e))?;
     orders.begun_ns = now_ns();
-    if stop.load(Ordering::Relaxed) {
-        return Err(Error::Interrupted);
-    }
     named(NAME_OF_A_STAGE)?;
     Ok(Some(orders).filter(|_| is_told))
 }

@@ -117,7 +117,8 @@ impl Station {
             Some(Ready { wire, ahead, boards }) => (wire, ahead, boards),
             None => (Wire::open(&orders.instance)?, None, Boards::default()),
         };
-        let status = boards.status.map_or_else(|| wire.board_reader::<Status>(&status_board(role)), |it| Ok(Some(it)))?;
+        let status =
+            boards.status.map_or_else(|| wire.board_reader::<Status>(&status_board(role)), |it| Ok(Some(it)))?;
         let before = status.map(|board| board.get()).unwrap_or_default();
         let board = wire.board(&status_board(role))?;
         let epoch = now_ns();

@@ -118,10 +118,7 @@ impl Wire {
         self.held_boards.iter().find(|(held, _)| held == name).map(|(_, board)| Arc::clone(board))
     }
 
-    fn board_opener<T: Notice>(
-        &self,
-        name: &str,
-    ) -> Result<impl Fn() -> Result<Open, BlackboardOpenError>, Error> {
+    fn board_opener<T: Notice>(&self, name: &str) -> Result<impl Fn() -> Result<Open, BlackboardOpenError>, Error> {
         let (service_name, layout) = (self.service_name(name)?, layout_verifier(T::FINGERPRINT)?);
         Ok(move || self.node.service_builder(&service_name).blackboard_opener::<u64>().open_with_attributes(&layout))
     }

@@ -26,13 +26,39 @@ impl Ends {
 
     /// Waits until an instant, or until one of the processes has ended; whether one has. A signal may end it early.
     pub(super) fn wait_until(&self, instant_ns: u64) -> bool {
-        let mut ends: Vec<_> = self.0.iter().map(|(_, end)| PollFd::from_borrowed_fd(end.as_fd(), PollFlags::IN)).collect();
+        let mut ends: Vec<_> = self.0.iter().map(readable).collect();
         let time = timespec(instant_ns.saturating_sub(now_ns()));
         poll(&mut ends, Some(&time)).is_ok_and(|ended| ended > 0)
     }
 }
 
+fn readable((_, end): &(u32, OwnedFd)) -> PollFd<'_> {
+    PollFd::from_borrowed_fd(end.as_fd(), PollFlags::IN)
+}
+
 /// The number of a process, and of its group.
 pub(super) fn number_of(child: &Child) -> Option<Pid> {
     i32::try_from(child.id()).ok().and_then(Pid::from_raw)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::Command;
+
+    use super::*;
+
+    #[test]
+    fn a_wait_ends_with_a_process_and_without_one_at_its_instant() {
+        let mut child = Command::new("sleep").arg("600").spawn().unwrap();
+        let mut ends = Ends::default();
+        ends.watch(&child);
+        let soon = now_ns() + 20_000_000;
+        assert!(!ends.wait_until(soon) && now_ns() >= soon, "it lives");
+        child.kill().unwrap();
+        let late = now_ns() + 60_000_000_000;
+        assert!(ends.wait_until(late) && now_ns() < late);
+        child.wait().unwrap();
+        ends.forget(child.id());
+        assert!(!ends.wait_until(now_ns()), "it was reaped");
+    }
 }

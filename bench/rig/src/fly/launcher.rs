@@ -18,6 +18,7 @@ use wire::{BoardReader, Wire};
 
 use crate::cli::{FlyArgs, OnDeath};
 use crate::dashboard::Dashboard;
+use crate::fly::LOOK_EVERY;
 use crate::fly::asked::Asked;
 use crate::fly::ending::{Ended, Killed, Left};
 use crate::fly::ends::{Ends, number_of};
@@ -28,7 +29,6 @@ use crate::fly::spares::Spares;
 use crate::fly::starter::Starter;
 use crate::fly::status_line::StatusLine;
 use crate::fly::striker::Striker;
-use crate::fly::LOOK_EVERY;
 use crate::output::say;
 use crate::record::crew::Crew;
 use crate::run_directory::RunDirectory;

@@ -8,8 +8,6 @@ use machine::sampler::Look;
 use model::role::{ROLES, Role};
 use rustix::process::{Signal, kill_process_group};
 
-use failure::INTERRUPTED;
-
 use crate::fly::ending::process;
 use crate::fly::ends::{Ends, number_of};
 use crate::fly::restarts::APART;
@@ -100,7 +98,7 @@ impl Spares {
         }
         for (role, status) in ended {
             // One that a signal has ended could have waited on; one that has failed fails again.
-            let is_killed = status.code().is_none_or(|code| code == i32::from(INTERRUPTED));
+            let is_killed = status.code().is_none_or(|code| code == 0);
             self.from[role as usize] = is_killed.then(|| now + AGAIN);
             if !is_killed {
                 let process = process(role);

@@ -72,8 +72,9 @@ impl Starter {
 
 fn spawn(what: &str, command: &mut Command) -> Result<Child, Failure> {
     command.spawn().map_err(|e| {
-        Failure::failed(format!("cannot start the {what}: {e}"))
-            .help("a flight has five processes of some threads each, and three spares with --on-death restart: see \
-                   `ulimit -u`, and `ulimit -v`")
+        Failure::failed(format!("cannot start the {what}: {e}")).help(
+            "a flight has five processes of some threads each, and three spares with --on-death restart: see \
+                   `ulimit -u`, and `ulimit -v`",
+        )
     })
 }

@@ -190,7 +190,8 @@ impl Station {
 
     /// The board of a plant that lives and whose run is open to this role.
     fn find_plant(&mut self) -> Result<Option<BoardReader<Run>>, Error> {
-        let board = self.run_board.take().map_or_else(|| self.wire.board_reader::<Run>(RUN), |board| Ok(Some(board)))?;
+        let board =
+            self.run_board.take().map_or_else(|| self.wire.board_reader::<Run>(RUN), |board| Ok(Some(board)))?;
         let Some(board) = board else { return Ok(None) };
         let run = board.get();
         // A launched role flies with the plant of its own launcher: another one's is about to end.

@@ -55,11 +55,10 @@ impl Launcher {
             }
             let spare = self.spares.take(role);
             let is_spare = spare.is_some();
-            let started_ns = now_ns();
             let child = spare.map_or_else(|| self.starter.start(role, self.recordings.newest()), Ok)?;
             self.restarts[role as usize].started_again(now);
             if let Some(noted) = noted.iter_mut().rfind(|noted| noted.role == role.name()) {
-                (noted.way.pid, noted.way.started_ns, noted.way.is_spare) = (child.id(), started_ns, is_spare);
+                (noted.way.pid, noted.way.is_spare) = (child.id(), is_spare);
             }
             if !is_spare {
                 self.ends.watch(&child);
