@@ -190,6 +190,7 @@ impl Station {
     ///
     /// Real time is given back when what this returns is dropped: before the ports and the place.
     fn report_ready(&mut self) -> Result<Engaged, Error> {
+        self.ahead.as_mut().map_or(Ok(()), Ahead::touch)?;
         self.status.arrival.ported_ns = now_ns();
         let engaged = Engaged::engage(self.role, &self.orders.rt, self.ahead.as_ref())?;
         self.status.arrival.engaged_ns = now_ns();

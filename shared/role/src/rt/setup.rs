@@ -13,7 +13,7 @@ use std::sync::atomic::Ordering;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 
-use super::memory::{UNKNOWN, mappings, populate_mappings};
+use super::memory::{UNKNOWN, mappings, populate_mappings, settle};
 use super::sys;
 use super::thread::{Raised, allowed_cpus, loops_cpu, prefault_stack};
 use failure::errno_text;
@@ -95,7 +95,7 @@ pub struct Ahead {
 impl Ahead {
     /// Locks and touches the memory, and keeps off the loops' processor: whoever waits costs the loops nothing.
     ///
-    /// What is refused is refused again, and said, when the set-up is asked for. Nothing where there is no set-up.
+    /// What is refused is told with the rest of the set-up. Nothing where there is none.
     #[must_use]
     pub fn prepare(role: Role, settings: &RealtimeSettings) -> Option<Self> {
         if settings.mode == RealtimeMode::Off {
@@ -113,6 +113,18 @@ impl Ahead {
         // What ports map from now on is touched once, when the role arms, and not by each mapping too.
         let _ = mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT);
         Some(Self { _raised: raised, grants, cpu, locked })
+    }
+
+    /// Touches what ports have mapped since, away from the loops' processor.
+    ///
+    /// # Errors
+    /// As [`settle`].
+    pub fn touch(&mut self) -> Result<(), Error> {
+        settle(Some(self))?;
+        if !self.locked.is_empty() {
+            self.locked = mappings();
+        }
+        Ok(())
     }
 }
 
@@ -145,6 +157,11 @@ impl Engaged {
         let grants = &mut self.grants;
         let slack = set_current_timer_slack(NonZero::new(1)).map_err(Into::into);
         grants.note(RealtimeStep::TimerSlack, 1, errno(slack));
+        let priority = settings.priority + role.priority_step();
+        if ahead.is_some() {
+            // On its way to the loops' processor it waits for nobody there. Refused or not, it is noted below.
+            let _ = sys::set_fifo(priority);
+        }
         let (cpus, cpu) = cpus_for(role, ahead.map(|ahead| ahead.cpu).or(settings.cpu));
         let affinity = sched_setaffinity(None, &cpus).map_err(Into::into);
         grants.note(RealtimeStep::Affinity, cpu as u64, errno(affinity));
@@ -156,7 +173,6 @@ impl Engaged {
         }
         let held = hold_cpu_latency().map(|file| self._cpu_latency = Some(file));
         grants.note(RealtimeStep::CpuLatency, 0, errno(held));
-        let priority = settings.priority + role.priority_step();
         let fifo = sys::set_fifo(priority);
         if fifo.is_ok() {
             self.loop_thread = sys::thread_number();
