@@ -130,7 +130,7 @@ impl Launcher {
         let mut raised: Option<Raised> = None;
         while !self.children.is_empty() {
             let look_every = if self.restarts_roles() { pulse::LOOK_EVERY } else { LOOK_EVERY };
-            self.striker.rest(&self.wire, board.as_ref().map(BoardReader::get).as_ref(), look_every, &self.ends);
+            self.striker.rest(&self.wire, board.as_ref().map(BoardReader::get).as_ref(), look_every, &mut self.ends);
             asked.look();
             ended.interrupted |= asked.end;
             let left = self.reap(asked.end)?;
