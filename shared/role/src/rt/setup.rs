@@ -120,7 +120,7 @@ impl Ahead {
     /// # Errors
     /// As [`settle`].
     pub fn touch(&mut self) -> Result<(), Error> {
-        settle(Some(self))?;
+        settle(Some(&*self))?;
         if !self.locked.is_empty() {
             self.locked = mappings();
         }
