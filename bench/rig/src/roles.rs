@@ -58,6 +58,7 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
 }
 
 /// What a role's process flies, before it has a place.
+#[allow(clippy::large_enum_variant, reason = "there is one of it in a process")]
 enum Made {
     Plant(Box<PlantSettings>),
     Outer(GuardedOuter),
