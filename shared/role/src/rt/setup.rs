@@ -300,8 +300,7 @@ mod tests {
 
     #[test]
     fn each_refusal_has_a_remedy_of_its_own() {
-        let remedies: BTreeSet<_> =
-            STEPS.iter().map(|step| remedy(*step, i64::from(libc::EPERM))).collect();
+        let remedies: BTreeSet<_> = STEPS.iter().map(|step| remedy(*step, i64::from(libc::EPERM))).collect();
         assert_eq!(remedies.len(), STEPS.len(), "{remedies:?}");
         let refused = Engaged {
             grants: {
