@@ -47,6 +47,36 @@ def in_a_row(make, n, roles, number=signal.SIGKILL):
             yield {"_times": 0, "replay refused for a gap": gaps}
 
 
+def spares(make, n, number=signal.SIGKILL):
+    """Strikes spares in turns while they wait: no death of the flight, another one waits; one that is stopped is not
+    waited for by the stage that dies then."""
+    left = n
+    while left > 0:
+        kills = min(left, KILLS_PER_FLIGHT)
+        left -= kills
+        with make(trials=kills) as rig:
+            flight = rig.take_off(*RESTART, duration=f"{kills * 2.5 + 2.5:.1f}s")
+            deaths = 0
+            for kill in range(kills):
+                begin = time.monotonic()
+                role = STAGES[kill % len(STAGES)]
+                spare = rig.await_spare(role)
+                os.kill(spare, number)
+                if number == signal.SIGSTOP:
+                    dead = rig.strike(role)
+                    demand(rig.await_pid(role, other_than=dead) != spare, "a stopped process has the place")
+                    deaths += 1
+                rig.await_spare(role, other_than=spare)
+                time.sleep(max(0.0, begin + APART_S - time.monotonic()))
+            flight.send(signal.SIGINT)
+            flight.end().expect(130)
+            found = rig.report()["deaths"]
+            demand(len(found) == deaths, f"{deaths} deaths, {len(found)} in the report")
+            rig.demand_nothing_left()
+            for _ in range(kills):
+                yield {}
+
+
 def recorder(make, n):
     """Kills the recorder: the flight goes on, and another one records the rest."""
     draw = random.Random(n)
@@ -221,6 +251,11 @@ ROWS = [
     {"name": "kill.turns", "fault": "kill -9 of outer, inner and mixer in turns, at random phases", "injector": in_a_row,
      "arguments": {"roles": "outer+inner+mixer"},
      "expected": "each is started again and joins; flight completed; replay identical, or refused for its gap; nothing left", "n": 960, "short": 6},
+    {"name": "kill.spare", "fault": "kill -9 of a spare while it waits", "injector": spares,
+     "expected": "no death of the flight; another spare waits; nothing left", "n": 20, "short": 2},
+    {"name": "hang.spare", "fault": "a spare is stopped (SIGSTOP), and then its stage is killed", "injector": spares,
+     "arguments": {"number": signal.SIGSTOP}, "expected": "a new process comes instead; another spare waits; nothing left",
+     "n": 10},
     {"name": "kill.record", "fault": "kill -9 of the recorder in flight", "injector": recorder,
      "expected": "flight goes on; another recorder writes the rest", "n": 20},
     {"name": "kill.plant", "fault": "kill -9 of the plant in flight", "injector": ends_the_flight,

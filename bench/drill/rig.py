@@ -215,6 +215,21 @@ class Rig:
             return None
         return None if state in "ZX" else pid
 
+    def spare(self, role):
+        """The process that waits beside a role: it holds no lock, and says by its name that it waits."""
+        for pid in self.processes():
+            try:
+                words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+                name = Path(f"/proc/{pid}/comm").read_text().strip()
+            except OSError:
+                continue
+            if name == "ironbird spare" and words[1] == role.encode():
+                return pid
+        return None
+
+    def await_spare(self, role, other_than=None):
+        return wait_until(f"a spare of {role}", lambda: (pid := self.spare(role)) and pid != other_than and pid)
+
     def await_pid(self, role, other_than=None):
         return wait_until(f"another {role}", lambda: (pid := self.pid(role)) and pid != other_than and pid)
 

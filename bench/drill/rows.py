@@ -19,7 +19,7 @@ NOT_TIMED = (messages.forged, messages.faulted, messages.missing, files.garbage,
 TRIALS = {
     messages.forged: ("message", False), messages.flipped: ("flipped bit that reached a port", True),
     messages.flood: ("swap", True), messages.killed_clients: ("client", True), messages.observers: ("observer", True),
-    deaths.in_a_row: ("death", True), deaths.pause: ("pause", True), starts.second_flight: ("second start", True),
+    deaths.in_a_row: ("death", True), deaths.spares: ("spare", True), deaths.pause: ("pause", True), starts.second_flight: ("second start", True),
     starts.second_role: ("second start", True), files.garbage: ("file", False),
 }
 

@@ -197,7 +197,8 @@ pub struct FlyArgs {
 pub enum OnDeath {
     /// End the flight, and say who died.
     End,
-    /// Start it again, at most 5 times in 10 s; one that hangs for more than 80 ms is killed first. Without a plant the flight ends.
+    /// Have the spare that waits beside each loop take its place, or start it again, at most 5 times in 10 s; one that
+    /// hangs for more than 80 ms is killed first. Without a plant the flight ends.
     Restart,
 }
 
@@ -226,6 +227,9 @@ pub struct RoleArgs {
     /// End when the process with this number, which must be the parent, ends.
     #[arg(long, hide = true)]
     pub launcher: Option<u32>,
+    /// Get ready without a place in the flight, and wait until standard input has a byte; its end is the spare's.
+    #[arg(long, hide = true, requires = "launcher")]
+    pub spare: bool,
 }
 
 /// Flags of the recorder.

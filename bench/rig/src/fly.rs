@@ -3,11 +3,13 @@
 mod asked;
 pub mod burden;
 mod ending;
+mod ends;
 mod launcher;
 mod pulse;
 mod recordings;
 mod restarts;
 pub mod signal_at;
+mod spares;
 mod starter;
 mod status_line;
 mod striker;

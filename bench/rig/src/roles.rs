@@ -4,12 +4,16 @@ use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
+use law::{GuardedInner, GuardedMixer, GuardedOuter};
 use model::flight_plan::FlightPlan;
 use model::role::Role;
+use plant::PlantSettings;
 use role::launcher::is_on_its_own;
 use role::rt::{loops_cpu, take_stand};
 use role::shell::{self, Flight};
+use role::spare;
 use role::station::{Orders, Station};
+use wire::clock::now_ns;
 use wire::instance::Instance;
 
 use crate::cli::{RecordArgs, RoleArgs};
@@ -26,19 +30,53 @@ use failure::{Failure, OK, check_writable};
 /// # Errors
 /// Usage, and everything that can go wrong on the way (docs/architecture.md, "Exit codes").
 pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
+    let begun_ns = now_ns();
     let mut overrides = args.flight.overrides();
     overrides.extend(args.rt.overrides());
     let settings = Settings::resolve_to_make(&[role], args.flight.course.config.as_deref(), &overrides)?;
     args.rt.check(&settings)?;
     settings.check_faults_of_processes(args.launcher.is_some())?;
-    let station = take_station(role, args, &settings)?;
+    let stage = make(role, &settings)?;
+    let mut orders = orders(args, &settings, begun_ns)?;
+    if args.spare {
+        let instance = orders.instance.clone();
+        let waited = spare::stand_by(role, orders);
+        match waited {
+            Ok(Some(told)) => orders = told,
+            // Its launcher may be dead.
+            ended => {
+                leave(&instance, args);
+                return ended.map(|_| OK).map_err(Failure::from);
+            }
+        }
+    }
+    let station = Station::take(role, orders)?;
     let (instance, stop) = (station.wire().instance().clone(), station.stop_flag());
-    let flown = run(role, station, &settings);
+    let flown = run(stage, station, &settings);
     leave(&instance, args);
     flown.map(|()| OK).map_err(|failure| failure.broken_off(stop.load(Ordering::Relaxed)))
 }
 
-fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure> {
+/// What a role's process flies, before it has a place.
+#[allow(clippy::large_enum_variant, reason = "there is one of it in a process")]
+enum Made {
+    Plant(Box<PlantSettings>),
+    Outer(GuardedOuter),
+    Inner(GuardedInner),
+    Mixer(GuardedMixer),
+}
+
+fn make(role: Role, settings: &Settings) -> Result<Made, Failure> {
+    Ok(match role {
+        Role::Plant => Made::Plant(Box::new(settings.plant()?)),
+        Role::Outer => Made::Outer(settings.outer_stage()?),
+        Role::Inner => Made::Inner(settings.inner_stage()?),
+        Role::Mixer => Made::Mixer(settings.mixer_stage()?),
+        Role::Record => return Err(Failure::usage("the recorder has a command of its own: `ironbird record`")),
+    })
+}
+
+fn run(stage: Made, station: Station, settings: &Settings) -> Result<(), Failure> {
     let lockstep = settings.flight.pace == PaceName::Lockstep;
     if lockstep {
         // One after the other on one processor: to wake another one takes longer than a stage computes. Where that is
@@ -47,21 +85,18 @@ fn run(role: Role, station: Station, settings: &Settings) -> Result<(), Failure>
     }
     let faults = settings.planned()?;
     let flight = Flight { lockstep, slowdown: settings.flight.slowdown, faults: faults.loops };
-    match role {
-        Role::Plant => {
+    match stage {
+        Made::Plant(plant) => {
             let plan = FlightPlan {
                 last_tick: settings.last_tick(),
                 sample_time_ns: settings.sample_time_ns(),
                 wall_period_ns: settings.wall_period_ns(),
             };
-            plant::process::run(station, &settings.plant()?, plan, &faults.swaps, (&faults.loops, &faults.table))?;
+            plant::process::run(station, &plant, plan, &faults.swaps, (&faults.loops, &faults.table))?;
         }
-        Role::Outer => {
-            shell::outer(station, settings.outer_stage()?, settings.flight.position_error_max_m, &flight)?;
-        }
-        Role::Inner => shell::inner(station, settings.inner_stage()?, &flight)?,
-        Role::Mixer => shell::mixer(station, settings.mixer_stage()?, &flight)?,
-        Role::Record => return Err(Failure::usage("the recorder has a command of its own: `ironbird record`")),
+        Made::Outer(outer) => shell::outer(station, outer, settings.flight.position_error_max_m, &flight)?,
+        Made::Inner(inner) => shell::inner(station, inner, &flight)?,
+        Made::Mixer(mixer) => shell::mixer(station, mixer, &flight)?,
     }
     Ok(())
 }
@@ -85,6 +120,7 @@ pub fn remove_leftovers(instance: &Instance) {
 /// # Errors
 /// As [`play`], and files that cannot be written.
 pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
+    let begun_ns = now_ns();
     let mut overrides = args.role.flight.overrides();
     overrides.extend(args.role.rt.overrides());
     overrides.extend(args.recorder.overrides());
@@ -94,7 +130,7 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     check_writable("--states", args.recorder.states.as_deref())?;
     // The launcher has looked.
     traced::check(settings.recorder.trace && args.role.launcher.is_none())?;
-    let station = take_station(Role::Record, &args.role, &settings)?;
+    let station = Station::take(Role::Record, orders(&args.role, &settings, begun_ns)?)?;
     let instance = station.wire().instance().clone();
     let made = match &args.run_dir {
         Some(_) => Ok(None),
@@ -126,18 +162,19 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     Ok(report.verdict.exit_code)
 }
 
-fn take_station(role: Role, args: &RoleArgs, settings: &Settings) -> Result<Station, Failure> {
+fn orders(args: &RoleArgs, settings: &Settings, begun_ns: u64) -> Result<Orders, Failure> {
     settings.check_cpu()?;
     say_on_stderr();
-    let orders = Orders {
+    Ok(Orders {
         instance: Instance::new(&args.rt.instance)?,
         rt: settings.realtime()?,
         settings: settings.shared_text()?,
         law_options: settings.law_options()?,
         resume_estimates: settings.flight.resume_estimates,
         launcher: args.launcher,
-    };
-    Ok(Station::take(role, orders)?)
+        begun_ns,
+        ready: None,
+    })
 }
 
 /// What a process says while it waits goes to standard error; a loop that flies says nothing.

@@ -22,21 +22,21 @@ use rustix::process::Signal;
 use wire::Wire;
 
 /// What every flight here is flown with.
-const RESTART: [&str; 4] = ["--on-death", "restart", "--trajectory", "hover"];
+pub(crate) const RESTART: [&str; 4] = ["--on-death", "restart", "--trajectory", "hover"];
 
 /// Settings of slow motion without a ground: whoever hovers at its height falls through it while a stage is missing.
-fn in_the_air(rig: &Rig, slowdown: u64) -> String {
+pub(crate) fn in_the_air(rig: &Rig, slowdown: u64) -> String {
     rig.settings(&format!("[flight]\nslowdown = {slowdown}\nground_z_m = -100.0\n"))
 }
 
 /// A flight in the air, and what its plant says of it.
-fn take_off(rig: &Rig, slowdown: u64, args: &[&str]) -> (Running, Run) {
+pub(crate) fn take_off(rig: &Rig, slowdown: u64, args: &[&str]) -> (Running, Run) {
     let config = in_the_air(rig, slowdown);
     let flight = rig.start("fly", &[&RESTART[..], &["--config", &config], args].concat());
     (flight, await_first_tick(rig))
 }
 
-fn await_first_tick(rig: &Rig) -> Run {
+pub(crate) fn await_first_tick(rig: &Rig) -> Run {
     let wire = Wire::open(&rig.known()).unwrap();
     wait_until("the first tick", || {
         let run = wire.board_reader::<Run>(RUN).unwrap()?.get();
@@ -45,12 +45,12 @@ fn await_first_tick(rig: &Rig) -> Run {
 }
 
 /// Sends a signal to a role at a tick; its process.
-fn strike(rig: &Rig, run: &Run, tick: u64, role: Role, signal: Signal) -> u32 {
+pub(crate) fn strike(rig: &Rig, run: &Run, tick: u64, role: Role, signal: Signal) -> u32 {
     send_at(&rig.known(), run, tick, role, signal).unwrap()
 }
 
 /// Waits until another process than this one flies in a role.
-fn await_successor(rig: &Rig, role: Role, dead: u32) -> u32 {
+pub(crate) fn await_successor(rig: &Rig, role: Role, dead: u32) -> u32 {
     let wire = Wire::open(&rig.known()).unwrap();
     let pid = wait_until(&format!("another {role} process to fly"), || {
         let status = wire.board_reader::<Status>(&status_board(role)).unwrap()?.get();
@@ -60,12 +60,12 @@ fn await_successor(rig: &Rig, role: Role, dead: u32) -> u32 {
     u32::try_from(pid).unwrap()
 }
 
-fn report(rig: &Rig) -> Report {
+pub(crate) fn report(rig: &Rig) -> Report {
     Report::read(&rig.out().join("latest/report.json")).unwrap()
 }
 
 /// The replay has every bit of the record.
-fn assert_replayed(rig: &Rig) {
+pub(crate) fn assert_replayed(rig: &Rig) {
     rig.run("replay", &["--verify"]).expect(0).says("identical");
 }
 

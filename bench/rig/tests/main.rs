@@ -72,6 +72,7 @@ mod said_of_flights;
 mod screens;
 mod security_page;
 mod signals;
+mod spares;
 mod starting_over;
 mod swaps;
 mod theorem;

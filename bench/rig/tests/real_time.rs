@@ -143,7 +143,7 @@ impl<'a> Crew<'a> {
         self.outer.stage.arm(wire, EXPECTED, EPOCH).unwrap();
         self.inner.stage.arm(wire, EXPECTED, EPOCH).unwrap();
         self.mixer.stage.arm(wire, EXPECTED, EPOCH).unwrap();
-        settle().unwrap();
+        settle(None).unwrap();
     }
 
     /// Flies a tick.

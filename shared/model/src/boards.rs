@@ -214,6 +214,25 @@ pub enum RolePhase {
     Landed = 4,
 }
 
+/// When a process came past each part of its way to its first tick, on CLOCK_MONOTONIC [ns]; 0 where it has not yet.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Arrival {
+    /// It was started; a spare was told to go on.
+    pub begun_ns: u64,
+    /// It had its settings and its law.
+    pub made_ns: u64,
+    /// It had its place: the role's lock, a node of the middleware, its status board.
+    pub placed_ns: u64,
+    /// It had its ports.
+    pub ported_ns: u64,
+    /// It had its real-time set-up.
+    pub engaged_ns: u64,
+    /// Its ports were connected to those of a run.
+    pub armed_ns: u64,
+}
+layout!(Arrival { begun_ns, made_ns, placed_ns, ported_ns, engaged_ns, armed_ns });
+
 /// A role's status, written by itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
@@ -224,6 +243,8 @@ pub struct Status {
     pub pid: u64,
     /// When it started on CLOCK_MONOTONIC [ns].
     pub epoch: u64,
+    /// How it came here.
+    pub arrival: Arrival,
     /// Fingerprint of its settings.
     pub settings: u64,
     /// t_0 that it is armed for [ns].
@@ -253,6 +274,7 @@ layout!(Status {
     phase,
     pid,
     epoch,
+    arrival,
     settings,
     armed_t0_ns,
     wants_end,

@@ -10,6 +10,7 @@ pub mod quantile;
 pub mod rt;
 pub mod shell;
 pub mod signals;
+pub mod spare;
 pub mod stage;
 pub mod station;
 pub mod stop;

@@ -20,10 +20,11 @@ pub use join::{Armed, JoinedRun};
 pub use open::Opened;
 
 use crate::launcher::end_with_launcher;
-use crate::rt::{self, Engaged, UsageMeter};
+use crate::rt::{self, Ahead, Engaged, UsageMeter};
+use crate::spare::{Boards, Ready};
 use crate::stop::{ends_at_once, stop_signals};
 use failure::{FAILED, INTERRUPTED};
-use model::boards::{Ending, RolePhase, Status};
+use model::boards::{Arrival, Ending, RolePhase, Run, SettingsText, Status};
 use model::guards::{Guard, is_on};
 use model::realtime;
 use model::role::Role;
@@ -31,10 +32,10 @@ use model::settings_text::fingerprint;
 use wire::clock::now_ns;
 use wire::error::Error;
 use wire::instance::{Instance, Lock};
-use wire::{Board, Wire};
+use wire::{Board, BoardReader, Wire};
 
 /// What a role's process is started with.
-#[derive(Clone, Debug)]
+#[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
 pub struct Orders {
     /// The instance that it belongs to.
     pub instance: Instance,
@@ -48,6 +49,10 @@ pub struct Orders {
     pub resume_estimates: bool,
     /// Process number of the launcher, whose death ends the role; `None` when started by hand.
     pub launcher: Option<u32>,
+    /// When the process was started, or as a spare told to go on [ns].
+    pub begun_ns: u64,
+    /// What a spare has done ahead.
+    pub ready: Option<Ready>,
 }
 
 /// How often a waiting role looks at the boards.
@@ -62,8 +67,13 @@ pub fn status_board(role: Role) -> String {
 /// A role's place.
 #[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
 pub struct Station {
+    /// What of the real-time set-up was done ahead. First: it is given back before anything else.
+    ahead: Option<Ahead>,
     role: Role,
     orders: Orders,
+    /// The plant's boards, where they were opened ahead.
+    run_board: Option<BoardReader<Run>>,
+    settings_board: Option<BoardReader<SettingsText>>,
     wire: Wire,
     board: Board<Status>,
     stop: Arc<AtomicBool>,
@@ -95,20 +105,27 @@ impl Station {
             .map_err(|error| broken_off(error, stop.load(Ordering::Relaxed)))
     }
 
-    fn settle_in(role: Role, orders: Orders, stop: Arc<AtomicBool>) -> Result<Self, Error> {
+    fn settle_in(role: Role, mut orders: Orders, stop: Arc<AtomicBool>) -> Result<Self, Error> {
+        let made_ns = now_ns();
         end_with_launcher(orders.launcher)?;
         // Where somebody has the place, that is the error.
-        if !orders.instance.is_occupied(role) {
+        if orders.ready.is_none() && !orders.instance.is_occupied(role) {
             orders.instance.check_shared_memory(Wire::needed_bytes())?;
         }
-        orders.instance.prepare()?;
         let lock = orders.instance.lock(role)?;
-        let wire = Wire::open(&orders.instance)?;
-        let before = wire.board_reader::<Status>(&status_board(role))?.map(|board| board.get()).unwrap_or_default();
+        let (wire, ahead, boards) = match orders.ready.take() {
+            Some(Ready { wire, ahead, boards }) => (wire, ahead, boards),
+            None => (Wire::open(&orders.instance)?, None, Boards::default()),
+        };
+        let status =
+            boards.status.map_or_else(|| wire.board_reader::<Status>(&status_board(role)), |it| Ok(Some(it)))?;
+        let before = status.map(|board| board.get()).unwrap_or_default();
         let board = wire.board(&status_board(role))?;
+        let epoch = now_ns();
         let status = Status {
             pid: u64::from(std::process::id()),
-            epoch: now_ns(),
+            epoch,
+            arrival: Arrival { begun_ns: orders.begun_ns, made_ns, placed_ns: epoch, ..Arrival::default() },
             settings: fingerprint(&orders.settings),
             // Kept for a successor, should this process die before it has flown.
             estimates_run: before.estimates_run,
@@ -116,7 +133,9 @@ impl Station {
             ..Status::default()
         };
         board.put(status);
-        Ok(Self { role, orders, wire, board, stop, plant_pid: 0, status, _lock: lock })
+        let (run_board, settings_board) = (boards.run, boards.settings);
+        let plant_pid = 0;
+        Ok(Self { role, orders, run_board, settings_board, wire, ahead, board, stop, plant_pid, status, _lock: lock })
     }
 
     /// The wire to make ports on.
@@ -171,7 +190,10 @@ impl Station {
     ///
     /// Real time is given back when what this returns is dropped: before the ports and the place.
     fn report_ready(&mut self) -> Result<Engaged, Error> {
-        let engaged = Engaged::engage(self.role, &self.orders.rt)?;
+        self.ahead.as_mut().map_or(Ok(()), Ahead::touch)?;
+        self.status.arrival.ported_ns = now_ns();
+        let engaged = Engaged::engage(self.role, &self.orders.rt, self.ahead.as_ref())?;
+        self.status.arrival.engaged_ns = now_ns();
         self.status.grants = engaged.grants;
         self.enter(RolePhase::Ready);
         Ok(engaged)

@@ -41,6 +41,8 @@ fn take(instance: &Instance, role: Role, mode: RealtimeMode) -> Station {
         law_options: String::new(),
         resume_estimates: false,
         launcher: None,
+        begun_ns: 0,
+        ready: None,
     };
     Station::take(role, orders).unwrap()
 }

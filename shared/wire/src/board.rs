@@ -8,6 +8,7 @@
 //! look at the sheet that was written last.
 
 use std::cell::Cell;
+use std::sync::Arc;
 
 use iceoryx2::port::reader::{BlackboardValue, EntryHandle, Reader};
 use iceoryx2::port::writer::{EntryHandleMut, EntryHandleMutError, Writer};
@@ -40,15 +41,32 @@ struct Sheet<T: Notice> {
 pub trait Notice: Default + Layout + std::fmt::Debug {}
 impl<T: Default + Layout + std::fmt::Debug> Notice for T {}
 
+/// A board that is open.
+pub(super) type Open = PortFactory<ipc::Service, u64>;
+
 impl Wire {
     /// Becomes the writer of a board, even if its last writer died while others still read it.
     ///
     /// # Errors
     /// [`Error::Wire`], [`Error::Incompatible`].
     pub fn board<T: Notice>(&self, name: &str) -> Result<Board<T>, Error> {
+        let service = match self.held_board(name) {
+            Some(held) => held,
+            None => Arc::new(self.put_up::<T>(name)?),
+        };
+        let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot become the writer of board `{name}`"), e);
+        let writer = service.writer_builder().create().map_err(|e| failed(&e))?;
+        let mut sheets = (0..SHEETS).map(|sheet| writer.entry(&sheet));
+        let is_taken = |sheet: &Result<_, _>| matches!(sheet, Err(EntryHandleMutError::HandleAlreadyExists));
+        let free = sheets.find(|sheet| !is_taken(sheet)).unwrap_or(Err(EntryHandleMutError::HandleAlreadyExists));
+        let sheet = free.map_err(|e| failed(&e))?;
+        Ok(Board { sheet, _writer: writer, _service: service })
+    }
+
+    fn put_up<T: Notice>(&self, name: &str) -> Result<Open, Error> {
         let (service_name, layout) = (self.service_name(name)?, layout_specifier(T::FINGERPRINT)?);
         let opener = self.board_opener::<T>(name)?;
-        let service = self.open_service(format!("board `{name}`"), || {
+        self.open_service(format!("board `{name}`"), || {
             let empty = self
                 .node
                 .service_builder(&service_name)
@@ -60,14 +78,7 @@ impl Wire {
                 Err(BlackboardCreateError::AlreadyExists) => opener().map_err(Refusal::from),
                 created => created.map_err(Refusal::from),
             }
-        })?;
-        let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot become the writer of board `{name}`"), e);
-        let writer = service.writer_builder().create().map_err(|e| failed(&e))?;
-        let mut sheets = (0..SHEETS).map(|sheet| writer.entry(&sheet));
-        let is_taken = |sheet: &Result<_, _>| matches!(sheet, Err(EntryHandleMutError::HandleAlreadyExists));
-        let free = sheets.find(|sheet| !is_taken(sheet)).unwrap_or(Err(EntryHandleMutError::HandleAlreadyExists));
-        let sheet = free.map_err(|e| failed(&e))?;
-        Ok(Board { sheet, _writer: writer, _service: service })
+        })
     }
 
     /// A reader of a board; `None` while nobody has put it up.
@@ -75,7 +86,11 @@ impl Wire {
     /// # Errors
     /// [`Error::Wire`], [`Error::Incompatible`].
     pub fn board_reader<T: Notice>(&self, name: &str) -> Result<Option<BoardReader<T>>, Error> {
-        let Some(service) = self.open_board::<T>(name)? else { return Ok(None) };
+        let opened = match self.held_board(name) {
+            Some(held) => Some(held),
+            None => self.open_board::<T>(name)?.map(Arc::new),
+        };
+        let Some(service) = opened else { return Ok(None) };
         let failed = |e: &dyn std::fmt::Debug| Error::wire(format!("cannot read board `{name}`"), e);
         let reader = service.reader_builder().create().map_err(|e| failed(&e))?;
         let sheets = (0..SHEETS)
@@ -88,15 +103,27 @@ impl Wire {
         Ok(Some(BoardReader { sheets, last: Cell::new(last), _reader: reader, _service: service }))
     }
 
-    fn board_opener<T: Notice>(
-        &self,
-        name: &str,
-    ) -> Result<impl Fn() -> Result<PortFactory<ipc::Service, u64>, BlackboardOpenError>, Error> {
+    /// Opens a board that somebody has put up ahead of its reader or writer, and keeps it open.
+    ///
+    /// # Errors
+    /// [`Error::Wire`], [`Error::Incompatible`].
+    pub fn hold_board<T: Notice>(&mut self, name: &str) -> Result<(), Error> {
+        if let Some(board) = self.open_board::<T>(name)? {
+            self.held_boards.push((name.to_owned(), Arc::new(board)));
+        }
+        Ok(())
+    }
+
+    fn held_board(&self, name: &str) -> Option<Arc<Open>> {
+        self.held_boards.iter().find(|(held, _)| held == name).map(|(_, board)| Arc::clone(board))
+    }
+
+    fn board_opener<T: Notice>(&self, name: &str) -> Result<impl Fn() -> Result<Open, BlackboardOpenError>, Error> {
         let (service_name, layout) = (self.service_name(name)?, layout_verifier(T::FINGERPRINT)?);
         Ok(move || self.node.service_builder(&service_name).blackboard_opener::<u64>().open_with_attributes(&layout))
     }
 
-    fn open_board<T: Notice>(&self, name: &str) -> Result<Option<PortFactory<ipc::Service, u64>>, Error> {
+    fn open_board<T: Notice>(&self, name: &str) -> Result<Option<Open>, Error> {
         match self.board_opener::<T>(name)?() {
             Ok(service) => Ok(Some(service)),
             // The same words are said of a board that only this process cannot open.
@@ -120,7 +147,7 @@ impl Wire {
 pub struct Board<T: Notice> {
     sheet: EntryHandleMut<ipc::Service, u64, Sheet<T>>,
     _writer: Writer<ipc::Service, u64>,
-    _service: PortFactory<ipc::Service, u64>,
+    _service: Arc<Open>,
 }
 
 impl<T: Notice> Board<T> {
@@ -144,7 +171,7 @@ pub struct BoardReader<T: Notice> {
     /// The last one that was written on, as far as seen.
     last: Cell<usize>,
     _reader: Reader<ipc::Service, u64>,
-    _service: PortFactory<ipc::Service, u64>,
+    _service: Arc<Open>,
 }
 
 impl<T: Notice> BoardReader<T> {

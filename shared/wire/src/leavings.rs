@@ -36,10 +36,21 @@ pub(super) fn remove(node: &Node<ipc::Service>, instance: &Instance) -> u64 {
         return 0;
     }
     let CleanupState { cleanups, failed_cleanups } = node.blocking_cleanup_dead_nodes(REMOVING);
+    cleanups + remove_rest(node, instance, failed_cleanups)
+}
+
+/// The same without a look for services that were being made: each look at all nodes takes its time.
+pub(super) fn remove_of_ports(node: &Node<ipc::Service>, instance: &Instance) {
+    let failed = node.blocking_cleanup_dead_nodes(REMOVING).failed_cleanups;
+    if failed > 0 {
+        remove_rest(node, instance, failed);
+    }
+}
+
+fn remove_rest(node: &Node<ipc::Service>, instance: &Instance, failed_cleanups: u64) -> u64 {
     remove_half_made(node, instance);
     // The middleware may not have come past such a service.
-    let again = if failed_cleanups == 0 { 0 } else { node.blocking_cleanup_dead_nodes(REMOVING).cleanups };
-    cleanups + again
+    if failed_cleanups == 0 { 0 } else { node.blocking_cleanup_dead_nodes(REMOVING).cleanups }
 }
 
 /// Removes services that their makers died over, of which the middleware thinks that they are still being made.

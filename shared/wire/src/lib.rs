@@ -20,7 +20,9 @@ mod shortage;
 mod swaps;
 pub mod sys;
 
+use std::any::Any;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::{
@@ -48,8 +50,8 @@ use model::topic::Topic;
 pub const LATEST: usize = 1;
 /// Samples that the recorder keeps of a topic: 3.5 seconds at 1 kHz. An instance fits into the 64 MiB of a container.
 pub const DEEP: usize = 3500;
-/// Processes that may hold a service open: five roles, and observers.
-const NODES: usize = 24;
+/// Processes that may hold a service open: five roles, their spares, and observers.
+const NODES: usize = 28;
 /// How long a service may be in the making, or be taken down, by somebody else, and how often it is tried.
 const PATIENCE: Duration = Duration::from_secs(5);
 const TRY_EVERY: Duration = Duration::from_millis(5);
@@ -57,6 +59,10 @@ const TRY_EVERY: Duration = Duration::from_millis(5);
 /// A process's access to an instance's shared memory.
 #[derive(Debug)]
 pub struct Wire {
+    /// Topics that are held open without a port, so that ports are made faster: an `Arc` of a [`ports::Open`] each.
+    held_topics: Vec<Box<dyn Any + Send>>,
+    /// Boards likewise, by name.
+    held_boards: Vec<(String, Arc<board::Open>)>,
     node: Node<ipc::Service>,
     instance: Instance,
     bells: bells::BellFile,
@@ -85,12 +91,14 @@ impl Wire {
         instance.close_node_counter()?;
         let cleaned = leavings::remove(&node, instance);
         let bells = bells::BellFile::join(instance)?;
-        Ok(Self { node, instance: instance.clone(), bells, cleaned, _in_use: in_use })
+        let (held_topics, held_boards) = (Vec::new(), Vec::new());
+        Ok(Self { held_topics, held_boards, node, instance: instance.clone(), bells, cleaned, _in_use: in_use })
     }
 
-    /// Removes what processes of the instance left that have died since; what living ones hold stays.
+    /// Removes what processes of the instance left that have died since; what living ones hold stays. What one has left
+    /// that died while it made a service is removed by whoever opens that.
     pub fn remove_leavings(&self) {
-        leavings::remove(&self.node, &self.instance);
+        leavings::remove_of_ports(&self.node, &self.instance);
     }
 
     /// The instance.

@@ -1,6 +1,7 @@
 //! Ports of the loop's topics: one sender, receivers as deep as each needs.
 
 use std::mem::MaybeUninit;
+use std::sync::Arc;
 
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
@@ -20,9 +21,26 @@ use model::inspection::{Expected, Inspector, Rejections};
 use model::messages::{Dated, NO_TICK};
 use model::topic::Topic;
 
+/// A topic that is open.
+pub(super) type Open<C> = PortFactory<ipc::Service, Sealed<Message<C>>, ()>;
+
 impl Wire {
-    fn topic<C: Topic>(&self) -> Result<PortFactory<ipc::Service, Sealed<Message<C>>, ()>, Error> {
-        self.publish_subscribe(C::NAME, C::SUBSCRIBERS, DEEP)
+    fn topic<C: Topic>(&self) -> Result<Arc<Open<C>>, Error> {
+        // A type for each topic.
+        match self.held_topics.iter().find_map(|held| held.downcast_ref::<Arc<Open<C>>>()) {
+            Some(held) => Ok(Arc::clone(held)),
+            None => self.publish_subscribe(C::NAME, C::SUBSCRIBERS, DEEP).map(Arc::new),
+        }
+    }
+
+    /// Opens a topic ahead of its ports, and keeps it open.
+    ///
+    /// # Errors
+    /// [`Error::Wire`], [`Error::Incompatible`].
+    pub fn hold_topic<C: Topic>(&mut self) -> Result<(), Error> {
+        let topic = self.topic::<C>()?;
+        self.held_topics.push(Box::new(topic));
+        Ok(())
     }
 
     pub(super) fn publish_subscribe<C: Topic>(
@@ -30,7 +48,7 @@ impl Wire {
         name: &str,
         subscribers: usize,
         depth: usize,
-    ) -> Result<PortFactory<ipc::Service, Sealed<Message<C>>, ()>, Error> {
+    ) -> Result<Open<C>, Error> {
         let (service, layout) = (self.service_name(name)?, layout_verifier(LAYOUT)?);
         self.open_service(format!("topic `{name}`"), || {
             self.node

@@ -85,6 +85,7 @@ impl DeathTally {
             how: String::new(),
             noticed_after_ms: None,
             back_after_ms,
+            back_parts: None,
             ticks_lost: Some(ticks_lost),
             position_error_max_m: Some(last.error_max_m),
         });

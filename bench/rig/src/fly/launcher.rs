@@ -1,35 +1,40 @@
 //! Starts the processes of a flight, watches them, starts them again where it may, and ends them.
 
+mod returns;
+
 use std::process::Child;
 use std::time::{Duration, Instant};
 
 use machine::sampler::Look;
 use model::boards::{LOCKSTEP, RUN, RolePhase, Run, RunPhase, Status};
 use model::messages::NO_TICK;
+use model::realtime::RealtimeMode;
 use model::role::{ROLES, Role};
-use rustix::process::{Pid, Signal, kill_process, kill_process_group};
+use role::rt::Raised;
+use rustix::process::{Signal, kill_process, kill_process_group};
 use wire::clock::now_ns;
 use wire::instance::Instance;
 use wire::{BoardReader, Wire};
 
 use crate::cli::{FlyArgs, OnDeath};
 use crate::dashboard::Dashboard;
+use crate::fly::LOOK_EVERY;
 use crate::fly::asked::Asked;
 use crate::fly::ending::{Ended, Killed, Left};
+use crate::fly::ends::{Ends, number_of};
 use crate::fly::pulse::{self, Pulses};
 use crate::fly::recordings::Recordings;
 use crate::fly::restarts::Restarts;
+use crate::fly::spares::Spares;
 use crate::fly::starter::Starter;
 use crate::fly::status_line::StatusLine;
 use crate::fly::striker::Striker;
-use crate::fly::{LOOK_EVERY, restarts};
 use crate::output::say;
 use crate::record::crew::Crew;
 use crate::run_directory::RunDirectory;
 use crate::settings::Settings;
 use failure::Failure;
 use machine::executable::own_executable;
-use report::deaths::Noted;
 
 /// How long processes may take to end after they were told to.
 pub(super) const LANDING: Duration = Duration::from_secs(5);
@@ -44,10 +49,14 @@ pub(super) const ENDING: Duration = Duration::from_secs(30);
 pub(super) struct Launcher {
     starter: Starter,
     children: Vec<(Role, Child)>,
+    spares: Spares,
+    ends: Ends,
     on_death: OnDeath,
+    /// Whether real time is asked for: a launcher that has to bring a stage back does not wait for a processor then.
+    may_be_raised: bool,
     restarts: [Restarts; ROLES.len()],
-    /// Roles that are to be started again, and when.
-    due: Vec<(Role, Instant)>,
+    /// Those whose roles are to be started again, and when.
+    due: Vec<(Left, Instant)>,
     pulses: Option<Pulses>,
     looked: Instant,
     /// Processes that were killed because they hung, or did not end with the flight.
@@ -78,7 +87,10 @@ impl Launcher {
             striker: Striker::new(instance, &executable, settings)?,
             starter: Starter::new(executable, instance, directory, args),
             children: Vec::new(),
+            spares: Spares::new(now),
+            ends: Ends::default(),
             on_death: args.on_death,
+            may_be_raised: settings.realtime()?.mode != RealtimeMode::Off,
             restarts: ROLES.map(|_| Restarts::new(now)),
             due: Vec::new(),
             pulses: None,
@@ -93,7 +105,7 @@ impl Launcher {
         };
         for role in ROLES {
             match launcher.starter.start(role, directory) {
-                Ok(child) => launcher.children.push((role, child)),
+                Ok(child) => launcher.take_in(role, child),
                 Err(failure) => {
                     launcher.kill();
                     return Err(failure);
@@ -115,12 +127,14 @@ impl Launcher {
         let mut board: Option<BoardReader<Run>> = None;
         let begun = Instant::now();
         let (mut has_told, mut shown) = (false, begun);
+        let mut raised: Option<Raised> = None;
         while !self.children.is_empty() {
             let look_every = if self.restarts_roles() { pulse::LOOK_EVERY } else { LOOK_EVERY };
-            self.striker.rest(&self.wire, board.as_ref().map(BoardReader::get).as_ref(), look_every);
+            self.striker.rest(&self.wire, board.as_ref().map(BoardReader::get).as_ref(), look_every, &mut self.ends);
             asked.look();
             ended.interrupted |= asked.end;
             let left = self.reap(asked.end)?;
+            self.spares.reap(&mut self.ends, &self.wire, Instant::now());
             // After the look at the processes: whoever has ended with the flight has seen the board say so.
             board = board.or_else(|| self.wire.board_reader(RUN).ok().flatten());
             let run = board.as_ref().map(BoardReader::get);
@@ -130,6 +144,7 @@ impl Launcher {
             }
             let in_air = run.filter(|run| told_at.is_none() && self.is_in_air(run));
             self.look_at_boards(in_air.is_some())?;
+            self.follow_returns(&mut ended.noted);
             for left in left.into_iter().filter(|_| !forced) {
                 let left = match &in_air {
                     Some(run) if !left.was_interrupted() => self.fallen(left, run, &mut ended),
@@ -147,13 +162,18 @@ impl Launcher {
             }
             ended.flown |= run.is_some_and(|run| run.phase() == RunPhase::Flying && run.tick != NO_TICK);
             if let Some(run) = in_air.filter(|_| told_at.is_none() && self.restarts_roles()) {
-                self.start_again()?;
+                if self.may_be_raised {
+                    raised.get_or_insert_with(Raised::now);
+                }
+                self.start_again(&mut ended.noted)?;
                 self.kill_hanging(&run);
+                self.spares.keep(&self.starter, &mut self.ends, Instant::now());
             }
             if told_at.is_none()
                 && let Some(run) = run.filter(is_over)
             {
                 self.dismiss_latecomers();
+                self.spares.dismiss();
                 let over = over_since.get_or_insert_with(Instant::now).elapsed();
                 if over > ENDING {
                     self.kill_lingering(run.phase(), over > ENDING + LANDING);
@@ -172,6 +192,8 @@ impl Launcher {
                 self.status_line.show(&run, terminal_taken);
             }
         }
+        drop(raised);
+        self.spares.end(&mut self.ends, &self.wire, LANDING);
         if let Some(dashboard) = &mut self.dashboard {
             dashboard.close();
         }
@@ -182,6 +204,12 @@ impl Launcher {
     /// The directory with the flight's report, when all have ended.
     pub(super) fn recorded(&self) -> Result<RunDirectory, Failure> {
         self.recordings.settle()
+    }
+
+    fn take_in(&mut self, role: Role, child: Child) {
+        self.ends.watch(&child);
+        self.children.push((role, child));
+        self.spares.started(role, Instant::now());
     }
 
     fn restarts_roles(&self) -> bool {
@@ -205,51 +233,6 @@ impl Launcher {
     fn status_of(&self, role: Role, pid: u32) -> Option<Status> {
         let status = self.crew.as_ref()?.statuses().get(&role).copied()?;
         (status.pid == u64::from(pid)).then_some(status)
-    }
-
-    /// Notes that a process has died in the air, and has its role started again; gives it back where it is not.
-    fn fallen(&mut self, mut left: Left, run: &Run, ended: &mut Ended) -> Option<Left> {
-        let epoch = self.status_of(left.role, left.pid).map_or(0, |status| status.epoch);
-        ended.grid = Some(run.pace());
-        ended.noted.push(Noted { role: left.role.name().into(), epoch, how: left.cause(), noticed_ns: now_ns() });
-        if !self.restarts_roles() {
-            return Some(left);
-        }
-        if left.role == Role::Plant {
-            left.not_again = Some("a plant cannot be started again in flight".into());
-            return Some(left);
-        }
-        let Some(due) = self.restarts[left.role as usize].due(Instant::now()) else {
-            let (most, s) = (restarts::MOST, restarts::WITHIN.as_secs());
-            left.not_again = Some(format!("it has been started again {most} times within {s} s, which is the most"));
-            return Some(left);
-        };
-        self.status_line.clear();
-        say(&format!("{}; it is started again\n", left.how("")));
-        // What it held is free when its successor comes.
-        self.wire.remove_leavings();
-        self.due.push((left.role, due));
-        None
-    }
-
-    /// Starts the roles that are due.
-    fn start_again(&mut self) -> Result<(), Failure> {
-        let now = Instant::now();
-        let (due, later): (Vec<_>, Vec<_>) =
-            std::mem::take(&mut self.due).into_iter().partition(|(_, due)| *due <= now);
-        self.due = later;
-        for (role, _) in due {
-            if role == Role::Record
-                && let Err(failure) = self.recordings.begin_another()
-            {
-                say(&format!("the flight goes on without a recorder: {failure}\n"));
-                continue;
-            }
-            let child = self.starter.start(role, self.recordings.newest())?;
-            self.restarts[role as usize].started_again(now);
-            self.children.push((role, child));
-        }
-        Ok(())
     }
 
     /// Kills loops that hang, and processes that were started again and do not come to fly.
@@ -300,6 +283,7 @@ impl Launcher {
                     let killed = self.killed.iter().find(|(it, _)| *it == pid).map(|(_, why)| *why);
                     let killed = killed.or_else(|| self.striker.killed(pid).map(Killed::ByFault));
                     self.striker.forget(pid);
+                    self.ends.forget(pid);
                     // What code of a law has started, and left behind. Mostly there is nobody.
                     let _ = number_of(child).map(|group| kill_process_group(group, Signal::KILL));
                     self.children.remove(next);
@@ -314,6 +298,7 @@ impl Launcher {
 
     fn tell_all(&mut self) {
         self.due.clear();
+        self.spares.dismiss();
         self.striker.release();
         self.children.iter().for_each(|(_, child)| tell(child));
     }
@@ -354,12 +339,8 @@ impl Drop for Launcher {
         for (_, child) in &mut self.children {
             let _ = child.wait();
         }
+        self.spares.end(&mut self.ends, &self.wire, Duration::ZERO);
     }
-}
-
-/// The number of a process, and of its group.
-fn number_of(child: &Child) -> Option<Pid> {
-    i32::try_from(child.id()).ok().and_then(Pid::from_raw)
 }
 
 /// Whether the flight of this launcher is over: its plant has said so, or the clock does; in lockstep only the plant.

@@ -10,7 +10,7 @@ pub(super) const MOST: usize = 5;
 /// ... in this time: one more ends the flight.
 pub(super) const WITHIN: Duration = Duration::from_secs(10);
 /// From one start of a role to the next at the least: a process that dies at once does not keep a processor busy.
-const APART: Duration = Duration::from_millis(50);
+pub(super) const APART: Duration = Duration::from_millis(50);
 
 /// The starts of a role.
 #[derive(Clone, Debug)]

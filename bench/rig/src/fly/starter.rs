@@ -36,6 +36,23 @@ impl Starter {
 
     /// Starts a role, whose recorder writes into a flight's directory. What a process of the role said before stays.
     pub(super) fn start(&self, role: Role, recording: &RunDirectory) -> Result<Child, Failure> {
+        let mut command = self.command(role)?;
+        if role == Role::Record {
+            command.arg("--run-dir").arg(&recording.path);
+            // The states that were asked for elsewhere are those of the flight's beginning.
+            if let Some(states) = self.states.as_ref().filter(|_| recording.path == self.directory) {
+                command.arg("--states").arg(states);
+            }
+        }
+        spawn(&process(role), command.stdin(Stdio::null()))
+    }
+
+    /// Starts a spare of a stage, which waits for a byte.
+    pub(super) fn start_spare(&self, role: Role) -> Result<Child, Failure> {
+        spawn(&format!("spare of the {}", process(role)), self.command(role)?.arg("--spare").stdin(Stdio::piped()))
+    }
+
+    fn command(&self, role: Role) -> Result<Command, Failure> {
         let log_path = log_path(&self.directory, role);
         let log = File::options().create(true).append(true).open(&log_path).in_file("write", &log_path)?;
         let mut command = Command::new(&self.executable);
@@ -44,24 +61,20 @@ impl Starter {
             .arg("--config")
             .arg(&self.settings_file)
             .args(["--instance", &self.instance])
-            .args(["--launcher", &std::process::id().to_string()]);
-        if role == Role::Record {
-            command.arg("--run-dir").arg(&recording.path);
-            // The states that were asked for elsewhere are those of the flight's beginning.
-            if let Some(states) = self.states.as_ref().filter(|_| recording.path == self.directory) {
-                command.arg("--states").arg(states);
-            }
-        }
-        command
-            .stdin(Stdio::null())
+            .args(["--launcher", &std::process::id().to_string()])
             .stdout(Stdio::null())
             .stderr(log)
             // Ctrl-C in a terminal reaches the launcher alone, which then ends the roles in order.
-            .process_group(0)
-            .spawn()
-            .map_err(|e| {
-                Failure::failed(format!("cannot start the {}: {e}", process(role)))
-                    .help("a flight has five processes of some threads each: see `ulimit -u`, and `ulimit -v`")
-            })
+            .process_group(0);
+        Ok(command)
     }
+}
+
+fn spawn(what: &str, command: &mut Command) -> Result<Child, Failure> {
+    command.spawn().map_err(|e| {
+        Failure::failed(format!("cannot start the {what}: {e}")).help(
+            "a flight has five processes of some threads each, and three spares with --on-death restart: see \
+                   `ulimit -u`, and `ulimit -v`",
+        )
+    })
 }

@@ -19,6 +19,7 @@ use wire::{BoardReader, Wire};
 
 use crate::fault::Fault;
 use crate::fault::live::planned_again;
+use crate::fly::ends::Ends;
 use crate::fly::signal_at::send_at;
 use crate::output::say;
 use crate::settings::Settings;
@@ -85,8 +86,9 @@ impl Striker {
         self.killed.iter().find(|(it, _)| *it == pid).map(|(_, tick)| *tick)
     }
 
-    /// Rests for a time, and does meanwhile what is due. `run` is what was last seen of the flight.
-    pub(super) fn rest(&mut self, wire: &Wire, run: Option<&Run>, time: Duration) {
+    /// Rests for a time, or until a process has ended, and does meanwhile what is due. `run` is what was last seen of the
+    /// flight.
+    pub(super) fn rest(&mut self, wire: &Wire, run: Option<&Run>, time: Duration, ends: &mut Ends) {
         let until = now_ns() + u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         loop {
             let run = run.filter(|run| run.launcher_pid == u64::from(std::process::id()));
@@ -111,7 +113,9 @@ impl Striker {
             }
             let next = self.due.iter().map(|(at, _)| at.saturating_sub(AIM_NS)).min().unwrap_or(u64::MAX);
             let next = grid.map_or(u64::MAX, |(_, grid)| next.min(now + look_every_ns(&grid)));
-            sleep_until(next.min(until));
+            if ends.wait_until(next.min(until)) {
+                return;
+            }
         }
     }
 
@@ -316,12 +320,12 @@ mod tests {
     #[test]
     fn nothing_is_begun_once_the_flight_ends() {
         on_site(|wire, striker, run| {
-            striker.rest(wire, Some(run), Duration::from_millis(1));
+            striker.rest(wire, Some(run), Duration::from_millis(1), &mut Ends::default());
             assert_eq!((striker.burdens.len(), striker.due.len()), (1, 1));
             striker.release();
             let span = Span { from: 0, to: Span::FOR_GOOD };
             striker.planned.push(LiveFault { trouble: Trouble::Load { share: 0.5 }, ends: false, span });
-            striker.rest(wire, Some(run), Duration::from_millis(1));
+            striker.rest(wire, Some(run), Duration::from_millis(1), &mut Ends::default());
             assert_eq!((striker.burdens.len(), striker.due.len()), (0, 0));
         });
     }
@@ -329,7 +333,7 @@ mod tests {
     #[test]
     fn an_end_takes_back_what_is_still_to_come_and_leaves_what_is_on_until_then() {
         on_site(|wire, striker, run| {
-            striker.rest(wire, Some(run), Duration::from_millis(1));
+            striker.rest(wire, Some(run), Duration::from_millis(1), &mut Ends::default());
             let Pace::Realtime(grid) = run.pace() else { panic!() };
             let trouble = Trouble::Load { share: 1.0 };
             striker.take(LiveFault { trouble, ends: true, span: Span { from: 4000, to: 4001 } }, &grid);

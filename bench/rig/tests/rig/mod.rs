@@ -6,6 +6,7 @@ mod process;
 mod system;
 pub mod unprivileged;
 
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -26,7 +27,7 @@ use wire::instance::Instance;
 
 pub use process::{Ended, Running};
 use system::{command_line, hear_signals, names, processes};
-pub use system::{is_gone, send, stop_for, wait_until};
+pub use system::{files_below, is_gone, send, stop_for, wait_until};
 
 pub const IRONBIRD: &str = env!("CARGO_BIN_EXE_ironbird");
 
@@ -193,6 +194,23 @@ impl Rig {
         processes().filter(|pid| self.is_ours(*pid) && is_it(pid) && !is_gone(*pid)).collect()
     }
 
+    /// Spares that have done all that they can and wait, by role.
+    pub fn spares(&self) -> BTreeMap<String, u32> {
+        let waits = |pid: &u32| {
+            let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
+            name.trim_end().as_bytes() == role::spare::NAME.to_bytes() && !is_gone(*pid)
+        };
+        let ours = processes().filter(|pid| self.is_ours(*pid)).filter(waits);
+        ours.filter_map(|pid| Some((command_line(pid).get(1)?.clone(), pid))).collect()
+    }
+
+    /// The spare of a role, once it waits; another one than `dead`.
+    pub fn await_spare(&self, role: Role, dead: Option<u32>) -> u32 {
+        wait_until(&format!("a spare of {role}"), || {
+            self.spares().get(role.name()).copied().filter(|pid| Some(*pid) != dead)
+        })
+    }
+
     fn is_ours(&self, pid: u32) -> bool {
         command_line(pid).contains(&self.instance)
     }
@@ -261,6 +279,8 @@ pub fn take_station(role: Role, instance: &str, settings: &Settings) -> Station 
         law_options: String::new(),
         resume_estimates: false,
         launcher: None,
+        begun_ns: 0,
+        ready: None,
     };
     Station::take(role, orders).unwrap()
 }

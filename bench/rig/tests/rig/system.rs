@@ -1,7 +1,7 @@
 //! What a test sees of the system's processes, and does to them.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Once};
 use std::thread::sleep;
@@ -42,6 +42,15 @@ pub(super) fn names(directory: &Path) -> Vec<String> {
     let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     names
+}
+
+/// All files below a directory.
+pub fn files_below(directory: &Path) -> Vec<PathBuf> {
+    let below = |name: String| {
+        let path = directory.join(name);
+        if path.is_dir() { files_below(&path) } else { vec![path] }
+    };
+    names(directory).into_iter().flat_map(below).collect()
 }
 
 pub(super) fn processes() -> impl Iterator<Item = u32> {

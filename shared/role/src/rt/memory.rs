@@ -1,9 +1,13 @@
 //! Makes the memory of the process present before its loop needs it.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 use std::time::Duration;
 
+use rustix::mm::{MlockAllFlags, mlockall};
+
+use super::setup::Ahead;
 use super::sys;
 use wire::error::Error;
 
@@ -11,16 +15,24 @@ use wire::error::Error;
 ///
 /// It does so without real time too: shared memory that has run out is an error here but a SIGBUS in flight. A kernel
 /// that cannot be asked (before Linux 5.14) is no error: the pages come when they are touched, and the set-up has
-/// reported `RealtimeStep::Prefault` as refused.
+/// reported `RealtimeStep::Prefault` as refused. What a spare has locked `ahead` is there.
 ///
 /// # Errors
 /// [`Error::System`] when memory, or /dev/shm, has run out.
-pub fn settle() -> Result<(), Error> {
-    settle_by(sys::populate)
+pub fn settle(ahead: Option<&Ahead>) -> Result<(), Error> {
+    settle_by(ahead, sys::populate)?;
+    if ahead.is_some_and(|ahead| !ahead.locked.is_empty()) {
+        // Whatever is mapped in flight is touched as it is mapped, as by the set-up of a role that was no spare.
+        mlockall(MlockAllFlags::FUTURE).map_err(|e| Error::system("cannot lock the memory of the process", e))?;
+    }
+    Ok(())
 }
 
-fn settle_by(populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>) -> Result<(), Error> {
-    match populate_mappings(populate) {
+fn settle_by(
+    ahead: Option<&Ahead>,
+    populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
+) -> Result<(), Error> {
+    match populate_mappings(ahead, populate) {
         Err(e) if !is_unknown(&e) => Err(Error::system(
             "cannot make the memory of the process present (memory, or shared memory in /dev/shm, has run out)",
             e,
@@ -49,15 +61,17 @@ fn ask_whether_known(populate: &mut impl FnMut(usize, usize, sys::Touch) -> io::
 }
 
 /// Makes every page present that the process can write or read: its own ones, the shared ones of its ports, and
-/// those that other processes write and it only reads.
+/// those that other processes write and it only reads. Those are left out that were locked `ahead`.
 ///
 /// # Errors
 /// [`UNKNOWN`] where the kernel cannot be asked for that; else what it says of a range that is still there.
 pub(super) fn populate_mappings(
+    ahead: Option<&Ahead>,
     mut populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
 ) -> io::Result<()> {
     ask_whether_known(&mut populate)?;
-    for line in fs::read_to_string(MAPPINGS)?.lines() {
+    let is_new = |line: &&str| ahead.is_none_or(|ahead| !ahead.locked.contains(*line));
+    for line in fs::read_to_string(MAPPINGS)?.lines().filter(is_new) {
         let Some((range, rest)) = line.split_once(' ') else { continue };
         let Some((start, end)) = range.split_once('-') else { continue };
         let (Ok(start), Ok(end)) = (usize::from_str_radix(start, 16), usize::from_str_radix(end, 16)) else { continue };
@@ -83,6 +97,11 @@ const POPULATE_TRIES: u32 = 100;
 /// The list of the process' mappings.
 const MAPPINGS: &str = "/proc/self/maps";
 
+/// The mappings that there are, a line each.
+pub(super) fn mappings() -> BTreeSet<String> {
+    fs::read_to_string(MAPPINGS).unwrap_or_default().lines().map(str::to_owned).collect()
+}
+
 /// How to touch a mapping, by its line in /proc/self/maps from the permissions on.
 fn touch(mapping: &str) -> Option<sys::Touch> {
     let kernels = mapping.split_whitespace().nth(4).is_some_and(|name| name.starts_with('['));
@@ -104,14 +123,14 @@ mod tests {
     fn a_kernel_that_cannot_populate_memory_is_reported_and_flown_on() {
         let refuse = |errno| move |_, _, _| Err(io::Error::from_raw_os_error(errno));
         let mut asked = 0;
-        let refused = populate_mappings(|_, _, _| {
+        let refused = populate_mappings(None, |_, _, _| {
             asked += 1;
             Err(io::Error::from_raw_os_error(libc::EINVAL))
         });
         assert_eq!((refused.unwrap_err().raw_os_error(), asked), (Some(UNKNOWN), 1), "it is not asked again");
-        settle_by(refuse(libc::EINVAL)).unwrap();
+        settle_by(None, refuse(libc::EINVAL)).unwrap();
         assert!(crate::rt::remedy(RealtimeStep::Prefault, i64::from(UNKNOWN)).contains("Linux 5.14"));
-        let full = settle_by(refuse(libc::ENOMEM)).unwrap_err();
+        let full = settle_by(None, refuse(libc::ENOMEM)).unwrap_err();
         assert!(full.to_string().contains("/dev/shm"), "{full}");
     }
 
@@ -119,7 +138,7 @@ mod tests {
     fn a_kernel_that_knows_how_and_refuses_a_range_has_refused_that_range() {
         let einval = || Err(io::Error::from_raw_os_error(libc::EINVAL));
         let mut asked = Vec::new();
-        let settled = settle_by(|start, length, touch| {
+        let settled = settle_by(None, |start, length, touch| {
             asked.push(start);
             // The second of its mappings, once: it was changed meanwhile.
             if asked.len() == 3 { einval() } else { sys::populate(start, length, touch) }
@@ -128,6 +147,7 @@ mod tests {
         assert!(asked.len() > 4 && asked[3] == asked[2], "the range is tried again, and those after it: {asked:x?}");
         let stubborn = asked[2];
         let refused = settle_by(
+            None,
             |start, length, touch| {
                 if start == stubborn { einval() } else { sys::populate(start, length, touch) }
             },
@@ -161,7 +181,7 @@ mod tests {
                     std::thread::spawn(|| drop(vec![1_u8; 4 << 20])).join().unwrap();
                 }
             });
-            let settled = (0..50).try_for_each(|_| settle());
+            let settled = (0..50).try_for_each(|_| settle(None));
             done.store(true, std::sync::atomic::Ordering::Relaxed);
             settled.unwrap();
         });

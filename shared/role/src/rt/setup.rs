@@ -3,6 +3,7 @@
 //! Each step is tried on its own, and none is skipped silently. A refusal is reported with its error number. It ends
 //! the process only under [`Mode::Require`].
 
+use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
 use std::hint::black_box;
 use std::io::{self, Write as _};
@@ -12,9 +13,9 @@ use std::sync::atomic::Ordering;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
 
-use super::memory::{UNKNOWN, populate_mappings};
+use super::memory::{UNKNOWN, mappings, populate_mappings, settle};
 use super::sys;
-use super::thread::{allowed_cpus, loops_cpu, prefault_stack};
+use super::thread::{Raised, allowed_cpus, loops_cpu, prefault_stack};
 use failure::errno_text;
 use model::realtime::{Grants, RealtimeMode, RealtimeSettings, RealtimeStep};
 use model::role::Role;
@@ -78,18 +79,67 @@ impl Drop for Engaged {
     }
 }
 
+/// What of the set-up a process has done before it had ports, while it waited as a spare.
+#[derive(Debug)]
+pub struct Ahead {
+    /// Once told to go on, it waits for nobody but real-time threads.
+    _raised: Raised,
+    /// What was granted of it.
+    grants: Grants,
+    /// The processor of its loop.
+    cpu: usize,
+    /// The mappings that are locked, and so stay present.
+    pub(super) locked: BTreeSet<String>,
+}
+
+impl Ahead {
+    /// Locks and touches the memory, and keeps off the loops' processor: whoever waits costs the loops nothing.
+    ///
+    /// What is refused is told with the rest of the set-up. Nothing where there is none.
+    #[must_use]
+    pub fn prepare(role: Role, settings: &RealtimeSettings) -> Option<Self> {
+        if settings.mode == RealtimeMode::Off {
+            return None;
+        }
+        let mut grants = Grants::default();
+        let (_, cpu) = cpus_for(role, settings.cpu);
+        let (others, _) = cpus_for(Role::Record, Some(cpu));
+        // Who has one processor alone waits on that one.
+        let _ = sched_setaffinity(None, &others);
+        hold_memory(&mut grants);
+        let raised = Raised::now();
+        let is_locked = grants.of(RealtimeStep::MemoryLock).granted();
+        let locked = if is_locked { mappings() } else { BTreeSet::new() };
+        // What ports map from now on is touched once, when the role arms, and not by each mapping too.
+        let _ = mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT);
+        Some(Self { _raised: raised, grants, cpu, locked })
+    }
+
+    /// Touches what ports have mapped since, away from the loops' processor.
+    ///
+    /// # Errors
+    /// As [`settle`].
+    pub fn touch(&mut self) -> Result<(), Error> {
+        settle(Some(&*self))?;
+        if !self.locked.is_empty() {
+            self.locked = mappings();
+        }
+        Ok(())
+    }
+}
+
 /// Heap that is touched in advance [bytes]: far more than a loop's 48-byte loan ever needs.
 const HEAP_BYTES: usize = 1 << 20;
 
 impl Engaged {
-    /// Requests everything that a role needs. Call it after the ports were made.
+    /// Requests everything that a role needs, but for what was done `ahead`. Call it after the ports were made.
     ///
     /// # Errors
     /// [`Error::RealtimeRefused`] under [`Mode::Require`].
-    pub fn engage(role: Role, settings: &RealtimeSettings) -> Result<Self, Error> {
+    pub fn engage(role: Role, settings: &RealtimeSettings, ahead: Option<&Ahead>) -> Result<Self, Error> {
         let mut engaged = Self { grants: Grants::default(), loop_thread: 0, _cpu_latency: None };
         if settings.mode != RealtimeMode::Off {
-            engaged.ask(role, settings);
+            engaged.ask(role, settings, ahead);
         }
         let (policy, priority) = sys::scheduler().map_err(|e| Error::system("cannot read the own scheduling", e))?;
         engaged.grants.policy = u64::from(policy.unsigned_abs());
@@ -100,25 +150,29 @@ impl Engaged {
         Ok(engaged)
     }
 
-    fn ask(&mut self, role: Role, settings: &RealtimeSettings) {
+    fn ask(&mut self, role: Role, settings: &RealtimeSettings, ahead: Option<&Ahead>) {
+        if let Some(ahead) = ahead {
+            self.grants = ahead.grants;
+        }
         let grants = &mut self.grants;
         let slack = set_current_timer_slack(NonZero::new(1)).map_err(Into::into);
         grants.note(RealtimeStep::TimerSlack, 1, errno(slack));
-        let (cpus, cpu) = cpus_for(role, settings.cpu);
+        let priority = settings.priority + role.priority_step();
+        if ahead.is_some() {
+            // On its way to the loops' processor it waits for nobody there. Refused or not, it is noted below.
+            let _ = sys::set_fifo(priority);
+        }
+        let (cpus, cpu) = cpus_for(role, ahead.map(|ahead| ahead.cpu).or(settings.cpu));
         let affinity = sched_setaffinity(None, &cpus).map_err(Into::into);
         grants.note(RealtimeStep::Affinity, cpu as u64, errno(affinity));
         if role == Role::Record {
             return;
         }
-        grants.note(RealtimeStep::Malloc, 0, errno(sys::keep_freed_memory()));
-        let locked = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(Into::into);
-        grants.note(RealtimeStep::MemoryLock, 0, errno(locked));
-        prefault_stack();
-        drop(black_box(vec![1_u8; HEAP_BYTES]));
-        grants.note(RealtimeStep::Prefault, 0, errno(populate_mappings(sys::populate)));
+        if ahead.is_none() {
+            hold_memory(grants);
+        }
         let held = hold_cpu_latency().map(|file| self._cpu_latency = Some(file));
         grants.note(RealtimeStep::CpuLatency, 0, errno(held));
-        let priority = settings.priority + role.priority_step();
         let fifo = sys::set_fifo(priority);
         if fifo.is_ok() {
             self.loop_thread = sys::thread_number();
@@ -141,6 +195,16 @@ impl Engaged {
             remedy: format!("{}; or fly with what is granted: --rt prefer; {WITHOUT_ROOT}", remedies.join("; ")),
         })
     }
+}
+
+/// Locks the memory of the process and touches it.
+fn hold_memory(grants: &mut Grants) {
+    grants.note(RealtimeStep::Malloc, 0, errno(sys::keep_freed_memory()));
+    let locked = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(Into::into);
+    grants.note(RealtimeStep::MemoryLock, 0, errno(locked));
+    prefault_stack();
+    drop(black_box(vec![1_u8; HEAP_BYTES]));
+    grants.note(RealtimeStep::Prefault, 0, errno(populate_mappings(None, sys::populate)));
 }
 
 /// The error number of a step; a reason without one counts as "not implemented".
@@ -196,24 +260,24 @@ mod tests {
     #[test]
     fn a_processor_that_does_not_exist_is_refused_and_named_under_require() {
         // It comes first of what is refused, whatever else is.
-        let error = aside(|| Engaged::engage(Role::Plant, &NOWHERE).map(drop)).unwrap_err();
+        let error = aside(|| Engaged::engage(Role::Plant, &NOWHERE, None).map(drop)).unwrap_err();
         assert_eq!(error.exit_code(), 4);
         assert!(error.to_string().contains("plant process: Affinity (Invalid argument"), "{error}");
         assert!(error.remedy().unwrap().contains("--cpu N"), "{error:?}");
         let engaged =
-            aside(|| Engaged::engage(Role::Plant, &RealtimeSettings { mode: RealtimeMode::Prefer, ..NOWHERE }))
+            aside(|| Engaged::engage(Role::Plant, &RealtimeSettings { mode: RealtimeMode::Prefer, ..NOWHERE }, None))
                 .unwrap();
         let affinity = *engaged.grants.of(RealtimeStep::Affinity);
         assert_eq!(affinity, Grant { asked: 1, value: 100_000, errno: i64::from(libc::EINVAL) });
         // The recorder keeps off the loops' processor, so a missing one does not concern it.
-        aside(|| Engaged::engage(Role::Record, &NOWHERE).map(drop)).unwrap();
+        aside(|| Engaged::engage(Role::Record, &NOWHERE, None).map(drop)).unwrap();
     }
 
     #[test]
     fn real_time_is_given_back_when_the_set_up_is_dropped() {
         let settings = settings(RealtimeMode::Prefer, 10);
         let (granted, during, after) = aside(|| {
-            let engaged = Engaged::engage(Role::Outer, &settings).unwrap();
+            let engaged = Engaged::engage(Role::Outer, &settings, None).unwrap();
             let (granted, during) = (engaged.grants.of(RealtimeStep::Scheduler).granted(), sys::scheduler().unwrap());
             drop(engaged);
             (granted, during, sys::scheduler().unwrap())
@@ -230,14 +294,13 @@ mod tests {
     #[test]
     fn off_asks_for_nothing() {
         let settings = settings(RealtimeMode::Off, 80);
-        let engaged = Engaged::engage(Role::Plant, &settings).unwrap();
+        let engaged = Engaged::engage(Role::Plant, &settings, None).unwrap();
         assert!(STEPS.iter().all(|step| engaged.grants.of(*step).asked == 0));
     }
 
     #[test]
     fn each_refusal_has_a_remedy_of_its_own() {
-        let remedies: std::collections::BTreeSet<_> =
-            STEPS.iter().map(|step| remedy(*step, i64::from(libc::EPERM))).collect();
+        let remedies: BTreeSet<_> = STEPS.iter().map(|step| remedy(*step, i64::from(libc::EPERM))).collect();
         assert_eq!(remedies.len(), STEPS.len(), "{remedies:?}");
         let refused = Engaged {
             grants: {

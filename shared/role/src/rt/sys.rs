@@ -17,6 +17,14 @@ pub(super) fn set_fifo(priority: i32) -> io::Result<()> {
     set_scheduler(0, libc::SCHED_FIFO, priority)
 }
 
+/// Puts the calling thread under SCHED_FIFO at its lowest priority; what it starts is under SCHED_OTHER.
+///
+/// # Errors
+/// As [`set_fifo`].
+pub(super) fn set_lowest_fifo() -> io::Result<()> {
+    set_scheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, 1)
+}
+
 /// Puts a thread of this process, or with 0 the calling one, back under SCHED_OTHER, which nobody is refused.
 pub(super) fn set_other(thread: i32) -> io::Result<()> {
     set_scheduler(thread, libc::SCHED_OTHER, 0)

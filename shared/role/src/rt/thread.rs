@@ -33,6 +33,27 @@ impl Standing {
     }
 }
 
+/// The calling thread under the lowest SCHED_FIFO priority, until this is dropped: above all that is not real-time, and
+/// below every loop. What it starts is not. Where that is refused, it stays as it was.
+#[derive(Debug)]
+pub struct Raised(());
+
+impl Raised {
+    /// Raises the calling thread.
+    #[must_use]
+    pub fn now() -> Self {
+        let _ = sys::set_lowest_fifo();
+        Self(())
+    }
+}
+
+impl Drop for Raised {
+    fn drop(&mut self) {
+        // Nobody is refused SCHED_OTHER for a thread of his own.
+        let _ = sys::set_other(0);
+    }
+}
+
 /// Puts the calling thread on a processor under SCHED_FIFO, without timer slack, and touches its stack.
 ///
 /// Each step is tried, and what is refused is said. A priority of 0 leaves it under SCHED_OTHER.

@@ -190,7 +190,9 @@ impl Station {
 
     /// The board of a plant that lives and whose run is open to this role.
     fn find_plant(&mut self) -> Result<Option<BoardReader<Run>>, Error> {
-        let Some(board) = self.wire.board_reader::<Run>(RUN)? else { return Ok(None) };
+        let board =
+            self.run_board.take().map_or_else(|| self.wire.board_reader::<Run>(RUN), |board| Ok(Some(board)))?;
+        let Some(board) = board else { return Ok(None) };
         let run = board.get();
         // A launched role flies with the plant of its own launcher: another one's is about to end.
         let is_of_our_flight = self.orders.launcher.is_none_or(|launcher| u64::from(launcher) == run.launcher_pid);
@@ -205,7 +207,7 @@ impl Station {
 
     fn arm_for(&self, run: &Run, arm: &mut impl FnMut(&Wire, Expected, u64) -> Result<(), Error>) -> Result<(), Error> {
         arm(&self.wire, expected(run), self.status.epoch)?;
-        settle()
+        settle(self.ahead.as_ref())
     }
 
     fn take_off(&mut self, engaged: Engaged, board: BoardReader<Run>, run: Run) -> Armed {
@@ -214,6 +216,7 @@ impl Station {
             Pace::Realtime(grid) if now_ns() >= grid.t0_ns => grid.tick_at(now_ns()) + 1,
             Pace::Realtime(_) | Pace::Lockstep => 0,
         };
+        self.status.arrival.armed_ns = now_ns();
         self.enter(RolePhase::Flying);
         Armed {
             _engaged: engaged,
@@ -235,8 +238,10 @@ impl Station {
         }
     }
 
-    fn compare_settings(&self) -> Result<(), Error> {
-        let Some(board) = self.wire.board_reader::<SettingsText>(SETTINGS)? else { return Ok(()) };
+    fn compare_settings(&mut self) -> Result<(), Error> {
+        let ahead = self.settings_board.take();
+        let board = ahead.map_or_else(|| self.wire.board_reader::<SettingsText>(SETTINGS), |board| Ok(Some(board)))?;
+        let Some(board) = board else { return Ok(()) };
         let theirs = board.get();
         let differences = differences(&self.orders.settings, theirs.text(), self.role);
         if theirs.text().is_empty() || differences.is_empty() {

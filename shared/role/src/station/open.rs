@@ -104,7 +104,7 @@ impl Station {
             run.t0_wall_ns = wall_ns() + ANNOUNCE_NS;
             board.put(run);
             arm(expected, self.status.epoch)?;
-            settle()?;
+            settle(self.ahead.as_ref())?;
             let late = self.await_armed(&crew, run.t0_ns)?;
             if late.is_empty() {
                 break crew;

@@ -231,7 +231,7 @@ fn a_topic_of_the_same_type_with_another_layout_is_incompatible() {
         .max_publishers(1)
         .max_subscribers(State::SUBSCRIBERS)
         .subscriber_max_buffer_size(DEEP)
-        .max_nodes(24)
+        .max_nodes(28)
         .create_with_attributes(&AttributeSpecifier::new().define(&layout, &other).unwrap())
         .unwrap();
     assert_incompatible(site.wire().receiver::<State>(LATEST), "`state`");
@@ -242,7 +242,7 @@ fn a_topic_that_is_full_of_processes_is_not_called_incompatible() {
     let site = Site::new();
     let wire = site.wire();
     let topic = wire.sender::<State>(None).unwrap();
-    let crowd: Vec<_> = (1..24)
+    let crowd: Vec<_> = (1..28)
         .map(|_| {
             node(&site)
                 .service_builder(&"ironbird/test/state".try_into().unwrap())

@@ -1,0 +1,158 @@
+//! Spares: processes that wait beside the stages of a flight, and take the place of one that dies.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use std::fs;
+
+use crate::deaths::{assert_replayed, await_successor, report, strike, take_off};
+use crate::rig::{Rig, files_below, is_gone, send, wait_until};
+use model::role::{ROLES, Role};
+use report::deaths::Death;
+use rustix::process::Signal;
+
+/// A flight in slow motion, so that none of it is lost where the machine is busy.
+const SLOWDOWN: u64 = 4;
+
+/// Roles that have spares.
+const WITH_SPARES: [Role; 3] = [Role::Outer, Role::Inner, Role::Mixer];
+
+fn by_spare(death: &Death) -> bool {
+    death.back_parts.as_ref().unwrap_or_else(|| panic!("nobody saw how it came back: {death:?}")).spare
+}
+
+#[test]
+fn a_spare_takes_the_place_of_a_stage_that_dies_and_another_one_waits() {
+    let rig = Rig::new("takes");
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "prefer", "--duration", "6s"]);
+    for (i, role) in WITH_SPARES.into_iter().enumerate() {
+        let spare = rig.await_spare(role, None);
+        let dead = strike(&rig, &run, 400 + 300 * i as u64, role, Signal::KILL);
+        assert_eq!(await_successor(&rig, role, dead), spare, "the process that waited flies");
+        rig.await_spare(role, Some(spare));
+    }
+    let ended = flight.end().expect(0);
+    for role in WITH_SPARES {
+        let said = format!("the {role} process died: signal: 9 (SIGKILL); it is started again: its spare takes over");
+        assert!(ended.stderr.contains(&said), "{ended}");
+        let log = fs::read_to_string(rig.out().join(format!("latest/{role}.log"))).unwrap();
+        assert!(!log.contains("spare"), "a spare says nothing: {log}");
+    }
+    let report = report(&rig);
+    assert_eq!(report.deaths.len(), 3, "{:?}", report.deaths);
+    for death in &report.deaths {
+        assert!(by_spare(death), "{death:?}");
+        let parts = death.back_parts.as_ref().unwrap();
+        let sum = parts.sum_ms();
+        // From the beginning of one tick to that of another; messages are sent within them.
+        let ticks_ms = (death.ticks_lost.unwrap() + 1) as f64 * SLOWDOWN as f64;
+        assert!((sum - ticks_ms).abs() < 0.01, "the parts {parts:?} are {sum} ms of {ticks_ms} ms");
+    }
+    rig.run("report", &["--section", "deaths"]).expect(0).says("    a spare [ms]: noticed ");
+    assert_replayed(&rig);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_spare_that_is_killed_is_no_death_of_the_flight_and_has_a_successor() {
+    let rig = Rig::new("killed");
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "4s"]);
+    let [_, first, _] = WITH_SPARES.map(|role| rig.await_spare(role, None));
+    // Names change with each process; what there is of each kind does not.
+    let held = || (rig.segments().len(), files_below(&rig.root()).len());
+    let before = held();
+    send(first, Signal::KILL);
+    let second = rig.await_spare(Role::Inner, Some(first));
+    assert!(is_gone(first));
+    assert_eq!(held(), before, "what the killed one held is removed");
+    let dead = strike(&rig, &run, 0, Role::Inner, Signal::KILL);
+    assert_eq!(await_successor(&rig, Role::Inner, dead), second);
+    flight.end().expect(0);
+    let report = report(&rig);
+    assert_eq!(report.deaths.len(), 1, "{:?}", report.deaths);
+    assert_replayed(&rig);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_spare_that_is_stopped_is_not_waited_for() {
+    let rig = Rig::new("stopped");
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "3s"]);
+    let spare = rig.await_spare(Role::Mixer, None);
+    send(spare, Signal::STOP);
+    let dead = strike(&rig, &run, 0, Role::Mixer, Signal::KILL);
+    assert_ne!(await_successor(&rig, Role::Mixer, dead), spare);
+    wait_until("the stopped spare to go", || is_gone(spare).then_some(()));
+    flight.end().expect(0);
+    let report = report(&rig);
+    let [death] = &report.deaths[..] else { panic!("{:?}", report.deaths) };
+    assert!(!by_spare(death), "{death:?}");
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_stage_that_dies_again_at_once_comes_back_without_a_spare() {
+    let rig = Rig::new("again");
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "4s"]);
+    let spare = rig.await_spare(Role::Outer, None);
+    let dead = strike(&rig, &run, 0, Role::Outer, Signal::KILL);
+    assert_eq!(await_successor(&rig, Role::Outer, dead), spare);
+    send(spare, Signal::KILL);
+    let third = await_successor(&rig, Role::Outer, spare);
+    rig.await_spare(Role::Outer, Some(third));
+    flight.end().expect(0);
+    let report = report(&rig);
+    assert_eq!(report.deaths.len(), 2, "{:?}", report.deaths);
+    assert!(report.deaths.iter().all(|death| death.back_after_ms.is_some()), "{:?}", report.deaths);
+    assert_replayed(&rig);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn spares_end_with_a_launcher_that_is_killed() {
+    let rig = Rig::new("orphans");
+    let (flight, _) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "60s"]);
+    let spares = WITH_SPARES.map(|role| rig.await_spare(role, None));
+    flight.signal(Signal::KILL);
+    flight.end();
+    for spare in spares {
+        wait_until("a spare to end", || is_gone(spare).then_some(()));
+    }
+    let has_ended = |role: &Role| rig.processes_of(role.name()).is_empty();
+    wait_until("the roles to tidy up", || ROLES.iter().all(has_ended).then_some(()));
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn there_are_no_spares_where_nobody_is_started_again() {
+    let rig = Rig::new("end");
+    let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(SLOWDOWN), "--duration", "1s"]);
+    let mut seen = 0;
+    let mut flight = flight;
+    while flight.is_running() {
+        seen += rig.processes_of("inner").len().saturating_sub(1);
+    }
+    flight.end().expect(0);
+    assert_eq!(seen, 0, "one process flies the inner loop");
+}
+
+#[test]
+fn a_role_refuses_to_be_a_spare_without_a_launcher() {
+    let rig = Rig::new("alone");
+    rig.run("inner", &["--spare"]).expect(2).complains("--launcher");
+}
+
+/// The law of a file is loaded and made in the spare, and flies from there.
+#[test]
+fn the_law_of_a_file_flies_from_a_spare() {
+    let rig = Rig::new("file");
+    let law = crate::compiled::cascade(&rig);
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "3s", "--inner", &law]);
+    let spare = rig.await_spare(Role::Inner, None);
+    let dead = strike(&rig, &run, 0, Role::Inner, Signal::KILL);
+    assert_eq!(await_successor(&rig, Role::Inner, dead), spare);
+    flight.end().expect(0);
+    let report = report(&rig);
+    let [death] = &report.deaths[..] else { panic!("{:?}", report.deaths) };
+    assert!(by_spare(death), "{death:?}");
+    assert_replayed(&rig);
+    rig.assert_nothing_left();
+}

@@ -1,0 +1,118 @@
+//! A spare: the process of a stage that waits beside it, with everything done that needs no place in the flight.
+//!
+//! It has its settings, its law, a node of the middleware, and its memory locked and touched. It holds no lock of a role,
+//! no port that sends or receives, and writes on no board. It keeps off the loops' processor, and waits in a system call.
+//! Its launcher's byte on standard input has it go on and take the place of a stage that has died. The end of standard
+//! input, which is also the launcher's, ends it.
+
+use std::ffi::CStr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::{Errno, read};
+use rustix::stdio::stdin;
+use rustix::thread::set_name;
+use signal_hook::consts::{SIGHUP, SIGTERM};
+
+use crate::launcher::end_with_launcher;
+use crate::rt::Ahead;
+use crate::station::{Orders, status_board};
+use model::boards::{RUN, Run, SETTINGS, SettingsText, Status};
+use model::fault::live::{LIVE, LiveBoard};
+use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
+use model::role::Role;
+use wire::clock::now_ns;
+use wire::error::Error;
+use wire::{BoardReader, Wire};
+
+/// What a spare is called while it waits, as `ps -o comm` and `top` show it.
+pub const NAME: &CStr = c"ironbird spare";
+/// What it is called when it goes on.
+const NAME_OF_A_STAGE: &CStr = c"ironbird";
+
+/// What a spare has when it is told to go on.
+#[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
+pub struct Ready {
+    // First: real time is given back before anything else is given up.
+    pub(crate) ahead: Option<Ahead>,
+    pub(crate) boards: Boards,
+    pub(crate) wire: Wire,
+}
+
+/// The boards that it reads on its way.
+#[derive(Default)]
+pub(crate) struct Boards {
+    pub(crate) run: Option<BoardReader<Run>>,
+    pub(crate) settings: Option<BoardReader<SettingsText>>,
+    pub(crate) status: Option<BoardReader<Status>>,
+}
+
+impl Ready {
+    /// Everything that can be opened before the place is free. Services take longer to open than ports.
+    fn open(role: Role, orders: &Orders) -> Result<Self, Error> {
+        let mut wire = Wire::open(&orders.instance)?;
+        match role {
+            Role::Outer => {
+                wire.hold_topic::<State>()?;
+                wire.hold_topic::<Setpoint>()?;
+            }
+            Role::Inner => {
+                wire.hold_topic::<State>()?;
+                wire.hold_topic::<Setpoint>()?;
+                wire.hold_topic::<Wrench>()?;
+            }
+            Role::Mixer => {
+                wire.hold_topic::<Wrench>()?;
+                wire.hold_topic::<RotorSpeeds>()?;
+            }
+            // They have none.
+            Role::Plant | Role::Record => {}
+        }
+        wire.hold_board::<LiveBoard>(LIVE)?;
+        wire.hold_board::<Status>(&status_board(role))?;
+        let boards = Boards {
+            run: wire.board_reader(RUN)?,
+            settings: wire.board_reader(SETTINGS)?,
+            status: wire.board_reader(&status_board(role))?,
+        };
+        // Last: what was opened is locked with the rest.
+        let ahead = Ahead::prepare(role, &orders.rt);
+        Ok(Self { ahead, boards, wire })
+    }
+}
+
+/// Does what can be done ahead, and waits; the orders with which it is to go on, or nothing where it is not needed, or a
+/// signal has asked for its end.
+///
+/// # Errors
+/// Those of the ports; [`Error::Interrupted`] where the launcher is dead already; [`Error::System`].
+pub fn stand_by(role: Role, mut orders: Orders) -> Result<Option<Orders>, Error> {
+    // The launcher's death comes as a signal too, which must not end it before it has given up what it holds.
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|e| Error::system("cannot handle signals", e))?;
+    }
+    end_with_launcher(orders.launcher)?;
+    orders.ready = Some(Ready::open(role, &orders)?);
+    let named = |name| set_name(name).map_err(|e| Error::system("cannot name the process", e));
+    named(NAME)?;
+    let is_told = is_told(&stop).map_err(|e| Error::system("cannot read whether the spare is to go on", e))?;
+    orders.begun_ns = now_ns();
+    named(NAME_OF_A_STAGE)?;
+    Ok(Some(orders).filter(|_| is_told))
+}
+
+/// Waits for a byte, for the end of what can come, or for a signal.
+fn is_told(stop: &AtomicBool) -> Result<bool, Errno> {
+    let mut byte = [0_u8];
+    while !stop.load(Ordering::Relaxed) {
+        match poll(&mut [PollFd::new(&stdin(), PollFlags::IN)], None) {
+            Ok(_) => return Ok(read(stdin(), &mut byte)? > 0),
+            Err(Errno::INTR) => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(false)
+}
