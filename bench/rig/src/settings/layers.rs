@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::io::{self, Read as _};
 use std::path::Path;
+use std::sync::LazyLock;
 
 use law::law::Rig;
 use model::parameters::{self, did_you_mean};
@@ -23,12 +24,18 @@ impl Settings {
     }
 }
 
+/// The commented default as a table: read once, since a campaign resolves settings for each of its flights.
+fn default() -> Result<&'static Table, Failure> {
+    static READ: LazyLock<Result<Table, String>> = LazyLock::new(|| DEFAULT.parse().map_err(|e| format!("{e}")));
+    READ.as_ref().map_err(|e| Failure::failed(format!("the default is broken: {e}")))
+}
+
 /// The settings as a table: what is given, over the defaults and below what flags set. The file is where it was read.
 pub(super) fn layered(mut given: Table, file: Option<&Path>, overrides: &Overrides) -> Result<Table, Failure> {
     let place = file.map(|path| format!(" (settings file {})", path.display())).unwrap_or_default();
     let flag = |key: &str| overrides.iter().find(|(k, _)| *k == key).map(|(_, value)| value);
     let said = |section: &str, key: &str| flag(&format!("{section}.{key}")).or_else(|| given.get(section)?.get(key));
-    let mut table: Table = DEFAULT.parse().map_err(|e| Failure::failed(format!("the default is broken: {e}")))?;
+    let mut table = default()?.clone();
     airframe::design(airframe::PAPER, &section(&table, "model"))?.lay(&mut table);
     let preset = said("flight", "preset").and_then(Value::as_str).unwrap_or(laws::DEFAULT_PRESET).to_owned();
     let mut presets = vec![laws::DEFAULT_PRESET];
@@ -180,7 +187,7 @@ fn checked(file: Option<&Path>, mut given: Table, default: &Table) -> Result<Tab
 
 /// What is said beside the settings: of the type that the default has.
 pub(super) fn typed(overrides: &Overrides) -> Result<Overrides, Failure> {
-    let default: Table = DEFAULT.parse().map_err(|e| Failure::failed(format!("the default is broken: {e}")))?;
+    let default = default()?;
     let typed = |(key, value): &(&'static str, Value)| {
         let known = key.split_once('.').and_then(|(section, key)| default.get(section)?.get(key));
         // A law's name is looked at where the law is found.
