@@ -32,7 +32,8 @@ fn drawn() -> impl Strategy<Value = Drawn> {
         1 => Just(std::f64::consts::PI),
         2 => Just(0.0),
     ];
-    let body = ([angle.clone(), angle.clone(), angle], [-20.0..20.0_f64, -20.0..20.0_f64, -9.0..9.0_f64], -0.2..2.0_f64);
+    let body =
+        ([angle.clone(), angle.clone(), angle], [-20.0..20.0_f64, -20.0..20.0_f64, -9.0..9.0_f64], -0.2..2.0_f64);
     let lag_s = prop_oneof![Just(0.0), 0.001..0.1_f64];
     let built = (0.3..0.7_f64, 0.004..0.01_f64, lag_s, prop::bool::weighted(0.25));
     let told = ([0.0..400.0_f64, 0.0..400.0, 0.0..400.0, 0.0..400.0], 0..TICKS);

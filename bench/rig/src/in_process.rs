@@ -12,8 +12,8 @@ use model::fault::live::Trouble;
 use model::inspection::Rejections;
 use model::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
 use model::monitor::Monitor;
-use model::role::Role;
 use model::reference::Reference;
+use model::role::Role;
 use plant::{Departure, Plant};
 
 use self::faulted::Faulted;

@@ -53,12 +53,7 @@ pub struct Abreast {
 
 impl Default for Abreast {
     fn default() -> Self {
-        Self {
-            body: Columns::ZERO,
-            eta2: Columns::ZERO,
-            dynamics: Columns::ZERO,
-            forcing: [Columns::ZERO; INSTANTS],
-        }
+        Self { body: Columns::ZERO, eta2: Columns::ZERO, dynamics: Columns::ZERO, forcing: [Columns::ZERO; INSTANTS] }
     }
 }
 
@@ -115,11 +110,8 @@ impl Abreast {
         for (lane, (plant, spin)) in group.iter_mut().zip(&spins).enumerate() {
             let body = RigidBody::of_numbers(body.of(lane));
             let [roll, pitch, yaw, unknown] = eta2.of(lane);
-            let eta2 = if unknown == 0.0 {
-                Vector3::new(roll, pitch, yaw)
-            } else {
-                body.attitude.euler_near(&plant.eta2)
-            };
+            let eta2 =
+                if unknown == 0.0 { Vector3::new(roll, pitch, yaw) } else { body.attitude.euler_near(&plant.eta2) };
             plant.arrive(spin, body, eta2);
         }
     }

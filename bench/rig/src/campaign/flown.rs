@@ -77,8 +77,11 @@ fn group(plan: &Plan, flights: &[Flight], stop: &AtomicBool) -> Result<Vec<Row>,
         fly_alone(flown, gates, stop)?;
     }
     fly_abreast(&mut abreast, gates, stop)?;
-    let row = |(&(flight, arm), flown): (&Flight, Flown)| {
-        Row { flight, arm, draws: plan.campaign.draws(flight), outcome: flown.end() }
+    let row = |(&(flight, arm), flown): (&Flight, Flown)| Row {
+        flight,
+        arm,
+        draws: plan.campaign.draws(flight),
+        outcome: flown.end(),
     };
     Ok(flights.iter().zip(flown).map(row).collect())
 }
@@ -122,7 +125,8 @@ fn route(flown: &[&mut Flown]) -> Option<(Course, f64)> {
 
 /// A flight that is being flown, with what its row asks for.
 struct Flown {
-    rig: InProcess,
+    /// Where it is: it is large.
+    rig: Box<InProcess>,
     judge: Judge,
     /// Laws of files may have memory of their own, and faults of messages and stages have ticks of their own.
     is_alone: bool,
@@ -148,7 +152,7 @@ impl Flown {
         };
         let places: Vec<Option<usize>> = gates.telemetry.iter().map(place).collect();
         let telemetry = places.iter().map(|place| place.map_or(Shown::NotOfThisLaw, |_| Shown::Never)).collect();
-        let rig = InProcess::of(settings)?;
+        let rig = Box::new(InProcess::of(settings)?);
         Ok(Self {
             is_alone: rig.is_faulted() || settings.has_own_laws()?,
             is_flying: true,
