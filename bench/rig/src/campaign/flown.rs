@@ -218,7 +218,7 @@ mod tests {
              \"initial.attitude_rad\" = {{ choice = [[0.0, 0.0, 0.0], [0.5, -1.2, 3.1], [3.1, 0.2, 0.0]] }}\n\
              \"flight.faults\" = {{ choice = [[], [], [\"rotor_speeds.drop=3/10@0.1s\"]] }}\n\
              [[fault]]\nwhat = {{ choice = [\"rotor_efficiency_1\", \"drag_factor_nm_s2\", \"command_delay_s\"] }}\n\
-             value = {{ choice = [0.0, 1e-6] }}\nat_s = {{ uniform = [0.0, 0.5] }}\nover_s = {{ uniform = [0.0, 0.1] }}\n",
+             value = {{ choice = [0.0, 1e-6] }}\nat_s = {{ uniform = [0.0, 0.5] }}\nover_s = {{ uniform = [0.001, 0.1] }}\n",
             if ground { "plane" } else { "off" },
             if lag { 0.02 } else { 0.0 },
         );
