@@ -34,8 +34,8 @@ impl<const N: usize> Columns<N> {
 
     #[inline(always)]
     fn put(&mut self, lane: usize, numbers: [f64; N]) {
-        for i in 0..N {
-            self.0[i][lane] = numbers[i];
+        for (column, number) in self.0.iter_mut().zip(numbers) {
+            column[lane] = number;
         }
     }
 }
