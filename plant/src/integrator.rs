@@ -40,7 +40,7 @@ pub fn integrate_with(
     substeps: u32,
     mut after_step: impl FnMut(&RigidBody, &mut RigidBody),
 ) -> RigidBody {
-    let half_s = period_s / f64::from(2 * substeps);
+    let half_s = half_step_s(period_s, substeps);
     let mut h = Disturbances::new(tick as f64 * period_s, half_s);
     let of_rotors = |half_steps: u32| dynamics.forcing(&spin.effort(f64::from(half_steps) * half_s));
     let mut rotors = of_rotors(0);
@@ -66,10 +66,15 @@ pub fn integrate_with(
     RigidBody { attitude: body.attitude.normalised(), ..body }
 }
 
+/// Half a step of a tick of `period_s` [s].
+pub(crate) fn half_step_s(period_s: f64, substeps: u32) -> f64 {
+    period_s / f64::from(2 * substeps)
+}
+
 /// One classical Runge-Kutta step of twice `half` [s], under the forcing at its start, in its middle and at its end.
 // Called, it would hand the body through memory, four times a tick, and each step would wait for that.
 #[inline(always)]
-fn runge_kutta_4(body: &RigidBody, dynamics: &Dynamics, forcing: [&Forcing; 3], half: f64) -> RigidBody {
+pub(crate) fn runge_kutta_4(body: &RigidBody, dynamics: &Dynamics, forcing: [&Forcing; 3], half: f64) -> RigidBody {
     let [start, middle, end] = forcing;
     let dt = 2.0 * half;
     let k1 = body.rate(dynamics, start);

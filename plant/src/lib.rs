@@ -26,6 +26,6 @@ mod waking;
 
 pub use crate::departure::{Crash, Departure};
 pub use crate::ground::Ground;
-pub use crate::plant::Plant;
+pub use crate::plant::{Abreast, LANES, Plant};
 pub use crate::settings::{Initial, PlantSettings};
 pub use crate::swap::{AppliedSwap, Swap, SwapError, Target};

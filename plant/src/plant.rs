@@ -8,7 +8,10 @@
 //! This file owns the order of these steps. The steps themselves are [`crate::swap`], [`crate::ramp`], [`crate::latch`],
 //! [`crate::command_delay`], [`crate::rotors`], [`crate::integrator`] and [`crate::sensors`].
 
+mod abreast;
 mod struck;
+
+pub use abreast::{Abreast, LANES};
 
 use std::f64::consts::PI;
 
@@ -200,9 +203,20 @@ impl Plant {
         if !self.has_begun {
             return;
         }
-        let spin = Spin::new(&self.airframe, self.rotor_speed, Vector4::from(self.delay.acting()));
-        self.body = self.flown(&spin);
-        self.eta2 = self.body.attitude.euler_near(&self.eta2);
+        let spin = self.spin();
+        let body = self.flown(&spin);
+        let eta2 = body.attitude.euler_near(&self.eta2);
+        self.arrive(&spin, body, eta2);
+    }
+
+    /// How the rotors turn in this tick.
+    fn spin(&self) -> Spin {
+        Spin::new(&self.airframe, self.rotor_speed, Vector4::from(self.delay.acting()))
+    }
+
+    /// Stands at the next tick, to which the body has come with these rotors.
+    fn arrive(&mut self, spin: &Spin, body: RigidBody, eta2: Vector3<f64>) {
+        (self.body, self.eta2) = (body, eta2);
         self.sensors.advance(&self.airframe, &self.body);
         self.means = spin.means(self.period_s);
         self.rotor_speed = spin.speed(self.period_s);

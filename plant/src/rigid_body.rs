@@ -82,6 +82,24 @@ pub struct Dynamics {
 }
 
 impl Dynamics {
+    /// Its numbers, to lay them beside those of other airframes.
+    #[must_use]
+    pub(crate) fn numbers(&self) -> [f64; 18] {
+        let Self { g, per_mass, drag, inertia, gyroscopic: [x, y], rate_drag, delta } = self;
+        let [a, b, c, d, e, f, h, i, j] = inertia.numbers();
+        let r = rate_drag;
+        [*g, *per_mass, *drag, a, b, c, d, e, f, h, i, j, *x, *y, r.x, r.y, r.z, *delta]
+    }
+
+    /// The same again, of its numbers.
+    #[must_use]
+    #[inline(always)]
+    pub(crate) fn of_numbers(numbers: [f64; 18]) -> Self {
+        let [g, per_mass, drag, a, b, c, d, e, f, h, i, j, x, y, r_x, r_y, r_z, delta] = numbers;
+        let inertia = Inertia::of_numbers([a, b, c, d, e, f, h, i, j]);
+        Self { g, per_mass, drag, inertia, gyroscopic: [x, y], rate_drag: Vector3::new(r_x, r_y, r_z), delta }
+    }
+
     /// Those of an airframe.
     #[must_use]
     #[inline]
@@ -110,14 +128,14 @@ impl Dynamics {
 
     /// The same with the disturbance; `h` is h(t), without unit.
     #[must_use]
-    #[inline]
+    #[inline(always)]
     pub fn disturbed(&self, forcing: &Forcing, h: &Vector3<f64>) -> Forcing {
         Forcing { push: forcing.push + h * self.delta, ..*forcing }
     }
 
     /// (1): acceleration in the world frame [m/s^2] at an attitude and velocity `v` [m/s, world].
     #[must_use]
-    #[inline]
+    #[inline(always)]
     pub fn linear_acceleration(&self, attitude: &Attitude, v: &Vector3<f64>, forcing: &Forcing) -> Vector3<f64> {
         let z_e = Vector3::z();
         -self.g * z_e + attitude.z_b_in_w() * forcing.lift - v * self.drag
@@ -125,7 +143,7 @@ impl Dynamics {
 
     /// (8), which is (3) solved for d(nu2): angular acceleration in the body frame [rad/s^2] at rates `nu2` [rad/s].
     #[must_use]
-    #[inline]
+    #[inline(always)]
     pub fn angular_acceleration(&self, nu2: &Vector3<f64>, forcing: &Forcing) -> Vector3<f64> {
         let [i_r_x, i_r_y] = self.gyroscopic;
         let g1_i_r = Vector3::new(-i_r_x * forcing.om * nu2.y, i_r_y * forcing.om * nu2.x, 0.0);
@@ -142,7 +160,43 @@ impl Dynamics {
     }
 }
 
+impl Forcing {
+    /// Its numbers, to lay them beside those of other airframes.
+    #[must_use]
+    #[inline(always)]
+    pub(crate) fn numbers(&self) -> [f64; 5] {
+        [self.lift, self.push.x, self.push.y, self.push.z, self.om]
+    }
+
+    /// The same again, of its numbers.
+    #[must_use]
+    #[inline(always)]
+    pub(crate) fn of_numbers([lift, x, y, z, om]: [f64; 5]) -> Self {
+        Self { lift, push: Vector3::new(x, y, z), om }
+    }
+}
+
 impl RigidBody {
+    /// Its numbers, to lay them beside those of other bodies.
+    #[must_use]
+    #[inline(always)]
+    pub(crate) fn numbers(&self) -> [f64; 13] {
+        let (e, v, n, [w, x, y, z]) = (&self.eta1, &self.v, &self.nu2, self.attitude.wxyz());
+        [e.x, e.y, e.z, v.x, v.y, v.z, w, x, y, z, n.x, n.y, n.z]
+    }
+
+    /// The same again, of its numbers.
+    #[must_use]
+    #[inline(always)]
+    pub(crate) fn of_numbers([e_x, e_y, e_z, v_x, v_y, v_z, w, x, y, z, p, q, r]: [f64; 13]) -> Self {
+        Self {
+            eta1: Vector3::new(e_x, e_y, e_z),
+            v: Vector3::new(v_x, v_y, v_z),
+            attitude: Attitude::of_wxyz([w, x, y, z]),
+            nu2: Vector3::new(p, q, r),
+        }
+    }
+
     /// (1), (8) and that of the quaternion: the derivative under a forcing.
     #[must_use]
     // Part of the integrator's loop: called, it would hand 25 numbers through memory, 16 times a tick.
@@ -159,6 +213,7 @@ impl RigidBody {
 
     /// The body moved along `rate` for `dt_s` [s]: one Euler step, the building block of the integrator.
     #[must_use]
+    #[inline(always)]
     pub fn along(&self, rate: &RigidBodyRate, dt_s: f64) -> Self {
         Self {
             eta1: self.eta1 + rate.d_eta1 * dt_s,

@@ -12,6 +12,7 @@ use model::fault::live::Trouble;
 use model::inspection::Rejections;
 use model::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
 use model::monitor::Monitor;
+use model::reference::Reference;
 use model::role::Role;
 use plant::{Departure, Plant};
 
@@ -159,12 +160,23 @@ impl InProcess {
             self.faulty_tick();
             return;
         }
+        self.stages(None);
+        self.plant.finish();
+    }
+
+    /// Flies a tick but for its end, at which the plant is to finish: plants of several flights do so abreast. Of a
+    /// flight whose messages and stages have no faults; `reference` is that of the tick, where somebody knows it.
+    pub(crate) fn stages(&mut self, reference: Option<Reference>) {
         let Self { plant, outer, inner, mixer, state, setpoint, wrench, rotor_speeds, tick, .. } = self;
         let tick = *tick;
         plant.begin_into(tick, &mut state.content);
         state.tick = tick;
         self.envelope = plant.envelope();
-        if outer.tick_into(tick, state, &mut setpoint.content) {
+        let has_setpoint = match reference {
+            Some(reference) => outer.tick_along(reference, tick, state, &mut setpoint.content),
+            None => outer.tick_into(tick, state, &mut setpoint.content),
+        };
+        if has_setpoint {
             setpoint.tick = tick;
         }
         inner.tick_into(tick, state, setpoint, &mut wrench.content);
@@ -172,7 +184,6 @@ impl InProcess {
         mixer.tick_into(tick, wrench, &mut rotor_speeds.content);
         rotor_speeds.tick = tick;
         plant.offer(rotor_speeds, tick + 1);
-        plant.finish();
         if let Some(theorem) = &mut self.theorem {
             self.monitor = Some(*theorem.watch(tick, state, &wrench.content));
         }
@@ -185,6 +196,11 @@ impl InProcess {
             faulted.tick(self);
             self.faulted = Some(faulted);
         }
+    }
+
+    /// Whether messages or stages have faults.
+    pub(crate) const fn is_faulted(&self) -> bool {
+        self.faulted.is_some()
     }
 
     /// Tick that was flown last; [`NO_TICK`] before the first.

@@ -17,6 +17,7 @@ use crate::timing::Timing;
 use crate::unusable::Unusable;
 use crate::wall_time::speed;
 use failure::{Failure, GATE, OK, check_writable, write_text};
+pub(crate) use flight::{Judge, follow};
 pub use flight::{Simulated, fly, fly_with};
 use report::page::picture;
 use report::schema::Gate;

@@ -19,7 +19,6 @@
 
 use law::description::{Description, Refused, Setting, SettingKind, Settings, Signal};
 use law::law::{Law, OuterLaw, Rig, Wanted};
-use model::frames::RollPitch;
 use model::measured::Measured;
 use model::reference::Reference;
 use model::role::Role;
@@ -28,7 +27,7 @@ use nalgebra::Vector3;
 
 use crate::flatness::{TiltRates, Yaw, tilt, tilt_rates};
 use crate::laws::cascade::check_limits;
-use crate::laws::pd::thrust;
+use crate::laws::pd::z_b;
 use crate::limits::{self, AccelerationLimits, Limits};
 
 /// Bounds of lam.
@@ -186,7 +185,7 @@ impl OuterLaw for Estimating {
         let p = Vector3::from(measured.position_w_m);
         let v = Vector3::from(measured.velocity_w_m_s);
         let eta2 = Vector3::from(measured.attitude_rad);
-        let z_b = RollPitch::of(&eta2).rot_wb(eta2.z).column(2).into_owned();
+        let z_b = z_b(&eta2);
         // The rotors' means cover one tick: after a gap nothing is known of the ticks in it.
         if let Some(last) = self.last.replace(Sample { tick, v, z_b }).filter(|last| last.tick + 1 == tick) {
             self.learn(&last, &v, &measured.rotor_speed_squared_mean_rad2_s2);
@@ -204,7 +203,8 @@ impl OuterLaw for Estimating {
         } else {
             self.ahead(reference, &yaw)
         };
-        let u = thrust(&a, &eta2, &airframe) / self.lam;
+        // (15), (16), as `pd` has them.
+        let u = airframe.m() * a.dot(&z_b) / self.lam;
         let k = airframe.k();
         telemetry.value[..3].copy_from_slice(&[self.lam, airframe.m() / self.lam, self.sig]);
         Wanted {

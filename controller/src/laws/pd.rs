@@ -152,7 +152,13 @@ pub fn thrust_acceleration(wanted: &Vector3<f64>, velocity: &Vector3<f64>, model
 /// (15), (16): total thrust u [N], the part of m `a` along the body's z axis at the measured attitude [rad].
 #[must_use]
 pub fn thrust(a: &Vector3<f64>, eta2: &Vector3<f64>, model: &Airframe) -> f64 {
-    model.m() * a.dot(&RollPitch::of(eta2).rot_wb(eta2.z).column(2))
+    model.m() * a.dot(&z_b(eta2))
+}
+
+/// J1 z_e: body z in the world frame, at the attitude `eta2` [rad].
+#[must_use]
+pub fn z_b(eta2: &Vector3<f64>) -> Vector3<f64> {
+    RollPitch::of(eta2).rot_wb(eta2.z).column(2).into_owned()
 }
 
 fn limit_thrust(u: f64, rotor: &RotorLimits, model: &Airframe) -> f64 {

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3, Vector4};
 
 use crate::frames::quaternion_wb;
-use crate::math::atan2;
+use crate::math::{atan2, atan2_of_most};
 
 /// A rotation from the body into the world frame; q and -q are the same one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +25,13 @@ impl Default for Attitude {
 }
 
 impl Attitude {
+    /// Of w, x, y, z as [`Self::wxyz`] gives them.
+    #[must_use]
+    #[inline(always)]
+    pub fn of_wxyz(wxyz: [f64; 4]) -> Self {
+        Self { q: wxyz.into() }
+    }
+
     /// That of the Euler angles `eta2` [rad], ZYX.
     #[must_use]
     pub fn of_euler(eta2: &Vector3<f64>) -> Self {
@@ -98,16 +105,35 @@ impl Attitude {
     #[must_use]
     #[inline]
     pub fn euler_near(&self, last: &Vector3<f64>) -> Vector3<f64> {
+        let [roll, pitch, yaw] = self.arcs().map(|(y, x)| atan2(y, x));
+        Vector3::new(near(roll, last.x), pitch, near(yaw, last.z))
+    }
+
+    /// The same without a branch, for attitudes side by side; false where it is not, which is at rare ones.
+    #[must_use]
+    #[inline(always)]
+    pub fn euler_near_of_most(&self, last: &Vector3<f64>) -> (Vector3<f64>, bool) {
+        // One by one: a closure over all three would be called, and nothing with a call goes side by side.
+        let [roll, pitch, yaw] = self.arcs();
+        let (roll, knows_roll) = atan2_of_most(roll.0, roll.1);
+        let (pitch, knows_pitch) = atan2_of_most(pitch.0, pitch.1);
+        let (yaw, knows_yaw) = atan2_of_most(yaw.0, yaw.1);
+        let eta2 = Vector3::new(near(roll, last.x), pitch, near(yaw, last.z));
+        (eta2, knows_roll & knows_pitch & knows_yaw)
+    }
+
+    /// What roll, pitch and yaw are the angles of: y and x of each.
+    #[inline(always)]
+    fn arcs(&self) -> [(f64, f64); 3] {
         let [w, x, y, z] = self.wxyz();
         let (r11, r21) = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z));
         let (r32, r33) = (2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y));
-        let pitch = atan2(2.0 * (w * y - x * z), (r11 * r11 + r21 * r21).sqrt());
-        Vector3::new(near(atan2(r32, r33), last.x), pitch, near(atan2(r21, r11), last.z))
+        [(r32, r33), (2.0 * (w * y - x * z), (r11 * r11 + r21 * r21).sqrt()), (r21, r11)]
     }
 }
 
 /// The angle plus the whole turns that bring it nearest to the last one; where it is near already, its very bits.
-#[inline]
+#[inline(always)]
 fn near(angle_rad: f64, last_rad: f64) -> f64 {
     angle_rad + ((last_rad - angle_rad) / TAU).round() * TAU
 }

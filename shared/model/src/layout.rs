@@ -76,6 +76,20 @@ pub trait Layout: Plain {
     const FINGERPRINT: u64 = fnv1a(fingerprint(Self::FIELDS), &VOCABULARY.to_le_bytes());
 }
 
+/// The words that a struct of numbers consists of.
+#[must_use]
+#[inline]
+#[allow(unsafe_code, reason = "there is no other way to see a struct as its words")]
+pub fn words<T: Layout>(value: &T) -> &[u64] {
+    const {
+        assert!(align_of::<T>() == align_of::<u64>() && size_of::<T>().is_multiple_of(size_of::<u64>()));
+        assert!(is_dense(T::FIELDS, size_of::<T>()));
+    }
+    // SAFETY: it is as long, aligned, and without padding, as has just been checked of it, and as `layout!` has checked
+    // of each struct in it; what is `Plain` may be read as any number.
+    unsafe { std::slice::from_raw_parts(std::ptr::from_ref(value).cast(), size_of::<T>() / size_of::<u64>()) }
+}
+
 /// A struct whose fields can be walked over.
 pub trait Walk: Layout {
     /// Its name as a type.

@@ -30,4 +30,5 @@ pub mod role;
 pub mod settings_text;
 pub mod telemetry;
 pub mod topic;
+pub mod vectors;
 pub mod vocabulary;

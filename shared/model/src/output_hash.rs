@@ -2,9 +2,10 @@
 
 use std::fmt;
 
-use crate::layout::{Field, Visitor, Walk};
+use crate::layout::words;
 use crate::role::STAGES;
 use crate::topic::Topic;
+use crate::vectors::vectorised;
 
 /// The hash so far. Stages may be taken in any order; the outputs of each one in that of their ticks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -14,8 +15,8 @@ impl OutputHash {
     /// Takes what a stage put out in a tick; what the recorder says is no stage's output.
     pub fn take<C: Topic>(&mut self, tick: u64, content: &C) {
         if let Some(outputs) = self.0.get_mut(C::SENDER as usize) {
-            outputs.take(tick);
-            content.visit(outputs);
+            outputs.take(&[tick]);
+            outputs.take(words(content));
         }
     }
 }
@@ -23,7 +24,7 @@ impl OutputHash {
 impl fmt::Display for OutputHash {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut all = Outputs::default();
-        self.0.iter().for_each(|outputs| all.take(outputs.sum));
+        self.0.iter().for_each(|outputs| all.take(&[outputs.sum]));
         write!(f, "{:016x}", all.sum)
     }
 }
@@ -35,35 +36,30 @@ struct Outputs {
     place: u64,
 }
 
+/// 2^64 divided by the golden ratio: it gives every place bits of its own.
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+
 impl Outputs {
     #[inline]
-    fn take(&mut self, word: u64) {
-        /// 2^64 divided by the golden ratio: it gives every place bits of its own.
-        const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
-        /// Of splitmix64's finalizer.
-        const SPREAD: u64 = 0xbf58_476d_1ce4_e5b9;
-        self.place = self.place.wrapping_add(GOLDEN);
-        // Both products can be undone: where one word differs, so does the sum.
-        let product = (word ^ self.place).wrapping_mul(SPREAD);
-        self.sum = self.sum.wrapping_add((product ^ (product >> 32)).wrapping_mul(GOLDEN));
+    fn take(&mut self, words: &[u64]) {
+        self.sum = self.sum.wrapping_add(sum(words, self.place));
+        self.place = self.place.wrapping_add(GOLDEN.wrapping_mul(words.len() as u64));
     }
 }
 
-/// Takes every bit of every field.
-impl Visitor for Outputs {
-    #[inline]
-    fn integers(&mut self, _: &'static Field, values: &[u64]) {
-        values.iter().for_each(|value| self.take(*value));
-    }
-
-    #[inline]
-    fn numbers(&mut self, _: &'static Field, values: &[f64]) {
-        values.iter().for_each(|value| self.take(value.to_bits()));
-    }
-
-    #[inline]
-    fn structs<L: Walk>(&mut self, _: &'static Field, values: &[L]) {
-        values.iter().for_each(|value| value.visit(self));
+vectorised! {
+    /// The sum of words that follow a place, each mixed with its own.
+    fn sum(words: &[u64], before: u64) -> u64 {
+        /// Of splitmix64's finalizer.
+        const SPREAD: u64 = 0xbf58_476d_1ce4_e5b9;
+        let (mut place, mut sum) = (before, 0_u64);
+        for word in words {
+            place = place.wrapping_add(GOLDEN);
+            // Both products can be undone: where one word differs, so does the sum.
+            let product = (word ^ place).wrapping_mul(SPREAD);
+            sum = sum.wrapping_add((product ^ (product >> 32)).wrapping_mul(GOLDEN));
+        }
+        sum
     }
 }
 
@@ -96,6 +92,21 @@ mod tests {
         );
         assert_ne!(same, of(|tick, _, wrench| wrench.telemetry.value[1] = if tick == 2 { -0.0 } else { 0.0 }));
         assert_ne!(same, of(|tick, state, _| state.ticks_skipped = tick / 2));
+    }
+
+    #[test]
+    fn words_side_by_side_are_those_one_by_one() {
+        let all: Vec<u64> = (0..400_u64).map(|i| i.wrapping_mul(0x0123_4567_89ab_cdef).rotate_left(17)).collect();
+        for length in 0..all.len() {
+            let (mut together, mut single) = (Outputs { sum: 3, place: 5 }, Outputs { sum: 3, place: 5 });
+            together.take(&all[..length]);
+            for word in &all[..length] {
+                single.place = single.place.wrapping_add(0x9e37_79b9_7f4a_7c15);
+                let product = (word ^ single.place).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+                single.sum = single.sum.wrapping_add((product ^ (product >> 32)).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+            }
+            assert_eq!(together, single, "{length} words");
+        }
     }
 
     #[test]

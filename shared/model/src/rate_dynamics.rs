@@ -26,6 +26,21 @@ impl Inertia {
         Self { i_m, inverse: i_m.map(f64::recip), ratio }
     }
 
+    /// What [`Self::coupling`] and [`Self::acceleration`] are made of, to lay it beside that of other airframes.
+    #[must_use]
+    #[inline]
+    pub fn numbers(&self) -> [f64; 9] {
+        let Self { i_m, inverse, ratio } = self;
+        [i_m.x, i_m.y, i_m.z, inverse.x, inverse.y, inverse.z, ratio.x, ratio.y, ratio.z]
+    }
+
+    /// The same again, of its numbers.
+    #[must_use]
+    #[inline(always)]
+    pub fn of_numbers([a, b, c, d, e, f, g, h, i]: [f64; 9]) -> Self {
+        Self { i_m: Vector3::new(a, b, c), inverse: Vector3::new(d, e, f), ratio: Vector3::new(g, h, i) }
+    }
+
     /// The diagonal of I_M [kg m^2].
     #[must_use]
     #[inline]

@@ -3,9 +3,9 @@
 use model::check_word::check_word;
 use model::guards::{Guard, is_on};
 use model::inspection::Reason;
-use model::layout::Layout;
+use model::layout::{Layout, words};
 
-use crate::sys::{Sealed, words};
+use crate::sys::Sealed;
 
 impl<T: Layout> Sealed<T> {
     /// Puts the check word behind what is complete.

@@ -10,7 +10,7 @@ use std::sync::Once;
 use std::sync::atomic::{AtomicI32, AtomicU32, AtomicU64, Ordering};
 
 use iceoryx2::prelude::ZeroCopySend;
-use model::layout::{Layout, Plain, is_dense};
+use model::layout::{Layout, Plain};
 use rustix::fs::fstat;
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::time::Timespec;
@@ -34,18 +34,6 @@ pub struct Sealed<T> {
 
 // SAFETY: what has a layout is `Plain`, and a number stands behind it.
 unsafe impl<T: Layout> ZeroCopySend for Sealed<T> {}
-
-/// The words that a struct of numbers consists of.
-#[must_use]
-pub fn words<T: Layout>(value: &T) -> &[u64] {
-    const {
-        assert!(align_of::<T>() == align_of::<u64>() && size_of::<T>().is_multiple_of(size_of::<u64>()));
-        assert!(is_dense(T::FIELDS, size_of::<T>()));
-    }
-    // SAFETY: it is as long, aligned, and without padding, as has just been checked of it, and as `layout!` has checked
-    // of each struct in it; what is `Plain` may be read as any number.
-    unsafe { std::slice::from_raw_parts(std::ptr::from_ref(value).cast(), size_of::<T>() / size_of::<u64>()) }
-}
 
 /// A futex with a number to hand over; alone on its cache line.
 #[derive(Debug)]

@@ -8,8 +8,7 @@ use failure::Failure;
 
 use super::flown;
 use super::plan::Plan;
-use super::run::gathered;
-use crate::parallel::{asked_to_stop, on_processors};
+use crate::parallel::asked_to_stop;
 use crate::progress::Progress;
 
 /// Differences that are told at the most.
@@ -30,10 +29,9 @@ pub(super) fn audit(plan: &Plan, out: &Path, whole: &[u64], share: f64, jobs: us
     let mut audit = Audit { share, flights: drawn.len() as u64, rows: 0, differ: 0, differences: Vec::new() };
     for flights in drawn.chunk_by(|one, next| one / campaign.chunk == next / campaign.chunk) {
         let chunk = flights[0] / campaign.chunk;
-        let rows: Vec<(u64, usize)> =
+        let rows: Vec<flown::Flight> =
             flights.iter().flat_map(|flight| (0..arms).map(move |arm| (*flight, arm))).collect();
-        let fly = |(flight, arm): &(u64, usize)| flown::row(plan, *flight, *arm, &stop);
-        let again = gathered(on_processors(&rows, jobs, fly, |done| progress.look(audit.rows + done as u64)))?;
+        let again = flown::rows(plan, &rows, jobs, &stop, |done| progress.look(audit.rows + done))?;
         let places = rows.iter().map(|(flight, arm)| (flight % campaign.chunk) as usize * arms + arm);
         let kept = rows::cells_of(out, chunk, &places.collect::<Vec<_>>())?;
         audit.rows += rows.len() as u64;

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use campaign::chunk;
 use campaign::table::Row;
 use failure::{Failure, OK};
+use plant::LANES;
 
 use super::flown;
 use super::plan::Plan;
@@ -29,15 +30,16 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let begun = Instant::now();
     let mut rows = Vec::new();
     let tried = campaign.flights.min(TRIED_MAX);
-    for i in 0..tried {
-        // All over the campaign, so that a grid's cells are tried too.
-        let flight = (u128::from(i) * u128::from(campaign.flights) / u128::from(tried)) as u64;
-        for arm in 0..arms {
-            rows.push(flown::row(&plan, flight, arm, &AtomicBool::new(false))?);
-        }
-        if begun.elapsed() > TRIED {
-            break;
-        }
+    // All over the campaign, so that a grid's cells are tried too.
+    let flight = |i: u64| (u128::from(i) * u128::from(campaign.flights) / u128::from(tried)) as u64;
+    let mut next = 0;
+    while next < tried && begun.elapsed() <= TRIED {
+        // First one, which may be long, then as many as fly abreast.
+        let end = if next == 0 { 1 } else { tried.min(next + LANES as u64) };
+        let flights: Vec<flown::Flight> =
+            (next..end).flat_map(|i| (0..arms).map(move |arm| (flight(i), arm))).collect();
+        rows.extend(flown::rows(&plan, &flights, 1, &AtomicBool::new(false), |_| ())?);
+        next = end;
     }
     let each_s = begun.elapsed().as_secs_f64() / rows.len() as f64;
     let jobs = args.jobs.unwrap_or_else(processors);
@@ -49,7 +51,7 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let drawn = campaign.factors.iter().filter(|factor| factor.distribution.varies()).count();
     print(&format!(
         "{}: {} flights of {length_s} s by {arms} arms ({}), {total} rows in {} files; {drawn} of {} factors vary\n\
-         time here  {} with {jobs} at once ({:.1} ms a flight, by {} that were tried one by one)\n\
+         time here  {} with {jobs} at once ({:.1} ms a flight, by {} that were tried)\n\
          on disk    {} ({} bytes a row)\n\
          campaign   {}\n",
         campaign.name,

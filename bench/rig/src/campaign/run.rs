@@ -7,7 +7,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use campaign::chunk::{self, State};
 use campaign::rows::Rows;
 use campaign::statistics::rates::wilson;
-use campaign::table::Row;
 use failure::{Failure, INTERRUPTED, OK};
 
 use super::plan::Plan;
@@ -15,7 +14,7 @@ use super::{directory, flown};
 use crate::build;
 use crate::cli::{CampaignRunArgs, Shard};
 use crate::output::{print, say};
-use crate::parallel::{asked_to_stop, on_processors, processors};
+use crate::parallel::{asked_to_stop, processors};
 use crate::progress::Progress;
 
 /// Environment variables that number the tasks of a job, and what makes them begin with 1: those of Slurm, HyperQueue,
@@ -141,21 +140,12 @@ impl Flying<'_> {
     }
 
     /// Flies a chunk and writes it.
-    fn chunk(&mut self, chunk: u64, mut look: impl FnMut(u64)) -> Result<(), Failure> {
+    fn chunk(&mut self, chunk: u64, look: impl FnMut(u64)) -> Result<(), Failure> {
         let campaign = &self.plan.campaign;
         let arms = 0..campaign.arms.len();
-        let flights: Vec<(u64, usize)> =
+        let flights: Vec<flown::Flight> =
             campaign.flights_of(chunk).flat_map(|flight| arms.clone().map(move |arm| (flight, arm))).collect();
-        // What cannot be flown ends all others: nobody wants to wait for them.
-        let refused = AtomicBool::new(false);
-        let fly = |(flight, arm): &(u64, usize)| {
-            if refused.load(Ordering::Relaxed) {
-                return Err(Failure::new(INTERRUPTED, "another flight cannot be flown"));
-            }
-            flown::row(self.plan, *flight, *arm, self.stop).inspect_err(|_| refused.store(true, Ordering::Relaxed))
-        };
-        let rows = on_processors(&flights, self.jobs, fly, |done| look(done as u64));
-        let rows = gathered(rows)?;
+        let rows = flown::rows(self.plan, &flights, self.jobs, self.stop, look)?;
         for row in &rows {
             let [successes, flights] = &mut self.success[row.arm];
             *successes += u64::from(campaign.gates.is_success(&row.outcome));
@@ -181,23 +171,6 @@ impl Flying<'_> {
         let widest = widths.fold(0.0, f64::max);
         (widest < width).then(|| format!("width(success) = {widest:.4} < {width}"))
     }
-}
-
-/// All rows; or else the failure that is not just the end of the others.
-///
-/// # Errors
-/// That of a flight.
-pub(super) fn gathered(rows: Vec<Result<Row, Failure>>) -> Result<Vec<Row>, Failure> {
-    let mut all = Vec::with_capacity(rows.len());
-    let mut failed: Option<Failure> = None;
-    for row in rows {
-        match row {
-            Ok(row) => all.push(row),
-            Err(failure) if failed.as_ref().is_none_or(|failed| failed.code == INTERRUPTED) => failed = Some(failure),
-            Err(_) => {}
-        }
-    }
-    failed.map_or(Ok(all), Err)
 }
 
 impl Ended {

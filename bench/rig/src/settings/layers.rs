@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::io::{self, Read as _};
 use std::path::Path;
+use std::sync::LazyLock;
 
 use law::law::Rig;
 use model::parameters::{self, did_you_mean};
@@ -23,13 +24,29 @@ impl Settings {
     }
 }
 
+/// The commented default as a table: read once, since a campaign resolves settings for each of its flights.
+fn default() -> Result<&'static Table, Failure> {
+    static READ: LazyLock<Result<Table, String>> = LazyLock::new(|| DEFAULT.parse().map_err(|e| format!("{e}")));
+    READ.as_ref().map_err(|e| Failure::failed(format!("the default is broken: {e}")))
+}
+
+/// The same with the paper's airframe laid over it, and that airframe.
+fn with_paper() -> Result<&'static (Table, Design), Failure> {
+    static LAID: LazyLock<Result<(Table, Design), String>> = LazyLock::new(|| {
+        let mut table = default().map_err(|e| e.to_string())?.clone();
+        let design = airframe::design(airframe::PAPER, &section(&table, "model")).map_err(|e| e.to_string())?;
+        design.lay(&mut table);
+        Ok((table, design))
+    });
+    LAID.as_ref().map_err(|e| Failure::failed(e.clone()))
+}
+
 /// The settings as a table: what is given, over the defaults and below what flags set. The file is where it was read.
 pub(super) fn layered(mut given: Table, file: Option<&Path>, overrides: &Overrides) -> Result<Table, Failure> {
     let place = file.map(|path| format!(" (settings file {})", path.display())).unwrap_or_default();
     let flag = |key: &str| overrides.iter().find(|(k, _)| *k == key).map(|(_, value)| value);
     let said = |section: &str, key: &str| flag(&format!("{section}.{key}")).or_else(|| given.get(section)?.get(key));
-    let mut table: Table = DEFAULT.parse().map_err(|e| Failure::failed(format!("the default is broken: {e}")))?;
-    airframe::design(airframe::PAPER, &section(&table, "model"))?.lay(&mut table);
+    let mut table = with_paper()?.0.clone();
     let preset = said("flight", "preset").and_then(Value::as_str).unwrap_or(laws::DEFAULT_PRESET).to_owned();
     let mut presets = vec![laws::DEFAULT_PRESET];
     let mut chosen = Vec::new();
@@ -96,13 +113,15 @@ pub(super) fn beside(settings: Option<&Path>, name: &Value) -> Value {
 /// A section `[airframe]` of the file goes before the name in it: where it is whole, as in the settings of a flight, no
 /// other file is read. A flag goes before both.
 fn lay_airframe(table: &mut Table, given: &mut Table, flag: Option<&str>, place: &str) -> Result<Design, Failure> {
-    let model = section(table, "model");
     let kept = given.remove("airframe").and_then(|kept| kept.as_table().cloned()).filter(|_| flag.is_none());
     let named = given.get("flight").and_then(|flight| flight.get("airframe")).and_then(Value::as_str);
     let mut values = section(table, "airframe");
     let is_whole = kept.as_ref().is_some_and(|kept| kept.len() == values.len());
     let name = flag.or(named).filter(|_| !is_whole).unwrap_or(airframe::PAPER).to_owned();
-    let mut design = airframe::design(&name, &model)?;
+    let mut design = match name.as_str() {
+        airframe::PAPER => with_paper()?.1.clone(),
+        name => airframe::design(name, &section(table, "model"))?,
+    };
     if is_whole {
         let rotor = section(given, "rotor");
         if !["min_rad_s", "max_rad_s"].iter().all(|key| rotor.contains_key(*key)) {
@@ -180,7 +199,7 @@ fn checked(file: Option<&Path>, mut given: Table, default: &Table) -> Result<Tab
 
 /// What is said beside the settings: of the type that the default has.
 pub(super) fn typed(overrides: &Overrides) -> Result<Overrides, Failure> {
-    let default: Table = DEFAULT.parse().map_err(|e| Failure::failed(format!("the default is broken: {e}")))?;
+    let default = default()?;
     let typed = |(key, value): &(&'static str, Value)| {
         let known = key.split_once('.').and_then(|(section, key)| default.get(section)?.get(key));
         // A law's name is looked at where the law is found.

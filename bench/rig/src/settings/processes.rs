@@ -150,6 +150,19 @@ impl Settings {
         }
     }
 
+    /// Whether a law is that of a file.
+    ///
+    /// # Errors
+    /// As [`Self::outer_stage`].
+    pub(crate) fn has_own_laws(&self) -> Result<bool, Failure> {
+        let chosen = self.law_sections().map(|(role, _)| self.chosen(role));
+        let mut has = false;
+        for law in chosen {
+            has |= law?.0.library().is_some();
+        }
+        Ok(has)
+    }
+
     /// The theorem's monitor before tick 0; none where the chosen inner law, with its settings, has no theorem.
     ///
     /// # Errors

@@ -6,7 +6,7 @@ use plant::desk::swap_record;
 
 use crate::in_process::InProcess;
 use crate::in_process::timed::Timed;
-use crate::settings::Settings;
+use crate::settings::{FlightSettings, Settings};
 use crate::timing::{Made, Timing};
 use failure::Failure;
 use report::swaps::AppliedSwap;
@@ -37,25 +37,9 @@ pub fn fly(
     mut look: impl FnMut(&InProcess) -> Result<(), Failure>,
 ) -> Result<Simulated, Failure> {
     let mut judge = Judge::new(settings)?;
-    for tick in rig.next_tick()..=settings.last_tick() {
+    while judge.goes_on(rig) {
         rig.tick();
-        if rig.has_state() {
-            if !judge.enters(rig) {
-                break;
-            }
-            judge.flown.outputs.take(tick, rig.state());
-            rig.setpoint().iter().for_each(|setpoint| judge.flown.outputs.take(tick, *setpoint));
-        }
-        judge.flown.ticks += 1;
-        rig.new_wrench().into_iter().for_each(|wrench| judge.flown.outputs.take(tick, wrench));
-        rig.new_rotor_speeds().into_iter().for_each(|speeds| judge.flown.outputs.take(tick, speeds));
-        if rig.has_state() {
-            look(rig)?;
-            judge.leaves(rig);
-        }
-        if judge.flown.departure.is_some() {
-            break;
-        }
+        judge.take(rig, &mut look)?;
     }
     Ok(judge.end())
 }
@@ -70,19 +54,24 @@ pub fn fly_with(
     timing: Option<&Timing>,
     look: impl FnMut(&InProcess) -> Result<(), Failure>,
 ) -> Result<Simulated, Failure> {
-    match timing {
-        Some(timing) => fly_timed(rig, settings, timing, look),
-        None => fly(rig, settings, look),
-    }
+    let Some(timing) = timing else { return fly(rig, settings, look) };
+    let mut judge = Judge::new(settings)?;
+    follow(timing, rig, settings, &mut judge, look)?;
+    Ok(judge.end())
 }
 
-fn fly_timed(
+/// Flies by a recorded timing, and leaves what is said of the flight with its judge.
+///
+/// # Errors
+/// As [`fly`].
+pub(crate) fn follow(
+    timing: &Timing,
     rig: &mut InProcess,
     settings: &Settings,
-    timing: &Timing,
+    judge: &mut Judge,
     mut look: impl FnMut(&InProcess) -> Result<(), Failure>,
-) -> Result<Simulated, Failure> {
-    let (mut judge, mut timed) = (Judge::new(settings)?, Timed::new(settings)?);
+) -> Result<(), Failure> {
+    let mut timed = Timed::new(settings)?;
     let mut is_open = false;
     for event in timing.events.iter().filter(|event| event.tick <= settings.last_tick()) {
         if is_open && matches!(event.made, Made::State { .. }) {
@@ -107,19 +96,27 @@ fn fly_timed(
         look(rig)?;
         judge.leaves(rig);
     }
-    Ok(judge.end())
+    Ok(())
 }
 
 /// What is said of a flight while it is flown.
-struct Judge<'a> {
-    settings: &'a Settings,
+#[derive(Debug)]
+pub(crate) struct Judge {
+    last_tick: u64,
+    period_s: f64,
+    allowed_m: f64,
+    ground_z_m: f64,
     tracking: Tracking,
     lowest_z_m: f64,
     flown: Simulated,
 }
 
-impl<'a> Judge<'a> {
-    fn new(settings: &'a Settings) -> Result<Self, Failure> {
+impl Judge {
+    /// Of a flight that has not begun.
+    ///
+    /// # Errors
+    /// As [`fly`].
+    pub(crate) fn new(settings: &Settings) -> Result<Self, Failure> {
         let flown = Simulated {
             ticks: 0,
             outputs: OutputHash::default(),
@@ -127,8 +124,48 @@ impl<'a> Judge<'a> {
             swaps: Vec::new(),
             departure: None,
         };
-        let tracking = Tracking::along(settings.course()?, settings.flight.period_s);
-        Ok(Self { settings, tracking, lowest_z_m: f64::INFINITY, flown })
+        let &FlightSettings { period_s, position_error_max_m, ground_z_m, .. } = &settings.flight;
+        Ok(Self {
+            last_tick: settings.last_tick(),
+            period_s,
+            allowed_m: position_error_max_m,
+            ground_z_m,
+            tracking: Tracking::along(settings.course()?, period_s),
+            lowest_z_m: f64::INFINITY,
+            flown,
+        })
+    }
+
+    /// Whether the flight has a next tick.
+    pub(crate) fn goes_on(&self, rig: &InProcess) -> bool {
+        self.flown.departure.is_none() && rig.next_tick() <= self.last_tick
+    }
+
+    /// Takes the tick that was flown last, and shows it.
+    ///
+    /// # Errors
+    /// What `look` fails with.
+    pub(crate) fn take(
+        &mut self,
+        rig: &InProcess,
+        look: impl FnOnce(&InProcess) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let tick = rig.flown_tick();
+        if rig.has_state() {
+            if !self.enters(rig) {
+                return Ok(());
+            }
+            self.flown.outputs.take(tick, rig.state());
+            rig.setpoint().iter().for_each(|setpoint| self.flown.outputs.take(tick, *setpoint));
+        }
+        self.flown.ticks += 1;
+        rig.new_wrench().into_iter().for_each(|wrench| self.flown.outputs.take(tick, wrench));
+        rig.new_rotor_speeds().into_iter().for_each(|speeds| self.flown.outputs.take(tick, speeds));
+        if rig.has_state() {
+            look(rig)?;
+            self.leaves(rig);
+        }
+        Ok(())
     }
 
     /// Looks at a new state; false where it is none.
@@ -141,7 +178,7 @@ impl<'a> Judge<'a> {
             }
         }
         self.lowest_z_m = self.lowest_z_m.min(rig.state().truth.position_w_m[2]);
-        let (applied, period_s) = (rig.plant().applied().iter(), self.settings.flight.period_s);
+        let (applied, period_s) = (rig.plant().applied().iter(), self.period_s);
         self.flown.swaps.extend(applied.map(|swap| AppliedSwap::new(swap.tick, period_s, &swap_record(swap))));
         true
     }
@@ -153,7 +190,7 @@ impl<'a> Judge<'a> {
         let error_m =
             setpoint.map_or_else(|| self.tracking.error_m(tick, state), |setpoint| setpoint.position_error_m(state));
         self.flown.error.take(error_m);
-        let allowed_m = self.settings.flight.position_error_max_m;
+        let allowed_m = self.allowed_m;
         // It is the outer loop that ends a flight for this, where it works.
         if setpoint.is_some() && error_m > allowed_m {
             self.flown.departure = Some(format!(
@@ -163,8 +200,9 @@ impl<'a> Judge<'a> {
         }
     }
 
-    fn end(self) -> Simulated {
-        let (mut flown, lowest_z_m, ground_z_m) = (self.flown, self.lowest_z_m, self.settings.flight.ground_z_m);
+    /// What is to be said of it.
+    pub(crate) fn end(self) -> Simulated {
+        let Self { mut flown, lowest_z_m, ground_z_m, .. } = self;
         if flown.departure.is_none() && lowest_z_m < ground_z_m {
             flown.departure = Some(format!(
                 "the flight was below ground: down to z = {lowest_z_m:.2} m, the ground is at {ground_z_m} m"

@@ -40,6 +40,22 @@ impl GuardedOuter {
         Self { made, route, memory }
     }
 
+    /// As [`OuterStage::tick_into`], where somebody knows the reference of the tick already.
+    pub fn tick_along(
+        &mut self,
+        reference: Reference,
+        tick: u64,
+        state: &Dated<State>,
+        setpoint: &mut Setpoint,
+    ) -> bool {
+        if state.tick != tick {
+            return false;
+        }
+        setpoint.reference = reference;
+        self.memory.tick(&mut *self.made.law, tick, &state.content, setpoint);
+        true
+    }
+
     /// Makes this stage what another one of the same law is; false, and nothing is to be flown by it, where the law
     /// cannot be copied.
     #[must_use]
@@ -54,9 +70,7 @@ impl OuterStage for GuardedOuter {
         if state.tick != tick {
             return false;
         }
-        setpoint.reference = (self.route)(tick);
-        self.memory.tick(&mut *self.made.law, tick, &state.content, setpoint);
-        true
+        self.tick_along((self.route)(tick), tick, state, setpoint)
     }
 
     fn rehearse(&mut self, tick: u64, state: &Dated<State>) -> Option<Setpoint> {

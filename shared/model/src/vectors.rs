@@ -1,0 +1,47 @@
+//! Functions that are compiled for wider vectors too, and run on those that the processor has.
+//!
+//! Releases are built for every x86-64. Where many numbers go through the same arithmetic, wider registers pay. They
+//! change no bit: each lane rounds as a scalar does, and nothing is contracted to fused operations.
+
+/// Defines a function whose body is also compiled for AVX2 and for AVX-512; each call takes the widest that is there.
+///
+/// What the body calls takes part as far as it is inlined.
+#[macro_export]
+macro_rules! vectorised {
+    ($(#[$meta:meta])* $vis:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $ret:ty)? $body:block) => {
+        $(#[$meta])*
+        $vis fn $name($($arg: $type),*) $(-> $ret)? {
+            #[inline(always)]
+            fn anywhere($($arg: $type),*) $(-> $ret)? $body
+
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2")]
+                fn avx2($($arg: $type),*) $(-> $ret)? {
+                    anywhere($($arg),*)
+                }
+
+                #[target_feature(enable = "avx512f,avx512dq,avx512vl")]
+                fn avx512($($arg: $type),*) $(-> $ret)? {
+                    anywhere($($arg),*)
+                }
+
+                if is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+                {
+                    #[allow(unsafe_code, reason = "the compiler cannot know what was detected")]
+                    // SAFETY: the processor has what it is compiled for, as has just been seen.
+                    return unsafe { avx512($($arg),*) };
+                }
+                if is_x86_feature_detected!("avx2") {
+                    #[allow(unsafe_code, reason = "the compiler cannot know what was detected")]
+                    // SAFETY: as above.
+                    return unsafe { avx2($($arg),*) };
+                }
+            }
+            anywhere($($arg),*)
+        }
+    };
+}
+pub use vectorised;
