@@ -98,17 +98,21 @@ class Counting(unittest.TestCase):
 
     def test_what_grows_in_a_soak_is_judged(self):
         still = {what: 100 for what in soak.GROWTH_MOST}
-        looks = [(10.0 * i, {**still, "descriptors": 100 + 2 * i}) for i in range(60)]
+        # A step is no growth in every round; what rises with each fault is.
+        looks = [(10.0 * i, {**still, "descriptors": 100 + 2 * i, "segments": 103 if i > 60 else 100}) for i in range(90)]
         growth = soak.grown(looks)
-        self.assertEqual(round(growth["descriptors"]), 82)
-        self.assertEqual(growth["segments"], 0)
+        self.assertEqual(growth["descriptors"], (108, 108))
+        self.assertEqual(growth["segments"], (0, 3))
+        for what, words in (("descriptors", "descriptors grew by 108 in every round, together; 8 are allowed"),
+                            ("threads", "threads grew by 7 in all; 2 are allowed")):
+            flown_looks = [(at, {**still, what: seen[what] if what == "descriptors" else 100 + 7 * (at > 700)}) for at, seen in looks]
 
-        def flown(make, total_s, draw, told):
-            told["looks"] += looks
-        with mock.patch.object(soak, "flight", flown), mock.patch.object(soak.os, "nice"), mock.patch("builtins.print"):
-            failed = soak.soak(None, "a build", "300s")["failed"]
-        self.assertEqual(len(failed), 1)
-        self.assertIn("descriptors grew by 82.0; 8 are allowed", failed[0])
+            def flown(make, total_s, draw, told, its=flown_looks):
+                told["looks"] += its
+            with mock.patch.object(soak, "flight", flown), mock.patch.object(soak.os, "nice"), mock.patch("builtins.print"):
+                failed = soak.soak(None, "a build", "800s")["failed"]
+            self.assertEqual(len(failed), 1, failed)
+            self.assertIn(words, failed[0])
 
 
 if __name__ == "__main__":

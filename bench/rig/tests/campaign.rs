@@ -317,6 +317,8 @@ fn an_engine_gets_an_array_and_again_what_it_lost() {
         campaign(&rig, &dry).expect(0).says(said).says("campaign run ");
         assert!(!Path::new(&out).exists(), "a dry run makes nothing");
     }
+    let dry = ["submit", file.as_str(), "--on", "slurm", "--out", &out, "--shards", "99", "--dry-run"];
+    campaign(&rig, &dry).expect(0).complains("warning: --shards 99: the campaign has ").says("#SBATCH");
     let tools = rig.path("tools");
     fs::create_dir(&tools).unwrap();
     fs::write(tools.join("sbatch"), ENGINE).unwrap();

@@ -6,7 +6,7 @@ use report::page::parts::{Key, cell, chart, figure, section, table};
 use report::plot::scale::Scale;
 use report::plot::{Axis, Chart, HEIGHT, Layer};
 
-use super::text::percent;
+use super::text::{drawn, percent};
 use super::{FactorFindings, Findings, Map, Of, Side};
 use crate::gates::{METRICS, Metric};
 use crate::statistics::bins::{Bin, short};
@@ -267,7 +267,7 @@ fn distribution(findings: &Findings, place: usize, metric: &Metric) -> Markup {
 
 fn worst(findings: &Findings) -> Markup {
     let rows = findings.worst.iter().map(|it| {
-        let drew: Vec<String> = it.drew.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+        let drew: Vec<String> = it.drew.iter().map(|(name, value)| format!("{name} = {}", drawn(value))).collect();
         let how =
             if it.lost.is_empty() { if it.success { "success" } else { "failed" }.to_owned() } else { it.lost.clone() };
         [it.flight.to_string(), it.arm.clone(), short(it.position_error_max_m), how, drew.join(", ")].map(cell).into()

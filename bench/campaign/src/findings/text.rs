@@ -144,6 +144,11 @@ fn effects(findings: &Findings) -> String {
     text
 }
 
+/// A drawn value, a number in few digits.
+pub(super) fn drawn(value: &str) -> String {
+    value.parse().map_or_else(|_| value.to_owned(), short)
+}
+
 fn worst_line(flight: &Worst) -> String {
     let Worst { flight, arm, success, position_error_max_m, lost, drew } = flight;
     let how = match (lost.is_empty(), success) {
@@ -154,7 +159,7 @@ fn worst_line(flight: &Worst) -> String {
     let drew: Vec<String> = drew
         .iter()
         .filter(|(name, _)| name != "flight.seed")
-        .map(|(name, value)| format!("{name}={}", value.parse().map_or_else(|_| value.clone(), short)))
+        .map(|(name, value)| format!("{name}={}", drawn(value)))
         .collect();
     format!("{flight} by {arm}: largest error {} m, {how}; {}", short(*position_error_max_m), drew.join(" "))
 }

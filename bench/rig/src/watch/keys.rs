@@ -46,6 +46,13 @@ impl Model {
             return if key.code == KeyCode::Char('q') { Action::Quit } else { Action::None };
         }
         if self.desk.typed.is_some() {
+            // A terminal's Ctrl-U empties the line; no other control is a letter of it.
+            if key.modifiers.contains(KeyModifiers::CONTROL) {
+                if key.code == KeyCode::Char('u') {
+                    self.desk.typed = Some(String::new());
+                }
+                return Action::None;
+            }
             return self.type_value(key.code);
         }
         match key.code {

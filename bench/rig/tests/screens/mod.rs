@@ -272,6 +272,20 @@ fn leaving_is_one_thing_and_ending_the_flight_another() {
 }
 
 #[test]
+fn controls_are_no_letters_of_what_is_typed_and_one_empties_the_line() {
+    let mut model = model();
+    press(&mut model, &typed("4finner.sto"));
+    let control = |letter| KeyEvent::new(KeyCode::Char(letter), KeyModifiers::CONTROL);
+    assert_eq!(model.key(control('p')), Action::None);
+    shows(&screen(&model, 80, 24), "inner.sto");
+    hides(&screen(&model, 80, 24), "inner.stop");
+    assert_eq!(model.key(control('u')), Action::None);
+    hides(&screen(&model, 80, 24), "inner.sto");
+    press(&mut model, &typed("outer.kill"));
+    shows(&screen(&model, 80, 24), "outer.kill");
+}
+
+#[test]
 fn a_reset_begins_statistics_anew_and_forgets_no_loss() {
     let mut model = model();
     let flight = model.flight.as_mut().unwrap();
