@@ -250,7 +250,7 @@ ROWS = [
        "n": 20, "short": 2} for role in STAGES),
     {"name": "kill.turns", "fault": "kill -9 of outer, inner and mixer in turns, at random phases", "injector": in_a_row,
      "arguments": {"roles": "outer+inner+mixer"},
-     "expected": "each is started again and joins; flight completed; replay identical, or refused for its gap; nothing left", "n": 960, "short": 6},
+     "expected": "each is started again and joins; flight completed; replay identical, or refused for its gap; nothing left", "n": 1000, "short": 6},
     {"name": "kill.spare", "fault": "kill -9 of a spare while it waits", "injector": spares,
      "expected": "no death of the flight; another spare waits; nothing left", "n": 20, "short": 2},
     {"name": "hang.spare", "fault": "a spare is stopped (SIGSTOP), and then its stage is killed", "injector": spares,

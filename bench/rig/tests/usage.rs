@@ -131,7 +131,7 @@ fn every_wrong_argument_is_named_with_what_is_allowed_and_nothing_starts() {
         (
             "fly",
             &["--fault", "mass_kg=0.6"],
-            "`mass_kg=0.6` has no time: write NAME=VALUE[,NAME=VALUE]@8s or ...@tick8000",
+            "`mass_kg=0.6` has no time: write it behind, as in mass_kg=0.6@8s or mass_kg=0.6@tick8000",
         ),
         ("fly", &["--fault", "mass_kg=0.6@soon"], "`soon` is no instant: write @8s, @500ms or @tick8000"),
         ("fly", &["--fault", "mas_kg=0.6@1s"], "unknown parameter `mas_kg`; did you mean `mass_kg`?"),

@@ -2,7 +2,7 @@
 
 use model::fault::live::{MOST_LIVE, NOTICE_TICKS};
 use model::fault::{MOST, Port};
-use model::parameters::{Parameter, ParameterError, did_you_mean};
+use model::parameters::{Parameter, ParameterError};
 use model::role::Role;
 use plant::SwapError;
 use thiserror::Error;
@@ -13,7 +13,7 @@ use crate::fault::in_unit;
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum FaultError {
     /// No instant.
-    #[error("`{0}` has no time: write NAME=VALUE[,NAME=VALUE]@8s or ...@tick8000")]
+    #[error("`{0}` has no time: write it behind, as in {0}@8s or {0}@tick8000")]
     NoInstant(String),
     /// Several instants.
     #[error("`{0}` has several instants: give --fault once for each")]
@@ -41,12 +41,12 @@ pub enum FaultError {
     #[error("`{0}` is not an assignment: write NAME=VALUE, as in rotational_drag_nm_s=0.525")]
     NoAssignment(String),
     /// No fault has this name.
-    #[error("unknown fault `{name}`{}", did_you_mean(nearest.as_deref()))]
+    #[error("unknown fault `{name}`{hint}")]
     Unknown {
         /// What was asked for.
         name: String,
-        /// The known name most like it, where one is like it at all.
-        nearest: Option<String>,
+        /// What is amiss with it where that can be told, or the known name most like it.
+        hint: String,
     },
     /// The stage has no such input.
     #[error("{role} does not receive `{topic}`: {}", inputs(*role))]
@@ -162,6 +162,10 @@ impl FaultError {
             | Self::Again(_)
             | Self::StageMeets { .. }
             | Self::Contradiction { .. }
+            | Self::NoInstant(_)
+            | Self::SeveralInstants(_)
+            | Self::Instant(_)
+            | Self::Order { .. }
             | Self::TooMany => "`ironbird faults` lists what there is".into(),
             _ => format!("`ironbird params{flags}` lists names, units and ranges"),
         }

@@ -190,7 +190,7 @@ fn checked(file: Option<&Path>, mut given: Table, default: &Table) -> Result<Tab
                 return Err(here(format!("unknown key `{section}.{key}`{of}{}", nearest(key, known.keys()))));
             };
             *value = coerce(value, expected).ok_or_else(|| {
-                here(format!("{section}.{key} = {value}: expected {}, as in {expected}", kind(expected)))
+                here(format!("{section}.{key} = {value}: expected {}, as in {}", kind(expected), example(expected)))
             })?;
         }
     }
@@ -204,9 +204,9 @@ pub(super) fn typed(overrides: &Overrides) -> Result<Overrides, Failure> {
         let known = key.split_once('.').and_then(|(section, key)| default.get(section)?.get(key));
         // A law's name is looked at where the law is found.
         let Some(expected) = known else { return Ok((*key, value.clone())) };
-        coerce(value, expected)
-            .map(|value| (*key, value))
-            .ok_or_else(|| here(None, format!("{key} = {value}: expected {}, as in {expected}", kind(expected))))
+        coerce(value, expected).map(|value| (*key, value)).ok_or_else(|| {
+            here(None, format!("{key} = {value}: expected {}, as in {}", kind(expected), example(expected)))
+        })
     };
     overrides.iter().map(typed).collect()
 }
@@ -248,6 +248,14 @@ pub(super) fn kind(expected: &Value) -> String {
         Value::String(auto) if auto == "auto" => "a whole number or a string".into(),
         Value::String(_) => "a string".into(),
         other => other.type_str().into(),
+    }
+}
+
+/// How such a value is written: as the default has it, unless that is empty.
+fn example(expected: &Value) -> String {
+    match expected {
+        Value::Array(values) if values.is_empty() => "[\"mass_kg=0.6@8s\"]".into(),
+        other => other.to_string(),
     }
 }
 

@@ -167,6 +167,7 @@ fn every_mistake_names_key_value_and_what_is_allowed() {
         ("[inner]\nalpha_1_s = \"big\"\n", "inner.alpha_1_s = \"big\": expected a number, as in 200.0"),
         ("[inner]\nalpha_1_s = -1\n", "inner.alpha_1_s = -1.0 is out of range: allowed is a finite number above 0"),
         ("[inner]\nadaptation_gain = [1, 2]\n", "expected a list of 3 numbers"),
+        ("[flight]\nfaults = \"x\"\n", "flight.faults = \"x\": expected a list of strings, as in [\"mass_kg=0.6@8s\"]"),
         (
             "[inner]\nadaptation = \"maybe\"\n",
             "inner.adaptation = \"maybe\" is out of range: allowed is \"on\" or \"off\"",
