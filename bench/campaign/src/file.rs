@@ -141,8 +141,7 @@ impl Reader {
 
     fn name(&mut self, own: &Table) -> String {
         let name = own.get("name").and_then(Value::as_str).unwrap_or_default();
-        let is_name = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-        if name.is_empty() || name.len() > 64 || !name.chars().all(is_name) {
+        if !is_name(name) {
             self.says(
                 "campaign.name",
                 "campaign.name must be 1 to 64 letters, digits, - or _, as in name = \"mass-and-drag\"",
@@ -264,6 +263,11 @@ impl Reader {
         let mut arms = Vec::new();
         for name in order {
             let path = format!("arms.{name}");
+            // It is part of the names of files.
+            if !is_name(name) {
+                self.says(&path, format!("an arm is named by 1 to 64 letters, digits, - or _, and not `{name}`"));
+                continue;
+            }
             let Some(mut keys) = section.get(name).and_then(Value::as_table).cloned() else {
                 self.says(&path, format!("`{name}` must be a section: [arms.{name}], with keys of the settings"));
                 continue;
@@ -347,6 +351,12 @@ impl Reader {
 }
 
 /// Keys of the settings, whether they are written `"inner.law" = ..` or `inner.law = ..`: section, key, value.
+/// Whether a name can be part of the name of a file.
+fn is_name(name: &str) -> bool {
+    let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    (1..=64).contains(&name.len()) && name.chars().all(is_allowed)
+}
+
 fn flat(keys: &Table) -> Vec<(String, String, Value)> {
     let mut all: BTreeMap<(String, String), Value> = BTreeMap::new();
     for (name, value) in keys {

@@ -49,6 +49,20 @@ fn again(rig: &Rig, rows: &str, flight: &str, arm: &str, more: &[&str]) -> rig::
 }
 
 #[test]
+fn a_flight_whose_stage_was_out_is_flown_again_in_one_process_as_its_row_was() {
+    let rig = Rig::new("out");
+    let text = "[campaign]\nname = \"out\"\nflights = 2\n[flight]\nduration_s = 1.0\n[[fault]]\nwhat = \"inner.stop\"\n\
+                value = { uniform = [0.01, 0.02] }\nat_s = { uniform = [0.2, 0.6] }\n";
+    let out = flown(&rig, text);
+    let ended = again(&rig, &out, "1", "base", &[]).expect(0).says("out-1-base: settings.toml, states.csv, flight.svg");
+    ended.says("as in the campaign's row");
+    let left = rig.out().join("out-1-base");
+    assert!(fs::read_to_string(left.join("settings.toml")).unwrap().contains("inner.stop="));
+    assert!(fs::read_to_string(left.join("states.csv")).unwrap().lines().count() > 100);
+    assert!(fs::read_to_string(left.join("flight.svg")).unwrap().contains("</svg>"));
+}
+
+#[test]
 fn a_lost_flight_ends_again_where_its_rows_flight_ended() {
     let rig = Rig::new("lost");
     let out = flown(&rig, LOST);

@@ -15,6 +15,10 @@ fn every_mistake_is_named_with_its_line() {
         ),
         ("[campaign]\nname = \"x\"\nflights = 0", "line 3: campaign.flights = 0: expected a whole number from 1 to"),
         ("[campaign]\nname = \"a b\"\nflights = 1", "line 2: campaign.name must be 1 to 64 letters"),
+        (
+            "[campaign]\nname = \"x\"\nflights = 1\n[arms.\"../away\"]\n\"inner.law\" = \"fixed\"",
+            "line 4: an arm is named by 1 to 64 letters, digits, - or _, and not `../away`",
+        ),
         ("[campaign]\nname = \"x\"\nflights = 10\nname = \"x\"", "line 4: duplicate key"),
         (
             &format!("{head}[factors]\n\"plant.mass_kg\" = {{ uniform = [0.6, 0.4] }}"),

@@ -185,7 +185,7 @@ fn longest(delays: &[Option<Suspect>], period_ns: u64) -> Option<(Option<Suspect
 /// The class of a delay, with its evidence.
 fn explain(scene: &Scene<'_>, suspect: &Suspect) -> (Class, String) {
     if suspect.delay == Delay::Unused {
-        return (Class::NotUsed, "it was lost, held back or refused on its way".into());
+        return (Class::NotUsed, "it was sent in time, and the next stage worked without it: why is not known".into());
     }
     let usage = scene.usage(suspect);
     let explains = |ns: u64| ns > 0 && ns * 100 >= suspect.excess_ns * EXPLAINS_PERCENT;

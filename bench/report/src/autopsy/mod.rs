@@ -72,6 +72,8 @@ pub struct Autopsy {
     counts: BTreeMap<(Class, Option<Role>), (u64, u64)>,
     /// The longest row of ticks without an output in time: of each stage, and of all of them.
     longest: [u64; STAGES.len() + 1],
+    /// Outages whose rows are not known.
+    unmeasured: u64,
     worst: Vec<Case>,
 }
 
@@ -117,6 +119,7 @@ impl Autopsy {
             open: None,
             counts: BTreeMap::new(),
             longest: [0; STAGES.len() + 1],
+            unmeasured: 0,
             worst: Vec::new(),
         }
     }
@@ -303,6 +306,8 @@ impl Autopsy {
         // Nor is a stage that it did not see published.
         if is_whole {
             self.take_longest(outage);
+        } else {
+            self.unmeasured += 1;
         }
         let case = self.case(outage, opinion);
         let place = self.worst.partition_point(|other| (other.ticks, other.missed) >= (case.ticks, case.missed));
@@ -410,6 +415,7 @@ impl Autopsy {
             classes,
             pending: judged + self.not_looked_at() + open,
             longest: Some(longest.map(|(stage, ticks)| (stage.to_owned(), ticks)).collect()),
+            unmeasured: self.unmeasured,
             worst: self.worst.clone(),
         }
     }

@@ -31,6 +31,8 @@ pub struct Section {
     pub measured_by: Option<String>,
     /// The longest outages of this flight, by stage [ticks].
     pub outages: BTreeMap<String, u64>,
+    /// Outages of this flight whose length by stage is not known, because messages were lost there.
+    pub unmeasured: u64,
     /// The stage whose outage came nearest to what is borne; none without an outage, or where nothing is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nearest: Option<String>,
@@ -77,6 +79,7 @@ impl Section {
         // A report from before they were counted keeps what it says.
         if let Some(longest) = &outages.longest {
             self.outages.clone_from(longest);
+            self.unmeasured = outages.unmeasured;
         }
         let ratio = |(stage, outage): (&String, &u64)| {
             Some((self.bears.get(stage)?.ticks as f64 / *outage as f64, stage.clone()))
@@ -93,7 +96,10 @@ impl Section {
             return format!("not known: run {command}");
         }
         let by = self.measured_by.as_ref();
-        let by = by.map_or_else(String::new, |build| format!("; measured by another build, {build}"));
+        let mut by = by.map_or_else(String::new, |build| format!("; measured by another build, {build}"));
+        if self.unmeasured > 0 {
+            by += &format!("; not in it: {}, of which messages were lost", count(self.unmeasured, "outage"));
+        }
         let most = |bears: &Bears| if bears.is_most { "more than " } else { "" };
         match self.nearest.as_ref().and_then(|stage| Some((stage, self.bears.get(stage)?, self.outages.get(stage)?))) {
             Some((stage, bears, outage)) => {
@@ -111,7 +117,7 @@ impl Section {
                 let each = self.bears.iter().map(|(stage, bears)| format!("{stage} {}{}", most(bears), bears.ticks));
                 let phases = count(self.phases, "phase");
                 format!(
-                    "no outage in this flight; this loop bears, in ticks: {} (least of {phases}){by}",
+                    "no stage was seen out in this flight; this loop bears, in ticks: {} (least of {phases}){by}",
                     each.collect::<Vec<_>>().join(", ")
                 )
             }
@@ -164,8 +170,14 @@ mod tests {
         );
         assert_eq!(
             told(&[]),
-            "no outage in this flight; this loop bears, in ticks: inner 118, machine 30, outer more than 2000 (least of \
+            "no stage was seen out in this flight; this loop bears, in ticks: inner 118, machine 30, outer more than 2000 (least of \
              32 phases)"
+        );
+        let lost = Outages { unmeasured: 2, ..outages(&[("inner", 47)]) };
+        assert_eq!(
+            section.clone().with(&lost).sentence(),
+            "worst outage in this flight 47 ticks (inner); this loop bears 118 (least of 32 phases): margin 2.5; not in \
+             it: 2 outages, of which messages were lost"
         );
         let other = Section { measured_by: Some("7fa27a4-release".into()), ..section.clone() };
         assert_eq!(

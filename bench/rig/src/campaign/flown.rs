@@ -1,6 +1,6 @@
 //! Flights of a campaign, several of them abreast.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use campaign::gates::Gates;
 use campaign::metrics::Metrics;
@@ -40,15 +40,16 @@ pub(super) fn rows(
     let groups: Vec<&[Flight]> =
         sorted.chunk_by(|(_, arm), (_, next)| arm == next).flat_map(|of_arm| of_arm.chunks(together)).collect();
     // What cannot be flown ends all others: nobody wants to wait for them.
-    let refused = AtomicBool::new(false);
+    let (refused, ended) = (AtomicBool::new(false), AtomicU64::new(0));
     let fly = |flights: &&[Flight]| {
         if refused.load(Ordering::Relaxed) {
             return Err(Failure::new(INTERRUPTED, "another flight cannot be flown"));
         }
-        group(plan, flights, stop).inspect_err(|_| refused.store(true, Ordering::Relaxed))
+        let rows = group(plan, flights, stop).inspect_err(|_| refused.store(true, Ordering::Relaxed))?;
+        ended.fetch_add(flights.len() as u64, Ordering::Relaxed);
+        Ok(rows)
     };
-    let most = flights.len() as u64;
-    let flown = on_processors(&groups, workers, fly, |done| look(((done * together) as u64).min(most)));
+    let flown = on_processors(&groups, workers, fly, |_| look(ended.load(Ordering::Relaxed)));
     let mut rows = gathered(flown)?;
     rows.sort_by_key(|row| (row.flight, row.arm));
     Ok(rows)

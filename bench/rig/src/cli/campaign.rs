@@ -21,8 +21,8 @@ pub enum CampaignCommand {
     Report(CampaignReportArgs),
     /// Have an engine fly the shards of a campaign, and again those that it lost; then report.
     Submit(CampaignSubmitArgs),
-    /// Fly one flight of a campaign again in four processes, with its log and its page; one with a recorded timing in
-    /// this process, with its states and its picture.
+    /// Fly one flight of a campaign again in four processes, with its log and its page; one with a recorded timing or
+    /// faults of stages in this process, with its states and its picture.
     Fly(CampaignFlyArgs),
 }
 

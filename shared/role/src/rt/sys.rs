@@ -17,7 +17,7 @@ pub(super) fn set_fifo(priority: i32) -> io::Result<()> {
     set_scheduler(0, libc::SCHED_FIFO, priority)
 }
 
-/// Puts the calling thread under SCHED_FIFO at its lowest priority; what it starts is under SCHED_OTHER.
+/// Puts the calling thread under SCHED_FIFO at its lowest priority; what it starts is under SCHED_OTHER, now and later.
 ///
 /// # Errors
 /// As [`set_fifo`].
@@ -32,6 +32,11 @@ pub(super) fn set_other(thread: i32) -> io::Result<()> {
 
 fn set_scheduler(thread: i32, policy: i32, priority: i32) -> io::Result<()> {
     let parameters = libc::sched_param { sched_priority: priority };
+    // SAFETY: the call takes a number alone.
+    let now = unsafe { libc::sched_getscheduler(thread) };
+    // Nobody without CAP_SYS_NICE may clear this flag: a call that leaves it out would be refused.
+    let kept = if now < 0 { 0 } else { now & libc::SCHED_RESET_ON_FORK };
+    let policy = policy | kept;
     // SAFETY: the pointer is to a live, initialised sched_param; the call keeps none of it.
     check(unsafe { libc::sched_setscheduler(thread, policy, &raw const parameters) })
 }
@@ -48,7 +53,7 @@ pub(super) fn scheduler() -> io::Result<(i32, i32)> {
         return Err(io::Error::last_os_error());
     }
     check(read)?;
-    Ok((policy, parameters.sched_priority))
+    Ok((policy & !libc::SCHED_RESET_ON_FORK, parameters.sched_priority))
 }
 
 /// Number of the calling thread.

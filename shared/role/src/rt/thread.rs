@@ -34,23 +34,27 @@ impl Standing {
 }
 
 /// The calling thread under the lowest SCHED_FIFO priority, until this is dropped: above all that is not real-time, and
-/// below every loop. What it starts is not. Where that is refused, it stays as it was.
+/// below every loop. What it starts is not. Where that is refused, or it is under real time already, it stays as it was.
 #[derive(Debug)]
-pub struct Raised(());
+pub struct Raised {
+    is_raised: bool,
+}
 
 impl Raised {
     /// Raises the calling thread.
     #[must_use]
     pub fn now() -> Self {
-        let _ = sys::set_lowest_fifo();
-        Self(())
+        let is_ordinary = sys::scheduler().is_ok_and(|(_, priority)| priority == 0);
+        Self { is_raised: is_ordinary && sys::set_lowest_fifo().is_ok() }
     }
 }
 
 impl Drop for Raised {
     fn drop(&mut self) {
-        // Nobody is refused SCHED_OTHER for a thread of his own.
-        let _ = sys::set_other(0);
+        if self.is_raised {
+            // Nobody is refused SCHED_OTHER for a thread of his own.
+            let _ = sys::set_other(0);
+        }
     }
 }
 
@@ -114,6 +118,8 @@ pub(super) fn prefault_stack() {
 
 #[cfg(test)]
 mod tests {
+    use rustix::thread::{CapabilitySet, CapabilitySets, set_capabilities};
+
     use super::*;
 
     #[test]
@@ -121,6 +127,42 @@ mod tests {
         let standing = std::thread::spawn(|| take_stand(100_000, 0)).join().unwrap();
         assert_eq!((standing.priority, standing.scheduling()), (0, "SCHED_OTHER".into()));
         assert!(standing.refused.iter().any(|refused| refused.starts_with("processor 100000:")), "{standing:?}");
+    }
+
+    #[test]
+    fn who_is_raised_by_a_limit_alone_comes_down_again() {
+        // In a thread of its own, which ends with what it has given up.
+        let scheduling = std::thread::spawn(|| {
+            let raised = Raised::now();
+            let up = sys::scheduler().unwrap();
+            // As for a user with RLIMIT_RTPRIO: the flag of what is raised is not his to clear.
+            let sets = CapabilitySets {
+                effective: CapabilitySet::empty(),
+                permitted: CapabilitySet::empty(),
+                inheritable: CapabilitySet::empty(),
+            };
+            set_capabilities(None, sets).unwrap();
+            drop(raised);
+            (up, sys::scheduler().unwrap())
+        });
+        let (up, down) = scheduling.join().unwrap();
+        if up.0 == libc::SCHED_OTHER {
+            eprintln!("not tried: nobody here may be under SCHED_FIFO");
+        }
+        assert_eq!(down, (libc::SCHED_OTHER, 0), "after {up:?}");
+    }
+
+    #[test]
+    fn who_is_under_real_time_already_is_left_there() {
+        let stays = std::thread::spawn(|| {
+            if sys::set_fifo(3).is_err() {
+                eprintln!("not tried: nobody here may be under SCHED_FIFO");
+                return true;
+            }
+            drop(Raised::now());
+            sys::scheduler().unwrap() == (libc::SCHED_FIFO, 3)
+        });
+        assert!(stays.join().unwrap());
     }
 
     #[test]

@@ -50,7 +50,7 @@ impl Launcher {
             if role == Role::Record
                 && let Err(failure) = self.recordings.begin_another()
             {
-                say(&format!("the flight goes on without a recorder: {failure}\n"));
+                say(&format!("{}; the flight goes on without a recorder: {failure}\n", left.how("")));
                 continue;
             }
             let spare = self.spares.take(role);
