@@ -30,7 +30,8 @@ def wilson(survived, tried):
     """The interval of a share at 95 %."""
     z, p = 1.959964, survived / tried
     middle, width = p + z * z / (2 * tried), z * math.sqrt(p * (1 - p) / tried + z * z / (4 * tried * tried))
-    return max(0.0, (middle - width) / (1 + z * z / tried)), min(1.0, (middle + width) / (1 + z * z / tried))
+    most = 1.0 if survived == tried else (middle + width) / (1 + z * z / tried)
+    return max(0.0, (middle - width) / (1 + z * z / tried)), most
 
 
 def percent(share):

@@ -72,6 +72,17 @@ impl<C: Topic> Window<C> {
         Some(self.messages.range(begin..end))
     }
 
+    /// The first `first` messages behind the one of tick `before`, and the `last` ones up to that of tick `until`; none
+    /// where no message lies between the two.
+    #[must_use]
+    pub fn parted(&self, before: u64, first: u64, until: u64, last: u64) -> Option<impl Iterator<Item = &Message<C>>> {
+        let begin = if before == NO_TICK { 0 } else { self.place(before)? + 1 };
+        let head = begin..begin + usize::try_from(first).ok()?;
+        let end = self.place(until)? + 1;
+        let tail = end.checked_sub(usize::try_from(last).ok()?)?..end;
+        (head.end < tail.start).then(|| self.messages.range(head).chain(self.messages.range(tail)))
+    }
+
     /// The message of a tick.
     #[must_use]
     pub fn of(&self, tick: u64) -> Option<&Message<C>> {

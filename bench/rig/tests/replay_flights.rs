@@ -46,6 +46,22 @@ fn a_flight_whose_stages_are_stopped_one_after_the_other_is_identical() {
 }
 
 #[test]
+#[ignore = "long: part of the gate"]
+fn a_plant_that_stood_still_between_its_two_looks_at_the_commands_is_replayed() {
+    let rig = Rig::new("twice");
+    let flight = rig.take_off(&["--trajectory", "hover", "--duration", "5s"]);
+    let plant = flight.roles()["plant"];
+    for i in 0..10 {
+        // Longer than commands can wait; at other instants of a tick each time.
+        stop_for(plant, Duration::from_millis(90));
+        sleep(Duration::from_micros(180_000 + 300 * i));
+    }
+    flight.end();
+    assert!(rig.report()["ticks"]["skipped"].as_u64().unwrap() > 500);
+    verifies(&rig);
+}
+
+#[test]
 fn a_rehearsed_flight_is_identical_and_says_how_often_it_was_rehearsed() {
     let rig = Rig::new("rehearsed");
     let settings = rig.settings(TROUBLED);

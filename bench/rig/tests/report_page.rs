@@ -124,6 +124,7 @@ fn bad_day(directory: &Path) -> Report {
     deadlines.runs = vec![RunLength { length_ticks: 1, count: 3 }, RunLength { length_ticks: 400, count: 12_345 }];
     let outages = ClassCount { class: Class::StoppedOrDead, stage: Some("inner".into()), outages: 2, missed: 401 };
     report.autopsy = Section {
+        unmeasured: 0,
         classes: vec![outages],
         pending: 3,
         longest: None,

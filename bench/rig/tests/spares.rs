@@ -2,6 +2,8 @@
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use std::fs;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use crate::deaths::{assert_replayed, await_successor, report, strike, take_off};
 use crate::rig::{Rig, files_below, is_gone, send, wait_until};
@@ -103,6 +105,42 @@ fn a_stage_that_dies_again_at_once_comes_back_without_a_spare() {
     assert_eq!(report.deaths.len(), 2, "{:?}", report.deaths);
     assert!(report.deaths.iter().all(|death| death.back_after_ms.is_some()), "{:?}", report.deaths);
     assert_replayed(&rig);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_spare_that_is_told_to_end_on_its_way_ends() {
+    for tick in 1493..=1498 {
+        let rig = Rig::new("landing");
+        let fault = format!("inner.kill@tick{tick}");
+        let begun = Instant::now();
+        let flown =
+            rig.run("fly", &["--rt", "off", "--on-death", "restart", "--duration", "1500ms", "--fault", &fault]);
+        // Of a flight that waits for somebody who has not heard, the launcher waits half a minute.
+        assert!(begun.elapsed() < Duration::from_secs(25), "{fault}: {:?}, {flown}", begun.elapsed());
+        // Who dies with the last ticks is not started again.
+        assert!([Some(0), Some(1), Some(3)].contains(&flown.code), "{flown}");
+        rig.assert_nothing_left();
+    }
+}
+
+#[test]
+fn a_spare_that_is_stopped_on_its_way_is_killed_and_another_process_comes() {
+    let rig = Rig::new("way");
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "6s"]);
+    // Of an inner loop, five in ten seconds are started again.
+    for (i, wait_ms) in [1, 4].into_iter().enumerate() {
+        let spare = rig.await_spare(Role::Inner, None);
+        let dead = strike(&rig, &run, 300 + 400 * i as u64, Role::Inner, Signal::KILL);
+        wait_until("the spare to go on", || (rig.spares().get("inner") != Some(&spare)).then_some(()));
+        sleep(Duration::from_millis(wait_ms));
+        send(spare, Signal::STOP);
+        wait_until("the stopped process to go", || is_gone(spare).then_some(()));
+        assert!(![dead, spare].contains(&await_successor(&rig, Role::Inner, spare)));
+    }
+    let begun = Instant::now();
+    flight.end();
+    assert!(begun.elapsed() < Duration::from_secs(55), "the flight takes 24 s of the clock: {:?}", begun.elapsed());
     rig.assert_nothing_left();
 }
 

@@ -38,6 +38,8 @@ pub struct Ready {
     pub(crate) ahead: Option<Ahead>,
     pub(crate) boards: Boards,
     pub(crate) wire: Wire,
+    /// Whether a signal has asked for the end.
+    pub(crate) stop: Arc<AtomicBool>,
 }
 
 /// The boards that it reads on its way.
@@ -50,7 +52,7 @@ pub(crate) struct Boards {
 
 impl Ready {
     /// Everything that can be opened before the place is free. Services take longer to open than ports.
-    fn open(role: Role, orders: &Orders) -> Result<Self, Error> {
+    fn open(role: Role, orders: &Orders, stop: Arc<AtomicBool>) -> Result<Self, Error> {
         let mut wire = Wire::open(&orders.instance)?;
         match role {
             Role::Outer => {
@@ -78,7 +80,7 @@ impl Ready {
         };
         // Last: what was opened is locked with the rest.
         let ahead = Ahead::prepare(role, &orders.rt);
-        Ok(Self { ahead, boards, wire })
+        Ok(Self { ahead, boards, wire, stop })
     }
 }
 
@@ -95,7 +97,7 @@ pub fn stand_by(role: Role, mut orders: Orders) -> Result<Option<Orders>, Error>
             .map_err(|e| Error::system("cannot handle signals", e))?;
     }
     end_with_launcher(orders.launcher)?;
-    orders.ready = Some(Ready::open(role, &orders)?);
+    orders.ready = Some(Ready::open(role, &orders, Arc::clone(&stop))?);
     let named = |name| set_name(name).map_err(|e| Error::system("cannot name the process", e));
     named(NAME)?;
     let is_told = is_told(&stop).map_err(|e| Error::system("cannot read whether the spare is to go on", e))?;

@@ -92,7 +92,8 @@ impl Station {
     /// [`Error::Occupied`] where somebody has it; [`Error::RootPath`], [`Error::Wire`], [`Error::System`];
     /// [`Error::Interrupted`] where a signal has broken off what was tried.
     pub fn take(role: Role, orders: Orders) -> Result<Self, Error> {
-        let stop = Arc::new(AtomicBool::new(false));
+        // A spare has listened since it was started, and may have been told to end on its way here.
+        let stop = orders.ready.as_ref().map_or_else(Default::default, |ready| Arc::clone(&ready.stop));
         for signal in stop_signals() {
             let failed = |e| Error::system("cannot handle signals", e);
             if ends_at_once(signal) {
@@ -114,7 +115,7 @@ impl Station {
         }
         let lock = orders.instance.lock(role)?;
         let (wire, ahead, boards) = match orders.ready.take() {
-            Some(Ready { wire, ahead, boards }) => (wire, ahead, boards),
+            Some(Ready { wire, ahead, boards, stop: _ }) => (wire, ahead, boards),
             None => (Wire::open(&orders.instance)?, None, Boards::default()),
         };
         let status =

@@ -175,6 +175,9 @@ impl Launcher {
                 self.dismiss_latecomers();
                 self.spares.dismiss();
                 let over = over_since.get_or_insert_with(Instant::now).elapsed();
+                if over > LANDING {
+                    self.kill_latecomers();
+                }
                 if over > ENDING {
                     self.kill_lingering(run.phase(), over > ENDING + LANDING);
                 }
@@ -245,9 +248,14 @@ impl Launcher {
         for (role, child) in &mut self.children {
             let status = statuses.get(role).filter(|status| status.pid == u64::from(child.id()));
             let is_late = || restarts[*role as usize].is_again() && restarts[*role as usize].age() > GETTING_READY;
+            let is_stopped = || {
+                let is_stopped = Look::at(u64::from(child.id())).is_some_and(Look::is_stopped);
+                is_stopped && restarts[*role as usize].is_again() && restarts[*role as usize].age() > pulse::STILL
+            };
             let hangs = match status {
                 Some(status) if status.phase() == RolePhase::Flying => hanging.contains(role),
-                _ => is_late(),
+                // One that a signal has stopped on its way will not come.
+                _ => is_late() || is_stopped(),
             };
             if hangs {
                 self.killed.push((child.id(), Killed::Hung));
@@ -268,6 +276,14 @@ impl Launcher {
                 self.dismissed.push(pid);
                 tell(child);
             }
+        }
+    }
+
+    /// Kills those that were told to end, and have not.
+    fn kill_latecomers(&mut self) {
+        for (_, child) in self.children.iter_mut().filter(|(_, child)| self.dismissed.contains(&child.id())) {
+            // Only a process that has ended already resists.
+            let _ = child.kill();
         }
     }
 

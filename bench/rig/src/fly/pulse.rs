@@ -21,7 +21,7 @@ use model::role::{Role, STAGES};
 /// How often the launcher looks where it starts roles again.
 pub(super) const LOOK_EVERY: Duration = Duration::from_millis(10);
 /// A heartbeat that stands still for so long, or for [`TICKS`], is a hang: noticed within 100 ms, with the looks.
-const STILL: Duration = Duration::from_millis(80);
+pub(super) const STILL: Duration = Duration::from_millis(80);
 const TICKS: u32 = 5;
 
 /// The heartbeats of the loops, in the order of [`STAGES`].

@@ -68,8 +68,7 @@ impl Spares {
     pub(super) fn take(&mut self, role: Role) -> Option<Child> {
         let place = self.waiting.iter().position(|(known, _)| *known == role)?;
         let (_, mut child) = self.waiting.swap_remove(place);
-        let is_stopped = Look::at(u64::from(child.id())).is_none_or(Look::is_stopped);
-        let door = child.stdin.take().filter(|_| !is_stopped);
+        let door = child.stdin.take().filter(|_| !is_stopped(&child));
         if door.is_some_and(|mut door| door.write_all(b"\n").is_ok()) {
             return Some(child);
         }
@@ -112,6 +111,10 @@ impl Spares {
         self.from = ROLES.map(|_| None);
         self.ending.extend(self.waiting.drain(..).map(|(_, mut child)| {
             drop(child.stdin.take());
+            // One that is stopped hears of no end.
+            if is_stopped(&child) {
+                let _ = child.kill();
+            }
             child
         }));
     }
@@ -129,6 +132,11 @@ impl Spares {
             let _ = child.wait();
         }
     }
+}
+
+/// Whether a signal has stopped a process, or it cannot be seen.
+fn is_stopped(child: &Child) -> bool {
+    Look::at(u64::from(child.id())).is_none_or(Look::is_stopped)
 }
 
 /// How a process has ended, with what code of its law has started; nothing while it lives.

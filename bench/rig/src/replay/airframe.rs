@@ -10,9 +10,11 @@ use model::envelope::Message;
 use model::fault::gate::Gate;
 use model::fault::{MessageFaults, Port};
 use model::grid::Pace;
-use model::messages::{Change, Dated, RotorSpeeds, State, SwapRecord};
+use model::layout::words;
+use model::messages::{Change, Dated, NO_TICK, RotorSpeeds, State, SwapRecord};
 use model::role::Role;
 use plant::desk::swap_record;
+use plant::latch::pending_commands;
 use plant::{Plant, Swap, Target};
 
 use crate::replay::compare::ReplayComparison;
@@ -31,6 +33,10 @@ pub struct AirframeReplay {
     swaps_known: u64,
     /// Commands that the plant had taken with the state before.
     commands_taken: u64,
+    /// Tick of the last of them.
+    command_taken_tick: u64,
+    /// Commands that can wait for the plant.
+    room: u64,
 }
 
 impl AirframeReplay {
@@ -39,7 +45,9 @@ impl AirframeReplay {
     pub fn new(settings: &plant::PlantSettings, pace: Pace, faults: &MessageFaults) -> Self {
         let mut plant = Plant::new(settings);
         plant.gate(Gate::new(faults, Port::PlantRotorSpeeds));
-        Self { plant, pace, swaps: VecDeque::new(), swaps_known: 0, commands_taken: 0 }
+        let room = pending_commands(settings.period_s) as u64;
+        let swaps = VecDeque::new();
+        Self { plant, pace, swaps, swaps_known: 0, commands_taken: 0, command_taken_tick: NO_TICK, room }
     }
 
     /// Takes the record of the next swap.
@@ -66,18 +74,17 @@ impl AirframeReplay {
     ) -> Result<State, Failure> {
         let (tick, recorded) = (message.envelope.tick, &message.content);
         let due = self.schedule_until(tick)?;
-        for command in up_to(
-            commands,
-            recorded.command_taken_tick,
-            recorded.commands_taken.wrapping_sub(self.commands_taken),
-            tick,
-        )? {
-            let envelope = &command.envelope;
-            let acts_from = self.pace.effective_tick(envelope.tick, envelope.stamps_of(Role::Mixer).send_ns);
-            self.plant.offer(&Dated { tick: envelope.tick, content: command.content }, acts_from);
-        }
+        let new = recorded.commands_taken.wrapping_sub(self.commands_taken);
+        let taken = up_to(commands, recorded.command_taken_tick, new, tick)?;
+        let replayed = match self.begun_after_overflow(message, commands, new) {
+            Some((plant, state)) => {
+                self.plant = plant;
+                state
+            }
+            None => begun(&mut self.plant, self.pace, taken, tick),
+        };
         self.commands_taken = recorded.commands_taken;
-        let replayed = self.plant.begin(tick);
+        self.command_taken_tick = recorded.command_taken_tick;
         comparison.compare(tick, recorded, &replayed);
         let mut applied = self.plant.applied().iter().map(swap_record);
         for swap in due {
@@ -86,6 +93,23 @@ impl AirframeReplay {
         }
         self.plant.finish();
         Ok(replayed)
+    }
+
+    /// The plant at a tick before which it had looked for commands twice and stood still in between, so that its port
+    /// overflowed: it took what lay there at first, and the newest that had room. None where its state is not that of
+    /// the record: then the port overflowed before the first look, or not at all.
+    fn begun_after_overflow(
+        &self,
+        message: &Message<State>,
+        commands: &Window<RotorSpeeds>,
+        new: u64,
+    ) -> Option<(Plant, State)> {
+        let (tick, recorded) = (message.envelope.tick, &message.content);
+        let first = new.checked_sub(self.room).filter(|first| *first > 0)?;
+        let taken = commands.parted(self.command_taken_tick, first, recorded.command_taken_tick, self.room)?;
+        let mut plant = self.plant.clone();
+        let state = begun(&mut plant, self.pace, taken, tick);
+        (words(&state) == words(recorded)).then_some((plant, state))
     }
 
     /// Hands the swaps of ticks up to this one to the plant, and gives them.
@@ -106,4 +130,18 @@ impl AirframeReplay {
         }
         Ok(due)
     }
+}
+
+/// The state of a tick, after commands were offered as the plant's process offers them.
+fn begun<'a>(
+    plant: &mut Plant,
+    pace: Pace,
+    commands: impl Iterator<Item = &'a Message<RotorSpeeds>>,
+    tick: u64,
+) -> State {
+    for Message { envelope, content } in commands {
+        let acts_from = pace.effective_tick(envelope.tick, envelope.stamps_of(Role::Mixer).send_ns);
+        plant.offer(&Dated { tick: envelope.tick, content: *content }, acts_from);
+    }
+    plant.begin(tick)
 }

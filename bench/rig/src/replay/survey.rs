@@ -220,7 +220,8 @@ fn check_swaps(swaps: &[Message<SwapRecord>], known: u64, end: End) -> Result<()
 /// A failure of a log that lacks something.
 pub(super) fn gap(what: &str) -> Failure {
     Failure::failed(format!("the log has a gap: {what}"))
-        .help("a flight can be replayed from a whole record alone; report.txt says what the recorder lost, and why")
+        .help("a flight can be replayed from a whole record alone; report.txt says what the recorder lost, and why, and which \
+               processes died: a message of a process that died may have reached a loop, and not the recorder")
 }
 
 /// What the messages of a log have in common, and which ones come next.
