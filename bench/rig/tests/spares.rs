@@ -145,6 +145,21 @@ fn a_spare_that_is_stopped_on_its_way_is_killed_and_another_process_comes() {
 }
 
 #[test]
+fn a_spare_that_fails_is_told_and_costs_the_flight_nothing() {
+    let rig = Rig::new("fails");
+    let config = crate::compiled::misbehaving(&rig, "refuse_with_file", 0);
+    let flight = rig.start("fly", &["--on-death", "restart", "--rt", "off", "--config", &config, "--duration", "4s"]);
+    let spare = rig.await_spare(Role::Inner, None);
+    fs::write(rig.path("refuse"), "").unwrap();
+    send(spare, Signal::KILL);
+    let ended = flight.end().expect(0).complains("the inner process has no spare any more: it ended, exit status: ");
+    assert_eq!(ended.result()["deaths"], "0", "{ended}");
+    let log = fs::read_to_string(rig.out().join("latest/inner.log")).unwrap();
+    assert!(log.contains("there is a file named refuse"), "{log}");
+    rig.assert_nothing_left();
+}
+
+#[test]
 fn spares_end_with_a_launcher_that_is_killed() {
     let rig = Rig::new("orphans");
     let (flight, _) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "60s"]);

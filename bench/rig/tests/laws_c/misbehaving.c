@@ -12,10 +12,10 @@
 
 enum { MISBEHAVE, FROM_TICK, SETTINGS };
 enum { NOTHING, CRASH, ABORT, EXIT, OVERFLOW, LOOP, NAN_TORQUE, SLEEP, ALLOCATE, FAULT, REFUSE, CRASH_WHEN_MADE,
-       CRASH_WHEN_COPIED, CRASH_WHEN_FREED, SLOW };
+       CRASH_WHEN_COPIED, CRASH_WHEN_FREED, SLOW, REFUSE_WITH_FILE };
 static const char *const WORDS[] = {"nothing", "crash",    "abort", "exit",   "overflow",       "loop", "nan",
                                     "sleep",   "allocate", "fault", "refuse", "crash_when_made",
-                                    "crash_when_copied", "crash_when_freed", "slow"};
+                                    "crash_when_copied", "crash_when_freed", "slow", "refuse_with_file"};
 static const IronbirdSetting settings[SETTINGS] = {
     [MISBEHAVE] = {.name = "misbehave", .meaning = "what to do wrong", .kind = IRONBIRD_WORD, .words = WORDS,
                    .words_count = sizeof WORDS / sizeof *WORDS},
@@ -36,6 +36,14 @@ static void *create(void *context, const IronbirdRig *rig, const IronbirdValue *
     if (values[MISBEHAVE].word == REFUSE) {
         snprintf(refused, size, "misbehave = refuse and from_tick = %g do not go together", values[FROM_TICK].number[0]);
         return NULL;
+    }
+    if (values[MISBEHAVE].word == REFUSE_WITH_FILE) {
+        FILE *file = fopen("refuse", "r");
+        if (file != NULL) {
+            fclose(file);
+            snprintf(refused, size, "there is a file named refuse");
+            return NULL;
+        }
     }
     if (values[MISBEHAVE].word == CRASH_WHEN_MADE)
         sink = *(volatile uint64_t *)NULL;
