@@ -2,20 +2,19 @@
 
 import json
 import math
-import sys
 import time
 
+import common
+
 PERIOD_S = 1e-3
-ARGUMENTS = "FLIGHTS SECONDS"
 # Amplitude [m] and angular frequency [rad/s] along x and y, and the height [m].
 X, Y, HEIGHT_M = (2.0, 0.5), (1.0, 1.0), 1.5
 
 
 def arguments():
     """Flights, and ticks of each."""
-    if len(sys.argv) != 3:
-        sys.exit(f"usage: {sys.argv[0]} {ARGUMENTS}")
-    return int(sys.argv[1]), round(float(sys.argv[2]) / PERIOD_S)
+    flights, seconds = common.argument("FLIGHTS SECONDS")
+    return int(flights), round(float(seconds) / PERIOD_S)
 
 
 def reference(t):
@@ -32,7 +31,7 @@ def reference(t):
 def report(fly, version):
     """Flies one flight that is not timed, then all that are asked for; `fly(ticks)` gives its largest error [m]."""
     flights, ticks = arguments()
-    fly(min(ticks, 1000))
+    fly(min(ticks, common.WARM_TICKS))
     begin = time.perf_counter()
     largest = max(fly(ticks) for _ in range(flights))
     wall_s = time.perf_counter() - begin

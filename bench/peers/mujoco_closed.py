@@ -5,30 +5,11 @@ import math
 import mujoco
 
 import closed_loop
+from mujoco_body import free_body
 
 MASS_KG, INERTIA_KG_M2, GRAVITY_M_S2 = 0.5, (3.65e-3, 3.68e-3, 7.03e-3), 9.81
 POSITION_GAINS, ATTITUDE_GAINS = (6.5, 4.0), (310.0, 35.0)
-MODEL = f"""
-<mujoco>
-  <option timestep="{closed_loop.PERIOD_S}" integrator="RK4" gravity="0 0 -{GRAVITY_M_S2}">
-    <flag contact="disable" constraint="disable"/>
-  </option>
-  <worldbody>
-    <body>
-      <freejoint/>
-      <inertial pos="0 0 0" mass="{MASS_KG}" diaginertia="{' '.join(map(str, INERTIA_KG_M2))}"/>
-      <site name="body"/>
-    </body>
-  </worldbody>
-  <actuator>
-    <motor site="body" gear="0 0 1 0 0 0"/>
-    <motor site="body" gear="0 0 0 1 0 0"/>
-    <motor site="body" gear="0 0 0 0 1 0"/>
-    <motor site="body" gear="0 0 0 0 0 1"/>
-  </actuator>
-</mujoco>
-"""
-model = mujoco.MjModel.from_xml_string(MODEL)
+model = free_body(closed_loop.PERIOD_S, MASS_KG, INERTIA_KG_M2, GRAVITY_M_S2)
 
 
 def cross(a, b):

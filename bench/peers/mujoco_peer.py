@@ -7,34 +7,12 @@ import numpy as np
 from mujoco import rollout
 
 import common
-
-# Thrust along body z and a torque about each body axis, through a site that turns with the body.
-MODEL = """
-<mujoco>
-  <option integrator="RK4" timestep="{step_s!r}" gravity="0 0 -{gravity_m_s2!r}">
-    <flag contact="disable" constraint="disable"/>
-  </option>
-  <worldbody>
-    <body>
-      <freejoint/>
-      <inertial pos="0 0 0" mass="{mass_kg!r}" diaginertia="{inertia}"/>
-      <site name="body"/>
-    </body>
-  </worldbody>
-  <actuator>
-    <motor site="body" gear="0 0 1 0 0 0"/>
-    <motor site="body" gear="0 0 0 1 0 0"/>
-    <motor site="body" gear="0 0 0 0 1 0"/>
-    <motor site="body" gear="0 0 0 0 0 1"/>
-  </actuator>
-</mujoco>
-"""
+from mujoco_body import free_body
 
 path, steps = common.argument("WORK.json STEPS_PER_TICK")
 work, steps = common.load(path), int(steps)
-inertia = " ".join(repr(value) for value in work["inertia_kg_m2"])
-values = {key: work[key] for key in ("mass_kg", "gravity_m_s2")}
-model = mujoco.MjModel.from_xml_string(MODEL.format(step_s=work["period_s"] / steps, inertia=inertia, **values))
+values = [work[key] for key in ("mass_kg", "inertia_kg_m2", "gravity_m_s2")]
+model = free_body(work["period_s"] / steps, *values)
 data = mujoco.MjData(model)
 
 control = np.array([[command["thrust_n"], *command["torque_b_nm"]] for command in work["commands"]])

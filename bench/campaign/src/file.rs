@@ -350,13 +350,13 @@ impl Reader {
     }
 }
 
-/// Keys of the settings, whether they are written `"inner.law" = ..` or `inner.law = ..`: section, key, value.
 /// Whether a name can be part of the name of a file.
 fn is_name(name: &str) -> bool {
     let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     (1..=64).contains(&name.len()) && name.chars().all(is_allowed)
 }
 
+/// Keys of the settings, whether they are written `"inner.law" = ..` or `inner.law = ..`: section, key, value.
 fn flat(keys: &Table) -> Vec<(String, String, Value)> {
     let mut all: BTreeMap<(String, String), Value> = BTreeMap::new();
     for (name, value) in keys {

@@ -11,7 +11,7 @@ pub mod table;
 pub mod target;
 
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use report::comparison::Laws;
 use report::json;
@@ -25,10 +25,10 @@ use crate::margin::measure::{Law, Task};
 use crate::margin::plan::{Asked, Judged, Phases, Unfaulted};
 use crate::margin::target::Target;
 use crate::output::{print, say};
-use crate::parallel::{asked_to_stop, on_processors, processors};
+use crate::parallel::{all_on_processors, asked_to_stop, processors};
 use crate::progress::Progress;
 use crate::settings::{Overrides, Settings};
-use failure::{Failure, INTERRUPTED, OK, check_writable, write_text};
+use failure::{Failure, OK, check_writable, write_text};
 
 /// Every so many phases, what takes more flights is flown, and the order of things is looked at.
 const SPARSE: usize = 8;
@@ -200,25 +200,9 @@ fn shared_out<T: Sync, R: Send>(
     work: impl Fn(&T) -> Result<R, Failure> + Sync,
 ) -> Result<Vec<R>, Failure> {
     let mut progress = Progress::new(items.len() as u64, thing);
-    let failed = AtomicBool::new(false);
-    let work = |item: &T| {
-        if failed.load(Ordering::Relaxed) {
-            return Err(Failure::new(INTERRUPTED, "interrupted"));
-        }
-        work(item).inspect_err(|_| failed.store(true, Ordering::Relaxed))
-    };
-    let results = on_processors(items, jobs, work, |done| progress.look(done as u64));
+    let results = all_on_processors(items, jobs, work, |done| progress.look(done as u64));
     progress.clear();
-    let mut all: Vec<R> = Vec::with_capacity(results.len());
-    let mut failure: Option<Failure> = None;
-    for result in results {
-        match result {
-            Ok(it) => all.push(it),
-            Err(e) if failure.as_ref().is_none_or(|known| known.code == INTERRUPTED) => failure = Some(e),
-            Err(_) => {}
-        }
-    }
-    failure.map_or(Ok(all), Err)
+    results
 }
 
 /// What laws fly without a fault, over all phases and with one seed, and what therefore counts as survived.

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use failure::Failure;
+use failure::{Failure, INTERRUPTED};
 use role::stop::stop_signals;
 use signal_hook::flag;
 
@@ -66,6 +66,30 @@ pub fn on_processors<T: Sync, R: Send>(
     results.into_iter().map(|(_, result)| result).collect()
 }
 
+/// The same of work that may fail: the first failure ends all other work, and is given unless it is just that end.
+///
+/// # Errors
+/// That of a piece of work; an interruption where there is no other.
+pub fn all_on_processors<T: Sync, R: Send>(
+    items: &[T],
+    workers: usize,
+    work: impl Fn(&T) -> Result<R, Failure> + Sync,
+    look: impl FnMut(usize),
+) -> Result<Vec<R>, Failure> {
+    let has_failed = AtomicBool::new(false);
+    let work = |item: &T| {
+        if has_failed.load(Ordering::Relaxed) {
+            return Err(Failure::new(INTERRUPTED, "interrupted"));
+        }
+        work(item).inspect_err(|_| has_failed.store(true, Ordering::Relaxed))
+    };
+    let (all, failures): (Vec<_>, Vec<_>) =
+        on_processors(items, workers, work, look).into_iter().partition(Result::is_ok);
+    let mut failures: Vec<Failure> = failures.into_iter().filter_map(Result::err).collect();
+    let cause = failures.iter().position(|failure| failure.code != INTERRUPTED).unwrap_or(0);
+    if failures.is_empty() { Ok(all.into_iter().flatten().collect()) } else { Err(failures.swap_remove(cause)) }
+}
+
 /// Tells that a worker has ended, also by a panic.
 struct Leaves<'a> {
     running: &'a AtomicUsize,
@@ -92,5 +116,19 @@ mod tests {
             assert_eq!(squares, items.iter().map(|item| item * item).collect::<Vec<_>>());
             assert!(looks.last() == Some(&100) && looks.is_sorted(), "{looks:?}");
         }
+    }
+
+    #[test]
+    fn a_failure_ends_other_work_and_is_told_before_the_interruptions_that_follow() {
+        let items: Vec<u64> = (0..100).collect();
+        let work = |item: &u64| match item {
+            7 => Err(Failure::failed("seven")),
+            _ => Ok(*item),
+        };
+        let failure = all_on_processors(&items, 1, work, |_| ()).unwrap_err();
+        assert_ne!(failure.code, INTERRUPTED, "{failure}");
+        let interrupted = |_: &u64| Err::<u64, _>(Failure::new(INTERRUPTED, "interrupted"));
+        assert_eq!(all_on_processors(&items, 3, interrupted, |_| ()).unwrap_err().code, INTERRUPTED);
+        assert_eq!(all_on_processors(&items, 3, |item| Ok(*item), |_| ()).unwrap(), items);
     }
 }

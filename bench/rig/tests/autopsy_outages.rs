@@ -172,6 +172,19 @@ fn what_came_in_time_and_was_not_used_is_no_outage_of_its_sender_and_all_stages_
 }
 
 #[test]
+fn an_outage_that_the_recorder_did_not_see_whole_is_measured_by_nobody() {
+    let mut made = made();
+    (MISSED..MISSED + 8).for_each(|tick| *made.traces.get_mut(&tick).unwrap() = TickPassages::default());
+    let half = made.samples.len() / 2;
+    made.samples[half..].iter_mut().for_each(|sample| sample.lost = 1);
+    let mut autopsy = Autopsy::new(GRID, true, true);
+    let missed = feed(&mut autopsy, &made.traces, &made.samples);
+    autopsy.finish(missed, WINDOW_TICKS - 1);
+    let section = autopsy.section();
+    assert_eq!((section.longest, section.unmeasured), (Some(BTreeMap::new()), 1));
+}
+
+#[test]
 fn an_end_of_the_flight_and_what_was_before_a_stage_began_are_no_outages() {
     let mut made = made();
     made.silence_of(Role::Inner, 0..3);

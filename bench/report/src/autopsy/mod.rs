@@ -15,6 +15,7 @@
 
 pub mod classes;
 pub mod evidence;
+mod rows;
 pub mod runners;
 pub mod section;
 pub mod suspects;
@@ -29,9 +30,9 @@ use model::topic::Topic;
 
 use crate::autopsy::classes::{Class, Opinion, classify, index};
 use crate::autopsy::evidence::{CounterSample, Life, Passage, Scene, TickPassages};
+use crate::autopsy::rows::{Rows, out_in};
 use crate::autopsy::runners::Slice;
 use crate::autopsy::section::{Case, ClassCount, Section, TimelineStage, TimelineTick};
-use crate::margin::line::MACHINE;
 
 /// Ticks that are kept before and after an outage: what is usual is seen in them.
 pub const AROUND_TICKS: u64 = 32;
@@ -70,10 +71,7 @@ pub struct Autopsy {
     open: Option<Outage>,
     /// Outages, and missed deadlines in them.
     counts: BTreeMap<(Class, Option<Role>), (u64, u64)>,
-    /// The longest row of ticks without an output in time: of each stage, and of all of them.
-    longest: [u64; STAGES.len() + 1],
-    /// Outages whose rows are not known.
-    unmeasured: u64,
+    rows: Rows,
     worst: Vec<Case>,
 }
 
@@ -118,8 +116,7 @@ impl Autopsy {
             has_begun: false,
             open: None,
             counts: BTreeMap::new(),
-            longest: [0; STAGES.len() + 1],
-            unmeasured: 0,
+            rows: Rows::NONE,
             worst: Vec::new(),
         }
     }
@@ -305,41 +302,15 @@ impl Autopsy {
         *count = (count.0 + 1, count.1 + outage.missed);
         // Nor is a stage that it did not see published.
         if is_whole {
-            self.take_longest(outage);
+            let trace = |tick| self.traces.get(&tick).copied().unwrap_or_default();
+            self.rows.take(outage, |tick| out_in(&trace(tick), self.grid, tick, self.missed.contains(&tick)));
         } else {
-            self.unmeasured += 1;
+            self.rows.unmeasured += 1;
         }
         let case = self.case(outage, opinion);
         let place = self.worst.partition_point(|other| (other.ticks, other.missed) >= (case.ticks, case.missed));
         self.worst.insert(place, case);
         self.worst.truncate(WORST);
-    }
-
-    /// Takes the rows of ticks in which stages were out.
-    fn take_longest(&mut self, outage: Outage) {
-        let mut rows = [0; STAGES.len() + 1];
-        for tick in outage.first..=outage.last {
-            let out = self.out_in(tick);
-            let all = out.iter().all(|is_out| *is_out);
-            for ((row, longest), is_out) in rows.iter_mut().zip(&mut self.longest).zip(out.into_iter().chain([all])) {
-                *row = if is_out { *row + 1 } else { 0 };
-                *longest = (*longest).max(*row);
-            }
-        }
-    }
-
-    /// Which stages published nothing in a tick, or too late for the next one. What came in time and was not used is no
-    /// outage of its sender.
-    fn out_in(&self, tick: u64) -> [bool; STAGES.len()] {
-        let trace = self.traces.get(&tick).copied().unwrap_or_default();
-        std::array::from_fn(|i| {
-            let Some(passage) = trace[i] else { return true };
-            let (due_ns, is_used) = match STAGES.get(i + 1) {
-                Some(next) => (self.grid.cut_off_of(*next, tick), trace[i + 1].is_some_and(|next| next.is_fresh)),
-                None => (self.grid.begin_of(tick + 1), !self.missed.contains(&tick)),
-            };
-            !is_used && passage.send_ns > due_ns
-        })
     }
 
     fn case(&self, outage: Outage, opinion: Opinion) -> Case {
@@ -409,13 +380,11 @@ impl Autopsy {
         classes.sort_by_key(|class| std::cmp::Reverse((class.missed, class.outages)));
         let judged: u64 = self.judged.iter().map(|judged| judged.missed).sum();
         let open = self.open.map_or(0, |outage| outage.missed);
-        let stages = STAGES.into_iter().map(|role| role.name()).chain([MACHINE]);
-        let longest = stages.zip(self.longest).filter(|(_, ticks)| *ticks > 0);
         Section {
             classes,
             pending: judged + self.not_looked_at() + open,
-            longest: Some(longest.map(|(stage, ticks)| (stage.to_owned(), ticks)).collect()),
-            unmeasured: self.unmeasured,
+            longest: Some(self.rows.longest()),
+            unmeasured: self.rows.unmeasured,
             worst: self.worst.clone(),
         }
     }

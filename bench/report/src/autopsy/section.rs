@@ -24,7 +24,7 @@ pub struct Section {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub longest: Option<BTreeMap<String, u64>>,
     /// Outages with missed deadlines that count in no such row: messages were lost there, so who was out is not known.
-    #[serde(default, skip_serializing_if = "is_none_of")]
+    #[serde(default)]
     pub unmeasured: u64,
     /// The longest outages in ticks; of those alike, the ones with more deadlines missed first.
     pub worst: Vec<Case>,
@@ -97,11 +97,6 @@ pub struct TimelineStage {
     pub send_us: f64,
     /// Its driving input was of the tick; otherwise it had waited until its cut-off.
     pub is_fresh: bool,
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
-fn is_none_of(number: &u64) -> bool {
-    *number == 0
 }
 
 impl Section {

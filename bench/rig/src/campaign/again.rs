@@ -36,8 +36,13 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
         ))
         .help("`ironbird campaign report DIR` lists the worst ones"));
     }
-    let settings = settings(&plan, args, arm)?;
+    let mut settings = plan.settings(args.flight, arm)?;
     let timing = plan.timing(args.flight, arm, &settings)?;
+    let is_of_ticks_alone = is_of_ticks_alone(&settings, timing)?;
+    settings.flight.pace = if args.live || is_of_ticks_alone { PaceName::Realtime } else { PaceName::Lockstep };
+    if let Some(out) = &args.out {
+        settings.recorder.out = out.to_string_lossy().into_owned();
+    }
     if args.print_config {
         let timed = plan.recorded(args.flight, arm).map(|run| format!("# with --timing {}\n", run.display()));
         print(&(timed.unwrap_or_default() + &settings.commented()?))?;
@@ -50,7 +55,7 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
         )
         .help("leave the flag out: it is flown tick by tick with its recorded timing"));
     }
-    if !args.live && is_of_ticks_alone(&settings, timing)? {
+    if !args.live && is_of_ticks_alone {
         return simulated(&plan, args, arm, &settings, timing, row.as_ref());
     }
     let held = tempfile::tempdir().map_err(|e| Failure::failed(format!("cannot make a directory: {e}")))?;
@@ -72,17 +77,6 @@ fn arm(plan: &Plan, name: Option<&str>) -> Result<usize, Failure> {
                 .help(format!("its arms are {}", names()))
         })
     })
-}
-
-/// The settings of the flight, as it is flown again.
-fn settings(plan: &Plan, args: &CampaignFlyArgs, arm: usize) -> Result<Settings, Failure> {
-    let mut settings = plan.settings(args.flight, arm)?;
-    let is_of_ticks_alone = is_of_ticks_alone(&settings, plan.timing(args.flight, arm, &settings)?)?;
-    settings.flight.pace = if args.live || is_of_ticks_alone { PaceName::Realtime } else { PaceName::Lockstep };
-    if let Some(out) = &args.out {
-        settings.recorder.out = out.to_string_lossy().into_owned();
-    }
-    Ok(settings)
 }
 
 /// Whether a flight is one that no processes can fly in lockstep, where nobody is late: with a recorded timing, or with

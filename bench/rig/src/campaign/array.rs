@@ -7,7 +7,6 @@ use failure::{Failure, InFile as _};
 
 use super::plan::Plan;
 use crate::cli::{CampaignSubmitArgs, Engine};
-use crate::output::say;
 use machine::executable::own_executable;
 
 /// Shards where nobody says how many: Slurm takes no more than 1000 in an array, unless it is told to.
@@ -30,13 +29,6 @@ impl Array {
     /// The executable or the directory cannot be found.
     pub fn of(plan: &Plan, args: &CampaignSubmitArgs, out: &Path) -> Result<Self, Failure> {
         let chunks = plan.campaign.chunks();
-        if let Some(asked) = args.shards.filter(|asked| *asked > chunks) {
-            say(&format!(
-                "warning: --shards {asked}: the campaign has {chunks} file{} of rows, and a shard has one at least: {chunks} \
-                 are flown; `campaign.chunk` makes the files smaller\n",
-                if chunks == 1 { "" } else { "s" }
-            ));
-        }
         Ok(Self {
             name: plan.campaign.name.clone(),
             // A shard without a chunk would do nothing.

@@ -13,7 +13,7 @@ use report::tracking::Tracking;
 
 use super::plan::Plan;
 use crate::in_process::InProcess;
-use crate::parallel::on_processors;
+use crate::parallel::all_on_processors;
 use crate::settings::Settings;
 use crate::simulate::{Judge, follow};
 use crate::timing::Timing;
@@ -39,34 +39,16 @@ pub(super) fn rows(
     let together = sorted.len().div_ceil(workers.max(1)).clamp(1, LANES);
     let groups: Vec<&[Flight]> =
         sorted.chunk_by(|(_, arm), (_, next)| arm == next).flat_map(|of_arm| of_arm.chunks(together)).collect();
-    // What cannot be flown ends all others: nobody wants to wait for them.
-    let (refused, ended) = (AtomicBool::new(false), AtomicU64::new(0));
+    let ended = AtomicU64::new(0);
     let fly = |flights: &&[Flight]| {
-        if refused.load(Ordering::Relaxed) {
-            return Err(Failure::new(INTERRUPTED, "another flight cannot be flown"));
-        }
-        let rows = group(plan, flights, stop).inspect_err(|_| refused.store(true, Ordering::Relaxed))?;
+        let rows = group(plan, flights, stop)?;
         ended.fetch_add(flights.len() as u64, Ordering::Relaxed);
         Ok(rows)
     };
-    let flown = on_processors(&groups, workers, fly, |_| look(ended.load(Ordering::Relaxed)));
-    let mut rows = gathered(flown)?;
+    let flown = all_on_processors(&groups, workers, fly, |_| look(ended.load(Ordering::Relaxed)))?;
+    let mut rows = flown.concat();
     rows.sort_by_key(|row| (row.flight, row.arm));
     Ok(rows)
-}
-
-/// All rows; or else the failure that is not just the end of the others.
-fn gathered(groups: Vec<Result<Vec<Row>, Failure>>) -> Result<Vec<Row>, Failure> {
-    let mut all = Vec::new();
-    let mut failed: Option<Failure> = None;
-    for rows in groups {
-        match rows {
-            Ok(rows) => all.extend(rows),
-            Err(failure) if failed.as_ref().is_none_or(|failed| failed.code == INTERRUPTED) => failed = Some(failure),
-            Err(_) => {}
-        }
-    }
-    failed.map_or(Ok(all), Err)
 }
 
 /// Flies flights of an arm, each as `ironbird simulate` does, unless it is told to stop.

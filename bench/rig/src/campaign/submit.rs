@@ -10,6 +10,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use campaign::chunk::path_of;
 use failure::{FAILED, Failure, GATE, INTERRUPTED, InFile as _, OK};
+use report::text::count;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::array::Array;
@@ -37,6 +38,14 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
     let plan = Plan::read(&args.file)?;
     let out = args.out.clone().unwrap_or_else(|| run::default_directory(&plan));
     let array = Array::of(&plan, args, &out)?;
+    if let Some(asked) = args.shards.filter(|asked| *asked > array.shards) {
+        let files = count(array.shards, "file");
+        say(&format!(
+            "warning: --shards {asked}: the campaign has {files} of rows, and a shard has one at least: {} are flown; \
+             `campaign.chunk` makes the files smaller\n",
+            array.shards
+        ));
+    }
     if args.dry_run {
         let all: Vec<u64> = (1..=array.shards).collect();
         let command = match args.on {

@@ -247,15 +247,13 @@ impl Launcher {
         let (statuses, restarts) = (crew.statuses(), &self.restarts);
         for (role, child) in &mut self.children {
             let status = statuses.get(role).filter(|status| status.pid == u64::from(child.id()));
-            let is_late = || restarts[*role as usize].is_again() && restarts[*role as usize].age() > GETTING_READY;
-            let is_stopped = || {
-                let is_stopped = Look::at(u64::from(child.id())).is_some_and(Look::is_stopped);
-                is_stopped && restarts[*role as usize].is_again() && restarts[*role as usize].age() > pulse::STILL
-            };
+            let restart = &restarts[*role as usize];
+            let is_late = |patience| restart.is_again() && restart.age() > patience;
+            let is_stopped = || Look::at(u64::from(child.id())).is_some_and(Look::is_stopped);
             let hangs = match status {
                 Some(status) if status.phase() == RolePhase::Flying => hanging.contains(role),
                 // One that a signal has stopped on its way will not come.
-                _ => is_late() || is_stopped(),
+                _ => is_late(GETTING_READY) || (is_late(pulse::STILL) && is_stopped()),
             };
             if hangs {
                 self.killed.push((child.id(), Killed::Hung));

@@ -10,7 +10,7 @@ use model::envelope::Message;
 use model::fault::gate::Gate;
 use model::fault::{MessageFaults, Port};
 use model::grid::Pace;
-use model::layout::words;
+use model::layout::Walk as _;
 use model::messages::{Change, Dated, NO_TICK, RotorSpeeds, State, SwapRecord};
 use model::role::Role;
 use plant::desk::swap_record;
@@ -109,7 +109,7 @@ impl AirframeReplay {
         let taken = commands.parted(self.command_taken_tick, first, recorded.command_taken_tick, self.room)?;
         let mut plant = self.plant.clone();
         let state = begun(&mut plant, self.pace, taken, tick);
-        (words(&state) == words(recorded)).then_some((plant, state))
+        state.is_same(recorded).then_some((plant, state))
     }
 
     /// Hands the swaps of ticks up to this one to the plant, and gives them.
