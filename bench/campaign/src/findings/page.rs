@@ -175,6 +175,11 @@ fn over(findings: &Findings, factor: &FactorFindings, keys: &[Key<'_>]) -> Marku
     chart(&factor.name, &factor.meaning, keys, &drawn)
 }
 
+/// Whether a bin's name is one word, which may be long, and not a range, which breaks at its blanks.
+fn is_word(name: &str) -> bool {
+    !name.contains(' ')
+}
+
 /// A drawn value that is a list of one word, as that word.
 fn word(name: &str) -> &str {
     name.strip_prefix("[\"").and_then(|it| it.strip_suffix("\"]")).unwrap_or(name)
@@ -219,7 +224,7 @@ fn heat(number: usize, map: &Map) -> Markup {
                 tbody {
                     @for (row, name) in down.bins.iter().enumerate() {
                         tr {
-                            th scope="row" style="overflow-wrap:anywhere" { (word(name)) }
+                            th scope="row" style=[is_word(name).then_some("overflow-wrap:anywhere")] { (word(name)) }
                             @for (column, name) in across.bins.iter().enumerate() { (cell(counts(row, column), name)) }
                         }
                     }
