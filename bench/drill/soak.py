@@ -132,7 +132,11 @@ def flight(make, total_s, draw, told):
         rig.demand_nothing_left()
         told["ticks"] = report["ticks"]["run"] + report["ticks"]["skipped"]
         told["deaths"] = len(report["deaths"])
-        told["away"] = sum(death["back_after_ms"] is None for death in report["deaths"])
+        # A successor that died before its first message is told within the death that it was to make good.
+        alone = [death for death in report["deaths"] if death["within"] is None]
+        told["silent"] = len(report["deaths"]) - len(alone)
+        told["away"] = sum(death["back_after_ms"] is None for death in alone)
+        told["lost"] = sorted(death["ticks_lost"] or 0 for death in alone)
 
 
 def grown(looks):
@@ -153,6 +157,10 @@ def grown(looks):
     return growth
 
 
+def lost_words(lost):
+    return f"median {statistics.median(lost):g}, most {max(lost)}" if lost else "none"
+
+
 def soak(make, build, duration):
     """Flies a build for so long, in flights of at most FLIGHT_S; each is judged by its end and by what grew."""
     left_s, draw = seconds(duration), random.Random(7)
@@ -163,7 +171,7 @@ def soak(make, build, duration):
     while left_s >= 4 * len(FAULTS) * EVERY_S or not flights:
         flight_s = min(left_s, FLIGHT_S)
         left_s -= flight_s
-        told = {"looks": [], "faults": {}, "ticks": 0, "deaths": 0, "away": 0, "growth": {}}
+        told = {"looks": [], "faults": {}, "ticks": 0, "deaths": 0, "silent": 0, "away": 0, "lost": [], "growth": {}}
         flights.append(told)
         try:
             flight(make, flight_s, draw, told)
@@ -187,7 +195,8 @@ def soak(make, build, duration):
     text = (f"## Long flights\n\n`bench/drill/run --soak {duration}`: {len(flights)} flight{'s' * (len(flights) > 1)} of at most {FLIGHT_S / 60:.0f} min "
             f"of `{build}`, {sum(told['ticks'] for told in flights)} ticks, a fault every {EVERY_S:.0f} s, "
             f"{sum(sum(told['faults'].values()) for told in flights)} in all of {len(kinds)} of {len(FAULTS)} kinds, "
-            f"{sum(told['deaths'] for told in flights)} deaths. "
+            f"{sum(told['deaths'] for told in flights)} deaths, {sum(told['silent'] for told in flights)} of these of successors "
+            f"before their first message; ticks lost with a death: {lost_words([lost for told in flights for lost in told['lost']])}. "
             + (f"**Wrong: {'; '.join(wrong)}.**" if wrong else "All completed, all that died came back, nothing left.")
             + f"\nA round is {len(FAULTS)} faults, each kind once; of each round the least that was seen counts. What grows *in every round* is the "
             "median rise from a round to the next, times the rounds after the first: what would go on for ever. *In all* is the last round "

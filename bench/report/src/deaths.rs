@@ -31,6 +31,9 @@ pub struct Death {
     pub back_after_ms: Option<f64>,
     /// Ticks of which the role sent no message, up to its successor's first or to the end of the flight.
     pub ticks_lost: Option<u64>,
+    /// Of a successor that sent no message: tick of the death that it was to make good, whose ticks its own are.
+    #[serde(default)]
+    pub within: Option<u64>,
     /// What that time is made of, where a launcher saw it.
     #[serde(default)]
     pub back_parts: Option<BackParts>,
@@ -127,13 +130,20 @@ pub fn note(report: &mut Report, noted: &[Noted], grid: &Grid) {
             continue;
         }
         let tick = grid.tick_at(*noticed_ns);
+        let within =
+            report.deaths.iter().find(|death| death.role == *role && death.covers(tick)).map(|death| death.tick);
         let (role, how, time_s) = (role.clone(), how.clone(), tick as f64 * period_s);
-        report.deaths.push(Death { role, tick, time_s, how, ..Death::default() });
+        report.deaths.push(Death { role, tick, time_s, how, within, ..Death::default() });
     }
     report.deaths.sort_by_key(|death| death.tick);
 }
 
 impl Death {
+    /// Whether a tick is one that the role lost with it.
+    fn covers(&self, tick: u64) -> bool {
+        self.ticks_lost.is_some_and(|lost| (self.tick..=self.tick + lost).contains(&tick))
+    }
+
     /// Who, when and how, and what it cost, in one line.
     #[must_use]
     pub fn line(&self) -> String {
@@ -147,6 +157,9 @@ impl Death {
             (None, Some(_)) => line += ", not back",
             (None, None) => {}
         }
+        line.extend(
+            self.within.map(|tick| format!(", before its first message: its ticks are those lost at tick {tick}")),
+        );
         line.extend(self.ticks_lost.map(|ticks| format!(", {} lost", count(ticks, "tick"))));
         // Where the flight ended with it, nothing was seen of what it cost.
         let cost_m = self.position_error_max_m.filter(|_| self.back_after_ms.is_some());

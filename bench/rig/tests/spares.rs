@@ -5,7 +5,7 @@ use std::fs;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use crate::deaths::{assert_replayed, await_successor, report, strike, take_off};
+use crate::deaths::{assert_replayed, await_first_tick, await_successor, report, strike, take_off};
 use crate::rig::{Rig, files_below, is_gone, send, wait_until};
 use model::role::{ROLES, Role};
 use report::deaths::Death;
@@ -156,6 +156,33 @@ fn a_spare_that_fails_is_told_and_costs_the_flight_nothing() {
     assert_eq!(ended.result()["deaths"], "0", "{ended}");
     let log = fs::read_to_string(rig.out().join("latest/inner.log")).unwrap();
     assert!(log.contains("there is a file named refuse"), "{log}");
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn successors_that_send_nothing_are_told_within_the_death_that_they_were_to_make_good() {
+    let rig = Rig::new("silent");
+    let config = crate::compiled::misbehaving(&rig, "refuse_with_file", 0);
+    let settings = fs::read_to_string(&config).unwrap();
+    let in_the_air = format!("[flight]\nslowdown = {SLOWDOWN}\nground_z_m = -100.0\n");
+    fs::write(&config, settings.replace("[flight]\n", &in_the_air)).unwrap();
+    let flight = rig.start("fly", &["--on-death", "restart", "--rt", "off", "--config", &config, "--duration", "3s"]);
+    let (run, spare) = (await_first_tick(&rig), rig.await_spare(Role::Inner, None));
+    // From now on the law refuses, and with it each that is to take the place of the inner loop.
+    fs::write(rig.path("refuse"), "").unwrap();
+    send(spare, Signal::KILL);
+    wait_until("the spare to go", || is_gone(spare).then_some(()));
+    strike(&rig, &run, 0, Role::Inner, Signal::KILL);
+    let ended = flight.end().complains("the inner process died: exit status: 2; it is started again");
+    assert_eq!((&*ended.result()["status"], &*ended.result()["deaths"]), ("ABORTED", "6"), "{ended}");
+    let report = report(&rig);
+    let [death, silent @ ..] = &report.deaths[..] else { panic!("{ended}") };
+    assert!(death.ticks_lost.is_some() && death.back_after_ms.is_none() && death.within.is_none(), "{death:?}");
+    let told = format!(", before its first message: its ticks are those lost at tick {}", death.tick);
+    for silent in silent {
+        assert_eq!((silent.epoch, silent.within), (0, Some(death.tick)), "{silent:?}");
+        assert!(silent.line().ends_with(&told), "{}", silent.line());
+    }
     rig.assert_nothing_left();
 }
 

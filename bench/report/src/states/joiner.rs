@@ -82,8 +82,9 @@ pub enum LoopMessage {
     RotorSpeeds(RotorSpeeds),
 }
 
-/// Ticks for which a message may come later than another topic's of a newer tick.
-const PATIENCE_TICKS: u64 = 5_000;
+/// Ticks for which a message may come later than another topic's of a newer tick: longer than a dead stage is away, and
+/// than a hanging one is let live. Each that waits is kept whole, some 4 KiB.
+const PATIENCE_TICKS: u64 = 500;
 
 impl Joiner {
     /// Takes a message in.

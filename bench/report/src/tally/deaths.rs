@@ -87,6 +87,7 @@ impl DeathTally {
             back_after_ms,
             back_parts: None,
             ticks_lost: Some(ticks_lost),
+            within: None,
             position_error_max_m: Some(last.error_max_m),
         });
     }
