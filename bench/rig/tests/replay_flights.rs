@@ -49,7 +49,8 @@ fn a_flight_whose_stages_are_stopped_one_after_the_other_is_identical() {
 #[ignore = "long: part of the gate"]
 fn a_plant_that_stood_still_between_its_two_looks_at_the_commands_is_replayed() {
     let rig = Rig::new("twice");
-    let flight = rig.take_off(&["--trajectory", "hover", "--duration", "5s"]);
+    // Half of a tick lies between the two.
+    let flight = rig.take_off(&["--trajectory", "hover", "--duration", "5s", "--lead", "500"]);
     let plant = flight.roles()["plant"];
     for i in 0..10 {
         // Longer than commands can wait; at other instants of a tick each time.

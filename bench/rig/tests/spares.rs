@@ -9,6 +9,7 @@ use crate::deaths::{assert_replayed, await_first_tick, await_successor, report, 
 use crate::rig::{Rig, files_below, is_gone, send, wait_until};
 use model::role::{ROLES, Role};
 use report::deaths::Death;
+use role::spare::NAME;
 use rustix::process::Signal;
 
 /// A flight in slow motion, so that none of it is lost where the machine is busy.
@@ -124,19 +125,41 @@ fn a_spare_that_is_told_to_end_on_its_way_ends() {
     }
 }
 
+/// Waits, without a pause, until a spare goes on: it takes another name then, and has no place yet.
+fn await_on_its_way(spare: u32) {
+    let begun = Instant::now();
+    while fs::read_to_string(format!("/proc/{spare}/comm")).unwrap().trim_end().as_bytes() == NAME.to_bytes() {
+        assert!(begun.elapsed() < Duration::from_secs(30), "the spare does not go on");
+    }
+}
+
+#[test]
+fn a_spare_that_is_asked_to_end_as_it_goes_on_ends_and_the_flight_with_it() {
+    let rig = Rig::new("asked");
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "60s"]);
+    let spare = rig.await_spare(Role::Inner, None);
+    strike(&rig, &run, 0, Role::Inner, Signal::KILL);
+    await_on_its_way(spare);
+    send(spare, Signal::TERM);
+    let ended = flight.end();
+    assert_ne!(ended.result()["status"], "COMPLETE", "{ended}");
+    assert!(is_gone(spare));
+    rig.assert_nothing_left();
+}
+
 #[test]
 fn a_spare_that_is_stopped_on_its_way_is_killed_and_another_process_comes() {
     let rig = Rig::new("way");
     let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "6s"]);
     // Of an inner loop, five in ten seconds are started again.
-    for (i, wait_ms) in [1, 4].into_iter().enumerate() {
+    for (i, wait_us) in [0, 1500].into_iter().enumerate() {
         let spare = rig.await_spare(Role::Inner, None);
         let dead = strike(&rig, &run, 300 + 400 * i as u64, Role::Inner, Signal::KILL);
-        wait_until("the spare to go on", || (rig.spares().get("inner") != Some(&spare)).then_some(()));
-        sleep(Duration::from_millis(wait_ms));
+        await_on_its_way(spare);
+        sleep(Duration::from_micros(wait_us));
         send(spare, Signal::STOP);
         wait_until("the stopped process to go", || is_gone(spare).then_some(()));
-        assert!(![dead, spare].contains(&await_successor(&rig, Role::Inner, spare)));
+        wait_until("another process to fly", || (await_successor(&rig, Role::Inner, dead) != spare).then_some(()));
     }
     let begun = Instant::now();
     flight.end();

@@ -103,8 +103,8 @@ pub fn stand_by(role: Role, mut orders: Orders) -> Result<Option<Orders>, Error>
     let is_told = is_told(&stop).map_err(|e| Error::system("cannot read whether the spare is to go on", e))?;
     orders.begun_ns = now_ns();
     named(NAME_OF_A_STAGE)?;
-    // Who is asked to end while it is told to go on ends.
-    Ok(Some(orders).filter(|_| is_told && !stop.load(Ordering::Relaxed)))
+    // Who is asked to end while it is told to go on is told so again as it takes its place.
+    Ok(Some(orders).filter(|_| is_told))
 }
 
 /// Waits for a byte, for the end of what can come, or for a signal.
