@@ -82,9 +82,11 @@ pub enum LoopMessage {
     RotorSpeeds(RotorSpeeds),
 }
 
-/// Ticks for which a message may come later than another topic's of a newer tick: longer than a dead stage is away, and
-/// than a hanging one is let live. Each that waits is kept whole, some 4 KiB.
-const PATIENCE_TICKS: u64 = 500;
+/// Ticks for which a message may come later than the state of a newer tick: longer than a dead stage is away, and than
+/// a hanging one is let live. Each that waits is kept whole, some 4 KiB.
+const STAGE_PATIENCE_TICKS: u64 = 500;
+/// The same for any topic of a newer tick: a recorder that stood still between two of them finds the later ones ahead.
+const PATIENCE_TICKS: u64 = 5_000;
 
 impl Joiner {
     /// Takes a message in.
@@ -109,12 +111,13 @@ impl Joiner {
     }
 
     /// The next state for whose tick nothing more can come, in the order of the ticks; to be asked when all topics are
-    /// drained.
+    /// drained, states first: what was sent before the newest of them is there then.
     pub fn settled(&mut self) -> Option<Joined> {
         let newest = self.newest.into_iter().max().flatten()?;
+        let newest_state = self.newest[0].unwrap_or(0);
         while let Some((tick, parts)) = self.waiting.first_key_value() {
             let is_over = parts.there().iter().zip(self.newest).all(|(there, newest)| *there || newest > Some(*tick));
-            if !is_over && tick + PATIENCE_TICKS >= newest {
+            if !is_over && tick + STAGE_PATIENCE_TICKS >= newest_state && tick + PATIENCE_TICKS >= newest {
                 return None;
             }
             if let Some(joined) = self.next() {
@@ -185,12 +188,27 @@ mod tests {
     }
 
     #[test]
-    fn one_who_is_silent_is_not_waited_for_for_ever() {
+    fn a_stage_that_is_silent_is_not_waited_for_for_ever() {
         let mut joiner = Joiner::default();
-        (0..=PATIENCE_TICKS + 2).for_each(|tick| take(&mut joiner, tick, "sp"));
+        (0..=STAGE_PATIENCE_TICKS + 2).for_each(|tick| take(&mut joiner, tick, "sp"));
         assert_eq!(settled(&mut joiner), [0, 1]);
-        assert_eq!(std::iter::from_fn(|| joiner.rest()).count() as u64, PATIENCE_TICKS + 1);
-        assert_eq!(joiner.incomplete, PATIENCE_TICKS + 3);
+        assert_eq!(std::iter::from_fn(|| joiner.rest()).count() as u64, STAGE_PATIENCE_TICKS + 1);
+        assert_eq!(joiner.incomplete, STAGE_PATIENCE_TICKS + 3);
+    }
+
+    #[test]
+    fn topics_that_are_ahead_of_the_states_wait_for_them() {
+        let mut joiner = Joiner::default();
+        take(&mut joiner, 0, "spwr");
+        // A recorder that stood still between the states and the others.
+        (1..PATIENCE_TICKS).for_each(|tick| take(&mut joiner, tick, "pwr"));
+        assert_eq!(settled(&mut joiner), [0]);
+        (1..PATIENCE_TICKS).for_each(|tick| take(&mut joiner, tick, "s"));
+        assert_eq!((settled(&mut joiner).len() as u64, joiner.incomplete), (PATIENCE_TICKS - 1, 0));
+        // A plant that is silent for good.
+        (PATIENCE_TICKS..3 * PATIENCE_TICKS).for_each(|tick| take(&mut joiner, tick, "w"));
+        assert!(settled(&mut joiner).is_empty());
+        assert!(joiner.waiting.len() as u64 <= PATIENCE_TICKS + 1, "{}", joiner.waiting.len());
     }
 
     #[test]
