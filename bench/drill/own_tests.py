@@ -96,6 +96,19 @@ class Counting(unittest.TestCase):
         self.assertIn("| `m` (b) |", page.line(other, both))
         self.assertIn("1 rows (a) with `A` on 2026-01-01, 1 rows (b) with `B`", page.told_of_builds([row, other], both))
 
+    def test_a_dead_process_of_a_soak_that_is_not_back_is_wrong_and_a_silent_successor_is_within_a_death(self):
+        back = {"back_after_ms": 90.0, "ticks_lost": 89, "within": None}
+        away, silent = {**back, "back_after_ms": None}, {"back_after_ms": None, "ticks_lost": None, "within": 7}
+        self.assertEqual(soak.told_of([back, silent]), {"deaths": 2, "silent": 1, "away": 0, "lost": [89]})
+        self.assertEqual(soak.told_of([away, silent])["away"], 1)
+        looks = [(10.0 * i, {what: 100 for what in soak.GROWTH_MOST}) for i in range(90)]
+        for deaths, wrong in (([back, silent], []), ([away, back], ["soak flight 1: 1 of 2 dead processes are not back"])):
+            def flown(make, total_s, draw, told, its=deaths):
+                told["looks"] += looks
+                told.update(soak.told_of(its))
+            with mock.patch.object(soak, "flight", flown), mock.patch.object(soak.os, "nice"), mock.patch("builtins.print"):
+                self.assertEqual(soak.soak(None, "a build", "800s")["failed"], wrong)
+
     def test_what_grows_in_a_soak_is_judged(self):
         still = {what: 100 for what in soak.GROWTH_MOST}
         # A step is no growth in every round; what rises with each fault is.

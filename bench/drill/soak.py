@@ -131,12 +131,14 @@ def flight(make, total_s, draw, told):
         report = rig.report()
         rig.demand_nothing_left()
         told["ticks"] = report["ticks"]["run"] + report["ticks"]["skipped"]
-        told["deaths"] = len(report["deaths"])
-        # A successor that died before its first message is told within the death that it was to make good.
-        alone = [death for death in report["deaths"] if death["within"] is None]
-        told["silent"] = len(report["deaths"]) - len(alone)
-        told["away"] = sum(death["back_after_ms"] is None for death in alone)
-        told["lost"] = sorted(death["ticks_lost"] or 0 for death in alone)
+        told.update(told_of(report["deaths"]))
+
+
+def told_of(deaths):
+    """How many there were, and what they cost. A successor that died before its first message is within the death that it was to make good."""
+    alone = [death for death in deaths if death["within"] is None]
+    return {"deaths": len(deaths), "silent": len(deaths) - len(alone), "away": sum(death["back_after_ms"] is None for death in alone),
+            "lost": sorted(death["ticks_lost"] or 0 for death in alone)}
 
 
 def grown(looks):

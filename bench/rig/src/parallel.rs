@@ -83,11 +83,10 @@ pub fn all_on_processors<T: Sync, R: Send>(
         }
         work(item).inspect_err(|_| has_failed.store(true, Ordering::Relaxed))
     };
-    let (all, failures): (Vec<_>, Vec<_>) =
-        on_processors(items, workers, work, look).into_iter().partition(Result::is_ok);
-    let mut failures: Vec<Failure> = failures.into_iter().filter_map(Result::err).collect();
-    let cause = failures.iter().position(|failure| failure.code != INTERRUPTED).unwrap_or(0);
-    if failures.is_empty() { Ok(all.into_iter().flatten().collect()) } else { Err(failures.swap_remove(cause)) }
+    let mut results = on_processors(items, workers, work, look);
+    // A cause before the interruptions that it led to.
+    results.sort_by_key(|result| result.as_ref().err().is_none_or(|failure| failure.code == INTERRUPTED));
+    results.into_iter().collect()
 }
 
 /// Tells that a worker has ended, also by a panic.
@@ -121,12 +120,21 @@ mod tests {
     #[test]
     fn a_failure_ends_other_work_and_is_told_before_the_interruptions_that_follow() {
         let items: Vec<u64> = (0..100).collect();
-        let work = |item: &u64| match item {
-            7 => Err(Failure::failed("seven")),
-            _ => Ok(*item),
+        let (has_failed, begun) = (AtomicBool::new(false), AtomicUsize::new(0));
+        let work = |item: &u64| {
+            begun.fetch_add(1, Ordering::Relaxed);
+            if *item == 1 {
+                has_failed.store(true, Ordering::Relaxed);
+                return Err(Failure::failed("the cause"));
+            }
+            while !has_failed.load(Ordering::Relaxed) {
+                thread::yield_now();
+            }
+            // Of an earlier item, and there is a cause.
+            Err::<u64, _>(Failure::new(INTERRUPTED, "interrupted"))
         };
-        let failure = all_on_processors(&items, 1, work, |_| ()).unwrap_err();
-        assert_ne!(failure.code, INTERRUPTED, "{failure}");
+        assert_ne!(all_on_processors(&items, 2, work, |_| ()).unwrap_err().code, INTERRUPTED);
+        assert!(begun.load(Ordering::Relaxed) <= 3, "{begun:?} of 100 were begun");
         let interrupted = |_: &u64| Err::<u64, _>(Failure::new(INTERRUPTED, "interrupted"));
         assert_eq!(all_on_processors(&items, 3, interrupted, |_| ()).unwrap_err().code, INTERRUPTED);
         assert_eq!(all_on_processors(&items, 3, |item| Ok(*item), |_| ()).unwrap(), items);

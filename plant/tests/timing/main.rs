@@ -1,12 +1,14 @@
-//! Timing of the plant stage: latch, deadlines, skipped ticks, spin-down, swaps.
+//! Timing of the plant stage: latch, deadlines, skipped ticks, spin-down; swaps; delays of commands.
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+mod delays;
+mod swaps;
+
 use model::limits::RotorLimits;
-use model::messages::{Change, Dated, NO_TICK, RotorSpeeds, State};
+use model::messages::{Dated, NO_TICK, RotorSpeeds, State};
 use model::parameters::{Airframe, Parameter};
-use plant::swap::PENDING_SWAPS;
-use plant::{Departure, Plant, PlantSettings, Swap, SwapError};
+use plant::{Departure, Plant, PlantSettings, Swap};
 
 const IDLE: [f64; 4] = [30.0; 4];
 
@@ -264,92 +266,6 @@ fn the_end_judges_the_last_command_and_lets_no_swap_of_the_next_tick_hold() {
 }
 
 #[test]
-fn a_swap_holds_from_its_tick_on_and_all_of_it_together() {
-    use Parameter::{Mass, RotationalDrag};
-    let mut plant = plant();
-    let swap = Swap::new(5, &[(Mass, 0.6), (RotationalDrag, 0.525)]).unwrap();
-    assert_eq!(plant.schedule(swap), Ok(5));
-    for tick in 0..5 {
-        let state = fly(&mut plant, tick);
-        assert_eq!((state.parameter_epoch, state.truth.get(RotationalDrag)), (0, 0.105));
-        assert_eq!(plant.airframe(), &Airframe::nominal());
-        assert!(plant.applied().is_empty());
-    }
-    let state = plant.begin(5);
-    assert_eq!((state.parameter_epoch, state.truth.get(RotationalDrag)), (1, 0.525));
-    assert_eq!((plant.airframe().m(), plant.airframe().k_r()), (0.6, 0.525));
-    let [applied] = plant.applied() else { panic!("{:?}", plant.applied()) };
-    assert_eq!((applied.tick, applied.epoch), (5, 1));
-    assert_eq!(
-        applied.changes.as_slice(),
-        [
-            Change { parameter: Mass, old: 0.52, new: 0.6, steps: 1 },
-            Change { parameter: RotationalDrag, old: 0.105, new: 0.525, steps: 1 }
-        ]
-    );
-    plant.finish();
-    plant.begin(6);
-    assert!(plant.applied().is_empty());
-}
-
-#[test]
-fn a_swap_for_a_tick_that_has_begun_is_for_the_next() {
-    let mass = |tick, value| Swap::new(tick, &[(Parameter::Mass, value)]).unwrap();
-    let mut plant = plant();
-    assert_eq!(plant.schedule(mass(0, 0.55)), Ok(0), "tick 0 is still to come");
-    for tick in 0..10 {
-        fly(&mut plant, tick);
-    }
-    assert_eq!(plant.airframe().m(), 0.55);
-    assert_eq!(plant.schedule(mass(10, 0.6)), Ok(10), "tick 9 is finished, tick 10 has not begun");
-    plant.begin(10);
-    assert_eq!(plant.airframe().m(), 0.6);
-    assert_eq!(plant.schedule(mass(10, 0.7)), Ok(11));
-    assert_eq!(plant.schedule(mass(2, 0.8)), Ok(11));
-    assert_eq!(plant.airframe().m(), 0.6);
-    plant.begin(11);
-    assert_eq!(plant.airframe().m(), 0.8, "the later arrival is applied last");
-    let epochs: Vec<_> = plant.applied().iter().map(|swap| (swap.tick, swap.epoch)).collect();
-    assert_eq!(epochs, [(11, 3), (11, 4)]);
-    assert_eq!(plant.parameter_epoch(), 4);
-}
-
-#[test]
-fn a_swap_of_a_skipped_tick_holds_from_that_tick_on() {
-    let drag = |tick| Swap::new(tick, &[(Parameter::RotationalDrag, 0.525)]).unwrap();
-    let mut skipping = plant();
-    let mut steady = plant();
-    for plant in [&mut skipping, &mut steady] {
-        plant.schedule(drag(7)).unwrap();
-    }
-    for tick in 0..10 {
-        steady.begin(tick);
-        steady.finish();
-    }
-    skipping.begin(4);
-    skipping.finish();
-    let state = skipping.begin(10);
-    assert_eq!(state, State { ticks_skipped: 9, ..steady.begin(10) });
-    assert_eq!(skipping.applied().iter().map(|swap| swap.tick).collect::<Vec<_>>(), [7]);
-}
-
-#[test]
-fn refused_swaps_change_nothing() {
-    let mut plant = plant();
-    let mut unchecked = Swap::new(0, &[(Parameter::Mass, 0.6)]).unwrap();
-    unchecked.targets[0].value = f64::NAN;
-    assert!(matches!(plant.schedule(unchecked), Err(SwapError::Value(_))));
-    for tick in 0..PENDING_SWAPS as u64 {
-        plant.schedule(Swap::new(tick + 1, &[(Parameter::Mass, 0.6)]).unwrap()).unwrap();
-    }
-    assert_eq!(plant.schedule(Swap::new(1, &[(Parameter::Mass, 0.7)]).unwrap()), Err(SwapError::Full));
-    assert_eq!(plant.begin(0).parameter_epoch, 0);
-    assert_eq!(plant.airframe(), &Airframe::nominal());
-    assert_eq!(plant.begin(PENDING_SWAPS as u64).parameter_epoch, PENDING_SWAPS as u64);
-    assert_eq!(plant.applied().len(), PENDING_SWAPS);
-}
-
-#[test]
 fn gyro_noise_is_in_the_measurement_and_not_in_the_truth() {
     let swap = || Swap::new(10, &[(Parameter::GyroNoise, 0.01)]).unwrap();
     let (mut noisy, mut quiet, mut other) = (plant(), plant(), Plant::new(&PlantSettings { seed: 43, ..settings() }));
@@ -384,66 +300,4 @@ fn a_flight_out_of_its_envelope_is_told() {
     plant.offer(&Dated { tick: 2001, content: wrong }, 2002);
     plant.begin(2003);
     assert_eq!(plant.envelope(), Err(Departure::NotFinite { tick: 2003 }));
-}
-
-/// Rotor speeds over the tick before.
-fn turned(state: &State) -> [f64; 4] {
-    state.measured.rotor_speed_mean_rad_s
-}
-
-#[test]
-fn a_delay_of_commands_reaches_the_motors_and_no_verdict() {
-    let mut airframe = Airframe::nominal();
-    airframe.set(Parameter::CommandDelay, 0.003).unwrap();
-    let mut plant = Plant::new(&PlantSettings { airframe, ..settings() });
-    for tick in 0..50 {
-        let state = fly(&mut plant, tick);
-        // The command of tick k is in force in k + 1, acts in k + 4, and is the mean of the tick before k + 5.
-        assert_eq!(turned(&state), if tick < 5 { hover() } else { speeds(tick - 5) }, "tick {tick}");
-        let in_force = if tick == 0 { (hover(), NO_TICK, 0, 0) } else { (speeds(tick - 1), tick - 1, 0, 0) };
-        assert_eq!(verdict(&state), in_force);
-    }
-}
-
-#[test]
-fn a_delay_that_grows_repeats_commands_and_one_that_shrinks_skips_some() {
-    let mut plant = plant();
-    plant.schedule(Swap::new(20, &[(Parameter::CommandDelay, 0.010)]).unwrap()).unwrap();
-    plant.schedule(Swap::new(40, &[(Parameter::CommandDelay, 0.001)]).unwrap()).unwrap();
-    for tick in 0..60 {
-        let state = fly(&mut plant, tick);
-        let delay = match tick {
-            0..=20 => 0,
-            21..=40 => 10,
-            _ => 1,
-        };
-        if tick >= 2 {
-            assert_eq!(turned(&state), speeds(tick - 2 - delay), "tick {tick}");
-        }
-    }
-}
-
-#[test]
-fn a_delay_is_rounded_to_ticks_of_any_length() {
-    let first_of = |period_s: f64, delay_s: f64| {
-        let mut airframe = Airframe::nominal();
-        airframe.set(Parameter::CommandDelay, delay_s).unwrap();
-        let mut plant = Plant::new(&PlantSettings { airframe, period_s, ..settings() });
-        (0..200).find(|tick| turned(&fly(&mut plant, *tick)) == speeds(0)).map(|tick| tick - 2)
-    };
-    assert_eq!(first_of(1e-3, 0.0), Some(0));
-    assert_eq!(first_of(1e-3, 0.0004), Some(0));
-    assert_eq!(first_of(1e-3, 0.0006), Some(1));
-    assert_eq!(first_of(1e-4, 0.010), Some(100));
-    assert_eq!(first_of(0.02, 0.010), Some(1), "half a tick is one");
-    assert!(Airframe::nominal().set(Parameter::CommandDelay, 0.011).is_err());
-}
-
-#[test]
-fn idle_comes_late_too() {
-    let mut airframe = Airframe::nominal();
-    airframe.set(Parameter::CommandDelay, 0.002).unwrap();
-    let mut plant = Plant::new(&PlantSettings { airframe, ..settings() });
-    let idle: Vec<u64> = (0..30).filter(|tick| turned(&plant.begin(*tick)) == IDLE).collect();
-    assert_eq!(idle.first(), Some(&23), "in force in tick 20, acts in 22");
 }
