@@ -48,6 +48,9 @@ pub struct Look {
     pub state: char,
     /// Time that it has run [ns].
     pub ran_ns: u64,
+    /// Whether the kernel is putting the process away, for a signal or an exit code that is none of 0: what it had open
+    /// may take a busy disk a second.
+    pub is_dying: bool,
 }
 
 impl Look {
@@ -55,9 +58,9 @@ impl Look {
     #[must_use]
     pub fn at(pid: u64) -> Option<Self> {
         let read = |file: &str| std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/{file}")).ok();
-        let state = read("stat")?.rsplit_once(')')?.1.trim_start().chars().next()?;
+        let (state, is_dying) = state_and_end(&read("stat")?)?;
         let ran_ns = read("schedstat").and_then(|text| text.split_whitespace().next()?.parse().ok());
-        Some(Self { state, ran_ns: ran_ns.unwrap_or(0) })
+        Some(Self { state, ran_ns: ran_ns.unwrap_or(0), is_dying })
     }
 
     /// Whether a signal or a debugger has stopped it.
@@ -99,18 +102,42 @@ fn counters(pid: u64) -> Counters {
     counters
 }
 
-/// From a line of /proc/PID/stat; the name in brackets may hold anything.
-fn life_and_faults(stat: &str) -> (Life, u64) {
-    let fields: Vec<&str> =
-        stat.rsplit_once(')').map(|(_, rest)| rest.split_whitespace().collect()).unwrap_or_default();
-    let life = match fields.first() {
-        Some(&("T" | "t")) => Life::Stopped,
-        Some(&("Z" | "X")) => Life::Dead,
+/// A line of /proc/PID/stat behind the name in brackets, which may hold anything: fields from the third on.
+struct Stat<'a>(Vec<&'a str>);
+
+impl<'a> Stat<'a> {
+    fn of(line: &'a str) -> Self {
+        Self(line.rsplit_once(')').map(|(_, rest)| rest.split_whitespace().collect()).unwrap_or_default())
+    }
+
+    fn state(&self) -> Option<char> {
+        self.0.first()?.chars().next()
+    }
+
+    /// The field with this number in proc(5); 0 where there is none.
+    fn number(&self, field: usize) -> u64 {
+        self.0.get(field - 3).and_then(|number| number.parse().ok()).unwrap_or(0)
+    }
+}
+
+fn life_and_faults(line: &str) -> (Life, u64) {
+    let stat = Stat::of(line);
+    let life = match stat.state() {
+        Some('T' | 't') => Life::Stopped,
+        Some('Z' | 'X') => Life::Dead,
         _ => Life::Lives,
     };
-    // Fields 10 and 12 of the line, of which the first two are gone: minflt and majflt.
-    let number = |place: usize| fields.get(place - 3).and_then(|field| field.parse::<u64>().ok()).unwrap_or(0);
-    (life, number(10) + number(12))
+    let (minflt, majflt) = (stat.number(10), stat.number(12));
+    (life, minflt + majflt)
+}
+
+/// The kernel's letter, and whether the process is being put away.
+fn state_and_end(line: &str) -> Option<(char, bool)> {
+    const PF_EXITING: u64 = 4;
+    let stat = Stat::of(line);
+    let (flags, exit_code) = (stat.number(9), stat.number(52));
+    // A main thread that has ended by itself, and left others behind, has 0.
+    Some((stat.state()?, flags & PF_EXITING != 0 && exit_code != 0))
 }
 
 #[cfg(test)]
@@ -139,7 +166,25 @@ mod tests {
     fn a_look_at_this_process_finds_it_running_and_at_nobody_nothing() {
         let look = Look::at(u64::from(std::process::id())).unwrap();
         assert!("RSD".contains(look.state) && look.ran_ns > 0 && !look.is_stopped(), "{look:?}");
+        assert!(!look.is_dying, "{look:?}");
         assert_eq!(Look::at(u64::from(u32::MAX)), None);
+    }
+
+    #[test]
+    fn who_was_killed_or_failed_is_dying_until_its_parent_has_heard_of_it() {
+        let dying = |command: &str| {
+            let mut child = std::process::Command::new("sh").args(["-c", command]).spawn().unwrap();
+            let look = || Look::at(u64::from(child.id())).unwrap();
+            while look().state != 'Z' {
+                std::thread::sleep(std::time::Duration::from_millis(1));
+            }
+            let is_dying = look().is_dying;
+            child.wait().unwrap();
+            is_dying
+        };
+        assert!(dying("kill -KILL $$"));
+        assert!(dying("exit 3"));
+        assert!(!dying("exit 0"), "a main thread that leaves others behind looks the same");
     }
 
     #[test]

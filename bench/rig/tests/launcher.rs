@@ -9,6 +9,7 @@ use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
+use crate::deaths::in_the_air;
 use crate::rig::{
     IRONBIRD, Rig, Running, copy_executable, is_gone, lacks_tool, not_tested, process_of, rounds, send, wait_until,
 };
@@ -186,7 +187,10 @@ fn a_dashboard_whose_terminal_is_closed_ends_though_it_hears_of_no_hangup() {
 fn a_killed_dashboard_leaves_a_sane_terminal() {
     for told in [Signal::KILL, Signal::HUP, Signal::QUIT] {
         let rig = Rig::new("sane");
-        let command = fly(&rig, &["--rt", "off", "--duration", "6s", "--watch"]);
+        // A busy machine may let it fall: not to a ground.
+        let config = in_the_air(&rig, 1);
+        let flight = ["--rt", "off", "--duration", "6s", "--trajectory", "hover", "--watch", "--config", &config];
+        let command = fly(&rig, &flight);
         let Some(terminal) = in_a_terminal(&rig, &command.iter().map(String::as_str).collect::<Vec<_>>()) else {
             return;
         };

@@ -2,6 +2,7 @@
 
 mod returns;
 
+use std::os::unix::process::ExitStatusExt as _;
 use std::process::Child;
 use std::time::{Duration, Instant};
 
@@ -296,6 +297,8 @@ impl Launcher {
                     let (role, pid) = (*role, child.id());
                     let killed = self.killed.iter().find(|(it, _)| *it == pid).map(|(_, why)| *why);
                     let killed = killed.or_else(|| self.striker.killed(pid).map(Killed::ByFault));
+                    // One that has ended by itself meanwhile was not killed by anybody.
+                    let killed = killed.filter(|_| status.signal() == Some(Signal::KILL.as_raw()));
                     self.striker.forget(pid);
                     self.ends.forget(pid);
                     // What code of a law has started, and left behind. Mostly there is nobody.

@@ -1,12 +1,13 @@
 //! Whether a loop hangs: its heartbeat, the ticks on its status board, stands still.
 //!
 //! A loop counts a tick on its board even where its input is missing, so the heartbeat is its own. It may stand still
-//! for three reasons that are no hang, and these are told apart:
+//! for four reasons that are no hang, and these are told apart:
 //!
 //! | what | how it is known |
 //! |---|---|
 //! | this process did not get to look | a gap between two looks counts as two usual ones at the most |
 //! | the loop waits for the processor | it is ready, and has not run in half of the time |
+//! | it has been killed, or has failed, and is not gone yet | the kernel says that it is dying, and of what |
 //! | the machine, or the loops' processor, stood still | no other loop's heartbeat went on either |
 //!
 //! A process that a signal has stopped hangs, whatever the others do.
@@ -80,7 +81,7 @@ impl Pulses {
         let ran = Duration::from_nanos(look.ran_ns.saturating_sub(pulse.ran_ns));
         let is_starved = look.state == 'R' && ran < half;
         let others_went_on = self.of.iter().any(|other| other.beat.is_some() && other.still < half);
-        look.is_stopped() || (others_went_on && !is_starved)
+        !look.is_dying && (look.is_stopped() || (others_went_on && !is_starved))
     }
 }
 
@@ -101,7 +102,7 @@ mod tests {
                 ..Status::default()
             };
             let ran_ns = (f64::from(look) * since.as_nanos() as f64 * ran_share) as u64;
-            hanging = pulses.hanging(&beats.map(status), since, |_| Some(Look { state, ran_ns }));
+            hanging = pulses.hanging(&beats.map(status), since, |_| Some(Look { state, ran_ns, is_dying: false }));
         }
         hanging
     }
@@ -132,15 +133,25 @@ mod tests {
         assert_eq!(hanging(WITHOUT_INNER, 'S', 0.0, Duration::from_secs(1), 4), []);
     }
 
+    /// Looks at loops of which the inner one's heartbeat stands still, until it hangs; after how many looks.
+    fn looks_until_a_hang(tick: Duration, is_dying: bool) -> Option<u64> {
+        let mut pulses = Pulses::new(tick);
+        let look = Look { state: 'D', ran_ns: 0, is_dying };
+        (0..100).find(|&ticks| {
+            let status = |ticks_run| Status { phase: RolePhase::Flying as u64, ticks_run, ..Status::default() };
+            let (on, still) = (status(ticks), status(7));
+            !pulses.hanging(&[on, on, still, on], MS_10, |_| Some(look)).is_empty()
+        })
+    }
+
     #[test]
     fn long_ticks_are_waited_for() {
-        let mut pulses = Pulses::new(Duration::from_millis(100));
-        let mut look = |ticks_run: u64| {
-            let status = Status { phase: RolePhase::Flying as u64, ticks_run: 7, ..Status::default() };
-            let plant = Status { ticks_run, ..status };
-            pulses.hanging(&[plant, plant, status, plant], MS_10, |_| Some(Look { state: 'S', ran_ns: 0 }))
-        };
-        let first = (0..100).position(|ticks| !look(ticks).is_empty());
-        assert_eq!(first, Some(50), "five ticks of 100 ms");
+        assert_eq!(looks_until_a_hang(Duration::from_millis(1), false), Some(8));
+        assert_eq!(looks_until_a_hang(Duration::from_millis(100), false), Some(50), "five ticks of 100 ms");
+    }
+
+    #[test]
+    fn who_is_dying_does_not_hang() {
+        assert_eq!(looks_until_a_hang(Duration::from_millis(1), true), None);
     }
 }
