@@ -96,8 +96,9 @@ impl AirframeReplay {
     }
 
     /// The plant at a tick before which it had looked for commands twice and stood still in between, so that its port
-    /// overflowed: it took what lay there at first, and the newest that had room. None where its state is not that of
-    /// the record: then the port overflowed before the first look, or not at all.
+    /// overflowed: it took what lay there at first, and later the newest that had room, and what came while it took
+    /// them. How many it took at first is not in the record: it is whatever leads to the state that is. None where
+    /// nothing does: then the port overflowed before the first look, or not at all.
     fn begun_after_overflow(
         &self,
         message: &Message<State>,
@@ -105,11 +106,12 @@ impl AirframeReplay {
         new: u64,
     ) -> Option<(Plant, State)> {
         let (tick, recorded) = (message.envelope.tick, &message.content);
-        let first = new.checked_sub(self.room).filter(|first| *first > 0)?;
-        let taken = commands.parted(self.command_taken_tick, first, recorded.command_taken_tick, self.room)?;
-        let mut plant = self.plant.clone();
-        let state = begun(&mut plant, self.pace, taken, tick);
-        state.is_same(recorded).then_some((plant, state))
+        (1..=new.saturating_sub(self.room)).rev().find_map(|first| {
+            let taken = commands.parted(self.command_taken_tick, first, recorded.command_taken_tick, new - first)?;
+            let mut plant = self.plant.clone();
+            let state = begun(&mut plant, self.pace, taken, tick);
+            state.is_same(recorded).then_some((plant, state))
+        })
     }
 
     /// Hands the swaps of ticks up to this one to the plant, and gives them.
@@ -144,4 +146,57 @@ fn begun<'a>(
         plant.offer(&Dated { tick: envelope.tick, content: *content }, acts_from);
     }
     plant.begin(tick)
+}
+
+#[cfg(test)]
+mod tests {
+    use model::envelope::Envelope;
+    use model::telemetry::Signals;
+    use plant::PlantSettings;
+
+    use super::*;
+
+    const TICK: u64 = 91;
+
+    fn command(tick: u64) -> Message<RotorSpeeds> {
+        let speed_rad_s = [200.0 + tick as f64 * 0.1; 4];
+        let content = RotorSpeeds { speed_rad_s, ..RotorSpeeds::default() };
+        Message { envelope: Envelope { tick, ..Envelope::new() }, content }
+    }
+
+    /// States of tick 1 and of tick 91, before which a plant took the first commands behind that of tick 0, and the
+    /// last ones.
+    fn flown(first: u64, last: u64) -> [Message<State>; 2] {
+        let mut plant = Plant::new(&PlantSettings::default());
+        plant.begin(0);
+        plant.finish();
+        let mut state = |tick, commands: Vec<u64>| {
+            let commands: Vec<_> = commands.into_iter().map(command).collect();
+            let content = begun(&mut plant, Pace::Lockstep, commands.iter(), tick);
+            plant.finish();
+            Message { envelope: Envelope { tick, ..Envelope::new() }, content }
+        };
+        [state(1, vec![0]), state(TICK, (1..=first).chain(TICK - last..TICK).collect())]
+    }
+
+    #[test]
+    fn whatever_a_plant_took_before_its_port_overflowed_is_found() {
+        let (settings, none) = (PlantSettings::default(), MessageFaults::none(0));
+        let room = pending_commands(settings.period_s) as u64;
+        for (first, more) in [(0, 0), (1, 0), (1, 1), (2, 0), (1, 5), (9, 2), (0, 3)] {
+            let mut airframe = AirframeReplay::new(&settings, Pace::Lockstep, &none);
+            let (mut commands, mut comparison) =
+                (Window::keeping(TICK as usize), ReplayComparison::from(0, Signals::default()));
+            commands.extend(&(0..TICK).map(command).collect::<Vec<_>>());
+            let mut plant = Plant::new(&settings);
+            let zero = Message { envelope: Envelope { tick: 0, ..Envelope::new() }, content: plant.begin(0) };
+            let [one, late] = flown(first, room + more);
+            for state in [zero, one, late] {
+                let replayed = airframe.step(&state, &commands, &mut comparison).unwrap();
+                assert!(replayed.is_same(&state.content), "tick {}, {first} and {more}", state.envelope.tick);
+            }
+        }
+        let [early, late] = [flown(1, room + 1), flown(2, room)].map(|[_, late]| late.content);
+        assert!(early.commands_taken == late.commands_taken && !early.is_same(&late), "the record alone does not say");
+    }
 }
