@@ -9,11 +9,13 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
+use crate::deaths::await_first_tick;
 use crate::rig::{Rig, stop_for};
 
 /// Records a flight of a second and a bit, in slow motion, whose stages are stopped on the way; its directory.
 fn recorded(rig: &Rig, stopped: &[&str]) -> String {
     let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(3), "--duration", "1200ms"]);
+    await_first_tick(rig);
     for role in stopped {
         stop_for(flight.roles()[*role], Duration::from_millis(60));
     }

@@ -10,9 +10,9 @@ use std::fs;
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::thread::sleep;
 use std::time::Duration;
 
+use crate::deaths::await_first_tick;
 use crate::rig::{Ended, Rig, lacks_tool, not_tested, send, stop_for, wait_until};
 use flight_log::TOPICS;
 use flight_log::entry::{Counts, LogEntry};
@@ -128,8 +128,8 @@ fn check_channels(channels: &Value) {
 fn a_trace_shows_every_tick_of_every_stage_every_miss_and_every_swap() {
     let rig = Rig::new("trace");
     let flight = rig.take_off(&["--rt", "off", "--duration", "3s", "--fault", "rotational_drag_nm_s=0.2@tick200"]);
-    // Deadlines are missed on purpose, and in flight: what `take_off` sees is there up to 200 ms before tick 0.
-    sleep(Duration::from_millis(300));
+    // Deadlines are missed on purpose, and in flight.
+    await_first_tick(&rig);
     stop_for(flight.roles()["mixer"], Duration::from_millis(50));
     flight.end().expect(0);
     rig.run("export", &["--format", "perfetto"]).expect(0).says("latest/flight.perfetto-trace");

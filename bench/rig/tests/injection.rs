@@ -4,6 +4,7 @@
 use std::fs;
 use std::time::Duration;
 
+use crate::deaths::await_first_tick;
 use crate::rig::{Rig, stop_for};
 use flight_log::reader::LogReader;
 use ironbird::in_process::InProcess;
@@ -222,6 +223,7 @@ fn after<'a>(text: &'a str, word: &str) -> &'a str {
 fn a_simulation_with_the_timing_of_a_flight_is_that_flight_and_another_law_suffers_the_same() {
     let rig = Rig::new("timed");
     let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(2), "--duration", "2s"]);
+    await_first_tick(&rig);
     for role in ["inner", "plant", "mixer"] {
         stop_for(flight.roles()[role], Duration::from_millis(50));
     }

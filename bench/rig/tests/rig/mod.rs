@@ -157,7 +157,7 @@ impl Rig {
         });
     }
 
-    /// Starts a flight and waits until it is in the air.
+    /// Starts a flight and waits until its parameters are in force: up to 200 ms before tick 0.
     pub fn take_off(&self, args: &[&str]) -> Running {
         let flight = self.start("fly", args);
         self.await_flight();
