@@ -96,18 +96,18 @@ def worn(make, n):
 
 ROWS = [
     *({"name": f"law.{how}", "fault": f"a law {words}", "injector": law_dies, "arguments": {"how": how},
-       "expected": "ABORTED, law and tick named; others land; nothing left", "n": 5, "short": int(how == "crash")}
-      for how, words in {"crash": "reads where no memory is", "overflow": "has no end to its recursion",
+       "expected": "ABORTED, law and tick named; others end", "n": 5, "short": int(how == "crash")}
+      for how, words in {"crash": "reads invalid memory", "overflow": "recurses without end",
                          "abort": "aborts (a panic)", "exit": "calls exit()"}.items()),
-    {"name": "law.loop", "fault": "a law computes without an end", "injector": law_hangs,
-     "expected": "killed and started again, each time; the flight ends and says why", "n": 3,
+    {"name": "law.loop", "fault": "a law loops forever", "injector": law_hangs,
+     "expected": "killed and restarted each time; the flight ends with the reason", "n": 3,
      "guards": ("heartbeat",)},
-    {"name": "law.nan", "fault": "a law answers NaN", "injector": law_is_wrong,
-     "expected": "replaced and counted in each tick; nothing of it is sent", "n": 5},
-    {"name": "law.slow", "fault": "a law computes for 2.4 of 1 ms", "injector": law_is_slow,
+    {"name": "law.nan", "fault": "a law returns NaN", "injector": law_is_wrong,
+     "expected": "replaced and counted each tick; never sent", "n": 5},
+    {"name": "law.slow", "fault": "a law computes for 2.4 ms per 1 ms", "injector": law_is_slow,
      "expected": "ticks skipped and counted; no hang", "n": 5},
-    {"name": "airframe.tilted", "fault": "a rotor gives a tenth of its thrust", "injector": tilted,
-     "expected": "the flight ends, and says in what way it left its envelope", "n": 5, "guards": ("envelope",)},
-    {"name": "airframe.worn", "fault": "a rotor gives four fifths of its thrust", "injector": worn,
-     "expected": "flight completed; replay identical", "n": 8, "short": 1},
+    {"name": "airframe.tilted", "fault": "a rotor with a tenth of its thrust", "injector": tilted,
+     "expected": "the flight ends and names the envelope limit", "n": 5, "guards": ("envelope",)},
+    {"name": "airframe.worn", "fault": "a rotor with four fifths of its thrust", "injector": worn,
+     "expected": "completed; replay identical", "n": 8, "short": 1},
 ]

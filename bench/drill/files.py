@@ -223,29 +223,29 @@ def hostile_middleware(make, n):
 
 
 ROWS = [
-    *({"name": f"garbage.{kind}", "fault": f"{words} with something wrong at a random place", "injector": garbage,
-       "arguments": {"kind": kind}, "expected": "read or refused; no signal, no panic, no hang", "n": 1000, "short": 10}
-      for kind, words in {"settings": "a settings file", "airframe": "an airframe file", "points": "a file of points",
+    *({"name": f"garbage.{kind}", "fault": f"{words} with random damage", "injector": garbage,
+       "arguments": {"kind": kind}, "expected": "read or rejected; no signal, panic or hang", "n": 1000, "short": 10}
+      for kind, words in {"settings": "a settings file", "airframe": "an airframe file", "points": "a trajectory file",
                           "log": "a flight log (replay)", "report": "report.json"}.items()),
-    *({"name": f"leftovers.{how}", "fault": f"what killed processes left in shared memory is {words}", "injector": leftovers,
-       "arguments": {"how": how}, "expected": "next start flies, or asks for `ironbird clean` and then flies", "n": 20}
-      for how, words in {"truncated": "cut off", "garbage": "overwritten", "removed": "half removed"}.items()),
-    {"name": "leftovers.counter", "fault": "the middleware's counter of nodes is left by a flight that ended in order",
-     "injector": counter_left, "expected": "next start flies and removes it, as `ironbird clean` does, which names it", "n": 10,
+    *({"name": f"leftovers.{how}", "fault": f"leftovers in shared memory {words}", "injector": leftovers,
+       "arguments": {"how": how}, "expected": "next flight works, if need be after `ironbird clean`", "n": 20}
+      for how, words in {"truncated": "truncated", "garbage": "overwritten", "removed": "half removed"}.items()),
+    {"name": "leftovers.counter", "fault": "node counter of the middleware left by an orderly flight",
+     "injector": counter_left, "expected": "next flight works and removes it; `ironbird clean` names it", "n": 10,
      "short": 2},
-    {"name": "segments.removed", "fault": "all segments are removed in flight", "injector": segments_in_use,
-     "arguments": {"how": "removed"}, "expected": "no hang; next flight flies; nothing left", "n": 10},
-    {"name": "segments.truncated", "fault": "a segment is cut off in flight", "injector": segments_in_use,
-     "arguments": {"how": "truncated"}, "expected": "no hang; next flight flies; nothing left", "n": 20},
-    {"name": "directory.removed", "fault": "the instance's directory is removed in flight", "injector": directory_removed,
-     "expected": "no hang; after `ironbird clean` the next flight flies", "n": 10},
-    *({"name": f"in_the_way.{what}", "fault": f"{words} in the place of the instance's directory", "injector": in_the_way,
-       "arguments": {"what": what}, "expected": "refused by name with code 2; it stays", "n": 5, "short": int(what == "link")}
+    {"name": "segments.removed", "fault": "all segments removed in flight", "injector": segments_in_use,
+     "arguments": {"how": "removed"}, "expected": "no hang; next flight works", "n": 10},
+    {"name": "segments.truncated", "fault": "a segment truncated in flight", "injector": segments_in_use,
+     "arguments": {"how": "truncated"}, "expected": "no hang; next flight works", "n": 20},
+    {"name": "directory.removed", "fault": "instance directory removed in flight", "injector": directory_removed,
+     "expected": "no hang; next flight works after `ironbird clean`", "n": 10},
+    *({"name": f"in_the_way.{what}", "fault": f"{words} in place of the instance directory", "injector": in_the_way,
+       "arguments": {"what": what}, "expected": "rejected by name with code 2; it stays", "n": 5, "short": int(what == "link")}
       for what, words in {"link": "a link", "foreign": "another user's directory", "pipe": "a pipe"}.items()),
-    {"name": "directory.read_only", "fault": "the root path is read-only", "injector": read_only,
-     "expected": "refused by name; nothing left", "n": 5},
+    {"name": "directory.read_only", "fault": "read-only root path", "injector": read_only,
+     "expected": "rejected by name", "n": 5},
     {"name": "other_user", "fault": "another user reads, writes, removes, signals and joins", "injector": other_user,
-     "expected": "refused each time; flight completed, nothing lost", "n": 5},
-    {"name": "hostile_middleware", "fault": "a configuration of the middleware in the working directory",
-     "injector": hostile_middleware, "expected": "not read; flight completed", "n": 5},
+     "expected": "rejected each time; completed, nothing lost", "n": 5},
+    {"name": "hostile_middleware", "fault": "a middleware configuration in the working directory",
+     "injector": hostile_middleware, "expected": "not read; completed", "n": 5},
 ]

@@ -81,8 +81,8 @@ class Counting(unittest.TestCase):
         row = {"name": "n", "fault": "f", "injector": "i", "expected": "e", "tried": 8, "survived": 8, "flights": 1,
                "flights_lost": 0, "trial": "death", "shares_flights": True, "why": "", "lack": "", "figures": {}, "build": "A",
                "executable": "1", "date": "2026-01-01"}
-        self.assertIn("| 8 deaths, 1 flight | 8 | 20.65 to 100 %", page.line(row, {}))
-        self.assertIn("| 8 | 8 | 67.55 to 100 %", page.line({**row, "trial": "flight", "shares_flights": False}, {}))
+        self.assertIn("| 8 deaths, 1 flight | 8 | 20.65 |", page.line([row], {}))
+        self.assertIn("| 8 | 8 | 67.55 |", page.line([{**row, "trial": "flight", "shares_flights": False}], {}))
 
     def test_a_row_says_of_which_build_it_is_where_there_are_several(self):
         row = {"name": "n", "fault": "f", "injector": "i", "expected": "e", "tried": 8, "survived": 8, "flights": 8,
@@ -90,10 +90,16 @@ class Counting(unittest.TestCase):
                "build": "A", "executable": "1", "date": "2026-01-01"}
         other = {**row, "name": "m", "build": "B"}
         alone, both = page.builds([row, row]), page.builds([row, other])
-        self.assertIn("| `n` |", page.line(row, alone))
+        self.assertIn("| `n` |", page.line([row], alone))
         self.assertEqual(page.told_of_builds([row, row], alone), "All rows with one build, `A` on 2026-01-01")
-        self.assertIn("| `n` (a) |", page.line(row, both))
-        self.assertIn("| `m` (b) |", page.line(other, both))
+        self.assertIn("| `n` (a) |", page.line([row], both))
+        self.assertIn("| `m` (b) |", page.line([other], both))
+        self.assertEqual(page.alike([row, {**row, "name": "o", "fault": "g"}, other], both),
+                         [[row, {**row, "name": "o", "fault": "g"}], [other]])
+        self.assertEqual(page.merged(["SIGTERM to outer", "SIGTERM to inner"]), "SIGTERM to outer, inner")
+        self.assertEqual(page.merged(["a link in place", "a pipe in place", "a link in place"]), "a link, pipe in place")
+        self.assertEqual(page.merged(["all killed"]), "all killed")
+        self.assertIn("| `n`, `o` | f, g |", page.line([row, {**row, "name": "o", "fault": "g"}], alone))
         self.assertIn("1 rows (a) with `A` on 2026-01-01, 1 rows (b) with `B`", page.told_of_builds([row, other], both))
 
     def test_a_dead_process_of_a_soak_that_is_not_back_is_wrong_and_a_silent_successor_is_within_a_death(self):

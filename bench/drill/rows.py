@@ -18,8 +18,8 @@ NOT_TIMED = (messages.forged, messages.faulted, messages.missing, files.garbage,
 # What a trial is where it is not a flight of its own, and whether such trials share a flight.
 TRIALS = {
     messages.forged: ("message", False), messages.flipped: ("flipped bit that reached a port", True),
-    messages.flood: ("swap", True), messages.killed_clients: ("client", True), messages.observers: ("observer", True),
-    deaths.in_a_row: ("death", True), deaths.spares: ("spare", True), deaths.pause: ("pause", True), starts.second_flight: ("second start", True),
+    messages.flood: ("change", True), messages.killed_clients: ("client", True), messages.observers: ("observer", True),
+    deaths.in_a_row: ("failure", True), deaths.spares: ("standby", True), deaths.pause: ("pause", True), starts.second_flight: ("second start", True),
     starts.second_role: ("second start", True), files.garbage: ("file", False),
 }
 
@@ -35,7 +35,7 @@ class Row:
     # In the short form; 0 is not at all, except where a page is written.
     short: int = 1
     arguments: dict = field(default_factory=dict)
-    # Guards (shared/model/src/guards.rs) whose absence must turn this row red.
+    # Guards (shared/messages/src/checks.rs) whose absence must turn this row red.
     guards: tuple = ()
 
     @property

@@ -185,7 +185,7 @@ def soak(make, build, duration):
             demand(not found, "; ".join(found))
         except (Wrong, NotBegun, OSError, ValueError, LookupError) as error:
             wrong.append(f"flight {len(flights)}: {error}")
-    rows = ["| what | after the first look | at the end | most | grew in every round, together | allowed | grew in all | allowed |",
+    rows = ["| what | first | last | most | steady growth | limit | total growth | limit |",
             "|---|---|---|---|---|---|---|---|"]
     for what, (steady_most, all_most) in GROWTH_MOST.items():
         series = [seen[what] for told in flights for _, seen in told["looks"]]
@@ -197,12 +197,12 @@ def soak(make, build, duration):
     text = (f"## Long flights\n\n`bench/drill/run --soak {duration}`: {len(flights)} flight{'s' * (len(flights) > 1)} of at most {FLIGHT_S / 60:.0f} min "
             f"of `{build}`, {sum(told['ticks'] for told in flights)} ticks, a fault every {EVERY_S:.0f} s, "
             f"{sum(sum(told['faults'].values()) for told in flights)} in all of {len(kinds)} of {len(FAULTS)} kinds, "
-            f"{sum(told['deaths'] for told in flights)} deaths, {sum(told['silent'] for told in flights)} of these of successors "
-            f"before their first message; ticks lost with a death: {lost_words([lost for told in flights for lost in told['lost']])}. "
-            + (f"**Wrong: {'; '.join(wrong)}.**" if wrong else "All completed, all that died came back, nothing left.")
-            + f"\nA round is {len(FAULTS)} faults, each kind once; of each round the least that was seen counts. What grows *in every round* is the "
-            "median rise from a round to the next, times the rounds after the first: what would go on for ever. *In all* is the last round "
-            "less the first one after all kinds were there: steps that come once are in it. A soak fails where either is more than allowed.\n\n"
+            f"{sum(told['deaths'] for told in flights)} failures, {sum(told['silent'] for told in flights)} of them of successors "
+            f"before their first message; ticks lost per failure: {lost_words([lost for told in flights for lost in told['lost']])}. "
+            + (f"**Wrong: {'; '.join(wrong)}.**" if wrong else "All completed, all failed processes were replaced, nothing left.")
+            + f"\nA round is {len(FAULTS)} faults, each kind once; the smallest value of a round counts. *Steady growth* is the median rise "
+            "from round to round, times the rounds after the first. *Total growth* is the last round less the first one after all kinds. "
+            "A soak fails if either exceeds its limit.\n\n"
             + "\n".join(rows) + "\n")
     print(text)
     return {"text": text, "flights": flights, "failed": [f"soak {why}" for why in wrong]}

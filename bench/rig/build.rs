@@ -32,12 +32,16 @@ fn main() {
 
 /// What the executable is made of, from the root of the workspace: its own files, and of each crate what is compiled.
 fn sources(root: &Path) -> Vec<String> {
-    let crates =
-        folders(root, "").into_iter().flat_map(|name| [folders(root, &format!("{name}/")), vec![name]].concat());
+    let crates = folders(root, "")
+        .into_iter()
+        .flat_map(|name| [folders(root, &format!("{name}/")), vec![name]].concat());
     // `python` is built upon these crates, and none of them upon it.
-    let crates = crates.filter(|name| root.join(name).join("Cargo.toml").exists() && !name.starts_with("python"));
+    let crates = crates
+        .filter(|name| root.join(name).join("Cargo.toml").exists() && !name.starts_with("python"));
     let compiled = ["src", "build.rs", "Cargo.toml"];
-    let mut sources: Vec<String> = crates.flat_map(|name| compiled.map(|file| format!("{name}/{file}"))).collect();
+    let mut sources: Vec<String> = crates
+        .flat_map(|name| compiled.map(|file| format!("{name}/{file}")))
+        .collect();
     sources.extend(["Cargo.toml", "Cargo.lock", "rust-toolchain.toml"].map(str::to_owned));
     // One that is not there would have this run every time.
     sources.retain(|source| root.join(source).exists());
@@ -48,7 +52,9 @@ fn sources(root: &Path) -> Vec<String> {
 /// What lies in a folder of the workspace, by its path from the root.
 fn folders(root: &Path, within: &str) -> Vec<String> {
     let entries = root.join(within).read_dir().into_iter().flatten().flatten();
-    entries.filter_map(|entry| Some(format!("{within}{}", entry.file_name().into_string().ok()?))).collect()
+    entries
+        .filter_map(|entry| Some(format!("{within}{}", entry.file_name().into_string().ok()?)))
+        .collect()
 }
 
 /// The commit in short, and whether a source of the executable differs from it; nothing where the sources are no
@@ -68,17 +74,36 @@ fn commit(root: &Path, sources: &[String]) -> Option<(String, bool)> {
     let commit = git(root, &["rev-parse", "--short=7", "HEAD"])?;
     // Without its lock: to look at a checkout must not touch it.
     let status = ["--no-optional-locks", "status", "--porcelain", "--"].into_iter();
-    let changed = git(root, &status.chain(sources.iter().map(String::as_str)).collect::<Vec<_>>())?;
+    let changed = git(
+        root,
+        &status
+            .chain(sources.iter().map(String::as_str))
+            .collect::<Vec<_>>(),
+    )?;
     Some((commit, !changed.is_empty()))
 }
 
 fn git(root: &Path, arguments: &[&str]) -> Option<String> {
-    let output = Command::new("git").arg("-C").arg(root).args(arguments).output().ok()?;
-    output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
+    let output = Command::new("git")
+        .arg("-C")
+        .arg(root)
+        .args(arguments)
+        .output()
+        .ok()?;
+    output
+        .status
+        .success()
+        .then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
 /// The version of the compiler, as `1.95.0`.
 fn rustc() -> Option<String> {
-    let output = Command::new(env::var_os("RUSTC")?).arg("--version").output().ok()?;
-    String::from_utf8_lossy(&output.stdout).split_whitespace().nth(1).map(str::to_owned)
+    let output = Command::new(env::var_os("RUSTC")?)
+        .arg("--version")
+        .output()
+        .ok()?;
+    String::from_utf8_lossy(&output.stdout)
+        .split_whitespace()
+        .nth(1)
+        .map(str::to_owned)
 }

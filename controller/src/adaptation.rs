@@ -11,16 +11,15 @@
 //!
 //! Claim (18), that the estimates converge, holds only under persistent excitation: in hover I_R and k_r never move.
 
-use law::law::Rig;
-use model::math::exp;
-use model::rate_dynamics::Inertia;
+use control_api::law::Rig;
+use messages::math::exp;
+use messages::rate_dynamics::Inertia;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::evidence::Regression;
 use crate::gains::Gains;
-use crate::weight::Weight;
+use crate::samples::LastTick;
+use crate::weight::{Regression, Weight};
 
-/// The constants of the adaptation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adaptation {
     /// Diagonal of Gamma: gamma1 [kg^2 m^4 s^2], gamma2 [kg^2 m^4], gamma3 [1/s^2].
@@ -29,13 +28,10 @@ pub struct Adaptation {
     pub step_s2: f64,
     /// p, share of the old samples that the low-pass keeps at each tick; 0 is no filter.
     pub p: f64,
-    /// Lower bounds of the estimates.
     pub lo: Vector3<f64>,
-    /// Upper bounds of the estimates.
     pub hi: Vector3<f64>,
     /// T [s].
     pub period_s: f64,
-    /// I_M.
     pub inertia: Inertia,
 }
 
@@ -44,27 +40,9 @@ pub struct Adaptation {
 pub struct Learnt {
     /// theta: estimates of I_R [kg m^2], k_r [N m s], delta [rad/s^2].
     pub theta: Vector3<f64>,
-    /// X, filtered regressor.
     pub x: Matrix3<f64>,
     /// Y, filtered sample of what the regressor must explain [rad/s^2].
     pub y: Vector3<f64>,
-}
-
-/// One whole tick as it was measured.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct LastTick {
-    /// nu2 at its start [rad/s].
-    pub nu2_start: Vector3<f64>,
-    /// nu2 at its end [rad/s].
-    pub nu2_end: Vector3<f64>,
-    /// h(t) at its start, without unit.
-    pub h_start: Vector3<f64>,
-    /// h(t) at its end, without unit.
-    pub h_end: Vector3<f64>,
-    /// Om_m, mean net rotor speed [rad/s].
-    pub om_m: f64,
-    /// tau_m, mean torque of the rotors by the nominal model [N m].
-    pub tau_m: Vector3<f64>,
 }
 
 impl Adaptation {
@@ -75,7 +53,11 @@ impl Adaptation {
         Self {
             gamma: gains.adaptation.into(),
             step_s2: rig.period_s / gains.alpha_1_s,
-            p: if w_e > 0.0 { exp(-w_e * rig.period_s) } else { 0.0 },
+            p: if w_e > 0.0 {
+                exp(-w_e * rig.period_s)
+            } else {
+                0.0
+            },
             lo: gains.estimate_min.into(),
             hi: gains.estimate_max.into(),
             period_s: rig.period_s,
@@ -86,7 +68,11 @@ impl Adaptation {
     /// What is known before the first tick: estimates of 0, or the bound nearest to it.
     #[must_use]
     pub fn prior(&self) -> Learnt {
-        Learnt { theta: self.clip(&Vector3::zeros()), x: Matrix3::zeros(), y: Vector3::zeros() }
+        Learnt {
+            theta: self.clip(&Vector3::zeros()),
+            x: Matrix3::zeros(),
+            y: Vector3::zeros(),
+        }
     }
 
     /// Whether these are estimates that it could have come by: finite, and within their bounds.
@@ -99,14 +85,23 @@ impl Adaptation {
     #[must_use]
     pub fn step(&self, learnt: &Learnt, last: &LastTick) -> Learnt {
         let regression = self.regression(&learnt.x, &learnt.y, last);
-        Learnt { theta: self.learn(&learnt.theta, &regression), x: regression.x, y: regression.y }
+        Learnt {
+            theta: self.learn(&learnt.theta, &regression),
+            x: regression.x,
+            y: regression.y,
+        }
     }
 
     /// X, Y and W after one more tick.
     #[must_use]
     pub fn regression(&self, x: &Matrix3<f64>, y: &Vector3<f64>, last: &LastTick) -> Regression {
         let (x, y) = self.filter(x, y, last);
-        Regression { x, y, weight: Weight::new(&x, &self.gain()), last: *last }
+        Regression {
+            x,
+            y,
+            weight: Weight::new(&x, &self.gain()),
+            last: *last,
+        }
     }
 
     /// The estimates after a step from `theta`. The 3x3 weight is positive definite for every finite sample; were it
@@ -121,7 +116,6 @@ impl Adaptation {
         })
     }
 
-    /// The diagonal of (T/alpha) Gamma.
     #[must_use]
     #[inline]
     pub fn gain(&self) -> Vector3<f64> {
@@ -130,16 +124,35 @@ impl Adaptation {
 
     /// X and Y after one more tick: the low-pass over regressor and sample.
     #[must_use]
-    pub fn filter(&self, x: &Matrix3<f64>, y: &Vector3<f64>, last: &LastTick) -> (Matrix3<f64>, Vector3<f64>) {
+    pub fn filter(
+        &self,
+        x: &Matrix3<f64>,
+        y: &Vector3<f64>,
+        last: &LastTick,
+    ) -> (Matrix3<f64>, Vector3<f64>) {
         let (phi, sample) = self.sample(last);
-        (x + (1.0 - self.p) * (phi - x), y + (1.0 - self.p) * (sample - y))
+        (
+            x + (1.0 - self.p) * (phi - x),
+            y + (1.0 - self.p) * (sample - y),
+        )
     }
 
     /// Phib and y: regressor of the last tick, and the acceleration [rad/s^2] that known terms do not explain.
     fn sample(&self, last: &LastTick) -> (Matrix3<f64>, Vector3<f64>) {
-        let &LastTick { nu2_start, nu2_end, h_start, h_end, om_m, ref tau_m } = last;
+        let &LastTick {
+            nu2_start,
+            nu2_end,
+            h_start,
+            h_end,
+            om_m,
+            ref tau_m,
+        } = last;
         // Phi is linear in rates and h: the mean of its two values is its value at the means.
-        let phi = self.inertia.regressor(&(0.5 * (nu2_start + nu2_end)), om_m, &(0.5 * (h_start + h_end)));
+        let phi = self.inertia.regressor(
+            &(0.5 * (nu2_start + nu2_end)),
+            om_m,
+            &(0.5 * (h_start + h_end)),
+        );
         let f = 0.5 * (self.inertia.coupling(&nu2_start) + self.inertia.coupling(&nu2_end));
         let dnu2 = (nu2_end - nu2_start) / self.period_s;
         (phi, dnu2 - f - self.inertia.acceleration(tau_m))

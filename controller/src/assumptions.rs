@@ -6,10 +6,10 @@
 //!
 //! A broken assumption is remembered until the low-pass of the adaptation has forgotten the samples taken under it.
 
-use model::math::ln;
-use model::messages::{Dated, Mode, State, Truth, Wrench};
-use model::monitor::{CAUSES, Cause};
-use model::parameters::{Airframe, Parameter};
+use messages::content::{Mode, Stamped, State, Truth, Wrench};
+use messages::math::ln;
+use messages::monitor::{CAUSES, Cause};
+use messages::parameters::{Airframe, Parameter};
 use nalgebra::Vector3;
 
 use crate::adaptation::Adaptation;
@@ -29,7 +29,6 @@ const MODELLED: [Parameter; 6] = [
     Parameter::InertiaZ,
 ];
 
-/// Which causes are in force.
 #[derive(Clone, Debug)]
 pub struct Assumptions {
     model: Airframe,
@@ -42,7 +41,6 @@ pub struct Assumptions {
     newest: Option<Known>,
 }
 
-/// What the state before said.
 #[derive(Clone, Copy, Debug)]
 struct Known {
     /// True values of the estimated parameters.
@@ -66,12 +64,23 @@ impl Assumptions {
     /// Those of an adaptation with its model.
     #[must_use]
     pub fn new(adaptation: &Adaptation, model: &Airframe) -> Self {
-        let faded_ticks = if adaptation.p > 0.0 { (ln(FORGOTTEN) / ln(adaptation.p)).ceil() as u64 } else { 1 };
-        Self { model: *model, lo: adaptation.lo, hi: adaptation.hi, faded_ticks, seen: [None; CAUSES], newest: None }
+        let faded_ticks = if adaptation.p > 0.0 {
+            (ln(FORGOTTEN) / ln(adaptation.p)).ceil() as u64
+        } else {
+            1
+        };
+        Self {
+            model: *model,
+            lo: adaptation.lo,
+            hi: adaptation.hi,
+            faded_ticks,
+            seen: [None; CAUSES],
+            newest: None,
+        }
     }
 
     /// Looks at a tick; says whether the true value of an estimated parameter has changed since the last state.
-    pub fn look(&mut self, tick: u64, state: &Dated<State>, wrench: &Wrench) -> Moved {
+    pub fn look(&mut self, tick: u64, state: &Stamped<State>, wrench: &Wrench) -> Moved {
         if wrench.mode != Mode::Fresh as u64 {
             self.see(Cause::StaleInput, tick);
         }
@@ -79,10 +88,20 @@ impl Assumptions {
             self.see(Cause::StaleInput, tick);
             return Moved::Not;
         }
-        let &State { ref truth, parameter_epoch, ticks_skipped, deadline_miss_run, command_saturated, .. } =
-            &state.content;
+        let &State {
+            ref truth,
+            parameter_epoch,
+            ticks_skipped,
+            deadline_miss_run,
+            command_saturated,
+            ..
+        } = &state.content;
         let theta = truth.theta();
-        let known = self.newest.replace(Known { theta, parameter_epoch, ticks_skipped });
+        let known = self.newest.replace(Known {
+            theta,
+            parameter_epoch,
+            ticks_skipped,
+        });
         let moved = match known {
             Some(known) if known.theta == theta => Moved::Not,
             Some(known) if known.parameter_epoch == parameter_epoch => Moved::Along,
@@ -93,10 +112,16 @@ impl Assumptions {
         let theta = Vector3::from(theta);
         for (cause, holds) in [
             (Cause::LiveSwap, moved != Moved::Not),
-            (Cause::OutOfBounds, theta.sup(&self.lo).inf(&self.hi) != theta),
+            (
+                Cause::OutOfBounds,
+                theta.sup(&self.lo).inf(&self.hi) != theta,
+            ),
             (Cause::BrokenModel, self.model_is_broken(truth)),
             (Cause::GyroNoise, Airframe::gyro_errs(&truth.parameter)),
-            (Cause::MotorLag, truth.get(Parameter::MotorTimeConstant) > 0.0),
+            (
+                Cause::MotorLag,
+                truth.get(Parameter::MotorTimeConstant) > 0.0,
+            ),
             (Cause::Saturation, command_saturated == 1),
             (Cause::StaleInput, skipped || deadline_miss_run > 0),
             (Cause::Delay, true),
@@ -145,26 +170,38 @@ impl Assumptions {
     /// Every cause in force at a tick: the sum of [`Cause::bit`].
     #[must_use]
     pub fn bits(&self, tick: u64) -> u64 {
-        Cause::ALL.into_iter().filter(|cause| self.holds(*cause, tick)).map(Cause::bit).sum()
+        Cause::ALL
+            .into_iter()
+            .filter(|cause| self.holds(*cause, tick))
+            .map(Cause::bit)
+            .sum()
     }
 
     /// What explains a rise of V_th; [`Cause::Unexplained`] where (A), (B) and (C) hold.
     #[must_use]
     pub fn cause_of_rise(&self, tick: u64) -> Cause {
         use Cause::{BrokenModel, GyroNoise, LiveSwap, MotorLag, OutOfBounds};
-        self.first([LiveSwap, OutOfBounds, BrokenModel, GyroNoise, MotorLag], tick)
+        self.first(
+            [LiveSwap, OutOfBounds, BrokenModel, GyroNoise, MotorLag],
+            tick,
+        )
     }
 
     /// What explains that V changes by more than its bound.
     #[must_use]
     pub fn cause_of_v(&self, tick: u64) -> Cause {
         match self.cause_of_rise(tick) {
-            Cause::Unexplained => self.first([Cause::Saturation, Cause::StaleInput, Cause::Delay], tick),
+            Cause::Unexplained => {
+                self.first([Cause::Saturation, Cause::StaleInput, Cause::Delay], tick)
+            }
             cause => cause,
         }
     }
 
     fn first<const N: usize>(&self, causes: [Cause; N], tick: u64) -> Cause {
-        causes.into_iter().find(|cause| self.holds(*cause, tick)).unwrap_or(Cause::Unexplained)
+        causes
+            .into_iter()
+            .find(|cause| self.holds(*cause, tick))
+            .unwrap_or(Cause::Unexplained)
     }
 }

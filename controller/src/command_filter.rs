@@ -4,8 +4,8 @@
 //! and of second order, one per axis. It is exact for a set-point held over the tick, so its result does not depend on
 //! T.
 
-use law::law::Wanted;
-use model::math::exp;
+use control_api::law::Desired;
+use messages::math::exp;
 use nalgebra::Vector3;
 
 /// The filter and its state, per axis roll, pitch, yaw.
@@ -23,12 +23,16 @@ impl CommandFilter {
     /// A filter at rest at an attitude [rad].
     #[must_use]
     pub fn at_rest(w_f: Vector3<f64>, eta2: Vector3<f64>) -> Self {
-        Self { w_f, ec: eta2, e1: Vector3::zeros() }
+        Self {
+            w_f,
+            ec: eta2,
+            e1: Vector3::zeros(),
+        }
     }
 
     /// win: the input [rad/s^2] that makes the filter follow a set-point and its derivatives without lag.
     #[must_use]
-    pub fn input(&self, wanted: &Wanted) -> Vector3<f64> {
+    pub fn input(&self, wanted: &Desired) -> Vector3<f64> {
         let w_f = &self.w_f;
         let r = Vector3::from(wanted.attitude_rad);
         let r1 = Vector3::from(wanted.attitude_rate_rad_s);
@@ -47,12 +51,20 @@ impl CommandFilter {
     #[must_use]
     pub fn advance(&self, win: &Vector3<f64>, over: &Passage) -> Self {
         let Self { w_f, ec, e1 } = self;
-        let &Passage { dt_s, ref w_f_dt, ref decay } = over;
+        let &Passage {
+            dt_s,
+            ref w_f_dt,
+            ref decay,
+        } = over;
         let target = win.component_div(&w_f.component_mul(w_f));
         let y0 = ec - target;
         let keep_ec = y0 + w_f_dt.component_mul(&y0) + dt_s * e1;
         let keep_e1 = e1 - w_f_dt.component_mul(&(w_f.component_mul(&y0) + e1));
-        Self { w_f: *w_f, ec: target + decay.component_mul(&keep_ec), e1: decay.component_mul(&keep_e1) }
+        Self {
+            w_f: *w_f,
+            ec: target + decay.component_mul(&keep_ec),
+            e1: decay.component_mul(&keep_e1),
+        }
     }
 }
 
@@ -60,7 +72,6 @@ impl CommandFilter {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Passage {
     dt_s: f64,
-    /// w_f dt, per axis.
     w_f_dt: Vector3<f64>,
     /// E = exp(-w_f dt), per axis.
     decay: Vector3<f64>,
@@ -71,6 +82,10 @@ impl Passage {
     #[must_use]
     pub fn new(w_f: &Vector3<f64>, dt_s: f64) -> Self {
         let w_f_dt = w_f * dt_s;
-        Self { dt_s, w_f_dt, decay: w_f_dt.map(|x| exp(-x)) }
+        Self {
+            dt_s,
+            w_f_dt,
+            decay: w_f_dt.map(|x| exp(-x)),
+        }
     }
 }

@@ -29,11 +29,8 @@ const RIDGE: f64 = 1e-9;
 #[derive(Clone, Debug)]
 pub struct Excitation {
     window_steps: u64,
-    /// Steps in the present window.
     steps: u64,
-    /// S of the present window.
     gramian: Matrix3<f64>,
-    /// P.
     left: Matrix3<f64>,
     /// Of the newest complete window; none before the first is.
     complete: Option<Shown>,
@@ -70,7 +67,9 @@ impl Excitation {
         self.steps += 1;
         if self.steps == self.window_steps {
             let shown = self.present();
-            let least = self.complete.map_or(shown.least, |before| before.least.min(shown.least));
+            let least = self
+                .complete
+                .map_or(shown.least, |before| before.least.min(shown.least));
             self.complete = Some(Shown { least, ..shown });
             self.steps = 0;
             self.gramian = Matrix3::zeros();
@@ -80,7 +79,11 @@ impl Excitation {
     /// The present window, as far as it has come.
     fn present(&self) -> Shown {
         let smallest = self.gramian.symmetric_eigenvalues().min().max(0.0);
-        Shown { smallest, least: smallest, identifiability: identifiability(&self.gramian) }
+        Shown {
+            smallest,
+            least: smallest,
+            identifiability: identifiability(&self.gramian),
+        }
     }
 
     /// Begins anew what is left of the error: a live swap has made a new one.
@@ -103,6 +106,10 @@ impl Excitation {
 
 fn identifiability(gramian: &Matrix3<f64>) -> Vector3<f64> {
     // Positive definite unless a sample was not finite.
-    Cholesky::new(gramian + RIDGE * Matrix3::identity())
-        .map_or(Vector3::zeros(), |ridged| ridged.inverse().diagonal().map(|inverse| (1.0 / inverse - RIDGE).max(0.0)))
+    Cholesky::new(gramian + RIDGE * Matrix3::identity()).map_or(Vector3::zeros(), |ridged| {
+        ridged
+            .inverse()
+            .diagonal()
+            .map(|inverse| (1.0 / inverse - RIDGE).max(0.0))
+    })
 }

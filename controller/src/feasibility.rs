@@ -6,20 +6,20 @@
 
 use std::fmt;
 
-use law::law::Rig;
-use model::allocation::Allocation;
-use model::frames::RollPitch;
-use model::math::atan2;
-use model::parameters::Airframe;
-use model::rate_dynamics::Inertia;
-use model::reference::Reference;
-use model::role::Role;
+use control_api::law::Rig;
+use messages::allocation::Allocation;
+use messages::content::Reference;
+use messages::frames::RollPitch;
+use messages::math::atan2;
+use messages::parameters::Airframe;
+use messages::rate_dynamics::Inertia;
+use messages::role::Role;
 use nalgebra::Vector3;
 
 use crate::flatness::{Yaw, tilt, tilt_rates};
 use crate::laws::pd::thrust_acceleration;
 use crate::limits::Limits;
-use crate::trajectory::Course;
+use crate::trajectory::ScaledTrajectory;
 
 /// Time between two looks [s].
 const STEP_S: f64 = 0.01;
@@ -48,7 +48,6 @@ pub enum Demanded {
 /// Where a course asks for more than a limit allows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Excess {
-    /// Of what.
     pub demanded: Demanded,
     /// When for the first time [s].
     pub first_s: f64,
@@ -62,7 +61,6 @@ pub struct Excess {
     pub limited_by: Option<Role>,
 }
 
-/// Where a flight begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Start {
     /// Position, world frame [m].
@@ -75,30 +73,53 @@ pub struct Start {
 /// law that has limits of the thrust acceleration, if there is one.
 #[must_use]
 pub fn excesses(
-    course: &Course,
+    course: &ScaledTrajectory,
     rig: &Rig,
     limits: Option<(Role, Limits)>,
     start: &Start,
     duration_s: f64,
 ) -> Vec<Excess> {
     let limited_by = limits.map(|(role, _)| role);
-    let end_s = duration_s.min(LONGEST_S).min(course.end_s().unwrap_or(f64::INFINITY));
+    let end_s = duration_s
+        .min(LONGEST_S)
+        .min(course.end_s().unwrap_or(f64::INFINITY));
     let mut found: Vec<Excess> = Vec::new();
     let mut take = |demanded, t_s: f64, value: f64, allowed: f64, is_below: bool| {
-        let over = |value: f64| if is_below { allowed - value } else { value - allowed };
+        let over = |value: f64| {
+            if is_below {
+                allowed - value
+            } else {
+                value - allowed
+            }
+        };
         // What is not a number cannot be flown, either.
         if over(value) <= 0.0 {
             return;
         }
         match found.iter_mut().find(|excess| excess.demanded == demanded) {
-            Some(excess) if over(value) > over(excess.worst) => (excess.worst_s, excess.worst) = (t_s, value),
+            Some(excess) if over(value) > over(excess.worst) => {
+                (excess.worst_s, excess.worst) = (t_s, value)
+            }
             Some(_) => {}
-            None => found.push(Excess { demanded, first_s: t_s, worst_s: t_s, worst: value, allowed, limited_by }),
+            None => found.push(Excess {
+                demanded,
+                first_s: t_s,
+                worst_s: t_s,
+                worst: value,
+                allowed,
+                limited_by,
+            }),
         }
     };
     let begin = course.reference(0.0);
     let away_m = (Vector3::from(begin.position_w_m) - Vector3::from(start.position_w_m)).norm();
-    take(Demanded::Jump, 0.0, away_m.max((begin.yaw_rad - start.yaw_rad).abs()), JUMP, false);
+    take(
+        Demanded::Jump,
+        0.0,
+        away_m.max((begin.yaw_rad - start.yaw_rad).abs()),
+        JUMP,
+        false,
+    );
     let looks = (end_s / STEP_S).floor() as u64;
     for i in 0..=looks {
         let t_s = i as f64 * STEP_S;
@@ -106,13 +127,43 @@ pub fn excesses(
         if let Some((_, limits)) = limits {
             // Without gravity, a limit in its multiples is none.
             if let Some(climb_g) = asked.climb_g {
-                take(Demanded::Climb, t_s, climb_g, limits.acceleration_z_max_g, false);
-                take(Demanded::Descent, t_s, climb_g, limits.acceleration_z_min_g, true);
+                take(
+                    Demanded::Climb,
+                    t_s,
+                    climb_g,
+                    limits.acceleration_z_max_g,
+                    false,
+                );
+                take(
+                    Demanded::Descent,
+                    t_s,
+                    climb_g,
+                    limits.acceleration_z_min_g,
+                    true,
+                );
             }
-            take(Demanded::Tilt, t_s, asked.tilt_rad, limits.tilt_max_rad, false);
+            take(
+                Demanded::Tilt,
+                t_s,
+                asked.tilt_rad,
+                limits.tilt_max_rad,
+                false,
+            );
         }
-        take(Demanded::RotorAbove, t_s, asked.fastest_rad_s, rig.rotor.max_rad_s, false);
-        take(Demanded::RotorBelow, t_s, asked.slowest_rad_s, rig.rotor.min_rad_s, true);
+        take(
+            Demanded::RotorAbove,
+            t_s,
+            asked.fastest_rad_s,
+            rig.rotor.max_rad_s,
+            false,
+        );
+        take(
+            Demanded::RotorBelow,
+            t_s,
+            asked.slowest_rad_s,
+            rig.rotor.min_rad_s,
+            true,
+        );
     }
     found
 }
@@ -127,10 +178,19 @@ struct Asked {
 
 impl Asked {
     fn of(reference: &Reference, model: &Airframe) -> Self {
-        let &Reference { yaw_rad, yaw_rate_rad_s, yaw_acceleration_rad_s2, .. } = reference;
-        let [velocity, acceleration, jerk, snap] =
-            [reference.velocity_w_m_s, reference.acceleration_w_m_s2, reference.jerk_w_m_s3, reference.snap_w_m_s4]
-                .map(Vector3::from);
+        let &Reference {
+            yaw_rad,
+            yaw_rate_rad_s,
+            yaw_acceleration_rad_s2,
+            ..
+        } = reference;
+        let [velocity, acceleration, jerk, snap] = [
+            reference.velocity_w_m_s,
+            reference.acceleration_w_m_s2,
+            reference.jerk_w_m_s3,
+            reference.snap_w_m_s4,
+        ]
+        .map(Vector3::from);
         let drag = model.k_t() / model.m();
         let a = thrust_acceleration(&acceleration, &velocity, model);
         let (da, dda) = (jerk + drag * acceleration, snap + drag * jerk);
@@ -145,7 +205,10 @@ impl Asked {
         let nu2 = attitude.body_rate(&xi);
         let dnu2 = attitude.body_rate_dot(&xi, &xi) + attitude.body_rate(&dxi);
         let inertia = Inertia::new(Vector3::from(model.i_m()));
-        let mut tau = inertia.i_m().component_mul(&(dnu2 - inertia.coupling(&nu2))) + model.k_r() * nu2;
+        let mut tau = inertia
+            .i_m()
+            .component_mul(&(dnu2 - inertia.coupling(&nu2)))
+            + model.k_r() * nu2;
         if model.d() == 0.0 {
             // No speed of the rotors gives a yaw torque then, and none is asked of them.
             tau.z = 0.0;
@@ -163,10 +226,20 @@ impl Asked {
 
 impl fmt::Display for Excess {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { demanded, first_s, worst_s, worst, allowed, limited_by } = self;
+        let Self {
+            demanded,
+            first_s,
+            worst_s,
+            worst,
+            allowed,
+            limited_by,
+        } = self;
         let (what, unit, key) = match demanded {
             Demanded::Jump => {
-                return write!(f, "begins with a jump: {worst:.3} m or rad away from where the flight stands at 0 s");
+                return write!(
+                    f,
+                    "begins with a jump: {worst:.3} m or rad away from where the flight stands at 0 s"
+                );
             }
             Demanded::Climb => ("a vertical thrust", "g", "acceleration_z_max_g"),
             Demanded::Descent => ("a vertical thrust", "g", "acceleration_z_min_g"),
@@ -192,13 +265,20 @@ mod tests {
     use super::*;
     use crate::laws::Pd;
     use crate::trajectory::Trajectory;
-    use law::description::Settings;
-    use law::law::Law as _;
+    use control_api::description::Settings;
+    use control_api::law::Law as _;
 
-    fn found(course: impl Into<Course>) -> Vec<Excess> {
-        let limits = Limits::of(&Pd::DESCRIPTION, &Settings::default()).map(|limits| (Role::Outer, limits));
+    fn found(course: impl Into<ScaledTrajectory>) -> Vec<Excess> {
+        let limits =
+            Limits::of(&Pd::DESCRIPTION, &Settings::default()).map(|limits| (Role::Outer, limits));
         assert!(limits.is_some());
-        excesses(&course.into(), &Rig::default(), limits, &Start::default(), 30.0)
+        excesses(
+            &course.into(),
+            &Rig::default(),
+            limits,
+            &Start::default(),
+            30.0,
+        )
     }
 
     #[test]
@@ -208,7 +288,11 @@ mod tests {
             if trajectory == Trajectory::Step {
                 assert_eq!(found.len(), 1);
                 assert_eq!(found[0].demanded, Demanded::Jump);
-                assert!((found[0].worst - 3_f64.sqrt()).abs() < 1e-12, "{}", found[0]);
+                assert!(
+                    (found[0].worst - 3_f64.sqrt()).abs() < 1e-12,
+                    "{}",
+                    found[0]
+                );
             } else {
                 assert_eq!(found, [], "{trajectory}");
             }
@@ -218,23 +302,52 @@ mod tests {
     #[test]
     fn a_course_jumps_from_where_the_flight_begins() {
         let jumps = |trajectory, position_w_m, yaw_rad| {
-            let start = Start { position_w_m, yaw_rad };
-            let found = excesses(&Course::of(trajectory), &Rig::default(), None, &start, 1.0);
-            found.iter().find(|excess| excess.demanded == Demanded::Jump).map(|excess| excess.worst)
+            let start = Start {
+                position_w_m,
+                yaw_rad,
+            };
+            let found = excesses(
+                &ScaledTrajectory::of(trajectory),
+                &Rig::default(),
+                None,
+                &start,
+                1.0,
+            );
+            found
+                .iter()
+                .find(|excess| excess.demanded == Demanded::Jump)
+                .map(|excess| excess.worst)
         };
-        let begin = Course::of(Trajectory::Step).reference(0.0);
-        assert_eq!(jumps(Trajectory::Step, begin.position_w_m, begin.yaw_rad), None);
+        let begin = ScaledTrajectory::of(Trajectory::Step).reference(0.0);
+        assert_eq!(
+            jumps(Trajectory::Step, begin.position_w_m, begin.yaw_rad),
+            None
+        );
         assert_eq!(jumps(Trajectory::Hover, [0.0, 0.0, 3.0], 0.0), Some(3.0));
         assert_eq!(jumps(Trajectory::Hover, [0.0; 3], -0.5), Some(0.5));
     }
 
     #[test]
     fn what_is_too_quick_is_named_with_its_instant() {
-        let hurried = found(Course::of(Trajectory::Fast).stretched(1.0, 0.5));
-        let tilt = hurried.iter().find(|excess| excess.demanded == Demanded::Tilt).unwrap();
-        assert!(tilt.first_s < tilt.worst_s && tilt.worst > tilt.allowed, "{tilt}");
-        assert!(tilt.to_string().contains("outer.tilt_max_rad is 0.6109"), "{tilt}");
-        assert!(hurried.iter().any(|excess| excess.demanded == Demanded::RotorAbove), "{hurried:?}");
+        let hurried = found(ScaledTrajectory::of(Trajectory::Fast).stretched(1.0, 0.5));
+        let tilt = hurried
+            .iter()
+            .find(|excess| excess.demanded == Demanded::Tilt)
+            .unwrap();
+        assert!(
+            tilt.first_s < tilt.worst_s && tilt.worst > tilt.allowed,
+            "{tilt}"
+        );
+        assert!(
+            tilt.to_string().contains("outer.tilt_max_rad is 0.6109"),
+            "{tilt}"
+        );
+        assert!(
+            hurried
+                .iter()
+                .any(|excess| excess.demanded == Demanded::RotorAbove),
+            "{hurried:?}"
+        );
     }
 
     #[test]
@@ -242,8 +355,17 @@ mod tests {
         let mut rig = Rig::default();
         let hover = rig.airframe.hover_speed_rad_s();
         rig.rotor.max_rad_s = 0.99 * hover;
-        let found = excesses(&Trajectory::Hover.into(), &rig, None, &Start::default(), 60.0);
-        let last = found.iter().find(|excess| excess.demanded == Demanded::RotorAbove).unwrap();
+        let found = excesses(
+            &Trajectory::Hover.into(),
+            &rig,
+            None,
+            &Start::default(),
+            60.0,
+        );
+        let last = found
+            .iter()
+            .find(|excess| excess.demanded == Demanded::RotorAbove)
+            .unwrap();
         assert_eq!((last.first_s, last.allowed), (0.0, 0.99 * hover));
         assert!(last.worst >= hover && last.worst < 1.2 * hover);
     }

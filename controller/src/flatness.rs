@@ -5,7 +5,7 @@
 //! atan2. As printed, multiplied by the norm, they have no value above 0.10 m/s^2. The derivatives are not in the
 //! paper, which feeds none forward; they follow from (13) and (14) along the reference.
 
-use model::math::{atan2, sin_cos};
+use messages::math::{atan2, sin_cos};
 use nalgebra::Vector3;
 
 /// Yaw along the reference: psi_d [rad], dpsi_d [rad/s], ddpsi_d [rad/s^2].
@@ -24,15 +24,18 @@ impl Yaw {
     #[must_use]
     pub fn new(psi: f64, dpsi: f64, ddpsi: f64) -> Self {
         let (sin, cos) = sin_cos(psi);
-        Self { sin, cos, dpsi, ddpsi }
+        Self {
+            sin,
+            cos,
+            dpsi,
+            ddpsi,
+        }
     }
 
-    /// Along the heading.
     fn along(&self, v: &Vector3<f64>) -> f64 {
         v.x * self.cos + v.y * self.sin
     }
 
-    /// Across it, to the right.
     fn across(&self, v: &Vector3<f64>) -> f64 {
         v.x * self.sin - v.y * self.cos
     }

@@ -3,84 +3,97 @@
 //! `paper` is the paper's own set (its alpha and Gamma) and needs the predictor to fly at 1 kHz. `flight` and `soft`
 //! are this rig's sets: `flight` for a chain with delay and noise, `soft` for motors with lag.
 
-use law::description::{Preset, Setting, SettingKind, Settings, Value};
-use law::law::Rig;
-use model::parameters::Airframe;
+use control_api::description::{Preset, Setting, SettingKind, Settings, Value};
+use control_api::law::Rig;
+use messages::parameters::Airframe;
 
 /// Words of [`ADAPTATION`].
 const ON: &str = "on";
 const OFF: &str = "off";
 
-/// K_eta.
 pub const ATTITUDE_1_S: Setting = Setting {
     name: "attitude_1_s",
     unit: "1/s",
     meaning: "K_eta: roll, pitch, yaw",
     kind: positive_three([8.0, 8.0, 3.0]),
 };
-/// w_f.
 pub const COMMAND_FILTER_RAD_S: Setting = Setting {
     name: "command_filter_rad_s",
     unit: "rad/s",
     meaning: "w_f, bandwidth of the command filter: roll, pitch, yaw",
     kind: positive_three([20.0, 20.0, 3.0]),
 };
-/// alpha.
 pub const ALPHA_1_S: Setting = Setting {
     name: "alpha_1_s",
     unit: "1/s",
     meaning: "alpha, decay of the rate error",
-    kind: SettingKind::Number { default: 200.0, min: f64::MIN_POSITIVE, max: f64::MAX },
+    kind: SettingKind::Number {
+        default: 200.0,
+        min: f64::MIN_POSITIVE,
+        max: f64::MAX,
+    },
 };
-/// How far the loop predicts.
 pub const PREDICTOR_TICKS: Setting = Setting {
     name: "predictor_ticks",
     unit: "",
     meaning: "ticks that the loop predicts ahead: 0 (none) or 1 (the chain's delay)",
-    kind: SettingKind::Number { default: 0.0, min: 0.0, max: 1.0 },
+    kind: SettingKind::Number {
+        default: 0.0,
+        min: 0.0,
+        max: 1.0,
+    },
 };
-/// Whether the loop learns.
 pub const ADAPTATION: Setting = Setting {
     name: "adaptation",
     unit: "",
     meaning: "whether I_R, k_r and delta are learnt; off keeps their priors",
-    kind: SettingKind::Word { default: ON, words: &[ON, OFF] },
+    kind: SettingKind::Word(&[ON, OFF]),
 };
-/// Diagonal of Gamma.
 pub const ADAPTATION_GAIN: Setting = Setting {
     name: "adaptation_gain",
     unit: "",
     meaning: "Gamma: gamma1 [kg^2 m^4 s^2], gamma2 [kg^2 m^4], gamma3 [1/s^2]",
     kind: positive_three([2e-4, 0.6, 100.0]),
 };
-/// w_e.
 pub const REGRESSOR_FILTER_RAD_S: Setting = Setting {
     name: "regressor_filter_rad_s",
     unit: "rad/s",
     meaning: "w_e, bandwidth of the filter of the adaptation's samples; 0 is off",
-    kind: SettingKind::Number { default: 50.0, min: 0.0, max: f64::MAX },
+    kind: SettingKind::Number {
+        default: 50.0,
+        min: 0.0,
+        max: f64::MAX,
+    },
 };
-/// Lower bounds of the estimates.
 pub const ESTIMATE_MIN: Setting = Setting {
     name: "estimate_min",
     unit: "",
     meaning: "lower bounds of I_R [kg m^2], k_r [N m s], delta [rad/s^2]",
-    kind: SettingKind::Three { default: [-1e-3, 0.0, -2.0], min: f64::MIN, max: f64::MAX },
+    kind: SettingKind::Three {
+        default: [-1e-3, 0.0, -2.0],
+        min: f64::MIN,
+        max: f64::MAX,
+    },
 };
-/// Upper bounds of the estimates.
 pub const ESTIMATE_MAX: Setting = Setting {
     name: "estimate_max",
     unit: "",
     meaning: "upper bounds of the same",
-    kind: SettingKind::Three { default: [1e-3, 1.0, 2.0], min: f64::MIN, max: f64::MAX },
+    kind: SettingKind::Three {
+        default: [1e-3, 1.0, 2.0],
+        min: f64::MIN,
+        max: f64::MAX,
+    },
 };
 
 /// Names of [`PRESETS`].
 pub const PRESET_NAMES: [&str; 3] = ["flight", "paper", "soft"];
 
-/// Sets of all settings.
 pub const PRESETS: &[Preset] = &[
-    Preset { name: PRESET_NAMES[0], values: &[] },
+    Preset {
+        name: PRESET_NAMES[0],
+        values: &[],
+    },
     Preset {
         name: PRESET_NAMES[1],
         values: &[
@@ -92,22 +105,38 @@ pub const PRESETS: &[Preset] = &[
     },
     Preset {
         name: PRESET_NAMES[2],
-        values: &[(ALPHA_1_S.name, Value::Number(40.0)), (ADAPTATION_GAIN.name, Value::Three([4e-5, 0.12, 20.0]))],
+        values: &[
+            (ALPHA_1_S.name, Value::Number(40.0)),
+            (ADAPTATION_GAIN.name, Value::Three([4e-5, 0.12, 20.0])),
+        ],
     },
 ];
 
 /// The same sets without what belongs to the adaptation.
 pub const FIXED_PRESETS: &[Preset] = &[
-    Preset { name: PRESET_NAMES[0], values: &[] },
+    Preset {
+        name: PRESET_NAMES[0],
+        values: &[],
+    },
     Preset {
         name: PRESET_NAMES[1],
-        values: &[(ALPHA_1_S.name, Value::Number(1e4)), (PREDICTOR_TICKS.name, Value::Number(1.0))],
+        values: &[
+            (ALPHA_1_S.name, Value::Number(1e4)),
+            (PREDICTOR_TICKS.name, Value::Number(1.0)),
+        ],
     },
-    Preset { name: PRESET_NAMES[2], values: &[(ALPHA_1_S.name, Value::Number(40.0))] },
+    Preset {
+        name: PRESET_NAMES[2],
+        values: &[(ALPHA_1_S.name, Value::Number(40.0))],
+    },
 ];
 
 const fn positive_three(default: [f64; 3]) -> SettingKind {
-    SettingKind::Three { default, min: f64::MIN_POSITIVE, max: f64::MAX }
+    SettingKind::Three {
+        default,
+        min: f64::MIN_POSITIVE,
+        max: f64::MAX,
+    }
 }
 
 /// Gains of the command filter, the inner loop and its adaptation.
@@ -121,7 +150,6 @@ pub struct Gains {
     pub alpha_1_s: f64,
     /// Ticks that the inner loop predicts ahead: 0 (none) or 1 (the chain's delay).
     pub predictor_ticks: f64,
-    /// Whether anything is learnt.
     pub adapts: bool,
     /// Diagonal of Gamma: gamma1 [kg^2 m^4 s^2], gamma2 [kg^2 m^4], gamma3 [1/s^2].
     pub adaptation: [f64; 3],
@@ -134,7 +162,6 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// Those of the law's settings.
     #[must_use]
     pub fn of(settings: &Settings) -> Self {
         Self {
@@ -181,17 +208,31 @@ impl Gains {
         let trace = |airframe: &Airframe| airframe.i_m().iter().sum::<f64>();
         let s = trace(to) / trace(from);
         // Without gravity no rotor turns in hover, and the two are not compared.
-        let per_r = if to.g() > 0.0 { from.hover_speed_rad_s() / to.hover_speed_rad_s() } else { 1.0 };
+        let per_r = if to.g() > 0.0 {
+            from.hover_speed_rad_s() / to.hover_speed_rad_s()
+        } else {
+            1.0
+        };
         let size = [s * per_r, s, 1.0];
         let alpha_1_s = match to.motor_time_constant_s() {
             lag_s if lag_s > 0.0 => self.alpha_1_s.min(ALPHA_LAG_MAX / lag_s),
             _ => self.alpha_1_s,
         };
         let slowed = alpha_1_s / self.alpha_1_s;
-        let beside = |gain: f64, share: f64| if slowed < 1.0 { gain.min(share * alpha_1_s) } else { gain };
+        let beside = |gain: f64, share: f64| {
+            if slowed < 1.0 {
+                gain.min(share * alpha_1_s)
+            } else {
+                gain
+            }
+        };
         Self {
-            attitude_1_s: self.attitude_1_s.map(|gain| beside(gain, ATTITUDE_PER_ALPHA_MAX)),
-            command_filter_rad_s: self.command_filter_rad_s.map(|gain| beside(gain, FILTER_PER_ALPHA_MAX)),
+            attitude_1_s: self
+                .attitude_1_s
+                .map(|gain| beside(gain, ATTITUDE_PER_ALPHA_MAX)),
+            command_filter_rad_s: self
+                .command_filter_rad_s
+                .map(|gain| beside(gain, FILTER_PER_ALPHA_MAX)),
             alpha_1_s,
             adaptation: std::array::from_fn(|i| self.adaptation[i] * size[i] * size[i] * slowed),
             estimate_min: std::array::from_fn(|i| self.estimate_min[i] * size[i]),
@@ -207,12 +248,18 @@ pub fn suited(settings: &Settings, rig: &Rig) -> Settings {
     let gains = Gains::of(settings).scaled(&Airframe::nominal(), &rig.airframe);
     Settings::new(vec![
         (ATTITUDE_1_S.name, Value::Three(gains.attitude_1_s)),
-        (COMMAND_FILTER_RAD_S.name, Value::Three(gains.command_filter_rad_s)),
+        (
+            COMMAND_FILTER_RAD_S.name,
+            Value::Three(gains.command_filter_rad_s),
+        ),
         (ALPHA_1_S.name, Value::Number(gains.alpha_1_s)),
         (PREDICTOR_TICKS.name, Value::Number(gains.predictor_ticks)),
         (ADAPTATION.name, Value::Word(settings.word(&ADAPTATION))),
         (ADAPTATION_GAIN.name, Value::Three(gains.adaptation)),
-        (REGRESSOR_FILTER_RAD_S.name, Value::Number(gains.regressor_filter_rad_s)),
+        (
+            REGRESSOR_FILTER_RAD_S.name,
+            Value::Number(gains.regressor_filter_rad_s),
+        ),
         (ESTIMATE_MIN.name, Value::Three(gains.estimate_min)),
         (ESTIMATE_MAX.name, Value::Three(gains.estimate_max)),
     ])
@@ -227,7 +274,7 @@ impl Default for Gains {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::parameters::Parameter;
+    use messages::parameters::Parameter;
 
     /// An airframe of the paper's, with some values that are different.
     fn built(values: &[(Parameter, f64)]) -> Airframe {
@@ -242,11 +289,19 @@ mod tests {
     fn the_papers_airframe_keeps_every_preset_bit_for_bit() {
         for preset in PRESET_NAMES {
             let gains = Gains::preset(preset).unwrap();
-            assert_eq!(gains.scaled(&Airframe::nominal(), &Airframe::nominal()), gains);
+            assert_eq!(
+                gains.scaled(&Airframe::nominal(), &Airframe::nominal()),
+                gains
+            );
         }
         for preset in PRESETS {
             let settings = Settings::new(preset.values.to_vec());
-            assert_eq!(Gains::of(&suited(&settings, &Rig::default())), Gains::of(&settings), "{}", preset.name);
+            assert_eq!(
+                Gains::of(&suited(&settings, &Rig::default())),
+                Gains::of(&settings),
+                "{}",
+                preset.name
+            );
         }
     }
 
@@ -255,18 +310,35 @@ mod tests {
         use Parameter::{InertiaX, InertiaY, InertiaZ, ThrustCoefficient};
         let gains = Gains::default();
         // Twice the inertia; a quarter of the thrust coefficient, so rotors twice as fast.
-        let twice = [(InertiaX, 0.0138), (InertiaY, 0.0138), (InertiaZ, 0.0258), (ThrustCoefficient, 3.13e-5 / 4.0)];
+        let twice = [
+            (InertiaX, 0.0138),
+            (InertiaY, 0.0138),
+            (InertiaZ, 0.0258),
+            (ThrustCoefficient, 3.13e-5 / 4.0),
+        ];
         let scaled = gains.scaled(&Airframe::nominal(), &built(&twice));
         let close = |a: f64, b: f64| (a - b).abs() < 1e-12 * b.abs();
-        assert!(close(scaled.adaptation[0], 2e-4) && close(scaled.adaptation[1], 2.4), "{scaled:?}");
-        assert_eq!((scaled.adaptation[2], scaled.alpha_1_s, scaled.attitude_1_s), (100.0, 200.0, [8.0, 8.0, 3.0]));
-        assert!(close(scaled.estimate_max[0], 1e-3) && close(scaled.estimate_max[1], 2.0), "{scaled:?}");
+        assert!(
+            close(scaled.adaptation[0], 2e-4) && close(scaled.adaptation[1], 2.4),
+            "{scaled:?}"
+        );
+        assert_eq!(
+            (scaled.adaptation[2], scaled.alpha_1_s, scaled.attitude_1_s),
+            (100.0, 200.0, [8.0, 8.0, 3.0])
+        );
+        assert!(
+            close(scaled.estimate_max[0], 1e-3) && close(scaled.estimate_max[1], 2.0),
+            "{scaled:?}"
+        );
     }
 
     #[test]
     fn an_airframe_without_gravity_has_gains_that_are_numbers() {
         let weightless = built(&[(Parameter::Gravity, 0.0)]);
-        assert_eq!(Gains::default().scaled(&Airframe::nominal(), &weightless), Gains::default());
+        assert_eq!(
+            Gains::default().scaled(&Airframe::nominal(), &weightless),
+            Gains::default()
+        );
     }
 
     #[test]
@@ -274,7 +346,10 @@ mod tests {
         let slow = built(&[(Parameter::MotorTimeConstant, 0.02)]);
         let scaled = Gains::default().scaled(&Airframe::nominal(), &slow);
         let soft = Gains::preset("soft").unwrap();
-        assert_eq!((scaled.alpha_1_s, scaled.attitude_1_s), (soft.alpha_1_s, soft.attitude_1_s));
+        assert_eq!(
+            (scaled.alpha_1_s, scaled.attitude_1_s),
+            (soft.alpha_1_s, soft.attitude_1_s)
+        );
         assert_eq!(scaled.command_filter_rad_s, soft.command_filter_rad_s);
         for i in 0..3 {
             assert!((scaled.adaptation[i] / soft.adaptation[i] - 1.0).abs() < 1e-12);

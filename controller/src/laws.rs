@@ -13,9 +13,9 @@
 //! What they share is not a law: rotations ([`attitude`]), a low-pass ([`low_pass`]), and the refusal of loops that
 //! cannot fly ([`cascade`]).
 
-use law::description::Settings;
-use law::law::Law as _;
-use law::registry::{AnyInner, AnyOuter, Entry};
+use control_api::description::Settings;
+use control_api::law::Law as _;
+use control_api::registry::{AnyInner, AnyOuter, Entry};
 
 use crate::gains::Gains;
 

@@ -1,13 +1,13 @@
 //! Trajectories, and the laws of the outer and the inner loop ([`laws`]).
 //!
 //! The paper's two loops are the laws `pd` and `adaptive`. Source: "An Adaptive Scheme to Estimate Unknown Parameters
-//! of an Unmanned Aerial Vehicle" (Imran, Montazeri). Data flow: a [`Course`] gives the reference at the tick.
+//! of an Unmanned Aerial Vehicle" (Imran, Montazeri). Data flow: a [`ScaledTrajectory`] gives the reference at the tick.
 //! [`laws::Pd`] turns it and the measurement into the wanted thrust and attitude ([`flatness`]). [`laws::Adaptive`]
 //! smooths the attitude ([`command_filter`]), turns it into body rates ([`rate_reference`]), learns I_R, k_r and delta
 //! ([`adaptation`]) and asks for a torque ([`rate_law`]), one tick ahead if configured so ([`predictor`]).
 //! [`TheoremMonitor`] checks what it has learnt, from messages alone ([`monitor`]).
 //!
-//! Everything here is a pure law: time comes in as a tick, data as [`model::measured`]. A tick uses no port or clock,
+//! Everything here is a pure law: time comes in as a tick, data as [`messages::measured`]. A tick uses no port or clock,
 //! allocates nothing and logs nothing. The rotors belong to the mixer, the airframe to the plant.
 
 pub mod adaptation;
@@ -33,4 +33,4 @@ pub mod weight;
 pub use gains::Gains;
 pub use limits::Limits;
 pub use monitor::TheoremMonitor;
-pub use trajectory::{Course, Spline, Trajectory};
+pub use trajectory::{ScaledTrajectory, Spline, Trajectory};

@@ -2,9 +2,9 @@
 //!
 //! The paper has none. They keep the vehicle upright, and leave the rotors room for the torque.
 
-use law::description::{Description, Setting, Settings, Value};
-use law::law::Rig;
-use model::math::tan;
+use control_api::description::{Description, Setting, Settings, Value};
+use control_api::law::Rig;
+use messages::math::tan;
 use nalgebra::Vector3;
 
 /// Limits of the thrust acceleration, as a law's settings have them.
@@ -22,7 +22,12 @@ impl Limits {
     /// Those of a law whose settings have their names; none of another law.
     #[must_use]
     pub fn of(law: &Description, settings: &Settings) -> Option<Self> {
-        let value = |name| law.settings.iter().find(|setting| setting.name == name).map(|it| settings.number(it));
+        let value = |name| {
+            law.settings
+                .iter()
+                .find(|setting| setting.name == name)
+                .map(|it| settings.number(it))
+        };
         Some(Self {
             acceleration_z_min_g: value("acceleration_z_min_g")?,
             acceleration_z_max_g: value("acceleration_z_max_g")?,
@@ -37,22 +42,26 @@ impl Limits {
 /// its weight, keeps 2 g.
 #[must_use]
 pub fn suited(settings: &Settings, z_min: &Setting, z_max: &Setting, rig: &Rig) -> Settings {
-    let Rig { airframe, rotor, .. } = rig;
+    let Rig {
+        airframe, rotor, ..
+    } = rig;
     let most_g = 4.0 * rotor.f_max(airframe.k()) / (airframe.m() * airframe.g());
     let with_room_g = 1.0 + 0.5 * (most_g - 1.0);
     let given_g = settings.number(z_max);
     // Without gravity there is no weight to compare with.
-    let max_g = if with_room_g > settings.number(z_min) { given_g.min(with_room_g) } else { given_g };
+    let max_g = if with_room_g > settings.number(z_min) {
+        given_g.min(with_room_g)
+    } else {
+        given_g
+    };
     settings.clone().with(z_max, Value::Number(max_g))
 }
 
-/// Bounds of the thrust acceleration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AccelerationLimits {
     /// Of its vertical part [m/s^2].
     z_min: f64,
     z_max: f64,
-    /// Tangent of the largest tilt.
     tilt_max: f64,
 }
 
@@ -60,8 +69,16 @@ impl AccelerationLimits {
     /// Those of a law, where gravity is `g` [m/s^2].
     #[must_use]
     pub fn new(limits: &Limits, g: f64) -> Self {
-        let Limits { acceleration_z_min_g, acceleration_z_max_g, tilt_max_rad } = *limits;
-        Self { z_min: acceleration_z_min_g * g, z_max: acceleration_z_max_g * g, tilt_max: tan(tilt_max_rad) }
+        let Limits {
+            acceleration_z_min_g,
+            acceleration_z_max_g,
+            tilt_max_rad,
+        } = *limits;
+        Self {
+            z_min: acceleration_z_min_g * g,
+            z_max: acceleration_z_max_g * g,
+            tilt_max: tan(tilt_max_rad),
+        }
     }
 
     /// Keeps a thrust acceleration [m/s^2, world frame] inside the limits; true where one of them was active.
@@ -72,7 +89,11 @@ impl AccelerationLimits {
         let z = a.z.clamp(self.z_min, self.z_max);
         let horizontal = a.xy().norm();
         let allowed = z * self.tilt_max;
-        let scale = if horizontal > allowed { allowed / horizontal } else { 1.0 };
+        let scale = if horizontal > allowed {
+            allowed / horizontal
+        } else {
+            1.0
+        };
         let limited = z != a.z || horizontal > allowed;
         (Vector3::new(scale * a.x, scale * a.y, z), limited)
     }

@@ -11,7 +11,7 @@
 //!
 //! for any eps. The theorem is the case eps = 0; in general the right side is at most s |eps|^2/4.
 
-use model::math::exp;
+use messages::math::exp;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::adaptation::Adaptation;
@@ -26,7 +26,11 @@ pub fn v_th(error: &Vector3<f64>, gamma: &Vector3<f64>) -> f64 {
 /// V_th after a step less V_th before it, without cancelling their common digits.
 #[must_use]
 pub fn v_th_change(before: &Vector3<f64>, after: &Vector3<f64>, gamma: &Vector3<f64>) -> f64 {
-    (after - before).component_mul(&(after + before)).component_div(gamma).sum() / 2.0
+    (after - before)
+        .component_mul(&(after + before))
+        .component_div(gamma)
+        .sum()
+        / 2.0
 }
 
 /// The weights of one step of the estimates, given the filtered regressor X.
@@ -34,7 +38,6 @@ pub fn v_th_change(before: &Vector3<f64>, after: &Vector3<f64>, gamma: &Vector3<
 pub struct EstimateStep {
     /// s = T/alpha [s^2].
     step_s2: f64,
-    /// sqrt(s) X Gamma^1/2, without unit.
     scaled: Matrix3<f64>,
     /// W = I + s X Gamma X^T.
     weight: Weight,
@@ -46,7 +49,11 @@ impl EstimateStep {
     pub fn new(adaptation: &Adaptation, x: &Matrix3<f64>, weight: Weight) -> Self {
         let root = adaptation.gain().map(f64::sqrt);
         let scaled = Matrix3::from_fn(|i, j| x[(i, j)] * root[j]);
-        Self { step_s2: adaptation.step_s2, scaled, weight }
+        Self {
+            step_s2: adaptation.step_s2,
+            scaled,
+            weight,
+        }
     }
 
     /// zb = W^-1 r [rad/s^2]: what a step leaves of the residual r.
@@ -95,9 +102,16 @@ impl RateWeight {
     /// Before the first step; T [s] and T/alpha [s^2] are those of the adaptation.
     #[must_use]
     pub fn new(adaptation: &Adaptation) -> Self {
-        let Adaptation { period_s, step_s2, .. } = *adaptation;
+        let Adaptation {
+            period_s, step_s2, ..
+        } = *adaptation;
         let alpha_t = period_s * period_s / step_s2;
-        Self { a: exp(-alpha_t), alpha_t, step_s2, n_max: 0.0 }
+        Self {
+            a: exp(-alpha_t),
+            alpha_t,
+            step_s2,
+            n_max: 0.0,
+        }
     }
 
     /// Takes a step in: sigma holds for every step so far, so it can only fall.

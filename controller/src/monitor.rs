@@ -14,20 +14,22 @@
 
 use std::f64::consts::SQRT_2;
 
-use law::law::Rig;
-use model::math::exp;
-use model::messages::{Dated, State, Wrench};
-use model::monitor::{Cause, Monitor};
-use model::topic::Topic as _;
+use control_api::law::Rig;
+use messages::content::{Stamped, State, Wrench};
+use messages::math::exp;
+use messages::monitor::{Cause, Monitor};
+use messages::topic::Topic as _;
 use nalgebra::Vector3;
 
-use crate::adaptation::{Adaptation, LastTick};
+use crate::adaptation::Adaptation;
 use crate::assumptions::{Assumptions, Moved};
-use crate::evidence::{Evidence, Regression};
+use crate::evidence::Evidence;
 use crate::excitation::Excitation;
 use crate::gains::Gains;
 use crate::laws::adaptive;
 use crate::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
+use crate::samples::LastTick;
+use crate::weight::Regression;
 
 /// Rise of V_th in a step that counts as rounding, as a share of V_th at the start.
 pub const ROUNDING: f64 = 1e-12;
@@ -98,16 +100,23 @@ impl TheoremMonitor {
             v_th_begun: 0.0,
             rate_error_squared: 0.0,
             look_ticks: (LOOK_S / period_s).round().max(1.0) as u64,
-            shown: Monitor { is_live: 1, ..Monitor::default() },
+            shown: Monitor {
+                is_live: 1,
+                ..Monitor::default()
+            },
         }
     }
 
     /// Looks at the wrench of a tick, and at the state that the law made it from, whatever tick that is of.
     ///
     /// Call it for every wrench of a law from its first one on, with rising ticks; ticks without a wrench are left out.
-    pub fn watch(&mut self, tick: u64, state: &Dated<State>, wrench: &Wrench) -> &Monitor {
+    pub fn watch(&mut self, tick: u64, state: &Stamped<State>, wrench: &Wrench) -> &Monitor {
         let moved = self.assumptions.look(tick, state, wrench);
-        let mut now = Monitor { causes: self.assumptions.bits(tick), is_violation: 0, ..self.shown };
+        let mut now = Monitor {
+            causes: self.assumptions.bits(tick),
+            is_violation: 0,
+            ..self.shown
+        };
         now.ticks_stale += u64::from(self.assumptions.seen_at(Cause::StaleInput, tick));
         if state.tick == tick {
             self.evidence.take(tick, &state.content.measured);
@@ -115,19 +124,37 @@ impl TheoremMonitor {
         }
         // Beyond any flight: what cannot be computed cannot be proven, and must not ground the loop.
         if !now.finite() {
-            now = Monitor { causes: now.causes, is_violation: 1, ..self.shown };
+            now = Monitor {
+                causes: now.causes,
+                is_violation: 1,
+                ..self.shown
+            };
             now.violations[Cause::Unexplained as usize] += 1;
         }
         self.shown = now;
         &self.shown
     }
 
-    fn compare(&mut self, tick: u64, state: &State, wrench: &Wrench, moved: Moved, now: &mut Monitor) {
+    fn compare(
+        &mut self,
+        tick: u64,
+        state: &State,
+        wrench: &Wrench,
+        moved: Moved,
+        now: &mut Monitor,
+    ) {
         let theta = Vector3::from(state.truth.theta());
         let estimate = Vector3::from(adaptive::estimate(&wrench.telemetry));
-        let (error, e) = (estimate - theta, Vector3::from(adaptive::rate_error(&wrench.telemetry)));
+        let (error, e) = (
+            estimate - theta,
+            Vector3::from(adaptive::rate_error(&wrench.telemetry)),
+        );
         let was = self.before;
-        self.before = Before { estimate, v_th: v_th(&error, &self.adaptation.gamma), e };
+        self.before = Before {
+            estimate,
+            v_th: v_th(&error, &self.adaptation.gamma),
+            e,
+        };
         now.v_th = self.before.v_th;
         now.estimate_error = error.into();
         now.ticks_saturated += state.command_saturated;
@@ -156,11 +183,12 @@ impl TheoremMonitor {
         now.v = now.sigma / 2.0 * e.norm_squared() + now.v_th;
     }
 
-    /// Looks at what changes slowly.
     fn look(&self, now: &mut Monitor) {
         let left = self.excitation.left();
-        now.estimate_error_bound =
-            Vector3::from_fn(|i, _| (2.0 * self.v_th_begun * self.adaptation.gamma[i]).sqrt() * left[i]).into();
+        now.estimate_error_bound = Vector3::from_fn(|i, _| {
+            (2.0 * self.v_th_begun * self.adaptation.gamma[i]).sqrt() * left[i]
+        })
+        .into();
         let shown = self.excitation.shown();
         (now.excitation, now.excitation_least) = (shown.smallest, shown.least);
         now.identifiability = shown.identifiability.into();
@@ -181,12 +209,16 @@ impl TheoremMonitor {
     /// Error of the trapezoidal rule over a tick [rad/s^2]: T^2/12 of the third derivative of the rates. Under a held
     /// torque that is, by (8), the slope squared times their acceleration, the curvature of f, and that of h(t).
     fn trapezoid(&self, last: &LastTick, theta: &Vector3<f64>) -> f64 {
-        let Adaptation { inertia, period_s, .. } = &self.adaptation;
+        let Adaptation {
+            inertia, period_s, ..
+        } = &self.adaptation;
         let i_m = inertia.i_m();
         let curvature = 2.0 * (i_m.max() - i_m.min()) / i_m.min();
-        let slope = (theta.y.abs() + (theta.x * last.om_m).abs()) / i_m.min() + curvature * last.nu2_end.norm();
+        let slope = (theta.y.abs() + (theta.x * last.om_m).abs()) / i_m.min()
+            + curvature * last.nu2_end.norm();
         let acceleration = (last.nu2_end - last.nu2_start).norm() / period_s;
-        let third = (slope * slope + curvature * acceleration) * acceleration + SQRT_2 * theta.z.abs();
+        let third =
+            (slope * slope + curvature * acceleration) * acceleration + SQRT_2 * theta.z.abs();
         period_s * period_s / 12.0 * third
     }
 
@@ -229,11 +261,15 @@ impl TheoremMonitor {
         let rise = &mut now.rise_max[cause as usize];
         *rise = rise.max(change);
         let excess = change - (step.disturbance(&mismatch, &zb) - step.descent(&zb));
-        let rounding =
-            rounding + STEP_ROUNDING * (step.descent(&zb) + self.adaptation.step_s2 * mismatch.norm() * zb.norm());
+        let rounding = rounding
+            + STEP_ROUNDING
+                * (step.descent(&zb) + self.adaptation.step_s2 * mismatch.norm() * zb.norm());
         let in_bounds = !self.assumptions.holds(Cause::OutOfBounds, tick);
-        let violation =
-            if in_bounds && excess > rounding { Some(Cause::Unexplained) } else { (change > floor).then_some(cause) };
+        let violation = if in_bounds && excess > rounding {
+            Some(Cause::Unexplained)
+        } else {
+            (change > floor).then_some(cause)
+        };
         if let Some(cause) = violation {
             now.is_violation = 1;
             now.violations[cause as usize] += 1;

@@ -6,8 +6,8 @@
 //! state message reports as in force, so its one-tick prediction is right even when a command was late. A predictor
 //! that looks further than the delay is worse than none (docs/paper.md).
 
-use model::frames::RollPitch;
-use model::rate_dynamics::Inertia;
+use messages::frames::RollPitch;
+use messages::rate_dynamics::Inertia;
 use nalgebra::Vector3;
 
 use crate::rate_law::RatePoint;

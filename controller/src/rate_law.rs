@@ -5,8 +5,8 @@
 //! throughout. The gain is alpha in continuous time but [`sampled_gain`] here: with alpha itself, the paper's 1e4/s
 //! would multiply the error by 1 - alpha T = -9 in every tick of 1 ms.
 
-use model::math::exp_m1;
-use model::rate_dynamics::Inertia;
+use messages::math::exp_m1;
+use messages::rate_dynamics::Inertia;
 use nalgebra::Vector3;
 
 use crate::rate_reference::RateReference;
@@ -43,5 +43,7 @@ pub fn torque(
     let e = at.nu2 - reference.nu2_d;
     let known = inertia.coupling(&at.nu2);
     let learnt = inertia.regressor(&at.nu2, at.om, &at.h) * theta;
-    inertia.i_m().component_mul(&(reference.dnu2_d - gain * e - known - learnt))
+    inertia
+        .i_m()
+        .component_mul(&(reference.dnu2_d - gain * e - known - learnt))
 }

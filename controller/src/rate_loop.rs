@@ -2,9 +2,9 @@
 //!
 //! The paper has no counterpart: its loops are continuous and have neither delay nor limits.
 
-use law::description::Refused;
-use law::law::Rig;
-use model::math::{exp_m1, ln_1p, sin};
+use control_api::description::Refused;
+use control_api::law::Rig;
+use messages::math::{exp_m1, ln_1p, sin};
 
 use crate::gains::{ESTIMATE_MAX, ESTIMATE_MIN, Gains};
 
@@ -12,11 +12,13 @@ use crate::gains::{ESTIMATE_MAX, ESTIMATE_MIN, Gains};
 const CHAIN_DELAY_TICKS: u32 = 2;
 
 /// Refuses gains that are meaningless or cannot fly. Nothing is changed to fit.
-///
-/// # Errors
-/// [`Refused`] names the first key found, its value and what is allowed.
 pub fn check(rig: &Rig, gains: &Gains) -> Result<(), Refused> {
-    for (i, (low, high)) in gains.estimate_min.into_iter().zip(gains.estimate_max).enumerate() {
+    for (i, (low, high)) in gains
+        .estimate_min
+        .into_iter()
+        .zip(gains.estimate_max)
+        .enumerate()
+    {
         if low > high {
             let (low_key, high_key) = (ESTIMATE_MIN.name, ESTIMATE_MAX.name);
             return Err(Refused(format!(
@@ -51,7 +53,11 @@ fn check_rate_loop(rig: &Rig, gains: &Gains) -> Result<(), Refused> {
     let alpha_t_max = -ln_1p(-limit);
     let (alpha_max_1_s, period_max_s) = (alpha_t_max / period_s, alpha_t_max / alpha_1_s);
     let divisor = 2 * (2 * delay_ticks + 1);
-    let remedy = if delay_ticks == CHAIN_DELAY_TICKS { ", or set inner.predictor_ticks = 1" } else { "" };
+    let remedy = if delay_ticks == CHAIN_DELAY_TICKS {
+        ", or set inner.predictor_ticks = 1"
+    } else {
+        ""
+    };
     Err(Refused(format!(
         "inner.alpha_1_s = {alpha_1_s} cannot fly at period_s = {period_s}: with a late command ({delay_ticks} \
          ticks of delay unpredicted) the rate loop needs 1 - exp(-alpha T) < 2 sin(pi/{divisor}) = {limit:.6}, \

@@ -4,7 +4,7 @@
 //! nu2_d and d(nu2_d) in (17)-(19) but does not derive them from the eta2_d of (13), (14). Here xi, the wanted Euler
 //! rates, closes the attitude error with K_eta, and (5) turns xi into body rates.
 
-use model::frames::{RollPitch, wrap};
+use messages::frames::{RollPitch, wrap};
 use nalgebra::Vector3;
 
 use crate::command_filter::CommandFilter;

@@ -3,14 +3,29 @@
 //! The paper has no counterpart, since nothing is sampled in continuous time. A tick counts only if both its start and
 //! its end were measured, because the rotor means of a state cover one tick.
 
-use law::law::Rig;
-use model::allocation::{Allocation, net_speed};
-use model::measured::Measured;
-use model::messages::ROTORS;
-use model::rate_dynamics::disturbance;
+use control_api::law::Rig;
+use messages::allocation::{Allocation, net_speed};
+use messages::content::Measured;
+use messages::content::ROTORS;
+use messages::rate_dynamics::disturbance;
 use nalgebra::Vector3;
 
-use crate::adaptation::LastTick;
+/// One whole tick as it was measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LastTick {
+    /// nu2 at its start [rad/s].
+    pub nu2_start: Vector3<f64>,
+    /// nu2 at its end [rad/s].
+    pub nu2_end: Vector3<f64>,
+    /// h(t) at its start, without unit.
+    pub h_start: Vector3<f64>,
+    /// h(t) at its end, without unit.
+    pub h_end: Vector3<f64>,
+    /// Om_m, mean net rotor speed [rad/s].
+    pub om_m: f64,
+    /// tau_m, mean torque of the rotors by the nominal model [N m].
+    pub tau_m: Vector3<f64>,
+}
 
 /// The newest measured body rates, and the nominal rotors between them and the ones before.
 #[derive(Clone, Debug)]
@@ -27,18 +42,20 @@ pub struct Samples {
 struct Sample {
     tick: u64,
     nu2: Vector3<f64>,
-    /// h(t) at the tick.
     h: Vector3<f64>,
 }
 
 impl Samples {
-    /// Before the first sample.
     #[must_use]
     pub fn new(rig: &Rig) -> Self {
-        Self { period_s: rig.period_s, allocation: Allocation::new(&rig.airframe), k: rig.airframe.k(), newest: None }
+        Self {
+            period_s: rig.period_s,
+            allocation: Allocation::new(&rig.airframe),
+            k: rig.airframe.k(),
+            newest: None,
+        }
     }
 
-    /// Tick of the newest sample.
     #[must_use]
     pub fn newest_tick(&self) -> Option<u64> {
         self.newest.map(|newest| newest.tick)
@@ -52,7 +69,11 @@ impl Samples {
 
     /// Takes the measurement of `tick`; gives the tick that ended with it, unless its start was not measured.
     pub fn take(&mut self, tick: u64, measured: &Measured) -> Option<LastTick> {
-        let end = Sample { tick, nu2: measured.rate_b_rad_s.into(), h: disturbance(tick as f64 * self.period_s) };
+        let end = Sample {
+            tick,
+            nu2: measured.rate_b_rad_s.into(),
+            h: disturbance(tick as f64 * self.period_s),
+        };
         let start = self.newest.replace(end)?;
         (start.tick + 1 == tick).then(|| LastTick {
             nu2_start: start.nu2,

@@ -4,17 +4,17 @@
 //! sin(w t + ph)). The ramp s(t) raises it from rest at the origin over 5 s, so no derivative up to snap jumps. Only
 //! `step` has no ramp: it jumps on purpose.
 
-mod course;
+mod scaled;
 mod spline;
 
 use std::fmt;
 use std::str::FromStr;
 
-pub use course::Course;
+pub use scaled::ScaledTrajectory;
 pub use spline::{Point, Spline, SplineError};
 
-use model::math::sin_cos;
-use model::reference::Reference;
+use messages::content::Reference;
+use messages::math::sin_cos;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -40,7 +40,6 @@ pub enum Trajectory {
     Fast,
 }
 
-/// No trajectory has this name.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("unknown trajectory `{0}`; known are {names}", names = Trajectory::NAMES.join(", "))]
 pub struct UnknownTrajectory(pub String);
@@ -56,12 +55,17 @@ struct Axis {
 
 impl Trajectory {
     /// All of them, in the order of [`Self::NAMES`].
-    pub const ALL: [Self; 5] = [Self::Hover, Self::Step, Self::Helix, Self::Lissajous, Self::Fast];
+    pub const ALL: [Self; 5] = [
+        Self::Hover,
+        Self::Step,
+        Self::Helix,
+        Self::Lissajous,
+        Self::Fast,
+    ];
 
     /// Their names, as typed by the user.
     pub const NAMES: [&str; 5] = ["hover", "step", "helix", "lissajous", "fast"];
 
-    /// Its name.
     #[must_use]
     pub const fn name(self) -> &'static str {
         Self::NAMES[self as usize]
@@ -75,7 +79,9 @@ impl Trajectory {
             _ => ramp(t_s),
         };
         let axes = self.axes();
-        reference_of(&std::array::from_fn(|i| product(&ramp, &axes[i].derivatives(t_s))))
+        reference_of(&std::array::from_fn(|i| {
+            product(&ramp, &axes[i].derivatives(t_s))
+        }))
     }
 
     /// After which time all that moves repeats, but for a climb [s]; none where it ends at rest.
@@ -85,7 +91,11 @@ impl Trajectory {
             if b == 0 { a } else { divisor(b, a % b) }
         }
         // Every w is a multiple of 0.1 rad/s.
-        let tenths = self.axes().iter().filter(|axis| axis.a != 0.0).map(|axis| (axis.w * 10.0).round() as u64);
+        let tenths = self
+            .axes()
+            .iter()
+            .filter(|axis| axis.a != 0.0)
+            .map(|axis| (axis.w * 10.0).round() as u64);
         match tenths.fold(0, divisor) {
             0 => None,
             tenths => Some(20.0 * std::f64::consts::PI / tenths as f64),
@@ -106,14 +116,29 @@ impl Trajectory {
         const HOVER: [Axis; 4] = [fixed(0.0), fixed(0.0), fixed(1.0), fixed(0.0)];
         const STEP: [Axis; 4] = [fixed(1.0), fixed(-1.0), fixed(1.0), fixed(0.5)];
         const HELIX: [Axis; 4] = [
-            Axis { ph: std::f64::consts::FRAC_PI_2, ..wave(0.0, 1.0, 0.6) },
+            Axis {
+                ph: std::f64::consts::FRAC_PI_2,
+                ..wave(0.0, 1.0, 0.6)
+            },
             wave(0.0, 1.0, 0.6),
-            Axis { c1: 0.1, ..fixed(1.0) },
+            Axis {
+                c1: 0.1,
+                ..fixed(1.0)
+            },
             wave(0.0, 0.4, 0.5),
         ];
-        const LISSAJOUS: [Axis; 4] =
-            [wave(0.0, 2.0, 0.5), wave(0.0, 1.0, 1.0), wave(1.5, 0.3, 0.7), wave(0.0, 0.5, 0.4)];
-        const FAST: [Axis; 4] = [wave(0.0, 1.5, 1.2), wave(0.0, 0.6, 2.4), wave(1.5, 0.3, 1.7), wave(0.0, 0.3, 0.9)];
+        const LISSAJOUS: [Axis; 4] = [
+            wave(0.0, 2.0, 0.5),
+            wave(0.0, 1.0, 1.0),
+            wave(1.5, 0.3, 0.7),
+            wave(0.0, 0.5, 0.4),
+        ];
+        const FAST: [Axis; 4] = [
+            wave(0.0, 1.5, 1.2),
+            wave(0.0, 0.6, 2.4),
+            wave(1.5, 0.3, 1.7),
+            wave(0.0, 0.3, 0.9),
+        ];
         match self {
             Self::Hover => &HOVER,
             Self::Step => &STEP,
@@ -163,7 +188,13 @@ const fn fixed(c0: f64) -> Axis {
 
 /// An axis that swings by `a` around `c0` at `w` [rad/s].
 const fn wave(c0: f64, a: f64, w: f64) -> Axis {
-    Axis { c0, c1: 0.0, a, w, ph: 0.0 }
+    Axis {
+        c0,
+        c1: 0.0,
+        a,
+        w,
+        ph: 0.0,
+    }
 }
 
 impl Axis {
@@ -172,7 +203,13 @@ impl Axis {
         let &Self { c0, c1, a, w, ph } = self;
         let (sin, cos) = sin_cos(w * t_s + ph);
         let w2 = w * w;
-        [c0 + c1 * t_s + a * sin, c1 + a * w * cos, -a * w2 * sin, -a * w2 * w * cos, a * w2 * w2 * sin]
+        [
+            c0 + c1 * t_s + a * sin,
+            c1 + a * w * cos,
+            -a * w2 * sin,
+            -a * w2 * w * cos,
+            a * w2 * w2 * sin,
+        ]
     }
 }
 

@@ -6,13 +6,25 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// L and D of W.
+use crate::samples::LastTick;
+
+/// X and Y after a whole tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Regression {
+    pub x: Matrix3<f64>,
+    /// Y, filtered sample of what the regressor must explain [rad/s^2].
+    pub y: Vector3<f64>,
+    /// W = I + (T/alpha) X Gamma X^T; none where it is no number.
+    pub weight: Option<Weight>,
+    /// The tick as it was measured.
+    pub last: LastTick,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weight {
     l10: f64,
     l20: f64,
     l21: f64,
-    /// D^-1.
     per_d: Vector3<f64>,
 }
 
@@ -34,14 +46,23 @@ impl Weight {
         let l21 = w21 * per_d1;
         let d2 = 1.0 + x2.dot(&g2) - l20 * w20 - l21 * w21;
         let is_positive = d0 > 0.0 && d1 > 0.0 && d2 > 0.0;
-        is_positive.then(|| Self { l10, l20, l21, per_d: Vector3::new(per_d0, per_d1, 1.0 / d2) })
+        is_positive.then(|| Self {
+            l10,
+            l20,
+            l21,
+            per_d: Vector3::new(per_d0, per_d1, 1.0 / d2),
+        })
     }
 
-    /// W^-1 r.
     #[must_use]
     #[inline]
     pub fn solve(&self, r: &Vector3<f64>) -> Vector3<f64> {
-        let &Self { l10, l20, l21, per_d } = self;
+        let &Self {
+            l10,
+            l20,
+            l21,
+            per_d,
+        } = self;
         let f1 = r.y - l10 * r.x;
         let f2 = r.z - l20 * r.x - l21 * f1;
         let z2 = f2 * per_d.z;
@@ -53,7 +74,12 @@ impl Weight {
     #[must_use]
     #[inline]
     pub fn sandwiched(&self, s: &Matrix3<f64>) -> Matrix3<f64> {
-        let &Self { l10, l20, l21, per_d } = self;
+        let &Self {
+            l10,
+            l20,
+            l21,
+            per_d,
+        } = self;
         let row = |i: usize| Vector3::new(s[(i, 0)], s[(i, 1)], s[(i, 2)]);
         let f0 = row(0);
         let f1 = row(1) - l10 * f0;
@@ -61,7 +87,17 @@ impl Weight {
         let [d0, d1, d2] = [f0 * per_d.x, f1 * per_d.y, f2 * per_d.z];
         let element = |i: usize, j: usize| f0[i] * d0[j] + f1[i] * d1[j] + f2[i] * d2[j];
         let (e01, e02, e12) = (element(0, 1), element(0, 2), element(1, 2));
-        Matrix3::new(element(0, 0), e01, e02, e01, element(1, 1), e12, e02, e12, element(2, 2))
+        Matrix3::new(
+            element(0, 0),
+            e01,
+            e02,
+            e01,
+            element(1, 1),
+            e12,
+            e02,
+            e12,
+            element(2, 2),
+        )
     }
 }
 

@@ -1,13 +1,14 @@
 //! What must hold for the laws at every input, not only in the reference cases.
 
-use controller::adaptation::{Adaptation, LastTick, Learnt};
+use control_api::Rig;
+use controller::adaptation::{Adaptation, Learnt};
 use controller::command_filter::{CommandFilter, Passage};
 use controller::gains::PRESET_NAMES;
 use controller::limits::AccelerationLimits;
+use controller::samples::LastTick;
 use controller::{Gains, Limits, Trajectory};
-use law::Rig;
-use model::rate_dynamics::disturbance;
-use model::reference::Reference;
+use messages::content::Reference;
+use messages::rate_dynamics::disturbance;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -74,11 +75,30 @@ proptest! {
 
 /// The orders of x, y, z and psi that a reference has.
 fn axes(reference: &Reference) -> [Vec<f64>; 4] {
-    let Reference { position_w_m, velocity_w_m_s, acceleration_w_m_s2, jerk_w_m_s3, snap_w_m_s4, .. } = *reference;
+    let Reference {
+        position_w_m,
+        velocity_w_m_s,
+        acceleration_w_m_s2,
+        jerk_w_m_s3,
+        snap_w_m_s4,
+        ..
+    } = *reference;
     let along = |i: usize| {
-        [position_w_m, velocity_w_m_s, acceleration_w_m_s2, jerk_w_m_s3, snap_w_m_s4].map(|order| order[i]).to_vec()
+        [
+            position_w_m,
+            velocity_w_m_s,
+            acceleration_w_m_s2,
+            jerk_w_m_s3,
+            snap_w_m_s4,
+        ]
+        .map(|order| order[i])
+        .to_vec()
     };
-    let yaw = vec![reference.yaw_rad, reference.yaw_rate_rad_s, reference.yaw_acceleration_rad_s2];
+    let yaw = vec![
+        reference.yaw_rad,
+        reference.yaw_rate_rad_s,
+        reference.yaw_acceleration_rad_s2,
+    ];
     [along(0), along(1), along(2), yaw]
 }
 
@@ -91,9 +111,13 @@ fn exact_tick(
     om_m: f64,
     tau_m: Vector3<f64>,
 ) -> LastTick {
-    let Adaptation { period_s, inertia, .. } = adaptation;
+    let Adaptation {
+        period_s, inertia, ..
+    } = adaptation;
     let acceleration = |nu2: &Vector3<f64>, h: &Vector3<f64>| {
-        inertia.coupling(nu2) + inertia.regressor(nu2, om_m, h) * theta + inertia.acceleration(&tau_m)
+        inertia.coupling(nu2)
+            + inertia.regressor(nu2, om_m, h) * theta
+            + inertia.acceleration(&tau_m)
     };
     let [h_start, h_end] = [tick, tick + 1].map(|tick| disturbance(tick as f64 * period_s));
     let at_start = acceleration(&nu2_start, &h_start);
@@ -101,13 +125,24 @@ fn exact_tick(
     for _ in 0..40 {
         nu2_end = nu2_start + period_s / 2.0 * (at_start + acceleration(&nu2_end, &h_end));
     }
-    LastTick { nu2_start, nu2_end, h_start, h_end, om_m, tau_m }
+    LastTick {
+        nu2_start,
+        nu2_end,
+        h_start,
+        h_end,
+        om_m,
+        tau_m,
+    }
 }
 
 /// V_th = 1/2 ~th^T Gamma^-1 ~th.
 fn v_th(adaptation: &Adaptation, learnt: &Learnt, theta: &Vector3<f64>) -> f64 {
     let error = learnt.theta - theta;
-    error.component_mul(&error).component_div(&adaptation.gamma).sum() / 2.0
+    error
+        .component_mul(&error)
+        .component_div(&adaptation.gamma)
+        .sum()
+        / 2.0
 }
 
 proptest! {
@@ -168,5 +203,8 @@ fn every_ramped_trajectory_starts_at_rest_and_each_has_its_name() {
         assert_eq!(moves, trajectory == Trajectory::Step);
     }
     let error = "loop".parse::<Trajectory>().unwrap_err().to_string();
-    assert!(error.contains("`loop`") && error.contains("lissajous"), "{error}");
+    assert!(
+        error.contains("`loop`") && error.contains("lissajous"),
+        "{error}"
+    );
 }

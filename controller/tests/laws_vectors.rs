@@ -2,15 +2,15 @@
 //!
 //! `vectors/laws.py` makes them from the formulas of the sources; it is run by hand.
 
+use control_api::description::{SettingKind, Settings, Value};
+use control_api::law::{Desired, InnerLaw, Law, OuterLaw, Rig};
 use controller::laws::{Estimating, Geometric, Indi, Pid};
-use law::description::{SettingKind, Settings, Value};
-use law::law::{InnerLaw, Law, OuterLaw, Rig, Wanted};
-use model::limits::RotorLimits;
-use model::measured::Measured;
-use model::messages::Dated;
-use model::parameters::{Airframe, Parameter};
-use model::reference::Reference;
-use model::telemetry::Telemetry;
+use messages::content::Measured;
+use messages::content::Reference;
+use messages::content::Stamped;
+use messages::limits::RotorLimits;
+use messages::parameters::{Airframe, Parameter};
+use messages::telemetry::Telemetry;
 use serde_json::Value as Json;
 
 const TOLERANCE: f64 = 1e-12;
@@ -32,11 +32,21 @@ fn rig(case: &Json) -> Rig {
     let mut airframe = Airframe::nominal();
     for (name, value) in case["airframe"].as_object().expect("an airframe") {
         if !name.starts_with("rotor_m") {
-            airframe.set(Parameter::from_name(name).expect("known"), number(value)).expect("in range");
+            airframe
+                .set(Parameter::from_name(name).expect("known"), number(value))
+                .expect("in range");
         }
     }
-    let [min_rad_s, max_rad_s] = ["min", "max"].map(|end| number(&case["airframe"][format!("rotor_{end}_rad_s")]));
-    Rig { period_s: number(&case["period_s"]), airframe, rotor: RotorLimits { min_rad_s, max_rad_s } }
+    let [min_rad_s, max_rad_s] =
+        ["min", "max"].map(|end| number(&case["airframe"][format!("rotor_{end}_rad_s")]));
+    Rig {
+        period_s: number(&case["period_s"]),
+        airframe,
+        rotor: RotorLimits {
+            min_rad_s,
+            max_rad_s,
+        },
+    }
 }
 
 fn law_of<L: Law>(case: &Json) -> L {
@@ -78,17 +88,16 @@ fn reference(json: &Json) -> Reference {
     }
 }
 
-fn wanted(json: &Json) -> Wanted {
-    Wanted {
+fn wanted(json: &Json) -> Desired {
+    Desired {
         thrust_n: number(&json["thrust_n"]),
         attitude_rad: numbers(&json["attitude_rad"]),
         attitude_rate_rad_s: numbers(&json["attitude_rate_rad_s"]),
         attitude_acceleration_rad_s2: numbers(&json["attitude_acceleration_rad_s2"]),
-        limited: json["limited"].as_bool().unwrap_or_default(),
+        limited: u64::from(json["limited"].as_bool().unwrap_or_default()),
     }
 }
 
-/// Compares relative to max(1, |expected|).
 fn assert_close(what: &str, actual: &[f64], expected: &[f64]) {
     for (a, b) in actual.iter().zip(expected) {
         let error = (a - b).abs() / b.abs().max(1.0);
@@ -97,8 +106,12 @@ fn assert_close(what: &str, actual: &[f64], expected: &[f64]) {
 }
 
 /// Flies each case of a law through its ticks.
-fn each_case<L: Law>(ask: impl Fn(&mut L, &Json, &mut Telemetry) -> Vec<f64>, expected: impl Fn(&Json) -> Vec<f64>) {
-    let vectors: Json = serde_json::from_str(include_str!("vectors/laws.json")).expect("the vectors are JSON");
+fn each_case<L: Law>(
+    ask: impl Fn(&mut L, &Json, &mut Telemetry) -> Vec<f64>,
+    expected: impl Fn(&Json) -> Vec<f64>,
+) {
+    let vectors: Json =
+        serde_json::from_str(include_str!("vectors/laws.json")).expect("the vectors are JSON");
     let name = L::DESCRIPTION.name;
     let cases = vectors[name].as_array().expect("a list of cases");
     assert_eq!(cases.len(), 50, "{name}");
@@ -111,7 +124,11 @@ fn each_case<L: Law>(ask: impl Fn(&mut L, &Json, &mut Telemetry) -> Vec<f64>, ex
             let answer = ask(&mut law, row, &mut telemetry);
             assert_close(&what, &answer, &expected(&row["out"]));
             let shown: [f64; 32] = numbers(&row["out"]["telemetry"]);
-            assert_eq!(row["out"]["telemetry"].as_array().map(Vec::len), Some(signals), "{what}");
+            assert_eq!(
+                row["out"]["telemetry"].as_array().map(Vec::len),
+                Some(signals),
+                "{what}"
+            );
             assert_close(&format!("{what}, telemetry"), &telemetry.value, &shown);
         }
     }
@@ -121,18 +138,41 @@ fn inner<L: InnerLaw>() {
     each_case::<L>(
         |law, row, telemetry| {
             let (tick, measured_tick) = (tick_of(&row["tick"]), tick_of(&row["measured_tick"]));
-            let measured = Dated { tick: measured_tick, content: measured(&row["measured"]) };
-            let wanted = Dated { tick, content: wanted(&row["wanted"]) };
-            let demand = law.tick(tick, &measured, &wanted, &reference(&row["reference"]), telemetry);
+            let measured = Stamped {
+                tick: measured_tick,
+                content: measured(&row["measured"]),
+            };
+            let wanted = Stamped {
+                tick,
+                content: wanted(&row["wanted"]),
+            };
+            let demand = law.tick(
+                tick,
+                &measured,
+                &wanted,
+                &reference(&row["reference"]),
+                telemetry,
+            );
             [&[demand.thrust_n], &demand.torque_b_nm[..]].concat()
         },
-        |out| [&[number(&out["thrust_n"])], &numbers::<3>(&out["torque_b_nm"])[..]].concat(),
+        |out| {
+            [
+                &[number(&out["thrust_n"])],
+                &numbers::<3>(&out["torque_b_nm"])[..],
+            ]
+            .concat()
+        },
     );
 }
 
-fn in_a_row(wanted: &Wanted) -> Vec<f64> {
-    let angles = [wanted.attitude_rad, wanted.attitude_rate_rad_s, wanted.attitude_acceleration_rad_s2].concat();
-    [&[wanted.thrust_n, f64::from(u8::from(wanted.limited))], &angles[..]].concat()
+fn in_a_row(wanted: &Desired) -> Vec<f64> {
+    let angles = [
+        wanted.attitude_rad,
+        wanted.attitude_rate_rad_s,
+        wanted.attitude_acceleration_rad_s2,
+    ]
+    .concat();
+    [&[wanted.thrust_n, wanted.limited as f64], &angles[..]].concat()
 }
 
 #[test]
@@ -172,8 +212,27 @@ fn geometric_answers_a_turn_by_its_sine_and_the_square_of_its_gain() {
         attitude_quaternion: [(angle / 2.0).cos(), 0.0, 0.0, (angle / 2.0).sin()],
         ..Measured::default()
     };
-    let (measured, wanted) = (Dated { tick: 0, content: measured }, Dated { tick: 0, content: Wanted::default() });
-    let demand = law.tick(0, &measured, &wanted, &Reference::default(), &mut Telemetry::default());
+    let (measured, wanted) = (
+        Stamped {
+            tick: 0,
+            content: measured,
+        },
+        Stamped {
+            tick: 0,
+            content: Desired::default(),
+        },
+    );
+    let demand = law.tick(
+        0,
+        &measured,
+        &wanted,
+        &Reference::default(),
+        &mut Telemetry::default(),
+    );
     let expected = -rig.airframe.i_m()[2] * gain * gain * angle.sin();
-    assert!((demand.torque_b_nm[2] - expected).abs() < TOLERANCE, "{} for {expected}", demand.torque_b_nm[2]);
+    assert!(
+        (demand.torque_b_nm[2] - expected).abs() < TOLERANCE,
+        "{} for {expected}",
+        demand.torque_b_nm[2]
+    );
 }

@@ -1,42 +1,64 @@
 //! Settings of the laws: what is refused and why. Ranges are in the descriptions, and the rig checks them.
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+use control_api::Rig;
+use control_api::description::{Setting, Settings, Value};
+use control_api::law::Law as _;
 use controller::gains::PRESET_NAMES;
 use controller::laws::{Adaptive, INNER, OUTER, Pd, pd};
 use controller::rate_loop::{check, loop_gain_limit};
 use controller::{Gains, gains};
-use law::Rig;
-use law::description::{Setting, Settings, Value};
-use law::law::Law as _;
-use model::limits::RotorLimits;
+use messages::limits::RotorLimits;
 use proptest::prelude::*;
 
 #[test]
 fn every_law_flies_with_its_defaults_and_with_each_of_its_presets() {
     let rig = Rig::default();
     for entry in OUTER {
-        assert!(entry.make(&rig, &Settings::default()).is_ok(), "{}", entry.description.name);
+        assert!(
+            entry.make(&rig, &Settings::default()).is_ok(),
+            "{}",
+            entry.description.name
+        );
     }
     for entry in INNER {
-        assert!(entry.make(&rig, &Settings::default()).is_ok(), "{}", entry.description.name);
+        assert!(
+            entry.make(&rig, &Settings::default()).is_ok(),
+            "{}",
+            entry.description.name
+        );
     }
     for preset in PRESET_NAMES {
         assert_eq!(check(&rig, &Gains::preset(preset).unwrap()), Ok(()));
         assert!(Adaptive::new(&rig, &Adaptive::DESCRIPTION.preset(preset).unwrap()).is_ok());
     }
-    assert_eq!((Gains::preset("race"), Gains::preset("flight")), (None, Some(Gains::default())));
+    assert_eq!(
+        (Gains::preset("race"), Gains::preset("flight")),
+        (None, Some(Gains::default()))
+    );
 }
 
 #[test]
 fn descriptions_hold_what_they_promise() {
-    let laws = OUTER.iter().map(|entry| entry.description).chain(INNER.iter().map(|entry| entry.description));
+    let laws = OUTER
+        .iter()
+        .map(|entry| entry.description)
+        .chain(INNER.iter().map(|entry| entry.description));
     for law in laws {
         assert_eq!(law.flaws(), Vec::<String>::new());
         for setting in law.settings {
-            assert!(setting.allows(&setting.default()), "{}.{}", law.name, setting.name);
+            assert!(
+                setting.allows(&setting.default()),
+                "{}.{}",
+                law.name,
+                setting.name
+            );
         }
         for (name, value) in law.presets.iter().flat_map(|preset| preset.values) {
-            let setting = law.settings.iter().find(|setting| setting.name == *name).unwrap();
+            let setting = law
+                .settings
+                .iter()
+                .find(|setting| setting.name == *name)
+                .unwrap();
             assert!(setting.allows(value), "{}.{name}", law.name);
         }
     }
@@ -56,11 +78,16 @@ fn each_value_out_of_range_is_refused() {
     ];
     for setting in numbers {
         for value in [-1.0, f64::NAN, f64::INFINITY] {
-            assert!(!setting.allows(&Value::Number(value)), "{} = {value}", setting.name);
+            assert!(
+                !setting.allows(&Value::Number(value)),
+                "{} = {value}",
+                setting.name
+            );
         }
     }
-    let refuses =
-        |setting: Setting, value: [f64; 3]| assert!(!setting.allows(&Value::Three(value)), "{}", setting.name);
+    let refuses = |setting: Setting, value: [f64; 3]| {
+        assert!(!setting.allows(&Value::Three(value)), "{}", setting.name)
+    };
     for value in [-1.0, f64::NAN, f64::INFINITY] {
         refuses(gains::ATTITUDE_1_S, [8.0, value, 8.0]);
         refuses(gains::COMMAND_FILTER_RAD_S, [8.0, 8.0, value]);
@@ -75,10 +102,22 @@ fn each_value_out_of_range_is_refused() {
 #[test]
 fn a_rig_on_which_nothing_can_fly_is_refused_by_name() {
     let rig = Rig::default();
-    let rotor = |min_rad_s, max_rad_s| Rig { rotor: RotorLimits { min_rad_s, max_rad_s }, ..rig };
+    let rotor = |min_rad_s, max_rad_s| Rig {
+        rotor: RotorLimits {
+            min_rad_s,
+            max_rad_s,
+        },
+        ..rig
+    };
     for value in [-1.0, f64::NAN, f64::INFINITY] {
         for (key, rig) in [
-            ("period_s", Rig { period_s: value, ..rig }),
+            (
+                "period_s",
+                Rig {
+                    period_s: value,
+                    ..rig
+                },
+            ),
             ("rotor.min_rad_s", rotor(value, 350.0)),
             ("rotor.max_rad_s", rotor(30.0, value)),
         ] {
@@ -86,8 +125,20 @@ fn a_rig_on_which_nothing_can_fly_is_refused_by_name() {
             assert!(error.contains(key), "{key} = {value}: {error}");
         }
     }
-    assert!(rotor(400.0, 350.0).check().unwrap_err().to_string().contains("must not be above"));
-    assert!(rotor(30.0, 200.0).check().unwrap_err().to_string().contains("cannot hover"));
+    assert!(
+        rotor(400.0, 350.0)
+            .check()
+            .unwrap_err()
+            .to_string()
+            .contains("must not be above")
+    );
+    assert!(
+        rotor(30.0, 200.0)
+            .check()
+            .unwrap_err()
+            .to_string()
+            .contains("cannot hover")
+    );
     assert_eq!(rig.check(), Ok(()));
 }
 
@@ -96,27 +147,44 @@ fn a_lower_bound_above_the_upper_one_is_refused_and_an_equal_one_fixes_the_estim
     let mut gains = Gains::default();
     gains.estimate_min[1] = 1.1;
     let error = check(&Rig::default(), &gains).unwrap_err().to_string();
-    assert_eq!(error, "inner.estimate_min[1] = 1.1 must not be above inner.estimate_max[1] = 1");
+    assert_eq!(
+        error,
+        "inner.estimate_min[1] = 1.1 must not be above inner.estimate_max[1] = 1"
+    );
     gains.estimate_min[1] = 1.0;
     assert_eq!(check(&Rig::default(), &gains), Ok(()));
     let crossed = vec![(pd::ACCELERATION_Z_MIN_G.name, Value::Number(3.0))];
-    let error = Pd::new(&Rig::default(), &Settings::new(crossed)).unwrap_err().to_string();
-    assert_eq!(error, "outer.acceleration_z_min_g = 3 must not be above outer.acceleration_z_max_g = 2");
+    let error = Pd::new(&Rig::default(), &Settings::new(crossed))
+        .unwrap_err()
+        .to_string();
+    assert_eq!(
+        error,
+        "outer.acceleration_z_min_g = 3 must not be above outer.acceleration_z_max_g = 2"
+    );
 }
 
 #[test]
 fn a_predictor_of_another_depth_is_refused() {
     for ticks in [0.5, 2.0, 4_294_967_295.0] {
-        let gains = Gains { predictor_ticks: ticks, ..Gains::preset("paper").unwrap() };
+        let gains = Gains {
+            predictor_ticks: ticks,
+            ..Gains::preset("paper").unwrap()
+        };
         let error = check(&Rig::default(), &gains).unwrap_err().to_string();
-        assert!(error.contains(&format!("inner.predictor_ticks = {ticks}: allowed are 0")), "{error}");
+        assert!(
+            error.contains(&format!("inner.predictor_ticks = {ticks}: allowed are 0")),
+            "{error}"
+        );
     }
 }
 
 #[test]
 fn alpha_is_bounded_by_962_at_1_khz_without_predictor() {
     let rig = Rig::default();
-    let mut gains = Gains { alpha_1_s: 962.0, ..Gains::default() };
+    let mut gains = Gains {
+        alpha_1_s: 962.0,
+        ..Gains::default()
+    };
     assert_eq!(check(&rig, &gains), Ok(()));
     gains.alpha_1_s = 963.0;
     let error = check(&rig, &gains).unwrap_err().to_string();

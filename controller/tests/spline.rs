@@ -1,28 +1,47 @@
 //! The curve through points: passes through them, rests at its ends, does not jump; and the exact solution.
 
 use controller::trajectory::{Point, Spline, SplineError};
-use controller::{Course, Trajectory};
-use model::reference::Reference;
+use controller::{ScaledTrajectory, Trajectory};
+use messages::content::Reference;
 use proptest::prelude::*;
 
 /// Points whose intervals differ by a factor of up to 20.
 fn any_points() -> impl Strategy<Value = Vec<Point>> {
-    prop::collection::vec((0.05..1.0_f64, prop::array::uniform4(-5.0..5.0_f64)), 2..40).prop_map(|steps| {
-        let mut t_s = -steps[0].0;
-        let point = |(length_s, value)| {
-            t_s += length_s;
-            Point { t_s, value }
-        };
-        steps.into_iter().map(point).collect()
-    })
+    prop::collection::vec((0.05..1.0_f64, prop::array::uniform4(-5.0..5.0_f64)), 2..40).prop_map(
+        |steps| {
+            let mut t_s = -steps[0].0;
+            let point = |(length_s, value)| {
+                t_s += length_s;
+                Point { t_s, value }
+            };
+            steps.into_iter().map(point).collect()
+        },
+    )
 }
 
 /// Value and derivatives of x, y, z and yaw, as far as a reference has them.
 fn axes(reference: &Reference) -> [Vec<f64>; 4] {
-    let Reference { position_w_m, velocity_w_m_s, acceleration_w_m_s2, jerk_w_m_s3, snap_w_m_s4, .. } = *reference;
-    let orders = [position_w_m, velocity_w_m_s, acceleration_w_m_s2, jerk_w_m_s3, snap_w_m_s4];
+    let Reference {
+        position_w_m,
+        velocity_w_m_s,
+        acceleration_w_m_s2,
+        jerk_w_m_s3,
+        snap_w_m_s4,
+        ..
+    } = *reference;
+    let orders = [
+        position_w_m,
+        velocity_w_m_s,
+        acceleration_w_m_s2,
+        jerk_w_m_s3,
+        snap_w_m_s4,
+    ];
     let along = |axis: usize| orders.iter().map(|order| order[axis]).collect();
-    let yaw = vec![reference.yaw_rad, reference.yaw_rate_rad_s, reference.yaw_acceleration_rad_s2];
+    let yaw = vec![
+        reference.yaw_rad,
+        reference.yaw_rate_rad_s,
+        reference.yaw_acceleration_rad_s2,
+    ];
     [along(0), along(1), along(2), yaw]
 }
 
@@ -98,7 +117,7 @@ proptest! {
     fn a_stretched_course_is_larger_and_slower(
         index in 0..5_usize, t_s in 0.0..20.0_f64, size in 0.1..3.0_f64, period in 0.3..3.0_f64,
     ) {
-        let course = Course::of(Trajectory::ALL[index]);
+        let course = ScaledTrajectory::of(Trajectory::ALL[index]);
         let (plain, stretched) = (axes(&course.reference(t_s)), axes(&course.stretched(size, period).reference(t_s * period)));
         for axis in 0..4 {
             for order in 0..plain[axis].len() {
@@ -119,15 +138,25 @@ fn it_is_the_exact_solution() {
             .as_array()
             .unwrap()
             .iter()
-            .map(|point| Point { t_s: number(&point[0]), value: [0.0, number(&point[1]), 0.0, -number(&point[1])] })
+            .map(|point| Point {
+                t_s: number(&point[0]),
+                value: [0.0, number(&point[1]), 0.0, -number(&point[1])],
+            })
             .collect();
         let spline = Spline::through(&points).unwrap();
         for sample in case["samples"].as_array().unwrap() {
             let axes = spline.axes(number(&sample[0]));
             for order in 0..5 {
                 let exact = number(&sample[order + 1]);
-                let close = |is: f64| (is - exact).abs() < 1e-9 * (100.0_f64.powi(order as i32) + exact.abs());
-                assert!(close(axes[1][order]), "{} {order}: {:?} {exact}", sample[0], axes[1]);
+                let close = |is: f64| {
+                    (is - exact).abs() < 1e-9 * (100.0_f64.powi(order as i32) + exact.abs())
+                };
+                assert!(
+                    close(axes[1][order]),
+                    "{} {order}: {:?} {exact}",
+                    sample[0],
+                    axes[1]
+                );
                 assert!(close(-axes[3][order]), "the axes are alike");
                 assert_eq!(axes[0][order], 0.0);
             }
@@ -137,15 +166,37 @@ fn it_is_the_exact_solution() {
 
 #[test]
 fn what_is_no_curve_is_refused_by_its_point() {
-    let point = |t_s: f64, x: f64| Point { t_s, value: [x, 0.0, 0.0, 0.0] };
+    let point = |t_s: f64, x: f64| Point {
+        t_s,
+        value: [x, 0.0, 0.0, 0.0],
+    };
     assert_eq!(Spline::through(&[]), Err(SplineError::TooFew));
-    assert_eq!(Spline::through(&[point(0.0, 1.0)]), Err(SplineError::TooFew));
-    for (second, third) in [((1.0, 0.0), (1.0, 1.0)), ((1.0, 0.0), (0.5, 1.0)), ((1.0, 0.0), (2.0, f64::NAN))] {
-        let points = [point(0.0, 0.0), point(second.0, second.1), point(third.0, third.1)];
+    assert_eq!(
+        Spline::through(&[point(0.0, 1.0)]),
+        Err(SplineError::TooFew)
+    );
+    for (second, third) in [
+        ((1.0, 0.0), (1.0, 1.0)),
+        ((1.0, 0.0), (0.5, 1.0)),
+        ((1.0, 0.0), (2.0, f64::NAN)),
+    ] {
+        let points = [
+            point(0.0, 0.0),
+            point(second.0, second.1),
+            point(third.0, third.1),
+        ];
         assert_eq!(Spline::through(&points), Err(SplineError::NotLater(2)));
     }
-    let uneven = [point(0.0, 0.0), point(1e-200, 1.0), point(1.0, -1.0), point(2.0, 5.0)];
-    assert!(matches!(Spline::through(&uneven), Err(SplineError::Uneven(_))));
+    let uneven = [
+        point(0.0, 0.0),
+        point(1e-200, 1.0),
+        point(1.0, -1.0),
+        point(2.0, 5.0),
+    ];
+    assert!(matches!(
+        Spline::through(&uneven),
+        Err(SplineError::Uneven(_))
+    ));
 }
 
 #[test]
@@ -153,7 +204,10 @@ fn a_course_as_it_is_has_the_bits_of_its_trajectory() {
     for trajectory in Trajectory::ALL {
         for i in 0..2000 {
             let t_s = f64::from(i) * 0.01;
-            assert_eq!(Course::of(trajectory).reference(t_s), trajectory.reference(t_s));
+            assert_eq!(
+                ScaledTrajectory::of(trajectory).reference(t_s),
+                trajectory.reference(t_s)
+            );
         }
     }
 }
@@ -164,7 +218,10 @@ fn thousands_of_points_keep_to_their_circle() {
         .map(|i| {
             let t_s = f64::from(i) * 0.02;
             let (sin, cos) = (t_s * 0.5).sin_cos();
-            Point { t_s, value: [cos, sin, 1.0, 0.0] }
+            Point {
+                t_s,
+                value: [cos, sin, 1.0, 0.0],
+            }
         })
         .collect();
     let spline = Spline::through(&points).unwrap();

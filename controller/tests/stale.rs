@@ -1,24 +1,26 @@
 //! What both loops do with inputs that are late, missing, or back again.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
-
+use control_api::description::Settings;
+use control_api::law::Law as _;
+use control_api::stage::{InnerStage as _, OuterStage as _};
+use control_api::{GuardedInner, GuardedOuter, Rig};
 use controller::laws::adaptive::{estimate, rate_error};
 use controller::laws::{Adaptive, Fixed, Pd};
-use controller::{Course, Gains, TheoremMonitor, Trajectory};
-use law::description::Settings;
-use law::law::Law as _;
-use law::stage::{InnerStage as _, OuterStage as _};
-use law::{GuardedInner, GuardedOuter, Rig};
-use model::measured::Measured;
-use model::messages::{Dated, Mode, NO_TICK, Setpoint, State, Truth, Wrench};
-use model::parameters::PARAMETERS;
+use controller::{Gains, ScaledTrajectory, TheoremMonitor, Trajectory};
+use messages::content::Measured;
+use messages::content::{Mode, NO_TICK, Setpoint, Stamped, State, Truth, Wrench};
+use messages::parameters::PARAMETERS;
 
 const HOLD_TICKS: u64 = 100;
 
 fn outer_loop() -> GuardedOuter {
     let rig = Rig::default();
     let law = Pd::new(&rig, &Settings::default()).unwrap();
-    GuardedOuter::new(law.into(), Course::of(Trajectory::Lissajous).route(rig.period_s), &rig)
+    GuardedOuter::new(
+        law.into(),
+        ScaledTrajectory::of(Trajectory::Lissajous).route(rig.period_s),
+        &rig,
+    )
 }
 
 fn inner_loop() -> GuardedInner {
@@ -26,12 +28,12 @@ fn inner_loop() -> GuardedInner {
     GuardedInner::new(Adaptive::with(&rig, &Gains::default()).into(), &rig)
 }
 
-fn dated<T>(tick: u64, content: T) -> Dated<T> {
-    Dated { tick, content }
+fn dated<T>(tick: u64, content: T) -> Stamped<T> {
+    Stamped { tick, content }
 }
 
 /// A slightly tilted airframe in hover, with a gyro that shows a different rate at every tick.
-fn state(tick: u64) -> Dated<State> {
+fn state(tick: u64) -> Stamped<State> {
     let w = Rig::default().airframe.hover_speed_rad_s();
     let rate = 0.01 * (tick as f64).sin();
     dated(
@@ -50,7 +52,7 @@ fn state(tick: u64) -> Dated<State> {
     )
 }
 
-fn setpoint(tick: u64) -> Dated<Setpoint> {
+fn setpoint(tick: u64) -> Stamped<Setpoint> {
     dated(
         tick,
         Setpoint {
@@ -62,7 +64,7 @@ fn setpoint(tick: u64) -> Dated<Setpoint> {
     )
 }
 
-fn never<T: Default>() -> Dated<T> {
+fn never<T: Default>() -> Stamped<T> {
     dated(NO_TICK, T::default())
 }
 
@@ -158,17 +160,28 @@ fn without_any_set_point_the_airframe_is_levelled_at_its_own_yaw() {
 #[test]
 fn a_stale_state_gives_no_torque_and_teaches_nothing() {
     let mut inner = flown(10);
-    let learnt = estimate(&inner.rehearse(9, &state(8), &setpoint(9)).unwrap().telemetry);
+    let learnt = estimate(
+        &inner
+            .rehearse(9, &state(8), &setpoint(9))
+            .unwrap()
+            .telemetry,
+    );
     assert_ne!(learnt, [0.0; 3]);
     for tick in 10..400 {
         let wrench = inner.tick(tick, &state(9), &setpoint(tick));
-        let (expected, thrust_n) =
-            if tick <= 9 + HOLD_TICKS { (Mode::Held, 6.0) } else { (Mode::Fallback, hover_thrust_n()) };
+        let (expected, thrust_n) = if tick <= 9 + HOLD_TICKS {
+            (Mode::Held, 6.0)
+        } else {
+            (Mode::Fallback, hover_thrust_n())
+        };
         assert_eq!(mode(&wrench), expected, "{tick}");
         assert_eq!(wrench.thrust_n, thrust_n, "{tick}");
         assert_eq!(wrench.torque_b_nm, [0.0; 3]);
         assert_eq!(estimate(&wrench.telemetry), learnt);
-        assert!(rate_error(&wrench.telemetry).iter().all(|e| e.is_nan()), "nobody measured it");
+        assert!(
+            rate_error(&wrench.telemetry).iter().all(|e| e.is_nan()),
+            "nobody measured it"
+        );
     }
 }
 
@@ -178,7 +191,10 @@ fn states_that_are_always_one_tick_late_do_not_pass_for_a_short_outage() {
     for tick in 10..300 {
         let wrench = inner.tick(tick, &state(tick - 1), &setpoint(tick));
         let held = tick <= 9 + HOLD_TICKS;
-        assert_eq!(mode(&wrench), if held { Mode::Held } else { Mode::Fallback });
+        assert_eq!(
+            mode(&wrench),
+            if held { Mode::Held } else { Mode::Fallback }
+        );
     }
 }
 
@@ -199,10 +215,19 @@ fn a_loop_takes_over_the_estimates_of_another_where_they_are_within_their_bounds
     let mut inner = inner_loop();
     assert!(inner.resume(learnt));
     let first = inner.tick(50, &state(50), &setpoint(50));
-    assert_eq!(estimate(&first.telemetry), learnt, "nothing is learnt from the first state");
+    assert_eq!(
+        estimate(&first.telemetry),
+        learnt,
+        "nothing is learnt from the first state"
+    );
     let bounds = Gains::default();
     for i in 0..3 {
-        for wrong in [f64::NAN, f64::INFINITY, bounds.estimate_min[i] - 1e-9, bounds.estimate_max[i] + 1e-9] {
+        for wrong in [
+            f64::NAN,
+            f64::INFINITY,
+            bounds.estimate_min[i] - 1e-9,
+            bounds.estimate_max[i] + 1e-9,
+        ] {
             let (mut inner, mut estimates) = (inner_loop(), learnt);
             estimates[i] = wrong;
             assert!(!inner.resume(estimates), "{estimates:?}");
@@ -221,7 +246,12 @@ fn a_loop_takes_over_the_estimates_of_another_where_they_are_within_their_bounds
 #[test]
 fn the_first_step_after_missed_states_is_not_learnt_from() {
     let mut inner = flown(10);
-    let before = estimate(&inner.rehearse(10, &never(), &setpoint(10)).unwrap().telemetry);
+    let before = estimate(
+        &inner
+            .rehearse(10, &never(), &setpoint(10))
+            .unwrap()
+            .telemetry,
+    );
     inner.tick(10, &state(9), &setpoint(10));
     let back = inner.tick(11, &state(11), &setpoint(11));
     assert_eq!(estimate(&back.telemetry), before);
@@ -266,9 +296,18 @@ fn a_loop_starts_at_rest_from_the_measured_attitude_at_any_tick() {
 
 /// What the law says, bit by bit.
 fn bits(wrench: &Wrench) -> Vec<u64> {
-    let Wrench { thrust_n, torque_b_nm, mode, telemetry } = *wrench;
+    let Wrench {
+        thrust_n,
+        torque_b_nm,
+        mode,
+        telemetry,
+    } = *wrench;
     let numbers = [[thrust_n].as_slice(), &torque_b_nm, &telemetry.value].concat();
-    numbers.into_iter().map(f64::to_bits).chain([mode]).collect()
+    numbers
+        .into_iter()
+        .map(f64::to_bits)
+        .chain([mode])
+        .collect()
 }
 
 #[test]
@@ -288,8 +327,14 @@ fn no_law_reads_the_truth() {
         };
         assert_eq!(outer.tick(tick, &plain), outer.tick(tick, &shown));
         let wrench = untold.tick(tick, &plain, &setpoint(tick));
-        assert_eq!(bits(&wrench), bits(&told.tick(tick, &shown, &setpoint(tick))));
+        assert_eq!(
+            bits(&wrench),
+            bits(&told.tick(tick, &shown, &setpoint(tick)))
+        );
         // The monitor does.
-        assert_ne!(of_plain.watch(tick, &plain, &wrench), of_shown.watch(tick, &shown, &wrench));
+        assert_ne!(
+            of_plain.watch(tick, &plain, &wrench),
+            of_shown.watch(tick, &shown, &wrench)
+        );
     }
 }

@@ -1,20 +1,21 @@
 //! The theorem's functions and monitor: inequalities for every input and flight.
 
-use controller::adaptation::{Adaptation, LastTick};
+use control_api::stage::InnerStage as _;
+use control_api::{GuardedInner, Rig};
+use controller::adaptation::Adaptation;
 use controller::excitation::Excitation;
 use controller::gains::PRESET_NAMES;
 use controller::laws::{Adaptive, adaptive};
 use controller::lyapunov::{EstimateStep, RateWeight, v_th, v_th_change};
+use controller::samples::LastTick;
 use controller::weight::Weight;
 use controller::{Gains, TheoremMonitor};
-use law::stage::InnerStage as _;
-use law::{GuardedInner, Rig};
-use model::measured::Measured;
-use model::messages::{Dated, Setpoint, State, Truth};
-use model::monitor::{Cause, Monitor};
-use model::parameters::{Airframe, PARAMETERS, Parameter};
-use model::rate_dynamics::disturbance;
-use model::topic::Topic as _;
+use messages::content::Measured;
+use messages::content::{Setpoint, Stamped, State, Truth};
+use messages::monitor::{Cause, Monitor};
+use messages::parameters::{Airframe, PARAMETERS, Parameter};
+use messages::rate_dynamics::disturbance;
+use messages::topic::Topic as _;
 use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -28,7 +29,11 @@ fn theta() -> impl Strategy<Value = Vector3<f64>> {
 }
 
 fn step(adaptation: &Adaptation, x: &Matrix3<f64>) -> EstimateStep {
-    EstimateStep::new(adaptation, x, Weight::new(x, &adaptation.gain()).expect("X is finite"))
+    EstimateStep::new(
+        adaptation,
+        x,
+        Weight::new(x, &adaptation.gain()).expect("X is finite"),
+    )
 }
 
 fn adaptation(preset: &str) -> Adaptation {
@@ -131,23 +136,37 @@ fn excitation_counts_what_each_column_shows_alone() {
         excitation.take(&both);
     }
     let first = excitation.shown();
-    assert!(first.smallest < 1e-9 && (first.identifiability.z - 2.0).abs() < 1e-6, "{first:?}");
-    assert!(first.identifiability.x < 1e-6 && first.identifiability.y < 1e-6, "copies tell nothing apart: {first:?}");
+    assert!(
+        first.smallest < 1e-9 && (first.identifiability.z - 2.0).abs() < 1e-6,
+        "{first:?}"
+    );
+    assert!(
+        first.identifiability.x < 1e-6 && first.identifiability.y < 1e-6,
+        "copies tell nothing apart: {first:?}"
+    );
     for _ in 0..10 {
         excitation.take(&one);
     }
     let second = excitation.shown();
-    assert!((second.identifiability.x - 1.0).abs() < 1e-6 && second.identifiability.z < 1e-6, "{second:?}");
+    assert!(
+        (second.identifiability.x - 1.0).abs() < 1e-6 && second.identifiability.z < 1e-6,
+        "{second:?}"
+    );
     assert!((excitation.left().x - 0.9_f64.powi(10) * excitation_left_of(&both)).abs() < 1e-6);
 }
 
 /// What ten steps with a contraction leave in the first row.
 fn excitation_left_of(contraction: &Matrix3<f64>) -> f64 {
-    (0..10).fold(Matrix3::identity(), |left, _| (Matrix3::identity() - contraction) * left).row(0).norm()
+    (0..10)
+        .fold(Matrix3::identity(), |left, _| {
+            (Matrix3::identity() - contraction) * left
+        })
+        .row(0)
+        .norm()
 }
 
 /// A hovering airframe of known parameters.
-fn state(tick: u64, parameter: [f64; PARAMETERS]) -> Dated<State> {
+fn state(tick: u64, parameter: [f64; PARAMETERS]) -> Stamped<State> {
     let w = Airframe::nominal().hover_speed_rad_s();
     let rate = 0.01 * (tick as f64).sin();
     let measured = Measured {
@@ -157,8 +176,15 @@ fn state(tick: u64, parameter: [f64; PARAMETERS]) -> Dated<State> {
         rotor_speed_command_rad_s: [w; 4],
         ..Measured::default()
     };
-    let content = State { measured, truth: Truth { parameter, ..Truth::default() }, ..State::default() };
-    Dated { tick, content }
+    let content = State {
+        measured,
+        truth: Truth {
+            parameter,
+            ..Truth::default()
+        },
+        ..State::default()
+    };
+    Stamped { tick, content }
 }
 
 fn guarded() -> GuardedInner {
@@ -166,8 +192,14 @@ fn guarded() -> GuardedInner {
     GuardedInner::new(Adaptive::with(&rig, &Gains::default()).into(), &rig)
 }
 
-fn setpoint(tick: u64) -> Dated<Setpoint> {
-    Dated { tick, content: Setpoint { thrust_n: 5.0, ..Setpoint::default() } }
+fn setpoint(tick: u64) -> Stamped<Setpoint> {
+    Stamped {
+        tick,
+        content: Setpoint {
+            thrust_n: 5.0,
+            ..Setpoint::default()
+        },
+    }
 }
 
 /// An inner loop, and the monitor of what it says.
@@ -177,11 +209,14 @@ struct Watched {
 }
 
 fn watched() -> Watched {
-    Watched { inner: guarded(), monitor: TheoremMonitor::new(&Rig::default(), &Gains::default()) }
+    Watched {
+        inner: guarded(),
+        monitor: TheoremMonitor::new(&Rig::default(), &Gains::default()),
+    }
 }
 
 impl Watched {
-    fn tick(&mut self, tick: u64, state: &Dated<State>) -> Monitor {
+    fn tick(&mut self, tick: u64, state: &Stamped<State>) -> Monitor {
         let wrench = self.inner.tick(tick, state, &setpoint(tick));
         *self.monitor.watch(tick, state, &wrench)
     }
@@ -192,7 +227,11 @@ fn a_truth_beyond_numbers_is_a_violation_and_never_an_infinite_wrench() {
     let mut watched = watched();
     let mut last = Monitor::default();
     for tick in 0..30 {
-        let parameter = if tick == 20 { [1e300; PARAMETERS] } else { *Airframe::nominal().values() };
+        let parameter = if tick == 20 {
+            [1e300; PARAMETERS]
+        } else {
+            *Airframe::nominal().values()
+        };
         last = watched.tick(tick, &state(tick, parameter));
         assert!(last.finite(), "{last:?}");
     }
@@ -205,7 +244,11 @@ fn estimates_that_move_against_their_samples_are_unexplained() {
     let mut airframe = Airframe::nominal();
     airframe.set(Parameter::DisturbanceGain, 0.0).unwrap();
     // At rest, without a disturbance, nothing can be learnt. From 0, these lead away from the truth.
-    for push in [Vector3::new(-1e-9, 0.0, 0.0), Vector3::new(0.0, -1e-6, 0.0), Vector3::new(0.0, 0.0, 1e-3)] {
+    for push in [
+        Vector3::new(-1e-9, 0.0, 0.0),
+        Vector3::new(0.0, -1e-6, 0.0),
+        Vector3::new(0.0, 0.0, 1e-3),
+    ] {
         let mut inner = guarded();
         let mut monitor = TheoremMonitor::new(&rig, &gains);
         let mut watch = |tick: u64, push: Vector3<f64>| {
@@ -220,7 +263,11 @@ fn estimates_that_move_against_their_samples_are_unexplained() {
             assert_eq!(watch(tick, Vector3::zeros()).violations[0], 0);
         }
         let violated = watch(10, push);
-        assert_eq!((violated.violations[0], violated.is_violation), (1, 1), "{push}");
+        assert_eq!(
+            (violated.violations[0], violated.is_violation),
+            (1, 1),
+            "{push}"
+        );
     }
 }
 
@@ -234,10 +281,23 @@ fn a_stale_state_is_counted_and_changes_nothing_else() {
     let before = watched.tick(10, &state(10, nominal));
     let stale = watched.tick(11, &state(10, nominal));
     assert_eq!(stale.ticks_stale, 1);
-    assert_eq!(stale.causes & Cause::StaleInput.bit(), Cause::StaleInput.bit());
-    assert_eq!(stale, Monitor { ticks_stale: 1, causes: stale.causes, ..before });
+    assert_eq!(
+        stale.causes & Cause::StaleInput.bit(),
+        Cause::StaleInput.bit()
+    );
+    assert_eq!(
+        stale,
+        Monitor {
+            ticks_stale: 1,
+            causes: stale.causes,
+            ..before
+        }
+    );
     // The tick after has no measured start: nothing is learnt from it, so nothing is checked.
     let after = watched.tick(12, &state(12, nominal));
     assert_eq!(after.ticks_checked, before.ticks_checked);
-    assert_eq!(watched.tick(13, &state(13, nominal)).ticks_checked, before.ticks_checked + 1);
+    assert_eq!(
+        watched.tick(13, &state(13, nominal)).ticks_checked,
+        before.ticks_checked + 1
+    );
 }

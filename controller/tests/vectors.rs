@@ -1,17 +1,18 @@
 //! Every law of this crate against the reference vectors: 50 cases each, to 1e-12.
 
-use controller::adaptation::{Adaptation, LastTick, Learnt};
+use control_api::Rig;
+use controller::adaptation::{Adaptation, Learnt};
 use controller::command_filter::{CommandFilter, Passage};
 use controller::flatness::{TiltRates, Yaw, tilt, tilt_rates};
 use controller::laws::pd::{thrust, thrust_acceleration};
 use controller::predictor::predict;
 use controller::rate_law::{RatePoint, sampled_gain, torque};
 use controller::rate_reference::{RateReference, rate_reference};
+use controller::samples::LastTick;
 use controller::{Gains, Trajectory};
-use law::Rig;
-use model::parameters::Airframe;
-use model::rate_dynamics::{Inertia, disturbance};
-use model::reference::Reference;
+use messages::content::Reference;
+use messages::parameters::Airframe;
+use messages::rate_dynamics::{Inertia, disturbance};
 use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
 
@@ -38,7 +39,6 @@ fn matrix(value: &Value) -> Matrix3<f64> {
     Matrix3::from_fn(|i, j| number(&value[i][j]))
 }
 
-/// Compares relative to max(1, |expected|).
 fn assert_close(actual: &[f64], expected: &[f64], tolerance: f64) {
     assert_eq!(actual.len(), expected.len());
     for (a, b) in actual.iter().zip(expected) {
@@ -66,10 +66,24 @@ fn att_des() {
 #[test]
 fn flat_rates() {
     each_case("flat_rates", |case| {
-        let yaw = Yaw::new(number(&case["psi"]), number(&case["dpsi"]), number(&case["ddpsi"]));
-        let (a, da, dda) = (vector(&case["a"]), vector(&case["jerk"]), vector(&case["snap"]));
-        let TiltRates { dphi, dtheta, ddphi, ddtheta } = tilt_rates(&a, &da, &dda, &yaw);
-        let expected: [f64; 4] = std::array::from_fn(|i| number(&case["out_dphi_dth_ddphi_ddth"][i]));
+        let yaw = Yaw::new(
+            number(&case["psi"]),
+            number(&case["dpsi"]),
+            number(&case["ddpsi"]),
+        );
+        let (a, da, dda) = (
+            vector(&case["a"]),
+            vector(&case["jerk"]),
+            vector(&case["snap"]),
+        );
+        let TiltRates {
+            dphi,
+            dtheta,
+            ddphi,
+            ddtheta,
+        } = tilt_rates(&a, &da, &dda, &yaw);
+        let expected: [f64; 4] =
+            std::array::from_fn(|i| number(&case["out_dphi_dth_ddphi_ddth"][i]));
         assert_close(&[dphi, dtheta, ddphi, ddtheta], &expected, TOLERANCE);
     });
 }
@@ -87,7 +101,11 @@ fn thrust_along_the_body() {
 #[test]
 fn rate_ref() {
     each_case("rate_ref", |case| {
-        let filter = CommandFilter { w_f: Vector3::zeros(), ec: vector(&case["ec"]), e1: vector(&case["dec"]) };
+        let filter = CommandFilter {
+            w_f: Vector3::zeros(),
+            ec: vector(&case["ec"]),
+            e1: vector(&case["dec"]),
+        };
         let reference = rate_reference(
             &vector(&case["eul"]),
             &vector(&case["nu"]),
@@ -105,7 +123,11 @@ fn rate_ref() {
 fn filter() {
     each_case("filter", |case| {
         let each = |key: &str| Vector3::repeat(number(&case[key]));
-        let filter = CommandFilter { w_f: each("omega"), ec: each("ec"), e1: each("dec") };
+        let filter = CommandFilter {
+            w_f: each("omega"),
+            ec: each("ec"),
+            e1: each("dec"),
+        };
         let next = filter.advance(&each("win"), &Passage::new(&filter.w_f, number(&case["T"])));
         assert_close(next.ec.as_slice(), each("ec_next").as_slice(), TOLERANCE);
         assert_close(next.e1.as_slice(), each("dec_next").as_slice(), TOLERANCE);
@@ -113,8 +135,15 @@ fn filter() {
 }
 
 fn torque_of(case: &Value, gain: f64) -> Vector3<f64> {
-    let at = RatePoint { nu2: vector(&case["nu"]), om: number(&case["Om"]), h: disturbance(number(&case["t"])) };
-    let reference = RateReference { nu2_d: vector(&case["nu_d"]), dnu2_d: vector(&case["dnu_d"]) };
+    let at = RatePoint {
+        nu2: vector(&case["nu"]),
+        om: number(&case["Om"]),
+        h: disturbance(number(&case["t"])),
+    };
+    let reference = RateReference {
+        nu2_d: vector(&case["nu_d"]),
+        dnu2_d: vector(&case["dnu_d"]),
+    };
     torque(&at, &reference, &vector(&case["theta"]), gain, &inertia())
 }
 
@@ -153,10 +182,17 @@ fn adapt_flight() {
 fn check_adaptation(preset: &str, case: &Value, tolerance: f64) {
     let adaptation = Adaptation::new(&Rig::default(), &Gains::preset(preset).expect("a preset"));
     assert_eq!(adaptation.gamma, vector(&case["Gamma"]));
-    assert_eq!(adaptation.step_s2, number(&case["T"]) / number(&case["alpha"]));
+    assert_eq!(
+        adaptation.step_s2,
+        number(&case["T"]) / number(&case["alpha"])
+    );
     assert_eq!(adaptation.lo, vector(&case["lo"]));
     assert_eq!(adaptation.hi, vector(&case["hi"]));
-    let before = Learnt { theta: vector(&case["theta"]), x: matrix(&case["X"]), y: vector(&case["Y"]) };
+    let before = Learnt {
+        theta: vector(&case["theta"]),
+        x: matrix(&case["X"]),
+        y: vector(&case["Y"]),
+    };
     let t_start_s = number(&case["t_prev"]);
     let last = LastTick {
         nu2_start: vector(&case["nu_prev"]),
@@ -168,14 +204,29 @@ fn check_adaptation(preset: &str, case: &Value, tolerance: f64) {
     };
     let after = adaptation.step(&before, &last);
     let r = after.y - after.x * before.theta;
-    assert_close(after.x.as_slice(), matrix(&case["X_out"]).as_slice(), TOLERANCE);
-    assert_close(after.y.as_slice(), vector(&case["Y_out"]).as_slice(), TOLERANCE);
-    assert_close(r.as_slice(), vector(&case["residual"]).as_slice(), TOLERANCE);
+    assert_close(
+        after.x.as_slice(),
+        matrix(&case["X_out"]).as_slice(),
+        TOLERANCE,
+    );
+    assert_close(
+        after.y.as_slice(),
+        vector(&case["Y_out"]).as_slice(),
+        TOLERANCE,
+    );
+    assert_close(
+        r.as_slice(),
+        vector(&case["residual"]).as_slice(),
+        TOLERANCE,
+    );
     let expected = vector(&case["theta_out"]);
     assert_close(after.theta.as_slice(), expected.as_slice(), tolerance);
 
-    let unbounded =
-        Adaptation { lo: Vector3::repeat(f64::NEG_INFINITY), hi: Vector3::repeat(f64::INFINITY), ..adaptation };
+    let unbounded = Adaptation {
+        lo: Vector3::repeat(f64::NEG_INFINITY),
+        hi: Vector3::repeat(f64::INFINITY),
+        ..adaptation
+    };
     let theta = unbounded.step(&before, &last).theta;
     let expected = vector(&case["theta_unprojected"]);
     assert_close(theta.as_slice(), expected.as_slice(), tolerance);
@@ -183,11 +234,30 @@ fn check_adaptation(preset: &str, case: &Value, tolerance: f64) {
 
 /// The orders of x, y, z and psi that a reference has.
 fn axes(reference: &Reference) -> [Vec<f64>; 4] {
-    let Reference { position_w_m, velocity_w_m_s, acceleration_w_m_s2, jerk_w_m_s3, snap_w_m_s4, .. } = *reference;
+    let Reference {
+        position_w_m,
+        velocity_w_m_s,
+        acceleration_w_m_s2,
+        jerk_w_m_s3,
+        snap_w_m_s4,
+        ..
+    } = *reference;
     let along = |i: usize| {
-        [position_w_m, velocity_w_m_s, acceleration_w_m_s2, jerk_w_m_s3, snap_w_m_s4].map(|order| order[i]).to_vec()
+        [
+            position_w_m,
+            velocity_w_m_s,
+            acceleration_w_m_s2,
+            jerk_w_m_s3,
+            snap_w_m_s4,
+        ]
+        .map(|order| order[i])
+        .to_vec()
     };
-    let yaw = vec![reference.yaw_rad, reference.yaw_rate_rad_s, reference.yaw_acceleration_rad_s2];
+    let yaw = vec![
+        reference.yaw_rad,
+        reference.yaw_rate_rad_s,
+        reference.yaw_acceleration_rad_s2,
+    ];
     [along(0), along(1), along(2), yaw]
 }
 
@@ -207,7 +277,11 @@ fn traj() {
 #[test]
 fn prediction() {
     each_case("predict", |case| {
-        let now = RatePoint { nu2: vector(&case["nu"]), om: number(&case["Om"]), h: disturbance(number(&case["t"])) };
+        let now = RatePoint {
+            nu2: vector(&case["nu"]),
+            om: number(&case["Om"]),
+            h: disturbance(number(&case["t"])),
+        };
         let (eta2, nu2) = predict(
             &vector(&case["eul"]),
             &now,
@@ -216,7 +290,15 @@ fn prediction() {
             number(&case["T"]),
             &inertia(),
         );
-        assert_close(nu2.as_slice(), vector(&case["nu_next"]).as_slice(), TOLERANCE);
-        assert_close(eta2.as_slice(), vector(&case["eul_next"]).as_slice(), TOLERANCE);
+        assert_close(
+            nu2.as_slice(),
+            vector(&case["nu_next"]).as_slice(),
+            TOLERANCE,
+        );
+        assert_close(
+            eta2.as_slice(),
+            vector(&case["eul_next"]).as_slice(),
+            TOLERANCE,
+        );
     });
 }

@@ -2,7 +2,7 @@
 //!
 //! [`Priority`] is the law; [`mix`] is what it computes. Neither knows a clock, a transport or an operating system.
 
-use law::registry::{AnyMixer, Entry};
+use control_api::registry::{AnyMixer, Entry};
 
 pub mod mix;
 pub mod priority;

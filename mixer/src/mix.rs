@@ -3,13 +3,13 @@
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri).
 //!
 //! Differences from the paper (docs/paper.md lists them all):
-//! * Row 4 of (7) uses kappa = d/k, not the printed d; see [`model::allocation`].
+//! * Row 4 of (7) uses kappa = d/k, not the printed d; see [`messages::allocation`].
 //! * The paper's rotors have no limits. Here each thrust stays within [f_min, f_max]: the common thrust is granted
 //!   first, then as much of roll and pitch as fits, then as much of yaw. An axis group is scaled as one, so its
 //!   direction is kept: a demand for roll never becomes pitch. Yaw comes last, because it costs the most thrust for the
 //!   least control and the vehicle stays upright without it.
 
-use model::allocation::Allocation;
+use messages::allocation::Allocation;
 use nalgebra::{Vector3, Vector4};
 
 /// Rotor thrusts for a demand, as far as the rotors can meet it.
@@ -38,11 +38,21 @@ pub fn mix(allocation: &Allocation, u: f64, tau: &Vector3<f64>, f_min: f64, f_ma
     let yaw = allocation.thrusts(0.0, &Vector3::new(0.0, 0.0, tau.z));
     let (f, yaw_share) = add_what_fits(&f, &yaw, f_min, f_max);
     let saturated = share != u / 4.0 || roll_pitch_share < 1.0 || yaw_share < 1.0;
-    Mix { f, roll_pitch_share, yaw_share, saturated }
+    Mix {
+        f,
+        roll_pitch_share,
+        yaw_share,
+        saturated,
+    }
 }
 
 /// `f + s d` with the largest s in [0, 1] that keeps every rotor within `[f_min, f_max]`, and that s.
-fn add_what_fits(f: &Vector4<f64>, d: &Vector4<f64>, f_min: f64, f_max: f64) -> (Vector4<f64>, f64) {
+fn add_what_fits(
+    f: &Vector4<f64>,
+    d: &Vector4<f64>,
+    f_min: f64,
+    f_max: f64,
+) -> (Vector4<f64>, f64) {
     // Without a drag torque in the model, no yaw can be given: the step is infinite.
     if !d.iter().all(|d_i| d_i.is_finite()) {
         return (*f, 0.0);

@@ -1,11 +1,11 @@
 //! The law `priority`: thrust first, then roll and pitch, then yaw; see [`crate::mix`].
 
-use law::description::{Description, Refused, Settings, Signal};
-use law::law::{Demand, Law, MixerLaw, Rig};
-use model::allocation::Allocation;
-use model::messages::ROTORS;
-use model::role::Role;
-use model::telemetry::Telemetry;
+use control_api::description::{Description, Refused, Settings, Signal};
+use control_api::law::{Law, MixerLaw, Rig, WrenchSetpoint};
+use messages::allocation::Allocation;
+use messages::content::ROTORS;
+use messages::role::Role;
+use messages::telemetry::Telemetry;
 
 use crate::mix::{mix, speeds};
 
@@ -31,19 +31,44 @@ impl Law for Priority {
         settings: &[],
         presets: &[],
         suited: None,
-        telemetry: &[Signal { name: "roll_pitch_share", unit: "" }, Signal { name: "yaw_share", unit: "" }],
+        telemetry: &[
+            Signal {
+                name: "roll_pitch_share",
+                unit: "",
+            },
+            Signal {
+                name: "yaw_share",
+                unit: "",
+            },
+        ],
     };
 
     fn new(rig: &Rig, _: &Settings) -> Result<Self, Refused> {
         let k = rig.airframe.k();
         let (f_min, f_max) = (rig.rotor.f_min(k), rig.rotor.f_max(k));
-        Ok(Self { allocation: Allocation::new(&rig.airframe), k, f_min, f_max })
+        Ok(Self {
+            allocation: Allocation::new(&rig.airframe),
+            k,
+            f_min,
+            f_max,
+        })
     }
 }
 
 impl MixerLaw for Priority {
-    fn tick(&mut self, _: u64, demand: &Demand, telemetry: &mut Telemetry) -> ([f64; ROTORS], bool) {
-        let mix = mix(&self.allocation, demand.thrust_n, &demand.torque_b_nm.into(), self.f_min, self.f_max);
+    fn tick(
+        &mut self,
+        _: u64,
+        demand: &WrenchSetpoint,
+        telemetry: &mut Telemetry,
+    ) -> ([f64; ROTORS], bool) {
+        let mix = mix(
+            &self.allocation,
+            demand.thrust_n,
+            &demand.torque_b_nm.into(),
+            self.f_min,
+            self.f_max,
+        );
         telemetry.value[0] = mix.roll_pitch_share;
         telemetry.value[1] = mix.yaw_share;
         (speeds(&mix.f, self.k).into(), mix.saturated)

@@ -1,27 +1,40 @@
 //! Safety of the mixer stage: its output for a wrench of each age.
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-use law::description::Settings;
-use law::law::Law as _;
-use law::stage::MixerStage as _;
-use law::{GuardedMixer, Rig};
+use control_api::description::Settings;
+use control_api::law::Law as _;
+use control_api::stage::MixerStage as _;
+use control_api::{GuardedMixer, Rig};
+use messages::content::{Mode, NO_TICK, RotorSpeeds, Stamped, Wrench};
+use messages::parameters::Airframe;
 use mixer::Priority;
-use model::messages::{Dated, Mode, NO_TICK, RotorSpeeds, Wrench};
-use model::parameters::Airframe;
 
 fn mixer(period_s: f64) -> GuardedMixer {
-    let rig = Rig { period_s, ..Rig::default() };
-    GuardedMixer::new(Priority::new(&rig, &Settings::default()).unwrap().into(), &rig)
+    let rig = Rig {
+        period_s,
+        ..Rig::default()
+    };
+    GuardedMixer::new(
+        Priority::new(&rig, &Settings::default()).unwrap().into(),
+        &rig,
+    )
 }
 
-fn wrench(tick: u64) -> Dated<Wrench> {
-    let content = Wrench { thrust_n: 5.0, torque_b_nm: [0.02, -0.01, 0.005], ..Wrench::default() };
-    Dated { tick, content }
+fn wrench(tick: u64) -> Stamped<Wrench> {
+    let content = Wrench {
+        thrust_n: 5.0,
+        torque_b_nm: [0.02, -0.01, 0.005],
+        ..Wrench::default()
+    };
+    Stamped { tick, content }
 }
 
 fn assert_idle(speeds: &RotorSpeeds) {
     assert_eq!((speeds.mode, speeds.saturated), (Mode::Idle as u64, 0));
-    assert!(speeds.speed_rad_s.iter().all(|w| (w - 30.0).abs() < 1e-12), "{:?}", speeds.speed_rad_s);
+    assert!(
+        speeds.speed_rad_s.iter().all(|w| (w - 30.0).abs() < 1e-12),
+        "{:?}",
+        speeds.speed_rad_s
+    );
     assert!((speeds.thrust_n - 4.0 * 3.13e-5 * 900.0).abs() < 1e-15);
     assert_eq!(speeds.torque_b_nm, [0.0; 3]);
 }
@@ -36,7 +49,10 @@ fn a_fresh_wrench_is_met() {
     }
     let k = Airframe::nominal().k();
     let thrust: f64 = speeds.speed_rad_s.iter().map(|w| k * w * w).sum();
-    assert!((thrust - 5.0).abs() < 1e-12, "the speeds give the thrust that the message claims");
+    assert!(
+        (thrust - 5.0).abs() < 1e-12,
+        "the speeds give the thrust that the message claims"
+    );
 }
 
 #[test]
@@ -45,7 +61,14 @@ fn a_wrench_ages_from_held_over_fallback_to_idle() {
     let fresh = mixer.tick(100, &wrench(100));
     for age in 1..=3 {
         let held = mixer.tick(100 + age, &wrench(100));
-        assert_eq!(held, RotorSpeeds { mode: Mode::Held as u64, ..fresh }, "age {age}");
+        assert_eq!(
+            held,
+            RotorSpeeds {
+                mode: Mode::Held as u64,
+                ..fresh
+            },
+            "age {age}"
+        );
     }
     for age in 4..50 {
         let fallback = mixer.tick(100 + age, &wrench(100));
@@ -56,12 +79,19 @@ fn a_wrench_ages_from_held_over_fallback_to_idle() {
     for age in [50, 51, 1_000_000] {
         assert_idle(&mixer.tick(100 + age, &wrench(100)));
     }
-    assert_eq!(mixer.tick(200, &wrench(200)), fresh, "a fresh wrench ends it");
+    assert_eq!(
+        mixer.tick(200, &wrench(200)),
+        fresh,
+        "a fresh wrench ends it"
+    );
 }
 
 #[test]
 fn before_the_first_wrench_the_rotors_idle() {
-    let nothing = Dated { tick: NO_TICK, content: Wrench::default() };
+    let nothing = Stamped {
+        tick: NO_TICK,
+        content: Wrench::default(),
+    };
     for tick in [0, 1, 49, 100] {
         assert_idle(&mixer(0.001).tick(tick, &nothing));
     }
@@ -90,7 +120,11 @@ fn ages_are_ticks_of_any_length() {
 /// Ages in ticks at which a wrench is no longer held, and at which the rotors idle.
 fn windows(period_s: f64) -> (u64, u64) {
     let mut mixer = mixer(period_s);
-    let mut first = |mode: Mode| (1..1000).find(|age| mixer.tick(*age, &wrench(0)).mode == mode as u64).unwrap();
+    let mut first = |mode: Mode| {
+        (1..1000)
+            .find(|age| mixer.tick(*age, &wrench(0)).mode == mode as u64)
+            .unwrap()
+    };
     (first(Mode::Fallback), first(Mode::Idle))
 }
 

@@ -2,11 +2,9 @@
 //!
 //! One of the properties is monotonicity.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
-
+use messages::allocation::Allocation;
+use messages::parameters::{Airframe, Parameter};
 use mixer::mix::{Mix, mix};
-use model::allocation::Allocation;
-use model::parameters::{Airframe, Parameter};
 use nalgebra::{Vector3, Vector4};
 use proptest::prelude::*;
 
@@ -52,7 +50,11 @@ fn expected_motors() {
     ];
     for (u, tau, expected, saturated) in table {
         let mix = mix(&unit_allocation(), u, &Vector3::from(tau), 0.0, 10.0);
-        assert!((mix.f - Vector4::from(expected)).amax() < 1e-12, "{u} {tau:?}: {} is not {expected:?}", mix.f);
+        assert!(
+            (mix.f - Vector4::from(expected)).amax() < 1e-12,
+            "{u} {tau:?}: {} is not {expected:?}",
+            mix.f
+        );
         assert_eq!(mix.saturated, saturated, "{u} {tau:?}");
     }
 }
@@ -65,7 +67,10 @@ fn without_drag_torque_yaw_is_given_up_and_nothing_else() {
     for yaw in [-1.0, 1e-9, 1.0] {
         let with = mix(&allocation, 5.0, &Vector3::new(0.1, -0.1, yaw), 0.03, 3.8);
         let without = mix(&allocation, 5.0, &Vector3::new(0.1, -0.1, 0.0), 0.03, 3.8);
-        assert_eq!((with.f, with.saturated, without.saturated), (without.f, true, false));
+        assert_eq!(
+            (with.f, with.saturated, without.saturated),
+            (without.f, true, false)
+        );
     }
 }
 
@@ -73,9 +78,17 @@ fn without_drag_torque_yaw_is_given_up_and_nothing_else() {
 fn of_a_demand_that_is_not_a_number_nothing_is_met() {
     let allocation = Allocation::new(&Airframe::nominal());
     let nan = f64::NAN;
-    for (u, tau, share) in [(nan, [0.0; 3], F_MIN), (5.0, [nan, 0.1, 0.0], 1.25), (5.0, [0.0, 0.0, nan], 1.25)] {
+    for (u, tau, share) in [
+        (nan, [0.0; 3], F_MIN),
+        (5.0, [nan, 0.1, 0.0], 1.25),
+        (5.0, [0.0, 0.0, nan], 1.25),
+    ] {
         let mix = mix(&allocation, u, &Vector3::from(tau), F_MIN, F_MAX);
-        assert_eq!((mix.f, mix.saturated), (Vector4::repeat(share), true), "{u} {tau:?}");
+        assert_eq!(
+            (mix.f, mix.saturated),
+            (Vector4::repeat(share), true),
+            "{u} {tau:?}"
+        );
     }
 }
 

@@ -3,8 +3,8 @@
 //! What the latch has in force in a tick acts `command_delay_s` later. The latch and its verdicts know nothing of it: a
 //! bus or a speed controller that is slow misses no deadline. Nominally there is none.
 
-use model::messages::ROTORS;
-use model::parameters::{Airframe, Parameter};
+use messages::content::ROTORS;
+use messages::parameters::{Airframe, Parameter};
 
 /// The longest delay [s], which is the range of `command_delay_s`.
 const LONGEST_S: f64 = 0.01;
@@ -15,7 +15,6 @@ pub struct CommandDelay {
     period_s: f64,
     /// Rotor speeds [rad/s], a set per tick, in a ring; before the flight all were those of hover.
     on_their_way: Vec<[f64; ROTORS]>,
-    /// Place of the newest one.
     newest: usize,
     ticks: usize,
 }
@@ -25,7 +24,12 @@ impl CommandDelay {
     #[must_use]
     pub fn new(period_s: f64, airframe: &Airframe, hover: [f64; ROTORS]) -> Self {
         let longest = (LONGEST_S / period_s).round() as usize;
-        let mut delay = Self { period_s, on_their_way: vec![hover; longest + 1], newest: 0, ticks: 0 };
+        let mut delay = Self {
+            period_s,
+            on_their_way: vec![hover; longest + 1],
+            newest: 0,
+            ticks: 0,
+        };
         delay.tune(airframe);
         delay
     }
@@ -38,14 +42,22 @@ impl CommandDelay {
 
     /// Takes the speeds that are in force in the next tick [rad/s]. Call it for every tick.
     pub fn take(&mut self, speed: [f64; ROTORS]) {
-        self.newest = if self.newest + 1 < self.on_their_way.len() { self.newest + 1 } else { 0 };
+        self.newest = if self.newest + 1 < self.on_their_way.len() {
+            self.newest + 1
+        } else {
+            0
+        };
         self.on_their_way[self.newest] = speed;
     }
 
     /// The speeds that the motors are given in the tick of the newest [rad/s].
     #[must_use]
     pub fn acting(&self) -> [f64; ROTORS] {
-        let back = if self.ticks <= self.newest { 0 } else { self.on_their_way.len() };
+        let back = if self.ticks <= self.newest {
+            0
+        } else {
+            self.on_their_way.len()
+        };
         self.on_their_way[self.newest + back - self.ticks]
     }
 }

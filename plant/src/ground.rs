@@ -8,13 +8,12 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-use model::parameters::Airframe;
+use messages::parameters::Airframe;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::departure::Crash;
+use crate::envelope_violation::Crash;
 use crate::rigid_body::RigidBody;
 
-/// Corners of the box.
 const CORNERS: usize = 8;
 /// Sweeps over the corners that touch; four feet at rest need fewer.
 const SWEEPS: usize = 20;
@@ -26,7 +25,6 @@ pub struct Ground {
     pub z_m: f64,
     /// From the plane of the rotors to the feet, and to the top [m].
     pub leg_m: f64,
-    /// Coefficient of friction.
     pub friction: f64,
     /// Fastest touch that is a landing [m/s].
     pub crash_speed_m_s: f64,
@@ -80,7 +78,11 @@ impl Struck<'_> {
             let turn = arm_b.cross(&self.rot_wb.row(axis).transpose());
             self.per_mass + turn.dot(&turn.component_mul(&self.per_inertia))
         });
-        Corner { arm_b, per_impulse, impulse_w: Vector3::zeros() }
+        Corner {
+            arm_b,
+            per_impulse,
+            impulse_w: Vector3::zeros(),
+        }
     }
 }
 
@@ -88,8 +90,9 @@ impl Struck<'_> {
 /// `fall_m_s2` [m/s^2]. What the motion cannot pay is left below the plane: some nanometres, where nearly at rest.
 fn take_back(airframe: &Airframe, free: &RigidBody, fall_m_s2: f64, body: &mut RigidBody) {
     let i_m = Vector3::from(airframe.i_m());
-    let kinetic_j =
-        |body: &RigidBody| (airframe.m() * body.v.norm_squared() + body.nu2.component_mul(&i_m).dot(&body.nu2)) / 2.0;
+    let kinetic_j = |body: &RigidBody| {
+        (airframe.m() * body.v.norm_squared() + body.nu2.component_mul(&i_m).dot(&body.nu2)) / 2.0
+    };
     let weight_n = airframe.m() * fall_m_s2;
     let moving_j = kinetic_j(body);
     let given_j = moving_j - kinetic_j(free) + weight_n * (body.eta1.z - free.eta1.z);
@@ -128,7 +131,12 @@ impl Ground {
         let rot_wb = body.attitude.rot_wb();
         let (height_m, free) = (body.eta1.z - self.z_m, *body);
         let per_inertia = Vector3::from(airframe.i_m()).map(f64::recip);
-        let mut struck = Struck { body, rot_wb, per_mass: 1.0 / airframe.m(), per_inertia };
+        let mut struck = Struck {
+            body,
+            rot_wb,
+            per_mass: 1.0 / airframe.m(),
+            per_inertia,
+        };
         let mut touching: heapless::Vec<Corner, CORNERS> = self
             .corners(airframe)
             .into_iter()
@@ -148,7 +156,10 @@ impl Ground {
         }
         let half_s = step_s / 2.0;
         body.eta1 += (body.v - free.v) * half_s;
-        body.attitude = body.attitude.along(&body.attitude.rate(&(body.nu2 - free.nu2)), half_s).normalised();
+        body.attitude = body
+            .attitude
+            .along(&body.attitude.rate(&(body.nu2 - free.nu2)), half_s)
+            .normalised();
         body.eta1.z -= self.clearance_m(airframe, body).min(0.0);
         take_back(airframe, &free, (start.v.z - free.v.z) / step_s, body);
     }
@@ -156,8 +167,16 @@ impl Ground {
     /// Whether a contact was none of a landing.
     #[must_use]
     pub fn crash(&self, tick: u64, contact: &Contact) -> Option<Crash> {
-        let Contact { speed_m_s, tilt_rad, .. } = *contact;
-        let &Self { crash_speed_m_s, crash_tilt_rad, .. } = self;
+        let Contact {
+            speed_m_s,
+            tilt_rad,
+            ..
+        } = *contact;
+        let &Self {
+            crash_speed_m_s,
+            crash_tilt_rad,
+            ..
+        } = self;
         (speed_m_s > crash_speed_m_s || tilt_rad > crash_tilt_rad).then_some(Crash {
             tick,
             speed_m_s,
@@ -176,7 +195,10 @@ impl Ground {
         let sliding = struck.velocity_w(&corner.arm_b);
         wanted.x -= sliding.x / corner.per_impulse.x;
         wanted.y -= sliding.y / corner.per_impulse.y;
-        let (across, allowed) = ((wanted.x * wanted.x + wanted.y * wanted.y).sqrt(), self.friction * wanted.z);
+        let (across, allowed) = (
+            (wanted.x * wanted.x + wanted.y * wanted.y).sqrt(),
+            self.friction * wanted.z,
+        );
         if across > allowed {
             wanted.x *= allowed / across;
             wanted.y *= allowed / across;

@@ -4,8 +4,8 @@
 //! continuous, so both are evaluated at the stage times. Every time is computed from the integer tick and the step
 //! number, never from a sum that runs over ticks: the same tick gives the same bits, however the plant got there.
 
-use model::parameters::Airframe;
-use model::rate_dynamics::Disturbances;
+use messages::parameters::Airframe;
+use messages::rate_dynamics::Disturbances;
 
 use crate::rigid_body::{Dynamics, Forcing, RigidBody, RigidBodyRate};
 use crate::rotors::Spin;
@@ -26,7 +26,15 @@ pub fn integrate(
     period_s: f64,
     substeps: u32,
 ) -> RigidBody {
-    integrate_with(body, &Dynamics::new(airframe), spin, tick, period_s, substeps, |_, _| {})
+    integrate_with(
+        body,
+        &Dynamics::new(airframe),
+        spin,
+        tick,
+        period_s,
+        substeps,
+        |_, _| {},
+    )
 }
 
 /// The same, with something that acts on the body after every step, and is told where it began: the ground.
@@ -42,7 +50,8 @@ pub fn integrate_with(
 ) -> RigidBody {
     let half_s = half_step_s(period_s, substeps);
     let mut h = Disturbances::new(tick as f64 * period_s, half_s);
-    let of_rotors = |half_steps: u32| dynamics.forcing(&spin.effort(f64::from(half_steps) * half_s));
+    let of_rotors =
+        |half_steps: u32| dynamics.forcing(&spin.effort(f64::from(half_steps) * half_s));
     let mut rotors = of_rotors(0);
     let mut body = *body;
     let mut start = dynamics.disturbed(&rotors, &h.next_h());
@@ -63,7 +72,10 @@ pub fn integrate_with(
         start = end;
     }
     // Four steps stretch the quaternion by less than rounding does, so once a tick is enough.
-    RigidBody { attitude: body.attitude.normalised(), ..body }
+    RigidBody {
+        attitude: body.attitude.normalised(),
+        ..body
+    }
 }
 
 /// Half a step of a tick of `period_s` [s].
@@ -74,7 +86,12 @@ pub(crate) fn half_step_s(period_s: f64, substeps: u32) -> f64 {
 /// One classical Runge-Kutta step of twice `half` [s], under the forcing at its start, in its middle and at its end.
 // Called, it would hand the body through memory, four times a tick, and each step would wait for that.
 #[inline(always)]
-pub(crate) fn runge_kutta_4(body: &RigidBody, dynamics: &Dynamics, forcing: [&Forcing; 3], half: f64) -> RigidBody {
+pub(crate) fn runge_kutta_4(
+    body: &RigidBody,
+    dynamics: &Dynamics,
+    forcing: [&Forcing; 3],
+    half: f64,
+) -> RigidBody {
     let [start, middle, end] = forcing;
     let dt = 2.0 * half;
     let k1 = body.rate(dynamics, start);

@@ -6,13 +6,13 @@
 //! its [`injection`] of faults.
 
 pub mod command_delay;
-pub mod departure;
-pub mod desk;
+pub mod command_hold;
+pub mod envelope_violation;
 pub mod ground;
 pub mod injection;
 pub mod integrator;
-pub mod latch;
 pub mod noise;
+pub mod parameter_server;
 pub mod plant;
 pub mod positioning;
 pub mod process;
@@ -24,8 +24,8 @@ pub mod settings;
 pub mod swap;
 mod waking;
 
-pub use crate::departure::{Crash, Departure};
+pub use crate::envelope_violation::{Crash, EnvelopeViolation};
 pub use crate::ground::Ground;
-pub use crate::plant::{Abreast, LANES, Plant};
+pub use crate::plant::{LANES, Plant, PlantBatch};
 pub use crate::settings::{Initial, PlantSettings};
 pub use crate::swap::{AppliedSwap, Swap, SwapError, Target};

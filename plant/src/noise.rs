@@ -1,8 +1,8 @@
 //! Noise of the sensors: standard normal variates as a function of (seed, tick, stream, axis).
 //!
-//! This goes beyond the paper, whose sensors are exact. [`model::noise`] makes the variates.
+//! This goes beyond the paper, whose sensors are exact. [`messages::noise`] makes the variates.
 
-use model::noise::standard_normal;
+use messages::noise::standard_normal;
 use nalgebra::Vector3;
 
 /// What a variate is drawn for; each has its own.
@@ -10,13 +10,10 @@ use nalgebra::Vector3;
 pub enum Stream {
     /// White noise of the body rates.
     Gyro,
-    /// Steps of the gyro's drift.
     GyroDrift,
     /// White noise of the specific force.
     Accelerometer,
-    /// Error of a position fix.
     Position,
-    /// Error of its velocity.
     Velocity,
 }
 
@@ -35,8 +32,13 @@ mod tests {
 
     #[test]
     fn a_sample_depends_on_seed_tick_and_axis_alone() {
-        let forward: Vec<f64> = (0..1000).map(|tick| standard_normal(7, tick, tick % 3)).collect();
-        let backward: Vec<f64> = (0..1000).rev().map(|tick| standard_normal(7, tick, tick % 3)).collect();
+        let forward: Vec<f64> = (0..1000)
+            .map(|tick| standard_normal(7, tick, tick % 3))
+            .collect();
+        let backward: Vec<f64> = (0..1000)
+            .rev()
+            .map(|tick| standard_normal(7, tick, tick % 3))
+            .collect();
         assert!(forward.iter().eq(backward.iter().rev()));
         assert_ne!(standard_normal(7, 5, 0), standard_normal(8, 5, 0));
         assert_ne!(standard_normal(7, 5, 0), standard_normal(7, 6, 0));
@@ -47,21 +49,40 @@ mod tests {
     fn samples_are_standard_normal_and_independent() {
         const TICKS: u64 = 100_000;
         for seed in [0, 1, u64::MAX] {
-            let samples: Vec<[f64; 3]> =
-                (0..TICKS).map(|tick| [0, 1, 2].map(|axis| standard_normal(seed, tick, axis))).collect();
+            let samples: Vec<[f64; 3]> = (0..TICKS)
+                .map(|tick| [0, 1, 2].map(|axis| standard_normal(seed, tick, axis)))
+                .collect();
             let mean = |product: &dyn Fn(usize) -> f64| {
                 (0..samples.len() - 1).map(product).sum::<f64>() / (samples.len() - 1) as f64
             };
             // Standard errors of these means: 0.0032, 0.0045, 0.0032, and 0.031 of the fourth moment.
             for axis in 0..3 {
                 let moment = |power| mean(&|i| samples[i][axis].powi(power));
-                assert!(moment(1).abs() < 0.016, "seed {seed}, axis {axis}: mean {}", moment(1));
-                assert!((moment(2) - 1.0).abs() < 0.022, "seed {seed}, axis {axis}: variance {}", moment(2));
-                assert!((moment(4) - 3.0).abs() < 0.16, "seed {seed}, axis {axis}: fourth moment {}", moment(4));
+                assert!(
+                    moment(1).abs() < 0.016,
+                    "seed {seed}, axis {axis}: mean {}",
+                    moment(1)
+                );
+                assert!(
+                    (moment(2) - 1.0).abs() < 0.022,
+                    "seed {seed}, axis {axis}: variance {}",
+                    moment(2)
+                );
+                assert!(
+                    (moment(4) - 3.0).abs() < 0.16,
+                    "seed {seed}, axis {axis}: fourth moment {}",
+                    moment(4)
+                );
                 let next_tick = mean(&|i| samples[i][axis] * samples[i + 1][axis]);
-                assert!(next_tick.abs() < 0.016, "seed {seed}, axis {axis}: correlated in time {next_tick}");
+                assert!(
+                    next_tick.abs() < 0.016,
+                    "seed {seed}, axis {axis}: correlated in time {next_tick}"
+                );
                 let next_axis = mean(&|i| samples[i][axis] * samples[i][(axis + 1) % 3]);
-                assert!(next_axis.abs() < 0.016, "seed {seed}, axis {axis}: correlated with the next {next_axis}");
+                assert!(
+                    next_axis.abs() < 0.016,
+                    "seed {seed}, axis {axis}: correlated with the next {next_axis}"
+                );
             }
         }
     }

@@ -8,26 +8,26 @@
 //! This file owns the order of these steps. The steps themselves are [`crate::swap`], [`crate::ramp`], [`crate::latch`],
 //! [`crate::command_delay`], [`crate::rotors`], [`crate::integrator`] and [`crate::sensors`].
 
-mod abreast;
+mod batch;
 mod struck;
 
-pub use abreast::{Abreast, LANES};
+pub use batch::{LANES, PlantBatch};
 
 use std::f64::consts::PI;
 
-use model::attitude::Attitude;
-use model::fault::gate::{Gate, Passed};
-use model::guards::{Guard, is_on};
-use model::measured::Measured;
-use model::messages::{Dated, NO_TICK, ROTORS, RotorSpeeds, State, Truth};
-use model::parameters::Airframe;
+use messages::attitude::Attitude;
+use messages::checks::{Check, is_on};
+use messages::content::Measured;
+use messages::content::{NO_TICK, ROTORS, RotorSpeeds, Stamped, State, Truth};
+use messages::fault::gate::{Gate, Passed};
+use messages::parameters::Airframe;
 use nalgebra::{Vector3, Vector4};
 
 use crate::command_delay::CommandDelay;
-use crate::departure::{Crash, Departure};
+use crate::command_hold::CommandHold;
+use crate::envelope_violation::{Crash, EnvelopeViolation};
 use crate::ground::{Contact, Ground};
 use crate::integrator::{SUBSTEPS, integrate_with};
-use crate::latch::Latch;
 use crate::ramp::Ramps;
 use crate::rigid_body::{Dynamics, RigidBody};
 use crate::rotors::{Spin, SpinMeans, hover, thrust};
@@ -53,13 +53,11 @@ pub struct Plant {
     sensors: Sensors,
     /// Actual rotor speeds at the tick [rad/s].
     rotor_speed: Vector4<f64>,
-    /// Of the tick before.
     means: SpinMeans,
-    latch: Latch,
+    latch: CommandHold,
     delay: CommandDelay,
     /// Behind the inspection of commands, where they have faults.
     gate: Option<Box<Gate<RotorSpeeds>>>,
-    /// Whether commands go through it.
     is_struck: bool,
     commands_taken: u64,
     command_taken_tick: u64,
@@ -80,7 +78,15 @@ impl Plant {
     /// A plant at tick 0: where the settings say, rotors at the hover speed of the airframe.
     #[must_use]
     pub fn new(settings: &PlantSettings) -> Self {
-        let PlantSettings { period_s, airframe, rotor, seed, initial, ground, tilt_max_rad } = *settings;
+        let PlantSettings {
+            period_s,
+            airframe,
+            rotor,
+            seed,
+            initial,
+            ground,
+            tilt_max_rad,
+        } = *settings;
         let eta2 = Vector3::from(initial.attitude_rad);
         let attitude = Attitude::of_euler(&eta2);
         let body = RigidBody {
@@ -103,7 +109,7 @@ impl Plant {
             sensors: Sensors::new(period_s, seed, &airframe, &body),
             rotor_speed: hover,
             means: SpinMeans::steady(&hover),
-            latch: Latch::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
+            latch: CommandHold::new(hover.into(), [rotor.min_rad_s; ROTORS], period_s),
             delay: CommandDelay::new(period_s, &airframe, hover.into()),
             gate: None,
             is_struck: false,
@@ -123,7 +129,7 @@ impl Plant {
     /// Hands over a rotor command. It is in force from `effective_tick` on at the earliest, and never before the tick
     /// after its own. The newest command in force wins; see [`crate::latch`] for what is late and what is lost.
     #[inline]
-    pub fn offer(&mut self, command: &Dated<RotorSpeeds>, effective_tick: u64) {
+    pub fn offer(&mut self, command: &Stamped<RotorSpeeds>, effective_tick: u64) {
         self.commands_taken += 1;
         self.command_taken_tick = command.tick;
         match self.gate.as_mut().filter(|_| self.is_struck) {
@@ -131,7 +137,10 @@ impl Plant {
             Some(gate) => {
                 let tick = command.tick;
                 if let Some(Passed { content, delay }) = gate.pass(tick, &command.content) {
-                    self.latch.offer(&Dated { tick, content }, effective_tick.max(tick + 1) + delay);
+                    self.latch.offer(
+                        &Stamped { tick, content },
+                        effective_tick.max(tick + 1) + delay,
+                    );
                 }
             }
         }
@@ -211,7 +220,11 @@ impl Plant {
 
     /// How the rotors turn in this tick.
     fn spin(&self) -> Spin {
-        Spin::new(&self.airframe, self.rotor_speed, Vector4::from(self.delay.acting()))
+        Spin::new(
+            &self.airframe,
+            self.rotor_speed,
+            Vector4::from(self.delay.acting()),
+        )
     }
 
     /// Stands at the next tick, to which the body has come with these rotors.
@@ -226,7 +239,14 @@ impl Plant {
 
     /// The body at the next tick, kept above the ground.
     fn flown(&mut self, spin: &Spin) -> RigidBody {
-        let Self { airframe, dynamics, body, tick, period_s, .. } = self;
+        let Self {
+            airframe,
+            dynamics,
+            body,
+            tick,
+            period_s,
+            ..
+        } = self;
         let (tick, period_s) = (*tick, *period_s);
         let Some(ground) = self.ground else {
             return integrate_with(body, dynamics, spin, tick, period_s, SUBSTEPS, |_, _| {});
@@ -289,7 +309,13 @@ impl Plant {
 
     /// Writes every number of the state as it would be published now.
     fn show(&self, state: &mut State) {
-        let Self { airframe, body, sensors, latch, .. } = self;
+        let Self {
+            airframe,
+            body,
+            sensors,
+            latch,
+            ..
+        } = self;
         // Piece by piece, each where it belongs: a value of all would be made elsewhere, and copied.
         let State {
             measured,
@@ -301,10 +327,19 @@ impl Plant {
             deadline_miss_run,
             ticks_skipped,
             parameter_epoch,
-            truth: Truth { position_w_m, velocity_w_m_s, rate_b_rad_s, touches_ground, parameter },
+            truth:
+                Truth {
+                    position_w_m,
+                    velocity_w_m_s,
+                    rate_b_rad_s,
+                    touches_ground,
+                    parameter,
+                },
         } = state;
         let (fix, fix_velocity) = sensors.fix(airframe);
-        let force = self.dynamics.specific_force(body, thrust(airframe, &self.rotor_speed), &self.pushed_w);
+        let force =
+            self.dynamics
+                .specific_force(body, thrust(airframe, &self.rotor_speed), &self.pushed_w);
         *measured = Measured {
             position_w_m: fix.into(),
             velocity_w_m_s: fix_velocity.into(),
@@ -337,7 +372,6 @@ impl Plant {
         &self.airframe
     }
 
-    /// Swaps applied so far.
     #[must_use]
     pub fn parameter_epoch(&self) -> u64 {
         self.parameter_epoch
@@ -359,29 +393,31 @@ impl Plant {
     /// Height of the airframe's lowest point above the ground [m], where there is one.
     #[must_use]
     pub fn clearance_m(&self) -> Option<f64> {
-        self.ground.map(|ground| ground.clearance_m(&self.airframe, &self.body))
+        self.ground
+            .map(|ground| ground.clearance_m(&self.airframe, &self.body))
     }
 
     /// Whether the state lies within the envelope of the settings.
-    ///
-    /// # Errors
-    /// [`Departure`] says in what way it does not, and at which tick.
-    pub fn envelope(&self) -> Result<(), Departure> {
+    pub fn envelope(&self) -> Result<(), EnvelopeViolation> {
         let (tick, tilt_max_rad) = (self.tick, self.tilt_max_rad);
-        if !is_on(Guard::Envelope) {
+        if !is_on(Check::Header) {
             return Ok(());
         }
         if !self.body.is_finite() {
-            return Err(Departure::NotFinite { tick });
+            return Err(EnvelopeViolation::NotFinite { tick });
         }
         if let Some(crash) = self.crash {
-            return Err(Departure::Crash(crash));
+            return Err(EnvelopeViolation::Crash(crash));
         }
         // No angle needs to be computed where none is too large.
         if tilt_max_rad < PI {
             let tilt_rad = self.body.tilt_rad();
             if tilt_rad > tilt_max_rad {
-                return Err(Departure::Tilt { tick, tilt_rad, tilt_max_rad });
+                return Err(EnvelopeViolation::Tilt {
+                    tick,
+                    tilt_rad,
+                    tilt_max_rad,
+                });
             }
         }
         Ok(())

@@ -7,26 +7,26 @@ use std::sync::mpsc;
 use std::thread;
 
 use heapless::spsc::{Consumer, Producer, Queue};
-use model::boards::{Ending, IN_FORCE, InForce, Run, RunPhase};
-use model::envelope::{Envelope, Stamps};
-use model::fault::acts::Acts;
-use model::fault::live::LoopFaults;
-use model::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
-use model::grid::{Grid, Pace};
-use model::messages::{Dated, RotorSpeeds, State};
-use model::role::Role;
-use role::farewell::say_landed;
-use role::lead::LeadInForce;
-use role::rt::UsageMeter;
-use role::station::{Opened, Station};
-use wire::clock::{Horizon as _, now_ns};
-use wire::error::Error;
-use wire::{Board, DEEP, Doorbell, Receiver, Sender, Wire};
+use ipc::clock::{Horizon as _, now_ns};
+use ipc::error::Error;
+use ipc::{Blackboard, DEEP, Receiver, Sender, WakeEvent, Wire};
+use messages::blackboards::{ActiveParameters, EndReason, IN_FORCE, Run, RunPhase};
+use messages::content::{RotorSpeeds, Stamped, State};
+use messages::fault::acts::Acts;
+use messages::fault::live::LoopFaults;
+use messages::flight_plan::{FlightPlan, LOCKSTEP_LOOK_UP_NS, LOCKSTEP_PATIENCE_NS};
+use messages::grid::{Grid, Pace};
+use messages::header::{Header, Stamps};
+use messages::role::Role;
+use process::lead::ActiveLead;
+use process::rt::UsageMeter;
+use process::session::{Opened, RoleSession};
+use process::shutdown::say_landed;
 
-use crate::departure::Departure;
-use crate::desk::{self, Event, INBOX, OUTBOX, Request, SwapRequest};
+use crate::command_hold::pending_commands;
+use crate::envelope_violation::EnvelopeViolation;
 use crate::injection::Injection;
-use crate::latch::pending_commands;
+use crate::parameter_server::{self, Event, INBOX, OUTBOX, Request, SwapRequest};
 use crate::plant::Plant;
 use crate::settings::PlantSettings;
 use crate::swap::Swap;
@@ -39,11 +39,8 @@ const RECORDER_LAG_TICKS: u64 = DEEP as u64 / 2;
 const RECORDER_LOOK_UP_NS: u64 = 1_000_000;
 
 /// Runs the plant until its last tick, a signal, or the end of what the model covers.
-///
-/// # Errors
-/// Those of the station and of the ports.
 pub fn run(
-    mut station: Station,
+    mut station: RoleSession,
     settings: &PlantSettings,
     plan: FlightPlan,
     faults: &[Swap],
@@ -58,43 +55,47 @@ pub fn run(
     thread::scope(|scope| {
         let (open_desk, opened) = mpsc::channel();
         let (tell, told) = mpsc::channel();
-        let desk = scope.spawn(move || desk::serve(&instance, &tell, &opened, orders_in, events_out));
+        let desk = scope.spawn(move || {
+            parameter_server::serve(&instance, &tell, &opened, orders_in, events_out)
+        });
         // A desk that cannot open ends, and its error is the result of `join` below.
         let flown = if told.recv().is_ok() {
-            let mut plant = PlantProcess::new(station.wire(), settings, faults, orders_out, events_in)?;
+            let mut plant =
+                PlantProcess::new(station.wire(), settings, faults, orders_out, events_in)?;
             plant.planned(planned);
             plant.serve(&mut station, plan, &open_desk)
         } else {
             Ok(())
         };
         drop(open_desk);
-        let served = desk.join().unwrap_or(Err(Error::Panicked { thread: "the parameter desk" }));
+        let served = desk.join().unwrap_or(Err(Error::Panicked {
+            thread: "the parameter desk",
+        }));
         flown.and(served)
     })
 }
 
-/// The plant with its ports.
-#[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handles have none"
+)]
 pub struct PlantProcess<'a> {
     plant: Plant,
     states: Sender<State>,
     commands: Receiver<RotorSpeeds>,
     /// Rung by the mixer in lockstep.
-    doorbell: Doorbell,
-    in_force: Board<InForce>,
+    doorbell: WakeEvent,
+    in_force: Blackboard<ActiveParameters>,
     orders: Consumer<'a, Request>,
     events: Producer<'a, Event>,
     injection: Injection,
-    lead: LeadInForce,
+    lead: ActiveLead,
     previous_busy_ns: u64,
     ticks_run: u64,
 }
 
 impl<'a> PlantProcess<'a> {
     /// The plant at tick 0, with its ports made and its faults scheduled.
-    ///
-    /// # Errors
-    /// Those of the ports; [`Error::TooMuch`] where there are more faults than can be pending.
     pub fn new(
         wire: &Wire,
         settings: &PlantSettings,
@@ -102,16 +103,24 @@ impl<'a> PlantProcess<'a> {
         orders: Consumer<'a, Request>,
         events: Producer<'a, Event>,
     ) -> Result<Self, Error> {
-        let injection = Injection::none(wire, settings.seed, (settings.period_s * 1e9).round() as u64)?;
+        let injection = Injection::none(
+            wire,
+            settings.seed,
+            (settings.period_s * 1e9).round() as u64,
+        )?;
         let mut plant = Plant::new(settings);
         plant.gate_by(injection.messages());
         for fault in faults {
-            plant
-                .schedule(fault.clone())
-                .map_err(|e| Error::TooMuch { what: format!("cannot schedule a fault: {e}") })?;
+            plant.schedule(fault.clone()).map_err(|e| Error::TooMuch {
+                what: format!("cannot schedule a fault: {e}"),
+            })?;
         }
-        let in_force = wire.board(IN_FORCE)?;
-        in_force.put(InForce { tick: 0, parameter_epoch: 0, value: *plant.airframe().values() });
+        let in_force = wire.blackboard(IN_FORCE)?;
+        in_force.put(ActiveParameters {
+            tick: 0,
+            parameter_epoch: 0,
+            value: *plant.airframe().values(),
+        });
         Ok(Self {
             plant,
             injection,
@@ -122,7 +131,7 @@ impl<'a> PlantProcess<'a> {
             in_force,
             orders,
             events,
-            lead: LeadInForce::none(),
+            lead: ActiveLead::none(),
             previous_busy_ns: 0,
             ticks_run: 0,
         })
@@ -135,19 +144,20 @@ impl<'a> PlantProcess<'a> {
     }
 
     /// Connects the ports to those of the other roles.
-    ///
-    /// # Errors
-    /// Those of the ports.
-    pub fn arm(&mut self, expected: model::inspection::Expected, epoch: u64) -> Result<(), Error> {
+    pub fn arm(
+        &mut self,
+        expected: messages::inspection::Expected,
+        epoch: u64,
+    ) -> Result<(), Error> {
         self.states.arm(expected, epoch)?;
         self.commands.arm(expected)
     }
 
     fn serve(
         &mut self,
-        station: &mut Station,
+        station: &mut RoleSession,
         plan: FlightPlan,
-        open_desk: &mpsc::Sender<(model::inspection::Expected, u64)>,
+        open_desk: &mpsc::Sender<(messages::inspection::Expected, u64)>,
     ) -> Result<(), Error> {
         self.injection.slowdown = plan.wall_period_ns / plan.sample_time_ns.max(1);
         self.injection.last_tick = plan.last_tick;
@@ -160,7 +170,7 @@ impl<'a> PlantProcess<'a> {
             self.lead = lead;
             self.fly(station, &mut opened, plan.last_tick)
         });
-        let ending = *flown.as_ref().unwrap_or(&Ending::Failed);
+        let ending = *flown.as_ref().unwrap_or(&EndReason::Failed);
         opened.run.ending = ending as u64;
         opened.run.phase = RunPhase::Closed as u64;
         opened.board.put(opened.run);
@@ -171,7 +181,12 @@ impl<'a> PlantProcess<'a> {
         flown.map(|_| ())
     }
 
-    fn fly(&mut self, station: &mut Station, opened: &mut Opened, last_tick: u64) -> Result<Ending, Error> {
+    fn fly(
+        &mut self,
+        station: &mut RoleSession,
+        opened: &mut Opened,
+        last_tick: u64,
+    ) -> Result<EndReason, Error> {
         let pace = opened.pace;
         if pace == Pace::Lockstep {
             wait_until(opened.run.t0_ns);
@@ -184,8 +199,15 @@ impl<'a> PlantProcess<'a> {
                     (grid.tick_at(waking.wake_ns).max(next_tick), waking)
                 }
                 Pace::Lockstep => match self.wait_for_command(next_tick, station, opened)? {
-                    Some(wake_ns) => (next_tick, Waking { wake_ns, lead_ns: 0, timer_late_ns: 0 }),
-                    None => return Ok(opened.wanted_end().unwrap_or(Ending::Interrupted)),
+                    Some(wake_ns) => (
+                        next_tick,
+                        Waking {
+                            wake_ns,
+                            lead_ns: 0,
+                            timer_late_ns: 0,
+                        },
+                    ),
+                    None => return Ok(opened.wanted_end().unwrap_or(EndReason::Interrupted)),
                 },
             };
             if tick > last_tick {
@@ -194,7 +216,7 @@ impl<'a> PlantProcess<'a> {
                 // Those of the last ticks, where they were skipped. The desk answers that all others came too late.
                 self.hand_over_applied();
                 self.report(&state, &mut opened.run);
-                return Ok(Ending::Completed);
+                return Ok(EndReason::Completed);
             }
             let worked = self.tick(tick, waking, pace)?;
             opened.run.tick = tick;
@@ -207,13 +229,13 @@ impl<'a> PlantProcess<'a> {
             station.publish_status();
             if let Err(departure) = worked.envelope {
                 return Ok(match departure {
-                    Departure::NotFinite { .. } => Ending::NonFinite,
-                    Departure::Crash(_) => Ending::Crash,
-                    Departure::Tilt { .. } => Ending::Attitude,
+                    EnvelopeViolation::NotFinite { .. } => EndReason::NonFinite,
+                    EnvelopeViolation::Crash(_) => EndReason::Crash,
+                    EnvelopeViolation::Tilt { .. } => EndReason::Attitude,
                 });
             }
             if station.stop_requested() {
-                return Ok(Ending::Interrupted);
+                return Ok(EndReason::Interrupted);
             }
             if let Some(ending) = opened.wanted_end() {
                 return Ok(ending);
@@ -231,26 +253,32 @@ impl<'a> PlantProcess<'a> {
     }
 
     /// One tick: take the command and the swaps, publish the state, integrate to the next tick.
-    ///
-    /// # Errors
-    /// Those of the ports.
     pub fn tick(&mut self, tick: u64, waking: Waking, pace: Pace) -> Result<PlantTick, Error> {
         self.take_command(tick, pace)?;
         while let Some(order) = self.orders.dequeue() {
             match order {
                 Request::Swap(order) => self.schedule(order, tick),
                 Request::Faults(order) => {
-                    let newest = self.commands.has_any().then(|| self.commands.newest().content);
+                    let newest = self
+                        .commands
+                        .has_any()
+                        .then(|| self.commands.newest().content);
                     // The outbox holds more events than orders can be under way.
-                    let _ = self.events.enqueue(self.injection.strike(&order, tick, &mut self.plant, newest));
+                    let _ = self.events.enqueue(self.injection.strike(
+                        &order,
+                        tick,
+                        &mut self.plant,
+                        newest,
+                    ));
                 }
             }
         }
         let state = self.plant.begin(tick);
         let envelope = self.plant.envelope();
         self.injection.be_late(tick);
-        if !matches!(envelope, Err(Departure::NotFinite { .. })) {
-            self.states.send(tick, &self.history(waking, &state), state)?;
+        if !matches!(envelope, Err(EnvelopeViolation::NotFinite { .. })) {
+            self.states
+                .send(tick, &self.history(waking, &state), state)?;
             self.ticks_run += 1;
         }
         self.hand_over_applied();
@@ -261,25 +289,30 @@ impl<'a> PlantProcess<'a> {
     /// Has all stages rehearse their next tick, and returns when they have, or at once where they run elsewhere.
     ///
     /// Nothing of the flight changes: it looks at the plant, and prepares a message that is not sent.
-    ///
-    /// # Errors
-    /// Those of the port.
     pub fn rehearse(&mut self, tick: u64) -> Result<(), Error> {
         let state = self.plant.state();
-        let waking = Waking { wake_ns: now_ns(), lead_ns: 0, timer_late_ns: 0 };
-        self.states.rehearse(tick, &self.history(waking, &state), state)
+        let waking = Waking {
+            wake_ns: now_ns(),
+            lead_ns: 0,
+            timer_late_ns: 0,
+        };
+        self.states
+            .rehearse(tick, &self.history(waking, &state), state)
     }
 
-    fn history(&self, waking: Waking, state: &State) -> Envelope {
-        let mut history = Envelope {
+    fn history(&self, waking: Waking, state: &State) -> Header {
+        let mut history = Header {
             sample_ns: waking.wake_ns,
             lead_ns: waking.lead_ns,
             timer_late_ns: waking.timer_late_ns,
             parameter_epoch: state.parameter_epoch,
             previous_busy_ns: self.previous_busy_ns,
-            ..Envelope::new()
+            ..Header::new()
         };
-        history.stamps[Role::Plant as usize] = Stamps { receive_ns: waking.wake_ns, send_ns: 0 };
+        history.stamps[Role::Plant as usize] = Stamps {
+            receive_ns: waking.wake_ns,
+            send_ns: 0,
+        };
         history
     }
 
@@ -301,7 +334,11 @@ impl<'a> PlantProcess<'a> {
         while now < begin_ns {
             now = now_ns();
         }
-        Ok(Waking { wake_ns: now, lead_ns, timer_late_ns })
+        Ok(Waking {
+            wake_ns: now,
+            lead_ns,
+            timer_late_ns,
+        })
     }
 
     /// Offers every command that has come since the last look.
@@ -317,21 +354,34 @@ impl<'a> PlantProcess<'a> {
         };
         self.commands.drain(latest_tick, |message| {
             let made_for = message.envelope.tick;
-            let effective_tick = pace.effective_tick(made_for, message.envelope.stamps_of(Role::Mixer).send_ns);
-            plant.offer(&Dated { tick: made_for, content: message.content }, effective_tick);
+            let effective_tick =
+                pace.effective_tick(made_for, message.envelope.stamps_of(Role::Mixer).send_ns);
+            plant.offer(
+                &Stamped {
+                    tick: made_for,
+                    content: message.content,
+                },
+                effective_tick,
+            );
         })
     }
 
     /// In lockstep: waits for the command of the tick before, and for the recorder to keep up.
     ///
     /// Returns when it came, or nothing if the run is to end.
-    fn wait_for_command(&mut self, tick: u64, station: &Station, opened: &Opened) -> Result<Option<u64>, Error> {
+    fn wait_for_command(
+        &mut self,
+        tick: u64,
+        station: &RoleSession,
+        opened: &Opened,
+    ) -> Result<Option<u64>, Error> {
         let until_ns = now_ns() + LOCKSTEP_PATIENCE_NS;
         loop {
             self.take_command(tick, Pace::Lockstep)?;
             // After the port: a command is never taken before it was sent.
             let now = now_ns();
-            let is_there = tick == 0 || (self.commands.has_any() && self.commands.newest().envelope.tick + 1 >= tick);
+            let is_there = tick == 0
+                || (self.commands.has_any() && self.commands.newest().envelope.tick + 1 >= tick);
             let recorded = opened.recorded_tick();
             // Who wants the end has said so before the command could come: the flight ends with the tick before.
             if station.stop_requested() || opened.wanted_end().is_some() {
@@ -346,39 +396,63 @@ impl<'a> PlantProcess<'a> {
                         "the recorder has not got beyond tick {recorded} of {tick}: `ironbird record` hangs or has died"
                     )
                 } else {
-                    format!("no rotor command of tick {} in lockstep: a stage hangs or has died", tick - 1)
+                    format!(
+                        "no rotor command of tick {} in lockstep: a stage hangs or has died",
+                        tick - 1
+                    )
                 };
                 return Err(Error::Absent { what });
             }
-            self.doorbell.wait_until(now + if is_there { RECORDER_LOOK_UP_NS } else { LOCKSTEP_LOOK_UP_NS })?;
+            self.doorbell.wait_until(
+                now + if is_there {
+                    RECORDER_LOOK_UP_NS
+                } else {
+                    LOCKSTEP_LOOK_UP_NS
+                },
+            )?;
         }
     }
 
     fn schedule(&mut self, order: SwapRequest, tick: u64) {
-        let wanted = order.tick.unwrap_or_else(|| tick.saturating_add(order.in_ticks));
-        let swap = Swap { tick: wanted, ..order.swap };
+        let wanted = order
+            .tick
+            .unwrap_or_else(|| tick.saturating_add(order.in_ticks));
+        let swap = Swap {
+            tick: wanted,
+            ..order.swap
+        };
         let ticket = swap.ticket;
         if let Err(reason) = self.plant.schedule(swap) {
             // The outbox holds more events than orders can be under way.
-            let _ = self.events.enqueue(Event::Refused { ticket, tick, reason });
+            let _ = self.events.enqueue(Event::Refused {
+                ticket,
+                tick,
+                reason,
+            });
         }
     }
 
     fn hand_over_applied(&mut self) {
-        let Some(tick) = self.plant.changed_tick() else { return };
-        let (parameter_epoch, value) = (self.plant.parameter_epoch(), *self.plant.airframe().values());
-        self.in_force.put(InForce { tick, parameter_epoch, value });
+        let Some(tick) = self.plant.changed_tick() else {
+            return;
+        };
+        let (parameter_epoch, value) = (
+            self.plant.parameter_epoch(),
+            *self.plant.airframe().values(),
+        );
+        self.in_force.put(ActiveParameters {
+            tick,
+            parameter_epoch,
+            value,
+        });
         for applied in self.plant.applied() {
             let _ = self.events.enqueue(Event::Applied(applied.clone()));
         }
     }
 }
 
-/// What came of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantTick {
-    /// The state at the tick.
     pub state: State,
-    /// Whether the model covers it.
-    pub envelope: Result<(), Departure>,
+    pub envelope: Result<(), EnvelopeViolation>,
 }

@@ -4,15 +4,13 @@
 //! and of the swap alone, so a swap's record is all that a replay needs. A later swap of the same parameter replaces
 //! what is left of its ramp, and starts from the value that held until then.
 
-use model::messages::Change;
-use model::parameters::{Airframe, PARAMETERS};
+use messages::content::Change;
+use messages::parameters::{Airframe, PARAMETERS};
 
 use crate::swap::{Swap, Target};
 
-/// A change under way.
 #[derive(Clone, Copy, Debug)]
 struct Ramp {
-    /// Tick of its first step.
     tick: u64,
     change: Change,
 }
@@ -20,7 +18,9 @@ struct Ramp {
 impl Ramp {
     /// Value of its parameter at a tick, from its first one on. The last step gives the target exactly.
     fn value(&self, tick: u64) -> f64 {
-        let Change { old, new, steps, .. } = self.change;
+        let Change {
+            old, new, steps, ..
+        } = self.change;
         if self.is_over(tick) {
             return new;
         }
@@ -42,11 +42,27 @@ pub struct Ramps {
 
 impl Ramps {
     /// Takes the first step of a swap, and tells what it changes.
-    pub fn begin(&mut self, swap: &Swap, tick: u64, airframe: &mut Airframe) -> heapless::Vec<Change, PARAMETERS> {
+    pub fn begin(
+        &mut self,
+        swap: &Swap,
+        tick: u64,
+        airframe: &mut Airframe,
+    ) -> heapless::Vec<Change, PARAMETERS> {
         let mut changes = heapless::Vec::new();
-        for &Target { parameter, value: new, steps } in &swap.targets {
-            self.running.retain(|ramp| ramp.change.parameter != parameter);
-            let change = Change { parameter, old: airframe.get(parameter), new, steps };
+        for &Target {
+            parameter,
+            value: new,
+            steps,
+        } in &swap.targets
+        {
+            self.running
+                .retain(|ramp| ramp.change.parameter != parameter);
+            let change = Change {
+                parameter,
+                old: airframe.get(parameter),
+                new,
+                steps,
+            };
             let ramp = Ramp { tick, change };
             // The plant let only targets within the airframe's ranges in, and what lies between two values of a range
             // is in it too: none is refused. There is a place for every parameter.

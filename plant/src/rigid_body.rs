@@ -9,10 +9,10 @@
 //! * h is a known function of time, h(t), not of the rates.
 //! * u is only the total thrust. The body velocity is v, and I_M^-1 tau has no letter of its own.
 
-use model::attitude::Attitude;
-use model::math::atan2;
-use model::parameters::Airframe;
-use model::rate_dynamics::Inertia;
+use messages::attitude::Attitude;
+use messages::math::atan2;
+use messages::parameters::Airframe;
+use messages::rate_dynamics::Inertia;
 use nalgebra::{Vector3, Vector4};
 
 /// Where the body is and how it moves.
@@ -22,7 +22,6 @@ pub struct RigidBody {
     pub eta1: Vector3<f64>,
     /// Velocity, world frame [m/s].
     pub v: Vector3<f64>,
-    /// Attitude, body to world.
     pub attitude: Attitude,
     /// Body rates p, q, r [rad/s].
     pub nu2: Vector3<f64>,
@@ -85,22 +84,58 @@ impl Dynamics {
     /// Its numbers, to lay them beside those of other airframes.
     #[must_use]
     pub(crate) fn numbers(&self) -> [f64; 18] {
-        let Self { g, per_mass, drag, inertia, gyroscopic: [x, y], rate_drag, delta } = self;
+        let Self {
+            g,
+            per_mass,
+            drag,
+            inertia,
+            gyroscopic: [x, y],
+            rate_drag,
+            delta,
+        } = self;
         let [a, b, c, d, e, f, h, i, j] = inertia.numbers();
         let r = rate_drag;
-        [*g, *per_mass, *drag, a, b, c, d, e, f, h, i, j, *x, *y, r.x, r.y, r.z, *delta]
+        [
+            *g, *per_mass, *drag, a, b, c, d, e, f, h, i, j, *x, *y, r.x, r.y, r.z, *delta,
+        ]
     }
 
     /// The same again, of its numbers.
     #[must_use]
     #[inline(always)]
     pub(crate) fn of_numbers(numbers: [f64; 18]) -> Self {
-        let [g, per_mass, drag, a, b, c, d, e, f, h, i, j, x, y, r_x, r_y, r_z, delta] = numbers;
+        let [
+            g,
+            per_mass,
+            drag,
+            a,
+            b,
+            c,
+            d,
+            e,
+            f,
+            h,
+            i,
+            j,
+            x,
+            y,
+            r_x,
+            r_y,
+            r_z,
+            delta,
+        ] = numbers;
         let inertia = Inertia::of_numbers([a, b, c, d, e, f, h, i, j]);
-        Self { g, per_mass, drag, inertia, gyroscopic: [x, y], rate_drag: Vector3::new(r_x, r_y, r_z), delta }
+        Self {
+            g,
+            per_mass,
+            drag,
+            inertia,
+            gyroscopic: [x, y],
+            rate_drag: Vector3::new(r_x, r_y, r_z),
+            delta,
+        }
     }
 
-    /// Those of an airframe.
     #[must_use]
     #[inline]
     pub fn new(airframe: &Airframe) -> Self {
@@ -112,7 +147,10 @@ impl Dynamics {
             per_mass: 1.0 / m,
             drag: airframe.k_t() / m,
             inertia,
-            gyroscopic: [airframe.i_r() * per_inertia.x, airframe.i_r() * per_inertia.y],
+            gyroscopic: [
+                airframe.i_r() * per_inertia.x,
+                airframe.i_r() * per_inertia.y,
+            ],
             rate_drag: per_inertia * airframe.k_r(),
             delta: airframe.delta(),
         }
@@ -123,20 +161,32 @@ impl Dynamics {
     #[inline]
     pub fn forcing(&self, effort: &Effort) -> Forcing {
         let Effort { u, tau, om } = effort;
-        Forcing { lift: u * self.per_mass, push: self.inertia.acceleration(tau), om: *om }
+        Forcing {
+            lift: u * self.per_mass,
+            push: self.inertia.acceleration(tau),
+            om: *om,
+        }
     }
 
     /// The same with the disturbance; `h` is h(t), without unit.
     #[must_use]
     #[inline(always)]
     pub fn disturbed(&self, forcing: &Forcing, h: &Vector3<f64>) -> Forcing {
-        Forcing { push: forcing.push + h * self.delta, ..*forcing }
+        Forcing {
+            push: forcing.push + h * self.delta,
+            ..*forcing
+        }
     }
 
     /// (1): acceleration in the world frame [m/s^2] at an attitude and velocity `v` [m/s, world].
     #[must_use]
     #[inline(always)]
-    pub fn linear_acceleration(&self, attitude: &Attitude, v: &Vector3<f64>, forcing: &Forcing) -> Vector3<f64> {
+    pub fn linear_acceleration(
+        &self,
+        attitude: &Attitude,
+        v: &Vector3<f64>,
+        forcing: &Forcing,
+    ) -> Vector3<f64> {
         let z_e = Vector3::z();
         -self.g * z_e + attitude.z_b_in_w() * forcing.lift - v * self.drag
     }
@@ -155,7 +205,12 @@ impl Dynamics {
     /// `pushed_w` [m/s^2, world]: the acceleration less gravity, as an accelerometer in the centre of mass feels it.
     #[must_use]
     #[inline]
-    pub fn specific_force(&self, body: &RigidBody, u: f64, pushed_w: &Vector3<f64>) -> Vector3<f64> {
+    pub fn specific_force(
+        &self,
+        body: &RigidBody,
+        u: f64,
+        pushed_w: &Vector3<f64>,
+    ) -> Vector3<f64> {
         Vector3::z() * (u * self.per_mass) + body.attitude.to_body(&(pushed_w - body.v * self.drag))
     }
 }
@@ -172,7 +227,11 @@ impl Forcing {
     #[must_use]
     #[inline(always)]
     pub(crate) fn of_numbers([lift, x, y, z, om]: [f64; 5]) -> Self {
-        Self { lift, push: Vector3::new(x, y, z), om }
+        Self {
+            lift,
+            push: Vector3::new(x, y, z),
+            om,
+        }
     }
 }
 
@@ -188,7 +247,9 @@ impl RigidBody {
     /// The same again, of its numbers.
     #[must_use]
     #[inline(always)]
-    pub(crate) fn of_numbers([e_x, e_y, e_z, v_x, v_y, v_z, w, x, y, z, p, q, r]: [f64; 13]) -> Self {
+    pub(crate) fn of_numbers(
+        [e_x, e_y, e_z, v_x, v_y, v_z, w, x, y, z, p, q, r]: [f64; 13],
+    ) -> Self {
         Self {
             eta1: Vector3::new(e_x, e_y, e_z),
             v: Vector3::new(v_x, v_y, v_z),
@@ -202,7 +263,9 @@ impl RigidBody {
     // Part of the integrator's loop: called, it would hand 25 numbers through memory, 16 times a tick.
     #[inline(always)]
     pub fn rate(&self, dynamics: &Dynamics, forcing: &Forcing) -> RigidBodyRate {
-        let Self { attitude, v, nu2, .. } = self;
+        let Self {
+            attitude, v, nu2, ..
+        } = self;
         RigidBodyRate {
             d_eta1: *v,
             d_v: dynamics.linear_acceleration(attitude, v, forcing),
@@ -234,6 +297,10 @@ impl RigidBody {
     #[must_use]
     pub fn is_finite(&self) -> bool {
         let attitude = self.attitude.wxyz();
-        [self.eta1, self.v, self.nu2].iter().flatten().chain(&attitude).all(|x| x.is_finite())
+        [self.eta1, self.v, self.nu2]
+            .iter()
+            .flatten()
+            .chain(&attitude)
+            .all(|x| x.is_finite())
     }
 }

@@ -10,9 +10,9 @@
 //! * Two additions to the paper: an efficiency per rotor, which scales its thrust and thus its drag torque, and a
 //!   first-order lag of the speeds. Nominally both are off.
 
-use model::allocation::{Allocation, net_speed};
-use model::math::{exp, exp_m1};
-use model::parameters::Airframe;
+use messages::allocation::{Allocation, net_speed};
+use messages::math::{exp, exp_m1};
+use messages::parameters::Airframe;
 use nalgebra::Vector4;
 
 use crate::rigid_body::Effort;
@@ -45,7 +45,10 @@ impl SpinMeans {
     /// The means of rotors that turn at a constant speed [rad/s].
     #[must_use]
     pub fn steady(speed: &Vector4<f64>) -> Self {
-        Self { speed: *speed, speed_squared: speed.component_mul(speed) }
+        Self {
+            speed: *speed,
+            speed_squared: speed.component_mul(speed),
+        }
     }
 }
 
@@ -53,7 +56,12 @@ impl Spin {
     /// The motion from `start` [rad/s] under `command` [rad/s], with the motors of the airframe.
     #[must_use]
     pub fn new(airframe: &Airframe, start: Vector4<f64>, command: Vector4<f64>) -> Self {
-        Self { rotors: Rotors::new(airframe), command, start, time_constant_s: airframe.motor_time_constant_s() }
+        Self {
+            rotors: Rotors::new(airframe),
+            command,
+            start,
+            time_constant_s: airframe.motor_time_constant_s(),
+        }
     }
 
     /// Whether the speeds follow the command with a lag.
@@ -80,7 +88,12 @@ impl Spin {
     /// Exact means of w and w^2 over the first `period_s` [s] after the tick: the integrals of the exponential.
     #[must_use]
     pub fn means(&self, period_s: f64) -> SpinMeans {
-        let Self { command: w_c, start, time_constant_s: tau, .. } = *self;
+        let Self {
+            command: w_c,
+            start,
+            time_constant_s: tau,
+            ..
+        } = *self;
         if tau == 0.0 {
             return SpinMeans::steady(&w_c);
         }
@@ -109,7 +122,11 @@ struct Rotors {
 impl Rotors {
     #[inline]
     fn new(airframe: &Airframe) -> Self {
-        Self { k: airframe.k(), efficiency: airframe.rotor_efficiency().into(), allocation: Allocation::new(airframe) }
+        Self {
+            k: airframe.k(),
+            efficiency: airframe.rotor_efficiency().into(),
+            allocation: Allocation::new(airframe),
+        }
     }
 
     /// (6) for each rotor that turns at `w` [rad/s]: thrust [N].
@@ -121,7 +138,11 @@ impl Rotors {
     #[inline]
     fn effort(&self, w: &Vector4<f64>) -> Effort {
         let (u, tau) = self.allocation.wrench(&self.forces(w));
-        Effort { u, tau, om: net_speed(w) }
+        Effort {
+            u,
+            tau,
+            om: net_speed(w),
+        }
     }
 }
 

@@ -4,7 +4,7 @@
 //! of a density n has the standard deviation n/sqrt(T) per sample, so that what a filter makes of it does not depend
 //! on T. The attitude has no sensor of its own and is exact.
 
-use model::parameters::{Airframe, Parameter};
+use messages::parameters::{Airframe, Parameter};
 use nalgebra::Vector3;
 
 use crate::noise::Stream;
@@ -27,14 +27,21 @@ impl Sensors {
     #[must_use]
     pub fn new(period_s: f64, seed: u64, airframe: &Airframe, body: &RigidBody) -> Self {
         let positioning = Positioning::new(period_s, airframe, body);
-        Self { period_s, seed, tick: 0, drift: Vector3::zeros(), positioning }
+        Self {
+            period_s,
+            seed,
+            tick: 0,
+            drift: Vector3::zeros(),
+            positioning,
+        }
     }
 
     /// Goes on to the next tick, to which the body has come under these parameters.
     pub fn advance(&mut self, airframe: &Airframe, body: &RigidBody) {
         let walk = airframe.get(Parameter::GyroDrift);
         self.drift = if walk > 0.0 {
-            self.drift + Stream::GyroDrift.normal(self.seed, self.tick) * (walk * self.period_s.sqrt())
+            self.drift
+                + Stream::GyroDrift.normal(self.seed, self.tick) * (walk * self.period_s.sqrt())
         } else {
             Vector3::zeros()
         };
@@ -58,7 +65,10 @@ impl Sensors {
         if !Airframe::gyro_errs(airframe.values()) {
             return *nu2;
         }
-        let (per_sample, density) = (airframe.gyro_noise_rad_s(), airframe.get(Parameter::GyroNoiseDensity));
+        let (per_sample, density) = (
+            airframe.gyro_noise_rad_s(),
+            airframe.get(Parameter::GyroNoiseDensity),
+        );
         let sigma = (per_sample * per_sample + density * density / self.period_s).sqrt();
         let bias = Vector3::repeat(airframe.get(Parameter::GyroBias)) + self.drift;
         nu2 + bias + self.white(Stream::Gyro, sigma)
@@ -79,6 +89,10 @@ impl Sensors {
     }
 
     fn white(&self, stream: Stream, sigma: f64) -> Vector3<f64> {
-        if sigma > 0.0 { stream.normal(self.seed, self.tick) * sigma } else { Vector3::zeros() }
+        if sigma > 0.0 {
+            stream.normal(self.seed, self.tick) * sigma
+        } else {
+            Vector3::zeros()
+        }
     }
 }

@@ -2,8 +2,8 @@
 
 use std::f64::consts::PI;
 
-use model::limits::RotorLimits;
-use model::parameters::Airframe;
+use messages::limits::RotorLimits;
+use messages::parameters::Airframe;
 
 use crate::ground::Ground;
 
@@ -16,7 +16,6 @@ pub struct PlantSettings {
     pub airframe: Airframe,
     /// Range of the rotor speeds, whose lower end is idle.
     pub rotor: RotorLimits,
-    /// Seed of the sensors' noise.
     pub seed: u64,
     /// Where the flight begins, and how the body moves there.
     pub initial: Initial,

@@ -4,8 +4,8 @@
 //! validity of a swap and the order in which pending swaps are applied. [`crate::ramp`] owns what takes more than one
 //! tick, and [`crate::plant`] knows when the plant has reached a tick.
 
-use model::messages::Change;
-use model::parameters::{PARAMETERS, Parameter, ParameterError};
+use messages::content::Change;
+use messages::parameters::{PARAMETERS, Parameter, ParameterError};
 use thiserror::Error;
 
 /// Pending swaps that fit into the queue.
@@ -16,7 +16,6 @@ pub const STEPS_MAX: u64 = 30 * 86_400 * 10_000;
 /// What a parameter is to become.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target {
-    /// The parameter.
     pub parameter: Parameter,
     /// Its new value, in its unit.
     pub value: f64,
@@ -44,26 +43,19 @@ pub struct AppliedSwap {
     pub epoch: u64,
     /// Number by which the asker knows it again.
     pub ticket: u64,
-    /// What it changed.
     pub changes: heapless::Vec<Change, PARAMETERS>,
 }
 
 /// Why a swap was refused; nothing of it is applied then.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum SwapError {
-    /// The swap changes nothing.
     #[error("a swap of no parameter: name at least one as `name=value`")]
     Empty,
-    /// Two values for one parameter.
     #[error("{parameter} is given twice in one swap: keep one value, or make it two swaps")]
-    Twice {
-        /// The parameter.
-        parameter: Parameter,
-    },
+    Twice { parameter: Parameter },
     /// A ramp of no step, or of more than a flight has ticks.
     #[error("{parameter}: a ramp of {steps} steps: allowed are 1 to {STEPS_MAX}")]
     Steps {
-        /// The parameter.
         parameter: Parameter,
         /// How many it was to take.
         steps: u64,
@@ -72,32 +64,41 @@ pub enum SwapError {
     #[error(transparent)]
     Value(#[from] ParameterError),
     /// Too many swaps wait for their tick.
-    #[error("{PENDING_SWAPS} swaps are pending already: send this one again when one of them has been applied")]
+    #[error(
+        "{PENDING_SWAPS} swaps are pending already: send this one again when one of them has been applied"
+    )]
     Full,
 }
 
 impl Swap {
     /// A valid swap to these values, which hold at once from `tick` on.
-    ///
-    /// # Errors
-    /// As [`Swap::check`].
     pub fn new(tick: u64, changes: &[(Parameter, f64)]) -> Result<Self, SwapError> {
-        Self::of(tick, changes.iter().map(|&(parameter, value)| Target { parameter, value, steps: 1 }))
+        Self::of(
+            tick,
+            changes.iter().map(|&(parameter, value)| Target {
+                parameter,
+                value,
+                steps: 1,
+            }),
+        )
     }
 
     /// A valid swap to these targets, with the first step of each at `tick`.
-    ///
-    /// # Errors
-    /// As [`Swap::check`].
     pub fn to(tick: u64, targets: &[Target]) -> Result<Self, SwapError> {
         Self::of(tick, targets.iter().copied())
     }
 
     fn of(tick: u64, targets: impl Iterator<Item = Target>) -> Result<Self, SwapError> {
-        let mut swap = Self { tick, targets: heapless::Vec::new(), ticket: 0 };
+        let mut swap = Self {
+            tick,
+            targets: heapless::Vec::new(),
+            ticket: 0,
+        };
         for target in targets {
             // More targets than there are parameters repeat one of them.
-            swap.targets.push(target).map_err(|Target { parameter, .. }| SwapError::Twice { parameter })?;
+            swap.targets
+                .push(target)
+                .map_err(|Target { parameter, .. }| SwapError::Twice { parameter })?;
         }
         swap.check()?;
         Ok(swap)
@@ -105,19 +106,27 @@ impl Swap {
 
     /// Checks that it changes something, each parameter once, to a value that some airframe can have, in steps that fit
     /// into a flight.
-    ///
-    /// # Errors
-    /// [`SwapError::Empty`], [`SwapError::Twice`], [`SwapError::Steps`] or [`SwapError::Value`].
     pub fn check(&self) -> Result<(), SwapError> {
         if self.targets.is_empty() {
             return Err(SwapError::Empty);
         }
-        for (i, &Target { parameter, value, steps }) in self.targets.iter().enumerate() {
+        for (
+            i,
+            &Target {
+                parameter,
+                value,
+                steps,
+            },
+        ) in self.targets.iter().enumerate()
+        {
             parameter.widest().check(parameter, value)?;
             if !(1..=STEPS_MAX).contains(&steps) {
                 return Err(SwapError::Steps { parameter, steps });
             }
-            if self.targets[..i].iter().any(|earlier| earlier.parameter == parameter) {
+            if self.targets[..i]
+                .iter()
+                .any(|earlier| earlier.parameter == parameter)
+            {
                 return Err(SwapError::Twice { parameter });
             }
         }
@@ -134,18 +143,21 @@ pub struct SwapQueue {
 
 impl SwapQueue {
     /// Takes a swap in: sorted by tick, and by arrival within a tick.
-    ///
-    /// # Errors
-    /// As [`Swap::check`], and [`SwapError::Full`]; the queue is unchanged then.
     pub fn push(&mut self, swap: Swap) -> Result<(), SwapError> {
         swap.check()?;
         let place = self.pending.partition_point(|other| other.tick > swap.tick);
-        self.pending.insert(place, swap).map_err(|_| SwapError::Full)
+        self.pending
+            .insert(place, swap)
+            .map_err(|_| SwapError::Full)
     }
 
     /// Takes the next swap out whose tick is `tick` or earlier.
     pub fn pop_due(&mut self, tick: u64) -> Option<Swap> {
-        if self.pending.last()?.tick <= tick { self.pending.pop() } else { None }
+        if self.pending.last()?.tick <= tick {
+            self.pending.pop()
+        } else {
+            None
+        }
     }
 }
 
@@ -158,28 +170,61 @@ mod tests {
         use Parameter::{GyroNoise, Mass};
         assert!(Swap::new(3, &[(Mass, 0.6), (GyroNoise, 0.01)]).is_ok());
         assert_eq!(Swap::new(3, &[]), Err(SwapError::Empty));
-        assert_eq!(Swap::new(3, &[(Mass, 0.6), (Mass, 0.6)]), Err(SwapError::Twice { parameter: Mass }));
+        assert_eq!(
+            Swap::new(3, &[(Mass, 0.6), (Mass, 0.6)]),
+            Err(SwapError::Twice { parameter: Mass })
+        );
         for value in [-1.0, f64::NAN] {
-            assert!(matches!(Swap::new(3, &[(GyroNoise, 0.0), (Mass, value)]), Err(SwapError::Value(_))));
+            assert!(matches!(
+                Swap::new(3, &[(GyroNoise, 0.0), (Mass, value)]),
+                Err(SwapError::Value(_))
+            ));
         }
         let too_many = [(Mass, 0.6); PARAMETERS + 1];
-        assert_eq!(Swap::new(3, &too_many), Err(SwapError::Twice { parameter: Mass }));
+        assert_eq!(
+            Swap::new(3, &too_many),
+            Err(SwapError::Twice { parameter: Mass })
+        );
         for steps in [0, STEPS_MAX + 1] {
-            let refused = Swap::to(3, &[Target { parameter: Mass, value: 0.6, steps }]).unwrap_err();
-            assert_eq!(refused.to_string(), format!("mass_kg: a ramp of {steps} steps: allowed are 1 to 25920000000"));
+            let refused = Swap::to(
+                3,
+                &[Target {
+                    parameter: Mass,
+                    value: 0.6,
+                    steps,
+                }],
+            )
+            .unwrap_err();
+            assert_eq!(
+                refused.to_string(),
+                format!("mass_kg: a ramp of {steps} steps: allowed are 1 to 25920000000")
+            );
         }
-        assert!(Swap::to(3, &[Target { parameter: Mass, value: 0.6, steps: STEPS_MAX }]).is_ok());
+        assert!(
+            Swap::to(
+                3,
+                &[Target {
+                    parameter: Mass,
+                    value: 0.6,
+                    steps: STEPS_MAX
+                }]
+            )
+            .is_ok()
+        );
     }
 
     #[test]
     fn the_queue_sorts_by_tick_and_then_by_arrival() {
         let mut queue = SwapQueue::default();
         for (arrival, tick) in [5, 3, 5, 9, 3].into_iter().enumerate() {
-            queue.push(Swap::new(tick, &[(Parameter::Mass, 0.1 * (arrival + 1) as f64)]).unwrap()).unwrap();
+            queue
+                .push(Swap::new(tick, &[(Parameter::Mass, 0.1 * (arrival + 1) as f64)]).unwrap())
+                .unwrap();
         }
         assert_eq!(queue.pop_due(2), None);
-        let order: Vec<(u64, f64)> =
-            std::iter::from_fn(|| queue.pop_due(8)).map(|swap| (swap.tick, swap.targets[0].value)).collect();
+        let order: Vec<(u64, f64)> = std::iter::from_fn(|| queue.pop_due(8))
+            .map(|swap| (swap.tick, swap.targets[0].value))
+            .collect();
         assert_eq!(order, [(3, 0.2), (3, 0.5), (5, 0.1), (5, 0.1 * 3.0)]);
         assert_eq!(queue.pop_due(9).map(|swap| swap.tick), Some(9));
     }
@@ -192,6 +237,9 @@ mod tests {
             queue.push(swap(tick)).unwrap();
         }
         assert_eq!(queue.push(swap(0)), Err(SwapError::Full));
-        assert_eq!(std::iter::from_fn(|| queue.pop_due(u64::MAX)).count(), PENDING_SWAPS);
+        assert_eq!(
+            std::iter::from_fn(|| queue.pop_due(u64::MAX)).count(),
+            PENDING_SWAPS
+        );
     }
 }

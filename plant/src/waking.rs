@@ -1,6 +1,6 @@
 //! How the plant waits for its ticks.
 
-use wire::clock::{now_ns, sleep_until};
+use ipc::clock::{now_ns, sleep_until};
 
 /// How the plant woke for a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,12 +1,10 @@
 //! All attitudes: conservation, the quaternion against Euler angles, loops through 90 degrees of pitch.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
-
 use std::f64::consts::{PI, TAU};
 
-use model::attitude::Attitude;
-use model::frames::RollPitch;
-use model::parameters::{Airframe, Parameter};
+use messages::attitude::Attitude;
+use messages::frames::RollPitch;
+use messages::parameters::{Airframe, Parameter};
 use nalgebra::{Vector3, Vector4};
 use plant::integrator::{SUBSTEPS, integrate};
 use plant::rigid_body::{Dynamics, Forcing, RigidBody};
@@ -20,7 +18,12 @@ const PERIOD_S: f64 = 0.001;
 fn free() -> Airframe {
     use Parameter::{DisturbanceGain, RotationalDrag, RotorInertia, TranslationalDrag};
     let mut airframe = Airframe::nominal();
-    for parameter in [TranslationalDrag, RotationalDrag, RotorInertia, DisturbanceGain] {
+    for parameter in [
+        TranslationalDrag,
+        RotationalDrag,
+        RotorInertia,
+        DisturbanceGain,
+    ] {
         airframe.set(parameter, 0.0).unwrap();
     }
     airframe
@@ -39,30 +42,46 @@ fn euler_step(
 ) -> (Vector3<f64>, Vector3<f64>) {
     let rate = |(d_eta2, d_nu2): (Vector3<f64>, Vector3<f64>), dt_s: f64| {
         let (eta2, nu2) = (eta2 + d_eta2 * dt_s, nu2 + d_nu2 * dt_s);
-        (RollPitch::of(&eta2).euler_rate(&nu2), dynamics.angular_acceleration(&nu2, forcing))
+        (
+            RollPitch::of(&eta2).euler_rate(&nu2),
+            dynamics.angular_acceleration(&nu2, forcing),
+        )
     };
     let k1 = rate((Vector3::zeros(), Vector3::zeros()), 0.0);
     let k2 = rate(k1, dt_s / 2.0);
     let k3 = rate(k2, dt_s / 2.0);
     let k4 = rate(k3, dt_s);
     let sixth_s = dt_s / 6.0;
-    (eta2 + (k1.0 + (k2.0 + k3.0) * 2.0 + k4.0) * sixth_s, nu2 + (k1.1 + (k2.1 + k3.1) * 2.0 + k4.1) * sixth_s)
+    (
+        eta2 + (k1.0 + (k2.0 + k3.0) * 2.0 + k4.0) * sixth_s,
+        nu2 + (k1.1 + (k2.1 + k3.1) * 2.0 + k4.1) * sixth_s,
+    )
 }
 
 #[test]
 fn a_loop_passes_90_degrees_of_pitch_without_a_jump() {
     let airframe = free();
     let spin = Spin::new(&airframe, Vector4::zeros(), Vector4::zeros());
-    let start = RigidBody { nu2: Vector3::new(0.0, TAU, 0.0), ..RigidBody::default() };
+    let start = RigidBody {
+        nu2: Vector3::new(0.0, TAU, 0.0),
+        ..RigidBody::default()
+    };
     let (mut body, mut shown, mut steepest) = (start, Vector3::zeros(), 0.0_f64);
     for tick in 0..1000 {
         let next = integrate(&body, &airframe, &spin, tick, PERIOD_S, SUBSTEPS);
         let turned = Vector4::from(next.attitude.wxyz()) - Vector4::from(body.attitude.wxyz());
-        assert!((turned.norm() - PI * PERIOD_S).abs() < 1e-6, "tick {tick}: {}", turned.norm());
+        assert!(
+            (turned.norm() - PI * PERIOD_S).abs() < 1e-6,
+            "tick {tick}: {}",
+            turned.norm()
+        );
         body = next;
         shown = body.attitude.euler_near(&shown);
         steepest = steepest.max(shown.y);
-        assert!(shown.iter().all(|angle| angle.is_finite()) && shown.y.abs() <= PI / 2.0, "{shown}");
+        assert!(
+            shown.iter().all(|angle| angle.is_finite()) && shown.y.abs() <= PI / 2.0,
+            "{shown}"
+        );
     }
     assert!(steepest > 1.56, "{steepest}");
     // Once round, the quaternion has the other sign: it is continuous over two turns.
@@ -76,22 +95,46 @@ fn yaw_and_roll_are_counted_over_whole_turns() {
     for axis in [0, 2] {
         let mut initial = Initial::default();
         initial.rate_b_rad_s[axis] = 8.0;
-        let mut plant = Plant::new(&PlantSettings { airframe: free(), initial, ..PlantSettings::default() });
+        let mut plant = Plant::new(&PlantSettings {
+            airframe: free(),
+            initial,
+            ..PlantSettings::default()
+        });
         let state = plant.begin(2000);
-        assert!((state.measured.attitude_rad[axis] - 16.0).abs() < 1e-9, "{:?}", state.measured.attitude_rad);
+        assert!(
+            (state.measured.attitude_rad[axis] - 16.0).abs() < 1e-9,
+            "{:?}",
+            state.measured.attitude_rad
+        );
     }
 }
 
 #[test]
 fn a_flight_begins_in_the_attitude_of_its_settings() {
-    let initial = Initial { attitude_rad: [170.0_f64.to_radians(), -0.4, 2.5], ..Initial::default() };
-    let mut plant = Plant::new(&PlantSettings { initial, ..PlantSettings::default() });
+    let initial = Initial {
+        attitude_rad: [170.0_f64.to_radians(), -0.4, 2.5],
+        ..Initial::default()
+    };
+    let mut plant = Plant::new(&PlantSettings {
+        initial,
+        ..PlantSettings::default()
+    });
     let state = plant.begin(0);
-    assert!((Vector3::from(state.measured.attitude_rad) - Vector3::from(initial.attitude_rad)).norm() < 1e-14);
+    assert!(
+        (Vector3::from(state.measured.attitude_rad) - Vector3::from(initial.attitude_rad)).norm()
+            < 1e-14
+    );
     assert_eq!(plant.envelope(), Ok(()));
-    let limited = PlantSettings { tilt_max_rad: 1.5, initial, ..PlantSettings::default() };
+    let limited = PlantSettings {
+        tilt_max_rad: 1.5,
+        initial,
+        ..PlantSettings::default()
+    };
     let said = Plant::new(&limited).envelope().unwrap_err().to_string();
-    assert!(said.starts_with("the flight left its envelope: at tick 0 the tilt is 15"), "{said}");
+    assert!(
+        said.starts_with("the flight left its envelope: at tick 0 the tilt is 15"),
+        "{said}"
+    );
 }
 
 proptest! {

@@ -1,63 +1,98 @@
 //! Ground: rest, landing, sliding, tumbling; no energy gained, nothing below the plane.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
-
-use model::limits::RotorLimits;
-use model::messages::{Dated, RotorSpeeds, State};
-use model::parameters::{Airframe, Parameter};
+use messages::content::{RotorSpeeds, Stamped, State};
+use messages::limits::RotorLimits;
+use messages::parameters::{Airframe, Parameter};
 use nalgebra::{Vector3, Vector4};
 use plant::ground::{Contact, Ground};
 use plant::integrator::{SUBSTEPS, integrate_with};
 use plant::rigid_body::{Dynamics, RigidBody};
 use plant::rotors::Spin;
-use plant::{Departure, Initial, Plant, PlantSettings};
+use plant::{EnvelopeViolation, Initial, Plant, PlantSettings};
 use proptest::prelude::*;
 
 const PERIOD_S: f64 = 0.001;
-const GROUND: Ground = Ground { z_m: -0.25, leg_m: 0.05, friction: 0.6, crash_speed_m_s: 2.0, crash_tilt_rad: 0.785 };
+const GROUND: Ground = Ground {
+    z_m: -0.25,
+    leg_m: 0.05,
+    friction: 0.6,
+    crash_speed_m_s: 2.0,
+    crash_tilt_rad: 0.785,
+};
 /// Height of the centre of mass on four feet.
 const REST_Z_M: f64 = -0.2;
 
 fn plant(initial: Initial) -> Plant {
-    Plant::new(&PlantSettings { ground: Some(GROUND), initial, ..PlantSettings::default() })
+    Plant::new(&PlantSettings {
+        ground: Some(GROUND),
+        initial,
+        ..PlantSettings::default()
+    })
 }
 
 /// Flies with all rotors at a speed, and shows every state.
 fn fly(plant: &mut Plant, ticks: u64, speed_rad_s: f64, mut see: impl FnMut(&State, &Plant)) {
-    let content = RotorSpeeds { speed_rad_s: [speed_rad_s; 4], ..RotorSpeeds::default() };
+    let content = RotorSpeeds {
+        speed_rad_s: [speed_rad_s; 4],
+        ..RotorSpeeds::default()
+    };
     for tick in 0..ticks {
         see(&plant.begin(tick), plant);
-        plant.offer(&Dated { tick, content }, tick + 1);
+        plant.offer(&Stamped { tick, content }, tick + 1);
         plant.finish();
     }
 }
 
 const fn at(position_w_m: [f64; 3]) -> Initial {
-    Initial { position_w_m, velocity_w_m_s: [0.0; 3], attitude_rad: [0.0; 3], rate_b_rad_s: [0.0; 3] }
+    Initial {
+        position_w_m,
+        velocity_w_m_s: [0.0; 3],
+        attitude_rad: [0.0; 3],
+        rate_b_rad_s: [0.0; 3],
+    }
 }
 
 #[test]
 fn at_rest_it_stays_where_it_stands_and_feels_its_weight() {
     let mut plant = plant(at([0.3, -0.2, REST_Z_M]));
-    fly(&mut plant, 5000, RotorLimits::default().min_rad_s, |state, plant| {
-        let off = Vector3::from(state.measured.position_w_m) - Vector3::new(0.3, -0.2, REST_Z_M);
-        assert!(off.norm() < 1e-6, "{state:?}");
-        assert!(Vector3::from(state.measured.attitude_rad).norm() < 1e-6, "{state:?}");
-        assert_eq!(plant.envelope(), Ok(()));
-        // Tick 1 ends a tick at hover speed, in which the feet carried nothing.
-        if state.truth.position_w_m[2] < REST_Z_M + 1e-9 && plant.measured().rotor_speed_mean_rad_s[0] < 31.0 {
-            let felt = Vector3::from(plant.measured().specific_force_b_m_s2);
-            assert!((felt - Vector3::z() * 9.8).norm() < 0.02, "{felt}");
-        }
-    });
+    fly(
+        &mut plant,
+        5000,
+        RotorLimits::default().min_rad_s,
+        |state, plant| {
+            let off =
+                Vector3::from(state.measured.position_w_m) - Vector3::new(0.3, -0.2, REST_Z_M);
+            assert!(off.norm() < 1e-6, "{state:?}");
+            assert!(
+                Vector3::from(state.measured.attitude_rad).norm() < 1e-6,
+                "{state:?}"
+            );
+            assert_eq!(plant.envelope(), Ok(()));
+            // Tick 1 ends a tick at hover speed, in which the feet carried nothing.
+            if state.truth.position_w_m[2] < REST_Z_M + 1e-9
+                && plant.measured().rotor_speed_mean_rad_s[0] < 31.0
+            {
+                let felt = Vector3::from(plant.measured().specific_force_b_m_s2);
+                assert!((felt - Vector3::z() * 9.8).norm() < 0.02, "{felt}");
+            }
+        },
+    );
 }
 
 #[test]
 fn a_gentle_descent_is_a_landing_and_a_fall_is_a_crash() {
     let landed = |velocity: f64, attitude_rad: [f64; 3]| {
-        let mut plant =
-            plant(Initial { velocity_w_m_s: [0.0, 0.0, velocity], attitude_rad, ..at([0.0, 0.0, REST_Z_M + 0.2]) });
-        fly(&mut plant, 1500, RotorLimits::default().min_rad_s, |_, _| {});
+        let mut plant = plant(Initial {
+            velocity_w_m_s: [0.0, 0.0, velocity],
+            attitude_rad,
+            ..at([0.0, 0.0, REST_Z_M + 0.2])
+        });
+        fly(
+            &mut plant,
+            1500,
+            RotorLimits::default().min_rad_s,
+            |_, _| {},
+        );
         (plant.state().truth.position_w_m[2], plant.envelope())
     };
     // From 0.2 m it falls to 1.98 m/s at the most; the drag takes some of it.
@@ -65,31 +100,50 @@ fn a_gentle_descent_is_a_landing_and_a_fall_is_a_crash() {
     assert_eq!(envelope, Ok(()));
     assert!((z_m - REST_Z_M).abs() < 1e-6, "{z_m}");
     let (z_m, envelope) = landed(-3.0, [0.0; 3]);
-    let Err(Departure::Crash(crash)) = envelope else { panic!("{envelope:?}") };
-    assert!((3.0..4.0).contains(&crash.speed_m_s) && crash.tilt_rad < 0.01 && crash.tick < 100, "{crash:?}");
+    let Err(EnvelopeViolation::Crash(crash)) = envelope else {
+        panic!("{envelope:?}")
+    };
+    assert!(
+        (3.0..4.0).contains(&crash.speed_m_s) && crash.tilt_rad < 0.01 && crash.tick < 100,
+        "{crash:?}"
+    );
     assert!((z_m - REST_Z_M).abs() < 1e-6, "{z_m}");
     let (_, envelope) = landed(0.0, [1.0, 0.0, 0.0]);
-    let Err(Departure::Crash(crash)) = envelope else { panic!("{envelope:?}") };
+    let Err(EnvelopeViolation::Crash(crash)) = envelope else {
+        panic!("{envelope:?}")
+    };
     assert!(crash.tilt_rad > 0.785, "{crash:?}");
     let said = crash.to_string();
     assert!(
-        said.starts_with("the flight left its envelope: at tick ") && said.contains("at most 2 m/s and 45 degrees"),
+        said.starts_with("the flight left its envelope: at tick ")
+            && said.contains("at most 2 m/s and 45 degrees"),
         "{said}"
     );
 }
 
 #[test]
 fn it_slides_to_a_stop_as_friction_says() {
-    let mut plant = plant(Initial { velocity_w_m_s: [1.0, 0.0, 0.0], ..at([0.0, 0.0, REST_Z_M]) });
+    let mut plant = plant(Initial {
+        velocity_w_m_s: [1.0, 0.0, 0.0],
+        ..at([0.0, 0.0, REST_Z_M])
+    });
     let mut stopped = None;
     let mut farthest: f64 = 0.0;
-    fly(&mut plant, 1000, RotorLimits::default().min_rad_s, |state, _| {
-        farthest = farthest.max(state.measured.position_w_m[0]);
-        if stopped.is_none() && state.measured.velocity_w_m_s[0] < 1e-9 {
-            stopped = Some(state.measured.position_w_m[0]);
-        }
-        assert!(state.measured.velocity_w_m_s[0] > -1e-6, "it is not thrown back: {state:?}");
-    });
+    fly(
+        &mut plant,
+        1000,
+        RotorLimits::default().min_rad_s,
+        |state, _| {
+            farthest = farthest.max(state.measured.position_w_m[0]);
+            if stopped.is_none() && state.measured.velocity_w_m_s[0] < 1e-9 {
+                stopped = Some(state.measured.position_w_m[0]);
+            }
+            assert!(
+                state.measured.velocity_w_m_s[0] > -1e-6,
+                "it is not thrown back: {state:?}"
+            );
+        },
+    );
     // v^2 / (2 mu g) = 0.085 m without drag, which shortens it a little; tick 0 is flown at hover speed, without load.
     let stopped = stopped.unwrap();
     assert!((0.07..0.087).contains(&stopped), "{stopped}");
@@ -98,15 +152,34 @@ fn it_slides_to_a_stop_as_friction_says() {
 
 #[test]
 fn without_friction_it_slides_on() {
-    let ground = Ground { friction: 0.0, ..GROUND };
+    let ground = Ground {
+        friction: 0.0,
+        ..GROUND
+    };
     let mut airframe = Airframe::nominal();
     airframe.set(Parameter::TranslationalDrag, 0.0).unwrap();
-    let initial = Initial { velocity_w_m_s: [1.0, 0.5, 0.0], ..at([0.0, 0.0, REST_Z_M]) };
-    let settings = PlantSettings { ground: Some(ground), airframe, initial, ..PlantSettings::default() };
+    let initial = Initial {
+        velocity_w_m_s: [1.0, 0.5, 0.0],
+        ..at([0.0, 0.0, REST_Z_M])
+    };
+    let settings = PlantSettings {
+        ground: Some(ground),
+        airframe,
+        initial,
+        ..PlantSettings::default()
+    };
     let mut plant = Plant::new(&settings);
-    fly(&mut plant, 1000, RotorLimits::default().min_rad_s, |_, _| {});
+    fly(
+        &mut plant,
+        1000,
+        RotorLimits::default().min_rad_s,
+        |_, _| {},
+    );
     let v = plant.state().truth.velocity_w_m_s;
-    assert!((v[0] - 1.0).abs() < 1e-6 && (v[1] - 0.5).abs() < 1e-6, "{v:?}");
+    assert!(
+        (v[0] - 1.0).abs() < 1e-6 && (v[1] - 0.5).abs() < 1e-6,
+        "{v:?}"
+    );
 }
 
 #[test]
@@ -142,7 +215,7 @@ proptest! {
         let mut body = RigidBody {
             eta1: Vector3::new(0.0, 0.0, 0.1),
             v: v.into(),
-            attitude: model::attitude::Attitude::of_euler(&attitude.into()),
+            attitude: messages::attitude::Attitude::of_euler(&attitude.into()),
             nu2: nu2.into(),
         };
         let (dynamics, spin) = (Dynamics::new(&airframe), Spin::new(&airframe, Vector4::zeros(), Vector4::zeros()));

@@ -1,11 +1,9 @@
 //! Physics of the plant: equilibrium, energy, integrator order, rotor means.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
-
-use model::attitude::Attitude;
-use model::limits::RotorLimits;
-use model::messages::{Dated, RotorSpeeds, State};
-use model::parameters::{Airframe, Parameter};
+use messages::attitude::Attitude;
+use messages::content::{RotorSpeeds, Stamped, State};
+use messages::limits::RotorLimits;
+use messages::parameters::{Airframe, Parameter};
 use nalgebra::{Vector3, Vector4};
 use plant::integrator::{SUBSTEPS, integrate};
 use plant::rigid_body::{Effort, RigidBody};
@@ -24,14 +22,23 @@ fn airframe(changes: &[(Parameter, f64)]) -> Airframe {
 }
 
 fn settings(airframe: Airframe) -> PlantSettings {
-    PlantSettings { period_s: PERIOD_S, airframe, rotor: RotorLimits::default(), seed: 0, ..PlantSettings::default() }
+    PlantSettings {
+        period_s: PERIOD_S,
+        airframe,
+        rotor: RotorLimits::default(),
+        seed: 0,
+        ..PlantSettings::default()
+    }
 }
 
 #[test]
 fn hover_stays_put() {
     let airframe = airframe(&[(Parameter::DisturbanceGain, 0.0)]);
     let mut plant = Plant::new(&settings(airframe));
-    let hover = RotorSpeeds { speed_rad_s: hover(&airframe).into(), ..RotorSpeeds::default() };
+    let hover = RotorSpeeds {
+        speed_rad_s: hover(&airframe).into(),
+        ..RotorSpeeds::default()
+    };
     for tick in 0..5000 {
         let state = plant.begin(tick);
         let worst = [
@@ -44,7 +51,13 @@ fn hover_stays_put() {
         .flatten()
         .fold(0.0_f64, |worst, x| worst.max(x.abs()));
         assert!(worst < 1e-12, "tick {tick}: off by {worst}");
-        plant.offer(&Dated { tick, content: hover }, tick + 1);
+        plant.offer(
+            &Stamped {
+                tick,
+                content: hover,
+            },
+            tick + 1,
+        );
         plant.finish();
     }
 }
@@ -52,18 +65,32 @@ fn hover_stays_put() {
 #[test]
 fn free_fall_without_drag_keeps_its_energy_and_its_spin() {
     use Parameter::{DisturbanceGain, RotationalDrag, RotorInertia, TranslationalDrag};
-    let airframe =
-        airframe(&[(TranslationalDrag, 0.0), (RotationalDrag, 0.0), (RotorInertia, 0.0), (DisturbanceGain, 0.0)]);
+    let airframe = airframe(&[
+        (TranslationalDrag, 0.0),
+        (RotationalDrag, 0.0),
+        (RotorInertia, 0.0),
+        (DisturbanceGain, 0.0),
+    ]);
     let i_m = Vector3::from(airframe.i_m());
     let energy = |body: &RigidBody| {
         let translation = airframe.m() * (body.v.norm_squared() / 2.0 + airframe.g() * body.eta1.z);
         translation + body.nu2.component_mul(&i_m).dot(&body.nu2) / 2.0
     };
-    let start =
-        RigidBody { v: Vector3::new(1.0, -2.0, 3.0), nu2: Vector3::new(2.0, -1.0, 3.0), ..RigidBody::default() };
+    let start = RigidBody {
+        v: Vector3::new(1.0, -2.0, 3.0),
+        nu2: Vector3::new(2.0, -1.0, 3.0),
+        ..RigidBody::default()
+    };
     let spin = Spin::new(&airframe, Vector4::zeros(), Vector4::zeros());
-    let end = (0..200).fold(start, |body, tick| integrate(&body, &airframe, &spin, tick, PERIOD_S, SUBSTEPS));
-    assert!((energy(&end) - energy(&start)).abs() < 1e-12, "{} became {}", energy(&start), energy(&end));
+    let end = (0..200).fold(start, |body, tick| {
+        integrate(&body, &airframe, &spin, tick, PERIOD_S, SUBSTEPS)
+    });
+    assert!(
+        (energy(&end) - energy(&start)).abs() < 1e-12,
+        "{} became {}",
+        energy(&start),
+        energy(&end)
+    );
     let momentum = |body: &RigidBody| body.attitude.rot_wb() * body.nu2.component_mul(&i_m);
     assert!((momentum(&end) - momentum(&start)).norm() < 1e-11);
 }
@@ -72,13 +99,25 @@ fn free_fall_without_drag_keeps_its_energy_and_its_spin() {
 fn a_single_rotor_rolls_pitches_and_yaws_the_way_it_sits() {
     let airframe = Airframe::nominal();
     // Rear left, rear right, front right, front left: signs of roll, pitch and yaw by (7).
-    for (rotor, signs) in [[1.0, 1.0, 1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0], [1.0, -1.0, -1.0]].iter().enumerate()
+    for (rotor, signs) in [
+        [1.0, 1.0, 1.0],
+        [-1.0, 1.0, -1.0],
+        [-1.0, -1.0, 1.0],
+        [1.0, -1.0, -1.0],
+    ]
+    .iter()
+    .enumerate()
     {
         let mut w = Vector4::zeros();
         w[rotor] = 200.0;
         let Effort { u, tau, om } = effort(&airframe, &w);
         assert!(u > 0.0);
-        assert_eq!(tau.map(f64::signum), Vector3::from(*signs), "rotor {}", rotor + 1);
+        assert_eq!(
+            tau.map(f64::signum),
+            Vector3::from(*signs),
+            "rotor {}",
+            rotor + 1
+        );
         assert_eq!(om.signum(), signs[2], "rotor {}", rotor + 1);
     }
 }
@@ -88,13 +127,24 @@ fn a_weak_rotor_loses_thrust_and_drag_torque_alike() {
     let weak = airframe(&[(Parameter::RotorEfficiency3, 0.5)]);
     let w = Vector4::new(0.0, 0.0, 200.0, 0.0);
     let (whole, half) = (effort(&Airframe::nominal(), &w), effort(&weak, &w));
-    assert_eq!(half, Effort { u: whole.u / 2.0, tau: whole.tau / 2.0, om: whole.om });
+    assert_eq!(
+        half,
+        Effort {
+            u: whole.u / 2.0,
+            tau: whole.tau / 2.0,
+            om: whole.om
+        }
+    );
 }
 
 #[test]
 fn the_integrator_is_of_order_4() {
     let airframe = airframe(&[(Parameter::MotorTimeConstant, 0.05)]);
-    let spin = Spin::new(&airframe, Vector4::new(250.0, 150.0, 180.0, 230.0), hover(&airframe));
+    let spin = Spin::new(
+        &airframe,
+        Vector4::new(250.0, 150.0, 180.0, 230.0),
+        hover(&airframe),
+    );
     let start = RigidBody {
         v: Vector3::new(1.0, 0.5, -0.5),
         attitude: Attitude::of_euler(&Vector3::new(0.3, -0.2, 0.1)),
@@ -107,7 +157,12 @@ fn the_integrator_is_of_order_4() {
     let error = |substeps| {
         let body = flown(substeps);
         let turned = Vector4::from(body.attitude.wxyz()) - Vector4::from(exact.attitude.wxyz());
-        let parts = [body.eta1 - exact.eta1, body.v - exact.v, body.nu2 - exact.nu2].map(|part| part.norm());
+        let parts = [
+            body.eta1 - exact.eta1,
+            body.v - exact.v,
+            body.nu2 - exact.nu2,
+        ]
+        .map(|part| part.norm());
         [parts[0], parts[1], turned.norm(), parts[2]]
     };
     let errors = [8, 16, 32].map(error);
@@ -122,11 +177,17 @@ fn the_integrator_is_of_order_4() {
 #[test]
 fn the_same_tick_gives_the_same_bits_from_any_history() {
     let airframe = Airframe::nominal();
-    let body = RigidBody { nu2: Vector3::new(0.1, 0.2, 0.3), ..RigidBody::default() };
+    let body = RigidBody {
+        nu2: Vector3::new(0.1, 0.2, 0.3),
+        ..RigidBody::default()
+    };
     let spin = Spin::new(&airframe, hover(&airframe), hover(&airframe));
     let once = integrate(&body, &airframe, &spin, 12_345, PERIOD_S, SUBSTEPS);
     let _elsewhere = integrate(&once, &airframe, &spin, 3, PERIOD_S, SUBSTEPS);
-    assert_eq!(integrate(&body, &airframe, &spin, 12_345, PERIOD_S, SUBSTEPS), once);
+    assert_eq!(
+        integrate(&body, &airframe, &spin, 12_345, PERIOD_S, SUBSTEPS),
+        once
+    );
 }
 
 #[test]
@@ -140,12 +201,29 @@ fn an_airframe_that_is_swapped_before_the_flight_flies_as_one_built_so() {
         (Parameter::PositionDelay, 0.02),
         (Parameter::PositionRate, 100.0),
     ];
-    let initial = Initial { rate_b_rad_s: [0.5, -0.2, 0.3], velocity_w_m_s: [1.0, 0.0, 2.0], ..Initial::default() };
-    let mut built = Plant::new(&PlantSettings { initial, ..settings(airframe(&changes)) });
-    let mut swapped = Plant::new(&PlantSettings { initial, ..settings(airframe(&[])) });
+    let initial = Initial {
+        rate_b_rad_s: [0.5, -0.2, 0.3],
+        velocity_w_m_s: [1.0, 0.0, 2.0],
+        ..Initial::default()
+    };
+    let mut built = Plant::new(&PlantSettings {
+        initial,
+        ..settings(airframe(&changes))
+    });
+    let mut swapped = Plant::new(&PlantSettings {
+        initial,
+        ..settings(airframe(&[]))
+    });
     swapped.schedule(Swap::new(0, &changes).unwrap()).unwrap();
     for tick in 0..200 {
-        assert_eq!(swapped.begin(tick), State { parameter_epoch: 1, ..built.begin(tick) }, "tick {tick}");
+        assert_eq!(
+            swapped.begin(tick),
+            State {
+                parameter_epoch: 1,
+                ..built.begin(tick)
+            },
+            "tick {tick}"
+        );
         assert_eq!(swapped.measured(), built.measured(), "tick {tick}");
     }
 }
@@ -155,17 +233,29 @@ fn rotors_follow_a_step_of_the_command_with_their_time_constant() {
     let tau = 0.02;
     let airframe = airframe(&[(Parameter::MotorTimeConstant, tau)]);
     let mut plant = Plant::new(&settings(airframe));
-    let command = RotorSpeeds { speed_rad_s: [300.0; 4], ..RotorSpeeds::default() };
+    let command = RotorSpeeds {
+        speed_rad_s: [300.0; 4],
+        ..RotorSpeeds::default()
+    };
     let start = airframe.hover_speed_rad_s();
     for tick in 0..200 {
         let state = plant.begin(tick);
-        plant.offer(&Dated { tick, content: command }, tick + 1);
+        plant.offer(
+            &Stamped {
+                tick,
+                content: command,
+            },
+            tick + 1,
+        );
         plant.finish();
         // The first command acts from tick 1 on; the mean of [t_k-1, t_k) lies beside the speed half a tick earlier.
         let elapsed_s = (tick as f64 - 1.5) * PERIOD_S;
         if elapsed_s > 0.0 {
             let speed = 300.0 + (start - 300.0) * (-elapsed_s / tau).exp();
-            assert!((state.measured.rotor_speed_mean_rad_s[0] - speed).abs() < 0.02, "tick {tick}");
+            assert!(
+                (state.measured.rotor_speed_mean_rad_s[0] - speed).abs() < 0.02,
+                "tick {tick}"
+            );
         }
     }
 }

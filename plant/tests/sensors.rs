@@ -1,9 +1,7 @@
 //! Sensors: exact when nothing is set, noise by density whatever T, bias, drift, fixes with delay and rate.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
-
-use model::messages::{Dated, RotorSpeeds};
-use model::parameters::{Airframe, Parameter};
+use messages::content::{RotorSpeeds, Stamped};
+use messages::parameters::{Airframe, Parameter};
 use nalgebra::Vector3;
 use plant::{Initial, Plant, PlantSettings};
 
@@ -12,7 +10,11 @@ fn settings(changes: &[(Parameter, f64)]) -> PlantSettings {
     for &(parameter, value) in changes {
         airframe.set(parameter, value).unwrap();
     }
-    PlantSettings { airframe, seed: 3, ..PlantSettings::default() }
+    PlantSettings {
+        airframe,
+        seed: 3,
+        ..PlantSettings::default()
+    }
 }
 
 /// Root mean square of what `of` gives over `ticks` ticks, per axis and all axes together.
@@ -52,10 +54,16 @@ fn sensors_without_errors_show_the_truth_bit_by_bit() {
 fn noise_of_a_density_has_the_same_power_at_every_sample_time() {
     const DENSITY: f64 = 3e-4;
     for (period_s, ticks) in [(0.001, 20_000), (0.004, 20_000)] {
-        let settings = PlantSettings { period_s, ..settings(&[(Parameter::GyroNoiseDensity, DENSITY)]) };
+        let settings = PlantSettings {
+            period_s,
+            ..settings(&[(Parameter::GyroNoiseDensity, DENSITY)])
+        };
         // Variance times T is the density squared; its standard error here is 0.6 %.
         let density = spread(&settings, ticks, rate_error) * f64::sqrt(period_s);
-        assert!((density / DENSITY - 1.0).abs() < 0.02, "T = {period_s}: {density}");
+        assert!(
+            (density / DENSITY - 1.0).abs() < 0.02,
+            "T = {period_s}: {density}"
+        );
     }
     let mut noisy = Plant::new(&settings(&[(Parameter::AccelerometerNoise, 0.002)]));
     let mut quiet = Plant::new(&settings(&[]));
@@ -74,15 +82,24 @@ fn noise_of_a_density_has_the_same_power_at_every_sample_time() {
 
 #[test]
 fn bias_is_constant_and_drift_walks_with_the_root_of_time() {
-    let mut plant = Plant::new(&settings(&[(Parameter::GyroBias, 0.02), (Parameter::AccelerometerBias, -0.1)]));
+    let mut plant = Plant::new(&settings(&[
+        (Parameter::GyroBias, 0.02),
+        (Parameter::AccelerometerBias, -0.1),
+    ]));
     plant.begin(0);
     assert!((rate_error(&plant) - Vector3::repeat(0.02)).norm() < 1e-15);
     let felt = Vector3::from(plant.measured().specific_force_b_m_s2);
-    assert!((felt - Vector3::new(-0.1, -0.1, 9.7)).norm() < 1e-12, "{felt}");
+    assert!(
+        (felt - Vector3::new(-0.1, -0.1, 9.7)).norm() < 1e-12,
+        "{felt}"
+    );
 
     const DRIFT: f64 = 1e-3;
     let walked = |seed: u64, ticks: u64, last: u64| {
-        let mut plant = Plant::new(&PlantSettings { seed, ..settings(&[(Parameter::GyroDrift, DRIFT)]) });
+        let mut plant = Plant::new(&PlantSettings {
+            seed,
+            ..settings(&[(Parameter::GyroDrift, DRIFT)])
+        });
         for tick in (0..=ticks).filter(|tick| tick % last == 0 || *tick == ticks) {
             plant.begin(tick);
         }
@@ -90,7 +107,12 @@ fn bias_is_constant_and_drift_walks_with_the_root_of_time() {
     };
     // The walk of a skipped tick is walked all the same.
     assert_eq!(walked(1, 1000, 1), walked(1, 1000, 7));
-    let power = |ticks| (0..200).map(|seed| walked(seed, ticks, 1).norm_squared() / 3.0).sum::<f64>() / 200.0;
+    let power = |ticks| {
+        (0..200)
+            .map(|seed| walked(seed, ticks, 1).norm_squared() / 3.0)
+            .sum::<f64>()
+            / 200.0
+    };
     for (ticks, time_s) in [(250, 0.25), (1000, 1.0)] {
         // 600 samples: the standard error of their variance is 5.8 %.
         let ratio = power(ticks) / (DRIFT * DRIFT * time_s);
@@ -100,50 +122,93 @@ fn bias_is_constant_and_drift_walks_with_the_root_of_time() {
 
 #[test]
 fn a_fix_arrives_late_and_is_shown_until_the_next() {
-    let fixes = [(Parameter::PositionDelay, 0.1), (Parameter::PositionRate, 50.0)];
-    let falling = Initial { velocity_w_m_s: [1.0, 0.0, 2.0], ..Initial::default() };
-    let mut plant = Plant::new(&PlantSettings { initial: falling, ..settings(&fixes) });
+    let fixes = [
+        (Parameter::PositionDelay, 0.1),
+        (Parameter::PositionRate, 50.0),
+    ];
+    let falling = Initial {
+        velocity_w_m_s: [1.0, 0.0, 2.0],
+        ..Initial::default()
+    };
+    let mut plant = Plant::new(&PlantSettings {
+        initial: falling,
+        ..settings(&fixes)
+    });
     let mut truth = Vec::new();
     for tick in 0..400_usize {
         let state = plant.begin(tick as u64);
         truth.push((state.truth.position_w_m, state.truth.velocity_w_m_s));
         let taken = tick.saturating_sub(100) / 20 * 20;
-        assert_eq!((state.measured.position_w_m, state.measured.velocity_w_m_s), truth[taken], "tick {tick}");
+        assert_eq!(
+            (state.measured.position_w_m, state.measured.velocity_w_m_s),
+            truth[taken],
+            "tick {tick}"
+        );
         plant.finish();
     }
 }
 
 #[test]
 fn fixes_err_as_much_as_they_may_and_a_skipped_tick_shifts_nothing() {
-    let noisy = settings(&[(Parameter::PositionNoise, 0.5), (Parameter::VelocityNoise, 0.05)]);
-    let position =
-        |plant: &Plant| Vector3::from(plant.measured().position_w_m) - Vector3::from(plant.state().truth.position_w_m);
+    let noisy = settings(&[
+        (Parameter::PositionNoise, 0.5),
+        (Parameter::VelocityNoise, 0.05),
+    ]);
+    let position = |plant: &Plant| {
+        Vector3::from(plant.measured().position_w_m)
+            - Vector3::from(plant.state().truth.position_w_m)
+    };
     let velocity = |plant: &Plant| {
-        Vector3::from(plant.measured().velocity_w_m_s) - Vector3::from(plant.state().truth.velocity_w_m_s)
+        Vector3::from(plant.measured().velocity_w_m_s)
+            - Vector3::from(plant.state().truth.velocity_w_m_s)
     };
     assert!((spread(&noisy, 20_000, position) / 0.5 - 1.0).abs() < 0.02);
     assert!((spread(&noisy, 20_000, velocity) / 0.05 - 1.0).abs() < 0.02);
-    let late = settings(&[(Parameter::PositionNoise, 0.5), (Parameter::PositionDelay, 0.02)]);
+    let late = settings(&[
+        (Parameter::PositionNoise, 0.5),
+        (Parameter::PositionDelay, 0.02),
+    ]);
     let (mut every, mut seldom) = (Plant::new(&late), Plant::new(&late));
     for tick in 0..300 {
         let shown = every.begin(tick);
         if tick % 13 == 0 {
-            assert_eq!(seldom.begin(tick).measured.position_w_m, shown.measured.position_w_m);
+            assert_eq!(
+                seldom.begin(tick).measured.position_w_m,
+                shown.measured.position_w_m
+            );
         }
     }
 }
 
 #[test]
 fn in_free_fall_it_feels_nothing_and_a_thrust_along_its_own_z() {
-    let still = [(Parameter::TranslationalDrag, 0.0), (Parameter::DisturbanceGain, 0.0)];
-    let tilted = Initial { attitude_rad: [0.5, -0.3, 2.0], ..Initial::default() };
-    let mut plant = Plant::new(&PlantSettings { initial: tilted, ..settings(&still) });
+    let still = [
+        (Parameter::TranslationalDrag, 0.0),
+        (Parameter::DisturbanceGain, 0.0),
+    ];
+    let tilted = Initial {
+        attitude_rad: [0.5, -0.3, 2.0],
+        ..Initial::default()
+    };
+    let mut plant = Plant::new(&PlantSettings {
+        initial: tilted,
+        ..settings(&still)
+    });
     plant.begin(0);
     let felt = Vector3::from(plant.measured().specific_force_b_m_s2);
-    assert!((felt - Vector3::z() * 9.8).norm() < 1e-12, "hover thrust, whatever the attitude: {felt}");
+    assert!(
+        (felt - Vector3::z() * 9.8).norm() < 1e-12,
+        "hover thrust, whatever the attitude: {felt}"
+    );
     for tick in 0..3 {
         plant.begin(tick);
-        plant.offer(&Dated { tick, content: RotorSpeeds::default() }, tick + 1);
+        plant.offer(
+            &Stamped {
+                tick,
+                content: RotorSpeeds::default(),
+            },
+            tick + 1,
+        );
         plant.finish();
     }
     plant.begin(3);

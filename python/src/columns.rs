@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, TryReserveError};
 
 use flight_log::codec::Logged;
 use flight_log::units::describe;
-use model::layout::{Field, Kind, Visitor, Walk};
-use model::parameters::{PARAMETERS, SPECS};
+use messages::layout::{Field, Kind, Visit, Visitor};
+use messages::parameters::{PARAMETERS, SPECS};
 use pyo3::prelude::*;
 
 /// A field over time.
@@ -46,27 +46,42 @@ pub(crate) type Signals = Vec<(String, String)>;
 impl Columns {
     /// Those of a topic whose law shows these signals; one for all of them where their names are not known.
     pub(crate) fn of<C: Logged>(signals: &Option<Signals>) -> Self {
-        let mut columns = Self { columns: Vec::new(), places: Vec::new(), next: 0 };
+        let mut columns = Self {
+            columns: Vec::new(),
+            places: Vec::new(),
+            next: 0,
+        };
         let telemetry = format!("telemetry.{}", C::SENDER);
-        let mut plan = Plan { columns: &mut columns, facts: describe::<C>(), telemetry, signals };
+        let mut plan = Plan {
+            columns: &mut columns,
+            facts: describe::<C>(),
+            telemetry,
+            signals,
+        };
         plan.fields(C::FIELDS, C::NAME, "");
         columns
     }
 
     /// Adds a row.
-    pub(crate) fn push<C: Walk>(&mut self, content: &C) {
+    pub(crate) fn push<C: Visit>(&mut self, content: &C) {
         self.next = 0;
         content.visit(self);
     }
 
     /// Adds a number to each column.
     pub(crate) fn push_row(&mut self, row: impl Iterator<Item = f64>) {
-        self.columns.iter_mut().zip(row).for_each(|(column, value)| column.values.push(value));
+        self.columns
+            .iter_mut()
+            .zip(row)
+            .for_each(|(column, value)| column.values.push(value));
     }
 
     /// How many numbers a row has.
     pub(crate) fn numbers(&self) -> u64 {
-        self.columns.iter().map(|column| column.width.unwrap_or(1) as u64).sum()
+        self.columns
+            .iter()
+            .map(|column| column.width.unwrap_or(1) as u64)
+            .sum()
     }
 
     /// Takes room for so many rows.
@@ -74,9 +89,11 @@ impl Columns {
     /// # Errors
     /// That there is not as much.
     pub(crate) fn reserve(&mut self, rows: usize) -> Result<(), TryReserveError> {
-        self.columns
-            .iter_mut()
-            .try_for_each(|column| column.values.try_reserve_exact(rows.saturating_mul(column.width.unwrap_or(1))))
+        self.columns.iter_mut().try_for_each(|column| {
+            column
+                .values
+                .try_reserve_exact(rows.saturating_mul(column.width.unwrap_or(1)))
+        })
     }
 
     pub(crate) fn into_columns(self) -> Vec<Column> {
@@ -89,9 +106,12 @@ impl Columns {
         match apart {
             None => self.columns[first].values.extend(values),
             Some(count) => {
-                self.columns[first..first + count].iter_mut().zip(values).for_each(|(column, value)| {
-                    column.values.push(value);
-                });
+                self.columns[first..first + count]
+                    .iter_mut()
+                    .zip(values)
+                    .for_each(|(column, value)| {
+                        column.values.push(value);
+                    });
             }
         }
     }
@@ -99,21 +119,31 @@ impl Columns {
 
 impl From<Vec<Column>> for Columns {
     fn from(columns: Vec<Column>) -> Self {
-        Self { columns, places: Vec::new(), next: 0 }
+        Self {
+            columns,
+            places: Vec::new(),
+            next: 0,
+        }
     }
 }
 
 impl Visitor for Columns {
     fn integers(&mut self, _: &'static Field, values: &[u64]) {
         // Of the counts and ticks in messages, the largest one stands for none.
-        self.take(values.iter().map(|value| if *value == u64::MAX { f64::NAN } else { *value as f64 }));
+        self.take(values.iter().map(|value| {
+            if *value == u64::MAX {
+                f64::NAN
+            } else {
+                *value as f64
+            }
+        }));
     }
 
     fn numbers(&mut self, _: &'static Field, values: &[f64]) {
         self.take(values.iter().copied());
     }
 
-    fn structs<L: Walk>(&mut self, _: &'static Field, values: &[L]) {
+    fn structs<L: Visit>(&mut self, _: &'static Field, values: &[L]) {
         values.iter().for_each(|value| value.visit(self));
     }
 }
@@ -130,13 +160,18 @@ struct Plan<'a> {
 impl Plan<'_> {
     fn fields(&mut self, fields: &[Field], group: &str, path: &str) {
         for field in fields {
-            let place = Place { first: self.columns.columns.len(), apart: None };
+            let place = Place {
+                first: self.columns.columns.len(),
+                apart: None,
+            };
             match (field.name, field.kind) {
                 ("value", _) if group == self.telemetry && self.signals.is_some() => {
                     self.apart(group, self.signals.clone().unwrap_or_default(), place);
                 }
                 ("parameter", _) if field.length == Some(PARAMETERS) => {
-                    let specs = SPECS.iter().map(|spec| (spec.name.to_owned(), spec.unit.to_owned()));
+                    let specs = SPECS
+                        .iter()
+                        .map(|spec| (spec.name.to_owned(), spec.unit.to_owned()));
                     self.apart(group, specs.collect(), place);
                 }
                 (name, Kind::Struct { fields, .. }) => {
@@ -149,7 +184,10 @@ impl Plan<'_> {
                     self.fields(fields, group, &format!("{path}{name}."));
                 }
                 (name, _) => {
-                    let unit = self.facts.get(&format!("unit.{path}{name}")).map_or("", String::as_str);
+                    let unit = self
+                        .facts
+                        .get(&format!("unit.{path}{name}"))
+                        .map_or("", String::as_str);
                     // Of ticks the log says which one is none; here that is no number.
                     let unit = unit.split_once(';').map_or(unit, |(unit, _)| unit);
                     let unit = if unit == "1" { "" } else { unit };
@@ -161,12 +199,23 @@ impl Plan<'_> {
     }
 
     fn apart(&mut self, group: &str, names: Signals, place: Place) {
-        self.columns.places.push(Place { apart: Some(names.len()), ..place });
-        names.into_iter().for_each(|(name, unit)| self.column(group, name, unit, None));
+        self.columns.places.push(Place {
+            apart: Some(names.len()),
+            ..place
+        });
+        names
+            .into_iter()
+            .for_each(|(name, unit)| self.column(group, name, unit, None));
     }
 
     fn column(&mut self, group: &str, name: String, unit: String, width: Option<usize>) {
-        self.columns.columns.push(Column { group: group.to_owned(), name, unit, width, values: Vec::new() });
+        self.columns.columns.push(Column {
+            group: group.to_owned(),
+            name,
+            unit,
+            width,
+            values: Vec::new(),
+        });
     }
 }
 

@@ -1,17 +1,30 @@
 //! Failures of the rig as exceptions of Python.
 
-use failure::Failure;
+use errors::Failure;
 use pyo3::create_exception;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-create_exception!(ironbird, SettingsError, PyValueError, "A setting is unknown, or not what it may be.");
-create_exception!(ironbird, LogError, PyValueError, "There is no such flight, or its log cannot be read.");
+create_exception!(
+    ironbird,
+    SettingsError,
+    PyValueError,
+    "A setting is unknown, or not what it may be."
+);
+create_exception!(
+    ironbird,
+    LogError,
+    PyValueError,
+    "There is no such flight, or its log cannot be read."
+);
 
 /// What a command prints of a failure, without its first word.
 fn told(failure: &Failure) -> String {
     let text = failure.told();
-    text.strip_prefix("error: ").unwrap_or(&text).trim_end().to_owned()
+    text.strip_prefix("error: ")
+        .unwrap_or(&text)
+        .trim_end()
+        .to_owned()
 }
 
 pub(crate) fn settings_error(failure: Failure) -> PyErr {

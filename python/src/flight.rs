@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use ::law::description::Description;
-use ironbird::in_process::InProcess;
+use control_api::description::Description;
 use ironbird::settings::Settings;
-use ironbird::settings::laws::known;
-use model::messages::{RotorSpeeds, Setpoint, State, Wrench};
-use model::monitor::Monitor;
-use model::role::{Role, STAGES};
+use ironbird::settings::law_settings::known;
+use ironbird::simulator::Simulator;
+use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+use messages::monitor::Monitor;
+use messages::role::{Role, STAGES};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use python_law::array;
@@ -31,8 +31,14 @@ pub(crate) struct FlownLaw {
 
 impl From<&'static Description> for FlownLaw {
     fn from(law: &'static Description) -> Self {
-        let signals = law.telemetry.iter().map(|signal| (signal.name.into(), signal.unit.into()));
-        Self { name: law.name.into(), signals: Some(signals.collect()) }
+        let signals = law
+            .telemetry
+            .iter()
+            .map(|signal| (signal.name.into(), signal.unit.into()));
+        Self {
+            name: law.name.into(),
+            signals: Some(signals.collect()),
+        }
     }
 }
 
@@ -40,13 +46,37 @@ impl FlownLaw {
     /// The laws of a flight that was recorded: outer, inner, mixer. No file of a law is opened, as its code would run.
     pub(crate) fn recorded(settings: &Settings) -> [Self; 3] {
         let law = |role: Role, section: &Section| {
-            let name = section.get("law").and_then(Value::as_str).unwrap_or_default();
+            let name = section
+                .get("law")
+                .and_then(Value::as_str)
+                .unwrap_or_default();
             let built_in = known(role).into_iter().find(|law| law.name == name);
-            let file = || Path::new(name).file_name().unwrap_or_default().to_string_lossy().into_owned();
-            built_in.map_or_else(|| Self { name: file(), signals: None }, Self::from)
+            let file = || {
+                Path::new(name)
+                    .file_name()
+                    .unwrap_or_default()
+                    .to_string_lossy()
+                    .into_owned()
+            };
+            built_in.map_or_else(
+                || Self {
+                    name: file(),
+                    signals: None,
+                },
+                Self::from,
+            )
         };
-        let Settings { outer, inner, mixer, .. } = settings;
-        [law(Role::Outer, outer), law(Role::Inner, inner), law(Role::Mixer, mixer)]
+        let Settings {
+            outer,
+            inner,
+            mixer,
+            ..
+        } = settings;
+        [
+            law(Role::Outer, outer),
+            law(Role::Inner, inner),
+            law(Role::Mixer, mixer),
+        ]
     }
 }
 
@@ -75,17 +105,31 @@ impl Tables {
 
     /// Each of them.
     pub(crate) fn all(&mut self) -> [&mut Table; 5] {
-        let Self { state, setpoint, wrench, rotor_speeds, theorem } = self;
+        let Self {
+            state,
+            setpoint,
+            wrench,
+            rotor_speeds,
+            theorem,
+        } = self;
         [state, setpoint, wrench, rotor_speeds, theorem]
     }
 
     /// Takes what was said in a tick.
-    pub(crate) fn take(&mut self, tick: u64, rig: &InProcess) {
+    pub(crate) fn take(&mut self, tick: u64, rig: &Simulator) {
         self.state.push(tick, rig.state());
-        rig.setpoint().into_iter().for_each(|setpoint| self.setpoint.push(tick, setpoint));
-        rig.new_wrench().into_iter().for_each(|wrench| self.wrench.push(tick, wrench));
-        rig.new_rotor_speeds().into_iter().for_each(|speeds| self.rotor_speeds.push(tick, speeds));
-        rig.monitor().into_iter().for_each(|monitor| self.theorem.push(tick, monitor));
+        rig.setpoint()
+            .into_iter()
+            .for_each(|setpoint| self.setpoint.push(tick, setpoint));
+        rig.new_wrench()
+            .into_iter()
+            .for_each(|wrench| self.wrench.push(tick, wrench));
+        rig.new_rotor_speeds()
+            .into_iter()
+            .for_each(|speeds| self.rotor_speeds.push(tick, speeds));
+        rig.monitor()
+            .into_iter()
+            .for_each(|monitor| self.theorem.push(tick, monitor));
     }
 
     /// All of it on the same ticks, with tables beside; nothing of the theorem where nothing was said of it.
@@ -95,14 +139,31 @@ impl Tables {
         mut beside: Vec<Table>,
         facts: Bound<'py, PyDict>,
     ) -> PyResult<Shown<'py>> {
-        let Self { state, setpoint, wrench, rotor_speeds, theorem } = self;
+        let Self {
+            state,
+            setpoint,
+            wrench,
+            rotor_speeds,
+            theorem,
+        } = self;
         let mut tables = vec![state, setpoint, wrench, rotor_speeds];
         tables.extend((!theorem.is_empty()).then_some(theorem));
         let rows = rows(&tables);
         tables.append(&mut beside);
-        facts.set_item("tick", array(py, &rows.iter().map(|tick| *tick as f64).collect::<Vec<_>>())?)?;
+        facts.set_item(
+            "tick",
+            array(
+                py,
+                &rows.iter().map(|tick| *tick as f64).collect::<Vec<_>>(),
+            )?,
+        )?;
         let columns = tables.into_iter().flat_map(|table| table.on(&rows));
-        Ok((columns.map(|column: Column| column.shown(py)).collect::<PyResult<_>>()?, facts))
+        Ok((
+            columns
+                .map(|column: Column| column.shown(py))
+                .collect::<PyResult<_>>()?,
+            facts,
+        ))
     }
 }
 
@@ -126,7 +187,9 @@ pub(crate) fn facts<'py>(
     let faults: Vec<_> = swaps
         .iter()
         .flat_map(|swap| {
-            swap.changes.iter().map(|change| (swap.tick, swap.time_s, &change.name, change.old, change.new))
+            swap.changes
+                .iter()
+                .map(|change| (swap.tick, swap.time_s, &change.name, change.old, change.new))
         })
         .collect();
     facts.set_item("faults", faults)?;

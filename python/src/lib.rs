@@ -3,8 +3,8 @@
 mod columns;
 mod errors;
 mod flight;
-mod handed;
 mod memory;
+mod py_laws;
 mod read;
 mod settings;
 mod simulate;
@@ -17,7 +17,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _rig {
     #[pymodule_export]
-    use python_law::{Measured, Reference, Rig, Wanted};
+    use python_law::{Desired, Measured, Reference, Rig};
 
     #[pymodule_export]
     use crate::errors::{LogError, SettingsError};

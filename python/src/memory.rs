@@ -16,7 +16,12 @@ const BESIDE: u64 = 3;
 /// # Errors
 /// `MemoryError` says how many bytes are needed, how many there are, and what to do.
 pub(crate) fn reserve(tables: &mut Tables, ticks: u64) -> PyResult<()> {
-    let numbers = tables.all().iter().map(|table| table.numbers()).sum::<u64>() + BESIDE;
+    let numbers = tables
+        .all()
+        .iter()
+        .map(|table| table.numbers())
+        .sum::<u64>()
+        + BESIDE;
     let needed = numbers.saturating_mul(8).saturating_mul(ticks);
     let refused = |available: &str| {
         PyMemoryError::new_err(format!(
@@ -28,13 +33,22 @@ pub(crate) fn reserve(tables: &mut Tables, ticks: u64) -> PyResult<()> {
         return Err(refused(&format!("{available} are available")));
     }
     let rows = usize::try_from(ticks).unwrap_or(usize::MAX);
-    let reserved: Result<(), TryReserveError> = tables.all().into_iter().try_for_each(|table| table.reserve(rows));
+    let reserved: Result<(), TryReserveError> = tables
+        .all()
+        .into_iter()
+        .try_for_each(|table| table.reserve(rows));
     reserved.map_err(|_| refused("this process may not have as many"))
 }
 
 /// Memory that can be had without swapping [bytes]; none where the system does not say.
 fn available() -> Option<u64> {
     let said = fs::read_to_string("/proc/meminfo").ok()?;
-    let line = said.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    line.trim().strip_suffix(" kB")?.parse::<u64>().ok()?.checked_mul(1024)
+    let line = said
+        .lines()
+        .find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    line.trim()
+        .strip_suffix(" kB")?
+        .parse::<u64>()
+        .ok()?
+        .checked_mul(1024)
 }

@@ -2,19 +2,19 @@
 
 use std::path::{Path, PathBuf};
 
-use failure::Failure;
+use errors::Failure;
 use flight_log::entry::LogEntry;
 use flight_log::facts::{LANDING, SETTINGS};
 use flight_log::reader::{End, LogReader};
-use ironbird::replay::survey::{first_of, settings_of};
+use ironbird::replay::log_check::{first_of, settings_of};
 use ironbird::run_directory::find_log;
 use ironbird::settings::Settings;
-use model::envelope::Message;
-use model::output_hash::OutputHash;
-use model::topic::Topic;
+use messages::header::Message;
+use messages::output_hash::OutputHash;
+use messages::topic::Topic;
 use pyo3::prelude::*;
+use report::flight_statistics::is_last_word;
 use report::swaps::AppliedSwap;
-use report::tally::is_last_word;
 
 use crate::errors::log_error;
 use crate::flight::{FlownLaw, Shown, Tables, facts};
@@ -24,7 +24,9 @@ use crate::timing::Timing;
 #[pyfunction]
 #[pyo3(signature = (run, out=None))]
 pub(crate) fn read(py: Python<'_>, run: PathBuf, out: Option<PathBuf>) -> PyResult<Shown<'_>> {
-    let read = py.detach(|| Read::from(&find_log(&run, out.as_deref())?)).map_err(log_error)?;
+    let read = py
+        .detach(|| Read::from(&find_log(&run, out.as_deref())?))
+        .map_err(log_error)?;
     let facts = facts(py, &read.settings, &read.text, &read.laws, &read.swaps)?;
     facts.set_item("end", read.end)?;
     facts.set_item("fingerprint", read.outputs.to_string())?;
@@ -77,30 +79,45 @@ impl Read {
             LogEntry::State(message) => {
                 self.hash(message);
                 self.timing.state(&message.envelope);
-                self.tables.state.push(message.envelope.tick, &message.content);
+                self.tables
+                    .state
+                    .push(message.envelope.tick, &message.content);
             }
             LogEntry::Setpoint(message) => {
                 self.hash(message);
                 self.timing.setpoint(&message.envelope);
-                self.tables.setpoint.push(message.envelope.tick, &message.content);
+                self.tables
+                    .setpoint
+                    .push(message.envelope.tick, &message.content);
             }
             LogEntry::Wrench(message) => {
                 self.hash(message);
                 self.timing.wrench(&message.envelope);
-                self.tables.wrench.push(message.envelope.tick, &message.content);
+                self.tables
+                    .wrench
+                    .push(message.envelope.tick, &message.content);
             }
             // The last word is the answer to no state.
             LogEntry::RotorSpeeds(message) if is_last_word(message) => {}
             LogEntry::RotorSpeeds(message) => {
                 self.hash(message);
                 self.timing.rotor_speeds(&message.envelope);
-                self.tables.rotor_speeds.push(message.envelope.tick, &message.content);
+                self.tables
+                    .rotor_speeds
+                    .push(message.envelope.tick, &message.content);
             }
             LogEntry::Swap(message) => {
-                let swap = AppliedSwap::new(message.envelope.tick, self.settings.flight.period_s, &message.content);
+                let swap = AppliedSwap::new(
+                    message.envelope.tick,
+                    self.settings.flight.period_s,
+                    &message.content,
+                );
                 self.swaps.push(swap);
             }
-            LogEntry::Theorem(message) => self.tables.theorem.push(message.envelope.tick, &message.content),
+            LogEntry::Theorem(message) => self
+                .tables
+                .theorem
+                .push(message.envelope.tick, &message.content),
         }
     }
 

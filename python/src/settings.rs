@@ -25,8 +25,11 @@ const ARGUMENTS: [&str; 9] = [
 /// # Errors
 /// `SettingsError` names a value that no setting can have.
 pub(crate) fn overrides(arguments: &Bound<'_, PyDict>) -> PyResult<Overrides> {
-    let said = ARGUMENTS.into_iter().filter_map(|key| Some((key, arguments.get_item(key).transpose()?)));
-    said.map(|(key, given)| Ok((key, value(&given?, key)?))).collect()
+    let said = ARGUMENTS
+        .into_iter()
+        .filter_map(|key| Some((key, arguments.get_item(key).transpose()?)));
+    said.map(|(key, given)| Ok((key, value(&given?, key)?)))
+        .collect()
 }
 
 /// A dict of sections.
@@ -37,9 +40,16 @@ pub(crate) fn table(dict: &Bound<'_, PyDict>, path: &str) -> PyResult<Table> {
     let mut table = Table::new();
     for (key, given) in dict {
         let Ok(key) = key.extract::<String>() else {
-            return Err(SettingsError::new_err(format!("settings: the key {} is no string", key.repr()?)));
+            return Err(SettingsError::new_err(format!(
+                "settings: the key {} is no string",
+                key.repr()?
+            )));
         };
-        let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+        let path = if path.is_empty() {
+            key.clone()
+        } else {
+            format!("{path}.{key}")
+        };
         table.insert(key, value(&given, &path)?);
     }
     Ok(table)
@@ -62,7 +72,10 @@ fn value(given: &Bound<'_, PyAny>, path: &str) -> PyResult<Value> {
         return Ok(Value::Float(number));
     }
     match given.try_iter() {
-        Ok(values) => values.map(|given| value(&given?, path)).collect::<PyResult<_>>().map(Value::Array),
+        Ok(values) => values
+            .map(|given| value(&given?, path))
+            .collect::<PyResult<_>>()
+            .map(Value::Array),
         Err(_) => Err(SettingsError::new_err(format!(
             "settings: {path} = {}: expected a number, a string, a list or a dict",
             given.repr()?

@@ -2,22 +2,22 @@
 
 use std::sync::Arc;
 
-use ::law::registry::{AnyInner, AnyOuter, Made};
-use ::law::{GuardedInner, GuardedOuter};
-use failure::Failure;
-use ironbird::in_process::InProcess;
+use control_api::registry::{AnyInner, AnyOuter, Made};
+use control_api::{GuardedInner, GuardedOuter};
+use errors::Failure;
 use ironbird::settings::Settings;
 use ironbird::simulate::fly;
-use model::boards::Ending;
-use model::role::Role;
+use ironbird::simulator::Simulator;
+use messages::blackboards::EndReason;
+use messages::role::Role;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use python_law::{FlyingInner, FlyingOuter, PythonLaw, Raised};
 
 use crate::errors::settings_error;
 use crate::flight::{FlownLaw, Shown, Tables, facts};
-use crate::handed::Handed;
 use crate::memory;
+use crate::py_laws::PyLaw;
 use crate::settings::{overrides, table};
 
 /// Ticks between two looks at whether Ctrl-C was pressed.
@@ -34,14 +34,16 @@ pub(crate) fn simulate<'py>(
     outer: Option<&Bound<'py, PyAny>>,
     inner: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Shown<'py>> {
-    let outer = Handed::of(Role::Outer, settings, arguments, outer)?;
-    let inner = Handed::of(Role::Inner, settings, arguments, inner)?;
-    let settings = Settings::of(table(settings, "")?, &overrides(arguments)?).map_err(settings_error)?;
+    let outer = PyLaw::of(Role::Outer, settings, arguments, outer)?;
+    let inner = PyLaw::of(Role::Inner, settings, arguments, inner)?;
+    let settings =
+        Settings::of(table(settings, "")?, &overrides(arguments)?).map_err(settings_error)?;
     let laws = laws(&settings, outer.as_ref(), inner.as_ref()).map_err(settings_error)?;
     let rig = settings.rig().map_err(settings_error)?;
-    let made = |law: &Option<Handed<'py>>| law.as_ref().map(|law| law.law(rig)).transpose();
+    let made = |law: &Option<PyLaw<'py>>| law.as_ref().map(|law| law.law(rig)).transpose();
     let raised = Raised::default();
-    let mut flight = flight(&settings, made(&outer)?, made(&inner)?, &raised).map_err(settings_error)?;
+    let mut flight =
+        flight(&settings, made(&outer)?, made(&inner)?, &raised).map_err(settings_error)?;
     let mut tables = Tables::of(&laws);
     memory::reserve(&mut tables, settings.last_tick() + 1)?;
     let mut tick = 0;
@@ -50,9 +52,14 @@ pub(crate) fn simulate<'py>(
             tables.take(tick, rig);
             tick += 1;
             if tick.is_multiple_of(LOOK_TICKS) {
-                Python::attach(|py| py.check_signals()).unwrap_or_else(|signal| raised.keep(signal));
+                Python::attach(|py| py.check_signals())
+                    .unwrap_or_else(|signal| raised.keep(signal));
             }
-            if raised.is_there() { Err(Failure::failed("an exception")) } else { Ok(()) }
+            if raised.is_there() {
+                Err(Failure::failed("an exception"))
+            } else {
+                Ok(())
+            }
         })
     });
     if let Some(raised) = raised.take() {
@@ -61,7 +68,13 @@ pub(crate) fn simulate<'py>(
     let flown = flown.map_err(settings_error)?;
     let text = settings.commented().map_err(settings_error)?;
     let facts = facts(py, &settings, &text, &laws, &flown.swaps)?;
-    facts.set_item("end", flown.departure.as_deref().unwrap_or(Ending::Completed.words()))?;
+    facts.set_item(
+        "end",
+        flown
+            .departure
+            .as_deref()
+            .unwrap_or(EndReason::Completed.words()),
+    )?;
     facts.set_item("fingerprint", flown.outputs.to_string())?;
     let handed = PyDict::new(py);
     for (role, law) in [("outer", outer), ("inner", inner)] {
@@ -72,9 +85,17 @@ pub(crate) fn simulate<'py>(
 }
 
 /// The laws that fly: outer, inner, mixer.
-fn laws(settings: &Settings, outer: Option<&Handed>, inner: Option<&Handed>) -> Result<[FlownLaw; 3], Failure> {
+fn laws(
+    settings: &Settings,
+    outer: Option<&PyLaw>,
+    inner: Option<&PyLaw>,
+) -> Result<[FlownLaw; 3], Failure> {
     let [of_outer, of_inner, mixer] = settings.laws()?.map(FlownLaw::from);
-    Ok([outer.map_or(of_outer, FlownLaw::from), inner.map_or(of_inner, FlownLaw::from), mixer])
+    Ok([
+        outer.map_or(of_outer, FlownLaw::from),
+        inner.map_or(of_inner, FlownLaw::from),
+        mixer,
+    ])
 }
 
 /// The flight that settings describe, with the laws of Python in place of theirs.
@@ -83,29 +104,41 @@ fn flight(
     outer: Option<Arc<PythonLaw>>,
     inner: Option<Arc<PythonLaw>>,
     raised: &Raised,
-) -> Result<InProcess, Failure> {
+) -> Result<Simulator, Failure> {
     let rig = settings.rig()?;
-    let theorem = if inner.is_none() { settings.theorem()? } else { None };
+    let theorem = if inner.is_none() {
+        settings.theorem()?
+    } else {
+        None
+    };
     if outer.is_none() && inner.is_none() {
-        return Ok(InProcess::of(settings)?.watched(theorem));
+        return Ok(Simulator::of(settings)?.with_monitor(theorem));
     }
     let outer = match outer {
         None => settings.outer_stage()?,
         Some(law) => {
-            let signals = law.shown();
+            let signals = law.signals();
             let law = FlyingOuter(law, raised.clone());
-            let made = Made::<dyn AnyOuter> { law: Box::new(law.clone()), twin: Box::new(law), signals };
+            let made = Made::<dyn AnyOuter> {
+                law: Box::new(law.clone()),
+                twin: Box::new(law),
+                signals,
+            };
             GuardedOuter::new(made, settings.course()?.route(rig.period_s), &rig)
         }
     };
     let inner = match inner {
         None => settings.inner_stage()?,
         Some(law) => {
-            let signals = law.shown();
+            let signals = law.signals();
             let law = FlyingInner(law, raised.clone());
-            let made = Made::<dyn AnyInner> { law: Box::new(law.clone()), twin: Box::new(law), signals };
+            let made = Made::<dyn AnyInner> {
+                law: Box::new(law.clone()),
+                twin: Box::new(law),
+                signals,
+            };
             GuardedInner::new(made, &rig)
         }
     };
-    Ok(InProcess::with(settings, outer, inner)?.watched(theorem))
+    Ok(Simulator::with(settings, outer, inner)?.with_monitor(theorem))
 }

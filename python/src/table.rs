@@ -15,12 +15,18 @@ pub(crate) struct Table {
 
 impl Table {
     pub(crate) fn of<C: Logged>(signals: &Option<Signals>) -> Self {
-        Self { ticks: Vec::new(), columns: Columns::of::<C>(signals) }
+        Self {
+            ticks: Vec::new(),
+            columns: Columns::of::<C>(signals),
+        }
     }
 
     /// Of columns that are filled row by row.
     pub(crate) fn of_columns(columns: Vec<Column>) -> Self {
-        Self { ticks: Vec::new(), columns: Columns::from(columns) }
+        Self {
+            ticks: Vec::new(),
+            columns: Columns::from(columns),
+        }
     }
 
     /// A number for each column.
@@ -58,19 +64,33 @@ impl Table {
         if self.ticks == rows {
             return columns;
         }
-        let places: Vec<Option<usize>> = self.ticks.iter().map(|tick| rows.binary_search(tick).ok()).collect();
-        columns.into_iter().map(|column| spread(column, &places, rows.len())).collect()
+        let places: Vec<Option<usize>> = self
+            .ticks
+            .iter()
+            .map(|tick| rows.binary_search(tick).ok())
+            .collect();
+        columns
+            .into_iter()
+            .map(|column| spread(column, &places, rows.len()))
+            .collect()
     }
 }
 
 /// Every tick of some tables, once and in order.
 pub(crate) fn rows(tables: &[Table]) -> Vec<u64> {
-    let [first, others @ ..] = tables else { return Vec::new() };
+    let [first, others @ ..] = tables else {
+        return Vec::new();
+    };
     let rises = first.ticks.is_sorted_by(|a, b| a < b);
     if rises && others.iter().all(|table| table.ticks == first.ticks) {
         return first.ticks.clone();
     }
-    tables.iter().flat_map(|table| table.ticks.iter().copied()).collect::<BTreeSet<_>>().into_iter().collect()
+    tables
+        .iter()
+        .flat_map(|table| table.ticks.iter().copied())
+        .collect::<BTreeSet<_>>()
+        .into_iter()
+        .collect()
 }
 
 /// A column whose rows stand at places among more rows.

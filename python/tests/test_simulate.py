@@ -78,7 +78,7 @@ def test_declared_names_are_those_that_there_are():
     seen = {}
 
     def law(tick, measured, wanted, reference):
-        seen.update(Measured=measured, Wanted=wanted, Reference=reference)
+        seen.update(Measured=measured, Desired=wanted, Reference=reference)
         return wanted.thrust_n, [0.0, 0.0, 0.0]
 
     ironbird.simulate("hover", 0.01, inner=law)

@@ -11,14 +11,10 @@ use crate::gates::Gates;
 use crate::generator::Stream;
 use crate::lines::Lines;
 
-/// What a file describes.
 #[derive(Clone, Debug)]
 pub struct Campaign {
-    /// Its name.
     pub name: String,
-    /// Flights per arm.
     pub flights: u64,
-    /// Seed of all draws.
     pub seed: u64,
     /// Flights in a file of rows.
     pub chunk: u64,
@@ -31,8 +27,7 @@ pub struct Campaign {
     /// Faults, whose values are among the factors.
     pub faults: Vec<Fault>,
     /// What each flight is flown by, at least one.
-    pub arms: Vec<Arm>,
-    /// What counts as success.
+    pub arms: Vec<Variant>,
     pub gates: Gates,
     /// What an engine is asked for; rows do not depend on it.
     pub submission: Submission,
@@ -49,31 +44,22 @@ pub struct Submission {
     pub time_limit: Option<Duration>,
     /// Whether the engine starts a shard again whose node was lost.
     pub requeue: bool,
-    /// Processors.
     pub processors: u64,
 }
 
 /// What is drawn for each flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Factor {
-    /// Name of its column.
     pub name: String,
-    /// What it sets.
     pub target: Target,
-    /// What it is drawn from.
     pub distribution: Distribution,
-    /// Line of the file.
     pub line: usize,
 }
 
-/// What a factor sets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Target {
-    /// A key of the settings.
     Setting {
-        /// Its section.
         section: String,
-        /// The key in it.
         key: String,
     },
     /// A part of a fault, which names the factor.
@@ -84,14 +70,12 @@ pub enum Target {
 
 /// A way to fly the same draws.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Arm {
-    /// Its name.
+pub struct Variant {
     pub name: String,
     /// Section, key and value of the settings.
     pub settings: Vec<(String, String, Value)>,
     /// The recorded flight whose timing its flights have.
     pub timing: Option<String>,
-    /// Line of the file.
     pub line: usize,
 }
 
@@ -99,15 +83,23 @@ impl Campaign {
     /// What a flight draws, in the order of the factors: of its number and the seed alone.
     #[must_use]
     pub fn draws(&self, flight: u64) -> Vec<Value> {
-        self.factors.iter().map(|it| it.distribution.draw(Stream::new(self.seed, &it.name), flight)).collect()
+        self.factors
+            .iter()
+            .map(|it| {
+                it.distribution
+                    .draw(Stream::new(self.seed, &it.name), flight)
+            })
+            .collect()
     }
 
     /// Sections of the settings of a flight by an arm, as a settings file would have them.
     #[must_use]
-    pub fn given(&self, arm: &Arm, draws: &[Value]) -> Table {
+    pub fn given(&self, arm: &Variant, draws: &[Value]) -> Table {
         let mut given = self.base.clone();
         let mut set = |section: &str, key: &str, value: &Value| {
-            let section = given.entry(section).or_insert_with(|| Value::Table(Table::new()));
+            let section = given
+                .entry(section)
+                .or_insert_with(|| Value::Table(Table::new()));
             if let Some(section) = section.as_table_mut() {
                 section.insert(key.to_owned(), value.clone());
             }
@@ -121,10 +113,18 @@ impl Campaign {
             set(section, key, value);
         }
         if !self.faults.is_empty() {
-            let own = given.get("flight").and_then(|it| it.get("faults")).and_then(Value::as_array);
-            let drawn = self.faults.iter().map(|fault| Value::from(fault.text(draws)));
+            let own = given
+                .get("flight")
+                .and_then(|it| it.get("faults"))
+                .and_then(Value::as_array);
+            let drawn = self
+                .faults
+                .iter()
+                .map(|fault| Value::from(fault.text(draws)));
             let faults: Vec<Value> = own.into_iter().flatten().cloned().chain(drawn).collect();
-            let section = given.entry("flight").or_insert_with(|| Value::Table(Table::new()));
+            let section = given
+                .entry("flight")
+                .or_insert_with(|| Value::Table(Table::new()));
             if let Some(section) = section.as_table_mut() {
                 section.insert("faults".into(), Value::Array(faults));
             }
@@ -134,20 +134,31 @@ impl Campaign {
 
     /// The recorded flight whose timing a flight by an arm has, as the file names it.
     #[must_use]
-    pub fn timing<'a>(&'a self, arm: &'a Arm, draws: &'a [Value]) -> Option<&'a str> {
-        let drawn = self.factors.iter().zip(draws).find(|(factor, _)| factor.target == Target::Timing);
+    pub fn timing<'a>(&'a self, arm: &'a Variant, draws: &'a [Value]) -> Option<&'a str> {
+        let drawn = self
+            .factors
+            .iter()
+            .zip(draws)
+            .find(|(factor, _)| factor.target == Target::Timing);
         let drawn = drawn.and_then(|(_, name)| name.as_str());
         drawn.or(arm.timing.as_deref()).or(self.timing.as_deref())
     }
 
     /// All recorded flights whose timing flights by an arm have, and the key of the file that names them.
     #[must_use]
-    pub fn timings(&self, arm: &Arm) -> (String, Vec<String>) {
-        let drawn = self.factors.iter().find(|factor| factor.target == Target::Timing);
+    pub fn timings(&self, arm: &Variant) -> (String, Vec<String>) {
+        let drawn = self
+            .factors
+            .iter()
+            .find(|factor| factor.target == Target::Timing);
         let of = |name: &Option<String>| name.iter().cloned().collect();
         match (drawn, &arm.timing) {
             (Some(factor), _) => {
-                let names = factor.distribution.ends().into_iter().filter_map(|name| Some(name.as_str()?.to_owned()));
+                let names = factor
+                    .distribution
+                    .ends()
+                    .into_iter()
+                    .filter_map(|name| Some(name.as_str()?.to_owned()));
                 ("factors.timing".into(), names.collect())
             }
             (None, Some(_)) => (format!("arms.{}.timing", arm.name), of(&arm.timing)),
@@ -159,8 +170,14 @@ impl Campaign {
     /// whatever else its flights depend on.
     #[must_use]
     pub fn fingerprint(&self, settings: &[String]) -> String {
-        let mut text = format!("ironbird-campaign/1\nseed {}\nchunk {}\n", self.seed, self.chunk);
-        for Factor { name, distribution, .. } in &self.factors {
+        let mut text = format!(
+            "ironbird-campaign/1\nseed {}\nchunk {}\n",
+            self.seed, self.chunk
+        );
+        for Factor {
+            name, distribution, ..
+        } in &self.factors
+        {
             text += &format!("factor {name} {distribution:?}\n");
         }
         for fault in &self.faults {
@@ -170,7 +187,11 @@ impl Campaign {
         for (arm, settings) in self.arms.iter().zip(settings) {
             text += &format!("arm {} {:?}\n{settings}\n", arm.name, arm.settings);
         }
-        Sha256::digest(text).iter().take(16).map(|byte| format!("{byte:02x}")).collect()
+        Sha256::digest(text)
+            .iter()
+            .take(16)
+            .map(|byte| format!("{byte:02x}"))
+            .collect()
     }
 
     /// Place of an arm by its name.

@@ -22,18 +22,14 @@ pub struct Fault {
 /// What a number that is drawn for a fault stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Number {
-    /// Itself.
     Plain,
-    /// Whole ticks.
     Ticks,
     /// A time [s].
     Time,
-    /// The fault takes no value.
     None,
 }
 
 impl Number {
-    /// Of a fault's name.
     #[must_use]
     pub fn of(what: &str) -> Self {
         match what.rsplit_once('.').map(|(_, word)| word) {
@@ -75,25 +71,31 @@ pub fn is_of_the_loop(what: &str) -> bool {
 
 /// The flag reads whole numbers alone; times are checked where the file is read.
 fn nanoseconds(seconds: f64) -> u128 {
-    Duration::try_from_secs_f64(seconds).unwrap_or_default().as_nanos()
+    Duration::try_from_secs_f64(seconds)
+        .unwrap_or_default()
+        .as_nanos()
 }
 
 impl Fault {
-    /// What is drawn for it.
     #[must_use]
     pub fn what<'a>(&self, draws: &'a [Value]) -> &'a str {
         draws[self.what].as_str().unwrap_or_default()
     }
 
-    /// As `--fault` has it.
     #[must_use]
     pub fn text(&self, draws: &[Value]) -> String {
         let time = |place: usize| draws[place].as_float().unwrap_or_default();
         let what = self.what(draws);
-        let value = self.value.map_or_else(String::new, |place| Number::of(what).text(&draws[place]));
-        let over = self.over_s.map_or_else(String::new, |over| format!("~{}ns", nanoseconds(time(over))));
+        let value = self
+            .value
+            .map_or_else(String::new, |place| Number::of(what).text(&draws[place]));
+        let over = self.over_s.map_or_else(String::new, |over| {
+            format!("~{}ns", nanoseconds(time(over)))
+        });
         let at_s = time(self.at_s);
-        let to = self.for_s.map_or_else(String::new, |lasts| format!("..{}ns", nanoseconds(at_s + time(lasts))));
+        let to = self.for_s.map_or_else(String::new, |lasts| {
+            format!("..{}ns", nanoseconds(at_s + time(lasts)))
+        });
         format!("{what}{value}{over}@{}ns{to}", nanoseconds(at_s))
     }
 }
@@ -104,27 +106,56 @@ mod tests {
 
     fn text(what: &str, value: Option<Value>, for_s: Option<f64>) -> String {
         let place = value.is_some().then_some(1);
-        let fault = Fault { what: 0, value: place, at_s: 2, over_s: None, for_s: for_s.map(|_| 3) };
+        let fault = Fault {
+            what: 0,
+            value: place,
+            at_s: 2,
+            over_s: None,
+            for_s: for_s.map(|_| 3),
+        };
         let value = value.unwrap_or(Value::Boolean(false));
-        fault.text(&[what.into(), value, 1.5.into(), for_s.unwrap_or_default().into()])
+        fault.text(&[
+            what.into(),
+            value,
+            1.5.into(),
+            for_s.unwrap_or_default().into(),
+        ])
     }
 
     #[test]
     fn a_number_is_written_as_its_fault_has_it() {
-        assert_eq!(text("mass_kg", Some(0.6.into()), None), "mass_kg=0.6@1500000000ns");
-        assert_eq!(text("state.drop", Some(0.25.into()), Some(0.5)), "state.drop=0.25@1500000000ns..2000000000ns");
-        assert_eq!(text("state.drop", Some("5/25".into()), None), "state.drop=5/25@1500000000ns");
-        assert_eq!(text("inner.stop", Some(0.02.into()), None), "inner.stop=20000000ns@1500000000ns");
+        assert_eq!(
+            text("mass_kg", Some(0.6.into()), None),
+            "mass_kg=0.6@1500000000ns"
+        );
+        assert_eq!(
+            text("state.drop", Some(0.25.into()), Some(0.5)),
+            "state.drop=0.25@1500000000ns..2000000000ns"
+        );
+        assert_eq!(
+            text("state.drop", Some("5/25".into()), None),
+            "state.drop=5/25@1500000000ns"
+        );
+        assert_eq!(
+            text("inner.stop", Some(0.02.into()), None),
+            "inner.stop=20000000ns@1500000000ns"
+        );
         assert_eq!(
             text("inner.late", Some("1ms..3ms".into()), Some(1.0)),
             "inner.late=1ms..3ms@1500000000ns..2500000000ns"
         );
-        assert_eq!(text("inner.state.lag", Some(3.0.into()), None), "inner.state.lag=3@1500000000ns");
+        assert_eq!(
+            text("inner.state.lag", Some(3.0.into()), None),
+            "inner.state.lag=3@1500000000ns"
+        );
         assert_eq!(
             text("state.rate_b_rad_s.x.bias", Some(0.1.into()), None),
             "state.rate_b_rad_s.x.bias=0.1@1500000000ns"
         );
         assert_eq!(text("outer.kill", None, None), "outer.kill@1500000000ns");
-        assert_eq!(text("state.freeze", Some(1.0.into()), Some(1.0)), "state.freeze@1500000000ns..2500000000ns");
+        assert_eq!(
+            text("state.freeze", Some(1.0.into()), Some(1.0)),
+            "state.freeze@1500000000ns..2500000000ns"
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! What counts as success: limits of metrics, ranges of laws' own numbers.
 
-use model::messages::{RotorSpeeds, Setpoint, Wrench};
-use model::role::Role;
+use messages::content::{RotorSpeeds, Setpoint, Wrench};
+use messages::role::Role;
 
 /// Bound of a recovery where the file names none [m].
 pub const RECOVERED_BELOW_M: f64 = 0.05;
@@ -13,28 +13,58 @@ pub struct Metric {
     pub name: &'static str,
     /// SI unit; empty for a ratio.
     pub unit: &'static str,
-    /// What it is.
     pub meaning: &'static str,
 }
 
 const fn metric(name: &'static str, unit: &'static str, meaning: &'static str) -> Metric {
-    Metric { name, unit, meaning }
+    Metric {
+        name,
+        unit,
+        meaning,
+    }
 }
 
 /// The metrics of every flight, in the order of [`crate::metrics::Metrics::values`].
 pub const METRICS: [Metric; 9] = [
     metric("flown_s", "s", "time flown"),
     metric("position_error_max_m", "m", "largest true position error"),
-    metric("position_error_rms_m", "m", "true position error, root mean square"),
-    metric("tracking_error_max_m", "m", "largest true position error of the last 5 s"),
-    metric("recovery_max_s", "s", "longest time from a fault until the error was below recovered_below_m and stayed"),
-    metric("tilt_max_rad", "rad", "largest angle between body z and the vertical"),
-    metric("saturated_percent", "%", "ticks in which the mixer could not give what was asked"),
-    metric("power", "", "mean rotor power, sum of cubed speeds, as a multiple of hover"),
-    metric("agitation_rad_s", "rad/s", "change of a rotor's command in a tick, root mean square"),
+    metric(
+        "position_error_rms_m",
+        "m",
+        "true position error, root mean square",
+    ),
+    metric(
+        "tracking_error_max_m",
+        "m",
+        "largest true position error of the last 5 s",
+    ),
+    metric(
+        "recovery_max_s",
+        "s",
+        "longest time from a fault until the error was below recovered_below_m and stayed",
+    ),
+    metric(
+        "tilt_max_rad",
+        "rad",
+        "largest angle between body z and the vertical",
+    ),
+    metric(
+        "saturated_percent",
+        "%",
+        "ticks in which the mixer could not give what was asked",
+    ),
+    metric(
+        "power",
+        "",
+        "mean rotor power, sum of cubed speeds, as a multiple of hover",
+    ),
+    metric(
+        "agitation_rad_s",
+        "rad/s",
+        "change of a rotor's command in a tick, root mean square",
+    ),
 ];
 
-/// What counts as success.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gates {
     /// Places of metrics, and the most that each may be.
@@ -48,16 +78,12 @@ pub struct Gates {
 /// A number that a law shows, and what it must stay within in every tick in which it is known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SignalGate {
-    /// The law's role.
     pub role: Role,
-    /// The signal.
     pub signal: String,
-    /// Lowest and highest.
     pub range: [f64; 2],
 }
 
 impl SignalGate {
-    /// As the file names it.
     #[must_use]
     pub fn name(&self) -> String {
         format!("{}.{}", self.role, self.signal)
@@ -84,7 +110,10 @@ impl SignalGate {
 impl Gates {
     /// Names of the columns that say which gates held.
     pub fn names(&self) -> impl Iterator<Item = String> + '_ {
-        let limits = self.limits.iter().map(|(place, _)| METRICS[*place].name.to_owned());
+        let limits = self
+            .limits
+            .iter()
+            .map(|(place, _)| METRICS[*place].name.to_owned());
         limits.chain(self.telemetry.iter().map(SignalGate::name))
     }
 }

@@ -5,7 +5,6 @@
 
 use sha2::{Digest as _, Sha256};
 
-/// Multipliers of a round.
 const MULTIPLIERS: [u32; 2] = [0xd251_1f53, 0xcd9e_8d57];
 /// What is added to the key after a round.
 const WEYL: [u32; 2] = [0x9e37_79b9, 0xbb67_ae85];
@@ -16,11 +15,17 @@ const ROUNDS: usize = 10;
 pub fn philox(key: [u32; 2], counter: [u32; 4]) -> [u32; 4] {
     let (mut key, mut bits) = (key, counter);
     for _ in 0..ROUNDS {
-        let [(high_0, low_0), (high_1, low_1)] = [(0, 0), (1, 2)].map(|(i, word): (usize, usize)| {
-            let product = u64::from(MULTIPLIERS[i]) * u64::from(bits[word]);
-            ((product >> 32) as u32, product as u32)
-        });
-        bits = [high_1 ^ bits[1] ^ key[0], low_1, high_0 ^ bits[3] ^ key[1], low_0];
+        let [(high_0, low_0), (high_1, low_1)] =
+            [(0, 0), (1, 2)].map(|(i, word): (usize, usize)| {
+                let product = u64::from(MULTIPLIERS[i]) * u64::from(bits[word]);
+                ((product >> 32) as u32, product as u32)
+            });
+        bits = [
+            high_1 ^ bits[1] ^ key[0],
+            low_1,
+            high_0 ^ bits[3] ^ key[1],
+            low_0,
+        ];
         key = [key[0].wrapping_add(WEYL[0]), key[1].wrapping_add(WEYL[1])];
     }
     bits
@@ -36,22 +41,30 @@ impl Stream {
     /// Of a campaign's seed and a factor's name: other factors can come and go, and these draws stay.
     #[must_use]
     pub fn new(seed: u64, factor: &str) -> Self {
-        let sum = Sha256::new().chain_update(seed.to_le_bytes()).chain_update(factor).finalize();
+        let sum = Sha256::new()
+            .chain_update(seed.to_le_bytes())
+            .chain_update(factor)
+            .finalize();
         let word = |i: usize| u32::from_le_bytes([sum[i], sum[i + 1], sum[i + 2], sum[i + 3]]);
-        Self { key: [word(0), word(4)] }
+        Self {
+            key: [word(0), word(4)],
+        }
     }
 
-    /// Two words of 64 bits.
     #[must_use]
     pub fn words(self, flight: u64, attempt: u32) -> [u64; 2] {
         let [a, b, c, d] = philox(self.key, [flight as u32, (flight >> 32) as u32, attempt, 0]);
-        [u64::from(a) | u64::from(b) << 32, u64::from(c) | u64::from(d) << 32]
+        [
+            u64::from(a) | u64::from(b) << 32,
+            u64::from(c) | u64::from(d) << 32,
+        ]
     }
 
     /// Two numbers from 0 to below 1, in steps of 2^-53.
     #[must_use]
     pub fn units(self, flight: u64, attempt: u32) -> [f64; 2] {
-        self.words(flight, attempt).map(|word| (word >> 11) as f64 * (1.0 / (1_u64 << 53) as f64))
+        self.words(flight, attempt)
+            .map(|word| (word >> 11) as f64 * (1.0 / (1_u64 << 53) as f64))
     }
 }
 
@@ -62,8 +75,16 @@ mod tests {
     #[test]
     fn the_bits_are_those_of_the_authors() {
         for (key, counter, bits) in [
-            ([0; 2], [0; 4], [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]),
-            ([u32::MAX; 2], [u32::MAX; 4], [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd]),
+            (
+                [0; 2],
+                [0; 4],
+                [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8],
+            ),
+            (
+                [u32::MAX; 2],
+                [u32::MAX; 4],
+                [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd],
+            ),
             (
                 [0xa409_3822, 0x299f_31d0],
                 [0x243f_6a88, 0x85a3_08d3, 0x1319_8a2e, 0x0370_7344],
@@ -76,7 +97,8 @@ mod tests {
 
     #[test]
     fn seed_factor_flight_and_attempt_each_change_all_of_it() {
-        let drawn = |seed, factor, flight, attempt| Stream::new(seed, factor).units(flight, attempt);
+        let drawn =
+            |seed, factor, flight, attempt| Stream::new(seed, factor).units(flight, attempt);
         let one = drawn(7, "plant.mass_kg", 3, 0);
         assert_eq!(one, drawn(7, "plant.mass_kg", 3, 0));
         let others = [
@@ -85,7 +107,17 @@ mod tests {
             drawn(7, "plant.mass_kg", 3 + (1 << 32), 0),
             drawn(7, "plant.mass_kg", 3, 1),
         ];
-        assert!(others.iter().all(|other| other[0] != one[0] && other[1] != one[1]), "{one:?} {others:?}");
-        assert!(others.iter().flatten().all(|unit| (0.0..1.0).contains(unit)));
+        assert!(
+            others
+                .iter()
+                .all(|other| other[0] != one[0] && other[1] != one[1]),
+            "{one:?} {others:?}"
+        );
+        assert!(
+            others
+                .iter()
+                .flatten()
+                .all(|unit| (0.0..1.0).contains(unit))
+        );
     }
 }

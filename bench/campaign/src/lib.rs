@@ -7,19 +7,23 @@
 //!
 //! Nothing here flies, starts a process or reads a clock.
 
+pub mod aggregate;
+mod bins;
 pub mod campaign;
 pub mod chunk;
 pub mod distribution;
 pub mod fault;
 pub mod file;
-pub mod findings;
 pub mod gates;
 pub mod generator;
 pub mod lines;
+pub mod metric_distribution;
 pub mod metrics;
 pub mod outcome;
+mod parquet_file;
+pub mod results;
+pub mod results_page;
+pub mod results_text;
 pub mod rows;
 pub mod spread;
-pub mod statistics;
-pub mod sum;
 pub mod table;

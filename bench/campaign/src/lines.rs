@@ -22,7 +22,11 @@ impl Lines {
 
     fn take(&mut self, text: &str, path: &str, table: &dyn TableLike) {
         for (name, item) in table.iter() {
-            let path = if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
+            let path = if path.is_empty() {
+                name.to_owned()
+            } else {
+                format!("{path}.{name}")
+            };
             let span = table.key(name).and_then(Key::span).or_else(|| item.span());
             if let Some(span) = span {
                 self.0.insert(path.clone(), line_of(text, &span));
@@ -37,7 +41,10 @@ impl Lines {
                         self.take(text, &path, table);
                     }
                 }
-                item => item.as_table_like().into_iter().for_each(|table| self.take(text, &path, table)),
+                item => item
+                    .as_table_like()
+                    .into_iter()
+                    .for_each(|table| self.take(text, &path, table)),
             }
         }
     }
@@ -61,14 +68,23 @@ impl Lines {
     #[must_use]
     pub fn spoken_of(&self, said: &str) -> Option<usize> {
         // The same key stands below [factors] and [arms.NAME], too.
-        let key = |path: &str| path.rmatch_indices('.').nth(1).map_or(0, |(dot, _)| dot + 1);
+        let key = |path: &str| {
+            path.rmatch_indices('.')
+                .nth(1)
+                .map_or(0, |(dot, _)| dot + 1)
+        };
         let keys = self.0.iter().map(|(path, line)| (&path[key(path)..], line));
         let spoken = keys.filter(|(key, _)| key.contains('.') && said.contains(key));
-        spoken.max_by_key(|(key, _)| key.len()).map(|(_, line)| *line)
+        spoken
+            .max_by_key(|(key, _)| key.len())
+            .map(|(_, line)| *line)
     }
 }
 
 /// Line on which a part of a text begins.
 pub(crate) fn line_of(text: &str, span: &Range<usize>) -> usize {
-    1 + text.as_bytes()[..span.start.min(text.len())].iter().filter(|byte| **byte == b'\n').count()
+    1 + text.as_bytes()[..span.start.min(text.len())]
+        .iter()
+        .filter(|byte| **byte == b'\n')
+        .count()
 }

@@ -2,7 +2,6 @@
 
 use crate::gates::{Gates, METRICS};
 
-/// What came of a flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// Why the flight counts as lost, if it does.
@@ -22,7 +21,6 @@ pub enum Shown {
     NotOfThisLaw,
     /// It has, and never knew it.
     Never,
-    /// The smallest and the largest.
     Between([f64; 2]),
 }
 
@@ -51,34 +49,54 @@ impl Gates {
     /// that measured nothing did not hold.
     #[must_use]
     pub fn held(&self, outcome: &Outcome) -> Vec<Option<bool>> {
-        let limits =
-            self.limits.iter().map(|(place, most)| Some(outcome.metrics[*place].is_some_and(|it| it <= *most)));
-        let telemetry = self.telemetry.iter().zip(&outcome.telemetry).map(|(gate, shown)| match shown {
-            Shown::NotOfThisLaw => None,
-            Shown::Never => Some(false),
-            Shown::Between([low, high]) => Some(gate.range[0] <= *low && *high <= gate.range[1]),
-        });
+        let limits = self
+            .limits
+            .iter()
+            .map(|(place, most)| Some(outcome.metrics[*place].is_some_and(|it| it <= *most)));
+        let telemetry = self
+            .telemetry
+            .iter()
+            .zip(&outcome.telemetry)
+            .map(|(gate, shown)| match shown {
+                Shown::NotOfThisLaw => None,
+                Shown::Never => Some(false),
+                Shown::Between([low, high]) => {
+                    Some(gate.range[0] <= *low && *high <= gate.range[1])
+                }
+            });
         limits.chain(telemetry).collect()
     }
 
     /// Whether a flight was flown to its end, within its envelope, and every gate held.
     #[must_use]
     pub fn is_success(&self, outcome: &Outcome) -> bool {
-        outcome.lost.is_none() && self.held(outcome).into_iter().all(|held| held != Some(false))
+        outcome.lost.is_none()
+            && self
+                .held(outcome)
+                .into_iter()
+                .all(|held| held != Some(false))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use model::role::Role;
+    use messages::role::Role;
 
     use super::*;
     use crate::gates::SignalGate;
 
     #[test]
     fn success_is_a_whole_flight_in_which_every_gate_held() {
-        let gate = SignalGate { role: Role::Inner, signal: "k".into(), range: [-1.0, 1.0] };
-        let gates = Gates { limits: vec![(1, 0.5), (4, 2.0)], recovered_below_m: 0.05, telemetry: vec![gate] };
+        let gate = SignalGate {
+            role: Role::Inner,
+            signal: "k".into(),
+            range: [-1.0, 1.0],
+        };
+        let gates = Gates {
+            limits: vec![(1, 0.5), (4, 2.0)],
+            recovered_below_m: 0.05,
+            telemetry: vec![gate],
+        };
         let mut metrics = [Some(0.1); METRICS.len()];
         let flown = |metrics, shown, lost: Option<&str>| Outcome {
             lost: lost.map(str::to_owned),
@@ -89,13 +107,25 @@ mod tests {
         let inside = Shown::Never.and(-1.0).and(0.5);
         let success = |metrics, shown, lost| gates.is_success(&flown(metrics, shown, lost));
         assert!(success(metrics, inside, None) && success(metrics, Shown::NotOfThisLaw, None));
-        assert!(!success(metrics, inside, Some("lost")), "a lost flight is no success, whatever it measured");
-        assert!(!success(metrics, Shown::Never, None), "a gate that measured nothing did not hold");
+        assert!(
+            !success(metrics, inside, Some("lost")),
+            "a lost flight is no success, whatever it measured"
+        );
+        assert!(
+            !success(metrics, Shown::Never, None),
+            "a gate that measured nothing did not hold"
+        );
         assert!(!success(metrics, inside.and(1.5), None));
         metrics[4] = None;
-        assert!(!success(metrics, inside, None), "who did not recover did not recover in time");
+        assert!(
+            !success(metrics, inside, None),
+            "who did not recover did not recover in time"
+        );
         metrics[4] = Some(2.0);
         metrics[1] = Some(0.51);
-        assert_eq!(gates.held(&flown(metrics, inside, None)), [Some(false), Some(true), Some(true)]);
+        assert_eq!(
+            gates.held(&flown(metrics, inside, None)),
+            [Some(false), Some(true), Some(true)]
+        );
     }
 }

@@ -31,14 +31,16 @@ pub const SOBOL_DIMENSIONS: usize = DIRECTIONS.len() + 1;
 /// Flights at the most: the sequence has no more points of 32 bits.
 pub const SOBOL_FLIGHTS: u64 = 1 << 32;
 
-/// Places of a point.
 const POINTS: f64 = SOBOL_FLIGHTS as f64;
 
 /// Bits of a point in a dimension of Sobol's sequence.
 fn sobol_bits(dimension: usize, flight: u64) -> u32 {
     let gray = flight ^ (flight >> 1);
     let mut directions = [0_u32; 32];
-    match dimension.checked_sub(1).and_then(|place| DIRECTIONS.get(place)) {
+    match dimension
+        .checked_sub(1)
+        .and_then(|place| DIRECTIONS.get(place))
+    {
         None => (0..32).for_each(|i| directions[i] = 1 << (31 - i)),
         Some((degree, polynomial, first)) => {
             let degree = *degree as usize;
@@ -53,7 +55,9 @@ fn sobol_bits(dimension: usize, flight: u64) -> u32 {
             }
         }
     }
-    (0..32).filter(|i| gray >> i & 1 == 1).fold(0, |bits, i| bits ^ directions[i])
+    (0..32)
+        .filter(|i| gray >> i & 1 == 1)
+        .fold(0, |bits, i| bits ^ directions[i])
 }
 
 /// A number above 0 and below 1: Sobol's point of a flight in a dimension, shifted by the factor's own random bits.
@@ -96,10 +100,17 @@ mod tests {
     #[test]
     fn sobols_points_are_those_of_joe_and_kuo() {
         // scipy.stats.qmc.Sobol(16, scramble=False).random(8192)[5003] * 8192, and its first points in two dimensions.
-        let point: Vec<u32> = (0..SOBOL_DIMENSIONS).map(|dimension| sobol_bits(dimension, 5003) >> 19).collect();
-        let theirs = [3659, 4183, 7911, 5427, 5631, 6039, 789, 7503, 1407, 6061, 883, 6759, 3751, 6059, 8171, 2299];
+        let point: Vec<u32> = (0..SOBOL_DIMENSIONS)
+            .map(|dimension| sobol_bits(dimension, 5003) >> 19)
+            .collect();
+        let theirs = [
+            3659, 4183, 7911, 5427, 5631, 6039, 789, 7503, 1407, 6061, 883, 6759, 3751, 6059, 8171,
+            2299,
+        ];
         assert_eq!(point, theirs);
-        let first = |dimension| [0, 1, 2, 3, 4, 5].map(|flight| f64::from(sobol_bits(dimension, flight)) / POINTS);
+        let first = |dimension| {
+            [0, 1, 2, 3, 4, 5].map(|flight| f64::from(sobol_bits(dimension, flight)) / POINTS)
+        };
         assert_eq!(first(0), [0.0, 0.5, 0.75, 0.25, 0.375, 0.875]);
         assert_eq!(first(2), [0.0, 0.5, 0.25, 0.75, 0.625, 0.125]);
     }
@@ -108,7 +119,9 @@ mod tests {
     fn every_dimension_fills_every_interval_once() {
         for dimension in 0..SOBOL_DIMENSIONS {
             let stream = Stream::new(7, "x");
-            let mut filled: Vec<u64> = (0..64).map(|flight| (sobol(stream, dimension, flight) * 64.0) as u64).collect();
+            let mut filled: Vec<u64> = (0..64)
+                .map(|flight| (sobol(stream, dimension, flight) * 64.0) as u64)
+                .collect();
             filled.sort_unstable();
             assert_eq!(filled, Vec::from_iter(0..64), "dimension {dimension}");
         }
@@ -118,8 +131,9 @@ mod tests {
     fn a_latin_hypercube_has_one_flight_in_each_stratum() {
         for count in [1, 2, 3, 7, 64, 1000, 4097] {
             let stream = Stream::new(7, "x");
-            let mut strata: Vec<u64> =
-                (0..count).map(|flight| (latin(stream, count, flight) * count as f64) as u64).collect();
+            let mut strata: Vec<u64> = (0..count)
+                .map(|flight| (latin(stream, count, flight) * count as f64) as u64)
+                .collect();
             let is_shuffled = count < 7 || strata.windows(2).any(|pair| pair[0] > pair[1]);
             strata.sort_unstable();
             assert!(is_shuffled && strata == Vec::from_iter(0..count), "{count}");

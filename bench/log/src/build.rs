@@ -7,18 +7,14 @@ use serde::{Deserialize, Serialize};
 /// Stands for what is not known, as the commit of sources without git.
 const UNKNOWN: &str = "unknown";
 
-/// An executable of ironbird.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Build {
-    /// Version of the crates.
     pub version: String,
     /// Commit of the sources in short.
     pub commit: String,
     /// Whether the sources of the executable were changed since that commit.
     pub dirty: bool,
-    /// Profile: `debug` or `release`.
     pub profile: String,
-    /// Version of the compiler.
     pub rustc: String,
     /// Machine that it is built for.
     pub target: String,
@@ -29,13 +25,25 @@ impl Build {
     #[must_use]
     pub fn of_version(&self, version: &str) -> Self {
         let is_unknown = *self == Self::default();
-        Self { version: if is_unknown { version.to_owned() } else { self.version.clone() }, ..self.clone() }
+        Self {
+            version: if is_unknown {
+                version.to_owned()
+            } else {
+                self.version.clone()
+            },
+            ..self.clone()
+        }
     }
 
     /// Commit and profile in one word: `7fa27a4-dirty-release`.
     #[must_use]
     pub fn token(&self) -> String {
-        format!("{}{}-{}", self.commit, if self.dirty { "-dirty" } else { "" }, self.profile)
+        format!(
+            "{}{}-{}",
+            self.commit,
+            if self.dirty { "-dirty" } else { "" },
+            self.profile
+        )
     }
 
     /// How it compares with another one, as a sentence can end.
@@ -70,11 +78,22 @@ impl Default for Build {
 
 impl fmt::Display for Build {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { version, commit, dirty, profile, rustc, .. } = self;
+        let Self {
+            version,
+            commit,
+            dirty,
+            profile,
+            rustc,
+            ..
+        } = self;
         if commit == UNKNOWN && profile == UNKNOWN {
             return write!(f, "{version} (build unknown)");
         }
-        write!(f, "{version} ({commit}{}, {profile}, rustc {rustc})", if *dirty { " dirty" } else { "" })
+        write!(
+            f,
+            "{version} ({commit}{}, {profile}, rustc {rustc})",
+            if *dirty { " dirty" } else { "" }
+        )
     }
 }
 
@@ -92,22 +111,41 @@ mod tests {
             rustc: "1.95.0".into(),
             target: "x86_64-unknown-linux-gnu".into(),
         };
-        assert_eq!(build.to_string(), "0.1.0 (7fa27a4 dirty, release, rustc 1.95.0)");
+        assert_eq!(
+            build.to_string(),
+            "0.1.0 (7fa27a4 dirty, release, rustc 1.95.0)"
+        );
         assert_eq!(build.token(), "7fa27a4-dirty-release");
-        let clean = Build { dirty: false, ..build.clone() };
+        let clean = Build {
+            dirty: false,
+            ..build.clone()
+        };
         assert_eq!(
             (clean.to_string(), clean.token().as_str()),
-            ("0.1.0 (7fa27a4, release, rustc 1.95.0)".into(), "7fa27a4-release")
+            (
+                "0.1.0 (7fa27a4, release, rustc 1.95.0)".into(),
+                "7fa27a4-release"
+            )
         );
-        let debug = Build { profile: "debug".into(), ..clean.clone() };
+        let debug = Build {
+            profile: "debug".into(),
+            ..clean.clone()
+        };
         let unknown = Build::default();
-        assert_eq!(unknown.of_version("0.1.0").to_string(), "0.1.0 (build unknown)");
+        assert_eq!(
+            unknown.of_version("0.1.0").to_string(),
+            "0.1.0 (build unknown)"
+        );
         assert_eq!(build.of_version("7.0.0"), build);
         for (a, b, words) in [
             (&clean, &clean, "the same"),
             (&clean, &debug, "different"),
             (&clean, &build, "different"),
-            (&build, &build, "the same commit, with changes that may differ"),
+            (
+                &build,
+                &build,
+                "the same commit, with changes that may differ",
+            ),
             (&unknown, &clean, "different"),
             (&unknown, &unknown, "of one version, from an unknown commit"),
         ] {

@@ -7,24 +7,22 @@
 //!
 //! What a law shows in its stage's message is left out: it has a message of its own, with names ([`crate::telemetry`]).
 
-use model::envelope::{Envelope, Message};
-use model::layout::{Field, Kind, Visitor, VisitorMut, Walk};
-use model::telemetry::Telemetry;
-use model::topic::Topic;
+use messages::header::{Header, Message};
+use messages::layout::{Field, Kind, Visit, Visitor, VisitorMut};
+use messages::telemetry::Telemetry;
+use messages::topic::Topic;
 
-/// Number of the envelope's field.
 pub const ENVELOPE_NUMBER: u32 = 1;
 /// Number of the content's first field.
 pub const CONTENT_NUMBER: u32 = 2;
 
-/// Protobuf's wire types.
 const FIXED64: u32 = 1;
 const LENGTH_DELIMITED: u32 = 2;
 
 /// A content that the flight log holds.
-pub trait Logged: Topic + Walk {}
+pub trait Logged: Topic + Visit {}
 
-impl<C: Topic + Walk> Logged for C {}
+impl<C: Topic + Visit> Logged for C {}
 
 /// Whether a field is telemetry, which is logged beside the message that it came in.
 #[must_use]
@@ -32,10 +30,12 @@ pub fn is_telemetry(field: &Field) -> bool {
     matches!(field.kind, Kind::Struct { name, .. } if name == Telemetry::STRUCT)
 }
 
-/// Writes a message.
 pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
     out.clear();
-    let mut encoder = Encoder { out, number: ENVELOPE_NUMBER };
+    let mut encoder = Encoder {
+        out,
+        number: ENVELOPE_NUMBER,
+    };
     encoder.nested(&message.envelope);
     encoder.number = CONTENT_NUMBER;
     message.content.visit(&mut encoder);
@@ -44,7 +44,10 @@ pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
 /// Reads a message, without what a law shows in it; `None` where the bytes are not one.
 #[must_use]
 pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
-    let mut message = Message { envelope: Envelope::new(), content: C::default() };
+    let mut message = Message {
+        envelope: Header::new(),
+        content: C::default(),
+    };
     decode_into(bytes, &mut message).then_some(message)
 }
 
@@ -52,7 +55,11 @@ pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
 /// then none stands there.
 #[must_use]
 pub fn decode_into<C: Logged>(bytes: &[u8], message: &mut Message<C>) -> bool {
-    let mut decoder = Decoder { bytes, number: ENVELOPE_NUMBER, whole: true };
+    let mut decoder = Decoder {
+        bytes,
+        number: ENVELOPE_NUMBER,
+        whole: true,
+    };
     decoder.nested(&mut message.envelope);
     decoder.number = CONTENT_NUMBER;
     message.content.visit_mut(&mut decoder);
@@ -67,20 +74,27 @@ pub(crate) fn put_word(number: u32, word: u64, out: &mut Vec<u8>) {
 
 /// Takes such a field off; `None` where it is not the next one.
 pub(crate) fn take_word(number: u32, bytes: &mut &[u8]) -> Option<u64> {
-    let mut decoder = Decoder { bytes, number, whole: true };
+    let mut decoder = Decoder {
+        bytes,
+        number,
+        whole: true,
+    };
     decoder.tag(FIXED64);
-    let (word, rest) = decoder.bytes.split_first_chunk().filter(|_| decoder.whole)?;
+    let (word, rest) = decoder
+        .bytes
+        .split_first_chunk()
+        .filter(|_| decoder.whole)?;
     *bytes = rest;
     Some(u64::from_le_bytes(*word))
 }
 
 /// A struct that stands within a message.
-trait Nested: Walk {
+trait Nested: Visit {
     /// Length of its fields [bytes].
     const LENGTH: usize = encoded_length(Self::FIELDS, ENVELOPE_NUMBER);
 }
 
-impl<L: Walk> Nested for L {}
+impl<L: Visit> Nested for L {}
 
 /// Length of a struct's fields, numbered from `first` on [bytes].
 const fn encoded_length(fields: &[Field], first: u32) -> usize {
@@ -96,7 +110,9 @@ const fn encoded_length(fields: &[Field], first: u32) -> usize {
                 }
             }
             (Kind::U64 | Kind::F64, None) => tag + size_of::<u64>(),
-            (Kind::U64 | Kind::F64, Some(length)) => delimited_length(tag, length * size_of::<u64>()),
+            (Kind::U64 | Kind::F64, Some(length)) => {
+                delimited_length(tag, length * size_of::<u64>())
+            }
             // Not shown to a visitor, and in no message.
             (Kind::U8 | Kind::I64, _) => 0,
         };
@@ -131,7 +147,7 @@ impl Encoder<'_> {
         self.varint(u64::from(self.number << 3 | wire_type));
     }
 
-    fn nested<L: Walk>(&mut self, value: &L) {
+    fn nested<L: Visit>(&mut self, value: &L) {
         self.tag(LENGTH_DELIMITED);
         self.varint(<L as Nested>::LENGTH as u64);
         let outside = self.number;
@@ -161,7 +177,7 @@ impl Visitor for Encoder<'_> {
         self.words(field, values.iter().map(|value| value.to_bits()));
     }
 
-    fn structs<L: Walk>(&mut self, field: &'static Field, values: &[L]) {
+    fn structs<L: Visit>(&mut self, field: &'static Field, values: &[L]) {
         if is_telemetry(field) {
             return;
         }
@@ -183,7 +199,11 @@ impl Decoder<'_> {
     fn expect(&mut self, mut value: u64) {
         loop {
             let is_last = value < 0x80;
-            let byte = if is_last { value as u8 } else { value as u8 | 0x80 };
+            let byte = if is_last {
+                value as u8
+            } else {
+                value as u8 | 0x80
+            };
             match self.bytes.split_first() {
                 Some((first, rest)) if *first == byte => self.bytes = rest,
                 _ => self.whole = false,
@@ -201,7 +221,7 @@ impl Decoder<'_> {
     }
 
     #[inline]
-    fn nested<L: Walk>(&mut self, value: &mut L) {
+    fn nested<L: Visit>(&mut self, value: &mut L) {
         self.tag(LENGTH_DELIMITED);
         self.expect(<L as Nested>::LENGTH as u64);
         let outside = self.number;
@@ -226,7 +246,11 @@ impl Decoder<'_> {
             Default::default()
         });
         self.bytes = rest;
-        words.as_chunks().0.iter().map(|word| u64::from_le_bytes(*word))
+        words
+            .as_chunks()
+            .0
+            .iter()
+            .map(|word| u64::from_le_bytes(*word))
     }
 }
 
@@ -234,17 +258,23 @@ impl VisitorMut for Decoder<'_> {
     #[inline]
     fn integers(&mut self, field: &'static Field, values: &mut [u64]) {
         let words = self.words(field, values.len());
-        values.iter_mut().zip(words).for_each(|(value, word)| *value = word);
+        values
+            .iter_mut()
+            .zip(words)
+            .for_each(|(value, word)| *value = word);
     }
 
     #[inline]
     fn numbers(&mut self, field: &'static Field, values: &mut [f64]) {
         let words = self.words(field, values.len());
-        values.iter_mut().zip(words).for_each(|(value, word)| *value = f64::from_bits(word));
+        values
+            .iter_mut()
+            .zip(words)
+            .for_each(|(value, word)| *value = f64::from_bits(word));
     }
 
     #[inline]
-    fn structs<L: Walk>(&mut self, field: &'static Field, values: &mut [L]) {
+    fn structs<L: Visit>(&mut self, field: &'static Field, values: &mut [L]) {
         if is_telemetry(field) {
             return;
         }
@@ -255,8 +285,8 @@ impl VisitorMut for Decoder<'_> {
 
 #[cfg(test)]
 mod tests {
-    use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-    use model::monitor::Monitor;
+    use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+    use messages::monitor::Monitor;
     use proptest::prelude::*;
 
     use super::*;
@@ -270,10 +300,12 @@ mod tests {
         }
 
         fn numbers(&mut self, _: &'static Field, values: &mut [f64]) {
-            values.iter_mut().for_each(|value| *value = f64::from_bits((self.0)()));
+            values
+                .iter_mut()
+                .for_each(|value| *value = f64::from_bits((self.0)()));
         }
 
-        fn structs<L: Walk>(&mut self, _: &'static Field, values: &mut [L]) {
+        fn structs<L: Visit>(&mut self, _: &'static Field, values: &mut [L]) {
             values.iter_mut().for_each(|value| value.visit_mut(self));
         }
     }
@@ -282,7 +314,9 @@ mod tests {
         let mut word = seed;
         let mut message = Message::<C>::default();
         let mut fill = Fill(|| {
-            word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            word = word
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             word.rotate_right((word >> 59) as u32)
         });
         message.envelope.visit_mut(&mut fill);
@@ -299,7 +333,10 @@ mod tests {
         // Bytes, because a random word may be a number that is none, and equals nothing.
         assert_eq!(bytes, again, "{} {seed}", C::NAME);
         assert_eq!(read.envelope, message.envelope);
-        assert!(decode::<C>(&bytes[..bytes.len() - 1]).is_none(), "a byte is missing");
+        assert!(
+            decode::<C>(&bytes[..bytes.len() - 1]).is_none(),
+            "a byte is missing"
+        );
         bytes.push(0);
         assert!(decode::<C>(&bytes).is_none(), "a byte too many");
     }

@@ -1,9 +1,9 @@
 //! A message of one of the topics of the flight log.
 
-use model::envelope::{Envelope, Message};
-use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::monitor::Monitor;
-use model::telemetry::Telemetry;
+use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::header::{Header, Message};
+use messages::monitor::Monitor;
+use messages::telemetry::Telemetry;
 
 use crate::TOPICS;
 
@@ -12,19 +12,16 @@ pub type Counts = [u64; TOPICS.len()];
 
 /// A message of one of the topics.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(clippy::large_enum_variant, reason = "the largest is the most frequent")]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "the largest is the most frequent"
+)]
 pub enum LogEntry {
-    /// Topic `state`.
     State(Message<State>),
-    /// Topic `setpoint`.
     Setpoint(Message<Setpoint>),
-    /// Topic `wrench`.
     Wrench(Message<Wrench>),
-    /// Topic `rotor_speeds`.
     RotorSpeeds(Message<RotorSpeeds>),
-    /// Topic `swaps`.
     Swap(Message<SwapRecord>),
-    /// Topic `theorem`.
     Theorem(Message<Monitor>),
 }
 
@@ -41,9 +38,8 @@ impl LogEntry {
         }
     }
 
-    /// Its envelope.
     #[must_use]
-    pub const fn envelope(&self) -> &Envelope {
+    pub const fn envelope(&self) -> &Header {
         match self {
             Self::State(message) => &message.envelope,
             Self::Setpoint(message) => &message.envelope,

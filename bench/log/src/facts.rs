@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use model::grid::Pace;
-use model::telemetry::Signals;
+use messages::grid::Pace;
+use messages::telemetry::Signals;
 
 /// Version of the log: changed whenever a reader of the old one would misunderstand the new one.
 pub const FORMAT: &str = "ironbird-log/1";
@@ -43,11 +43,9 @@ pub struct Facts {
     pub sample_time_ns: u64,
     /// Which messages it keeps, and in how many files.
     pub plan: LogPlan,
-    /// What the laws show.
     pub signals: Signals,
     /// Why topic `theorem` stays empty, where it does.
     pub no_theorem: Option<String>,
-    /// The records by name.
     pub records: Vec<(&'static str, Record)>,
 }
 
@@ -63,13 +61,20 @@ pub struct LogPlan {
 }
 
 impl LogPlan {
-    /// Every message, in one file.
-    pub const WHOLE: Self = Self { around_ticks: None, file_bytes: u64::MAX, files: None };
+    pub const WHOLE: Self = Self {
+        around_ticks: None,
+        file_bytes: u64::MAX,
+        files: None,
+    };
 
     /// What is kept, in a word.
     #[must_use]
     pub const fn kept(&self) -> &'static str {
-        if self.around_ticks.is_some() { AROUND_MISSES } else { ALL }
+        if self.around_ticks.is_some() {
+            AROUND_MISSES
+        } else {
+            ALL
+        }
     }
 }
 
@@ -84,13 +89,19 @@ impl Facts {
     /// The records of a file of the log by name.
     pub(crate) fn records(&self, part: u64) -> impl Iterator<Item = (&'static str, Record)> {
         let around_ticks = self.plan.around_ticks.unwrap_or(0).to_string();
-        let kept = record(&[("kept", self.plan.kept()), ("around_ticks", &around_ticks), ("part", &part.to_string())]);
+        let kept = record(&[
+            ("kept", self.plan.kept()),
+            ("around_ticks", &around_ticks),
+            ("part", &part.to_string()),
+        ]);
         self.records.iter().cloned().chain([(KEPT, kept)])
     }
 }
 
-/// A record of texts.
 #[must_use]
 pub fn record(pairs: &[(&str, &str)]) -> Record {
-    pairs.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect()
+    pairs
+        .iter()
+        .map(|(name, text)| ((*name).to_owned(), (*text).to_owned()))
+        .collect()
 }

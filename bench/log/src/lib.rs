@@ -1,28 +1,29 @@
 //! The flight log: every message in one MCAP file, which other tools can read too.
 //!
 //! ```text
-//! messages --excerpt, codec--> writer --chunks--> spool --> flight.mcap, flight.1.mcap, ...
+//! messages --event_log, codec--> writer --chunks--> async_writer --> flight.mcap, flight.1.mcap, ...
 //!                                                           --> reader --> export, replay
 //! ```
 //!
 //! Schemas, units and codec are derived from the layouts of the messages, and from the signals of the laws. docs/recording.md describes the file.
 
-use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::monitor::Monitor;
-use model::topic::Topic;
+use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::monitor::Monitor;
+use messages::topic::Topic;
 
+pub mod async_writer;
 pub mod build;
 pub mod codec;
 pub mod entry;
-pub mod excerpt;
+pub mod event_log;
 pub mod facts;
-pub mod injected;
+pub mod fault_record;
+mod log_file;
 pub mod perfetto;
 pub mod reader;
 pub mod rows;
 pub mod scene;
 pub mod schema;
-pub mod spool;
 pub mod telemetry;
 pub mod units;
 pub mod writer;
@@ -33,7 +34,11 @@ pub const FILE: &str = "flight.mcap";
 /// Name of the files of the log: the first has no number.
 #[must_use]
 pub fn file_name(part: u64) -> String {
-    if part == 0 { FILE.into() } else { format!("flight.{part}.mcap") }
+    if part == 0 {
+        FILE.into()
+    } else {
+        format!("flight.{part}.mcap")
+    }
 }
 
 /// Number of a file of the log; none of another file.
@@ -47,8 +52,19 @@ pub fn part_of(file_name: &str) -> Option<u64> {
 }
 
 /// Topics of the loop, in the order of the data's way, and those beside it.
-pub const TOPICS: [&str; 6] =
-    [State::NAME, Setpoint::NAME, Wrench::NAME, RotorSpeeds::NAME, SwapRecord::NAME, Monitor::NAME];
+pub const TOPICS: [&str; 6] = [
+    State::NAME,
+    Setpoint::NAME,
+    Wrench::NAME,
+    RotorSpeeds::NAME,
+    SwapRecord::NAME,
+    Monitor::NAME,
+];
+
+/// Every topic that a log can contain.
+pub fn topics() -> impl Iterator<Item = &'static str> {
+    TOPICS.into_iter().chain(telemetry::TELEMETRY_TOPICS)
+}
 
 #[cfg(test)]
 mod tests {
@@ -59,9 +75,14 @@ mod tests {
         for part in [0, 1, 17] {
             assert_eq!(part_of(&file_name(part)), Some(part));
         }
-        for other in
-            ["flight.svg", "flight.0.mcap", "flight.01.mcap", "flight.+1.mcap", "flight.one.mcap", "myflight.mcap"]
-        {
+        for other in [
+            "flight.svg",
+            "flight.0.mcap",
+            "flight.01.mcap",
+            "flight.+1.mcap",
+            "flight.one.mcap",
+            "myflight.mcap",
+        ] {
             assert_eq!(part_of(other), None, "{other}");
         }
     }

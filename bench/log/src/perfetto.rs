@@ -6,13 +6,12 @@
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-use model::envelope::Message;
-use model::messages::{Change, State, SwapRecord};
-use model::role::{Role, STAGES};
-use model::topic::Topic;
+use messages::content::{Change, State, SwapRecord};
+use messages::header::Message;
+use messages::role::{Role, STAGES};
+use messages::topic::Topic;
 use prost::Message as _;
 
-/// What the file is called.
 pub const FILE: &str = "flight.perfetto-trace";
 
 /// All packets come from one writer.
@@ -93,20 +92,21 @@ pub struct PerfettoWriter<W> {
     epochs: BTreeMap<u64, u64>,
     /// Swaps whose first state has not come yet.
     waiting: Vec<Message<SwapRecord>>,
-    /// Slices written.
     pub slices: u64,
-    /// Instants written.
     pub instants: u64,
 }
 
 impl<W: Write> PerfettoWriter<W> {
     /// Begins a trace with its tracks.
-    ///
-    /// # Errors
-    /// Those of the writer below.
     pub fn new(out: W) -> io::Result<Self> {
-        let mut writer =
-            Self { out, deadlines_missed: None, epochs: BTreeMap::new(), waiting: Vec::new(), slices: 0, instants: 0 };
+        let mut writer = Self {
+            out,
+            deadlines_missed: None,
+            epochs: BTreeMap::new(),
+            waiting: Vec::new(),
+            slices: 0,
+            instants: 0,
+        };
         writer.track(FLIGHT, "ironbird", None)?;
         for (number, stage) in (1..).zip(STAGES) {
             writer.track(number, stage.name(), Some(FLIGHT))?;
@@ -117,21 +117,29 @@ impl<W: Write> PerfettoWriter<W> {
     }
 
     /// Takes a state: the plant's work of its tick, and the deadlines that it found missed at the tick's begin.
-    ///
-    /// # Errors
-    /// Those of the writer below.
     pub fn state(&mut self, message: &Message<State>) -> io::Result<()> {
         let at_ns = message.envelope.stamps_of(Role::Plant).receive_ns;
         let missed = message.content.deadlines_missed;
         // What was missed before a log whose first files are gone was not missed now.
         let before =
-            self.deadlines_missed.replace(missed).unwrap_or(if message.envelope.tick == 0 { 0 } else { missed });
+            self.deadlines_missed
+                .replace(missed)
+                .unwrap_or(if message.envelope.tick == 0 {
+                    0
+                } else {
+                    missed
+                });
         if missed > before {
             let count = missed - before;
-            let annotations = vec![number("count", count), number("up to tick", message.envelope.tick)];
+            let annotations = vec![
+                number("count", count),
+                number("up to tick", message.envelope.tick),
+            ];
             self.instant(MISSES, at_ns, "missed", annotations)?;
         }
-        self.epochs.entry(message.content.parameter_epoch).or_insert(at_ns);
+        self.epochs
+            .entry(message.content.parameter_epoch)
+            .or_insert(at_ns);
         for swap in std::mem::take(&mut self.waiting) {
             self.swap(&swap)?;
         }
@@ -139,9 +147,6 @@ impl<W: Write> PerfettoWriter<W> {
     }
 
     /// Takes what a stage published: a slice from its waking to its publishing.
-    ///
-    /// # Errors
-    /// Those of the writer below.
     pub fn work<C: Topic>(&mut self, message: &Message<C>) -> io::Result<()> {
         let envelope = &message.envelope;
         let stamps = envelope.stamps_of(C::SENDER);
@@ -150,8 +155,14 @@ impl<W: Write> PerfettoWriter<W> {
             return Ok(());
         }
         let (stage, track) = (C::SENDER as usize, C::SENDER as u64 + 1);
-        let is_fresh = stage.checked_sub(1).is_none_or(|input| envelope.input_tick[input] == envelope.tick);
-        let name = if is_fresh { C::SENDER.name().to_owned() } else { format!("{} (stale input)", C::SENDER) };
+        let is_fresh = stage
+            .checked_sub(1)
+            .is_none_or(|input| envelope.input_tick[input] == envelope.tick);
+        let name = if is_fresh {
+            C::SENDER.name().to_owned()
+        } else {
+            format!("{} (stale input)", C::SENDER)
+        };
         self.slices += 1;
         self.event(
             stamps.receive_ns,
@@ -162,14 +173,15 @@ impl<W: Write> PerfettoWriter<W> {
                 debug_annotations: vec![number("tick", envelope.tick)],
             },
         )?;
-        let end = TrackEvent { r#type: Some(SLICE_END), track_uuid: Some(track), ..TrackEvent::default() };
+        let end = TrackEvent {
+            r#type: Some(SLICE_END),
+            track_uuid: Some(track),
+            ..TrackEvent::default()
+        };
         self.event(stamps.send_ns.max(stamps.receive_ns), end)
     }
 
     /// Takes a swap: an instant at the first state that was flown with it, which may be in the log before or behind it.
-    ///
-    /// # Errors
-    /// Those of the writer below.
     pub fn swap(&mut self, message: &Message<SwapRecord>) -> io::Result<()> {
         // A swap that another one follows at once is in no state by itself.
         let Some((_, at_ns)) = self.epochs.range(message.content.parameter_epoch..).next() else {
@@ -180,23 +192,27 @@ impl<W: Write> PerfettoWriter<W> {
         let changes: Vec<DebugAnnotation> = message
             .content
             .changes()
-            .map(|Change { parameter, old, new, steps }| DebugAnnotation {
-                name: Some(parameter.name().to_owned()),
-                string_value: Some(match steps {
-                    1 => format!("{old} -> {new}"),
-                    ticks => format!("{old} -> {new} over {ticks} ticks"),
-                }),
-                ..DebugAnnotation::default()
-            })
+            .map(
+                |Change {
+                     parameter,
+                     old,
+                     new,
+                     steps,
+                 }| DebugAnnotation {
+                    name: Some(parameter.name().to_owned()),
+                    string_value: Some(match steps {
+                        1 => format!("{old} -> {new}"),
+                        ticks => format!("{old} -> {new} over {ticks} ticks"),
+                    }),
+                    ..DebugAnnotation::default()
+                },
+            )
             .chain([number("tick", message.envelope.tick)])
             .collect();
         self.instant(SWAPS, at_ns, "swap", changes)
     }
 
     /// Ends the trace. Swaps that no state was flown with are not in it: they were never in force.
-    ///
-    /// # Errors
-    /// Those of the writer below.
     pub fn finish(&mut self) -> io::Result<()> {
         self.out.flush()
     }
@@ -210,11 +226,23 @@ impl<W: Write> PerfettoWriter<W> {
     ) -> io::Result<()> {
         self.instants += 1;
         let (r#type, track_uuid, name) = (Some(INSTANT), Some(track), Some(name.to_owned()));
-        self.event(at_ns, TrackEvent { r#type, track_uuid, name, debug_annotations })
+        self.event(
+            at_ns,
+            TrackEvent {
+                r#type,
+                track_uuid,
+                name,
+                debug_annotations,
+            },
+        )
     }
 
     fn event(&mut self, at_ns: u64, event: TrackEvent) -> io::Result<()> {
-        self.packet(TracePacket { timestamp: Some(at_ns), track_event: Some(event), ..TracePacket::default() })
+        self.packet(TracePacket {
+            timestamp: Some(at_ns),
+            track_event: Some(event),
+            ..TracePacket::default()
+        })
     }
 
     fn track(&mut self, uuid: u64, name: &str, parent: Option<u64>) -> io::Result<()> {
@@ -225,38 +253,62 @@ impl<W: Write> PerfettoWriter<W> {
             child_ordering: parent.is_none().then_some(EXPLICIT_ORDER),
             sibling_order_rank: parent.and(i32::try_from(uuid).ok()),
         };
-        self.packet(TracePacket { track_descriptor: Some(descriptor), ..TracePacket::default() })
+        self.packet(TracePacket {
+            track_descriptor: Some(descriptor),
+            ..TracePacket::default()
+        })
     }
 
     /// A trace is its packets, one after the other.
     fn packet(&mut self, packet: TracePacket) -> io::Result<()> {
-        let packet = TracePacket { trusted_packet_sequence_id: Some(SEQUENCE), ..packet };
-        self.out.write_all(&Trace { packet: vec![packet] }.encode_to_vec())
+        let packet = TracePacket {
+            trusted_packet_sequence_id: Some(SEQUENCE),
+            ..packet
+        };
+        self.out.write_all(
+            &Trace {
+                packet: vec![packet],
+            }
+            .encode_to_vec(),
+        )
     }
 }
 
 fn number(name: &str, value: u64) -> DebugAnnotation {
-    DebugAnnotation { name: Some(name.to_owned()), uint_value: Some(value), ..DebugAnnotation::default() }
+    DebugAnnotation {
+        name: Some(name.to_owned()),
+        uint_value: Some(value),
+        ..DebugAnnotation::default()
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use model::envelope::Envelope;
+    use messages::header::Header;
 
     use super::*;
 
     fn state(tick: u64, epoch: u64, missed: u64) -> Message<State> {
-        let mut message = Message { envelope: Envelope::new(), content: State::default() };
+        let mut message = Message {
+            envelope: Header::new(),
+            content: State::default(),
+        };
         message.envelope.tick = tick;
         message.envelope.stamps[Role::Plant as usize].receive_ns = 1_000 + tick;
-        (message.content.parameter_epoch, message.content.deadlines_missed) = (epoch, missed);
+        (
+            message.content.parameter_epoch,
+            message.content.deadlines_missed,
+        ) = (epoch, missed);
         message
     }
 
     #[test]
     fn every_swap_that_was_flown_with_is_in_it_and_what_was_missed_before_it_began_is_not() {
         let mut writer = PerfettoWriter::new(Vec::new()).unwrap();
-        let mut swap = Message { envelope: Envelope::new(), content: SwapRecord::default() };
+        let mut swap = Message {
+            envelope: Header::new(),
+            content: SwapRecord::default(),
+        };
         // Two in one tick: the first one is in no state by itself; and one that no state follows.
         for epoch in 1..=3 {
             swap.content.parameter_epoch = epoch;

@@ -3,26 +3,26 @@
 //! It reads chunk by chunk, so it can also read what a killed recorder or a full disk left behind. From a file that
 //! names another one, which goes on, it goes on there.
 
-mod assembly;
-mod told;
-
+use crate::build::Build;
+use crate::codec::decode_into;
+use crate::entry::{Counts, LogEntry};
+use crate::telemetry::{BESIDE, TELEMETRY_TOPICS, TelemetryTopic, place};
+use crate::{TOPICS, facts, schema};
+use errors::{Failure, InFile as _, open_file};
+use mcap::McapError;
+use mcap::records::{Channel, Metadata, Record, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use messages::blackboards::LOCKSTEP;
+use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::grid::{Grid, Pace};
+use messages::header::LAYOUT;
+use messages::monitor::Monitor;
+use messages::role::Role;
+use messages::telemetry::LAW_ROLES;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
-
-use mcap::McapError;
-use mcap::records::{Channel, Metadata, Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use model::role::Role;
-
-use crate::entry::{Counts, LogEntry};
-use crate::telemetry::TelemetryTopic;
-use crate::{TOPICS, facts};
-use assembly::Assembly;
-use failure::{Failure, InFile as _, open_file};
-
-pub use told::Kept;
 
 /// A record longer than this is no log's [bytes].
 const RECORD_LIMIT: usize = 1 << 28;
@@ -38,7 +38,6 @@ const READ_AHEAD: usize = 1 << 21;
 /// What fails where a file cannot be read.
 const READ: &str = "read the flight log";
 
-/// How far a log goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     /// To its end, and every checksum holds.
@@ -59,7 +58,6 @@ pub struct LogReader {
     schemas: BTreeMap<u16, (String, Vec<u8>)>,
     facts: BTreeMap<String, facts::Record>,
     end: Option<End>,
-    /// Messages that were read.
     read: Counts,
     has_data_end: bool,
     has_footer: bool,
@@ -67,9 +65,6 @@ pub struct LogReader {
 
 impl LogReader {
     /// Opens a log and reads what it says of its flight.
-    ///
-    /// # Errors
-    /// [`Failure`] names the file, and says what is wrong with it.
     pub fn open(path: &Path) -> Result<Self, Failure> {
         Ok(Self {
             path: path.to_owned(),
@@ -135,8 +130,13 @@ impl LogReader {
                 if self.facts.is_empty() {
                     return Err(self.damaged("it ends before its first record"));
                 }
-                if let Some(next) = self.next_name().filter(|next| self.path.with_file_name(next).exists()) {
-                    return Err(self.damaged(&format!("its end is missing, and the log goes on in {next}")));
+                if let Some(next) = self
+                    .next_name()
+                    .filter(|next| self.path.with_file_name(next).exists())
+                {
+                    return Err(self.damaged(&format!(
+                        "its end is missing, and the log goes on in {next}"
+                    )));
                 }
                 return Ok(false);
             }
@@ -159,7 +159,10 @@ impl LogReader {
                     && let Some((header, data)) = data.split_at_checked(MESSAGE_HEADER)
                 {
                     let channel = u16::from_le_bytes([header[0], header[1]]);
-                    return self.assembly.take(channel, data).map_err(|what| self.damaged(&what));
+                    return self
+                        .assembly
+                        .take(channel, data)
+                        .map_err(|what| self.damaged(&what));
                 }
                 let record = mcap::parse_record(opcode, data).map(Record::into_owned);
                 let record = record.map_err(|e| self.damaged(&e.to_string()))?;
@@ -170,17 +173,25 @@ impl LogReader {
 
     /// Name of the file after this one.
     fn next_name(&self) -> Option<String> {
-        self.part.and_then(|part| part.checked_add(1)).map(crate::file_name)
+        self.part
+            .and_then(|part| part.checked_add(1))
+            .map(crate::file_name)
     }
 
     /// Ends with this file, or goes on with the one that it names.
     fn end_file(&mut self) -> Result<(), Failure> {
-        self.assembly.check_whole().map_err(|what| self.damaged(&what))?;
+        self.assembly
+            .check_whole()
+            .map_err(|what| self.damaged(&what))?;
         if !(self.has_data_end && self.has_footer) {
             self.end = Some(End::Complete);
             return Err(self.damaged("its checksums are missing"));
         }
-        let continued = self.facts.get(facts::LANDING).and_then(|landing| landing.get(facts::CONTINUED_IN)).cloned();
+        let continued = self
+            .facts
+            .get(facts::LANDING)
+            .and_then(|landing| landing.get(facts::CONTINUED_IN))
+            .cloned();
         let Some(next) = continued else {
             self.end = Some(End::Complete);
             return Ok(());
@@ -189,7 +200,9 @@ impl LogReader {
         // The landing of the whole log is that of its last file.
         self.facts.remove(facts::LANDING);
         if self.next_name().as_ref() != Some(&next) {
-            return Err(self.damaged(&format!("it goes on in `{next}`, which is not the file after it")));
+            return Err(self.damaged(&format!(
+                "it goes on in `{next}`, which is not the file after it"
+            )));
         }
         let path = self.path.with_file_name(next);
         let file = open_file(&path).in_file(READ, &path).map_err(|failure| {
@@ -217,7 +230,8 @@ impl LogReader {
                 self.facts.entry(metadata.name).or_insert(metadata.metadata);
             }
             Record::Schema { header, data } => {
-                self.schemas.insert(header.id, (header.name, data.into_owned()));
+                self.schemas
+                    .insert(header.id, (header.name, data.into_owned()));
             }
             Record::Channel(channel) => self.take_channel(&channel)?,
             Record::DataEnd(end) => {
@@ -245,16 +259,29 @@ impl LogReader {
         }
         if metadata.name == facts::KEPT {
             // Logs from before there were several files do not say.
-            let part = metadata.metadata.get("part").and_then(|part| part.parse().ok()).unwrap_or(0);
-            if let Some(before) = self.part.replace(part).filter(|before| before.checked_add(1) != Some(part)) {
-                return Err(self.damaged(&format!("it is file {part} of a log, and stands after file {before}")));
+            let part = metadata
+                .metadata
+                .get("part")
+                .and_then(|part| part.parse().ok())
+                .unwrap_or(0);
+            if let Some(before) = self
+                .part
+                .replace(part)
+                .filter(|before| before.checked_add(1) != Some(part))
+            {
+                return Err(self.damaged(&format!(
+                    "it is file {part} of a log, and stands after file {before}"
+                )));
             }
         }
         Ok(())
     }
 
     fn take_channel(&mut self, channel: &Channel) -> Result<(), Failure> {
-        let schema = self.schemas.get(&channel.schema_id).map(|(_, schema)| schema.as_slice());
+        let schema = self
+            .schemas
+            .get(&channel.schema_id)
+            .map(|(_, schema)| schema.as_slice());
         if self.assembly.take_channel(channel, schema) {
             return Ok(());
         }
@@ -276,4 +303,417 @@ fn parser() -> LinearReader {
             .with_check_finishes_after_end_magic(true)
             .with_record_length_limit(RECORD_LIMIT),
     )
+}
+
+/// What a log holds, by its own words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Kept {
+    /// Ticks around missed deadlines that it keeps; none where it keeps every message.
+    pub around_ticks: Option<u64>,
+    /// Files that were before the first one that is there.
+    pub files_before: u64,
+}
+
+impl LogReader {
+    /// What the log says of its flight, as far as it has been read: all but the landing stands before the messages.
+    pub fn fact(&self, record: &str, name: &str) -> Result<&str, Failure> {
+        self.facts
+            .get(record)
+            .and_then(|record| record.get(name))
+            .map(String::as_str)
+            .ok_or_else(|| self.damaged(&format!("its record `{record}` has no `{name}`")))
+    }
+
+    /// A number of the record that ends the log; none where it does not say.
+    pub fn landed(&self, name: &str) -> Result<Option<u64>, Failure> {
+        let landing = self.facts.get(facts::LANDING).ok_or_else(|| {
+            self.damaged("its record `landing` is missing: it has an end, but not the one that its recorder wrote")
+        })?;
+        let Some(text) = landing.get(name) else {
+            return Ok(None);
+        };
+        let number = text.parse().map_err(|_| {
+            self.damaged(&format!(
+                "its record `landing` has {name} = `{text}`, which is no number"
+            ))
+        })?;
+        Ok(Some(number))
+    }
+
+    /// A number of the record about the run.
+    pub fn number(&self, name: &str) -> Result<u64, Failure> {
+        let text = self.fact(facts::RUN, name)?;
+        text.parse().map_err(|_| {
+            self.damaged(&format!(
+                "its record `run` has {name} = `{text}`, which is no number"
+            ))
+        })
+    }
+
+    /// What moved the ticks of the run on.
+    pub fn pace(&self) -> Result<Pace, Failure> {
+        let (t0_ns, period_ns) = (self.number("t0_ns")?, self.number("period_ns")?);
+        Ok(if period_ns == LOCKSTEP {
+            Pace::Lockstep
+        } else {
+            Pace::Realtime(Grid { t0_ns, period_ns })
+        })
+    }
+
+    /// What it holds: of its first file that is there.
+    pub fn kept(&self) -> Result<Kept, Failure> {
+        // Logs from before there were excerpts do not say.
+        let number = |name: &str| match self
+            .facts
+            .get(facts::KEPT)
+            .and_then(|record| record.get(name))
+        {
+            None => Ok(0),
+            Some(text) => text.parse().map_err(|_| {
+                self.damaged(&format!(
+                    "its record `{}` has {name} = `{text}`, which is no number",
+                    facts::KEPT
+                ))
+            }),
+        };
+        let is_excerpt = self
+            .fact(facts::KEPT, "kept")
+            .is_ok_and(|kept| kept == facts::AROUND_MISSES);
+        let around_ticks = number("around_ticks")?;
+        Ok(Kept {
+            around_ticks: is_excerpt.then_some(around_ticks),
+            files_before: number("part")?,
+        })
+    }
+
+    /// The executable that wrote it; what the log does not say is unknown.
+    #[must_use]
+    pub fn build(&self) -> Build {
+        let told = |name: &str| {
+            self.fact(facts::RUN, name)
+                .map_or_else(|_| "unknown".to_owned(), str::to_owned)
+        };
+        Build {
+            version: told("version"),
+            commit: told("commit"),
+            dirty: told("dirty") == "true",
+            profile: told("profile"),
+            rustc: told("rustc"),
+            target: told("target"),
+        }
+    }
+
+    #[must_use]
+    pub fn damaged(&self, what: &str) -> Failure {
+        Failure::failed(format!(
+            "{} is damaged or no flight log: {what}",
+            self.path.display()
+        ))
+        .help("only an undamaged log can be trusted; what stands before the damage can be exported")
+    }
+
+    /// Messages that a log with its beginning and its end lacks, by topic: those that it says it was to hold.
+    pub fn missing(&self) -> Result<Vec<(&'static str, u64)>, Failure> {
+        if self.end() != End::Complete || self.kept()?.files_before > 0 {
+            return Ok(Vec::new());
+        }
+        let mut missing = Vec::new();
+        for (topic, read) in TOPICS.into_iter().zip(self.read) {
+            let told = self.landed(&format!("messages.{topic}"))?.unwrap_or(read);
+            if told > read {
+                missing.push((topic, told - read));
+            }
+        }
+        Ok(missing)
+    }
+
+    /// A failure of a log that another version has written.
+    pub(super) fn of_other_version(&self, how: &str) -> Failure {
+        Failure::failed(format!(
+            "{} was written by another version of ironbird, {}: {how}",
+            self.path.display(),
+            self.build(),
+        ))
+        .help("use that version; the schemas in the log let any MCAP reader read it (docs/recording.md)")
+    }
+
+    /// Refuses a log that another version wrote, or one with other layouts.
+    pub fn check_version(&self) -> Result<(), Failure> {
+        for (name, ours) in [
+            ("format", facts::FORMAT.to_owned()),
+            ("version", env!("CARGO_PKG_VERSION").into()),
+            ("layout", format!("{LAYOUT:016x}")),
+        ] {
+            let theirs = self.fact(facts::RUN, name)?;
+            if theirs != ours {
+                return Err(self.of_other_version(&format!("{name} `{theirs}`, here `{ours}`")));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The channels of a file, and the message that is being put together.
+#[derive(Clone, Debug)]
+pub(super) struct Assembly {
+    /// What is read by the messages' layouts: places in [`TOPICS`] by channel.
+    channels: BTreeMap<u16, usize>,
+    /// Topics whose messages have what their law shows right behind them, by place in [`TOPICS`].
+    beside: BTreeMap<usize, String>,
+    /// What the laws show: places in [`LAW_ROLES`] by channel.
+    telemetry_channels: BTreeMap<u16, usize>,
+    /// What the laws show, in the order of [`LAW_ROLES`].
+    telemetry: [Option<TelemetryTopic>; LAW_ROLES.len()],
+    /// The message that was read last.
+    newest: LogEntry,
+    /// Whether what its law shows is still to come.
+    waits: bool,
+}
+
+impl Assembly {
+    pub(super) fn new() -> Self {
+        Self {
+            channels: BTreeMap::new(),
+            beside: BTreeMap::new(),
+            telemetry_channels: BTreeMap::new(),
+            telemetry: [const { None }; LAW_ROLES.len()],
+            newest: LogEntry::empty(0),
+            waits: false,
+        }
+    }
+
+    /// Before the first channel of the next file.
+    pub(super) fn begin_file(&mut self) {
+        self.channels.clear();
+        self.beside.clear();
+        self.telemetry_channels.clear();
+    }
+
+    /// The message that was read last.
+    pub(super) const fn newest(&self) -> &LogEntry {
+        &self.newest
+    }
+
+    /// What the law of a role shows.
+    pub(super) fn telemetry(&self, role: Role) -> Option<&TelemetryTopic> {
+        self.telemetry[place(role)?].as_ref()
+    }
+
+    /// Takes a channel; false where its schema is not the one that is read here.
+    pub(super) fn take_channel(&mut self, channel: &Channel, schema: Option<&[u8]>) -> bool {
+        if let Some(place) = TELEMETRY_TOPICS
+            .iter()
+            .position(|topic| *topic == channel.topic)
+        {
+            let told = schema.and_then(|schema| {
+                TelemetryTopic::told(LAW_ROLES[place], schema, &channel.metadata)
+            });
+            self.telemetry_channels.insert(channel.id, place);
+            self.telemetry[place] = told;
+            return self.telemetry[place].is_some();
+        }
+        let Some(place) = TOPICS.iter().position(|topic| *topic == channel.topic) else {
+            return true;
+        };
+        let ours = match LogEntry::empty(place) {
+            LogEntry::State(_) => schema::descriptor_set::<State>(),
+            LogEntry::Setpoint(_) => schema::descriptor_set::<Setpoint>(),
+            LogEntry::Wrench(_) => schema::descriptor_set::<Wrench>(),
+            LogEntry::RotorSpeeds(_) => schema::descriptor_set::<RotorSpeeds>(),
+            LogEntry::Swap(_) => schema::descriptor_set::<SwapRecord>(),
+            LogEntry::Theorem(_) => schema::descriptor_set::<Monitor>(),
+        };
+        self.channels.insert(channel.id, place);
+        self.beside.extend(
+            channel
+                .metadata
+                .get(BESIDE)
+                .map(|topic| (place, topic.clone())),
+        );
+        // Only what is laid out as here can be read.
+        schema == Some(&ours)
+    }
+
+    /// Takes the bytes of a channel; true where a message is whole now.
+    pub(super) fn take(&mut self, channel: u16, data: &[u8]) -> Result<bool, String> {
+        if let Some(place) = self.telemetry_channels.get(&channel) {
+            return self.take_telemetry(*place, data).map(|()| true);
+        }
+        let Some(topic) = self.channels.get(&channel).copied() else {
+            return Ok(false);
+        };
+        self.check_whole()?;
+        if !read(topic, data, &mut self.newest) {
+            return Err(format!(
+                "a message of topic `{}` does not follow its schema",
+                TOPICS[topic]
+            ));
+        }
+        self.waits = self.beside.contains_key(&topic);
+        Ok(!self.waits)
+    }
+
+    /// Puts what a law shows into the message that it came in.
+    fn take_telemetry(&mut self, place: usize, data: &[u8]) -> Result<(), String> {
+        let topic = TELEMETRY_TOPICS[place];
+        let is_its = self
+            .beside
+            .get(&self.newest.topic())
+            .is_some_and(|beside| beside == topic);
+        if !std::mem::replace(&mut self.waits, false) || !is_its {
+            return Err(format!(
+                "a message of topic `{topic}` does not stand behind that of its stage"
+            ));
+        }
+        let tick = self.newest.envelope().tick;
+        let shown = self.telemetry[place]
+            .as_ref()
+            .zip(self.newest.telemetry_mut());
+        if !shown.is_some_and(|(shown, telemetry)| shown.decode_into(data, tick, telemetry)) {
+            return Err(format!(
+                "a message of topic `{topic}` does not follow its schema, or is of another tick"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Refuses a message whose law's numbers have not come.
+    pub(super) fn check_whole(&self) -> Result<(), String> {
+        let topic = self.newest.topic();
+        match self.beside.get(&topic) {
+            Some(beside) if self.waits => {
+                let tick = self.newest.envelope().tick;
+                Err(format!(
+                    "the message of topic `{}` of tick {tick} lacks that of topic `{beside}`",
+                    TOPICS[topic]
+                ))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Reads a message of a topic into the place of another one; false where its bytes do not follow the layout.
+fn read(topic: usize, data: &[u8], entry: &mut LogEntry) -> bool {
+    // Messages of a topic stand together: most come into the place of one of their own.
+    if entry.topic() != topic {
+        *entry = LogEntry::empty(topic);
+    }
+    match entry {
+        LogEntry::State(message) => decode_into(data, message),
+        LogEntry::Setpoint(message) => decode_into(data, message),
+        LogEntry::Wrench(message) => decode_into(data, message),
+        LogEntry::RotorSpeeds(message) => decode_into(data, message),
+        LogEntry::Swap(message) => decode_into(data, message),
+        LogEntry::Theorem(message) => decode_into(data, message),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use messages::header::{Header, Message};
+    use messages::telemetry::Signal;
+
+    use super::*;
+    use crate::codec::encode;
+
+    const WRENCH: u16 = 1;
+    const SHOWN: u16 = 2;
+
+    fn topic() -> TelemetryTopic {
+        TelemetryTopic::new(
+            Role::Inner,
+            &[Signal {
+                name: "gain",
+                unit: "",
+            }],
+        )
+        .unwrap()
+    }
+
+    fn channel(id: u16, topic: &str, metadata: BTreeMap<String, String>) -> Channel {
+        Channel {
+            id,
+            schema_id: id,
+            topic: topic.into(),
+            message_encoding: "protobuf".into(),
+            metadata,
+        }
+    }
+
+    /// A file with wrenches, and what their law shows.
+    fn file() -> Assembly {
+        let mut assembly = Assembly::new();
+        let beside = BTreeMap::from([(BESIDE.to_owned(), "inner_telemetry".to_owned())]);
+        assert!(assembly.take_channel(
+            &channel(WRENCH, "wrench", beside),
+            Some(&schema::descriptor_set::<Wrench>())
+        ));
+        let shown = channel(SHOWN, "inner_telemetry", topic().metadata());
+        assert!(assembly.take_channel(&shown, Some(&topic().descriptor_set())));
+        assembly
+    }
+
+    fn wrench(tick: u64) -> Message<Wrench> {
+        let mut message = Message {
+            envelope: Header {
+                tick,
+                ..Header::new()
+            },
+            content: Wrench::default(),
+        };
+        message.content.telemetry.value[0] = tick as f64 + 0.5;
+        message
+    }
+
+    fn bytes(tick: u64) -> [Vec<u8>; 2] {
+        let (mut bytes, mut shown) = (Vec::new(), Vec::new());
+        encode(&wrench(tick), &mut bytes);
+        topic().encode(tick, &wrench(tick).content.telemetry, &mut shown);
+        [bytes, shown]
+    }
+
+    #[test]
+    fn a_message_is_whole_with_what_its_law_shows() {
+        let mut file = file();
+        for tick in [7, 8] {
+            let [wrench_bytes, shown] = bytes(tick);
+            assert_eq!(file.take(WRENCH, &wrench_bytes), Ok(false));
+            assert_eq!(file.take(SHOWN, &shown), Ok(true));
+            assert_eq!(*file.newest(), LogEntry::Wrench(wrench(tick)));
+        }
+        assert_eq!(file.check_whole(), Ok(()));
+    }
+
+    #[test]
+    fn what_a_law_shows_is_missed_and_never_put_into_another_message() {
+        let (mut file, [seventh, shown], [eighth, _]) = (file(), bytes(7), bytes(8));
+        let no_stage =
+            "a message of topic `inner_telemetry` does not stand behind that of its stage";
+        assert_eq!(file.take(SHOWN, &shown), Err(no_stage.into()));
+        file.take(WRENCH, &seventh).unwrap();
+        let lacks = "the message of topic `wrench` of tick 7 lacks that of topic `inner_telemetry`";
+        assert_eq!(
+            file.check_whole(),
+            Err(lacks.into()),
+            "at the end of the file"
+        );
+        assert_eq!(file.take(WRENCH, &eighth), Err(lacks.into()));
+        file.take(SHOWN, &shown).unwrap();
+        assert_eq!(
+            file.take(SHOWN, &shown),
+            Err(no_stage.into()),
+            "a second one"
+        );
+        file.take(WRENCH, &eighth).unwrap();
+        let other = "a message of topic `inner_telemetry` does not follow its schema, or is of another tick";
+        assert_eq!(file.take(SHOWN, &shown), Err(other.into()));
+    }
+
+    #[test]
+    fn a_topic_with_another_schema_is_refused() {
+        let shown = channel(SHOWN, "inner_telemetry", BTreeMap::new());
+        assert!(!Assembly::new().take_channel(&shown, Some(&schema::descriptor_set::<Wrench>())));
+        assert!(!Assembly::new().take_channel(&shown, None));
+    }
 }

@@ -5,8 +5,8 @@
 
 use std::fmt::Write as _;
 
-use model::envelope::{Envelope, Message};
-use model::layout::{Field, Kind, Layout as _, Visitor, Walk};
+use messages::header::{Header, Message};
+use messages::layout::{Field, Kind, Layout as _, Visit, Visitor};
 
 use crate::codec::{Logged, is_telemetry};
 
@@ -14,7 +14,7 @@ use crate::codec::{Logged, is_telemetry};
 #[must_use]
 pub fn columns<C: Logged>() -> Vec<String> {
     let mut columns = Vec::new();
-    name_columns("envelope.", Envelope::FIELDS, &mut columns);
+    name_columns("envelope.", Header::FIELDS, &mut columns);
     name_columns("", C::FIELDS, &mut columns);
     columns
 }
@@ -23,7 +23,9 @@ fn name_columns(path: &str, fields: &[Field], columns: &mut Vec<String>) {
     for field in fields.iter().filter(|field| !is_telemetry(field)) {
         let names = match field.length {
             None => vec![format!("{path}{}", field.name)],
-            Some(length) => (0..length).map(|i| format!("{path}{}[{i}]", field.name)).collect(),
+            Some(length) => (0..length)
+                .map(|i| format!("{path}{}[{i}]", field.name))
+                .collect(),
         };
         for name in names {
             match field.kind {
@@ -36,7 +38,7 @@ fn name_columns(path: &str, fields: &[Field], columns: &mut Vec<String>) {
 
 /// The words of a content in the order of its columns: whole numbers, and the bits of the others.
 #[must_use]
-pub fn words<L: Walk>(content: &L) -> Vec<u64> {
+pub fn words<L: Visit>(content: &L) -> Vec<u64> {
     struct Words(Vec<u64>);
     impl Visitor for Words {
         fn integers(&mut self, _: &'static Field, values: &[u64]) {
@@ -47,7 +49,7 @@ pub fn words<L: Walk>(content: &L) -> Vec<u64> {
             self.0.extend(values.iter().map(|value| value.to_bits()));
         }
 
-        fn structs<L: Walk>(&mut self, field: &'static Field, values: &[L]) {
+        fn structs<L: Visit>(&mut self, field: &'static Field, values: &[L]) {
             if !is_telemetry(field) {
                 values.iter().for_each(|value| value.visit(self));
             }
@@ -63,15 +65,22 @@ pub fn words<L: Walk>(content: &L) -> Vec<u64> {
 pub fn named<C: Logged>(content: &C) -> Vec<(String, String)> {
     let mut names = Vec::new();
     name_columns("", C::FIELDS, &mut names);
-    let mut row = Row { line: String::new() };
+    let mut row = Row {
+        line: String::new(),
+    };
     content.visit(&mut row);
-    names.into_iter().zip(row.line.split(',').map(str::to_owned)).collect()
+    names
+        .into_iter()
+        .zip(row.line.split(',').map(str::to_owned))
+        .collect()
 }
 
 /// A row of CSV, in the order of [`columns`].
 #[must_use]
 pub fn csv<C: Logged>(message: &Message<C>) -> String {
-    let mut row = Row { line: String::new() };
+    let mut row = Row {
+        line: String::new(),
+    };
     message.envelope.visit(&mut row);
     message.content.visit(&mut row);
     row.line
@@ -80,7 +89,9 @@ pub fn csv<C: Logged>(message: &Message<C>) -> String {
 /// An object of JSON, nested as the message is.
 #[must_use]
 pub fn json<C: Logged>(message: &Message<C>) -> String {
-    let mut object = Object { text: "{\"envelope\":".into() };
+    let mut object = Object {
+        text: "{\"envelope\":".into(),
+    };
     object.nested(&message.envelope);
     message.content.visit(&mut object);
     object.text.push('}');
@@ -103,14 +114,18 @@ impl Row {
 
 impl Visitor for Row {
     fn integers(&mut self, _: &'static Field, values: &[u64]) {
-        values.iter().for_each(|value| self.push(format_args!("{value}")));
+        values
+            .iter()
+            .for_each(|value| self.push(format_args!("{value}")));
     }
 
     fn numbers(&mut self, _: &'static Field, values: &[f64]) {
-        values.iter().for_each(|value| self.push(format_args!("{value:?}")));
+        values
+            .iter()
+            .for_each(|value| self.push(format_args!("{value:?}")));
     }
 
-    fn structs<L: Walk>(&mut self, field: &'static Field, values: &[L]) {
+    fn structs<L: Visit>(&mut self, field: &'static Field, values: &[L]) {
         if !is_telemetry(field) {
             values.iter().for_each(|value| value.visit(self));
         }
@@ -122,7 +137,7 @@ struct Object {
 }
 
 impl Object {
-    fn nested<L: Walk>(&mut self, value: &L) {
+    fn nested<L: Visit>(&mut self, value: &L) {
         self.text.push('{');
         value.visit(self);
         self.text.push('}');
@@ -133,7 +148,11 @@ impl Object {
             self.text.push(',');
         }
         let _ = write!(self.text, "\"{}\":", field.name);
-        let (open, close) = if field.length.is_some() { ("[", "]") } else { ("", "") };
+        let (open, close) = if field.length.is_some() {
+            ("[", "]")
+        } else {
+            ("", "")
+        };
         self.text.push_str(open);
         for (i, value) in values.iter().enumerate() {
             if i > 0 {
@@ -155,11 +174,15 @@ impl Visitor for Object {
     fn numbers(&mut self, field: &'static Field, values: &[f64]) {
         self.field(field, values, |object, value| {
             // JSON knows no other numbers, and no message that passed inspection holds one.
-            let _ = if value.is_finite() { write!(object.text, "{value:?}") } else { write!(object.text, "null") };
+            let _ = if value.is_finite() {
+                write!(object.text, "{value:?}")
+            } else {
+                write!(object.text, "null")
+            };
         });
     }
 
-    fn structs<L: Walk>(&mut self, field: &'static Field, values: &[L]) {
+    fn structs<L: Visit>(&mut self, field: &'static Field, values: &[L]) {
         if !is_telemetry(field) {
             self.field(field, values, |object, value| object.nested(value));
         }
@@ -168,13 +191,24 @@ impl Visitor for Object {
 
 #[cfg(test)]
 mod tests {
-    use model::messages::{NO_TICK, State, Wrench};
+    use messages::content::{NO_TICK, State, Wrench};
 
     use super::*;
 
     fn message() -> Message<Wrench> {
-        let content = Wrench { thrust_n: 0.1 + 0.2, torque_b_nm: [1e-300, -0.0, 5.0], mode: 2, ..Wrench::default() };
-        let mut message = Message { envelope: Envelope { tick: 7, ..Envelope::new() }, content };
+        let content = Wrench {
+            thrust_n: 0.1 + 0.2,
+            torque_b_nm: [1e-300, -0.0, 5.0],
+            mode: 2,
+            ..Wrench::default()
+        };
+        let mut message = Message {
+            envelope: Header {
+                tick: 7,
+                ..Header::new()
+            },
+            content,
+        };
         message.envelope.stamps[3].send_ns = 9;
         message
     }
@@ -185,9 +219,18 @@ mod tests {
         let values: Vec<&str> = row.split(',').collect();
         assert_eq!(columns.len(), values.len());
         let of = |name: &str| values[columns.iter().position(|column| column == name).unwrap()];
-        assert_eq!(of("thrust_n").parse::<f64>().unwrap().to_bits(), (0.1f64 + 0.2).to_bits());
-        assert_eq!((of("torque_b_nm[0]"), of("torque_b_nm[1]"), of("mode")), ("1e-300", "-0.0", "2"));
-        assert_eq!((of("envelope.tick"), of("envelope.stamps[3].send_ns")), ("7", "9"));
+        assert_eq!(
+            of("thrust_n").parse::<f64>().unwrap().to_bits(),
+            (0.1f64 + 0.2).to_bits()
+        );
+        assert_eq!(
+            (of("torque_b_nm[0]"), of("torque_b_nm[1]"), of("mode")),
+            ("1e-300", "-0.0", "2")
+        );
+        assert_eq!(
+            (of("envelope.tick"), of("envelope.stamps[3].send_ns")),
+            ("7", "9")
+        );
         assert_eq!(of("envelope.input_tick[0]"), NO_TICK.to_string());
         let words_of = words(&message().content);
         assert_eq!(words_of.len(), named(&message().content).len());
@@ -199,8 +242,14 @@ mod tests {
         let value: serde_json::Value = serde_json::from_str(&json(&message())).unwrap();
         assert_eq!(value["envelope"]["stamps"][3]["send_ns"], 9);
         assert_eq!(value["envelope"]["input_tick"][1], NO_TICK);
-        assert_eq!((&value["torque_b_nm"][2], &value["mode"]), (&5.0.into(), &2.into()));
-        let state = Message { envelope: Envelope::new(), content: State::default() };
+        assert_eq!(
+            (&value["torque_b_nm"][2], &value["mode"]),
+            (&5.0.into(), &2.into())
+        );
+        let state = Message {
+            envelope: Header::new(),
+            content: State::default(),
+        };
         let value: serde_json::Value = serde_json::from_str(&json(&state)).unwrap();
         assert!(value["truth"].is_object(), "{value}");
     }

@@ -2,17 +2,17 @@
 //!
 //! The well-known schemas define the field names and numbers: <https://docs.foxglove.dev/docs/sdk/schemas>.
 
-use model::frames::quaternion_wb;
-use model::grid::NS_PER_S;
-use model::measured::Measured;
-use model::messages::{Setpoint, State};
+use messages::content::Measured;
+use messages::content::{Setpoint, State};
+use messages::frames::quaternion_wb;
+use messages::grid::NS_PER_S;
 use prost::Message as _;
 use prost_types::field_descriptor_proto::{Label, Type};
-use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, Timestamp};
+use prost_types::{
+    DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, Timestamp,
+};
 
-/// Name of the inertial frame.
 pub const WORLD: &str = "world";
-/// Name of the airframe's frame.
 pub const BODY: &str = "body";
 /// Name of the frame in which the airframe should be.
 pub const REFERENCE: &str = "reference";
@@ -23,8 +23,11 @@ pub const POSE_SCHEMA: &str = "foxglove.PoseInFrame";
 pub const TRANSFORM_SCHEMA: &str = "foxglove.FrameTransform";
 
 /// Channels of the scene with their schemas: where the airframe is, where it should be, and both as frames.
-pub const CHANNELS: [(&str, &str); 3] =
-    [("pose/actual", POSE_SCHEMA), ("pose/reference", POSE_SCHEMA), ("transforms", TRANSFORM_SCHEMA)];
+pub const CHANNELS: [(&str, &str); 3] = [
+    ("pose/actual", POSE_SCHEMA),
+    ("pose/reference", POSE_SCHEMA),
+    ("transforms", TRANSFORM_SCHEMA),
+];
 
 /// Flight time between two places of the scene [ns].
 const EVERY_NS: u64 = 40_000_000;
@@ -94,7 +97,6 @@ struct FrameTransform {
 pub struct Placed {
     /// Its pose's place in [`CHANNELS`].
     pose: usize,
-    /// Name of its frame.
     frame: &'static str,
     /// When, on the clock of the log [ns].
     at_ns: u64,
@@ -105,18 +107,37 @@ pub struct Placed {
 }
 
 impl Placed {
-    /// The airframe in a state.
     #[must_use]
     pub const fn airframe(at_ns: u64, state: &State) -> Self {
-        let Measured { position_w_m, attitude_rad, .. } = state.measured;
-        Self { pose: 0, frame: BODY, at_ns, position_w_m, attitude_rad }
+        let Measured {
+            position_w_m,
+            attitude_rad,
+            ..
+        } = state.measured;
+        Self {
+            pose: 0,
+            frame: BODY,
+            at_ns,
+            position_w_m,
+            attitude_rad,
+        }
     }
 
     /// Where it should be by a setpoint.
     #[must_use]
     pub const fn reference(at_ns: u64, setpoint: &Setpoint) -> Self {
-        let Setpoint { ref reference, attitude_rad, .. } = *setpoint;
-        Self { pose: 1, frame: REFERENCE, at_ns, position_w_m: reference.position_w_m, attitude_rad }
+        let Setpoint {
+            ref reference,
+            attitude_rad,
+            ..
+        } = *setpoint;
+        Self {
+            pose: 1,
+            frame: REFERENCE,
+            at_ns,
+            position_w_m: reference.position_w_m,
+            attitude_rad,
+        }
     }
 
     /// When, on the clock of the log [ns].
@@ -133,7 +154,10 @@ impl Placed {
 
     fn timestamp(&self) -> Timestamp {
         let seconds = (self.at_ns / NS_PER_S).cast_signed();
-        Timestamp { seconds, nanos: (self.at_ns % NS_PER_S) as i32 }
+        Timestamp {
+            seconds,
+            nanos: (self.at_ns % NS_PER_S) as i32,
+        }
     }
 
     fn position(&self) -> Vector3 {
@@ -147,8 +171,15 @@ impl Placed {
     }
 
     fn pose(&self) -> Vec<u8> {
-        let pose = Pose { position: Some(self.position()), orientation: Some(self.orientation()) };
-        let message = PoseInFrame { timestamp: Some(self.timestamp()), frame_id: WORLD.into(), pose: Some(pose) };
+        let pose = Pose {
+            position: Some(self.position()),
+            orientation: Some(self.orientation()),
+        };
+        let message = PoseInFrame {
+            timestamp: Some(self.timestamp()),
+            frame_id: WORLD.into(),
+            pose: Some(pose),
+        };
         message.encode_to_vec()
     }
 
@@ -168,13 +199,21 @@ impl Placed {
 #[must_use]
 pub fn descriptor_set() -> Vec<u8> {
     const TIMESTAMP: &str = ".google.protobuf.Timestamp";
-    let time = message("Timestamp", &[("seconds", Type::Int64, ""), ("nanos", Type::Int32, "")]);
-    let double = |names: &[&'static str]| -> Vec<_> { names.iter().map(|name| (*name, Type::Double, "")).collect() };
+    let time = message(
+        "Timestamp",
+        &[("seconds", Type::Int64, ""), ("nanos", Type::Int32, "")],
+    );
+    let double = |names: &[&'static str]| -> Vec<_> {
+        names.iter().map(|name| (*name, Type::Double, "")).collect()
+    };
     let vector = message("Vector3", &double(&["x", "y", "z"]));
     let quaternion = message("Quaternion", &double(&["x", "y", "z", "w"]));
     let pose = message(
         "Pose",
-        &[("position", Type::Message, ".foxglove.Vector3"), ("orientation", Type::Message, ".foxglove.Quaternion")],
+        &[
+            ("position", Type::Message, ".foxglove.Vector3"),
+            ("orientation", Type::Message, ".foxglove.Quaternion"),
+        ],
     );
     let pose_in_frame = message(
         "PoseInFrame",
@@ -194,10 +233,21 @@ pub fn descriptor_set() -> Vec<u8> {
             ("rotation", Type::Message, ".foxglove.Quaternion"),
         ],
     );
-    let time_file = file("google/protobuf/timestamp.proto", "google.protobuf", vec![time]);
-    let mut own = file("foxglove/scene.proto", "foxglove", vec![vector, quaternion, pose, pose_in_frame, transform]);
+    let time_file = file(
+        "google/protobuf/timestamp.proto",
+        "google.protobuf",
+        vec![time],
+    );
+    let mut own = file(
+        "foxglove/scene.proto",
+        "foxglove",
+        vec![vector, quaternion, pose, pose_in_frame, transform],
+    );
     own.dependency = vec!["google/protobuf/timestamp.proto".into()];
-    FileDescriptorSet { file: vec![time_file, own] }.encode_to_vec()
+    FileDescriptorSet {
+        file: vec![time_file, own],
+    }
+    .encode_to_vec()
 }
 
 fn file(name: &str, package: &str, message_type: Vec<DescriptorProto>) -> FileDescriptorProto {

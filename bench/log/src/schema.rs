@@ -4,16 +4,15 @@
 
 use std::collections::BTreeMap;
 
-use model::envelope::Envelope;
-use model::layout::{Field, Kind, Layout as _, Walk as _};
-use model::topic::Topic;
+use messages::header::Header;
+use messages::layout::{Field, Kind, Layout as _, Visit as _};
+use messages::topic::Topic;
 use prost::Message as _;
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet};
 
 use crate::codec::{CONTENT_NUMBER, ENVELOPE_NUMBER, Logged, is_telemetry};
 
-/// Package of the schemas.
 pub const PACKAGE: &str = "ironbird";
 
 /// Full name of a topic's message, as in `ironbird.State`.
@@ -26,12 +25,14 @@ pub fn name<C: Logged>() -> String {
 #[must_use]
 pub fn descriptor_set<C: Logged>() -> Vec<u8> {
     let mut messages = BTreeMap::new();
-    collect(Envelope::STRUCT, Envelope::FIELDS, &mut messages);
+    collect(Header::STRUCT, Header::FIELDS, &mut messages);
     collect(C::STRUCT, C::FIELDS, &mut messages);
-    let envelope = reference("envelope", ENVELOPE_NUMBER, None, Envelope::STRUCT);
+    let envelope = reference("envelope", ENVELOPE_NUMBER, None, Header::STRUCT);
     let main = DescriptorProto {
         name: Some(C::STRUCT.into()),
-        field: std::iter::once(envelope).chain(fields(C::FIELDS, CONTENT_NUMBER)).collect(),
+        field: std::iter::once(envelope)
+            .chain(fields(C::FIELDS, CONTENT_NUMBER))
+            .collect(),
         ..DescriptorProto::default()
     };
     messages.insert(C::STRUCT, main);
@@ -51,14 +52,25 @@ pub(crate) fn file(topic: &str, message_type: Vec<DescriptorProto>) -> Vec<u8> {
 }
 
 /// A struct, and those that it is made of.
-fn collect(name: &'static str, layout: &[Field], messages: &mut BTreeMap<&'static str, DescriptorProto>) {
+fn collect(
+    name: &'static str,
+    layout: &[Field],
+    messages: &mut BTreeMap<&'static str, DescriptorProto>,
+) {
     for field in layout.iter().filter(|field| !is_telemetry(field)) {
         if let Kind::Struct { name, fields } = field.kind {
             collect(name, fields, messages);
         }
     }
     let field = fields(layout, ENVELOPE_NUMBER);
-    messages.insert(name, DescriptorProto { name: Some(name.into()), field, ..DescriptorProto::default() });
+    messages.insert(
+        name,
+        DescriptorProto {
+            name: Some(name.into()),
+            field,
+            ..DescriptorProto::default()
+        },
+    );
 }
 
 fn fields(layout: &[Field], first: u32) -> Vec<FieldDescriptorProto> {
@@ -76,8 +88,17 @@ fn fields(layout: &[Field], first: u32) -> Vec<FieldDescriptorProto> {
         .collect()
 }
 
-pub(crate) fn plain(name: &str, number: u32, length: Option<usize>, kind: Type) -> FieldDescriptorProto {
-    let label = if length.is_some() { Label::Repeated } else { Label::Optional };
+pub(crate) fn plain(
+    name: &str,
+    number: u32,
+    length: Option<usize>,
+    kind: Type,
+) -> FieldDescriptorProto {
+    let label = if length.is_some() {
+        Label::Repeated
+    } else {
+        Label::Optional
+    };
     FieldDescriptorProto {
         name: Some(name.into()),
         json_name: Some(name.into()),
@@ -88,7 +109,12 @@ pub(crate) fn plain(name: &str, number: u32, length: Option<usize>, kind: Type) 
     }
 }
 
-fn reference(name: &str, number: u32, length: Option<usize>, message: &str) -> FieldDescriptorProto {
+fn reference(
+    name: &str,
+    number: u32,
+    length: Option<usize>,
+    message: &str,
+) -> FieldDescriptorProto {
     FieldDescriptorProto {
         type_name: Some(format!(".{PACKAGE}.{message}")),
         ..plain(name, number, length, Type::Message)
@@ -97,24 +123,40 @@ fn reference(name: &str, number: u32, length: Option<usize>, message: &str) -> F
 
 #[cfg(test)]
 mod tests {
-    use model::messages::State;
+    use messages::content::State;
 
     use super::*;
 
     #[test]
     fn a_schema_is_one_file_that_names_every_field_and_knows_every_struct() {
         let set = FileDescriptorSet::decode(descriptor_set::<State>().as_slice()).unwrap();
-        let [file] = set.file.as_slice() else { panic!("{set:?}") };
-        let names: Vec<&str> = file.message_type.iter().map(DescriptorProto::name).collect();
+        let [file] = set.file.as_slice() else {
+            panic!("{set:?}")
+        };
+        let names: Vec<&str> = file
+            .message_type
+            .iter()
+            .map(DescriptorProto::name)
+            .collect();
         assert_eq!(names, ["Envelope", "Measured", "Stamps", "State", "Truth"]);
         let (measured, state) = (&file.message_type[1], &file.message_type[3]);
         let fields: Vec<&str> = state.field.iter().map(FieldDescriptorProto::name).collect();
         let expected: Vec<&str> = State::FIELDS.iter().map(|field| field.name).collect();
         assert_eq!((fields[0], &fields[1..]), ("envelope", expected.as_slice()));
         assert_eq!(state.field[0].type_name(), ".ironbird.Envelope");
-        let tick = state.field.iter().find(|field| field.name() == "command_tick").unwrap();
-        assert_eq!((tick.r#type(), tick.label()), (Type::Fixed64, Label::Optional));
+        let tick = state
+            .field
+            .iter()
+            .find(|field| field.name() == "command_tick")
+            .unwrap();
+        assert_eq!(
+            (tick.r#type(), tick.label()),
+            (Type::Fixed64, Label::Optional)
+        );
         assert_eq!(state.field[1].type_name(), ".ironbird.Measured");
-        assert_eq!((measured.field[0].r#type(), measured.field[0].label()), (Type::Double, Label::Repeated));
+        assert_eq!(
+            (measured.field[0].r#type(), measured.field[0].label()),
+            (Type::Double, Label::Repeated)
+        );
     }
 }

@@ -8,8 +8,8 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use model::role::Role;
-use model::telemetry::{LAW_ROLES, Signal, TELEMETRY, Telemetry};
+use messages::role::Role;
+use messages::telemetry::{LAW_ROLES, Signal, TELEMETRY, Telemetry};
 use prost::Message as _;
 use prost_types::field_descriptor_proto::Type;
 use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorSet};
@@ -18,7 +18,8 @@ use crate::codec::{put_word, take_word};
 use crate::schema::{PACKAGE, file, plain};
 
 /// The topics, by role in the order of [`LAW_ROLES`].
-pub const TELEMETRY_TOPICS: [&str; LAW_ROLES.len()] = ["outer_telemetry", "inner_telemetry", "mixer_telemetry"];
+pub const TELEMETRY_TOPICS: [&str; LAW_ROLES.len()] =
+    ["outer_telemetry", "inner_telemetry", "mixer_telemetry"];
 
 /// What the metadata of a stage's channel call the topic of what its law shows.
 pub const BESIDE: &str = "telemetry";
@@ -43,7 +44,6 @@ pub(crate) fn place(role: Role) -> Option<usize> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TelemetryTopic {
     role: Role,
-    /// Name and unit of each.
     signals: Vec<(String, String)>,
 }
 
@@ -51,23 +51,36 @@ impl TelemetryTopic {
     /// The topic of a law with these signals; none of a law without any.
     #[must_use]
     pub fn new(role: Role, signals: &[Signal]) -> Option<Self> {
-        let signals = signals.iter().take(TELEMETRY).map(|signal| (signal.name.to_owned(), signal.unit.to_owned()));
+        let signals = signals
+            .iter()
+            .take(TELEMETRY)
+            .map(|signal| (signal.name.to_owned(), signal.unit.to_owned()));
         let signals: Vec<_> = signals.collect();
         (place(role).is_some() && !signals.is_empty()).then_some(Self { role, signals })
     }
 
     /// As a log describes it: by its schema, and the metadata of its channel. None where that is another's schema.
-    pub(crate) fn told(role: Role, schema: &[u8], metadata: &BTreeMap<String, String>) -> Option<Self> {
+    pub(crate) fn told(
+        role: Role,
+        schema: &[u8],
+        metadata: &BTreeMap<String, String>,
+    ) -> Option<Self> {
         let set = FileDescriptorSet::decode(schema).ok()?;
         let fields = &set.file.first()?.message_type.first()?.field;
         let names = fields.iter().skip(1).map(|field| field.name().to_owned());
-        let unit = |name: &str| metadata.get(&format!("unit.{name}")).filter(|unit| *unit != RATIO).cloned();
-        let signals: Vec<_> = names.map(|name| (name.clone(), unit(&name).unwrap_or_default())).collect();
+        let unit = |name: &str| {
+            metadata
+                .get(&format!("unit.{name}"))
+                .filter(|unit| *unit != RATIO)
+                .cloned()
+        };
+        let signals: Vec<_> = names
+            .map(|name| (name.clone(), unit(&name).unwrap_or_default()))
+            .collect();
         let told = Self { role, signals };
         (told.signals.len() <= TELEMETRY && told.descriptor_set() == schema).then_some(told)
     }
 
-    /// Its name.
     #[must_use]
     pub fn topic(&self) -> &'static str {
         topic(self.role).unwrap_or_default()
@@ -91,37 +104,66 @@ impl TelemetryTopic {
     #[must_use]
     pub fn descriptor_set(&self) -> Vec<u8> {
         let tick = plain(TICK, TICK_NUMBER, None, Type::Fixed64);
-        let number = |((name, _), number): (&(String, String), u32)| plain(name, number, None, Type::Double);
+        let number =
+            |((name, _), number): (&(String, String), u32)| plain(name, number, None, Type::Double);
         let signals = self.signals.iter().zip(TICK_NUMBER + 1..).map(number);
         let field: Vec<FieldDescriptorProto> = std::iter::once(tick).chain(signals).collect();
-        let message = DescriptorProto { name: Some(self.message().into()), field, ..DescriptorProto::default() };
+        let message = DescriptorProto {
+            name: Some(self.message().into()),
+            field,
+            ..DescriptorProto::default()
+        };
         file(self.topic(), vec![message])
     }
 
     /// The unit of each field, as in the other channels.
     #[must_use]
     pub fn metadata(&self) -> BTreeMap<String, String> {
-        let unit = |unit: &str| if unit.is_empty() { RATIO.into() } else { unit.to_owned() };
-        let signals = self.signals.iter().map(|(name, of)| (format!("unit.{name}"), unit(of)));
-        signals.chain([(format!("unit.{TICK}"), TICK.to_owned())]).collect()
+        let unit = |unit: &str| {
+            if unit.is_empty() {
+                RATIO.into()
+            } else {
+                unit.to_owned()
+            }
+        };
+        let signals = self
+            .signals
+            .iter()
+            .map(|(name, of)| (format!("unit.{name}"), unit(of)));
+        signals
+            .chain([(format!("unit.{TICK}"), TICK.to_owned())])
+            .collect()
     }
 
     /// Writes the numbers of a tick.
     pub fn encode(&self, tick: u64, telemetry: &Telemetry, out: &mut Vec<u8>) {
         out.clear();
         put_word(TICK_NUMBER, tick, out);
-        for (value, number) in telemetry.value[..self.signals.len()].iter().zip(TICK_NUMBER + 1..) {
+        for (value, number) in telemetry.value[..self.signals.len()]
+            .iter()
+            .zip(TICK_NUMBER + 1..)
+        {
             put_word(number, value.to_bits(), out);
         }
     }
 
     /// Reads the numbers of a tick into those of the stage's message; false where the bytes are not they.
-    pub(crate) fn decode_into(&self, mut bytes: &[u8], tick: u64, telemetry: &mut Telemetry) -> bool {
+    pub(crate) fn decode_into(
+        &self,
+        mut bytes: &[u8],
+        tick: u64,
+        telemetry: &mut Telemetry,
+    ) -> bool {
         if take_word(TICK_NUMBER, &mut bytes) != Some(tick) {
             return false;
         }
-        for (value, number) in telemetry.value[..self.signals.len()].iter_mut().zip(TICK_NUMBER + 1..) {
-            let Some(bits) = take_word(number, &mut bytes) else { return false };
+        for (value, number) in telemetry.value[..self.signals.len()]
+            .iter_mut()
+            .zip(TICK_NUMBER + 1..)
+        {
+            let Some(bits) = take_word(number, &mut bytes) else {
+                return false;
+            };
             *value = f64::from_bits(bits);
         }
         bytes.is_empty()
@@ -145,13 +187,16 @@ impl TelemetryTopic {
         row
     }
 
-    /// An object of JSON.
     #[must_use]
     pub fn json(&self, tick: u64, telemetry: &Telemetry) -> String {
         let mut object = format!("{{\"{TICK}\":{tick}");
         for ((name, _), value) in self.signals.iter().zip(telemetry.value) {
             // JSON knows no other numbers.
-            let value = if value.is_finite() { format!("{value:?}") } else { "null".into() };
+            let value = if value.is_finite() {
+                format!("{value:?}")
+            } else {
+                "null".into()
+            };
             let _ = write!(object, ",\"{name}\":{value}");
         }
         object + "}"
@@ -166,9 +211,18 @@ mod tests {
     use super::*;
 
     const SIGNALS: [Signal; 3] = [
-        Signal { name: "mass_kg", unit: "kg" },
-        Signal { name: "limited", unit: "" },
-        Signal { name: "drag_1_s", unit: "1/s" },
+        Signal {
+            name: "mass_kg",
+            unit: "kg",
+        },
+        Signal {
+            name: "limited",
+            unit: "",
+        },
+        Signal {
+            name: "drag_1_s",
+            unit: "1/s",
+        },
     ];
 
     fn shown() -> TelemetryTopic {
@@ -183,14 +237,26 @@ mod tests {
 
     #[test]
     fn every_bit_comes_back_and_bytes_of_another_tick_or_length_are_none() {
-        for signals in [&SIGNALS[..], &[Signal { name: "x", unit: "" }; TELEMETRY]] {
+        for signals in [
+            &SIGNALS[..],
+            &[Signal {
+                name: "x",
+                unit: "",
+            }; TELEMETRY],
+        ] {
             let topic = TelemetryTopic::new(Role::Mixer, signals).unwrap();
             let (mut bytes, mut read) = (Vec::new(), Telemetry::default());
             topic.encode(7, &telemetry(), &mut bytes);
             assert!(topic.decode_into(&bytes, 7, &mut read));
-            assert_eq!(read.value.map(f64::to_bits), telemetry().value.map(f64::to_bits));
+            assert_eq!(
+                read.value.map(f64::to_bits),
+                telemetry().value.map(f64::to_bits)
+            );
             assert!(!topic.decode_into(&bytes, 8, &mut read), "another tick");
-            assert!(!topic.decode_into(&bytes[..bytes.len() - 1], 7, &mut read), "a byte is missing");
+            assert!(
+                !topic.decode_into(&bytes[..bytes.len() - 1], 7, &mut read),
+                "a byte is missing"
+            );
             bytes.push(0);
             assert!(!topic.decode_into(&bytes, 7, &mut read), "a byte too many");
         }
@@ -199,10 +265,19 @@ mod tests {
     #[test]
     fn a_log_tells_names_and_units_and_another_schema_is_refused() {
         let ours = shown();
-        assert_eq!(TelemetryTopic::told(Role::Outer, &ours.descriptor_set(), &ours.metadata()), Some(ours.clone()));
+        assert_eq!(
+            TelemetryTopic::told(Role::Outer, &ours.descriptor_set(), &ours.metadata()),
+            Some(ours.clone())
+        );
         assert_eq!(ours.metadata()["unit.limited"], "1");
-        assert_eq!(TelemetryTopic::told(Role::Inner, &ours.descriptor_set(), &ours.metadata()), None);
-        assert_eq!(TelemetryTopic::told(Role::Outer, &[1, 2, 3], &ours.metadata()), None);
+        assert_eq!(
+            TelemetryTopic::told(Role::Inner, &ours.descriptor_set(), &ours.metadata()),
+            None
+        );
+        assert_eq!(
+            TelemetryTopic::told(Role::Outer, &[1, 2, 3], &ours.metadata()),
+            None
+        );
     }
 
     #[test]
@@ -211,7 +286,10 @@ mod tests {
         assert_eq!(topic.columns(), ["tick", "mass_kg", "limited", "drag_1_s"]);
         assert_eq!(topic.csv(7, &telemetry), "7,0.30000000000000004,-0.0,NaN");
         let object = topic.json(7, &telemetry);
-        assert_eq!(object, r#"{"tick":7,"mass_kg":0.30000000000000004,"limited":-0.0,"drag_1_s":null}"#);
+        assert_eq!(
+            object,
+            r#"{"tick":7,"mass_kg":0.30000000000000004,"limited":-0.0,"drag_1_s":null}"#
+        );
     }
 
     #[test]

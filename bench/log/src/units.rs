@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use model::envelope::Envelope;
-use model::layout::{Field, Kind, Layout as _};
-use model::parameters::{PARAMETERS, SPECS};
+use messages::header::Header;
+use messages::layout::{Field, Kind, Layout as _};
+use messages::parameters::{PARAMETERS, SPECS};
 
 use crate::codec::{Logged, is_telemetry};
 
@@ -30,15 +30,21 @@ const UNITS: [(&str, &str); 14] = [
 const FRAMES: [(&str, &str); 4] = [
     ("_w_", "world: right-handed, z up"),
     ("_b_", "body: x forward, y left, z up"),
-    ("attitude_quaternion", "body to world: unit quaternion w, x, y, z"),
-    ("attitude_", "body to world: ZYX Euler angles roll, pitch, yaw"),
+    (
+        "attitude_quaternion",
+        "body to world: unit quaternion w, x, y, z",
+    ),
+    (
+        "attitude_",
+        "body to world: ZYX Euler angles roll, pitch, yaw",
+    ),
 ];
 
 /// `unit.FIELD` and `frame.FIELD` of all numbers of a topic's messages; fields without a frame have none.
 #[must_use]
 pub fn describe<C: Logged>() -> BTreeMap<String, String> {
     let mut facts = BTreeMap::new();
-    describe_fields("envelope.", Envelope::FIELDS, &mut facts);
+    describe_fields("envelope.", Header::FIELDS, &mut facts);
     describe_fields("", C::FIELDS, &mut facts);
     facts
 }
@@ -66,11 +72,17 @@ fn describe_fields(path: &str, fields: &[Field], facts: &mut BTreeMap<String, St
 /// The unit of a field; 1 for counts, flags and fingerprints, and where to look where no name says it.
 fn unit(field: &Field) -> String {
     if field.kind == Kind::F64 && field.length == Some(PARAMETERS) {
-        let units: Vec<String> = SPECS.iter().map(|spec| format!("{} [{}]", spec.name, spec.unit)).collect();
+        let units: Vec<String> = SPECS
+            .iter()
+            .map(|spec| format!("{} [{}]", spec.name, spec.unit))
+            .collect();
         return match field.name {
             // In the order of the table.
             "parameter" => units.join(", "),
-            _ => format!("that of the parameter at the same place; {}", units.join(", ")),
+            _ => format!(
+                "that of the parameter at the same place; {}",
+                units.join(", ")
+            ),
         };
     }
     match field.name {
@@ -78,7 +90,11 @@ fn unit(field: &Field) -> String {
         "parameter" => "row of the table of parameters, from 0".into(),
         name => {
             let unit = UNITS.iter().find(|(end, _)| name.ends_with(end));
-            let other = if field.kind == Kind::F64 { "docs/conventions.md" } else { "1" };
+            let other = if field.kind == Kind::F64 {
+                "docs/conventions.md"
+            } else {
+                "1"
+            };
             unit.map_or(other, |(_, unit)| *unit).into()
         }
     }
@@ -86,7 +102,7 @@ fn unit(field: &Field) -> String {
 
 #[cfg(test)]
 mod tests {
-    use model::messages::{State, SwapRecord, Wrench};
+    use messages::content::{State, SwapRecord, Wrench};
 
     use super::*;
 
@@ -96,7 +112,10 @@ mod tests {
         for (key, value) in [
             ("unit.measured.position_w_m", "m"),
             ("unit.measured.velocity_w_m_s", "m/s"),
-            ("unit.measured.rotor_speed_squared_mean_rad2_s2", "rad^2/s^2"),
+            (
+                "unit.measured.rotor_speed_squared_mean_rad2_s2",
+                "rad^2/s^2",
+            ),
             ("unit.truth.rate_b_rad_s", "rad/s"),
             ("unit.envelope.stamps.send_ns", "ns of CLOCK_MONOTONIC"),
             ("unit.envelope.seq", "1"),
@@ -109,19 +128,33 @@ mod tests {
         assert!(facts["frame.measured.attitude_rad"].starts_with("body to world"));
         assert!(facts["unit.command_tick"].starts_with("tick"));
         assert!(!facts.contains_key("frame.measured.rotor_speed_mean_rad_s"));
-        assert_eq!(facts["frame.measured.attitude_quaternion"], "body to world: unit quaternion w, x, y, z");
+        assert_eq!(
+            facts["frame.measured.attitude_quaternion"],
+            "body to world: unit quaternion w, x, y, z"
+        );
         assert_eq!(describe::<Wrench>()["unit.torque_b_nm"], "N m");
         let swap = describe::<SwapRecord>();
-        assert!(swap["unit.new"].contains("mass_kg [kg]") && swap["unit.parameter"].starts_with("row"));
+        assert!(
+            swap["unit.new"].contains("mass_kg [kg]") && swap["unit.parameter"].starts_with("row")
+        );
     }
 
     #[test]
     fn every_number_has_a_unit() {
         let without = |facts: BTreeMap<String, String>, fields: &[Field]| -> Vec<&str> {
             let numbers = fields.iter().filter(|field| field.kind == Kind::F64);
-            numbers.map(|field| field.name).filter(|name| facts[&format!("unit.{name}")].starts_with("docs")).collect()
+            numbers
+                .map(|field| field.name)
+                .filter(|name| facts[&format!("unit.{name}")].starts_with("docs"))
+                .collect()
         };
-        assert_eq!(without(describe::<State>(), State::FIELDS), Vec::<&str>::new());
-        assert_eq!(without(describe::<Wrench>(), Wrench::FIELDS), Vec::<&str>::new());
+        assert_eq!(
+            without(describe::<State>(), State::FIELDS),
+            Vec::<&str>::new()
+        );
+        assert_eq!(
+            without(describe::<Wrench>(), Wrench::FIELDS),
+            Vec::<&str>::new()
+        );
     }
 }

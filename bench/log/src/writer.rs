@@ -8,31 +8,26 @@
 //! Every file has its own index and facts, and says which one goes on. A full disk costs messages, which are counted,
 //! but never the flight.
 
-mod file;
-
+use crate::async_writer::{AsyncWriter, Disk, LEFT_FREE_BYTES};
+use crate::entry::{Counts, LogEntry};
+use crate::event_log::EventLog;
+use crate::facts::{CONTINUED_IN, Facts, INJECTED, Record};
+pub use crate::log_file::CHUNK_NS;
+use crate::log_file::{FileFate, LogFile};
+use crate::{TOPICS, file_name};
+use errors::{Failure, InFile as _};
+use mcap::McapError;
 use std::collections::VecDeque;
-use std::fs::{self, File};
-use std::io;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-
-use mcap::McapError;
-
-use crate::entry::{Counts, LogEntry};
-use crate::excerpt::Excerpt;
-use crate::facts::{CONTINUED_IN, Facts, INJECTED, Record};
-use crate::spool::{Disk, LEFT_FREE_BYTES, Spool};
-use crate::{TOPICS, file_name};
-use failure::{Failure, InFile as _};
-pub use file::CHUNK_NS;
-use file::{FileFate, LogFile};
+use std::{fs, io};
 
 /// What became of the messages so far.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Fate {
     /// Length of the files that are kept [bytes].
     pub file_bytes: u64,
-    /// How many they are.
     pub files: u64,
     /// In them, or on their way to a disk that has taken everything so far.
     pub written: Counts,
@@ -42,7 +37,6 @@ pub struct Fate {
     pub left_out: Counts,
     /// In files that were removed, because newer ones are kept.
     pub removed: Counts,
-    /// Stretches of an excerpt.
     pub stretches: u64,
     /// Why the disk did not take something, the first time.
     pub refused: Option<String>,
@@ -52,9 +46,9 @@ pub struct Fate {
 #[allow(missing_debug_implementations, reason = "its files have none")]
 pub struct FlightLog {
     first_path: PathBuf,
-    facts: Facts,
-    excerpt: Option<Excerpt>,
-    file: LogFile,
+    pub(crate) facts: Facts,
+    excerpt: Option<EventLog>,
+    pub(crate) file: LogFile,
     part: u64,
     /// The file before it, until the disk has it.
     closing: Option<LogFile>,
@@ -64,7 +58,6 @@ pub struct FlightLog {
     /// Not in the files that were removed either.
     dropped: Counts,
     refused: Option<String>,
-    /// What was injected so far.
     injected: Record,
     /// Whether the present file has that.
     has_injected: bool,
@@ -72,16 +65,13 @@ pub struct FlightLog {
 
 impl FlightLog {
     /// A log with its schemas and facts, before the first message.
-    ///
-    /// # Errors
-    /// [`Failure`] names the file.
     pub fn create(path: &Path, facts: &Facts) -> Result<Self, Failure> {
         let file = File::create(path).in_file("write", path)?;
-        let spool = Spool::new(file, LEFT_FREE_BYTES).in_file("write", path)?;
+        let spool = AsyncWriter::new(file, LEFT_FREE_BYTES).in_file("write", path)?;
         Ok(Self {
             first_path: path.to_owned(),
             facts: facts.clone(),
-            excerpt: facts.plan.around_ticks.map(Excerpt::new),
+            excerpt: facts.plan.around_ticks.map(EventLog::new),
             file: LogFile::begin(spool, facts, 0, 0).in_file("write", path)?,
             part: 0,
             closing: None,
@@ -94,7 +84,6 @@ impl FlightLog {
         })
     }
 
-    /// Takes a message.
     pub fn take(&mut self, entry: LogEntry) {
         let Self { excerpt, file, .. } = self;
         match excerpt {
@@ -104,9 +93,6 @@ impl FlightLog {
     }
 
     /// Ends a chunk when it is time, and hands it to the disk; to be called often.
-    ///
-    /// # Errors
-    /// [`Failure`], which no disk can cause.
     pub fn keep(&mut self, now_ns: u64) -> Result<(), Failure> {
         let is_handed_over = self.file.keep(now_ns).map_err(broken)?;
         if let Some(closed) = self.closing.take_if(LogFile::is_on_disk) {
@@ -118,7 +104,10 @@ impl FlightLog {
             self.tell_file()?;
         }
         // While the disk has not taken the file before, it is not asked to take another one.
-        if is_handed_over && self.file.length() >= self.facts.plan.file_bytes && self.closing.is_none() {
+        if is_handed_over
+            && self.file.length() >= self.facts.plan.file_bytes
+            && self.closing.is_none()
+        {
             self.begin_next_file()?;
         }
         Ok(())
@@ -126,11 +115,20 @@ impl FlightLog {
 
     fn begin_next_file(&mut self) -> Result<(), Failure> {
         let next = self.part + 1;
-        let removed = self.facts.plan.files.and_then(|files| next.checked_sub(files));
+        let removed = self
+            .facts
+            .plan
+            .files
+            .and_then(|files| next.checked_sub(files));
         let path = |part: u64| self.first_path.with_file_name(file_name(part));
-        let disk = NextFile { path: path(next), removes: removed.map(path), file: OnceLock::new() };
-        let spool = Spool::new(disk, LEFT_FREE_BYTES).in_file("write", &path(next))?;
-        let file = LogFile::begin(spool, &self.facts, next, self.file.newest_sample_ns()).map_err(broken)?;
+        let disk = NextFile {
+            path: path(next),
+            removes: removed.map(path),
+            file: OnceLock::new(),
+        };
+        let spool = AsyncWriter::new(disk, LEFT_FREE_BYTES).in_file("write", &path(next))?;
+        let file = LogFile::begin(spool, &self.facts, next, self.file.newest_sample_ns())
+            .map_err(broken)?;
         let mut landing = self.messages();
         landing.insert(CONTINUED_IN.into(), file_name(next));
         let mut before = std::mem::replace(&mut self.file, file);
@@ -154,9 +152,13 @@ impl FlightLog {
         let mut fate = Fate {
             removed: self.removed,
             dropped: self.dropped,
-            left_out: excerpt.map_or([0; TOPICS.len()], Excerpt::left_out),
-            stretches: excerpt.map_or(0, Excerpt::stretches),
-            refused: self.refused.clone().or_else(|| self.closing.as_ref()?.refused()).or_else(|| self.file.refused()),
+            left_out: excerpt.map_or([0; TOPICS.len()], EventLog::left_out),
+            stretches: excerpt.map_or(0, EventLog::stretches),
+            refused: self
+                .refused
+                .clone()
+                .or_else(|| self.closing.as_ref()?.refused())
+                .or_else(|| self.file.refused()),
             ..Fate::default()
         };
         let written = self.closing.iter().chain([&self.file]).map(LogFile::fate);
@@ -175,7 +177,11 @@ impl FlightLog {
         let mut all = fate.written;
         add(&mut all, fate.dropped);
         add(&mut all, fate.removed);
-        TOPICS.iter().zip(all).map(|(topic, count)| (format!("messages.{topic}"), count.to_string())).collect()
+        TOPICS
+            .iter()
+            .zip(all)
+            .map(|(topic, count)| (format!("messages.{topic}"), count.to_string()))
+            .collect()
     }
 
     /// Takes what was injected into the flight so far; the file has it with its next chunk.
@@ -189,13 +195,12 @@ impl FlightLog {
             return Ok(());
         }
         self.has_injected = true;
-        self.file.tell(INJECTED, self.injected.clone()).map_err(broken)
+        self.file
+            .tell(INJECTED, self.injected.clone())
+            .map_err(broken)
     }
 
     /// Ends the log with its last facts and its index; says what became of the messages.
-    ///
-    /// # Errors
-    /// As [`Self::keep`].
     pub fn finish(mut self, mut last_facts: Record) -> Result<Fate, Failure> {
         self.tell_file()?;
         let Self { excerpt, file, .. } = &mut self;
@@ -204,7 +209,10 @@ impl FlightLog {
         }
         last_facts.extend(self.messages());
         self.file.close(last_facts).map_err(broken)?;
-        self.closing.iter_mut().chain([&mut self.file]).for_each(LogFile::wait);
+        self.closing
+            .iter_mut()
+            .chain([&mut self.file])
+            .for_each(LogFile::wait);
         Ok(self.fate())
     }
 }
@@ -249,7 +257,9 @@ impl Disk for NextFile {
 }
 
 fn add(sum: &mut Counts, counts: Counts) {
-    sum.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
+    sum.iter_mut()
+        .zip(counts)
+        .for_each(|(sum, count)| *sum += count);
 }
 
 fn broken(error: McapError) -> Failure {

@@ -8,16 +8,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
-    /// As it should be.
     Ok,
-    /// It could be better.
     Warning,
     /// As it is, nothing flies in real time.
     Blocks,
 }
 
 impl Level {
-    /// The word in reports.
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
@@ -44,7 +41,6 @@ pub enum RealtimeClass {
 }
 
 impl RealtimeClass {
-    /// In words.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
@@ -55,25 +51,20 @@ impl RealtimeClass {
     }
 }
 
-/// Something that was looked at.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Finding {
-    /// What was looked at.
     pub subject: String,
     /// Whether it is as it should be.
     pub level: Level,
     /// The best verdict that it leaves open.
     pub allows: RealtimeClass,
-    /// What was found.
     pub found: String,
-    /// Why it matters.
     pub why: String,
     /// The command or configuration line that changes it; none where nothing needs to.
     pub fix: Option<String>,
 }
 
 impl Finding {
-    /// As it should be.
     #[must_use]
     pub fn ok(subject: &str, found: impl Into<String>, why: &str) -> Self {
         Self {
@@ -89,26 +80,39 @@ impl Finding {
     /// It could be better, and wake-ups are as bounded as without it.
     #[must_use]
     pub fn could_be_better(self, fix: impl Into<String>) -> Self {
-        Self { level: Level::Warning, fix: Some(fix.into()), ..self }
+        Self {
+            level: Level::Warning,
+            fix: Some(fix.into()),
+            ..self
+        }
     }
 
     /// It makes wake-ups late now and then.
     #[must_use]
     pub fn softens(self, fix: impl Into<String>) -> Self {
-        Self { level: Level::Warning, allows: RealtimeClass::Soft, fix: Some(fix.into()), ..self }
+        Self {
+            level: Level::Warning,
+            allows: RealtimeClass::Soft,
+            fix: Some(fix.into()),
+            ..self
+        }
     }
 
     /// It keeps anything from flying in real time.
     #[must_use]
     pub fn blocks(self, fix: impl Into<String>) -> Self {
-        Self { level: Level::Blocks, allows: RealtimeClass::NotRealTime, fix: Some(fix.into()), ..self }
+        Self {
+            level: Level::Blocks,
+            allows: RealtimeClass::NotRealTime,
+            fix: Some(fix.into()),
+            ..self
+        }
     }
 }
 
 /// A verdict with the findings that it is due to.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Diagnosis {
-    /// What can be expected.
     pub verdict: RealtimeClass,
     /// Why it is not better: a subject with what was found, each.
     pub reasons: Vec<String>,
@@ -118,9 +122,18 @@ impl Diagnosis {
     /// The verdict is the worst that any finding leaves open.
     #[must_use]
     pub fn of(findings: &[Finding]) -> Self {
-        let verdict = findings.iter().map(|finding| finding.allows).min().unwrap_or(RealtimeClass::Hard);
-        let is_due = |finding: &&Finding| finding.allows == verdict && verdict != RealtimeClass::Hard;
-        let reasons = findings.iter().filter(is_due).map(|it| format!("{}: {}", it.subject, it.found)).collect();
+        let verdict = findings
+            .iter()
+            .map(|finding| finding.allows)
+            .min()
+            .unwrap_or(RealtimeClass::Hard);
+        let is_due =
+            |finding: &&Finding| finding.allows == verdict && verdict != RealtimeClass::Hard;
+        let reasons = findings
+            .iter()
+            .filter(is_due)
+            .map(|it| format!("{}: {}", it.subject, it.found))
+            .collect();
         Self { verdict, reasons }
     }
 }
@@ -141,7 +154,13 @@ mod tests {
             (diagnosis.verdict.words(), diagnosis.reasons)
         };
         assert_eq!(of(&[&fine, &better]), ("hard", vec![]));
-        assert_eq!(of(&[&fine, &soft, &better]), ("soft", vec!["c: y".to_owned()]));
-        assert_eq!(of(&[&soft, &blocks]), ("not real-time here", vec!["d: z".to_owned()]));
+        assert_eq!(
+            of(&[&fine, &soft, &better]),
+            ("soft", vec!["c: y".to_owned()])
+        );
+        assert_eq!(
+            of(&[&soft, &blocks]),
+            ("not real-time here", vec!["d: z".to_owned()])
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! Facts about the machine, how much processor time others took, and what interrupted.
+//! Facts about the machine, stolen processor time, and interrupts.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,17 +8,13 @@ pub const STEAL_LIMIT_PERCENT: f64 = 1.0;
 /// The machine, as far as it explains latencies.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Host {
-    /// Kernel release and build.
     pub kernel: String,
     /// Preemption model, as far as the kernel says.
     pub preemption: String,
-    /// Processor.
     pub cpu: String,
-    /// Processors online.
     pub cpus: u64,
     /// Whether a hypervisor runs below; none where that is not known.
     pub hypervisor: Option<bool>,
-    /// Clock source in use.
     pub clock_source: String,
     /// /proc/sys/kernel/sched_rt_runtime_us: what SCHED_FIFO gets of each period; -1 is all.
     pub rt_runtime_us: i64,
@@ -55,11 +51,13 @@ impl Steal {
     /// Whose time it is, in words.
     #[must_use]
     pub fn processors(&self) -> String {
-        self.processor.map_or_else(|| "all processors".into(), |number| format!("processor {number}"))
+        self.processor.map_or_else(
+            || "all processors".into(),
+            |number| format!("processor {number}"),
+        )
     }
 }
 
-/// Which kind of an interrupt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum InterruptKind {
@@ -72,13 +70,11 @@ pub enum InterruptKind {
 /// How often an interrupt came during the flight.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct InterruptCount {
-    /// Which kind.
     pub kind: InterruptKind,
     /// As the kernel names it: a number, or letters such as `LOC`; or a soft one such as `TIMER`.
     pub name: String,
     /// The device or the reason; empty for soft ones.
     pub source: String,
-    /// How often.
     pub count: u64,
 }
 
@@ -89,23 +85,4 @@ pub struct InterruptSection {
     pub processor: Option<u64>,
     /// What came, the most frequent first.
     pub counts: Vec<InterruptCount>,
-}
-
-impl InterruptSection {
-    /// The section of the report for people; empty where nothing was counted.
-    #[must_use]
-    pub fn text(&self, ticks: u64) -> String {
-        if self.counts.is_empty() {
-            return String::new();
-        }
-        let place =
-            self.processor.map_or_else(|| "all processors".into(), |number| format!("processor {number}, the loops'"));
-        let mut out = format!("\nInterrupts of {place}    count  per tick\n");
-        for InterruptCount { kind, name, source, count } in &self.counts {
-            let softness = if *kind == InterruptKind::Soft { "soft " } else { "" };
-            let what = format!("{softness}{name} {source}");
-            out += &format!("  {:<36} {count:>9} {:>9.3}\n", what.trim_end(), *count as f64 / ticks.max(1) as f64);
-        }
-        out
-    }
 }

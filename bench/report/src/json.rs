@@ -1,14 +1,11 @@
 //! JSON for people and programs: one line per object key, one per array of numbers.
 
-use std::io::{self, Write};
-
 use serde::Serialize;
 use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
+use std::io;
+use std::io::Write;
 
 /// Writes a value with objects indented and arrays in a row: 600 numbers are one line and not 600.
-///
-/// # Errors
-/// Those of [`serde_json`].
 pub fn to_string(value: &impl Serialize) -> serde_json::Result<String> {
     let mut bytes = Vec::new();
     value.serialize(&mut Serializer::with_formatter(&mut bytes, Rows::default()))?;
@@ -21,8 +18,16 @@ struct Rows {
 }
 
 impl Formatter for Rows {
-    fn begin_array_value<W: ?Sized + Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
-        if first { Ok(()) } else { writer.write_all(b", ") }
+    fn begin_array_value<W: ?Sized + Write>(
+        &mut self,
+        writer: &mut W,
+        first: bool,
+    ) -> io::Result<()> {
+        if first {
+            Ok(())
+        } else {
+            writer.write_all(b", ")
+        }
     }
 
     fn begin_object<W: ?Sized + Write>(&mut self, writer: &mut W) -> io::Result<()> {
@@ -33,7 +38,11 @@ impl Formatter for Rows {
         self.objects.end_object(writer)
     }
 
-    fn begin_object_key<W: ?Sized + Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
+    fn begin_object_key<W: ?Sized + Write>(
+        &mut self,
+        writer: &mut W,
+        first: bool,
+    ) -> io::Result<()> {
         self.objects.begin_object_key(writer, first)
     }
 
@@ -58,6 +67,9 @@ mod tests {
             text,
             "{\n  \"a\": [1, 2.5, null],\n  \"b\": {\n    \"c\": [],\n    \"d\": [{\n      \"e\": \"\\\"x\\\"\"\n    }, {}]\n  }\n}"
         );
-        assert_eq!(serde_json::from_str::<serde_json::Value>(&text).unwrap(), value);
+        assert_eq!(
+            serde_json::from_str::<serde_json::Value>(&text).unwrap(),
+            value
+        );
     }
 }

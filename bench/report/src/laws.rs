@@ -1,23 +1,20 @@
-//! The laws of a flight: what they show, and the answers of theirs that could not be used.
+//! The control laws of a flight: their signals, and outputs that could not be used.
 
-use std::collections::BTreeMap;
-
-use controller::laws::may_have_theorem;
-use model::messages::{Mode, Wrench};
-use model::parameters::{ESTIMATED, Parameter};
-use model::role::Role;
-use model::telemetry::{LAW_ROLES, RATE_ERROR, Signals};
-use serde::{Deserialize, Serialize};
-
+use crate::phrase::count;
+use crate::schema::{LawSection, SignalSection};
 use crate::schema::{RoleSection, RunSection};
+use crate::series::Statistics;
 use crate::speed::Speed;
-use crate::tally::series::Statistics;
-use crate::text::count;
+use controller::laws::may_have_theorem;
+use messages::content::{Mode, Wrench};
+use messages::parameters::{ESTIMATED, Parameter};
+use messages::role::Role;
+use messages::telemetry::{LAW_ROLES, RATE_ERROR, Signal, Signals, TELEMETRY, Telemetry};
+use std::collections::BTreeMap;
 
 /// What the report knows of the laws of a flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FlownLaws {
-    /// What they show.
     pub signals: Signals,
     /// The inner law, where it has no theorem with its settings, and so no estimates.
     pub without_theorem: Option<&'static str>,
@@ -28,7 +25,6 @@ pub struct FlownLaws {
 pub struct Places([usize; 3]);
 
 impl Places {
-    /// The vector in a wrench.
     #[must_use]
     pub fn of(&self, wrench: &Wrench) -> [f64; 3] {
         self.0.map(|place| wrench.telemetry.value[place])
@@ -46,56 +42,22 @@ impl FlownLaws {
     #[must_use]
     pub fn estimates(&self) -> Option<Places> {
         let names = ESTIMATED.map(Parameter::name);
-        self.signals.places(Role::Inner, names).filter(|_| self.without_theorem.is_none()).map(Places)
+        self.signals
+            .places(Role::Inner, names)
+            .filter(|_| self.without_theorem.is_none())
+            .map(Places)
     }
 }
 
 /// Why the theorem says nothing of a flight with this inner law.
 #[must_use]
 pub fn no_theorem(law: &str) -> String {
-    let settings = if may_have_theorem(law) { " with its settings" } else { "" };
+    let settings = if may_have_theorem(law) {
+        " with its settings"
+    } else {
+        ""
+    };
     format!("the inner law `{law}` has no theorem{settings}")
-}
-
-/// A law that flew, by its role in the report.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct LawSection {
-    /// Its name.
-    pub name: String,
-    /// Its version.
-    #[serde(default)]
-    pub version: String,
-    /// Its file; none where it is built in.
-    #[serde(default)]
-    pub file: Option<String>,
-    /// SHA-256 of the file.
-    #[serde(default)]
-    pub sha256: Option<String>,
-    /// Whether it promises nothing about its time.
-    #[serde(default)]
-    pub not_real_time: bool,
-    /// Ticks in which its answer was not finite, or one that no airframe can give, and was replaced.
-    pub ticks_not_finite: u64,
-    /// The first of them.
-    pub first_not_finite: Option<u64>,
-    /// What it showed of itself, in the order of its signals; empty in reports from before it was kept.
-    #[serde(default)]
-    pub telemetry: Vec<SignalSection>,
-}
-
-/// A number that a law showed; none where it never knew it.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct SignalSection {
-    /// Name with unit.
-    pub name: String,
-    /// Unit; empty for a ratio.
-    pub unit: String,
-    /// The newest value.
-    pub last: Option<f64>,
-    /// The smallest one.
-    pub min: Option<f64>,
-    /// The largest one.
-    pub max: Option<f64>,
 }
 
 /// Counts such ticks of one law.
@@ -114,7 +76,6 @@ impl NotFinite {
         }
     }
 
-    /// The section of the law.
     #[must_use]
     pub fn section(self, name: &str, telemetry: Vec<SignalSection>) -> LawSection {
         LawSection {
@@ -128,11 +89,14 @@ impl NotFinite {
 }
 
 impl LawSection {
-    /// Name and file.
     #[must_use]
     pub fn named(&self) -> String {
         match self.file.as_deref() {
-            Some(file) => format!("`{}` ({})", self.name, file.rsplit('/').next().unwrap_or(file)),
+            Some(file) => format!(
+                "`{}` ({})",
+                self.name,
+                file.rsplit('/').next().unwrap_or(file)
+            ),
             None => format!("`{}`", self.name),
         }
     }
@@ -148,55 +112,42 @@ impl LawSection {
     }
 }
 
-/// Which laws flew, in words; nothing in reports from before they could be chosen.
-#[must_use]
-pub fn flown(laws: &BTreeMap<String, LawSection>) -> String {
-    let named = |(role, law): (&str, &LawSection)| {
-        let slow = if law.not_real_time { ", not real-time" } else { "" };
-        let file = law.file.as_deref().map(|file| format!(" ({}{slow})", file.rsplit('/').next().unwrap_or(file)));
-        format!("{role} {}{}", law.name, file.unwrap_or_default())
-    };
-    in_order(laws).map(named).collect::<Vec<_>>().join(", ")
-}
-
-/// What the laws showed, as a table.
-#[must_use]
-pub fn telemetry(laws: &BTreeMap<String, LawSection>) -> String {
-    let number = |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.4e}"));
-    let mut text = String::new();
-    for (role, law) in in_order(laws) {
-        for signal in &law.telemetry {
-            let SignalSection { name, unit, last, min, max } = signal;
-            let name = format!("{role} {name}");
-            let [last, min, max] = [*last, *min, *max].map(number);
-            text += format!("  {name:<34} {last:>12} {min:>12} {max:>12}  {unit}").trim_end();
-            text += "\n";
-        }
-    }
-    if text.is_empty() {
-        return "Telemetry none: no law shows anything of itself\n".into();
-    }
-    format!("{:<36} {:>12} {:>12} {:>12}\n{text}", "Telemetry of the laws", "at the end", "smallest", "largest")
-}
-
 /// The laws in the order of the data flow.
-pub fn in_order(laws: &BTreeMap<String, LawSection>) -> impl Iterator<Item = (&'static str, &LawSection)> {
-    LAW_ROLES.into_iter().filter_map(|role| Some((role.name(), laws.get(role.name())?)))
+pub fn in_order(
+    laws: &BTreeMap<String, LawSection>,
+) -> impl Iterator<Item = (&'static str, &LawSection)> {
+    LAW_ROLES
+        .into_iter()
+        .filter_map(|role| Some((role.name(), laws.get(role.name())?)))
 }
 
 /// What laws did that no law should, a sentence each: of every law its answers that could not be used; of one of a
 /// file also its time, its allocations and its page faults.
 #[must_use]
-pub fn sentences(run: &RunSection, series: &[Statistics], roles: &BTreeMap<String, RoleSection>) -> Vec<String> {
+pub fn sentences(
+    run: &RunSection,
+    series: &[Statistics],
+    roles: &BTreeMap<String, RoleSection>,
+) -> Vec<String> {
     let of = |(role, law): (&String, &LawSection)| {
         let name = format!("{role} law {}", law.named());
         let mut said = Vec::new();
         said.extend(law.not_finite(role));
         if law.file.is_some() {
-            let computed = series.iter().find(|series| series.name == format!("compute.{role}"));
+            let computed = series
+                .iter()
+                .find(|series| series.name == format!("compute.{role}"));
             let too_long = computed.and_then(|computed| too_long(run, computed));
-            let unsteady = roles.get(role).into_iter().flat_map(|section| unsteady(role, section));
-            said.extend(too_long.into_iter().chain(unsteady).map(|what| format!("{name} {what}")));
+            let unsteady = roles
+                .get(role)
+                .into_iter()
+                .flat_map(|section| unsteady(role, section));
+            said.extend(
+                too_long
+                    .into_iter()
+                    .chain(unsteady)
+                    .map(|what| format!("{name} {what}")),
+            );
         }
         said
     };
@@ -217,21 +168,79 @@ fn too_long(run: &RunSection, computed: &Statistics) -> Option<String> {
 
 /// What the process of a law did in flight that costs time of nobody's choosing.
 fn unsteady(name: &str, role: &RoleSection) -> Vec<String> {
-    let Some(usage) = &role.usage else { return Vec::new() };
+    let Some(usage) = &role.usage else {
+        return Vec::new();
+    };
     let mut said = Vec::new();
     // The middleware lends one message a tick, and the mixer's last word.
-    let lent = role.ticks_run.saturating_add(u64::from(name == Role::Mixer.name()));
-    let own = usage.allocations.saturating_sub(lent);
+    let lent = role
+        .ticks_run
+        .saturating_add(u64::from(name == Role::Mixer.name()));
+    let own = usage.allocations.map_or(0, |all| all.saturating_sub(lent));
     if own > 0 {
-        said.push(format!("allocated memory in flight: {} beside the middleware's one a tick", count(own, "call")));
+        said.push(format!(
+            "allocated memory in flight: {} beside the middleware's one a tick",
+            count(own, "call")
+        ));
     }
-    let is_granted = |name: &str| role.realtime.iter().any(|step| step.step == name && step.granted);
+    let is_granted = |name: &str| {
+        role.realtime
+            .iter()
+            .any(|step| step.step == name && step.granted)
+    };
     let is_locked = is_granted("memory_lock") && is_granted("prefault");
     let faults = usage.minor_faults.saturating_add(usage.major_faults);
     if is_locked && faults > 0 {
-        said.push(format!("met memory that was not there: {} in flight", count(faults, "page fault")));
+        said.push(format!(
+            "met memory that was not there: {} in flight",
+            count(faults, "page fault")
+        ));
     }
     said
+}
+
+/// Follows the signals of a law.
+#[derive(Clone, Copy, Debug)]
+pub struct SignalStatistics {
+    signals: &'static [Signal],
+    /// Newest, smallest and largest value of each; NaN of one that is not known.
+    seen: [[f64; 3]; TELEMETRY],
+}
+
+impl SignalStatistics {
+    /// Of a law with these signals, before its first tick.
+    #[must_use]
+    pub const fn new(signals: &'static [Signal]) -> Self {
+        Self {
+            signals,
+            seen: [[f64::NAN; 3]; TELEMETRY],
+        }
+    }
+
+    /// Takes what it shows of a tick: numbers alone.
+    pub fn take(&mut self, telemetry: &Telemetry) {
+        for ([last, min, max], (_, value)) in self.seen.iter_mut().zip(telemetry.of(self.signals)) {
+            if value.is_finite() {
+                (*last, *min, *max) = (value, min.min(value), max.max(value));
+            }
+        }
+    }
+
+    #[must_use]
+    pub fn section(&self) -> Vec<SignalSection> {
+        let section = |(signal, [last, min, max]): (&Signal, [f64; 3])| SignalSection {
+            name: signal.name.into(),
+            unit: signal.unit.into(),
+            last: known(last),
+            min: known(min),
+            max: known(max),
+        };
+        self.signals.iter().zip(self.seen).map(section).collect()
+    }
+}
+
+fn known(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
 }
 
 #[cfg(test)]
@@ -239,11 +248,16 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::words::sample::Sample;
+    use crate::sample::Sample;
 
     #[test]
     fn only_what_a_law_of_a_file_did_itself_is_said_of_it() {
-        let Sample { mut run, mut series, mut roles, .. } = Sample::good();
+        let Sample {
+            mut run,
+            mut series,
+            mut roles,
+            ..
+        } = Sample::good();
         let steps = ["memory_lock", "prefault"]
             .map(|step| json!({ "step": step, "asked": null, "granted": true, "refused": null }));
         let usage = |allocations: u64, minor_faults: u64| {
@@ -260,41 +274,127 @@ mod tests {
             file: file.map(str::to_owned),
             ..LawSection::default()
         };
-        run.laws = ["outer", "inner", "mixer"].map(|role| (role.to_owned(), law(Some("/a/libx.so")))).into();
-        series.push(Statistics { name: "compute.inner".into(), p99_us: 1000.0, ..series[0].clone() });
+        run.laws = ["outer", "inner", "mixer"]
+            .map(|role| (role.to_owned(), law(Some("/a/libx.so"))))
+            .into();
+        series.push(Statistics {
+            name: "compute.inner".into(),
+            p99_us: 1000.0,
+            ..series[0].clone()
+        });
         assert_eq!(sentences(&run, &series, &roles), Vec::<String>::new());
         roles.get_mut("inner").unwrap().usage = usage(20_002, 3);
         series.last_mut().unwrap().p99_us = 1000.1;
         let said = sentences(&run, &series, &roles).join("\n");
-        assert_eq!(said.matches("inner law `x` (libx.so) ").count(), 3, "{said}");
-        for told in ["took longer than a tick of 1000 us", "in flight: 2 calls beside", "not there: 3 page faults"] {
+        assert_eq!(
+            said.matches("inner law `x` (libx.so) ").count(),
+            3,
+            "{said}"
+        );
+        for told in [
+            "took longer than a tick of 1000 us",
+            "in flight: 2 calls beside",
+            "not there: 3 page faults",
+        ] {
             assert!(said.contains(told), "{said}");
         }
         run.wall_period_us = 0.0;
-        assert!(!sentences(&run, &series, &roles).join("").contains("took longer"), "in lockstep nobody waits");
+        assert!(
+            !sentences(&run, &series, &roles)
+                .join("")
+                .contains("took longer"),
+            "in lockstep nobody waits"
+        );
         roles.get_mut("inner").unwrap().realtime[0].granted = false;
-        assert!(!sentences(&run, &series, &roles).join("").contains("page fault"), "the memory was not locked");
+        assert!(
+            !sentences(&run, &series, &roles)
+                .join("")
+                .contains("page fault"),
+            "the memory was not locked"
+        );
         run.laws = [("inner".to_owned(), law(None))].into();
-        assert_eq!(sentences(&run, &series, &roles), Vec::<String>::new(), "ours are held by tests");
+        assert_eq!(
+            sentences(&run, &series, &roles),
+            Vec::<String>::new(),
+            "ours are held by tests"
+        );
     }
 
     #[test]
     fn a_law_without_numbers_is_counted_and_named() {
         let mut inner = NotFinite::default();
-        for (tick, mode) in [(3, Mode::Fresh), (4, Mode::NotFinite), (5, Mode::Held), (9, Mode::NotFinite)] {
+        for (tick, mode) in [
+            (3, Mode::Fresh),
+            (4, Mode::NotFinite),
+            (5, Mode::Held),
+            (9, Mode::NotFinite),
+        ] {
             inner.take(tick, mode as u64);
         }
-        let sections =
-            [("outer", NotFinite::default().section("pd", Vec::new())), ("inner", inner.section("x", Vec::new()))];
-        let laws: BTreeMap<String, LawSection> = sections.map(|(role, law)| (role.to_owned(), law)).into();
-        assert_eq!(flown(&laws), "outer pd, inner x");
-        let Sample { mut run, series, roles, .. } = Sample::good();
+        let sections = [
+            ("outer", NotFinite::default().section("pd", Vec::new())),
+            ("inner", inner.section("x", Vec::new())),
+        ];
+        let laws: BTreeMap<String, LawSection> =
+            sections.map(|(role, law)| (role.to_owned(), law)).into();
+        assert_eq!(crate::render::facts_text::laws(&laws), "outer pd, inner x");
+        let Sample {
+            mut run,
+            series,
+            roles,
+            ..
+        } = Sample::good();
         run.laws = laws;
         let said = sentences(&run, &series, &roles);
         assert_eq!(said.len(), 1);
         assert!(
-            said[0].starts_with("inner law `x` gave") && said[0].ends_with("in 2 ticks, first at tick 4"),
+            said[0].starts_with("inner law `x` gave")
+                && said[0].ends_with("in 2 ticks, first at tick 4"),
             "{said:?}"
+        );
+    }
+}
+
+#[cfg(test)]
+mod tally_telemetry_tests {
+    use super::*;
+
+    const SIGNALS: [Signal; 3] = [
+        Signal {
+            name: "mass_kg",
+            unit: "kg",
+        },
+        Signal {
+            name: "limited",
+            unit: "",
+        },
+        Signal {
+            name: "never",
+            unit: "",
+        },
+    ];
+
+    #[test]
+    fn what_was_not_known_is_no_number_of_the_flight() {
+        let mut tally = SignalStatistics::new(&SIGNALS);
+        for mass_kg in [0.5, 0.7, 0.6] {
+            let mut telemetry = Telemetry::unknown(3);
+            telemetry.value[..2].copy_from_slice(&[mass_kg, 1.0]);
+            tally.take(&telemetry);
+        }
+        tally.take(&Telemetry::unknown(3));
+        let section = tally.section();
+        let numbers: Vec<_> = section
+            .iter()
+            .map(|signal| [signal.last, signal.min, signal.max])
+            .collect();
+        assert_eq!(
+            numbers,
+            [[Some(0.6), Some(0.5), Some(0.7)], [Some(1.0); 3], [None; 3]]
+        );
+        assert_eq!(
+            (section[0].name.as_str(), section[0].unit.as_str()),
+            ("mass_kg", "kg")
         );
     }
 }

@@ -1,41 +1,52 @@
-//! From records to numbers to pages: accounting, outages, and the report.
+//! From messages to numbers, and from numbers to pages: the report of a flight, comparisons and robustness margins.
 //!
 //! ```text
-//! messages --> tally (series, deadlines, theorem, tracer), autopsy --> words, verdict
-//!          --> schema --> text, page, junit, diff
+//! messages --> flight_statistics (series, deadlines, theorem, tracer), miss_analysis --> verdicts, gates
+//!          --> schema --> render (text, page, charts, JUnit)
 //! ```
 //!
-//! Nothing here starts a process, reads a clock or knows the middleware.
+//! Start with [`schema`], the data of a report, and [`flight_statistics`], which fills it. Only [`render`] contains words,
+//! columns and HTML. This crate starts no process, reads no clock and does not use the middleware.
 
-pub mod autopsy;
-pub mod beside;
+pub mod baseline;
+pub mod candidate_causes;
 pub mod comparison;
-pub mod deaths;
+pub mod deadlines;
 pub mod diff;
-pub mod files;
+pub mod distribution;
+pub mod faults;
 pub mod finding;
+pub mod flight_metrics;
+pub mod flight_statistics;
+pub mod freshness;
+pub mod gates;
 pub mod host;
-pub mod injected;
 pub mod json;
-pub mod junit;
 pub mod laws;
-pub mod lead;
-pub mod losses;
 pub mod margin;
-pub mod page;
-pub mod plot;
+pub mod margin_section;
+pub mod message_loss;
+pub mod miss_analysis;
+pub mod miss_causes;
+pub mod outages;
+pub mod phrase;
+pub mod process_failures;
+pub mod processor_trace;
+pub mod render;
 pub mod run_facts;
+#[cfg(test)]
+mod sample;
 pub mod schema;
 pub mod sections;
+pub mod series;
 pub mod speed;
 pub mod states;
 pub mod statistics;
 pub mod status;
 pub mod swaps;
-pub mod tally;
-pub mod text;
-pub mod tick;
+pub mod theorem;
+pub mod timer_lead;
+pub mod tracer;
 pub mod traces;
 pub mod tracking;
-pub mod verdict;
-pub mod words;
+pub mod verdicts;

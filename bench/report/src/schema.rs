@@ -1,82 +1,64 @@
 //! The report of a flight: every number, as written to report.json.
 
-use std::collections::BTreeMap;
-
-use serde::{Deserialize, Serialize};
-
-use crate::autopsy;
-use crate::beside::Beside;
-use crate::deaths::Death;
+use crate::baseline::Baseline;
+use crate::distribution::{Bucket, Distribution};
+use crate::faults::InjectedFault;
 use crate::finding::Diagnosis;
 use crate::host::{Host, InterruptSection, Steal};
-use crate::injected::InjectedFault;
-use crate::laws::LawSection;
-use crate::lead::LeadSection;
-use crate::margin;
+use crate::outages;
+use crate::series::Statistics;
 use crate::status::FlightStatus;
 use crate::swaps::AppliedSwap;
-use crate::tally::distribution::{Bucket, Distribution};
-use crate::tally::series::Statistics;
-use crate::tally::theorem::Theorem;
+use crate::theorem::Theorem;
+use crate::timer_lead::LeadSection;
 use crate::traces::Traces;
-use crate::words::Words;
 use flight_log::build::Build;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Version of the schema: changed whenever a key changes its meaning or goes.
 pub const SCHEMA: &str = "ironbird-report/2";
 
-/// A flight in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// [`SCHEMA`].
     pub schema: String,
-    /// What was flown.
     pub run: RunSection,
     /// Did it track, was it in time, does the theorem hold; empty in reports from before they were told apart.
     #[serde(default)]
-    pub words: Words,
-    /// Whether it passed.
-    pub verdict: FlightVerdict,
+    pub words: Verdicts,
+    pub verdict: AcceptanceResult,
     /// Ticks and the identity that they must satisfy.
     pub ticks: Ticks,
-    /// Deadlines of the rotor commands.
     pub deadlines: DeadlineSection,
-    /// Why they were missed.
     #[serde(default)]
-    pub autopsy: autopsy::section::Section,
+    pub autopsy: outages::OutageSection,
     /// The worst outage against what the loop bears; none in lockstep, where there are no outages, and in reports from
     /// before margins were measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub margin: Option<margin::line::Section>,
+    pub margin: Option<MarginSection>,
     /// Processes that ended while the flight needed them; the first 500.
     #[serde(default)]
-    pub deaths: Vec<Death>,
-    /// Later ones.
+    pub deaths: Vec<ProcessFailure>,
     #[serde(default)]
     pub deaths_left_out: u64,
-    /// The control performance.
     pub flight: ControlPerformance,
     /// The theorem, watched; empty in reports from before it was. Where the inner law has none, it says so and no more.
     #[serde(default, serialize_with = "Theorem::serialize_applicable")]
     pub theorem: Theorem,
     /// Swaps of plant parameters, in order; the first 500.
     pub swaps: Vec<AppliedSwap>,
-    /// Later ones.
     #[serde(default)]
     pub swaps_left_out: u64,
     /// Faults of messages and stages that were planned.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<InjectedFault>,
-    /// Latencies.
     pub series: Vec<Statistics>,
-    /// The processes.
     pub roles: BTreeMap<String, RoleSection>,
     /// How far ahead of its tick the plant's timer is set, and at what price; empty in reports from before it was.
     #[serde(default)]
     pub lead: LeadSection,
-    /// The recorder's own losses.
     pub recorder: RecorderSection,
-    /// The machine.
     pub host: Host,
     /// Whether the machine can fly in real time, as far as looking tells: nothing is measured beside a flight.
     #[serde(default)]
@@ -91,27 +73,22 @@ pub struct Report {
     pub distributions: Vec<Distribution>,
     /// The machine's floors, where they were asked for.
     #[serde(default)]
-    pub beside: Option<Beside>,
+    pub beside: Option<Baseline>,
     /// The flight over time; none while it is in the air.
     #[serde(default)]
     pub traces: Option<Traces>,
 }
 
-/// What was flown.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunSection {
     /// Number of the run: its start on the wall clock [ns since 1970].
     pub run_id: u64,
-    /// Its start, for people.
     pub started: String,
-    /// Instance.
     pub instance: String,
-    /// Version of ironbird.
     pub version: String,
     /// The executable; unknown in reports from before builds were named.
     #[serde(default)]
     pub build: Build,
-    /// Reference trajectory.
     pub trajectory: String,
     /// Airframe, or the name of its file; empty in reports from before it was named.
     #[serde(default)]
@@ -119,7 +96,6 @@ pub struct RunSection {
     /// SHA-256 of its file; empty where it is built in.
     #[serde(default)]
     pub airframe_sha256: String,
-    /// Preset of the laws.
     pub preset: String,
     /// Sample time of the laws [us].
     pub period_us: f64,
@@ -130,7 +106,6 @@ pub struct RunSection {
     /// The law of each role; empty in reports from before they could be chosen.
     #[serde(default)]
     pub laws: BTreeMap<String, LawSection>,
-    /// How it ended.
     pub ending: String,
     /// What the process that died said last, a line each; empty where none did.
     #[serde(default)]
@@ -139,14 +114,10 @@ pub struct RunSection {
     pub in_flight: bool,
 }
 
-/// Whether a flight passed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FlightVerdict {
-    /// What it came to.
+pub struct AcceptanceResult {
     pub status: FlightStatus,
-    /// Exit code of the flight.
     pub exit_code: u8,
-    /// Each gate.
     pub gates: Vec<Gate>,
 }
 
@@ -155,38 +126,33 @@ pub struct FlightVerdict {
 pub struct Gate {
     /// What is looked at, with its unit.
     pub name: String,
-    /// What is allowed.
     pub limit: String,
-    /// What was found.
     pub value: String,
-    /// Whether it held.
     pub held: bool,
     /// Whether it was asked for; some are of every flight.
     #[serde(default)]
     pub asked: bool,
 }
 
-/// Ticks of the plant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ticks {
-    /// Published.
     pub run: u64,
     /// Skipped because the plant woke too late.
     pub skipped: u64,
     /// From the beginning of tick 0 to the end of the last tick [s], by the clock.
     pub elapsed_s: f64,
-    /// The same in periods.
     pub elapsed_periods: u64,
     /// Whether run + skipped is that number.
     pub identity_holds: bool,
 }
 
-/// Deadlines of the rotor commands.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeadlineSection {
+    /// Ticks that flew without a fresh command on time; none in lockstep, and in reports from before they were counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub not_fresh: Option<NotFresh>,
     /// Missed, by the plant's own verdicts.
     pub missed: u64,
-    /// The same per million ticks.
     pub missed_ppm: f64,
     /// Missed, by the stamps of the rotor commands.
     pub missed_by_stamps: u64,
@@ -197,34 +163,66 @@ pub struct DeadlineSection {
     /// Late commands by their stamps, those of consecutive ticks together; the first 500 stretches.
     #[serde(default)]
     pub stretches: Vec<LateStretchSection>,
-    /// Late commands in later stretches.
     #[serde(default)]
     pub stretches_left_out: u64,
+}
+
+/// Ticks that flew without a fresh command on time ([`crate::freshness`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct NotFresh {
+    /// missed + stale + skipped.
+    pub ticks: u64,
+    pub per_million: f64,
+    /// The tick ran, and its command was late or never came.
+    pub missed: u64,
+    /// The command was on time, but a stage had worked with an older input.
+    pub stale: u64,
+    /// The plant skipped the tick.
+    pub skipped: u64,
+}
+
+impl NotFresh {
+    #[must_use]
+    pub fn new(missed: u64, stale: u64, ticks: &Ticks) -> Self {
+        let skipped = ticks.skipped;
+        let not_fresh = missed.saturating_add(stale).saturating_add(skipped);
+        let all = ticks.run.saturating_add(skipped).max(1);
+        Self {
+            ticks: not_fresh,
+            per_million: not_fresh as f64 * 1e6 / all as f64,
+            missed,
+            stale,
+            skipped,
+        }
+    }
+
+    /// The parts of the sum.
+    #[must_use]
+    pub fn parts(&self) -> String {
+        format!(
+            "{} missed + {} stale + {} skipped",
+            self.missed, self.stale, self.skipped
+        )
+    }
 }
 
 /// Consecutive ticks whose commands were late.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LateStretchSection {
-    /// The first of them.
     pub tick: u64,
     /// Its time of the flight [s].
     pub time_s: f64,
-    /// How many.
     pub length_ticks: u64,
     /// Largest lateness [us].
     pub late_us: f64,
 }
 
-/// Runs of one length.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunLength {
-    /// Ticks.
     pub length_ticks: u64,
-    /// Runs.
     pub count: u64,
 }
 
-/// The control performance.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ControlPerformance {
@@ -254,14 +252,10 @@ pub struct ControlPerformance {
     pub estimates: Vec<Estimate>,
 }
 
-/// An estimated parameter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
-    /// Name with unit.
     pub name: String,
-    /// What the inner loop believes.
     pub estimated: f64,
-    /// What the plant flies with.
     pub actual: f64,
 }
 
@@ -269,15 +263,12 @@ pub struct Estimate {
 /// [`Report::deaths`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RoleSection {
-    /// Ticks that it worked.
     pub ticks_run: u64,
-    /// Ticks that it skipped.
     pub ticks_skipped: u64,
     /// Ticks that it worked with a stale input.
     pub ticks_stale: u64,
     /// Messages that it rejected, by reason.
     pub rejected: BTreeMap<String, u64>,
-    /// Whether its figures are final.
     pub landed: bool,
     /// Resources of its loop since it was armed; none unless it has landed.
     pub usage: Option<LoopUsage>,
@@ -287,18 +278,13 @@ pub struct RoleSection {
     pub realtime: Vec<RtStep>,
 }
 
-/// Resources of a loop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LoopUsage {
-    /// Calls to the allocator.
-    pub allocations: u64,
-    /// Page faults without a disk.
+    /// Only a build with the feature `instrumented` counts them.
+    pub allocations: Option<u64>,
     pub minor_faults: u64,
-    /// Page faults with one.
     pub major_faults: u64,
-    /// Waits.
     pub voluntary_switches: u64,
-    /// Preemptions.
     pub involuntary_switches: u64,
     /// Processor time per tick [us].
     pub cpu_per_tick_us: f64,
@@ -307,29 +293,23 @@ pub struct LoopUsage {
 /// A step of the real-time set-up.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RtStep {
-    /// The step.
     pub step: String,
     /// What was asked: a priority or a processor, where the step has a number.
     pub asked: Option<u64>,
-    /// Whether it was granted.
     pub granted: bool,
-    /// Why not.
     pub refused: Option<String>,
 }
 
-/// The recorder's own losses.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct RecorderSection {
     /// Messages that were overwritten before it read them, by topic.
     pub lost: BTreeMap<String, u64>,
-    /// Messages that it rejected.
     pub rejected: BTreeMap<String, u64>,
     /// Ticks of which a topic had no message.
     pub incomplete_ticks: u64,
     /// Share of one processor that it used [%].
     pub cpu_percent: f64,
-    /// The flight log.
     pub log: LogSection,
     /// Other files that could not be written, with the first reason.
     pub unwritten: BTreeMap<String, String>,
@@ -340,11 +320,9 @@ pub struct RecorderSection {
 pub struct LogSection {
     /// What it was to keep: `all`, `around-misses` or `off`; empty in reports from before that could be chosen.
     pub kept: String,
-    /// Files that are there.
     pub files: u64,
     /// Their length [bytes].
     pub file_bytes: u64,
-    /// Messages in them, by topic.
     pub messages: BTreeMap<String, u64>,
     /// Messages that the disk did not take, by topic.
     pub dropped: BTreeMap<String, u64>,
@@ -364,4 +342,184 @@ impl Report {
     pub fn series(&self, name: &str) -> Option<&Statistics> {
         self.series.iter().find(|series| series.name == name)
     }
+}
+
+/// A law that flew, by its role in the report.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LawSection {
+    pub name: String,
+    #[serde(default)]
+    pub version: String,
+    /// Its file; none where it is built in.
+    #[serde(default)]
+    pub file: Option<String>,
+    #[serde(default)]
+    pub sha256: Option<String>,
+    /// Whether it promises nothing about its time.
+    #[serde(default)]
+    pub not_real_time: bool,
+    /// Ticks in which its answer was not finite, or one that no airframe can give, and was replaced.
+    pub ticks_not_finite: u64,
+    pub first_not_finite: Option<u64>,
+    /// What it showed of itself, in the order of its signals; empty in reports from before it was kept.
+    #[serde(default)]
+    pub telemetry: Vec<SignalSection>,
+}
+
+/// A number that a law showed; none where it never knew it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SignalSection {
+    pub name: String,
+    pub unit: String,
+    pub last: Option<f64>,
+    pub min: Option<f64>,
+    pub max: Option<f64>,
+}
+
+/// What stands for outages of all stages at once: `machine` in a table of margins.
+pub const MACHINE: &str = "machine";
+
+/// What a flight's loop bears, and how near the flight came to it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct MarginSection {
+    /// Fingerprint of the settings that margins depend on: the name of their table.
+    pub fingerprint: String,
+    /// How to measure them, where they are not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unknown: Option<String>,
+    /// The longest outage survived, by stage; empty where not known.
+    pub bears: BTreeMap<String, RobustnessMargin>,
+    /// Phases of the trajectory that these are the least of.
+    pub phases: u64,
+    /// The build that measured, where another one flew.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub measured_by: Option<String>,
+    /// The longest outages of this flight, by stage [ticks].
+    pub outages: BTreeMap<String, u64>,
+    /// Outages of this flight whose length by stage is not known, because messages were lost there.
+    pub unmeasured: u64,
+    /// The stage whose outage came nearest to what is borne; none without an outage, or where nothing is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nearest: Option<String>,
+    /// What it bears over its outage; no flight survived a margin below 1 in simulation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub margin: Option<f64>,
+}
+
+/// The longest outage of a stage that is survived.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RobustnessMargin {
+    /// At the worst phase [ticks].
+    pub ticks: u64,
+    /// Whether no longer one was tried.
+    pub is_most: bool,
+}
+
+/// The end of a process that the flight still needed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ProcessFailure {
+    pub role: String,
+    /// Tick of its last message; of a process that sent none, the tick in which its end was noticed.
+    pub tick: u64,
+    /// The same as time of the flight [s].
+    pub time_s: f64,
+    /// When the process started, on `CLOCK_MONOTONIC` [ns]: the epoch of its messages. 0 where it sent none.
+    pub epoch: u64,
+    /// How it ended, as `signal: 9 (SIGKILL)`; empty where nobody waited for the process.
+    pub how: String,
+    /// From the beginning of its last tick until the launcher noticed [ms]: a launcher is woken by a death.
+    pub noticed_after_ms: Option<f64>,
+    /// From its last message to the first one of its successor [ms]; none where there was none.
+    pub back_after_ms: Option<f64>,
+    /// Ticks of which the role sent no message, up to its successor's first or to the end of the flight.
+    pub ticks_lost: Option<u64>,
+    /// Of a successor that sent no message: tick of the death that it was to make good, whose ticks its own are.
+    #[serde(default)]
+    pub within: Option<u64>,
+    /// What that time is made of, where a launcher saw it.
+    #[serde(default)]
+    pub back_parts: Option<RecoveryPhases>,
+    /// Largest position error after its last message, within [`COST_S`] [m].
+    pub position_error_max_m: Option<f64>,
+}
+
+/// What the time is made of in which a stage came back, each part after the one before it [ms].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RecoveryPhases {
+    /// Whether a spare had waited for it.
+    pub spare: bool,
+    /// Until the launcher noticed, as `noticed_after_ms`.
+    pub noticed_ms: f64,
+    /// The launcher removed what the dead process had left in shared memory.
+    pub cleaned_ms: f64,
+    /// The launcher waited until it was due, and the successor ran: a process that was started, or a spare that woke.
+    pub begun_ms: f64,
+    /// It had its settings and its law.
+    pub made_ms: f64,
+    /// It had its place: the role's lock, a node of the middleware, its status board.
+    pub placed_ms: f64,
+    pub ported_ms: f64,
+    pub engaged_ms: f64,
+    /// It had found the run, and connected its ports.
+    pub armed_ms: f64,
+    /// The tick of its first message began.
+    pub first_tick_ms: f64,
+}
+
+/// Whether a flight followed its reference.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FlightVerdict {
+    #[default]
+    NotSeen,
+    Tracked,
+    /// It did as far as it flew: it was aborted or interrupted.
+    CutShort,
+    /// It did not, at its end.
+    OffTrack,
+    /// It left its envelope, or was below ground.
+    Lost,
+}
+
+/// Whether a flight was in time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TimingVerdict {
+    /// Its latencies tell nothing of the loops.
+    #[default]
+    NotMeasured,
+    /// Every tick flew with a fresh command on time.
+    InTime,
+    /// It was as far as it flew: it was aborted or interrupted.
+    CutShort,
+    Late,
+}
+
+/// Whether the theorem holds on a flight.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StabilityVerdict {
+    /// Nothing adapted that it speaks of.
+    #[default]
+    NotApplicable,
+    Holds,
+    /// It does where it was watched; it was not at every tick.
+    PartlyWatched,
+    /// It does not, and no cause is known.
+    Broken,
+}
+
+/// A word with the numbers that it follows from, as a sentence without its full stop.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Explained<W> {
+    pub word: W,
+    pub why: String,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Verdicts {
+    pub flight: Explained<FlightVerdict>,
+    pub timing: Explained<TimingVerdict>,
+    pub theorem: Explained<StabilityVerdict>,
 }

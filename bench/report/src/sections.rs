@@ -1,23 +1,23 @@
-//! Sections of the report that each follow from a single source.
-
-use std::collections::BTreeMap;
-
-use model::boards::{RolePhase, Status};
-use model::inspection::{REASONS, Rejections};
-use model::realtime::STEPS;
+//! Sections of the report that follow from one status board or one log.
 
 use crate::schema;
-use failure::errno_text;
+use errors::errno_text;
 use flight_log::TOPICS;
 use flight_log::entry::Counts;
 use flight_log::writer::Fate;
+use messages::blackboards::{RolePhase, Status};
+use messages::inspection::{REASONS, Rejections};
+use messages::realtime::STEPS;
+use std::collections::BTreeMap;
 
 /// Rejections by the name of their reason.
 pub fn rejected(rejections: &Rejections) -> BTreeMap<String, u64> {
-    REASONS.iter().map(|reason| (reason.name().to_owned(), rejections.of(*reason))).collect()
+    REASONS
+        .iter()
+        .map(|reason| (reason.name().to_owned(), rejections.of(*reason)))
+        .collect()
 }
 
-/// What a role's status says.
 #[must_use]
 pub fn role_section(status: &Status) -> schema::RoleSection {
     let landed = status.phase() == RolePhase::Landed;
@@ -29,14 +29,18 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
         rejected: rejected(&status.rejections),
         landed,
         usage: landed.then(|| schema::LoopUsage {
-            allocations: usage.allocations,
+            allocations: usage.counted_allocations(),
             minor_faults: usage.minor_faults,
             major_faults: usage.major_faults,
             voluntary_switches: usage.voluntary_switches,
             involuntary_switches: usage.involuntary_switches,
             cpu_per_tick_us: usage.cpu_ns as f64 / 1e3 / status.ticks_run.max(1) as f64,
         }),
-        scheduling: if status.grants.policy == 1 { format!("fifo {}", status.grants.priority) } else { "other".into() },
+        scheduling: if status.grants.policy == 1 {
+            format!("fifo {}", status.grants.priority)
+        } else {
+            "other".into()
+        },
         realtime: STEPS
             .iter()
             .filter(|step| status.grants.of(**step).asked == 1)
@@ -47,7 +51,8 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
                         .ok()
                         .and_then(|v| v.as_str().map(str::to_owned))
                         .unwrap_or_default(),
-                    asked: (grant.value > 0 || *step == model::realtime::RealtimeStep::Affinity).then_some(grant.value),
+                    asked: (grant.value > 0 || *step == messages::realtime::RealtimeStep::Affinity)
+                        .then_some(grant.value),
                     granted: grant.granted(),
                     refused: (!grant.granted()).then(|| errno_text(grant.errno)),
                 }
@@ -58,7 +63,13 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
 
 /// What became of the messages on their way to the flight log, which keeps `kept`.
 pub fn log_section(kept: &str, fate: &Fate) -> schema::LogSection {
-    let by_topic = |counts: &Counts| TOPICS.iter().map(|topic| (*topic).to_owned()).zip(*counts).collect();
+    let by_topic = |counts: &Counts| {
+        TOPICS
+            .iter()
+            .map(|topic| (*topic).to_owned())
+            .zip(*counts)
+            .collect()
+    };
     schema::LogSection {
         kept: kept.into(),
         files: fate.files,

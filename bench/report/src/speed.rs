@@ -1,15 +1,13 @@
-//! Whether a flight went with the clock.
-
-use model::boards::LOCKSTEP;
+//! The pace of a flight: real time, slow motion or lockstep.
 
 use crate::schema::RunSection;
+use messages::blackboards::LOCKSTEP;
 
 /// How fast a flight went, against the clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Speed {
     /// As fast as its processes pass ticks on.
     Lockstep,
-    /// With the clock.
     Clock,
     /// So many times slower than the clock.
     Slowed(u64),
@@ -19,7 +17,10 @@ impl Speed {
     /// Of ticks that are so long on the clock, or [`LOCKSTEP`], of laws with this sample time [ns].
     #[must_use]
     pub const fn of(period_ns: u64, sample_time_ns: u64) -> Self {
-        match period_ns.saturating_add(sample_time_ns / 2).checked_div(sample_time_ns) {
+        match period_ns
+            .saturating_add(sample_time_ns / 2)
+            .checked_div(sample_time_ns)
+        {
             _ if period_ns == LOCKSTEP => Self::Lockstep,
             None | Some(0 | 1) => Self::Clock,
             Some(times) => Self::Slowed(times),
@@ -38,10 +39,10 @@ impl Speed {
 }
 
 impl RunSection {
-    /// How fast it went.
     #[must_use]
     pub fn speed(&self) -> Speed {
-        let [period_ns, sample_time_ns] = [self.wall_period_us, self.period_us].map(|us| (us * 1e3).round() as u64);
+        let [period_ns, sample_time_ns] =
+            [self.wall_period_us, self.period_us].map(|us| (us * 1e3).round() as u64);
         Speed::of(period_ns, sample_time_ns)
     }
 }

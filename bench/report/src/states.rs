@@ -3,19 +3,17 @@
 //! Every state has its row. A cell is empty if the stage published nothing for that tick, or if its law knows no such
 //! number. What the laws show stands behind the other columns, as in `inner_telemetry.rate_error_x_rad_s`.
 
-mod joiner;
-
-use std::io::{BufWriter, Write};
-use std::path::Path;
-
-use flight_log::telemetry::TELEMETRY_TOPICS;
-use model::telemetry::LAW_ROLES;
-
 use crate::laws::{FlownLaws, Places};
 use crate::tracking::Tracking;
-use failure::{Failure, InFile as _, create_file};
-use flight_log::spool::Spool;
-pub use joiner::{Joined, Joiner, LoopMessage};
+use errors::{Failure, InFile as _, create_file};
+use flight_log::async_writer::AsyncWriter;
+use flight_log::telemetry::TELEMETRY_TOPICS;
+use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+use messages::monitor::Monitor;
+use messages::telemetry::{LAW_ROLES, Telemetry};
+use std::collections::BTreeMap;
+use std::io::{BufWriter, Write};
+use std::path::Path;
 
 /// What the states leave free on their disk, for the report [bytes].
 const LEFT_FREE_BYTES: u64 = 1 << 20;
@@ -55,56 +53,78 @@ const COLUMNS: [&str; 31] = [
     "psid",
 ];
 
-/// Writes rows.
 #[allow(missing_debug_implementations, reason = "what it writes to has none")]
 pub struct StatesWriter {
     csv: csv::Writer<Box<dyn Write>>,
     /// What stands before the disk, where the file has something there.
-    spool: Option<Spool>,
+    spool: Option<AsyncWriter>,
     tracking: Tracking,
     laws: FlownLaws,
     every_ticks: u64,
 }
 
 impl StatesWriter {
-    /// A file with its header.
-    ///
-    /// # Errors
-    /// [`Failure`] names the file.
-    pub fn create(path: &Path, tracking: Tracking, laws: FlownLaws, every_ticks: u64) -> Result<Self, Failure> {
+    pub fn create(
+        path: &Path,
+        tracking: Tracking,
+        laws: FlownLaws,
+        every_ticks: u64,
+    ) -> Result<Self, Failure> {
         let file = create_file(path).in_file("write the states to", path)?;
-        Self::begin(Box::new(BufWriter::new(file)), None, tracking, laws, every_ticks)
-            .in_file("write the states to", path)
+        Self::begin(
+            Box::new(BufWriter::new(file)),
+            None,
+            tracking,
+            laws,
+            every_ticks,
+        )
+        .in_file("write the states to", path)
     }
 
     /// As [`Self::create`], and no row waits for the disk; what is no file is written as it comes.
-    ///
-    /// # Errors
-    /// [`Failure`] names the file.
-    pub fn spooled(path: &Path, tracking: Tracking, laws: FlownLaws, every_ticks: u64) -> Result<Self, Failure> {
+    pub fn spooled(
+        path: &Path,
+        tracking: Tracking,
+        laws: FlownLaws,
+        every_ticks: u64,
+    ) -> Result<Self, Failure> {
         let file = create_file(path).in_file("write the states to", path)?;
         if !file.metadata().is_ok_and(|facts| facts.is_file()) {
             let out = Box::new(BufWriter::new(file));
-            return Self::begin(out, None, tracking, laws, every_ticks).in_file("write the states to", path);
+            return Self::begin(out, None, tracking, laws, every_ticks)
+                .in_file("write the states to", path);
         }
-        let spool = Spool::new(file, LEFT_FREE_BYTES).in_file("write the states to", path)?;
+        let spool = AsyncWriter::new(file, LEFT_FREE_BYTES).in_file("write the states to", path)?;
         let out = Box::new(spool.clone());
-        Self::begin(out, Some(spool), tracking, laws, every_ticks).in_file("write the states to", path)
+        Self::begin(out, Some(spool), tracking, laws, every_ticks)
+            .in_file("write the states to", path)
     }
 
     fn begin(
         out: Box<dyn Write>,
-        spool: Option<Spool>,
+        spool: Option<AsyncWriter>,
         tracking: Tracking,
         laws: FlownLaws,
         every_ticks: u64,
     ) -> Result<Self, csv::Error> {
         let mut csv = csv::Writer::from_writer(out);
-        let shown = LAW_ROLES.into_iter().zip(TELEMETRY_TOPICS).flat_map(|(role, topic)| {
-            laws.signals.of(role).iter().map(move |signal| format!("{topic}.{}", signal.name))
-        });
+        let shown = LAW_ROLES
+            .into_iter()
+            .zip(TELEMETRY_TOPICS)
+            .flat_map(|(role, topic)| {
+                laws.signals
+                    .of(role)
+                    .iter()
+                    .map(move |signal| format!("{topic}.{}", signal.name))
+            });
         csv.write_record(COLUMNS.into_iter().map(str::to_owned).chain(shown))?;
-        Ok(Self { csv, spool, tracking, laws, every_ticks })
+        Ok(Self {
+            csv,
+            spool,
+            tracking,
+            laws,
+            every_ticks,
+        })
     }
 
     /// Whether a tick has a row.
@@ -114,9 +134,6 @@ impl StatesWriter {
     }
 
     /// Writes the row of a tick, if it has one.
-    ///
-    /// # Errors
-    /// [`Failure`] with the system's reason.
     pub fn write(&mut self, joined: &Joined) -> Result<(), Failure> {
         if !self.wants(joined.tick) {
             return Ok(());
@@ -124,35 +141,45 @@ impl StatesWriter {
         let known = |value: Option<f64>| value.filter(|value| !value.is_nan());
         let cell = |value| known(value).map_or_else(String::new, |value| format!("{value:?}"));
         self.csv
-            .write_record(row(joined, &self.tracking, &self.laws).into_iter().map(cell))
+            .write_record(
+                row(joined, &self.tracking, &self.laws)
+                    .into_iter()
+                    .map(cell),
+            )
             .map_err(|e| Failure::failed(format!("cannot write the states: {e}")))
     }
 
-    /// Writes out what is buffered.
-    ///
-    /// # Errors
-    /// [`Failure`] with the system's reason.
     pub fn flush(&mut self) -> Result<(), Failure> {
-        self.csv.flush().map_err(|e| Failure::failed(format!("cannot write the states: {e}")))?;
+        self.csv
+            .flush()
+            .map_err(|e| Failure::failed(format!("cannot write the states: {e}")))?;
         if let Some(spool) = &self.spool {
             spool.settle_or_drop();
         }
         Ok(())
     }
 
-    /// Ends the file.
-    ///
-    /// # Errors
-    /// [`Failure`] with the system's reason, where it is not all there.
     pub fn finish(&mut self) -> Result<(), Failure> {
         self.flush()?;
-        let Some(spool) = &self.spool else { return Ok(()) };
-        spool.finish().map_or(Ok(()), |reason| Err(Failure::failed(format!("the states are not whole: {reason}"))))
+        let Some(spool) = &self.spool else {
+            return Ok(());
+        };
+        spool.finish().map_or(Ok(()), |reason| {
+            Err(Failure::failed(format!(
+                "the states are not whole: {reason}"
+            )))
+        })
     }
 }
 
 fn row(joined: &Joined, tracking: &Tracking, laws: &FlownLaws) -> Vec<Option<f64>> {
-    let Joined { tick, state, wrench, rotor_speeds, .. } = joined;
+    let Joined {
+        tick,
+        state,
+        wrench,
+        rotor_speeds,
+        ..
+    } = joined;
     let shown = |places: Option<Places>| Some(places?.of(wrench.as_ref()?));
     let mut row = vec![Some(*tick as f64 * tracking.period_s())];
     let vectors = [
@@ -181,28 +208,234 @@ fn cells<const N: usize>(vector: Option<[f64; N]>) -> [Option<f64>; N] {
     vector.map_or([None; N], |vector| vector.map(Some))
 }
 
+/// A state, with what the stages made of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Joined {
+    pub tick: u64,
+    pub state: State,
+    /// Set-point of the tick; none where none was published.
+    pub setpoint: Option<Setpoint>,
+    /// Thrust and torque demanded at the tick; none where nobody demanded any.
+    pub wrench: Option<Wrench>,
+    /// Rotor command of the tick; none where none was published.
+    pub rotor_speeds: Option<RotorSpeeds>,
+    /// What is said of the theorem; none where nobody could tell.
+    pub monitor: Option<Monitor>,
+}
+
+impl Joined {
+    /// What outer, inner and mixer law showed at the tick; none of a stage that published nothing.
+    #[must_use]
+    pub fn telemetry(&self) -> [Option<&Telemetry>; LAW_ROLES.len()] {
+        [
+            self.setpoint.as_ref().map(|setpoint| &setpoint.telemetry),
+            self.wrench.as_ref().map(|wrench| &wrench.telemetry),
+            self.rotor_speeds.as_ref().map(|speeds| &speeds.telemetry),
+        ]
+    }
+}
+
+impl From<&TickRecord> for Joined {
+    fn from(record: &TickRecord) -> Self {
+        let TickRecord {
+            tick,
+            state,
+            setpoint,
+            wrench,
+            rotor_speeds,
+            monitor,
+        } = *record;
+        Self {
+            tick,
+            state,
+            setpoint,
+            wrench: Some(wrench),
+            rotor_speeds: Some(rotor_speeds),
+            monitor,
+        }
+    }
+}
+
+/// Joins the messages of a tick, which come by topic.
+#[derive(Debug, Default)]
+pub struct Joiner {
+    waiting: BTreeMap<u64, Parts>,
+    /// Newest tick of each topic: a topic never goes back.
+    newest: [Option<u64>; TOPICS],
+    /// Newest tick that nothing is waited for any more.
+    settled: Option<u64>,
+    /// Ticks of which a topic had no message.
+    pub incomplete: u64,
+}
+
+const TOPICS: usize = 4;
+
+#[derive(Debug, Default)]
+struct Parts {
+    state: Option<State>,
+    setpoint: Option<Setpoint>,
+    wrench: Option<Wrench>,
+    rotor_speeds: Option<RotorSpeeds>,
+    monitor: Option<Monitor>,
+}
+
+#[derive(Clone, Copy, Debug)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "it is handed on at once, and never kept"
+)]
+pub enum LoopMessage {
+    State(State),
+    Setpoint(Setpoint),
+    /// Topic `wrench`, with what topic `theorem` says of it.
+    Wrench(Wrench, Option<Monitor>),
+    RotorSpeeds(RotorSpeeds),
+}
+
+/// Ticks for which a message may come later than the state of a newer tick: longer than a stage may stand still with it
+/// where stages are started again. Each that waits is kept whole, some 4 KiB.
+const STAGE_PATIENCE_TICKS: u64 = 500;
+/// The same for any topic of a newer tick: a recorder that stood still between two of them finds the later ones ahead.
+const PATIENCE_TICKS: u64 = 5_000;
+
+impl Joiner {
+    pub fn take(&mut self, tick: u64, part: LoopMessage) {
+        let topic = match part {
+            LoopMessage::State(_) => 0,
+            LoopMessage::Setpoint(_) => 1,
+            LoopMessage::Wrench(..) => 2,
+            LoopMessage::RotorSpeeds(_) => 3,
+        };
+        self.newest[topic] = self.newest[topic].max(Some(tick));
+        if Some(tick) <= self.settled {
+            return;
+        }
+        let parts = self.waiting.entry(tick).or_default();
+        match part {
+            LoopMessage::State(state) => parts.state = Some(state),
+            LoopMessage::Setpoint(setpoint) => parts.setpoint = Some(setpoint),
+            LoopMessage::Wrench(wrench, monitor) => {
+                (parts.wrench, parts.monitor) = (Some(wrench), monitor)
+            }
+            LoopMessage::RotorSpeeds(speeds) => parts.rotor_speeds = Some(speeds),
+        }
+    }
+
+    /// The next state for whose tick nothing more can come, in the order of the ticks; to be asked when all topics are
+    /// drained, states first: what was sent before the newest of them is there then.
+    pub fn settled(&mut self) -> Option<Joined> {
+        let newest = self.newest.into_iter().max().flatten()?;
+        let newest_state = self.newest[0].unwrap_or(0);
+        while let Some((tick, parts)) = self.waiting.first_key_value() {
+            let is_over = parts
+                .there()
+                .iter()
+                .zip(self.newest)
+                .all(|(there, newest)| *there || newest > Some(*tick));
+            if !is_over
+                && tick + STAGE_PATIENCE_TICKS >= newest_state
+                && tick + PATIENCE_TICKS >= newest
+            {
+                return None;
+            }
+            if let Some(joined) = self.next() {
+                return Some(joined);
+            }
+        }
+        None
+    }
+
+    /// As [`Self::settled`], when nothing more comes at all.
+    pub fn rest(&mut self) -> Option<Joined> {
+        while !self.waiting.is_empty() {
+            if let Some(joined) = self.next() {
+                return Some(joined);
+            }
+        }
+        None
+    }
+
+    /// Takes the oldest tick off; none where it has no state.
+    fn next(&mut self) -> Option<Joined> {
+        let (tick, parts) = self.waiting.pop_first()?;
+        self.settled = Some(tick);
+        self.incomplete += u64::from(parts.there() != [true; TOPICS]);
+        let Parts {
+            state,
+            setpoint,
+            wrench,
+            rotor_speeds,
+            monitor,
+        } = parts;
+        state.map(|state| Joined {
+            tick,
+            state,
+            setpoint,
+            wrench,
+            rotor_speeds,
+            monitor,
+        })
+    }
+}
+
+impl Parts {
+    const fn there(&self) -> [bool; TOPICS] {
+        [
+            self.state.is_some(),
+            self.setpoint.is_some(),
+            self.wrench.is_some(),
+            self.rotor_speeds.is_some(),
+        ]
+    }
+}
+
+/// What the stages told each other at a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TickRecord {
+    pub tick: u64,
+    pub state: State,
+    /// Set-point computed from it, if the outer loop gave one.
+    pub setpoint: Option<Setpoint>,
+    pub wrench: Wrench,
+    /// Command that is in force from the next tick on.
+    pub rotor_speeds: RotorSpeeds,
+    /// What is said of the theorem, if somebody watches it.
+    pub monitor: Option<Monitor>,
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
     use std::io;
 
     use super::*;
-    use flight_log::spool::Disk;
-    use model::messages::{State, Wrench};
-    use model::telemetry::{RATE_ERROR, Signal, Signals, Telemetry};
+    use flight_log::async_writer::Disk;
+    use messages::content::{State, Wrench};
+    use messages::telemetry::{RATE_ERROR, Signal, Signals, Telemetry};
 
     #[test]
     fn what_nobody_said_is_an_empty_cell() {
         let file = tempfile::NamedTempFile::new().unwrap();
         let tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
-        let mut states = StatesWriter::create(file.path(), tracking, FlownLaws::default(), 1).unwrap();
+        let mut states =
+            StatesWriter::create(file.path(), tracking, FlownLaws::default(), 1).unwrap();
         let state = State::default();
-        let joined = Joined { tick: 3, state, setpoint: None, wrench: None, rotor_speeds: None, monitor: None };
+        let joined = Joined {
+            tick: 3,
+            state,
+            setpoint: None,
+            wrench: None,
+            rotor_speeds: None,
+            monitor: None,
+        };
         states.write(&joined).unwrap();
         states.flush().unwrap();
         let text = std::fs::read_to_string(file.path()).unwrap();
         let zeros = ",0.0".repeat(12);
-        assert_eq!(text.lines().nth(1), Some(format!("0.003{zeros}{},1.0,-1.0,1.0,0.5", ",".repeat(14)).as_str()));
+        assert_eq!(
+            text.lines().nth(1),
+            Some(format!("0.003{zeros}{},1.0,-1.0,1.0,0.5", ",".repeat(14)).as_str())
+        );
     }
 
     const SIGNALS: [Signal; 7] = {
@@ -226,30 +459,80 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
         let mut states = StatesWriter::create(file.path(), tracking, laws, 1).unwrap();
-        let (state, wrench) = (State::default(), Some(Wrench { telemetry, ..Wrench::default() }));
-        let joined = Joined { tick: 3, state, setpoint: None, wrench, rotor_speeds: None, monitor: None };
+        let (state, wrench) = (
+            State::default(),
+            Some(Wrench {
+                telemetry,
+                ..Wrench::default()
+            }),
+        );
+        let joined = Joined {
+            tick: 3,
+            state,
+            setpoint: None,
+            wrench,
+            rotor_speeds: None,
+            monitor: None,
+        };
         states.write(&joined).unwrap();
         states.flush().unwrap();
         let text = std::fs::read_to_string(file.path()).unwrap();
-        let cells: Vec<Vec<String>> = text.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect();
-        cells[0].iter().cloned().zip(cells[1].iter().cloned()).collect()
+        let cells: Vec<Vec<String>> = text
+            .lines()
+            .map(|line| line.split(',').map(str::to_owned).collect())
+            .collect();
+        cells[0]
+            .iter()
+            .cloned()
+            .zip(cells[1].iter().cloned())
+            .collect()
     }
 
     #[test]
     fn after_a_lost_message_the_estimates_are_still_there_and_what_a_law_does_not_know_is_not() {
-        let mut telemetry = Telemetry::unsaid(SIGNALS.len());
+        let mut telemetry = Telemetry::unknown(SIGNALS.len());
         telemetry.value[0] = 7.0;
         telemetry.value[2..7].copy_from_slice(&[-0.0, 0.5, 3e-5, 0.1, 0.2]);
-        let signals = Signals { inner: &SIGNALS, ..Signals::default() };
-        let row = row_of(FlownLaws { signals, without_theorem: None }, telemetry);
+        let signals = Signals {
+            inner: &SIGNALS,
+            ..Signals::default()
+        };
+        let row = row_of(
+            FlownLaws {
+                signals,
+                without_theorem: None,
+            },
+            telemetry,
+        );
         let of = |row: &BTreeMap<String, String>, names: &[&str]| -> Vec<String> {
             names.iter().map(|name| row[*name].clone()).collect()
         };
-        assert_eq!(of(&row, &["IR_hat", "kr_hat", "delta_hat"]), ["3e-5", "0.1", "0.2"]);
+        assert_eq!(
+            of(&row, &["IR_hat", "kr_hat", "delta_hat"]),
+            ["3e-5", "0.1", "0.2"]
+        );
         assert_eq!(of(&row, &["e_p", "e_q", "e_r"]), ["", "-0.0", "0.5"]);
-        assert_eq!(of(&row, &["inner_telemetry.first", "inner_telemetry.rate_error_x_rad_s"]), ["7.0", ""]);
-        let row = row_of(FlownLaws { signals, without_theorem: Some("other") }, telemetry);
-        assert_eq!(of(&row, &["IR_hat", "kr_hat", "delta_hat", "e_r"]), ["", "", "", "0.5"]);
+        assert_eq!(
+            of(
+                &row,
+                &[
+                    "inner_telemetry.first",
+                    "inner_telemetry.rate_error_x_rad_s"
+                ]
+            ),
+            ["7.0", ""]
+        );
+        let row = row_of(
+            FlownLaws {
+                signals,
+                without_theorem: Some("other"),
+            },
+            telemetry,
+        );
+        assert_eq!(
+            of(&row, &["IR_hat", "kr_hat", "delta_hat", "e_r"]),
+            ["", "", "", "0.5"]
+        );
         assert_eq!(row["inner_telemetry.rotational_drag_nm_s"], "0.1");
     }
 
@@ -278,11 +561,106 @@ mod tests {
 
     #[test]
     fn a_disk_that_stands_still_at_the_end_leaves_no_whole_file() {
-        let spool = Spool::new(Stuck, 0).unwrap();
+        let spool = AsyncWriter::new(Stuck, 0).unwrap();
         let tracking = Tracking::of(controller::Trajectory::Step, 1e-3);
-        let mut states =
-            StatesWriter::begin(Box::new(spool.clone()), Some(spool), tracking, FlownLaws::default(), 1).unwrap();
+        let mut states = StatesWriter::begin(
+            Box::new(spool.clone()),
+            Some(spool),
+            tracking,
+            FlownLaws::default(),
+            1,
+        )
+        .unwrap();
         let failure = states.finish().unwrap_err().to_string();
-        assert_eq!(failure, "the states are not whole: the disk took nothing for 3 s");
+        assert_eq!(
+            failure,
+            "the states are not whole: the disk took nothing for 3 s"
+        );
+    }
+}
+
+#[cfg(test)]
+mod states_joiner_tests {
+    use super::*;
+
+    fn take(joiner: &mut Joiner, tick: u64, topics: &str) {
+        for topic in topics.chars() {
+            joiner.take(
+                tick,
+                match topic {
+                    's' => LoopMessage::State(State::default()),
+                    'p' => LoopMessage::Setpoint(Setpoint::default()),
+                    'w' => LoopMessage::Wrench(Wrench::default(), None),
+                    _ => LoopMessage::RotorSpeeds(RotorSpeeds::default()),
+                },
+            );
+        }
+    }
+
+    fn settled(joiner: &mut Joiner) -> Vec<u64> {
+        std::iter::from_fn(|| joiner.settled())
+            .map(|joined| joined.tick)
+            .collect()
+    }
+
+    #[test]
+    fn a_state_that_no_stage_answered_is_there_in_its_place() {
+        let mut joiner = Joiner::default();
+        [(7, "spwr"), (8, "sp"), (9, "s")]
+            .into_iter()
+            .for_each(|(tick, topics)| take(&mut joiner, tick, topics));
+        assert_eq!(settled(&mut joiner), [7], "something may still come");
+        take(&mut joiner, 10, "spwr");
+        assert_eq!(settled(&mut joiner), [8, 9, 10], "every topic has gone on");
+        assert_eq!(joiner.incomplete, 2);
+        take(&mut joiner, 9, "w");
+        assert_eq!(
+            (settled(&mut joiner), joiner.incomplete),
+            (vec![], 2),
+            "too late"
+        );
+    }
+
+    #[test]
+    fn a_stage_that_is_silent_is_not_waited_for_for_ever() {
+        let mut joiner = Joiner::default();
+        (0..=STAGE_PATIENCE_TICKS + 2).for_each(|tick| take(&mut joiner, tick, "sp"));
+        assert_eq!(settled(&mut joiner), [0, 1]);
+        assert_eq!(
+            std::iter::from_fn(|| joiner.rest()).count() as u64,
+            STAGE_PATIENCE_TICKS + 1
+        );
+        assert_eq!(joiner.incomplete, STAGE_PATIENCE_TICKS + 3);
+    }
+
+    #[test]
+    fn topics_that_are_ahead_of_the_states_wait_for_them() {
+        let mut joiner = Joiner::default();
+        take(&mut joiner, 0, "spwr");
+        // A recorder that stood still between the states and the others.
+        (1..PATIENCE_TICKS).for_each(|tick| take(&mut joiner, tick, "pwr"));
+        assert_eq!(settled(&mut joiner), [0]);
+        (1..PATIENCE_TICKS).for_each(|tick| take(&mut joiner, tick, "s"));
+        assert_eq!(
+            (settled(&mut joiner).len() as u64, joiner.incomplete),
+            (PATIENCE_TICKS - 1, 0)
+        );
+        // A plant that is silent for good.
+        (PATIENCE_TICKS..3 * PATIENCE_TICKS).for_each(|tick| take(&mut joiner, tick, "w"));
+        assert!(settled(&mut joiner).is_empty());
+        assert!(
+            joiner.waiting.len() as u64 <= PATIENCE_TICKS + 1,
+            "{}",
+            joiner.waiting.len()
+        );
+    }
+
+    #[test]
+    fn a_tick_without_a_state_has_no_row_and_holds_nothing_up() {
+        let mut joiner = Joiner::default();
+        [(3, "wr"), (4, "spwr")]
+            .into_iter()
+            .for_each(|(tick, topics)| take(&mut joiner, tick, topics));
+        assert_eq!((settled(&mut joiner), joiner.incomplete), (vec![4], 1));
     }
 }

@@ -1,27 +1,32 @@
-//! What repeated measurements support: an interval for a median, one for a ratio of rates, and a test over groups.
+//! Intervals and tests: of a median, a mean, a rate of success and a ratio of rates, and a test over groups.
 //!
-//! Nothing here supposes a shape of the distribution. What is resampled or permuted are whole measurements (a pair, a
-//! flight), because values within one of them depend on each other.
+//! The bootstrap and the permutation test assume no shape of the distribution. They resample or permute whole
+//! measurements (a pair, a flight), because the values within a measurement depend on each other.
+//!
+//! Sources: Efron and Tibshirani, "An Introduction to the Bootstrap" (1993), chapter 13 (percentile interval);
+//! Wilson, "Probable inference" (1927); Clopper and Pearson, "The use of confidence or fiducial limits" (1934);
+//! McNemar, "Note on the sampling error of the difference between correlated proportions" (1947), in its exact form;
+//! Westfall and Young, "Resampling-Based Multiple Testing" (1993).
 
+use fastrand::Rng;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{Binomial, DiscreteCDF as _};
+use statrs::function::erf::erfc;
+use statrs::function::gamma::ln_gamma;
 
-/// Probability with which an interval of this file holds what it is of, at the least.
+/// Probability with which an interval contains the true value.
 pub const CONFIDENCE: f64 = 0.95;
 /// Fewest values that an interval of the median needs: the extremes of six hold it with 96.9 %, those of five with
 /// 93.8 %.
 pub const VALUES_NEEDED: usize = 6;
-/// Resamplings of a bootstrap.
 const RESAMPLINGS: usize = 10_000;
-/// Any number: the same measurements have the same interval each time.
+/// Fixed, so that the same measurements always have the same interval.
 const SEED: u64 = 0x6972_6f6e_6269_7264;
 
-/// Where something lies with [`CONFIDENCE`].
+/// The range that contains a value with [`CONFIDENCE`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
-    /// Lower end.
     pub low: f64,
-    /// Upper end.
     pub high: f64,
 }
 
@@ -44,8 +49,15 @@ pub fn median_interval(values: &[f64]) -> Option<Interval> {
     let (low, high) = ranks(values.len() as u64, 0.5)?;
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    let of_rank = |rank: u64| sorted.get(usize::try_from(rank).ok()?.checked_sub(1)?).copied();
-    Some(Interval { low: of_rank(low)?, high: of_rank(high)? })
+    let of_rank = |rank: u64| {
+        sorted
+            .get(usize::try_from(rank).ok()?.checked_sub(1)?)
+            .copied()
+    };
+    Some(Interval {
+        low: of_rank(low)?,
+        high: of_rank(high)?,
+    })
 }
 
 /// Ranks, from 1, of the values between which a quantile lies with [`CONFIDENCE`] (order statistics: how many of
@@ -54,14 +66,15 @@ pub fn median_interval(values: &[f64]) -> Option<Interval> {
 pub fn ranks(count: u64, quantile: f64) -> Option<(u64, u64)> {
     let beyond = (1.0 - CONFIDENCE) / 2.0;
     let not_above = Binomial::new(quantile, count).ok()?;
-    let (low, high) = (not_above.inverse_cdf(beyond), not_above.inverse_cdf(1.0 - beyond) + 1);
+    let (low, high) = (
+        not_above.inverse_cdf(beyond),
+        not_above.inverse_cdf(1.0 - beyond) + 1,
+    );
     (low >= 1 && high <= count).then_some((low, high))
 }
 
-/// Events that were counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Events {
-    /// How many there were.
     pub count: u64,
     /// How many there could have been.
     pub exposure: u64,
@@ -97,21 +110,34 @@ pub fn rate_ratio_interval(pairs: &[[Events; 2]]) -> Option<Interval> {
     if pairs.len() < 2 {
         return None;
     }
-    let mut random = fastrand::Rng::with_seed(SEED);
-    let mut ratios: Vec<f64> = (0..RESAMPLINGS)
-        .map(|_| {
-            let drawn: Vec<[Events; 2]> = (0..pairs.len()).map(|_| pairs[random.usize(..pairs.len())]).collect();
-            let [ours, floor] = pooled(&drawn).map(|events| likely_rate(events, &mut random));
-            ours / floor
-        })
-        .collect();
-    ratios.sort_by(f64::total_cmp);
     let beyond = ((1.0 - CONFIDENCE) / 2.0 * RESAMPLINGS as f64) as usize;
-    Some(Interval { low: ratios[beyond], high: ratios[RESAMPLINGS - 1 - beyond] })
+    Some(bootstrap(SEED, RESAMPLINGS, beyond, |random| {
+        let drawn: Vec<[Events; 2]> = (0..pairs.len())
+            .map(|_| pairs[random.usize(..pairs.len())])
+            .collect();
+        let [ours, floor] = pooled(&drawn).map(|events| likely_rate(events, random));
+        ours / floor
+    }))
+}
+
+/// The percentile interval of a statistic over resamples; `beyond` of them lie below it, and as many above.
+fn bootstrap(
+    seed: u64,
+    resamples: usize,
+    beyond: usize,
+    mut statistic: impl FnMut(&mut Rng) -> f64,
+) -> Interval {
+    let mut random = Rng::with_seed(seed);
+    let mut values: Vec<f64> = (0..resamples).map(|_| statistic(&mut random)).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    Interval {
+        low: values[beyond],
+        high: values[resamples - 1 - beyond],
+    }
 }
 
 /// A rate under which so many events are likely: their number and a half as shape of a gamma distribution.
-fn likely_rate(events: Events, random: &mut fastrand::Rng) -> f64 {
+fn likely_rate(events: Events, random: &mut Rng) -> f64 {
     /// Beyond, the distribution's third root is normal to within a thousandth (Wilson and Hilferty).
     const FEW: u64 = 30;
     let mut exponential = || -(1.0 - random.f64()).ln();
@@ -131,7 +157,6 @@ fn likely_rate(events: Events, random: &mut fastrand::Rng) -> f64 {
 /// Two groups of values of one kind, one value a flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Groups {
-    /// Of the first group's flights.
     pub a: Vec<f64>,
     /// Of the second group's, as many of each kind.
     pub b: Vec<f64>,
@@ -149,13 +174,21 @@ impl Groups {
     /// How wide the wider one of them is.
     #[must_use]
     pub fn width(&self) -> f64 {
-        [&self.a, &self.b].map(|group| ends(group)).iter().map(|(low, high)| high - low).fold(0.0, f64::max)
+        [&self.a, &self.b]
+            .map(|group| ends(group))
+            .iter()
+            .map(|(low, high)| high - low)
+            .fold(0.0, f64::max)
     }
 }
 
 /// The smallest and the largest value.
 fn ends(values: &[f64]) -> (f64, f64) {
-    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(*value), high.max(*value)))
+    values
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+            (low.min(*value), high.max(*value))
+        })
 }
 
 /// Probability, for each kind of value, that chance alone sets any of the kinds as far apart as this one is.
@@ -168,18 +201,24 @@ fn ends(values: &[f64]) -> (f64, f64) {
 /// The values of a kind are `None` where it cannot be judged: fewer than two values a side, or one that is no number.
 #[must_use]
 pub fn permutation_test(kinds: &[Groups]) -> Vec<Option<f64>> {
-    let Some(first) = kinds.first() else { return Vec::new() };
+    let Some(first) = kinds.first() else {
+        return Vec::new();
+    };
     let (in_a, flights) = (first.a.len(), first.a.len() + first.b.len());
     let pools: Vec<Option<Vec<f64>>> = kinds
         .iter()
         .map(|kind| {
             let pool = [&kind.a[..], &kind.b[..]].concat();
-            let is_usable = kind.a.len() == in_a && in_a >= 2 && pool.len() == flights && flights - in_a >= 2;
+            let is_usable =
+                kind.a.len() == in_a && in_a >= 2 && pool.len() == flights && flights - in_a >= 2;
             (is_usable && pool.iter().all(|value| value.is_finite())).then_some(pool)
         })
         .collect();
     let apart = |of_a: &[bool]| -> Vec<f64> {
-        pools.iter().map(|pool| pool.as_ref().map_or(0.0, |pool| distance(pool, of_a))).collect()
+        pools
+            .iter()
+            .map(|pool| pool.as_ref().map_or(0.0, |pool| distance(pool, of_a)))
+            .collect()
     };
     let seen = apart(&(0..flights).map(|flight| flight < in_a).collect::<Vec<_>>());
     let mut as_far = vec![0_usize; kinds.len()];
@@ -193,7 +232,11 @@ pub fn permutation_test(kinds: &[Groups]) -> Vec<Option<f64>> {
         }
     }
     let probability = |count: usize| count as f64 / ways as f64;
-    pools.iter().zip(as_far).map(|(pool, count)| pool.is_some().then(|| probability(count))).collect()
+    pools
+        .iter()
+        .zip(as_far)
+        .map(|(pool, count)| pool.is_some().then(|| probability(count)))
+        .collect()
 }
 
 /// Ways to deal flights out beyond which they are drawn instead.
@@ -201,7 +244,9 @@ const DEALS: usize = 5_000;
 
 /// Which flights are in the first group, for every way to choose that many, or for many of them.
 fn deals(flights: usize, in_a: usize) -> Vec<Vec<bool>> {
-    let ways = (0..in_a).try_fold(1_usize, |ways, i| Some(ways.checked_mul(flights - i)? / (i + 1)));
+    let ways = (0..in_a).try_fold(1_usize, |ways, i| {
+        Some(ways.checked_mul(flights - i)? / (i + 1))
+    });
     let as_it_was: Vec<bool> = (0..flights).map(|flight| flight < in_a).collect();
     if ways.is_some_and(|ways| ways <= DEALS) {
         let mut all = vec![Vec::new()];
@@ -224,7 +269,7 @@ fn deals(flights: usize, in_a: usize) -> Vec<Vec<bool>> {
         }
         return all;
     }
-    let mut random = fastrand::Rng::with_seed(SEED);
+    let mut random = Rng::with_seed(SEED);
     let drawn = (1..DEALS).map(|_| {
         let mut dealt = as_it_was.clone();
         random.shuffle(&mut dealt);
@@ -236,10 +281,19 @@ fn deals(flights: usize, in_a: usize) -> Vec<Vec<bool>> {
 /// Distance of two groups' means over the spread within them.
 fn distance(pool: &[f64], of_a: &[bool]) -> f64 {
     let side = |wanted: bool| -> (f64, f64, f64) {
-        let values = || pool.iter().zip(of_a).filter(move |(_, is_in_a)| **is_in_a == wanted).map(|(value, _)| *value);
+        let values = || {
+            pool.iter()
+                .zip(of_a)
+                .filter(move |(_, is_in_a)| **is_in_a == wanted)
+                .map(|(value, _)| *value)
+        };
         let count = values().count() as f64;
         let mean = values().sum::<f64>() / count;
-        (count, mean, values().map(|value| (value - mean).powi(2)).sum())
+        (
+            count,
+            mean,
+            values().map(|value| (value - mean).powi(2)).sum(),
+        )
     };
     let ((n_a, mean_a, squares_a), (n_b, mean_b, squares_b)) = (side(true), side(false));
     let difference = (mean_a - mean_b).abs();
@@ -247,6 +301,211 @@ fn distance(pool: &[f64], of_a: &[bool]) -> f64 {
         return 0.0;
     }
     difference / ((squares_a + squares_b) / (n_a + n_b - 2.0) * (1.0 / n_a + 1.0 / n_b)).sqrt()
+}
+
+/// Two-sided 95 % of a standard normal.
+const Z: f64 = 1.959_963_984_540_054;
+const ALPHA: f64 = 0.05;
+
+impl Interval {
+    #[must_use]
+    pub fn width(self) -> f64 {
+        self.high - self.low
+    }
+}
+
+/// Wilson's score interval of `hits` of `trials`: the whole range without a trial.
+#[must_use]
+pub fn wilson(hits: u64, trials: u64) -> Interval {
+    if trials == 0 {
+        return Interval {
+            low: 0.0,
+            high: 1.0,
+        };
+    }
+    let (n, rate) = (trials as f64, hits as f64 / trials as f64);
+    let spread = 1.0 + Z * Z / n;
+    let middle = (rate + Z * Z / (2.0 * n)) / spread;
+    let half = Z / spread * (rate * (1.0 - rate) / n + Z * Z / (4.0 * n * n)).sqrt();
+    // At the ends it touches them, which rounding might miss.
+    let low = if hits == 0 {
+        0.0
+    } else {
+        (middle - half).max(0.0)
+    };
+    let high = if hits == trials {
+        1.0
+    } else {
+        (middle + half).min(1.0)
+    };
+    Interval { low, high }
+}
+
+/// Clopper and Pearson's exact interval: never less than 95 % of the time does it hold the true rate.
+#[must_use]
+pub fn clopper_pearson(hits: u64, trials: u64) -> Interval {
+    if trials == 0 {
+        return Interval {
+            low: 0.0,
+            high: 1.0,
+        };
+    }
+    let (k, n) = (hits as f64, trials as f64);
+    // Where all or none are hits the incomplete beta function is a power.
+    let extreme = (ALPHA / 2.0).powf(1.0 / n);
+    let low = match hits {
+        0 => 0.0,
+        _ if hits == trials => extreme,
+        _ => solve(|rate| beta_share(k, n - k + 1.0, rate), ALPHA / 2.0),
+    };
+    let high = match hits {
+        0 => 1.0 - extreme,
+        _ if hits == trials => 1.0,
+        _ => solve(|rate| beta_share(k + 1.0, n - k, rate), 1.0 - ALPHA / 2.0),
+    };
+    Interval { low, high }
+}
+
+/// Where a function that rises from 0 to 1 over the same range has a value: by bisection, which always ends.
+fn solve(rising: impl Fn(f64) -> f64, value: f64) -> f64 {
+    let (mut low, mut high) = (0.0_f64, 1.0_f64);
+    for _ in 0..200 {
+        let middle = (low + high) / 2.0;
+        if rising(middle) < value {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    (low + high) / 2.0
+}
+
+/// Pairs of flights that differ in their success.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Discordant {
+    /// The first alone was a success.
+    pub first: u64,
+    pub second: u64,
+}
+
+impl Discordant {
+    /// How probable a split at least as uneven is, were both alike: McNemar's test, exact up to 10 000 pairs.
+    #[must_use]
+    pub fn p_value(self) -> f64 {
+        const EXACT_MAX: u64 = 10_000;
+        let (pairs, fewer) = (self.first + self.second, self.first.min(self.second));
+        if pairs == 0 || self.first == self.second {
+            return 1.0;
+        }
+        if pairs > EXACT_MAX {
+            let distance = (self.first.abs_diff(self.second) as f64 - 1.0) / (pairs as f64).sqrt();
+            return erfc(distance / std::f64::consts::SQRT_2);
+        }
+        // At most `fewer` heads in `pairs` throws: P = I_1/2(pairs - fewer, fewer + 1).
+        (2.0 * beta_share((pairs - fewer) as f64, fewer as f64 + 1.0, 0.5)).min(1.0)
+    }
+
+    /// Difference of the success rates, first less second, over all pairs, with its interval (Wald's, of pairs).
+    #[must_use]
+    pub fn difference(self, pairs: u64) -> MeanInterval {
+        let (n, first, second) = (pairs.max(1) as f64, self.first as f64, self.second as f64);
+        let difference = (first - second) / n;
+        let deviation = ((first + second) / n - difference * difference)
+            .max(0.0)
+            .sqrt()
+            / n.sqrt();
+        let [low, high] = [difference - Z * deviation, difference + Z * deviation];
+        MeanInterval {
+            count: pairs,
+            mean: difference,
+            interval: Interval {
+                low: low.max(-1.0),
+                high: high.min(1.0),
+            },
+        }
+    }
+}
+
+/// Resamples of a mean: the interval ends at the 25th from either end.
+const MEAN_RESAMPLINGS: usize = 1000;
+/// Values that are resampled at the most: more are taken together in blocks, which flights that know nothing of each
+/// other allow.
+const BLOCKS: usize = 2000;
+
+/// A mean and where it may be, at 95 %.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct MeanInterval {
+    pub count: u64,
+    pub mean: f64,
+    #[serde(flatten)]
+    pub interval: Interval,
+}
+
+/// The mean of some values, of which NaN is none; none of fewer than ten values.
+#[must_use]
+pub fn mean_interval(values: impl Iterator<Item = f64>) -> Option<MeanInterval> {
+    let values: Vec<f64> = values.filter(|value| !value.is_nan()).collect();
+    if values.len() < 10 {
+        return None;
+    }
+    let blocks = values.len().min(BLOCKS);
+    let cut = |block: usize| block * values.len() / blocks;
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let blocked: Vec<f64> = (0..blocks)
+        .map(|block| mean(&values[cut(block)..cut(block + 1)]))
+        .collect();
+    let interval = bootstrap(1, MEAN_RESAMPLINGS, MEAN_RESAMPLINGS / 40 - 1, |random| {
+        (0..blocks)
+            .map(|_| blocked[random.usize(..blocks)])
+            .sum::<f64>()
+            / blocks as f64
+    });
+    Some(MeanInterval {
+        count: values.len() as u64,
+        mean: mean(&values),
+        interval,
+    })
+}
+
+/// I_x(a, b), the share of a beta distribution below x; a and b above 0, x from 0 to 1.
+///
+/// By the continued fraction of DLMF 8.17.22 (Lentz' method), of which some sqrt(a + b) terms count.
+#[must_use]
+pub fn beta_share(a: f64, b: f64, x: f64) -> f64 {
+    if x <= 0.0 || x >= 1.0 {
+        return x.clamp(0.0, 1.0);
+    }
+    // Where the fraction converges slowly, the other end's does not.
+    if x > (a + 1.0) / (a + b + 2.0) {
+        return 1.0 - beta_share(b, a, 1.0 - x);
+    }
+    let front =
+        (ln_gamma(a + b) - ln_gamma(a) - ln_gamma(b) + a * x.ln() + b * (-x).ln_1p()).exp() / a;
+    front * fraction(a, b, x)
+}
+
+fn fraction(a: f64, b: f64, x: f64) -> f64 {
+    const TERMS_MAX: u32 = 1_000_000;
+    const TINY: f64 = 1e-300;
+    let kept = |value: f64| if value.abs() < TINY { TINY } else { value };
+    let mut c = 1.0;
+    let mut d = 1.0 / kept(1.0 - (a + b) * x / (a + 1.0));
+    let mut product = d;
+    for m in (1..TERMS_MAX).map(f64::from) {
+        let even = m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m));
+        let odd = -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0));
+        let mut change = 1.0;
+        for term in [even, odd] {
+            d = 1.0 / kept(1.0 + term * d);
+            c = kept(1.0 + term / c);
+            change = c * d;
+            product *= change;
+        }
+        if (change - 1.0_f64).abs() < 1e-15 {
+            break;
+        }
+    }
+    product
 }
 
 #[cfg(test)]
@@ -257,7 +516,10 @@ mod tests {
 
     #[test]
     fn groups_lie_apart_from_end_to_end() {
-        let groups = |a: &[f64], b: &[f64]| Groups { a: a.to_vec(), b: b.to_vec() };
+        let groups = |a: &[f64], b: &[f64]| Groups {
+            a: a.to_vec(),
+            b: b.to_vec(),
+        };
         let apart = groups(&[3.0, 1.0, 2.0], &[9.0, 6.0, 7.0]);
         assert_eq!((apart.gap(), apart.width()), (3.0, 3.0));
         assert_eq!(groups(&[9.0, 6.0], &[3.0, 1.0]).gap(), 3.0);
@@ -266,7 +528,7 @@ mod tests {
 
     #[test]
     fn the_median_is_held_as_often_as_said_and_more_values_hold_it_closer() {
-        let mut random = fastrand::Rng::with_seed(1);
+        let mut random = Rng::with_seed(1);
         let mut widths = Vec::new();
         for count in [6, 9, 20, 60] {
             let runs = 4_000;
@@ -274,7 +536,8 @@ mod tests {
             let held = (0..runs)
                 .filter(|_| {
                     // Skewed, as latencies are; the median of -ln u is ln 2.
-                    let values: Vec<f64> = (0..count).map(|_| -random.f64().max(1e-300).ln()).collect();
+                    let values: Vec<f64> =
+                        (0..count).map(|_| -random.f64().max(1e-300).ln()).collect();
                     let interval = median_interval(&values).unwrap();
                     width += interval.high - interval.low;
                     (interval.low..=interval.high).contains(&std::f64::consts::LN_2)
@@ -282,40 +545,80 @@ mod tests {
                 .count() as f64
                 / f64::from(runs);
             // 4 standard deviations of 4000 draws; ranks are whole, so that it is held more often, but not always.
-            assert!((CONFIDENCE - 0.014..0.9999).contains(&held), "{count} values: {held}");
+            assert!(
+                (CONFIDENCE - 0.014..0.9999).contains(&held),
+                "{count} values: {held}"
+            );
             widths.push(width);
         }
-        assert!(widths.windows(2).all(|pair| pair[1] < pair[0]), "{widths:?}");
+        assert!(
+            widths.windows(2).all(|pair| pair[1] < pair[0]),
+            "{widths:?}"
+        );
         assert_eq!(median_interval(&[1.0; VALUES_NEEDED - 1]), None);
         // Of nine, the second and the eighth.
         let nine: Vec<f64> = (1..=9).map(f64::from).collect();
-        assert_eq!(median_interval(&nine), Some(Interval { low: 2.0, high: 8.0 }));
+        assert_eq!(
+            median_interval(&nine),
+            Some(Interval {
+                low: 2.0,
+                high: 8.0
+            })
+        );
     }
 
     #[test]
     fn a_ratio_of_rates_knows_how_little_few_pairs_say() {
-        let events = |count: u64| Events { count, exposure: 11_000 };
+        let events = |count: u64| Events {
+            count,
+            exposure: 11_000,
+        };
         let pair = |ours: u64, floor: u64| [events(ours), events(floor)];
         // As once measured: three of nine flights had no miss, two had three times the floor's.
-        let uneven = [(0, 9), (0, 12), (0, 8), (40, 16), (38, 12), (6, 14), (5, 11), (4, 13), (3, 12)]
-            .map(|(ours, floor)| pair(ours, floor));
+        let uneven = [
+            (0, 9),
+            (0, 12),
+            (0, 8),
+            (40, 16),
+            (38, 12),
+            (6, 14),
+            (5, 11),
+            (4, 13),
+            (3, 12),
+        ]
+        .map(|(ours, floor)| pair(ours, floor));
         let [ours, floor] = pooled(&uneven);
         assert_eq!((ours.count, floor.count), (96, 107));
         let interval = rate_ratio_interval(&uneven).unwrap();
         assert!(interval.low < 0.6 && interval.high > 1.3, "{interval:?}");
         let even = rate_ratio_interval(&[pair(100, 101); 9]).unwrap();
         // Nine hundred events a side say no more than 9 %, however alike the pairs are.
-        assert!((0.88..0.93).contains(&even.low) && (1.06..1.11).contains(&even.high), "{even:?}");
+        assert!(
+            (0.88..0.93).contains(&even.low) && (1.06..1.11).contains(&even.high),
+            "{even:?}"
+        );
         assert!(rate_ratio_interval(&[pair(1, 0), pair(3, 1)]).unwrap().high > 20.0);
-        assert!(rate_ratio_interval(&[pair(0, 9); 9]).unwrap().high < 0.1, "none of 81");
+        assert!(
+            rate_ratio_interval(&[pair(0, 9); 9]).unwrap().high < 0.1,
+            "none of 81"
+        );
         assert_eq!(rate_ratio_interval(&[pair(1, 1)]), None);
-        assert_eq!(rate_ratio_interval(&uneven), rate_ratio_interval(&uneven), "no run of the program is another");
+        assert_eq!(
+            rate_ratio_interval(&uneven),
+            rate_ratio_interval(&uneven),
+            "no run of the program is another"
+        );
     }
 
     #[test]
     fn a_ratio_of_rates_is_held_about_as_often_as_said() {
-        let mut random = fastrand::Rng::with_seed(4);
-        for (pairs, mean, own) in [(6, 3.0, 0.0), (9, 12.0, 0.0), (9, 12.0, 0.5), (20, 12.0, 0.5)] {
+        let mut random = Rng::with_seed(4);
+        for (pairs, mean, own) in [
+            (6, 3.0, 0.0),
+            (9, 12.0, 0.0),
+            (9, 12.0, 0.5),
+            (20, 12.0, 0.5),
+        ] {
             let runs = 300;
             let held = (0..runs)
                 .filter(|_| {
@@ -327,7 +630,10 @@ mod tests {
                         loop {
                             time -= (1.0 - random.f64()).ln() / mean;
                             if time > 1.0 {
-                                return Events { count, exposure: 11_000 };
+                                return Events {
+                                    count,
+                                    exposure: 11_000,
+                                };
                             }
                             count += 1;
                         }
@@ -337,13 +643,16 @@ mod tests {
                 })
                 .count();
             // 3 standard deviations of 300 draws.
-            assert!(held as f64 >= f64::from(runs) * (CONFIDENCE - 0.038), "{pairs} pairs of {mean}: {held} of {runs}");
+            assert!(
+                held as f64 >= f64::from(runs) * (CONFIDENCE - 0.038),
+                "{pairs} pairs of {mean}: {held} of {runs}"
+            );
         }
     }
 
     #[test]
     fn groups_that_are_alike_are_seldom_told_apart_however_many_kinds_there_are() {
-        let mut random = fastrand::Rng::with_seed(2);
+        let mut random = Rng::with_seed(2);
         let (runs, kinds, each) = (400, 40, 4);
         let falsely = (0..runs)
             .filter(|_| {
@@ -352,31 +661,58 @@ mod tests {
                 let groups: Vec<Groups> = (0..kinds)
                     .map(|_| {
                         let values: Vec<f64> = own.iter().map(|own| own + random.f64()).collect();
-                        Groups { a: values[..each].to_vec(), b: values[each..].to_vec() }
+                        Groups {
+                            a: values[..each].to_vec(),
+                            b: values[each..].to_vec(),
+                        }
                     })
                     .collect();
-                permutation_test(&groups).into_iter().flatten().any(|probability| probability <= 0.05)
+                permutation_test(&groups)
+                    .into_iter()
+                    .flatten()
+                    .any(|probability| probability <= 0.05)
             })
             .count();
         // At most 5 %, and 4 standard deviations more.
-        assert!(falsely as f64 <= f64::from(runs) * 0.05 + 18.0, "{falsely} of {runs}");
+        assert!(
+            falsely as f64 <= f64::from(runs) * 0.05 + 18.0,
+            "{falsely} of {runs}"
+        );
     }
 
     #[test]
     fn a_difference_beyond_the_spread_is_found_among_kinds_without_one() {
-        let mut random = fastrand::Rng::with_seed(3);
+        let mut random = Rng::with_seed(3);
         let mut group = |mean: f64| (0..4).map(|_| mean + random.f64()).collect::<Vec<_>>();
-        let mut kinds: Vec<Groups> = (0..40).map(|_| Groups { a: group(10.0), b: group(10.0) }).collect();
-        kinds.push(Groups { a: group(10.0), b: group(30.0) });
+        let mut kinds: Vec<Groups> = (0..40)
+            .map(|_| Groups {
+                a: group(10.0),
+                b: group(10.0),
+            })
+            .collect();
+        kinds.push(Groups {
+            a: group(10.0),
+            b: group(30.0),
+        });
         let found = permutation_test(&kinds);
         // Two of the 70 ways to deal 4 of 8 set them as far apart.
         assert_eq!(found.last().copied().flatten(), Some(2.0 / 70.0));
-        assert!(found[..40].iter().all(|probability| probability.unwrap() > 0.05), "{found:?}");
+        assert!(
+            found[..40]
+                .iter()
+                .all(|probability| probability.unwrap() > 0.05),
+            "{found:?}"
+        );
     }
 
     #[test]
     fn what_cannot_be_judged_is_not() {
-        let judged = |a: &[f64], b: &[f64]| permutation_test(&[Groups { a: a.to_vec(), b: b.to_vec() }]);
+        let judged = |a: &[f64], b: &[f64]| {
+            permutation_test(&[Groups {
+                a: a.to_vec(),
+                b: b.to_vec(),
+            }])
+        };
         assert_eq!(judged(&[1.0], &[2.0, 3.0]), [None]);
         assert_eq!(judged(&[1.0, f64::NAN], &[2.0, 3.0]), [None]);
         assert_eq!(judged(&[1.0, 1.0], &[1.0, 1.0]), [Some(1.0)]);
@@ -392,8 +728,170 @@ mod tests {
         assert_eq!(all.len(), 20, "no way twice");
         let drawn: BTreeSet<Vec<bool>> = deals(30, 15).into_iter().collect();
         assert!(drawn.len() > DEALS * 9 / 10, "{} of {DEALS}", drawn.len());
-        assert!(deals(6, 3).iter().all(|dealt| dealt.iter().filter(|is_in_a| **is_in_a).count() == 3));
+        assert!(
+            deals(6, 3)
+                .iter()
+                .all(|dealt| dealt.iter().filter(|is_in_a| **is_in_a).count() == 3)
+        );
         assert_eq!(deals(30, 15).len(), DEALS);
-        assert_eq!(deals(30, 15)[0].iter().filter(|is_in_a| **is_in_a).count(), 15);
+        assert_eq!(
+            deals(30, 15)[0].iter().filter(|is_in_a| **is_in_a).count(),
+            15
+        );
+    }
+}
+
+#[cfg(test)]
+mod rate_tests {
+    use super::*;
+
+    fn close(interval: Interval, low: f64, high: f64) {
+        let off = (interval.low - low).abs().max((interval.high - high).abs());
+        assert!(
+            off <= 6e-3 * high.min(1.0 - low).max(1e-12),
+            "{interval:?}, expected {low}..{high}"
+        );
+    }
+
+    #[test]
+    fn intervals_are_those_of_the_tables() {
+        // statsmodels.stats.proportion.proportion_confint, methods "wilson" and "beta".
+        close(wilson(8, 10), 0.490_162, 0.943_318);
+        close(clopper_pearson(8, 10), 0.443_905, 0.974_789);
+        close(clopper_pearson(3, 10_000), 6.187e-5, 8.764_6e-4);
+        close(wilson(3, 10_000), 1.020_3e-4, 8.817e-4);
+        // The rule of three, with 3.69 for 97.5 %.
+        close(clopper_pearson(0, 10_000), 0.0, 3.688e-4);
+        assert_eq!(
+            (
+                wilson(0, 9).low,
+                wilson(9, 9).high,
+                clopper_pearson(9, 9).high
+            ),
+            (0.0, 1.0, 1.0)
+        );
+        assert_eq!(
+            wilson(0, 0),
+            Interval {
+                low: 0.0,
+                high: 1.0
+            }
+        );
+    }
+
+    #[test]
+    fn large_campaigns_have_an_answer() {
+        for trials in [1_000_000, 10_000_000, 100_000_000] {
+            for hits in [0, 1, trials / 2, trials - 1, trials] {
+                let exact = clopper_pearson(hits, trials);
+                let rate = hits as f64 / trials as f64;
+                assert!(
+                    exact.low <= rate && rate <= exact.high && exact.width() < 3e-3,
+                    "{hits} of {trials}: {exact:?}"
+                );
+            }
+        }
+        close(clopper_pearson(0, 1_000_000), 0.0, 3.689e-6);
+    }
+
+    #[test]
+    fn an_exact_interval_holds_the_rate_as_often_as_it_says() {
+        let (trials, rate) = (40_u64, 0.9_f64);
+        let mut covered = 0.0;
+        let mut probability = (1.0 - rate).powi(trials as i32);
+        for hits in 0..=trials {
+            let interval = clopper_pearson(hits, trials);
+            if (interval.low..=interval.high).contains(&rate) {
+                covered += probability;
+            }
+            probability *= rate / (1.0 - rate) * (trials - hits) as f64 / (hits + 1) as f64;
+        }
+        assert!((0.95..0.99).contains(&covered), "{covered}");
+    }
+
+    #[test]
+    fn uneven_pairs_are_improbable() {
+        let p = |first, second| Discordant { first, second }.p_value();
+        assert_eq!((p(0, 0), p(5, 5)), (1.0, 1.0));
+        // 2 * (1 + 10) / 1024 and 2 / 1024.
+        assert!((p(1, 9) - 22.0 / 1024.0).abs() < 1e-12 && (p(10, 0) - 2.0 / 1024.0).abs() < 1e-12);
+        let (exact, asymptotic) = (p(5100, 4900), p(5101, 4901));
+        assert!(
+            (exact / asymptotic - 1.0).abs() < 0.05,
+            "{exact} {asymptotic}"
+        );
+        let MeanInterval {
+            mean,
+            interval: Interval { low, high },
+            ..
+        } = Discordant {
+            first: 30,
+            second: 10,
+        }
+        .difference(200);
+        assert!(
+            (mean - 0.1).abs() < 1e-12 && low > 0.03 && high < 0.17,
+            "{low} {high}"
+        );
+    }
+}
+
+#[cfg(test)]
+mod statistics_bootstrap_tests {
+    use super::*;
+
+    #[test]
+    fn an_interval_holds_the_mean_about_as_often_as_it_says() {
+        let mut rng = Rng::with_seed(7);
+        let held = (0..400).filter(|_| {
+            let values: Vec<f64> = (0..60).map(|_| rng.f64() + rng.f64()).collect();
+            mean_interval(values.into_iter())
+                .is_some_and(|it| it.interval.low <= 1.0 && 1.0 <= it.interval.high)
+        });
+        let held = held.count();
+        assert!((360..=395).contains(&held), "{held} of 400");
+    }
+
+    #[test]
+    fn many_values_are_as_quick_and_no_less_exact() {
+        let mut rng = Rng::with_seed(7);
+        let values: Vec<f64> = (0..200_000).map(|_| rng.f64()).collect();
+        let interval = mean_interval(values.into_iter()).unwrap();
+        // 1.96 / sqrt(12 n) to either side.
+        let width = interval.interval.width() / (2.0 * 1.96 / (12.0 * 200_000_f64).sqrt());
+        assert!(
+            (0.9..1.1).contains(&width) && (interval.mean - 0.5).abs() < 3e-3,
+            "{interval:?}"
+        );
+        assert_eq!(mean_interval([1.0; 9].into_iter()), None);
+    }
+}
+
+#[cfg(test)]
+mod statistics_beta_tests {
+    use super::*;
+
+    #[test]
+    fn shares_are_those_that_are_known_in_closed_form() {
+        for (b, x) in [(3.0_f64, 0.2_f64), (1e4, 1e-4), (1e8, 3e-9)] {
+            let known = -f64::exp_m1(b * (-x).ln_1p());
+            assert!(
+                (beta_share(1.0, b, x) / known - 1.0).abs() < 1e-6,
+                "{b} {x}"
+            );
+        }
+        // At most 2 of 5 throws, with a coin of 0.3.
+        let known = 0.7_f64.powi(5) + 5.0 * 0.3 * 0.7_f64.powi(4) + 10.0 * 0.09 * 0.7_f64.powi(3);
+        assert!((beta_share(3.0, 3.0, 0.7) - known).abs() < 1e-14);
+        for a in [0.5, 20.0, 1e4, 5e7] {
+            assert!((beta_share(a, a, 0.5) - 0.5).abs() < 1e-6, "{a}");
+            assert_eq!(
+                (beta_share(a, 2.0, 0.0), beta_share(a, 2.0, 1.0)),
+                (0.0, 1.0)
+            );
+        }
+        // One standard deviation above the middle of a distribution that is all but normal.
+        let above = 0.5 + 0.5 / (4.0 * 1e6_f64).sqrt() * std::f64::consts::SQRT_2;
+        assert!((beta_share(1e6, 1e6, above) - 0.841_344_7).abs() < 1e-4);
     }
 }

@@ -1,30 +1,23 @@
-//! What a flight came to, in a word, with its exit code.
+//! The status of a flight and its exit code.
 
+use errors::{FAILED, GATE, INTERRUPTED, OK};
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
-use failure::{FAILED, GATE, INTERRUPTED, OK};
-use serde::{Deserialize, Serialize};
-
-/// What a flight came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 pub enum FlightStatus {
-    /// It still flies.
     Flying,
     /// It held its gates and was recorded whole.
     Pass,
     /// It held its gates as far as it was seen; not all was, or not all was logged.
     Incomplete,
-    /// A gate did not hold.
     Fail,
-    /// A signal ended it.
     Interrupted,
-    /// A role failed.
     Aborted,
 }
 
 impl FlightStatus {
-    /// In a word.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -37,7 +30,6 @@ impl FlightStatus {
         }
     }
 
-    /// Exit code of the flight.
     #[must_use]
     pub const fn exit_code(self) -> u8 {
         match self {

@@ -1,27 +1,21 @@
-//! Swaps of the airframe's parameters as the report has them, and their words.
+//! Changes of airframe parameters in flight, as the report lists them.
 
-use model::messages::{Change, SwapRecord};
+use messages::content::{Change, SwapRecord};
 use serde::{Deserialize, Serialize};
 
-/// A swap of plant parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AppliedSwap {
-    /// Tick from which it held.
     pub tick: u64,
     /// The same as time of the flight [s].
     pub time_s: f64,
     /// Parameter epoch that began with it.
     pub parameter_epoch: u64,
-    /// What changed.
     pub changes: Vec<ParameterChange>,
 }
 
-/// A changed parameter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParameterChange {
-    /// Name with unit.
     pub name: String,
-    /// Before.
     pub old: f64,
     /// From then on, or from the end of the ramp on.
     pub new: f64,
@@ -40,10 +34,26 @@ impl AppliedSwap {
             parameter_epoch: record.parameter_epoch,
             changes: record
                 .changes()
-                .map(|Change { parameter, old, new, steps }| {
-                    let over_s = if steps > 1 { steps as f64 * period_s } else { 0.0 };
-                    ParameterChange { name: parameter.name().into(), old, new, over_s }
-                })
+                .map(
+                    |Change {
+                         parameter,
+                         old,
+                         new,
+                         steps,
+                     }| {
+                        let over_s = if steps > 1 {
+                            steps as f64 * period_s
+                        } else {
+                            0.0
+                        };
+                        ParameterChange {
+                            name: parameter.name().into(),
+                            old,
+                            new,
+                            over_s,
+                        }
+                    },
+                )
                 .collect(),
         }
     }
@@ -52,7 +62,12 @@ impl AppliedSwap {
     #[must_use]
     pub fn words(&self) -> String {
         let words = |change: &ParameterChange| {
-            let ParameterChange { name, old, new, over_s } = change;
+            let ParameterChange {
+                name,
+                old,
+                new,
+                over_s,
+            } = change;
             let over = if *over_s > 0.0 {
                 format!(" over {} from tick {}", seconds(*over_s), self.tick)
             } else {
@@ -60,7 +75,11 @@ impl AppliedSwap {
             };
             format!("{name} {old} -> {new}{over}")
         };
-        self.changes.iter().map(words).collect::<Vec<_>>().join(", ")
+        self.changes
+            .iter()
+            .map(words)
+            .collect::<Vec<_>>()
+            .join(", ")
     }
 }
 

@@ -1,40 +1,43 @@
 //! A flight over time, reduced to what a plot can show: part of the final report.
 //!
 //! A flight is cut into stretches of equal length. Each stretch keeps its smallest and its largest value, so no peak is
-//! lost however long the flight was. `tracer.rs` fills them.
-
-use std::collections::BTreeMap;
+//! lost however long the flight was. [`crate::tracer`] fills them.
 
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Three numbers of a vector, or of roll, pitch and yaw.
 pub type Names = [&'static str; 3];
 
-/// Roll, pitch, yaw as flown.
 pub const ATTITUDE: Names = ["roll_rad", "pitch_rad", "yaw_rad"];
 /// What the outer loop wanted of them.
-pub const ATTITUDE_REFERENCE: Names = ["roll_reference_rad", "pitch_reference_rad", "yaw_reference_rad"];
-/// Position as flown, world frame.
+pub const ATTITUDE_REFERENCE: Names = [
+    "roll_reference_rad",
+    "pitch_reference_rad",
+    "yaw_reference_rad",
+];
 pub const POSITION: Names = ["x_w_m", "y_w_m", "z_w_m"];
-/// Reference position, world frame.
 pub const POSITION_REFERENCE: Names = ["x_reference_w_m", "y_reference_w_m", "z_reference_w_m"];
-/// Reference less flown, world frame.
 pub const POSITION_ERROR: Names = ["x_error_w_m", "y_error_w_m", "z_error_w_m"];
 /// Distance of the flown position from its reference.
 pub const DISTANCE: &str = "position_error_m";
 /// Rate error e of the inner law, body frame; of a law that shows one.
 pub const RATE_ERROR: Names = ["p_error_b_rad_s", "q_error_b_rad_s", "r_error_b_rad_s"];
-/// Thrust demanded.
 pub const THRUST: &str = "thrust_n";
-/// Torque demanded, body frame.
 pub const TORQUE: Names = ["torque_x_b_nm", "torque_y_b_nm", "torque_z_b_nm"];
-/// Speeds commanded of the rotors.
-pub const ROTORS: [&str; 4] = ["rotor_1_rad_s", "rotor_2_rad_s", "rotor_3_rad_s", "rotor_4_rad_s"];
+pub const ROTORS: [&str; 4] = [
+    "rotor_1_rad_s",
+    "rotor_2_rad_s",
+    "rotor_3_rad_s",
+    "rotor_4_rad_s",
+];
 /// Estimates of I_R, k_r, delta; of a law that has a theorem.
-pub const ESTIMATE: Names = ["i_r_estimated_kg_m2", "k_r_estimated_nm_s", "delta_estimated_rad_s2"];
-/// Their true values.
+pub const ESTIMATE: Names = [
+    "i_r_estimated_kg_m2",
+    "k_r_estimated_nm_s",
+    "delta_estimated_rad_s2",
+];
 pub const ACTUAL: Names = ["i_r_actual_kg_m2", "k_r_actual_nm_s", "delta_actual_rad_s2"];
-/// Estimated less actual.
 pub const ESTIMATE_ERROR: Names = ["i_r_error_kg_m2", "k_r_error_nm_s", "delta_error_rad_s2"];
 /// V and V_th of the theorem, in rad^2/s^2.
 pub const LYAPUNOV: [&str; 2] = ["v", "v_th"];
@@ -46,12 +49,10 @@ pub const WAKE: &str = "wake_plant_us";
 /// From the sampling of the state to the publishing of the rotor command.
 pub const LOOP: &str = "loop_us";
 
-/// A flight over time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Traces {
     /// What was flown, of every tick of which the recorder has all messages.
     pub flight: Group,
-    /// Latencies, of every tick.
     pub timing: Group,
     /// The way flown, for pictures of it from three sides.
     pub path: Path,
@@ -76,16 +77,13 @@ pub struct Group {
 /// A number over time, to five significant digits; none where a stretch has no value.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Trace {
-    /// Smallest of each stretch.
     pub min: Vec<Option<f64>>,
-    /// Largest of each stretch.
     pub max: Vec<Option<f64>>,
 }
 
 /// The way flown, as samples at equal distances in time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Path {
-    /// Tick of each sample.
     pub tick: Vec<u64>,
     /// Position, world frame [m].
     pub position_w_m: Vec<[f64; 3]>,
@@ -93,23 +91,16 @@ pub struct Path {
     pub reference_w_m: Vec<[f64; 3]>,
 }
 
-/// Violations in a stretch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Violations {
-    /// First tick of the stretch.
     pub tick: u64,
-    /// Violating steps in it.
     pub count: u64,
 }
 
-/// A stretch of a channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
-    /// First tick.
     pub tick: u64,
-    /// Smallest value.
     pub min: f64,
-    /// Largest value.
     pub max: f64,
 }
 
@@ -139,7 +130,11 @@ impl Group {
         let trace = self.channels.get(channel);
         self.tick.iter().enumerate().filter_map(move |(i, tick)| {
             let value = |values: &[Option<f64>]| values.get(i).copied().flatten();
-            Some(Span { tick: *tick, min: value(&trace?.min)?, max: value(&trace?.max)? })
+            Some(Span {
+                tick: *tick,
+                min: value(&trace?.min)?,
+                max: value(&trace?.max)?,
+            })
         })
     }
 }

@@ -5,19 +5,19 @@
 //! The reference is a function of time alone, so a state counts even if no set-point was published for its tick. A
 //! flight that nobody controls is far from its reference, not without one.
 
+use crate::laws::FlownLaws;
+use crate::phrase::count;
+use crate::schema::{ControlPerformance, Estimate};
+use controller::{ScaledTrajectory, Trajectory};
+use messages::content::Reference;
+use messages::content::{Setpoint, State, Wrench};
+use messages::parameters::ESTIMATED;
 use std::collections::VecDeque;
 use std::fmt;
 
-use controller::{Course, Trajectory};
-use model::messages::{Setpoint, State};
-use model::reference::Reference;
-
-use crate::text::count;
-
-/// The reference of a flight.
 #[derive(Clone, Copy, Debug)]
 pub struct Tracking {
-    course: Course,
+    course: ScaledTrajectory,
     period_s: f64,
 }
 
@@ -25,12 +25,12 @@ impl Tracking {
     /// Of a trajectory that is flown in ticks of `period_s` [s].
     #[must_use]
     pub const fn of(trajectory: Trajectory, period_s: f64) -> Self {
-        Self::along(Course::of(trajectory), period_s)
+        Self::along(ScaledTrajectory::of(trajectory), period_s)
     }
 
     /// Of a course that is flown in ticks of `period_s` [s].
     #[must_use]
-    pub const fn along(course: Course, period_s: f64) -> Self {
+    pub const fn along(course: ScaledTrajectory, period_s: f64) -> Self {
         Self { course, period_s }
     }
 
@@ -59,7 +59,11 @@ impl Tracking {
     /// True distance of the state of a tick from its reference [m].
     #[must_use]
     pub fn error_m(&self, tick: u64, state: &State) -> f64 {
-        Setpoint { reference: self.reference(tick), ..Setpoint::default() }.position_error_m(state)
+        Setpoint {
+            reference: self.reference(tick),
+            ..Setpoint::default()
+        }
+        .position_error_m(state)
     }
 }
 
@@ -81,7 +85,6 @@ impl TrackingError {
         self.last_m = error_m;
     }
 
-    /// States that were taken.
     #[must_use]
     pub const fn states(&self) -> u64 {
         self.states
@@ -140,11 +143,19 @@ impl RecentStates {
         self.first_tick.get_or_insert(tick);
         self.newest_tick = tick;
         self.lowest_z_m = self.lowest_z_m.min(z_m);
-        while self.errors.back().is_some_and(|(_, earlier)| *earlier <= error_m) {
+        while self
+            .errors
+            .back()
+            .is_some_and(|(_, earlier)| *earlier <= error_m)
+        {
             self.errors.pop_back();
         }
         self.errors.push_back((tick, error_m));
-        while self.errors.front().is_some_and(|(earlier, _)| earlier + self.length_ticks <= tick) {
+        while self
+            .errors
+            .front()
+            .is_some_and(|(earlier, _)| earlier + self.length_ticks <= tick)
+        {
             self.errors.pop_front();
         }
     }
@@ -158,61 +169,158 @@ impl RecentStates {
     /// How long they last [s]: less than [`RECENT_S`] in a short flight.
     #[must_use]
     pub fn length_s(&self) -> f64 {
-        let ticks = self.first_tick.map_or(0, |first| (self.newest_tick - first + 1).min(self.length_ticks));
+        let ticks = self.first_tick.map_or(0, |first| {
+            (self.newest_tick - first + 1).min(self.length_ticks)
+        });
         ticks as f64 * self.period_s
     }
 
     /// Lowest point of the whole flight [m]; 0 without a state.
     #[must_use]
     pub fn lowest_z_m(&self) -> f64 {
-        if self.lowest_z_m.is_finite() { self.lowest_z_m } else { 0.0 }
+        if self.lowest_z_m.is_finite() {
+            self.lowest_z_m
+        } else {
+            0.0
+        }
     }
 }
 
 impl fmt::Display for TrackingError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { states, max_m, last_m, .. } = self;
+        let Self {
+            states,
+            max_m,
+            last_m,
+            ..
+        } = self;
         let rms_m = self.rms_m();
-        write!(f, "rms {rms_m:.4} m, largest {max_m:.4} m, at the end {last_m:.4} m, over {}", count(*states, "state"))
+        write!(
+            f,
+            "rms {rms_m:.4} m, largest {max_m:.4} m, at the end {last_m:.4} m, over {}",
+            count(*states, "state")
+        )
+    }
+}
+
+/// What the messages told so far; truth and estimate are those of the newest ones.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ControlStatistics {
+    pub(super) truth: [f64; 3],
+    pub(super) tracking: TrackingError,
+    /// What the inner law estimates, where it does.
+    pub(super) estimate: Option<[f64; 3]>,
+    /// Length of the newest rate error that was known [rad/s].
+    pub(super) rate_error: Option<f64>,
+    /// Ticks in which a rotor was saturated.
+    pub(super) saturated: u64,
+}
+
+impl ControlStatistics {
+    /// Takes what the inner law shows.
+    pub(super) fn shown(&mut self, laws: &FlownLaws, wrench: &Wrench) {
+        self.estimate = laws.estimates().map(|places| places.of(wrench));
+        let e = laws
+            .rate_error()
+            .map(|places| places.of(wrench).iter().map(|e| e * e).sum::<f64>().sqrt());
+        self.rate_error = e.filter(|e| e.is_finite()).or(self.rate_error);
+    }
+
+    /// The performance so far, with that of the last seconds.
+    pub(super) fn performance(&self, recent: &RecentStates) -> ControlPerformance {
+        ControlPerformance {
+            position_error_rms_m: self.tracking.rms_m(),
+            position_error_max_m: self.tracking.max_m(),
+            position_error_final_m: self.tracking.last_m(),
+            states: self.tracking.states(),
+            ticks_without_state: 0,
+            recent_error_max_m: recent.error_max_m(),
+            recent_s: recent.length_s(),
+            lowest_z_m: recent.lowest_z_m(),
+            rate_error_final_rad_s: self.rate_error,
+            saturated_ticks: self.saturated,
+            estimates: self
+                .estimate
+                .map_or_else(Vec::new, |estimate| self.beside_truth(estimate)),
+        }
+    }
+
+    fn beside_truth(&self, estimate: [f64; 3]) -> Vec<Estimate> {
+        let of = |i: usize| Estimate {
+            name: ESTIMATED[i].name().into(),
+            estimated: estimate[i],
+            actual: self.truth[i],
+        };
+        (0..3).map(of).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use control_api::description::Settings;
+    use control_api::law::Law as _;
+    use control_api::stage::OuterStage as _;
+    use control_api::{GuardedOuter, Rig};
     use controller::laws::Pd;
-    use law::description::Settings;
-    use law::law::Law as _;
-    use law::stage::OuterStage as _;
-    use law::{GuardedOuter, Rig};
-    use model::measured::Measured;
-    use model::messages::{Dated, Truth};
+    use messages::content::Measured;
+    use messages::content::{Stamped, Truth};
 
     use super::*;
 
     #[test]
     fn the_reference_of_a_tick_is_that_of_its_set_point() {
-        let (rig, course) = (Rig::default(), Course::of(Trajectory::Lissajous));
+        let (rig, course) = (Rig::default(), ScaledTrajectory::of(Trajectory::Lissajous));
         let law = Pd::new(&rig, &Settings::default()).unwrap();
         let mut outer = GuardedOuter::new(law.into(), course.route(rig.period_s), &rig);
         let tracking = Tracking::along(course, rig.period_s);
         for tick in [0, 1, 777, 4_999, 5_000, 29_999] {
-            let measured = Measured { position_w_m: [1.0, -2.0, 0.5], ..Measured::default() };
-            let truth = Truth { position_w_m: [1.5, -2.0, 0.5], ..Truth::default() };
-            let content = State { measured, truth, ..State::default() };
-            let setpoint = outer.tick(tick, &Dated { tick, content }).unwrap();
+            let measured = Measured {
+                position_w_m: [1.0, -2.0, 0.5],
+                ..Measured::default()
+            };
+            let truth = Truth {
+                position_w_m: [1.5, -2.0, 0.5],
+                ..Truth::default()
+            };
+            let content = State {
+                measured,
+                truth,
+                ..State::default()
+            };
+            let setpoint = outer.tick(tick, &Stamped { tick, content }).unwrap();
             let bits = |position: [f64; 3]| position.map(f64::to_bits);
-            assert_eq!(bits(tracking.position_w_m(tick)), bits(setpoint.reference.position_w_m), "tick {tick}");
-            assert_eq!(tracking.yaw_rad(tick).to_bits(), setpoint.reference.yaw_rad.to_bits(), "tick {tick}");
-            assert_eq!(tracking.error_m(tick, &content).to_bits(), setpoint.position_error_m(&content).to_bits());
-            let shown = State { measured: Measured::default(), ..content };
-            assert_eq!(tracking.error_m(tick, &shown).to_bits(), tracking.error_m(tick, &content).to_bits());
+            assert_eq!(
+                bits(tracking.position_w_m(tick)),
+                bits(setpoint.reference.position_w_m),
+                "tick {tick}"
+            );
+            assert_eq!(
+                tracking.yaw_rad(tick).to_bits(),
+                setpoint.reference.yaw_rad.to_bits(),
+                "tick {tick}"
+            );
+            assert_eq!(
+                tracking.error_m(tick, &content).to_bits(),
+                setpoint.position_error_m(&content).to_bits()
+            );
+            let shown = State {
+                measured: Measured::default(),
+                ..content
+            };
+            assert_eq!(
+                tracking.error_m(tick, &shown).to_bits(),
+                tracking.error_m(tick, &content).to_bits()
+            );
         }
     }
 
     #[test]
     fn the_end_of_a_flight_is_its_last_seconds_and_its_lowest_point_that_of_all() {
         let mut recent = RecentStates::new(1e-3);
-        assert_eq!((recent.error_max_m(), recent.length_s(), recent.lowest_z_m()), (0.0, 0.0, 0.0));
+        assert_eq!(
+            (recent.error_max_m(), recent.length_s(), recent.lowest_z_m()),
+            (0.0, 0.0, 0.0)
+        );
         for tick in 0..20_000 {
             let error_m = match tick {
                 0..14_999 => 9.0,
@@ -222,10 +330,16 @@ mod tests {
             };
             recent.take(tick, 1.0 + (tick as f64 - 3000.0).abs() / 3000.0, error_m);
             // One of each size at the most.
-            assert!(recent.errors.len() <= 4, "what is not larger than a later one is not kept");
+            assert!(
+                recent.errors.len() <= 4,
+                "what is not larger than a later one is not kept"
+            );
         }
         // Ticks 15 000 to 19 999 are the last 5 s.
-        assert_eq!((recent.error_max_m(), recent.length_s(), recent.lowest_z_m()), (0.5, RECENT_S, 1.0));
+        assert_eq!(
+            (recent.error_max_m(), recent.length_s(), recent.lowest_z_m()),
+            (0.5, RECENT_S, 1.0)
+        );
         recent.take(20_000, 0.0, 1e-4);
         assert_eq!(recent.error_max_m(), 1e-3);
     }
@@ -234,8 +348,13 @@ mod tests {
     fn errors_are_summed_up() {
         let mut error = TrackingError::default();
         assert_eq!((error.states(), error.rms_m()), (0, 0.0));
-        [3.0, 4.0, 0.0].into_iter().for_each(|error_m| error.take(error_m));
-        assert_eq!((error.states(), error.max_m(), error.last_m()), (3, 4.0, 0.0));
+        [3.0, 4.0, 0.0]
+            .into_iter()
+            .for_each(|error_m| error.take(error_m));
+        assert_eq!(
+            (error.states(), error.max_m(), error.last_m()),
+            (3, 4.0, 0.0)
+        );
         assert!((error.rms_m() - (25.0_f64 / 3.0).sqrt()).abs() < 1e-12);
     }
 }

@@ -3,18 +3,22 @@
 //! A thousand ticks per second are real time at 1 kHz, so `thrpt` in Kelem/s is the factor over real time.
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use ironbird::in_process::InProcess;
 use ironbird::settings::Settings;
+use ironbird::simulator::Simulator;
 
 const TICKS: u64 = 20_000;
 
 fn simulate(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("simulate 20 s");
-    group.throughput(Throughput::Elements(TICKS)).sample_size(20);
+    group
+        .throughput(Throughput::Elements(TICKS))
+        .sample_size(20);
     for preset in ["flight", "paper"] {
         let overrides = vec![("flight.preset", toml::Value::from(preset))];
-        let settings = Settings::resolve(None, &overrides).unwrap_or_else(|failure| panic!("{failure}"));
-        let watched = || InProcess::of(&settings).and_then(|rig| Ok(rig.watched(settings.theorem()?)));
+        let settings =
+            Settings::resolve(None, &overrides).unwrap_or_else(|failure| panic!("{failure}"));
+        let watched =
+            || Simulator::of(&settings).and_then(|rig| Ok(rig.with_monitor(settings.theorem()?)));
         group.bench_function(preset, |bencher| {
             bencher.iter_batched_ref(
                 || watched().unwrap_or_else(|failure| panic!("{failure}")),

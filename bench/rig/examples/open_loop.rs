@@ -8,12 +8,12 @@ use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
+use control_api::description::Settings;
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use controller::laws::{INNER, OUTER};
-use controller::{Course, Trajectory};
-use ironbird::in_process::InProcess;
-use law::description::Settings;
-use law::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
-use model::parameters::{Airframe, Parameter};
+use controller::{ScaledTrajectory, Trajectory};
+use ironbird::simulator::Simulator;
+use messages::parameters::{Airframe, Parameter};
 use plant::integrator::{SUBSTEPS, integrate};
 use plant::rigid_body::RigidBody;
 use plant::rotors::{Spin, effort};
@@ -30,7 +30,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<&str> = args.iter().map(String::as_str).collect();
     let result = match args.as_slice() {
         ["work"] => work()?,
-        ["fly", path, steps] => timed(&serde_json::from_slice(&std::fs::read(path)?)?, steps.parse()?)?,
+        ["fly", path, steps] => timed(
+            &serde_json::from_slice(&std::fs::read(path)?)?,
+            steps.parse()?,
+        )?,
         _ => return Err("usage: open_loop work | open_loop fly WORK.json STEPS_PER_TICK".into()),
     };
     println!("{result}");
@@ -40,9 +43,12 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// The nominal airframe without what the peers cannot model.
 fn airframe() -> Result<Airframe, Box<dyn Error>> {
     let mut airframe = Airframe::nominal();
-    for parameter in
-        [Parameter::TranslationalDrag, Parameter::RotationalDrag, Parameter::RotorInertia, Parameter::DisturbanceGain]
-    {
+    for parameter in [
+        Parameter::TranslationalDrag,
+        Parameter::RotationalDrag,
+        Parameter::RotorInertia,
+        Parameter::DisturbanceGain,
+    ] {
         airframe.set(parameter, 0.0)?;
     }
     Ok(airframe)
@@ -50,11 +56,25 @@ fn airframe() -> Result<Airframe, Box<dyn Error>> {
 
 fn work() -> Result<Value, Box<dyn Error>> {
     let airframe = airframe()?;
-    let (rig, defaults) = (Rig { airframe, ..Rig::default() }, Settings::default());
-    let Rig { period_s, rotor, .. } = rig;
-    let route = Course::of(Trajectory::Lissajous).route(period_s);
-    let mut flight = InProcess::new(
-        &plant::PlantSettings { period_s, airframe, rotor, seed: 0, ..plant::PlantSettings::default() },
+    let (rig, defaults) = (
+        Rig {
+            airframe,
+            ..Rig::default()
+        },
+        Settings::default(),
+    );
+    let Rig {
+        period_s, rotor, ..
+    } = rig;
+    let route = ScaledTrajectory::of(Trajectory::Lissajous).route(period_s);
+    let mut flight = Simulator::new(
+        &plant::PlantSettings {
+            period_s,
+            airframe,
+            rotor,
+            seed: 0,
+            ..plant::PlantSettings::default()
+        },
         GuardedOuter::new(OUTER[0].make(&rig, &defaults)?, route, &rig),
         GuardedInner::new(INNER[0].make(&rig, &defaults)?, &rig),
         GuardedMixer::new(mixer::LAWS[0].make(&rig, &defaults)?, &rig),
@@ -89,13 +109,22 @@ fn work() -> Result<Value, Box<dyn Error>> {
 
 fn timed(work: &Value, steps: u32) -> Result<Value, Box<dyn Error>> {
     let airframe = airframe()?;
-    let period_s = work["period_s"].as_f64().ok_or("period_s is not a number")?;
-    let commands = work["commands"].as_array().ok_or("commands is not a list")?;
+    let period_s = work["period_s"]
+        .as_f64()
+        .ok_or("period_s is not a number")?;
+    let commands = work["commands"]
+        .as_array()
+        .ok_or("commands is not a list")?;
     let speeds: Vec<[f64; 4]> = commands
         .iter()
         .map(|command| serde_json::from_value(command["speed_rad_s"].clone()))
         .collect::<Result<_, _>>()?;
-    black_box(fly(&airframe, &speeds[..speeds.len().min(WARM)], period_s, steps));
+    black_box(fly(
+        &airframe,
+        &speeds[..speeds.len().min(WARM)],
+        period_s,
+        steps,
+    ));
     let begin = Instant::now();
     let end = fly(&airframe, black_box(&speeds), period_s, steps);
     let wall_s = begin.elapsed().as_secs_f64();
@@ -106,10 +135,13 @@ fn timed(work: &Value, steps: u32) -> Result<Value, Box<dyn Error>> {
 
 /// The body at the end, from rest in the origin, each set of rotor speeds held for a tick.
 fn fly(airframe: &Airframe, speeds: &[[f64; 4]], period_s: f64, steps: u32) -> RigidBody {
-    speeds.iter().zip(0..).fold(RigidBody::default(), |body, (speed, tick)| {
-        let spin = Spin::new(airframe, (*speed).into(), (*speed).into());
-        integrate(&body, airframe, &spin, tick, period_s, steps)
-    })
+    speeds
+        .iter()
+        .zip(0..)
+        .fold(RigidBody::default(), |body, (speed, tick)| {
+            let spin = Spin::new(airframe, (*speed).into(), (*speed).into());
+            integrate(&body, airframe, &spin, tick, period_s, steps)
+        })
 }
 
 fn end_state(body: &RigidBody) -> Value {

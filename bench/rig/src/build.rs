@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 
 use flight_log::build::Build;
-use model::guards::IS_MUTANT;
+use messages::checks::IS_MUTANT;
 
 /// This executable as `--version` names it.
 pub static VERSION: LazyLock<String> = LazyLock::new(|| here().to_string());
@@ -29,7 +29,11 @@ pub fn here() -> Build {
 }
 
 fn told_profile(profile: &str, is_mutant: bool) -> String {
-    if is_mutant { format!("{profile}-mutant") } else { profile.into() }
+    if is_mutant {
+        format!("{profile}-mutant")
+    } else {
+        profile.into()
+    }
 }
 
 #[cfg(test)]

@@ -3,20 +3,19 @@
 //! The file, its draws and its tables are the crate `campaign`. Here is what flies: each flight is that of `ironbird
 //! simulate` with the same settings, bit for bit.
 
-mod again;
 mod array;
-mod audit;
+mod batch;
 mod check;
 mod directory;
-mod flown;
-mod plan;
+mod flight_settings;
+mod refly;
+mod results;
 mod run;
 mod status;
 mod submit;
 mod timings;
-mod told;
 
-use failure::Failure;
+use errors::Failure;
 
 use crate::cli::CampaignCommand;
 
@@ -30,8 +29,8 @@ pub fn campaign(command: &CampaignCommand) -> Result<u8, Failure> {
         CampaignCommand::Check(args) => check::check(args),
         CampaignCommand::Status(args) => status::status(args),
         CampaignCommand::Merge(args) => status::merge(args),
-        CampaignCommand::Report(args) => told::report(args),
+        CampaignCommand::Report(args) => results::report(args),
         CampaignCommand::Submit(args) => submit::submit(args),
-        CampaignCommand::Fly(args) => again::fly(args),
+        CampaignCommand::Fly(args) => refly::fly(args),
     }
 }

@@ -1,41 +1,50 @@
-//! Combinations of laws that are flown side by side: every outer law with every inner law and mixer.
+//! Combinations of laws: every outer law with every inner law and mixer.
 
-use model::role::Role;
-use report::comparison::page::COMBINATIONS_MAX;
+use messages::role::Role;
+use report::render::comparison_page::COMBINATIONS_MAX;
 use toml::Value;
 
 use crate::settings::{Overrides, Settings};
-use failure::Failure;
+use errors::Failure;
 
-/// Every outer law with every inner law and mixer, as settings.
-///
-/// # Errors
-/// Usage: a law is named twice, or there are too many combinations.
 pub fn of(outer: &[String], inner: &[String], mixer: &[String]) -> Result<Vec<Overrides>, Failure> {
     let mut all = vec![Overrides::new()];
-    for (role, key, names) in
-        [(Role::Outer, "outer.law", outer), (Role::Mixer, "mixer.law", mixer), (Role::Inner, "inner.law", inner)]
-    {
-        if let Some((_, twice)) = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
-            return Err(Failure::usage(format!("the {role} law `{twice}` is named twice"))
-                .help(format!("name each law once; `ironbird laws` lists those that --{role} can name")));
+    for (role, key, names) in [
+        (Role::Outer, "outer.law", outer),
+        (Role::Mixer, "mixer.law", mixer),
+        (Role::Inner, "inner.law", inner),
+    ] {
+        if let Some((_, twice)) = names
+            .iter()
+            .enumerate()
+            .find(|(i, name)| names[..*i].contains(name))
+        {
+            return Err(
+                Failure::usage(format!("the {role} law `{twice}` is named twice")).help(format!(
+                    "name each law once; `ironbird laws` lists those that --{role} can name"
+                )),
+            );
         }
         if !names.is_empty() {
-            let with = |set: &Overrides, name: &String| [set.clone(), vec![(key, Value::from(name.clone()))]].concat();
-            all = all.iter().flat_map(|set| names.iter().map(move |name| with(set, name))).collect();
+            let with = |set: &Overrides, name: &String| {
+                [set.clone(), vec![(key, Value::from(name.clone()))]].concat()
+            };
+            all = all
+                .iter()
+                .flat_map(|set| names.iter().map(move |name| with(set, name)))
+                .collect();
         }
     }
     match all.len() {
         1..=COMBINATIONS_MAX => Ok(all),
-        more => Err(Failure::usage(format!("{more} combinations of laws: allowed are {COMBINATIONS_MAX}"))
-            .help("every outer law is flown with every inner law and mixer: name fewer of them")),
+        more => Err(Failure::usage(format!(
+            "{more} combinations of laws: allowed are {COMBINATIONS_MAX}"
+        ))
+        .help("name fewer laws: every outer law is flown with every inner law and mixer")),
     }
 }
 
-/// Refuses combinations that nobody could tell apart: laws of two files may have one name.
-///
-/// # Errors
-/// Usage names both.
+/// Refuses combinations with the same name: two library files may hold laws of one name.
 pub fn check_names(combinations: &[Overrides], settings: &[Settings]) -> Result<(), Failure> {
     let mut seen: Vec<([&str; 3], &Overrides)> = Vec::new();
     for (set, settings) in combinations.iter().zip(settings) {
@@ -49,7 +58,7 @@ pub fn check_names(combinations: &[Overrides], settings: &[Settings]) -> Result<
             return Err(Failure::usage(format!(
                 "{first} and {second} have one name: both would be told as {outer} + {inner} + {mixer}"
             ))
-            .help("give one of the two laws another name: a comparison tells laws apart by it"));
+            .help("give one of the two laws another name"));
         }
         seen.push((names, set));
     }

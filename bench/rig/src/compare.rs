@@ -1,60 +1,62 @@
-//! `ironbird compare`: flies one flight with several combinations of laws, side by side.
+//! `ironbird compare`: simulates one flight with several combinations of laws.
 //!
-//! Each flight is that of `ironbird simulate` with the same options, bit for bit: one law is one function, and no flight
-//! knows of the others. The processors share them out.
+//! Each flight equals `ironbird simulate` with the same options bit for bit. Flights are independent and spread over the
+//! CPUs.
 
-mod table;
+mod fault_table;
 
-use report::comparison::tally::Tally;
-use report::comparison::{Comparison, Fault, Flight, Laws, Outcome, SCHEMA, page, text};
+use report::comparison::{Comparison, Fault, Flight, Laws, Outcome, SCHEMA};
+use report::flight_metrics::ComparedFlight;
 use report::json;
+use report::render::{comparison_page, comparison_text};
 use report::tracking::Tracking;
 
 use crate::build;
 use crate::cli::{CompareArgs, DiffFormat};
 use crate::combinations;
-use crate::in_process::InProcess;
+use crate::invalid_outputs::InvalidOutputs;
 use crate::output::{print, say};
 use crate::parallel::{on_processors, processors};
 use crate::settings::{Overrides, Settings};
 use crate::simulate;
-use crate::unusable::Unusable;
-use failure::{Failure, OK, check_writable, write_text};
+use crate::simulator::Simulator;
+use errors::{Failure, OK, check_writable, write_text};
 
-/// Ticks at the most: every error of every flight is kept until the end.
+/// Longest flight [ticks]: all position errors are kept in memory.
 const TICKS_MAX: u64 = 1_000_000;
 
-/// Compares.
+/// Compares laws.
 ///
 /// # Errors
 /// Usage: laws that are unknown, named twice, too few or too many; a flight that is too long. A file that cannot be
 /// written.
 pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
     check_writable("--page", args.page.as_deref())?;
-    let combinations = combinations::of(&args.outer, &args.inner, &args.mixer)?;
+    let combinations = combinations::of(&args.laws.outer, &args.laws.inner, &args.laws.mixer)?;
     if combinations.len() == 1 {
-        return Err(Failure::usage("one combination of laws is nothing to compare")
-            .help("name two laws or more, as in --inner adaptive --inner indi; `ironbird laws` lists them"));
+        return Err(Failure::usage("only one combination of laws: nothing to compare")
+            .help("name at least two laws, for example --inner adaptive --inner indi; `ironbird laws` lists them"));
     }
     if let Some(path) = &args.table {
-        print(&table::tables(args, &combinations, path)?)?;
+        print(&fault_table::tables(args, &combinations, path)?)?;
         return Ok(OK);
     }
     let plan = Plan::new(args, &combinations, &args.course.overrides())?;
     warn(&plan)?;
     let comparison = flown(&[plan])?.remove(0);
     if let Some(path) = &args.page {
-        write_text(path, &page::render(&comparison))?;
+        write_text(path, &comparison_page::render(&comparison))?;
         say(&format!("written: {}\n", path.display()));
     }
     match args.format {
-        DiffFormat::Text => print(&text::render(&comparison))?,
-        DiffFormat::Json => print(&(json::to_string(&comparison).map_err(|e| Failure::failed(e.to_string()))? + "\n"))?,
+        DiffFormat::Text => print(&comparison_text::render(&comparison))?,
+        DiffFormat::Json => print(
+            &(json::to_string(&comparison).map_err(|e| Failure::failed(e.to_string()))? + "\n"),
+        )?,
     }
     Ok(OK)
 }
 
-/// A flight for each combination.
 #[derive(Debug)]
 struct Plan {
     flight: Flight,
@@ -62,10 +64,17 @@ struct Plan {
 }
 
 impl Plan {
-    /// The flight that the settings file and `overrides` describe, by combinations of which there is at least one.
-    fn new(args: &CompareArgs, combinations: &[Overrides], overrides: &Overrides) -> Result<Self, Failure> {
+    /// The flight of the settings file and `overrides`, for at least one combination of laws.
+    fn new(
+        args: &CompareArgs,
+        combinations: &[Overrides],
+        overrides: &Overrides,
+    ) -> Result<Self, Failure> {
         let resolve = |laws: &Overrides| {
-            Settings::resolve(args.course.config.as_deref(), &[overrides.clone(), laws.clone()].concat())
+            Settings::resolve(
+                args.course.config.as_deref(),
+                &[overrides.clone(), laws.clone()].concat(),
+            )
         };
         let settings: Vec<Settings> = combinations.iter().map(resolve).collect::<Result<_, _>>()?;
         combinations::check_names(combinations, &settings)?;
@@ -92,23 +101,32 @@ impl Plan {
     }
 }
 
-/// The faults of a flight in order, those of one tick as one.
+/// The faults in order, merged by tick.
 fn faults(settings: &Settings) -> Result<Vec<Fault>, Failure> {
     let period_s = settings.flight.period_s;
-    let typed = settings.typed_faults().map_err(|e| Failure::usage(format!("fault: {e}")))?;
-    let mut all: Vec<(u64, String)> = typed.iter().map(|fault| (fault.from.tick(period_s), fault.what())).collect();
+    let typed = settings
+        .typed_faults()
+        .map_err(|e| Failure::usage(format!("fault: {e}")))?;
+    let mut all: Vec<(u64, String)> = typed
+        .iter()
+        .map(|fault| (fault.from.tick(period_s), fault.what()))
+        .collect();
     all.sort_by_key(|(tick, _)| *tick);
     let mut faults: Vec<Fault> = Vec::new();
     for (tick, what) in all {
         match faults.last_mut().filter(|last| last.tick == tick) {
             Some(last) => last.what += &format!(",{what}"),
-            None => faults.push(Fault { tick, time_s: tick as f64 * period_s, what }),
+            None => faults.push(Fault {
+                tick,
+                time_s: tick as f64 * period_s,
+                what,
+            }),
         }
     }
     Ok(faults)
 }
 
-/// Says what the flights ask for beyond their limits, once where it is the same for all.
+/// Prints warnings, once if they are the same for all laws.
 fn warn(plan: &Plan) -> Result<(), Failure> {
     let mut said: Vec<String> = Vec::new();
     for settings in &plan.settings {
@@ -122,25 +140,42 @@ fn warn(plan: &Plan) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The outcomes of some plans, whose flights are shared out among the processors.
+/// Flies all plans on all CPUs.
 fn flown(plans: &[Plan]) -> Result<Vec<Comparison>, Failure> {
-    let flights: Vec<_> =
-        plans.iter().flat_map(|plan| plan.settings.iter().map(move |it| (&plan.flight, it))).collect();
-    let mut outcomes =
-        on_processors(&flights, processors(), |(flight, settings)| fly(flight, settings), |_| ()).into_iter();
+    let flights: Vec<_> = plans
+        .iter()
+        .flat_map(|plan| plan.settings.iter().map(move |it| (&plan.flight, it)))
+        .collect();
+    let mut outcomes = on_processors(
+        &flights,
+        processors(),
+        |(flight, settings)| fly(flight, settings),
+        |_| (),
+    )
+    .into_iter();
     let compared = |plan: &Plan| {
-        let outcomes = outcomes.by_ref().take(plan.settings.len()).collect::<Result<_, _>>()?;
-        Ok(Comparison { schema: SCHEMA, build: build::here(), flight: plan.flight.clone(), outcomes })
+        let outcomes = outcomes
+            .by_ref()
+            .take(plan.settings.len())
+            .collect::<Result<_, _>>()?;
+        Ok(Comparison {
+            schema: SCHEMA,
+            build: build::here(),
+            flight: plan.flight.clone(),
+            outcomes,
+        })
     };
     plans.iter().map(compared).collect()
 }
 
-/// Flies as `ironbird simulate` does.
 fn fly(flight: &Flight, settings: &Settings) -> Result<Outcome, Failure> {
     let airframe = settings.airframe()?;
-    let mut tally = Tally::new(Tracking::along(settings.course()?, flight.period_s), &airframe);
-    let mut rig = InProcess::of(settings)?;
-    let mut unusable = Unusable::default();
+    let mut tally = ComparedFlight::new(
+        Tracking::along(settings.course()?, flight.period_s),
+        &airframe,
+    );
+    let mut rig = Simulator::of(settings)?;
+    let mut unusable = InvalidOutputs::default();
     let flown = simulate::fly(&mut rig, settings, |rig| {
         unusable.take(rig);
         tally.take(rig.flown_tick(), rig.state(), rig.rotor_speeds());
@@ -148,9 +183,14 @@ fn fly(flight: &Flight, settings: &Settings) -> Result<Outcome, Failure> {
     })?;
     let [outer, inner, mixer] = settings.laws()?.map(|law| law.name.to_owned());
     Ok(Outcome {
-        laws: Laws { outer, inner, mixer },
+        laws: Laws {
+            outer,
+            inner,
+            mixer,
+        },
         ticks: flown.ticks,
-        ended_early_s: (flown.ticks <= flight.last_tick).then(|| flight.time_s(flown.ticks.saturating_sub(1))),
+        ended_early_s: (flown.ticks <= flight.last_tick)
+            .then(|| flight.time_s(flown.ticks.saturating_sub(1))),
         lost: flown.departure,
         unusable: unusable.sentences(settings)?,
         figures: tally.figures(flight),

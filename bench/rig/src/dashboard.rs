@@ -1,7 +1,7 @@
-//! The dashboard of `fly --watch`: a process in the launcher's terminal.
+//! The dashboard of `fly --watch`: a child process in the supervisor's terminal.
 //!
-//! The launcher goes on when the user leaves the dashboard. Before the launcher prints, the terminal is as it was, even
-//! if the dashboard was killed.
+//! The supervisor continues when the user leaves the dashboard. It restores the terminal before it prints, even if the
+//! dashboard was killed.
 
 use std::io;
 use std::io::IsTerminal as _;
@@ -10,43 +10,48 @@ use std::process::{Child, Command};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use ipc::instance::Instance;
 use ratatui::crossterm::cursor::Show;
 use ratatui::crossterm::execute;
 use ratatui::crossterm::terminal::LeaveAlternateScreen;
 use rustix::process::{Pid, Signal, getpgrp, kill_process};
 use rustix::termios::{OptionalActions, Termios, tcgetattr, tcgetpgrp, tcsetattr};
-use wire::instance::Instance;
 
-use failure::Failure;
+use errors::Failure;
 
-/// How long it may take to see the flight's end, and then to give the terminal back.
-const LEAVING: Duration = Duration::from_secs(1);
+/// How long the dashboard may take to notice the end of the flight and to restore the terminal.
+const EXIT_TIMEOUT: Duration = Duration::from_secs(1);
 const LOOK_EVERY: Duration = Duration::from_millis(10);
 
-/// A dashboard that is open or was.
 #[derive(Debug)]
 pub struct Dashboard {
     child: Child,
-    /// What the terminal was before; none where there is none, and when it has been given back.
+    /// The terminal's original mode; none without a terminal, and after it has been restored.
     before: Option<Termios>,
 }
 
 impl Dashboard {
-    /// Opens it; `executable` is ironbird's own.
-    ///
-    /// # Errors
-    /// [`Failure`] with the system's reason.
     pub fn open(executable: &Path, instance: &Instance) -> Result<Self, Failure> {
         let has_terminal = io::stdin().is_terminal() && io::stdout().is_terminal();
-        let before = if has_terminal { tcgetattr(io::stdin()).ok() } else { None };
+        let before = if has_terminal {
+            tcgetattr(io::stdin()).ok()
+        } else {
+            None
+        };
         let child = Command::new(executable)
-            .args(["watch", "--instance", instance.name(), "--launcher", &std::process::id().to_string()])
+            .args([
+                "watch",
+                "--instance",
+                instance.name(),
+                "--launcher",
+                &std::process::id().to_string(),
+            ])
             .spawn()
             .map_err(|e| Failure::failed(format!("cannot start the dashboard: {e}")))?;
         Ok(Self { child, before })
     }
 
-    /// Whether it still has the terminal, which is restored where the dashboard could not do so itself.
+    /// Whether the dashboard still runs. Restores the terminal if the dashboard was killed.
     pub fn is_open(&mut self) -> bool {
         let status = match self.child.try_wait() {
             Ok(None) => return true,
@@ -59,7 +64,7 @@ impl Dashboard {
         false
     }
 
-    /// Waits for its end, which the flight's end brings; tells it to end where that does not.
+    /// Waits until the dashboard ends with the flight; otherwise ends it.
     pub fn close(&mut self) {
         if self.has_left() {
             return;
@@ -69,7 +74,6 @@ impl Dashboard {
             let _ = kill_process(pid, Signal::TERM);
         }
         if !self.has_left() {
-            // Only a process that has ended already resists.
             let _ = self.child.kill();
             let _ = self.child.wait();
             self.is_open();
@@ -77,7 +81,7 @@ impl Dashboard {
     }
 
     fn has_left(&mut self) -> bool {
-        let until = Instant::now() + LEAVING;
+        let until = Instant::now() + EXIT_TIMEOUT;
         while self.is_open() {
             if Instant::now() >= until {
                 return false;
@@ -88,11 +92,10 @@ impl Dashboard {
     }
 }
 
-/// Gives the terminal back as it was.
 fn restore(before: &Termios) {
-    // Whoever does so in the background is stopped for it.
+    // A background process that did this would be stopped.
     if tcgetpgrp(io::stdin()).is_ok_and(|foreground| foreground == getpgrp()) {
-        // A terminal that has been closed needs nothing.
+        // A closed terminal needs no restoring.
         let _ = tcsetattr(io::stdin(), OptionalActions::Now, before);
     }
     let _ = execute!(io::stdout(), LeaveAlternateScreen, Show);

@@ -4,40 +4,21 @@ use std::io::IsTerminal as _;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use clap::Args;
-use failure::{Failure, GATE, OK};
-use machine::Machine;
-use machine::doctor::measured::MeasuredMachine;
-use machine::doctor::{examine, text};
-use machine::executable::own_executable;
-use model::role::Role;
+use errors::{Failure, GATE, OK};
+use host::Machine;
+use host::doctor::measured::MeasuredMachine;
+use host::doctor::{examine, text};
+use host::executable::own_executable;
+use messages::role::Role;
 use report::finding::RealtimeClass;
 
-use crate::cli::values;
+use crate::cli::DoctorArgs;
 use crate::output::{print, say};
 use crate::settings::{Settings, check_cpu};
 
-/// Flags of `doctor`.
-#[derive(Clone, Debug, Args)]
-pub struct DoctorArgs {
-    /// Print JSON.
-    #[arg(long)]
-    pub json: bool,
-    /// Measure the timer and the ring for this long each: 0.001 to 3600 s.
-    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, allow_hyphen_values = true)]
-    pub seconds: f64,
-    /// Processor of the four loops [default: the highest-numbered one].
-    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::processor)]
-    pub cpu: Option<u16>,
-}
-
-/// What `--seconds` may be [s]: one tick of the measurement to an hour.
+/// Allowed range of `--seconds` [s]: from one tick of the measurement to an hour.
 const SECONDS: RangeInclusive<f64> = 0.001..=3600.0;
 
-/// Examines this machine and prints what was found.
-///
-/// # Errors
-/// Usage, where the time to measure holds no tick; [`Failure`] where the measurement failed.
 pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     let settings = Settings::resolve(None, &Vec::new())?;
     let priority = settings.rt.priority;
@@ -47,19 +28,61 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     let executable = own_executable()?;
     if !SECONDS.contains(&args.seconds) {
         let (least, most) = (SECONDS.start(), SECONDS.end());
-        return Err(Failure::usage(format!("--seconds {}: allowed are {least} to {most} s", args.seconds))
-            .help("for example: --seconds 5"));
+        return Err(Failure::usage(format!(
+            "--seconds {}: allowed are {least} to {most} s",
+            short(args.seconds)
+        ))
+        .help("for example: --seconds 5"));
     }
     let duration = Duration::from_secs_f64(args.seconds);
     if std::io::stderr().is_terminal() {
-        say(&format!("measuring a timer and a ring of processes, {} s each\n", args.seconds));
+        say(&format!(
+            "measuring a timer and a ring of processes, {} s each\n",
+            args.seconds
+        ));
     }
-    let examination = examine(&machine, Some(MeasuredMachine::take(&executable, duration, priority, cpu)?));
+    let examination = examine(
+        &machine,
+        Some(MeasuredMachine::take(&executable, duration, priority, cpu)?),
+    );
     if args.json {
-        let json = serde_json::to_string_pretty(&examination).map_err(|e| Failure::failed(e.to_string()))?;
+        let json = serde_json::to_string_pretty(&examination)
+            .map_err(|e| Failure::failed(e.to_string()))?;
         print(&(json + "\n"))?;
     } else {
         print(&text::render(&examination))?;
     }
-    Ok(if examination.diagnosis.verdict == RealtimeClass::NotRealTime { GATE } else { OK })
+    Ok(
+        if examination.diagnosis.verdict == RealtimeClass::NotRealTime {
+            GATE
+        } else {
+            OK
+        },
+    )
+}
+
+/// A number as text, in scientific notation where digits alone would fill lines.
+fn short(number: f64) -> String {
+    if number.abs() < 1e9 {
+        number.to_string()
+    } else {
+        format!("{number:e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_huge_number_is_shown_in_scientific_notation() {
+        assert_eq!([0.5, 3601.0, 1e300].map(short), ["0.5", "3601", "1e300"]);
+        let args = DoctorArgs {
+            json: false,
+            seconds: 1e300,
+            cpu: None,
+        };
+        let failure = doctor(&args).unwrap_err().to_string();
+        assert!(failure.starts_with("--seconds 1e300: "), "{failure}");
+    }
 }

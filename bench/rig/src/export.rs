@@ -1,111 +1,132 @@
-//! `ironbird export`: the messages of a flight as CSV or JSON, for tools that cannot read MCAP, and the work of its
-//! stages as a Perfetto trace.
+//! `ironbird export`: the messages of a flight as CSV or JSON, for tools that cannot read MCAP, and the stages'
+//! execution times as a Perfetto trace.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use model::envelope::Message;
-use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::monitor::Monitor;
-use model::topic::Topic;
+use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::header::Message;
+use messages::monitor::Monitor;
+use messages::topic::Topic;
 
 use crate::cli::{ExportArgs, ExportFormat};
 use crate::output::{print, say};
 use crate::run_directory::find_log;
-use failure::{Failure, InFile as _, OK, replace};
+use errors::{Failure, InFile as _, OK, replace};
 use flight_log::codec::Logged;
 use flight_log::entry::LogEntry;
-use flight_log::perfetto::{self, PerfettoWriter};
+use flight_log::perfetto;
+use flight_log::perfetto::PerfettoWriter;
 use flight_log::reader::{End, Kept, LogReader};
-use flight_log::telemetry::TELEMETRY_TOPICS;
-use flight_log::{TOPICS, rows};
-use report::text::count;
+use flight_log::{TOPICS, rows, topics};
+use report::phrase::count;
 
-/// Directory of an export's tables in that of its flight.
+/// Subdirectory of the run directory for the exported tables.
 pub const DIRECTORY: &str = "export";
 
-/// Whether an export leaves a table of this name.
+/// Whether an export creates a file of this name.
 #[must_use]
 pub fn is_ours(name: &str) -> bool {
     let formats = [TableFormat::Csv, TableFormat::Json];
-    topics().any(|topic| formats.iter().any(|format| name == format!("{topic}.{}", format.extension())))
+    topics().any(|topic| {
+        formats
+            .iter()
+            .any(|format| name == format!("{topic}.{}", format.extension()))
+    })
 }
 
-/// Every topic that a log may have.
-pub fn topics() -> impl Iterator<Item = &'static str> {
-    TOPICS.into_iter().chain(TELEMETRY_TOPICS)
-}
-
-/// Exports.
-///
-/// # Errors
-/// Usage, where there is no such flight or it has no log; a log that is damaged; a file that cannot be written.
 pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     let path = find_log(&args.run, args.out.as_deref())?;
     let mut reader = LogReader::open(&path)?;
-    let beside = path.parent().unwrap_or(Path::new("."));
+    let run_directory = path.parent().unwrap_or(Path::new("."));
     let format = match args.format {
         ExportFormat::Csv => TableFormat::Csv,
         ExportFormat::Json => TableFormat::Json,
         ExportFormat::Perfetto if args.topic.is_some() => {
-            return Err(Failure::usage("a Perfetto trace is of all stages, not of one topic").help("leave --topic out"));
+            return Err(
+                Failure::usage("a Perfetto trace contains all stages, not one topic")
+                    .help("omit --topic"),
+            );
         }
-        ExportFormat::Perfetto => return trace(&mut reader, args.to.as_deref().unwrap_or(beside)),
+        ExportFormat::Perfetto => {
+            return trace(&mut reader, args.to.as_deref().unwrap_or(run_directory));
+        }
     };
     let mut tables = match &args.topic {
         Some(topic) => Tables::one(topic, format)?,
-        None => Tables::all(args.to.clone().unwrap_or_else(|| beside.join(DIRECTORY)), format)?,
+        None => Tables::all(
+            args.to
+                .clone()
+                .unwrap_or_else(|| run_directory.join(DIRECTORY)),
+            format,
+        )?,
     };
-    // What stands before a damage is exported, and the damage said.
+    // Everything before a damaged part is exported, then the damage is reported.
     let read = tables.fill(&mut reader).and_then(|()| tables.finish());
     print(&tables.summary())?;
     read?;
-    if let Some(topic) = args.topic.as_deref().filter(|topic| tables.is_read && !tables.open.contains_key(topic)) {
+    if let Some(topic) = args
+        .topic
+        .as_deref()
+        .filter(|topic| tables.is_read && !tables.open.contains_key(topic))
+    {
         let role = topic.split('_').next().unwrap_or_default();
         return Err(Failure::usage(format!(
-            "{} has no topic {topic}: the {role} law that flew shows nothing",
+            "{} has no topic {topic}: the {role} law of this flight publishes no signals",
             path.display()
         ))
-        .help("`ironbird laws NAME` lists what a law shows; `ironbird export` without --topic writes what there is"));
+        .help("`ironbird laws NAME` lists a law's signals; `ironbird export` without --topic exports every topic"));
     }
-    // Who closes the pipe has not seen the end, and has not asked for it.
+    // A reader that closed the pipe did not want the end.
     if tables.is_read {
-        say_what_is_missing(&reader)?;
+        print_missing(&reader)?;
     }
     Ok(OK)
 }
 
-/// Says what an export lacks, from what the log tells of itself.
-fn say_what_is_missing(reader: &LogReader) -> Result<(), Failure> {
-    let Ok(Kept { around_ticks, files_before }) = reader.kept() else { return Ok(()) };
+/// Prints what the log, and therefore the export, lacks.
+fn print_missing(reader: &LogReader) -> Result<(), Failure> {
+    let Ok(Kept {
+        around_ticks,
+        files_before,
+    }) = reader.kept()
+    else {
+        return Ok(());
+    };
     let path = reader.path();
     if let Some(ticks) = around_ticks {
         say(&format!(
-            "{} keeps excerpts: {ticks} ticks before and after missed deadlines, swaps, take-off and landing\n",
+            "{} contains excerpts: {ticks} ticks before and after missed deadlines, parameter changes, take-off and landing\n",
             path.display()
         ));
     }
     if files_before > 0 {
-        say(&format!("{} is not the log's first file; missing before it: {files_before}\n", path.display()));
+        say(&format!(
+            "{} is not the first file of the log; earlier files missing: {files_before}\n",
+            path.display()
+        ));
     }
     if reader.end() == End::Truncated {
         say(&format!(
-            "{} is truncated: its end is missing; exported is what the recorder had written before\n",
+            "{} is truncated; everything up to that point was exported\n",
             path.display()
         ));
     }
     for (topic, missing) in reader.missing()? {
         let missing = count(missing, "message");
-        say(&format!("{} lacks {missing} of topic {topic}: the disk had no room for them\n", path.display()));
+        say(&format!(
+            "{} lacks {missing} of topic {topic}: the disk was full\n",
+            path.display()
+        ));
     }
     Ok(())
 }
 
-/// Writes the stages' work as a Perfetto trace.
+/// Writes the stages' execution times as a Perfetto trace.
 fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
-    make(directory)?;
+    create_directory(directory)?;
     let path = directory.join(perfetto::FILE);
     let file = replace(&path)?;
     let mut writer = PerfettoWriter::new(BufWriter::new(file)).in_file("write", &path)?;
@@ -113,7 +134,7 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
         let entry = match reader.next_entry() {
             Ok(Some(entry)) => entry,
             Ok(None) => break Ok(()),
-            // What stands before the damage is exported.
+            // Everything before the damage is exported.
             Err(failure) => break Err(failure),
         };
         match entry {
@@ -127,20 +148,24 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
         .in_file("write", &path)?;
     };
     writer.finish().in_file("write", &path)?;
-    print(&format!("{:>8} slices, {} instants  {}\n", writer.slices, writer.instants, path.display()))?;
+    print(&format!(
+        "{:>8} slices, {} instants  {}\n",
+        writer.slices,
+        writer.instants,
+        path.display()
+    ))?;
     read?;
-    say_what_is_missing(reader)?;
+    print_missing(reader)?;
     Ok(OK)
 }
 
-fn make(directory: &Path) -> Result<(), Failure> {
+fn create_directory(directory: &Path) -> Result<(), Failure> {
     fs::create_dir_all(directory).map_err(|e| {
         Failure::usage(format!("cannot export into {}: {e}", directory.display()))
-            .help("name a directory that you can write: --to DIR")
+            .help("name a writable directory: --to DIR")
     })
 }
 
-/// How messages are written.
 #[derive(Clone, Copy)]
 enum TableFormat {
     Csv,
@@ -148,7 +173,6 @@ enum TableFormat {
 }
 
 impl TableFormat {
-    /// How its files end.
     const fn extension(self) -> &'static str {
         match self {
             Self::Csv => "csv",
@@ -159,13 +183,10 @@ impl TableFormat {
 
 struct Tables {
     format: TableFormat,
-    /// Where they lie; none for standard output.
+    /// None for standard output.
     directory: Option<PathBuf>,
-    /// Topics that are wanted.
     wanted: Vec<&'static str>,
-    /// Those that have begun.
     open: BTreeMap<&'static str, Table>,
-    /// Whether somebody still reads.
     is_read: bool,
 }
 
@@ -175,8 +196,12 @@ struct Table {
 }
 
 impl Table {
-    /// With the line that names the columns, also where no message follows.
-    fn new(columns: &[String], format: TableFormat, out: impl Write + 'static) -> (Self, io::Result<()>) {
+    /// Writes the header line, also if no message follows.
+    fn new(
+        columns: &[String],
+        format: TableFormat,
+        out: impl Write + 'static,
+    ) -> (Self, io::Result<()>) {
         let mut out: Box<dyn Write> = Box::new(BufWriter::new(out));
         let begun = match format {
             TableFormat::Csv => writeln!(out, "{}", columns.join(",")),
@@ -186,7 +211,6 @@ impl Table {
     }
 }
 
-/// Columns of a topic.
 fn columns(topic: &str) -> Vec<String> {
     match topic {
         State::NAME => rows::columns::<State>(),
@@ -199,29 +223,47 @@ fn columns(topic: &str) -> Vec<String> {
 }
 
 impl Tables {
-    /// One, on standard output; of what a law shows, once the log has said what that is.
+    /// One table, on standard output. The columns of a law's signals are known once the log has been opened.
     fn one(topic: &str, format: TableFormat) -> Result<Self, Failure> {
         let wanted = topics().filter(|name| *name == topic).collect();
-        let mut tables = Self { format, directory: None, wanted, open: BTreeMap::new(), is_read: true };
+        let mut tables = Self {
+            format,
+            directory: None,
+            wanted,
+            open: BTreeMap::new(),
+            is_read: true,
+        };
         tables.begin_all()?;
         Ok(tables)
     }
 
     fn all(directory: PathBuf, format: TableFormat) -> Result<Self, Failure> {
-        make(&directory)?;
+        create_directory(&directory)?;
         let wanted = topics().collect();
-        let mut tables = Self { format, directory: Some(directory), wanted, open: BTreeMap::new(), is_read: true };
+        let mut tables = Self {
+            format,
+            directory: Some(directory),
+            wanted,
+            open: BTreeMap::new(),
+            is_read: true,
+        };
         tables.begin_all()?;
         Ok(tables)
     }
 
-    /// Begins the tables whose columns are known before the log is read.
+    /// Starts the tables whose columns are known before the log is read.
     fn begin_all(&mut self) -> Result<(), Failure> {
-        TOPICS.into_iter().try_for_each(|topic| self.begin(topic, || columns(topic)))
+        TOPICS
+            .into_iter()
+            .try_for_each(|topic| self.begin(topic, || columns(topic)))
     }
 
-    /// Begins a table, where it is wanted and has not begun.
-    fn begin(&mut self, topic: &'static str, columns: impl FnOnce() -> Vec<String>) -> Result<(), Failure> {
+    /// Starts a table if it is wanted and not started yet.
+    fn begin(
+        &mut self,
+        topic: &'static str,
+        columns: impl FnOnce() -> Vec<String>,
+    ) -> Result<(), Failure> {
         if self.open.contains_key(topic) || !self.wanted.contains(&topic) {
             return Ok(());
         }
@@ -235,9 +277,13 @@ impl Tables {
         begun.in_file("write", &path)
     }
 
-    /// The file of a topic; none where it goes to standard output.
+    /// The file of a topic; none for standard output.
     fn path(&self, topic: &str) -> Option<PathBuf> {
-        Some(self.directory.as_ref()?.join(format!("{topic}.{}", self.format.extension())))
+        Some(
+            self.directory
+                .as_ref()?
+                .join(format!("{topic}.{}", self.format.extension())),
+        )
     }
 
     fn fill(&mut self, reader: &mut LogReader) -> Result<(), Failure> {
@@ -254,14 +300,19 @@ impl Tables {
         Ok(())
     }
 
-    /// Writes a message, and what its law shows.
-    fn write<C: Logged>(&mut self, reader: &LogReader, message: &Message<C>) -> Result<(), Failure> {
+    /// Writes a message and the signals of its law.
+    fn write<C: Logged>(
+        &mut self,
+        reader: &LogReader,
+        message: &Message<C>,
+    ) -> Result<(), Failure> {
         let format = self.format;
         self.put(<C as Topic>::NAME, || match format {
             TableFormat::Csv => rows::csv(message),
             TableFormat::Json => rows::json(message),
         })?;
-        let Some((shown, telemetry)) = reader.telemetry(C::SENDER).zip(message.content.telemetry()) else {
+        let Some((shown, telemetry)) = reader.telemetry(C::SENDER).zip(message.content.telemetry())
+        else {
             return Ok(());
         };
         self.begin(shown.topic(), || shown.columns())?;
@@ -271,20 +322,25 @@ impl Tables {
         })
     }
 
-    /// Puts a line into a table, where that is wanted.
+    /// Writes a line to a table if it is wanted.
     fn put(&mut self, topic: &str, line: impl FnOnce() -> String) -> Result<(), Failure> {
-        let Some(table) = self.open.get_mut(topic) else { return Ok(()) };
+        let Some(table) = self.open.get_mut(topic) else {
+            return Ok(());
+        };
         table.messages += 1;
         let written = writeln!(table.out, "{}", line());
         self.written(written)
     }
 
     fn finish(&mut self) -> Result<(), Failure> {
-        let flushed = self.open.values_mut().try_for_each(|table| table.out.flush());
+        let flushed = self
+            .open
+            .values_mut()
+            .try_for_each(|table| table.out.flush());
         self.written(flushed)
     }
 
-    /// A reader that has gone, as `head` does, is no failure.
+    /// A reader that ends early, such as `head`, is not an error.
     fn written(&mut self, written: io::Result<()>) -> Result<(), Failure> {
         match written {
             Err(e) if e.kind() == ErrorKind::BrokenPipe && self.directory.is_none() => {
@@ -296,7 +352,7 @@ impl Tables {
         }
     }
 
-    /// What was written where; nothing for standard output, which holds the messages.
+    /// Lists the files written; empty for standard output, which holds the messages.
     fn summary(&self) -> String {
         let line = |topic: &'static str| {
             let (messages, file) = (self.open.get(topic)?.messages, self.path(topic)?);

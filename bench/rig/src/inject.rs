@@ -5,74 +5,78 @@ pub mod strike;
 use std::fmt;
 use std::time::Duration;
 
-use model::boards::{RUN, Run, RunPhase, SETTINGS, SettingsText};
-use model::messages::{self, NO_TICK};
-use model::parameters::{Airframe, PARAMETERS, Parameter, ParameterError, after_blank};
-use model::role::Role;
+use ipc::instance::Instance;
+use ipc::{SwapAnswer, SwapOrder, SwapOutcome, Wire};
+use messages::blackboards::{RUN, Run, RunPhase, SETTINGS, SettingsText};
+use messages::content::{self, NO_TICK};
+use messages::parameters::{Airframe, PARAMETERS, Parameter, ParameterError, after_blank};
+use messages::role::Role;
 use plant::Target;
-use wire::instance::Instance;
-use wire::{SwapAnswer, SwapOrder, SwapOutcome, Wire};
 
 use crate::cli::InjectArgs;
 use crate::cli::values::duration;
-use crate::fault::{Change, FaultError, Wanted, WantedValue, check_once, targets_of};
+use crate::fault::{Change, Desired, FaultError, RequestedValue, check_once, targets_of};
 use crate::inject::strike::strike;
 use crate::output::print;
 use crate::settings::airframe::{PAPER, airframe_of, pairs};
-use failure::{Failure, OK};
+use errors::{Failure, OK};
 
 /// How long the plant may take to answer, beyond the time until the tick that was asked for.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Asks the plant for what goes wrong and prints what it answers.
-///
-/// # Errors
-/// As [`ask`] and [`strike::strike`]; usage where both are wanted at once.
 pub fn inject(args: &InjectArgs) -> Result<u8, Failure> {
     let changes = args.parsed().map_err(|e| listed(&e))?;
     let when = match (args.at_tick, args.after) {
         (Some(tick), _) => When::AtTick(tick),
         (None, after) => When::In(after.unwrap_or_default()),
     };
-    print(&injected(&Instance::new(&args.instance)?, &changes, when, args.lasts)?)?;
+    print(&injected(
+        &Instance::new(&args.instance)?,
+        &changes,
+        when,
+        args.lasts,
+    )?)?;
     Ok(OK)
 }
 
 /// Injects parameters, or faults of the loop that last for a time; says what came of it.
-///
-/// # Errors
-/// As [`inject`].
 pub fn injected(
     instance: &Instance,
     changes: &[Change],
     when: When,
     lasts: Option<Duration>,
 ) -> Result<String, Failure> {
-    let wanted: Vec<Wanted> = changes.iter().filter_map(Change::wanted).collect();
+    let wanted: Vec<Desired> = changes.iter().filter_map(Change::wanted).collect();
     if wanted.is_empty() {
         return Ok(strike(instance, changes, when, lasts)?.to_string());
     }
     if wanted.len() < changes.len() {
-        return Err(Failure::usage("parameters and faults of the loop are not injected by one command")
-            .help("give two commands, both with --at-tick N for the same tick"));
+        return Err(Failure::usage(
+            "parameters and faults of the loop are not injected by one command",
+        )
+        .help("give two commands, both with --at-tick N for the same tick"));
     }
     if lasts.is_some() {
-        return Err(Failure::usage("--for: a parameter holds until it is changed again")
-            .help("inject the change back, as in mass_kg=nominal"));
+        return Err(
+            Failure::usage("--for: a parameter holds until it is changed again")
+                .help("inject the change back, as in mass_kg=nominal"),
+        );
     }
     Ok(ask(instance, &wanted, when)?.to_string())
 }
 
 /// What somebody typed into a line: `state.drop=0.1,inner.late=1ms for 1s`.
-///
-/// # Errors
-/// A sentence says what cannot be read.
 pub fn words_of(text: &str) -> Result<(Vec<Change>, Option<Duration>), String> {
     let (what, time) = match text.split_once(" for ") {
         Some((what, time)) => (what, Some(time.trim())),
         None => (text, None),
     };
-    let changes = what.trim().split(',').map(str::parse).collect::<Result<Vec<Change>, _>>();
+    let changes = what
+        .trim()
+        .split(',')
+        .map(str::parse)
+        .collect::<Result<Vec<Change>, _>>();
     let lasts = time.map(duration).transpose()?;
     Ok((changes.map_err(|e| e.to_string())?, lasts))
 }
@@ -81,10 +85,8 @@ fn listed(error: &FaultError) -> Failure {
     Failure::usage(error.to_string()).help(error.listed(""))
 }
 
-/// When a swap shall hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum When {
-    /// From this tick on.
     AtTick(u64),
     /// This much flight time later; from the next tick on where it is nothing.
     In(Duration),
@@ -95,34 +97,40 @@ struct Instant {
     /// The tick; `NO_TICK` where it is counted from now.
     at_tick: u64,
     in_ticks: u64,
-    /// Ticks until then.
     wait_ticks: u64,
 }
 
 impl When {
-    /// In ticks of a run.
-    ///
-    /// # Errors
-    /// Usage where the flight is over by then.
     fn of(self, run: &Run) -> Result<Instant, Failure> {
         let present = if run.tick == NO_TICK { 0 } else { run.tick };
         let (at_tick, in_ticks) = match self {
             Self::AtTick(tick) => (tick, 0),
             Self::In(after) => (NO_TICK, ticks(after, run.sample_time_ns)),
         };
-        let wanted = if at_tick == NO_TICK { present.saturating_add(in_ticks) } else { at_tick };
+        let wanted = if at_tick == NO_TICK {
+            present.saturating_add(in_ticks)
+        } else {
+            at_tick
+        };
         if wanted > run.last_tick {
-            let what = format!("tick {wanted} never comes: the flight ends at tick {}", run.last_tick);
-            return Err(Failure::usage(what).help(format!("name one from {present} to {}", run.last_tick)));
+            let what = format!(
+                "tick {wanted} never comes: the flight ends at tick {}",
+                run.last_tick
+            );
+            return Err(
+                Failure::usage(what).help(format!("name one from {present} to {}", run.last_tick))
+            );
         }
-        Ok(Instant { at_tick, in_ticks, wait_ticks: wanted.saturating_sub(present) })
+        Ok(Instant {
+            at_tick,
+            in_ticks,
+            wait_ticks: wanted.saturating_sub(present),
+        })
     }
 }
 
-/// A swap that holds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Applied {
-    /// Tick from which it holds.
     pub tick: u64,
     /// The tick that was asked for, where it was past.
     pub past_tick: Option<u64>,
@@ -132,19 +140,32 @@ pub struct Applied {
     pub parameter_epoch: u64,
     /// Sample time of the laws [ns].
     pub sample_time_ns: u64,
-    /// What changed.
-    pub changes: Vec<messages::Change>,
+    pub changes: Vec<content::Change>,
 }
 
 impl fmt::Display for Applied {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "applied at tick {} ({:.3} s), parameter epoch {}", self.tick, self.time_s, self.parameter_epoch)?;
+        write!(
+            f,
+            "applied at tick {} ({:.3} s), parameter epoch {}",
+            self.tick, self.time_s, self.parameter_epoch
+        )?;
         match self.past_tick {
             Some(past) => writeln!(f, ": tick {past} was past")?,
             None => writeln!(f)?,
         }
-        for messages::Change { parameter, old, new, steps } in &self.changes {
-            write!(f, "  {parameter}  {old:?} -> {new:?}{}", after_blank(parameter.spec().unit))?;
+        for content::Change {
+            parameter,
+            old,
+            new,
+            steps,
+        } in &self.changes
+        {
+            write!(
+                f,
+                "  {parameter}  {old:?} -> {new:?}{}",
+                after_blank(parameter.spec().unit)
+            )?;
             if *steps > 1 {
                 let over = Duration::from_nanos(steps.saturating_mul(self.sample_time_ns));
                 write!(f, " over {} s", over.as_secs_f64())?;
@@ -160,19 +181,21 @@ fn wrong(error: &impl fmt::Display) -> Failure {
 }
 
 /// Asks the plant of an instance for a swap, and waits for its answer.
-///
-/// # Errors
-/// Usage; nobody flying; a refusal by the plant; no answer in time.
-pub fn ask(instance: &Instance, wanted: &[Wanted], when: When) -> Result<Applied, Failure> {
+pub fn ask(instance: &Instance, wanted: &[Desired], when: When) -> Result<Applied, Failure> {
     check_once(wanted).map_err(|e| wrong(&e))?;
     if flight(instance).is_ok_and(|flight| flight.is_none()) {
         check_possible(wanted)?;
     }
     let (wire, run) = flying(instance)?;
     let airframe = airframe(&wire)?;
-    let targets = targets_of(wanted, &airframe, run.sample_time_ns as f64 / 1e9).map_err(|e| wrong(&e))?;
+    let targets =
+        targets_of(wanted, &airframe, run.sample_time_ns as f64 / 1e9).map_err(|e| wrong(&e))?;
     plant::Swap::to(0, &targets).map_err(|e| wrong(&e))?;
-    let Instant { at_tick, in_ticks, wait_ticks } = when.of(&run)?;
+    let Instant {
+        at_tick,
+        in_ticks,
+        wait_ticks,
+    } = when.of(&run)?;
     let mut order = SwapOrder {
         at_tick,
         in_ticks,
@@ -181,7 +204,15 @@ pub fn ask(instance: &Instance, wanted: &[Wanted], when: When) -> Result<Applied
         value: [0.0; PARAMETERS],
         steps: [1; PARAMETERS],
     };
-    for (i, &Target { parameter, value, steps }) in targets.iter().enumerate() {
+    for (
+        i,
+        &Target {
+            parameter,
+            value,
+            steps,
+        },
+    ) in targets.iter().enumerate()
+    {
         (order.parameter[i], order.value[i], order.steps[i]) = (parameter as u64, value, steps);
     }
     let patience = PATIENCE + Duration::from_nanos(wait_ticks.saturating_mul(run.period_ns));
@@ -190,12 +221,19 @@ pub fn ask(instance: &Instance, wanted: &[Wanted], when: When) -> Result<Applied
 }
 
 /// Refuses what no airframe of any size can have: that need not wait for one that flies.
-fn check_possible(wanted: &[Wanted]) -> Result<(), Failure> {
-    for Wanted { parameter, value, .. } in wanted {
-        if let WantedValue::Number(value) = *value
+fn check_possible(wanted: &[Desired]) -> Result<(), Failure> {
+    for Desired {
+        parameter, value, ..
+    } in wanted
+    {
+        if let RequestedValue::Number(value) = *value
             && parameter.widest().check(*parameter, value).is_err()
         {
-            let paper = |e| wrong(&format!("{e} for the airframe `{PAPER}`, and no other flies"));
+            let paper = |e| {
+                wrong(&format!(
+                    "{e} for the airframe `{PAPER}`, and no other flies"
+                ))
+            };
             parameter.check(value).map_err(paper)?;
         }
     }
@@ -207,9 +245,6 @@ fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
 }
 
 /// The wire and the run of an instance that flies.
-///
-/// # Errors
-/// [`Failure`] says that nobody flies, and lists the instances that do; those of [`flight`].
 pub fn flying(instance: &Instance) -> Result<(Wire, Run), Failure> {
     flight(instance)?.ok_or_else(|| {
         if instance.is_alive() {
@@ -227,24 +262,24 @@ pub fn flying(instance: &Instance) -> Result<(Wire, Run), Failure> {
 }
 
 /// The wire and the run of an instance, if it flies.
-///
-/// # Errors
-/// [`Failure`] says why that cannot be seen.
 pub fn flight(instance: &Instance) -> Result<Option<(Wire, Run)>, Failure> {
     if !instance.look_for(Role::Plant)? {
         return Ok(None);
     }
     let wire = Wire::open(instance)?;
-    let run = wire.board_reader::<Run>(RUN)?.map(|board| board.get()).unwrap_or_default();
+    let run = wire
+        .blackboard_reader::<Run>(RUN)?
+        .map(|board| board.get())
+        .unwrap_or_default();
     Ok((run.phase() == RunPhase::Flying).then_some((wire, run)))
 }
 
 /// The airframe that flies, as it was built.
-///
-/// # Errors
-/// [`Failure`] where the plant's board does not have it.
 pub fn airframe(wire: &Wire) -> Result<Airframe, Failure> {
-    let text = wire.board_reader::<SettingsText>(SETTINGS)?.map(|board| board.get()).unwrap_or_default();
+    let text = wire
+        .blackboard_reader::<SettingsText>(SETTINGS)?
+        .map(|board| board.get())
+        .unwrap_or_default();
     airframe_of(&pairs(text.text()))
 }
 
@@ -266,28 +301,51 @@ fn read_answer(
             changes: targets
                 .iter()
                 .zip(answer.old)
-                .map(|(&Target { parameter, value, steps }, old)| messages::Change {
-                    parameter,
-                    old,
-                    new: value,
-                    steps,
-                })
+                .map(
+                    |(
+                        &Target {
+                            parameter,
+                            value,
+                            steps,
+                        },
+                        old,
+                    )| content::Change {
+                        parameter,
+                        old,
+                        new: value,
+                        steps,
+                    },
+                )
                 .collect(),
         }),
         Some(SwapOutcome::OutOfRange) => match Parameter::from_index(answer.parameter) {
             Some(parameter) => {
                 let wanted = targets.iter().find(|target| target.parameter == parameter);
                 let value = wanted.map_or(f64::NAN, |target| target.value);
-                refused(ParameterError::OutOfRange { parameter, value, range: airframe.range(parameter) }.to_string())
+                refused(
+                    ParameterError::OutOfRange {
+                        parameter,
+                        value,
+                        range: airframe.range(parameter),
+                    }
+                    .to_string(),
+                )
             }
             None => refused("a value is out of range".into()),
         },
-        Some(SwapOutcome::UnknownParameter) => refused("it does not know one of the parameters".into()),
+        Some(SwapOutcome::UnknownParameter) => {
+            refused("it does not know one of the parameters".into())
+        }
         Some(SwapOutcome::Malformed) => {
             refused("the swap names no parameter, or one twice, or a ramp of no length".into())
         }
-        Some(SwapOutcome::QueueFull) => refused("too many swaps wait for their ticks; ask again later".into()),
+        Some(SwapOutcome::QueueFull) => {
+            refused("too many swaps wait for their ticks; ask again later".into())
+        }
         Some(SwapOutcome::Ended) => refused("the run ended before the tick".into()),
-        None => Err(Failure::failed(format!("the plant's answer {} is of another version", answer.verdict))),
+        None => Err(Failure::failed(format!(
+            "the plant's answer {} is of another version",
+            answer.verdict
+        ))),
     }
 }

@@ -5,17 +5,17 @@ pub mod trial;
 use std::path::Path;
 
 use clap::Args;
+use control_api::description::{Description, Refused, Value};
+use control_api::law::Rig;
 use ironbird_law::abi::IRONBIRD_LAW_INTERFACE;
-use law::description::{Description, Refused, Value};
-use law::law::Rig;
-use law_library::Library;
-use model::role::Role;
+use messages::role::Role;
+use plugin::Library;
 
 use crate::laws::trial::watchdog::Watchdog;
 use crate::laws::trial::{Candidate, words};
 use crate::output::print;
-use crate::settings::laws::{DEFAULT_PRESET, SECTIONS, known, nearest_first};
-use failure::{Failure, GATE, OK};
+use crate::settings::law_settings::{DEFAULT_PRESET, SECTIONS, known, nearest_first};
+use errors::{Failure, GATE, OK};
 
 /// Flags of `laws`.
 #[derive(Clone, Debug, Args)]
@@ -33,16 +33,19 @@ pub fn laws(args: &LawsArgs) -> Result<u8, Failure> {
     let all: Vec<&Description> = SECTIONS.iter().flat_map(|(_, role)| known(*role)).collect();
     let text = match &args.name {
         None => list(&all),
-        Some(name) if law_library::is_file(name) => {
-            let library = law_library::load(Path::new(name))?;
+        Some(name) if plugin::is_file(name) => {
+            let library = plugin::load(Path::new(name))?;
             print(&(explained(library.description) + &of_file(library)))?;
             return tried(library);
         }
         Some(name) => {
             let law = all.iter().find(|law| law.name == name).ok_or_else(|| {
                 let names = all.iter().map(|law| law.name).collect();
-                Failure::usage(format!("no law is named `{name}`; there are {}", nearest_first(name, names)))
-                    .help("`ironbird laws` lists them with their roles")
+                Failure::usage(format!(
+                    "no law is named `{name}`; there are {}",
+                    nearest_first(name, names)
+                ))
+                .help("`ironbird laws` lists them with their roles")
             })?;
             explained(law)
         }
@@ -54,7 +57,14 @@ pub fn laws(args: &LawsArgs) -> Result<u8, Failure> {
 fn list(all: &[&Description]) -> String {
     let mut text = format!("{:<6} {:<12} what it is\n", "role", "law");
     for law in all {
-        text += &format!("{:<6} {:<12} {}\n{:<19} {}\n", law.role.to_string(), law.name, law.summary, "", law.source);
+        text += &format!(
+            "{:<6} {:<12} {}\n{:<19} {}\n",
+            law.role.to_string(),
+            law.name,
+            law.summary,
+            "",
+            law.source
+        );
     }
     text + "fly one with --outer, --inner or --mixer NAME; `ironbird laws NAME` explains its settings\n"
 }
@@ -70,7 +80,11 @@ fn explained(law: &Description) -> String {
         text += "  none\n";
     }
     for setting in law.settings {
-        let unit = if setting.unit.is_empty() { String::new() } else { format!(" [{}]", setting.unit) };
+        let unit = if setting.unit.is_empty() {
+            String::new()
+        } else {
+            format!(" [{}]", setting.unit)
+        };
         text += &format!("  {} = {}{unit}\n", setting.name, shown(&setting.default()));
         text += &format!("    {}; allowed: {}\n", setting.meaning, setting.allowed());
     }
@@ -88,7 +102,11 @@ fn explained(law: &Description) -> String {
         text += "  none\n";
     }
     for signal in law.telemetry {
-        let unit = if signal.unit.is_empty() { String::new() } else { format!(" [{}]", signal.unit) };
+        let unit = if signal.unit.is_empty() {
+            String::new()
+        } else {
+            format!(" [{}]", signal.unit)
+        };
         text += &format!("  {}{unit}\n", signal.name);
     }
     text
@@ -96,13 +114,21 @@ fn explained(law: &Description) -> String {
 
 fn of_file(library: &Library) -> String {
     let role = library.description.role;
-    let time = if library.not_real_time { "not real-time: it promises nothing about its time" } else { "real-time" };
+    let time = if library.not_real_time {
+        "not real-time: it promises nothing about its time"
+    } else {
+        "real-time"
+    };
     format!(
         "\nFile\n  {}\n  SHA-256    {}\n  interface  version {IRONBIRD_LAW_INTERFACE}\n  time       {time}\n  \
          rehearsal  {}\nfly it with --{role} {}\n",
         library.file.display(),
         library.sha256,
-        if library.is_rehearsed() { "yes" } else { "no: it has no copy_into" },
+        if library.is_rehearsed() {
+            "yes"
+        } else {
+            "no: it has no copy_into"
+        },
         library.file.display()
     )
 }
@@ -117,12 +143,29 @@ fn tried(library: &'static Library) -> Result<u8, Failure> {
         _ => library.inner(&rig, &settings).map(Candidate::Inner),
     };
     let watchdog = Watchdog::start(law.name)?;
-    let refused = |Refused(why)| Failure::usage(format!("the law `{}` refuses its own defaults: {why}", law.name));
+    let refused = |Refused(why)| {
+        Failure::usage(format!(
+            "the law `{}` refuses its own defaults: {why}",
+            law.name
+        ))
+    };
     let findings = trial::trial(&rig, make, || watchdog.hear()).map_err(refused)?;
     let modes = library.modes_put_back();
-    let said = modes.as_ref().map_or_else(|| "left as they were".to_owned(), |what| format!("NO: {what}"));
-    print(&format!("{}  modes        {said}\n", words::render(&findings, law, library.not_real_time)))?;
-    Ok(if findings.passes(library.not_real_time) && modes.is_none() { OK } else { GATE })
+    let said = modes.as_ref().map_or_else(
+        || "left as they were".to_owned(),
+        |what| format!("NO: {what}"),
+    );
+    print(&format!(
+        "{}  modes        {said}\n",
+        words::render(&findings, law, library.not_real_time)
+    ))?;
+    Ok(
+        if findings.passes(library.not_real_time) && modes.is_none() {
+            OK
+        } else {
+            GATE
+        },
+    )
 }
 
 /// A value as a settings file has it.

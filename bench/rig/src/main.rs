@@ -3,32 +3,39 @@
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use failure::Failure;
+use errors::Failure;
 use ironbird::cli::{BridgeTo, Cli, Command};
 use ironbird::fault::listing;
-use ironbird::floor::{command, hop};
-use ironbird::fly::burden;
+use ironbird::floor::{self, ring_stage};
 use ironbird::output::say;
+use ironbird::supervisor::cpu_load;
 use ironbird::{
-    campaign, clean, compare, doctor, export, fly, inject, laws, limits, manual, margin, new_law, params, replay,
-    roles, runs, show_report, simulate, watch,
+    campaign, clean, compare, doctor, export, inject, laws, manual, margin, new_law, params,
+    replay, report_command, resource_limits, roles, runs, simulate, supervisor, watch,
 };
-use model::guards;
-use model::role::Role;
-use role::signals::forget_inherited;
+use messages::checks;
+use messages::role::Role;
+use process::signals::forget_inherited;
 
-role::count_allocations!();
-law_library::name_exits!();
+#[cfg(feature = "instrumented")]
+process::count_allocations!();
+#[cfg(feature = "instrumented")]
+plugin::name_exits!();
 
 fn main() -> ExitCode {
-    if guards::IS_MUTANT
+    if checks::IS_MUTANT
         && let Ok(guard) = std::env::var("IRONBIRD_GUARD_OFF")
     {
-        let off = guards::switch_off(&guard);
-        say(&format!("MUTANT: guard `{guard}` {}\n", if off { "is off" } else { "is unknown" }));
+        let off = checks::switch_off(&guard);
+        say(&format!(
+            "MUTANT: guard `{guard}` {}\n",
+            if off { "is off" } else { "is unknown" }
+        ));
     }
-    let started = forget_inherited().map_err(Failure::from).and_then(|()| limits::heed());
-    law_library::leave(match started.and_then(|()| run(&Cli::parse())) {
+    let started = forget_inherited()
+        .map_err(Failure::from)
+        .and_then(|()| resource_limits::check());
+    plugin::leave(match started.and_then(|()| run(&Cli::parse())) {
         Ok(code) => code,
         Err(failure) => {
             say(&failure.told());
@@ -39,21 +46,21 @@ fn main() -> ExitCode {
 
 fn run(cli: &Cli) -> Result<u8, Failure> {
     match &cli.command {
-        Command::Fly(args) => fly::fly(args),
+        Command::Fly(args) => supervisor::fly_command::fly(args),
         Command::Watch(args) => watch::watch(args),
         #[cfg(feature = "foxglove")]
         Command::Bridge(BridgeTo::Foxglove(args)) => ironbird::bridge::foxglove(args),
         #[cfg(not(feature = "foxglove"))]
-        Command::Bridge(BridgeTo::Foxglove(_)) => {
-            Err(Failure::usage("this build of ironbird has no bridge to Foxglove")
-                .help("build one that has: cargo run --release --features foxglove -- bridge foxglove"))
-        }
+        Command::Bridge(BridgeTo::Foxglove(_)) => Err(Failure::usage(
+            "this build of ironbird has no bridge to Foxglove",
+        )
+        .help("build one that has: cargo run --release --features foxglove -- bridge foxglove")),
         Command::Inject(args) => inject::inject(args),
         Command::Params(args) => params::params(args),
         Command::Faults => listing::faults(),
         Command::Laws(args) => laws::laws(args),
         Command::New(args) => new_law::new(args),
-        Command::Report(args) => show_report::show(args),
+        Command::Report(args) => report_command::show(args),
         Command::Export(args) => export::export(args),
         Command::Replay(args) => replay::replay(args),
         Command::Runs(args) => runs::runs(args),
@@ -61,7 +68,7 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Compare(args) => compare::compare(args),
         Command::Margin(args) => margin::margin(args),
         Command::Campaign(command) => campaign::campaign(command),
-        Command::Floor(args) => command::floor(args),
+        Command::Floor(args) => floor::floor(args),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Clean(args) => clean::clean(*args),
         Command::Completions(args) => manual::completions(args),
@@ -71,7 +78,7 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Inner(args) => roles::play(Role::Inner, args),
         Command::Mixer(args) => roles::play(Role::Mixer, args),
         Command::Record(args) => roles::record(args),
-        Command::RingHop(args) => hop::hop(args),
-        Command::Burden(args) => burden::burden(args),
+        Command::RingHop(args) => ring_stage::run(args),
+        Command::CpuLoad(args) => cpu_load::cpu_load(args),
     }
 }

@@ -5,7 +5,7 @@ use std::io::{self, ErrorKind, Write as _};
 use rustix::fs::{FileType, fstat};
 use rustix::io::Errno;
 
-use failure::{Failure, harmless};
+use errors::{Failure, harmless};
 
 /// Writes a text to standard output.
 ///
@@ -13,10 +13,13 @@ use failure::{Failure, harmless};
 /// [`Failure`] with the system's reason; not when the reader has closed the pipe, as `head` does, or the terminal.
 pub fn print(text: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
-    match out.write_all(harmless(text).as_bytes()).and_then(|()| out.flush()) {
-        Err(e) if e.kind() != ErrorKind::BrokenPipe && !is_of_a_closed_terminal(&e) => {
-            Err(Failure::failed(format!("cannot write to standard output: {e}")))
-        }
+    match out
+        .write_all(harmless(text).as_bytes())
+        .and_then(|()| out.flush())
+    {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe && !is_of_a_closed_terminal(&e) => Err(
+            Failure::failed(format!("cannot write to standard output: {e}")),
+        ),
         _ => Ok(()),
     }
 }
@@ -30,6 +33,7 @@ pub fn say(text: &str) {
 
 /// Whether standard output was a terminal that has been closed: on a disk the same error is one.
 fn is_of_a_closed_terminal(error: &io::Error) -> bool {
-    let is_device = || fstat(io::stdout()).is_ok_and(|it| FileType::from_raw_mode(it.st_mode).is_char_device());
+    let is_device =
+        || fstat(io::stdout()).is_ok_and(|it| FileType::from_raw_mode(it.st_mode).is_char_device());
     error.raw_os_error() == Some(Errno::IO.raw_os_error()) && is_device()
 }

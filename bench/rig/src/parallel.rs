@@ -1,4 +1,4 @@
-//! Work that processors share out: each item by itself, the results in the items' order.
+//! Processes items on several threads; the results are in the items' order.
 
 use std::num::NonZero;
 use std::panic::resume_unwind;
@@ -7,14 +7,11 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use failure::{Failure, INTERRUPTED};
-use role::stop::stop_signals;
+use errors::{Failure, INTERRUPTED};
+use process::stop::stop_signals;
 use signal_hook::flag;
 
-/// Becomes true when a signal asks for the end; long work looks at it.
-///
-/// # Errors
-/// [`Failure`] where signals cannot be handled.
+/// A flag that SIGINT or SIGTERM sets; long work polls it.
 pub fn asked_to_stop() -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in stop_signals() {
@@ -24,29 +21,36 @@ pub fn asked_to_stop() -> Result<Arc<AtomicBool>, Failure> {
     Ok(stop)
 }
 
-/// How many pieces of work this machine does at once.
 #[must_use]
 pub fn processors() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
 }
 
-/// Does a piece of work for each item, `workers` at once; meanwhile `look` is told every so often how many are done.
+/// Calls `work` for each item on `workers` threads. Meanwhile `look` gets the number of finished items, every 200 ms.
 pub fn on_processors<T: Sync, R: Send>(
     items: &[T],
     workers: usize,
     work: impl Fn(&T) -> R + Sync,
     mut look: impl FnMut(usize),
 ) -> Vec<R> {
-    /// How often somebody looks at long work.
     const EVERY: Duration = Duration::from_millis(200);
-    let (next, done, running) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicUsize::new(0));
+    let (next, done, running) = (
+        AtomicUsize::new(0),
+        AtomicUsize::new(0),
+        AtomicUsize::new(0),
+    );
     let watcher = thread::current();
     let worker = || {
         let mut results = Vec::new();
-        let _leaves = Leaves { running: &running, watcher: &watcher };
+        let _running = RunningWorker {
+            running: &running,
+            watcher: &watcher,
+        };
         loop {
             let i = next.fetch_add(1, Ordering::Relaxed);
-            let Some(item) = items.get(i) else { return results };
+            let Some(item) = items.get(i) else {
+                return results;
+            };
             results.push((i, work(item)));
             done.fetch_add(1, Ordering::Relaxed);
         }
@@ -60,16 +64,17 @@ pub fn on_processors<T: Sync, R: Send>(
             look(done.load(Ordering::Relaxed));
         }
         look(done.load(Ordering::Relaxed));
-        workers.into_iter().flat_map(|it| it.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
+        workers
+            .into_iter()
+            .flat_map(|it| it.join().unwrap_or_else(|panic| resume_unwind(panic)))
+            .collect()
     });
     results.sort_by_key(|(i, _)| *i);
     results.into_iter().map(|(_, result)| result).collect()
 }
 
-/// The same of work that may fail: the first failure ends all other work, and is given unless it is just that end.
-///
-/// # Errors
-/// That of a piece of work; an interruption where there is no other.
+/// Like [`on_processors`], but for fallible work. The first error cancels the rest and is returned; an interruption is
+/// returned only if no other error occurred.
 pub fn all_on_processors<T: Sync, R: Send>(
     items: &[T],
     workers: usize,
@@ -84,18 +89,23 @@ pub fn all_on_processors<T: Sync, R: Send>(
         work(item).inspect_err(|_| has_failed.store(true, Ordering::Relaxed))
     };
     let mut results = on_processors(items, workers, work, look);
-    // A cause before the interruptions that it led to.
-    results.sort_by_key(|result| result.as_ref().err().is_none_or(|failure| failure.code == INTERRUPTED));
+    // The cause comes before the interruptions that followed from it.
+    results.sort_by_key(|result| {
+        result
+            .as_ref()
+            .err()
+            .is_none_or(|failure| failure.code == INTERRUPTED)
+    });
     results.into_iter().collect()
 }
 
-/// Tells that a worker has ended, also by a panic.
-struct Leaves<'a> {
+/// Counts a worker as ended when it is dropped, also after a panic.
+struct RunningWorker<'a> {
     running: &'a AtomicUsize,
     watcher: &'a thread::Thread,
 }
 
-impl Drop for Leaves<'_> {
+impl Drop for RunningWorker<'_> {
     fn drop(&mut self) {
         self.running.fetch_sub(1, Ordering::Release);
         self.watcher.unpark();
@@ -107,18 +117,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_are_in_the_items_order_however_many_work() {
+    fn results_are_in_the_order_of_the_items_for_any_number_of_workers() {
         let items: Vec<u64> = (0..100).collect();
         for workers in [1, 3, 200] {
             let mut looks = Vec::new();
-            let squares = on_processors(&items, workers, |item| item * item, |done| looks.push(done));
-            assert_eq!(squares, items.iter().map(|item| item * item).collect::<Vec<_>>());
+            let squares =
+                on_processors(&items, workers, |item| item * item, |done| looks.push(done));
+            assert_eq!(
+                squares,
+                items.iter().map(|item| item * item).collect::<Vec<_>>()
+            );
             assert!(looks.last() == Some(&100) && looks.is_sorted(), "{looks:?}");
         }
     }
 
     #[test]
-    fn a_failure_ends_other_work_and_is_told_before_the_interruptions_that_follow() {
+    fn a_failure_cancels_other_work_and_comes_before_the_interruptions_that_follow() {
         let items: Vec<u64> = (0..100).collect();
         let (has_failed, begun) = (AtomicBool::new(false), AtomicUsize::new(0));
         let work = |item: &u64| {
@@ -130,13 +144,27 @@ mod tests {
             while !has_failed.load(Ordering::Relaxed) {
                 thread::yield_now();
             }
-            // Of an earlier item, and there is a cause.
+            // An earlier item, but not the cause.
             Err::<u64, _>(Failure::new(INTERRUPTED, "interrupted"))
         };
-        assert_ne!(all_on_processors(&items, 2, work, |_| ()).unwrap_err().code, INTERRUPTED);
-        assert!(begun.load(Ordering::Relaxed) <= 3, "{begun:?} of 100 were begun");
+        assert_ne!(
+            all_on_processors(&items, 2, work, |_| ()).unwrap_err().code,
+            INTERRUPTED
+        );
+        assert!(
+            begun.load(Ordering::Relaxed) <= 3,
+            "{begun:?} of 100 were begun"
+        );
         let interrupted = |_: &u64| Err::<u64, _>(Failure::new(INTERRUPTED, "interrupted"));
-        assert_eq!(all_on_processors(&items, 3, interrupted, |_| ()).unwrap_err().code, INTERRUPTED);
-        assert_eq!(all_on_processors(&items, 3, |item| Ok(*item), |_| ()).unwrap(), items);
+        assert_eq!(
+            all_on_processors(&items, 3, interrupted, |_| ())
+                .unwrap_err()
+                .code,
+            INTERRUPTED
+        );
+        assert_eq!(
+            all_on_processors(&items, 3, |item| Ok(*item), |_| ()).unwrap(),
+            items
+        );
     }
 }

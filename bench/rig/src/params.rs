@@ -1,15 +1,15 @@
 //! `ironbird params`: lists the airframe's parameters, with the values in force.
 
-use model::boards::{IN_FORCE, InForce};
-use model::parameters::{Airframe, SPECS};
+use ipc::instance::Instance;
+use messages::blackboards::{ActiveParameters, IN_FORCE};
+use messages::parameters::{Airframe, SPECS};
 use serde::Serialize;
-use wire::instance::Instance;
 
 use crate::cli::ParamsArgs;
 use crate::inject::{self, flight};
 use crate::output::print;
 use crate::settings::airframe::named;
-use failure::{Failure, OK};
+use errors::{Failure, OK};
 
 #[derive(Serialize)]
 struct Row {
@@ -23,16 +23,14 @@ struct Row {
     meaning: &'static str,
 }
 
-/// Prints the table.
-///
-/// # Errors
-/// Usage; a flight that cannot be looked at.
 pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
     let instance = Instance::new(&args.instance)?;
     let (in_force, flown) = match flight(&instance)? {
-        Some((wire, _)) => {
-            (wire.board_reader::<InForce>(IN_FORCE)?.map(|board| board.get()), Some(inject::airframe(&wire)?))
-        }
+        Some((wire, _)) => (
+            wire.blackboard_reader::<ActiveParameters>(IN_FORCE)?
+                .map(|board| board.get()),
+            Some(inject::airframe(&wire)?),
+        ),
         None => (None, None),
     };
     let airframe = match &args.airframe {
@@ -53,7 +51,8 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
         })
         .collect();
     if args.json {
-        let text = serde_json::to_string_pretty(&rows).map_err(|e| Failure::failed(e.to_string()))?;
+        let text =
+            serde_json::to_string_pretty(&rows).map_err(|e| Failure::failed(e.to_string()))?;
         print(&(text + "\n"))?;
         return Ok(OK);
     }
@@ -81,7 +80,10 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
             values.tick,
             values.parameter_epoch
         ),
-        None => format!("no flight is running as instance `{}`: no values in force\n", instance.name()),
+        None => format!(
+            "no flight is running as instance `{}`: no values in force\n",
+            instance.name()
+        ),
     });
     print(&text)?;
     Ok(OK)
@@ -90,13 +92,21 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
 /// An end of a range; of an airframe of another size it is a quotient, which is shown in short.
 pub(crate) fn bound(value: f64) -> String {
     let whole = number(value);
-    if whole.len() > 8 { format!("{value:.2e}") } else { whole }
+    if whole.len() > 8 {
+        format!("{value:.2e}")
+    } else {
+        whole
+    }
 }
 
 /// A value as it was typed; small ones as powers of ten. One on a ramp has more digits, and is shown in short.
 pub(crate) fn number(value: f64) -> String {
     let is_small = value != 0.0 && value.abs() < 1e-3;
-    let whole = if is_small { format!("{value:e}") } else { format!("{value}") };
+    let whole = if is_small {
+        format!("{value:e}")
+    } else {
+        format!("{value}")
+    };
     match (whole.len() > 12, is_small) {
         (false, _) => whole,
         (true, true) => format!("{value:.3e}"),

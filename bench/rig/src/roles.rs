@@ -4,43 +4,42 @@ use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
-use law::{GuardedInner, GuardedMixer, GuardedOuter};
-use model::flight_plan::FlightPlan;
-use model::role::Role;
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
+use ipc::clock::now_ns;
+use ipc::instance::Instance;
+use messages::flight_plan::FlightPlan;
+use messages::role::Role;
 use plant::PlantSettings;
-use role::launcher::is_on_its_own;
-use role::rt::{loops_cpu, take_stand};
-use role::shell::{self, Flight};
-use role::spare;
-use role::station::{Orders, Station};
-use wire::clock::now_ns;
-use wire::instance::Instance;
+use process::launcher::is_on_its_own;
+use process::rt::{loops_cpu, take_stand};
+use process::session::{RoleSession, StartConfig};
+use process::shell::{self, Flight};
+use process::standby;
 
 use crate::cli::{RecordArgs, RoleArgs};
 use crate::output::print;
-use crate::record::process::{self, Files};
-use crate::record::{hlog, traced};
+use crate::record::recorder;
+use crate::record::run_files::Files;
+use crate::record::{hlog, kernel_trace};
+use crate::report_command::ended;
 use crate::run_directory::RunDirectory;
 use crate::settings::{PaceName, Settings};
-use crate::show_report::ended;
-use failure::{Failure, OK, check_writable};
+use errors::{Failure, OK, check_writable};
 
 /// Plays a role of the loop until the run is over.
-///
-/// # Errors
-/// Usage, and everything that can go wrong on the way (docs/architecture.md, "Exit codes").
 pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
     let begun_ns = now_ns();
     let mut overrides = args.flight.overrides();
     overrides.extend(args.rt.overrides());
-    let settings = Settings::resolve_to_make(&[role], args.flight.course.config.as_deref(), &overrides)?;
+    let settings =
+        Settings::resolve_to_make(&[role], args.flight.course.config.as_deref(), &overrides)?;
     args.rt.check(&settings)?;
     settings.check_faults_of_processes(args.launcher.is_some())?;
     let stage = make(role, &settings)?;
     let mut orders = orders(args, &settings, begun_ns)?;
     if args.spare {
         let instance = orders.instance.clone();
-        let waited = spare::stand_by(role, orders);
+        let waited = standby::stand_by(role, orders);
         match waited {
             Ok(Some(told)) => orders = told,
             // Its launcher may be dead.
@@ -50,11 +49,13 @@ pub fn play(role: Role, args: &RoleArgs) -> Result<u8, Failure> {
             }
         }
     }
-    let station = Station::take(role, orders)?;
+    let station = RoleSession::take(role, orders)?;
     let (instance, stop) = (station.wire().instance().clone(), station.stop_flag());
     let flown = run(stage, station, &settings);
     leave(&instance, args);
-    flown.map(|()| OK).map_err(|failure| failure.broken_off(stop.load(Ordering::Relaxed)))
+    flown
+        .map(|()| OK)
+        .map_err(|failure| failure.broken_off(stop.load(Ordering::Relaxed)))
 }
 
 /// What a role's process flies, before it has a place.
@@ -72,11 +73,15 @@ fn make(role: Role, settings: &Settings) -> Result<Made, Failure> {
         Role::Outer => Made::Outer(settings.outer_stage()?),
         Role::Inner => Made::Inner(settings.inner_stage()?),
         Role::Mixer => Made::Mixer(settings.mixer_stage()?),
-        Role::Record => return Err(Failure::usage("the recorder has a command of its own: `ironbird record`")),
+        Role::Record => {
+            return Err(Failure::usage(
+                "the recorder has a command of its own: `ironbird record`",
+            ));
+        }
     })
 }
 
-fn run(stage: Made, station: Station, settings: &Settings) -> Result<(), Failure> {
+fn run(stage: Made, station: RoleSession, settings: &Settings) -> Result<(), Failure> {
     let lockstep = settings.flight.pace == PaceName::Lockstep;
     if lockstep {
         // One after the other on one processor: to wake another one takes longer than a stage computes. Where that is
@@ -84,7 +89,11 @@ fn run(stage: Made, station: Station, settings: &Settings) -> Result<(), Failure
         let _ = take_stand(loops_cpu(), 0);
     }
     let faults = settings.planned()?;
-    let flight = Flight { lockstep, slowdown: settings.flight.slowdown, faults: faults.loops };
+    let flight = Flight {
+        lockstep,
+        slowdown: settings.flight.slowdown,
+        faults: faults.loops,
+    };
     match stage {
         Made::Plant(plant) => {
             let plan = FlightPlan {
@@ -92,9 +101,20 @@ fn run(stage: Made, station: Station, settings: &Settings) -> Result<(), Failure
                 sample_time_ns: settings.sample_time_ns(),
                 wall_period_ns: settings.wall_period_ns(),
             };
-            plant::process::run(station, &plant, plan, &faults.swaps, (&faults.loops, &faults.table))?;
+            plant::process::run(
+                station,
+                &plant,
+                plan,
+                &faults.swaps,
+                (&faults.loops, &faults.table),
+            )?;
         }
-        Made::Outer(outer) => shell::outer(station, outer, settings.flight.position_error_max_m, &flight)?,
+        Made::Outer(outer) => shell::outer(
+            station,
+            outer,
+            settings.flight.position_error_max_m,
+            &flight,
+        )?,
         Made::Inner(inner) => shell::inner(station, inner, &flight)?,
         Made::Mixer(mixer) => shell::mixer(station, mixer, &flight)?,
     }
@@ -112,29 +132,32 @@ fn leave(instance: &Instance, args: &RoleArgs) {
 pub fn remove_leftovers(instance: &Instance) {
     // What resists is found by the next start or by `ironbird clean`, which names it.
     let _ = instance.remove_leftovers();
-    traced::remove_left(instance);
+    kernel_trace::remove_left(instance);
 }
 
 /// Records until the run is over; by hand, prints the report.
-///
-/// # Errors
-/// As [`play`], and files that cannot be written.
 pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     let begun_ns = now_ns();
     let mut overrides = args.role.flight.overrides();
     overrides.extend(args.role.rt.overrides());
     overrides.extend(args.recorder.overrides());
-    let settings = Settings::resolve_to_make(&[], args.role.flight.course.config.as_deref(), &overrides)?;
+    let settings =
+        Settings::resolve_to_make(&[], args.role.flight.course.config.as_deref(), &overrides)?;
     args.role.rt.check(&settings)?;
     args.recorder.check(&settings)?;
     check_writable("--states", args.recorder.states.as_deref())?;
     // The launcher has looked.
-    traced::check(settings.recorder.trace && args.role.launcher.is_none())?;
-    let station = Station::take(Role::Record, orders(&args.role, &settings, begun_ns)?)?;
+    kernel_trace::check(settings.recorder.trace && args.role.launcher.is_none())?;
+    let station = RoleSession::take(Role::Record, orders(&args.role, &settings, begun_ns)?)?;
     let instance = station.wire().instance().clone();
     let made = match &args.run_dir {
         Some(_) => Ok(None),
-        None => RunDirectory::create(Path::new(&settings.recorder.out), &settings, &args.role.rt.instance).map(Some),
+        None => RunDirectory::create(
+            Path::new(&settings.recorder.out),
+            &settings,
+            &args.role.rt.instance,
+        )
+        .map(Some),
     };
     let made = match made {
         Ok(made) => made,
@@ -144,14 +167,23 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
             return Err(failure);
         }
     };
-    let directory = args.run_dir.as_ref().or(made.as_ref().map(|made| &made.path)).cloned().unwrap_or_default();
-    let files = Files { directory: directory.clone(), states: args.recorder.states.clone() };
+    let directory = args
+        .run_dir
+        .as_ref()
+        .or(made.as_ref().map(|made| &made.path))
+        .cloned()
+        .unwrap_or_default();
+    let files = Files {
+        directory: directory.clone(),
+        states: args.recorder.states.clone(),
+    };
     let stop = station.stop_flag();
-    let recorded = process::run(station, &settings, &files);
+    let recorded = recorder::run(station, &settings, &files);
     leave(&instance, &args.role);
     // Where the flight has begun, a file that cannot be written is no consequence of a signal.
     let has_begun = directory.join(hlog::FILE).exists();
-    let recorded = recorded.map_err(|failure| failure.broken_off(!has_begun && stop.load(Ordering::Relaxed)));
+    let recorded =
+        recorded.map_err(|failure| failure.broken_off(!has_begun && stop.load(Ordering::Relaxed)));
     if let (Err(_), Some(made)) = (&recorded, made) {
         made.discard();
     }
@@ -162,10 +194,10 @@ pub fn record(args: &RecordArgs) -> Result<u8, Failure> {
     Ok(report.verdict.exit_code)
 }
 
-fn orders(args: &RoleArgs, settings: &Settings, begun_ns: u64) -> Result<Orders, Failure> {
+fn orders(args: &RoleArgs, settings: &Settings, begun_ns: u64) -> Result<StartConfig, Failure> {
     settings.check_cpu()?;
     say_on_stderr();
-    Ok(Orders {
+    Ok(StartConfig {
         instance: Instance::new(&args.rt.instance)?,
         rt: settings.realtime()?,
         settings: settings.shared_text()?,

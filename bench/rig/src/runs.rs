@@ -1,89 +1,60 @@
 //! `ironbird runs`: lists the flights that were recorded, and removes old ones.
 
-mod prune;
-
 use std::fs;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use clap::Args;
+use report::phrase::count;
 use report::run_facts::RunFacts;
-use report::schema::Report;
+use report::schema::{NotFresh, Report};
 use serde::Serialize;
 
-use crate::cli::values;
+use crate::cli::RunsArgs;
+use crate::export;
 use crate::output::print;
 use crate::record::hlog;
-use crate::run_directory::{FACTS, is_held, out_or_default};
+use crate::run_directory::{FACTS, entries, is_held, is_ours, out_or_default};
 use crate::settings::airframe::PAPER;
 use crate::settings::last_name;
 use crate::wall_time::utc;
-use failure::{Failure, OK, read_text};
+use errors::{Failure, OK, read_text};
 
-/// Flags of `runs`.
-#[derive(Clone, Debug, Args)]
-pub struct RunsArgs {
-    /// Directory of the flights [default: runs].
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// Print JSON.
-    #[arg(long, conflicts_with = "prune")]
-    pub json: bool,
-    /// Remove old flights; `latest`, those in the air, and what ironbird has not made stay.
-    #[arg(long, requires = "which")]
-    pub prune: bool,
-    /// Remove all but the newest N.
-    #[arg(long, value_name = "N", requires = "prune", group = "which", allow_hyphen_values = true,
-        value_parser = clap::value_parser!(u32).range(1..))]
-    pub keep: Option<u32>,
-    /// Remove those that began longer ago, as in 7d or 12h.
-    #[arg(long, value_name = "AGE", requires = "prune", group = "which", allow_hyphen_values = true,
-        value_parser = values::duration)]
-    pub older_than: Option<Duration>,
-    /// Say what would be removed, and remove nothing.
-    #[arg(long, requires = "prune")]
-    pub dry_run: bool,
-}
-
-/// A flight's directory.
 #[derive(Debug, Serialize)]
 struct RecordedRun {
     name: String,
     directory: PathBuf,
-    /// When it began: for people, and for programs.
     started: String,
     started_unix_s: u64,
-    /// `PASS` and so on; `starting`, `in the air`, `cut short` where its recorder has gone, `no report`, or
-    /// `unreadable` where another version wrote it.
+    /// The verdict; or `starting`, `in the air`, `cut short` (the recorder died), `no report`, or `unreadable` (written by
+    /// another version).
     status: String,
-    /// Its flight time [s]; none without a report.
+    /// Flight time [s]; none without a report.
     length_s: Option<f64>,
     missed: Option<u64>,
-    /// Its airframe, or the name of its file.
+    /// Ticks without a fresh command on time, and what they add up from; none in lockstep.
+    not_fresh: Option<NotFresh>,
+    /// Airframe, or the name of its file.
     airframe: String,
-    /// Flight, timing and theorem; none without a report.
+    /// Verdicts on flight, timing and theorem; none without a report.
     words: Option<[String; 3]>,
-    /// All of its files [bytes].
+    /// Size of all files [bytes].
     bytes: u64,
-    /// Whether `latest` points to it.
     is_latest: bool,
-    /// Whether one of its processes lives.
+    /// Whether one of its processes still runs.
     #[serde(skip)]
     is_alive: bool,
 }
 
-/// Lists flights, or removes old ones.
-///
-/// # Errors
-/// Usage, where there is no such directory; [`Failure`] names what resisted.
 pub fn runs(args: &RunsArgs) -> Result<u8, Failure> {
     let out = out_or_default(args.out.as_deref())?;
     let runs = recorded(&out)?;
     if args.prune {
-        return prune::prune(&runs, args);
+        return prune(&runs, args);
     }
     if args.json {
-        let text = serde_json::to_string_pretty(&runs).map_err(|e| Failure::failed(e.to_string()))?;
+        let text =
+            serde_json::to_string_pretty(&runs).map_err(|e| Failure::failed(e.to_string()))?;
         print(&(text + "\n"))?;
     } else {
         print(&table(&runs, &out))?;
@@ -95,7 +66,7 @@ pub fn runs(args: &RunsArgs) -> Result<u8, Failure> {
 fn recorded(out: &Path) -> Result<Vec<RecordedRun>, Failure> {
     let entries = fs::read_dir(out).map_err(|e| {
         Failure::usage(format!("cannot list the flights in {}: {e}", out.display()))
-            .help("name the directory that flights were recorded into: --out DIR")
+            .help("name the directory with the recorded flights: --out DIR")
     })?;
     let latest = fs::canonicalize(out.join("latest")).ok();
     let mut runs: Vec<RecordedRun> = entries
@@ -108,17 +79,22 @@ fn recorded(out: &Path) -> Result<Vec<RecordedRun>, Failure> {
 }
 
 impl RecordedRun {
-    /// What a directory tells; nothing where it is no flight's.
+    /// Describes the flight of a directory; none if it is not a run directory.
     fn of(directory: &Path, latest: Option<&Path>) -> Option<Self> {
         let facts = directory.join(FACTS);
-        // A pipe may have no writer, and what a link leads to is somebody else's.
+        // Opening a pipe could block, and a link may point to another user's file.
         if !facts.symlink_metadata().is_ok_and(|file| file.is_file()) {
             return None;
         }
-        let RunFacts { settings, .. } = serde_json::from_str(&read_text("read", &facts).ok()?).ok()?;
+        let RunFacts { settings, .. } =
+            serde_json::from_str(&read_text("read", &facts).ok()?).ok()?;
         let report = Report::read(&directory.join("report.json")).ok();
-        let made = fs::metadata(&facts).and_then(|it| it.modified()).unwrap_or(UNIX_EPOCH);
-        let started = report.as_ref().map_or(made, |report| UNIX_EPOCH + Duration::from_nanos(report.run.run_id));
+        let made = fs::metadata(&facts)
+            .and_then(|it| it.modified())
+            .unwrap_or(UNIX_EPOCH);
+        let started = report.as_ref().map_or(made, |report| {
+            UNIX_EPOCH + Duration::from_nanos(report.run.run_id)
+        });
         let is_in_the_air = directory.join(hlog::FILE).exists() && hlog::lives(directory);
         let is_held = is_held(directory);
         let status = match &report {
@@ -132,33 +108,59 @@ impl RecordedRun {
         Some(Self {
             name: directory.file_name()?.to_string_lossy().into_owned(),
             directory: directory.to_owned(),
-            started: report.as_ref().map_or_else(|| utc(made), |report| report.run.started.clone()),
-            started_unix_s: started.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs(),
+            started: report
+                .as_ref()
+                .map_or_else(|| utc(made), |report| report.run.started.clone()),
+            started_unix_s: started
+                .duration_since(UNIX_EPOCH)
+                .unwrap_or_default()
+                .as_secs(),
             status,
-            length_s: report.as_ref().map(|it| (it.ticks.run + it.ticks.skipped) as f64 * it.run.period_us / 1e6),
+            length_s: report
+                .as_ref()
+                .map(|it| (it.ticks.run + it.ticks.skipped) as f64 * it.run.period_us / 1e6),
             missed: report.as_ref().map(|it| it.deadlines.missed),
-            airframe: last_name(settings["flight"]["airframe"].as_str().unwrap_or(PAPER)).to_owned(),
+            not_fresh: report.as_ref().and_then(|it| it.deadlines.not_fresh),
+            airframe: last_name(settings["flight"]["airframe"].as_str().unwrap_or(PAPER))
+                .to_owned(),
             words: report.map(|it| it.words.each().map(|(_, word, _)| word.to_owned())),
             bytes: bytes(directory),
             is_alive: is_in_the_air || is_held,
-            is_latest: latest.is_some_and(|latest| fs::canonicalize(directory).is_ok_and(|it| it == latest)),
+            is_latest: latest
+                .is_some_and(|latest| fs::canonicalize(directory).is_ok_and(|it| it == latest)),
         })
     }
 
     fn age(&self) -> Duration {
         let started = UNIX_EPOCH + Duration::from_secs(self.started_unix_s);
-        SystemTime::now().duration_since(started).unwrap_or_default()
+        SystemTime::now()
+            .duration_since(started)
+            .unwrap_or_default()
     }
 
     fn row(&self) -> String {
         let length = self.length_s.map_or_else(|| "-".into(), length);
-        let missed = self.missed.map_or_else(|| "-".into(), |missed| missed.to_string());
-        let words = self.words.as_ref().map_or_else(|| "-".into(), |[flight, timing, _]| format!("{flight}, {timing}"));
-        let name = self.name.replace(char::is_control, "?") + if self.is_latest { " *" } else { "" };
-        // Most flights are of this one, and a row is to fit into 80 columns.
-        let airframe = if self.airframe == PAPER { String::new() } else { format!(", {}", self.airframe) };
+        // Reports from before fresh commands were counted have the missed deadlines alone.
+        let late = self.not_fresh.map(|it| it.ticks).or(self.missed);
+        let late = late.map_or_else(|| "-".into(), |ticks| ticks.to_string());
+        let words = self.words.as_ref().map_or_else(
+            || "-".into(),
+            |[flight, timing, _]| format!("{flight}, {timing}"),
+        );
+        let name =
+            self.name.replace(char::is_control, "?") + if self.is_latest { " *" } else { "" };
+        // Omitted for the most common airframe, so that a row fits into 80 columns.
+        let airframe = if self.airframe == PAPER {
+            String::new()
+        } else {
+            format!(", {}", self.airframe)
+        };
         let airframe = airframe.replace(char::is_control, "?");
-        format!("{name:<22} {length:>6} {missed:>6} {:>6}  {:<11} {words}{airframe}\n", size(self.bytes), self.status)
+        format!(
+            "{name:<22} {length:>6} {late:>6} {:>6}  {:<11} {words}{airframe}\n",
+            size(self.bytes),
+            self.status
+        )
     }
 }
 
@@ -167,16 +169,30 @@ fn table(runs: &[RecordedRun], out: &Path) -> String {
         return format!("{} holds no flight\n", out.display());
     }
     let bytes = runs.iter().map(|run| run.bytes).sum();
-    let mut text =
-        format!("{:<22} {:>6} {:>6} {:>6}  {:<11} flight, timing\n", "flight", "length", "misses", "size", "status");
+    let mut text = format!(
+        "{:<22} {:>6} {:>6} {:>6}  {:<11} flight, timing\n",
+        "flight", "length", "late", "size", "status"
+    );
     text.extend(runs.iter().map(RecordedRun::row));
-    let latest = if runs.iter().any(|run| run.is_latest) { "; * is `latest`" } else { "" };
+    let latest = if runs.iter().any(|run| run.is_latest) {
+        "; * is `latest`"
+    } else {
+        ""
+    };
     let others = runs.iter().any(|run| run.airframe != PAPER);
-    let paper = if others { "; an airframe is named where it is not `paper`" } else { "" };
-    text + &format!("{} in {}{latest}{paper}\n", report::text::count(runs.len() as u64, "flight"), size(bytes))
+    let paper = if others {
+        "; an airframe is named where it is not `paper`"
+    } else {
+        ""
+    };
+    text + &format!(
+        "{} in {}{latest}{paper}\nlate: ticks without a fresh command on time (missed + stale + skipped)\n",
+        count(runs.len() as u64, "flight"),
+        size(bytes)
+    )
 }
 
-/// A length of time in at most six characters.
+/// A duration in at most six characters.
 fn length(seconds: f64) -> String {
     match seconds {
         s if s < 100.0 => format!("{s:.1}s"),
@@ -199,9 +215,12 @@ fn size(bytes: u64) -> String {
     format!("{number:.decimals$}{}", UNITS[unit])
 }
 
-/// Length of everything in a directory [bytes]; links are not followed.
+/// Size of everything in a directory [bytes]; links are not followed.
 fn bytes(directory: &Path) -> u64 {
-    let entries = fs::read_dir(directory).into_iter().flatten().filter_map(Result::ok);
+    let entries = fs::read_dir(directory)
+        .into_iter()
+        .flatten()
+        .filter_map(Result::ok);
     entries
         .map(|entry| match entry.metadata() {
             Ok(it) if it.is_dir() => bytes(&entry.path()),
@@ -211,16 +230,165 @@ fn bytes(directory: &Path) -> u64 {
         .sum()
 }
 
+/// Removes the flights selected by the flags, file by file, and nothing that ironbird did not create.
+///
+/// Continues after a flight that cannot be removed; the error gives the number of those.
+fn prune(runs: &[RecordedRun], args: &RunsArgs) -> Result<u8, Failure> {
+    let kept = args
+        .keep
+        .map_or(0, |keep| usize::try_from(keep).unwrap_or(usize::MAX));
+    let is_old = |run: &&RecordedRun| args.older_than.is_none_or(|age| run.age() > age);
+    let mut text = String::new();
+    let (mut removed, mut bytes, mut failed) = (0, 0, 0);
+    for run in runs.iter().skip(kept).filter(is_old) {
+        match reason_to_keep(run) {
+            Some(why) => {
+                text += &format!(
+                    "{} {}: {why}\n",
+                    if args.dry_run { "would keep" } else { "kept" },
+                    run.name
+                )
+            }
+            None => {
+                if let Err(failure) = if args.dry_run {
+                    Ok(())
+                } else {
+                    remove(&run.directory)
+                } {
+                    text += &format!("partly removed {}: {failure}\n", run.name);
+                    failed += 1;
+                    continue;
+                }
+                let removes = if args.dry_run {
+                    "would remove"
+                } else {
+                    "removed"
+                };
+                text += &format!("{removes} {} ({})\n", run.name, size(run.bytes));
+                (removed, bytes) = (removed + 1, bytes + run.bytes);
+            }
+        }
+    }
+    let removes = if args.dry_run {
+        "would be removed"
+    } else {
+        "removed"
+    };
+    text += &format!("{}, {} {removes}\n", count(removed, "flight"), size(bytes));
+    print(&text)?;
+    if failed == 0 {
+        return Ok(OK);
+    }
+    Err(
+        Failure::failed(format!("{} could not be removed", count(failed, "flight"))).help(
+            "remove the files named above yourself, or run this as the user who recorded them",
+        ),
+    )
+}
+
+/// Why a flight must not be removed.
+fn reason_to_keep(run: &RecordedRun) -> Option<String> {
+    if run.is_latest {
+        return Some("`latest` points to it".into());
+    }
+    if run.is_alive {
+        return Some("its processes are running".into());
+    }
+    let exported = run.directory.join(export::DIRECTORY);
+    if let Some(e) = fs::read_dir(&exported)
+        .err()
+        .filter(|e| e.kind() != ErrorKind::NotFound)
+    {
+        return Some(format!("cannot list {}: {e}", exported.display()));
+    }
+    let foreign = foreign(&run.directory)?;
+    Some(format!("{} was not created by ironbird", foreign.display()))
+}
+
+/// A file in a run directory that ironbird did not create.
+fn foreign(directory: &Path) -> Option<PathBuf> {
+    let exported = directory.join(export::DIRECTORY);
+    foreign_entry(directory, |name, is_directory| {
+        is_ours(name) && !is_directory || name == export::DIRECTORY && is_directory
+    })
+    .or_else(|| {
+        foreign_entry(&exported, |name, is_directory| {
+            export::is_ours(name) && !is_directory
+        })
+    })
+}
+
+/// The first entry of a directory, by name, that ironbird did not create.
+fn foreign_entry(directory: &Path, is_ours: impl Fn(&str, bool) -> bool) -> Option<PathBuf> {
+    let entries = fs::read_dir(directory)
+        .into_iter()
+        .flatten()
+        .filter_map(Result::ok);
+    let is_other = |entry: &fs::DirEntry| {
+        let is_directory = entry.file_type().is_ok_and(|it| it.is_dir());
+        !entry
+            .file_name()
+            .to_str()
+            .is_some_and(|name| is_ours(name, is_directory))
+    };
+    entries.filter(is_other).map(|entry| entry.path()).min()
+}
+
+/// Removes a flight's files and then its directory, unless a new file has appeared meanwhile.
+fn remove(directory: &Path) -> Result<(), Failure> {
+    let exported = directory.join(export::DIRECTORY);
+    let files = [
+        entries(&exported, export::is_ours),
+        entries(directory, |name| is_ours(name) && name != FACTS),
+    ]
+    .concat();
+    for path in &files {
+        ensure_removed(path, fs::remove_file(path))?;
+    }
+    ensure_removed(&exported, fs::remove_dir(&exported))?;
+    let last = directory.join(FACTS);
+    ensure_removed(&last, fs::remove_file(&last))?;
+    ensure_removed(directory, fs::remove_dir(directory))
+}
+
+/// Ignores that a file no longer exists.
+fn ensure_removed(path: &Path, removed: io::Result<()>) -> Result<(), Failure> {
+    match removed {
+        Err(e) if e.kind() != ErrorKind::NotFound => Err(Failure::failed(format!(
+            "cannot remove {}: {e}",
+            path.display()
+        ))),
+        _ => Ok(()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn lengths_and_sizes_are_of_at_most_six_characters() {
+    fn lengths_and_sizes_have_at_most_six_characters() {
         let lengths = [0.2, 99.94, 100.0, 5_999.0, 6_000.0, 359_999.0, 2_592_000.0].map(length);
-        assert_eq!(lengths, ["0.2s", "99.9s", "1.7m", "100.0m", "1.7h", "100.0h", "30.0d"]);
-        let sizes = [0, 99_949, 99_950, 999_499, 999_500, 19_300_000, 55_000_000_000].map(size);
-        assert_eq!(sizes, ["0.0kB", "99.9kB", "100kB", "999kB", "1.0MB", "19.3MB", "55.0GB"]);
+        assert_eq!(
+            lengths,
+            ["0.2s", "99.9s", "1.7m", "100.0m", "1.7h", "100.0h", "30.0d"]
+        );
+        let sizes = [
+            0,
+            99_949,
+            99_950,
+            999_499,
+            999_500,
+            19_300_000,
+            55_000_000_000,
+        ]
+        .map(size);
+        assert_eq!(
+            sizes,
+            [
+                "0.0kB", "99.9kB", "100kB", "999kB", "1.0MB", "19.3MB", "55.0GB"
+            ]
+        );
         assert!(lengths.iter().chain(&sizes).all(|text| text.len() <= 6));
     }
 }

@@ -2,70 +2,67 @@
 
 pub(crate) mod airframe;
 pub mod faults;
-mod gates;
-mod ground;
-mod initial;
-pub mod laws;
+pub mod law_settings;
 mod layers;
-mod log;
-mod mixed;
 mod processes;
-mod real_time;
+mod realtime;
 #[cfg(test)]
 mod tests;
-mod told;
+mod toml_access;
 pub(crate) mod trajectory;
+mod validation;
 mod warnings;
 
 use std::collections::BTreeMap;
-use std::f64::consts::PI;
 use std::path::Path;
 
 use controller::trajectory::UnknownTrajectory;
-use controller::{Course, Trajectory};
-use law::law::Rig;
-use model::boards::LOCKSTEP;
-use model::limits::RotorLimits;
-use model::role::Role;
-use report::text;
-use report::words::TrackingLimits;
+use controller::{ScaledTrajectory, Trajectory};
+use flight_log::facts::{ALL, AROUND_MISSES, LogPlan, OFF};
+use messages::blackboards::LOCKSTEP;
+use messages::limits::RotorLimits;
+use messages::role::Role;
+use plant::{Ground, Initial};
+use report::gates::RequestedGates;
+use report::render::text;
+use report::verdicts::TrackingLimits;
 use serde::{Deserialize, Serialize};
 
 use toml::{Table, Value};
 
-use failure::Failure;
-pub use ground::GroundSection;
-pub use initial::InitialSection;
-use laws::Moved;
-use layers::{layered, read, same, typed};
-pub use log::LogName;
-pub use real_time::{RealtimeSection, check_cpu};
-pub(crate) use told::last_name;
-use told::{refused, within};
+use errors::Failure;
+use law_settings::Moved;
+pub use layers::check_foreign_law;
+use layers::{layered, read, typed};
+pub use realtime::{RealtimeSection, check_cpu};
+use toml_access::same;
 pub use trajectory::{PointsFile, TrajectorySection};
 
 /// The commented default, which is also where the defaults come from.
 pub const DEFAULT: &str = include_str!("default.toml");
 
-/// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
-const LONGEST_S: f64 = 30.0 * 86_400.0;
-
-/// The roles that have laws.
 const LAWS: [Role; 3] = [Role::Outer, Role::Inner, Role::Mixer];
 
 /// Sections that all roles of a run must share.
-const SHARED_SECTIONS: [&str; 11] =
-    ["flight", "trajectory", "initial", "ground", "airframe", "plant", "model", "rotor", "outer", "inner", "mixer"];
+const SHARED_SECTIONS: [&str; 11] = [
+    "flight",
+    "trajectory",
+    "initial",
+    "ground",
+    "airframe",
+    "plant",
+    "model",
+    "rotor",
+    "outer",
+    "inner",
+    "mixer",
+];
 
-/// Everything that can be set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// What to fly.
     pub flight: FlightSettings,
-    /// The body at tick 0.
     pub initial: InitialSection,
-    /// The ground, at `flight.ground_z_m`.
     pub ground: GroundSection,
     /// How the trajectory is stretched, and which points it has.
     #[serde(default)]
@@ -77,7 +74,6 @@ pub struct Settings {
     pub plant: BTreeMap<String, f64>,
     /// The airframe as the laws are told that it is, by parameter name.
     pub model: BTreeMap<String, f64>,
-    /// Limits of the rotors.
     pub rotor: RotorLimits,
     /// The outer law, and its settings.
     pub outer: Table,
@@ -85,7 +81,6 @@ pub struct Settings {
     pub inner: Table,
     /// The mixer's law, and its settings.
     pub mixer: Table,
-    /// Real time.
     pub rt: RealtimeSection,
     /// What is recorded, and which gates the flight must pass.
     pub recorder: RecorderSettings,
@@ -97,7 +92,6 @@ pub struct Settings {
     pub moved: Moved,
 }
 
-/// What to fly.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FlightSettings {
@@ -114,11 +108,9 @@ pub struct FlightSettings {
     pub duration_s: f64,
     /// Sample time of the laws [s].
     pub period_s: f64,
-    /// What moves the ticks on.
     pub pace: PaceName,
     /// Periods on the clock per tick.
     pub slowdown: u64,
-    /// Seed of the sensors' noise.
     pub seed: u64,
     /// Whether an inner loop that is started again in flight begins with the last estimates, and not with its priors.
     #[serde(default)]
@@ -135,11 +127,9 @@ pub struct FlightSettings {
     pub ground_z_m: f64,
 }
 
-/// What moves the ticks on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PaceName {
-    /// The clock.
     Realtime,
     /// The chain itself, as fast as it can.
     Lockstep,
@@ -196,24 +186,32 @@ impl Settings {
     }
 
     /// As [`Self::resolve`], for a process that makes the laws of these roles alone.
-    ///
-    /// # Errors
-    /// As [`Self::resolve`].
-    pub fn resolve_to_make(makes: &[Role], file: Option<&Path>, overrides: &Overrides) -> Result<Self, Failure> {
-        Self::over(makes, file.map(read).transpose()?.unwrap_or_default(), file, overrides)
+    pub fn resolve_to_make(
+        makes: &[Role],
+        file: Option<&Path>,
+        overrides: &Overrides,
+    ) -> Result<Self, Failure> {
+        Self::over(
+            makes,
+            file.map(read).transpose()?.unwrap_or_default(),
+            file,
+            overrides,
+        )
     }
 
     /// The settings that result from sections of keys, as a file would have them, and from what is said beside them.
-    ///
-    /// # Errors
-    /// As [`Self::resolve`].
     pub fn of(given: Table, beside: &Overrides) -> Result<Self, Failure> {
         Self::over(&LAWS, given, None, &typed(beside)?)
     }
 
-    fn over(makes: &[Role], given: Table, file: Option<&Path>, overrides: &Overrides) -> Result<Self, Failure> {
+    fn over(
+        makes: &[Role],
+        given: Table,
+        file: Option<&Path>,
+        overrides: &Overrides,
+    ) -> Result<Self, Failure> {
         Self::taken(layered(given, file, overrides)?, makes).map_err(|failure| match file {
-            Some(path) if !told::is_of_flags(&failure, overrides) => {
+            Some(path) if !validation::is_of_flags(&failure, overrides) => {
                 failure.append(&format!(" (settings file {})", path.display()))
             }
             _ => failure,
@@ -222,29 +220,44 @@ impl Settings {
 
     /// The settings of a table that has every key.
     fn taken(table: Table, makes: &[Role]) -> Result<Self, Failure> {
-        told::check_texts("", &table)?;
-        let settings = table.try_into::<Self>().map_err(|e| told::unread(&e))?.with_points()?;
+        validation::check_texts("", &table)?;
+        let ranges = validation::check_ranges(&table);
+        let settings = table
+            .try_into::<Self>()
+            .map_err(|e| validation::unreadable(&e))?
+            .with_points()?;
+        ranges?;
         settings.check(makes).map(|()| settings)
     }
 
     /// The full commented settings, with these values.
-    ///
-    /// # Errors
-    /// [`Failure`] where the default text is broken, which a test rules out.
     pub fn commented(&self) -> Result<String, Failure> {
         let broken = |e: String| Failure::failed(format!("the commented default is broken: {e}"));
-        let mut document: toml_edit::DocumentMut = DEFAULT.parse().map_err(|e| broken(format!("{e}")))?;
+        let mut document: toml_edit::DocumentMut =
+            DEFAULT.parse().map_err(|e| broken(format!("{e}")))?;
         let mut table = Table::try_from(self).map_err(|e| broken(e.to_string()))?;
         table.remove("airframe");
         if self.flight.airframe != airframe::PAPER || self.airframe != airframe::paper() {
-            document.insert("airframe", toml_edit::Item::Table(airframe::commented(&self.airframe)));
+            document.insert(
+                "airframe",
+                toml_edit::Item::Table(airframe::commented(&self.airframe)),
+            );
         }
-        let is_laws = |section: &str| laws::SECTIONS.iter().any(|(name, _)| *name == section);
+        let is_laws = |section: &str| {
+            law_settings::SECTIONS
+                .iter()
+                .any(|(name, _)| *name == section)
+        };
         for (section, keys) in table.iter().filter(|(section, _)| !is_laws(section)) {
             for (key, value) in keys.as_table().into_iter().flatten() {
                 let text = value.to_string();
-                let value: toml_edit::Value = text.parse().map_err(|e| broken(format!("{section}.{key}: {e}")))?;
-                let Some(item) = document[section].get_mut(key).and_then(toml_edit::Item::as_value_mut) else {
+                let value: toml_edit::Value = text
+                    .parse()
+                    .map_err(|e| broken(format!("{section}.{key}: {e}")))?;
+                let Some(item) = document[section]
+                    .get_mut(key)
+                    .and_then(toml_edit::Item::as_value_mut)
+                else {
                     return Err(broken(format!("{section}.{key} is not in it")));
                 };
                 // Where nothing was changed the text keeps the way it is written (2e-4, not 0.0002).
@@ -257,15 +270,12 @@ impl Settings {
         }
         let mut text = document.to_string();
         for (role, section) in self.law_sections() {
-            text += &laws::commented(role, section, &self.moved)?;
+            text += &law_settings::commented(role, section, &self.moved)?;
         }
         Ok(text)
     }
 
     /// What all roles of a run must share: one `section.key = value` a line.
-    ///
-    /// # Errors
-    /// [`Failure`] where a value cannot be written, which checked settings rule out.
     pub fn shared_text(&self) -> Result<String, Failure> {
         let table = Table::try_from(self).map_err(|e| Failure::failed(e.to_string()))?;
         let mut text = String::new();
@@ -277,11 +287,7 @@ impl Settings {
         Ok(text)
     }
 
-    /// What is flown.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names the trajectory that is unknown, which checked settings rule out.
-    pub fn course(&self) -> Result<Course, Failure> {
+    pub fn course(&self) -> Result<ScaledTrajectory, Failure> {
         let TrajectorySection { size, period, .. } = self.trajectory;
         let course = match &self.points {
             Some(points) => points.course,
@@ -303,13 +309,11 @@ impl Settings {
         last_name(&self.flight.trajectory)
     }
 
-    /// The airframe in a word.
     #[must_use]
     pub fn airframe_name(&self) -> &str {
         last_name(&self.flight.airframe)
     }
 
-    /// What is flown, for titles.
     #[must_use]
     pub fn flown(&self) -> String {
         let airframe = text::airframe(self.airframe_name(), &self.flight.airframe_sha256);
@@ -319,10 +323,12 @@ impl Settings {
     /// When the flight counts as tracked.
     #[must_use]
     pub const fn tracking_limits(&self) -> TrackingLimits {
-        TrackingLimits { error_max_m: self.flight.tracking_error_max_m, ground_z_m: self.flight.ground_z_m }
+        TrackingLimits {
+            error_max_m: self.flight.tracking_error_max_m,
+            ground_z_m: self.flight.ground_z_m,
+        }
     }
 
-    /// Last tick of the flight.
     #[must_use]
     pub fn last_tick(&self) -> u64 {
         (self.flight.duration_s / self.flight.period_s).round() as u64
@@ -342,39 +348,145 @@ impl Settings {
             PaceName::Lockstep => LOCKSTEP,
         }
     }
+}
 
-    fn check(&self, makes: &[Role]) -> Result<(), Failure> {
-        let flight = &self.flight;
-        Rig::check_period(flight.period_s).map_err(refused)?;
-        within("flight.duration_s", flight.duration_s, flight.period_s, LONGEST_S)?;
-        within("flight.slowdown", flight.slowdown as f64, 1.0, 1000.0)?;
-        within("flight.position_error_max_m", flight.position_error_max_m, 0.01, 1e4)?;
-        within("flight.tracking_error_max_m", flight.tracking_error_max_m, 0.0, 1e4)?;
-        within("flight.tilt_max_rad", flight.tilt_max_rad, 0.1, PI)?;
-        within("flight.ground_z_m", flight.ground_z_m, -1e4, 0.0)?;
-        within("trajectory.size", self.trajectory.size, 0.01, 100.0)?;
-        within("trajectory.period", self.trajectory.period, 0.01, 100.0)?;
-        within("rt.priority", f64::from(self.rt.priority), 1.0, 95.0)?;
-        self.initial.check()?;
-        self.ground.check()?;
-        self.check_log()?;
-        within("recorder.states_every_ticks", self.recorder.states_every_ticks as f64, 1.0, 1e9)?;
-        self.recorder.check_gates()?;
-        self.rig()?.check().map_err(refused)?;
-        for (_, role) in laws::SECTIONS {
-            self.check_law(role, makes)?;
+/// The last part of a path, or a name.
+pub(crate) fn last_name(path: &str) -> &str {
+    path.rsplit_once('/').map_or(path, |(_, file)| file)
+}
+
+/// Messages that the flight log keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LogName {
+    All,
+    /// Those around missed deadlines, swaps, take-off and landing.
+    AroundMisses,
+    Off,
+}
+
+impl LogName {
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::All => ALL,
+            Self::AroundMisses => AROUND_MISSES,
+            Self::Off => OFF,
         }
-        if self.recorder.gate_theorem
-            && let Some(law) = self.law_without_theorem()?
-        {
-            return Err(Failure::usage(format!(
-                "recorder.gate_theorem = true: the inner law `{law}` has no theorem with these settings"
-            ))
-            .help("fly `adaptive` with inner.adaptation = \"on\", or without --gate theorem"));
+    }
+}
+
+impl Settings {
+    #[must_use]
+    pub fn log_plan(&self) -> LogPlan {
+        let RecorderSettings {
+            log,
+            log_around_s,
+            log_file_mb,
+            log_files,
+            ..
+        } = self.recorder;
+        let around_ticks = (log_around_s / self.flight.period_s).round() as u64;
+        LogPlan {
+            around_ticks: (log == LogName::AroundMisses).then_some(around_ticks),
+            file_bytes: log_file_mb * 1_000_000,
+            files: (log_files > 0).then_some(log_files),
         }
-        self.check_faults()?;
-        self.check_start()?;
-        self.realtime()?;
-        self.check_length()
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InitialSection {
+    /// Position, world frame [m].
+    pub position_w_m: [f64; 3],
+    /// Velocity, world frame [m/s].
+    pub velocity_w_m_s: [f64; 3],
+    /// Roll, pitch, yaw [rad].
+    pub attitude_rad: [f64; 3],
+    /// Body rates p, q, r [rad/s].
+    pub rate_b_rad_s: [f64; 3],
+}
+
+impl From<&InitialSection> for Initial {
+    fn from(section: &InitialSection) -> Self {
+        let InitialSection {
+            position_w_m,
+            velocity_w_m_s,
+            attitude_rad,
+            rate_b_rad_s,
+        } = *section;
+        Self {
+            position_w_m,
+            velocity_w_m_s,
+            attitude_rad,
+            rate_b_rad_s,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GroundSection {
+    pub contact: ContactName,
+    /// From the plane of the rotors to the feet, and to the top [m].
+    pub leg_m: f64,
+    pub friction: f64,
+    /// Fastest touch that is a landing [m/s].
+    pub crash_speed_m_s: f64,
+    /// Largest tilt in a touch that is a landing [rad].
+    pub crash_tilt_rad: f64,
+}
+
+/// What the ground does to the airframe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ContactName {
+    /// Nothing: the airframe falls on, and the report says that it was below ground.
+    Off,
+    Plane,
+}
+
+impl GroundSection {
+    /// The plane at `z_m` [m], where there is one.
+    #[must_use]
+    pub fn plane(&self, z_m: f64) -> Option<Ground> {
+        let &Self {
+            contact,
+            leg_m,
+            friction,
+            crash_speed_m_s,
+            crash_tilt_rad,
+        } = self;
+        let plane = Ground {
+            z_m,
+            leg_m,
+            friction,
+            crash_speed_m_s,
+            crash_tilt_rad,
+        };
+        (contact == ContactName::Plane).then_some(plane)
+    }
+}
+
+impl Settings {
+    /// The gates that the flight must hold.
+    #[must_use]
+    pub fn gates_asked(&self) -> RequestedGates {
+        let limit = |limit: f64| (limit >= 0.0).then_some(limit);
+        let recorder = &self.recorder;
+        RequestedGates {
+            position_error_max_m: self.flight.position_error_max_m,
+            ground_z_m: self.flight.ground_z_m,
+            tilt_max_rad: self.flight.tilt_max_rad,
+            max_miss_rate_ppm: limit(recorder.max_miss_rate_ppm),
+            max_skip_rate_ppm: limit(recorder.max_skip_rate_ppm),
+            max_stale_rate_ppm: limit(recorder.max_stale_rate_ppm),
+            max_wake_p999_us: limit(recorder.max_wake_p999_us),
+            max_loop_p999_us: limit(recorder.max_loop_p999_us),
+            max_tracking_error_m: limit(recorder.max_tracking_error_m),
+            max_steal_percent: limit(recorder.max_steal_percent),
+            theorem: recorder.gate_theorem,
+        }
     }
 }

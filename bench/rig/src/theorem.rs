@@ -1,43 +1,49 @@
-//! The theorem's monitor beside a flight's messages, through restarts of the inner loop.
+//! Feeds the theorem's monitor from a flight's messages, through restarts of the inner loop.
 
 use controller::TheoremMonitor;
-use model::envelope::Message;
-use model::messages::{Dated, State, Wrench};
-use model::monitor::Monitor;
+use messages::content::{Stamped, State, Wrench};
+use messages::header::Message;
+use messages::monitor::Monitor;
 
-/// A monitor for each process of the inner loop.
+/// One monitor per process of the inner loop.
 ///
-/// Every process of the loop begins with its priors, and so does its monitor. A monitor that has missed a message does
-/// not know any more what the law has seen: it says nothing until the next process begins.
+/// Every process starts with initial estimates, and so does its monitor. After a missed message the monitor no longer knows
+/// the law's state, and is silent until the next process starts.
 #[derive(Clone, Debug)]
 pub struct FlightMonitor {
-    /// As it begins beside each process; none where the law has no theorem.
+    /// A fresh monitor; none if the law has no theorem.
     begin: Option<TheoremMonitor>,
-    /// Start of the present process.
     epoch: Option<u64>,
-    /// Sequence number of its next wrench.
+    /// Sequence number of the next wrench.
     next_seq: u64,
-    /// None once a message was missed.
+    /// None after a missed message.
     monitor: Option<TheoremMonitor>,
 }
 
 impl FlightMonitor {
-    /// Before the first wrench of a law that this monitor, which has seen nothing, is for.
     #[must_use]
     pub const fn new(begin: Option<TheoremMonitor>) -> Self {
-        Self { begin, epoch: None, next_seq: 0, monitor: None }
+        Self {
+            begin,
+            epoch: None,
+            next_seq: 0,
+            monitor: None,
+        }
     }
 
-    /// Whether the law has a theorem.
     #[must_use]
     pub const fn applies(&self) -> bool {
         self.begin.is_some()
     }
 
-    /// What is to be said of a wrench, and of the state that it was made from; none where that cannot be known.
+    /// The monitor message for a wrench and the state it was computed from; none if a message was missed.
     ///
-    /// The envelope is the wrench's: process, sequence and tick are those of what it speaks of.
-    pub fn watch(&mut self, wrench: &Message<Wrench>, state: Option<&Dated<State>>) -> Option<Message<Monitor>> {
+    /// Its header is that of the wrench.
+    pub fn watch(
+        &mut self,
+        wrench: &Message<Wrench>,
+        state: Option<&Stamped<State>>,
+    ) -> Option<Message<Monitor>> {
         let envelope = wrench.envelope;
         if self.epoch != Some(envelope.epoch) {
             self.epoch = Some(envelope.epoch);
@@ -48,34 +54,51 @@ impl FlightMonitor {
             self.monitor = None;
         }
         self.next_seq = envelope.seq.saturating_add(1);
-        let content = *self.monitor.as_mut()?.watch(envelope.tick, state?, &wrench.content);
+        let content = *self
+            .monitor
+            .as_mut()?
+            .watch(envelope.tick, state?, &wrench.content);
         Some(Message { envelope, content })
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use control_api::Rig;
     use controller::Gains;
-    use law::Rig;
-    use model::envelope::Envelope;
+    use messages::header::Header;
 
     use super::*;
 
     fn wrench(epoch: u64, seq: u64) -> Message<Wrench> {
-        let envelope = Envelope { epoch, seq, tick: 100 * epoch + seq, ..Envelope::new() };
-        Message { envelope, content: Wrench::default() }
+        let envelope = Header {
+            epoch,
+            seq,
+            tick: 100 * epoch + seq,
+            ..Header::new()
+        };
+        Message {
+            envelope,
+            content: Wrench::default(),
+        }
     }
 
     /// What is said of a wrench: how many stale ticks there have been, as its state is never of its tick.
     fn said(monitor: &mut FlightMonitor, epoch: u64, seq: u64, has_state: bool) -> Option<u64> {
-        let state = Dated { tick: 1, content: State::default() };
+        let state = Stamped {
+            tick: 1,
+            content: State::default(),
+        };
         let said = monitor.watch(&wrench(epoch, seq), has_state.then_some(&state))?;
         assert_eq!(said.envelope, wrench(epoch, seq).envelope);
         Some(said.content.ticks_stale)
     }
 
     fn monitor() -> FlightMonitor {
-        FlightMonitor::new(Some(TheoremMonitor::new(&Rig::default(), &Gains::default())))
+        FlightMonitor::new(Some(TheoremMonitor::new(
+            &Rig::default(),
+            &Gains::default(),
+        )))
     }
 
     #[test]
@@ -88,8 +111,10 @@ mod tests {
 
     #[test]
     fn after_a_lost_message_nothing_is_said_until_the_next_process_begins() {
-        let lost: [fn(&mut FlightMonitor) -> Option<u64>; 2] =
-            [|monitor| said(monitor, 1, 1, false), |monitor| said(monitor, 1, 2, true)];
+        let lost: [fn(&mut FlightMonitor) -> Option<u64>; 2] = [
+            |monitor| said(monitor, 1, 1, false),
+            |monitor| said(monitor, 1, 2, true),
+        ];
         for lost in lost {
             let mut monitor = monitor();
             assert_eq!(said(&mut monitor, 1, 0, true), Some(1));
@@ -102,6 +127,9 @@ mod tests {
     #[test]
     fn of_a_process_that_was_not_seen_from_its_begin_on_nothing_is_said() {
         let mut monitor = monitor();
-        assert_eq!([7, 8].map(|seq| said(&mut monitor, 1, seq, true)), [None; 2]);
+        assert_eq!(
+            [7, 8].map(|seq| said(&mut monitor, 1, seq, true)),
+            [None; 2]
+        );
     }
 }

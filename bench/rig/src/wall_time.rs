@@ -1,20 +1,25 @@
-//! Formats instants of the wall clock, in UTC, and how fast a flight went by it.
+//! Formats wall-clock times in UTC, and the speed of a simulation.
 
 use std::time::SystemTime;
 
-/// An instant for people: `2026-03-01 14:05:09 UTC`.
+/// A time for people: `2026-03-01 14:05:09 UTC`.
 #[must_use]
 pub fn utc(instant: SystemTime) -> String {
-    humantime::format_rfc3339_seconds(instant).to_string().replace('T', " ").replace('Z', " UTC")
+    humantime::format_rfc3339_seconds(instant)
+        .to_string()
+        .replace('T', " ")
+        .replace('Z', " UTC")
 }
 
-/// An instant as the name of a file: `2026-03-01T14-05-09Z`.
+/// A time as a file name: `2026-03-01T14-05-09Z`.
 #[must_use]
 pub fn file_stamp(instant: SystemTime) -> String {
-    humantime::format_rfc3339_seconds(instant).to_string().replace(':', "-")
+    humantime::format_rfc3339_seconds(instant)
+        .to_string()
+        .replace(':', "-")
 }
 
-/// How fast a flight of `flown_s` went, of which nothing was in real time: `0.071 s (850 times real time)`.
+/// The speed of a simulation of `flown_s` seconds of flight: `0.071 s (850 times real time)`.
 #[must_use]
 pub fn speed(flown_s: f64, wall_s: f64) -> String {
     format!("{wall_s:.3} s ({:.0} times real time)", flown_s / wall_s)
@@ -27,14 +32,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_instant_is_written_in_utc() {
+    fn a_time_is_written_in_utc() {
         let instant = UNIX_EPOCH + Duration::from_millis(1_772_373_909_250);
         assert_eq!(utc(instant), "2026-03-01 14:05:09 UTC");
         assert_eq!(file_stamp(instant), "2026-03-01T14-05-09Z");
     }
 
     #[test]
-    fn a_speed_is_beside_the_time_that_it_took() {
+    fn a_speed_follows_the_time_it_took() {
         assert_eq!(speed(60.0, 0.125), "0.125 s (480 times real time)");
     }
 }

@@ -1,23 +1,21 @@
 //! What `ironbird report diff` says of groups of real flights that are alike, and of groups that are not.
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+use crate::rig::{Rig, rounds, take_station};
+use control_api::GuardedInner;
+use ipc::Wire;
+use ipc::clock::{Horizon, now_ns};
+use ipc::error::Error;
+use ironbird::settings::Settings;
+use messages::content::NO_TICK;
+use messages::inspection::{Expected, Rejections};
+use messages::role::Role;
+use process::shell::{InnerJob, Shell};
+use process::stage::{self, Stage, TickContext, TickOutcome};
+use rustix::thread::gettid;
+use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
-
-use crate::rig::{Rig, rounds, take_station};
-use ironbird::settings::Settings;
-use law::GuardedInner;
-use model::inspection::{Expected, Rejections};
-use model::messages::NO_TICK;
-use model::role::Role;
-use role::shell::{InnerJob, Shell};
-use role::stage::{self, Stage, TickOutcome, Turn};
-use rustix::thread::gettid;
-use serde_json::Value;
-use wire::Wire;
-use wire::clock::{Horizon, now_ns};
-use wire::error::Error;
 
 /// In the environment of the inner loop below: its instance, and by how much it sees its input late [us].
 const INSTANCE: &str = "LATE_INNER_INSTANCE";
@@ -49,7 +47,11 @@ impl Stage for LateInner {
         Ok(tick)
     }
 
-    fn tick(&mut self, turn: &Turn, end: &mut dyn FnMut(model::boards::Ending)) -> Result<TickOutcome, Error> {
+    fn tick(
+        &mut self,
+        turn: &TickContext,
+        end: &mut dyn FnMut(messages::blackboards::EndReason),
+    ) -> Result<TickOutcome, Error> {
         self.inner.tick(turn, end)
     }
 
@@ -65,7 +67,9 @@ impl Stage for LateInner {
 #[test]
 #[ignore = "no test, but a process that a test starts"]
 fn late_inner() {
-    let Ok(instance) = std::env::var(INSTANCE) else { return };
+    let Ok(instance) = std::env::var(INSTANCE) else {
+        return;
+    };
     let late_ns = std::env::var(LATE_US).unwrap().parse::<u64>().unwrap() * 1_000;
     let settings = Settings::resolve(Some(Path::new("flight.toml")), &Vec::new()).unwrap();
     let mut station = take_station(Role::Inner, &instance, &settings);
@@ -74,25 +78,42 @@ fn late_inner() {
     let doorbell = station.wire().doorbell(Role::Inner).unwrap();
     let law = settings.inner_stage().unwrap();
     let inner = Shell::new(station.wire(), InnerJob(law), Some(Role::Mixer)).unwrap();
-    stage::run(LateInner { inner, late_ns, seen: NO_TICK }, doorbell, station).unwrap();
+    stage::run(
+        LateInner {
+            inner,
+            late_ns,
+            seen: NO_TICK,
+        },
+        doorbell,
+        station,
+    )
+    .unwrap();
 }
 
 /// Flies with an inner loop that is late by so much; the name of the flight's directory.
 fn fly(rig: &Rig, late_us: &str) -> String {
     let settings = rig.file("flight.toml");
     fs::write(&settings, "[flight]\nduration_s = 3.0\n").unwrap();
-    let start = |role: &str| rig.start(role, &["--config", &settings]);
+    let start = |role: &str| rig.start(role, format!("--config {settings}"));
     let mut inner = Command::new(std::env::current_exe().unwrap());
     inner.args(["--exact", "comparisons::late_inner", "--ignored"]);
-    inner.env("IRONBIRD_ROOT", rig.root()).env(INSTANCE, &rig.instance).env(LATE_US, late_us);
-    let roles = [start("record"), start("plant"), start("outer"), rig.launch(inner), start("mixer")];
+    inner
+        .env("IRONBIRD_ROOT", rig.root())
+        .env(INSTANCE, &rig.instance)
+        .env(LATE_US, late_us);
+    let roles = [
+        start("record"),
+        start("plant"),
+        start("outer"),
+        rig.launch(inner),
+        start("mixer"),
+    ];
     for process in roles {
         process.end().expect(0);
     }
     rig.run_directories().pop().unwrap()
 }
 
-/// What is said of timing.
 #[derive(Debug, Default)]
 struct Said {
     not_judged: u64,
@@ -116,7 +137,11 @@ impl Said {
         }
         let figures = diff["figures"].as_array().unwrap();
         let is_apart = |figure: &&Value| figure["says"] == "more" || figure["says"] == "less";
-        let apart: Vec<&str> = figures.iter().filter(is_apart).map(|figure| figure["name"].as_str().unwrap()).collect();
+        let apart: Vec<&str> = figures
+            .iter()
+            .filter(is_apart)
+            .map(|figure| figure["name"].as_str().unwrap())
+            .collect();
         self.differ += u64::from(!apart.is_empty());
         self.hop_is_more += u64::from(apart.contains(&"hop.outer_inner p50 [us]"));
         self.figures.extend(apart.into_iter().map(str::to_owned));

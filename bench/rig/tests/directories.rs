@@ -1,9 +1,18 @@
-//! Whose an instance's directory is: what is not ours stays, and what others can reach is not used. Real processes.
+//! The directories of an instance and of flights, and the link `latest`.
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
-
-use crate::rig;
-
+use crate::rig::{self, Ended, Rig, Running, is_gone, not_tested, send, wait_until};
+use flight_log::entry::LogEntry;
+use flight_log::facts::{Facts, LogPlan, record};
+use flight_log::writer::FlightLog;
+use ipc::instance::Instance;
+use ironbird::run_directory::RunDirectory;
+use ironbird::settings::Settings;
+use messages::content::State;
+use messages::grid::Pace;
+use messages::header::{Header, Message};
+use messages::role::Role;
+use messages::telemetry::Signals;
+use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::fs;
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, chown, symlink};
@@ -11,22 +20,6 @@ use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use flight_log::entry::LogEntry;
-use flight_log::facts::{Facts, LogPlan, record};
-use flight_log::writer::FlightLog;
-use ironbird::run_directory::RunDirectory;
-use ironbird::settings::Settings;
-use model::envelope::{Envelope, Message};
-use model::grid::Pace;
-use model::messages::State;
-use model::role::Role;
-use model::telemetry::Signals;
-use rustix::process::Signal;
-use wire::instance::Instance;
-
-use crate::rig::{Ended, Rig, Running, is_gone, not_tested, send, wait_until};
-
-/// A user who owns nothing.
 const NOBODY: u32 = 65534;
 
 /// Makes the root what a home directory is: trees, files, a socket and links, under names that instances may have.
@@ -49,14 +42,24 @@ fn everything_below(directory: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
             found.append(&mut everything_below(&entry.path()));
         }
         let is_file = entry.file_type().unwrap().is_file();
-        found.insert(entry.path(), if is_file { fs::read(entry.path()).unwrap() } else { Vec::new() });
+        found.insert(
+            entry.path(),
+            if is_file {
+                fs::read(entry.path()).unwrap()
+            } else {
+                Vec::new()
+            },
+        );
     }
     found
 }
 
-fn short_flight(rig: &Rig, more: &[&str]) -> Ended {
+fn short_flight(rig: &Rig, more: &str) -> Ended {
     let slow = rig.slow(5);
-    rig.run("fly", &[&["--rt", "off", "--config", &slow, "--duration", "100ms"], more].concat())
+    rig.run(
+        "fly",
+        format!("--rt off --config {slow} --duration 100ms {more}"),
+    )
 }
 
 /// Kills a flight with all its processes, none of which can say a last word.
@@ -66,7 +69,9 @@ fn kill_all(flight: Running) {
     flight.signal(Signal::KILL);
     flight.end();
     roles.values().for_each(|pid| send(*pid, Signal::KILL));
-    wait_until("the killed to be gone", || roles.values().all(|pid| is_gone(*pid)).then_some(()));
+    wait_until("the killed to be gone", || {
+        roles.values().all(|pid| is_gone(*pid)).then_some(())
+    });
 }
 
 #[test]
@@ -75,19 +80,30 @@ fn clean_takes_what_is_ours_from_a_root_that_is_a_home_directory_and_nothing_els
     fs::create_dir(rig.root()).unwrap();
     furnish(&rig.root());
     let had = everything_below(&rig.root());
-    rig.run("clean", &[]).expect(0).says("nothing to remove");
+    rig.ok("clean").says("nothing to remove");
     assert_eq!(everything_below(&rig.root()), had);
 
-    kill_all(rig.take_off(&["--rt", "off", "--config", &rig.slow(1000)]));
+    kill_all(rig.take_off(format!("--rt off --config {}", rig.slow(1000))));
     let left = everything_below(&rig.root());
     let segments = rig.segments();
     assert!(!segments.is_empty() && left.len() > had.len());
     let directory = rig.known().directory();
-    let announced = rig.run("clean", &["--dry-run"]).expect(0).says(&format!("would remove {}\n", directory.display()));
-    let announced = segments.iter().fold(announced, |said, name| said.says(&format!("would remove /dev/shm/{name}\n")));
-    assert_eq!((everything_below(&rig.root()), rig.segments()), (left, segments), "nothing is removed");
-    let removed = rig.run("clean", &[]).expect(0);
-    assert_eq!(removed.stdout, announced.stdout.replace("would remove", "removed"));
+    let announced = rig
+        .ok("clean --dry-run")
+        .says(&format!("would remove {}\n", directory.display()));
+    let announced = segments.iter().fold(announced, |said, name| {
+        said.says(&format!("would remove /dev/shm/{name}\n"))
+    });
+    assert_eq!(
+        (everything_below(&rig.root()), rig.segments()),
+        (left, segments),
+        "nothing is removed"
+    );
+    let removed = rig.ok("clean");
+    assert_eq!(
+        removed.stdout,
+        announced.stdout.replace("would remove", "removed")
+    );
     assert_eq!(everything_below(&rig.root()), had);
     rig.assert_nothing_left();
 }
@@ -99,15 +115,27 @@ fn a_flight_leaves_a_home_directory_as_it_was() {
     fs::create_dir(rig.root()).unwrap();
     furnish(&rig.root());
     let had = everything_below(&rig.root());
-    for (name, words) in [("work", "is no directory of ironbird: in it lies `thesis`"), ("notes", "it is no directory")]
-    {
+    for (name, words) in [
+        ("work", "is no directory of ironbird: in it lies `thesis`"),
+        ("notes", "it is no directory"),
+    ] {
         for command in ["fly", "plant", "record"] {
-            rig.run(command, &["--instance", name, "--rt", "off"]).expect(2).complains(words);
-            assert_eq!(everything_below(&rig.root()), had, "{command} --instance {name}");
+            rig.run(command, format!("--instance {name} --rt off"))
+                .expect(2)
+                .complains(words);
+            assert_eq!(
+                everything_below(&rig.root()),
+                had,
+                "{command} --instance {name}"
+            );
         }
     }
-    assert!(rig.run_directories().is_empty(), "{:?}", rig.run_directories());
-    short_flight(&rig, &[]).expect(0);
+    assert!(
+        rig.run_directories().is_empty(),
+        "{:?}",
+        rig.run_directories()
+    );
+    short_flight(&rig, "").expect(0);
     assert_eq!(everything_below(&rig.root()), had);
     rig.assert_nothing_left();
 }
@@ -116,23 +144,29 @@ fn a_flight_leaves_a_home_directory_as_it_was() {
 #[ignore = "long: part of the gate"]
 fn what_is_put_into_the_directory_during_a_flight_stays_and_clean_names_it() {
     let rig = Rig::new("foreign");
-    let flight = rig.take_off(&["--rt", "off", "--config", &rig.slow(20), "--duration", "100ms"]);
+    let flight = rig.take_off(format!(
+        "--rt off --config {} --duration 100ms",
+        rig.slow(20)
+    ));
     let directory = rig.known().directory();
     furnish(&directory);
     flight.end().expect(0);
     let left = everything_below(&directory);
     assert_eq!(left[&directory.join("work/thesis")], b"mine");
     assert_eq!(rig.segments(), Vec::<String>::new());
-    let named = rig.run("clean", &[]).expect(0);
+    let named = rig.ok("clean");
     for name in ["bus", "go", "link", "notes", "src", "work"] {
         assert!(
-            named.stdout.contains(&format!("kept {}: not created by ironbird\n", directory.join(name).display())),
+            named.stdout.contains(&format!(
+                "kept {}: not created by ironbird\n",
+                directory.join(name).display()
+            )),
             "{named}"
         );
     }
     assert_eq!(everything_below(&directory), left);
     // It is still the instance's.
-    short_flight(&rig, &[]).expect(0);
+    short_flight(&rig, "").expect(0);
     assert_eq!(everything_below(&directory), left);
 }
 
@@ -140,7 +174,12 @@ fn what_is_put_into_the_directory_during_a_flight_stays_and_clean_names_it() {
 fn in_directory(rig: &Rig, directory: &Path, command: &str, args: &[&str]) -> Running {
     fs::create_dir_all(directory).unwrap();
     let mut process = Command::new("env");
-    process.arg("-C").arg(directory).arg(rig::IRONBIRD).arg(command).args(rig.own_args(command, args));
+    process
+        .arg("-C")
+        .arg(directory)
+        .arg(rig::IRONBIRD)
+        .arg(command)
+        .args(rig.own_args(command, args));
     process.env("IRONBIRD_ROOT", "rig");
     rig.launch(process)
 }
@@ -155,15 +194,39 @@ fn one_relative_root_in_two_directories_is_two_roots() {
     let args = ["--rt", "off", "--config", &slow, "--duration", "30s"];
     let flight = in_directory(&rig, &one, "fly", &args);
     let known = Instance::under(&one.join("rig"), &rig.instance).unwrap();
-    let segments = || rig.segments().into_iter().filter(|name| name.starts_with(&known.prefix())).count();
-    wait_until("the plant to have its place", || known.is_occupied(Role::Plant).then_some(()));
+    let segments = || {
+        rig.segments()
+            .into_iter()
+            .filter(|name| name.starts_with(&known.prefix()))
+            .count()
+    };
+    wait_until("the plant to have its place", || {
+        known.is_occupied(Role::Plant).then_some(())
+    });
     wait_until("shared memory", || (segments() > 0).then_some(()));
-    in_directory(&rig, &other, "fly", &["--rt", "off", "--config", &rig.slow(5), "--duration", "50ms"]).end().expect(0);
+    in_directory(
+        &rig,
+        &other,
+        "fly",
+        &[
+            "--rt",
+            "off",
+            "--config",
+            &rig.slow(5),
+            "--duration",
+            "50ms",
+        ],
+    )
+    .end()
+    .expect(0);
     in_directory(&rig, &other, "clean", &[]).end().expect(0);
     let left = segments();
     flight.signal(Signal::INT);
     flight.end().expect(130);
-    assert!(left > 0, "the end of one flight removed the memory of the other");
+    assert!(
+        left > 0,
+        "the end of one flight removed the memory of the other"
+    );
     rig.assert_nothing_left();
 }
 
@@ -174,12 +237,17 @@ fn without_a_root_path_the_session_has_it_if_it_is_this_users_or_else_tmp() {
     let session = rig.path("run");
     fs::create_dir(&session).unwrap();
     let place_of_plant = |root: PathBuf| {
-        let mut command = rig.command("plant", &["--rt", "off"]);
-        command.env_remove("IRONBIRD_ROOT").env("XDG_RUNTIME_DIR", &session);
+        let mut command = rig.command("plant", "--rt off");
+        command
+            .env_remove("IRONBIRD_ROOT")
+            .env("XDG_RUNTIME_DIR", &session);
         let plant = rig.launch(command);
         plant.await_words("waiting for");
         let lock = root.join(&rig.instance).join("plant.lock");
-        assert_eq!(fs::read_to_string(&lock).unwrap().trim(), plant.pid().to_string());
+        assert_eq!(
+            fs::read_to_string(&lock).unwrap().trim(),
+            plant.pid().to_string()
+        );
         assert_eq!(root.metadata().unwrap().mode() & 0o022, 0);
         plant.signal(Signal::TERM);
         plant.end().expect(130);
@@ -191,7 +259,12 @@ fn without_a_root_path_the_session_has_it_if_it_is_this_users_or_else_tmp() {
         return;
     }
     place_of_plant(PathBuf::from(format!("/tmp/ironbird-{user}")));
-    assert!(fs::read_dir(session.join("ironbird")).unwrap().next().is_none());
+    assert!(
+        fs::read_dir(session.join("ironbird"))
+            .unwrap()
+            .next()
+            .is_none()
+    );
 }
 
 #[test]
@@ -202,14 +275,22 @@ fn a_flight_that_cannot_be_looked_at_is_not_said_to_be_none() {
     let lock = instance.lock(Role::Plant).unwrap();
     fs::create_dir(instance.directory().join("in_use.lock")).unwrap();
     for args in [["params", "--json"], ["inject", "mass_kg=0.5"]] {
-        let ended = rig.run(args[0], &args[1..]).expect(2).complains("/in_use.lock: Is a directory");
+        let ended = rig
+            .run(args[0], &args[1..])
+            .expect(2)
+            .complains("/in_use.lock: Is a directory");
         assert!(!ended.stderr.contains("start one"), "{ended}");
     }
     fs::remove_dir(instance.directory().join("in_use.lock")).unwrap();
 
     // Somebody who may not look.
     let as_nobody = ["--reuid=65534", "--regid=65534", "--clear-groups"];
-    if !Command::new("setpriv").args(as_nobody).arg("true").status().is_ok_and(|status| status.success()) {
+    if !Command::new("setpriv")
+        .args(as_nobody)
+        .arg("true")
+        .status()
+        .is_ok_and(|status| status.success())
+    {
         not_tested("a flight of another user: this user may not become one");
         return;
     }
@@ -219,9 +300,17 @@ fn a_flight_that_cannot_be_looked_at_is_not_said_to_be_none() {
     }
     for args in [["params", "--json"], ["inject", "mass_kg=0.5"]] {
         let mut command = Command::new("setpriv");
-        command.args(as_nobody).arg(rig.path("ironbird")).arg(args[0]).args(rig.own_args(args[0], &args[1..]));
+        command
+            .args(as_nobody)
+            .arg(rig.path("ironbird"))
+            .arg(args[0])
+            .args(rig.own_args(args[0], &args[1..]));
         command.env("IRONBIRD_ROOT", rig.root());
-        let ended = rig.launch(command).end().expect(2).complains("/plant.lock: Permission denied");
+        let ended = rig
+            .launch(command)
+            .end()
+            .expect(2)
+            .complains("/plant.lock: Permission denied");
         assert!(!ended.stderr.contains("start one"), "{ended}");
     }
     drop(lock);
@@ -233,15 +322,26 @@ fn a_flights_directory_goes_unless_something_was_recorded() {
     let settings = Settings::resolve(None, &Vec::new()).unwrap();
     let (plan, records) = (LogPlan::WHOLE, vec![("run", record(&[]))]);
     let (signals, no_theorem) = (Signals::default(), None);
-    let facts = Facts { pace: Pace::Lockstep, sample_time_ns: 1_000_000, plan, signals, no_theorem, records };
+    let facts = Facts {
+        pace: Pace::Lockstep,
+        sample_time_ns: 1_000_000,
+        plan,
+        signals,
+        no_theorem,
+        records,
+    };
     for (messages, kept) in [(0, false), (1, true)] {
         let directory = RunDirectory::create(&rig.out(), &settings, "some").unwrap();
         for name in ["record.log", "plant.log", "latency.hlog", "states.csv"] {
             fs::write(directory.path.join(name), "what a recorder has begun\n").unwrap();
         }
         let mut log = FlightLog::create(&directory.path.join("flight.mcap"), &facts).unwrap();
-        (0..messages)
-            .for_each(|_| log.take(LogEntry::State(Message { envelope: Envelope::new(), content: State::default() })));
+        (0..messages).for_each(|_| {
+            log.take(LogEntry::State(Message {
+                envelope: Header::new(),
+                content: State::default(),
+            }))
+        });
         log.finish(record(&[])).unwrap();
         directory.discard();
         assert_eq!(directory.path.exists(), kept, "{messages} messages");
@@ -249,5 +349,52 @@ fn a_flights_directory_goes_unless_something_was_recorded() {
     let empty = RunDirectory::create(&rig.out(), &settings, "some").unwrap();
     fs::write(empty.path.join("flight.mcap"), "").unwrap();
     empty.discard();
-    assert!(!empty.path.exists(), "a recorder that was killed before its first chunk leaves an empty log");
+    assert!(
+        !empty.path.exists(),
+        "a recorder that was killed before its first chunk leaves an empty log"
+    );
+}
+
+#[test]
+fn latest_stays_where_it_was_until_a_flight_has_a_report() {
+    let rig = Rig::new("latest");
+    let latest = || fs::read_link(rig.out().join("latest")).unwrap();
+    rig.run("fly", "--rt off --duration 100ms");
+    let flown = latest();
+    assert_eq!(rig.run_directories(), [flown.to_str().unwrap()]);
+    // Without a plant to fly with: it waits.
+    let recorder = rig.start("record", "--rt off");
+    recorder.await_words("waiting for");
+    assert_eq!((latest(), rig.run_directories().len()), (flown.clone(), 2));
+    recorder.signal(Signal::TERM);
+    recorder.end().expect(130);
+    assert_eq!(
+        (latest(), rig.run_directories().len()),
+        (flown.clone(), 1),
+        "an empty directory is removed"
+    );
+    let flight = rig.take_off("--rt off --duration 600s");
+    wait_until("the first report", || (latest() != flown).then_some(()));
+    assert!(rig.out().join("latest/report.json").exists());
+    flight.signal(Signal::INT);
+    flight.end().expect(130);
+}
+
+#[test]
+fn a_directory_called_latest_stays_and_the_report_says_so() {
+    let rig = Rig::new("no-link");
+    let directory = rig.out().join("latest");
+    fs::create_dir_all(&directory).unwrap();
+    let words = format!(
+        "latest is incomplete: cannot point to the flight with {}: Is a direct",
+        directory.display()
+    );
+    rig.ok("fly --pace lockstep --duration 100ms")
+        .tells(&format!("INCOMPLETE RECORD: {words}"));
+    assert!(fs::symlink_metadata(&directory).unwrap().is_dir() && rig.run_directories().len() == 1);
+    let left: Vec<_> = fs::read_dir(rig.out())
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name())
+        .collect();
+    assert_eq!(left.len(), 2, "a draft of the link is left: {left:?}");
 }

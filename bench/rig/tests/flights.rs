@@ -1,11 +1,14 @@
-//! Flights of real processes: bit-identical to simulation, swapped, watched.
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+//! Whole flights: in processes and in lockstep, at other rates, with pipes in place of files.
 
-use std::io::Write as _;
-
-use crate::rig::{Ended, Rig, wait_until};
+use crate::rig::{Ended, Rig, Running, send, wait_until};
+use controller::Trajectory;
+use controller::gains::PRESET_NAMES;
+use messages::parameters::{SPECS, Spec};
 use rustix::process::Signal;
 use serde_json::Value;
+use std::fs;
+use std::io::Write as _;
+use std::process::Command;
 
 /// Flies in ever slower motion until no stage was late for any tick, because only then nothing depends on the machine.
 ///
@@ -16,18 +19,31 @@ fn without_a_miss(rig: &Rig, mut fly: impl FnMut(u64)) {
         fly(slowdown);
         let report = rig.report();
         let number = |section: &str, key: &str| report[section][key].as_u64().unwrap();
-        let stale: u64 = ["outer", "inner", "mixer"].map(|role| stale_or_skipped(&report["roles"][role])).iter().sum();
+        let stale: u64 = ["outer", "inner", "mixer"]
+            .map(|role| stale_or_skipped(&report["roles"][role]))
+            .iter()
+            .sum();
         let (missed, skipped) = (number("deadlines", "missed"), number("ticks", "skipped"));
         if (missed, skipped, stale) == (0, 0, 0) {
             // Past the harness, which shows what a test prints when it fails alone.
             if !late.is_empty() {
-                let _ = writeln!(std::io::stderr().lock(), "TRIES {}: {}", late.len() + 1, late.join("; "));
+                let _ = writeln!(
+                    std::io::stderr().lock(),
+                    "TRIES {}: {}",
+                    late.len() + 1,
+                    late.join("; ")
+                );
             }
             return;
         }
-        late.push(format!("{missed} missed, {skipped} skipped, {stale} stale with ticks of {slowdown} ms"));
+        late.push(format!(
+            "{missed} missed, {skipped} skipped, {stale} stale with ticks of {slowdown} ms"
+        ));
     }
-    panic!("ticks were late in spite of slow motion: {}", late.join("; "));
+    panic!(
+        "ticks were late in spite of slow motion: {}",
+        late.join("; ")
+    );
 }
 
 fn stale_or_skipped(role: &Value) -> u64 {
@@ -37,20 +53,38 @@ fn stale_or_skipped(role: &Value) -> u64 {
 /// The states of a simulated flight with a row per tick.
 fn simulated(rig: &Rig, args: &[&str]) -> Vec<u8> {
     let path = rig.file("simulated.csv");
-    rig.run("simulate", &[args, &["--every", "1", "--states", &path]].concat()).expect(0);
-    std::fs::read(path).unwrap()
+    rig.run(
+        "simulate",
+        [args, &["--every", "1", "--states", &path]].concat(),
+    )
+    .expect(0);
+    fs::read(path).unwrap()
 }
 
 #[track_caller]
 fn assert_same_bytes(flown: &[u8], simulated: &[u8], rows: usize) {
-    let lines =
-        |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap().lines().map(str::to_owned).collect::<Vec<_>>();
+    let lines = |bytes: &[u8]| {
+        String::from_utf8(bytes.to_vec())
+            .unwrap()
+            .lines()
+            .map(str::to_owned)
+            .collect::<Vec<_>>()
+    };
     let (flown_lines, simulated_lines) = (lines(flown), lines(simulated));
-    assert_eq!(simulated_lines.len(), rows + 1, "a header, and a row per tick");
+    assert_eq!(
+        simulated_lines.len(),
+        rows + 1,
+        "a header, and a row per tick"
+    );
     for (i, (flown, simulated)) in flown_lines.iter().zip(&simulated_lines).enumerate() {
         assert_eq!(flown, simulated, "line {}", i + 1);
     }
-    assert!(flown == simulated, "{} lines flown, {} simulated", flown_lines.len(), simulated_lines.len());
+    assert!(
+        flown == simulated,
+        "{} lines flown, {} simulated",
+        flown_lines.len(),
+        simulated_lines.len()
+    );
 }
 
 /// Flies and simulates with the same options.
@@ -59,18 +93,45 @@ fn flies_as_simulated(name: &str, options: &[&str]) {
     let states = rig.file("flown.csv");
     without_a_miss(&rig, |slowdown| {
         let slow = rig.slow(slowdown);
-        let own = ["--rt", "prefer", "--config", &slow, "--duration", "150ms", "--every", "1", "--states", &states];
-        rig.run("fly", &[&own, options].concat()).expect(0);
+        let own = [
+            "--rt",
+            "prefer",
+            "--config",
+            &slow,
+            "--duration",
+            "150ms",
+            "--every",
+            "1",
+            "--states",
+            &states,
+        ];
+        rig.run("fly", [&own, options].concat()).expect(0);
     });
-    assert_eq!((&rig.report()["verdict"]["status"], &rig.report()["ticks"]["run"]), (&"PASS".into(), &151.into()));
-    let flown = std::fs::read(&states).unwrap();
-    assert_same_bytes(&flown, &simulated(&rig, &[&["--duration", "150ms"], options].concat()), 151);
-    let in_directory = std::fs::read(rig.out().join("latest/states.csv")).unwrap();
-    assert!(in_directory == flown, "both copies of the states are the same");
+    assert_eq!(
+        (
+            &rig.report()["verdict"]["status"],
+            &rig.report()["ticks"]["run"]
+        ),
+        (&"PASS".into(), &151.into())
+    );
+    let flown = fs::read(&states).unwrap();
+    assert_same_bytes(
+        &flown,
+        &simulated(&rig, &[&["--duration", "150ms"], options].concat()),
+        151,
+    );
+    let in_directory = fs::read(rig.out().join("latest/states.csv")).unwrap();
+    assert!(
+        in_directory == flown,
+        "both copies of the states are the same"
+    );
     let report = rig.report();
     assert_eq!(report["recorder"]["incomplete_ticks"], 0);
     assert_eq!(report["deadlines"]["missed_by_stamps"], 0);
-    assert_eq!((&report["ticks"]["run"], &report["ticks"]["skipped"]), (&151.into(), &0.into()));
+    assert_eq!(
+        (&report["ticks"]["run"], &report["ticks"]["skipped"]),
+        (&151.into(), &0.into())
+    );
     rig.assert_nothing_left();
 }
 
@@ -83,7 +144,12 @@ fn a_flight_without_misses_is_the_simulated_one_byte_for_byte() {
 #[ignore = "long: part of the gate"]
 fn with_the_papers_gains_a_fault_and_gyro_noise_it_is_still_the_simulated_one() {
     let options = ["--preset", "paper", "--trajectory", "fast"];
-    let faults = ["--fault", "gyro_noise_rad_s=0.02@tick7", "--fault", "rotational_drag_nm_s=0.525,mass_kg=0.6@60ms"];
+    let faults = [
+        "--fault",
+        "gyro_noise_rad_s=0.02@tick7",
+        "--fault",
+        "rotational_drag_nm_s=0.525,mass_kg=0.6@60ms",
+    ];
     flies_as_simulated("same-paper", &[&options[..], &faults].concat());
 }
 
@@ -93,35 +159,50 @@ fn with_soft_gains_and_weak_late_rotors_it_is_still_the_simulated_one() {
     let options = ["--preset", "soft", "--trajectory", "step", "--fault"];
     flies_as_simulated(
         "same-soft",
-        &[&options[..], &["rotor_efficiency_3=0.8,motor_time_constant_s=0.02,command_delay_s=0.003@tick40"]].concat(),
+        &[
+            &options[..],
+            &["rotor_efficiency_3=0.8,motor_time_constant_s=0.02,command_delay_s=0.003@tick40"],
+        ]
+        .concat(),
     );
 }
 
 /// The tick in the answer to a swap.
 fn applied_tick(answer: &Ended) -> u64 {
-    let after = answer.stdout.strip_prefix("applied at tick ").unwrap_or_else(|| panic!("{answer}"));
+    let after = answer
+        .stdout
+        .strip_prefix("applied at tick ")
+        .unwrap_or_else(|| panic!("{answer}"));
     after.split(' ').next().unwrap().parse().unwrap()
 }
 
 /// Swaps in flight, of which the plant takes four; their ticks.
 fn fly_and_inject(rig: &Rig, slowdown: u64, states: &str) -> [u64; 4] {
     let slow = rig.slow(slowdown);
-    let args = ["--rt", "prefer", "--config", &slow, "--duration", "300ms", "--every", "1", "--states", states];
+    let args = format!("--rt prefer --config {slow} --duration 300ms --every 1 --states {states}");
     let flight = rig.take_off(&args);
-    let answer = rig.run("inject", &["rotational_drag_nm_s=0.525", "--at-tick", "80"]).expect(0);
+    let answer = rig.ok("inject rotational_drag_nm_s=0.525 --at-tick 80");
     assert_eq!(applied_tick(&answer), 80);
-    let answer = answer.says("parameter epoch 1\n").says("  rotational_drag_nm_s  0.105 -> 0.525 N m s\n");
+    let answer = answer
+        .says("parameter epoch 1\n")
+        .says("  rotational_drag_nm_s  0.105 -> 0.525 N m s\n");
     // Without an instant it holds from the next tick on, together with whatever comes in the same command.
-    let both = rig.run("inject", &["mass_kg=0.6", "rotor_efficiency_3=0.9,gyro_noise_rad_s=0.01"]).expect(0);
+    let both = rig.ok("inject mass_kg=0.6 rotor_efficiency_3=0.9,gyro_noise_rad_s=0.01");
     assert!(applied_tick(&both) > applied_tick(&answer), "{both}");
-    let both = both.says("parameter epoch 2\n").says("  mass_kg  0.52 -> 0.6 kg\n");
-    let both = both.says("  rotor_efficiency_3  1.0 -> 0.9\n").says("  gyro_noise_rad_s  0.0 -> 0.01 rad/s\n");
+    let both = both
+        .says("parameter epoch 2\n")
+        .says("  mass_kg  0.52 -> 0.6 kg\n");
+    let both = both
+        .says("  rotor_efficiency_3  1.0 -> 0.9\n")
+        .says("  gyro_noise_rad_s  0.0 -> 0.01 rad/s\n");
     // The instance may also be named last, as in every other command.
-    let later = rig.run("inject", &["--in", "10ms", "mass_kg=0.5"]).expect(0).says("parameter epoch 3\n");
+    let later = rig
+        .ok("inject --in 10ms mass_kg=0.5")
+        .says("parameter epoch 3\n");
     assert!(applied_tick(&later) >= applied_tick(&both) + 10, "{later}");
     refused_in_flight(rig);
     in_force(rig, applied_tick(&later));
-    let past = rig.run("inject", &["--at-tick", "81", "gyro_noise_rad_s=0.02"]).expect(0);
+    let past = rig.ok("inject --at-tick 81 gyro_noise_rad_s=0.02");
     let past = past.says("parameter epoch 4: tick 81 was past\n");
     assert!(applied_tick(&past) > applied_tick(&later), "{past}");
     flight.end().expect(0);
@@ -130,12 +211,15 @@ fn fly_and_inject(rig: &Rig, slowdown: u64, states: &str) -> [u64; 4] {
 
 /// What the client refuses is refused before the plant hears of it.
 fn refused_in_flight(rig: &Rig) {
-    rig.run("inject", &["mass_kg=50"]).expect(2).complains("mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg");
-    rig.run("inject", &["mas_kg=0.6"]).expect(2).complains("unknown parameter `mas_kg`; did you mean `mass_kg`?");
-    rig.run("inject", &["mass_kg=0.6", "mass_kg=0.7"]).expect(2).complains("mass_kg is given twice");
-    let late = rig.run("inject", &["mass_kg=0.6", "--at-tick", "301"]).expect(2);
+    rig.refused("inject mass_kg=50")
+        .complains("mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg");
+    rig.refused("inject mas_kg=0.6")
+        .complains("unknown parameter `mas_kg`; did you mean `mass_kg`?");
+    rig.refused("inject mass_kg=0.6 mass_kg=0.7")
+        .complains("mass_kg is given twice");
+    let late = rig.refused("inject mass_kg=0.6 --at-tick 301");
     late.complains("tick 301 never comes: the flight ends at tick 300");
-    let other = rig.run("inject", &["mass_kg=0.6", "--instance", "nobody"]).expect(1);
+    let other = rig.run("inject", "mass_kg=0.6 --instance nobody").expect(1);
     other
         .complains("no flight is running as instance `nobody`")
         .complains(&format!("running instances: {}", rig.instance));
@@ -143,12 +227,24 @@ fn refused_in_flight(rig: &Rig) {
 
 /// The table of parameters shows what was injected.
 fn in_force(rig: &Rig, since_tick: u64) {
-    let rows = rig.run("params", &["--json"]).expect(0).json();
-    let value =
-        |name: &str| rows.as_array().unwrap().iter().find(|row| row["name"] == name).unwrap()["in_force"].clone();
-    let names = ["rotational_drag_nm_s", "mass_kg", "rotor_efficiency_3", "rotor_efficiency_1"];
+    let rows = rig.ok("params --json").json();
+    let value = |name: &str| {
+        rows.as_array()
+            .unwrap()
+            .iter()
+            .find(|row| row["name"] == name)
+            .unwrap()["in_force"]
+            .clone()
+    };
+    let names = [
+        "rotational_drag_nm_s",
+        "mass_kg",
+        "rotor_efficiency_3",
+        "rotor_efficiency_1",
+    ];
     assert_eq!(names.map(value), [0.525, 0.5, 0.9, 1.0].map(Value::from));
-    rig.run("params", &[]).expect(0).says(&format!("since tick {since_tick}, parameter epoch 3\n"));
+    rig.ok("params")
+        .says(&format!("since tick {since_tick}, parameter epoch 3\n"));
 }
 
 #[test]
@@ -157,9 +253,10 @@ fn parameters_swapped_by_another_process_hold_from_the_tick_that_it_is_told() {
     let rig = Rig::new("inject");
     let states = rig.file("flown.csv");
     let mut ticks = [0; 4];
-    without_a_miss(&rig, |slowdown| ticks = fly_and_inject(&rig, slowdown, &states));
-    let change =
-        |name: &str, old: f64, new: f64| serde_json::json!({"name": name, "old": old, "new": new, "over_s": 0.0});
+    without_a_miss(&rig, |slowdown| {
+        ticks = fly_and_inject(&rig, slowdown, &states)
+    });
+    let change = |name: &str, old: f64, new: f64| serde_json::json!({"name": name, "old": old, "new": new, "over_s": 0.0});
     let changes = [
         vec![change("rotational_drag_nm_s", 0.105, 0.525)],
         vec![
@@ -173,28 +270,41 @@ fn parameters_swapped_by_another_process_hold_from_the_tick_that_it_is_told() {
     let swaps = rig.report()["swaps"].as_array().unwrap().clone();
     assert_eq!(swaps.len(), 4, "{swaps:?}");
     for (i, swap) in swaps.iter().enumerate() {
-        assert_eq!((&swap["tick"], &swap["parameter_epoch"]), (&ticks[i].into(), &(i as u64 + 1).into()));
+        assert_eq!(
+            (&swap["tick"], &swap["parameter_epoch"]),
+            (&ticks[i].into(), &(i as u64 + 1).into())
+        );
         assert_eq!(swap["changes"], Value::from(changes[i].clone()));
     }
     let first = format!("rotational_drag_nm_s=0.525@tick{}", ticks[0]);
-    let second = format!("mass_kg=0.6,rotor_efficiency_3=0.9,gyro_noise_rad_s=0.01@tick{}", ticks[1]);
+    let second = format!(
+        "mass_kg=0.6,rotor_efficiency_3=0.9,gyro_noise_rad_s=0.01@tick{}",
+        ticks[1]
+    );
     let third = format!("mass_kg=0.5@tick{}", ticks[2]);
     let fourth = format!("gyro_noise_rad_s=0.02@tick{}", ticks[3]);
-    let faults = [&first, &second, &third, &fourth].into_iter().flat_map(|fault| ["--fault", fault]);
+    let faults = [&first, &second, &third, &fourth]
+        .into_iter()
+        .flat_map(|fault| ["--fault", fault]);
     let args: Vec<&str> = ["--duration", "300ms"].into_iter().chain(faults).collect();
-    assert_same_bytes(&std::fs::read(&states).unwrap(), &simulated(&rig, &args), 301);
+    assert_same_bytes(&fs::read(&states).unwrap(), &simulated(&rig, &args), 301);
     rig.assert_nothing_left();
 }
 
 #[test]
 fn where_nobody_flies_inject_and_params_say_so() {
     let rig = Rig::new("grounded");
-    rig.run("inject", &["mass_kg=0.6"])
+    rig.run("inject", "mass_kg=0.6")
         .expect(1)
-        .complains(&format!("no flight is running as instance `{}`", rig.instance))
+        .complains(&format!(
+            "no flight is running as instance `{}`",
+            rig.instance
+        ))
         .complains("no instance flies; start one: ironbird fly");
-    let params = rig.run("params", &[]).expect(0);
-    params.says("rotational_drag_nm_s").says("no values in force");
+    let params = rig.ok("params");
+    params
+        .says("rotational_drag_nm_s")
+        .says("no values in force");
     rig.assert_nothing_started();
 }
 
@@ -202,22 +312,34 @@ fn where_nobody_flies_inject_and_params_say_so() {
 #[ignore = "long: part of the gate"]
 fn the_report_of_a_flight_in_the_air_says_so() {
     let rig = Rig::new("watched");
-    let flight = rig.start("fly", &["--rt", "off", "--config", &rig.slow(20), "--duration", "250ms"]);
+    let flight = rig.start(
+        "fly",
+        format!("--rt off --config {} --duration 250ms", rig.slow(20)),
+    );
     let text = wait_until("the first report", || {
-        let report = rig.run("report", &["latest"]);
+        let report = rig.run("report", "latest");
         (report.code == Some(0)).then_some(report)
     });
     text.says("\nFlown     IN FLIGHT, numbers so far: ");
-    let json = rig.run("report", &["latest", "--format", "json"]).expect(0).json();
-    assert_eq!((&json["run"]["in_flight"], &json["run"]["ending"]), (&true.into(), &"still flying".into()));
+    let json = rig.ok("report latest --format json").json();
+    assert_eq!(
+        (&json["run"]["in_flight"], &json["run"]["ending"]),
+        (&true.into(), &"still flying".into())
+    );
     assert_eq!(json["run"]["instance"], rig.instance.as_str());
     let so_far = json["ticks"]["run"].as_u64().unwrap();
-    assert!((20..251).contains(&so_far), "{so_far} ticks after a second or more");
+    assert!(
+        (20..251).contains(&so_far),
+        "{so_far} ticks after a second or more"
+    );
     let ended = flight.end().expect(0);
-    let report = rig.run("report", &["latest"]).expect(0).says("\nFlown     completed: ");
+    let report = rig.ok("report latest").says("\nFlown     completed: ");
     assert!(!report.stdout.contains("IN FLIGHT"), "{report}");
-    assert!(ended.stdout.starts_with(&report.stdout), "fly prints the same report:\n{ended}\n{report}");
-    let json = rig.run("report", &["latest", "--format", "json"]).expect(0).json();
+    assert!(
+        ended.stdout.starts_with(&report.stdout),
+        "fly prints the same report:\n{ended}\n{report}"
+    );
+    let json = rig.ok("report latest --format json").json();
     assert_eq!(json, rig.report());
     assert_eq!(json["run"]["in_flight"], false);
     // A busy machine may skip a tick even in slow motion.
@@ -229,23 +351,50 @@ fn the_report_of_a_flight_in_the_air_says_so() {
 #[ignore = "long: part of the gate"]
 fn two_instances_fly_side_by_side_and_a_third_launcher_is_turned_away() {
     let (left, right) = (Rig::new("left"), Rig::new("right"));
-    let args = |rig: &Rig| ["--rt", "off", "--config", &rig.slow(20), "--duration", "200ms"].map(str::to_owned);
+    let args = |rig: &Rig| {
+        [
+            "--rt",
+            "off",
+            "--config",
+            &rig.slow(20),
+            "--duration",
+            "200ms",
+        ]
+        .map(str::to_owned)
+    };
     let (left_args, right_args) = (args(&left), args(&right));
-    let left_flight = left.take_off(&left_args.each_ref().map(String::as_str));
-    let right_flight = right.take_off(&right_args.each_ref().map(String::as_str));
-    assert!(!left.segments().is_empty() && !right.segments().is_empty(), "segments carry the instance's name");
-    left.run("fly", &["--rt", "off"])
+    let left_flight = left.take_off(left_args.each_ref().map(String::as_str));
+    let right_flight = right.take_off(right_args.each_ref().map(String::as_str));
+    assert!(
+        !left.segments().is_empty() && !right.segments().is_empty(),
+        "segments carry the instance's name"
+    );
+    left.run("fly", "--rt off")
         .expect(5)
-        .complains(&format!("instance `{}` already has a running fly (process {})", left.instance, left_flight.pid()))
+        .complains(&format!(
+            "instance `{}` already has a running fly (process {})",
+            left.instance,
+            left_flight.pid()
+        ))
         .complains(&format!("--instance {}-2", left.instance));
     let roles = left_flight.roles();
-    left.run("inner", &["--rt", "off"]).expect(5).complains(&format!("a running inner (process {})", roles["inner"]));
-    left.run("inject", &["mass_kg=0.6"]).expect(0);
+    left.run("inner", "--rt off")
+        .expect(5)
+        .complains(&format!("a running inner (process {})", roles["inner"]));
+    left.run("inject", "mass_kg=0.6").expect(0);
     for (rig, flight, swaps) in [(&left, left_flight, 1), (&right, right_flight, 0)] {
         let result = flight.end().expect(0).result();
-        assert_eq!((result["status"].as_str(), rig.run_directories().len()), ("PASS", 1), "{result:?}");
+        assert_eq!(
+            (result["status"].as_str(), rig.run_directories().len()),
+            ("PASS", 1),
+            "{result:?}"
+        );
         let report = rig.report();
-        assert_eq!(report["swaps"].as_array().unwrap().len(), swaps, "a swap reaches its own instance alone");
+        assert_eq!(
+            report["swaps"].as_array().unwrap().len(),
+            swaps,
+            "a swap reaches its own instance alone"
+        );
         assert_eq!(report["run"]["instance"], rig.instance.as_str());
         rig.assert_nothing_left();
     }
@@ -255,7 +404,7 @@ fn two_instances_fly_side_by_side_and_a_third_launcher_is_turned_away() {
 fn roles_started_by_hand_in_any_order_fly_together() {
     let rig = Rig::new("by-hand");
     let slow = rig.slow(20);
-    let args = ["--rt", "off", "--config", &slow, "--duration", "50ms"];
+    let args = format!("--rt off --config {slow} --duration 50ms");
     let mixer = rig.start("mixer", &args);
     mixer.await_words("waiting for the plant (`ironbird plant`)");
     let inner = rig.start("inner", &args);
@@ -265,10 +414,21 @@ fn roles_started_by_hand_in_any_order_fly_together() {
     let outer = rig.start("outer", &args);
     for role in [mixer, inner, plant, outer] {
         let ended = role.end().expect(0);
-        assert!(ended.stdout.is_empty(), "what a role says goes to standard error: {ended}");
+        assert!(
+            ended.stdout.is_empty(),
+            "what a role says goes to standard error: {ended}"
+        );
     }
-    let result = recorder.end().expect(0).says("\nTiming    NOT MEASURED: slowed 20 times: ").result();
-    assert_eq!((result["status"].as_str(), result["ticks"].is_empty()), ("PASS", false), "{result:?}");
+    let result = recorder
+        .end()
+        .expect(0)
+        .says("\nTiming    NOT MEASURED: slowed 20 times: ")
+        .result();
+    assert_eq!(
+        (result["status"].as_str(), result["ticks"].is_empty()),
+        ("PASS", false),
+        "{result:?}"
+    );
     assert_eq!(rig.report()["run"]["ending"], "completed");
     rig.assert_nothing_left();
 }
@@ -276,8 +436,10 @@ fn roles_started_by_hand_in_any_order_fly_together() {
 #[test]
 fn a_plant_that_waits_names_the_laws_that_its_roles_need() {
     let rig = Rig::new("laws-wait");
-    let plant = rig.start("plant", &["--rt", "off", "--outer", "estimating", "--inner", "indi"]);
-    plant.await_words("(each with the plant's settings: `ironbird outer --outer estimating --inner indi` ...)");
+    let plant = rig.start("plant", "--rt off --outer estimating --inner indi");
+    plant.await_words(
+        "(each with the plant's settings: `ironbird outer --outer estimating --inner indi` ...)",
+    );
     plant.signal(Signal::INT);
     plant.end().expect(130);
     rig.assert_nothing_left();
@@ -287,22 +449,22 @@ fn a_plant_that_waits_names_the_laws_that_its_roles_need() {
 fn a_role_with_other_settings_than_the_plants_is_turned_away_and_the_right_one_may_come() {
     let rig = Rig::new("differ");
     let slow = rig.slow(20);
-    let args = ["--rt", "off", "--config", &slow, "--duration", "20ms"];
+    let args = format!("--rt off --config {slow} --duration 20ms");
     let plant = rig.start("plant", &args);
     plant.await_words("waiting for outer, inner, mixer, record");
-    rig.run("inner", &[&args[..], &["--preset", "soft"]].concat())
-        .expect(2)
+    rig.refused(&format!("inner {args} --preset soft"))
         .complains("the inner process has other settings than the plant")
         .complains("`flight.preset` is \"soft\" for inner and \"flight\" for the plant")
         .complains("start every role with the same --config, --trajectory, --preset, --duration and --fault");
-    rig.run("outer", &["--rt", "off", "--config", &slow, "--duration", "30ms"])
-        .expect(2)
+    rig.refused(&format!("outer --rt off --config {slow} --duration 30ms"))
         .complains("`flight.duration_s` is 0.03 for outer and 0.02 for the plant");
-    rig.run("mixer", &[&args[..], &["--inner", "indi"]].concat())
-        .expect(2)
+    rig.refused(&format!("mixer {args} --inner indi"))
         .complains("`inner.law` is \"indi\" for mixer and \"adaptive\" for the plant")
         .complains("--duration and --fault, and like the plant with --inner adaptive");
-    let others: Vec<_> = ["outer", "inner", "mixer", "record"].iter().map(|role| rig.start(role, &args)).collect();
+    let others: Vec<_> = ["outer", "inner", "mixer", "record"]
+        .iter()
+        .map(|role| rig.start(role, &args))
+        .collect();
     for role in others.into_iter().chain([plant]) {
         role.end().expect(0);
     }
@@ -313,37 +475,292 @@ fn a_role_with_other_settings_than_the_plants_is_turned_away_and_the_right_one_m
 #[ignore = "long: part of the gate"]
 fn what_the_system_grants_and_refuses_is_in_the_report() {
     let rig = Rig::new("prefer");
-    let args = ["--rt", "prefer", "--config", &rig.slow(5), "--duration", "100ms", "--max-miss-rate", "1000000"];
+    let args = format!(
+        "--rt prefer --config {} --duration 100ms --max-miss-rate 1000000",
+        rig.slow(5)
+    );
     let ended = rig.run("fly", &args).expect(0);
     let report = rig.report();
     for role in ["plant", "outer", "inner", "mixer"] {
         let steps = report["roles"][role]["realtime"].as_array().unwrap();
         assert_eq!(steps.len(), 7, "{role}: {steps:?}");
         for step in steps {
-            assert!(step["granted"] == true || !step["refused"].as_str().unwrap().is_empty(), "{role}: {step}");
+            assert!(
+                step["granted"] == true || !step["refused"].as_str().unwrap().is_empty(),
+                "{role}: {step}"
+            );
         }
-        let fifo = steps.iter().any(|step| step["step"] == "scheduler" && step["granted"] == true);
+        let fifo = steps
+            .iter()
+            .any(|step| step["step"] == "scheduler" && step["granted"] == true);
         let scheduling = report["roles"][role]["scheduling"].as_str().unwrap();
         assert_eq!(scheduling.starts_with("fifo "), fifo, "{role}: {steps:?}");
     }
-    let scheduling = report["roles"]["plant"]["scheduling"].as_str().unwrap().replace(' ', "");
+    let scheduling = report["roles"]["plant"]["scheduling"]
+        .as_str()
+        .unwrap()
+        .replace(' ', "");
     assert_eq!(ended.result()["rt"], scheduling);
     let gates = report["verdict"]["gates"].as_array().unwrap();
-    let gate = gates.iter().find(|gate| gate["name"] == "deadlines missed per million").unwrap();
-    assert_eq!((&gate["held"], &gate["limit"]), (&true.into(), &"<= 1000000".into()));
+    let gate = gates
+        .iter()
+        .find(|gate| gate["name"] == "ticks without a fresh command per million")
+        .unwrap();
+    assert_eq!(
+        (&gate["held"], &gate["limit"]),
+        (&true.into(), &"<= 1000000".into())
+    );
     rig.assert_nothing_left();
 }
 
 #[test]
 fn a_signal_ends_a_plant_that_waits_for_the_others() {
     let rig = Rig::new("lonely");
-    let plant = rig.start("plant", &["--rt", "off"]);
+    let plant = rig.start("plant", "--rt off");
     plant.await_words("waiting for");
-    rig.run("inject", &["mass_kg=0.6"])
+    rig.run("inject", "mass_kg=0.6")
         .expect(1)
-        .complains(&format!("instance `{}` has not taken off, or has landed", rig.instance))
+        .complains(&format!(
+            "instance `{}` has not taken off, or has landed",
+            rig.instance
+        ))
         .complains("a flight begins when plant, outer, inner and mixer are ready");
     plant.signal(Signal::INT);
     plant.end().expect(130).complains("interrupted");
+    rig.assert_nothing_left();
+}
+
+/// A swap of a parameter to a value that a flight survives.
+fn swap_of(spec: &Spec, instant: &str) -> String {
+    let other = match spec.nominal {
+        0.0 => 1e-3,
+        nominal => nominal * 0.97,
+    };
+    format!("{}={other}@{instant}", spec.name)
+}
+
+#[test]
+#[ignore = "long: part of the gate"]
+fn a_flight_in_lockstep_is_the_simulated_one_for_every_trajectory_preset_and_parameter() {
+    let mut parameters = SPECS.iter().cycle();
+    for trajectory in Trajectory::ALL {
+        for preset in PRESET_NAMES {
+            let rig = Rig::new("lockstep");
+            let faults: Vec<String> = ["tick1", "333ms", "tick777", "tick777"]
+                .map(|at| swap_of(parameters.next().unwrap(), at))
+                .into();
+            let mut options = vec![
+                "--trajectory",
+                trajectory.name(),
+                "--preset",
+                preset,
+                "--duration",
+                "1500ms",
+            ];
+            faults
+                .iter()
+                .for_each(|fault| options.extend(["--fault", fault]));
+            let (flown, simulated) = (rig.file("flown.csv"), rig.file("simulated.csv"));
+            let own = ["--pace", "lockstep", "--every", "1", "--states", &flown];
+            let ended = rig.run("fly", [&own, &options[..]].concat()).expect(0);
+            rig.run(
+                "simulate",
+                [&["--every", "1", "--states", &simulated], &options[..]].concat(),
+            )
+            .expect(0);
+            ended.tells("latencies are not real-time latencies");
+            let report = rig.report();
+            assert_eq!(
+                (&report["ticks"]["run"], &report["deadlines"]["missed"]),
+                (&1501.into(), &0.into())
+            );
+            assert_eq!(
+                (
+                    &report["recorder"]["lost"]["state"],
+                    report["swaps"].as_array().unwrap().len()
+                ),
+                (&0.into(), 4)
+            );
+            let (flown, simulated) = (fs::read(flown).unwrap(), fs::read(simulated).unwrap());
+            assert_eq!(
+                simulated.iter().filter(|byte| **byte == b'\n').count(),
+                1502,
+                "a header, and a row per tick"
+            );
+            assert!(
+                flown == simulated,
+                "{trajectory} with {preset} and {faults:?} is another flight"
+            );
+            rig.assert_nothing_left();
+        }
+    }
+}
+
+#[test]
+#[ignore = "long: part of the gate"]
+fn a_stage_that_stops_in_lockstep_ends_the_flight_with_its_name() {
+    let rig = Rig::new("stopped");
+    let flight = rig.take_off("--pace lockstep --duration 10h");
+    send(flight.roles()["inner"], Signal::STOP);
+    let ended = flight.end();
+    assert_eq!(ended.code, Some(1), "{}{}", ended.stdout, ended.stderr);
+    assert!(
+        ended
+            .stderr
+            .contains("in lockstep: a stage hangs or has died"),
+        "{}",
+        ended.stderr
+    );
+    wait_until("nothing to be left", || {
+        rig.segments().is_empty().then_some(())
+    });
+}
+
+#[test]
+fn swaps_are_injected_in_lockstep_and_signals_end_it() {
+    let rig = Rig::new("swapped");
+    let flight = rig.take_off("--pace lockstep --duration 10h");
+    let answer = rig.ok("inject mass_kg=0.6");
+    assert!(
+        answer.stdout.contains("mass_kg  0.52 -> 0.6 kg"),
+        "{}",
+        answer.stdout
+    );
+    flight.signal(Signal::INT);
+    let ended = flight.end();
+    assert_eq!(ended.code, Some(130), "{}{}", ended.stdout, ended.stderr);
+    assert_eq!(rig.report()["swaps"][0]["changes"][0]["new"], 0.6);
+    rig.assert_nothing_left();
+}
+
+/// Settings of a flight of 250 Hz, whose gains its longer delay allows, and of one of 4 kHz.
+const RATES: [(&str, &str); 2] = [
+    (
+        "250 Hz",
+        "[flight]\nperiod_s = 0.004\nduration_s = 2.0\n[inner]\nalpha_1_s = 50.0\nattitude_1_s = [3.0, 3.0, 1.0]\n",
+    ),
+    ("4 kHz", "[flight]\nperiod_s = 0.00025\nduration_s = 0.5\n"),
+];
+
+#[test]
+#[ignore = "long: part of the gate"]
+fn a_flight_in_lockstep_at_another_rate_is_the_simulated_one() {
+    for (rate, settings) in RATES {
+        let rig = Rig::new("rates");
+        let config = rig.settings(settings);
+        let (flown, simulated) = (rig.file("flown.csv"), rig.file("simulated.csv"));
+        let args = format!("--config {} --every 1 --states", config);
+        rig.ok(&format!("fly --pace lockstep {args} {}", flown));
+        rig.ok(&format!("simulate {args} {}", simulated));
+        let (flown, simulated) = (fs::read(flown).unwrap(), fs::read(simulated).unwrap());
+        assert!(
+            simulated.len() > 10_000 && flown == simulated,
+            "{rate}: another flight"
+        );
+        rig.assert_nothing_left();
+    }
+}
+
+#[test]
+#[ignore = "long: part of the gate"]
+fn a_flight_on_the_clock_at_another_rate_passes() {
+    for (rate, settings) in RATES {
+        let rig = Rig::new("clock");
+        // In slow motion: a tick takes 20 ms, and the laws keep their T.
+        let slowdown = if rate == "4 kHz" { 80 } else { 5 };
+        let duration = if rate == "4 kHz" { "40ms" } else { "640ms" };
+        let slow = settings.replace("[flight]\n", &format!("[flight]\nslowdown = {slowdown}\n"));
+        let config = rig.settings(&slow);
+        let ended = rig.ok(&format!(
+            "fly --rt off --config {config} --duration {duration}"
+        ));
+        assert_eq!(ended.result()["status"], "PASS", "{rate}");
+        let report = rig.report();
+        let ticks = |key: &str| report["ticks"][key].as_u64().unwrap();
+        assert_eq!(ticks("run") + ticks("skipped"), 161, "{rate}");
+        assert_eq!(report["run"]["ending"], "completed", "{rate}");
+        rig.assert_nothing_left();
+    }
+}
+
+const SHORT: &str = "--pace lockstep --duration 500ms";
+
+fn make_pipe(rig: &Rig, name: &str) -> String {
+    let pipe = rig.file(name);
+    assert!(
+        Command::new("mkfifo")
+            .arg(&pipe)
+            .status()
+            .unwrap()
+            .success()
+    );
+    pipe
+}
+
+/// A pipe, and who reads it: until the first one who writes closes it.
+fn read_pipe(rig: &Rig, name: &str) -> (String, Running) {
+    let pipe = make_pipe(rig, name);
+    let mut reader = Command::new("cat");
+    reader.arg(&pipe);
+    let reader = rig.launch(reader);
+    // It sleeps until somebody writes, and not before it has the pipe.
+    let stat = || fs::read_to_string(format!("/proc/{}/stat", reader.pid())).unwrap();
+    wait_until("the pipe's reader", || {
+        stat().contains("(cat) S ").then_some(())
+    });
+    (pipe, reader)
+}
+
+#[test]
+fn who_reads_a_pipe_gets_what_would_be_in_the_file() {
+    let rig = Rig::new("piped");
+    let ((states, states_reader), (junit, junit_reader)) =
+        (read_pipe(&rig, "states"), read_pipe(&rig, "junit"));
+    rig.ok(&format!("fly {SHORT} --states {states} --junit {junit}"));
+    let flown = fs::read_to_string(rig.out().join("latest/states.csv")).unwrap();
+    assert_eq!(states_reader.end().expect(0).stdout, flown);
+    let of_flight = junit_reader.end().expect(0).stdout;
+    assert!(
+        of_flight.contains("<testsuite ") && of_flight.ends_with("</testsuites>\n"),
+        "{of_flight}"
+    );
+    let (junit, junit_reader) = read_pipe(&rig, "again");
+    rig.ok(&format!("report --junit {junit}"));
+    assert_eq!(junit_reader.end().expect(0).stdout, of_flight);
+    let ((states, states_reader), (plot, plot_reader)) =
+        (read_pipe(&rig, "simulated"), read_pipe(&rig, "plot.svg"));
+    rig.ok(&format!(
+        "simulate --duration 500ms --states {states} --plot {plot}"
+    ));
+    assert_eq!(states_reader.end().expect(0).stdout, flown);
+    assert!(plot_reader.end().expect(0).stdout.ends_with("</svg>"));
+}
+
+#[test]
+fn a_pipe_that_nobody_reads_is_named_and_waited_for_by_nobody() {
+    let rig = Rig::new("unread");
+    let pipe = make_pipe(&rig, "pipe.svg");
+    let words = format!("{pipe}: it is a pipe that nobody reads");
+    for flag in ["--states", "--plot"] {
+        rig.run("simulate", format!("--duration 100ms {flag} {pipe}"))
+            .expect(1)
+            .complains(&words);
+    }
+    rig.run("fly", format!("{SHORT} --states {pipe}"))
+        .expect(1)
+        .complains(&words);
+    assert!(
+        rig.run_directories().is_empty(),
+        "{:?}",
+        rig.run_directories()
+    );
+    let flown = rig
+        .run("fly", format!("{SHORT} --junit {pipe}"))
+        .expect(1)
+        .complains(&words);
+    assert_eq!(flown.result()["status"], "PASS", "{flown}");
+    rig.run("report", format!("--junit {pipe}"))
+        .expect(1)
+        .complains(&words);
     rig.assert_nothing_left();
 }

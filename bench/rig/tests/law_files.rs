@@ -1,5 +1,4 @@
 //! Laws of shared libraries: they fly, are logged and replayed; what is wrong with a file is named, and nothing starts.
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use crate::rig;
 
@@ -7,9 +6,9 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::process::Command;
 
-use crate::compiled::{cascade, library, misbehaving, root};
+use crate::c_laws::{cascade, library, misbehaving, root};
 use crate::rig::unprivileged::unprivileged;
-use crate::rig::{Ended, Rig};
+use crate::rig::{Ended, Rig, copy_executable};
 
 /// Root mean square of the position error that `simulate` tells [m].
 fn rms_m(flown: &Ended) -> f64 {
@@ -22,8 +21,14 @@ fn the_example_is_built_by_the_line_in_it_and_flies_as_well_as_the_fixed_law() {
     let rig = Rig::new("example");
     let source = fs::read_to_string(root().join("examples/law_c/cascade.c")).unwrap();
     assert!(source.lines().count() <= 100, "{}", source.lines().count());
-    let line = source.lines().find_map(|line| line.strip_prefix("//     cc ")).unwrap();
-    let line = line.replace("-o libcascade.so", &format!("-o {}", rig.file("libcascade.so")));
+    let line = source
+        .lines()
+        .find_map(|line| line.strip_prefix("//     cc "))
+        .unwrap();
+    let line = line.replace(
+        "-o libcascade.so",
+        &format!("-o {}", rig.file("libcascade.so")),
+    );
     let built = Command::new("gcc")
         .args(["-Wall", "-Wextra", "-Werror"])
         .args(line.split(' '))
@@ -31,7 +36,7 @@ fn the_example_is_built_by_the_line_in_it_and_flies_as_well_as_the_fixed_law() {
         .status()
         .unwrap();
     assert!(built.success(), "{line}");
-    let fly = |law: &str| rig.run("simulate", &["--trajectory", "lissajous", "--inner", law]).expect(0);
+    let fly = |law: &str| rig.ok(&format!("simulate --trajectory lissajous --inner {law}"));
     let (ours, fixed) = (rms_m(&fly("./libcascade.so")), rms_m(&fly("fixed")));
     assert!(ours <= fixed, "{ours} m, and `fixed` {fixed} m");
 }
@@ -42,7 +47,14 @@ fn the_header_is_read_by_compilers_of_c_and_of_cpp() {
     for compiler in [["gcc", "-xc", "-std=c11"], ["g++", "-xc++", "-std=c++17"]] {
         let [program, flags @ ..] = compiler;
         let mut command = Command::new(program);
-        command.args(flags).args(["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only", "-include"]);
+        command.args(flags).args([
+            "-Wall",
+            "-Wextra",
+            "-Wpedantic",
+            "-Werror",
+            "-fsyntax-only",
+            "-include",
+        ]);
         match command.arg(&header).arg("/dev/null").status() {
             Ok(status) => assert!(status.success(), "{program}"),
             Err(e) => {
@@ -57,46 +69,70 @@ fn the_header_is_read_by_compilers_of_c_and_of_cpp() {
 fn a_library_flies_in_processes_as_in_simulation_and_its_log_is_replayed() {
     let rig = Rig::new("library");
     let law = cascade(&rig);
-    let flight = ["--inner", &law, "--duration", "600ms"];
-    rig.run("fly", &[&flight[..], &["--pace", "lockstep"]].concat()).expect(0);
+    let flight = format!("--inner {law} --duration 600ms");
+    rig.ok(&format!("fly {flight} --pace lockstep"));
     let flown = &rig.report()["run"]["laws"]["inner"];
     assert_eq!(
         (&flown["name"], &flown["version"], &flown["file"]),
         (&"cascade".into(), &"1".into(), &law.clone().into())
     );
     assert_eq!(flown["sha256"].as_str().unwrap().len(), 64);
-    rig.run("report", &["--full"]).expect(0).says("laws outer pd, inner cascade (libcascade.so), mixer priority");
+    rig.ok("report --full")
+        .says("laws outer pd, inner cascade (libcascade.so), mixer priority");
     let simulated = rig.run("simulate", &flight).expect(0).result();
     let identical = format!("identical; outputs {}\n", simulated["outputs"]);
-    rig.run("replay", &["--verify"]).expect(0).says(&identical);
+    rig.ok("replay --verify").says(&identical);
 
     fs::rename(&law, rig.file("moved.so")).unwrap();
-    let gone = rig.run("replay", &["--verify"]).expect(2);
-    gone.complains("cannot read the law").complains("libcascade.so: No such file").complains("--inner | --mixer FILE");
-    rig.run("replay", &["--verify", "--inner", &rig.file("moved.so")]).expect(0).says(&identical);
+    let gone = rig.refused("replay --verify");
+    gone.complains("cannot read the law")
+        .complains("libcascade.so: No such file")
+        .complains("--inner | --mixer FILE");
+    rig.ok(&format!("replay --verify --inner {}", rig.file("moved.so")))
+        .says(&identical);
     let other = library(&rig, "other.so", "examples/law_c/cascade.c", &["-O1"]);
-    let refused = rig.run("replay", &["--verify", "--inner", &other]).expect(2);
-    let sums = format!("but the settings were made for {law} with {}", flown["sha256"].as_str().unwrap());
-    refused.complains("other.so: its SHA-256 is").complains(&sums);
-    let built_in = rig.run("replay", &["--outer", &other]).expect(2);
+    let refused = rig.refused(&format!("replay --verify --inner {other}"));
+    let sums = format!(
+        "but the settings were made for {law} with {}",
+        flown["sha256"].as_str().unwrap()
+    );
+    refused
+        .complains("other.so: its SHA-256 is")
+        .complains(&sums);
+    let built_in = rig.refused(&format!("replay --outer {other}"));
     built_in.complains("the flight flew the outer law `pd`, which is built in");
 }
 
 #[test]
 fn every_role_flies_a_library() {
     let rig = Rig::new("roles");
-    let law = |name: &str, role: &str| library(&rig, name, "bench/rig/tests/laws_c/others.c", &[role]);
-    let (outer, mixer) = (law("outer.so", "-DROLE=IRONBIRD_OUTER"), law("mixer.so", "-DROLE=IRONBIRD_MIXER"));
-    let flight = ["--outer", &outer, "--inner", &cascade(&rig), "--mixer", &mixer, "--duration", "1s"];
+    let law =
+        |name: &str, role: &str| library(&rig, name, "bench/rig/tests/laws_c/others.c", &[role]);
+    let (outer, mixer) = (
+        law("outer.so", "-DROLE=IRONBIRD_OUTER"),
+        law("mixer.so", "-DROLE=IRONBIRD_MIXER"),
+    );
+    let flight = format!(
+        "--outer {outer} --inner {} --mixer {mixer} --duration 1s",
+        cascade(&rig)
+    );
     let simulated = rig.run("simulate", &flight).expect(0);
     assert!(rms_m(&simulated) < 0.05, "{simulated}");
-    rig.run("fly", &[&flight[..], &["--pace", "lockstep"]].concat()).expect(0);
-    let replayed = rig.run("replay", &["--verify"]).expect(0);
-    replayed.says(&format!("identical; outputs {}\n", simulated.result()["outputs"]));
+    rig.ok(&format!("fly {flight} --pace lockstep"));
+    let replayed = rig.ok("replay --verify");
+    replayed.says(&format!(
+        "identical; outputs {}\n",
+        simulated.result()["outputs"]
+    ));
     let laws = &rig.report()["run"]["laws"];
-    assert_eq!((&laws["outer"]["name"], &laws["mixer"]["name"]), (&"follow".into(), &"mix".into()));
-    let swapped = rig.run("simulate", &["--outer", &mixer]).expect(2);
-    swapped.complains("`mix` is a law of the role mixer, and not of outer").complains("fly it with --mixer");
+    assert_eq!(
+        (&laws["outer"]["name"], &laws["mixer"]["name"]),
+        (&"follow".into(), &"mix".into())
+    );
+    let swapped = rig.refused(&format!("simulate --outer {mixer}"));
+    swapped
+        .complains("`mix` is a law of the role mixer, and not of outer")
+        .complains("fly it with --mixer");
 }
 
 #[test]
@@ -104,16 +140,23 @@ fn a_file_is_meant_beside_the_settings_that_name_it_and_all_roles_mean_the_same_
     let rig = Rig::new("beside");
     cascade(&rig);
     let config = rig.settings("[inner]\nlaw = \"libcascade.so\"\nrate_1_s = 150\n");
-    let printed = rig.run("fly", &["--config", &config, "--print-config"]).expect(0);
-    let printed = printed.says(&format!("law = \"{}\"\nsha256 = \"", rig.file("libcascade.so"))).says("rate_1_s = 150");
-    let mut elsewhere = rig.command("simulate", &["--config", &config, "--duration", "100ms"]);
+    let printed = rig.ok(&format!("fly --config {config} --print-config"));
+    let printed = printed
+        .says(&format!(
+            "law = \"{}\"\nsha256 = \"",
+            rig.file("libcascade.so")
+        ))
+        .says("rate_1_s = 150");
+    let mut elsewhere = rig.command("simulate", format!("--config {config} --duration 100ms"));
     elsewhere.current_dir("/");
     assert!(elsewhere.output().unwrap().status.success());
     let kept = rig.settings(&printed.stdout);
     library(&rig, "libcascade.so", "examples/law_c/cascade.c", &["-O1"]);
     for command in ["fly", "simulate", "plant", "inner", "record"] {
-        let refused = rig.run(command, &["--config", &kept]).expect(2);
-        refused.complains("its SHA-256 is ").complains("take inner.sha256 out of the settings");
+        let refused = rig.run(command, format!("--config {kept}")).expect(2);
+        refused
+            .complains("its SHA-256 is ")
+            .complains("take inner.sha256 out of the settings");
     }
     rig.assert_nothing_started();
 }
@@ -123,21 +166,32 @@ fn settings_and_presets_of_a_library_are_checked_as_those_of_a_built_in_law() {
     let rig = Rig::new("settings");
     cascade(&rig);
     for (text, told) in [
-        ("rate_1_s = 1000", "inner.rate_1_s = 1000.0 is out of range: allowed is 1 to 900 1/s"),
-        ("rate_1_s = \"high\"", "inner.rate_1_s = \"high\": expected a number"),
+        (
+            "rate_1_s = 1000",
+            "inner.rate_1_s = 1000.0 is out of range: allowed is 1 to 900 1/s",
+        ),
+        (
+            "rate_1_s = \"high\"",
+            "inner.rate_1_s = \"high\": expected a number",
+        ),
         ("rat_1_s = 100", "unknown key `inner.rat_1_s` of the law"),
-        ("rate_1_s = 5", "refuses its settings: attitude_1_s = 8 is above rate_1_s = 5"),
+        (
+            "rate_1_s = 5",
+            "refuses its settings: attitude_1_s = 8 is above rate_1_s = 5",
+        ),
     ] {
         let config = rig.settings(&format!("[inner]\nlaw = \"./libcascade.so\"\n{text}\n"));
         for command in ["fly", "simulate", "inner"] {
-            rig.run(command, &["--config", &config]).expect(2).complains(told);
+            rig.run(command, format!("--config {config}"))
+                .expect(2)
+                .complains(told);
         }
     }
-    rig.run("fly", &["--inner", "./libcascade.so", "--preset", "gentle"])
-        .expect(2)
-        .complains("unknown preset `gentle` of the chosen laws [possible values: flight, paper, soft]");
-    rig.run("laws", &["./libcascade.so"])
-        .expect(0)
+    rig.refused("fly --inner ./libcascade.so --preset gentle")
+        .complains(
+            "unknown preset `gentle` of the chosen laws [possible values: flight, paper, soft]",
+        );
+    rig.ok("laws ./libcascade.so")
         .says("cascade: attitude P on Euler angles and rate PI")
         .says("rate_1_s = 200.0 [1/s]")
         .says("interface  version 1")
@@ -148,42 +202,81 @@ fn settings_and_presets_of_a_library_are_checked_as_those_of_a_built_in_law() {
 #[test]
 fn a_law_that_cannot_be_copied_is_not_told_as_rehearsed() {
     let rig = Rig::new("copies-not");
-    let mixer = library(&rig, "mixer.so", "bench/rig/tests/laws_c/others.c", &["-DROLE=IRONBIRD_MIXER"]);
+    let mixer = library(
+        &rig,
+        "mixer.so",
+        "bench/rig/tests/laws_c/others.c",
+        &["-DROLE=IRONBIRD_MIXER"],
+    );
     let settings = rig.settings("[flight]\nslowdown = 10\nduration_s = 0.05\n");
-    rig.run("fly", &["--rt", "off", "--config", &settings, "--lead", "4000", "--mixer", &mixer]).expect(0);
+    rig.ok(&format!(
+        "fly --rt off --config {settings} --lead 4000 --mixer {mixer}"
+    ));
     let lead = &rig.report()["lead"];
-    assert!(lead["rehearsal_us"].as_f64().unwrap() > 0.0, "outer and inner loop are rehearsed: {lead}");
+    assert!(
+        lead["rehearsal_us"].as_f64().unwrap() > 0.0,
+        "outer and inner loop are rehearsed: {lead}"
+    );
     assert_eq!(lead["rehearsals"], 0, "{lead}");
 }
 
 #[test]
 fn files_whose_laws_have_one_name_are_not_compared() {
     let rig = Rig::new("namesakes");
-    let (one, other) = (cascade(&rig), library(&rig, "other.so", "examples/law_c/cascade.c", &["-O1"]));
-    let refused = rig.run("compare", &["--inner", &one, "--inner", &other, "--duration", "100ms"]).expect(2);
-    let told = format!("{one} and {other} have one name: both would be told as pd + cascade + priority");
-    refused.complains(&told).complains("give one of the two laws another name");
-    rig.run("compare", &["--inner", &one, "--inner", "pid", "--duration", "100ms"]).expect(0).says("pd + cascade");
+    let (one, other) = (
+        cascade(&rig),
+        library(&rig, "other.so", "examples/law_c/cascade.c", &["-O1"]),
+    );
+    let refused = rig.refused(&format!(
+        "compare --inner {one} --inner {other} --duration 100ms"
+    ));
+    let told =
+        format!("{one} and {other} have one name: both would be told as pd + cascade + priority");
+    refused
+        .complains(&told)
+        .complains("give one of the two laws another name");
+    rig.ok(&format!(
+        "compare --inner {one} --inner pid --duration 100ms"
+    ))
+    .says("pd + cascade");
 }
 
 #[test]
 fn settings_of_a_file_are_not_taken_for_another_one() {
     let rig = Rig::new("another");
     let mixer = |name: &str, flags: &[&str]| {
-        library(&rig, name, "bench/rig/tests/laws_c/others.c", &[&["-DROLE=IRONBIRD_MIXER"], flags].concat())
+        library(
+            &rig,
+            name,
+            "bench/rig/tests/laws_c/others.c",
+            &[&["-DROLE=IRONBIRD_MIXER"], flags].concat(),
+        )
     };
-    let printed =
-        |flags: &[&str]| rig.settings(&rig.run("fly", &[flags, &["--print-config"]].concat()).expect(0).stdout);
-    let (law, other) = (cascade(&rig), library(&rig, "other.so", "examples/law_c/cascade.c", &["-O1"]));
+    let printed = |flags: &[&str]| {
+        rig.settings(
+            &rig.run("fly", [flags, &["--print-config"]].concat())
+                .expect(0)
+                .stdout,
+        )
+    };
+    let (law, other) = (
+        cascade(&rig),
+        library(&rig, "other.so", "examples/law_c/cascade.c", &["-O1"]),
+    );
     let config = printed(&["--inner", &law]);
-    let refused = rig.run("simulate", &["--config", &config, "--inner", &other]).expect(2);
-    refused
-        .complains(&format!("its section [inner] is of the law `{law}`, and would go before those of --inner {other}"));
-    rig.run("simulate", &["--config", &config, "--inner", "./libcascade.so", "--duration", "100ms"]).expect(0);
+    let refused = rig.refused(&format!("simulate --config {config} --inner {other}"));
+    refused.complains(&format!(
+        "its section [inner] is of the law `{law}`, and would go before those of --inner {other}"
+    ));
+    rig.ok(&format!(
+        "simulate --config {config} --inner ./libcascade.so --duration 100ms"
+    ));
     // Without settings of its own there is nothing to be mixed, and the sum goes with its file.
     let config = printed(&["--mixer", &mixer("one.so", &[])]);
     for flag in ["priority", mixer("two.so", &["-O1"]).as_str()] {
-        rig.run("simulate", &["--config", &config, "--mixer", flag, "--duration", "100ms"]).expect(0);
+        rig.ok(&format!(
+            "simulate --config {config} --mixer {flag} --duration 100ms"
+        ));
     }
 }
 
@@ -196,7 +289,11 @@ fn what_is_no_law_is_named_and_nothing_starts() {
         bytes[at] = byte;
         bytes
     };
-    let other_machine = if std::env::consts::ARCH == "x86_64" { 183 } else { 62 };
+    let other_machine = if std::env::consts::ARCH == "x86_64" {
+        183
+    } else {
+        62
+    };
     fs::write(rig.file("text.so"), "#!/bin/sh\n").unwrap();
     fs::write(rig.file("empty.so"), "").unwrap();
     fs::write(rig.file("cut.so"), &whole[..whole.len() / 2]).unwrap();
@@ -204,33 +301,69 @@ fn what_is_no_law_is_named_and_nothing_starts() {
     fs::write(rig.file("object.so"), changed(16, 1)).unwrap();
     fs::create_dir(rig.file("folder.so")).unwrap();
     fs::write(rig.file("plain.c"), "int nothing;\n").unwrap();
-    let plain = ["-shared", "-fPIC", "-o", &rig.file("plain.so"), &rig.file("plain.c")];
+    let plain = [
+        "-shared",
+        "-fPIC",
+        "-o",
+        &rig.file("plain.so"),
+        &rig.file("plain.c"),
+    ];
     assert!(Command::new("gcc").args(plain).status().unwrap().success());
     for (file, told, remedy) in [
-        ("text.so", "it is not a shared library: its first bytes are not those of ELF", "build one: cc -std=c11"),
+        (
+            "text.so",
+            "it is not a shared library: its first bytes are not those of ELF",
+            "build one: cc -std=c11",
+        ),
         ("empty.so", "it is not a shared library", "build one"),
-        ("cut.so", "it is truncated: it has", "copy or build it again"),
+        (
+            "cut.so",
+            "it is truncated: it has",
+            "copy or build it again",
+        ),
         ("foreign.so", "it was built for", "build it on this machine"),
-        ("object.so", "it is an object file, not a shared library", "link it as a library"),
+        (
+            "object.so",
+            "it is an object file, not a shared library",
+            "link it as a library",
+        ),
         (
             "folder.so",
             "the law ./folder.so: the folder has no law.so and no law.py",
             "name a folder that `ironbird new law`",
         ),
-        ("absent.so", "cannot read the law ./absent.so: No such file or directory", "name a shared library"),
-        ("plain.so", "it exports no function `ironbird_law`", "define it as ironbird_law.h declares it"),
+        (
+            "absent.so",
+            "cannot read the law ./absent.so: No such file or directory",
+            "name a shared library",
+        ),
+        (
+            "plain.so",
+            "it exports no function `ironbird_law`",
+            "define it as ironbird_law.h declares it",
+        ),
     ] {
         for command in ["fly", "simulate", "mixer"] {
             let named = format!("./{file}");
-            rig.run(command, &["--inner", &named]).expect(2).complains(&named).complains(told).complains(remedy);
+            rig.run(command, format!("--inner {named}"))
+                .expect(2)
+                .complains(&named)
+                .complains(told)
+                .complains(remedy);
         }
-        rig.run("laws", &[&format!("./{file}")]).expect(2).complains(told);
+        rig.refused(&format!("laws ./{file}")).complains(told);
     }
     for how in ["refuse", "crash_when_made", "crash_when_freed"] {
-        let ended = rig.run("fly", &["--config", &misbehaving(&rig, how, 7)]);
-        let ended = ended.complains("inner law `misbehaving` (").complains("libmisbehaving.so)");
+        let ended = rig.run("fly", format!("--config {}", misbehaving(&rig, how, 7)));
+        let ended = ended
+            .complains("inner law `misbehaving` (")
+            .complains("libmisbehaving.so)");
         match how {
-            "refuse" => drop(ended.expect(2).complains("misbehave = refuse and from_tick = 7 do not go together")),
+            "refuse" => drop(
+                ended
+                    .expect(2)
+                    .complains("misbehave = refuse and from_tick = 7 do not go together"),
+            ),
             "crash_when_made" => drop(ended.complains("failed as it was made: SIGSEGV")),
             _ => drop(ended.complains("failed as it was freed: SIGSEGV")),
         }
@@ -243,8 +376,14 @@ fn a_law_that_may_not_be_read_is_named() {
     let rig = Rig::new("closed");
     let law = cascade(&rig);
     fs::set_permissions(&law, fs::Permissions::from_mode(0o000)).unwrap();
-    let Some(command) = unprivileged(&rig, "simulate", &["--inner", &law]) else { return };
-    rig.launch(command).end().expect(2).complains("cannot read the law").complains("Permission denied");
+    let Some(command) = unprivileged(&rig, "simulate", format!("--inner {law}")) else {
+        return;
+    };
+    rig.launch(command)
+        .end()
+        .expect(2)
+        .complains("cannot read the law")
+        .complains("Permission denied");
 }
 
 #[test]
@@ -260,19 +399,47 @@ fn a_law_in_python_is_handed_to_the_adapter_and_without_one_its_command_is_told(
         command.env("IRONBIRD_PYTHON_ADAPTER", &adapter);
         rig.launch(command).end()
     };
-    let flight = ["--inner", &hover, "--trajectory", "hover", "--duration", "500ms"];
+    let flight = [
+        "--inner",
+        &hover,
+        "--trajectory",
+        "hover",
+        "--duration",
+        "500ms",
+    ];
     let simulated = run("simulate", &flight).expect(0);
     run("fly", &[&flight[..], &["--pace", "lockstep"]].concat()).expect(0);
     assert_eq!(rig.report()["run"]["laws"]["inner"]["not_real_time"], true);
-    run("report", &["--full"]).expect(0).says("inner hover_law (hover_law.py, not real-time)");
-    run("replay", &["--verify"]).expect(0).says(&simulated.result()["outputs"]);
-    run("replay", &["--inner", &weak]).expect(2).complains("weak_law.py: its SHA-256 is");
-    run("laws", &[&hover]).expect(0).says("not real-time: it promises nothing about its time").says("rehearsal  no");
-    run("simulate", &["--inner", &rig.file("wrong.py")]).expect(2).complains("wrong.py: line 1: expected `# FACTOR`");
-    let none = rig.run("simulate", &["--inner", &hover]).expect(2);
+    run("report", &["--full"])
+        .expect(0)
+        .says("inner hover_law (hover_law.py, not real-time)");
+    run("replay", &["--verify"])
+        .expect(0)
+        .says(&simulated.result()["outputs"]);
+    run("replay", &["--inner", &weak])
+        .expect(2)
+        .complains("weak_law.py: its SHA-256 is");
+    run("laws", &[&hover])
+        .expect(0)
+        .says("not real-time: it promises nothing about its time")
+        .says("rehearsal  no");
+    run("simulate", &["--inner", &rig.file("wrong.py")])
+        .expect(2)
+        .complains("wrong.py: line 1: expected `# FACTOR`");
+    // Beside a copy of the executable there is no adapter.
+    let copy = rig.path("alone");
+    copy_executable(&copy);
+    let mut alone = Command::new(&copy);
+    alone
+        .arg("simulate")
+        .args(rig.own_args("simulate", ["--inner", &hover]))
+        .env("IRONBIRD_ROOT", rig.root());
+    let none = rig.launch(alone).end().expect(2);
     none.complains("hover_law.py: a law in Python needs libironbird_python.so")
-        .complains("build it: python/build (docs/python.md); or name it with IRONBIRD_PYTHON_ADAPTER");
-    let mut no_adapter = rig.command("simulate", &["--inner", &hover]);
+        .complains(
+            "build it: python/build (docs/python.md); or name it with IRONBIRD_PYTHON_ADAPTER",
+        );
+    let mut no_adapter = rig.command("simulate", format!("--inner {hover}"));
     no_adapter.env("IRONBIRD_PYTHON_ADAPTER", cascade(&rig));
     rig.launch(no_adapter)
         .end()
@@ -280,7 +447,7 @@ fn a_law_in_python_is_handed_to_the_adapter_and_without_one_its_command_is_told(
         .complains("error: the adapter for laws in Python, ")
         .complains("it exports no function `ironbird_law_open`")
         .complains("IRONBIRD_PYTHON_ADAPTER");
-    let mut unloadable = rig.command("simulate", &["--inner", &hover]);
+    let mut unloadable = rig.command("simulate", format!("--inner {hover}"));
     unloadable.env("IRONBIRD_PYTHON_ADAPTER", &weak);
     let told = rig
         .launch(unloadable)
@@ -290,7 +457,7 @@ fn a_law_in_python_is_handed_to_the_adapter_and_without_one_its_command_is_told(
         .complains("it cannot be loaded: ")
         .complains("python/build");
     assert!(!told.stderr.contains("cc ... -lm"), "{}", told.stderr);
-    let mut nowhere = rig.command("simulate", &["--inner", &hover]);
+    let mut nowhere = rig.command("simulate", format!("--inner {hover}"));
     nowhere.env("IRONBIRD_PYTHON_ADAPTER", "/nope");
     rig.launch(nowhere)
         .end()

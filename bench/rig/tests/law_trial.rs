@@ -1,14 +1,11 @@
 //! The trial of laws: what comes with the rig passes it, and each way to fail is found.
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+use control_api::description::{Description, Refused, Settings};
+use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
 use ironbird::laws::trial::{Candidate, Findings, trial, words};
-use law::description::{Description, Refused, Settings};
-use law::law::{Demand, InnerLaw, Law, Rig, Wanted};
-use model::measured::Measured;
-use model::messages::Dated;
-use model::reference::Reference;
-use model::role::Role;
-use model::telemetry::Telemetry;
+use messages::content::{Measured, Reference, Stamped};
+use messages::role::Role;
+use messages::telemetry::Telemetry;
 use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -19,7 +16,10 @@ fn passes(name: &str, findings: &Findings) {
     assert!(findings.is_copied, "{name}");
     assert_eq!(findings.rehearsed, None, "{name}");
     let [median, p99] = findings.hot_ns;
-    assert!(0 < median && median <= p99 && 0 < findings.cold_ns, "{name}: {findings:?}");
+    assert!(
+        0 < median && median <= p99 && 0 < findings.cold_ns,
+        "{name}: {findings:?}"
+    );
 }
 
 #[test]
@@ -68,14 +68,17 @@ impl InnerLaw for Odd {
     fn tick(
         &mut self,
         _: u64,
-        measured: &Dated<Measured>,
-        _: &Dated<Wanted>,
+        measured: &Stamped<Measured>,
+        _: &Stamped<Desired>,
         _: &Reference,
         telemetry: &mut Telemetry,
-    ) -> Demand {
+    ) -> WrenchSetpoint {
         let climbs = measured.content.velocity_w_m_s[2] > 0.0;
         telemetry.value[3] = (CALLS.fetch_add(1, Ordering::Relaxed) / 5001) as f64;
-        Demand { thrust_n: if climbs { f64::INFINITY } else { 1.0 }, torque_b_nm: [0.0; 3] }
+        WrenchSetpoint {
+            thrust_n: if climbs { f64::INFINITY } else { 1.0 },
+            torque_b_nm: [0.0; 3],
+        }
     }
 }
 
@@ -86,10 +89,17 @@ fn a_law_that_repeats_itself_not_or_divides_by_zero_is_found() {
     let heard = Cell::new(0);
     let findings = trial(&rig, make, || heard.set(heard.get() + 1)).unwrap();
     let difference = findings.difference.unwrap();
-    assert_eq!((difference.input, difference.index, difference.values), (2500, 13, [0.0, 1.0]));
+    assert_eq!(
+        (difference.input, difference.index, difference.values),
+        (2500, 13, [0.0, 1.0])
+    );
     let not_finite = findings.not_finite.unwrap();
     assert_eq!((not_finite.index, not_finite.value), (0, f64::INFINITY));
-    assert!(heard.get() >= 120_000, "also of each tick whose time is taken: {}", heard.get());
+    assert!(
+        heard.get() >= 120_000,
+        "also of each tick whose time is taken: {}",
+        heard.get()
+    );
     assert!(!findings.passes(true));
 }
 
@@ -98,7 +108,10 @@ fn a_law_that_repeats_itself_not_or_divides_by_zero_is_found() {
 struct Shares(Arc<AtomicU64>);
 
 impl Law for Shares {
-    const DESCRIPTION: Description = Description { name: "shares", ..Odd::DESCRIPTION };
+    const DESCRIPTION: Description = Description {
+        name: "shares",
+        ..Odd::DESCRIPTION
+    };
 
     fn new(_: &Rig, _: &Settings) -> Result<Self, Refused> {
         Ok(Self(Arc::default()))
@@ -106,20 +119,41 @@ impl Law for Shares {
 }
 
 impl InnerLaw for Shares {
-    fn tick(&mut self, _: u64, _: &Dated<Measured>, _: &Dated<Wanted>, _: &Reference, _: &mut Telemetry) -> Demand {
-        Demand { thrust_n: self.0.fetch_add(1, Ordering::Relaxed) as f64, torque_b_nm: [0.0; 3] }
+    fn tick(
+        &mut self,
+        _: u64,
+        _: &Stamped<Measured>,
+        _: &Stamped<Desired>,
+        _: &Reference,
+        _: &mut Telemetry,
+    ) -> WrenchSetpoint {
+        WrenchSetpoint {
+            thrust_n: self.0.fetch_add(1, Ordering::Relaxed) as f64,
+            torque_b_nm: [0.0; 3],
+        }
     }
 }
 
 #[test]
 fn a_law_that_its_rehearsals_change_is_found() {
     let (rig, settings) = (Rig::default(), Settings::default());
-    let findings = trial(&rig, || Shares::new(&rig, &settings).map(|law| Candidate::Inner(law.into())), || ()).unwrap();
+    let findings = trial(
+        &rig,
+        || Shares::new(&rig, &settings).map(|law| Candidate::Inner(law.into())),
+        || (),
+    )
+    .unwrap();
     assert_eq!(findings.difference, None, "asked alone it repeats itself");
-    assert_eq!(findings.rehearsed.map(|it| (it.input, it.index, it.values)), Some((0, 0, [0.0, 1.0])));
+    assert_eq!(
+        findings.rehearsed.map(|it| (it.input, it.index, it.values)),
+        Some((0, 0, [0.0, 1.0]))
+    );
     assert!(!findings.passes(true));
     let said = words::render(&findings, &Shares::DESCRIPTION, true);
-    assert!(said.contains("rehearsed    NO: thrust_n of input 0 was 0.0, and 1.0 where it had been"), "{said}");
+    assert!(
+        said.contains("rehearsed    NO: thrust_n of input 0 was 0.0, and 1.0 where it had been"),
+        "{said}"
+    );
 }
 
 #[test]

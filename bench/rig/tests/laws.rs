@@ -1,5 +1,4 @@
 //! Laws are chosen by name: they fly, are logged and replayed, and say what they are.
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +7,7 @@ use crate::rig::Rig;
 #[test]
 fn the_list_and_each_law_say_what_there_is() {
     let rig = Rig::new("laws");
-    let listed = rig.run("laws", &[]).expect(0);
+    let listed = rig.ok("laws");
     for said in [
         "outer  pd ",
         "outer  estimating ",
@@ -23,33 +22,52 @@ fn the_list_and_each_law_say_what_there_is() {
     ] {
         assert!(listed.stdout.contains(said), "{said}: {listed}");
     }
-    rig.run("laws", &["adaptive"])
-        .expect(0)
+    rig.ok("laws adaptive")
         .says("Settings, in the section [inner]")
         .says("alpha_1_s = 200.0 [1/s]")
         .says("alpha, decay of the rate error; allowed: a finite number above 0")
         .says("adaptation = \"on\"")
         .says("Preset soft")
         .says("rotor_inertia_kg_m2 [kg m^2]");
-    rig.run("laws", &["priority"]).expect(0).says("  none\n");
+    rig.ok("laws priority").says("  none\n");
     rig.assert_nothing_started();
 }
 
 #[test]
 fn another_inner_law_flies_and_is_replayed_from_its_log_alone() {
     let rig = Rig::new("fixed");
-    let options = ["--pace", "lockstep", "--inner", "fixed", "--preset", "soft", "--duration", "2s"];
-    rig.run("fly", &options).expect(0);
+    let options = [
+        "--pace",
+        "lockstep",
+        "--inner",
+        "fixed",
+        "--preset",
+        "soft",
+        "--duration",
+        "2s",
+    ];
+    rig.run("fly", options).expect(0);
     let report = rig.report();
     assert_eq!(report["run"]["laws"]["inner"]["name"], "fixed");
     assert_eq!(report["run"]["laws"]["inner"]["ticks_not_finite"], 0);
-    assert_eq!(report["words"]["theorem"]["word"], "not_applicable", "{}", report["words"]);
-    rig.run("report", &["--full"]).expect(0).says("laws outer pd, inner fixed, mixer priority");
-    let replayed = rig.run("replay", &["--verify"]).expect(0);
+    assert_eq!(
+        report["words"]["theorem"]["word"], "not_applicable",
+        "{}",
+        report["words"]
+    );
+    rig.ok("report --full")
+        .says("laws outer pd, inner fixed, mixer priority");
+    let replayed = rig.ok("replay --verify");
     assert!(replayed.stdout.contains("identical"), "{replayed}");
     let simulated = rig.run("simulate", &options[2..]).expect(0);
     let hash = |text: &str| {
-        text.split("outputs").nth(1).unwrap().trim_start_matches([' ', '=']).chars().take(16).collect::<String>()
+        text.split("outputs")
+            .nth(1)
+            .unwrap()
+            .trim_start_matches([' ', '='])
+            .chars()
+            .take(16)
+            .collect::<String>()
     };
     assert_eq!(hash(&replayed.stdout), hash(&simulated.stdout));
 }
@@ -59,15 +77,27 @@ fn without_adaptation_the_two_inner_laws_are_one() {
     let rig = Rig::new("same");
     let off = rig.settings("[inner]\nadaptation = \"off\"\n");
     let (one, other) = (rig.file("off.csv"), rig.file("fixed.csv"));
-    rig.run("simulate", &["--duration", "3s", "--config", &off, "--states", &one]).expect(0);
-    rig.run("simulate", &["--duration", "3s", "--inner", "fixed", "--states", &other]).expect(0);
+    rig.ok(&format!(
+        "simulate --duration 3s --config {off} --states {one}"
+    ));
+    rig.ok(&format!(
+        "simulate --duration 3s --inner fixed --states {other}"
+    ));
     let [mut one, other] = [one, other].map(|path| columns(&path));
     // It has estimates that do not move, and no truth is held against them.
-    for name in ["rotor_inertia_kg_m2", "rotational_drag_nm_s", "disturbance_gain_rad_s2"] {
+    for name in [
+        "rotor_inertia_kg_m2",
+        "rotational_drag_nm_s",
+        "disturbance_gain_rad_s2",
+    ] {
         let estimate = one.remove(&format!("inner_telemetry.{name}")).unwrap();
         assert!(estimate.iter().all(|value| *value == estimate[0]), "{name}");
     }
-    assert!(one["t"].len() > 50 && one["IR_hat"].iter().all(String::is_empty), "{:?}", one["IR_hat"]);
+    assert!(
+        one["t"].len() > 50 && one["IR_hat"].iter().all(String::is_empty),
+        "{:?}",
+        one["IR_hat"]
+    );
     assert!(one == other, "the states of both flights");
 }
 
@@ -77,7 +107,10 @@ fn columns(path: &str) -> BTreeMap<String, Vec<String>> {
     let mut lines = text.lines();
     let names = lines.next().unwrap().split(',').map(str::to_owned);
     let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
-    names.enumerate().map(|(i, name)| (name, rows.iter().map(|row| row[i].to_owned()).collect())).collect()
+    names
+        .enumerate()
+        .map(|(i, name)| (name, rows.iter().map(|row| row[i].to_owned()).collect()))
+        .collect()
 }
 
 /// What a flight with two laws shows of them, wherever it is looked at.
@@ -89,8 +122,11 @@ struct Shown {
     has_estimates: bool,
 }
 
-const RATE_ERROR: [(&str, &str); 3] =
-    [("rate_error_x_rad_s", "rad/s"), ("rate_error_y_rad_s", "rad/s"), ("rate_error_z_rad_s", "rad/s")];
+const RATE_ERROR: [(&str, &str); 3] = [
+    ("rate_error_x_rad_s", "rad/s"),
+    ("rate_error_y_rad_s", "rad/s"),
+    ("rate_error_z_rad_s", "rad/s"),
+];
 const WANTED: [(&str, &str); 3] = [
     ("acceleration_wanted_x_m_s2", "m/s^2"),
     ("acceleration_wanted_y_m_s2", "m/s^2"),
@@ -149,7 +185,12 @@ const ALL_SHOWN: [Shown; 4] = [
         has_rate_error: false,
         has_estimates: false,
     },
-    Shown { laws: ["pd", "fixed"], signals: [&WANTED, &RATE_ERROR], has_rate_error: true, has_estimates: false },
+    Shown {
+        laws: ["pd", "fixed"],
+        signals: [&WANTED, &RATE_ERROR],
+        has_rate_error: true,
+        has_estimates: false,
+    },
 ];
 
 #[test]
@@ -157,40 +198,107 @@ fn what_laws_show_has_their_names_everywhere_and_nothing_is_said_that_nobody_mea
     for shown in &ALL_SHOWN {
         let [outer, inner] = shown.laws;
         let rig = Rig::new(&format!("shows-{inner}"));
-        let options = ["--pace", "lockstep", "--duration", "1s", "--outer", outer, "--inner", inner, "--every", "1"];
+        let options =
+            format!("--pace lockstep --duration 1s --outer {outer} --inner {inner} --every 1");
         rig.run("fly", &options).expect(0);
-        rig.run("replay", &["--verify"]).expect(0).says(", identical; outputs ");
+        rig.ok("replay --verify").says(", identical; outputs ");
         let latest = rig.out().join("latest");
-        rig.run("export", &[]).expect(0);
+        rig.ok("export");
         let states = columns(latest.join("states.csv").to_str().unwrap());
-        let (report, page) = (rig.report(), std::fs::read_to_string(latest.join("report.html")).unwrap());
-        let text = rig.run("report", &["--full"]).expect(0).stdout;
+        let (report, page) = (
+            rig.report(),
+            std::fs::read_to_string(latest.join("report.html")).unwrap(),
+        );
+        let text = rig.ok("report --full").stdout;
         for (role, signals) in ["outer", "inner"].into_iter().zip(shown.signals) {
-            let exported = columns(latest.join(format!("export/{role}_telemetry.csv")).to_str().unwrap());
-            let names: BTreeSet<&str> = signals.iter().map(|(name, _)| *name).chain(["tick"]).collect();
-            assert_eq!(exported.keys().map(String::as_str).collect::<BTreeSet<_>>(), names, "{inner}");
+            let exported = columns(
+                latest
+                    .join(format!("export/{role}_telemetry.csv"))
+                    .to_str()
+                    .unwrap(),
+            );
+            let names: BTreeSet<&str> = signals
+                .iter()
+                .map(|(name, _)| *name)
+                .chain(["tick"])
+                .collect();
+            assert_eq!(
+                exported.keys().map(String::as_str).collect::<BTreeSet<_>>(),
+                names,
+                "{inner}"
+            );
             let section = &report["run"]["laws"][role]["telemetry"];
-            assert_eq!(section.as_array().unwrap().len(), signals.len(), "{section}");
+            assert_eq!(
+                section.as_array().unwrap().len(),
+                signals.len(),
+                "{section}"
+            );
             for (i, (name, unit)) in signals.iter().enumerate() {
-                assert_eq!((&section[i]["name"], &section[i]["unit"]), (&(*name).into(), &(*unit).into()));
-                let values: Vec<f64> = exported[*name].iter().map(|value| value.parse().unwrap()).collect();
+                assert_eq!(
+                    (&section[i]["name"], &section[i]["unit"]),
+                    (&(*name).into(), &(*unit).into())
+                );
+                let values: Vec<f64> = exported[*name]
+                    .iter()
+                    .map(|value| value.parse().unwrap())
+                    .collect();
                 assert_eq!(section[i]["last"], *values.last().unwrap(), "{name}");
-                assert_eq!(section[i]["max"], values.iter().copied().fold(f64::MIN, f64::max), "{name}");
-                assert_eq!(states[&format!("{role}_telemetry.{name}")], exported[*name], "{name}");
-                assert!(page.contains(&format!("data-plot=\"{role}-{name}\"")), "{name}");
-                assert!(text.contains(&format!("  {role} {name} ")), "{name} in {text}");
+                assert_eq!(
+                    section[i]["max"],
+                    values.iter().copied().fold(f64::MIN, f64::max),
+                    "{name}"
+                );
+                assert_eq!(
+                    states[&format!("{role}_telemetry.{name}")],
+                    exported[*name],
+                    "{name}"
+                );
+                assert!(
+                    page.contains(&format!("data-plot=\"{role}-{name}\"")),
+                    "{name}"
+                );
+                assert!(
+                    text.contains(&format!("  {role} {name} ")),
+                    "{name} in {text}"
+                );
             }
         }
         let flight = &report["flight"];
-        assert_eq!(flight["rate_error_final_rad_s"].is_number(), shown.has_rate_error, "{flight}");
-        assert_eq!(flight.get("rate_error_final_rad_s").is_some(), shown.has_rate_error, "{flight}");
-        assert_eq!(flight.get("estimates").is_some(), shown.has_estimates, "{flight}");
-        assert_eq!(states["e_p"].iter().all(String::is_empty), !shown.has_rate_error, "{inner}");
-        assert_eq!(states["kr_hat"].iter().all(String::is_empty), !shown.has_estimates, "{inner}");
-        for (plot, is_there) in
-            [("rate-error", shown.has_rate_error), ("k_r", shown.has_estimates), ("k_r-error", shown.has_estimates)]
-        {
-            assert_eq!(page.contains(&format!("data-plot=\"{plot}\"")), is_there, "{plot} of {inner}");
+        assert_eq!(
+            flight["rate_error_final_rad_s"].is_number(),
+            shown.has_rate_error,
+            "{flight}"
+        );
+        assert_eq!(
+            flight.get("rate_error_final_rad_s").is_some(),
+            shown.has_rate_error,
+            "{flight}"
+        );
+        assert_eq!(
+            flight.get("estimates").is_some(),
+            shown.has_estimates,
+            "{flight}"
+        );
+        assert_eq!(
+            states["e_p"].iter().all(String::is_empty),
+            !shown.has_rate_error,
+            "{inner}"
+        );
+        assert_eq!(
+            states["kr_hat"].iter().all(String::is_empty),
+            !shown.has_estimates,
+            "{inner}"
+        );
+        for (plot, is_there) in [
+            ("rate-error", shown.has_rate_error),
+            ("k_r", shown.has_estimates),
+            ("k_r-error", shown.has_estimates),
+        ] {
+            assert_eq!(
+                page.contains(&format!("data-plot=\"{plot}\"")),
+                is_there,
+                "{plot} of {inner}"
+            );
         }
         let svg = std::fs::read_to_string(latest.join("flight.svg")).unwrap();
         assert_eq!(
@@ -202,7 +310,10 @@ fn what_laws_show_has_their_names_everywhere_and_nothing_is_said_that_nobody_mea
             let theorem = serde_json::json!({"law_without": inner, "not_applicable": why});
             assert_eq!(report["theorem"], theorem);
             assert!(page.contains(&format!("Not applicable: {why}.")));
-            assert!(text.contains(&format!("Theorem   not applicable: {why}\n")), "{text}");
+            assert!(
+                text.contains(&format!("Theorem   not applicable: {why}\n")),
+                "{text}"
+            );
             assert!(!text.contains("estimated"), "{text}");
         }
     }
@@ -212,15 +323,26 @@ fn what_laws_show_has_their_names_everywhere_and_nothing_is_said_that_nobody_mea
 fn the_laws_of_a_flight_are_compared_where_both_show_the_same() {
     let rig = Rig::new("compared");
     let flown = ["adaptive", "fixed", "indi"].map(|inner| {
-        rig.run("fly", &["--pace", "lockstep", "--duration", "500ms", "--inner", inner]).expect(0);
-        rig.out().join("latest").canonicalize().unwrap().to_str().unwrap().to_owned()
+        rig.ok(&format!(
+            "fly --pace lockstep --duration 500ms --inner {inner}"
+        ));
+        rig.out()
+            .join("latest")
+            .canonicalize()
+            .unwrap()
+            .to_str()
+            .unwrap()
+            .to_owned()
     });
     let name = "rate error, at the end [rad/s]";
-    let compared = rig.run("report", &["diff", &flown[0], &flown[1]]).expect(0);
+    let compared = rig.ok(&format!("report diff {} {}", flown[0], flown[1]));
     compared.says(name);
-    let compared = rig.run("report", &["diff", &flown[1], &flown[2]]).expect(0);
+    let compared = rig.ok(&format!("report diff {} {}", flown[1], flown[2]));
     let row = compared.stdout.lines().find(|line| line.contains(name));
-    assert!(row.is_none_or(|row| row.contains('-') && !row.contains(" 0 ")), "{compared}");
+    assert!(
+        row.is_none_or(|row| row.contains('-') && !row.contains(" 0 ")),
+        "{compared}"
+    );
 }
 
 #[test]
@@ -228,12 +350,15 @@ fn laws_besides_the_papers_fly_every_airframe_and_have_no_theorem() {
     let rig = Rig::new("besides");
     for airframe in ["paper", "crazyflie", "x500"] {
         for inner in ["geometric", "indi", "pid"] {
-            let options = ["--airframe", airframe, "--outer", "estimating", "--inner", inner, "--duration", "12s"];
+            let options =
+                format!("--airframe {airframe} --outer estimating --inner {inner} --duration 12s");
             let flown = rig.run("simulate", &options).expect(0);
-            let flown = flown.says(&format!("Theorem   not applicable: the inner law `{inner}` has no theorem"));
+            let flown = flown.says(&format!(
+                "Theorem   not applicable: the inner law `{inner}` has no theorem"
+            ));
             assert!(!flown.stdout.contains("estimated"), "{flown}");
         }
     }
-    let gate = rig.run("simulate", &["--inner", "pid", "--gate", "theorem"]).expect(2);
+    let gate = rig.refused("simulate --inner pid --gate theorem");
     gate.complains("the inner law `pid` has no theorem with these settings");
 }

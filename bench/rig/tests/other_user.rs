@@ -1,5 +1,4 @@
 //! Another user of the machine beside a flight: he reads, writes, shrinks and removes nothing of it. Real processes.
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
 use std::fs;
 use std::os::unix::fs::{MetadataExt as _, symlink};
@@ -16,29 +15,52 @@ const AS_NOBODY: [&str; 3] = ["--reuid=65534", "--regid=65534", "--clear-groups"
 fn by_nobody(script: &str, path: &Path) -> Option<bool> {
     let permitted = Command::new("setpriv").args(AS_NOBODY).arg("true").status();
     if !permitted.is_ok_and(|status| status.success()) {
-        not_tested("what another user may do: setpriv (util-linux) is not there, or may not become another user");
+        not_tested(
+            "what another user may do: setpriv (util-linux) is not there, or may not become another user",
+        );
         return None;
     }
     let mut command = Command::new("setpriv");
-    command.args(AS_NOBODY).args(["sh", "-c", script]).arg(path).current_dir("/");
+    command
+        .args(AS_NOBODY)
+        .args(["sh", "-c", script])
+        .arg(path)
+        .current_dir("/");
     Some(command.output().unwrap().status.success())
 }
 
 /// The files of an instance in shared memory.
 fn segments(rig: &Rig) -> Vec<PathBuf> {
-    rig.segments().iter().map(|name| Path::new("/dev/shm").join(name)).collect()
+    rig.segments()
+        .iter()
+        .map(|name| Path::new("/dev/shm").join(name))
+        .collect()
 }
 
 #[test]
 fn another_user_can_neither_look_at_a_flight_nor_disturb_it() {
     let rig = Rig::new("beside");
-    let flight = rig.take_off(&["--rt", "off", "--duration", "600s"]);
-    fs::set_permissions(rig.path("."), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    let flight = rig.take_off("--rt off --duration 600s");
+    fs::set_permissions(
+        rig.path("."),
+        std::os::unix::fs::PermissionsExt::from_mode(0o755),
+    )
+    .unwrap();
     let directory = rig.known().directory();
     let segments = segments(&rig);
-    let lengths = || segments.iter().map(|path| path.metadata().unwrap().len()).collect::<Vec<_>>();
+    let lengths = || {
+        segments
+            .iter()
+            .map(|path| path.metadata().unwrap().len())
+            .collect::<Vec<_>>()
+    };
     let (before, plant) = (lengths(), flight.roles()["plant"]);
-    assert!(segments.iter().any(|path| path.to_string_lossy().ends_with(".global_mgmt")), "{segments:?}");
+    assert!(
+        segments
+            .iter()
+            .any(|path| path.to_string_lossy().ends_with(".global_mgmt")),
+        "{segments:?}"
+    );
     let tries = [
         "cat \"$0\" >/dev/null",
         ": >>\"$0\"",
@@ -48,23 +70,38 @@ fn another_user_can_neither_look_at_a_flight_nor_disturb_it() {
         "chmod 666 \"$0\"",
     ];
     for script in tries {
-        for path in segments.iter().chain([&directory.join("plant.lock"), &directory.join("in_use.lock")]) {
+        for path in segments.iter().chain([
+            &directory.join("plant.lock"),
+            &directory.join("in_use.lock"),
+        ]) {
             match by_nobody(script, path) {
                 None => {
                     flight.signal(Signal::INT);
                     flight.end().expect(130);
                     return;
                 }
-                Some(done) => assert!(!done, "another user may do this: {script} {}", path.display()),
+                Some(done) => assert!(
+                    !done,
+                    "another user may do this: {script} {}",
+                    path.display()
+                ),
             }
         }
     }
-    for script in ["ls \"$0\"", "touch \"$0\"/x", "flock -n \"$0\" true", "rmdir \"$0\""] {
+    for script in [
+        "ls \"$0\"",
+        "touch \"$0\"/x",
+        "flock -n \"$0\" true",
+        "rmdir \"$0\"",
+    ] {
         assert_eq!(by_nobody(script, &directory), Some(false), "{script}");
     }
-    assert_eq!(by_nobody(&format!("kill -0 {plant}"), &directory), Some(false));
+    assert_eq!(
+        by_nobody(&format!("kill -0 {plant}"), &directory),
+        Some(false)
+    );
     assert_eq!(lengths(), before);
-    rig.run("inject", &["mass_kg=0.6"]).expect(0);
+    rig.ok("inject mass_kg=0.6");
     flight.signal(Signal::INT);
     flight.end().expect(130);
     rig.assert_nothing_left();
@@ -74,14 +111,26 @@ fn another_user_can_neither_look_at_a_flight_nor_disturb_it() {
 fn what_another_user_has_put_in_the_way_is_refused_and_stays() {
     let rig = Rig::new("squatted");
     fs::create_dir(rig.root()).unwrap();
-    fs::set_permissions(rig.root(), std::os::unix::fs::PermissionsExt::from_mode(0o1777)).unwrap();
-    fs::set_permissions(rig.path("."), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    fs::set_permissions(
+        rig.root(),
+        std::os::unix::fs::PermissionsExt::from_mode(0o1777),
+    )
+    .unwrap();
+    fs::set_permissions(
+        rig.path("."),
+        std::os::unix::fs::PermissionsExt::from_mode(0o755),
+    )
+    .unwrap();
     let victim = rig.path("victim");
     fs::write(&victim, "kept").unwrap();
     let place = rig.known().directory();
     let bells = PathBuf::from(format!("/dev/shm/{}bells", rig.known().prefix()));
     for (script, path, words) in [
-        ("mkdir \"$0\"", &place, "it belongs to user 65534, and this process is user"),
+        (
+            "mkdir \"$0\"",
+            &place,
+            "it belongs to user 65534, and this process is user",
+        ),
         ("ln -s /etc \"$0\"", &place, "it is a symbolic link"),
         ("mkfifo \"$0\"", &place, "it is no directory"),
         (": >\"$0\"", &bells, "is not used"),
@@ -89,20 +138,35 @@ fn what_another_user_has_put_in_the_way_is_refused_and_stays() {
         ("mkfifo \"$0\"", &bells, "is not used"),
         ("ln -s / \"$0\"", &bells, "is not used"),
     ] {
-        let Some(done) = by_nobody(script, path) else { return };
+        let Some(done) = by_nobody(script, path) else {
+            return;
+        };
         assert!(done, "{script} {}", path.display());
         let there = path.symlink_metadata().unwrap();
-        rig.run("fly", &["--rt", "off", "--duration", "100ms"]).expect(2).complains(words);
-        rig.run("clean", &[]).expect(0);
-        assert_eq!(path.symlink_metadata().unwrap().ino(), there.ino(), "{script}: it stays");
-        if there.is_dir() { fs::remove_dir(path).unwrap() } else { fs::remove_file(path).unwrap() }
+        rig.refused("fly --rt off --duration 100ms")
+            .complains(words);
+        rig.ok("clean");
+        assert_eq!(
+            path.symlink_metadata().unwrap().ino(),
+            there.ino(),
+            "{script}: it stays"
+        );
+        if there.is_dir() {
+            fs::remove_dir(path).unwrap()
+        } else {
+            fs::remove_file(path).unwrap()
+        }
     }
-    assert!(rig.run_directories().is_empty(), "{:?}", rig.run_directories());
+    assert!(
+        rig.run_directories().is_empty(),
+        "{:?}",
+        rig.run_directories()
+    );
     // What is put into a place that a flight writes to is replaced, and what it leads to stays.
-    rig.run("fly", &["--pace", "lockstep", "--duration", "50ms"]).expect(0);
+    rig.ok("fly --pace lockstep --duration 50ms");
     let exported = rig.path("exported");
     fs::create_dir(&exported).unwrap();
     symlink(&victim, exported.join("state.csv")).unwrap();
-    rig.run("export", &["--to", exported.to_str().unwrap()]).expect(0);
+    rig.ok(&format!("export --to {}", exported.to_str().unwrap()));
     assert_eq!(fs::read_to_string(&victim).unwrap(), "kept");
 }

@@ -10,7 +10,7 @@ import pyarrow.parquet
 
 
 def main(path):
-    field = pyarrow.parquet.read_schema(path).field("plant.mass_kg")
+    metadata = pyarrow.parquet.read_metadata(path).metadata
     frame = pandas.read_parquet(path)
     lazy = polars.scan_parquet(path)
     (rows, successes, error, mass), = duckdb.sql(
@@ -30,10 +30,10 @@ def main(path):
                     float(frame["position_error_max_m"].sum()),
                     float(frame["plant.mass_kg"].sum()),
                 ],
-                "unit": field.metadata[b"unit"].decode(),
+                "unit": metadata[b"unit.plant.mass_kg"].decode(),
                 "told": {
                     key.decode(): value.decode()
-                    for key, value in pyarrow.parquet.read_metadata(path).metadata.items()
+                    for key, value in metadata.items()
                     if key.startswith(b"ironbird.")
                 },
             }

@@ -3,47 +3,48 @@
 //! The four roles stand on real ports of one instance in one thread and are ticked by hand, with everything that their
 //! shells do in a tick: wait at the doorbell, take, step, publish, ring, write the status. The one allocation is the
 //! middleware's loan. The grid begins in an hour, so that every command is in time however slow the machine is.
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
+use ipc::clock::now_ns;
+use ipc::instance::Instance;
+use ironbird::settings::Settings;
+use ironbird::simulator::Simulator;
+use messages::blackboards::Status;
+use messages::header::Message;
+use messages::inspection::Expected;
+use messages::realtime::Usage;
+use messages::topic::Topic;
+use process::session::status_board;
 use std::sync::{Mutex, MutexGuard, mpsc};
 use std::thread;
 use std::time::Duration;
+use tempfile::TempDir;
 
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use heapless::spsc::{Consumer, Producer, Queue};
-use ironbird::in_process::InProcess;
-use ironbird::settings::Settings;
-use law::{GuardedInner, GuardedMixer, GuardedOuter};
-use model::boards::Status;
-use model::envelope::Message;
-use model::fault::live::{LiveFault, Trouble};
-use model::fault::{Kind, PORTS, Span};
-use model::grid::{Grid, Pace};
-use model::inspection::Expected;
-use model::messages::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
-use model::parameters::{PARAMETERS, Parameter};
-use model::realtime::Usage;
-use model::role::{Role, STAGES};
-use model::topic::Topic;
-use plant::desk::{self, Event, FaultRequest, INBOX, OUTBOX, Request, SwapRequest};
+use ipc::{Blackboard, DEEP, LATEST, Receiver, SwapOrder, SwapOutcome, WakeEvent, Wire};
+use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
+use messages::fault::live::{FaultKind, LiveFault};
+use messages::fault::{Kind, PORTS, Span};
+use messages::grid::{Grid, Pace};
+use messages::parameters::{PARAMETERS, Parameter};
+use messages::role::{Role, STAGES};
+use plant::parameter_server::{self, Event, FaultRequest, INBOX, OUTBOX, Request, SwapRequest};
 use plant::process::{PlantProcess, Waking};
 use plant::swap::{Swap, Target};
-use report::tick::TickRecord;
-use role::rt::{UsageMeter, settle, thread_allocations};
-use role::shell::{InnerJob, MixerJob, OuterJob, Shell};
-use role::stage::{Stage, Turn};
-use role::station::status_board;
-use tempfile::TempDir;
-use wire::clock::now_ns;
-use wire::instance::Instance;
-use wire::{Board, DEEP, Doorbell, LATEST, Receiver, SwapOrder, SwapOutcome, Wire};
+use process::rt::{UsageMeter, settle, thread_allocations};
+use process::shell::{InnerJob, MixerJob, OuterJob, Shell};
+use process::stage::{Stage, TickContext};
+use report::states::TickRecord;
 
-role::count_allocations!();
+process::count_allocations!();
 
-const EXPECTED: Expected = Expected { run_id: 7, settings: 9 };
+const EXPECTED: Expected = Expected {
+    run_id: 7,
+    settings: 9,
+};
 const EPOCH: u64 = 100;
 /// Ticks until caches, connections and pages are what they are in flight.
 const WARM_UP: u64 = 50;
-/// Ticks that are looked at.
 const TICKS: u64 = 1000;
 /// Only ends a test that hangs.
 const LONG: Duration = Duration::from_secs(60);
@@ -59,9 +60,18 @@ impl Site {
     fn new() -> Self {
         // One test after the other: making all memory present cannot bear that another test gives memory back.
         static TURN: Mutex<()> = Mutex::new(());
-        let turn = TURN.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let root = tempfile::Builder::new().prefix("ib-").tempdir_in("/tmp").unwrap();
-        Self { instance: Instance::under(root.path(), "test").unwrap(), _root: root, _turn: turn }
+        let turn = TURN
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        let root = tempfile::Builder::new()
+            .prefix("ib-")
+            .tempdir_in("/tmp")
+            .unwrap();
+        Self {
+            instance: Instance::under(root.path(), "test").unwrap(),
+            _root: root,
+            _turn: turn,
+        }
     }
 }
 
@@ -77,42 +87,73 @@ type Allocations = [u64; STAGES.len()];
 /// A stage with what its shell holds.
 struct Place<S> {
     stage: S,
-    doorbell: Doorbell,
-    board: Board<Status>,
+    doorbell: WakeEvent,
+    board: Blackboard<Status>,
 }
 
 impl<S: Stage> Place<S> {
     fn new(wire: &Wire, stage: S) -> Self {
-        let board = wire.board(&status_board(S::ROLE)).unwrap();
+        let board = wire.blackboard(&status_board(S::ROLE)).unwrap();
         // As each role's shell has it.
-        let doorbell = if S::ROLE == Role::Mixer { wire.doorbell_with_alarm(S::ROLE) } else { wire.doorbell(S::ROLE) };
-        Self { stage, doorbell: doorbell.unwrap(), board }
+        let doorbell = if S::ROLE == Role::Mixer {
+            wire.doorbell_with_alarm(S::ROLE)
+        } else {
+            wire.doorbell(S::ROLE)
+        };
+        Self {
+            stage,
+            doorbell: doorbell.unwrap(),
+            board,
+        }
     }
 
     fn tick(&mut self, tick: u64) -> u64 {
         let before = thread_allocations();
-        assert!(self.doorbell.wait_until(now_ns() + LONG.as_nanos() as u64).unwrap());
+        assert!(
+            self.doorbell
+                .wait_until(now_ns() + LONG.as_nanos() as u64)
+                .unwrap()
+        );
         assert_eq!(self.stage.take(tick).unwrap(), tick);
         let mut end = None;
-        let turn = Turn { tick, receive_ns: now_ns(), previous_busy_ns: 1 };
-        let worked = self.stage.tick(&turn, &mut |wanted| end = Some(wanted)).unwrap();
+        let turn = TickContext {
+            tick,
+            receive_ns: now_ns(),
+            previous_busy_ns: 1,
+        };
+        let worked = self
+            .stage
+            .tick(&turn, &mut |wanted| end = Some(wanted))
+            .unwrap();
         assert!(!worked.stale && end.is_none());
-        self.board.put(Status { ticks_run: tick, rejections: self.stage.rejections(), ..Status::default() });
+        self.board.put(Status {
+            ticks_run: tick,
+            rejections: self.stage.rejections(),
+            ..Status::default()
+        });
         thread_allocations() - before
     }
 
     /// Rung without a message, before the tick.
     fn rehearse(&mut self, tick: u64) -> u64 {
         let before = thread_allocations();
-        assert!(self.doorbell.wait_until(now_ns() + LONG.as_nanos() as u64).unwrap());
-        assert_eq!(self.stage.take(tick).unwrap(), tick.checked_sub(1).unwrap_or(NO_TICK), "a rehearsal sends nothing");
+        assert!(
+            self.doorbell
+                .wait_until(now_ns() + LONG.as_nanos() as u64)
+                .unwrap()
+        );
+        assert_eq!(
+            self.stage.take(tick).unwrap(),
+            tick.checked_sub(1).unwrap_or(NO_TICK),
+            "a rehearsal sends nothing"
+        );
         self.stage.rehearse(tick).unwrap();
         thread_allocations() - before
     }
 }
 
 /// The four roles in one thread.
-struct Crew<'a> {
+struct RoleStatuses<'a> {
     pace: Pace,
     plant: PlantProcess<'a>,
     outer: Place<Shell<OuterJob<GuardedOuter>>>,
@@ -121,15 +162,21 @@ struct Crew<'a> {
     next_tick: u64,
 }
 
-impl<'a> Crew<'a> {
+impl<'a> RoleStatuses<'a> {
     fn new(wire: &Wire, orders: Consumer<'a, Request>, events: Producer<'a, Event>) -> Self {
         let settings = settings();
         let plant = settings.plant().unwrap();
-        let outer = OuterJob { stage: settings.outer_stage().unwrap(), position_error_max_m: 5.0 };
+        let outer = OuterJob {
+            stage: settings.outer_stage().unwrap(),
+            position_error_max_m: 5.0,
+        };
         let inner = InnerJob(settings.inner_stage().unwrap());
         let mixer = MixerJob(settings.mixer_stage().unwrap());
         Self {
-            pace: Pace::Realtime(Grid { t0_ns: now_ns() + 3_600_000_000_000, period_ns: 1_000_000 }),
+            pace: Pace::Realtime(Grid {
+                t0_ns: now_ns() + 3_600_000_000_000,
+                period_ns: 1_000_000,
+            }),
             plant: PlantProcess::new(wire, &plant, &[], orders, events).unwrap(),
             outer: Place::new(wire, Shell::new(wire, outer, Some(Role::Inner)).unwrap()),
             inner: Place::new(wire, Shell::new(wire, inner, Some(Role::Mixer)).unwrap()),
@@ -146,25 +193,37 @@ impl<'a> Crew<'a> {
         settle(None).unwrap();
     }
 
-    /// Flies a tick.
     fn tick(&mut self) -> Allocations {
         let tick = self.next_tick;
         self.next_tick += 1;
         let before = thread_allocations();
-        let waking = Waking { wake_ns: now_ns(), lead_ns: 0, timer_late_ns: 0 };
+        let waking = Waking {
+            wake_ns: now_ns(),
+            lead_ns: 0,
+            timer_late_ns: 0,
+        };
         let worked = self.plant.tick(tick, waking, self.pace).unwrap();
         let plant = thread_allocations() - before;
         assert!(worked.envelope.is_ok());
-        [plant, self.outer.tick(tick), self.inner.tick(tick), self.mixer.tick(tick)]
+        [
+            plant,
+            self.outer.tick(tick),
+            self.inner.tick(tick),
+            self.mixer.tick(tick),
+        ]
     }
 
-    /// Rehearses the next tick.
     fn rehearse(&mut self) -> Allocations {
         let tick = self.next_tick;
         let before = thread_allocations();
         self.plant.rehearse(tick).unwrap();
         let plant = thread_allocations() - before;
-        [plant, self.outer.rehearse(tick), self.inner.rehearse(tick), self.mixer.rehearse(tick)]
+        [
+            plant,
+            self.outer.rehearse(tick),
+            self.inner.rehearse(tick),
+            self.mixer.rehearse(tick),
+        ]
     }
 
     /// Ticks until the crew has settled.
@@ -179,7 +238,6 @@ fn settings() -> Settings {
     Settings::resolve(None, &Vec::new()).unwrap()
 }
 
-/// The recorder's ports.
 struct Recorder {
     states: Receiver<State>,
     setpoints: Receiver<Setpoint>,
@@ -189,13 +247,20 @@ struct Recorder {
 
 impl Recorder {
     fn new(wire: &Wire) -> Self {
-        Self { states: armed(wire), setpoints: armed(wire), wrenches: armed(wire), rotor_speeds: armed(wire) }
+        Self {
+            states: armed(wire),
+            setpoints: armed(wire),
+            wrenches: armed(wire),
+            rotor_speeds: armed(wire),
+        }
     }
 
     /// Compares everything that was said with the flight in one process.
     fn assert_same(&mut self, flight: &[TickRecord]) {
         assert_same(&mut self.states, flight, |record| record.state);
-        assert_same(&mut self.setpoints, flight, |record| record.setpoint.unwrap());
+        assert_same(&mut self.setpoints, flight, |record| {
+            record.setpoint.unwrap()
+        });
         assert_same(&mut self.wrenches, flight, |record| record.wrench);
         assert_same(&mut self.rotor_speeds, flight, |record| record.rotor_speeds);
     }
@@ -213,15 +278,25 @@ fn bits<C: Topic>(content: &C) -> Vec<u64> {
     bits
 }
 
-fn assert_same<C: Topic + PartialEq>(said: &mut Receiver<C>, flight: &[TickRecord], of: fn(&TickRecord) -> C) {
+fn assert_same<C: Topic + PartialEq>(
+    said: &mut Receiver<C>,
+    flight: &[TickRecord],
+    of: fn(&TickRecord) -> C,
+) {
     let mut messages: Vec<Message<C>> = Vec::new();
-    said.drain(u64::MAX - 1, |message| messages.push(*message)).unwrap();
+    said.drain(u64::MAX - 1, |message| messages.push(*message))
+        .unwrap();
     assert_eq!(messages.len(), flight.len(), "{}", C::NAME);
     for (message, record) in messages.iter().zip(flight) {
         let (tick, expected) = (record.tick, of(record));
         assert_eq!(message.envelope.tick, tick, "{}", C::NAME);
         assert_eq!(message.content, expected, "{} of tick {tick}", C::NAME);
-        assert_eq!(bits(&message.content), bits(&expected), "{} of tick {tick}, to the last bit", C::NAME);
+        assert_eq!(
+            bits(&message.content),
+            bits(&expected),
+            "{} of tick {tick}, to the last bit",
+            C::NAME
+        );
     }
     assert_eq!(said.rejections().total(), 0);
 }
@@ -231,42 +306,110 @@ fn swaps() -> [(u64, SwapRequest); 4] {
     let order = |tick, in_ticks, ticket, changes: &[(Parameter, f64)]| SwapRequest {
         tick,
         in_ticks,
-        swap: Swap { ticket, ..Swap::new(0, changes).unwrap() },
+        swap: Swap {
+            ticket,
+            ..Swap::new(0, changes).unwrap()
+        },
     };
-    let ramp = Swap::to(0, &[Target { parameter: Parameter::RotationalDrag, value: 0.3, steps: 100 }]).unwrap();
+    let ramp = Swap::to(
+        0,
+        &[Target {
+            parameter: Parameter::RotationalDrag,
+            value: 0.3,
+            steps: 100,
+        }],
+    )
+    .unwrap();
     [
         // The first one while warming up: its code too must have been fetched once.
         (10, order(Some(20), 0, 1, &[(Parameter::Mass, 0.6)])),
-        (200, order(None, 5, 2, &[(Parameter::RotorEfficiency2, 0.9), (Parameter::GyroNoise, 0.01)])),
-        (700, order(Some(0), 0, 3, &[(Parameter::RotorInertia, 5e-5), (Parameter::DisturbanceGain, 0.4)])),
-        (750, SwapRequest { tick: Some(760), in_ticks: 0, swap: Swap { ticket: 4, ..ramp } }),
+        (
+            200,
+            order(
+                None,
+                5,
+                2,
+                &[
+                    (Parameter::RotorEfficiency2, 0.9),
+                    (Parameter::GyroNoise, 0.01),
+                ],
+            ),
+        ),
+        (
+            700,
+            order(
+                Some(0),
+                0,
+                3,
+                &[
+                    (Parameter::RotorInertia, 5e-5),
+                    (Parameter::DisturbanceGain, 0.4),
+                ],
+            ),
+        ),
+        (
+            750,
+            SwapRequest {
+                tick: Some(760),
+                in_ticks: 0,
+                swap: Swap { ticket: 4, ..ramp },
+            },
+        ),
     ]
 }
 const SWAPPED_AT: [u64; 4] = [20, 205, 700, 760];
 
 /// Faults of every input and stage that are passed to the loop in flight; they strike when it is over.
 fn faults() -> [(u64, Request); 2] {
-    let of = |kind| PORTS.map(|port| Trouble::Messages { port, kind }).to_vec();
-    let late = STAGES.map(|role| Trouble::Late { role, least_ns: 1, most_ns: 9 }).to_vec();
-    let order = |ticket, troubles: Vec<Trouble>| {
-        let fault = |trouble| LiveFault { trouble, ends: false, span: Span { from: 0, to: 1 } };
-        let faults = troubles.into_iter().map(fault).collect();
-        Request::Faults(FaultRequest { ticket, tick: Some(WARM_UP + TICKS), in_ticks: 0, for_ticks: 10, faults })
+    let of = |kind| {
+        PORTS
+            .map(|port| FaultKind::Messages { port, kind })
+            .to_vec()
     };
-    [(15, order(1, of(Kind::Lag(3)))), (300, order(2, [of(Kind::Freeze), late].concat()))]
+    let late = STAGES
+        .map(|role| FaultKind::Late {
+            role,
+            least_ns: 1,
+            most_ns: 9,
+        })
+        .to_vec();
+    let order = |ticket, troubles: Vec<FaultKind>| {
+        let fault = |trouble| LiveFault {
+            trouble,
+            ends: false,
+            span: Span { from: 0, to: 1 },
+        };
+        let faults = troubles.into_iter().map(fault).collect();
+        Request::Faults(FaultRequest {
+            ticket,
+            tick: Some(WARM_UP + TICKS),
+            in_ticks: 0,
+            for_ticks: 10,
+            faults,
+        })
+    };
+    [
+        (15, order(1, of(Kind::Lag(3)))),
+        (300, order(2, [of(Kind::Freeze), late].concat())),
+    ]
 }
 
 /// Flies with swaps, faults and rehearsals before each tick; with a recorder compares with the flight in one process.
 fn fly_and_count(with_recorder: bool, rehearsals: u64) {
     let site = Site::new();
     let wire = Wire::open(&site.instance).unwrap();
-    let (mut inbox, mut outbox) = (Queue::<Request, INBOX>::new(), Queue::<Event, OUTBOX>::new());
+    let (mut inbox, mut outbox) = (
+        Queue::<Request, INBOX>::new(),
+        Queue::<Event, OUTBOX>::new(),
+    );
     let (mut orders_in, orders_out) = inbox.split();
     let (events_in, mut events_out) = outbox.split();
     let mut recorder = with_recorder.then(|| Recorder::new(&wire));
-    let mut crew = Crew::new(&wire, orders_out, events_in);
+    let mut crew = RoleStatuses::new(&wire, orders_out, events_in);
     crew.arm(&wire);
-    let mut orders: Vec<(u64, Request)> = swaps().map(|(before, order)| (before, Request::Swap(order))).into();
+    let mut orders: Vec<(u64, Request)> = swaps()
+        .map(|(before, order)| (before, Request::Swap(order)))
+        .into();
     orders.extend(faults());
     orders.sort_by_key(|(before, _)| std::cmp::Reverse(*before));
     let mut allocations = vec![[u64::MAX; STAGES.len()]; (WARM_UP + TICKS) as usize];
@@ -281,36 +424,55 @@ fn fly_and_count(with_recorder: bool, rehearsals: u64) {
         }
         let rehearsed: Vec<Allocations> = (0..rehearsals).map(|_| crew.rehearse()).collect();
         let worked = crew.tick();
-        allocations[tick as usize] =
-            std::array::from_fn(|i| worked[i] + rehearsed.iter().map(|rehearsal| rehearsal[i]).sum::<u64>());
+        allocations[tick as usize] = std::array::from_fn(|i| {
+            worked[i] + rehearsed.iter().map(|rehearsal| rehearsal[i]).sum::<u64>()
+        });
         if tick + 1 == WARM_UP + TICKS {
             usage = meter.read();
         }
     }
 
     for (tick, allocations) in allocations.iter().enumerate().skip(WARM_UP as usize) {
-        assert_eq!(*allocations, [1; 4], "in tick {tick} of {STAGES:?}: one loan each and nothing else");
+        assert_eq!(
+            *allocations, [1; 4],
+            "in tick {tick} of {STAGES:?}: one loan each and nothing else"
+        );
     }
-    assert_eq!((usage.minor_faults, usage.major_faults), (0, 0), "over {TICKS} ticks of all four roles");
+    assert_eq!(
+        (usage.minor_faults, usage.major_faults),
+        (0, 0),
+        "over {TICKS} ticks of all four roles"
+    );
     let collected = if rehearsals > 0 { TICKS } else { 0 };
-    assert_eq!(usage.allocations - collected, 4 * TICKS, "between the ticks nothing allocates either");
+    assert_eq!(
+        usage.allocations - collected,
+        4 * TICKS,
+        "between the ticks nothing allocates either"
+    );
     let (struck, applied): (Vec<Event>, Vec<Event>) = std::iter::from_fn(|| events_out.dequeue())
         .partition(|event| matches!(event, Event::Strikes { span, .. } if span.from >= TICKS));
     assert_eq!(struck.len(), 2, "{applied:?}");
     for ((ticket, expected_tick), event) in (1..).zip(SWAPPED_AT).zip(applied) {
-        let Event::Applied(applied) = event else { panic!("swap {ticket} was not applied: {event:?}") };
-        assert_eq!((applied.ticket, applied.tick, applied.epoch), (ticket, expected_tick, ticket));
+        let Event::Applied(applied) = event else {
+            panic!("swap {ticket} was not applied: {event:?}")
+        };
+        assert_eq!(
+            (applied.ticket, applied.tick, applied.epoch),
+            (ticket, expected_tick, ticket)
+        );
     }
     if let Some(recorder) = &mut recorder {
-        recorder.assert_same(&in_process(WARM_UP + TICKS));
+        recorder.assert_same(&simulator(WARM_UP + TICKS));
     }
 }
 
 /// The same flight in one process.
-fn in_process(ticks: u64) -> Vec<TickRecord> {
-    let mut rig = InProcess::of(&settings()).unwrap();
+fn simulator(ticks: u64) -> Vec<TickRecord> {
+    let mut rig = Simulator::of(&settings()).unwrap();
     for ((_, order), tick) in swaps().into_iter().zip(SWAPPED_AT) {
-        rig.plant_mut().schedule(Swap { tick, ..order.swap }).unwrap();
+        rig.plant_mut()
+            .schedule(Swap { tick, ..order.swap })
+            .unwrap();
     }
     let fly = |_| {
         rig.tick();
@@ -340,16 +502,21 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
     const CLIENTS: u64 = 20;
     let site = Site::new();
     let wire = Wire::open(&site.instance).unwrap();
-    let (mut inbox, mut outbox) = (Queue::<Request, INBOX>::new(), Queue::<Event, OUTBOX>::new());
+    let (mut inbox, mut outbox) = (
+        Queue::<Request, INBOX>::new(),
+        Queue::<Event, OUTBOX>::new(),
+    );
     let (orders_in, orders_out) = inbox.split();
     let (events_in, events_out) = outbox.split();
     thread::scope(|scope| {
         let (open_desk, opened) = mpsc::channel();
         let (tell, told) = mpsc::channel();
         let instance = &site.instance;
-        let desk = scope.spawn(move || desk::serve(instance, &tell, &opened, orders_in, events_out));
+        let desk = scope.spawn(move || {
+            parameter_server::serve(instance, &tell, &opened, orders_in, events_out)
+        });
         told.recv().unwrap();
-        let mut crew = Crew::new(&wire, orders_out, events_in);
+        let mut crew = RoleStatuses::new(&wire, orders_out, events_in);
         crew.arm(&wire);
         crew.warm_up();
         open_desk.send((EXPECTED, EPOCH)).unwrap();
@@ -357,8 +524,15 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
             for client in 0..CLIENTS {
                 // A process of its own as far as the middleware can tell.
                 let wire = Wire::open(instance).unwrap();
-                let answer = wire.swap_client().unwrap().ask(change_mass(0.5 + client as f64 / 100.0), LONG).unwrap();
-                assert_eq!((answer.verdict, answer.parameter_epoch), (SwapOutcome::Applied as u64, client + 1));
+                let answer = wire
+                    .swap_client()
+                    .unwrap()
+                    .ask(change_mass(0.5 + client as f64 / 100.0), LONG)
+                    .unwrap();
+                assert_eq!(
+                    (answer.verdict, answer.parameter_epoch),
+                    (SwapOutcome::Applied as u64, client + 1)
+                );
             }
         });
         let (begin_ns, first_tick) = (now_ns(), crew.next_tick);
@@ -366,7 +540,10 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
             assert_eq!(crew.tick(), [1; 4], "in tick {}", crew.next_tick - 1);
         }
         clients.join().unwrap();
-        assert!(crew.next_tick > first_tick + CLIENTS, "every client's swap had a tick of its own");
+        assert!(
+            crew.next_tick > first_tick + CLIENTS,
+            "every client's swap had a tick of its own"
+        );
         drop(open_desk);
         desk.join().unwrap().unwrap();
     });
@@ -374,7 +551,14 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
 
 fn change_mass(mass_kg: f64) -> SwapOrder {
     let (parameter, value, steps) = ([0; PARAMETERS], [0.0; PARAMETERS], [1; PARAMETERS]);
-    let mut order = SwapOrder { at_tick: NO_TICK, in_ticks: 0, count: 1, parameter, value, steps };
+    let mut order = SwapOrder {
+        at_tick: NO_TICK,
+        in_ticks: 0,
+        count: 1,
+        parameter,
+        value,
+        steps,
+    };
     (order.parameter[0], order.value[0]) = (Parameter::Mass as u64, mass_kg);
     order
 }
@@ -384,8 +568,11 @@ fn change_mass(mass_kg: f64) -> SwapOrder {
 fn a_receiver_that_joins_a_topic_in_flight_makes_the_sender_allocate() {
     let site = Site::new();
     let wire = Wire::open(&site.instance).unwrap();
-    let (mut inbox, mut outbox) = (Queue::<Request, INBOX>::new(), Queue::<Event, OUTBOX>::new());
-    let mut crew = Crew::new(&wire, inbox.split().1, outbox.split().0);
+    let (mut inbox, mut outbox) = (
+        Queue::<Request, INBOX>::new(),
+        Queue::<Event, OUTBOX>::new(),
+    );
+    let mut crew = RoleStatuses::new(&wire, inbox.split().1, outbox.split().0);
     crew.arm(&wire);
     crew.warm_up();
     assert_eq!(crew.tick(), [1; 4]);

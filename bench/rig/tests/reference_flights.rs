@@ -2,16 +2,13 @@
 //!
 //! The references come from an independent implementation; a row every 50 ms (shared/reference).
 
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
-
-use crate::papers;
-
+use crate::reference_laws;
 use controller::laws::adaptive;
 use controller::{Gains, Trajectory};
-use ironbird::in_process::InProcess;
-use model::parameters::Parameter;
+use ironbird::simulator::Simulator;
+use messages::parameters::Parameter;
 use plant::Swap;
-use report::tick::TickRecord;
+use report::states::TickRecord;
 
 const PERIOD_S: f64 = 0.001;
 const LAST_TICK: u64 = 20_000;
@@ -27,13 +24,23 @@ struct Group {
 }
 
 const GROUPS: [Group; 8] = [
-    Group { name: "time [s]", columns: &["t"], tolerance: 1e-12, values: |record| vec![record.tick as f64 * PERIOD_S] },
+    Group {
+        name: "time [s]",
+        columns: &["t"],
+        tolerance: 1e-12,
+        values: |record| vec![record.tick as f64 * PERIOD_S],
+    },
     Group {
         name: "position, velocity, attitude [m, m/s, rad]",
         columns: &["x", "y", "z", "vx", "vy", "vz", "phi", "theta", "psi"],
         tolerance: 1e-9,
         values: |TickRecord { state, .. }| {
-            [state.measured.position_w_m, state.measured.velocity_w_m_s, state.measured.attitude_rad].concat()
+            [
+                state.measured.position_w_m,
+                state.measured.velocity_w_m_s,
+                state.measured.attitude_rad,
+            ]
+            .concat()
         },
     },
     Group {
@@ -58,7 +65,9 @@ const GROUPS: [Group; 8] = [
         name: "thrust and torque [N, N m]",
         columns: &["u", "tau_p", "tau_q", "tau_r"],
         tolerance: 1e-8,
-        values: |TickRecord { wrench, .. }| [&[wrench.thrust_n], wrench.torque_b_nm.as_slice()].concat(),
+        values: |TickRecord { wrench, .. }| {
+            [&[wrench.thrust_n], wrench.torque_b_nm.as_slice()].concat()
+        },
     },
     Group {
         name: "rate error [rad/s]",
@@ -72,27 +81,53 @@ const GROUPS: [Group; 8] = [
         tolerance: 1e-9,
         values: |record| {
             let setpoint = record.setpoint.unwrap();
-            [setpoint.reference.position_w_m.as_slice(), &[setpoint.reference.yaw_rad]].concat()
+            [
+                setpoint.reference.position_w_m.as_slice(),
+                &[setpoint.reference.yaw_rad],
+            ]
+            .concat()
         },
     },
 ];
 
-fn flight(trajectory: Trajectory, preset: &str) -> InProcess {
-    let rig = law::Rig { period_s: PERIOD_S, ..law::Rig::default() };
-    let (outer, inner, mixer) = papers::stages(&rig, trajectory, &Gains::preset(preset).unwrap());
-    let law::Rig { airframe, rotor, .. } = rig;
-    let plant =
-        plant::PlantSettings { period_s: PERIOD_S, airframe, rotor, seed: 0, ..plant::PlantSettings::default() };
-    InProcess::new(&plant, outer, inner, mixer)
+fn flight(trajectory: Trajectory, preset: &str) -> Simulator {
+    let rig = control_api::Rig {
+        period_s: PERIOD_S,
+        ..control_api::Rig::default()
+    };
+    let (outer, inner, mixer) =
+        reference_laws::stages(&rig, trajectory, &Gains::preset(preset).unwrap());
+    let control_api::Rig {
+        airframe, rotor, ..
+    } = rig;
+    let plant = plant::PlantSettings {
+        period_s: PERIOD_S,
+        airframe,
+        rotor,
+        seed: 0,
+        ..plant::PlantSettings::default()
+    };
+    Simulator::new(&plant, outer, inner, mixer)
 }
 
 /// Flies on and compares every row of a reference; the largest error of each group.
-fn compare(mut flight: InProcess, file: &str) -> [f64; GROUPS.len()] {
-    let path = format!("{}/../../shared/reference/{file}", env!("CARGO_MANIFEST_DIR"));
+fn compare(mut flight: Simulator, file: &str) -> [f64; GROUPS.len()] {
+    let path = format!(
+        "{}/../../shared/reference/{file}",
+        env!("CARGO_MANIFEST_DIR")
+    );
     let mut reader = csv::Reader::from_path(path).unwrap();
     let header = reader.headers().unwrap().clone();
-    let columns: Vec<&str> = GROUPS.iter().flat_map(|group| group.columns).copied().collect();
-    assert_eq!(header.iter().collect::<Vec<_>>(), columns, "columns of {file}");
+    let columns: Vec<&str> = GROUPS
+        .iter()
+        .flat_map(|group| group.columns)
+        .copied()
+        .collect();
+    assert_eq!(
+        header.iter().collect::<Vec<_>>(),
+        columns,
+        "columns of {file}"
+    );
 
     let mut worst = [0.0_f64; GROUPS.len()];
     let mut rows = 0;
@@ -104,7 +139,10 @@ fn compare(mut flight: InProcess, file: &str) -> [f64; GROUPS.len()] {
         if tick % TICKS_PER_ROW != 0 {
             continue;
         }
-        let expected = records.next().unwrap_or_else(|| panic!("{file} ends before tick {tick}")).unwrap();
+        let expected = records
+            .next()
+            .unwrap_or_else(|| panic!("{file} ends before tick {tick}"))
+            .unwrap();
         let mut expected = expected.iter();
         for (group, worst) in GROUPS.iter().zip(&mut worst) {
             let values = (group.values)(&record);
@@ -120,14 +158,20 @@ fn compare(mut flight: InProcess, file: &str) -> [f64; GROUPS.len()] {
         }
         rows += 1;
     }
-    assert!(records.next().is_none(), "{file} goes on after tick {LAST_TICK}");
+    assert!(
+        records.next().is_none(),
+        "{file} goes on after tick {LAST_TICK}"
+    );
     assert_eq!(rows, ROWS, "rows of {file}");
     worst
 }
 
 #[test]
 fn lissajous_with_the_flight_gains() {
-    compare(flight(Trajectory::Lissajous, "flight"), "flight_lissajous.csv");
+    compare(
+        flight(Trajectory::Lissajous, "flight"),
+        "flight_lissajous.csv",
+    );
 }
 
 #[test]
@@ -137,7 +181,10 @@ fn step_with_the_flight_gains() {
 
 #[test]
 fn lissajous_with_the_papers_gains() {
-    compare(flight(Trajectory::Lissajous, "paper"), "paper_lissajous.csv");
+    compare(
+        flight(Trajectory::Lissajous, "paper"),
+        "paper_lissajous.csv",
+    );
 }
 
 #[test]

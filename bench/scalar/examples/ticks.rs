@@ -10,7 +10,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let [who, ticks] = arguments.as_slice() else {
         return Err("two arguments: laws or hand, and a number of ticks".into());
     };
-    let ticks = ticks.parse::<u64>().map_err(|e| format!("{ticks:?} is no number of ticks: {e}"))?;
+    let ticks = ticks
+        .parse::<u64>()
+        .map_err(|e| format!("{ticks:?} is no number of ticks: {e}"))?;
     match who.as_str() {
         "laws" => {
             let mut laws = Laws::new()?;

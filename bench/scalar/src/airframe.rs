@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use model::math::{atan2, sin_cos};
+use messages::math::{atan2, sin_cos};
 
 use crate::{C, G, I_X, I_Y, I_Z, K, K_T, KAPPA, M, T};
 
@@ -11,7 +11,6 @@ const I_R: f64 = 3.36e-5;
 const K_R: f64 = 0.105;
 const DELTA: f64 = 0.2;
 
-/// Runge-Kutta steps per tick.
 const STEPS: usize = 4;
 /// Length of one [s].
 const H: f64 = T / STEPS as f64;
@@ -72,7 +71,21 @@ struct Push {
 
 impl Body {
     pub fn numbers(&self) -> [f64; 12] {
-        let &Self { x, y, z, vx, vy, vz, phi, theta, psi, p, q, r, .. } = self;
+        let &Self {
+            x,
+            y,
+            z,
+            vx,
+            vy,
+            vz,
+            phi,
+            theta,
+            psi,
+            p,
+            q,
+            r,
+            ..
+        } = self;
         [x, y, z, vx, vy, vz, phi, theta, psi, p, q, r]
     }
 
@@ -98,7 +111,19 @@ impl Body {
 
     /// Its derivative; `h` is delta sin t [rad/s^2].
     fn rate(&self, push: &Push, h: f64) -> Self {
-        let &Self { vx, vy, vz, qw, qx, qy, qz, p, q, r, .. } = self;
+        let &Self {
+            vx,
+            vy,
+            vz,
+            qw,
+            qx,
+            qy,
+            qz,
+            p,
+            q,
+            r,
+            ..
+        } = self;
         let (hp, hq, hr) = (p / 2.0, q / 2.0, r / 2.0);
         Self {
             x: vx,
@@ -112,7 +137,9 @@ impl Body {
             qy: qw * hq + qz * hp - qx * hr,
             qz: qw * hr + qx * hq - qy * hp,
             p: (I_Y - I_Z) / I_X * q * r - I_R / I_X * push.om * q - K_R / I_X * p + h + push.roll,
-            q: (I_Z - I_X) / I_Y * p * r + I_R / I_Y * push.om * p - K_R / I_Y * q + 0.8 * h + push.pitch,
+            q: (I_Z - I_X) / I_Y * p * r + I_R / I_Y * push.om * p - K_R / I_Y * q
+                + 0.8 * h
+                + push.pitch,
             r: (I_X - I_Y) / I_Z * p * q - K_R / I_Z * r + 0.6 * h + push.yaw,
             ..*self
         }
@@ -140,7 +167,12 @@ impl Body {
 
 /// The body one tick after `t` [s], under rotor speeds `w` [rad/s].
 pub fn fly(body: &Body, t: f64, w: &[f64; 4]) -> Body {
-    let f = [K * w[0] * w[0], K * w[1] * w[1], K * w[2] * w[2], K * w[3] * w[3]];
+    let f = [
+        K * w[0] * w[0],
+        K * w[1] * w[1],
+        K * w[2] * w[2],
+        K * w[3] * w[3],
+    ];
     let push = Push {
         lift: (f[0] + f[1] + f[2] + f[3]) / M,
         roll: C / I_X * (f[0] - f[1] - f[2] + f[3]),
@@ -154,7 +186,10 @@ pub fn fly(body: &Body, t: f64, w: &[f64; 4]) -> Body {
     let (sin_half, cos_half) = sin_cos(H / 2.0);
     let mut h_next = || {
         let h = DELTA * sin;
-        (sin, cos) = (sin * cos_half + cos * sin_half, cos * cos_half - sin * sin_half);
+        (sin, cos) = (
+            sin * cos_half + cos * sin_half,
+            cos * cos_half - sin * sin_half,
+        );
         h
     };
     let mut h_start = h_next();
@@ -164,7 +199,11 @@ pub fn fly(body: &Body, t: f64, w: &[f64; 4]) -> Body {
         let k2 = b.along(&k1, H / 2.0).rate(&push, h_middle);
         let k3 = b.along(&k2, H / 2.0).rate(&push, h_middle);
         let k4 = b.along(&k3, H).rate(&push, h_end);
-        b = b.along(&k1, H / 6.0).along(&k2, H / 3.0).along(&k3, H / 3.0).along(&k4, H / 6.0);
+        b = b
+            .along(&k1, H / 6.0)
+            .along(&k2, H / 3.0)
+            .along(&k3, H / 3.0)
+            .along(&k4, H / 6.0);
         h_start = h_end;
     }
     b.settled()

@@ -2,7 +2,7 @@
 //!
 //! These are equations (9) to (20), sampled.
 
-use model::math::{atan2, exp, exp_m1, sin, sin_cos};
+use messages::math::{atan2, exp, exp_m1, sin, sin_cos};
 
 use crate::airframe::Body;
 use crate::{C, G, I_X, I_Y, I_Z, K, K_T, KAPPA, M, T};
@@ -16,11 +16,9 @@ const K_ETA: [f64; 3] = [8.0, 8.0, 3.0];
 const W_F: [f64; 3] = [20.0, 20.0, 3.0];
 /// alpha [1/s].
 const ALPHA: f64 = 200.0;
-/// gamma1, gamma2, gamma3, times T/alpha.
 const STEP: [f64; 3] = [T / ALPHA * 2e-4, T / ALPHA * 0.6, T / ALPHA * 100.0];
 /// w_e [rad/s].
 const W_E: f64 = 50.0;
-/// Bounds of the estimates.
 const LO: [f64; 3] = [-1e-3, 0.0, -2.0];
 const HI: [f64; 3] = [1e-3, 1.0, 2.0];
 /// Bounds of the vertical acceleration [m/s^2], and the tangent of the largest tilt (35 degrees).
@@ -100,7 +98,11 @@ pub fn outer(t: f64, b: &Body) -> AttitudeSetpoint {
     let along = ax * c_psi + ay * s_psi;
     let phi_d = atan2(across, (along * along + az * az).sqrt());
     let theta_d = atan2(along, az);
-    let ahead = if limited { [0.0; 4] } else { tilt_rates(&x, &y, &z, &psi, s_psi, c_psi) };
+    let ahead = if limited {
+        [0.0; 4]
+    } else {
+        tilt_rates(&x, &y, &z, &psi, s_psi, c_psi)
+    };
 
     let (s_phi, c_phi) = sin_cos(b.phi);
     let (s_th, c_th) = sin_cos(b.theta);
@@ -118,9 +120,20 @@ pub fn outer(t: f64, b: &Body) -> AttitudeSetpoint {
 }
 
 /// d(phi_d), d(theta_d) [rad/s], dd(phi_d), dd(theta_d) [rad/s^2] along the reference.
-fn tilt_rates(x: &[f64; 5], y: &[f64; 5], z: &[f64; 5], psi: &[f64; 5], sin: f64, cos: f64) -> [f64; 4] {
+fn tilt_rates(
+    x: &[f64; 5],
+    y: &[f64; 5],
+    z: &[f64; 5],
+    psi: &[f64; 5],
+    sin: f64,
+    cos: f64,
+) -> [f64; 4] {
     let drag = K_T / M;
-    let (ax, ay, az) = (x[2] + drag * x[1], y[2] + drag * y[1], z[2] + drag * z[1] + G);
+    let (ax, ay, az) = (
+        x[2] + drag * x[1],
+        y[2] + drag * y[1],
+        z[2] + drag * z[1] + G,
+    );
     let (dax, day, daz) = (x[3] + drag * x[2], y[3] + drag * y[2], z[3] + drag * z[2]);
     let (ddax, dday, ddaz) = (x[4] + drag * x[3], y[4] + drag * y[3], z[4] + drag * z[3]);
     let s = ax * sin - ay * cos;
@@ -183,7 +196,6 @@ impl Default for Inner {
 }
 
 impl Inner {
-    /// Estimates of I_R, k_r, delta.
     pub fn estimate(&self) -> [f64; 3] {
         self.theta
     }
@@ -203,7 +215,8 @@ impl Inner {
         let mut e2 = [0.0; 3];
         for i in 0..3 {
             let w_f = W_F[i];
-            let win = order.acceleration[i] + 2.0 * w_f * order.rate[i] + w_f * w_f * order.attitude[i];
+            let win =
+                order.acceleration[i] + 2.0 * w_f * order.rate[i] + w_f * w_f * order.attitude[i];
             e2[i] = win - 2.0 * w_f * self.e1[i] - w_f * w_f * self.ec[i];
             let target = win / (w_f * w_f);
             let y0 = self.ec[i] - target;
@@ -238,7 +251,11 @@ impl Inner {
             e2[1] + K_ETA[1] * (self.e1[1] - dtheta),
             e2[2] + K_ETA[2] * (self.e1[2] - dpsi),
         ];
-        let nu2_d = [xi[0] - s_th * xi[2], c_phi * xi[1] + s_phi * c_th * xi[2], -s_phi * xi[1] + c_phi * c_th * xi[2]];
+        let nu2_d = [
+            xi[0] - s_th * xi[2],
+            c_phi * xi[1] + s_phi * c_th * xi[2],
+            -s_phi * xi[1] + c_phi * c_th * xi[2],
+        ];
         let dnu2_d = [
             dxi[0] - s_th * dxi[2] - c_th * dtheta * xi[2],
             c_phi * dxi[1] + s_phi * c_th * dxi[2] - s_phi * dphi * xi[1]
@@ -252,18 +269,32 @@ impl Inner {
 
         let [i_r, k_r, delta] = self.theta;
         [
-            I_X * (dnu2_d[0] - self.gain * (p - nu2_d[0]) - delta * h) - (I_Y - I_Z) * q * r + i_r * om * q + k_r * p,
-            I_Y * (dnu2_d[1] - self.gain * (q - nu2_d[1]) - 0.8 * delta * h) - (I_Z - I_X) * p * r - i_r * om * p
+            I_X * (dnu2_d[0] - self.gain * (p - nu2_d[0]) - delta * h) - (I_Y - I_Z) * q * r
+                + i_r * om * q
+                + k_r * p,
+            I_Y * (dnu2_d[1] - self.gain * (q - nu2_d[1]) - 0.8 * delta * h)
+                - (I_Z - I_X) * p * r
+                - i_r * om * p
                 + k_r * q,
-            I_Z * (dnu2_d[2] - self.gain * (r - nu2_d[2]) - 0.6 * delta * h) - (I_X - I_Y) * p * q + k_r * r,
+            I_Z * (dnu2_d[2] - self.gain * (r - nu2_d[2]) - 0.6 * delta * h) - (I_X - I_Y) * p * q
+                + k_r * r,
         ]
     }
 
     /// One step of the adaptation, from body rates `a` to `b` [rad/s] under rotor speeds `w` [rad/s].
     fn learn(&mut self, a: &[f64; 3], h_a: f64, b: &[f64; 3], h_b: f64, om: f64, w: &[f64; 4]) {
-        let f = [K * w[0] * w[0], K * w[1] * w[1], K * w[2] * w[2], K * w[3] * w[3]];
+        let f = [
+            K * w[0] * w[0],
+            K * w[1] * w[1],
+            K * w[2] * w[2],
+            K * w[3] * w[3],
+        ];
         let h = (h_a + h_b) / 2.0;
-        let (p, q, r) = ((a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0, (a[2] + b[2]) / 2.0);
+        let (p, q, r) = (
+            (a[0] + b[0]) / 2.0,
+            (a[1] + b[1]) / 2.0,
+            (a[2] + b[2]) / 2.0,
+        );
         let x = &mut self.x;
         let n = self.fresh;
         x[0][0] += n * (-om / I_X * q - x[0][0]);
@@ -287,7 +318,8 @@ impl Inner {
 
         // (I + X G X^T) zb = Y - X theta, by the root-free Cholesky factors; G X^T, then the step along it.
         let theta = &mut self.theta;
-        let residual = |i: usize| y[i] - x[i][0] * theta[0] - x[i][1] * theta[1] - x[i][2] * theta[2];
+        let residual =
+            |i: usize| y[i] - x[i][0] * theta[0] - x[i][1] * theta[1] - x[i][2] * theta[2];
         let weight = |i: usize, j: usize| {
             STEP[0] * x[i][0] * x[j][0] + STEP[1] * x[i][1] * x[j][1] + STEP[2] * x[i][2] * x[j][2]
         };
@@ -316,16 +348,28 @@ pub fn mixer(u: f64, tau: &[f64; 3]) -> [f64; 4] {
     let pitch = tau[1] / (4.0 * C);
     let yaw = tau[2] / (4.0 * KAPPA);
     let mut f = [common; 4];
-    add(&mut f, &[roll + pitch, pitch - roll, -roll - pitch, roll - pitch]);
+    add(
+        &mut f,
+        &[roll + pitch, pitch - roll, -roll - pitch, roll - pitch],
+    );
     add(&mut f, &[yaw, -yaw, yaw, -yaw]);
-    [(f[0] / K).sqrt(), (f[1] / K).sqrt(), (f[2] / K).sqrt(), (f[3] / K).sqrt()]
+    [
+        (f[0] / K).sqrt(),
+        (f[1] / K).sqrt(),
+        (f[2] / K).sqrt(),
+        (f[3] / K).sqrt(),
+    ]
 }
 
 /// Adds as much of `d` to `f` [N] as the rotors can give.
 fn add(f: &mut [f64; 4], d: &[f64; 4]) {
     let mut share = 1.0_f64;
     for i in 0..4 {
-        let room = if d[i] > 0.0 { F_MAX - f[i] } else { F_MIN - f[i] };
+        let room = if d[i] > 0.0 {
+            F_MAX - f[i]
+        } else {
+            F_MIN - f[i]
+        };
         if room.abs() < d[i].abs() {
             share = share.min(room / d[i]);
         }

@@ -2,12 +2,12 @@
 //!
 //! `ironbird simulate` also runs the theorem's monitor beside them, which no autopilot has.
 
+use control_api::description::{Refused, Settings};
+use control_api::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use controller::laws::{INNER, OUTER};
-use controller::{Course, Trajectory};
-use law::description::{Refused, Settings};
-use law::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
-use law::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
-use model::messages::{Dated, NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
+use controller::{ScaledTrajectory, Trajectory};
+use messages::content::{NO_TICK, RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use plant::{Plant, PlantSettings};
 
 /// Plant, outer loop, inner loop and mixer of the flight by hand, standing between two ticks.
@@ -17,40 +17,67 @@ pub struct Laws {
     outer: GuardedOuter,
     inner: GuardedInner,
     mixer: GuardedMixer,
-    state: Dated<State>,
-    setpoint: Dated<Setpoint>,
-    wrench: Dated<Wrench>,
-    speeds: Dated<RotorSpeeds>,
+    state: Stamped<State>,
+    setpoint: Stamped<Setpoint>,
+    wrench: Stamped<Wrench>,
+    speeds: Stamped<RotorSpeeds>,
     tick: u64,
 }
 
 impl Laws {
     /// The Lissajous figure with the gains `flight`, nominal airframe, 1 kHz, before tick 0.
-    ///
-    /// # Errors
-    /// None: the laws take their own defaults.
     pub fn new() -> Result<Self, Refused> {
         let (rig, defaults) = (Rig::default(), Settings::default());
-        let Rig { period_s, airframe, rotor } = rig;
-        let route = Course::of(Trajectory::Lissajous).route(period_s);
-        let settings = PlantSettings { period_s, airframe, rotor, ..PlantSettings::default() };
+        let Rig {
+            period_s,
+            airframe,
+            rotor,
+        } = rig;
+        let route = ScaledTrajectory::of(Trajectory::Lissajous).route(period_s);
+        let settings = PlantSettings {
+            period_s,
+            airframe,
+            rotor,
+            ..PlantSettings::default()
+        };
         Ok(Self {
             plant: Plant::new(&settings),
             outer: GuardedOuter::new(OUTER[0].make(&rig, &defaults)?, route, &rig),
             inner: GuardedInner::new(INNER[0].make(&rig, &defaults)?, &rig),
             mixer: GuardedMixer::new(mixer::LAWS[0].make(&rig, &defaults)?, &rig),
-            state: Dated { tick: NO_TICK, content: State::default() },
-            setpoint: Dated { tick: NO_TICK, content: Setpoint::default() },
-            wrench: Dated { tick: NO_TICK, content: Wrench::default() },
-            speeds: Dated { tick: NO_TICK, content: RotorSpeeds::default() },
+            state: Stamped {
+                tick: NO_TICK,
+                content: State::default(),
+            },
+            setpoint: Stamped {
+                tick: NO_TICK,
+                content: Setpoint::default(),
+            },
+            wrench: Stamped {
+                tick: NO_TICK,
+                content: Wrench::default(),
+            },
+            speeds: Stamped {
+                tick: NO_TICK,
+                content: RotorSpeeds::default(),
+            },
             tick: 0,
         })
     }
 
-    /// Flies one tick.
     pub fn tick(&mut self) {
         let tick = self.tick;
-        let Self { plant, outer, inner, mixer, state, setpoint, wrench, speeds, .. } = self;
+        let Self {
+            plant,
+            outer,
+            inner,
+            mixer,
+            state,
+            setpoint,
+            wrench,
+            speeds,
+            ..
+        } = self;
         plant.begin_into(tick, &mut state.content);
         state.tick = tick;
         if outer.tick_into(tick, state, &mut setpoint.content) {
@@ -69,6 +96,10 @@ impl Laws {
     /// next tick on.
     #[must_use]
     pub const fn newest(&self) -> (&State, &Wrench, &RotorSpeeds) {
-        (&self.state.content, &self.wrench.content, &self.speeds.content)
+        (
+            &self.state.content,
+            &self.wrench.content,
+            &self.speeds.content,
+        )
     }
 }

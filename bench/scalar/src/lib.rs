@@ -65,10 +65,15 @@ impl ScalarFlight {
     #[must_use]
     pub fn new() -> Self {
         let hover = (M * G / (4.0 * K)).sqrt();
-        Self { tick: 0, body: Body::default(), speed_last: [hover; 4], speed: [hover; 4], inner: Inner::default() }
+        Self {
+            tick: 0,
+            body: Body::default(),
+            speed_last: [hover; 4],
+            speed: [hover; 4],
+            inner: Inner::default(),
+        }
     }
 
-    /// Flies one tick.
     pub fn tick(&mut self) -> ScalarSample {
         let t = self.tick as f64 * T;
         let body = self.body;

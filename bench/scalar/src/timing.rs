@@ -5,7 +5,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use law::description::Refused;
+use control_api::description::Refused;
 
 use crate::ScalarFlight;
 use crate::laws::Laws;
@@ -30,9 +30,6 @@ impl TimedPair {
 /// Flies the first `ticks` ticks by the laws and by hand, in turn, `pairs` times.
 ///
 /// One pair before them is flown and not counted: it finds caches and processor cold.
-///
-/// # Errors
-/// As [`Laws::new`].
 pub fn pairs(pairs: usize, ticks: u64) -> Result<Vec<TimedPair>, Refused> {
     let pair = || {
         Ok(TimedPair {
@@ -71,22 +68,37 @@ mod tests {
             let (state, wrench, speeds) = laws.newest();
             let sample = hand.tick();
             let attitude = [state.measured.attitude_rad, state.measured.rate_b_rad_s].concat();
-            let body = [[state.measured.position_w_m, state.measured.velocity_w_m_s].concat(), attitude].concat();
+            let body = [
+                [state.measured.position_w_m, state.measured.velocity_w_m_s].concat(),
+                attitude,
+            ]
+            .concat();
             let demand = [[wrench.thrust_n].as_slice(), &wrench.torque_b_nm].concat();
             for (name, ours, by_hand) in [
                 ("body", body.as_slice(), sample.body.as_slice()),
                 ("thrust and torque", &demand, &sample.wrench),
-                ("estimates", &adaptive::estimate(&wrench.telemetry), &sample.estimate),
+                (
+                    "estimates",
+                    &adaptive::estimate(&wrench.telemetry),
+                    &sample.estimate,
+                ),
                 ("rotor speeds", &speeds.speed_rad_s, &sample.speed),
             ] {
                 for (i, (ours, by_hand)) in ours.iter().zip(by_hand).enumerate() {
                     let off = (ours - by_hand).abs();
-                    assert!(off < 1e-9, "{name} {i} at tick {tick}: {by_hand} by hand, {ours} by the laws: {off:e}");
+                    assert!(
+                        off < 1e-9,
+                        "{name} {i} at tick {tick}: {by_hand} by hand, {ours} by the laws: {off:e}"
+                    );
                 }
             }
         }
         let (state, ..) = laws.newest();
-        assert!(state.measured.position_w_m[2] > 1.0, "it flew: {:?}", state.measured.position_w_m);
+        assert!(
+            state.measured.position_w_m[2] > 1.0,
+            "it flew: {:?}",
+            state.measured.position_w_m
+        );
     }
 
     #[test]
@@ -94,7 +106,10 @@ mod tests {
         let pairs = pairs(2, 100).unwrap();
         assert_eq!(pairs.len(), 2);
         for pair in pairs {
-            assert!(pair.laws_s > 0.0 && pair.scalar_s > 0.0 && pair.ratio().is_finite(), "{pair:?}");
+            assert!(
+                pair.laws_s > 0.0 && pair.scalar_s > 0.0 && pair.ratio().is_finite(),
+                "{pair:?}"
+            );
         }
     }
 }

@@ -2,23 +2,23 @@
 //!
 //! Source: "An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle" (Imran, Montazeri),
 //! (17)-(22), sampled. The file of each law lists its differences from the paper. This file owns the order within a
-//! tick. Rotor limits belong to the mixer, stale inputs to the rig ([`law::guard`]).
+//! tick. Rotor limits belong to the mixer, stale inputs to the rig ([`control_api::guard`]).
 //!
 //! Without a measurement the loop learns nothing. The command filter is a clock, not a measurement: it runs through
 //! every tick of the grid, even when there was no measurement or the loop was not called at all, so the wanted attitude
 //! is never late. After more than 100 ms without a measurement the filter restarts at rest from the measured attitude,
 //! as it does at the first tick: its old output says nothing about where the airframe is now.
 
-use law::description::{Description, Refused, Setting, Settings, Signal};
-use law::guard::HOLD_S;
-use law::law::{Demand, InnerLaw, Law, Rig, Wanted};
-use model::allocation::net_speed;
-use model::measured::Measured;
-use model::messages::Dated;
-use model::rate_dynamics::{Inertia, disturbance};
-use model::reference::Reference;
-use model::role::Role;
-use model::telemetry::{self, Telemetry};
+use control_api::description::{Description, Refused, Setting, Settings, Signal};
+use control_api::guard::HOLD_S;
+use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
+use messages::allocation::net_speed;
+use messages::content::Measured;
+use messages::content::Reference;
+use messages::content::Stamped;
+use messages::rate_dynamics::{Inertia, disturbance};
+use messages::role::Role;
+use messages::telemetry::{self, Telemetry};
 use nalgebra::Vector3;
 
 use crate::adaptation::Adaptation;
@@ -45,9 +45,18 @@ pub fn estimate(telemetry: &Telemetry) -> [f64; 3] {
 }
 
 const RATE_ERROR: [Signal; 3] = [
-    Signal { name: telemetry::RATE_ERROR[0], unit: "rad/s" },
-    Signal { name: telemetry::RATE_ERROR[1], unit: "rad/s" },
-    Signal { name: telemetry::RATE_ERROR[2], unit: "rad/s" },
+    Signal {
+        name: telemetry::RATE_ERROR[0],
+        unit: "rad/s",
+    },
+    Signal {
+        name: telemetry::RATE_ERROR[1],
+        unit: "rad/s",
+    },
+    Signal {
+        name: telemetry::RATE_ERROR[2],
+        unit: "rad/s",
+    },
 ];
 
 const SOURCE: &str = "Imran and Montazeri, An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial \
@@ -141,7 +150,11 @@ impl Adaptive {
             self.theta = self.adaptation.learn(&self.theta, regression);
         }
         let samples = self.evidence.samples();
-        let now = RatePoint { nu2: measured.rate_b_rad_s.into(), om: om_m, h: samples.newest_h() };
+        let now = RatePoint {
+            nu2: measured.rate_b_rad_s.into(),
+            om: om_m,
+            h: samples.newest_h(),
+        };
         let theta = &self.theta;
 
         let (eta2, at, filter) = if self.gains.predictor_ticks == 0.0 {
@@ -157,7 +170,10 @@ impl Adaptive {
         };
         let e2 = filter.acceleration(win);
         let reference = rate_reference(&eta2, &at.nu2, filter, &e2, &self.k_eta);
-        (torque(&at, &reference, theta, self.gain, &self.inertia), at.nu2 - reference.nu2_d)
+        (
+            torque(&at, &reference, theta, self.gain, &self.inertia),
+            at.nu2 - reference.nu2_d,
+        )
     }
 }
 
@@ -175,9 +191,18 @@ impl Law for Adaptive {
             RATE_ERROR[0],
             RATE_ERROR[1],
             RATE_ERROR[2],
-            Signal { name: "rotor_inertia_kg_m2", unit: "kg m^2" },
-            Signal { name: "rotational_drag_nm_s", unit: "N m s" },
-            Signal { name: "disturbance_gain_rad_s2", unit: "rad/s^2" },
+            Signal {
+                name: "rotor_inertia_kg_m2",
+                unit: "kg m^2",
+            },
+            Signal {
+                name: "rotational_drag_nm_s",
+                unit: "N m s",
+            },
+            Signal {
+                name: "disturbance_gain_rad_s2",
+                unit: "rad/s^2",
+            },
         ],
     };
 
@@ -192,11 +217,11 @@ impl InnerLaw for Adaptive {
     fn tick(
         &mut self,
         tick: u64,
-        measured: &Dated<Measured>,
-        wanted: &Dated<Wanted>,
+        measured: &Stamped<Measured>,
+        wanted: &Stamped<Desired>,
         _: &Reference,
         telemetry: &mut Telemetry,
-    ) -> Demand {
+    ) -> WrenchSetpoint {
         let newest = self.evidence.samples().newest_tick();
         let lost = newest.is_none_or(|sampled| tick.saturating_sub(sampled) > self.hold_ticks);
         let measured = (measured.tick == tick).then_some(&measured.content);
@@ -218,7 +243,10 @@ impl InnerLaw for Adaptive {
         self.filter_tick = tick + 1;
         telemetry.value[..3].copy_from_slice(e.as_slice());
         telemetry.value[3..6].copy_from_slice(self.theta.as_slice());
-        Demand { thrust_n: wanted.content.thrust_n, torque_b_nm: tau.into() }
+        WrenchSetpoint {
+            thrust_n: wanted.content.thrust_n,
+            torque_b_nm: tau.into(),
+        }
     }
 
     fn estimates(&self) -> Option<[f64; 3]> {
@@ -242,14 +270,22 @@ impl Law for Fixed {
         version: "1",
         summary: "`adaptive` without its adaptation: the A of an A/B",
         source: SOURCE,
-        settings: &[gains::ATTITUDE_1_S, gains::COMMAND_FILTER_RAD_S, gains::ALPHA_1_S, gains::PREDICTOR_TICKS],
+        settings: &[
+            gains::ATTITUDE_1_S,
+            gains::COMMAND_FILTER_RAD_S,
+            gains::ALPHA_1_S,
+            gains::PREDICTOR_TICKS,
+        ],
         presets: gains::FIXED_PRESETS,
         suited: Some(gains::suited),
         telemetry: &RATE_ERROR,
     };
 
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {
-        let gains = Gains { adapts: false, ..Gains::of(settings) };
+        let gains = Gains {
+            adapts: false,
+            ..Gains::of(settings)
+        };
         rate_loop::check(rig, &gains)?;
         Ok(Self(Adaptive::with(rig, &gains)))
     }
@@ -259,11 +295,11 @@ impl InnerLaw for Fixed {
     fn tick(
         &mut self,
         tick: u64,
-        measured: &Dated<Measured>,
-        wanted: &Dated<Wanted>,
+        measured: &Stamped<Measured>,
+        wanted: &Stamped<Desired>,
         reference: &Reference,
         telemetry: &mut Telemetry,
-    ) -> Demand {
+    ) -> WrenchSetpoint {
         // What it shows beyond the rate error, the guard leaves out.
         InnerLaw::tick(&mut self.0, tick, measured, wanted, reference, telemetry)
     }

@@ -1,15 +1,14 @@
 //! Attitudes as rotations: unit quaternions, and what an outer law wants as one.
 //!
-//! Nothing here is singular, whatever the roll and pitch. Signs and frames are those of [`model::frames`].
+//! Nothing here is singular, whatever the roll and pitch. Signs and frames are those of [`messages::frames`].
 
-use law::law::Wanted;
-use model::frames::{RollPitch, quaternion_wb};
+use control_api::law::Desired;
+use messages::frames::{RollPitch, quaternion_wb};
 use nalgebra::{Matrix3, Vector3};
 
 /// A rotation from one frame into another, as a unit quaternion w + v.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attitude {
-    /// Cosine of half the angle.
     pub w: f64,
     /// Sine of half the angle, along the axis.
     pub v: Vector3<f64>,
@@ -19,7 +18,10 @@ impl Attitude {
     /// The rotation of w, x, y, z, of norm 1.
     #[must_use]
     pub const fn new([w, x, y, z]: [f64; 4]) -> Self {
-        Self { w, v: Vector3::new(x, y, z) }
+        Self {
+            w,
+            v: Vector3::new(x, y, z),
+        }
     }
 
     /// Body to world at roll, pitch, yaw `eta2` [rad].
@@ -36,14 +38,19 @@ impl Attitude {
         let twice_w2 = 1.0 + from.dot(to);
         (twice_w2 > 1e-6).then(|| {
             let w = (0.5 * twice_w2).sqrt();
-            Self { w, v: from.cross(to) * (0.5 / w) }
+            Self {
+                w,
+                v: from.cross(to) * (0.5 / w),
+            }
         })
     }
 
-    /// The rotation back.
     #[must_use]
     pub fn inverse(&self) -> Self {
-        Self { w: self.w, v: -self.v }
+        Self {
+            w: self.w,
+            v: -self.v,
+        }
     }
 
     /// The product of two rotations, as `rot_ac = rot_ab * rot_bc`.
@@ -58,10 +65,16 @@ impl Attitude {
     /// The same rotation, by the angle of at most pi.
     #[must_use]
     pub fn short_way(self) -> Self {
-        if self.w < 0.0 { Self { w: -self.w, v: -self.v } } else { self }
+        if self.w < 0.0 {
+            Self {
+                w: -self.w,
+                v: -self.v,
+            }
+        } else {
+            self
+        }
     }
 
-    /// Its matrix.
     #[must_use]
     #[rustfmt::skip]
     pub fn matrix(&self) -> Matrix3<f64> {
@@ -74,7 +87,6 @@ impl Attitude {
         )
     }
 
-    /// A vector turned by it.
     #[must_use]
     pub fn turn(&self, a: &Vector3<f64>) -> Vector3<f64> {
         self.matrix() * a
@@ -83,8 +95,7 @@ impl Attitude {
 
 /// The attitude that an outer law wants, with body rates and their derivative along the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WantedAttitude {
-    /// Wanted body frame to world.
+pub struct DesiredAttitude {
     pub attitude: Attitude,
     /// Body rates of the wanted frame, in that frame [rad/s].
     pub nu2: Vector3<f64>,
@@ -92,10 +103,10 @@ pub struct WantedAttitude {
     pub dnu2: Vector3<f64>,
 }
 
-impl WantedAttitude {
+impl DesiredAttitude {
     /// Of the Euler angles wanted and their derivatives: W d(eta2), and its derivative.
     #[must_use]
-    pub fn of(wanted: &Wanted) -> Self {
+    pub fn of(wanted: &Desired) -> Self {
         let eta2 = Vector3::from(wanted.attitude_rad);
         let d_eta2 = Vector3::from(wanted.attitude_rate_rad_s);
         let dd_eta2 = Vector3::from(wanted.attitude_acceleration_rad_s2);
@@ -121,7 +132,10 @@ mod tests {
         let eta2 = Vector3::new(2.9, -1.2, 0.7);
         let matrix = RollPitch::of(&eta2).rot_wb(eta2.z);
         assert!((Attitude::of(&eta2).matrix() - matrix).amax() < 1e-15);
-        let (a, b) = (Attitude::of(&eta2), Attitude::of(&Vector3::new(-0.4, 0.3, -2.0)));
+        let (a, b) = (
+            Attitude::of(&eta2),
+            Attitude::of(&Vector3::new(-0.4, 0.3, -2.0)),
+        );
         assert!((a.times(&b).matrix() - a.matrix() * b.matrix()).amax() < 1e-15);
         let there_and_back = a.inverse().times(&a);
         close(&there_and_back.v, &Vector3::zeros());
@@ -141,15 +155,17 @@ mod tests {
 
     #[test]
     fn wanted_rates_are_those_of_the_wanted_attitude() {
-        let wanted = |t: f64| Wanted {
+        let wanted = |t: f64| Desired {
             attitude_rad: [0.4 * t, 0.3 - t, t * t],
             attitude_rate_rad_s: [0.4, -1.0, 2.0 * t],
             attitude_acceleration_rad_s2: [0.0, 0.0, 2.0],
-            ..Wanted::default()
+            ..Desired::default()
         };
         let (t, h) = (0.7, 1e-5);
-        let [before, at, after] = [t - h, t, t + h].map(|t| WantedAttitude::of(&wanted(t)));
-        let spin = at.attitude.matrix().transpose() * (after.attitude.matrix() - before.attitude.matrix()) / (2.0 * h);
+        let [before, at, after] = [t - h, t, t + h].map(|t| DesiredAttitude::of(&wanted(t)));
+        let spin = at.attitude.matrix().transpose()
+            * (after.attitude.matrix() - before.attitude.matrix())
+            / (2.0 * h);
         assert!((at.nu2 - Vector3::new(spin.m32, spin.m13, spin.m21)).amax() < 1e-9);
         assert!((at.dnu2 - (after.nu2 - before.nu2) / (2.0 * h)).amax() < 1e-9);
     }

@@ -1,6 +1,6 @@
 //! What every cascade of an attitude and a rate loop must keep to: refusals in words.
 
-use law::description::{Refused, Setting};
+use control_api::description::{Refused, Setting};
 
 use crate::limits::Limits;
 use crate::rate_loop::loop_gain_limit;
@@ -17,10 +17,11 @@ pub type Gain<'a> = (&'a Setting, &'a [f64; 3]);
 ///
 /// Sampled, the rate error goes as e(k+1) = e(k) - gain T e(k-2), see [`loop_gain_limit`]. With both gains equal the
 /// cascade s^2 + rate s + rate attitude has a damping of one half.
-///
-/// # Errors
-/// [`Refused`] names both settings, the axis, and what is allowed.
-pub fn check((attitude, attitude_gain): Gain, (rate, rate_gain): Gain, period_s: f64) -> Result<(), Refused> {
+pub fn check(
+    (attitude, attitude_gain): Gain,
+    (rate, rate_gain): Gain,
+    period_s: f64,
+) -> Result<(), Refused> {
     let allowed = loop_gain_limit(DELAY_TICKS) / period_s;
     for (i, axis) in AXES.iter().enumerate() {
         let (outer, inner) = (attitude_gain[i], rate_gain[i]);
@@ -42,11 +43,12 @@ pub fn check((attitude, attitude_gain): Gain, (rate, rate_gain): Gain, period_s:
 }
 
 /// Refuses limits of the acceleration whose lower end is not below the upper one.
-///
-/// # Errors
-/// [`Refused`] names both.
 pub fn check_limits(limits: &Limits) -> Result<(), Refused> {
-    let Limits { acceleration_z_min_g: low, acceleration_z_max_g: high, .. } = *limits;
+    let Limits {
+        acceleration_z_min_g: low,
+        acceleration_z_max_g: high,
+        ..
+    } = *limits;
     if low < high {
         return Ok(());
     }

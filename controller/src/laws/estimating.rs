@@ -17,12 +17,12 @@
 //! R_ and v_ are those at the start of the tick, u_m is what the rotors really did in it. So a saturated or late
 //! command teaches nothing wrong. Rotors that lose thrust look like a heavier vehicle, and are treated as one.
 
-use law::description::{Description, Refused, Setting, SettingKind, Settings, Signal};
-use law::law::{Law, OuterLaw, Rig, Wanted};
-use model::measured::Measured;
-use model::reference::Reference;
-use model::role::Role;
-use model::telemetry::Telemetry;
+use control_api::description::{Description, Refused, Setting, SettingKind, Settings, Signal};
+use control_api::law::{Desired, Law, OuterLaw, Rig};
+use messages::content::Measured;
+use messages::content::Reference;
+use messages::role::Role;
+use messages::telemetry::Telemetry;
 use nalgebra::Vector3;
 
 use crate::flatness::{TiltRates, Yaw, tilt, tilt_rates};
@@ -30,7 +30,6 @@ use crate::laws::cascade::check_limits;
 use crate::laws::pd::z_b;
 use crate::limits::{self, AccelerationLimits, Limits};
 
-/// Bounds of lam.
 const THRUST_SCALE: (f64, f64) = (0.4, 2.0);
 /// Bounds of sig [1/s].
 const DRAG: (f64, f64) = (0.0, 10.0);
@@ -39,43 +38,71 @@ const POSITION: Setting = Setting {
     name: "position_1_s2",
     unit: "1/s^2",
     meaning: "K_P of the position loop",
-    kind: SettingKind::Number { default: 4.0, min: 0.01, max: 100.0 },
+    kind: SettingKind::Number {
+        default: 4.0,
+        min: 0.01,
+        max: 100.0,
+    },
 };
 const VELOCITY: Setting = Setting {
     name: "velocity_1_s",
     unit: "1/s",
     meaning: "K_D of the position loop",
-    kind: SettingKind::Number { default: 3.4, min: 0.01, max: 100.0 },
+    kind: SettingKind::Number {
+        default: 3.4,
+        min: 0.01,
+        max: 100.0,
+    },
 };
 const THRUST_SCALE_GAIN: Setting = Setting {
     name: "thrust_scale_gain_s3_m2",
     unit: "s^3/m^2",
     meaning: "g_l, gain of the estimate of the thrust scale; 0 keeps the nominal mass",
-    kind: SettingKind::Number { default: 0.02, min: 0.0, max: 10.0 },
+    kind: SettingKind::Number {
+        default: 0.02,
+        min: 0.0,
+        max: 10.0,
+    },
 };
 const DRAG_GAIN: Setting = Setting {
     name: "drag_gain_s_m2",
     unit: "s/m^2",
     meaning: "g_s, gain of the estimate of the drag; 0 keeps the nominal drag",
-    kind: SettingKind::Number { default: 2.0, min: 0.0, max: 1000.0 },
+    kind: SettingKind::Number {
+        default: 2.0,
+        min: 0.0,
+        max: 1000.0,
+    },
 };
 const ACCELERATION_Z_MIN: Setting = Setting {
     name: "acceleration_z_min_g",
     unit: "g",
     meaning: "smallest vertical thrust acceleration",
-    kind: SettingKind::Number { default: 0.2, min: 0.01, max: 1.0 },
+    kind: SettingKind::Number {
+        default: 0.2,
+        min: 0.01,
+        max: 1.0,
+    },
 };
 const ACCELERATION_Z_MAX: Setting = Setting {
     name: "acceleration_z_max_g",
     unit: "g",
     meaning: "largest vertical thrust acceleration",
-    kind: SettingKind::Number { default: 2.0, min: 1.0, max: 20.0 },
+    kind: SettingKind::Number {
+        default: 2.0,
+        min: 1.0,
+        max: 20.0,
+    },
 };
 const TILT_MAX: Setting = Setting {
     name: "tilt_max_rad",
     unit: "rad",
     meaning: "largest angle between the thrust asked for and the vertical",
-    kind: SettingKind::Number { default: 35_f64.to_radians(), min: 0.001, max: 1.5 },
+    kind: SettingKind::Number {
+        default: 35_f64.to_radians(),
+        min: 0.001,
+        max: 1.5,
+    },
 };
 
 /// The law, with what it has learnt.
@@ -87,7 +114,6 @@ pub struct Estimating {
     limits: AccelerationLimits,
     g_l: f64,
     g_s: f64,
-    /// Thrust scale m_nominal/m.
     lam: f64,
     /// Drag k_t/m [1/s].
     sig: f64,
@@ -100,7 +126,6 @@ struct Sample {
     tick: u64,
     /// Velocity, world frame [m/s].
     v: Vector3<f64>,
-    /// J1 z_e.
     z_b: Vector3<f64>,
 }
 
@@ -112,13 +137,32 @@ impl Law for Estimating {
         summary: "PD position loop that learns thrust scale and drag: for wrong mass, weak rotors, changed drag",
         source: "Imran, Montazeri, An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial Vehicle, \
                  (9)-(16); with a normalised-gradient estimate of m and k_t that is not in the paper",
-        settings: &[POSITION, VELOCITY, THRUST_SCALE_GAIN, DRAG_GAIN, ACCELERATION_Z_MIN, ACCELERATION_Z_MAX, TILT_MAX],
+        settings: &[
+            POSITION,
+            VELOCITY,
+            THRUST_SCALE_GAIN,
+            DRAG_GAIN,
+            ACCELERATION_Z_MIN,
+            ACCELERATION_Z_MAX,
+            TILT_MAX,
+        ],
         presets: &[],
-        suited: Some(|settings, rig| limits::suited(settings, &ACCELERATION_Z_MIN, &ACCELERATION_Z_MAX, rig)),
+        suited: Some(|settings, rig| {
+            limits::suited(settings, &ACCELERATION_Z_MIN, &ACCELERATION_Z_MAX, rig)
+        }),
         telemetry: &[
-            Signal { name: "thrust_scale", unit: "" },
-            Signal { name: "mass_kg", unit: "kg" },
-            Signal { name: "drag_1_s", unit: "1/s" },
+            Signal {
+                name: "thrust_scale",
+                unit: "",
+            },
+            Signal {
+                name: "mass_kg",
+                unit: "kg",
+            },
+            Signal {
+                name: "drag_1_s",
+                unit: "1/s",
+            },
         ],
     };
 
@@ -154,7 +198,11 @@ impl Law for Estimating {
 impl Estimating {
     /// Learns from the tick that ended at velocity `v` [m/s]; `last` stood at its start.
     fn learn(&mut self, last: &Sample, v: &Vector3<f64>, speed_squared: &[f64; 4]) {
-        let Rig { period_s: t, airframe, .. } = &self.rig;
+        let Rig {
+            period_s: t,
+            airframe,
+            ..
+        } = &self.rig;
         let u_m = airframe.k() * speed_squared.iter().sum::<f64>();
         let p1 = last.z_b * (u_m / airframe.m());
         let p2 = -last.v;
@@ -172,22 +220,43 @@ impl Estimating {
 
     /// Derivatives of roll and pitch for a vehicle that flies the reference exactly.
     fn ahead(&self, reference: &Reference, yaw: &Yaw) -> TiltRates {
-        let [v, dv, ddv, dddv] =
-            [reference.velocity_w_m_s, reference.acceleration_w_m_s2, reference.jerk_w_m_s3, reference.snap_w_m_s4]
-                .map(Vector3::from);
-        tilt_rates(&self.thrust_acceleration(&dv, &v), &(ddv + self.sig * dv), &(dddv + self.sig * ddv), yaw)
+        let [v, dv, ddv, dddv] = [
+            reference.velocity_w_m_s,
+            reference.acceleration_w_m_s2,
+            reference.jerk_w_m_s3,
+            reference.snap_w_m_s4,
+        ]
+        .map(Vector3::from);
+        tilt_rates(
+            &self.thrust_acceleration(&dv, &v),
+            &(ddv + self.sig * dv),
+            &(dddv + self.sig * ddv),
+            yaw,
+        )
     }
 }
 
 impl OuterLaw for Estimating {
-    fn tick(&mut self, tick: u64, measured: &Measured, reference: &Reference, telemetry: &mut Telemetry) -> Wanted {
-        let Rig { airframe, rotor, .. } = self.rig;
+    fn tick(
+        &mut self,
+        tick: u64,
+        measured: &Measured,
+        reference: &Reference,
+        telemetry: &mut Telemetry,
+    ) -> Desired {
+        let Rig {
+            airframe, rotor, ..
+        } = self.rig;
         let p = Vector3::from(measured.position_w_m);
         let v = Vector3::from(measured.velocity_w_m_s);
         let eta2 = Vector3::from(measured.attitude_rad);
         let z_b = z_b(&eta2);
         // The rotors' means cover one tick: after a gap nothing is known of the ticks in it.
-        if let Some(last) = self.last.replace(Sample { tick, v, z_b }).filter(|last| last.tick + 1 == tick) {
+        if let Some(last) = self
+            .last
+            .replace(Sample { tick, v, z_b })
+            .filter(|last| last.tick + 1 == tick)
+        {
             self.learn(&last, &v, &measured.rotor_speed_squared_mean_rad2_s2);
         }
 
@@ -196,10 +265,19 @@ impl OuterLaw for Estimating {
         let dv_d = Vector3::from(reference.acceleration_w_m_s2);
         let wanted = dv_d + self.k_d * (v_d - v) + self.k_p * (p_d - p);
         let (a, limited) = self.limits.limit(&self.thrust_acceleration(&wanted, &v));
-        let yaw = Yaw::new(reference.yaw_rad, reference.yaw_rate_rad_s, reference.yaw_acceleration_rad_s2);
+        let yaw = Yaw::new(
+            reference.yaw_rad,
+            reference.yaw_rate_rad_s,
+            reference.yaw_acceleration_rad_s2,
+        );
         let (phi_d, theta_d) = tilt(&a, &yaw);
         let ahead = if limited {
-            TiltRates { dphi: 0.0, dtheta: 0.0, ddphi: 0.0, ddtheta: 0.0 }
+            TiltRates {
+                dphi: 0.0,
+                dtheta: 0.0,
+                ddphi: 0.0,
+                ddtheta: 0.0,
+            }
         } else {
             self.ahead(reference, &yaw)
         };
@@ -207,12 +285,16 @@ impl OuterLaw for Estimating {
         let u = airframe.m() * a.dot(&z_b) / self.lam;
         let k = airframe.k();
         telemetry.value[..3].copy_from_slice(&[self.lam, airframe.m() / self.lam, self.sig]);
-        Wanted {
+        Desired {
             thrust_n: u.clamp(4.0 * rotor.f_min(k), 4.0 * rotor.f_max(k)),
             attitude_rad: [phi_d, theta_d, reference.yaw_rad],
             attitude_rate_rad_s: [ahead.dphi, ahead.dtheta, reference.yaw_rate_rad_s],
-            attitude_acceleration_rad_s2: [ahead.ddphi, ahead.ddtheta, reference.yaw_acceleration_rad_s2],
-            limited,
+            attitude_acceleration_rad_s2: [
+                ahead.ddphi,
+                ahead.ddtheta,
+                reference.yaw_acceleration_rad_s2,
+            ],
+            limited: u64::from(limited),
         }
     }
 }

@@ -25,15 +25,15 @@
 
 use std::f64::consts::SQRT_2;
 
-use law::description::{Description, Refused, Setting, SettingKind, Settings, Signal};
-use law::law::{Demand, InnerLaw, Law, Rig, Wanted};
-use model::allocation::Allocation;
-use model::math::sin_cos;
-use model::measured::Measured;
-use model::messages::Dated;
-use model::reference::Reference;
-use model::role::Role;
-use model::telemetry::Telemetry;
+use control_api::description::{Description, Refused, Setting, SettingKind, Settings, Signal};
+use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
+use messages::allocation::Allocation;
+use messages::content::Measured;
+use messages::content::Reference;
+use messages::content::Stamped;
+use messages::math::sin_cos;
+use messages::role::Role;
+use messages::telemetry::Telemetry;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::laws::attitude::Attitude;
@@ -44,43 +44,71 @@ const POSITION: Setting = Setting {
     name: "position_1_s2",
     unit: "1/s^2",
     meaning: "k_x/m of the position error",
-    kind: SettingKind::Number { default: 4.0, min: 0.01, max: 100.0 },
+    kind: SettingKind::Number {
+        default: 4.0,
+        min: 0.01,
+        max: 100.0,
+    },
 };
 const VELOCITY: Setting = Setting {
     name: "velocity_1_s",
     unit: "1/s",
     meaning: "k_v/m of the velocity error",
-    kind: SettingKind::Number { default: 3.4, min: 0.01, max: 100.0 },
+    kind: SettingKind::Number {
+        default: 3.4,
+        min: 0.01,
+        max: 100.0,
+    },
 };
 const ATTITUDE: Setting = Setting {
     name: "attitude_rad_s",
     unit: "rad/s",
     meaning: "root of k_R/J of the attitude error: roll, pitch, yaw",
-    kind: SettingKind::Three { default: [14.0 * SQRT_2, 14.0 * SQRT_2, 6.0 * SQRT_2], min: 0.1, max: 200.0 },
+    kind: SettingKind::Three {
+        default: [14.0 * SQRT_2, 14.0 * SQRT_2, 6.0 * SQRT_2],
+        min: 0.1,
+        max: 200.0,
+    },
 };
 const RATE: Setting = Setting {
     name: "rate_1_s",
     unit: "1/s",
     meaning: "k_Omega/J of the rate error: roll, pitch, yaw",
-    kind: SettingKind::Three { default: [40.0, 40.0, 15.0], min: 0.1, max: 1000.0 },
+    kind: SettingKind::Three {
+        default: [40.0, 40.0, 15.0],
+        min: 0.1,
+        max: 1000.0,
+    },
 };
 const ACCELERATION_Z_MIN: Setting = Setting {
     name: "acceleration_z_min_g",
     unit: "g",
     meaning: "smallest vertical acceleration of A/m",
-    kind: SettingKind::Number { default: 0.2, min: 0.01, max: 1.0 },
+    kind: SettingKind::Number {
+        default: 0.2,
+        min: 0.01,
+        max: 1.0,
+    },
 };
 const ACCELERATION_Z_MAX: Setting = Setting {
     name: "acceleration_z_max_g",
     unit: "g",
     meaning: "largest vertical acceleration of A/m",
-    kind: SettingKind::Number { default: 2.0, min: 1.0, max: 20.0 },
+    kind: SettingKind::Number {
+        default: 2.0,
+        min: 1.0,
+        max: 20.0,
+    },
 };
 const TILT_MAX: Setting = Setting {
     name: "tilt_max_rad",
     unit: "rad",
     meaning: "largest angle between A and the vertical",
-    kind: SettingKind::Number { default: 60_f64.to_radians(), min: 0.001, max: 1.5 },
+    kind: SettingKind::Number {
+        default: 60_f64.to_radians(),
+        min: 0.001,
+        max: 1.5,
+    },
 };
 
 /// The law. It keeps only what to hold in a tick without a measurement.
@@ -110,16 +138,44 @@ impl Law for Geometric {
         summary: "tracking control of position and attitude in one, for all attitudes; overrides the outer law",
         source: "Lee, Leok, McClamroch, Geometric Tracking Control of a Quadrotor UAV on SE(3), CDC 2010, \
                  arXiv:1003.2005",
-        settings: &[POSITION, VELOCITY, ATTITUDE, RATE, ACCELERATION_Z_MIN, ACCELERATION_Z_MAX, TILT_MAX],
+        settings: &[
+            POSITION,
+            VELOCITY,
+            ATTITUDE,
+            RATE,
+            ACCELERATION_Z_MIN,
+            ACCELERATION_Z_MAX,
+            TILT_MAX,
+        ],
         presets: &[],
-        suited: Some(|settings, rig| limits::suited(settings, &ACCELERATION_Z_MIN, &ACCELERATION_Z_MAX, rig)),
+        suited: Some(|settings, rig| {
+            limits::suited(settings, &ACCELERATION_Z_MIN, &ACCELERATION_Z_MAX, rig)
+        }),
         telemetry: &[
-            Signal { name: "position_error_m", unit: "m" },
-            Signal { name: "attitude_error", unit: "" },
-            Signal { name: "rate_error_x_rad_s", unit: "rad/s" },
-            Signal { name: "rate_error_y_rad_s", unit: "rad/s" },
-            Signal { name: "rate_error_z_rad_s", unit: "rad/s" },
-            Signal { name: "limited", unit: "" },
+            Signal {
+                name: "position_error_m",
+                unit: "m",
+            },
+            Signal {
+                name: "attitude_error",
+                unit: "",
+            },
+            Signal {
+                name: "rate_error_x_rad_s",
+                unit: "rad/s",
+            },
+            Signal {
+                name: "rate_error_y_rad_s",
+                unit: "rad/s",
+            },
+            Signal {
+                name: "rate_error_z_rad_s",
+                unit: "rad/s",
+            },
+            Signal {
+                name: "limited",
+                unit: "",
+            },
         ],
     };
 
@@ -167,13 +223,21 @@ impl Moving {
 
     fn cross(&self, other: &Self) -> Self {
         let (Self([a, da, dda]), Self([b, db, ddb])) = (self, other);
-        Self([a.cross(b), da.cross(b) + a.cross(db), dda.cross(b) + 2.0 * da.cross(db) + a.cross(ddb)])
+        Self([
+            a.cross(b),
+            da.cross(b) + a.cross(db),
+            dda.cross(b) + 2.0 * da.cross(db) + a.cross(ddb),
+        ])
     }
 }
 
-/// b1d: heading wanted, level.
 fn heading(reference: &Reference) -> Moving {
-    let Reference { yaw_rad, yaw_rate_rad_s: dpsi, yaw_acceleration_rad_s2: ddpsi, .. } = *reference;
+    let Reference {
+        yaw_rad,
+        yaw_rate_rad_s: dpsi,
+        yaw_acceleration_rad_s2: ddpsi,
+        ..
+    } = *reference;
     let (sin, cos) = sin_cos(yaw_rad);
     let (along, across) = (Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0));
     Moving([along, dpsi * across, ddpsi * across - dpsi * dpsi * along])
@@ -185,28 +249,41 @@ fn vee(m: &Matrix3<f64>) -> Vector3<f64> {
 }
 
 /// R_d with Omega_d and its derivative, both in the frame of R_d.
-struct Desired {
+struct DesiredFrame {
     r: Matrix3<f64>,
     omega: Vector3<f64>,
     d_omega: Vector3<f64>,
 }
 
 /// b3 along A, b1 as near to b1d as that allows.
-fn desired(a: &Moving, b1d: &Moving) -> Desired {
+fn desired(a: &Moving, b1d: &Moving) -> DesiredFrame {
     let b3 = a.direction();
     let b2 = b3.cross(b1d).direction();
     let b1 = b2.cross(&b3);
-    let [r, dr, ddr] = [0, 1, 2].map(|order| Matrix3::from_columns(&[b1.0[order], b2.0[order], b3.0[order]]));
+    let [r, dr, ddr] =
+        [0, 1, 2].map(|order| Matrix3::from_columns(&[b1.0[order], b2.0[order], b3.0[order]]));
     // dR = R S(Omega), ddR = R (S(Omega)^2 + S(dOmega)), and a square of S has no skew part.
-    Desired { r, omega: vee(&r.tr_mul(&dr)), d_omega: vee(&r.tr_mul(&ddr)) }
+    DesiredFrame {
+        r,
+        omega: vee(&r.tr_mul(&dr)),
+        d_omega: vee(&r.tr_mul(&ddr)),
+    }
 }
 
 impl Geometric {
     /// f [N], and A/m [m/s^2] with its derivatives as the vehicle really moves; true where A was limited.
-    fn thrust(&self, state: &Measured, reference: &Reference, r: &Matrix3<f64>) -> (f64, Moving, bool) {
+    fn thrust(
+        &self,
+        state: &Measured,
+        reference: &Reference,
+        r: &Matrix3<f64>,
+    ) -> (f64, Moving, bool) {
         let (m, g) = (self.rig.airframe.m(), self.rig.airframe.g());
         let drag = self.rig.airframe.k_t() / m;
-        let (x, v) = (Vector3::from(state.position_w_m), Vector3::from(state.velocity_w_m_s));
+        let (x, v) = (
+            Vector3::from(state.position_w_m),
+            Vector3::from(state.velocity_w_m_s),
+        );
         let [x_d, v_d, dv_d, ddv_d, dddv_d] = [
             reference.position_w_m,
             reference.velocity_w_m_s,
@@ -218,7 +295,9 @@ impl Geometric {
         let (e3, r3) = (Vector3::z(), r.column(2).into_owned());
 
         let (e_x, e_v) = (x - x_d, v - v_d);
-        let (a, limited) = self.limits.limit(&(-self.k_x * e_x - self.k_v * e_v + g * e3 + dv_d + drag * v));
+        let (a, limited) = self
+            .limits
+            .limit(&(-self.k_x * e_x - self.k_v * e_v + g * e3 + dv_d + drag * v));
         let wanted = m * a.dot(&r3);
         let f = wanted.max(self.f_min).min(self.f_max);
         if limited {
@@ -228,7 +307,11 @@ impl Geometric {
         let e_a = dv - dv_d;
         let da = -self.k_x * e_v - self.k_v * e_a + ddv_d + drag * dv;
         let dr3 = r * Vector3::from(state.rate_b_rad_s).cross(&e3);
-        let df = if f == wanted { m * (da.dot(&r3) + a.dot(&dr3)) } else { 0.0 };
+        let df = if f == wanted {
+            m * (da.dot(&r3) + a.dot(&dr3))
+        } else {
+            0.0
+        };
         let ddv = (df * r3 + f * dr3) / m - drag * dv;
         let e_j = ddv - ddv_d;
         let dda = -self.k_x * e_a - self.k_v * e_j + dddv_d + drag * ddv;
@@ -237,7 +320,11 @@ impl Geometric {
 
     /// f [N], moved towards m g as far as roll and pitch of `tau` [N m] need.
     fn give_way(&self, f: f64, tau: &Vector3<f64>) -> f64 {
-        let room = 4.0 * self.allocation.thrusts(0.0, &Vector3::new(tau.x, tau.y, 0.0)).amax();
+        let room = 4.0
+            * self
+                .allocation
+                .thrusts(0.0, &Vector3::new(tau.x, tau.y, 0.0))
+                .amax();
         let low = (self.f_min + room).min(self.weight_n);
         let high = (self.f_max - room).max(self.weight_n);
         f.max(low).min(high)
@@ -249,34 +336,52 @@ impl InnerLaw for Geometric {
     fn tick(
         &mut self,
         tick: u64,
-        measured: &Dated<Measured>,
-        _wanted: &Dated<Wanted>,
+        measured: &Stamped<Measured>,
+        _wanted: &Stamped<Desired>,
         reference: &Reference,
         telemetry: &mut Telemetry,
-    ) -> Demand {
+    ) -> WrenchSetpoint {
         if measured.tick != tick {
-            return Demand { thrust_n: self.f, ..Demand::default() };
+            return WrenchSetpoint {
+                thrust_n: self.f,
+                ..WrenchSetpoint::default()
+            };
         }
         let state = &measured.content;
         let r = Attitude::new(state.attitude_quaternion).matrix();
         let omega = Vector3::from(state.rate_b_rad_s);
         let j = Vector3::from(self.rig.airframe.i_m());
         let (f, a, limited) = self.thrust(state, reference, &r);
-        let Desired { r: r_d, omega: omega_d, d_omega: d_omega_d } = desired(&a, &heading(reference));
+        let DesiredFrame {
+            r: r_d,
+            omega: omega_d,
+            d_omega: d_omega_d,
+        } = desired(&a, &heading(reference));
 
         let e_r = 0.5 * vee(&(r_d.tr_mul(&r) - r.tr_mul(&r_d)));
         let turned = r.tr_mul(&r_d) * omega_d;
         let d_turned = r.tr_mul(&r_d) * d_omega_d - omega.cross(&turned);
         let e_omega = omega - turned;
-        let tau = j.component_mul(&(d_turned - self.k_r.component_mul(&e_r) - self.k_omega.component_mul(&e_omega)))
-            + omega.cross(&j.component_mul(&omega))
+        let tau = j.component_mul(
+            &(d_turned - self.k_r.component_mul(&e_r) - self.k_omega.component_mul(&e_omega)),
+        ) + omega.cross(&j.component_mul(&omega))
             + self.rig.airframe.k_r() * turned;
 
         self.f = self.give_way(f, &tau);
         let e_x = Vector3::from(state.position_w_m) - Vector3::from(reference.position_w_m);
         let psi = 0.5 * (3.0 - r_d.tr_mul(&r).trace());
-        let shown = [e_x.norm(), psi, e_omega.x, e_omega.y, e_omega.z, f64::from(u8::from(limited))];
+        let shown = [
+            e_x.norm(),
+            psi,
+            e_omega.x,
+            e_omega.y,
+            e_omega.z,
+            f64::from(u8::from(limited)),
+        ];
         telemetry.value[..shown.len()].copy_from_slice(&shown);
-        Demand { thrust_n: self.f, torque_b_nm: tau.into() }
+        WrenchSetpoint {
+            thrust_n: self.f,
+            torque_b_nm: tau.into(),
+        }
     }
 }

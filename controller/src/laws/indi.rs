@@ -22,17 +22,19 @@
 //! * tau_m comes from measured speeds instead of a model of the actuators.
 //! * Rates and accelerations along the reference (nu2_d, dnu2_d) are fed forward; the paper has none.
 
-use law::description::{Description, Preset, Refused, Setting, SettingKind, Settings, Signal, Value};
-use law::law::{Demand, InnerLaw, Law, Rig, Wanted};
-use model::allocation::Allocation;
-use model::measured::Measured;
-use model::messages::{Dated, ROTORS};
-use model::reference::Reference;
-use model::role::Role;
-use model::telemetry::Telemetry;
+use control_api::description::{
+    Description, Preset, Refused, Setting, SettingKind, Settings, Signal, Value,
+};
+use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
+use messages::allocation::Allocation;
+use messages::content::Measured;
+use messages::content::Reference;
+use messages::content::{ROTORS, Stamped};
+use messages::role::Role;
+use messages::telemetry::Telemetry;
 use nalgebra::{Vector3, Vector4};
 
-use crate::laws::attitude::{Attitude, WantedAttitude};
+use crate::laws::attitude::{Attitude, DesiredAttitude};
 use crate::laws::cascade;
 use crate::laws::low_pass::LowPass;
 
@@ -43,25 +45,41 @@ const ATTITUDE: Setting = Setting {
     name: "attitude_1_s",
     unit: "1/s",
     meaning: "K_eta of the attitude error: roll, pitch, yaw",
-    kind: SettingKind::Three { default: [8.0, 8.0, 3.0], min: 0.1, max: 200.0 },
+    kind: SettingKind::Three {
+        default: [8.0, 8.0, 3.0],
+        min: 0.1,
+        max: 200.0,
+    },
 };
 const RATE: Setting = Setting {
     name: "rate_1_s",
     unit: "1/s",
     meaning: "K_nu2 of the rate error: roll, pitch, yaw",
-    kind: SettingKind::Three { default: [40.0, 40.0, 20.0], min: 0.1, max: 1000.0 },
+    kind: SettingKind::Three {
+        default: [40.0, 40.0, 20.0],
+        min: 0.1,
+        max: 1000.0,
+    },
 };
 const FILTER: Setting = Setting {
     name: "filter_rad_s",
     unit: "rad/s",
     meaning: "w_n of the filter of acceleration and torque",
-    kind: SettingKind::Number { default: 50.0, min: 1.0, max: 5000.0 },
+    kind: SettingKind::Number {
+        default: 50.0,
+        min: 1.0,
+        max: 5000.0,
+    },
 };
 const DAMPING: Setting = Setting {
     name: "filter_damping",
     unit: "",
     meaning: "zeta of that filter",
-    kind: SettingKind::Number { default: 0.55, min: 0.3, max: 2.0 },
+    kind: SettingKind::Number {
+        default: 0.55,
+        min: 0.3,
+        max: 2.0,
+    },
 };
 
 /// The law: two filters and the last measurement.
@@ -107,15 +125,42 @@ impl Law for Indi {
         }],
         suited: None,
         telemetry: &[
-            Signal { name: "acceleration_x_rad_s2", unit: "rad/s^2" },
-            Signal { name: "acceleration_y_rad_s2", unit: "rad/s^2" },
-            Signal { name: "acceleration_z_rad_s2", unit: "rad/s^2" },
-            Signal { name: "torque_x_nm", unit: "N m" },
-            Signal { name: "torque_y_nm", unit: "N m" },
-            Signal { name: "torque_z_nm", unit: "N m" },
-            Signal { name: "disturbance_x_rad_s2", unit: "rad/s^2" },
-            Signal { name: "disturbance_y_rad_s2", unit: "rad/s^2" },
-            Signal { name: "disturbance_z_rad_s2", unit: "rad/s^2" },
+            Signal {
+                name: "acceleration_x_rad_s2",
+                unit: "rad/s^2",
+            },
+            Signal {
+                name: "acceleration_y_rad_s2",
+                unit: "rad/s^2",
+            },
+            Signal {
+                name: "acceleration_z_rad_s2",
+                unit: "rad/s^2",
+            },
+            Signal {
+                name: "torque_x_nm",
+                unit: "N m",
+            },
+            Signal {
+                name: "torque_y_nm",
+                unit: "N m",
+            },
+            Signal {
+                name: "torque_z_nm",
+                unit: "N m",
+            },
+            Signal {
+                name: "disturbance_x_rad_s2",
+                unit: "rad/s^2",
+            },
+            Signal {
+                name: "disturbance_y_rad_s2",
+                unit: "rad/s^2",
+            },
+            Signal {
+                name: "disturbance_z_rad_s2",
+                unit: "rad/s^2",
+            },
         ],
     };
 
@@ -142,9 +187,13 @@ impl Law for Indi {
 impl Indi {
     /// Takes the measurement of `tick`: both filters move on where the tick before it was measured too.
     fn take(&mut self, tick: u64, nu2: &Vector3<f64>, speed_squared: &[f64; ROTORS]) {
-        let Some(last) = self.last.replace(Sample { tick, nu2: *nu2 }) else { return };
+        let Some(last) = self.last.replace(Sample { tick, nu2: *nu2 }) else {
+            return;
+        };
         if last.tick + 1 == tick {
-            let (_, tau_m) = self.allocation.wrench(&(Vector4::from(*speed_squared) * self.k));
+            let (_, tau_m) = self
+                .allocation
+                .wrench(&(Vector4::from(*speed_squared) * self.k));
             self.torque.take(&tau_m);
             self.acceleration.take(&((nu2 - last.nu2) / self.period_s));
         } else if (tick.saturating_sub(last.tick)) as f64 * self.period_s > FORGET_S {
@@ -159,20 +208,30 @@ impl InnerLaw for Indi {
     fn tick(
         &mut self,
         tick: u64,
-        measured: &Dated<Measured>,
-        wanted: &Dated<Wanted>,
+        measured: &Stamped<Measured>,
+        wanted: &Stamped<Desired>,
         _reference: &Reference,
         telemetry: &mut Telemetry,
-    ) -> Demand {
+    ) -> WrenchSetpoint {
         if measured.tick != tick {
-            return Demand { thrust_n: self.thrust_n, ..Demand::default() };
+            return WrenchSetpoint {
+                thrust_n: self.thrust_n,
+                ..WrenchSetpoint::default()
+            };
         }
         let state = &measured.content;
         let nu2 = Vector3::from(state.rate_b_rad_s);
         self.take(tick, &nu2, &state.rotor_speed_squared_mean_rad2_s2);
 
-        let WantedAttitude { attitude: q_d, nu2: nu2_d, dnu2: dnu2_d } = WantedAttitude::of(&wanted.content);
-        let q_e = Attitude::new(state.attitude_quaternion).inverse().times(&q_d).short_way();
+        let DesiredAttitude {
+            attitude: q_d,
+            nu2: nu2_d,
+            dnu2: dnu2_d,
+        } = DesiredAttitude::of(&wanted.content);
+        let q_e = Attitude::new(state.attitude_quaternion)
+            .inverse()
+            .times(&q_d)
+            .short_way();
         let nu2_r = 2.0 * self.k_eta.component_mul(&q_e.v) + q_e.turn(&nu2_d);
         let nu = self.k_nu2.component_mul(&(nu2_r - nu2)) + q_e.turn(&dnu2_d);
         let (tau_f, dnu2_f) = (self.torque.output(), self.acceleration.output());
@@ -180,9 +239,17 @@ impl InnerLaw for Indi {
 
         self.thrust_n = wanted.content.thrust_n;
         let disturbance = dnu2_f - tau_f.component_div(&self.i_m);
-        for (shown, vector) in telemetry.value.chunks_exact_mut(3).zip([dnu2_f, tau_f, &disturbance]) {
+        for (shown, vector) in
+            telemetry
+                .value
+                .chunks_exact_mut(3)
+                .zip([dnu2_f, tau_f, &disturbance])
+        {
             shown.copy_from_slice(vector.as_slice());
         }
-        Demand { thrust_n: self.thrust_n, torque_b_nm: tau.into() }
+        WrenchSetpoint {
+            thrust_n: self.thrust_n,
+            torque_b_nm: tau.into(),
+        }
     }
 }

@@ -8,8 +8,8 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use law::description::{Refused, Setting};
-use model::math::tan;
+use control_api::description::{Refused, Setting};
+use messages::math::tan;
 use nalgebra::Vector3;
 
 /// The filter and its memory, at rest at first.
@@ -59,13 +59,11 @@ impl LowPass {
         y
     }
 
-    /// What came out last.
     #[must_use]
     pub const fn output(&self) -> &Vector3<f64> {
         &self.output
     }
 
-    /// Back to rest.
     pub fn forget(&mut self) {
         (self.s1, self.s2, self.output) = (Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
     }
@@ -73,7 +71,7 @@ impl LowPass {
 
 #[cfg(test)]
 mod tests {
-    use law::description::SettingKind;
+    use control_api::description::SettingKind;
 
     use super::*;
 
@@ -81,7 +79,11 @@ mod tests {
         name: "filter_rad_s",
         unit: "rad/s",
         meaning: "",
-        kind: SettingKind::Number { default: 50.0, min: 1.0, max: 1e4 },
+        kind: SettingKind::Number {
+            default: 50.0,
+            min: 1.0,
+            max: 1e4,
+        },
     };
 
     #[test]
@@ -93,7 +95,10 @@ mod tests {
             let (sin, cos) = (w_n * period_s * f64::from(tick)).sin_cos();
             let y = filter.take(&Vector3::new(sin, 1.0, 0.0));
             if tick > 1900 {
-                assert!((y - Vector3::new(-cos / (2.0 * zeta), 1.0, 0.0)).amax() < 1e-9, "{y}");
+                assert!(
+                    (y - Vector3::new(-cos / (2.0 * zeta), 1.0, 0.0)).amax() < 1e-9,
+                    "{y}"
+                );
             }
         }
         filter.forget();
@@ -102,8 +107,15 @@ mod tests {
 
     #[test]
     fn a_bandwidth_above_a_quarter_of_the_sampling_frequency_is_refused() {
-        let error = LowPass::new(&FILTER, 200.0, 0.7, 0.01).unwrap_err().to_string();
-        for part in ["filter_rad_s = 200", "0.01", "157.1 rad/s", "lower filter_rad_s"] {
+        let error = LowPass::new(&FILTER, 200.0, 0.7, 0.01)
+            .unwrap_err()
+            .to_string();
+        for part in [
+            "filter_rad_s = 200",
+            "0.01",
+            "157.1 rad/s",
+            "lower filter_rad_s",
+        ] {
             assert!(error.contains(part), "{error}");
         }
         assert!(LowPass::new(&FILTER, 157.0, 0.7, 0.01).is_ok());

@@ -7,51 +7,65 @@
 //! * Acceleration and thrust are limited; the paper's are not.
 //! * The derivatives of roll and pitch are fed forward along the reference ([`crate::flatness`]).
 
-use law::description::{Description, Preset, Refused, Setting, SettingKind, Settings, Signal};
-use law::law::{Law, OuterLaw, Rig, Wanted};
-use model::frames::RollPitch;
-use model::limits::RotorLimits;
-use model::measured::Measured;
-use model::parameters::Airframe;
-use model::reference::Reference;
-use model::role::Role;
-use model::telemetry::Telemetry;
+use control_api::description::{
+    Description, Preset, Refused, Setting, SettingKind, Settings, Signal,
+};
+use control_api::law::{Desired, Law, OuterLaw, Rig};
+use messages::content::Measured;
+use messages::content::Reference;
+use messages::frames::RollPitch;
+use messages::limits::RotorLimits;
+use messages::parameters::Airframe;
+use messages::role::Role;
+use messages::telemetry::Telemetry;
 use nalgebra::Vector3;
 
 use crate::flatness::{TiltRates, Yaw, tilt, tilt_rates};
 use crate::gains::PRESET_NAMES;
 use crate::limits::{self, AccelerationLimits, Limits};
 
-/// K_P.
-pub const POSITION_1_S2: Setting =
-    Setting { name: "position_1_s2", unit: "1/s^2", meaning: "K_P", kind: positive(1.0) };
-/// K_D.
-pub const VELOCITY_1_S: Setting = Setting { name: "velocity_1_s", unit: "1/s", meaning: "K_D", kind: positive(1.0) };
-/// Smallest vertical thrust acceleration.
+pub const POSITION_1_S2: Setting = Setting {
+    name: "position_1_s2",
+    unit: "1/s^2",
+    meaning: "K_P",
+    kind: positive(1.0),
+};
+pub const VELOCITY_1_S: Setting = Setting {
+    name: "velocity_1_s",
+    unit: "1/s",
+    meaning: "K_D",
+    kind: positive(1.0),
+};
 pub const ACCELERATION_Z_MIN_G: Setting = Setting {
     name: "acceleration_z_min_g",
     unit: "g",
     meaning: "smallest vertical acceleration that the thrust gives",
     kind: positive(0.2),
 };
-/// Largest vertical thrust acceleration.
 pub const ACCELERATION_Z_MAX_G: Setting = Setting {
     name: "acceleration_z_max_g",
     unit: "g",
     meaning: "largest vertical acceleration that the thrust gives",
     kind: positive(2.0),
 };
-/// Largest tilt.
 pub const TILT_MAX_RAD: Setting = Setting {
     name: "tilt_max_rad",
     unit: "rad",
     meaning: "largest angle between the thrust and the vertical",
     // 35 degrees.
-    kind: SettingKind::Number { default: 0.610_865_238_198_015_3, min: 1e-3, max: 1.5 },
+    kind: SettingKind::Number {
+        default: 0.610_865_238_198_015_3,
+        min: 1e-3,
+        max: 1.5,
+    },
 };
 
 const fn positive(default: f64) -> SettingKind {
-    SettingKind::Number { default, min: f64::MIN_POSITIVE, max: f64::MAX }
+    SettingKind::Number {
+        default,
+        min: f64::MIN_POSITIVE,
+        max: f64::MAX,
+    }
 }
 
 /// The paper's outer loop. It keeps nothing from one tick to the next.
@@ -74,22 +88,51 @@ impl Law for Pd {
         summary: "PD position loop with feedforward of acceleration, jerk and snap",
         source: "Imran and Montazeri, An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial \
                  Vehicle, (9)-(16); docs/paper.md lists the differences",
-        settings: &[POSITION_1_S2, VELOCITY_1_S, ACCELERATION_Z_MIN_G, ACCELERATION_Z_MAX_G, TILT_MAX_RAD],
-        presets: &[
-            Preset { name: PRESET_NAMES[0], values: &[] },
-            Preset { name: PRESET_NAMES[1], values: &[] },
-            Preset { name: PRESET_NAMES[2], values: &[] },
+        settings: &[
+            POSITION_1_S2,
+            VELOCITY_1_S,
+            ACCELERATION_Z_MIN_G,
+            ACCELERATION_Z_MAX_G,
+            TILT_MAX_RAD,
         ],
-        suited: Some(|settings, rig| limits::suited(settings, &ACCELERATION_Z_MIN_G, &ACCELERATION_Z_MAX_G, rig)),
+        presets: &[
+            Preset {
+                name: PRESET_NAMES[0],
+                values: &[],
+            },
+            Preset {
+                name: PRESET_NAMES[1],
+                values: &[],
+            },
+            Preset {
+                name: PRESET_NAMES[2],
+                values: &[],
+            },
+        ],
+        suited: Some(|settings, rig| {
+            limits::suited(settings, &ACCELERATION_Z_MIN_G, &ACCELERATION_Z_MAX_G, rig)
+        }),
         telemetry: &[
-            Signal { name: "acceleration_wanted_x_m_s2", unit: "m/s^2" },
-            Signal { name: "acceleration_wanted_y_m_s2", unit: "m/s^2" },
-            Signal { name: "acceleration_wanted_z_m_s2", unit: "m/s^2" },
+            Signal {
+                name: "acceleration_wanted_x_m_s2",
+                unit: "m/s^2",
+            },
+            Signal {
+                name: "acceleration_wanted_y_m_s2",
+                unit: "m/s^2",
+            },
+            Signal {
+                name: "acceleration_wanted_z_m_s2",
+                unit: "m/s^2",
+            },
         ],
     };
 
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused> {
-        let (z_min_g, z_max_g) = (settings.number(&ACCELERATION_Z_MIN_G), settings.number(&ACCELERATION_Z_MAX_G));
+        let (z_min_g, z_max_g) = (
+            settings.number(&ACCELERATION_Z_MIN_G),
+            settings.number(&ACCELERATION_Z_MAX_G),
+        );
         let limits = Limits {
             acceleration_z_min_g: z_min_g,
             acceleration_z_max_g: z_max_g,
@@ -112,8 +155,20 @@ impl Law for Pd {
 }
 
 impl OuterLaw for Pd {
-    fn tick(&mut self, _: u64, measured: &Measured, reference: &Reference, telemetry: &mut Telemetry) -> Wanted {
-        let Self { k_p, k_d, limits, model, rotor } = self;
+    fn tick(
+        &mut self,
+        _: u64,
+        measured: &Measured,
+        reference: &Reference,
+        telemetry: &mut Telemetry,
+    ) -> Desired {
+        let Self {
+            k_p,
+            k_d,
+            limits,
+            model,
+            rotor,
+        } = self;
         let position = Vector3::from(measured.position_w_m);
         let velocity = Vector3::from(measured.velocity_w_m_s);
         let eta2 = Vector3::from(measured.attitude_rad);
@@ -123,20 +178,30 @@ impl OuterLaw for Pd {
             + *k_p * (Vector3::from(reference.position_w_m) - position);
         telemetry.value[..3].copy_from_slice(wanted.as_slice());
         let (a, limited) = limits.limit(&thrust_acceleration(&wanted, &velocity, model));
-        let &Reference { yaw_rad, yaw_rate_rad_s, yaw_acceleration_rad_s2, .. } = reference;
+        let &Reference {
+            yaw_rad,
+            yaw_rate_rad_s,
+            yaw_acceleration_rad_s2,
+            ..
+        } = reference;
         let yaw = Yaw::new(yaw_rad, yaw_rate_rad_s, yaw_acceleration_rad_s2);
         let (phi_d, theta_d) = tilt(&a, &yaw);
         let ahead = if limited {
-            TiltRates { dphi: 0.0, dtheta: 0.0, ddphi: 0.0, ddtheta: 0.0 }
+            TiltRates {
+                dphi: 0.0,
+                dtheta: 0.0,
+                ddphi: 0.0,
+                ddtheta: 0.0,
+            }
         } else {
             reference_tilt_rates(reference, &yaw, model)
         };
-        Wanted {
+        Desired {
             thrust_n: limit_thrust(thrust(&a, &eta2, model), rotor, model),
             attitude_rad: [phi_d, theta_d, yaw_rad],
             attitude_rate_rad_s: [ahead.dphi, ahead.dtheta, yaw_rate_rad_s],
             attitude_acceleration_rad_s2: [ahead.ddphi, ahead.ddtheta, yaw_acceleration_rad_s2],
-            limited,
+            limited: u64::from(limited),
         }
     }
 }
@@ -145,7 +210,11 @@ impl OuterLaw for Pd {
 ///
 /// All in the world frame, [m/s^2] and [m/s].
 #[must_use]
-pub fn thrust_acceleration(wanted: &Vector3<f64>, velocity: &Vector3<f64>, model: &Airframe) -> Vector3<f64> {
+pub fn thrust_acceleration(
+    wanted: &Vector3<f64>,
+    velocity: &Vector3<f64>,
+    model: &Airframe,
+) -> Vector3<f64> {
     wanted + model.g() * Vector3::z() + model.k_t() / model.m() * velocity
 }
 

@@ -21,18 +21,18 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-use law::description::{Description, Refused, Setting, SettingKind, Settings, Signal};
-use law::law::{Demand, InnerLaw, Law, Rig, Wanted};
-use model::allocation::Allocation;
-use model::math::{atan2, sin_cos};
-use model::measured::Measured;
-use model::messages::Dated;
-use model::reference::Reference;
-use model::role::Role;
-use model::telemetry::Telemetry;
+use control_api::description::{Description, Refused, Setting, SettingKind, Settings, Signal};
+use control_api::law::{Desired, InnerLaw, Law, Rig, WrenchSetpoint};
+use messages::allocation::Allocation;
+use messages::content::Measured;
+use messages::content::Reference;
+use messages::content::Stamped;
+use messages::math::{atan2, sin_cos};
+use messages::role::Role;
+use messages::telemetry::Telemetry;
 use nalgebra::Vector3;
 
-use crate::laws::attitude::{Attitude, WantedAttitude};
+use crate::laws::attitude::{Attitude, DesiredAttitude};
 use crate::laws::cascade;
 use crate::laws::low_pass::LowPass;
 
@@ -45,49 +45,81 @@ const ATTITUDE: Setting = Setting {
     name: "attitude_1_s",
     unit: "1/s",
     meaning: "P of the attitude error: roll, pitch, yaw",
-    kind: SettingKind::Three { default: [8.0, 8.0, 3.0], min: 0.1, max: 200.0 },
+    kind: SettingKind::Three {
+        default: [8.0, 8.0, 3.0],
+        min: 0.1,
+        max: 200.0,
+    },
 };
 const YAW_WEIGHT: Setting = Setting {
     name: "yaw_weight",
     unit: "",
     meaning: "share of a yaw error that the attitude error holds; the gain makes up for it, up to the largest rate",
-    kind: SettingKind::Number { default: 0.4, min: 0.05, max: 1.0 },
+    kind: SettingKind::Number {
+        default: 0.4,
+        min: 0.05,
+        max: 1.0,
+    },
 };
 const RATE_MAX: Setting = Setting {
     name: "rate_max_rad_s",
     unit: "rad/s",
     meaning: "largest rates wanted: roll, pitch, yaw",
-    kind: SettingKind::Three { default: [4.0, 4.0, 3.5], min: 0.1, max: 40.0 },
+    kind: SettingKind::Three {
+        default: [4.0, 4.0, 3.5],
+        min: 0.1,
+        max: 40.0,
+    },
 };
 const RATE: Setting = Setting {
     name: "rate_1_s",
     unit: "1/s",
     meaning: "P of the rate error: roll, pitch, yaw",
-    kind: SettingKind::Three { default: [40.0, 40.0, 20.0], min: 0.1, max: 1000.0 },
+    kind: SettingKind::Three {
+        default: [40.0, 40.0, 20.0],
+        min: 0.1,
+        max: 1000.0,
+    },
 };
 const INTEGRAL: Setting = Setting {
     name: "integral_1_s2",
     unit: "1/s^2",
     meaning: "I of the rate error: roll, pitch, yaw",
-    kind: SettingKind::Three { default: [120.0, 120.0, 40.0], min: 0.0, max: 1e5 },
+    kind: SettingKind::Three {
+        default: [120.0, 120.0, 40.0],
+        min: 0.0,
+        max: 1e5,
+    },
 };
 const DERIVATIVE: Setting = Setting {
     name: "derivative",
     unit: "",
     meaning: "D, ratio of the angular acceleration: roll, pitch, yaw",
-    kind: SettingKind::Three { default: [0.2, 0.2, 0.0], min: 0.0, max: 0.9 },
+    kind: SettingKind::Three {
+        default: [0.2, 0.2, 0.0],
+        min: 0.0,
+        max: 0.9,
+    },
 };
 const INTEGRAL_MAX: Setting = Setting {
     name: "integral_max_rad_s2",
     unit: "rad/s^2",
     meaning: "largest integrator: roll, pitch, yaw",
-    kind: SettingKind::Three { default: [60.0, 60.0, 10.0], min: 0.0, max: 1e4 },
+    kind: SettingKind::Three {
+        default: [60.0, 60.0, 10.0],
+        min: 0.0,
+        max: 1e4,
+    },
 };
 const FILTER: Setting = Setting {
     name: "filter_rad_s",
     unit: "rad/s",
     meaning: "bandwidth of the low-pass of the angular acceleration",
-    kind: SettingKind::Number { default: 190.0, min: 1.0, max: 5000.0 },
+    kind: SettingKind::Number {
+        default: 190.0,
+        min: 1.0,
+        max: 5000.0,
+    },
 };
 
 /// The law: integrator, filter, and the last measurement.
@@ -125,17 +157,47 @@ impl Law for Pid {
         summary: "attitude P on the quaternion and rate PID, in the structure that flight stacks fly",
         source: "PX4 autopilot, multicopter attitude and rate control; Brescianini, Hehn, D'Andrea, Nonlinear \
                  Quadrocopter Attitude Control, 2013",
-        settings: &[ATTITUDE, YAW_WEIGHT, RATE_MAX, RATE, INTEGRAL, DERIVATIVE, INTEGRAL_MAX, FILTER],
+        settings: &[
+            ATTITUDE,
+            YAW_WEIGHT,
+            RATE_MAX,
+            RATE,
+            INTEGRAL,
+            DERIVATIVE,
+            INTEGRAL_MAX,
+            FILTER,
+        ],
         presets: &[],
         suited: None,
         telemetry: &[
-            Signal { name: "rate_error_x_rad_s", unit: "rad/s" },
-            Signal { name: "rate_error_y_rad_s", unit: "rad/s" },
-            Signal { name: "rate_error_z_rad_s", unit: "rad/s" },
-            Signal { name: "integral_x_rad_s2", unit: "rad/s^2" },
-            Signal { name: "integral_y_rad_s2", unit: "rad/s^2" },
-            Signal { name: "integral_z_rad_s2", unit: "rad/s^2" },
-            Signal { name: "saturated", unit: "" },
+            Signal {
+                name: "rate_error_x_rad_s",
+                unit: "rad/s",
+            },
+            Signal {
+                name: "rate_error_y_rad_s",
+                unit: "rad/s",
+            },
+            Signal {
+                name: "rate_error_z_rad_s",
+                unit: "rad/s",
+            },
+            Signal {
+                name: "integral_x_rad_s2",
+                unit: "rad/s^2",
+            },
+            Signal {
+                name: "integral_y_rad_s2",
+                unit: "rad/s^2",
+            },
+            Signal {
+                name: "integral_z_rad_s2",
+                unit: "rad/s^2",
+            },
+            Signal {
+                name: "saturated",
+                unit: "",
+            },
         ],
     };
 
@@ -154,7 +216,12 @@ impl Law for Pid {
             d: settings.three(&DERIVATIVE).into(),
             integral_max: settings.three(&INTEGRAL_MAX).into(),
             integral: Vector3::zeros(),
-            acceleration: LowPass::new(&FILTER, settings.number(&FILTER), FRAC_1_SQRT_2, rig.period_s)?,
+            acceleration: LowPass::new(
+                &FILTER,
+                settings.number(&FILTER),
+                FRAC_1_SQRT_2,
+                rig.period_s,
+            )?,
             last: None,
             thrust_n: rig.airframe.m() * rig.airframe.g(),
         })
@@ -165,19 +232,27 @@ impl Law for Pid {
 fn weighted(q: &Attitude, q_d: &Attitude, weight: f64) -> Attitude {
     let axis = |attitude: &Attitude| attitude.turn(&Vector3::z());
     // Upside down no tilt is the shortest, and the attitude wanted is taken as it is.
-    let Some(tilt) = Attitude::between(&axis(q), &axis(q_d)) else { return *q_d };
+    let Some(tilt) = Attitude::between(&axis(q), &axis(q_d)) else {
+        return *q_d;
+    };
     let q_t = tilt.times(q);
     let about_z = q_t.inverse().times(q_d).short_way();
     let (sin, cos) = sin_cos(weight * atan2(about_z.v.z, about_z.w));
-    q_t.times(&Attitude { w: cos, v: sin * Vector3::z() })
+    q_t.times(&Attitude {
+        w: cos,
+        v: sin * Vector3::z(),
+    })
 }
 
 impl Pid {
     /// Takes the measurement of `tick`: the filter moves on where the tick before it was measured too.
     fn take(&mut self, tick: u64, nu2: &Vector3<f64>) {
-        let Some(last) = self.last.replace(Sample { tick, nu2: *nu2 }) else { return };
+        let Some(last) = self.last.replace(Sample { tick, nu2: *nu2 }) else {
+            return;
+        };
         if last.tick + 1 == tick {
-            self.acceleration.take(&((nu2 - last.nu2) / self.rig.period_s));
+            self.acceleration
+                .take(&((nu2 - last.nu2) / self.rig.period_s));
         } else if (tick.saturating_sub(last.tick)) as f64 * self.rig.period_s > FORGET_S {
             self.acceleration.forget();
             self.integral = Vector3::zeros();
@@ -186,18 +261,29 @@ impl Pid {
 
     /// Whether a rotor would have to leave its range for thrust `u` [N] and torque `tau` [N m].
     fn saturates(&self, u: f64, tau: &Vector3<f64>) -> bool {
-        let Rig { airframe, rotor, .. } = &self.rig;
+        let Rig {
+            airframe, rotor, ..
+        } = &self.rig;
         let range = rotor.f_min(airframe.k())..=rotor.f_max(airframe.k());
-        !self.allocation.thrusts(u, tau).iter().all(|f| range.contains(f))
+        !self
+            .allocation
+            .thrusts(u, tau)
+            .iter()
+            .all(|f| range.contains(f))
     }
 
     /// The integrator after a tick with rate error `e` [rad/s] that asked for `tau` [N m].
     fn integrated(&self, e: &Vector3<f64>, tau: &Vector3<f64>, saturated: bool) -> Vector3<f64> {
         Vector3::from_fn(|axis, _| {
             let (e, limit) = (e[axis], self.integral_max[axis]);
-            let taken = if saturated && e * tau[axis] > 0.0 { 0.0 } else { e };
+            let taken = if saturated && e * tau[axis] > 0.0 {
+                0.0
+            } else {
+                e
+            };
             let factor = (1.0 - (e / INTEGRATOR_ERROR_MAX) * (e / INTEGRATOR_ERROR_MAX)).max(0.0);
-            (self.integral[axis] + self.rig.period_s * self.i[axis] * factor * taken).clamp(-limit, limit)
+            (self.integral[axis] + self.rig.period_s * self.i[axis] * factor * taken)
+                .clamp(-limit, limit)
         })
     }
 }
@@ -207,28 +293,44 @@ impl InnerLaw for Pid {
     fn tick(
         &mut self,
         tick: u64,
-        measured: &Dated<Measured>,
-        wanted: &Dated<Wanted>,
+        measured: &Stamped<Measured>,
+        wanted: &Stamped<Desired>,
         _reference: &Reference,
         telemetry: &mut Telemetry,
-    ) -> Demand {
+    ) -> WrenchSetpoint {
         if measured.tick != tick {
-            return Demand { thrust_n: self.thrust_n, ..Demand::default() };
+            return WrenchSetpoint {
+                thrust_n: self.thrust_n,
+                ..WrenchSetpoint::default()
+            };
         }
         let state = &measured.content;
         let nu2 = Vector3::from(state.rate_b_rad_s);
         self.take(tick, &nu2);
 
-        let WantedAttitude { attitude: q_d, nu2: nu2_d, .. } = WantedAttitude::of(&wanted.content);
+        let DesiredAttitude {
+            attitude: q_d,
+            nu2: nu2_d,
+            ..
+        } = DesiredAttitude::of(&wanted.content);
         let q = Attitude::new(state.attitude_quaternion);
-        let q_e = q.inverse().times(&weighted(&q, &q_d, self.yaw_weight)).short_way();
+        let q_e = q
+            .inverse()
+            .times(&weighted(&q, &q_d, self.yaw_weight))
+            .short_way();
         // The weight is for large errors alone: undone in the gain, as PX4 does.
-        let gain = self.attitude.component_div(&Vector3::new(1.0, 1.0, self.yaw_weight));
+        let gain = self
+            .attitude
+            .component_div(&Vector3::new(1.0, 1.0, self.yaw_weight));
         let ahead = q.inverse().times(&q_d).turn(&nu2_d);
-        let nu2_r = (2.0 * gain.component_mul(&q_e.v) + ahead).sup(&-self.rate_max).inf(&self.rate_max);
+        let nu2_r = (2.0 * gain.component_mul(&q_e.v) + ahead)
+            .sup(&-self.rate_max)
+            .inf(&self.rate_max);
         let e = nu2_r - nu2;
         let damping = self.d.component_mul(self.acceleration.output());
-        let tau = self.i_m.component_mul(&(self.p.component_mul(&e) + self.integral - damping));
+        let tau = self
+            .i_m
+            .component_mul(&(self.p.component_mul(&e) + self.integral - damping));
 
         self.thrust_n = wanted.content.thrust_n;
         let saturated = self.saturates(self.thrust_n, &tau);
@@ -236,6 +338,9 @@ impl InnerLaw for Pid {
         let i = &self.integral;
         let shown = [e.x, e.y, e.z, i.x, i.y, i.z, f64::from(u8::from(saturated))];
         telemetry.value[..shown.len()].copy_from_slice(&shown);
-        Demand { thrust_n: self.thrust_n, torque_b_nm: tau.into() }
+        WrenchSetpoint {
+            thrust_n: self.thrust_n,
+            torque_b_nm: tau.into(),
+        }
     }
 }

@@ -9,7 +9,7 @@
 //! Unknown are the derivatives 1 to 4 at each inner point. They follow from the derivatives 5 to 8, which are the same
 //! from both sides: a block-tridiagonal system, solved once, before the flight.
 
-use model::reference::Reference;
+use messages::content::Reference;
 use nalgebra::{Matrix4, SMatrix};
 use thiserror::Error;
 
@@ -34,7 +34,6 @@ pub struct Point {
     pub value: [f64; AXES],
 }
 
-/// A curve through points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spline {
     segments: Vec<Segment>,
@@ -52,14 +51,15 @@ struct Segment {
 /// Why there is no curve through points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum SplineError {
-    /// Fewer than two.
     #[error("a curve needs at least two points")]
     TooFew,
     /// Times that do not rise, or no number.
     #[error("point {0} is no later than the one before it, or no number")]
     NotLater(usize),
     /// Intervals so uneven that nothing but rounding is left.
-    #[error("the curve cannot be computed near point {0}: intervals of very different length meet there")]
+    #[error(
+        "the curve cannot be computed near point {0}: intervals of very different length meet there"
+    )]
     Uneven(usize),
 }
 
@@ -68,13 +68,14 @@ type Derivatives = SMatrix<f64, 4, AXES>;
 
 impl Spline {
     /// The curve through points whose times rise.
-    ///
-    /// # Errors
-    /// [`SplineError`] names the point, from 0.
     pub fn through(points: &[Point]) -> Result<Self, SplineError> {
-        let (Some(end), true) = (points.last(), points.len() >= 2) else { return Err(SplineError::TooFew) };
+        let (Some(end), true) = (points.last(), points.len() >= 2) else {
+            return Err(SplineError::TooFew);
+        };
         for (i, pair) in points.windows(2).enumerate() {
-            let is_finite = pair.iter().all(|point| point.t_s.is_finite() && point.value.iter().all(|v| v.is_finite()));
+            let is_finite = pair
+                .iter()
+                .all(|point| point.t_s.is_finite() && point.value.iter().all(|v| v.is_finite()));
             if !is_finite || pair[1].t_s <= pair[0].t_s {
                 return Err(SplineError::NotLater(i + 1));
             }
@@ -82,9 +83,17 @@ impl Spline {
         let hermite = Hermite::new();
         let derivatives = hermite.solve(points).map_err(SplineError::Uneven)?;
         let segments: Vec<Segment> = (1..points.len())
-            .map(|i| hermite.segment([&points[i - 1], &points[i]], [&derivatives[i - 1], &derivatives[i]]))
+            .map(|i| {
+                hermite.segment(
+                    [&points[i - 1], &points[i]],
+                    [&derivatives[i - 1], &derivatives[i]],
+                )
+            })
             .collect();
-        let spline = Self { segments, end: *end };
+        let spline = Self {
+            segments,
+            end: *end,
+        };
         match spline.first_jump() {
             Some(point) => Err(SplineError::Uneven(point)),
             None => Ok(spline),
@@ -109,7 +118,9 @@ impl Spline {
         if t_s >= self.end.t_s {
             return self.end.value.map(at_rest);
         }
-        let next = self.segments.partition_point(|segment| segment.begin_s <= t_s);
+        let next = self
+            .segments
+            .partition_point(|segment| segment.begin_s <= t_s);
         match next.checked_sub(1).and_then(|i| self.segments.get(i)) {
             Some(segment) => segment.at((t_s - segment.begin_s) / segment.length_s),
             None => self.segments[0].coefficients.map(|c| at_rest(c[0])),
@@ -119,13 +130,20 @@ impl Spline {
     /// The first point at which value or derivatives jump by more than rounding.
     fn first_jump(&self) -> Option<usize> {
         let rest = self.end.value.map(at_rest);
-        let after = self.segments.iter().skip(1).map(|segment| segment.at(0.0)).chain([rest]);
+        let after = self
+            .segments
+            .iter()
+            .skip(1)
+            .map(|segment| segment.at(0.0))
+            .chain([rest]);
         self.segments
             .iter()
             .zip(after)
             .position(|(segment, after)| {
                 let before = segment.at(1.0);
-                let size = segment.coefficients.map(|axis| axis.iter().skip(1).map(|c| c.abs()).fold(1e-3, f64::max));
+                let size = segment
+                    .coefficients
+                    .map(|axis| axis.iter().skip(1).map(|c| c.abs()).fold(1e-3, f64::max));
                 (0..AXES).any(|axis| {
                     let mut unit = 1.0;
                     (0..ORDERS).any(|order| {
@@ -174,7 +192,9 @@ impl Segment {
         self.coefficients.map(|c| {
             let mut unit = 1.0;
             std::array::from_fn(|order| {
-                let sum = (order..COEFFICIENTS).rev().fold(0.0, |sum, n| sum * u + FALLING[order][n] * c[n]);
+                let sum = (order..COEFFICIENTS)
+                    .rev()
+                    .fold(0.0, |sum, n| sum * u + FALLING[order][n] * c[n]);
                 let derivative = sum * unit;
                 unit *= per_length;
                 derivative
@@ -197,15 +217,34 @@ impl Hermite {
     fn new() -> Self {
         // The derivative j at u = 1 is the sum over n of n!/(n - j)! c_n; c_n is the n-th derivative at 0 by n!.
         let of_high = SMatrix::<f64, 5, 5>::from_fn(|j, n| falling(n + ORDERS, j));
-        let of_low = SMatrix::<f64, 5, 5>::from_fn(|j, n| if n >= j { 1.0 / falling(n - j, n - j) } else { 0.0 });
+        let of_low = SMatrix::<f64, 5, 5>::from_fn(|j, n| {
+            if n >= j {
+                1.0 / falling(n - j, n - j)
+            } else {
+                0.0
+            }
+        });
         // Column j holds whole numbers by j!: so rounding is undone.
-        let exact = |matrix: SMatrix<f64, 5, 5>| matrix.map(|number| (24.0 * number).round() / 24.0);
+        let exact =
+            |matrix: SMatrix<f64, 5, 5>| matrix.map(|number| (24.0 * number).round() / 24.0);
         let from_end = exact(of_high.try_inverse().unwrap_or_default());
         Self {
             from_begin: exact(-from_end * of_low),
             from_end,
-            at_begin: SMatrix::from_fn(|m, n| if m == n { falling(n + ORDERS, n + ORDERS) } else { 0.0 }),
-            at_end: SMatrix::from_fn(|m, n| if n >= m { falling(n + ORDERS, m + ORDERS) } else { 0.0 }),
+            at_begin: SMatrix::from_fn(|m, n| {
+                if m == n {
+                    falling(n + ORDERS, n + ORDERS)
+                } else {
+                    0.0
+                }
+            }),
+            at_end: SMatrix::from_fn(|m, n| {
+                if n >= m {
+                    falling(n + ORDERS, m + ORDERS)
+                } else {
+                    0.0
+                }
+            }),
         }
     }
 
@@ -216,22 +255,29 @@ impl Hermite {
         let last = points.len() - 1;
         let length = |i: usize| points[i].t_s - points[i - 1].t_s;
         // Of each inner point, what is left of its row when the points before it are eliminated: x_i = g - h x_(i+1).
-        let mut left: Vec<(Derivatives, Matrix4<f64>)> = vec![(Derivatives::zeros(), Matrix4::zeros())];
+        let mut left: Vec<(Derivatives, Matrix4<f64>)> =
+            vec![(Derivatives::zeros(), Matrix4::zeros())];
         let (end_begin, end_end) = (self.at_end * self.from_begin, self.at_end * self.from_end);
-        let (begin_begin, begin_end) = (self.at_begin * self.from_begin, self.at_begin * self.from_end);
+        let (begin_begin, begin_end) = (
+            self.at_begin * self.from_begin,
+            self.at_begin * self.from_end,
+        );
         for i in 1..last {
             let (before, after) = (length(i), length(i + 1));
             let unit = before.min(after);
             let row = |m: usize, length: f64| power(unit / length, m + ORDERS);
             // Column 0 belongs to the values, the others to the derivatives.
             let term = |matrix: &SMatrix<f64, 4, 5>, length: f64| {
-                SMatrix::<f64, 4, 5>::from_fn(|m, j| matrix[(m, j)] * row(m, length) * power(length, j))
+                SMatrix::<f64, 4, 5>::from_fn(|m, j| {
+                    matrix[(m, j)] * row(m, length) * power(length, j)
+                })
             };
             let (low, here_low) = (term(&end_begin, before), term(&end_end, before));
             let (here_high, high) = (term(&begin_begin, after), term(&begin_end, after));
             let here = here_low - here_high;
             let values = |i: usize| SMatrix::<f64, 1, AXES>::from_row_slice(&points[i].value);
-            let known = -(low.column(0) * values(i - 1) + here.column(0) * values(i) - high.column(0) * values(i + 1));
+            let known = -(low.column(0) * values(i - 1) + here.column(0) * values(i)
+                - high.column(0) * values(i + 1));
             let (low, here, high): (Matrix4<f64>, Matrix4<f64>, Matrix4<f64>) = (
                 low.fixed_columns::<4>(1).into(),
                 here.fixed_columns::<4>(1).into(),
@@ -239,9 +285,12 @@ impl Hermite {
             );
             let (g, h) = left[i - 1];
             // Derivatives in units of the interval, or the columns would be of very different size.
-            let scale = Matrix4::from_diagonal(&nalgebra::Vector4::from_fn(|j, _| power(1.0 / unit, j + 1)));
+            let scale = Matrix4::from_diagonal(&nalgebra::Vector4::from_fn(|j, _| {
+                power(1.0 / unit, j + 1)
+            }));
             let pivot = ((here - low * h) * scale).lu();
-            let solved = |right: &Matrix4<f64>| pivot.solve(right).map(|solved| scale * solved).ok_or(i);
+            let solved =
+                |right: &Matrix4<f64>| pivot.solve(right).map(|solved| scale * solved).ok_or(i);
             left.push((solved(&(known - low * g))?, -solved(&high)?));
         }
         let mut derivatives = vec![Derivatives::zeros(); points.len()];
@@ -251,7 +300,6 @@ impl Hermite {
         Ok(derivatives)
     }
 
-    /// The polynomials between two points.
     fn segment(&self, points: [&Point; 2], derivatives: [&Derivatives; 2]) -> Segment {
         let length_s = points[1].t_s - points[0].t_s;
         let coefficients = std::array::from_fn(|axis| {
@@ -262,9 +310,19 @@ impl Hermite {
                 })
             });
             let high = self.from_begin * begin + self.from_end * end;
-            std::array::from_fn(|n| if n < ORDERS { begin[n] / falling(n, n) } else { high[n - ORDERS] })
+            std::array::from_fn(|n| {
+                if n < ORDERS {
+                    begin[n] / falling(n, n)
+                } else {
+                    high[n - ORDERS]
+                }
+            })
         });
-        Segment { begin_s: points[0].t_s, length_s, coefficients }
+        Segment {
+            begin_s: points[0].t_s,
+            length_s,
+            coefficients,
+        }
     }
 }
 

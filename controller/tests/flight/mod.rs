@@ -1,27 +1,27 @@
 //! A flight of any laws in one process: the plant, an outer and an inner law, the mixer.
 
+use control_api::GuardedMixer;
+use control_api::description::{Settings, Value};
+use control_api::law::{Desired, InnerLaw, Law as _, OuterLaw, Rig, WrenchSetpoint};
+use control_api::stage::MixerStage as _;
 use controller::Trajectory;
-use law::GuardedMixer;
-use law::description::{Settings, Value};
-use law::law::{Demand, InnerLaw, Law as _, OuterLaw, Rig, Wanted};
-use law::stage::MixerStage as _;
+use messages::content::Measured;
+use messages::content::Reference;
+use messages::content::{Stamped, Wrench};
+use messages::parameters::Parameter;
+use messages::telemetry::Telemetry;
 use mixer::Priority;
-use model::measured::Measured;
-use model::messages::{Dated, Wrench};
-use model::parameters::Parameter;
-use model::reference::Reference;
-use model::telemetry::Telemetry;
 use nalgebra::Vector3;
 use plant::{Plant, PlantSettings, Swap};
 
 /// What an inner law is asked in a tick, and what it answers.
-pub type Inner = Box<dyn FnMut(u64, &Measured, &Wanted, &Reference) -> Demand>;
+pub type Inner = Box<dyn FnMut(u64, &Measured, &Desired, &Reference) -> WrenchSetpoint>;
 /// The same of an outer law, which also shows something of itself.
-pub type Outer = Box<dyn FnMut(u64, &Measured, &Reference, &mut Telemetry) -> Wanted>;
+pub type Outer = Box<dyn FnMut(u64, &Measured, &Reference, &mut Telemetry) -> Desired>;
 
 /// What is flown, and what goes wrong in it.
 #[derive(Clone, Debug)]
-pub struct Course {
+pub struct ScaledTrajectory {
     pub trajectory: Trajectory,
     /// Parameters that differ from what the laws believe, each from a tick on.
     pub faults: Vec<(u64, Parameter, f64)>,
@@ -46,29 +46,44 @@ pub fn rig() -> Rig {
     Rig::default()
 }
 
-pub fn course(trajectory: Trajectory) -> Course {
-    Course { trajectory, faults: vec![], delay_ticks: 1, skip_every: None, seconds: 20.0 }
+pub fn course(trajectory: Trajectory) -> ScaledTrajectory {
+    ScaledTrajectory {
+        trajectory,
+        faults: vec![],
+        delay_ticks: 1,
+        skip_every: None,
+        seconds: 20.0,
+    }
 }
 
-impl Course {
+impl ScaledTrajectory {
     pub fn with(mut self, at_s: f64, parameter: Parameter, value: f64) -> Self {
         self.faults.push(((at_s * 1e3) as u64, parameter, value));
         self
     }
 
     pub fn skipping(self, every: u64) -> Self {
-        Self { skip_every: Some(every), ..self }
+        Self {
+            skip_every: Some(every),
+            ..self
+        }
     }
 
     pub fn delayed(self, delay_ticks: u64) -> Self {
-        Self { delay_ticks, ..self }
+        Self {
+            delay_ticks,
+            ..self
+        }
     }
 }
 
 impl Track {
     /// Largest error from an instant on [m].
     pub fn worst(&self, from_s: f64) -> f64 {
-        self.error_m[(from_s * 1e3) as usize..].iter().copied().fold(0.0, f64::max)
+        self.error_m[(from_s * 1e3) as usize..]
+            .iter()
+            .copied()
+            .fold(0.0, f64::max)
     }
 
     /// Root mean square of the rotor commands' changes in the second half [rad/s].
@@ -83,23 +98,49 @@ pub fn inner<L: InnerLaw + 'static>(values: Vec<(&'static str, Value)>) -> Inner
     let mut law = L::new(&rig(), &Settings::new(values)).expect("the settings go together");
     let mut telemetry = Telemetry::default();
     Box::new(move |tick, measured, wanted, reference| {
-        let dated = Dated { tick, content: *measured };
-        law.tick(tick, &dated, &Dated { tick, content: *wanted }, reference, &mut telemetry)
+        let dated = Stamped {
+            tick,
+            content: *measured,
+        };
+        law.tick(
+            tick,
+            &dated,
+            &Stamped {
+                tick,
+                content: *wanted,
+            },
+            reference,
+            &mut telemetry,
+        )
     })
 }
 
 /// An outer law with settings other than its defaults.
 pub fn outer<L: OuterLaw + 'static>(values: Vec<(&'static str, Value)>) -> Outer {
     let mut law = L::new(&rig(), &Settings::new(values)).expect("the settings go together");
-    Box::new(move |tick, measured, reference, telemetry| law.tick(tick, measured, reference, telemetry))
+    Box::new(move |tick, measured, reference, telemetry| {
+        law.tick(tick, measured, reference, telemetry)
+    })
 }
 
 /// Flies a course to its end, or until the vehicle is lost: then every error is infinite.
-pub fn fly(course: &Course, mut outer: Outer, mut inner: Inner) -> Track {
-    let Rig { period_s, airframe, rotor } = rig();
-    let mut plant = Plant::new(&PlantSettings { period_s, airframe, rotor, seed: 1, ..PlantSettings::default() });
+pub fn fly(course: &ScaledTrajectory, mut outer: Outer, mut inner: Inner) -> Track {
+    let Rig {
+        period_s,
+        airframe,
+        rotor,
+    } = rig();
+    let mut plant = Plant::new(&PlantSettings {
+        period_s,
+        airframe,
+        rotor,
+        seed: 1,
+        ..PlantSettings::default()
+    });
     for &(tick, parameter, value) in &course.faults {
-        plant.schedule(Swap::new(tick, &[(parameter, value)]).expect("in range")).expect("there is room");
+        plant
+            .schedule(Swap::new(tick, &[(parameter, value)]).expect("in range"))
+            .expect("there is room");
     }
     let law = Priority::new(&rig(), &Settings::default()).expect("it has no settings");
     let mut mixer = GuardedMixer::new(law.into(), &rig());
@@ -110,17 +151,44 @@ pub fn fly(course: &Course, mut outer: Outer, mut inner: Inner) -> Track {
         let measured = plant.begin(tick).measured;
         let reference = course.trajectory.reference(tick as f64 * period_s);
         let mut telemetry = Telemetry::default();
-        if course.skip_every.is_none_or(|every| tick % every != every - 1) {
+        if course
+            .skip_every
+            .is_none_or(|every| tick % every != every - 1)
+        {
             let wanted = outer(tick, &measured, &reference, &mut telemetry);
-            let Demand { thrust_n, torque_b_nm } = inner(tick, &measured, &wanted, &reference);
-            let wrench = Wrench { thrust_n, torque_b_nm, ..Wrench::default() };
-            let command = mixer.tick(tick, &Dated { tick, content: wrench });
-            plant.offer(&Dated { tick, content: command }, tick + course.delay_ticks);
+            let WrenchSetpoint {
+                thrust_n,
+                torque_b_nm,
+            } = inner(tick, &measured, &wanted, &reference);
+            let wrench = Wrench {
+                thrust_n,
+                torque_b_nm,
+                ..Wrench::default()
+            };
+            let command = mixer.tick(
+                tick,
+                &Stamped {
+                    tick,
+                    content: wrench,
+                },
+            );
+            plant.offer(
+                &Stamped {
+                    tick,
+                    content: command,
+                },
+                tick + course.delay_ticks,
+            );
         }
         let error = Vector3::from(measured.position_w_m) - Vector3::from(reference.position_w_m);
         let lost = plant.envelope().is_err();
-        track.error_m.push(if lost { f64::INFINITY } else { error.norm() });
-        let change = before.iter().zip(measured.rotor_speed_command_rad_s).map(|(a, b)| (a - b).abs());
+        track
+            .error_m
+            .push(if lost { f64::INFINITY } else { error.norm() });
+        let change = before
+            .iter()
+            .zip(measured.rotor_speed_command_rad_s)
+            .map(|(a, b)| (a - b).abs());
         track.agitation_rad_s.push(change.fold(0.0, f64::max));
         before = measured.rotor_speed_command_rad_s;
         track.telemetry.push(telemetry);

@@ -1,9 +1,9 @@
 //! The gate of the plant's commands: faults of them, planned or injected.
 
-use model::fault::gate::Gate;
-use model::fault::{MessageFaults, Port};
-use model::inspection::Rejections;
-use model::messages::RotorSpeeds;
+use messages::content::RotorSpeeds;
+use messages::fault::gate::Gate;
+use messages::fault::{MessageFaults, Port};
+use messages::inspection::Rejections;
 
 use super::Plant;
 
@@ -31,6 +31,9 @@ impl Plant {
     /// Commands that were refused for what a fault had made of them.
     #[must_use]
     pub fn rejections(&self) -> Rejections {
-        self.gate.as_ref().map(|gate| *gate.rejections()).unwrap_or_default()
+        self.gate
+            .as_ref()
+            .map(|gate| *gate.rejections())
+            .unwrap_or_default()
     }
 }

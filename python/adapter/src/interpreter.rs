@@ -1,5 +1,8 @@
 //! The Python within the process: which one, with which packages, and how it is made quiet.
-#![allow(unsafe_code, reason = "the interpreter is started through its C interface; each use says why it is sound")]
+#![allow(
+    unsafe_code,
+    reason = "the interpreter is started through its C interface; each use says why it is sound"
+)]
 
 use std::env;
 use std::ffi::{CStr, CString};
@@ -16,9 +19,6 @@ const PYTHON: &str = "IRONBIRD_PYTHON";
 const ENVIRONMENT: &str = "VIRTUAL_ENV";
 
 /// Starts the interpreter, once in a process; within a Python it is that one.
-///
-/// # Errors
-/// Why it does not start.
 pub(crate) fn start() -> Result<(), String> {
     static STARTED: OnceLock<Result<(), String>> = OnceLock::new();
     STARTED.get_or_init(begin).clone()
@@ -26,7 +26,11 @@ pub(crate) fn start() -> Result<(), String> {
 
 /// The executable whose packages are to be found; none where nothing is said.
 fn executable() -> Option<(PathBuf, &'static str)> {
-    let said = |name: &'static str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let said = |name: &'static str| {
+        env::var_os(name)
+            .filter(|value| !value.is_empty())
+            .map(PathBuf::from)
+    };
     said(PYTHON)
         .map(|python| (python, PYTHON))
         .or_else(|| said(ENVIRONMENT).map(|folder| (folder.join("bin/python"), ENVIRONMENT)))
@@ -40,7 +44,10 @@ fn begin() -> Result<(), String> {
     show_symbols();
     let executable = executable();
     if let Some((path, name)) = executable.as_ref().filter(|(path, _)| !path.is_file()) {
-        return Err(format!("{name} leads to {}, which is not there: name a Python, or unset it", path.display()));
+        return Err(format!(
+            "{name} leads to {}, which is not there: name a Python, or unset it",
+            path.display()
+        ));
     }
     let mut config = MaybeUninit::<ffi::PyConfig>::uninit();
     // SAFETY: the config is initialised first and cleared last. The interpreter starts in this thread, which then lets
@@ -53,21 +60,34 @@ fn begin() -> Result<(), String> {
         config.hash_seed = 0;
         // Signals are the role's business.
         config.install_signal_handlers = 0;
-        let mut status = match executable.as_ref().map(|(path, _)| c_path(path)).transpose()? {
+        let mut status = match executable
+            .as_ref()
+            .map(|(path, _)| c_path(path))
+            .transpose()?
+        {
             None => ffi::PyStatus_Ok(),
-            Some(path) => ffi::PyConfig_SetBytesString(config, &raw mut config.program_name, path.as_ptr()),
+            Some(path) => {
+                ffi::PyConfig_SetBytesString(config, &raw mut config.program_name, path.as_ptr())
+            }
         };
         if ffi::PyStatus_Exception(status) == 0 {
             status = ffi::Py_InitializeFromConfig(config);
         }
         ffi::PyConfig_Clear(config);
         if ffi::PyStatus_Exception(status) != 0 {
-            let why = if status.err_msg.is_null() { c"no reason given" } else { CStr::from_ptr(status.err_msg) };
+            let why = if status.err_msg.is_null() {
+                c"no reason given"
+            } else {
+                CStr::from_ptr(status.err_msg)
+            };
             return Err(format!("Python does not start: {}", why.to_string_lossy()));
         }
         ffi::PyEval_SaveThread();
     }
-    Python::attach(|py| py.run(QUIET, None, None).map_err(|raised| words(py, &raised)))
+    Python::attach(|py| {
+        py.run(QUIET, None, None)
+            .map_err(|raised| describe(py, &raised))
+    })
 }
 
 /// A law's words go where those of its role do; numpy starts no threads that would take the loops' processor.
@@ -78,10 +98,6 @@ for library in ('OPENBLAS', 'OMP', 'MKL'):
     os.environ.setdefault(library + '_NUM_THREADS', '1')
 ";
 
-/// Refuses an interpreter without numpy.
-///
-/// # Errors
-/// Which Python it is, and what to do.
 pub(crate) fn check_numpy(py: Python<'_>) -> Result<(), String> {
     py.import("numpy").map(drop).map_err(|raised| {
         let place = py.import("sys").and_then(|sys| sys.getattr("prefix")?.extract::<String>()).unwrap_or_default();
@@ -92,7 +108,7 @@ pub(crate) fn check_numpy(py: Python<'_>) -> Result<(), String> {
             version.major,
             version.minor,
             version.patch,
-            words(py, &raised),
+            describe(py, &raised),
             version.major,
             version.minor
         )
@@ -110,15 +126,23 @@ pub(crate) fn settle(py: Python<'_>) {
 }
 
 /// An exception in a line; of what a law's file was refused for, the words alone.
-pub(crate) fn words(py: Python<'_>, raised: &PyErr) -> String {
-    let name = raised.get_type(py).name().map_or_else(|_| "exception".into(), |name| name.to_string());
+pub(crate) fn describe(py: Python<'_>, raised: &PyErr) -> String {
+    let name = raised
+        .get_type(py)
+        .name()
+        .map_or_else(|_| "exception".into(), |name| name.to_string());
     let said = raised.value(py).to_string().replace('\n', " ");
-    if name == "Refused" { said } else { format!("{name}: {said}") }
+    if name == "Refused" {
+        said
+    } else {
+        format!("{name}: {said}")
+    }
 }
 
 fn c_path(path: &Path) -> Result<CString, String> {
     use std::os::unix::ffi::OsStrExt as _;
-    CString::new(path.as_os_str().as_bytes()).map_err(|_| format!("{} has a NUL byte", path.display()))
+    CString::new(path.as_os_str().as_bytes())
+        .map_err(|_| format!("{} has a NUL byte", path.display()))
 }
 
 /// Shows the interpreter's symbols to the libraries that come after it: the rig has loaded the adapter for itself alone,

@@ -31,41 +31,23 @@ pub unsafe extern "C" fn ironbird_law_open(
     refused_size: u64,
 ) -> *const IronbirdLaw {
     // SAFETY: the caller's promise.
-    let (path, refused) = unsafe { (CStr::from_ptr(path), Refusal { text: refused, size: refused_size }) };
-    let opened = path.to_str().map_err(|_| "its path is not UTF-8".to_owned()).and_then(|path| {
-        interpreter::start()?;
-        Python::attach(|py| {
-            interpreter::check_numpy(py)?;
-            let looked = Looked::of_file(py, path).map_err(|raised| interpreter::words(py, &raised))?;
-            interpreter::settle(py);
-            Ok(table::of(looked))
-        })
-    });
+    let path = unsafe { CStr::from_ptr(path) };
+    let opened = path
+        .to_str()
+        .map_err(|_| "its path is not UTF-8".to_owned())
+        .and_then(|path| {
+            interpreter::start()?;
+            Python::attach(|py| {
+                interpreter::check_numpy(py)?;
+                let looked = Looked::of_file(py, path)
+                    .map_err(|raised| interpreter::describe(py, &raised))?;
+                interpreter::settle(py);
+                Ok(table::of(looked))
+            })
+        });
     opened.unwrap_or_else(|why| {
-        refused.say(&why);
+        // SAFETY: the caller's promise.
+        unsafe { ironbird_law::write_refusal(&why, refused, refused_size) };
         ptr::null()
     })
-}
-
-/// Where the rig reads why something was refused.
-struct Refusal {
-    text: *mut c_char,
-    size: u64,
-}
-
-impl Refusal {
-    /// Writes a text, as far as there is room.
-    #[allow(unsafe_code, reason = "the caller's buffer")]
-    fn say(&self, why: &str) {
-        let Some(most) = (self.size as usize).checked_sub(1) else { return };
-        let mut end = why.len().min(most);
-        while !why.is_char_boundary(end) {
-            end -= 1;
-        }
-        // SAFETY: the caller of the interface promises so much room; the end is within it.
-        unsafe {
-            ptr::copy_nonoverlapping(why.as_ptr(), self.text.cast(), end);
-            self.text.add(end).write(0);
-        }
-    }
 }

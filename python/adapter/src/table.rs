@@ -1,37 +1,43 @@
 //! What a law says of itself, as the C interface has it; and its instances.
-#![allow(unsafe_code, reason = "the rig's pointers; each use says why it is sound")]
+#![allow(
+    unsafe_code,
+    reason = "the rig's pointers; each use says why it is sound"
+)]
 
 use std::ffi::{CString, c_char, c_void};
 use std::ptr;
 
 use ironbird_law::abi::{
-    IRONBIRD_INNER, IRONBIRD_LAW_INTERFACE, IRONBIRD_NUMBER, IRONBIRD_OUTER, IRONBIRD_THREE, IRONBIRD_WORD,
-    IronbirdAirframe, IronbirdLaw, IronbirdRig, IronbirdSetting, IronbirdSignal, IronbirdSizes, IronbirdValue,
+    IRONBIRD_INNER, IRONBIRD_LAW_INTERFACE, IRONBIRD_NUMBER, IRONBIRD_OUTER, IRONBIRD_THREE,
+    IRONBIRD_WORD, IronbirdLaw, IronbirdRig, IronbirdSetting, IronbirdSignal, IronbirdSizes,
+    IronbirdValue,
 };
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use python_law::{Looked, MODEL, PythonLaw, Rig, SaidSetting};
+use python_law::{Looked, Rig, SaidSetting};
 
-use crate::Refusal;
-use crate::tick::{tick_inner, tick_outer};
-
-/// An instance of a law.
-pub(crate) struct Instance {
-    pub law: PythonLaw,
-    /// Role, name and file, as errors name it.
-    pub named: String,
-}
+use crate::tick::{Instance, tick_inner, tick_outer};
 
 /// The table of a law. It is leaked, as the rig never unloads a law.
 pub(crate) fn of(looked: Looked) -> *const IronbirdLaw {
     let is_outer = looked.role == "outer";
     let settings: Vec<_> = looked.settings.iter().map(setting).collect();
-    let telemetry: Vec<_> =
-        looked.telemetry.iter().map(|(name, unit)| IronbirdSignal { name: text(name), unit: text(unit) }).collect();
+    let telemetry: Vec<_> = looked
+        .telemetry
+        .iter()
+        .map(|(name, unit)| IronbirdSignal {
+            name: text(name),
+            unit: text(unit),
+        })
+        .collect();
     let table = IronbirdLaw {
         interface_version: IRONBIRD_LAW_INTERFACE,
         sizes: IronbirdSizes::HERE,
-        role: if is_outer { IRONBIRD_OUTER } else { IRONBIRD_INNER },
+        role: if is_outer {
+            IRONBIRD_OUTER
+        } else {
+            IRONBIRD_INNER
+        },
         not_real_time: 1,
         name: text(&looked.name),
         version: text(&looked.version),
@@ -58,7 +64,10 @@ pub(crate) fn of(looked: Looked) -> *const IronbirdLaw {
 fn setting(said: &SaidSetting) -> IronbirdSetting {
     let SaidSetting(name, unit, meaning, numbers, min, max, words) = said;
     let mut default_number = [0.0; 3];
-    default_number.iter_mut().zip(numbers).for_each(|(place, number)| *place = *number);
+    default_number
+        .iter_mut()
+        .zip(numbers)
+        .for_each(|(place, number)| *place = *number);
     let kind = match numbers.len() {
         0 => IRONBIRD_WORD,
         1 => IRONBIRD_NUMBER,
@@ -80,10 +89,11 @@ fn setting(said: &SaidSetting) -> IronbirdSetting {
 
 /// A text that stays; without the NUL bytes that it cannot have.
 fn text(text: &str) -> *const c_char {
-    CString::new(text.replace('\0', "")).unwrap_or_default().into_raw()
+    CString::new(text.replace('\0', ""))
+        .unwrap_or_default()
+        .into_raw()
 }
 
-/// Makes an instance.
 unsafe extern "C" fn create(
     context: *mut c_void,
     rig: *const IronbirdRig,
@@ -94,77 +104,57 @@ unsafe extern "C" fn create(
     // SAFETY: the context is that of the table; the rig hands over a rig, a value per setting, and a buffer.
     let (looked, rig, values) = unsafe {
         let looked = &*context.cast::<Looked>();
-        (looked, &*rig, std::slice::from_raw_parts(values, looked.settings.len()))
+        (
+            looked,
+            &*rig,
+            std::slice::from_raw_parts(values, looked.settings.len()),
+        )
     };
-    let made = Python::attach(|py| {
-        let made = settings(py, looked, values).and_then(|settings| looked.make(py, told(rig), &settings));
-        made.map_err(|raised| looked.told(py, &raised))
+    let law = Python::attach(|py| {
+        let made =
+            settings(py, looked, values).and_then(|settings| looked.make(py, Rig(*rig), &settings));
+        made.map_err(|raised| looked.describe(py, &raised))
     });
-    match made {
+    match law {
         Ok(law) => {
-            let named = format!("the {} law `{}` ({})", looked.role, looked.name, looked.file);
-            Box::into_raw(Box::new(Instance { law, named })).cast()
+            let label = format!(
+                "the {} law `{}` ({})",
+                looked.role, looked.name, looked.file
+            );
+            Box::into_raw(Box::new(Instance { law, label })).cast()
         }
         Err(why) => {
-            Refusal { text: refused, size: refused_size }.say(&why);
+            // SAFETY: the rig hands over a buffer of this size.
+            unsafe { ironbird_law::write_refusal(&why, refused, refused_size) };
             ptr::null_mut()
         }
     }
 }
 
-/// Frees an instance.
 unsafe extern "C" fn destroy(law: *mut c_void) {
     // SAFETY: `create` has made it, and nobody uses it any more.
     drop(unsafe { Box::from_raw(law.cast::<Instance>()) });
 }
 
 /// The settings by name: numbers, arrays of three, words.
-fn settings<'py>(py: Python<'py>, looked: &Looked, values: &[IronbirdValue]) -> PyResult<Bound<'py, PyDict>> {
+fn settings<'py>(
+    py: Python<'py>,
+    looked: &Looked,
+    values: &[IronbirdValue],
+) -> PyResult<Bound<'py, PyDict>> {
     let settings = PyDict::new(py);
-    for (SaidSetting(name, _, _, numbers, _, _, words), value) in looked.settings.iter().zip(values) {
+    for (SaidSetting(name, _, _, numbers, _, _, words), value) in looked.settings.iter().zip(values)
+    {
         match numbers.len() {
-            0 => settings.set_item(name, usize::try_from(value.word).ok().and_then(|word| words.get(word)))?,
+            0 => settings.set_item(
+                name,
+                usize::try_from(value.word)
+                    .ok()
+                    .and_then(|word| words.get(word)),
+            )?,
             1 => settings.set_item(name, value.number[0])?,
             _ => settings.set_item(name, python_law::array(py, &value.number)?)?,
         }
     }
     Ok(settings)
-}
-
-/// The rig as Python is told of it.
-fn told(rig: &IronbirdRig) -> Rig {
-    let IronbirdAirframe {
-        mass_kg,
-        gravity_m_s2,
-        translational_drag_kg_s,
-        rotational_drag_nm_s,
-        arm_length_m,
-        thrust_coefficient_n_s2,
-        drag_factor_nm_s2,
-        rotor_inertia_kg_m2,
-        inertia_kg_m2: [inertia_x, inertia_y, inertia_z],
-        disturbance_gain_rad_s2,
-        rotor_efficiency: [one, two, three, four],
-        motor_time_constant_s,
-    } = rig.airframe;
-    let airframe: [f64; MODEL.len()] = [
-        mass_kg,
-        gravity_m_s2,
-        translational_drag_kg_s,
-        rotational_drag_nm_s,
-        arm_length_m,
-        thrust_coefficient_n_s2,
-        drag_factor_nm_s2,
-        rotor_inertia_kg_m2,
-        inertia_x,
-        inertia_y,
-        inertia_z,
-        disturbance_gain_rad_s2,
-        one,
-        two,
-        three,
-        four,
-        motor_time_constant_s,
-    ];
-    Rig { period_s: rig.period_s, airframe, rotor_rad_s: [rig.rotor_min_rad_s, rig.rotor_max_rad_s] }
 }

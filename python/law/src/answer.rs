@@ -1,7 +1,7 @@
-//! What a law answers, number by number: too few, too many and what is no number are told with their place.
+//! The answer of a law, number by number: an error names the place, and the number that is missing or wrong.
 
-use law::law::{Demand, Wanted};
-use model::telemetry::Telemetry;
+use ironbird_law::{Desired, WrenchSetpoint};
+use messages::telemetry::Telemetry;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -17,7 +17,12 @@ pub enum Shape {
 impl Shape {
     const fn names(self) -> &'static [&'static str] {
         match self {
-            Self::Outer => &["thrust_n", "attitude_rad", "attitude_rate_rad_s", "attitude_acceleration_rad_s2"],
+            Self::Outer => &[
+                "thrust_n",
+                "attitude_rad",
+                "attitude_rate_rad_s",
+                "attitude_acceleration_rad_s2",
+            ],
             Self::Inner => &["thrust_n", "torque_b_nm"],
         }
     }
@@ -25,59 +30,86 @@ impl Shape {
 
 /// An answer, with what its errors begin with.
 pub(crate) struct Answer<'a, 'py> {
-    pub said: &'a Bound<'py, PyAny>,
+    pub value: &'a Bound<'py, PyAny>,
     /// Where the law stands, and the tick: "law.py:7: tick() of `law` at tick 12".
     pub place: String,
 }
 
 impl Answer<'_, '_> {
-    pub(crate) fn demand(&self, telemetry: &mut Telemetry, shown: usize) -> PyResult<Demand> {
-        self.check(Shape::Inner, shown)?;
-        let demand = Demand { thrust_n: self.number(0, "thrust_n")?, torque_b_nm: self.three(1, "torque_b_nm")? };
-        self.show(2, telemetry, shown)?;
-        Ok(demand)
+    pub(crate) fn wrench(
+        &self,
+        telemetry: &mut Telemetry,
+        signals: usize,
+    ) -> PyResult<WrenchSetpoint> {
+        self.check(Shape::Inner, signals)?;
+        let wrench = WrenchSetpoint {
+            thrust_n: self.number(0, "thrust_n")?,
+            torque_b_nm: self.three(1, "torque_b_nm")?,
+        };
+        self.telemetry(2, telemetry, signals)?;
+        Ok(wrench)
     }
 
-    pub(crate) fn wanted(&self, telemetry: &mut Telemetry, shown: usize) -> PyResult<Wanted> {
-        self.check(Shape::Outer, shown)?;
-        let wanted = Wanted {
+    pub(crate) fn desired(&self, telemetry: &mut Telemetry, signals: usize) -> PyResult<Desired> {
+        self.check(Shape::Outer, signals)?;
+        let desired = Desired {
             thrust_n: self.number(0, "thrust_n")?,
             attitude_rad: self.three(1, "attitude_rad")?,
             attitude_rate_rad_s: self.three(2, "attitude_rate_rad_s")?,
             attitude_acceleration_rad_s2: self.three(3, "attitude_acceleration_rad_s2")?,
-            limited: false,
+            limited: 0,
         };
-        self.show(4, telemetry, shown)?;
-        Ok(wanted)
+        self.telemetry(4, telemetry, signals)?;
+        Ok(desired)
     }
 
     /// Whether there are as many values as there should be.
-    fn check(&self, shape: Shape, shown: usize) -> PyResult<()> {
+    fn check(&self, shape: Shape, signals: usize) -> PyResult<()> {
         let mut names = shape.names().to_vec();
-        names.extend((shown > 0).then_some("telemetry"));
-        let given = self.said.len().map_err(|_| self.wrong(&format!("gave {}", self.kind()), &names))?;
-        if given == names.len() { Ok(()) } else { Err(self.wrong(&format!("gave {given} values"), &names)) }
+        names.extend((signals > 0).then_some("telemetry"));
+        let given = self
+            .value
+            .len()
+            .map_err(|_| self.wrong(&format!("gave {}", self.kind()), &names))?;
+        if given == names.len() {
+            Ok(())
+        } else {
+            Err(self.wrong(&format!("gave {given} values"), &names))
+        }
     }
 
     fn wrong(&self, what: &str, names: &[&str]) -> PyErr {
-        PyTypeError::new_err(format!("{} {what}; it gives ({})", self.place, names.join(", ")))
+        PyTypeError::new_err(format!(
+            "{} {what}; it gives ({})",
+            self.place,
+            names.join(", ")
+        ))
     }
 
     fn kind(&self) -> String {
-        if self.said.is_none() {
+        if self.value.is_none() {
             return "nothing".into();
         }
-        self.said.get_type().name().map_or_else(|_| "something else".into(), |name| format!("a value of type {name}"))
+        self.value.get_type().name().map_or_else(
+            |_| "something else".into(),
+            |name| format!("a value of type {name}"),
+        )
     }
 
     fn number(&self, at: usize, name: &str) -> PyResult<f64> {
-        let value = self.said.get_item(at)?;
+        let value = self.value.get_item(at)?;
         let number = value.extract::<f64>();
-        self.finite(number.ok().map(|number| [number]), &value, name, "a finite number").map(|[number]| number)
+        self.finite(
+            number.ok().map(|number| [number]),
+            &value,
+            name,
+            "a finite number",
+        )
+        .map(|[number]| number)
     }
 
     fn three(&self, at: usize, name: &str) -> PyResult<[f64; 3]> {
-        let value = self.said.get_item(at)?;
+        let value = self.value.get_item(at)?;
         self.finite(value.extract().ok(), &value, name, "three finite numbers")
     }
 
@@ -88,22 +120,28 @@ impl Answer<'_, '_> {
         name: &str,
         expected: &str,
     ) -> PyResult<[f64; N]> {
-        numbers.filter(|numbers| numbers.iter().all(|number| number.is_finite())).ok_or_else(|| {
-            PyValueError::new_err(format!("{} gave {name} = {}; expected {expected}", self.place, shown(value)))
-        })
+        numbers
+            .filter(|numbers| numbers.iter().all(|number| number.is_finite()))
+            .ok_or_else(|| {
+                PyValueError::new_err(format!(
+                    "{} gave {name} = {}; expected {expected}",
+                    self.place,
+                    repr(value)
+                ))
+            })
     }
 
     /// The numbers that the law shows: anything goes, as no stage reads them.
-    fn show(&self, at: usize, telemetry: &mut Telemetry, count: usize) -> PyResult<()> {
+    fn telemetry(&self, at: usize, telemetry: &mut Telemetry, count: usize) -> PyResult<()> {
         if count == 0 {
             return Ok(());
         }
-        let value = self.said.get_item(at)?;
+        let value = self.value.get_item(at)?;
         let numbers = value.extract::<Vec<f64>>().ok().filter(|numbers| numbers.len() == count).ok_or_else(|| {
             PyValueError::new_err(format!(
                 "{} gave telemetry = {}; expected {count} numbers, one for each name of `telemetry`",
                 self.place,
-                shown(&value)
+                repr(&value)
             ))
         })?;
         telemetry.value[..count].copy_from_slice(&numbers);
@@ -112,9 +150,12 @@ impl Answer<'_, '_> {
 }
 
 /// A value as Python prints it, in a line of bearable length.
-fn shown(value: &Bound<'_, PyAny>) -> String {
+fn repr(value: &Bound<'_, PyAny>) -> String {
     const LONGEST: usize = 80;
-    let text = value.repr().map_or_else(|_| "?".into(), |text| text.to_string_lossy().replace('\n', " "));
+    let text = value.repr().map_or_else(
+        |_| "?".into(),
+        |text| text.to_string_lossy().replace('\n', " "),
+    );
     if text.chars().count() <= LONGEST {
         return text;
     }

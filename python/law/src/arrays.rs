@@ -1,6 +1,6 @@
 //! Numbers as arrays of numpy: each of them owns its memory, so that a law may keep what it was given.
 
-use model::layout::{Field, Visitor, Walk};
+use messages::layout::{Field, Visit, Visitor};
 use pyo3::exceptions::PyAttributeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -15,29 +15,38 @@ pub fn array<'py>(py: Python<'py>, values: &[f64]) -> PyResult<Bound<'py, PyAny>
     let from_buffer = FROM_BUFFER.import(py, "numpy", "frombuffer")?;
     let bytes = PyByteArray::new_with(py, size_of_val(values), |bytes| {
         let places = bytes.as_chunks_mut().0.iter_mut();
-        places.zip(values).for_each(|(place, value)| *place = value.to_ne_bytes());
+        places
+            .zip(values)
+            .for_each(|(place, value)| *place = value.to_ne_bytes());
         Ok(())
     })?;
     from_buffer.call1((bytes,))
 }
 
 /// A field of a struct: an array, or a number where it is a single one. Who asks for another one is told of all names.
-pub(crate) fn field<'py, L: Walk>(
+pub(crate) fn field<'py, L: Visit>(
     py: Python<'py>,
     content: &L,
     name: &str,
     names: &[&str],
 ) -> PyResult<Bound<'py, PyAny>> {
-    let mut find = Find { py, name, found: None };
+    let mut find = Find {
+        py,
+        name,
+        found: None,
+    };
     content.visit(&mut find);
     find.found.unwrap_or_else(|| {
         let names = names.join(", ");
-        Err(PyAttributeError::new_err(format!("{} has no `{name}`; it has {names}", L::STRUCT)))
+        Err(PyAttributeError::new_err(format!(
+            "{} has no `{name}`; it has {names}",
+            L::STRUCT
+        )))
     })
 }
 
 /// Names of the fields of a struct.
-pub(crate) fn names<L: Walk>() -> Vec<&'static str> {
+pub(crate) fn names<L: Visit>() -> Vec<&'static str> {
     L::FIELDS.iter().map(|field| field.name).collect()
 }
 
@@ -53,11 +62,14 @@ impl Visitor for Find<'_, '_> {
     fn numbers(&mut self, field: &'static Field, values: &[f64]) {
         if field.name == self.name {
             self.found = Some(match (field.length, values) {
-                (None, [value]) => value.into_pyobject(self.py).map(Bound::into_any).map_err(Into::into),
+                (None, [value]) => value
+                    .into_pyobject(self.py)
+                    .map(Bound::into_any)
+                    .map_err(Into::into),
                 _ => array(self.py, values),
             });
         }
     }
 
-    fn structs<L: Walk>(&mut self, _: &'static Field, _: &[L]) {}
+    fn structs<L: Visit>(&mut self, _: &'static Field, _: &[L]) {}
 }

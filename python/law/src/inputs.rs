@@ -1,49 +1,41 @@
-//! What a law is given: the structs of the rig, whose fields are read as arrays when the law asks for them.
+//! What a law is given: the structs of the rig, whose fields are read as arrays when the law reads them.
 
-use law::law;
-use model::measured;
-use model::parameters::Parameter;
-use model::reference;
+use messages::parameters::Parameter;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::arrays::{array, field, names};
+use crate::arrays::{field, names};
 
 /// What the sensors show at a tick.
 #[pyclass(frozen, module = "ironbird")]
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
-    content: measured::Measured,
-    age: u64,
+    pub(crate) content: ironbird_law::Measured,
+    /// Ticks since it was measured; `u64::MAX` if it never was.
+    pub(crate) age: u64,
 }
 
 /// Where the vehicle should be.
 #[pyclass(frozen, module = "ironbird")]
 #[derive(Clone, Copy, Debug)]
-pub struct Reference(reference::Reference);
+pub struct Reference(pub(crate) ironbird_law::Reference);
 
 /// What the outer law wants of the inner one.
 #[pyclass(frozen, module = "ironbird")]
 #[derive(Clone, Copy, Debug)]
-pub struct Wanted {
-    content: law::Wanted,
-    age: u64,
+pub struct Desired {
+    pub(crate) content: ironbird_law::Desired,
+    /// Ticks since it was made; `u64::MAX` if it never was.
+    pub(crate) age: u64,
 }
 
-/// What a law is told before a flight.
+/// The rig as a law knows it before a flight.
 #[pyclass(frozen, module = "ironbird")]
 #[derive(Clone, Copy, Debug)]
-pub struct Rig {
-    /// T, length of a tick [s].
-    pub period_s: f64,
-    /// The airframe as it is believed to be: the values of [`MODEL`].
-    pub airframe: [f64; MODEL.len()],
-    /// Smallest and largest rotor speed [rad/s].
-    pub rotor_rad_s: [f64; 2],
-}
+pub struct Rig(pub ironbird_law::Rig);
 
-/// The parameters that a law is told of, in the order of the C interface.
-pub const MODEL: [Parameter; 17] = [
+/// The parameters that a law knows, in the order of the C interface.
+const MODEL: [Parameter; 17] = [
     Parameter::Mass,
     Parameter::Gravity,
     Parameter::TranslationalDrag,
@@ -62,38 +54,6 @@ pub const MODEL: [Parameter; 17] = [
     Parameter::RotorEfficiency4,
     Parameter::MotorTimeConstant,
 ];
-
-impl Measured {
-    /// A measurement of some ticks ago; `u64::MAX` if it never was.
-    #[must_use]
-    pub const fn new(content: measured::Measured, age: u64) -> Self {
-        Self { content, age }
-    }
-}
-
-impl Wanted {
-    /// What was wanted some ticks ago; `u64::MAX` if it never was.
-    #[must_use]
-    pub const fn new(content: law::Wanted, age: u64) -> Self {
-        Self { content, age }
-    }
-}
-
-impl From<reference::Reference> for Reference {
-    fn from(content: reference::Reference) -> Self {
-        Self(content)
-    }
-}
-
-impl From<law::Rig> for Rig {
-    fn from(rig: law::Rig) -> Self {
-        Self {
-            period_s: rig.period_s,
-            airframe: MODEL.map(|parameter| rig.airframe.get(parameter)),
-            rotor_rad_s: [rig.rotor.min_rad_s, rig.rotor.max_rad_s],
-        }
-    }
-}
 
 /// Ticks; none where the input never came.
 const fn ticks(age: u64) -> Option<u64> {
@@ -114,7 +74,7 @@ impl Measured {
 
     #[staticmethod]
     fn __dir__() -> Vec<&'static str> {
-        [names::<measured::Measured>(), vec!["age"]].concat()
+        [names::<ironbird_law::Measured>(), vec!["age"]].concat()
     }
 }
 
@@ -126,46 +86,31 @@ impl Reference {
 
     #[staticmethod]
     fn __dir__() -> Vec<&'static str> {
-        names::<reference::Reference>()
+        names::<ironbird_law::Reference>()
     }
 }
 
 #[pymethods]
-impl Wanted {
+impl Desired {
     /// Ticks since it was wanted; None before the first.
     #[getter]
     const fn age(&self) -> Option<u64> {
         ticks(self.age)
     }
 
-    /// Total thrust along body z [N].
-    #[getter]
-    const fn thrust_n(&self) -> f64 {
-        self.content.thrust_n
-    }
-
-    /// Roll, pitch, yaw [rad].
-    #[getter]
-    fn attitude_rad<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        array(py, &self.content.attitude_rad)
-    }
-
-    /// Their first derivatives along the reference [rad/s].
-    #[getter]
-    fn attitude_rate_rad_s<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        array(py, &self.content.attitude_rate_rad_s)
-    }
-
-    /// Their second derivatives along the reference [rad/s^2].
-    #[getter]
-    fn attitude_acceleration_rad_s2<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        array(py, &self.content.attitude_acceleration_rad_s2)
-    }
-
     /// Whether a limit of the outer law was active.
     #[getter]
     const fn limited(&self) -> bool {
-        self.content.limited
+        self.content.limited != 0
+    }
+
+    fn __getattr__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+        field(py, &self.content, name, &Self::__dir__())
+    }
+
+    #[staticmethod]
+    fn __dir__() -> Vec<&'static str> {
+        [names::<ironbird_law::Desired>(), vec!["age"]].concat()
     }
 }
 
@@ -174,14 +119,30 @@ impl Rig {
     /// Length of a tick [s].
     #[getter]
     const fn period_s(&self) -> f64 {
-        self.period_s
+        self.0.period_s
     }
 
     /// The airframe as it is believed to be, by the names of `ironbird params`.
     #[getter]
     fn airframe<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let airframe = &self.0.airframe;
+        let numbers = [
+            airframe.mass_kg,
+            airframe.gravity_m_s2,
+            airframe.translational_drag_kg_s,
+            airframe.rotational_drag_nm_s,
+            airframe.arm_length_m,
+            airframe.thrust_coefficient_n_s2,
+            airframe.drag_factor_nm_s2,
+            airframe.rotor_inertia_kg_m2,
+        ]
+        .into_iter()
+        .chain(airframe.inertia_kg_m2)
+        .chain([airframe.disturbance_gain_rad_s2])
+        .chain(airframe.rotor_efficiency)
+        .chain([airframe.motor_time_constant_s]);
         let values = PyDict::new(py);
-        for (parameter, value) in MODEL.iter().zip(self.airframe) {
+        for (parameter, value) in MODEL.iter().zip(numbers) {
             values.set_item(parameter.name(), value)?;
         }
         Ok(values)
@@ -190,12 +151,12 @@ impl Rig {
     /// Smallest rotor speed [rad/s].
     #[getter]
     const fn rotor_min_rad_s(&self) -> f64 {
-        self.rotor_rad_s[0]
+        self.0.rotor_min_rad_s
     }
 
     /// Largest rotor speed [rad/s].
     #[getter]
     const fn rotor_max_rad_s(&self) -> f64 {
-        self.rotor_rad_s[1]
+        self.0.rotor_max_rad_s
     }
 }

@@ -1,19 +1,17 @@
-//! A law in Python, asked tick by tick.
+//! A law in Python, called tick by tick.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use law::law as rig;
-use law::registry::{AnyInner, AnyOuter};
-use model::measured;
-use model::messages::Dated;
-use model::reference;
-use model::telemetry::Telemetry;
+use control_api::registry::{AnyInner, AnyOuter};
+use ironbird_law::{InnerInput, OuterInput, WrenchSetpoint};
+use messages::content::{self, Stamped};
+use messages::telemetry::Telemetry;
 use pyo3::prelude::*;
 
 use crate::answer::Answer;
-use crate::inputs::{Measured, Reference, Wanted};
+use crate::inputs::{Desired, Measured, Reference};
 
-/// A law that can be asked.
+/// A law that can be called.
 #[derive(Debug)]
 pub struct PythonLaw {
     /// What is called in a tick.
@@ -21,60 +19,85 @@ pub struct PythonLaw {
     /// What its errors begin with.
     place: String,
     /// How many numbers it shows.
-    shown: usize,
+    signals: usize,
 }
 
 impl PythonLaw {
     /// Of a function that is called in every tick, and what to begin its errors with.
     #[must_use]
-    pub const fn new(tick: Py<PyAny>, place: String, shown: usize) -> Self {
-        Self { tick, place, shown }
+    pub const fn new(tick: Py<PyAny>, place: String, signals: usize) -> Self {
+        Self {
+            tick,
+            place,
+            signals,
+        }
     }
 
     /// How many numbers it shows.
     #[must_use]
-    pub const fn shown(&self) -> usize {
-        self.shown
+    pub const fn signals(&self) -> usize {
+        self.signals
     }
 
-    /// Asks an outer law.
+    /// A tick of an outer law.
     ///
     /// # Errors
-    /// What the law raises; an answer that is none.
+    /// The exception of the law, or one that says what is wrong with its answer.
     pub fn outer(
         &self,
         py: Python<'_>,
-        tick: u64,
-        measured: &measured::Measured,
-        reference: &reference::Reference,
+        input: &OuterInput,
         telemetry: &mut Telemetry,
-    ) -> PyResult<rig::Wanted> {
-        let said = self.tick.bind(py).call1((tick, Measured::new(*measured, 0), Reference::from(*reference)))?;
-        self.answer(&said, tick).wanted(telemetry, self.shown)
+    ) -> PyResult<content::Desired> {
+        let measured = Measured {
+            content: input.measured,
+            age: 0,
+        };
+        let answer =
+            self.tick
+                .bind(py)
+                .call1((input.tick, measured, Reference(input.reference)))?;
+        self.answer(&answer, input.tick)
+            .desired(telemetry, self.signals)
     }
 
-    /// Asks an inner law.
+    /// A tick of an inner law.
     ///
     /// # Errors
     /// As [`Self::outer`].
     pub fn inner(
         &self,
         py: Python<'_>,
-        tick: u64,
-        (measured, wanted): (Measured, Wanted),
-        reference: &reference::Reference,
+        input: &InnerInput,
         telemetry: &mut Telemetry,
-    ) -> PyResult<rig::Demand> {
-        let said = self.tick.bind(py).call1((tick, measured, wanted, Reference::from(*reference)))?;
-        self.answer(&said, tick).demand(telemetry, self.shown)
+    ) -> PyResult<WrenchSetpoint> {
+        let measured = Measured {
+            content: input.measured,
+            age: input.measured_age,
+        };
+        let desired = Desired {
+            content: input.wanted,
+            age: input.wanted_age,
+        };
+        let answer = self.tick.bind(py).call1((
+            input.tick,
+            measured,
+            desired,
+            Reference(input.reference),
+        ))?;
+        self.answer(&answer, input.tick)
+            .wrench(telemetry, self.signals)
     }
 
-    fn answer<'a, 'py>(&self, said: &'a Bound<'py, PyAny>, tick: u64) -> Answer<'a, 'py> {
-        Answer { said, place: format!("{} at tick {tick}", self.place) }
+    fn answer<'a, 'py>(&self, answer: &'a Bound<'py, PyAny>, tick: u64) -> Answer<'a, 'py> {
+        Answer {
+            value: answer,
+            place: format!("{} at tick {tick}", self.place),
+        }
     }
 }
 
-/// The first exception of a flight. What raised it is not asked again.
+/// The first exception of a flight. A law that raised one is not called again.
 #[derive(Clone, Debug, Default)]
 pub struct Raised(Arc<Mutex<Option<PyErr>>>);
 
@@ -82,12 +105,18 @@ impl Raised {
     /// Whether something was raised.
     #[must_use]
     pub fn is_there(&self) -> bool {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .is_some()
     }
 
     /// Keeps an exception, if it is the first.
     pub fn keep(&self, raised: PyErr) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(raised);
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .get_or_insert(raised);
     }
 
     /// The exception.
@@ -116,13 +145,21 @@ impl AnyOuter for FlyingOuter {
     fn tick(
         &mut self,
         tick: u64,
-        measured: &measured::Measured,
-        reference: &reference::Reference,
+        measured: &content::Measured,
+        reference: &content::Reference,
         telemetry: &mut Telemetry,
-    ) -> rig::Wanted {
+    ) -> content::Desired {
         let Self(law, raised) = self;
-        let wanted = raised.or_keep(|py| law.outer(py, tick, measured, reference, telemetry));
-        wanted.unwrap_or(rig::Wanted { thrust_n: f64::NAN, ..rig::Wanted::default() })
+        let input = OuterInput {
+            tick,
+            measured: *measured,
+            reference: *reference,
+        };
+        let desired = raised.or_keep(|py| law.outer(py, &input, telemetry));
+        desired.unwrap_or(content::Desired {
+            thrust_n: f64::NAN,
+            ..content::Desired::default()
+        })
     }
 
     fn copy_into(&self, _: &mut dyn AnyOuter) -> bool {
@@ -134,16 +171,25 @@ impl AnyInner for FlyingInner {
     fn tick(
         &mut self,
         tick: u64,
-        measured: &Dated<measured::Measured>,
-        wanted: &Dated<rig::Wanted>,
-        reference: &reference::Reference,
+        measured: &Stamped<content::Measured>,
+        wanted: &Stamped<content::Desired>,
+        reference: &content::Reference,
         telemetry: &mut Telemetry,
-    ) -> rig::Demand {
+    ) -> WrenchSetpoint {
         let Self(law, raised) = self;
-        let inputs =
-            (Measured::new(measured.content, measured.age(tick)), Wanted::new(wanted.content, wanted.age(tick)));
-        let demand = raised.or_keep(|py| law.inner(py, tick, inputs, reference, telemetry));
-        demand.unwrap_or(rig::Demand { thrust_n: f64::NAN, ..rig::Demand::default() })
+        let input = InnerInput {
+            tick,
+            measured_age: measured.age(tick),
+            wanted_age: wanted.age(tick),
+            measured: measured.content,
+            wanted: wanted.content,
+            reference: *reference,
+        };
+        let wrench = raised.or_keep(|py| law.inner(py, &input, telemetry));
+        wrench.unwrap_or(WrenchSetpoint {
+            thrust_n: f64::NAN,
+            ..WrenchSetpoint::default()
+        })
     }
 
     fn copy_into(&self, _: &mut dyn AnyInner) -> bool {

@@ -10,6 +10,6 @@ mod look;
 
 pub use answer::Shape;
 pub use arrays::array;
-pub use inputs::{MODEL, Measured, Reference, Rig, Wanted};
+pub use inputs::{Desired, Measured, Reference, Rig};
 pub use law::{FlyingInner, FlyingOuter, PythonLaw, Raised};
 pub use look::{Looked, SaidSetting, is_refusal, load};

@@ -100,7 +100,7 @@ def load(path):
     except SyntaxError as error:
         raise Refused(f"{error.filename}:{error.lineno}: {error.msg}") from None
     except (Exception, SystemExit) as error:
-        raise Refused(told(error, path)) from None
+        raise Refused(describe(error, path)) from None
     own = [thing for thing in vars(module).values() if inspect.isclass(thing) and thing.__module__ == module.__name__]
     laws = [thing for thing in own if callable(getattr(thing, "tick", None))]
     chosen = [thing for thing in laws if thing.__name__ == "Law"] or laws
@@ -111,7 +111,7 @@ def load(path):
     return chosen[0], hashlib.sha256(source).hexdigest()
 
 
-def told(error, path, trace=None):
+def describe(error, path, trace=None):
     """An exception in a line, with its place in the law's file."""
     lines = [frame.lineno for frame in traceback.extract_tb(trace or error.__traceback__) if frame.filename == path]
     place = f"{path}:{lines[-1]}" if lines else path

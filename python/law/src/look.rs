@@ -36,7 +36,15 @@ pub struct Looked {
 
 /// A setting: name, unit, meaning, default (no number, one, or three), least and largest number, words.
 #[derive(Clone, Debug, FromPyObject)]
-pub struct SaidSetting(pub String, pub String, pub String, pub Vec<f64>, pub f64, pub f64, pub Vec<String>);
+pub struct SaidSetting(
+    pub String,
+    pub String,
+    pub String,
+    pub Vec<f64>,
+    pub f64,
+    pub f64,
+    pub Vec<String>,
+);
 
 impl Looked {
     /// Looks at a function, an object with `tick`, or a class of such, for a role.
@@ -58,11 +66,14 @@ impl Looked {
 
     /// An exception in a line, with its place in the law's file.
     #[must_use]
-    pub fn told(&self, py: Python<'_>, raised: &PyErr) -> String {
-        let path = self.file.rsplit_once(':').map_or(self.file.as_str(), |(path, _)| path);
+    pub fn describe(&self, py: Python<'_>, raised: &PyErr) -> String {
+        let path = self
+            .file
+            .rsplit_once(':')
+            .map_or(self.file.as_str(), |(path, _)| path);
         let error = (raised.value(py), path, raised.traceback(py));
-        let told = module(py).and_then(|module| module.call_method1("told", error)?.extract());
-        told.unwrap_or_else(|_| raised.to_string())
+        let text = module(py).and_then(|module| module.call_method1("describe", error)?.extract());
+        text.unwrap_or_else(|_| raised.to_string())
     }
 
     fn of(said: &Bound<'_, PyAny>) -> PyResult<Self> {
@@ -85,16 +96,29 @@ impl Looked {
     ///
     /// # Errors
     /// What its class raises, with its line.
-    pub fn make(&self, py: Python<'_>, rig: Rig, settings: &Bound<'_, PyDict>) -> PyResult<PythonLaw> {
+    pub fn make(
+        &self,
+        py: Python<'_>,
+        rig: Rig,
+        settings: &Bound<'_, PyDict>,
+    ) -> PyResult<PythonLaw> {
         let tick = module(py)?.call_method1("make", (&self.law, rig, settings))?;
-        Ok(PythonLaw::new(tick.unbind(), self.place.clone(), self.telemetry.len()))
+        Ok(PythonLaw::new(
+            tick.unbind(),
+            self.place.clone(),
+            self.telemetry.len(),
+        ))
     }
 
     /// The settings that result from those that are given, each checked.
     ///
     /// # Errors
     /// `Refused` names the setting, its value and what is allowed.
-    pub fn settled<'py>(&self, py: Python<'py>, given: &Bound<'py, PyDict>) -> PyResult<Bound<'py, PyDict>> {
+    pub fn settled<'py>(
+        &self,
+        py: Python<'py>,
+        given: &Bound<'py, PyDict>,
+    ) -> PyResult<Bound<'py, PyDict>> {
         let settled = module(py)?.call_method1("settled", (&self.law, &self.role, given))?;
         Ok(settled.cast_into()?)
     }
@@ -111,7 +135,9 @@ pub fn load<'py>(py: Python<'py>, path: &str) -> PyResult<(Bound<'py, PyAny>, St
 /// Whether an exception says that a law was refused, in words that need no traceback.
 #[must_use]
 pub fn is_refusal(py: Python<'_>, raised: &PyErr) -> bool {
-    module(py).and_then(|module| module.getattr("Refused")).is_ok_and(|refused| raised.is_instance(py, &refused))
+    module(py)
+        .and_then(|module| module.getattr("Refused"))
+        .is_ok_and(|refused| raised.is_instance(py, &refused))
 }
 
 fn module(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {

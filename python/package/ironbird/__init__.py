@@ -11,12 +11,13 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ironbird import _rig
-from ironbird._rig import LogError, Measured, Reference, Rig, SettingsError, Wanted
+from ironbird._rig import Desired, LogError, Measured, Reference, Rig, SettingsError
 from ironbird.flight import Array, Fault, Flight, Group
 from ironbird.law import InnerLaw, OuterLaw
 
 __all__ = [
     "Array",
+    "Desired",
     "Fault",
     "Flight",
     "Group",
@@ -27,7 +28,6 @@ __all__ = [
     "Reference",
     "Rig",
     "SettingsError",
-    "Wanted",
     "read",
     "simulate",
 ]

@@ -45,7 +45,7 @@ class Measured:
     def rotor_speed_command_rad_s(self) -> Array:
         """Rotor speeds that are in force from this tick on [rad/s]."""
 
-class Wanted:
+class Desired:
     """What the outer law wants of the inner one. Each array is a new one."""
 
     @property

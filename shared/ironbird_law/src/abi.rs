@@ -3,7 +3,10 @@
 //! `include/ironbird_law.h` is made from this file. Every struct is made of words of 8 bytes, so that it is the same
 //! for every compiler. A change of any of them raises [`IRONBIRD_LAW_INTERFACE`].
 
-#![allow(unsafe_code, reason = "what a library exports is declared here, so that the header has it")]
+#![allow(
+    unsafe_code,
+    reason = "what a library exports is declared here, so that the header has it"
+)]
 
 use std::ffi::{c_char, c_void};
 
@@ -43,7 +46,7 @@ pub const IRONBIRD_NAME_BYTES: u64 = 40;
 pub const IRONBIRD_TEXT_BYTES: u64 = 400;
 
 /// The airframe as a law is told that it is: the parameters that `ironbird params` explains.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdAirframe {
     /// Mass m [kg].
@@ -73,7 +76,7 @@ pub struct IronbirdAirframe {
 }
 
 /// What every law is told before a flight.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdRig {
     /// T, length of a tick [s].
@@ -111,7 +114,7 @@ pub struct IronbirdMeasured {
 }
 
 /// Where the vehicle should be: position in the world frame with its derivatives, and yaw.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdReference {
     /// p_d [m].
@@ -133,7 +136,7 @@ pub struct IronbirdReference {
 }
 
 /// What an outer law is given.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdOuterInput {
     /// The tick; some may be skipped.
@@ -145,7 +148,7 @@ pub struct IronbirdOuterInput {
 }
 
 /// What an outer law wants of the inner one.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdWanted {
     /// Total thrust u along body z [N].
@@ -161,7 +164,7 @@ pub struct IronbirdWanted {
 }
 
 /// What an inner law is given, in every tick: the newest inputs, of whatever age.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdInnerInput {
     /// The tick; some may be skipped.
@@ -180,7 +183,7 @@ pub struct IronbirdInnerInput {
 }
 
 /// What an inner law asks of the rotors.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdDemand {
     /// Total thrust u along body z [N].
@@ -190,7 +193,7 @@ pub struct IronbirdDemand {
 }
 
 /// What a mixer is given.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdMixerInput {
     /// The tick; some may be skipped.
@@ -200,7 +203,7 @@ pub struct IronbirdMixerInput {
 }
 
 /// What a mixer commands.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdRotorSpeeds {
     /// Speed of each rotor [rad/s].
@@ -210,7 +213,7 @@ pub struct IronbirdRotorSpeeds {
 }
 
 /// Numbers that a law shows of a tick, in the order of its signals; NaN, not known, when the law is called.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdTelemetry {
     /// The numbers, in the units of the signals.
@@ -252,7 +255,7 @@ pub struct IronbirdSetting {
 }
 
 /// A value of a setting.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct IronbirdValue {
     /// The number, or the three.
@@ -380,5 +383,9 @@ unsafe extern "C" {
 
     /// What a library exports instead that makes laws of files in another language: the law of a file, by its path.
     /// Where that cannot be, it returns NULL and writes why into `refused`: the place, and what to do.
-    pub fn ironbird_law_open(path: *const c_char, refused: *mut c_char, refused_size: u64) -> *const IronbirdLaw;
+    pub fn ironbird_law_open(
+        path: *const c_char,
+        refused: *mut c_char,
+        refused_size: u64,
+    ) -> *const IronbirdLaw;
 }

@@ -1,17 +1,23 @@
 //! What stands between a law in Rust and the C interface: the table of its type, and the functions in it.
-#![allow(unsafe_code, reason = "the rig's pointers; each use says why it is sound")]
+#![allow(
+    unsafe_code,
+    reason = "the rig's pointers; each use says why it is sound"
+)]
 
 use std::ffi::{CString, c_char, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr;
 
 use crate::abi::{
-    IRONBIRD_INNER, IRONBIRD_LAW_INTERFACE, IRONBIRD_MIXER, IRONBIRD_NUMBER, IRONBIRD_OUTER, IRONBIRD_THREE,
-    IRONBIRD_WORD, IronbirdDemand, IronbirdInnerInput, IronbirdLaw, IronbirdMixerInput, IronbirdOuterInput,
-    IronbirdPreset, IronbirdRig, IronbirdRotorSpeeds, IronbirdSetting, IronbirdSignal, IronbirdSizes,
-    IronbirdTelemetry, IronbirdValue, IronbirdWanted,
+    IRONBIRD_INNER, IRONBIRD_LAW_INTERFACE, IRONBIRD_MIXER, IRONBIRD_NUMBER, IRONBIRD_OUTER,
+    IRONBIRD_THREE, IRONBIRD_WORD, IronbirdDemand, IronbirdInnerInput, IronbirdLaw,
+    IronbirdMixerInput, IronbirdOuterInput, IronbirdPreset, IronbirdRig, IronbirdRotorSpeeds,
+    IronbirdSetting, IronbirdSignal, IronbirdSizes, IronbirdTelemetry, IronbirdValue,
+    IronbirdWanted,
 };
-use crate::{Description, InnerLaw, Law, MixerLaw, OuterLaw, Preset, Refused, Setting, SettingKind, Settings, Value};
+use crate::{
+    Description, InnerLaw, Law, MixerLaw, OuterLaw, Preset, Refused, Setting, SettingKind, Settings,
+};
 
 /// A role that a law of this type can have.
 pub trait RoleOf<L> {
@@ -79,11 +85,28 @@ unsafe impl Sync for IronbirdLaw {}
 #[doc(hidden)]
 #[must_use]
 pub fn table<L: Law>() -> IronbirdLaw {
-    let Description { name, version, summary, source, settings, presets, telemetry, not_real_time } = L::DESCRIPTION;
+    let Description {
+        name,
+        version,
+        summary,
+        source,
+        settings,
+        presets,
+        telemetry,
+        not_real_time,
+    } = L::DESCRIPTION;
     let settings: Vec<_> = settings.iter().map(setting).collect();
-    let presets: Vec<_> = presets.iter().map(|set| preset(set, L::DESCRIPTION.settings)).collect();
-    let telemetry: Vec<_> =
-        telemetry.iter().map(|signal| IronbirdSignal { name: text(signal.name), unit: text(signal.unit) }).collect();
+    let presets: Vec<_> = presets
+        .iter()
+        .map(|set| preset(set, L::DESCRIPTION.settings))
+        .collect();
+    let telemetry: Vec<_> = telemetry
+        .iter()
+        .map(|signal| IronbirdSignal {
+            name: text(signal.name),
+            unit: text(signal.unit),
+        })
+        .collect();
     let mut table = IronbirdLaw {
         interface_version: IRONBIRD_LAW_INTERFACE,
         sizes: IronbirdSizes::HERE,
@@ -112,9 +135,16 @@ pub fn table<L: Law>() -> IronbirdLaw {
 }
 
 fn setting(setting: &Setting) -> IronbirdSetting {
-    let Setting { name, unit, meaning, kind } = *setting;
+    let Setting {
+        name,
+        unit,
+        meaning,
+        kind,
+    } = *setting;
     let (kind, default_number, min, max, words) = match kind {
-        SettingKind::Number { default, min, max } => (IRONBIRD_NUMBER, [default, 0.0, 0.0], min, max, &[][..]),
+        SettingKind::Number { default, min, max } => {
+            (IRONBIRD_NUMBER, [default, 0.0, 0.0], min, max, &[][..])
+        }
         SettingKind::Three { default, min, max } => (IRONBIRD_THREE, default, min, max, &[][..]),
         SettingKind::Word(words) => (IRONBIRD_WORD, [0.0; 3], 0.0, 0.0, words),
     };
@@ -133,30 +163,13 @@ fn setting(setting: &Setting) -> IronbirdSetting {
 
 fn preset(preset: &Preset, settings: &[Setting]) -> IronbirdPreset {
     let given = Settings::new(preset.values.to_vec());
-    let values = settings.iter().map(|setting| value(setting, &given)).collect();
-    IronbirdPreset { name: text(preset.name), values: kept(values) }
-}
-
-/// A setting's value as the interface has it.
-fn value(setting: &Setting, given: &Settings) -> IronbirdValue {
-    match setting.kind {
-        SettingKind::Number { .. } => IronbirdValue { number: [given.number(setting), 0.0, 0.0], word: 0 },
-        SettingKind::Three { .. } => IronbirdValue { number: given.three(setting), word: 0 },
-        SettingKind::Word(words) => {
-            let word = words.iter().position(|word| *word == given.word(setting)).unwrap_or(words.len());
-            IronbirdValue { number: [0.0; 3], word: word as u64 }
-        }
-    }
-}
-
-/// A setting's value as the law has it.
-fn given(setting: &Setting, value: &IronbirdValue) -> Value {
-    match setting.kind {
-        SettingKind::Number { .. } => Value::Number(value.number[0]),
-        SettingKind::Three { .. } => Value::Three(value.number),
-        SettingKind::Word(words) => {
-            Value::Word(usize::try_from(value.word).ok().and_then(|i| words.get(i)).copied().unwrap_or_default())
-        }
+    let values = settings
+        .iter()
+        .map(|setting| setting.to_abi(&given.value(setting)))
+        .collect();
+    IronbirdPreset {
+        name: text(preset.name),
+        values: kept(values),
     }
 }
 
@@ -168,7 +181,11 @@ fn text(text: &str) -> *const c_char {
 
 /// An array that stays.
 fn kept<T>(array: Vec<T>) -> *const T {
-    if array.is_empty() { ptr::null() } else { Vec::leak(array).as_ptr() }
+    if array.is_empty() {
+        ptr::null()
+    } else {
+        Vec::leak(array).as_ptr()
+    }
 }
 
 unsafe extern "C" fn create<L: Law>(
@@ -181,10 +198,21 @@ unsafe extern "C" fn create<L: Law>(
     let described = L::DESCRIPTION.settings;
     // SAFETY: the rig hands over a rig, and as many values as the law has settings, for the time of this call.
     let (rig, values) = unsafe {
-        (&*rig, if described.is_empty() { &[][..] } else { std::slice::from_raw_parts(values, described.len()) })
+        (
+            &*rig,
+            if described.is_empty() {
+                &[][..]
+            } else {
+                std::slice::from_raw_parts(values, described.len())
+            },
+        )
     };
     let settings = Settings::new(
-        described.iter().zip(values).map(|(setting, value)| (setting.name, given(setting, value))).collect(),
+        described
+            .iter()
+            .zip(values)
+            .map(|(setting, value)| (setting.name, setting.from_abi(value)))
+            .collect(),
     );
     // The law that panics half made is dropped here, and nothing else has seen it.
     let made = catch_unwind(AssertUnwindSafe(|| L::new(rig, &settings)));
@@ -192,19 +220,33 @@ unsafe extern "C" fn create<L: Law>(
         Ok(Ok(law)) => return Box::into_raw(Box::new(law)).cast(),
         Ok(Err(Refused(why))) => why,
         Err(panic) => {
-            let said = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+            let said = panic
+                .downcast_ref::<String>()
+                .map(String::as_str)
+                .or(panic.downcast_ref::<&str>().copied());
             format!("it panicked: {}", said.unwrap_or("without a text"))
         }
     };
     // SAFETY: the rig hands over so many bytes to be written.
-    let buffer = unsafe { std::slice::from_raw_parts_mut(refused.cast::<u8>(), refused_size as usize) };
+    unsafe { write_refusal(&why, refused, refused_size) };
+    ptr::null_mut()
+}
+
+/// Writes why something is refused into the caller's buffer, cut to its size, and ends it with a NUL.
+///
+/// # Safety
+/// `refused` has room for `refused_size` bytes.
+#[doc(hidden)]
+pub unsafe fn write_refusal(why: &str, refused: *mut c_char, refused_size: u64) {
+    // SAFETY: the caller's promise.
+    let buffer =
+        unsafe { std::slice::from_raw_parts_mut(refused.cast::<u8>(), refused_size as usize) };
     let mut length = why.len().min(buffer.len().saturating_sub(1));
     while !why.is_char_boundary(length) {
         length -= 1;
     }
     buffer[..length].copy_from_slice(&why.as_bytes()[..length]);
     buffer[length..].iter_mut().take(1).for_each(|end| *end = 0);
-    ptr::null_mut()
 }
 
 unsafe extern "C" fn destroy<L: Law>(law: *mut c_void) {

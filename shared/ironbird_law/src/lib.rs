@@ -3,7 +3,7 @@
 //! In Rust a law is a type with [`Law`] and the trait of its role, and one line that exports it:
 //!
 //! ```
-//! use ironbird_law::{Demand, Description, Inner, InnerInput, InnerLaw, Law, Refused, Rig, Settings, Telemetry};
+//! use ironbird_law::{WrenchSetpoint, Description, Inner, InnerInput, InnerLaw, Law, Refused, Rig, Settings, Telemetry};
 //!
 //! #[derive(Clone)]
 //! struct Level;
@@ -23,8 +23,8 @@
 //! }
 //!
 //! impl InnerLaw for Level {
-//!     fn tick(&mut self, input: &InnerInput, _: &mut Telemetry) -> Demand {
-//!         Demand { thrust_n: input.wanted.thrust_n, torque_b_nm: [0.0; 3] }
+//!     fn tick(&mut self, input: &InnerInput, _: &mut Telemetry) -> WrenchSetpoint {
+//!         WrenchSetpoint { thrust_n: input.wanted.thrust_n, torque_b_nm: [0.0; 3] }
 //!     }
 //! }
 //!
@@ -34,18 +34,24 @@
 //! Such a crate has `crate-type = ["cdylib"]`. A panic in `new` is a refusal with its text; a panic in a tick prints its
 //! text and ends the process, as it must not run through the rig. This crate depends on nothing, and is copied as it is.
 
+#![warn(missing_docs)]
+
+use std::error::Error;
+use std::fmt;
+
 pub mod abi;
 mod border;
 
 pub use abi::{
-    IronbirdAirframe as Airframe, IronbirdDemand as Demand, IronbirdInnerInput as InnerInput,
-    IronbirdMeasured as Measured, IronbirdMixerInput as MixerInput, IronbirdOuterInput as OuterInput,
+    IronbirdAirframe as Airframe, IronbirdDemand as WrenchSetpoint,
+    IronbirdInnerInput as InnerInput, IronbirdMeasured as Measured,
+    IronbirdMixerInput as MixerInput, IronbirdOuterInput as OuterInput,
     IronbirdReference as Reference, IronbirdRig as Rig, IronbirdRotorSpeeds as RotorSpeeds,
-    IronbirdTelemetry as Telemetry, IronbirdWanted as Wanted,
+    IronbirdTelemetry as Telemetry, IronbirdWanted as Desired,
 };
-#[doc(hidden)]
-pub use border::table;
 pub use border::{Inner, Mixer, Outer, RoleOf};
+#[doc(hidden)]
+pub use border::{table, write_refusal};
 
 /// A law of any role. It knows no clock and no operating system.
 pub trait Law: Clone + 'static {
@@ -65,13 +71,13 @@ pub trait Law: Clone + 'static {
 /// The position loop.
 pub trait OuterLaw: Law {
     /// What is wanted at a tick. It allocates nothing.
-    fn tick(&mut self, input: &OuterInput, telemetry: &mut Telemetry) -> Wanted;
+    fn tick(&mut self, input: &OuterInput, telemetry: &mut Telemetry) -> Desired;
 }
 
 /// The attitude and rate loop; or both loops in one, which takes the reference and overrides the thrust wanted.
 pub trait InnerLaw: Law {
     /// Thrust and torque of a tick. It allocates nothing.
-    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> Demand;
+    fn tick(&mut self, input: &InnerInput, telemetry: &mut Telemetry) -> WrenchSetpoint;
 }
 
 /// The mixer: thrust and torque to rotor speeds.
@@ -83,6 +89,14 @@ pub trait MixerLaw: Law {
 /// A law does not take its settings, and why.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refused(pub String);
+
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Error for Refused {}
 
 /// A law, in words.
 #[derive(Clone, Copy, Debug)]
@@ -143,12 +157,19 @@ pub struct Setting {
 
 /// What a setting may be.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs, reason = "default, least and largest value, of each number")]
+#[allow(
+    missing_docs,
+    reason = "default, least and largest value, of each number"
+)]
 pub enum SettingKind {
     /// A number from `min` to `max`.
     Number { default: f64, min: f64, max: f64 },
     /// Three numbers.
-    Three { default: [f64; 3], min: f64, max: f64 },
+    Three {
+        default: [f64; 3],
+        min: f64,
+        max: f64,
+    },
     /// One of some words; the first is the default.
     Word(&'static [&'static str]),
 }
@@ -174,13 +195,13 @@ pub enum Value {
 }
 
 /// The settings of a law, each checked against its description.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Settings {
     values: Vec<(&'static str, Value)>,
 }
 
 impl Settings {
-    /// Settings by name.
+    /// Settings by name; a setting that is not given keeps its default.
     #[must_use]
     pub const fn new(values: Vec<(&'static str, Value)>) -> Self {
         Self { values }
@@ -213,8 +234,22 @@ impl Settings {
         }
     }
 
-    fn value(&self, setting: &Setting) -> Value {
-        let given = self.values.iter().find(|(name, _)| *name == setting.name).map(|(_, value)| *value);
+    /// The same settings with one of them replaced.
+    #[must_use]
+    pub fn with(mut self, setting: &Setting, value: Value) -> Self {
+        self.values.retain(|(name, _)| *name != setting.name);
+        self.values.push((setting.name, value));
+        self
+    }
+
+    /// The value of a setting, or its default.
+    #[must_use]
+    pub fn value(&self, setting: &Setting) -> Value {
+        let given = self
+            .values
+            .iter()
+            .find(|(name, _)| *name == setting.name)
+            .map(|(_, value)| *value);
         given.unwrap_or_else(|| setting.default())
     }
 }
@@ -222,12 +257,134 @@ impl Settings {
 impl Setting {
     /// Its value when nothing is said.
     #[must_use]
-    pub fn default(&self) -> Value {
+    pub const fn default(&self) -> Value {
         match self.kind {
             SettingKind::Number { default, .. } => Value::Number(default),
             SettingKind::Three { default, .. } => Value::Three(default),
-            SettingKind::Word(words) => Value::Word(words.first().copied().unwrap_or_default()),
+            SettingKind::Word(words) => match words.first() {
+                Some(word) => Value::Word(word),
+                None => Value::Word(""),
+            },
         }
+    }
+
+    /// Whether a value is of its kind and in its range.
+    #[must_use]
+    pub fn allows(&self, value: &Value) -> bool {
+        match (self.kind, value) {
+            (SettingKind::Number { min, max, .. }, Value::Number(value)) => {
+                (min..=max).contains(value)
+            }
+            (SettingKind::Three { min, max, .. }, Value::Three(values)) => {
+                values.iter().all(|value| (min..=max).contains(value))
+            }
+            (SettingKind::Word(words), Value::Word(word)) => words.contains(word),
+            _ => false,
+        }
+    }
+
+    /// The values that it allows, as error messages name them.
+    #[must_use]
+    pub fn allowed(&self) -> String {
+        match self.kind {
+            SettingKind::Number { min, max, .. } => range(min, max, self.unit),
+            SettingKind::Three { min, max, .. } => {
+                format!("three numbers, each {}", range(min, max, self.unit))
+            }
+            SettingKind::Word(words) => {
+                let quoted: Vec<_> = words.iter().map(|word| format!("\"{word}\"")).collect();
+                quoted.join(" or ")
+            }
+        }
+    }
+
+    /// A value of this setting as the C interface has it.
+    #[must_use]
+    pub fn to_abi(&self, value: &Value) -> abi::IronbirdValue {
+        let (number, word) = match (*value, self.kind) {
+            (Value::Number(number), _) => ([number, 0.0, 0.0], 0),
+            (Value::Three(numbers), _) => (numbers, 0),
+            (Value::Word(word), SettingKind::Word(words)) => {
+                let found = words.iter().position(|allowed| *allowed == word);
+                ([0.0; 3], found.unwrap_or(words.len()) as u64)
+            }
+            (Value::Word(_), _) => ([f64::NAN; 3], 0),
+        };
+        abi::IronbirdValue { number, word }
+    }
+
+    /// A value of this setting from the C interface; a word out of range is empty.
+    #[must_use]
+    pub fn from_abi(&self, value: &abi::IronbirdValue) -> Value {
+        match self.kind {
+            SettingKind::Number { .. } => Value::Number(value.number[0]),
+            SettingKind::Three { .. } => Value::Three(value.number),
+            SettingKind::Word(words) => {
+                let word = usize::try_from(value.word).ok().and_then(|i| words.get(i));
+                Value::Word(word.copied().unwrap_or_default())
+            }
+        }
+    }
+}
+
+/// Numbers from `min` to `max`, as a phrase.
+fn range(min: f64, max: f64, unit: &str) -> String {
+    let unit = if unit.is_empty() {
+        String::new()
+    } else {
+        format!(" {unit}")
+    };
+    if max < f64::MAX {
+        format!("{min} to {max}{unit}")
+    } else if min == f64::MIN_POSITIVE {
+        "a finite number above 0".into()
+    } else if min == f64::MIN {
+        "a finite number".into()
+    } else {
+        format!("{min}{unit} or a finite number above it")
+    }
+}
+
+impl Default for Measured {
+    /// At rest in the origin, level.
+    fn default() -> Self {
+        Self {
+            position_w_m: [0.0; 3],
+            velocity_w_m_s: [0.0; 3],
+            attitude_rad: [0.0; 3],
+            attitude_quaternion: [1.0, 0.0, 0.0, 0.0],
+            rate_b_rad_s: [0.0; 3],
+            specific_force_b_m_s2: [0.0; 3],
+            rotor_speed_mean_rad_s: [0.0; abi::IRONBIRD_ROTORS],
+            rotor_speed_squared_mean_rad2_s2: [0.0; abi::IRONBIRD_ROTORS],
+            rotor_speed_command_rad_s: [0.0; abi::IRONBIRD_ROTORS],
+        }
+    }
+}
+
+impl Telemetry {
+    /// The telemetry of a law with so many signals before its first tick: each is NaN, not known.
+    #[must_use]
+    pub fn unknown(signals: usize) -> Self {
+        let mut telemetry = Self::default();
+        telemetry.forget(signals);
+        telemetry
+    }
+
+    /// Resets it in place to [`Telemetry::unknown`].
+    pub fn forget(&mut self, signals: usize) {
+        self.value[..signals.min(abi::IRONBIRD_TELEMETRY)].fill(f64::NAN);
+        self.truncate(signals);
+    }
+
+    /// Sets the numbers behind the law's signals to 0.
+    pub fn truncate(&mut self, signals: usize) {
+        self.value[signals.min(abi::IRONBIRD_TELEMETRY)..].fill(0.0);
+    }
+
+    /// Each signal with its number.
+    pub fn of<'a>(&'a self, signals: &'a [Signal]) -> impl Iterator<Item = (&'a Signal, f64)> {
+        signals.iter().zip(self.value)
     }
 }
 
@@ -237,7 +394,8 @@ macro_rules! export {
     ($law:ty) => {
         #[unsafe(no_mangle)]
         extern "C" fn ironbird_law() -> *const $crate::abi::IronbirdLaw {
-            static TABLE: ::std::sync::OnceLock<$crate::abi::IronbirdLaw> = ::std::sync::OnceLock::new();
+            static TABLE: ::std::sync::OnceLock<$crate::abi::IronbirdLaw> =
+                ::std::sync::OnceLock::new();
             TABLE.get_or_init($crate::table::<$law>)
         }
     };

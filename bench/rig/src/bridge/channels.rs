@@ -3,22 +3,22 @@
 use std::sync::Arc;
 
 use foxglove::{Context, FoxgloveError, PartialMetadata, RawChannel, Schema};
-use model::boards::Run;
-use model::envelope::Message;
-use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::monitor::Monitor;
-use model::telemetry::LAW_ROLES;
-use model::topic::Topic;
+use messages::blackboards::Run;
+use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::header::Message;
+use messages::monitor::Monitor;
+use messages::telemetry::LAW_ROLES;
+use messages::topic::Topic;
 
-use crate::observe::ObservedMessage;
-use failure::Failure;
+use crate::observation::ObservedMessage;
+use errors::Failure;
 use flight_log::codec::{Logged, encode};
-use flight_log::scene::{self, Placed};
+use flight_log::scene;
+use flight_log::scene::Placed;
 use flight_log::telemetry::TelemetryTopic;
 use flight_log::{schema, units};
 use report::laws::{FlownLaws, no_theorem};
 
-/// Every channel.
 #[allow(missing_debug_implementations, reason = "the channels have none")]
 pub(super) struct Channels {
     states: Arc<RawChannel>,
@@ -46,7 +46,8 @@ impl Clock {
     fn of<C: Topic>(&mut self, message: &Message<C>) -> u64 {
         let sample_ns = message.envelope.sample_ns;
         if sample_ns > 0 {
-            let wall_ns = u64::try_from(i128::from(sample_ns) + self.wall_offset_ns).unwrap_or(sample_ns);
+            let wall_ns =
+                u64::try_from(i128::from(sample_ns) + self.wall_offset_ns).unwrap_or(sample_ns);
             self.newest_ns = self.newest_ns.max(wall_ns);
             return wall_ns;
         }
@@ -56,19 +57,27 @@ impl Clock {
 
 impl Channels {
     /// Channels for a run of these laws.
-    ///
-    /// # Errors
-    /// [`Failure`] where the SDK refuses one.
-    pub(super) fn new(context: &Arc<Context>, run: &Run, laws: &FlownLaws) -> Result<Self, Failure> {
-        let broken = |e: FoxgloveError| Failure::failed(format!("cannot make a Foxglove channel: {e}"));
+    pub(super) fn new(
+        context: &Arc<Context>,
+        run: &Run,
+        laws: &FlownLaws,
+    ) -> Result<Self, Failure> {
+        let broken =
+            |e: FoxgloveError| Failure::failed(format!("cannot make a Foxglove channel: {e}"));
         let set = scene::descriptor_set();
         let place = |(topic, name): (&str, &str)| {
             let schema = Schema::new(name, "protobuf", set.clone());
-            context.channel_builder(topic).message_encoding("protobuf").schema(schema).build_raw()
+            context
+                .channel_builder(topic)
+                .message_encoding("protobuf")
+                .schema(schema)
+                .build_raw()
         };
         let mut telemetry = [const { None }; LAW_ROLES.len()];
         for (telemetry, role) in telemetry.iter_mut().zip(LAW_ROLES) {
-            let Some(shown) = TelemetryTopic::new(role, laws.signals.of(role)) else { continue };
+            let Some(shown) = TelemetryTopic::new(role, laws.signals.of(role)) else {
+                continue;
+            };
             *telemetry = Some((telemetry_channel(context, &shown).map_err(broken)?, shown));
         }
         let why_not = laws.without_theorem.map(no_theorem);
@@ -81,7 +90,11 @@ impl Channels {
             swaps: topic::<SwapRecord>(context, None).map_err(broken)?,
             theorem: topic::<Monitor>(context, why_not.as_deref()).map_err(broken)?,
             telemetry,
-            scene: [actual.map_err(broken)?, reference.map_err(broken)?, transforms.map_err(broken)?],
+            scene: [
+                actual.map_err(broken)?,
+                reference.map_err(broken)?,
+                transforms.map_err(broken)?,
+            ],
             scene_every_ticks: scene::every_ticks(run.sample_time_ns),
             clock: Clock {
                 wall_offset_ns: i128::from(run.t0_wall_ns) - i128::from(run.t0_ns),
@@ -108,18 +121,30 @@ impl Channels {
                 self.show(message);
             }
             ObservedMessage::RotorSpeeds(message) => {
-                write(&self.rotor_speeds, message, &mut self.clock, &mut self.bytes);
+                write(
+                    &self.rotor_speeds,
+                    message,
+                    &mut self.clock,
+                    &mut self.bytes,
+                );
                 self.show(message);
             }
-            ObservedMessage::Swap(message) => write(&self.swaps, message, &mut self.clock, &mut self.bytes),
-            ObservedMessage::Theorem(message) => write(&self.theorem, message, &mut self.clock, &mut self.bytes),
+            ObservedMessage::Swap(message) => {
+                write(&self.swaps, message, &mut self.clock, &mut self.bytes)
+            }
+            ObservedMessage::Theorem(message) => {
+                write(&self.theorem, message, &mut self.clock, &mut self.bytes)
+            }
         }
     }
 
     /// Passes on what the law of a message's sender shows in it.
     fn show<C: Topic>(&mut self, message: &Message<C>) {
         let log_time = self.clock.of(message);
-        let channel = LAW_ROLES.iter().position(|role| *role == C::SENDER).and_then(|i| self.telemetry[i].as_ref());
+        let channel = LAW_ROLES
+            .iter()
+            .position(|role| *role == C::SENDER)
+            .and_then(|i| self.telemetry[i].as_ref());
         if let Some(((channel, shown), telemetry)) = channel.zip(message.content.telemetry())
             && channel.has_sinks()
         {
@@ -134,33 +159,53 @@ impl Channels {
         }
         let placed = placed(self.clock.of(message), &message.content);
         for (channel, bytes) in placed.messages() {
-            self.scene[channel].log_with_meta(&bytes, PartialMetadata::with_log_time(placed.at_ns()));
+            self.scene[channel]
+                .log_with_meta(&bytes, PartialMetadata::with_log_time(placed.at_ns()));
         }
     }
 }
 
 /// A topic; says why it does not apply, where it does not.
-fn topic<C: Logged>(context: &Arc<Context>, why_not: Option<&str>) -> Result<Arc<RawChannel>, FoxgloveError> {
+fn topic<C: Logged>(
+    context: &Arc<Context>,
+    why_not: Option<&str>,
+) -> Result<Arc<RawChannel>, FoxgloveError> {
     let mut metadata = units::describe::<C>();
     metadata.extend(why_not.map(units::not_applicable));
     context
         .channel_builder(<C as Topic>::NAME)
         .message_encoding("protobuf")
-        .schema(Schema::new(schema::name::<C>(), "protobuf", schema::descriptor_set::<C>()))
+        .schema(Schema::new(
+            schema::name::<C>(),
+            "protobuf",
+            schema::descriptor_set::<C>(),
+        ))
         .metadata(metadata)
         .build_raw()
 }
 
-fn telemetry_channel(context: &Arc<Context>, shown: &TelemetryTopic) -> Result<Arc<RawChannel>, FoxgloveError> {
+fn telemetry_channel(
+    context: &Arc<Context>,
+    shown: &TelemetryTopic,
+) -> Result<Arc<RawChannel>, FoxgloveError> {
     context
         .channel_builder(shown.topic())
         .message_encoding("protobuf")
-        .schema(Schema::new(shown.schema_name(), "protobuf", shown.descriptor_set()))
+        .schema(Schema::new(
+            shown.schema_name(),
+            "protobuf",
+            shown.descriptor_set(),
+        ))
         .metadata(shown.metadata())
         .build_raw()
 }
 
-fn write<C: Logged>(channel: &RawChannel, message: &Message<C>, clock: &mut Clock, bytes: &mut Vec<u8>) {
+fn write<C: Logged>(
+    channel: &RawChannel,
+    message: &Message<C>,
+    clock: &mut Clock,
+    bytes: &mut Vec<u8>,
+) {
     let log_time = clock.of(message);
     if channel.has_sinks() {
         bytes.clear();

@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 
 use campaign::chunk;
 use campaign::table::Row;
-use failure::{Failure, OK};
+use errors::{Failure, OK};
 use plant::LANES;
 
-use super::flown;
-use super::plan::Plan;
+use super::batch;
+use super::flight_settings::Plan;
 use crate::cli::CampaignCheckArgs;
 use crate::output::print;
 use crate::parallel::processors;
@@ -19,10 +19,6 @@ const TRIED: Duration = Duration::from_secs(2);
 /// Flights that are tried at the most.
 const TRIED_MAX: u64 = 200;
 
-/// Says what a file means.
-///
-/// # Errors
-/// Usage: what is wrong with the file, with its lines.
 pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let plan = Plan::read(&args.file)?;
     let campaign = &plan.campaign;
@@ -35,10 +31,21 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let mut next = 0;
     while next < tried && begun.elapsed() <= TRIED {
         // First one, which may be long, then as many as fly abreast.
-        let end = if next == 0 { 1 } else { tried.min(next + LANES as u64) };
-        let flights: Vec<flown::Flight> =
-            (next..end).flat_map(|i| (0..arms).map(move |arm| (flight(i), arm))).collect();
-        rows.extend(flown::rows(&plan, &flights, 1, &AtomicBool::new(false), |_| ())?);
+        let end = if next == 0 {
+            1
+        } else {
+            tried.min(next + LANES as u64)
+        };
+        let flights: Vec<batch::Flight> = (next..end)
+            .flat_map(|i| (0..arms).map(move |arm| (flight(i), arm)))
+            .collect();
+        rows.extend(batch::rows(
+            &plan,
+            &flights,
+            1,
+            &AtomicBool::new(false),
+            |_| (),
+        )?);
         next = end;
     }
     let each_s = begun.elapsed().as_secs_f64() / rows.len() as f64;
@@ -47,8 +54,13 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let length_s = plan.settings(0, 0)?.flight.duration_s;
     let bytes = bytes(&plan, &rows)?;
     let names: Vec<&str> = campaign.arms.iter().map(|arm| arm.name.as_str()).collect();
-    let takes = Duration::try_from_secs_f64((each_s * total as f64 / jobs as f64).ceil()).unwrap_or(Duration::MAX);
-    let drawn = campaign.factors.iter().filter(|factor| factor.distribution.varies()).count();
+    let takes = Duration::try_from_secs_f64((each_s * total as f64 / jobs as f64).ceil())
+        .unwrap_or(Duration::MAX);
+    let drawn = campaign
+        .factors
+        .iter()
+        .filter(|factor| factor.distribution.varies())
+        .count();
     print(&format!(
         "{}: {} flights of {length_s} s by {arms} arms ({}), {total} rows in {} files; {drawn} of {} factors vary\n\
          time here  {} with {jobs} at once ({:.1} ms a flight, by {} that were tried)\n\
@@ -77,16 +89,25 @@ struct Bytes {
 
 /// By the rows that were flown: once, and twice the same with their numbers told apart by what they drew.
 fn bytes(plan: &Plan, rows: &[Row]) -> Result<Bytes, Failure> {
-    let length = |rows: &[Row]| chunk::length(&plan.campaign, &plan.identity, rows).map(|bytes| bytes as f64);
+    let length = |rows: &[Row]| {
+        chunk::length(&plan.campaign, &plan.identity, rows).map(|bytes| bytes as f64)
+    };
     let half = rows.len() / 2;
     let (one, all) = (length(&rows[..half])?, length(rows)?);
     let per_row = (all - one) / (rows.len() - half) as f64;
-    Ok(Bytes { per_file: (all - per_row * rows.len() as f64).max(0.0), per_row })
+    Ok(Bytes {
+        per_file: (all - per_row * rows.len() as f64).max(0.0),
+        per_row,
+    })
 }
 
 /// Bytes in a unit that is read at a glance.
 fn size(bytes: f64) -> String {
     let units = ["B", "kB", "MB", "GB", "TB"];
     let place = ((bytes.max(1.0).log10() / 3.0) as usize).min(units.len() - 1);
-    format!("{:.1} {}", bytes / 1000_f64.powi(place as i32), units[place])
+    format!(
+        "{:.1} {}",
+        bytes / 1000_f64.powi(place as i32),
+        units[place]
+    )
 }

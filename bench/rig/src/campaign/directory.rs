@@ -5,11 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use campaign::chunk::{SCHEMA, write_whole};
-use failure::{Failure, InFile as _, USAGE, read_text};
+use errors::{Failure, InFile as _, USAGE, read_text};
 use serde::{Deserialize, Serialize};
 use std::io::Write as _;
 
-use super::plan::Plan;
+use super::flight_settings::Plan;
 
 /// The copy of the campaign's file.
 const FILE: &str = "campaign.toml";
@@ -27,9 +27,7 @@ struct Facts {
     schema: String,
     /// Where the file was: relative names in it are beside it.
     file: PathBuf,
-    /// The campaign's fingerprint.
     campaign: String,
-    /// The build that flies.
     build: String,
     /// The recorded flights that the file names, and the sums over their timing.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -40,7 +38,10 @@ impl Facts {
     /// The recorded flights that are others now, in words.
     fn changed(&self, plan: &Plan) -> Option<String> {
         let now = plan.timings.sums();
-        let changed = self.timings.iter().filter(|(name, sum)| now.get(*name).is_some_and(|it| it != *sum));
+        let changed = self
+            .timings
+            .iter()
+            .filter(|(name, sum)| now.get(*name).is_some_and(|it| it != *sum));
         let names: Vec<&str> = changed.map(|(name, _)| name.as_str()).collect();
         (!names.is_empty()).then(|| names.join(", "))
     }
@@ -77,7 +78,8 @@ pub(super) fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
         build: plan.identity.build.clone(),
         timings: plan.timings.sums(),
     };
-    let told = serde_json::to_string_pretty(&told).map_err(|e| Failure::failed(e.to_string()))? + "\n";
+    let told =
+        serde_json::to_string_pretty(&told).map_err(|e| Failure::failed(e.to_string()))? + "\n";
     for (path, text) in [(&file, &plan.text), (&facts, &told)] {
         // Shards that run side by side write the same.
         if fs::read_to_string(path).is_ok_and(|there| there == *text) {
@@ -88,13 +90,10 @@ pub(super) fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The campaign of a directory.
-///
-/// # Errors
-/// A usage [`Failure`] where the directory is none of a campaign; as [`Plan::read`].
 pub(super) fn plan(directory: &Path) -> Result<Plan, Failure> {
     let facts = read_facts(directory)?;
-    let text = read_text("read the campaign", &directory.join(FILE)).map_err(|failure| failure.or_code(USAGE))?;
+    let text = read_text("read the campaign", &directory.join(FILE))
+        .map_err(|failure| failure.or_code(USAGE))?;
     let plan = Plan::of(text, &facts.file)?;
     if let Some(changed) = facts.changed(&plan) {
         return Err(Failure::usage(format!(
@@ -116,7 +115,10 @@ pub(super) fn plan(directory: &Path) -> Result<Plan, Failure> {
 
 fn read_facts(directory: &Path) -> Result<Facts, Failure> {
     let path = directory.join(FACTS);
-    let text = read_text("read the campaign's directory", &path)
-        .map_err(|failure| failure.or_code(USAGE).help("name a directory of `ironbird campaign run FILE --out DIR`"))?;
+    let text = read_text("read the campaign's directory", &path).map_err(|failure| {
+        failure
+            .or_code(USAGE)
+            .help("name a directory of `ironbird campaign run FILE --out DIR`")
+    })?;
     serde_json::from_str(&text).map_err(|e| Failure::usage(format!("{}: {e}", path.display())))
 }

@@ -1,28 +1,31 @@
 //! `ironbird campaign status` and `merge`: which rows are there; all in one file.
 
-use campaign::chunk::{self, State};
+use campaign::chunk;
+use campaign::chunk::State;
 use campaign::rows::Rows;
-use failure::{Failure, GATE, OK};
+use errors::{Failure, GATE, OK};
 
 use super::directory;
-use super::plan::Plan;
+use super::flight_settings::Plan;
 use crate::cli::CampaignDirectoryArgs;
 use crate::output::print;
-use report::text::count;
+use report::phrase::count;
 
-/// All rows of a campaign.
 const MERGED: &str = "merged.parquet";
 
 /// What there is of each chunk.
 pub(super) struct Found {
     pub whole: Vec<u64>,
     missing: Vec<u64>,
-    /// With what is wrong.
     refused: Vec<(u64, String)>,
 }
 
 pub(super) fn found(plan: &Plan, directory: &std::path::Path) -> Found {
-    let mut found = Found { whole: Vec::new(), missing: Vec::new(), refused: Vec::new() };
+    let mut found = Found {
+        whole: Vec::new(),
+        missing: Vec::new(),
+        refused: Vec::new(),
+    };
     for chunk in 0..plan.campaign.chunks() {
         match chunk::state(directory, &plan.campaign, &plan.identity, chunk) {
             State::Whole => found.whole.push(chunk),
@@ -34,14 +37,15 @@ pub(super) fn found(plan: &Plan, directory: &std::path::Path) -> Found {
 }
 
 /// Says which flights are there: exit code 3 where some are not.
-///
-/// # Errors
-/// Usage: a directory of no campaign.
 pub(super) fn status(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
     let plan = directory::plan(&args.directory)?;
     let found = found(&plan, &args.directory);
     let campaign = &plan.campaign;
-    let flights: u64 = found.whole.iter().map(|chunk| campaign.flights_of(*chunk).count() as u64).sum();
+    let flights: u64 = found
+        .whole
+        .iter()
+        .map(|chunk| campaign.flights_of(*chunk).count() as u64)
+        .sum();
     let mut text = format!(
         "{}: {flights} of {} flights, each by {}; {} of {} files are whole\n",
         campaign.name,
@@ -54,10 +58,16 @@ pub(super) fn status(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
         text += &format!("missing: chunks {}\n", ranges(&found.missing));
     }
     for (chunk, why) in &found.refused {
-        text += &format!("{}: {why}\n", chunk::path_of(&args.directory, *chunk).display());
+        text += &format!(
+            "{}: {why}\n",
+            chunk::path_of(&args.directory, *chunk).display()
+        );
     }
     for other in chunk::others(&args.directory, campaign)? {
-        text += &format!("{}: none of this campaign's\n", args.directory.join(other).display());
+        text += &format!(
+            "{}: none of this campaign's\n",
+            args.directory.join(other).display()
+        );
     }
     let is_whole = found.missing.is_empty() && found.refused.is_empty();
     if !is_whole {
@@ -80,7 +90,13 @@ pub(super) fn ranges(chunks: &[u64]) -> String {
             None => ranges.push([*chunk; 2]),
         }
     }
-    let words = |[first, last]: &[u64; 2]| if first == last { first.to_string() } else { format!("{first}-{last}") };
+    let words = |[first, last]: &[u64; 2]| {
+        if first == last {
+            first.to_string()
+        } else {
+            format!("{first}-{last}")
+        }
+    };
     ranges.iter().map(words).collect::<Vec<_>>().join(", ")
 }
 
@@ -98,10 +114,14 @@ pub(super) fn merge(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
             found.whole.len(),
             plan.campaign.chunks()
         ))
-        .help(format!("`ironbird campaign status {}` says which are not", args.directory.display())));
+        .help(format!(
+            "`ironbird campaign status {}` says which are not",
+            args.directory.display()
+        )));
     }
     let to = args.directory.join(MERGED);
-    let rows = Rows::new(&args.directory, found.whole).merge(&plan.campaign, &plan.identity, &to)?;
+    let rows =
+        Rows::new(&args.directory, found.whole).merge(&plan.campaign, &plan.identity, &to)?;
     print(&format!("{}: {}\n", to.display(), count(rows, "row")))?;
     Ok(OK)
 }

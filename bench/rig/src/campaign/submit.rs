@@ -3,32 +3,36 @@
 //! The engine schedules; what is there is decided by the files alone. Submitting again is harmless.
 
 use std::fs::{self, File};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime};
 
 use campaign::chunk::path_of;
-use failure::{FAILED, Failure, GATE, INTERRUPTED, InFile as _, OK};
-use report::text::count;
+use errors::{FAILED, Failure, GATE, INTERRUPTED, InFile as _, OK};
+use report::phrase::count;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::array::Array;
-use super::plan::Plan;
+use super::flight_settings::Plan;
 use super::status::{found, ranges};
-use super::{directory, run, told};
+use super::{directory, results, run};
 use crate::cli::{CampaignReportArgs, CampaignRunArgs, CampaignSubmitArgs, DiffFormat, Engine};
 use crate::output::{print, say};
 use crate::parallel::asked_to_stop;
 use crate::progress::Progress;
 
-/// How often an array is submitted: what fails so often fails always.
+/// How often the missing shards are submitted. A shard that fails this often always fails.
 const ROUNDS: usize = 3;
-/// How often the files are looked for.
-const EVERY: Duration = Duration::from_millis(200);
-/// How long an engine may take to see that a job has ended of which all files are there. `sbatch --wait` looks ever more
-/// seldom.
-const GRACE: Duration = Duration::from_secs(2);
+/// How often the directory is checked for new files.
+const POLL_EVERY: Duration = Duration::from_millis(200);
+/// How long the engine may take to notice the end of a job whose files are complete. `sbatch --wait` polls less and less
+/// often.
+const JOB_END_TIMEOUT: Duration = Duration::from_secs(2);
+/// How long an engine's command may take to end after SIGTERM; then it is killed.
+const TERMINATION_TIMEOUT: Duration = Duration::from_secs(3);
+/// How long the engine may take to cancel a job.
+const CANCEL_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Submits the shards that are not whole, watches the engine, submits again what it lost, and reports.
 ///
@@ -36,7 +40,10 @@ const GRACE: Duration = Duration::from_secs(2);
 /// Usage: what is wrong with the file; an engine that is not there, or takes no job. A file that cannot be written.
 pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
     let plan = Plan::read(&args.file)?;
-    let out = args.out.clone().unwrap_or_else(|| run::default_directory(&plan));
+    let out = args
+        .out
+        .clone()
+        .unwrap_or_else(|| run::default_directory(&plan));
     let array = Array::of(&plan, args, &out)?;
     if let Some(asked) = args.shards.filter(|asked| *asked > array.shards) {
         let files = count(array.shards, "file");
@@ -59,17 +66,28 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
         directory: out.clone(),
         format: DiffFormat::Text,
         page: None,
-        exact: false,
-        audit: None,
-        jobs: None,
     };
     if args.on == Engine::Local {
         let file = args.file.clone();
-        let code = run::run(&CampaignRunArgs { file, shard: None, out: Some(out), jobs: None, until: None })?;
-        return if code == OK { told::report(&report) } else { Ok(code) };
+        let code = run::run(&CampaignRunArgs {
+            file,
+            shard: None,
+            out: Some(out),
+            jobs: None,
+        })?;
+        return if code == OK {
+            results::report(&report)
+        } else {
+            Ok(code)
+        };
     }
     directory::open(&plan, &out)?;
-    let submitted = Submitted { plan: &plan, array: &array, on: args.on, stop: &*asked_to_stop()? };
+    let submitted = Submitted {
+        plan: &plan,
+        array: &array,
+        on: args.on,
+        stop: &*asked_to_stop()?,
+    };
     fs::write(array.script_file(), array.script(args.on)).in_file("write", &array.script_file())?;
     for round in 1..=ROUNDS {
         let missing = submitted.missing();
@@ -77,13 +95,22 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
         if shards.is_empty() {
             break;
         }
-        say(&format!("round {round}: {} of {} shards: {}\n", shards.len(), array.shards, ranges(&shards)));
+        say(&format!(
+            "round {round}: {} of {} shards: {}\n",
+            shards.len(),
+            array.shards,
+            ranges(&shards)
+        ));
         submitted.fly(&missing, &shards)?;
     }
     let shards = array.shards_of(&plan.campaign, &submitted.missing());
     if shards.is_empty() {
-        say(&format!("{}: all {} shards are there\n", out.display(), array.shards));
-        return told::report(&report);
+        say(&format!(
+            "{}: all {} shards are there\n",
+            out.display(),
+            array.shards
+        ));
+        return results::report(&report);
     }
     print(&format!(
         "{}: {} of {} shards are missing after {ROUNDS} rounds: {}; their output is in {}\n",
@@ -105,24 +132,30 @@ struct Submitted<'a> {
 }
 
 impl Submitted<'_> {
-    /// Chunks that are not whole.
     fn missing(&self) -> Vec<u64> {
         let whole = found(self.plan, &self.array.out).whole;
-        (0..self.plan.campaign.chunks()).filter(|chunk| whole.binary_search(chunk).is_err()).collect()
+        (0..self.plan.campaign.chunks())
+            .filter(|chunk| whole.binary_search(chunk).is_err())
+            .collect()
     }
 
     /// When the file of a chunk was written, if it was.
     fn written(&self, chunk: u64) -> Option<SystemTime> {
-        fs::metadata(path_of(&self.array.out, chunk)).and_then(|file| file.modified()).ok()
+        fs::metadata(path_of(&self.array.out, chunk))
+            .and_then(|file| file.modified())
+            .ok()
     }
 
     /// Has the engine fly some shards, and tells how far it is until its job has ended.
     fn fly(&self, missing: &[u64], shards: &[u64]) -> Result<(), Failure> {
         let (campaign, told) = (&self.plan.campaign, self.array.out.join("submit.job"));
-        let rows = |chunk: u64| campaign.flights_of(chunk).count() as u64 * campaign.arms.len() as u64;
+        let rows =
+            |chunk: u64| campaign.flights_of(chunk).count() as u64 * campaign.arms.len() as u64;
         // What lies there now is broken, and a new file will have another time.
-        let mut waited: Vec<(u64, Option<SystemTime>)> =
-            missing.iter().map(|chunk| (*chunk, self.written(*chunk))).collect();
+        let mut waited: Vec<(u64, Option<SystemTime>)> = missing
+            .iter()
+            .map(|chunk| (*chunk, self.written(*chunk)))
+            .collect();
         let total = missing.iter().map(|chunk| rows(*chunk)).sum();
         let mut progress = Progress::new(total, "flight");
         let mut flown = 0;
@@ -135,9 +168,13 @@ impl Submitted<'_> {
             }
             if self.stop.load(Ordering::Relaxed) {
                 progress.clear();
-                return Err(self.cancelled(&mut engine, &fs::read_to_string(&told).unwrap_or_default()));
+                return Err(
+                    self.cancelled(&mut engine, &fs::read_to_string(&told).unwrap_or_default())
+                );
             }
-            if waited.is_empty() && all_there.get_or_insert_with(Instant::now).elapsed() > GRACE {
+            if waited.is_empty()
+                && all_there.get_or_insert_with(Instant::now).elapsed() > JOB_END_TIMEOUT
+            {
                 end(&mut engine);
                 break None;
             }
@@ -148,14 +185,22 @@ impl Submitted<'_> {
                 !is_new
             });
             progress.look(flown);
-            sleep(EVERY);
+            sleep(POLL_EVERY);
         };
         progress.clear();
-        let Some(ended) = ended.filter(|ended| !ended.success()) else { return Ok(()) };
+        let Some(ended) = ended.filter(|ended| !ended.success()) else {
+            return Ok(());
+        };
         let engine = &command[0];
-        if fs::read_to_string(&told).unwrap_or_default().trim().is_empty() {
-            return Err(Failure::failed(format!("{engine} took no job: it ended with {ended}"))
-                .help("it has said why; `--dry-run` prints the script and the command"));
+        if fs::read_to_string(&told)
+            .unwrap_or_default()
+            .trim()
+            .is_empty()
+        {
+            return Err(
+                Failure::failed(format!("{engine} took no job: it ended with {ended}"))
+                    .help("it has said why; `--dry-run` prints the script and the command"),
+            );
         }
         // A task that failed makes the whole array fail; the files say which.
         say(&format!("{engine} ended with {ended}\n"));
@@ -166,12 +211,28 @@ impl Submitted<'_> {
     fn cancelled(&self, engine: &mut Child, told: &str) -> Failure {
         end(engine);
         // Slurm says the number and, behind a semicolon, the cluster.
-        let job = told.lines().find_map(|line| line.split(';').next()?.trim().parse::<u64>().ok());
+        let job = told
+            .lines()
+            .find_map(|line| line.split(';').next()?.trim().parse::<u64>().ok());
         let cancel = job.and_then(|job| Array::cancel(self.on, &job.to_string()));
         let words = cancel.map_or_else(String::new, |words| {
-            match Command::new(&words[0]).args(&words[1..]).stdin(Stdio::null()).status() {
-                Ok(status) if status.success() => String::new(),
-                _ => format!("; `{}` failed, so that its job may go on", words.join(" ")),
+            let cancelling = Command::new(&words[0])
+                .args(&words[1..])
+                .stdin(Stdio::null())
+                .spawn();
+            let is_cancelled = cancelling.is_ok_and(|mut process| {
+                wait_at_most(&mut process, CANCEL_TIMEOUT).map_or_else(
+                    || {
+                        end(&mut process);
+                        false
+                    },
+                    |status| status.success(),
+                )
+            });
+            if is_cancelled {
+                String::new()
+            } else {
+                format!("; `{}` failed, so the job may still run", words.join(" "))
             }
         });
         Failure::new(INTERRUPTED, format!("interrupted{words}"))
@@ -182,17 +243,38 @@ impl Submitted<'_> {
 /// Starts an engine's command, whose output goes to a file.
 fn started(command: &[String], to: File) -> Result<Child, Failure> {
     let engine = &command[0];
-    Command::new(engine).args(&command[1..]).stdin(Stdio::null()).stdout(to).spawn().map_err(|e| {
-        Failure::new(FAILED, format!("cannot start {engine}: {e}"))
-            .help("run it where the engine's commands are on the path; --dry-run prints the script")
-    })
+    Command::new(engine)
+        .args(&command[1..])
+        .stdin(Stdio::null())
+        .stdout(to)
+        .spawn()
+        .map_err(|e| {
+            Failure::new(FAILED, format!("cannot start {engine}: {e}")).help(
+                "run it where the engine's commands are on the path; --dry-run prints the script",
+            )
+        })
 }
 
-/// Ends a process that waits.
+/// Ends a command: with SIGTERM, and with SIGKILL if it ignores that.
 fn end(process: &mut Child) {
     if let Some(pid) = i32::try_from(process.id()).ok().and_then(Pid::from_raw) {
         // It may have ended by itself.
         let _ = kill_process(pid, Signal::TERM);
     }
-    let _ = process.wait();
+    if wait_at_most(process, TERMINATION_TIMEOUT).is_none() {
+        let _ = process.kill();
+        let _ = process.wait();
+    }
+}
+
+/// The exit status of a process; none if it still runs after `limit`.
+fn wait_at_most(process: &mut Child, limit: Duration) -> Option<ExitStatus> {
+    let until = Instant::now() + limit;
+    loop {
+        match process.try_wait() {
+            Ok(None) if Instant::now() < until => sleep(POLL_EVERY / 10),
+            Ok(status) => return status,
+            Err(_) => return None,
+        }
+    }
 }

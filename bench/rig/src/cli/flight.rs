@@ -1,52 +1,74 @@
-//! Flags that say what to fly, and by which laws.
+//! Flags of the commands that fly: `fly`, `simulate` and the single roles.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
+use errors::Failure;
 use toml::Value;
 
-use crate::cli::values;
+use crate::cli::{name_of, set, values};
 use crate::fault::Fault;
-use crate::settings::Overrides;
+use crate::settings::{Overrides, PaceName, Settings};
 
-/// What to fly, by whichever laws.
+/// The flight, whatever laws fly it.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Flight")]
-pub struct CourseArgs {
-    /// Reference trajectory, or a CSV file of points with the columns t,x,y,z,yaw [default: lissajous].
+pub struct TrajectoryArgs {
+    /// Reference trajectory: a name, or a CSV file with the columns t,x,y,z,yaw [default: lissajous].
     #[arg(long, value_parser = values::TrajectoryParser)]
     pub trajectory: Option<String>,
     /// Airframe: paper, crazyflie, x500, or an airframe file [default: paper].
     #[arg(long, value_name = "NAME|FILE.toml")]
     pub airframe: Option<String>,
-    /// Preset of the laws that have one of that name [default: flight].
+    /// Preset for every law that has one with this name [default: flight].
     #[arg(long, value_parser = values::PresetParser)]
     pub preset: Option<String>,
-    /// Length of the flight, as in 30s or 2m [default: 30s; of margin a period of the trajectory].
+    /// Length of the flight, for example 30s or 2m [default: 30s; margin: one period of the trajectory].
     #[arg(long, allow_hyphen_values = true, value_parser = values::duration)]
     pub duration: Option<Duration>,
-    /// Seed of the sensors' noise [default: 1].
+    /// Seed of the sensor noise [default: 1].
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::seed)]
     pub seed: Option<i64>,
     /// Settings file (TOML); flags override it.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Something that goes wrong: 'WHAT=VALUE[,WHAT=VALUE]@8s' or '...@tick8000', ..9s behind it for an end; may be
-    /// repeated. A parameter's value is a number, nominal, or +30% of nominal; ~2s behind it goes there in 2 s.
-    /// `ironbird params` and `ironbird faults` list what there is.
+    /// Fault to inject: 'WHAT=VALUE[,WHAT=VALUE]@8s' or '...@tick8000', with an end as in @8s..9s; may be repeated.
+    /// A parameter takes a number, `nominal`, or +30% of nominal; ~2s after it makes a 2 s ramp.
+    /// `ironbird params` and `ironbird faults` list what can be changed.
     #[arg(long = "fault", value_name = "FAULT", value_parser = values::fault)]
     pub faults: Vec<Fault>,
 }
 
-/// What to fly, and by which laws.
+impl TrajectoryArgs {
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        let faults = (!self.faults.is_empty())
+            .then(|| self.faults.iter().map(Fault::to_string).collect::<Vec<_>>());
+        [
+            set("flight.trajectory", self.trajectory.clone()),
+            set("flight.airframe", self.airframe.clone()),
+            set("flight.preset", self.preset.clone()),
+            set(
+                "flight.duration_s",
+                self.duration.map(|it| it.as_secs_f64()),
+            ),
+            set("flight.seed", self.seed),
+            set("flight.faults", faults),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
+/// The flight and its laws.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Flight")]
 pub struct FlightArgs {
     #[command(flatten)]
-    #[allow(missing_docs, reason = "documented by its type")]
-    pub course: CourseArgs,
-    /// Law of the outer loop [default: pd]: a name of `ironbird laws`, or the file of a law, as ./libmy.so.
+    pub course: TrajectoryArgs,
+    /// Law of the outer loop: a name from `ironbird laws`, or a library such as ./libmy.so [default: pd].
     #[arg(long, value_name = "LAW|FILE")]
     pub outer: Option<String>,
     /// Law of the inner loop [default: adaptive].
@@ -55,45 +77,356 @@ pub struct FlightArgs {
     /// Law of the mixer [default: priority].
     #[arg(long, value_name = "LAW|FILE")]
     pub mixer: Option<String>,
-    /// An inner loop that is started again in flight begins with the last estimates, not with its priors.
+    /// After a restart in flight, resume the inner loop from its last published estimates instead of the initial ones.
     #[arg(long)]
     pub resume_estimates: bool,
 }
 
-impl CourseArgs {
-    /// What the flags set.
+impl FlightArgs {
     #[must_use]
     pub fn overrides(&self) -> Overrides {
-        let mut set = Overrides::new();
-        if let Some(name) = &self.trajectory {
-            set.push(("flight.trajectory", Value::from(name.clone())));
-        }
-        if let Some(name) = &self.airframe {
-            set.push(("flight.airframe", Value::from(name.clone())));
-        }
-        if let Some(name) = &self.preset {
-            set.push(("flight.preset", Value::from(name.clone())));
-        }
-        if let Some(duration) = self.duration {
-            set.push(("flight.duration_s", Value::from(duration.as_secs_f64())));
-        }
-        if let Some(seed) = self.seed {
-            set.push(("flight.seed", Value::from(seed)));
-        }
-        if !self.faults.is_empty() {
-            set.push(("flight.faults", Value::from(self.faults.iter().map(Fault::to_string).collect::<Vec<_>>())));
-        }
-        set
+        let laws = [
+            set("outer.law", self.outer.clone()),
+            set("inner.law", self.inner.clone()),
+            set("mixer.law", self.mixer.clone()),
+            set(
+                "flight.resume_estimates",
+                self.resume_estimates.then_some(true),
+            ),
+        ];
+        let mut overrides = self.course.overrides();
+        overrides.extend(laws.into_iter().flatten());
+        overrides
     }
 }
 
-impl FlightArgs {
-    /// What the flags set.
+/// Real-time execution.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Real time")]
+pub struct RtArgs {
+    /// Whether to insist on real-time privileges [default: prefer].
+    #[arg(long, value_enum)]
+    pub rt: Option<RtMode>,
+    /// What advances the ticks [default: realtime].
+    #[arg(long, value_enum)]
+    pub pace: Option<PaceArg>,
+    /// CPU of the four loops [default: the highest-numbered one].
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::processor)]
+    pub cpu: Option<u16>,
+    /// How early the plant's timer fires before each tick: microseconds, or auto [default: auto].
+    ///
+    /// The plant spends the rest reading the clock. `auto` measures the machine before take-off and follows the flight;
+    /// without SCHED_FIFO it is 0.
+    #[arg(long, value_name = "US", allow_hyphen_values = true, value_parser = values::lead)]
+    pub lead: Option<LeadArg>,
+    /// Whether the stages warm up their caches with a dry run before each tick [default: true].
+    #[arg(long, value_name = "BOOL")]
+    pub rehearse: Option<bool>,
+    /// Name of the instance; several can fly at once.
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum RtMode {
+    /// Exit with code 4 if SCHED_FIFO, locked memory or anything else needed is refused.
+    Require,
+    /// Fly with what is granted, and report what was not.
+    Prefer,
+    /// Request nothing.
+    Off,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum PaceArg {
+    /// The clock: one tick per millisecond, whether or not every stage is ready.
+    Realtime,
+    /// The chain itself: the next tick begins when the rotor command has arrived. Not real-time.
+    Lockstep,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LeadArg {
+    /// From a measurement before take-off.
+    Auto,
+    Us(u32),
+}
+
+/// Refuses a flag that needs the clock in a lockstep flight.
+fn on_the_clock(flag: &str, settings: &Settings) -> Result<(), Failure> {
+    match settings.flight.pace {
+        PaceName::Realtime => Ok(()),
+        PaceName::Lockstep => Err(Failure::usage(format!(
+            "{flag} has no meaning in lockstep, where no clock moves the ticks"
+        ))
+        .help(format!(
+            "remove {flag}, or fly in real time: --pace realtime"
+        ))),
+    }
+}
+
+impl RtArgs {
+    /// Refuses flags that a lockstep flight would ignore.
+    pub fn check(&self, settings: &Settings) -> Result<(), Failure> {
+        let wants_rt = self.rt.is_some_and(|mode| !matches!(mode, RtMode::Off));
+        [
+            ("--rt", wants_rt),
+            ("--cpu", self.cpu.is_some()),
+            ("--lead", self.lead.is_some()),
+            ("--rehearse", self.rehearse.is_some()),
+        ]
+        .into_iter()
+        .filter(|(_, is_given)| *is_given)
+        .try_for_each(|(flag, _)| on_the_clock(flag, settings))
+    }
+
     #[must_use]
     pub fn overrides(&self) -> Overrides {
-        let laws = [("outer.law", &self.outer), ("inner.law", &self.inner), ("mixer.law", &self.mixer)];
-        let laws = laws.into_iter().filter_map(|(key, name)| Some((key, Value::from(name.clone()?))));
-        let resumed = self.resume_estimates.then(|| ("flight.resume_estimates", Value::from(true)));
-        self.course.overrides().into_iter().chain(laws).chain(resumed).collect()
+        let lead = self.lead.map(|lead| match lead {
+            LeadArg::Auto => Value::from("auto"),
+            LeadArg::Us(us) => Value::from(i64::from(us)),
+        });
+        [
+            set("rt.mode", self.rt.map(name_of)),
+            set("flight.pace", self.pace.map(name_of)),
+            set("rt.cpu", self.cpu.map(i64::from)),
+            set("rt.lead_us", lead),
+            set("rt.rehearse", self.rehearse),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
+/// Acceptance criteria.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Gates: exit code 3 if one fails or measured nothing")]
+pub struct GateArgs {
+    /// Maximum rate of ticks without a fresh command on time [per million].
+    #[arg(long, value_name = "PPM", allow_hyphen_values = true, value_parser = values::limit)]
+    pub max_miss_rate: Option<f64>,
+    /// Maximum rate of skipped ticks [per million].
+    #[arg(long, value_name = "PPM", allow_hyphen_values = true, value_parser = values::limit)]
+    pub max_skip_rate: Option<f64>,
+    /// Maximum rate of ticks in which a stage used a stale input [per million].
+    #[arg(long, value_name = "PPM", allow_hyphen_values = true, value_parser = values::limit)]
+    pub max_stale_rate: Option<f64>,
+    /// Maximum 99.9th percentile of the plant's wake-up latency [us].
+    #[arg(long, value_name = "US", allow_hyphen_values = true, value_parser = values::limit)]
+    pub max_wake_p999: Option<f64>,
+    /// Maximum 99.9th percentile of the loop latency [us].
+    #[arg(long, value_name = "US", allow_hyphen_values = true, value_parser = values::limit)]
+    pub max_loop_p999: Option<f64>,
+    /// Maximum position error in the last 5 s [m].
+    #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = values::limit)]
+    pub max_tracking_error: Option<f64>,
+    /// Maximum share of the loops' CPU time that the host steals [%].
+    #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = values::limit)]
+    pub max_steal: Option<f64>,
+    /// A condition that must hold; may be repeated.
+    #[arg(long = "gate", value_enum, value_name = "GATE")]
+    pub gates: Vec<GateName>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum GateName {
+    /// No unexplained violation of the theorem, and estimates that move as predicted.
+    Theorem,
+}
+
+impl GateArgs {
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        [
+            set("recorder.max_miss_rate_ppm", self.max_miss_rate),
+            set("recorder.max_skip_rate_ppm", self.max_skip_rate),
+            set("recorder.max_stale_rate_ppm", self.max_stale_rate),
+            set("recorder.max_wake_p999_us", self.max_wake_p999),
+            set("recorder.max_loop_p999_us", self.max_loop_p999),
+            set("recorder.max_tracking_error_m", self.max_tracking_error),
+            set("recorder.max_steal_percent", self.max_steal),
+            theorem_gate(&self.gates),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
+fn theorem_gate(gates: &[GateName]) -> Option<(&'static str, Value)> {
+    set(
+        "recorder.gate_theorem",
+        gates.contains(&GateName::Theorem).then_some(true),
+    )
+}
+
+/// What the recorder writes, and the acceptance criteria.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Record")]
+pub struct RecorderArgs {
+    /// Directory in which the flight gets its own directory [default: runs].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Messages to keep in flight.mcap [default: all].
+    #[arg(long, value_enum, value_name = "MESSAGES")]
+    pub log: Option<LogArg>,
+    /// Also write the states to this file.
+    #[arg(long, value_name = "FILE.csv")]
+    pub states: Option<PathBuf>,
+    /// Write one row of states every N ticks [default: 50].
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::every)]
+    pub every: Option<u32>,
+    /// Trace the loops' CPU with ftrace, so that the report can name what ran during an outage.
+    #[arg(long)]
+    pub trace: bool,
+    #[command(flatten)]
+    pub gates: GateArgs,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum LogArg {
+    /// All messages; only such a log can be replayed.
+    All,
+    /// Messages within recorder.log_around_s of a missed deadline, a parameter change, take-off or landing.
+    AroundMisses,
+    /// None; there is no flight.mcap.
+    Off,
+}
+
+impl RecorderArgs {
+    /// Refuses flags that a lockstep flight would ignore.
+    pub fn check(&self, settings: &Settings) -> Result<(), Failure> {
+        if self.trace {
+            on_the_clock("--trace", settings)
+        } else {
+            Ok(())
+        }
+    }
+
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        let out = self
+            .out
+            .as_ref()
+            .map(|out| out.to_string_lossy().into_owned());
+        let mut overrides: Overrides = [
+            set("recorder.out", out),
+            set("recorder.log", self.log.map(name_of)),
+            set("recorder.states_every_ticks", self.every),
+            set("recorder.trace", self.trace.then_some(true)),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        overrides.extend(self.gates.overrides());
+        overrides
+    }
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct FlyArgs {
+    /// Show the dashboard in this terminal, as `ironbird watch` does.
+    #[arg(long)]
+    pub watch: bool,
+    /// What to do when a process dies or hangs in flight.
+    #[arg(long, value_enum, value_name = "WHAT", default_value_t = OnDeath::End)]
+    pub on_death: OnDeath,
+    /// Measure each of the machine's timing limits for this long right after the flight, for example 11s.
+    #[arg(long, value_name = "DURATION", allow_hyphen_values = true, value_parser = values::duration)]
+    pub floor: Option<Duration>,
+    /// Write the acceptance results to FILE as JUnit XML.
+    #[arg(long, value_name = "FILE.xml")]
+    pub junit: Option<PathBuf>,
+    /// Open the report page in a browser after the flight: the one named by BROWSER, or the system's.
+    #[arg(long)]
+    pub open: bool,
+    /// Print the complete, commented settings of this flight, and exit.
+    #[arg(long)]
+    pub print_config: bool,
+    #[command(flatten)]
+    pub flight: FlightArgs,
+    #[command(flatten)]
+    pub rt: RtArgs,
+    #[command(flatten)]
+    pub recorder: RecorderArgs,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum OnDeath {
+    /// End the flight, and name the process that died.
+    End,
+    /// Replace the process by its hot standby, or restart it, at most 5 times in 10 s. A process that hangs for more than
+    /// 80 ms is killed first. The flight ends if the plant dies.
+    Restart,
+}
+
+impl FlyArgs {
+    /// Refuses restarts in lockstep, where no process can join a flight.
+    pub fn check(&self, settings: &Settings) -> Result<(), Failure> {
+        match self.on_death {
+            OnDeath::End => Ok(()),
+            OnDeath::Restart => on_the_clock("--on-death restart", settings),
+        }
+    }
+}
+
+/// Flags of `plant`, `outer`, `inner` and `mixer`.
+#[derive(Clone, Debug, Args)]
+pub struct RoleArgs {
+    #[command(flatten)]
+    pub flight: FlightArgs,
+    #[command(flatten)]
+    pub rt: RtArgs,
+    /// Exit when the process with this number, which must be the parent, ends.
+    #[arg(long, hide = true)]
+    pub launcher: Option<u32>,
+    /// Start as a hot standby: get ready, and wait for a byte on standard input; exit when standard input closes.
+    #[arg(long, hide = true, requires = "launcher")]
+    pub spare: bool,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct RecordArgs {
+    #[command(flatten)]
+    pub role: RoleArgs,
+    #[command(flatten)]
+    pub recorder: RecorderArgs,
+    /// The flight's directory, which exists.
+    #[arg(long, hide = true)]
+    pub run_dir: Option<PathBuf>,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct SimulateArgs {
+    #[command(flatten)]
+    pub flight: FlightArgs,
+    /// Plot the flight to this file.
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Apply the outages, skipped ticks and stale inputs of this recorded flight: its directory, its log, or latest.
+    #[arg(long, value_name = "RUN")]
+    pub timing: Option<PathBuf>,
+    /// Directory in which `latest` is looked up [default: runs].
+    #[arg(long, value_name = "DIR", requires = "timing")]
+    pub out: Option<PathBuf>,
+    /// Write the states to this file.
+    #[arg(long, value_name = "FILE.csv")]
+    pub states: Option<PathBuf>,
+    /// Write one row of states every N ticks [default: 50].
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::every)]
+    pub every: Option<u32>,
+    /// A condition that must hold, else exit code 3; may be repeated.
+    #[arg(long = "gate", value_enum, value_name = "GATE")]
+    pub gates: Vec<GateName>,
+}
+
+impl SimulateArgs {
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        let mut overrides = self.flight.overrides();
+        overrides.extend(set("recorder.states_every_ticks", self.every));
+        overrides.extend(theorem_gate(&self.gates));
+        overrides
     }
 }

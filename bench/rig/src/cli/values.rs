@@ -5,9 +5,11 @@ use std::time::Duration;
 
 use crate::cli::{LeadArg, Shard};
 use crate::fault::{Fault, FaultError};
-use crate::settings::laws::preset_names;
+use crate::settings::law_settings::preset_names;
 use crate::settings::trajectory::is_file;
-use clap::builder::{NonEmptyStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::builder::{
+    NonEmptyStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser,
+};
 use clap::{Arg, Command};
 use controller::Trajectory;
 
@@ -15,14 +17,21 @@ use controller::Trajectory;
 pub(crate) fn duration(text: &str) -> Result<Duration, String> {
     const WRITE: &str = "write a number of 0 or more and its unit, as in 500ms, 30s or 2m";
     humantime::parse_duration(text).map_err(|e| {
-        let why = if text.starts_with('-') { "a time is not negative".into() } else { e.to_string() };
+        let why = if text.starts_with('-') {
+            "a time is not negative".into()
+        } else {
+            e.to_string()
+        };
         format!("{}; {WRITE}", why.trim_end())
     })
 }
 
-/// The number of a tick.
 pub(crate) fn tick(text: &str) -> Result<u64, String> {
-    text.parse().map_err(|_| "write the number of a tick, from 0 on, as in 8000; --in takes a time".into())
+    // The largest number stands for no tick.
+    let tick = text.parse().ok().filter(|tick| *tick != u64::MAX);
+    tick.ok_or_else(|| {
+        "write the number of a tick, from 0 on, as in 8000; --in takes a time".into()
+    })
 }
 
 /// A built-in trajectory, or a file of points.
@@ -32,7 +41,12 @@ pub(crate) struct TrajectoryParser;
 impl TypedValueParser for TrajectoryParser {
     type Value = String;
 
-    fn parse_ref(&self, command: &Command, arg: Option<&Arg>, value: &OsStr) -> Result<String, clap::Error> {
+    fn parse_ref(
+        &self,
+        command: &Command,
+        arg: Option<&Arg>,
+        value: &OsStr,
+    ) -> Result<String, clap::Error> {
         match value.to_str().filter(|text| is_file(text)) {
             Some(file) => Ok(file.into()),
             None => PossibleValuesParser::new(Trajectory::NAMES).parse_ref(command, arg, value),
@@ -40,7 +54,9 @@ impl TypedValueParser for TrajectoryParser {
     }
 
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        Some(Box::new(Trajectory::NAMES.into_iter().map(PossibleValue::new)))
+        Some(Box::new(
+            Trajectory::NAMES.into_iter().map(PossibleValue::new),
+        ))
     }
 }
 
@@ -51,7 +67,12 @@ pub(crate) struct PresetParser;
 impl TypedValueParser for PresetParser {
     type Value = String;
 
-    fn parse_ref(&self, command: &Command, arg: Option<&Arg>, value: &OsStr) -> Result<String, clap::Error> {
+    fn parse_ref(
+        &self,
+        command: &Command,
+        arg: Option<&Arg>,
+        value: &OsStr,
+    ) -> Result<String, clap::Error> {
         NonEmptyStringValueParser::new().parse_ref(command, arg, value)
     }
 
@@ -60,7 +81,6 @@ impl TypedValueParser for PresetParser {
     }
 }
 
-/// The number of a processor.
 pub(crate) fn processor(text: &str) -> Result<u16, String> {
     text.parse().map_err(|_| {
         "no processor has this number; write 0, 1 and so on, or leave the flag out: the highest-numbered one is taken"
@@ -72,13 +92,18 @@ pub(crate) fn processor(text: &str) -> Result<u16, String> {
 pub(crate) fn lead(text: &str) -> Result<LeadArg, String> {
     match text {
         "auto" => Ok(LeadArg::Auto),
-        us => us.parse().map(LeadArg::Us).map_err(|_| "write whole microseconds, as in 150, or auto".into()),
+        us => us
+            .parse()
+            .map(LeadArg::Us)
+            .map_err(|_| "write whole microseconds, as in 150, or auto".into()),
     }
 }
 
-/// A limit of a gate.
 pub(crate) fn limit(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number >= 0.0);
+    let number = text
+        .parse()
+        .ok()
+        .filter(|number: &f64| number.is_finite() && *number >= 0.0);
     number.ok_or_else(|| "write a number of 0 or more, as in 100 or 2.5".into())
 }
 
@@ -91,7 +116,10 @@ pub(crate) fn seed(text: &str) -> Result<i64, String> {
 /// A number of ticks of which one is taken.
 pub(crate) fn every(text: &str) -> Result<u32, String> {
     const MOST: u32 = 1_000_000_000;
-    let number = text.parse().ok().filter(|number| (1..=MOST).contains(number));
+    let number = text
+        .parse()
+        .ok()
+        .filter(|number| (1..=MOST).contains(number));
     number.ok_or_else(|| format!("write a whole number from 1 to {MOST}"))
 }
 
@@ -99,46 +127,51 @@ pub(crate) fn every(text: &str) -> Result<u32, String> {
 pub(crate) fn shard(text: &str) -> Result<Shard, String> {
     let wrong = || "write K/N with K from 1 to N, as in 3/24, or auto/24".to_owned();
     let (number, of) = text.split_once('/').ok_or_else(wrong)?;
-    let of = of.parse().ok().filter(|of| (1..=1_000_000).contains(of)).ok_or_else(wrong)?;
+    let of = of
+        .parse()
+        .ok()
+        .filter(|of| (1..=1_000_000).contains(of))
+        .ok_or_else(wrong)?;
     match number {
         "auto" => Ok(Shard { number: None, of }),
         number => {
-            let number = number.parse().ok().filter(|number| (1..=of).contains(number)).ok_or_else(wrong)?;
-            Ok(Shard { number: Some(number), of })
+            let number = number
+                .parse()
+                .ok()
+                .filter(|number| (1..=of).contains(number))
+                .ok_or_else(wrong)?;
+            Ok(Shard {
+                number: Some(number),
+                of,
+            })
         }
     }
 }
 
-/// A number of shards.
 pub(crate) fn shards(text: &str) -> Result<u64, String> {
-    let number = text.parse().ok().filter(|number| (1..=1_000_000).contains(number));
+    let number = text
+        .parse()
+        .ok()
+        .filter(|number| (1..=1_000_000).contains(number));
     number.ok_or_else(|| "write a whole number from 1 to 1000000".into())
 }
 
 /// A number of flights at once.
 pub(crate) fn jobs(text: &str) -> Result<usize, String> {
-    let number = text.parse().ok().filter(|number| (1..=4096).contains(number));
+    let number = text
+        .parse()
+        .ok()
+        .filter(|number| (1..=4096).contains(number));
     number.ok_or_else(|| "write a whole number from 1 to 4096".into())
-}
-
-/// A share of the flights.
-pub(crate) fn share(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|number: &f64| *number > 0.0 && *number <= 1.0);
-    number.ok_or_else(|| "write a share above 0 and up to 1, as in 0.01".into())
-}
-
-/// The width of an interval at which a campaign stops.
-pub(crate) fn until(text: &str) -> Result<f64, String> {
-    let width = text.split_once('<').filter(|(what, _)| what.trim() == "width(success)");
-    let width =
-        width.and_then(|(_, width)| width.trim().parse().ok()).filter(|width: &f64| *width > 0.0 && *width < 1.0);
-    width.ok_or_else(|| "write width(success) < W with W above 0 and below 1, as in 'width(success) < 0.01'".into())
 }
 
 /// The origin of a page, as a browser tells it.
 pub(crate) fn origin(text: &str) -> Result<String, String> {
     let is_origin = text.split_once("://").is_some_and(|(scheme, host)| {
-        !scheme.is_empty() && !host.is_empty() && !host.contains(['/', '*']) && !text.contains(char::is_whitespace)
+        !scheme.is_empty()
+            && !host.is_empty()
+            && !host.contains(['/', '*'])
+            && !text.contains(char::is_whitespace)
     });
     if is_origin {
         return Ok(text.to_owned());
@@ -146,7 +179,7 @@ pub(crate) fn origin(text: &str) -> Result<String, String> {
     Err("write scheme, host and port as the browser does, without a path, as in https://studio.example:8080".into())
 }
 
-/// A fault.
 pub(crate) fn fault(text: &str) -> Result<Fault, String> {
-    text.parse().map_err(|e: FaultError| format!("{e} ({})", e.listed("")))
+    text.parse()
+        .map_err(|e: FaultError| format!("{e} ({})", e.listed("")))
 }

@@ -1,18 +1,14 @@
 //! `ironbird faults`: lists what can go wrong with messages, stages and their processor, and the fields that can be wrong.
 
-use model::fault::fields::Field;
-use model::fault::{LONGEST_DELAY, PORTS, Port};
-use model::role::STAGES;
+use messages::fault::fields::Field;
+use messages::fault::{LONGEST_DELAY, PORTS, Port};
+use messages::role::STAGES;
 
+use crate::fault::error::typed;
 use crate::fault::plan::RESTART;
-use crate::fault::typed;
 use crate::output::print;
-use failure::{Failure, OK};
+use errors::{Failure, OK};
 
-/// Prints the lists.
-///
-/// # Errors
-/// [`Failure`] where nothing can be printed.
 pub fn faults() -> Result<u8, Failure> {
     print(&text())?;
     Ok(OK)
@@ -23,22 +19,69 @@ fn text() -> String {
          ironbird inject WHAT[=VALUE]... [--at-tick N | --in TIME] [--for TIME]      into a flight in the air\n\n"
         .to_owned();
     let delays = format!("1 to {LONGEST_DELAY}");
-    let restart = format!("the stage ends; simulated, a new one works {} later", typed(RESTART));
+    let restart = format!(
+        "the stage ends; simulated, a new one works {} later",
+        typed(RESTART)
+    );
     text += &table(&[
         ["what", "value", "meaning"],
-        ["PARAMETER", "see `ironbird params`", "the airframe has another value; no TO"],
-        ["TOPIC.drop", "0 to 1, or n/m", "a share is lost at random, or the first n of each m"],
-        ["TOPIC.delay", &delays, "messages come so many ticks later, and are as stale as that"],
-        ["TOPIC.lag", &delays, "messages come in time, with the content of so many ticks before"],
-        ["TOPIC.freeze", "", "messages come in time, with the content of the last one before"],
-        ["TOPIC.FIELD.noise", "number", "standard deviation of normal noise that is added, in the field's unit"],
-        ["TOPIC.FIELD.bias", "number", "what is added, in the field's unit"],
+        [
+            "PARAMETER",
+            "see `ironbird params`",
+            "the airframe has another value; no TO",
+        ],
+        [
+            "TOPIC.drop",
+            "0 to 1, or n/m",
+            "a share is lost at random, or the first n of each m",
+        ],
+        [
+            "TOPIC.delay",
+            &delays,
+            "messages come so many ticks later, and are as stale as that",
+        ],
+        [
+            "TOPIC.lag",
+            &delays,
+            "messages come in time, with the content of so many ticks before",
+        ],
+        [
+            "TOPIC.freeze",
+            "",
+            "messages come in time, with the content of the last one before",
+        ],
+        [
+            "TOPIC.FIELD.noise",
+            "number",
+            "standard deviation of normal noise that is added, in the field's unit",
+        ],
+        [
+            "TOPIC.FIELD.bias",
+            "number",
+            "what is added, in the field's unit",
+        ],
         ["TOPIC.FIELD.nan", "", "no number, which inspection refuses"],
-        ["ROLE.late", "time, or 40us..400us", "the stage computes so much longer; without TO in one tick"],
-        ["ROLE.stop", "time", "the stage does nothing for so long; no TO"],
+        [
+            "ROLE.late",
+            "time, or 40us..400us",
+            "the stage computes so much longer; without TO in one tick",
+        ],
+        [
+            "ROLE.stop",
+            "time",
+            "the stage does nothing for so long; no TO",
+        ],
         ["ROLE.kill", "", &restart],
-        ["cpu.hog", "1 to 99", "a process of this SCHED_FIFO priority is always busy on the loops' processor"],
-        ["cpu.load", "0 to 1", "an ordinary process is busy there in this share of its time"],
+        [
+            "cpu.hog",
+            "1 to 99",
+            "a process of this SCHED_FIFO priority is always busy on the loops' processor",
+        ],
+        [
+            "cpu.load",
+            "0 to 1",
+            "an ordinary process is busy there in this share of its time",
+        ],
         ["what lasts", "off", "it ends; no TO"],
     ]);
     let stages = STAGES.map(|role| role.name()).join(", ");
@@ -47,29 +90,48 @@ fn text() -> String {
          ROLE.TOPIC means one. FIELD may end in one of its axes.\n\n"
     );
     let mut rows = vec![["topic", "inputs", "field", "axes", "unit"].map(str::to_owned)];
-    let mut told: Vec<&str> = Vec::new();
+    let mut listed: Vec<&str> = Vec::new();
     for port in PORTS {
-        if !told.contains(&port.topic()) {
-            told.push(port.topic());
+        if !listed.contains(&port.topic()) {
+            listed.push(port.topic());
             rows.extend(port.fields().iter().map(|field| row(port, field)));
         }
     }
-    let rows: Vec<[&str; 5]> = rows.iter().map(|row| row.each_ref().map(String::as_str)).collect();
+    let rows: Vec<[&str; 5]> = rows
+        .iter()
+        .map(|row| row.each_ref().map(String::as_str))
+        .collect();
     text + &table(&rows)
 }
 
 fn row(port: Port, field: &Field) -> [String; 5] {
-    let inputs = PORTS.into_iter().filter(|other| other.topic() == port.topic());
+    let inputs = PORTS
+        .into_iter()
+        .filter(|other| other.topic() == port.topic());
     let inputs: Vec<String> = inputs.map(|port| port.to_string()).collect();
-    [port.topic().into(), inputs.join(" "), field.name.into(), field.axes.join(" "), field.unit.into()]
+    [
+        port.topic().into(),
+        inputs.join(" "),
+        field.name.into(),
+        field.axes.join(" "),
+        field.unit.into(),
+    ]
 }
 
 /// Columns as wide as they must be.
 fn table<const N: usize>(rows: &[[&str; N]]) -> String {
-    let width: [usize; N] =
-        std::array::from_fn(|column| rows.iter().map(|row| row[column].len()).max().unwrap_or_default());
+    let width: [usize; N] = std::array::from_fn(|column| {
+        rows.iter()
+            .map(|row| row[column].len())
+            .max()
+            .unwrap_or_default()
+    });
     let line = |row: &[&str; N]| {
-        let cells: Vec<String> = row.iter().zip(width).map(|(cell, width)| format!("{cell:<width$}")).collect();
+        let cells: Vec<String> = row
+            .iter()
+            .zip(width)
+            .map(|(cell, width)| format!("{cell:<width$}"))
+            .collect();
         format!("{}\n", cells.join("  ").trim_end())
     };
     rows.iter().map(line).collect()

@@ -8,18 +8,17 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
-use model::parameters::{Airframe, Parameter};
+use messages::parameters::{Airframe, Parameter};
 use plant::{SwapError, Target};
 
-use crate::fault::{FaultError, begin_of, typed};
+use crate::fault::error::{FaultError, begin_of, typed};
 
 /// A parameter with the value that is wanted for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wanted {
-    /// The parameter.
+pub struct Desired {
     pub parameter: Parameter,
     /// Its value, as it was typed.
-    pub value: WantedValue,
+    pub value: RequestedValue,
     /// How long it takes to get there; `None` is at once.
     pub over: Option<Duration>,
 }
@@ -29,7 +28,7 @@ const LONGEST_RAMP: Duration = Duration::from_secs(30 * 86_400);
 
 /// A value as it is typed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum WantedValue {
+pub enum RequestedValue {
     /// In the unit of the parameter.
     Number(f64),
     /// That of the airframe as it was built, and so many percent of it more.
@@ -38,12 +37,14 @@ pub enum WantedValue {
     Nominal,
 }
 
-impl FromStr for Wanted {
+impl FromStr for Desired {
     type Err = FaultError;
 
     /// Reads one `NAME=VALUE`.
     fn from_str(text: &str) -> Result<Self, FaultError> {
-        let (name, value) = text.split_once('=').ok_or_else(|| FaultError::NoAssignment(text.to_owned()))?;
+        let (name, value) = text
+            .split_once('=')
+            .ok_or_else(|| FaultError::NoAssignment(text.to_owned()))?;
         let (name, value) = (name.trim(), value.trim());
         let parameter = Parameter::from_name(name)?;
         let (value, over) = match value.split_once('~') {
@@ -51,89 +52,121 @@ impl FromStr for Wanted {
             None => (value, None),
         };
         let number = |number: &str| {
-            number.parse().map_err(|_| FaultError::NotANumber { name: name.to_owned(), value: begin_of(value) })
+            number.parse().map_err(|_| FaultError::NotANumber {
+                name: name.to_owned(),
+                value: begin_of(value),
+            })
         };
         let share = |percent: &str| {
             let is_share = |percent: &f64| percent.is_finite();
-            let wrong = || FaultError::NotANumber { name: name.to_owned(), value: begin_of(value) };
+            let wrong = || FaultError::NotANumber {
+                name: name.to_owned(),
+                value: begin_of(value),
+            };
             number(percent).ok().filter(is_share).ok_or_else(wrong)
         };
         let value = match value.strip_suffix('%') {
-            Some(percent) if percent.starts_with(['+', '-']) => WantedValue::Percent(share(percent)?),
+            Some(percent) if percent.starts_with(['+', '-']) => {
+                RequestedValue::Percent(share(percent)?)
+            }
             Some(_) => return Err(FaultError::Unsigned(text.to_owned())),
-            None if value == "nominal" => WantedValue::Nominal,
-            None => WantedValue::Number(number(value)?),
+            None if value == "nominal" => RequestedValue::Nominal,
+            None => RequestedValue::Number(number(value)?),
         };
-        Ok(Self { parameter, value, over })
+        Ok(Self {
+            parameter,
+            value,
+            over,
+        })
     }
 }
 
-/// How long a ramp takes.
 fn ramp_time(name: &str, value: &str, time: &str) -> Result<Duration, FaultError> {
     let wrong = |why: String| {
         let (name, value, time) = (name.to_owned(), value.to_owned(), time.to_owned());
-        Err(FaultError::RampTime { name, value, time, why })
+        Err(FaultError::RampTime {
+            name,
+            value,
+            time,
+            why,
+        })
     };
     match humantime::parse_duration(time) {
         _ if time.starts_with('-') => wrong("a time is not negative".into()),
         // humantime reads a bare 0 as well.
         Ok(Duration::ZERO) => wrong("it is no time; without ~ the change is at once".into()),
-        Ok(over) if over > LONGEST_RAMP => wrong("it is longer than the longest flight, 30 days".into()),
+        Ok(over) if over > LONGEST_RAMP => {
+            wrong("it is longer than the longest flight, 30 days".into())
+        }
         Ok(over) => Ok(over),
         Err(e) => wrong(e.to_string().trim_end().to_owned()),
     }
 }
 
-impl Wanted {
+impl Desired {
     /// The value for an airframe, in the unit of the parameter.
-    ///
-    /// # Errors
-    /// [`FaultError::Parameter`] where it is out of the airframe's range; [`FaultError::NothingToScale`].
     pub fn of(&self, airframe: &Airframe) -> Result<(Parameter, f64), FaultError> {
         let parameter = self.parameter;
         let nominal = airframe.as_built().get(parameter);
         let value = match self.value {
-            WantedValue::Number(number) => number,
-            WantedValue::Percent(_) if nominal == 0.0 => return Err(FaultError::NothingToScale(parameter)),
-            WantedValue::Percent(percent) => nominal * (1.0 + percent / 100.0),
-            WantedValue::Nominal => nominal,
+            RequestedValue::Number(number) => number,
+            RequestedValue::Percent(_) if nominal == 0.0 => {
+                return Err(FaultError::NothingToScale(parameter));
+            }
+            RequestedValue::Percent(percent) => nominal * (1.0 + percent / 100.0),
+            RequestedValue::Nominal => nominal,
         };
         Ok((parameter, airframe.check(parameter, value)?))
     }
 
     /// The same with the steps that it takes in ticks of `period_s` [s], at least one.
-    ///
-    /// # Errors
-    /// Those of [`Wanted::of`].
     pub fn target(&self, airframe: &Airframe, period_s: f64) -> Result<Target, FaultError> {
         let (parameter, value) = self.of(airframe)?;
-        let steps = self.over.map_or(1, |over| (over.as_secs_f64() / period_s).round().max(1.0) as u64);
-        Ok(Target { parameter, value, steps })
+        let steps = self.over.map_or(1, |over| {
+            (over.as_secs_f64() / period_s).round().max(1.0) as u64
+        });
+        Ok(Target {
+            parameter,
+            value,
+            steps,
+        })
     }
 }
 
-impl fmt::Display for Wanted {
+impl fmt::Display for Desired {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parameter = self.parameter;
         match self.value {
-            WantedValue::Number(number) => write!(f, "{parameter}={number:?}"),
-            WantedValue::Percent(percent) => write!(f, "{parameter}={percent:+}%"),
-            WantedValue::Nominal => write!(f, "{parameter}=nominal"),
+            RequestedValue::Number(number) => write!(f, "{parameter}={number:?}"),
+            RequestedValue::Percent(percent) => write!(f, "{parameter}={percent:+}%"),
+            RequestedValue::Nominal => write!(f, "{parameter}=nominal"),
         }?;
-        self.over.map_or(Ok(()), |over| write!(f, "~{}", typed(over)))
+        self.over
+            .map_or(Ok(()), |over| write!(f, "~{}", typed(over)))
     }
 }
 
 /// What is wanted of an airframe, in ticks of `period_s` [s].
-///
-/// # Errors
-/// The first of [`Wanted::of`].
-pub fn targets_of(wanted: &[Wanted], airframe: &Airframe, period_s: f64) -> Result<Vec<Target>, FaultError> {
-    wanted.iter().map(|wanted| wanted.target(airframe, period_s)).collect()
+pub fn targets_of(
+    wanted: &[Desired],
+    airframe: &Airframe,
+    period_s: f64,
+) -> Result<Vec<Target>, FaultError> {
+    wanted
+        .iter()
+        .map(|wanted| wanted.target(airframe, period_s))
+        .collect()
 }
 
 /// Refuses two values for one parameter.
-pub(crate) fn check_once(wanted: &[Wanted]) -> Result<(), SwapError> {
-    let again = wanted.iter().enumerate().find(|(i, one)| wanted[..*i].iter().any(|it| it.parameter == one.parameter));
-    again.map_or(Ok(()), |(_, one)| Err(SwapError::Twice { parameter: one.parameter }))
+pub(crate) fn check_once(wanted: &[Desired]) -> Result<(), SwapError> {
+    let again = wanted
+        .iter()
+        .enumerate()
+        .find(|(i, one)| wanted[..*i].iter().any(|it| it.parameter == one.parameter));
+    again.map_or(Ok(()), |(_, one)| {
+        Err(SwapError::Twice {
+            parameter: one.parameter,
+        })
+    })
 }

@@ -1,17 +1,21 @@
-//! Finds the strongest fault that is survived, and looks whether the order of things holds.
+//! Finds the strongest fault survived, and checks monotonicity.
 
-use failure::Failure;
+use errors::Failure;
 
-/// The largest number up to `most` that is survived, by bisection: it takes for granted that 0 is, and that what is
-/// beyond one that is not is not either.
-///
-/// # Errors
-/// What `survives` fails with.
-pub fn largest(most: u64, mut survives: impl FnMut(u64) -> Result<bool, Failure>) -> Result<u64, Failure> {
-    if most == 0 || survives(most)? { Ok(most) } else { between(0, most, survives) }
+/// Bisection for the largest number up to `most` that is survived. Assumes that 0 is survived, and nothing beyond a number
+/// that is not.
+pub fn largest(
+    most: u64,
+    mut survives: impl FnMut(u64) -> Result<bool, Failure>,
+) -> Result<u64, Failure> {
+    if most == 0 || survives(most)? {
+        Ok(most)
+    } else {
+        between(0, most, survives)
+    }
 }
 
-/// The largest number that is survived, where `low` is and `high` is not.
+/// The same between `low`, which is survived, and `high`, which is not.
 fn between(
     mut low: u64,
     mut high: u64,
@@ -28,11 +32,8 @@ fn between(
     Ok(low)
 }
 
-/// Looks below and beyond what bisection has found, up to `most`: the largest number up to which none that was tried was
-/// lost, and what was found against the order of things, as numbers and whether they were survived.
-///
-/// # Errors
-/// What `survives` fails with.
+/// Checks numbers below and above the result of the bisection, up to `most`. Returns the largest number up to which every
+/// tried one was survived, and the numbers that contradict monotonicity with their results.
 pub fn checked(
     found: u64,
     most: u64,
@@ -44,8 +45,10 @@ pub fn checked(
             exceptions.push((beyond, true));
         }
     }
-    let mut within: Vec<u64> =
-        (1..4).map(|quarters| found * quarters / 4).filter(|it| (1..found).contains(it)).collect();
+    let mut within: Vec<u64> = (1..4)
+        .map(|quarters| found * quarters / 4)
+        .filter(|it| (1..found).contains(it))
+        .collect();
     within.dedup();
     for (i, tried) in within.iter().enumerate() {
         if !survives(*tried)? {
@@ -57,10 +60,7 @@ pub fn checked(
     Ok((found, exceptions))
 }
 
-/// Goes up the steps until `misses` in a row are not survived: how many of the first ones were.
-///
-/// # Errors
-/// What `survives` fails with.
+/// Tries ascending steps until `misses` in a row fail; returns how many succeeded before the first failure.
 pub fn climbed<T: Copy>(
     steps: impl IntoIterator<Item = T>,
     misses: u32,
@@ -87,7 +87,6 @@ pub fn climbed<T: Copy>(
 mod tests {
     use super::*;
 
-    /// The answer, and how many flights it took.
     fn counted<R>(
         survives: impl Fn(u64) -> bool,
         ask: impl FnOnce(&mut dyn FnMut(u64) -> Result<bool, Failure>) -> R,
@@ -115,12 +114,26 @@ mod tests {
     fn what_is_against_the_order_of_things_is_told() {
         let (orderly, _) = counted(|it| it <= 100, |survives| checked(100, 2000, survives));
         assert_eq!(orderly.unwrap(), (100, vec![]));
-        let (island, _) = counted(|it| it <= 100 || it == 203, |survives| checked(100, 2000, survives));
+        let (island, _) = counted(
+            |it| it <= 100 || it == 203,
+            |survives| checked(100, 2000, survives),
+        );
         assert_eq!(island.unwrap(), (100, vec![(203, true)]));
-        let (hole, _) = counted(|it| it <= 100 && !(30..=60).contains(&it), |survives| checked(100, 2000, survives));
-        assert_eq!(hole.unwrap(), (29, vec![(50, false)]), "the margin is what lies below the hole");
+        let (hole, _) = counted(
+            |it| it <= 100 && !(30..=60).contains(&it),
+            |survives| checked(100, 2000, survives),
+        );
+        assert_eq!(
+            hole.unwrap(),
+            (29, vec![(50, false)]),
+            "the margin is what lies below the hole"
+        );
         let (capped, _) = counted(|it| it <= 2000, |survives| checked(2000, 2000, survives));
-        assert_eq!(capped.unwrap(), (2000, vec![]), "nothing beyond the longest is tried");
+        assert_eq!(
+            capped.unwrap(),
+            (2000, vec![]),
+            "nothing beyond the longest is tried"
+        );
         let (none, flights) = counted(|_| false, |survives| checked(0, 2000, survives));
         assert_eq!((none.unwrap(), flights), ((0, vec![]), 2));
     }
@@ -128,17 +141,28 @@ mod tests {
     #[test]
     fn a_climb_ends_behind_some_misses() {
         let climb = |lost: &[u64]| {
-            let (all, flights) = counted(|it| !lost.contains(&it), |survives| climbed(1..=60, 3, survives));
+            let (all, flights) = counted(
+                |it| !lost.contains(&it),
+                |survives| climbed(1..=60, 3, survives),
+            );
             (all.unwrap(), flights)
         };
         assert_eq!(climb(&[]), (60, 60));
         assert_eq!(climb(&[5, 6, 7]), (4, 7));
-        assert_eq!(climb(&[3, 5, 6, 7]), (2, 7), "what is survived behind a miss does not count");
+        assert_eq!(
+            climb(&[3, 5, 6, 7]),
+            (2, 7),
+            "what is survived behind a miss does not count"
+        );
     }
 
     #[test]
     fn a_failure_ends_a_search() {
         let broken = |_: u64| Err(Failure::failed("no"));
-        assert!(largest(9, broken).is_err() && checked(9, 20, broken).is_err() && climbed([1], 1, broken).is_err());
+        assert!(
+            largest(9, broken).is_err()
+                && checked(9, 20, broken).is_err()
+                && climbed([1], 1, broken).is_err()
+        );
     }
 }

@@ -1,25 +1,25 @@
-//! The table that `margin` leaves for the reports of flights, by the fingerprint of what margins depend on.
+//! The table of margins that flight reports use, stored by a fingerprint of everything that margins depend on.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use flight_log::build::Build;
-use model::grid::Pace;
+use messages::grid::Pace;
 use report::json;
-use report::margin::line::Section;
 use report::margin::{LawMargins, Margins, SCHEMA};
+use report::phrase::count;
+use report::schema::MarginSection;
 use report::schema::Report;
-use report::text::count;
 
 use crate::build;
 use crate::settings::Settings;
 use crate::settings::trajectory::sha256_of;
-use failure::{Failure, InFile as _, read_text};
+use errors::{Failure, InFile as _, read_text};
 
-/// Directory of tables, beside those of the flights.
+/// Directory of the tables, next to the flights.
 pub const DIRECTORY: &str = "margins";
 
-/// Shared settings that no margin depends on: it begins faults where it likes, and in simulated time.
+/// Shared settings without effect on margins, which choose their own faults and fly in simulated time.
 const LEFT_OUT: [&str; 7] = [
     "flight.duration_s",
     "flight.pace",
@@ -30,15 +30,20 @@ const LEFT_OUT: [&str; 7] = [
     "flight.tracking_error_max_m",
 ];
 
-/// Names what margins depend on: laws, gains, airframe, trajectory, sample time, envelope, and the version.
-///
-/// # Errors
-/// As [`Settings::shared_text`].
+/// Laws, gains, airframe, trajectory, sample time, envelope and version.
 pub fn fingerprint(settings: &Settings) -> Result<String, Failure> {
-    let matters = |line: &&str| !LEFT_OUT.iter().any(|key| line.split(" = ").next() == Some(key));
+    let matters = |line: &&str| {
+        !LEFT_OUT
+            .iter()
+            .any(|key| line.split(" = ").next() == Some(key))
+    };
     let shared = settings.shared_text()?;
     let lines: Vec<&str> = shared.lines().filter(matters).collect();
-    let text = format!("{SCHEMA} {}\n{}\n", env!("CARGO_PKG_VERSION"), lines.join("\n"));
+    let text = format!(
+        "{SCHEMA} {}\n{}\n",
+        env!("CARGO_PKG_VERSION"),
+        lines.join("\n")
+    );
     Ok(sha256_of(&text)[..16].to_owned())
 }
 
@@ -46,23 +51,21 @@ fn path(out: &Path, fingerprint: &str) -> PathBuf {
     out.join(DIRECTORY).join(format!("{fingerprint}.json"))
 }
 
-/// Refuses a directory that tables cannot be written into, before hours are flown.
-///
-/// # Errors
-/// Usage names it.
+/// Refuses a directory without write permission before any flight.
 pub fn check(out: &Path) -> Result<(), Failure> {
     let directory = out.join(DIRECTORY);
-    let made = fs::create_dir_all(&directory).and_then(|()| tempfile::tempfile_in(&directory).map(drop));
+    let made =
+        fs::create_dir_all(&directory).and_then(|()| tempfile::tempfile_in(&directory).map(drop));
     made.map_err(|e| {
-        Failure::usage(format!("cannot write tables of margins into {}: {e}", directory.display()))
-            .help("name a directory that you can write, that of the flights: --out DIR")
+        Failure::usage(format!(
+            "cannot write tables of margins into {}: {e}",
+            directory.display()
+        ))
+        .help("name a directory that you can write, that of the flights: --out DIR")
     })
 }
 
-/// Leaves a table for each combination of laws, where the same build has not left one of more; says what became of each.
-///
-/// # Errors
-/// [`Failure`] names the file that cannot be written.
+/// Writes one table per combination of laws, unless the same build has already written a larger one; reports each.
 pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
     let write = |law: &LawMargins| {
         let path = path(out, &law.fingerprint);
@@ -74,54 +77,83 @@ pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
                 count(known.longest_ticks, "tick")
             ));
         }
-        let table = Margins { laws: vec![law.clone()], ..margins.clone() };
+        let table = Margins {
+            laws: vec![law.clone()],
+            ..margins.clone()
+        };
         let text = json::to_string(&table).in_file("write", &path)?;
         let draft = path.with_extension(format!("draft.{}", std::process::id()));
         fs::write(&draft, text + "\n").in_file("write", &draft)?;
         fs::rename(&draft, &path).in_file("write", &path)?;
-        Ok(format!("written, for reports of flights: {}", path.display()))
+        Ok(format!(
+            "written, for reports of flights: {}",
+            path.display()
+        ))
     };
     margins.laws.iter().map(write).collect()
 }
 
-/// Whether a table of the same build is of more phases, or of longer outages.
+/// Whether a table of the same build has more phases or longer outages.
 fn is_more(known: &Margins, than: &Margins) -> bool {
-    let is_more = known.phases_s.len() > than.phases_s.len() || known.longest_ticks > than.longest_ticks;
+    let is_more =
+        known.phases_s.len() > than.phases_s.len() || known.longest_ticks > than.longest_ticks;
     known.build == than.build && is_more
 }
 
-/// What the loop of a flight bears that is about to begin; none in lockstep, where there are no outages.
-///
-/// # Errors
-/// As [`fingerprint`].
-pub fn of_flight(pace: Pace, settings: &Settings, directory: &Path) -> Result<Option<Section>, Failure> {
+/// The margins for a flight that is about to begin; none in lockstep, which has no outages.
+pub fn of_flight(
+    pace: Pace,
+    settings: &Settings,
+    directory: &Path,
+) -> Result<Option<MarginSection>, Failure> {
     match pace {
-        Pace::Realtime(_) => Ok(Some(section(&fingerprint(settings)?, directory, &build::here()))),
+        Pace::Realtime(_) => Ok(Some(section(
+            &fingerprint(settings)?,
+            directory,
+            &build::here(),
+        ))),
         Pace::Lockstep => Ok(None),
     }
 }
 
-/// What a flight in a directory bears that a build flew, as far as a table beside it says.
+/// The margins for a recorded flight, from the table next to it.
 #[must_use]
-fn section(fingerprint: &str, directory: &Path, build: &Build) -> Section {
+fn section(fingerprint: &str, directory: &Path, build: &Build) -> MarginSection {
     let table = directory.parent().and_then(|out| read(out, fingerprint));
-    table.and_then(|table| Section::known(fingerprint, &table, build)).unwrap_or_else(|| {
-        let settings = directory.join("settings.toml");
-        Section::unknown(fingerprint.into(), format!("ironbird margin --config {}", settings.display()))
-    })
+    table
+        .and_then(|table| MarginSection::known(fingerprint, &table, build))
+        .unwrap_or_else(|| {
+            let settings = directory.join("settings.toml");
+            MarginSection::unknown(
+                fingerprint.into(),
+                format!("ironbird margin --config {}", settings.display()),
+            )
+        })
 }
 
-/// A table; nothing where there is none, or none that can be read.
+/// A table; none if it is missing or unreadable.
 fn read(out: &Path, fingerprint: &str) -> Option<Margins> {
     let text = read_text("read", &path(out, fingerprint)).ok()?;
     let table: Margins = serde_json::from_str(&text).ok()?;
     (table.schema == SCHEMA).then_some(table)
 }
 
-/// Looks once more for margins that were not known when a flight ended.
+/// Looks for margins that were measured after a flight.
 pub fn look_again(report: &mut Report, directory: &Path) {
-    let Report { margin: Some(margin), autopsy, run, .. } = report else { return };
-    let is_name = !margin.fingerprint.is_empty() && margin.fingerprint.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let Report {
+        margin: Some(margin),
+        autopsy,
+        run,
+        ..
+    } = report
+    else {
+        return;
+    };
+    let is_name = !margin.fingerprint.is_empty()
+        && margin
+            .fingerprint
+            .bytes()
+            .all(|byte| byte.is_ascii_hexdigit());
     // Reports from before outages were counted by stage have nothing to hold against a table.
     if margin.unknown.is_some() && is_name && autopsy.longest.is_some() {
         *margin = section(&margin.fingerprint, directory, &run.build).with(autopsy);
@@ -131,16 +163,23 @@ pub fn look_again(report: &mut Report, directory: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::role::STAGES;
+    use messages::role::STAGES;
     use report::comparison::Laws;
-    use report::margin::line::MACHINE;
     use report::margin::{Gate, OutageMargin};
+    use report::schema::MACHINE;
     use toml::Value;
 
-    /// Margins of so many phases, up to so many ticks, by a build of a commit.
     fn margins(phases: usize, longest_ticks: u64, commit: &str) -> Margins {
-        let outage = |of: &str| OutageMargin { of: of.into(), ticks: vec![30; phases], exceptions: Vec::new() };
-        let laws = Laws { outer: "pd".into(), inner: "pid".into(), mixer: "priority".into() };
+        let outage = |of: &str| OutageMargin {
+            of: of.into(),
+            ticks: vec![30; phases],
+            exceptions: Vec::new(),
+        };
+        let laws = Laws {
+            outer: "pd".into(),
+            inner: "pid".into(),
+            mixer: "priority".into(),
+        };
         let law = LawMargins {
             laws,
             fingerprint: "ab".into(),
@@ -149,7 +188,12 @@ mod tests {
             recovered_below_m: 0.01,
             tracked_below_m: 0.1,
             saturated_max_percent: 10.0,
-            outages: STAGES.into_iter().map(|role| role.name()).chain([MACHINE]).map(outage).collect(),
+            outages: STAGES
+                .into_iter()
+                .map(|role| role.name())
+                .chain([MACHINE])
+                .map(outage)
+                .collect(),
             lags: Vec::new(),
             delays: Vec::new(),
             losses: Vec::new(),
@@ -158,7 +202,10 @@ mod tests {
         };
         Margins {
             schema: SCHEMA.into(),
-            build: Build { commit: commit.into(), ..build::here() },
+            build: Build {
+                commit: commit.into(),
+                ..build::here()
+            },
             trajectory: "hover".into(),
             airframe: "paper".into(),
             preset: "flight".into(),
@@ -170,7 +217,12 @@ mod tests {
             sparse: 8,
             longest_ticks,
             steady_s: 10.0,
-            gate: Gate { recovered_below_m: None, tracked_below_m: 0.1, recovery_max_s: 5.0, limits: Vec::new() },
+            gate: Gate {
+                recovered_below_m: None,
+                tracked_below_m: 0.1,
+                recovery_max_s: 5.0,
+                limits: Vec::new(),
+            },
             laws: vec![law],
         }
     }
@@ -179,14 +231,27 @@ mod tests {
     fn a_table_of_more_phases_is_kept_unless_another_build_made_it() {
         let out = tempfile::tempdir().unwrap();
         check(out.path()).unwrap();
-        let write = |phases, longest, commit| write(out.path(), &margins(phases, longest, commit)).unwrap().join(" ");
+        let write = |phases, longest, commit| {
+            write(out.path(), &margins(phases, longest, commit))
+                .unwrap()
+                .join(" ")
+        };
         let phases = || read(out.path(), "ab").map_or(0, |table| table.phases_s.len());
         assert!(write(1, 2000, "old").starts_with("written, for reports of flights: "));
         assert!(write(32, 2000, "old").ends_with("ab.json") && phases() == 32);
         let kept = write(1, 2000, "old");
-        assert!(kept.ends_with("ab.json, which is of 32 phases and outages up to 2000 ticks"), "{kept}");
-        assert!(write(64, 60, "old").starts_with("kept") && phases() == 32, "shorter outages");
-        assert!(write(1, 60, "new").starts_with("written") && phases() == 1, "another build");
+        assert!(
+            kept.ends_with("ab.json, which is of 32 phases and outages up to 2000 ticks"),
+            "{kept}"
+        );
+        assert!(
+            write(64, 60, "old").starts_with("kept") && phases() == 32,
+            "shorter outages"
+        );
+        assert!(
+            write(1, 60, "new").starts_with("written") && phases() == 1,
+            "another build"
+        );
     }
 
     #[test]
@@ -195,17 +260,35 @@ mod tests {
         check(out.path()).unwrap();
         write(out.path(), &margins(32, 2000, "old")).unwrap();
         let run = out.path().join("run");
-        let of = |commit: &str| section("ab", &run, &Build { commit: commit.into(), ..build::here() });
+        let of = |commit: &str| {
+            section(
+                "ab",
+                &run,
+                &Build {
+                    commit: commit.into(),
+                    ..build::here()
+                },
+            )
+        };
         assert!(of("old").unknown.is_none() && of("old").measured_by.is_none());
-        assert!(of("new").measured_by.is_some_and(|build| build.starts_with("old")));
+        assert!(
+            of("new")
+                .measured_by
+                .is_some_and(|build| build.starts_with("old"))
+        );
         assert!(section("cd", &run, &build::here()).unknown.is_some());
     }
 
     #[test]
     fn a_fingerprint_is_of_what_matters_and_of_nothing_else() {
-        let of = |set: &[(&'static str, Value)]| fingerprint(&Settings::resolve(None, &set.to_vec()).unwrap()).unwrap();
+        let of = |set: &[(&'static str, Value)]| {
+            fingerprint(&Settings::resolve(None, &set.to_vec()).unwrap()).unwrap()
+        };
         let plain = of(&[]);
-        assert!(plain.len() == 16 && plain.bytes().all(|byte| byte.is_ascii_hexdigit()), "{plain}");
+        assert!(
+            plain.len() == 16 && plain.bytes().all(|byte| byte.is_ascii_hexdigit()),
+            "{plain}"
+        );
         for same in [
             ("flight.duration_s", Value::from(60.0)),
             ("flight.seed", Value::from(7)),

@@ -1,31 +1,36 @@
-//! What a margin is of: a stage, all of them at once, or an input of a stage; and its faults as they are typed.
+//! What a margin refers to: a stage, all stages, or an input; and the corresponding faults.
 
-use model::fault::{PORTS, Port};
-use model::role::{Role, STAGES};
-use report::margin::line::MACHINE;
+use messages::fault::{PORTS, Port};
+use messages::role::{Role, STAGES};
+use report::schema::MACHINE;
 
-/// What is out, late or lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
-    /// A stage works nothing.
     Stage(Role),
-    /// No stage works anything: the machine stood still.
+    /// All stages at once: the machine stood still.
     Machine,
-    /// Messages do not come to an input.
+    /// An input without messages.
     Input(Port),
 }
 
-/// All of them, in the order in which they are told.
+/// All targets, in the order of the report.
 #[must_use]
 pub fn all() -> Vec<Target> {
-    let stages = STAGES.into_iter().map(Target::Stage).chain([Target::Machine]);
+    let stages = STAGES
+        .into_iter()
+        .map(Target::Stage)
+        .chain([Target::Machine]);
     stages.chain(PORTS.into_iter().map(Target::Input)).collect()
 }
 
-/// What --only takes: stages, `machine`, topics.
+/// Values of --only: stages, `machine`, topics.
 #[must_use]
 pub fn names() -> Vec<&'static str> {
-    let mut names: Vec<&'static str> = STAGES.into_iter().map(Role::name).chain([MACHINE]).collect();
+    let mut names: Vec<&'static str> = STAGES
+        .into_iter()
+        .map(Role::name)
+        .chain([MACHINE])
+        .collect();
     for topic in PORTS.into_iter().map(Port::topic) {
         if !names.contains(&topic) {
             names.push(topic);
@@ -35,7 +40,6 @@ pub fn names() -> Vec<&'static str> {
 }
 
 impl Target {
-    /// Its name in a table of margins.
     #[must_use]
     pub fn name(self) -> String {
         match self {
@@ -45,7 +49,6 @@ impl Target {
         }
     }
 
-    /// Whether a word of --only means it.
     #[must_use]
     pub fn is_meant_by(self, word: &str) -> bool {
         match self {
@@ -55,7 +58,7 @@ impl Target {
         }
     }
 
-    /// An outage of it from a tick on, of so many ticks that take `tick_ns` each.
+    /// The fault for an outage of `ticks` ticks from a tick on.
     #[must_use]
     pub fn outage(self, from: u64, ticks: u64, tick_ns: u64) -> String {
         let stop = |role: Role| format!("{role}.stop={}ns", ticks * tick_ns);
@@ -80,15 +83,33 @@ mod tests {
             assert_eq!(fault.from.tick(0.001), 8000, "{typed}");
         }
         let outage = |target: Target| target.outage(10, 3, 2_000_000);
-        assert_eq!(outage(Target::Stage(Role::Inner)), "inner.stop=6000000ns@tick10");
-        assert_eq!(outage(Target::Input(Port::InnerSetpoint)), "inner.setpoint.drop=1@tick10..tick13");
-        assert_eq!(outage(Target::Machine).matches(".stop=6000000ns").count(), 4);
+        assert_eq!(
+            outage(Target::Stage(Role::Inner)),
+            "inner.stop=6000000ns@tick10"
+        );
+        assert_eq!(
+            outage(Target::Input(Port::InnerSetpoint)),
+            "inner.setpoint.drop=1@tick10..tick13"
+        );
+        assert_eq!(
+            outage(Target::Machine).matches(".stop=6000000ns").count(),
+            4
+        );
     }
 
     #[test]
     fn a_topic_means_all_inputs_of_it() {
         let meant = |word: &str| all().into_iter().filter(|it| it.is_meant_by(word)).count();
-        assert_eq!([meant("state"), meant("wrench"), meant("outer"), meant("machine"), meant("x")], [2, 1, 1, 1, 0]);
+        assert_eq!(
+            [
+                meant("state"),
+                meant("wrench"),
+                meant("outer"),
+                meant("machine"),
+                meant("x")
+            ],
+            [2, 1, 1, 1, 0]
+        );
         assert_eq!(names().len(), 9);
     }
 }

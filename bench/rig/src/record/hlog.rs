@@ -1,6 +1,6 @@
 //! latency.hlog: every series, interval by interval, as an HdrHistogram interval log of whole lines.
 //!
-//! The recorder that writes it holds a lock on it: so it shows whether the recorder of a flight lives ([`lives`]).
+//! Its recorder holds a lock on it, which shows whether a flight is still being recorded ([`lives`]).
 
 use std::fs::File;
 use std::io::ErrorKind;
@@ -11,98 +11,98 @@ use hdrhistogram::serialization::V2DeflateSerializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogWriter, IntervalLogWriterBuilder};
 use rustix::fs::{FlockOperation, flock};
 
-use failure::{Failure, InFile as _, open_file};
-use flight_log::spool::Spool;
-use report::tally::series::SeriesSet;
+use errors::{Failure, InFile as _, open_file};
+use flight_log::async_writer::AsyncWriter;
+use report::series::SeriesSet;
 
-/// Its name in a flight's directory.
 pub const FILE: &str = "latency.hlog";
-/// What it leaves free on its disk, for the report [bytes].
+/// Disk space left free for the report [bytes].
 const LEFT_FREE_BYTES: u64 = 1 << 20;
 
-/// The file, from which lines go to the disk.
 #[derive(Clone, Debug)]
-pub struct Lines(Spool);
+pub struct Lines(AsyncWriter);
 
-/// Writes intervals.
 #[allow(missing_debug_implementations, reason = "the writer has none")]
 pub struct Hlog<'a> {
-    writer: IntervalLogWriter<'a, 'a, Spool, V2DeflateSerializer>,
+    writer: IntervalLogWriter<'a, 'a, AsyncWriter, V2DeflateSerializer>,
     lines: Lines,
     length: Duration,
     intervals: u32,
 }
 
 impl Lines {
-    /// An empty file in a flight's directory, locked as long as this process lives.
-    ///
-    /// # Errors
-    /// [`Failure`] names the file.
+    /// Creates an empty file in a run directory, locked until this process ends.
     pub fn create(directory: &Path) -> Result<Self, Failure> {
         let path = directory.join(FILE);
         let file = File::create(&path).in_file("write", &path)?;
-        // Where the disk knows no locks, `lives` cannot tell either, and says so of nobody.
+        // A file system without locks: `lives` then returns false for every flight.
         let _ = flock(&file, FlockOperation::LockExclusive);
-        Spool::new(file, LEFT_FREE_BYTES).map(Self).in_file("write", &path)
+        AsyncWriter::new(file, LEFT_FREE_BYTES)
+            .map(Self)
+            .in_file("write", &path)
     }
 
-    /// What the log's writer writes to.
     #[must_use]
-    pub fn out(&self) -> Spool {
+    pub fn out(&self) -> AsyncWriter {
         self.0.clone()
     }
 
-    /// Ends the file.
-    ///
-    /// # Errors
-    /// [`Failure`] with the system's reason, where it is not all there.
     pub fn finish(&self) -> Result<(), Failure> {
-        self.0.finish().map_or(Ok(()), |reason| Err(Failure::failed(format!("{FILE} is not whole: {reason}"))))
+        self.0.finish().map_or(Ok(()), |reason| {
+            Err(Failure::failed(format!("{FILE} is not whole: {reason}")))
+        })
     }
 }
 
 impl<'a> Hlog<'a> {
-    /// A log of a flight that starts at `start_wall_ns` [ns since 1970], in intervals of `length_s` [s].
-    ///
-    /// # Errors
-    /// [`Failure`] where it cannot be begun.
+    /// Starts the log of a flight that began at `start_wall_ns` [ns since 1970], in intervals of `length_s` [s].
     pub fn begin(
         lines: &Lines,
-        out: &'a mut Spool,
+        out: &'a mut AsyncWriter,
         serializer: &'a mut V2DeflateSerializer,
         start_wall_ns: u64,
         length_s: u64,
     ) -> Result<Self, Failure> {
         let start: SystemTime = UNIX_EPOCH + Duration::from_nanos(start_wall_ns);
         let writer = IntervalLogWriterBuilder::new()
-            .add_comment(&format!("[ironbird: values in nanoseconds, a tag per series, intervals of {length_s} s]"))
+            .add_comment(&format!(
+                "[ironbird: values in nanoseconds, a tag per series, intervals of {length_s} s]"
+            ))
             .with_start_time(start)
             .with_base_time(start)
             .with_max_value_divisor(1e6)
             .begin_log_with(out, serializer)
             .map_err(|e| Failure::failed(format!("cannot write {FILE}: {e:?}")))?;
         lines.0.settle_or_drop();
-        Ok(Self { writer, lines: lines.clone(), length: Duration::from_secs(length_s), intervals: 0 })
+        Ok(Self {
+            writer,
+            lines: lines.clone(),
+            length: Duration::from_secs(length_s),
+            intervals: 0,
+        })
     }
 
-    /// Writes the present interval of every series, and begins the next one.
-    ///
-    /// # Errors
-    /// As [`SeriesSet::close_interval`].
+    /// Waits until all lines are on the disk.
+    pub fn finish(&self) -> Result<(), Failure> {
+        self.lines.finish()
+    }
+
+    /// Writes the current interval of every series and starts the next one.
     pub fn close_interval(&mut self, series: &mut SeriesSet) -> Result<(), Failure> {
-        let closed = series.close_interval(&mut self.writer, self.intervals * self.length, self.length);
+        let closed =
+            series.close_interval(&mut self.writer, self.intervals * self.length, self.length);
         self.lines.0.settle_or_drop();
         self.intervals += 1;
         closed
     }
 }
 
-/// Whether somebody records into a flight's directory; not known counts as yes.
+/// Whether a recorder still writes into a run directory. Returns true if that is unknown.
 #[must_use]
 pub fn lives(directory: &Path) -> bool {
     match open_file(&directory.join(FILE)) {
         Ok(file) => flock(&file, FlockOperation::NonBlockingLockShared).is_err(),
-        // A pipe or a device is none of ours.
+        // A pipe or a device is not a recorder's file.
         Err(e) => e.kind() != ErrorKind::InvalidInput,
     }
 }
@@ -112,13 +112,19 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use report::tally::series::Series;
+    use report::series::Series;
 
-    /// Records into a directory, whose file is known to be locked meanwhile where it is a file.
+    /// Records one interval. A regular file is locked meanwhile, a device is not.
     fn an_interval(directory: &Path, is_file: bool) -> Result<(), Failure> {
         let lines = Lines::create(directory)?;
         let (mut out, mut serializer) = (lines.out(), V2DeflateSerializer::new());
-        let mut hlog = Hlog::begin(&lines, &mut out, &mut serializer, 1_700_000_000_000_000_000, 1)?;
+        let mut hlog = Hlog::begin(
+            &lines,
+            &mut out,
+            &mut serializer,
+            1_700_000_000_000_000_000,
+            1,
+        )?;
         let mut series = SeriesSet::new()?;
         series.record(Series::Loop, 30_000);
         assert_eq!(lives(directory), is_file, "it is locked");
@@ -130,8 +136,13 @@ mod tests {
     fn a_full_disk_is_an_error_with_its_reason() {
         let directory = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink("/dev/full", directory.path().join(FILE)).unwrap();
-        let failure = an_interval(directory.path(), false).unwrap_err().to_string();
-        assert!(failure.contains("latency.hlog is not whole: No space left on device"), "{failure}");
+        let failure = an_interval(directory.path(), false)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            failure.contains("latency.hlog is not whole: No space left on device"),
+            "{failure}"
+        );
     }
 
     #[test]
@@ -139,7 +150,15 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         an_interval(directory.path(), true).unwrap();
         let text = fs::read_to_string(directory.path().join(FILE)).unwrap();
-        assert!(text.ends_with('\n') && text.lines().last().unwrap().starts_with("Tag=loop,0.000,1.000,"), "{text}");
+        assert!(
+            text.ends_with('\n')
+                && text
+                    .lines()
+                    .last()
+                    .unwrap()
+                    .starts_with("Tag=loop,0.000,1.000,"),
+            "{text}"
+        );
         while lives(directory.path()) {
             std::thread::yield_now();
         }

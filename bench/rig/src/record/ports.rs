@@ -1,42 +1,36 @@
-//! Ports of the loop's topics: the recorder's, its relays, an observer's; and when the recorder drains them.
+//! The ports through which the recorder and observers receive every topic, and when the recorder drains them.
 
 use std::thread::sleep;
 use std::time::Duration;
 
-use model::boards::Run;
-use model::grid::{Grid, Pace};
-use model::inspection::{Expected, Rejections};
-use model::messages::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::monitor::Monitor;
-use wire::clock::{Horizon, now_ns, sleep_until};
-use wire::error::Error;
-use wire::{DEEP, Receiver, Relay, Wire};
+use ipc::clock::{Horizon, now_ns, sleep_until};
+use ipc::error::Error;
+use ipc::{DEEP, Receiver, Relay, Wire};
+use messages::blackboards::Run;
+use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::grid::{Grid, Pace};
+use messages::inspection::{Expected, Rejections};
+use messages::monitor::Monitor;
 
-/// How often the topics are drained: far less than the receivers' depth takes to fill.
+/// How often the topics are drained: far more often than the receivers' queues fill up.
 pub const DRAIN_EVERY: Duration = Duration::from_millis(10);
-/// Share of a tick, in percent, after which its loops are done for certain where nothing is wrong.
+/// Share of a tick after which its stages have normally finished [%].
 const LOOPS_DONE_PERCENT: u64 = 15;
 
-/// Ports to receive every topic of the loop by.
-#[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handles have none"
+)]
 pub struct Ports {
-    /// Topic `state`.
     pub states: Receiver<State>,
-    /// Topic `setpoint`.
     pub setpoints: Receiver<Setpoint>,
-    /// Topic `wrench`.
     pub wrenches: Receiver<Wrench>,
-    /// Topic `rotor_speeds`.
     pub rotor_speeds: Receiver<RotorSpeeds>,
-    /// Topic `swaps`.
     pub swaps: Receiver<SwapRecord>,
 }
 
 impl Ports {
-    /// The recorder's, deep enough for its longest absence.
-    ///
-    /// # Errors
-    /// Those of the ports.
+    /// The recorder's ports, with queues deep enough for its longest pause.
     pub fn new(wire: &Wire) -> Result<Self, Error> {
         Ok(Self {
             states: wire.receiver(DEEP)?,
@@ -47,10 +41,7 @@ impl Ports {
         })
     }
 
-    /// An observer's, which the recorder passes messages on to.
-    ///
-    /// # Errors
-    /// Those of the ports.
+    /// An observer's ports, to which the recorder passes messages on.
     pub fn observing(wire: &Wire) -> Result<Self, Error> {
         Ok(Self {
             states: wire.observer()?,
@@ -61,10 +52,6 @@ impl Ports {
         })
     }
 
-    /// Connects them for a run.
-    ///
-    /// # Errors
-    /// Those of the ports.
     pub fn arm(&mut self, expected: Expected) -> Result<(), Error> {
         self.states.arm(expected)?;
         self.setpoints.arm(expected)?;
@@ -85,28 +72,21 @@ impl Ports {
     }
 }
 
-/// Ports to pass every topic on by, and what the recorder says itself.
-#[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
+/// Ports through which the recorder passes every topic on to observers, and publishes the monitor's results.
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handles have none"
+)]
 pub struct Relays {
-    /// Topic `state`.
     pub states: Relay<State>,
-    /// Topic `setpoint`.
     pub setpoints: Relay<Setpoint>,
-    /// Topic `wrench`.
     pub wrenches: Relay<Wrench>,
-    /// Topic `rotor_speeds`.
     pub rotor_speeds: Relay<RotorSpeeds>,
-    /// Topic `swaps`.
     pub swaps: Relay<SwapRecord>,
-    /// Topic `theorem`.
     pub theorem: Relay<Monitor>,
 }
 
 impl Relays {
-    /// Makes the ports.
-    ///
-    /// # Errors
-    /// Those of the ports.
     pub fn new(wire: &Wire) -> Result<Self, Error> {
         Ok(Self {
             states: wire.relay()?,
@@ -119,10 +99,9 @@ impl Relays {
     }
 }
 
-/// Which ticks messages can be of, for whoever flies with nobody: by the clock, as for the stages.
+/// The latest tick that a message can belong to: by the clock, as for the stages.
 ///
-/// Lockstep has no clock. The plant shows each tick on its board when its state is out, so that messages are of the
-/// next tick at the latest.
+/// Lockstep has no clock. The plant publishes each tick after its state, so the latest possible tick is the next one.
 pub fn horizon(pace: Pace, run: impl Fn() -> Run + Copy) -> impl Horizon {
     move || match pace {
         Pace::Realtime(_) => pace.latest_tick(),
@@ -133,11 +112,11 @@ pub fn horizon(pace: Pace, run: impl Fn() -> Run + Copy) -> impl Horizon {
     }
 }
 
-/// Sleeps until the topics are to be drained again: by the clock, when the loops of a tick are done, so that the
-/// recorder works while they rest. The caches are theirs otherwise, and the processor may be one half of a core.
+/// Sleeps until the next drain. In real time that is when the stages of a tick have finished: the recorder shares
+/// caches, and perhaps a core, with them, so it works while they wait.
 pub fn rest(pace: Pace) {
     match pace {
-        // A signal only has it drain early.
+        // A signal only causes an early drain.
         Pace::Realtime(grid) => {
             sleep_until(next_drain(grid, now_ns()));
         }
@@ -149,11 +128,11 @@ pub fn rest(pace: Pace) {
 fn next_drain(grid: Grid, now: u64) -> u64 {
     let due = now + DRAIN_EVERY.as_nanos() as u64;
     let between = grid.begin_of(grid.tick_at(due)) + grid.period_ns * LOOPS_DONE_PERCENT / 100;
-    // Where a tick takes longer than the time between two drains, some come later in it.
+    // If a tick is longer than the interval between drains, some drains come later within the tick.
     if between > now { between } else { due }
 }
 
-/// Keeps the first error of some.
+/// Keeps the first error.
 pub(super) fn keep_first<E>(kept: &mut Result<(), E>, next: Result<(), E>) {
     if kept.is_ok() {
         *kept = next;
@@ -166,17 +145,35 @@ mod tests {
 
     #[test]
     fn in_lockstep_messages_are_of_the_tick_after_the_one_on_the_board_at_the_latest() {
-        let latest = |tick| horizon(Pace::Lockstep, || Run { tick, ..Run::default() }).latest_tick();
+        let latest = |tick| {
+            horizon(Pace::Lockstep, || Run {
+                tick,
+                ..Run::default()
+            })
+            .latest_tick()
+        };
         assert_eq!([NO_TICK, 0, 41].map(latest), [0, 1, 42]);
     }
 
     #[test]
     fn topics_are_drained_about_every_10_ms_when_the_loops_are_done() {
         let ms = |ms: f64| (ms * 1e6).round() as u64;
-        let at = |period: f64, now: f64| next_drain(Grid { t0_ns: ms(100.0), period_ns: ms(period) }, ms(now));
+        let at = |period: f64, now: f64| {
+            next_drain(
+                Grid {
+                    t0_ns: ms(100.0),
+                    period_ns: ms(period),
+                },
+                ms(now),
+            )
+        };
         assert_eq!(at(1.0, 100.15), ms(110.15));
         assert_eq!(at(1.0, 100.90), ms(110.15), "it took its time");
-        assert_eq!(at(1.0, 20.0), ms(100.15), "before the first tick there is nothing to drain");
+        assert_eq!(
+            at(1.0, 20.0),
+            ms(100.15),
+            "before the first tick there is nothing to drain"
+        );
         // In slow motion: never at once, and at the beginning of no tick.
         assert_eq!(at(20.0, 103.0), ms(113.0));
         assert_eq!(at(20.0, 113.0), ms(123.0));

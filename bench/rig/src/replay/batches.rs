@@ -1,32 +1,26 @@
-//! Hands the messages of a log to the thread that flies them again, many at a time.
+//! Passes the messages of a log to the replay thread in batches.
 
 use std::sync::mpsc::{Receiver, Sender, SyncSender, TryRecvError, channel, sync_channel};
 
-use failure::Failure;
+use errors::Failure;
 use flight_log::entry::LogEntry;
-use model::envelope::Message;
-use model::messages::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
-use model::monitor::Monitor;
+use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::header::Message;
+use messages::monitor::Monitor;
 
-/// Messages handed over at once: they take longer than the waking of a thread.
+/// Batch size [messages]: replaying one takes longer than waking a thread.
 const BATCH: usize = 256;
-/// Batches on their way: a chunk of the log, which is decompressed at once.
+/// Batches in flight: one chunk of the log, which is decompressed at once.
 const ON_THEIR_WAY: usize = 16;
 
 /// Messages by topic, each in the order of the log.
 #[derive(Clone, Debug, Default)]
 pub struct Batch {
-    /// Topic `state`.
     pub states: Vec<Message<State>>,
-    /// Topic `setpoint`.
     pub setpoints: Vec<Message<Setpoint>>,
-    /// Topic `wrench`.
     pub wrenches: Vec<Message<Wrench>>,
-    /// Topic `rotor_speeds`.
     pub rotor_speeds: Vec<Message<RotorSpeeds>>,
-    /// Topic `swaps`.
     pub swaps: Vec<Message<SwapRecord>>,
-    /// Topic `theorem`.
     pub theorem: Vec<Message<Monitor>>,
     length: usize,
 }
@@ -55,32 +49,39 @@ impl Batch {
     }
 }
 
-/// The end that reads.
 #[derive(Debug)]
 pub struct ToFlight {
     batch: Batch,
     full: SyncSender<Batch>,
-    /// To be filled again: new memory costs as much as what is put there.
+    /// Empty batches for reuse: new memory costs as much as the messages.
     empty: Receiver<Batch>,
 }
 
-/// The end that flies.
 #[derive(Debug)]
 pub struct FromLog {
     full: Receiver<Batch>,
     empty: Sender<Batch>,
 }
 
-/// A way from one thread to another.
 #[must_use]
 pub fn batches() -> (ToFlight, FromLog) {
     let (full, from_log) = sync_channel(ON_THEIR_WAY);
     let (to_log, empty) = channel();
-    (ToFlight { batch: Batch::default(), full, empty }, FromLog { full: from_log, empty: to_log })
+    (
+        ToFlight {
+            batch: Batch::default(),
+            full,
+            empty,
+        },
+        FromLog {
+            full: from_log,
+            empty: to_log,
+        },
+    )
 }
 
 impl ToFlight {
-    /// Takes a message; nothing happens to it where the flight has ended.
+    /// Adds a message; ignored after the replay has ended.
     pub fn push(&mut self, entry: &LogEntry) {
         self.batch.push(entry);
         if self.batch.length == BATCH {
@@ -88,7 +89,6 @@ impl ToFlight {
         }
     }
 
-    /// Hands over what is left.
     pub fn finish(mut self) {
         self.hand_over();
     }
@@ -109,10 +109,7 @@ impl ToFlight {
 }
 
 impl FromLog {
-    /// Calls `fly` with the batches as they come, as long as it wants more.
-    ///
-    /// # Errors
-    /// Those of `fly`.
+    /// Calls `fly` with each batch until it returns false.
     pub fn each(self, mut fly: impl FnMut(&Batch) -> Result<bool, Failure>) -> Result<(), Failure> {
         for batch in &self.full {
             if !fly(&batch)? {
@@ -127,12 +124,18 @@ impl FromLog {
 
 #[cfg(test)]
 mod tests {
-    use model::envelope::Envelope;
+    use messages::header::Header;
 
     use super::*;
 
     fn state(tick: u64) -> LogEntry {
-        LogEntry::State(Message { envelope: Envelope { tick, ..Envelope::new() }, content: State::default() })
+        LogEntry::State(Message {
+            envelope: Header {
+                tick,
+                ..Header::new()
+            },
+            content: State::default(),
+        })
     }
 
     #[test]
@@ -145,7 +148,9 @@ mod tests {
                 (0..MESSAGES).for_each(|tick| to_flight.push(&state(tick)));
                 to_flight.finish();
             });
-            let mut take = |batch: &Batch| came.extend(batch.states.iter().map(|message| message.envelope.tick));
+            let mut take = |batch: &Batch| {
+                came.extend(batch.states.iter().map(|message| message.envelope.tick))
+            };
             from_log
                 .each(|batch| {
                     take(batch);

@@ -1,82 +1,80 @@
 //! `ironbird replay`: runs the tick functions again, from the flight log alone.
 //!
 //! ```text
-//! flight.mcap --survey--> whole, of this version, without a gap                              a thread
-//!             --again---> each message: its stage's law on the recorded inputs --compare-->  a second one
+//! flight.mcap --log check--> complete, same version, no gap                                  first thread
+//!             --replay-----> per message: its stage's law on the recorded inputs, compared   second thread
 //! ```
 //!
-//! Every stage gets recorded inputs, and so does the theorem's monitor. A difference therefore shows at the one that
-//! made it and goes no further. The log is read once. What the survey finds at its end comes before what the flight
-//! found on the way.
+//! Every stage, and the theorem's monitor, gets recorded inputs, so a difference shows at the stage that caused it and
+//! does not spread. The log is read once. An error found by the log check takes precedence over one of the replay.
 
-pub mod airframe;
 pub mod batches;
-pub mod compare;
+pub mod comparison;
 pub mod inputs;
+pub mod log_check;
 pub mod loops;
-pub mod struck;
+pub mod plant;
+pub mod recorded_input;
 pub mod summary;
-pub mod survey;
 
 use std::path::Path;
 use std::thread;
 use std::time::Instant;
 
-use model::grid::Pace;
-use model::role::Role;
+use messages::grid::Pace;
+use messages::role::Role;
 
 use crate::cli::ReplayArgs;
 use crate::output::{print, say};
-use crate::replay::airframe::AirframeReplay;
 use crate::replay::batches::{Batch, FromLog, batches};
-use crate::replay::compare::ReplayComparison;
+use crate::replay::comparison::ReplayComparison;
 use crate::replay::inputs::{Inputs, Next, of};
+use crate::replay::log_check::{LogCheck, LogValidator};
 use crate::replay::loops::LoopsReplay;
+use crate::replay::plant::AirframeReplay;
 use crate::replay::summary::Summary;
-use crate::replay::survey::{Survey, Surveyor};
 use crate::run_directory::find_log;
 use crate::settings::Settings;
-use crate::settings::laws::Moved;
+use crate::settings::law_settings::Moved;
 use crate::wall_time::speed;
-use failure::{Failure, GATE, OK};
+use errors::{Failure, GATE, OK};
 use flight_log::reader::End;
-use report::tally::is_last_word;
-use report::text::count;
+use report::flight_statistics::is_last_word;
+use report::phrase::count;
 use report::tracking::Tracking;
 
-/// Messages read ahead of one of which the log does not tell whether all that it goes back to has been read: more than
-/// the recorder takes in at once after its longest absence. It takes topic after topic, so that this may stand behind.
+/// How many messages to read ahead while a message may still depend on one that has not been read: more than the recorder
+/// takes at once after its longest absence, since it drains topic after topic.
 pub const LOOKAHEAD: usize = 20_000;
-/// Messages that at the most wait for the record of a swap: it comes from beside the plant's loop, and in lockstep the
-/// clock says nothing of how many ticks later. A second of lockstep.
+/// How many messages to read ahead while a swap's record is missing. Another thread of the plant writes it, in lockstep any
+/// number of ticks later; this is about one second of lockstep.
 const LOOKAHEAD_FOR_SWAPS: usize = 8 * LOOKAHEAD;
 
-/// Replays.
-///
-/// # Errors
-/// Usage; a log that cannot be replayed, and why.
 pub fn replay(args: &ReplayArgs) -> Result<u8, Failure> {
     let path = find_log(&args.run, args.out.as_deref())?;
     let start = Instant::now();
-    let again = fly_again(&path, args.from, args.verify, &args.moved())?;
+    let replayed = fly_again(&path, args.from, args.verify, &args.moved())?;
     // Standard output is the verdict alone.
-    let flown_s = again.summary.flown_ticks() as f64 * again.survey.settings.flight.period_s;
-    say(&format!("{flown_s:.3} s flown again in {}\n", speed(flown_s, start.elapsed().as_secs_f64())));
-    if args.verify { verdict(&path, &again) } else { tell(&path, &again) }
+    let flown_s = replayed.summary.flown_ticks() as f64 * replayed.survey.settings.flight.period_s;
+    say(&format!(
+        "{flown_s:.3} s replayed in {}\n",
+        speed(flown_s, start.elapsed().as_secs_f64())
+    ));
+    if args.verify {
+        verdict(&path, &replayed)
+    } else {
+        print_summary(&path, &replayed)
+    }
 }
 
-/// What came of a replay.
 #[derive(Clone, Debug)]
-pub struct Replayed {
-    /// The log.
-    pub survey: Survey,
-    /// How its outputs compare.
+pub struct ReplayResult {
+    pub survey: LogCheck,
     pub comparison: ReplayComparison,
-    /// What the flight was like.
     pub summary: Summary,
 }
 
-impl Replayed {
+impl ReplayResult {
     /// Whether the whole flight was replayed and every value is the recorded one.
     #[must_use]
     pub fn is_identical(&self) -> bool {
@@ -84,118 +82,159 @@ impl Replayed {
     }
 }
 
-/// Flies a log again from tick 0, and compares from a tick on; where told so, no further than to the first difference.
-/// Laws of files are read at the places that the log names, but for those that have `moved`.
-///
-/// # Errors
-/// As [`replay`].
-pub fn fly_again(path: &Path, from_tick: u64, stops: bool, moved: &Moved) -> Result<Replayed, Failure> {
-    flown_again(path, from_tick, stops, moved).map_err(|failure| {
+/// Replays a log from tick 0 and compares from `from_tick` on; if `stops`, only up to the first difference. Laws are loaded
+/// from the files that the log names, except those that have `moved`.
+pub fn fly_again(
+    path: &Path,
+    from_tick: u64,
+    stops: bool,
+    moved: &Moved,
+) -> Result<ReplayResult, Failure> {
+    replay_log(path, from_tick, stops, moved).map_err(|failure| {
         let name = path.display().to_string();
-        if failure.to_string().contains(&name) { failure } else { failure.append(&format!(" (flight log {name})")) }
+        if failure.to_string().contains(&name) {
+            failure
+        } else {
+            failure.append(&format!(" (flight log {name})"))
+        }
     })
 }
 
-fn flown_again(path: &Path, from_tick: u64, stops: bool, moved: &Moved) -> Result<Replayed, Failure> {
-    let surveyor = Surveyor::open(path, moved)?;
+fn replay_log(
+    path: &Path,
+    from_tick: u64,
+    stops: bool,
+    moved: &Moved,
+) -> Result<ReplayResult, Failure> {
+    let surveyor = LogValidator::open(path, moved)?;
     let settings = surveyor.settings.clone();
-    let again = surveyor.pace().and_then(|pace| Again::new(&settings, pace, from_tick));
-    let (survey, again) = thread::scope(|scope| -> Result<_, Failure> {
+    let replayed = surveyor
+        .pace()
+        .and_then(|pace| ReplayRun::new(&settings, pace, from_tick));
+    let (survey, replayed) = thread::scope(|scope| -> Result<_, Failure> {
         let (mut to_flight, from_log) = batches();
         let flight = thread::Builder::new()
-            .spawn_scoped(scope, move || again.and_then(|again| again.fly(from_log, stops)))
-            .map_err(|e| Failure::failed(format!("cannot start a thread to fly again: {e}")))?;
+            .spawn_scoped(scope, move || {
+                replayed.and_then(|replayed| replayed.fly(from_log, stops))
+            })
+            .map_err(|e| Failure::failed(format!("cannot start a thread for the replay: {e}")))?;
         let survey = surveyor.look_through(|entry| to_flight.push(entry))?;
         to_flight.finish();
-        let again = flight.join().unwrap_or_else(|_| Err(Failure::failed("the thread that flies again panicked")));
-        Ok((survey, again))
+        let replayed = flight
+            .join()
+            .unwrap_or_else(|_| Err(Failure::failed("the replay thread panicked")));
+        Ok((survey, replayed))
     })?;
     let last_tick = survey.last_tick.unwrap_or(0);
     if from_tick > last_tick {
-        return Err(Failure::usage(format!("--from {from_tick}: the log ends at tick {last_tick}"))
-            .help(format!("name a tick from 0 to {last_tick}")));
+        return Err(Failure::usage(format!(
+            "--from {from_tick}: the log ends at tick {last_tick}"
+        ))
+        .help(format!("name a tick from 0 to {last_tick}")));
     }
-    let Again { comparison, summary, .. } = again?;
-    Ok(Replayed { survey, comparison, summary })
+    let ReplayRun {
+        comparison,
+        summary,
+        ..
+    } = replayed?;
+    Ok(ReplayResult {
+        survey,
+        comparison,
+        summary,
+    })
 }
 
-fn verdict(path: &Path, again: &Replayed) -> Result<u8, Failure> {
-    let (ticks, values) = (again.summary.ticks, again.comparison.values);
-    say(&builds(&again.survey));
-    if again.survey.end != End::Complete {
-        return Err(truncated(path, again));
+fn verdict(path: &Path, replayed: &ReplayResult) -> Result<u8, Failure> {
+    let (ticks, values) = (replayed.summary.ticks, replayed.comparison.values);
+    say(&builds(&replayed.survey));
+    if replayed.survey.end != End::Complete {
+        return Err(truncated(path, replayed));
     }
-    if let Some(divergence) = &again.comparison.first {
+    if let Some(divergence) = &replayed.comparison.first {
         print(&format!("replay: diverges at {divergence}\n"))?;
         return Ok(GATE);
     }
     print(&format!(
         "replay: {}, {values} values, identical; outputs {}\n",
         count(ticks, "tick"),
-        again.summary.outputs
+        replayed.summary.outputs
     ))?;
     Ok(OK)
 }
 
-/// A log without its end: what differs in it may follow from what it lacks.
-fn truncated(path: &Path, again: &Replayed) -> Failure {
-    let (ticks, values) = (again.summary.ticks, again.comparison.values);
-    let far = match &again.comparison.first {
-        None => format!("the {} that it has agree in {values} values", count(ticks, "tick")),
-        Some(divergence) => format!("it differs at {divergence}, which may be for want of what is missing"),
+/// A log without its end: a difference in it may follow from the missing part.
+fn truncated(path: &Path, replayed: &ReplayResult) -> Failure {
+    let (ticks, values) = (replayed.summary.ticks, replayed.comparison.values);
+    let far = match &replayed.comparison.first {
+        None => format!("its {} agree in {values} values", count(ticks, "tick")),
+        Some(divergence) => {
+            format!("it differs at {divergence}, possibly because of the missing part")
+        }
     };
     Failure::failed(format!("{} is truncated: its end is missing; {far}", path.display())).help(
-        "the flight is still in the air, or its recorder died: only a whole log can be verified; `ironbird export` \
-         gives what is there",
+        "the flight is still running, or its recorder died; only a complete log can be verified. `ironbird export` \
+         exports what is there",
     )
 }
 
-/// Who flew, and who replays.
-fn builds(survey: &Survey) -> String {
+fn builds(survey: &LogCheck) -> String {
     let (there, here) = (&survey.build, crate::build::here());
-    format!("flown by {there}, replayed by {here}: {}\n", there.compared_with(&here))
+    format!(
+        "flown by {there}, replayed by {here}: {}\n",
+        there.compared_with(&here)
+    )
 }
 
-fn tell(path: &Path, again: &Replayed) -> Result<u8, Failure> {
-    print(&(again.summary.text(&again.survey) + &builds(&again.survey)))?;
-    match &again.comparison.first {
-        _ if again.survey.end != End::Complete => return Err(truncated(path, again)),
+fn print_summary(path: &Path, replayed: &ReplayResult) -> Result<u8, Failure> {
+    print(&(replayed.summary.text(&replayed.survey) + &builds(&replayed.survey)))?;
+    match &replayed.comparison.first {
+        _ if replayed.survey.end != End::Complete => return Err(truncated(path, replayed)),
         Some(divergence) => print(&format!("diverges from the record at {divergence}\n"))?,
-        None => print(&format!("agrees with the record in {} values\n", again.comparison.values))?,
+        None => print(&format!(
+            "agrees with the record in {} values\n",
+            replayed.comparison.values
+        ))?,
     }
     Ok(OK)
 }
 
-/// A flight that is flown again.
-struct Again {
+/// A replay in progress.
+struct ReplayRun {
     from_tick: u64,
     airframe: AirframeReplay,
     loops: LoopsReplay,
     comparison: ReplayComparison,
     summary: Summary,
-    /// Processes of the inner loop that were started in flight before the first tick that counts.
+    /// Restarts of the inner loop before the first compared tick.
     restarts_before: u64,
     inputs: Inputs,
     /// Messages that were read and not replayed yet.
     ahead: usize,
 }
 
-impl Again {
+impl ReplayRun {
     fn new(settings: &Settings, pace: Pace, from_tick: u64) -> Result<Self, Failure> {
         let flight = &settings.flight;
         Ok(Self {
             from_tick,
-            airframe: AirframeReplay::new(&settings.plant()?, pace, &settings.planned()?.loops.messages),
+            airframe: AirframeReplay::new(
+                &settings.plant()?,
+                pace,
+                &settings.planned()?.loops.messages,
+            ),
             loops: LoopsReplay::new(settings)?,
             comparison: ReplayComparison::from(from_tick, settings.flown_laws()?.signals),
-            summary: Summary::new(Tracking::along(settings.course()?, flight.period_s), from_tick),
+            summary: Summary::new(
+                Tracking::along(settings.course()?, flight.period_s),
+                from_tick,
+            ),
             restarts_before: 0,
             inputs: Inputs::new(settings.theorem()?.is_some()),
             ahead: 0,
         })
     }
 
-    /// Flies to the end of the log; where told so, no further than to the first difference.
+    /// Replays to the end of the log, or to the first difference if `stops`.
     fn fly(mut self, log: FromLog, stops: bool) -> Result<Self, Failure> {
         let mut stopped = false;
         log.each(|batch| {
@@ -209,9 +248,14 @@ impl Again {
         Ok(self)
     }
 
-    /// Flies what is settled, and then until no more than `behind` messages wait; true where it stopped at a difference.
+    /// Replays all settled messages, then until at most `behind` messages wait; true if it stopped at a difference.
     fn catch_up(&mut self, behind: usize, stops: bool) -> Result<bool, Failure> {
-        while let Some(Next { tick, stage, is_settled }) = self.inputs.earliest() {
+        while let Some(Next {
+            tick,
+            stage,
+            is_settled,
+        }) = self.inputs.earliest()
+        {
             if self.ahead <= behind && !is_settled {
                 break;
             }
@@ -227,23 +271,33 @@ impl Again {
         Ok(false)
     }
 
-    /// Whether the next state knows a swap whose record is still to come.
+    /// Whether the next state includes a swap whose record has not been read yet.
     fn waits_for_swap(&self) -> bool {
         let state = self.inputs.states.next();
-        self.ahead < LOOKAHEAD_FOR_SWAPS && state.is_some_and(|state| !self.airframe.knows_swaps_of(&state.content))
+        self.ahead < LOOKAHEAD_FOR_SWAPS
+            && state.is_some_and(|state| !self.airframe.knows_swaps_of(&state.content))
     }
 
     fn take(&mut self, batch: &Batch) {
         self.ahead += self.inputs.take(batch);
-        batch.swaps.iter().for_each(|swap| self.airframe.push_swap(swap));
+        batch
+            .swaps
+            .iter()
+            .for_each(|swap| self.airframe.push_swap(swap));
     }
 
     fn step(&mut self, tick: u64, stage: Role) -> Result<(), Failure> {
-        let (inputs, comparison, outputs) = (&mut self.inputs, &mut self.comparison, &mut self.summary.outputs);
+        let (inputs, comparison, outputs) = (
+            &mut self.inputs,
+            &mut self.comparison,
+            &mut self.summary.outputs,
+        );
         match stage {
             Role::Plant => {
                 let message = of(&inputs.states, tick)?;
-                let state = self.airframe.step(message, &inputs.rotor_speeds, comparison)?;
+                let state = self
+                    .airframe
+                    .step(message, &inputs.rotor_speeds, comparison)?;
                 outputs.take(tick, &state);
                 self.summary.state(tick, &state);
                 self.loops.take_state(of(&inputs.states, tick)?);
@@ -272,7 +326,7 @@ impl Again {
             Role::Mixer => {
                 let message = of(&inputs.rotor_speeds, tick)?;
                 let speeds = self.loops.rotor_speeds(message, inputs, comparison)?;
-                // After the last tick the mixer stops the rotors: an answer to no state, and no tick of its law.
+                // After the last tick the mixer stops the rotors; that command answers no state.
                 if !is_last_word(message) {
                     outputs.take(tick, &speeds);
                     if tick >= self.from_tick {
@@ -282,7 +336,8 @@ impl Again {
                 inputs.rotor_speeds.advance();
             }
             Role::Record => {
-                self.loops.theorem(of(&inputs.theorem, tick)?, inputs, comparison)?;
+                self.loops
+                    .theorem(of(&inputs.theorem, tick)?, inputs, comparison)?;
                 inputs.theorem.advance();
             }
         }

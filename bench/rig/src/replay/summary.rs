@@ -1,15 +1,14 @@
 //! Summarises a replayed flight in a few lines.
 
 use controller::laws::adaptive;
-use model::messages::{Mode, RotorSpeeds, State, Wrench};
-use model::output_hash::OutputHash;
+use messages::content::{Mode, RotorSpeeds, State, Wrench};
+use messages::output_hash::OutputHash;
 
-use crate::replay::survey::Survey;
+use crate::replay::log_check::LogCheck;
+use report::phrase::count;
 use report::swaps::AppliedSwap;
-use report::text::count;
 use report::tracking::{Tracking, TrackingError};
 
-/// Modes by number, as they are named.
 const MODES: [(Mode, &str); 5] = [
     (Mode::Fresh, "fresh"),
     (Mode::Held, "held"),
@@ -18,17 +17,15 @@ const MODES: [(Mode, &str); 5] = [
     (Mode::NotFinite, "not finite"),
 ];
 
-/// Counts over a replay.
 #[derive(Clone, Copy, Debug)]
 pub struct Summary {
     tracking: Tracking,
-    /// Tick that the counts begin with.
+    /// First counted tick.
     from_tick: u64,
-    /// States replayed.
     pub ticks: u64,
-    /// Processes of the inner loop that were started in flight.
+    /// Restarts of the inner loop in flight.
     pub restarts: u64,
-    /// Ticks skipped and deadlines missed before the first tick that counts.
+    /// Ticks skipped and deadlines missed before the first counted tick.
     before: [u64; 2],
     newest: Option<(u64, State)>,
     error: TrackingError,
@@ -36,12 +33,11 @@ pub struct Summary {
     mixer: [u64; MODES.len()],
     saturated: u64,
     estimate: [f64; 3],
-    /// Of everything that was replayed, in every tick.
+    /// Over all replayed outputs.
     pub outputs: OutputHash,
 }
 
 impl Summary {
-    /// Of a flight with this reference, from a tick on.
     #[must_use]
     pub fn new(tracking: Tracking, from_tick: u64) -> Self {
         Self {
@@ -60,7 +56,6 @@ impl Summary {
         }
     }
 
-    /// Takes a state.
     pub fn state(&mut self, tick: u64, state: &State) {
         if tick < self.from_tick {
             self.before = [state.ticks_skipped, state.deadlines_missed];
@@ -71,31 +66,35 @@ impl Summary {
         self.error.take(self.tracking.error_m(tick, state));
     }
 
-    /// Takes a wrench.
     pub fn wrench(&mut self, wrench: &Wrench) {
         take(&mut self.inner, wrench.mode);
         self.estimate = adaptive::estimate(&wrench.telemetry);
     }
 
-    /// Takes a rotor command.
     pub fn rotor_speeds(&mut self, speeds: &RotorSpeeds) {
         take(&mut self.mixer, speeds.mode);
         self.saturated += speeds.saturated;
     }
 
-    /// Ticks from the first to the newest one, skipped ones among them.
+    /// Ticks from the first to the newest one, including skipped ones.
     #[must_use]
     pub fn flown_ticks(&self) -> u64 {
         self.newest.map_or(0, |(tick, _)| tick + 1)
     }
 
-    /// In words.
     #[must_use]
-    pub fn text(&self, survey: &Survey) -> String {
+    pub fn text(&self, survey: &LogCheck) -> String {
         let flight = &survey.settings.flight;
         let (tick, state) = self.newest.unwrap_or_default();
-        let [skipped, missed] = [state.ticks_skipped - self.before[0], state.deadlines_missed - self.before[1]];
-        let from = if self.from_tick > 0 { format!("from tick {} ", self.from_tick) } else { String::new() };
+        let [skipped, missed] = [
+            state.ticks_skipped - self.before[0],
+            state.deadlines_missed - self.before[1],
+        ];
+        let from = if self.from_tick > 0 {
+            format!("from tick {} ", self.from_tick)
+        } else {
+            String::new()
+        };
         let mut text = format!(
             "{}: {} replayed, {from}to tick {tick} ({:.3} s); {skipped} skipped, {} missed\n",
             survey.settings.flown(),
@@ -105,16 +104,37 @@ impl Summary {
         );
         text += &format!("position error {}\n", self.error);
         let [restarts, saturated] = [count(self.restarts, "time"), count(self.saturated, "tick")];
-        text += &format!("inner loop {}; started {restarts} in flight\n", modes(&self.inner));
-        text += &format!("mixer      {}; rotors saturated in {saturated}\n", modes(&self.mixer));
+        text += &format!(
+            "inner loop {}; started {restarts} in flight\n",
+            modes(&self.inner)
+        );
+        text += &format!(
+            "mixer      {}; rotors saturated in {saturated}\n",
+            modes(&self.mixer)
+        );
         text += &format!("outputs    {}\n", self.outputs);
         let [i_r, k_r, delta] = self.estimate;
-        if survey.settings.law_without_theorem().is_ok_and(|law| law.is_none()) {
-            text += &format!("estimates  I_R {i_r:.6e} kg m^2, k_r {k_r:.6e} N m s, delta {delta:.6e} rad/s^2\n");
+        if survey
+            .settings
+            .law_without_theorem()
+            .is_ok_and(|law| law.is_none())
+        {
+            text += &format!(
+                "estimates  I_R {i_r:.6e} kg m^2, k_r {k_r:.6e} N m s, delta {delta:.6e} rad/s^2\n"
+            );
         }
-        for swap in survey.swaps.iter().filter(|swap| swap.envelope.tick >= self.from_tick) {
+        for swap in survey
+            .swaps
+            .iter()
+            .filter(|swap| swap.envelope.tick >= self.from_tick)
+        {
             let swap = AppliedSwap::new(swap.envelope.tick, flight.period_s, &swap.content);
-            text += &format!("swap {} at tick {}: {}\n", swap.parameter_epoch, swap.tick, swap.words());
+            text += &format!(
+                "swap {} at tick {}: {}\n",
+                swap.parameter_epoch,
+                swap.tick,
+                swap.words()
+            );
         }
         text
     }
@@ -127,5 +147,10 @@ fn take(counts: &mut [u64; MODES.len()], mode: u64) {
 }
 
 fn modes(counts: &[u64; MODES.len()]) -> String {
-    MODES.iter().zip(counts).map(|((_, name), count)| format!("{name} {count}")).collect::<Vec<_>>().join(", ")
+    MODES
+        .iter()
+        .zip(counts)
+        .map(|((_, name), count)| format!("{name} {count}"))
+        .collect::<Vec<_>>()
+        .join(", ")
 }

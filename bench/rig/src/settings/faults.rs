@@ -1,26 +1,24 @@
 //! The faults of the settings: what they are in ticks, and whether the flight is long enough for them.
 
-use model::fault::Span;
-use model::fault::live::Trouble;
-use model::realtime::RealtimeStep;
-use role::rt::{fifo_refusal, remedy};
+use messages::fault::Span;
+use messages::fault::live::FaultKind;
+use messages::realtime::RealtimeStep;
+use process::rt::{fifo_refusal, remedy};
 
 use crate::fault::plan::Planned;
 use crate::fault::{Fault, FaultError};
 use crate::settings::{PaceName, Settings, airframe};
-use failure::Failure;
-use report::injected::InjectedFault;
+use errors::Failure;
+use report::faults::InjectedFault;
 
 impl Settings {
     /// What is planned to go wrong.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] says what is wrong with the first fault that cannot be.
     pub fn planned(&self) -> Result<Planned, Failure> {
         let airframe = self.airframe()?;
         let faults = self.typed_faults();
-        let planned =
-            faults.and_then(|faults| Planned::new(&faults, self.flight.period_s, &airframe, self.flight.seed));
+        let planned = faults.and_then(|faults| {
+            Planned::new(&faults, self.flight.period_s, &airframe, self.flight.seed)
+        });
         planned.map_err(|e| {
             let flags = match self.flight.airframe.as_str() {
                 airframe::PAPER => String::new(),
@@ -31,35 +29,39 @@ impl Settings {
     }
 
     /// The faults as they were typed.
-    ///
-    /// # Errors
-    /// [`FaultError`] of the first that cannot be read.
     pub fn typed_faults(&self) -> Result<Vec<Fault>, FaultError> {
         self.flight.faults.iter().map(|text| text.parse()).collect()
     }
 
     /// The faults of messages, stages and their processor, for the report.
-    ///
-    /// # Errors
-    /// A usage [`Failure`], which settings that were resolved have ruled out.
     pub fn injected(&self) -> Result<Vec<InjectedFault>, Failure> {
         let period_s = self.flight.period_s;
         let refused = |e: FaultError| Failure::usage(format!("fault: {e}"));
-        let mut injected: Vec<(InjectedFault, Vec<Trouble>)> = Vec::new();
+        let mut injected: Vec<(InjectedFault, Vec<FaultKind>)> = Vec::new();
         for fault in self.typed_faults().map_err(refused)? {
             let Span { from, to } = fault.span(period_s).map_err(refused)?;
-            let what: Vec<String> = fault.of_the_loop().map(|change| change.to_string()).collect();
+            let what: Vec<String> = fault
+                .of_the_loop()
+                .map(|change| change.to_string())
+                .collect();
             if what.is_empty() {
                 continue;
             }
-            let (ends, begins): (Vec<_>, Vec<_>) =
-                fault.of_the_loop().flat_map(|change| change.troubles()).partition(|(_, ends)| *ends);
-            let is_ended = |trouble: &Trouble| ends.iter().any(|(end, _)| trouble.is_like(end));
-            let ended = injected.iter_mut().filter(|(_, of)| !of.is_empty() && of.iter().all(is_ended));
+            let (ends, begins): (Vec<_>, Vec<_>) = fault
+                .of_the_loop()
+                .flat_map(|change| change.kinds())
+                .partition(|(_, ends)| *ends);
+            let is_ended = |trouble: &FaultKind| ends.iter().any(|(end, _)| trouble.is_like(end));
+            let ended = injected
+                .iter_mut()
+                .filter(|(_, of)| !of.is_empty() && of.iter().all(is_ended));
             ended.for_each(|(fault, _)| fault.end(from, period_s));
             let to = (to != Span::FOR_GOOD).then_some(to);
             let told = InjectedFault::new(what.join(","), from, to, period_s);
-            injected.push((told, begins.into_iter().map(|(trouble, _)| trouble).collect()));
+            injected.push((
+                told,
+                begins.into_iter().map(|(trouble, _)| trouble).collect(),
+            ));
         }
         Ok(injected.into_iter().map(|(fault, _)| fault).collect())
     }
@@ -75,9 +77,13 @@ impl Settings {
             .help("put values that change at the same instant into one fault: NAME=VALUE,NAME=VALUE@8s"));
         }
         let last_tick = self.last_tick();
-        for fault in self.typed_faults().map_err(|e| Failure::usage(format!("fault: {e}")))? {
-            let Span { from, to } =
-                fault.span(self.flight.period_s).map_err(|e| Failure::usage(format!("fault: {e}")))?;
+        for fault in self
+            .typed_faults()
+            .map_err(|e| Failure::usage(format!("fault: {e}")))?
+        {
+            let Span { from, to } = fault
+                .span(self.flight.period_s)
+                .map_err(|e| Failure::usage(format!("fault: {e}")))?;
             if from > last_tick {
                 return Err(Failure::usage(format!(
                     "a fault at tick {from} never strikes: the flight ends at tick {last_tick}"
@@ -95,57 +101,64 @@ impl Settings {
     }
 
     /// Refuses what processes cannot be made to do: those of a launcher, or those that were started by hand.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names the fault.
     pub fn check_faults_of_processes(&self, launched: bool) -> Result<(), Failure> {
-        let faults = self.typed_faults().map_err(|e| Failure::usage(format!("fault: {e}")))?;
+        let faults = self
+            .typed_faults()
+            .map_err(|e| Failure::usage(format!("fault: {e}")))?;
         for change in faults.iter().flat_map(Fault::of_the_loop) {
-            for (trouble, _) in change.troubles() {
-                check_possible(&trouble, &change.to_string(), self.flight.pace == PaceName::Lockstep, launched)?;
+            for (trouble, _) in change.kinds() {
+                check_possible(
+                    &trouble,
+                    &change.to_string(),
+                    self.flight.pace == PaceName::Lockstep,
+                    launched,
+                )?;
             }
         }
         Ok(())
     }
 
     /// Refuses a planned process whose priority the kernel does not grant here.
-    ///
-    /// # Errors
-    /// [`Failure`] says why the kernel refuses, and what to do.
     pub fn check_priorities(&self) -> Result<(), Failure> {
-        self.planned()?.acts.iter().try_for_each(|fault| check_priority(&fault.trouble))
+        self.planned()?
+            .acts
+            .iter()
+            .try_for_each(|fault| check_priority(&fault.trouble))
     }
 }
 
 /// Refuses what cannot go wrong in a flight of this pace, or one without a launcher; `what` is how it was typed.
-///
-/// # Errors
-/// A usage [`Failure`] names the fault.
-pub fn check_possible(trouble: &Trouble, what: &str, in_lockstep: bool, launched: bool) -> Result<(), Failure> {
+pub fn check_possible(
+    trouble: &FaultKind,
+    what: &str,
+    in_lockstep: bool,
+    launched: bool,
+) -> Result<(), Failure> {
     match trouble {
-        Trouble::Messages { .. } => Ok(()),
-        Trouble::Hog { .. } | Trouble::Load { .. } if in_lockstep => {
-            Err(Failure::usage(format!("{what}: in lockstep no tick is late, however busy the processor is"))
-                .help("fly on the clock: --pace realtime"))
-        }
-        _ if in_lockstep => {
-            Err(Failure::usage(format!("{what}: in lockstep ticks wait for a stage that is not ready"))
-                .help("fly on the clock: --pace realtime; `ironbird simulate` flies it in ticks"))
-        }
-        Trouble::Late { .. } => Ok(()),
-        _ if !launched => Err(Failure::usage(format!("{what}: it is done by a launcher, and here there is none"))
-            .help("start the flight with `ironbird fly`, or signal the process yourself")),
+        FaultKind::Messages { .. } => Ok(()),
+        FaultKind::Hog { .. } | FaultKind::Load { .. } if in_lockstep => Err(Failure::usage(
+            format!("{what}: in lockstep no tick is late, however busy the processor is"),
+        )
+        .help("fly on the clock: --pace realtime")),
+        _ if in_lockstep => Err(Failure::usage(format!(
+            "{what}: in lockstep ticks wait for a stage that is not ready"
+        ))
+        .help("fly on the clock: --pace realtime; `ironbird simulate` flies it in ticks")),
+        FaultKind::Late { .. } => Ok(()),
+        _ if !launched => Err(Failure::usage(format!(
+            "{what}: it is done by a launcher, and here there is none"
+        ))
+        .help("start the flight with `ironbird fly`, or signal the process yourself")),
         _ => Ok(()),
     }
 }
 
 /// Refuses a priority that the kernel does not grant this process: a launcher's own for what is planned. One that is
 /// injected is asked for by the launcher later, which says so where it is refused there.
-///
-/// # Errors
-/// [`Failure`] says why it refuses, and what to do.
-pub fn check_priority(trouble: &Trouble) -> Result<(), Failure> {
-    let Trouble::Hog { priority } = trouble else { return Ok(()) };
+pub fn check_priority(trouble: &FaultKind) -> Result<(), Failure> {
+    let FaultKind::Hog { priority } = trouble else {
+        return Ok(());
+    };
     let refusal = fifo_refusal(i32::try_from(*priority).unwrap_or(i32::MAX));
     refusal.map_or(Ok(()), |reason| {
         let errno = i64::from(reason.raw_os_error().unwrap_or_default());

@@ -1,24 +1,24 @@
-//! Merges the layers of the settings (default, preset, file, flags) and checks the file.
+//! Merges the layers of the settings (defaults, preset, file, flags) and checks the file. A flag that names another
+//! airframe, preset or law than the file is refused if the file has whole sections for the old one: single keys override
+//! on purpose, but whole sections come from printed or recorded settings and would fly one airframe with the mass, rotors
+//! and gains of another (docs/airframes.md).
 
 use std::fmt::Display;
-use std::io::{self, Read as _};
 use std::path::Path;
 use std::sync::LazyLock;
 
-use law::law::Rig;
-use model::parameters::{self, did_you_mean};
+use control_api::law::Rig;
+use messages::role::Role;
 use toml::{Table, Value};
 
-use crate::settings::airframe::{self, Design};
-use crate::settings::laws::Moved;
-use crate::settings::{DEFAULT, LAWS, Overrides, Settings, laws, mixed};
-use failure::{Failure, open_file};
+use crate::settings::airframe::{self, Design, PAPER};
+use crate::settings::law_settings::{Chosen, Moved};
+use crate::settings::toml_access::{beside, coerce, example, kind, nearest, section, text_of};
+use crate::settings::{DEFAULT, LAWS, Overrides, Settings, law_settings};
+use errors::Failure;
 
 impl Settings {
     /// As [`Self::of`], of sections that stand in a file, beside which relative names of laws are.
-    ///
-    /// # Errors
-    /// As [`Self::resolve`].
     pub fn of_file(given: Table, file: &Path) -> Result<Self, Failure> {
         Self::over(&LAWS, given, Some(file), &Overrides::new())
     }
@@ -26,15 +26,18 @@ impl Settings {
 
 /// The commented default as a table: read once, since a campaign resolves settings for each of its flights.
 fn default() -> Result<&'static Table, Failure> {
-    static READ: LazyLock<Result<Table, String>> = LazyLock::new(|| DEFAULT.parse().map_err(|e| format!("{e}")));
-    READ.as_ref().map_err(|e| Failure::failed(format!("the default is broken: {e}")))
+    static READ: LazyLock<Result<Table, String>> =
+        LazyLock::new(|| DEFAULT.parse().map_err(|e| format!("{e}")));
+    READ.as_ref()
+        .map_err(|e| Failure::failed(format!("the default is broken: {e}")))
 }
 
 /// The same with the paper's airframe laid over it, and that airframe.
 fn with_paper() -> Result<&'static (Table, Design), Failure> {
     static LAID: LazyLock<Result<(Table, Design), String>> = LazyLock::new(|| {
         let mut table = default().map_err(|e| e.to_string())?.clone();
-        let design = airframe::design(airframe::PAPER, &section(&table, "model")).map_err(|e| e.to_string())?;
+        let design =
+            airframe::design(PAPER, &section(&table, "model")).map_err(|e| e.to_string())?;
         design.lay(&mut table);
         Ok((table, design))
     });
@@ -42,23 +45,52 @@ fn with_paper() -> Result<&'static (Table, Design), Failure> {
 }
 
 /// The settings as a table: what is given, over the defaults and below what flags set. The file is where it was read.
-pub(super) fn layered(mut given: Table, file: Option<&Path>, overrides: &Overrides) -> Result<Table, Failure> {
-    let place = file.map(|path| format!(" (settings file {})", path.display())).unwrap_or_default();
-    let flag = |key: &str| overrides.iter().find(|(k, _)| *k == key).map(|(_, value)| value);
-    let said = |section: &str, key: &str| flag(&format!("{section}.{key}")).or_else(|| given.get(section)?.get(key));
+pub(super) fn layered(
+    mut given: Table,
+    file: Option<&Path>,
+    overrides: &Overrides,
+) -> Result<Table, Failure> {
+    let place = file
+        .map(|path| format!(" (settings file {})", path.display()))
+        .unwrap_or_default();
+    let flag = |key: &str| {
+        overrides
+            .iter()
+            .find(|(k, _)| *k == key)
+            .map(|(_, value)| value)
+    };
+    let said = |section: &str, key: &str| {
+        flag(&format!("{section}.{key}")).or_else(|| given.get(section)?.get(key))
+    };
     let mut table = with_paper()?.0.clone();
-    let preset = said("flight", "preset").and_then(Value::as_str).unwrap_or(laws::DEFAULT_PRESET).to_owned();
-    let mut presets = vec![laws::DEFAULT_PRESET];
+    let preset = said("flight", "preset")
+        .and_then(Value::as_str)
+        .unwrap_or(law_settings::DEFAULT_PRESET)
+        .to_owned();
+    let mut presets = vec![law_settings::DEFAULT_PRESET];
     let mut chosen = Vec::new();
-    for (section, role) in laws::SECTIONS {
-        let law = match flag(&format!("{section}.{}", laws::LAW)) {
-            Some(name) => laws::named(role, Some(name), &Moved::new()),
-            None => laws::named(role, said(section, laws::LAW).map(|name| beside(file, name)).as_ref(), &Moved::new())
-                .map_err(|failure| failure.append(&place)),
+    for (section, role) in law_settings::SECTIONS {
+        let law = match flag(&format!("{section}.{}", law_settings::LAW)) {
+            Some(name) => law_settings::named(role, Some(name), &Moved::new()),
+            None => law_settings::named(
+                role,
+                said(section, law_settings::LAW)
+                    .map(|name| beside(file, name))
+                    .as_ref(),
+                &Moved::new(),
+            )
+            .map_err(|failure| failure.append(&place)),
         }?;
         let of_law = law.description().presets.iter().map(|preset| preset.name);
-        presets.extend(of_law.filter(|name| !presets.contains(name)).collect::<Vec<_>>());
-        table.insert(section.into(), Value::Table(laws::section(law, &preset, &Rig::default())));
+        presets.extend(
+            of_law
+                .filter(|name| !presets.contains(name))
+                .collect::<Vec<_>>(),
+        );
+        table.insert(
+            section.into(),
+            Value::Table(law_settings::section(law, &preset, &Rig::default())),
+        );
         chosen.push((section, law));
     }
     if !presets.contains(&preset.as_str()) {
@@ -68,18 +100,47 @@ pub(super) fn layered(mut given: Table, file: Option<&Path>, overrides: &Overrid
         ))
         .help("see `ironbird fly --print-config`"));
     }
-    for (section, law) in chosen.iter().filter(|(section, _)| flag(&format!("{section}.{}", laws::LAW)).is_some()) {
-        mixed::check_law(file, &mut given, section, *law)?;
+    for (section, law) in chosen
+        .iter()
+        .filter(|(section, _)| flag(&format!("{section}.{}", law_settings::LAW)).is_some())
+    {
+        check_law(file, &mut given, section, *law)?;
     }
     given = checked(file, given, &table)?;
-    mixed::check_airframe(file, &given, &table, flag("flight.airframe").and_then(Value::as_str))?;
-    mixed::check_preset(file, &given, &table, flag("flight.preset").and_then(Value::as_str))?;
-    let Design { airframe, rotor, .. } =
-        lay_airframe(&mut table, &mut given, flag("flight.airframe").and_then(Value::as_str), &place)?;
-    mixed::forget_sums(&mut given, flag("flight.trajectory").and_then(Value::as_str));
-    let rig = Rig { airframe, rotor, ..Rig::default() };
+    check_airframe(
+        file,
+        &given,
+        &table,
+        flag("flight.airframe").and_then(Value::as_str),
+    )?;
+    check_preset(
+        file,
+        &given,
+        &table,
+        flag("flight.preset").and_then(Value::as_str),
+    )?;
+    let Design {
+        airframe, rotor, ..
+    } = lay_airframe(
+        &mut table,
+        &mut given,
+        flag("flight.airframe").and_then(Value::as_str),
+        &place,
+    )?;
+    forget_sums(
+        &mut given,
+        flag("flight.trajectory").and_then(Value::as_str),
+    );
+    let rig = Rig {
+        airframe,
+        rotor,
+        ..Rig::default()
+    };
     for (section, law) in &chosen {
-        table.insert((*section).into(), Value::Table(laws::section(*law, &preset, &rig)));
+        table.insert(
+            (*section).into(),
+            Value::Table(law_settings::section(*law, &preset, &rig)),
+        );
     }
     for (section, keys) in given {
         if let (Some(Value::Table(into)), Value::Table(keys)) = (table.get_mut(&section), keys) {
@@ -94,49 +155,63 @@ pub(super) fn layered(mut given: Table, file: Option<&Path>, overrides: &Overrid
         }
     }
     for (section, law) in chosen {
-        laws::identify(&mut table, section, law);
+        law_settings::identify(&mut table, section, law);
     }
     Ok(table)
-}
-
-/// A law's name as a settings file means it: a relative file is beside it.
-pub(super) fn beside(settings: Option<&Path>, name: &Value) -> Value {
-    let folder = settings.and_then(Path::parent);
-    match name.as_str().filter(|name| law_library::is_file(name)).zip(folder) {
-        Some((name, folder)) => Value::from(folder.join(name).to_string_lossy().into_owned()),
-        None => name.clone(),
-    }
 }
 
 /// Lays the airframe over the defaults: that of the flag, or that of the settings file, or the paper's.
 ///
 /// A section `[airframe]` of the file goes before the name in it: where it is whole, as in the settings of a flight, no
 /// other file is read. A flag goes before both.
-fn lay_airframe(table: &mut Table, given: &mut Table, flag: Option<&str>, place: &str) -> Result<Design, Failure> {
-    let kept = given.remove("airframe").and_then(|kept| kept.as_table().cloned()).filter(|_| flag.is_none());
-    let named = given.get("flight").and_then(|flight| flight.get("airframe")).and_then(Value::as_str);
+fn lay_airframe(
+    table: &mut Table,
+    given: &mut Table,
+    flag: Option<&str>,
+    place: &str,
+) -> Result<Design, Failure> {
+    let kept = given
+        .remove("airframe")
+        .and_then(|kept| kept.as_table().cloned())
+        .filter(|_| flag.is_none());
+    let named = given
+        .get("flight")
+        .and_then(|flight| flight.get("airframe"))
+        .and_then(Value::as_str);
     let mut values = section(table, "airframe");
     let is_whole = kept.as_ref().is_some_and(|kept| kept.len() == values.len());
-    let name = flag.or(named).filter(|_| !is_whole).unwrap_or(airframe::PAPER).to_owned();
+    let name = flag
+        .or(named)
+        .filter(|_| !is_whole)
+        .unwrap_or(PAPER)
+        .to_owned();
     let mut design = match name.as_str() {
-        airframe::PAPER => with_paper()?.1.clone(),
+        PAPER => with_paper()?.1.clone(),
         name => airframe::design(name, &section(table, "model"))?,
     };
     if is_whole {
         let rotor = section(given, "rotor");
-        if !["min_rad_s", "max_rad_s"].iter().all(|key| rotor.contains_key(*key)) {
-            return Err(Failure::usage(format!("a whole section [airframe] has its own rotors{place}"))
-                .help("write them beside it: [rotor] with min_rad_s and max_rad_s"));
+        if !["min_rad_s", "max_rad_s"]
+            .iter()
+            .all(|key| rotor.contains_key(*key))
+        {
+            return Err(Failure::usage(format!(
+                "a whole section [airframe] has its own rotors{place}"
+            ))
+            .help("write them beside it: [rotor] with min_rad_s and max_rad_s"));
         }
-        design.sha256 = mixed::kept_sum(given);
+        design.sha256 = kept_sum(given);
     } else {
-        mixed::check_sum(given, flag, &name, &design.sha256)?;
+        check_sum(given, flag, &name, &design.sha256)?;
     }
     if let Some(kept) = kept {
         design.lay(table);
         values = section(table, "airframe");
         values.extend(kept);
-        let values = values.into_iter().filter_map(|(name, value)| Some((name, value.as_float()?))).collect();
+        let values = values
+            .into_iter()
+            .filter_map(|(name, value)| Some((name, value.as_float()?)))
+            .collect();
         design.airframe = airframe::built(&values)
             .map_err(|e| Failure::usage(format!("airframe: {e}")).help("see `ironbird params`"))?;
     }
@@ -144,53 +219,75 @@ fn lay_airframe(table: &mut Table, given: &mut Table, flag: Option<&str>, place:
     Ok(design)
 }
 
-/// A section of the settings.
-pub(super) fn section(table: &Table, name: &str) -> Table {
-    table.get(name).and_then(Value::as_table).cloned().unwrap_or_default()
-}
-
 /// What is wrong with the settings that are given, and where.
 fn here(file: Option<&Path>, what: impl Display) -> Failure {
-    let place = file.map_or_else(|| "settings".into(), |path| format!("settings file {}", path.display()));
+    let place = file.map_or_else(
+        || "settings".into(),
+        |path| format!("settings file {}", path.display()),
+    );
     Failure::usage(format!("{place}: {what}")).help("see `ironbird fly --print-config`")
 }
 
-/// A settings file.
 pub(super) fn read(path: &Path) -> Result<Table, Failure> {
     let text = text_of(path).map_err(|e| {
-        Failure::usage(format!("cannot read the settings file {}: {e}", path.display()))
-            .help("name a file that you can read; `ironbird fly --print-config` writes one to begin with")
+        Failure::usage(format!(
+            "cannot read the settings file {}: {e}",
+            path.display()
+        ))
+        .help(
+            "name a file that you can read; `ironbird fly --print-config` writes one to begin with",
+        )
     })?;
-    text.parse().map_err(|e: toml::de::Error| match e.span().filter(|_| e.message().contains("integer `")) {
-        Some(span) => here(Some(path), format!("line {}: {BEYOND}", airframe::line_of(&text, &span))),
-        None => here(Some(path), e),
+    text.parse().map_err(|e: toml::de::Error| {
+        match e.span().filter(|_| e.message().contains("integer `")) {
+            Some(span) => here(
+                Some(path),
+                format!("line {}: {BEYOND}", airframe::line_of(&text, &span)),
+            ),
+            None => here(Some(path), e),
+        }
     })
 }
 
-/// What the format cannot read.
 const BEYOND: &str = "a whole number beyond 9223372036854775807 cannot be read";
 
 /// What is given: every key must be known, and of the type that the default has.
 fn checked(file: Option<&Path>, mut given: Table, default: &Table) -> Result<Table, Failure> {
     let here = |what: String| here(file, what);
     for (section, keys) in &mut given {
-        if let Some(moved) = keys.as_table().and_then(|keys| laws::moved(section, keys)) {
+        if let Some(moved) = keys
+            .as_table()
+            .and_then(|keys| law_settings::moved(section, keys))
+        {
             return Err(here(moved));
         }
         let known = default.get(section).and_then(Value::as_table);
         let Some(known) = known else {
-            return Err(here(format!("unknown section [{section}]{}", nearest(section, default.keys()))));
+            return Err(here(format!(
+                "unknown section [{section}]{}",
+                nearest(section, default.keys())
+            )));
         };
         let Some(keys) = keys.as_table_mut() else {
             return Err(here(format!("`{section}` must be a section: [{section}]")));
         };
         for (key, value) in keys {
             let Some(expected) = known.get(key) else {
-                let of = known.get(laws::LAW).map(|law| format!(" of the law {law}")).unwrap_or_default();
-                return Err(here(format!("unknown key `{section}.{key}`{of}{}", nearest(key, known.keys()))));
+                let of = known
+                    .get(law_settings::LAW)
+                    .map(|law| format!(" of the law {law}"))
+                    .unwrap_or_default();
+                return Err(here(format!(
+                    "unknown key `{section}.{key}`{of}{}",
+                    nearest(key, known.keys())
+                )));
             };
             *value = coerce(value, expected).ok_or_else(|| {
-                here(format!("{section}.{key} = {value}: expected {}, as in {}", kind(expected), example(expected)))
+                here(format!(
+                    "{section}.{key} = {value}: expected {}, as in {}",
+                    kind(expected),
+                    example(expected)
+                ))
             })?;
         }
     }
@@ -201,84 +298,229 @@ fn checked(file: Option<&Path>, mut given: Table, default: &Table) -> Result<Tab
 pub(super) fn typed(overrides: &Overrides) -> Result<Overrides, Failure> {
     let default = default()?;
     let typed = |(key, value): &(&'static str, Value)| {
-        let known = key.split_once('.').and_then(|(section, key)| default.get(section)?.get(key));
+        let known = key
+            .split_once('.')
+            .and_then(|(section, key)| default.get(section)?.get(key));
         // A law's name is looked at where the law is found.
-        let Some(expected) = known else { return Ok((*key, value.clone())) };
-        coerce(value, expected).map(|value| (*key, value)).ok_or_else(|| {
-            here(None, format!("{key} = {value}: expected {}, as in {}", kind(expected), example(expected)))
-        })
+        let Some(expected) = known else {
+            return Ok((*key, value.clone()));
+        };
+        coerce(value, expected)
+            .map(|value| (*key, value))
+            .ok_or_else(|| {
+                here(
+                    None,
+                    format!(
+                        "{key} = {value}: expected {}, as in {}",
+                        kind(expected),
+                        example(expected)
+                    ),
+                )
+            })
     };
     overrides.iter().map(typed).collect()
 }
 
-/// The text of a regular file of at most 1 MiB: a device may have no end, and a pipe may have no writer.
-pub(super) fn text_of(path: &Path) -> io::Result<String> {
-    const MOST_BYTES: u64 = 1 << 20;
-    let mut text = String::new();
-    open_file(path)?.take(MOST_BYTES + 1).read_to_string(&mut text)?;
-    if text.len() as u64 > MOST_BYTES {
-        return Err(io::Error::other("it is longer than 1 MiB"));
+/// Sections that say of themselves which airframe they were made for, where they are whole.
+const OF_ONE_AIRFRAME: [&str; 3] = ["airframe", "plant", "model"];
+/// Sections that go before what the flag names.
+const KEPT: [&str; 6] = ["plant", "model", "rotor", "outer", "inner", "mixer"];
+/// Key of `[flight]` with the SHA-256 of the airframe's file.
+const SUM: &str = "airframe_sha256";
+
+/// Refuses whole sections of a settings file beside a flag that names another airframe than the file.
+pub(super) fn check_airframe(
+    file: Option<&Path>,
+    given: &Table,
+    default: &Table,
+    flag: Option<&str>,
+) -> Result<(), Failure> {
+    let named = text(given, "flight", "airframe").unwrap_or(PAPER);
+    let Some(flag) = flag.filter(|flag| *flag != named) else {
+        return Ok(());
+    };
+    let kept: Vec<&str> = KEPT
+        .into_iter()
+        .filter(|section| is_whole(given, default, section))
+        .collect();
+    if kept.is_empty()
+        || !OF_ONE_AIRFRAME
+            .iter()
+            .any(|section| is_whole(given, default, section))
+    {
+        return Ok(());
     }
-    Ok(text)
+    Err(mixed(file, &kept, ("airframe", named), ("airframe", flag)))
 }
 
-/// The value as the type that is expected: whole numbers also stand for fractional ones.
-pub(super) fn coerce(value: &Value, expected: &Value) -> Option<Value> {
-    match (value, expected) {
-        (Value::Integer(i), Value::Float(_)) => Some(Value::Float(*i as f64)),
-        // "auto", or a number: of a processor, of microseconds.
-        (Value::Integer(_), Value::String(auto)) if auto == "auto" => Some(value.clone()),
-        (Value::Array(values), Value::Array(expected)) => match expected.first() {
-            Some(first) if values.len() == expected.len() => {
-                values.iter().map(|value| coerce(value, first)).collect::<Option<Vec<_>>>().map(Value::Array)
-            }
-            Some(_) => None,
-            None => values.iter().all(Value::is_str).then(|| value.clone()),
-        },
-        _ => value.same_type(expected).then(|| value.clone()),
+/// Refuses whole sections of laws in a settings file beside a flag that names another preset than the file.
+pub(super) fn check_preset(
+    file: Option<&Path>,
+    given: &Table,
+    default: &Table,
+    flag: Option<&str>,
+) -> Result<(), Failure> {
+    let named = text(given, "flight", "preset").unwrap_or(law_settings::DEFAULT_PRESET);
+    let Some(flag) = flag.filter(|flag| *flag != named) else {
+        return Ok(());
+    };
+    let has_settings = |section: &&str| {
+        table(given, section).is_some_and(|keys| keys.keys().any(|key| is_laws(key)))
+    };
+    let of_laws = law_settings::SECTIONS
+        .into_iter()
+        .map(|(section, _)| section);
+    let kept: Vec<&str> = of_laws
+        .filter(|section| is_whole(given, default, section))
+        .filter(has_settings)
+        .collect();
+    if kept.is_empty() {
+        return Ok(());
+    }
+    Err(mixed(file, &kept, ("preset", named), ("preset", flag)))
+}
+
+/// Refuses the settings of a law that a settings file names beside a flag that names another one. Where the file has
+/// none but the law's name, its sum is forgotten with it.
+pub(super) fn check_law(
+    file: Option<&Path>,
+    given: &mut Table,
+    section: &str,
+    flag: Chosen,
+) -> Result<(), Failure> {
+    let Some(keys) = given.get_mut(section).and_then(Value::as_table_mut) else {
+        return Ok(());
+    };
+    let Some(named) = keys.get(law_settings::LAW).map(|law| beside(file, law)) else {
+        return Ok(());
+    };
+    let Some(named) = named.as_str().filter(|named| !flag.is_named(named)) else {
+        return Ok(());
+    };
+    if keys.keys().any(|key| is_laws(key)) {
+        return Err(mixed(
+            file,
+            &[section],
+            ("law", named),
+            (section, &flag.named()),
+        ));
+    }
+    keys.remove(law_settings::SHA256);
+    Ok(())
+}
+
+/// Whether a key of a law's section is the law's own.
+fn is_laws(key: &str) -> bool {
+    ![law_settings::LAW, law_settings::SHA256].contains(&key)
+}
+
+/// Whether a section has every key that it can have.
+fn is_whole(given: &Table, default: &Table, section: &str) -> bool {
+    let (Some(given), Some(known)) = (table(given, section), table(default, section)) else {
+        return false;
+    };
+    known
+        .keys()
+        .all(|key| key == law_settings::LAW || given.contains_key(key))
+}
+
+/// Says which sections are whose, and what the flag names instead; beside sections that are in no file, the argument.
+fn mixed(
+    file: Option<&Path>,
+    sections: &[&str],
+    (kind, named): (&str, &str),
+    (key, other): (&str, &str),
+) -> Failure {
+    let all = sections
+        .iter()
+        .map(|section| format!("[{section}]"))
+        .collect::<Vec<_>>()
+        .join(", ");
+    let (what, them) = match sections.len() {
+        1 => (format!("its section {all} is"), "it"),
+        _ => (format!("its whole sections {all} are"), "them"),
+    };
+    let said = |place: &str, said: &str| {
+        Failure::usage(format!(
+            "{place}: {what} of the {kind} `{named}`, and would go before those of {said}"
+        ))
+    };
+    let Some(path) = file else {
+        return said("settings", &format!("{key}=\"{other}\"")).help(format!(
+            "take {them} out of the settings, or fly without {key}=\"{other}\""
+        ));
+    };
+    let flag = format!("--{key} {other}");
+    said(&format!("settings file {}", path.display()), &flag).help(format!(
+        "take {them} out of the file, or begin with those of this {kind}: ironbird fly {flag} --print-config"
+    ))
+}
+
+/// Refuses the settings of a law beside a law that the rig does not know, as [`Settings::of`] does beside one it knows.
+pub fn check_foreign_law(role: Role, section: &Table, other: &str) -> Result<(), Failure> {
+    let Some(named) = section.get(law_settings::LAW).and_then(Value::as_str) else {
+        return Ok(());
+    };
+    match section.keys().any(|key| is_laws(key)) {
+        true => Err(mixed(
+            None,
+            &[role.name()],
+            ("law", named),
+            (role.name(), other),
+        )),
+        false => Ok(()),
     }
 }
 
-pub(super) fn kind(expected: &Value) -> String {
-    match expected {
-        Value::Array(values) if values.is_empty() => "a list of strings".into(),
-        Value::Array(values) => format!("a list of {} numbers", values.len()),
-        Value::Float(_) => "a number".into(),
-        Value::Integer(_) => "a whole number".into(),
-        Value::String(auto) if auto == "auto" => "a whole number or a string".into(),
-        Value::String(_) => "a string".into(),
-        other => other.type_str().into(),
+/// The SHA-256 that a settings file has of its airframe's file; empty where it has none.
+pub(super) fn kept_sum(given: &Table) -> String {
+    text(given, "flight", SUM).unwrap_or_default().to_owned()
+}
+
+/// Refuses an airframe file that is no longer the one that the settings were made for. A flag may name another.
+pub(super) fn check_sum(
+    given: &Table,
+    flag: Option<&str>,
+    name: &str,
+    sha256: &str,
+) -> Result<(), Failure> {
+    let wanted = kept_sum(given);
+    let is_another = flag.is_some_and(|flag| text(given, "flight", "airframe") != Some(flag));
+    if is_another || wanted.is_empty() || wanted == sha256 {
+        return Ok(());
+    }
+    let found = if sha256.is_empty() {
+        "is built in".to_owned()
+    } else {
+        format!("has the SHA-256 {sha256}")
+    };
+    Err(Failure::usage(format!(
+        "airframe {name} {found}, but the settings were made for a file with {wanted}"
+    ))
+    .help("bring the old file back, or take flight.airframe_sha256 out of the settings"))
+}
+
+/// Takes the sums out of a file's settings that belong to another airframe or trajectory than what is flown.
+pub(super) fn forget_sums(given: &mut Table, trajectory: Option<&str>) {
+    let is_another =
+        trajectory.is_some_and(|flag| text(given, "flight", "trajectory") != Some(flag));
+    let mut forget = |section: &str, key: &str| {
+        given
+            .get_mut(section)
+            .and_then(Value::as_table_mut)
+            .and_then(|section| section.remove(key));
+    };
+    // That of the airframe's file is known from the file itself.
+    forget("flight", SUM);
+    if is_another {
+        forget("trajectory", "sha256");
     }
 }
 
-/// How such a value is written: as the default has it, unless that is empty.
-fn example(expected: &Value) -> String {
-    match expected {
-        Value::Array(values) if values.is_empty() => "[\"mass_kg=0.6@8s\"]".into(),
-        other => other.to_string(),
-    }
+fn table<'a>(of: &'a Table, section: &str) -> Option<&'a Table> {
+    of.get(section).and_then(Value::as_table)
 }
 
-pub(super) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a String>) -> String {
-    did_you_mean(parameters::nearest(name, known.map(String::as_str)))
-}
-
-/// Names, the nearest to what was typed first.
-pub fn nearest_first(name: &str, mut known: Vec<&str>) -> String {
-    known.sort_by(|a, b| strsim::jaro_winkler(b, name).total_cmp(&strsim::jaro_winkler(a, name)));
-    known.join(", ")
-}
-
-/// Whether two values mean the same, however they are written.
-pub(super) fn same(a: &toml_edit::Value, b: &toml_edit::Value) -> bool {
-    let number = |v: &toml_edit::Value| v.as_float().or_else(|| v.as_integer().map(|i| i as f64));
-    match (a, b) {
-        (toml_edit::Value::Array(a), toml_edit::Value::Array(b)) => {
-            a.len() == b.len() && a.iter().zip(b.iter()).all(|(a, b)| same(a, b))
-        }
-        _ => match (number(a), number(b)) {
-            (Some(a), Some(b)) => a == b,
-            _ => a.as_str() == b.as_str() && a.as_bool() == b.as_bool(),
-        },
-    }
+fn text<'a>(of: &'a Table, section: &str, key: &str) -> Option<&'a str> {
+    table(of, section)?.get(key).and_then(Value::as_str)
 }

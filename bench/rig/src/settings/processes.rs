@@ -2,33 +2,27 @@
 
 use std::collections::BTreeMap;
 
+use control_api::description::{self, Description};
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use controller::TheoremMonitor;
-use law::description::{self, Description};
-use law::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
-use model::parameters::{Airframe, Parameter, ParameterError};
-use model::role::Role;
-use model::telemetry::Signals;
+use messages::parameters::{Airframe, Parameter, ParameterError};
+use messages::role::Role;
+use messages::telemetry::Signals;
 use toml::Table;
 
 use super::airframe::built;
-use super::laws::Chosen;
-use super::{Settings, laws, refused};
-use failure::Failure;
+use super::law_settings::Chosen;
+use super::validation::refused;
+use super::{Settings, law_settings};
+use errors::Failure;
 use report::laws::FlownLaws;
 
 impl Settings {
     /// The true airframe at tick 0.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names the parameter.
     pub fn airframe(&self) -> Result<Airframe, Failure> {
         self.airframe_of("plant", &self.plant)
     }
 
-    /// Settings of the plant.
-    ///
-    /// # Errors
-    /// As [`Self::airframe`].
     pub fn plant(&self) -> Result<plant::PlantSettings, Failure> {
         Ok(plant::PlantSettings {
             period_s: self.flight.period_s,
@@ -42,17 +36,21 @@ impl Settings {
     }
 
     /// What the laws are told of the rig.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names the parameter of the model.
     pub fn rig(&self) -> Result<Rig, Failure> {
         let airframe = self.airframe_of("model", &self.model)?;
-        Ok(Rig { period_s: self.flight.period_s, airframe, rotor: self.rotor })
+        Ok(Rig {
+            period_s: self.flight.period_s,
+            airframe,
+            rotor: self.rotor,
+        })
     }
 
-    /// The sections of the laws.
     pub(crate) fn law_sections(&self) -> [(Role, &Table); 3] {
-        [(Role::Outer, &self.outer), (Role::Inner, &self.inner), (Role::Mixer, &self.mixer)]
+        [
+            (Role::Outer, &self.outer),
+            (Role::Inner, &self.inner),
+            (Role::Mixer, &self.mixer),
+        ]
     }
 
     /// The law of a role, with its settings.
@@ -65,15 +63,16 @@ impl Settings {
             Role::Mixer => &self.mixer,
             _ => &self.inner,
         };
-        laws::chosen(role, section, &self.moved)
+        law_settings::chosen(role, section, &self.moved)
     }
 
     /// The chosen laws: outer, inner, mixer.
-    ///
-    /// # Errors
-    /// As [`Self::laws`].
     pub fn chosen_laws(&self) -> Result<[Chosen; 3], Failure> {
-        Ok([self.chosen(Role::Outer)?.0, self.chosen(Role::Inner)?.0, self.chosen(Role::Mixer)?.0])
+        Ok([
+            self.chosen(Role::Outer)?.0,
+            self.chosen(Role::Inner)?.0,
+            self.chosen(Role::Mixer)?.0,
+        ])
     }
 
     /// What the chosen laws say of themselves: outer, inner, mixer.
@@ -85,13 +84,12 @@ impl Settings {
     }
 
     /// The options that choose the laws, of those that fly only when they are asked for.
-    ///
-    /// # Errors
-    /// As [`Self::laws`].
     pub fn law_options(&self) -> Result<String, Failure> {
         let asked = |law: &Chosen| {
             let law = law.description();
-            laws::known(law.role).first().is_some_and(|first| first.name != law.name)
+            law_settings::known(law.role)
+                .first()
+                .is_some_and(|first| first.name != law.name)
         };
         let option = |law: Chosen| format!("--{} {}", law.description().role, law.named());
         let options = self.chosen_laws()?.into_iter().filter(asked).map(option);
@@ -99,39 +97,37 @@ impl Settings {
     }
 
     /// The outer loop before tick 0.
-    ///
-    /// # Errors
-    /// As [`Self::laws`], and what the law does not take.
     pub fn outer_stage(&self) -> Result<GuardedOuter, Failure> {
         let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Outer)?);
         let made = match law {
-            Chosen::BuiltIn(law) => laws::entry(controller::laws::OUTER, law).make(&rig, &settings),
+            Chosen::BuiltIn(law) => {
+                law_settings::entry(controller::laws::OUTER, law).make(&rig, &settings)
+            }
             Chosen::Library(library) => library.outer(&rig, &settings),
         };
-        Ok(GuardedOuter::new(made.map_err(refused)?, self.course()?.route(rig.period_s), &rig))
+        Ok(GuardedOuter::new(
+            made.map_err(refused)?,
+            self.course()?.route(rig.period_s),
+            &rig,
+        ))
     }
 
     /// The inner loop before tick 0.
-    ///
-    /// # Errors
-    /// As [`Self::outer_stage`].
     pub fn inner_stage(&self) -> Result<GuardedInner, Failure> {
         let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Inner)?);
         let made = match law {
-            Chosen::BuiltIn(law) => laws::entry(controller::laws::INNER, law).make(&rig, &settings),
+            Chosen::BuiltIn(law) => {
+                law_settings::entry(controller::laws::INNER, law).make(&rig, &settings)
+            }
             Chosen::Library(library) => library.inner(&rig, &settings),
         };
         Ok(GuardedInner::new(made.map_err(refused)?, &rig))
     }
 
-    /// The mixer before tick 0.
-    ///
-    /// # Errors
-    /// As [`Self::outer_stage`].
     pub fn mixer_stage(&self) -> Result<GuardedMixer, Failure> {
         let (rig, (law, settings)) = (self.rig()?, self.chosen(Role::Mixer)?);
         let made = match law {
-            Chosen::BuiltIn(law) => laws::entry(mixer::LAWS, law).make(&rig, &settings),
+            Chosen::BuiltIn(law) => law_settings::entry(mixer::LAWS, law).make(&rig, &settings),
             Chosen::Library(library) => library.mixer(&rig, &settings),
         };
         Ok(GuardedMixer::new(made.map_err(refused)?, &rig))
@@ -151,9 +147,6 @@ impl Settings {
     }
 
     /// Whether a law is that of a file.
-    ///
-    /// # Errors
-    /// As [`Self::outer_stage`].
     pub(crate) fn has_own_laws(&self) -> Result<bool, Failure> {
         let chosen = self.law_sections().map(|(role, _)| self.chosen(role));
         let mut has = false;
@@ -164,38 +157,43 @@ impl Settings {
     }
 
     /// The theorem's monitor before tick 0; none where the chosen inner law, with its settings, has no theorem.
-    ///
-    /// # Errors
-    /// As [`Self::laws`].
     pub fn theorem(&self) -> Result<Option<TheoremMonitor>, Failure> {
         let (law, settings) = self.chosen(Role::Inner)?;
         let rig = self.rig()?;
-        Ok(controller::laws::theorem(law.description().name, &settings).map(|gains| TheoremMonitor::new(&rig, &gains)))
+        Ok(controller::laws::theorem(law.description().name, &settings)
+            .map(|gains| TheoremMonitor::new(&rig, &gains)))
     }
 
     /// The name of the chosen inner law where it, with its settings, has no theorem, and so no estimates.
-    ///
-    /// # Errors
-    /// As [`Self::laws`].
     pub fn law_without_theorem(&self) -> Result<Option<&'static str>, Failure> {
         let (law, settings) = self.chosen(Role::Inner)?;
-        Ok(laws::without_theorem(law.description(), &settings))
+        Ok(law_settings::without_theorem(law.description(), &settings))
     }
 
     /// What the report knows of the chosen laws.
-    ///
-    /// # Errors
-    /// As [`Self::laws`].
     pub fn flown_laws(&self) -> Result<FlownLaws, Failure> {
         let [outer, inner, mixer] = self.laws()?.map(|law| law.telemetry);
-        Ok(FlownLaws { signals: Signals { outer, inner, mixer }, without_theorem: self.law_without_theorem()? })
+        Ok(FlownLaws {
+            signals: Signals {
+                outer,
+                inner,
+                mixer,
+            },
+            without_theorem: self.law_without_theorem()?,
+        })
     }
 
     /// The airframe that was built, with the values of a section.
-    fn airframe_of(&self, section: &str, values: &BTreeMap<String, f64>) -> Result<Airframe, Failure> {
+    fn airframe_of(
+        &self,
+        section: &str,
+        values: &BTreeMap<String, f64>,
+    ) -> Result<Airframe, Failure> {
         let refused = |section: &str, e: ParameterError| {
-            Failure::usage(format!("{section}.{e}"))
-                .help(format!("see `ironbird params --airframe {}`", self.flight.airframe))
+            Failure::usage(format!("{section}.{e}")).help(format!(
+                "see `ironbird params --airframe {}`",
+                self.flight.airframe
+            ))
         };
         let mut airframe = built(&self.airframe).map_err(|e| refused("airframe", e))?;
         for (name, value) in values {

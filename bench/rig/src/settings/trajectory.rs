@@ -9,10 +9,10 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use controller::trajectory::{Point, UnknownTrajectory};
-use controller::{Course, Spline, Trajectory};
-use failure::{Failure, open_file};
-use model::parameters::shown;
-use report::text::count;
+use controller::{ScaledTrajectory, Spline, Trajectory};
+use errors::{Failure, open_file};
+use messages::parameters::shown;
+use report::phrase::count;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
@@ -47,7 +47,11 @@ pub struct TrajectorySection {
 
 impl Default for TrajectorySection {
     fn default() -> Self {
-        Self { size: 1.0, period: 1.0, sha256: String::new() }
+        Self {
+            size: 1.0,
+            period: 1.0,
+            sha256: String::new(),
+        }
     }
 }
 
@@ -56,15 +60,15 @@ impl Default for TrajectorySection {
 pub struct PointsFile {
     /// The file, as it was read.
     pub text: String,
-    /// SHA-256 of the text.
     pub sha256: String,
-    /// The curve through the points.
-    pub course: Course,
+    pub course: ScaledTrajectory,
 }
 
 impl fmt::Debug for PointsFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("PointsFile").field("sha256", &self.sha256).finish_non_exhaustive()
+        f.debug_struct("PointsFile")
+            .field("sha256", &self.sha256)
+            .finish_non_exhaustive()
     }
 }
 
@@ -86,9 +90,6 @@ impl Settings {
     }
 
     /// Takes the points of the trajectory, if they are those that the settings have the hash of.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names both hashes.
     pub fn take_points(&mut self, points: PointsFile) -> Result<(), Failure> {
         let wanted = &self.trajectory.sha256;
         if !wanted.is_empty() && *wanted != points.sha256 {
@@ -109,19 +110,11 @@ pub(crate) fn is_file(trajectory: &str) -> bool {
     trajectory.contains('/') || Path::new(trajectory).extension().is_some()
 }
 
-/// A built-in trajectory.
-///
-/// # Errors
-/// [`UnknownTrajectory`].
-pub(crate) fn built_in(name: &str) -> Result<Course, UnknownTrajectory> {
-    name.parse::<Trajectory>().map(Course::of)
+pub(crate) fn built_in(name: &str) -> Result<ScaledTrajectory, UnknownTrajectory> {
+    name.parse::<Trajectory>().map(ScaledTrajectory::of)
 }
 
 impl PointsFile {
-    /// Reads a file of points.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names the file, the line and the column.
     pub(crate) fn read(path: &str) -> Result<Self, Failure> {
         let unread = |why: &dyn fmt::Display| {
             Failure::usage(format!("cannot read the trajectory file {path}: {why}"))
@@ -132,41 +125,55 @@ impl PointsFile {
             .and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes))
             .map_err(|e| unread(&e))?;
         if bytes.len() as u64 > MOST_BYTES {
-            return Err(unread(&format!("it is longer than {} MiB", MOST_BYTES >> 20)));
+            return Err(unread(&format!(
+                "it is longer than {} MiB",
+                MOST_BYTES >> 20
+            )));
         }
         let text = String::from_utf8(bytes).map_err(|e| {
-            let line = 1 + e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
+            let line = 1 + e.as_bytes()[..e.utf8_error().valid_up_to()]
+                .iter()
+                .filter(|byte| **byte == b'\n')
+                .count();
             unread(&format!("line {line} is not UTF-8"))
         })?;
         Self::of(text).map_err(|why| {
-            Failure::usage(format!("trajectory file {path}: {why}"))
-                .help(format!("a first line {HEADER} and a line per point, in s, m and rad; see docs/airframes.md"))
+            Failure::usage(format!("trajectory file {path}: {why}")).help(format!(
+                "a first line {HEADER} and a line per point, in s, m and rad; see docs/airframes.md"
+            ))
         })
     }
 
-    /// The points of a text.
-    ///
-    /// # Errors
-    /// What is wrong with it, with line and column.
     pub(crate) fn of(text: String) -> Result<Self, String> {
         let sha256 = sha256_of(&text);
         // A curve stays for as long as the process does, and a campaign flies the same one a million times.
-        static CURVES: Mutex<Vec<(String, Course)>> = Mutex::new(Vec::new());
+        static CURVES: Mutex<Vec<(String, ScaledTrajectory)>> = Mutex::new(Vec::new());
         let mut curves = CURVES.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, course)) = curves.iter().find(|(known, _)| *known == sha256) {
-            return Ok(Self { text, sha256, course: *course });
+            return Ok(Self {
+                text,
+                sha256,
+                course: *course,
+            });
         }
         let points = points(&text)?;
         let spline = Spline::through(&points).map_err(|e| e.to_string())?;
-        let course = Course::along(spline);
+        let course = ScaledTrajectory::along(spline);
         curves.push((sha256.clone(), course));
-        Ok(Self { text, sha256, course })
+        Ok(Self {
+            text,
+            sha256,
+            course,
+        })
     }
 }
 
 /// The SHA-256 of a text, as `sha256sum` writes it.
 pub(crate) fn sha256_of(text: &str) -> String {
-    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+    Sha256::digest(text)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
 }
 
 /// Reads points: a first line [`HEADER`], then a line per point.
@@ -176,7 +183,10 @@ fn points(text: &str) -> Result<Vec<Point>, String> {
     let header = lines.next().map_or("", |(_, line)| line);
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
     if names.join(",") != HEADER {
-        return Err(format!("line 1 is `{}`: expected {HEADER}", shortened(header)));
+        return Err(format!(
+            "line 1 is `{}`: expected {HEADER}",
+            shortened(header)
+        ));
     }
     let mut points: Vec<Point> = Vec::new();
     for (line, text) in lines.filter(|(_, text)| !text.trim().is_empty()) {
@@ -186,7 +196,10 @@ fn points(text: &str) -> Result<Vec<Point>, String> {
         let point = point(line, text)?;
         match points.last() {
             None if point.t_s != 0.0 => {
-                return Err(format!("line {line}, column t: the first point is at {} s: expected 0", point.t_s));
+                return Err(format!(
+                    "line {line}, column t: the first point is at {} s: expected 0",
+                    point.t_s
+                ));
             }
             Some(before) if point.t_s - before.t_s < SHORTEST_S - ROUNDING_S => {
                 let (t_s, before_s) = (point.t_s, before.t_s);
@@ -209,15 +222,23 @@ fn point(line: usize, text: &str) -> Result<Point, String> {
     let names: Vec<&str> = HEADER.split(',').collect();
     if fields.len() != names.len() {
         let found = count(fields.len() as u64, "column");
-        return Err(format!("line {line} has {found}: expected {}, as in {HEADER}", names.len()));
+        return Err(format!(
+            "line {line} has {found}: expected {}, as in {HEADER}",
+            names.len()
+        ));
     }
     let mut numbers = [0.0; 5];
     for ((number, field), name) in numbers.iter_mut().zip(&fields).zip(&names) {
         let place = format!("line {line}, column {name}");
-        let value: f64 = field.parse().map_err(|_| format!("{place}: `{}` is not a number", shortened(field)))?;
+        let value: f64 = field
+            .parse()
+            .map_err(|_| format!("{place}: `{}` is not a number", shortened(field)))?;
         let most = if *name == "t" { LATEST_S } else { FURTHEST };
         if !(-most..=most).contains(&value) {
-            return Err(format!("{place}: {} is out of range: allowed are -{most} to {most}", shown(value)));
+            return Err(format!(
+                "{place}: {} is out of range: allowed are -{most} to {most}",
+                shown(value)
+            ));
         }
         *number = value;
     }
@@ -237,7 +258,13 @@ mod tests {
     #[test]
     fn points_are_read_from_what_spreadsheets_write() {
         let plain = points("t,x,y,z,yaw\n0,0,0,0,0\n1.5,1e0,-2,0.5,3\n").unwrap();
-        assert_eq!(plain[1], Point { t_s: 1.5, value: [1.0, -2.0, 0.5, 3.0] });
+        assert_eq!(
+            plain[1],
+            Point {
+                t_s: 1.5,
+                value: [1.0, -2.0, 0.5, 3.0]
+            }
+        );
         let marked = "\u{feff}t, x, y, z, yaw\r\n0,0,0,0,0\r\n 1.5 , 1 ,-2,0.5,3";
         assert_eq!(points(marked).unwrap(), plain);
     }
@@ -246,25 +273,57 @@ mod tests {
     fn every_mistake_is_told_with_line_and_column() {
         for (text, told) in [
             ("", "line 1 is ``: expected t,x,y,z,yaw"),
-            ("0,0,0,0,0\n1,1,1,1,1\n", "line 1 is `0,0,0,0,0`: expected t,x,y,z,yaw"),
+            (
+                "0,0,0,0,0\n1,1,1,1,1\n",
+                "line 1 is `0,0,0,0,0`: expected t,x,y,z,yaw",
+            ),
             ("t,x,y,z\n0,0,0,0\n", "line 1 is `t,x,y,z`"),
             ("t,x,y,z,yaw\n", "it has no point"),
             ("t,x,y,z,yaw\n0,0,0,0,0\n", "it has 1 point"),
-            ("t,x,y,z,yaw\n0,0,0,0,0\n1,2,3\n", "line 3 has 3 columns: expected 5"),
-            ("t,x,y,z,yaw\n0,0,0,0,0\n1\n", "line 3 has 1 column: expected 5"),
-            ("t,x,y,z,yaw\n0,0,0,0,0\n1,a,3,4,5\n", "line 3, column x: `a` is not a number"),
-            ("t,x,y,z,yaw\n0,0,0,0,0\n1,2,3,nan,5\n", "line 3, column z: NaN is out of range"),
-            ("t,x,y,z,yaw\n0,0,0,0,0\n1,2,3,4,inf\n", "line 3, column yaw: inf is out of range"),
-            ("t,x,y,z,yaw\n0,0,0,0,0\n1,2,2e4,4,0\n", "line 3, column y: 20000 is out of range"),
-            ("t,x,y,z,yaw\n1,0,0,0,0\n2,0,0,0,0\n", "line 2, column t: the first point is at 1 s: expected 0"),
-            ("t,x,y,z,yaw\n0,0,0,0,0\n1,0,0,0,0\n1,0,0,0,0\n", "line 4, column t: 1 s follows 1 s: expected at least"),
+            (
+                "t,x,y,z,yaw\n0,0,0,0,0\n1,2,3\n",
+                "line 3 has 3 columns: expected 5",
+            ),
+            (
+                "t,x,y,z,yaw\n0,0,0,0,0\n1\n",
+                "line 3 has 1 column: expected 5",
+            ),
+            (
+                "t,x,y,z,yaw\n0,0,0,0,0\n1,a,3,4,5\n",
+                "line 3, column x: `a` is not a number",
+            ),
+            (
+                "t,x,y,z,yaw\n0,0,0,0,0\n1,2,3,nan,5\n",
+                "line 3, column z: NaN is out of range",
+            ),
+            (
+                "t,x,y,z,yaw\n0,0,0,0,0\n1,2,3,4,inf\n",
+                "line 3, column yaw: inf is out of range",
+            ),
+            (
+                "t,x,y,z,yaw\n0,0,0,0,0\n1,2,2e4,4,0\n",
+                "line 3, column y: 20000 is out of range",
+            ),
+            (
+                "t,x,y,z,yaw\n1,0,0,0,0\n2,0,0,0,0\n",
+                "line 2, column t: the first point is at 1 s: expected 0",
+            ),
+            (
+                "t,x,y,z,yaw\n0,0,0,0,0\n1,0,0,0,0\n1,0,0,0,0\n",
+                "line 4, column t: 1 s follows 1 s: expected at least",
+            ),
         ] {
             let error = points(text).unwrap_err();
             assert!(error.contains(told), "{text}: {error}");
         }
-        let many: String = (0..=MOST_POINTS).map(|i| format!("{i},0,0,0,0\n")).collect();
+        let many: String = (0..=MOST_POINTS)
+            .map(|i| format!("{i},0,0,0,0\n"))
+            .collect();
         let error = points(&format!("{HEADER}\n{many}")).unwrap_err();
-        assert_eq!(error, format!("line {}: more than {MOST_POINTS} points", MOST_POINTS + 2));
+        assert_eq!(
+            error,
+            format!("line {}: more than {MOST_POINTS} points", MOST_POINTS + 2)
+        );
     }
 
     #[test]
@@ -276,13 +335,19 @@ mod tests {
             assert_eq!(read.map(|points| points.len()), Ok(MOST_POINTS));
         }
         let error = points(&format!("{HEADER}\n0,0,0,0,0\n0.00099,0,0,0,0\n")).unwrap_err();
-        assert_eq!(error, "line 3, column t: 0.00099 s follows 0 s: expected at least 0.001 s later");
+        assert_eq!(
+            error,
+            "line 3, column t: 0.00099 s follows 0 s: expected at least 0.001 s later"
+        );
     }
 
     #[test]
     fn one_digit_makes_another_hash() {
         let hash = |text: &str| PointsFile::of(text.to_owned()).unwrap().sha256;
-        assert_ne!(hash("t,x,y,z,yaw\n0,0,0,0,0\n1,1,0,0,0\n"), hash("t,x,y,z,yaw\n0,0,0,0,0\n1,1,0,0,1\n"));
+        assert_ne!(
+            hash("t,x,y,z,yaw\n0,0,0,0,0\n1,1,0,0,0\n"),
+            hash("t,x,y,z,yaw\n0,0,0,0,0\n1,1,0,0,1\n")
+        );
         assert_eq!(hash("t,x,y,z,yaw\n0,0,0,0,0\n1,1,0,0,0\n").len(), 64);
     }
 }

@@ -1,10 +1,10 @@
 //! What is said before take-off and flown all the same.
 
+use control_api::law::Rig;
 use controller::feasibility::{Start, excesses};
 use controller::{Limits, gains};
-use failure::Failure;
-use law::law::Rig;
-use model::role::Role;
+use errors::Failure;
+use messages::role::Role;
 
 use super::Settings;
 
@@ -13,15 +13,24 @@ const DAMPING_MIN: f64 = 0.5;
 
 impl Settings {
     /// What the flight asks for beyond its limits, and gains that do not suit the airframe's motors.
-    ///
-    /// # Errors
-    /// Those of [`Settings::rig`], [`Settings::course`] and [`Settings::laws`].
     pub fn warnings(&self) -> Result<Vec<String>, Failure> {
         let rig = self.rig()?;
         let name = self.trajectory_name();
-        let start = Start { position_w_m: self.initial.position_w_m, yaw_rad: self.initial.attitude_rad[2] };
-        let excesses = excesses(&self.course()?, &rig, self.limits()?, &start, self.flight.duration_s);
-        let mut warnings: Vec<String> = excesses.iter().map(|it| format!("trajectory {name} {it}")).collect();
+        let start = Start {
+            position_w_m: self.initial.position_w_m,
+            yaw_rad: self.initial.attitude_rad[2],
+        };
+        let excesses = excesses(
+            &self.course()?,
+            &rig,
+            self.limits()?,
+            &start,
+            self.flight.duration_s,
+        );
+        let mut warnings: Vec<String> = excesses
+            .iter()
+            .map(|it| format!("trajectory {name} {it}"))
+            .collect();
         warnings.extend(self.lag(&rig)?);
         Ok(warnings)
     }
@@ -44,7 +53,10 @@ impl Settings {
         if !law.description().settings.contains(&gains::ALPHA_1_S) {
             return Ok(None);
         }
-        let (alpha_1_s, lag_s) = (settings.number(&gains::ALPHA_1_S), rig.airframe.motor_time_constant_s());
+        let (alpha_1_s, lag_s) = (
+            settings.number(&gains::ALPHA_1_S),
+            rig.airframe.motor_time_constant_s(),
+        );
         // tau s^2 + s + alpha.
         let damping = 0.5 / (alpha_1_s * lag_s).sqrt();
         Ok((damping < DAMPING_MIN).then(|| {

@@ -1,24 +1,26 @@
-//! Feeds the flight to the model: waits for it, joins it, reads it, notices its end.
+//! Updates the model: waits for a flight, joins it, reads its messages, and notices its end.
 
 use std::time::{Duration, Instant};
 
-use model::role::Role;
-use wire::error::Error;
-use wire::instance::Instance;
+use ipc::error::Error;
+use ipc::instance::Instance;
+use messages::role::Role;
 
-use crate::observe::Observation;
-use crate::watch::model::Model;
-use failure::Failure;
+use crate::observation::Observation;
+use crate::watch::dashboard_model::Model;
+use errors::Failure;
 
-/// How often it looks for a flight, and after the processes.
+/// How often to look for a flight and to check its processes.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// From a flight's end to the last message that the recorder passes on, with a margin.
+/// How long after the end of a flight the recorder may still pass messages on.
 const LAST_MESSAGES: Duration = Duration::from_millis(200);
-/// How often joining may fail in a row: roles that start or end are in the way for an instant.
+/// How often joining may fail in a row: it can while roles start or end.
 const TRIES: u32 = 20;
 
-/// Where the model's news comes from.
-#[allow(missing_debug_implementations, reason = "the middleware's handles have none")]
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handles have none"
+)]
 pub struct Feed {
     instance: Instance,
     joined: Option<Observation>,
@@ -29,16 +31,18 @@ pub struct Feed {
 }
 
 impl Feed {
-    /// Has joined nothing yet.
     #[must_use]
     pub fn new(instance: Instance) -> Self {
-        Self { instance, joined: None, ended: None, next_look: Instant::now(), failed: 0 }
+        Self {
+            instance,
+            joined: None,
+            ended: None,
+            next_look: Instant::now(),
+            failed: 0,
+        }
     }
 
-    /// Tells the model everything that is new.
-    ///
-    /// # Errors
-    /// Those of joining, and of the ports.
+    /// Updates the model with everything new.
     pub fn look(&mut self, model: &mut Model) -> Result<(), Failure> {
         let is_due = Instant::now() >= self.next_look;
         if is_due {
@@ -47,7 +51,9 @@ impl Feed {
         if self.joined.is_none() && is_due {
             self.find(model)?;
         }
-        let (Some(observation), Some(flight)) = (&mut self.joined, &mut model.flight) else { return Ok(()) };
+        let (Some(observation), Some(flight)) = (&mut self.joined, &mut model.flight) else {
+            return Ok(());
+        };
         observation.drain(|seen| flight.take(seen))?;
         flight.run = observation.run();
         if !is_due {
@@ -58,7 +64,7 @@ impl Feed {
         let mut steal = flight.steal;
         steal.look(flight);
         flight.steal = steal;
-        // Asked in this order: a recorder that ends with the flight is not lost, and one that was lost stays so.
+        // In this order: a recorder that ends with the flight has not failed, and one that failed before stays failed.
         let lives = observation.lives(Role::Record);
         if lives || observation.ending().is_none() {
             flight.recorder_lives = lives;
@@ -87,11 +93,10 @@ impl Feed {
         Ok(())
     }
 
-    /// Leaves the flight.
     pub fn leave(&mut self) {
         self.ended = None;
         if self.joined.take().is_some() {
-            // Where the others have left before. What resists is found by the next start or by `ironbird clean`.
+            // In case the dashboard is the last process. The next start or `ironbird clean` finds what remains.
             let _ = self.instance.remove_leftovers();
         }
     }

@@ -1,52 +1,53 @@
-//! What a key does.
+//! Keyboard input: changes the dashboard's state, or requests an action.
 
 use std::time::Duration;
 
-use model::parameters::{Airframe, SPECS};
+use messages::parameters::{Airframe, SPECS};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-use crate::fault::{Change, Wanted};
+use crate::fault::{Change, Desired};
 use crate::inject::words_of;
-use crate::watch::model::{Model, Said, Tab};
-use report::tally::series::Series;
+use crate::watch::dashboard_model::{Model, Said, Tab};
+use report::series::Series;
 
-/// Longest value that can be typed.
 const TYPED_MAX: usize = 24;
-/// The longest words of faults.
 const FAULT_MAX: usize = 120;
-/// What it may hold besides digits: numbers, `nominal`, shares, and the units of a ramp's time.
+/// Allowed characters besides digits: for numbers, `nominal`, shares, and the units of a ramp's duration.
 const TYPED: &str = ".+-eE%~nominalmsuhd";
 
-/// What a key asks of the outside.
+/// The action that a key requests.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
-    /// Nothing.
     None,
-    /// Leave; the flight goes on.
     Quit,
-    /// End the flight.
     EndFlight,
-    /// Begin all statistics anew.
     Reset,
-    /// Swap a parameter, at once or over a time; or have something fail, for good or for a time.
+    /// Change a parameter, at once or gradually; or inject a fault, permanently or for a time.
     Inject(Vec<Change>, Option<Duration>),
 }
 
 impl Model {
-    /// Takes a key.
     pub fn key(&mut self, key: KeyEvent) -> Action {
         if key.kind == KeyEventKind::Release {
             return Action::None;
         }
         if key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL) {
-            return if self.launched { Action::EndFlight } else { Action::Quit };
+            return if self.launched {
+                Action::EndFlight
+            } else {
+                Action::Quit
+            };
         }
         if self.help {
             self.help = false;
-            return if key.code == KeyCode::Char('q') { Action::Quit } else { Action::None };
+            return if key.code == KeyCode::Char('q') {
+                Action::Quit
+            } else {
+                Action::None
+            };
         }
         if self.desk.typed.is_some() {
-            // A terminal's Ctrl-U empties the line; no other control is a letter of it.
+            // Ctrl-U empties the line; other control keys are ignored.
             if key.modifiers.contains(KeyModifiers::CONTROL) {
                 if key.code == KeyCode::Char('u') {
                     self.desk.typed = Some(String::new());
@@ -70,11 +71,14 @@ impl Model {
     }
 
     fn turn(&mut self, by: usize) {
-        let present = Tab::ALL.iter().position(|tab| *tab == self.tab).unwrap_or(0);
+        let present = Tab::ALL
+            .iter()
+            .position(|tab| *tab == self.tab)
+            .unwrap_or(0);
         self.tab = Tab::ALL[(present + by) % Tab::ALL.len()];
     }
 
-    /// Keys of pages with a table.
+    /// Keys on pages with a table.
     fn table(&mut self, code: KeyCode) {
         let (selected, rows) = match self.tab {
             Tab::Latency => (&mut self.series, Series::all().len()),
@@ -95,39 +99,55 @@ impl Model {
 
     fn begin_typing(&mut self, fault: bool) {
         if !self.flies() {
-            self.desk.said = Some(Said { text: "nobody flies: nothing to inject into".into(), refused: true });
+            self.desk.said = Some(Said {
+                text: "nobody flies: nothing to inject into".into(),
+                refused: true,
+            });
         } else if !self.desk.waits {
             (self.desk.typed, self.desk.fault) = (Some(String::new()), fault);
             self.desk.said = None;
         }
     }
 
-    /// Keys while a value is typed.
+    /// Keys while the user types a value.
     fn type_value(&mut self, code: KeyCode) -> Action {
         let fault = self.desk.fault;
-        let Some(typed) = &mut self.desk.typed else { return Action::None };
+        let Some(typed) = &mut self.desk.typed else {
+            return Action::None;
+        };
         match code {
-            KeyCode::Char(c) if !fault && typed.len() < TYPED_MAX && (c.is_ascii_digit() || TYPED.contains(c)) => {
+            KeyCode::Char(c)
+                if !fault
+                    && typed.len() < TYPED_MAX
+                    && (c.is_ascii_digit() || TYPED.contains(c)) =>
+            {
                 typed.push(c)
             }
-            KeyCode::Char(c) if fault && typed.len() < FAULT_MAX && (c.is_ascii_graphic() || c == ' ') => typed.push(c),
+            KeyCode::Char(c)
+                if fault && typed.len() < FAULT_MAX && (c.is_ascii_graphic() || c == ' ') =>
+            {
+                typed.push(c)
+            }
             KeyCode::Backspace => drop(typed.pop()),
             KeyCode::Esc => self.desk.typed = None,
-            KeyCode::Enter if fault => return self.strike(),
+            KeyCode::Enter if fault => return self.inject_fault(),
             KeyCode::Enter => return self.inject(),
             _ => {}
         }
         Action::None
     }
 
-    /// What was typed, where it may be injected; what may not stays to be corrected.
+    /// Injects the typed value; an invalid one stays for correction.
     fn inject(&mut self) -> Action {
         let typed = self.desk.typed.take().unwrap_or_default();
         if typed.is_empty() {
             return Action::None;
         }
-        let airframe = self.flight.as_ref().map_or(Airframe::nominal(), |flight| flight.airframe);
-        let wanted = format!("{}={typed}", self.desk.parameter()).parse::<Wanted>();
+        let airframe = self
+            .flight
+            .as_ref()
+            .map_or(Airframe::nominal(), |flight| flight.airframe);
+        let wanted = format!("{}={typed}", self.desk.parameter()).parse::<Desired>();
         match wanted.and_then(|wanted| wanted.of(&airframe).map(|_| wanted)) {
             Ok(wanted) => {
                 self.desk.waits = true;
@@ -135,14 +155,17 @@ impl Model {
             }
             Err(error) => {
                 self.desk.typed = Some(typed);
-                self.desk.said = Some(Said { text: error.to_string(), refused: true });
+                self.desk.said = Some(Said {
+                    text: error.to_string(),
+                    refused: true,
+                });
                 Action::None
             }
         }
     }
 
-    /// The fault that was typed, as `state.drop=0.1 for 1s`; what cannot be read stays to be corrected.
-    fn strike(&mut self) -> Action {
+    /// Injects the typed fault, such as `state.drop=0.1 for 1s`; an invalid one stays for correction.
+    fn inject_fault(&mut self) -> Action {
         let typed = self.desk.typed.take().unwrap_or_default();
         if typed.trim().is_empty() {
             return Action::None;
@@ -154,7 +177,10 @@ impl Model {
             }
             Err(text) => {
                 self.desk.typed = Some(typed);
-                self.desk.said = Some(Said { text, refused: true });
+                self.desk.said = Some(Said {
+                    text,
+                    refused: true,
+                });
                 Action::None
             }
         }

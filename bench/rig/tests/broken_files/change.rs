@@ -75,8 +75,18 @@ const PIECES: [&[u8]; 28] = [
 ];
 
 /// Lengths and counts that no file has.
-const LENGTHS: [u64; 10] =
-    [0, 1, 0x7f, 0xffff, 0x1000_0000, 0x7fff_ffff, 0xffff_ffff, 1 << 40, i64::MAX.cast_unsigned(), u64::MAX];
+const LENGTHS: [u64; 10] = [
+    0,
+    1,
+    0x7f,
+    0xffff,
+    0x1000_0000,
+    0x7fff_ffff,
+    0xffff_ffff,
+    1 << 40,
+    i64::MAX.cast_unsigned(),
+    u64::MAX,
+];
 
 /// A place in a file, its end among them.
 fn place(dice: &mut Dice, bytes: &[u8]) -> usize {
@@ -108,7 +118,9 @@ fn change(dice: &mut Dice, bytes: &mut Vec<u8>, others: &[Vec<u8>]) {
     let (from, to) = piece(dice, bytes);
     match dice.roll(14) {
         0 if from < bytes.len() => bytes[from] ^= 1 << dice.roll(8),
-        1 if from < bytes.len() => bytes[from] = choice(dice, &[0, 1, 0x7f, 0x80, 0xff, b'-', b'9', b'"', b'[']),
+        1 if from < bytes.len() => {
+            bytes[from] = choice(dice, &[0, 1, 0x7f, 0x80, 0xff, b'-', b'9', b'"', b'['])
+        }
         2 => drop(bytes.drain(from..to)),
         3 => bytes.truncate(from),
         4 => {
@@ -130,7 +142,11 @@ fn change(dice: &mut Dice, bytes: &mut Vec<u8>, others: &[Vec<u8>]) {
         9 => overwrite(bytes, from, &(choice(dice, &LENGTHS) as u32).to_le_bytes()),
         10 => {
             let times = dice.roll(REPEATS) as usize;
-            let again = if dice.roll(2) == 0 { choice(dice, &PIECES).to_vec() } else { bytes[from..to].to_vec() };
+            let again = if dice.roll(2) == 0 {
+                choice(dice, &PIECES).to_vec()
+            } else {
+                bytes[from..to].to_vec()
+            };
             let times = times.min(MOST_BYTES / again.len().max(1));
             insert(bytes, from, &again.repeat(times));
         }
@@ -153,8 +169,17 @@ fn overwrite(bytes: &mut [u8], at: usize, with: &[u8]) {
 fn number(dice: &mut Dice, bytes: &mut Vec<u8>) {
     let is_digit = |byte: &u8| byte.is_ascii_digit() || b".+-eE".contains(byte);
     let start = place(dice, bytes);
-    let Some(from) = bytes[start..].iter().position(u8::is_ascii_digit).map(|at| start + at) else { return };
-    let length = bytes[from..].iter().take_while(|byte| is_digit(byte)).count();
+    let Some(from) = bytes[start..]
+        .iter()
+        .position(u8::is_ascii_digit)
+        .map(|at| start + at)
+    else {
+        return;
+    };
+    let length = bytes[from..]
+        .iter()
+        .take_while(|byte| is_digit(byte))
+        .count();
     let other = match dice.roll(8) {
         0 => "9".repeat(dice.roll(REPEATS) as usize),
         _ => choice(dice, &NUMBERS).to_owned(),
@@ -164,7 +189,10 @@ fn number(dice: &mut Dice, bytes: &mut Vec<u8>) {
 
 /// Takes a line away, doubles it, or puts it elsewhere.
 fn line(dice: &mut Dice, bytes: &mut Vec<u8>) {
-    let mut lines: Vec<Vec<u8>> = bytes.split_inclusive(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
+    let mut lines: Vec<Vec<u8>> = bytes
+        .split_inclusive(|byte| *byte == b'\n')
+        .map(<[u8]>::to_vec)
+        .collect();
     if lines.is_empty() {
         return;
     }
@@ -217,19 +245,33 @@ fn other_value(dice: &mut Dice, value: Value, elsewhere: Value) -> Value {
         (3, _) => whole(choice(dice, &LENGTHS)),
         (4, Value::Array(values)) => {
             let times = 1 + dice.roll(REPEATS) as usize / values.len().max(1);
-            Value::Array(values.iter().cloned().cycle().take(values.len() * times).collect())
+            Value::Array(
+                values
+                    .iter()
+                    .cloned()
+                    .cycle()
+                    .take(values.len() * times)
+                    .collect(),
+            )
         }
         (5, Value::Array(mut values)) => {
             values.truncate(dice.roll(values.len() as u64 + 1) as usize);
             Value::Array(values)
         }
         (6, Value::Object(mut keys)) => {
-            let gone = keys.keys().nth(dice.roll(keys.len() as u64 + 1) as usize).cloned();
+            let gone = keys
+                .keys()
+                .nth(dice.roll(keys.len() as u64 + 1) as usize)
+                .cloned();
             gone.map(|key| keys.remove(&key));
             Value::Object(keys)
         }
-        (_, Value::Number(number)) if number.is_u64() && dice.roll(2) == 0 => whole(choice(dice, &LENGTHS)),
-        (_, Value::Number(_)) => serde_json::from_str(choice(dice, &NUMBERS)).unwrap_or(Value::Null),
+        (_, Value::Number(number)) if number.is_u64() && dice.roll(2) == 0 => {
+            whole(choice(dice, &LENGTHS))
+        }
+        (_, Value::Number(_)) => {
+            serde_json::from_str(choice(dice, &NUMBERS)).unwrap_or(Value::Null)
+        }
         (_, Value::Bool(it)) => Value::Bool(!it),
         (_, value) => value,
     }
@@ -243,23 +285,50 @@ pub fn log(dice: &mut Dice, file: &[u8]) -> Option<Vec<u8>> {
     // Of many messages a few are to be changed, and at times nearly all.
     let rarely = choice(dice, &[3, 30, 300, 3000]);
     for record in records {
-        let times = if dice.roll(rarely) == 0 { dice.roll(3) } else { 1 };
+        let times = if dice.roll(rarely) == 0 {
+            dice.roll(3)
+        } else {
+            1
+        };
         let changed = dice.roll(rarely) == 0;
         for _ in 0..times {
             match record.as_ref().ok()? {
                 Record::Schema { header, data } => {
-                    let data = if changed { bytes_of(dice, data) } else { data.to_vec() };
-                    let _ = writer.add_schema_with_id(header.id, &header.name, &header.encoding, &data);
+                    let data = if changed {
+                        bytes_of(dice, data)
+                    } else {
+                        data.to_vec()
+                    };
+                    let _ =
+                        writer.add_schema_with_id(header.id, &header.name, &header.encoding, &data);
                 }
                 Record::Channel(channel) => {
-                    let metadata = if changed { words(dice, &channel.metadata) } else { channel.metadata.clone() };
+                    let metadata = if changed {
+                        words(dice, &channel.metadata)
+                    } else {
+                        channel.metadata.clone()
+                    };
                     let (id, schema) = (channel.id, channel.schema_id);
-                    let _ =
-                        writer.add_channel_with_id(id, schema, &channel.topic, &channel.message_encoding, &metadata);
+                    let _ = writer.add_channel_with_id(
+                        id,
+                        schema,
+                        &channel.topic,
+                        &channel.message_encoding,
+                        &metadata,
+                    );
                 }
                 Record::Metadata(Metadata { name, metadata }) => {
-                    let metadata = if changed { words(dice, metadata) } else { metadata.clone() };
-                    writer.write_metadata(&Metadata { name: name.clone(), metadata }).ok()?;
+                    let metadata = if changed {
+                        words(dice, metadata)
+                    } else {
+                        metadata.clone()
+                    };
+                    writer
+                        .write_metadata(&Metadata {
+                            name: name.clone(),
+                            metadata,
+                        })
+                        .ok()?;
                 }
                 Record::Message { header, data } => {
                     let mut header: MessageHeader = *header;
@@ -288,7 +357,11 @@ fn message(dice: &mut Dice, data: &[u8]) -> Vec<u8> {
         let at = place(dice, &data);
         match dice.roll(4) {
             0 => overwrite(&mut data, at, &choice(dice, &LENGTHS).to_le_bytes()),
-            1 => overwrite(&mut data, at, &choice(dice, &[f64::NAN, 1e300, -0.0, f64::MAX]).to_le_bytes()),
+            1 => overwrite(
+                &mut data,
+                at,
+                &choice(dice, &[f64::NAN, 1e300, -0.0, f64::MAX]).to_le_bytes(),
+            ),
             2 => return bytes_of(dice, &data),
             _ => overwrite(&mut data, at, &[1 << dice.roll(8)]),
         }
@@ -303,12 +376,20 @@ fn bytes_of(dice: &mut Dice, data: &[u8]) -> Vec<u8> {
 /// Facts of a log with another word among them.
 fn words(dice: &mut Dice, facts: &BTreeMap<String, String>) -> BTreeMap<String, String> {
     let mut facts = facts.clone();
-    let Some((name, word)) = facts.iter().nth(dice.roll(facts.len().max(1) as u64) as usize) else { return facts };
+    let Some((name, word)) = facts
+        .iter()
+        .nth(dice.roll(facts.len().max(1) as u64) as usize)
+    else {
+        return facts;
+    };
     let (name, word) = (name.clone(), word.clone());
     match dice.roll(4) {
         0 => drop(facts.remove(&name)),
         1 => drop(facts.insert(name, choice(dice, &NUMBERS).to_owned())),
-        _ => drop(facts.insert(name, String::from_utf8_lossy(&bytes_of(dice, word.as_bytes())).into_owned())),
+        _ => drop(facts.insert(
+            name,
+            String::from_utf8_lossy(&bytes_of(dice, word.as_bytes())).into_owned(),
+        )),
     }
     facts
 }

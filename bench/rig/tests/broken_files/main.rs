@@ -16,24 +16,27 @@ mod trial;
 use std::fs;
 use std::path::Path;
 
-use failure::{Failure, InFile as _, read_text};
+use errors::{Failure, InFile as _, read_text};
 use flight_log::entry::LogEntry;
 use flight_log::perfetto::PerfettoWriter;
 use flight_log::reader::LogReader;
 use flight_log::rows;
-use ironbird::in_process::InProcess;
 use ironbird::replay::fly_again;
-use ironbird::settings::laws::Moved;
+use ironbird::settings::law_settings::Moved;
 use ironbird::settings::{DEFAULT, Settings};
+use ironbird::simulator::Simulator;
 use report::diff::{Flown, compare};
-use report::page::{self, picture};
+use report::json;
+use report::render::brief;
+use report::render::brief::Left;
+use report::render::diff_text;
+use report::render::{junit, text};
+use report::render::{page, picture};
 use report::run_facts::RunFacts;
 use report::schema::Report;
-use report::text::brief::{self, Left};
-use report::{diff, json, junit, text};
 use toml::Value;
 
-use recorded::{Trouble, settings};
+use recorded::{FaultKind, settings};
 use rig::Rig;
 use trial::Trial;
 
@@ -41,14 +44,19 @@ use trial::Trial;
 const TICKS: u64 = 20;
 
 fn good(name: &str) -> Vec<u8> {
-    fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(name)).unwrap()
+    fs::read(
+        Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../..")
+            .join(name),
+    )
+    .unwrap()
 }
 
 /// Takes off with settings that have passed every check.
 fn flies(settings: Settings) -> Result<(), Failure> {
     settings.commented()?;
     settings.shared_text()?;
-    let mut flight = InProcess::of(&settings)?;
+    let mut flight = Simulator::of(&settings)?;
     (0..TICKS.min(settings.last_tick())).for_each(|_| flight.tick());
     Ok(())
 }
@@ -74,14 +82,22 @@ fn settings_files() {
 
 #[test]
 fn airframe_files() {
-    let good = ["crazyflie", "paper", "x500"].map(|name| good(&format!("bench/rig/airframes/{name}.toml")));
+    let good = ["crazyflie", "paper", "x500"]
+        .map(|name| good(&format!("bench/rig/airframes/{name}.toml")));
     let change = |dice: &mut _, file: &[u8]| change::bytes(dice, file, &good);
     let read = |path: &Path| {
         let named = Value::from(path.to_str().unwrap());
         flies(Settings::resolve(None, &vec![("flight.airframe", named)])?)
     };
-    Trial { kind: "airframe", file: "airframe.toml", about: "airframe", good: &good, change: &change, read: &read }
-        .run();
+    Trial {
+        kind: "airframe",
+        file: "airframe.toml",
+        about: "airframe",
+        good: &good,
+        change: &change,
+        read: &read,
+    }
+    .run();
 }
 
 #[test]
@@ -90,9 +106,20 @@ fn files_of_points() {
     let change = |dice: &mut _, file: &[u8]| change::bytes(dice, file, &good);
     let read = |path: &Path| {
         let named = Value::from(path.to_str().unwrap());
-        flies(Settings::resolve(None, &vec![("flight.trajectory", named)])?)
+        flies(Settings::resolve(
+            None,
+            &vec![("flight.trajectory", named)],
+        )?)
     };
-    Trial { kind: "points", file: "points.csv", about: "points.csv", good: &good, change: &change, read: &read }.run();
+    Trial {
+        kind: "points",
+        file: "points.csv",
+        about: "points.csv",
+        good: &good,
+        change: &change,
+        read: &read,
+    }
+    .run();
 }
 
 /// Reads a log to its end, and makes of it what an export does.
@@ -118,45 +145,84 @@ fn exported(path: &Path) -> Result<(), Failure> {
 fn flight_logs() {
     let text = "[flight]\nduration_s = 0.12\nfaults = [\"mass_kg=0.6@tick60\"]\n";
     let settings = settings(text);
-    let trouble = |tick| Trouble { mixer_sleeps: tick == 70, inner_sleeps: tick == 30, ..Trouble::default() };
+    let trouble = |tick| FaultKind {
+        mixer_sleeps: tick == 70,
+        inner_sleeps: tick == 30,
+        ..FaultKind::default()
+    };
     let place = tempfile::tempdir_in("/dev/shm").unwrap();
     let path = place.path().join("flight.mcap");
     recorded::write(&path, &settings, &recorded::fly(&settings, trouble));
     let good = [fs::read(&path).unwrap()];
     // Only what has the right checksums gets far, and only a good log can be read to be changed.
     let change = |dice: &mut recorded::Dice, file: &[u8]| {
-        if dice.roll(3) == 0 { None } else { change::log(dice, &good[0]) }
-            .unwrap_or_else(|| change::bytes(dice, file, &good))
+        if dice.roll(3) == 0 {
+            None
+        } else {
+            change::log(dice, &good[0])
+        }
+        .unwrap_or_else(|| change::bytes(dice, file, &good))
     };
     let read = |path: &Path| {
         let exported = exported(path);
         fly_again(path, 0, false, &Moved::new())?;
         exported
     };
-    Trial { kind: "log", file: "flight.mcap", about: "flight.mcap", good: &good, change: &change, read: &read }.run();
+    Trial {
+        kind: "log",
+        file: "flight.mcap",
+        about: "flight.mcap",
+        good: &good,
+        change: &change,
+        read: &read,
+    }
+    .run();
 }
 
 #[test]
 fn reports() {
     let rig = Rig::new("broken");
     let flown = |args: &[&str]| {
-        rig.run("fly", &[&["--duration", "1s", "--fault", "mass_kg=0.6@tick500"], args].concat()).expect(0);
+        rig.run(
+            "fly",
+            [
+                &["--duration", "1s", "--fault", "mass_kg=0.6@tick500"],
+                args,
+            ]
+            .concat(),
+        )
+        .expect(0);
         let path = |name: &str| rig.out().join("latest").join(name);
-        let facts = serde_json::from_str::<RunFacts>(&fs::read_to_string(path("run.json")).unwrap()).unwrap();
-        (fs::read(path("report.json")).unwrap(), fs::read(path("run.json")).unwrap(), facts)
+        let facts =
+            serde_json::from_str::<RunFacts>(&fs::read_to_string(path("run.json")).unwrap())
+                .unwrap();
+        (
+            fs::read(path("report.json")).unwrap(),
+            fs::read(path("run.json")).unwrap(),
+            facts,
+        )
     };
     let slow = rig.slow(2);
     let (in_lockstep, facts_file, facts) = flown(&["--pace", "lockstep"]);
     let (on_the_clock, ..) = flown(&["--rt", "off", "--config", &slow]);
     let good = [in_lockstep, on_the_clock];
     let change = |dice: &mut recorded::Dice, file: &[u8]| {
-        if dice.roll(3) == 0 { None } else { change::json(dice, file) }
-            .unwrap_or_else(|| change::bytes(dice, file, &good))
+        if dice.roll(3) == 0 {
+            None
+        } else {
+            change::json(dice, file)
+        }
+        .unwrap_or_else(|| change::bytes(dice, file, &good))
     };
     let read_report = |path: &Path| {
         let report = Report::read(path)?;
-        let left = Left { page: None, log: None };
-        let mut told = text::render(&report) + &brief::render(&report, &left) + &text::result_line(&report, "runs/x");
+        let left = Left {
+            page: None,
+            log: None,
+        };
+        let mut told = text::render(&report)
+            + &brief::render(&report, &left)
+            + &text::result_line(&report, "runs/x");
         let page = page::render(&report);
         assert_eq!(page.matches("<script").count(), 1, "the page's own");
         told += &page;
@@ -167,8 +233,12 @@ fn reports() {
         }
         assert!(!told.contains('\u{1b}'), "an escape sequence");
         junit::write(&report, &path.with_extension("xml"))?;
-        let flown = [Flown { run: "a".into(), report, facts: facts.clone() }];
-        assert!(!diff::text::render(&compare(&flown, &flown)).is_empty());
+        let flown = [Flown {
+            run: "a".into(),
+            report,
+            facts: facts.clone(),
+        }];
+        assert!(!diff_text::render(&compare(&flown, &flown)).is_empty());
         Ok(())
     };
     Trial {
@@ -184,15 +254,38 @@ fn reports() {
     let report: Report = serde_json::from_slice(&good[0]).unwrap();
     let good = [facts_file];
     let change = |dice: &mut recorded::Dice, file: &[u8]| {
-        if dice.roll(3) == 0 { None } else { change::json(dice, file) }
-            .unwrap_or_else(|| change::bytes(dice, file, &good))
+        if dice.roll(3) == 0 {
+            None
+        } else {
+            change::json(dice, file)
+        }
+        .unwrap_or_else(|| change::bytes(dice, file, &good))
     };
     let read_facts = |path: &Path| {
-        let facts = serde_json::from_str::<RunFacts>(&read_text("read", path)?).in_file("read", path)?;
-        let flown = |facts: &RunFacts| Flown { run: "a".into(), report: report.clone(), facts: facts.clone() };
-        let b = Flown { facts: RunFacts { settings: serde_json::Value::Null, ..facts.clone() }, ..flown(&facts) };
-        assert!(!diff::text::render(&compare(&[flown(&facts)], &[b])).is_empty());
+        let facts =
+            serde_json::from_str::<RunFacts>(&read_text("read", path)?).in_file("read", path)?;
+        let flown = |facts: &RunFacts| Flown {
+            run: "a".into(),
+            report: report.clone(),
+            facts: facts.clone(),
+        };
+        let b = Flown {
+            facts: RunFacts {
+                settings: serde_json::Value::Null,
+                ..facts.clone()
+            },
+            ..flown(&facts)
+        };
+        assert!(!diff_text::render(&compare(&[flown(&facts)], &[b])).is_empty());
         Ok(())
     };
-    Trial { kind: "facts", file: "run.json", about: "run.json", good: &good, change: &change, read: &read_facts }.run();
+    Trial {
+        kind: "facts",
+        file: "run.json",
+        about: "run.json",
+        good: &good,
+        change: &change,
+        read: &read_facts,
+    }
+    .run();
 }

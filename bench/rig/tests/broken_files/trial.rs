@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, Once, PoisonError};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use failure::Failure;
+use errors::Failure;
 
 use crate::recorded::Dice;
 
@@ -27,7 +27,6 @@ static PANICS: Mutex<Vec<String>> = Mutex::new(Vec::new());
 
 /// A kind of file, and how it is read.
 pub struct Trial<'a> {
-    /// Its folder of the corpus.
     pub kind: &'static str,
     /// What a file of it is called.
     pub file: &'static str,
@@ -35,7 +34,6 @@ pub struct Trial<'a> {
     pub about: &'static str,
     /// Files that are read as they are.
     pub good: &'a [Vec<u8>],
-    /// Breaks a file.
     pub change: &'a dyn Fn(&mut Dice, &[u8]) -> Vec<u8>,
     /// Reads a file, and does with it what commands do.
     pub read: &'a dyn Fn(&Path) -> Result<(), Failure>,
@@ -56,12 +54,20 @@ fn number(variable: &str, default: u64) -> u64 {
 
 /// Files that once were trouble, and others that are odd.
 fn corpus(kind: &str) -> Vec<(String, Vec<u8>)> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/broken_files/corpus").join(kind);
-    let mut files: Vec<PathBuf> =
-        fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path()).collect();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/broken_files/corpus")
+        .join(kind);
+    let mut files: Vec<PathBuf> = fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .map(|entry| entry.unwrap().path())
+        .collect();
     files.sort();
     let named = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().into_owned();
-    files.iter().map(|path| (named(path), fs::read(path).unwrap())).collect()
+    files
+        .iter()
+        .map(|path| (named(path), fs::read(path).unwrap()))
+        .collect()
 }
 
 impl Trial<'_> {
@@ -69,20 +75,33 @@ impl Trial<'_> {
     pub fn run(&self) {
         let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         hear_panics();
-        let place = tempfile::Builder::new().prefix("ib").tempdir_in("/dev/shm").unwrap();
+        let place = tempfile::Builder::new()
+            .prefix("ib")
+            .tempdir_in("/dev/shm")
+            .unwrap();
         let path = place.path().join(self.file);
         let watched = Watched::begin(self.kind, &path);
         let mut tally = Tally::default();
         for (i, good) in self.good.iter().enumerate() {
             let read = self.one(&path, good, &format!("good-{i}"), &watched, &mut tally);
-            read.unwrap_or_else(|failure| panic!("{}: good file {i} is refused: {}", self.kind, failure.told()));
+            read.unwrap_or_else(|failure| {
+                panic!(
+                    "{}: good file {i} is refused: {}",
+                    self.kind,
+                    failure.told()
+                )
+            });
         }
         let corpus = corpus(self.kind);
         for (name, bytes) in &corpus {
             let _ = self.one(&path, bytes, name, &watched, &mut tally);
         }
-        let files: Vec<&[u8]> =
-            self.good.iter().chain(corpus.iter().map(|(_, bytes)| bytes)).map(Vec::as_slice).collect();
+        let files: Vec<&[u8]> = self
+            .good
+            .iter()
+            .chain(corpus.iter().map(|(_, bytes)| bytes))
+            .map(Vec::as_slice)
+            .collect();
         let (seed, begin) = (number("IRONBIRD_BROKEN_SEED", 1), Instant::now());
         let length = Duration::from_secs(number("IRONBIRD_BROKEN_S", 1));
         for i in 0.. {
@@ -105,10 +124,19 @@ impl Trial<'_> {
         );
     }
 
-    /// Reads one file.
-    fn one(&self, path: &Path, bytes: &[u8], name: &str, watched: &Watched, tally: &mut Tally) -> Result<(), Failure> {
+    fn one(
+        &self,
+        path: &Path,
+        bytes: &[u8],
+        name: &str,
+        watched: &Watched,
+        tally: &mut Tally,
+    ) -> Result<(), Failure> {
         fs::write(path, bytes).unwrap();
-        PANICS.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        PANICS
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clear();
         let before = memory(true);
         let begin = watched.begins(name);
         let answer = catch_unwind(AssertUnwindSafe(|| (self.read)(path)));
@@ -124,7 +152,11 @@ impl Trial<'_> {
             Ok(Ok(())) => None,
         };
         if let Some(wrong) = wrong {
-            panic!("{} {name}: {wrong}; the file is {}", self.kind, kept(self.kind, name, self.file, bytes).display());
+            panic!(
+                "{} {name}: {wrong}; the file is {}",
+                self.kind,
+                kept(self.kind, name, self.file, bytes).display()
+            );
         }
         tally.files += 1;
         tally.read += u64::from(matches!(answer, Ok(Ok(()))));
@@ -143,10 +175,15 @@ fn ill_told(failure: &Failure, about: &str) -> Option<String> {
     let told = failure.told();
     let start: String = told.chars().take(300).collect();
     if told.chars().count() > MOST_WORDS {
-        return Some(format!("its refusal is {} bytes long: {start} ...", told.len()));
+        return Some(format!(
+            "its refusal is {} bytes long: {start} ...",
+            told.len()
+        ));
     }
     if told.contains(|c: char| c.is_control() && !"\n\t".contains(c) || c == '\u{202e}') {
-        return Some(format!("its refusal has characters that a terminal obeys: {start:?}"));
+        return Some(format!(
+            "its refusal has characters that a terminal obeys: {start:?}"
+        ));
     }
     (!told.contains(about)).then(|| format!("its refusal does not tell of `{about}`: {start}"))
 }
@@ -162,7 +199,8 @@ fn kept(kind: &str, name: &str, file: &str, bytes: &[u8]) -> PathBuf {
 
 fn words_of(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default()
+    text.or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_default()
 }
 
 fn hear_panics() {
@@ -170,7 +208,10 @@ fn hear_panics() {
     ONCE.call_once(|| {
         let before = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
-            PANICS.lock().unwrap_or_else(PoisonError::into_inner).push(panic.to_string());
+            PANICS
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .push(panic.to_string());
             before(panic);
         }));
     });
@@ -183,7 +224,8 @@ fn memory(anew: bool) -> u64 {
     }
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    line.and_then(|line| line.trim().strip_suffix(" kB")?.parse::<u64>().ok()).map_or(0, |kib| kib << 10)
+    line.and_then(|line| line.trim().strip_suffix(" kB")?.parse::<u64>().ok())
+        .map_or(0, |kib| kib << 10)
 }
 
 /// The file that is being read, since when; watched by a thread, which ends the process if that hangs.
@@ -197,11 +239,20 @@ impl Watched {
         let (looks_at, path) = (Arc::downgrade(&now), path.to_owned());
         std::thread::spawn(move || {
             while let Some(now) = looks_at.upgrade() {
-                let hung = now.lock().unwrap().as_ref().filter(|(since, _)| since.elapsed() > HANGS).cloned();
+                let hung = now
+                    .lock()
+                    .unwrap()
+                    .as_ref()
+                    .filter(|(since, _)| since.elapsed() > HANGS)
+                    .cloned();
                 if let Some((_, name)) = hung {
                     let bytes = fs::read(&path).unwrap_or_default();
                     let kept = kept(kind, &name, "hangs", &bytes);
-                    let _ = writeln!(std::io::stderr().lock(), "{kind} {name} hangs; the file is {}", kept.display());
+                    let _ = writeln!(
+                        std::io::stderr().lock(),
+                        "{kind} {name} hangs; the file is {}",
+                        kept.display()
+                    );
                     std::process::abort();
                 }
                 drop(now);

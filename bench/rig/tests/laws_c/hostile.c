@@ -19,10 +19,12 @@
 
 enum { HARM, FROM_TICK, LEVEL, SETTINGS };
 enum { NOTHING, EXIT, QUICK_EXIT, RAW_EXIT, THREAD_EXIT, BLOCK_AND_LOOP, ROUND, TRAP, RAISE, SHOW, FORK, FORK_AWAY,
-       EXIT_WHEN_MADE, WAIT_WHEN_MADE, EXIT_WHEN_FREED, CRASH_AT_EXIT, THREAD };
+       EXIT_WHEN_MADE, WAIT_WHEN_MADE, EXIT_WHEN_FREED, CRASH_AT_EXIT, THREAD,
+       FORK_WHEN_MADE };
 static const char *const WORDS[] = {"nothing", "exit", "quick_exit", "raw_exit", "thread_exit", "block_and_loop",
                                     "round", "trap", "raise", "show", "fork", "fork_away",
-                                    "exit_when_made", "wait_when_made", "exit_when_freed", "crash_at_exit", "thread"};
+                                    "exit_when_made", "wait_when_made", "exit_when_freed", "crash_at_exit", "thread",
+                                    "fork_when_made"};
 static const char *const LEVELS[] = {"1", "2.5", "2024-01-01"};
 static const IronbirdSetting settings[SETTINGS] = {
     [HARM] = {.name = "harm", .meaning = "what to do", .kind = IRONBIRD_WORD, .words = WORDS,
@@ -56,6 +58,10 @@ static void *create(void *context, const IronbirdRig *rig, const IronbirdValue *
 {
     (void)context, (void)refused, (void)size;
     const uint64_t harm = ALWAYS;
+    if (harm == FORK_WHEN_MADE && fork() == 0) {
+        sleep(20);
+        _exit(0);
+    }
     if (harm == EXIT_WHEN_MADE)
         _exit(0);
     while (harm == WAIT_WHEN_MADE)

@@ -44,22 +44,34 @@ pub fn flip(value: &mut f64) {
 /// Changes the lowest bit of a value: of tick 90, or of the swap of tick 60.
 pub fn change(entry: &mut LogEntry, field: &str) {
     match entry {
-        LogEntry::State(message) if field == "state.measured.position_w_m[1]" && message.envelope.tick == 90 => {
+        LogEntry::State(message)
+            if field == "state.measured.position_w_m[1]" && message.envelope.tick == 90 =>
+        {
             flip(&mut message.content.measured.position_w_m[1]);
         }
-        LogEntry::Setpoint(message) if field == "setpoint.thrust_n" && message.envelope.tick == 90 => {
+        LogEntry::Setpoint(message)
+            if field == "setpoint.thrust_n" && message.envelope.tick == 90 =>
+        {
             flip(&mut message.content.thrust_n);
         }
-        LogEntry::Wrench(message) if field == "wrench.torque_b_nm[2]" && message.envelope.tick == 90 => {
+        LogEntry::Wrench(message)
+            if field == "wrench.torque_b_nm[2]" && message.envelope.tick == 90 =>
+        {
             flip(&mut message.content.torque_b_nm[2]);
         }
-        LogEntry::Wrench(message) if field == "inner_telemetry.rotational_drag_nm_s" && message.envelope.tick == 90 => {
+        LogEntry::Wrench(message)
+            if field == "inner_telemetry.rotational_drag_nm_s" && message.envelope.tick == 90 =>
+        {
             flip(&mut message.content.telemetry.value[4]);
         }
-        LogEntry::RotorSpeeds(message) if field == "mixer_telemetry.yaw_share" && message.envelope.tick == 90 => {
+        LogEntry::RotorSpeeds(message)
+            if field == "mixer_telemetry.yaw_share" && message.envelope.tick == 90 =>
+        {
             flip(&mut message.content.telemetry.value[1]);
         }
-        LogEntry::RotorSpeeds(message) if field == "rotor_speeds.saturated" && message.envelope.tick == 90 => {
+        LogEntry::RotorSpeeds(message)
+            if field == "rotor_speeds.saturated" && message.envelope.tick == 90 =>
+        {
             message.content.saturated ^= 1;
         }
         LogEntry::Theorem(message) if field == "theorem.v_th" && message.envelope.tick == 90 => {

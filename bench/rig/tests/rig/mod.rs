@@ -1,8 +1,7 @@
 //! A rig for one test: own root, own output, own instance, own processes.
 #![allow(dead_code, unused_imports, reason = "each test file uses its part")]
-#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
 
-mod process;
+mod role_process;
 mod system;
 pub mod unprivileged;
 
@@ -17,43 +16,116 @@ use std::time::Duration;
 
 use flight_log::entry::LogEntry;
 use flight_log::reader::{End, LogReader};
+use ipc::Wire;
+use ipc::instance::Instance;
 use ironbird::settings::Settings;
-use model::role::Role;
-use role::station::{Orders, Station};
+use messages::blackboards::{RUN, Run, RunPhase};
+use messages::content::NO_TICK;
+use messages::role::Role;
+use process::session::{RoleSession, StartConfig};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
-use wire::instance::Instance;
 
-pub use process::{Ended, Running};
+pub use role_process::{Ended, Running};
 use system::{command_line, hear_signals, names, processes};
 pub use system::{files_below, is_gone, send, stop_for, wait_until};
 
-pub const IRONBIRD: &str = env!("CARGO_BIN_EXE_ironbird");
+/// The executable under test: the one that the variable IRONBIRD named when the tests were compiled (an absolute path),
+/// such as the release build; otherwise the one that cargo built beside the tests.
+pub const IRONBIRD: &str = match option_env!("IRONBIRD") {
+    Some(path) => path,
+    None => BUILT_WITH_TESTS,
+};
+/// Has the features of the tests.
+pub const BUILT_WITH_TESTS: &str = env!("CARGO_BIN_EXE_ironbird");
 
 /// Copies the executable by another process: while this one held the copy open to write, a child that another test's
 /// thread starts would hold it open too, and the copy could not be run ("text file busy").
 pub fn copy_executable(to: &Path) {
-    assert!(Command::new("cp").arg(IRONBIRD).arg(to).status().unwrap().success());
+    assert!(
+        Command::new("cp")
+            .arg(IRONBIRD)
+            .arg(to)
+            .status()
+            .unwrap()
+            .success()
+    );
 }
 
-/// What one test flies.
+/// Arguments of a command: a line of words, or a list where a word has blanks.
+pub trait Args {
+    fn list(&self) -> Vec<String>;
+}
+
+impl Args for str {
+    fn list(&self) -> Vec<String> {
+        self.split_whitespace().map(str::to_owned).collect()
+    }
+}
+
+impl Args for String {
+    fn list(&self) -> Vec<String> {
+        self.as_str().list()
+    }
+}
+
+impl<S: AsRef<str>> Args for [S] {
+    fn list(&self) -> Vec<String> {
+        self.iter().map(|arg| arg.as_ref().to_owned()).collect()
+    }
+}
+
+impl<S: AsRef<str>> Args for Vec<S> {
+    fn list(&self) -> Vec<String> {
+        self.as_slice().list()
+    }
+}
+
+impl<S: AsRef<str>, const N: usize> Args for [S; N] {
+    fn list(&self) -> Vec<String> {
+        self.as_slice().list()
+    }
+}
+
+impl<A: Args + ?Sized> Args for &A {
+    fn list(&self) -> Vec<String> {
+        (**self).list()
+    }
+}
+
 pub struct Rig {
+    executable: &'static str,
     directory: TempDir,
     pub instance: String,
     started: AtomicU64,
 }
 
 impl Rig {
+    /// A rig whose executable has the features of the tests.
+    pub fn with_features(name: &str) -> Self {
+        let mut rig = Self::new(name);
+        rig.executable = BUILT_WITH_TESTS;
+        rig
+    }
+
     /// `name` starts the instance's name: at most 16 characters.
     pub fn new(name: &str) -> Self {
         hear_signals();
         // Tests of one file run side by side, in one process.
         static RIGS: AtomicU64 = AtomicU64::new(0);
         // Short, because sockets live below it.
-        let directory = tempfile::Builder::new().prefix("ib").tempdir_in("/tmp").unwrap();
+        let directory = tempfile::Builder::new()
+            .prefix("ib")
+            .tempdir_in("/tmp")
+            .unwrap();
         let number = RIGS.fetch_add(1, Ordering::Relaxed);
-        Self { directory, instance: format!("{name}-{}-{number}", std::process::id()), started: AtomicU64::new(0) }
+        Self {
+            executable: IRONBIRD,
+            directory,
+            instance: format!("{name}-{}-{number}", std::process::id()),
+            started: AtomicU64::new(0),
+        }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -80,9 +152,17 @@ impl Rig {
 
     /// Writes a settings file and gives its path.
     pub fn settings(&self, text: &str) -> String {
-        let path = self.file(&format!("settings{}.toml", self.started.fetch_add(1, Ordering::Relaxed)));
+        let path = self.file(&format!(
+            "settings{}.toml",
+            self.started.fetch_add(1, Ordering::Relaxed)
+        ));
         fs::write(&path, text).unwrap();
         path
+    }
+
+    /// Settings of a flight that nothing ends early, however busy the machine is: no ground, no error that is too large.
+    pub fn airborne(&self, more: &str) -> String {
+        self.settings(&format!("[flight]\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n{more}"))
     }
 
     /// Settings of slow motion: a tick takes `slowdown` ms, so that a stall of the machine misses no deadline.
@@ -91,19 +171,22 @@ impl Rig {
     }
 
     /// `ironbird COMMAND` with the instance and the output directory of this rig, where the command takes them.
-    pub fn command(&self, command: &str, args: &[&str]) -> Command {
-        let mut process = Command::new(IRONBIRD);
-        process.arg(command).args(self.own_args(command, args)).env("IRONBIRD_ROOT", self.root());
+    pub fn command(&self, command: &str, args: impl Args) -> Command {
+        let mut process = Command::new(self.executable);
+        process
+            .arg(command)
+            .args(self.own_args(command, args))
+            .env("IRONBIRD_ROOT", self.root());
         process
     }
 
     /// What a command is given besides `args`.
-    pub fn own_args(&self, command: &str, args: &[&str]) -> Vec<String> {
-        let mut all: Vec<String> = args.iter().map(|arg| (*arg).to_owned()).collect();
+    pub fn own_args(&self, command: &str, args: impl Args) -> Vec<String> {
+        let mut all = args.list();
         // What stands behind `--` are no flags.
-        let end = args.iter().position(|arg| *arg == "--").unwrap_or(args.len());
+        let end = all.iter().position(|arg| arg == "--").unwrap_or(all.len());
         let mut default = |flag: &str, value: &str| {
-            if !args.contains(&flag) {
+            if !all.iter().any(|arg| arg == flag) {
                 all.splice(end..end, [flag.to_owned(), value.to_owned()]);
             }
         };
@@ -125,40 +208,87 @@ impl Rig {
         ) {
             default("--instance", &self.instance);
         }
-        if matches!(command, "fly" | "record" | "report" | "export" | "replay" | "runs" | "margin") {
+        if matches!(
+            command,
+            "fly" | "record" | "report" | "export" | "replay" | "runs" | "margin"
+        ) {
             default("--out", self.out().to_str().unwrap());
         }
         all
     }
 
-    /// Starts a process.
-    pub fn start(&self, command: &str, args: &[&str]) -> Running {
+    pub fn start(&self, command: &str, args: impl Args) -> Running {
         self.launch(self.command(command, args))
     }
 
     pub fn launch(&self, mut command: Command) -> Running {
         let number = self.started.fetch_add(1, Ordering::Relaxed);
-        let (stdout, stderr) = (self.path(&format!("{number}.out")), self.path(&format!("{number}.err")));
-        command.stdout(File::create(&stdout).unwrap()).stderr(File::create(&stderr).unwrap());
-        let child = command.stdin(Stdio::null()).current_dir(self.directory.path()).spawn().unwrap();
-        Running { what: format!("{command:?}"), child, stdout, stderr }
+        let (stdout, stderr) = (
+            self.path(&format!("{number}.out")),
+            self.path(&format!("{number}.err")),
+        );
+        command
+            .stdout(File::create(&stdout).unwrap())
+            .stderr(File::create(&stderr).unwrap());
+        let child = command
+            .stdin(Stdio::null())
+            .current_dir(self.directory.path())
+            .spawn()
+            .unwrap();
+        Running {
+            what: format!("{command:?}"),
+            child,
+            stdout,
+            stderr,
+        }
     }
 
     /// Starts a process and waits for its end.
-    pub fn run(&self, command: &str, args: &[&str]) -> Ended {
+    pub fn run(&self, command: &str, args: impl Args) -> Ended {
         self.start(command, args).end()
     }
 
-    /// Waits until the instance flies.
+    /// Runs a whole command line, which must succeed.
+    pub fn ok(&self, line: &str) -> Ended {
+        self.line(line).expect(0)
+    }
+
+    /// Runs a whole command line, which must be refused as a mistake.
+    pub fn refused(&self, line: &str) -> Ended {
+        self.line(line).expect(2)
+    }
+
+    fn line(&self, line: &str) -> Ended {
+        let (command, args) = line.split_once(' ').unwrap_or((line, ""));
+        self.run(command, args)
+    }
+
     pub fn await_flight(&self) {
         wait_until("the instance to fly", || {
-            let params = self.run("params", &["--json"]);
+            let params = self.run("params", ["--json"]);
             (params.code == Some(0) && !params.json()[0]["in_force"].is_null()).then_some(())
         });
     }
 
+    /// Waits until the plant has published a tick, or the flight has ended.
+    pub fn await_tick(&self, tick: u64) -> Run {
+        let wire = Wire::open(&self.known()).unwrap();
+        wait_until(&format!("tick {tick}"), || {
+            let run = wire.blackboard_reader::<Run>(RUN).unwrap()?.get();
+            let is_there =
+                run.phase() == RunPhase::Flying && run.tick != NO_TICK && run.tick >= tick;
+            (run.phase() == RunPhase::Closed || is_there).then_some(run)
+        })
+    }
+
+    /// Waits until the recorder has written its first report.
+    pub fn await_report(&self) {
+        let report = self.out().join("latest/report.json");
+        wait_until("the first report", || report.exists().then_some(()));
+    }
+
     /// Starts a flight and waits until its parameters are in force: up to 200 ms before tick 0.
-    pub fn take_off(&self, args: &[&str]) -> Running {
+    pub fn take_off(&self, args: impl Args) -> Running {
         let flight = self.start("fly", args);
         self.await_flight();
         flight
@@ -170,44 +300,66 @@ impl Rig {
         serde_json::from_str(&text).unwrap()
     }
 
-    /// Directories of flights.
     pub fn run_directories(&self) -> Vec<String> {
-        names(&self.out()).into_iter().filter(|name| name != "latest").collect()
+        names(&self.out())
+            .into_iter()
+            .filter(|name| name != "latest")
+            .collect()
     }
 
     /// The instance's segments in shared memory: their names carry its name before a dot.
     pub fn segments(&self) -> Vec<String> {
         let infix = format!("_{}.", self.instance);
-        names(Path::new("/dev/shm")).into_iter().filter(|name| name.contains(&infix)).collect()
+        names(Path::new("/dev/shm"))
+            .into_iter()
+            .filter(|name| name.contains(&infix))
+            .collect()
     }
 
     /// Nothing of the instance is left in shared memory, and no process of it lives.
     pub fn assert_nothing_left(&self) {
         assert_eq!(self.segments(), Vec::<String>::new(), "left in /dev/shm");
-        let living: Vec<u32> = processes().filter(|pid| self.is_ours(*pid) && !is_gone(*pid)).collect();
-        assert_eq!(living, Vec::<u32>::new(), "processes of {} live", self.instance);
+        let living: Vec<u32> = processes()
+            .filter(|pid| self.is_ours(*pid) && !is_gone(*pid))
+            .collect();
+        assert_eq!(
+            living,
+            Vec::<u32>::new(),
+            "processes of {} live",
+            self.instance
+        );
     }
 
     /// Living processes of the instance that were started as `ironbird COMMAND`.
     pub fn processes_of(&self, command: &str) -> Vec<u32> {
-        let is_it = |pid: &u32| command_line(*pid).get(1).is_some_and(|first| first == command);
-        processes().filter(|pid| self.is_ours(*pid) && is_it(pid) && !is_gone(*pid)).collect()
+        let is_it = |pid: &u32| {
+            command_line(*pid)
+                .get(1)
+                .is_some_and(|first| first == command)
+        };
+        processes()
+            .filter(|pid| self.is_ours(*pid) && is_it(pid) && !is_gone(*pid))
+            .collect()
     }
 
-    /// Spares that have done all that they can and wait, by role.
+    /// Standbys that have done all that they can and wait, by role.
     pub fn spares(&self) -> BTreeMap<String, u32> {
         let waits = |pid: &u32| {
             let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
-            name.trim_end().as_bytes() == role::spare::NAME.to_bytes() && !is_gone(*pid)
+            name.trim_end().as_bytes() == process::standby::NAME.to_bytes() && !is_gone(*pid)
         };
         let ours = processes().filter(|pid| self.is_ours(*pid)).filter(waits);
-        ours.filter_map(|pid| Some((command_line(pid).get(1)?.clone(), pid))).collect()
+        ours.filter_map(|pid| Some((command_line(pid).get(1)?.clone(), pid)))
+            .collect()
     }
 
     /// The spare of a role, once it waits; another one than `dead`.
     pub fn await_spare(&self, role: Role, dead: Option<u32>) -> u32 {
         wait_until(&format!("a spare of {role}"), || {
-            self.spares().get(role.name()).copied().filter(|pid| Some(*pid) != dead)
+            self.spares()
+                .get(role.name())
+                .copied()
+                .filter(|pid| Some(*pid) != dead)
         })
     }
 
@@ -217,8 +369,16 @@ impl Rig {
 
     /// Nothing was started: no flight's directory, no root directory, no shared memory.
     pub fn assert_nothing_started(&self) {
-        assert!(self.run_directories().is_empty(), "{:?}", self.run_directories());
-        assert!(!self.path("runs").exists() && !self.root().exists(), "{:?}", names(self.directory.path()));
+        assert!(
+            self.run_directories().is_empty(),
+            "{:?}",
+            self.run_directories()
+        );
+        assert!(
+            !self.path("runs").exists() && !self.root().exists(),
+            "{:?}",
+            names(self.directory.path())
+        );
         self.assert_nothing_left();
     }
 }
@@ -231,14 +391,22 @@ impl Drop for Rig {
                 let _ = Pid::from_raw(pid.cast_signed()).map(|pid| kill_process(pid, Signal::KILL));
             }
             sleep(Duration::from_millis(200));
-            let _ = self.command("clean", &[]).stdout(Stdio::null()).stderr(Stdio::null()).status();
+            let _ = self
+                .command("clean", "")
+                .stdout(Stdio::null())
+                .stderr(Stdio::null())
+                .status();
         }
     }
 }
 
 /// What messages call the process of a role.
 pub fn process_of(role: &str) -> String {
-    if role == "record" { "recorder".into() } else { format!("{role} process") }
+    if role == "record" {
+        "recorder".into()
+    } else {
+        format!("{role} process")
+    }
 }
 
 /// Says that something is left out, past the harness, which shows what a test prints only when it fails.
@@ -248,11 +416,18 @@ pub fn not_tested(what: &str) {
 
 /// The same for want of a tool; with `IRONBIRD_TEST_ALL=1` that is a failure, as in the gate, which installs them.
 pub fn lacks_tool(what: &str) {
-    assert!(std::env::var("IRONBIRD_TEST_ALL").as_deref() != Ok("1"), "IRONBIRD_TEST_ALL is set, and {what}");
+    assert!(
+        std::env::var("IRONBIRD_TEST_ALL").as_deref() != Ok("1"),
+        "IRONBIRD_TEST_ALL is set, and {what}"
+    );
     not_tested(what);
 }
 
-/// Rounds of a soak.
+/// The same for a build without a feature.
+pub fn lacks_feature(what: &str, feature: &str) {
+    not_tested(&format!("{what}: needs --features {feature}"));
+}
+
 pub fn rounds() -> u64 {
     std::env::var("IRONBIRD_ROUNDS").map_or(1, |rounds| rounds.parse().unwrap())
 }
@@ -260,19 +435,27 @@ pub fn rounds() -> u64 {
 /// A program in a mount namespace of its own, in which a shell's script has mounted something first; nothing where that
 /// is not permitted, or `probe` fails in it.
 pub fn in_own_mounts(mount: &str, probe: &str, program: &str) -> Option<Command> {
-    let can = Command::new("unshare").args(["-m", "sh", "-c", &format!("{mount} && {probe}")]).status();
+    let can = Command::new("unshare")
+        .args(["-m", "sh", "-c", &format!("{mount} && {probe}")])
+        .status();
     if !can.is_ok_and(|status| status.success()) {
         not_tested(&format!("not permitted here: unshare -m, {mount}, {probe}"));
         return None;
     }
     let mut command = Command::new("unshare");
-    command.args(["-m", "sh", "-c", &format!("{mount} && exec \"$0\" \"$@\""), program]);
+    command.args([
+        "-m",
+        "sh",
+        "-c",
+        &format!("{mount} && exec \"$0\" \"$@\""),
+        program,
+    ]);
     Some(command)
 }
 
 /// The place of a stage in a flight, taken by this process as its command takes it.
-pub fn take_station(role: Role, instance: &str, settings: &Settings) -> Station {
-    let orders = Orders {
+pub fn take_station(role: Role, instance: &str, settings: &Settings) -> RoleSession {
+    let orders = StartConfig {
         instance: Instance::new(instance).unwrap(),
         rt: settings.realtime().unwrap(),
         settings: settings.shared_text().unwrap(),
@@ -282,7 +465,7 @@ pub fn take_station(role: Role, instance: &str, settings: &Settings) -> Station 
         begun_ns: 0,
         ready: None,
     };
-    Station::take(role, orders).unwrap()
+    RoleSession::take(role, orders).unwrap()
 }
 
 /// All that a log holds, from its first file on.

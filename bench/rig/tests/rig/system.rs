@@ -34,42 +34,58 @@ pub fn send(pid: u32, signal: Signal) {
 /// Whether a process is no more; one that nobody has waited for yet counts as gone.
 pub fn is_gone(pid: u32) -> bool {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    stat.rsplit_once(')').is_none_or(|(_, rest)| matches!(rest.trim().chars().next(), Some('Z' | 'X')))
+    stat.rsplit_once(')')
+        .is_none_or(|(_, rest)| matches!(rest.trim().chars().next(), Some('Z' | 'X')))
 }
 
 pub(super) fn names(directory: &Path) -> Vec<String> {
     let entries = fs::read_dir(directory).into_iter().flatten();
-    let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    let mut names: Vec<String> = entries
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
     names.sort();
     names
 }
 
-/// All files below a directory.
 pub fn files_below(directory: &Path) -> Vec<PathBuf> {
     let below = |name: String| {
         let path = directory.join(name);
-        if path.is_dir() { files_below(&path) } else { vec![path] }
+        if path.is_dir() {
+            files_below(&path)
+        } else {
+            vec![path]
+        }
     };
     names(directory).into_iter().flat_map(below).collect()
 }
 
 pub(super) fn processes() -> impl Iterator<Item = u32> {
-    names(Path::new("/proc")).into_iter().filter_map(|name| name.parse().ok())
+    names(Path::new("/proc"))
+        .into_iter()
+        .filter_map(|name| name.parse().ok())
 }
 
 /// Empty where the process has ended.
 pub(super) fn command_line(pid: u32) -> Vec<String> {
     let bytes = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-    bytes.split(|byte| *byte == 0).map(|arg| String::from_utf8_lossy(arg).into_owned()).collect()
+    bytes
+        .split(|byte| *byte == 0)
+        .map(|arg| String::from_utf8_lossy(arg).into_owned())
+        .collect()
 }
 
 pub(super) fn children(pid: u32) -> Vec<u32> {
     let tasks = names(Path::new(&format!("/proc/{pid}/task")));
-    let text = |task| fs::read_to_string(format!("/proc/{pid}/task/{task}/children")).unwrap_or_default();
+    let text =
+        |task| fs::read_to_string(format!("/proc/{pid}/task/{task}/children")).unwrap_or_default();
     tasks
         .into_iter()
         .map(text)
-        .flat_map(|list| list.split(' ').filter_map(|n| n.parse().ok()).collect::<Vec<_>>())
+        .flat_map(|list| {
+            list.split(' ')
+                .filter_map(|n| n.parse().ok())
+                .collect::<Vec<_>>()
+        })
         .collect()
 }
 

@@ -4,12 +4,12 @@ use std::fs;
 use std::os::unix::fs::{PermissionsExt as _, chown};
 use std::process::Command;
 
-use super::{Ended, Rig, copy_executable, not_tested};
+use super::{Args, Ended, Rig, copy_executable, not_tested};
 
 const NOBODY: u32 = 65534;
 
 /// A flight of a user without privileges; none where there is no way to become one.
-pub fn fly_unprivileged(rig: &Rig, args: &[&str]) -> Option<Ended> {
+pub fn fly_unprivileged(rig: &Rig, args: impl Args) -> Option<Ended> {
     let command = unprivileged(rig, "fly", args)?;
     if rustix::process::geteuid().is_root() {
         for directory in [rig.root(), rig.out()] {
@@ -21,13 +21,18 @@ pub fn fly_unprivileged(rig: &Rig, args: &[&str]) -> Option<Ended> {
 }
 
 /// `ironbird COMMAND` of a user without privileges; none where there is no way to become one.
-pub fn unprivileged(rig: &Rig, command: &str, args: &[&str]) -> Option<Command> {
+pub fn unprivileged(rig: &Rig, command: &str, args: impl Args) -> Option<Command> {
     if !rustix::process::geteuid().is_root() {
         return Some(rig.command(command, args));
     }
     let id = NOBODY.to_string();
     let as_nobody = ["--reuid", &id, "--regid", &id, "--clear-groups"];
-    if !Command::new("setpriv").args(as_nobody).arg("true").status().is_ok_and(|status| status.success()) {
+    if !Command::new("setpriv")
+        .args(as_nobody)
+        .arg("true")
+        .status()
+        .is_ok_and(|status| status.success())
+    {
         not_tested("setpriv (util-linux) is not there, or may not become another user");
         return None;
     }
@@ -38,7 +43,11 @@ pub fn unprivileged(rig: &Rig, command: &str, args: &[&str]) -> Option<Command> 
         fs::set_permissions(rig.path("."), fs::Permissions::from_mode(0o755)).unwrap();
     }
     let mut process = Command::new("setpriv");
-    process.args(as_nobody).arg(executable).arg(command).args(rig.own_args(command, args));
+    process
+        .args(as_nobody)
+        .arg(executable)
+        .arg(command)
+        .args(rig.own_args(command, args));
     process.env("IRONBIRD_ROOT", rig.root());
     Some(process)
 }

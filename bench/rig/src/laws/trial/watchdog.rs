@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use failure::{Failure, GATE};
+use errors::{Failure, GATE};
 
 use super::ROUNDS;
 use crate::output::say;
@@ -19,20 +19,20 @@ pub struct Watchdog(Arc<AtomicU64>);
 
 impl Watchdog {
     /// Begins to watch: the process ends with code 3 where nothing is heard for ten seconds.
-    ///
-    /// # Errors
-    /// The system makes no thread.
     pub fn start(law: &str) -> Result<Self, Failure> {
         let (heard, law) = (Arc::new(AtomicU64::new(0)), law.to_owned());
         let hears = Arc::clone(&heard);
         thread::Builder::new()
             .name("watchdog".into())
             .spawn(move || watch(&hears, &law))
-            .map_err(|e| Failure::failed(format!("the system makes no thread that watches the trial: {e}")))?;
+            .map_err(|e| {
+                Failure::failed(format!(
+                    "the system makes no thread that watches the trial: {e}"
+                ))
+            })?;
         Ok(Self(heard))
     }
 
-    /// The law has come back.
     pub fn hear(&self) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
@@ -55,9 +55,11 @@ fn watch(hears: &AtomicU64, law: &str) {
         if heard != last {
             (last, since) = (heard, Instant::now());
         } else if since.elapsed() > PATIENCE {
-            say(&format!("error: the law `{law}` did not come back within {PATIENCE:?}, after {heard} inputs\n"));
+            say(&format!(
+                "error: the law `{law}` did not come back within {PATIENCE:?}, after {heard} inputs\n"
+            ));
             // Without what the library would run then: it may not come back either.
-            law_library::exit(i32::from(GATE));
+            plugin::exit(i32::from(GATE));
         }
     }
 }

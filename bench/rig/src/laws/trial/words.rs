@@ -1,11 +1,10 @@
 //! What a trial found, in words.
 
-use law::description::Description;
-use model::role::Role;
+use control_api::description::Description;
+use messages::role::Role;
 
 use super::{ANSWER, Findings, HOT, INPUTS};
 
-/// The findings as lines.
 #[must_use]
 pub fn render(findings: &Findings, law: &Description, not_real_time: bool) -> String {
     let same = findings.difference.map_or_else(
@@ -13,7 +12,10 @@ pub fn render(findings: &Findings, law: &Description, not_real_time: bool) -> St
         |it| {
             let [one, other] = it.values;
             let what = number(law, it.index);
-            format!("NO: {what} of input {} was {one:?} and then {other:?}; it cannot be replayed", it.input)
+            format!(
+                "NO: {what} of input {} was {one:?} and then {other:?}; it cannot be replayed",
+                it.input
+            )
         },
     );
     let rehearsed = findings.rehearsed.map_or_else(
@@ -54,7 +56,10 @@ pub fn render(findings: &Findings, law: &Description, not_real_time: bool) -> St
          {rehearsed}\n  finite       {finite}\n  warm caches  a tick takes {median} in the median, {p99} at the 99th \
          percentile\n  cold caches  {} in the median\n  allocations  {}\n  page faults  {}\n",
         us(findings.cold_ns),
-        used(findings.usage.allocations),
+        findings.usage.counted_allocations().map_or_else(
+            || "- (a build with `--features instrumented` counts them)".to_owned(),
+            used
+        ),
         used(findings.usage.minor_faults + findings.usage.major_faults),
     )
 }
@@ -63,7 +68,10 @@ pub fn render(findings: &Findings, law: &Description, not_real_time: bool) -> St
 fn number(law: &Description, index: usize) -> String {
     if index >= ANSWER {
         let signal = law.telemetry.get(index - ANSWER);
-        return signal.map_or_else(|| format!("telemetry {}", index - ANSWER), |signal| signal.name.to_owned());
+        return signal.map_or_else(
+            || format!("telemetry {}", index - ANSWER),
+            |signal| signal.name.to_owned(),
+        );
     }
     let axis = |i: usize| ["x", "y", "z"][i % 3];
     match (law.role, index) {
@@ -72,7 +80,11 @@ fn number(law: &Description, index: usize) -> String {
         (_, 0) => "thrust_n".to_owned(),
         (Role::Inner, i) => format!("torque_b_nm about {}", axis(i - 1)),
         (_, i) => {
-            let what = ["attitude_rad", "attitude_rate_rad_s", "attitude_acceleration_rad_s2"][(i - 1) / 3 % 3];
+            let what = [
+                "attitude_rad",
+                "attitude_rate_rad_s",
+                "attitude_acceleration_rad_s2",
+            ][(i - 1) / 3 % 3];
             format!("{what} of {}", ["roll", "pitch", "yaw"][(i - 1) % 3])
         }
     }

@@ -1,0 +1,114 @@
+//! The empirical distribution of a metric, with its tail.
+
+use serde::Serialize;
+
+/// Shares that are told of every distribution, as far as it has so many values.
+const SHARES: [f64; 7] = [0.01, 0.1, 0.5, 0.9, 0.99, 0.999, 0.9999];
+
+/// A share of the values with the smallest value that so many do not exceed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Quantile {
+    /// The share, from 0 to 1.
+    pub share: f64,
+    pub value: f64,
+}
+
+/// How a metric is distributed over the flights of an arm.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Distribution {
+    pub count: u64,
+    pub mean: f64,
+    pub min: f64,
+    pub max: f64,
+    /// Of the shares that at least ten values lie beyond, on either side.
+    pub quantiles: Vec<Quantile>,
+    /// Enough of it to be drawn, up to the largest value.
+    pub curve: Vec<Quantile>,
+}
+
+/// The distribution of values; NaN is none.
+#[must_use]
+pub fn distribution(values: impl Iterator<Item = f64>) -> Distribution {
+    let mut sorted: Vec<f64> = values.filter(|value| !value.is_nan()).collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let (Some(min), Some(max)) = (sorted.first().copied(), sorted.last().copied()) else {
+        return Distribution::default();
+    };
+    let n = sorted.len();
+    let at = |share: f64| Quantile {
+        share,
+        value: sorted[((share * n as f64).ceil() as usize).clamp(1, n) - 1],
+    };
+    let is_known =
+        |share: &f64| (n as f64 * share.min(1.0 - share)).round() >= 10.0 || *share == 0.5;
+    // As dense in the tail as before it: each nine takes as many points.
+    let nines = (0..).flat_map(|nine| {
+        (0..20).map(move |i| 1.0 - 10_f64.powi(-nine) * (1.0 - 0.045 * f64::from(i)))
+    });
+    let last = 1.0 - 1.0 / n as f64;
+    let mut curve: Vec<Quantile> = nines.take_while(|share| *share < last).map(at).collect();
+    curve.push(Quantile {
+        share: last,
+        value: max,
+    });
+    let mean = sorted.iter().sum::<f64>() / n as f64;
+    Distribution {
+        count: n as u64,
+        mean,
+        min,
+        max,
+        quantiles: SHARES.into_iter().filter(is_known).map(at).collect(),
+        curve,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_told_as_far_as_values_bear_them() {
+        let known = distribution((1..=1000).rev().map(f64::from).chain([f64::NAN]));
+        assert_eq!(
+            (known.count, known.min, known.max, known.mean),
+            (1000, 1.0, 1000.0, 500.5)
+        );
+        let told: Vec<(f64, f64)> = known
+            .quantiles
+            .iter()
+            .map(|it| (it.share, it.value))
+            .collect();
+        assert_eq!(
+            told,
+            [
+                (0.01, 10.0),
+                (0.1, 100.0),
+                (0.5, 500.0),
+                (0.9, 900.0),
+                (0.99, 990.0)
+            ]
+        );
+        assert!(
+            known
+                .curve
+                .is_sorted_by(|a, b| a.share < b.share && a.value <= b.value),
+            "{:?}",
+            known.curve
+        );
+        assert_eq!(
+            known.curve.last(),
+            Some(&Quantile {
+                share: 0.999,
+                value: 1000.0
+            })
+        );
+        assert_eq!(distribution(std::iter::empty()), Distribution::default());
+        assert_eq!(
+            distribution([3.0].into_iter()).curve,
+            [Quantile {
+                share: 0.0,
+                value: 3.0
+            }]
+        );
+    }
+}

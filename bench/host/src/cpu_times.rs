@@ -1,0 +1,152 @@
+//! Machine facts for a report, and how much processor time others took.
+
+use report::candidate_causes::JIFFY_NS;
+use report::host::{Host, Steal};
+
+use crate::{Machine, RT_RUNTIME};
+
+#[must_use]
+pub fn host() -> Host {
+    host_of(&Machine::files())
+}
+
+/// The facts of a machine; what cannot be read is said to be unknown.
+#[must_use]
+pub fn host_of(machine: &Machine) -> Host {
+    let unknown = || "unknown".into();
+    let word = |path| machine.read(path).unwrap_or_else(unknown);
+    let cpuinfo = machine.read("/proc/cpuinfo").unwrap_or_default();
+    Host {
+        kernel: format!(
+            "{} {}",
+            word("/proc/sys/kernel/osrelease"),
+            word("/proc/sys/kernel/version")
+        ),
+        preemption: machine.preemption().into(),
+        cpu: machine
+            .field("/proc/cpuinfo", "model name")
+            .unwrap_or_else(unknown),
+        cpus: cpuinfo
+            .lines()
+            .filter(|line| line.starts_with("processor"))
+            .count() as u64,
+        hypervisor: machine.hypervisor(),
+        clock_source: machine.clock_source(),
+        rt_runtime_us: machine.number(RT_RUNTIME).unwrap_or(0),
+    }
+}
+
+/// Counters of /proc/stat at an instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CpuTimes {
+    /// The processor; none where it is all of them together.
+    processor: Option<u64>,
+    total: u64,
+    stolen: u64,
+    /// Without idling, waiting for a disk, and what was stolen.
+    busy: u64,
+}
+
+/// The unit of /proc/stat [ms].
+const JIFFY_MS: u64 = JIFFY_NS / 1_000_000;
+
+impl CpuTimes {
+    /// Counters of one processor of this machine, or of all of them.
+    #[must_use]
+    pub fn read(processor: Option<u64>) -> Self {
+        Self::of(&Machine::files(), processor)
+    }
+
+    /// Counters of one processor of a machine, or of all of them, which count since it was started.
+    #[must_use]
+    pub fn of(machine: &Machine, processor: Option<u64>) -> Self {
+        Self::parse(&machine.read("/proc/stat").unwrap_or_default(), processor)
+    }
+
+    fn parse(stat: &str, processor: Option<u64>) -> Self {
+        let name = processor.map_or_else(|| "cpu ".into(), |number| format!("cpu{number} "));
+        let fields: Vec<u64> = stat
+            .lines()
+            .find(|line| line.starts_with(&name))
+            .unwrap_or_default()
+            .split_ascii_whitespace()
+            .skip(1)
+            .filter_map(|field| field.parse().ok())
+            .collect();
+        // user nice system idle iowait irq softirq steal; guest times are part of user.
+        let of = |place: usize| fields.get(place).copied().unwrap_or(0);
+        let (total, stolen) = (fields.iter().take(8).sum::<u64>(), of(7));
+        Self {
+            processor,
+            total,
+            stolen,
+            busy: total - stolen - of(3) - of(4),
+        }
+    }
+
+    /// Time stolen since the machine was started, in the unit of /proc/stat.
+    #[must_use]
+    pub const fn stolen(&self) -> u64 {
+        self.stolen
+    }
+
+    /// Time that somebody ran since the machine was started, interrupts included, in the same unit.
+    #[must_use]
+    pub const fn busy(&self) -> u64 {
+        self.busy
+    }
+
+    #[must_use]
+    pub fn steal_until(&self, later: &Self) -> Steal {
+        let stolen = later.stolen.saturating_sub(self.stolen);
+        let total = later.total.saturating_sub(self.total);
+        Steal {
+            stolen_ms: stolen * JIFFY_MS,
+            percent: 100.0 * stolen as f64 / total.max(1) as f64,
+            of_ms: total * JIFFY_MS,
+            processor: later.processor,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn steal_is_the_eighth_field() {
+        let before = CpuTimes::parse("cpu  100 0 50 800 0 0 0 50 0 0\ncpu0 1 2 3\n", None);
+        let after = CpuTimes::parse("cpu  150 0 60 880 0 0 0 60 7 0\n", None);
+        let steal = Steal {
+            stolen_ms: 100,
+            percent: 100.0 * 10.0 / 150.0,
+            of_ms: 1500,
+            processor: None,
+        };
+        assert_eq!(before.steal_until(&after), steal);
+        assert_eq!(after.steal_until(&after).of_ms, 0);
+    }
+
+    #[test]
+    fn steal_of_one_processor_is_read_from_its_line() {
+        let root = tempfile::tempdir().unwrap();
+        fs::create_dir_all(root.path().join("proc")).unwrap();
+        let stat =
+            "cpu  1 0 1 8 0 0 0 5 0 0\ncpu1 1 0 1 8 0 0 0 2 0 0\ncpu10 1 0 1 8 0 0 0 3 0 0\n";
+        fs::write(root.path().join("proc/stat"), stat).unwrap();
+        let machine = Machine::under(root.path(), crate::Answers::default());
+        let of = |processor| CpuTimes::of(&machine, processor).stolen();
+        assert_eq!(
+            [of(None), of(Some(1)), of(Some(10)), of(Some(7))],
+            [5, 2, 3, 0]
+        );
+    }
+
+    #[test]
+    fn the_machine_is_known() {
+        let host = host();
+        assert!(host.cpus >= 1 && !host.kernel.is_empty(), "{host:?}");
+    }
+}

@@ -1,0 +1,380 @@
+//! Compares measurements with their floors, pair by pair.
+//!
+//! Both sides of a pair are measured within the same minute. The comparison also says whether the pairs allow a
+//! verdict: only where the interval of the ratio ([`report::statistics`]) lies on one side of the goal.
+
+use report::host::STEAL_LIMIT_PERCENT;
+use report::statistics::{
+    Events, Interval, VALUES_NEEDED, median, median_interval, pooled, rate_ratio_interval,
+};
+use serde::{Deserialize, Serialize};
+
+/// Events on the floor's side below which a ratio of rates says nothing.
+pub const EVENTS_NEEDED: u64 = 10;
+/// How far a difference may be off, as a share of what it was made to be.
+const DIFFERENCE_TOLERANCE: f64 = 0.1;
+
+/// Ours and the floor's, one right after the other.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FloorPair<T> {
+    pub ours: T,
+    /// Of what the machine can do at the best.
+    pub floor: T,
+    /// Time that the host took meanwhile from the processor that was measured [%].
+    pub steal_percent: f64,
+}
+
+/// Pairs of one kind, in the order of measuring, and what is asked of their ratio.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Pairs {
+    /// Each pair has a ratio; their median counts.
+    Ratio {
+        /// The ratio should not be above it.
+        goal: f64,
+        pairs: Vec<FloorPair<f64>>,
+    },
+    /// Rare events: the rate of all of ours over that of all of the floor's.
+    Events {
+        /// The ratio should not be above it.
+        goal: f64,
+        /// Counts, and what they are out of.
+        pairs: Vec<FloorPair<Events>>,
+    },
+    /// Ours less the floor's, over what the difference was made to be; the median counts.
+    Difference {
+        /// What it was made to be, in the unit.
+        made: f64,
+        pairs: Vec<FloorPair<f64>>,
+    },
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FloorComparison {
+    pub name: String,
+    pub unit: String,
+    pub pairs: Pairs,
+}
+
+/// What the pairs allow to say.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum GoalVerdict {
+    Met,
+    Missed,
+    Inconclusive(String),
+}
+
+impl FloorComparison {
+    /// A comparison of values whose ratio should not be above a goal; without pairs yet.
+    #[must_use]
+    pub fn ratio(name: &str, unit: &str, goal: f64) -> Self {
+        Self {
+            name: name.into(),
+            unit: unit.into(),
+            pairs: Pairs::Ratio {
+                goal,
+                pairs: Vec::new(),
+            },
+        }
+    }
+
+    /// A comparison of rates of events, which are printed per million.
+    #[must_use]
+    pub fn events(name: &str, goal: f64) -> Self {
+        Self {
+            name: name.into(),
+            unit: "per million".into(),
+            pairs: Pairs::Events {
+                goal,
+                pairs: Vec::new(),
+            },
+        }
+    }
+
+    /// A comparison of values whose difference is known.
+    #[must_use]
+    pub fn difference(name: &str, unit: &str, made: f64) -> Self {
+        Self {
+            name: name.into(),
+            unit: unit.into(),
+            pairs: Pairs::Difference {
+                made,
+                pairs: Vec::new(),
+            },
+        }
+    }
+
+    /// Takes the next pair of values; one of a comparison of events is none.
+    pub fn take(&mut self, ours: f64, floor: f64, steal_percent: f64) {
+        if let Pairs::Ratio { pairs, .. } | Pairs::Difference { pairs, .. } = &mut self.pairs {
+            pairs.push(FloorPair {
+                ours,
+                floor,
+                steal_percent,
+            });
+        }
+    }
+
+    /// Takes the next pair of counts; one of a comparison of values is none.
+    pub fn take_events(&mut self, ours: Events, floor: Events, steal_percent: f64) {
+        if let Pairs::Events { pairs, .. } = &mut self.pairs {
+            pairs.push(FloorPair {
+                ours,
+                floor,
+                steal_percent,
+            });
+        }
+    }
+
+    /// Pairs that were measured, and those of them during which the host stole too much.
+    #[must_use]
+    pub fn measured(&self) -> (usize, usize) {
+        let steals: Vec<f64> = match &self.pairs {
+            Pairs::Ratio { pairs, .. } | Pairs::Difference { pairs, .. } => {
+                pairs.iter().map(|p| p.steal_percent).collect()
+            }
+            Pairs::Events { pairs, .. } => pairs.iter().map(|p| p.steal_percent).collect(),
+        };
+        (
+            steals.len(),
+            steals
+                .iter()
+                .filter(|steal| **steal > STEAL_LIMIT_PERCENT)
+                .count(),
+        )
+    }
+
+    /// Ours and the floor's: medians of the pairs that count, or rates per million of all their events.
+    #[must_use]
+    pub fn sides(&self) -> [f64; 2] {
+        match &self.pairs {
+            Pairs::Ratio { pairs, .. } | Pairs::Difference { pairs, .. } => {
+                let of = |side: fn(&FloorPair<f64>) -> f64| {
+                    median(&undisturbed(pairs).map(side).collect::<Vec<_>>())
+                };
+                [of(|pair| pair.ours), of(|pair| pair.floor)]
+            }
+            Pairs::Events { pairs, .. } => pooled(&counts(pairs)).map(|events| events.rate() * 1e6),
+        }
+    }
+
+    /// The ratio; not a number without pairs that count.
+    #[must_use]
+    pub fn value(&self) -> f64 {
+        match &self.pairs {
+            Pairs::Ratio { .. } | Pairs::Difference { .. } => median(&self.ratios()),
+            Pairs::Events { pairs, .. } => {
+                let [ours, floor] = pooled(&counts(pairs));
+                ours.rate() / floor.rate()
+            }
+        }
+    }
+
+    /// Where the ratio lies with 95 %; none for too few pairs.
+    #[must_use]
+    pub fn interval(&self) -> Option<Interval> {
+        match &self.pairs {
+            Pairs::Ratio { .. } | Pairs::Difference { .. } => median_interval(&self.ratios()),
+            Pairs::Events { pairs, .. } => rate_ratio_interval(&counts(pairs)),
+        }
+    }
+
+    /// Whether the goal is met, if the pairs allow to say so.
+    #[must_use]
+    pub fn verdict(&self) -> GoalVerdict {
+        let (measured, disturbed) = self.measured();
+        let left = measured - disturbed;
+        if left < VALUES_NEEDED {
+            let taken = if disturbed > 0 {
+                format!(", {disturbed} left out: the host stole")
+            } else {
+                String::new()
+            };
+            return GoalVerdict::Inconclusive(format!(
+                "{measured} pairs{taken}; {VALUES_NEEDED} are needed"
+            ));
+        }
+        if let Pairs::Events { pairs, .. } = &self.pairs {
+            let [_, floor] = pooled(&counts(pairs));
+            if floor.count < EVENTS_NEEDED {
+                return GoalVerdict::Inconclusive(format!(
+                    "the floor has {} events; {EVENTS_NEEDED} are needed",
+                    floor.count
+                ));
+            }
+        }
+        let (least, most) = match self.pairs {
+            Pairs::Ratio { goal, .. } | Pairs::Events { goal, .. } => (0.0, goal),
+            Pairs::Difference { .. } => (1.0 - DIFFERENCE_TOLERANCE, 1.0 + DIFFERENCE_TOLERANCE),
+        };
+        match self.interval() {
+            Some(Interval { low, high }) if low >= least && high <= most => GoalVerdict::Met,
+            Some(Interval { low, high }) if low > most || high < least => GoalVerdict::Missed,
+            _ => GoalVerdict::Inconclusive("the goal lies within the interval".into()),
+        }
+    }
+
+    /// The goal, as it is printed.
+    #[must_use]
+    pub fn goal(&self) -> String {
+        match self.pairs {
+            Pairs::Ratio { goal, .. } | Pairs::Events { goal, .. } => format!("<= {goal}"),
+            Pairs::Difference { .. } => format!("1 +- {DIFFERENCE_TOLERANCE}"),
+        }
+    }
+
+    fn ratios(&self) -> Vec<f64> {
+        match &self.pairs {
+            Pairs::Ratio { pairs, .. } => undisturbed(pairs)
+                .map(|pair| pair.ours / pair.floor)
+                .collect(),
+            Pairs::Difference { made, pairs } => undisturbed(pairs)
+                .map(|pair| (pair.ours - pair.floor) / made)
+                .collect(),
+            Pairs::Events { .. } => Vec::new(),
+        }
+    }
+}
+
+fn undisturbed<T>(pairs: &[FloorPair<T>]) -> impl Iterator<Item = &FloorPair<T>> {
+    pairs
+        .iter()
+        .filter(|pair| pair.steal_percent <= STEAL_LIMIT_PERCENT)
+}
+
+fn counts(pairs: &[FloorPair<Events>]) -> Vec<[Events; 2]> {
+    undisturbed(pairs)
+        .map(|pair| [pair.ours, pair.floor])
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn comparison(goal: f64, ratios: &[f64]) -> FloorComparison {
+        let mut comparison = FloorComparison::ratio("x", "us", goal);
+        ratios
+            .iter()
+            .for_each(|ratio| comparison.take(10.0 * ratio, 10.0, 0.0));
+        comparison
+    }
+
+    fn is_inconclusive(verdict: &GoalVerdict, words: &str) -> bool {
+        matches!(verdict, GoalVerdict::Inconclusive(why) if why.contains(words))
+    }
+
+    #[test]
+    fn a_goal_is_met_or_missed_only_where_the_interval_leaves_no_doubt() {
+        let near = [1.2, 1.24, 1.26, 1.22, 1.24, 1.25, 1.21, 1.23, 1.24];
+        assert_eq!(comparison(1.5, &near).verdict(), GoalVerdict::Met);
+        assert_eq!(comparison(1.1, &near).verdict(), GoalVerdict::Missed);
+        assert!(is_inconclusive(
+            &comparison(1.235, &near).verdict(),
+            "within the interval"
+        ));
+        assert_eq!(
+            comparison(1.5, &near).interval(),
+            Some(Interval {
+                low: 1.21,
+                high: 1.25
+            })
+        );
+        // All of a skewed spread lies on one side: a far outlier changes nothing.
+        let skewed = [1.01, 1.02, 1.02, 1.0, 1.03, 1.02, 1.04, 1.01, 9.0];
+        assert_eq!(comparison(1.05, &skewed).verdict(), GoalVerdict::Met);
+    }
+
+    #[test]
+    fn more_pairs_of_a_kind_never_make_a_verdict_harder() {
+        let near = [1.2, 1.24, 1.26, 1.22, 1.24, 1.25];
+        for times in 1..20 {
+            assert_eq!(
+                comparison(1.3, &near.repeat(times)).verdict(),
+                GoalVerdict::Met,
+                "{times}"
+            );
+            assert_eq!(
+                comparison(1.1, &near.repeat(times)).verdict(),
+                GoalVerdict::Missed,
+                "{times}"
+            );
+        }
+    }
+
+    #[test]
+    fn pairs_during_which_the_host_stole_are_left_out() {
+        let mut stolen = comparison(1.5, &[1.0; 6]);
+        stolen.take(1000.0, 10.0, 1.1);
+        assert_eq!(
+            (stolen.verdict(), stolen.measured(), stolen.value()),
+            (GoalVerdict::Met, (7, 1), 1.0)
+        );
+        let mut few = comparison(1.5, &[1.0; 5]);
+        few.take(10.0, 10.0, 1.1);
+        assert!(is_inconclusive(
+            &few.verdict(),
+            "6 pairs, 1 left out: the host stole; 6 are needed"
+        ));
+        assert!(is_inconclusive(&comparison(1.5, &[]).verdict(), "0 pairs"));
+    }
+
+    #[test]
+    fn rare_events_are_pooled_and_need_some() {
+        let of = |pairs: &[(u64, u64)]| {
+            let mut comparison = FloorComparison::events("misses", 1.2);
+            let events = |count| Events {
+                count,
+                exposure: 11_000,
+            };
+            pairs.iter().for_each(|(ours, floor)| {
+                comparison.take_events(events(*ours), events(*floor), 0.0)
+            });
+            comparison
+        };
+        let rare = of(&[(0, 1), (3, 0), (1, 2), (0, 0), (0, 0), (1, 1)]);
+        assert!(
+            is_inconclusive(&rare.verdict(), "the floor has 4 events"),
+            "{:?}",
+            rare.verdict()
+        );
+        let many = of(&[(60, 70), (80, 75), (70, 74), (66, 70), (71, 72), (69, 70)]);
+        assert!((many.value() - 416.0 / 431.0).abs() < 1e-12);
+        assert_eq!(many.verdict(), GoalVerdict::Met);
+        assert!((many.sides()[0] - 416e6 / 66_000.0).abs() < 1e-6);
+        // Some flights without a miss, some with three times the floor's: nothing can be said.
+        let uneven = of(&[
+            (0, 9),
+            (0, 12),
+            (0, 8),
+            (40, 16),
+            (38, 12),
+            (6, 14),
+            (5, 11),
+            (4, 13),
+            (3, 12),
+        ]);
+        assert!(is_inconclusive(&uneven.verdict(), "within the interval"));
+    }
+
+    #[test]
+    fn a_difference_is_held_against_what_it_was_made_to_be() {
+        let of = |ours: [f64; 6]| {
+            let mut comparison = FloorComparison::difference("x", "us", 20.0);
+            ours.iter()
+                .for_each(|ours| comparison.take(*ours, 21.0, 0.0));
+            comparison
+        };
+        let seen = of([41.0, 41.2, 41.1, 40.9, 41.0, 41.3]);
+        assert!((seen.value() - 1.0).abs() < 0.02);
+        assert_eq!(seen.verdict(), GoalVerdict::Met);
+        assert_eq!(
+            of([21.1, 21.2, 21.0, 21.1, 21.3, 21.0]).verdict(),
+            GoalVerdict::Missed
+        );
+        assert!(is_inconclusive(
+            &of([41.0, 45.0, 37.0, 44.0, 38.0, 41.0]).verdict(),
+            "within the interval"
+        ));
+    }
+}

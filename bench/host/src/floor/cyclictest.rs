@@ -1,0 +1,111 @@
+//! The reference for wake-up latency: `cyclictest` of Debian's rt-tests.
+//!
+//! It runs on the same processor, with the same priority and period.
+
+use std::process::Command;
+use std::time::Duration;
+
+use hdrhistogram::Histogram;
+
+use errors::Failure;
+use report::series::histogram;
+
+/// How to ask for a run.
+#[derive(Clone, Copy, Debug)]
+pub struct CyclictestSettings {
+    pub cpu: usize,
+    pub priority: i32,
+    /// Length of a tick [us].
+    pub period_us: u64,
+    pub duration: Duration,
+}
+
+impl CyclictestSettings {
+    /// The arguments: every sample in nanoseconds on standard output.
+    #[must_use]
+    pub fn arguments(&self) -> Vec<String> {
+        let seconds = self.duration.as_secs().max(1);
+        let text = format!(
+            "--mlockall --threads=1 --distance=0 --nsecs --verbose --affinity={} --priority={} --interval={} \
+             --duration={seconds}",
+            self.cpu, self.priority, self.period_us
+        );
+        text.split(' ').map(str::to_owned).collect()
+    }
+}
+
+#[must_use]
+pub fn is_installed() -> bool {
+    Command::new("cyclictest").arg("--help").output().is_ok()
+}
+
+/// How late it woke [ns].
+///
+/// It prints nothing for ticks that it slept through; they enter with their whole lateness, as the rig's do.
+pub fn measure(settings: &CyclictestSettings) -> Result<Histogram<u64>, Failure> {
+    let output = Command::new("cyclictest")
+        .args(settings.arguments())
+        .output()
+        .map_err(|e| {
+            Failure::failed(format!("cannot start cyclictest: {e}"))
+                .help("apt-get install rt-tests")
+        })?;
+    let text = String::from_utf8_lossy(&output.stdout);
+    if !output.status.success() {
+        let complaint = String::from_utf8_lossy(&output.stderr);
+        return Err(Failure::failed(format!(
+            "cyclictest ended with {}: {}",
+            output.status,
+            complaint.trim()
+        )));
+    }
+    let mut lateness = histogram()?;
+    for sample in text.lines().filter_map(sample) {
+        owed(sample, settings.period_us * 1000).for_each(|late| lateness.saturating_record(late));
+    }
+    if lateness.is_empty() {
+        return Err(Failure::failed("cyclictest printed no sample"));
+    }
+    Ok(lateness)
+}
+
+/// The lateness of the tick that a sample is of, and of those after it that had begun by then [ns].
+fn owed(sample: u64, period_ns: u64) -> impl Iterator<Item = u64> {
+    std::iter::successors(Some(sample), move |late| late.checked_sub(period_ns))
+}
+
+/// The lateness in a line `thread: cycle: lateness` [ns].
+fn sample(line: &str) -> Option<u64> {
+    let mut parts = line.split(':').map(str::trim);
+    let (thread, cycle, lateness) = (parts.next()?, parts.next()?, parts.next()?);
+    thread.parse::<u64>().ok()?;
+    cycle.parse::<u64>().ok()?;
+    lateness.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_slept_through_are_owed_with_their_lateness() {
+        assert_eq!(owed(17_000, 1_000_000).collect::<Vec<_>>(), [17_000]);
+        assert_eq!(
+            owed(2_300_000, 1_000_000).collect::<Vec<_>>(),
+            [2_300_000, 1_300_000, 300_000]
+        );
+    }
+
+    #[test]
+    fn samples_are_told_from_what_else_it_prints() {
+        assert_eq!(sample("       0:      17:   28231"), Some(28_231));
+        for other in [
+            "Max CPUs = 2",
+            "Thread 0 using cpu 1.",
+            "# /dev/cpu_dma_latency set to 0us",
+            "",
+        ] {
+            assert_eq!(sample(other), None, "{other}");
+        }
+    }
+}

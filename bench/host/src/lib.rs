@@ -1,0 +1,241 @@
+//! The machine as seen through /proc, /sys and a few system calls.
+//!
+//! Code that draws conclusions takes a [`Machine`], so a test can make one up: a directory in place of `/`, and
+//! prepared answers in place of the system calls.
+
+pub mod cpu_times;
+pub mod doctor;
+pub mod executable;
+pub mod floor;
+mod hypervisor;
+pub mod interrupts;
+pub mod sampler;
+pub mod trace;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use ipc::instance::{Instance, SHARED_MEMORY, shared_memory_space};
+use process::rt::{fifo_refusal, hold_cpu_latency};
+use rustix::thread::ClockId;
+use rustix::time::clock_getres;
+
+#[derive(Clone, Debug)]
+pub struct Machine {
+    root: PathBuf,
+    pub answers: Answers,
+}
+
+/// What the system answers when it is asked.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Answers {
+    /// Error number with which SCHED_FIFO at the highest priority of the loops is refused.
+    pub fifo_errno: Option<i32>,
+    /// Error number with which /dev/cpu_dma_latency cannot be held.
+    pub deep_sleep_errno: Option<i32>,
+    /// Resolution of timers [ns].
+    pub timer_resolution_ns: u64,
+    /// Free bytes in shared memory; nothing where it is not there.
+    pub shared_memory_free_bytes: Option<u64>,
+    pub leftovers: Vec<PathBuf>,
+    /// The processor that the user names for the loops.
+    pub cpu: Option<usize>,
+}
+
+impl Machine {
+    /// This machine, with the loops on processor `cpu` or where they go by themselves; SCHED_FIFO is tried at
+    /// `fifo_priority`, on a thread that ends at once.
+    #[must_use]
+    pub fn here(fifo_priority: i32, cpu: Option<usize>) -> Self {
+        let resolution = clock_getres(ClockId::Monotonic);
+        let answers = Answers {
+            fifo_errno: fifo_refusal(fifo_priority).map(|e| e.raw_os_error().unwrap_or(0)),
+            deep_sleep_errno: hold_cpu_latency()
+                .err()
+                .map(|e| e.raw_os_error().unwrap_or(0)),
+            timer_resolution_ns: resolution.tv_sec.unsigned_abs() * 1_000_000_000
+                + resolution.tv_nsec.unsigned_abs(),
+            shared_memory_free_bytes: shared_memory_space().ok(),
+            leftovers: Instance::known()
+                .iter()
+                .flat_map(Instance::leftovers)
+                .collect(),
+            cpu,
+        };
+        Self {
+            root: PathBuf::from("/"),
+            answers,
+        }
+    }
+
+    /// This machine as far as files tell: nothing is asked.
+    #[must_use]
+    pub fn files() -> Self {
+        Self {
+            root: PathBuf::from("/"),
+            answers: Answers::default(),
+        }
+    }
+
+    /// A machine whose files lie under a directory.
+    #[must_use]
+    pub fn under(root: &Path, answers: Answers) -> Self {
+        Self {
+            root: root.to_owned(),
+            answers,
+        }
+    }
+
+    /// A file's text without the blanks around it; nothing where it cannot be read.
+    #[must_use]
+    pub fn read(&self, path: &str) -> Option<String> {
+        fs::read_to_string(self.root.join(path.trim_start_matches('/')))
+            .ok()
+            .map(|text| text.trim().to_owned())
+    }
+
+    /// A file's text as a number.
+    #[must_use]
+    pub fn number(&self, path: &str) -> Option<i64> {
+        self.read(path)?.parse().ok()
+    }
+
+    /// The value after `name` and a colon in a file of such lines, the first one.
+    #[must_use]
+    pub fn field(&self, path: &str, name: &str) -> Option<String> {
+        let text = self.read(path)?;
+        text.lines().find_map(|line| {
+            let (key, value) = line.split_once(':')?;
+            (key.trim() == name).then(|| value.trim().to_owned())
+        })
+    }
+
+    /// Processors that this process may use, in ascending order.
+    #[must_use]
+    pub fn allowed_cpus(&self) -> Vec<usize> {
+        self.field("/proc/self/status", "Cpus_allowed_list")
+            .map(|list| cpu_list(&list))
+            .unwrap_or_default()
+    }
+
+    /// The processor of the loops: the one named, or the highest-numbered one allowed.
+    #[must_use]
+    pub fn loops_cpu(&self) -> usize {
+        self.answers
+            .cpu
+            .or_else(|| self.allowed_cpus().last().copied())
+            .unwrap_or(0)
+    }
+
+    /// Whether this process has a capability, by its number.
+    #[must_use]
+    pub fn has_capability(&self, number: u32) -> bool {
+        self.field("/proc/self/status", "CapEff")
+            .and_then(|hex| u64::from_str_radix(&hex, 16).ok())
+            .is_some_and(|set| set >> number & 1 == 1)
+    }
+
+    /// A soft limit of this process as the kernel names it, such as `Max locked memory`; nothing stands for unlimited.
+    #[must_use]
+    pub fn limit(&self, name: &str) -> Option<u64> {
+        let text = self.read("/proc/self/limits")?;
+        text.lines()
+            .find_map(|line| line.strip_prefix(name))?
+            .split_whitespace()
+            .next()?
+            .parse()
+            .ok()
+    }
+
+    /// Whether a hypervisor runs below; nothing where that is not known.
+    #[must_use]
+    pub fn hypervisor(&self) -> Option<bool> {
+        hypervisor::runs_below(self)
+    }
+
+    /// The preemption model that the kernel names, or `unknown`.
+    #[must_use]
+    pub fn preemption(&self) -> &'static str {
+        let version = self.read("/proc/sys/kernel/version").unwrap_or_default();
+        if self.read("/sys/kernel/realtime").as_deref() == Some("1") {
+            return "PREEMPT_RT";
+        }
+        ["PREEMPT_RT", "PREEMPT_DYNAMIC", "PREEMPT"]
+            .into_iter()
+            .find(|word| version.split([' ', '(']).any(|part| part == *word))
+            .unwrap_or("unknown")
+    }
+
+    /// What a kernel whose preemption model can be chosen at its start runs with, where it says so.
+    #[must_use]
+    pub fn preemption_chosen(&self) -> Option<String> {
+        let choices = self.read("/sys/kernel/debug/sched/preempt");
+        let marked = choices
+            .as_deref()
+            .and_then(|text| text.split_once('(')?.1.split_once(')'))
+            .map(|(name, _)| name);
+        let command_line = self.read("/proc/cmdline").unwrap_or_default();
+        let asked = command_line
+            .split_whitespace()
+            .find_map(|word| word.strip_prefix("preempt="));
+        marked.or(asked).map(str::to_owned)
+    }
+
+    /// The clock source in use, or `unknown`.
+    #[must_use]
+    pub fn clock_source(&self) -> String {
+        self.read(CLOCK_SOURCE).unwrap_or_else(|| "unknown".into())
+    }
+}
+
+/// The file of the clock source in use.
+pub const CLOCK_SOURCE: &str = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+/// The file of the real-time throttle: what SCHED_FIFO gets of each period [us]; -1 is all.
+pub const RT_RUNTIME: &str = "/proc/sys/kernel/sched_rt_runtime_us";
+
+/// Where shared memory is, for messages.
+#[must_use]
+pub const fn shared_memory_path() -> &'static str {
+    SHARED_MEMORY
+}
+
+/// The numbers of a list as the kernel writes it: `0-2,5`. What is no number is left out.
+#[must_use]
+pub fn cpu_list(text: &str) -> Vec<usize> {
+    let mut cpus: Vec<usize> = text
+        .trim()
+        .split(',')
+        .filter_map(|part| {
+            let (first, last) = part.split_once('-').unwrap_or((part, part));
+            Some(first.trim().parse().ok()?..=last.trim().parse().ok()?)
+        })
+        .flatten()
+        .collect();
+    cpus.sort_unstable();
+    cpus
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn processor_lists_are_read_as_the_kernel_writes_them() {
+        assert_eq!(cpu_list("0-2,5\n"), [0, 1, 2, 5]);
+        assert_eq!(cpu_list(""), [] as [usize; 0]);
+        assert_eq!(cpu_list("3"), [3]);
+    }
+
+    #[test]
+    fn this_machine_can_be_read() {
+        let machine = Machine::here(80, None);
+        assert!(
+            !machine.allowed_cpus().is_empty() && machine.loops_cpu() == process::rt::loops_cpu()
+        );
+        assert!(
+            machine.answers.timer_resolution_ns > 0
+                && machine.answers.shared_memory_free_bytes.is_some()
+        );
+        assert_ne!(machine.clock_source(), "unknown");
+    }
+}

@@ -1,0 +1,250 @@
+//! Kernel counters of the loops, read from /proc each time the recorder looks.
+
+use std::io::ErrorKind;
+
+use ipc::clock::now_ns;
+use messages::blackboards::{RolePhase, Status};
+use messages::realtime::RealtimeStep;
+use messages::role::STAGES;
+
+use crate::cpu_times::CpuTimes;
+use report::candidate_causes::{CounterSample, Counters, Life};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Watch {
+    /// The processor that all loops were granted; nothing where they were not, or not the same.
+    pub processor: Option<u64>,
+    /// A hypervisor may run below, and take time from them.
+    pub is_virtual: bool,
+}
+
+impl Watch {
+    /// Looks at loops with these set-ups.
+    #[must_use]
+    pub fn new(loops: &[Status; STAGES.len()], is_virtual: bool) -> Self {
+        let mut cpus = loops.iter().map(|status| {
+            let grant = status.grants.of(RealtimeStep::Affinity);
+            grant.granted().then_some(grant.value)
+        });
+        let first = cpus.next().flatten();
+        Self {
+            processor: first.filter(|first| cpus.all(|cpu| cpu == Some(*first))),
+            is_virtual,
+        }
+    }
+
+    #[must_use]
+    pub fn sample(&self, loops: &[Status; STAGES.len()], lost: u64) -> CounterSample {
+        let times = CpuTimes::read(self.processor);
+        let stolen = if self.is_virtual { times.stolen() } else { 0 };
+        let stages = loops.map(|status| counters(status.pid));
+        CounterSample {
+            stages,
+            stolen,
+            busy: times.busy(),
+            lost,
+            at_ns: now_ns(),
+        }
+    }
+}
+
+/// What a process's main thread is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Look {
+    /// The kernel's letter: `R` ready or running, `S` and `D` waiting, `T` and `t` stopped, `Z` ended.
+    pub state: char,
+    /// Time that it has run [ns].
+    pub ran_ns: u64,
+    /// Whether the kernel is putting the process away, for a signal or an exit code that is none of 0: what it had open
+    /// may take a busy disk a second.
+    pub is_dying: bool,
+}
+
+impl Look {
+    /// At a process; nothing where it is gone.
+    #[must_use]
+    pub fn at(pid: u64) -> Option<Self> {
+        let read =
+            |file: &str| std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/{file}")).ok();
+        let (state, is_dying) = state_and_end(&read("stat")?)?;
+        let ran_ns =
+            read("schedstat").and_then(|text| text.split_whitespace().next()?.parse().ok());
+        Some(Self {
+            state,
+            ran_ns: ran_ns.unwrap_or(0),
+            is_dying,
+        })
+    }
+
+    /// Whether a signal or a debugger has stopped it.
+    #[must_use]
+    pub const fn is_stopped(self) -> bool {
+        matches!(self.state, 'T' | 't')
+    }
+}
+
+/// Which of these loops ended without landing.
+#[must_use]
+pub fn fallen(loops: &[Status; STAGES.len()]) -> [bool; STAGES.len()] {
+    loops.map(|status| {
+        status.phase() != RolePhase::Landed && counters(status.pid).life == Life::Dead
+    })
+}
+
+/// What is counted for the main thread of a process, which is the loop's; number 0 is nobody.
+fn counters(pid: u64) -> Counters {
+    let mut counters = Counters {
+        pid,
+        ..Counters::default()
+    };
+    if pid == 0 {
+        return counters;
+    }
+    let read = |file: &str| std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/{file}"));
+    match read("stat") {
+        Ok(stat) => (counters.life, counters.faults) = life_and_faults(&stat),
+        Err(e) if e.kind() == ErrorKind::NotFound => counters.life = Life::Dead,
+        // What may not be read says nothing.
+        Err(_) => {}
+    }
+    // The kernel ends them together with the process, so that nothing but an end makes these fail.
+    if let Ok(text) = read("schedstat") {
+        let mut numbers = text.split_whitespace().map(|ns| ns.parse().unwrap_or(0));
+        counters.ran_ns = numbers.next().unwrap_or(0);
+        counters.waited_ns = numbers.next().unwrap_or(0);
+    }
+    if let Ok(text) = read("status") {
+        let line = text
+            .lines()
+            .find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"));
+        counters.involuntary_switches = line
+            .and_then(|count| count.trim().parse().ok())
+            .unwrap_or(0);
+    }
+    counters
+}
+
+/// A line of /proc/PID/stat behind the name in brackets, which may hold anything: fields from the third on.
+struct Stat<'a>(Vec<&'a str>);
+
+impl<'a> Stat<'a> {
+    fn of(line: &'a str) -> Self {
+        Self(
+            line.rsplit_once(')')
+                .map(|(_, rest)| rest.split_whitespace().collect())
+                .unwrap_or_default(),
+        )
+    }
+
+    fn state(&self) -> Option<char> {
+        self.0.first()?.chars().next()
+    }
+
+    /// The field with this number in proc(5); 0 where there is none.
+    fn number(&self, field: usize) -> u64 {
+        self.0
+            .get(field - 3)
+            .and_then(|number| number.parse().ok())
+            .unwrap_or(0)
+    }
+}
+
+fn life_and_faults(line: &str) -> (Life, u64) {
+    let stat = Stat::of(line);
+    let life = match stat.state() {
+        Some('T' | 't') => Life::Stopped,
+        Some('Z' | 'X') => Life::Dead,
+        _ => Life::Lives,
+    };
+    let (minflt, majflt) = (stat.number(10), stat.number(12));
+    (life, minflt + majflt)
+}
+
+/// The kernel's letter, and whether the process is being put away.
+fn state_and_end(line: &str) -> Option<(char, bool)> {
+    const PF_EXITING: u64 = 4;
+    let stat = Stat::of(line);
+    let (flags, exit_code) = (stat.number(9), stat.number(52));
+    // A main thread that has ended by itself, and left others behind, has 0.
+    Some((stat.state()?, flags & PF_EXITING != 0 && exit_code != 0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stat_line_is_read_whatever_the_process_is_called() {
+        let line = "7 (a) T 1 (b) T 1 7 7 0 -1 4194304 12 0 3 0 1 2";
+        assert_eq!(life_and_faults(line), (Life::Stopped, 15));
+        assert_eq!(
+            life_and_faults("7 (x) Z 1 7 7 0 -1 4194304 0 0 0 0").0,
+            Life::Dead
+        );
+        assert_eq!(
+            life_and_faults("7 (x) R 1 7 7 0 -1 4194304 0 0 0 0").0,
+            Life::Lives
+        );
+    }
+
+    #[test]
+    fn counters_of_this_process_grow_as_it_faults_and_one_that_never_was_is_dead() {
+        let tid = u64::from(std::process::id());
+        let before = counters(tid);
+        assert_eq!((before.pid, before.life), (tid, Life::Lives));
+        assert!(before.faults > 0);
+        assert_eq!(counters(u64::from(u32::MAX)).life, Life::Dead);
+        assert_eq!(counters(0).life, Life::Lives);
+    }
+
+    #[test]
+    fn a_look_at_this_process_finds_it_running_and_at_nobody_nothing() {
+        let look = Look::at(u64::from(std::process::id())).unwrap();
+        assert!(
+            "RSD".contains(look.state) && look.ran_ns > 0 && !look.is_stopped(),
+            "{look:?}"
+        );
+        assert!(!look.is_dying, "{look:?}");
+        assert_eq!(Look::at(u64::from(u32::MAX)), None);
+    }
+
+    #[test]
+    fn who_was_killed_or_failed_is_dying_until_its_parent_has_heard_of_it() {
+        let dying = |command: &str| {
+            let mut child = std::process::Command::new("sh")
+                .args(["-c", command])
+                .spawn()
+                .unwrap();
+            let look = || Look::at(u64::from(child.id())).unwrap();
+            while look().state != 'Z' {
+                std::thread::sleep(std::time::Duration::from_millis(1));
+            }
+            let is_dying = look().is_dying;
+            child.wait().unwrap();
+            is_dying
+        };
+        assert!(dying("kill -KILL $$"));
+        assert!(dying("exit 3"));
+        assert!(
+            !dying("exit 0"),
+            "a main thread that leaves others behind looks the same"
+        );
+    }
+
+    #[test]
+    fn only_who_ended_without_landing_has_fallen() {
+        let status = |pid: u64, phase: RolePhase| Status {
+            pid,
+            phase: phase as u64,
+            ..Status::default()
+        };
+        let (here, gone) = (u64::from(std::process::id()), u64::from(u32::MAX));
+        let loops = [
+            status(here, RolePhase::Flying),
+            status(gone, RolePhase::Landed),
+            status(gone, RolePhase::Flying),
+            Status::default(),
+        ];
+        assert_eq!(fallen(&loops), [false, false, true, false]);
+    }
+}

@@ -1,0 +1,477 @@
+//! What ran on a processor: the kernel's own trace of context switches and interrupts, in a ring of our own.
+//!
+//! Reading consumes what is in the ring and does not wait; the ring goes on meanwhile. Where more came than fits, the
+//! kernel says so, and nobody is taken to have run across the gap.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, ErrorKind, Read as _};
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::{Path, PathBuf};
+
+use rustix::fs::OFlags;
+
+use report::processor_trace::{Runner, Slice};
+
+/// Where the kernel has its traces.
+pub const TRACEFS: &str = "/sys/kernel/tracing";
+
+/// The ring of one processor [KiB]: some seconds of a flight.
+const RING_KIB: &str = "1024";
+
+/// What a ring holds, as text.
+const PIPE: &str = "trace_pipe";
+
+/// What is traced; the last is only there on x86, where timers and other processors interrupt by vectors.
+const EVENTS: [(&str, bool); 6] = [
+    ("sched/sched_switch", true),
+    ("irq/irq_handler_entry", true),
+    ("irq/irq_handler_exit", true),
+    ("irq/softirq_entry", true),
+    ("irq/softirq_exit", true),
+    ("irq_vectors", false),
+];
+
+/// The kernel's trace, until the value is dropped.
+#[derive(Debug)]
+pub struct Trace {
+    /// What the ring holds as text, gone once it is read. Closed before the ring, which cannot be removed while it
+    /// is open.
+    pipe: File,
+    ring: Ring,
+    /// The beginning of a line whose end has not been read.
+    rest: Vec<u8>,
+    readers: Readers,
+}
+
+impl Trace {
+    /// Starts to trace a processor, or all of them, into a ring of this name.
+    pub fn begin(name: &str, processor: Option<u64>) -> io::Result<Self> {
+        Self::begin_at(Path::new(TRACEFS), name, processor)
+    }
+
+    fn begin_at(tracefs: &Path, name: &str, processor: Option<u64>) -> io::Result<Self> {
+        let ring = Ring::new(instances(tracefs).join(name))?;
+        ring.put("trace_clock", "mono")?;
+        if let Some(processor) = processor {
+            ring.put("tracing_cpumask", &mask(processor))?;
+            ring.put(&format!("per_cpu/cpu{processor}/buffer_size_kb"), RING_KIB)?;
+        } else {
+            ring.put("buffer_size_kb", RING_KIB)?;
+        }
+        for (event, must_be_there) in EVENTS {
+            let enabled = ring.put(&format!("events/{event}/enable"), "1");
+            if must_be_there {
+                enabled?;
+            }
+        }
+        Ok(Self {
+            pipe: ring.pipe()?,
+            ring,
+            rest: Vec::new(),
+            readers: Readers::default(),
+        })
+    }
+
+    /// What ran since the last time.
+    pub fn take(&mut self) -> io::Result<Vec<Slice>> {
+        if let Err(e) = self.pipe.read_to_end(&mut self.rest)
+            && e.kind() != ErrorKind::WouldBlock
+        {
+            return Err(named(&self.ring.0.join(PIPE), &e));
+        }
+        let lines = self
+            .rest
+            .iter()
+            .rposition(|byte| *byte == b'\n')
+            .map_or(0, |end| end + 1);
+        let text: Vec<u8> = self.rest.drain(..lines).collect();
+        Ok(self.readers.read(&String::from_utf8_lossy(&text)))
+    }
+}
+
+/// A ring of the kernel's trace, removed with the value.
+#[derive(Debug)]
+struct Ring(PathBuf);
+
+impl Ring {
+    fn new(path: PathBuf) -> io::Result<Self> {
+        // One that a killed process left holds old events.
+        if path.is_dir() {
+            let _ = fs::remove_dir(&path);
+        }
+        fs::create_dir(&path).map_err(|e| named(&path, &e))?;
+        Ok(Self(path))
+    }
+
+    fn put(&self, file: &str, value: &str) -> io::Result<()> {
+        let path = self.0.join(file);
+        fs::write(&path, value).map_err(|e| named(&path, &e))
+    }
+
+    fn pipe(&self) -> io::Result<File> {
+        let path = self.0.join(PIPE);
+        let flags = OFlags::NONBLOCK.bits().cast_signed();
+        OpenOptions::new()
+            .read(true)
+            .custom_flags(flags)
+            .open(&path)
+            .map_err(|e| named(&path, &e))
+    }
+}
+
+impl Drop for Ring {
+    fn drop(&mut self) {
+        let _ = self.put("tracing_on", "0");
+        let _ = fs::remove_dir(&self.0);
+    }
+}
+
+/// Removes the ring of a process that was killed, if there is one.
+pub fn remove_left(name: &str) -> io::Result<()> {
+    fs::remove_dir(instances(Path::new(TRACEFS)).join(name))
+}
+
+/// The rings whose names begin like this, by their names.
+#[must_use]
+pub fn rings(prefix: &str) -> Vec<String> {
+    let entries = fs::read_dir(instances(Path::new(TRACEFS)))
+        .into_iter()
+        .flatten()
+        .filter_map(Result::ok);
+    entries
+        .filter_map(|entry| entry.file_name().into_string().ok())
+        .filter(|name| name.starts_with(prefix))
+        .collect()
+}
+
+fn instances(tracefs: &Path) -> PathBuf {
+    tracefs.join("instances")
+}
+
+fn named(path: &Path, error: &io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("{}: {error}", path.display()))
+}
+
+/// A processor as the kernel's mask: hexadecimal words of 32 bits, the highest one first.
+fn mask(processor: u64) -> String {
+    let word = format!("{:x}", 1_u32 << (processor % 32));
+    (0..processor / 32).fold(word, |mask, _| mask + ",00000000")
+}
+
+/// Follows the processors of a trace, by their names in it.
+#[derive(Debug, Default)]
+struct Readers(BTreeMap<String, Reader>);
+
+impl Readers {
+    /// The slices that end in the next part of a trace, in the order of their ends.
+    fn read(&mut self, trace: &str) -> Vec<Slice> {
+        let mut slices = Vec::new();
+        for line in trace.lines() {
+            if is_gap(line) {
+                self.0.clear();
+            } else if let Some(event) = Event::of(line) {
+                self.0
+                    .entry(event.cpu.to_owned())
+                    .or_default()
+                    .take(&event, &mut slices);
+            }
+        }
+        slices
+    }
+}
+
+/// `CPU:1 [LOST 12 EVENTS]`: the ring was full.
+fn is_gap(line: &str) -> bool {
+    line.starts_with("CPU:") && line.ends_with(" EVENTS]")
+}
+
+struct Event<'a> {
+    /// Who ran: the thread's number, 0 of the idle one.
+    pid: u64,
+    cpu: &'a str,
+    at_ns: u64,
+    name: &'a str,
+    fields: &'a str,
+}
+
+impl<'a> Event<'a> {
+    /// `  NAME-PID     [CPU] FLAGS SECONDS.MICROSECONDS: EVENT: FIELDS`, where NAME may hold anything.
+    fn of(line: &'a str) -> Option<Self> {
+        line.match_indices(": ")
+            .find_map(|(place, colon)| Self::at(&line[..place], &line[place + colon.len()..]))
+    }
+
+    fn at(head: &'a str, rest: &'a str) -> Option<Self> {
+        let (name, fields) = rest.split_once(": ").or_else(|| rest.split_once(':'))?;
+        let mut words = head.rsplit(' ').filter(|word| !word.is_empty());
+        let (time, _flags, cpu) = (words.next()?, words.next()?, words.next()?);
+        let pid = words.next()?.rsplit_once('-')?.1.parse().ok()?;
+        let (seconds, micros) = time.split_once('.')?;
+        let at_ns =
+            seconds.parse::<u64>().ok()? * 1_000_000_000 + micros.parse::<u64>().ok()? * 1_000;
+        Some(Self {
+            pid,
+            cpu: cpu.strip_prefix('[')?.strip_suffix(']')?,
+            at_ns,
+            name,
+            fields,
+        })
+    }
+}
+
+#[derive(Debug, Default)]
+struct Reader {
+    /// The number of who runs, since when.
+    thread: Option<(u64, u64)>,
+    seen_ns: u64,
+    interrupts: Vec<(Runner, u64)>,
+}
+
+impl Reader {
+    /// Takes the next event; gives the slices that it ends.
+    fn take(&mut self, event: &Event<'_>, slices: &mut Vec<Slice>) {
+        let Event {
+            pid,
+            at_ns,
+            name,
+            fields,
+            ..
+        } = *event;
+        self.find(pid, at_ns, slices);
+        self.seen_ns = at_ns;
+        if name == "sched_switch" {
+            let Some((leaves, comes)) = switch(fields) else {
+                return;
+            };
+            // Where soft interrupts are threads (PREEMPT_RT), one may be switched out before it ends.
+            self.interrupts.clear();
+            let ran = self
+                .thread
+                .replace((comes, at_ns))
+                .filter(|(_, from_ns)| *from_ns < at_ns);
+            slices.extend(ran.map(|(_, from_ns)| Slice {
+                from_ns,
+                to_ns: at_ns,
+                runner: leaves,
+            }));
+        } else if name.ends_with("_exit") {
+            let entered = self.interrupts.pop();
+            slices.extend(entered.map(|(runner, from_ns)| Slice {
+                from_ns,
+                to_ns: at_ns,
+                runner,
+            }));
+        } else if let Some(kind) = name.strip_suffix("_entry") {
+            self.interrupts.push((
+                Runner::Interrupt {
+                    name: interrupt(kind, fields),
+                },
+                at_ns,
+            ));
+        }
+    }
+
+    /// Finds who runs where the switch to it was not traced: some kernels trace none from the idle thread, which ends
+    /// with the interrupt that was seen in it last. After another thread nobody knows since when.
+    fn find(&mut self, pid: u64, at_ns: u64, slices: &mut Vec<Slice>) {
+        self.thread = match self.thread {
+            Some((known, _)) if known == pid => return,
+            Some((0, from_ns)) if self.seen_ns > from_ns => {
+                slices.push(Slice {
+                    from_ns,
+                    to_ns: self.seen_ns,
+                    runner: Runner::Idle,
+                });
+                Some((pid, self.seen_ns))
+            }
+            Some(_) => Some((pid, at_ns)),
+            None => None,
+        };
+    }
+}
+
+/// `prev_comm=NAME prev_pid=PID prev_prio=N prev_state=S ==> next_comm=NAME next_pid=PID next_prio=N`: who leaves, as
+/// it is by then, and the number of who comes.
+fn switch(fields: &str) -> Option<(Runner, u64)> {
+    let (leaves, comes) = fields.split_once(" ==> next_comm=")?;
+    let (name, rest) = leaves
+        .strip_prefix("prev_comm=")?
+        .rsplit_once(" prev_pid=")?;
+    let (pid, rest) = rest.split_once(" prev_prio=")?;
+    let (pid, priority) = (pid.parse().ok()?, rest.split(' ').next()?.parse().ok()?);
+    let runner = if pid == 0 {
+        Runner::Idle
+    } else {
+        Runner::Thread {
+            pid,
+            priority,
+            name: name.into(),
+        }
+    };
+    let (_, comes) = comes.rsplit_once(" next_pid=")?;
+    Some((runner, comes.split(' ').next()?.parse().ok()?))
+}
+
+/// A name for an interrupt: `irq=36 name=DEVICE`, `vec=1 [action=TIMER]`, or only the kind.
+fn interrupt(kind: &str, fields: &str) -> String {
+    let word = |begin: &str| Some(fields.split_once(begin)?.1.trim_end_matches(']'));
+    match kind {
+        "irq_handler" => {
+            word(" name=").map_or_else(|| kind.into(), |device| format!("irq {device}"))
+        }
+        "softirq" => {
+            word("[action=").map_or_else(|| kind.into(), |action| format!("softirq {action}"))
+        }
+        _ => kind.replace('_', " "),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lines as a kernel 6.18 writes them, with a name that holds everything that stands around it.
+    const TRACE: &str = "\
+# tracer: nop
+#
+     rcu_preempt-15      [001] d..2. 100.000010: sched_switch: prev_comm=rcu_preempt prev_pid=15 prev_prio=120 prev_state=I ==> next_comm=a: b-1 [2] next_pid=77 next_prio=120
+       a: b-1 [2]-77     [001] d.h.. 100.000050: irq_handler_entry: irq=36 name=virtio1-req.0
+       a: b-1 [2]-77     [001] d.h.. 100.000053: irq_handler_exit: irq=36 ret=handled
+          <idle>-0       [000] d.h.. 100.000054: local_timer_entry: vector=236
+       a: b-1 [2]-77     [001] ..s.. 100.000060: softirq_entry: vec=1 [action=TIMER]
+          <idle>-0       [000] d.h.. 100.000061: local_timer_exit: vector=236
+       a: b-1 [2]-77     [001] ..s.. 100.000064: softirq_exit: vec=1 [action=TIMER]
+       a: b-1 [2]-77     [001] d..2. 100.001000: sched_switch: prev_comm=a: b-1 [2] prev_pid=77 prev_prio=120 prev_state=R ==> next_comm=swapper/1 next_pid=0 next_prio=120
+          <idle>-0       [001] d..2. 100.001500: sched_switch: prev_comm=swapper/1 prev_pid=0 prev_prio=120 prev_state=R ==> next_comm=ironbird next_pid=9 next_prio=19
+";
+
+    #[test]
+    fn a_trace_tells_who_ran_and_what_interrupted() {
+        let told: Vec<(String, u64, u64)> = Readers::default()
+            .read(TRACE)
+            .into_iter()
+            .map(|it| {
+                (
+                    it.runner.words(),
+                    it.from_ns / 1000 - 100_000_000,
+                    it.to_ns - it.from_ns,
+                )
+            })
+            .collect();
+        let expected = [
+            ("irq virtio1-req.0", 50, 3_000),
+            ("local timer", 54, 7_000),
+            ("softirq TIMER", 60, 4_000),
+            ("a: b-1 [2] (77)", 10, 990_000),
+            ("idle", 1000, 500_000),
+        ];
+        assert_eq!(
+            told,
+            expected.map(|(name, from_us, ns)| (name.to_owned(), from_us, ns))
+        );
+    }
+
+    #[test]
+    fn a_slice_may_end_in_the_next_part() {
+        let lines: Vec<&str> = TRACE.lines().collect();
+        let mut readers = Readers::default();
+        assert_eq!(readers.read(&lines[..3].join("\n")), []);
+        let rest = readers.read(&lines[9..].join("\n"));
+        assert_eq!(
+            rest.iter().map(|it| it.runner.words()).collect::<Vec<_>>(),
+            ["a: b-1 [2] (77)", "idle"]
+        );
+    }
+
+    #[test]
+    fn who_runs_after_an_untraced_switch_is_known_since_the_last_interrupt_of_the_idle_thread_or_not_at_all()
+     {
+        const INTERRUPTED: &str = "<idle>-0 [001] dNh1. 100.001480: local_timer_exit: vector=236";
+        const LEAVES: &str = "hog-7 [001] d..2. 100.009000: sched_switch: prev_comm=hog prev_pid=7 prev_prio=0 prev_state=S ==> next_comm=ironbird next_pid=9 next_prio=19";
+        let lines: Vec<&str> = TRACE.lines().collect();
+        let told = |lines: &[&str]| -> Vec<(String, u64)> {
+            let slices = Readers::default().read(&lines.join("\n"));
+            slices
+                .iter()
+                .map(|it| (it.runner.words(), it.to_ns - it.from_ns))
+                .collect()
+        };
+        assert!(
+            lines[2].ends_with("next_pid=77 next_prio=120")
+                && lines[9].contains("next_comm=swapper/1")
+        );
+        let expected = [("idle".to_owned(), 480_000), ("hog (7)".into(), 7_520_000)];
+        assert_eq!(told(&[lines[9], INTERRUPTED, LEAVES]), expected);
+        assert_eq!(
+            told(&[lines[9], LEAVES]),
+            [],
+            "nobody knows since when it ran"
+        );
+        assert_eq!(told(&[lines[2], LEAVES]), [], "nor here");
+    }
+
+    #[test]
+    fn nobody_is_taken_to_have_run_while_the_ring_was_full() {
+        let lines: Vec<&str> = TRACE.lines().collect();
+        let mut readers = Readers::default();
+        assert_eq!(readers.read(&lines[..3].join("\n")), []);
+        assert_eq!(readers.read("CPU:1 [LOST 12 EVENTS]"), []);
+        let told = readers.read(&lines[9..].join("\n"));
+        assert_eq!(
+            told.iter().map(|it| it.runner.words()).collect::<Vec<_>>(),
+            ["idle"],
+            "not a: b-1 [2]"
+        );
+    }
+
+    #[test]
+    fn what_is_no_trace_has_no_slices() {
+        for text in [
+            "",
+            "\n#\n",
+            "x: y: z",
+            "a-1 [001] d 1.x: sched_switch: nothing",
+            ": : :",
+        ] {
+            assert_eq!(Readers::default().read(text), []);
+        }
+    }
+
+    #[test]
+    fn a_processor_is_a_bit_of_a_word() {
+        assert_eq!(
+            [0, 5, 31, 32, 65].map(mask),
+            ["1", "20", "80000000", "1,00000000", "2,00000000,00000000"]
+        );
+    }
+
+    #[test]
+    fn a_trace_that_cannot_be_read_names_the_file() {
+        // No directory is read as a file.
+        let pipe = File::open("/").unwrap();
+        let ring = Ring("/proc/self/nowhere".into());
+        let mut trace = Trace {
+            pipe,
+            ring,
+            rest: Vec::new(),
+            readers: Readers::default(),
+        };
+        let error = trace.take().unwrap_err().to_string();
+        assert_eq!(
+            error,
+            "/proc/self/nowhere/trace_pipe: Is a directory (os error 21)"
+        );
+    }
+
+    #[test]
+    fn a_refusal_names_the_file() {
+        let error = Trace::begin_at(Path::new("/proc/self/nowhere"), "x", Some(0)).unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .starts_with("/proc/self/nowhere/instances/x: "),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,645 @@
+//! Buffers writes to a disk that may be full or slow.
+//!
+//! A piece is written whole, waits, or is dropped. A separate thread writes the pieces and has them synced every
+//! `SYNC_EVERY`, so a disk that blocks holds nobody up.
+//!
+//! ```text
+//!   keeping --the disk takes no more--> waiting --it does again--> keeping
+//!                                       waiting --PATIENCE_BYTES wait--> pieces are dropped until fewer do
+//!                                       waiting --the end--> cut after the last whole piece
+//! ```
+
+use rustix::fs::fstatvfs;
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::Write;
+use std::os::unix::fs::FileExt as _;
+use std::rc::Rc;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use std::{io, thread};
+
+/// What may wait for the disk [bytes]: tens of seconds of a flight.
+const PATIENCE_BYTES: u64 = 16 << 20;
+/// What a log leaves free on its disk, for the report [bytes].
+pub const LEFT_FREE_BYTES: u64 = 4 << 20;
+/// How often what was written is synced: what a machine that hangs can lose, and a little more.
+const SYNC_EVERY: Duration = Duration::from_secs(5);
+/// How soon a disk that took nothing is tried again.
+const RETRY_EVERY: Duration = Duration::from_millis(500);
+/// How long the end of a file waits for a disk that makes no progress.
+const END_PATIENCE: Duration = Duration::from_secs(3);
+
+pub trait Disk: Send + 'static {
+    /// Bytes that are free on it; nothing where that is not known.
+    fn free(&self) -> Option<u64>;
+    /// Writes at a place of the file.
+    fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()>;
+    /// Cuts the file to a length.
+    fn cut(&self, length: u64) -> io::Result<()>;
+    fn sync(&self) -> io::Result<()>;
+}
+
+impl Disk for File {
+    fn free(&self) -> Option<u64> {
+        fstatvfs(self)
+            .ok()
+            .map(|disk| disk.f_bavail * disk.f_frsize)
+    }
+
+    fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
+        self.write_all_at(bytes, place)
+    }
+
+    fn cut(&self, length: u64) -> io::Result<()> {
+        self.set_len(length)
+    }
+
+    fn sync(&self) -> io::Result<()> {
+        self.sync_data()
+    }
+}
+
+/// A file, shared by the one who writes it and the one who looks after it.
+#[derive(Clone, Debug)]
+pub struct AsyncWriter(Rc<RefCell<Kept>>);
+
+#[derive(Debug)]
+struct Kept {
+    /// The piece that is being made.
+    piece: Vec<u8>,
+    queue: Arc<Queue>,
+}
+
+/// What the writing thread is given.
+#[derive(Debug, Default)]
+struct Queue {
+    state: Mutex<SpoolState>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct SpoolState {
+    pieces: VecDeque<Vec<u8>>,
+    /// Length of the file when all pieces are there [bytes].
+    handed: u64,
+    /// What the disk has [bytes].
+    on_disk: u64,
+    /// Length to cut the file to.
+    cut: Option<u64>,
+    /// Whether the thread is at the disk.
+    busy: bool,
+    /// Whether something is written and not synced.
+    unsynced: bool,
+    /// When a disk that took nothing the last time is tried again.
+    retry_at: Option<Instant>,
+    /// Why it did not, the first time.
+    refused: Option<String>,
+    has_gap: bool,
+    has_given_up: bool,
+    /// Nothing more comes: what is there is to be written and synced at once.
+    is_last: bool,
+    is_closed: bool,
+}
+
+/// What to do at the disk.
+enum DiskJob {
+    Write(Vec<u8>, u64),
+    Cut(u64),
+    Sync,
+    End,
+}
+
+impl AsyncWriter {
+    /// Of an empty file, which leaves so many bytes free on its disk.
+    pub fn new(disk: impl Disk, left_free: u64) -> io::Result<Self> {
+        let queue = Arc::new(Queue::default());
+        let theirs = Arc::clone(&queue);
+        thread::Builder::new()
+            .name("disk".into())
+            .spawn(move || theirs.serve(&disk, left_free))?;
+        Ok(Self(Rc::new(RefCell::new(Kept {
+            piece: Vec::new(),
+            queue,
+        }))))
+    }
+
+    /// Ends a piece and hands it over, without waiting. Gives the length up to which everything is on the disk [bytes].
+    pub fn settle(&self) -> u64 {
+        let mut kept = self.0.borrow_mut();
+        let piece = std::mem::take(&mut kept.piece);
+        let mut state = kept.queue.state();
+        if !piece.is_empty() && !state.has_given_up {
+            state.handed += piece.len() as u64;
+            state.pieces.push_back(piece);
+            kept.queue.changed.notify_all();
+        }
+        state.on_disk
+    }
+
+    /// As [`Self::settle`]; but a piece for which too much waits is dropped, and the ones after it are not.
+    pub fn settle_or_drop(&self) {
+        if self.is_overfull() {
+            self.0.borrow_mut().piece.clear();
+            self.say_dropped();
+        } else {
+            self.settle();
+        }
+    }
+
+    /// Says that something is dropped, as the disk is too slow for it.
+    pub fn say_dropped(&self) {
+        let kept = self.0.borrow();
+        let mut state = kept.queue.state();
+        state.refuse(format!(
+            "the disk is too slow: {} MiB waited for it",
+            PATIENCE_BYTES >> 20
+        ));
+        state.has_gap = true;
+    }
+
+    /// As [`Self::settle`], has what is there synced at once, and takes nothing more.
+    pub fn end(&self) {
+        self.settle();
+        let queue = Arc::clone(&self.0.borrow().queue);
+        queue.state().end();
+        queue.changed.notify_all();
+    }
+
+    /// Whether the disk has it all and has synced it.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.0.borrow().queue.state().is_at_rest()
+    }
+
+    /// As [`Self::end`], and waits until the disk has it all and has synced it. Where it takes nothing more, the file
+    /// is cut after the last whole piece. Gives why it is not whole, where it is not.
+    pub fn finish(&self) -> Option<String> {
+        let on_disk = self.rest();
+        if on_disk < self.written() {
+            self.give_up(on_disk);
+            self.rest();
+        }
+        self.gap()
+    }
+
+    /// As [`Self::end`], and waits until the disk has it all and has synced it, or takes nothing more; gives what it
+    /// has [bytes].
+    fn rest(&self) -> u64 {
+        self.end();
+        let queue = Arc::clone(&self.0.borrow().queue);
+        queue.await_rest()
+    }
+
+    /// Length of the file when everything that was written is there [bytes].
+    #[must_use]
+    pub fn written(&self) -> u64 {
+        let kept = self.0.borrow();
+        let state = kept.queue.state();
+        state.handed + kept.piece.len() as u64
+    }
+
+    /// Whether so much waits that nothing more can.
+    #[must_use]
+    pub fn is_overfull(&self) -> bool {
+        let kept = self.0.borrow();
+        let state = kept.queue.state();
+        state.handed - state.on_disk > PATIENCE_BYTES
+    }
+
+    /// Takes nothing more, and has the file cut to a length at which it is readable [bytes].
+    fn give_up(&self, length: u64) {
+        let mut kept = self.0.borrow_mut();
+        kept.piece = Vec::new();
+        let mut state = kept.queue.state();
+        state.refuse(format!(
+            "the disk took nothing for {} s",
+            END_PATIENCE.as_secs()
+        ));
+        state.pieces.clear();
+        (state.has_gap, state.has_given_up) = (true, true);
+        (state.handed, state.on_disk, state.cut) = (length, length, Some(length));
+        kept.queue.changed.notify_all();
+    }
+
+    /// Why the file is not whole, where something was dropped or given up.
+    fn gap(&self) -> Option<String> {
+        let kept = self.0.borrow();
+        let state = kept.queue.state();
+        state
+            .refused
+            .clone()
+            .filter(|_| state.has_gap || state.on_disk < state.handed)
+    }
+
+    /// Why the disk did not take something, the first time.
+    #[must_use]
+    pub fn refused(&self) -> Option<String> {
+        self.0.borrow().queue.state().refused.clone()
+    }
+}
+
+impl SpoolState {
+    fn refuse(&mut self, reason: String) {
+        self.refused.get_or_insert(reason);
+    }
+
+    fn end(&mut self) {
+        (self.is_last, self.retry_at) = (true, None);
+    }
+
+    fn is_at_rest(&self) -> bool {
+        self.pieces.is_empty()
+            && self.cut.is_none()
+            && !self.busy
+            && !(self.is_last && self.unsynced)
+    }
+}
+
+impl Queue {
+    fn state(&self) -> MutexGuard<'_, SpoolState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until the thread has nothing to do, or the disk stands still; gives what is on the disk.
+    fn await_rest(&self) -> u64 {
+        let (mut moved_at, mut on_disk) = (Instant::now(), None);
+        let mut state = self.state();
+        while !state.is_at_rest() && state.retry_at.is_none() && moved_at.elapsed() < END_PATIENCE {
+            if on_disk.replace(state.on_disk) != Some(state.on_disk) {
+                moved_at = Instant::now();
+            }
+            state = self
+                .changed
+                .wait_timeout(state, RETRY_EVERY)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
+        }
+        state.on_disk
+    }
+
+    fn serve(&self, disk: &impl Disk, left_free: u64) {
+        let mut synced_at = Instant::now();
+        loop {
+            match self.next(synced_at) {
+                DiskJob::Write(piece, place) => {
+                    let written = write(disk, &piece, place, left_free);
+                    self.wrote(piece, written);
+                }
+                DiskJob::Cut(length) => {
+                    let cut = disk
+                        .cut(length)
+                        .map_err(|e| format!("cannot cut the file: {e}"));
+                    self.told(cut);
+                }
+                DiskJob::Sync => {
+                    synced_at = Instant::now();
+                    let synced = disk
+                        .sync()
+                        .map_err(|e| format!("cannot sync the file: {e}"));
+                    self.told(synced);
+                }
+                DiskJob::End => return,
+            }
+        }
+    }
+
+    fn next(&self, synced_at: Instant) -> DiskJob {
+        let mut state = self.state();
+        loop {
+            let is_due = synced_at.elapsed() >= SYNC_EVERY || state.is_last;
+            let may_write = state.retry_at.is_none_or(|at| Instant::now() >= at);
+            let job = if let Some(length) = state.cut.take() {
+                DiskJob::Cut(length)
+            } else if let Some(piece) = state.pieces.pop_front_if(|_| may_write) {
+                DiskJob::Write(piece, state.on_disk)
+            } else if state.unsynced && is_due {
+                state.unsynced = false;
+                DiskJob::Sync
+            } else if state.is_closed && (state.pieces.is_empty() || state.retry_at.is_some()) {
+                DiskJob::End
+            } else {
+                state = self
+                    .changed
+                    .wait_timeout(state, RETRY_EVERY)
+                    .unwrap_or_else(PoisonError::into_inner)
+                    .0;
+                continue;
+            };
+            // After the last job nobody says that it is done.
+            state.busy = !matches!(job, DiskJob::End);
+            return job;
+        }
+    }
+
+    /// What came of a piece; one that was not taken is tried again.
+    fn wrote(&self, piece: Vec<u8>, written: Result<(), String>) {
+        let mut state = self.state();
+        state.busy = false;
+        match written {
+            _ if state.has_given_up => {}
+            Ok(()) => {
+                state.on_disk += piece.len() as u64;
+                (state.unsynced, state.retry_at) = (true, None);
+            }
+            Err(reason) => {
+                state.refuse(reason);
+                state.retry_at = Some(Instant::now() + RETRY_EVERY);
+                state.pieces.push_front(piece);
+            }
+        }
+        self.changed.notify_all();
+    }
+
+    fn told(&self, outcome: Result<(), String>) {
+        let mut state = self.state();
+        state.busy = false;
+        if let Err(reason) = outcome {
+            state.refuse(reason);
+        }
+        self.changed.notify_all();
+    }
+}
+
+/// Writes a piece, or leaves the file as it was.
+fn write(disk: &impl Disk, piece: &[u8], place: u64, left_free: u64) -> Result<(), String> {
+    if disk
+        .free()
+        .is_some_and(|free| free < left_free + piece.len() as u64)
+    {
+        return Err(format!(
+            "less than {} MiB would be left free on the disk",
+            left_free >> 20
+        ));
+    }
+    disk.write_at(piece, place).map_err(|e| {
+        // Whoever reads the file meanwhile finds whole pieces; where this fails, too, the next try writes over it.
+        let _ = disk.cut(place);
+        e.to_string()
+    })
+}
+
+impl Write for AsyncWriter {
+    /// Never fails: what the disk does not take now waits.
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut kept = self.0.borrow_mut();
+        if !kept.queue.state().has_given_up {
+            kept.piece.extend_from_slice(bytes);
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Drop for Kept {
+    /// What was handed over is still written, if the disk takes it.
+    fn drop(&mut self) {
+        {
+            let mut state = self.queue.state();
+            state.end();
+            state.is_closed = true;
+        }
+        self.queue.changed.notify_all();
+        self.queue.await_rest();
+    }
+}
+
+#[cfg(test)]
+#[path = "spool/tests.rs"]
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{Read as _, Seek as _};
+    use std::sync::mpsc::{Receiver, Sender, channel};
+
+    /// A disk that writes when it is allowed to, and says what it did.
+    struct Gate {
+        file: File,
+        allowed: Mutex<Receiver<()>>,
+        done: Sender<&'static str>,
+    }
+
+    impl Disk for Gate {
+        fn free(&self) -> Option<u64> {
+            None
+        }
+
+        fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
+            let allowed = self.allowed.lock().unwrap().recv();
+            self.done.send("write").unwrap();
+            // Who allows nothing more is a disk that is gone.
+            allowed.map_err(|_| io::Error::other("gone"))?;
+            self.file.write_all_at(bytes, place)
+        }
+
+        fn cut(&self, length: u64) -> io::Result<()> {
+            self.file.set_len(length)
+        }
+
+        fn sync(&self) -> io::Result<()> {
+            self.done.send("sync").map_err(io::Error::other)
+        }
+    }
+
+    fn text(file: &mut File) -> String {
+        let mut text = String::new();
+        file.rewind().unwrap();
+        file.read_to_string(&mut text).unwrap();
+        text
+    }
+
+    fn gated() -> (File, AsyncWriter, Sender<()>, Receiver<&'static str>) {
+        let file = tempfile::tempfile().unwrap();
+        let ((allow, allowed), (done, was_done)) = (channel(), channel());
+        let disk = Gate {
+            file: file.try_clone().unwrap(),
+            allowed: Mutex::new(allowed),
+            done,
+        };
+        (file, AsyncWriter::new(disk, 0).unwrap(), allow, was_done)
+    }
+
+    #[test]
+    fn what_waits_goes_in_order_and_what_is_given_up_is_cut() {
+        let mut file = tempfile::tempfile().unwrap();
+        let mut spool = AsyncWriter::new(file.try_clone().unwrap(), 0).unwrap();
+        spool.write_all(b"first").unwrap();
+        assert_eq!((spool.written(), spool.rest(), spool.written()), (5, 5, 5));
+        spool.write_all(b" second").unwrap();
+        assert_eq!(spool.rest(), 12);
+        spool.give_up(5);
+        spool.write_all(b" third").unwrap();
+        assert_eq!(
+            (spool.rest(), spool.gap().is_some(), spool.written()),
+            (5, true, 5)
+        );
+        assert_eq!(text(&mut file), "first");
+    }
+
+    #[test]
+    fn a_disk_that_blocks_holds_nobody_up_and_loses_nothing_that_fits() {
+        let (mut file, mut spool, allow, done) = gated();
+        for piece in ["one ", "two ", "three"] {
+            spool.write_all(piece.as_bytes()).unwrap();
+            // Were it the writer that waits for the disk, it would wait for ever: nothing is allowed yet.
+            assert_eq!(spool.settle(), 0);
+        }
+        assert_eq!(
+            (spool.written(), spool.refused(), text(&mut file).as_str()),
+            (13, None, "")
+        );
+        (0..3).for_each(|_| allow.send(()).unwrap());
+        assert_eq!((spool.rest(), spool.finish()), (13, None));
+        assert_eq!(text(&mut file), "one two three");
+        assert_eq!(
+            done.try_iter().collect::<Vec<_>>(),
+            ["write", "write", "write", "sync"],
+            "synced at the end"
+        );
+    }
+
+    #[test]
+    fn a_file_that_is_ended_while_its_disk_blocks_is_waited_for_by_nobody() {
+        let (mut file, mut spool, allow, done) = gated();
+        spool.write_all(b"last").unwrap();
+        spool.end();
+        assert!(!spool.is_at_rest(), "nothing is allowed yet");
+        allow.send(()).unwrap();
+        while !spool.is_at_rest() {
+            thread::yield_now();
+        }
+        assert_eq!((text(&mut file).as_str(), spool.settle()), ("last", 4));
+        assert_eq!(done.try_iter().collect::<Vec<_>>(), ["write", "sync"]);
+    }
+
+    #[test]
+    fn what_a_disk_that_blocks_for_too_long_has_no_room_for_is_dropped_and_what_comes_after_it_is_not()
+     {
+        let (mut file, mut spool, allow, done) = gated();
+        let much = vec![b'x'; PATIENCE_BYTES as usize + 1];
+        for piece in [&much[..], b" dropped", b" too"] {
+            spool.write_all(piece).unwrap();
+            spool.settle_or_drop();
+        }
+        assert!(spool.is_overfull());
+        assert_eq!(spool.written(), PATIENCE_BYTES + 1);
+        assert!(
+            spool
+                .gap()
+                .unwrap()
+                .contains("the disk is too slow: 16 MiB waited"),
+            "{:?}",
+            spool.gap()
+        );
+        allow.send(()).unwrap();
+        assert_eq!(done.recv(), Ok("write"));
+        while spool.is_overfull() {
+            thread::yield_now();
+        }
+        spool.write_all(b" kept").unwrap();
+        spool.settle_or_drop();
+        allow.send(()).unwrap();
+        assert_eq!(spool.rest(), PATIENCE_BYTES + 6);
+        assert_eq!(text(&mut file).trim_start_matches('x'), " kept");
+        assert!(spool.gap().is_some(), "what was dropped stays so");
+    }
+
+    #[test]
+    fn a_disk_that_stands_still_at_the_end_is_named_and_the_file_ends_with_a_whole_piece() {
+        let (mut file, mut spool, allow, done) = gated();
+        spool.write_all(b"whole").unwrap();
+        spool.settle();
+        allow.send(()).unwrap();
+        done.recv().unwrap();
+        while spool.settle() < 5 {
+            thread::yield_now();
+        }
+        assert_eq!(spool.gap(), None);
+        spool.write_all(b" and a piece").unwrap();
+        assert_eq!(
+            spool.finish().as_deref(),
+            Some("the disk took nothing for 3 s")
+        );
+        // It is still in the middle of that write.
+        allow.send(()).unwrap();
+        assert_eq!((spool.rest(), text(&mut file).as_str()), (5, "whole"));
+    }
+
+    #[test]
+    fn a_disk_with_too_little_room_is_left_alone_and_said_so() {
+        let file = tempfile::tempfile().unwrap();
+        let mut spool = AsyncWriter::new(file.try_clone().unwrap(), u64::MAX >> 1).unwrap();
+        spool.write_all(&[0; 100]).unwrap();
+        assert_eq!((spool.rest(), file.metadata().unwrap().len()), (0, 0));
+        assert!(spool.refused().unwrap().contains("left free on the disk"));
+        assert!(!spool.is_overfull());
+        spool.write_all(&vec![0; PATIENCE_BYTES as usize]).unwrap();
+        spool.settle();
+        assert!(spool.is_overfull());
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_written_is_no_failure_of_the_writer() {
+        let mut spool = AsyncWriter::new(File::open("/dev/null").unwrap(), 0).unwrap();
+        spool.write_all(b"lost").unwrap();
+        assert_eq!(spool.rest(), 0);
+        assert!(
+            spool
+                .refused()
+                .is_some_and(|reason| reason.contains("Bad file descriptor")),
+            "{:?}",
+            spool.refused()
+        );
+    }
+
+    #[test]
+    fn what_a_full_disk_took_of_a_piece_is_taken_back() {
+        struct Full(File);
+        impl Disk for Full {
+            fn free(&self) -> Option<u64> {
+                None
+            }
+            fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
+                let fits = bytes.len().min(7 - place as usize);
+                self.0.write_all_at(&bytes[..fits], place)?;
+                if fits == bytes.len() {
+                    Ok(())
+                } else {
+                    Err(io::Error::from(io::ErrorKind::StorageFull))
+                }
+            }
+            fn cut(&self, length: u64) -> io::Result<()> {
+                self.0.set_len(length)
+            }
+            fn sync(&self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        let mut file = tempfile::tempfile().unwrap();
+        let mut spool = AsyncWriter::new(Full(file.try_clone().unwrap()), 0).unwrap();
+        spool.write_all(b"line\n").unwrap();
+        spool.rest();
+        spool.write_all(b"a second line\n").unwrap();
+        assert_eq!((spool.rest(), text(&mut file).as_str()), (5, "line\n"));
+        assert!(spool.refused().is_some());
+    }
+
+    #[test]
+    fn a_spool_that_is_dropped_waits_for_no_thread_that_has_ended() {
+        for _ in 0..50 {
+            let mut spool = AsyncWriter::new(tempfile::tempfile().unwrap(), 0).unwrap();
+            spool.write_all(b"piece").unwrap();
+            spool.rest();
+            let begun = Instant::now();
+            drop(spool);
+            assert!(
+                begun.elapsed() < END_PATIENCE,
+                "it was waited for a thread that says nothing any more"
+            );
+        }
+    }
+}

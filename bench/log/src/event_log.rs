@@ -1,0 +1,287 @@
+//! Chooses what a log of excerpts keeps: the ticks around missed deadlines, swaps, take-off and landing.
+//!
+//! ```text
+//!   tick      0 .. around          e - around .. e .. e + around           last - around .. last
+//!             |-- take-off --|     |-------- missed or swapped ------|     |---- landing ------|
+//!                             left out                                left out
+//! ```
+//!
+//! Messages wait in a ring until it is known whether an event wants them, `around` ticks long. Every swap is kept.
+
+use crate::TOPICS;
+use crate::entry::{Counts, LogEntry};
+use messages::content::State;
+use messages::header::Message;
+use std::collections::VecDeque;
+use std::ops::RangeInclusive;
+
+/// How far a topic may come behind the states [ticks]: more than the recorder takes in at once.
+const BEHIND_TICKS: u64 = 20_000;
+
+#[derive(Clone, Debug)]
+pub struct EventLog {
+    around_ticks: u64,
+    /// What an event that is still to come may want, as it came.
+    waiting: VecDeque<LogEntry>,
+    /// Ticks that are kept, in order and apart from each other.
+    kept: VecDeque<RangeInclusive<u64>>,
+    newest: Option<Seen>,
+    stretches: u64,
+    left_out: Counts,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    tick: u64,
+    missed: u64,
+    parameter_epoch: u64,
+}
+
+impl EventLog {
+    /// Keeps so many ticks before and after each event.
+    #[must_use]
+    pub const fn new(around_ticks: u64) -> Self {
+        Self {
+            around_ticks,
+            waiting: VecDeque::new(),
+            kept: VecDeque::new(),
+            newest: None,
+            stretches: 0,
+            left_out: [0; TOPICS.len()],
+        }
+    }
+
+    /// Takes a message, and hands on what is kept.
+    pub fn take(&mut self, entry: LogEntry, mut keep: impl FnMut(&LogEntry)) {
+        if let LogEntry::State(state) = &entry {
+            if let Some(event) = self.event(state) {
+                self.widen(event, &mut keep);
+            }
+            self.forget(state.envelope.tick);
+        }
+        if matches!(entry, LogEntry::Swap(_)) || is_in(&self.kept, entry.envelope().tick) {
+            keep(&entry);
+        } else {
+            self.waiting.push_back(entry);
+        }
+    }
+
+    /// Hands on what belongs to the landing: nothing more comes.
+    pub fn finish(&mut self, mut keep: impl FnMut(&LogEntry)) {
+        if let Some(Seen { tick, .. }) = self.newest {
+            self.widen(tick..=tick, &mut keep);
+        }
+        self.waiting
+            .drain(..)
+            .for_each(|entry| self.left_out[entry.topic()] += 1);
+    }
+
+    /// Messages that no event wanted; those that wait are not among them.
+    #[must_use]
+    pub const fn left_out(&self) -> Counts {
+        self.left_out
+    }
+
+    /// How many stretches are kept, apart from each other.
+    #[must_use]
+    pub const fn stretches(&self) -> u64 {
+        self.stretches
+    }
+
+    /// The ticks of an event that a state tells of.
+    fn event(&mut self, state: &Message<State>) -> Option<RangeInclusive<u64>> {
+        let tick = state.envelope.tick;
+        let State {
+            deadlines_missed: missed,
+            parameter_epoch,
+            ..
+        } = state.content;
+        let before = self.newest.replace(Seen {
+            tick,
+            missed,
+            parameter_epoch,
+        });
+        match before {
+            None => Some(tick..=tick),
+            // Of the ticks since the last state, any may have missed.
+            Some(before) if missed > before.missed => Some(before.tick + 1..=tick),
+            Some(before) if parameter_epoch != before.parameter_epoch => Some(tick..=tick),
+            Some(_) => None,
+        }
+    }
+
+    /// Keeps the ticks around an event too.
+    fn widen(&mut self, event: RangeInclusive<u64>, keep: &mut impl FnMut(&LogEntry)) {
+        let (from, to) = (
+            event.start().saturating_sub(self.around_ticks),
+            event.end() + self.around_ticks,
+        );
+        match self.kept.back_mut() {
+            Some(last) if from <= last.end() + 1 => *last = *last.start()..=to,
+            _ => {
+                self.stretches += 1;
+                self.kept.push_back(from..=to);
+            }
+        }
+        let kept = &self.kept;
+        self.waiting.retain(|entry| {
+            let is_kept = is_in(kept, entry.envelope().tick);
+            if is_kept {
+                keep(entry);
+            }
+            !is_kept
+        });
+    }
+
+    /// Lets go what no event after this tick can want.
+    fn forget(&mut self, tick: u64) {
+        let oldest = tick.saturating_sub(self.around_ticks);
+        while let Some(entry) = self
+            .waiting
+            .pop_front_if(|entry| entry.envelope().tick < oldest)
+        {
+            self.left_out[entry.topic()] += 1;
+        }
+        while self
+            .kept
+            .pop_front_if(|range| range.end() + BEHIND_TICKS < tick)
+            .is_some()
+        {}
+    }
+}
+
+fn is_in(kept: &VecDeque<RangeInclusive<u64>>, tick: u64) -> bool {
+    kept.iter()
+        .rev()
+        .take_while(|range| *range.end() >= tick)
+        .any(|range| range.contains(&tick))
+}
+
+#[cfg(test)]
+mod tests {
+    use messages::content::{SwapRecord, Wrench};
+    use messages::header::Header;
+
+    use super::*;
+
+    fn envelope(tick: u64) -> Header {
+        Header {
+            tick,
+            ..Header::new()
+        }
+    }
+
+    fn state(tick: u64, deadlines_missed: u64, parameter_epoch: u64) -> LogEntry {
+        let content = State {
+            deadlines_missed,
+            parameter_epoch,
+            ..State::default()
+        };
+        LogEntry::State(Message {
+            envelope: envelope(tick),
+            content,
+        })
+    }
+
+    fn wrench(tick: u64) -> LogEntry {
+        LogEntry::Wrench(Message {
+            envelope: envelope(tick),
+            content: Wrench::default(),
+        })
+    }
+
+    /// Ticks of the states and of the wrenches that are kept of a flight, which is drained `batch` ticks at a time,
+    /// topic after topic.
+    fn kept(
+        excerpt: &mut EventLog,
+        last: u64,
+        batch: usize,
+        missed: fn(u64) -> u64,
+        epoch: fn(u64) -> u64,
+    ) -> [Vec<u64>; 2] {
+        let mut kept = [Vec::new(), Vec::new()];
+        let mut keep = |entry: &LogEntry| kept[entry.topic() / 2].push(entry.envelope().tick);
+        let ticks: Vec<u64> = (0..=last).collect();
+        for ticks in ticks.chunks(batch) {
+            ticks.iter().for_each(|tick| {
+                excerpt.take(state(*tick, missed(*tick), epoch(*tick)), &mut keep)
+            });
+            ticks
+                .iter()
+                .for_each(|tick| excerpt.take(wrench(*tick), &mut keep));
+        }
+        excerpt.finish(keep);
+        kept
+    }
+
+    #[test]
+    fn kept_is_what_is_around_take_off_misses_swaps_and_landing_however_it_is_drained() {
+        for batch in [1, 10, 100, 1000] {
+            let mut excerpt = EventLog::new(10);
+            let kept = kept(
+                &mut excerpt,
+                500,
+                batch,
+                |tick| u64::from(tick >= 100) + u64::from(tick >= 115),
+                |tick| u64::from(tick >= 300),
+            );
+            let expected: Vec<u64> = (0..=10)
+                .chain(90..=125)
+                .chain(290..=310)
+                .chain(490..=500)
+                .collect();
+            assert_eq!(
+                kept,
+                [expected.clone(), expected],
+                "drained {batch} at a time"
+            );
+            assert_eq!(
+                (excerpt.stretches(), excerpt.left_out()),
+                (4, [422, 0, 422, 0, 0, 0])
+            );
+        }
+    }
+
+    #[test]
+    fn a_miss_among_skipped_ticks_may_be_of_any_of_them() {
+        let mut excerpt = EventLog::new(5);
+        let mut kept = Vec::new();
+        for tick in (0..=50).chain(90..=120) {
+            excerpt.take(state(tick, u64::from(tick >= 90), 0), |entry| {
+                kept.push(entry.envelope().tick)
+            });
+        }
+        assert_eq!(
+            kept,
+            (0..=5).chain(46..=50).chain(90..=95).collect::<Vec<_>>()
+        );
+    }
+
+    #[test]
+    fn a_swap_is_always_kept() {
+        let mut excerpt = EventLog::new(5);
+        (0..100).for_each(|tick| excerpt.take(state(tick, 0, 0), |_| ()));
+        let swap = LogEntry::Swap(Message {
+            envelope: envelope(50),
+            content: SwapRecord::default(),
+        });
+        let mut kept = 0;
+        excerpt.take(swap, |_| kept += 1);
+        assert_eq!(kept, 1);
+    }
+
+    #[test]
+    fn what_waits_is_bounded_by_what_is_kept_around_an_event() {
+        let mut excerpt = EventLog::new(1000);
+        for tick in 0..100_000 {
+            excerpt.take(state(tick, tick / 3000, 0), |_| ());
+            excerpt.take(wrench(tick), |_| ());
+            assert!(
+                excerpt.waiting.len() <= 2 * 1001 && excerpt.kept.len() < 20,
+                "at tick {tick}"
+            );
+        }
+        // It would wait for what it has forgotten, were nothing left out.
+        assert!(excerpt.left_out()[0] > 30_000, "{:?}", excerpt.left_out());
+    }
+}

@@ -1,0 +1,668 @@
+//! One file of the flight log: messages in chunks, the scene, and what its reader needs to begin with it.
+//!
+//! There is one chunk per [`CHUNK_NS`]. Inside a chunk the messages are grouped by topic, because zstd compresses
+//! similar data best. After a killed recorder the file is readable up to the last chunk.
+
+use crate::async_writer::AsyncWriter;
+use crate::codec::{Logged, encode};
+use crate::entry::{Counts, LogEntry};
+use crate::facts::{Facts, LANDING, Record};
+use crate::scene::Placed;
+use crate::telemetry::{BESIDE, TelemetryTopic, place};
+use crate::{TOPICS, scene, schema, units};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use mcap::{Compression, McapError, WriteOptions, Writer};
+use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::grid::{NS_PER_S, Pace};
+use messages::header::Message;
+use messages::monitor::Monitor;
+use messages::telemetry::LAW_ROLES;
+use messages::topic::Topic;
+use std::collections::{BTreeMap, VecDeque};
+
+/// Longest time between two chunks [ns].
+pub const CHUNK_NS: u64 = NS_PER_S / 2;
+/// Longest chunk before it is compressed [bytes]; in lockstep the clock would make longer ones.
+const CHUNK_BYTES: usize = 1 << 20;
+/// Level of zstd: up to 15 nothing gets smaller beyond 6, and at 3 a flight is a thirtieth larger. But compressing is a
+/// burst beside the loops, whose 99th percentile it can be, and at 3 it takes half as long.
+const LEVEL: u32 = 3;
+/// The same in lockstep, where ticks come as fast as the recorder takes them, and compressing is most of what it does.
+const LOCKSTEP_LEVEL: u32 = 1;
+
+/// What became of the messages of a file so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct FileFate {
+    /// Its length [bytes].
+    pub(super) bytes: u64,
+    /// Messages in it, or on their way to a disk that has taken everything so far.
+    pub(super) written: Counts,
+    pub(super) dropped: Counts,
+}
+
+/// Messages of a channel, each with what belongs right behind it.
+type Part = Vec<(MessageHeader, Vec<u8>)>;
+
+/// A file that is being written.
+pub(super) struct LogFile {
+    writer: Writer<NoSeek<AsyncWriter>>,
+    spool: AsyncWriter,
+    pace: Pace,
+    newest_sample_ns: u64,
+    channels: BTreeMap<&'static str, u16>,
+    /// What the laws show, each with its channel, in the order of [`LAW_ROLES`].
+    telemetry: [Option<(u16, TelemetryTopic)>; LAW_ROLES.len()],
+    scene_every_ticks: u64,
+    scene_sequence: [u32; scene::CHANNELS.len()],
+    chunk: BTreeMap<u16, Part>,
+    /// What is still to be written of the chunk before it.
+    ending: VecDeque<Part>,
+    /// Messages that had come when that one ended, without those that were dropped.
+    ended: Counts,
+    taken: Counts,
+    /// Messages of these that were dropped, as the disk was too slow for them.
+    dropped: Counts,
+    /// Lengths at which the file is readable that have not reached the disk, with what is before them.
+    chunks: VecDeque<(u64, Counts)>,
+    settled: (u64, Counts),
+    next_chunk_ns: u64,
+    chunk_bytes: usize,
+}
+
+impl LogFile {
+    /// A file with its schemas and facts, before its first message; `newest_sample_ns` is of the file before it.
+    pub(super) fn begin(
+        spool: AsyncWriter,
+        facts: &Facts,
+        part: u64,
+        newest_sample_ns: u64,
+    ) -> Result<Self, McapError> {
+        let options = WriteOptions::new()
+            .library(concat!("ironbird ", env!("CARGO_PKG_VERSION")))
+            .compression(Some(Compression::Zstd))
+            .compression_level(if facts.pace == Pace::Lockstep {
+                LOCKSTEP_LEVEL
+            } else {
+                LEVEL
+            })
+            // Chunks go to the spool whole, compressed by this thread; they end when they are told to.
+            .compression_threads(0)
+            .disable_seeking(true)
+            .chunk_size(None);
+        let mut writer = Writer::with_options(NoSeek::new(spool.clone()), options)?;
+        for (name, metadata) in facts.records(part) {
+            writer.write_metadata(&Metadata {
+                name: name.into(),
+                metadata,
+            })?;
+        }
+        let shown = LAW_ROLES.map(|role| TelemetryTopic::new(role, facts.signals.of(role)));
+        let mut channels = Channels {
+            writer: &mut writer,
+            shown: &shown,
+            channels: BTreeMap::new(),
+        };
+        channels.add::<State>(None)?;
+        channels.add::<Setpoint>(None)?;
+        channels.add::<Wrench>(None)?;
+        channels.add::<RotorSpeeds>(None)?;
+        channels.add::<SwapRecord>(None)?;
+        channels.add::<Monitor>(facts.no_theorem.as_deref())?;
+        let mut channels = channels.channels;
+        let telemetry = add_telemetry(&mut writer, shown)?;
+        let set = scene::descriptor_set();
+        for (topic, schema) in scene::CHANNELS {
+            let schema = writer.add_schema(schema, "protobuf", &set)?;
+            channels.insert(
+                topic,
+                writer.add_channel(schema, topic, "protobuf", &BTreeMap::new())?,
+            );
+        }
+        let mut file = Self {
+            writer,
+            spool,
+            pace: facts.pace,
+            newest_sample_ns,
+            channels,
+            telemetry,
+            scene_every_ticks: scene::every_ticks(facts.sample_time_ns),
+            scene_sequence: [0; scene::CHANNELS.len()],
+            chunk: BTreeMap::new(),
+            ending: VecDeque::new(),
+            ended: [0; TOPICS.len()],
+            taken: [0; TOPICS.len()],
+            dropped: [0; TOPICS.len()],
+            chunks: VecDeque::new(),
+            settled: (0, [0; TOPICS.len()]),
+            next_chunk_ns: 0,
+            chunk_bytes: 0,
+        };
+        file.end_chunk()?;
+        Ok(file)
+    }
+
+    /// Takes a message, and every few ticks puts airframe and reference into the scene.
+    pub(super) fn take(&mut self, entry: &LogEntry) {
+        self.taken[entry.topic()] += 1;
+        match entry {
+            LogEntry::State(message) => {
+                self.write(message);
+                self.place(message, Placed::airframe);
+            }
+            LogEntry::Setpoint(message) => {
+                self.write(message);
+                self.place(message, Placed::reference);
+            }
+            LogEntry::Wrench(message) => self.write(message),
+            LogEntry::RotorSpeeds(message) => self.write(message),
+            LogEntry::Swap(message) => self.write(message),
+            LogEntry::Theorem(message) => self.write(message),
+        }
+    }
+
+    fn write<C: Logged>(&mut self, message: &Message<C>) {
+        let envelope = &message.envelope;
+        let mut bytes = Vec::new();
+        encode(message, &mut bytes);
+        let log_time = self.log_time(message);
+        let header = MessageHeader {
+            channel_id: self
+                .channels
+                .get(<C as Topic>::NAME)
+                .copied()
+                .unwrap_or_default(),
+            sequence: envelope.seq as u32,
+            log_time,
+            // Where the sender is no stage there is none, and MCAP asks for the other one.
+            publish_time: Some(envelope.stamps_of(C::SENDER).send_ns)
+                .filter(|sent_ns| *sent_ns > 0)
+                .unwrap_or(log_time),
+        };
+        self.newest_sample_ns = self.newest_sample_ns.max(envelope.sample_ns);
+        let part = header.channel_id;
+        self.add(part, header, bytes);
+        if let Some(telemetry) = message.content.telemetry()
+            && let Some((channel_id, shown)) =
+                place(C::SENDER).and_then(|place| self.telemetry[place].as_ref())
+        {
+            let (header, mut bytes) = (
+                MessageHeader {
+                    channel_id: *channel_id,
+                    ..header
+                },
+                Vec::new(),
+            );
+            shown.encode(envelope.tick, telemetry, &mut bytes);
+            self.add(part, header, bytes);
+        }
+    }
+
+    fn add(&mut self, part: u16, header: MessageHeader, bytes: Vec<u8>) {
+        self.chunk_bytes += bytes.len();
+        self.chunk.entry(part).or_default().push((header, bytes));
+    }
+
+    /// When a message was sampled [ns]; where it goes back to no sample, the beginning of its tick, or in lockstep,
+    /// where ticks have no place on the clock, the newest sample.
+    fn log_time<C: Logged>(&self, message: &Message<C>) -> u64 {
+        let Message { envelope, .. } = message;
+        match self.pace {
+            _ if envelope.sample_ns > 0 => envelope.sample_ns,
+            Pace::Realtime(grid) => grid.begin_of(envelope.tick),
+            Pace::Lockstep => self.newest_sample_ns,
+        }
+    }
+
+    fn place<C: Logged>(&mut self, message: &Message<C>, placed: fn(u64, &C) -> Placed) {
+        if !message.envelope.tick.is_multiple_of(self.scene_every_ticks) {
+            return;
+        }
+        let placed = placed(self.log_time(message), &message.content);
+        let publish_time = message.envelope.stamps_of(C::SENDER).send_ns;
+        for (channel, bytes) in placed.messages() {
+            let header = MessageHeader {
+                channel_id: self
+                    .channels
+                    .get(scene::CHANNELS[channel].0)
+                    .copied()
+                    .unwrap_or_default(),
+                sequence: self.scene_sequence[channel],
+                log_time: placed.at_ns(),
+                publish_time,
+            };
+            self.scene_sequence[channel] += 1;
+            self.add(header.channel_id, header, bytes);
+        }
+    }
+
+    /// Ends a chunk when it is time, and hands it to the disk; to be called often. Says whether all but the present
+    /// chunk is handed over.
+    ///
+    /// By the clock, one channel per call: compressing a whole chunk takes several ticks and would disturb the loops.
+    pub(super) fn keep(&mut self, now_ns: u64) -> Result<bool, McapError> {
+        if self.ending.is_empty() {
+            if now_ns < self.next_chunk_ns && self.chunk_bytes < CHUNK_BYTES {
+                return Ok(false);
+            }
+            self.next_chunk_ns = now_ns + CHUNK_NS;
+            self.begin_end();
+        }
+        let at_once = if self.pace == Pace::Lockstep {
+            self.ending.len()
+        } else {
+            1
+        };
+        self.compress(at_once)?;
+        let is_handed_over = self.ending.is_empty();
+        if is_handed_over {
+            self.hand_over()?;
+        }
+        Ok(is_handed_over)
+    }
+
+    /// Nothing more belongs to the present chunk. It is dropped where too much waits for the disk: the chunks after it
+    /// need not be.
+    fn begin_end(&mut self) {
+        let chunk = std::mem::take(&mut self.chunk);
+        self.chunk_bytes = 0;
+        if self.spool.is_overfull() {
+            self.dropped = less(self.taken, self.ended);
+            self.spool.say_dropped();
+        } else {
+            self.ending.extend(chunk.into_values());
+        }
+        self.ended = less(self.taken, self.dropped);
+    }
+
+    fn compress(&mut self, channels: usize) -> Result<(), McapError> {
+        let channels = channels.min(self.ending.len());
+        for (header, bytes) in self.ending.drain(..channels).flatten() {
+            self.writer.write_to_known_channel(&header, &bytes)?;
+        }
+        Ok(())
+    }
+
+    fn hand_over(&mut self) -> Result<(), McapError> {
+        self.writer.flush()?;
+        self.chunks.push_back((self.spool.written(), self.ended));
+        self.settle();
+        Ok(())
+    }
+
+    /// Ends the present chunk, and what is left of the one before it.
+    fn end_chunk(&mut self) -> Result<(), McapError> {
+        self.begin_end();
+        self.compress(usize::MAX)?;
+        self.hand_over()
+    }
+
+    fn settle(&mut self) {
+        let on_disk = self.spool.settle();
+        while let Some(chunk) = self.chunks.pop_front_if(|(length, _)| *length <= on_disk) {
+            self.settled = chunk;
+        }
+    }
+
+    /// Length of the file when everything that was handed over is there [bytes].
+    pub(super) fn length(&self) -> u64 {
+        self.spool.written()
+    }
+
+    /// When the newest message was sampled [ns].
+    pub(super) const fn newest_sample_ns(&self) -> u64 {
+        self.newest_sample_ns
+    }
+
+    /// Why the disk did not take something, the first time.
+    pub(super) fn refused(&self) -> Option<String> {
+        self.spool.refused()
+    }
+
+    /// What became of the messages so far.
+    pub(super) fn fate(&self) -> FileFate {
+        // A recorder that dies now leaves what has settled: what waits for a full disk is not promised.
+        let (bytes, written) = if self.spool.refused().is_some() {
+            self.settled
+        } else {
+            (self.spool.written(), self.taken)
+        };
+        FileFate {
+            bytes,
+            written,
+            dropped: less(self.taken, written),
+        }
+    }
+
+    /// Writes a fact that was not known at the beginning.
+    pub(super) fn tell(&mut self, name: &str, metadata: Record) -> Result<(), McapError> {
+        self.writer.write_metadata(&Metadata {
+            name: name.into(),
+            metadata,
+        })
+    }
+
+    /// Ends the file with its last facts and its index, and hands them to the disk without waiting.
+    pub(super) fn close(&mut self, last_facts: Record) -> Result<(), McapError> {
+        self.writer.write_metadata(&Metadata {
+            name: LANDING.into(),
+            metadata: last_facts,
+        })?;
+        self.end_chunk()?;
+        self.writer.finish()?;
+        self.chunks.push_back((self.spool.written(), self.ended));
+        self.spool.end();
+        Ok(())
+    }
+
+    /// Whether the disk has all of a file that was closed.
+    pub(super) fn is_on_disk(&mut self) -> bool {
+        self.settle();
+        self.chunks.is_empty() && self.spool.is_at_rest()
+    }
+
+    /// Waits until the disk has all of a file that was closed, or takes nothing more.
+    pub(super) fn wait(&mut self) {
+        self.spool.finish();
+        self.settle();
+    }
+}
+
+/// The messages of some that are not of others.
+fn less(all: Counts, others: Counts) -> Counts {
+    std::array::from_fn(|topic| all[topic] - others[topic])
+}
+
+/// The topics of a file that is begun.
+struct Channels<'a> {
+    writer: &'a mut Writer<NoSeek<AsyncWriter>>,
+    shown: &'a [Option<TelemetryTopic>],
+    channels: BTreeMap<&'static str, u16>,
+}
+
+impl Channels<'_> {
+    /// Adds a topic; says why it does not apply, where it does not.
+    fn add<C: Logged>(&mut self, why_not: Option<&str>) -> Result<(), McapError> {
+        let topic = <C as Topic>::NAME;
+        let mut metadata = units::describe::<C>();
+        let shown = place(C::SENDER).and_then(|place| self.shown[place].as_ref());
+        metadata.extend(shown.map(|shown| (BESIDE.to_owned(), shown.topic().to_owned())));
+        metadata.extend(why_not.map(units::not_applicable));
+        let schema = self.writer.add_schema(
+            &schema::name::<C>(),
+            "protobuf",
+            &schema::descriptor_set::<C>(),
+        )?;
+        self.channels.insert(
+            topic,
+            self.writer
+                .add_channel(schema, topic, "protobuf", &metadata)?,
+        );
+        Ok(())
+    }
+}
+
+/// Adds the topics of what the laws show.
+fn add_telemetry(
+    writer: &mut Writer<NoSeek<AsyncWriter>>,
+    shown: [Option<TelemetryTopic>; LAW_ROLES.len()],
+) -> Result<[Option<(u16, TelemetryTopic)>; LAW_ROLES.len()], McapError> {
+    let mut added = [const { None }; LAW_ROLES.len()];
+    for (added, shown) in added.iter_mut().zip(shown) {
+        let Some(shown) = shown else { continue };
+        let schema =
+            writer.add_schema(&shown.schema_name(), "protobuf", &shown.descriptor_set())?;
+        let channel = writer.add_channel(schema, shown.topic(), "protobuf", &shown.metadata())?;
+        *added = Some((channel, shown));
+    }
+    Ok(added)
+}
+
+#[cfg(test)]
+#[path = "file/tests.rs"]
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::async_writer::Disk;
+    use crate::facts::LogPlan;
+    use crate::writer::FlightLog;
+    use messages::telemetry::Signals;
+    use std::fs::File;
+    use std::io;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::time::Duration;
+
+    struct FullDisk;
+
+    impl Disk for FullDisk {
+        fn free(&self) -> Option<u64> {
+            Some(0)
+        }
+
+        fn write_at(&self, _: &[u8], _: u64) -> io::Result<()> {
+            unreachable!("there is no room")
+        }
+
+        fn cut(&self, _: u64) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn sync(&self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn what_waits_for_a_full_disk_is_not_said_to_be_in_the_file() {
+        let plan = LogPlan::WHOLE;
+        let facts = Facts {
+            pace: Pace::Lockstep,
+            sample_time_ns: 1_000_000,
+            plan,
+            signals: Signals::default(),
+            no_theorem: None,
+            records: Vec::new(),
+        };
+        let mut file =
+            LogFile::begin(AsyncWriter::new(FullDisk, 1).unwrap(), &facts, 0, 0).unwrap();
+        let state = Message {
+            envelope: messages::header::Header::new(),
+            content: State::default(),
+        };
+        file.take(&LogEntry::State(state));
+        while file.refused().is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let fate = file.fate();
+        assert_eq!(
+            (fate.bytes, fate.written, fate.dropped),
+            (0, [0; 6], [1, 0, 0, 0, 0, 0])
+        );
+    }
+
+    /// States that do not get smaller by being compressed.
+    #[derive(Default)]
+    struct Noise {
+        tick: u64,
+        word: u64,
+    }
+
+    impl Noise {
+        /// As many as make a chunk.
+        fn chunk(&mut self) -> Vec<Message<State>> {
+            let mut bytes = Vec::new();
+            let mut length = 0;
+            let mut states = Vec::new();
+            while length < CHUNK_BYTES {
+                let mut state = Message {
+                    envelope: messages::header::Header::new(),
+                    content: State::default(),
+                };
+                (state.envelope.tick, self.tick) = (self.tick, self.tick + 1);
+                for value in state
+                    .content
+                    .measured
+                    .position_w_m
+                    .iter_mut()
+                    .chain(&mut state.content.measured.velocity_w_m_s)
+                {
+                    self.word = self
+                        .word
+                        .wrapping_mul(6_364_136_223_846_793_005)
+                        .wrapping_add(1);
+                    *value = f64::from_bits(self.word >> 2);
+                }
+                encode(&state, &mut bytes);
+                length += bytes.len();
+                states.push(state);
+            }
+            states
+        }
+    }
+
+    /// A disk that stands still until it is let go.
+    struct Stuck(File, Arc<AtomicBool>);
+
+    impl Disk for Stuck {
+        fn free(&self) -> Option<u64> {
+            None
+        }
+
+        fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
+            while !self.1.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            self.0.write_at(bytes, place)
+        }
+
+        fn cut(&self, length: u64) -> io::Result<()> {
+            self.0.cut(length)
+        }
+
+        fn sync(&self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn what_a_slow_disk_had_no_room_for_is_counted_also_when_its_file_is_removed() {
+        let directory = tempfile::tempdir().unwrap();
+        let goes_on = Arc::new(AtomicBool::new(false));
+        let path = directory.path().join(crate::file_name(0));
+        let disk = Stuck(File::create(&path).unwrap(), Arc::clone(&goes_on));
+        let plan = LogPlan {
+            around_ticks: None,
+            file_bytes: u64::MAX,
+            files: Some(1),
+        };
+        let facts = Facts {
+            pace: Pace::Lockstep,
+            sample_time_ns: 1_000_000,
+            plan,
+            signals: Signals::default(),
+            no_theorem: None,
+            records: Vec::new(),
+        };
+        let mut log = FlightLog::create(&path, &facts).unwrap();
+        log.file = LogFile::begin(AsyncWriter::new(disk, 1).unwrap(), &facts, 0, 0).unwrap();
+        let mut noise = Noise::default();
+        let mut taken = 0;
+        let mut fly = |log: &mut FlightLog| {
+            for state in noise.chunk() {
+                log.take(LogEntry::State(state));
+                taken += 1;
+            }
+            log.keep(taken).unwrap();
+            taken
+        };
+        while !log.file.spool.is_overfull() {
+            fly(&mut log);
+        }
+        fly(&mut log);
+        let dropped = log.fate().dropped[0];
+        log.facts.plan.file_bytes = 1 << 20;
+        goes_on.store(true, Ordering::Relaxed);
+        let deadline = std::time::Instant::now() + Duration::from_secs(60);
+        let taken = loop {
+            let taken = fly(&mut log);
+            let fate = log.fate();
+            assert_eq!(fate.written[0] + fate.dropped[0] + fate.removed[0], taken);
+            if fate.removed[0] > 0 || std::time::Instant::now() > deadline {
+                break taken;
+            }
+        };
+        let fate = log.finish(BTreeMap::new()).unwrap();
+        assert!(
+            fate.removed[0] > 0 && fate.dropped[0] > 0 && dropped > 0,
+            "{fate:?}"
+        );
+        assert_eq!(
+            fate.written[0] + fate.dropped[0] + fate.removed[0],
+            taken,
+            "{fate:?}"
+        );
+    }
+
+    #[test]
+    fn a_file_goes_on_after_what_a_slow_disk_had_no_room_for_and_is_whole() {
+        let path = tempfile::NamedTempFile::new().unwrap().into_temp_path();
+        let goes_on = Arc::new(AtomicBool::new(false));
+        let disk = Stuck(File::create(&path).unwrap(), Arc::clone(&goes_on));
+        let run = [("version", env!("CARGO_PKG_VERSION"))];
+        let records = vec![(crate::facts::RUN, crate::facts::record(&run))];
+        let facts = Facts {
+            pace: Pace::Lockstep,
+            sample_time_ns: 1_000_000,
+            plan: LogPlan::WHOLE,
+            signals: Signals::default(),
+            no_theorem: None,
+            records,
+        };
+        let mut file = LogFile::begin(AsyncWriter::new(disk, 1).unwrap(), &facts, 0, 0).unwrap();
+        let mut noise = Noise::default();
+        let mut chunk = |file: &mut LogFile| {
+            let begin = noise.tick;
+            noise
+                .chunk()
+                .into_iter()
+                .for_each(|state| file.take(&LogEntry::State(state)));
+            assert!(file.keep(noise.tick).unwrap());
+            begin..noise.tick
+        };
+        let mut kept = Vec::new();
+        while !file.spool.is_overfull() {
+            kept.extend(chunk(&mut file));
+        }
+        let dropped = chunk(&mut file);
+        goes_on.store(true, Ordering::Relaxed);
+        while file.spool.is_overfull() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        kept.extend(chunk(&mut file));
+        file.close(BTreeMap::new()).unwrap();
+        file.wait();
+        let fate = file.fate();
+        assert_eq!(
+            (fate.written[0], fate.dropped[0]),
+            (kept.len() as u64, dropped.count() as u64)
+        );
+        assert!(file.refused().unwrap().contains("the disk is too slow"));
+        assert_eq!(fate.bytes, path.metadata().unwrap().len());
+        let mut reader = crate::reader::LogReader::open(&path).unwrap();
+        let read: Vec<u64> = std::iter::from_fn(|| reader.next_entry().unwrap().copied())
+            .map(|entry| match entry {
+                LogEntry::State(state) => state.envelope.tick,
+                _ => unreachable!("only states were written"),
+            })
+            .collect();
+        assert_eq!((read, reader.end()), (kept, crate::reader::End::Complete));
+        // The index says the same.
+        let bytes = std::fs::read(&path).unwrap();
+        let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+        assert_eq!(
+            summary.stats.unwrap().channel_message_counts[&file.channels[<State as Topic>::NAME]],
+            fate.written[0]
+        );
+    }
+}

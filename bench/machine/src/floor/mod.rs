@@ -1,9 +1,0 @@
-//! The best this machine can do: a bare timer, a raw ring of processes, cyclictest.
-
-pub mod comparison;
-pub mod cyclictest;
-pub mod link;
-pub mod metronome;
-pub mod ring;
-pub mod timer;
-pub mod work;

@@ -1,0 +1,42 @@
+//! The baseline of the machine, measured after a flight: what the same series take without the control loops.
+
+use crate::distribution::Distribution;
+use crate::host::Steal;
+use crate::series::Statistics;
+use hdrhistogram::Histogram;
+use serde::{Deserialize, Serialize};
+
+/// The floors of a flight's series.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Baseline {
+    /// How long each was measured [s].
+    pub seconds: f64,
+    /// Scheduling of the plant's counterparts: `SCHED_FIFO 80` or `SCHED_OTHER`.
+    pub scheduling: String,
+    /// What the system refused to them.
+    pub refused: Vec<String>,
+    pub steal: Steal,
+    pub floors: Vec<SeriesBaseline>,
+}
+
+/// What the machine can do at the best, for a series of the flight.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SeriesBaseline {
+    pub series: String,
+    pub what: String,
+    pub statistics: Statistics,
+    pub distribution: Distribution,
+}
+
+impl SeriesBaseline {
+    /// The floor of a series of the flight.
+    #[must_use]
+    pub fn of(series: &str, what: &str, histogram: &Histogram<u64>) -> Self {
+        Self {
+            series: series.into(),
+            what: what.into(),
+            statistics: Statistics::of(what, histogram),
+            distribution: Distribution::of(what, histogram, 0),
+        }
+    }
+}

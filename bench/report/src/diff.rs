@@ -1,0 +1,546 @@
+//! `ironbird report diff`: compares two flights, or two groups of flights.
+//!
+//! One flight a side shows numbers. What two groups differ in follows from a permutation of whole flights
+//! ([`crate::statistics::permutation_test`]), because the ticks of one flight depend on each other: one stall delays
+//! many of them.
+
+use crate::distribution::PERCENTS;
+use crate::host::STEAL_LIMIT_PERCENT;
+use crate::run_facts::RunFacts;
+use crate::schema::Report;
+use crate::statistics::{Groups, median, permutation_test};
+use crate::status::FlightStatus;
+use flight_log::build::Build;
+use serde::Serialize;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+
+const SCHEMA: &str = "ironbird-report-diff/2";
+/// Probability of any false verdict that is accepted, with four flights a side and more.
+const LEVEL: f64 = 0.05;
+/// The same with three a side, which can be dealt out in 20 ways alone: a tenth is the least that they can show. Such
+/// groups must therefore lie further apart as well than the wider one of them is wide.
+const LEVEL_OF_THREE: f64 = 0.1;
+/// Flights a side without which nothing can be judged.
+const FLIGHTS_NEEDED: usize = 3;
+/// Share of a figure by which two groups must differ at the least: less is no news to anybody.
+const DIFFERENCE_MIN: f64 = 0.02;
+
+/// Two groups of flights compared; every ratio is B over A.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Diff {
+    pub schema: &'static str,
+    /// What can be said of timing.
+    pub timing: Conclusion,
+    /// What can be said of tracking.
+    pub tracking: Conclusion,
+    /// The flights of the first group.
+    pub a: Vec<Side>,
+    pub b: Vec<Side>,
+    pub settings: Vec<Difference>,
+    pub builds: &'static str,
+    /// What differs of machine and granted scheduling.
+    pub machine: Vec<Difference>,
+    pub figures: Vec<FigureDiff>,
+}
+
+/// What can be said of all figures of a subject.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "says", rename_all = "snake_case")]
+pub enum Conclusion {
+    NotJudged {
+        reason: String,
+    },
+    /// So many figures differ; the probability of even one false difference is `level` at most.
+    Judged {
+        differ: usize,
+        judged: usize,
+        /// Largest probability of a false difference.
+        level: f64,
+    },
+}
+
+/// A flight, in a few numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Side {
+    pub run: String,
+    pub build: Build,
+    pub started: String,
+    pub status: FlightStatus,
+    pub ticks: u64,
+    pub skipped: u64,
+    pub missed: u64,
+    /// Stolen by the host [%].
+    pub steal_percent: f64,
+    pub theorem: &'static str,
+}
+
+/// Something that is not the same.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    pub key: String,
+    /// In the flights of the first group, each value once; nothing where they have none.
+    pub a: Vec<Value>,
+    /// In those of the second one.
+    pub b: Vec<Value>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FigureDiff {
+    pub name: String,
+    /// In the flights of the first group, in their order; nothing where one has too few values.
+    pub a: Vec<Option<f64>>,
+    /// In those of the second one.
+    pub b: Vec<Option<f64>>,
+    /// Median of the first group; none where a flight has none.
+    pub median_a: Option<f64>,
+    pub median_b: Option<f64>,
+    /// Ratio of the medians; none where one is missing, or that of A is 0.
+    pub ratio: Option<f64>,
+    /// Probability that chance alone sets any figure as far apart as this one is; none where it is not judged.
+    pub probability: Option<f64>,
+    pub says: Says,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Says {
+    /// Some flight has too few values for it.
+    TooFewValues,
+    NotJudged,
+    /// The difference is within what chance does, or too small to matter.
+    NoDifference,
+    More,
+    Less,
+}
+
+/// What is compared of a flight.
+#[derive(Clone, Debug)]
+pub struct Flown {
+    pub run: String,
+    pub report: Report,
+    pub facts: RunFacts,
+}
+
+impl Flown {
+    fn side(&self) -> Side {
+        let report = &self.report;
+        Side {
+            run: self.run.clone(),
+            build: self.facts.build.of_version(&self.facts.version),
+            started: report.run.started.clone(),
+            status: report.verdict.status,
+            ticks: report.ticks.run,
+            skipped: report.ticks.skipped,
+            missed: report.deadlines.missed,
+            steal_percent: report.steal.percent,
+            theorem: report.theorem.verdict(),
+        }
+    }
+
+    fn settings(&self) -> BTreeMap<String, Value> {
+        let mut flat = BTreeMap::new();
+        flatten("", &self.facts.settings, &mut flat);
+        flat
+    }
+
+    fn machine(&self) -> BTreeMap<String, Value> {
+        let mut flat = BTreeMap::new();
+        flatten(
+            "",
+            &serde_json::to_value(&self.facts.host).unwrap_or_default(),
+            &mut flat,
+        );
+        for (name, role) in &self.report.roles {
+            flat.insert(
+                format!("scheduling of {name}"),
+                role.scheduling.clone().into(),
+            );
+        }
+        flat
+    }
+
+    /// Why its latencies tell nothing of the loops.
+    fn disturbed(&self) -> Option<String> {
+        let (run, steal) = (&self.report.run, self.report.steal.percent);
+        if let Some(why) = run.speed().why_not_real_time() {
+            return Some(format!("{}: {why}", self.run));
+        }
+        (steal > STEAL_LIMIT_PERCENT).then(|| {
+            format!("the host stole {steal:.2} % during {}: {STEAL_LIMIT_PERCENT} % at most allow a verdict", self.run)
+        })
+    }
+}
+
+fn flatten(prefix: &str, value: &Value, into: &mut BTreeMap<String, Value>) {
+    let Value::Object(map) = value else {
+        into.insert(prefix.to_owned(), value.clone());
+        return;
+    };
+    for (key, value) in map {
+        let key = if prefix.is_empty() {
+            key.clone()
+        } else {
+            format!("{prefix}.{key}")
+        };
+        flatten(&key, value, into);
+    }
+}
+
+/// Keys of which the flights do not all have one and the same value.
+fn differences(a: &[BTreeMap<String, Value>], b: &[BTreeMap<String, Value>]) -> Vec<Difference> {
+    let keys: BTreeSet<&String> = a.iter().chain(b).flat_map(BTreeMap::keys).collect();
+    let of = |group: &[BTreeMap<String, Value>], key: &String| {
+        let mut values: Vec<Value> = Vec::new();
+        for value in group
+            .iter()
+            .map(|flat| flat.get(key).cloned().unwrap_or_default())
+        {
+            if !values.contains(&value) {
+                values.push(value);
+            }
+        }
+        values
+    };
+    keys.into_iter()
+        .map(|key| Difference {
+            key: key.clone(),
+            a: of(a, key),
+            b: of(b, key),
+        })
+        .filter(|difference| difference.a.len() > 1 || difference.a != difference.b)
+        .collect()
+}
+
+/// Compares two groups of flights, of at least one flight each.
+#[must_use]
+pub fn compare(a: &[Flown], b: &[Flown]) -> Diff {
+    let mut figures = paired(a, b);
+    let few = a.len().min(b.len());
+    let level = if few > FLIGHTS_NEEDED {
+        LEVEL
+    } else {
+        LEVEL_OF_THREE
+    };
+    let too_few = (few < FLIGHTS_NEEDED).then(|| {
+        let some = match (a.len(), b.len()) {
+            (1, 1) => "one flight a side shows".to_owned(),
+            (a, b) => format!("{a} and {b} flights show"),
+        };
+        format!(
+            "{some} numbers alone; compare {FLIGHTS_NEEDED} a side or more, flown in turns: ironbird report diff \
+             A1 A2 A3 -- B1 B2 B3"
+        )
+    });
+    let disturbed = a.iter().chain(b).find_map(Flown::disturbed);
+    let reason = |subject: Subject| {
+        let of_subject = if subject == Subject::Timing {
+            disturbed.clone()
+        } else {
+            None
+        };
+        too_few.clone().or(of_subject)
+    };
+    let judged: Vec<usize> = (0..figures.len())
+        .filter(|i| reason(figures[*i].0).is_none() && figures[*i].1.says != Says::TooFewValues)
+        .collect();
+    let groups: Vec<Groups> = judged.iter().map(|i| figures[*i].1.groups()).collect();
+    for (i, probability) in judged.iter().zip(permutation_test(&groups)) {
+        figures[*i].1.judge(probability, level);
+    }
+    let conclusion = |subject: Subject| match reason(subject) {
+        Some(reason) => Conclusion::NotJudged { reason },
+        None => {
+            let of = |wanted: &[Says]| {
+                let all = figures.iter().filter(|(of, _)| *of == subject);
+                all.filter(|(_, figure)| wanted.contains(&figure.says))
+                    .count()
+            };
+            let differ = of(&[Says::More, Says::Less]);
+            Conclusion::Judged {
+                differ,
+                judged: differ + of(&[Says::NoDifference]),
+                level,
+            }
+        }
+    };
+    let (timing, tracking) = (conclusion(Subject::Timing), conclusion(Subject::Tracking));
+    let flat = |of: fn(&Flown) -> BTreeMap<String, Value>| {
+        differences(
+            &a.iter().map(of).collect::<Vec<_>>(),
+            &b.iter().map(of).collect::<Vec<_>>(),
+        )
+    };
+    Diff {
+        schema: SCHEMA,
+        timing,
+        tracking,
+        a: a.iter().map(Flown::side).collect(),
+        b: b.iter().map(Flown::side).collect(),
+        builds: builds(a, b),
+        settings: flat(Flown::settings),
+        machine: flat(Flown::machine),
+        figures: figures.into_iter().map(|(_, figure)| figure).collect(),
+    }
+}
+
+/// How the builds of all flights compare: the worst that is said of any two.
+fn builds(a: &[Flown], b: &[Flown]) -> &'static str {
+    let mut all = a.iter().chain(b).map(|flown| &flown.facts.build);
+    let Some(first) = all.next() else {
+        return Build::default().compared_with(&Build::default());
+    };
+    let same = first.compared_with(first);
+    all.map(|build| first.compared_with(build))
+        .find(|said| *said != same)
+        .unwrap_or(same)
+}
+
+/// The figures that all flights have, one for one.
+fn paired(a: &[Flown], b: &[Flown]) -> Vec<(Subject, FigureDiff)> {
+    let of = |group: &[Flown]| {
+        group
+            .iter()
+            .map(|flown| figures(&flown.report))
+            .collect::<Vec<_>>()
+    };
+    let (of_a, of_b) = (of(a), of(b));
+    let Some(first) = of_a.first() else {
+        return Vec::new();
+    };
+    let values = |group: &[Vec<Figure>], name: &str| -> Option<Vec<Option<f64>>> {
+        group
+            .iter()
+            .map(|all| Some(all.iter().find(|figure| figure.name == name)?.value))
+            .collect()
+    };
+    first
+        .iter()
+        .filter_map(|figure| {
+            let (a, b) = (values(&of_a, &figure.name)?, values(&of_b, &figure.name)?);
+            Some((figure.subject, FigureDiff::of(&figure.name, a, b)))
+        })
+        .collect()
+}
+
+impl FigureDiff {
+    fn of(name: &str, a: Vec<Option<f64>>, b: Vec<Option<f64>>) -> Self {
+        let median_of = |group: &[Option<f64>]| {
+            let all: Option<Vec<f64>> = group.iter().copied().collect();
+            all.map(|values| median(&values))
+        };
+        let (median_a, median_b) = (median_of(&a), median_of(&b));
+        let ratio = median_a
+            .zip(median_b)
+            .filter(|(a, _)| *a > 0.0)
+            .map(|(a, b)| b / a);
+        let is_there = median_a.is_some() && median_b.is_some();
+        let says = if is_there {
+            Says::NotJudged
+        } else {
+            Says::TooFewValues
+        };
+        Self {
+            name: name.to_owned(),
+            a,
+            b,
+            median_a,
+            median_b,
+            ratio,
+            probability: None,
+            says,
+        }
+    }
+
+    fn groups(&self) -> Groups {
+        let of = |group: &[Option<f64>]| group.iter().copied().flatten().collect();
+        Groups {
+            a: of(&self.a),
+            b: of(&self.b),
+        }
+    }
+
+    fn judge(&mut self, probability: Option<f64>, level: f64) {
+        self.probability = probability;
+        let (Some(probability), Some((a, b))) = (probability, self.median_a.zip(self.median_b))
+        else {
+            return;
+        };
+        let matters = (a - b).abs() > DIFFERENCE_MIN * a.abs().max(b.abs());
+        // Whole numbers of ways are divided by others: a probability of the level itself is within it.
+        let is_clear = level < LEVEL_OF_THREE || self.groups().gap() > self.groups().width();
+        self.says = match probability <= level * (1.0 + 1e-9) && matters && is_clear {
+            true if b > a => Says::More,
+            true => Says::Less,
+            false => Says::NoDifference,
+        };
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Subject {
+    /// How late the loops were: nothing, where they did not fly by the clock or the host stole from them.
+    Timing,
+    Tracking,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    /// Name, with its unit where it is no ratio.
+    pub name: String,
+    pub subject: Subject,
+    /// Nothing where the flight has too few values for it.
+    pub value: Option<f64>,
+}
+
+/// The figures of a flight; every flight has the same names in the same order, as long as it has the series.
+#[must_use]
+pub fn figures(report: &Report) -> Vec<Figure> {
+    let performance = &report.flight;
+    let ticks = (report.ticks.run + report.ticks.skipped) as f64;
+    let per_million = |count: u64| (ticks > 0.0).then(|| count as f64 / ticks * 1e6);
+    let figure = |subject, name: &str, value| Figure {
+        name: name.to_owned(),
+        subject,
+        value,
+    };
+    let mut all = vec![
+        figure(
+            Subject::Tracking,
+            "position error, rms [m]",
+            Some(performance.position_error_rms_m),
+        ),
+        figure(
+            Subject::Tracking,
+            "position error, largest [m]",
+            Some(performance.position_error_max_m),
+        ),
+        figure(
+            Subject::Tracking,
+            "position error, at the end [m]",
+            Some(performance.position_error_final_m),
+        ),
+        figure(
+            Subject::Tracking,
+            "rate error, at the end [rad/s]",
+            performance.rate_error_final_rad_s,
+        ),
+        figure(
+            Subject::Timing,
+            "deadlines missed [per million]",
+            per_million(report.deadlines.missed),
+        ),
+        figure(
+            Subject::Timing,
+            "ticks skipped [per million]",
+            per_million(report.ticks.skipped),
+        ),
+    ];
+    for distribution in &report.distributions {
+        for (percent, _) in PERCENTS {
+            let value = distribution
+                .percentile(percent)
+                .map(|percentile| percentile.value_us);
+            all.push(figure(
+                Subject::Timing,
+                &format!("{} p{percent} [us]", distribution.name),
+                value,
+            ));
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use std::slice::from_ref;
+
+    use super::*;
+
+    fn figure(a: &[f64], b: &[f64]) -> FigureDiff {
+        let some = |values: &[f64]| values.iter().copied().map(Some).collect();
+        FigureDiff::of("loop p50 [us]", some(a), some(b))
+    }
+
+    #[test]
+    fn a_difference_is_said_where_it_is_improbable_and_matters() {
+        let judged = |a: &[f64], b: &[f64], probability: f64| {
+            let mut figure = figure(a, b);
+            figure.judge(Some(probability), 0.1);
+            figure.says
+        };
+        assert_eq!(
+            judged(&[10.0, 10.1, 10.2], &[20.0, 20.1, 20.3], 0.1),
+            Says::More
+        );
+        assert_eq!(
+            judged(&[20.0, 20.1, 20.3], &[10.0, 10.1, 10.2], 0.1),
+            Says::Less
+        );
+        assert_eq!(
+            judged(&[10.0, 10.1, 10.2], &[20.0, 20.1, 20.3], 0.2),
+            Says::NoDifference
+        );
+        // Three a side are as far apart by chance once in ten times: they must be farther apart than each is wide.
+        assert_eq!(
+            judged(&[10.0, 10.1, 14.0], &[16.0, 20.1, 20.3], 0.1),
+            Says::NoDifference
+        );
+        // Never mind how sure it is.
+        assert_eq!(
+            judged(&[10.0, 10.0, 10.0], &[10.1, 10.1, 10.1], 0.001),
+            Says::NoDifference
+        );
+    }
+
+    #[test]
+    fn a_figure_that_a_flight_lacks_is_not_judged_and_one_of_0_has_no_ratio() {
+        let lacking = FigureDiff::of(
+            "loop p99.9 [us]",
+            vec![Some(1.0), None, Some(1.0)],
+            vec![Some(1.0); 3],
+        );
+        assert_eq!(
+            (lacking.says, lacking.median_a, lacking.median_b),
+            (Says::TooFewValues, None, Some(1.0))
+        );
+        assert_eq!(figure(&[0.0], &[3.0]).ratio, None);
+        assert_eq!(figure(&[2.0], &[3.0]).ratio, Some(1.5));
+    }
+
+    #[test]
+    fn differences_name_keys_that_are_not_the_same_in_all_flights() {
+        let flat = |text: &str| {
+            let mut flat = BTreeMap::new();
+            flatten("", &serde_json::from_str(text).unwrap(), &mut flat);
+            flat
+        };
+        let one = flat(r#"{"a": {"b": 1, "c": [1]}}"#);
+        let other = flat(r#"{"a": {"b": 1, "c": [2]}, "d": "x"}"#);
+        let found = differences(&[one.clone(), one.clone()], from_ref(&other));
+        let keys: Vec<&str> = found
+            .iter()
+            .map(|difference| difference.key.as_str())
+            .collect();
+        assert_eq!(keys, ["a.c", "d"]);
+        assert_eq!(
+            (&found[1].a[..], &found[1].b[..]),
+            (&[Value::Null][..], &[Value::from("x")][..])
+        );
+        // Also within a group.
+        assert_eq!(
+            differences(&[one.clone(), other.clone()], from_ref(&one))[0]
+                .a
+                .len(),
+            2
+        );
+        assert_eq!(
+            differences(&[one.clone(), other, one.clone()], from_ref(&one))[0]
+                .a
+                .len(),
+            2,
+            "each value once"
+        );
+        assert_eq!(differences(from_ref(&one), from_ref(&one)), []);
+    }
+}

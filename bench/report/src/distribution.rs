@@ -1,0 +1,357 @@
+//! Distribution of a latency series: percentile curve, histogram, confidence intervals.
+
+use crate::statistics::ranks;
+use hdrhistogram::Histogram;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Values that a 99.9th percentile needs.
+pub const P999_COUNT: u64 = 10_000;
+/// Values that a 99.99th percentile needs.
+pub const P9999_COUNT: u64 = 100_000;
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bucket {
+    /// Lower bound [us].
+    pub from_us: f64,
+    /// Upper bound [us].
+    pub below_us: f64,
+    pub count: u64,
+}
+
+/// Points of the curve per halving of the distance to 100 %.
+const CURVE_STEPS: u32 = 4;
+
+/// The distribution of a series; part of the final report.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Distribution {
+    pub name: String,
+    /// Percentiles that the number of values allows, with their intervals.
+    pub percentiles: Vec<Percentile>,
+    /// Share of the values, and the value that this share does not exceed [us]. The largest of n values stands at
+    /// 1 - 1/2n.
+    pub curve: Vec<(f64, f64)>,
+    /// The histogram: every value is in one bin, and empty bins are left out. Around 0, or around the length of a tick
+    /// where the series is a period, bins are as narrow as three digits allow; far from it there are 24 a decade. There
+    /// are at most 220.
+    pub bins: Vec<Bin>,
+}
+
+/// Bins of a histogram per decade of the distance from its middle.
+const BINS_PER_DECADE: f64 = 24.0;
+
+/// A bin of a histogram; in JSON `[from_us, below_us, count]`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "(f64, f64, u64)", into = "(f64, f64, u64)")]
+pub struct Bin {
+    /// Lower bound [us].
+    pub from_us: f64,
+    /// Upper bound [us].
+    pub below_us: f64,
+    pub count: u64,
+}
+
+impl From<(f64, f64, u64)> for Bin {
+    fn from((from_us, below_us, count): (f64, f64, u64)) -> Self {
+        Self {
+            from_us,
+            below_us,
+            count,
+        }
+    }
+}
+
+impl From<Bin> for (f64, f64, u64) {
+    fn from(
+        Bin {
+            from_us,
+            below_us,
+            count,
+        }: Bin,
+    ) -> Self {
+        (from_us, below_us, count)
+    }
+}
+
+/// A percentile with its interval ([`crate::statistics::CONFIDENCE`]), which supposes that values are independent of
+/// each other and nothing about their distribution.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Percentile {
+    pub percent: f64,
+    /// The value [us].
+    pub value_us: f64,
+    /// Lower end of the interval [us].
+    pub low_us: f64,
+    /// Upper end of the interval [us].
+    pub high_us: f64,
+}
+
+/// The percentiles of the report, with the number of values that each needs.
+pub const PERCENTS: [(f64, u64); 5] = [
+    (50.0, 0),
+    (90.0, 0),
+    (99.0, 0),
+    (99.9, P999_COUNT),
+    (99.99, P9999_COUNT),
+];
+
+impl Distribution {
+    /// The distribution of a histogram of nanoseconds whose bins are finest around `about_ns`: the tick's length for a
+    /// period, 0 for other latencies.
+    #[must_use]
+    pub fn of(name: &str, histogram: &Histogram<u64>, about_ns: u64) -> Self {
+        Self {
+            name: name.to_owned(),
+            percentiles: PERCENTS
+                .into_iter()
+                .filter(|(_, needed)| histogram.len() >= *needed)
+                .filter_map(|(percent, _)| percentile(histogram, percent))
+                .collect(),
+            curve: curve(histogram),
+            bins: Bins::about(histogram, about_ns).of(histogram),
+        }
+    }
+
+    /// A percentile of the report; none where there are too few values.
+    #[must_use]
+    pub fn percentile(&self, percent: f64) -> Option<&Percentile> {
+        self.percentiles
+            .iter()
+            .find(|percentile| percentile.percent == percent)
+    }
+}
+
+fn in_us(ns: u64) -> f64 {
+    ns as f64 / 1e3
+}
+
+fn percentile(histogram: &Histogram<u64>, percent: f64) -> Option<Percentile> {
+    let count = histogram.len();
+    let (low, high) = ranks(count, percent / 100.0)?;
+    // In the middle of the rank's share, where rounding cannot reach the next one.
+    let at_rank = |rank: u64| histogram.value_at_quantile((rank as f64 - 0.5) / count as f64);
+    Some(Percentile {
+        percent,
+        value_us: in_us(histogram.value_at_quantile(percent / 100.0)),
+        low_us: in_us(histogram.lowest_equivalent(at_rank(low))),
+        high_us: in_us(at_rank(high)),
+    })
+}
+
+fn curve(histogram: &Histogram<u64>) -> Vec<(f64, f64)> {
+    if histogram.is_empty() {
+        return Vec::new();
+    }
+    let largest = 1.0 - 0.5 / histogram.len() as f64;
+    histogram
+        .iter_quantiles(CURVE_STEPS)
+        .map(|step| (step.quantile_iterated_to(), in_us(step.value_iterated_to())))
+        // The last steps lie closer to 100 % than one value is.
+        .filter(|(share, _)| *share < largest)
+        .chain([(largest, in_us(histogram.max()))])
+        .collect()
+}
+
+/// A logarithmic histogram: three bars a decade.
+#[must_use]
+pub fn buckets(histogram: &Histogram<u64>) -> Vec<Bucket> {
+    let edges: Vec<u64> = std::iter::once(0)
+        .chain((2..=10).flat_map(|decade| [1, 2, 5].map(|step| step * 10_u64.pow(decade))))
+        .collect();
+    edges
+        .windows(2)
+        .map(|edges| {
+            let count = histogram
+                .iter_recorded()
+                .filter(|value| (edges[0]..edges[1]).contains(&value.value_iterated_to()))
+                .map(|value| value.count_at_value())
+                .sum();
+            Bucket {
+                from_us: in_us(edges[0]),
+                below_us: in_us(edges[1]),
+                count,
+            }
+        })
+        .filter(|bucket| bucket.count > 0)
+        .collect()
+}
+
+/// How values are sorted into bins: equal steps of ln(1 + d / threshold), where d is the distance from the middle. Up
+/// to the threshold bins are of about equal width, beyond it of equal ratio.
+struct Bins {
+    about_ns: u64,
+    threshold_ns: f64,
+}
+
+impl Bins {
+    /// Bins no narrower than two steps of the histogram are wide: narrower ones would be empty in turns.
+    fn about(histogram: &Histogram<u64>, about_ns: u64) -> Self {
+        Self {
+            about_ns,
+            threshold_ns: 2.0 * histogram.equivalent_range(about_ns) as f64 / Self::step(),
+        }
+    }
+
+    fn step() -> f64 {
+        std::f64::consts::LN_10 / BINS_PER_DECADE
+    }
+
+    /// Number of the bin of a value; below the middle it is negative.
+    fn number(&self, ns: u64) -> i64 {
+        let distance_ns = ns as f64 - self.about_ns as f64;
+        let steps = (distance_ns.abs() / self.threshold_ns).ln_1p() / Self::step();
+        (steps * distance_ns.signum()).floor() as i64
+    }
+
+    /// Where a bin begins [us].
+    fn begin_us(&self, number: i64) -> f64 {
+        let distance_ns = self.threshold_ns * (Self::step() * number.abs() as f64).exp_m1();
+        let begin_ns = self.about_ns as f64 + distance_ns * number.signum() as f64;
+        begin_ns.round() / 1e3
+    }
+
+    fn of(&self, histogram: &Histogram<u64>) -> Vec<Bin> {
+        let mut counts: BTreeMap<i64, u64> = BTreeMap::new();
+        for value in histogram.iter_recorded() {
+            *counts
+                .entry(self.number(value.value_iterated_to()))
+                .or_default() += value.count_at_value();
+        }
+        let bin = |(number, count)| Bin {
+            from_us: self.begin_us(number),
+            below_us: self.begin_us(number + 1),
+            count,
+        };
+        counts.into_iter().map(bin).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::statistics::CONFIDENCE;
+
+    fn histogram(values: impl Iterator<Item = u64>) -> Histogram<u64> {
+        let mut histogram = Histogram::new_with_bounds(1, 10_000_000_000, 3).unwrap();
+        values.for_each(|value| histogram.saturating_record(value));
+        histogram
+    }
+
+    #[test]
+    fn intervals_hold_the_percentile_as_often_as_they_say() {
+        // A random walk over multiples of the golden ratio would be too even; xorshift is not.
+        let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
+        let mut uniform = || {
+            seed ^= seed << 13;
+            seed ^= seed >> 7;
+            seed ^= seed << 17;
+            // Whole nanoseconds from 1 to 1e6: a quantile q is q * 1e6.
+            seed % 1_000_000 + 1
+        };
+        let (runs, samples, percent) = (2_000, 1_500, 99.0);
+        let held = (0..runs)
+            .filter(|_| {
+                let histogram = histogram((0..samples).map(|_| uniform()));
+                let found = percentile(&histogram, percent).unwrap();
+                (found.low_us..=found.high_us).contains(&990.0)
+            })
+            .count();
+        // 95 % and more, because ranks are whole: 4 standard deviations of 2000 draws below it.
+        assert!(
+            held as f64 / runs as f64 > CONFIDENCE - 0.02,
+            "{held} of {runs}"
+        );
+        assert!(held < runs, "an interval that is never wrong is too wide");
+    }
+
+    #[test]
+    fn percentiles_need_enough_values() {
+        let percents = |count: u64| -> Vec<f64> {
+            let distribution = Distribution::of("loop", &histogram(1..=count), 0);
+            distribution
+                .percentiles
+                .iter()
+                .map(|percentile| percentile.percent)
+                .collect()
+        };
+        // The largest of n values is above the median with a probability of 1 - 2^-n.
+        assert_eq!(percents(5), Vec::<f64>::new());
+        assert_eq!(percents(6), [50.0]);
+        assert_eq!(percents(P999_COUNT - 1), [50.0, 90.0, 99.0]);
+        assert_eq!(percents(P999_COUNT), [50.0, 90.0, 99.0, 99.9]);
+        assert_eq!(percents(P9999_COUNT), [50.0, 90.0, 99.0, 99.9, 99.99]);
+    }
+
+    #[test]
+    fn a_curve_rises_to_the_largest_value_and_bars_hold_every_value() {
+        let histogram = histogram((1..=20_000).map(|i| i * i));
+        let curve = curve(&histogram);
+        assert!(
+            curve
+                .windows(2)
+                .all(|pair| pair[0].0 <= pair[1].0 && pair[0].1 <= pair[1].1),
+            "{curve:?}"
+        );
+        assert_eq!(
+            *curve.last().unwrap(),
+            (1.0 - 0.5 / 20_000.0, in_us(histogram.max()))
+        );
+        let bars = buckets(&histogram);
+        assert_eq!(bars.iter().map(|bar| bar.count).sum::<u64>(), 20_000);
+        assert!(
+            bars.iter().all(|bar| bar.from_us < bar.below_us),
+            "{bars:?}"
+        );
+    }
+
+    #[test]
+    fn bins_hold_every_value_and_follow_each_other() {
+        for (about_ns, every_ns) in [(0, 1), (1_000_000, 700)] {
+            let values = (1..=20_000_u64).map(|i| i * every_ns);
+            let bins = Distribution::of("period", &histogram(values), about_ns).bins;
+            assert_eq!(
+                bins.iter().map(|bin| bin.count).sum::<u64>(),
+                20_000,
+                "around {about_ns} ns"
+            );
+            assert!(
+                bins.iter().all(|bin| bin.from_us < bin.below_us),
+                "{bins:?}"
+            );
+            assert!(
+                bins.windows(2)
+                    .all(|pair| pair[0].below_us == pair[1].from_us),
+                "none of these is empty: {bins:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn bins_are_finest_around_their_middle() {
+        let period_us = [985.0, 999.5, 1_000.5, 1_015.0, 101_000.0];
+        let ns = period_us.into_iter().map(|us: f64| (us * 1e3) as u64);
+        let bins = Distribution::of("period", &histogram(ns), 1_000_000).bins;
+        let numbers: Vec<u64> = bins.iter().map(|bin| bin.count).collect();
+        assert_eq!(numbers, [1, 1, 1, 1, 1], "{bins:?}");
+        let width = |i: usize| bins[i].below_us - bins[i].from_us;
+        assert!(
+            width(1) < 1.1 && width(3) < 4.0 && width(4) > 5_000.0,
+            "{bins:?}"
+        );
+        assert!(
+            (bins[1].below_us - 1_000.0).abs() < 1e-9 && bins[2].from_us == bins[1].below_us,
+            "{bins:?}"
+        );
+    }
+
+    #[test]
+    fn there_are_no_more_bins_than_the_bounds_of_a_latency_give() {
+        let highest = crate::series::HIGHEST_NS;
+        let widest = histogram([1, highest].into_iter());
+        for about_ns in [0, 1_000_000, 10_000_000] {
+            let bins = Bins::about(&widest, about_ns);
+            let count = bins.number(highest) - bins.number(1) + 1;
+            assert!(count <= 220, "{count} around {about_ns} ns");
+        }
+    }
+}

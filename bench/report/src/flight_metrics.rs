@@ -1,0 +1,355 @@
+//! Metrics of a flight, summed up tick by tick: tracking error, effort, tilt and recovery.
+//!
+//! They use the true state, not the measured one.
+
+use crate::comparison::{
+    Effort, ErrorFigures, Fault, Figures, Flight, POWER, STAYING_S, TRUE_ERROR,
+};
+use crate::tracer::{Merge as _, Range, Stretches};
+use crate::tracking::{RecentStates, Tracking, TrackingError};
+use messages::content::{ROTORS, RotorSpeeds, State};
+use messages::math;
+use messages::parameters::Airframe;
+
+/// Tracking error, effort and tilt of a flight, summed up tick by tick.
+#[derive(Debug)]
+pub struct FlightMetrics {
+    error: TrackingError,
+    recent: RecentStates,
+    /// Smallest component of body z along the vertical: it gives the largest tilt.
+    upright_min: f64,
+    saturated: u64,
+    /// Sum of the cubed rotor speeds in hover, of the airframe as it was built [rad^3/s^3].
+    hover: f64,
+    power_sum: f64,
+    /// Rotor command of the previous tick [rad/s].
+    command: Option<[f64; ROTORS]>,
+    changes_squared_sum: f64,
+}
+
+impl FlightMetrics {
+    #[must_use]
+    pub fn new(period_s: f64, airframe: &Airframe) -> Self {
+        let hover = airframe.as_built().hover_speed_rad_s();
+        Self {
+            error: TrackingError::default(),
+            recent: RecentStates::new(period_s),
+            upright_min: 1.0,
+            saturated: 0,
+            hover: ROTORS as f64 * hover * hover * hover,
+            power_sum: 0.0,
+            command: None,
+            changes_squared_sum: 0.0,
+        }
+    }
+
+    /// Adds a tick: its state, its true position error [m], and the command computed from it. Returns the power of the
+    /// tick relative to hover.
+    pub fn take(&mut self, tick: u64, state: &State, error_m: f64, rotors: &RotorSpeeds) -> f64 {
+        self.error.take(error_m);
+        self.recent.take(tick, state.truth.position_w_m[2], error_m);
+        // The sensors' attitude is the true one.
+        let [_, x, y, _] = state.measured.attitude_quaternion;
+        self.upright_min = self.upright_min.min(1.0 - 2.0 * (x * x + y * y));
+        self.saturated += rotors.saturated;
+        let speeds = state.measured.rotor_speed_mean_rad_s;
+        let power = speeds.iter().map(|w| w * w * w).sum::<f64>() / self.hover;
+        self.power_sum += power;
+        let command = rotors.speed_rad_s;
+        let before = self.command.replace(command).unwrap_or(command);
+        self.changes_squared_sum += (0..ROTORS)
+            .map(|i| (command[i] - before[i]) * (command[i] - before[i]))
+            .sum::<f64>();
+        power
+    }
+
+    #[must_use]
+    pub const fn error(&self) -> &TrackingError {
+        &self.error
+    }
+
+    #[must_use]
+    pub const fn recent(&self) -> &RecentStates {
+        &self.recent
+    }
+
+    /// Largest angle between body z and the vertical [rad].
+    #[must_use]
+    pub fn tilt_max_rad(&self) -> f64 {
+        let upright = self.upright_min;
+        math::atan2((1.0 - upright * upright).max(0.0).sqrt(), upright)
+    }
+
+    #[must_use]
+    pub fn effort(&self) -> Effort {
+        let ticks = self.error.states();
+        let changes = ROTORS as f64 * ticks.saturating_sub(1).max(1) as f64;
+        Effort {
+            power: self.power_sum / ticks.max(1) as f64,
+            agitation_rad_s: (self.changes_squared_sum / changes).sqrt(),
+            saturated_percent: 100.0 * self.saturated as f64 / ticks.max(1) as f64,
+        }
+    }
+}
+
+/// A flight of a comparison: its metrics, and its true position error at every tick.
+#[derive(Debug)]
+pub struct ComparedFlight {
+    tracking: Tracking,
+    metrics: FlightMetrics,
+    /// True position error of each tick [m].
+    error_m: Vec<f64>,
+    trace: Stretches<Range>,
+}
+
+impl ComparedFlight {
+    #[must_use]
+    pub fn new(tracking: Tracking, airframe: &Airframe) -> Self {
+        Self {
+            tracking,
+            metrics: FlightMetrics::new(tracking.period_s(), airframe),
+            error_m: Vec::new(),
+            trace: Stretches::default(),
+        }
+    }
+
+    /// Adds the next tick: its state, and the command computed from it.
+    pub fn take(&mut self, tick: u64, state: &State, rotors: &RotorSpeeds) {
+        let (flown, reference) = (state.truth.position_w_m, self.tracking.position_w_m(tick));
+        let error_m = (0..3)
+            .map(|i| (flown[i] - reference[i]) * (flown[i] - reference[i]))
+            .sum::<f64>()
+            .sqrt();
+        let power = self.metrics.take(tick, state, error_m, rotors);
+        self.error_m.push(error_m);
+        for (range, value) in self.trace.at(tick, 2).iter_mut().zip([error_m, power]) {
+            *range = range.and(Range::of(value));
+        }
+    }
+
+    /// The figures of the flight, with the recoveries from its planned faults.
+    #[must_use]
+    pub fn figures(&self, flight: &Flight) -> Figures {
+        let ticks = self.error_m.len();
+        let part = |from: u64, to: u64| {
+            self.error_m
+                .get(from as usize..(to as usize).min(ticks))
+                .and_then(error_figures)
+        };
+        let first = flight.faults.first().map(|fault| fault.tick);
+        Figures {
+            error: part(0, u64::MAX).unwrap_or(ErrorFigures {
+                rms_m: 0.0,
+                p99_m: 0.0,
+                worst_m: 0.0,
+            }),
+            error_before: first.and_then(|first| part(0, first)),
+            error_after: flight
+                .settled_tick()
+                .and_then(|settled| part(settled, u64::MAX)),
+            recovery_s: self.recoveries(flight),
+            effort: self.metrics.effort(),
+            trace: self.trace.group(&[TRUE_ERROR, POWER]),
+        }
+    }
+
+    /// Per fault, how long the error took to come back [s].
+    fn recoveries(&self, flight: &Flight) -> Vec<Option<f64>> {
+        let staying = (STAYING_S / flight.period_s).round() as usize;
+        let ends = flight
+            .faults
+            .iter()
+            .skip(1)
+            .map(|next| next.tick)
+            .chain([flight.last_tick + 1]);
+        let recovered = |(fault, end): (&Fault, u64)| {
+            // Of a flight that ended before, nobody knows that it would have stayed.
+            let errors = self.error_m.get(fault.tick as usize..end as usize)?;
+            let beyond = errors.iter().rposition(|error_m| *error_m > flight.bound_m);
+            let back = beyond.map_or(0, |last| last + 1);
+            (errors.len() - back >= staying).then(|| flight.time_s(back as u64))
+        };
+        flight.faults.iter().zip(ends).map(recovered).collect()
+    }
+}
+
+/// Figures of errors [m]; none without one.
+fn error_figures(errors_m: &[f64]) -> Option<ErrorFigures> {
+    let mut sorted = errors_m.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let worst_m = *sorted.last()?;
+    // The smallest that 99 of 100 do not exceed.
+    let rank = (sorted.len() * 99).div_ceil(100);
+    let squares: f64 = errors_m.iter().map(|error_m| error_m * error_m).sum();
+    Some(ErrorFigures {
+        rms_m: (squares / errors_m.len() as f64).sqrt(),
+        p99_m: sorted[rank - 1],
+        worst_m,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use controller::Trajectory;
+    use messages::content::Measured;
+    use messages::content::Truth;
+
+    use super::*;
+
+    fn flight(last_tick: u64, faults: &[u64]) -> Flight {
+        let fault = |tick: &u64| Fault {
+            tick: *tick,
+            time_s: *tick as f64 * 0.1,
+            what: "mass_kg=0.6".into(),
+        };
+        Flight {
+            trajectory: "hover".into(),
+            airframe: "paper".into(),
+            preset: "flight".into(),
+            seed: 1,
+            last_tick,
+            period_s: 0.1,
+            bound_m: 0.5,
+            faults: faults.iter().map(fault).collect(),
+        }
+    }
+
+    /// A flight with these errors, whose sensors show none of them; its rotors turn at hover speed.
+    fn flown(errors_m: &[f64]) -> ComparedFlight {
+        let (tracking, airframe) = (Tracking::of(Trajectory::Hover, 0.1), Airframe::nominal());
+        let mut tally = ComparedFlight::new(tracking, &airframe);
+        for (tick, error_m) in (0..).zip(errors_m) {
+            let position_w_m = tracking.position_w_m(tick);
+            let hover = [airframe.hover_speed_rad_s(); ROTORS];
+            let measured = Measured {
+                position_w_m,
+                rotor_speed_mean_rad_s: hover,
+                ..Measured::default()
+            };
+            let [x, y, z] = position_w_m;
+            let truth = Truth {
+                position_w_m: [x, y - error_m, z],
+                ..Truth::default()
+            };
+            let speed = 200.0 + if tick % 2 == 0 { 0.0 } else { 3.0 };
+            let rotors = RotorSpeeds {
+                speed_rad_s: [speed, speed, 200.0, 200.0],
+                saturated: u64::from(tick % 4 == 0),
+                ..RotorSpeeds::default()
+            };
+            tally.take(
+                tick,
+                &State {
+                    measured,
+                    truth,
+                    ..State::default()
+                },
+                &rotors,
+            );
+        }
+        tally
+    }
+
+    fn close(a: f64, b: f64) -> bool {
+        (a - b).abs() < 1e-9
+    }
+
+    #[test]
+    fn errors_are_the_true_ones_before_the_first_fault_and_from_5_s_after_the_last() {
+        let errors: Vec<f64> = (0..=200)
+            .map(|tick| {
+                if tick < 100 {
+                    f64::from(tick) / 100.0
+                } else {
+                    2.0
+                }
+            })
+            .collect();
+        let tally = flown(&errors);
+        let figures = tally.figures(&flight(200, &[50, 120]));
+        let before = figures.error_before.unwrap();
+        assert!(
+            close(before.worst_m, 0.49) && close(before.p99_m, 0.49),
+            "{before:?}"
+        );
+        let after = figures.error_after.unwrap();
+        assert!(
+            close(after.rms_m, 2.0) && close(after.worst_m, 2.0),
+            "{after:?}"
+        );
+        // 199 of 201 values are not above 2, and the 99th percentile is the 199th.
+        assert!(
+            close(figures.error.worst_m, 2.0) && close(figures.error.p99_m, 2.0),
+            "{figures:?}"
+        );
+        assert_eq!(
+            tally.figures(&flight(200, &[0])).error_before,
+            None,
+            "there is no before"
+        );
+        assert_eq!(
+            tally.figures(&flight(200, &[180])).error_after,
+            None,
+            "5 s later the flight was over"
+        );
+        let without = tally.figures(&flight(200, &[]));
+        assert_eq!((without.error_before, without.error_after), (None, None));
+    }
+
+    #[test]
+    fn the_99th_percentile_leaves_out_one_in_a_hundred() {
+        let mut errors = vec![0.25; 200];
+        (errors[3], errors[77]) = (9.0, 8.0);
+        let figures = error_figures(&errors).unwrap();
+        assert_eq!((figures.p99_m, figures.worst_m), (0.25, 9.0));
+        errors[5] = 7.0;
+        assert_eq!(error_figures(&errors).unwrap().p99_m, 7.0);
+        assert_eq!(error_figures(&[]), None);
+    }
+
+    #[test]
+    fn a_flight_has_recovered_when_its_error_stays_below_the_bound() {
+        let mut errors = vec![0.1; 201];
+        errors[50..70].fill(0.9);
+        errors[75] = 0.6;
+        errors[130..].fill(0.7);
+        let plan = flight(200, &[50, 100, 130]);
+        // Back once at 70, for good after 75; the second fault does nothing; the third stays.
+        let recovered = flown(&errors).figures(&plan).recovery_s;
+        assert!(close(recovered[0].unwrap(), 2.6), "{recovered:?}");
+        assert_eq!(recovered[1..], [Some(0.0), None]);
+        // Less than a second below the bound is not yet a stay.
+        errors[130..].fill(0.1);
+        errors[192] = 0.6;
+        assert_eq!(flown(&errors).figures(&plan).recovery_s[2], None);
+        errors.swap(192, 190);
+        assert!(close(
+            flown(&errors).figures(&plan).recovery_s[2].unwrap(),
+            6.1
+        ));
+    }
+
+    #[test]
+    fn of_a_flight_that_ended_early_no_recovery_is_told() {
+        let errors = vec![0.1; 150];
+        let figures = flown(&errors).figures(&flight(200, &[50, 100, 180]));
+        assert_eq!(figures.recovery_s, [Some(0.0), None, None]);
+    }
+
+    #[test]
+    fn effort_is_that_of_the_rotors() {
+        let Figures { effort, trace, .. } = flown(&[0.0; 101]).figures(&flight(100, &[]));
+        assert!(close(effort.power, 1.0), "{effort:?}");
+        // Two of four rotors change by 3 rad/s in every tick.
+        assert!(close(effort.agitation_rad_s, 4.5_f64.sqrt()), "{effort:?}");
+        assert!(
+            close(effort.saturated_percent, 100.0 * 26.0 / 101.0),
+            "{effort:?}"
+        );
+        assert_eq!(trace.spans(POWER).count(), 101);
+        assert_eq!(
+            flown(&[]).figures(&flight(100, &[])).effort.agitation_rad_s,
+            0.0
+        );
+    }
+}

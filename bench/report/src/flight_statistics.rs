@@ -1,0 +1,869 @@
+//! Statistics of a flight: the recorder passes in every message once.
+//!
+//! The work of a stage in a tick counts after the plant has flown that tick, and the deadline of a command counts after
+//! the plant has judged it. A stage that continues after the plant has ended is not counted.
+
+use crate::deadlines::{DeadlineOutcome, Deadlines, LateCommands, MissRuns};
+use crate::freshness::FreshnessStatistics;
+use crate::laws::{FlownLaws, NotFinite, SignalStatistics};
+use crate::miss_analysis::MissAnalysis;
+use crate::process_failures::FailureStatistics;
+use crate::series::{Series, SeriesSet};
+use crate::theorem::TheoremStatistics;
+use crate::timer_lead::{LeadSection, LeadStatistics};
+use crate::tracer::{Timing, Tracer};
+use crate::tracking::{ControlStatistics, RecentStates, Tracking};
+use crate::{schema, swaps};
+use errors::Failure;
+use flight_log::TOPICS;
+use flight_log::entry::Counts;
+use messages::blackboards;
+use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
+use messages::grid::{Grid, Pace};
+use messages::header::Message;
+use messages::monitor::Monitor;
+use messages::realtime::Lead;
+use messages::role::{Role, STAGES};
+use messages::telemetry::LAW_ROLES;
+use messages::topic::Topic;
+use std::collections::VecDeque;
+use std::ops::RangeInclusive;
+
+/// Swaps that are kept one by one.
+pub const SWAPS_KEPT: usize = 500;
+
+/// Everything that is counted over a flight.
+#[derive(Debug)]
+pub struct FlightStatistics {
+    /// Whether the first message need not be the flight's: then what was before it is unknown, and not missing.
+    joins: bool,
+    /// Where ticks have their place on the clock; in lockstep they have none.
+    grid: Option<Grid>,
+    t0_ns: u64,
+    tracking: Tracking,
+    pub series: SeriesSet,
+    pub miss_runs: MissRuns,
+    deadlines: Option<Deadlines>,
+    freshness: FreshnessStatistics,
+    /// Why deadlines were missed; in lockstep there are none.
+    pub autopsy: Option<MissAnalysis>,
+    pub deaths: FailureStatistics,
+    pub late_commands: LateCommands,
+    leads: LeadStatistics,
+    pub states: u64,
+    last_wake: [Option<(u64, u64)>; 4],
+    /// What stages did in ticks that the plant may still fly.
+    passages: VecDeque<StampedTiming>,
+    /// Commands whose deadlines the plant has not judged yet.
+    commands: VecDeque<StampedCommand>,
+    /// When the mixer said its last word [ns].
+    last_word_ns: Option<u64>,
+    sequences: [Sequence; TOPICS.len()],
+    flight: ControlStatistics,
+    recent: RecentStates,
+    /// Answers that could not be used, of outer, inner and mixer law.
+    pub not_finite: [NotFinite; 3],
+    laws: FlownLaws,
+    /// What outer, inner and mixer law show.
+    pub telemetry: [SignalStatistics; LAW_ROLES.len()],
+    pub theorem: TheoremStatistics,
+    /// The first [`SWAPS_KEPT`] swaps.
+    pub swaps: Vec<swaps::AppliedSwap>,
+    pub swaps_seen: u64,
+    pub tracer: Tracer,
+    newest: Option<(u64, u64)>,
+    /// Ticks that the plant had skipped when it published the newest state.
+    skipped: u64,
+}
+
+/// Follows the sequence numbers of a topic.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sequence {
+    last: Option<(u64, u64)>,
+    lost: u64,
+}
+
+impl Sequence {
+    /// Whether messages are missing before this one.
+    fn follow(&mut self, epoch: u64, seq: u64, joins: bool) -> bool {
+        let expected = match self.last {
+            Some((last_epoch, last_seq)) if last_epoch == epoch => last_seq + 1,
+            None if joins => seq,
+            _ => 0,
+        };
+        self.lost += seq.saturating_sub(expected);
+        self.last = Some((epoch, seq));
+        seq > expected
+    }
+}
+
+/// Whether a rotor command is the mixer's last word of a run: idle, and the answer to no state.
+#[must_use]
+pub fn is_last_word(message: &Message<RotorSpeeds>) -> bool {
+    message.envelope.stamps_of(Role::Mixer).receive_ns == 0
+}
+
+impl FlightStatistics {
+    /// Counts a run from its tick 0 on.
+    pub fn new(pace: Pace, t0_ns: u64, tracking: Tracking) -> Result<Self, Failure> {
+        let grid = match pace {
+            Pace::Realtime(grid) => Some(grid),
+            Pace::Lockstep => None,
+        };
+        Ok(Self {
+            joins: false,
+            grid,
+            t0_ns,
+            tracking,
+            series: SeriesSet::new()?,
+            miss_runs: MissRuns::default(),
+            deadlines: grid.map(Deadlines::new),
+            freshness: FreshnessStatistics::default(),
+            autopsy: None,
+            deaths: FailureStatistics::new(tracking.period_s()),
+            late_commands: LateCommands::default(),
+            tracer: Tracer::new(tracking),
+            leads: LeadStatistics::new()?,
+            states: 0,
+            last_wake: [None; 4],
+            passages: VecDeque::new(),
+            commands: VecDeque::new(),
+            last_word_ns: None,
+            sequences: [Sequence::default(); TOPICS.len()],
+            flight: ControlStatistics::default(),
+            recent: RecentStates::new(tracking.period_s()),
+            not_finite: [NotFinite::default(); 3],
+            laws: FlownLaws::default(),
+            telemetry: [SignalStatistics::new(&[]); LAW_ROLES.len()],
+            theorem: TheoremStatistics::default(),
+            swaps: Vec::new(),
+            swaps_seen: 0,
+            newest: None,
+            skipped: 0,
+        })
+    }
+
+    /// Counts a run from the next message on.
+    pub fn joining(pace: Pace, t0_ns: u64, tracking: Tracking) -> Result<Self, Failure> {
+        let tally = Self::new(pace, t0_ns, tracking)?;
+        Ok(Self {
+            joins: true,
+            deadlines: tally.grid.map(Deadlines::joining),
+            ..tally
+        })
+    }
+
+    /// Follows what these laws show, from the next message on.
+    pub fn flown_by(&mut self, laws: FlownLaws) {
+        self.laws = laws;
+        self.telemetry = LAW_ROLES.map(|role| SignalStatistics::new(laws.signals.of(role)));
+        self.tracer.flown_by(laws);
+        laws.without_theorem
+            .into_iter()
+            .for_each(|law| self.theorem.does_not_apply(law));
+    }
+
+    /// Whether messages of the topic are missing before this one.
+    fn follow<C: Topic>(&mut self, topic: usize, message: &Message<C>) -> bool {
+        self.sequences[topic].follow(message.envelope.epoch, message.envelope.seq, self.joins)
+    }
+
+    fn keep_stamps<C: Topic>(&mut self, message: &Message<C>) {
+        self.deaths.message(message);
+        if let Some(autopsy) = &mut self.autopsy {
+            autopsy.stamps(message);
+        }
+    }
+
+    /// Follows the causes of missed deadlines from now on; in lockstep there are no deadlines.
+    ///
+    /// `is_virtual`: a hypervisor may run below; `shares_processor`: all loops were granted the same one.
+    pub fn begin_autopsy(&mut self, is_virtual: bool, shares_processor: bool) {
+        self.autopsy = self
+            .grid
+            .map(|grid| MissAnalysis::new(grid, is_virtual, shares_processor));
+    }
+
+    pub fn state(&mut self, message: &Message<State>) {
+        let unseen = self.follow(0, message);
+        let tick = message.envelope.tick;
+        self.newest = Some((tick, message.envelope.sample_ns));
+        self.skipped = message.content.ticks_skipped;
+        self.deaths.message(message);
+        self.stage(Self::passage(message, unseen));
+        self.settle(tick, tick.checked_sub(1));
+        if let Some(autopsy) = &mut self.autopsy {
+            autopsy.state(message);
+        }
+        let state = &message.content;
+        if self.joins && self.states == 0 {
+            self.miss_runs = MissRuns::joining(state.deadlines_missed, state.deadline_miss_run);
+            self.freshness.join(state);
+        }
+        self.states += 1;
+        self.freshness.state(message, unseen);
+        self.freshness.decide(self.grid, false);
+        self.timer(message.envelope.lead_ns, message.envelope.timer_late_ns);
+        if unseen {
+            self.miss_runs
+                .unseen(state.deadlines_missed, state.deadline_miss_run);
+        }
+        self.miss_runs
+            .update(state.deadlines_missed, state.deadline_miss_run);
+        let error_m = self.tracking.error_m(tick, state);
+        self.deaths.error(tick, error_m);
+        self.flight.tracking.take(error_m);
+        self.recent.take(tick, state.truth.position_w_m[2], error_m);
+        self.flight.truth = state.truth.theta();
+        self.theorem.truth(self.flight.truth);
+    }
+
+    /// Tick of the newest state; 0 before the first.
+    #[must_use]
+    pub fn newest_tick(&self) -> u64 {
+        self.newest.map_or(0, |(tick, _)| tick)
+    }
+
+    pub fn setpoint(&mut self, message: &Message<Setpoint>) {
+        let follows_loss = self.follow(1, message);
+        self.keep_stamps(message);
+        self.not_finite[0].take(message.envelope.tick, message.content.mode);
+        self.freshness
+            .stage(0, message.envelope.tick, message.content.mode);
+        self.telemetry[0].take(&message.content.telemetry);
+        let hop = Self::hop(Role::Plant, message.envelope.input_tick[0], message);
+        self.stage(StampedTiming {
+            hop,
+            ..Self::passage(message, follows_loss)
+        });
+    }
+
+    pub fn wrench(&mut self, message: &Message<Wrench>) {
+        let follows_loss = self.follow(2, message);
+        self.keep_stamps(message);
+        self.not_finite[1].take(message.envelope.tick, message.content.mode);
+        self.freshness
+            .stage(1, message.envelope.tick, message.content.mode);
+        self.telemetry[1].take(&message.content.telemetry);
+        let hop = Self::hop(Role::Outer, message.envelope.input_tick[1], message);
+        self.stage(StampedTiming {
+            hop,
+            ..Self::passage(message, follows_loss)
+        });
+        self.flight.shown(&self.laws, &message.content);
+    }
+
+    /// Takes a rotor command; the mixer's last word has no deadline.
+    pub fn rotor_speeds(&mut self, message: &Message<RotorSpeeds>) {
+        let follows_loss = self.follow(3, message);
+        let envelope = &message.envelope;
+        let sent_ns = envelope.stamps_of(Role::Mixer).send_ns;
+        if is_last_word(message) {
+            self.last_word_ns = Some(sent_ns);
+            return;
+        }
+        self.keep_stamps(message);
+        self.not_finite[2].take(envelope.tick, message.content.mode);
+        self.freshness
+            .command(envelope, sent_ns, message.content.mode);
+        self.freshness.decide(self.grid, false);
+        self.telemetry[2].take(&message.content.telemetry);
+        let hop = Self::hop(Role::Inner, envelope.input_tick[2], message);
+        let loop_ns = (envelope.sample_ns > 0).then(|| sent_ns.saturating_sub(envelope.sample_ns));
+        self.stage(StampedTiming {
+            hop,
+            loop_ns,
+            ..Self::passage(message, follows_loss)
+        });
+        self.flight.saturated += message.content.saturated;
+        let command = StampedCommand {
+            tick: envelope.tick,
+            sent_ns,
+            follows_loss,
+        };
+        if self.newest.is_some_and(|(newest, _)| command.tick < newest) {
+            self.judge(&command);
+        } else if self.deadlines.is_some() {
+            self.commands.push_back(command);
+        }
+    }
+
+    pub fn swap(&mut self, message: &Message<SwapRecord>) {
+        self.follow(4, message);
+        self.swaps_seen += 1;
+        if self.swaps.len() < SWAPS_KEPT {
+            let period_s = self.tracking.period_s();
+            self.swaps.push(swaps::AppliedSwap::new(
+                message.envelope.tick,
+                period_s,
+                &message.content,
+            ));
+        }
+    }
+
+    /// Takes what is said of the theorem.
+    pub fn theorem(&mut self, message: &Message<Monitor>) {
+        self.follow(5, message);
+        self.theorem.take(message.envelope.epoch, &message.content);
+    }
+
+    /// Messages that were overwritten before they were read, in the order of [`TOPICS`].
+    #[must_use]
+    pub fn lost(&self) -> Counts {
+        self.sequences.map(|sequence| sequence.lost)
+    }
+
+    /// Ticks, with the identity that they must satisfy: the sum is counted from messages, the time is the clock's.
+    #[must_use]
+    pub fn ticks(&self, run: &blackboards::Run) -> schema::Ticks {
+        let elapsed_periods = self.newest.map_or(0, |(tick, sample_ns)| match self.grid {
+            Some(grid) => grid.tick_at(sample_ns) + 1,
+            // Where ticks have no length, only their numbers can be compared.
+            None => tick + 1,
+        });
+        let published = self.states + self.lost()[0];
+        // In flight, the plant's board is ahead of the messages that were taken.
+        let skipped = if run.phase() == blackboards::RunPhase::Closed {
+            run.ticks_skipped
+        } else {
+            self.skipped
+        };
+        // Ticks skipped after the last one that was published lie behind the last stamp.
+        let skipped_at_the_end = self.newest.map_or(0, |(tick, _)| {
+            let flown = if run.ending() == blackboards::EndReason::Completed {
+                run.last_tick
+            } else {
+                tick
+            };
+            flown.saturating_sub(tick)
+        });
+        let total = elapsed_periods + skipped_at_the_end;
+        schema::Ticks {
+            run: published,
+            skipped,
+            elapsed_s: match self.grid {
+                Some(grid) => (total * grid.period_ns) as f64 / 1e9,
+                None => {
+                    self.newest
+                        .map_or(0, |(_, sample_ns)| sample_ns.saturating_sub(self.t0_ns))
+                        as f64
+                        / 1e9
+                }
+            },
+            elapsed_periods: total,
+            identity_holds: published + skipped == total,
+        }
+    }
+
+    /// Ticks that flew without a fresh command on time; nothing in lockstep, where there are no deadlines.
+    #[must_use]
+    pub fn not_fresh(&self, ticks: &schema::Ticks) -> Option<schema::NotFresh> {
+        self.grid
+            .map(|_| schema::NotFresh::new(self.freshness.missed(), self.freshness.stale(), ticks))
+    }
+
+    #[must_use]
+    pub fn flight(&self) -> schema::ControlPerformance {
+        self.flight.performance(&self.recent)
+    }
+}
+
+/// What a stage did in a tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StampedTiming {
+    pub role: Role,
+    pub tick: u64,
+    pub receive_ns: u64,
+    pub send_ns: u64,
+    /// From waking to being done, in its tick before; 0 is not known.
+    pub previous_busy_ns: u64,
+    /// From the driving input's publishing to having it in hand, where that was of this tick.
+    pub hop: Option<(Series, u64)>,
+    /// From the sampling of the state to publishing, of a rotor command that goes back to one.
+    pub loop_ns: Option<u64>,
+    /// Whether messages were lost right before.
+    pub follows_loss: bool,
+}
+
+/// A rotor command that was published.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StampedCommand {
+    pub tick: u64,
+    pub sent_ns: u64,
+    /// Whether messages were lost right before.
+    pub follows_loss: bool,
+}
+
+impl FlightStatistics {
+    /// Waking of a stage for a tick: ticks that it left out enter with their whole lateness.
+    fn wake(&mut self, passage: &StampedTiming) {
+        let StampedTiming {
+            role,
+            tick,
+            receive_ns: wake_ns,
+            follows_loss,
+            ..
+        } = *passage;
+        let last = self.last_wake[role as usize]
+            .replace((tick, wake_ns))
+            .filter(|_| !follows_loss);
+        let first = if self.joins || follows_loss { tick } else { 0 };
+        self.owed_wakes(
+            role,
+            last.map_or(first, |(last_tick, _)| last_tick + 1)..=tick,
+            wake_ns,
+        );
+        if let Some((_, last_wake_ns)) = last {
+            self.series
+                .record(Series::Period(role), wake_ns.saturating_sub(last_wake_ns));
+        }
+    }
+
+    fn owed_wakes(&mut self, role: Role, ticks: RangeInclusive<u64>, wake_ns: u64) {
+        let Some(grid) = self.grid else { return };
+        for owed in ticks {
+            let late_ns = wake_ns.saturating_sub(grid.begin_of(owed));
+            self.series.record(Series::Wake(role), late_ns);
+            if role == Role::Plant {
+                self.tracer.timing(owed, Timing::Wake, late_ns);
+            }
+        }
+    }
+
+    /// How far ahead of a tick the plant's timer was to be set, and how late the kernel woke it.
+    pub(super) fn timer(&mut self, lead_ns: u64, late_ns: u64) {
+        if self.grid.is_some() {
+            self.series.record(Series::Timer, late_ns);
+            self.leads.take(lead_ns, late_ns);
+        }
+    }
+
+    /// The lead, at take-off and in flight, and what waiting for the ticks cost of the time that the flight took.
+    #[must_use]
+    pub fn lead(&self, at_take_off: &Lead, rehearsals: u64) -> LeadSection {
+        let flown_ns = self.grid.map_or(0, |grid| self.states * grid.period_ns);
+        self.leads.section(at_take_off, rehearsals, flown_ns)
+    }
+
+    /// A stage's stamps in a message of its own.
+    pub(super) fn passage<C: Topic>(message: &Message<C>, follows_loss: bool) -> StampedTiming {
+        let (role, envelope) = (C::SENDER, &message.envelope);
+        let stamps = envelope.stamps_of(role);
+        StampedTiming {
+            role,
+            tick: envelope.tick,
+            receive_ns: stamps.receive_ns,
+            send_ns: stamps.send_ns,
+            previous_busy_ns: envelope.previous_busy_ns,
+            hop: None,
+            loop_ns: None,
+            follows_loss,
+        }
+    }
+
+    /// Counts a passage, now or when its tick has been flown.
+    pub(super) fn stage(&mut self, passage: StampedTiming) {
+        if self
+            .newest
+            .is_some_and(|(newest, _)| passage.tick <= newest)
+        {
+            self.count(&passage);
+        } else {
+            self.passages.push_back(passage);
+        }
+    }
+
+    fn count(&mut self, passage: &StampedTiming) {
+        self.wake(passage);
+        let StampedTiming {
+            role,
+            tick,
+            receive_ns,
+            send_ns,
+            previous_busy_ns,
+            ..
+        } = *passage;
+        self.series
+            .record(Series::Compute(role), send_ns.saturating_sub(receive_ns));
+        if previous_busy_ns > 0 {
+            self.series.record(Series::Busy(role), previous_busy_ns);
+        }
+        if let Some((series, hop_ns)) = passage.hop {
+            self.series.record(series, hop_ns);
+        }
+        if let Some(loop_ns) = passage.loop_ns {
+            self.series.record(Series::Loop, loop_ns);
+            self.tracer.timing(tick, Timing::Loop, loop_ns);
+        }
+    }
+
+    /// Counts what was done in ticks up to `flown`, and judges the commands up to that of `judged`.
+    pub(super) fn settle(&mut self, flown: u64, judged: Option<u64>) {
+        for passage in std::mem::take(&mut self.passages) {
+            if passage.tick <= flown {
+                self.count(&passage);
+            } else {
+                self.passages.push_back(passage);
+            }
+        }
+        while let Some(command) = self
+            .commands
+            .pop_front_if(|command| Some(command.tick) <= judged)
+        {
+            self.judge(&command);
+        }
+    }
+
+    pub(super) fn judge(&mut self, command: &StampedCommand) {
+        let Some(deadlines) = &mut self.deadlines else {
+            return;
+        };
+        let (series, late_commands) = (&mut self.series, &mut self.late_commands);
+        if command.follows_loss {
+            deadlines.unseen_before(command.tick);
+        }
+        deadlines.published(command.tick, command.sent_ns, |tick, verdict| {
+            enter(series, late_commands, tick, verdict)
+        });
+    }
+
+    /// The flight is over, at the latest at `now_ns`: what was still owed then is late until its end.
+    pub fn finish(&mut self, run: &blackboards::Run, now_ns: u64) {
+        // States that were published after the newest one that came.
+        self.sequences[0].lost += run
+            .ticks_run
+            .saturating_sub(self.states + self.sequences[0].lost);
+        let Some((tick, sample_ns)) = self.newest else {
+            return;
+        };
+        let completed = run.ending() == blackboards::EndReason::Completed;
+        if completed {
+            self.freshness.finish(
+                run.last_tick + 1,
+                run.deadlines_missed,
+                run.ticks_skipped,
+                self.grid,
+            );
+        } else {
+            self.freshness.decide(self.grid, true);
+        }
+        // A flight that was planned to end with its last tick was awake to judge it; any other one judged up to its
+        // last state.
+        let (flown, judged) = if completed {
+            (run.last_tick, Some(run.last_tick))
+        } else {
+            (tick, tick.checked_sub(1))
+        };
+        self.settle(flown, judged);
+        (self.passages, self.commands) = (VecDeque::new(), VecDeque::new());
+        let (Some(last_tick), Some(grid)) = (judged, self.grid) else {
+            return;
+        };
+        if tick < run.tick.min(run.last_tick) {
+            // The end was not seen: nobody knows who was late there.
+            return;
+        }
+        let end_ns = if completed {
+            self.last_word_ns
+                .filter(|ns| *ns >= grid.begin_of(last_tick + 1))
+                .unwrap_or(now_ns)
+        } else {
+            sample_ns
+        };
+        for role in STAGES {
+            let Some((woken, _)) = self.last_wake[role as usize] else {
+                continue;
+            };
+            self.owed_wakes(role, woken + 1..=last_tick, end_ns);
+        }
+        if let Some(deadlines) = &mut self.deadlines {
+            let (series, late_commands) = (&mut self.series, &mut self.late_commands);
+            deadlines.finish(last_tick, end_ns, |tick, verdict| {
+                enter(series, late_commands, tick, verdict)
+            });
+        }
+    }
+
+    /// The hop into a stage, where its driving input was of this tick.
+    pub(super) fn hop<C: Topic>(
+        from: Role,
+        input_tick: u64,
+        message: &Message<C>,
+    ) -> Option<(Series, u64)> {
+        let envelope = &message.envelope;
+        let sent_ns = envelope.stamps_of(from).send_ns;
+        let received_ns = envelope.stamps_of(C::SENDER).receive_ns;
+        (input_tick == envelope.tick).then(|| {
+            (
+                Series::Hop(from, C::SENDER),
+                received_ns.saturating_sub(sent_ns),
+            )
+        })
+    }
+}
+
+/// Enters the verdict on a tick's deadline.
+fn enter(
+    series: &mut SeriesSet,
+    late_commands: &mut LateCommands,
+    tick: u64,
+    verdict: DeadlineOutcome,
+) {
+    match verdict {
+        DeadlineOutcome::Slack(ns) => series.record(Series::Slack, ns),
+        DeadlineOutcome::Late(ns) => {
+            late_commands.take(tick, ns);
+            series.record(Series::Late, ns);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use controller::Trajectory;
+    use messages::content::State;
+    use messages::grid::{Grid, Pace};
+    use messages::header::Header;
+
+    use super::*;
+    use crate::tracking::Tracking;
+
+    #[test]
+    fn what_a_timer_leaves_of_its_lead_is_waited_out_and_paid_for() {
+        let grid = Grid {
+            t0_ns: 1_000_000_000,
+            period_ns: 1_000_000,
+        };
+        let mut tally = FlightStatistics::new(
+            Pace::Realtime(grid),
+            grid.t0_ns,
+            Tracking::of(Trajectory::Hover, 1e-3),
+        )
+        .unwrap();
+        let ticks = [
+            (100_000, 20_000),
+            (110_000, 60_000),
+            (90_000, 300_000),
+            (100_000, 30_000),
+        ];
+        for (tick, (lead_ns, timer_late_ns)) in (0..).zip(ticks) {
+            let sample_ns = grid.begin_of(tick) + if timer_late_ns > lead_ns { 210_000 } else { 0 };
+            let envelope = Header {
+                tick,
+                seq: tick,
+                sample_ns,
+                lead_ns,
+                timer_late_ns,
+                ..Header::new()
+            };
+            tally.state(&Message {
+                envelope,
+                content: State::default(),
+            });
+        }
+        let timer = tally.series.flight(Series::Timer).unwrap();
+        assert_eq!(
+            (timer.len(), timer.count_between(290_000, 310_000)),
+            (4, 1),
+            "also one that came after its tick"
+        );
+        let lead = tally.lead(
+            &Lead {
+                lead_ns: 100_000,
+                rehearsal_ns: 40_000,
+                timer_p90_ns: 30_000,
+            },
+            3,
+        );
+        assert_eq!(
+            (
+                lead.lead_us,
+                lead.rehearsal_us,
+                lead.timer_p90_us,
+                lead.rehearsals
+            ),
+            (100.0, 40.0, 30.0, 3)
+        );
+        assert_eq!(
+            [lead.least_us, lead.median_us, lead.most_us].map(f64::round),
+            [90.0, 100.0, 110.0]
+        );
+        assert!(
+            (lead.processor_percent - 5.0).abs() < 1e-9,
+            "80 + 50 + 0 + 70 us of 4 ms: {lead:?}"
+        );
+    }
+}
+
+#[cfg(test)]
+mod tally_tests {
+    use super::*;
+    use controller::Trajectory;
+    use messages::header::{Header, Stamps};
+    use messages::role::STAGES;
+
+    #[test]
+    fn ticks_add_up_in_flight_whatever_the_plant_has_skipped_since() {
+        let grid = Grid {
+            t0_ns: 1_000_000_000,
+            period_ns: 1_000_000,
+        };
+        let tracking = Tracking::of(Trajectory::Hover, 1e-3);
+        let mut tally = FlightStatistics::new(Pace::Realtime(grid), grid.t0_ns, tracking).unwrap();
+        // Ticks 3 and 4 were skipped.
+        for (seq, tick) in (0..).zip([0, 1, 2, 5, 6]) {
+            let sample_ns = grid.begin_of(tick) + 20_000;
+            let envelope = Header {
+                tick,
+                seq,
+                sample_ns,
+                ..Header::new()
+            };
+            let content = State {
+                ticks_skipped: if tick > 2 { 2 } else { 0 },
+                ..State::default()
+            };
+            tally.state(&Message { envelope, content });
+        }
+        let phase = |phase: blackboards::RunPhase| blackboards::Run {
+            phase: phase as u64,
+            ticks_skipped: 9,
+            ..blackboards::Run::default()
+        };
+        let flying = tally.ticks(&phase(blackboards::RunPhase::Flying));
+        assert_eq!(
+            (
+                flying.run,
+                flying.skipped,
+                flying.elapsed_periods,
+                flying.identity_holds
+            ),
+            (5, 2, 7, true)
+        );
+        // At the end the plant's own count is held against the messages.
+        assert!(
+            !tally
+                .ticks(&phase(blackboards::RunPhase::Closed))
+                .identity_holds
+        );
+    }
+
+    /// Messages of a tick as a flight on `grid` has them: every 50th is late, and brings a swap.
+    fn take_tick(tally: &mut FlightStatistics, grid: Grid, seq: u64, tick: u64) {
+        let envelope = |sent_us: u64| {
+            let mut envelope = Header {
+                tick,
+                seq,
+                sample_ns: grid.begin_of(tick) + 20_000,
+                ..Header::new()
+            };
+            envelope.input_tick = [tick; 3];
+            let stamps = Stamps {
+                receive_ns: grid.begin_of(tick) + 10_000,
+                send_ns: grid.begin_of(tick) + sent_us * 1000,
+            };
+            envelope.stamps = [stamps; STAGES.len()];
+            envelope
+        };
+        let (is_late, late) = (seq.is_multiple_of(50), seq / 50);
+        let content = State {
+            deadlines_missed: late,
+            deadline_miss_run: u64::from(is_late),
+            ..State::default()
+        };
+        tally.state(&Message {
+            envelope: envelope(20),
+            content,
+        });
+        tally.setpoint(&Message {
+            envelope: envelope(30),
+            content: Setpoint::default(),
+        });
+        tally.wrench(&Message {
+            envelope: envelope(40),
+            content: Wrench::default(),
+        });
+        let sent_us = if is_late { 1_100 } else { 50 };
+        tally.rotor_speeds(&Message {
+            envelope: envelope(sent_us),
+            content: RotorSpeeds::default(),
+        });
+        if is_late {
+            let envelope = Header {
+                tick,
+                seq: late,
+                ..Header::new()
+            };
+            tally.swap(&Message {
+                envelope,
+                content: SwapRecord::default(),
+            });
+        }
+    }
+
+    #[test]
+    fn what_is_kept_is_bounded_however_long_a_flight_is() {
+        let grid = Grid {
+            t0_ns: 1_000_000_000,
+            period_ns: 1_000_000,
+        };
+        let mut tally = FlightStatistics::new(
+            Pace::Realtime(grid),
+            grid.t0_ns,
+            Tracking::of(Trajectory::Hover, 1e-3),
+        )
+        .unwrap();
+        tally.begin_autopsy(true, true);
+        for tick in 0..60_000 {
+            take_tick(&mut tally, grid, tick, tick);
+            if let Some(autopsy) = &mut tally.autopsy {
+                autopsy.look();
+            }
+            assert!(
+                tally.passages.len() <= 8 && tally.commands.len() <= 2,
+                "tick {tick}"
+            );
+        }
+        assert_eq!((tally.swaps.len(), tally.swaps_seen), (SWAPS_KEPT, 1200));
+        assert!(
+            tally.late_commands.stretches().len() <= crate::deadlines::KEPT
+                && tally.late_commands.left_out() > 0
+        );
+        assert!(
+            tally.miss_runs.lengths().len() <= 2,
+            "{:?}",
+            tally.miss_runs.lengths()
+        );
+        assert_eq!(tally.lost(), [0; TOPICS.len()]);
+    }
+
+    #[test]
+    fn a_flight_of_30_days_is_counted_as_one_of_a_minute_is() {
+        const DAYS_30: u64 = 30 * 86_400_000;
+        let grid = Grid {
+            t0_ns: 1_000_000_000,
+            period_ns: 1_000_000,
+        };
+        let tracking = Tracking::of(Trajectory::Lissajous, 1e-3);
+        let mut tally =
+            FlightStatistics::joining(Pace::Realtime(grid), grid.t0_ns, tracking).unwrap();
+        for tick in DAYS_30 - 1000..=DAYS_30 {
+            take_tick(&mut tally, grid, tick, tick);
+        }
+        assert_eq!(
+            (tally.states, tally.newest_tick(), tally.lost()),
+            (1001, DAYS_30, [0; TOPICS.len()])
+        );
+        let late = tally.late_commands.stretches();
+        assert!(
+            late.len() >= 20 && late.iter().all(|stretch| stretch.late_ns == 100_000),
+            "{late:?}"
+        );
+        assert!(
+            tracking
+                .position_w_m(DAYS_30)
+                .iter()
+                .all(|m| m.is_finite() && m.abs() < 10.0)
+        );
+    }
+}

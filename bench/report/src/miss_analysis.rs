@@ -1,0 +1,562 @@
+//! Root-cause analysis of outages: when they began, how long they lasted, how many deadlines they cost, and why.
+//!
+//! ```text
+//!   tick        41     42     43     44     45     46
+//!   plant       .      .      .      .      .      .
+//!   outer       .      .      .      .      .      .        . worked, with the input of its tick
+//!   inner       .      -      -      -      .      .        - published nothing
+//!   mixer       .      *      *      *      .      .        * worked without the input of its tick
+//!                      |---- one outage --|
+//! ```
+//!
+//! A tick is *out* when a deadline was missed for its command, or a stage left it out, or worked it without its input.
+//! An outage is a row of such ticks, however long. It is classed once ([`crate::miss_causes`]), by the delay that
+//! it began with, up to the late stage's next sign of life. Every missed deadline belongs to one outage.
+
+use crate::candidate_causes::Outage;
+use crate::candidate_causes::{CounterSample, Life, StageTiming, TickTimings, TimingWindow};
+use crate::miss_causes::{Attribution, MissCause, classify, index};
+use crate::outages::{CauseCount, OutageCase, OutageSection, TimelineStage, TimelineTick};
+use crate::processor_trace::Slice;
+use crate::schema::MACHINE;
+use messages::content::State;
+use messages::grid::Grid;
+use messages::header::{Header, Message};
+use messages::role::{Role, STAGES};
+use messages::topic::Topic;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+/// Ticks that are kept before and after an outage: what is usual is seen in them.
+pub const AROUND_TICKS: u64 = 32;
+/// An outage is classed as it stands when it has lasted for so many ticks; what follows is another one.
+const LONGEST_TICKS: u64 = 60_000;
+/// Outages that the report holds each by itself.
+const WORST: usize = 100;
+/// Ticks before and after the first tick of an outage, and its last one, in its timeline: what lies between two such
+/// ends of a long one is all alike.
+const TIMELINE: (u64, u64) = (1, 2);
+/// Samples that are kept beyond those of the ticks [ns].
+const SAMPLES_BEYOND_NS: u64 = 200_000_000;
+
+#[derive(Clone, Debug)]
+pub struct MissAnalysis {
+    grid: Grid,
+    is_virtual: bool,
+    /// All loops have the same processor.
+    share_processor: bool,
+    traces: BTreeMap<u64, TickTimings>,
+    samples: VecDeque<CounterSample>,
+    /// Who ran on the loops' processor, where it is traced.
+    slices: VecDeque<Slice>,
+    /// Ticks that the plant's next states judged: from, to, missed deadlines among them, the last one's verdict.
+    judged: Vec<Judged>,
+    last_state: Option<(u64, u64)>,
+    /// Ticks whose commands missed their deadlines, as long as their stamps are kept.
+    missed: BTreeSet<u64>,
+    /// The next tick to look at: from it on, misses are in no outage yet. None before the first state.
+    next: Option<u64>,
+    /// Whether every stage has worked a tick: what is not there before has not begun yet.
+    has_begun: bool,
+    open: Option<Outage>,
+    /// Outages, and missed deadlines in them.
+    counts: BTreeMap<(MissCause, Option<Role>), (u64, u64)>,
+    rows: OutageRuns,
+    worst: Vec<OutageCase>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Judged {
+    /// Ticks that the plant has judged: after this one ...
+    after: Option<u64>,
+    tick: u64,
+    missed: u64,
+    /// Whether the last one did; not known behind the last state.
+    last_missed: Option<bool>,
+}
+
+impl MissAnalysis {
+    /// Follows a flight on a grid.
+    #[must_use]
+    pub const fn new(grid: Grid, is_virtual: bool, share_processor: bool) -> Self {
+        Self {
+            grid,
+            is_virtual,
+            share_processor,
+            traces: BTreeMap::new(),
+            samples: VecDeque::new(),
+            slices: VecDeque::new(),
+            judged: Vec::new(),
+            last_state: None,
+            missed: BTreeSet::new(),
+            next: None,
+            has_begun: false,
+            open: None,
+            counts: BTreeMap::new(),
+            rows: OutageRuns::NONE,
+            worst: Vec::new(),
+        }
+    }
+
+    /// Takes the stamps of a message.
+    pub fn stamps<C: Topic>(&mut self, message: &Message<C>) {
+        let (role, envelope) = (C::SENDER, &message.envelope);
+        let stamps = envelope.stamps_of(role);
+        let passage = StageTiming {
+            receive_ns: stamps.receive_ns,
+            send_ns: stamps.send_ns,
+            is_fresh: is_fresh(role, envelope),
+        };
+        self.traces.entry(envelope.tick).or_default()[index(role)] = Some(passage);
+    }
+
+    /// Takes a state: its stamps, and the plant's verdicts since the one before.
+    pub fn state(&mut self, message: &Message<State>) {
+        self.stamps(message);
+        self.next.get_or_insert(message.envelope.tick);
+        let (tick, missed) = (message.envelope.tick, message.content.deadlines_missed);
+        let (after, missed_before) = self
+            .last_state
+            .map_or((None, 0), |(tick, missed)| (Some(tick), missed));
+        if missed > missed_before {
+            let last_missed = Some(message.content.deadline_miss_run > 0);
+            self.judged.push(Judged {
+                after,
+                tick,
+                missed: missed - missed_before,
+                last_missed,
+            });
+        }
+        self.last_state = Some((tick, missed));
+    }
+
+    /// Takes what the kernel has counted.
+    pub fn sample(&mut self, sample: CounterSample) {
+        self.samples.push_back(sample);
+    }
+
+    /// Takes what the kernel's trace tells, in order.
+    pub fn ran(&mut self, slices: Vec<Slice>) {
+        self.slices.extend(slices);
+    }
+
+    /// Takes which stages ended without landing, seen at an instant after the last sample: such an end ends the run,
+    /// most often before the next sample would have shown it.
+    pub fn fallen(&mut self, stages: [bool; STAGES.len()], at_ns: u64) {
+        let mut sample = self.samples.back().copied().unwrap_or_default();
+        sample.at_ns = at_ns;
+        for (counters, _) in sample
+            .stages
+            .iter_mut()
+            .zip(stages)
+            .filter(|(_, fallen)| *fallen)
+        {
+            counters.life = Life::Dead;
+        }
+        self.samples.push_back(sample);
+    }
+
+    /// Classes the outages that are over; to be called when the topics are drained.
+    pub fn look(&mut self) {
+        self.find();
+        let newest = self.newest();
+        while let Some(tick) = self.next.filter(|tick| tick + AROUND_TICKS <= newest) {
+            self.look_at(tick);
+        }
+        self.forget(newest);
+    }
+
+    /// Classes what is left, up to the last deadline missed: the flight is over.
+    pub fn finish(&mut self, missed: u64, last_tick: u64) {
+        let (after, missed_before) = self
+            .last_state
+            .map_or((None, 0), |(tick, missed)| (Some(tick), missed));
+        if missed > missed_before {
+            self.judged.push(Judged {
+                after,
+                tick: last_tick,
+                missed: missed - missed_before,
+                last_missed: None,
+            });
+        }
+        self.find();
+        let last = self.newest().max(self.missed.last().copied().unwrap_or(0));
+        while let Some(tick) = self.next.filter(|tick| *tick <= last) {
+            self.look_at(tick);
+        }
+        // Stages need not work the last tick of a flight that ends before its time.
+        match self.open.take() {
+            Some(outage) if outage.missed > 0 || outage.first + 1 < last => self.close(outage),
+            _ => {}
+        }
+        // Of ticks before the first one that was seen.
+        self.count_unplaced(self.not_looked_at());
+        self.missed.clear();
+    }
+
+    fn newest(&self) -> u64 {
+        self.traces.last_key_value().map_or(0, |(tick, _)| *tick)
+    }
+
+    /// Continues, opens or closes an outage with a tick.
+    fn look_at(&mut self, tick: u64) {
+        self.next = Some(tick + 1);
+        let missed = u64::from(self.missed.contains(&tick));
+        let trace = self.traces.get(&tick).copied().unwrap_or_default();
+        let is_whole = trace
+            .iter()
+            .all(|passage| passage.is_some_and(|passage| passage.is_fresh));
+        self.has_begun |= is_whole;
+        let is_out = missed > 0 || (self.has_begun && !is_whole);
+        let open = self.open.take();
+        if !is_out {
+            if let Some(outage) = open {
+                self.close(outage);
+            }
+            return;
+        }
+        let outage = match open {
+            Some(outage) if tick - outage.first < LONGEST_TICKS => Outage {
+                last: tick,
+                missed: outage.missed + missed,
+                ..outage
+            },
+            longest => {
+                if let Some(outage) = longest {
+                    self.close(outage);
+                }
+                Outage {
+                    first: tick,
+                    last: tick,
+                    missed,
+                }
+            }
+        };
+        self.open = Some(outage);
+    }
+
+    /// Misses that are in no outage yet.
+    fn not_looked_at(&self) -> u64 {
+        self.missed.range(self.next.unwrap_or(0)..).count() as u64
+    }
+
+    fn count_unplaced(&mut self, missed: u64) {
+        if missed > 0 {
+            self.counts
+                .entry((MissCause::CannotTell, None))
+                .or_default()
+                .1 += missed;
+        }
+    }
+
+    /// Finds the ticks of the misses: those whose command was not there when the next tick began.
+    fn find(&mut self) {
+        for Judged {
+            after,
+            tick,
+            missed,
+            last_missed,
+        } in std::mem::take(&mut self.judged)
+        {
+            let first = after.map_or(1, |after| after + 1);
+            let mut misses: Vec<u64> = match last_missed {
+                Some(true) => vec![tick],
+                _ => Vec::new(),
+            };
+            let open_end = if last_missed.is_some() {
+                tick
+            } else {
+                tick + 1
+            };
+            // Of the ticks between two states the plant tells only how many missed; the stamps tell which.
+            for skipped in (first..open_end).rev() {
+                if misses.len() as u64 == missed {
+                    break;
+                }
+                let sent_ns = self
+                    .traces
+                    .get(&(skipped - 1))
+                    .and_then(|trace| trace[Role::Mixer as usize]);
+                if sent_ns.is_none_or(|passage| passage.send_ns > self.grid.begin_of(skipped)) {
+                    misses.push(skipped);
+                }
+            }
+            self.count_unplaced(missed - misses.len() as u64);
+            misses.into_iter().for_each(|tick| self.place(tick - 1));
+        }
+    }
+
+    /// Finds a place for a missed deadline. A plant that was away judges ticks that were looked at long ago: then the
+    /// outage lasts that they belong to.
+    fn place(&mut self, tick: u64) {
+        self.missed.insert(tick);
+        let was_looked_at = self.next.is_some_and(|next| tick < next);
+        match self.open.as_mut().filter(|outage| outage.first <= tick) {
+            _ if !was_looked_at => {}
+            Some(outage) => outage.missed += 1,
+            None => self.count_unplaced(1),
+        }
+    }
+
+    fn close(&mut self, outage: Outage) {
+        let (first, last) = (
+            outage.first.saturating_sub(AROUND_TICKS),
+            outage.last + AROUND_TICKS,
+        );
+        let traces: BTreeMap<u64, TickTimings> = self
+            .traces
+            .range(first..=last)
+            .map(|(tick, trace)| (*tick, *trace))
+            .collect();
+        let stamps = traces
+            .values()
+            .flatten()
+            .flatten()
+            .map(|passage| passage.send_ns);
+        let until_ns = stamps
+            .max()
+            .unwrap_or(0)
+            .max(self.grid.begin_of(outage.last + 1));
+        let scene = TimingWindow {
+            grid: self.grid,
+            traces: &traces,
+            samples: self.samples.make_contiguous(),
+            slices: self.slices.make_contiguous(),
+            outage,
+            until_ns,
+            is_virtual: self.is_virtual,
+            share_processor: self.share_processor,
+        };
+        // What the recorder did not see is no outage of the loop.
+        let is_whole = !scene.messages_lost();
+        if outage.missed == 0 && !is_whole {
+            return;
+        }
+        let opinion = classify(&scene);
+        let count = self
+            .counts
+            .entry((opinion.class, opinion.stage))
+            .or_default();
+        *count = (count.0 + 1, count.1 + outage.missed);
+        // Nor is a stage that it did not see published.
+        if is_whole {
+            let trace = |tick| self.traces.get(&tick).copied().unwrap_or_default();
+            self.rows.take(outage, |tick| {
+                out_in(&trace(tick), self.grid, tick, self.missed.contains(&tick))
+            });
+        } else {
+            self.rows.unmeasured += 1;
+        }
+        let case = self.case(outage, opinion);
+        let place = self
+            .worst
+            .partition_point(|other| (other.ticks, other.missed) >= (case.ticks, case.missed));
+        self.worst.insert(place, case);
+        self.worst.truncate(WORST);
+    }
+
+    fn case(&self, outage: Outage, opinion: Attribution) -> OutageCase {
+        let begin_ns = self.grid.begin_of(outage.first);
+        let from_begin_us = |ns: u64| (ns as f64 - begin_ns as f64) / 1e3;
+        let around = |tick: u64| tick.saturating_sub(TIMELINE.0)..=tick + TIMELINE.1;
+        let shown: BTreeSet<u64> = around(outage.first).chain(around(outage.last)).collect();
+        let stage_of = |(role, passage): (Role, StageTiming)| TimelineStage {
+            role: role.name().into(),
+            wake_us: from_begin_us(passage.receive_ns),
+            send_us: from_begin_us(passage.send_ns),
+            is_fresh: passage.is_fresh,
+        };
+        let stages_of = |trace: &TickTimings| -> Vec<TimelineStage> {
+            STAGES
+                .into_iter()
+                .zip(trace)
+                .filter_map(|(role, it)| Some(stage_of((role, (*it)?))))
+                .collect()
+        };
+        let seen = self.newest().max(outage.last);
+        let timeline = shown.range(..=seen).map(|tick| TimelineTick {
+            tick: *tick,
+            missed: self.missed.contains(tick),
+            stages: self.traces.get(tick).map(stages_of).unwrap_or_default(),
+        });
+        OutageCase {
+            tick: outage.first,
+            time_s: (begin_ns - self.grid.t0_ns) as f64 / 1e9,
+            ticks: outage.last - outage.first + 1,
+            missed: outage.missed,
+            delay_us: opinion
+                .span_ns
+                .map_or(0.0, |(due_ns, seen_ns)| (seen_ns - due_ns) as f64 / 1e3),
+            due_us: opinion
+                .span_ns
+                .map_or(0.0, |(due_ns, _)| from_begin_us(due_ns)),
+            class: opinion.class,
+            stage: opinion.stage.map(|stage| stage.name().into()),
+            evidence: opinion.evidence,
+            ran: opinion.ran,
+            faults: Vec::new(),
+            timeline: timeline.collect(),
+        }
+    }
+
+    /// Forgets what no outage can need any more.
+    fn forget(&mut self, newest: u64) {
+        let begin = self
+            .open
+            .map(|outage| outage.first)
+            .or(self.next)
+            .unwrap_or(newest);
+        let oldest = begin.saturating_sub(AROUND_TICKS);
+        self.traces = self.traces.split_off(&oldest);
+        self.missed = self.missed.split_off(&oldest);
+        let oldest_ns = self.grid.begin_of(oldest).saturating_sub(SAMPLES_BEYOND_NS);
+        while self
+            .samples
+            .front()
+            .is_some_and(|sample| sample.at_ns < oldest_ns)
+        {
+            self.samples.pop_front();
+        }
+        while self
+            .slices
+            .front()
+            .is_some_and(|slice| slice.to_ns < oldest_ns)
+        {
+            self.slices.pop_front();
+        }
+    }
+
+    #[must_use]
+    pub fn section(&self) -> OutageSection {
+        let mut classes: Vec<CauseCount> = self
+            .counts
+            .iter()
+            .map(|((class, stage), (outages, missed))| CauseCount {
+                class: *class,
+                stage: stage.map(|stage| stage.name().into()),
+                outages: *outages,
+                missed: *missed,
+            })
+            .collect();
+        classes.sort_by_key(|class| std::cmp::Reverse((class.missed, class.outages)));
+        let judged: u64 = self.judged.iter().map(|judged| judged.missed).sum();
+        let open = self.open.map_or(0, |outage| outage.missed);
+        OutageSection {
+            classes,
+            pending: judged + self.not_looked_at() + open,
+            longest: Some(self.rows.longest()),
+            unmeasured: self.rows.unmeasured,
+            worst: self.worst.clone(),
+        }
+    }
+}
+
+/// Whether the driving input of a stage was of its tick.
+fn is_fresh(role: Role, envelope: &Header) -> bool {
+    index(role)
+        .checked_sub(1)
+        .is_none_or(|input| envelope.input_tick[input] == envelope.tick)
+}
+
+/// Each stage, and all of them at once.
+const ROWS: usize = STAGES.len() + 1;
+
+/// The longest rows so far, of each stage and of all at once.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct OutageRuns {
+    longest: [u64; ROWS],
+    /// OutageRuns that last at the end of the outage that was taken last.
+    running: [u64; ROWS],
+    next: u64,
+    /// Outages whose rows are not known.
+    pub unmeasured: u64,
+}
+
+impl OutageRuns {
+    pub const NONE: Self = Self {
+        longest: [0; ROWS],
+        running: [0; ROWS],
+        next: 0,
+        unmeasured: 0,
+    };
+
+    /// Takes an outage, whose stages were out as `out_in` says of each tick. One that begins where the last one was cut
+    /// off goes on with it.
+    pub fn take(&mut self, outage: Outage, out_in: impl Fn(u64) -> [bool; STAGES.len()]) {
+        if outage.first != self.next {
+            self.running = [0; ROWS];
+        }
+        self.next = outage.last + 1;
+        for tick in outage.first..=outage.last {
+            let out = out_in(tick);
+            let all = out.iter().all(|is_out| *is_out);
+            let rows = self.running.iter_mut().zip(&mut self.longest);
+            for ((row, longest), is_out) in rows.zip(out.into_iter().chain([all])) {
+                *row = if is_out { *row + 1 } else { 0 };
+                *longest = (*longest).max(*row);
+            }
+        }
+    }
+
+    /// The longest of each stage that had one, and of [`MACHINE`] [ticks].
+    pub fn longest(&self) -> BTreeMap<String, u64> {
+        let names = STAGES.into_iter().map(|role| role.name()).chain([MACHINE]);
+        let longest = names.zip(self.longest).filter(|(_, ticks)| *ticks > 0);
+        longest
+            .map(|(name, ticks)| (name.to_owned(), ticks))
+            .collect()
+    }
+}
+
+/// Which stages published nothing in a tick, or too late for the next one. What came in time and was not used is no
+/// outage of its sender; `is_missed` says that the tick's command missed its deadline.
+pub(super) fn out_in(
+    trace: &TickTimings,
+    grid: Grid,
+    tick: u64,
+    is_missed: bool,
+) -> [bool; STAGES.len()] {
+    std::array::from_fn(|i| {
+        let Some(passage) = trace[i] else { return true };
+        let (due_ns, is_used) = match STAGES.get(i + 1) {
+            Some(next) => (
+                grid.cut_off_of(*next, tick),
+                trace[i + 1].is_some_and(|next| next.is_fresh),
+            ),
+            None => (grid.begin_of(tick + 1), !is_missed),
+        };
+        !is_used && passage.send_ns > due_ns
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn longest(outages: &[(u64, u64)], out_in: fn(u64) -> [bool; STAGES.len()]) -> Vec<u64> {
+        let mut rows = OutageRuns::NONE;
+        outages.iter().for_each(|(first, last)| {
+            rows.take(
+                Outage {
+                    first: *first,
+                    last: *last,
+                    missed: 0,
+                },
+                out_in,
+            )
+        });
+        rows.longest.into()
+    }
+
+    #[test]
+    fn an_outage_that_was_cut_off_goes_on_and_another_one_does_not() {
+        let inner = |_| [false, false, true, false];
+        assert_eq!(longest(&[(100, 199), (200, 249)], inner), [0, 0, 150, 0, 0]);
+        assert_eq!(longest(&[(100, 199), (201, 250)], inner), [0, 0, 100, 0, 0]);
+    }
+
+    #[test]
+    fn a_stage_that_works_meanwhile_begins_a_new_row_and_the_machine_is_all_of_them() {
+        let now_and_then = |tick: u64| [true, !tick.is_multiple_of(10), true, true];
+        assert_eq!(longest(&[(1, 29)], now_and_then), [29, 9, 29, 29, 9]);
+    }
+}

@@ -1,0 +1,101 @@
+//! The section of the report on outages.
+
+use crate::faults::InjectedFault;
+use crate::miss_causes::MissCause;
+use crate::processor_trace::RunnerTime;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Outages in the text and on the page; report.json has more.
+pub const WORST_SHOWN: usize = 10;
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct OutageSection {
+    /// How many outages each class has, by the stage that they were due to; the one with the most misses first.
+    pub classes: Vec<CauseCount>,
+    /// Deadlines missed in an outage that lasts, or is not classified yet.
+    pub pending: u64,
+    /// The longest row of ticks without an output in time, of each stage that had one, and of all stages at once
+    /// ([`MACHINE`](crate::schema::MACHINE)); none in reports from before it was counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub longest: Option<BTreeMap<String, u64>>,
+    /// Outages with missed deadlines that count in no such row: messages were lost there, so who was out is not known.
+    #[serde(default)]
+    pub unmeasured: u64,
+    /// The longest outages in ticks; of those alike, the ones with more deadlines missed first.
+    pub worst: Vec<OutageCase>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CauseCount {
+    pub class: MissCause,
+    /// The stage that they were due to; none where it was none, or is not known.
+    pub stage: Option<String>,
+    pub outages: u64,
+    pub missed: u64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OutageCase {
+    pub tick: u64,
+    /// Begin of that tick as time of the flight on the clock [s].
+    pub time_s: f64,
+    pub ticks: u64,
+    /// How many of their commands missed the deadline.
+    pub missed: u64,
+    /// From the instant when the late stage was due to its next sign of life [us]; 0 where no stage is known.
+    pub delay_us: f64,
+    /// That instant, from the beginning of the first tick on [us].
+    pub due_us: f64,
+    pub class: MissCause,
+    /// The stage that it was due to.
+    pub stage: Option<String>,
+    pub evidence: String,
+    /// Who had the loops' processor in the delay, the longest first; empty without a trace.
+    #[serde(default)]
+    pub ran: Vec<RunnerTime>,
+    /// Faults of messages, stages and the processor that were on in it, or struck just before.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<String>,
+    /// What the stages did around its first tick and its last one; ticks between these are left out.
+    pub timeline: Vec<TimelineTick>,
+}
+
+/// What the stages did in a tick.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TimelineTick {
+    pub tick: u64,
+    /// Whether its command missed the deadline, by the plant's verdict.
+    #[serde(default)]
+    pub missed: bool,
+    /// Plant, outer, inner, mixer; those that published something.
+    pub stages: Vec<TimelineStage>,
+}
+
+/// What a stage did in a tick; times from the beginning of the outage's first tick on [us].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TimelineStage {
+    pub role: String,
+    /// When it woke, and had its input.
+    pub wake_us: f64,
+    pub send_us: f64,
+    /// Its driving input was of the tick; otherwise it had waited until its cut-off.
+    pub is_fresh: bool,
+}
+
+impl OutageSection {
+    /// The same, and each outage with the faults that were on.
+    #[must_use]
+    pub fn struck_by(mut self, faults: &[InjectedFault]) -> Self {
+        for case in &mut self.worst {
+            let strikes =
+                |fault: &&InjectedFault| fault.strikes(case.tick, case.tick + case.ticks - 1);
+            case.faults = faults
+                .iter()
+                .filter(strikes)
+                .map(|fault| fault.what.clone())
+                .collect();
+        }
+        self
+    }
+}

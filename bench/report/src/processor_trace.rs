@@ -1,0 +1,111 @@
+//! Which threads and interrupts used the processor of the loops, from the kernel trace.
+
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Who or what had a processor.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Runner {
+    Idle,
+    Thread {
+        pid: u64,
+        /// Its priority as the kernel counts: 0 is the most urgent, below 100 is real time.
+        priority: u64,
+        name: String,
+    },
+    /// An interrupt, on top of whoever ran.
+    Interrupt {
+        /// The device, the timer or the kind.
+        name: String,
+    },
+}
+
+impl Runner {
+    /// The thread's number; 0 is nobody's.
+    #[must_use]
+    pub const fn pid(&self) -> u64 {
+        match self {
+            Self::Thread { pid, .. } => *pid,
+            Self::Idle | Self::Interrupt { .. } => 0,
+        }
+    }
+
+    #[must_use]
+    pub fn words(&self) -> String {
+        match self {
+            Self::Idle => "idle".into(),
+            Self::Thread { pid, name, .. } => format!("{name} ({pid})"),
+            Self::Interrupt { name } => name.clone(),
+        }
+    }
+}
+
+/// A stretch in which somebody had a processor.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Slice {
+    /// From here [ns].
+    pub from_ns: u64,
+    /// To here [ns].
+    pub to_ns: u64,
+    pub runner: Runner,
+}
+
+/// How long somebody had the processor during a delay.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunnerTime {
+    pub who: String,
+    /// How long [us].
+    pub us: f64,
+}
+
+/// How long each had the processor in a span; nothing where the trace does not cover at least half of it.
+#[must_use]
+pub fn runners(slices: &[Slice], from_ns: u64, to_ns: u64) -> Option<BTreeMap<&Runner, u64>> {
+    let mut times = BTreeMap::<&Runner, u64>::new();
+    for slice in slices {
+        let ns = slice
+            .to_ns
+            .min(to_ns)
+            .saturating_sub(slice.from_ns.max(from_ns));
+        if ns > 0 {
+            *times.entry(&slice.runner).or_default() += ns;
+        }
+    }
+    let threads = times
+        .iter()
+        .filter(|(runner, _)| !matches!(runner, Runner::Interrupt { .. }));
+    let covered_ns: u64 = threads.map(|(_, ns)| ns).sum();
+    (covered_ns * 2 >= to_ns.saturating_sub(from_ns) && covered_ns > 0).then_some(times)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn slice(from_ns: u64, to_ns: u64, pid: u64) -> Slice {
+        let runner = if pid == 0 {
+            Runner::Idle
+        } else {
+            Runner::Thread {
+                pid,
+                priority: 120,
+                name: "t".into(),
+            }
+        };
+        Slice {
+            from_ns,
+            to_ns,
+            runner,
+        }
+    }
+
+    #[test]
+    fn a_span_counts_what_lies_in_it_and_a_trace_that_misses_most_of_it_says_nothing() {
+        let slices = [slice(0, 100, 1), slice(100, 150, 0), slice(150, 400, 2)];
+        let times = runners(&slices, 50, 200).unwrap();
+        assert_eq!(times.into_values().collect::<Vec<_>>(), [50, 50, 50]);
+        assert_eq!(runners(&slices, 300, 600), None);
+        assert!(runners(&slices, 300, 500).is_some());
+        assert_eq!(runners(&[], 0, 10), None);
+    }
+}

@@ -1,0 +1,300 @@
+//! The summary that `fly` prints at its end: at most 29 lines of 80 columns, the most important first.
+
+use crate::faults::InjectedFault;
+use crate::phrase::wrapped;
+use crate::phrase::{INDENT, WIDTH, count};
+use crate::render::baseline_text;
+use crate::render::text;
+use crate::schema::FlightVerdict;
+use crate::schema::Report;
+use crate::speed::Speed;
+use crate::{margin_section as margin, message_loss, process_failures};
+use messages::role::{Role, STAGES};
+use std::collections::BTreeMap;
+
+/// Lines; with that of the result they are 30.
+const HEIGHT: usize = 29;
+/// An outage of so many ticks can lose a flight.
+const LONG_OUTAGE_TICKS: u64 = 20;
+/// Lines of a sentence; where it ends is in the whole report.
+const LINES: usize = 3;
+/// Last line of what there is no room for.
+const MORE: &str = "          ... the rest: ironbird report --full";
+/// The latencies that say how the loop did: those of the whole, then of each step.
+const SERIES: [&str; 7] = [
+    "loop",
+    "slack",
+    "timer",
+    "wake.plant",
+    "hop.plant_outer",
+    "hop.outer_inner",
+    "hop.inner_mixer",
+];
+
+/// Where the rest of a flight is, as far as it is there.
+#[derive(Clone, Debug, Default)]
+pub struct Left {
+    pub page: Option<String>,
+    pub log: Option<String>,
+}
+
+/// Renders the short report of a flight, with where the rest is.
+#[must_use]
+pub fn render(report: &Report, left: &Left) -> String {
+    let foot = [latencies(report), foot(left)].concat();
+    let mut head: Vec<String> = sentences(report)
+        .iter()
+        .flat_map(|sentence| lines(sentence))
+        .collect();
+    let room = HEIGHT - foot.len();
+    if head.len() > room {
+        head.truncate(room - 1);
+        head.push(MORE.into());
+    }
+    [head, foot].concat().join("\n") + "\n"
+}
+
+/// What there is to say, what matters first.
+fn sentences(report: &Report) -> Vec<String> {
+    let word = |(subject, word, why): (&str, &str, &str)| {
+        format!("{subject:<9} {}: {why}", word.to_uppercase())
+    };
+    let mut all = report.words.each().map(word).to_vec();
+    all.extend(lost_by_lateness(report));
+    all.extend(message_loss::sentences(report));
+    all.extend(gates(report));
+    let (run, ticks) = (&report.run, &report.ticks);
+    let (ending, pace) = (text::ending(report), text::pace(report));
+    all.push(format!(
+        "Flown     {ending}: {pace}; {:.1} s from {}",
+        ticks.elapsed_s, run.started
+    ));
+    all.extend(faults(report));
+    all.extend(deaths(report));
+    all.extend(outages(report));
+    // How to measure can wait: what is refused matters more, and there is room for little.
+    let is_known = report
+        .margin
+        .as_ref()
+        .is_some_and(|margin| margin.unknown.is_none());
+    let margin = margin::sentence(report).map(|sentence| format!("Margin    {sentence}"));
+    all.extend(margin.clone().filter(|_| is_known));
+    all.push(tracking(report));
+    all.extend(floors(report));
+    all.extend(refused(report));
+    all.extend(margin.filter(|_| !is_known));
+    all
+}
+
+/// A sentence in as many lines as it may have.
+fn lines(sentence: &str) -> Vec<String> {
+    const CUT: &str = " ...";
+    let mut lines = wrapped(sentence);
+    if lines.len() > LINES {
+        lines.truncate(LINES);
+        lines.iter_mut().skip(LINES - 1).for_each(|last| {
+            let mut kept: String = last.chars().take(WIDTH - CUT.len()).collect();
+            if kept.len() < last.len() {
+                kept.truncate(
+                    kept.trim_end_matches(|c: char| !c.is_whitespace())
+                        .trim_end()
+                        .len(),
+                );
+            }
+            *last = kept + CUT;
+        });
+    }
+    lines
+}
+
+fn latencies(report: &Report) -> Vec<String> {
+    let rows = SERIES
+        .iter()
+        .filter_map(|name| report.series(name))
+        .map(|series| {
+            let rare = series
+                .p999_us
+                .map_or_else(|| "-".into(), |us| format!("{us:.1}"));
+            format!(
+                "  {:<15} {:>9} {:>10.1} {:>10.1} {rare:>10} {:>10.1}",
+                series.name, series.count, series.p50_us, series.p99_us, series.max_us
+            )
+        });
+    let head = "Latencies [us]        count        p50        p99      p99.9        max".to_owned();
+    std::iter::once(head).chain(rows).collect()
+}
+
+fn foot(left: &Left) -> Vec<String> {
+    let files = [("Page", &left.page), ("Log", &left.log)];
+    let paths = files
+        .into_iter()
+        .filter_map(|(what, path)| Some(format!("{what:<9} {}", shortened(path.as_ref()?))));
+    paths
+        .chain(["More      ironbird report --full, or a part of it: --section NAME".to_owned()])
+        .collect()
+}
+
+/// A path without its middle, where the line has no room for it: the line of the result has the whole directory.
+fn shortened(path: &str) -> String {
+    const ROOM: usize = WIDTH - INDENT.len();
+    const HEAD: usize = 20;
+    let length = path.chars().count();
+    if length <= ROOM {
+        return path.to_owned();
+    }
+    let (head, tail): (String, String) = (
+        path.chars().take(HEAD).collect(),
+        path.chars()
+            .skip(length - (ROOM - HEAD - "...".len()))
+            .collect(),
+    );
+    format!("{head}...{tail}")
+}
+
+fn faults(report: &Report) -> Option<String> {
+    let faults: Vec<String> = report.faults.iter().map(InjectedFault::brief).collect();
+    (!faults.is_empty()).then(|| format!("Faults    {}", faults.join(", ")))
+}
+
+/// That a lost flight was lost to the machine, where the record shows that, and what to type.
+fn lost_by_lateness(report: &Report) -> Option<String> {
+    let is_lost = report.words.flight.word == FlightVerdict::Lost;
+    let outage = report.autopsy.worst.first()?;
+    let is_of_the_machine = outage.class.is_of_the_machine()
+        && outage.faults.is_empty()
+        && outage.ticks >= LONG_OUTAGE_TICKS;
+    (is_lost && is_of_the_machine && report.deaths.is_empty()).then(|| {
+        format!(
+            "Why lost  the machine was late by up to {} ({}); that is not the law's fault. \
+             Try `ironbird doctor`, or fly without a clock: `ironbird simulate` or \
+             `ironbird fly --pace lockstep`",
+            count(outage.ticks, "tick"),
+            outage.class.words()
+        )
+    })
+}
+
+/// How many processes died, and the one that died last.
+fn deaths(report: &Report) -> Option<String> {
+    let last = report.deaths.last()?.line();
+    Some(match process_failures::number(report) {
+        1 => format!("Deaths    {last}"),
+        all => format!("Deaths    {all}, the last one: {last}"),
+    })
+}
+
+/// How many outages there were, what most misses were due to, and the longest one.
+fn outages(report: &Report) -> Option<String> {
+    let autopsy = &report.autopsy;
+    let first = autopsy.classes.first()?;
+    // A file may hold any numbers.
+    let outages = autopsy
+        .classes
+        .iter()
+        .map(|count| count.outages)
+        .fold(0, u64::saturating_add);
+    let missed = autopsy
+        .classes
+        .iter()
+        .map(|count| count.missed)
+        .fold(0, u64::saturating_add);
+    let due = match missed {
+        0 => format!("{} of them: {}", first.outages, first.cause()),
+        _ => format!("{} of these: {}", first.missed, first.cause()),
+    };
+    let longest = autopsy.worst.first().map_or_else(String::new, |case| {
+        format!("; the longest: {}", case.line())
+    });
+    // Misses that no outage was seen with are counted under the first class, too.
+    let with = if outages == 0 {
+        "none seen"
+    } else {
+        &outages.to_string()
+    };
+    Some(format!(
+        "Outages   {with} with {}, {due}{longest}",
+        count(missed, "missed deadline")
+    ))
+}
+
+fn tracking(report: &Report) -> String {
+    let performance = &report.flight;
+    format!(
+        "Tracking  position error rms {:.4} m, largest {:.4} m, at the end {:.4} m{}",
+        performance.position_error_rms_m,
+        performance.position_error_max_m,
+        performance.position_error_final_m,
+        text::without_state(report)
+    )
+}
+
+/// How many times its floor each latency is that has one.
+fn floors(report: &Report) -> Option<String> {
+    let beside = report.beside.as_ref()?;
+    let times = |it: baseline_text::Compared<'_>| {
+        let percentiles = it
+            .times
+            .map(|times| times.map_or_else(|| "-".into(), |times| format!("{times:.2}")));
+        format!(
+            "{} is {} times a {}",
+            it.series,
+            percentiles.join(", "),
+            it.floor
+        )
+    };
+    let all: Vec<String> = baseline_text::compared(beside, report).map(times).collect();
+    Some(format!("Floors    at p50, p99, p99.9: {}", all.join("; ")))
+}
+
+/// What the system refused, once for all processes that it refused it to, and what can be flown without it.
+fn refused(report: &Report) -> Vec<String> {
+    let mut by_step = BTreeMap::<(&str, &str), Vec<&str>>::new();
+    for (name, role) in &report.roles {
+        for step in &role.realtime {
+            if let Some(reason) = &step.refused {
+                by_step.entry((&step.step, reason)).or_default().push(name);
+            }
+        }
+    }
+    if by_step.is_empty() {
+        let is_plain = |stage: &Role| {
+            report
+                .roles
+                .get(stage.name())
+                .is_some_and(|it| it.scheduling == "other")
+        };
+        let is_on_the_clock = report.run.speed() != Speed::Lockstep && STAGES.iter().all(is_plain);
+        let words =
+            "Real time not asked for: the loops were scheduled like any other program".to_owned();
+        return is_on_the_clock.then_some(words).into_iter().collect();
+    }
+    let part = |((step, reason), roles): (&(&str, &str), &Vec<&str>)| {
+        let whom = if STAGES.iter().all(|stage| roles.contains(&stage.name())) {
+            "all loops"
+        } else {
+            &roles.join(", ")
+        };
+        format!(
+            "{} to {whom}: {}",
+            step.replace('_', " "),
+            reason.split(" (os error").next().unwrap_or(reason)
+        )
+    };
+    let parts: Vec<String> = by_step.iter().map(part).collect();
+    vec![
+        format!("Refused   {}", parts.join("; ")),
+        format!("{INDENT}{WITHOUT_IT}"),
+    ]
+}
+
+/// What can be done about a refusal, and what can be flown in spite of it.
+const WITHOUT_IT: &str = "`ironbird doctor` lists remedies; those that need no root are --pace lockstep, \
+                          flight.slowdown (slow motion) and `ironbird simulate`";
+
+/// What the status follows from, and the gates that did not hold.
+fn gates(report: &Report) -> Vec<String> {
+    let failed = report.verdict.gates.iter().filter(|gate| !gate.held);
+    std::iter::once(format!("Gates     {}", report.verdict.words()))
+        .chain(failed.map(|gate| format!("  {gate}")))
+        .collect()
+}

@@ -1,0 +1,534 @@
+//! Charts as SVG: axes with units, lines and marks, coloured by the style sheet.
+//!
+//! A chart is drawn [`WIDTH`] pixels wide. Pages show it at about that width on phones and on desktops, so its text
+//! keeps its size. Colours are classes of `plot.css`, one for each thing shown, with variants for light and dark. Fonts
+//! come from the style sheet too.
+
+use crate::render::scale::Scale;
+use crate::traces::Span;
+use maud::{Markup, html};
+use std::fmt::Write as _;
+
+/// Colours and lines of everything in a chart.
+pub const STYLE: &str = include_str!("plot.css");
+
+/// Width of a chart [pixels].
+pub const WIDTH: f64 = 420.0;
+/// Height of a chart over time [pixels].
+pub const HEIGHT: f64 = 220.0;
+
+/// Numbers along the horizontal axis, about.
+const X_TICKS: usize = 6;
+/// Numbers along the vertical axis, about.
+const Y_TICKS: usize = 5;
+/// Space of a character of a label [pixels]: of the widest fonts in use.
+pub const CHARACTER: f64 = 7.2;
+/// Space above the axes, with the name of the vertical one [pixels].
+const ABOVE: f64 = 22.0;
+/// Space below the axes, with the numbers and the name of the horizontal one [pixels].
+pub const BELOW: f64 = 36.0;
+/// Space to the right of the axes, for half a number [pixels].
+const RIGHT: f64 = 20.0;
+/// Height of a capital from its baseline to its middle [pixels].
+pub const HALF_CAPITAL: f64 = 4.0;
+
+#[derive(Clone, Debug)]
+pub struct Axis {
+    pub scale: Scale,
+    pub label: String,
+}
+
+impl Axis {
+    #[must_use]
+    pub fn new(scale: Scale, label: impl Into<String>) -> Self {
+        Self {
+            scale,
+            label: label.into(),
+        }
+    }
+
+    /// The scale for a script that reads the chart.
+    fn words(&self) -> String {
+        match self.scale {
+            Scale::Linear { low, high } => format!("linear {low} {high}"),
+            Scale::Log { low, high } => format!("log {low} {high}"),
+            Scale::Symmetric {
+                threshold,
+                low,
+                high,
+            } => format!("symmetric {low} {high} {threshold}"),
+            Scale::Tail { high } => format!("tail 0 {high}"),
+        }
+    }
+}
+
+/// Something in a chart; `class` is its colour.
+#[derive(Clone, Debug)]
+pub enum Layer {
+    Line {
+        class: &'static str,
+        points: Vec<(f64, f64)>,
+    },
+    /// A histogram: its outline, filled thinly.
+    Steps {
+        class: &'static str,
+        /// From, to and height of each bin, in order.
+        bins: Vec<(f64, f64, f64)>,
+    },
+    /// Dots, each with a word for who points at it.
+    Dots {
+        class: &'static str,
+        points: Vec<((f64, f64), String)>,
+    },
+    /// Lines from the foot of the chart up to points.
+    Stems {
+        class: &'static str,
+        points: Vec<(f64, f64)>,
+    },
+    /// A line over the whole width, with its name.
+    Level {
+        class: &'static str,
+        at: f64,
+        label: String,
+    },
+    /// Lines over the whole height, each with a word for who points at it.
+    Verticals {
+        class: &'static str,
+        at: Vec<(f64, String)>,
+    },
+}
+
+#[derive(Clone, Debug)]
+pub struct Chart {
+    /// What it shows, for who cannot see it.
+    pub title: String,
+    pub x: Axis,
+    pub y: Axis,
+    /// Rows of marks above the axes, on the horizontal one.
+    pub lanes: Vec<Lane>,
+    /// From the lowest to the uppermost.
+    pub layers: Vec<Layer>,
+    /// Height [pixels].
+    pub height: f64,
+}
+
+/// The rectangle inside the axes [pixels].
+#[derive(Clone, Copy, Debug)]
+struct Frame {
+    left: f64,
+    right: f64,
+    top: f64,
+    foot: f64,
+}
+
+impl Chart {
+    /// The chart as an `svg` element; `place` are attributes that put it into another one: x, y, width, height.
+    #[must_use]
+    pub fn svg(&self, place: Option<[f64; 4]>) -> Markup {
+        let frame = self.frame();
+        let [x, y, width, height] = place.map_or([None; 4], |place| place.map(Some));
+        let Frame {
+            left,
+            right,
+            top,
+            foot,
+        } = frame;
+        // A chart of its own can be read with a pointer: page/readout.js.
+        let readable = |words: String| place.is_none().then_some(words);
+        html! {
+            svg viewBox=(format!("0 0 {WIDTH} {}", self.height)) role="img" aria-label=(self.title)
+                x=[x] y=[y] width=[width] height=[height]
+                data-frame=[readable(format!("{left} {right} {top} {foot}"))]
+                data-x=[readable(self.x.words())] data-y=[readable(self.y.words())] {
+                g.grid {
+                    @for tick in self.y.scale.ticks(Y_TICKS) {
+                        @let y = tenths(self.at_y(frame, tick.value));
+                        line x1=(left) x2=(right) y1=(y) y2=(y) {}
+                        text.left x=(left - 5.0) y=(tenths(self.at_y(frame, tick.value) + HALF_CAPITAL)) {
+                            (tick.label)
+                        }
+                    }
+                    @for tick in self.x.scale.ticks(X_TICKS) {
+                        @let x = tenths(self.at_x(frame, tick.value));
+                        line x1=(x) x2=(x) y1=(ABOVE) y2=(foot) {}
+                        text.below x=(x) y=(foot + 15.0) { (tick.label) }
+                    }
+                    text.of-y x="2" y="12" { (self.y.label) }
+                    text.of-x x=(right) y=(self.height - 5.0) { (self.x.label) }
+                }
+                @for (row, lane) in self.lanes.iter().enumerate() {
+                    (lane.draw(ABOVE + LANE * row as f64, |value| self.at_x(frame, value)))
+                }
+                @for layer in &self.layers { (self.layer(frame, layer)) }
+                path.frame d=(format!("M{left} {top}V{foot}H{right}")) {}
+            }
+        }
+    }
+
+    fn frame(&self) -> Frame {
+        let ticks = self.y.scale.ticks(Y_TICKS);
+        let widest = ticks
+            .iter()
+            .map(|tick| tick.label.chars().count())
+            .max()
+            .unwrap_or(1);
+        let left = 10.0 + CHARACTER * widest as f64;
+        let top = ABOVE + LANE * self.lanes.len() as f64;
+        Frame {
+            left,
+            right: WIDTH - RIGHT,
+            top,
+            foot: self.height - BELOW,
+        }
+    }
+
+    /// Width by height of the rectangle inside the axes.
+    #[must_use]
+    pub fn proportion(&self) -> f64 {
+        let Frame {
+            left,
+            right,
+            top,
+            foot,
+        } = self.frame();
+        (right - left) / (foot - top)
+    }
+
+    fn at_x(&self, frame: Frame, value: f64) -> f64 {
+        frame.left + (frame.right - frame.left) * self.x.scale.place(value)
+    }
+
+    fn at_y(&self, frame: Frame, value: f64) -> f64 {
+        frame.foot - (frame.foot - frame.top) * self.y.scale.place(value)
+    }
+
+    fn layer(&self, frame: Frame, layer: &Layer) -> Markup {
+        let at = |(x, y): (f64, f64)| (self.at_x(frame, x), self.at_y(frame, y));
+        match layer {
+            Layer::Line { class, points } => {
+                let d = path(points.iter().map(|point| at(*point)));
+                html! { path.line.(class) d=(d) {} }
+            }
+            Layer::Steps { class, bins } => {
+                let d = outline(
+                    bins.iter()
+                        .map(|(from, to, y)| (at((*from, *y)), self.at_x(frame, *to))),
+                    frame.foot,
+                );
+                html! { path.steps.(class) d=(d) {} }
+            }
+            Layer::Dots { class, points } => html! {
+                @for (point, word) in points {
+                    @let (x, y) = at(*point);
+                    circle.dot.(class) cx=(tenths(x)) cy=(tenths(y)) r="4.5" { title { (word) } }
+                }
+            },
+            Layer::Stems { class, points } => {
+                let mut d = String::new();
+                for (x, y) in points.iter().map(|point| at(*point)) {
+                    // Writing into a string cannot fail.
+                    let _ = write!(d, "M{} {}V{}", tenths(x), frame.foot, tenths(y));
+                }
+                html! { path.stem.(class) d=(d) {} }
+            }
+            Layer::Level { class, at, label } => {
+                let y = tenths(self.at_y(frame, *at));
+                html! {
+                    line.level.(class) x1=(frame.left) x2=(frame.right) y1=(y) y2=(y) {}
+                    text.level x=(frame.right - 4.0) y=(tenths(self.at_y(frame, *at) - 4.0)) { (label) }
+                }
+            }
+            Layer::Verticals { class, at } => html! {
+                // Many of them must not hide what they mark.
+                g.(class) opacity=(tenths((30.0 / at.len() as f64).clamp(0.2, 1.0))) {
+                    @for (value, word) in at {
+                        @let x = tenths(self.at_x(frame, *value));
+                        path.vertical.(class) d=(format!("M{x} {}V{}", frame.foot, frame.top)) { title { (word) } }
+                    }
+                }
+            },
+        }
+    }
+}
+
+/// A channel as a line: through the smallest and the largest value of each stretch, the nearer one first, as if they
+/// were its ends. What rises or falls all the time is drawn as it is.
+///
+/// `ends_s` gives the begin and the end of a stretch that begins at a tick [s].
+pub fn through(
+    spans: impl Iterator<Item = Span>,
+    ends_s: impl Fn(u64) -> [f64; 2],
+) -> Vec<(f64, f64)> {
+    let mut points: Vec<(f64, f64)> = Vec::new();
+    for span in spans {
+        let last = points.last().map_or(span.min, |point| point.1);
+        let rises = (last - span.min).abs() <= (last - span.max).abs();
+        let values = if rises {
+            [span.min, span.max]
+        } else {
+            [span.max, span.min]
+        };
+        points.extend(ends_s(span.tick).into_iter().zip(values));
+    }
+    points
+}
+
+/// Path through points in pixels, without those that make no difference.
+fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
+    /// Less than anybody sees [pixels].
+    const UNSEEN: f64 = 0.25;
+    let mut kept: Vec<(f64, f64)> = Vec::new();
+    for (x, y) in points {
+        match kept[..] {
+            // Where neighbours stand at one place, or three at one height, the middle one goes.
+            [.., (x0, y0)] if (x - x0).abs() < UNSEEN && (y - y0).abs() < UNSEEN => {}
+            [.., (_, y0), (_, y1)] if (y - y1).abs() < 0.05 && (y - y0).abs() < 0.05 => {
+                let last = kept.len() - 1;
+                kept[last] = (x, y);
+            }
+            _ => kept.push((x, y)),
+        }
+    }
+    let mut d = String::new();
+    for (i, (x, y)) in kept.into_iter().enumerate() {
+        // Writing into a string cannot fail.
+        let _ = write!(
+            d,
+            "{}{} {}",
+            if i == 0 { "M" } else { "L" },
+            tenths(x),
+            tenths(y)
+        );
+    }
+    d
+}
+
+/// Outline of bins in pixels, each as its upper left corner and its right edge, down to the foot where one is missing.
+fn outline(bins: impl Iterator<Item = ((f64, f64), f64)>, foot: f64) -> String {
+    let mut d = String::new();
+    let mut end = f64::NAN;
+    for ((left, y), right) in bins {
+        // Writing into a string cannot fail.
+        let _ = if (left - end).abs() < 0.01 {
+            write!(d, "L{left:.2} {y:.2}L{right:.2} {y:.2}")
+        } else {
+            let down = if end.is_nan() {
+                String::new()
+            } else {
+                format!("L{end:.2} {foot}")
+            };
+            write!(
+                d,
+                "{down}M{left:.2} {foot}L{left:.2} {y:.2}L{right:.2} {y:.2}"
+            )
+        };
+        end = right;
+    }
+    if !end.is_nan() {
+        let _ = write!(d, "L{end:.2} {foot}");
+    }
+    d
+}
+
+/// A tenth of a pixel is enough.
+pub fn tenths(pixels: f64) -> f64 {
+    (pixels * 10.0).round() / 10.0
+}
+
+#[derive(Clone, Debug)]
+pub struct Bar {
+    pub label: String,
+    pub class: &'static str,
+    pub from: f64,
+    pub to: f64,
+    pub number: String,
+}
+
+/// Height of a row [pixels].
+const ROW: f64 = 20.0;
+/// Height of a bar [pixels].
+const THICK: f64 = 12.0;
+/// Space above the first row [pixels].
+const BARS_ABOVE: f64 = 4.0;
+
+/// Bars below each other on one linear axis from 0 on; `label` names the axis, with unit.
+#[must_use]
+pub fn bars(title: &str, label: &str, bars: &[Bar]) -> Markup {
+    let longest = |text: fn(&Bar) -> &String| {
+        bars.iter()
+            .map(|bar| text(bar).chars().count())
+            .max()
+            .unwrap_or(1)
+    };
+    let left = 10.0 + CHARACTER * longest(|bar| &bar.label) as f64;
+    let right = WIDTH - 10.0 - CHARACTER * longest(|bar| &bar.number) as f64;
+    let foot = BARS_ABOVE + ROW * bars.len() as f64 + 2.0;
+    let scale = Scale::time(0.0, bars.iter().map(|bar| bar.to).fold(0.0, f64::max));
+    let at = |value: f64| tenths(left + (right - left) * scale.place(value));
+    html! {
+        svg viewBox=(format!("0 0 {WIDTH} {}", foot + BELOW)) role="img" aria-label=(title) {
+            g.grid {
+                @for tick in scale.ticks(4) {
+                    line x1=(at(tick.value)) x2=(at(tick.value)) y1=(BARS_ABOVE) y2=(foot) {}
+                    text.below x=(at(tick.value)) y=(foot + 15.0) { (tick.label) }
+                }
+                text.of-x x=(right) y=(foot + BELOW - 5.0) { (label) }
+            }
+            @for (i, bar) in bars.iter().enumerate() {
+                @let y = BARS_ABOVE + ROW * i as f64 + ROW / 2.0;
+                text.left x=(left - 5.0) y=(y + HALF_CAPITAL) { (bar.label) }
+                rect.bar.(bar.class) x=(at(bar.from)) y=(y - THICK / 2.0)
+                    width=(tenths(at(bar.to) - at(bar.from)).max(1.0)) height=(THICK) {}
+                text.number x=(at(bar.to) + 5.0) y=(y + HALF_CAPITAL) { (bar.number) }
+            }
+            path.frame d=(format!("M{left} {BARS_ABOVE}V{foot}H{right}")) {}
+        }
+    }
+}
+
+/// Height of a lane [pixels].
+pub const LANE: f64 = 11.0;
+/// Half the size of a mark [pixels].
+const HALF: f64 = 3.0;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mark {
+    P50,
+    P99,
+    P999,
+    Largest,
+}
+
+impl Mark {
+    /// All of them, from the smallest to the largest.
+    pub const ALL: [Self; 4] = [Self::P50, Self::P99, Self::P999, Self::Largest];
+
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::P50 => "p50",
+            Self::P99 => "p99",
+            Self::P999 => "p99.9",
+            Self::Largest => "max",
+        }
+    }
+
+    /// The mark around a place in pixels.
+    fn path(self, x: f64, y: f64) -> String {
+        let [left, right, top, foot] = [x - HALF, x + HALF, y - HALF, y + HALF].map(tenths);
+        let (x, y) = (tenths(x), tenths(y));
+        match self {
+            Self::P50 => format!("M{x} {}V{}", top - 1.0, foot + 1.0),
+            Self::P99 => format!("M{left} {y}L{x} {top}L{right} {y}L{x} {foot}Z"),
+            Self::P999 => format!("M{left} {top}H{right}V{foot}H{left}Z"),
+            Self::Largest => format!("M{left} {top}L{right} {foot}M{left} {foot}L{right} {top}"),
+        }
+    }
+
+    /// The mark alone, for a key.
+    #[must_use]
+    pub fn sample(self) -> Markup {
+        html! {
+            svg.sample viewBox="0 0 10 10" width="10" height="10" aria-hidden="true" {
+                path.mark d=(self.path(5.0, 5.0)) {}
+            }
+        }
+    }
+}
+
+/// The marks of a series, from the smallest to the largest.
+#[derive(Clone, Debug)]
+pub struct Lane {
+    pub class: &'static str,
+    /// Each with its place on the horizontal axis, and a word for who points at it.
+    pub marks: Vec<(Mark, f64, String)>,
+}
+
+impl Lane {
+    /// The lane below `top`, where `at_x` places values.
+    pub(super) fn draw(&self, top: f64, at_x: impl Fn(f64) -> f64) -> Markup {
+        let y = top + LANE / 2.0;
+        let places: Vec<f64> = self
+            .marks
+            .iter()
+            .map(|(_, value, _)| at_x(*value))
+            .collect();
+        html! {
+            g.lane.(self.class) {
+                @if let [first, .., last] = places[..] {
+                    path.reach d=(format!("M{} {y}H{}", tenths(first), tenths(last))) {}
+                }
+                @for ((mark, _, word), x) in self.marks.iter().zip(places) {
+                    path.mark d=(mark.path(x, y)) { title { (word) } }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::plot::Mark;
+
+    #[test]
+    fn paths_leave_out_what_nobody_sees() {
+        let flat = (0..100).map(|i| (f64::from(i), 5.0));
+        assert_eq!(path(flat), "M0 5L99 5");
+        assert_eq!(
+            path([(0.0, 0.0), (0.1, 0.1), (3.0, 9.0)].into_iter()),
+            "M0 0L3 9"
+        );
+        assert_eq!(path(std::iter::empty()), "");
+    }
+
+    #[test]
+    fn lines_reach_the_peaks_of_every_stretch() {
+        let spans = [
+            Span {
+                tick: 0,
+                min: 0.0,
+                max: 1.0,
+            },
+            Span {
+                tick: 2,
+                min: 0.5,
+                max: 7.0,
+            },
+        ];
+        let points = through(spans.into_iter(), |tick| [tick as f64, tick as f64 + 1.0]);
+        assert_eq!(points, [(0.0, 0.0), (1.0, 1.0), (2.0, 0.5), (3.0, 7.0)]);
+    }
+
+    #[test]
+    fn the_outline_of_bins_goes_down_where_one_is_missing() {
+        let bins = [((0.0, 5.0), 1.0), ((1.0, 3.0), 2.0), ((4.0, 6.0), 5.0)];
+        let d = outline(bins.into_iter(), 9.0);
+        let whole = "M0.00 9L0.00 5.00L1.00 5.00L1.00 3.00L2.00 3.00L2.00 9M4.00 9L4.00 6.00L5.00 6.00L5.00 9";
+        assert_eq!(d, whole);
+        assert_eq!(outline(std::iter::empty(), 9.0), "");
+    }
+
+    #[test]
+    fn words_are_escaped() {
+        let chart = Chart {
+            title: "<a> & \"b\"".into(),
+            x: Axis::new(Scale::time(0.0, 1.0), "time [s]"),
+            y: Axis::new(Scale::time(0.0, 1.0), "<y>"),
+            lanes: vec![Lane {
+                class: "loop",
+                marks: vec![(Mark::Largest, 0.7, "</svg><script>".into())],
+            }],
+            layers: vec![Layer::Verticals {
+                class: "swap",
+                at: vec![(0.5, "</svg><script>".into())],
+            }],
+            height: HEIGHT,
+        };
+        let svg = chart.svg(None).into_string();
+        assert!(
+            !svg.contains("<script>") && !svg.contains("<a>") && !svg.contains("<y>"),
+            "{svg}"
+        );
+    }
+}

@@ -1,0 +1,450 @@
+//! Scales of axes: where a number is placed, and which numbers are labelled.
+
+/// How numbers become places along an axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Scale {
+    Linear {
+        /// At the beginning of the axis.
+        low: f64,
+        high: f64,
+    },
+    Log {
+        /// At the beginning of the axis, above 0.
+        low: f64,
+        high: f64,
+    },
+    /// Logarithmic to both sides of 0, linear around it.
+    Symmetric {
+        /// Where linear becomes logarithmic, above 0.
+        threshold: f64,
+        /// At the beginning of the axis, below 0.
+        low: f64,
+        high: f64,
+    },
+    /// Shares of values, from 0: equal distances from 0 to 90 %, to 99 %, to 99.9 %, as `HdrHistogram` draws them.
+    Tail {
+        /// At the end of the axis, below 1.
+        high: f64,
+    },
+}
+
+/// A named place on an axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tick {
+    pub value: f64,
+    pub label: String,
+}
+
+/// Free space beyond the smallest and the largest value, as a share of the axis.
+const MARGIN: f64 = 0.06;
+/// Decades of a symmetric scale on either side.
+const SYMMETRIC_DECADES: f64 = 6.0;
+/// Ticks of a logarithmic axis at the most.
+const LOG_TICKS: f64 = 6.0;
+/// Ticks of any other axis at the most: numbers at the ends of what a double holds have no end of round ones.
+const TICKS_MOST: usize = 100;
+
+impl Scale {
+    /// An axis from the first to the last of some instants.
+    #[must_use]
+    pub fn time(begin: f64, end: f64) -> Self {
+        Self::Linear {
+            low: begin,
+            high: end.max(begin + 1e-9),
+        }
+    }
+
+    /// A linear axis around some values that is at least `least` long.
+    #[must_use]
+    pub fn linear(values: impl Iterator<Item = f64>, least: f64) -> Self {
+        let (low, high) = extent(values).unwrap_or((0.0, least));
+        let missing = (least - (high - low)).max(0.0) / 2.0;
+        let margin = (high - low + 2.0 * missing) * MARGIN;
+        Self::Linear {
+            low: low - missing - margin,
+            high: high + missing + margin,
+        }
+    }
+
+    /// A logarithmic axis around those of some values that are above 0, and at least half a decade long.
+    #[must_use]
+    pub fn log(values: impl Iterator<Item = f64>) -> Self {
+        let (low, high) = extent(values.filter(|value| *value > 0.0)).unwrap_or((1.0, 10.0));
+        let missing = (0.5 - (high / low).log10()).max(0.0) / 2.0;
+        let margin = ((high / low).log10() + 2.0 * missing) * MARGIN;
+        Self::Log {
+            low: low / 10_f64.powf(missing + margin),
+            high: high * 10_f64.powf(missing + margin),
+        }
+    }
+
+    /// An axis with 0 on it, which spans six decades of the values' sizes.
+    #[must_use]
+    pub fn symmetric(values: impl Iterator<Item = f64>) -> Self {
+        let (low, high) = extent(values).unwrap_or((-1.0, 1.0));
+        let largest = low.abs().max(high.abs());
+        let largest = if largest > 0.0 { largest } else { 1.0 };
+        let threshold = largest / 10_f64.powf(SYMMETRIC_DECADES);
+        // Room for 0, and for its name, at both ends.
+        let beyond = |value: f64| value * 2.0 + threshold * 2.0;
+        Self::Symmetric {
+            threshold,
+            low: -beyond((-low).max(0.0)),
+            high: beyond(high.max(0.0)),
+        }
+    }
+
+    /// An axis of the shares of a distribution that is known up to `share`.
+    #[must_use]
+    pub fn tail(share: f64) -> Self {
+        Self::Tail {
+            high: share.clamp(0.99, 1.0 - 1e-9),
+        }
+    }
+
+    /// Place of a value, from 0 at the begin to 1 at the end of the axis, where what lies beyond stands too.
+    #[must_use]
+    pub fn place(&self, value: f64) -> f64 {
+        let between = |value: f64, low: f64, high: f64| (value - low) / (high - low);
+        let place = match *self {
+            Self::Linear { low, high } => between(value, low, high),
+            Self::Log { low, high } => between(value.max(low).ln(), low.ln(), high.ln()),
+            Self::Symmetric {
+                threshold,
+                low,
+                high,
+            } => {
+                let bent = |value: f64| value.signum() * (value.abs() / threshold).ln_1p();
+                between(bent(value), bent(low), bent(high))
+            }
+            Self::Tail { high } => (-value.min(high)).ln_1p() / (-high).ln_1p(),
+        };
+        place.clamp(0.0, 1.0)
+    }
+
+    /// Ticks, about as many as asked where the scale leaves a choice.
+    #[must_use]
+    pub fn ticks(&self, about: usize) -> Vec<Tick> {
+        match *self {
+            Self::Linear { low, high } => linear_ticks(low, high, about),
+            Self::Log { low, high } => log_ticks(low, high),
+            Self::Symmetric {
+                threshold,
+                low,
+                high,
+            } => symmetric_ticks(self, threshold, low, high),
+            Self::Tail { high } => tail_ticks(high),
+        }
+    }
+}
+
+fn extent(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    let finite = values.filter(|value| value.is_finite());
+    finite.fold(None, |range, v| {
+        Some(range.map_or((v, v), |(low, high): (f64, f64)| (low.min(v), high.max(v))))
+    })
+}
+
+fn linear_ticks(low: f64, high: f64, about: usize) -> Vec<Tick> {
+    let rough = (high - low) / about.max(1) as f64;
+    let decade = 10_f64.powf(rough.log10().floor());
+    // A little more ticks than asked are better than half as many.
+    let step = decade
+        * [1.0, 2.0, 5.0]
+            .into_iter()
+            .find(|s| s * decade >= rough * 0.95)
+            .unwrap_or(10.0);
+    let (first, last) = (
+        (low / step - 1e-6).ceil() as i64,
+        (high / step + 1e-6).floor() as i64,
+    );
+    let decimals = (-step.log10().floor()).max(0.0) as usize;
+    let largest = low.abs().max(high.abs());
+    // All of an axis have the power of ten of the largest, so that they can be compared at a glance.
+    let furthest = first.saturating_abs().max(last.saturating_abs()) as f64 * step;
+    let exponent = furthest.log10().floor();
+    let digits = (exponent - step.log10().floor()).max(0.0) as usize;
+    (first..=last)
+        .take(TICKS_MOST)
+        .map(|i| {
+            let value = i as f64 * step;
+            let label = match i {
+                0 => "0".into(),
+                _ if decimals > 4 || largest >= 1e6 => {
+                    format!("{:.digits$}e{exponent}", value / 10_f64.powf(exponent))
+                }
+                _ => format!("{value:.decimals$}"),
+            };
+            Tick { value, label }
+        })
+        .collect()
+}
+
+fn log_ticks(low: f64, high: f64) -> Vec<Tick> {
+    let (first, last) = (low.log10().ceil() as i32, high.log10().floor() as i32);
+    let tick = |value: f64| Tick {
+        value,
+        label: short(value),
+    };
+    let decades = i64::from(last) - i64::from(first);
+    if decades < 2 {
+        let steps = (first.saturating_sub(1)..=last)
+            .flat_map(|i| [1.0, 2.0, 5.0].map(|step| step * 10_f64.powi(i)));
+        return steps
+            .filter(|value| (low..=high).contains(value))
+            .map(tick)
+            .collect();
+    }
+    let every = (decades as f64 / LOG_TICKS).ceil() as usize;
+    (first..=last)
+        .rev()
+        .step_by(every)
+        .map(|i| tick(10_f64.powi(i)))
+        .collect()
+}
+
+/// 0 and decades to both sides of it, or what lies between where there are not two, as far apart as labels need.
+fn symmetric_ticks(scale: &Scale, threshold: f64, low: f64, high: f64) -> Vec<Tick> {
+    /// Share of the axis between two labels.
+    const APART: f64 = 0.12;
+    let multiples = |end: f64, steps: &[f64]| -> Vec<f64> {
+        let (first, last) = (threshold.log10().ceil() as i32, end.log10().floor() as i32);
+        let downwards = (first..=last).rev().take(TICKS_MOST);
+        let all = downwards.flat_map(|i| steps.iter().map(move |step| step * 10_f64.powi(i)));
+        all.filter(|value| *value <= end).collect()
+    };
+    let mut kept = vec![0.0];
+    for (sign, end) in [(-1.0, -low), (1.0, high)] {
+        let decades = multiples(end, &[1.0]);
+        let all = if decades.len() < 2 {
+            multiples(end, &[5.0, 2.0, 1.0])
+        } else {
+            decades
+        };
+        for value in all.into_iter().map(|value| sign * value) {
+            if kept
+                .iter()
+                .all(|other| (scale.place(*other) - scale.place(value)).abs() >= APART)
+            {
+                kept.push(value);
+            }
+        }
+    }
+    kept.sort_by(f64::total_cmp);
+    kept.into_iter()
+        .map(|value| Tick {
+            value,
+            label: short(value),
+        })
+        .collect()
+}
+
+fn tail_ticks(high: f64) -> Vec<Tick> {
+    let nines = [
+        (0.0, "0"),
+        (0.9, "90"),
+        (0.99, "99"),
+        (0.999, "99.9"),
+        (0.9999, "99.99"),
+        (0.99999, "99.999"),
+    ];
+    let below = nines.into_iter().filter(|(share, _)| *share <= high);
+    below
+        .map(|(value, label)| Tick {
+            value,
+            label: label.into(),
+        })
+        .collect()
+}
+
+/// A round number, as short as it can be.
+fn short(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
+        format!("{value}")
+    } else {
+        format!("{value:e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels(scale: Scale) -> Vec<String> {
+        scale.ticks(5).into_iter().map(|tick| tick.label).collect()
+    }
+
+    #[test]
+    fn ticks_of_a_linear_axis_are_round() {
+        assert_eq!(labels(Scale::time(0.0, 30.0)), ["0", "10", "20", "30"]);
+        assert_eq!(
+            labels(Scale::time(0.0, 10.0)),
+            ["0", "2", "4", "6", "8", "10"]
+        );
+        assert_eq!(
+            labels(Scale::Linear {
+                low: -0.31,
+                high: 0.32
+            }),
+            ["-0.2", "0", "0.2"]
+        );
+        assert_eq!(
+            labels(Scale::Linear {
+                low: 0.0,
+                high: 4.1e-5
+            }),
+            ["0", "1e-5", "2e-5", "3e-5", "4e-5"]
+        );
+        assert_eq!(
+            labels(Scale::Linear {
+                low: 1e-5,
+                high: 1.25e-5
+            }),
+            [
+                "1.00e-5", "1.05e-5", "1.10e-5", "1.15e-5", "1.20e-5", "1.25e-5"
+            ]
+        );
+        // As of the Crazyflie's I_R: one power of ten, and as many digits.
+        assert_eq!(
+            labels(Scale::Linear {
+                low: -7e-9,
+                high: 1.2e-7
+            }),
+            ["0", "0.5e-7", "1.0e-7"]
+        );
+        assert_eq!(
+            labels(Scale::Linear {
+                low: -1e-6,
+                high: 2.1e-5
+            }),
+            ["0", "0.5e-5", "1.0e-5", "1.5e-5", "2.0e-5"]
+        );
+        assert_eq!(
+            labels(Scale::Linear {
+                low: -1.2e6,
+                high: 1.1e6
+            }),
+            ["-1.0e6", "-0.5e6", "0", "0.5e6", "1.0e6"]
+        );
+    }
+
+    #[test]
+    fn ticks_of_a_logarithmic_axis_are_decades_or_what_lies_between() {
+        assert_eq!(
+            labels(Scale::Log {
+                low: 0.5,
+                high: 2e3
+            }),
+            ["1000", "100", "10", "1"]
+        );
+        assert_eq!(
+            labels(Scale::Log {
+                low: 18.0,
+                high: 130.0
+            }),
+            ["20", "50", "100"]
+        );
+        assert_eq!(
+            labels(Scale::Log {
+                low: 1e-12,
+                high: 1.0
+            }),
+            ["1", "0.01", "1e-4", "1e-6", "1e-8", "1e-10", "1e-12"]
+        );
+    }
+
+    #[test]
+    fn a_symmetric_axis_shows_both_signs() {
+        let scale = Scale::symmetric([-1e-3, 1e-6].into_iter());
+        let ticks = scale.ticks(5);
+        let places: Vec<f64> = ticks.iter().map(|tick| scale.place(tick.value)).collect();
+        assert!(
+            places.iter().all(|place| (0.0..=1.0).contains(place)),
+            "{ticks:?}"
+        );
+        assert!(
+            ticks.iter().any(|tick| tick.value < 0.0) && ticks.iter().any(|tick| tick.value > 0.0),
+            "{ticks:?}"
+        );
+        assert!(scale.place(-1e-3) < scale.place(0.0) && scale.place(0.0) < scale.place(1e-6));
+    }
+
+    #[test]
+    fn a_short_symmetric_axis_shows_what_lies_between_decades() {
+        assert_eq!(
+            labels(Scale::Symmetric {
+                threshold: 10.0,
+                low: -60.0,
+                high: 70.0
+            }),
+            ["-50", "-20", "0", "20", "50"]
+        );
+        let long = Scale::Symmetric {
+            threshold: 10.0,
+            low: -1e3,
+            high: 2e5,
+        };
+        assert_eq!(
+            labels(long),
+            ["-1000", "-100", "0", "100", "1000", "10000", "1e5"]
+        );
+    }
+
+    #[test]
+    fn numbers_at_the_ends_of_a_double_have_an_end_of_ticks() {
+        let ends = [f64::MAX, -f64::MAX, 5e-324, -5e-324, 1e308, 0.0];
+        for pair in ends.iter().flat_map(|low| ends.map(|high| [*low, high])) {
+            for scale in [
+                Scale::time(pair[0], pair[1]),
+                Scale::linear(pair.into_iter(), 0.0),
+                Scale::log(pair.into_iter()),
+                Scale::symmetric(pair.into_iter()),
+            ] {
+                assert!(scale.ticks(5).len() <= 2 * TICKS_MOST + 1, "{scale:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn each_nine_of_a_tail_takes_the_same_space() {
+        let scale = Scale::tail(0.9999);
+        for (share, place) in [
+            (0.0, 0.0),
+            (0.9, 0.25),
+            (0.99, 0.5),
+            (0.999, 0.75),
+            (0.9999, 1.0),
+            (1.0, 1.0),
+        ] {
+            assert!(
+                (scale.place(share) - place).abs() < 1e-9,
+                "{share}: {}",
+                scale.place(share)
+            );
+        }
+        assert_eq!(labels(scale), ["0", "90", "99", "99.9", "99.99"]);
+    }
+
+    #[test]
+    fn axes_of_nothing_and_of_one_value_have_a_length() {
+        for scale in [
+            Scale::linear(std::iter::empty(), 1.0),
+            Scale::linear([2.0].into_iter(), 0.5),
+            Scale::log([0.0, 3.0].into_iter()),
+            Scale::symmetric([0.0].into_iter()),
+        ] {
+            let ticks = scale.ticks(4);
+            assert!(!ticks.is_empty(), "{scale:?}");
+            assert!(
+                ticks
+                    .windows(2)
+                    .all(|pair| scale.place(pair[0].value) != scale.place(pair[1].value)),
+                "{ticks:?}"
+            );
+        }
+        let Scale::Linear { low, high } = Scale::linear([2.0].into_iter(), 0.5) else {
+            unreachable!()
+        };
+        assert!(high - low >= 0.5 && low < 2.0 && 2.0 < high);
+    }
+}

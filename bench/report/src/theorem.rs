@@ -1,0 +1,528 @@
+//! The theorem on a flight: the monitor's counts, the verdict, and (18) in words.
+//!
+//! docs/theorem.md explains how to read it.
+
+use controller::excitation::EXCITING;
+use messages::monitor::{CAUSES, Cause, Monitor};
+use messages::parameters::{Airframe, ESTIMATED};
+use serde::ser::SerializeStruct as _;
+use serde::{Deserialize, Serialize, Serializer};
+use std::collections::BTreeMap;
+
+/// Share of a parameter's size, or of what its estimate was off by first, within which it counts as found.
+pub const FOUND: f64 = 0.01;
+
+/// Name of no cause among the largest rises; the last in the alphabet of causes.
+pub const NO_CAUSE: &str = "none";
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Theorem {
+    /// Whether no step was unexplained, and the estimates moved as predicted.
+    pub holds: bool,
+    /// The inner law, where it has no theorem with its settings.
+    pub law_without: Option<String>,
+    /// Steps of the estimates that were checked.
+    pub ticks_checked: u64,
+    /// Wrenches that nothing can be said of, because a message before them was lost.
+    pub ticks_unwatched: u64,
+    /// Steps at which V_th rose, or fell by less than the step owes, by cause.
+    pub violations: BTreeMap<String, u64>,
+    /// Largest rise of V_th in a step, by the cause in force, or `none`.
+    pub largest_rise: BTreeMap<String, Rise>,
+    /// V_th at the start, or after a live swap where that is more [rad^2/s^2].
+    pub v_th_start: f64,
+    /// V_th at the end [rad^2/s^2].
+    pub v_th_end: f64,
+    /// Fall of V_th over all steps without a cause [rad^2/s^2].
+    pub descent: f64,
+    /// The same as the theorem predicts it [rad^2/s^2].
+    pub descent_predicted: f64,
+    /// Whether the estimates moved as predicted, where something was.
+    pub is_live: bool,
+    /// Largest excess of a step over what it owes, as a share of what rounding is allowed.
+    pub step_excess_max: f64,
+    pub steps_adapted: u64,
+    /// Steps at which V, with the rate error, changed by more than its bound, by cause; not judged.
+    pub v_above_bound: BTreeMap<String, u64>,
+    /// Largest norm of the rate error [rad/s].
+    pub rate_error_max_rad_s: f64,
+    /// Its root mean square over the last second or so [rad/s].
+    pub rate_error_final_rad_s: f64,
+    /// Ticks whose command in force could not be met.
+    pub ticks_saturated: u64,
+    pub ticks_stale: u64,
+    /// Live swaps of an estimated parameter.
+    pub live_swaps: u64,
+    pub estimates: Vec<Watched>,
+    /// Excitation of the worst direction in the last whole 10 s, e-folds of the error.
+    pub excitation: f64,
+    /// The least of all 10 s.
+    pub excitation_least: f64,
+    /// Assumptions that did not hold since the start, or since the last live swap: no bound is proven under them.
+    pub broken: Vec<String>,
+    /// Whether (18) held: every estimate was found.
+    pub converged: bool,
+    /// Whether (18) held, and why, in words.
+    pub convergence: String,
+}
+
+impl Theorem {
+    /// Writes the section; of a law without a theorem, why there is none.
+    pub fn serialize_applicable<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let (Some(law), Some(why)) = (&self.law_without, self.inapplicable()) else {
+            return self.serialize(serializer);
+        };
+        let mut section = serializer.serialize_struct("Theorem", 2)?;
+        section.serialize_field("law_without", law)?;
+        section.serialize_field("not_applicable", &why)?;
+        section.end()
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Rise {
+    /// In a step [rad^2/s^2].
+    pub absolute: f64,
+    /// As a share of V_th at the start.
+    pub relative: f64,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Watched {
+    pub name: String,
+    pub actual: f64,
+    pub error: f64,
+    /// Size of the error at the start, or after the last live swap.
+    pub error_start: f64,
+    /// What the theorem leaves of it at the most, on the exact model: it holds only where [`Theorem::broken`] is empty.
+    pub error_bound: f64,
+    /// Excitation of this parameter alone in the last whole 10 s, e-folds of the error.
+    pub identifiability: f64,
+    /// Whether it is within 1 % ([`FOUND`]).
+    pub found: bool,
+}
+
+/// Follows topic `theorem` through a flight, and through restarts of the inner loop.
+#[derive(Clone, Copy, Debug)]
+pub struct TheoremStatistics {
+    /// Of the inner loops that have ended.
+    ended: Option<Monitor>,
+    /// Start of the present one, and what its monitor said last.
+    newest: Option<(u64, Monitor)>,
+    /// True values of the estimated parameters.
+    theta: [f64; 3],
+    /// Values that the airframe was built with: an estimate of a parameter that is 0 is held against them.
+    built: [f64; 3],
+    /// Broken assumptions since the bounds began, as the sum of [`Cause::bit`].
+    broken: u64,
+    /// Wrenches that nothing is said of.
+    unwatched: u64,
+    /// The inner law, where it has no theorem.
+    law_without: Option<&'static str>,
+}
+
+/// Causes under which the theorem gives the estimates no bound. A live swap is none: the bound begins anew with it.
+const UNBOUNDED: [Cause; 4] = [
+    Cause::OutOfBounds,
+    Cause::BrokenModel,
+    Cause::GyroNoise,
+    Cause::MotorLag,
+];
+
+impl Default for TheoremStatistics {
+    fn default() -> Self {
+        let built = ESTIMATED.map(|parameter| parameter.spec().nominal);
+        Self {
+            ended: None,
+            newest: None,
+            theta: [0.0; 3],
+            built,
+            broken: 0,
+            unwatched: 0,
+            law_without: None,
+        }
+    }
+}
+
+impl TheoremStatistics {
+    /// Follows the flight of another airframe than the paper's.
+    pub fn flown_by(&mut self, airframe: &Airframe) {
+        self.built = ESTIMATED.map(|parameter| airframe.as_built().get(parameter).abs());
+    }
+
+    /// Takes the true values of the estimated parameters.
+    pub fn truth(&mut self, theta: [f64; 3]) {
+        self.theta = theta;
+    }
+
+    /// Follows an inner law without a theorem.
+    pub fn does_not_apply(&mut self, law: &'static str) {
+        self.law_without = Some(law);
+    }
+
+    /// Whether the inner law has a theorem, and so estimates.
+    #[must_use]
+    pub const fn applies(&self) -> bool {
+        self.law_without.is_none()
+    }
+
+    /// Counts a wrench that nothing is said of.
+    pub fn unwatched(&mut self) {
+        self.unwatched += 1;
+    }
+
+    /// Takes what is said of a wrench; `epoch` tells one start of the inner loop from the next.
+    pub fn take(&mut self, epoch: u64, monitor: &Monitor) {
+        if let Some((known, last)) = self.newest
+            && known != epoch
+        {
+            self.ended = Some(self.ended.map_or(last, |ended| together(&ended, &last)));
+            self.broken = 0;
+        }
+        if monitor.causes & Cause::LiveSwap.bit() != 0 {
+            self.broken = 0;
+        }
+        self.broken |= monitor.causes;
+        self.newest = Some((epoch, *monitor));
+    }
+
+    #[must_use]
+    pub fn section(&self) -> Theorem {
+        let Some((_, newest)) = self.newest else {
+            let law_without = self.law_without.map(str::to_owned);
+            return Theorem {
+                law_without,
+                ticks_unwatched: self.unwatched,
+                ..Theorem::default()
+            };
+        };
+        let all = self.ended.map_or(newest, |ended| together(&ended, &newest));
+        Theorem {
+            ticks_unwatched: self.unwatched,
+            ..Theorem::of(&all, self.theta, self.built, self.broken)
+        }
+    }
+}
+
+/// Two monitors in a row: counts add up, largest values stay, the rest is the later one's.
+fn together(earlier: &Monitor, later: &Monitor) -> Monitor {
+    let sum = |a: [u64; CAUSES], b: [u64; CAUSES]| std::array::from_fn(|i| a[i] + b[i]);
+    Monitor {
+        ticks_checked: earlier.ticks_checked + later.ticks_checked,
+        violations: sum(earlier.violations, later.violations),
+        v_above_bound: sum(earlier.v_above_bound, later.v_above_bound),
+        rise_max: std::array::from_fn(|i| earlier.rise_max[i].max(later.rise_max[i])),
+        is_live: earlier.is_live & later.is_live,
+        v_th_start: earlier.v_th_start.max(later.v_th_start),
+        descent: earlier.descent + later.descent,
+        descent_predicted: earlier.descent_predicted + later.descent_predicted,
+        step_excess_max: earlier.step_excess_max.max(later.step_excess_max),
+        rate_error_max_rad_s: earlier.rate_error_max_rad_s.max(later.rate_error_max_rad_s),
+        excitation_least: earlier.excitation_least.min(later.excitation_least),
+        steps_adapted: earlier.steps_adapted + later.steps_adapted,
+        ticks_saturated: earlier.ticks_saturated + later.ticks_saturated,
+        ticks_stale: earlier.ticks_stale + later.ticks_stale,
+        live_swaps: earlier.live_swaps + later.live_swaps,
+        ..*later
+    }
+}
+
+impl Theorem {
+    /// The section of what a monitor said last, with the true values of the estimated parameters, those that the
+    /// airframe was built with, and the causes since the bounds began.
+    #[must_use]
+    pub fn of(monitor: &Monitor, theta: [f64; 3], built: [f64; 3], causes: u64) -> Self {
+        let broken = UNBOUNDED
+            .into_iter()
+            .filter(|cause| causes & cause.bit() != 0);
+        let broken: Vec<String> = broken.map(|cause| cause.name().to_owned()).collect();
+        let estimates: Vec<Watched> = (0..3)
+            .map(|i| {
+                let (error, error_start) =
+                    (monitor.estimate_error[i], monitor.estimate_error_start[i]);
+                let size = error_start.max(theta[i].abs()).max(built[i]);
+                Watched {
+                    name: ESTIMATED[i].name().into(),
+                    actual: theta[i],
+                    error,
+                    error_start,
+                    error_bound: monitor.estimate_error_bound[i],
+                    identifiability: monitor.identifiability[i],
+                    found: error.abs() <= FOUND * size,
+                }
+            })
+            .collect();
+        let relative = |rise: f64| {
+            if monitor.v_th_start > 0.0 {
+                rise / monitor.v_th_start
+            } else {
+                0.0
+            }
+        };
+        let is_live = monitor.is_live == 1;
+        Self {
+            holds: is_live && monitor.violations[Cause::Unexplained as usize] == 0,
+            law_without: None,
+            ticks_checked: monitor.ticks_checked,
+            ticks_unwatched: 0,
+            violations: by_cause(&monitor.violations),
+            largest_rise: Cause::ALL
+                .into_iter()
+                .map(|cause| (cause, monitor.rise_max[cause as usize]))
+                .filter(|(cause, rise)| *cause == Cause::Unexplained || *rise > 0.0)
+                .map(|(cause, rise)| {
+                    let name = if cause == Cause::Unexplained {
+                        NO_CAUSE
+                    } else {
+                        cause.name()
+                    };
+                    (
+                        name.to_owned(),
+                        Rise {
+                            absolute: rise,
+                            relative: relative(rise),
+                        },
+                    )
+                })
+                .collect(),
+            v_th_start: monitor.v_th_start,
+            v_th_end: monitor.v_th,
+            descent: monitor.descent,
+            descent_predicted: monitor.descent_predicted,
+            is_live,
+            step_excess_max: monitor.step_excess_max,
+            steps_adapted: monitor.steps_adapted,
+            v_above_bound: by_cause(&monitor.v_above_bound),
+            rate_error_max_rad_s: monitor.rate_error_max_rad_s,
+            rate_error_final_rad_s: monitor.rate_error_rms_rad_s,
+            ticks_saturated: monitor.ticks_saturated,
+            ticks_stale: monitor.ticks_stale,
+            live_swaps: monitor.live_swaps,
+            converged: estimates.iter().all(|estimate| estimate.found),
+            convergence: convergence(monitor, &estimates, &broken),
+            broken,
+            estimates,
+            excitation: monitor.excitation,
+            excitation_least: monitor.excitation_least,
+        }
+    }
+}
+
+fn by_cause(counts: &[u64; CAUSES]) -> BTreeMap<String, u64> {
+    Cause::ALL
+        .into_iter()
+        .zip(counts)
+        .filter(|(cause, count)| *cause == Cause::Unexplained || **count > 0)
+        .map(|(cause, count)| (cause.name().to_owned(), *count))
+        .collect()
+}
+
+fn convergence(monitor: &Monitor, estimates: &[Watched], broken: &[String]) -> String {
+    let names = |pick: &dyn Fn(&Watched) -> bool| {
+        let names: Vec<&str> = estimates
+            .iter()
+            .filter(|e| pick(e))
+            .map(|e| e.name.as_str())
+            .collect();
+        names.join(", ")
+    };
+    let exciting = monitor.excitation_least >= EXCITING;
+    let least = format!(
+        "at least {:.2e} e-folds of the error in any 10 s",
+        monitor.excitation_least
+    );
+    let lost = names(&|e| !e.found);
+    if lost.is_empty() {
+        return if exciting {
+            format!(
+                "(18) held: every estimate is within 1 %. The flight is persistently exciting, {least}."
+            )
+        } else {
+            format!(
+                "(18) held: every estimate is within 1 %, although the flight is not persistently exciting, {least}."
+            )
+        };
+    }
+    let mut text = format!("(18) did not hold: not within 1 %: {lost}.");
+    if !broken.is_empty() {
+        // How long the flight was, and how exciting, explains nothing where the theorem does not apply.
+        return text
+            + &format!(
+                " The theorem promises nothing for the estimates under {}.",
+                broken.join(", ")
+            );
+    }
+    // What the theorem itself leaves large is no surprise; what it does not, something else keeps away.
+    let owed = |e: &Watched| {
+        let size = e.error_start.max(e.actual.abs()).max(f64::MIN_POSITIVE);
+        e.error_bound <= FOUND * size
+    };
+    let (expected, kept) = (
+        names(&|e| !e.found && !owed(e)),
+        names(&|e| !e.found && owed(e)),
+    );
+    if !expected.is_empty() {
+        let why = if exciting {
+            format!("the flight is exciting enough, {least}, but was too short for these gains")
+        } else {
+            format!("the flight is not persistently exciting, {least}")
+        };
+        text += &format!(
+            " Expected for {expected}: {why}. The proof covers the prediction error, and e where nothing is "
+        );
+        text += "late, but not the estimates.";
+    }
+    if !kept.is_empty() {
+        text += &format!(" Not expected for {kept}: excited enough, and no cause is known.");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn monitor(unexplained: u64, is_live: u64) -> Monitor {
+        let mut monitor = Monitor {
+            ticks_checked: 10,
+            is_live,
+            v_th_start: 1.0,
+            ..Monitor::default()
+        };
+        monitor.violations[Cause::Unexplained as usize] = unexplained;
+        monitor.rise_max[Cause::GyroNoise as usize] = 0.5;
+        monitor
+    }
+
+    #[test]
+    fn an_unexplained_violation_or_lifeless_estimates_fail() {
+        assert!(Theorem::of(&monitor(0, 1), [0.0; 3], [1.0; 3], 0).holds);
+        for (monitor, said) in [
+            (monitor(1, 1), "1 unexplained"),
+            (monitor(0, 0), "do not move as predicted"),
+        ] {
+            let theorem = Theorem::of(&monitor, [0.0; 3], [1.0; 3], 0);
+            assert!(
+                !theorem.holds && theorem.found().contains(said),
+                "{theorem:?}"
+            );
+            assert!(
+                theorem.text().contains("DOES NOT HOLD"),
+                "{}",
+                theorem.text()
+            );
+        }
+    }
+
+    #[test]
+    fn no_bound_is_claimed_where_an_assumption_was_broken_since_the_last_live_swap() {
+        fn with(causes: u64) -> Monitor {
+            Monitor {
+                causes,
+                estimate_error: [1.0; 3],
+                estimate_error_start: [1.0; 3],
+                ..monitor(0, 1)
+            }
+        }
+        let broken = Cause::BrokenModel.bit();
+        let mut tally = TheoremStatistics::default();
+        tally.take(1, &with(broken));
+        tally.take(1, &with(Cause::Delay.bit()));
+        let theorem = tally.section();
+        assert_eq!(theorem.broken, ["broken_model"]);
+        assert!(
+            theorem.text().contains("no bound under broken_model"),
+            "{}",
+            theorem.text()
+        );
+        assert!(
+            !theorem.text().contains("by the theorem"),
+            "{}",
+            theorem.text()
+        );
+        let said = &theorem.convergence;
+        assert!(
+            said.contains("promises nothing for the estimates under broken_model"),
+            "{said}"
+        );
+        assert!(!said.contains("xpected"), "{said}");
+        tally.take(1, &with(Cause::LiveSwap.bit()));
+        let theorem = tally.section();
+        assert!(theorem.broken.is_empty(), "{:?}", theorem.broken);
+        // The bound of 0 is less than the error: what is proven is said with what it leaves out.
+        assert!(
+            theorem.text().contains("beside the trapezoidal rule"),
+            "{}",
+            theorem.text()
+        );
+        tally.take(1, &with(broken));
+        tally.take(2, &with(0));
+        assert!(
+            tally.section().broken.is_empty(),
+            "another inner loop begins anew"
+        );
+    }
+
+    #[test]
+    fn a_restarted_inner_loop_continues_the_counts() {
+        let mut tally = TheoremStatistics::default();
+        assert_eq!(tally.section(), Theorem::default());
+        assert!(tally.section().text().contains("not watched"));
+        tally.take(1, &monitor(0, 1));
+        tally.take(1, &monitor(2, 0));
+        tally.take(
+            7,
+            &Monitor {
+                v_th_start: 3.0,
+                excitation: 0.25,
+                ..monitor(1, 1)
+            },
+        );
+        let theorem = tally.section();
+        assert_eq!(
+            (
+                theorem.ticks_checked,
+                theorem.unexplained(),
+                theorem.is_live
+            ),
+            (20, 3, false)
+        );
+        assert_eq!((theorem.v_th_start, theorem.excitation), (3.0, 0.25));
+        assert_eq!(
+            theorem.largest_rise["gyro_noise"],
+            Rise {
+                absolute: 0.5,
+                relative: 0.5 / 3.0
+            }
+        );
+    }
+
+    #[test]
+    fn what_was_not_watched_is_said() {
+        let mut tally = TheoremStatistics::default();
+        tally.unwatched();
+        tally.unwatched();
+        assert!(
+            tally
+                .section()
+                .text()
+                .contains("before the first step was lost, and 2 ticks went by")
+        );
+        tally.take(1, &monitor(0, 1));
+        let theorem = tally.section();
+        assert_eq!(
+            (
+                theorem.ticks_checked,
+                theorem.ticks_unwatched,
+                theorem.holds
+            ),
+            (10, 2, true)
+        );
+        assert!(
+            theorem
+                .text()
+                .contains("10 steps checked, 2 not watched after a lost message, V rose in none")
+        );
+    }
+}

@@ -1,0 +1,515 @@
+//! Reduces a flight to traces for plots, tick by tick.
+
+use crate::laws::FlownLaws;
+use crate::states::Joined;
+use crate::traces::*;
+use crate::tracking::Tracking;
+use messages::monitor::{CAUSES, Cause};
+use messages::role::Role;
+use messages::telemetry::LAW_ROLES;
+use std::collections::{BTreeMap, VecDeque};
+
+/// Stretches kept: there are at least half as many once the flight has had that many ticks.
+const STRETCHES: usize = 600;
+/// Time between samples of the path [s].
+const PATH_EVERY_S: f64 = 0.05;
+/// Length of the path [samples]: the last minute. More of it would only cover itself.
+const PATH_SAMPLES: usize = 1200;
+const TIMING: [&str; 2] = [WAKE, LOOP];
+
+#[derive(Clone, Copy, Debug)]
+pub enum Timing {
+    Wake,
+    Loop,
+}
+
+#[derive(Debug)]
+pub struct Tracer {
+    tracking: Tracking,
+    laws: FlownLaws,
+    flight: Stretches<Range>,
+    /// Names of the numbers in `flight`; none before the first tick.
+    names: Vec<&'static str>,
+    timing: Stretches<Range>,
+    /// What the laws show, in the order of [`LAW_ROLES`].
+    telemetry: [Stretches<Range>; LAW_ROLES.len()],
+    violations: Stretches<u64>,
+    counted: [u64; CAUSES],
+    path_every_ticks: u64,
+    path: VecDeque<PathSample>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct PathSample {
+    tick: u64,
+    position: [f64; 3],
+    reference: [f64; 3],
+}
+
+impl Tracer {
+    /// Of a flight with this reference.
+    #[must_use]
+    pub fn new(tracking: Tracking) -> Self {
+        Self {
+            tracking,
+            laws: FlownLaws::default(),
+            flight: Stretches::default(),
+            names: Vec::new(),
+            timing: Stretches::default(),
+            telemetry: Default::default(),
+            violations: Stretches::default(),
+            counted: [0; CAUSES],
+            path_every_ticks: ((PATH_EVERY_S / tracking.period_s()).round() as u64).max(1),
+            path: VecDeque::new(),
+        }
+    }
+
+    /// Follows what these laws show, from the first tick on.
+    pub const fn flown_by(&mut self, laws: FlownLaws) {
+        self.laws = laws;
+    }
+
+    /// Takes a state, with what the stages made of it.
+    pub fn take(&mut self, joined: &Joined) {
+        let (tick, reference) = (joined.tick, self.tracking.position_w_m(joined.tick));
+        let channels = channels(
+            joined,
+            &self.laws,
+            reference,
+            self.tracking.error_m(tick, &joined.state),
+        );
+        if self.names.is_empty() {
+            self.names = channels.iter().map(|(name, _)| *name).collect();
+        }
+        let ranges = self.flight.at(tick, channels.len());
+        for (range, value) in ranges
+            .iter_mut()
+            .zip(&channels)
+            .filter_map(|(range, (_, value))| Some((range, (*value)?)))
+        {
+            *range = range.and(Range::of(value));
+        }
+        for ((stretches, role), shown) in self
+            .telemetry
+            .iter_mut()
+            .zip(LAW_ROLES)
+            .zip(joined.telemetry())
+        {
+            let signals = self.laws.signals.of(role);
+            let Some(shown) = shown.filter(|_| !signals.is_empty()) else {
+                continue;
+            };
+            for (range, (_, value)) in stretches
+                .at(tick, signals.len())
+                .iter_mut()
+                .zip(shown.of(signals))
+            {
+                *range = range.and(Range::of(value));
+            }
+        }
+        if tick.is_multiple_of(self.path_every_ticks) {
+            if self.path.len() == PATH_SAMPLES {
+                self.path.pop_front();
+            }
+            self.path.push_back(PathSample {
+                tick,
+                position: joined.state.measured.position_w_m,
+                reference,
+            });
+        }
+        let counts = joined
+            .monitor
+            .map_or(self.counted, |monitor| monitor.violations);
+        if counts != self.counted {
+            for (i, at) in self.violations.at(tick, CAUSES).iter_mut().enumerate() {
+                // A restarted inner loop counts from 0.
+                *at += counts[i].checked_sub(self.counted[i]).unwrap_or(counts[i]);
+            }
+            self.counted = counts;
+        }
+    }
+
+    /// Takes a latency [ns] of a tick.
+    pub fn timing(&mut self, tick: u64, timing: Timing, value_ns: u64) {
+        let range = &mut self.timing.at(tick, TIMING.len())[timing as usize];
+        *range = range.and(Range::of(value_ns as f64 / 1e3));
+    }
+
+    #[must_use]
+    pub fn traces(&self) -> Traces {
+        let sample = |pick: fn(&PathSample) -> [f64; 3]| {
+            self.path.iter().map(|s| pick(s).map(rounded)).collect()
+        };
+        Traces {
+            flight: self.flight.group(&self.names),
+            timing: self.timing.group(&TIMING),
+            path: Path {
+                tick: self.path.iter().map(|sample| sample.tick).collect(),
+                position_w_m: sample(|s| s.position),
+                reference_w_m: sample(|s| s.reference),
+            },
+            telemetry: self.by_role(),
+            violations: self.by_cause(),
+        }
+    }
+
+    fn by_role(&self) -> BTreeMap<String, Group> {
+        let of = |(stretches, role): (&Stretches<Range>, Role)| {
+            let names: Vec<_> = self
+                .laws
+                .signals
+                .of(role)
+                .iter()
+                .map(|signal| signal.name)
+                .collect();
+            (!names.is_empty()).then(|| (role.to_string(), stretches.group(&names)))
+        };
+        self.telemetry
+            .iter()
+            .zip(LAW_ROLES)
+            .filter_map(of)
+            .collect()
+    }
+
+    fn by_cause(&self) -> BTreeMap<String, Vec<Violations>> {
+        let every = self.violations.every_ticks;
+        let of = |cause: Cause| -> Vec<Violations> {
+            let stretches = self.violations.stretches.iter();
+            stretches
+                .map(|(i, counts)| Violations {
+                    tick: i * every,
+                    count: counts[cause as usize],
+                })
+                .filter(|violations| violations.count > 0)
+                .collect()
+        };
+        Cause::ALL
+            .into_iter()
+            .map(|cause| (cause.name().to_owned(), of(cause)))
+            .filter(|(_, violations)| !violations.is_empty())
+            .collect()
+    }
+}
+
+/// What is followed of a tick, by name; nothing of a stage that published nothing for it. A law that estimates nothing
+/// has no estimates, and so on.
+fn channels(
+    joined: &Joined,
+    laws: &FlownLaws,
+    reference: [f64; 3],
+    distance_m: f64,
+) -> Vec<(&'static str, Option<f64>)> {
+    let Joined {
+        state,
+        setpoint,
+        wrench,
+        rotor_speeds,
+        monitor,
+        ..
+    } = joined;
+    // Where it truly is, as it is judged.
+    let position = state.truth.position_w_m;
+    let error = std::array::from_fn::<_, 3, _>(|i| reference[i] - position[i]);
+    let truth = state.truth.theta();
+    let mut all = Vec::with_capacity(48);
+    follow(&mut all, &ATTITUDE, Some(state.measured.attitude_rad));
+    follow(
+        &mut all,
+        &ATTITUDE_REFERENCE,
+        setpoint.map(|setpoint| setpoint.attitude_rad),
+    );
+    follow(&mut all, &POSITION, Some(position));
+    follow(&mut all, &POSITION_REFERENCE, Some(reference));
+    follow(&mut all, &POSITION_ERROR, Some(error));
+    follow(&mut all, &[DISTANCE], Some([distance_m]));
+    follow(&mut all, &[THRUST], wrench.map(|wrench| [wrench.thrust_n]));
+    follow(&mut all, &TORQUE, wrench.map(|wrench| wrench.torque_b_nm));
+    follow(
+        &mut all,
+        &ROTORS,
+        rotor_speeds.map(|speeds| speeds.speed_rad_s),
+    );
+    if let Some(places) = laws.rate_error() {
+        follow(
+            &mut all,
+            &RATE_ERROR,
+            wrench.map(|wrench| places.of(&wrench)),
+        );
+    }
+    if let Some(places) = laws.estimates() {
+        let estimate = wrench.map(|wrench| places.of(&wrench));
+        let error = estimate.map(|estimate| std::array::from_fn(|i| estimate[i] - truth[i]));
+        follow(&mut all, &ESTIMATE, estimate);
+        follow(&mut all, &ACTUAL, Some(truth));
+        follow(&mut all, &ESTIMATE_ERROR, error);
+    }
+    if laws.without_theorem.is_none() {
+        follow(
+            &mut all,
+            &LYAPUNOV,
+            monitor.map(|monitor| [monitor.v, monitor.v_th]),
+        );
+        follow(
+            &mut all,
+            &LYAPUNOV_CHANGE,
+            monitor.map(|monitor| [monitor.v_change, monitor.v_th_change]),
+        );
+    }
+    all
+}
+
+fn follow<const N: usize>(
+    all: &mut Vec<(&'static str, Option<f64>)>,
+    names: &[&'static str; N],
+    values: Option<[f64; N]>,
+) {
+    all.extend(
+        names
+            .iter()
+            .enumerate()
+            .map(|(i, name)| (*name, values.map(|values| values[i]))),
+    );
+}
+
+/// Five significant digits: more than a plot shows.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.4e}").parse().unwrap_or(value)
+}
+
+/// What can become one with what comes next to it.
+pub(crate) trait Merge: Copy + Default {
+    fn and(self, other: Self) -> Self;
+}
+
+impl Merge for u64 {
+    fn and(self, other: Self) -> Self {
+        self + other
+    }
+}
+
+/// Smallest and largest value; empty at first.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Range {
+    min: f64,
+    max: f64,
+}
+
+impl Range {
+    pub(crate) const fn of(value: f64) -> Self {
+        Self {
+            min: value,
+            max: value,
+        }
+    }
+}
+
+impl Default for Range {
+    fn default() -> Self {
+        Self {
+            min: f64::INFINITY,
+            max: f64::NEG_INFINITY,
+        }
+    }
+}
+
+impl Merge for Range {
+    fn and(self, other: Self) -> Self {
+        Self {
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+        }
+    }
+}
+
+/// Stretches of equal length, by their number from tick 0 on; each has several channels.
+#[derive(Debug)]
+pub(crate) struct Stretches<T> {
+    every_ticks: u64,
+    stretches: BTreeMap<u64, Vec<T>>,
+}
+
+impl<T> Default for Stretches<T> {
+    fn default() -> Self {
+        Self {
+            every_ticks: 1,
+            stretches: BTreeMap::new(),
+        }
+    }
+}
+
+impl<T: Merge> Stretches<T> {
+    /// The channels of the stretch that a tick is in.
+    pub(crate) fn at(&mut self, tick: u64, channels: usize) -> &mut [T] {
+        if self.stretches.len() >= STRETCHES
+            && !self.stretches.contains_key(&(tick / self.every_ticks))
+        {
+            self.double();
+        }
+        self.stretches
+            .entry(tick / self.every_ticks)
+            .or_insert_with(|| vec![T::default(); channels])
+    }
+
+    fn double(&mut self) {
+        self.every_ticks *= 2;
+        for (i, stretch) in std::mem::take(&mut self.stretches) {
+            match self.stretches.get_mut(&(i / 2)) {
+                Some(earlier) => earlier
+                    .iter_mut()
+                    .zip(stretch)
+                    .for_each(|(a, b)| *a = a.and(b)),
+                None => drop(self.stretches.insert(i / 2, stretch)),
+            }
+        }
+    }
+}
+
+impl Stretches<Range> {
+    /// The stretches so far, their channels by name.
+    pub(crate) fn group(&self, names: &[&str]) -> Group {
+        let trace = |channel: usize, pick: fn(&Range) -> f64| -> Vec<Option<f64>> {
+            let values = self.stretches.values().map(|ranges| pick(&ranges[channel]));
+            values
+                .map(|value| value.is_finite().then(|| rounded(value)))
+                .collect()
+        };
+        Group {
+            every_ticks: self.every_ticks,
+            tick: self
+                .stretches
+                .keys()
+                .map(|i| i * self.every_ticks)
+                .collect(),
+            channels: names
+                .iter()
+                .enumerate()
+                .map(|(i, name)| {
+                    (
+                        (*name).to_owned(),
+                        Trace {
+                            min: trace(i, |r| r.min),
+                            max: trace(i, |r| r.max),
+                        },
+                    )
+                })
+                .collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use controller::Trajectory;
+    use messages::content::{RotorSpeeds, Setpoint, State, Truth, Wrench};
+    use messages::monitor::Monitor;
+
+    use super::*;
+
+    const TRACKING: Tracking = Tracking::of(Trajectory::Hover, 1e-3);
+
+    fn joined(tick: u64, x: f64) -> Joined {
+        let truth = Truth {
+            position_w_m: [x, 0.0, 1.0],
+            ..Truth::default()
+        };
+        let state = State {
+            truth,
+            ..State::default()
+        };
+        let (wrench, rotor_speeds) = (Some(Wrench::default()), Some(RotorSpeeds::default()));
+        Joined {
+            tick,
+            state,
+            setpoint: Some(Setpoint::default()),
+            wrench,
+            rotor_speeds,
+            monitor: None,
+        }
+    }
+
+    #[test]
+    fn a_long_flight_keeps_its_peaks_in_bounded_memory() {
+        let mut tracer = Tracer::new(TRACKING);
+        let last = 500_000;
+        for tick in 0..=last {
+            tracer.take(&joined(tick, if tick == 123_456 { 7.0 } else { 0.5 }));
+        }
+        let traces = tracer.traces();
+        let group = &traces.flight;
+        assert!(
+            (STRETCHES / 2..=STRETCHES).contains(&group.tick.len()),
+            "{}",
+            group.tick.len()
+        );
+        let peaks: Vec<_> = group
+            .spans(POSITION[0])
+            .filter(|span| span.max > 0.5)
+            .collect();
+        assert_eq!(peaks.len(), 1, "{peaks:?}");
+        assert_eq!((peaks[0].min, peaks[0].max), (0.5, 7.0));
+        assert!(
+            peaks[0].tick <= 123_456 && 123_456 < peaks[0].tick + group.every_ticks,
+            "{peaks:?}"
+        );
+        assert_eq!(
+            (traces.path.tick.len(), traces.path.tick.last()),
+            (PATH_SAMPLES, Some(&last))
+        );
+    }
+
+    #[test]
+    fn stretches_without_a_value_are_left_out() {
+        let mut tracer = Tracer::new(TRACKING);
+        tracer.timing(0, Timing::Wake, 20_000);
+        tracer.timing(5, Timing::Loop, 31_000);
+        let timing = tracer.traces().timing;
+        assert_eq!(timing.tick, [0, 5]);
+        let spans: Vec<_> = timing.spans(LOOP).collect();
+        assert_eq!((spans.len(), spans[0].tick, spans[0].max), (1, 5, 31.0));
+        assert_eq!(timing.spans("nothing of this name").count(), 0);
+    }
+
+    #[test]
+    fn a_state_that_nobody_answered_is_followed_all_the_same() {
+        let mut tracer = Tracer::new(TRACKING);
+        tracer.take(&joined(0, 0.5));
+        tracer.take(&Joined {
+            setpoint: None,
+            wrench: None,
+            rotor_speeds: None,
+            ..joined(1, 9.0)
+        });
+        let flight = tracer.traces().flight;
+        let largest = |channel: &str| {
+            flight
+                .spans(channel)
+                .map(|span| span.max)
+                .fold(f64::NEG_INFINITY, f64::max)
+        };
+        assert_eq!(largest(POSITION[0]), 9.0);
+        assert!(largest(DISTANCE) > 9.0, "the climb to 1 m has only begun");
+        assert_eq!(flight.spans(THRUST).count(), 1, "one tick has a wrench");
+    }
+
+    #[test]
+    fn violations_are_counted_where_they_are_through_a_restart() {
+        let mut tracer = Tracer::new(TRACKING);
+        for (tick, count) in [(0, 0), (1, 2), (2, 2), (3, 1)] {
+            let mut monitor = Monitor::default();
+            monitor.violations[Cause::GyroNoise as usize] = count;
+            tracer.take(&Joined {
+                monitor: Some(monitor),
+                ..joined(tick, 0.0)
+            });
+        }
+        let violations = tracer.traces().violations;
+        assert_eq!(violations.len(), 1, "{violations:?}");
+        assert_eq!(
+            violations["gyro_noise"],
+            [
+                Violations { tick: 1, count: 2 },
+                Violations { tick: 3, count: 1 }
+            ]
+        );
+    }
+}

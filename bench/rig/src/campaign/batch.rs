@@ -1,0 +1,338 @@
+//! Flights of a campaign, several of them abreast.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use campaign::gates::Gates;
+use campaign::metrics::Metrics;
+use campaign::outcome::{Outcome, Shown};
+use campaign::table::Row;
+use controller::ScaledTrajectory;
+use errors::{Failure, INTERRUPTED};
+use plant::{LANES, PlantBatch};
+use report::tracking::Tracking;
+
+use super::flight_settings::Plan;
+use crate::parallel::all_on_processors;
+use crate::recorded_timing::Timing;
+use crate::settings::Settings;
+use crate::simulate::{Judge, follow};
+use crate::simulator::Simulator;
+
+/// A flight of a campaign, and the place of the arm that flies it.
+pub(super) type Flight = (u64, usize);
+
+/// Rows of flights, in the order of flights and arms, flown by so many `workers`; meanwhile `look` is told how many
+/// are there.
+pub(super) fn rows(
+    plan: &Plan,
+    flights: &[Flight],
+    workers: usize,
+    stop: &AtomicBool,
+    mut look: impl FnMut(u64),
+) -> Result<Vec<Row>, Failure> {
+    // Flights of one arm have most in common.
+    let mut sorted = flights.to_vec();
+    sorted.sort_by_key(|(flight, arm)| (*arm, *flight));
+    let together = sorted.len().div_ceil(workers.max(1)).clamp(1, LANES);
+    let groups: Vec<&[Flight]> = sorted
+        .chunk_by(|(_, arm), (_, next)| arm == next)
+        .flat_map(|of_arm| of_arm.chunks(together))
+        .collect();
+    let ended = AtomicU64::new(0);
+    let fly = |flights: &&[Flight]| {
+        let rows = group(plan, flights, stop)?;
+        ended.fetch_add(flights.len() as u64, Ordering::Relaxed);
+        Ok(rows)
+    };
+    let flown = all_on_processors(&groups, workers, fly, |_| {
+        look(ended.load(Ordering::Relaxed))
+    })?;
+    let mut rows = flown.concat();
+    rows.sort_by_key(|row| (row.flight, row.arm));
+    Ok(rows)
+}
+
+/// Flies flights of an arm, each as `ironbird simulate` does, unless it is told to stop.
+fn group(plan: &Plan, flights: &[Flight], stop: &AtomicBool) -> Result<Vec<Row>, Failure> {
+    let gates = &plan.campaign.gates;
+    let begun = |&(flight, arm): &Flight| {
+        let settings = plan.settings(flight, arm)?;
+        let timing = plan.timing(flight, arm, &settings)?;
+        Flown::new(&settings, timing, gates)
+    };
+    let mut flown = flights
+        .iter()
+        .map(begun)
+        .collect::<Result<Vec<_>, Failure>>()?;
+    let (mut alone, mut abreast): (Vec<_>, Vec<_>) = flown.iter_mut().partition(|it| it.is_alone);
+    for flown in &mut alone {
+        fly_alone(flown, gates, stop)?;
+    }
+    fly_abreast(&mut abreast, gates, stop)?;
+    let row = |(&(flight, arm), flown): (&Flight, Flown<'_>)| Row {
+        flight,
+        arm,
+        draws: plan.campaign.draws(flight),
+        outcome: flown.end(),
+    };
+    Ok(flights.iter().zip(flown).map(row).collect())
+}
+
+fn go_on(stop: &AtomicBool) -> Result<(), Failure> {
+    if stop.load(Ordering::Relaxed) {
+        Err(Failure::new(INTERRUPTED, "interrupted"))
+    } else {
+        Ok(())
+    }
+}
+
+fn fly_alone(flown: &mut Flown<'_>, gates: &Gates, stop: &AtomicBool) -> Result<(), Failure> {
+    if let Some((timing, settings)) = flown.timing.take() {
+        let Flown {
+            rig, judge, seen, ..
+        } = flown;
+        return follow(timing, rig, &settings, judge, |rig| {
+            seen.take(rig, gates);
+            go_on(stop)
+        });
+    }
+    while flown.judge.goes_on(&flown.rig) {
+        go_on(stop)?;
+        flown.rig.tick();
+        flown.take(gates)?;
+    }
+    Ok(())
+}
+
+/// Flies flights tick by tick: their plants integrate abreast, and a reference that all follow is computed once.
+fn fly_abreast(
+    flown: &mut [&mut Flown<'_>],
+    gates: &Gates,
+    stop: &AtomicBool,
+) -> Result<(), Failure> {
+    let route = route(flown);
+    let mut abreast = PlantBatch::default();
+    loop {
+        go_on(stop)?;
+        flown
+            .iter_mut()
+            .for_each(|it| it.is_flying = it.judge.goes_on(&it.rig));
+        let mut flying = flown.iter_mut().filter(|it| it.is_flying).peekable();
+        let Some(first) = flying.peek() else {
+            return Ok(());
+        };
+        let reference = route
+            .map(|(course, period_s)| course.reference(first.rig.next_tick() as f64 * period_s));
+        flying.for_each(|it| it.rig.stages(reference));
+        abreast.finish(
+            flown
+                .iter_mut()
+                .filter(|it| it.is_flying)
+                .map(|it| it.rig.plant_mut()),
+        );
+        for it in flown.iter_mut().filter(|it| it.is_flying) {
+            it.take(gates)?;
+        }
+    }
+}
+
+/// The course of all flights and its ticks, where they are the same.
+fn route(flown: &[&mut Flown<'_>]) -> Option<(ScaledTrajectory, f64)> {
+    let first = flown.first()?.route;
+    flown.iter().all(|it| it.route == first).then_some(first)
+}
+
+/// A flight that is being flown, with what its row asks for.
+struct Flown<'a> {
+    /// Where it is: it is large.
+    rig: Box<Simulator>,
+    judge: Judge,
+    /// The recorded timing that it has, and its settings; none once it was flown.
+    timing: Option<(&'a Timing, Settings)>,
+    /// Laws of files may have memory of their own; faults of messages and stages, and recorded timings, have ticks of
+    /// their own.
+    is_alone: bool,
+    /// Whether it has a next tick.
+    is_flying: bool,
+    route: (ScaledTrajectory, f64),
+    seen: Seen,
+}
+
+impl<'a> Flown<'a> {
+    fn new(
+        settings: &Settings,
+        timing: Option<&'a Timing>,
+        gates: &Gates,
+    ) -> Result<Self, Failure> {
+        let rig = Box::new(Simulator::of(settings)?);
+        Ok(Self {
+            is_alone: rig.is_faulted() || timing.is_some() || settings.has_own_laws()?,
+            is_flying: true,
+            rig,
+            judge: Judge::new(settings)?,
+            timing: timing.map(|timing| (timing, settings.clone())),
+            route: (settings.course()?, settings.flight.period_s),
+            seen: Seen::new(settings, gates)?,
+        })
+    }
+
+    /// Takes the tick that was flown last.
+    fn take(&mut self, gates: &Gates) -> Result<(), Failure> {
+        let Self {
+            rig, judge, seen, ..
+        } = self;
+        judge.take(rig, |rig| {
+            seen.take(rig, gates);
+            Ok(())
+        })
+    }
+
+    fn end(self) -> Outcome {
+        let flown = self.judge.end();
+        Outcome {
+            lost: flown.departure,
+            metrics: self.seen.metrics.values(),
+            telemetry: self.seen.telemetry,
+            outputs: flown.outputs.to_string(),
+        }
+    }
+}
+
+/// What a row tells of the ticks of its flight.
+struct Seen {
+    tracking: Tracking,
+    metrics: Metrics,
+    /// Of each gate of telemetry, the place of its number; none where the flight's law shows no such number.
+    places: Vec<Option<usize>>,
+    telemetry: Vec<Shown>,
+}
+
+impl Seen {
+    fn new(settings: &Settings, gates: &Gates) -> Result<Self, Failure> {
+        let (period_s, bound_m) = (settings.flight.period_s, gates.recovered_below_m);
+        let typed = settings
+            .typed_faults()
+            .map_err(|e| Failure::usage(format!("fault: {e}")))?;
+        let faults = typed
+            .iter()
+            .map(|fault| fault.from.tick(period_s))
+            .collect();
+        let signals = settings.flown_laws()?.signals;
+        let place = |gate: &campaign::gates::SignalGate| {
+            signals
+                .of(gate.role)
+                .iter()
+                .position(|signal| signal.name == gate.signal)
+        };
+        let places: Vec<Option<usize>> = gates.telemetry.iter().map(place).collect();
+        Ok(Self {
+            tracking: Tracking::along(settings.course()?, period_s),
+            metrics: Metrics::new(
+                period_s,
+                &settings.airframe()?,
+                faults,
+                settings.last_tick(),
+                bound_m,
+            ),
+            telemetry: places
+                .iter()
+                .map(|place| place.map_or(Shown::NotOfThisLaw, |_| Shown::Never))
+                .collect(),
+            places,
+        })
+    }
+
+    /// Takes the tick that was flown last.
+    fn take(&mut self, rig: &Simulator, gates: &Gates) {
+        let (tick, state, setpoint) = (rig.flown_tick(), rig.state(), rig.setpoint());
+        let error_m = setpoint.map_or_else(
+            || self.tracking.error_m(tick, state),
+            |it| it.position_error_m(state),
+        );
+        self.metrics.take(tick, state, error_m, rig.rotor_speeds());
+        for ((gate, place), shown) in gates
+            .telemetry
+            .iter()
+            .zip(&self.places)
+            .zip(&mut self.telemetry)
+        {
+            let value = place
+                .and_then(|place| gate.value(place, setpoint, rig.wrench(), rig.rotor_speeds()));
+            value
+                .into_iter()
+                .for_each(|value| *shown = shown.and(value));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::simulate;
+
+    const LAWS: [&[&str]; 2] = [
+        &["pd", "estimating"],
+        &["adaptive", "fixed", "geometric", "indi", "pid"],
+    ];
+
+    /// A campaign whose flights differ in all that a plant has branches for: some are lost, some saturate, some land.
+    fn text(seed: u64, ground: bool, lag: bool, heavy: f64) -> String {
+        let mut text = format!(
+            "[campaign]\nname = \"drawn\"\nflights = 9\nseed = {seed}\n[flight]\ntrajectory = \"fast\"\nduration_s = 0.6\n\
+             position_error_max_m = 1.5\n[ground]\ncontact = \"{}\"\n[factors]\n\
+             \"plant.mass_kg\" = {{ uniform = [0.3, {heavy}] }}\n\
+             \"plant.inertia_x_kg_m2\" = {{ uniform = [0.004, 0.01] }}\n\
+             \"plant.motor_time_constant_s\" = {{ choice = [0.0, {}] }}\n\
+             \"plant.gyro_noise_rad_s\" = {{ choice = [0.0, 0.01] }}\n\
+             \"plant.position_noise_m\" = {{ choice = [0.0, 0.02] }}\n\
+             \"trajectory.size\" = {{ choice = [1.0, 1.0, 20.0] }}\n\
+             \"initial.attitude_rad\" = {{ choice = [[0.0, 0.0, 0.0], [0.5, -1.2, 3.1], [3.1, 0.2, 0.0]] }}\n\
+             \"flight.faults\" = {{ choice = [[], [], [\"rotor_speeds.drop=3/10@0.1s\"]] }}\n\
+             [[fault]]\nwhat = {{ choice = [\"rotor_efficiency_1\", \"drag_factor_nm_s2\", \"command_delay_s\"] }}\n\
+             value = {{ choice = [0.0, 1e-6] }}\nat_s = {{ uniform = [0.0, 0.5] }}\nover_s = {{ uniform = [0.001, 0.1] }}\n",
+            if ground { "plane" } else { "off" },
+            if lag { 0.02 } else { 0.0 },
+        );
+        for outer in LAWS[0] {
+            for inner in LAWS[1] {
+                text += &format!(
+                    "[arms.{outer}_{inner}]\n\"outer.law\" = \"{outer}\"\n\"inner.law\" = \"{inner}\"\n"
+                );
+            }
+        }
+        text + "[success]\nposition_error_max_m = 0.5\n"
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
+
+        #[test]
+        fn rows_of_flights_abreast_are_those_of_simulate(
+            seed in 0..u64::from(u32::MAX),
+            ground in prop::bool::weighted(0.2),
+            lag: bool,
+            heavy in 0.6..2.0_f64,
+        ) {
+            let plan = Plan::of(text(seed, ground, lag, heavy), Path::new("drawn.toml")).unwrap();
+            for arm in 0..plan.campaign.arms.len() {
+                let flights: Vec<Flight> = (0..plan.campaign.flights).map(|flight| (flight, arm)).collect();
+                let abreast = rows(&plan, &flights, 1, &AtomicBool::new(false), |_| ()).unwrap();
+                for (row, (flight, arm)) in abreast.iter().zip(&flights) {
+                    let settings = plan.settings(*flight, *arm).unwrap();
+                    let mut alone = Flown::new(&settings, None, &plan.campaign.gates).unwrap();
+                    fly_alone(&mut alone, &plan.campaign.gates, &AtomicBool::new(false)).unwrap();
+                    prop_assert_eq!((row.flight, row.arm), (*flight, *arm));
+                    prop_assert_eq!(format!("{:?}", &row.outcome), format!("{:?}", alone.end()));
+                    let mut rig = Simulator::of(&settings).unwrap();
+                    let simulated = simulate::fly(&mut rig, &settings, |_| Ok(())).unwrap();
+                    prop_assert_eq!(&row.outcome.outputs, &simulated.outputs.to_string());
+                    prop_assert_eq!(&row.outcome.lost, &simulated.departure);
+                }
+            }
+        }
+    }
+}

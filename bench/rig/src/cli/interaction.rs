@@ -1,0 +1,93 @@
+//! Flags of the commands for a running flight: `watch`, `bridge`, `inject`, `params`.
+
+use std::time::Duration;
+
+use clap::{Args, Subcommand};
+
+use crate::cli::values;
+use crate::fault::{Change, FaultError};
+
+#[derive(Clone, Debug, Args)]
+pub struct WatchArgs {
+    /// Name of the instance.
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+    /// Print one line per second instead of the dashboard.
+    #[arg(long)]
+    pub plain: bool,
+    /// Exit with the flight and with this process, which must be the parent; forward Ctrl-C to it.
+    #[arg(long, hide = true)]
+    pub launcher: Option<u32>,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum BridgeTo {
+    /// Serve topics, a 3-D scene and the airframe's parameters over the Foxglove WebSocket protocol. Requires a build
+    /// with `--features foxglove`.
+    Foxglove(FoxgloveArgs),
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct FoxgloveArgs {
+    /// Let every client that reaches the address change parameters and inject faults.
+    #[arg(long)]
+    pub allow_swaps: bool,
+    /// Also accept web pages from this origin, for example `https://studio.example`; may be repeated. Pages from
+    /// app.foxglove.dev and this machine, and clients that are not browsers, are always accepted.
+    #[arg(long, value_name = "ORIGIN", value_parser = values::origin)]
+    pub allow_origin: Vec<String>,
+    /// Address to listen on.
+    #[arg(long, value_name = "HOST", default_value = "127.0.0.1")]
+    pub host: String,
+    /// Port to listen on; 0 takes a free one.
+    #[arg(long, value_name = "PORT", default_value_t = 8765)]
+    pub port: u16,
+    /// Name of the instance.
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct InjectArgs {
+    /// What to change, with the syntax of --fault. Parameters: NAME=VALUE, where VALUE is a number, `nominal`, or +30% of
+    /// nominal; ~2s after it makes a 2 s ramp. Faults of messages, stages and the CPU: for example state.drop=0.1, ended by
+    /// state.drop=off. `ironbird params` and `ironbird faults` list what can be changed.
+    #[arg(required = true, value_name = "WHAT[=VALUE]")]
+    pub changes: Vec<String>,
+    /// Apply at this tick of the flight.
+    #[arg(long, value_name = "N", conflicts_with = "after", allow_hyphen_values = true, value_parser = values::tick)]
+    pub at_tick: Option<u64>,
+    /// How long a fault lasts, for example 1s; without it, until it is ended. Parameters keep their value.
+    #[arg(long = "for", value_name = "TIME", allow_hyphen_values = true, value_parser = values::duration)]
+    pub lasts: Option<Duration>,
+    /// Apply after this much flight time, for example 500ms.
+    #[arg(long = "in", value_name = "TIME", allow_hyphen_values = true, value_parser = values::duration)]
+    pub after: Option<Duration>,
+    /// Name of the instance.
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+}
+
+impl InjectArgs {
+    /// The changes, as far as they can be read without an airframe.
+    pub fn parsed(&self) -> Result<Vec<Change>, FaultError> {
+        self.changes
+            .iter()
+            .flat_map(|text| text.split(','))
+            .map(str::parse)
+            .collect()
+    }
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct ParamsArgs {
+    /// Name of the instance.
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+    /// Airframe whose ranges and nominal values to list [default: that of the flight, or paper].
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    pub airframe: Option<String>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}

@@ -1,0 +1,112 @@
+//! Flags of the commands for the machine and the shell: `floor`, `doctor`, `clean`, `completions`, `man`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use clap_complete::Shell;
+use host::floor::link::WakeMechanism;
+use serde::{Deserialize, Serialize};
+
+use crate::cli::values;
+
+#[derive(Clone, Debug, Args)]
+pub struct FloorArgs {
+    /// What to measure, separated by commas [default: everything].
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "SET")]
+    pub only: Vec<Set>,
+    /// Pairs of measurements in each comparison; fewer than 6 give no verdict.
+    #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub pairs: u32,
+    /// Length of each measurement [s]; less than 11 s is too short for a 99.9th percentile.
+    #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    pub seconds: u64,
+    /// Write benchmarks.md and benchmarks.json to this directory; sets not measured this time are kept.
+    #[arg(long, value_name = "DIR")]
+    pub write: Option<PathBuf>,
+}
+
+/// A set of comparisons.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Set {
+    /// Wake-ups, loop latency and misses of flights.
+    Flights,
+    /// Wake-ups and misses of flights under CPU load.
+    Load,
+    /// Lockstep ticks.
+    Lockstep,
+    /// One tick of the laws, and one of `simulate`.
+    Laws,
+    /// Replaying a flight from its log and comparing it bit for bit.
+    Replay,
+    /// A ring with a known extra delay: does the comparison find it?
+    KnownSlow,
+    /// System calls, allocations and page faults.
+    Calls,
+}
+
+/// Flags of the hidden `ring-hop`.
+#[derive(Clone, Debug, Args)]
+pub struct HopArgs {
+    /// What wakes the next process.
+    #[arg(long, value_enum)]
+    pub wake: WakeMechanism,
+    /// Position in the ring.
+    #[arg(long)]
+    pub position: usize,
+    /// Number of processes in the ring.
+    #[arg(long)]
+    pub processes: usize,
+    #[arg(long)]
+    pub cpu: usize,
+    /// SCHED_FIFO priority; 0 is SCHED_OTHER.
+    #[arg(long)]
+    pub priority: i32,
+    /// Iterations of arithmetic between being woken and waking the next process.
+    #[arg(long)]
+    pub work: u64,
+    /// Process that measures; this one exits with it.
+    #[arg(long)]
+    pub launcher: u32,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct DoctorArgs {
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Measure the timer and the ring for this long each: 0.001 to 3600 s.
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = 5.0,
+        allow_hyphen_values = true
+    )]
+    pub seconds: f64,
+    /// CPU of the four loops [default: the highest-numbered one].
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = values::processor)]
+    pub cpu: Option<u16>,
+}
+
+#[derive(Clone, Copy, Debug, Args)]
+pub struct CompletionsArgs {
+    #[arg(value_enum)]
+    pub shell: Shell,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct ManArgs {
+    /// Command whose page to print, for example `report diff` [default: ironbird itself].
+    #[arg(value_name = "COMMAND", conflicts_with = "to")]
+    pub command: Vec<String>,
+    /// Write the pages of all commands to this directory, for example /usr/local/share/man/man1.
+    #[arg(long, value_name = "DIR")]
+    pub to: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, Args)]
+pub struct CleanArgs {
+    /// Print what would be removed, and remove nothing.
+    #[arg(long)]
+    pub dry_run: bool,
+}

@@ -1,0 +1,285 @@
+//! Flags of the commands that simulate many flights: `compare`, `margin`, `campaign`.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use campaign::gates::METRICS;
+use clap::builder::PossibleValuesParser;
+use clap::{Args, Subcommand, ValueEnum};
+
+use crate::cli::{DiffFormat, TrajectoryArgs, values};
+use crate::margin::target;
+
+/// The laws to fly: every outer law with every inner law and every mixer.
+#[derive(Clone, Debug, Args)]
+pub struct LawSetArgs {
+    /// Law of the outer loop; may be repeated [default: pd]. Every combination of the named laws is flown.
+    #[arg(long, value_name = "LAW|FILE")]
+    pub outer: Vec<String>,
+    /// Law of the inner loop; may be repeated [default: adaptive].
+    #[arg(long, value_name = "LAW|FILE")]
+    pub inner: Vec<String>,
+    /// Law of the mixer; may be repeated [default: priority].
+    #[arg(long, value_name = "LAW|FILE")]
+    pub mixer: Vec<String>,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct CompareArgs {
+    #[command(flatten)]
+    pub course: TrajectoryArgs,
+    #[command(flatten)]
+    pub laws: LawSetArgs,
+    /// A flight has recovered from a fault when its true position error stays below this [m].
+    #[arg(long, value_name = "M", default_value_t = 0.05, allow_hyphen_values = true, value_parser = values::limit)]
+    pub recovered_below: f64,
+    /// Output format.
+    #[arg(long, value_enum, default_value_t = DiffFormat::Text)]
+    pub format: DiffFormat,
+    /// Also write the comparison to this file, as a page with plots.
+    #[arg(long, value_name = "FILE.html")]
+    pub page: Option<PathBuf>,
+    /// Fly once per row of this file, each a [[row]] with `name` and `faults`, and print Markdown tables.
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["faults", "format", "page"])]
+    pub table: Option<PathBuf>,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct MarginArgs {
+    #[command(flatten)]
+    pub course: TrajectoryArgs,
+    #[command(flatten)]
+    pub laws: LawSetArgs,
+    /// When a flight counts as survived, besides staying in its envelope: recovered_below_m=0.05, recovery_max_s=3, or
+    /// another limit of a campaign's [success], judged from the fault on; may be repeated.
+    #[arg(long = "gate", value_name = "NAME=MAX", value_parser = gate_limit)]
+    pub gates: Vec<GateLimit>,
+    /// Number of instants at which faults begin, spread over one period of the trajectory or over --duration.
+    #[arg(long, value_name = "N", default_value_t = 32, allow_hyphen_values = true, value_parser = phases)]
+    pub phases: u32,
+    /// Measure only this: a stage, all stages at once (machine), or the inputs of a topic; may be repeated. With --only,
+    /// --gate or --duration, no table is stored for flight reports.
+    #[arg(long, value_name = "WHAT", value_parser = PossibleValuesParser::new(target::names()))]
+    pub only: Vec<String>,
+    /// Longest outage to try.
+    #[arg(long, value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = values::duration)]
+    pub longest: Duration,
+    /// Number of parallel jobs [default: one per CPU].
+    #[arg(long, value_name = "N", value_parser = values::jobs)]
+    pub jobs: Option<usize>,
+    /// Directory of the flights whose reports use these margins; the table goes to DIR/margins [default: runs].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Output format.
+    #[arg(long, value_enum, default_value_t = DiffFormat::Text)]
+    pub format: DiffFormat,
+    /// Also write the margins to this file, as a page with plots.
+    #[arg(long, value_name = "FILE.html")]
+    pub page: Option<PathBuf>,
+}
+
+/// A limit that a flight must hold to count as survived.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GateLimit {
+    /// A metric of a campaign's `[success]`.
+    pub name: &'static str,
+    pub most: f64,
+}
+
+/// The bound below which a flight has recovered: a parameter of a metric, not a metric.
+pub const RECOVERED_BELOW: &str = "recovered_below_m";
+
+#[derive(Clone, Debug, Subcommand)]
+pub enum CampaignCommand {
+    /// Run a campaign, or one shard of it; flights that are already recorded are not repeated.
+    #[command(after_help = "\
+Example:
+  ironbird campaign run examples/mass-and-drag.toml --out campaigns/mass")]
+    Run(CampaignRunArgs),
+    /// Check a campaign file: number of flights, expected time and size.
+    Check(CampaignCheckArgs),
+    /// List complete, missing, broken and foreign chunks of a campaign.
+    Status(CampaignDirectoryArgs),
+    /// Merge all rows of a campaign into one file, merged.parquet.
+    Merge(CampaignDirectoryArgs),
+    /// Print a campaign's results: success rates, differences between variants, influential factors, worst flights.
+    Report(CampaignReportArgs),
+    /// Run a campaign's shards on a cluster (Slurm, HyperQueue), retry failed shards, then print the report.
+    Submit(CampaignSubmitArgs),
+    /// Repeat one flight of a campaign in four processes, with log and report page. A flight with recorded timing or
+    /// stage faults is simulated instead, with states and plot.
+    Fly(CampaignFlyArgs),
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct CampaignRunArgs {
+    /// The campaign file.
+    #[arg(value_name = "FILE.toml")]
+    pub file: PathBuf,
+    /// Run only shard K of N, counted from 1. K may be `auto`: the task number given by Slurm or HyperQueue.
+    #[arg(long, value_name = "K/N", value_parser = values::shard)]
+    pub shard: Option<Shard>,
+    /// Directory of the rows [default: campaigns/NAME].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Number of parallel jobs [default: one per CPU].
+    #[arg(long, value_name = "N", value_parser = values::jobs)]
+    pub jobs: Option<usize>,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct CampaignCheckArgs {
+    /// The campaign file.
+    #[arg(value_name = "FILE.toml")]
+    pub file: PathBuf,
+    /// Number of parallel jobs [default: one per CPU].
+    #[arg(long, value_name = "N", value_parser = values::jobs)]
+    pub jobs: Option<usize>,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct CampaignSubmitArgs {
+    /// The campaign file.
+    #[arg(value_name = "FILE.toml")]
+    pub file: PathBuf,
+    /// What runs the shards.
+    #[arg(long, value_enum, value_name = "ENGINE")]
+    pub on: Engine,
+    /// Number of shards [default: one per row file, at most 1000].
+    #[arg(long, value_name = "N", value_parser = values::shards)]
+    pub shards: Option<u64>,
+    /// Directory of the rows, visible to all nodes [default: campaigns/NAME].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print the job script and the submit command, and exit.
+    #[arg(long)]
+    pub dry_run: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Engine {
+    /// A Slurm array job (sbatch).
+    Slurm,
+    /// A HyperQueue task array (hq).
+    Hyperqueue,
+    /// This machine, like `campaign run`.
+    Local,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// Counted from 1; none if the job's environment gives it.
+    pub number: Option<u64>,
+    pub of: u64,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct CampaignDirectoryArgs {
+    /// Directory of the rows, as in `campaign run --out`.
+    #[arg(value_name = "DIR")]
+    pub directory: PathBuf,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct CampaignReportArgs {
+    /// Directory of the rows, as in `campaign run --out`.
+    #[arg(value_name = "DIR")]
+    pub directory: PathBuf,
+    /// Output format.
+    #[arg(long, value_enum, default_value_t = DiffFormat::Text)]
+    pub format: DiffFormat,
+    /// Also write the report to this file, as a page with plots.
+    #[arg(long, value_name = "FILE.html")]
+    pub page: Option<PathBuf>,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct CampaignFlyArgs {
+    /// Directory of the rows, as in `campaign run --out`.
+    #[arg(value_name = "DIR")]
+    pub directory: PathBuf,
+    /// Number of the flight, counted from 0.
+    #[arg(value_name = "N")]
+    pub flight: u64,
+    /// Variant that flies it [default: the first].
+    #[arg(long, value_name = "NAME")]
+    pub arm: Option<String>,
+    /// Print the complete, commented settings of the flight, and exit.
+    #[arg(long)]
+    pub print_config: bool,
+    /// Directory in which the flight gets its own directory [default: runs].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Name of the instance.
+    #[arg(long, value_name = "NAME")]
+    pub instance: Option<String>,
+}
+
+fn gate_limit(text: &str) -> Result<GateLimit, String> {
+    let names = || {
+        METRICS
+            .iter()
+            .map(|metric| metric.name)
+            .filter(|name| *name != "flown_s")
+            .chain([RECOVERED_BELOW])
+    };
+    let known = || names().collect::<Vec<_>>().join(", ");
+    let (name, most) = text
+        .split_once('=')
+        .ok_or_else(|| format!("write NAME=MOST; names are {}", known()))?;
+    let name = names()
+        .find(|it| *it == name.trim())
+        .ok_or_else(|| format!("no gate has this name; there are {}", known()))?;
+    Ok(GateLimit {
+        name,
+        most: values::limit(most.trim())?,
+    })
+}
+
+fn phases(text: &str) -> Result<u32, String> {
+    let number = text
+        .parse()
+        .ok()
+        .filter(|number| (1..=1000).contains(number));
+    number.ok_or_else(|| "write a whole number from 1 to 1000".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gate_is_a_metric_of_campaigns_with_a_limit() {
+        assert_eq!(
+            gate_limit("recovery_max_s = 3"),
+            Ok(GateLimit {
+                name: "recovery_max_s",
+                most: 3.0
+            })
+        );
+        assert_eq!(
+            gate_limit("recovered_below_m=0.05"),
+            Ok(GateLimit {
+                name: RECOVERED_BELOW,
+                most: 0.05
+            })
+        );
+        let says = |text: &str, words: &str| {
+            let said = gate_limit(text).expect_err(text);
+            assert!(said.contains(words), "{text}: {said}");
+        };
+        says(
+            "theorem",
+            "write NAME=MOST; names are position_error_max_m, ",
+        );
+        says(
+            "speed=3",
+            "no gate has this name; there are position_error_max_m, ",
+        );
+        says("flown_s=3", "no gate has this name");
+        says("recovery_max_s=never", "write a number of 0 or more");
+        says("recovery_max_s=-1", "write a number of 0 or more");
+        assert!(phases("0").is_err() && phases("1001").is_err() && phases("x").is_err());
+        assert_eq!(phases("1000"), Ok(1000));
+    }
+}

@@ -1,0 +1,212 @@
+//! The results of `ironbird floor`, as Markdown and as JSON.
+
+use std::fmt::Write as _;
+
+use clap::ValueEnum as _;
+use serde::{Deserialize, Serialize};
+
+use crate::cli::Set;
+use crate::floor::system_calls::RoleCalls;
+use host::floor::comparison::{FloorComparison, GoalVerdict};
+use report::host::Host;
+
+/// Figures and their baselines, for one machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Page {
+    pub host: Host,
+    /// In the order of [`Set`].
+    pub sets: Vec<MeasuredSet>,
+}
+
+/// Figures measured in one go.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MeasuredSet {
+    pub set: Set,
+    pub started: String,
+    /// Version of ironbird, and the commit if known.
+    pub version: String,
+    pub command: String,
+    pub comparisons: Vec<FloorComparison>,
+    pub calls: Vec<RoleCalls>,
+    /// Why it was not measured.
+    pub left_out: Option<String>,
+}
+
+impl MeasuredSet {
+    #[must_use]
+    pub const fn new(set: Set, started: String, version: String, command: String) -> Self {
+        Self {
+            set,
+            started,
+            version,
+            command,
+            comparisons: Vec::new(),
+            calls: Vec::new(),
+            left_out: None,
+        }
+    }
+}
+
+const LEGEND: &str = "\
+* *wake*: from the start of a tick to the plant's wake-up, compared with `cyclictest` on the same processor at the same priority and period. It shows what early wake-up gains; *timer*, from the instant the timer was set to, shows the kernel alone.\n\
+* *loop*: from sampling the state to publishing the rotor command, compared with a raw futex ring of four processes that compute as long. The ring has warm-up runs only in the lines *the ring rehearses too*.\n\
+* *misses*: missed deadlines, compared with ticks in which cyclictest woke too late for the median loop or not at all.\n\
+* *lockstep tick*: a tick of `fly --pace lockstep`, compared with a lap of a raw eventfd ring of four processes under SCHED_OTHER.\n\
+* *laws*: one tick of the four stages, compared with the same equations hand-written in scalars, with constants that the compiler can fold.\n\
+* *replay --verify*: a tick read from a log, flown again and compared bit for bit, against a tick of `simulate` of the same flight; whole processes.\n\
+* *20 us put into a hop*: test of the instrument. The ratio is measured delay to inserted delay.\n";
+
+const CONDITIONS: &str = "
+Both sides of a pair run one right after the other, in alternating order; *ours* and *floor* are \
+medians over the pairs. The ratio is the median of the pairs' ratios, with an interval of at least \
+95 % by order statistics. Misses are pooled, with a bootstrap over pairs. `met` and `missed`: the \
+whole interval is on one side of the goal. Pairs during which the host stole more than 1 % of the \
+processor are left out.
+
+";
+
+const CALLS_LEGEND: &str = "
+Measured in flights with `--lead 0`, since a warm-up run makes more calls. The least is one \
+wait, and one notify if a stage follows. The mixer sets its timer by a separate call after its \
+command, so that no timer is cancelled while the loop runs (decision 5). The one allocation is a \
+loan of 48 bytes by iceoryx2. Page faults are of the whole flight.
+";
+
+impl Page {
+    #[must_use]
+    pub const fn new(host: Host) -> Self {
+        Self {
+            host,
+            sets: Vec::new(),
+        }
+    }
+
+    /// Replaces an earlier measurement of the same set, unless the new one was left out.
+    pub fn take(&mut self, measured: MeasuredSet) {
+        let is_known = self
+            .sets
+            .iter()
+            .any(|known| known.set == measured.set && known.left_out.is_none());
+        if measured.left_out.is_some() && is_known {
+            return;
+        }
+        self.sets.retain(|known| known.set != measured.set);
+        self.sets.push(measured);
+        self.sets.sort_by_key(|known| known.set);
+    }
+
+    #[must_use]
+    pub fn markdown(&self) -> String {
+        let mut page = String::from("# Benchmarks\n\n");
+        // Writing into a string cannot fail.
+        let _ = writeln!(
+            page,
+            "Written by `ironbird floor`; raw numbers in [benchmarks.json](benchmarks.json).\n"
+        );
+        let _ = writeln!(page, "{}\n", self.machine());
+        let comparisons: Vec<&FloorComparison> =
+            self.sets.iter().flat_map(|set| &set.comparisons).collect();
+        if !comparisons.is_empty() {
+            let _ = writeln!(
+                page,
+                "| figure | ours | floor | ratio | 95 % interval | goal | pairs | verdict |\n|---|---|---|---|---|---|---|---|"
+            );
+            for comparison in comparisons {
+                let _ = writeln!(page, "{}", row(comparison));
+            }
+            page += CONDITIONS;
+            page += LEGEND;
+        }
+        let calls: Vec<&RoleCalls> = self.sets.iter().flat_map(|set| &set.calls).collect();
+        if !calls.is_empty() {
+            page += &calls_per_tick(&calls);
+        }
+        page += "\n## Measured\n\n| set | when | version | command |\n|---|---|---|---|\n";
+        for MeasuredSet {
+            set,
+            started,
+            version,
+            command,
+            left_out,
+            ..
+        } in &self.sets
+        {
+            let _ = match left_out {
+                None => writeln!(
+                    page,
+                    "| {} | {started} | {version} | `{command}` |",
+                    set_name(*set)
+                ),
+                Some(reason) => writeln!(
+                    page,
+                    "| {} | not measured: {reason} | {version} | `{command}` |",
+                    set_name(*set)
+                ),
+            };
+        }
+        page
+    }
+
+    fn machine(&self) -> String {
+        let Host {
+            kernel,
+            preemption,
+            cpu,
+            cpus,
+            ..
+        } = &self.host;
+        let under = self.host.below();
+        format!("Machine: {cpus} x {cpu}{under}, Linux {kernel} ({preemption}).")
+    }
+}
+
+fn calls_per_tick(roles: &[&RoleCalls]) -> String {
+    let mut text = String::from(
+        "\n## Per tick and role\n\n| role | system calls | of which | least | allocations | page faults |\n|---|---|---|---|---|---|\n",
+    );
+    for RoleCalls {
+        role,
+        calls,
+        total,
+        least,
+        allocations,
+        faults,
+    } in roles
+    {
+        let calls: Vec<String> = calls
+            .iter()
+            .map(|(name, calls)| format!("{name} {calls:.2}"))
+            .collect();
+        let calls = calls.join(", ");
+        let allocations = allocations.map_or_else(|| "-".to_owned(), |all| format!("{all:.3}"));
+        text +=
+            &format!("| {role} | {total:.2} | {calls} | {least} | {allocations} | {faults} |\n");
+    }
+    text + CALLS_LEGEND
+}
+
+fn row(comparison: &FloorComparison) -> String {
+    let FloorComparison { name, unit, .. } = comparison;
+    let ([ours, floor], (measured, disturbed)) = (comparison.sides(), comparison.measured());
+    let verdict = match comparison.verdict() {
+        GoalVerdict::Met => "met".to_owned(),
+        GoalVerdict::Missed => "missed".to_owned(),
+        GoalVerdict::Inconclusive(why) => format!("inconclusive: {why}"),
+    };
+    let interval = comparison
+        .interval()
+        .map_or_else(|| "-".into(), |i| format!("{:.2} to {:.2}", i.low, i.high));
+    let goal = comparison.goal();
+    let pairs = measured - disturbed;
+    format!(
+        "| {name} | {ours:.2} {unit} | {floor:.2} {unit} | {:.2} | {interval} | {goal} | {pairs} | {verdict} |",
+        comparison.value(),
+    )
+}
+
+/// The name of a set on the command line.
+#[must_use]
+pub fn set_name(set: Set) -> String {
+    set.to_possible_value()
+        .map_or_else(String::new, |value| value.get_name().to_owned())
+}

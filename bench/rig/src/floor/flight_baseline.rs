@@ -1,0 +1,102 @@
+//! Measures the machine's baselines right after a flight, for its report.
+//!
+//! ```text
+//!   wake.plant  vs.  a bare timer: one thread that only wakes when each tick begins
+//!   loop        vs.  a raw futex ring: four processes that compute for as long as the laws, and pass a token on
+//! ```
+
+use std::path::Path;
+use std::time::Duration;
+
+use errors::Failure;
+use host::cpu_times::CpuTimes;
+use host::floor::link::WakeMechanism;
+use host::floor::work::Work;
+use host::floor::{ring, timer};
+use messages::realtime::RealtimeMode;
+use process::rt::loops_cpu;
+use report::baseline::{Baseline, SeriesBaseline};
+use report::schema::Report;
+
+use super::flight_runner::series;
+use crate::settings::{PaceName, Settings};
+
+/// Series of the stages' computing times, in the order of the chain.
+const COMPUTE: [&str; 4] = [
+    "compute.plant",
+    "compute.outer",
+    "compute.inner",
+    "compute.mixer",
+];
+
+/// Refuses flights without a baseline.
+pub fn check(settings: &Settings, duration: Duration) -> Result<(), Failure> {
+    if settings.flight.pace == PaceName::Lockstep {
+        return Err(Failure::usage(
+            "--floor: lockstep has no deadlines, so there is no baseline to measure",
+        )
+        .help("fly in real time, or measure lockstep with `ironbird floor --only lockstep`"));
+    }
+    if !(Duration::from_secs(1)..=Duration::from_secs(3600)).contains(&duration) {
+        return Err(
+            Failure::usage(format!("--floor {duration:?}: allowed are 1s to 1h"))
+                .help("a 99.9th percentile at 1 kHz needs at least 11s"),
+        );
+    }
+    Ok(())
+}
+
+/// Measures each baseline for `duration`, on the CPU and at the priority requested for the flight.
+pub fn take(
+    report: &Report,
+    settings: &Settings,
+    duration: Duration,
+    executable: &Path,
+) -> Result<Baseline, Failure> {
+    let realtime = settings.realtime()?;
+    let priority = if realtime.mode == RealtimeMode::Off {
+        0
+    } else {
+        realtime.priority
+    };
+    let period_ns = (report.run.wall_period_us * 1e3).round() as u64;
+    let processor = Some(realtime.cpu.unwrap_or_else(loops_cpu) as u64);
+    let before = CpuTimes::read(processor);
+    let timer = timer::measure(&timer::TimerSettings {
+        period_ns,
+        duration,
+        cpu: realtime.cpu,
+        priority,
+    })?;
+    let ring = ring::RingSettings {
+        wake: WakeMechanism::Futex,
+        period_ns,
+        duration,
+        cpu: realtime.cpu,
+        priority,
+        work: work_like(report)?,
+        rehearsal: None,
+    };
+    let ring = ring::measure(&ring, executable)?;
+    let mut refused = timer.standing.refused.clone();
+    refused.extend(ring.standing.refused);
+    refused.dedup();
+    Ok(Baseline {
+        seconds: duration.as_secs_f64(),
+        scheduling: timer.standing.scheduling(),
+        refused,
+        steal: before.steal_until(&CpuTimes::read(processor)),
+        floors: vec![
+            SeriesBaseline::of("wake.plant", "bare timer", &timer.lateness),
+            SeriesBaseline::of("loop", "raw futex ring", &ring.chain),
+        ],
+    })
+}
+
+/// Work for each process of a ring that takes as long as the flight's laws in the median.
+pub fn work_like(report: &Report) -> Result<Vec<Work>, Failure> {
+    COMPUTE
+        .into_iter()
+        .map(|name| Ok(Work::lasting((series(report, name)?.p50_us * 1e3) as u64)))
+        .collect()
+}

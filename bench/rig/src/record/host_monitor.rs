@@ -1,0 +1,123 @@
+//! Samples what the kernel counts for the control loops and their CPU.
+
+use errors::Failure;
+use host::Machine;
+use host::cpu_times::{CpuTimes, host_of};
+use host::doctor;
+use host::interrupts::Interrupts;
+use host::sampler::{Watch, fallen};
+use ipc::clock::now_ns;
+use ipc::instance::Instance;
+use report::finding::Diagnosis;
+use report::flight_statistics::FlightStatistics;
+use report::host::{Host, InterruptSection, Steal};
+
+use super::kernel_trace::KernelTrace;
+use super::role_statuses::RoleStatuses;
+
+#[allow(missing_debug_implementations, reason = "the doctor's parts have none")]
+pub struct HostMonitor {
+    pub host: Host,
+    pub diagnosis: Diagnosis,
+    counters: Watch,
+    trace: KernelTrace,
+    cpu_times: CpuTimes,
+    interrupts: Interrupts,
+}
+
+impl HostMonitor {
+    pub fn start(
+        machine: &Machine,
+        roles: &RoleStatuses,
+        is_traced: bool,
+        instance: &Instance,
+    ) -> Result<Self, Failure> {
+        let host = host_of(machine);
+        let counters = Watch::new(&roles.loops(), host.hypervisor != Some(false));
+        Ok(Self {
+            host,
+            diagnosis: Diagnosis::of(&doctor::findings(machine)),
+            counters,
+            trace: KernelTrace::start(is_traced, instance, counters.processor)?,
+            cpu_times: CpuTimes::read(counters.processor),
+            interrupts: Interrupts::read(counters.processor),
+        })
+    }
+
+    #[must_use]
+    pub const fn is_virtual(&self) -> bool {
+        self.counters.is_virtual
+    }
+
+    #[must_use]
+    pub const fn has_cpu(&self) -> bool {
+        self.counters.processor.is_some()
+    }
+
+    /// Samples the loops' counters, then classifies the deadlines missed so far.
+    ///
+    /// # Errors
+    /// The kernel's trace can no longer be read.
+    pub fn sample(
+        &mut self,
+        roles: &RoleStatuses,
+        tally: &mut FlightStatistics,
+        is_flying: bool,
+    ) -> Result<(), Failure> {
+        let sample = self
+            .counters
+            .sample(&roles.loops(), tally.lost().iter().sum());
+        let traced = self.read_trace(tally);
+        if let Some(autopsy) = &mut tally.autopsy {
+            // After the last tick it is normal that processes end.
+            if is_flying {
+                autopsy.sample(sample);
+            }
+            autopsy.look();
+        }
+        traced
+    }
+
+    /// Takes the last trace and classifies the remaining misses.
+    ///
+    /// # Errors
+    /// The kernel's trace can no longer be read.
+    pub fn finish(
+        &mut self,
+        roles: &RoleStatuses,
+        tally: &mut FlightStatistics,
+        (missed, ticks): (u64, u64),
+    ) -> Result<(), Failure> {
+        let traced = self.read_trace(tally);
+        if let Some(autopsy) = &mut tally.autopsy {
+            autopsy.fallen(fallen(&roles.loops()), now_ns());
+            autopsy.finish(missed, ticks);
+        }
+        traced
+    }
+
+    fn read_trace(&mut self, tally: &mut FlightStatistics) -> Result<(), Failure> {
+        let slices = self.trace.take()?;
+        if let Some(autopsy) = &mut tally.autopsy {
+            autopsy.ran(slices);
+        }
+        Ok(())
+    }
+
+    /// CPU time that the hypervisor took since the start.
+    #[must_use]
+    pub fn steal(&self) -> Steal {
+        self.cpu_times
+            .steal_until(&CpuTimes::read(self.counters.processor))
+    }
+
+    /// Interrupts on the loops' CPU since the start.
+    #[must_use]
+    pub fn interrupts(&self) -> InterruptSection {
+        let processor = self.counters.processor;
+        InterruptSection {
+            processor,
+            counts: self.interrupts.until(&Interrupts::read(processor)),
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! The status blackboards of all processes, as the recorder and observers read them.
+
+use std::collections::BTreeMap;
+
+use ipc::error::Error;
+use ipc::{BlackboardReader, Wire};
+use messages::blackboards::Status;
+use messages::role::{ROLES, Role, STAGES};
+use process::session::status_board;
+
+use report::schema::RoleSection;
+use report::sections::role_section;
+
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handles have none"
+)]
+#[derive(Default)]
+pub struct RoleStatuses(BTreeMap<Role, BlackboardReader<Status>>);
+
+impl RoleStatuses {
+    /// Opens the existing blackboards.
+    pub fn open(wire: &Wire) -> Result<Self, Error> {
+        let mut boards = BTreeMap::new();
+        for role in ROLES {
+            if let Some(board) = wire.blackboard_reader(&status_board(role))? {
+                boards.insert(role, board);
+            }
+        }
+        Ok(Self(boards))
+    }
+
+    #[must_use]
+    pub fn statuses(&self) -> BTreeMap<Role, Status> {
+        self.0
+            .iter()
+            .map(|(role, board)| (*role, board.get()))
+            .collect()
+    }
+
+    /// The statuses of the control loop's processes; the default for a process without a blackboard.
+    #[must_use]
+    pub fn loops(&self) -> [Status; STAGES.len()] {
+        STAGES.map(|role| {
+            self.0
+                .get(&role)
+                .map(BlackboardReader::get)
+                .unwrap_or_default()
+        })
+    }
+
+    /// Warm-up runs of the mixer, the last stage of the chain.
+    #[must_use]
+    pub fn rehearsals(&self) -> u64 {
+        self.0
+            .get(&Role::Mixer)
+            .map_or(0, |board| board.get().rehearsals)
+    }
+
+    /// Each process's section of the report, by name.
+    #[must_use]
+    pub fn sections(&self) -> BTreeMap<String, RoleSection> {
+        self.0
+            .iter()
+            .map(|(role, board)| (role.name().to_owned(), role_section(&board.get())))
+            .collect()
+    }
+}

@@ -1,0 +1,105 @@
+//! Reads TOML tables and values of settings, and describes them in errors.
+
+use std::io::{self, Read as _};
+use std::path::Path;
+
+use errors::open_file;
+use messages::parameters::{self, did_you_mean};
+use toml::{Table, Value};
+
+pub(super) fn section(table: &Table, name: &str) -> Table {
+    table
+        .get(name)
+        .and_then(Value::as_table)
+        .cloned()
+        .unwrap_or_default()
+}
+
+/// The text of a regular file of at most 1 MiB: a device may have no end, and a pipe may have no writer.
+pub(super) fn text_of(path: &Path) -> io::Result<String> {
+    const MOST_BYTES: u64 = 1 << 20;
+    let mut text = String::new();
+    open_file(path)?
+        .take(MOST_BYTES + 1)
+        .read_to_string(&mut text)?;
+    if text.len() as u64 > MOST_BYTES {
+        return Err(io::Error::other("it is longer than 1 MiB"));
+    }
+    Ok(text)
+}
+
+/// The value as the type that is expected: whole numbers also stand for fractional ones.
+pub(super) fn coerce(value: &Value, expected: &Value) -> Option<Value> {
+    match (value, expected) {
+        (Value::Integer(i), Value::Float(_)) => Some(Value::Float(*i as f64)),
+        // "auto", or a number: of a processor, of microseconds.
+        (Value::Integer(_), Value::String(auto)) if auto == "auto" => Some(value.clone()),
+        (Value::Array(values), Value::Array(expected)) => match expected.first() {
+            Some(first) if values.len() == expected.len() => values
+                .iter()
+                .map(|value| coerce(value, first))
+                .collect::<Option<Vec<_>>>()
+                .map(Value::Array),
+            Some(_) => None,
+            None => values.iter().all(Value::is_str).then(|| value.clone()),
+        },
+        _ => value.same_type(expected).then(|| value.clone()),
+    }
+}
+
+pub(super) fn kind(expected: &Value) -> String {
+    match expected {
+        Value::Array(values) if values.is_empty() => "a list of strings".into(),
+        Value::Array(values) => format!("a list of {} numbers", values.len()),
+        Value::Float(_) => "a number".into(),
+        Value::Integer(_) => "a whole number".into(),
+        Value::String(auto) if auto == "auto" => "a whole number or a string".into(),
+        Value::String(_) => "a string".into(),
+        other => other.type_str().into(),
+    }
+}
+
+/// How such a value is written: as the default has it, unless that is empty.
+pub(super) fn example(expected: &Value) -> String {
+    match expected {
+        Value::Array(values) if values.is_empty() => "[\"mass_kg=0.6@8s\"]".into(),
+        other => other.to_string(),
+    }
+}
+
+pub(super) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a String>) -> String {
+    did_you_mean(parameters::nearest(name, known.map(String::as_str)))
+}
+
+/// Names, the nearest to what was typed first.
+pub fn nearest_first(name: &str, mut known: Vec<&str>) -> String {
+    known.sort_by(|a, b| strsim::jaro_winkler(b, name).total_cmp(&strsim::jaro_winkler(a, name)));
+    known.join(", ")
+}
+
+/// Whether two values mean the same, however they are written.
+pub(super) fn same(a: &toml_edit::Value, b: &toml_edit::Value) -> bool {
+    let number = |v: &toml_edit::Value| v.as_float().or_else(|| v.as_integer().map(|i| i as f64));
+    match (a, b) {
+        (toml_edit::Value::Array(a), toml_edit::Value::Array(b)) => {
+            a.len() == b.len() && a.iter().zip(b.iter()).all(|(a, b)| same(a, b))
+        }
+        _ => match (number(a), number(b)) {
+            (Some(a), Some(b)) => a == b,
+            _ => a.as_str() == b.as_str() && a.as_bool() == b.as_bool(),
+        },
+    }
+}
+
+/// A law's name as a settings file means it: a relative file is beside it.
+pub(super) fn beside(settings: Option<&Path>, name: &Value) -> Value {
+    let folder = settings.and_then(Path::parent);
+    match name
+        .as_str()
+        .filter(|name| plugin::is_file(name))
+        .zip(folder)
+    {
+        Some((name, folder)) => Value::from(folder.join(name).to_string_lossy().into_owned()),
+        None => name.clone(),
+    }
+}

@@ -1,0 +1,236 @@
+//! Checks resolved settings: ranges, gates, laws, faults, start and length.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use control_api::Rig;
+use control_api::description::Refused;
+use errors::Failure;
+use messages::blackboards::SETTINGS_MAX;
+use messages::parameters::shown;
+use messages::role::Role;
+use plant::Plant;
+use toml::{Table, Value};
+
+use super::layers::layered;
+use super::{Overrides, RecorderSettings, Settings, law_settings};
+
+/// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
+const LONGEST_S: f64 = 30.0 * 86_400.0;
+
+/// Section, key, least and largest value. A key of several numbers has the same range for each, except an attitude.
+const RANGES: [(&str, &str, f64, f64); 20] = [
+    ("flight", "slowdown", 1.0, 1000.0),
+    ("flight", "position_error_max_m", 0.01, 1e4),
+    ("flight", "tracking_error_max_m", 0.0, 1e4),
+    ("flight", "tilt_max_rad", 0.1, PI),
+    ("flight", "ground_z_m", -1e4, 0.0),
+    ("trajectory", "size", 0.01, 100.0),
+    ("trajectory", "period", 0.01, 100.0),
+    ("rt", "priority", 1.0, 95.0),
+    ("initial", "position_w_m", -1e4, 1e4),
+    ("initial", "velocity_w_m_s", -100.0, 100.0),
+    ("initial", "attitude_rad", -PI, PI),
+    ("initial", "rate_b_rad_s", -100.0, 100.0),
+    ("ground", "leg_m", 0.001, 2.0),
+    ("ground", "friction", 0.0, 2.0),
+    ("ground", "crash_speed_m_s", 0.0, 100.0),
+    ("ground", "crash_tilt_rad", 0.0, PI),
+    // Until an event comes, the recorder holds this much flight time in memory.
+    ("recorder", "log_around_s", 0.0, 10.0),
+    ("recorder", "log_file_mb", 1.0, 1e6),
+    ("recorder", "hlog_every_s", 1.0, 3600.0),
+    ("recorder", "states_every_ticks", 1.0, 1e9),
+];
+
+/// Refuses a value outside of its range.
+pub(super) fn check_ranges(table: &Table) -> Result<(), Failure> {
+    let number = |value: &Value| value.as_float().or(value.as_integer().map(|it| it as f64));
+    for (section, key, min, max) in RANGES {
+        match table.get(section).and_then(|keys| keys.get(key)) {
+            Some(Value::Array(values)) => {
+                for (i, value) in values.iter().filter_map(number).enumerate() {
+                    // Beyond a pitch of 90 degrees roll and yaw turn over.
+                    let is_pitch = (key, i) == ("attitude_rad", 1);
+                    let (min, max) = if is_pitch {
+                        (-FRAC_PI_2, FRAC_PI_2)
+                    } else {
+                        (min, max)
+                    };
+                    within(&format!("{section}.{key}[{i}]"), value, min, max)?;
+                }
+            }
+            Some(value) => {
+                if let Some(value) = number(value) {
+                    within(&format!("{section}.{key}"), value, min, max)?;
+                }
+            }
+            None => {}
+        }
+    }
+    Ok(())
+}
+
+/// A law refused a setting.
+pub(super) fn refused(e: Refused) -> Failure {
+    Failure::usage(format!("settings: {e}")).help("see `ironbird fly --print-config`")
+}
+
+/// Refuses a value that is not from `min` to `max`.
+pub(super) fn within(key: &str, value: f64, min: f64, max: f64) -> Result<(), Failure> {
+    if (min..=max).contains(&value) {
+        return Ok(());
+    }
+    let [value, min, max] = [value, min, max].map(shown);
+    Err(Failure::usage(format!(
+        "{key} = {value} is out of range: allowed are {min} to {max}"
+    ))
+    .help("`ironbird fly --print-config` explains every setting"))
+}
+
+/// A value that cannot be read; its key stands in the second line of the error.
+pub(super) fn unreadable(e: &toml::de::Error) -> Failure {
+    let what = e.to_string().trim_end().replace('\n', " ");
+    // No setting that is a whole number may be negative.
+    let what = match (
+        what.strip_prefix("invalid value: integer `"),
+        what.rsplit('`').nth(1),
+    ) {
+        (Some(rest), Some(key)) if rest.contains("expected u64") => {
+            let value = rest.split('`').next().unwrap_or_default();
+            format!(
+                "{key} = {value} is out of range: allowed are whole numbers from 0 to {}",
+                i64::MAX
+            )
+        }
+        _ => what,
+    };
+    Failure::usage(format!("settings: {what}")).help("see `ironbird fly --print-config`")
+}
+
+/// Refuses a text that would not come back from a report, or would end its line where settings have one each.
+pub(super) fn check_texts(section: &str, table: &Table) -> Result<(), Failure> {
+    table.iter().try_for_each(|(key, value)| match value {
+        Value::Table(keys) => check_texts(&format!("{key}."), keys),
+        Value::String(text) if text.contains(char::is_control) => Err(Failure::usage(format!(
+            "settings: {section}{key} = \"{}\": expected a text without control characters",
+            text.escape_default()
+        ))
+        .help("give the file a name without them")),
+        _ => Ok(()),
+    })
+}
+
+/// Whether flags fail in the same way without a settings file, so that it has no part in it.
+pub(super) fn is_of_flags(failure: &Failure, overrides: &Overrides) -> bool {
+    let alone =
+        layered(Table::new(), None, overrides).and_then(|table| Settings::taken(table, &[]));
+    alone.is_err_and(|alone| alone.to_string() == failure.to_string())
+}
+
+impl Settings {
+    /// Refuses settings that do not fit on the board that the processes of a flight share them by.
+    pub(super) fn check_length(&self) -> Result<(), Failure> {
+        let length = self.shared_text()?.len();
+        if length <= SETTINGS_MAX {
+            return Ok(());
+        }
+        let faults: usize = self.flight.faults.iter().map(String::len).sum();
+        Err(Failure::usage(format!(
+            "the settings that the processes share are {length} bytes long: allowed are {SETTINGS_MAX}, and \
+             flight.faults takes {faults} of them"
+        ))
+        .help(
+            "put values that change at the same instant into one fault, write numbers of fewer digits, or plan fewer \
+             and inject the rest in flight",
+        ))
+    }
+}
+
+impl Settings {
+    pub(super) fn check(&self, makes: &[Role]) -> Result<(), Failure> {
+        let flight = &self.flight;
+        Rig::check_period(flight.period_s).map_err(refused)?;
+        within(
+            "flight.duration_s",
+            flight.duration_s,
+            flight.period_s,
+            LONGEST_S,
+        )?;
+        if self.recorder.log_files == 1 {
+            return Err(Failure::usage(
+                "recorder.log_files = 1 is out of range: allowed are 0, for all, and 2 or more",
+            )
+            .help("the newest file may have only just begun; `ironbird fly --print-config` explains every setting"));
+        }
+        self.recorder.check_gates()?;
+        self.rig()?.check().map_err(refused)?;
+        for (_, role) in law_settings::SECTIONS {
+            self.check_law(role, makes)?;
+        }
+        if self.recorder.gate_theorem
+            && let Some(law) = self.law_without_theorem()?
+        {
+            return Err(Failure::usage(format!(
+                "recorder.gate_theorem = true: the inner law `{law}` has no theorem with these settings"
+            ))
+            .help("fly `adaptive` with inner.adaptation = \"on\", or without --gate theorem"));
+        }
+        self.check_faults()?;
+        self.check_start()?;
+        self.realtime()?;
+        self.check_length()
+    }
+}
+
+impl Settings {
+    /// Refuses a flight that begins in the ground.
+    pub(super) fn check_start(&self) -> Result<(), Failure> {
+        // What rounding leaves of a start on the ground.
+        const ROUNDING_M: f64 = 1e-9;
+        let clearance_m = Plant::new(&self.plant()?).clearance_m();
+        match clearance_m.filter(|clearance_m| *clearance_m < -ROUNDING_M) {
+            Some(clearance_m) => Err(Failure::usage(format!(
+                "initial.position_w_m[2] = {} is {:.3} m too low: the airframe would begin in the ground at {} m",
+                self.initial.position_w_m[2], -clearance_m, self.flight.ground_z_m
+            ))
+            .help("begin higher, or set ground.contact = \"off\"")),
+            None => Ok(()),
+        }
+    }
+}
+
+impl RecorderSettings {
+    /// Refuses a limit that no number is held against: it would be no gate, or one that always holds.
+    pub(super) fn check_gates(&self) -> Result<(), Failure> {
+        let is_wrong = |(key, limit): &&(&str, f64)| {
+            !limit.is_finite() || key.ends_with("percent") && *limit > 100.0
+        };
+        match self.limits().iter().find(is_wrong) {
+            Some((key, limit)) => {
+                let most = if key.ends_with("percent") {
+                    "0 to 100"
+                } else {
+                    "0 and more"
+                };
+                Err(Failure::usage(format!(
+                    "recorder.{key} = {limit}: allowed are {most}, and a negative number for no gate"
+                ))
+                .help("`ironbird fly --print-config` explains every setting"))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// The limits of gates by their keys; a negative one is none.
+    const fn limits(&self) -> [(&'static str, f64); 7] {
+        [
+            ("max_miss_rate_ppm", self.max_miss_rate_ppm),
+            ("max_skip_rate_ppm", self.max_skip_rate_ppm),
+            ("max_stale_rate_ppm", self.max_stale_rate_ppm),
+            ("max_wake_p999_us", self.max_wake_p999_us),
+            ("max_loop_p999_us", self.max_loop_p999_us),
+            ("max_tracking_error_m", self.max_tracking_error_m),
+            ("max_steal_percent", self.max_steal_percent),
+        ]
+    }
+}

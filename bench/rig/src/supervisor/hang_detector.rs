@@ -1,0 +1,197 @@
+//! Hang detection: a loop hangs when the tick counter it publishes stops advancing.
+//!
+//! A loop counts a tick even if its input is missing, so the counter does not depend on other loops. Four reasons for a
+//! counter to stop are no hang:
+//!
+//! | reason | how it is recognized |
+//! |---|---|
+//! | the supervisor did not get to look | a gap between two looks counts as two usual ones at most |
+//! | the loop waits for the processor | it is ready, and has run in less than half of the time |
+//! | the process has been killed or has failed, and is not gone yet | the kernel reports that it is dying |
+//! | the machine, or the loops' processor, stood still | no other loop's counter advanced either |
+//!
+//! A process that a signal has stopped hangs, whatever the other loops do.
+
+use std::time::Duration;
+
+use host::sampler::Look;
+use messages::blackboards::{RolePhase, Status};
+use messages::checks::{Check, is_on};
+use messages::role::{Role, STAGES};
+
+/// How often the supervisor looks if it restarts roles.
+pub(super) const LOOK_EVERY: Duration = Duration::from_millis(10);
+/// A counter that does not advance for this time, or for [`TICKS`], is a hang: it is noticed within 100 ms.
+pub(super) const HANG_TIMEOUT: Duration = Duration::from_millis(80);
+const TICKS: u32 = 5;
+
+#[derive(Debug)]
+pub(super) struct HangDetector {
+    timeout: Duration,
+    /// In the order of [`STAGES`].
+    counters: [TickCounter; STAGES.len()],
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct TickCounter {
+    /// Epoch and ticks; `None` if the loop does not fly.
+    count: Option<(u64, u64)>,
+    stopped_for: Duration,
+    /// Run time of its thread when the counter was first seen to have stopped [ns].
+    ran_ns: u64,
+}
+
+impl HangDetector {
+    /// `tick` is the wall time of a tick.
+    pub(super) fn new(tick: Duration) -> Self {
+        Self {
+            timeout: HANG_TIMEOUT.max(tick * TICKS),
+            counters: [TickCounter::default(); STAGES.len()],
+        }
+    }
+
+    /// Updates the counters, `since` the last look; returns the loops that hang.
+    pub(super) fn hanging(
+        &mut self,
+        loops: &[Status; STAGES.len()],
+        since: Duration,
+        look: impl Fn(u64) -> Option<Look>,
+    ) -> Vec<Role> {
+        let since = since.min(2 * LOOK_EVERY);
+        for (counter, status) in self.counters.iter_mut().zip(loops) {
+            let is_flying = status.phase() == RolePhase::Flying;
+            // Any process of the user can write the numbers.
+            let ticks = status.ticks_run.wrapping_add(status.ticks_skipped);
+            let count = is_flying.then_some((status.epoch, ticks));
+            if count != counter.count || count.is_none() {
+                *counter = TickCounter {
+                    count,
+                    ..TickCounter::default()
+                };
+            } else {
+                if counter.stopped_for.is_zero() {
+                    counter.ran_ns = look(status.pid).map_or(0, |look| look.ran_ns);
+                }
+                counter.stopped_for += since;
+            }
+        }
+        let hangs = |i: &usize| {
+            let counter = &self.counters[*i];
+            counter.stopped_for >= self.timeout
+                && is_on(Check::Heartbeat)
+                && look(loops[*i].pid).is_some_and(|look| self.is_hang(counter, look))
+        };
+        (0..STAGES.len()).filter(hangs).map(|i| STAGES[i]).collect()
+    }
+
+    fn is_hang(&self, counter: &TickCounter, look: Look) -> bool {
+        let half = counter.stopped_for / 2;
+        let ran = Duration::from_nanos(look.ran_ns.saturating_sub(counter.ran_ns));
+        let is_starved = look.state == 'R' && ran < half;
+        let others_advanced = self
+            .counters
+            .iter()
+            .any(|other| other.count.is_some() && other.stopped_for < half);
+        !look.is_dying && (look.is_stopped() || (others_advanced && !is_starved))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const INNER: usize = 2;
+    const MS_10: Duration = Duration::from_millis(10);
+    const ALL_BUT_INNER: [bool; 4] = [true, true, false, true];
+
+    fn flying(ticks_run: u64) -> Status {
+        Status {
+            phase: RolePhase::Flying as u64,
+            ticks_run,
+            ..Status::default()
+        }
+    }
+
+    /// Looks at loops of which those in `advances` advance; returns the loops that hang at the last look.
+    fn hanging(
+        advances: [bool; 4],
+        state: char,
+        ran_share: f64,
+        since: Duration,
+        looks: u32,
+    ) -> Vec<Role> {
+        let mut detector = HangDetector::new(Duration::from_millis(1));
+        let mut hanging = Vec::new();
+        for look in 0..looks {
+            let status = |advances| flying(if advances { u64::from(look) } else { 7 });
+            let ran_ns = (f64::from(look) * since.as_nanos() as f64 * ran_share) as u64;
+            hanging = detector.hanging(&advances.map(status), since, |_| {
+                Some(Look {
+                    state,
+                    ran_ns,
+                    is_dying: false,
+                })
+            });
+        }
+        hanging
+    }
+
+    #[test]
+    fn a_counter_that_stops_is_a_hang_after_80_ms() {
+        for state in ['S', 'D', 'T', 't'] {
+            let after = |looks| hanging(ALL_BUT_INNER, state, 0.0, MS_10, looks);
+            assert_eq!(after(9), [STAGES[INNER]], "{state}");
+            assert_eq!(after(8), [], "{state}");
+        }
+        assert_eq!(
+            hanging(ALL_BUT_INNER, 'R', 0.9, MS_10, 9),
+            [STAGES[INNER]],
+            "it computes without end"
+        );
+        assert_eq!(hanging([true; 4], 'S', 0.0, MS_10, 20), []);
+    }
+
+    #[test]
+    fn a_loop_that_waits_for_the_processor_does_not_hang() {
+        assert_eq!(hanging(ALL_BUT_INNER, 'R', 0.1, MS_10, 20), []);
+    }
+
+    #[test]
+    fn if_all_counters_stop_only_a_stopped_process_hangs() {
+        assert_eq!(hanging([false; 4], 'S', 0.0, MS_10, 20), []);
+        assert_eq!(hanging([false; 4], 'T', 0.0, MS_10, 20), STAGES);
+        // A supervisor that did not get to look for a second has seen nothing of it.
+        let second = Duration::from_secs(1);
+        assert_eq!(hanging(ALL_BUT_INNER, 'S', 0.0, second, 4), []);
+    }
+
+    #[test]
+    fn numbers_that_another_process_wrote_do_not_end_the_supervisor() {
+        let forged = Status {
+            ticks_skipped: u64::MAX,
+            ..flying(u64::MAX)
+        };
+        let mut detector = HangDetector::new(Duration::from_millis(1));
+        assert_eq!(detector.hanging(&[forged; 4], MS_10, |_| None), []);
+    }
+
+    #[test]
+    fn the_timeout_is_five_long_ticks_and_a_dying_process_does_not_hang() {
+        let looks_until_a_hang = |tick_ms, is_dying| {
+            let mut detector = HangDetector::new(Duration::from_millis(tick_ms));
+            let look = Look {
+                state: 'D',
+                ran_ns: 0,
+                is_dying,
+            };
+            (0..100).find(|&ticks| {
+                let (on, stopped) = (flying(ticks), flying(7));
+                let loops = [on, on, stopped, on];
+                !detector.hanging(&loops, MS_10, |_| Some(look)).is_empty()
+            })
+        };
+        assert_eq!(looks_until_a_hang(1, false), Some(8));
+        assert_eq!(looks_until_a_hang(100, false), Some(50));
+        assert_eq!(looks_until_a_hang(1, true), None);
+    }
+}

@@ -1,0 +1,78 @@
+//! The directories of a flight's recorders: one, and another for each that was started again.
+//!
+//! A second recorder does not write into the files of the first one: the states before it came are not known to it, and
+//! what the first one wrote is whole up to its death.
+
+use std::path::Path;
+
+use ipc::instance::Instance;
+
+use crate::run_directory::RunDirectory;
+use crate::settings::Settings;
+use errors::Failure;
+use report::gates::break_off;
+use report::render::files::write_all;
+use report::schema::Report;
+use report::status::FlightStatus;
+
+/// The directories, the first one's first.
+pub(super) struct Recordings {
+    first: RunDirectory,
+    later: Vec<RunDirectory>,
+    settings: Settings,
+    instance: String,
+}
+
+impl Recordings {
+    pub(super) fn new(first: &RunDirectory, settings: &Settings, instance: &Instance) -> Self {
+        let (settings, instance) = (settings.clone(), instance.name().to_owned());
+        Self {
+            first: first.clone(),
+            later: Vec::new(),
+            settings,
+            instance,
+        }
+    }
+
+    pub(super) fn newest(&self) -> &RunDirectory {
+        self.later.last().unwrap_or(&self.first)
+    }
+
+    /// Makes a directory for another recorder.
+    pub(super) fn begin_another(&mut self) -> Result<(), Failure> {
+        let out = Path::new(&self.settings.recorder.out);
+        self.later
+            .push(RunDirectory::create(out, &self.settings, &self.instance)?);
+        Ok(())
+    }
+
+    /// The directory with the last report, when the flight is over: the reports before it say where the flight goes on.
+    pub(super) fn settle(&self) -> Result<RunDirectory, Failure> {
+        let mut all: Vec<RunDirectory> = std::iter::once(&self.first)
+            .chain(&self.later)
+            .cloned()
+            .collect();
+        let is_reported = |directory: &RunDirectory| directory.path.join("report.json").exists();
+        let last = all.iter().rposition(is_reported).unwrap_or(0);
+        let last = all.remove(last);
+        for directory in &all {
+            if is_reported(directory) {
+                let mut report = Report::read(&directory.path.join("report.json"))?;
+                let next = last
+                    .path
+                    .file_name()
+                    .unwrap_or_default()
+                    .to_string_lossy()
+                    .into_owned();
+                let ending = format!(
+                    "the recorder died; the flight went on, and another recorder wrote {next}"
+                );
+                break_off(&mut report, FlightStatus::Aborted, ending);
+                write_all(&report, &directory.path)?;
+            } else if directory.path != self.first.path {
+                directory.discard();
+            }
+        }
+        Ok(last)
+    }
+}

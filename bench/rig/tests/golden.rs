@@ -1,0 +1,200 @@
+//! The behaviour of commit c92f732, recorded by its executable and kept as text in `golden/`: output hashes, replays of
+//! recorded flights, the keys of reports and RESULT lines, exit codes, commands and flags.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+
+use crate::rig::{IRONBIRD, Rig};
+
+const GOLDEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden");
+const REPOSITORY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
+
+/// The lines of a file in `golden/`, without comments.
+fn lines(file: &str) -> Vec<String> {
+    let text = fs::read_to_string(Path::new(GOLDEN).join(file)).unwrap();
+    text.lines()
+        .filter(|line| !line.starts_with('#'))
+        .map(str::to_owned)
+        .collect()
+}
+
+/// The arguments of a command line, with `{golden}` replaced by the path of the data.
+fn arguments(command: &str) -> Vec<String> {
+    let words = command.split_whitespace();
+    words.map(|word| word.replace("{golden}", GOLDEN)).collect()
+}
+
+fn run(rig: &Rig, command: &str) -> crate::rig::Ended {
+    let words = arguments(command);
+    let rest: Vec<&str> = words[1..].iter().map(String::as_str).collect();
+    rig.run(&words[0], &rest)
+}
+
+#[test]
+fn simulations_have_the_same_output_hashes() {
+    let mut wrong = Vec::new();
+    for line in lines("simulate.txt") {
+        let (hash, flags) = line.split_once(' ').unwrap();
+        let output = Command::new(IRONBIRD)
+            .arg("simulate")
+            .args(arguments(flags))
+            .current_dir(REPOSITORY)
+            .output()
+            .unwrap();
+        let stdout = String::from_utf8_lossy(&output.stdout).into_owned();
+        if !stdout.contains(&format!(" outputs={hash} ")) {
+            wrong.push(format!("{line}\n{stdout}{output:?}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn recorded_flights_replay_bit_for_bit() {
+    let rig = Rig::new("golden-replay");
+    for line in lines("flights.txt") {
+        let mut columns = line.split_whitespace();
+        let (name, hash) = (columns.next().unwrap(), columns.next().unwrap());
+        let log = format!("{GOLDEN}/{name}/flight.mcap");
+        run(&rig, &format!("replay {log} --verify"))
+            .expect(0)
+            .says(&format!("identical; outputs {hash}"));
+    }
+}
+
+/// The paths of all keys, with `[]` for every array.
+fn key_paths(value: &Value, at: &str, paths: &mut BTreeSet<String>) {
+    match value {
+        Value::Object(fields) => {
+            for (key, value) in fields {
+                let path = if at.is_empty() {
+                    key.clone()
+                } else {
+                    format!("{at}.{key}")
+                };
+                key_paths(value, &path, paths);
+                paths.insert(path);
+            }
+        }
+        Value::Array(items) => {
+            for item in items {
+                key_paths(item, &format!("{at}[]"), paths);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// Keys may be added. The first line of each file is the flight.
+#[test]
+fn reports_keep_their_json_keys() {
+    let mut missing = Vec::new();
+    let mut files = 0;
+    for entry in fs::read_dir(Path::new(GOLDEN).join("report_keys")).unwrap() {
+        let text = fs::read_to_string(entry.unwrap().path()).unwrap();
+        let (flight, keys) = text.split_once('\n').unwrap();
+        let rig = Rig::new("golden-keys");
+        run(&rig, flight.strip_prefix("# ").unwrap());
+        let report = rig.run("report", ["--format", "json"]).expect(0).json();
+        let mut paths = BTreeSet::new();
+        key_paths(&report, "", &mut paths);
+        let lost: Vec<&str> = keys.lines().filter(|key| !paths.contains(*key)).collect();
+        if !lost.is_empty() {
+            missing.push(format!("{flight}:\n  {}", lost.join("\n  ")));
+        }
+        files += 1;
+    }
+    assert!(
+        missing.is_empty(),
+        "keys are missing\n{}",
+        missing.join("\n")
+    );
+    assert_eq!(files, 6);
+}
+
+#[test]
+fn result_lines_keep_their_keys() {
+    let rig = Rig::new("golden-result");
+    for pair in lines("result_keys.txt").chunks(2) {
+        let [command, keys] = pair else {
+            panic!("no keys for {pair:?}")
+        };
+        let ended = run(&rig, command).expect(0);
+        let line = ended.stdout.lines().last().unwrap();
+        let found: Vec<&str> = line
+            .strip_prefix("RESULT ")
+            .unwrap()
+            .split(' ')
+            .map(|field| field.split('=').next().unwrap())
+            .collect();
+        let expected: Vec<&str> = keys.split_whitespace().collect();
+        assert_eq!(found, expected, "{ended}");
+    }
+}
+
+#[test]
+fn exit_codes_stay() {
+    let rig = Rig::new("golden-codes");
+    for line in lines("exit_codes.txt") {
+        let (code, command) = line.split_once(' ').unwrap();
+        run(&rig, command).expect(code.parse().unwrap());
+    }
+}
+
+/// The flags and subcommands that `--help` lists.
+fn listed(help: &str) -> (BTreeSet<String>, Vec<String>) {
+    let mut flags = BTreeSet::new();
+    let mut commands = Vec::new();
+    let mut section = "";
+    for line in help.lines() {
+        let word = line.trim_start();
+        let indent = line.len() - word.len();
+        if indent == 0 && !line.is_empty() {
+            section = line;
+        }
+        let first = word.split_whitespace().next().unwrap_or_default();
+        if section == "Commands:" && indent == 2 && first != "help" {
+            commands.push(first.to_owned());
+        } else if indent <= 8 && first.starts_with('-') {
+            flags.extend(
+                word.split_whitespace()
+                    .take(2)
+                    .filter(|name| name.starts_with("--"))
+                    .map(str::to_owned),
+            );
+        }
+    }
+    (flags, commands)
+}
+
+fn list_commands(path: &[String], list: &mut Vec<(String, BTreeSet<String>)>) {
+    let output = Command::new(IRONBIRD)
+        .args(path)
+        .arg("--help")
+        .output()
+        .unwrap();
+    let (flags, commands) = listed(&String::from_utf8_lossy(&output.stdout));
+    list.push((path.join(" "), flags));
+    for command in commands {
+        list_commands(&[path, &[command]].concat(), list);
+    }
+}
+
+/// Whoever adds or renames a command or a flag edits `golden/commands.txt`.
+#[test]
+fn help_lists_the_same_commands_and_flags() {
+    let mut list = Vec::new();
+    list_commands(&[], &mut list);
+    list.sort();
+    let mut found = Vec::new();
+    for (path, flags) in list {
+        found.push(format!("ironbird {path}").trim_end().to_owned());
+        found.extend(flags.into_iter().map(|flag| format!("    {flag}")));
+    }
+    assert_eq!(found.join("\n"), lines("commands.txt").join("\n"));
+}

@@ -1,0 +1,61 @@
+//! Refusals: what `ironbird` answers to a wrong command or file, as the pages in `refusals/` show it.
+//!
+//! A page is run by trycmd. `TRYCMD=overwrite cargo test -p ironbird --test rig refusals` writes today's answers into it.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::rig::{IRONBIRD, Rig};
+
+/// The files that a page shows, each in a fence that names it: "```toml wrong.toml".
+fn files(page: &str) -> impl Iterator<Item = (&str, &str)> {
+    page.split("\n```").filter_map(|fence| {
+        let (head, text) = fence.split_once('\n')?;
+        let (_, name) = head
+            .split_once(' ')
+            .filter(|(kind, _)| ["toml", "csv"].contains(kind))?;
+        Some((name, text))
+    })
+}
+
+#[test]
+fn every_refusal_is_as_its_page_shows_it_and_starts_nothing() {
+    let rig = Rig::new("refusals");
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/refusals");
+    let pages: Vec<PathBuf> = fs::read_dir(source)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    assert!(pages.len() > 5, "{pages:?}");
+    let copy = |page: &Path| rig.path(page.file_name().unwrap().to_str().unwrap());
+    let directory = |page: &Path| copy(page).with_extension("in");
+    for page in &pages {
+        let text = fs::read_to_string(page).unwrap();
+        fs::write(copy(page), &text).unwrap();
+        fs::create_dir(directory(page)).unwrap();
+        for (name, text) in files(&text) {
+            fs::write(directory(page).join(name), format!("{text}\n")).unwrap();
+        }
+    }
+    let cases = trycmd::TestCases::new();
+    cases
+        .register_bin("ironbird", Path::new(IRONBIRD))
+        .env("IRONBIRD_ROOT", rig.root().to_str().unwrap())
+        .case(rig.path("*.md"));
+    let overwrites = std::env::var("TRYCMD").is_ok_and(|it| it == "overwrite");
+    cases.run();
+    for page in &pages {
+        if overwrites {
+            fs::copy(copy(page), page).unwrap();
+        }
+        let text = fs::read_to_string(page).unwrap();
+        let shown: BTreeSet<String> = files(&text).map(|(name, _)| name.to_owned()).collect();
+        let left: BTreeSet<String> = fs::read_dir(directory(page))
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        assert_eq!(left, shown, "files beside {}", page.display());
+    }
+    rig.assert_nothing_started();
+}

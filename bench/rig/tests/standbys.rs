@@ -1,0 +1,333 @@
+//! Standbys: processes that wait beside the stages of a flight, and take the place of one that dies.
+
+use crate::restarts::{assert_replayed, await_successor, report, strike, take_off};
+use crate::rig::{Rig, files_below, is_gone, send, wait_until};
+use messages::role::{ROLES, Role};
+use process::standby::NAME;
+use report::schema::ProcessFailure;
+use rustix::process::Signal;
+use std::fs;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+/// A flight in slow motion, so that none of it is lost where the machine is busy.
+const SLOWDOWN: u64 = 4;
+
+const WITH_SPARES: [Role; 3] = [Role::Outer, Role::Inner, Role::Mixer];
+
+fn by_spare(death: &ProcessFailure) -> bool {
+    death
+        .back_parts
+        .as_ref()
+        .unwrap_or_else(|| panic!("cause of the end unknown it came back: {death:?}"))
+        .spare
+}
+
+#[test]
+fn a_spare_takes_the_place_of_a_stage_that_dies_and_another_one_waits() {
+    let rig = Rig::new("takes");
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "prefer", "--duration", "6s"]);
+    for (i, role) in WITH_SPARES.into_iter().enumerate() {
+        let spare = rig.await_spare(role, None);
+        let dead = strike(&rig, &run, 400 + 300 * i as u64, role, Signal::KILL);
+        assert_eq!(
+            await_successor(&rig, role, dead),
+            spare,
+            "the process that waited flies"
+        );
+        rig.await_spare(role, Some(spare));
+    }
+    let ended = flight.end().expect(0);
+    for role in WITH_SPARES {
+        let said = format!(
+            "the {role} process died: signal: 9 (SIGKILL); it is started again: its hot standby takes over"
+        );
+        assert!(ended.stderr.contains(&said), "{ended}");
+        let log = fs::read_to_string(rig.out().join(format!("latest/{role}.log"))).unwrap();
+        assert!(!log.contains("spare"), "a spare says nothing: {log}");
+    }
+    let report = report(&rig);
+    assert_eq!(report.deaths.len(), 3, "{:?}", report.deaths);
+    for death in &report.deaths {
+        assert!(by_spare(death), "{death:?}");
+        let parts = death.back_parts.as_ref().unwrap();
+        let sum = parts.sum_ms();
+        // From the beginning of one tick to that of another; messages are sent within them.
+        let ticks_ms = (death.ticks_lost.unwrap() + 1) as f64 * SLOWDOWN as f64;
+        assert!(
+            (sum - ticks_ms).abs() < 0.01,
+            "the parts {parts:?} are {sum} ms of {ticks_ms} ms"
+        );
+    }
+    rig.ok("report --section deaths")
+        .says("    a spare [ms]: noticed ");
+    assert_replayed(&rig);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_spare_that_is_killed_is_no_death_of_the_flight_and_has_a_successor() {
+    let rig = Rig::new("killed");
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "4s"]);
+    let [_, first, _] = WITH_SPARES.map(|role| rig.await_spare(role, None));
+    // Names change with each process; what there is of each kind does not.
+    let held = || (rig.segments().len(), files_below(&rig.root()).len());
+    let before = held();
+    send(first, Signal::KILL);
+    let second = rig.await_spare(Role::Inner, Some(first));
+    assert!(is_gone(first));
+    assert_eq!(held(), before, "what the killed one held is removed");
+    let dead = strike(&rig, &run, 0, Role::Inner, Signal::KILL);
+    assert_eq!(await_successor(&rig, Role::Inner, dead), second);
+    flight.end().expect(0);
+    let report = report(&rig);
+    assert_eq!(report.deaths.len(), 1, "{:?}", report.deaths);
+    assert_replayed(&rig);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_spare_that_is_stopped_is_not_waited_for() {
+    let rig = Rig::new("stopped");
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "3s"]);
+    let spare = rig.await_spare(Role::Mixer, None);
+    send(spare, Signal::STOP);
+    let dead = strike(&rig, &run, 0, Role::Mixer, Signal::KILL);
+    assert_ne!(await_successor(&rig, Role::Mixer, dead), spare);
+    wait_until("the stopped spare to go", || is_gone(spare).then_some(()));
+    flight.end().expect(0);
+    let report = report(&rig);
+    let [death] = &report.deaths[..] else {
+        panic!("{:?}", report.deaths)
+    };
+    assert!(!by_spare(death), "{death:?}");
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_stage_that_dies_again_at_once_comes_back_without_a_spare() {
+    let rig = Rig::new("again");
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "4s"]);
+    let spare = rig.await_spare(Role::Outer, None);
+    let dead = strike(&rig, &run, 0, Role::Outer, Signal::KILL);
+    assert_eq!(await_successor(&rig, Role::Outer, dead), spare);
+    send(spare, Signal::KILL);
+    let third = await_successor(&rig, Role::Outer, spare);
+    rig.await_spare(Role::Outer, Some(third));
+    flight.end().expect(0);
+    let report = report(&rig);
+    assert_eq!(report.deaths.len(), 2, "{:?}", report.deaths);
+    assert!(
+        report
+            .deaths
+            .iter()
+            .all(|death| death.back_after_ms.is_some()),
+        "{:?}",
+        report.deaths
+    );
+    assert_replayed(&rig);
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_spare_that_is_told_to_end_on_its_way_ends() {
+    for tick in 1493..=1498 {
+        let rig = Rig::new("landing");
+        let fault = format!("inner.kill@tick{tick}");
+        let begun = Instant::now();
+        let flown = rig.run(
+            "fly",
+            format!("--rt off --on-death restart --duration 1500ms --fault {fault}"),
+        );
+        // Of a flight that waits for somebody who has not heard, the launcher waits half a minute.
+        assert!(
+            begun.elapsed() < Duration::from_secs(25),
+            "{fault}: {:?}, {flown}",
+            begun.elapsed()
+        );
+        // Who dies with the last ticks is not started again.
+        assert!([Some(0), Some(1), Some(3)].contains(&flown.code), "{flown}");
+        rig.assert_nothing_left();
+    }
+}
+
+/// Waits, without a pause, until a spare goes on: it takes another name then, and has no place yet.
+fn await_on_its_way(spare: u32) {
+    let begun = Instant::now();
+    while fs::read_to_string(format!("/proc/{spare}/comm"))
+        .unwrap()
+        .trim_end()
+        .as_bytes()
+        == NAME.to_bytes()
+    {
+        assert!(
+            begun.elapsed() < Duration::from_secs(30),
+            "the spare does not go on"
+        );
+    }
+}
+
+#[test]
+fn a_spare_that_is_asked_to_end_as_it_goes_on_ends_and_the_flight_with_it() {
+    let rig = Rig::new("asked");
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "60s"]);
+    let spare = rig.await_spare(Role::Inner, None);
+    strike(&rig, &run, 0, Role::Inner, Signal::KILL);
+    await_on_its_way(spare);
+    send(spare, Signal::TERM);
+    let ended = flight.end();
+    assert_eq!(ended.result()["status"], "INTERRUPTED", "{ended}");
+    assert!(is_gone(spare));
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_spare_that_is_stopped_on_its_way_is_killed_and_another_process_comes() {
+    let rig = Rig::new("way");
+    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "6s"]);
+    // Of an inner loop, five in ten seconds are started again.
+    for (i, wait_us) in [0, 1500].into_iter().enumerate() {
+        let spare = rig.await_spare(Role::Inner, None);
+        let dead = strike(&rig, &run, 300 + 400 * i as u64, Role::Inner, Signal::KILL);
+        await_on_its_way(spare);
+        sleep(Duration::from_micros(wait_us));
+        send(spare, Signal::STOP);
+        wait_until("the stopped process to go", || is_gone(spare).then_some(()));
+        wait_until("another process to fly", || {
+            (await_successor(&rig, Role::Inner, dead) != spare).then_some(())
+        });
+    }
+    let begun = Instant::now();
+    flight.end();
+    assert!(
+        begun.elapsed() < Duration::from_secs(55),
+        "the flight takes 24 s of the clock: {:?}",
+        begun.elapsed()
+    );
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn a_spare_that_fails_is_told_and_costs_the_flight_nothing() {
+    let rig = Rig::new("fails");
+    let config = crate::c_laws::misbehaving(&rig, "refuse_with_file", 0);
+    let flight = rig.start(
+        "fly",
+        format!("--on-death restart --rt off --config {config} --duration 4s"),
+    );
+    let spare = rig.await_spare(Role::Inner, None);
+    fs::write(rig.path("refuse"), "").unwrap();
+    send(spare, Signal::KILL);
+    let ended = flight
+        .end()
+        .expect(0)
+        .complains(" no longer has a hot standby: it ended with exit status: ");
+    assert_eq!(ended.result()["deaths"], "0", "{ended}");
+    let log = fs::read_to_string(rig.out().join("latest/inner.log")).unwrap();
+    assert!(log.contains("there is a file named refuse"), "{log}");
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn successors_that_send_nothing_are_told_within_the_death_that_they_were_to_make_good() {
+    let rig = Rig::new("silent");
+    let config = crate::c_laws::misbehaving(&rig, "refuse_with_file", 0);
+    let settings = fs::read_to_string(&config).unwrap();
+    let in_the_air = format!("[flight]\nslowdown = {SLOWDOWN}\nground_z_m = -100.0\n");
+    fs::write(&config, settings.replace("[flight]\n", &in_the_air)).unwrap();
+    let flight = rig.start(
+        "fly",
+        format!("--on-death restart --rt off --config {config} --duration 3s"),
+    );
+    let (run, spare) = (rig.await_tick(0), rig.await_spare(Role::Inner, None));
+    // From now on the law refuses, and with it each that is to take the place of the inner loop.
+    fs::write(rig.path("refuse"), "").unwrap();
+    send(spare, Signal::KILL);
+    wait_until("the spare to go", || is_gone(spare).then_some(()));
+    strike(&rig, &run, 0, Role::Inner, Signal::KILL);
+    let ended = flight
+        .end()
+        .complains("the inner process died: exit status: 2; it is started again");
+    assert_eq!(
+        (&*ended.result()["status"], &*ended.result()["deaths"]),
+        ("ABORTED", "6"),
+        "{ended}"
+    );
+    let report = report(&rig);
+    let [death, silent @ ..] = &report.deaths[..] else {
+        panic!("{ended}")
+    };
+    assert!(
+        death.ticks_lost.is_some() && death.back_after_ms.is_none() && death.within.is_none(),
+        "{death:?}"
+    );
+    let told = format!(
+        ", before its first message: its ticks are those lost at tick {}",
+        death.tick
+    );
+    for silent in silent {
+        assert_eq!(
+            (silent.epoch, silent.within),
+            (0, Some(death.tick)),
+            "{silent:?}"
+        );
+        assert!(silent.line().ends_with(&told), "{}", silent.line());
+    }
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn spares_end_with_a_launcher_that_is_killed() {
+    let rig = Rig::new("orphans");
+    let (flight, _) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "60s"]);
+    let spares = WITH_SPARES.map(|role| rig.await_spare(role, None));
+    flight.signal(Signal::KILL);
+    flight.end();
+    for spare in spares {
+        wait_until("a spare to end", || is_gone(spare).then_some(()));
+    }
+    let has_ended = |role: &Role| rig.processes_of(role.name()).is_empty();
+    wait_until("the roles to tidy up", || {
+        ROLES.iter().all(has_ended).then_some(())
+    });
+    rig.assert_nothing_left();
+}
+
+#[test]
+fn there_are_no_spares_where_nobody_is_started_again() {
+    let rig = Rig::new("end");
+    let flight = rig.take_off(format!(
+        "--rt off --config {} --duration 1s",
+        rig.slow(SLOWDOWN)
+    ));
+    let mut seen = 0;
+    let mut flight = flight;
+    while flight.is_running() {
+        seen += rig.processes_of("inner").len().saturating_sub(1);
+    }
+    flight.end().expect(0);
+    assert_eq!(seen, 0, "one process flies the inner loop");
+}
+
+/// The law of a file is loaded and made in the spare, and flies from there.
+#[test]
+fn the_law_of_a_file_flies_from_a_spare() {
+    let rig = Rig::new("file");
+    let law = crate::c_laws::cascade(&rig);
+    let (flight, run) = take_off(
+        &rig,
+        SLOWDOWN,
+        &["--rt", "off", "--duration", "3s", "--inner", &law],
+    );
+    let spare = rig.await_spare(Role::Inner, None);
+    let dead = strike(&rig, &run, 0, Role::Inner, Signal::KILL);
+    assert_eq!(await_successor(&rig, Role::Inner, dead), spare);
+    flight.end().expect(0);
+    let report = report(&rig);
+    let [death] = &report.deaths[..] else {
+        panic!("{:?}", report.deaths)
+    };
+    assert!(by_spare(death), "{death:?}");
+    assert_replayed(&rig);
+    rig.assert_nothing_left();
+}

@@ -1,0 +1,6 @@
+//! Tests of the control allocation.
+#![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+
+mod reference_vectors;
+mod safety;
+mod saturation;

@@ -1,0 +1,204 @@
+//! What a law says of itself: name, source, settings, telemetry.
+//!
+//! A setting is declared once, as a constant of the law's file. The rig reads it from the law's section of the settings,
+//! checks it, and hands it over; the law looks it up by the same constant.
+
+pub use ironbird_law::{Preset, Refused, Setting, SettingKind, Settings, Signal, Value};
+use messages::role::Role;
+use messages::telemetry::TELEMETRY;
+
+use crate::rig::Rig;
+
+#[derive(Clone, Copy, Debug)]
+pub struct Description {
+    /// Its name, as typed by the user.
+    pub name: &'static str,
+    pub role: Role,
+    /// Its own version: whatever changes its outputs changes this.
+    pub version: &'static str,
+    /// What it is for, in a sentence.
+    pub summary: &'static str,
+    /// Where it comes from: authors, title, year, equations.
+    pub source: &'static str,
+    pub settings: &'static [Setting],
+    /// Named sets of settings; what a set does not name keeps its default.
+    pub presets: &'static [Preset],
+    /// How defaults and presets follow the airframe; none where they fit every airframe as they are.
+    pub suited: Option<Suited>,
+    /// What it shows of itself, in the order of [`messages::telemetry::Telemetry::value`]; at most [`TELEMETRY`].
+    pub telemetry: &'static [Signal],
+}
+
+/// Settings that do for a rig what the given ones, a law's default or preset, do for [`Rig::default`]. What the user
+/// sets stays as it is.
+pub type Suited = fn(&Settings, &Rig) -> Settings;
+
+impl Description {
+    /// The settings of one of its presets; none where it has no preset of that name.
+    #[must_use]
+    pub fn preset(&self, name: &str) -> Option<Settings> {
+        self.presets
+            .iter()
+            .find(|preset| preset.name == name)
+            .map(|preset| Settings::new(preset.values.to_vec()))
+    }
+
+    /// What is wrong with the names of its signals: they are columns, fields and plots of whatever shows a flight.
+    #[must_use]
+    pub fn flaws(&self) -> Vec<String> {
+        let Self {
+            name: law,
+            telemetry,
+            ..
+        } = self;
+        let mut flaws = Vec::new();
+        if telemetry.len() > TELEMETRY {
+            flaws.push(format!(
+                "`{law}` shows {} signals: allowed are {TELEMETRY}",
+                telemetry.len()
+            ));
+        }
+        for (i, Signal { name, unit }) in telemetry.iter().enumerate() {
+            if telemetry[..i].iter().any(|earlier| earlier.name == *name) {
+                flaws.push(format!(
+                    "`{law}` shows `{name}` twice: every signal has a name of its own"
+                ));
+            }
+            if !is_snake_case(name) || *name == TICK {
+                flaws.push(format!(
+                    "`{law}` shows `{name}`: a name is in snake_case, and not `{TICK}`"
+                ));
+            }
+            let suffix = suffix(unit);
+            if !name.ends_with(&suffix) {
+                flaws.push(format!(
+                    "`{law}` shows `{name}` in {unit}: such a name ends in `{suffix}`"
+                ));
+            }
+        }
+        flaws
+    }
+}
+
+/// What a message of telemetry begins with, so that no signal is called so.
+pub const TICK: &str = "tick";
+
+/// What the name of a number of this unit ends in: `_rad_s2` for rad/s^2.
+fn suffix(unit: &str) -> String {
+    if unit.is_empty() {
+        return String::new();
+    }
+    let letters = unit.replace("N m", "nm").replace('N', "n").replace('^', "");
+    format!("_{}", letters.replace([' ', '/'], "_"))
+}
+
+fn is_snake_case(name: &str) -> bool {
+    let word = |word: &str| {
+        !word.is_empty()
+            && word
+                .chars()
+                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit())
+    };
+    name.starts_with(|c: char| c.is_ascii_lowercase()) && name.split('_').all(word)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NAMED: Description = Description {
+        name: "named",
+        role: Role::Inner,
+        version: "1",
+        summary: "",
+        source: "",
+        settings: &[],
+        presets: &[],
+        suited: None,
+        telemetry: &[],
+    };
+
+    fn flaws(telemetry: &'static [Signal]) -> Vec<String> {
+        Description { telemetry, ..NAMED }.flaws()
+    }
+
+    #[test]
+    fn good_names_have_no_flaw() {
+        const GOOD: &[Signal] = &[
+            Signal {
+                name: "v_th_rad2_s2",
+                unit: "rad^2/s^2",
+            },
+            Signal {
+                name: "rotational_drag_nm_s",
+                unit: "N m s",
+            },
+            Signal {
+                name: "rotor_inertia_kg_m2",
+                unit: "kg m^2",
+            },
+            Signal {
+                name: "drag_1_s",
+                unit: "1/s",
+            },
+            Signal {
+                name: "thrust_n",
+                unit: "N",
+            },
+            Signal {
+                name: "saturated",
+                unit: "",
+            },
+        ];
+        assert_eq!(flaws(GOOD), Vec::<String>::new());
+    }
+
+    #[test]
+    fn each_flaw_is_named_with_what_is_allowed() {
+        const MANY: [Signal; TELEMETRY + 1] = [Signal {
+            name: "a",
+            unit: "",
+        }; TELEMETRY + 1];
+        let said = flaws(&MANY);
+        assert_eq!(said[0], "`named` shows 33 signals: allowed are 32");
+        assert_eq!(
+            said[1],
+            "`named` shows `a` twice: every signal has a name of its own"
+        );
+        for (name, unit, flaw) in [
+            (
+                "rate",
+                "rad/s",
+                "`named` shows `rate` in rad/s: such a name ends in `_rad_s`",
+            ),
+            (
+                "Rate_rad_s",
+                "rad/s",
+                "`named` shows `Rate_rad_s`: a name is in snake_case, and not `tick`",
+            ),
+            (
+                "rate__x",
+                "",
+                "`named` shows `rate__x`: a name is in snake_case, and not `tick`",
+            ),
+            (
+                "1st",
+                "",
+                "`named` shows `1st`: a name is in snake_case, and not `tick`",
+            ),
+            (
+                "tick",
+                "",
+                "`named` shows `tick`: a name is in snake_case, and not `tick`",
+            ),
+            (
+                "",
+                "",
+                "`named` shows ``: a name is in snake_case, and not `tick`",
+            ),
+        ] {
+            let signals: &'static [Signal] = Box::leak(Box::new([Signal { name, unit }]));
+            assert_eq!(flaws(signals), [flaw], "{name}");
+        }
+    }
+}

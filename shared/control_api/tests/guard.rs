@@ -1,0 +1,530 @@
+//! The rig's part of every law: what goes out when inputs are stale or answers are no numbers.
+
+use std::sync::Arc;
+
+use control_api::description::{Description, Refused, Settings, Signal};
+use control_api::law::{Desired, InnerLaw, Law, MixerLaw, OuterLaw, WrenchSetpoint};
+use control_api::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
+use messages::content::Measured;
+use messages::content::Reference;
+use messages::content::{Mode, NO_TICK, ROTORS, Setpoint, Stamped, State, Wrench};
+use messages::role::Role;
+use messages::telemetry::Telemetry;
+use messages::topic::Topic as _;
+use proptest::prelude::*;
+
+const HOLD_TICKS: u64 = 100;
+const BLIND_TICKS: u64 = 1000;
+
+/// A law of every role that answers what it is told to, and shows how often it was asked and with what.
+#[derive(Clone, Debug)]
+struct Told {
+    /// In which ticks it answers nonsense, of what kind.
+    nonsense: fn(u64) -> Option<f64>,
+    asked: f64,
+}
+
+fn told(nonsense: fn(u64) -> Option<f64>) -> Told {
+    Told {
+        nonsense,
+        asked: 0.0,
+    }
+}
+
+/// What it shows as inner law; in the other roles only the first.
+const SHOWN: [Signal; 6] = {
+    const fn ratio(name: &'static str) -> Signal {
+        Signal { name, unit: "" }
+    }
+    [
+        ratio("asked"),
+        ratio("age"),
+        ratio("wanted_age"),
+        ratio("yaw"),
+        ratio("x"),
+        ratio("nothing"),
+    ]
+};
+
+impl Law for Told {
+    const DESCRIPTION: Description = Description {
+        name: "told",
+        role: Role::Inner,
+        version: "1",
+        summary: "",
+        source: "",
+        settings: &[],
+        presets: &[],
+        suited: None,
+        telemetry: &SHOWN,
+    };
+
+    fn new(_: &Rig, _: &Settings) -> Result<Self, Refused> {
+        Ok(told(|_| None))
+    }
+}
+
+impl OuterLaw for Told {
+    fn tick(
+        &mut self,
+        tick: u64,
+        _: &Measured,
+        reference: &Reference,
+        telemetry: &mut Telemetry,
+    ) -> Desired {
+        self.asked += 1.0;
+        telemetry.value[0] = self.asked;
+        let attitude_rad = [0.1, 0.2, reference.yaw_rad];
+        Desired {
+            thrust_n: (self.nonsense)(tick).unwrap_or(4.0),
+            attitude_rad,
+            ..Desired::default()
+        }
+    }
+}
+
+impl InnerLaw for Told {
+    fn tick(
+        &mut self,
+        tick: u64,
+        measured: &Stamped<Measured>,
+        wanted: &Stamped<Desired>,
+        reference: &Reference,
+        telemetry: &mut Telemetry,
+    ) -> WrenchSetpoint {
+        self.asked += 1.0;
+        let age = |age: u64| if age == u64::MAX { -1.0 } else { age as f64 };
+        let [x, ..] = reference.position_w_m;
+        telemetry.value[SHOWN.len()] = 9.0;
+        telemetry.value[..SHOWN.len()].copy_from_slice(&[
+            self.asked,
+            age(measured.age(tick)),
+            age(wanted.age(tick)),
+            wanted.content.attitude_rad[2],
+            x,
+            f64::NAN,
+        ]);
+        let torque = (self.nonsense)(tick).unwrap_or(0.01);
+        WrenchSetpoint {
+            thrust_n: wanted.content.thrust_n,
+            torque_b_nm: [0.0, torque, 0.0],
+        }
+    }
+}
+
+impl MixerLaw for Told {
+    fn tick(
+        &mut self,
+        tick: u64,
+        _: &WrenchSetpoint,
+        telemetry: &mut Telemetry,
+    ) -> ([f64; ROTORS], bool) {
+        self.asked += 1.0;
+        telemetry.value[0] = self.asked;
+        (
+            [(self.nonsense)(tick).unwrap_or(200.0), 200.0, 210.0, 200.0],
+            false,
+        )
+    }
+}
+
+fn inner(nonsense: fn(u64) -> Option<f64>) -> GuardedInner {
+    GuardedInner::new(told(nonsense).into(), &Rig::default())
+}
+
+fn outer(nonsense: fn(u64) -> Option<f64>) -> GuardedOuter {
+    let route = |tick: u64| Reference {
+        yaw_rad: tick as f64 / 1000.0,
+        ..Reference::default()
+    };
+    GuardedOuter::new(told(nonsense).into(), Arc::new(route), &Rig::default())
+}
+
+fn state(tick: u64) -> Stamped<State> {
+    let measured = Measured {
+        position_w_m: [tick as f64, 0.0, 1.0],
+        attitude_rad: [0.0, 0.0, 0.3],
+        ..Measured::default()
+    };
+    Stamped {
+        tick,
+        content: State {
+            measured,
+            ..State::default()
+        },
+    }
+}
+
+fn setpoint(tick: u64) -> Stamped<Setpoint> {
+    let content = Setpoint {
+        thrust_n: 6.0,
+        attitude_rad: [0.2, 0.0, 0.4],
+        ..Setpoint::default()
+    };
+    Stamped { tick, content }
+}
+
+fn never<T: Default>() -> Stamped<T> {
+    Stamped {
+        tick: NO_TICK,
+        content: T::default(),
+    }
+}
+
+fn hover_n() -> f64 {
+    Rig::default().airframe.m() * Rig::default().airframe.g()
+}
+
+fn expected(age: Option<u64>) -> Mode {
+    match age {
+        Some(0) => Mode::Fresh,
+        Some(age) if age <= HOLD_TICKS => Mode::Held,
+        _ => Mode::Fallback,
+    }
+}
+
+proptest! {
+    #[test]
+    fn whatever_arrives_the_mode_follows_the_ages_and_torque_needs_a_fresh_state(
+        arrives in prop::collection::vec((0..4_u8, 0..4_u8, prop::bool::weighted(0.02)), 50..600),
+    ) {
+        let mut guarded = inner(|_| None);
+        let (mut last_state, mut last_setpoint) = (never::<State>(), never::<Setpoint>());
+        let (mut measured_at, mut last_thrust_n, mut tick) = (None, 0.0, 0);
+        let first = if arrives[0].2 { 120 } else { 1 };
+        for (state_comes, setpoint_comes, gap) in arrives {
+            tick += if gap { 120 } else { 1 };
+            if state_comes > 0 {
+                last_state = state(tick);
+            }
+            if setpoint_comes > 0 {
+                last_setpoint = setpoint(tick);
+            }
+            let age = |at: u64| (at != NO_TICK).then(|| tick - at);
+            let wrench = guarded.tick(tick, &last_state, &last_setpoint);
+            let was_measured = measured_at.map(|at: u64| tick - at);
+            let (mode, thrust_n) = if last_state.tick == tick {
+                measured_at = Some(tick);
+                let mode = expected(age(last_setpoint.tick));
+                (mode, if mode == Mode::Fallback { hover_n() } else { 6.0 })
+            } else {
+                match expected(was_measured) {
+                    _ if tick - measured_at.unwrap_or(first) > BLIND_TICKS => (Mode::Idle, 0.0),
+                    Mode::Fallback => (Mode::Fallback, hover_n()),
+                    _ => (Mode::Held, last_thrust_n),
+                }
+            };
+            prop_assert_eq!((Mode::from_wire(wrench.mode), wrench.thrust_n), (Some(mode), thrust_n));
+            let torque = if last_state.tick == tick { 0.01 } else { 0.0 };
+            prop_assert_eq!(wrench.torque_b_nm, [0.0, torque, 0.0]);
+            prop_assert!(wrench.finite() && wrench.plausible());
+            last_thrust_n = wrench.thrust_n;
+        }
+    }
+
+    #[test]
+    fn whatever_a_law_answers_what_goes_out_is_plausible(
+        answers in prop::collection::vec(prop::num::f64::ANY, ROTORS),
+        fresh in any::<bool>(),
+    ) {
+        #[derive(Clone, Debug)]
+        struct Any([f64; ROTORS]);
+        impl Law for Any {
+            const DESCRIPTION: Description = Told::DESCRIPTION;
+            fn new(_: &Rig, _: &Settings) -> Result<Self, Refused> {
+                Ok(Self([0.0; ROTORS]))
+            }
+        }
+        impl OuterLaw for Any {
+            fn tick(&mut self, _: u64, _: &Measured, _: &Reference, telemetry: &mut Telemetry) -> Desired {
+                let [a, b, c, d] = self.0;
+                telemetry.value.fill(f64::NAN);
+                Desired { thrust_n: a, attitude_rad: [b, c, d], attitude_rate_rad_s: [d, a, b], ..Desired::default() }
+            }
+        }
+        impl InnerLaw for Any {
+            fn tick(
+                &mut self,
+                _: u64,
+                _: &Stamped<Measured>,
+                _: &Stamped<Desired>,
+                _: &Reference,
+                telemetry: &mut Telemetry,
+            ) -> WrenchSetpoint {
+                let [a, b, c, d] = self.0;
+                telemetry.value.fill(f64::NAN);
+                WrenchSetpoint { thrust_n: a, torque_b_nm: [b, c, d] }
+            }
+        }
+        impl MixerLaw for Any {
+            fn tick(&mut self, _: u64, _: &WrenchSetpoint, telemetry: &mut Telemetry) -> ([f64; ROTORS], bool) {
+                telemetry.value.fill(f64::NAN);
+                (self.0, false)
+            }
+        }
+        let answers = <[f64; ROTORS]>::try_from(answers).unwrap_or_default();
+        let rig = Rig::default();
+        let mut outer = GuardedOuter::new(Any(answers).into(), Arc::new(|_| Reference::default()), &rig);
+        let mut inner = GuardedInner::new(Any(answers).into(), &rig);
+        let mut mixer = GuardedMixer::new(Any(answers).into(), &rig);
+        for tick in 7..200 {
+            let state = if fresh { state(tick) } else { state(6) };
+            if let Some(setpoint) = outer.tick(tick, &state) {
+                prop_assert!(setpoint.finite() && setpoint.plausible(), "{setpoint:?}");
+            }
+            let wrench = inner.tick(tick, &state, &setpoint(tick));
+            prop_assert!(wrench.finite() && wrench.plausible(), "{wrench:?}");
+            let speeds = mixer.tick(tick, &Stamped { tick, content: wrench });
+            prop_assert!(speeds.finite() && speeds.plausible(), "{speeds:?}");
+            let inside = speeds.speed_rad_s.iter().all(|w| (29.999..350.001).contains(w));
+            prop_assert!(inside, "{speeds:?}");
+        }
+    }
+}
+
+#[test]
+fn the_law_is_asked_in_every_tick_and_told_how_old_its_inputs_are() {
+    let mut guarded = inner(|_| None);
+    guarded.tick(0, &never(), &never());
+    guarded.tick(1, &state(1), &setpoint(1));
+    let held = guarded.tick(5, &state(1), &setpoint(3)).telemetry;
+    assert_eq!(held.value[..3], [3.0, 4.0, 2.0]);
+    assert!(held.value[5].is_nan(), "telemetry goes out as it is");
+}
+
+#[test]
+fn an_inner_loop_that_sees_no_state_for_a_second_has_the_rotors_idle_until_it_sees_again() {
+    let rig = Rig::default();
+    for last_seen in [Some(9), None] {
+        let (mut guarded, mut mixer) = (
+            inner(|_| None),
+            GuardedMixer::new(told(|_| None).into(), &rig),
+        );
+        let seen = last_seen.map_or_else(never, state);
+        guarded.tick(9, &seen, &setpoint(9));
+        for tick in 10..3000 {
+            let wrench = guarded.tick(tick, &seen, &setpoint(tick));
+            let speeds = mixer.tick(
+                tick,
+                &Stamped {
+                    tick,
+                    content: wrench,
+                },
+            );
+            if tick <= 9 + BLIND_TICKS {
+                assert_ne!(wrench.mode, Mode::Idle as u64, "{tick}");
+                continue;
+            }
+            assert_eq!(
+                (wrench.mode, wrench.thrust_n, wrench.torque_b_nm),
+                (Mode::Idle as u64, 0.0, [0.0; 3]),
+                "{tick}"
+            );
+            assert_eq!(speeds.mode, Mode::Idle as u64);
+            assert!(
+                speeds
+                    .speed_rad_s
+                    .iter()
+                    .all(|w| (w - rig.rotor.min_rad_s).abs() < 1e-9),
+                "{speeds:?}"
+            );
+        }
+        let again = guarded.tick(3000, &state(3000), &setpoint(3000));
+        assert_eq!(
+            (again.mode, again.thrust_n),
+            (Mode::Fresh as u64, 6.0),
+            "what it sees again it flies again"
+        );
+    }
+}
+
+#[test]
+fn without_a_set_point_the_reference_rests_where_the_vehicle_was() {
+    let mut guarded = inner(|_| None);
+    guarded.tick(9, &state(9), &setpoint(9));
+    for tick in 110..130 {
+        let shown = guarded.tick(tick, &state(tick), &setpoint(9)).telemetry;
+        assert_eq!(
+            shown.value[3..5],
+            [0.4, 110.0],
+            "the last yaw set-point, and where it was when it fell back"
+        );
+    }
+    guarded.tick(130, &state(130), &setpoint(130));
+    let shown = guarded.tick(300, &state(300), &setpoint(130)).telemetry;
+    assert_eq!(shown.value[4], 300.0, "a new outage, a new place");
+    let shown = inner(|_| None).tick(7, &state(7), &never()).telemetry;
+    assert_eq!(
+        shown.value[2..4],
+        [-1.0, 0.3],
+        "without any set-point, its own yaw"
+    );
+}
+
+#[test]
+fn an_answer_that_is_no_number_is_no_torque_with_the_last_thrust_and_then_hover() {
+    let kinds: [fn(u64) -> Option<f64>; 2] = [
+        |tick| (tick > 9).then_some(f64::NAN),
+        |tick| (tick > 9).then_some(1e9),
+    ];
+    for nonsense in kinds {
+        let mut guarded = inner(nonsense);
+        for tick in 0..10 {
+            assert_eq!(
+                guarded.tick(tick, &state(tick), &setpoint(tick)).mode,
+                Mode::Fresh as u64
+            );
+        }
+        for tick in 10..300 {
+            let wrench = guarded.tick(tick, &state(tick), &setpoint(tick));
+            let thrust_n = if tick <= 9 + HOLD_TICKS {
+                6.0
+            } else {
+                hover_n()
+            };
+            assert_eq!(
+                (wrench.mode, wrench.thrust_n),
+                (Mode::NotFinite as u64, thrust_n),
+                "{tick}"
+            );
+            assert_eq!(wrench.torque_b_nm, [0.0; 3]);
+        }
+    }
+}
+
+#[test]
+fn a_set_point_that_is_no_number_is_the_last_one_and_then_level_at_its_yaw() {
+    let mut guarded = outer(|tick| (tick > 9).then_some(f64::INFINITY));
+    assert_eq!(guarded.tick(9, &state(8)), None, "a state of another tick");
+    let last = guarded.tick(9, &state(9)).unwrap_or_default();
+    assert_eq!((last.mode, last.thrust_n), (Mode::Fresh as u64, 4.0));
+    for tick in 10..300 {
+        let setpoint = guarded.tick(tick, &state(tick)).unwrap_or_default();
+        assert_eq!(setpoint.mode, Mode::NotFinite as u64);
+        assert_eq!(
+            setpoint.reference.yaw_rad,
+            tick as f64 / 1000.0,
+            "the reference is that of the tick"
+        );
+        let held = tick <= 9 + HOLD_TICKS;
+        let attitude = if held {
+            last.attitude_rad
+        } else {
+            [0.0, 0.0, 0.009]
+        };
+        assert_eq!(
+            (setpoint.attitude_rad, setpoint.thrust_n),
+            (attitude, if held { 4.0 } else { hover_n() })
+        );
+    }
+    let first = outer(|_| Some(f64::NAN))
+        .tick(0, &state(0))
+        .unwrap_or_default();
+    assert_eq!(
+        (first.thrust_n, first.attitude_rad),
+        (hover_n(), [0.0, 0.0, 0.3]),
+        "level at the measured yaw"
+    );
+}
+
+#[test]
+fn speeds_that_are_no_numbers_are_the_thrust_without_torque() {
+    let wrench = |tick| Stamped {
+        tick,
+        content: Wrench {
+            thrust_n: 5.0,
+            ..Wrench::default()
+        },
+    };
+    let mut mixer = GuardedMixer::new(told(|_| Some(f64::NAN)).into(), &Rig::default());
+    let speeds = mixer.tick(3, &wrench(3));
+    assert_eq!((speeds.mode, speeds.saturated), (Mode::NotFinite as u64, 1));
+    assert!(
+        (speeds.thrust_n - 5.0).abs() < 1e-12
+            && speeds.torque_b_nm.iter().all(|tau| tau.abs() < 1e-15)
+    );
+    let mut mixer = GuardedMixer::new(told(|_| Some(900.0)).into(), &Rig::default());
+    let speeds = mixer.tick(3, &wrench(3));
+    assert_eq!((speeds.mode, speeds.saturated), (Mode::Fresh as u64, 1));
+    assert!((speeds.speed_rad_s[0] - 350.0).abs() < 1e-9, "{speeds:?}");
+}
+
+#[test]
+fn what_a_law_does_not_say_is_unknown_and_what_it_has_no_name_for_is_not_shown() {
+    let nothing_more = |telemetry: &Telemetry| {
+        telemetry.value[SHOWN.len()..]
+            .iter()
+            .all(|value| *value == 0.0)
+    };
+    let unsaid = |telemetry: &Telemetry| {
+        telemetry.value[1..SHOWN.len()]
+            .iter()
+            .all(|value| value.is_nan())
+    };
+    let wrench = inner(|_| None).tick(0, &state(0), &setpoint(0));
+    assert_eq!(wrench.telemetry.value[..3], [1.0, 0.0, 0.0]);
+    assert!(nothing_more(&wrench.telemetry), "{:?}", wrench.telemetry);
+    let setpoint = outer(|_| None).tick(0, &state(0)).unwrap();
+    assert_eq!(setpoint.telemetry.value[0], 1.0);
+    assert!(
+        unsaid(&setpoint.telemetry) && nothing_more(&setpoint.telemetry),
+        "{:?}",
+        setpoint.telemetry
+    );
+    let mut mixer = GuardedMixer::new(told(|_| None).into(), &Rig::default());
+    let idle = mixer.idle().telemetry;
+    assert!(
+        idle.value[0].is_nan() && unsaid(&idle) && nothing_more(&idle),
+        "{idle:?}"
+    );
+    let asked = mixer
+        .tick(
+            0,
+            &Stamped {
+                tick: 0,
+                content: wrench,
+            },
+        )
+        .telemetry;
+    assert!(
+        asked.value[0] == 1.0 && unsaid(&asked) && nothing_more(&asked),
+        "{asked:?}"
+    );
+}
+
+#[test]
+fn a_rehearsal_gives_what_the_tick_gives_and_changes_nothing() {
+    let mut guarded = inner(|_| None);
+    guarded.tick(0, &state(0), &setpoint(0));
+    for _ in 0..3 {
+        let rehearsed = guarded
+            .rehearse(1, &state(1), &setpoint(1))
+            .unwrap_or_default();
+        assert_eq!(rehearsed.telemetry.value[0], 2.0);
+    }
+    assert_eq!(
+        guarded.tick(1, &state(1), &setpoint(1)).telemetry.value[0],
+        2.0
+    );
+}
+
+#[test]
+fn the_rig_does_not_take_a_rehearsal_for_a_tick_either() {
+    let mut guarded = inner(|_| None);
+    assert!(guarded.rehearse(0, &state(0), &setpoint(0)).is_some());
+    let wrench = guarded.tick(1, &never(), &setpoint(0));
+    assert_eq!(
+        (wrench.mode, wrench.thrust_n),
+        (Mode::Fallback as u64, hover_n()),
+        "no state was there to be held"
+    );
+    let mut guarded = outer(|tick| (tick > 9).then_some(f64::NAN));
+    assert!(guarded.rehearse(9, &state(9)).is_some());
+    let setpoint = guarded.tick(10, &state(10)).unwrap();
+    assert_eq!(
+        (setpoint.thrust_n, setpoint.attitude_rad),
+        (hover_n(), [0.0, 0.0, 0.3]),
+        "no answer was there"
+    );
+}

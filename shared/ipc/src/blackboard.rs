@@ -1,0 +1,251 @@
+//! Notice boards: one process writes a value, anybody reads it, and nobody waits.
+//!
+//! A board is an iceoryx2 blackboard with one value. Readers that join or leave cost the writer nothing, so observers
+//! follow a flight through boards.
+//!
+//! A writer that is killed keeps its right to write an entry for as long as any process has the blackboard open
+//! (iceoryx2 0.10). A board therefore has several entries, its sheets. A writer takes the first free sheet, and readers
+//! look at the sheet that was written last.
+
+use std::cell::Cell;
+use std::sync::Arc;
+
+use iceoryx2::port::reader::{BlackboardValue, EntryHandle, Reader};
+use iceoryx2::port::writer::{EntryHandleMut, EntryHandleMutError, Writer};
+use iceoryx2::prelude::{ZeroCopySend, ipc};
+use iceoryx2::service::builder::blackboard::{BlackboardCreateError, BlackboardOpenError};
+use iceoryx2::service::port_factory::blackboard::PortFactory;
+
+use super::{NODES, Wire, layout_specifier, layout_verifier, not_opened};
+use crate::error::Error;
+use crate::refusal::Refusal;
+use crate::sys::Payload;
+use messages::enum_registry::Fingerprint as _;
+use messages::layout::Layout;
+
+/// Sheets of a board: one more than the writers that may be killed while the board has a reader.
+pub const SHEETS: u64 = 64;
+/// Sheets that a reader looks at beyond the last one that was written on: so many writers in a row may be killed after
+/// they took a sheet and before they wrote on it.
+const AHEAD: usize = 7;
+
+#[derive(Clone, Copy, Debug, Default, ZeroCopySend)]
+#[repr(C)]
+struct BoardSlot<T: Notice> {
+    /// 1 when somebody has written on it.
+    written: u64,
+    value: Payload<T>,
+}
+
+/// A value that can be put on a board.
+pub trait Notice: Default + Layout + std::fmt::Debug {}
+impl<T: Default + Layout + std::fmt::Debug> Notice for T {}
+
+pub(super) type Open = PortFactory<ipc::Service, u64>;
+
+impl Wire {
+    /// Becomes the writer of a board, even if its last writer died while others still read it.
+    pub fn blackboard<T: Notice>(&self, name: &str) -> Result<Blackboard<T>, Error> {
+        let service = match self.held_board(name) {
+            Some(held) => held,
+            None => Arc::new(self.put_up::<T>(name)?),
+        };
+        let failed = |e: &dyn std::fmt::Debug| {
+            Error::wire(format!("cannot become the writer of board `{name}`"), e)
+        };
+        let writer = service.writer_builder().create().map_err(|e| failed(&e))?;
+        let mut sheets = (0..SHEETS).map(|sheet| writer.entry(&sheet));
+        let is_taken =
+            |sheet: &Result<_, _>| matches!(sheet, Err(EntryHandleMutError::HandleAlreadyExists));
+        let free = sheets
+            .find(|sheet| !is_taken(sheet))
+            .unwrap_or(Err(EntryHandleMutError::HandleAlreadyExists));
+        let sheet = free.map_err(|e| failed(&e))?;
+        Ok(Blackboard {
+            sheet,
+            _writer: writer,
+            _service: service,
+        })
+    }
+
+    fn put_up<T: Notice>(&self, name: &str) -> Result<Open, Error> {
+        let (service_name, layout) = (self.service_name(name)?, layout_specifier(T::FINGERPRINT)?);
+        let opener = self.blackboard_opener::<T>(name)?;
+        self.open_service(format!("board `{name}`"), || {
+            let empty = self
+                .node
+                .service_builder(&service_name)
+                .blackboard_creator::<u64>()
+                .max_readers(NODES)
+                .max_nodes(NODES);
+            let board = (0..SHEETS).fold(empty, |board, sheet| {
+                board.add(sheet, BoardSlot::<T>::default())
+            });
+            match board.create_with_attributes(&layout) {
+                Err(BlackboardCreateError::AlreadyExists) => opener().map_err(Refusal::from),
+                created => created.map_err(Refusal::from),
+            }
+        })
+    }
+
+    /// A reader of a board; `None` while nobody has put it up.
+    pub fn blackboard_reader<T: Notice>(
+        &self,
+        name: &str,
+    ) -> Result<Option<BlackboardReader<T>>, Error> {
+        let opened = match self.held_board(name) {
+            Some(held) => Some(held),
+            None => self.open_board::<T>(name)?.map(Arc::new),
+        };
+        let Some(service) = opened else {
+            return Ok(None);
+        };
+        let failed =
+            |e: &dyn std::fmt::Debug| Error::wire(format!("cannot read board `{name}`"), e);
+        let reader = service.reader_builder().create().map_err(|e| failed(&e))?;
+        let sheets = (0..SHEETS)
+            .map(|sheet| {
+                let sheet = reader
+                    .entry::<BoardSlot<T>>(&sheet)
+                    .map_err(|e| failed(&e))?;
+                Ok(Look {
+                    before: sheet.get(),
+                    sheet,
+                })
+            })
+            .collect::<Result<Vec<_>, Error>>()?;
+        let last = sheets
+            .iter()
+            .rposition(|look| look.before.written == 1)
+            .unwrap_or(0);
+        Ok(Some(BlackboardReader {
+            sheets,
+            last: Cell::new(last),
+            _reader: reader,
+            _service: service,
+        }))
+    }
+
+    /// Opens a board that somebody has put up ahead of its reader or writer, and keeps it open.
+    pub fn hold_board<T: Notice>(&mut self, name: &str) -> Result<(), Error> {
+        if let Some(board) = self.open_board::<T>(name)? {
+            self.held_boards.push((name.to_owned(), Arc::new(board)));
+        }
+        Ok(())
+    }
+
+    fn held_board(&self, name: &str) -> Option<Arc<Open>> {
+        self.held_boards
+            .iter()
+            .find(|(held, _)| held == name)
+            .map(|(_, board)| Arc::clone(board))
+    }
+
+    fn blackboard_opener<T: Notice>(
+        &self,
+        name: &str,
+    ) -> Result<impl Fn() -> Result<Open, BlackboardOpenError>, Error> {
+        let (service_name, layout) = (self.service_name(name)?, layout_verifier(T::FINGERPRINT)?);
+        Ok(move || {
+            self.node
+                .service_builder(&service_name)
+                .blackboard_opener::<u64>()
+                .open_with_attributes(&layout)
+        })
+    }
+
+    fn open_board<T: Notice>(&self, name: &str) -> Result<Option<Open>, Error> {
+        match self.blackboard_opener::<T>(name)?() {
+            Ok(service) => Ok(Some(service)),
+            // The same words are said of a board that only this process cannot open.
+            Err(error) if error != BlackboardOpenError::DoesNotExist && self.is_short() => Err(
+                not_opened(&self.instance, format!("board `{name}`"), error.into()),
+            ),
+            // Being put up or taken down at this moment is as good as not there.
+            Err(
+                BlackboardOpenError::DoesNotExist
+                | BlackboardOpenError::IsMarkedForDestruction
+                | BlackboardOpenError::HangsInCreation
+                | BlackboardOpenError::ServiceInCorruptedState,
+            ) => Ok(None),
+            Err(error) => Err(not_opened(
+                &self.instance,
+                format!("board `{name}`"),
+                error.into(),
+            )),
+        }
+    }
+}
+
+/// A board with the right to write on it.
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handle has none"
+)]
+pub struct Blackboard<T: Notice> {
+    sheet: EntryHandleMut<ipc::Service, u64, BoardSlot<T>>,
+    _writer: Writer<ipc::Service, u64>,
+    _service: Arc<Open>,
+}
+
+impl<T: Notice> Blackboard<T> {
+    /// Replaces what is on the board.
+    pub fn put(&self, value: T) {
+        self.sheet.update_with_copy(BoardSlot {
+            written: 1,
+            value: Payload(value),
+        });
+    }
+}
+
+struct Look<T: Notice> {
+    sheet: EntryHandle<ipc::Service, u64, BoardSlot<T>>,
+    /// What lay on it when the reader came.
+    before: BlackboardValue<BoardSlot<T>>,
+}
+
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handle has none"
+)]
+pub struct BlackboardReader<T: Notice> {
+    sheets: Vec<Look<T>>,
+    /// The last one that was written on, as far as seen.
+    last: Cell<usize>,
+    _reader: Reader<ipc::Service, u64>,
+    _service: Arc<Open>,
+}
+
+impl<T: Notice> BlackboardReader<T> {
+    /// What is on the board now. If its writer is gone, this is what it wrote last.
+    #[must_use]
+    pub fn get(&self) -> T {
+        let mut last = self.last.get();
+        // One look at a counter for each of the next sheets: they are taken in order.
+        let written_after = |last: usize| {
+            let next = &self.sheets[last + 1..self.sheets.len().min(last + 1 + AHEAD)];
+            Some(
+                last + 1
+                    + next
+                        .iter()
+                        .rposition(|look| !look.sheet.is_up_to_date(&look.before))?,
+            )
+        };
+        while let Some(later) = written_after(last) {
+            last = later;
+        }
+        self.last.set(last);
+        self.sheets[last].sheet.get().value.0
+    }
+
+    /// What was put on the board since the last time, or since the reader came; nothing mostly, for the price of a look
+    /// at a counter. Of a writer alone that had written before the reader came.
+    pub fn news(&mut self) -> Option<T> {
+        let Look { sheet, before } = &mut self.sheets[self.last.get()];
+        if sheet.is_up_to_date(before) {
+            return None;
+        }
+        *before = sheet.get();
+        Some(before.value.0)
+    }
+}

@@ -1,0 +1,76 @@
+//! The monotonic clock, which all processes of a machine share.
+
+use messages::grid::{NS_PER_S, Pace};
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::{Timespec, clock_gettime};
+
+/// CLOCK_MONOTONIC now [ns]; the same in all processes of a machine.
+#[must_use]
+pub fn now_ns() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    now.tv_sec.unsigned_abs() * NS_PER_S + now.tv_nsec.unsigned_abs()
+}
+
+/// A duration or instant in nanoseconds as the system calls want it.
+#[must_use]
+pub fn timespec(ns: u64) -> Timespec {
+    Timespec {
+        tv_sec: (ns / NS_PER_S).cast_signed(),
+        tv_nsec: (ns % NS_PER_S).cast_signed(),
+    }
+}
+
+/// Sleeps until an absolute instant of CLOCK_MONOTONIC; returns early only when a signal arrives.
+///
+/// Returns `false` when it was interrupted.
+pub fn sleep_until(instant_ns: u64) -> bool {
+    clock_nanosleep_absolute(ClockId::Monotonic, &timespec(instant_ns)).is_ok()
+}
+
+/// Keeps the processor busy for a time [ns], without a system call that could give it away.
+pub fn busy_wait(ns: u64) {
+    let until_ns = now_ns().saturating_add(ns);
+    while now_ns() < until_ns {
+        std::hint::spin_loop();
+    }
+}
+
+/// Tells the latest tick whose messages may be there, at the instant at which it is asked.
+///
+/// A receiver asks when it holds a message: a tick that was read before would be too old when the machine has stalled
+/// between the two, and good messages of later ticks would be taken for forged ones.
+pub trait Horizon: Copy {
+    /// The latest tick whose messages may be there now.
+    fn latest_tick(&self) -> u64;
+}
+
+impl Horizon for Pace {
+    fn latest_tick(&self) -> u64 {
+        self.newest_tick(now_ns())
+    }
+}
+
+impl<F: Fn() -> u64 + Copy> Horizon for F {
+    fn latest_tick(&self) -> u64 {
+        self()
+    }
+}
+
+/// A tick that is known, whatever the clock says.
+impl Horizon for u64 {
+    fn latest_tick(&self) -> u64 {
+        *self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sleep_ends_after_its_instant() {
+        let until = now_ns() + 2_000_000;
+        assert!(sleep_until(until));
+        assert!(now_ns() >= until);
+    }
+}

@@ -1,0 +1,163 @@
+//! An instance of the rig: its name, directory, locks and part of shared memory.
+//!
+//! Everything that an instance leaves in the file system carries its name. Two instances can therefore fly side by
+//! side, and the leftovers of a killed one can be found and removed. The submodules: `root` says where instances live,
+//! `locks` which processes live, `leftovers` what may be removed, `directory` what is safe to open.
+
+mod directory;
+mod leftovers;
+mod locks;
+mod memory;
+mod root;
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use iceoryx2::prelude::{Config, FileName, SemanticString as _};
+
+pub use locks::Lock;
+pub use memory::shared_memory_space;
+pub use root::root_path;
+
+pub use crate::shortage::SHARED_MEMORY;
+
+pub(crate) use directory::is_at;
+pub(crate) use locks::lock_soon;
+pub(crate) use memory::shared_memory;
+
+use crate::error::Error;
+use messages::layout::{FNV_OFFSET, fnv1a};
+
+/// Names the directory under which instances keep their locks and service files.
+pub const ROOT_VARIABLE: &str = "IRONBIRD_ROOT";
+
+const NAME_MAX: usize = 32;
+/// Longest root path: the middleware's paths hold 255 bytes, and what it makes below takes up to 185 of them.
+const ROOT_MAX: usize = 64;
+/// The file that says that we have made a directory. Without it, nothing in a directory is ever removed.
+const MARK: &str = ".ironbird";
+
+pub type Name = heapless::String<NAME_MAX>;
+
+/// A named instance of the rig.
+#[derive(Clone, Debug)]
+pub struct Instance {
+    name: Name,
+    /// Under its one spelling, so that one directory is one instance however it is named.
+    root: PathBuf,
+}
+
+impl Instance {
+    /// The instance of a name under the root path of the environment.
+    pub fn new(name: &str) -> Result<Self, Error> {
+        let name = allowed(name)?;
+        Ok(Self {
+            name,
+            root: short(root::root()?)?,
+        })
+    }
+
+    /// The instance of a name under a root path of the caller's choice.
+    pub fn under(root: &Path, name: &str) -> Result<Self, Error> {
+        let name = allowed(name)?;
+        Ok(Self {
+            name,
+            root: short(root::one_spelling(root)?)?,
+        })
+    }
+
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    #[must_use]
+    pub fn directory(&self) -> PathBuf {
+        self.root.join(self.name())
+    }
+
+    /// Start of the names of its segments in shared memory.
+    ///
+    /// It carries a hash of the root path, so that instances of one name under two roots stay apart, and ends with
+    /// a character that no name has, so that it never begins another instance's.
+    #[must_use]
+    pub fn prefix(&self) -> String {
+        format!("{}{}.", Self::prefix_of_root(&self.root), self.name())
+    }
+
+    /// The same as far as all instances under this process' root share it.
+    pub fn root_prefix() -> Result<String, Error> {
+        Ok(Self::prefix_of_root(&short(root::root()?)?))
+    }
+
+    /// The same as far as all instances under one root share it.
+    fn prefix_of_root(root: &Path) -> String {
+        let hash = fnv1a(FNV_OFFSET, root.as_os_str().as_encoded_bytes());
+        format!("ironbird_{:08x}_", hash & 0xffff_ffff)
+    }
+
+    /// The middleware's configuration; a configuration file in the working directory is ignored.
+    pub fn config(&self) -> Result<Config, Error> {
+        let directory = self.directory();
+        let invalid = |what: &str| Error::RootPath {
+            path: directory.clone(),
+            source: io::Error::new(io::ErrorKind::InvalidInput, what),
+        };
+        let mut config = Config::default();
+        let path = iceoryx2::prelude::Path::new(directory.as_os_str().as_encoded_bytes())
+            .map_err(|_| invalid("not a path that iceoryx2 can use"))?;
+        config.global.set_root_path(&path);
+        config.global.prefix = FileName::new(self.prefix().as_bytes())
+            .map_err(|_| invalid("not a name that iceoryx2 can use"))?;
+        // Dead nodes are reaped where it cannot touch the control path: by `Wire::open`, before any port exists.
+        config.global.node.cleanup_dead_nodes_on_creation = false;
+        config.global.node.cleanup_dead_nodes_on_destruction = false;
+        config.global.service.cleanup_dead_nodes_on_open = false;
+        Ok(config)
+    }
+}
+
+fn allowed(name: &str) -> Result<Name, Error> {
+    let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_' || c == '-';
+    let valid = !name.is_empty() && name.chars().all(allowed);
+    Name::try_from(name)
+        .ok()
+        .filter(|_| valid)
+        .ok_or_else(|| Error::InstanceName {
+            name: name.to_owned(),
+        })
+}
+
+fn short(root: PathBuf) -> Result<PathBuf, Error> {
+    let length = root.as_os_str().len();
+    if length > ROOT_MAX {
+        return Err(Error::RootPathTooLong {
+            path: root,
+            length,
+            max: ROOT_MAX,
+        });
+    }
+    Ok(root)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_files_cannot_carry_are_refused() {
+        for name in [
+            "",
+            "A",
+            "left rig",
+            "../up",
+            "ä",
+            "x234567890123456789012345678901234",
+        ] {
+            let error = Instance::new(name).unwrap_err();
+            assert_eq!(error.exit_code(), 2);
+            assert!(error.to_string().contains(&format!("`{name}`")), "{error}");
+        }
+        assert_eq!(Instance::new("left-rig_2").unwrap().name(), "left-rig_2");
+    }
+}

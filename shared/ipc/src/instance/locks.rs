@@ -1,0 +1,378 @@
+//! Locks: who plays which role, who uses the shared memory, who is at the door.
+//!
+//! The door is the instance's directory.
+//!
+//! ```text
+//!   the directory     exclusive   for the instant in which a lock is taken, or leftovers are removed
+//!   ROLE.lock         exclusive   as long as the process plays the role; holds its process number
+//!   in_use.lock       shared      as long as the process uses the shared memory
+//! ```
+//!
+//! Locks are `flock`s: the kernel releases them when a process dies, however it dies. A child that was forked from the
+//! process, by code of a law say, does not share them ([`Locked`]).
+
+use std::fs::{DirBuilder, File};
+use std::io::{self, Read as _, Seek as _, Write as _};
+use std::os::fd::AsFd;
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use rustix::fs::{FlockOperation, OFlags, flock};
+use rustix::io::Errno;
+use rustix::process::{Pid, test_kill_process};
+
+use super::directory::{Directory, PRIVATE_DIRECTORY};
+use super::{Instance, MARK};
+use crate::error::Error;
+use crate::shortage;
+use crate::sys::Locked;
+use messages::role::{ROLES, Role};
+
+/// Name of the lock that all processes share which use the shared memory.
+pub(super) const IN_USE: &str = "in_use";
+pub(super) const LAUNCHER: &str = "fly";
+
+/// How often a lock is tried before it counts as held, and how far apart.
+const LOCK_TRIES: u32 = 20;
+const LOCK_RETRY: Duration = Duration::from_millis(5);
+/// How long a lock that is held for instants only may be waited for.
+const PATIENCE: Duration = Duration::from_secs(5);
+const LOOK_EVERY: Duration = Duration::from_millis(1);
+
+/// A lock that is held as long as this lives.
+#[derive(Debug)]
+pub struct Lock {
+    _file: Locked,
+}
+
+impl Lock {
+    fn keep(file: File, path: &Path) -> Result<Self, Error> {
+        Locked::new(file)
+            .map(|file| Self { _file: file })
+            .map_err(|e| Error::system(format!("cannot keep the lock {}", path.display()), e))
+    }
+}
+
+/// The directory of an instance, in which nobody else takes a lock or removes anything while this lives.
+#[derive(Debug)]
+pub(super) struct Door {
+    pub(super) directory: Directory,
+}
+
+impl Instance {
+    /// Makes its directory, readable by its owner alone.
+    pub fn prepare(&self) -> Result<(), Error> {
+        self.door().map(drop)
+    }
+
+    /// Takes the lock of a role.
+    ///
+    /// # Errors
+    /// [`Error::Occupied`] names the process that holds it, [`Error::Orphaned`] one that held it and has ended; those of
+    /// [`Self::prepare`].
+    pub fn lock(&self, role: Role) -> Result<Lock, Error> {
+        self.lock_as(role.name())
+    }
+
+    /// Takes the launcher's lock: one `fly` an instance.
+    pub fn lock_launcher(&self) -> Result<Lock, Error> {
+        self.lock_as(LAUNCHER)
+    }
+
+    fn lock_as(&self, role: &str) -> Result<Lock, Error> {
+        let path = self.lock_path(role);
+        let root_path = |source| Error::RootPath {
+            path: path.clone(),
+            source,
+        };
+        // As long as the door is ours, nobody takes the file away.
+        let door = self.door()?;
+        let mut file = door.directory.file_or_new(&lock_name(role))?;
+        if !try_lock(&file, &path)? {
+            let (instance, role, pid) = (self.name().into(), role.into(), written_pid(&path));
+            return Err(match pid.filter(|pid| has_ended(*pid)) {
+                Some(pid) => Error::Orphaned {
+                    instance,
+                    role,
+                    pid,
+                    path,
+                },
+                None => Error::Occupied {
+                    instance,
+                    role,
+                    pid,
+                },
+            });
+        }
+        file.set_len(0)
+            .and_then(|()| file.rewind())
+            .map_err(root_path)?;
+        writeln!(file, "{}", std::process::id()).map_err(root_path)?;
+        Lock::keep(file, &path)
+    }
+
+    /// Comes to use the instance's shared memory: [`Self::remove_leftovers`] leaves it alone until this is dropped.
+    ///
+    /// The first to come finds it empty: what dead processes left in it is removed.
+    pub fn enter(&self) -> Result<Lock, Error> {
+        let door = self.door()?;
+        let file = door.directory.file_or_new(&lock_name(IN_USE))?;
+        let path = self.lock_path(IN_USE);
+        if lock_if_free(&file, FlockOperation::NonBlockingLockExclusive, &path)? {
+            self.remove_memory(&door)?;
+        }
+        // Whoever holds it exclusively has the door.
+        lock_soon(&file, FlockOperation::NonBlockingLockShared, &path)?;
+        Lock::keep(file, &path)
+    }
+
+    /// Whether a process plays the role now; where that cannot be seen for want of files, somebody does.
+    #[must_use]
+    pub fn is_occupied(&self, role: Role) -> bool {
+        is_or_may_be(self.look_for(role))
+    }
+
+    /// Whether a process plays the role now.
+    pub fn look_for(&self, role: Role) -> Result<bool, Error> {
+        self.is_held(role.name())
+    }
+
+    /// Process number of the process that plays the role; `None` if no process does, or has not written its number yet.
+    ///
+    /// For an instant it may be the number of the role's previous process: never send a signal to it.
+    #[must_use]
+    pub fn pid_of(&self, role: Role) -> Option<u32> {
+        written_pid(&self.lock_path(role.name())).filter(|_| self.is_occupied(role))
+    }
+
+    /// Whether any process of the instance lives.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        is_or_may_be(self.is_held(LAUNCHER)) || ROLES.iter().any(|role| self.is_occupied(*role))
+    }
+
+    fn is_held(&self, role: &str) -> Result<bool, Error> {
+        let path = self.lock_path(role);
+        match open_to_look(&path) {
+            Ok(file) => lock_if_free(&file, FlockOperation::NonBlockingLockShared, &path)
+                .map(|is_free| !is_free),
+            // Nobody ever was there.
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(false),
+            Err(source) => Err(Error::RootPath { path, source }),
+        }
+    }
+
+    fn lock_path(&self, role: &str) -> PathBuf {
+        self.directory().join(lock_name(role))
+    }
+
+    /// Goes to the door of its directory, which is made where it is not there.
+    pub(super) fn door(&self) -> Result<Door, Error> {
+        loop {
+            self.make()?;
+            if let Some(door) = self.wait_at_door()? {
+                self.claim(&door)?;
+                return Ok(door);
+            }
+        }
+    }
+
+    /// Goes to the door of its directory where there is one that we have made.
+    pub(super) fn door_of_ours(&self) -> Result<Option<Door>, Error> {
+        loop {
+            match Directory::open(&self.directory()) {
+                Ok(Some(directory))
+                    if directory.check_private().is_ok() && is_marked(&directory) => {}
+                Ok(_) | Err(_) => return Ok(None),
+            }
+            if let Some(door) = self.wait_at_door()? {
+                return Ok(Some(door).filter(|door| is_marked(&door.directory)));
+            }
+        }
+    }
+
+    /// `None` where the directory has gone meanwhile.
+    fn wait_at_door(&self) -> Result<Option<Door>, Error> {
+        let path = self.directory();
+        let Some(directory) = Directory::open(&path)? else {
+            return Ok(None);
+        };
+        // Before the lock: another user's directory may be locked for ever.
+        directory.check_private()?;
+        lock_soon(&directory, FlockOperation::NonBlockingLockExclusive, &path)?;
+        Ok(directory.is_at_its_path().then_some(Door { directory }))
+    }
+
+    fn make(&self) -> Result<(), Error> {
+        let path = self.directory();
+        let failed = |source| Error::RootPath {
+            path: path.clone(),
+            source,
+        };
+        DirBuilder::new()
+            .recursive(true)
+            .mode(0o700)
+            .create(&self.root)
+            .map_err(failed)?;
+        if let Some(root) = Directory::open(&self.root)? {
+            root.check_root()?;
+            match rustix::fs::mkdirat(&root, self.name(), PRIVATE_DIRECTORY) {
+                Ok(()) | Err(Errno::EXIST) => {}
+                Err(e) => return Err(failed(e.into())),
+            }
+        }
+        Ok(())
+    }
+
+    /// Marks the directory as one of ours, unless somebody else's things lie in it.
+    fn claim(&self, door: &Door) -> Result<(), Error> {
+        if is_marked(&door.directory) {
+            return Ok(());
+        }
+        let foreign = self.contents(door)?.foreign;
+        if !foreign.is_empty() {
+            let names = foreign
+                .iter()
+                .map(|path| path.display().to_string())
+                .collect();
+            return Err(Error::ForeignDirectory {
+                path: self.directory(),
+                names,
+            });
+        }
+        door.directory.make_private()?;
+        let Some(mut mark) = door.directory.new_file(MARK)? else {
+            return Ok(());
+        };
+        let path = self.directory().join(MARK);
+        writeln!(
+            mark,
+            "A directory of ironbird, which removes it when the instance `{}` has ended.",
+            self.name()
+        )
+        .map_err(|source| Error::RootPath { path, source })
+    }
+}
+
+/// A role is not given up, and nothing is removed, because this process has run out of something, or the system cannot
+/// tell whether a lock that is there is held.
+fn is_or_may_be(held: Result<bool, Error>) -> bool {
+    held.unwrap_or_else(|error| match error {
+        Error::RootPath { source, .. } => shortage::remedy(&source).is_some(),
+        _ => true,
+    })
+}
+
+/// Whether we have made a directory.
+pub(super) fn is_marked(directory: &Directory) -> bool {
+    directory.file(MARK).is_ok_and(|mark| mark.is_some())
+}
+
+pub(super) fn lock_name(role: &str) -> String {
+    format!("{role}.lock")
+}
+
+/// Takes a lock that others hold for instants only.
+pub(crate) fn lock_soon(
+    file: impl AsFd,
+    operation: FlockOperation,
+    path: &Path,
+) -> Result<(), Error> {
+    let start = Instant::now();
+    while !lock_if_free(&file, operation, path)? {
+        if start.elapsed() >= PATIENCE {
+            return Err(Error::Held {
+                path: path.to_owned(),
+                waited: PATIENCE,
+            });
+        }
+        std::thread::sleep(LOOK_EVERY);
+    }
+    Ok(())
+}
+
+/// Takes the lock, through the instants in which somebody only looks whether it is held; says whether it was free.
+pub(super) fn try_lock(file: &File, path: &Path) -> Result<bool, Error> {
+    for attempt in 0..LOCK_TRIES {
+        if attempt > 0 {
+            std::thread::sleep(LOCK_RETRY);
+        }
+        if lock_if_free(file, FlockOperation::NonBlockingLockExclusive, path)? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Takes a lock that nobody holds; says whether it was free.
+///
+/// Only one answer of the system means that somebody holds it. Without memory for locks, say, everybody would.
+fn lock_if_free(file: impl AsFd, operation: FlockOperation, path: &Path) -> Result<bool, Error> {
+    loop {
+        match flock(&file, operation) {
+            Ok(()) => return Ok(true),
+            Err(Errno::WOULDBLOCK) => return Ok(false),
+            Err(Errno::INTR) => {}
+            Err(e) => return Err(Error::system(format!("cannot lock {}", path.display()), e)),
+        }
+    }
+}
+
+/// What the last holder of a lock wrote; nothing in the instant between locking and writing.
+fn written_pid(path: &Path) -> Option<u32> {
+    let mut text = String::new();
+    open_to_look(path)
+        .ok()?
+        .take(32)
+        .read_to_string(&mut text)
+        .ok()?;
+    text.trim().parse().ok()
+}
+
+fn has_ended(pid: u32) -> bool {
+    let pid = i32::try_from(pid).ok().and_then(Pid::from_raw);
+    pid.is_some_and(|pid| test_kill_process(pid) == Err(Errno::SRCH))
+}
+
+fn open_to_look(path: &Path) -> io::Result<File> {
+    let safely = OFlags::NOFOLLOW | OFlags::NONBLOCK;
+    File::options()
+        .read(true)
+        .custom_flags(safely.bits().cast_signed())
+        .open(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lock_that_the_system_cannot_take_is_not_held_by_another() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("plant.lock");
+        File::create(&path).unwrap();
+        // A descriptor without a file behind it, which no lock can be taken on.
+        let bare = File::options()
+            .read(true)
+            .custom_flags(OFlags::PATH.bits().cast_signed())
+            .open(&path)
+            .unwrap();
+        for refused in [
+            try_lock(&bare, &path).map(drop),
+            lock_soon(&bare, FlockOperation::NonBlockingLockShared, &path),
+        ] {
+            let error = refused.unwrap_err();
+            assert!(
+                error
+                    .to_string()
+                    .contains(&format!("cannot lock {}", path.display())),
+                "{error}"
+            );
+        }
+        // Where it cannot be told, nobody's role is taken for free.
+        let held = lock_if_free(&bare, FlockOperation::NonBlockingLockShared, &path)
+            .map(|is_free| !is_free);
+        assert!(is_or_may_be(held));
+    }
+}

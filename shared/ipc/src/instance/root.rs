@@ -1,0 +1,112 @@
+//! The directory under which instances live: which one it is, and its one spelling.
+
+use std::io;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Component, Path, PathBuf};
+
+use rustix::process::geteuid;
+
+use super::directory::not_ours;
+use super::{ROOT_MAX, ROOT_VARIABLE};
+use crate::error::Error;
+
+/// Names the directory of the user's session.
+const SESSION_VARIABLE: &str = "XDG_RUNTIME_DIR";
+
+/// The directory under which instances live: `IRONBIRD_ROOT`, else one in the directory of the user's session, else
+/// one in /tmp that carries the user's number.
+#[must_use]
+pub fn root_path() -> PathBuf {
+    named()
+        .or_else(in_session)
+        .unwrap_or_else(|| PathBuf::from(format!("/tmp/ironbird-{}", geteuid().as_raw())))
+}
+
+fn named() -> Option<PathBuf> {
+    std::env::var_os(ROOT_VARIABLE)
+        .filter(|root| !root.is_empty())
+        .map(PathBuf::from)
+}
+
+fn in_session() -> Option<PathBuf> {
+    let session = PathBuf::from(std::env::var_os(SESSION_VARIABLE)?);
+    // After `sudo` it may be another user's.
+    let metadata = session.symlink_metadata().ok()?;
+    let is_ours =
+        session.is_absolute() && metadata.is_dir() && metadata.uid() == geteuid().as_raw();
+    let root = session.join("ironbird");
+    (is_ours && root.as_os_str().len() <= ROOT_MAX).then_some(root)
+}
+
+/// The root of the environment, under its one spelling.
+pub(super) fn root() -> Result<PathBuf, Error> {
+    let root = root_path();
+    // A link that the user names is the user's; in a place that everybody can guess, it may be anybody's.
+    if named().is_none()
+        && root
+            .symlink_metadata()
+            .is_ok_and(|there| there.is_symlink())
+    {
+        return Err(not_ours(root, "it is a symbolic link"));
+    }
+    one_spelling(&root)
+}
+
+/// The one spelling of a path, whether it is there or not: an instance's shared memory carries it.
+pub(super) fn one_spelling(path: &Path) -> Result<PathBuf, Error> {
+    resolve(path).map_err(|source| Error::RootPath {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+fn resolve(path: &Path) -> io::Result<PathBuf> {
+    let mut there = std::path::absolute(path)?;
+    let mut missing = Vec::new();
+    loop {
+        match there.canonicalize() {
+            Ok(found) => {
+                return Ok(missing
+                    .iter()
+                    .rev()
+                    .fold(found, |path, name| path.join(name)));
+            }
+            Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
+            Err(e) => match there.components().next_back() {
+                Some(Component::Normal(name)) => missing.push(name.to_owned()),
+                // `..` of something that is not there.
+                _ => return Err(e),
+            },
+        }
+        there.pop();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_has_one_spelling_before_and_after_it_is_made() {
+        let place = tempfile::tempdir().unwrap();
+        let there = place.path().canonicalize().unwrap();
+        std::os::unix::fs::symlink(place.path(), place.path().join("link")).unwrap();
+        let wanted = there.join("a/b");
+        for spelling in ["a/b", "a/b/", "./a//b", "link/a/b", "link/link/./a/b/"] {
+            assert_eq!(
+                one_spelling(&place.path().join(spelling)).unwrap(),
+                wanted,
+                "{spelling}"
+            );
+        }
+        std::fs::create_dir_all(&wanted).unwrap();
+        for spelling in ["a/b", "a/b/", "a/../a/b", "link/a/b"] {
+            assert_eq!(
+                one_spelling(&place.path().join(spelling)).unwrap(),
+                wanted,
+                "{spelling}"
+            );
+        }
+        assert!(one_spelling(&place.path().join("none/../a")).is_err());
+    }
+}

@@ -1,0 +1,221 @@
+//! Blackboards: writing never waits, reading never disturbs, a dead writer is replaced.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use ::ipc::error::Error;
+use messages::blackboards::{ActiveParameters, SettingsText};
+
+use crate::{Site, assert_incompatible};
+
+const NAME: &str = "in_force";
+
+fn at(tick: u64) -> ActiveParameters {
+    ActiveParameters {
+        tick,
+        ..ActiveParameters::default()
+    }
+}
+
+#[test]
+fn a_reader_that_comes_before_the_writer_finds_nothing_and_after_it_finds_the_value() {
+    let site = Site::new();
+    let (here, there) = (site.wire(), site.wire());
+    assert!(
+        there
+            .blackboard_reader::<ActiveParameters>(NAME)
+            .unwrap()
+            .is_none()
+    );
+    let board = here.blackboard::<ActiveParameters>(NAME).unwrap();
+    let reader = there
+        .blackboard_reader::<ActiveParameters>(NAME)
+        .unwrap()
+        .unwrap();
+    assert_eq!(
+        reader.get(),
+        ActiveParameters::default(),
+        "a board is put up with the default on it"
+    );
+    for tick in 1..1000 {
+        board.put(at(tick));
+        assert_eq!(reader.get(), at(tick));
+    }
+    assert!(
+        there
+            .blackboard_reader::<ActiveParameters>("other")
+            .unwrap()
+            .is_none()
+    );
+}
+
+#[test]
+fn a_board_that_nobody_holds_is_gone() {
+    let site = Site::new();
+    let wire = site.wire();
+    drop(wire.blackboard::<ActiveParameters>(NAME).unwrap());
+    assert!(
+        wire.blackboard_reader::<ActiveParameters>(NAME)
+            .unwrap()
+            .is_none()
+    );
+    let board = wire.blackboard::<ActiveParameters>(NAME).unwrap();
+    board.put(at(1));
+    assert_eq!(
+        wire.blackboard_reader::<ActiveParameters>(NAME)
+            .unwrap()
+            .unwrap()
+            .get(),
+        at(1)
+    );
+}
+
+#[test]
+fn a_board_is_taken_over_while_a_reader_of_the_first_writer_still_looks_at_it() {
+    let site = Site::new();
+    let (first, second, observer) = (site.wire(), site.wire(), site.wire());
+    let board = first.blackboard::<ActiveParameters>(NAME).unwrap();
+    let reader = observer
+        .blackboard_reader::<ActiveParameters>(NAME)
+        .unwrap()
+        .unwrap();
+    board.put(at(1));
+    drop(board);
+    drop(first);
+    assert_eq!(reader.get(), at(1), "what the last writer left");
+    let board = second.blackboard::<ActiveParameters>(NAME).unwrap();
+    assert_eq!(reader.get(), at(1), "until the next one writes");
+    board.put(at(2));
+    assert_eq!(reader.get(), at(2));
+    assert_eq!(
+        observer
+            .blackboard_reader::<ActiveParameters>(NAME)
+            .unwrap()
+            .unwrap()
+            .get(),
+        at(2)
+    );
+}
+
+#[test]
+fn a_board_has_one_writer() {
+    let site = Site::new();
+    let (here, there) = (site.wire(), site.wire());
+    let board = here.blackboard::<ActiveParameters>(NAME).unwrap();
+    for wire in [&here, &there] {
+        let error = wire
+            .blackboard::<ActiveParameters>(NAME)
+            .map(drop)
+            .unwrap_err();
+        assert!(matches!(error, Error::Wire { .. }), "{error}");
+        assert!(
+            error.to_string().contains("the writer of board `in_force`"),
+            "{error}"
+        );
+    }
+    board.put(at(3));
+    assert_eq!(
+        there
+            .blackboard_reader::<ActiveParameters>(NAME)
+            .unwrap()
+            .unwrap()
+            .get(),
+        at(3)
+    );
+}
+
+#[test]
+fn a_reader_never_sees_a_value_half_written() {
+    let site = Site::new();
+    let wire = site.wire();
+    let board = wire.blackboard::<SettingsText>("settings").unwrap();
+    let text = |letter: char| SettingsText::new(&letter.to_string().repeat(8192)).unwrap();
+    let texts = [text('a'), text('b')];
+    // The handles stay on their threads; one writes until the other has seen the value change often enough.
+    let enough = 200;
+    let (changes, over) = (AtomicU64::new(0), AtomicBool::new(false));
+    let until = Instant::now() + Duration::from_secs(60);
+    std::thread::scope(|scope| {
+        let (changes, over, site, texts) = (&changes, &over, &site, &texts);
+        scope.spawn(move || {
+            let wire = site.wire();
+            let reader = wire
+                .blackboard_reader::<SettingsText>("settings")
+                .unwrap()
+                .unwrap();
+            let mut last = SettingsText::default();
+            while !over.load(Ordering::Relaxed) {
+                let seen = reader.get();
+                let is_whole = seen == SettingsText::default() || texts.contains(&seen);
+                if !is_whole {
+                    // A panic here would leave the writer to write for ever.
+                    over.store(true, Ordering::Relaxed);
+                }
+                assert!(is_whole, "a mixture: {}", seen.text());
+                changes.fetch_add(u64::from(seen != last), Ordering::Relaxed);
+                last = seen;
+            }
+        });
+        let mut written = 0;
+        while changes.load(Ordering::Relaxed) < enough
+            && !over.load(Ordering::Relaxed)
+            && Instant::now() < until
+        {
+            board.put(texts[written % 2]);
+            written += 1;
+        }
+        over.store(true, Ordering::Relaxed);
+    });
+    assert!(
+        changes.into_inner() >= enough,
+        "the reader has looked too seldom to see anything"
+    );
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+struct Pose {
+    north_m: u64,
+    east_m: u64,
+}
+
+/// The same of another build: of one size, with its fields swapped.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+struct SwappedPose {
+    east_m: u64,
+    north_m: u64,
+}
+
+messages::layout!(Pose { north_m, east_m });
+messages::layout!(SwappedPose { east_m, north_m });
+
+#[test]
+fn a_board_of_another_layout_is_incompatible() {
+    let site = Site::new();
+    let wire = site.wire();
+    let board = wire.blackboard::<Pose>("pose").unwrap();
+    board.put(Pose {
+        north_m: 1,
+        east_m: 2,
+    });
+    assert_incompatible(
+        wire.blackboard_reader::<SwappedPose>("pose"),
+        "board `pose`",
+    );
+    assert_incompatible(wire.blackboard::<SwappedPose>("pose"), "board `pose`");
+    assert_incompatible(
+        wire.blackboard_reader::<ActiveParameters>("pose"),
+        "board `pose`",
+    );
+    assert_eq!(
+        wire.blackboard_reader::<Pose>("pose")
+            .unwrap()
+            .unwrap()
+            .get(),
+        Pose {
+            north_m: 1,
+            east_m: 2
+        }
+    );
+}

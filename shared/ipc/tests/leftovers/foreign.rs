@@ -1,0 +1,236 @@
+//! What ironbird has not made: it stays, wherever it lies, and is named.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::io::Write as _;
+use std::os::unix::fs::{chown, symlink};
+use std::os::unix::net::UnixListener;
+use std::path::{Path, PathBuf};
+
+use ipc::Wire;
+use ipc::instance::{Instance, SHARED_MEMORY};
+use messages::role::Role;
+
+use crate::common::Site;
+use crate::{hold_everything, hold_everything_and_be_killed, segments};
+
+const NOBODY: u32 = 65534;
+
+/// Puts things into a directory that somebody may have there: a tree, a file, a socket, a pipe, links.
+fn furnish(directory: &Path) {
+    fs::create_dir_all(directory.join("src/deep")).unwrap();
+    fs::write(directory.join("src/deep/main.c"), "int main;").unwrap();
+    fs::write(directory.join("notes"), "mine").unwrap();
+    symlink(directory.join("src"), directory.join("link")).unwrap();
+    symlink("/nowhere", directory.join("dangling")).unwrap();
+    UnixListener::bind(directory.join("bus")).unwrap();
+}
+
+/// Everything below a directory, links not followed.
+fn everything_below(directory: &Path) -> BTreeSet<PathBuf> {
+    let mut found = BTreeSet::new();
+    for entry in fs::read_dir(directory).unwrap().map(Result::unwrap) {
+        if entry.file_type().unwrap().is_dir() {
+            found.append(&mut everything_below(&entry.path()));
+        }
+        found.insert(entry.path());
+    }
+    found
+}
+
+#[test]
+fn a_directory_that_somebody_else_has_made_is_neither_used_nor_removed() {
+    let site = Site::new();
+    let home = site.root().join("home");
+    fs::create_dir(&home).unwrap();
+    furnish(&home);
+    furnish(&home.join("src"));
+    fs::write(home.join("src/plant.lock"), "").unwrap();
+    let had = everything_below(&home);
+    for (name, words) in [
+        (
+            "src",
+            "home/src is no directory of ironbird: in it lie `bus`, `dangling`, `deep` and 3 more",
+        ),
+        ("notes", "home/notes is not used: it is no directory"),
+        ("bus", "home/bus is not used: it is no directory"),
+        ("link", "home/link is not used: it is a symbolic link"),
+        (
+            "dangling",
+            "home/dangling is not used: it is a symbolic link",
+        ),
+    ] {
+        let instance = Instance::under(&home, name).unwrap();
+        assert_eq!(
+            instance.remove_leftovers().unwrap(),
+            Vec::<PathBuf>::new(),
+            "{name}"
+        );
+        assert_eq!(instance.leftovers(), Vec::<PathBuf>::new(), "{name}");
+        assert_eq!(everything_below(&home), had, "{name}");
+        for error in [
+            instance.prepare().unwrap_err(),
+            instance.lock(Role::Plant).map(drop).unwrap_err(),
+            Wire::open(&instance).map(drop).unwrap_err(),
+        ] {
+            assert!(error.to_string().ends_with(words), "{name}: {error}");
+            assert_eq!(error.exit_code(), 2, "{name}");
+            assert!(error.remedy().unwrap().contains("IRONBIRD_ROOT"), "{name}");
+        }
+        assert_eq!(everything_below(&home), had, "{name}");
+    }
+    // One that is empty belongs to nobody.
+    fs::create_dir(home.join("empty")).unwrap();
+    let empty = Instance::under(&home, "empty").unwrap();
+    assert_eq!(empty.remove_leftovers().unwrap(), Vec::<PathBuf>::new());
+    assert!(home.join("empty").exists(), "nobody has used it");
+    empty.prepare().unwrap();
+    assert_eq!(empty.remove_leftovers().unwrap(), [home.join("empty")]);
+    assert_eq!(everything_below(&home), had);
+}
+
+#[test]
+fn what_is_foreign_in_an_instances_directory_stays_and_is_named() {
+    let site = Site::new();
+    let instance = &site.instance;
+    hold_everything_and_be_killed(instance);
+    let directory = instance.directory();
+    let ours = everything_below(&directory);
+    let node = ours
+        .iter()
+        .find(|path| path.is_dir() && path.parent() == Some(&directory.join("nodes")))
+        .unwrap();
+    let mut foreign = BTreeSet::new();
+    for place in [
+        &directory,
+        &directory.join("services"),
+        &directory.join("nodes"),
+        node,
+    ] {
+        furnish(place);
+        foreign.extend(["src", "notes", "link", "dangling", "bus"].map(|name| place.join(name)));
+        // Under names that we give to files.
+        for name in [
+            "inner.lock".to_owned(),
+            format!("{}x.service", instance.prefix()),
+        ] {
+            symlink("/nowhere", place.join(&name)).unwrap();
+            foreign.insert(place.join(name));
+        }
+    }
+    let kept = everything_below(&directory)
+        .difference(&ours)
+        .cloned()
+        .collect::<BTreeSet<_>>();
+
+    let announced = instance.leftovers();
+    assert_eq!(
+        instance.foreign().into_iter().collect::<BTreeSet<_>>(),
+        foreign
+    );
+    let removed = instance.remove_leftovers().unwrap();
+    assert_eq!(announced, removed);
+    assert!(removed.iter().all(|path| !path.exists()), "{removed:?}");
+    assert_eq!(segments(instance), BTreeSet::new());
+    let places = BTreeSet::from([
+        directory.join("services"),
+        directory.join("nodes"),
+        node.clone(),
+    ]);
+    let left: BTreeSet<_> = everything_below(&directory)
+        .difference(&places)
+        .cloned()
+        .collect();
+    assert!(
+        left.iter()
+            .filter(|path| !kept.contains(*path))
+            .eq([&directory.join(".ironbird")]),
+        "{left:?}"
+    );
+    assert!(kept.is_subset(&left), "{left:?}");
+    // It is still ours: an instance flies in it, and it goes with the last thing that is foreign.
+    drop(hold_everything(instance));
+    fs::remove_dir_all(directory.join("services")).unwrap();
+    fs::remove_dir_all(directory.join("nodes")).unwrap();
+    for path in foreign
+        .iter()
+        .filter(|path| path.parent() == Some(&directory))
+    {
+        if path.ends_with("src") {
+            fs::remove_dir_all(path).unwrap()
+        } else {
+            fs::remove_file(path).unwrap()
+        }
+    }
+    assert_eq!(instance.foreign(), Vec::<PathBuf>::new());
+    assert!(instance.remove_leftovers().unwrap().contains(&directory));
+    assert!(!directory.exists());
+}
+
+#[test]
+fn in_shared_memory_only_files_of_this_user_are_removed() {
+    let site = Site::new();
+    hold_everything_and_be_killed(&site.instance);
+    let ours = segments(&site.instance);
+    let name =
+        |what: &str| Path::new(SHARED_MEMORY).join(format!("{}{what}", site.instance.prefix()));
+    symlink("/nowhere", name("link")).unwrap();
+    fs::create_dir(name("directory")).unwrap();
+    fs::write(name("file"), "of nobody").unwrap();
+    let is_nobodys = chown(name("file"), Some(NOBODY), Some(NOBODY)).is_ok();
+    if !is_nobodys {
+        writeln!(
+            std::io::stderr().lock(),
+            "skipped in part: only root makes a file of another user"
+        )
+        .unwrap();
+    }
+    let removed: BTreeSet<_> = site
+        .instance
+        .remove_leftovers()
+        .unwrap()
+        .into_iter()
+        .collect();
+    let kept =
+        [name("link"), name("directory"), name("file")].map(|path| path.symlink_metadata().is_ok());
+    let refused = Wire::open(&site.instance).map(drop);
+    fs::remove_file(name("link")).unwrap();
+    fs::remove_dir(name("directory")).unwrap();
+    let _ = fs::remove_file(name("file"));
+    assert!(
+        ours.is_subset(&removed) && ours.iter().all(|path| !path.exists()),
+        "{removed:?}"
+    );
+    assert_eq!(kept, [true, true, is_nobodys]);
+    let error = refused.unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("it has a name of this instance, and is no file of this user"),
+        "{error}"
+    );
+    drop(site.wire());
+}
+
+#[test]
+fn without_a_mark_a_file_with_the_name_of_a_lock_is_somebody_elses_unless_it_holds_what_a_lock_does()
+ {
+    let site = Site::new();
+    let directory = site.root().join("only_locks");
+    fs::create_dir_all(&directory).unwrap();
+    fs::write(directory.join("plant.lock"), "important\n").unwrap();
+    let instance = Instance::under(site.root(), "only_locks").unwrap();
+    let refused = instance.prepare().unwrap_err().to_string();
+    assert!(
+        refused.contains("only_locks is no directory of ironbird: in it lies `plant.lock`"),
+        "{refused}"
+    );
+    assert_eq!(
+        fs::read_to_string(directory.join("plant.lock")).unwrap(),
+        "important\n"
+    );
+    // As a start leaves it that was killed before it had made its mark.
+    fs::write(directory.join("plant.lock"), "4711\n").unwrap();
+    instance.prepare().unwrap();
+    assert!(!instance.remove_leftovers().unwrap().is_empty() && !directory.exists());
+}

@@ -1,0 +1,86 @@
+//! The fingerprint of a message: its layout, and what the numbers in it stand for.
+//!
+//! Every layout's fingerprint carries the hash. Parameters and flags travel as numbers. Two builds that number them
+//! differently would otherwise connect and swap the wrong parameter; with the words in the fingerprint they do not.
+
+use crate::blackboards::{EndReason, RolePhase, RunPhase};
+use crate::content::Mode;
+use crate::fault::NotTaken;
+use crate::fault::code::What;
+use crate::layout::{FNV_OFFSET, Layout, fingerprint, fnv1a};
+use crate::monitor::Cause;
+use crate::parameters::SPECS;
+use crate::realtime::RealtimeStep;
+use crate::rejections::Reason;
+
+/// Hash over what numbers on the wire stand for: a parameter's place in the table, the variants of enums.
+pub const VOCABULARY: u64 = {
+    let enums = [
+        RunPhase::ENUM_HASH,
+        RolePhase::ENUM_HASH,
+        EndReason::ENUM_HASH,
+        Mode::ENUM_HASH,
+        Cause::ENUM_HASH,
+        Reason::ENUM_HASH,
+        RealtimeStep::ENUM_HASH,
+        What::ENUM_HASH,
+        NotTaken::ENUM_HASH,
+    ];
+    let mut hash = FNV_OFFSET;
+    let mut i = 0;
+    while i < enums.len() {
+        hash = fnv1a(hash, &enums[i].to_le_bytes());
+        i += 1;
+    }
+    let mut i = 0;
+    while i < SPECS.len() {
+        hash = fnv1a(hash, SPECS[i].name.as_bytes());
+        i += 1;
+    }
+    hash
+};
+
+/// A layout with its fingerprint.
+pub trait Fingerprint: Layout {
+    /// Hash over [`Layout::FIELDS`] and over the variants that numbers in them stand for.
+    const FINGERPRINT: u64 = fnv1a(fingerprint(Self::FIELDS), &VOCABULARY.to_le_bytes());
+}
+
+impl<T: Layout> Fingerprint for T {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::header::Header;
+
+    #[test]
+    fn words_in_another_order_change_every_fingerprint() {
+        mod here {
+            #[allow(dead_code, reason = "known by its variants alone")]
+            pub(super) enum Step {
+                Affinity,
+                Scheduler,
+            }
+            crate::enum_hash!(Step {
+                Affinity,
+                Scheduler
+            });
+        }
+        mod there {
+            #[allow(dead_code, reason = "known by its variants alone")]
+            pub(super) enum Step {
+                Scheduler,
+                Affinity,
+            }
+            crate::enum_hash!(Step {
+                Scheduler,
+                Affinity
+            });
+        }
+        assert_ne!(here::Step::ENUM_HASH, there::Step::ENUM_HASH);
+        assert_eq!(
+            Header::FINGERPRINT,
+            fnv1a(fingerprint(Header::FIELDS), &VOCABULARY.to_le_bytes())
+        );
+    }
+}

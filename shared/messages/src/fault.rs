@@ -1,0 +1,431 @@
+//! Faults of messages as data: which input of which stage, what is wrong with it, in which ticks.
+//!
+//! A fault strikes behind the inspection of a receiving input ([`gate`]), and is a function of the tick that a message
+//! was made for. It is therefore the same fault in processes, in one process and in replay, at any pace. Faults of
+//! parameters go another way: they are swaps of the plant.
+
+pub mod acts;
+pub mod code;
+pub mod faulty_input;
+pub mod fields;
+pub mod gate;
+pub mod late;
+pub mod live;
+
+use std::fmt;
+
+use crate::content::{RotorSpeeds, Setpoint, State, Wrench};
+use crate::layout::from_wire;
+use crate::role::Role;
+use crate::topic::Topic;
+use fields::{Faulty as _, Field};
+
+/// Faults of messages that one flight can have, counted by input: `state.drop` makes two of them.
+pub const MOST: usize = 32;
+
+/// The most ticks by which a message is delayed, or its content lags: the commands that can wait at the plant are 64.
+pub const LONGEST_DELAY: u64 = 60;
+
+/// Messages of the longest pattern of losses.
+pub const LONGEST_PATTERN: u64 = 1_000_000;
+
+/// An input of a stage: where faults of messages strike.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Port {
+    OuterState,
+    InnerState,
+    InnerSetpoint,
+    MixerWrench,
+    PlantRotorSpeeds,
+}
+
+pub const PORTS: [Port; 5] = [
+    Port::OuterState,
+    Port::InnerState,
+    Port::InnerSetpoint,
+    Port::MixerWrench,
+    Port::PlantRotorSpeeds,
+];
+
+impl Port {
+    /// The input of a stage for a topic, if it has one that can have faults.
+    #[must_use]
+    pub fn of(role: Role, topic: &str) -> Option<Self> {
+        PORTS
+            .into_iter()
+            .find(|port| port.role() == role && port.topic() == topic)
+    }
+
+    #[must_use]
+    pub const fn role(self) -> Role {
+        match self {
+            Self::OuterState => Role::Outer,
+            Self::InnerState | Self::InnerSetpoint => Role::Inner,
+            Self::MixerWrench => Role::Mixer,
+            Self::PlantRotorSpeeds => Role::Plant,
+        }
+    }
+
+    /// Name of the topic that it receives.
+    #[must_use]
+    pub const fn topic(self) -> &'static str {
+        match self {
+            Self::OuterState | Self::InnerState => State::NAME,
+            Self::InnerSetpoint => Setpoint::NAME,
+            Self::MixerWrench => Wrench::NAME,
+            Self::PlantRotorSpeeds => RotorSpeeds::NAME,
+        }
+    }
+
+    /// Fields of the topic that faults can strike.
+    #[must_use]
+    pub const fn fields(self) -> &'static [Field] {
+        match self {
+            Self::OuterState | Self::InnerState => State::STRUCK,
+            Self::InnerSetpoint => Setpoint::STRUCK,
+            Self::MixerWrench => Wrench::STRUCK,
+            Self::PlantRotorSpeeds => RotorSpeeds::STRUCK,
+        }
+    }
+}
+
+/// A field of a message, or one number of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// Place of the field among those that faults can strike.
+    pub field: usize,
+    /// Place of the number in it; none is all of them.
+    pub axis: Option<usize>,
+}
+
+impl Place {
+    #[must_use]
+    pub fn meets(self, other: Self) -> bool {
+        let same_axis = self.axis.zip(other.axis).is_none_or(|(a, b)| a == b);
+        self.field == other.field && same_axis
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Kind {
+    /// A share of them, 0 to 1, is lost at random.
+    Drop(f64),
+    /// The first so many of each so many are lost.
+    DropEach {
+        lost: u64,
+        of: u64,
+    },
+    /// They come so many ticks later.
+    Delay(u64),
+    /// They come in time, and with the content of so many ticks before.
+    Lag(u64),
+    /// They come in time, and with the content of the last one before the fault.
+    Freeze,
+    /// A number has normal noise of this standard deviation, in the field's unit.
+    Noise(Place, f64),
+    /// A number is so much larger, in the field's unit.
+    Bias(Place, f64),
+    Nan(Place),
+}
+
+impl Kind {
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Drop(_) | Self::DropEach { .. } => "drop",
+            Self::Delay(_) => "delay",
+            Self::Lag(_) => "lag",
+            Self::Freeze => "freeze",
+            Self::Noise(..) => "noise",
+            Self::Bias(..) => "bias",
+            Self::Nan(_) => "nan",
+        }
+    }
+
+    /// Whether its numbers are ones that a fault may have.
+    #[must_use]
+    pub fn is_possible(self) -> bool {
+        match self {
+            Self::Drop(share) => is_share(share),
+            Self::DropEach { lost, of } => 1 <= lost && lost <= of && of <= LONGEST_PATTERN,
+            Self::Delay(ticks) | Self::Lag(ticks) => (1..=LONGEST_DELAY).contains(&ticks),
+            Self::Noise(_, deviation) => deviation.is_finite() && deviation > 0.0,
+            Self::Bias(_, more) => more.is_finite() && more != 0.0,
+            Self::Freeze | Self::Nan(_) => true,
+        }
+    }
+
+    /// The number that it strikes, where it is not the whole message.
+    #[must_use]
+    pub const fn place(self) -> Option<Place> {
+        match self {
+            Self::Noise(place, _) | Self::Bias(place, _) | Self::Nan(place) => Some(place),
+            _ => None,
+        }
+    }
+}
+
+/// Whether a number is a share of something, and not of nothing.
+#[must_use]
+pub fn is_share(number: f64) -> bool {
+    number > 0.0 && number <= 1.0
+}
+
+/// Ticks from the first to the one before `to`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Span {
+    pub from: u64,
+    /// The first one after it; [`Span::FOR_GOOD`] where it has no end.
+    pub to: u64,
+}
+
+impl Span {
+    /// The end of what has none.
+    pub const FOR_GOOD: u64 = u64::MAX;
+
+    /// Whether a tick lies in it.
+    #[must_use]
+    pub const fn holds(self, tick: u64) -> bool {
+        self.from <= tick && tick < self.to
+    }
+
+    /// Whether some tick lies in both.
+    #[must_use]
+    pub const fn meets(self, other: Self) -> bool {
+        let (from, to) = (max(self.from, other.from), min(self.to, other.to));
+        from < to
+    }
+
+    /// The same up to a tick; none of it is left where it begins then.
+    #[must_use]
+    pub const fn cut(self, tick: u64) -> Self {
+        Self {
+            to: min(self.to, max(self.from, tick)),
+            ..self
+        }
+    }
+}
+
+const fn min(a: u64, b: u64) -> u64 {
+    if a < b { a } else { b }
+}
+
+const fn max(a: u64, b: u64) -> u64 {
+    if a > b { a } else { b }
+}
+
+/// A fault of the messages at an input.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MessageFault {
+    pub port: Port,
+    pub kind: Kind,
+    pub span: Span,
+}
+
+impl MessageFault {
+    /// Whether both would have a say in the same message and contradict each other.
+    #[must_use]
+    pub fn contradicts(&self, other: &Self) -> bool {
+        self.is_like(other.port, other.kind) && self.span.meets(other.span)
+    }
+
+    /// Whether it does to the same messages, or to a number of them, what this kind does.
+    fn is_like(&self, port: Port, kind: Kind) -> bool {
+        let same_place = match (self.kind.place(), kind.place()) {
+            (Some(a), Some(b)) => a.meets(b),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        self.port == port && self.kind.name() == kind.name() && same_place
+    }
+}
+
+/// The faults of a flight's messages, and the seed of what is random in them.
+///
+/// The place of a fault is its number: what it draws depends on seed, number and tick alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MessageFaults {
+    pub seed: u64,
+    faults: [Option<MessageFault>; MOST],
+}
+
+impl MessageFaults {
+    #[must_use]
+    pub const fn none(seed: u64) -> Self {
+        Self {
+            seed,
+            faults: [None; MOST],
+        }
+    }
+
+    pub fn push(&mut self, fault: MessageFault) -> Result<(), NotTaken> {
+        if self.iter().any(|(_, other)| other.contradicts(&fault)) {
+            return Err(NotTaken::Contradiction);
+        }
+        let place = self
+            .faults
+            .iter_mut()
+            .find(|place| place.is_none())
+            .ok_or(NotTaken::NoRoom)?;
+        *place = Some(fault);
+        Ok(())
+    }
+
+    /// Ends those that do at an input what `kind` does, from a tick on. Whatever number the kind has is not looked at.
+    pub fn end(&mut self, port: Port, kind: Kind, tick: u64) -> Result<(), NotTaken> {
+        let is_meant =
+            |fault: &&mut MessageFault| fault.is_like(port, kind) && fault.span.to > tick;
+        let mut meant = self.faults.iter_mut().flatten().filter(is_meant).peekable();
+        meant.peek().ok_or(NotTaken::NothingToEnd)?;
+        meant.for_each(|fault| fault.span = fault.span.cut(tick));
+        Ok(())
+    }
+
+    /// All of them, each with its number.
+    pub fn iter(&self) -> impl Iterator<Item = (u64, &MessageFault)> {
+        (0..)
+            .zip(&self.faults)
+            .filter_map(|(number, fault)| Some((number, fault.as_ref()?)))
+    }
+
+    pub fn of(&self, port: Port) -> impl Iterator<Item = (u64, &MessageFault)> {
+        self.iter().filter(move |(_, fault)| fault.port == port)
+    }
+
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.faults[0].is_none()
+    }
+}
+
+/// Why a fault was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u64)]
+pub enum NotTaken {
+    /// A flight has as many as it can have.
+    NoRoom = 1,
+    /// Another one has a say in the same ticks.
+    Contradiction = 2,
+    /// There is none that could be ended.
+    NothingToEnd = 3,
+    /// The flight is over before it.
+    AfterTheEnd = 4,
+    /// It stops a stage for less than a tick.
+    UnderATick = 5,
+}
+
+from_wire!(NotTaken {
+    NoRoom,
+    Contradiction,
+    NothingToEnd,
+    AfterTheEnd,
+    UnderATick
+});
+
+impl fmt::Display for Port {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{}", self.role(), self.topic())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fault(port: Port, kind: Kind, from: u64, to: u64) -> MessageFault {
+        MessageFault {
+            port,
+            kind,
+            span: Span { from, to },
+        }
+    }
+
+    #[test]
+    fn faults_contradict_each_other_in_the_same_messages_and_numbers_alone() {
+        use Port::{InnerState, OuterState};
+        let all = Place {
+            field: 0,
+            axis: None,
+        };
+        let one = |axis| Place {
+            field: 0,
+            axis: Some(axis),
+        };
+        let drop = fault(OuterState, Kind::Drop(0.1), 10, 20);
+        assert!(drop.contradicts(&fault(
+            OuterState,
+            Kind::DropEach { lost: 1, of: 2 },
+            19,
+            30
+        )));
+        assert!(
+            !drop.contradicts(&fault(OuterState, Kind::Drop(0.2), 20, 30)),
+            "one after the other"
+        );
+        assert!(!drop.contradicts(&fault(InnerState, Kind::Drop(0.2), 10, 20)));
+        assert!(!drop.contradicts(&fault(OuterState, Kind::Delay(3), 10, 20)));
+        let bias = fault(OuterState, Kind::Bias(one(1), 1.0), 0, 9);
+        assert!(bias.contradicts(&fault(OuterState, Kind::Bias(all, 1.0), 0, 9)));
+        assert!(!bias.contradicts(&fault(OuterState, Kind::Bias(one(2), 1.0), 0, 9)));
+        assert!(!bias.contradicts(&fault(OuterState, Kind::Noise(one(1), 1.0), 0, 9)));
+    }
+
+    #[test]
+    fn a_fault_is_ended_by_its_name_whatever_its_number() {
+        use Port::{InnerState, OuterState};
+        let mut faults = MessageFaults::none(7);
+        let drop = |port| fault(port, Kind::Drop(0.1), 10, Span::FOR_GOOD);
+        faults.push(drop(OuterState)).unwrap();
+        faults.push(drop(InnerState)).unwrap();
+        assert_eq!(
+            faults.end(OuterState, Kind::Delay(1), 20),
+            Err(NotTaken::NothingToEnd)
+        );
+        faults.end(OuterState, Kind::Drop(1.0), 20).unwrap();
+        assert_eq!(
+            faults.end(OuterState, Kind::Drop(1.0), 20),
+            Err(NotTaken::NothingToEnd),
+            "it has an end then"
+        );
+        let spans: Vec<Span> = faults.iter().map(|(_, fault)| fault.span).collect();
+        assert_eq!(
+            spans,
+            [
+                Span { from: 10, to: 20 },
+                Span {
+                    from: 10,
+                    to: Span::FOR_GOOD
+                }
+            ]
+        );
+        faults
+            .end(InnerState, Kind::DropEach { lost: 1, of: 2 }, 5)
+            .unwrap();
+        assert!(
+            (0..100).all(|tick| faults
+                .of(InnerState)
+                .all(|(_, fault)| !fault.span.holds(tick))),
+            "it never began"
+        );
+        assert_eq!(
+            faults.push(drop(InnerState)),
+            Ok(()),
+            "what never strikes contradicts nothing"
+        );
+        assert_eq!(faults.push(drop(InnerState)), Err(NotTaken::Contradiction));
+    }
+
+    #[test]
+    fn a_table_that_is_full_takes_no_more() {
+        let mut faults = MessageFaults::none(7);
+        assert!(faults.is_empty());
+        let one = |number: u64| fault(Port::MixerWrench, Kind::Freeze, number, number + 1);
+        (0..MOST as u64).for_each(|number| faults.push(one(number)).unwrap());
+        assert_eq!(faults.push(one(MOST as u64)), Err(NotTaken::NoRoom));
+        let numbers: Vec<u64> = faults
+            .of(Port::MixerWrench)
+            .map(|(number, _)| number)
+            .collect();
+        assert_eq!(numbers, (0..MOST as u64).collect::<Vec<_>>());
+        assert_eq!(faults.of(Port::OuterState).count(), 0);
+    }
+}

@@ -1,0 +1,184 @@
+//! The gate behind the inspection of an input: what its faults make of each message.
+//!
+//! It is shown the messages that inspection let through, in order. What it makes of one depends on its tick, on the
+//! messages before it, and on nothing else. The order is that of the words:
+//!
+//! ```text
+//!   lost?    drop
+//!   content  that of the last one before the fault (freeze), else that of so many ticks before (lag), else its own
+//!            + bias + noise, in the order of the table; nan
+//!   refused? what is not finite or not plausible then is counted, as inspection does, and goes no further
+//!   when     so many ticks later (delay)
+//! ```
+
+use crate::content::NO_TICK;
+use crate::fault::fields::Faulty;
+use crate::fault::{Kind, LONGEST_DELAY, MOST, MessageFault, MessageFaults, Place, Port};
+use crate::noise::{standard_normal, uniform};
+use crate::rejections::{Reason, Rejections};
+
+/// Contents that are kept for those that lag: of as many ticks as the longest, and of the newest.
+const KEPT: usize = LONGEST_DELAY as usize + 1;
+
+/// Streams of random numbers: those below are the sensors'. Each fault has one for itself and each axis.
+const FIRST_STREAM: u64 = 1 << 32;
+const STREAMS: u64 = 8;
+
+/// What comes of a message at a gate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Passed<C> {
+    /// What the stage gets of it.
+    pub content: C,
+    pub delay: u64,
+}
+
+/// The faults of an input, and what they have to know of earlier messages.
+#[derive(Clone, Debug)]
+pub struct Gate<C> {
+    seed: u64,
+    faults: Vec<(u64, MessageFault)>,
+    /// The newest contents with their ticks, by tick; empty where nothing can lag.
+    kept: Vec<(u64, C)>,
+    lags: bool,
+    /// The last one before a freeze; none where nothing came, or nothing freezes.
+    last: Option<C>,
+    freezes: bool,
+    rejections: Rejections,
+}
+
+impl<C: Faulty> Gate<C> {
+    /// The gate of an input before its first message; none where it has no faults.
+    #[must_use]
+    pub fn new(faults: &MessageFaults, port: Port) -> Option<Self> {
+        let lags = faults
+            .of(port)
+            .any(|(_, fault)| matches!(fault.kind, Kind::Lag(_)));
+        faults.of(port).next()?;
+        Some(Self::with_room(faults, port, if lags { KEPT } else { 0 }))
+    }
+
+    /// The gate of an input whose faults may change in flight: it has room for whatever they will be.
+    #[must_use]
+    pub fn changing(faults: &MessageFaults, port: Port) -> Self {
+        Self::with_room(faults, port, KEPT)
+    }
+
+    fn with_room(faults: &MessageFaults, port: Port, kept: usize) -> Self {
+        let mut gate = Self {
+            seed: faults.seed,
+            faults: Vec::with_capacity(MOST),
+            kept: vec![(NO_TICK, C::default()); kept],
+            lags: false,
+            last: None,
+            freezes: false,
+            rejections: Rejections::default(),
+        };
+        gate.change(faults, port, None);
+        gate
+    }
+
+    /// Takes the faults of an input as they are from now on; what it knows of earlier messages stays. `newest` is what
+    /// came last, which may not have been shown to it: a freeze may follow it with nothing in between. It allocates
+    /// nothing where it was made as one that changes.
+    pub fn change(&mut self, faults: &MessageFaults, port: Port, newest: Option<C>) {
+        self.faults.clear();
+        self.faults
+            .extend(faults.of(port).map(|(number, fault)| (number, *fault)));
+        let any = |is: fn(Kind) -> bool| self.faults.iter().any(|(_, fault)| is(fault.kind));
+        (self.lags, self.freezes) = (
+            any(|kind| matches!(kind, Kind::Lag(_))),
+            any(|kind| kind == Kind::Freeze),
+        );
+        if self.freezes {
+            self.last = self.last.or(newest);
+        }
+    }
+
+    /// What comes of the message of a tick; nothing where it is lost or refused.
+    pub fn pass(&mut self, tick: u64, content: &C) -> Option<Passed<C>> {
+        let Self { seed, faults, .. } = &*self;
+        let seed = *seed;
+        let active = || faults.iter().filter(|(_, fault)| fault.span.holds(tick));
+        let (mut is_lost, mut delay, mut lag, mut is_frozen) = (false, 0, 0, false);
+        for (number, fault) in active() {
+            match fault.kind {
+                Kind::Drop(share) => is_lost |= uniform(seed, tick, stream(*number, 0)) < share,
+                Kind::DropEach { lost, of } => is_lost |= (tick - fault.span.from) % of < lost,
+                Kind::Delay(ticks) => delay += ticks,
+                Kind::Lag(ticks) => lag += ticks,
+                Kind::Freeze => is_frozen = true,
+                Kind::Noise(..) | Kind::Bias(..) | Kind::Nan(_) => {}
+            }
+        }
+        let mut passed = match (is_frozen, lag) {
+            (true, _) => self.last,
+            (false, 0) => Some(*content),
+            (false, lag) => tick.checked_sub(lag).and_then(|tick| self.kept_of(tick)),
+        };
+        if let Some(passed) = &mut passed {
+            for (number, fault) in active() {
+                strike(fault.kind, seed, tick, *number, passed);
+            }
+        }
+        self.keep(tick, content, is_frozen);
+        let content = passed.filter(|_| !is_lost)?;
+        self.is_sound(&content).then_some(Passed { content, delay })
+    }
+
+    /// Messages that were refused for what a fault had made of them.
+    #[must_use]
+    pub const fn rejections(&self) -> &Rejections {
+        &self.rejections
+    }
+
+    fn kept_of(&self, tick: u64) -> Option<C> {
+        self.kept
+            .get((tick % KEPT as u64) as usize)
+            .filter(|(of, _)| *of == tick)
+            .map(|(_, content)| *content)
+    }
+
+    fn keep(&mut self, tick: u64, content: &C, is_frozen: bool) {
+        if self.lags
+            && let Some(place) = self.kept.get_mut((tick % KEPT as u64) as usize)
+        {
+            *place = (tick, *content);
+        }
+        if self.freezes && !is_frozen {
+            self.last = Some(*content);
+        }
+    }
+
+    fn is_sound(&mut self, content: &C) -> bool {
+        let refused = match (content.finite(), content.plausible()) {
+            (true, true) => return true,
+            (true, false) => Reason::Implausible,
+            (false, _) => Reason::NonFinite,
+        };
+        self.rejections.count(refused);
+        false
+    }
+}
+
+/// The stream of a fault's axis.
+const fn stream(number: u64, axis: u64) -> u64 {
+    FIRST_STREAM + STREAMS * number + axis
+}
+
+/// Does to a content's numbers what a fault does.
+fn strike<C: Faulty>(kind: Kind, seed: u64, tick: u64, number: u64, content: &mut C) {
+    let mut each = |place: Place, change: &dyn Fn(u64, &mut f64)| {
+        let numbers = content.lend(place.field).iter_mut().zip(0_u64..);
+        let meant =
+            numbers.filter(|(_, axis)| place.axis.is_none_or(|wanted| wanted as u64 == *axis));
+        meant.for_each(|(value, axis)| change(axis, value));
+    };
+    match kind {
+        Kind::Noise(place, deviation) => each(place, &|axis, value| {
+            *value += deviation * standard_normal(seed, tick, stream(number, axis));
+        }),
+        Kind::Bias(place, more) => each(place, &|_, value| *value += more),
+        Kind::Nan(place) => each(place, &|_, value| *value = f64::NAN),
+        Kind::Drop(_) | Kind::DropEach { .. } | Kind::Delay(_) | Kind::Lag(_) | Kind::Freeze => {}
+    }
+}

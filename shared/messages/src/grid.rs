@@ -1,0 +1,110 @@
+//! The grid of ticks: instants, tick numbers, and what advances a run by a tick.
+//!
+//! Instants are in nanoseconds on a clock that the caller has read; nothing here reads one.
+
+use crate::role::Role;
+
+pub const NS_PER_S: u64 = 1_000_000_000;
+
+/// The grid of a run: tick k begins at t_k = t_0 + k T.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Grid {
+    /// Begin of tick 0 on CLOCK_MONOTONIC [ns].
+    pub t0_ns: u64,
+    /// Length of a tick on the clock [ns].
+    pub period_ns: u64,
+}
+
+impl Grid {
+    /// When a tick begins [ns]; the end of time where it is further than that.
+    #[must_use]
+    pub const fn begin_of(&self, tick: u64) -> u64 {
+        self.t0_ns
+            .saturating_add(tick.saturating_mul(self.period_ns))
+    }
+
+    /// When a stage waits no longer for its input of a tick [ns].
+    #[must_use]
+    pub const fn cut_off_of(&self, stage: Role, tick: u64) -> u64 {
+        self.begin_of(tick)
+            .saturating_add(self.period_ns * stage.deadline_percent() / 100)
+    }
+
+    /// The tick that an instant lies in; 0 before the first has begun.
+    #[must_use]
+    pub const fn tick_at(&self, instant_ns: u64) -> u64 {
+        instant_ns.saturating_sub(self.t0_ns) / self.period_ns
+    }
+
+    /// The first tick that begins at or after an instant.
+    #[must_use]
+    pub const fn first_tick_from(&self, instant_ns: u64) -> u64 {
+        instant_ns
+            .saturating_sub(self.t0_ns)
+            .div_ceil(self.period_ns)
+    }
+}
+
+/// What moves the ticks of a run on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// The clock: tick k begins at its place on the grid, whoever is ready for it.
+    Realtime(Grid),
+    /// The chain itself: a tick begins when the command of the one before has arrived.
+    Lockstep,
+}
+
+impl Pace {
+    /// The latest tick whose messages may be there at an instant.
+    ///
+    /// On the grid it is the next one: it may begin between a look at the clock and one at a port.
+    #[must_use]
+    pub const fn newest_tick(&self, instant_ns: u64) -> u64 {
+        match self {
+            Self::Realtime(grid) => grid.tick_at(instant_ns) + 1,
+            Self::Lockstep => u64::MAX - 1,
+        }
+    }
+
+    /// The tick from which a command of `tick`, published at `send_ns`, is in force at the earliest.
+    #[must_use]
+    pub const fn effective_tick(&self, tick: u64, send_ns: u64) -> u64 {
+        match self {
+            Self::Realtime(grid) => {
+                let arrived = grid.first_tick_from(send_ns);
+                if arrived > tick + 1 {
+                    arrived
+                } else {
+                    tick + 1
+                }
+            }
+            Self::Lockstep => tick + 1,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_and_instants_agree() {
+        let grid = Grid {
+            t0_ns: 5_000,
+            period_ns: 1_000,
+        };
+        assert_eq!(grid.begin_of(3), 8_000);
+        assert_eq!(
+            (grid.tick_at(8_000), grid.tick_at(7_999), grid.tick_at(1)),
+            (3, 2, 0)
+        );
+        assert_eq!(
+            (
+                grid.first_tick_from(8_000),
+                grid.first_tick_from(8_001),
+                grid.first_tick_from(1)
+            ),
+            (3, 4, 0)
+        );
+    }
+}

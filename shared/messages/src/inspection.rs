@@ -1,0 +1,187 @@
+//! Entry check of every message: copied once, then accepted or counted by reason.
+
+use crate::checks::{Check, is_on};
+use crate::content::NO_TICK;
+use crate::header::{LAYOUT, Message};
+pub use crate::rejections::{REASONS, Reason, Rejections};
+use crate::topic::Topic;
+
+/// What the receiver expects of a run's messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Expected {
+    pub run_id: u64,
+    pub settings: u64,
+}
+
+/// Entry check of one topic: remembers what it has let through.
+#[derive(Clone, Copy, Debug)]
+pub struct Inspector {
+    expected: Expected,
+    epoch: u64,
+    seq: u64,
+    tick: u64,
+}
+
+impl Inspector {
+    /// An inspector that has seen nothing yet.
+    #[must_use]
+    pub const fn new(expected: Expected) -> Self {
+        Self {
+            expected,
+            epoch: 0,
+            seq: 0,
+            tick: NO_TICK,
+        }
+    }
+
+    /// Lets a message through, or says why not. `newest_tick` is the latest tick that can have begun.
+    pub fn inspect<C: Topic>(
+        &mut self,
+        message: &Message<C>,
+        newest_tick: u64,
+    ) -> Result<(), Reason> {
+        let envelope = &message.envelope;
+        let first = self.tick == NO_TICK;
+        if envelope.layout != LAYOUT && is_on(Check::Layout) {
+            Err(Reason::Layout)
+        } else if envelope.run_id != self.expected.run_id && is_on(Check::Run) {
+            Err(Reason::Run)
+        } else if envelope.settings != self.expected.settings && is_on(Check::Settings) {
+            Err(Reason::Settings)
+        } else if (envelope.epoch < self.epoch
+            || (!first && envelope.epoch == self.epoch && envelope.seq <= self.seq))
+            && is_on(Check::Sequence)
+        {
+            Err(Reason::Sequence)
+        } else if (envelope.tick > newest_tick
+            || (!first && envelope.tick < self.tick + u64::from(!C::MANY_PER_TICK)))
+            && is_on(Check::Tick)
+        {
+            Err(Reason::Tick)
+        } else if !message.content.finite() && is_on(Check::NonFinite) {
+            Err(Reason::NonFinite)
+        } else if !message.content.plausible() && is_on(Check::Implausible) {
+            Err(Reason::Implausible)
+        } else {
+            self.epoch = envelope.epoch;
+            self.seq = envelope.seq;
+            self.tick = envelope.tick;
+            Ok(())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::content::{RotorSpeeds, Setpoint, State, Wrench};
+    use crate::monitor::{CAUSES, Monitor};
+
+    const EXPECTED: Expected = Expected {
+        run_id: 7,
+        settings: 9,
+    };
+
+    fn message<C: Topic>(tick: u64, seq: u64) -> Message<C> {
+        let mut message = Message::<C>::default();
+        message.envelope.run_id = EXPECTED.run_id;
+        message.envelope.settings = EXPECTED.settings;
+        message.envelope.epoch = 100;
+        message.envelope.seq = seq;
+        message.envelope.tick = tick;
+        message
+    }
+
+    #[test]
+    fn a_sound_sequence_passes() {
+        let mut inspector = Inspector::new(EXPECTED);
+        for tick in [0, 1, 2, 5] {
+            assert_eq!(inspector.inspect(&message::<State>(tick, tick), 5), Ok(()));
+        }
+    }
+
+    #[test]
+    fn each_fault_has_its_reason() {
+        type Forge = fn(&mut Message<State>);
+        let cases: [(Reason, Forge); 9] = [
+            (Reason::Layout, |m| m.envelope.layout ^= 1),
+            (Reason::Run, |m| m.envelope.run_id += 1),
+            (Reason::Settings, |m| m.envelope.settings += 1),
+            (Reason::Sequence, |m| m.envelope.seq = 3),
+            (Reason::Sequence, |m| m.envelope.epoch -= 1),
+            (Reason::Tick, |m| m.envelope.tick = 12),
+            (Reason::Tick, |m| m.envelope.tick = 9),
+            (Reason::NonFinite, |m| {
+                m.content.measured.rate_b_rad_s[1] = f64::NAN
+            }),
+            (Reason::Implausible, |m| {
+                m.content.measured.position_w_m[2] = 1e6
+            }),
+        ];
+        for (reason, forge) in cases {
+            let mut inspector = Inspector::new(EXPECTED);
+            assert_eq!(inspector.inspect(&message::<State>(9, 3), 11), Ok(()));
+            let mut forged = message(10, 4);
+            forge(&mut forged);
+            assert_eq!(inspector.inspect(&forged, 11), Err(reason), "{reason:?}");
+            assert_eq!(
+                inspector.inspect(&message::<State>(10, 4), 11),
+                Ok(()),
+                "a rejected message leaves no trace"
+            );
+        }
+    }
+
+    #[test]
+    fn a_restarted_sender_is_believed_and_its_predecessor_no_more() {
+        let mut inspector = Inspector::new(EXPECTED);
+        assert_eq!(inspector.inspect(&message::<Wrench>(9, 3), 11), Ok(()));
+        let mut restarted = message::<Wrench>(10, 0);
+        restarted.envelope.epoch += 1;
+        assert_eq!(inspector.inspect(&restarted, 11), Ok(()));
+        assert_eq!(
+            inspector.inspect(&message::<Wrench>(11, 4), 11),
+            Err(Reason::Sequence)
+        );
+    }
+
+    #[test]
+    fn flags_that_do_not_exist_are_implausible() {
+        let mut wrench = message::<Wrench>(0, 0);
+        wrench.content.mode = 9;
+        assert_eq!(
+            Inspector::new(EXPECTED).inspect(&wrench, 0),
+            Err(Reason::Implausible)
+        );
+        let mut speeds = message::<RotorSpeeds>(0, 0);
+        speeds.content.speed_rad_s[3] = -1.0;
+        assert_eq!(
+            Inspector::new(EXPECTED).inspect(&speeds, 0),
+            Err(Reason::Implausible)
+        );
+        let mut setpoint = message::<Setpoint>(0, 0);
+        setpoint.content.limited = 2;
+        assert_eq!(
+            Inspector::new(EXPECTED).inspect(&setpoint, 0),
+            Err(Reason::Implausible)
+        );
+    }
+
+    #[test]
+    fn what_is_said_of_the_theorem_is_finite_and_names_causes_that_exist() {
+        type Forge = fn(&mut Monitor);
+        let cases: [(Reason, Forge); 4] = [
+            (Reason::NonFinite, |monitor| monitor.rise_max[8] = f64::NAN),
+            (Reason::Implausible, |monitor| monitor.causes = 1 << CAUSES),
+            (Reason::Implausible, |monitor| monitor.is_violation = 2),
+            (Reason::Implausible, |monitor| monitor.is_live = 2),
+        ];
+        for (reason, forge) in cases {
+            let mut said = message::<Monitor>(0, 0);
+            said.content.causes = (1 << CAUSES) - 1;
+            assert_eq!(Inspector::new(EXPECTED).inspect(&said, 0), Ok(()));
+            forge(&mut said.content);
+            assert_eq!(Inspector::new(EXPECTED).inspect(&said, 0), Err(reason));
+        }
+    }
+}

@@ -1,0 +1,33 @@
+//! A flight as data: messages, parameters, frames, the airframe's algebra.
+//!
+//! It contains no middleware, no clock and no operating system. Laws, processes and reports share it.
+
+pub mod allocation;
+pub mod attitude;
+pub mod blackboards;
+pub mod check_word;
+pub mod checks;
+pub mod content;
+pub mod enum_registry;
+pub mod fault;
+pub mod flight_plan;
+pub mod frames;
+pub mod grid;
+pub mod header;
+pub mod inspection;
+pub mod layout;
+pub mod limits;
+pub mod math;
+pub mod monitor;
+pub mod noise;
+pub mod output_hash;
+pub mod parameters;
+pub mod ranges;
+pub mod rate_dynamics;
+pub mod realtime;
+pub mod rejections;
+pub mod role;
+pub mod settings_text;
+pub mod telemetry;
+pub mod topic;
+pub mod vectors;

@@ -1,0 +1,169 @@
+//! A hash over everything that the stages put out in a flight: the same bits on every machine, or the laws are not.
+
+use std::fmt;
+
+use crate::layout::words;
+use crate::role::STAGES;
+use crate::topic::Topic;
+use crate::vectors::vectorised;
+
+/// The hash so far. Stages may be taken in any order; the outputs of each one in that of their ticks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct OutputHash([Outputs; STAGES.len()]);
+
+impl OutputHash {
+    /// Takes what a stage put out in a tick; what the recorder says is no stage's output.
+    pub fn take<C: Topic>(&mut self, tick: u64, content: &C) {
+        if let Some(outputs) = self.0.get_mut(C::SENDER as usize) {
+            outputs.take(&[tick]);
+            outputs.take(words(content));
+        }
+    }
+}
+
+impl fmt::Display for OutputHash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut all = Outputs::default();
+        self.0.iter().for_each(|outputs| all.take(&[outputs.sum]));
+        write!(f, "{:016x}", all.sum)
+    }
+}
+
+/// A stage's outputs so far: the sum of their words, each mixed with its place. No word waits for the one before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Outputs {
+    sum: u64,
+    place: u64,
+}
+
+/// 2^64 divided by the golden ratio: it gives every place bits of its own.
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+
+impl Outputs {
+    #[inline]
+    fn take(&mut self, words: &[u64]) {
+        self.sum = self.sum.wrapping_add(sum(words, self.place));
+        self.place = self
+            .place
+            .wrapping_add(GOLDEN.wrapping_mul(words.len() as u64));
+    }
+}
+
+vectorised! {
+    /// The sum of words that follow a place, each mixed with its own.
+    fn sum(words: &[u64], before: u64) -> u64 {
+        const SPREAD: u64 = 0xbf58_476d_1ce4_e5b9;
+        let (mut place, mut sum) = (before, 0_u64);
+        for word in words {
+            place = place.wrapping_add(GOLDEN);
+            // Each step can be undone: where one word differs, so does the sum. The first one brings the upper bits down,
+            // which else reach few others: two signs that change would cancel each other every other time.
+            let placed = word ^ place;
+            let product = (placed ^ (placed >> 32)).wrapping_mul(SPREAD);
+            sum = sum.wrapping_add((product ^ (product >> 32)).wrapping_mul(GOLDEN));
+        }
+        sum
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::content::{RotorSpeeds, Setpoint, State, Wrench};
+
+    use super::*;
+
+    fn of(change: impl Fn(u64, &mut State, &mut Wrench)) -> String {
+        let mut hash = OutputHash::default();
+        for tick in 0..3 {
+            let (mut state, mut wrench) = (State::default(), Wrench::default());
+            change(tick, &mut state, &mut wrench);
+            hash.take(tick, &state);
+            hash.take(tick, &Setpoint::default());
+            hash.take(tick, &wrench);
+            hash.take(tick, &RotorSpeeds::default());
+        }
+        hash.to_string()
+    }
+
+    #[test]
+    fn one_bit_of_any_stage_in_any_tick_is_another_hash() {
+        let same = of(|_, _, _| ());
+        assert_eq!((same.len(), &same), (16, &of(|_, _, _| ())));
+        assert_ne!(
+            same,
+            of(|tick, state, _| state.measured.position_w_m[2] =
+                if tick == 1 { f64::from_bits(1) } else { 0.0 })
+        );
+        assert_ne!(
+            same,
+            of(|tick, _, wrench| wrench.telemetry.value[1] = if tick == 2 { -0.0 } else { 0.0 })
+        );
+        assert_ne!(same, of(|tick, state, _| state.ticks_skipped = tick / 2));
+    }
+
+    #[test]
+    fn words_side_by_side_are_those_one_by_one() {
+        let all: Vec<u64> = (0..400_u64)
+            .map(|i| i.wrapping_mul(0x0123_4567_89ab_cdef).rotate_left(17))
+            .collect();
+        for length in 0..all.len() {
+            let (mut together, mut single) =
+                (Outputs { sum: 3, place: 5 }, Outputs { sum: 3, place: 5 });
+            together.take(&all[..length]);
+            for word in &all[..length] {
+                single.place = single.place.wrapping_add(0x9e37_79b9_7f4a_7c15);
+                let placed = word ^ single.place;
+                let product = (placed ^ (placed >> 32)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+                single.sum = single
+                    .sum
+                    .wrapping_add((product ^ (product >> 32)).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+            }
+            assert_eq!(together, single, "{length} words");
+        }
+    }
+
+    #[test]
+    fn two_words_in_which_the_same_bit_changes_are_another_hash() {
+        let of = |changed: &[usize], bit: u32| {
+            let mut words = [0_u64; 64];
+            changed.iter().for_each(|place| words[*place] ^= 1 << bit);
+            let mut outputs = Outputs::default();
+            outputs.take(&words);
+            outputs.sum
+        };
+        for bit in 0..64 {
+            for first in 0..64 {
+                for second in 0..first {
+                    assert_ne!(
+                        of(&[first, second], bit),
+                        of(&[], bit),
+                        "bit {bit} of the words {first} and {second}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_order_of_stages_does_not_count_and_that_of_ticks_does() {
+        let hash = |ticks: [u64; 2], plant_first: bool| {
+            let mut hash = OutputHash::default();
+            if plant_first {
+                ticks
+                    .iter()
+                    .for_each(|tick| hash.take(*tick, &State::default()));
+            }
+            ticks
+                .iter()
+                .for_each(|tick| hash.take(*tick, &Wrench::default()));
+            if !plant_first {
+                ticks
+                    .iter()
+                    .for_each(|tick| hash.take(*tick, &State::default()));
+            }
+            hash.to_string()
+        };
+        assert_eq!(hash([1, 2], true), hash([1, 2], false));
+        assert_ne!(hash([1, 2], true), hash([2, 1], true));
+    }
+}

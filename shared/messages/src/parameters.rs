@@ -1,0 +1,320 @@
+//! The airframe's parameters: names, units, ranges, nominal values, equations.
+//!
+//! One table describes every parameter that the plant knows. The plant flies the *true* values, which can be swapped in
+//! flight. The controller and the mixer hold the *nominal* values of the same type as their model. Raw numbers become
+//! an [`Airframe`] only through [`Airframe::set`], which checks the range.
+
+mod airframe;
+
+use std::fmt;
+
+use thiserror::Error;
+
+pub use airframe::Airframe;
+
+/// Every parameter of the airframe, in the order of the wire, of `ironbird params` and of the report.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[repr(usize)]
+#[allow(missing_docs, reason = "the table SPECS documents each one")]
+pub enum Parameter {
+    Mass,
+    Gravity,
+    TranslationalDrag,
+    RotationalDrag,
+    ArmLength,
+    ThrustCoefficient,
+    DragFactor,
+    RotorInertia,
+    InertiaX,
+    InertiaY,
+    InertiaZ,
+    DisturbanceGain,
+    RotorEfficiency1,
+    RotorEfficiency2,
+    RotorEfficiency3,
+    RotorEfficiency4,
+    MotorTimeConstant,
+    CommandDelay,
+    PositionNoise,
+    VelocityNoise,
+    PositionDelay,
+    PositionRate,
+    AccelerometerNoise,
+    AccelerometerBias,
+    GyroBias,
+    GyroDrift,
+    GyroNoiseDensity,
+    GyroNoise,
+}
+
+pub const PARAMETERS: usize = 28;
+
+/// The parameters that the inner loop estimates, in the order of theta: I_R, k_r, delta.
+pub const ESTIMATED: [Parameter; 3] = [
+    Parameter::RotorInertia,
+    Parameter::RotationalDrag,
+    Parameter::DisturbanceGain,
+];
+
+/// What is known about a parameter before any flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spec {
+    pub parameter: Parameter,
+    /// Name with its unit, as typed by the user.
+    pub name: &'static str,
+    /// SI unit; empty for a ratio.
+    pub unit: &'static str,
+    pub min: f64,
+    pub max: f64,
+    /// The paper's Table I, or the value that switches an effect beyond the paper off.
+    pub nominal: f64,
+    /// The paper's equations that it enters; `beyond` where the paper has none.
+    pub equation: &'static str,
+    /// What it is, in a few words.
+    pub meaning: &'static str,
+}
+
+macro_rules! spec {
+    ($parameter:ident, $name:literal, $unit:literal, $min:literal ..= $max:literal, $nominal:literal, $equation:literal, $meaning:literal) => {
+        Spec {
+            parameter: Parameter::$parameter,
+            name: $name,
+            unit: $unit,
+            min: $min,
+            max: $max,
+            nominal: $nominal,
+            equation: $equation,
+            meaning: $meaning,
+        }
+    };
+}
+
+/// The table: nominal values are the paper's Table I; the thrust coefficient, missing there, is that of
+/// Bouabdallah's OS4 (see docs/paper.md).
+#[rustfmt::skip]
+pub const SPECS: [Spec; PARAMETERS] = [
+    spec!(Mass, "mass_kg", "kg", 0.05..=5.0, 0.52, "(1)", "mass"),
+    spec!(Gravity, "gravity_m_s2", "m/s^2", 0.0..=30.0, 9.8, "(1)", "gravity along -z of the world"),
+    spec!(TranslationalDrag, "translational_drag_kg_s", "kg/s", 0.0..=10.0, 0.95, "(1)", "linear drag of translation, k_t"),
+    spec!(RotationalDrag, "rotational_drag_nm_s", "N m s", 0.0..=1.0, 0.105, "(3)", "linear drag of rotation, k_r"),
+    spec!(ArmLength, "arm_length_m", "m", 0.02..=2.0, 0.205, "(7)", "centre to rotor, l"),
+    spec!(ThrustCoefficient, "thrust_coefficient_n_s2", "N s^2", 1e-6..=1e-3, 3.13e-5, "(6)", "thrust per squared rotor speed, k"),
+    spec!(DragFactor, "drag_factor_nm_s2", "N m s^2", 0.0..=1e-4, 7.5e-7, "(7)", "drag torque per squared rotor speed, d"),
+    spec!(RotorInertia, "rotor_inertia_kg_m2", "kg m^2", -1e-3..=1e-3, 3.36e-5, "(3)", "gyroscopic rotor inertia, I_R; its sign is the spin sense"),
+    spec!(InertiaX, "inertia_x_kg_m2", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body x"),
+    spec!(InertiaY, "inertia_y_kg_m2", "kg m^2", 1e-4..=1.0, 0.0069, "(3)", "moment of inertia about body y"),
+    spec!(InertiaZ, "inertia_z_kg_m2", "kg m^2", 1e-4..=1.0, 0.0129, "(3)", "moment of inertia about body z"),
+    spec!(DisturbanceGain, "disturbance_gain_rad_s2", "rad/s^2", -2.0..=2.0, 0.2, "(3)", "gain of the disturbance h(t), delta"),
+    spec!(RotorEfficiency1, "rotor_efficiency_1", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 1 gives"),
+    spec!(RotorEfficiency2, "rotor_efficiency_2", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 2 gives"),
+    spec!(RotorEfficiency3, "rotor_efficiency_3", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 3 gives"),
+    spec!(RotorEfficiency4, "rotor_efficiency_4", "", 0.0..=1.0, 1.0, "beyond", "share of its thrust and drag torque that rotor 4 gives"),
+    spec!(MotorTimeConstant, "motor_time_constant_s", "s", 0.0..=1.0, 0.0, "beyond", "first-order lag of the rotor speeds; 0 is none"),
+    spec!(CommandDelay, "command_delay_s", "s", 0.0..=0.01, 0.0, "beyond", "delay from a command in force to the motors, in whole ticks"),
+    spec!(PositionNoise, "position_noise_m", "m", 0.0..=10.0, 0.0, "beyond", "standard deviation of a position fix, per axis"),
+    spec!(VelocityNoise, "velocity_noise_m_s", "m/s", 0.0..=10.0, 0.0, "beyond", "standard deviation of a fix's velocity, per axis"),
+    spec!(PositionDelay, "position_delay_s", "s", 0.0..=1.0, 0.0, "beyond", "age of a fix of position and velocity when it arrives"),
+    spec!(PositionRate, "position_rate_hz", "Hz", 0.0..=1000.0, 0.0, "beyond", "fixes of position and velocity a second; 0 is one a tick"),
+    spec!(AccelerometerNoise, "accel_noise_m_s2_rthz", "m/s^2/rtHz", 0.0..=1.0, 0.0, "beyond", "white noise of the specific force, as a density"),
+    spec!(AccelerometerBias, "accel_bias_m_s2", "m/s^2", -5.0..=5.0, 0.0, "beyond", "bias of the specific force, on each axis"),
+    spec!(GyroBias, "gyro_bias_rad_s", "rad/s", -1.0..=1.0, 0.0, "beyond", "bias of the measured rates, on each axis"),
+    spec!(GyroDrift, "gyro_drift_rad_s2_rthz", "rad/s^2/rtHz", 0.0..=0.1, 0.0, "beyond", "random walk of the gyro's bias, as a density"),
+    spec!(GyroNoiseDensity, "gyro_noise_rad_s_rthz", "rad/s/rtHz", 0.0..=0.1, 0.0, "beyond", "white noise of the measured rates, as a density"),
+    spec!(GyroNoise, "gyro_noise_rad_s", "rad/s", 0.0..=1.0, 0.0, "beyond", "standard deviation of the measured rates, per sample, whatever T"),
+];
+
+impl Parameter {
+    #[must_use]
+    #[inline]
+    pub const fn spec(self) -> &'static Spec {
+        &SPECS[self as usize]
+    }
+
+    /// Its name with unit, as typed by the user.
+    #[must_use]
+    #[inline]
+    pub const fn name(self) -> &'static str {
+        self.spec().name
+    }
+
+    /// The parameter of an index on the wire, if there is one.
+    #[must_use]
+    pub fn from_index(index: u64) -> Option<Self> {
+        usize::try_from(index)
+            .ok()
+            .and_then(|i| SPECS.get(i))
+            .map(|spec| spec.parameter)
+    }
+
+    pub fn from_name(name: &str) -> Result<Self, ParameterError> {
+        SPECS
+            .iter()
+            .find(|spec| spec.name == name)
+            .map(|spec| spec.parameter)
+            .ok_or_else(|| {
+                let nearest = nearest(name, SPECS.iter().map(|spec| spec.name));
+                ParameterError::Unknown {
+                    name: name.to_owned(),
+                    nearest,
+                }
+            })
+    }
+
+    /// Checks a value against the range that the parameter has for the paper's airframe.
+    pub fn check(self, value: f64) -> Result<f64, ParameterError> {
+        let spec = self.spec();
+        Range {
+            min: spec.min,
+            max: spec.max,
+        }
+        .check(self, value)
+    }
+}
+
+impl fmt::Display for Parameter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Values that are allowed, both ends included.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    pub min: f64,
+    pub max: f64,
+}
+
+impl Range {
+    /// Gives a value that is within the range.
+    pub fn check(self, parameter: Parameter, value: f64) -> Result<f64, ParameterError> {
+        if (self.min..=self.max).contains(&value) {
+            Ok(value)
+        } else {
+            Err(ParameterError::OutOfRange {
+                parameter,
+                value,
+                range: self,
+            })
+        }
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum ParameterError {
+    #[error("unknown parameter `{name}`{}", did_you_mean(*nearest))]
+    Unknown {
+        name: String,
+        /// The known name most like it, where one is like it at all.
+        nearest: Option<&'static str>,
+    },
+    /// The value is outside the range of the parameter.
+    #[error(
+        "{} = {} is out of range: allowed are {:?} to {:?}{}",
+        parameter.name(), shown(*value), range.min, range.max, after_blank(parameter.spec().unit)
+    )]
+    OutOfRange {
+        parameter: Parameter,
+        value: f64,
+        range: Range,
+    },
+}
+
+/// Likeness (Jaro-Winkler, 0 to 1) from which on a name may have been meant: below it, a suggestion would be a guess.
+const LIKE: f64 = 0.8;
+
+/// The name that may have been meant by one that is not known.
+#[must_use]
+pub fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let likeness = |known: &str| strsim::jaro_winkler(known, name);
+    known
+        .max_by(|a, b| likeness(a).total_cmp(&likeness(b)))
+        .filter(|nearest| likeness(nearest) >= LIKE)
+}
+
+/// The end of an error about a name that is not known.
+#[must_use]
+pub fn did_you_mean(nearest: Option<&str>) -> String {
+    nearest.map_or_else(String::new, |nearest| {
+        format!("; did you mean `{nearest}`?")
+    })
+}
+
+/// A number as it was typed; one of very many digits as a power of ten.
+#[must_use]
+pub fn shown(value: f64) -> String {
+    let whole = value.to_string();
+    if whole.len() > 24 {
+        format!("{value:e}")
+    } else {
+        whole
+    }
+}
+
+/// A unit as it stands after a number; a ratio has none.
+#[must_use]
+pub fn after_blank(unit: &str) -> String {
+    if unit.is_empty() {
+        String::new()
+    } else {
+        format!(" {unit}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_is_in_the_order_of_the_enum() {
+        for (i, spec) in SPECS.iter().enumerate() {
+            assert_eq!(spec.parameter as usize, i, "{}", spec.name);
+            assert_eq!(Parameter::from_name(spec.name), Ok(spec.parameter));
+            assert_eq!(spec.parameter.check(spec.nominal), Ok(spec.nominal));
+        }
+    }
+
+    #[test]
+    fn an_unknown_name_gets_the_nearest_one() {
+        let error = Parameter::from_name("mass").unwrap_err();
+        assert_eq!(
+            error,
+            ParameterError::Unknown {
+                name: "mass".into(),
+                nearest: Some("mass_kg")
+            }
+        );
+        let error = Parameter::from_name("rotor_efficency_3").unwrap_err();
+        assert!(
+            error.to_string().contains("`rotor_efficiency_3`"),
+            "{error}"
+        );
+        for far in ["nope", "x", "", "quaternion"] {
+            let error = Parameter::from_name(far).unwrap_err();
+            assert_eq!(
+                error.to_string(),
+                format!("unknown parameter `{far}`"),
+                "nothing is like it"
+            );
+        }
+    }
+
+    #[test]
+    fn a_number_of_hundreds_of_digits_is_told_in_short() {
+        let error = |value| Parameter::Mass.check(value).unwrap_err().to_string();
+        assert!(
+            error(1e300).starts_with("mass_kg = 1e300 is out of range"),
+            "{}",
+            error(1e300)
+        );
+        assert!(
+            error(-1e-300).starts_with("mass_kg = -1e-300 is out of range"),
+            "{}",
+            error(-1e-300)
+        );
+        assert!(
+            error(50.25).starts_with("mass_kg = 50.25 is out of range"),
+            "{}",
+            error(50.25)
+        );
+    }
+}

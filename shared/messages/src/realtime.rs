@@ -1,0 +1,212 @@
+//! Real time as data: what a process requested, what was granted, what a loop used.
+//!
+//! The role's process makes the requests to the system. Reports and boards only know the answers.
+
+use serde::{Deserialize, Serialize};
+
+use crate::layout::enum_hash;
+use crate::layout::layout;
+
+/// How much the user insists on real time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RealtimeMode {
+    /// End with an error when a step is refused.
+    Require,
+    /// Try every step, fly with what is granted, and say what was not.
+    #[default]
+    Prefer,
+    Off,
+}
+
+/// What to ask the system for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RealtimeSettings {
+    pub mode: RealtimeMode,
+    /// SCHED_FIFO priority of the plant; later stages come above it.
+    pub priority: i32,
+    /// The processor for the four loops; `None` takes the highest-numbered one allowed.
+    pub cpu: Option<usize>,
+    /// How far ahead of its tick the plant's timer is set.
+    pub lead: LeadSetting,
+    /// Whether the stages rehearse their tick in the lead.
+    pub rehearse: bool,
+}
+
+/// Longest lead [ns]: the clock is read all the while, by a process that nothing on its processor interrupts.
+pub const LONGEST_LEAD_NS: u64 = 5_000_000;
+
+/// How far ahead of its tick the plant's timer is to be set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LeadSetting {
+    /// As far as a measurement before take-off says, and then as the flight shows, where SCHED_FIFO is granted; else
+    /// not at all.
+    Auto,
+    /// So far [ns]; 0 is not at all.
+    Fixed(u64),
+}
+
+/// The lead at take-off: how far ahead of a tick the timer is set, and what the time is used for.
+///
+/// Every state's envelope says how far ahead it was set for its tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Lead {
+    /// How far ahead [ns]; 0 is at the tick.
+    pub lead_ns: u64,
+    /// 90th percentile of what a rehearsal took before take-off [ns]; 0 where none is held.
+    pub rehearsal_ns: u64,
+    /// 90th percentile of the timer's lateness as it was measured before take-off [ns]; 0 where it was not.
+    pub timer_p90_ns: u64,
+}
+layout!(Lead {
+    lead_ns,
+    rehearsal_ns,
+    timer_p90_ns
+});
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(usize)]
+pub enum RealtimeStep {
+    Scheduler,
+    /// One processor for all loops; for the recorder, the others.
+    Affinity,
+    /// `mlockall`: no page is taken back.
+    MemoryLock,
+    /// `mallopt`: freed memory stays with the process.
+    Malloc,
+    /// Stack, heap and shared memory are touched before they are needed.
+    Prefault,
+    /// Timers of SCHED_OTHER fire without the default 50 us of slack.
+    TimerSlack,
+    /// /dev/cpu_dma_latency: processors stay out of deep sleep.
+    CpuLatency,
+}
+
+/// Every step, in the order of [`Grants`].
+pub const STEPS: [RealtimeStep; 7] = [
+    RealtimeStep::Scheduler,
+    RealtimeStep::Affinity,
+    RealtimeStep::MemoryLock,
+    RealtimeStep::Malloc,
+    RealtimeStep::Prefault,
+    RealtimeStep::TimerSlack,
+    RealtimeStep::CpuLatency,
+];
+
+enum_hash!(RealtimeStep {
+    Scheduler,
+    Affinity,
+    MemoryLock,
+    Malloc,
+    Prefault,
+    TimerSlack,
+    CpuLatency
+});
+
+impl RealtimeStep {
+    /// Whether `Mode::Require` insists on it: a machine without the device of the last step has no such sleep.
+    #[must_use]
+    pub const fn required(self) -> bool {
+        !matches!(self, Self::CpuLatency)
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Grant {
+    /// 1 when it was asked for.
+    pub asked: u64,
+    /// What was asked: a priority, a processor, bytes; 0 where a step has no number.
+    pub value: u64,
+    /// Error number of the refusal; 0 when it was granted.
+    pub errno: i64,
+}
+layout!(Grant {
+    asked,
+    value,
+    errno
+});
+
+impl Grant {
+    /// Whether it was asked for and granted.
+    #[must_use]
+    pub const fn granted(&self) -> bool {
+        self.asked == 1 && self.errno == 0
+    }
+}
+
+/// Outcome of every step, in the order of [`STEPS`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Grants {
+    grants: [Grant; STEPS.len()],
+    /// Scheduling policy in force (0 other, 1 fifo).
+    pub policy: u64,
+    pub priority: u64,
+}
+layout!(Grants {
+    grants,
+    policy,
+    priority
+});
+
+impl Grants {
+    #[must_use]
+    pub const fn of(&self, step: RealtimeStep) -> &Grant {
+        &self.grants[step as usize]
+    }
+
+    /// Writes down what was asked for in a step, and the error number of the refusal; 0 where it was granted.
+    pub const fn note(&mut self, step: RealtimeStep, value: u64, errno: i64) {
+        self.grants[step as usize] = Grant {
+            asked: 1,
+            value,
+            errno,
+        };
+    }
+
+    /// Steps that were asked for and refused.
+    pub fn refused(&self) -> impl Iterator<Item = RealtimeStep> + '_ {
+        STEPS
+            .into_iter()
+            .filter(|step| self.of(*step).asked == 1 && !self.of(*step).granted())
+    }
+}
+
+/// Resources that one thread used between two instants.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Usage {
+    pub minor_faults: u64,
+    /// Page faults that had to wait for a disk.
+    pub major_faults: u64,
+    /// Times that it gave the processor up: once for every wait.
+    pub voluntary_switches: u64,
+    /// Times that the processor was taken from it.
+    pub involuntary_switches: u64,
+    /// [`NOT_COUNTED`](Self::NOT_COUNTED) in an executable that does not count them.
+    pub allocations: u64,
+    /// Processor time [ns].
+    pub cpu_ns: u64,
+}
+impl Usage {
+    pub const NOT_COUNTED: u64 = u64::MAX;
+
+    #[must_use]
+    pub const fn counted_allocations(&self) -> Option<u64> {
+        match self.allocations {
+            Self::NOT_COUNTED => None,
+            counted => Some(counted),
+        }
+    }
+}
+layout!(Usage {
+    minor_faults,
+    major_faults,
+    voluntary_switches,
+    involuntary_switches,
+    allocations,
+    cpu_ns
+});

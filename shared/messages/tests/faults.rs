@@ -1,0 +1,318 @@
+//! What faults make of messages: each kind at an inlet, and what they do not depend on.
+
+use messages::content::{Mode, NO_TICK, Wrench};
+use messages::fault::faulty_input::FaultyInput;
+use messages::fault::live::NOTICE_TICKS;
+use messages::fault::{Kind, LONGEST_DELAY, MessageFault, MessageFaults, Place, Port, Span};
+use messages::header::{Header, Message};
+use messages::inspection::Reason;
+use proptest::prelude::*;
+
+const PORT: Port = Port::MixerWrench;
+const THRUST: Place = Place {
+    field: 0,
+    axis: None,
+};
+
+fn table(seed: u64, faults: &[(Kind, u64, u64)]) -> MessageFaults {
+    let mut table = MessageFaults::none(seed);
+    for (kind, from, to) in faults {
+        // What contradicts an earlier one is left out.
+        let _ = table.push(MessageFault {
+            port: PORT,
+            kind: *kind,
+            span: Span {
+                from: *from,
+                to: *to,
+            },
+        });
+    }
+    table
+}
+
+/// The wrench of a tick: its thrust says which.
+fn wrench(tick: u64) -> Message<Wrench> {
+    let content = Wrench {
+        thrust_n: tick as f64,
+        mode: Mode::Fresh as u64,
+        ..Wrench::default()
+    };
+    Message {
+        envelope: Header {
+            tick,
+            ..Header::new()
+        },
+        content,
+    }
+}
+
+/// Tick and thrust of what the stage has at each tick, where a wrench comes in every one.
+fn had(faults: &MessageFaults, ticks: u64) -> Vec<(u64, f64)> {
+    let mut inlet = FaultyInput::new(faults, PORT);
+    let at = |tick| {
+        inlet.arrive(&wrench(tick));
+        let newest = inlet.settle(tick);
+        (newest.envelope.tick, newest.content.thrust_n)
+    };
+    (0..ticks).map(at).collect()
+}
+
+fn ticks_had(faults: &[(Kind, u64, u64)], ticks: u64) -> Vec<u64> {
+    had(&table(7, faults), ticks)
+        .into_iter()
+        .map(|(tick, _)| tick)
+        .collect()
+}
+
+fn thrusts_had(faults: &[(Kind, u64, u64)], ticks: u64) -> Vec<f64> {
+    had(&table(7, faults), ticks)
+        .into_iter()
+        .map(|(_, thrust)| thrust)
+        .collect()
+}
+
+#[test]
+fn without_faults_each_tick_has_its_message() {
+    assert!(
+        had(&table(7, &[]), 9)
+            .into_iter()
+            .enumerate()
+            .all(|(i, it)| it == (i as u64, i as f64))
+    );
+}
+
+#[test]
+fn lost_messages_leave_the_last_one() {
+    assert_eq!(
+        ticks_had(&[(Kind::Drop(1.0), 2, 5)], 7),
+        [0, 1, 1, 1, 1, 5, 6]
+    );
+    assert_eq!(
+        ticks_had(&[(Kind::DropEach { lost: 2, of: 3 }, 1, 8)], 9),
+        [0, 0, 0, 3, 3, 3, 6, 6, 8]
+    );
+    assert_eq!(
+        ticks_had(&[(Kind::Drop(1.0), 0, 2)], 3),
+        [NO_TICK, NO_TICK, 2]
+    );
+}
+
+#[test]
+fn a_share_is_lost_at_random_and_by_seed() {
+    let lost = |seed| {
+        let had = had(
+            &table(seed, &[(Kind::Drop(0.2), 0, Span::FOR_GOOD)]),
+            10_000,
+        );
+        had.into_iter()
+            .enumerate()
+            .filter(|(tick, it)| it.0 != *tick as u64)
+            .map(|(tick, _)| tick)
+            .collect::<Vec<_>>()
+    };
+    // Two thousand, with a standard deviation of 40.
+    assert!((1800..2200).contains(&lost(7).len()), "{}", lost(7).len());
+    assert_eq!(lost(7), lost(7));
+    assert_ne!(lost(7), lost(8));
+}
+
+#[test]
+fn delayed_messages_come_under_their_own_tick_and_are_overtaken_at_the_end() {
+    assert_eq!(
+        ticks_had(&[(Kind::Delay(2), 2, 6)], 9),
+        [0, 1, 1, 1, 2, 3, 6, 7, 8]
+    );
+}
+
+#[test]
+fn what_lags_is_older_under_the_tick_of_now() {
+    let faults = [(Kind::Lag(2), 3, 6)];
+    assert_eq!(ticks_had(&faults, 8), [0, 1, 2, 3, 4, 5, 6, 7]);
+    assert_eq!(
+        thrusts_had(&faults, 8),
+        [0.0, 1.0, 2.0, 1.0, 2.0, 3.0, 6.0, 7.0]
+    );
+    assert_eq!(
+        ticks_had(&[(Kind::Lag(2), 0, 4)], 5),
+        [NO_TICK, NO_TICK, 2, 3, 4],
+        "there is none of two ticks before"
+    );
+    let longest = thrusts_had(&[(Kind::Lag(LONGEST_DELAY), 0, Span::FOR_GOOD)], 200);
+    assert_eq!(longest[199], (199 - LONGEST_DELAY) as f64);
+}
+
+#[test]
+fn a_frozen_topic_repeats_the_last_message_before() {
+    let faults = [(Kind::Freeze, 3, 6)];
+    assert_eq!(ticks_had(&faults, 8), [0, 1, 2, 3, 4, 5, 6, 7]);
+    assert_eq!(
+        thrusts_had(&faults, 8),
+        [0.0, 1.0, 2.0, 2.0, 2.0, 2.0, 6.0, 7.0]
+    );
+    assert_eq!(
+        ticks_had(&[(Kind::Freeze, 0, 2)], 3),
+        [NO_TICK, NO_TICK, 2],
+        "there is none to repeat"
+    );
+}
+
+#[test]
+fn wrong_numbers_are_wrong_by_what_was_asked() {
+    assert_eq!(
+        thrusts_had(&[(Kind::Bias(THRUST, 0.5), 1, 3)], 4),
+        [0.0, 1.5, 2.5, 3.0]
+    );
+    let noise = |deviation| {
+        let had = thrusts_had(&[(Kind::Noise(THRUST, deviation), 100, 9000)], 9000);
+        let errors: Vec<f64> = had
+            .iter()
+            .enumerate()
+            .skip(100)
+            .map(|(tick, it)| it - tick as f64)
+            .collect();
+        (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt()
+    };
+    assert!((noise(0.1) / 0.1 - 1.0).abs() < 0.05, "{}", noise(0.1));
+}
+
+#[test]
+fn one_axis_is_struck_alone() {
+    let mut inlet = FaultyInput::new(
+        &table(
+            7,
+            &[(
+                Kind::Bias(
+                    Place {
+                        field: 1,
+                        axis: Some(2),
+                    },
+                    0.5,
+                ),
+                0,
+                9,
+            )],
+        ),
+        PORT,
+    );
+    inlet.arrive(&wrench(0));
+    assert_eq!(inlet.settle(0).content.torque_b_nm, [0.0, 0.0, 0.5]);
+}
+
+#[test]
+fn what_is_no_number_or_not_possible_never_comes_and_is_counted() {
+    for (kind, reason) in [
+        (Kind::Nan(THRUST), Reason::NonFinite),
+        (Kind::Bias(THRUST, f64::MAX), Reason::Implausible),
+        (Kind::Bias(THRUST, -100.0), Reason::Implausible),
+    ] {
+        let mut inlet = FaultyInput::new(&table(7, &[(kind, 2, 5)]), PORT);
+        let at = |tick| {
+            inlet.arrive(&wrench(tick));
+            inlet.settle(tick).envelope.tick
+        };
+        assert_eq!(
+            (0..7).map(at).collect::<Vec<_>>(),
+            [0, 1, 1, 1, 1, 5, 6],
+            "{kind:?}"
+        );
+        assert_eq!(
+            (inlet.rejections().of(reason), inlet.rejections().total()),
+            (3, 3),
+            "{kind:?}"
+        );
+    }
+}
+
+#[test]
+fn faults_of_several_kinds_act_on_one_message() {
+    let faults = [
+        (Kind::Delay(1), 0, 99),
+        (Kind::Lag(2), 0, 99),
+        (Kind::Bias(THRUST, 0.5), 0, 99),
+    ];
+    let had = had(&table(7, &faults), 9);
+    assert_eq!(had[8], (7, 5.5));
+}
+
+fn kinds() -> impl Strategy<Value = Kind> {
+    prop_oneof![
+        (0.01..1.0_f64).prop_map(Kind::Drop),
+        (1_u64..4, 0_u64..4).prop_map(|(lost, more)| Kind::DropEach {
+            lost,
+            of: lost + more
+        }),
+        (1..=LONGEST_DELAY).prop_map(Kind::Delay),
+        (1..=LONGEST_DELAY).prop_map(Kind::Lag),
+        Just(Kind::Freeze),
+        (0.0..1.0_f64).prop_map(|deviation| Kind::Noise(THRUST, deviation)),
+        any::<f64>().prop_map(|more| Kind::Bias(THRUST, more)),
+        Just(Kind::Nan(THRUST)),
+    ]
+}
+
+fn faults() -> impl Strategy<Value = MessageFaults> {
+    let fault = (kinds(), 0_u64..300, 1_u64..300)
+        .prop_map(|(kind, from, length)| (kind, from, from + length));
+    (any::<u64>(), proptest::collection::vec(fault, 0..6))
+        .prop_map(|(seed, faults)| table(seed, &faults))
+}
+
+proptest! {
+    #[test]
+    fn the_same_faults_make_the_same_messages_and_none_that_inspection_refuses(faults in faults()) {
+        let (one, two) = (had(&faults, 400), had(&faults, 400));
+        prop_assert_eq!(&one, &two);
+        prop_assert!(one.iter().all(|(_, thrust)| (0.0..=1e4).contains(thrust)));
+        let rises = one.windows(2).all(|pair| pair[0].0 == NO_TICK || (pair[1].0 != NO_TICK && pair[0].0 <= pair[1].0));
+        prop_assert!(rises, "a stage never gets an older message");
+        prop_assert!(one.iter().zip(0..).all(|((tick, _), now)| *tick == NO_TICK || *tick <= now));
+    }
+
+    /// A stage that sleeps for some ticks has, when it wakes, what it would have had.
+    #[test]
+    fn when_a_stage_looks_does_not_matter(faults in faults(), sleeps in proptest::collection::vec(1_u64..20, 1..40)) {
+        let awake = had(&faults, 400);
+        let mut inlet = FaultyInput::new(&faults, PORT);
+        let (mut tick, mut next) = (0, 0);
+        for slept in sleeps {
+            next = (next + slept).min(399);
+            while tick <= next {
+                inlet.arrive(&wrench(tick));
+                tick += 1;
+            }
+            let newest = inlet.settle(next);
+            prop_assert_eq!((newest.envelope.tick, newest.content.thrust_n), awake[next as usize]);
+        }
+    }
+
+    /// Faults that an input is told of in flight, with as much notice as the plant gives, are those that it always knew.
+    #[test]
+    fn when_an_input_is_told_of_its_faults_does_not_matter(faults in faults()) {
+        let first = faults.iter().map(|(_, fault)| fault.span.from).min().unwrap_or(0);
+        let late = NOTICE_TICKS + 40;
+        let moved = |fault: &MessageFault| {
+            let Span { from, to } = fault.span;
+            let span = Span { from: from - first + late, to: to.saturating_add(late) };
+            MessageFault { span, ..*fault }
+        };
+        let (mut known, mut told) = (MessageFaults::none(7), FaultyInput::changing(&MessageFaults::none(7), PORT));
+        for (_, fault) in faults.iter() {
+            let _ = known.push(moved(fault));
+        }
+        let always = had(&known, 400);
+        let mut newest = Message::default();
+        for tick in 0..400 {
+            if tick == late - NOTICE_TICKS {
+                told.change(&known, PORT, &newest);
+            }
+            // Before that it is shown nothing, as where there is no fault.
+            if tick < late - NOTICE_TICKS {
+                newest = wrench(tick);
+                continue;
+            }
+            told.arrive(&wrench(tick));
+            let had = told.settle(tick);
+            prop_assert_eq!((had.envelope.tick, had.content.thrust_n), always[tick as usize], "tick {}", tick);
+        }
+    }
+}

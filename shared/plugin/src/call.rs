@@ -1,0 +1,149 @@
+//! Calls of a library: who is called is known while it lasts, and how the thread computes is the same after it.
+//!
+//! A call that is no tick is waited for, and not for ever.
+
+use std::cell::Cell;
+use std::io::{self, Write as _};
+use std::sync::atomic::{Ordering, compiler_fence};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::thread;
+use std::time::Duration;
+
+use crate::modes::Modes;
+use crate::process_exit::end_now;
+
+/// How long a call may last, outside of ticks, before it is said that it is waited for.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// How long it may last: Python with large packages takes seconds.
+const LONGEST: Duration = Duration::from_secs(45);
+
+/// No tick: the call is another one.
+const NO_TICK: u64 = u64::MAX;
+
+/// A call, in words that are never freed: a handler may read them at any time.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Call {
+    pub(crate) law: &'static str,
+    /// What it was asked to do, up to where a tick follows.
+    pub(crate) doing: &'static str,
+    tick: u64,
+}
+
+impl Call {
+    pub(crate) const fn new(law: &'static str, doing: &'static str) -> Self {
+        Self {
+            law,
+            doing,
+            tick: NO_TICK,
+        }
+    }
+
+    pub(crate) const fn tick(law: &'static str, tick: u64) -> Self {
+        Self {
+            law,
+            doing: "in tick ",
+            tick,
+        }
+    }
+
+    /// Its tick, where it is one.
+    pub(crate) const fn of_tick(self) -> Option<u64> {
+        if self.tick == NO_TICK {
+            None
+        } else {
+            Some(self.tick)
+        }
+    }
+
+    /// Makes the call; says whether it has left the thread computing in another way, which is put back.
+    ///
+    /// Not inlined: what the rig computes before and after it is not moved in between.
+    #[inline(never)]
+    pub(crate) fn make<T>(self, act: impl FnOnce() -> T) -> (T, bool) {
+        let outer = enter(Some(self));
+        let modes = Modes::now();
+        let made = act();
+        let has_changed = modes.put_back();
+        // Not before: exceptions that trap may do so until then. One call may stand in another, as where a stack is
+        // unwound.
+        enter(outer);
+        (made, has_changed)
+    }
+
+    /// Makes a call that may take its time, but not for ever.
+    pub(crate) fn wait<T>(self, act: impl FnOnce() -> T) -> T {
+        let (back, comes_back) = channel::<()>();
+        thread::scope(|scope| {
+            let watch = thread::Builder::new()
+                .name("law".into())
+                .stack_size(64 << 10);
+            // Where the system makes no thread, nobody watches.
+            let _ = watch.spawn_scoped(scope, move || self.watch(&comes_back));
+            let (made, _) = self.make(act);
+            drop(back);
+            made
+        })
+    }
+
+    fn watch(self, comes_back: &Receiver<()>) {
+        let is_away =
+            |time: Duration| comes_back.recv_timeout(time) == Err(RecvTimeoutError::Timeout);
+        let Self { law, doing, .. } = self;
+        if is_away(PATIENCE) {
+            // There is no other place to say so.
+            let _ = writeln!(
+                io::stderr(),
+                "still waiting for {law}: it has not come back within {PATIENCE:?} {doing}"
+            );
+            if is_away(LONGEST - PATIENCE) {
+                let _ = writeln!(
+                    io::stderr(),
+                    "error: {law} failed {doing}: it did not come back within {LONGEST:?}"
+                );
+                end_now(1);
+            }
+        }
+    }
+}
+
+thread_local! {
+    // Const-initialised and without a destructor: a handler may read them at any time.
+    static CALL: Cell<Call> = const { Cell::new(Call::new("", "")) };
+    static IS_IN: Cell<bool> = const { Cell::new(false) };
+}
+
+/// The call that the calling thread is in.
+pub(crate) fn call() -> Option<Call> {
+    IS_IN.get().then(|| CALL.get())
+}
+
+/// Enters a call, or leaves it; gives the one before. A handler in between finds none, and never half of one.
+fn enter(next: Option<Call>) -> Option<Call> {
+    let before = call();
+    IS_IN.set(false);
+    compiler_fence(Ordering::SeqCst);
+    if let Some(next) = next {
+        CALL.set(next);
+        compiler_fence(Ordering::SeqCst);
+        IS_IN.set(true);
+    }
+    compiler_fence(Ordering::SeqCst);
+    before
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_call_in_a_call_leaves_the_outer_one_known() {
+        let known = || call().map(|call| (call.law, call.doing, call.of_tick()));
+        assert_eq!(known(), None);
+        let ((inner, outer), _) = Call::tick("law", 7).make(|| {
+            let inner = Call::new("law", "as it was freed").make(known).0;
+            (inner, known())
+        });
+        assert_eq!(inner, Some(("law", "as it was freed", None)));
+        assert_eq!((outer, known()), (Some(("law", "in tick ", Some(7))), None));
+    }
+}

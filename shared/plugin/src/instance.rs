@@ -1,0 +1,286 @@
+//! A law of a library as the rig holds every law.
+#![allow(
+    unsafe_code,
+    reason = "a library's functions are called; each use says what is promised"
+)]
+
+use std::any::Any;
+use std::ffi::c_void;
+use std::ptr;
+use std::sync::atomic::Ordering;
+
+use control_api::description::{Refused, Setting, Settings};
+use control_api::law::{Desired, Rig, WrenchSetpoint};
+use control_api::registry::{AnyInner, AnyMixer, AnyOuter, Made};
+use ironbird_law::abi::{
+    IRONBIRD_NEVER, IronbirdInnerInput, IronbirdMixerInput, IronbirdOuterInput,
+    IronbirdRotorSpeeds, IronbirdValue,
+};
+use messages::content::Measured;
+use messages::content::Reference;
+use messages::content::{ROTORS, Stamped};
+use messages::telemetry::Telemetry;
+
+use crate::Library;
+use crate::call::Call;
+use crate::loader::Refusal;
+
+/// An instance of a library's law.
+struct Instance {
+    library: &'static Library,
+    /// What `create` gave; NULL for the twin of a law that is not rehearsed.
+    law: *mut c_void,
+}
+
+// SAFETY: the interface says that an instance is called from one thread at a time, which may be another one each time.
+unsafe impl Send for Instance {}
+
+impl Drop for Instance {
+    fn drop(&mut self) {
+        let Library { table, words, .. } = self.library;
+        if let Some(destroy) = table.destroy.filter(|_| !self.law.is_null()) {
+            // SAFETY: `create` gave it, and nobody uses it any more.
+            Call::new(words, "as it was freed").wait(|| unsafe { destroy(self.law) });
+        }
+    }
+}
+
+impl Library {
+    /// The law and its role in words, with its file.
+    #[must_use]
+    pub const fn words(&self) -> &'static str {
+        self.words
+    }
+
+    #[must_use]
+    pub const fn is_rehearsed(&self) -> bool {
+        self.table.copy_into.is_some()
+    }
+
+    /// The outer law before tick 0.
+    pub fn outer(
+        &'static self,
+        rig: &Rig,
+        settings: &Settings,
+    ) -> Result<Made<dyn AnyOuter>, Refused> {
+        let (law, twin) = self.instances(rig, settings)?;
+        Ok(Made {
+            law,
+            twin,
+            signals: self.description.telemetry.len(),
+        })
+    }
+
+    /// The inner law before tick 0.
+    pub fn inner(
+        &'static self,
+        rig: &Rig,
+        settings: &Settings,
+    ) -> Result<Made<dyn AnyInner>, Refused> {
+        let (law, twin) = self.instances(rig, settings)?;
+        Ok(Made {
+            law,
+            twin,
+            signals: self.description.telemetry.len(),
+        })
+    }
+
+    pub fn mixer(
+        &'static self,
+        rig: &Rig,
+        settings: &Settings,
+    ) -> Result<Made<dyn AnyMixer>, Refused> {
+        let (law, twin) = self.instances(rig, settings)?;
+        Ok(Made {
+            law,
+            twin,
+            signals: self.description.telemetry.len(),
+        })
+    }
+
+    /// One that flies, and one that rehearses.
+    fn instances(
+        &'static self,
+        rig: &Rig,
+        settings: &Settings,
+    ) -> Result<(Box<Instance>, Box<Instance>), Refused> {
+        let law = self.instance(rig, settings)?;
+        let twin = match self.table.copy_into {
+            Some(_) => self.instance(rig, settings)?,
+            None => Instance {
+                library: self,
+                law: ptr::null_mut(),
+            },
+        };
+        Ok((Box::new(law), Box::new(twin)))
+    }
+
+    fn instance(&'static self, rig: &Rig, settings: &Settings) -> Result<Instance, Refused> {
+        let mut refusal = Refusal::new();
+        let (text, size) = refusal.buffer();
+        let (rig, values) = (ironbird_law::Rig::from(rig), self.values(settings));
+        let law = Call::new(self.words, "as it was made").wait(|| {
+            let create = self.table.create?;
+            // SAFETY: rig, values (one per setting) and buffer live for the time of the call; the table is as it was
+            // checked.
+            Some(unsafe {
+                create(
+                    self.table.context,
+                    &raw const rig,
+                    values.as_ptr(),
+                    text,
+                    size,
+                )
+            })
+        });
+        match law {
+            Some(law) if !law.is_null() => Ok(Instance { library: self, law }),
+            _ => Err(Refused(format!(
+                "the {} refuses its settings: {}",
+                self.words,
+                refusal.text()
+            ))),
+        }
+    }
+
+    /// The settings in the order of the description.
+    fn values(&self, settings: &Settings) -> Vec<IronbirdValue> {
+        let value = |setting: &Setting| setting.to_abi(&settings.value(setting));
+        self.description.settings.iter().map(value).collect()
+    }
+}
+
+impl Instance {
+    /// Calls the law in a tick, and takes what it shows.
+    fn call(
+        &self,
+        tick: u64,
+        telemetry: &mut Telemetry,
+        ask: impl FnOnce(*mut c_void, *mut Telemetry),
+    ) {
+        let ((), has_changed) =
+            Call::tick(self.library.words, tick).make(|| ask(self.law, telemetry));
+        if has_changed {
+            self.library.modes_put_back.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Makes another instance of the same library what this one is.
+    fn copy(&self, other: &mut dyn Any) -> bool {
+        let Library { table, words, .. } = self.library;
+        let (Some(copy_into), Some(other)) = (table.copy_into, other.downcast_mut::<Self>()) else {
+            return false;
+        };
+        if !ptr::eq(self.library, other.library) || other.law.is_null() {
+            return false;
+        }
+        // SAFETY: both are instances of this table, and they are two.
+        Call::new(words, "as it was copied for a rehearsal")
+            .make(|| unsafe { copy_into(self.law, other.law) });
+        true
+    }
+}
+
+impl AnyOuter for Instance {
+    fn tick(
+        &mut self,
+        tick: u64,
+        measured: &Measured,
+        reference: &Reference,
+        telemetry: &mut Telemetry,
+    ) -> Desired {
+        let input = IronbirdOuterInput {
+            tick,
+            measured: *measured,
+            reference: *reference,
+        };
+        let mut wanted = Desired {
+            thrust_n: f64::NAN,
+            attitude_rad: [f64::NAN; 3],
+            attitude_rate_rad_s: [f64::NAN; 3],
+            attitude_acceleration_rad_s2: [f64::NAN; 3],
+            limited: 0,
+        };
+        self.call(tick, telemetry, |law, telemetry| {
+            let Some(tick_outer) = self.library.table.tick_outer else {
+                return;
+            };
+            // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
+            unsafe { tick_outer(law, &raw const input, &raw mut wanted, telemetry) };
+        });
+        wanted.limited = u64::from(wanted.limited != 0);
+        wanted
+    }
+
+    fn copy_into(&self, other: &mut dyn AnyOuter) -> bool {
+        self.copy(other)
+    }
+}
+
+impl AnyInner for Instance {
+    fn tick(
+        &mut self,
+        tick: u64,
+        measured: &Stamped<Measured>,
+        wanted: &Stamped<Desired>,
+        reference: &Reference,
+        telemetry: &mut Telemetry,
+    ) -> WrenchSetpoint {
+        let input = IronbirdInnerInput {
+            tick,
+            measured_age: measured.age(tick),
+            wanted_age: wanted.age(tick),
+            measured: measured.content,
+            wanted: wanted.content,
+            reference: *reference,
+        };
+        let mut demand = WrenchSetpoint {
+            thrust_n: f64::NAN,
+            torque_b_nm: [f64::NAN; 3],
+        };
+        self.call(tick, telemetry, |law, telemetry| {
+            let Some(tick_inner) = self.library.table.tick_inner else {
+                return;
+            };
+            // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
+            unsafe { tick_inner(law, &raw const input, &raw mut demand, telemetry) };
+        });
+        demand
+    }
+
+    fn copy_into(&self, other: &mut dyn AnyInner) -> bool {
+        self.copy(other)
+    }
+}
+
+impl AnyMixer for Instance {
+    fn tick(
+        &mut self,
+        tick: u64,
+        demand: &WrenchSetpoint,
+        telemetry: &mut Telemetry,
+    ) -> ([f64; ROTORS], bool) {
+        let input = IronbirdMixerInput {
+            tick,
+            demand: *demand,
+        };
+        let mut speeds = IronbirdRotorSpeeds {
+            speed_rad_s: [f64::NAN; ROTORS],
+            saturated: 0,
+        };
+        self.call(tick, telemetry, |law, telemetry| {
+            let Some(tick_mixer) = self.library.table.tick_mixer else {
+                return;
+            };
+            // SAFETY: the instance is one of this table, and the rest lives for the time of the call.
+            unsafe { tick_mixer(law, &raw const input, &raw mut speeds, telemetry) };
+        });
+        (speeds.speed_rad_s, speeds.saturated != 0)
+    }
+
+    fn copy_into(&self, other: &mut dyn AnyMixer) -> bool {
+        self.copy(other)
+    }
+}
+
+const _: () = assert!(IRONBIRD_NEVER == u64::MAX, "the age of what never came");

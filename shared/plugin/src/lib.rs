@@ -1,0 +1,280 @@
+//! Laws of shared libraries: opened, checked, described, flown.
+//!
+//! ```text
+//!   file --object--> is it a library that this machine can load?      nothing of it has run yet
+//!        --loader--> loaded; its table, by `ironbird_law` or through the adapter of its language
+//!        --table---> version, sizes, role, functions; its words copied into a description
+//!        --instance> laws of a role, as the rig holds those that are built in
+//! ```
+//!
+//! A library is loaded once in a process, and never unloaded. Its functions are called through `call`, and `crash` names
+//! the law in whose call a process dies.
+
+mod call;
+mod code;
+mod crash;
+mod exits;
+mod instance;
+mod loader;
+mod modes;
+mod object;
+mod process_exit;
+mod table;
+
+use std::fs::{self, File};
+use std::io::{self, Read as _};
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use control_api::description::Description;
+use errors::{Failure, open_file};
+use ironbird_law::abi::IronbirdLaw;
+use messages::role::Role;
+use sha2::{Digest as _, Sha256};
+
+use crate::call::Call;
+
+#[doc(hidden)]
+pub use exits::exit;
+pub use exits::leave;
+pub use loader::{PYTHON_ADAPTER, has_python_adapter};
+
+/// Longest file that is read [bytes].
+const MOST_BYTES: u64 = 1 << 30;
+
+/// Permission of every user to write. That of the file's group is usual: it is often the user's own.
+const EVERYBODY_WRITES: u32 = 0o002;
+
+/// A law of a file, loaded.
+#[derive(Debug)]
+pub struct Library {
+    pub file: PathBuf,
+    pub sha256: String,
+    /// What the law says of itself.
+    pub description: &'static Description,
+    /// Whether it promises nothing about its time.
+    pub not_real_time: bool,
+    table: &'static IronbirdLaw,
+    /// What of the file was read.
+    content: Content,
+    /// The law and its role, with its file.
+    words: &'static str,
+    /// Ticks after which the thread computed in another way than before.
+    modes_put_back: AtomicU64,
+}
+
+/// A content of a file, as the system tells it from others without reading: device, inode, length [bytes], and when it
+/// was changed last [s, ns].
+type Content = (u64, u64, u64, [i64; 2]);
+
+/// What has been loaded so far.
+static LOADED: Mutex<Vec<&'static Library>> = Mutex::new(Vec::new());
+
+/// What the folder of a law holds, once it is built: the file of the law.
+const IN_FOLDER: [&str; 2] = ["law.so", "law.py"];
+
+/// Whether the name of a law is that of a file, or of a folder with one: by a folder in it, or by its ending.
+#[must_use]
+pub fn is_file(law: &str) -> bool {
+    law.contains('/') || law.starts_with('.') || Path::new(law).extension().is_some()
+}
+
+/// The law's file in a folder; the file itself, where it is none.
+fn in_folder(named: &Path) -> Result<PathBuf, Failure> {
+    if !named.is_dir() {
+        return Ok(named.to_owned());
+    }
+    let files = IN_FOLDER.map(|name| named.join(name));
+    files.into_iter().find(|file| file.exists()).ok_or_else(|| {
+        let build = named.join("build");
+        let remedy = match build.exists() {
+            true => format!("build it first: {}", build.display()),
+            false => "name a folder that `ironbird new law` has made, or the law's file".to_owned(),
+        };
+        unusable(
+            named,
+            &format!("the folder has no {}", IN_FOLDER.join(" and no ")),
+        )
+        .help(remedy)
+    })
+}
+
+/// The law of a file, for a role.
+///
+/// # Errors
+/// A usage [`Failure`] names the file, what is wrong with it, and what to do.
+pub fn open(role: Role, file: &Path) -> Result<&'static Library, Failure> {
+    let library = load(file)?;
+    let is = library.description.role;
+    if is == role {
+        return Ok(library);
+    }
+    Err(unusable(
+        file,
+        &format!(
+            "`{}` is a law of the role {is}, and not of {role}",
+            library.description.name
+        ),
+    )
+    .help(format!("fly it with --{is} {}", file.display())))
+}
+
+/// The law of a file, whatever its role.
+pub fn load(file: &Path) -> Result<&'static Library, Failure> {
+    let (named, file) = (
+        file,
+        in_folder(file)?
+            .canonicalize()
+            .map_err(|e| unread(file, &e))?,
+    );
+    let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
+    let content = content_of(&file).map_err(|e| unread(named, &e))?;
+    if let Some(library) = loaded.iter().find(|library| library.file == file) {
+        return if library.content == content {
+            Ok(library)
+        } else {
+            Err(changed(named, "since it was loaded"))
+        };
+    }
+    let opened = open_file(&file).map_err(|e| unread(named, &e))?;
+    let mode = opened
+        .metadata()
+        .map_err(|e| unread(named, &e))?
+        .permissions()
+        .mode();
+    if mode & EVERYBODY_WRITES != 0 {
+        let mode = mode & 0o7777;
+        return Err(unusable(
+            named,
+            &format!("every user may write it, and it is code: its mode is {mode:04o}"),
+        )
+        .help(format!(
+            "chmod o-w {}; where files have no modes, copy it to where they do",
+            file.display()
+        )));
+    }
+    let bytes = read(opened).map_err(|e| unread(named, &e))?;
+    let sha256 = Sha256::digest(&bytes)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect();
+    let is_library = !loader::is_for_python(&file);
+    if is_library {
+        object::check(&bytes)
+            .map_err(|what| unusable(named, &what.to_string()).help(what.remedy()))?;
+    }
+    drop(bytes);
+    crash::name_laws();
+    let called: &'static str = words(named).leak();
+    let table = loader::table(&file, named, called)?;
+    // The sum is that of what was read, and the loader has read once more.
+    if content_of(&file).ok() != Some(content) {
+        return Err(changed(named, "while it was loaded"));
+    }
+    let described = Call::new(called, "as its table was read").wait(|| table::described(table));
+    let (table, description) = described.map_err(|what| {
+        unusable(named, &what)
+            .help("the author of the law corrects that; docs/laws.md says what the rig reads")
+    })?;
+    let not_real_time = table.not_real_time != 0;
+    let modes_put_back = AtomicU64::new(0);
+    let words: &'static str = format!(
+        "{} law `{}` ({})",
+        description.role,
+        description.name,
+        file.display()
+    )
+    .leak();
+    if let Some(create) = table.create {
+        code::remember(create as *const () as usize, words);
+    }
+    let library = Library {
+        file,
+        sha256,
+        description,
+        not_real_time,
+        table,
+        content,
+        words,
+        modes_put_back,
+    };
+    let library: &'static Library = Box::leak(Box::new(library));
+    loaded.push(library);
+    Ok(library)
+}
+
+impl Library {
+    /// Whether a name means its file: the file itself, or the folder that it is the law of.
+    #[must_use]
+    pub fn is_at(&self, named: &Path) -> bool {
+        in_folder(named).is_ok_and(|file| file.canonicalize().is_ok_and(|file| file == self.file))
+    }
+
+    /// What is to be said of a law that leaves its thread computing in another way, where it did.
+    #[must_use]
+    pub fn modes_put_back(&self) -> Option<String> {
+        let ticks = self.modes_put_back.load(Ordering::Relaxed);
+        (ticks > 0).then(|| {
+            format!(
+                "the {} left floating-point modes changed (rounding, small numbers or traps) after {ticks} of its ticks; \
+                 the rig put them back each time",
+                self.words
+            )
+        })
+    }
+}
+
+/// What is to be said of the laws that have been called, a sentence each.
+fn warnings() -> Vec<String> {
+    let loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
+    loaded
+        .iter()
+        .filter_map(|library| library.modes_put_back())
+        .collect()
+}
+
+fn read(file: File) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    file.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MOST_BYTES {
+        return Err(io::Error::other(format!(
+            "it is longer than {} MiB",
+            MOST_BYTES >> 20
+        )));
+    }
+    Ok(bytes)
+}
+
+fn content_of(file: &Path) -> io::Result<Content> {
+    let facts = fs::metadata(file)?;
+    Ok((
+        facts.dev(),
+        facts.ino(),
+        facts.len(),
+        [facts.mtime(), facts.mtime_nsec()],
+    ))
+}
+
+fn changed(file: &Path, when: &str) -> Failure {
+    unusable(
+        file,
+        &format!("the file has changed {when}: what flies would not be what its SHA-256 says"),
+    )
+    .help("start again when it is built: a process loads the file of a law once")
+}
+
+fn unread(file: &Path, why: &io::Error) -> Failure {
+    Failure::usage(format!("cannot read the law {}: {why}", file.display()))
+        .help("name a shared library that you can read, or a law that is built in: `ironbird laws` lists them")
+}
+
+fn unusable(file: &Path, what: &str) -> Failure {
+    Failure::usage(format!("{}: {what}", words(file)))
+}
+
+/// A law of which no more is known yet than its file.
+fn words(file: &Path) -> String {
+    format!("the law {}", file.display())
+}

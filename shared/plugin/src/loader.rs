@@ -1,0 +1,198 @@
+//! Loads a library and asks it for its table.
+#![allow(
+    unsafe_code,
+    reason = "a foreign library's code runs; each use says what is promised"
+)]
+
+use std::env;
+use std::ffi::{CString, c_char};
+use std::os::unix::ffi::OsStrExt as _;
+use std::path::{Path, PathBuf};
+
+use errors::Failure;
+use ironbird_law::abi::IronbirdLaw;
+use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
+
+use crate::call::Call;
+use crate::code::segment_of;
+use crate::unusable;
+
+/// The environment variable that names the library which makes laws of Python files.
+pub const PYTHON_ADAPTER: &str = "IRONBIRD_PYTHON_ADAPTER";
+const ADAPTER_FILE: &str = "libironbird_python.so";
+const BUILD_ADAPTER: &str = "python/build (docs/python.md)";
+const ANOTHER_ADAPTER: &str = "build it: python/build (docs/python.md); name it with IRONBIRD_PYTHON_ADAPTER, or unset \
+                               that where it lies beside the executable";
+
+/// How long a refusal may be [bytes], with the NUL.
+pub(crate) const REFUSAL_BYTES: usize = 1024;
+
+/// Whether a law is one in Python.
+pub(crate) fn is_for_python(file: &Path) -> bool {
+    file.extension().is_some_and(|ending| ending == "py")
+}
+
+/// The table of a file, which the user has named so.
+///
+/// `law` is what it is called where a call of it fails.
+pub(crate) fn table(
+    file: &Path,
+    named: &Path,
+    law: &'static str,
+) -> Result<*const IronbirdLaw, Failure> {
+    if is_for_python(file) {
+        of_script(file, named, law)
+    } else {
+        of_library(file, named, law)
+    }
+}
+
+fn of_library(file: &Path, named: &Path, law: &'static str) -> Result<*const IronbirdLaw, Failure> {
+    let library = loaded(file, law).map_err(|why| {
+        unusable(named, &why)
+            .help("`ldd FILE` shows the libraries that it needs; link what is missing: cc ... -lm")
+    })?;
+    // SAFETY: the header declares the function so; a library that exports another one of the name breaks that promise.
+    let exported =
+        unsafe { library.get::<unsafe extern "C" fn() -> *const IronbirdLaw>(b"ironbird_law\0") };
+    let Ok(exported) = exported else {
+        return Err(unusable(named, "it exports no function `ironbird_law`")
+            .help("define it as ironbird_law.h declares it; in C++ include the header, which makes it extern \"C\""));
+    };
+    let exported = *exported;
+    std::mem::forget(library);
+    if segment_of(exported as usize).is_empty() {
+        return Err(
+            unusable(named, "its `ironbird_law` is data, and not a function")
+                .help("define it as ironbird_law.h declares it: a function that returns the table"),
+        );
+    }
+    // SAFETY: as above.
+    Ok(Call::new(law, "as it was asked for its law").wait(|| unsafe { exported() }))
+}
+
+fn of_script(file: &Path, named: &Path, law: &'static str) -> Result<*const IronbirdLaw, Failure> {
+    let adapter = adapter(named)?;
+    let of_adapter = format!("the adapter for laws in Python, {}", adapter.display());
+    let useless = |why: &str| Failure::usage(format!("{of_adapter}: {why}")).help(ANOTHER_ADAPTER);
+    let library = loaded(&adapter, of_adapter.clone().leak()).map_err(|why| useless(&why))?;
+    type Open = unsafe extern "C" fn(*const c_char, *mut c_char, u64) -> *const IronbirdLaw;
+    // SAFETY: the header declares the function so; a library that exports another one of the name breaks that promise.
+    let open = unsafe { library.get::<Open>(b"ironbird_law_open\0") };
+    let Ok(open) = open else {
+        return Err(useless(
+            "it makes no laws of files: it exports no function `ironbird_law_open`",
+        ));
+    };
+    let open = *open;
+    std::mem::forget(library);
+    let Ok(path) = CString::new(file.as_os_str().as_bytes()) else {
+        return Err(unusable(named, "its path has a NUL byte"));
+    };
+    let mut refusal = Refusal::new();
+    let (text, size) = refusal.buffer();
+    // SAFETY: the path and the buffer live for the time of the call, and the buffer has the size that is said.
+    let table =
+        Call::new(law, "as it was opened").wait(|| unsafe { open(path.as_ptr(), text, size) });
+    if table.is_null() {
+        return Err(unusable(named, &refusal.text())
+            .help("docs/python.md says what a law in Python is, and what it needs"));
+    }
+    Ok(table)
+}
+
+/// Runs the library's initialisers, and finds every symbol that it needs now: none is looked for in flight.
+fn loaded(file: &Path, law: &'static str) -> Result<Library, String> {
+    let load = Call::new(law, "as it was loaded");
+    // SAFETY: the user has named the file as code to be run.
+    let library = load.wait(|| unsafe { Library::open(Some(file), RTLD_NOW | RTLD_LOCAL) });
+    library.map_err(|e| format!("it cannot be loaded: {}", innermost(&e)))
+}
+
+fn innermost(error: &dyn std::error::Error) -> String {
+    error.source().map_or_else(|| error.to_string(), innermost)
+}
+
+/// Where the library is that makes laws of Python files.
+fn adapter(script: &Path) -> Result<PathBuf, Failure> {
+    if let Some(named) = env::var_os(PYTHON_ADAPTER).map(PathBuf::from) {
+        let missing = || {
+            format!(
+                "{PYTHON_ADAPTER} names {}, and there is no such file",
+                named.display()
+            )
+        };
+        return if named.is_file() {
+            Ok(named)
+        } else {
+            Err(Failure::usage(missing()).help(ANOTHER_ADAPTER))
+        };
+    }
+    let places = adapter_places();
+    places
+        .iter()
+        .find(|place| place.is_file())
+        .cloned()
+        .ok_or_else(|| {
+            let looked: Vec<String> = places
+                .iter()
+                .map(|place| place.display().to_string())
+                .collect();
+            unusable(
+                script,
+                &format!(
+                    "a law in Python needs {ADAPTER_FILE}, which is not at {}",
+                    looked.join(" or ")
+                ),
+            )
+            .help(format!(
+                "build it: {BUILD_ADAPTER}; or name it with {PYTHON_ADAPTER}"
+            ))
+        })
+}
+
+/// Where the adapter is looked for when the environment names none.
+fn adapter_places() -> Vec<PathBuf> {
+    let executable = env::current_exe().ok();
+    let folder = executable.as_deref().and_then(Path::parent);
+    let places = folder.map(|folder| {
+        [
+            folder.join(ADAPTER_FILE),
+            folder.join("../lib/ironbird").join(ADAPTER_FILE),
+        ]
+    });
+    places.into_iter().flatten().collect()
+}
+
+/// Whether a law in Python can fly: the adapter is where it is looked for.
+#[must_use]
+pub fn has_python_adapter() -> bool {
+    match env::var_os(PYTHON_ADAPTER) {
+        Some(named) => Path::new(&named).is_file(),
+        None => adapter_places().iter().any(|place| place.is_file()),
+    }
+}
+
+/// Why a library refuses.
+pub(crate) struct Refusal([u8; REFUSAL_BYTES]);
+
+impl Refusal {
+    pub(crate) const fn new() -> Self {
+        Self([0; REFUSAL_BYTES])
+    }
+
+    /// Where it is written, and how much fits.
+    pub(crate) fn buffer(&mut self) -> (*mut c_char, u64) {
+        (self.0.as_mut_ptr().cast(), self.0.len() as u64)
+    }
+
+    pub(crate) fn text(&self) -> String {
+        let written = self.0.split(|byte| *byte == 0).next().unwrap_or_default();
+        let text = String::from_utf8_lossy(written).trim().to_owned();
+        if text.is_empty() {
+            "it refuses, and does not say why".into()
+        } else {
+            text
+        }
+    }
+}

@@ -1,0 +1,342 @@
+//! Reads a library's table: everything is checked, and its words are copied.
+#![allow(
+    unsafe_code,
+    reason = "a foreign table is read; each use says what is promised"
+)]
+
+use std::ffi::c_char;
+use std::slice;
+
+use control_api::description::{Description, Preset, Setting, SettingKind, Signal, TICK};
+use ironbird_law::abi::{
+    IRONBIRD_INNER, IRONBIRD_LAW_INTERFACE, IRONBIRD_MIXER, IRONBIRD_MOST_PRESETS,
+    IRONBIRD_MOST_SETTINGS, IRONBIRD_MOST_WORDS, IRONBIRD_NAME_BYTES, IRONBIRD_NUMBER,
+    IRONBIRD_OUTER, IRONBIRD_TEXT_BYTES, IRONBIRD_THREE, IRONBIRD_WORD, IronbirdLaw,
+    IronbirdPreset, IronbirdSetting, IronbirdSignal, IronbirdSizes, IronbirdValue,
+};
+use messages::role::Role;
+use messages::telemetry::TELEMETRY;
+
+/// Keys of a law's section that are the rig's.
+const RIGS_KEYS: &[&str] = &["law", "sha256"];
+
+/// A copy of a table, and what it says in words.
+pub(crate) type Described = (&'static IronbirdLaw, &'static Description);
+
+pub(crate) fn described(table: *const IronbirdLaw) -> Result<Described, String> {
+    let table = checked(table)?;
+    let role = match table.role {
+        IRONBIRD_OUTER => Role::Outer,
+        IRONBIRD_INNER => Role::Inner,
+        IRONBIRD_MIXER => Role::Mixer,
+        other => {
+            return Err(format!(
+                "its role is {other}: expected IRONBIRD_OUTER, IRONBIRD_INNER or IRONBIRD_MIXER"
+            ));
+        }
+    };
+    let is_there = |there: bool, name: &str| {
+        if there {
+            Ok(())
+        } else {
+            Err(format!("its function `{name}` is NULL"))
+        }
+    };
+    is_there(table.create.is_some(), "create")?;
+    is_there(table.destroy.is_some(), "destroy")?;
+    match role {
+        Role::Outer => is_there(table.tick_outer.is_some(), "tick_outer")?,
+        Role::Inner => is_there(table.tick_inner.is_some(), "tick_inner")?,
+        _ => is_there(table.tick_mixer.is_some(), "tick_mixer")?,
+    }
+    let settings = array(
+        table.settings,
+        table.settings_count,
+        IRONBIRD_MOST_SETTINGS,
+        "settings",
+    )?;
+    let settings = settings
+        .iter()
+        .enumerate()
+        .map(|(i, it)| setting(it).map_err(|what| format!("its setting {i}, {what}")));
+    let settings: &[Setting] = settings.collect::<Result<Vec<_>, _>>()?.leak();
+    unlike(
+        settings.iter().map(|setting| setting.name),
+        RIGS_KEYS,
+        "setting",
+    )?;
+    let presets = array(
+        table.presets,
+        table.presets_count,
+        IRONBIRD_MOST_PRESETS,
+        "presets",
+    )?;
+    let presets = presets.iter().enumerate();
+    let presets = presets
+        .map(|(i, it)| preset(it, settings).map_err(|what| format!("its preset {i}, {what}")));
+    let presets: &[Preset] = presets.collect::<Result<Vec<_>, _>>()?.leak();
+    unlike(presets.iter().map(|preset| preset.name), &[], "preset")?;
+    let telemetry = array(
+        table.telemetry,
+        table.telemetry_count,
+        TELEMETRY as u64,
+        "telemetry",
+    )?;
+    let telemetry = telemetry
+        .iter()
+        .enumerate()
+        .map(|(i, it)| signal(it).map_err(|what| format!("its signal {i}, {what}")));
+    let telemetry: &[Signal] = telemetry.collect::<Result<Vec<_>, _>>()?.leak();
+    unlike(
+        telemetry.iter().map(|signal| signal.name),
+        &[TICK],
+        "signal",
+    )?;
+    let description = Description {
+        name: snake_case(table.name, "name")?,
+        role,
+        version: said(table.version, IRONBIRD_NAME_BYTES, "version")?,
+        summary: said(table.summary, IRONBIRD_TEXT_BYTES, "summary")?,
+        source: text(table.source, IRONBIRD_TEXT_BYTES, "source")?,
+        settings,
+        presets,
+        suited: None,
+        telemetry,
+    };
+    Ok((table, Box::leak(Box::new(description))))
+}
+
+/// A copy of the table, if it is one of this interface.
+fn checked(table: *const IronbirdLaw) -> Result<&'static IronbirdLaw, String> {
+    if table.is_null() {
+        return Err("its function `ironbird_law` returned NULL: expected the law's table".into());
+    }
+    if !table.is_aligned() {
+        return Err(
+            "its function `ironbird_law` returned an odd address: expected the law's table".into(),
+        );
+    }
+    // SAFETY: the version and the sizes stand first in every version of the interface.
+    let (version, sizes) = unsafe { ((*table).interface_version, (*table).sizes) };
+    if version != IRONBIRD_LAW_INTERFACE {
+        return Err(format!(
+            "it was built for version {version} of the interface, and this ironbird has version \
+             {IRONBIRD_LAW_INTERFACE}: build it again with the ironbird_law.h of this ironbird"
+        ));
+    }
+    let here = IronbirdSizes::HERE;
+    if sizes != here {
+        return Err(format!(
+            "its structs have other sizes than those of this ironbird: they are {sizes:?}, and should be {here:?}; set \
+             `.sizes = IRONBIRD_SIZES`, and leave the packing of structs to the compiler"
+        ));
+    }
+    // SAFETY: the library says that its table is such a struct.
+    Ok(Box::leak(Box::new(unsafe { *table })))
+}
+
+fn array<T>(first: *const T, count: u64, most: u64, name: &str) -> Result<&'static [T], String> {
+    if count > most {
+        return Err(format!(
+            "its {name}_count is {count}: allowed are up to {most}"
+        ));
+    }
+    if count == 0 {
+        return Ok(&[]);
+    }
+    if first.is_null() || !first.is_aligned() {
+        return Err(format!(
+            "its {name}_count is {count}, and `{name}` is no array"
+        ));
+    }
+    // SAFETY: the library says that so many stand there, and that they stay as they are.
+    Ok(unsafe { slice::from_raw_parts(first, count as usize) })
+}
+
+fn setting(it: &IronbirdSetting) -> Result<Setting, String> {
+    let name = snake_case(it.name, "name")?;
+    let kind = kind(it).map_err(|what| format!("`{name}`: {what}"))?;
+    let setting = Setting {
+        name,
+        unit: text(it.unit, IRONBIRD_NAME_BYTES, "unit")
+            .map_err(|what| format!("`{name}`: {what}"))?,
+        meaning: said(it.meaning, IRONBIRD_TEXT_BYTES, "meaning")
+            .map_err(|what| format!("`{name}`: {what}"))?,
+        kind,
+    };
+    let default = setting.default();
+    if setting.allows(&default) {
+        return Ok(setting);
+    }
+    Err(format!(
+        "`{name}`: its default is {default:?}, and allowed is {}",
+        setting.allowed()
+    ))
+}
+
+fn kind(it: &IronbirdSetting) -> Result<SettingKind, String> {
+    let IronbirdSetting {
+        kind,
+        default_number,
+        min,
+        max,
+        words,
+        words_count,
+        ..
+    } = *it;
+    if kind == IRONBIRD_WORD {
+        let words = array(words, words_count, IRONBIRD_MOST_WORDS, "words")?;
+        let words = words
+            .iter()
+            .map(|it| word(*it))
+            .collect::<Result<Vec<_>, _>>()?
+            .leak();
+        unlike(words.iter().copied(), &[], "word")?;
+        if words.is_empty() {
+            return Err("it has no words".into());
+        }
+        return Ok(SettingKind::Word(words));
+    }
+    if !(min.is_finite() && max.is_finite() && min <= max) {
+        return Err(format!(
+            "min is {min} and max is {max}: expected finite numbers in order; DBL_MAX is no bound"
+        ));
+    }
+    match kind {
+        IRONBIRD_NUMBER => Ok(SettingKind::Number {
+            default: default_number[0],
+            min,
+            max,
+        }),
+        IRONBIRD_THREE => Ok(SettingKind::Three {
+            default: default_number,
+            min,
+            max,
+        }),
+        other => Err(format!(
+            "its kind is {other}: expected IRONBIRD_NUMBER, IRONBIRD_THREE or IRONBIRD_WORD"
+        )),
+    }
+}
+
+fn preset(it: &IronbirdPreset, settings: &'static [Setting]) -> Result<Preset, String> {
+    let name = snake_case(it.name, "name")?;
+    let values = array(
+        it.values,
+        settings.len() as u64,
+        IRONBIRD_MOST_SETTINGS,
+        "values",
+    )?;
+    let value = |(setting, it): (&'static Setting, &IronbirdValue)| {
+        let value = setting.from_abi(it);
+        match setting.allows(&value) {
+            true => Ok((setting.name, value)),
+            false => Err(format!(
+                "`{name}`: its {} is {value:?}: allowed is {}",
+                setting.name,
+                setting.allowed()
+            )),
+        }
+    };
+    let values: &[_] = settings
+        .iter()
+        .zip(values)
+        .map(value)
+        .collect::<Result<Vec<_>, _>>()?
+        .leak();
+    Ok(Preset { name, values })
+}
+
+fn signal(it: &IronbirdSignal) -> Result<Signal, String> {
+    let name = snake_case(it.name, "name")?;
+    Ok(Signal {
+        name,
+        unit: text(it.unit, IRONBIRD_NAME_BYTES, "unit")
+            .map_err(|what| format!("`{name}`: {what}"))?,
+    })
+}
+
+/// Names must differ, also from those that are the rig's.
+fn unlike(
+    names: impl Iterator<Item = &'static str>,
+    rigs: &[&str],
+    what: &str,
+) -> Result<(), String> {
+    let mut seen: Vec<&str> = Vec::new();
+    for name in names {
+        if rigs.contains(&name) {
+            return Err(format!(
+                "it has the {what} `{name}`, which is the rig's own"
+            ));
+        }
+        if seen.contains(&name) {
+            return Err(format!("it has the {what} `{name}` twice"));
+        }
+        seen.push(name);
+    }
+    Ok(())
+}
+
+/// A name as users type it.
+fn snake_case(at: *const c_char, field: &str) -> Result<&'static str, String> {
+    let name = said(at, IRONBIRD_NAME_BYTES, field)?;
+    let is_name = name.starts_with(|c: char| c.is_ascii_lowercase())
+        && name
+            .chars()
+            .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
+    if is_name {
+        return Ok(name);
+    }
+    Err(format!(
+        "its {field} is `{name}`: expected lower-case letters, digits and _, with a letter first"
+    ))
+}
+
+fn word(at: *const c_char) -> Result<&'static str, String> {
+    let word = said(at, IRONBIRD_NAME_BYTES, "word")?;
+    let is_word = word
+        .chars()
+        .all(|c| c.is_ascii_alphanumeric() || "_-.".contains(c));
+    if is_word {
+        Ok(word)
+    } else {
+        Err(format!(
+            "its word is `{word}`: expected letters, digits, `_`, `-` and `.`"
+        ))
+    }
+}
+
+fn said(at: *const c_char, most: u64, field: &str) -> Result<&'static str, String> {
+    let text = text(at, most, field)?;
+    if text.is_empty() {
+        Err(format!("its {field} is missing"))
+    } else {
+        Ok(text)
+    }
+}
+
+/// A text of one line; NULL is none.
+fn text(at: *const c_char, most: u64, field: &str) -> Result<&'static str, String> {
+    if at.is_null() {
+        return Ok("");
+    }
+    let mut bytes = Vec::new();
+    for i in 0..=most as usize {
+        // SAFETY: the library says that a NUL ends the text, and none was met so far.
+        match unsafe { at.add(i).cast::<u8>().read() } {
+            0 => break,
+            byte => bytes.push(byte),
+        }
+    }
+    if bytes.len() as u64 > most {
+        return Err(format!("its {field} is longer than {most} bytes"));
+    }
+    let text = String::from_utf8(bytes)
+        .map_err(|e| format!("its {field} is not UTF-8: {}", e.utf8_error()))?;
+    match text.chars().find(|c| c.is_control()) {
+        Some(c) => Err(format!(
+            "its {field} has the character {c:?}: expected one line of text"
+        )),
+        None => Ok(text.leak()),
+    }
+}

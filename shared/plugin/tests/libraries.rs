@@ -1,0 +1,400 @@
+//! Libraries as authors send them: read in full, refused by name, and called with what the interface says.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use control_api::description::{Settings, Value};
+use control_api::law::Rig;
+use messages::content::Measured;
+use messages::content::Reference;
+use messages::parameters::Parameter;
+use messages::role::Role;
+use messages::telemetry::Telemetry;
+use plugin::{load, open};
+use tempfile::TempDir;
+
+fn library(directory: &TempDir, name: &str, defined: &[&str]) -> PathBuf {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let library = directory.path().join(name);
+    let mut compiler = Command::new("gcc");
+    compiler.args([
+        "-std=c11",
+        "-O1",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-Wno-unused-variable",
+        "-fPIC",
+        "-shared",
+        "-I",
+    ]);
+    compiler
+        .arg(here.join("../ironbird_law/include"))
+        .args(defined.iter().map(|it| format!("-D{it}")));
+    compiler
+        .arg("-o")
+        .arg(&library)
+        .arg(here.join("tests/described.c"))
+        .arg("-lm");
+    assert!(compiler.status().unwrap().success(), "{defined:?}");
+    library
+}
+
+#[test]
+fn a_table_that_is_exported_as_data_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let (source, library) = (
+        directory.path().join("data.c"),
+        directory.path().join("lib.so"),
+    );
+    fs::write(&source, "const char ironbird_law[64] = {1};\n").unwrap();
+    let mut compiler = Command::new("gcc");
+    compiler.args(["-fPIC", "-shared", "-o"]).arg(&library);
+    assert!(compiler.arg(&source).status().unwrap().success());
+    let refused = load(&library).unwrap_err().to_string();
+    assert!(
+        refused.contains("its `ironbird_law` is data, and not a function"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_table_is_read_in_full() {
+    let directory = tempfile::tempdir().unwrap();
+    let library = load(&library(&directory, "lib.so", &[])).unwrap();
+    let description = library.description;
+    assert_eq!(
+        (description.name, description.role, description.version),
+        ("described", Role::Outer, "1")
+    );
+    assert_eq!(
+        (description.summary, description.source),
+        ("says what it is", "")
+    );
+    let settings: Vec<_> = description
+        .settings
+        .iter()
+        .map(|it| (it.name, it.unit, it.default(), it.allowed()))
+        .collect();
+    assert_eq!(
+        settings,
+        [
+            (
+                "gain_1_s",
+                "1/s",
+                Value::Number(2.0),
+                "0 to 9 1/s".to_owned()
+            ),
+            (
+                "axes",
+                "",
+                Value::Three([1.0, 2.0, 3.0]),
+                "three numbers, each -1 to 9".to_owned()
+            ),
+            (
+                "mode",
+                "",
+                Value::Word("slow"),
+                "\"slow\" or \"quick\"".to_owned()
+            ),
+        ]
+    );
+    let soft = description.preset("soft").unwrap();
+    assert_eq!(soft.three(&description.settings[1]), [4.0, 5.0, 6.0]);
+    assert_eq!(
+        (
+            soft.number(&description.settings[0]),
+            soft.word(&description.settings[2])
+        ),
+        (1.0, "quick")
+    );
+    let signals: Vec<_> = description
+        .telemetry
+        .iter()
+        .map(|it| (it.name, it.unit))
+        .collect();
+    assert_eq!(signals, [("error_m", "m"), ("speed_m_s", "m/s")]);
+    assert!(library.sha256.len() == 64 && !library.not_real_time && !library.is_rehearsed());
+    let again = load(&library.file).unwrap();
+    assert!(std::ptr::eq(again, library), "a file is loaded once");
+}
+
+#[test]
+fn a_law_is_given_what_the_interface_says_and_its_answer_is_taken_as_it_is() {
+    let directory = tempfile::tempdir().unwrap();
+    let library = open(Role::Outer, &library(&directory, "lib.so", &[])).unwrap();
+    let mut rig = Rig {
+        period_s: 0.002,
+        ..Rig::default()
+    };
+    rig.airframe
+        .set(Parameter::MotorTimeConstant, 0.03)
+        .unwrap();
+    rig.airframe.set(Parameter::RotorEfficiency4, 0.9).unwrap();
+    let [gain, axes, mode] = *description(library);
+    let settings = Settings::default()
+        .with(&gain, Value::Number(7.0))
+        .with(&axes, Value::Three([0.1, 0.2, 0.3]))
+        .with(&mode, Value::Word("quick"));
+    let mut made = library.outer(&rig, &settings).unwrap();
+    let measured = Measured {
+        position_w_m: [11.0, 12.0, 13.0],
+        rotor_speed_command_rad_s: [0.0, 0.0, 0.0, 44.0],
+        ..Measured::default()
+    };
+    let reference = Reference {
+        position_w_m: [21.0, 0.0, 0.0],
+        yaw_acceleration_rad_s2: 22.0,
+        ..Reference::default()
+    };
+    let mut telemetry = Telemetry { value: [99.0; 32] };
+    let wanted = made.law.tick(123, &measured, &reference, &mut telemetry);
+    assert_eq!(
+        (wanted.thrust_n, wanted.attitude_rad, wanted.limited),
+        (44.0, [0.1, 0.2, 0.3], 1)
+    );
+    assert_eq!(wanted.attitude_rate_rad_s, rig.airframe.i_m());
+    assert_eq!(wanted.attitude_acceleration_rad_s2, measured.position_w_m);
+    let shown = [
+        7.0,
+        0.03,
+        rig.rotor.max_rad_s,
+        0.002,
+        22.0,
+        123.0,
+        0.9,
+        rig.airframe.m(),
+    ];
+    assert_eq!(telemetry.value[..8], shown);
+    assert_eq!(
+        (telemetry.value[8], telemetry.value[31]),
+        (99.0, 21.0),
+        "what is not shown stays as it is"
+    );
+    assert!(!made.law.copy_into(&mut *made.twin), "it has no copy_into");
+}
+
+fn description(
+    library: &'static plugin::Library,
+) -> &'static [control_api::description::Setting; 3] {
+    library.description.settings.try_into().unwrap()
+}
+
+#[test]
+fn what_is_wrong_with_a_table_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let long = format!("NAME=\"{}\"", "n".repeat(41));
+    let cases: &[(&[&str], &str)] = &[
+        (
+            &["VERSION=2"],
+            "built for version 2 of the interface, and this ironbird has version 1",
+        ),
+        (
+            &["SIZES={8}"],
+            "its structs have other sizes than those of this ironbird: they are IronbirdSizes { law: 8,",
+        ),
+        (
+            &["ROLE=7"],
+            "its role is 7: expected IRONBIRD_OUTER, IRONBIRD_INNER or IRONBIRD_MIXER",
+        ),
+        (
+            &["ROLE=IRONBIRD_MIXER"],
+            "its function `tick_mixer` is NULL",
+        ),
+        (&["TICK=NULL"], "its function `tick_outer` is NULL"),
+        (&["CREATE=NULL"], "its function `create` is NULL"),
+        (&["TABLE=NULL"], "its function `ironbird_law` returned NULL"),
+        (
+            &["TABLE=(const IronbirdLaw *)((const char *)&law+1)"],
+            "returned an odd address",
+        ),
+        (
+            &["FUNCTION=my_law"],
+            "it exports no function `ironbird_law`",
+        ),
+        (&["MISSING"], "it cannot be loaded: "),
+        (&["NAME=NULL"], "its name is missing"),
+        (
+            &["NAME=\"My law\""],
+            "its name is `My law`: expected lower-case letters, digits and _, with a letter first",
+        ),
+        (&[&long], "its name is longer than 40 bytes"),
+        (&["NAME=\"\\xff\\xfe\""], "its name is not UTF-8"),
+        (
+            &["SUMMARY=\"one\\ntwo\""],
+            "its summary has the character '\\n': expected one line of text",
+        ),
+        (&["SUMMARY=\"\""], "its summary is missing"),
+        (
+            &["SETTINGS=65"],
+            "its settings_count is 65: allowed are up to 64",
+        ),
+        (
+            &["UNIT=\"\\x1b\""],
+            "its setting 0, `gain_1_s`: its unit has the character '\\u{1b}'",
+        ),
+        (
+            &["GAIN={.name=\"g\",.meaning=\"m\"}"],
+            "its setting 0, `g`: its kind is 0: expected IRONBIRD_NUMBER",
+        ),
+        (
+            &["GAIN={.name=\"g\",.kind=1}"],
+            "its setting 0, `g`: its meaning is missing",
+        ),
+        (
+            &["GAIN={.name=\"g\",.meaning=\"m\",.kind=1,.min=3,.max=2}"],
+            "`g`: min is 3 and max is 2: expected",
+        ),
+        (
+            &["GAIN={.name=\"g\",.meaning=\"m\",.kind=1,.max=1.0/0.0}"],
+            "max is inf: expected finite numbers in order",
+        ),
+        (
+            &["GAIN={.name=\"g\",.meaning=\"m\",.kind=1,.default_number={7},.max=2}"],
+            "its default is Number(7.0)",
+        ),
+        (
+            &["GAIN={.name=\"g\",.meaning=\"m\",.kind=1,.default_number={0.0/0.0},.max=2}"],
+            "default is Number(NaN)",
+        ),
+        (
+            &["GAIN={.name=\"axes\",.meaning=\"m\",.kind=1}"],
+            "it has the setting `axes` twice",
+        ),
+        (
+            &["GAIN={.name=\"law\",.meaning=\"m\",.kind=1}"],
+            "it has the setting `law`, which is the rig's own",
+        ),
+        (
+            &["WORDS=\"a\",\"a\""],
+            "its setting 2, `mode`: it has the word `a` twice",
+        ),
+        (
+            &["WORDS=\"a b\""],
+            "its setting 2, `mode`: its word is `a b`: expected letters, digits",
+        ),
+        (
+            &["WORDS=NULL"],
+            "its setting 2, `mode`: its word is missing",
+        ),
+        (
+            &["SOFT={{.number={10}},{.number={1,1,1}},{.word=1}}"],
+            "its preset 0, `soft`: its gain_1_s is Number(10.0)",
+        ),
+        (
+            &["SOFT={{.number={1}},{.number={1,1,1}},{.word=2}}"],
+            "its preset 0, `soft`: its mode is Word(\"\")",
+        ),
+        (
+            &["SIGNAL={\"speed_m_s\",NULL}"],
+            "it has the signal `speed_m_s` twice",
+        ),
+        (
+            &["SIGNAL={\"tick\",NULL}"],
+            "it has the signal `tick`, which is the rig's own",
+        ),
+        (
+            &["SIGNAL={\"Speed\",NULL}"],
+            "its signal 0, its name is `Speed`: expected",
+        ),
+    ];
+    for (i, (defined, told)) in cases.iter().enumerate() {
+        let file = library(&directory, &format!("{i}.so"), defined);
+        let failure = load(&file).unwrap_err();
+        let named = format!("the law {}: ", file.display());
+        let said = failure.to_string();
+        assert!(
+            said.starts_with(&named) && said.contains(told),
+            "{defined:?}: `{told}` is not in: {said}"
+        );
+        assert_eq!(
+            (failure.code, failure.told().lines().count()),
+            (errors::USAGE, 2),
+            "{}",
+            failure.told()
+        );
+    }
+}
+
+#[test]
+fn a_file_that_changes_is_not_flown_under_the_sum_of_what_it_was() {
+    let directory = tempfile::tempdir().unwrap();
+    let grows = load(&library(&directory, "grows.so", &["GROWS"]))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        grows.contains("grows.so: the file has changed while it was loaded"),
+        "{grows}"
+    );
+    let file = library(&directory, "lib.so", &[]);
+    load(&file).unwrap();
+    library(&directory, "new.so", &["SUMMARY=\"says another thing\""]);
+    fs::rename(directory.path().join("new.so"), &file).unwrap();
+    let told = load(&file).unwrap_err().told();
+    assert!(
+        told.contains("lib.so: the file has changed since it was loaded"),
+        "{told}"
+    );
+    assert!(told.contains("help: start again"), "{told}");
+}
+
+#[test]
+fn a_file_that_every_user_may_write_is_not_run() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = library(&directory, "lib.so", &[]);
+    let set_mode = |mode| fs::set_permissions(&file, fs::Permissions::from_mode(mode)).unwrap();
+    for mode in [0o777, 0o602] {
+        set_mode(mode);
+        let failure = load(&file).unwrap_err();
+        let told = failure.told();
+        let said = format!(
+            "{}: every user may write it, and it is code: its mode is {mode:04o}",
+            file.display()
+        );
+        assert!(
+            failure.code == errors::USAGE && told.contains(&said),
+            "{told}"
+        );
+        assert!(
+            told.contains(&format!("help: chmod o-w {}", file.display())),
+            "{told}"
+        );
+    }
+    set_mode(0o775);
+    assert!(
+        load(&file).is_ok(),
+        "many users have a group of their own, and files that it may write"
+    );
+}
+
+#[test]
+fn a_law_of_another_role_is_told_which_flag_flies_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = library(&directory, "lib.so", &[]);
+    let told = open(Role::Inner, &file).unwrap_err().told();
+    assert!(
+        told.contains("`described` is a law of the role outer, and not of inner"),
+        "{told}"
+    );
+    assert!(
+        told.contains(&format!("help: fly it with --outer {}", file.display())),
+        "{told}"
+    );
+}
+
+#[test]
+fn a_library_that_rounds_otherwise_changes_no_number_of_the_others() {
+    let directory = tempfile::tempdir().unwrap();
+    let third = || std::hint::black_box(1.0_f64) / std::hint::black_box(3.0);
+    let before = third();
+    let library = load(&library(&directory, "lib.so", &["ROUNDS"])).unwrap();
+    assert_eq!(third().to_bits(), before.to_bits());
+    assert!(library.outer(&Rig::default(), &Settings::default()).is_ok());
+    assert_eq!(
+        third().to_bits(),
+        before.to_bits(),
+        "nor does one that does so as it is made"
+    );
+}

@@ -1,0 +1,270 @@
+//! The lead in force: how far ahead of its next tick the plant's timer is set.
+//!
+//! The measurement before take-off gives the lead that a flight begins with. In flight an automatic lead follows what
+//! it is for, from tick to tick: a timer that is late, and a rehearsal. No clock is read here.
+
+use crate::quantile::TrackedQuantile;
+use messages::realtime::{LONGEST_LEAD_NS, Lead, LeadSetting};
+
+/// At take-off an automatic lead covers so many times the lateness that one timer in ten exceeds.
+///
+/// Of the hundred and some that are measured, this quantile is one that a host which stalls now and then does not bend.
+const TIMERS: u64 = 3;
+/// And so many times what one rehearsal in ten exceeds, because few of those in flight shall find too little time left.
+const REHEARSALS: u64 = 2;
+/// In flight it covers the lateness that one timer in so many exceeds.
+const TIMERS_LATER: u64 = 100;
+/// And the time that one rehearsal in so many exceeds.
+const REHEARSALS_LONGER: u64 = 50;
+/// Added to both, so that the plant reads the clock at least so long [ns]. It is the least lead: that of a machine
+/// whose timers are never late, and which has nothing to rehearse.
+const MARGIN_NS: u64 = 10_000;
+/// Share of the period that an automatic lead takes at most [%].
+const MOST_PERCENT: u64 = 25;
+
+/// The lead of a flight that begins with `timer_p90_ns` and `rehearsal_ns`, the 90th percentiles measured before it.
+///
+/// Without rehearsals where they do not fit; none where nothing was measured.
+pub(crate) fn automatic(timer_p90_ns: u64, rehearsal_ns: u64, period_ns: u64) -> Lead {
+    if timer_p90_ns == 0 {
+        return Lead::default();
+    }
+    let most_ns = most(period_ns);
+    let rehearsal_ns = if rehearsal_ns < most_ns {
+        rehearsal_ns
+    } else {
+        0
+    };
+    let lead_ns = (TIMERS * timer_p90_ns + REHEARSALS * rehearsal_ns + MARGIN_NS).min(most_ns);
+    Lead {
+        lead_ns,
+        rehearsal_ns,
+        timer_p90_ns,
+    }
+}
+
+/// The longest automatic lead [ns].
+pub(crate) fn most(period_ns: u64) -> u64 {
+    (period_ns * MOST_PERCENT / 100).min(LONGEST_LEAD_NS)
+}
+
+/// The lead of the next tick, and the time that a rehearsal is given in it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ActiveLead {
+    lead_ns: u64,
+    timer: TrackedQuantile,
+    /// How long a rehearsal takes; 0 where none is held.
+    rehearsal: TrackedQuantile,
+    /// The longest lead that it may become [ns]; `None` where it stays.
+    most_ns: Option<u64>,
+}
+
+impl ActiveLead {
+    #[must_use]
+    pub fn none() -> Self {
+        Self::new(&Lead::default(), LeadSetting::Fixed(0), 0)
+    }
+
+    /// The lead at take-off, which follows the flight where the setting leaves it to the rig and it is not none.
+    #[must_use]
+    pub fn new(at_take_off: &Lead, setting: LeadSetting, period_ns: u64) -> Self {
+        let Lead {
+            lead_ns,
+            rehearsal_ns,
+            timer_p90_ns,
+        } = *at_take_off;
+        let most_ns = (setting == LeadSetting::Auto && lead_ns > 0).then(|| most(period_ns));
+        let longest_ns = most_ns.unwrap_or(lead_ns);
+        Self {
+            lead_ns,
+            timer: TrackedQuantile::new(TIMERS * timer_p90_ns, TIMERS_LATER, longest_ns),
+            rehearsal: TrackedQuantile::new(
+                REHEARSALS * rehearsal_ns,
+                REHEARSALS_LONGER,
+                longest_ns,
+            ),
+            most_ns,
+        }
+    }
+
+    /// How far ahead of its tick the timer is set [ns]; 0 is at the tick.
+    #[must_use]
+    pub const fn lead_ns(&self) -> u64 {
+        self.lead_ns
+    }
+
+    /// Whether a rehearsal is to begin with so much time left until the tick.
+    #[must_use]
+    pub const fn allows_rehearsal(&self, left_ns: u64) -> bool {
+        let needs_ns = self.rehearsal.value_ns();
+        needs_ns > 0 && left_ns >= needs_ns
+    }
+
+    /// Takes what a tick has shown: how late its timer was, and how long its rehearsal took; 0 where none was held.
+    ///
+    /// So the time that a rehearsal is given shrinks in ticks that were not rehearsed, and there is a rehearsal again.
+    pub fn follow(&mut self, timer_late_ns: u64, rehearsal_ns: u64) {
+        self.timer.follow(timer_late_ns);
+        self.rehearsal.follow(rehearsal_ns);
+        if let Some(most_ns) = self.most_ns {
+            self.lead_ns =
+                (self.timer.value_ns() + self.rehearsal.value_ns() + MARGIN_NS).min(most_ns);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD_NS: u64 = 1_000_000;
+    const BEFORE: (u64, u64) = (20_000, 30_000);
+
+    fn automatic_lead() -> ActiveLead {
+        let (timer_p90_ns, rehearsal_ns) = BEFORE;
+        ActiveLead::new(
+            &automatic(timer_p90_ns, rehearsal_ns, PERIOD_NS),
+            LeadSetting::Auto,
+            PERIOD_NS,
+        )
+    }
+
+    /// Flies ticks whose timers are late by the samples in turn, and counts those that were rehearsed.
+    fn fly(lead: &mut ActiveLead, ticks: usize, timers_ns: &[u64], rehearsal_ns: u64) -> usize {
+        let timers = timers_ns.iter().cycle().take(ticks);
+        timers
+            .filter(|late_ns| {
+                let is_rehearsed = lead.allows_rehearsal(lead.lead_ns().saturating_sub(**late_ns));
+                lead.follow(**late_ns, if is_rehearsed { rehearsal_ns } else { 0 });
+                is_rehearsed
+            })
+            .count()
+    }
+
+    #[test]
+    fn an_automatic_lead_covers_late_timers_and_a_rehearsal_and_leaves_most_of_the_tick() {
+        let chosen = |timer, rehearsal, period| {
+            let Lead {
+                lead_ns,
+                rehearsal_ns,
+                ..
+            } = automatic(timer, rehearsal, period);
+            (lead_ns, rehearsal_ns)
+        };
+        assert_eq!(chosen(30_000, 35_000, 1_000_000), (170_000, 35_000));
+        assert_eq!(chosen(2_000_000, 35_000, 1_000_000), (250_000, 35_000));
+        assert_eq!(
+            chosen(10_000, 70_000, 250_000),
+            (40_000, 0),
+            "rehearsals that do not fit are none"
+        );
+        assert_eq!(
+            automatic(0, 0, 1_000_000),
+            Lead::default(),
+            "a machine that stalled has measured nothing"
+        );
+    }
+
+    #[test]
+    fn it_follows_the_machine_to_longer_and_shorter_leads_and_rehearses_most_ticks() {
+        let mut lead = automatic_lead();
+        assert_eq!(lead.lead_ns(), 3 * 20_000 + 2 * 30_000 + 10_000);
+        let quiet: Vec<u64> = (0..97).map(|i| 5_000 + i * 37 % 97 * 100).collect();
+        let disturbed: Vec<u64> = quiet.iter().map(|ns| ns * 6).collect();
+        fly(&mut lead, 5_000, &quiet, 20_000);
+        let quiet_ns = lead.lead_ns();
+        assert!(
+            (44_000..50_000).contains(&quiet_ns),
+            "15 and 20 and 10 us: {quiet_ns}"
+        );
+        assert!(fly(&mut lead, 1_000, &quiet, 20_000) >= 980);
+        fly(&mut lead, 1_000, &disturbed, 40_000);
+        let disturbed_ns = lead.lead_ns();
+        assert!(
+            (135_000..150_000).contains(&disturbed_ns),
+            "87 and 40 and 10 us: {disturbed_ns}"
+        );
+        assert!(fly(&mut lead, 1_000, &disturbed, 40_000) >= 980);
+        fly(&mut lead, 5_000, &quiet, 20_000);
+        assert!(
+            lead.lead_ns().abs_diff(quiet_ns) < 5_000,
+            "and back: {lead:?}"
+        );
+    }
+
+    #[test]
+    fn a_stall_of_the_host_moves_it_by_one_step() {
+        let mut lead = automatic_lead();
+        fly(&mut lead, 5_000, &[10_000], 20_000);
+        let before_ns = lead.lead_ns();
+        lead.follow(20_000_000, 0);
+        assert!(
+            lead.lead_ns() <= before_ns + before_ns / 16,
+            "{} after {before_ns}",
+            lead.lead_ns()
+        );
+        fly(&mut lead, 100, &[10_000], 20_000);
+        assert!(
+            lead.lead_ns().abs_diff(before_ns) < before_ns / 50,
+            "{} after {before_ns}",
+            lead.lead_ns()
+        );
+    }
+
+    #[test]
+    fn it_never_takes_more_than_its_share_of_the_period_and_comes_back_from_there() {
+        let mut lead = automatic_lead();
+        fly(&mut lead, 2_000, &[20_000_000], 30_000);
+        assert_eq!(lead.lead_ns(), PERIOD_NS / 4);
+        fly(&mut lead, 4_000, &[10_000], 300_000);
+        assert!(lead.lead_ns() <= PERIOD_NS / 4, "{lead:?}");
+        assert!(
+            fly(&mut lead, 6_000, &[10_000], 30_000) > 4_000,
+            "rehearsals that were too long are tried again"
+        );
+        assert!(lead.lead_ns() < 60_000, "{lead:?}");
+        let slow = automatic(30_000, 30_000, 100_000_000);
+        let mut slow = ActiveLead::new(&slow, LeadSetting::Auto, 100_000_000);
+        fly(&mut slow, 2_000, &[u64::MAX], 0);
+        assert_eq!(slow.lead_ns(), LONGEST_LEAD_NS);
+    }
+
+    #[test]
+    fn it_is_never_less_than_its_margin() {
+        let mut lead = ActiveLead::new(&automatic(1, 0, PERIOD_NS), LeadSetting::Auto, PERIOD_NS);
+        assert_eq!(
+            fly(&mut lead, 10_000, &[0], 0),
+            0,
+            "nothing is rehearsed where rehearsals do not fit"
+        );
+        assert!(
+            (MARGIN_NS..=MARGIN_NS + 3).contains(&lead.lead_ns()),
+            "{lead:?}"
+        );
+    }
+
+    #[test]
+    fn a_lead_that_is_set_stays_and_its_rehearsals_are_given_what_they_take() {
+        let at_take_off = Lead {
+            lead_ns: 100_000,
+            rehearsal_ns: 60_000,
+            timer_p90_ns: 20_000,
+        };
+        let mut lead = ActiveLead::new(&at_take_off, LeadSetting::Fixed(100_000), PERIOD_NS);
+        assert!(fly(&mut lead, 2_000, &[30_000], 50_000) > 1_400, "{lead:?}");
+        assert_eq!(lead.lead_ns(), 100_000);
+        assert!(
+            lead.allows_rehearsal(60_000) && !lead.allows_rehearsal(40_000),
+            "{lead:?}"
+        );
+        let mut none = ActiveLead::none();
+        assert_eq!(fly(&mut none, 100, &[30_000], 50_000), 0);
+        let mut no_fifo = ActiveLead::new(&Lead::default(), LeadSetting::Auto, PERIOD_NS);
+        no_fifo.follow(30_000, 0);
+        assert_eq!(
+            (none.lead_ns(), no_fifo.lead_ns()),
+            (0, 0),
+            "what is none stays none"
+        );
+    }
+}

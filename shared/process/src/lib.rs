@@ -1,0 +1,16 @@
+//! The process of a role: real-time set-up, take-off and landing, a stage's loop.
+//!
+//! Laws come in as values ([`law`]). Ports, clock and operating system stay here and in [`wire`].
+
+pub mod launcher;
+pub mod lead;
+pub mod quantile;
+pub mod rt;
+pub mod session;
+pub mod shell;
+pub mod shutdown;
+pub mod signals;
+pub mod stage;
+pub mod standby;
+pub mod stop;
+mod throttled_log;

@@ -1,0 +1,144 @@
+//! Counts the allocations of each thread: the proof that a tick does not allocate.
+#![allow(
+    unsafe_code,
+    reason = "the allocator's functions are passed on unchanged"
+)]
+
+use std::cell::Cell;
+use std::hint::black_box;
+use std::sync::OnceLock;
+
+thread_local! {
+    // Const-initialised and without a destructor: counting never allocates itself.
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Allocations (and re-allocations) of the calling thread so far; 0 where [`count_allocations!`] is not in force.
+#[must_use]
+pub fn thread_allocations() -> u64 {
+    ALLOCATIONS.get()
+}
+
+/// Whether this executable has [`count_allocations!`]. The first call allocates.
+#[must_use]
+pub fn are_counted() -> bool {
+    static COUNTED: OnceLock<bool> = OnceLock::new();
+    *COUNTED.get_or_init(|| {
+        let before = thread_allocations();
+        drop(black_box(Box::new(0_u8)));
+        thread_allocations() > before
+    })
+}
+
+#[doc(hidden)]
+#[inline]
+pub fn count_allocation() {
+    ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+}
+
+/// Counts every call to malloc and its kin in this executable, whoever makes it: Rust, or a library that it loads. It is
+/// written once, in an executable that proves that a tick does not allocate.
+///
+/// The functions are found before those of the C library, and pass on to it. Another C library than glibc counts Rust's
+/// allocations alone.
+#[macro_export]
+macro_rules! count_allocations {
+    () => {
+        #[cfg(target_env = "gnu")]
+        #[allow(unsafe_code, reason = "malloc and its kin, passed on unchanged")]
+        mod counted {
+            use std::ffi::{c_int, c_void};
+
+            use $crate::rt::count_allocation;
+
+            unsafe extern "C" {
+                fn __libc_malloc(size: usize) -> *mut c_void;
+                fn __libc_calloc(count: usize, size: usize) -> *mut c_void;
+                fn __libc_realloc(pointer: *mut c_void, size: usize) -> *mut c_void;
+                fn __libc_memalign(alignment: usize, size: usize) -> *mut c_void;
+            }
+
+            #[unsafe(no_mangle)]
+            unsafe extern "C" fn malloc(size: usize) -> *mut c_void {
+                count_allocation();
+                // SAFETY: promised by the caller, here and below.
+                unsafe { __libc_malloc(size) }
+            }
+
+            #[unsafe(no_mangle)]
+            unsafe extern "C" fn calloc(count: usize, size: usize) -> *mut c_void {
+                count_allocation();
+                // SAFETY: as above.
+                unsafe { __libc_calloc(count, size) }
+            }
+
+            #[unsafe(no_mangle)]
+            unsafe extern "C" fn realloc(pointer: *mut c_void, size: usize) -> *mut c_void {
+                count_allocation();
+                // SAFETY: as above.
+                unsafe { __libc_realloc(pointer, size) }
+            }
+
+            #[unsafe(no_mangle)]
+            unsafe extern "C" fn memalign(alignment: usize, size: usize) -> *mut c_void {
+                count_allocation();
+                // SAFETY: as above.
+                unsafe { __libc_memalign(alignment, size) }
+            }
+
+            #[unsafe(no_mangle)]
+            unsafe extern "C" fn aligned_alloc(alignment: usize, size: usize) -> *mut c_void {
+                count_allocation();
+                // SAFETY: as above.
+                unsafe { __libc_memalign(alignment, size) }
+            }
+
+            #[unsafe(no_mangle)]
+            unsafe extern "C" fn posix_memalign(
+                memory: *mut *mut c_void,
+                alignment: usize,
+                size: usize,
+            ) -> c_int {
+                const EINVAL: c_int = 22;
+                const ENOMEM: c_int = 12;
+                if !alignment.is_power_of_two() || alignment % size_of::<usize>() != 0 {
+                    return EINVAL;
+                }
+                count_allocation();
+                // SAFETY: as above; the caller's pointer is to a place for one.
+                unsafe {
+                    let made = __libc_memalign(alignment, size);
+                    if made.is_null() {
+                        return ENOMEM;
+                    }
+                    *memory = made;
+                }
+                0
+            }
+        }
+
+        #[cfg(not(target_env = "gnu"))]
+        #[global_allocator]
+        static ALLOCATOR: $crate::rt::CountingAllocator = $crate::rt::CountingAllocator;
+    };
+}
+
+/// The system's allocator, counting Rust's calls.
+#[cfg(not(target_env = "gnu"))]
+#[derive(Debug)]
+pub struct CountingAllocator;
+
+#[cfg(not(target_env = "gnu"))]
+// SAFETY: every call is passed on to the system's allocator unchanged.
+unsafe impl std::alloc::GlobalAlloc for CountingAllocator {
+    unsafe fn alloc(&self, layout: std::alloc::Layout) -> *mut u8 {
+        count_allocation();
+        // SAFETY: promised by the caller.
+        unsafe { std::alloc::System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: std::alloc::Layout) {
+        // SAFETY: promised by the caller.
+        unsafe { std::alloc::System.dealloc(pointer, layout) }
+    }
+}

@@ -1,0 +1,246 @@
+//! Makes the memory of the process present before its loop needs it.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::io;
+use std::time::Duration;
+
+use rustix::mm::{MlockAllFlags, mlockall};
+
+use super::setup::Ahead;
+use super::sys;
+use ipc::error::Error;
+
+/// Touches everything mapped since the set-up: the last act before a loop is armed.
+///
+/// It does so without real time too: shared memory that has run out is an error here but a SIGBUS in flight. A kernel
+/// that cannot be asked (before Linux 5.14) is no error: the pages come when they are touched, and the set-up has
+/// reported `RealtimeStep::Prefault` as refused. What a spare has locked `ahead` is there.
+pub fn settle(ahead: Option<&Ahead>) -> Result<(), Error> {
+    settle_by(ahead, sys::populate)?;
+    if ahead.is_some_and(|ahead| !ahead.locked.is_empty()) {
+        // Whatever is mapped in flight is touched as it is mapped, as by the set-up of a role that was no spare.
+        mlockall(MlockAllFlags::FUTURE)
+            .map_err(|e| Error::system("cannot lock the memory of the process", e))?;
+    }
+    Ok(())
+}
+
+fn settle_by(
+    ahead: Option<&Ahead>,
+    populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
+) -> Result<(), Error> {
+    match populate_mappings(ahead, populate) {
+        Err(e) if !is_unknown(&e) => Err(Error::system(
+            "cannot make the memory of the process present (memory, or shared memory in /dev/shm, has run out)",
+            e,
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// What is said of a kernel that does not know how to populate memory.
+pub(super) const UNKNOWN: i32 = libc::ENOSYS;
+
+fn is_unknown(refusal: &io::Error) -> bool {
+    refusal.raw_os_error() == Some(UNKNOWN)
+}
+
+/// Asks for a page of which it is certain that there is memory behind it: only a kernel that does not know the question
+/// says then that it is wrong. Of any other range, the same answer speaks of the range.
+fn ask_whether_known(
+    populate: &mut impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
+) -> io::Result<()> {
+    let page_bytes = rustix::param::page_size();
+    let on_the_stack = 0_u8;
+    let page = (&raw const on_the_stack).expose_provenance() & !(page_bytes - 1);
+    match populate(page, page_bytes, sys::Touch::Write) {
+        Err(e) if e.raw_os_error() == Some(libc::EINVAL) => {
+            Err(io::Error::from_raw_os_error(UNKNOWN))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Makes every page present that the process can write or read: its own ones, the shared ones of its ports, and
+/// those that other processes write and it only reads. Those are left out that were locked `ahead`.
+///
+/// # Errors
+/// [`UNKNOWN`] where the kernel cannot be asked for that; else what it says of a range that is still there.
+pub(super) fn populate_mappings(
+    ahead: Option<&Ahead>,
+    mut populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
+) -> io::Result<()> {
+    ask_whether_known(&mut populate)?;
+    let is_new = |line: &&str| ahead.is_none_or(|ahead| !ahead.locked.contains(*line));
+    for line in fs::read_to_string(MAPPINGS)?.lines().filter(is_new) {
+        let Some((range, rest)) = line.split_once(' ') else {
+            continue;
+        };
+        let Some((start, end)) = range.split_once('-') else {
+            continue;
+        };
+        let (Ok(start), Ok(end)) = (
+            usize::from_str_radix(start, 16),
+            usize::from_str_radix(end, 16),
+        ) else {
+            continue;
+        };
+        let Some(touch) = touch(rest) else { continue };
+        // Another thread may give the range back, and take it again, while it is being touched.
+        let mut tries = 0;
+        while let Err(refused) = populate(start, end - start, touch) {
+            if !fs::read_to_string(MAPPINGS)?.lines().any(|now| now == line) {
+                break;
+            }
+            tries += 1;
+            if tries == POPULATE_TRIES {
+                return Err(refused);
+            }
+            std::thread::sleep(Duration::from_micros(100));
+        }
+    }
+    Ok(())
+}
+
+/// How often a range that is there is tried to be touched: memory that has run out stays so.
+const POPULATE_TRIES: u32 = 100;
+/// The list of the process' mappings.
+const MAPPINGS: &str = "/proc/self/maps";
+
+/// The mappings that there are, a line each.
+pub(super) fn mappings() -> BTreeSet<String> {
+    fs::read_to_string(MAPPINGS)
+        .unwrap_or_default()
+        .lines()
+        .map(str::to_owned)
+        .collect()
+}
+
+/// How to touch a mapping, by its line in /proc/self/maps from the permissions on.
+fn touch(mapping: &str) -> Option<sys::Touch> {
+    let kernels = mapping
+        .split_whitespace()
+        .nth(4)
+        .is_some_and(|name| name.starts_with('['));
+    // The main thread's stack grows by itself down to its limit; what it needs was touched by `prefault_stack`.
+    if mapping.starts_with("rw") {
+        (!mapping.ends_with("[stack]")).then_some(sys::Touch::Write)
+    } else {
+        // The pages of the kernel, as of [vvar], are always there and cannot be asked for.
+        (mapping.starts_with('r') && !kernels).then_some(sys::Touch::Read)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::realtime::RealtimeStep;
+
+    #[test]
+    fn a_kernel_that_cannot_populate_memory_is_reported_and_flown_on() {
+        let refuse = |errno| move |_, _, _| Err(io::Error::from_raw_os_error(errno));
+        let mut asked = 0;
+        let refused = populate_mappings(None, |_, _, _| {
+            asked += 1;
+            Err(io::Error::from_raw_os_error(libc::EINVAL))
+        });
+        assert_eq!(
+            (refused.unwrap_err().raw_os_error(), asked),
+            (Some(UNKNOWN), 1),
+            "it is not asked again"
+        );
+        settle_by(None, refuse(libc::EINVAL)).unwrap();
+        assert!(
+            crate::rt::remedy(RealtimeStep::Prefault, i64::from(UNKNOWN)).contains("Linux 5.14")
+        );
+        let full = settle_by(None, refuse(libc::ENOMEM)).unwrap_err();
+        assert!(full.to_string().contains("/dev/shm"), "{full}");
+    }
+
+    #[test]
+    fn a_kernel_that_knows_how_and_refuses_a_range_has_refused_that_range() {
+        let einval = || Err(io::Error::from_raw_os_error(libc::EINVAL));
+        let mut asked = Vec::new();
+        let settled = settle_by(None, |start, length, touch| {
+            asked.push(start);
+            // The second of its mappings, once: it was changed meanwhile.
+            if asked.len() == 3 {
+                einval()
+            } else {
+                sys::populate(start, length, touch)
+            }
+        });
+        settled.unwrap();
+        assert!(
+            asked.len() > 4 && asked[3] == asked[2],
+            "the range is tried again, and those after it: {asked:x?}"
+        );
+        let stubborn = asked[2];
+        let refused = settle_by(None, |start, length, touch| {
+            if start == stubborn {
+                einval()
+            } else {
+                sys::populate(start, length, touch)
+            }
+        });
+        assert!(
+            refused
+                .unwrap_err()
+                .to_string()
+                .contains("cannot make the memory of the process present")
+        );
+    }
+
+    #[test]
+    fn memory_is_touched_as_it_may_be() {
+        let cases = [
+            (
+                "rw-p 00000000 00:00 0                          [heap]",
+                Some(sys::Touch::Write),
+            ),
+            (
+                "rw-s 00000000 00:19 12                         /dev/shm/x.data",
+                Some(sys::Touch::Write),
+            ),
+            (
+                "r--s 00000000 00:19 12                         /dev/shm/x.data",
+                Some(sys::Touch::Read),
+            ),
+            (
+                "r-xp 00001000 08:01 12                         /usr/bin/x",
+                Some(sys::Touch::Read),
+            ),
+            (
+                "rw-p 00000000 00:00 0                          [stack]",
+                None,
+            ),
+            (
+                "r--p 00000000 00:00 0                          [vvar]",
+                None,
+            ),
+            ("---p 00000000 00:00 0", None),
+            ("rw-p 00000000 00:00 0", Some(sys::Touch::Write)),
+        ];
+        for (mapping, expected) in cases {
+            assert_eq!(touch(mapping), expected, "{mapping}");
+        }
+    }
+
+    #[test]
+    fn all_memory_of_the_process_can_be_made_present_whatever_its_threads_give_back() {
+        let done = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !done.load(std::sync::atomic::Ordering::Relaxed) {
+                    std::thread::spawn(|| drop(vec![1_u8; 4 << 20]))
+                        .join()
+                        .unwrap();
+                }
+            });
+            let settled = (0..50).try_for_each(|_| settle(None));
+            done.store(true, std::sync::atomic::Ordering::Relaxed);
+            settled.unwrap();
+        });
+    }
+}

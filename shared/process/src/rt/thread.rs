@@ -1,0 +1,205 @@
+//! Real time for one thread: scheduling, affinity and timer slack, as in a loop.
+//!
+//! It is for threads that measure the machine beside the loops. A role's whole set-up is [`super::Engaged`].
+
+use std::hint::black_box;
+use std::io;
+use std::num::NonZero;
+
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity, set_current_timer_slack};
+use serde::{Deserialize, Serialize};
+
+use super::sys;
+
+/// Stack that is touched in advance [bytes].
+const STACK_BYTES: usize = 256 << 10;
+
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Standing {
+    /// SCHED_FIFO priority in force; 0 is SCHED_OTHER.
+    pub priority: i32,
+    /// The processor that it was asked to keep to.
+    pub cpu: usize,
+    /// What was refused, with the system's reason.
+    pub refused: Vec<String>,
+}
+
+impl Standing {
+    /// Its scheduling in words: `SCHED_FIFO 80` or `SCHED_OTHER`.
+    #[must_use]
+    pub fn scheduling(&self) -> String {
+        if self.priority > 0 {
+            format!("SCHED_FIFO {}", self.priority)
+        } else {
+            "SCHED_OTHER".into()
+        }
+    }
+}
+
+/// The calling thread under the lowest SCHED_FIFO priority, until this is dropped: above all that is not real-time, and
+/// below every loop. What it starts is not. Where that is refused, or it is under real time already, it stays as it was.
+#[derive(Debug)]
+pub struct Raised {
+    is_raised: bool,
+}
+
+impl Raised {
+    #[must_use]
+    pub fn now() -> Self {
+        let is_ordinary = sys::scheduler().is_ok_and(|(_, priority)| priority == 0);
+        Self {
+            is_raised: is_ordinary && sys::set_lowest_fifo().is_ok(),
+        }
+    }
+}
+
+impl Drop for Raised {
+    fn drop(&mut self) {
+        if self.is_raised {
+            // Nobody is refused SCHED_OTHER for a thread of his own.
+            let _ = sys::set_other(0);
+        }
+    }
+}
+
+/// Puts the calling thread on a processor under SCHED_FIFO, without timer slack, and touches its stack.
+///
+/// Each step is tried, and what is refused is said. A priority of 0 leaves it under SCHED_OTHER.
+#[must_use]
+pub fn take_stand(cpu: usize, priority: i32) -> Standing {
+    let mut refused = Vec::new();
+    let mut attempt = |what: &str, outcome: io::Result<()>| {
+        if let Err(reason) = outcome {
+            refused.push(format!("{what}: {reason}"));
+        }
+    };
+    attempt(
+        "timer slack",
+        set_current_timer_slack(NonZero::new(1)).map_err(Into::into),
+    );
+    let mut own = CpuSet::new();
+    if cpu < CpuSet::MAX_CPU {
+        own.set(cpu);
+    }
+    attempt(
+        &format!("processor {cpu}"),
+        sched_setaffinity(None, &own).map_err(Into::into),
+    );
+    prefault_stack();
+    if priority > 0 {
+        attempt("SCHED_FIFO", sys::set_fifo(priority));
+    }
+    let priority = sys::scheduler().map_or(0, |(_, priority)| priority);
+    Standing {
+        priority,
+        cpu,
+        refused,
+    }
+}
+
+/// Why a thread of this process cannot have SCHED_FIFO at a priority; nothing where it can.
+#[must_use]
+pub fn fifo_refusal(priority: i32) -> Option<io::Error> {
+    let tried = std::thread::Builder::new()
+        .name("fifo probe".into())
+        .spawn(move || sys::set_fifo(priority));
+    match tried.map(std::thread::JoinHandle::join) {
+        Ok(Ok(outcome)) => outcome.err(),
+        Ok(Err(_)) => Some(io::Error::other("the thread that tried it panicked")),
+        Err(reason) => Some(reason),
+    }
+}
+
+/// The processor of the loops where the user names none: the highest-numbered one allowed.
+#[must_use]
+pub fn loops_cpu() -> usize {
+    let allowed = allowed_cpus();
+    (0..CpuSet::MAX_CPU)
+        .rev()
+        .find(|cpu| allowed.is_set(*cpu))
+        .unwrap_or(0)
+}
+
+/// The processors that the calling thread may use.
+pub(super) fn allowed_cpus() -> CpuSet {
+    // Without the list (which cannot fail for the caller itself), processor 0 always exists.
+    sched_getaffinity(None).unwrap_or_else(|_| {
+        let mut first = CpuSet::new();
+        first.set(0);
+        first
+    })
+}
+
+#[inline(never)]
+pub(super) fn prefault_stack() {
+    black_box([1_u8; STACK_BYTES]);
+}
+
+#[cfg(test)]
+mod tests {
+    use rustix::thread::{CapabilitySet, CapabilitySets, set_capabilities};
+
+    use super::*;
+
+    #[test]
+    fn a_stand_says_what_was_refused() {
+        let standing = std::thread::spawn(|| take_stand(100_000, 0))
+            .join()
+            .unwrap();
+        assert_eq!(
+            (standing.priority, standing.scheduling()),
+            (0, "SCHED_OTHER".into())
+        );
+        assert!(
+            standing
+                .refused
+                .iter()
+                .any(|refused| refused.starts_with("processor 100000:")),
+            "{standing:?}"
+        );
+    }
+
+    #[test]
+    fn who_is_raised_by_a_limit_alone_comes_down_again() {
+        // In a thread of its own, which ends with what it has given up.
+        let scheduling = std::thread::spawn(|| {
+            let raised = Raised::now();
+            let up = sys::scheduler().unwrap();
+            // As for a user with RLIMIT_RTPRIO: the flag of what is raised is not his to clear.
+            let sets = CapabilitySets {
+                effective: CapabilitySet::empty(),
+                permitted: CapabilitySet::empty(),
+                inheritable: CapabilitySet::empty(),
+            };
+            set_capabilities(None, sets).unwrap();
+            drop(raised);
+            (up, sys::scheduler().unwrap())
+        });
+        let (up, down) = scheduling.join().unwrap();
+        if up.0 == libc::SCHED_OTHER {
+            eprintln!("not tried: nobody here may be under SCHED_FIFO");
+        }
+        assert_eq!(down, (libc::SCHED_OTHER, 0), "after {up:?}");
+    }
+
+    #[test]
+    fn who_is_under_real_time_already_is_left_there() {
+        let stays = std::thread::spawn(|| {
+            if sys::set_fifo(3).is_err() {
+                eprintln!("not tried: nobody here may be under SCHED_FIFO");
+                return true;
+            }
+            drop(Raised::now());
+            sys::scheduler().unwrap() == (libc::SCHED_FIFO, 3)
+        });
+        assert!(stays.join().unwrap());
+    }
+
+    #[test]
+    fn a_priority_that_does_not_exist_is_refused() {
+        assert_eq!(
+            fifo_refusal(1_000).and_then(|reason| reason.raw_os_error()),
+            Some(libc::EINVAL)
+        );
+    }
+}

@@ -1,0 +1,298 @@
+//! A role's place in the rig: from the start of its process to the armed loop.
+//!
+//! ```text
+//! Starting --ports made, real time on--> Ready --plant announces t_0--> Armed --plant keeps it--> Flying --> Landed
+//! ```
+//!
+//! The plant opens a run when every role is ready with the same settings. It announces t_0 early enough for all to arm
+//! before it. If a role has not armed in time, the plant announces a later t_0. A role that starts while the plant is
+//! flying joins the run at the present tick.
+
+mod join;
+mod lead;
+mod open;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+pub use join::{Armed, JoinedRun};
+pub use open::Opened;
+
+use crate::launcher::end_with_launcher;
+use crate::rt::{self, Ahead, Engaged, UsageMeter};
+use crate::standby::{Blackboards, Ready};
+use crate::stop::{ends_at_once, stop_signals};
+use errors::{FAILED, INTERRUPTED};
+use ipc::clock::now_ns;
+use ipc::error::Error;
+use ipc::instance::{Instance, Lock};
+use ipc::{Blackboard, BlackboardReader, Wire};
+use messages::blackboards::{Arrival, EndReason, RolePhase, Run, SettingsText, Status};
+use messages::checks::{Check, is_on};
+use messages::realtime;
+use messages::role::Role;
+use messages::settings_text::fingerprint;
+
+/// What a role's process is started with.
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handles have none"
+)]
+pub struct StartConfig {
+    /// The instance that it belongs to.
+    pub instance: Instance,
+    /// What to ask of the system.
+    pub rt: realtime::RealtimeSettings,
+    /// The settings that all roles of a run must share: one `key = value` a line.
+    pub settings: String,
+    /// The options that every role of the run needs for its laws, as `--inner geometric`; empty for the usual ones.
+    pub law_options: String,
+    /// Whether a law begins with what its predecessor in the run had learnt.
+    pub resume_estimates: bool,
+    /// Process number of the launcher, whose death ends the role; `None` when started by hand.
+    pub launcher: Option<u32>,
+    /// When the process was started, or as a spare told to go on [ns].
+    pub begun_ns: u64,
+    /// What a spare has done ahead.
+    pub ready: Option<Ready>,
+}
+
+/// How often a waiting role looks at the boards.
+const LOOK_EVERY: Duration = Duration::from_millis(2);
+
+/// Name of a role's status board.
+#[must_use]
+pub fn status_board(role: Role) -> String {
+    format!("status/{role}")
+}
+
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handles have none"
+)]
+pub struct RoleSession {
+    /// What of the real-time set-up was done ahead. First: it is given back before anything else.
+    ahead: Option<Ahead>,
+    role: Role,
+    orders: StartConfig,
+    /// The plant's boards, where they were opened ahead.
+    run_board: Option<BlackboardReader<Run>>,
+    settings_board: Option<BlackboardReader<SettingsText>>,
+    wire: Wire,
+    board: Blackboard<Status>,
+    stop: Arc<AtomicBool>,
+    /// Process number of the plant that the role follows; 0 while it follows none.
+    plant_pid: u64,
+    /// The role's status; published by [`RoleSession::publish_status`].
+    pub status: Status,
+    // Last: everything else is released before somebody else may take the place.
+    _lock: Lock,
+}
+
+impl RoleSession {
+    /// Takes the place of a role.
+    ///
+    /// # Errors
+    /// [`Error::Occupied`] where somebody has it; [`Error::RootPath`], [`Error::Wire`], [`Error::System`];
+    /// [`Error::Interrupted`] where a signal has broken off what was tried.
+    pub fn take(role: Role, orders: StartConfig) -> Result<Self, Error> {
+        // A spare has listened since it was started, and may have been told to end on its way here.
+        let stop = orders
+            .ready
+            .as_ref()
+            .map_or_else(Default::default, |ready| Arc::clone(&ready.stop));
+        for signal in stop_signals() {
+            let failed = |e| Error::system("cannot handle signals", e);
+            if ends_at_once(signal) {
+                // In this order the second signal finds the flag set by the first, and ends the process at once.
+                rt::exit_when_signalled(signal, i32::from(INTERRUPTED), &stop).map_err(failed)?;
+            }
+            signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(failed)?;
+        }
+        Self::settle_in(role, orders, Arc::clone(&stop))
+            .map_err(|error| broken_off(error, stop.load(Ordering::Relaxed)))
+    }
+
+    fn settle_in(
+        role: Role,
+        mut orders: StartConfig,
+        stop: Arc<AtomicBool>,
+    ) -> Result<Self, Error> {
+        let made_ns = now_ns();
+        end_with_launcher(orders.launcher)?;
+        // Where somebody has the place, that is the error.
+        if orders.ready.is_none() && !orders.instance.is_occupied(role) {
+            orders.instance.check_shared_memory(Wire::needed_bytes())?;
+        }
+        let lock = orders.instance.lock(role)?;
+        let (wire, ahead, boards) = match orders.ready.take() {
+            Some(Ready {
+                wire,
+                ahead,
+                boards,
+                stop: _,
+            }) => (wire, ahead, boards),
+            None => (Wire::open(&orders.instance)?, None, Blackboards::default()),
+        };
+        let status = boards.status.map_or_else(
+            || wire.blackboard_reader::<Status>(&status_board(role)),
+            |it| Ok(Some(it)),
+        )?;
+        let before = status.map(|board| board.get()).unwrap_or_default();
+        let board = wire.blackboard(&status_board(role))?;
+        let epoch = now_ns();
+        let status = Status {
+            pid: u64::from(std::process::id()),
+            epoch,
+            arrival: Arrival {
+                begun_ns: orders.begun_ns,
+                made_ns,
+                placed_ns: epoch,
+                ..Arrival::default()
+            },
+            settings: fingerprint(&orders.settings),
+            // Kept for a successor, should this process die before it has flown.
+            estimates_run: before.estimates_run,
+            estimates: before.estimates,
+            ..Status::default()
+        };
+        board.put(status);
+        let (run_board, settings_board) = (boards.run, boards.settings);
+        let plant_pid = 0;
+        Ok(Self {
+            role,
+            orders,
+            run_board,
+            settings_board,
+            wire,
+            ahead,
+            board,
+            stop,
+            plant_pid,
+            status,
+            _lock: lock,
+        })
+    }
+
+    /// The wire to make ports on.
+    #[must_use]
+    pub const fn wire(&self) -> &Wire {
+        &self.wire
+    }
+
+    /// Whether a signal has asked the process to end.
+    #[must_use]
+    pub fn stop_requested(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// The flag that signals set, for other threads of the process.
+    #[must_use]
+    pub fn stop_flag(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.stop)
+    }
+
+    /// Whether a law begins with what its predecessor in the run had learnt.
+    #[must_use]
+    pub const fn resumes_estimates(&self) -> bool {
+        self.orders.resume_estimates
+    }
+
+    /// Writes the status on the board.
+    pub fn publish_status(&self) {
+        self.board.put(self.status);
+    }
+
+    /// Publishes the status; asks the plant for an end when a signal has asked for one.
+    pub fn pass_on_stop(&mut self) {
+        if self.stop_requested() && self.status.wants_end == EndReason::None as u64 {
+            self.status.wants_end = EndReason::Interrupted as u64;
+        }
+        self.publish_status();
+    }
+
+    /// Asks the plant to end the run.
+    pub fn ask_for_the_end(&mut self, end: EndReason) {
+        self.status.wants_end = end as u64;
+        self.publish_status();
+    }
+
+    fn enter(&mut self, phase: RolePhase) {
+        self.status.phase = phase as u64;
+        self.publish_status();
+    }
+
+    /// Says that the ports are made, after real time is engaged.
+    ///
+    /// Real time is given back when what this returns is dropped: before the ports and the place.
+    fn report_ready(&mut self) -> Result<Engaged, Error> {
+        self.ahead.as_mut().map_or(Ok(()), Ahead::touch)?;
+        self.status.arrival.ported_ns = now_ns();
+        let engaged = Engaged::engage(self.role, &self.orders.rt, self.ahead.as_ref())?;
+        self.status.arrival.engaged_ns = now_ns();
+        self.status.grants = engaged.grants;
+        self.enter(RolePhase::Ready);
+        Ok(engaged)
+    }
+
+    /// The role's last word: its figures are final.
+    pub fn land(&mut self, meter: &UsageMeter) {
+        self.status.usage = meter.read();
+        self.enter(RolePhase::Landed);
+    }
+
+    /// Whether the plant whose run was joined lives: its board alone outlives it, and another one may have its place.
+    ///
+    /// Before a run was joined: whether any plant lives.
+    #[must_use]
+    pub fn plant_lives(&self) -> bool {
+        let instance = &self.orders.instance;
+        let is_there = instance.is_occupied(Role::Plant)
+            // The number is missing in the instant before the plant has written it.
+            && (self.plant_pid == 0 || instance.pid_of(Role::Plant).is_none_or(|pid| u64::from(pid) == self.plant_pid));
+        is_there || !is_on(Check::RunCheck)
+    }
+}
+
+/// What a call says that a signal has broken off: that it was interrupted, and not what it was in the middle of.
+fn broken_off(error: Error, by_signal: bool) -> Error {
+    if by_signal && error.exit_code() == FAILED {
+        Error::Interrupted
+    } else {
+        error
+    }
+}
+
+/// The wall clock [ns since 1970].
+#[must_use]
+pub fn wall_ns() -> u64 {
+    let since_1970 = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
+    u64::try_from(since_1970.as_nanos()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_call_that_a_signal_breaks_off_ends_as_interrupted_and_a_mistake_stays_one() {
+        let interrupted_call = || {
+            Error::system(
+                "cannot look",
+                std::io::Error::from(std::io::ErrorKind::Interrupted),
+            )
+        };
+        assert_eq!(
+            broken_off(interrupted_call(), true).exit_code(),
+            INTERRUPTED
+        );
+        assert_eq!(broken_off(interrupted_call(), false).exit_code(), FAILED);
+        let mistake = Error::InstanceName {
+            name: "../up".into(),
+        };
+        assert_eq!(broken_off(mistake, true).exit_code(), 2);
+    }
+}

@@ -1,0 +1,299 @@
+//! How a role joins the plant's run.
+//!
+//! ```text
+//!                a plant lives            it announces t_0           it keeps to it
+//!   Seeking --------------------> Told ---------------------> Armed ----------------> joined
+//!      ^                         |  ^ |                         |                        ^
+//!      |     it dies or closes   |  | |    it flies already     |                        |
+//!      +-------------------------+  | +-------------------------)------------------------+
+//!                                   +---- it announces another --+
+//! ```
+//!
+//! A board outlives its writer, so a run is believed only while the plant that wrote it holds its place. A role cannot
+//! join a flight in lockstep late, because the plant waits for the command of a state that the newcomer never got.
+
+use std::cell::Cell;
+use std::thread::sleep;
+
+use super::{LOOK_EVERY, RoleSession};
+use crate::rt::{Engaged, settle};
+use crate::throttled_log::ThrottledLog;
+use ipc::clock::now_ns;
+use ipc::error::Error;
+use ipc::{BlackboardReader, Wire};
+use messages::blackboards::{EndReason, RUN, RolePhase, Run, RunPhase, SETTINGS, SettingsText};
+use messages::checks::{Check, is_on};
+use messages::grid::Pace;
+use messages::inspection::Expected;
+use messages::role::Role;
+use messages::settings_text::{differences, other_laws};
+
+/// A run that the station has armed for.
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handles have none"
+)]
+pub struct Armed {
+    // First: a role gives real time back before it gives up anything else.
+    _engaged: Engaged,
+    pub pace: Pace,
+    pub expected: Expected,
+    /// Last tick that is to be flown.
+    pub last_tick: u64,
+    /// First tick that this role works.
+    pub first_tick: u64,
+    /// The plant's board of the run.
+    pub run: JoinedRun,
+}
+
+/// The plant's board of a run that was joined.
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handles have none"
+)]
+pub struct JoinedRun {
+    board: BlackboardReader<Run>,
+    /// What was on it last, of this run.
+    last: Cell<Run>,
+}
+
+impl JoinedRun {
+    const fn new(board: BlackboardReader<Run>, run: Run) -> Self {
+        Self {
+            board,
+            last: Cell::new(run),
+        }
+    }
+
+    /// What the plant says of the run; once another run is on the board, what it said last, closed by a failure.
+    #[must_use]
+    pub fn get(&self) -> Run {
+        let (now, last) = (self.board.get(), self.last.get());
+        if now.run_id == last.run_id {
+            self.last.set(now);
+            return now;
+        }
+        Run {
+            phase: RunPhase::Closed as u64,
+            ending: EndReason::Failed as u64,
+            ..last
+        }
+    }
+
+    /// The run that is on the board instead of this one.
+    #[must_use]
+    pub fn successor(&self) -> Option<Run> {
+        Some(self.board.get()).filter(|now| now.run_id != self.last.get().run_id)
+    }
+}
+
+/// Where a role is that wants to join.
+enum Joining {
+    Seeking,
+    /// A plant is known, and what it says is waited for.
+    Told(BlackboardReader<Run>),
+    /// The ports are armed for the t_0 of this run, which the plant may still move.
+    Armed(BlackboardReader<Run>, Run),
+    Joined(BlackboardReader<Run>, Run),
+}
+
+impl RoleSession {
+    /// Joins the plant's run: waits for it, compares settings, arms the ports, waits for t_0.
+    ///
+    /// `arm` connects the ports to those of the other roles, which exist by then. It is given the wire, what messages
+    /// carry, and the epoch of this sender.
+    ///
+    /// # Errors
+    /// [`Error::SettingsDiffer`], [`Error::RealtimeRefused`], [`Error::Interrupted`], [`Error::TooLate`] for a flight in
+    /// lockstep that has begun, and those of `arm`.
+    pub fn join(
+        &mut self,
+        mut arm: impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
+    ) -> Result<Armed, Error> {
+        let engaged = self.report_ready()?;
+        let mut patience = ThrottledLog::new(self.role);
+        let mut joining = Joining::Seeking;
+        loop {
+            if self.stop_requested() {
+                return Err(Error::Interrupted);
+            }
+            joining = match joining {
+                Joining::Joined(board, run) => return Ok(self.take_off(engaged, board, run)),
+                earlier => self.step(earlier, &mut patience, &mut arm)?,
+            };
+        }
+    }
+
+    /// One look at the plant, and what follows from it.
+    fn step(
+        &mut self,
+        joining: Joining,
+        patience: &mut ThrottledLog,
+        arm: &mut impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
+    ) -> Result<Joining, Error> {
+        match joining {
+            Joining::Seeking => self.seek(patience),
+            Joining::Told(board) => self.follow(board, patience, arm),
+            Joining::Armed(board, run) => Ok(self.await_word(board, run, patience)),
+            Joining::Joined(board, run) => Ok(Joining::Joined(board, run)),
+        }
+    }
+
+    fn seek(&mut self, patience: &mut ThrottledLog) -> Result<Joining, Error> {
+        if let Some(board) = self.find_plant()? {
+            self.compare_settings()?;
+            return Ok(Joining::Told(board));
+        }
+        patience.say(|| "the plant (`ironbird plant`)".into());
+        sleep(10 * LOOK_EVERY);
+        Ok(Joining::Seeking)
+    }
+
+    fn follow(
+        &mut self,
+        board: BlackboardReader<Run>,
+        patience: &mut ThrottledLog,
+        arm: &mut impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
+    ) -> Result<Joining, Error> {
+        let run = board.get();
+        if run.phase() == RunPhase::Closed || run.plant_pid != self.plant_pid || !self.plant_lives()
+        {
+            self.plant_pid = 0;
+            sleep(LOOK_EVERY);
+            return Ok(Joining::Seeking);
+        }
+        match run.phase() {
+            RunPhase::Mustering | RunPhase::Closed => {
+                patience.say(|| "the plant to open the run".into());
+                sleep(LOOK_EVERY);
+                Ok(Joining::Told(board))
+            }
+            RunPhase::Opening => {
+                self.arm_for(&run, arm)?;
+                self.status.armed_t0_ns = run.t0_ns;
+                self.enter(RolePhase::Armed);
+                Ok(Joining::Armed(board, run))
+            }
+            RunPhase::Flying if run.pace() == Pace::Lockstep => Err(self.too_late()),
+            RunPhase::Flying => {
+                self.arm_for(&run, arm)?;
+                Ok(Joining::Joined(board, run))
+            }
+        }
+    }
+
+    fn await_word(
+        &mut self,
+        board: BlackboardReader<Run>,
+        run: Run,
+        patience: &mut ThrottledLog,
+    ) -> Joining {
+        let now = board.get();
+        let is_same = (now.run_id, now.t0_ns) == (run.run_id, run.t0_ns);
+        match now.phase() {
+            // A short flight may be over before its last role has looked.
+            RunPhase::Flying | RunPhase::Closed if is_same => Joining::Joined(board, run),
+            // The plant keeps to this t_0 or announces another one: that it has passed says nothing.
+            RunPhase::Opening if is_same && self.plant_lives() => {
+                patience.say(|| "the plant to open the run".into());
+                sleep(LOOK_EVERY);
+                Joining::Armed(board, run)
+            }
+            _ => {
+                self.enter(RolePhase::Ready);
+                Joining::Told(board)
+            }
+        }
+    }
+
+    /// The board of a plant that lives and whose run is open to this role.
+    fn find_plant(&mut self) -> Result<Option<BlackboardReader<Run>>, Error> {
+        let board = self.run_board.take().map_or_else(
+            || self.wire.blackboard_reader::<Run>(RUN),
+            |board| Ok(Some(board)),
+        )?;
+        let Some(board) = board else { return Ok(None) };
+        let run = board.get();
+        // A launched role flies with the plant of its own launcher: another one's is about to end.
+        let is_of_our_flight = self
+            .orders
+            .launcher
+            .is_none_or(|launcher| u64::from(launcher) == run.launcher_pid);
+        let wrote_it = |pid: u32| u64::from(pid) == run.plant_pid;
+        let is_ours = is_of_our_flight
+            && self
+                .orders
+                .instance
+                .pid_of(Role::Plant)
+                .is_some_and(wrote_it);
+        if run.phase() == RunPhase::Closed || (!is_ours && is_on(Check::RunCheck)) {
+            return Ok(None);
+        }
+        self.plant_pid = run.plant_pid;
+        Ok(Some(board))
+    }
+
+    fn arm_for(
+        &self,
+        run: &Run,
+        arm: &mut impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        arm(&self.wire, expected(run), self.status.epoch)?;
+        settle(self.ahead.as_ref())
+    }
+
+    fn take_off(&mut self, engaged: Engaged, board: BlackboardReader<Run>, run: Run) -> Armed {
+        let pace = run.pace();
+        let first_tick = match pace {
+            Pace::Realtime(grid) if now_ns() >= grid.t0_ns => grid.tick_at(now_ns()) + 1,
+            Pace::Realtime(_) | Pace::Lockstep => 0,
+        };
+        self.status.arrival.armed_ns = now_ns();
+        self.enter(RolePhase::Flying);
+        Armed {
+            _engaged: engaged,
+            pace,
+            expected: expected(&run),
+            last_tick: run.last_tick,
+            first_tick,
+            run: JoinedRun::new(board, run),
+        }
+    }
+
+    fn too_late(&self) -> Error {
+        Error::TooLate {
+            what: format!(
+                "the flight in lockstep has begun without this {} process, and cannot be joined late: end it and start \
+                 every role again",
+                self.role
+            ),
+        }
+    }
+
+    fn compare_settings(&mut self) -> Result<(), Error> {
+        let ahead = self.settings_board.take();
+        let board = ahead.map_or_else(
+            || self.wire.blackboard_reader::<SettingsText>(SETTINGS),
+            |board| Ok(Some(board)),
+        )?;
+        let Some(board) = board else { return Ok(()) };
+        let theirs = board.get();
+        let differences = differences(&self.orders.settings, theirs.text(), self.role);
+        if theirs.text().is_empty() || differences.is_empty() {
+            return Ok(());
+        }
+        let laws = other_laws(&self.orders.settings, theirs.text());
+        Err(Error::SettingsDiffer {
+            role: self.role,
+            differences: differences.join("; "),
+            laws,
+        })
+    }
+}
+
+const fn expected(run: &Run) -> Expected {
+    Expected {
+        run_id: run.run_id,
+        settings: run.settings,
+    }
+}

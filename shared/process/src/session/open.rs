@@ -1,0 +1,246 @@
+//! How the plant opens a run.
+//!
+//! ```text
+//!   Mustering --all ready--> Opening, t_0 announced --all armed--> Flying
+//!       ^                       |    |  ^
+//!       +------- one gone ------+    +--+ one late: another t_0
+//! ```
+
+use std::thread::sleep;
+
+use super::{LOOK_EVERY, RoleSession, lead, status_board, wall_ns};
+use crate::lead::ActiveLead;
+use crate::rt::{Engaged, settle};
+use crate::throttled_log::ThrottledLog;
+use ipc::clock::now_ns;
+use ipc::error::Error;
+use ipc::{Blackboard, BlackboardReader};
+use messages::blackboards::{
+    EndReason, RUN, RolePhase, Run, RunPhase, SETTINGS, SETTINGS_MAX, SettingsText, Status,
+};
+use messages::flight_plan::FlightPlan;
+use messages::grid::Pace;
+use messages::inspection::Expected;
+use messages::realtime::RealtimeStep;
+use messages::role::{ROLES, Role};
+
+/// From the announcement of t_0 to t_0 [ns].
+const ANNOUNCE_NS: u64 = 200_000_000;
+/// Roles must have armed this long before t_0 [ns] for the plant to keep to it; else it announces another one.
+const ARMED_BEFORE_NS: u64 = 40_000_000;
+
+/// A run that the plant has opened.
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handles have none"
+)]
+pub struct Opened {
+    // First: a role gives real time back before it gives up anything else.
+    _engaged: Engaged,
+    pub pace: Pace,
+    pub expected: Expected,
+    /// The plant's board of the run, and what is on it.
+    pub board: Blackboard<Run>,
+    pub run: Run,
+    is_fifo: bool,
+    /// The other roles' boards, in the order of [`ROLES`].
+    pub crew: Vec<BlackboardReader<Status>>,
+    _settings: Blackboard<SettingsText>,
+}
+
+impl Opened {
+    /// Newest tick that the recorder has taken in: it counts them as ticks run.
+    #[must_use]
+    pub fn recorded_tick(&self) -> u64 {
+        self.crew
+            .last()
+            .map_or(0, |recorder| recorder.get().ticks_run)
+    }
+
+    /// The first end that another role asks for.
+    #[must_use]
+    pub fn wanted_end(&self) -> Option<EndReason> {
+        self.crew.iter().find_map(|board| {
+            EndReason::from_wire(board.get().wants_end).filter(|end| *end != EndReason::None)
+        })
+    }
+}
+
+impl RoleSession {
+    /// Chooses the lead with which a run that was opened begins, and writes it on the board.
+    pub fn choose_lead(
+        &self,
+        opened: &mut Opened,
+        rehearse: impl FnMut() -> Result<(), Error>,
+    ) -> Result<ActiveLead, Error> {
+        let Pace::Realtime(grid) = opened.pace else {
+            return Ok(ActiveLead::none());
+        };
+        let settings = &self.orders.rt;
+        opened.run.lead = lead::choose(settings, opened.is_fifo, &grid, rehearse)?;
+        opened.board.put(opened.run);
+        Ok(ActiveLead::new(
+            &opened.run.lead,
+            settings.lead,
+            grid.period_ns,
+        ))
+    }
+
+    /// Opens a run: waits until every role is ready, announces t_0, and waits until all have armed for it.
+    pub fn open_run(
+        &mut self,
+        plan: FlightPlan,
+        mut arm: impl FnMut(Expected, u64) -> Result<(), Error>,
+    ) -> Result<Opened, Error> {
+        let board = self.wire.blackboard::<Run>(RUN)?;
+        let settings = self.wire.blackboard::<SettingsText>(SETTINGS)?;
+        let text = SettingsText::new(&self.orders.settings).ok_or_else(|| Error::TooMuch {
+            what: too_long(&self.orders.settings),
+        })?;
+        settings.put(text);
+        let mut run = self.own_run(plan);
+        board.put(run);
+        let engaged = self.report_ready()?;
+        let expected = Expected {
+            run_id: wall_ns(),
+            settings: run.settings,
+        };
+        let mut patience = ThrottledLog::new(self.role);
+        let crew = loop {
+            let crew = self.muster(&board, &mut run, &mut patience)?;
+            run.phase = RunPhase::Opening as u64;
+            run.run_id = expected.run_id;
+            run.t0_ns = now_ns() + ANNOUNCE_NS;
+            run.t0_wall_ns = wall_ns() + ANNOUNCE_NS;
+            board.put(run);
+            arm(expected, self.status.epoch)?;
+            settle(self.ahead.as_ref())?;
+            let late = self.await_armed(&crew, run.t0_ns)?;
+            if late.is_empty() {
+                break crew;
+            }
+            // Whoever has died meanwhile is missed by the next muster.
+            patience.say(|| format!("{} to arm for t_0", late.join(", ")));
+        };
+        run.phase = RunPhase::Flying as u64;
+        board.put(run);
+        self.status.armed_t0_ns = run.t0_ns;
+        self.enter(RolePhase::Flying);
+        let crew = crew.into_iter().map(|(_, board)| board).collect();
+        let is_fifo = engaged.grants.of(RealtimeStep::Scheduler).granted();
+        Ok(Opened {
+            _engaged: engaged,
+            pace: run.pace(),
+            expected,
+            board,
+            run,
+            is_fifo,
+            crew,
+            _settings: settings,
+        })
+    }
+
+    /// The run before anybody has come.
+    fn own_run(&self, plan: FlightPlan) -> Run {
+        let FlightPlan {
+            last_tick,
+            sample_time_ns,
+            wall_period_ns: period_ns,
+        } = plan;
+        Run {
+            plant_pid: self.status.pid,
+            launcher_pid: self.orders.launcher.map_or(0, u64::from),
+            settings: self.status.settings,
+            period_ns,
+            sample_time_ns,
+            last_tick,
+            ..Run::default()
+        }
+    }
+
+    /// Waits until all other roles are ready with the plant's settings; says on the board when it has to.
+    fn muster(
+        &self,
+        board: &Blackboard<Run>,
+        run: &mut Run,
+        patience: &mut ThrottledLog,
+    ) -> Result<RoleStatuses, Error> {
+        loop {
+            if self.stop_requested() {
+                return Err(Error::Interrupted);
+            }
+            let mut crew = RoleStatuses::new();
+            let mut missing = Vec::new();
+            for role in ROLES.into_iter().filter(|role| *role != Role::Plant) {
+                let status = self.wire.blackboard_reader::<Status>(&status_board(role))?;
+                match status.filter(|status| {
+                    self.orders.instance.is_occupied(role) && self.is_ready(&status.get())
+                }) {
+                    Some(status) => crew.push((role, status)),
+                    None => missing.push(role.name()),
+                }
+            }
+            if missing.is_empty() {
+                return Ok(crew);
+            }
+            if run.phase() != RunPhase::Mustering {
+                run.phase = RunPhase::Mustering as u64;
+                board.put(*run);
+            }
+            patience.say(|| {
+                let (all, laws) = (missing.join(", "), &self.orders.law_options);
+                let command = format!("ironbird {} {laws}", missing[0]);
+                format!(
+                    "{all} (each with the plant's settings: `{}` ...)",
+                    command.trim_end()
+                )
+            });
+            sleep(5 * LOOK_EVERY);
+        }
+    }
+
+    /// Whether a role can arm: one that has armed for a t_0 of the past arms again.
+    fn is_ready(&self, status: &Status) -> bool {
+        matches!(status.phase(), RolePhase::Ready | RolePhase::Armed)
+            && status.settings == self.status.settings
+    }
+
+    /// Waits until all have armed for t_0; gives who has not early enough, or is gone.
+    fn await_armed(&self, crew: &RoleStatuses, t0_ns: u64) -> Result<Vec<&'static str>, Error> {
+        let is_late = |(role, status): &&(Role, BlackboardReader<Status>)| {
+            status.get().armed_t0_ns != t0_ns || !self.orders.instance.is_occupied(*role)
+        };
+        loop {
+            if self.stop_requested() {
+                return Err(Error::Interrupted);
+            }
+            let late: Vec<_> = crew
+                .iter()
+                .filter(is_late)
+                .map(|(role, _)| role.name())
+                .collect();
+            if now_ns() + ARMED_BEFORE_NS >= t0_ns {
+                // All armed, but too late to be sure of tick 0: nobody is to blame but the instant.
+                return Ok(if late.is_empty() {
+                    vec!["all roles"]
+                } else {
+                    late
+                });
+            }
+            if late.is_empty() {
+                return Ok(late);
+            }
+            sleep(LOOK_EVERY);
+        }
+    }
+}
+
+fn too_long(settings: &str) -> String {
+    let length = settings.len();
+    format!(
+        "the settings are {length} bytes long, and their board holds {SETTINGS_MAX}: fly with fewer faults"
+    )
+}
+
+/// The other roles with their boards, in the order of [`ROLES`].
+type RoleStatuses = Vec<(Role, BlackboardReader<Status>)>;

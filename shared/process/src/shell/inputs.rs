@@ -1,0 +1,226 @@
+//! The inputs of a stage: receivers, behind each the faults of its messages once there are some.
+
+use ipc::clock::Horizon;
+use ipc::error::Error;
+use ipc::{LATEST, Receiver, Wire};
+use messages::content::Stamped;
+use messages::fault::faulty_input::FaultyInput;
+use messages::fault::fields::Faulty;
+use messages::fault::{LONGEST_DELAY, MessageFaults, Port};
+use messages::header::{Header, Message};
+use messages::inspection::{Expected, Rejections};
+use messages::role::Role;
+
+use super::troubles::ActiveFaults;
+
+/// Messages that an input that may have faults keeps for its stage: more than any fault looks back.
+const FAULTS_DEPTH: usize = 2 * LONGEST_DELAY as usize;
+
+/// The receivers of a stage; the first one's messages wake it.
+pub trait Inputs: Sized {
+    /// What the stage is given of them: contents, each with its tick.
+    type Stamped;
+
+    /// Makes the ports of a role, whose inputs may have faults.
+    fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error>;
+
+    fn arm(&mut self, expected: Expected) -> Result<(), Error>;
+
+    /// Takes what has come; the tick of the newest that wakes. What goes wrong with a message is asked for when it is
+    /// there, and taken without an allocation.
+    fn take(&mut self, horizon: impl Horizon, troubles: &mut ActiveFaults) -> Result<u64, Error>;
+
+    /// Settles what there is of each by a tick: a fault may hold messages back.
+    fn settle(&mut self, tick: u64);
+
+    fn dated(&self) -> Self::Stamped;
+
+    /// The newest of each, as if they were of this tick.
+    fn dated_as_of(&self, tick: u64) -> Self::Stamped;
+
+    /// Whether all are of this tick.
+    fn fresh(&self, tick: u64) -> bool;
+
+    /// The history that an output of this tick goes back to, with the tick of each input.
+    fn history(&self, tick: u64) -> Header;
+
+    /// Messages that did not pass inspection.
+    fn rejections(&self) -> Rejections;
+}
+
+/// A receiver, and the faults of its messages once there are some.
+#[derive(Debug)]
+pub struct Input<C: Faulty> {
+    receiver: Receiver<C>,
+    /// None where the topic can have no faults.
+    port: Option<Port>,
+    inlet: Box<FaultyInput<C>>,
+    /// Whether messages go through the inlet.
+    is_struck: bool,
+    /// Which of the stage's troubles it has taken.
+    version: u64,
+}
+
+impl<C: Faulty> Input<C> {
+    /// The newest message, as the stage has it.
+    fn newest(&self) -> &Message<C> {
+        if self.is_struck {
+            self.inlet.newest()
+        } else {
+            self.receiver.newest()
+        }
+    }
+}
+
+/// Takes the faults of an input as they are from now on; `before` is the newest message so far. Says whether there are
+/// any.
+#[cold]
+fn change<C: Faulty>(
+    inlet: &mut FaultyInput<C>,
+    port: Option<Port>,
+    faults: &MessageFaults,
+    before: &Message<C>,
+) -> bool {
+    let Some(port) = port.filter(|port| faults.of(*port).next().is_some()) else {
+        return false;
+    };
+    inlet.change(faults, port, before);
+    true
+}
+
+impl<A: Faulty> Inputs for Input<A> {
+    type Stamped = Stamped<A>;
+
+    fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error> {
+        let port = Port::of(role, A::NAME);
+        let is_struck = port.is_some_and(|port| faults.of(port).next().is_some());
+        // What lags behind the newest message is one that came before: none may be lost beneath it, neither while a
+        // stage that was late comes to it, nor before a fault that is injected.
+        let depth = if port.is_some() { FAULTS_DEPTH } else { LATEST };
+        let inlet = Box::new(FaultyInput::changing(
+            faults,
+            port.unwrap_or(Port::OuterState),
+        ));
+        Ok(Self {
+            receiver: wire.receiver(depth)?,
+            port,
+            inlet,
+            is_struck,
+            version: 0,
+        })
+    }
+
+    fn arm(&mut self, expected: Expected) -> Result<(), Error> {
+        self.receiver.arm(expected)
+    }
+
+    fn take(&mut self, horizon: impl Horizon, troubles: &mut ActiveFaults) -> Result<u64, Error> {
+        let Self {
+            receiver,
+            port,
+            inlet,
+            is_struck,
+            version,
+        } = self;
+        receiver.drain_after(horizon, |before, message| {
+            // With the message in hand: what it meets was on the board when it was sent, however long this stage then
+            // was without a processor.
+            let now = troubles.version();
+            if now != *version {
+                *version = now;
+                *is_struck |= change(inlet, *port, troubles.messages(), before);
+            }
+            if *is_struck {
+                inlet.arrive(message);
+            }
+        })?;
+        Ok(receiver.newest().envelope.tick)
+    }
+
+    fn settle(&mut self, tick: u64) {
+        if self.is_struck {
+            self.inlet.settle(tick);
+        }
+    }
+
+    fn dated(&self) -> Stamped<A> {
+        if self.is_struck {
+            self.inlet.dated()
+        } else {
+            self.receiver.dated()
+        }
+    }
+
+    fn dated_as_of(&self, tick: u64) -> Stamped<A> {
+        Stamped {
+            tick,
+            ..self.dated()
+        }
+    }
+
+    fn fresh(&self, tick: u64) -> bool {
+        self.newest().envelope.tick == tick
+    }
+
+    fn history(&self, _tick: u64) -> Header {
+        let newest = self.newest().envelope;
+        newest.made_from(A::SENDER, newest.tick)
+    }
+
+    fn rejections(&self) -> Rejections {
+        self.inlet.rejections().and(self.receiver.rejections())
+    }
+}
+
+impl<A: Faulty, B: Faulty> Inputs for (Input<A>, Input<B>) {
+    type Stamped = (Stamped<A>, Stamped<B>);
+
+    fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error> {
+        Ok((
+            Input::new(wire, role, faults)?,
+            Input::new(wire, role, faults)?,
+        ))
+    }
+
+    fn arm(&mut self, expected: Expected) -> Result<(), Error> {
+        self.1.arm(expected)?;
+        self.0.arm(expected)
+    }
+
+    /// The second input of a tick was there before the first was made from it.
+    fn take(&mut self, horizon: impl Horizon, troubles: &mut ActiveFaults) -> Result<u64, Error> {
+        let tick = self.0.take(horizon, troubles)?;
+        self.1.take(horizon, troubles)?;
+        Ok(tick)
+    }
+
+    fn settle(&mut self, tick: u64) {
+        self.0.settle(tick);
+        self.1.settle(tick);
+    }
+
+    fn dated(&self) -> Self::Stamped {
+        (self.0.dated(), self.1.dated())
+    }
+
+    fn dated_as_of(&self, tick: u64) -> Self::Stamped {
+        (self.0.dated_as_of(tick), self.1.dated_as_of(tick))
+    }
+
+    fn fresh(&self, tick: u64) -> bool {
+        self.0.fresh(tick) && self.1.fresh(tick)
+    }
+
+    /// The history that reaches further: that of the first input, or that of the second if the first is stale.
+    fn history(&self, tick: u64) -> Header {
+        let (first, second) = (self.0.newest().envelope, self.1.newest().envelope);
+        let newest = if first.tick == tick { first } else { second };
+        newest
+            .made_from(A::SENDER, first.tick)
+            .made_from(B::SENDER, second.tick)
+    }
+
+    fn rejections(&self) -> Rejections {
+        self.0.rejections().and(&self.1.rejections())
+    }
+}

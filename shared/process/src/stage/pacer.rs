@@ -1,0 +1,354 @@
+//! Which tick a stage works next: input, deadline, or a ring without a message.
+
+use ipc::WakeEvent;
+use ipc::clock::now_ns;
+use ipc::error::Error;
+use messages::content::NO_TICK;
+use messages::flight_plan::LOCKSTEP_LOOK_UP_NS;
+use messages::grid::Pace;
+use messages::role::Role;
+
+/// Share of the tick, in percent, after which a stage first looks up from waiting; it then waits on to its deadline.
+///
+/// Stages later in the chain look up earlier. The timer of an earlier stage is therefore never their processor's next
+/// one, so setting or cancelling it while the chain runs costs no access to the timer's hardware. On a virtual machine
+/// such an access is an exit to the host (docs/decisions/0005-wake-by-futex.md).
+const fn first_look_percent(role: Role) -> u64 {
+    match role {
+        Role::Outer => 70,
+        Role::Inner => 69,
+        _ => 68,
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum WakeReason {
+    /// The input of a tick is there.
+    Work { tick: u64, receive_ns: u64 },
+    /// The deadline of a tick has passed without it.
+    Silence { tick: u64, receive_ns: u64 },
+    /// A rehearsal was called for, shortly before a tick.
+    Rehearsal { tick: u64 },
+}
+
+/// Decides which tick a stage works next.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pacer {
+    pace: Pace,
+    first_look_percent: u64,
+    deadline_percent: u64,
+    /// When the present wait for the doorbell began [ns].
+    since_ns: u64,
+    pub(super) next_tick: u64,
+    pub(super) skipped: u64,
+}
+
+impl Pacer {
+    pub(super) const fn new(pace: Pace, role: Role, first_tick: u64) -> Self {
+        let (first_look_percent, deadline_percent) =
+            (first_look_percent(role), role.deadline_percent());
+        Self {
+            pace,
+            first_look_percent,
+            deadline_percent,
+            since_ns: 0,
+            next_tick: first_tick,
+            skipped: 0,
+        }
+    }
+
+    pub(super) fn wait(
+        &mut self,
+        doorbell: &WakeEvent,
+        mut take: impl FnMut(Pace) -> Result<u64, Error>,
+    ) -> Result<WakeReason, Error> {
+        self.since_ns = now_ns();
+        loop {
+            // Before the ports: what a tick has is there when the role before has said that it has nothing to add.
+            let silent = doorbell
+                .silent_tick()
+                .filter(|_| self.pace == Pace::Lockstep);
+            let newest = latest(take(self.pace)?, silent);
+            // After the ports: a machine that stalls in between must not make what has come look too early.
+            let now = now_ns();
+            if let Some(wake) = self.decide(now, newest) {
+                return Ok(wake);
+            }
+            if doorbell.rehearsal_is_called() && self.is_to_come(now) {
+                return Ok(WakeReason::Rehearsal {
+                    tick: self.next_tick,
+                });
+            }
+            doorbell.wait_until(self.look_up(now))?;
+        }
+    }
+
+    /// Whether the next tick begins within half a period from `now`, or the first one is still to come.
+    const fn is_to_come(&self, now: u64) -> bool {
+        let Pace::Realtime(grid) = self.pace else {
+            return false;
+        };
+        let begin_ns = grid.begin_of(self.next_tick);
+        now < begin_ns && (self.next_tick == 0 || now + grid.period_ns / 2 >= begin_ns)
+    }
+
+    /// When the stage looks up from waiting that began at `now` [ns].
+    const fn look_up(&self, now: u64) -> u64 {
+        match self.pace {
+            Pace::Realtime(grid) => {
+                let first =
+                    grid.begin_of(self.next_tick) + grid.period_ns * self.first_look_percent / 100;
+                if now < first { first } else { self.deadline() }
+            }
+            Pace::Lockstep => self.deadline(),
+        }
+    }
+
+    /// When the stage no longer waits for its input [ns].
+    const fn deadline(&self) -> u64 {
+        match self.pace {
+            Pace::Realtime(grid) => {
+                grid.begin_of(self.next_tick) + grid.period_ns * self.deadline_percent / 100
+            }
+            Pace::Lockstep => self.since_ns + LOCKSTEP_LOOK_UP_NS,
+        }
+    }
+
+    /// What to do at `now` with an input of tick `newest`; `None` is to wait on.
+    fn decide(&mut self, now: u64, newest: u64) -> Option<WakeReason> {
+        if let Pace::Realtime(grid) = self.pace {
+            let current = grid.tick_at(now).max(self.next_tick);
+            self.skipped += current - self.next_tick;
+            self.next_tick = current;
+        }
+        if newest != NO_TICK && newest >= self.next_tick {
+            self.skipped += newest - self.next_tick;
+            self.next_tick = newest + 1;
+            return Some(WakeReason::Work {
+                tick: newest,
+                receive_ns: now,
+            });
+        }
+        if now < self.deadline() {
+            return None;
+        }
+        let tick = self.next_tick;
+        // In lockstep no tick ends before it was worked.
+        self.next_tick += u64::from(self.pace != Pace::Lockstep);
+        Some(WakeReason::Silence {
+            tick,
+            receive_ns: now,
+        })
+    }
+}
+
+/// The newest tick that there is something to do of: that of the input, or one that has none.
+fn latest(input: u64, silent: Option<u64>) -> u64 {
+    match silent {
+        Some(silent) if input == NO_TICK || input < silent => silent,
+        _ => input,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ipc::clock::Horizon as _;
+    use messages::grid::Grid;
+
+    const GRID: Grid = Grid {
+        t0_ns: 1_000_000,
+        period_ns: 1_000,
+    };
+
+    fn at(tick: u64, offset: u64) -> u64 {
+        GRID.begin_of(tick) + offset
+    }
+
+    #[test]
+    fn works_its_input_and_waits_for_the_next() {
+        let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 0);
+        assert_eq!(pacer.decide(at(0, 0) - 500, NO_TICK), None);
+        assert_eq!(
+            pacer.decide(at(0, 30), 0),
+            Some(WakeReason::Work {
+                tick: 0,
+                receive_ns: at(0, 30)
+            })
+        );
+        assert_eq!(
+            pacer.decide(at(0, 40), 0),
+            None,
+            "its input is of the past tick"
+        );
+        assert_eq!(
+            pacer.decide(at(1, 30), 1),
+            Some(WakeReason::Work {
+                tick: 1,
+                receive_ns: at(1, 30)
+            })
+        );
+        assert_eq!(pacer.skipped, 0);
+    }
+
+    #[test]
+    fn works_without_input_after_its_deadline_once() {
+        let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
+        assert_eq!(pacer.decide(at(5, 799), 4), None);
+        assert_eq!(
+            pacer.decide(at(5, 800), 4),
+            Some(WakeReason::Silence {
+                tick: 5,
+                receive_ns: at(5, 800)
+            })
+        );
+        assert_eq!(
+            pacer.decide(at(5, 900), 5),
+            None,
+            "the late input is not worked a second time"
+        );
+        assert_eq!(
+            pacer.decide(at(6, 10), 6),
+            Some(WakeReason::Work {
+                tick: 6,
+                receive_ns: at(6, 10)
+            })
+        );
+    }
+
+    #[test]
+    fn looks_up_once_before_its_deadline() {
+        let pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
+        assert_eq!(pacer.look_up(at(4, 900)), at(5, 690));
+        assert_eq!(pacer.look_up(at(5, 690)), at(5, 800));
+    }
+
+    #[test]
+    fn skips_the_ticks_that_are_over() {
+        let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
+        assert_eq!(
+            pacer.decide(at(9, 100), 4),
+            None,
+            "a pause of the machine: tick 9 may still get its input"
+        );
+        assert_eq!((pacer.next_tick, pacer.skipped), (9, 4));
+        assert_eq!(
+            pacer.decide(at(9, 200), 9),
+            Some(WakeReason::Work {
+                tick: 9,
+                receive_ns: at(9, 200)
+            })
+        );
+    }
+
+    #[test]
+    fn a_rehearsal_is_held_only_shortly_before_the_tick_that_is_next() {
+        let pacer = |next_tick| Pacer::new(Pace::Realtime(GRID), Role::Inner, next_tick);
+        assert!(pacer(5).is_to_come(at(4, 500)));
+        assert!(
+            !pacer(5).is_to_come(at(4, 499)),
+            "the tick before may still be on its way"
+        );
+        assert!(
+            !pacer(5).is_to_come(at(5, 0)),
+            "the tick has begun, and wins"
+        );
+        assert!(
+            pacer(0).is_to_come(1),
+            "before take-off there is none before it"
+        );
+        assert!(
+            !Pacer::new(Pace::Lockstep, Role::Inner, 0).is_to_come(1),
+            "in lockstep no tick is waited for"
+        );
+    }
+
+    #[test]
+    fn a_ring_is_no_rehearsal_unless_it_calls_for_one() {
+        let root = tempfile::Builder::new()
+            .prefix("ib-")
+            .tempdir_in("/tmp")
+            .unwrap();
+        let instance = ipc::instance::Instance::under(root.path(), "called").unwrap();
+        let wire = ipc::Wire::open(&instance).unwrap();
+        let (doorbell, bell) = (
+            wire.doorbell(Role::Inner).unwrap(),
+            wire.bell(Role::Inner).unwrap(),
+        );
+        // A minute long, and begun fifty seconds ago: the next tick is to come.
+        let period_ns = 60_000_000_000;
+        let grid = Grid {
+            t0_ns: now_ns() - period_ns * 5 / 6,
+            period_ns,
+        };
+        // Rung in the first look and in the second; the third finds a message, so that the wait has an end.
+        let woken_by = |ring: &dyn Fn()| {
+            let mut looks = 0;
+            Pacer::new(Pace::Realtime(grid), Role::Inner, 1).wait(&doorbell, |_| {
+                looks += 1;
+                ring();
+                Ok(if looks > 2 { 1 } else { NO_TICK })
+            })
+        };
+        let late_message_or_alarm = woken_by(&|| bell.ring().unwrap()).unwrap();
+        assert!(
+            matches!(late_message_or_alarm, WakeReason::Work { tick: 1, .. }),
+            "{late_message_or_alarm:?}"
+        );
+        let called = woken_by(&|| bell.ring_for_rehearsal().unwrap()).unwrap();
+        assert_eq!(called, WakeReason::Rehearsal { tick: 1 });
+        drop(wire);
+        instance.remove_leftovers().unwrap();
+    }
+
+    #[test]
+    fn a_machine_that_stalls_while_input_is_taken_makes_none_of_it_come_from_the_future() {
+        let root = tempfile::Builder::new()
+            .prefix("ib-")
+            .tempdir_in("/tmp")
+            .unwrap();
+        let instance = ipc::instance::Instance::under(root.path(), "stall").unwrap();
+        let wire = ipc::Wire::open(&instance).unwrap();
+        let doorbell = wire.doorbell(Role::Inner).unwrap();
+        let grid = Grid {
+            t0_ns: now_ns(),
+            period_ns: 1_000_000,
+        };
+        let mut pacer = Pacer::new(Pace::Realtime(grid), Role::Inner, 0);
+        let mut sent_ns = 0;
+        let woken = pacer.wait(&doorbell, |pace: Pace| {
+            std::thread::sleep(std::time::Duration::from_millis(20));
+            sent_ns = now_ns();
+            let tick = grid.tick_at(sent_ns);
+            assert!(
+                pace.latest_tick() >= tick,
+                "a message of this instant is no forgery"
+            );
+            Ok(tick)
+        });
+        drop(wire);
+        instance.remove_leftovers().unwrap();
+        let WakeReason::Work { tick, receive_ns } = woken.unwrap() else {
+            panic!("there was an input")
+        };
+        assert!(
+            tick >= 20 && receive_ns >= sent_ns,
+            "tick {tick} came {} ns before it was sent",
+            sent_ns - receive_ns
+        );
+    }
+
+    #[test]
+    fn an_input_that_comes_as_its_tick_begins_is_worked_once() {
+        let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
+        assert_eq!(
+            pacer.decide(at(5, 999), 6),
+            Some(WakeReason::Work {
+                tick: 6,
+                receive_ns: at(5, 999)
+            })
+        );
+        assert_eq!((pacer.next_tick, pacer.skipped), (7, 1));
+        assert_eq!(pacer.decide(at(6, 10), 6), None);
+    }
+}

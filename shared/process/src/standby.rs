@@ -1,0 +1,127 @@
+//! A spare: the process of a stage that waits beside it, with everything done that needs no place in the flight.
+//!
+//! It has its settings, its law, a node of the middleware, and its memory locked and touched. It holds no lock of a role,
+//! no port that sends or receives, and writes on no board. It keeps off the loops' processor, and waits in a system call.
+//! Its launcher's byte on standard input has it go on and take the place of a stage that has died. The end of standard
+//! input, which is also the launcher's, ends it.
+
+use std::ffi::CStr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::{Errno, read};
+use rustix::stdio::stdin;
+use rustix::thread::set_name;
+use signal_hook::consts::{SIGHUP, SIGTERM};
+
+use crate::launcher::end_with_launcher;
+use crate::rt::Ahead;
+use crate::session::{StartConfig, status_board};
+use ipc::clock::now_ns;
+use ipc::error::Error;
+use ipc::{BlackboardReader, Wire};
+use messages::blackboards::{RUN, Run, SETTINGS, SettingsText, Status};
+use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
+use messages::fault::live::{LIVE, LiveBlackboard};
+use messages::role::Role;
+
+/// What a spare is called while it waits, as `ps -o comm` and `top` show it.
+pub const NAME: &CStr = c"ironbird spare";
+/// What it is called when it goes on.
+const NAME_OF_A_STAGE: &CStr = c"ironbird";
+
+/// What a spare has when it is told to go on.
+#[allow(
+    missing_debug_implementations,
+    reason = "the middleware's handles have none"
+)]
+pub struct Ready {
+    // First: real time is given back before anything else is given up.
+    pub(crate) ahead: Option<Ahead>,
+    pub(crate) boards: Blackboards,
+    pub(crate) wire: Wire,
+    /// Whether a signal has asked for the end.
+    pub(crate) stop: Arc<AtomicBool>,
+}
+
+/// The boards that it reads on its way.
+#[derive(Default)]
+pub(crate) struct Blackboards {
+    pub(crate) run: Option<BlackboardReader<Run>>,
+    pub(crate) settings: Option<BlackboardReader<SettingsText>>,
+    pub(crate) status: Option<BlackboardReader<Status>>,
+}
+
+impl Ready {
+    /// Everything that can be opened before the place is free. Services take longer to open than ports.
+    fn open(role: Role, orders: &StartConfig, stop: Arc<AtomicBool>) -> Result<Self, Error> {
+        let mut wire = Wire::open(&orders.instance)?;
+        match role {
+            Role::Outer => {
+                wire.hold_topic::<State>()?;
+                wire.hold_topic::<Setpoint>()?;
+            }
+            Role::Inner => {
+                wire.hold_topic::<State>()?;
+                wire.hold_topic::<Setpoint>()?;
+                wire.hold_topic::<Wrench>()?;
+            }
+            Role::Mixer => {
+                wire.hold_topic::<Wrench>()?;
+                wire.hold_topic::<RotorSpeeds>()?;
+            }
+            // They have none.
+            Role::Plant | Role::Record => {}
+        }
+        wire.hold_board::<LiveBlackboard>(LIVE)?;
+        wire.hold_board::<Status>(&status_board(role))?;
+        let boards = Blackboards {
+            run: wire.blackboard_reader(RUN)?,
+            settings: wire.blackboard_reader(SETTINGS)?,
+            status: wire.blackboard_reader(&status_board(role))?,
+        };
+        // Last: what was opened is locked with the rest.
+        let ahead = Ahead::prepare(role, &orders.rt);
+        Ok(Self {
+            ahead,
+            boards,
+            wire,
+            stop,
+        })
+    }
+}
+
+/// Does what can be done ahead, and waits; the orders with which it is to go on, or nothing where it is not needed, or a
+/// signal has asked for its end.
+pub fn stand_by(role: Role, mut orders: StartConfig) -> Result<Option<StartConfig>, Error> {
+    // The launcher's death comes as a signal too, which must not end it before it has given up what it holds.
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|e| Error::system("cannot handle signals", e))?;
+    }
+    end_with_launcher(orders.launcher)?;
+    orders.ready = Some(Ready::open(role, &orders, Arc::clone(&stop))?);
+    let named = |name| set_name(name).map_err(|e| Error::system("cannot name the process", e));
+    named(NAME)?;
+    let is_told = is_told(&stop)
+        .map_err(|e| Error::system("cannot read whether the spare is to go on", e))?;
+    orders.begun_ns = now_ns();
+    named(NAME_OF_A_STAGE)?;
+    // Who is asked to end while it is told to go on is told so again as it takes its place.
+    Ok(Some(orders).filter(|_| is_told))
+}
+
+/// Waits for a byte, for the end of what can come, or for a signal.
+fn is_told(stop: &AtomicBool) -> Result<bool, Errno> {
+    let mut byte = [0_u8];
+    while !stop.load(Ordering::Relaxed) {
+        match poll(&mut [PollFd::new(&stdin(), PollFlags::IN)], None) {
+            Ok(_) => return Ok(read(stdin(), &mut byte)? > 0),
+            Err(Errno::INTR) => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(false)
+}
