@@ -337,7 +337,7 @@ mod tests {
         ];
         let laws: BTreeMap<String, LawSection> =
             sections.map(|(role, law)| (role.to_owned(), law)).into();
-        assert_eq!(crate::render::facts_text::laws(&laws), "outer pd, inner x");
+        assert_eq!(crate::render::flight::laws(&laws), "outer pd, inner x");
         let Sample {
             mut run,
             series,

@@ -1,7 +1,7 @@
 //! Combinations of laws: every outer law with every inner law and mixer.
 
 use messages::role::Role;
-use report::render::comparison_page::COMBINATIONS_MAX;
+use report::render::plot::LAWS;
 use toml::Value;
 
 use crate::settings::{Overrides, Settings};
@@ -43,6 +43,9 @@ pub fn of(outer: &[String], inner: &[String], mixer: &[String]) -> Result<Vec<Ov
         .help("name fewer laws: every outer law is flown with every inner law and mixer")),
     }
 }
+
+/// As many as a page tells apart.
+const COMBINATIONS_MAX: usize = LAWS.len();
 
 /// Refuses combinations with the same name: two library files may hold laws of one name.
 pub fn check_names(combinations: &[Overrides], settings: &[Settings]) -> Result<(), Failure> {

@@ -8,7 +8,7 @@ mod fault_table;
 use report::comparison::{Comparison, Fault, Flight, Laws, Outcome, SCHEMA};
 use report::flight_metrics::ComparedFlight;
 use report::json;
-use report::render::{comparison_page, comparison_text};
+use report::render::comparison::document;
 use report::tracking::Tracking;
 
 use crate::build;
@@ -45,11 +45,11 @@ pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
     warn(&plan)?;
     let comparison = flown(&[plan])?.remove(0);
     if let Some(path) = &args.page {
-        write_text(path, &comparison_page::render(&comparison))?;
+        write_text(path, &document(&comparison).html())?;
         say(&format!("written: {}\n", path.display()));
     }
     match args.format {
-        DiffFormat::Text => print(&comparison_text::render(&comparison))?,
+        DiffFormat::Text => print(&document(&comparison).text())?,
         DiffFormat::Json => print(
             &(json::to_string(&comparison).map_err(|e| Failure::failed(e.to_string()))? + "\n"),
         )?,

@@ -16,7 +16,7 @@ use std::sync::atomic::AtomicBool;
 use report::comparison::Laws;
 use report::json;
 use report::margin::{Margins, SCHEMA};
-use report::render::{margin_page, margin_text};
+use report::render::margin::document;
 
 use crate::build;
 use crate::cli::{DiffFormat, MarginArgs};
@@ -51,7 +51,7 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
     out.as_deref().map_or(Ok(()), table::check)?;
     let margins = measured(args, &settings, &phases, &task, &stop)?;
     if let Some(path) = &args.page {
-        write_text(path, &margin_page::render(&margins))?;
+        write_text(path, &document(&margins).html())?;
         say(&format!("written: {}\n", path.display()));
     }
     for left in out.map_or_else(|| Ok(Vec::new()), |out| table::write(&out, &margins))? {
@@ -61,7 +61,7 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
         say(&format!("no table stored for flight reports: {why}\n"));
     }
     match args.format {
-        DiffFormat::Text => print(&margin_text::render(&margins))?,
+        DiffFormat::Text => print(&document(&margins).text())?,
         DiffFormat::Json => {
             print(&(json::to_string(&margins).map_err(|e| Failure::failed(e.to_string()))? + "\n"))?
         }

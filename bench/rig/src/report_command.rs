@@ -17,7 +17,7 @@ use report::gates::break_off;
 use report::json;
 use report::render::brief;
 use report::render::brief::Left;
-use report::render::{diff_text, junit, page, text};
+use report::render::{diff, flight, junit};
 use report::schema::Report;
 use report::status::FlightStatus;
 
@@ -49,7 +49,7 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
         Format::Json => {
             print(&(json::to_string(&report).map_err(|e| Failure::failed(e.to_string()))? + "\n"))?
         }
-        Format::Html => print(&page::render(&report))?,
+        Format::Html => print(&flight::page(&report))?,
     }
     Ok(OK)
 }
@@ -57,8 +57,8 @@ pub fn show(args: &ReportArgs) -> Result<u8, Failure> {
 /// The requested part of a report.
 fn requested_text(args: &ReportArgs, report: &Report, directory: &Path) -> String {
     match &args.section {
-        Some(name) => text::section(report, name),
-        None if args.full => text::render(report),
+        Some(name) => flight::section(report, name),
+        None if args.full => flight::text(report),
         None => brief(report, directory),
     }
 }
@@ -75,7 +75,7 @@ fn brief(report: &Report, directory: &Path) -> String {
 /// What `fly` prints at the end: the summary and the RESULT line.
 #[must_use]
 pub fn ended(report: &Report, directory: &Path) -> String {
-    brief(report, directory) + &text::result_line(report, &directory.display().to_string()) + "\n"
+    brief(report, directory) + &flight::result_line(report, &directory.display().to_string()) + "\n"
 }
 
 /// Marks the last report of a recorder that died, with the time of death.
@@ -123,7 +123,7 @@ fn diff(args: &DiffArgs) -> Result<u8, Failure> {
     };
     let diff = compare(&flown(&a)?, &flown(&b)?);
     match args.format {
-        DiffFormat::Text => print(&diff_text::render(&diff))?,
+        DiffFormat::Text => print(&diff::render(&diff))?,
         DiffFormat::Json => {
             print(&(json::to_string(&diff).map_err(|e| Failure::failed(e.to_string()))? + "\n"))?
         }

@@ -24,7 +24,7 @@ use messages::limits::RotorLimits;
 use messages::role::Role;
 use plant::{Ground, Initial};
 use report::gates::RequestedGates;
-use report::render::text;
+use report::render::flight;
 use report::verdicts::TrackingLimits;
 use serde::{Deserialize, Serialize};
 
@@ -316,8 +316,8 @@ impl Settings {
 
     #[must_use]
     pub fn flown(&self) -> String {
-        let airframe = text::airframe(self.airframe_name(), &self.flight.airframe_sha256);
-        text::flown(self.trajectory_name(), &self.flight.preset, &airframe)
+        let airframe = flight::airframe(self.airframe_name(), &self.flight.airframe_sha256);
+        flight::flown(self.trajectory_name(), &self.flight.preset, &airframe)
     }
 
     /// When the flight counts as tracked.

@@ -18,6 +18,7 @@ pub use crate::simulator::simulated_flight::{SimulatedFlight, fly, fly_with};
 use crate::wall_time::speed;
 use errors::{Failure, GATE, OK, check_writable, write_text};
 use report::phrase::count;
+use report::render::figures::Figures;
 use report::render::picture;
 use report::schema::Gate;
 use report::states::StatesWriter;
@@ -90,14 +91,14 @@ pub fn report(
     let wall_s = start.elapsed().as_secs_f64();
     if let (Some(path), Some(tracer)) = (leaves.plot, &tracer) {
         let title = format!("{}, simulated", settings.flown());
-        let svg = picture::render(
-            &tracer.traces(),
-            &flown.swaps,
-            &settings.injected()?,
-            settings.flight.period_s,
-            &title,
-        );
-        write_text(path, &svg)?;
+        let figures = Figures {
+            traces: &tracer.traces(),
+            swaps: &flown.swaps,
+            faults: &settings.injected()?,
+            late: &[],
+            period_s: settings.flight.period_s,
+        };
+        write_text(path, &picture::render(&figures, &title))?;
     }
     if let Some(states) = &mut states {
         states.flush()?;
@@ -108,7 +109,8 @@ pub fn report(
         .gate_theorem
         .then(|| Gate::theorem(&theorem));
     let passes = flown.departure.is_none() && gate.as_ref().is_none_or(|gate| gate.held);
-    let mut text = summary(&flown, settings, wall_s) + &observations.estimates() + &theorem.text();
+    let mut text =
+        summary(&flown, settings, wall_s) + &observations.estimates() + "\n" + &theorem.text();
     text.extend(
         observations
             .unusable

@@ -200,7 +200,7 @@ fn a_flight_that_ends_early_says_when_and_without_a_fault_the_whole_is_told() {
         .expect(0)
         .says("pd + indi: ended at ")
         .says("the flight left its envelope: at tick")
-        .says("         -");
+        .says("  -  ");
     let calm = rig.ok("compare --inner indi --inner pid --duration 2s");
     let calm = calm.says("All 2 flew to the end\n");
     assert!(

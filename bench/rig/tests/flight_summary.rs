@@ -71,7 +71,7 @@ fn a_flight_in_lockstep_ends_with_what_matters() {
         fs::read_to_string(rig.out().join("latest/report.txt")).unwrap()
     );
     let mut parts = String::new();
-    for part in report::render::text::SECTION_NAMES {
+    for part in report::render::flight::SECTION_NAMES {
         let said = rig.ok(&format!("report --section {part}")).stdout;
         assert!(!said.is_empty(), "{part}");
         parts += &(if parts.is_empty() {

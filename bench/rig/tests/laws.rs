@@ -309,7 +309,7 @@ fn what_laws_show_has_their_names_everywhere_and_nothing_is_said_that_nobody_mea
             let why = format!("the inner law `{inner}` has no theorem");
             let theorem = serde_json::json!({"law_without": inner, "not_applicable": why});
             assert_eq!(report["theorem"], theorem);
-            assert!(page.contains(&format!("Not applicable: {why}.")));
+            assert!(page.contains(&format!("Theorem: not applicable: {why}")));
             assert!(
                 text.contains(&format!("Theorem   not applicable: {why}\n")),
                 "{text}"

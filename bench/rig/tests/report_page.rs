@@ -13,7 +13,7 @@ use crate::rig::{Rig, wait_until};
 use messages::role::{Role, STAGES};
 use report::miss_causes::MissCause;
 use report::outages::{CauseCount, OutageCase, OutageSection, TimelineStage, TimelineTick};
-use report::render::page;
+use report::render::flight;
 use report::schema::{LateStretchSection, Report, RunLength};
 use serde_json::Value;
 
@@ -265,7 +265,7 @@ fn the_page_is_whole_and_readable_by_day_and_by_night() {
     inspect(&rig, &chromium, &directory.join("report.html"), &plots);
 
     let page = rig.path("bad.html");
-    fs::write(&page, page::render(&bad_day(&slow_flight(&rig)))).unwrap();
+    fs::write(&page, flight::page(&bad_day(&slow_flight(&rig)))).unwrap();
     let seen = inspect(&rig, &chromium, &page, &[&PLOTS[..], &LATE_PLOTS].concat());
     let text = seen["text"].as_str().unwrap();
     assert!(
@@ -412,7 +412,7 @@ fn the_page_is_made_of_report_json_alone() {
             && !written.contains("http://")
             && !written.contains("https://")
     );
-    let hostile = page::render(&bad_day(&directory));
+    let hostile = flight::page(&bad_day(&directory));
     assert_eq!(hostile.matches("<script").count(), 1, "words are escaped");
     assert!(!hostile.contains("throw 1</script>"), "words are escaped");
     // Small enough to be sent, and to be written without being noticed.

@@ -3,8 +3,8 @@
 use crate::faults::InjectedFault;
 use crate::phrase::wrapped;
 use crate::phrase::{INDENT, WIDTH, count};
-use crate::render::baseline_text;
-use crate::render::text;
+use crate::render::document::{Table, known, row, us};
+use crate::render::flight;
 use crate::schema::FlightVerdict;
 use crate::schema::Report;
 use crate::speed::Speed;
@@ -64,7 +64,7 @@ fn sentences(report: &Report) -> Vec<String> {
     all.extend(message_loss::sentences(report));
     all.extend(gates(report));
     let (run, ticks) = (&report.run, &report.ticks);
-    let (ending, pace) = (text::ending(report), text::pace(report));
+    let (ending, pace) = (flight::ending(report), flight::pace(report));
     all.push(format!(
         "Flown     {ending}: {pace}; {:.1} s from {}",
         ticks.elapsed_s, run.started
@@ -79,7 +79,7 @@ fn sentences(report: &Report) -> Vec<String> {
         .is_some_and(|margin| margin.unknown.is_none());
     let margin = margin::sentence(report).map(|sentence| format!("Margin    {sentence}"));
     all.extend(margin.clone().filter(|_| is_known));
-    all.push(tracking(report));
+    all.push(format!("Tracking  {}", flight::position_error(report)));
     all.extend(floors(report));
     all.extend(refused(report));
     all.extend(margin.filter(|_| !is_known));
@@ -108,20 +108,24 @@ fn lines(sentence: &str) -> Vec<String> {
 }
 
 fn latencies(report: &Report) -> Vec<String> {
-    let rows = SERIES
-        .iter()
-        .filter_map(|name| report.series(name))
-        .map(|series| {
-            let rare = series
-                .p999_us
-                .map_or_else(|| "-".into(), |us| format!("{us:.1}"));
-            format!(
-                "  {:<15} {:>9} {:>10.1} {:>10.1} {rare:>10} {:>10.1}",
-                series.name, series.count, series.p50_us, series.p99_us, series.max_us
-            )
-        });
-    let head = "Latencies [us]        count        p50        p99      p99.9        max".to_owned();
-    std::iter::once(head).chain(rows).collect()
+    let series = SERIES.iter().filter_map(|name| report.series(name));
+    let rows = series.map(|it| {
+        let [p50, p99, max] = [it.p50_us, it.p99_us, it.max_us].map(us);
+        row([
+            &it.name,
+            &it.count,
+            &p50,
+            &p99,
+            &known(it.p999_us.map(us)),
+            &max,
+        ])
+    });
+    let columns = ["Latencies [us]", "count", "p50", "p99", "p99.9", "max"];
+    Table::new(columns, rows)
+        .text()
+        .lines()
+        .map(str::to_owned)
+        .collect()
 }
 
 fn foot(left: &Left) -> Vec<String> {
@@ -217,32 +221,16 @@ fn outages(report: &Report) -> Option<String> {
     ))
 }
 
-fn tracking(report: &Report) -> String {
-    let performance = &report.flight;
-    format!(
-        "Tracking  position error rms {:.4} m, largest {:.4} m, at the end {:.4} m{}",
-        performance.position_error_rms_m,
-        performance.position_error_max_m,
-        performance.position_error_final_m,
-        text::without_state(report)
-    )
-}
-
 /// How many times its floor each latency is that has one.
 fn floors(report: &Report) -> Option<String> {
     let beside = report.beside.as_ref()?;
-    let times = |it: baseline_text::Compared<'_>| {
-        let percentiles = it
+    let times = |it: flight::Compared<'_>| {
+        let times = it
             .times
-            .map(|times| times.map_or_else(|| "-".into(), |times| format!("{times:.2}")));
-        format!(
-            "{} is {} times a {}",
-            it.series,
-            percentiles.join(", "),
-            it.floor
-        )
+            .map(|times| known(times.map(|times| format!("{times:.2}"))));
+        format!("{} is {} times a {}", it.series, times.join(", "), it.floor)
     };
-    let all: Vec<String> = baseline_text::compared(beside, report).map(times).collect();
+    let all: Vec<String> = flight::compared(beside, report).map(times).collect();
     Some(format!("Floors    at p50, p99, p99.9: {}", all.join("; ")))
 }
 

@@ -1,251 +1,303 @@
 //! Charts of a flight over time and in space.
 
 use crate::faults::InjectedFault;
-use crate::render::plot::{Axis, Chart, HEIGHT, Layer, WIDTH, through};
+use crate::render::document::Figure;
+use crate::render::plot::{Axis, Chart, Layer, WIDTH, through};
 use crate::render::scale::Scale;
-use crate::schema::SignalSection;
-use crate::schema::{LateStretchSection, Report};
+use crate::schema::{LateStretchSection, Report, SignalSection};
 use crate::swaps::AppliedSwap;
-use crate::traces;
-use crate::traces::{Group, Path, Traces};
+use crate::traces::{self, Group, Path, Traces};
 
 /// Shortest axis of an estimate, as a share of the true value.
 const LEAST_OF_TRUTH: f64 = 3e-3;
 /// Names of a vector's components: also their colours.
 const AXES: [&str; 3] = ["x", "y", "z"];
-const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
-pub const ESTIMATED: [&str; 3] = ["i_r", "k_r", "delta"];
-pub const ROTORS: [&str; 4] = ["rotor-1", "rotor-2", "rotor-3", "rotor-4"];
+pub const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
+const ESTIMATED: [&str; 3] = ["i_r", "k_r", "delta"];
+pub const SYMBOLS: [&str; 3] = ["I_R", "k_r", "delta"];
+const ROTORS: [(&str, &str); 4] = [
+    ("rotor-1", "1"),
+    ("rotor-2", "2"),
+    ("rotor-3", "3"),
+    ("rotor-4", "4"),
+];
 
 /// Height of a picture of the path [pixels].
 const PATH_HEIGHT: f64 = 330.0;
-
 /// Height of a chart of which there are many [pixels].
 const LOW: f64 = 150.0;
 
+/// Colour, channel and word of a line.
+type Line<'a> = (&'static str, &'a str, &'a str);
+
 #[derive(Clone, Copy, Debug)]
 pub struct Figures<'a> {
-    traces: &'a Traces,
-    swaps: &'a [AppliedSwap],
-    faults: &'a [InjectedFault],
-    late: &'a [LateStretchSection],
-    period_s: f64,
+    pub traces: &'a Traces,
+    pub swaps: &'a [AppliedSwap],
+    pub faults: &'a [InjectedFault],
+    pub late: &'a [LateStretchSection],
+    /// Length of a tick of the laws [s].
+    pub period_s: f64,
 }
 
 impl<'a> Figures<'a> {
-    /// Of a flight with its marks; `period_s` is the length of a tick of the laws [s].
+    /// Of the flight of a report; none while it is in the air.
     #[must_use]
-    pub const fn new(
-        traces: &'a Traces,
-        swaps: &'a [AppliedSwap],
-        late: &'a [LateStretchSection],
-        period_s: f64,
-    ) -> Self {
-        Self {
-            traces,
-            swaps,
-            faults: &[],
-            late,
-            period_s,
-        }
-    }
-
-    /// Of the flight of a report.
-    #[must_use]
-    pub fn of(traces: &'a Traces, report: &'a Report) -> Self {
-        Self::new(
-            traces,
-            &report.swaps,
-            &report.deadlines.stretches,
-            report.run.period_us / 1e6,
-        )
-        .faulty(&report.faults)
-    }
-
-    /// The same with marks of the flight's faults.
-    #[must_use]
-    pub const fn faulty(self, faults: &'a [InjectedFault]) -> Self {
-        Self { faults, ..self }
+    pub fn of(report: &'a Report) -> Option<Self> {
+        Some(Self {
+            traces: report.traces.as_ref()?,
+            swaps: &report.swaps,
+            faults: &report.faults,
+            late: &report.deadlines.stretches,
+            period_s: report.run.period_us / 1e6,
+        })
     }
 
     /// Roll, pitch or yaw, with what the outer loop wants.
     #[must_use]
-    pub fn attitude(&self, i: usize) -> Chart {
-        let label = format!("{} [rad]", ANGLES[i]);
+    pub fn attitude(&self, i: usize) -> Figure {
+        let name = ANGLES[i];
         let lines = [
-            ("reference", traces::ATTITUDE_REFERENCE[i]),
-            (ANGLES[i], traces::ATTITUDE[i]),
+            ("reference", traces::ATTITUDE_REFERENCE[i], "reference"),
+            (name, traces::ATTITUDE[i], "actual"),
         ];
-        self.over_time(label, &lines, 0.01)
+        let title = format!("Attitude: {name}");
+        self.over_time(name, &title, &format!("{name} [rad]"), &lines, 0.01)
     }
 
     /// A component of the position, with its reference.
     #[must_use]
-    pub fn position(&self, i: usize) -> Chart {
+    pub fn position(&self, i: usize) -> Figure {
+        let name = AXES[i];
         let lines = [
-            ("reference", traces::POSITION_REFERENCE[i]),
-            (AXES[i], traces::POSITION[i]),
+            ("reference", traces::POSITION_REFERENCE[i], "reference"),
+            (name, traces::POSITION[i], "actual"),
         ];
-        self.over_time(format!("{} [m]", AXES[i]), &lines, 0.01)
+        let title = format!("Position: {name}");
+        self.over_time(name, &title, &format!("{name} [m]"), &lines, 0.01)
     }
 
     #[must_use]
-    pub fn distance(&self) -> Chart {
-        self.over_time("distance [m]".into(), &[("flown", traces::DISTANCE)], 1e-4)
+    pub fn distance(&self) -> Figure {
+        let lines = [("flown", traces::DISTANCE, "")];
+        let title = "Distance from the reference";
+        self.over_time("distance", title, "distance [m]", &lines, 1e-4)
     }
 
+    /// Attitude, position, errors, and what the laws demanded.
     #[must_use]
-    pub fn thrust(&self) -> Chart {
-        self.over_time("thrust [N]".into(), &[("flown", traces::THRUST)], 0.1)
-    }
-
-    /// What the position lacks of its reference.
-    #[must_use]
-    pub fn position_error(&self) -> Chart {
-        self.three("position error [m]", AXES, traces::POSITION_ERROR, 1e-4)
-    }
-
-    /// The rate error of the law.
-    #[must_use]
-    pub fn rate_error(&self) -> Chart {
-        self.three("rate error e [rad/s]", ANGLES, traces::RATE_ERROR, 1e-4)
-    }
-
-    #[must_use]
-    pub fn torque(&self) -> Chart {
-        self.three("torque [N m]", ANGLES, traces::TORQUE, 1e-7)
-    }
-
-    #[must_use]
-    pub fn rotor_speeds(&self) -> Chart {
-        let lines: Vec<_> = ROTORS.into_iter().zip(traces::ROTORS).collect();
-        self.over_time("rotor speed [rad/s]".into(), &lines, 1.0)
+    pub fn flight(&self) -> Vec<Figure> {
+        fn three(names: [&'static str; 3], channels: traces::Names) -> [Line<'static>; 3] {
+            std::array::from_fn(|i| (names[i], channels[i], names[i]))
+        }
+        let mut figures: Vec<Figure> = (0..3).map(|i| self.attitude(i)).collect();
+        figures.extend((0..3).map(|i| self.position(i)));
+        let lines = three(AXES, traces::POSITION_ERROR);
+        let title = "Tracking error: position";
+        figures.push(self.over_time("position-error", title, "position error [m]", &lines, 1e-4));
+        if self.traces.has_rate_error() {
+            let lines = three(ANGLES, traces::RATE_ERROR);
+            let title = "Tracking error: body rates";
+            figures.push(self.over_time("rate-error", title, "rate error e [rad/s]", &lines, 1e-4));
+        }
+        figures.push(self.distance());
+        let lines = [("flown", traces::THRUST, "")];
+        figures.push(self.over_time("thrust", "Thrust demanded", "thrust [N]", &lines, 0.1));
+        let lines = three(ANGLES, traces::TORQUE);
+        figures.push(self.over_time("torque", "Torque demanded", "torque [N m]", &lines, 1e-7));
+        let lines: [Line<'_>; 4] =
+            std::array::from_fn(|i| (ROTORS[i].0, traces::ROTORS[i], ROTORS[i].1));
+        figures.push(self.over_time("rotors", "Rotor speeds", "rotor speed [rad/s]", &lines, 1.0));
+        if self.traces.has_estimates() {
+            figures.extend((0..3).map(|i| self.estimate(i)));
+            figures.extend((0..3).map(|i| self.estimate_error(i)));
+        }
+        for (across, up, title) in [(0, 1, "from above"), (0, 2, "along y"), (1, 2, "along x")] {
+            let keys = [
+                ("flown", "flown"),
+                ("reference", "reference"),
+                ("swap ring", "live swap"),
+            ];
+            figures.push(Figure::new(
+                format!("path-{}{}", AXES[across], AXES[up]),
+                format!("Path seen {title}"),
+                keys.map(|(class, word)| (class, word.to_owned())).into(),
+                self.path(across, up),
+            ));
+        }
+        figures
     }
 
     /// An estimate, with what is true.
     #[must_use]
-    pub fn estimate(&self, i: usize) -> Chart {
-        let label = ["I_R [kg m^2]", "k_r [N m s]", "delta [rad/s^2]"][i];
+    pub fn estimate(&self, i: usize) -> Figure {
+        let unit = ["kg m^2", "N m s", "rad/s^2"][i];
         let lines = [
-            ("reference", traces::ACTUAL[i]),
-            (ESTIMATED[i], traces::ESTIMATE[i]),
+            ("reference", traces::ACTUAL[i], "true"),
+            (ESTIMATED[i], traces::ESTIMATE[i], "estimated"),
         ];
         // An airframe of any size fills its axis.
-        let actual = self
-            .values(&self.traces.flight, &lines[..1])
-            .map(f64::abs)
-            .fold(0.0, f64::max);
+        let actual = values(&self.traces.flight, &lines[..1]);
+        let actual = actual.into_iter().map(f64::abs).fold(0.0, f64::max);
         let least = if actual > 0.0 {
             LEAST_OF_TRUTH * actual
         } else {
             [1e-7, 1e-4, 1e-4][i]
         };
-        self.over_time(label.into(), &lines, least)
+        let (title, label) = (
+            format!("Estimate of {}", SYMBOLS[i]),
+            format!("{} [{unit}]", SYMBOLS[i]),
+        );
+        self.over_time(ESTIMATED[i], &title, &label, &lines, least)
     }
 
-    /// What an estimate is off by.
-    #[must_use]
-    pub fn estimate_error(&self, i: usize) -> Chart {
-        let label = [
-            "error of I_R [kg m^2]",
-            "error of k_r [N m s]",
-            "error of delta [rad/s^2]",
-        ][i];
-        self.over_time(
-            label.into(),
-            &[(ESTIMATED[i], traces::ESTIMATE_ERROR[i])],
-            [1e-9, 1e-6, 1e-6][i],
-        )
+    fn estimate_error(&self, i: usize) -> Figure {
+        let unit = ["kg m^2", "N m s", "rad/s^2"][i];
+        let lines = [(
+            ESTIMATED[i],
+            traces::ESTIMATE_ERROR[i],
+            "estimated less true",
+        )];
+        let name = format!("{}-error", ESTIMATED[i]);
+        let title = format!("Estimation error of {}", SYMBOLS[i]);
+        let label = format!("error of {} [{unit}]", SYMBOLS[i]);
+        self.over_time(&name, &title, &label, &lines, [1e-9, 1e-6, 1e-6][i])
     }
 
-    /// A signal of a role's law, low, as there may be many.
+    /// The signals of a role's law, low, as there may be many.
     #[must_use]
-    pub fn signal(&self, role: &'static str, group: &'a Group, signal: &SignalSection) -> Chart {
+    pub fn telemetry(&self, role: &'static str, signals: &[SignalSection]) -> Vec<Figure> {
         /// Least length of an axis, as a share of the numbers on it.
         const LEAST: f64 = 1e-3;
-        let line = (role, signal.name.as_str());
-        let most = self
-            .values(group, &[line])
-            .fold(0.0, |most: f64, value| most.max(value.abs()));
-        let scale = Scale::linear(
-            self.values(group, &[line]),
-            if most > 0.0 { LEAST * most } else { 1.0 },
-        );
-        let chart = self.marked(signal.unit.clone(), scale, vec![self.line(group, &line)]);
-        Chart {
-            title: format!("{} over time", signal.name),
-            height: LOW,
-            ..chart
-        }
-    }
-
-    #[must_use]
-    pub fn lyapunov(&self) -> Chart {
-        let lines: Vec<_> = ["v", "v_th"].into_iter().zip(traces::LYAPUNOV).collect();
-        let scale = Scale::log(self.values(&self.traces.flight, &lines));
-        self.lines_over_time("V, V_th [rad^2/s^2]".into(), &lines, scale)
-    }
-
-    #[must_use]
-    pub fn lyapunov_change(&self) -> Chart {
-        let lines: Vec<_> = ["v", "v_th"]
-            .into_iter()
-            .zip(traces::LYAPUNOV_CHANGE)
-            .collect();
-        let scale = Scale::symmetric(self.values(&self.traces.flight, &lines));
-        self.lines_over_time("change in a tick [rad^2/s^2]".into(), &lines, scale)
-    }
-
-    /// Violating steps in each stretch, of one cause.
-    #[must_use]
-    pub fn violations(&self, cause: &str) -> Chart {
-        let counts = self.traces.violations.get(cause).into_iter().flatten();
-        let points: Vec<_> = counts
-            .map(|at| (self.time_s(at.tick), at.count as f64))
-            .collect();
-        let scale = Scale::Linear {
-            low: 0.0,
-            high: points.iter().map(|point| point.1).fold(1.0, f64::max) * 1.1,
+        let Some(group) = self.traces.telemetry.get(role) else {
+            return Vec::new();
         };
-        let layers = vec![Layer::Stems {
-            class: "violation",
-            points,
-        }];
-        self.marked(
-            format!("violations: {}", cause.replace('_', " ")),
+        let figure = |signal: &SignalSection| {
+            let (name, unit) = (&signal.name, &signal.unit);
+            let lines = [(role, name.as_str(), "")];
+            let values = values(group, &lines);
+            let most = values
+                .iter()
+                .fold(0.0, |most: f64, value| most.max(value.abs()));
+            let least = if most > 0.0 { LEAST * most } else { 1.0 };
+            let title = if unit.is_empty() {
+                name.clone()
+            } else {
+                format!("{name} [{unit}]")
+            };
+            let scale = Scale::linear(values.into_iter(), least);
+            let mut figure = self.drawn(
+                group,
+                &format!("{role}-{name}"),
+                &title,
+                unit,
+                &lines,
+                scale,
+            );
+            figure.chart.title = format!("{name} over time");
+            figure.chart.height = LOW;
+            figure
+        };
+        let is_known = |signal: &&SignalSection| group.has(&signal.name);
+        signals.iter().filter(is_known).map(figure).collect()
+    }
+
+    /// V, V_th, their changes, and violating steps by cause.
+    #[must_use]
+    pub fn theorem(&self) -> Vec<Figure> {
+        let lines =
+            |channels: [&'static str; 2]| [("v", channels[0], "V"), ("v_th", channels[1], "V_th")];
+        let group = &self.traces.flight;
+        let of = lines(traces::LYAPUNOV);
+        let scale = Scale::log(values(group, &of).into_iter());
+        let mut figures =
+            vec![self.drawn(group, "v", "V and V_th", "V, V_th [rad^2/s^2]", &of, scale)];
+        let of = lines(traces::LYAPUNOV_CHANGE);
+        let scale = Scale::symmetric(values(group, &of).into_iter());
+        let label = "change in a tick [rad^2/s^2]";
+        figures.push(self.drawn(
+            group,
+            "v-change",
+            "Their change in a tick",
+            label,
+            &of,
             scale,
-            layers,
-        )
+        ));
+        for (cause, counts) in &self.traces.violations {
+            let points = counts
+                .iter()
+                .map(|at| (self.time_s(at.tick), at.count as f64));
+            let points: Vec<_> = points.collect();
+            let high = points.iter().map(|point| point.1).fold(1.0, f64::max) * 1.1;
+            let layers = vec![Layer::Stems {
+                class: "violation",
+                points,
+            }];
+            let named = cause.replace('_', " ");
+            let chart = self.marked(
+                &format!("violations: {named}"),
+                Scale::Linear { low: 0.0, high },
+                layers,
+            );
+            let title = format!("Violations under {named}");
+            figures.push(Figure::new(
+                format!("violations-{cause}"),
+                title,
+                Vec::new(),
+                chart,
+            ));
+        }
+        figures
     }
 
-    /// A latency over time; `tick_us` is the length of a tick, where ticks have one.
+    /// Latencies over time; `tick_us` is the length of a tick, where ticks have one.
     #[must_use]
-    pub fn latency(&self, class: &'static str, channel: &str, tick_us: Option<f64>) -> Chart {
-        let (group, line) = (&self.traces.timing, (class, channel));
-        let scale = Scale::log(self.values(group, &[line]).chain(tick_us));
-        let mut layers = vec![self.line(group, &line)];
-        layers.extend(tick_us.map(|at| Layer::Level {
-            class: "deadline",
-            at,
-            label: "a tick".into(),
-        }));
-        self.marked("latency [us]".into(), scale, layers)
-    }
-
-    /// How late commands were that missed their deadline.
-    #[must_use]
-    pub fn late(&self) -> Chart {
-        let points: Vec<_> = self
-            .late
-            .iter()
-            .map(|stretch| (stretch.time_s, stretch.late_us))
-            .collect();
-        let scale = Scale::log(points.iter().map(|point| point.1));
-        let layers = vec![Layer::Stems {
-            class: "late",
-            points,
-        }];
-        self.marked("late by [us]".into(), scale, layers)
+    pub fn latencies(&self, tick_us: Option<f64>) -> Vec<Figure> {
+        let latency = |name, title, class, channel| {
+            let lines = [(class, channel, "")];
+            let group = &self.traces.timing;
+            let scale = Scale::log(values(group, &lines).into_iter().chain(tick_us));
+            let mut figure = self.drawn(group, name, title, "latency [us]", &lines, scale);
+            figure.chart.layers.extend(tick_us.map(|at| Layer::Level {
+                class: "deadline",
+                at,
+                label: "a tick".into(),
+            }));
+            figure
+        };
+        let title = "Loop: from the state to the rotor command";
+        let mut figures = vec![latency("loop", title, "loop", traces::LOOP)];
+        if tick_us.is_some() {
+            figures.push(latency(
+                "wake",
+                "Lateness of the plant's wake-up",
+                "plant",
+                traces::WAKE,
+            ));
+        }
+        if !self.late.is_empty() {
+            let points = self
+                .late
+                .iter()
+                .map(|stretch| (stretch.time_s, stretch.late_us));
+            let points: Vec<_> = points.collect();
+            let scale = Scale::log(points.iter().map(|point| point.1));
+            let chart = self.marked(
+                "late by [us]",
+                scale,
+                vec![Layer::Stems {
+                    class: "late",
+                    points,
+                }],
+            );
+            figures.push(Figure::new(
+                "late",
+                "Late commands: lateness",
+                Vec::new(),
+                chart,
+            ));
+        }
+        figures
     }
 
     /// The way flown, projected on the plane of two axes at one scale.
@@ -272,95 +324,82 @@ impl<'a> Figures<'a> {
                 .filter(|_| tick.first() <= Some(&swap.tick))?;
             Some(((flown[sample][across], flown[sample][up]), swap_words(swap)))
         };
+        let layers = vec![
+            Layer::Line {
+                class: "reference",
+                points: line(reference),
+            },
+            Layer::Line {
+                class: "flown",
+                points: line(flown),
+            },
+            Layer::Dots {
+                class: "swap",
+                points: self.swaps.iter().filter_map(at_swap).collect(),
+            },
+        ];
+        let title = format!("path in the plane of {} and {}", AXES[across], AXES[up]);
+        let axis = |scale, i: usize| Axis::new(scale, format!("{} [m]", AXES[i]));
         let mut chart = Chart {
-            title: format!("path in the plane of {} and {}", AXES[across], AXES[up]),
             height: PATH_HEIGHT,
-            lanes: Vec::new(),
-            x: Axis::new(x, format!("{} [m]", AXES[across])),
-            y: Axis::new(y, format!("{} [m]", AXES[up])),
-            layers: vec![
-                Layer::Line {
-                    class: "reference",
-                    points: line(reference),
-                },
-                Layer::Line {
-                    class: "flown",
-                    points: line(flown),
-                },
-                Layer::Dots {
-                    class: "swap",
-                    points: self.swaps.iter().filter_map(at_swap).collect(),
-                },
-            ],
+            ..Chart::new(title, axis(x, across), axis(y, up), layers)
         };
         // One scale: the axis that would be stretched becomes longer. Its names may then need more room.
         let excess = length(&chart.x.scale) / (length(&chart.y.scale) * chart.proportion());
-        chart.x.scale = widened(chart.x.scale, (1.0 / excess).max(1.0));
-        chart.y.scale = widened(chart.y.scale, excess.max(1.0));
+        widen(&mut chart.x.scale, (1.0 / excess).max(1.0));
+        widen(&mut chart.y.scale, excess.max(1.0));
         chart
     }
 
-    fn three(
-        &self,
-        label: &str,
-        classes: [&'static str; 3],
-        channels: traces::Names,
-        least: f64,
-    ) -> Chart {
-        let lines: Vec<_> = classes.into_iter().zip(channels).collect();
-        self.over_time(label.into(), &lines, least)
-    }
-
     /// Channels of the flight, each with its colour, on a linear axis.
-    fn over_time(&self, label: String, lines: &[(&'static str, &str)], least: f64) -> Chart {
-        let scale = Scale::linear(self.values(&self.traces.flight, lines), least);
-        self.lines_over_time(label, lines, scale)
-    }
-
-    fn lines_over_time(
+    fn over_time(
         &self,
-        label: String,
-        lines: &[(&'static str, &str)],
-        scale: Scale,
-    ) -> Chart {
-        self.marked(
-            label,
-            scale,
-            lines
-                .iter()
-                .map(|line| self.line(&self.traces.flight, line))
-                .collect(),
-        )
+        name: &str,
+        title: &str,
+        label: &str,
+        lines: &[Line<'_>],
+        least: f64,
+    ) -> Figure {
+        let group = &self.traces.flight;
+        let scale = Scale::linear(values(group, lines).into_iter(), least);
+        self.drawn(group, name, title, label, lines, scale)
     }
 
-    fn line(&self, group: &Group, (class, channel): &(&'static str, &str)) -> Layer {
+    fn drawn(
+        &self,
+        group: &Group,
+        name: &str,
+        title: &str,
+        label: &str,
+        lines: &[Line<'_>],
+        scale: Scale,
+    ) -> Figure {
         let last = group.every_ticks.saturating_sub(1);
         let ends_s = |tick| [self.time_s(tick), self.time_s(tick + last)];
-        Layer::Line {
+        let layers = lines.iter().map(|(class, channel, _)| Layer::Line {
             class,
             points: through(group.spans(channel), ends_s),
-        }
-    }
-
-    fn values(&self, group: &'a Group, lines: &[(&str, &str)]) -> impl Iterator<Item = f64> {
-        let spans: Vec<_> = lines
-            .iter()
-            .flat_map(|(_, channel)| group.spans(channel))
-            .collect();
-        spans.into_iter().flat_map(|span| [span.min, span.max])
+        });
+        let chart = self.marked(label, scale, layers.collect());
+        // What was wanted lies below, and is named last.
+        let keys = lines.iter().rev().filter(|(.., word)| !word.is_empty());
+        let keys = keys.map(|(class, _, word)| (*class, (*word).to_owned()));
+        Figure::new(name, title, keys.collect(), chart)
     }
 
     /// A chart over the whole flight, with its swaps, faults and missed deadlines below what it shows.
-    fn marked(&self, label: String, scale: Scale, layers: Vec<Layer>) -> Chart {
-        let end_s = [&self.traces.flight, &self.traces.timing]
-            .into_iter()
-            .filter_map(|group| {
-                group
-                    .tick
-                    .last()
-                    .map(|tick| self.time_s(tick + group.every_ticks.saturating_sub(1)))
-            })
-            .fold(0.0, f64::max);
+    fn marked(&self, label: &str, scale: Scale, layers: Vec<Layer>) -> Chart {
+        let groups = [&self.traces.flight, &self.traces.timing].into_iter();
+        let ends_s = groups.filter_map(|group| {
+            let last = group.tick.last()?;
+            Some(self.time_s(last + group.every_ticks.saturating_sub(1)))
+        });
+        let end_s = ends_s.fold(0.0, f64::max);
+        let swaps = self
+            .swaps
+            .iter()
+            .map(|swap| (swap.time_s, swap_words(swap)));
+        let faults = self.faults.iter().flat_map(InjectedFault::marks);
         let marks = [
             Layer::Verticals {
                 class: "missed",
@@ -368,22 +407,17 @@ impl<'a> Figures<'a> {
             },
             Layer::Verticals {
                 class: "swap",
-                at: self
-                    .swaps
-                    .iter()
-                    .map(|swap| (swap.time_s, swap_words(swap)))
-                    .chain(self.faults.iter().flat_map(InjectedFault::marks))
-                    .collect(),
+                at: swaps.chain(faults).collect(),
             },
         ];
-        Chart {
-            title: format!("{label} over time"),
-            x: Axis::new(Scale::time(0.0, end_s.max(self.period_s)), "time [s]"),
-            y: Axis::new(scale, label),
-            lanes: Vec::new(),
-            layers: marks.into_iter().chain(layers).collect(),
-            height: HEIGHT,
-        }
+        let x = Axis::new(Scale::time(0.0, end_s.max(self.period_s)), "time [s]");
+        let layers = marks.into_iter().chain(layers).collect();
+        Chart::new(
+            format!("{label} over time"),
+            x,
+            Axis::new(scale, label),
+            layers,
+        )
     }
 
     /// Missed deadlines as marks: of those that would stand on one pixel, the longest.
@@ -411,6 +445,13 @@ impl<'a> Figures<'a> {
     }
 }
 
+fn values(group: &Group, lines: &[Line<'_>]) -> Vec<f64> {
+    let spans = lines
+        .iter()
+        .flat_map(|(_, channel, _)| group.spans(channel));
+    spans.flat_map(|span| [span.min, span.max]).collect()
+}
+
 /// From one end of a linear axis to the other.
 fn length(scale: &Scale) -> f64 {
     if let Scale::Linear { low, high } = scale {
@@ -420,15 +461,11 @@ fn length(scale: &Scale) -> f64 {
     }
 }
 
-/// The same axis, `factor` times as long.
-fn widened(scale: Scale, factor: f64) -> Scale {
-    let Scale::Linear { low, high } = scale else {
-        return scale;
-    };
-    let (middle, half) = ((low + high) / 2.0, (high - low) / 2.0 * factor);
-    Scale::Linear {
-        low: middle - half,
-        high: middle + half,
+/// Makes a linear axis `factor` times as long.
+fn widen(scale: &mut Scale, factor: f64) {
+    if let Scale::Linear { low, high } = scale {
+        let (middle, half) = ((*low + *high) / 2.0, (*high - *low) / 2.0 * factor);
+        (*low, *high) = (middle - half, middle + half);
     }
 }
 

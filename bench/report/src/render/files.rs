@@ -1,7 +1,8 @@
 //! The report as files: written in all its forms (JSON, terminal text, web page and picture), and read again.
 
 use crate::json;
-use crate::render::{page, picture, text};
+use crate::render::figures::Figures;
+use crate::render::{flight, picture};
 use crate::schema::{Report, SCHEMA};
 use errors::{Failure, InFile as _, read_text};
 use serde_json::Value;
@@ -15,19 +16,16 @@ pub fn write_all(report: &Report, directory: &Path) -> Result<(), Failure> {
         let path = directory.join(name);
         std::fs::write(&path, text).in_file("write", &path)
     };
-    write("report.txt", text::render(report))?;
-    write("report.html", page::render(report))?;
-    if let Some(traces) = &report.traces {
-        let run = &report.run;
+    write("report.txt", flight::text(report))?;
+    write("report.html", flight::page(report))?;
+    if let Some(figures) = Figures::of(report) {
+        let figures = Figures {
+            late: &[],
+            ..figures
+        };
         write(
             "flight.svg",
-            picture::render(
-                traces,
-                &report.swaps,
-                &report.faults,
-                run.period_us / 1e6,
-                &text::title(run),
-            ),
+            picture::render(&figures, &flight::title(&report.run)),
         )?;
     }
     sync(directory);

@@ -2,7 +2,7 @@
 //!
 //! A test case for each gate, and one for the end of the flight; the words and what they follow from as properties.
 
-use crate::render::text;
+use crate::render::flight;
 use crate::schema::{Gate, Report};
 use errors::{Failure, write_text};
 use std::path::Path;
@@ -39,7 +39,7 @@ pub fn write(report: &Report, path: &Path) -> Result<(), Failure> {
     let mut cases = vec![end(report)];
     cases.extend(report.verdict.gates.iter().map(case));
     let time = format!(" time=\"{:.3}\"", report.ticks.elapsed_s.max(0.0));
-    let text = document(&text::title(&report.run), &time, &properties, &cases);
+    let text = document(&flight::title(&report.run), &time, &properties, &cases);
     write_text(path, &text)
 }
 

@@ -2,11 +2,8 @@
 //!
 //! It shows path, height, position error and estimates, of a law without estimates the attitude, and marks the swaps.
 
-use crate::faults::InjectedFault;
-use crate::render::figures::Figures;
-use crate::render::plot::{Chart, HEIGHT, STYLE, WIDTH};
-use crate::swaps::AppliedSwap;
-use crate::traces::Traces;
+use crate::render::figures::{ANGLES, Figures, SYMBOLS};
+use crate::render::plot::{Chart, STYLE, WIDTH};
 use maud::{Markup, PreEscaped, html};
 
 /// Space around charts [pixels].
@@ -16,57 +13,48 @@ const TITLE: f64 = 18.0;
 /// Space for the heading and the key [pixels].
 const HEADING: f64 = 62.0;
 
-/// Draws the picture of a flight whose laws' ticks are `period_s` [s] long.
+/// Draws the picture of a flight.
 #[must_use]
-pub fn render(
-    traces: &Traces,
-    swaps: &[AppliedSwap],
-    faults: &[InjectedFault],
-    period_s: f64,
-    title: &str,
-) -> String {
-    let figures = Figures::new(traces, swaps, &[], period_s).faulty(faults);
-    let path = figures.path(0, 1);
-    let mut rows: Vec<(f64, f64, String, Chart)> = Vec::new();
-    let left = GAP;
-    let right = left + WIDTH + GAP;
-    let mut below_path = HEADING + TITLE + path.height + GAP;
-    let path_title = "path seen from above".to_owned();
-    rows.push((left, HEADING, path_title, path));
-    for (title, chart) in [
-        ("height", figures.position(2)),
-        ("position error", figures.distance()),
-    ] {
-        rows.push((left, below_path, title.into(), chart));
-        below_path += TITLE + HEIGHT + GAP;
-    }
-    let mut below = HEADING;
-    for i in 0..3 {
-        let (title, chart) = if traces.has_estimates() {
-            (
-                format!("estimate of {}", ["I_R", "k_r", "delta"][i]),
-                figures.estimate(i),
-            )
-        } else {
-            (["roll", "pitch", "yaw"][i].to_owned(), figures.attitude(i))
-        };
-        rows.push((right, below, title, chart));
-        below += TITLE + HEIGHT + GAP;
-    }
-    let [flown, reference] = if traces.has_estimates() {
+pub fn render(figures: &Figures<'_>, title: &str) -> String {
+    let has_estimates = figures.traces.has_estimates();
+    let mut below = [HEADING; 2];
+    let mut place = |column: usize, title: String, chart: Chart| {
+        let place = (GAP + (WIDTH + GAP) * column as f64, below[column]);
+        below[column] += TITLE + chart.height + GAP;
+        (place, title, chart)
+    };
+    let mut charts = vec![
+        place(0, "path seen from above".into(), figures.path(0, 1)),
+        place(0, "height".into(), figures.position(2).chart),
+        place(0, "position error".into(), figures.distance().chart),
+    ];
+    charts.extend((0..3).map(|i| match has_estimates {
+        true => place(
+            1,
+            format!("estimate of {}", SYMBOLS[i]),
+            figures.estimate(i).chart,
+        ),
+        false => place(1, ANGLES[i].into(), figures.attitude(i).chart),
+    }));
+    let swap = if figures.faults.is_empty() {
+        "live swap"
+    } else {
+        "swap, fault"
+    };
+    let [flown, reference] = if has_estimates {
         ["flown, estimated", "reference, true"]
     } else {
         ["flown", "reference"]
     };
-    let (width, height) = (right + WIDTH + GAP, below_path.max(below));
+    let (width, height) = (2.0 * (WIDTH + GAP) + GAP, below[0].max(below[1]));
     let picture: Markup = html! {
         svg xmlns="http://www.w3.org/2000/svg" viewBox=(format!("0 0 {width} {height}"))
             width=(width) height=(height) {
             style { (PreEscaped(STYLE)) (PreEscaped(OWN_STYLE)) }
             rect.card x="0" y="0" width=(width) height=(height) {}
             text.heading x=(GAP) y="28" { (title) }
-            (key(GAP, &[("flown", flown), ("reference", reference), ("swap", if faults.is_empty() { "live swap" } else { "swap, fault" })]))
-            @for (x, y, title, chart) in &rows {
+            (key(GAP, &[("flown", flown), ("reference", reference), ("swap", swap)]))
+            @for ((x, y), title, chart) in &charts {
                 text.title x=(x) y=(y + 12.0) { (title) }
                 (chart.svg(Some([*x, y + TITLE, WIDTH, chart.height])))
             }

@@ -9,6 +9,12 @@ use crate::traces::Span;
 use maud::{Markup, html};
 use std::fmt::Write as _;
 
+/// Colours of laws: six, and the same once more as broken lines.
+pub const LAWS: [&str; 12] = [
+    "law-1", "law-2", "law-3", "law-4", "law-5", "law-6", "law-7", "law-8", "law-9", "law-10",
+    "law-11", "law-12",
+];
+
 /// Colours and lines of everything in a chart.
 pub const STYLE: &str = include_str!("plot.css");
 
@@ -22,15 +28,17 @@ const X_TICKS: usize = 6;
 /// Numbers along the vertical axis, about.
 const Y_TICKS: usize = 5;
 /// Space of a character of a label [pixels]: of the widest fonts in use.
-pub const CHARACTER: f64 = 7.2;
+const CHARACTER: f64 = 7.2;
 /// Space above the axes, with the name of the vertical one [pixels].
 const ABOVE: f64 = 22.0;
 /// Space below the axes, with the numbers and the name of the horizontal one [pixels].
-pub const BELOW: f64 = 36.0;
+const BELOW: f64 = 36.0;
+/// Height of a row [pixels].
+const ROW: f64 = 20.0;
 /// Space to the right of the axes, for half a number [pixels].
 const RIGHT: f64 = 20.0;
 /// Height of a capital from its baseline to its middle [pixels].
-pub const HALF_CAPITAL: f64 = 4.0;
+const HALF_CAPITAL: f64 = 4.0;
 
 #[derive(Clone, Debug)]
 pub struct Axis {
@@ -48,8 +56,8 @@ impl Axis {
     }
 
     /// The scale for a script that reads the chart.
-    fn words(&self) -> String {
-        match self.scale {
+    fn words(&self) -> Option<String> {
+        Some(match self.scale {
             Scale::Linear { low, high } => format!("linear {low} {high}"),
             Scale::Log { low, high } => format!("log {low} {high}"),
             Scale::Symmetric {
@@ -58,7 +66,8 @@ impl Axis {
                 high,
             } => format!("symmetric {low} {high} {threshold}"),
             Scale::Tail { high } => format!("tail 0 {high}"),
-        }
+            Scale::Rows(_) | Scale::Windows { .. } => return None,
+        })
     }
 }
 
@@ -96,6 +105,15 @@ pub enum Layer {
         class: &'static str,
         at: Vec<(f64, String)>,
     },
+    /// Rectangles from one corner to the other, each with a word for who points at it and a label behind it.
+    Boxes {
+        class: &'static str,
+        boxes: Vec<([(f64, f64); 2], String, String)>,
+    },
+    Segments {
+        class: &'static str,
+        segments: Vec<[(f64, f64); 2]>,
+    },
 }
 
 #[derive(Clone, Debug)]
@@ -112,6 +130,17 @@ pub struct Chart {
     pub height: f64,
 }
 
+/// Marks of percentiles in a lane, from the smallest to the largest.
+pub const MARKS: [&str; 4] = ["p50", "p99", "p99.9", "max"];
+
+/// The marks of a series.
+#[derive(Clone, Debug)]
+pub struct Lane {
+    pub class: &'static str,
+    /// Each of [`MARKS`] with its place on the horizontal axis, and a word for who points at it.
+    pub marks: Vec<(usize, f64, String)>,
+}
+
 /// The rectangle inside the axes [pixels].
 #[derive(Clone, Copy, Debug)]
 struct Frame {
@@ -122,6 +151,22 @@ struct Frame {
 }
 
 impl Chart {
+    #[must_use]
+    pub fn new(title: impl Into<String>, x: Axis, y: Axis, layers: Vec<Layer>) -> Self {
+        let height = match &y.scale {
+            Scale::Rows(names) => ABOVE + ROW * names.len() as f64 + BELOW,
+            _ => HEIGHT,
+        };
+        Self {
+            title: title.into(),
+            x,
+            y,
+            lanes: Vec::new(),
+            layers,
+            height,
+        }
+    }
+
     /// The chart as an `svg` element; `place` are attributes that put it into another one: x, y, width, height.
     #[must_use]
     pub fn svg(&self, place: Option<[f64; 4]>) -> Markup {
@@ -133,17 +178,21 @@ impl Chart {
             top,
             foot,
         } = frame;
-        // A chart of its own can be read with a pointer: page/readout.js.
-        let readable = |words: String| place.is_none().then_some(words);
+        // A chart of its own can be read with a pointer: readout.js.
+        let words = self.x.words().zip(self.y.words());
+        let (words_x, words_y) = words.filter(|_| place.is_none()).unzip();
+        let readable = words_x
+            .as_ref()
+            .map(|_| format!("{left} {right} {top} {foot}"));
+        let has_rows = matches!(self.y.scale, Scale::Rows(_));
         html! {
             svg viewBox=(format!("0 0 {WIDTH} {}", self.height)) role="img" aria-label=(self.title)
                 x=[x] y=[y] width=[width] height=[height]
-                data-frame=[readable(format!("{left} {right} {top} {foot}"))]
-                data-x=[readable(self.x.words())] data-y=[readable(self.y.words())] {
+                data-frame=[readable] data-x=[words_x] data-y=[words_y] {
                 g.grid {
                     @for tick in self.y.scale.ticks(Y_TICKS) {
                         @let y = tenths(self.at_y(frame, tick.value));
-                        line x1=(left) x2=(right) y1=(y) y2=(y) {}
+                        @if !has_rows { line x1=(left) x2=(right) y1=(y) y2=(y) {} }
                         text.left x=(left - 5.0) y=(tenths(self.at_y(frame, tick.value) + HALF_CAPITAL)) {
                             (tick.label)
                         }
@@ -151,13 +200,13 @@ impl Chart {
                     @for tick in self.x.scale.ticks(X_TICKS) {
                         @let x = tenths(self.at_x(frame, tick.value));
                         line x1=(x) x2=(x) y1=(ABOVE) y2=(foot) {}
-                        text.below x=(x) y=(foot + 15.0) { (tick.label) }
+                        @if !tick.label.is_empty() { text.below x=(x) y=(foot + 15.0) { (tick.label) } }
                     }
-                    text.of-y x="2" y="12" { (self.y.label) }
+                    @if !self.y.label.is_empty() { text.of-y x="2" y="12" { (self.y.label) } }
                     text.of-x x=(right) y=(self.height - 5.0) { (self.x.label) }
                 }
                 @for (row, lane) in self.lanes.iter().enumerate() {
-                    (lane.draw(ABOVE + LANE * row as f64, |value| self.at_x(frame, value)))
+                    (self.lane(frame, ABOVE + LANE * (row as f64 + 0.5), lane))
                 }
                 @for layer in &self.layers { (self.layer(frame, layer)) }
                 path.frame d=(format!("M{left} {top}V{foot}H{right}")) {}
@@ -247,6 +296,54 @@ impl Chart {
                     }
                 }
             },
+            Layer::Boxes { class, boxes } => html! {
+                @for ([from, to], word, label) in boxes {
+                    @let ((x0, y0), (x1, y1)) = (at(*from), at(*to));
+                    // What is short can be seen, too.
+                    rect class=(class) x=(tenths(x0)) y=(tenths(y0.min(y1)))
+                        width=(tenths((x1 - x0).max(2.0))) height=(tenths((y1 - y0).abs())) {
+                        @if !word.is_empty() { title { (word) } }
+                    }
+                    @if !label.is_empty() {
+                        text.number x=(tenths(x1 + 5.0)) y=(tenths((y0 + y1) / 2.0 + HALF_CAPITAL)) { (label) }
+                    }
+                }
+            },
+            Layer::Segments { class, segments } => {
+                let mut d = String::new();
+                for [from, to] in segments {
+                    let ((x0, y0), (x1, y1)) = (at(*from), at(*to));
+                    // Writing into a string cannot fail.
+                    let _ = write!(
+                        d,
+                        "M{} {}L{} {}",
+                        tenths(x0),
+                        tenths(y0),
+                        tenths(x1),
+                        tenths(y1)
+                    );
+                }
+                html! { path class=(class) d=(d) {} }
+            }
+        }
+    }
+
+    /// A lane at a height in pixels.
+    fn lane(&self, frame: Frame, y: f64, lane: &Lane) -> Markup {
+        let places: Vec<f64> = lane
+            .marks
+            .iter()
+            .map(|(_, value, _)| self.at_x(frame, *value))
+            .collect();
+        html! {
+            g.lane.(lane.class) {
+                @if let [first, .., last] = places[..] {
+                    path.reach d=(format!("M{} {y}H{}", tenths(first), tenths(last))) {}
+                }
+                @for ((mark, _, word), x) in lane.marks.iter().zip(places) {
+                    path.mark d=(mark_path(*mark, x, y)) { title { (word) } }
+                }
+            }
         }
     }
 }
@@ -335,141 +432,26 @@ pub fn tenths(pixels: f64) -> f64 {
     (pixels * 10.0).round() / 10.0
 }
 
-#[derive(Clone, Debug)]
-pub struct Bar {
-    pub label: String,
-    pub class: &'static str,
-    pub from: f64,
-    pub to: f64,
-    pub number: String,
-}
-
-/// Height of a row [pixels].
-const ROW: f64 = 20.0;
-/// Height of a bar [pixels].
-const THICK: f64 = 12.0;
-/// Space above the first row [pixels].
-const BARS_ABOVE: f64 = 4.0;
-
-/// Bars below each other on one linear axis from 0 on; `label` names the axis, with unit.
-#[must_use]
-pub fn bars(title: &str, label: &str, bars: &[Bar]) -> Markup {
-    let longest = |text: fn(&Bar) -> &String| {
-        bars.iter()
-            .map(|bar| text(bar).chars().count())
-            .max()
-            .unwrap_or(1)
-    };
-    let left = 10.0 + CHARACTER * longest(|bar| &bar.label) as f64;
-    let right = WIDTH - 10.0 - CHARACTER * longest(|bar| &bar.number) as f64;
-    let foot = BARS_ABOVE + ROW * bars.len() as f64 + 2.0;
-    let scale = Scale::time(0.0, bars.iter().map(|bar| bar.to).fold(0.0, f64::max));
-    let at = |value: f64| tenths(left + (right - left) * scale.place(value));
-    html! {
-        svg viewBox=(format!("0 0 {WIDTH} {}", foot + BELOW)) role="img" aria-label=(title) {
-            g.grid {
-                @for tick in scale.ticks(4) {
-                    line x1=(at(tick.value)) x2=(at(tick.value)) y1=(BARS_ABOVE) y2=(foot) {}
-                    text.below x=(at(tick.value)) y=(foot + 15.0) { (tick.label) }
-                }
-                text.of-x x=(right) y=(foot + BELOW - 5.0) { (label) }
-            }
-            @for (i, bar) in bars.iter().enumerate() {
-                @let y = BARS_ABOVE + ROW * i as f64 + ROW / 2.0;
-                text.left x=(left - 5.0) y=(y + HALF_CAPITAL) { (bar.label) }
-                rect.bar.(bar.class) x=(at(bar.from)) y=(y - THICK / 2.0)
-                    width=(tenths(at(bar.to) - at(bar.from)).max(1.0)) height=(THICK) {}
-                text.number x=(at(bar.to) + 5.0) y=(y + HALF_CAPITAL) { (bar.number) }
-            }
-            path.frame d=(format!("M{left} {BARS_ABOVE}V{foot}H{right}")) {}
-        }
-    }
-}
-
 /// Height of a lane [pixels].
 pub const LANE: f64 = 11.0;
 /// Half the size of a mark [pixels].
 const HALF: f64 = 3.0;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mark {
-    P50,
-    P99,
-    P999,
-    Largest,
-}
-
-impl Mark {
-    /// All of them, from the smallest to the largest.
-    pub const ALL: [Self; 4] = [Self::P50, Self::P99, Self::P999, Self::Largest];
-
-    #[must_use]
-    pub const fn words(self) -> &'static str {
-        match self {
-            Self::P50 => "p50",
-            Self::P99 => "p99",
-            Self::P999 => "p99.9",
-            Self::Largest => "max",
-        }
-    }
-
-    /// The mark around a place in pixels.
-    fn path(self, x: f64, y: f64) -> String {
-        let [left, right, top, foot] = [x - HALF, x + HALF, y - HALF, y + HALF].map(tenths);
-        let (x, y) = (tenths(x), tenths(y));
-        match self {
-            Self::P50 => format!("M{x} {}V{}", top - 1.0, foot + 1.0),
-            Self::P99 => format!("M{left} {y}L{x} {top}L{right} {y}L{x} {foot}Z"),
-            Self::P999 => format!("M{left} {top}H{right}V{foot}H{left}Z"),
-            Self::Largest => format!("M{left} {top}L{right} {foot}M{left} {foot}L{right} {top}"),
-        }
-    }
-
-    /// The mark alone, for a key.
-    #[must_use]
-    pub fn sample(self) -> Markup {
-        html! {
-            svg.sample viewBox="0 0 10 10" width="10" height="10" aria-hidden="true" {
-                path.mark d=(self.path(5.0, 5.0)) {}
-            }
-        }
-    }
-}
-
-/// The marks of a series, from the smallest to the largest.
-#[derive(Clone, Debug)]
-pub struct Lane {
-    pub class: &'static str,
-    /// Each with its place on the horizontal axis, and a word for who points at it.
-    pub marks: Vec<(Mark, f64, String)>,
-}
-
-impl Lane {
-    /// The lane below `top`, where `at_x` places values.
-    pub(super) fn draw(&self, top: f64, at_x: impl Fn(f64) -> f64) -> Markup {
-        let y = top + LANE / 2.0;
-        let places: Vec<f64> = self
-            .marks
-            .iter()
-            .map(|(_, value, _)| at_x(*value))
-            .collect();
-        html! {
-            g.lane.(self.class) {
-                @if let [first, .., last] = places[..] {
-                    path.reach d=(format!("M{} {y}H{}", tenths(first), tenths(last))) {}
-                }
-                @for ((mark, _, word), x) in self.marks.iter().zip(places) {
-                    path.mark d=(mark.path(x, y)) { title { (word) } }
-                }
-            }
-        }
+/// One of [`MARKS`] around a place in pixels: a bar, a diamond, a square, a cross.
+fn mark_path(mark: usize, x: f64, y: f64) -> String {
+    let [left, right, top, foot] = [x - HALF, x + HALF, y - HALF, y + HALF].map(tenths);
+    let (x, y) = (tenths(x), tenths(y));
+    match mark {
+        0 => format!("M{x} {}V{}", top - 1.0, foot + 1.0),
+        1 => format!("M{left} {y}L{x} {top}L{right} {y}L{x} {foot}Z"),
+        2 => format!("M{left} {top}H{right}V{foot}H{left}Z"),
+        _ => format!("M{left} {top}L{right} {foot}M{left} {foot}L{right} {top}"),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::plot::Mark;
 
     #[test]
     fn paths_leave_out_what_nobody_sees() {
@@ -511,19 +493,25 @@ mod tests {
 
     #[test]
     fn words_are_escaped() {
-        let chart = Chart {
-            title: "<a> & \"b\"".into(),
-            x: Axis::new(Scale::time(0.0, 1.0), "time [s]"),
-            y: Axis::new(Scale::time(0.0, 1.0), "<y>"),
-            lanes: vec![Lane {
-                class: "loop",
-                marks: vec![(Mark::Largest, 0.7, "</svg><script>".into())],
-            }],
-            layers: vec![Layer::Verticals {
+        let word = || "</svg><script>".to_owned();
+        let axis = |label: &str| Axis::new(Scale::time(0.0, 1.0), label);
+        let layers = vec![
+            Layer::Verticals {
                 class: "swap",
-                at: vec![(0.5, "</svg><script>".into())],
-            }],
-            height: HEIGHT,
+                at: vec![(0.5, word())],
+            },
+            Layer::Boxes {
+                class: "bar",
+                boxes: vec![([(0.0, 0.0), (1.0, 1.0)], word(), word())],
+            },
+        ];
+        let lane = Lane {
+            class: "loop",
+            marks: vec![(3, 0.7, word())],
+        };
+        let chart = Chart {
+            lanes: vec![lane],
+            ..Chart::new("<a> & \"b\"", axis("time [s]"), axis("<y>"), layers)
         };
         let svg = chart.svg(None).into_string();
         assert!(

@@ -1,7 +1,7 @@
 //! Scales of axes: where a number is placed, and which numbers are labelled.
 
 /// How numbers become places along an axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Scale {
     Linear {
         /// At the beginning of the axis.
@@ -26,6 +26,13 @@ pub enum Scale {
         /// At the end of the axis, below 1.
         high: f64,
     },
+    /// Rows with names below each other: the first one lies from 0 to 1.
+    Rows(Vec<String>),
+    /// Stretches of time with gaps between them, in order, and named instants.
+    Windows {
+        windows: Vec<(f64, f64)>,
+        instants: Vec<(f64, String)>,
+    },
 }
 
 /// A named place on an axis.
@@ -37,6 +44,8 @@ pub struct Tick {
 
 /// Free space beyond the smallest and the largest value, as a share of the axis.
 const MARGIN: f64 = 0.06;
+/// Space between two windows, as a share of the axis.
+const GAP: f64 = 0.09;
 /// Decades of a symmetric scale on either side.
 const SYMMETRIC_DECADES: f64 = 6.0;
 /// Ticks of a logarithmic axis at the most.
@@ -107,6 +116,8 @@ impl Scale {
     pub fn place(&self, value: f64) -> f64 {
         let between = |value: f64, low: f64, high: f64| (value - low) / (high - low);
         let place = match *self {
+            Self::Rows(ref names) => 1.0 - value / names.len() as f64,
+            Self::Windows { ref windows, .. } => place_in_windows(windows, value),
             Self::Linear { low, high } => between(value, low, high),
             Self::Log { low, high } => between(value.max(low).ln(), low.ln(), high.ln()),
             Self::Symmetric {
@@ -126,6 +137,13 @@ impl Scale {
     #[must_use]
     pub fn ticks(&self, about: usize) -> Vec<Tick> {
         match *self {
+            Self::Rows(ref names) => (names.iter().enumerate())
+                .map(|(i, name)| Tick {
+                    value: i as f64 + 0.5,
+                    label: name.clone(),
+                })
+                .collect(),
+            Self::Windows { ref instants, .. } => self.instant_ticks(instants),
             Self::Linear { low, high } => linear_ticks(low, high, about),
             Self::Log { low, high } => log_ticks(low, high),
             Self::Symmetric {
@@ -136,6 +154,50 @@ impl Scale {
             Self::Tail { high } => tail_ticks(high),
         }
     }
+
+    /// All instants, and the names of those that have the room.
+    fn instant_ticks(&self, instants: &[(f64, String)]) -> Vec<Tick> {
+        /// Share of the axis that a character takes.
+        const CHARACTER: f64 = 0.02;
+        /// Share of the axis that is free beyond its end.
+        const BEYOND: f64 = 0.05;
+        let mut free_from = f64::NEG_INFINITY;
+        let tick = |(value, name): &(f64, String)| {
+            let (place, half) = (self.place(*value), CHARACTER * name.len() as f64 / 2.0);
+            let has_room = place - half >= free_from && place + half <= 1.0 + BEYOND;
+            if has_room {
+                free_from = place + half;
+            }
+            let label = if has_room {
+                name.clone()
+            } else {
+                String::new()
+            };
+            Tick {
+                value: *value,
+                label,
+            }
+        };
+        instants.iter().map(tick).collect()
+    }
+}
+
+/// All that lies between two windows stands in the middle between them.
+fn place_in_windows(windows: &[(f64, f64)], instant: f64) -> f64 {
+    let shown: f64 = windows.iter().map(|(from, to)| to - from).sum();
+    let scale = (1.0 - GAP * windows.len().saturating_sub(1) as f64) / shown;
+    let mut place = 0.0;
+    for (i, (from, to)) in windows.iter().enumerate() {
+        if instant < *from {
+            return if i == 0 { 0.0 } else { place - GAP / 2.0 };
+        }
+        place += (instant.min(*to) - from) * scale;
+        if instant <= *to || i + 1 == windows.len() {
+            return place;
+        }
+        place += GAP;
+    }
+    place
 }
 
 fn extent(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
@@ -446,5 +508,42 @@ mod tests {
             unreachable!()
         };
         assert!(high - low >= 0.5 && low < 2.0 && 2.0 < high);
+    }
+
+    #[test]
+    fn names_of_instants_are_left_out_where_they_have_no_room() {
+        let instants = (0..=10).map(|i| (f64::from(i), format!("+{}", 98_000 + i)));
+        let shown = labels(Scale::Windows {
+            windows: vec![(0.0, 10.0)],
+            instants: instants.collect(),
+        });
+        let shown: Vec<&str> = shown
+            .iter()
+            .map(String::as_str)
+            .filter(|it| !it.is_empty())
+            .collect();
+        assert_eq!(shown, ["+98000", "+98002", "+98004", "+98006", "+98008"]);
+    }
+
+    #[test]
+    fn instants_between_two_windows_stand_between_them() {
+        let scale = Scale::Windows {
+            windows: vec![(-1.0, 3.0), (96.0, 100.0)],
+            instants: Vec::new(),
+        };
+        let places = [-9.0, -1.0, 0.0, 3.0, 50.0, 96.0, 100.0, 9e9].map(|at| scale.place(at));
+        assert!(
+            places.windows(2).all(|pair| pair[0] <= pair[1]),
+            "{places:?}"
+        );
+        assert_eq!(
+            (places[0], places[1], places[6], places[7]),
+            (0.0, 0.0, 1.0, 1.0)
+        );
+        assert!((places[5] - places[3] - GAP).abs() < 1e-9, "{places:?}");
+        assert!(
+            (places[4] - places[3] - GAP / 2.0).abs() < 1e-9,
+            "{places:?}"
+        );
     }
 }

@@ -1,7 +1,8 @@
 //! `ironbird campaign report`: the results of the rows recorded so far.
 
+use campaign::aggregate;
+use campaign::results_document::document;
 use campaign::rows::Rows;
-use campaign::{aggregate, results_page, results_text};
 use errors::{Failure, OK, check_writable, write_text};
 use report::json;
 
@@ -38,14 +39,12 @@ pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
     let whole = found.whole;
     let rows = Rows::new(&args.directory, whole.iter().copied());
     let findings = aggregate::of(&plan.campaign, &plan.identity, &rows, false)?;
+    let document = document(&findings, &args.directory.display().to_string());
     if let Some(path) = &args.page {
-        write_text(path, &results_page::render(&findings))?;
+        write_text(path, &document.html())?;
     }
     match args.format {
-        DiffFormat::Text => print(&results_text::render(
-            &findings,
-            &args.directory.display().to_string(),
-        ))?,
+        DiffFormat::Text => print(&document.text())?,
         DiffFormat::Json => print(
             &(json::to_string(&findings).map_err(|e| Failure::failed(e.to_string()))? + "\n"),
         )?,

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use report::render::comparison_text::{Row, render_rows};
+use report::render::comparison::{Row, render_rows};
 use serde::Deserialize;
 use toml::Value;
 

@@ -29,9 +29,8 @@ use report::diff::{Flown, compare};
 use report::json;
 use report::render::brief;
 use report::render::brief::Left;
-use report::render::diff_text;
-use report::render::{junit, text};
-use report::render::{page, picture};
+use report::render::figures::Figures;
+use report::render::{diff, flight, junit, picture};
 use report::run_facts::RunFacts;
 use report::schema::Report;
 use toml::Value;
@@ -220,16 +219,15 @@ fn reports() {
             page: None,
             log: None,
         };
-        let mut told = text::render(&report)
+        let mut told = flight::text(&report)
             + &brief::render(&report, &left)
-            + &text::result_line(&report, "runs/x");
-        let page = page::render(&report);
+            + &flight::result_line(&report, "runs/x");
+        let page = flight::page(&report);
         assert_eq!(page.matches("<script").count(), 1, "the page's own");
         told += &page;
         told += &json::to_string(&report).unwrap();
-        if let Some(traces) = &report.traces {
-            let (period_s, title) = (report.run.period_us / 1e6, text::title(&report.run));
-            told += &picture::render(traces, &report.swaps, &report.faults, period_s, &title);
+        if let Some(figures) = Figures::of(&report) {
+            told += &picture::render(&figures, &flight::title(&report.run));
         }
         assert!(!told.contains('\u{1b}'), "an escape sequence");
         junit::write(&report, &path.with_extension("xml"))?;
@@ -238,7 +236,7 @@ fn reports() {
             report,
             facts: facts.clone(),
         }];
-        assert!(!diff_text::render(&compare(&flown, &flown)).is_empty());
+        assert!(!diff::render(&compare(&flown, &flown)).is_empty());
         Ok(())
     };
     Trial {
@@ -276,7 +274,7 @@ fn reports() {
             },
             ..flown(&facts)
         };
-        assert!(!diff_text::render(&compare(&[flown(&facts)], &[b])).is_empty());
+        assert!(!diff::render(&compare(&[flown(&facts)], &[b])).is_empty());
         Ok(())
     };
     Trial {

@@ -1,51 +1,52 @@
-//! A comparison as text and as Markdown, and the tables that its page shows.
+//! A comparison of control laws: the document, and the Markdown tables of several comparisons.
 
-use crate::comparison::{Comparison, ErrorFigures, Fault, Figures, Outcome, SETTLING_S, STAYING_S};
-use crate::render::table::{Part, Table};
+use crate::comparison::{
+    Comparison, ErrorFigures, Fault, Figures, Outcome, POWER, SETTLING_S, STAYING_S, TRUE_ERROR,
+};
+use crate::render::document::{Block, Cell, Document, Figure, Section, Table, known};
+use crate::render::plot::{Axis, Chart, LAWS, Layer, through};
+use crate::render::scale::Scale;
+use crate::traces::Span;
 
-/// The comparison as text: what was flown, then a row per combination for each question.
+/// Errors below are drawn as this [m]: that of a flight at rest has no logarithm.
+const ERROR_MIN_M: f64 = 1e-4;
+
 #[must_use]
-pub fn render(comparison: &Comparison) -> String {
-    const COLUMN: usize = 10;
+pub fn document(comparison: &Comparison) -> Document {
     let flight = &comparison.flight;
-    let mut out = format!("{flight}\n");
-    for fault in &flight.faults {
-        out += &format!("  {:>8.3} s  {}\n", fault.time_s, fault.what);
-    }
-    out.extend(parts(comparison).iter().map(|part| part.text(COLUMN)));
-    out + &endings(comparison)
-}
-
-/// The questions that a comparison answers, each with a row per combination.
-#[must_use]
-pub fn parts(comparison: &Comparison) -> Vec<Part> {
-    let flight = &comparison.flight;
-    let mut parts = match (flight.faults.first(), flight.settled_tick()) {
-        (Some(first), Some(settled)) => {
-            let before = format!("before {:.3} s", first.time_s);
-            let after = format!("from {:.3} s on", flight.time_s(settled));
-            vec![
-                errors(comparison, "error-before", &before, |it| it.error_before),
-                errors(comparison, "error-after", &after, |it| it.error_after),
-            ]
-        }
-        _ => vec![errors(comparison, "error", "", |it| Some(it.error))],
-    };
+    let combinations = comparison.outcomes.len();
+    let fault = |fault: &Fault| format!("{:>8.3} s  {}", fault.time_s, fault.what);
+    let mut lead = vec![Block::Paragraph(flight.to_string())];
     if !flight.faults.is_empty() {
-        let column = |fault: &Fault| format!("{:.3} s", fault.time_s);
-        parts.push(Part {
-            id: "recovery",
-            title: format!(
-                "Recovered from the fault at: true error below {} m for good, {STAYING_S} s at least",
-                flight.bound_m
-            ),
-            note: String::new(),
-            table: table(
-                comparison,
-                flight.faults.iter().map(column).collect(),
-                |outcome| recoveries_of(outcome).collect(),
-            ),
+        lead.push(Block::Items(flight.faults.iter().map(fault).collect()));
+    }
+    let mut sections = vec![over_time(comparison)];
+    match (flight.faults.first(), flight.settled_tick()) {
+        (Some(first), Some(settled)) => {
+            let before = format!("before {:.3} s ", first.time_s);
+            let after = format!("from {:.3} s on ", flight.time_s(settled));
+            sections.push(errors(comparison, "error-before", &before, |it| {
+                it.error_before
+            }));
+            sections.push(errors(comparison, "error-after", &after, |it| {
+                it.error_after
+            }));
+        }
+        _ => sections.push(errors(comparison, "error", "", |it| Some(it.error))),
+    }
+    if !flight.faults.is_empty() {
+        let columns = flight
+            .faults
+            .iter()
+            .map(|fault| format!("{:.3} s", fault.time_s));
+        let title = format!(
+            "Recovered from the fault at: true error below {} m for good, {STAYING_S} s at least",
+            flight.bound_m
+        );
+        let table = table(comparison, columns, |outcome| {
+            recoveries_of(outcome).collect()
         });
+        sections.push(Section::new("recovery", title, vec![table]));
     }
     let columns = [
         "power [hover]",
@@ -62,25 +63,38 @@ pub fn parts(comparison: &Comparison) -> Vec<Part> {
             outcome.outputs.clone(),
         ]
     };
-    parts.push(Part {
-        id: "effort",
-        title: "Effort".into(),
-        note: String::new(),
-        table: table(comparison, columns.map(str::to_owned).into(), effort),
-    });
-    parts
+    let columns = columns.map(str::to_owned);
+    sections.push(Section::new(
+        "effort",
+        "Effort",
+        vec![table(comparison, columns, effort)],
+    ));
+    sections.extend(endings(comparison));
+    Document {
+        title: format!("{combinations} combinations of laws, {flight}"),
+        heading: format!("{combinations} combinations of laws, one flight"),
+        build: comparison.build.to_string(),
+        lead,
+        sections,
+        footer: ". The hash of each flight is the one that `ironbird simulate` prints.".into(),
+        ..Document::default()
+    }
 }
 
 fn table(
     comparison: &Comparison,
-    columns: Vec<String>,
+    columns: impl IntoIterator<Item = String>,
     cells: impl Fn(&Outcome) -> Vec<String>,
-) -> Table {
-    let row = |outcome: &Outcome| (comparison.name_of(&outcome.laws), cells(outcome));
-    Table {
-        columns,
-        rows: comparison.outcomes.iter().map(row).collect(),
-    }
+) -> Block {
+    let row = |outcome: &Outcome| {
+        let cells = cells(outcome).into_iter().map(Cell::from);
+        [comparison.name_of(&outcome.laws).into()]
+            .into_iter()
+            .chain(cells)
+            .collect()
+    };
+    let columns = ["laws".to_owned()].into_iter().chain(columns);
+    Block::Table(Table::new(columns, comparison.outcomes.iter().map(row)))
 }
 
 /// The true position errors of a part of the flight, `when`.
@@ -89,18 +103,155 @@ fn errors(
     id: &'static str,
     when: &str,
     of: fn(&Figures) -> Option<ErrorFigures>,
-) -> Part {
+) -> Section {
     let cells = |outcome: &Outcome| match of(&outcome.figures) {
         Some(it) => [it.rms_m, it.p99_m, it.worst_m].map(millimetres).into(),
         None => vec!["-".to_owned(); 3],
     };
-    let columns = ["rms", "p99", "worst"].map(str::to_owned).into();
-    Part {
-        id,
-        title: format!("True position error {when} [mm]").replace("  ", " "),
-        note: String::new(),
-        table: table(comparison, columns, cells),
+    let table = table(
+        comparison,
+        ["rms", "p99", "worst"].map(str::to_owned),
+        cells,
+    );
+    Section::new(id, format!("True position error {when}[mm]"), vec![table])
+}
+
+/// Why flights were lost, and what laws answered that could not be used.
+fn endings(comparison: &Comparison) -> Vec<Section> {
+    let named =
+        |outcome: &Outcome, what: &str| format!("{}: {what}", comparison.name_of(&outcome.laws));
+    let outcomes = &comparison.outcomes;
+    let lost = outcomes
+        .iter()
+        .filter_map(|it| Some(named(it, &ending(it)?)));
+    let lost: Vec<String> = lost.collect();
+    let unusable = outcomes.iter();
+    let unusable: Vec<String> = unusable
+        .flat_map(|it| it.unusable.iter().map(move |sentence| named(it, sentence)))
+        .collect();
+    let mut sections = vec![if lost.is_empty() {
+        let all = format!("All {} flew to the end", outcomes.len());
+        Section::new("lost", all, Vec::new())
+    } else {
+        Section::new("lost", "Lost", vec![Block::Items(lost)])
+    }];
+    if !unusable.is_empty() {
+        let title = "Outputs that could not be used";
+        sections.push(Section::new(
+            "unusable",
+            title,
+            vec![Block::Items(unusable)],
+        ));
     }
+    sections
+}
+
+fn over_time(comparison: &Comparison) -> Section {
+    let names = comparison
+        .outcomes
+        .iter()
+        .map(|outcome| comparison.name_of(&outcome.laws));
+    let keys: Vec<(&'static str, String)> = LAWS.into_iter().zip(names).collect();
+    let note = "Each line is drawn through the smallest and the largest value of its stretches; it ends where the flight \
+                did. The error is by the truth, not by the sensors; power is the sum of the cubed rotor speeds, as a \
+                multiple of that in hover.";
+    let figures = vec![
+        Figure::new(
+            "error",
+            "True position error",
+            keys.clone(),
+            error_chart(comparison),
+        ),
+        Figure::new("power", "Rotor power", keys, power_chart(comparison)),
+    ];
+    let legend = vec![("mark swap", "fault")];
+    let blocks = vec![
+        Block::Legend(legend),
+        Block::WideFigures(figures),
+        Block::Note(note.into()),
+    ];
+    Section::new("time", "Over time", blocks)
+}
+
+fn error_chart(comparison: &Comparison) -> Chart {
+    let floored = |span: Span| Span {
+        min: span.min.max(ERROR_MIN_M),
+        max: span.max.max(ERROR_MIN_M),
+        ..span
+    };
+    let bound_m = comparison.flight.bound_m;
+    let (lines, values) = lines(comparison, TRUE_ERROR, floored);
+    let scale = Scale::log(values.into_iter().chain([bound_m.max(ERROR_MIN_M)]));
+    let level = Layer::Level {
+        class: "deadline",
+        at: bound_m,
+        label: "recovered".into(),
+    };
+    over(
+        comparison,
+        "true position error [m]",
+        scale,
+        lines.into_iter().chain([level]).collect(),
+    )
+}
+
+fn power_chart(comparison: &Comparison) -> Chart {
+    let (lines, values) = lines(comparison, POWER, |span| span);
+    over(
+        comparison,
+        "rotor power [hover]",
+        Scale::linear(values.into_iter(), 0.01),
+        lines,
+    )
+}
+
+/// A line for each combination, and all values on them.
+fn lines(
+    comparison: &Comparison,
+    channel: &str,
+    shown: impl Fn(Span) -> Span,
+) -> (Vec<Layer>, Vec<f64>) {
+    let flight = &comparison.flight;
+    let mut values = Vec::new();
+    let line = |(outcome, class): (&Outcome, &'static str)| {
+        let trace = &outcome.figures.trace;
+        let spans: Vec<Span> = trace.spans(channel).map(&shown).collect();
+        values.extend(spans.iter().flat_map(|span| [span.min, span.max]));
+        let last = trace.every_ticks.saturating_sub(1);
+        let ends_s = |tick| [flight.time_s(tick), flight.time_s(tick + last)];
+        Layer::Line {
+            class,
+            points: through(spans.into_iter(), ends_s),
+        }
+    };
+    let lines = comparison.outcomes.iter().zip(LAWS).map(line).collect();
+    (lines, values)
+}
+
+/// A chart over the whole plan of the flight, with its faults below what it shows.
+fn over(comparison: &Comparison, label: &str, scale: Scale, layers: Vec<Layer>) -> Chart {
+    let flight = &comparison.flight;
+    let words = |fault: &Fault| {
+        (
+            fault.time_s,
+            format!("fault at {:.3} s: {}", fault.time_s, fault.what),
+        )
+    };
+    let faults = Layer::Verticals {
+        class: "swap",
+        at: flight.faults.iter().map(words).collect(),
+    };
+    let x = Axis::new(
+        Scale::time(0.0, flight.time_s(flight.last_tick)),
+        "time [s]",
+    );
+    let layers = [faults].into_iter().chain(layers).collect();
+    Chart::new(
+        format!("{label} over time"),
+        x,
+        Axis::new(scale, label),
+        layers,
+    )
 }
 
 /// Per fault, when a flight had recovered from it, in words.
@@ -115,28 +266,6 @@ pub fn recoveries_of(outcome: &Outcome) -> impl Iterator<Item = String> {
             None if i + 1 == recovery_s.len() => "not in this flight".into(),
             None => "not before the next".into(),
         })
-}
-
-fn endings(comparison: &Comparison) -> String {
-    let named = |outcome: &Outcome| comparison.name_of(&outcome.laws);
-    let outcomes = || comparison.outcomes.iter();
-    let lost: String = outcomes()
-        .filter_map(|it| Some(format!("  {}: {}\n", named(it), ending(it)?)))
-        .collect();
-    let endings = if lost.is_empty() {
-        format!("\nAll {} flew to the end\n", comparison.outcomes.len())
-    } else {
-        format!("\nLost\n{lost}")
-    };
-    let unusable: String = outcomes()
-        .flat_map(|it| it.unusable.iter().map(move |sentence| (it, sentence)))
-        .map(|(it, sentence)| format!("  {}: {sentence}\n", named(it)))
-        .collect();
-    if unusable.is_empty() {
-        endings
-    } else {
-        format!("{endings}\nOutputs that could not be used\n{unusable}")
-    }
 }
 
 /// How a flight was lost; none where it was not.
@@ -180,13 +309,13 @@ const QUIET_RAD_S: f64 = 0.1;
 /// A question that a table answers.
 struct Question {
     title: String,
-    cell: fn(&Outcome) -> Cell,
+    cell: fn(&Outcome) -> Answer,
     /// Whether it tells a combination from another in some row.
     matters: fn(&Outcome) -> bool,
 }
 
 /// What a combination made of it.
-struct Cell {
+struct Answer {
     text: String,
     /// What the best of a row has least of; a lost flight is no candidate.
     figure: Option<f64>,
@@ -251,12 +380,12 @@ fn markdown(rows: &[Row], is_of: impl Fn(&&Outcome) -> bool, question: &Question
     let Some(first) = rows.first().map(outcomes) else {
         return String::new();
     };
-    let cells = |outcomes: &[Outcome]| {
-        let cells: Vec<Cell> = outcomes.iter().map(question.cell).collect();
+    let cells = |outcomes: &[Outcome]| -> Vec<String> {
+        let cells: Vec<Answer> = outcomes.iter().map(question.cell).collect();
         let figures = cells.iter().filter_map(|cell| cell.figure);
         let best = figures.min_by(f64::total_cmp).map(significant);
         // Figures that print alike are both the best.
-        let shown = |Cell { text, figure }| match figure.map(significant) {
+        let shown = |Answer { text, figure }| match figure.map(significant) {
             Some(figure) if Some(&figure) == best.as_ref() => format!("**{text}**"),
             _ => text,
         };
@@ -265,26 +394,27 @@ fn markdown(rows: &[Row], is_of: impl Fn(&&Outcome) -> bool, question: &Question
     let rows = rows.iter().filter_map(|row| {
         let outcomes = outcomes(row);
         let matters = outcomes.iter().any(question.matters);
-        matters.then(|| (row.name.replace('|', "\\|"), cells(&outcomes)))
+        let name = row.name.replace('|', "\\|");
+        matters.then(|| {
+            [name]
+                .into_iter()
+                .chain(cells(&outcomes))
+                .map(Cell::from)
+                .collect()
+        })
     });
-    let table = Table {
-        columns: first
-            .iter()
-            .map(|it| format!("`{}`", it.laws.inner))
-            .collect(),
-        rows: rows.collect(),
-    };
-    table.markdown("fault")
+    let laws = first.iter().map(|it| format!("`{}`", it.laws.inner));
+    Table::new(["fault".to_owned()].into_iter().chain(laws), rows).markdown()
 }
 
-fn tracking(outcome: &Outcome) -> Cell {
+fn tracking(outcome: &Outcome) -> Answer {
     let figures = &outcome.figures;
     match (outcome.ended_early_s, &outcome.lost, &figures.error_after) {
-        (Some(time_s), ..) => Cell {
+        (Some(time_s), ..) => Answer {
             text: format!("lost at {time_s:.1} s"),
             figure: None,
         },
-        (None, Some(_), _) => Cell {
+        (None, Some(_), _) => Answer {
             text: "below ground".into(),
             figure: None,
         },
@@ -293,9 +423,9 @@ fn tracking(outcome: &Outcome) -> Cell {
             let error = after.or_else(|| figures.recovery_s.is_empty().then_some(figures.error));
             let error_mm = error.map(|error| 1e3 * error.worst_m);
             let recovery_s = figures.recovery_s.last().copied().flatten();
-            let recovery = recovery_s.map_or_else(|| "-".into(), |time_s| format!("{time_s:.2}"));
-            let error = error_mm.map_or_else(|| "-".into(), significant);
-            Cell {
+            let recovery = known(recovery_s.map(|time_s| format!("{time_s:.2}")));
+            let error = known(error_mm.map(significant));
+            Answer {
                 text: format!("{error} / {recovery}"),
                 figure: error_mm,
             }
@@ -303,7 +433,7 @@ fn tracking(outcome: &Outcome) -> Cell {
     }
 }
 
-fn agitation(outcome: &Outcome) -> Cell {
+fn agitation(outcome: &Outcome) -> Answer {
     let agitation_rad_s = outcome.figures.effort.agitation_rad_s;
     let is_lost = outcome.lost.is_some();
     let text = if is_lost {
@@ -311,7 +441,7 @@ fn agitation(outcome: &Outcome) -> Cell {
     } else {
         significant(agitation_rad_s)
     };
-    Cell {
+    Answer {
         text,
         figure: (!is_lost).then_some(agitation_rad_s),
     }

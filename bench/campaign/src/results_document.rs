@@ -1,0 +1,443 @@
+//! What a campaign has shown, as a document.
+
+use crate::bins::{Bin, short};
+use crate::gates::{METRICS, Metric};
+use crate::results::{
+    CampaignResults, FactorResults, Map, Pair, Side, VariantResults, Worst, counted,
+};
+use report::render::document::{Block, Cell, Document, Figure, Section, Table, known, row};
+use report::render::plot::{Axis, Chart, LAWS, Layer};
+use report::render::scale::Scale;
+use report::statistics::{Interval, MeanInterval};
+
+/// Factors that are drawn at the most: those that matter least are in the table alone.
+const DRAWN: usize = 12;
+
+/// The document; `directory` is named in the command that flies the worst flights again.
+#[must_use]
+pub fn document(results: &CampaignResults, directory: &str) -> Document {
+    let CampaignResults {
+        name,
+        flights,
+        planned,
+        build,
+        campaign,
+        ..
+    } = results;
+    let part = if flights == planned {
+        String::new()
+    } else {
+        format!(" of {planned}")
+    };
+    let arms = counted(results.arms.len(), "arm");
+    let sections = [
+        Some(successes(results)),
+        pairs(results),
+        factors(results),
+        maps(results),
+        Some(distributions(results)),
+        Some(worst(results, directory)),
+        audit(results),
+    ];
+    Document {
+        title: format!("{name}: a campaign of {flights} flights"),
+        heading: name.clone(),
+        build: build.clone(),
+        lead: vec![
+            Block::Paragraph(format!("{name}: {flights} flights{part}, each by {arms}")),
+            Block::Note(format!("Fingerprint {campaign}")),
+        ],
+        sections: sections.into_iter().flatten().collect(),
+        ..Document::default()
+    }
+}
+
+/// A colour for each arm; more than there are begin again.
+fn keys(results: &CampaignResults) -> Vec<(&'static str, String)> {
+    let names = results.arms.iter().map(|arm| arm.name.clone());
+    LAWS.into_iter().cycle().zip(names).collect()
+}
+
+/// A share with as many digits as it needs near 0 and 1.
+fn percent(share: f64) -> String {
+    let percent = 100.0 * share;
+    let nearest = percent.min(100.0 - percent);
+    let digits = if nearest == 0.0 {
+        0
+    } else {
+        (1 - nearest.log10().floor() as i32).clamp(1, 5) as usize
+    };
+    format!("{percent:.digits$} %")
+}
+
+fn percents(interval: &Interval) -> String {
+    format!("{} to {}", percent(interval.low), percent(interval.high))
+}
+
+fn successes(results: &CampaignResults) -> Section {
+    let rows = results.arms.iter().map(|arm| {
+        let rate = arm.successes as f64 / arm.flights.max(1) as f64;
+        let failed = arm.gates.iter().filter(|gate| gate.held < gate.asked);
+        let failed = failed.map(|gate| format!("{}: {}", gate.name, gate.asked - gate.held));
+        let failed = failed.collect::<Vec<_>>().join(", ");
+        let of = format!("{} of {}", arm.successes, arm.flights);
+        let interval = percents(&arm.interval);
+        row([
+            &arm.name,
+            &of,
+            &percent(rate),
+            &interval,
+            &arm.lost,
+            &failed,
+        ])
+    });
+    let columns = [
+        "arm",
+        "successes",
+        "rate",
+        "interval",
+        "lost",
+        "gates that failed",
+    ];
+    let note = "A lost flight was not flown to its end within its envelope.";
+    let blocks = vec![
+        Block::Note(note.into()),
+        Block::Table(Table::new(columns, rows)),
+    ];
+    let title = format!("Success, with its {} interval at 95 %", results.intervals);
+    Section::new("success", title, blocks)
+}
+
+fn pairs(results: &CampaignResults) -> Option<Section> {
+    if results.pairs.is_empty() {
+        return None;
+    }
+    let mut items = Vec::new();
+    for pair in &results.pairs {
+        let Pair { first, second, .. } = pair;
+        let MeanInterval { mean, interval, .. } = pair.difference;
+        items.push(format!(
+            "{first} - {second}: success {:+.2} points ({:+.2} to {:+.2}); {} and {} flights that one alone flew, p = {}",
+            100.0 * mean,
+            100.0 * interval.low,
+            100.0 * interval.high,
+            pair.discordant.first,
+            pair.discordant.second,
+            short(pair.p_value)
+        ));
+    }
+    let means = results.pairs.iter().flat_map(|pair| {
+        // What is the same in every flight says nothing.
+        let differs = |it: &MeanInterval| it.interval.low != 0.0 || it.interval.high != 0.0;
+        let metrics = pair
+            .metrics
+            .iter()
+            .filter(move |metric| differs(&metric.is));
+        metrics.map(move |metric| {
+            let it = &metric.is;
+            let name = format!("{} - {}", pair.first, pair.second);
+            let interval = format!("{} to {}", short(it.interval.low), short(it.interval.high));
+            row([&name, &metric.name, &short(it.mean), &interval, &it.count])
+        })
+    });
+    let columns = ["mean difference", "metric", "mean", "interval", "flights"];
+    let note = "Both arms of a pair flew the same draws. p is McNemar's: how probable so uneven a split is, were both \
+                alike. Means are over the flights that neither lost, with bootstrap intervals at 95 %.";
+    let blocks = vec![
+        Block::Items(items),
+        Block::Table(Table::new(columns, means)),
+        Block::Note(note.into()),
+    ];
+    Some(Section::new(
+        "pairs",
+        "Arms on the same draws: first less second",
+        blocks,
+    ))
+}
+
+fn rate(bin: &Bin) -> f64 {
+    bin.successes as f64 / bin.flights.max(1) as f64
+}
+
+fn factors(results: &CampaignResults) -> Option<Section> {
+    if results.factors.is_empty() {
+        return None;
+    }
+    let share = |share: Option<f64>| known(share.map(|share| format!("{:.1} %", 100.0 * share)));
+    let arms = || results.arms.iter();
+    let rows = results.factors.iter().flat_map(|factor| {
+        arms().zip(&factor.arms).map(|(arm, effect)| {
+            let flown = effect.bins.iter().filter(|bin| bin.flights > 0);
+            let least = flown.clone().min_by(|a, b| rate(a).total_cmp(&rate(b)));
+            let most = flown.max_by(|a, b| rate(a).total_cmp(&rate(b)));
+            let ends = least
+                .zip(most)
+                .filter(|(least, most)| rate(least) < rate(most));
+            let at = |bin: &Bin| format!("{:.0} % at {}", 100.0 * rate(bin), bin.name);
+            let spread = ends.map(|(least, most)| format!("{}, {}", at(least), at(most)));
+            let [success, error] = [effect.of_success, effect.of_error].map(share);
+            row([&factor.name, &arm.name, &success, &error, &known(spread)])
+        })
+    });
+    let columns = [
+        "factor",
+        "arm",
+        "success",
+        "largest error",
+        "success from, to",
+    ];
+    let note = "Share of the variance that a factor alone accounts for, less what it would by chance; below, success over \
+                its range.";
+    let mut blocks = vec![
+        Block::Table(Table::new(columns, rows)),
+        Block::Note(note.into()),
+    ];
+    let drawn = || results.factors.iter().take(DRAWN);
+    blocks.push(Block::Figures(
+        drawn().filter_map(|factor| over(results, factor)).collect(),
+    ));
+    for factor in drawn().filter(|factor| ranges(factor).is_empty()) {
+        let values = factor.arms.first().map_or(0, |it| it.bins.len());
+        let rows = (0..values).map(|i| {
+            let bins = || factor.arms.iter().filter_map(|effect| effect.bins.get(i));
+            let name = bins()
+                .next()
+                .map_or_else(String::new, |bin| word(&bin.name).to_owned());
+            let rate = |bin: &Bin| format!("{} ({})", percent(rate(bin)), percents(&bin.interval));
+            [name]
+                .into_iter()
+                .chain(bins().map(rate))
+                .map(Cell::from)
+                .collect()
+        });
+        let columns = [factor.name.as_str()]
+            .into_iter()
+            .chain(arms().map(|arm| arm.name.as_str()));
+        blocks.push(Block::Details(
+            format!("Success over {}", factor.name),
+            vec![Block::Table(Table::new(columns, rows))],
+        ));
+    }
+    let title = "What matters: share of the variance of success (of the largest error) that a factor alone accounts for";
+    Some(Section::new("factors", title, blocks))
+}
+
+/// The ranges of a factor of numbers; none of one of words.
+fn ranges(factor: &FactorResults) -> Vec<[f64; 2]> {
+    let bins = factor.arms.iter().flat_map(|it| &it.bins);
+    bins.filter_map(|bin| bin.range).collect()
+}
+
+/// Success over a factor of numbers.
+fn over(results: &CampaignResults, factor: &FactorResults) -> Option<Figure> {
+    let ranges = ranges(factor);
+    let ends = || ranges.iter().flatten().copied();
+    let low = ends().reduce(f64::min)?;
+    let high = ends().fold(low, f64::max);
+    let is_log = low > 0.0 && high / low > 20.0;
+    let (x, middle): (Scale, fn([f64; 2]) -> f64) = if is_log {
+        (Scale::Log { low, high }, |[low, high]| (low * high).sqrt())
+    } else {
+        (Scale::time(low, high), |[low, high]| (low + high) / 2.0)
+    };
+    let mut layers = Vec::new();
+    for (class, effect) in LAWS.into_iter().cycle().zip(&factor.arms) {
+        let bins = effect.bins.iter().filter(|bin| bin.flights > 0);
+        let points: Vec<(f64, &Bin)> = bins
+            .filter_map(|bin| Some((middle(bin.range?), bin)))
+            .collect();
+        let line = points.iter().map(|(x, bin)| (*x, 100.0 * rate(bin)));
+        layers.push(Layer::Line {
+            class,
+            points: line.collect(),
+        });
+        let intervals = points.iter().map(|(x, bin)| {
+            let ends = [bin.interval.low, bin.interval.high];
+            ends.map(|end| (*x, 100.0 * end)).into()
+        });
+        layers.extend(intervals.map(|points| Layer::Line { class, points }));
+    }
+    let percents = Scale::Linear {
+        low: 0.0,
+        high: 105.0,
+    };
+    let (x, y) = (
+        Axis::new(x, &factor.name),
+        Axis::new(percents, "success [%]"),
+    );
+    let chart = Chart::new(format!("success over {}", factor.name), x, y, layers);
+    Some(Figure::new(
+        &factor.name,
+        &factor.meaning,
+        keys(results),
+        chart,
+    ))
+}
+
+/// A drawn value that is a list of one word, as that word.
+fn word(name: &str) -> &str {
+    let word = name
+        .strip_prefix("[\"")
+        .and_then(|it| it.strip_suffix("\"]"));
+    word.unwrap_or(name)
+}
+
+fn maps(results: &CampaignResults) -> Option<Section> {
+    if results.maps.is_empty() {
+        return None;
+    }
+    let note = "The darker, the more flights failed; the number is the share of successes [%].";
+    let maps = results.maps.iter().map(heat);
+    let blocks = [Block::Note(note.into())].into_iter().chain(maps).collect();
+    Some(Section::new("maps", "Success over two factors", blocks))
+}
+
+/// A map as a table of shaded cells.
+fn heat(map: &Map) -> Block {
+    // What has the longer names goes down: a column is narrow.
+    let longest = |side: &Side| side.bins.iter().map(String::len).max().unwrap_or_default();
+    let is_turned = longest(&map.x) > longest(&map.y);
+    let (across, down) = if is_turned {
+        (&map.y, &map.x)
+    } else {
+        (&map.x, &map.y)
+    };
+    let cell = |row: usize, column: usize| {
+        let (row, column) = if is_turned {
+            (column, row)
+        } else {
+            (row, column)
+        };
+        let [successes, flights] = map.cells[row][column];
+        let percent = (flights > 0).then(|| 100.0 * successes as f64 / flights as f64);
+        Cell {
+            shade: Some(0.85 * percent.map_or(0.0, |percent| 100.0 - percent)),
+            ..known(percent.map(|percent| format!("{percent:.0}"))).into()
+        }
+    };
+    let rows = down.bins.iter().enumerate().map(|(i, name)| {
+        let cells = (0..across.bins.len()).map(|column| cell(i, column));
+        [word(name).into()].into_iter().chain(cells).collect()
+    });
+    let columns = [""]
+        .into_iter()
+        .chain(across.bins.iter().map(|name| word(name)));
+    let title = format!(
+        "{}: {} across, {} down",
+        map.arm, across.factor, down.factor
+    );
+    Block::Details(title, vec![Block::Table(Table::new(columns, rows))])
+}
+
+fn distributions(results: &CampaignResults) -> Section {
+    // What is the same in every flight says nothing.
+    let varies = |i: &usize| {
+        let mut metrics = results.arms.iter().map(|arm| &arm.metrics[*i].is);
+        metrics.any(|it| it.min < it.max)
+    };
+    let varying: Vec<usize> = (0..METRICS.len()).filter(varies).collect();
+    let rows = varying.iter().flat_map(|i| {
+        let name = METRICS[*i].name;
+        let known = results
+            .arms
+            .iter()
+            .filter(|arm| arm.metrics[*i].is.count > 0);
+        known.map(move |arm| quantiles(name, arm, *i))
+    });
+    let columns = ["metric", "arm", "quantiles", "max", "flights"];
+    let note =
+        "The share of flights that a value is not exceeded in; each nine takes as much space.";
+    let figures = varying
+        .iter()
+        .map(|i| distribution(results, *i, &METRICS[*i]));
+    let blocks = vec![
+        Block::Table(Table::new(columns, rows)),
+        Block::Note(note.into()),
+        Block::Figures(figures.collect()),
+    ];
+    Section::new("metrics", "Distributions", blocks)
+}
+
+fn quantiles(name: &str, arm: &VariantResults, metric: usize) -> Vec<Cell> {
+    let it = &arm.metrics[metric].is;
+    let quantiles = it.quantiles.iter();
+    let quantiles =
+        quantiles.map(|q| format!("p{} {}", (1e4 * q.share).round() / 1e2, short(q.value)));
+    let quantiles = quantiles.collect::<Vec<_>>().join("  ");
+    row([&name, &arm.name, &quantiles, &short(it.max), &it.count])
+}
+
+fn distribution(results: &CampaignResults, place: usize, metric: &Metric) -> Figure {
+    let curves = || results.arms.iter().map(|arm| &arm.metrics[place].is.curve);
+    let values = || curves().flatten().map(|point| point.value);
+    let smallest = values().fold(f64::INFINITY, f64::min);
+    let largest = values().fold(0.0, f64::max);
+    let y = if smallest > 0.0 && largest / smallest > 20.0 {
+        Scale::log(values())
+    } else {
+        Scale::linear(values(), 1e-9)
+    };
+    let shares = curves()
+        .filter_map(|curve| curve.last())
+        .map(|point| point.share);
+    let x = Scale::tail(shares.fold(0.0, f64::max));
+    let layers = LAWS.into_iter().cycle().zip(curves());
+    let layers = layers.map(|(class, curve)| Layer::Line {
+        class,
+        points: curve
+            .iter()
+            .map(|point| (point.share, point.value))
+            .collect(),
+    });
+    let label = match metric.unit {
+        "" => metric.name.to_owned(),
+        unit => format!("{} [{unit}]", metric.name),
+    };
+    let chart = Chart::new(
+        format!("distribution of {}", metric.name),
+        Axis::new(x, "share of flights [%]"),
+        Axis::new(y, label),
+        layers.collect(),
+    );
+    Figure::new(metric.name, metric.meaning, keys(results), chart)
+}
+
+fn worst(results: &CampaignResults, directory: &str) -> Section {
+    // A drawn number in few digits.
+    let drawn = |value: &str| value.parse().map_or_else(|_| value.to_owned(), short);
+    let rows = results.worst.iter().map(|it| {
+        let drew = it.drew.iter().filter(|(name, _)| name != "flight.seed");
+        let drew = drew.map(|(name, value)| format!("{name}={}", drawn(value)));
+        let drew = drew.collect::<Vec<_>>().join(" ");
+        let how = match (it.lost.is_empty(), it.success) {
+            (false, _) => format!("lost: {}", it.lost),
+            (true, false) => "failed".into(),
+            (true, true) => "success".into(),
+        };
+        row([
+            &it.flight,
+            &it.arm,
+            &short(it.position_error_max_m),
+            &how,
+            &drew,
+        ])
+    });
+    let columns = ["flight", "arm", "largest error [m]", "how it ended", "drew"];
+    let mut blocks = vec![Block::Table(Table::new(columns, rows))];
+    if let Some(Worst { flight, arm, .. }) = results.worst.first() {
+        let command = format!("ironbird campaign fly {directory} {flight} --arm {arm}");
+        blocks.push(Block::Items(vec![format!("fly one again: {command}")]));
+    }
+    Section::new("worst", "Worst flights", blocks)
+}
+
+fn audit(results: &CampaignResults) -> Option<Section> {
+    let audit = results.audit.as_ref()?;
+    let differences = audit.differences.iter().map(|it| it.words());
+    let blocks = vec![Block::Items(differences.collect())];
+    Some(Section::new(
+        "audit",
+        format!("Audit: {}", audit.words()),
+        blocks,
+    ))
+}

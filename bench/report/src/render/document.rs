@@ -1,0 +1,388 @@
+//! A result as a document: built once, written as terminal text, as a web page or as Markdown.
+//!
+//! A terminal shows neither charts nor what a page folds away. A page is self-contained: no network, no font; its script
+//! only reads charts out.
+
+use crate::render::plot::{Chart, STYLE};
+use comfy_table::{CellAlignment, presets};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use std::fmt::Display;
+
+const PAGE_STYLE: &str = include_str!("page.css");
+/// Reads a chart out where a pointer is.
+const READOUT: &str = include_str!("readout.js");
+/// The page may load nothing, wherever the words in it come from.
+const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'; base-uri 'none'";
+
+#[derive(Clone, Debug, Default)]
+pub struct Document {
+    pub title: String,
+    pub heading: String,
+    /// Beside the heading: a word, and whether it is bad news.
+    pub verdict: Option<(String, bool)>,
+    pub build: String,
+    pub lead: Vec<Block>,
+    pub sections: Vec<Section>,
+    pub footer: String,
+    /// Whether charts mark missed deadlines, which can be switched off.
+    pub has_miss_lines: bool,
+}
+
+#[derive(Clone, Debug)]
+pub struct Section {
+    pub id: &'static str,
+    pub title: String,
+    pub blocks: Vec<Block>,
+}
+
+#[derive(Clone, Debug)]
+pub enum Block {
+    /// A subject and what is said of it.
+    Fact(&'static str, String),
+    Paragraph(String),
+    Warning(String),
+    Items(Vec<String>),
+    /// Lines of a terminal below an item, whose figure a page shows.
+    Timeline(Vec<String>),
+    Heading(String),
+    Table(Table),
+    Verdicts(Vec<Verdict>),
+    /// Title, value and unit of the most important numbers; on a page only, as the next ones.
+    KeyFigures(Vec<(String, String, String)>),
+    Note(String),
+    PageHeading(&'static str),
+    /// Colours and what they stand for.
+    Legend(Vec<(&'static str, &'static str)>),
+    Figures(Vec<Figure>),
+    /// Figures of which few stand beside each other.
+    WideFigures(Vec<Figure>),
+    Details(String, Vec<Block>),
+}
+
+#[derive(Clone, Debug)]
+pub struct Verdict {
+    pub subject: &'static str,
+    pub word: &'static str,
+    pub why: String,
+    /// `good`, `bad` or `open`.
+    pub tone: &'static str,
+}
+
+#[derive(Clone, Debug)]
+pub struct Figure {
+    /// Tells it from the others.
+    pub name: String,
+    pub title: String,
+    /// Colour and word of each line.
+    pub keys: Vec<(&'static str, String)>,
+    pub note: String,
+    pub chart: Chart,
+}
+
+/// A table; the first column is the name of each row.
+#[derive(Clone, Debug, Default)]
+pub struct Table {
+    pub columns: Vec<String>,
+    pub rows: Vec<Vec<Cell>>,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Cell {
+    pub text: String,
+    /// Its colour on a page.
+    pub class: &'static str,
+    /// How dark it is on a page [%].
+    pub shade: Option<f64>,
+}
+
+impl<T: Display> From<T> for Cell {
+    fn from(value: T) -> Self {
+        Self {
+            text: value.to_string(),
+            ..Self::default()
+        }
+    }
+}
+
+impl Cell {
+    #[must_use]
+    pub fn colored(text: impl Display, class: &'static str) -> Self {
+        Self {
+            class,
+            ..text.into()
+        }
+    }
+}
+
+#[must_use]
+pub fn row<const N: usize>(cells: [&dyn Display; N]) -> Vec<Cell> {
+    cells.map(Cell::from).into()
+}
+
+/// A number, or a dash where there is none.
+#[must_use]
+pub fn known<T: Display>(value: Option<T>) -> String {
+    value.map_or_else(|| "-".into(), |value| value.to_string())
+}
+
+#[must_use]
+pub fn us(value: f64) -> String {
+    format!("{value:.1}")
+}
+
+impl Document {
+    #[must_use]
+    pub fn text(&self) -> String {
+        let sections = self.sections.iter().filter_map(|section| {
+            let text = section.text();
+            let is_for_pages = text.is_empty() && !section.blocks.is_empty();
+            (!is_for_pages).then(|| format!("\n{}\n{text}", section.title))
+        });
+        std::iter::once(text(&self.lead)).chain(sections).collect()
+    }
+
+    #[must_use]
+    pub fn html(&self) -> String {
+        let page = html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width, initial-scale=1";
+                    meta http-equiv="Content-Security-Policy" content=(POLICY);
+                    meta name="generator" content=(format!("ironbird {}", self.build));
+                    // An empty picture, so that no browser asks a server for one.
+                    link rel="icon" href="data:,";
+                    title { (self.title) }
+                    style { (PreEscaped(STYLE)) (PreEscaped(PAGE_STYLE)) }
+                }
+                body {
+                    header {
+                        h1 {
+                            (self.heading) " "
+                            @if let Some((verdict, is_bad)) = &self.verdict { span.verdict.bad[*is_bad] { (verdict) } }
+                        }
+                        @for block in &self.lead { (block.html()) }
+                    }
+                    nav {
+                        @for section in &self.sections { a href=(format!("#{}", section.id)) { (section.title) } }
+                        @if self.has_miss_lines {
+                            label { input #miss-lines type="checkbox" checked; "missed deadlines in charts" }
+                        }
+                    }
+                    main {
+                        @for section in &self.sections {
+                            section id=(section.id) {
+                                h2 { (section.title) }
+                                @for block in &section.blocks { (block.html()) }
+                            }
+                        }
+                    }
+                    footer { "ironbird " (self.build) (self.footer) }
+                    script { (PreEscaped(READOUT)) }
+                }
+            }
+        };
+        page.into_string()
+    }
+}
+
+impl Section {
+    #[must_use]
+    pub fn new(id: &'static str, title: impl Into<String>, blocks: Vec<Block>) -> Self {
+        let title = title.into();
+        Self { id, title, blocks }
+    }
+
+    /// What a terminal shows below the title.
+    #[must_use]
+    pub fn text(&self) -> String {
+        text(&self.blocks)
+    }
+}
+
+#[must_use]
+pub fn text(blocks: &[Block]) -> String {
+    blocks.iter().map(Block::text).collect()
+}
+
+impl Block {
+    fn text(&self) -> String {
+        match self {
+            Self::Fact(subject, said) => format!("{subject:<9} {said}\n"),
+            Self::Paragraph(line) | Self::Warning(line) | Self::Heading(line) => {
+                format!("{line}\n")
+            }
+            Self::Items(items) => items.iter().map(|item| format!("  {item}\n")).collect(),
+            Self::Timeline(lines) => lines.iter().map(|line| format!("    {line}\n")).collect(),
+            Self::Table(table) => table.text(),
+            Self::Verdicts(verdicts) => verdicts
+                .iter()
+                .map(|it| format!("{:<9} {:<14} {}\n", it.subject, it.word, it.why))
+                .collect(),
+            _ => String::new(),
+        }
+    }
+
+    fn html(&self) -> Markup {
+        match self {
+            Self::Fact(subject, said) => html! { p { (subject) ": " (said) } },
+            Self::Paragraph(line) => html! { p { (line) } },
+            Self::Warning(line) => html! { p.bad { (line) } },
+            Self::Items(items) => html! { ul { @for item in items { li { (item) } } } },
+            Self::Timeline(_) => html! {},
+            Self::Heading(title) => html! { h3 { (title) } },
+            Self::Table(table) => table.html(),
+            Self::Verdicts(verdicts) => html! {
+                dl.words {
+                    @for Verdict { subject, word, why, tone } in verdicts {
+                        div.(tone) { dt { (subject) } dd.word { (word) } dd.why { (why) } }
+                    }
+                }
+            },
+            Self::KeyFigures(figures) => html! {
+                dl.tiles {
+                    @for (title, value, unit) in figures {
+                        div { dt { (title) } dd { (value) " " span.unit { (unit) } } }
+                    }
+                }
+            },
+            Self::Note(line) => html! { p.note { (line) } },
+            Self::PageHeading(title) => html! { h3 { (title) } },
+            Self::Legend(entries) => html! {
+                p.marks { @for (class, word) in entries { span.key.(class) { (word) } " " } }
+            },
+            Self::Figures(figures) => {
+                html! { div.plots { @for figure in figures { (figure.html()) } } }
+            }
+            Self::WideFigures(figures) => {
+                html! { div.plots.wide { @for figure in figures { (figure.html()) } } }
+            }
+            Self::Details(summary, blocks) => html! {
+                details { summary { (summary) } @for block in blocks { (block.html()) } }
+            },
+        }
+    }
+}
+
+impl Figure {
+    #[must_use]
+    pub fn new(
+        name: impl Into<String>,
+        title: impl Into<String>,
+        keys: Vec<(&'static str, String)>,
+        chart: Chart,
+    ) -> Self {
+        Self {
+            name: name.into(),
+            title: title.into(),
+            keys,
+            note: String::new(),
+            chart,
+        }
+    }
+
+    fn html(&self) -> Markup {
+        html! {
+            figure data-plot=(self.name) {
+                figcaption {
+                    b { (self.title) }
+                    @for (class, word) in &self.keys { " " span.key.(class) { (word) } }
+                }
+                @if !self.note.is_empty() { p.evidence { (self.note) } }
+                (self.chart.svg(None))
+            }
+        }
+    }
+}
+
+impl Table {
+    #[must_use]
+    pub fn new(
+        columns: impl IntoIterator<Item = impl Into<String>>,
+        rows: impl IntoIterator<Item = Vec<Cell>>,
+    ) -> Self {
+        Self {
+            columns: columns.into_iter().map(Into::into).collect(),
+            rows: rows.into_iter().collect(),
+        }
+    }
+
+    /// With the names of the rows to the left below that of their column, and columns of numbers to the right.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut table = comfy_table::Table::new();
+        table.load_preset(presets::NOTHING);
+        if self.columns.iter().any(|column| !column.is_empty()) {
+            table.set_header(&self.columns);
+        }
+        for row in &self.rows {
+            let indent = |i| if i == 0 { "  " } else { "" };
+            let cells = row.iter().enumerate();
+            table.add_row(cells.map(|(i, cell)| format!("{}{}", indent(i), cell.text)));
+        }
+        for (i, column) in table.column_iter_mut().enumerate() {
+            column.set_padding((0, 2));
+            if i > 0 && self.is_of_numbers(i) {
+                column.set_cell_alignment(CellAlignment::Right);
+            }
+        }
+        table.trim_fmt() + "\n"
+    }
+
+    fn is_of_numbers(&self, column: usize) -> bool {
+        let mut cells = self.rows.iter().filter_map(|row| row.get(column));
+        cells.all(|cell| {
+            cell.text.is_empty()
+                || cell
+                    .text
+                    .starts_with(|c: char| c.is_ascii_digit() || "+-><(".contains(c))
+        })
+    }
+
+    /// A table that becomes a list of cards where it is too wide: each cell carries its column's name.
+    fn html(&self) -> Markup {
+        let style = |cell: &Cell| {
+            let shade = cell.shade?;
+            Some(format!(
+                "min-width:0;background:rgb(213 94 0 / {shade:.0}%)"
+            ))
+        };
+        html! {
+            // About as wide as it needs to be.
+            table style=(format!("max-width:{}px", 150 * (self.columns.len() + 1))) {
+                thead { tr { @for column in &self.columns { th { (column) } } } }
+                tbody {
+                    @for row in &self.rows {
+                        tr {
+                            @for (cell, column) in row.iter().zip(&self.columns).take(1) {
+                                th scope="row" title=(column) { (cell.html()) }
+                            }
+                            @for (cell, column) in row.iter().zip(&self.columns).skip(1) {
+                                td data-column=(column) style=[style(cell)] { (cell.html()) }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[must_use]
+    pub fn markdown(&self) -> String {
+        let line = |cells: Vec<&str>| format!("| {} |\n", cells.join(" | "));
+        let head = line(self.columns.iter().map(String::as_str).collect());
+        let rule = "---|".repeat(self.columns.len());
+        let rows = self.rows.iter();
+        let rows: String = rows
+            .map(|row| line(row.iter().map(|cell| cell.text.as_str()).collect()))
+            .collect();
+        format!("{head}|{rule}\n{rows}")
+    }
+}
+
+impl Cell {
+    fn html(&self) -> Markup {
+        html! { @if self.class.is_empty() { (self.text) } @else { span.(self.class) { (self.text) } } }
+    }
+}

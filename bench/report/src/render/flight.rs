@@ -1,0 +1,980 @@
+//! The report of a flight, section by section.
+
+use crate::baseline::Baseline;
+use crate::distribution::PERCENTS;
+use crate::host::{InterruptCount, InterruptKind};
+use crate::laws::in_order;
+use crate::margin_section;
+use crate::message_loss::{self, sum};
+use crate::phrase::count;
+use crate::process_failures::{COST_S, number};
+use crate::render::document::{
+    self, Block, Cell, Document, Figure, Section, Table, Verdict, known, row, us,
+};
+use crate::render::figures::Figures;
+use crate::render::{latencies, outages, theorem};
+use crate::schema::{
+    FlightVerdict, LawSection, LogSection, ProcessFailure, RecoveryPhases, Report, RoleSection,
+    RunSection, StabilityVerdict, TimingVerdict,
+};
+use crate::series::Statistics;
+use crate::speed::Speed;
+use crate::status::FlightStatus;
+use crate::timer_lead::LeadSection;
+use flight_log::FILE;
+use flight_log::facts::{AROUND_MISSES, OFF};
+use messages::role::STAGES;
+use std::collections::BTreeMap;
+use std::fmt::Display;
+
+type Blocks = fn(&Report) -> Vec<Block>;
+
+/// The sections by name, in order, with their titles on a page.
+const SECTIONS: [(&str, &str, Blocks); 11] = [
+    ("head", "Flight", head),
+    ("deadlines", "Deadlines", deadlines),
+    ("outages", "Outages", outages::blocks),
+    ("deaths", "Deaths", deaths),
+    ("latencies", "Latency", latencies::blocks),
+    ("floors", "Floors", floors),
+    ("processes", "Processes", processes),
+    ("tracking", "Tracking", tracking),
+    ("telemetry", "Telemetry", telemetry),
+    ("theorem", "Theorem", |report| {
+        theorem::blocks(&report.theorem, Figures::of(report))
+    }),
+    ("gates", "Gates", gates),
+];
+
+/// Names of the sections, in order.
+pub const SECTION_NAMES: [&str; SECTIONS.len()] = {
+    let mut names = [""; SECTIONS.len()];
+    let mut i = 0;
+    while i < names.len() {
+        names[i] = SECTIONS[i].0;
+        i += 1;
+    }
+    names
+};
+
+/// The whole report for a terminal.
+#[must_use]
+pub fn text(report: &Report) -> String {
+    SECTION_NAMES.map(|name| section(report, name)).join("\n")
+}
+
+/// The section of a name for a terminal.
+#[must_use]
+pub fn section(report: &Report, name: &str) -> String {
+    let named = SECTIONS.iter().filter(|(it, ..)| *it == name);
+    named
+        .map(|(.., blocks)| document::text(&blocks(report)))
+        .collect()
+}
+
+/// The report as a page: it shows what report.json holds, and nothing else.
+#[must_use]
+pub fn page(report: &Report) -> String {
+    let (run, verdict) = (&report.run, &report.verdict);
+    let build = run.build.of_version(&run.version).to_string();
+    let [(_, _, head), rest @ ..] = &SECTIONS;
+    let mut lead = head(report);
+    lead.insert(1, Block::KeyFigures(key_figures(report)));
+    let sections = rest
+        .iter()
+        .map(|(id, title, blocks)| Section::new(id, *title, blocks(report)));
+    let failed = verdict.status != FlightStatus::Pass && !run.in_flight;
+    let document = Document {
+        title: title(run),
+        heading: run.flown(),
+        verdict: Some((verdict.words(), failed)),
+        build,
+        lead,
+        sections: sections.collect(),
+        footer: format!(
+            ", {} for {}, settings {}, run {}, report.json of {}",
+            run.build, run.build.target, run.settings_fingerprint, run.run_id, run.started
+        ),
+        has_miss_lines: report.traces.is_some() && !report.deadlines.stretches.is_empty(),
+    };
+    document.html()
+}
+
+/// What was flown, in the words of all that is said of a flight; `airframe` as of [`airframe`].
+#[must_use]
+pub fn flown(trajectory: impl Display, preset: impl Display, airframe: &str) -> String {
+    let comma = if airframe.is_empty() {
+        ""
+    } else {
+        ", airframe "
+    };
+    format!("trajectory {trajectory}, gains {preset}{comma}{airframe}")
+}
+
+/// An airframe in a word: its name, and of a file also the begin of its SHA-256.
+#[must_use]
+pub fn airframe(name: &str, sha256: &str) -> String {
+    match sha256.get(..12) {
+        Some(begin) => format!("{name} (sha256 {begin})"),
+        None => name.to_owned(),
+    }
+}
+
+impl RunSection {
+    /// What was flown; reports from before airframes were named have none.
+    #[must_use]
+    pub fn flown(&self) -> String {
+        let airframe = airframe(&self.airframe, &self.airframe_sha256);
+        flown(&self.trajectory, &self.preset, &airframe)
+    }
+}
+
+#[must_use]
+pub fn title(run: &RunSection) -> String {
+    format!("{}, {}", run.flown(), run.started)
+}
+
+/// The one parseable last line of a flight.
+#[must_use]
+pub fn result_line(report: &Report, directory: &str) -> String {
+    let percentile = |name: &str, pick: fn(&Statistics) -> Option<f64>| {
+        report
+            .series(name)
+            .and_then(pick)
+            .map_or_else(|| "none".into(), us)
+    };
+    let plant = report.roles.get("plant");
+    let rt = plant.map_or_else(|| "other".into(), |plant| plant.scheduling.replace(' ', ""));
+    let (held, asked) = report.verdict.asked();
+    let status = report.verdict.status;
+    [
+        format!(
+            "RESULT status={status} gates={held}/{asked} {}",
+            report.words.pairs()
+        ),
+        format!(
+            "ticks={} skipped={}",
+            report.ticks.run, report.ticks.skipped
+        ),
+        format!("misses={}", report.deadlines.missed),
+        format!("loop_p50_us={}", percentile("loop", |s| Some(s.p50_us))),
+        format!("loop_p999_us={}", percentile("loop", |s| s.p999_us)),
+        format!(
+            "wake_p99_us={}",
+            percentile("wake.plant", |s| Some(s.p99_us))
+        ),
+        format!("rt={rt} steal={:.2}", report.steal.percent),
+        format!("deaths={}", number(report)),
+        format!("lost={}", message_loss::lost(report)),
+        format!("unlogged={}", message_loss::unlogged(report)),
+        format!("build={} run={directory}", report.run.build.token()),
+    ]
+    .join(" ")
+}
+
+fn verdicts(report: &Report) -> Block {
+    let words = &report.words;
+    let flight = match words.flight.word {
+        FlightVerdict::Tracked => "good",
+        FlightVerdict::OffTrack | FlightVerdict::Lost => "bad",
+        FlightVerdict::NotSeen | FlightVerdict::CutShort => "open",
+    };
+    let timing = match words.timing.word {
+        TimingVerdict::InTime => "good",
+        TimingVerdict::Late => "bad",
+        TimingVerdict::NotMeasured | TimingVerdict::CutShort => "open",
+    };
+    let theorem = match words.theorem.word {
+        StabilityVerdict::Holds => "good",
+        StabilityVerdict::Broken => "bad",
+        StabilityVerdict::NotApplicable | StabilityVerdict::PartlyWatched => "open",
+    };
+    let verdicts = words.each().into_iter().zip([flight, timing, theorem]);
+    let verdict = |((subject, word, why), tone): ((_, _, &str), _)| Verdict {
+        subject,
+        word,
+        why: why.to_owned(),
+        tone,
+    };
+    Block::Verdicts(verdicts.map(verdict).collect())
+}
+
+fn key_figures(report: &Report) -> Vec<(String, String, String)> {
+    let mut figures = Vec::new();
+    let mut add = |title: &str, value: String, unit: &str| {
+        figures.push((title.to_owned(), value, unit.to_owned()));
+    };
+    if let Some(whole) = report.series("loop") {
+        add("loop p50", us(whole.p50_us), "us");
+        add("loop p99", us(whole.p99_us), "us");
+        match whole.p999_us {
+            Some(value) => add("loop p99.9", us(value), "us"),
+            None => add("loop p99.9", "-".into(), "too few values"),
+        }
+    }
+    if let Some(wake) = report.series("wake.plant") {
+        add("wake p99", us(wake.p99_us), "us");
+    }
+    let (deadlines, ticks) = (&report.deadlines, &report.ticks);
+    match &deadlines.not_fresh {
+        _ if report.run.wall_period_us == 0.0 => {}
+        Some(sum) => {
+            let ppm = format!("{:.1} ppm", sum.per_million);
+            add("ticks without a fresh command", sum.ticks.to_string(), &ppm);
+        }
+        None => {
+            let ppm = format!("{:.1} ppm", deadlines.missed_ppm);
+            add("deadlines missed", deadlines.missed.to_string(), &ppm);
+        }
+    }
+    add("ticks flown", ticks.run.to_string(), "");
+    add("ticks skipped", ticks.skipped.to_string(), "");
+    let error_m = report.flight.position_error_rms_m;
+    let (error, unit) = if error_m < 1.0 {
+        (error_m * 1e3, "mm")
+    } else {
+        (error_m, "m")
+    };
+    add("position error rms", format!("{error:.3}"), unit);
+    figures
+}
+
+fn head(report: &Report) -> Vec<Block> {
+    let (run, host, steal) = (&report.run, &report.host, &report.steal);
+    let mut lines = vec![
+        format!(
+            "ironbird {}  {}  instance {}  {}",
+            run.build.of_version(&run.version),
+            run.started,
+            run.instance,
+            ending(report)
+        ),
+        pace(report),
+    ];
+    if !run.laws.is_empty() {
+        lines.push(format!("laws {}", laws(&run.laws)));
+    }
+    let below = host.below();
+    lines.push(format!(
+        "{} ({}), {} x {}{below}",
+        host.kernel, host.preemption, host.cpus, host.cpu
+    ));
+    lines.push(format!(
+        "clock {}, sched_rt_runtime_us {}, stolen by the host during the flight {} ms ({:.2} % of {})",
+        host.clock_source,
+        host.rt_runtime_us,
+        steal.stolen_ms,
+        steal.percent,
+        steal.processors()
+    ));
+    lines.push(format!("real time here: {}", here(report)));
+    let mut blocks = vec![verdicts(report)];
+    blocks.extend(lines.into_iter().map(Block::Paragraph));
+    blocks.extend(
+        message_loss::sentences(report)
+            .into_iter()
+            .map(Block::Warning),
+    );
+    if !run.last_words.is_empty() {
+        blocks.push(Block::Paragraph("Last messages of the process".into()));
+        blocks.push(Block::Items(run.last_words.clone()));
+    }
+    blocks
+}
+
+/// How it ended, where it has.
+#[must_use]
+pub fn ending(report: &Report) -> &str {
+    if report.run.in_flight {
+        "IN FLIGHT, numbers so far"
+    } else {
+        &report.run.ending
+    }
+}
+
+/// What the flight says of real time on this machine, and what the doctor expects of it.
+fn here(report: &Report) -> String {
+    let (doctor, timing) = (&report.doctor, &report.words.timing);
+    let mut expected = doctor.verdict.words().to_owned();
+    if !doctor.reasons.is_empty() {
+        expected += &format!(" ({})", doctor.reasons.join("; "));
+    }
+    let why = &timing.why;
+    match timing.word {
+        TimingVerdict::InTime => expected,
+        TimingVerdict::Late => format!("not in this flight: {why}; by its set-up {expected}"),
+        TimingVerdict::CutShort => format!("{expected}; {why}"),
+        TimingVerdict::NotMeasured => format!("not measured: {why}; by its set-up {expected}"),
+    }
+}
+
+/// What was flown, and how fast.
+#[must_use]
+pub fn pace(report: &Report) -> String {
+    let run = &report.run;
+    let flown_s = (report.ticks.run + report.ticks.skipped) as f64 * run.period_us / 1e6;
+    let times = flown_s / report.ticks.elapsed_s;
+    let pace = match run.speed() {
+        Speed::Lockstep => {
+            let times = if report.ticks.elapsed_s > 0.0 {
+                format!(" at {times:.1} times real time")
+            } else {
+                String::new()
+            };
+            format!(", in lockstep{times}: its latencies are not real-time latencies")
+        }
+        speed => (speed.why_not_real_time()).map_or_else(String::new, |why| format!(", {why}")),
+    };
+    format!("{}, T = {:.0} us{pace}", run.flown(), run.period_us)
+}
+
+/// Which laws flew, in words; nothing in reports from before they could be chosen.
+#[must_use]
+pub fn laws(laws: &BTreeMap<String, LawSection>) -> String {
+    let named = |(role, law): (&str, &LawSection)| {
+        let slow = if law.not_real_time {
+            ", not real-time"
+        } else {
+            ""
+        };
+        let file = law.file.as_deref().map(|file| {
+            let name = file.rsplit('/').next().unwrap_or(file);
+            format!(" ({name}{slow})")
+        });
+        format!("{role} {}{}", law.name, file.unwrap_or_default())
+    };
+    in_order(laws).map(named).collect::<Vec<_>>().join(", ")
+}
+
+fn deadlines(report: &Report) -> Vec<Block> {
+    let (ticks, deadlines) = (&report.ticks, &report.deadlines);
+    let is = if ticks.identity_holds { "=" } else { "IS NOT" };
+    let (run, skipped) = (ticks.run, ticks.skipped);
+    let mut blocks = vec![Block::Fact(
+        "Ticks",
+        format!(
+            "run {run} + skipped {skipped} = {} {is} elapsed {:.3} s / period = {}",
+            run + skipped,
+            ticks.elapsed_s,
+            ticks.elapsed_periods
+        ),
+    )];
+    if let Some(not_fresh) = &deadlines.not_fresh {
+        let (ticks, ppm, parts) = (not_fresh.ticks, not_fresh.per_million, not_fresh.parts());
+        let said =
+            format!("{ticks} ticks without a fresh one on time ({ppm:.1} per million): {parts}");
+        blocks.push(Block::Fact("Commands", said));
+    }
+    let said = format!(
+        "missed {} ({:.1} per million); late by their stamps {}",
+        deadlines.missed, deadlines.missed_ppm, deadlines.missed_by_stamps
+    );
+    blocks.push(Block::Fact("Deadlines", said));
+    if !deadlines.late.is_empty() {
+        let most = deadlines.late.iter().map(|bucket| bucket.count).max();
+        let most = most.unwrap_or(1).max(1);
+        let rows = deadlines.late.iter().map(|bucket| {
+            let bar = "#".repeat((bucket.count * 40).div_ceil(most) as usize);
+            row([
+                &format!("{} .. {}", bucket.from_us, bucket.below_us),
+                &bucket.count,
+                &bar,
+            ])
+        });
+        blocks.push(Block::Table(Table::new(
+            ["late by [us]", "commands", ""],
+            rows,
+        )));
+    }
+    if !deadlines.runs.is_empty() {
+        let rows = deadlines
+            .runs
+            .iter()
+            .map(|run| row([&run.length_ticks, &run.count]));
+        blocks.push(Block::Table(Table::new(["missed in a row", "times"], rows)));
+    }
+    if !deadlines.stretches.is_empty() {
+        let columns = ["at", "tick", "length", "largest lateness [us]"];
+        let rows = deadlines.stretches.iter().map(|it| {
+            let length = count(it.length_ticks, "tick");
+            row([
+                &format!("{:.3} s", it.time_s),
+                &it.tick,
+                &length,
+                &us(it.late_us),
+            ])
+        });
+        let mut details = vec![Block::Table(Table::new(columns, rows))];
+        if deadlines.stretches_left_out > 0 {
+            let left_out = deadlines.stretches_left_out;
+            details.push(Block::Note(format!(
+                "and {left_out} late commands in later stretches"
+            )));
+        }
+        blocks.push(Block::Details("Late commands, one by one".into(), details));
+    }
+    blocks
+}
+
+fn deaths(report: &Report) -> Vec<Block> {
+    if report.deaths.is_empty() {
+        return vec![Block::Fact("Deaths", "none".into())];
+    }
+    let mut items = Vec::new();
+    for death in &report.deaths {
+        items.push(death.line());
+        items.extend(
+            death
+                .back_parts
+                .as_ref()
+                .map(|parts| format!("  {}", parts.line())),
+        );
+    }
+    if report.deaths_left_out > 0 {
+        items.push(format!("and {} later ones", report.deaths_left_out));
+    }
+    vec![
+        Block::Fact("Deaths", number(report).to_string()),
+        Block::Items(items),
+    ]
+}
+
+impl ProcessFailure {
+    /// Who, when and how, and what it cost, in one line.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let Self {
+            role, tick, time_s, ..
+        } = self;
+        let how = if self.how.is_empty() {
+            "cause of the end unknown"
+        } else {
+            &self.how
+        };
+        let mut line = format!("{role} at tick {tick} ({time_s:.3} s): {how}");
+        line.extend(
+            self.noticed_after_ms
+                .map(|ms| format!(", noticed after {ms:.0} ms")),
+        );
+        match (self.back_after_ms, self.ticks_lost) {
+            (Some(ms), _) => line += &format!(", back after {ms:.0} ms"),
+            (None, Some(_)) => line += ", not back",
+            (None, None) => {}
+        }
+        line.extend(self.within.map(|tick| {
+            format!(", before its first message: its ticks are those lost at tick {tick}")
+        }));
+        line.extend(
+            self.ticks_lost
+                .map(|ticks| format!(", {} lost", count(ticks, "tick"))),
+        );
+        // Where the flight ended with it, nothing was seen of what it cost.
+        let cost_m = self
+            .position_error_max_m
+            .filter(|_| self.back_after_ms.is_some());
+        line.extend(cost_m.map(|m| format!(", position error up to {m:.4} m within {COST_S} s")));
+        line
+    }
+}
+
+impl RecoveryPhases {
+    /// The parts in their order, each with what it is called [ms].
+    #[must_use]
+    pub const fn named(&self) -> [(&'static str, f64); 9] {
+        [
+            ("noticed", self.noticed_ms),
+            ("cleaned up", self.cleaned_ms),
+            (if self.spare { "woken" } else { "started" }, self.begun_ms),
+            ("settings and law", self.made_ms),
+            ("place", self.placed_ms),
+            ("ports", self.ported_ms),
+            ("real time", self.engaged_ms),
+            ("joined", self.armed_ms),
+            ("first tick", self.first_tick_ms),
+        ]
+    }
+
+    /// All of them [ms].
+    #[must_use]
+    pub fn sum_ms(&self) -> f64 {
+        self.named().iter().map(|(_, ms)| ms).sum()
+    }
+
+    #[must_use]
+    pub fn line(&self) -> String {
+        let parts = self
+            .named()
+            .map(|(part, ms)| format!("{part} {ms:.2}"))
+            .join(", ");
+        let process = if self.spare {
+            "a spare"
+        } else {
+            "a new process"
+        };
+        format!("{process} [ms]: {parts}")
+    }
+}
+
+/// A series of the flight beside its floor, at p50, p99 and p99.9.
+#[derive(Clone, Copy, Debug)]
+pub struct Compared<'a> {
+    pub series: &'a str,
+    /// What was measured as its floor.
+    pub floor: &'a str,
+    ours_us: [Option<f64>; 3],
+    floor_us: [Option<f64>; 3],
+    /// How many times its floor it is.
+    pub times: [Option<f64>; 3],
+}
+
+/// Every floor that was measured, with the series of the flight that it is of.
+pub fn compared<'a>(
+    beside: &'a Baseline,
+    report: &'a Report,
+) -> impl Iterator<Item = Compared<'a>> {
+    let percentiles = |it: &Statistics| [Some(it.p50_us), Some(it.p99_us), it.p999_us];
+    beside.floors.iter().filter_map(move |floor| {
+        let [ours_us, floor_us] =
+            [report.series(&floor.series)?, &floor.statistics].map(percentiles);
+        Some(Compared {
+            series: &floor.series,
+            floor: &floor.what,
+            ours_us,
+            floor_us,
+            times: std::array::from_fn(|i| Some(ours_us[i]? / floor_us[i]?)),
+        })
+    })
+}
+
+fn floors(report: &Report) -> Vec<Block> {
+    let Some(beside) = &report.beside else {
+        let how = "not measured: `ironbird fly --floor 11s` does so after the flight";
+        return vec![Block::Fact("Floors", how.into())];
+    };
+    let title = format!(
+        "Compared with the machine's baseline, {} s each right after the flight ({}, stolen by the host {:.2} %)",
+        beside.seconds, beside.scheduling, beside.steal.percent
+    );
+    let line = |name: &str, values: [Option<f64>; 3], digits: usize| {
+        let cells = values.map(|value| Cell::from(known(value.map(|it| format!("{it:.digits$}")))));
+        [name.into()].into_iter().chain(cells).collect()
+    };
+    let rows = compared(beside, report).flat_map(|it| {
+        [
+            line(it.series, it.ours_us, 1),
+            line(it.floor, it.floor_us, 1),
+            line("times its floor", it.times, 2),
+        ]
+    });
+    let table = Table::new(["us", "p50", "p99", "p99.9"], rows);
+    let refused = beside
+        .refused
+        .iter()
+        .map(|refused| format!("refused: {refused}"));
+    let note = "The timer does nothing but wake; the ring's four processes hand on a token and compute as long as the \
+                laws did in the median.";
+    vec![
+        Block::Paragraph(title),
+        Block::Table(table),
+        Block::Items(refused.collect()),
+        Block::Note(note.into()),
+    ]
+}
+
+/// The processes of the loop, in the order of the data's way.
+fn stages(report: &Report) -> impl Iterator<Item = (&'static str, &RoleSection)> {
+    let stages = STAGES.into_iter();
+    stages.filter_map(|role| Some((role.name(), report.roles.get(role.name())?)))
+}
+
+/// What each process did, and what it was granted.
+fn processes(report: &Report) -> Vec<Block> {
+    let columns = [
+        "Processes",
+        "scheduling",
+        "ticks",
+        "skipped",
+        "stale",
+        "rejected",
+        "alloc/tick",
+        "faults",
+        "with disk",
+        "waits",
+        "preempted",
+        "cpu us/tick",
+    ];
+    let mut blocks = vec![Block::Table(Table::new(
+        columns,
+        stages(report).map(process),
+    ))];
+    let recorder = &report.recorder;
+    let rejected = stages(report)
+        .map(|(name, role)| (name, &role.rejected))
+        .chain([("record", &recorder.rejected)]);
+    let rejected = rejected.flat_map(|(name, reasons)| {
+        let reasons = reasons.iter().filter(|(_, count)| **count > 0);
+        reasons
+            .map(move |(reason, n)| format!("{name} rejected {}: {reason}", count(*n, "message")))
+    });
+    let mut items: Vec<String> = rejected.collect();
+    items.push(format!(
+        "recorder: lost {}, {} incomplete, {:.1} % of a processor",
+        count(message_loss::lost(report), "message"),
+        count(recorder.incomplete_ticks, "tick"),
+        recorder.cpu_percent
+    ));
+    items.push(log(&recorder.log));
+    let unwritten = recorder.unwritten.iter();
+    items.extend(unwritten.map(|(file, reason)| format!("{file} is incomplete: {reason}")));
+    blocks.push(Block::Items(items));
+    blocks.push(Block::Heading("Real time asked and granted".into()));
+    let granted = stages(report).map(|(name, role)| format!("{name:<9} {}", grants(role)));
+    blocks.push(Block::Items(granted.collect()));
+    if let Some(lead) = lead(report) {
+        blocks.push(Block::Paragraph(lead));
+    }
+    let interrupts = &report.interrupts;
+    if !interrupts.counts.is_empty() {
+        let place = interrupts.processor.map_or_else(
+            || "all processors".into(),
+            |number| format!("processor {number}, the loops'"),
+        );
+        let rows = interrupts
+            .counts
+            .iter()
+            .map(|it| interrupt(it, report.ticks.run));
+        let name = format!("Interrupts of {place}");
+        let table = Table::new([name.as_str(), "count", "per tick"], rows);
+        blocks.push(Block::Table(table));
+    }
+    blocks
+}
+
+fn process((name, role): (&'static str, &RoleSection)) -> Vec<Cell> {
+    let rejected: u64 = role.rejected.values().sum();
+    let usage = role.usage.as_ref();
+    let per_tick = |all: u64| format!("{:.3}", all as f64 / role.ticks_run.max(1) as f64);
+    let mut cells = row([
+        &name,
+        &role.scheduling,
+        &role.ticks_run,
+        &role.ticks_skipped,
+        &role.ticks_stale,
+        &rejected,
+        &known(usage.and_then(|it| it.allocations).map(per_tick)),
+        &known(usage.map(|it| it.minor_faults + it.major_faults)),
+        &known(usage.map(|it| it.major_faults)),
+        &known(usage.map(|it| it.voluntary_switches)),
+        &known(usage.map(|it| it.involuntary_switches)),
+        &known(usage.map(|it| us(it.cpu_per_tick_us))),
+    ]);
+    cells[0] = Cell::colored(name, colored(name));
+    cells
+}
+
+/// The class of a process's name beside its colour.
+fn colored(name: &str) -> &'static str {
+    match name {
+        "plant" => "key plant",
+        "outer" => "key outer",
+        "inner" => "key inner",
+        _ => "key mixer",
+    }
+}
+
+fn interrupt(counted: &InterruptCount, ticks: u64) -> Vec<Cell> {
+    let InterruptCount {
+        kind,
+        name,
+        source,
+        count,
+    } = counted;
+    let soft = if *kind == InterruptKind::Soft {
+        "soft "
+    } else {
+        ""
+    };
+    let what = format!("{soft}{name} {source}");
+    let per_tick = format!("{:.3}", *count as f64 / ticks.max(1) as f64);
+    row([&what.trim_end(), count, &per_tick])
+}
+
+fn grants(role: &RoleSection) -> String {
+    let steps = role.realtime.iter().map(|step| {
+        let asked = step
+            .asked
+            .map_or_else(String::new, |value| format!(" {value}"));
+        match &step.refused {
+            None => format!("{}{asked} ok", step.step),
+            Some(reason) => format!("{}{asked} REFUSED ({reason})", step.step),
+        }
+    });
+    match role.realtime.is_empty() {
+        true => "nothing asked: not real-time".into(),
+        false => steps.collect::<Vec<_>>().join(", "),
+    }
+}
+
+/// How the plant's timer was set; in lockstep there is none.
+fn lead(report: &Report) -> Option<String> {
+    (report.run.speed() != Speed::Lockstep).then(|| report.lead.text(report.ticks.run))
+}
+
+impl LeadSection {
+    /// As a line of text; of a flight of `ticks`.
+    #[must_use]
+    pub fn text(&self, ticks: u64) -> String {
+        let Self {
+            lead_us,
+            least_us,
+            median_us,
+            most_us,
+            rehearsal_us,
+            timer_p90_us,
+            rehearsals,
+            ..
+        } = self;
+        if *lead_us == 0.0 {
+            return "Lead none: the plant's timer is set to the beginning of the tick".into();
+        }
+        let in_flight = if least_us < most_us {
+            format!(
+                " at take-off, {least_us:.0} to {most_us:.0} us in flight, {median_us:.0} us in the median"
+            )
+        } else {
+            String::new()
+        };
+        let (rehearsal, rehearsed) = if *rehearsal_us > 0.0 {
+            (
+                format!(", rehearsal p90 {rehearsal_us:.0} us"),
+                format!("rehearsed {rehearsals} of {ticks} ticks"),
+            )
+        } else {
+            (String::new(), "no rehearsals".into())
+        };
+        format!(
+            "Lead {lead_us:.0} us before the tick{in_flight} (before take-off: timer p90 {timer_p90_us:.0} \
+             us{rehearsal}); {rehearsed}; waiting took {:.1} % of the loops' processor",
+            self.processor_percent
+        )
+    }
+}
+
+/// What flight.mcap holds, and what it was not to hold.
+fn log(log: &LogSection) -> String {
+    if log.kept == OFF {
+        return "flight.mcap: none, as asked (recorder.log = off)".into();
+    }
+    let mut text = match log.files {
+        0 | 1 => format!("{FILE}: "),
+        files => format!("flight*.mcap: {files} files, "),
+    };
+    let megabytes = log.file_bytes as f64 / 1e6;
+    text += &format!(
+        "{} in {megabytes:.1} MB, {} dropped",
+        count(sum(&log.messages), "message"),
+        sum(&log.dropped)
+    );
+    text.extend(log.refused.iter().map(|reason| format!(" ({reason})")));
+    if log.kept == AROUND_MISSES {
+        text += &format!(
+            "; {} kept, {} left out as asked",
+            count(log.stretches, "excerpt"),
+            sum(&log.left_out)
+        );
+    }
+    let removed = sum(&log.removed);
+    if removed > 0 {
+        text += &format!("; {removed} in older files, removed as asked");
+    }
+    text
+}
+
+/// The position error in words, for all that is said of a flight.
+#[must_use]
+pub fn position_error(report: &Report) -> String {
+    let flight = &report.flight;
+    let without = match flight.ticks_without_state {
+        0 => String::new(),
+        1 => "; 1 tick has none".into(),
+        ticks => format!("; {ticks} ticks without one"),
+    };
+    format!(
+        "position error rms {:.4} m, largest {:.4} m, at the end {:.4} m, over {}{without}",
+        flight.position_error_rms_m,
+        flight.position_error_max_m,
+        flight.position_error_final_m,
+        count(flight.states, "state")
+    )
+}
+
+fn tracking(report: &Report) -> Vec<Block> {
+    let flight = &report.flight;
+    let saturated = count(flight.saturated_ticks, "tick");
+    let mut items = vec![format!("rotors saturated in {saturated}")];
+    items.extend(
+        flight
+            .rate_error_final_rad_s
+            .map(|e| format!("rate error of the inner law at the end {e:.3e} rad/s")),
+    );
+    items.extend(report.swaps.iter().map(|swap| {
+        let (epoch, tick, time_s) = (swap.parameter_epoch, swap.tick, swap.time_s);
+        format!(
+            "swap {epoch} at tick {tick} ({time_s:.3} s): {}",
+            swap.words()
+        )
+    }));
+    if report.swaps_left_out > 0 {
+        items.push(format!("and {} later ones", report.swaps_left_out));
+    }
+    items.extend(
+        report
+            .faults
+            .iter()
+            .map(|fault| format!("fault {}", fault.words())),
+    );
+    let mut blocks = vec![
+        Block::Fact("Tracking", position_error(report)),
+        Block::Items(items),
+    ];
+    if !flight.estimates.is_empty() {
+        let rows = flight.estimates.iter().map(|it| {
+            let [estimated, actual] = [it.estimated, it.actual].map(|it| format!("{it:.6e}"));
+            row([&it.name, &estimated, &actual])
+        });
+        let columns = ["estimates at the end", "estimated", "true"];
+        blocks.push(Block::Table(Table::new(columns, rows)));
+    }
+    if let Some(figures) = Figures::of(report) {
+        let swap = if report.faults.is_empty() {
+            "live swap"
+        } else {
+            "live swap, fault"
+        };
+        let legend = vec![("mark swap", swap), ("mark missed", "missed deadline")];
+        let stretch = count(figures.traces.flight.every_ticks, "tick");
+        blocks.push(Block::Legend(legend));
+        blocks.push(Block::Figures(figures.flight()));
+        blocks.push(Block::Note(format!(
+            "Each line over time is drawn through the smallest and the largest value of {stretch}. Paths show at most \
+             the last minute; both axes have the same scale."
+        )));
+    }
+    blocks
+}
+
+/// What each law showed of itself, as a table and charts.
+fn telemetry(report: &Report) -> Vec<Block> {
+    let laws = &report.run.laws;
+    let number = |value: Option<f64>| known(value.map(|value| format!("{value:.4e}")));
+    let signals =
+        in_order(laws).flat_map(|(role, law)| law.telemetry.iter().map(move |it| (role, it)));
+    let rows: Vec<Vec<Cell>> = signals
+        .map(|(role, it)| {
+            let name = format!("{role} {}", it.name);
+            row([
+                &name,
+                &number(it.last),
+                &number(it.min),
+                &number(it.max),
+                &it.unit,
+            ])
+        })
+        .collect();
+    if rows.is_empty() {
+        let none = "Telemetry none: no law shows anything of itself";
+        return vec![Block::Paragraph(none.into())];
+    }
+    let columns = [
+        "Telemetry of the laws",
+        "at the end",
+        "smallest",
+        "largest",
+        "",
+    ];
+    let mut blocks = vec![Block::Table(Table::new(columns, rows))];
+    if let Some(figures) = Figures::of(report) {
+        let figures =
+            in_order(laws).flat_map(|(role, law)| figures.telemetry(role, &law.telemetry));
+        let figures: Vec<Figure> = figures.collect();
+        blocks.push(Block::Figures(figures));
+    }
+    blocks
+}
+
+fn gates(report: &Report) -> Vec<Block> {
+    let rows = report.verdict.gates.iter().map(|gate| {
+        let word = match gate.held {
+            true => Cell::colored("ok", "good"),
+            false => Cell::colored("FAIL", "bad"),
+        };
+        let mut cells = row([&gate.name, &gate.value, &gate.limit]);
+        cells.push(word);
+        cells
+    });
+    let mut blocks = Vec::from_iter(
+        margin_section::sentence(report).map(|margin| Block::Fact("Margin", margin)),
+    );
+    blocks.push(Block::Fact("Gates", report.verdict.words()));
+    blocks.push(Block::Table(Table::new(
+        ["gate", "found", "limit", ""],
+        rows,
+    )));
+    blocks
+}
+
+/// The percentiles of all series, with what the number of values says of each.
+#[must_use]
+pub fn percentiles(report: &Report) -> Vec<Block> {
+    let columns = [
+        "Latencies [us]",
+        "count",
+        "min",
+        "p50",
+        "p90",
+        "p99",
+        "p99.9",
+        "p99.99",
+        "max",
+    ];
+    let rows = report.series.iter().map(|it| {
+        let rare = |value: Option<f64>| known(value.map(us));
+        let [min, p50, p90, p99, max] =
+            [it.min_us, it.p50_us, it.p90_us, it.p99_us, it.max_us].map(us);
+        let [p999, p9999] = [it.p999_us, it.p9999_us].map(rare);
+        row([
+            &it.name, &it.count, &min, &p50, &p90, &p99, &p999, &p9999, &max,
+        ])
+    });
+    let few = "-: too few values. On a shared machine the maximum mostly shows the host. No sample was discarded.";
+    let mut blocks = vec![
+        Block::Table(Table::new(columns, rows)),
+        Block::Items(vec![few.into()]),
+    ];
+    if !report.distributions.is_empty() {
+        let columns = PERCENTS.map(|(percent, _)| format!("p{percent}"));
+        let columns = ["series".to_owned()].into_iter().chain(columns);
+        let rows = report.distributions.iter().map(|series| {
+            let interval = |(percent, _)| {
+                let of = series.percentile(percent);
+                Cell::from(known(
+                    of.map(|of| format!("{:.1} to {:.1}", of.low_us, of.high_us)),
+                ))
+            };
+            let cells = PERCENTS.map(interval);
+            [Cell::from(&series.name)]
+                .into_iter()
+                .chain(cells)
+                .collect()
+        });
+        let note = "With 95 % the percentile [us] that endless sampling would give lies in its interval, if ticks do \
+                    not depend on each other. They do: the true interval is wider.";
+        let details = vec![
+            Block::Table(Table::new(columns, rows)),
+            Block::Note(note.into()),
+        ];
+        let summary = "What the number of values says of each percentile";
+        blocks.push(Block::Details(summary.into(), details));
+    }
+    blocks
+}

@@ -1,0 +1,365 @@
+//! Robustness margins: a row or a line per combination of laws for each question.
+
+use crate::margin::{LawMargins, Margins, OutageMargin, Point, SteadyMargin};
+use crate::phrase::count;
+use crate::render::comparison::millimetres;
+use crate::render::document::{Block, Cell, Document, Figure, Section, Table, known};
+use crate::render::plot::{Axis, Chart, LAWS, Layer};
+use crate::render::scale::Scale;
+
+/// Errors below are drawn as this [m].
+const ERROR_MIN_M: f64 = 1e-4;
+
+#[must_use]
+pub fn document(margins: &Margins) -> Document {
+    let lead = [
+        margins.flown(),
+        margins.phases(),
+        format!("survived: {}", margins.gate_words()),
+    ];
+    let sections = [
+        unfaulted(margins),
+        outages(margins),
+        lateness(margins),
+        losses(margins),
+        patterns(margins),
+        exceptions(margins),
+    ];
+    Document {
+        title: format!("margins, {}", margins.flown()),
+        heading: "Robustness of the loop".into(),
+        build: margins.build.to_string(),
+        lead: lead.map(Block::Paragraph).into(),
+        sections: sections.into_iter().flatten().collect(),
+        footer: ". Each flight is one of `ironbird simulate --fault`.".into(),
+        ..Document::default()
+    }
+}
+
+/// A table with a row per combination.
+fn table(
+    margins: &Margins,
+    columns: &[impl ToString],
+    cells: impl Fn(&LawMargins) -> Vec<String>,
+) -> Block {
+    let row = |law: &LawMargins| {
+        let name = margins.name_of(&law.laws);
+        [name]
+            .into_iter()
+            .chain(cells(law))
+            .map(Cell::from)
+            .collect()
+    };
+    let columns = columns.iter().map(ToString::to_string);
+    let columns = ["laws".to_owned()].into_iter().chain(columns);
+    Block::Table(Table::new(columns, margins.laws.iter().map(row)))
+}
+
+/// A number of ticks, or that the longest that was tried was survived.
+fn ticks(ticks: u64, margins: &Margins) -> String {
+    let more = if ticks >= margins.longest_ticks {
+        "> "
+    } else {
+        ""
+    };
+    format!("{more}{ticks}")
+}
+
+fn ticks_of(margins: &Margins) -> String {
+    format!("[ticks of {} ms]", margins.period_s * 1e3)
+}
+
+/// The inputs that a question was asked of.
+fn inputs<T>(
+    margins: &Margins,
+    of: fn(&LawMargins) -> &[T],
+    name: fn(&T) -> &String,
+) -> Vec<String> {
+    let first = margins.laws.first().into_iter();
+    first.flat_map(of).map(name).cloned().collect()
+}
+
+fn sparse(margins: &Margins) -> String {
+    let phases = margins.phases_s.len().div_ceil(margins.sparse);
+    count(phases as u64, "phase")
+}
+
+fn keys(margins: &Margins) -> Vec<(&'static str, String)> {
+    let names = margins.laws.iter().map(|law| margins.name_of(&law.laws));
+    LAWS.into_iter().zip(names).collect()
+}
+
+fn unfaulted(margins: &Margins) -> Option<Section> {
+    let columns = [
+        "error [mm]",
+        "saturated [%]",
+        "recovered below [mm]",
+        "flights",
+    ];
+    let table = table(margins, &columns, |law| {
+        vec![
+            millimetres(law.unfaulted_error_m),
+            format!("{:.1}", law.unfaulted_saturated_percent),
+            millimetres(law.recovered_below_m),
+            law.flights.to_string(),
+        ]
+    });
+    Some(Section::new("unfaulted", "Without a fault", vec![table]))
+}
+
+fn outages(margins: &Margins) -> Option<Section> {
+    let of = inputs(margins, |law| &law.outages, |it| &it.of);
+    if of.is_empty() {
+        return None;
+    }
+    let figure = |(i, name): (usize, &String)| {
+        let chart = outage_chart(margins, i, name);
+        Figure::new(format!("outage-{i}"), name, keys(margins), chart)
+    };
+    let note = format!(
+        "The longest outage that a flight survived, by when it began. A stage that is out works nothing; machine is all \
+         four at once; an input as inner.state loses all messages. Outages of more than {} ticks were not tried.",
+        margins.longest_ticks
+    );
+    let mut blocks = vec![
+        Block::Note(note),
+        Block::WideFigures(of.iter().enumerate().map(figure).collect()),
+    ];
+    let phases = count(margins.phases_s.len() as u64, "phase");
+    for (title, is_input) in [
+        ("Longest outage survived", false),
+        ("Longest loss of all messages survived", true),
+    ] {
+        let is_it = |of: &str| of.contains('.') == is_input;
+        let columns: Vec<&String> = of.iter().filter(|of| is_it(of)).collect();
+        if columns.is_empty() {
+            continue;
+        }
+        let cell = |it: &OutageMargin| {
+            let [least, median] = [it.least(), it.median()].map(|it| ticks(it, margins));
+            format!("{least} / {median}")
+        };
+        let title = format!("{title} {}: least / median of {phases}", ticks_of(margins));
+        blocks.push(Block::Heading(title));
+        blocks.push(table(margins, &columns, |law| {
+            law.outages
+                .iter()
+                .filter(|it| is_it(&it.of))
+                .map(cell)
+                .collect()
+        }));
+    }
+    Some(Section::new("outage", "Outages", blocks))
+}
+
+fn outage_chart(margins: &Margins, i: usize, name: &str) -> Chart {
+    let mut values = Vec::new();
+    let line = |(law, class): (&LawMargins, &'static str)| {
+        let ticks = law.outages.get(i)?.ticks.iter();
+        let ticks = ticks.map(|ticks| (*ticks as f64).max(0.5));
+        values.extend(ticks.clone());
+        let points = margins.phases_s.iter().copied().zip(ticks).collect();
+        Some(Layer::Line { class, points })
+    };
+    let layers = margins.laws.iter().zip(LAWS).filter_map(line).collect();
+    let first_s = margins.phases_s.first().copied().unwrap_or_default();
+    let x = Scale::time(first_s, first_s + margins.span_s);
+    Chart::new(
+        format!("longest outage of {name} survived, over its begin"),
+        Axis::new(x, "begin of the outage [s]"),
+        Axis::new(Scale::log(values.into_iter()), "survived [ticks]"),
+        layers,
+    )
+}
+
+/// A picture per input: a line per combination through what its flights survived.
+fn over(
+    margins: &Margins,
+    (name, label): (&str, &str),
+    inputs: &[String],
+    points: impl Fn(&LawMargins, usize) -> Option<&[Point]>,
+    at: impl Fn(f64) -> f64,
+) -> Block {
+    let figure = |(i, input): (usize, &String)| {
+        let lines = margins.laws.iter().zip(LAWS);
+        let lines = lines.map(|(law, class)| (class, points(law, i).unwrap_or_default()));
+        let chart = error_chart(input, label, lines, &at);
+        Figure::new(format!("{name}-{i}"), input, keys(margins), chart)
+    };
+    Block::WideFigures(inputs.iter().enumerate().map(figure).collect())
+}
+
+fn error_chart<'a>(
+    input: &str,
+    label: &str,
+    lines: impl Iterator<Item = (&'static str, &'a [Point])>,
+    at: &impl Fn(f64) -> f64,
+) -> Chart {
+    let mut layers = Vec::new();
+    let (mut values, mut last) = (Vec::new(), 1.0_f64);
+    for (class, points) in lines {
+        let place = |it: &Point| Some((at(it.at), it.error_m?.max(ERROR_MIN_M)));
+        let line: Vec<(f64, f64)> = points.iter().map_while(place).collect();
+        last = points.iter().map(|it| at(it.at)).fold(last, f64::max);
+        values.extend(line.iter().map(|(_, error_m)| *error_m));
+        let failed = points
+            .iter()
+            .zip(&line)
+            .filter(|(it, _)| it.survived < it.flights);
+        let word = |it: &Point| format!("{} of {} flights survived", it.survived, it.flights);
+        let dots = failed.map(|(it, place)| (*place, word(it))).collect();
+        layers.push(Layer::Line {
+            class,
+            points: line,
+        });
+        layers.push(Layer::Dots {
+            class,
+            points: dots,
+        });
+    }
+    let x = Scale::Linear {
+        low: 0.0,
+        high: last,
+    };
+    let y = Scale::log(values.into_iter());
+    Chart::new(
+        format!("largest position error over {label} of {input}"),
+        Axis::new(x, label),
+        Axis::new(y, "largest error of the last 5 s [m]"),
+        layers,
+    )
+}
+
+const DOTS: &str = "A dot is where not every flight survived. A line ends where one left its envelope, or where the \
+                    first phase had missed so often in a row that it was flown no further.";
+
+fn lateness(margins: &Margins) -> Option<Section> {
+    let longest = |title: String, of: fn(&LawMargins) -> &[SteadyMargin]| {
+        let more = |it: &SteadyMargin| if it.is_most { " and more" } else { "" };
+        let cell = |it: &SteadyMargin| format!("{}{}", it.ticks, more(it));
+        let columns = inputs(margins, of, |it| &it.input);
+        let table = table(margins, &columns, |law| of(law).iter().map(cell).collect());
+        [
+            Block::Heading(format!("{title}; least of {}", sparse(margins))),
+            table,
+        ]
+    };
+    let lags = inputs(margins, |law| &law.lags, |it| &it.input);
+    if lags.is_empty() {
+        return None;
+    }
+    let tick = ticks_of(margins);
+    let mut blocks = vec![
+        Block::Note(DOTS.into()),
+        over(
+            margins,
+            ("lag", "lag [ticks]"),
+            &lags,
+            |law, i| Some(&law.lags.get(i)?.points),
+            |it| it,
+        ),
+    ];
+    let title = format!("Longest steady lag {tick}: in time, but so old (dead time)");
+    blocks.extend(longest(title, |law| &law.lags));
+    let title = format!("Longest steady delay {tick}: so late, and known as stale");
+    blocks.extend(longest(title, |law| &law.delays));
+    Some(Section::new("lateness", "Lateness", blocks))
+}
+
+fn losses(margins: &Margins) -> Option<Section> {
+    let inputs = inputs(margins, |law| &law.losses, |it| &it.input);
+    if inputs.is_empty() {
+        return None;
+    }
+    let flights = count(margins.phases_s.len() as u64, "flight");
+    let title = format!(
+        "Largest share of random losses [%]: all of {flights} survived (of as many with other seeds: probability of \
+         survival at 95 %) / half did"
+    );
+    let table = table(margins, &inputs, |law| {
+        let each = law.losses.iter().map(|it| {
+            let [low, high] = it.survival.map(|it| 100.0 * it);
+            let (share, half) = (100.0 * it.share, 100.0 * it.median_share);
+            let survived = format!("{} of {}: {low:.1} to {high:.0} %", it.survived, it.flights);
+            format!("{share:.0} ({survived}) / {half:.0}")
+        });
+        each.collect()
+    });
+    let percent = |share: f64| 100.0 * share;
+    let name = ("loss", "messages lost [%]");
+    let figures = over(
+        margins,
+        name,
+        &inputs,
+        |law, i| Some(&law.losses.get(i)?.points),
+        percent,
+    );
+    let note =
+        format!("A share of the messages is lost at random, by another seed at each phase. {DOTS}");
+    let blocks = vec![Block::Note(note), figures, Block::Heading(title), table];
+    Some(Section::new("loss", "Losses", blocks))
+}
+
+fn patterns(margins: &Margins) -> Option<Section> {
+    let inputs = inputs(margins, |law| &law.patterns, |it| &it.input);
+    if inputs.is_empty() {
+        return None;
+    }
+    let title = format!(
+        "Weakest (m, k): m of any k messages may be lost, in a row; least of {}",
+        sparse(margins)
+    );
+    let weakest = table(margins, &inputs, |law| {
+        let weakest = law.patterns.iter().map(|it| it.weakest());
+        weakest
+            .map(|it| known(it.map(|[m, k]| format!("({m}, {k})"))))
+            .collect()
+    });
+    let pattern = |[m, k]: &[u64; 2]| format!("{m} of {k}");
+    let each = table(margins, &inputs, |law| {
+        let patterns = law
+            .patterns
+            .iter()
+            .map(|it| it.most.iter().map(pattern).collect::<Vec<_>>());
+        patterns.map(|most| most.join(", ")).collect()
+    });
+    let summary = "For each k the largest m up to which the flights survived".into();
+    let blocks = vec![weakest, Block::Details(summary, vec![each])];
+    Some(Section::new("patterns", title, blocks))
+}
+
+/// What was found against the order of things; says also that nothing was.
+fn exceptions(margins: &Margins) -> Option<Section> {
+    const SHOWN: usize = 6;
+    let mut all = Vec::new();
+    for law in &margins.laws {
+        for (of, it) in law
+            .outages
+            .iter()
+            .flat_map(|margin| margin.exceptions.iter().map(|it| (&margin.of, it)))
+        {
+            let what = if it.survived {
+                "survived, where a shorter one was not"
+            } else {
+                "lost, where a longer one was survived"
+            };
+            let (name, ticks) = (margins.name_of(&law.laws), count(it.ticks, "tick"));
+            all.push(format!(
+                "{name}: {of} out for {ticks} at {:.3} s: {what}",
+                it.phase_s
+            ));
+        }
+    }
+    if all.is_empty() {
+        let none =
+            "No outage that was tried beyond a margin was survived, and none within it was lost";
+        return Some(Section::new("exceptions", none, Vec::new()));
+    }
+    let more = all.len().saturating_sub(SHOWN);
+    all.truncate(SHOWN);
+    if more > 0 {
+        all.push(format!("and {more} more, in --format json"));
+    }
+    let title = "Against the order of things (a margin is the longest outage up to which none that was tried was lost)";
+    Some(Section::new("exceptions", title, vec![Block::Items(all)]))
+}

@@ -1,0 +1,273 @@
+//! Outages: their causes, and each of the worst ones with its timeline.
+
+use crate::margin_section;
+use crate::outages::{
+    CauseCount, OutageCase, OutageSection, TimelineStage, TimelineTick, WORST_SHOWN,
+};
+use crate::phrase::count;
+use crate::render::document::{self, Block, Figure, Table, known, row};
+use crate::render::plot::{Axis, Chart, Layer};
+use crate::render::scale::Scale;
+use crate::schema::Report;
+use crate::speed::Speed;
+use messages::role::STAGES;
+
+#[must_use]
+pub fn blocks(report: &Report) -> Vec<Block> {
+    let outages = &report.autopsy;
+    let margin = margin_section::sentence(report).map(|margin| Block::Fact("Margin", margin));
+    let mut blocks = Vec::from_iter(margin);
+    let none = if report.run.speed() == Speed::Lockstep {
+        "not looked for: in lockstep there are no deadlines"
+    } else {
+        "none"
+    };
+    if outages.classes.is_empty() && outages.pending == 0 {
+        blocks.push(Block::Fact("Outages", none.into()));
+        return blocks;
+    }
+    blocks.extend(list(outages));
+    if outages.worst.is_empty() {
+        return blocks;
+    }
+    blocks.push(Block::Legend(vec![
+        ("block deadline", "worked: from waking to sending"),
+        ("block stale deadline", "without the input of its tick"),
+        ("deadline", "due, and not awake yet"),
+        ("late", "the delay that it is put down to"),
+        ("block band late", "its command missed the deadline"),
+    ]));
+    let tick_us = report.run.wall_period_us;
+    let figure = |(i, case): (usize, &OutageCase)| {
+        let title = named(case.class.words(), case.stage.as_deref());
+        Figure::new(
+            format!("outage-{}", i + 1),
+            &title,
+            Vec::new(),
+            chart(case, tick_us, &title),
+        )
+    };
+    let worst = outages.worst.iter().take(WORST_SHOWN);
+    blocks.push(Block::Figures(worst.enumerate().map(figure).collect()));
+    blocks.push(Block::Note(
+        "Lines stand where ticks begin, which is the deadline of the tick before. The kernel's counters are read every \
+         10 ms; docs/measuring.md says what that leaves open."
+            .into(),
+    ));
+    blocks
+}
+
+/// The causes, and the worst outages in words.
+fn list(outages: &OutageSection) -> Vec<Block> {
+    let rows = outages.classes.iter().map(|it| {
+        let stage = known(it.stage.as_deref());
+        row([&it.class.words(), &stage, &it.outages, &it.missed])
+    });
+    let pending =
+        (outages.pending > 0).then(|| row([&"not classified yet", &"-", &"-", &outages.pending]));
+    let columns = ["Outages", "stage", "outages", "missed"];
+    let mut blocks = vec![Block::Table(Table::new(columns, rows.chain(pending)))];
+    blocks.push(Block::Note(
+        "An outage is a row of ticks in which a deadline was missed, or a stage did not work on its input.".into(),
+    ));
+    for case in outages.worst.iter().take(WORST_SHOWN) {
+        blocks.push(Block::Items(vec![case.line()]));
+        blocks.push(Block::Timeline(case.timeline()));
+    }
+    blocks.push(Block::Timeline(vec![
+        "woke .. sent [us], from the beginning of the outage's first tick; * without the input of its tick".into(),
+    ]));
+    blocks
+}
+
+impl OutageSection {
+    #[must_use]
+    pub fn text(&self) -> String {
+        document::text(&list(self))
+    }
+}
+
+/// A class with the stage that it is due to.
+fn named(class: &str, stage: Option<&str>) -> String {
+    stage.map_or_else(|| class.to_owned(), |stage| format!("{class}, {stage}"))
+}
+
+impl CauseCount {
+    #[must_use]
+    pub fn cause(&self) -> String {
+        named(self.class.words(), self.stage.as_deref())
+    }
+}
+
+impl OutageCase {
+    /// Where, how long and why, in one line.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let Self {
+            tick,
+            time_s,
+            missed,
+            delay_us,
+            evidence,
+            ..
+        } = self;
+        let ticks = count(self.ticks, "tick");
+        let cause = named(self.class.words(), self.stage.as_deref());
+        // Where no stage is known to be late, there is no delay.
+        let delay = if *delay_us > 0.0 {
+            format!(", a delay of {delay_us:.0} us")
+        } else {
+            String::new()
+        };
+        let faults = if self.faults.is_empty() {
+            String::new()
+        } else {
+            format!("; fault on: {}", self.faults.join(", "))
+        };
+        format!(
+            "tick {tick} ({time_s:.3} s): {ticks}, {missed} missed{delay}: {cause} ({evidence}{faults})"
+        )
+    }
+
+    /// What the stages did, a line for each tick.
+    fn timeline(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        let mut next = self.timeline.first().map_or(0, |first| first.tick);
+        for TimelineTick { tick, stages, .. } in &self.timeline {
+            if *tick > next {
+                lines.push("...".into());
+            }
+            next = tick.saturating_add(1);
+            let stages: Vec<String> = stages.iter().map(TimelineStage::text).collect();
+            let stages = match stages.is_empty() {
+                true => "no stage published".into(),
+                false => stages.join("  "),
+            };
+            lines.push(format!("{:>+3}  {stages}", self.after(*tick)));
+        }
+        lines
+    }
+
+    /// A tick from the first one of the outage on.
+    fn after(&self, tick: u64) -> i64 {
+        tick.cast_signed() - self.tick.cast_signed()
+    }
+
+    /// The ticks of the timeline that follow each other: first, last.
+    fn windows(&self) -> Vec<(u64, u64)> {
+        let mut shown: Vec<(u64, u64)> = Vec::new();
+        for TimelineTick { tick, .. } in &self.timeline {
+            match shown.last_mut() {
+                Some((_, last)) if *last + 1 == *tick => *last = *tick,
+                _ => shown.push((*tick, *tick)),
+            }
+        }
+        shown
+    }
+}
+
+impl TimelineStage {
+    fn text(&self) -> String {
+        let stale = if self.is_fresh { "" } else { "*" };
+        format!(
+            "{}{stale} {:.0} .. {:.0}",
+            self.role, self.wake_us, self.send_us
+        )
+    }
+}
+
+/// Classes of the work of each stage: with its input, and without.
+const WORK: [[&str; 2]; 4] = [
+    ["work plant", "work stale plant"],
+    ["work outer", "work stale outer"],
+    ["work inner", "work stale inner"],
+    ["work mixer", "work stale mixer"],
+];
+const WAITED: [&str; 4] = [
+    "waited plant",
+    "waited outer",
+    "waited inner",
+    "waited mixer",
+];
+
+/// A row for each stage over the ticks of the timeline.
+fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
+    let begin_us = |tick: u64| case.after(tick) as f64 * tick_us;
+    let windows = case.windows();
+    let instants = windows
+        .iter()
+        .flat_map(|(first, last)| *first..=last + 1)
+        .map(|tick| {
+            let name = match case.after(tick) {
+                0 => "0".into(),
+                after => format!("{after:+}"),
+            };
+            (begin_us(tick), name)
+        });
+    let x = Scale::Windows {
+        instants: instants.collect(),
+        windows: windows
+            .iter()
+            .map(|(first, last)| (begin_us(*first), begin_us(last + 1)))
+            .collect(),
+    };
+    let rows = STAGES.len() as f64;
+    let missed = case.timeline.iter().filter(|tick| tick.missed).map(|tick| {
+        let corners = [(begin_us(tick.tick), 0.0), (begin_us(tick.tick + 1), rows)];
+        let word = format!("tick {}: its command missed the deadline", tick.tick);
+        (corners, word, String::new())
+    });
+    let mut layers = vec![Layer::Boxes {
+        class: "missed-tick late",
+        boxes: missed.collect(),
+    }];
+    for (i, role) in STAGES.into_iter().enumerate() {
+        let (name, middle) = (role.name(), i as f64 + 0.5);
+        if case.stage.as_deref() == Some(name) && case.delay_us > 0.0 {
+            let ends = [(case.due_us, middle), (case.due_us + case.delay_us, middle)];
+            layers.push(Layer::Segments {
+                class: "late-stage late",
+                segments: vec![ends],
+            });
+        }
+        let mut waited = Vec::new();
+        let mut work: [Vec<_>; 2] = Default::default();
+        for tick in &case.timeline {
+            let of = |name: &str| tick.stages.iter().find(|it| it.role == name);
+            let Some(it) = of(name) else { continue };
+            let due = match i.checked_sub(1).map(|before| STAGES[before].name()) {
+                None => Some(begin_us(tick.tick)),
+                Some(before) => of(before).filter(|_| it.is_fresh).map(|it| it.send_us),
+            };
+            waited.extend(due.map(|due| [(due, middle), (it.wake_us, middle)]));
+            let input = if it.is_fresh {
+                ""
+            } else {
+                ", without the input of its tick"
+            };
+            let (wake_us, send_us) = (it.wake_us, it.send_us);
+            let word = format!(
+                "{name} in tick {}: {wake_us:.0} to {send_us:.0} us{input}",
+                tick.tick
+            );
+            let corners = [(wake_us, middle - 0.3), (send_us, middle + 0.3)];
+            work[usize::from(!it.is_fresh)].push((corners, word, String::new()));
+        }
+        layers.push(Layer::Segments {
+            class: WAITED[i],
+            segments: waited,
+        });
+        for (class, boxes) in WORK[i].into_iter().zip(work) {
+            layers.push(Layer::Boxes { class, boxes });
+        }
+    }
+    let length = if tick_us >= 1e3 {
+        format!("{} ms", tick_us / 1e3)
+    } else {
+        format!("{tick_us} us")
+    };
+    let label = format!("ticks from {} on, each {length} long", case.tick);
+    let names = STAGES.map(|role| role.name().to_owned());
+    let y = Axis::new(Scale::Rows(names.into()), "");
+    Chart::new(format!("outage: {title}"), Axis::new(x, label), y, layers)
+}
