@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use report::phrase::count;
+use report::render::document::{Cell, Table, known, row};
 use report::run_facts::RunFacts;
 use report::schema::{NotFresh, Report};
 use serde::Serialize;
@@ -138,29 +139,26 @@ impl RecordedRun {
             .unwrap_or_default()
     }
 
-    fn row(&self) -> String {
-        let length = self.length_s.map_or_else(|| "-".into(), length);
+    fn row(&self) -> Vec<Cell> {
         // Reports from before fresh commands were counted have the missed deadlines alone.
         let late = self.not_fresh.map(|it| it.ticks).or(self.missed);
-        let late = late.map_or_else(|| "-".into(), |ticks| ticks.to_string());
-        let words = self.words.as_ref().map_or_else(
-            || "-".into(),
-            |[flight, timing, _]| format!("{flight}, {timing}"),
-        );
-        let name =
-            self.name.replace(char::is_control, "?") + if self.is_latest { " *" } else { "" };
+        let words = self.words.as_ref();
+        let words = known(words.map(|[flight, timing, _]| format!("{flight}, {timing}")));
+        let name = self.name.replace(char::is_control, "?");
+        let latest = if self.is_latest { " *" } else { "" };
         // Omitted for the most common airframe, so that a row fits into 80 columns.
-        let airframe = if self.airframe == PAPER {
-            String::new()
-        } else {
-            format!(", {}", self.airframe)
+        let airframe = match self.airframe.as_str() {
+            PAPER => String::new(),
+            other => format!(", {}", other.replace(char::is_control, "?")),
         };
-        let airframe = airframe.replace(char::is_control, "?");
-        format!(
-            "{name:<22} {length:>6} {late:>6} {:>6}  {:<11} {words}{airframe}\n",
-            size(self.bytes),
-            self.status
-        )
+        row([
+            &format!("{name}{latest}"),
+            &known(self.length_s.map(length)),
+            &known(late),
+            &size(self.bytes),
+            &self.status,
+            &format!("{words}{airframe}"),
+        ])
     }
 }
 
@@ -169,11 +167,15 @@ fn table(runs: &[RecordedRun], out: &Path) -> String {
         return format!("{} holds no flight\n", out.display());
     }
     let bytes = runs.iter().map(|run| run.bytes).sum();
-    let mut text = format!(
-        "{:<22} {:>6} {:>6} {:>6}  {:<11} flight, timing\n",
-        "flight", "length", "late", "size", "status"
-    );
-    text.extend(runs.iter().map(RecordedRun::row));
+    let columns = [
+        "flight",
+        "length",
+        "late",
+        "size",
+        "status",
+        "flight, timing",
+    ];
+    let table = Table::new(columns, runs.iter().map(RecordedRun::row)).list();
     let latest = if runs.iter().any(|run| run.is_latest) {
         "; * is `latest`"
     } else {
@@ -185,8 +187,8 @@ fn table(runs: &[RecordedRun], out: &Path) -> String {
     } else {
         ""
     };
-    text + &format!(
-        "{} in {}{latest}{paper}\nlate: ticks without a fresh command on time (missed + stale + skipped)\n",
+    format!(
+        "{table}{} in {}{latest}{paper}\nlate: ticks without a fresh command on time (missed + stale + skipped)\n",
         count(runs.len() as u64, "flight"),
         size(bytes)
     )

@@ -253,7 +253,7 @@ fn flights_without_a_report_are_listed_and_can_go() {
         .unwrap()
         .set_modified(long_ago)
         .unwrap();
-    runs(&rig, &[]).expect(0).says("no report   -\n");
+    runs(&rig, &[]).expect(0).says("no report  -\n");
     fs::write(
         begun.join("report.json"),
         "{\"schema\": \"of another version\"}",

@@ -1,53 +1,45 @@
-//! Prints a comparison of two groups of flights as text: what differs first, and at most 80 columns.
+//! A comparison of two groups of flights as text: what differs first, and at most 80 columns.
 
 use crate::diff::{Conclusion, Diff, Difference, FigureDiff, Says, Side};
 use crate::phrase::{count, wrapped};
+use crate::render::document::{Block, Section, Table, known, row};
 use serde_json::Value;
-use std::fmt::Write as _;
 
 #[must_use]
 pub fn render(diff: &Diff) -> String {
-    let mut out = String::new();
-    // Writing into a string cannot fail.
-    let _ = write(&mut out, diff);
-    out
+    let (said, rest): (Vec<_>, Vec<_>) = diff
+        .figures
+        .iter()
+        .partition(|figure| matches!(figure.says, Says::More | Says::Less));
+    let (few, rest): (Vec<_>, Vec<_>) = rest
+        .into_iter()
+        .partition(|figure| figure.says == Says::TooFewValues);
+    let mut blocks = [("Timing", &diff.timing), ("Tracking", &diff.tracking)]
+        .map(|(subject, it)| Block::Paragraph(conclusion(subject, it)))
+        .to_vec();
+    let blank = || Block::Paragraph(String::new());
+    if !said.is_empty() {
+        blocks.extend([blank(), figures("What differs", &said)]);
+    }
+    blocks.extend(differences("Settings", &diff.settings));
+    blocks.extend(differences("Machine", &diff.machine));
+    blocks.extend([
+        blank(),
+        Block::Paragraph(format!("Builds: {}", diff.builds)),
+    ]);
+    blocks.extend([sides("A", &diff.a), sides("B", &diff.b)]);
+    blocks.extend([blank(), figures("Everything else", &rest)]);
+    if !few.is_empty() {
+        let have = if few.len() == 1 { "has" } else { "have" };
+        let few = count(few.len() as u64, "figure");
+        blocks.push(Block::Items(vec![format!(
+            "{few} {have} too few values in some flight"
+        )]));
+    }
+    Section::new("diff", "", blocks).text()
 }
 
-fn write(out: &mut String, diff: &Diff) -> std::fmt::Result {
-    conclusion(out, "Timing", &diff.timing)?;
-    conclusion(out, "Tracking", &diff.tracking)?;
-    let said = |figure: &&FigureDiff| matches!(figure.says, Says::More | Says::Less);
-    if diff.figures.iter().any(|figure| said(&figure)) {
-        heading(out, "What differs")?;
-        diff.figures
-            .iter()
-            .filter(said)
-            .try_for_each(|figure| row(out, figure))?;
-    }
-    differences(out, "Settings", &diff.settings)?;
-    differences(out, "Machine", &diff.machine)?;
-    writeln!(out, "\nBuilds: {}", diff.builds)?;
-    sides(out, "A", &diff.a)?;
-    sides(out, "B", &diff.b)?;
-    heading(out, "Everything else")?;
-    let rest = diff.figures.iter().filter(|figure| !said(figure));
-    rest.clone()
-        .filter(|figure| figure.says != Says::TooFewValues)
-        .try_for_each(|figure| row(out, figure))?;
-    let missing = rest
-        .filter(|figure| figure.says == Says::TooFewValues)
-        .count();
-    if missing > 0 {
-        writeln!(
-            out,
-            "  {} too few values in some flight",
-            has(missing as u64)
-        )?;
-    }
-    Ok(())
-}
-
-fn conclusion(out: &mut String, subject: &str, conclusion: &Conclusion) -> std::fmt::Result {
+fn conclusion(subject: &str, conclusion: &Conclusion) -> String {
     let sentence = match conclusion {
         Conclusion::NotJudged { reason } => format!("{subject:<9} not judged: {reason}"),
         Conclusion::Judged {
@@ -65,46 +57,24 @@ fn conclusion(out: &mut String, subject: &str, conclusion: &Conclusion) -> std::
             )
         }
     };
-    wrapped(&sentence)
-        .iter()
-        .try_for_each(|line| writeln!(out, "{line}"))
+    wrapped(&sentence).join("\n")
 }
 
-fn has(figures: u64) -> String {
-    format!(
-        "{} {}",
-        count(figures, "figure"),
-        if figures == 1 { "has" } else { "have" }
-    )
-}
-
-fn heading(out: &mut String, title: &str) -> std::fmt::Result {
-    writeln!(
-        out,
-        "\n{title:<33} {:>11} {:>11} {:>9}  {:>6}",
-        "A", "B", "B over A", "p"
-    )
-}
-
-fn row(out: &mut String, figure: &FigureDiff) -> std::fmt::Result {
-    let word = match figure.says {
-        Says::More => "MORE",
-        Says::Less => "LESS",
-        _ => "",
-    };
-    let [a, b] =
-        [figure.median_a, figure.median_b].map(|value| value.map_or_else(|| "-".into(), number));
-    let ratio = figure
-        .ratio
-        .map_or_else(|| "-".into(), |ratio| format!("{ratio:.3}"));
-    let probability = figure
-        .probability
-        .map_or_else(String::new, |p| format!("{p:.3}"));
-    let line = format!(
-        "  {:<31} {a:>11} {b:>11} {ratio:>9}  {probability:>6} {word}",
-        figure.name
-    );
-    writeln!(out, "{}", line.trim_end())
+fn figures(title: &str, figures: &[&FigureDiff]) -> Block {
+    let rows = figures.iter().map(|figure| {
+        let word = match figure.says {
+            Says::More => "MORE",
+            Says::Less => "LESS",
+            _ => "",
+        };
+        let [a, b] = [figure.median_a, figure.median_b].map(|value| known(value.map(number)));
+        let ratio = known(figure.ratio.map(|ratio| format!("{ratio:.3}")));
+        let probability = figure
+            .probability
+            .map_or_else(String::new, |p| format!("{p:.3}"));
+        row([&figure.name, &a, &b, &ratio, &probability, &word])
+    });
+    Block::Table(Table::new([title, "A", "B", "B over A", "p", ""], rows))
 }
 
 fn number(value: f64) -> String {
@@ -117,27 +87,35 @@ fn number(value: f64) -> String {
     }
 }
 
-fn sides(out: &mut String, name: &str, sides: &[Side]) -> std::fmt::Result {
-    for (number, side) in (1..).zip(sides) {
-        writeln!(out, "{name}{number}  {}  {}", side.run, side.status)?;
-        writeln!(
-            out,
-            "    {}\n    ticks {} + {} skipped, {} missed, {:.2} % stolen, theorem {}",
-            side.build, side.ticks, side.skipped, side.missed, side.steal_percent, side.theorem
-        )?;
-    }
-    Ok(())
+fn sides(name: &str, sides: &[Side]) -> Block {
+    let side = |(number, side): (usize, &Side)| {
+        format!(
+            "{name}{number}  {}  {}\n    {}\n    ticks {} + {} skipped, {} missed, {:.2} % stolen, theorem {}",
+            side.run,
+            side.status,
+            side.build,
+            side.ticks,
+            side.skipped,
+            side.missed,
+            side.steal_percent,
+            side.theorem
+        )
+    };
+    let sides: Vec<String> = (1..).zip(sides).map(side).collect();
+    Block::Paragraph(sides.join("\n"))
 }
 
-fn differences(out: &mut String, title: &str, differences: &[Difference]) -> std::fmt::Result {
-    if differences.is_empty() {
-        return writeln!(out, "\n{title}: the same");
-    }
-    writeln!(out, "\n{title}: what differs, A | B")?;
-    for Difference { key, a, b } in differences {
-        writeln!(out, "  {key}: {} | {}", values(a), values(b))?;
-    }
-    Ok(())
+fn differences(title: &str, differences: &[Difference]) -> [Block; 2] {
+    let what = if differences.is_empty() {
+        "the same"
+    } else {
+        "what differs, A | B"
+    };
+    let item = |it: &Difference| format!("{}: {} | {}", it.key, values(&it.a), values(&it.b));
+    [
+        Block::Paragraph(format!("\n{title}: {what}")),
+        Block::Items(differences.iter().map(item).collect()),
+    ]
 }
 
 fn values(values: &[Value]) -> String {

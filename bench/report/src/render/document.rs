@@ -308,18 +308,31 @@ impl Table {
         }
     }
 
-    /// With the names of the rows to the left below that of their column, and columns of numbers to the right.
+    /// With the names of the rows indented below that of their column, and columns of numbers to the right.
     #[must_use]
     pub fn text(&self) -> String {
+        self.aligned("  ")
+    }
+
+    /// The same without an indent: a table that is all that is printed.
+    #[must_use]
+    pub fn list(&self) -> String {
+        self.aligned("")
+    }
+
+    fn aligned(&self, indent: &str) -> String {
         let mut table = comfy_table::Table::new();
         table.load_preset(presets::NOTHING);
         if self.columns.iter().any(|column| !column.is_empty()) {
             table.set_header(&self.columns);
         }
         for row in &self.rows {
-            let indent = |i| if i == 0 { "  " } else { "" };
-            let cells = row.iter().enumerate();
-            table.add_row(cells.map(|(i, cell)| format!("{}{}", indent(i), cell.text)));
+            let indents = std::iter::once(indent).chain(std::iter::repeat(""));
+            table.add_row(
+                indents
+                    .zip(row)
+                    .map(|(indent, cell)| format!("{indent}{}", cell.text)),
+            );
         }
         for (i, column) in table.column_iter_mut().enumerate() {
             column.set_padding((0, 2));

@@ -1,7 +1,6 @@
 //! The report of a flight, section by section.
 
 use crate::baseline::Baseline;
-use crate::distribution::PERCENTS;
 use crate::host::{InterruptCount, InterruptKind};
 use crate::laws::in_order;
 use crate::margin_section;
@@ -920,61 +919,5 @@ fn gates(report: &Report) -> Vec<Block> {
         ["gate", "found", "limit", ""],
         rows,
     )));
-    blocks
-}
-
-/// The percentiles of all series, with what the number of values says of each.
-#[must_use]
-pub fn percentiles(report: &Report) -> Vec<Block> {
-    let columns = [
-        "Latencies [us]",
-        "count",
-        "min",
-        "p50",
-        "p90",
-        "p99",
-        "p99.9",
-        "p99.99",
-        "max",
-    ];
-    let rows = report.series.iter().map(|it| {
-        let rare = |value: Option<f64>| known(value.map(us));
-        let [min, p50, p90, p99, max] =
-            [it.min_us, it.p50_us, it.p90_us, it.p99_us, it.max_us].map(us);
-        let [p999, p9999] = [it.p999_us, it.p9999_us].map(rare);
-        row([
-            &it.name, &it.count, &min, &p50, &p90, &p99, &p999, &p9999, &max,
-        ])
-    });
-    let few = "-: too few values. On a shared machine the maximum mostly shows the host. No sample was discarded.";
-    let mut blocks = vec![
-        Block::Table(Table::new(columns, rows)),
-        Block::Items(vec![few.into()]),
-    ];
-    if !report.distributions.is_empty() {
-        let columns = PERCENTS.map(|(percent, _)| format!("p{percent}"));
-        let columns = ["series".to_owned()].into_iter().chain(columns);
-        let rows = report.distributions.iter().map(|series| {
-            let interval = |(percent, _)| {
-                let of = series.percentile(percent);
-                Cell::from(known(
-                    of.map(|of| format!("{:.1} to {:.1}", of.low_us, of.high_us)),
-                ))
-            };
-            let cells = PERCENTS.map(interval);
-            [Cell::from(&series.name)]
-                .into_iter()
-                .chain(cells)
-                .collect()
-        });
-        let note = "With 95 % the percentile [us] that endless sampling would give lies in its interval, if ticks do \
-                    not depend on each other. They do: the true interval is wider.";
-        let details = vec![
-            Block::Table(Table::new(columns, rows)),
-            Block::Note(note.into()),
-        ];
-        let summary = "What the number of values says of each percentile";
-        blocks.push(Block::Details(summary.into(), details));
-    }
     blocks
 }

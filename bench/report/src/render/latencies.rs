@@ -1,110 +1,75 @@
 //! Latency: how each series is distributed, where the time goes, and percentiles.
 
-use crate::distribution::{Bin, Distribution};
+use crate::distribution::{Bin, Distribution, PERCENTS};
 use crate::phrase::count;
-use crate::render::document::{Block, Figure, us};
+use crate::render::document::{Block, Cell, Figure, Table, known, row, us};
 use crate::render::figures::Figures;
-use crate::render::flight::percentiles;
 use crate::render::plot::{Axis, Chart, LANE, Lane, Layer, MARKS};
 use crate::render::scale::Scale;
 use crate::schema::Report;
 use crate::series::Statistics;
 use crate::speed::Speed;
 
-type Key = (&'static str, &'static str);
-
-/// A tick in the order of the data's way: colour of a bar and series.
-const STAGES: [Key; 8] = [
-    ("bar plant", "wake.plant"),
-    ("bar plant", "compute.plant"),
-    ("bar outer", "hop.plant_outer"),
-    ("bar outer", "compute.outer"),
-    ("bar inner", "hop.outer_inner"),
-    ("bar inner", "compute.inner"),
-    ("bar mixer", "hop.inner_mixer"),
-    ("bar mixer", "compute.mixer"),
+/// A tick in the order of the data's way.
+const STAGES: [&str; 8] = [
+    "wake.plant",
+    "compute.plant",
+    "hop.plant_outer",
+    "compute.outer",
+    "hop.outer_inner",
+    "compute.inner",
+    "hop.inner_mixer",
+    "compute.mixer",
 ];
 
-/// A group of series: name, title, colour of each, and how their histogram is drawn.
-type Group = (&'static str, &'static str, &'static [Key], Value);
-
-const GROUPS: [Group; 8] = [
-    (
-        "loop",
-        "Loop",
-        &[("loop", "loop"), ("floor", "raw futex ring")],
-        Value::Bare,
-    ),
+/// Groups of series: the begin of their names, a title, the machine's floor, and how their histogram is drawn.
+const GROUPS: [(&str, &str, &str, Value); 8] = [
+    ("loop", "Loop", "raw futex ring", Value::Bare),
     (
         "wake",
         "Wake-up against the grid",
-        &[
-            ("plant", "wake.plant"),
-            ("floor", "bare timer"),
-            ("outer", "wake.outer"),
-            ("inner", "wake.inner"),
-            ("mixer", "wake.mixer"),
-        ],
+        "bare timer",
         Value::Bare,
     ),
     (
         "timer",
         "The plant's timer against the instant that it was set to",
-        &[("plant", "timer")],
+        "",
         Value::Bare,
     ),
-    (
-        "hop",
-        "Hops",
-        &[
-            ("outer", "hop.plant_outer"),
-            ("inner", "hop.outer_inner"),
-            ("mixer", "hop.inner_mixer"),
-        ],
-        Value::Bare,
-    ),
+    ("hop", "Hops", "", Value::Bare),
     (
         "period",
         "Period: between two wake-ups",
-        &[
-            ("plant", "period.plant"),
-            ("outer", "period.outer"),
-            ("inner", "period.inner"),
-            ("mixer", "period.mixer"),
-        ],
+        "",
         Value::LessTick,
     ),
     (
         "deadline",
         "Commands against their deadline",
-        &[("slack", SLACK), ("late", "late")],
+        "",
         Value::Late,
     ),
-    (
-        "compute",
-        "Computing",
-        &[
-            ("plant", "compute.plant"),
-            ("outer", "compute.outer"),
-            ("inner", "compute.inner"),
-            ("mixer", "compute.mixer"),
-        ],
-        Value::Bare,
-    ),
-    (
-        "busy",
-        "Busy",
-        &[
-            ("plant", "busy.plant"),
-            ("outer", "busy.outer"),
-            ("inner", "busy.inner"),
-            ("mixer", "busy.mixer"),
-        ],
-        Value::Bare,
-    ),
+    ("compute", "Computing", "", Value::Bare),
+    ("busy", "Busy", "", Value::Bare),
 ];
 
 const SLACK: &str = "slack";
+
+/// The group of a series.
+fn group(series: &str) -> &str {
+    match series {
+        SLACK | "late" => "deadline",
+        _ => series.split('.').next().unwrap_or(series),
+    }
+}
+
+/// The colour of a series: that of the stage at its end.
+fn class(series: &str) -> &'static str {
+    let stages = ["plant", "outer", "inner", "mixer", "loop", SLACK, "late"];
+    let class = stages.into_iter().find(|stage| series.ends_with(stage));
+    class.unwrap_or("plant")
+}
 
 #[must_use]
 pub fn blocks(report: &Report) -> Vec<Block> {
@@ -175,31 +140,41 @@ fn waterfalls(report: &Report) -> Vec<Figure> {
 fn waterfall(report: &Report, title: &str, pick: fn(&Statistics) -> Option<f64>) -> Option<Chart> {
     let value = |name: &str| report.series(name).and_then(pick);
     // In lockstep nothing is late.
-    let first = usize::from(report.run.speed() == Speed::Lockstep && value(STAGES[0].1).is_none());
+    let first = usize::from(report.run.speed() == Speed::Lockstep && value(STAGES[0]).is_none());
     let mut end = 0.0;
     let mut bars = Vec::new();
-    for (class, name) in &STAGES[first..] {
+    for name in &STAGES[first..] {
         let value = value(name)?;
-        bars.push((*class, *name, end, end + value));
+        bars.push((*name, end, end + value));
         end += value;
     }
-    bars.extend(value("loop").map(|whole| ("bar loop", "loop", 0.0, whole)));
-    let longest = bars.iter().map(|bar| bar.3).fold(0.0, f64::max);
-    let names = bars.iter().map(|bar| bar.1.to_owned()).collect();
-    let layer = |(i, (class, _, from, to)): (usize, (&'static str, &str, f64, f64))| {
-        let corners = [(from, i as f64 + 0.2), (to, i as f64 + 0.8)];
-        let boxes = vec![(corners, String::new(), us(to - from))];
-        Layer::Boxes { class, boxes }
+    bars.extend(value("loop").map(|whole| ("loop", 0.0, whole)));
+    let longest = bars.iter().map(|bar| bar.2).fold(0.0, f64::max);
+    let names = bars.iter().map(|bar| bar.0.to_owned()).collect();
+    let layer = |(i, (name, from, to)): (usize, (&str, f64, f64))| Layer::Boxes {
+        class: format!("bar {}", class(name)),
+        boxes: vec![(
+            [(from, i as f64 + 0.2), (to, i as f64 + 0.8)],
+            String::new(),
+            us(to - from),
+        )],
     };
     // Room for the number behind the longest bar.
     let x = Axis::new(Scale::time(0.0, 1.15 * longest), "us");
     let y = Axis::new(Scale::Rows(names), "");
-    Some(Chart::new(
-        title,
-        x,
-        y,
-        bars.into_iter().enumerate().map(layer).collect(),
-    ))
+    let layers = bars.into_iter().enumerate().map(layer).collect();
+    Some(Chart::new(title, x, y, layers))
+}
+
+type Series<'a> = Vec<(&'static str, &'a Distribution)>;
+
+/// The series of a group, each with its colour.
+fn of_group<'a>(report: &'a Report, name: &str) -> Series<'a> {
+    let all = report
+        .distributions
+        .iter()
+        .filter(|it| group(&it.name) == name);
+    all.map(|it| (class(&it.name), it)).collect()
 }
 
 fn keys(all: &[(&'static str, &Distribution)]) -> Vec<(&'static str, String)> {
@@ -210,17 +185,13 @@ fn keys(all: &[(&'static str, &Distribution)]) -> Vec<(&'static str, String)> {
 
 /// Percentiles of the series of each group, with the machine's floors.
 fn curves(report: &Report) -> Vec<Figure> {
-    let floors = report.beside.iter().flat_map(|beside| &beside.floors);
-    let floors: Vec<&Distribution> = floors.map(|floor| &floor.distribution).collect();
-    let figure = |(name, title, series, _): &Group| {
-        let find = |name: &str| {
-            let mut all = report.distributions.iter().chain(floors.iter().copied());
-            all.find(|distribution| distribution.name == name)
-        };
-        let all = series
-            .iter()
-            .filter_map(|(class, name)| Some((*class, find(name)?)));
-        let all: Vec<(&'static str, &Distribution)> = all.collect();
+    let floors = || report.beside.iter().flat_map(|beside| &beside.floors);
+    let figure = |(name, title, floor, _): &(&str, &str, &str, Value)| {
+        let mut all = of_group(report, name);
+        let floor = floors()
+            .map(|it| &it.distribution)
+            .find(|it| it.name == *floor);
+        all.extend(floor.map(|floor| ("floor", floor)));
         let points = || all.iter().flat_map(|(_, distribution)| &distribution.curve);
         let x = Scale::tail(points().map(|point| point.0).fold(0.0, f64::max));
         let y = Scale::log(points().map(|point| point.1));
@@ -228,12 +199,8 @@ fn curves(report: &Report) -> Vec<Figure> {
             class,
             points: it.curve.clone(),
         });
-        let chart = Chart::new(
-            format!("percentiles: {title}"),
-            Axis::new(x, "percentile"),
-            Axis::new(y, "us"),
-            lines.collect(),
-        );
+        let (x, y) = (Axis::new(x, "percentile"), Axis::new(y, "us"));
+        let chart = Chart::new(format!("percentiles: {title}"), x, y, lines.collect());
         (!all.is_empty()).then(|| Figure::new(format!("curve-{name}"), *title, keys(&all), chart))
     };
     GROUPS.iter().filter_map(figure).collect()
@@ -241,17 +208,13 @@ fn curves(report: &Report) -> Vec<Figure> {
 
 fn histograms(report: &Report) -> Vec<Figure> {
     let mut figures = Vec::new();
-    for (name, title, series, value) in &GROUPS {
-        let find = |name: &str| report.distributions.iter().find(|it| it.name == name);
-        let all = series
-            .iter()
-            .filter_map(|(class, name)| Some((*class, find(name)?)));
-        let all: Vec<(&'static str, &Distribution)> = all.collect();
+    for (name, title, _, value) in GROUPS {
+        let all = of_group(report, name);
         if !all.is_empty() {
-            let chart = histogram(report, title, &all, *value);
+            let chart = histogram(report, title, &all, value);
             figures.push(Figure::new(
                 format!("histogram-{name}"),
-                *title,
+                title,
                 keys(&all),
                 chart,
             ));
@@ -408,4 +371,59 @@ fn miss_runs(report: &Report) -> Figure {
         layers,
     );
     Figure::new("miss-runs", title, Vec::new(), chart)
+}
+
+/// The percentiles of all series, with what the number of values says of each.
+fn percentiles(report: &Report) -> Vec<Block> {
+    let columns = [
+        "Latencies [us]",
+        "count",
+        "min",
+        "p50",
+        "p90",
+        "p99",
+        "p99.9",
+        "p99.99",
+        "max",
+    ];
+    let rows = report.series.iter().map(|it| {
+        let rare = |value: Option<f64>| known(value.map(us));
+        let [min, p50, p90, p99, max] =
+            [it.min_us, it.p50_us, it.p90_us, it.p99_us, it.max_us].map(us);
+        let [p999, p9999] = [it.p999_us, it.p9999_us].map(rare);
+        row([
+            &it.name, &it.count, &min, &p50, &p90, &p99, &p999, &p9999, &max,
+        ])
+    });
+    let few = "-: too few values. On a shared machine the maximum mostly shows the host. No sample was discarded.";
+    let mut blocks = vec![
+        Block::Table(Table::new(columns, rows)),
+        Block::Items(vec![few.into()]),
+    ];
+    if !report.distributions.is_empty() {
+        let columns = PERCENTS.map(|(percent, _)| format!("p{percent}"));
+        let columns = ["series".to_owned()].into_iter().chain(columns);
+        let rows = report.distributions.iter().map(|series| {
+            let interval = |(percent, _)| {
+                let of = series.percentile(percent);
+                Cell::from(known(
+                    of.map(|of| format!("{:.1} to {:.1}", of.low_us, of.high_us)),
+                ))
+            };
+            let cells = PERCENTS.map(interval);
+            [Cell::from(&series.name)]
+                .into_iter()
+                .chain(cells)
+                .collect()
+        });
+        let note = "With 95 % the percentile [us] that endless sampling would give lies in its interval, if ticks do \
+                    not depend on each other. They do: the true interval is wider.";
+        let details = vec![
+            Block::Table(Table::new(columns, rows)),
+            Block::Note(note.into()),
+        ];
+        let summary = "What the number of values says of each percentile";
+        blocks.push(Block::Details(summary.into(), details));
+    }
+    blocks
 }

@@ -176,20 +176,6 @@ impl TimelineStage {
     }
 }
 
-/// Classes of the work of each stage: with its input, and without.
-const WORK: [[&str; 2]; 4] = [
-    ["work plant", "work stale plant"],
-    ["work outer", "work stale outer"],
-    ["work inner", "work stale inner"],
-    ["work mixer", "work stale mixer"],
-];
-const WAITED: [&str; 4] = [
-    "waited plant",
-    "waited outer",
-    "waited inner",
-    "waited mixer",
-];
-
 /// A row for each stage over the ticks of the timeline.
 fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
     let begin_us = |tick: u64| case.after(tick) as f64 * tick_us;
@@ -218,7 +204,7 @@ fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
         (corners, word, String::new())
     });
     let mut layers = vec![Layer::Boxes {
-        class: "missed-tick late",
+        class: "missed-tick late".into(),
         boxes: missed.collect(),
     }];
     for (i, role) in STAGES.into_iter().enumerate() {
@@ -226,7 +212,7 @@ fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
         if case.stage.as_deref() == Some(name) && case.delay_us > 0.0 {
             let ends = [(case.due_us, middle), (case.due_us + case.delay_us, middle)];
             layers.push(Layer::Segments {
-                class: "late-stage late",
+                class: "late-stage late".into(),
                 segments: vec![ends],
             });
         }
@@ -254,10 +240,11 @@ fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
             work[usize::from(!it.is_fresh)].push((corners, word, String::new()));
         }
         layers.push(Layer::Segments {
-            class: WAITED[i],
+            class: format!("waited {name}"),
             segments: waited,
         });
-        for (class, boxes) in WORK[i].into_iter().zip(work) {
+        for (class, boxes) in ["work", "work stale"].into_iter().zip(work) {
+            let class = format!("{class} {name}");
             layers.push(Layer::Boxes { class, boxes });
         }
     }

@@ -107,11 +107,11 @@ pub enum Layer {
     },
     /// Rectangles from one corner to the other, each with a word for who points at it and a label behind it.
     Boxes {
-        class: &'static str,
+        class: String,
         boxes: Vec<([(f64, f64); 2], String, String)>,
     },
     Segments {
-        class: &'static str,
+        class: String,
         segments: Vec<[(f64, f64); 2]>,
     },
 }
@@ -501,7 +501,7 @@ mod tests {
                 at: vec![(0.5, word())],
             },
             Layer::Boxes {
-                class: "bar",
+                class: "bar".into(),
                 boxes: vec![([(0.0, 0.0), (1.0, 1.0)], word(), word())],
             },
         ];

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use report::render::comparison::{Row, render_rows};
+use report::render::comparison;
 use serde::Deserialize;
 use toml::Value;
 
@@ -53,15 +53,10 @@ pub(super) fn tables(
     };
     let plans: Vec<Plan> = rows.iter().map(plan).collect::<Result<_, _>>()?;
     let comparisons = flown(&plans)?;
-    let rows: Vec<Row> = rows
-        .into_iter()
-        .zip(comparisons)
-        .map(|(row, comparison)| Row {
-            name: row.name,
-            comparison,
-        })
-        .collect();
-    Ok(render_rows(&rows))
+    let names = rows.into_iter().map(|row| row.name);
+    Ok(comparison::tables(
+        &names.zip(comparisons).collect::<Vec<_>>(),
+    ))
 }
 
 fn read(path: &Path) -> Result<Vec<RowOfFile>, Failure> {

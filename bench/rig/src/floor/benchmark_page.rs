@@ -1,7 +1,5 @@
 //! The results of `ironbird floor`, as Markdown and as JSON.
 
-use std::fmt::Write as _;
-
 use clap::ValueEnum as _;
 use serde::{Deserialize, Serialize};
 
@@ -9,6 +7,7 @@ use crate::cli::Set;
 use crate::floor::system_calls::RoleCalls;
 use host::floor::comparison::{FloorComparison, GoalVerdict};
 use report::host::Host;
+use report::render::document::{Cell, Table, known, row};
 
 /// Figures and their baselines, for one machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -97,57 +96,6 @@ impl Page {
 
     #[must_use]
     pub fn markdown(&self) -> String {
-        let mut page = String::from("# Benchmarks\n\n");
-        // Writing into a string cannot fail.
-        let _ = writeln!(
-            page,
-            "Written by `ironbird floor`; raw numbers in [benchmarks.json](benchmarks.json).\n"
-        );
-        let _ = writeln!(page, "{}\n", self.machine());
-        let comparisons: Vec<&FloorComparison> =
-            self.sets.iter().flat_map(|set| &set.comparisons).collect();
-        if !comparisons.is_empty() {
-            let _ = writeln!(
-                page,
-                "| figure | ours | floor | ratio | 95 % interval | goal | pairs | verdict |\n|---|---|---|---|---|---|---|---|"
-            );
-            for comparison in comparisons {
-                let _ = writeln!(page, "{}", row(comparison));
-            }
-            page += CONDITIONS;
-            page += LEGEND;
-        }
-        let calls: Vec<&RoleCalls> = self.sets.iter().flat_map(|set| &set.calls).collect();
-        if !calls.is_empty() {
-            page += &calls_per_tick(&calls);
-        }
-        page += "\n## Measured\n\n| set | when | version | command |\n|---|---|---|---|\n";
-        for MeasuredSet {
-            set,
-            started,
-            version,
-            command,
-            left_out,
-            ..
-        } in &self.sets
-        {
-            let _ = match left_out {
-                None => writeln!(
-                    page,
-                    "| {} | {started} | {version} | `{command}` |",
-                    set_name(*set)
-                ),
-                Some(reason) => writeln!(
-                    page,
-                    "| {} | not measured: {reason} | {version} | `{command}` |",
-                    set_name(*set)
-                ),
-            };
-        }
-        page
-    }
-
-    fn machine(&self) -> String {
         let Host {
             kernel,
             preemption,
@@ -156,52 +104,97 @@ impl Page {
             ..
         } = &self.host;
         let under = self.host.below();
-        format!("Machine: {cpus} x {cpu}{under}, Linux {kernel} ({preemption}).")
+        let mut page = format!(
+            "# Benchmarks\n\nWritten by `ironbird floor`; raw numbers in [benchmarks.json](benchmarks.json).\n\n\
+             Machine: {cpus} x {cpu}{under}, Linux {kernel} ({preemption}).\n\n"
+        );
+        let comparisons = || self.sets.iter().flat_map(|set| &set.comparisons);
+        if comparisons().next().is_some() {
+            let columns = [
+                "figure",
+                "ours",
+                "floor",
+                "ratio",
+                "95 % interval",
+                "goal",
+                "pairs",
+                "verdict",
+            ];
+            page += &Table::new(columns, comparisons().map(compared)).markdown();
+            page += CONDITIONS;
+            page += LEGEND;
+        }
+        let calls = || self.sets.iter().flat_map(|set| &set.calls);
+        if calls().next().is_some() {
+            let columns = [
+                "role",
+                "system calls",
+                "of which",
+                "least",
+                "allocations",
+                "page faults",
+            ];
+            page += "\n## Per tick and role\n\n";
+            page += &Table::new(columns, calls().map(called)).markdown();
+            page += CALLS_LEGEND;
+        }
+        let sets = self.sets.iter().map(|it| {
+            let when = match &it.left_out {
+                None => it.started.clone(),
+                Some(reason) => format!("not measured: {reason}"),
+            };
+            row([
+                &set_name(it.set),
+                &when,
+                &it.version,
+                &format!("`{}`", it.command),
+            ])
+        });
+        let sets = Table::new(["set", "when", "version", "command"], sets);
+        page + "\n## Measured\n\n" + &sets.markdown()
     }
 }
 
-fn calls_per_tick(roles: &[&RoleCalls]) -> String {
-    let mut text = String::from(
-        "\n## Per tick and role\n\n| role | system calls | of which | least | allocations | page faults |\n|---|---|---|---|---|---|\n",
-    );
-    for RoleCalls {
-        role,
-        calls,
-        total,
-        least,
-        allocations,
-        faults,
-    } in roles
-    {
-        let calls: Vec<String> = calls
-            .iter()
-            .map(|(name, calls)| format!("{name} {calls:.2}"))
-            .collect();
-        let calls = calls.join(", ");
-        let allocations = allocations.map_or_else(|| "-".to_owned(), |all| format!("{all:.3}"));
-        text +=
-            &format!("| {role} | {total:.2} | {calls} | {least} | {allocations} | {faults} |\n");
-    }
-    text + CALLS_LEGEND
+fn called(of: &RoleCalls) -> Vec<Cell> {
+    let calls = of
+        .calls
+        .iter()
+        .map(|(name, calls)| format!("{name} {calls:.2}"));
+    let calls = calls.collect::<Vec<_>>().join(", ");
+    let allocations = known(of.allocations.map(|all| format!("{all:.3}")));
+    let total = format!("{:.2}", of.total);
+    row([
+        &of.role,
+        &total,
+        &calls,
+        &of.least,
+        &allocations,
+        &of.faults,
+    ])
 }
 
-fn row(comparison: &FloorComparison) -> String {
+fn compared(comparison: &FloorComparison) -> Vec<Cell> {
     let FloorComparison { name, unit, .. } = comparison;
-    let ([ours, floor], (measured, disturbed)) = (comparison.sides(), comparison.measured());
+    let (sides, (measured, disturbed)) = (comparison.sides(), comparison.measured());
+    let [ours, floor] = sides.map(|side| format!("{side:.2} {unit}"));
     let verdict = match comparison.verdict() {
         GoalVerdict::Met => "met".to_owned(),
         GoalVerdict::Missed => "missed".to_owned(),
         GoalVerdict::Inconclusive(why) => format!("inconclusive: {why}"),
     };
-    let interval = comparison
-        .interval()
-        .map_or_else(|| "-".into(), |i| format!("{:.2} to {:.2}", i.low, i.high));
-    let goal = comparison.goal();
-    let pairs = measured - disturbed;
-    format!(
-        "| {name} | {ours:.2} {unit} | {floor:.2} {unit} | {:.2} | {interval} | {goal} | {pairs} | {verdict} |",
-        comparison.value(),
-    )
+    let interval = comparison.interval();
+    let interval = known(interval.map(|i| format!("{:.2} to {:.2}", i.low, i.high)));
+    let (ratio, pairs) = (format!("{:.2}", comparison.value()), measured - disturbed);
+    row([
+        name,
+        &ours,
+        &floor,
+        &ratio,
+        &interval,
+        &comparison.goal(),
+        &pairs,
+        &verdict,
+    ])
 }
 
 /// The name of a set on the command line.
