@@ -1,12 +1,11 @@
 //! The summary that `fly` prints at its end: at most 29 lines of 80 columns, the most important first.
 
 use crate::faults::InjectedFault;
-use crate::phrase::wrapped;
-use crate::phrase::{INDENT, WIDTH, count};
+use crate::outages::CauseCount;
+use crate::phrase::{INDENT, WIDTH, count, wrapped};
 use crate::render::document::{Table, known, row, us};
 use crate::render::flight;
-use crate::schema::FlightVerdict;
-use crate::schema::Report;
+use crate::schema::{FlightVerdict, Report};
 use crate::speed::Speed;
 use crate::{margin_section as margin, message_loss, process_failures};
 use messages::role::{Role, STAGES};
@@ -62,22 +61,35 @@ fn sentences(report: &Report) -> Vec<String> {
     let mut all = report.words.each().map(word).to_vec();
     all.extend(lost_by_lateness(report));
     all.extend(message_loss::sentences(report));
-    all.extend(gates(report));
-    let (run, ticks) = (&report.run, &report.ticks);
-    let (ending, pace) = (flight::ending(report), flight::pace(report));
+    all.push(format!("Gates     {}", report.verdict.words()));
+    let failed = report.verdict.gates.iter().filter(|gate| !gate.held);
+    all.extend(failed.map(|gate| format!("  {gate}")));
     all.push(format!(
-        "Flown     {ending}: {pace}; {:.1} s from {}",
-        ticks.elapsed_s, run.started
+        "Flown     {}: {}; {:.1} s from {}",
+        flight::ending(report),
+        flight::pace(report),
+        report.ticks.elapsed_s,
+        report.run.started
     ));
-    all.extend(faults(report));
-    all.extend(deaths(report));
+    if !report.faults.is_empty() {
+        let faults = report.faults.iter().map(InjectedFault::brief);
+        let faults: Vec<String> = faults.collect();
+        all.push(format!("Faults    {}", faults.join(", ")));
+    }
+    all.extend(report.deaths.last().map(|last| {
+        let last = last.line();
+        match process_failures::number(report) {
+            1 => format!("Deaths    {last}"),
+            number => format!("Deaths    {number}, the last one: {last}"),
+        }
+    }));
     all.extend(outages(report));
     // How to measure can wait: what is refused matters more, and there is room for little.
     let is_known = report
         .margin
         .as_ref()
-        .is_some_and(|margin| margin.unknown.is_none());
-    let margin = margin::sentence(report).map(|sentence| format!("Margin    {sentence}"));
+        .is_some_and(|it| it.unknown.is_none());
+    let margin = margin::sentence(report).map(|margin| format!("Margin    {margin}"));
     all.extend(margin.clone().filter(|_| is_known));
     all.push(format!("Tracking  {}", flight::position_error(report)));
     all.extend(floors(report));
@@ -92,17 +104,16 @@ fn lines(sentence: &str) -> Vec<String> {
     let mut lines = wrapped(sentence);
     if lines.len() > LINES {
         lines.truncate(LINES);
-        lines.iter_mut().skip(LINES - 1).for_each(|last| {
-            let mut kept: String = last.chars().take(WIDTH - CUT.len()).collect();
-            if kept.len() < last.len() {
-                kept.truncate(
-                    kept.trim_end_matches(|c: char| !c.is_whitespace())
-                        .trim_end()
-                        .len(),
-                );
-            }
-            *last = kept + CUT;
-        });
+        let last = &mut lines[LINES - 1];
+        if let Some(end) = last
+            .char_indices()
+            .nth(WIDTH - CUT.len())
+            .map(|(end, _)| end)
+        {
+            let words = last[..end].rfind(' ').unwrap_or(end);
+            last.truncate(words);
+        }
+        last.push_str(CUT);
     }
     lines
 }
@@ -111,21 +122,12 @@ fn latencies(report: &Report) -> Vec<String> {
     let series = SERIES.iter().filter_map(|name| report.series(name));
     let rows = series.map(|it| {
         let [p50, p99, max] = [it.p50_us, it.p99_us, it.max_us].map(us);
-        row([
-            &it.name,
-            &it.count,
-            &p50,
-            &p99,
-            &known(it.p999_us.map(us)),
-            &max,
-        ])
+        let p999 = known(it.p999_us.map(us));
+        row([&it.name, &it.count, &p50, &p99, &p999, &max])
     });
     let columns = ["Latencies [us]", "count", "p50", "p99", "p99.9", "max"];
-    Table::new(columns, rows)
-        .text()
-        .lines()
-        .map(str::to_owned)
-        .collect()
+    let table = Table::new(columns, rows).text();
+    table.lines().map(str::to_owned).collect()
 }
 
 fn foot(left: &Left) -> Vec<String> {
@@ -155,11 +157,6 @@ fn shortened(path: &str) -> String {
     format!("{head}...{tail}")
 }
 
-fn faults(report: &Report) -> Option<String> {
-    let faults: Vec<String> = report.faults.iter().map(InjectedFault::brief).collect();
-    (!faults.is_empty()).then(|| format!("Faults    {}", faults.join(", ")))
-}
-
 /// That a lost flight was lost to the machine, where the record shows that, and what to type.
 fn lost_by_lateness(report: &Report) -> Option<String> {
     let is_lost = report.words.flight.word == FlightVerdict::Lost;
@@ -178,47 +175,27 @@ fn lost_by_lateness(report: &Report) -> Option<String> {
     })
 }
 
-/// How many processes died, and the one that died last.
-fn deaths(report: &Report) -> Option<String> {
-    let last = report.deaths.last()?.line();
-    Some(match process_failures::number(report) {
-        1 => format!("Deaths    {last}"),
-        all => format!("Deaths    {all}, the last one: {last}"),
-    })
-}
-
 /// How many outages there were, what most misses were due to, and the longest one.
 fn outages(report: &Report) -> Option<String> {
-    let autopsy = &report.autopsy;
-    let first = autopsy.classes.first()?;
+    let classes = &report.autopsy.classes;
+    let first = classes.first()?;
     // A file may hold any numbers.
-    let outages = autopsy
-        .classes
-        .iter()
-        .map(|count| count.outages)
-        .fold(0, u64::saturating_add);
-    let missed = autopsy
-        .classes
-        .iter()
-        .map(|count| count.missed)
-        .fold(0, u64::saturating_add);
+    let sum = |of: fn(&CauseCount) -> u64| classes.iter().map(of).fold(0, u64::saturating_add);
+    let (outages, missed) = (sum(|it| it.outages), sum(|it| it.missed));
     let due = match missed {
         0 => format!("{} of them: {}", first.outages, first.cause()),
         _ => format!("{} of these: {}", first.missed, first.cause()),
     };
-    let longest = autopsy.worst.first().map_or_else(String::new, |case| {
-        format!("; the longest: {}", case.line())
-    });
+    let longest = report.autopsy.worst.first();
+    let longest = longest.map(|case| format!("; the longest: {}", case.line()));
     // Misses that no outage was seen with are counted under the first class, too.
-    let with = if outages == 0 {
-        "none seen"
-    } else {
-        &outages.to_string()
+    let with = match outages {
+        0 => "none seen".into(),
+        _ => outages.to_string(),
     };
-    Some(format!(
-        "Outages   {with} with {}, {due}{longest}",
-        count(missed, "missed deadline")
-    ))
+    let missed = count(missed, "missed deadline");
+    let longest = longest.unwrap_or_default();
+    Some(format!("Outages   {with} with {missed}, {due}{longest}"))
 }
 
 /// How many times its floor each latency is that has one.
@@ -245,16 +222,11 @@ fn refused(report: &Report) -> Vec<String> {
         }
     }
     if by_step.is_empty() {
-        let is_plain = |stage: &Role| {
-            report
-                .roles
-                .get(stage.name())
-                .is_some_and(|it| it.scheduling == "other")
-        };
+        let role = |stage: &Role| report.roles.get(stage.name());
+        let is_plain = |stage| role(stage).is_some_and(|it| it.scheduling == "other");
         let is_on_the_clock = report.run.speed() != Speed::Lockstep && STAGES.iter().all(is_plain);
-        let words =
-            "Real time not asked for: the loops were scheduled like any other program".to_owned();
-        return is_on_the_clock.then_some(words).into_iter().collect();
+        let plain = "Real time not asked for: the loops were scheduled like any other program";
+        return Vec::from_iter(is_on_the_clock.then(|| plain.to_owned()));
     }
     let part = |((step, reason), roles): (&(&str, &str), &Vec<&str>)| {
         let whom = if STAGES.iter().all(|stage| roles.contains(&stage.name())) {
@@ -278,11 +250,3 @@ fn refused(report: &Report) -> Vec<String> {
 /// What can be done about a refusal, and what can be flown in spite of it.
 const WITHOUT_IT: &str = "`ironbird doctor` lists remedies; those that need no root are --pace lockstep, \
                           flight.slowdown (slow motion) and `ironbird simulate`";
-
-/// What the status follows from, and the gates that did not hold.
-fn gates(report: &Report) -> Vec<String> {
-    let failed = report.verdict.gates.iter().filter(|gate| !gate.held);
-    std::iter::once(format!("Gates     {}", report.verdict.words()))
-        .chain(failed.map(|gate| format!("  {gate}")))
-        .collect()
-}

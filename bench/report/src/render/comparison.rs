@@ -3,7 +3,7 @@
 use crate::comparison::{
     Comparison, ErrorFigures, Fault, Figures, Outcome, POWER, SETTLING_S, STAYING_S, TRUE_ERROR,
 };
-use crate::render::document::{Block, Cell, Document, Figure, Section, Table, known};
+use crate::render::document::{Block, Document, Figure, Section, Table, known};
 use crate::render::plot::{Axis, Chart, LAWS, Layer, through};
 use crate::render::scale::Scale;
 use crate::traces::Span;
@@ -63,7 +63,6 @@ pub fn document(comparison: &Comparison) -> Document {
             outcome.outputs.clone(),
         ]
     };
-    let columns = columns.map(str::to_owned);
     sections.push(Section::new(
         "effort",
         "Effort",
@@ -83,18 +82,12 @@ pub fn document(comparison: &Comparison) -> Document {
 
 fn table(
     comparison: &Comparison,
-    columns: impl IntoIterator<Item = String>,
+    columns: impl IntoIterator<Item = impl ToString>,
     cells: impl Fn(&Outcome) -> Vec<String>,
 ) -> Block {
-    let row = |outcome: &Outcome| {
-        let cells = cells(outcome).into_iter().map(Cell::from);
-        [comparison.name_of(&outcome.laws).into()]
-            .into_iter()
-            .chain(cells)
-            .collect()
-    };
-    let columns = ["laws".to_owned()].into_iter().chain(columns);
-    Block::Table(Table::new(columns, comparison.outcomes.iter().map(row)))
+    let rows = comparison.outcomes.iter();
+    let rows = rows.map(|it| (comparison.name_of(&it.laws), cells(it)));
+    Block::Table(Table::named("laws", columns, rows))
 }
 
 /// The true position errors of a part of the flight, `when`.
@@ -108,11 +101,7 @@ fn errors(
         Some(it) => [it.rms_m, it.p99_m, it.worst_m].map(millimetres).into(),
         None => vec!["-".to_owned(); 3],
     };
-    let table = table(
-        comparison,
-        ["rms", "p99", "worst"].map(str::to_owned),
-        cells,
-    );
+    let table = table(comparison, ["rms", "p99", "worst"], cells);
     Section::new(id, format!("True position error {when}[mm]"), vec![table])
 }
 
@@ -221,10 +210,7 @@ fn over(comparison: &Comparison, label: &str, scale: Scale, layers: Vec<Layer>) 
             format!("fault at {:.3} s: {}", it.time_s, it.what),
         )
     };
-    let faults = Layer::Verticals {
-        class: "swap",
-        at: flight.faults.iter().map(words).collect(),
-    };
+    let faults = Layer::verticals("swap", flight.faults.iter().map(words));
     let layers = [faults].into_iter().chain(layers).collect();
     let x = Axis::new(
         Scale::time(0.0, flight.time_s(flight.last_tick)),
@@ -321,7 +307,7 @@ pub fn tables(rows: &[(String, Comparison)]) -> String {
             });
             let laws = first.outcomes.iter().filter(is_of);
             let laws = laws.map(|it| format!("`{}`", it.laws.inner));
-            let table = Table::new(["fault".to_owned()].into_iter().chain(laws), rows);
+            let table = Table::named("fault", laws, rows);
             let (outer, mixer) = of;
             let mixer = match first.mixers_differ() {
                 true => format!(", mixer `{mixer}`"),
@@ -337,7 +323,7 @@ pub fn tables(rows: &[(String, Comparison)]) -> String {
 }
 
 /// A row, unless none of its figures is above `least`.
-fn table_row(name: &str, answers: &[Answer], least: Option<f64>) -> Option<Vec<Cell>> {
+fn table_row(name: &str, answers: &[Answer], least: Option<f64>) -> Option<(String, Vec<String>)> {
     let figures = || answers.iter().filter_map(|(_, figure)| *figure);
     if least.is_some_and(|least| !figures().any(|figure| figure > least)) {
         return None;
@@ -350,8 +336,7 @@ fn table_row(name: &str, answers: &[Answer], least: Option<f64>) -> Option<Vec<C
             Some(figure) if Some(&figure) == best.as_ref() => format!("**{text}**"),
             _ => text.clone(),
         });
-    let name = name.replace('|', "\\|");
-    Some([name].into_iter().chain(cells).map(Cell::from).collect())
+    Some((name.replace('|', "\\|"), cells.collect()))
 }
 
 fn tracking(outcome: &Outcome) -> Answer {

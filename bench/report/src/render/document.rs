@@ -165,7 +165,7 @@ impl Document {
                         @for block in &self.lead { (block.html()) }
                     }
                     nav {
-                        @for section in &self.sections { a href=(format!("#{}", section.id)) { (section.title) } }
+                        @for section in &self.sections { a href=(format!("#{}", section.id)) { (section.id) } }
                         @if self.has_miss_lines {
                             label { input #miss-lines type="checkbox" checked; "missed deadlines in charts" }
                         }
@@ -305,6 +305,23 @@ impl Table {
         Self {
             columns: columns.into_iter().map(Into::into).collect(),
             rows: rows.into_iter().collect(),
+        }
+    }
+
+    /// A table whose rows have names; `first` is above these.
+    #[must_use]
+    pub fn named(
+        first: &str,
+        columns: impl IntoIterator<Item = impl ToString>,
+        rows: impl IntoIterator<Item = (String, Vec<String>)>,
+    ) -> Self {
+        let columns = columns.into_iter().map(|column| column.to_string());
+        let rows = rows.into_iter();
+        Self {
+            columns: std::iter::once(first.to_owned()).chain(columns).collect(),
+            rows: rows
+                .map(|(name, cells)| std::iter::once(name).chain(cells).map(Cell::from).collect())
+                .collect(),
         }
     }
 

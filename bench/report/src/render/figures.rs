@@ -229,10 +229,7 @@ impl<'a> Figures<'a> {
                 .map(|at| (self.time_s(at.tick), at.count as f64));
             let points: Vec<_> = points.collect();
             let high = points.iter().map(|point| point.1).fold(1.0, f64::max) * 1.1;
-            let layers = vec![Layer::Stems {
-                class: "violation",
-                points,
-            }];
+            let layers = vec![Layer::stems("violation", points)];
             let named = cause.replace('_', " ");
             let chart = self.marked(
                 &format!("violations: {named}"),
@@ -282,14 +279,7 @@ impl<'a> Figures<'a> {
                 .map(|stretch| (stretch.time_s, stretch.late_us));
             let points: Vec<_> = points.collect();
             let scale = Scale::log(points.iter().map(|point| point.1));
-            let chart = self.marked(
-                "late by [us]",
-                scale,
-                vec![Layer::Stems {
-                    class: "late",
-                    points,
-                }],
-            );
+            let chart = self.marked("late by [us]", scale, vec![Layer::stems("late", points)]);
             figures.push(Figure::new(
                 "late",
                 "Late commands: lateness",
@@ -401,14 +391,8 @@ impl<'a> Figures<'a> {
             .map(|swap| (swap.time_s, swap_words(swap)));
         let faults = self.faults.iter().flat_map(InjectedFault::marks);
         let marks = [
-            Layer::Verticals {
-                class: "missed",
-                at: self.misses(end_s),
-            },
-            Layer::Verticals {
-                class: "swap",
-                at: swaps.chain(faults).collect(),
-            },
+            Layer::verticals("missed", self.misses(end_s)),
+            Layer::verticals("swap", swaps.chain(faults)),
         ];
         let x = Axis::new(Scale::time(0.0, end_s.max(self.period_s)), "time [s]");
         let layers = marks.into_iter().chain(layers).collect();

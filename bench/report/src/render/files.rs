@@ -5,7 +5,7 @@ use crate::render::figures::Figures;
 use crate::render::{flight, picture};
 use crate::schema::{Report, SCHEMA};
 use errors::{Failure, InFile as _, read_text};
-use serde_json::Value;
+use serde_json::{Number, Value};
 use std::fs::File;
 use std::path::Path;
 
@@ -41,7 +41,7 @@ fn sync(directory: &Path) {
 impl Report {
     pub fn read(path: &Path) -> Result<Self, Failure> {
         let text = read_text("read the report", path)?;
-        let value: Value = serde_json::from_str(&text).in_file("read the report", path)?;
+        let mut value: Value = serde_json::from_str(&text).in_file("read the report", path)?;
         let schema = value["schema"].as_str().unwrap_or("none");
         if schema != SCHEMA {
             return Err(Failure::failed(format!(
@@ -49,7 +49,7 @@ impl Report {
                 path.display()
             )));
         }
-        if let Some(what) = implausible(&value, String::new()) {
+        if let Some(what) = repair(&mut value).first() {
             return Err(Failure::failed(format!(
                 "cannot read the report {}: {what}",
                 path.display()
@@ -61,10 +61,18 @@ impl Report {
 
     /// Writes the report so that a reader finds the old one or the new one, never a part.
     pub fn write(&self, path: &Path) -> Result<(), Failure> {
-        let value = serde_json::to_value(self).in_file("write", path)?;
-        let text = match implausible(&value, String::new()) {
-            None => json::to_string(self),
-            Some(_) => json::to_string(&repaired(value)),
+        let mut value = serde_json::to_value(self).in_file("write", path)?;
+        let wrong = repair(&mut value);
+        let text = if wrong.is_empty() {
+            json::to_string(self)
+        } else {
+            // What no flight has is 0 or empty, and named among what could not be written.
+            let why = format!(
+                "shared memory was overwritten: {}",
+                wrong.join("; ").escape_default()
+            );
+            value["recorder"]["unwritten"]["report.json"] = why.into();
+            json::to_string(&value)
         };
         let text = text.in_file("write", path)?;
         let draft = path.with_extension("json.draft");
@@ -73,73 +81,50 @@ impl Report {
     }
 }
 
-/// A report that can be read again: another process may have written anything over the shared memory that numbers
-/// were taken from. What no flight has is 0 or empty, and named among what could not be written.
-fn repaired(mut report: Value) -> Value {
+/// Replaces what no flight has by 0 or nothing, and names it: another process may have written anything over the shared
+/// memory that numbers were taken from. Charts of such a number would have no scale, and a terminal might do what such a
+/// text says.
+fn repair(report: &mut Value) -> Vec<String> {
     let mut wrong = Vec::new();
-    repair(&mut report, String::new(), &mut wrong);
-    report["recorder"]["unwritten"]["report.json"] =
-        format!("shared memory was overwritten: {}", wrong.join("; ")).into();
-    report
+    walk(report, String::new(), &mut wrong);
+    wrong
 }
 
-fn repair(value: &mut Value, place: String, wrong: &mut Vec<String>) {
-    match value {
-        Value::Array(values) => {
-            for (i, it) in values.iter_mut().enumerate() {
-                repair(it, format!("{place}[{i}]"), wrong);
-            }
-        }
-        Value::Object(keys) => {
-            let dot = if place.is_empty() { "" } else { "." };
-            for (key, it) in keys {
-                repair(it, format!("{place}{dot}{key}"), wrong);
-            }
-        }
-        leaf => {
-            if let Some(what) = implausible(leaf, place) {
-                *leaf = if leaf.is_string() {
-                    "".into()
-                } else {
-                    0.into()
-                };
-                // As text it goes into the report.
-                wrong.push(what.escape_default().to_string());
-            }
-        }
-    }
-}
-
-/// Whether a place is that of a number that a law showed of itself: it may be any, and its charts bear it.
-fn is_telemetry(place: &str) -> bool {
-    place.starts_with("run.laws.") && place.contains(".telemetry[")
-        || place.starts_with("traces.telemetry.")
-}
-
-/// The first value that no flight has, with its place: pictures of such a number would have no scale, and a terminal
-/// might do what such a text says.
-fn implausible(value: &Value, place: String) -> Option<String> {
+fn walk(value: &mut Value, place: String, wrong: &mut Vec<String>) {
     const LARGEST: f64 = 1e30;
     /// Of ticks, counts and bytes, of which some are added up; the run's number is a time.
     const LARGEST_WHOLE: f64 = 1e15;
-    match value {
-        Value::Number(number) if !number.is_f64() && place != "run.run_id" => number
-            .as_f64()
-            .is_none_or(|it| it.abs() > LARGEST_WHOLE)
-            .then(|| format!("{place} = {number} is no count of a flight: allowed are those up to {LARGEST_WHOLE:e}")),
-        Value::Number(number) => number
-            .as_f64()
-            .is_none_or(|it| it.abs() > LARGEST && !is_telemetry(&place))
-            .then(|| format!("{place} = {number} is no number of a flight: allowed are those up to {LARGEST:e}")),
-        Value::String(text) => text.contains(char::is_control).then(|| {
-            format!("{place} = \"{}\" is no text of a flight: it has control characters", text.escape_default())
-        }),
-        Value::Array(values) => values.iter().enumerate().find_map(|(i, it)| implausible(it, format!("{place}[{i}]"))),
+    // A number that a law showed of itself may be any, and its charts bear it.
+    let is_telemetry = place.starts_with("run.laws.") && place.contains(".telemetry[")
+        || place.starts_with("traces.telemetry.");
+    let is_beyond = |number: &Number, most: f64| number.as_f64().is_none_or(|it| it.abs() > most);
+    let what = match value {
+        Value::Array(values) => {
+            let places = values.iter_mut().enumerate();
+            return places.for_each(|(i, it)| walk(it, format!("{place}[{i}]"), wrong));
+        }
         Value::Object(keys) => {
             let dot = if place.is_empty() { "" } else { "." };
-            keys.iter().find_map(|(key, it)| implausible(it, format!("{place}{dot}{key}")))
+            let places = keys.iter_mut();
+            return places.for_each(|(key, it)| walk(it, format!("{place}{dot}{key}"), wrong));
         }
+        Value::Number(it) if !it.is_f64() && place != "run.run_id" => is_beyond(it, LARGEST_WHOLE)
+            .then(|| format!("{place} = {it} is no count of a flight: allowed are those up to {LARGEST_WHOLE:e}")),
+        Value::Number(it) => (is_beyond(it, LARGEST) && !(is_telemetry && it.as_f64().is_some()))
+            .then(|| format!("{place} = {it} is no number of a flight: allowed are those up to {LARGEST:e}")),
+        Value::String(text) => text.contains(char::is_control).then(|| {
+            let text = text.escape_default();
+            format!("{place} = \"{text}\" is no text of a flight: it has control characters")
+        }),
         Value::Null | Value::Bool(_) => None,
+    };
+    if let Some(what) = what {
+        *value = if value.is_string() {
+            "".into()
+        } else {
+            0.into()
+        };
+        wrong.push(what);
     }
 }
 
@@ -151,19 +136,20 @@ mod tests {
 
     #[test]
     fn numbers_that_no_flight_has_do_not_make_a_report_unreadable() {
-        let written = repaired(json!({
+        let mut report = json!({
             "lead": {"rehearsals": u64::MAX, "timer": 7},
             "roles": [{"text": "a\u{1b}b"}],
-            "recorder": {"unwritten": {}},
-        }));
-        assert_eq!(implausible(&written, String::new()), None);
-        assert_eq!(written["lead"], json!({"rehearsals": 0, "timer": 7}));
-        let why = written["recorder"]["unwritten"]["report.json"]
-            .as_str()
-            .unwrap();
+        });
+        let wrong = repair(&mut report).join("; ");
+        assert_eq!(
+            report,
+            json!({"lead": {"rehearsals": 0, "timer": 7}, "roles": [{"text": ""}]})
+        );
+        assert!(repair(&mut report).is_empty(), "{report}");
         assert!(
-            why.contains("lead.rehearsals = 18446744073709551615") && why.contains("roles[0].text"),
-            "{why}"
+            wrong.contains("lead.rehearsals = 18446744073709551615")
+                && wrong.contains("roles[0].text"),
+            "{wrong}"
         );
     }
 }

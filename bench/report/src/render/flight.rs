@@ -13,8 +13,8 @@ use crate::render::document::{
 use crate::render::figures::Figures;
 use crate::render::{latencies, outages, theorem};
 use crate::schema::{
-    FlightVerdict, LawSection, LogSection, ProcessFailure, RecoveryPhases, Report, RoleSection,
-    RunSection, StabilityVerdict, TimingVerdict,
+    LawSection, LogSection, ProcessFailure, RecoveryPhases, Report, RoleSection, RunSection,
+    TimingVerdict,
 };
 use crate::series::Statistics;
 use crate::speed::Speed;
@@ -172,70 +172,43 @@ pub fn result_line(report: &Report, directory: &str) -> String {
 }
 
 fn verdicts(report: &Report) -> Block {
-    let words = &report.words;
-    let flight = match words.flight.word {
-        FlightVerdict::Tracked => "good",
-        FlightVerdict::OffTrack | FlightVerdict::Lost => "bad",
-        FlightVerdict::NotSeen | FlightVerdict::CutShort => "open",
-    };
-    let timing = match words.timing.word {
-        TimingVerdict::InTime => "good",
-        TimingVerdict::Late => "bad",
-        TimingVerdict::NotMeasured | TimingVerdict::CutShort => "open",
-    };
-    let theorem = match words.theorem.word {
-        StabilityVerdict::Holds => "good",
-        StabilityVerdict::Broken => "bad",
-        StabilityVerdict::NotApplicable | StabilityVerdict::PartlyWatched => "open",
-    };
-    let verdicts = words.each().into_iter().zip([flight, timing, theorem]);
-    let verdict = |((subject, word, why), tone): ((_, _, &str), _)| Verdict {
+    let verdicts = report.words.each().map(|(subject, word, why)| Verdict {
         subject,
         word,
         why: why.to_owned(),
-        tone,
-    };
-    Block::Verdicts(verdicts.map(verdict).collect())
+        tone: match word {
+            "tracked" | "in time" | "holds" => "good",
+            "off track" | "lost" | "late" | "broken" => "bad",
+            _ => "open",
+        },
+    });
+    Block::Verdicts(verdicts.into())
 }
 
 fn key_figures(report: &Report) -> Vec<(String, String, String)> {
-    let mut figures = Vec::new();
-    let mut add = |title: &str, value: String, unit: &str| {
-        figures.push((title.to_owned(), value, unit.to_owned()));
-    };
-    if let Some(whole) = report.series("loop") {
-        add("loop p50", us(whole.p50_us), "us");
-        add("loop p99", us(whole.p99_us), "us");
-        match whole.p999_us {
-            Some(value) => add("loop p99.9", us(value), "us"),
-            None => add("loop p99.9", "-".into(), "too few values"),
-        }
-    }
-    if let Some(wake) = report.series("wake.plant") {
-        add("wake p99", us(wake.p99_us), "us");
-    }
-    let (deadlines, ticks) = (&report.deadlines, &report.ticks);
-    match &deadlines.not_fresh {
-        _ if report.run.wall_period_us == 0.0 => {}
-        Some(sum) => {
-            let ppm = format!("{:.1} ppm", sum.per_million);
-            add("ticks without a fresh command", sum.ticks.to_string(), &ppm);
-        }
-        None => {
-            let ppm = format!("{:.1} ppm", deadlines.missed_ppm);
-            add("deadlines missed", deadlines.missed.to_string(), &ppm);
-        }
-    }
-    add("ticks flown", ticks.run.to_string(), "");
-    add("ticks skipped", ticks.skipped.to_string(), "");
-    let error_m = report.flight.position_error_rms_m;
-    let (error, unit) = if error_m < 1.0 {
-        (error_m * 1e3, "mm")
-    } else {
-        (error_m, "m")
-    };
-    add("position error rms", format!("{error:.3}"), unit);
+    let (ticks, deadlines) = (&report.ticks, &report.deadlines);
+    let [whole, wake] = ["loop", "wake.plant"].map(|name| report.series(name));
+    let latency = |name, value: Option<f64>| Some((name, us(value?), "us".to_owned()));
+    let is_on_clock = report.run.wall_period_us > 0.0;
+    let late = deadlines.not_fresh.filter(|_| is_on_clock).map(|sum| {
+        let ppm = format!("{:.1} ppm", sum.per_million);
+        ("ticks without a fresh command", sum.ticks.to_string(), ppm)
+    });
+    let error_mm = format!("{:.3}", 1e3 * report.flight.position_error_rms_m);
+    let figures = [
+        latency("loop p50", whole.map(|it| it.p50_us)),
+        latency("loop p99", whole.map(|it| it.p99_us)),
+        latency("loop p99.9", whole.and_then(|it| it.p999_us)),
+        latency("wake p99", wake.map(|it| it.p99_us)),
+        late,
+        Some(("ticks flown", ticks.run.to_string(), String::new())),
+        Some(("ticks skipped", ticks.skipped.to_string(), String::new())),
+        Some(("position error rms", error_mm, "mm".into())),
+    ];
+    let figures = figures.into_iter().flatten();
     figures
+        .map(|(title, value, unit)| (title.to_owned(), value, unit))
+        .collect()
 }
 
 fn head(report: &Report) -> Vec<Block> {
@@ -555,8 +528,8 @@ fn floors(report: &Report) -> Vec<Block> {
         beside.seconds, beside.scheduling, beside.steal.percent
     );
     let line = |name: &str, values: [Option<f64>; 3], digits: usize| {
-        let cells = values.map(|value| Cell::from(known(value.map(|it| format!("{it:.digits$}")))));
-        [name.into()].into_iter().chain(cells).collect()
+        let cells = values.map(|value| known(value.map(|it| format!("{it:.digits$}"))));
+        (name.to_owned(), cells.into())
     };
     let rows = compared(beside, report).flat_map(|it| {
         [
@@ -565,7 +538,7 @@ fn floors(report: &Report) -> Vec<Block> {
             line("times its floor", it.times, 2),
         ]
     });
-    let table = Table::new(["us", "p50", "p99", "p99.9"], rows);
+    let table = Table::named("us", ["p50", "p99", "p99.9"], rows);
     let refused = beside
         .refused
         .iter()

@@ -2,7 +2,7 @@
 
 use crate::distribution::{Bin, Distribution, PERCENTS};
 use crate::phrase::count;
-use crate::render::document::{Block, Cell, Figure, Table, known, row, us};
+use crate::render::document::{Block, Figure, Table, known, row, us};
 use crate::render::figures::Figures;
 use crate::render::plot::{Axis, Chart, LANE, Lane, Layer, MARKS};
 use crate::render::scale::Scale;
@@ -289,10 +289,7 @@ fn histogram(
     let steps = all_bins
         .into_iter()
         .map(|(class, bins)| Layer::Steps { class, bins });
-    let zero = zero.map(|word| Layer::Verticals {
-        class: "deadline",
-        at: vec![(0.0, word)],
-    });
+    let zero = zero.map(|word| Layer::verticals("deadline", [(0.0, word)]));
     let (x, y) = (Axis::new(x, label), counts(most));
     let mut chart = Chart::new(
         format!("histogram: {title}"),
@@ -402,24 +399,17 @@ fn percentiles(report: &Report) -> Vec<Block> {
     ];
     if !report.distributions.is_empty() {
         let columns = PERCENTS.map(|(percent, _)| format!("p{percent}"));
-        let columns = ["series".to_owned()].into_iter().chain(columns);
         let rows = report.distributions.iter().map(|series| {
             let interval = |(percent, _)| {
                 let of = series.percentile(percent);
-                Cell::from(known(
-                    of.map(|of| format!("{:.1} to {:.1}", of.low_us, of.high_us)),
-                ))
+                known(of.map(|of| format!("{:.1} to {:.1}", of.low_us, of.high_us)))
             };
-            let cells = PERCENTS.map(interval);
-            [Cell::from(&series.name)]
-                .into_iter()
-                .chain(cells)
-                .collect()
+            (series.name.clone(), PERCENTS.map(interval).into())
         });
         let note = "With 95 % the percentile [us] that endless sampling would give lies in its interval, if ticks do \
                     not depend on each other. They do: the true interval is wider.";
         let details = vec![
-            Block::Table(Table::new(columns, rows)),
+            Block::Table(Table::named("series", columns, rows)),
             Block::Note(note.into()),
         ];
         let summary = "What the number of values says of each percentile";

@@ -3,7 +3,7 @@
 use crate::margin::{LawMargins, Margins, OutageMargin, Point, SteadyMargin};
 use crate::phrase::count;
 use crate::render::comparison::millimetres;
-use crate::render::document::{Block, Cell, Document, Figure, Section, Table, known};
+use crate::render::document::{Block, Document, Figure, Section, Table, known};
 use crate::render::plot::{Axis, Chart, LAWS, Layer};
 use crate::render::scale::Scale;
 
@@ -42,17 +42,13 @@ fn table(
     columns: &[impl ToString],
     cells: impl Fn(&LawMargins) -> Vec<String>,
 ) -> Block {
-    let row = |law: &LawMargins| {
-        let name = margins.name_of(&law.laws);
-        [name]
-            .into_iter()
-            .chain(cells(law))
-            .map(Cell::from)
-            .collect()
-    };
-    let columns = columns.iter().map(ToString::to_string);
-    let columns = ["laws".to_owned()].into_iter().chain(columns);
-    Block::Table(Table::new(columns, margins.laws.iter().map(row)))
+    let rows = margins.laws.iter();
+    let rows = rows.map(|law| (margins.name_of(&law.laws), cells(law)));
+    Block::Table(Table::named(
+        "laws",
+        columns.iter().map(ToString::to_string),
+        rows,
+    ))
 }
 
 /// A number of ticks, or that the longest that was tried was survived.

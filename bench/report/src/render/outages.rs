@@ -213,7 +213,7 @@ fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
             let ends = [(case.due_us, middle), (case.due_us + case.delay_us, middle)];
             layers.push(Layer::Segments {
                 class: "late-stage late".into(),
-                segments: vec![ends],
+                segments: vec![(ends, String::new())],
             });
         }
         let mut waited = Vec::new();
@@ -225,7 +225,7 @@ fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
                 None => Some(begin_us(tick.tick)),
                 Some(before) => of(before).filter(|_| it.is_fresh).map(|it| it.send_us),
             };
-            waited.extend(due.map(|due| [(due, middle), (it.wake_us, middle)]));
+            waited.extend(due.map(|due| ([(due, middle), (it.wake_us, middle)], String::new())));
             let input = if it.is_fresh {
                 ""
             } else {

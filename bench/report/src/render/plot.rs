@@ -89,31 +89,44 @@ pub enum Layer {
         class: &'static str,
         points: Vec<((f64, f64), String)>,
     },
-    /// Lines from the foot of the chart up to points.
-    Stems {
-        class: &'static str,
-        points: Vec<(f64, f64)>,
-    },
     /// A line over the whole width, with its name.
     Level {
         class: &'static str,
         at: f64,
         label: String,
     },
-    /// Lines over the whole height, each with a word for who points at it.
-    Verticals {
-        class: &'static str,
-        at: Vec<(f64, String)>,
-    },
     /// Rectangles from one corner to the other, each with a word for who points at it and a label behind it.
     Boxes {
         class: String,
         boxes: Vec<([(f64, f64); 2], String, String)>,
     },
+    /// Straight lines, each with a word for who points at it.
     Segments {
         class: String,
-        segments: Vec<[(f64, f64); 2]>,
+        segments: Vec<([(f64, f64); 2], String)>,
     },
+}
+
+impl Layer {
+    /// Lines from the foot of the chart up to points.
+    #[must_use]
+    pub fn stems(class: &str, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
+        let stem = |(x, y)| ([(x, f64::NEG_INFINITY), (x, y)], String::new());
+        Self::Segments {
+            class: format!("stem {class}"),
+            segments: points.into_iter().map(stem).collect(),
+        }
+    }
+
+    /// Lines over the whole height, each with a word.
+    #[must_use]
+    pub fn verticals(class: &str, at: impl IntoIterator<Item = (f64, String)>) -> Self {
+        let vertical = |(x, word)| ([(x, f64::NEG_INFINITY), (x, f64::INFINITY)], word);
+        Self::Segments {
+            class: format!("vertical {class}"),
+            segments: at.into_iter().map(vertical).collect(),
+        }
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -272,14 +285,6 @@ impl Chart {
                     circle.dot.(class) cx=(tenths(x)) cy=(tenths(y)) r="4.5" { title { (word) } }
                 }
             },
-            Layer::Stems { class, points } => {
-                let mut d = String::new();
-                for (x, y) in points.iter().map(|point| at(*point)) {
-                    // Writing into a string cannot fail.
-                    let _ = write!(d, "M{} {}V{}", tenths(x), frame.foot, tenths(y));
-                }
-                html! { path.stem.(class) d=(d) {} }
-            }
             Layer::Level { class, at, label } => {
                 let y = tenths(self.at_y(frame, *at));
                 html! {
@@ -287,15 +292,6 @@ impl Chart {
                     text.level x=(frame.right - 4.0) y=(tenths(self.at_y(frame, *at) - 4.0)) { (label) }
                 }
             }
-            Layer::Verticals { class, at } => html! {
-                // Many of them must not hide what they mark.
-                g.(class) opacity=(tenths((30.0 / at.len() as f64).clamp(0.2, 1.0))) {
-                    @for (value, word) in at {
-                        @let x = tenths(self.at_x(frame, *value));
-                        path.vertical.(class) d=(format!("M{x} {}V{}", frame.foot, frame.top)) { title { (word) } }
-                    }
-                }
-            },
             Layer::Boxes { class, boxes } => html! {
                 @for ([from, to], word, label) in boxes {
                     @let ((x0, y0), (x1, y1)) = (at(*from), at(*to));
@@ -309,22 +305,16 @@ impl Chart {
                     }
                 }
             },
-            Layer::Segments { class, segments } => {
-                let mut d = String::new();
-                for [from, to] in segments {
-                    let ((x0, y0), (x1, y1)) = (at(*from), at(*to));
-                    // Writing into a string cannot fail.
-                    let _ = write!(
-                        d,
-                        "M{} {}L{} {}",
-                        tenths(x0),
-                        tenths(y0),
-                        tenths(x1),
-                        tenths(y1)
-                    );
+            Layer::Segments { class, segments } => html! {
+                // Many of them must not hide what they mark.
+                g opacity=(tenths((30.0 / segments.len() as f64).clamp(0.2, 1.0))) {
+                    @for ([from, to], word) in segments {
+                        @let ((x0, y0), (x1, y1)) = (at(*from), at(*to));
+                        @let d = format!("M{} {}L{} {}", tenths(x0), tenths(y0), tenths(x1), tenths(y1));
+                        path class=(class) d=(d) { @if !word.is_empty() { title { (word) } } }
+                    }
                 }
-                html! { path class=(class) d=(d) {} }
-            }
+            },
         }
     }
 
@@ -496,10 +486,7 @@ mod tests {
         let word = || "</svg><script>".to_owned();
         let axis = |label: &str| Axis::new(Scale::time(0.0, 1.0), label);
         let layers = vec![
-            Layer::Verticals {
-                class: "swap",
-                at: vec![(0.5, word())],
-            },
+            Layer::verticals("swap", [(0.5, word())]),
             Layer::Boxes {
                 class: "bar".into(),
                 boxes: vec![([(0.0, 0.0), (1.0, 1.0)], word(), word())],
