@@ -5,7 +5,7 @@ use crate::gates::{METRICS, Metric};
 use crate::results::{
     CampaignResults, FactorResults, Map, Pair, Side, VariantResults, Worst, counted,
 };
-use report::render::document::{Block, Cell, Document, Figure, Section, Table, known, row};
+use report::render::document::{Block, Cell, Document, Figure, Section, known, row, table};
 use report::render::plot::{Axis, Chart, LAWS, Layer};
 use report::render::scale::Scale;
 use report::statistics::{Interval, MeanInterval};
@@ -100,10 +100,7 @@ fn successes(results: &CampaignResults) -> Section {
         "gates that failed",
     ];
     let note = "A lost flight was not flown to its end within its envelope.";
-    let blocks = vec![
-        Block::Note(note.into()),
-        Block::Table(Table::new(columns, rows)),
-    ];
+    let blocks = vec![Block::Note(note.into()), table(columns, rows)];
     let title = format!("Success, with its {} interval at 95 %", results.intervals);
     Section::new("success", title, blocks)
 }
@@ -145,7 +142,7 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
                 alike. Means are over the flights that neither lost, with bootstrap intervals at 95 %.";
     let blocks = vec![
         Block::Items(items),
-        Block::Table(Table::new(columns, means)),
+        table(columns, means),
         Block::Note(note.into()),
     ];
     Some(Section::new(
@@ -188,10 +185,7 @@ fn factors(results: &CampaignResults) -> Option<Section> {
     ];
     let note = "Share of the variance that a factor alone accounts for, less what it would by chance; below, success over \
                 its range.";
-    let mut blocks = vec![
-        Block::Table(Table::new(columns, rows)),
-        Block::Note(note.into()),
-    ];
+    let mut blocks = vec![table(columns, rows), Block::Note(note.into())];
     let drawn = || results.factors.iter().take(DRAWN);
     blocks.push(Block::Figures(
         drawn().filter_map(|factor| over(results, factor)).collect(),
@@ -215,7 +209,7 @@ fn factors(results: &CampaignResults) -> Option<Section> {
             .chain(arms().map(|arm| arm.name.as_str()));
         blocks.push(Block::Details(
             format!("Success over {}", factor.name),
-            vec![Block::Table(Table::new(columns, rows))],
+            vec![table(columns, rows)],
         ));
     }
     let title = "What matters: share of the variance of success (of the largest error) that a factor alone accounts for";
@@ -326,7 +320,7 @@ fn heat(map: &Map) -> Block {
         "{}: {} across, {} down",
         map.arm, across.factor, down.factor
     );
-    Block::Details(title, vec![Block::Table(Table::new(columns, rows))])
+    Block::Details(title, vec![table(columns, rows)])
 }
 
 fn distributions(results: &CampaignResults) -> Section {
@@ -351,7 +345,7 @@ fn distributions(results: &CampaignResults) -> Section {
         .iter()
         .map(|i| distribution(results, *i, &METRICS[*i]));
     let blocks = vec![
-        Block::Table(Table::new(columns, rows)),
+        table(columns, rows),
         Block::Note(note.into()),
         Block::Figures(figures.collect()),
     ];
@@ -423,7 +417,7 @@ fn worst(results: &CampaignResults, directory: &str) -> Section {
         ])
     });
     let columns = ["flight", "arm", "largest error [m]", "how it ended", "drew"];
-    let mut blocks = vec![Block::Table(Table::new(columns, rows))];
+    let mut blocks = vec![table(columns, rows)];
     if let Some(Worst { flight, arm, .. }) = results.worst.first() {
         let command = format!("ironbird campaign fly {directory} {flight} --arm {arm}");
         blocks.push(Block::Items(vec![format!("fly one again: {command}")]));

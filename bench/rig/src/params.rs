@@ -10,6 +10,7 @@ use crate::inject::{self, flight};
 use crate::output::print;
 use crate::settings::airframe::named;
 use errors::{Failure, OK};
+use report::render::document::{Table, known, row};
 
 #[derive(Serialize)]
 struct Row {
@@ -56,23 +57,25 @@ pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
         print(&(text + "\n"))?;
         return Ok(OK);
     }
-    let mut text = format!(
-        "{:<24} {:<12} {:>10} {:>8} {:>10} {:>10}  {:<8} meaning\n",
-        "name", "unit", "min", "max", "nominal", "in force", "equation"
-    );
-    for row in &rows {
-        text.push_str(&format!(
-            "{:<24} {:<12} {:>10} {:>8} {:>10} {:>10}  {:<8} {}\n",
-            row.name,
-            row.unit,
-            bound(row.min),
-            bound(row.max),
-            number(row.nominal),
-            row.in_force.map_or_else(|| "-".into(), number),
-            row.equation,
-            row.meaning
-        ));
-    }
+    let columns = [
+        "name", "unit", "min", "max", "nominal", "in force", "equation", "meaning",
+    ];
+    let cells = rows.iter().map(|it| {
+        let in_force = known(it.in_force.map(number));
+        let [min, max] = [it.min, it.max].map(bound);
+        let nominal = number(it.nominal);
+        row([
+            &it.name,
+            &it.unit,
+            &min,
+            &max,
+            &nominal,
+            &in_force,
+            &it.equation,
+            &it.meaning,
+        ])
+    });
+    let mut text = Table::new(columns, cells).list();
     text.push_str(&match in_force {
         Some(values) => format!(
             "in force at instance `{}` since tick {}, parameter epoch {}\n",

@@ -2,7 +2,7 @@
 
 use crate::diff::{Conclusion, Diff, Difference, FigureDiff, Says, Side};
 use crate::phrase::{count, wrapped};
-use crate::render::document::{Block, Section, Table, known, row};
+use crate::render::document::{Block, Section, known, row, table};
 use serde_json::Value;
 
 #[must_use]
@@ -74,7 +74,7 @@ fn figures(title: &str, figures: &[&FigureDiff]) -> Block {
             .map_or_else(String::new, |p| format!("{p:.3}"));
         row([&figure.name, &a, &b, &ratio, &probability, &word])
     });
-    Block::Table(Table::new([title, "A", "B", "B over A", "p", ""], rows))
+    table([title, "A", "B", "B over A", "p", ""], rows)
 }
 
 fn number(value: f64) -> String {

@@ -119,6 +119,14 @@ pub fn row<const N: usize>(cells: [&dyn Display; N]) -> Vec<Cell> {
     cells.map(Cell::from).into()
 }
 
+#[must_use]
+pub fn table(
+    columns: impl IntoIterator<Item = impl Into<String>>,
+    rows: impl IntoIterator<Item = Vec<Cell>>,
+) -> Block {
+    Block::Table(Table::new(columns, rows))
+}
+
 /// A number, or a dash where there is none.
 #[must_use]
 pub fn known<T: Display>(value: Option<T>) -> String {

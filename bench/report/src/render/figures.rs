@@ -8,13 +8,12 @@ use crate::schema::{LateStretchSection, Report, SignalSection};
 use crate::swaps::AppliedSwap;
 use crate::traces::{self, Group, Path, Traces};
 
-/// Shortest axis of an estimate, as a share of the true value.
-const LEAST_OF_TRUTH: f64 = 3e-3;
 /// Names of a vector's components: also their colours.
 const AXES: [&str; 3] = ["x", "y", "z"];
 pub const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
 const ESTIMATED: [&str; 3] = ["i_r", "k_r", "delta"];
 pub const SYMBOLS: [&str; 3] = ["I_R", "k_r", "delta"];
+const UNITS: [&str; 3] = ["kg m^2", "N m s", "rad/s^2"];
 const ROTORS: [(&str, &str); 4] = [
     ("rotor-1", "1"),
     ("rotor-2", "2"),
@@ -26,6 +25,16 @@ const ROTORS: [(&str, &str); 4] = [
 const PATH_HEIGHT: f64 = 330.0;
 /// Height of a chart of which there are many [pixels].
 const LOW: f64 = 150.0;
+
+/// The vertical axis of a chart.
+#[derive(Clone, Copy, Debug)]
+enum Along {
+    /// At least so long.
+    Linear(f64),
+    /// With a value that is marked on it.
+    Log(Option<f64>),
+    Symmetric,
+}
 
 /// Colour, channel and word of a line.
 type Line<'a> = (&'static str, &'a str, &'a str);
@@ -131,69 +140,39 @@ impl<'a> Figures<'a> {
     /// An estimate, with what is true.
     #[must_use]
     pub fn estimate(&self, i: usize) -> Figure {
-        let unit = ["kg m^2", "N m s", "rad/s^2"][i];
         let lines = [
             ("reference", traces::ACTUAL[i], "true"),
             (ESTIMATED[i], traces::ESTIMATE[i], "estimated"),
         ];
-        // An airframe of any size fills its axis.
-        let actual = values(&self.traces.flight, &lines[..1]);
-        let actual = actual.into_iter().map(f64::abs).fold(0.0, f64::max);
-        let least = if actual > 0.0 {
-            LEAST_OF_TRUTH * actual
-        } else {
-            [1e-7, 1e-4, 1e-4][i]
-        };
-        let (title, label) = (
-            format!("Estimate of {}", SYMBOLS[i]),
-            format!("{} [{unit}]", SYMBOLS[i]),
-        );
-        self.over_time(ESTIMATED[i], &title, &label, &lines, least)
+        let title = format!("Estimate of {}", SYMBOLS[i]);
+        let label = format!("{} [{}]", SYMBOLS[i], UNITS[i]);
+        self.over_time(ESTIMATED[i], &title, &label, &lines, 0.0)
     }
 
     fn estimate_error(&self, i: usize) -> Figure {
-        let unit = ["kg m^2", "N m s", "rad/s^2"][i];
-        let lines = [(
-            ESTIMATED[i],
-            traces::ESTIMATE_ERROR[i],
-            "estimated less true",
-        )];
+        let channel = traces::ESTIMATE_ERROR[i];
+        let lines = [(ESTIMATED[i], channel, "estimated less true")];
         let name = format!("{}-error", ESTIMATED[i]);
         let title = format!("Estimation error of {}", SYMBOLS[i]);
-        let label = format!("error of {} [{unit}]", SYMBOLS[i]);
-        self.over_time(&name, &title, &label, &lines, [1e-9, 1e-6, 1e-6][i])
+        let label = format!("error of {} [{}]", SYMBOLS[i], UNITS[i]);
+        self.over_time(&name, &title, &label, &lines, 0.0)
     }
 
     /// The signals of a role's law, low, as there may be many.
     #[must_use]
     pub fn telemetry(&self, role: &'static str, signals: &[SignalSection]) -> Vec<Figure> {
-        /// Least length of an axis, as a share of the numbers on it.
-        const LEAST: f64 = 1e-3;
         let Some(group) = self.traces.telemetry.get(role) else {
             return Vec::new();
         };
         let figure = |signal: &SignalSection| {
-            let (name, unit) = (&signal.name, &signal.unit);
-            let lines = [(role, name.as_str(), "")];
-            let values = values(group, &lines);
-            let most = values
-                .iter()
-                .fold(0.0, |most: f64, value| most.max(value.abs()));
-            let least = if most > 0.0 { LEAST * most } else { 1.0 };
-            let title = if unit.is_empty() {
-                name.clone()
-            } else {
-                format!("{name} [{unit}]")
+            let SignalSection { name, unit, .. } = signal;
+            let title = match unit.as_str() {
+                "" => name.clone(),
+                unit => format!("{name} [{unit}]"),
             };
-            let scale = Scale::linear(values.into_iter(), least);
-            let mut figure = self.drawn(
-                group,
-                &format!("{role}-{name}"),
-                &title,
-                unit,
-                &lines,
-                scale,
-            );
+            let lines = [(role, name.as_str(), "")];
+            let id = format!("{role}-{name}");
+            let mut figure = self.drawn(group, &id, &title, unit, &lines, Along::Linear(0.0));
             figure.chart.title = format!("{name} over time");
             figure.chart.height = LOW;
             figure
@@ -205,44 +184,40 @@ impl<'a> Figures<'a> {
     /// V, V_th, their changes, and violating steps by cause.
     #[must_use]
     pub fn theorem(&self) -> Vec<Figure> {
-        let lines =
-            |channels: [&'static str; 2]| [("v", channels[0], "V"), ("v_th", channels[1], "V_th")];
         let group = &self.traces.flight;
-        let of = lines(traces::LYAPUNOV);
-        let scale = Scale::log(values(group, &of).into_iter());
-        let mut figures =
-            vec![self.drawn(group, "v", "V and V_th", "V, V_th [rad^2/s^2]", &of, scale)];
-        let of = lines(traces::LYAPUNOV_CHANGE);
-        let scale = Scale::symmetric(values(group, &of).into_iter());
-        let label = "change in a tick [rad^2/s^2]";
-        figures.push(self.drawn(
-            group,
-            "v-change",
-            "Their change in a tick",
-            label,
-            &of,
-            scale,
-        ));
+        let both = |name: &str, title: &str, label: &str, channels: [&str; 2], along| {
+            let lines = [("v", channels[0], "V"), ("v_th", channels[1], "V_th")];
+            self.drawn(group, name, title, label, &lines, along)
+        };
+        let (v, change) = ("V, V_th [rad^2/s^2]", "change in a tick [rad^2/s^2]");
+        let changes = (traces::LYAPUNOV_CHANGE, Along::Symmetric);
+        let mut figures = vec![
+            both("v", "V and V_th", v, traces::LYAPUNOV, Along::Log(None)),
+            both(
+                "v-change",
+                "Their change in a tick",
+                change,
+                changes.0,
+                changes.1,
+            ),
+        ];
         for (cause, counts) in &self.traces.violations {
-            let points = counts
-                .iter()
-                .map(|at| (self.time_s(at.tick), at.count as f64));
-            let points: Vec<_> = points.collect();
+            let points = counts.iter().map(|at| (at.tick, at.count as f64));
+            let points: Vec<_> = points
+                .map(|(tick, count)| (self.time_s(tick), count))
+                .collect();
             let high = points.iter().map(|point| point.1).fold(1.0, f64::max) * 1.1;
-            let layers = vec![Layer::stems("violation", points)];
             let named = cause.replace('_', " ");
-            let chart = self.marked(
-                &format!("violations: {named}"),
+            let (scale, layer) = (
                 Scale::Linear { low: 0.0, high },
-                layers,
+                Layer::stems("violation", points),
             );
-            let title = format!("Violations under {named}");
-            figures.push(Figure::new(
+            let chart = self.marked(&format!("violations: {named}"), scale, vec![layer]);
+            let (name, title) = (
                 format!("violations-{cause}"),
-                title,
-                Vec::new(),
-                chart,
-            ));
+                format!("Violations under {named}"),
+            );
+            figures.push(Figure::new(name, title, Vec::new(), chart));
         }
         figures
     }
@@ -250,35 +225,27 @@ impl<'a> Figures<'a> {
     /// Latencies over time; `tick_us` is the length of a tick, where ticks have one.
     #[must_use]
     pub fn latencies(&self, tick_us: Option<f64>) -> Vec<Figure> {
-        let latency = |name, title, class, channel| {
-            let lines = [(class, channel, "")];
-            let group = &self.traces.timing;
-            let scale = Scale::log(values(group, &lines).into_iter().chain(tick_us));
-            let mut figure = self.drawn(group, name, title, "latency [us]", &lines, scale);
-            figure.chart.layers.extend(tick_us.map(|at| Layer::Level {
+        let latency = |name: &str, title: &str, line: Line<'_>| {
+            let (label, along) = ("latency [us]", Along::Log(tick_us));
+            self.drawn(&self.traces.timing, name, title, label, &[line], along)
+        };
+        let title = "Loop: from the state to the rotor command";
+        let mut figures = vec![latency("loop", title, ("loop", traces::LOOP, ""))];
+        if tick_us.is_some() {
+            let title = "Lateness of the plant's wake-up";
+            figures.push(latency("wake", title, ("plant", traces::WAKE, "")));
+        }
+        for figure in &mut figures {
+            let level = |at| Layer::Level {
                 class: "deadline",
                 at,
                 label: "a tick".into(),
-            }));
-            figure
-        };
-        let title = "Loop: from the state to the rotor command";
-        let mut figures = vec![latency("loop", title, "loop", traces::LOOP)];
-        if tick_us.is_some() {
-            figures.push(latency(
-                "wake",
-                "Lateness of the plant's wake-up",
-                "plant",
-                traces::WAKE,
-            ));
+            };
+            figure.chart.layers.extend(tick_us.map(level));
         }
         if !self.late.is_empty() {
-            let points = self
-                .late
-                .iter()
-                .map(|stretch| (stretch.time_s, stretch.late_us));
-            let points: Vec<_> = points.collect();
-            let scale = Scale::log(points.iter().map(|point| point.1));
+            let points = self.late.iter().map(|it| (it.time_s, it.late_us));
+            let scale = Scale::log(points.clone().map(|point| point.1));
             let chart = self.marked("late by [us]", scale, vec![Layer::stems("late", points)]);
             figures.push(Figure::new(
                 "late",
@@ -351,8 +318,7 @@ impl<'a> Figures<'a> {
         least: f64,
     ) -> Figure {
         let group = &self.traces.flight;
-        let scale = Scale::linear(values(group, lines).into_iter(), least);
-        self.drawn(group, name, title, label, lines, scale)
+        self.drawn(group, name, title, label, lines, Along::Linear(least))
     }
 
     fn drawn(
@@ -362,8 +328,17 @@ impl<'a> Figures<'a> {
         title: &str,
         label: &str,
         lines: &[Line<'_>],
-        scale: Scale,
+        along: Along,
     ) -> Figure {
+        let spans = lines
+            .iter()
+            .flat_map(|(_, channel, _)| group.spans(channel));
+        let values = spans.flat_map(|span| [span.min, span.max]);
+        let scale = match along {
+            Along::Linear(least) => Scale::linear(values, least),
+            Along::Log(marked) => Scale::log(values.chain(marked)),
+            Along::Symmetric => Scale::symmetric(values),
+        };
         let last = group.every_ticks.saturating_sub(1);
         let ends_s = |tick| [self.time_s(tick), self.time_s(tick + last)];
         let layers = lines.iter().map(|(class, channel, _)| Layer::Line {
@@ -427,13 +402,6 @@ impl<'a> Figures<'a> {
     fn time_s(&self, tick: u64) -> f64 {
         tick as f64 * self.period_s
     }
-}
-
-fn values(group: &Group, lines: &[Line<'_>]) -> Vec<f64> {
-    let spans = lines
-        .iter()
-        .flat_map(|(_, channel, _)| group.spans(channel));
-    spans.flat_map(|span| [span.min, span.max]).collect()
 }
 
 /// From one end of a linear axis to the other.

@@ -8,7 +8,7 @@ use crate::message_loss::{self, sum};
 use crate::phrase::count;
 use crate::process_failures::{COST_S, number};
 use crate::render::document::{
-    self, Block, Cell, Document, Figure, Section, Table, Verdict, known, row, us,
+    self, Block, Cell, Document, Figure, Section, Table, Verdict, known, row, table, us,
 };
 use crate::render::figures::Figures;
 use crate::render::{latencies, outages, theorem};
@@ -353,17 +353,14 @@ fn deadlines(report: &Report) -> Vec<Block> {
                 &bar,
             ])
         });
-        blocks.push(Block::Table(Table::new(
-            ["late by [us]", "commands", ""],
-            rows,
-        )));
+        blocks.push(table(["late by [us]", "commands", ""], rows));
     }
     if !deadlines.runs.is_empty() {
         let rows = deadlines
             .runs
             .iter()
             .map(|run| row([&run.length_ticks, &run.count]));
-        blocks.push(Block::Table(Table::new(["missed in a row", "times"], rows)));
+        blocks.push(table(["missed in a row", "times"], rows));
     }
     if !deadlines.stretches.is_empty() {
         let columns = ["at", "tick", "length", "largest lateness [us]"];
@@ -376,7 +373,7 @@ fn deadlines(report: &Report) -> Vec<Block> {
                 &us(it.late_us),
             ])
         });
-        let mut details = vec![Block::Table(Table::new(columns, rows))];
+        let mut details = vec![table(columns, rows)];
         if deadlines.stretches_left_out > 0 {
             let left_out = deadlines.stretches_left_out;
             details.push(Block::Note(format!(
@@ -538,7 +535,7 @@ fn floors(report: &Report) -> Vec<Block> {
             line("times its floor", it.times, 2),
         ]
     });
-    let table = Table::named("us", ["p50", "p99", "p99.9"], rows);
+    let baselines = Table::named("us", ["p50", "p99", "p99.9"], rows);
     let refused = beside
         .refused
         .iter()
@@ -547,7 +544,7 @@ fn floors(report: &Report) -> Vec<Block> {
                 laws did in the median.";
     vec![
         Block::Paragraph(title),
-        Block::Table(table),
+        Block::Table(baselines),
         Block::Items(refused.collect()),
         Block::Note(note.into()),
     ]
@@ -575,10 +572,7 @@ fn processes(report: &Report) -> Vec<Block> {
         "preempted",
         "cpu us/tick",
     ];
-    let mut blocks = vec![Block::Table(Table::new(
-        columns,
-        stages(report).map(process),
-    ))];
+    let mut blocks = vec![table(columns, stages(report).map(process))];
     let recorder = &report.recorder;
     let rejected = stages(report)
         .map(|(name, role)| (name, &role.rejected))
@@ -616,8 +610,7 @@ fn processes(report: &Report) -> Vec<Block> {
             .iter()
             .map(|it| interrupt(it, report.ticks.run));
         let name = format!("Interrupts of {place}");
-        let table = Table::new([name.as_str(), "count", "per tick"], rows);
-        blocks.push(Block::Table(table));
+        blocks.push(table([name.as_str(), "count", "per tick"], rows));
     }
     blocks
 }
@@ -626,7 +619,7 @@ fn process((name, role): (&'static str, &RoleSection)) -> Vec<Cell> {
     let rejected: u64 = role.rejected.values().sum();
     let usage = role.usage.as_ref();
     let per_tick = |all: u64| format!("{:.3}", all as f64 / role.ticks_run.max(1) as f64);
-    let mut cells = row([
+    row([
         &name,
         &role.scheduling,
         &role.ticks_run,
@@ -639,19 +632,7 @@ fn process((name, role): (&'static str, &RoleSection)) -> Vec<Cell> {
         &known(usage.map(|it| it.voluntary_switches)),
         &known(usage.map(|it| it.involuntary_switches)),
         &known(usage.map(|it| us(it.cpu_per_tick_us))),
-    ]);
-    cells[0] = Cell::colored(name, colored(name));
-    cells
-}
-
-/// The class of a process's name beside its colour.
-fn colored(name: &str) -> &'static str {
-    match name {
-        "plant" => "key plant",
-        "outer" => "key outer",
-        "inner" => "key inner",
-        _ => "key mixer",
-    }
+    ])
 }
 
 fn interrupt(counted: &InterruptCount, ticks: u64) -> Vec<Cell> {
@@ -815,7 +796,7 @@ fn tracking(report: &Report) -> Vec<Block> {
             row([&it.name, &estimated, &actual])
         });
         let columns = ["estimates at the end", "estimated", "true"];
-        blocks.push(Block::Table(Table::new(columns, rows)));
+        blocks.push(table(columns, rows));
     }
     if let Some(figures) = Figures::of(report) {
         let swap = if report.faults.is_empty() {
@@ -864,7 +845,7 @@ fn telemetry(report: &Report) -> Vec<Block> {
         "largest",
         "",
     ];
-    let mut blocks = vec![Block::Table(Table::new(columns, rows))];
+    let mut blocks = vec![table(columns, rows)];
     if let Some(figures) = Figures::of(report) {
         let figures =
             in_order(laws).flat_map(|(role, law)| figures.telemetry(role, &law.telemetry));
@@ -888,9 +869,6 @@ fn gates(report: &Report) -> Vec<Block> {
         margin_section::sentence(report).map(|margin| Block::Fact("Margin", margin)),
     );
     blocks.push(Block::Fact("Gates", report.verdict.words()));
-    blocks.push(Block::Table(Table::new(
-        ["gate", "found", "limit", ""],
-        rows,
-    )));
+    blocks.push(table(["gate", "found", "limit", ""], rows));
     blocks
 }

@@ -2,7 +2,7 @@
 
 use crate::distribution::{Bin, Distribution, PERCENTS};
 use crate::phrase::count;
-use crate::render::document::{Block, Figure, Table, known, row, us};
+use crate::render::document::{Block, Figure, Table, known, row, table, us};
 use crate::render::figures::Figures;
 use crate::render::plot::{Axis, Chart, LANE, Lane, Layer, MARKS};
 use crate::render::scale::Scale;
@@ -393,10 +393,7 @@ fn percentiles(report: &Report) -> Vec<Block> {
         ])
     });
     let few = "-: too few values. On a shared machine the maximum mostly shows the host. No sample was discarded.";
-    let mut blocks = vec![
-        Block::Table(Table::new(columns, rows)),
-        Block::Items(vec![few.into()]),
-    ];
+    let mut blocks = vec![table(columns, rows), Block::Items(vec![few.into()])];
     if !report.distributions.is_empty() {
         let columns = PERCENTS.map(|(percent, _)| format!("p{percent}"));
         let rows = report.distributions.iter().map(|series| {

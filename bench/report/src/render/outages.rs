@@ -5,7 +5,7 @@ use crate::outages::{
     CauseCount, OutageCase, OutageSection, TimelineStage, TimelineTick, WORST_SHOWN,
 };
 use crate::phrase::count;
-use crate::render::document::{self, Block, Figure, Table, known, row};
+use crate::render::document::{self, Block, Figure, known, row, table};
 use crate::render::plot::{Axis, Chart, Layer};
 use crate::render::scale::Scale;
 use crate::schema::Report;
@@ -66,7 +66,7 @@ fn list(outages: &OutageSection) -> Vec<Block> {
     let pending =
         (outages.pending > 0).then(|| row([&"not classified yet", &"-", &"-", &outages.pending]));
     let columns = ["Outages", "stage", "outages", "missed"];
-    let mut blocks = vec![Block::Table(Table::new(columns, rows.chain(pending)))];
+    let mut blocks = vec![table(columns, rows.chain(pending))];
     blocks.push(Block::Note(
         "An outage is a row of ticks in which a deadline was missed, or a stage did not work on its input.".into(),
     ));

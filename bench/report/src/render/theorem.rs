@@ -2,7 +2,7 @@
 
 use crate::laws::no_theorem;
 use crate::phrase::count;
-use crate::render::document::{self, Block, Cell, Table, known, row};
+use crate::render::document::{self, Block, Cell, Table, known, row, table};
 use crate::render::figures::Figures;
 use crate::theorem::{NO_CAUSE, Theorem, Watched};
 use messages::monitor::Cause;
@@ -153,7 +153,7 @@ pub fn blocks(theorem: &Theorem, figures: Option<Figures<'_>>) -> Vec<Block> {
             &found,
         ])
     });
-    blocks.push(Block::Table(Table::new(columns, rows)));
+    blocks.push(table(columns, rows));
     if let Some(figures) = figures {
         let note =
             "The axis of the changes is logarithmic to both sides of 0, and linear in its middle.";

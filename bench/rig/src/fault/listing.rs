@@ -8,6 +8,7 @@ use crate::fault::error::typed;
 use crate::fault::plan::RESTART;
 use crate::output::print;
 use errors::{Failure, OK};
+use report::render::document::{Cell, Table, row};
 
 pub fn faults() -> Result<u8, Failure> {
     print(&text())?;
@@ -23,8 +24,7 @@ fn text() -> String {
         "the stage ends; simulated, a new one works {} later",
         typed(RESTART)
     );
-    text += &table(&[
-        ["what", "value", "meaning"],
+    let kinds = [
         [
             "PARAMETER",
             "see `ironbird params`",
@@ -83,56 +83,35 @@ fn text() -> String {
             "an ordinary process is busy there in this share of its time",
         ],
         ["what lasts", "off", "it ends; no TO"],
-    ]);
+    ];
+    let kinds = kinds.map(|cells| cells.map(Cell::from).into());
+    text += &Table::new(["what", "value", "meaning"], kinds).list();
     let stages = STAGES.map(|role| role.name()).join(", ");
     text += &format!(
         "\nROLE is one of {stages}; a flight ends with its plant, so there is no plant.kill.\nTOPIC means every input of it; \
          ROLE.TOPIC means one. FIELD may end in one of its axes.\n\n"
     );
-    let mut rows = vec![["topic", "inputs", "field", "axes", "unit"].map(str::to_owned)];
+    let mut rows = Vec::new();
     let mut listed: Vec<&str> = Vec::new();
     for port in PORTS {
         if !listed.contains(&port.topic()) {
             listed.push(port.topic());
-            rows.extend(port.fields().iter().map(|field| row(port, field)));
+            rows.extend(port.fields().iter().map(|field| field_row(port, field)));
         }
     }
-    let rows: Vec<[&str; 5]> = rows
-        .iter()
-        .map(|row| row.each_ref().map(String::as_str))
-        .collect();
-    text + &table(&rows)
+    text + &Table::new(["topic", "inputs", "field", "axes", "unit"], rows).list()
 }
 
-fn row(port: Port, field: &Field) -> [String; 5] {
+fn field_row(port: Port, field: &Field) -> Vec<Cell> {
     let inputs = PORTS
         .into_iter()
         .filter(|other| other.topic() == port.topic());
     let inputs: Vec<String> = inputs.map(|port| port.to_string()).collect();
-    [
-        port.topic().into(),
-        inputs.join(" "),
-        field.name.into(),
-        field.axes.join(" "),
-        field.unit.into(),
-    ]
-}
-
-/// Columns as wide as they must be.
-fn table<const N: usize>(rows: &[[&str; N]]) -> String {
-    let width: [usize; N] = std::array::from_fn(|column| {
-        rows.iter()
-            .map(|row| row[column].len())
-            .max()
-            .unwrap_or_default()
-    });
-    let line = |row: &[&str; N]| {
-        let cells: Vec<String> = row
-            .iter()
-            .zip(width)
-            .map(|(cell, width)| format!("{cell:<width$}"))
-            .collect();
-        format!("{}\n", cells.join("  ").trim_end())
-    };
-    rows.iter().map(line).collect()
+    row([
+        &port.topic(),
+        &inputs.join(" "),
+        &field.name,
+        &field.axes.join(" "),
+        &field.unit,
+    ])
 }
