@@ -42,8 +42,8 @@ pub enum Block {
     Paragraph(String),
     Warning(String),
     Items(Vec<String>),
-    /// Lines of a terminal below an item, whose figure a page shows.
-    Timeline(Vec<String>),
+    /// What a page shows as a figure.
+    Terminal(String),
     Heading(String),
     Table(Table),
     Verdicts(Vec<Verdict>),
@@ -222,7 +222,7 @@ impl Block {
                 format!("{line}\n")
             }
             Self::Items(items) => items.iter().map(|item| format!("  {item}\n")).collect(),
-            Self::Timeline(lines) => lines.iter().map(|line| format!("    {line}\n")).collect(),
+            Self::Terminal(text) => text.clone(),
             Self::Table(table) => table.text(),
             Self::Verdicts(verdicts) => verdicts
                 .iter()
@@ -238,7 +238,7 @@ impl Block {
             Self::Paragraph(line) => html! { p { (line) } },
             Self::Warning(line) => html! { p.bad { (line) } },
             Self::Items(items) => html! { ul { @for item in items { li { (item) } } } },
-            Self::Timeline(_) => html! {},
+            Self::Terminal(_) => html! {},
             Self::Heading(title) => html! { h3 { (title) } },
             Self::Table(table) => table.html(),
             Self::Verdicts(verdicts) => html! {

@@ -3,7 +3,6 @@
 use crate::baseline::Baseline;
 use crate::host::{InterruptCount, InterruptKind};
 use crate::laws::in_order;
-use crate::margin_section;
 use crate::message_loss::{self, sum};
 use crate::phrase::count;
 use crate::process_failures::{COST_S, number};
@@ -342,25 +341,22 @@ fn deadlines(report: &Report) -> Vec<Block> {
         deadlines.missed, deadlines.missed_ppm, deadlines.missed_by_stamps
     );
     blocks.push(Block::Fact("Deadlines", said));
-    if !deadlines.late.is_empty() {
-        let most = deadlines.late.iter().map(|bucket| bucket.count).max();
-        let most = most.unwrap_or(1).max(1);
-        let rows = deadlines.late.iter().map(|bucket| {
-            let bar = "#".repeat((bucket.count * 40).div_ceil(most) as usize);
-            row([
-                &format!("{} .. {}", bucket.from_us, bucket.below_us),
-                &bucket.count,
-                &bar,
-            ])
-        });
-        blocks.push(table(["late by [us]", "commands", ""], rows));
-    }
-    if !deadlines.runs.is_empty() {
-        let rows = deadlines
-            .runs
-            .iter()
-            .map(|run| row([&run.length_ticks, &run.count]));
-        blocks.push(table(["missed in a row", "times"], rows));
+    let most = deadlines.late.iter().map(|bucket| bucket.count).max();
+    let most = most.unwrap_or(1).max(1);
+    let late = deadlines.late.iter().map(|bucket| {
+        let bar = "#".repeat((bucket.count * 40).div_ceil(most) as usize);
+        let range = format!("{} .. {}", bucket.from_us, bucket.below_us);
+        row([&range, &bucket.count, &bar])
+    });
+    let runs = deadlines.runs.iter();
+    let runs = runs.map(|run| row([&run.length_ticks, &run.count]));
+    for table in [
+        Table::new(["late by [us]", "commands", ""], late),
+        Table::new(["missed in a row", "times"], runs),
+    ] {
+        if !table.rows.is_empty() {
+            blocks.push(Block::Terminal(table.text()));
+        }
     }
     if !deadlines.stretches.is_empty() {
         let columns = ["at", "tick", "length", "largest lateness [us]"];
@@ -865,10 +861,8 @@ fn gates(report: &Report) -> Vec<Block> {
         cells.push(word);
         cells
     });
-    let mut blocks = Vec::from_iter(
-        margin_section::sentence(report).map(|margin| Block::Fact("Margin", margin)),
-    );
-    blocks.push(Block::Fact("Gates", report.verdict.words()));
-    blocks.push(table(["gate", "found", "limit", ""], rows));
-    blocks
+    vec![
+        Block::Fact("Gates", report.verdict.words()),
+        table(["gate", "found", "limit", ""], rows),
+    ]
 }

@@ -40,12 +40,11 @@ pub fn blocks(report: &Report) -> Vec<Block> {
     let tick_us = report.run.wall_period_us;
     let figure = |(i, case): (usize, &OutageCase)| {
         let title = named(case.class.words(), case.stage.as_deref());
-        Figure::new(
-            format!("outage-{}", i + 1),
-            &title,
-            Vec::new(),
-            chart(case, tick_us, &title),
-        )
+        let chart = chart(case, tick_us, &title);
+        Figure {
+            note: case.line(),
+            ..Figure::new(format!("outage-{}", i + 1), title, Vec::new(), chart)
+        }
     };
     let worst = outages.worst.iter().take(WORST_SHOWN);
     blocks.push(Block::Figures(worst.enumerate().map(figure).collect()));
@@ -70,13 +69,12 @@ fn list(outages: &OutageSection) -> Vec<Block> {
     blocks.push(Block::Note(
         "An outage is a row of ticks in which a deadline was missed, or a stage did not work on its input.".into(),
     ));
-    for case in outages.worst.iter().take(WORST_SHOWN) {
-        blocks.push(Block::Items(vec![case.line()]));
-        blocks.push(Block::Timeline(case.timeline()));
+    let worst = outages.worst.iter().take(WORST_SHOWN);
+    let mut text: String = worst.map(OutageCase::text).collect();
+    if !text.is_empty() {
+        text += "    woke .. sent [us], from the beginning of the outage's first tick; * without the input of its tick\n";
     }
-    blocks.push(Block::Timeline(vec![
-        "woke .. sent [us], from the beginning of the outage's first tick; * without the input of its tick".into(),
-    ]));
+    blocks.push(Block::Terminal(text));
     blocks
 }
 
@@ -129,13 +127,13 @@ impl OutageCase {
         )
     }
 
-    /// What the stages did, a line for each tick.
-    fn timeline(&self) -> Vec<String> {
-        let mut lines = Vec::new();
+    /// The line, and what the stages did in each tick.
+    fn text(&self) -> String {
+        let mut text = format!("  {}\n", self.line());
         let mut next = self.timeline.first().map_or(0, |first| first.tick);
         for TimelineTick { tick, stages, .. } in &self.timeline {
             if *tick > next {
-                lines.push("...".into());
+                text += "    ...\n";
             }
             next = tick.saturating_add(1);
             let stages: Vec<String> = stages.iter().map(TimelineStage::text).collect();
@@ -143,9 +141,9 @@ impl OutageCase {
                 true => "no stage published".into(),
                 false => stages.join("  "),
             };
-            lines.push(format!("{:>+3}  {stages}", self.after(*tick)));
+            text += &format!("    {:>+3}  {stages}\n", self.after(*tick));
         }
-        lines
+        text
     }
 
     /// A tick from the first one of the outage on.
