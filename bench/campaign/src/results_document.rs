@@ -7,7 +7,7 @@ use crate::results::{
 };
 use report::render::document::{Block, Cell, Document, Figure, Section, known, row, table};
 use report::render::plot::{Axis, Chart, LAWS, Layer};
-use report::render::scale::Scale;
+use report::render::scale::{Kind, Scale};
 use report::statistics::{Interval, MeanInterval};
 
 /// Factors that are drawn at the most: those that matter least are in the table alone.
@@ -230,7 +230,9 @@ fn over(results: &CampaignResults, factor: &FactorResults) -> Option<Figure> {
     let high = ends().fold(low, f64::max);
     let is_log = low > 0.0 && high / low > 20.0;
     let (x, middle): (Scale, fn([f64; 2]) -> f64) = if is_log {
-        (Scale::Log { low, high }, |[low, high]| (low * high).sqrt())
+        (Scale::new(Kind::Log, low, high), |[low, high]| {
+            (low * high).sqrt()
+        })
     } else {
         (Scale::time(low, high), |[low, high]| (low + high) / 2.0)
     };
@@ -251,10 +253,7 @@ fn over(results: &CampaignResults, factor: &FactorResults) -> Option<Figure> {
         });
         layers.extend(intervals.map(|points| Layer::Line { class, points }));
     }
-    let percents = Scale::Linear {
-        low: 0.0,
-        high: 105.0,
-    };
+    let percents = Scale::time(0.0, 105.0);
     let (x, y) = (
         Axis::new(x, &factor.name),
         Axis::new(percents, "success [%]"),

@@ -208,10 +208,7 @@ impl<'a> Figures<'a> {
                 .collect();
             let high = points.iter().map(|point| point.1).fold(1.0, f64::max) * 1.1;
             let named = cause.replace('_', " ");
-            let (scale, layer) = (
-                Scale::Linear { low: 0.0, high },
-                Layer::stems("violation", points),
-            );
+            let (scale, layer) = (Scale::time(0.0, high), Layer::stems("violation", points));
             let chart = self.marked(&format!("violations: {named}"), scale, vec![layer]);
             let (name, title) = (
                 format!("violations-{cause}"),
@@ -302,6 +299,7 @@ impl<'a> Figures<'a> {
             ..Chart::new(title, axis(x, across), axis(y, up), layers)
         };
         // One scale: the axis that would be stretched becomes longer. Its names may then need more room.
+        let length = |scale: &Scale| scale.high - scale.low;
         let excess = length(&chart.x.scale) / (length(&chart.y.scale) * chart.proportion());
         widen(&mut chart.x.scale, (1.0 / excess).max(1.0));
         widen(&mut chart.y.scale, excess.max(1.0));
@@ -404,21 +402,11 @@ impl<'a> Figures<'a> {
     }
 }
 
-/// From one end of a linear axis to the other.
-fn length(scale: &Scale) -> f64 {
-    if let Scale::Linear { low, high } = scale {
-        high - low
-    } else {
-        1.0
-    }
-}
-
 /// Makes a linear axis `factor` times as long.
 fn widen(scale: &mut Scale, factor: f64) {
-    if let Scale::Linear { low, high } = scale {
-        let (middle, half) = ((*low + *high) / 2.0, (*high - *low) / 2.0 * factor);
-        (*low, *high) = (middle - half, middle + half);
-    }
+    let middle = (scale.low + scale.high) / 2.0;
+    let half = (scale.high - scale.low) / 2.0 * factor;
+    (scale.low, scale.high) = (middle - half, middle + half);
 }
 
 fn swap_words(swap: &AppliedSwap) -> String {

@@ -5,7 +5,7 @@ use crate::phrase::count;
 use crate::render::document::{Block, Figure, Table, known, row, table, us};
 use crate::render::figures::Figures;
 use crate::render::plot::{Axis, Chart, LANE, Lane, Layer, MARKS};
-use crate::render::scale::Scale;
+use crate::render::scale::{Kind, Scale};
 use crate::schema::Report;
 use crate::series::Statistics;
 use crate::speed::Speed;
@@ -161,7 +161,7 @@ fn waterfall(report: &Report, title: &str, pick: fn(&Statistics) -> Option<f64>)
     };
     // Room for the number behind the longest bar.
     let x = Axis::new(Scale::time(0.0, 1.15 * longest), "us");
-    let y = Axis::new(Scale::Rows(names), "");
+    let y = Axis::new(Scale::rows(names), "");
     let layers = bars.into_iter().enumerate().map(layer).collect();
     Some(Chart::new(title, x, y, layers))
 }
@@ -315,17 +315,13 @@ fn around_zero(edges: impl Iterator<Item = f64>) -> Scale {
         (low.min(edge), high.max(edge))
     });
     let beyond = |end: f64| 1.2 * end + 0.5 * THRESHOLD_US;
-    Scale::Symmetric {
-        threshold: THRESHOLD_US,
-        low: -beyond(-low),
-        high: beyond(high),
-    }
+    Scale::new(Kind::Symmetric(THRESHOLD_US), -beyond(-low), beyond(high))
 }
 
 /// The axis of counts up to `most`: its foot is below 1, so that a single value is seen.
 fn counts(most: f64) -> Axis {
     let (low, high) = (0.6, (most * 1.6).max(12.0));
-    Axis::new(Scale::Log { low, high }, "count")
+    Axis::new(Scale::new(Kind::Log, low, high), "count")
 }
 
 /// Percentiles of a series and its largest value.

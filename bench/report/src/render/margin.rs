@@ -213,10 +213,7 @@ fn error_chart<'a>(
             points: dots,
         });
     }
-    let x = Scale::Linear {
-        low: 0.0,
-        high: last,
-    };
+    let x = Scale::time(0.0, last);
     let y = Scale::log(values.into_iter());
     Chart::new(
         format!("largest position error over {label} of {input}"),

@@ -188,13 +188,10 @@ fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
             };
             (begin_us(tick), name)
         });
-    let x = Scale::Windows {
-        instants: instants.collect(),
-        windows: windows
-            .iter()
-            .map(|(first, last)| (begin_us(*first), begin_us(last + 1)))
-            .collect(),
-    };
+    let shown = windows
+        .iter()
+        .map(|(first, last)| (begin_us(*first), begin_us(last + 1)));
+    let x = Scale::windows(shown.collect(), instants.collect());
     let rows = STAGES.len() as f64;
     let missed = case.timeline.iter().filter(|tick| tick.missed).map(|tick| {
         let corners = [(begin_us(tick.tick), 0.0), (begin_us(tick.tick + 1), rows)];
@@ -253,6 +250,6 @@ fn chart(case: &OutageCase, tick_us: f64, title: &str) -> Chart {
     };
     let label = format!("ticks from {} on, each {length} long", case.tick);
     let names = STAGES.map(|role| role.name().to_owned());
-    let y = Axis::new(Scale::Rows(names.into()), "");
+    let y = Axis::new(Scale::rows(names.into()), "");
     Chart::new(format!("outage: {title}"), Axis::new(x, label), y, layers)
 }

@@ -4,7 +4,7 @@
 //! keeps its size. Colours are classes of `plot.css`, one for each thing shown, with variants for light and dark. Fonts
 //! come from the style sheet too.
 
-use crate::render::scale::Scale;
+use crate::render::scale::{Kind, Scale};
 use crate::traces::Span;
 use maud::{Markup, html};
 use std::fmt::Write as _;
@@ -57,16 +57,13 @@ impl Axis {
 
     /// The scale for a script that reads the chart.
     fn words(&self) -> Option<String> {
-        Some(match self.scale {
-            Scale::Linear { low, high } => format!("linear {low} {high}"),
-            Scale::Log { low, high } => format!("log {low} {high}"),
-            Scale::Symmetric {
-                threshold,
-                low,
-                high,
-            } => format!("symmetric {low} {high} {threshold}"),
-            Scale::Tail { high } => format!("tail 0 {high}"),
-            Scale::Rows(_) | Scale::Windows { .. } => return None,
+        let Scale { kind, low, high } = &self.scale;
+        Some(match kind {
+            Kind::Linear => format!("linear {low} {high}"),
+            Kind::Log => format!("log {low} {high}"),
+            Kind::Symmetric(threshold) => format!("symmetric {low} {high} {threshold}"),
+            Kind::Tail => format!("tail {low} {high}"),
+            Kind::Rows(_) | Kind::Windows(..) => return None,
         })
     }
 }
@@ -166,8 +163,8 @@ struct Frame {
 impl Chart {
     #[must_use]
     pub fn new(title: impl Into<String>, x: Axis, y: Axis, layers: Vec<Layer>) -> Self {
-        let height = match &y.scale {
-            Scale::Rows(names) => ABOVE + ROW * names.len() as f64 + BELOW,
+        let height = match &y.scale.kind {
+            Kind::Rows(names) => ABOVE + ROW * names.len() as f64 + BELOW,
             _ => HEIGHT,
         };
         Self {
@@ -197,7 +194,7 @@ impl Chart {
         let readable = words_x
             .as_ref()
             .map(|_| format!("{left} {right} {top} {foot}"));
-        let has_rows = matches!(self.y.scale, Scale::Rows(_));
+        let has_rows = matches!(self.y.scale.kind, Kind::Rows(_));
         html! {
             svg viewBox=(format!("0 0 {WIDTH} {}", self.height)) role="img" aria-label=(self.title)
                 x=[x] y=[y] width=[width] height=[height]

@@ -2,37 +2,26 @@
 
 /// How numbers become places along an axis.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Scale {
-    Linear {
-        /// At the beginning of the axis.
-        low: f64,
-        high: f64,
-    },
-    Log {
-        /// At the beginning of the axis, above 0.
-        low: f64,
-        high: f64,
-    },
-    /// Logarithmic to both sides of 0, linear around it.
-    Symmetric {
-        /// Where linear becomes logarithmic, above 0.
-        threshold: f64,
-        /// At the beginning of the axis, below 0.
-        low: f64,
-        high: f64,
-    },
+pub struct Scale {
+    pub kind: Kind,
+    /// At the beginning of the axis.
+    pub low: f64,
+    pub high: f64,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum Kind {
+    Linear,
+    /// Of numbers above 0.
+    Log,
+    /// Logarithmic to both sides of 0, linear up to a threshold above it.
+    Symmetric(f64),
     /// Shares of values, from 0: equal distances from 0 to 90 %, to 99 %, to 99.9 %, as `HdrHistogram` draws them.
-    Tail {
-        /// At the end of the axis, below 1.
-        high: f64,
-    },
+    Tail,
     /// Rows with names below each other: the first one lies from 0 to 1.
     Rows(Vec<String>),
     /// Stretches of time with gaps between them, in order, and named instants.
-    Windows {
-        windows: Vec<(f64, f64)>,
-        instants: Vec<(f64, String)>,
-    },
+    Windows(Vec<(f64, f64)>, Vec<(f64, String)>),
 }
 
 /// A named place on an axis.
@@ -56,13 +45,15 @@ const LOG_TICKS: f64 = 6.0;
 const TICKS_MOST: usize = 100;
 
 impl Scale {
+    #[must_use]
+    pub const fn new(kind: Kind, low: f64, high: f64) -> Self {
+        Self { kind, low, high }
+    }
+
     /// An axis from the first to the last of some instants.
     #[must_use]
     pub fn time(begin: f64, end: f64) -> Self {
-        Self::Linear {
-            low: begin,
-            high: end.max(begin + 1e-9),
-        }
+        Self::new(Kind::Linear, begin, end.max(begin + 1e-9))
     }
 
     /// A linear axis around some values that is at least `least` long, and a share of the numbers on it.
@@ -74,23 +65,18 @@ impl Scale {
             least => least,
         };
         let missing = (least - (high - low)).max(0.0) / 2.0;
-        let margin = (high - low + 2.0 * missing) * MARGIN;
-        Self::Linear {
-            low: low - missing - margin,
-            high: high + missing + margin,
-        }
+        let beyond = missing + (high - low + 2.0 * missing) * MARGIN;
+        Self::new(Kind::Linear, low - beyond, high + beyond)
     }
 
     /// A logarithmic axis around those of some values that are above 0, and at least half a decade long.
     #[must_use]
     pub fn log(values: impl Iterator<Item = f64>) -> Self {
         let (low, high) = extent(values.filter(|value| *value > 0.0)).unwrap_or((1.0, 10.0));
-        let missing = (0.5 - (high / low).log10()).max(0.0) / 2.0;
-        let margin = ((high / low).log10() + 2.0 * missing) * MARGIN;
-        Self::Log {
-            low: low / 10_f64.powf(missing + margin),
-            high: high * 10_f64.powf(missing + margin),
-        }
+        let decades = (high / low).log10();
+        let missing = (0.5 - decades).max(0.0) / 2.0;
+        let beyond = 10_f64.powf(missing + (decades + 2.0 * missing) * MARGIN);
+        Self::new(Kind::Log, low / beyond, high * beyond)
     }
 
     /// An axis with 0 on it, which spans six decades of the values' sizes.
@@ -102,62 +88,60 @@ impl Scale {
         let threshold = largest / 10_f64.powf(SYMMETRIC_DECADES);
         // Room for 0, and for its name, at both ends.
         let beyond = |value: f64| value * 2.0 + threshold * 2.0;
-        Self::Symmetric {
-            threshold,
-            low: -beyond((-low).max(0.0)),
-            high: beyond(high.max(0.0)),
-        }
+        let (low, high) = (-beyond((-low).max(0.0)), beyond(high.max(0.0)));
+        Self::new(Kind::Symmetric(threshold), low, high)
     }
 
     /// An axis of the shares of a distribution that is known up to `share`.
     #[must_use]
     pub fn tail(share: f64) -> Self {
-        Self::Tail {
-            high: share.clamp(0.99, 1.0 - 1e-9),
-        }
+        Self::new(Kind::Tail, 0.0, share.clamp(0.99, 1.0 - 1e-9))
+    }
+
+    /// Rows below each other.
+    #[must_use]
+    pub fn rows(names: Vec<String>) -> Self {
+        let end = names.len() as f64;
+        Self::new(Kind::Rows(names), end, 0.0)
+    }
+
+    /// Stretches of time, and named instants.
+    #[must_use]
+    pub fn windows(windows: Vec<(f64, f64)>, instants: Vec<(f64, String)>) -> Self {
+        let first = windows.first().map_or(0.0, |window| window.0);
+        let last = windows.last().map_or(1.0, |window| window.1);
+        Self::new(Kind::Windows(windows, instants), first, last)
     }
 
     /// Place of a value, from 0 at the begin to 1 at the end of the axis, where what lies beyond stands too.
     #[must_use]
     pub fn place(&self, value: f64) -> f64 {
-        let between = |value: f64, low: f64, high: f64| (value - low) / (high - low);
-        let place = match *self {
-            Self::Rows(ref names) => 1.0 - value / names.len() as f64,
-            Self::Windows { ref windows, .. } => place_in_windows(windows, value),
-            Self::Linear { low, high } => between(value, low, high),
-            Self::Log { low, high } => between(value.max(low).ln(), low.ln(), high.ln()),
-            Self::Symmetric {
-                threshold,
-                low,
-                high,
-            } => {
-                let bent = |value: f64| value.signum() * (value.abs() / threshold).ln_1p();
-                between(bent(value), bent(low), bent(high))
-            }
-            Self::Tail { high } => (-value.min(high)).ln_1p() / (-high).ln_1p(),
+        let bent = |value: f64| match &self.kind {
+            Kind::Linear | Kind::Rows(_) => value,
+            Kind::Log => value.max(self.low).ln(),
+            Kind::Symmetric(threshold) => value.signum() * (value.abs() / threshold).ln_1p(),
+            Kind::Tail => -(-value.min(self.high)).ln_1p(),
+            Kind::Windows(windows, _) => place_in_windows(windows, value),
         };
-        place.clamp(0.0, 1.0)
+        let (low, high) = (bent(self.low), bent(self.high));
+        ((bent(value) - low) / (high - low)).clamp(0.0, 1.0)
     }
 
     /// Ticks, about as many as asked where the scale leaves a choice.
     #[must_use]
     pub fn ticks(&self, about: usize) -> Vec<Tick> {
-        match *self {
-            Self::Rows(ref names) => (names.iter().enumerate())
-                .map(|(i, name)| Tick {
-                    value: i as f64 + 0.5,
-                    label: name.clone(),
-                })
-                .collect(),
-            Self::Windows { ref instants, .. } => self.instant_ticks(instants),
-            Self::Linear { low, high } => linear_ticks(low, high, about),
-            Self::Log { low, high } => log_ticks(low, high),
-            Self::Symmetric {
-                threshold,
-                low,
-                high,
-            } => symmetric_ticks(self, threshold, low, high),
-            Self::Tail { high } => tail_ticks(high),
+        let (low, high) = (self.low, self.high);
+        let row = |(i, name): (usize, &String)| Tick {
+            value: i as f64 + 0.5,
+            label: name.clone(),
+        };
+        match &self.kind {
+            Kind::Linear => linear_ticks(low, high, about),
+            Kind::Log => log_ticks(low, high),
+            Kind::Symmetric(threshold) => symmetric_ticks(self, *threshold, low, high),
+            Kind::Tail => tail_ticks(high),
+            Kind::Rows(names) => names.iter().enumerate().map(row).collect(),
+            Kind::Windows(_, instants) => self.instant_ticks(instants),
         }
     }
 
@@ -344,13 +328,9 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_decades_or_what_lies_between() {
-        let linear = |low, high| Scale::Linear { low, high };
-        let log = |low, high| Scale::Log { low, high };
-        let symmetric = |low, high| Scale::Symmetric {
-            threshold: 10.0,
-            low,
-            high,
-        };
+        let linear = |low, high| Scale::new(Kind::Linear, low, high);
+        let log = |low, high| Scale::new(Kind::Log, low, high);
+        let symmetric = |low, high| Scale::new(Kind::Symmetric(10.0), low, high);
         for (scale, names) in [
             (linear(0.0, 30.0), "0 10 20 30"),
             (linear(0.0, 10.0), "0 2 4 6 8 10"),
@@ -413,19 +393,14 @@ mod tests {
                 "{ticks:?}"
             );
         }
-        let Scale::Linear { low, high } = Scale::linear([2.0].into_iter(), 0.5) else {
-            unreachable!()
-        };
+        let Scale { low, high, .. } = Scale::linear([2.0].into_iter(), 0.5);
         assert!(high - low >= 0.5 && low < 2.0 && 2.0 < high);
     }
 
     #[test]
     fn names_of_instants_are_left_out_where_they_have_no_room() {
         let instants = (0..=10).map(|i| (f64::from(i), format!("+{}", 98_000 + i)));
-        let shown = labels(Scale::Windows {
-            windows: vec![(0.0, 10.0)],
-            instants: instants.collect(),
-        });
+        let shown = labels(Scale::windows(vec![(0.0, 10.0)], instants.collect()));
         let shown: Vec<&str> = shown
             .iter()
             .map(String::as_str)
@@ -436,10 +411,7 @@ mod tests {
 
     #[test]
     fn instants_between_two_windows_stand_between_them() {
-        let scale = Scale::Windows {
-            windows: vec![(-1.0, 3.0), (96.0, 100.0)],
-            instants: Vec::new(),
-        };
+        let scale = Scale::windows(vec![(-1.0, 3.0), (96.0, 100.0)], Vec::new());
         let places = [-9.0, -1.0, 0.0, 3.0, 50.0, 96.0, 100.0, 9e9].map(|at| scale.place(at));
         assert!(
             places.windows(2).all(|pair| pair[0] <= pair[1]),
