@@ -1,6 +1,8 @@
 //! The directories of an instance and of flights, and the link `latest`.
 
-use crate::rig::{self, Ended, Rig, Running, is_gone, not_tested, send, wait_until};
+use crate::endings::kill_all;
+use crate::rig::unprivileged::unprivileged;
+use crate::rig::{self, Ended, Rig, Running, not_tested, wait_until};
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, LogPlan, record};
 use flight_log::writer::FlightLog;
@@ -60,18 +62,6 @@ fn short_flight(rig: &Rig, more: &str) -> Ended {
         "fly",
         format!("--rt off --config {slow} --duration 100ms {more}"),
     )
-}
-
-/// Kills a flight with all its processes, none of which can say a last word.
-fn kill_all(flight: Running) {
-    let roles = flight.roles();
-    roles.values().for_each(|pid| send(*pid, Signal::STOP));
-    flight.signal(Signal::KILL);
-    flight.end();
-    roles.values().for_each(|pid| send(*pid, Signal::KILL));
-    wait_until("the killed to be gone", || {
-        roles.values().all(|pid| is_gone(*pid)).then_some(())
-    });
 }
 
 #[test]
@@ -284,28 +274,14 @@ fn a_flight_that_cannot_be_looked_at_is_not_said_to_be_none() {
     fs::remove_dir(instance.directory().join("in_use.lock")).unwrap();
 
     // Somebody who may not look.
-    let as_nobody = ["--reuid=65534", "--regid=65534", "--clear-groups"];
-    if !Command::new("setpriv")
-        .args(as_nobody)
-        .arg("true")
-        .status()
-        .is_ok_and(|status| status.success())
-    {
-        not_tested("a flight of another user: this user may not become one");
-        return;
-    }
-    rig::copy_executable(&rig.path("ironbird"));
-    for directory in [rig.path("."), rig.root()] {
-        fs::set_permissions(directory, fs::Permissions::from_mode(0o755)).unwrap();
+    if !rustix::process::geteuid().is_root() {
+        return not_tested("a flight of another user: this user may not become one");
     }
     for args in [["params", "--json"], ["inject", "mass_kg=0.5"]] {
-        let mut command = Command::new("setpriv");
-        command
-            .args(as_nobody)
-            .arg(rig.path("ironbird"))
-            .arg(args[0])
-            .args(rig.own_args(args[0], &args[1..]));
-        command.env("IRONBIRD_ROOT", rig.root());
+        let Some(command) = unprivileged(&rig, args[0], &args[1..]) else {
+            return;
+        };
+        fs::set_permissions(rig.root(), fs::Permissions::from_mode(0o755)).unwrap();
         let ended = rig
             .launch(command)
             .end()

@@ -1,30 +1,19 @@
 //! How flights end: signals, closed terminals, dead supervisors, leftovers, limits; and what processes hold when they end.
 
-use crate::rig::{
-    IRONBIRD, Rig, Running, copy_executable, is_gone, lacks_tool, not_tested, send, wait_until,
-};
+use crate::fault_matrix::{await_gone, demand_interrupted};
+use crate::rig::{Args, IRONBIRD, Rig, Running, is_gone, lacks_tool, not_tested, send, wait_until};
 use ipc::Wire;
 use messages::blackboards::{RUN, Run, RunPhase};
 use process::rt::fifo_refusal;
 use rustix::process::Signal;
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
-use std::path::PathBuf;
 use std::process::{Command, Stdio};
-use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 /// A long flight in slow motion, in the air; nothing in these tests depends on its deadlines.
 fn in_the_air(rig: &Rig) -> Running {
     rig.take_off(format!("--rt off --config {} --duration 60s", rig.slow(20)))
-}
-
-fn await_gone(pids: impl IntoIterator<Item = u32>) {
-    for pid in pids {
-        wait_until(&format!("process {pid} to end"), || {
-            is_gone(pid).then_some(())
-        });
-    }
 }
 
 #[test]
@@ -92,7 +81,7 @@ fn a_flight_that_is_over_before_the_recorder_looks_is_reported_whole() {
 }
 
 /// Kills a flight with all its processes, none of which can say a last word.
-fn kill_all(flight: Running) {
+pub(crate) fn kill_all(flight: Running) {
     let roles = flight.roles();
     // A stopped process does not act on its launcher's death.
     roles.values().for_each(|pid| send(*pid, Signal::STOP));
@@ -128,69 +117,23 @@ fn clean_removes_and_names_what_killed_processes_left() {
     }
     clean.says(&format!("removed {}\n", directory.display()));
     rig.assert_nothing_left();
+    other
+        .ok("clean")
+        .says(&format!("instance `{}` is alive", other.instance));
     assert!(
         !other.segments().is_empty(),
-        "another instance keeps its own"
+        "a living instance keeps its own"
     );
     bystander.signal(Signal::TERM);
     bystander.end().expect(130);
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn a_flight_after_killed_processes_needs_no_cleaning() {
-    let rig = Rig::new("phoenix");
-    kill_all(in_the_air(&rig));
-    assert!(!rig.segments().is_empty());
-    let next = rig.ok(&format!(
-        "fly --rt off --config {} --duration 100ms",
-        rig.slow(5)
-    ));
-    assert_eq!(next.result()["status"], "PASS");
-    rig.assert_nothing_left();
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn cleaning_beside_a_flight_leaves_it_alone() {
-    let rig = Rig::new("cleaned");
-    let flight = rig.take_off(format!(
-        "--rt off --config {} --duration 100ms",
-        rig.slow(20)
-    ));
-    rig.ok("clean")
-        .says(&format!("instance `{}` is alive", rig.instance));
-    let result = flight.end().expect(0).result();
-    assert_eq!(result["status"], "PASS");
-    rig.assert_nothing_left();
 }
 
 const ROLES: [&str; 5] = ["plant", "outer", "inner", "mixer", "record"];
 /// A flight that lasts until it is ended; nothing in these tests depends on its deadlines.
 const LONG: [&str; 4] = ["--rt", "off", "--duration", "600s"];
 
-/// The flight ended in order: a final report in all its forms, a whole log, nothing left.
-fn assert_interrupted_whole(rig: &Rig, what: &str) {
-    let report = rig.report();
-    assert_eq!(
-        report["verdict"]["status"], "INTERRUPTED",
-        "{what}: {}",
-        report["verdict"]
-    );
-    assert_eq!(report["run"]["in_flight"], false, "{what}");
-    for file in ["report.html", "report.txt", "flight.svg"] {
-        assert!(
-            rig.out().join("latest").join(file).exists(),
-            "{what}: no {file}"
-        );
-    }
-    let replayed = rig.ok("replay --verify");
-    assert!(!replayed.stderr.contains("truncated"), "{what}: {replayed}");
-    rig.assert_nothing_left();
-}
-
 /// A flight in a terminal of its own, as `command` runs it there; none where there is no python3.
-fn in_a_terminal(rig: &Rig, command: &[&str]) -> Option<Running> {
+fn in_a_terminal<S: AsRef<std::ffi::OsStr>>(rig: &Rig, command: &[S]) -> Option<Running> {
     if !Command::new("python3")
         .arg("--version")
         .output()
@@ -209,7 +152,7 @@ fn in_a_terminal(rig: &Rig, command: &[&str]) -> Option<Running> {
 }
 
 /// `ironbird fly` with the rig's own arguments.
-fn fly(rig: &Rig, args: &[&str]) -> Vec<String> {
+fn fly(rig: &Rig, args: impl Args) -> Vec<String> {
     [IRONBIRD, "fly"]
         .map(str::to_owned)
         .into_iter()
@@ -227,7 +170,8 @@ fn a_role_takes_its_launchers_death_for_one_however_often_it_is_told() {
         }
     }
     flight.end().expect(130);
-    assert_interrupted_whole(&rig, "each role was told three times");
+    demand_interrupted(&rig, "each role was told three times");
+    rig.assert_nothing_left();
 }
 
 #[test]
@@ -236,7 +180,7 @@ fn nohup_is_respected() {
     let mut command = Command::new("env");
     command
         .arg("--ignore-signal=HUP")
-        .args(fly(&rig, &["--rt", "off", "--duration", "2s"]));
+        .args(fly(&rig, "--rt off --duration 2s"));
     command.env("IRONBIRD_ROOT", rig.root());
     let flight = rig.launch(command);
     rig.await_flight();
@@ -251,56 +195,22 @@ fn nohup_is_respected() {
 
 #[test]
 #[ignore = "long: part of the gate"]
-fn a_launcher_that_may_not_hear_of_its_childrens_ends_hears_of_them() {
-    let rig = Rig::new("deaf");
-    let mut command = Command::new("env");
-    command
-        .arg("--ignore-signal=CHLD")
-        .args(fly(&rig, &["--rt", "off", "--duration", "1s"]));
-    command.env("IRONBIRD_ROOT", rig.root());
-    assert_eq!(
-        rig.launch(command).end().expect(0).result()["status"],
-        "PASS"
-    );
+fn a_closed_terminal_ends_a_flight_with_a_dashboard_in_order() {
+    let rig = Rig::new("hangup");
+    let flight = fly(&rig, &[&LONG[..], &["--watch"]].concat());
+    let Some(terminal) = in_a_terminal(&rig, &flight) else {
+        return;
+    };
+    rig.await_flight();
+    terminal.await_output("position error, last");
+    let commands = ROLES.iter().chain(&["fly", "watch"]);
+    let processes: Vec<u32> = commands.flat_map(|it| rig.processes_of(it)).collect();
+    assert_eq!(processes.len(), 7, "{processes:?}");
+    terminal.signal(Signal::USR1);
+    terminal.end().says("\nended 130 ");
+    await_gone(processes);
+    demand_interrupted(&rig, "terminal closed");
     rig.assert_nothing_left();
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn a_closed_terminal_ends_the_flight_in_order() {
-    for (shell, watch) in [(false, false), (true, false), (false, true)] {
-        let rig = Rig::new("hangup");
-        let mut args = LONG.to_vec();
-        args.extend(watch.then_some("--watch"));
-        let flight = fly(&rig, &args);
-        let line = format!("{}; true", flight.join(" "));
-        let mut command: Vec<&str> = if shell {
-            vec!["sh", "-c", &line]
-        } else {
-            vec![]
-        };
-        command.extend(flight.iter().filter(|_| !shell).map(String::as_str));
-        let Some(terminal) = in_a_terminal(&rig, &command) else {
-            return;
-        };
-        rig.await_flight();
-        if watch {
-            terminal.await_output("position error, last");
-        }
-        let processes: Vec<u32> = ROLES
-            .iter()
-            .chain(&["fly", "watch"])
-            .flat_map(|command| rig.processes_of(command))
-            .collect();
-        assert_eq!(processes.len(), if watch { 7 } else { 6 }, "{processes:?}");
-        terminal.signal(Signal::USR1);
-        let ended = terminal.end();
-        if !shell {
-            assert!(ended.stdout.contains("\nended 130 "), "{ended}");
-        }
-        await_gone(processes);
-        assert_interrupted_whole(&rig, &format!("shell {shell}, watch {watch}"));
-    }
 }
 
 #[test]
@@ -336,22 +246,8 @@ fn a_killed_dashboard_leaves_a_sane_terminal() {
         let rig = Rig::new("sane");
         // A busy machine may let it fall: not to a ground.
         let config = crate::restarts::in_the_air(&rig, 1);
-        let flight = [
-            "--rt",
-            "off",
-            "--duration",
-            "6s",
-            "--trajectory",
-            "hover",
-            "--watch",
-            "--config",
-            &config,
-        ];
-        let command = fly(&rig, &flight);
-        let Some(terminal) = in_a_terminal(
-            &rig,
-            &command.iter().map(String::as_str).collect::<Vec<_>>(),
-        ) else {
+        let flight = format!("--rt off --duration 6s --trajectory hover --watch --config {config}");
+        let Some(terminal) = in_a_terminal(&rig, &fly(&rig, flight)) else {
             return;
         };
         terminal.await_output("position error, last");
@@ -384,70 +280,6 @@ fn a_killed_dashboard_leaves_a_sane_terminal() {
 
 #[test]
 #[ignore = "long: part of the gate"]
-fn a_launcher_that_waits_for_a_process_says_where_to_look() {
-    // Stopped, so that nobody takes off without it; where it stands is up to the instant, and the plant may need it.
-    let unready = |_| {
-        let rig = Rig::new("unready");
-        let flight = rig.start("fly", LONG);
-        let outer = flight.roles()["outer"];
-        send(outer, Signal::STOP);
-        sleep(Duration::from_secs(1));
-        let log = fs::read_to_string(rig.out().join(&rig.run_directories()[0]).join("plant.log"))
-            .unwrap();
-        let last = log.lines().last().unwrap_or_default().to_owned();
-        if last.contains("waiting for outer") {
-            return Some((rig, flight, outer));
-        }
-        flight.signal(Signal::INT);
-        send(outer, Signal::CONT);
-        flight.end();
-        None
-    };
-    let (rig, flight, outer) = (0..20).find_map(unready).unwrap();
-    flight.await_words("still waiting for all processes to be ready; plant.log says for which");
-    flight.signal(Signal::INT);
-    send(outer, Signal::CONT);
-    flight.end().expect(130);
-    rig.assert_nothing_left();
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn roles_started_by_hand_say_how_the_flight_ended() {
-    let rig = Rig::new("by-hand");
-    for (duration, signal, words) in [
-        ("200ms", None, "completed after 0.2 s"),
-        ("600s", Some(Signal::HUP), "interrupted"),
-    ] {
-        let roles = ROLES.map(|role| {
-            (
-                role,
-                rig.start(role, format!("--rt off --duration {duration}")),
-            )
-        });
-        wait_until("the flight", || {
-            (rig.run_directories().len() == 1).then_some(())
-        });
-        if let Some(signal) = signal {
-            rig.await_flight();
-            sleep(Duration::from_millis(200));
-            roles[1].1.signal(signal);
-        }
-        for (role, process) in roles {
-            let ended = process.end();
-            if role != "record" {
-                ended
-                    .expect(0)
-                    .complains(&format!("{role}: flight {words}"));
-            }
-        }
-        rig.assert_nothing_left();
-        fs::remove_dir_all(rig.out()).unwrap();
-    }
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
 fn a_floor_that_fails_costs_no_report() {
     let rig = Rig::new("floorless");
     let executable = rig.path("ironbird");
@@ -472,49 +304,13 @@ fn a_floor_that_fails_costs_no_report() {
     assert!(rig.report()["beside"].is_null());
 }
 
-/// What the kernel lets the flight of another user have.
-fn unprivileged(rig: &Rig, limit: &str) -> Option<Command> {
-    let is_root = rustix::process::geteuid().is_root();
-    let may = Command::new("setpriv")
-        .args(["--reuid", "65534", "true"])
-        .status()
-        .is_ok_and(|it| it.success());
-    if !is_root || !may {
-        not_tested("no limit on processes: this needs root and setpriv");
-        return None;
-    }
-    let copy: PathBuf = rig.path("ironbird");
-    copy_executable(&copy);
-    for directory in [rig.path("."), rig.root(), rig.out()] {
-        fs::create_dir_all(&directory).unwrap();
-        std::os::unix::fs::chown(&directory, Some(65534), Some(65534)).unwrap();
-    }
-    let mut command = Command::new("setpriv");
-    command
-        .args([
-            "--reuid",
-            "65534",
-            "--regid",
-            "65534",
-            "--clear-groups",
-            "prlimit",
-            limit,
-        ])
-        .arg(copy);
-    command
-        .arg("fly")
-        .args(rig.own_args("fly", "--rt off --duration 1s"))
-        .env("IRONBIRD_ROOT", rig.root());
-    Some(command)
-}
-
 #[test]
 fn limits_that_leave_no_room_for_a_flight_are_named() {
     let limited = |rig: &Rig, limit: &str| {
         let mut command = Command::new("prlimit");
         command
             .arg(limit)
-            .args(fly(rig, &["--rt", "off", "--duration", "1s"]))
+            .args(fly(rig, "--rt off --duration 1s"))
             .env("IRONBIRD_ROOT", rig.root());
         rig.launch(command).end()
     };
@@ -540,13 +336,15 @@ fn limits_that_leave_no_room_for_a_flight_are_named() {
         .expect(1)
         .complains("the address space is limited to 58593 KiB");
     ended.complains("ulimit -v unlimited");
-    let rig = Rig::new("nproc");
-    let Some(command) = unprivileged(&rig, "--nproc=1") else {
-        return;
-    };
-    let ended = rig.launch(command).end().expect(1);
-    let ended = ended.complains("cannot start the plant process: Resource temporarily unavailable");
-    ended.complains("ulimit -u");
+    for files in [20, 40, 56, 64] {
+        let ended = limited(&rig, &format!("--nofile={files}"));
+        assert!(matches!(ended.code, Some(1 | 2)), "{files} files: {ended}");
+        let ended = ended.complains("ulimit -n 1024");
+        assert!(
+            !ended.stderr.contains("ironbird clean"),
+            "{files} files: {ended}"
+        );
+    }
 }
 
 /// Blocks what a daemon may block, ignores what a shell may ignore, and becomes its arguments.
@@ -592,24 +390,6 @@ fn a_flight_whose_signals_were_blocked_or_ignored_passes_and_ends() {
     let result = rig.launch(fly).end().expect(0).result();
     assert_eq!(result["status"], "PASS", "{result:?}");
     rig.assert_nothing_left();
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn a_signal_ends_a_flight_that_was_started_with_it_blocked() {
-    for signal in [Signal::TERM, Signal::INT] {
-        let rig = Rig::new("deaf-end");
-        let slow = rig.slow(20);
-        let args = format!("--rt off --config {} --duration 60s", slow);
-        let Some(fly) = deaf(&rig.command("fly", &args)) else {
-            return;
-        };
-        let flight = rig.launch(fly);
-        rig.await_flight();
-        flight.signal(signal);
-        assert_eq!(flight.end().expect(130).result()["status"], "INTERRUPTED");
-        rig.assert_nothing_left();
-    }
 }
 
 #[test]
@@ -666,34 +446,24 @@ fn waiting(rig: &Rig, role: &str) -> Running {
 }
 
 #[test]
-fn a_role_that_is_told_to_end_ends_without_real_time() {
+fn a_role_that_ends_on_one_signal_or_at_once_on_two_ends_without_real_time() {
     if !fifo_is_granted() {
         return;
     }
-    for role in STAGES {
-        let rig = Rig::new("told");
+    // Two are there when the process goes on: it has no time to end in order.
+    let twice = [Signal::STOP, Signal::INT, Signal::TERM, Signal::CONT];
+    for (role, signals) in STAGES
+        .iter()
+        .flat_map(|it| [(it, &twice[2..3]), (it, &twice[..])])
+    {
+        let rig = Rig::new("signals");
         let process = waiting(&rig, role);
-        process.signal(Signal::TERM);
+        signals.iter().for_each(|it| process.signal(*it));
         assert_eq!(last_policy(&process), 0, "{role}");
         process.end().expect(130);
-        rig.assert_nothing_left();
-    }
-}
-
-#[test]
-fn a_role_that_a_second_signal_ends_at_once_ends_without_real_time() {
-    if !fifo_is_granted() {
-        return;
-    }
-    for role in STAGES {
-        let rig = Rig::new("at-once");
-        let process = waiting(&rig, role);
-        // Both are there when it goes on: it has no time to end in order.
-        [Signal::STOP, Signal::INT, Signal::TERM, Signal::CONT]
-            .iter()
-            .for_each(|signal| process.signal(*signal));
-        assert_eq!(last_policy(&process), 0, "{role}");
-        process.end().expect(130);
+        if signals.len() == 1 {
+            rig.assert_nothing_left();
+        }
         rig.run("clean", "");
     }
 }

@@ -1,7 +1,7 @@
 //! Faults that are injected into a running flight, or planned: into messages, stages, processes and the processor.
 
 use crate::rig::unprivileged::fly_unprivileged;
-use crate::rig::{Rig, is_gone, not_tested, send, wait_until};
+use crate::rig::{Rig, is_gone, not_tested, send, table, wait_until};
 use flight_log::fault_record::injected;
 use messages::fault::MOST;
 use process::rt::fifo_refusal;
@@ -165,94 +165,8 @@ fn an_instant_is_kept_where_it_is_far_enough_and_else_the_answer_says_so() {
     let later = rig.ok("inject wrench.drop=0.5 --in 5s --for 10ms").stdout;
     assert!(from_tick(&later) > from_tick(&said) + 4000, "{later}");
     rig.ok("inject cpu.load=0.1 --at-tick 19000 --for 100ms");
-    for (args, code, why) in [
-        (
-            &["cpu.load=0.2", "--at-tick", "19050"][..],
-            1,
-            "the plant refused: cpu.load is given for these ticks already",
-        ),
-        (
-            &["mixer.stop=900us"],
-            1,
-            "the plant refused: mixer.stop = `900us`: write a time of at least one tick",
-        ),
-        (
-            &["state.freeze"],
-            1,
-            "the plant refused: `freeze` is given twice for the same ticks at outer.state",
-        ),
-        (
-            &["rotor_speeds.drop=off"],
-            1,
-            "the plant refused: rotor_speeds.drop=off: it does not strike then or later",
-        ),
-        (
-            &["rotor_speeds.lag=off"],
-            1,
-            "rotor_speeds.lag=off: it does not strike then or later",
-        ),
-        (
-            &["inner.late=off"],
-            1,
-            "inner.late=off: it does not strike then or later",
-        ),
-        (
-            &["inner.kill=off"],
-            2,
-            "inner.kill happens once: there is nothing to end",
-        ),
-        (
-            &["state.drop=0.1", "mass_kg=0.6"],
-            2,
-            "parameters and faults of the loop are not injected by one command",
-        ),
-        (
-            &["mass_kg=0.6", "--for", "1s"],
-            2,
-            "--for: a parameter holds until it is changed again",
-        ),
-        (
-            &["inner.stop=20ms", "--for", "1s"],
-            2,
-            "--for: inner.stop=20ms happens once, at an instant",
-        ),
-        (
-            &["state.freeze=off", "--for", "1s"],
-            2,
-            "--for: state.freeze=off happens once",
-        ),
-        (
-            &["state.drop=0.1", "--for", "100us"],
-            2,
-            "--for: it is less than a tick, which is 1 ms here",
-        ),
-        (
-            &["state.dorp=0.1"],
-            2,
-            "unknown fault `state.dorp`; did you mean `state.drop`?",
-        ),
-        (
-            &["state.drop=0.1", "--at-tick", "20001"],
-            2,
-            "tick 20001 never comes: the flight ends at tick 20000",
-        ),
-        (
-            &["state.drop=0.1@8s"],
-            2,
-            "state.drop = `0.1@8s`: write a share above 0",
-        ),
-        (
-            &["cpu.hog=0"],
-            2,
-            "cpu.hog = `0`: write a SCHED_FIFO priority from 1 to 99, as in cpu.hog=90",
-        ),
-        (
-            &["cpu.load=1.5"],
-            2,
-            "cpu.load = `1.5`: write a share above 0 and up to 1, as in cpu.load=0.5",
-        ),
-    ] {
-        let refused = rig.run("inject", args).expect(code);
+    for [args, code, why] in table(include_str!("injection_refusals.md")) {
+        let refused = rig.run("inject", args).expect(code.parse().unwrap());
         assert!(refused.stderr.contains(why), "{args:?}: {}", refused.stderr);
     }
     let many: Vec<String> = ["x", "y", "z"]
@@ -302,8 +216,7 @@ fn an_instant_is_kept_where_it_is_far_enough_and_else_the_answer_says_so() {
 #[test]
 fn a_late_stage_and_one_that_is_restarted_are_replayed_with_the_faults_that_were_injected() {
     let rig = Rig::new("late-stage");
-    let config = rig
-        .settings("[flight]\nslowdown = 4\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n");
+    let config = settings(&rig, 4);
     let options = [
         "--rt",
         "off",
@@ -395,36 +308,17 @@ fn nothing_is_taken_that_would_strike_behind_the_flight() {
 #[test]
 fn a_flight_in_lockstep_refuses_faults_of_time() {
     let rig = Rig::new("meaningless");
-    let refusals = [
-        (
-            "inner.stop=20ms",
-            "in lockstep ticks wait for a stage that is not ready",
-        ),
-        (
-            "inner.kill",
-            "in lockstep ticks wait for a stage that is not ready",
-        ),
-        (
-            "inner.late=1ms",
-            "in lockstep ticks wait for a stage that is not ready",
-        ),
-        (
-            "cpu.hog=90",
-            "in lockstep no tick is late, however busy the processor is",
-        ),
-        (
-            "cpu.load=0.5",
-            "in lockstep no tick is late, however busy the processor is",
-        ),
-    ];
+    let waits = "in lockstep ticks wait for a stage that is not ready";
+    let never_late = "in lockstep no tick is late, however busy the processor is";
     let flight = rig.take_off("--pace lockstep --duration 1h --trajectory hover");
-    for (fault, why) in refusals {
-        let refused = rig.run("inject", fault).expect(2);
-        assert!(
-            refused.stderr.contains(&format!("{fault}: {why}")),
-            "{}",
-            refused.stderr
-        );
+    for (faults, why) in [
+        ("inner.stop=20ms inner.kill inner.late=1ms", waits),
+        ("cpu.hog=90 cpu.load=0.5", never_late),
+    ] {
+        for fault in faults.split(' ') {
+            rig.refused(&format!("inject {fault}"))
+                .complains(&format!("{fault}: {why}"));
+        }
     }
     flight.signal(Signal::INT);
     flight.end();
@@ -432,9 +326,7 @@ fn a_flight_in_lockstep_refuses_faults_of_time() {
 
 /// A flight that nothing throws out of the air: whoever falls goes on falling, and then goes on.
 fn settings(rig: &Rig, slowdown: u64) -> String {
-    rig.settings(&format!(
-        "[flight]\nslowdown = {slowdown}\nground_z_m = -1000.0\nposition_error_max_m = 1000.0\ntilt_max_rad = 3.14\n"
-    ))
+    rig.airborne(&format!("slowdown = {slowdown}\n"))
 }
 
 fn report(rig: &Rig) -> Report {

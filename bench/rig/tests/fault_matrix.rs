@@ -6,7 +6,8 @@
 use crate::c_laws::{hostile, misbehaving};
 use crate::restarts::strike;
 use crate::rig::{
-    Ended, Rig, Running, is_gone, lacks_feature, process_of, rounds, send, wait_until,
+    Ended, Rig, Running, in_parallel, is_gone, lacks_feature, process_of, rounds, send, table,
+    wait_until,
 };
 use messages::role::ROLES;
 use report::outages::OutageCase;
@@ -16,8 +17,6 @@ use rustix::process::Signal;
 use std::fs;
 use std::thread::sleep;
 use std::time::Duration;
-
-const FAULT_MATRIX: &str = include_str!("fault_matrix.md");
 
 struct Row {
     name: &'static str,
@@ -30,28 +29,16 @@ struct Row {
 }
 
 fn rows(outcome: &str) -> Vec<Row> {
-    let (_, table) = FAULT_MATRIX.split_once("|---|").unwrap();
-    let row = |line: &'static str| {
-        let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
-        let [name, fault, at, flags, exit, outcome, report] = cells[..] else {
-            panic!("seven cells: {line}")
-        };
-        let exit = exit.split(' ').map(|code| code.parse().ok()).collect();
-        Row {
-            name,
-            fault,
-            at,
-            flags,
-            exit,
-            outcome,
-            report,
-        }
+    let row = |[name, fault, at, flags, exit, outcome, report]: [&'static str; 7]| Row {
+        name,
+        fault,
+        at,
+        flags,
+        exit: exit.split(' ').map(|code| code.parse().ok()).collect(),
+        outcome,
+        report,
     };
-    let rows = table
-        .lines()
-        .skip(1)
-        .filter(|line| !line.is_empty())
-        .map(row);
+    let rows = table(include_str!("fault_matrix.md")).into_iter().map(row);
     let rows: Vec<Row> = rows.filter(|row| row.outcome == outcome).collect();
     assert!(!rows.is_empty(), "no row is {outcome}");
     rows
@@ -94,7 +81,7 @@ impl Row {
             "plan" => (rig.settings(AIRBORNE), format!("--fault {what}")),
             _ => (rig.settings(AIRBORNE), String::new()),
         };
-        let rt = if self.flags.contains("--rt") {
+        let rt = if self.flags.contains("--rt") || self.flags.contains("lockstep") {
             ""
         } else {
             "--rt off"
@@ -303,7 +290,7 @@ fn demand_replay(rig: &Rig) {
     rig.ok("replay --verify").says("identical");
 }
 
-fn await_gone(pids: Vec<u32>) {
+pub(crate) fn await_gone(pids: impl IntoIterator<Item = u32>) {
     for pid in pids {
         wait_until(&format!("process {pid} to end"), || {
             is_gone(pid).then_some(())
@@ -312,7 +299,7 @@ fn await_gone(pids: Vec<u32>) {
 }
 
 /// The flight ended in order: every loop landed, the report is final, the log whole.
-fn demand_interrupted(rig: &Rig, what: &str) {
+pub(crate) fn demand_interrupted(rig: &Rig, what: &str) {
     let report = report(rig);
     assert_eq!(report.verdict.status, FlightStatus::Interrupted, "{what}");
     assert!(!report.run.in_flight, "{what}");
@@ -333,16 +320,10 @@ fn run_first(outcome: &str) {
     rows(outcome)[0].run(0);
 }
 
-/// Three rows at a time: they wait more than they compute.
 fn run_all(outcome: &str) {
-    let rows = rows(outcome);
-    for some in rows.chunks(3) {
-        std::thread::scope(|scope| {
-            for row in some {
-                scope.spawn(move || (0..rounds()).for_each(|round| row.run(round)));
-            }
-        });
-    }
+    in_parallel(rows(outcome).into_iter(), |row| {
+        (0..rounds()).for_each(|round| row.run(round))
+    });
 }
 
 #[test]

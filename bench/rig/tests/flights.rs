@@ -1,6 +1,6 @@
 //! Whole flights: in processes and in lockstep, at other rates, with pipes in place of files.
 
-use crate::rig::{Ended, Rig, Running, send, wait_until};
+use crate::rig::{Ended, Rig, Running, wait_until};
 use controller::Trajectory;
 use controller::gains::PRESET_NAMES;
 use messages::parameters::{SPECS, Spec};
@@ -151,20 +151,6 @@ fn with_the_papers_gains_a_fault_and_gyro_noise_it_is_still_the_simulated_one() 
         "rotational_drag_nm_s=0.525,mass_kg=0.6@60ms",
     ];
     flies_as_simulated("same-paper", &[&options[..], &faults].concat());
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn with_soft_gains_and_weak_late_rotors_it_is_still_the_simulated_one() {
-    let options = ["--preset", "soft", "--trajectory", "step", "--fault"];
-    flies_as_simulated(
-        "same-soft",
-        &[
-            &options[..],
-            &["rotor_efficiency_3=0.8,motor_time_constant_s=0.02,command_delay_s=0.003@tick40"],
-        ]
-        .concat(),
-    );
 }
 
 /// The tick in the answer to a swap.
@@ -594,43 +580,6 @@ fn a_flight_in_lockstep_is_the_simulated_one_for_every_trajectory_preset_and_par
             rig.assert_nothing_left();
         }
     }
-}
-
-#[test]
-#[ignore = "long: part of the gate"]
-fn a_stage_that_stops_in_lockstep_ends_the_flight_with_its_name() {
-    let rig = Rig::new("stopped");
-    let flight = rig.take_off("--pace lockstep --duration 10h");
-    send(flight.roles()["inner"], Signal::STOP);
-    let ended = flight.end();
-    assert_eq!(ended.code, Some(1), "{}{}", ended.stdout, ended.stderr);
-    assert!(
-        ended
-            .stderr
-            .contains("in lockstep: a stage hangs or has died"),
-        "{}",
-        ended.stderr
-    );
-    wait_until("nothing to be left", || {
-        rig.segments().is_empty().then_some(())
-    });
-}
-
-#[test]
-fn swaps_are_injected_in_lockstep_and_signals_end_it() {
-    let rig = Rig::new("swapped");
-    let flight = rig.take_off("--pace lockstep --duration 10h");
-    let answer = rig.ok("inject mass_kg=0.6");
-    assert!(
-        answer.stdout.contains("mass_kg  0.52 -> 0.6 kg"),
-        "{}",
-        answer.stdout
-    );
-    flight.signal(Signal::INT);
-    let ended = flight.end();
-    assert_eq!(ended.code, Some(130), "{}{}", ended.stdout, ended.stderr);
-    assert_eq!(rig.report()["swaps"][0]["changes"][0]["new"], 0.6);
-    rig.assert_nothing_left();
 }
 
 /// Settings of a flight of 250 Hz, whose gains its longer delay allows, and of one of 4 kHz.

@@ -27,7 +27,6 @@ mod gates;
 mod golden;
 mod latency_log;
 mod law_files;
-mod law_hostile;
 mod law_misbehaves;
 mod law_trial;
 mod laws;

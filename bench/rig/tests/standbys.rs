@@ -2,7 +2,7 @@
 
 use crate::restarts::{assert_replayed, await_successor, report, strike, take_off};
 use crate::rig::{Rig, files_below, is_gone, send, wait_until};
-use messages::role::{ROLES, Role};
+use messages::role::Role;
 use process::standby::NAME;
 use report::schema::ProcessFailure;
 use rustix::process::Signal;
@@ -26,7 +26,10 @@ fn by_spare(death: &ProcessFailure) -> bool {
 #[test]
 fn a_spare_takes_the_place_of_a_stage_that_dies_and_another_one_waits() {
     let rig = Rig::new("takes");
-    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "prefer", "--duration", "6s"]);
+    // The law of a file is loaded and made in the standby, and flies from there.
+    let law = crate::c_laws::cascade(&rig);
+    let options = ["--rt", "prefer", "--duration", "6s", "--inner", &law];
+    let (flight, run) = take_off(&rig, SLOWDOWN, &options);
     for (i, role) in WITH_SPARES.into_iter().enumerate() {
         let spare = rig.await_spare(role, None);
         let dead = strike(&rig, &run, 400 + 300 * i as u64, role, Signal::KILL);
@@ -84,71 +87,6 @@ fn a_spare_that_is_killed_is_no_death_of_the_flight_and_has_a_successor() {
     assert_eq!(report.deaths.len(), 1, "{:?}", report.deaths);
     assert_replayed(&rig);
     rig.assert_nothing_left();
-}
-
-#[test]
-fn a_spare_that_is_stopped_is_not_waited_for() {
-    let rig = Rig::new("stopped");
-    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "3s"]);
-    let spare = rig.await_spare(Role::Mixer, None);
-    send(spare, Signal::STOP);
-    let dead = strike(&rig, &run, 0, Role::Mixer, Signal::KILL);
-    assert_ne!(await_successor(&rig, Role::Mixer, dead), spare);
-    wait_until("the stopped spare to go", || is_gone(spare).then_some(()));
-    flight.end().expect(0);
-    let report = report(&rig);
-    let [death] = &report.deaths[..] else {
-        panic!("{:?}", report.deaths)
-    };
-    assert!(!by_spare(death), "{death:?}");
-    rig.assert_nothing_left();
-}
-
-#[test]
-fn a_stage_that_dies_again_at_once_comes_back_without_a_spare() {
-    let rig = Rig::new("again");
-    let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "4s"]);
-    let spare = rig.await_spare(Role::Outer, None);
-    let dead = strike(&rig, &run, 0, Role::Outer, Signal::KILL);
-    assert_eq!(await_successor(&rig, Role::Outer, dead), spare);
-    send(spare, Signal::KILL);
-    let third = await_successor(&rig, Role::Outer, spare);
-    rig.await_spare(Role::Outer, Some(third));
-    flight.end().expect(0);
-    let report = report(&rig);
-    assert_eq!(report.deaths.len(), 2, "{:?}", report.deaths);
-    assert!(
-        report
-            .deaths
-            .iter()
-            .all(|death| death.back_after_ms.is_some()),
-        "{:?}",
-        report.deaths
-    );
-    assert_replayed(&rig);
-    rig.assert_nothing_left();
-}
-
-#[test]
-fn a_spare_that_is_told_to_end_on_its_way_ends() {
-    for tick in 1493..=1498 {
-        let rig = Rig::new("landing");
-        let fault = format!("inner.kill@tick{tick}");
-        let begun = Instant::now();
-        let flown = rig.run(
-            "fly",
-            format!("--rt off --on-death restart --duration 1500ms --fault {fault}"),
-        );
-        // Of a flight that waits for somebody who has not heard, the launcher waits half a minute.
-        assert!(
-            begun.elapsed() < Duration::from_secs(25),
-            "{fault}: {:?}, {flown}",
-            begun.elapsed()
-        );
-        // Who dies with the last ticks is not started again.
-        assert!([Some(0), Some(1), Some(3)].contains(&flown.code), "{flown}");
-        rig.assert_nothing_left();
-    }
 }
 
 /// Waits, without a pause, until a spare goes on: it takes another name then, and has no place yet.
@@ -277,57 +215,13 @@ fn successors_that_send_nothing_are_told_within_the_death_that_they_were_to_make
 }
 
 #[test]
-fn spares_end_with_a_launcher_that_is_killed() {
-    let rig = Rig::new("orphans");
-    let (flight, _) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "60s"]);
-    let spares = WITH_SPARES.map(|role| rig.await_spare(role, None));
-    flight.signal(Signal::KILL);
-    flight.end();
-    for spare in spares {
-        wait_until("a spare to end", || is_gone(spare).then_some(()));
-    }
-    let has_ended = |role: &Role| rig.processes_of(role.name()).is_empty();
-    wait_until("the roles to tidy up", || {
-        ROLES.iter().all(has_ended).then_some(())
-    });
-    rig.assert_nothing_left();
-}
-
-#[test]
-fn there_are_no_spares_where_nobody_is_started_again() {
+fn there_are_no_standbys_where_nobody_is_restarted() {
     let rig = Rig::new("end");
-    let flight = rig.take_off(format!(
-        "--rt off --config {} --duration 1s",
-        rig.slow(SLOWDOWN)
-    ));
-    let mut seen = 0;
-    let mut flight = flight;
-    while flight.is_running() {
-        seen += rig.processes_of("inner").len().saturating_sub(1);
+    let slow = rig.slow(SLOWDOWN);
+    let flight = rig.take_off(format!("--rt off --config {slow} --duration 1s"));
+    for tick in (0..900).step_by(100) {
+        rig.await_tick(tick);
+        assert_eq!(rig.processes_of("inner").len(), 1);
     }
     flight.end().expect(0);
-    assert_eq!(seen, 0, "one process flies the inner loop");
-}
-
-/// The law of a file is loaded and made in the spare, and flies from there.
-#[test]
-fn the_law_of_a_file_flies_from_a_spare() {
-    let rig = Rig::new("file");
-    let law = crate::c_laws::cascade(&rig);
-    let (flight, run) = take_off(
-        &rig,
-        SLOWDOWN,
-        &["--rt", "off", "--duration", "3s", "--inner", &law],
-    );
-    let spare = rig.await_spare(Role::Inner, None);
-    let dead = strike(&rig, &run, 0, Role::Inner, Signal::KILL);
-    assert_eq!(await_successor(&rig, Role::Inner, dead), spare);
-    flight.end().expect(0);
-    let report = report(&rig);
-    let [death] = &report.deaths[..] else {
-        panic!("{:?}", report.deaths)
-    };
-    assert!(by_spare(death), "{death:?}");
-    assert_replayed(&rig);
-    rig.assert_nothing_left();
 }

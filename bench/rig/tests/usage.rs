@@ -194,17 +194,23 @@ fn a_file_that_a_user_may_not_write_is_named_with_what_to_do() {
 }
 
 #[test]
-fn too_little_shared_memory_is_said_before_anything_starts() {
+fn too_little_shared_memory_is_said_before_anything_starts_and_that_of_a_container_is_enough() {
     let rig = Rig::new("small-shm");
-    for command in ["fly", "plant"] {
-        let mount = "mount -t tmpfs -o size=4m tmpfs /dev/shm";
-        let Some(mut small) = in_own_mounts(mount, "true", IRONBIRD) else {
+    let slow = rig.slow(5);
+    for (command, size) in [("fly", "4m"), ("plant", "4m"), ("fly", "64m")] {
+        let mount = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm");
+        let Some(mut small) = in_own_mounts(&mount, "true", IRONBIRD) else {
             return;
         };
-        small.arg(command).args(rig.own_args(command, "--rt off"));
+        let args = format!("--rt off --config {slow} --duration 100ms");
+        small.arg(command).args(rig.own_args(command, args));
         small.env("IRONBIRD_ROOT", rig.root());
-        rig.launch(small)
-            .end()
+        let ended = rig.launch(small).end();
+        if size == "64m" {
+            drop(ended.expect(0));
+            continue;
+        }
+        ended
             .expect(1)
             .complains("shared memory is too small: /dev/shm has 4 MiB free, this instance needs ")
             .complains("enlarge it: mount -o remount,size=256M /dev/shm");

@@ -428,6 +428,31 @@ pub fn lacks_feature(what: &str, feature: &str) {
     not_tested(&format!("{what}: needs --features {feature}"));
 }
 
+/// The rows of the first table of a Markdown page.
+pub fn table<const COLUMNS: usize>(page: &'static str) -> Vec<[&'static str; COLUMNS]> {
+    let (_, table) = page.split_once("|---|").unwrap();
+    let rows = table.lines().skip(1).filter(|line| !line.is_empty());
+    let cells = |line: &'static str| {
+        let line = line.strip_prefix('|').unwrap().strip_suffix('|').unwrap();
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        cells
+            .try_into()
+            .unwrap_or_else(|_| panic!("{COLUMNS} cells: {line}"))
+    };
+    rows.map(cells).collect()
+}
+
+/// Three rows of a table at a time: they wait more than they compute.
+pub fn in_parallel<T: Sync>(rows: impl Iterator<Item = T>, run: impl Fn(&T) + Sync) {
+    let (rows, run) = (rows.collect::<Vec<_>>(), &run);
+    for some in rows.chunks(3) {
+        std::thread::scope(|scope| {
+            some.iter()
+                .for_each(|row| drop(scope.spawn(move || run(row))));
+        });
+    }
+}
+
 pub fn rounds() -> u64 {
     std::env::var("IRONBIRD_ROUNDS").map_or(1, |rounds| rounds.parse().unwrap())
 }
