@@ -37,28 +37,22 @@ pub fn cascade(rig: &Rig) -> String {
     library(rig, "libcascade.so", "examples/law_c/cascade.c", &[])
 }
 
-/// The law that misbehaves as `how` says from a tick on, in a settings file that flies it.
-pub fn misbehaving(rig: &Rig, how: &str, from_tick: u64) -> String {
-    library(
-        rig,
-        "libmisbehaving.so",
-        "bench/rig/tests/laws_c/misbehaving.c",
-        &[],
-    );
-    rig.settings(&format!(
-        "[flight]\ntrajectory = \"hover\"\n[inner]\nlaw = \"libmisbehaving.so\"\nmisbehave = \"{how}\"\nfrom_tick = {from_tick}\n"
+/// Settings of a flight with the law of a file in `laws_c`, which does what it is given from a tick on. Nothing ends the
+/// flight early, however busy the machine is.
+fn harmful(rig: &Rig, name: &str, harm: &str) -> String {
+    let source = format!("bench/rig/tests/laws_c/{name}.c");
+    library(rig, &format!("lib{name}.so"), &source, &[]);
+    rig.airborne(&format!(
+        "trajectory = \"hover\"\n[inner]\nlaw = \"lib{name}.so\"\n{harm}\n"
     ))
 }
 
-/// Settings of a law that does harm from a tick on.
+pub fn misbehaving(rig: &Rig, how: &str, from_tick: u64) -> String {
+    let harm = format!("misbehave = \"{how}\"\nfrom_tick = {from_tick}");
+    harmful(rig, "misbehaving", &harm)
+}
+
 pub fn hostile(rig: &Rig, harm: &str, from_tick: u64) -> String {
-    library(
-        rig,
-        "libhostile.so",
-        "bench/rig/tests/laws_c/hostile.c",
-        &[],
-    );
-    rig.settings(&format!(
-        "[flight]\ntrajectory = \"hover\"\n[inner]\nlaw = \"libhostile.so\"\nharm = \"{harm}\"\nfrom_tick = {from_tick}\n"
-    ))
+    let harm = format!("harm = \"{harm}\"\nfrom_tick = {from_tick}");
+    harmful(rig, "hostile", &harm)
 }

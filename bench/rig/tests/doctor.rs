@@ -1,6 +1,6 @@
 //! The doctor: what it finds on machines that are made up, and that this machine gets a verdict.
 
-use crate::rig::{IRONBIRD, Rig, copy_executable, not_tested};
+use crate::rig::{IRONBIRD, Rig, copy_executable, not_tested, table};
 use host::doctor::{Examination, SCHEMA, examine};
 use host::{Answers, Machine};
 use ipc::instance::Instance;
@@ -106,146 +106,25 @@ fn a_machine_on_which_nothing_is_wrong_is_hard() {
     }
 }
 
+fn class(word: &str) -> RealtimeClass {
+    serde_json::from_value(word.into()).unwrap()
+}
+
 #[test]
 fn what_files_tell_is_found_with_its_weight_and_a_fix() {
-    use RealtimeClass::{Hard, NotRealTime, Soft};
     const NICE: &str = "Cpus_allowed_list:\t0-3\nCapEff:\t0000000000804000\n";
-    let cases: &[(&str, &str, &str, RealtimeClass, &str, &str)] = &[
-        // file, content, subject, best verdict left, words of the finding, words of the fix
-        (
-            "proc/sys/kernel/version",
-            "#1 SMP PREEMPT_DYNAMIC",
-            "kernel",
-            Soft,
-            "PREEMPT_DYNAMIC",
-            "preempt=full",
-        ),
-        (
-            "proc/sys/kernel/version",
-            "#1 SMP",
-            "kernel",
-            Soft,
-            "no preemption model",
-            "CONFIG_PREEMPT_RT=y",
-        ),
-        (
-            "proc/sys/kernel/sched_rt_runtime_us",
-            "100000",
-            "throttling",
-            Soft,
-            "10 %",
-            "sched_rt_runtime_us=950000",
-        ),
-        (
-            "proc/sys/kernel/sched_rt_runtime_us",
-            "0",
-            "throttling",
-            NotRealTime,
-            "no time",
-            "sched_rt_runtime_us=950000",
-        ),
-        (
-            "proc/self/status",
-            "Cpus_allowed_list:\t3\nCapEff:\t0\n",
-            "processors",
-            Hard,
-            "single",
-            "taskset",
-        ),
-        (
-            "sys/devices/system/cpu/isolated",
-            "\n",
-            "isolation",
-            Hard,
-            "3 is not isolated",
-            "isolcpus=managed_irq,domain,3",
-        ),
-        (
-            "sys/devices/system/cpu/isolated",
-            "1-2\n",
-            "isolation",
-            Hard,
-            "isolated are 1, 2",
-            "--cpu 1",
-        ),
-        (
-            "sys/devices/system/cpu/cpu3/topology/thread_siblings_list",
-            "2-3\n",
-            "SMT",
-            Hard,
-            "shares its core with 2",
-            "smt/control",
-        ),
-        (
-            "sys/devices/system/cpu/cpu3/cpufreq/scaling_governor",
-            "powersave",
-            "governor",
-            Soft,
-            "powersave",
-            "echo performance | sudo tee /sys/devices/system/cpu/cpu3/cpufreq/scaling_governor",
-        ),
-        (
-            "proc/cpuinfo",
-            "flags : fpu hypervisor\n",
-            "hypervisor",
-            Soft,
-            "virtual machine",
-            "vcpupin",
-        ),
-        (
-            "sys/hypervisor/type",
-            "xen\n",
-            "hypervisor",
-            Soft,
-            "virtual machine",
-            "vcpupin",
-        ),
-        (
-            "sys/class/dmi/id/sys_vendor",
-            "QEMU\n",
-            "hypervisor",
-            Soft,
-            "virtual machine",
-            "vcpupin",
-        ),
-        (
-            "sys/devices/system/clocksource/clocksource0/current_clocksource",
-            "hpet",
-            "clock",
-            Soft,
-            "hpet",
-            "echo tsc | sudo tee",
-        ),
-        (
-            "sys/devices/system/clocksource/clocksource0/current_clocksource",
-            "jiffies",
-            "clock",
-            NotRealTime,
-            "jiffies",
-            "echo tsc",
-        ),
-        (
-            "proc/self/limits",
-            LIMITS_DEFAULT,
-            "memory lock",
-            Soft,
-            "8 MiB",
-            "memlock unlimited",
-        ),
-        (
-            "proc/stat",
-            "cpu  1000 0 500 8000 0 0 0 200 0 0\n",
-            "steal since boot",
-            Soft,
-            "2.06 %",
-            "host",
-        ),
-    ];
-    for (file, content, subject, verdict, found, fix) in cases {
-        let examination = with(&[(file, content)], fine_answers());
+    for [file, content, subject, verdict, found, fix] in table(include_str!("doctor_findings.md")) {
+        let content = match content {
+            "LIMITS_DEFAULT" => LIMITS_DEFAULT.to_owned(),
+            "none" => "\n".to_owned(),
+            line => line.replace("\\n", "\n").replace("\\t", "\t"),
+        };
+        let (verdict, fix) = (class(verdict), &*fix.replace('¦', "|"));
+        let examination = with(&[(file, &content)], fine_answers());
         let it = finding(&examination, subject);
-        assert_eq!(it.allows, *verdict, "{it:?}");
-        assert_eq!(it.level == Level::Blocks, *verdict == NotRealTime, "{it:?}");
+        assert_eq!(it.allows, verdict, "{it:?}");
+        let blocks = verdict == RealtimeClass::NotRealTime;
+        assert_eq!(it.level == Level::Blocks, blocks, "{it:?}");
         assert_ne!(it.level, Level::Ok, "{it:?}");
         assert!(it.found.contains(found), "no `{found}`: {it:?}");
         assert!(
@@ -253,10 +132,10 @@ fn what_files_tell_is_found_with_its_weight_and_a_fix() {
             "no `{fix}`: {it:?}"
         );
         assert!(!it.why.is_empty());
-        assert_eq!(examination.diagnosis.verdict, *verdict);
+        assert_eq!(examination.diagnosis.verdict, verdict);
         assert_eq!(
             examination.diagnosis.reasons.is_empty(),
-            *verdict == Hard,
+            verdict == RealtimeClass::Hard,
             "{examination:?}"
         );
         assert!(
@@ -276,7 +155,7 @@ fn what_files_tell_is_found_with_its_weight_and_a_fix() {
         ],
         fine_answers(),
     );
-    assert_eq!(examination.diagnosis.verdict, Hard);
+    assert_eq!(examination.diagnosis.verdict, RealtimeClass::Hard);
 }
 
 type Change = fn(&mut Answers);
@@ -292,49 +171,41 @@ fn what_the_system_answers_is_found_too() {
             examination.diagnosis.verdict,
         )
     };
+    use RealtimeClass::{Hard, NotRealTime};
+    let leftovers: Change = |it| it.leftovers = vec![PathBuf::from("/dev/shm/x"); 3];
     let cases: [(Change, &str, RealtimeClass, &str); 7] = [
         (
             |it| it.fifo_errno = Some(EPERM),
             "scheduling",
-            RealtimeClass::NotRealTime,
+            NotRealTime,
             "setcap cap_sys_nice,cap_ipc_lock+ep '/",
         ),
         (
             |it| it.deep_sleep_errno = Some(EACCES),
             "deep sleep",
-            RealtimeClass::Hard,
+            Hard,
             "KERNEL==\"cpu_dma_latency\"",
         ),
         (
             |it| it.timer_resolution_ns = 4_000_000,
             "timers",
-            RealtimeClass::NotRealTime,
+            NotRealTime,
             "CONFIG_HIGH_RES_TIMERS=y",
         ),
         (
             |it| it.shared_memory_free_bytes = Some(1 << 20),
             "shared memory",
-            RealtimeClass::NotRealTime,
+            NotRealTime,
             "remount,size=256M",
         ),
         (
             |it| it.shared_memory_free_bytes = None,
             "shared memory",
-            RealtimeClass::NotRealTime,
+            NotRealTime,
             "mount -t tmpfs",
         ),
-        (
-            |it| it.leftovers = vec![PathBuf::from("/dev/shm/x"); 3],
-            "leftovers",
-            RealtimeClass::Hard,
-            "ironbird clean",
-        ),
-        (
-            |it| it.cpu = Some(1),
-            "isolation",
-            RealtimeClass::Hard,
-            "--cpu 3",
-        ),
+        (leftovers, "leftovers", Hard, "ironbird clean"),
+        (|it| it.cpu = Some(1), "isolation", Hard, "--cpu 3"),
     ];
     for (change, subject, verdict, fix) in cases {
         let (it, overall) = of(change, subject);
@@ -344,10 +215,7 @@ fn what_the_system_answers_is_found_too() {
             "no `{fix}`: {it:?}"
         );
     }
-    let (leftovers, _) = of(
-        |it| it.leftovers = vec![PathBuf::from("/dev/shm/x"); 3],
-        "leftovers",
-    );
+    let (leftovers, _) = of(leftovers, "leftovers");
     assert_eq!(leftovers.found, "/dev/shm/x and 2 more");
 }
 

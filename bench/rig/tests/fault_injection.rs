@@ -1,5 +1,6 @@
 //! Faults that are injected into a running flight, or planned: into messages, stages, processes and the processor.
 
+use crate::restarts::{in_the_air, report};
 use crate::rig::unprivileged::fly_unprivileged;
 use crate::rig::{Rig, is_gone, not_tested, send, table, wait_until};
 use flight_log::fault_record::injected;
@@ -11,7 +12,7 @@ use serde_json::Value;
 use std::fs;
 
 /// What stands behind a word, to the next blank.
-fn after<'a>(text: &'a str, word: &str) -> &'a str {
+pub(crate) fn after<'a>(text: &'a str, word: &str) -> &'a str {
     let from = text
         .find(word)
         .unwrap_or_else(|| panic!("no `{word}` in {text}"))
@@ -34,19 +35,12 @@ fn from_tick(said: &str) -> u64 {
 }
 
 /// Three minutes in lockstep: some seconds on the clock.
-const LOCKSTEP: [&str; 6] = [
-    "--pace",
-    "lockstep",
-    "--duration",
-    "180s",
-    "--trajectory",
-    "hover",
-];
+const LOCKSTEP: &str = "--duration 180s --trajectory hover";
 
 /// Flies, injects, and says what was injected as it is planned; nothing where the flight landed before that was done, or
 /// a busy disk could not take so many ticks.
 fn flown_with_injections(rig: &Rig) -> Option<Vec<String>> {
-    let flight = rig.take_off(LOCKSTEP);
+    let flight = rig.take_off(format!("--pace lockstep {LOCKSTEP}"));
     let mut planned = Vec::new();
     // One after the other, each when it comes: which ticks these are is not known before.
     for (fault, lasts) in [
@@ -86,20 +80,16 @@ fn what_is_injected_in_flight_is_the_flight_that_was_planned_so_and_it_is_replay
     });
     let (rig, planned) = flown.expect("a flight that outlasts three injections");
     let replayed = rig.ok("replay --verify").says("identical");
-    let again = planned
-        .iter()
-        .flat_map(|fault| ["--fault", fault.as_str()])
-        .collect::<Vec<_>>();
-    let simulated = rig
-        .run("simulate", [&LOCKSTEP[2..], &again].concat())
-        .expect(0);
+    let again = planned.iter().map(|fault| format!(" --fault {fault}"));
+    let again = format!("{LOCKSTEP}{}", again.collect::<String>());
+    let simulated = rig.run("simulate", again).expect(0);
     let outputs = after(&replayed.stdout, "; outputs ");
     assert_eq!(
         outputs,
         after(&simulated.stdout, " outputs="),
         "{planned:?}"
     );
-    let untouched = rig.run("simulate", &LOCKSTEP[2..]).expect(0);
+    let untouched = rig.run("simulate", LOCKSTEP).expect(0);
     assert_ne!(outputs, after(&untouched.stdout, " outputs="));
 
     let report = rig.report();
@@ -216,25 +206,12 @@ fn an_instant_is_kept_where_it_is_far_enough_and_else_the_answer_says_so() {
 #[test]
 fn a_late_stage_and_one_that_is_restarted_are_replayed_with_the_faults_that_were_injected() {
     let rig = Rig::new("late-stage");
-    let config = settings(&rig, 4);
-    let options = [
-        "--rt",
-        "off",
-        "--config",
-        &config,
-        "--duration",
-        "3s",
-        "--trajectory",
-        "hover",
-    ];
+    let config = in_the_air(&rig, 4);
     // Every second tick alone is worked.
-    let late = [
-        "--fault",
-        "inner.late=1800us@200ms..2500ms",
-        "--on-death",
-        "restart",
-    ];
-    let flight = rig.take_off([&options[..], &late].concat());
+    let flight = rig.take_off(format!(
+        "--rt off --config {config} --duration 3s --trajectory hover --on-death restart \
+         --fault inner.late=1800us@200ms..2500ms"
+    ));
     rig.ok("inject inner.state.lag=3,inner.setpoint.delay=2,inner.setpoint.freeze --for 1s");
     rig.ok("inject inner.state.position_w_m.z.bias=0.01,wrench.thrust_n.bias=0.01");
     rig.ok("inject mixer.kill --at-tick 2700");
@@ -260,6 +237,14 @@ fn a_late_stage_and_one_that_is_restarted_are_replayed_with_the_faults_that_were
         .as_u64()
         .unwrap();
     assert!(skipped > 500, "{skipped}");
+    let report = report(&rig);
+    let [death] = &report.deaths[..] else {
+        panic!("{:?}", report.deaths)
+    };
+    assert_eq!(death.how, "killed by the fault mixer.kill of tick 2700");
+    assert!(death.back_after_ms.is_some(), "{death:?}");
+    let kill = ("mixer.kill".to_owned(), 2700, None, true);
+    assert!(reported(&report).contains(&kill), "{:?}", report.faults);
     rig.ok("replay --verify").says("identical");
 }
 
@@ -324,16 +309,7 @@ fn a_flight_in_lockstep_refuses_faults_of_time() {
     flight.end();
 }
 
-/// A flight that nothing throws out of the air: whoever falls goes on falling, and then goes on.
-fn settings(rig: &Rig, slowdown: u64) -> String {
-    rig.airborne(&format!("slowdown = {slowdown}\n"))
-}
-
-fn report(rig: &Rig) -> Report {
-    Report::read(&rig.out().join("latest/report.json")).unwrap()
-}
-
-fn told(report: &Report) -> Vec<(String, u64, Option<u64>, bool)> {
+fn reported(report: &Report) -> Vec<(String, u64, Option<u64>, bool)> {
     report
         .faults
         .iter()
@@ -344,7 +320,7 @@ fn told(report: &Report) -> Vec<(String, u64, Option<u64>, bool)> {
 #[test]
 fn a_stage_that_is_stopped_by_plan_is_out_for_so_many_ticks_and_goes_on() {
     let rig = Rig::new("stop");
-    let config = settings(&rig, 2);
+    let config = in_the_air(&rig, 2);
     let flight = format!("--rt off --config {config} --duration 1500ms --trajectory hover");
     rig.ok(&format!(
         "fly {flight} --fault mixer.stop=60ms@500ms --fault inner.stop=40ms@1s"
@@ -352,7 +328,7 @@ fn a_stage_that_is_stopped_by_plan_is_out_for_so_many_ticks_and_goes_on() {
     let report = report(&rig);
     let once = |what: &str, tick| (what.to_owned(), tick, None, false);
     assert_eq!(
-        told(&report),
+        reported(&report),
         [once("mixer.stop=60ms", 500), once("inner.stop=40ms", 1000)]
     );
     for (role, least) in [("mixer", 55), ("inner", 35)] {
@@ -384,55 +360,9 @@ fn a_stage_that_is_stopped_by_plan_is_out_for_so_many_ticks_and_goes_on() {
 }
 
 #[test]
-fn a_stage_that_is_killed_is_started_again_where_that_is_wanted_planned_or_injected() {
-    let rig = Rig::new("again");
-    let config = settings(&rig, 2);
-    let options = format!("--rt off --config {config} --duration 2500ms --trajectory hover");
-    let flight = rig.take_off(format!(
-        "{options} --on-death restart --fault mixer.kill@600ms"
-    ));
-    rig.ok("inject inner.kill --at-tick 1600")
-        .says("inner.kill at tick 1600 (1.600 s), injected in flight\n");
-    let ended = flight.end().expect(0);
-    ended.complains(
-        "the mixer process was killed by the fault mixer.kill of tick 600; it is started again",
-    );
-    let report = report(&rig);
-    let deaths: Vec<_> = report
-        .deaths
-        .iter()
-        .map(|death| (death.role.as_str(), death.how.as_str()))
-        .collect();
-    assert_eq!(
-        deaths,
-        [
-            ("mixer", "killed by the fault mixer.kill of tick 600"),
-            ("inner", "killed by the fault inner.kill of tick 1600")
-        ]
-    );
-    assert!(
-        report
-            .deaths
-            .iter()
-            .all(|death| death.back_after_ms.is_some()),
-        "{:?}",
-        report.deaths
-    );
-    assert_eq!(
-        told(&report),
-        [
-            ("mixer.kill".to_owned(), 600, None, false),
-            ("inner.kill".to_owned(), 1600, None, true)
-        ]
-    );
-    rig.ok("replay --verify").says("identical");
-    rig.assert_nothing_left();
-}
-
-#[test]
 fn a_stage_that_is_late_by_plan_computes_so_much_longer_and_so_does_one_by_injection() {
     let rig = Rig::new("late");
-    let config = settings(&rig, 10);
+    let config = in_the_air(&rig, 10);
     let options = format!("--rt off --config {config} --duration 1500ms --trajectory hover");
     let flight = rig.take_off(format!(
         "{options} --fault inner.late=200us..300us@100ms..600ms"
@@ -453,7 +383,7 @@ fn a_stage_that_is_late_by_plan_computes_so_much_longer_and_so_does_one_by_injec
         "the other two thirds are not late: {half:?}"
     );
     assert_eq!(
-        told(&report)[0],
+        reported(&report)[0],
         ("inner.late=200us..300us".to_owned(), 100, Some(600), false)
     );
     rig.ok("replay --verify").says("identical");
@@ -468,7 +398,7 @@ fn loads(rig: &Rig) -> Vec<u32> {
 #[test]
 fn the_processor_is_kept_busy_for_a_time_and_by_nobody_afterwards() {
     let rig = Rig::new("busy");
-    let config = settings(&rig, 2);
+    let config = in_the_air(&rig, 2);
     let options = format!("--rt off --config {config} --duration 4s --trajectory hover");
     let flight = rig.take_off(format!("{options} --fault cpu.load=0.3@1s..1500ms"));
     let planned = wait_until("the planned load", || loads(&rig).first().copied());
@@ -494,8 +424,8 @@ fn the_processor_is_kept_busy_for_a_time_and_by_nobody_afterwards() {
         );
     }
     flight.end().expect(0);
-    let told = told(&report(&rig));
-    let what: Vec<&str> = told.iter().map(|(what, ..)| what.as_str()).collect();
+    let found = reported(&report(&rig));
+    let what: Vec<&str> = found.iter().map(|(what, ..)| what.as_str()).collect();
     assert_eq!(what[..3], ["cpu.load=0.3", "cpu.load=0.25", "cpu.load=off"]);
     assert_eq!(what.get(3).copied(), is_root.then_some("cpu.hog=90"));
     rig.assert_nothing_left();
@@ -504,32 +434,16 @@ fn the_processor_is_kept_busy_for_a_time_and_by_nobody_afterwards() {
 #[test]
 fn who_keeps_the_processor_busy_or_was_stopped_does_not_outlive_a_launcher_that_is_killed() {
     let rig = Rig::new("orphan");
-    let config = settings(&rig, 2);
-    let options = [
-        "--rt",
-        "off",
-        "--config",
-        &config,
-        "--duration",
-        "30s",
-        "--trajectory",
-        "hover",
-    ];
-    let faults = [
-        "--fault",
-        "cpu.load=0.2@300ms",
-        "--fault",
-        "inner.stop=20s@1s",
-    ];
-    let flight = rig.take_off([&options[..], &faults].concat());
+    let config = in_the_air(&rig, 2);
+    let flight = rig.take_off(format!(
+        "--rt off --config {config} --duration 30s --trajectory hover \
+         --fault cpu.load=0.2@300ms --fault inner.stop=20s@1s"
+    ));
     let load = wait_until("the load", || loads(&rig).first().copied());
     let inner = rig.processes_of("inner")[0];
     let is_stopped = || {
         let stat = fs::read_to_string(format!("/proc/{inner}/stat")).unwrap_or_default();
-        stat.rsplit(") ")
-            .next()
-            .is_some_and(|rest| rest.starts_with('T'))
-            .then_some(())
+        stat.contains(") T ").then_some(())
     };
     wait_until("the inner loop to be stopped", is_stopped);
     send(flight.pid(), Signal::KILL);

@@ -4,7 +4,7 @@
 //! instants each time.
 
 use crate::c_laws::{hostile, misbehaving};
-use crate::restarts::strike;
+use crate::restarts::{assert_replayed, report, strike};
 use crate::rig::{
     Ended, Rig, Running, in_parallel, is_gone, lacks_feature, process_of, rounds, send, table,
     wait_until,
@@ -78,8 +78,8 @@ impl Row {
         let (config, plan) = match kind {
             "law" => (misbehaving(&rig, what, 300), String::new()),
             "hostile" => (hostile(&rig, what, 300), String::new()),
-            "plan" => (rig.settings(AIRBORNE), format!("--fault {what}")),
-            _ => (rig.settings(AIRBORNE), String::new()),
+            "plan" => (rig.airborne(""), format!("--fault {what}")),
+            _ => (rig.airborne(""), String::new()),
         };
         let rt = if self.flags.contains("--rt") || self.flags.contains("lockstep") {
             ""
@@ -105,7 +105,7 @@ impl Row {
                     "{what}"
                 );
                 assert_eq!(ended.result()["lost"], "0", "{what}");
-                demand_replay(&rig);
+                assert_replayed(&rig);
             }
             "aborted" => self.demand_aborted(&rig, ended),
             "interrupted" => {
@@ -245,7 +245,7 @@ impl Row {
         );
         let page = fs::read_to_string(rig.out().join("latest/report.html")).unwrap();
         assert!(page.contains(&death.line()), "{}", death.line());
-        demand_replay(rig);
+        assert_replayed(rig);
     }
 
     /// The flight ended, and the report and the last words say why.
@@ -278,16 +278,6 @@ impl Row {
             ended.complains(self.report);
         }
     }
-}
-
-const AIRBORNE: &str = "[flight]\nground_z_m = -100.0\n";
-
-fn report(rig: &Rig) -> Report {
-    Report::read(&rig.out().join("latest/report.json")).unwrap()
-}
-
-fn demand_replay(rig: &Rig) {
-    rig.ok("replay --verify").says("identical");
 }
 
 pub(crate) fn await_gone(pids: impl IntoIterator<Item = u32>) {

@@ -6,9 +6,9 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::process::Command;
 
-use crate::c_laws::{cascade, library, misbehaving, root};
+use crate::c_laws::{cascade, library, root};
 use crate::rig::unprivileged::unprivileged;
-use crate::rig::{Ended, Rig, copy_executable};
+use crate::rig::{Ended, Rig, copy_executable, table};
 
 /// Root mean square of the position error that `simulate` tells [m].
 fn rms_m(flown: &Ended) -> f64 {
@@ -309,64 +309,16 @@ fn what_is_no_law_is_named_and_nothing_starts() {
         &rig.file("plain.c"),
     ];
     assert!(Command::new("gcc").args(plain).status().unwrap().success());
-    for (file, told, remedy) in [
-        (
-            "text.so",
-            "it is not a shared library: its first bytes are not those of ELF",
-            "build one: cc -std=c11",
-        ),
-        ("empty.so", "it is not a shared library", "build one"),
-        (
-            "cut.so",
-            "it is truncated: it has",
-            "copy or build it again",
-        ),
-        ("foreign.so", "it was built for", "build it on this machine"),
-        (
-            "object.so",
-            "it is an object file, not a shared library",
-            "link it as a library",
-        ),
-        (
-            "folder.so",
-            "the law ./folder.so: the folder has no law.so and no law.py",
-            "name a folder that `ironbird new law`",
-        ),
-        (
-            "absent.so",
-            "cannot read the law ./absent.so: No such file or directory",
-            "name a shared library",
-        ),
-        (
-            "plain.so",
-            "it exports no function `ironbird_law`",
-            "define it as ironbird_law.h declares it",
-        ),
-    ] {
+    for [file, error, remedy] in table(include_str!("law_file_refusals.md")) {
         for command in ["fly", "simulate", "mixer"] {
             let named = format!("./{file}");
             rig.run(command, format!("--inner {named}"))
                 .expect(2)
                 .complains(&named)
-                .complains(told)
+                .complains(error)
                 .complains(remedy);
         }
-        rig.refused(&format!("laws ./{file}")).complains(told);
-    }
-    for how in ["refuse", "crash_when_made", "crash_when_freed"] {
-        let ended = rig.run("fly", format!("--config {}", misbehaving(&rig, how, 7)));
-        let ended = ended
-            .complains("inner law `misbehaving` (")
-            .complains("libmisbehaving.so)");
-        match how {
-            "refuse" => drop(
-                ended
-                    .expect(2)
-                    .complains("misbehave = refuse and from_tick = 7 do not go together"),
-            ),
-            "crash_when_made" => drop(ended.complains("failed as it was made: SIGSEGV")),
-            _ => drop(ended.complains("failed as it was freed: SIGSEGV")),
-        }
+        rig.refused(&format!("laws ./{file}")).complains(error);
     }
     rig.assert_nothing_started();
 }
@@ -439,29 +391,20 @@ fn a_law_in_python_is_handed_to_the_adapter_and_without_one_its_command_is_told(
         .complains(
             "build it: python/build (docs/python.md); or name it with IRONBIRD_PYTHON_ADAPTER",
         );
-    let mut no_adapter = rig.command("simulate", format!("--inner {hover}"));
-    no_adapter.env("IRONBIRD_PYTHON_ADAPTER", cascade(&rig));
-    rig.launch(no_adapter)
-        .end()
-        .expect(2)
-        .complains("error: the adapter for laws in Python, ")
-        .complains("it exports no function `ironbird_law_open`")
-        .complains("IRONBIRD_PYTHON_ADAPTER");
-    let mut unloadable = rig.command("simulate", format!("--inner {hover}"));
-    unloadable.env("IRONBIRD_PYTHON_ADAPTER", &weak);
-    let told = rig
-        .launch(unloadable)
-        .end()
-        .expect(2)
-        .complains("error: the adapter for laws in Python, ")
-        .complains("it cannot be loaded: ")
-        .complains("python/build");
-    assert!(!told.stderr.contains("cc ... -lm"), "{}", told.stderr);
-    let mut nowhere = rig.command("simulate", format!("--inner {hover}"));
-    nowhere.env("IRONBIRD_PYTHON_ADAPTER", "/nope");
-    rig.launch(nowhere)
-        .end()
-        .expect(2)
-        .complains("error: IRONBIRD_PYTHON_ADAPTER names /nope, and there is no such file")
-        .complains("python/build");
+    let with_adapter = |adapter: &str, words: [&str; 3]| {
+        let mut command = rig.command("simulate", format!("--inner {hover}"));
+        command.env("IRONBIRD_PYTHON_ADAPTER", adapter);
+        let ended = rig.launch(command).end().expect(2);
+        assert!(!ended.stderr.contains("cc ... -lm"), "{ended}");
+        words.into_iter().fold(ended, Ended::complains);
+    };
+    let adapter = "error: the adapter for laws in Python, ";
+    let no_function = "it exports no function `ironbird_law_open`";
+    with_adapter(
+        &cascade(&rig),
+        [adapter, no_function, "IRONBIRD_PYTHON_ADAPTER"],
+    );
+    with_adapter(&weak, [adapter, "it cannot be loaded: ", "python/build"]);
+    let absent = "error: IRONBIRD_PYTHON_ADAPTER names /nope, and there is no such file";
+    with_adapter("/nope", [absent, absent, "python/build"]);
 }

@@ -6,7 +6,6 @@ use ironbird::laws::trial::{Candidate, Findings, trial, words};
 use messages::content::{Measured, Reference, Stamped};
 use messages::role::Role;
 use messages::telemetry::Telemetry;
-use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -39,16 +38,13 @@ fn every_law_that_comes_with_the_rig_passes() {
     }
 }
 
-/// Calls of all instances of [`Odd`] together: what a law must not depend on.
-static CALLS: AtomicU64 = AtomicU64::new(0);
-
-/// Divides by a rate that can be 0 or small, and shows something that no input gave.
+/// Counts its ticks in memory that its copies share.
 #[derive(Clone)]
-struct Odd;
+struct Shares(Arc<AtomicU64>);
 
-impl Law for Odd {
+impl Law for Shares {
     const DESCRIPTION: Description = Description {
-        name: "odd",
+        name: "shares",
         role: Role::Inner,
         version: "1",
         summary: "fails",
@@ -57,60 +53,6 @@ impl Law for Odd {
         presets: &[],
         suited: None,
         telemetry: &[],
-    };
-
-    fn new(_: &Rig, _: &Settings) -> Result<Self, Refused> {
-        Ok(Self)
-    }
-}
-
-impl InnerLaw for Odd {
-    fn tick(
-        &mut self,
-        _: u64,
-        measured: &Stamped<Measured>,
-        _: &Stamped<Desired>,
-        _: &Reference,
-        telemetry: &mut Telemetry,
-    ) -> WrenchSetpoint {
-        let climbs = measured.content.velocity_w_m_s[2] > 0.0;
-        telemetry.value[3] = (CALLS.fetch_add(1, Ordering::Relaxed) / 5001) as f64;
-        WrenchSetpoint {
-            thrust_n: if climbs { f64::INFINITY } else { 1.0 },
-            torque_b_nm: [0.0; 3],
-        }
-    }
-}
-
-#[test]
-fn a_law_that_repeats_itself_not_or_divides_by_zero_is_found() {
-    let rig = Rig::default();
-    let make = || Ok::<_, Refused>(Candidate::Inner(Odd.into()));
-    let heard = Cell::new(0);
-    let findings = trial(&rig, make, || heard.set(heard.get() + 1)).unwrap();
-    let difference = findings.difference.unwrap();
-    assert_eq!(
-        (difference.input, difference.index, difference.values),
-        (2500, 13, [0.0, 1.0])
-    );
-    let not_finite = findings.not_finite.unwrap();
-    assert_eq!((not_finite.index, not_finite.value), (0, f64::INFINITY));
-    assert!(
-        heard.get() >= 120_000,
-        "also of each tick whose time is taken: {}",
-        heard.get()
-    );
-    assert!(!findings.passes(true));
-}
-
-/// Counts its ticks in memory that its copies share.
-#[derive(Clone)]
-struct Shares(Arc<AtomicU64>);
-
-impl Law for Shares {
-    const DESCRIPTION: Description = Description {
-        name: "shares",
-        ..Odd::DESCRIPTION
     };
 
     fn new(_: &Rig, _: &Settings) -> Result<Self, Refused> {

@@ -34,45 +34,6 @@ fn the_list_and_each_law_say_what_there_is() {
 }
 
 #[test]
-fn another_inner_law_flies_and_is_replayed_from_its_log_alone() {
-    let rig = Rig::new("fixed");
-    let options = [
-        "--pace",
-        "lockstep",
-        "--inner",
-        "fixed",
-        "--preset",
-        "soft",
-        "--duration",
-        "2s",
-    ];
-    rig.run("fly", options).expect(0);
-    let report = rig.report();
-    assert_eq!(report["run"]["laws"]["inner"]["name"], "fixed");
-    assert_eq!(report["run"]["laws"]["inner"]["ticks_not_finite"], 0);
-    assert_eq!(
-        report["words"]["theorem"]["word"], "not_applicable",
-        "{}",
-        report["words"]
-    );
-    rig.ok("report --full")
-        .says("laws outer pd, inner fixed, mixer priority");
-    let replayed = rig.ok("replay --verify");
-    assert!(replayed.stdout.contains("identical"), "{replayed}");
-    let simulated = rig.run("simulate", &options[2..]).expect(0);
-    let hash = |text: &str| {
-        text.split("outputs")
-            .nth(1)
-            .unwrap()
-            .trim_start_matches([' ', '='])
-            .chars()
-            .take(16)
-            .collect::<String>()
-    };
-    assert_eq!(hash(&replayed.stdout), hash(&simulated.stdout));
-}
-
-#[test]
 fn without_adaptation_the_two_inner_laws_are_one() {
     let rig = Rig::new("same");
     let off = rig.settings("[inner]\nadaptation = \"off\"\n");
@@ -133,7 +94,7 @@ const WANTED: [(&str, &str); 3] = [
     ("acceleration_wanted_z_m_s2", "m/s^2"),
 ];
 
-const ALL_SHOWN: [Shown; 4] = [
+const ALL_SHOWN: [Shown; 3] = [
     Shown {
         laws: ["pd", "adaptive"],
         signals: [
@@ -149,22 +110,6 @@ const ALL_SHOWN: [Shown; 4] = [
         ],
         has_rate_error: true,
         has_estimates: true,
-    },
-    Shown {
-        laws: ["pd", "geometric"],
-        signals: [
-            &WANTED,
-            &[
-                ("position_error_m", "m"),
-                ("attitude_error", ""),
-                RATE_ERROR[0],
-                RATE_ERROR[1],
-                RATE_ERROR[2],
-                ("limited", ""),
-            ],
-        ],
-        has_rate_error: true,
-        has_estimates: false,
     },
     Shown {
         laws: ["estimating", "indi"],

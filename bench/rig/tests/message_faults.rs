@@ -1,5 +1,6 @@
 //! Faults of messages and stages: what they do in a simulation, and that processes and replay fly the same bits.
 
+use crate::fault_injection::after;
 use crate::rig::{Rig, stop_for};
 use flight_log::reader::LogReader;
 use ironbird::settings::Settings;
@@ -246,27 +247,11 @@ const EVERY_KIND: [&str; 10] = [
 #[test]
 fn messages_with_faults_are_the_same_flight_in_processes_in_one_and_in_replay() {
     let rig = Rig::new("faulted");
-    let mut options = vec!["--duration", "1500ms"];
-    EVERY_KIND
-        .iter()
-        .for_each(|fault| options.extend(["--fault", fault]));
-    options.extend(["--fault", "mass_kg=0.54@tick800"]);
+    let faults = EVERY_KIND.map(|fault| format!(" --fault {fault}")).concat();
+    let options = format!("--duration 1500ms --every 1{faults} --fault mass_kg=0.54@tick800");
     let (flown, simulated) = (rig.file("flown.csv"), rig.file("simulated.csv"));
-    rig.run(
-        "fly",
-        [
-            &["--pace", "lockstep", "--every", "1", "--states", &flown],
-            &options[..],
-        ]
-        .concat(),
-    )
-    .expect(0);
-    let ended = rig
-        .run(
-            "simulate",
-            [&["--every", "1", "--states", &simulated], &options[..]].concat(),
-        )
-        .expect(0);
+    rig.ok(&format!("fly --pace lockstep {options} --states {flown}"));
+    let ended = rig.ok(&format!("simulate {options} --states {simulated}"));
     let rows = |file: &str| {
         fs::read_to_string(file)
             .unwrap()
@@ -317,12 +302,6 @@ fn messages_with_faults_are_the_same_flight_in_processes_in_one_and_in_replay() 
     );
 }
 
-/// What stands behind a word, to the next blank.
-fn after<'a>(text: &'a str, word: &str) -> &'a str {
-    let from = text.find(word).unwrap() + word.len();
-    text[from..].split_whitespace().next().unwrap()
-}
-
 #[test]
 fn a_simulation_with_the_timing_of_a_flight_is_that_flight_and_another_law_suffers_the_same() {
     let rig = Rig::new("timed");
@@ -335,23 +314,13 @@ fn a_simulation_with_the_timing_of_a_flight_is_that_flight_and_another_law_suffe
     let replayed = rig.ok("replay --verify");
     let out = rig.out();
     let report = rig.report();
-    let [run, skipped, missed] = [
-        &report["ticks"]["run"],
-        &report["ticks"]["skipped"],
-        &report["deadlines"]["missed"],
-    ]
-    .map(|it| it.as_u64().unwrap());
+    let number = |section: &str, key: &str| report[section][key].as_u64().unwrap();
+    let (run, skipped) = (number("ticks", "run"), number("ticks", "skipped"));
+    let missed = number("deadlines", "missed");
     // Less than what was asked for where the last ticks of all were skipped.
-    let (last, duration) = (run + skipped - 1, format!("{}ms", run + skipped - 1));
-    let own = [
-        "--timing",
-        "latest",
-        "--out",
-        out.to_str().unwrap(),
-        "--duration",
-        &duration,
-    ];
-    let simulated = rig.run("simulate", own).expect(0);
+    let last = run + skipped - 1;
+    let timing = format!("simulate --timing latest --out {}", out.display());
+    let simulated = rig.ok(&format!("{timing} --duration {last}ms"));
     assert_eq!(
         after(&simulated.stdout, " outputs="),
         after(&replayed.stdout, "; outputs "),
@@ -379,12 +348,9 @@ fn a_simulation_with_the_timing_of_a_flight_is_that_flight_and_another_law_suffe
         "{}",
         simulated.stdout
     );
-    let other = rig
-        .run(
-            "simulate",
-            [&own[..], &["--inner", "indi", "--trajectory", "hover"]].concat(),
-        )
-        .expect(0);
+    let other = rig.ok(&format!(
+        "{timing} --duration {last}ms --inner indi --trajectory hover"
+    ));
     assert_eq!(said(&other.stdout, "skipped"), skipped, "{}", other.stdout);
     assert_eq!(
         said(&other.stdout, "missed"),
@@ -393,33 +359,17 @@ fn a_simulation_with_the_timing_of_a_flight_is_that_flight_and_another_law_suffe
         other.stdout
     );
 
-    for (flags, said) in [
-        (
-            &["--duration", "3s"][..],
-            format!("the recorded flight ends at tick {last}, this one at tick 3000"),
-        ),
-        (
-            &["--duration", "1.5s", "--fault", "state.drop=0.1@1s"],
-            "cannot be combined with recorded timing".to_owned(),
-        ),
-    ] {
-        let refused = rig.run("simulate", [&own[..4], flags].concat()).expect(2);
-        assert!(refused.stderr.contains(&said), "{}", refused.stderr);
-    }
+    rig.refused(&format!("{timing} --duration 3s"))
+        .complains(&format!(
+            "the recorded flight ends at tick {last}, this one at tick 3000"
+        ));
+    rig.refused(&format!(
+        "{timing} --duration 1.5s --fault state.drop=0.1@1s"
+    ))
+    .complains("cannot be combined with recorded timing");
     let faster = rig.settings("[flight]\nperiod_s = 0.0005\n");
-    let refused = rig
-        .run(
-            "simulate",
-            [&own[..4], &["--config", &faster, "--duration", "1s"]].concat(),
-        )
-        .expect(2);
-    assert!(
-        refused
-            .stderr
-            .contains("has ticks of 1000000 ns, this one of 500000 ns"),
-        "{}",
-        refused.stderr
-    );
+    rig.refused(&format!("{timing} --config {faster} --duration 1s"))
+        .complains("has ticks of 1000000 ns, this one of 500000 ns");
 }
 
 #[test]

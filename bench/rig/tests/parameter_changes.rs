@@ -13,7 +13,7 @@ use std::time::Duration;
 /// Only ends a test that hangs.
 const LONG: Duration = Duration::from_secs(60);
 
-fn mass(at_tick: u64, mass_kg: f64) -> SwapOrder {
+pub(crate) fn mass(at_tick: u64, mass_kg: f64) -> SwapOrder {
     let (parameter, value, steps) = ([0; PARAMETERS], [0.0; PARAMETERS], [1; PARAMETERS]);
     let mut order = SwapOrder {
         at_tick,
@@ -96,25 +96,11 @@ fn a_flight_with_ramps_is_the_same_in_processes_in_one_and_in_replay() {
         "rotational_drag_nm_s=0.15@tick600",
         "rotor_efficiency_2=-3%~1m@tick900",
     ];
-    let mut options = vec!["--duration", "1500ms"];
-    faults
-        .iter()
-        .for_each(|fault| options.extend(["--fault", fault]));
+    let faults = faults.map(|fault| format!(" --fault {fault}")).concat();
+    let options = format!("--duration 1500ms --every 1{faults}");
     let (flown, simulated) = (rig.file("flown.csv"), rig.file("simulated.csv"));
-    rig.run(
-        "fly",
-        [
-            &["--pace", "lockstep", "--every", "1", "--states", &flown],
-            &options[..],
-        ]
-        .concat(),
-    )
-    .expect(0);
-    rig.run(
-        "simulate",
-        [&["--every", "1", "--states", &simulated], &options[..]].concat(),
-    )
-    .expect(0);
+    rig.ok(&format!("fly --pace lockstep {options} --states {flown}"));
+    rig.ok(&format!("simulate {options} --states {simulated}"));
     assert!(
         fs::read(&flown).unwrap() == fs::read(&simulated).unwrap(),
         "the flight in processes is another one"

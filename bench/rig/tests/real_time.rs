@@ -4,6 +4,8 @@
 //! shells do in a tick: wait at the doorbell, take, step, publish, ring, write the status. The one allocation is the
 //! middleware's loan. The grid begins in an hour, so that every command is in time however slow the machine is.
 
+use crate::parameter_changes::mass;
+use crate::rig::Rig;
 use ipc::clock::now_ns;
 use ipc::instance::Instance;
 use ironbird::settings::Settings;
@@ -17,16 +19,15 @@ use process::session::status_board;
 use std::sync::{Mutex, MutexGuard, mpsc};
 use std::thread;
 use std::time::Duration;
-use tempfile::TempDir;
 
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use heapless::spsc::{Consumer, Producer, Queue};
-use ipc::{Blackboard, DEEP, LATEST, Receiver, SwapOrder, SwapOutcome, WakeEvent, Wire};
+use ipc::{Blackboard, DEEP, LATEST, Receiver, SwapOutcome, WakeEvent, Wire};
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
 use messages::fault::live::{FaultKind, LiveFault};
 use messages::fault::{Kind, PORTS, Span};
 use messages::grid::{Grid, Pace};
-use messages::parameters::{PARAMETERS, Parameter};
+use messages::parameters::Parameter;
 use messages::role::{Role, STAGES};
 use plant::parameter_server::{self, Event, FaultRequest, INBOX, OUTBOX, Request, SwapRequest};
 use plant::process::{PlantProcess, Waking};
@@ -52,7 +53,7 @@ const LONG: Duration = Duration::from_secs(60);
 /// An instance of a test's own.
 struct Site {
     instance: Instance,
-    _root: TempDir,
+    _rig: Rig,
     _turn: MutexGuard<'static, ()>,
 }
 
@@ -63,13 +64,10 @@ impl Site {
         let turn = TURN
             .lock()
             .unwrap_or_else(std::sync::PoisonError::into_inner);
-        let root = tempfile::Builder::new()
-            .prefix("ib-")
-            .tempdir_in("/tmp")
-            .unwrap();
+        let rig = Rig::new("ticks");
         Self {
-            instance: Instance::under(root.path(), "test").unwrap(),
-            _root: root,
+            instance: rig.known(),
+            _rig: rig,
             _turn: turn,
         }
     }
@@ -527,7 +525,7 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
                 let answer = wire
                     .swap_client()
                     .unwrap()
-                    .ask(change_mass(0.5 + client as f64 / 100.0), LONG)
+                    .ask(mass(NO_TICK, 0.5 + client as f64 / 100.0), LONG)
                     .unwrap();
                 assert_eq!(
                     (answer.verdict, answer.parameter_epoch),
@@ -547,20 +545,6 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
         drop(open_desk);
         desk.join().unwrap().unwrap();
     });
-}
-
-fn change_mass(mass_kg: f64) -> SwapOrder {
-    let (parameter, value, steps) = ([0; PARAMETERS], [0.0; PARAMETERS], [1; PARAMETERS]);
-    let mut order = SwapOrder {
-        at_tick: NO_TICK,
-        in_ticks: 0,
-        count: 1,
-        parameter,
-        value,
-        steps,
-    };
-    (order.parameter[0], order.value[0]) = (Parameter::Mass as u64, mass_kg);
-    order
 }
 
 /// Why observers do not join a topic in flight; and the proof that the counter counts.

@@ -22,9 +22,7 @@ pub(crate) const RESTART: [&str; 4] = ["--on-death", "restart", "--trajectory", 
 
 /// Settings of slow motion without a ground: whoever hovers at its height falls through it while a stage is missing.
 pub(crate) fn in_the_air(rig: &Rig, slowdown: u64) -> String {
-    rig.settings(&format!(
-        "[flight]\nslowdown = {slowdown}\nground_z_m = -100.0\n"
-    ))
+    rig.airborne(&format!("slowdown = {slowdown}\n"))
 }
 
 /// A flight in the air, and what its plant says of it.

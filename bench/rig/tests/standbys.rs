@@ -171,8 +171,8 @@ fn successors_that_send_nothing_are_told_within_the_death_that_they_were_to_make
     let rig = Rig::new("silent");
     let config = crate::c_laws::misbehaving(&rig, "refuse_with_file", 0);
     let settings = fs::read_to_string(&config).unwrap();
-    let in_the_air = format!("[flight]\nslowdown = {SLOWDOWN}\nground_z_m = -100.0\n");
-    fs::write(&config, settings.replace("[flight]\n", &in_the_air)).unwrap();
+    let slow = format!("[flight]\nslowdown = {SLOWDOWN}\n");
+    fs::write(&config, settings.replace("[flight]\n", &slow)).unwrap();
     let flight = rig.start(
         "fly",
         format!("--on-death restart --rt off --config {config} --duration 3s"),
