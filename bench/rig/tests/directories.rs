@@ -2,7 +2,7 @@
 
 use crate::endings::kill_all;
 use crate::rig::unprivileged::unprivileged;
-use crate::rig::{self, Ended, Rig, Running, not_tested, wait_until};
+use crate::rig::{Ended, Rig, Running, not_tested, wait_until};
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, LogPlan, record};
 use flight_log::writer::FlightLog;
@@ -20,7 +20,6 @@ use std::fs;
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, chown, symlink};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 const NOBODY: u32 = 65534;
 
@@ -161,15 +160,9 @@ fn what_is_put_into_the_directory_during_a_flight_stays_and_clean_names_it() {
 }
 
 /// `ironbird COMMAND` in a directory of its own, with a root path that is relative to it.
-fn in_directory(rig: &Rig, directory: &Path, command: &str, args: &[&str]) -> Running {
+fn in_directory(rig: &Rig, directory: &Path, command: &str, args: &str) -> Running {
     fs::create_dir_all(directory).unwrap();
-    let mut process = Command::new("env");
-    process
-        .arg("-C")
-        .arg(directory)
-        .arg(rig::IRONBIRD)
-        .arg(command)
-        .args(rig.own_args(command, args));
+    let mut process = rig.command_by(&["env", "-C", directory.to_str().unwrap()], command, args);
     process.env("IRONBIRD_ROOT", "rig");
     rig.launch(process)
 }
@@ -181,7 +174,7 @@ fn one_relative_root_in_two_directories_is_two_roots() {
     let (one, other) = (rig.path("a"), rig.path("b"));
     let slow = rig.slow(20);
     // So long that it lives until it is told to end.
-    let args = ["--rt", "off", "--config", &slow, "--duration", "30s"];
+    let args = format!("--rt off --config {slow} --duration 30s");
     let flight = in_directory(&rig, &one, "fly", &args);
     let known = Instance::under(&one.join("rig"), &rig.instance).unwrap();
     let segments = || {
@@ -194,22 +187,9 @@ fn one_relative_root_in_two_directories_is_two_roots() {
         known.is_occupied(Role::Plant).then_some(())
     });
     wait_until("shared memory", || (segments() > 0).then_some(()));
-    in_directory(
-        &rig,
-        &other,
-        "fly",
-        &[
-            "--rt",
-            "off",
-            "--config",
-            &rig.slow(5),
-            "--duration",
-            "50ms",
-        ],
-    )
-    .end()
-    .expect(0);
-    in_directory(&rig, &other, "clean", &[]).end().expect(0);
+    let args = format!("--rt off --config {} --duration 50ms", rig.slow(5));
+    in_directory(&rig, &other, "fly", &args).end().expect(0);
+    in_directory(&rig, &other, "clean", "").end().expect(0);
     let left = segments();
     flight.signal(Signal::INT);
     flight.end().expect(130);

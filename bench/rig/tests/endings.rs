@@ -8,7 +8,7 @@ use process::rt::fifo_refusal;
 use rustix::process::Signal;
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 /// A long flight in slow motion, in the air; nothing in these tests depends on its deadlines.
@@ -130,34 +130,25 @@ fn clean_removes_and_names_what_killed_processes_left() {
 
 const ROLES: [&str; 5] = ["plant", "outer", "inner", "mixer", "record"];
 /// A flight that lasts until it is ended; nothing in these tests depends on its deadlines.
-const LONG: [&str; 4] = ["--rt", "off", "--duration", "600s"];
+const LONG: &str = "--rt off --duration 600s";
 
-/// A flight in a terminal of its own, as `command` runs it there; none where there is no python3.
-fn in_a_terminal<S: AsRef<std::ffi::OsStr>>(rig: &Rig, command: &[S]) -> Option<Running> {
-    if !Command::new("python3")
-        .arg("--version")
-        .output()
-        .is_ok_and(|output| output.status.success())
-    {
-        lacks_tool("no terminal is closed: there is no python3");
+/// A command in a terminal of its own, which SIGUSR1 closes; none where there is no python3.
+fn in_a_terminal(rig: &Rig, prefix: &[&str], command: &str, args: impl Args) -> Option<Running> {
+    if !has_python() {
         return None;
     }
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/rig/closed_terminal.py");
-    let mut terminal = Command::new("python3");
-    terminal
-        .arg(script)
-        .args(command)
-        .env("IRONBIRD_ROOT", rig.root());
-    Some(rig.launch(terminal))
+    let program = [&["python3", script], prefix].concat();
+    Some(rig.launch(rig.command_by(&program, command, args)))
 }
 
-/// `ironbird fly` with the rig's own arguments.
-fn fly(rig: &Rig, args: impl Args) -> Vec<String> {
-    [IRONBIRD, "fly"]
-        .map(str::to_owned)
-        .into_iter()
-        .chain(rig.own_args("fly", args))
-        .collect()
+fn has_python() -> bool {
+    let version = Command::new("python3").arg("--version").output();
+    let is_there = version.is_ok_and(|output| output.status.success());
+    if !is_there {
+        lacks_tool("there is no python3");
+    }
+    is_there
 }
 
 #[test]
@@ -177,12 +168,8 @@ fn a_role_takes_its_launchers_death_for_one_however_often_it_is_told() {
 #[test]
 fn nohup_is_respected() {
     let rig = Rig::new("nohup");
-    let mut command = Command::new("env");
-    command
-        .arg("--ignore-signal=HUP")
-        .args(fly(&rig, "--rt off --duration 2s"));
-    command.env("IRONBIRD_ROOT", rig.root());
-    let flight = rig.launch(command);
+    let nohup = ["env", "--ignore-signal=HUP"];
+    let flight = rig.launch(rig.command_by(&nohup, "fly", "--rt off --duration 2s"));
     rig.await_flight();
     flight.signal(Signal::HUP);
     let result = flight.end().expect(0).result();
@@ -197,8 +184,8 @@ fn nohup_is_respected() {
 #[ignore = "long: part of the gate"]
 fn a_closed_terminal_ends_a_flight_with_a_dashboard_in_order() {
     let rig = Rig::new("hangup");
-    let flight = fly(&rig, &[&LONG[..], &["--watch"]].concat());
-    let Some(terminal) = in_a_terminal(&rig, &flight) else {
+    let args = format!("{LONG} --watch");
+    let Some(terminal) = in_a_terminal(&rig, &[], "fly", args) else {
         return;
     };
     rig.await_flight();
@@ -217,15 +204,7 @@ fn a_closed_terminal_ends_a_flight_with_a_dashboard_in_order() {
 fn a_dashboard_whose_terminal_is_closed_ends_though_it_hears_of_no_hangup() {
     for ignored in ["--ignore-signal=HUP", "--default-signal=HUP"] {
         let rig = Rig::new("gone");
-        let command = [
-            "env",
-            ignored,
-            IRONBIRD,
-            "watch",
-            "--instance",
-            &rig.instance,
-        ];
-        let Some(terminal) = in_a_terminal(&rig, &command) else {
+        let Some(terminal) = in_a_terminal(&rig, &["env", ignored], "watch", "") else {
             return;
         };
         terminal.await_output("\u{1b}[?1049h");
@@ -242,25 +221,25 @@ fn a_dashboard_whose_terminal_is_closed_ends_though_it_hears_of_no_hangup() {
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_killed_dashboard_leaves_a_sane_terminal() {
-    for told in [Signal::KILL, Signal::HUP, Signal::QUIT] {
+    for signal in [Signal::KILL, Signal::HUP, Signal::QUIT] {
         let rig = Rig::new("sane");
         // A busy machine may let it fall: not to a ground.
         let config = crate::restarts::in_the_air(&rig, 1);
         let flight = format!("--rt off --duration 6s --trajectory hover --watch --config {config}");
-        let Some(terminal) = in_a_terminal(&rig, &fly(&rig, flight)) else {
+        let Some(terminal) = in_a_terminal(&rig, &[], "fly", flight) else {
             return;
         };
         terminal.await_output("position error, last");
         let [watcher] = rig.processes_of("watch")[..] else {
             panic!("one dashboard")
         };
-        send(watcher, told);
+        send(watcher, signal);
         // The launcher has its terminal back, with its own line.
         terminal.await_output(" of 6.0 s   missed");
         let ended = terminal.end();
         assert!(
             ended.stdout.contains("\nended 0 icanon True\n"),
-            "{told:?}: {ended}"
+            "{signal:?}: {ended}"
         );
         let (left, entered) = (
             ended.stdout.rfind("\u{1b}[?1049l"),
@@ -268,11 +247,11 @@ fn a_killed_dashboard_leaves_a_sane_terminal() {
         );
         assert!(
             entered.is_some() && left > entered,
-            "{told:?}: the alternate screen is left: {ended}"
+            "{signal:?}: the alternate screen is left: {ended}"
         );
         assert!(
             ended.stdout.rfind("\u{1b}[?25h") > entered,
-            "{told:?}: the cursor is shown again"
+            "{signal:?}: the cursor is shown again"
         );
         rig.assert_nothing_left();
     }
@@ -282,7 +261,7 @@ fn a_killed_dashboard_leaves_a_sane_terminal() {
 #[ignore = "long: part of the gate"]
 fn a_floor_that_fails_costs_no_report() {
     let rig = Rig::new("floorless");
-    let executable = rig.path("ironbird");
+    let executable = rig.file("ironbird");
     fs::hard_link(IRONBIRD, &executable)
         .or_else(|_| fs::copy(IRONBIRD, &executable).map(drop))
         .unwrap();
@@ -307,11 +286,8 @@ fn a_floor_that_fails_costs_no_report() {
 #[test]
 fn limits_that_leave_no_room_for_a_flight_are_named() {
     let limited = |rig: &Rig, limit: &str| {
-        let mut command = Command::new("prlimit");
-        command
-            .arg(limit)
-            .args(fly(rig, "--rt off --duration 1s"))
-            .env("IRONBIRD_ROOT", rig.root());
+        let args = "--rt off --duration 1s";
+        let command = rig.command_by(&["prlimit", limit], "fly", args);
         rig.launch(command).end()
     };
     let rig = Rig::new("limits");
@@ -357,37 +333,18 @@ signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
 os.execv(sys.argv[1], sys.argv[1:])
 ";
 
-/// The command, started deaf to signals; none where there is no Python.
-fn deaf(command: &Command) -> Option<Command> {
-    let is_there = Command::new("python3")
-        .arg("--version")
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status();
-    if !is_there.is_ok_and(|status| status.success()) {
-        lacks_tool("there is no python3 to block signals");
-        return None;
-    }
-    let mut python = Command::new("python3");
-    python
-        .args(["-c", DEAF])
-        .arg(command.get_program())
-        .args(command.get_args());
-    python.envs(
-        command
-            .get_envs()
-            .filter_map(|(name, value)| Some((name, value?))),
-    );
-    Some(python)
+/// A command, started deaf to signals; none where there is no Python.
+fn deaf(rig: &Rig, command: &str, args: &str) -> Option<Running> {
+    has_python().then(|| rig.launch(rig.command_by(&["python3", "-c", DEAF], command, args)))
 }
 
 #[test]
 fn a_flight_whose_signals_were_blocked_or_ignored_passes_and_ends() {
     let rig = Rig::new("deaf");
-    let Some(fly) = deaf(&rig.command("fly", "--rt off --duration 1s")) else {
+    let Some(fly) = deaf(&rig, "fly", "--rt off --duration 1s") else {
         return;
     };
-    let result = rig.launch(fly).end().expect(0).result();
+    let result = fly.end().expect(0).result();
     assert_eq!(result["status"], "PASS", "{result:?}");
     rig.assert_nothing_left();
 }
@@ -395,10 +352,9 @@ fn a_flight_whose_signals_were_blocked_or_ignored_passes_and_ends() {
 #[test]
 fn a_mixer_that_was_started_deaf_ends_when_it_is_told_to() {
     let rig = Rig::new("deaf-mixer");
-    let Some(mixer) = deaf(&rig.command("mixer", "--rt off")) else {
+    let Some(mixer) = deaf(&rig, "mixer", "--rt off") else {
         return;
     };
-    let mixer = rig.launch(mixer);
     mixer.await_words("waiting for the plant");
     mixer.signal(Signal::TERM);
     mixer.end().expect(130);

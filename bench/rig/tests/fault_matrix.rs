@@ -11,7 +11,6 @@ use crate::rig::{
 };
 use messages::role::ROLES;
 use report::outages::OutageCase;
-use report::schema::Report;
 use report::status::FlightStatus;
 use rustix::process::Signal;
 use std::fs;

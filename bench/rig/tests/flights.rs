@@ -59,28 +59,15 @@ fn simulated(rig: &Rig, args: &str) -> Vec<u8> {
 
 #[track_caller]
 fn assert_same_bytes(flown: &[u8], simulated: &[u8], rows: usize) {
-    let lines = |bytes: &[u8]| {
-        String::from_utf8(bytes.to_vec())
-            .unwrap()
-            .lines()
-            .map(str::to_owned)
-            .collect::<Vec<_>>()
-    };
-    let (flown_lines, simulated_lines) = (lines(flown), lines(simulated));
+    let lines = |bytes| str::from_utf8(bytes).unwrap().lines();
     assert_eq!(
-        simulated_lines.len(),
+        lines(simulated).count(),
         rows + 1,
-        "a header, and a row per tick"
+        "a header, a row per tick"
     );
-    for (i, (flown, simulated)) in flown_lines.iter().zip(&simulated_lines).enumerate() {
-        assert_eq!(flown, simulated, "line {}", i + 1);
-    }
-    assert!(
-        flown == simulated,
-        "{} lines flown, {} simulated",
-        flown_lines.len(),
-        simulated_lines.len()
-    );
+    let differs = lines(flown).zip(lines(simulated)).find(|(a, b)| a != b);
+    assert_eq!(differs, None);
+    assert!(flown == simulated, "{} lines flown", lines(flown).count());
 }
 
 /// Flies and simulates with the same options.
@@ -93,13 +80,7 @@ fn flies_as_simulated(name: &str, options: &str) {
             "fly --rt prefer --config {slow} --duration 150ms --every 1 --states {states} {options}"
         ));
     });
-    assert_eq!(
-        (
-            &rig.report()["verdict"]["status"],
-            &rig.report()["ticks"]["run"]
-        ),
-        (&"PASS".into(), &151.into())
-    );
+    assert_eq!(rig.report()["verdict"]["status"], "PASS");
     let flown = fs::read(&states).unwrap();
     assert_same_bytes(
         &flown,

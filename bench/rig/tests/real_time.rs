@@ -224,7 +224,7 @@ impl<'a> RoleStatuses<'a> {
         ]
     }
 
-    /// Ticks until the crew has settled.
+    /// Ticks until the roles has settled.
     fn warm_up(&mut self) {
         for _ in 0..WARM_UP {
             self.tick();
@@ -357,7 +357,7 @@ fn swaps() -> [(u64, SwapRequest); 4] {
 }
 const SWAPPED_AT: [u64; 4] = [20, 205, 700, 760];
 
-/// Faults of every input and stage that are passed to the loop in flight; they strike when it is over.
+/// Faults of every input and stage that are passed to the loop in flight; they act when it is over.
 fn faults() -> [(u64, Request); 2] {
     let of = |kind| {
         PORTS
@@ -403,8 +403,8 @@ fn fly_and_count(with_recorder: bool, rehearsals: u64) {
     let (mut orders_in, orders_out) = inbox.split();
     let (events_in, mut events_out) = outbox.split();
     let mut recorder = with_recorder.then(|| Recorder::new(&wire));
-    let mut crew = RoleStatuses::new(&wire, orders_out, events_in);
-    crew.arm(&wire);
+    let mut roles = RoleStatuses::new(&wire, orders_out, events_in);
+    roles.arm(&wire);
     let mut orders: Vec<(u64, Request)> = swaps()
         .map(|(before, order)| (before, Request::Swap(order)))
         .into();
@@ -420,8 +420,8 @@ fn fly_and_count(with_recorder: bool, rehearsals: u64) {
         if let Some((_, order)) = orders.pop_if(|(before, _)| *before == tick) {
             orders_in.enqueue(order).unwrap();
         }
-        let rehearsed: Vec<Allocations> = (0..rehearsals).map(|_| crew.rehearse()).collect();
-        let worked = crew.tick();
+        let rehearsed: Vec<Allocations> = (0..rehearsals).map(|_| roles.rehearse()).collect();
+        let worked = roles.tick();
         allocations[tick as usize] = std::array::from_fn(|i| {
             worked[i] + rehearsed.iter().map(|rehearsal| rehearsal[i]).sum::<u64>()
         });
@@ -447,9 +447,9 @@ fn fly_and_count(with_recorder: bool, rehearsals: u64) {
         4 * TICKS,
         "between the ticks nothing allocates either"
     );
-    let (struck, applied): (Vec<Event>, Vec<Event>) = std::iter::from_fn(|| events_out.dequeue())
+    let (injected, applied): (Vec<Event>, Vec<Event>) = std::iter::from_fn(|| events_out.dequeue())
         .partition(|event| matches!(event, Event::Strikes { span, .. } if span.from >= TICKS));
-    assert_eq!(struck.len(), 2, "{applied:?}");
+    assert_eq!(injected.len(), 2, "{applied:?}");
     for ((ticket, expected_tick), event) in (1..).zip(SWAPPED_AT).zip(applied) {
         let Event::Applied(applied) = event else {
             panic!("swap {ticket} was not applied: {event:?}")
@@ -496,7 +496,7 @@ fn rehearsals_change_no_bit_of_the_flight_and_take_the_loan_ahead_instead_of_ano
 }
 
 #[test]
-fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
+fn clients_that_come_and_go_at_the_parameter_server_cost_the_tick_nothing() {
     const CLIENTS: u64 = 20;
     let site = Site::new();
     let wire = Wire::open(&site.instance).unwrap();
@@ -507,17 +507,17 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
     let (orders_in, orders_out) = inbox.split();
     let (events_in, events_out) = outbox.split();
     thread::scope(|scope| {
-        let (open_desk, opened) = mpsc::channel();
+        let (open_server, opened) = mpsc::channel();
         let (tell, told) = mpsc::channel();
         let instance = &site.instance;
-        let desk = scope.spawn(move || {
+        let server = scope.spawn(move || {
             parameter_server::serve(instance, &tell, &opened, orders_in, events_out)
         });
         told.recv().unwrap();
-        let mut crew = RoleStatuses::new(&wire, orders_out, events_in);
-        crew.arm(&wire);
-        crew.warm_up();
-        open_desk.send((EXPECTED, EPOCH)).unwrap();
+        let mut roles = RoleStatuses::new(&wire, orders_out, events_in);
+        roles.arm(&wire);
+        roles.warm_up();
+        open_server.send((EXPECTED, EPOCH)).unwrap();
         let clients = scope.spawn(move || {
             for client in 0..CLIENTS {
                 // A process of its own as far as the middleware can tell.
@@ -533,17 +533,17 @@ fn clients_that_come_and_go_at_the_parameter_desk_cost_the_tick_nothing() {
                 );
             }
         });
-        let (begin_ns, first_tick) = (now_ns(), crew.next_tick);
+        let (begin_ns, first_tick) = (now_ns(), roles.next_tick);
         while !clients.is_finished() && now_ns() < begin_ns + LONG.as_nanos() as u64 {
-            assert_eq!(crew.tick(), [1; 4], "in tick {}", crew.next_tick - 1);
+            assert_eq!(roles.tick(), [1; 4], "in tick {}", roles.next_tick - 1);
         }
         clients.join().unwrap();
         assert!(
-            crew.next_tick > first_tick + CLIENTS,
+            roles.next_tick > first_tick + CLIENTS,
             "every client's swap had a tick of its own"
         );
-        drop(open_desk);
-        desk.join().unwrap().unwrap();
+        drop(open_server);
+        server.join().unwrap().unwrap();
     });
 }
 
@@ -556,15 +556,15 @@ fn a_receiver_that_joins_a_topic_in_flight_makes_the_sender_allocate() {
         Queue::<Request, INBOX>::new(),
         Queue::<Event, OUTBOX>::new(),
     );
-    let mut crew = RoleStatuses::new(&wire, inbox.split().1, outbox.split().0);
-    crew.arm(&wire);
-    crew.warm_up();
-    assert_eq!(crew.tick(), [1; 4]);
+    let mut roles = RoleStatuses::new(&wire, inbox.split().1, outbox.split().0);
+    roles.arm(&wire);
+    roles.warm_up();
+    assert_eq!(roles.tick(), [1; 4]);
     let joined = wire.receiver::<Wrench>(LATEST).unwrap();
-    let allocations = crew.tick();
+    let allocations = roles.tick();
     assert!(allocations[Role::Inner as usize] > 1, "{allocations:?}");
-    assert_eq!(crew.tick(), [1; 4]);
+    assert_eq!(roles.tick(), [1; 4]);
     drop(joined);
-    crew.tick();
-    assert_eq!(crew.tick(), [1; 4]);
+    roles.tick();
+    assert_eq!(roles.tick(), [1; 4]);
 }

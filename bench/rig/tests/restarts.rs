@@ -88,18 +88,10 @@ fn estimates(rig: &Rig) -> Vec<(u64, [f64; 3])> {
 fn an_inner_loop_begins_at_its_priors_or_where_its_predecessor_was() {
     for resumes in [false, true] {
         let rig = Rig::new("resumes");
-        let flags = [
-            "--rt",
-            "off",
-            "--duration",
-            "4s",
-            "--trajectory",
-            "lissajous",
-            "--resume-estimates",
-        ];
+        let resume = if resumes { "--resume-estimates" } else { "" };
         let flight = rig.start(
             "fly",
-            [&RESTART[..2], &flags[..if resumes { 7 } else { 6 }]].concat(),
+            format!("--on-death restart --rt off --duration 4s --trajectory lissajous {resume}"),
         );
         let run = rig.await_tick(0);
         strike(&rig, &run, 2500, Role::Inner, Signal::KILL);

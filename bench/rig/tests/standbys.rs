@@ -13,9 +13,9 @@ use std::time::{Duration, Instant};
 /// A flight in slow motion, so that none of it is lost where the machine is busy.
 const SLOWDOWN: u64 = 4;
 
-const WITH_SPARES: [Role; 3] = [Role::Outer, Role::Inner, Role::Mixer];
+const WITH_STANDBYS: [Role; 3] = [Role::Outer, Role::Inner, Role::Mixer];
 
-fn by_spare(death: &ProcessFailure) -> bool {
+fn by_standby(death: &ProcessFailure) -> bool {
     death
         .back_parts
         .as_ref()
@@ -24,35 +24,36 @@ fn by_spare(death: &ProcessFailure) -> bool {
 }
 
 #[test]
-fn a_spare_takes_the_place_of_a_stage_that_dies_and_another_one_waits() {
+fn a_standby_takes_the_place_of_a_stage_that_dies_and_another_one_waits() {
     let rig = Rig::new("takes");
     // The law of a file is loaded and made in the standby, and flies from there.
     let law = crate::c_laws::cascade(&rig);
     let options = ["--rt", "prefer", "--duration", "6s", "--inner", &law];
     let (flight, run) = take_off(&rig, SLOWDOWN, &options);
-    for (i, role) in WITH_SPARES.into_iter().enumerate() {
-        let spare = rig.await_spare(role, None);
+    for (i, role) in WITH_STANDBYS.into_iter().enumerate() {
+        let standby = rig.await_standby(role, None);
         let dead = strike(&rig, &run, 400 + 300 * i as u64, role, Signal::KILL);
         assert_eq!(
             await_successor(&rig, role, dead),
-            spare,
+            standby,
             "the process that waited flies"
         );
-        rig.await_spare(role, Some(spare));
+        rig.await_standby(role, Some(standby));
     }
     let ended = flight.end().expect(0);
-    for role in WITH_SPARES {
+    for role in WITH_STANDBYS {
         let said = format!(
             "the {role} process died: signal: 9 (SIGKILL); it is started again: its hot standby takes over"
         );
         assert!(ended.stderr.contains(&said), "{ended}");
         let log = fs::read_to_string(rig.out().join(format!("latest/{role}.log"))).unwrap();
-        assert!(!log.contains("spare"), "a spare says nothing: {log}");
+        let says = |word| log.contains(word);
+        assert!(!says("spare") && !says("standby"), "{log}");
     }
     let report = report(&rig);
     assert_eq!(report.deaths.len(), 3, "{:?}", report.deaths);
     for death in &report.deaths {
-        assert!(by_spare(death), "{death:?}");
+        assert!(by_standby(death), "{death:?}");
         let parts = death.back_parts.as_ref().unwrap();
         let sum = parts.sum_ms();
         // From the beginning of one tick to that of another; messages are sent within them.
@@ -69,15 +70,15 @@ fn a_spare_takes_the_place_of_a_stage_that_dies_and_another_one_waits() {
 }
 
 #[test]
-fn a_spare_that_is_killed_is_no_death_of_the_flight_and_has_a_successor() {
+fn a_standby_that_is_killed_is_no_death_of_the_flight_and_has_a_successor() {
     let rig = Rig::new("killed");
     let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "4s"]);
-    let [_, first, _] = WITH_SPARES.map(|role| rig.await_spare(role, None));
+    let [_, first, _] = WITH_STANDBYS.map(|role| rig.await_standby(role, None));
     // Names change with each process; what there is of each kind does not.
     let held = || (rig.segments().len(), files_below(&rig.root()).len());
     let before = held();
     send(first, Signal::KILL);
-    let second = rig.await_spare(Role::Inner, Some(first));
+    let second = rig.await_standby(Role::Inner, Some(first));
     assert!(is_gone(first));
     assert_eq!(held(), before, "what the killed one held is removed");
     let dead = strike(&rig, &run, 0, Role::Inner, Signal::KILL);
@@ -89,10 +90,10 @@ fn a_spare_that_is_killed_is_no_death_of_the_flight_and_has_a_successor() {
     rig.assert_nothing_left();
 }
 
-/// Waits, without a pause, until a spare goes on: it takes another name then, and has no place yet.
-fn await_on_its_way(spare: u32) {
+/// Waits, without a pause, until a standby goes on: it takes another name then, and has no place yet.
+fn await_on_its_way(standby: u32) {
     let begun = Instant::now();
-    while fs::read_to_string(format!("/proc/{spare}/comm"))
+    while fs::read_to_string(format!("/proc/{standby}/comm"))
         .unwrap()
         .trim_end()
         .as_bytes()
@@ -100,39 +101,41 @@ fn await_on_its_way(spare: u32) {
     {
         assert!(
             begun.elapsed() < Duration::from_secs(30),
-            "the spare does not go on"
+            "the standby does not go on"
         );
     }
 }
 
 #[test]
-fn a_spare_that_is_asked_to_end_as_it_goes_on_ends_and_the_flight_with_it() {
-    let rig = Rig::new("asked");
+fn a_standby_that_is_to_end_as_it_goes_on_ends_and_the_flight_with_it() {
+    let rig = Rig::new("ends");
     let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "60s"]);
-    let spare = rig.await_spare(Role::Inner, None);
+    let standby = rig.await_standby(Role::Inner, None);
     strike(&rig, &run, 0, Role::Inner, Signal::KILL);
-    await_on_its_way(spare);
-    send(spare, Signal::TERM);
+    await_on_its_way(standby);
+    send(standby, Signal::TERM);
     let ended = flight.end();
     assert_eq!(ended.result()["status"], "INTERRUPTED", "{ended}");
-    assert!(is_gone(spare));
+    assert!(is_gone(standby));
     rig.assert_nothing_left();
 }
 
 #[test]
-fn a_spare_that_is_stopped_on_its_way_is_killed_and_another_process_comes() {
+fn a_standby_that_is_stopped_on_its_way_is_killed_and_another_process_comes() {
     let rig = Rig::new("way");
     let (flight, run) = take_off(&rig, SLOWDOWN, &["--rt", "off", "--duration", "6s"]);
     // Of an inner loop, five in ten seconds are started again.
     for (i, wait_us) in [0, 1500].into_iter().enumerate() {
-        let spare = rig.await_spare(Role::Inner, None);
+        let standby = rig.await_standby(Role::Inner, None);
         let dead = strike(&rig, &run, 300 + 400 * i as u64, Role::Inner, Signal::KILL);
-        await_on_its_way(spare);
+        await_on_its_way(standby);
         sleep(Duration::from_micros(wait_us));
-        send(spare, Signal::STOP);
-        wait_until("the stopped process to go", || is_gone(spare).then_some(()));
+        send(standby, Signal::STOP);
+        wait_until("the stopped process to go", || {
+            is_gone(standby).then_some(())
+        });
         wait_until("another process to fly", || {
-            (await_successor(&rig, Role::Inner, dead) != spare).then_some(())
+            (await_successor(&rig, Role::Inner, dead) != standby).then_some(())
         });
     }
     let begun = Instant::now();
@@ -146,16 +149,16 @@ fn a_spare_that_is_stopped_on_its_way_is_killed_and_another_process_comes() {
 }
 
 #[test]
-fn a_spare_that_fails_is_told_and_costs_the_flight_nothing() {
+fn a_standby_that_fails_is_reported_and_costs_the_flight_nothing() {
     let rig = Rig::new("fails");
     let config = crate::c_laws::misbehaving(&rig, "refuse_with_file", 0);
     let flight = rig.start(
         "fly",
         format!("--on-death restart --rt off --config {config} --duration 4s"),
     );
-    let spare = rig.await_spare(Role::Inner, None);
+    let standby = rig.await_standby(Role::Inner, None);
     fs::write(rig.path("refuse"), "").unwrap();
-    send(spare, Signal::KILL);
+    send(standby, Signal::KILL);
     let ended = flight
         .end()
         .expect(0)
@@ -167,7 +170,7 @@ fn a_spare_that_fails_is_told_and_costs_the_flight_nothing() {
 }
 
 #[test]
-fn successors_that_send_nothing_are_told_within_the_death_that_they_were_to_make_good() {
+fn successors_that_send_nothing_are_reported_within_the_death_that_they_were_to_make_good() {
     let rig = Rig::new("silent");
     let config = crate::c_laws::misbehaving(&rig, "refuse_with_file", 0);
     let settings = fs::read_to_string(&config).unwrap();
@@ -177,11 +180,11 @@ fn successors_that_send_nothing_are_told_within_the_death_that_they_were_to_make
         "fly",
         format!("--on-death restart --rt off --config {config} --duration 3s"),
     );
-    let (run, spare) = (rig.await_tick(0), rig.await_spare(Role::Inner, None));
+    let (run, standby) = (rig.await_tick(0), rig.await_standby(Role::Inner, None));
     // From now on the law refuses, and with it each that is to take the place of the inner loop.
     fs::write(rig.path("refuse"), "").unwrap();
-    send(spare, Signal::KILL);
-    wait_until("the spare to go", || is_gone(spare).then_some(()));
+    send(standby, Signal::KILL);
+    wait_until("the standby to go", || is_gone(standby).then_some(()));
     strike(&rig, &run, 0, Role::Inner, Signal::KILL);
     let ended = flight
         .end()
@@ -199,7 +202,7 @@ fn successors_that_send_nothing_are_told_within_the_death_that_they_were_to_make
         death.ticks_lost.is_some() && death.back_after_ms.is_none() && death.within.is_none(),
         "{death:?}"
     );
-    let told = format!(
+    let line = format!(
         ", before its first message: its ticks are those lost at tick {}",
         death.tick
     );
@@ -209,7 +212,7 @@ fn successors_that_send_nothing_are_told_within_the_death_that_they_were_to_make
             (0, Some(death.tick)),
             "{silent:?}"
         );
-        assert!(silent.line().ends_with(&told), "{}", silent.line());
+        assert!(silent.line().ends_with(&line), "{}", silent.line());
     }
     rig.assert_nothing_left();
 }

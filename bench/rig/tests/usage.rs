@@ -2,8 +2,6 @@
 
 use crate::rig::unprivileged::fly_unprivileged;
 use crate::rig::{self, IRONBIRD, Rig, in_own_mounts, not_tested};
-use clap::CommandFactory as _;
-use ironbird::cli::Cli;
 use rustix::process::Signal;
 use serde_json::json;
 use std::fs;
@@ -11,62 +9,10 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::process::Command;
 
 #[test]
-fn every_command_explains_itself() {
+fn no_command_is_answered_with_the_usage() {
     let rig = Rig::new("help");
-    let run = |args: &[&str]| {
-        let mut command = Command::new(IRONBIRD);
-        command.args(args).env("IRONBIRD_ROOT", rig.root());
-        rig.launch(command).end()
-    };
-    let overview = run(&["--help"]).expect(0);
-    let shown = Cli::command();
-    let shown: Vec<&str> = shown
-        .get_subcommands()
-        .filter(|it| !it.is_hide_set())
-        .map(|it| it.get_name())
-        .collect();
-    assert!(shown.len() > 15, "{shown:?}");
-    for command in shown {
-        assert!(
-            overview
-                .stdout
-                .lines()
-                .any(|line| line.trim_start().starts_with(&format!("{command} "))),
-            "{overview}"
-        );
-        let help = run(&[command, "--help"]).expect(0);
-        let first = help.stdout.lines().next().unwrap();
-        assert!(
-            first.len() > 10 && help.stdout.contains(&format!("Usage: ironbird {command}")),
-            "{help}"
-        );
-        let hidden = help.stdout.contains("--launcher") || help.stdout.contains("--run-dir");
-        assert!(
-            !hidden,
-            "what launcher and roles tell each other is no flag for users: {help}"
-        );
-    }
-    run(&[]).expect(2).complains("Usage: ironbird");
-    rig.assert_nothing_started();
-}
-
-#[test]
-fn settings_without_end_are_refused() {
-    let rig = Rig::new("endless");
-    let pipe = rig.file("pipe");
-    assert!(
-        Command::new("mkfifo")
-            .arg(&pipe)
-            .status()
-            .unwrap()
-            .success()
-    );
-    // Nobody ever writes into it.
-    rig.refused(&format!("fly --config {pipe}"))
-        .complains(&format!("{pipe}: it is not a regular file"));
-    let long = rig.settings(&"# long\n".repeat(200_000));
-    rig.refused(&format!("fly --config {long}"))
-        .complains(&format!("{long}: it is longer than 1 MiB"));
+    let ended = rig.launch(Command::new(IRONBIRD)).end().expect(2);
+    ended.complains("Usage: ironbird");
     rig.assert_nothing_started();
 }
 
@@ -254,61 +200,16 @@ fn an_airframe_without_weight_or_drag_torque_flies_without_a_warning() {
     }
 }
 
-/// What `simulate` with a settings file is told, and whether it is told of the file.
-fn told(rig: &Rig, text: &str, flags: &[&str], words: &str, of_file: bool) {
-    let config = rig.settings(text);
-    let refused = rig
-        .run("simulate", [&["--config", &config], flags].concat())
-        .expect(2)
-        .complains(words);
-    let named = refused.stderr.contains("settings file");
-    assert_eq!(named, of_file, "{text} {flags:?}: {refused}");
-}
-
 #[test]
-fn a_whole_airframe_has_its_own_rotors_and_rotors_from_a_file_are_told_with_its_name() {
+fn a_whole_airframe_has_its_own_rotors() {
     let rig = Rig::new("wrong-rotors");
-    let printed = rig
-        .ok("fly --airframe crazyflie --print-config")
-        .stdout
-        .clone();
+    let printed = rig.ok("fly --airframe crazyflie --print-config").stdout;
     let (before, after) = printed.split_once("\n[rotor]").unwrap();
-    let without = format!("{before}{}", &after[after.find("\n[").unwrap()..]);
-    told(
-        &rig,
-        &without,
-        &[],
-        "a whole section [airframe] has its own rotors",
-        true,
-    );
-    told(
-        &rig,
-        &without,
-        &[],
-        "help: write them beside it: [rotor] with min_rad_s and max_rad_s",
-        true,
-    );
-    let own =
-        fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/airframes/x500.toml")).unwrap();
-    let turned: String = own
-        .lines()
-        .map(|line| {
-            if line.starts_with("min_rad_s") {
-                "min_rad_s = 5000\n".into()
-            } else {
-                format!("{line}\n")
-            }
-        })
-        .collect();
-    let line = 1 + turned
-        .lines()
-        .position(|line| line.starts_with("min_rad_s"))
-        .unwrap();
-    fs::write(rig.file("turned.toml"), turned).unwrap();
-    let refused = rig.refused(&format!("simulate --airframe {}", rig.file("turned.toml")));
-    refused.complains("airframe file ").complains(&format!(
-        "turned.toml: line {line}: rotor.min_rad_s = 5000 must not be above rotor.max_rad_s = "
-    ));
+    let without = rig.settings(&format!("{before}{}", &after[after.find("\n[").unwrap()..]));
+    rig.refused(&format!("simulate --config {without}"))
+        .complains("settings file")
+        .complains("a whole section [airframe] has its own rotors")
+        .complains("help: write them beside it: [rotor] with min_rad_s and max_rad_s");
     rig.assert_nothing_started();
 }
 
@@ -343,22 +244,14 @@ fn an_injection_names_the_range_of_the_airframe_that_flies_also_for_the_impossib
     let quoted = rig.file("it's \"so\".csv");
     fs::write(&quoted, "t,x,y,z,yaw\n0,0,0,0,0\n5,0,0,0.1,0\n").unwrap();
     let slow = rig.slow(10);
-    let flight = rig.take_off([
-        "--rt",
-        "off",
-        "--airframe",
-        "crazyflie",
-        "--config",
-        &slow,
-        "--duration",
-        "1h",
-        "--trajectory",
-        &quoted,
-    ]);
-    for (value, said) in [("-1", "-1"), ("1e300", "1e300"), ("600", "600")] {
+    let options =
+        format!("--rt off --airframe crazyflie --config {slow} --duration 1h --trajectory");
+    let words = options.split(' ').chain([quoted.as_str()]);
+    let flight = rig.take_off(words.collect::<Vec<_>>());
+    for value in ["-1", "1e300", "600"] {
         let refused = rig.refused(&format!("inject mass_kg={value}"));
         refused.complains(&format!(
-            "mass_kg = {said} is out of range: allowed are 0.00259"
+            "mass_kg = {value} is out of range: allowed are 0.00259"
         ));
     }
     let digits = "1".repeat(300);

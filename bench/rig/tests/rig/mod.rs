@@ -180,6 +180,18 @@ impl Rig {
         process
     }
 
+    /// `ironbird COMMAND`, started by another program that its arguments precede.
+    pub fn command_by(&self, program: &[&str], command: &str, args: impl Args) -> Command {
+        let mut process = Command::new(program[0]);
+        process
+            .args(&program[1..])
+            .arg(self.executable)
+            .arg(command)
+            .args(self.own_args(command, args))
+            .env("IRONBIRD_ROOT", self.root());
+        process
+    }
+
     /// What a command is given besides `args`.
     pub fn own_args(&self, command: &str, args: impl Args) -> Vec<String> {
         let mut all = args.list();
@@ -343,7 +355,7 @@ impl Rig {
     }
 
     /// Standbys that have done all that they can and wait, by role.
-    pub fn spares(&self) -> BTreeMap<String, u32> {
+    pub fn standbys(&self) -> BTreeMap<String, u32> {
         let waits = |pid: &u32| {
             let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
             name.trim_end().as_bytes() == process::standby::NAME.to_bytes() && !is_gone(*pid)
@@ -353,10 +365,10 @@ impl Rig {
             .collect()
     }
 
-    /// The spare of a role, once it waits; another one than `dead`.
-    pub fn await_spare(&self, role: Role, dead: Option<u32>) -> u32 {
-        wait_until(&format!("a spare of {role}"), || {
-            self.spares()
+    /// The standby of a role, once it waits; another one than `dead`.
+    pub fn await_standby(&self, role: Role, dead: Option<u32>) -> u32 {
+        wait_until(&format!("a standby of {role}"), || {
+            self.standbys()
                 .get(role.name())
                 .copied()
                 .filter(|pid| Some(*pid) != dead)
