@@ -344,10 +344,12 @@ impl<'a> Figures<'a> {
             points: through(group.spans(channel), ends_s),
         });
         let chart = self.marked(label, scale, layers.collect());
-        // What was wanted lies below, and is named last.
-        let keys = lines.iter().rev().filter(|(.., word)| !word.is_empty());
+        let keys = lines.iter().filter(|(.., word)| !word.is_empty());
         let keys = keys.map(|(class, _, word)| (*class, (*word).to_owned()));
-        Figure::new(name, title, keys.collect(), chart)
+        let mut keys: Vec<(&'static str, String)> = keys.collect();
+        // What was wanted lies below, and is named last.
+        keys.sort_by_key(|(class, _)| *class == "reference");
+        Figure::new(name, title, keys, chart)
     }
 
     /// A chart over the whole flight, with its swaps, faults and missed deadlines below what it shows.

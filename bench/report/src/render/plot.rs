@@ -303,8 +303,10 @@ impl Chart {
                 }
             },
             Layer::Segments { class, segments } => html! {
-                // Many of them must not hide what they mark.
-                g opacity=(tenths((30.0 / segments.len() as f64).clamp(0.2, 1.0))) {
+                // Many marks over the whole height must not hide what they mark.
+                @let is_over_all = class.starts_with("vertical");
+                @let opacity = tenths((30.0 / segments.len() as f64).clamp(0.2, 1.0));
+                g opacity=[is_over_all.then_some(opacity)] {
                     @for ([from, to], word) in segments {
                         @let ((x0, y0), (x1, y1)) = (at(*from), at(*to));
                         @let d = format!("M{} {}L{} {}", tenths(x0), tenths(y0), tenths(x1), tenths(y1));
