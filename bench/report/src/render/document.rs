@@ -347,7 +347,7 @@ impl Table {
 
     fn aligned(&self, indent: &str) -> String {
         let mut table = comfy_table::Table::new();
-        table.load_preset(presets::NOTHING);
+        table.load_style(presets::NOTHING);
         if self.columns.iter().any(|column| !column.is_empty()) {
             table.set_header(&self.columns);
         }
