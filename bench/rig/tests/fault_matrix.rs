@@ -98,11 +98,8 @@ impl Row {
             "survived" => self.demand_survived(&rig, &ended),
             "undisturbed" => {
                 let report = report(&rig);
-                assert_eq!(
-                    (&*report.run.ending, report.deaths.len()),
-                    ("completed", 0),
-                    "{what}"
-                );
+                assert_eq!(report.run.ending, "completed", "{what}");
+                assert!(report.deaths.is_empty(), "{what}");
                 assert_eq!(ended.result()["lost"], "0", "{what}");
                 assert_replayed(&rig);
             }
@@ -139,10 +136,9 @@ impl Row {
             .wrapping_mul(2_654_435_761)
             .wrapping_add(self.name.len() as u64 * 7919);
         let roles = flight.roles();
-        let mut pid = if target == "fly" {
-            flight.pid()
-        } else {
-            roles[target]
+        let mut pid = match target {
+            "fly" => flight.pid(),
+            role => roles[role],
         };
         match self.at.split(' ').collect::<Vec<_>>()[..] {
             ["start"] => {
@@ -196,26 +192,12 @@ impl Row {
             panic!("{}: {:?}", self.name, report.deaths)
         };
         let role = &death.role;
-        assert!(
-            self.fault.contains(role.as_str()),
-            "{}: {death:?}",
-            self.name
-        );
-        let said = format!("the {role} process {}", self.report);
-        assert!(
-            ended.stderr.contains(&said)
-                || ended
-                    .stderr
-                    .contains(&format!("the {role} process was {}", self.report)),
-            "{ended}"
-        );
+        assert!(self.fault.contains(role), "{}: {death:?}", self.name);
+        let words = ["", "was "].map(|was| format!("the {role} process {was}{}", self.report));
+        assert!(words.iter().any(|it| ended.stderr.contains(it)), "{ended}");
         assert_eq!(ended.result()["deaths"], "1", "{ended}");
-        assert!(
-            ended
-                .stdout
-                .contains(&format!("\nDeaths    {role} at tick ")),
-            "{ended}"
-        );
+        let line = format!("\nDeaths    {role} at tick ");
+        assert!(ended.stdout.contains(&line), "{ended}");
         let costs = [
             death.noticed_after_ms,
             death.back_after_ms,
@@ -234,14 +216,10 @@ impl Row {
             assert!(death.noticed_after_ms.unwrap() > 80.0, "{death:?}");
         }
         let is_named = |case: &OutageCase| {
-            case.stage.as_deref() == Some(role.as_str())
-                && case.evidence.contains("has ended, and process ")
+            case.stage.as_ref() == Some(role) && case.evidence.contains("has ended, and process ")
         };
-        assert!(
-            report.autopsy.worst.iter().any(is_named),
-            "{}",
-            report.autopsy.text()
-        );
+        let autopsy = &report.autopsy;
+        assert!(autopsy.worst.iter().any(is_named), "{}", autopsy.text());
         let page = fs::read_to_string(rig.out().join("latest/report.html")).unwrap();
         assert!(page.contains(&death.line()), "{}", death.line());
         assert_replayed(rig);
@@ -249,26 +227,18 @@ impl Row {
 
     /// The flight ended, and the report and the last words say why.
     fn demand_aborted(&self, rig: &Rig, ended: Ended) {
-        assert_eq!(
-            ended.result()["status"],
-            "ABORTED",
-            "{}: {ended}",
-            self.name
-        );
+        let status = &ended.result()["status"];
+        assert_eq!(status, "ABORTED", "{}: {ended}", self.name);
         let report = report(rig);
         assert_eq!(report.verdict.exit_code, 1, "{}", self.name);
-        let [_, target, _] = self.fault();
-        let role = if self.fault.starts_with("law") || self.fault.starts_with("hostile") {
-            "inner"
-        } else {
-            target.split('.').next().unwrap()
+        let [kind, target, _] = self.fault();
+        let role = match kind {
+            "law" | "hostile" => "inner",
+            _ => target.split('.').next().unwrap(),
         };
         let ending = &report.run.ending;
-        assert!(
-            ending.contains(&format!("the {}", process_of(role))),
-            "{}: {ending}",
-            self.name
-        );
+        let process = format!("the {}", process_of(role));
+        assert!(ending.contains(&process), "{}: {ending}", self.name);
         if self.fault.starts_with("KILL") || self.flags.contains("restart") {
             let deaths = &report.deaths;
             assert!(deaths.iter().any(|death| death.role == role), "{deaths:?}");

@@ -1,6 +1,6 @@
 //! Whole flights: in processes and in lockstep, at other rates, with pipes in place of files.
 
-use crate::rig::{Ended, Rig, Running, wait_until};
+use crate::rig::{Ended, Rig, Running, assert_same_rows, wait_until};
 use controller::Trajectory;
 use controller::gains::PRESET_NAMES;
 use messages::parameters::{SPECS, Spec};
@@ -57,21 +57,8 @@ fn simulated(rig: &Rig, args: &str) -> Vec<u8> {
     fs::read(path).unwrap()
 }
 
-#[track_caller]
-fn assert_same_bytes(flown: &[u8], simulated: &[u8], rows: usize) {
-    let lines = |bytes| str::from_utf8(bytes).unwrap().lines();
-    assert_eq!(
-        lines(simulated).count(),
-        rows + 1,
-        "a header, a row per tick"
-    );
-    let differs = lines(flown).zip(lines(simulated)).find(|(a, b)| a != b);
-    assert_eq!(differs, None);
-    assert!(flown == simulated, "{} lines flown", lines(flown).count());
-}
-
 /// Flies and simulates with the same options.
-fn flies_as_simulated(name: &str, options: &str) {
+fn flies_in_time_as_simulated(name: &str, options: &str) {
     let rig = Rig::new(name);
     let states = rig.file("flown.csv");
     without_a_miss(&rig, |slowdown| {
@@ -82,7 +69,7 @@ fn flies_as_simulated(name: &str, options: &str) {
     });
     assert_eq!(rig.report()["verdict"]["status"], "PASS");
     let flown = fs::read(&states).unwrap();
-    assert_same_bytes(
+    assert_same_rows(
         &flown,
         &simulated(&rig, &format!("--duration 150ms {options}")),
         151,
@@ -104,13 +91,13 @@ fn flies_as_simulated(name: &str, options: &str) {
 
 #[test]
 fn a_flight_without_misses_is_the_simulated_one_byte_for_byte() {
-    flies_as_simulated("same", "");
+    flies_in_time_as_simulated("same", "");
 }
 
 #[test]
 #[ignore = "long: part of the gate"]
 fn with_the_papers_gains_a_fault_and_gyro_noise_it_is_still_the_simulated_one() {
-    flies_as_simulated(
+    flies_in_time_as_simulated(
         "same-paper",
         "--preset paper --trajectory fast --fault gyro_noise_rad_s=0.02@tick7 \
          --fault rotational_drag_nm_s=0.525,mass_kg=0.6@60ms",
@@ -192,7 +179,7 @@ fn parameters_swapped_by_another_process_hold_from_the_tick_that_it_is_told() {
          --fault mass_kg=0.5@tick{} --fault gyro_noise_rad_s=0.02@tick{}",
         ticks[0], ticks[1], ticks[2], ticks[3]
     );
-    assert_same_bytes(&fs::read(&states).unwrap(), &simulated(&rig, &args), 301);
+    assert_same_rows(&fs::read(&states).unwrap(), &simulated(&rig, &args), 301);
     rig.assert_nothing_left();
 }
 
@@ -378,12 +365,9 @@ fn a_flight_in_lockstep_is_the_simulated_one_for_every_trajectory_preset_and_par
             let faults = ["tick1", "333ms", "tick777", "tick777"]
                 .map(|at| swap_of(parameters.next().unwrap(), at));
             let faults = faults.map(|fault| format!(" --fault {fault}")).concat();
-            let options = format!(
-                "--trajectory {trajectory} --preset {preset} --duration 1500ms --every 1{faults}"
-            );
-            let (flown, simulated) = (rig.file("flown.csv"), rig.file("simulated.csv"));
-            let ended = rig.ok(&format!("fly --pace lockstep {options} --states {flown}"));
-            rig.ok(&format!("simulate {options} --states {simulated}"));
+            let options =
+                format!("--trajectory {trajectory} --preset {preset} --duration 1500ms{faults}");
+            let [ended, _] = rig.flies_as_simulated(&options, 1501);
             ended.tells("latencies are not real-time latencies");
             let report = rig.report();
             assert_eq!(
@@ -397,42 +381,32 @@ fn a_flight_in_lockstep_is_the_simulated_one_for_every_trajectory_preset_and_par
                 ),
                 (&0.into(), 4)
             );
-            let (flown, simulated) = (fs::read(flown).unwrap(), fs::read(simulated).unwrap());
-            assert_eq!(
-                simulated.iter().filter(|byte| **byte == b'\n').count(),
-                1502,
-                "a header, and a row per tick"
-            );
-            assert!(flown == simulated, "{options} is another flight");
             rig.assert_nothing_left();
         }
     }
 }
 
 /// Settings of a flight of 250 Hz, whose gains its longer delay allows, and of one of 4 kHz.
-const RATES: [(&str, &str); 2] = [
+const RATES: [(&str, usize, &str); 2] = [
     (
         "250 Hz",
+        501,
         "[flight]\nperiod_s = 0.004\nduration_s = 2.0\n[inner]\nalpha_1_s = 50.0\nattitude_1_s = [3.0, 3.0, 1.0]\n",
     ),
-    ("4 kHz", "[flight]\nperiod_s = 0.00025\nduration_s = 0.5\n"),
+    (
+        "4 kHz",
+        2001,
+        "[flight]\nperiod_s = 0.00025\nduration_s = 0.5\n",
+    ),
 ];
 
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_flight_in_lockstep_at_another_rate_is_the_simulated_one() {
-    for (rate, settings) in RATES {
+    for (_, ticks, settings) in RATES {
         let rig = Rig::new("rates");
         let config = rig.settings(settings);
-        let (flown, simulated) = (rig.file("flown.csv"), rig.file("simulated.csv"));
-        let args = format!("--config {} --every 1 --states", config);
-        rig.ok(&format!("fly --pace lockstep {args} {}", flown));
-        rig.ok(&format!("simulate {args} {}", simulated));
-        let (flown, simulated) = (fs::read(flown).unwrap(), fs::read(simulated).unwrap());
-        assert!(
-            simulated.len() > 10_000 && flown == simulated,
-            "{rate}: another flight"
-        );
+        rig.flies_as_simulated(&format!("--config {config}"), ticks);
         rig.assert_nothing_left();
     }
 }
@@ -440,7 +414,7 @@ fn a_flight_in_lockstep_at_another_rate_is_the_simulated_one() {
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_flight_on_the_clock_at_another_rate_passes() {
-    for (rate, settings) in RATES {
+    for (rate, _, settings) in RATES {
         let rig = Rig::new("clock");
         // In slow motion: a tick takes 20 ms, and the laws keep their T.
         let slowdown = if rate == "4 kHz" { 80 } else { 5 };

@@ -97,14 +97,7 @@ fn a_flight_with_ramps_is_the_same_in_processes_in_one_and_in_replay() {
         "rotor_efficiency_2=-3%~1m@tick900",
     ];
     let faults = faults.map(|fault| format!(" --fault {fault}")).concat();
-    let options = format!("--duration 1500ms --every 1{faults}");
-    let (flown, simulated) = (rig.file("flown.csv"), rig.file("simulated.csv"));
-    rig.ok(&format!("fly --pace lockstep {options} --states {flown}"));
-    rig.ok(&format!("simulate {options} --states {simulated}"));
-    assert!(
-        fs::read(&flown).unwrap() == fs::read(&simulated).unwrap(),
-        "the flight in processes is another one"
-    );
+    rig.flies_as_simulated(&format!("--duration 1500ms{faults}"), 1501);
     rig.ok("replay --verify").says("identical");
     rig.ok("replay")
         .says("swap 2 at tick 300: mass_kg 0.52 -> 0.55 over 0.5 s from tick 300\n");
