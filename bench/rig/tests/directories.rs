@@ -348,9 +348,6 @@ fn a_directory_called_latest_stays_and_the_report_says_so() {
     rig.ok("fly --pace lockstep --duration 100ms")
         .tells(&format!("INCOMPLETE RECORD: {words}"));
     assert!(fs::symlink_metadata(&directory).unwrap().is_dir() && rig.run_directories().len() == 1);
-    let left: Vec<_> = fs::read_dir(rig.out())
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name())
-        .collect();
-    assert_eq!(left.len(), 2, "a draft of the link is left: {left:?}");
+    let left = fs::read_dir(rig.out()).unwrap().count();
+    assert_eq!(left, 2, "a draft of the link is left");
 }

@@ -1,6 +1,6 @@
 //! The doctor: what it finds on machines that are made up, and that this machine gets a verdict.
 
-use crate::rig::{IRONBIRD, Rig, copy_executable, not_tested, table};
+use crate::rig::{Ended, IRONBIRD, Rig, copy_executable, not_tested, table};
 use host::doctor::{Examination, SCHEMA, examine};
 use host::{Answers, Machine};
 use ipc::instance::Instance;
@@ -259,19 +259,21 @@ fn a_cgroup_without_real_time_is_named_with_the_file_that_changes_it() {
     assert_eq!(finding(&with(&[], refused), "rt cgroup").level, Level::Ok);
 }
 
-fn examined(json: &str) -> Examination {
-    serde_json::from_str(json).unwrap_or_else(|e| panic!("{e}: {json}"))
+/// Examines all instances below the root path, and not one of the rig's.
+fn doctor(rig: &Rig, args: &[&str]) -> Ended {
+    let mut command = Command::new(IRONBIRD);
+    command
+        .arg("doctor")
+        .args(args)
+        .env("IRONBIRD_ROOT", rig.root());
+    rig.launch(command).end()
 }
 
 #[test]
 fn this_machine_gets_a_verdict_that_follows_from_what_is_shown() {
     let rig = Rig::new("doctor");
-    let mut command = Command::new(IRONBIRD);
-    command
-        .args(["doctor", "--seconds", "0.3", "--json"])
-        .env("IRONBIRD_ROOT", rig.root());
-    let ended = rig.launch(command).end();
-    let examination = examined(&ended.stdout);
+    let ended = doctor(&rig, &["--seconds", "0.3", "--json"]);
+    let examination: Examination = serde_json::from_str(&ended.stdout).unwrap();
     assert_eq!(examination.schema, SCHEMA);
     let worst = examination
         .findings
@@ -317,14 +319,7 @@ fn leftovers_of_a_killed_flight_are_found_and_gone_after_a_clean_up() {
         .prepare()
         .unwrap();
     fs::create_dir(rig.root().join("mine")).unwrap();
-    let doctor = || {
-        let mut command = Command::new(IRONBIRD);
-        command
-            .args(["doctor", "--seconds", "0.05"])
-            .env("IRONBIRD_ROOT", rig.root());
-        rig.launch(command).end()
-    };
-    let ended = doctor()
+    let ended = doctor(&rig, &["--seconds", "0.05"])
         .says("ironbird clean")
         .says("VERDICT ")
         .says("Measured for 0.05 s each");
@@ -336,7 +331,9 @@ fn leftovers_of_a_killed_flight_are_found_and_gone_after_a_clean_up() {
     );
     rig.ok("clean");
     assert!(
-        !doctor().stdout.contains("ironbird clean"),
+        !doctor(&rig, &["--seconds", "0.05"])
+            .stdout
+            .contains("ironbird clean"),
         "a directory of somebody else's is no leftover"
     );
 }

@@ -318,41 +318,25 @@ fn swaps() -> [(u64, SwapRequest); 4] {
         }],
     )
     .unwrap();
+    let efficiency = [
+        (Parameter::RotorEfficiency2, 0.9),
+        (Parameter::GyroNoise, 0.01),
+    ];
+    let inertia = [
+        (Parameter::RotorInertia, 5e-5),
+        (Parameter::DisturbanceGain, 0.4),
+    ];
+    let ramp = SwapRequest {
+        tick: Some(760),
+        in_ticks: 0,
+        swap: Swap { ticket: 4, ..ramp },
+    };
     [
         // The first one while warming up: its code too must have been fetched once.
         (10, order(Some(20), 0, 1, &[(Parameter::Mass, 0.6)])),
-        (
-            200,
-            order(
-                None,
-                5,
-                2,
-                &[
-                    (Parameter::RotorEfficiency2, 0.9),
-                    (Parameter::GyroNoise, 0.01),
-                ],
-            ),
-        ),
-        (
-            700,
-            order(
-                Some(0),
-                0,
-                3,
-                &[
-                    (Parameter::RotorInertia, 5e-5),
-                    (Parameter::DisturbanceGain, 0.4),
-                ],
-            ),
-        ),
-        (
-            750,
-            SwapRequest {
-                tick: Some(760),
-                in_ticks: 0,
-                swap: Swap { ticket: 4, ..ramp },
-            },
-        ),
+        (200, order(None, 5, 2, &efficiency)),
+        (700, order(Some(0), 0, 3, &inertia)),
+        (750, ramp),
     ]
 }
 const SWAPPED_AT: [u64; 4] = [20, 205, 700, 760];
