@@ -373,7 +373,7 @@ fn the_look_finds_what_is_wrong() {
     let rig = Rig::new("look");
     let page = rig.path("wrong.html");
     let wrong = r##"<!DOCTYPE html><html><head><style>body { background: #ffffff; margin: 0; }</style></head><body>
-        <p style="white-space: nowrap">a line that is much too long for a telephone and cannot be broken anywhere</p>
+        <p style="white-space: nowrap">a line that is much too long for a telephone and for every browser that has no narrower window than 500 pixels, and cannot be broken anywhere</p>
         <p style="color: #dddddd">pale</p>
         <figure><svg role="img" aria-label="plot" viewBox="0 0 400 100" width="380">
         <text x="390" y="20">cut off</text><text x="10" y="50">one on</text><text x="12" y="51">another</text>
