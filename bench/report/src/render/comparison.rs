@@ -269,6 +269,7 @@ const QUIET_RAD_S: f64 = 0.1;
 
 /// What a combination made of a question in words, and what the best of a row has least of.
 type Answer = (String, Option<f64>);
+type Measure = fn(&Outcome) -> Answer;
 
 /// The Markdown tables of comparisons of the same laws, each with the name of its row; what is best in its row is bold.
 #[must_use]
@@ -277,7 +278,7 @@ pub fn tables(rows: &[(String, Comparison)]) -> String {
         return String::new();
     };
     let bound_m = first.flight.bound_m;
-    let questions: [(String, fn(&Outcome) -> Answer, Option<f64>); 2] = [
+    let questions: [(String, Measure, Option<f64>); 2] = [
         (
             format!(
                 "worst true position error from {SETTLING_S} s after the fault on [mm] / time until it stays below \

@@ -68,6 +68,9 @@ impl Axis {
     }
 }
 
+/// Two opposite corners of a box, or both ends of a line, in the units of the axes.
+pub type Ends = [(f64, f64); 2];
+
 /// Something in a chart; `class` is its colour.
 #[derive(Clone, Debug)]
 pub enum Layer {
@@ -95,12 +98,12 @@ pub enum Layer {
     /// Rectangles from one corner to the other, each with a word for who points at it and a label behind it.
     Boxes {
         class: String,
-        boxes: Vec<([(f64, f64); 2], String, String)>,
+        boxes: Vec<(Ends, String, String)>,
     },
     /// Straight lines, each with a word for who points at it.
     Segments {
         class: String,
-        segments: Vec<([(f64, f64); 2], String)>,
+        segments: Vec<(Ends, String)>,
     },
 }
 
