@@ -85,9 +85,6 @@ impl Columns {
     }
 
     /// Takes room for so many rows.
-    ///
-    /// # Errors
-    /// That there is not as much.
     pub(crate) fn reserve(&mut self, rows: usize) -> Result<(), TryReserveError> {
         self.columns.iter_mut().try_for_each(|column| {
             column
@@ -224,9 +221,6 @@ pub(crate) type ShownColumn<'py> = (String, String, String, Bound<'py, PyAny>);
 
 impl Column {
     /// As an array with a row per tick.
-    ///
-    /// # Errors
-    /// What numpy raises.
     pub(crate) fn shown<'py>(self, py: Python<'py>) -> PyResult<ShownColumn<'py>> {
         let flat = python_law::array(py, &self.values)?;
         let array = match self.width {

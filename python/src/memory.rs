@@ -12,9 +12,6 @@ use crate::flight::Tables;
 const BESIDE: u64 = 3;
 
 /// Takes room for so many ticks.
-///
-/// # Errors
-/// `MemoryError` says how many bytes are needed, how many there are, and what to do.
 pub(crate) fn reserve(tables: &mut Tables, ticks: u64) -> PyResult<()> {
     let numbers = tables
         .all()

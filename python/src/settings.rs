@@ -21,9 +21,6 @@ const ARGUMENTS: [&str; 9] = [
 ];
 
 /// What arguments say, by the keys of their settings.
-///
-/// # Errors
-/// `SettingsError` names a value that no setting can have.
 pub(crate) fn overrides(arguments: &Bound<'_, PyDict>) -> PyResult<Overrides> {
     let said = ARGUMENTS
         .into_iter()
@@ -33,9 +30,6 @@ pub(crate) fn overrides(arguments: &Bound<'_, PyDict>) -> PyResult<Overrides> {
 }
 
 /// A dict of sections.
-///
-/// # Errors
-/// `SettingsError` names a key that is no string, or a value that no setting can have.
 pub(crate) fn table(dict: &Bound<'_, PyDict>, path: &str) -> PyResult<Table> {
     let mut table = Table::new();
     for (key, given) in dict {

@@ -46,9 +46,6 @@ impl Table {
     }
 
     /// Takes room for so many rows.
-    ///
-    /// # Errors
-    /// That there is not as much.
     pub(crate) fn reserve(&mut self, rows: usize) -> Result<(), TryReserveError> {
         self.ticks.try_reserve_exact(rows)?;
         self.columns.reserve(rows)

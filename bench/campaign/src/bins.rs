@@ -19,7 +19,6 @@ pub struct Bins {
 
 impl Bins {
     /// Of numbers: bins of as many flights each, `most` at the most, where equal numbers are never told apart.
-    #[must_use]
     pub fn of_numbers(values: &[f64], most: usize) -> Self {
         let mut sorted = values.to_vec();
         sorted.sort_unstable_by(f64::total_cmp);
@@ -56,7 +55,6 @@ impl Bins {
     }
 
     /// Of words, each of which is a bin.
-    #[must_use]
     pub const fn of_words(of: Vec<u32>, names: Vec<String>) -> Self {
         Self {
             of,
@@ -67,7 +65,6 @@ impl Bins {
 }
 
 /// A number in a few digits.
-#[must_use]
 pub fn short(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
@@ -97,7 +94,6 @@ pub struct Bin {
 }
 
 /// Success over the bins of a factor.
-#[must_use]
 pub fn success(bins: &Bins, success: &[bool]) -> Vec<Bin> {
     let mut all: Vec<Bin> = (0..bins.names.len())
         .map(|bin| Bin {
@@ -121,7 +117,6 @@ pub fn success(bins: &Bins, success: &[bool]) -> Vec<Bin> {
 
 /// Share of the variance of some values that the bins account for, less what they would by chance (omega squared);
 /// none where the values are all alike, or there are not two bins. NaN is no value.
-#[must_use]
 pub fn explained(bins: &Bins, values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut sums = vec![(0.0_f64, 0.0_f64); bins.names.len()];
     let (mut n, mut mean, mut squares) = (0.0_f64, 0.0_f64, 0.0_f64);

@@ -81,7 +81,6 @@ pub struct Variant {
 
 impl Campaign {
     /// What a flight draws, in the order of the factors: of its number and the seed alone.
-    #[must_use]
     pub fn draws(&self, flight: u64) -> Vec<Value> {
         self.factors
             .iter()
@@ -93,7 +92,6 @@ impl Campaign {
     }
 
     /// Sections of the settings of a flight by an arm, as a settings file would have them.
-    #[must_use]
     pub fn given(&self, arm: &Variant, draws: &[Value]) -> Table {
         let mut given = self.base.clone();
         let mut set = |section: &str, key: &str, value: &Value| {
@@ -133,7 +131,6 @@ impl Campaign {
     }
 
     /// The recorded flight whose timing a flight by an arm has, as the file names it.
-    #[must_use]
     pub fn timing<'a>(&'a self, arm: &'a Variant, draws: &'a [Value]) -> Option<&'a str> {
         let drawn = self
             .factors
@@ -145,7 +142,6 @@ impl Campaign {
     }
 
     /// All recorded flights whose timing flights by an arm have, and the key of the file that names them.
-    #[must_use]
     pub fn timings(&self, arm: &Variant) -> (String, Vec<String>) {
         let drawn = self
             .factors
@@ -168,7 +164,6 @@ impl Campaign {
 
     /// What the rows of the same campaign agree in, whatever its length: `settings` are those of each arm, resolved, with
     /// whatever else its flights depend on.
-    #[must_use]
     pub fn fingerprint(&self, settings: &[String]) -> String {
         let mut text = format!(
             "ironbird-campaign/1\nseed {}\nchunk {}\n",
@@ -195,7 +190,6 @@ impl Campaign {
     }
 
     /// Place of an arm by its name.
-    #[must_use]
     pub fn arm(&self, name: &str) -> Option<usize> {
         self.arms.iter().position(|arm| arm.name == name)
     }

@@ -37,19 +37,16 @@ pub enum State {
 
 impl Campaign {
     /// How many files of rows it has.
-    #[must_use]
     pub const fn chunks(&self) -> u64 {
         self.flights.div_ceil(self.chunk)
     }
 
-    #[must_use]
     pub fn flights_of(&self, chunk: u64) -> Range<u64> {
         let first = chunk * self.chunk;
         first..(first + self.chunk).min(self.flights)
     }
 
     /// The chunks of a shard, of which there are `of`, numbered from 1.
-    #[must_use]
     pub fn shard(&self, number: u64, of: u64) -> Range<u64> {
         let cut =
             |shard: u64| (u128::from(self.chunks()) * u128::from(shard) / u128::from(of)) as u64;
@@ -57,7 +54,6 @@ impl Campaign {
     }
 }
 
-#[must_use]
 pub fn path_of(directory: &Path, chunk: u64) -> PathBuf {
     directory.join(format!("chunk-{chunk:07}.parquet"))
 }
@@ -114,7 +110,6 @@ fn encoded(
 }
 
 /// What a file says of itself: whose rows it has, and of a chunk which ones and their hash.
-#[must_use]
 pub(crate) fn metadata(
     identity: &Identity,
     chunk: Option<(u64, Range<u64>)>,
@@ -140,7 +135,6 @@ pub(crate) fn metadata(
 }
 
 /// Whether the file of a chunk is whole and of this campaign and build.
-#[must_use]
 pub fn state(directory: &Path, campaign: &Campaign, identity: &Identity, chunk: u64) -> State {
     let path = path_of(directory, chunk);
     if !path.exists() {

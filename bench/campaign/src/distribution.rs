@@ -42,7 +42,6 @@ pub enum Distribution {
 const ATTEMPTS: u32 = 10_000;
 
 impl Distribution {
-    #[must_use]
     pub fn draw(&self, stream: Stream, flight: u64) -> Value {
         let between = |[low, high]: [f64; 2], unit: f64| Value::Float(lerp(low, high, unit));
         match self {
@@ -81,7 +80,6 @@ impl Distribution {
     }
 
     /// Values at the ends of what can be drawn: where these fly, those between them do.
-    #[must_use]
     pub fn ends(&self) -> Vec<Value> {
         /// What [`normal`] gives at the most: its first number is 2^-53 at the least.
         const FURTHEST: f64 = 8.572;
@@ -108,7 +106,6 @@ impl Distribution {
     }
 
     /// The same with fractional numbers alone.
-    #[must_use]
     pub fn fractional(self) -> Self {
         let all = |values: Vec<Value>| values.into_iter().map(fractional).collect();
         match self {
@@ -122,7 +119,6 @@ impl Distribution {
         }
     }
 
-    #[must_use]
     pub fn varies(&self) -> bool {
         match self {
             Self::Fixed(_) => false,
@@ -132,7 +128,6 @@ impl Distribution {
     }
 
     /// Whether draws within the bounds come often enough: one in a hundred at the least, by the density and the width.
-    #[must_use]
     pub fn is_likely(&self) -> bool {
         let Self::Normal {
             mean,

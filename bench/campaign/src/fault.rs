@@ -30,7 +30,6 @@ pub enum Number {
 }
 
 impl Number {
-    #[must_use]
     pub fn of(what: &str) -> Self {
         match what.rsplit_once('.').map(|(_, word)| word) {
             Some("stop" | "late") => Self::Time,
@@ -41,7 +40,6 @@ impl Number {
     }
 
     /// Its unit, where it is not that of what is changed.
-    #[must_use]
     pub const fn unit(self) -> Option<&'static str> {
         match self {
             Self::Plain => None,
@@ -64,7 +62,6 @@ impl Number {
 }
 
 /// Whether it is none of a parameter.
-#[must_use]
 pub fn is_of_the_loop(what: &str) -> bool {
     what.contains('.')
 }
@@ -77,12 +74,10 @@ fn nanoseconds(seconds: f64) -> u128 {
 }
 
 impl Fault {
-    #[must_use]
     pub fn what<'a>(&self, draws: &'a [Value]) -> &'a str {
         draws[self.what].as_str().unwrap_or_default()
     }
 
-    #[must_use]
     pub fn text(&self, draws: &[Value]) -> String {
         let time = |place: usize| draws[place].as_float().unwrap_or_default();
         let what = self.what(draws);

@@ -84,13 +84,11 @@ pub struct SignalGate {
 }
 
 impl SignalGate {
-    #[must_use]
     pub fn name(&self) -> String {
         format!("{}.{}", self.role, self.signal)
     }
 
     /// The number at a place of the law's telemetry; none where its stage gave nothing or does not know it.
-    #[must_use]
     pub fn value(
         &self,
         place: usize,

@@ -11,7 +11,6 @@ const WEYL: [u32; 2] = [0x9e37_79b9, 0xbb67_ae85];
 const ROUNDS: usize = 10;
 
 /// The 128 bits of a counter under a key.
-#[must_use]
 pub fn philox(key: [u32; 2], counter: [u32; 4]) -> [u32; 4] {
     let (mut key, mut bits) = (key, counter);
     for _ in 0..ROUNDS {
@@ -39,7 +38,6 @@ pub struct Stream {
 
 impl Stream {
     /// Of a campaign's seed and a factor's name: other factors can come and go, and these draws stay.
-    #[must_use]
     pub fn new(seed: u64, factor: &str) -> Self {
         let sum = Sha256::new()
             .chain_update(seed.to_le_bytes())
@@ -51,7 +49,6 @@ impl Stream {
         }
     }
 
-    #[must_use]
     pub fn words(self, flight: u64, attempt: u32) -> [u64; 2] {
         let [a, b, c, d] = philox(self.key, [flight as u32, (flight >> 32) as u32, attempt, 0]);
         [
@@ -61,7 +58,6 @@ impl Stream {
     }
 
     /// Two numbers from 0 to below 1, in steps of 2^-53.
-    #[must_use]
     pub fn units(self, flight: u64, attempt: u32) -> [f64; 2] {
         self.words(flight, attempt)
             .map(|word| (word >> 11) as f64 * (1.0 / (1_u64 << 53) as f64))

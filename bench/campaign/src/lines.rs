@@ -11,7 +11,6 @@ pub struct Lines(BTreeMap<String, usize>);
 
 impl Lines {
     /// Of a file that can be read.
-    #[must_use]
     pub fn of(text: &str) -> Self {
         let mut lines = Self::default();
         if let Ok(document) = Document::parse(text) {
@@ -50,7 +49,6 @@ impl Lines {
     }
 
     /// Line of a key, or of what it is in; 1 where nothing of it is there.
-    #[must_use]
     pub fn of_key(&self, path: &str) -> usize {
         let mut path = path;
         loop {
@@ -65,7 +63,6 @@ impl Lines {
     }
 
     /// Line of the longest key of the settings, `section.key`, that a text speaks of; none where it speaks of none.
-    #[must_use]
     pub fn spoken_of(&self, said: &str) -> Option<usize> {
         // The same key stands below [factors] and [arms.NAME], too.
         let key = |path: &str| {

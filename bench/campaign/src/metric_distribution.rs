@@ -27,7 +27,6 @@ pub struct Distribution {
 }
 
 /// The distribution of values; NaN is none.
-#[must_use]
 pub fn distribution(values: impl Iterator<Item = f64>) -> Distribution {
     let mut sorted: Vec<f64> = values.filter(|value| !value.is_nan()).collect();
     sorted.sort_unstable_by(f64::total_cmp);

@@ -16,7 +16,6 @@ pub struct Metrics {
 
 impl Metrics {
     /// Of a flight that has not begun, with faults at these ticks.
-    #[must_use]
     pub fn new(
         period_s: f64,
         airframe: &Airframe,
@@ -39,7 +38,6 @@ impl Metrics {
     }
 
     /// The values of [`METRICS`]; there is no recovery without a fault, or when the flight did not recover from one.
-    #[must_use]
     pub fn values(&self) -> [Option<f64>; METRICS.len()] {
         let (error, recent) = (self.flight.error(), self.flight.recent());
         let Effort {

@@ -26,7 +26,6 @@ pub enum Shown {
 
 impl Shown {
     /// With one more value of it.
-    #[must_use]
     pub fn and(self, value: f64) -> Self {
         match self {
             Self::Between([low, high]) => Self::Between([low.min(value), high.max(value)]),
@@ -35,7 +34,6 @@ impl Shown {
     }
 
     /// The smallest and the largest, where there were some.
-    #[must_use]
     pub const fn range(self) -> Option<[f64; 2]> {
         match self {
             Self::Between(range) => Some(range),
@@ -47,7 +45,6 @@ impl Shown {
 impl Gates {
     /// Which gates held, in the order of [`Gates::names`]; none of those that are not of this flight's laws. A gate
     /// that measured nothing did not hold.
-    #[must_use]
     pub fn held(&self, outcome: &Outcome) -> Vec<Option<bool>> {
         let limits = self
             .limits
@@ -68,7 +65,6 @@ impl Gates {
     }
 
     /// Whether a flight was flown to its end, within its envelope, and every gate held.
-    #[must_use]
     pub fn is_success(&self, outcome: &Outcome) -> bool {
         outcome.lost.is_none()
             && self

@@ -46,7 +46,6 @@ pub fn encode(table: &Table, metadata: &Metadata) -> Result<Vec<u8>> {
 }
 
 /// Whether the bytes of a file have the hash that the file holds; `None` for a file without one.
-#[must_use]
 pub fn has_own_hash(bytes: &[u8]) -> Option<bool> {
     let place = hash_place(bytes)?;
     Some(file_hash(bytes, &place).as_bytes() == &bytes[place])

@@ -57,7 +57,6 @@ pub struct Difference {
 }
 
 impl Audit {
-    #[must_use]
     pub fn words(&self) -> String {
         let Self {
             flights,
@@ -77,7 +76,6 @@ impl Audit {
 }
 
 impl Difference {
-    #[must_use]
     pub fn words(&self) -> String {
         let Self {
             flight,

@@ -14,7 +14,6 @@ use report::statistics::{Interval, MeanInterval};
 const DRAWN: usize = 12;
 
 /// The document; `directory` is named in the command that flies the worst flights again.
-#[must_use]
 pub fn document(results: &CampaignResults, directory: &str) -> Document {
     let CampaignResults {
         name,

@@ -22,7 +22,6 @@ const GROUP: usize = 65_536;
 
 impl Rows {
     /// Of chunks that were found to be whole.
-    #[must_use]
     pub fn new(directory: &Path, chunks: impl IntoIterator<Item = u64>) -> Self {
         Self {
             files: chunks
@@ -32,7 +31,6 @@ impl Rows {
         }
     }
 
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.files.is_empty()
     }

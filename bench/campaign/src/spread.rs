@@ -61,14 +61,12 @@ fn sobol_bits(dimension: usize, flight: u64) -> u32 {
 }
 
 /// A number above 0 and below 1: Sobol's point of a flight in a dimension, shifted by the factor's own random bits.
-#[must_use]
 pub fn sobol(stream: Stream, dimension: usize, flight: u64) -> f64 {
     let shift = stream.words(0, 0)[0] as u32;
     (f64::from(sobol_bits(dimension, flight) ^ shift) + 0.5) / POINTS
 }
 
 /// A number from 0 to below 1: of `flights` flights, each has a stratum of its own.
-#[must_use]
 pub fn latin(stream: Stream, flights: u64, flight: u64) -> f64 {
     let stratum = permuted(stream, flights, flight % flights);
     // The last of many strata may round up to 1.

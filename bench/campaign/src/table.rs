@@ -52,7 +52,6 @@ pub struct Table {
 pub type Cells = Vec<(String, String)>;
 
 impl Values {
-    #[must_use]
     pub fn len(&self) -> usize {
         match self {
             Self::Numbers(values) => values.len(),
@@ -62,13 +61,11 @@ impl Values {
         }
     }
 
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Whether each row has a value.
-    #[must_use]
     pub fn filled(&self) -> Vec<bool> {
         match self {
             Self::Numbers(values) => values.iter().map(Option::is_some).collect(),
@@ -130,7 +127,6 @@ impl Values {
 }
 
 impl Table {
-    #[must_use]
     pub fn new(campaign: &Campaign, rows: &[Row]) -> Self {
         let number =
             |value: &dyn Fn(&Row) -> Option<f64>| Values::Numbers(rows.iter().map(value).collect());
@@ -219,7 +215,6 @@ impl Table {
         Self { columns }
     }
 
-    #[must_use]
     pub fn rows(&self) -> usize {
         self.columns.first().map_or(0, |column| column.values.len())
     }
@@ -232,7 +227,6 @@ impl Table {
     }
 
     /// The cells of a row as text.
-    #[must_use]
     pub fn cells(&self, row: usize) -> Cells {
         self.columns
             .iter()
@@ -241,7 +235,6 @@ impl Table {
     }
 
     /// SHA-256 over the names of the columns and every bit of every cell, whatever file they are in.
-    #[must_use]
     pub fn rows_sha256(&self) -> String {
         let mut hash = Sha256::new();
         for column in &self.columns {
@@ -253,7 +246,6 @@ impl Table {
 }
 
 /// The digest of a hash in hexadecimal digits.
-#[must_use]
 pub fn hex(hash: &Sha256) -> String {
     hash.clone()
         .finalize()

@@ -5,13 +5,11 @@ use report::host::{Host, Steal};
 
 use crate::{Machine, RT_RUNTIME};
 
-#[must_use]
 pub fn host() -> Host {
     host_of(&Machine::files())
 }
 
 /// The facts of a machine; what cannot be read is said to be unknown.
-#[must_use]
 pub fn host_of(machine: &Machine) -> Host {
     let unknown = || "unknown".into();
     let word = |path| machine.read(path).unwrap_or_else(unknown);
@@ -42,9 +40,10 @@ pub struct CpuTimes {
     /// The processor; none where it is all of them together.
     processor: Option<u64>,
     total: u64,
-    stolen: u64,
-    /// Without idling, waiting for a disk, and what was stolen.
-    busy: u64,
+    /// Time stolen since the machine was started, in the unit of /proc/stat.
+    pub stolen: u64,
+    /// Time that something ran, interrupts included: without idling, waiting for a disk, and what was stolen.
+    pub busy: u64,
 }
 
 /// The unit of /proc/stat [ms].
@@ -52,18 +51,13 @@ const JIFFY_MS: u64 = JIFFY_NS / 1_000_000;
 
 impl CpuTimes {
     /// Counters of one processor of this machine, or of all of them.
-    #[must_use]
     pub fn read(processor: Option<u64>) -> Self {
         Self::of(&Machine::files(), processor)
     }
 
     /// Counters of one processor of a machine, or of all of them, which count since it was started.
-    #[must_use]
     pub fn of(machine: &Machine, processor: Option<u64>) -> Self {
-        Self::parse(&machine.read("/proc/stat").unwrap_or_default(), processor)
-    }
-
-    fn parse(stat: &str, processor: Option<u64>) -> Self {
+        let stat = machine.read("/proc/stat").unwrap_or_default();
         let name = processor.map_or_else(|| "cpu ".into(), |number| format!("cpu{number} "));
         let fields: Vec<u64> = stat
             .lines()
@@ -84,19 +78,6 @@ impl CpuTimes {
         }
     }
 
-    /// Time stolen since the machine was started, in the unit of /proc/stat.
-    #[must_use]
-    pub const fn stolen(&self) -> u64 {
-        self.stolen
-    }
-
-    /// Time that somebody ran since the machine was started, interrupts included, in the same unit.
-    #[must_use]
-    pub const fn busy(&self) -> u64 {
-        self.busy
-    }
-
-    #[must_use]
     pub fn steal_until(&self, later: &Self) -> Steal {
         let stolen = later.stolen.saturating_sub(self.stolen);
         let total = later.total.saturating_sub(self.total);
@@ -114,11 +95,19 @@ mod tests {
     use std::fs;
 
     use super::*;
+    use crate::Answers;
+
+    fn times(stat: &str, processor: Option<u64>) -> CpuTimes {
+        let root = tempfile::tempdir().unwrap();
+        fs::create_dir_all(root.path().join("proc")).unwrap();
+        fs::write(root.path().join("proc/stat"), stat).unwrap();
+        CpuTimes::of(&Machine::under(root.path(), Answers::default()), processor)
+    }
 
     #[test]
-    fn steal_is_the_eighth_field() {
-        let before = CpuTimes::parse("cpu  100 0 50 800 0 0 0 50 0 0\ncpu0 1 2 3\n", None);
-        let after = CpuTimes::parse("cpu  150 0 60 880 0 0 0 60 7 0\n", None);
+    fn steal_is_the_eighth_field_of_the_processors_line() {
+        let before = times("cpu  100 0 50 800 0 0 0 50 0 0\ncpu0 1 2 3\n", None);
+        let after = times("cpu  150 0 60 880 0 0 0 60 7 0\n", None);
         let steal = Steal {
             stolen_ms: 100,
             percent: 100.0 * 10.0 / 150.0,
@@ -127,26 +116,9 @@ mod tests {
         };
         assert_eq!(before.steal_until(&after), steal);
         assert_eq!(after.steal_until(&after).of_ms, 0);
-    }
-
-    #[test]
-    fn steal_of_one_processor_is_read_from_its_line() {
-        let root = tempfile::tempdir().unwrap();
-        fs::create_dir_all(root.path().join("proc")).unwrap();
         let stat =
             "cpu  1 0 1 8 0 0 0 5 0 0\ncpu1 1 0 1 8 0 0 0 2 0 0\ncpu10 1 0 1 8 0 0 0 3 0 0\n";
-        fs::write(root.path().join("proc/stat"), stat).unwrap();
-        let machine = Machine::under(root.path(), crate::Answers::default());
-        let of = |processor| CpuTimes::of(&machine, processor).stolen();
-        assert_eq!(
-            [of(None), of(Some(1)), of(Some(10)), of(Some(7))],
-            [5, 2, 3, 0]
-        );
-    }
-
-    #[test]
-    fn the_machine_is_known() {
-        let host = host();
-        assert!(host.cpus >= 1 && !host.kernel.is_empty(), "{host:?}");
+        let stolen = [None, Some(1), Some(10), Some(7)].map(|it| times(stat, it).stolen);
+        assert_eq!(stolen, [5, 2, 3, 0]);
     }
 }

@@ -1,61 +1,143 @@
 //! `ironbird doctor`: can this machine fly in real time, and if not, why not?
 //!
-//! Each subject is a pure function of a [`Machine`]. The measured part is added on request. The worst finding decides
-//! the verdict.
+//! [`CHECKS`] is the table of what is examined; each check is a pure function of a [`Machine`]. The measured part is
+//! added on request. The worst finding decides the verdict.
 
-mod clocks;
-mod cpus;
-mod kernel;
-mod load;
 pub mod measured;
-mod memory;
-pub mod text;
+mod other_programs;
 
+use std::fmt::Write as _;
+use std::io;
+
+use ipc::Wire;
+use ipc::instance::SHARED_MEMORY;
+use messages::realtime::RealtimeStep;
+use process::rt::{WITHOUT_ROOT, remedy};
+use report::finding::{Diagnosis, Finding, Level, RealtimeClass};
+use report::host::{Host, Steal};
+use rustix::io::Errno;
 use serde::{Deserialize, Serialize};
 
-use report::finding::{Diagnosis, Finding};
-use report::host::Host;
-
-use crate::Machine;
-use crate::cpu_times::host_of;
+use crate::cpu_times::{CpuTimes, host_of};
+use crate::{CLOCK_SOURCE, Machine, RT_RUNTIME, cpu_list, own_executable};
 use measured::MeasuredMachine;
 
 /// Version of the schema of `doctor --json`: changed whenever a key changes its meaning or goes.
 pub const SCHEMA: &str = "ironbird-doctor/1";
 
-/// What was found on a machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Examination {
     /// [`SCHEMA`].
     pub schema: String,
-    /// The verdict, and the findings that it is due to.
     pub diagnosis: Diagnosis,
     pub findings: Vec<Finding>,
     pub measured: Option<MeasuredMachine>,
     pub host: Host,
 }
 
+/// Makes the finding of a check from what was found.
+type Found<'a> = &'a dyn Fn(&str) -> Finding;
+
+/// Subject, why it matters, and the check.
+type Check = (&'static str, &'static str, fn(&Machine, Found) -> Finding);
+
+const CHECKS: [Check; 17] = [
+    (
+        "kernel",
+        "only PREEMPT_RT can preempt interrupt handlers and spinning locks; others hold a wake-up off until they end",
+        preemption,
+    ),
+    (
+        "throttling",
+        "a SCHED_FIFO thread that uses more of its period is stopped; the loops sleep most of the time",
+        throttling,
+    ),
+    (
+        "scheduling",
+        "without SCHED_FIFO every other process on the machine may run before the loops",
+        scheduling,
+    ),
+    (
+        "rt cgroup",
+        "a kernel with RT_GROUP_SCHED refuses SCHED_FIFO in a cpu cgroup without a budget, even to root",
+        cgroup,
+    ),
+    (
+        "processors",
+        "the loops share one processor, and everything else of the rig takes the others",
+        processors,
+    ),
+    (
+        "isolation",
+        "on an isolated processor the scheduler puts nothing else, so nobody shares its caches and its time",
+        isolation,
+    ),
+    (
+        "SMT",
+        "a sibling thread shares the core's units and caches: whatever runs on it slows the loops",
+        siblings,
+    ),
+    (
+        "governor",
+        "a governor that saves energy lowers the frequency while the loops sleep, and raises it when it is late",
+        governor,
+    ),
+    (
+        "deep sleep",
+        "a processor in deep sleep takes up to some 100 us to wake; a process that holds this file keeps it out",
+        deep_sleep,
+    ),
+    (
+        "hypervisor",
+        "a hypervisor takes processors away and says so later, as steal, or not at all",
+        hypervisor,
+    ),
+    (
+        "clock",
+        "every stamp reads it: some sources take a system call or an access to a slow device each time",
+        clock,
+    ),
+    (
+        "timers",
+        "without high-resolution timers a wake-up comes with the scheduler's tick, 1 to 10 ms late",
+        timers,
+    ),
+    (
+        "timer slack",
+        "timers of SCHED_OTHER fire late by it, so that several fire together; SCHED_FIFO has none",
+        timer_slack,
+    ),
+    (
+        "memory lock",
+        "a page that the kernel has taken back is a page fault in the middle of a tick",
+        memory_lock,
+    ),
+    (
+        "shared memory",
+        "messages lie there; where it is full, the first touch of a page kills the process",
+        shared_memory,
+    ),
+    (
+        "leftovers",
+        "what killed processes left takes up shared memory until the next flight of the same name",
+        leftovers,
+    ),
+    ("steal since boot", STEAL_WHY, steal_since_boot),
+];
+
 /// Everything that can be found without measuring.
-#[must_use]
 pub fn findings(machine: &Machine) -> Vec<Finding> {
-    [
-        kernel::findings,
-        cpus::findings,
-        clocks::findings,
-        memory::findings,
-        load::findings,
-    ]
-    .into_iter()
-    .flat_map(|look| look(machine))
-    .collect()
+    CHECKS
+        .iter()
+        .map(|(subject, why, check)| check(machine, &|found| Finding::ok(subject, found, why)))
+        .collect()
 }
 
 /// Examines a machine, and adds what was measured on it.
-#[must_use]
 pub fn examine(machine: &Machine, measured: Option<MeasuredMachine>) -> Examination {
     let mut findings = findings(machine);
-    // Not part of `findings`: during a flight, the flight's own processes run on that CPU.
-    findings.push(load::other_programs(machine));
+    // Not in the table: during a flight, the flight's own processes run on that CPU.
+    findings.push(other_programs::finding(machine));
     findings.extend(measured.iter().flat_map(MeasuredMachine::findings));
     Examination {
         schema: SCHEMA.into(),
@@ -64,4 +146,366 @@ pub fn examine(machine: &Machine, measured: Option<MeasuredMachine>) -> Examinat
         measured,
         host: host_of(machine),
     }
+}
+
+fn preemption(machine: &Machine, found: Found) -> Finding {
+    let release = machine.read("/proc/sys/kernel/osrelease");
+    let release = release.unwrap_or_else(|| "of unknown release".into());
+    let chosen = machine.preemption_chosen();
+    let chosen = chosen.map_or_else(String::new, |chosen| format!(" set to {chosen}"));
+    let install =
+        "install a kernel with CONFIG_PREEMPT_RT=y (Debian: apt install linux-image-rt-amd64)";
+    let model = machine.preemption();
+    let named = match model {
+        "unknown" => "no preemption model named",
+        model => model,
+    };
+    let finding = found(&format!("Linux {release}, {named}{chosen}"));
+    match model {
+        "PREEMPT_RT" => finding,
+        "unknown" => finding.softens(install),
+        _ => finding.softens(format!("{install}; until then boot with preempt=full")),
+    }
+}
+
+fn throttling(machine: &Machine, found: Found) -> Finding {
+    let fix = "sysctl -w kernel.sched_rt_runtime_us=950000";
+    let period_us = machine.number("/proc/sys/kernel/sched_rt_period_us");
+    match (machine.number(RT_RUNTIME), period_us) {
+        (Some(0), _) => found("SCHED_FIFO gets no time at all").blocks(fix),
+        (Some(runtime_us), Some(period_us)) if runtime_us > 0 && period_us > 0 => {
+            let (percent, period_ms) = (100 * runtime_us / period_us, period_us / 1000);
+            let finding = found(&format!(
+                "SCHED_FIFO gets {percent} % of every {period_ms} ms"
+            ));
+            if percent < 50 {
+                finding.softens(fix)
+            } else {
+                finding
+            }
+        }
+        (Some(_), _) => found("off"),
+        (None, _) => found("the kernel has none"),
+    }
+}
+
+/// Raises the limits of a shell and its children.
+const RAISE_LIMITS: &str = "printf '@realtime - rtprio 95\\n@realtime - memlock unlimited\\n' | \
+    sudo tee /etc/security/limits.d/99-realtime.conf; sudo groupadd -f realtime; sudo usermod -aG realtime $USER; \
+    log in again";
+
+fn scheduling(machine: &Machine, found: Found) -> Finding {
+    let right = if may_use_fifo(machine) {
+        "CAP_SYS_NICE".into()
+    } else {
+        let limit = machine.limit("Max realtime priority");
+        let limit = limit.map_or_else(|| "unlimited".into(), |limit| limit.to_string());
+        format!("RLIMIT_RTPRIO {limit}")
+    };
+    let Some(errno) = machine.answers.fifo_errno else {
+        return found(&format!("SCHED_FIFO granted ({right})"));
+    };
+    let reason = io::Error::from_raw_os_error(errno);
+    let finding = found(&format!("SCHED_FIFO refused: {reason} ({right})"));
+    if may_use_fifo(machine) {
+        return finding.blocks(remedy(RealtimeStep::Scheduler, i64::from(errno)));
+    }
+    // The executable on the path may be another one, or none.
+    let executable = own_executable();
+    let executable = executable.map_or_else(|_| "ironbird".into(), |it| it.display().to_string());
+    finding.blocks(format!(
+        "sudo setcap cap_sys_nice,cap_ipc_lock+ep '{executable}'; or {RAISE_LIMITS}"
+    ))
+}
+
+fn may_use_fifo(machine: &Machine) -> bool {
+    const CAP_SYS_NICE: u32 = 23;
+    machine.has_capability(CAP_SYS_NICE)
+}
+
+/// The real-time budget of this process's cpu cgroup, where the kernel keeps such budgets.
+fn cgroup(machine: &Machine, found: Found) -> Finding {
+    let groups = machine.read("/proc/self/cgroup").unwrap_or_default();
+    for line in groups.lines() {
+        let Some((controllers, group)) =
+            line.split_once(':').and_then(|(_, it)| it.split_once(':'))
+        else {
+            continue;
+        };
+        if !controllers.split(',').any(|controller| controller == "cpu") {
+            continue;
+        }
+        let below = group.trim_end_matches('/');
+        let budget = [controllers, "cpu"]
+            .map(|mount| format!("/sys/fs/cgroup/{mount}{below}/cpu.rt_runtime_us"))
+            .into_iter()
+            .find_map(|path| Some((machine.number(&path)?, path)));
+        if let Some((budget_us, path)) = budget {
+            let finding = found(&format!("{group} has {budget_us} us of real time a period"));
+            if budget_us > 0 {
+                return finding;
+            }
+            return finding.blocks(format!(
+                "echo 400000 | sudo tee {path}, after the same in each group above"
+            ));
+        }
+    }
+    let unified = groups.lines().find_map(|line| line.strip_prefix("0::"));
+    match (unified.filter(|group| *group != "/"), machine.answers.fifo_errno) {
+        (Some(group), Some(_)) if may_use_fifo(machine) => found(&format!(
+            "SCHED_FIFO is refused in {group} although this process may have it"
+        ))
+        .blocks(
+            "start in the root cgroup: echo $$ | sudo tee /sys/fs/cgroup/cgroup.procs; or boot with \
+             rt_group_sched=0",
+        ),
+        _ => found("no budget stands in the way"),
+    }
+}
+
+fn processors(machine: &Machine, found: Found) -> Finding {
+    let (count, cpu) = (machine.allowed_cpus().len(), machine.loops_cpu());
+    let finding = match count {
+        1 => found("this process may use a single processor"),
+        n => found(&format!(
+            "this process may use {n} processors; the loops take number {cpu}"
+        )),
+    };
+    if count > 1 {
+        return finding;
+    }
+    finding.could_be_better(
+        "allow it another one: taskset -cp 0-1 $$, or more processors for the container",
+    )
+}
+
+fn isolation(machine: &Machine, found: Found) -> Finding {
+    let isolated = machine.read("/sys/devices/system/cpu/isolated");
+    let isolated = cpu_list(&isolated.unwrap_or_default());
+    let cpu = machine.loops_cpu();
+    match isolated.first() {
+        None => found(&format!("processor {cpu} is not isolated")).could_be_better(format!(
+            "boot with isolcpus=managed_irq,domain,{cpu} nohz_full={cpu} rcu_nocbs={cpu}, and fly with --cpu {cpu}"
+        )),
+        Some(_) if isolated.contains(&cpu) => found(&format!("processor {cpu} is isolated")),
+        Some(first) => found(&format!(
+            "the loops take processor {cpu}, isolated are {}",
+            listed(&isolated)
+        ))
+        .could_be_better(format!("fly with --cpu {first}")),
+    }
+}
+
+fn siblings(machine: &Machine, found: Found) -> Finding {
+    let cpu = machine.loops_cpu();
+    let path = format!("/sys/devices/system/cpu/cpu{cpu}/topology/thread_siblings_list");
+    let mut siblings = cpu_list(&machine.read(&path).unwrap_or_default());
+    siblings.retain(|sibling| *sibling != cpu);
+    if siblings.is_empty() {
+        return found(&format!("processor {cpu} has no sibling"));
+    }
+    let siblings = listed(&siblings);
+    found(&format!("processor {cpu} shares its core with {siblings}"))
+        .could_be_better("echo off | sudo tee /sys/devices/system/cpu/smt/control")
+}
+
+fn listed(cpus: &[usize]) -> String {
+    let cpus: Vec<String> = cpus.iter().map(usize::to_string).collect();
+    cpus.join(", ")
+}
+
+fn governor(machine: &Machine, found: Found) -> Finding {
+    let cpu = machine.loops_cpu();
+    let path = format!("/sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor");
+    match machine.read(&path).as_deref() {
+        None => found("none: nothing here changes the frequency"),
+        Some("performance") => found("performance"),
+        Some(governor) => found(governor).softens(format!("echo performance | sudo tee {path}")),
+    }
+}
+
+/// Lets a group hold processors awake: the kernel makes the file for root alone.
+const DEEP_SLEEP_RULE: &str = "echo 'KERNEL==\"cpu_dma_latency\", GROUP=\"realtime\", MODE=\"0660\"' | \
+    sudo tee /etc/udev/rules.d/99-cpu-dma-latency.rules; sudo groupadd -f realtime; \
+    sudo usermod -aG realtime $USER; sudo udevadm control --reload; sudo udevadm trigger /dev/cpu_dma_latency; \
+    log in again";
+
+fn deep_sleep(machine: &Machine, found: Found) -> Finding {
+    match machine.answers.deep_sleep_errno {
+        None => found("held off by /dev/cpu_dma_latency"),
+        Some(errno) if errno == Errno::NOENT.raw_os_error() => {
+            found("there is no /dev/cpu_dma_latency")
+        }
+        Some(errno) => {
+            let reason = io::Error::from_raw_os_error(errno);
+            found(&format!("/dev/cpu_dma_latency is refused: {reason}"))
+                .could_be_better(DEEP_SLEEP_RULE)
+        }
+    }
+}
+
+fn hypervisor(machine: &Machine, found: Found) -> Finding {
+    match machine.hypervisor() {
+        Some(true) => found("this is a virtual machine").softens(
+            "fly on the hardware itself; or pin the virtual processors to cores that nobody else uses \
+             (libvirt: virsh vcpupin, with isolcpus on the host)",
+        ),
+        Some(false) => found("none"),
+        None => found("not known: neither processor nor firmware tells"),
+    }
+}
+
+fn clock(machine: &Machine, found: Found) -> Finding {
+    let available = machine
+        .read("/sys/devices/system/clocksource/clocksource0/available_clocksource")
+        .unwrap_or_default();
+    let fix = if available.split(' ').any(|other| other == "tsc") {
+        format!("echo tsc | sudo tee {CLOCK_SOURCE}")
+    } else {
+        "boot with tsc=reliable, where the processor's counter is constant (constant_tsc, nonstop_tsc)".into()
+    };
+    let source = machine.clock_source();
+    match source.as_str() {
+        "jiffies" | "refined-jiffies" => found(&source).blocks(fix),
+        "hpet" | "acpi_pm" | "pit" => found(&source).softens(fix),
+        _ => found(&source),
+    }
+}
+
+fn timers(machine: &Machine, found: Found) -> Finding {
+    let resolution_ns = machine.answers.timer_resolution_ns;
+    let finding = found(&format!("resolution {resolution_ns} ns"));
+    // A timer without high resolution has that of the scheduler's tick: at best a millisecond.
+    if resolution_ns < 100_000 {
+        finding
+    } else {
+        finding.blocks("boot a kernel with CONFIG_HIGH_RES_TIMERS=y, without highres=off")
+    }
+}
+
+fn timer_slack(machine: &Machine, found: Found) -> Finding {
+    match machine.number("/proc/self/timerslack_ns") {
+        Some(ns) => found(&format!(
+            "{} us by default; the loops ask for 1 ns",
+            ns / 1000
+        )),
+        None => found("unknown; the loops ask for 1 ns"),
+    }
+}
+
+/// What the role with most memory locks [bytes]: address space, which is what the limit counts.
+const LOCKED_BYTES: u64 = 192 << 20;
+const MIB: u64 = 1 << 20;
+
+fn memory_lock(machine: &Machine, found: Found) -> Finding {
+    const CAP_IPC_LOCK: u32 = 14;
+    if machine.has_capability(CAP_IPC_LOCK) {
+        return found("without limit (CAP_IPC_LOCK)");
+    }
+    let Some(limit) = machine.limit("Max locked memory") else {
+        return found("RLIMIT_MEMLOCK unlimited");
+    };
+    let limited = format!("RLIMIT_MEMLOCK {} MiB", limit / MIB);
+    if limit >= LOCKED_BYTES {
+        return found(&limited);
+    }
+    let needed = LOCKED_BYTES / MIB;
+    found(&format!("{limited}, a loop needs up to {needed} MiB")).softens(RAISE_LIMITS)
+}
+
+fn shared_memory(machine: &Machine, found: Found) -> Finding {
+    let (path, needed) = (SHARED_MEMORY, Wire::needed_bytes());
+    let Some(free) = machine.answers.shared_memory_free_bytes else {
+        return found(&format!("{path} is not there"))
+            .blocks(format!("sudo mount -t tmpfs -o size=256M tmpfs {path}"));
+    };
+    let (free_mib, needed_mib) = (free / MIB, needed.div_ceil(MIB));
+    let finding = found(&format!(
+        "{free_mib} MiB free in {path}, a flight needs {needed_mib}"
+    ));
+    if free >= needed {
+        return finding;
+    }
+    finding.blocks(format!(
+        "sudo mount -o remount,size=256M {path} (docker: --shm-size 256m)"
+    ))
+}
+
+fn leftovers(machine: &Machine, found: Found) -> Finding {
+    let more = |others: usize| match others {
+        0 => String::new(),
+        others => format!(" and {others} more"),
+    };
+    match machine.answers.leftovers.as_slice() {
+        [] => found("none"),
+        [first, others @ ..] => found(&format!("{}{}", first.display(), more(others.len())))
+            .could_be_better("ironbird clean"),
+    }
+}
+
+/// Share of the time from which on figures say more about the host than about anything here [%].
+const STEAL_MAX_PERCENT: f64 = 1.0;
+
+const STEAL_WHY: &str =
+    "time that the host gave to other virtual machines, while a loop here wanted to run";
+
+fn steal_since_boot(machine: &Machine, found: Found) -> Finding {
+    stolen(
+        &CpuTimes::default().steal_until(&CpuTimes::of(machine, None)),
+        found,
+    )
+}
+
+fn stolen(steal: &Steal, found: Found) -> Finding {
+    let Steal {
+        percent, stolen_ms, ..
+    } = steal;
+    let finding = found(&format!(
+        "{percent:.2} % of all processors' time ({stolen_ms} ms)"
+    ));
+    if *percent > STEAL_MAX_PERCENT {
+        finding.softens("ask whoever runs the host for processors of your own, or fly elsewhere")
+    } else {
+        finding
+    }
+}
+
+/// The examination as text.
+pub fn render(examination: &Examination) -> String {
+    let mut out = String::new();
+    // Writing into a string cannot fail.
+    let _ = write(&mut out, examination);
+    out
+}
+
+fn write(out: &mut String, examination: &Examination) -> std::fmt::Result {
+    for Finding {
+        subject,
+        level,
+        found,
+        why,
+        fix,
+        ..
+    } in &examination.findings
+    {
+        writeln!(out, "{:<8} {subject:<17} {found}", level.word())?;
+        if *level != Level::Ok {
+            writeln!(out, "{:>13}  {why}", "why")?;
+            if let Some(fix) = fix {
+                writeln!(out, "{:>13}  {fix}", "fix")?;
+            }
+        }
+    }
+    if let Some(measured) = &examination.measured {
+        measured.write(out)?;
+    }
+    let Diagnosis { verdict, reasons } = &examination.diagnosis;
+    writeln!(out, "\nVERDICT {}", verdict.words())?;
+    for reason in reasons {
+        writeln!(out, "  {reason}")?;
+    }
+    if *verdict == RealtimeClass::NotRealTime {
+        writeln!(out, "  {WITHOUT_ROOT}")?;
+    }
+    Ok(())
 }

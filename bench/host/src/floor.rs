@@ -2,8 +2,55 @@
 
 pub mod comparison;
 pub mod cyclictest;
-pub mod link;
-pub mod periodic_timer;
 pub mod ring;
 pub mod timer;
-pub mod work;
+
+use std::path::Path;
+
+use errors::Failure;
+use process::rt::loops_cpu;
+use report::host::Steal;
+
+use crate::cpu_times::CpuTimes;
+use ring::{RingFloor, RingSettings, WakeMechanism, Work};
+use timer::{Schedule, TimerFloor};
+
+/// A bare timer and a raw futex ring, measured one after the other.
+pub struct MachineFloor {
+    pub timer: TimerFloor,
+    pub ring: RingFloor,
+    /// What the system refused to the measuring threads.
+    pub refused: Vec<String>,
+    /// Time that the hypervisor took meanwhile from the processor of the loops.
+    pub steal: Steal,
+}
+
+impl MachineFloor {
+    /// Measures each for the schedule's duration.
+    pub fn measure(
+        schedule: &Schedule,
+        work: Vec<Work>,
+        executable: &Path,
+    ) -> Result<Self, Failure> {
+        let processor = Some(schedule.cpu.unwrap_or_else(loops_cpu) as u64);
+        let before = CpuTimes::read(processor);
+        let timer = timer::measure(schedule)?;
+        let settings = RingSettings {
+            wake: WakeMechanism::Futex,
+            schedule: schedule.clone(),
+            work,
+            rehearsal: None,
+        };
+        let ring = ring::measure(&settings, executable)?;
+        let mut refused = [&timer.standing, &ring.standing]
+            .map(|it| it.refused.clone())
+            .concat();
+        refused.dedup();
+        Ok(Self {
+            timer,
+            ring,
+            refused,
+            steal: before.steal_until(&CpuTimes::read(processor)),
+        })
+    }
+}

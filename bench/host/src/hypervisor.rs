@@ -57,7 +57,7 @@ pub(crate) fn runs_below(machine: &Machine) -> Option<bool> {
             .is_some(),
         tree.as_deref().is_some_and(|names| names.contains(DUMMY)),
         // Only a hypervisor tells a kernel of time that it took.
-        flags.is_none() && has_steal(machine),
+        flags.is_none() && CpuTimes::of(machine, None).stolen > 0,
     ];
     if marks.contains(&true) {
         return Some(true);
@@ -74,10 +74,6 @@ fn names_hypervisor(dmi: &[Option<String>; DMI.len()]) -> bool {
     let begins = |name: &String, known: &[&str]| known.iter().any(|known| name.starts_with(known));
     dmi.iter().flatten().any(|name| begins(name, &MAKERS))
         || product.iter().any(|name| begins(name, &MACHINES))
-}
-
-fn has_steal(machine: &Machine) -> bool {
-    CpuTimes::of(machine, None).stolen() > 0
 }
 
 #[cfg(test)]
@@ -101,89 +97,64 @@ mod tests {
     const ARM: (&str, &str) = ("proc/cpuinfo", "processor\t: 0\nFeatures\t: fp asimd\n");
 
     #[test]
-    fn a_hypervisor_is_seen_on_every_architecture() {
-        let marks: [&[(&str, &str)]; 9] = [
-            &[("proc/cpuinfo", "flags : fpu hypervisor\n")],
-            &[("sys/hypervisor/type", "xen\n")],
-            &[
-                ARM,
-                ("sys/class/dmi/id/sys_vendor", "Amazon EC2\n"),
-                ("sys/class/dmi/id/product_name", "m7g.large\n"),
-            ],
-            &[
-                ARM,
-                ("sys/class/dmi/id/product_name", "KVM Virtual Machine\n"),
-            ],
-            &[
-                ARM,
-                ("sys/class/dmi/id/sys_vendor", "Microsoft"),
-                ("sys/class/dmi/id/product_name", "Virtual Machine"),
-            ],
-            &[
-                ARM,
-                (
-                    "proc/device-tree/hypervisor/compatible",
-                    "xen,xen-4.17\0xen,xen\0",
-                ),
-            ],
-            &[ARM, ("proc/device-tree/compatible", "linux,dummy-virt\0")],
-            &[
-                ARM,
-                (
-                    "proc/stat",
-                    "cpu  10 0 5 80 0 0 0 2 0 0\ncpu0 10 0 5 80 0 0 0 2 0 0\n",
-                ),
-            ],
+    fn a_hypervisor_is_seen_on_every_architecture_and_hardware_by_marks_that_are_missing() {
+        let dmi = |vendor: &'static str, product: &'static str| {
+            let files = [
+                ("sys/class/dmi/id/sys_vendor", vendor),
+                ("sys/class/dmi/id/product_name", product),
+            ];
+            [vec![ARM], files.into()].concat()
+        };
+        let tree = "proc/device-tree/compatible";
+        let rows: [(Option<bool>, Vec<(&str, &str)>); 17] = [
+            (
+                Some(true),
+                vec![("proc/cpuinfo", "flags : fpu hypervisor\n")],
+            ),
+            (Some(true), vec![("sys/hypervisor/type", "xen\n")]),
+            (Some(true), dmi("Amazon EC2\n", "m7g.large\n")),
+            (Some(true), dmi("", "KVM Virtual Machine\n")),
+            (Some(true), dmi("Microsoft", "Virtual Machine")),
+            (
+                Some(true),
+                vec![
+                    ARM,
+                    (
+                        "proc/device-tree/hypervisor/compatible",
+                        "xen,xen-4.17\0xen,xen\0",
+                    ),
+                ],
+            ),
+            (Some(true), vec![ARM, (tree, "linux,dummy-virt\0")]),
+            (
+                Some(true),
+                vec![ARM, ("proc/stat", "cpu  10 0 5 80 0 0 0 2 0 0\n")],
+            ),
             // One that hides its flag.
-            &[
-                ("proc/cpuinfo", "flags : fpu\n"),
-                ("sys/class/dmi/id/sys_vendor", "QEMU"),
-            ],
+            (
+                Some(true),
+                vec![
+                    ("proc/cpuinfo", "flags : fpu\n"),
+                    ("sys/class/dmi/id/sys_vendor", "QEMU"),
+                ],
+            ),
+            (Some(false), vec![("proc/cpuinfo", "flags : fpu vme\n")]),
+            (
+                Some(false),
+                vec![ARM, (tree, "raspberrypi,4-model-b\0brcm,bcm2711\0")],
+            ),
+            (Some(false), dmi("GIGABYTE", "R272-P30")),
+            (Some(false), dmi("Amazon EC2\n", "m7g.metal")),
+            (Some(false), dmi("Microsoft", "Surface Pro X")),
+            (None, vec![ARM]),
+            (
+                None,
+                vec![ARM, ("proc/stat", "cpu  10 0 5 80 0 0 0 0 0 0\n")],
+            ),
+            (None, vec![]),
         ];
-        for files in marks {
-            assert_eq!(of(files), Some(true), "{files:?}");
+        for (expected, files) in rows {
+            assert_eq!(of(&files), expected, "{files:?}");
         }
-    }
-
-    #[test]
-    fn hardware_is_known_by_what_would_tell_and_does_not() {
-        let marks: [&[(&str, &str)]; 5] = [
-            &[("proc/cpuinfo", "flags : fpu vme\n")],
-            &[
-                ARM,
-                (
-                    "proc/device-tree/compatible",
-                    "raspberrypi,4-model-b\0brcm,bcm2711\0",
-                ),
-            ],
-            &[
-                ARM,
-                ("sys/class/dmi/id/sys_vendor", "GIGABYTE"),
-                ("sys/class/dmi/id/product_name", "R272-P30"),
-            ],
-            &[
-                ARM,
-                ("sys/class/dmi/id/sys_vendor", "Amazon EC2"),
-                ("sys/class/dmi/id/product_name", "m7g.metal"),
-            ],
-            &[
-                ARM,
-                ("sys/class/dmi/id/sys_vendor", "Microsoft"),
-                ("sys/class/dmi/id/product_name", "Surface Pro X"),
-            ],
-        ];
-        for files in marks {
-            assert_eq!(of(files), Some(false), "{files:?}");
-        }
-    }
-
-    #[test]
-    fn what_nothing_tells_is_not_known() {
-        assert_eq!(of(&[ARM]), None);
-        assert_eq!(
-            of(&[ARM, ("proc/stat", "cpu  10 0 5 80 0 0 0 0 0 0\n")]),
-            None
-        );
-        assert_eq!(of(&[]), None);
     }
 }

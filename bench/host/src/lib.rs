@@ -5,7 +5,6 @@
 
 pub mod cpu_times;
 pub mod doctor;
-pub mod executable;
 pub mod floor;
 mod hypervisor;
 pub mod interrupts;
@@ -15,7 +14,8 @@ pub mod trace;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use ipc::instance::{Instance, SHARED_MEMORY, shared_memory_space};
+use errors::Failure;
+use ipc::instance::{Instance, shared_memory_space};
 use process::rt::{fifo_refusal, hold_cpu_latency};
 use rustix::thread::ClockId;
 use rustix::time::clock_getres;
@@ -45,14 +45,12 @@ pub struct Answers {
 impl Machine {
     /// This machine, with the loops on processor `cpu` or where they go by themselves; SCHED_FIFO is tried at
     /// `fifo_priority`, on a thread that ends at once.
-    #[must_use]
     pub fn here(fifo_priority: i32, cpu: Option<usize>) -> Self {
         let resolution = clock_getres(ClockId::Monotonic);
+        let errno = |e: std::io::Error| e.raw_os_error().unwrap_or(0);
         let answers = Answers {
-            fifo_errno: fifo_refusal(fifo_priority).map(|e| e.raw_os_error().unwrap_or(0)),
-            deep_sleep_errno: hold_cpu_latency()
-                .err()
-                .map(|e| e.raw_os_error().unwrap_or(0)),
+            fifo_errno: fifo_refusal(fifo_priority).map(errno),
+            deep_sleep_errno: hold_cpu_latency().err().map(errno),
             timer_resolution_ns: resolution.tv_sec.unsigned_abs() * 1_000_000_000
                 + resolution.tv_nsec.unsigned_abs(),
             shared_memory_free_bytes: shared_memory_space().ok(),
@@ -62,23 +60,15 @@ impl Machine {
                 .collect(),
             cpu,
         };
-        Self {
-            root: PathBuf::from("/"),
-            answers,
-        }
+        Self::under(Path::new("/"), answers)
     }
 
     /// This machine as far as files tell: nothing is asked.
-    #[must_use]
     pub fn files() -> Self {
-        Self {
-            root: PathBuf::from("/"),
-            answers: Answers::default(),
-        }
+        Self::under(Path::new("/"), Answers::default())
     }
 
     /// A machine whose files lie under a directory.
-    #[must_use]
     pub fn under(root: &Path, answers: Answers) -> Self {
         Self {
             root: root.to_owned(),
@@ -87,7 +77,6 @@ impl Machine {
     }
 
     /// A file's text without the blanks around it; nothing where it cannot be read.
-    #[must_use]
     pub fn read(&self, path: &str) -> Option<String> {
         fs::read_to_string(self.root.join(path.trim_start_matches('/')))
             .ok()
@@ -95,13 +84,11 @@ impl Machine {
     }
 
     /// A file's text as a number.
-    #[must_use]
     pub fn number(&self, path: &str) -> Option<i64> {
         self.read(path)?.parse().ok()
     }
 
     /// The value after `name` and a colon in a file of such lines, the first one.
-    #[must_use]
     pub fn field(&self, path: &str, name: &str) -> Option<String> {
         let text = self.read(path)?;
         text.lines().find_map(|line| {
@@ -111,7 +98,6 @@ impl Machine {
     }
 
     /// Processors that this process may use, in ascending order.
-    #[must_use]
     pub fn allowed_cpus(&self) -> Vec<usize> {
         self.field("/proc/self/status", "Cpus_allowed_list")
             .map(|list| cpu_list(&list))
@@ -119,7 +105,6 @@ impl Machine {
     }
 
     /// The processor of the loops: the one named, or the highest-numbered one allowed.
-    #[must_use]
     pub fn loops_cpu(&self) -> usize {
         self.answers
             .cpu
@@ -128,7 +113,6 @@ impl Machine {
     }
 
     /// Whether this process has a capability, by its number.
-    #[must_use]
     pub fn has_capability(&self, number: u32) -> bool {
         self.field("/proc/self/status", "CapEff")
             .and_then(|hex| u64::from_str_radix(&hex, 16).ok())
@@ -136,7 +120,6 @@ impl Machine {
     }
 
     /// A soft limit of this process as the kernel names it, such as `Max locked memory`; nothing stands for unlimited.
-    #[must_use]
     pub fn limit(&self, name: &str) -> Option<u64> {
         let text = self.read("/proc/self/limits")?;
         text.lines()
@@ -148,13 +131,11 @@ impl Machine {
     }
 
     /// Whether a hypervisor runs below; nothing where that is not known.
-    #[must_use]
     pub fn hypervisor(&self) -> Option<bool> {
         hypervisor::runs_below(self)
     }
 
     /// The preemption model that the kernel names, or `unknown`.
-    #[must_use]
     pub fn preemption(&self) -> &'static str {
         let version = self.read("/proc/sys/kernel/version").unwrap_or_default();
         if self.read("/sys/kernel/realtime").as_deref() == Some("1") {
@@ -167,7 +148,6 @@ impl Machine {
     }
 
     /// What a kernel whose preemption model can be chosen at its start runs with, where it says so.
-    #[must_use]
     pub fn preemption_chosen(&self) -> Option<String> {
         let choices = self.read("/sys/kernel/debug/sched/preempt");
         let marked = choices
@@ -182,7 +162,6 @@ impl Machine {
     }
 
     /// The clock source in use, or `unknown`.
-    #[must_use]
     pub fn clock_source(&self) -> String {
         self.read(CLOCK_SOURCE).unwrap_or_else(|| "unknown".into())
     }
@@ -193,14 +172,13 @@ pub const CLOCK_SOURCE: &str = "/sys/devices/system/clocksource/clocksource0/cur
 /// The file of the real-time throttle: what SCHED_FIFO gets of each period [us]; -1 is all.
 pub const RT_RUNTIME: &str = "/proc/sys/kernel/sched_rt_runtime_us";
 
-/// Where shared memory is, for messages.
-#[must_use]
-pub const fn shared_memory_path() -> &'static str {
-    SHARED_MEMORY
+/// The executable of this process, which every other process of the rig runs too.
+pub fn own_executable() -> Result<PathBuf, Failure> {
+    std::env::current_exe()
+        .map_err(|e| Failure::failed(format!("cannot find the own executable: {e}")))
 }
 
 /// The numbers of a list as the kernel writes it: `0-2,5`. What is no number is left out.
-#[must_use]
 pub fn cpu_list(text: &str) -> Vec<usize> {
     let mut cpus: Vec<usize> = text
         .trim()
@@ -237,5 +215,9 @@ mod tests {
                 && machine.answers.shared_memory_free_bytes.is_some()
         );
         assert_ne!(machine.clock_source(), "unknown");
+        let before = interrupts::Interrupts::read(None);
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        assert!(!before.until(&interrupts::Interrupts::read(None)).is_empty());
+        assert!(cpu_times::host().cpus >= 1);
     }
 }

@@ -20,7 +20,6 @@ pub struct Watch {
 
 impl Watch {
     /// Looks at loops with these set-ups.
-    #[must_use]
     pub fn new(loops: &[Status; STAGES.len()], is_virtual: bool) -> Self {
         let mut cpus = loops.iter().map(|status| {
             let grant = status.grants.of(RealtimeStep::Affinity);
@@ -33,15 +32,14 @@ impl Watch {
         }
     }
 
-    #[must_use]
     pub fn sample(&self, loops: &[Status; STAGES.len()], lost: u64) -> CounterSample {
         let times = CpuTimes::read(self.processor);
-        let stolen = if self.is_virtual { times.stolen() } else { 0 };
+        let stolen = if self.is_virtual { times.stolen } else { 0 };
         let stages = loops.map(|status| counters(status.pid));
         CounterSample {
             stages,
             stolen,
-            busy: times.busy(),
+            busy: times.busy,
             lost,
             at_ns: now_ns(),
         }
@@ -62,36 +60,35 @@ pub struct Look {
 
 impl Look {
     /// At a process; nothing where it is gone.
-    #[must_use]
     pub fn at(pid: u64) -> Option<Self> {
-        let read =
-            |file: &str| std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/{file}")).ok();
-        let (state, is_dying) = state_and_end(&read("stat")?)?;
-        let ran_ns =
-            read("schedstat").and_then(|text| text.split_whitespace().next()?.parse().ok());
+        const PF_EXITING: u64 = 4;
+        let line = read(pid, "stat").ok()?;
+        let stat = Stat::of(&line);
+        let (flags, exit_code) = (stat.number(9), stat.number(52));
+        let ran_ns = read(pid, "schedstat").ok();
+        let ran_ns = ran_ns.and_then(|text| text.split_whitespace().next()?.parse().ok());
         Some(Self {
-            state,
+            state: stat.state()?,
             ran_ns: ran_ns.unwrap_or(0),
-            is_dying,
+            // A main thread that has ended by itself, and left others behind, has the exit code 0.
+            is_dying: flags & PF_EXITING != 0 && exit_code != 0,
         })
     }
 
     /// Whether a signal or a debugger has stopped it.
-    #[must_use]
     pub const fn is_stopped(self) -> bool {
         matches!(self.state, 'T' | 't')
     }
 }
 
 /// Which of these loops ended without landing.
-#[must_use]
 pub fn fallen(loops: &[Status; STAGES.len()]) -> [bool; STAGES.len()] {
     loops.map(|status| {
         status.phase() != RolePhase::Landed && counters(status.pid).life == Life::Dead
     })
 }
 
-/// What is counted for the main thread of a process, which is the loop's; number 0 is nobody.
+/// What is counted for the main thread of a process, which is the loop's; 0 is no process.
 fn counters(pid: u64) -> Counters {
     let mut counters = Counters {
         pid,
@@ -100,28 +97,30 @@ fn counters(pid: u64) -> Counters {
     if pid == 0 {
         return counters;
     }
-    let read = |file: &str| std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/{file}"));
-    match read("stat") {
-        Ok(stat) => (counters.life, counters.faults) = life_and_faults(&stat),
+    match read(pid, "stat") {
+        Ok(stat) => (counters.life, counters.faults) = life_and_faults(&Stat::of(&stat)),
         Err(e) if e.kind() == ErrorKind::NotFound => counters.life = Life::Dead,
         // What may not be read says nothing.
         Err(_) => {}
     }
     // The kernel ends them together with the process, so that nothing but an end makes these fail.
-    if let Ok(text) = read("schedstat") {
+    if let Ok(text) = read(pid, "schedstat") {
         let mut numbers = text.split_whitespace().map(|ns| ns.parse().unwrap_or(0));
         counters.ran_ns = numbers.next().unwrap_or(0);
         counters.waited_ns = numbers.next().unwrap_or(0);
     }
-    if let Ok(text) = read("status") {
-        let line = text
+    if let Ok(text) = read(pid, "status") {
+        let switches = text
             .lines()
-            .find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"));
-        counters.involuntary_switches = line
-            .and_then(|count| count.trim().parse().ok())
-            .unwrap_or(0);
+            .find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"))
+            .and_then(|count| count.trim().parse().ok());
+        counters.involuntary_switches = switches.unwrap_or(0);
     }
     counters
+}
+
+fn read(pid: u64, file: &str) -> std::io::Result<String> {
+    std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/{file}"))
 }
 
 /// A line of /proc/PID/stat behind the name in brackets, which may hold anything: fields from the third on.
@@ -129,11 +128,8 @@ struct Stat<'a>(Vec<&'a str>);
 
 impl<'a> Stat<'a> {
     fn of(line: &'a str) -> Self {
-        Self(
-            line.rsplit_once(')')
-                .map(|(_, rest)| rest.split_whitespace().collect())
-                .unwrap_or_default(),
-        )
+        let (_, fields) = line.rsplit_once(')').unwrap_or_default();
+        Self(fields.split_whitespace().collect())
     }
 
     fn state(&self) -> Option<char> {
@@ -142,15 +138,12 @@ impl<'a> Stat<'a> {
 
     /// The field with this number in proc(5); 0 where there is none.
     fn number(&self, field: usize) -> u64 {
-        self.0
-            .get(field - 3)
-            .and_then(|number| number.parse().ok())
-            .unwrap_or(0)
+        let number = self.0.get(field - 3);
+        number.and_then(|it| it.parse().ok()).unwrap_or(0)
     }
 }
 
-fn life_and_faults(line: &str) -> (Life, u64) {
-    let stat = Stat::of(line);
+fn life_and_faults(stat: &Stat) -> (Life, u64) {
     let life = match stat.state() {
         Some('T' | 't') => Life::Stopped,
         Some('Z' | 'X') => Life::Dead,
@@ -160,57 +153,39 @@ fn life_and_faults(line: &str) -> (Life, u64) {
     (life, minflt + majflt)
 }
 
-/// The kernel's letter, and whether the process is being put away.
-fn state_and_end(line: &str) -> Option<(char, bool)> {
-    const PF_EXITING: u64 = 4;
-    let stat = Stat::of(line);
-    let (flags, exit_code) = (stat.number(9), stat.number(52));
-    // A main thread that has ended by itself, and left others behind, has 0.
-    Some((stat.state()?, flags & PF_EXITING != 0 && exit_code != 0))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn a_stat_line_is_read_whatever_the_process_is_called() {
+        let of = |line: &str| life_and_faults(&Stat::of(line));
         let line = "7 (a) T 1 (b) T 1 7 7 0 -1 4194304 12 0 3 0 1 2";
-        assert_eq!(life_and_faults(line), (Life::Stopped, 15));
-        assert_eq!(
-            life_and_faults("7 (x) Z 1 7 7 0 -1 4194304 0 0 0 0").0,
-            Life::Dead
-        );
-        assert_eq!(
-            life_and_faults("7 (x) R 1 7 7 0 -1 4194304 0 0 0 0").0,
-            Life::Lives
-        );
+        assert_eq!(of(line), (Life::Stopped, 15));
+        assert_eq!(of("7 (x) Z 1 7 7 0 -1 4194304 0 0 0 0").0, Life::Dead);
+        assert_eq!(of("7 (x) R 1 7 7 0 -1 4194304 0 0 0 0").0, Life::Lives);
     }
 
     #[test]
-    fn counters_of_this_process_grow_as_it_faults_and_one_that_never_was_is_dead() {
+    fn this_process_runs_and_one_that_never_was_is_dead() {
         let tid = u64::from(std::process::id());
-        let before = counters(tid);
-        assert_eq!((before.pid, before.life), (tid, Life::Lives));
-        assert!(before.faults > 0);
+        let here = counters(tid);
+        assert_eq!((here.pid, here.life), (tid, Life::Lives));
+        assert!(here.faults > 0);
         assert_eq!(counters(u64::from(u32::MAX)).life, Life::Dead);
         assert_eq!(counters(0).life, Life::Lives);
-    }
-
-    #[test]
-    fn a_look_at_this_process_finds_it_running_and_at_nobody_nothing() {
-        let look = Look::at(u64::from(std::process::id())).unwrap();
+        let look = Look::at(tid).unwrap();
         assert!(
-            "RSD".contains(look.state) && look.ran_ns > 0 && !look.is_stopped(),
+            "RSD".contains(look.state) && look.ran_ns > 0 && !look.is_stopped() && !look.is_dying,
             "{look:?}"
         );
-        assert!(!look.is_dying, "{look:?}");
         assert_eq!(Look::at(u64::from(u32::MAX)), None);
     }
 
     #[test]
-    fn who_was_killed_or_failed_is_dying_until_its_parent_has_heard_of_it() {
-        let dying = |command: &str| {
+    fn a_process_that_was_killed_or_failed_is_dying_until_its_parent_has_heard_of_it() {
+        // A main thread that leaves others behind looks as one that succeeded.
+        for (command, expected) in [("kill -KILL $$", true), ("exit 3", true), ("exit 0", false)] {
             let mut child = std::process::Command::new("sh")
                 .args(["-c", command])
                 .spawn()
@@ -219,20 +194,13 @@ mod tests {
             while look().state != 'Z' {
                 std::thread::sleep(std::time::Duration::from_millis(1));
             }
-            let is_dying = look().is_dying;
+            assert_eq!(look().is_dying, expected, "{command}");
             child.wait().unwrap();
-            is_dying
-        };
-        assert!(dying("kill -KILL $$"));
-        assert!(dying("exit 3"));
-        assert!(
-            !dying("exit 0"),
-            "a main thread that leaves others behind looks the same"
-        );
+        }
     }
 
     #[test]
-    fn only_who_ended_without_landing_has_fallen() {
+    fn only_loops_that_ended_without_landing_have_fallen() {
         let status = |pid: u64, phase: RolePhase| Status {
             pid,
             phase: phase as u64,

@@ -133,12 +133,9 @@ pub fn remove_left(name: &str) -> io::Result<()> {
 }
 
 /// The rings whose names begin like this, by their names.
-#[must_use]
 pub fn rings(prefix: &str) -> Vec<String> {
-    let entries = fs::read_dir(instances(Path::new(TRACEFS)))
-        .into_iter()
-        .flatten()
-        .filter_map(Result::ok);
+    let entries = fs::read_dir(instances(Path::new(TRACEFS)));
+    let entries = entries.into_iter().flatten().flatten();
     entries
         .filter_map(|entry| entry.file_name().into_string().ok())
         .filter(|name| name.starts_with(prefix))
@@ -168,22 +165,16 @@ impl Readers {
     fn read(&mut self, trace: &str) -> Vec<Slice> {
         let mut slices = Vec::new();
         for line in trace.lines() {
-            if is_gap(line) {
+            // `CPU:1 [LOST 12 EVENTS]`: the ring was full.
+            if line.starts_with("CPU:") && line.ends_with(" EVENTS]") {
                 self.0.clear();
             } else if let Some(event) = Event::of(line) {
-                self.0
-                    .entry(event.cpu.to_owned())
-                    .or_default()
-                    .take(&event, &mut slices);
+                let reader = self.0.entry(event.cpu.to_owned()).or_default();
+                reader.take(&event, &mut slices);
             }
         }
         slices
     }
-}
-
-/// `CPU:1 [LOST 12 EVENTS]`: the ring was full.
-fn is_gap(line: &str) -> bool {
-    line.starts_with("CPU:") && line.ends_with(" EVENTS]")
 }
 
 struct Event<'a> {
@@ -240,35 +231,26 @@ impl Reader {
         } = *event;
         self.find(pid, at_ns, slices);
         self.seen_ns = at_ns;
+        let slice = |from_ns, runner| Slice {
+            from_ns,
+            to_ns: at_ns,
+            runner,
+        };
         if name == "sched_switch" {
             let Some((leaves, comes)) = switch(fields) else {
                 return;
             };
             // Where soft interrupts are threads (PREEMPT_RT), one may be switched out before it ends.
             self.interrupts.clear();
-            let ran = self
-                .thread
-                .replace((comes, at_ns))
-                .filter(|(_, from_ns)| *from_ns < at_ns);
-            slices.extend(ran.map(|(_, from_ns)| Slice {
-                from_ns,
-                to_ns: at_ns,
-                runner: leaves,
-            }));
+            let ran = self.thread.replace((comes, at_ns));
+            let ran = ran.filter(|(_, from_ns)| *from_ns < at_ns);
+            slices.extend(ran.map(|(_, from_ns)| slice(from_ns, leaves)));
         } else if name.ends_with("_exit") {
             let entered = self.interrupts.pop();
-            slices.extend(entered.map(|(runner, from_ns)| Slice {
-                from_ns,
-                to_ns: at_ns,
-                runner,
-            }));
+            slices.extend(entered.map(|(runner, from_ns)| slice(from_ns, runner)));
         } else if let Some(kind) = name.strip_suffix("_entry") {
-            self.interrupts.push((
-                Runner::Interrupt {
-                    name: interrupt(kind, fields),
-                },
-                at_ns,
-            ));
+            let name = interrupt(kind, fields);
+            self.interrupts.push((Runner::Interrupt { name }, at_ns));
         }
     }
 
@@ -316,15 +298,12 @@ fn switch(fields: &str) -> Option<(Runner, u64)> {
 /// A name for an interrupt: `irq=36 name=DEVICE`, `vec=1 [action=TIMER]`, or only the kind.
 fn interrupt(kind: &str, fields: &str) -> String {
     let word = |begin: &str| Some(fields.split_once(begin)?.1.trim_end_matches(']'));
-    match kind {
-        "irq_handler" => {
-            word(" name=").map_or_else(|| kind.into(), |device| format!("irq {device}"))
-        }
-        "softirq" => {
-            word("[action=").map_or_else(|| kind.into(), |action| format!("softirq {action}"))
-        }
-        _ => kind.replace('_', " "),
-    }
+    let named = match kind {
+        "irq_handler" => word(" name=").map(|device| format!("irq {device}")),
+        "softirq" => word("[action=").map(|action| format!("softirq {action}")),
+        _ => Some(kind.replace('_', " ")),
+    };
+    named.unwrap_or_else(|| kind.into())
 }
 
 #[cfg(test)]
@@ -346,95 +325,62 @@ mod tests {
           <idle>-0       [001] d..2. 100.001500: sched_switch: prev_comm=swapper/1 prev_pid=0 prev_prio=120 prev_state=R ==> next_comm=ironbird next_pid=9 next_prio=19
 ";
 
-    #[test]
-    fn a_trace_tells_who_ran_and_what_interrupted() {
-        let told: Vec<(String, u64, u64)> = Readers::default()
-            .read(TRACE)
-            .into_iter()
-            .map(|it| {
-                (
-                    it.runner.words(),
-                    it.from_ns / 1000 - 100_000_000,
-                    it.to_ns - it.from_ns,
-                )
-            })
-            .collect();
-        let expected = [
-            ("irq virtio1-req.0", 50, 3_000),
-            ("local timer", 54, 7_000),
-            ("softirq TIMER", 60, 4_000),
-            ("a: b-1 [2] (77)", 10, 990_000),
-            ("idle", 1000, 500_000),
-        ];
-        assert_eq!(
-            told,
-            expected.map(|(name, from_us, ns)| (name.to_owned(), from_us, ns))
-        );
+    /// Who ran, since when [us after 100 s], and how long [ns].
+    fn slices(readers: &mut Readers, trace: &[&str]) -> Vec<(String, u64, u64)> {
+        let slices = readers.read(&trace.join("\n"));
+        let slice = |it: Slice| {
+            let from_us = it.from_ns / 1000 - 100_000_000;
+            (it.runner.words(), from_us, it.to_ns - it.from_ns)
+        };
+        slices.into_iter().map(slice).collect()
     }
 
     #[test]
-    fn a_slice_may_end_in_the_next_part() {
-        let lines: Vec<&str> = TRACE.lines().collect();
-        let mut readers = Readers::default();
-        assert_eq!(readers.read(&lines[..3].join("\n")), []);
-        let rest = readers.read(&lines[9..].join("\n"));
-        assert_eq!(
-            rest.iter().map(|it| it.runner.words()).collect::<Vec<_>>(),
-            ["a: b-1 [2] (77)", "idle"]
-        );
-    }
-
-    #[test]
-    fn who_runs_after_an_untraced_switch_is_known_since_the_last_interrupt_of_the_idle_thread_or_not_at_all()
-     {
+    fn a_trace_tells_who_ran_and_what_interrupted_in_parts_and_across_gaps() {
         const INTERRUPTED: &str = "<idle>-0 [001] dNh1. 100.001480: local_timer_exit: vector=236";
         const LEAVES: &str = "hog-7 [001] d..2. 100.009000: sched_switch: prev_comm=hog prev_pid=7 prev_prio=0 prev_state=S ==> next_comm=ironbird next_pid=9 next_prio=19";
         let lines: Vec<&str> = TRACE.lines().collect();
-        let told = |lines: &[&str]| -> Vec<(String, u64)> {
-            let slices = Readers::default().read(&lines.join("\n"));
-            slices
-                .iter()
-                .map(|it| (it.runner.words(), it.to_ns - it.from_ns))
-                .collect()
-        };
-        assert!(
-            lines[2].ends_with("next_pid=77 next_prio=120")
-                && lines[9].contains("next_comm=swapper/1")
-        );
-        let expected = [("idle".to_owned(), 480_000), ("hog (7)".into(), 7_520_000)];
-        assert_eq!(told(&[lines[9], INTERRUPTED, LEAVES]), expected);
-        assert_eq!(
-            told(&[lines[9], LEAVES]),
-            [],
-            "nobody knows since when it ran"
-        );
-        assert_eq!(told(&[lines[2], LEAVES]), [], "nor here");
-    }
-
-    #[test]
-    fn nobody_is_taken_to_have_run_while_the_ring_was_full() {
-        let lines: Vec<&str> = TRACE.lines().collect();
-        let mut readers = Readers::default();
-        assert_eq!(readers.read(&lines[..3].join("\n")), []);
-        assert_eq!(readers.read("CPU:1 [LOST 12 EVENTS]"), []);
-        let told = readers.read(&lines[9..].join("\n"));
-        assert_eq!(
-            told.iter().map(|it| it.runner.words()).collect::<Vec<_>>(),
-            ["idle"],
-            "not a: b-1 [2]"
-        );
-    }
-
-    #[test]
-    fn what_is_no_trace_has_no_slices() {
-        for text in [
-            "",
-            "\n#\n",
-            "x: y: z",
-            "a-1 [001] d 1.x: sched_switch: nothing",
-            ": : :",
+        let [comes, goes] = [lines[2], lines[9]];
+        let (thread, idle) = (("a: b-1 [2] (77)", 10, 990_000), ("idle", 1000, 500_000));
+        let interrupts = [
+            ("irq virtio1-req.0", 50, 3_000),
+            ("local timer", 54, 7_000),
+            ("softirq TIMER", 60, 4_000),
+        ];
+        let whole = [&interrupts[..], &[thread, idle]].concat();
+        for (parts, expected) in [
+            (vec![&lines[..]], whole),
+            // A slice may end in the next part.
+            (vec![&lines[..3], &lines[9..]], vec![thread, idle]),
+            // While the ring was full, anything may have run.
+            (
+                vec![&lines[..3], &["CPU:1 [LOST 12 EVENTS]"], &lines[9..]],
+                vec![idle],
+            ),
+            // After a switch that was not traced: since the last interrupt of the idle thread, or not known.
+            (
+                vec![&[goes, INTERRUPTED, LEAVES]],
+                vec![("idle", 1000, 480_000), ("hog (7)", 1480, 7_520_000)],
+            ),
+            (vec![&[goes, LEAVES]], vec![]),
+            (vec![&[comes, LEAVES]], vec![]),
+            (
+                vec![&[
+                    "",
+                    "#",
+                    "x: y: z",
+                    "a-1 [001] d 1.x: sched_switch: nothing",
+                    ": : :",
+                ]],
+                vec![],
+            ),
         ] {
-            assert_eq!(Readers::default().read(text), []);
+            let mut readers = Readers::default();
+            let read = parts.iter().flat_map(|part| slices(&mut readers, part));
+            let expected = expected
+                .iter()
+                .map(|(name, from_us, ns)| ((*name).to_owned(), *from_us, *ns));
+            assert_eq!(Vec::from_iter(read), Vec::from_iter(expected), "{parts:?}");
         }
     }
 
@@ -447,30 +393,22 @@ mod tests {
     }
 
     #[test]
-    fn a_trace_that_cannot_be_read_names_the_file() {
+    fn a_trace_that_cannot_be_begun_or_read_names_the_file() {
         // No directory is read as a file.
-        let pipe = File::open("/").unwrap();
-        let ring = Ring("/proc/self/nowhere".into());
         let mut trace = Trace {
-            pipe,
-            ring,
+            pipe: File::open("/").unwrap(),
+            ring: Ring("/proc/self/nowhere".into()),
             rest: Vec::new(),
             readers: Readers::default(),
         };
-        let error = trace.take().unwrap_err().to_string();
         assert_eq!(
-            error,
+            trace.take().unwrap_err().to_string(),
             "/proc/self/nowhere/trace_pipe: Is a directory (os error 21)"
         );
-    }
-
-    #[test]
-    fn a_refusal_names_the_file() {
         let error = Trace::begin_at(Path::new("/proc/self/nowhere"), "x", Some(0)).unwrap_err();
+        let error = error.to_string();
         assert!(
-            error
-                .to_string()
-                .starts_with("/proc/self/nowhere/instances/x: "),
+            error.starts_with("/proc/self/nowhere/instances/x: "),
             "{error}"
         );
     }

@@ -168,7 +168,6 @@ impl AsyncWriter {
     }
 
     /// Whether the disk has it all and has synced it.
-    #[must_use]
     pub fn is_at_rest(&self) -> bool {
         self.0.borrow().queue.state().is_at_rest()
     }
@@ -193,7 +192,6 @@ impl AsyncWriter {
     }
 
     /// Length of the file when everything that was written is there [bytes].
-    #[must_use]
     pub fn written(&self) -> u64 {
         let kept = self.0.borrow();
         let state = kept.queue.state();
@@ -201,7 +199,6 @@ impl AsyncWriter {
     }
 
     /// Whether so much waits that nothing more can.
-    #[must_use]
     pub fn is_overfull(&self) -> bool {
         let kept = self.0.borrow();
         let state = kept.queue.state();
@@ -234,7 +231,6 @@ impl AsyncWriter {
     }
 
     /// Why the disk did not take something, the first time.
-    #[must_use]
     pub fn refused(&self) -> Option<String> {
         self.0.borrow().queue.state().refused.clone()
     }

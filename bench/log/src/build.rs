@@ -22,7 +22,6 @@ pub struct Build {
 
 impl Build {
     /// The same of a version that is known from elsewhere, where this one knows nothing.
-    #[must_use]
     pub fn of_version(&self, version: &str) -> Self {
         let is_unknown = *self == Self::default();
         Self {
@@ -36,7 +35,6 @@ impl Build {
     }
 
     /// Commit and profile in one word: `7fa27a4-dirty-release`.
-    #[must_use]
     pub fn token(&self) -> String {
         format!(
             "{}{}-{}",
@@ -47,7 +45,6 @@ impl Build {
     }
 
     /// How it compares with another one, as a sentence can end.
-    #[must_use]
     pub fn compared_with(&self, other: &Self) -> &'static str {
         if self != other {
             "different"

@@ -25,7 +25,6 @@ pub trait Logged: Topic + Visit {}
 impl<C: Topic + Visit> Logged for C {}
 
 /// Whether a field is telemetry, which is logged beside the message that it came in.
-#[must_use]
 pub fn is_telemetry(field: &Field) -> bool {
     matches!(field.kind, Kind::Struct { name, .. } if name == Telemetry::STRUCT)
 }
@@ -42,7 +41,6 @@ pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
 }
 
 /// Reads a message, without what a law shows in it; `None` where the bytes are not one.
-#[must_use]
 pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
     let mut message = Message {
         envelope: Header::new(),
@@ -53,7 +51,6 @@ pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
 
 /// Reads a message into the place of another one, of which the telemetry stays; false where the bytes are not one, and
 /// then none stands there.
-#[must_use]
 pub fn decode_into<C: Logged>(bytes: &[u8], message: &mut Message<C>) -> bool {
     let mut decoder = Decoder {
         bytes,

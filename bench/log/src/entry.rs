@@ -38,7 +38,6 @@ impl LogEntry {
         }
     }
 
-    #[must_use]
     pub const fn envelope(&self) -> &Header {
         match self {
             Self::State(message) => &message.envelope,
@@ -61,7 +60,6 @@ impl LogEntry {
     }
 
     /// Its topic's place in [`TOPICS`].
-    #[must_use]
     pub const fn topic(&self) -> usize {
         match self {
             Self::State(_) => 0,

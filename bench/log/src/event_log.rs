@@ -39,7 +39,6 @@ struct Seen {
 
 impl EventLog {
     /// Keeps so many ticks before and after each event.
-    #[must_use]
     pub const fn new(around_ticks: u64) -> Self {
         Self {
             around_ticks,
@@ -77,13 +76,11 @@ impl EventLog {
     }
 
     /// Messages that no event wanted; those that wait are not among them.
-    #[must_use]
     pub const fn left_out(&self) -> Counts {
         self.left_out
     }
 
     /// How many stretches are kept, apart from each other.
-    #[must_use]
     pub const fn stretches(&self) -> u64 {
         self.stretches
     }

@@ -68,7 +68,6 @@ impl LogPlan {
     };
 
     /// What is kept, in a word.
-    #[must_use]
     pub const fn kept(&self) -> &'static str {
         if self.around_ticks.is_some() {
             AROUND_MISSES
@@ -98,7 +97,6 @@ impl Facts {
     }
 }
 
-#[must_use]
 pub fn record(pairs: &[(&str, &str)]) -> Record {
     pairs
         .iter()

@@ -32,7 +32,6 @@ pub mod writer;
 pub const FILE: &str = "flight.mcap";
 
 /// Name of the files of the log: the first has no number.
-#[must_use]
 pub fn file_name(part: u64) -> String {
     if part == 0 {
         FILE.into()
@@ -42,7 +41,6 @@ pub fn file_name(part: u64) -> String {
 }
 
 /// Number of a file of the log; none of another file.
-#[must_use]
 pub fn part_of(file_name: &str) -> Option<u64> {
     let part = match file_name.strip_prefix("flight.")?.strip_suffix("mcap")? {
         "" => 0,

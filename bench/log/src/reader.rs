@@ -82,9 +82,6 @@ impl LogReader {
     }
 
     /// The next message; none at the end, which [`Self::end`] then describes.
-    ///
-    /// # Errors
-    /// [`Failure`] names the file, and says where it is damaged, or of which other version.
     pub fn next_entry(&mut self) -> Result<Option<&LogEntry>, Failure> {
         while self.end.is_none() {
             if self.step()? {
@@ -97,25 +94,21 @@ impl LogReader {
     }
 
     /// The message that was read last.
-    #[must_use]
     pub const fn newest(&self) -> &LogEntry {
         self.assembly.newest()
     }
 
     /// What the law of a role shows, as the log names it; none of a law without signals, and before the first message.
-    #[must_use]
     pub fn telemetry(&self, role: Role) -> Option<&TelemetryTopic> {
         self.assembly.telemetry(role)
     }
 
     /// The file that was read last.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// How far the log goes; [`End::Truncated`] while it has not been read to its end.
-    #[must_use]
     pub fn end(&self) -> End {
         self.end.unwrap_or(End::Truncated)
     }
@@ -387,7 +380,6 @@ impl LogReader {
     }
 
     /// The executable that wrote it; what the log does not say is unknown.
-    #[must_use]
     pub fn build(&self) -> Build {
         let told = |name: &str| {
             self.fact(facts::RUN, name)
@@ -403,7 +395,6 @@ impl LogReader {
         }
     }
 
-    #[must_use]
     pub fn damaged(&self, what: &str) -> Failure {
         Failure::failed(format!(
             "{} is damaged or no flight log: {what}",

@@ -11,7 +11,6 @@ use messages::layout::{Field, Kind, Layout as _, Visit, Visitor};
 use crate::codec::{Logged, is_telemetry};
 
 /// Names of the columns, as in `envelope.tick` and `position_w_m[2]`.
-#[must_use]
 pub fn columns<C: Logged>() -> Vec<String> {
     let mut columns = Vec::new();
     name_columns("envelope.", Header::FIELDS, &mut columns);
@@ -37,7 +36,6 @@ fn name_columns(path: &str, fields: &[Field], columns: &mut Vec<String>) {
 }
 
 /// The words of a content in the order of its columns: whole numbers, and the bits of the others.
-#[must_use]
 pub fn words<L: Visit>(content: &L) -> Vec<u64> {
     struct Words(Vec<u64>);
     impl Visitor for Words {
@@ -61,7 +59,6 @@ pub fn words<L: Visit>(content: &L) -> Vec<u64> {
 }
 
 /// Name and value of each number of a content, the value in words.
-#[must_use]
 pub fn named<C: Logged>(content: &C) -> Vec<(String, String)> {
     let mut names = Vec::new();
     name_columns("", C::FIELDS, &mut names);
@@ -76,7 +73,6 @@ pub fn named<C: Logged>(content: &C) -> Vec<(String, String)> {
 }
 
 /// A row of CSV, in the order of [`columns`].
-#[must_use]
 pub fn csv<C: Logged>(message: &Message<C>) -> String {
     let mut row = Row {
         line: String::new(),
@@ -87,7 +83,6 @@ pub fn csv<C: Logged>(message: &Message<C>) -> String {
 }
 
 /// An object of JSON, nested as the message is.
-#[must_use]
 pub fn json<C: Logged>(message: &Message<C>) -> String {
     let mut object = Object {
         text: "{\"envelope\":".into(),

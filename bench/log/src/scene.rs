@@ -33,7 +33,6 @@ pub const CHANNELS: [(&str, &str); 3] = [
 const EVERY_NS: u64 = 40_000_000;
 
 /// Ticks between two places of the scene, with ticks of `sample_time_ns` [ns].
-#[must_use]
 pub fn every_ticks(sample_time_ns: u64) -> u64 {
     (EVERY_NS / sample_time_ns.max(1)).max(1)
 }
@@ -107,7 +106,6 @@ pub struct Placed {
 }
 
 impl Placed {
-    #[must_use]
     pub const fn airframe(at_ns: u64, state: &State) -> Self {
         let Measured {
             position_w_m,
@@ -124,7 +122,6 @@ impl Placed {
     }
 
     /// Where it should be by a setpoint.
-    #[must_use]
     pub const fn reference(at_ns: u64, setpoint: &Setpoint) -> Self {
         let Setpoint {
             ref reference,
@@ -141,13 +138,11 @@ impl Placed {
     }
 
     /// When, on the clock of the log [ns].
-    #[must_use]
     pub const fn at_ns(&self) -> u64 {
         self.at_ns
     }
 
     /// Its messages, each with its place in [`CHANNELS`].
-    #[must_use]
     pub fn messages(&self) -> [(usize, Vec<u8>); 2] {
         [(self.pose, self.pose()), (2, self.transform())]
     }
@@ -196,7 +191,6 @@ impl Placed {
 }
 
 /// Schema of [`POSE_SCHEMA`] and [`TRANSFORM_SCHEMA`], as its bytes stand in the log.
-#[must_use]
 pub fn descriptor_set() -> Vec<u8> {
     const TIMESTAMP: &str = ".google.protobuf.Timestamp";
     let time = message(

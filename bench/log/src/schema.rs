@@ -16,13 +16,11 @@ use crate::codec::{CONTENT_NUMBER, ENVELOPE_NUMBER, Logged, is_telemetry};
 pub const PACKAGE: &str = "ironbird";
 
 /// Full name of a topic's message, as in `ironbird.State`.
-#[must_use]
 pub fn name<C: Logged>() -> String {
     format!("{PACKAGE}.{}", C::STRUCT)
 }
 
 /// Schema of a topic, as its bytes stand in the log.
-#[must_use]
 pub fn descriptor_set<C: Logged>() -> Vec<u8> {
     let mut messages = BTreeMap::new();
     collect(Header::STRUCT, Header::FIELDS, &mut messages);

@@ -30,7 +30,6 @@ pub const TICK: &str = "tick";
 const TICK_NUMBER: u32 = 1;
 
 /// The topic of what a role's law shows; none where the role has no law.
-#[must_use]
 pub fn topic(role: Role) -> Option<&'static str> {
     place(role).map(|place| TELEMETRY_TOPICS[place])
 }
@@ -49,7 +48,6 @@ pub struct TelemetryTopic {
 
 impl TelemetryTopic {
     /// The topic of a law with these signals; none of a law without any.
-    #[must_use]
     pub fn new(role: Role, signals: &[Signal]) -> Option<Self> {
         let signals = signals
             .iter()
@@ -81,13 +79,11 @@ impl TelemetryTopic {
         (told.signals.len() <= TELEMETRY && told.descriptor_set() == schema).then_some(told)
     }
 
-    #[must_use]
     pub fn topic(&self) -> &'static str {
         topic(self.role).unwrap_or_default()
     }
 
     /// Full name of its message, as in `ironbird.InnerTelemetry`.
-    #[must_use]
     pub fn schema_name(&self) -> String {
         format!("{PACKAGE}.{}", self.message())
     }
@@ -101,7 +97,6 @@ impl TelemetryTopic {
     }
 
     /// Its schema, as the bytes stand in the log.
-    #[must_use]
     pub fn descriptor_set(&self) -> Vec<u8> {
         let tick = plain(TICK, TICK_NUMBER, None, Type::Fixed64);
         let number =
@@ -117,7 +112,6 @@ impl TelemetryTopic {
     }
 
     /// The unit of each field, as in the other channels.
-    #[must_use]
     pub fn metadata(&self) -> BTreeMap<String, String> {
         let unit = |unit: &str| {
             if unit.is_empty() {
@@ -170,14 +164,12 @@ impl TelemetryTopic {
     }
 
     /// The columns of a table of it.
-    #[must_use]
     pub fn columns(&self) -> Vec<String> {
         let names = self.signals.iter().map(|(name, _)| name.clone());
         std::iter::once(TICK.to_owned()).chain(names).collect()
     }
 
     /// A row of CSV, in the order of [`Self::columns`].
-    #[must_use]
     pub fn csv(&self, tick: u64, telemetry: &Telemetry) -> String {
         let mut row = tick.to_string();
         for value in &telemetry.value[..self.signals.len()] {
@@ -187,7 +179,6 @@ impl TelemetryTopic {
         row
     }
 
-    #[must_use]
     pub fn json(&self, tick: u64, telemetry: &Telemetry) -> String {
         let mut object = format!("{{\"{TICK}\":{tick}");
         for ((name, _), value) in self.signals.iter().zip(telemetry.value) {

@@ -41,7 +41,6 @@ const FRAMES: [(&str, &str); 4] = [
 ];
 
 /// `unit.FIELD` and `frame.FIELD` of all numbers of a topic's messages; fields without a frame have none.
-#[must_use]
 pub fn describe<C: Logged>() -> BTreeMap<String, String> {
     let mut facts = BTreeMap::new();
     describe_fields("envelope.", Header::FIELDS, &mut facts);
@@ -50,7 +49,6 @@ pub fn describe<C: Logged>() -> BTreeMap<String, String> {
 }
 
 /// What the metadata of a topic say that does not apply to a flight.
-#[must_use]
 pub fn not_applicable(why: &str) -> (String, String) {
     ("not_applicable".into(), why.into())
 }

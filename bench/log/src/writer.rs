@@ -146,7 +146,6 @@ impl FlightLog {
     }
 
     /// What became of the messages so far.
-    #[must_use]
     pub fn fate(&self) -> Fate {
         let excerpt = self.excerpt.as_ref();
         let mut fate = Fate {

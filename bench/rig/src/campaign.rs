@@ -20,9 +20,6 @@ use errors::Failure;
 use crate::cli::CampaignCommand;
 
 /// Does what a command says.
-///
-/// # Errors
-/// Usage: what is wrong with the file, with its lines. A file that cannot be written; an interruption.
 pub fn campaign(command: &CampaignCommand) -> Result<u8, Failure> {
     match command {
         CampaignCommand::Run(args) => run::run(args),

@@ -6,9 +6,10 @@ use std::time::Duration;
 
 use errors::{Failure, GATE, OK};
 use host::Machine;
-use host::doctor::measured::MeasuredMachine;
-use host::doctor::{examine, text};
-use host::executable::own_executable;
+use host::doctor::measured::{MeasuredMachine, TICK_NS};
+use host::doctor::{examine, render};
+use host::floor::timer::Schedule;
+use host::own_executable;
 use messages::role::Role;
 use report::finding::RealtimeClass;
 
@@ -25,7 +26,6 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
     let cpu = args.cpu.map(usize::from);
     cpu.map_or(Ok(()), |cpu| check_cpu(&format!("--cpu {cpu}"), cpu))?;
     let machine = Machine::here(priority + Role::Mixer.priority_step(), cpu);
-    let executable = own_executable()?;
     if !SECONDS.contains(&args.seconds) {
         let (least, most) = (SECONDS.start(), SECONDS.end());
         return Err(Failure::usage(format!(
@@ -34,31 +34,28 @@ pub fn doctor(args: &DoctorArgs) -> Result<u8, Failure> {
         ))
         .help("for example: --seconds 5"));
     }
-    let duration = Duration::from_secs_f64(args.seconds);
     if std::io::stderr().is_terminal() {
         say(&format!(
             "measuring a timer and a ring of processes, {} s each\n",
             args.seconds
         ));
     }
-    let examination = examine(
-        &machine,
-        Some(MeasuredMachine::take(&executable, duration, priority, cpu)?),
-    );
+    let schedule = Schedule {
+        period_ns: TICK_NS,
+        duration: Duration::from_secs_f64(args.seconds),
+        cpu,
+        priority,
+    };
+    let measured = MeasuredMachine::take(&own_executable()?, &schedule)?;
+    let examination = examine(&machine, Some(measured));
     if args.json {
-        let json = serde_json::to_string_pretty(&examination)
-            .map_err(|e| Failure::failed(e.to_string()))?;
-        print(&(json + "\n"))?;
+        let json = serde_json::to_string_pretty(&examination);
+        print(&(json.map_err(|e| Failure::failed(e.to_string()))? + "\n"))?;
     } else {
-        print(&text::render(&examination))?;
+        print(&render(&examination))?;
     }
-    Ok(
-        if examination.diagnosis.verdict == RealtimeClass::NotRealTime {
-            GATE
-        } else {
-            OK
-        },
-    )
+    let is_realtime = examination.diagnosis.verdict != RealtimeClass::NotRealTime;
+    Ok(if is_realtime { OK } else { GATE })
 }
 
 /// A number as text, in scientific notation where digits alone would fill lines.

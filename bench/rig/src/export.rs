@@ -27,7 +27,6 @@ use report::phrase::count;
 pub const DIRECTORY: &str = "export";
 
 /// Whether an export creates a file of this name.
-#[must_use]
 pub fn is_ours(name: &str) -> bool {
     let formats = [TableFormat::Csv, TableFormat::Json];
     topics().any(|topic| {

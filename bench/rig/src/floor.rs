@@ -9,8 +9,6 @@ pub mod benchmark_page;
 pub mod comparison_sets;
 pub mod flight_baseline;
 pub mod flight_runner;
-pub mod ring_stage;
-pub mod system_calls;
 
 use crate::wall_time::utc;
 use std::path::Path;
@@ -18,15 +16,19 @@ use std::time::Duration;
 use std::time::SystemTime;
 
 use clap::ValueEnum as _;
-use process::rt::fifo_refusal;
+use ipc::clock::now_ns;
+use process::launcher::end_with_launcher;
+use process::rt::{fifo_refusal, take_stand};
 
-use crate::cli::{FloorArgs, Set};
+use crate::cli::{FloorArgs, HopArgs, Set};
 use crate::floor::benchmark_page::{MeasuredSet, Page, set_name};
 use crate::floor::comparison_sets::{MeasuringEffort, Stress};
 use crate::floor::flight_runner::FlightRunner;
 use crate::output::{print, say};
 use errors::{Failure, InFile as _, OK, read_text};
+use host::floor::comparison::FloorComparison;
 use host::floor::cyclictest;
+use host::floor::ring::{END, Link, Work};
 
 /// SCHED_FIFO priority of the plant in flights of this command; each stage has one more.
 const PRIORITY: i32 = 80;
@@ -55,12 +57,22 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
     for set in Set::value_variants() {
         if args.only.is_empty() || args.only.contains(set) {
             say(&format!("measuring: {}\n", set_name(*set)));
-            let mut measured = MeasuredSet::new(*set, now(), version.clone(), command(args, *set));
-            match missing(*set) {
-                Some(reason) => measured.left_out = Some(reason),
-                None => measure(&flights, &effort, &mut measured)?,
-            }
-            page.take(measured);
+            let (pairs, seconds, name) = (args.pairs, args.seconds, set_name(*set));
+            let started = utc(SystemTime::now());
+            let left_out = missing(*set);
+            page.take(MeasuredSet {
+                set: *set,
+                started,
+                version: version.clone(),
+                command: format!(
+                    "ironbird floor --only {name} --pairs {pairs} --seconds {seconds}"
+                ),
+                comparisons: match left_out {
+                    None => measure(&flights, &effort, *set)?,
+                    Some(_) => Vec::new(),
+                },
+                left_out,
+            });
             // Written after each set, so that a later failure does not lose it.
             if let Some(directory) = &args.write {
                 write(directory, &page)?;
@@ -73,40 +85,31 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
 
 /// Why a set cannot be measured here.
 fn missing(set: Set) -> Option<String> {
-    if matches!(set, Set::Flights | Set::Load | Set::KnownSlow)
-        && let Some(refusal) = fifo_refusal(PRIORITY + STAGES)
-    {
+    let is_load = set == Set::Load;
+    if set != Set::Flights && !is_load {
+        return None;
+    }
+    if let Some(refusal) = fifo_refusal(PRIORITY + STAGES) {
         return Some(format!("SCHED_FIFO is refused: {refusal}"));
     }
-    let lacks =
-        |is_there: bool, what: &str| (!is_there).then(|| format!("{what} is not installed"));
-    match set {
-        Set::Flights => lacks(cyclictest::is_installed(), "cyclictest (rt-tests)"),
-        Set::Load => lacks(cyclictest::is_installed(), "cyclictest (rt-tests)")
-            .or_else(|| lacks(Stress::is_installed(), "stress-ng")),
-        Set::Calls => lacks(system_calls::is_installed(), "strace"),
-        Set::Lockstep | Set::Laws | Set::Replay | Set::KnownSlow => None,
+    if !cyclictest::is_installed() {
+        return Some("cyclictest (rt-tests) is not installed".into());
     }
+    (is_load && !Stress::is_installed()).then(|| "stress-ng is not installed".into())
 }
 
 fn measure(
     flights: &FlightRunner,
     effort: &MeasuringEffort,
-    measured: &mut MeasuredSet,
-) -> Result<(), Failure> {
-    match measured.set {
-        Set::Flights => measured.comparisons = comparison_sets::flights(flights, effort, None)?,
-        Set::Load => {
-            let mut load = Stress::start(flights)?;
-            measured.comparisons = comparison_sets::flights(flights, effort, Some(&mut load))?;
-        }
-        Set::Lockstep => measured.comparisons = comparison_sets::lockstep(flights, effort)?,
-        Set::Laws => measured.comparisons = comparison_sets::laws(effort)?,
-        Set::Replay => measured.comparisons = comparison_sets::replay(flights, effort)?,
-        Set::KnownSlow => measured.comparisons = comparison_sets::known_slow(flights, effort)?,
-        Set::Calls => measured.calls = system_calls::measure(flights)?,
+    set: Set,
+) -> Result<Vec<FloorComparison>, Failure> {
+    match set {
+        Set::Flights => comparison_sets::flights(flights, effort, None),
+        Set::Load => comparison_sets::flights(flights, effort, Some(&mut Stress::start(flights)?)),
+        Set::Lockstep => comparison_sets::lockstep(flights, effort),
+        Set::Laws => comparison_sets::laws(effort),
+        Set::Replay => comparison_sets::replay(flights, effort),
     }
-    Ok(())
 }
 
 const NUMBERS: &str = "benchmarks.json";
@@ -137,28 +140,36 @@ fn existing_page(numbers: &Path, host: &report::host::Host) -> Result<Page, Fail
 fn write(directory: &Path, page: &Page) -> Result<(), Failure> {
     let (text, numbers) = (directory.join("benchmarks.md"), directory.join(NUMBERS));
     // A missing or unreadable page has no notes to keep.
-    let tried = std::fs::read_to_string(&text).unwrap_or_default();
-    std::fs::write(&text, page.markdown() + tried_of(&tried)).in_file("write", &text)?;
+    let old = std::fs::read_to_string(&text).unwrap_or_default();
+    std::fs::write(&text, page.markdown() + notes_of(&old)).in_file("write", &text)?;
     let json = serde_json::to_string_pretty(page).in_file("write", &numbers)?;
     std::fs::write(&numbers, json + "\n").in_file("write", &numbers)
 }
 
 /// The hand-written notes at the end of the page.
-fn tried_of(page: &str) -> &str {
-    page.find("\n## Tried\n").map_or("", |begin| &page[begin..])
+fn notes_of(page: &str) -> &str {
+    page.find("\n## Options compared\n")
+        .map_or("", |begin| &page[begin..])
 }
 
-fn command(args: &FloorArgs, set: Set) -> String {
-    format!(
-        "ironbird floor --only {} --pairs {} --seconds {}",
-        set_name(set),
-        args.pairs,
-        args.seconds
-    )
-}
-
-fn now() -> String {
-    utc(SystemTime::now())
+/// `ironbird ring-hop`: one process of the ring, started by the measuring process. Passes the token on until the ring
+/// ends.
+pub fn ring_hop(args: &HopArgs) -> Result<u8, Failure> {
+    end_with_launcher(Some(args.launcher))?;
+    let mut link = Link::inherited(args.wake, args.position, args.processes)?;
+    let work = Work {
+        iterations: args.work,
+    };
+    let standing = take_stand(args.cpu, args.priority);
+    if standing.priority != args.priority {
+        let refused = standing.refused.join(", ");
+        return Err(Failure::failed(format!("a process of the ring: {refused}")));
+    }
+    while link.wait(None)? != END {
+        work.run();
+        link.ring(now_ns())?;
+    }
+    Ok(OK)
 }
 
 #[cfg(test)]
@@ -167,8 +178,8 @@ mod tests {
 
     #[test]
     fn hand_written_notes_at_the_end_of_the_page_stay() {
-        let page = "# Benchmarks\n\nfigures\n\n## Tried\n\n| try | ratio |\n";
-        assert_eq!(tried_of(page), "\n## Tried\n\n| try | ratio |\n");
-        assert_eq!(tried_of("# Benchmarks\n\nfigures, tried\n"), "");
+        let page = "# Benchmarks\n\nfigures\n\n## Options compared\n\n| try | ratio |\n";
+        assert_eq!(notes_of(page), "\n## Options compared\n\n| try | ratio |\n");
+        assert_eq!(notes_of("# Benchmarks\n\nfigures, options compared\n"), "");
     }
 }

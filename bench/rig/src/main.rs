@@ -6,7 +6,7 @@ use clap::Parser as _;
 use errors::Failure;
 use ironbird::cli::{BridgeTo, Cli, Command};
 use ironbird::fault::listing;
-use ironbird::floor::{self, ring_stage};
+use ironbird::floor;
 use ironbird::output::say;
 use ironbird::supervisor::cpu_load;
 use ironbird::{
@@ -78,7 +78,7 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Inner(args) => roles::play(Role::Inner, args),
         Command::Mixer(args) => roles::play(Role::Mixer, args),
         Command::Record(args) => roles::record(args),
-        Command::RingHop(args) => ring_stage::run(args),
+        Command::RingHop(args) => floor::ring_hop(args),
         Command::CpuLoad(args) => cpu_load::cpu_load(args),
     }
 }

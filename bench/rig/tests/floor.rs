@@ -6,83 +6,70 @@ use std::path::Path;
 use std::time::Duration;
 
 use crate::rig::{IRONBIRD, Rig};
-use host::floor::link::WakeMechanism;
-use host::floor::work::Work;
-use host::floor::{ring, timer};
+use errors::Failure;
+use host::floor::ring::{self, RingFloor, RingSettings, WakeMechanism, Work};
+use host::floor::timer::{self, Schedule};
 
-const TICK_NS: u64 = 1_000_000;
 const WAKES: [WakeMechanism; 2] = [WakeMechanism::Eventfd, WakeMechanism::Futex];
 
-fn ring_of(work: Vec<Work>, wake: WakeMechanism) -> ring::RingSettings {
-    ring::RingSettings {
-        wake,
-        period_ns: TICK_NS,
-        duration: Duration::from_millis(200),
+fn schedule(duration: Duration) -> Schedule {
+    Schedule {
+        period_ns: 1_000_000,
+        duration,
         cpu: None,
         priority: 80,
-        work,
-        rehearsal: None,
     }
+}
+
+const FLOWN: Duration = Duration::from_millis(200);
+
+fn ring(
+    processes: usize,
+    work: Work,
+    wake: WakeMechanism,
+    duration: Duration,
+    executable: &str,
+) -> Result<RingFloor, Failure> {
+    let settings = RingSettings {
+        wake,
+        schedule: schedule(duration),
+        work: vec![work; processes],
+        rehearsal: None,
+    };
+    ring::measure(&settings, Path::new(executable))
 }
 
 #[test]
 fn the_timer_accounts_for_every_tick() {
-    let settings = timer::TimerSettings {
-        period_ns: TICK_NS,
-        duration: Duration::from_millis(200),
-        cpu: None,
-        priority: 80,
-    };
-    let floor = timer::measure(&settings).unwrap();
+    let floor = timer::measure(&schedule(FLOWN)).unwrap();
     assert_eq!(floor.ticks_run + floor.ticks_skipped, 200);
     assert_eq!(floor.lateness.len(), 200);
-    let is_other = floor.standing.priority == 0;
-    assert_eq!(
-        is_other,
-        floor
-            .standing
-            .refused
-            .iter()
-            .any(|r| r.starts_with("SCHED_FIFO")),
-        "{:?}",
-        floor.standing
-    );
+    let standing = &floor.standing;
+    let refused = standing.refused.iter();
+    let is_refused = refused.clone().any(|it| it.starts_with("SCHED_FIFO"));
+    assert_eq!(standing.priority == 0, is_refused, "{standing:?}");
 }
 
 #[test]
-fn a_token_goes_around_once_a_tick_by_either_wake() {
+fn a_token_goes_around_once_a_tick_by_either_wake_and_work_is_done_in_every_process() {
+    let work = Work::lasting(50_000);
     for wake in WAKES {
-        let floor = ring::measure(
-            &ring_of(vec![Work::default(); 4], wake),
-            Path::new(IRONBIRD),
-        )
-        .unwrap();
+        let floor = ring(4, work, wake, FLOWN, IRONBIRD).unwrap();
         assert_eq!(floor.ticks_run + floor.ticks_skipped, 200, "{wake:?}");
         assert_eq!(
             (floor.lap.len(), floor.chain.len(), floor.lateness.len()),
             (floor.ticks_run, floor.ticks_run, 200)
         );
         // The chain is a part of the lap, three of its four hops.
-        assert!(
-            floor.chain.min() > 0 && floor.chain.max() <= floor.lap.max(),
-            "{wake:?}"
-        );
+        assert!(floor.chain.max() <= floor.lap.max(), "{wake:?}");
         assert!(
             floor.chain.value_at_quantile(0.5) <= floor.lap.value_at_quantile(0.5),
             "{wake:?}"
         );
-    }
-}
-
-#[test]
-fn work_is_done_in_every_process_of_the_ring() {
-    let work = Work::lasting(50_000);
-    for wake in WAKES {
-        let floor = ring::measure(&ring_of(vec![work; 4], wake), Path::new(IRONBIRD)).unwrap();
         // Half of what was asked of four processes: a processor may speed up after the calibration.
         assert!(
             floor.chain.min() >= 100_000,
-            "{wake:?}: {} ns for four times 50 us",
+            "{wake:?}: {}",
             floor.chain.min()
         );
     }
@@ -90,47 +77,35 @@ fn work_is_done_in_every_process_of_the_ring() {
 
 #[test]
 fn what_is_no_ring_is_refused() {
-    let error = ring::measure(
-        &ring_of(vec![Work::default()], WakeMechanism::Futex),
-        Path::new(IRONBIRD),
-    )
-    .unwrap_err();
-    assert!(
-        error.to_string().contains("2 to 64 processes, not 1"),
-        "{error}"
-    );
-    let error = ring::measure(
-        &ring_of(vec![Work::default(); 2], WakeMechanism::Futex),
-        Path::new("/nonexistent"),
-    )
-    .unwrap_err();
-    assert!(
-        error
-            .to_string()
-            .contains("cannot start a process of the ring"),
-        "{error}"
-    );
-    let mut settings = ring_of(vec![Work::default(); 2], WakeMechanism::Futex);
-    settings.duration = Duration::from_micros(10);
-    let error = ring::measure(&settings, Path::new(IRONBIRD)).unwrap_err();
-    assert!(
-        error.to_string().contains("no tick of 1000000 ns"),
-        "{error}"
-    );
+    let soon = Duration::from_micros(10);
+    for (processes, duration, executable, expected) in [
+        (1, FLOWN, IRONBIRD, "2 to 64 processes, not 1"),
+        (
+            2,
+            FLOWN,
+            "/nonexistent",
+            "cannot start a process of the ring",
+        ),
+        (2, soon, IRONBIRD, "no tick of 1000000 ns"),
+    ] {
+        let measured = ring(
+            processes,
+            Work::default(),
+            WakeMechanism::Futex,
+            duration,
+            executable,
+        );
+        let error = measured.unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
 }
 
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_process_that_dies_ends_the_measurement() {
     // Every process of these rings ends at once, as one that is killed does.
-    let measured = WAKES.map(|wake| {
-        std::thread::spawn(move || {
-            ring::measure(
-                &ring_of(vec![Work::default(); 3], wake),
-                Path::new("/bin/true"),
-            )
-        })
-    });
+    let measured = WAKES
+        .map(|wake| std::thread::spawn(move || ring(3, Work::default(), wake, FLOWN, "/bin/true")));
     for measured in measured {
         let error = measured.join().unwrap().unwrap_err();
         assert!(
@@ -146,22 +121,11 @@ fn a_process_that_dies_ends_the_measurement() {
 fn a_process_of_the_ring_started_by_hand_says_that_it_is_none() {
     let rig = Rig::new("hop");
     let launcher = std::process::id().to_string();
-    let args = [
-        "--position",
-        "1",
-        "--processes",
-        "2",
-        "--cpu",
-        "0",
-        "--priority",
-        "0",
-        "--work",
-        "0",
-    ];
+    let args = format!(
+        "ring-hop --wake futex --launcher {launcher} --position 1 --processes 2 --cpu 0 --priority 0 --work 0"
+    );
     let mut command = std::process::Command::new(IRONBIRD);
-    command
-        .args(["ring-hop", "--wake", "futex", "--launcher", &launcher])
-        .args(args);
+    command.args(args.split(' '));
     rig.launch(command)
         .end()
         .expect(2)
@@ -336,12 +300,9 @@ fn an_interruption_while_the_floors_are_measured_keeps_the_flight() {
 #[test]
 fn what_cannot_be_measured_is_said() {
     let rig = Rig::new("nothing");
-    let without = |set: &str| {
-        let mut command = rig.command("floor", format!("--only {set} --pairs 1 --seconds 1"));
-        command.env("PATH", "/nowhere");
-        rig.launch(command).end().expect(0)
-    };
-    without("calls").says("| calls | not measured: strace is not installed |");
-    // Where SCHED_FIFO is refused that is said first.
-    without("flights").says("| flights | not measured: ");
+    let mut command = rig.command("floor", "--only flights --pairs 1 --seconds 1");
+    command.env("PATH", "/nowhere");
+    // SCHED_FIFO is refused, or cyclictest is not installed.
+    let ended = rig.launch(command).end().expect(0);
+    ended.says("| flights | not measured: ");
 }

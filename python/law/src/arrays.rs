@@ -7,9 +7,6 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::PyByteArray;
 
 /// Numbers as an array of `float64`.
-///
-/// # Errors
-/// What Python raises, where numpy cannot be imported.
 pub fn array<'py>(py: Python<'py>, values: &[f64]) -> PyResult<Bound<'py, PyAny>> {
     static FROM_BUFFER: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let from_buffer = FROM_BUFFER.import(py, "numpy", "frombuffer")?;

@@ -24,7 +24,6 @@ pub struct PythonLaw {
 
 impl PythonLaw {
     /// Of a function that is called in every tick, and what to begin its errors with.
-    #[must_use]
     pub const fn new(tick: Py<PyAny>, place: String, signals: usize) -> Self {
         Self {
             tick,
@@ -34,15 +33,11 @@ impl PythonLaw {
     }
 
     /// How many numbers it shows.
-    #[must_use]
     pub const fn signals(&self) -> usize {
         self.signals
     }
 
     /// A tick of an outer law.
-    ///
-    /// # Errors
-    /// The exception of the law, or one that says what is wrong with its answer.
     pub fn outer(
         &self,
         py: Python<'_>,
@@ -62,9 +57,6 @@ impl PythonLaw {
     }
 
     /// A tick of an inner law.
-    ///
-    /// # Errors
-    /// As [`Self::outer`].
     pub fn inner(
         &self,
         py: Python<'_>,
@@ -103,7 +95,6 @@ pub struct Raised(Arc<Mutex<Option<PyErr>>>);
 
 impl Raised {
     /// Whether something was raised.
-    #[must_use]
     pub fn is_there(&self) -> bool {
         self.0
             .lock()
@@ -120,7 +111,6 @@ impl Raised {
     }
 
     /// The exception.
-    #[must_use]
     pub fn take(&self) -> Option<PyErr> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
     }

@@ -48,24 +48,17 @@ pub struct SaidSetting(
 
 impl Looked {
     /// Looks at a function, an object with `tick`, or a class of such, for a role.
-    ///
-    /// # Errors
-    /// What is no law.
     pub fn at(law: &Bound<'_, PyAny>, role: &str) -> PyResult<Self> {
         Self::of(&module(law.py())?.call_method1("look", (law, role))?)
     }
 
     /// Looks at the law of a file.
-    ///
-    /// # Errors
-    /// What is wrong with it, with its line.
     pub fn of_file(py: Python<'_>, path: &str) -> PyResult<Self> {
         let (class, _) = load(py, path)?;
         Self::of(&module(py)?.call_method1("look_at_class", (class,))?)
     }
 
     /// An exception in a line, with its place in the law's file.
-    #[must_use]
     pub fn describe(&self, py: Python<'_>, raised: &PyErr) -> String {
         let path = self
             .file
@@ -93,9 +86,6 @@ impl Looked {
     }
 
     /// An instance of its class, told of the rig and the settings; an object flies as it is.
-    ///
-    /// # Errors
-    /// What its class raises, with its line.
     pub fn make(
         &self,
         py: Python<'_>,
@@ -111,9 +101,6 @@ impl Looked {
     }
 
     /// The settings that result from those that are given, each checked.
-    ///
-    /// # Errors
-    /// `Refused` names the setting, its value and what is allowed.
     pub fn settled<'py>(
         &self,
         py: Python<'py>,
@@ -125,15 +112,11 @@ impl Looked {
 }
 
 /// The class of a file that is a law, and the SHA-256 of the file.
-///
-/// # Errors
-/// What is wrong with the file, with its line.
 pub fn load<'py>(py: Python<'py>, path: &str) -> PyResult<(Bound<'py, PyAny>, String)> {
     module(py)?.call_method1("load", (path,))?.extract()
 }
 
 /// Whether an exception says that a law was refused, in words that need no traceback.
-#[must_use]
 pub fn is_refusal(py: Python<'_>, raised: &PyErr) -> bool {
     module(py)
         .and_then(|module| module.getattr("Refused"))

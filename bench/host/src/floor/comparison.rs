@@ -10,9 +10,7 @@ use report::statistics::{
 use serde::{Deserialize, Serialize};
 
 /// Events on the floor's side below which a ratio of rates says nothing.
-pub const EVENTS_NEEDED: u64 = 10;
-/// How far a difference may be off, as a share of what it was made to be.
-const DIFFERENCE_TOLERANCE: f64 = 0.1;
+const EVENTS_NEEDED: u64 = 10;
 
 /// Ours and the floor's, one right after the other.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -24,28 +22,19 @@ pub struct FloorPair<T> {
     pub steal_percent: f64,
 }
 
-/// Pairs of one kind, in the order of measuring, and what is asked of their ratio.
+/// Pairs of one kind, in the order of measuring; their ratio should not be above the goal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Pairs {
     /// Each pair has a ratio; their median counts.
     Ratio {
-        /// The ratio should not be above it.
         goal: f64,
         pairs: Vec<FloorPair<f64>>,
     },
     /// Rare events: the rate of all of ours over that of all of the floor's.
     Events {
-        /// The ratio should not be above it.
         goal: f64,
-        /// Counts, and what they are out of.
         pairs: Vec<FloorPair<Events>>,
-    },
-    /// Ours less the floor's, over what the difference was made to be; the median counts.
-    Difference {
-        /// What it was made to be, in the unit.
-        made: f64,
-        pairs: Vec<FloorPair<f64>>,
     },
 }
 
@@ -56,7 +45,6 @@ pub struct FloorComparison {
     pub pairs: Pairs,
 }
 
-/// What the pairs allow to say.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum GoalVerdict {
     Met,
@@ -65,48 +53,29 @@ pub enum GoalVerdict {
 }
 
 impl FloorComparison {
-    /// A comparison of values whose ratio should not be above a goal; without pairs yet.
-    #[must_use]
+    /// A comparison of values; without pairs yet.
     pub fn ratio(name: &str, unit: &str, goal: f64) -> Self {
+        let pairs = Vec::new();
         Self {
             name: name.into(),
             unit: unit.into(),
-            pairs: Pairs::Ratio {
-                goal,
-                pairs: Vec::new(),
-            },
+            pairs: Pairs::Ratio { goal, pairs },
         }
     }
 
     /// A comparison of rates of events, which are printed per million.
-    #[must_use]
     pub fn events(name: &str, goal: f64) -> Self {
+        let pairs = Vec::new();
         Self {
             name: name.into(),
             unit: "per million".into(),
-            pairs: Pairs::Events {
-                goal,
-                pairs: Vec::new(),
-            },
+            pairs: Pairs::Events { goal, pairs },
         }
     }
 
-    /// A comparison of values whose difference is known.
-    #[must_use]
-    pub fn difference(name: &str, unit: &str, made: f64) -> Self {
-        Self {
-            name: name.into(),
-            unit: unit.into(),
-            pairs: Pairs::Difference {
-                made,
-                pairs: Vec::new(),
-            },
-        }
-    }
-
-    /// Takes the next pair of values; one of a comparison of events is none.
+    /// Takes the next pair of values; one of a comparison of events is ignored.
     pub fn take(&mut self, ours: f64, floor: f64, steal_percent: f64) {
-        if let Pairs::Ratio { pairs, .. } | Pairs::Difference { pairs, .. } = &mut self.pairs {
+        if let Pairs::Ratio { pairs, .. } = &mut self.pairs {
             pairs.push(FloorPair {
                 ours,
                 floor,
@@ -115,7 +84,7 @@ impl FloorComparison {
         }
     }
 
-    /// Takes the next pair of counts; one of a comparison of values is none.
+    /// Takes the next pair of counts; one of a comparison of values is ignored.
     pub fn take_events(&mut self, ours: Events, floor: Events, steal_percent: f64) {
         if let Pairs::Events { pairs, .. } = &mut self.pairs {
             pairs.push(FloorPair {
@@ -127,42 +96,29 @@ impl FloorComparison {
     }
 
     /// Pairs that were measured, and those of them during which the host stole too much.
-    #[must_use]
     pub fn measured(&self) -> (usize, usize) {
-        let steals: Vec<f64> = match &self.pairs {
-            Pairs::Ratio { pairs, .. } | Pairs::Difference { pairs, .. } => {
-                pairs.iter().map(|p| p.steal_percent).collect()
-            }
-            Pairs::Events { pairs, .. } => pairs.iter().map(|p| p.steal_percent).collect(),
+        let (all, left) = match &self.pairs {
+            Pairs::Ratio { pairs, .. } => (pairs.len(), undisturbed(pairs).count()),
+            Pairs::Events { pairs, .. } => (pairs.len(), undisturbed(pairs).count()),
         };
-        (
-            steals.len(),
-            steals
-                .iter()
-                .filter(|steal| **steal > STEAL_LIMIT_PERCENT)
-                .count(),
-        )
+        (all, all - left)
     }
 
     /// Ours and the floor's: medians of the pairs that count, or rates per million of all their events.
-    #[must_use]
     pub fn sides(&self) -> [f64; 2] {
         match &self.pairs {
-            Pairs::Ratio { pairs, .. } | Pairs::Difference { pairs, .. } => {
-                let of = |side: fn(&FloorPair<f64>) -> f64| {
-                    median(&undisturbed(pairs).map(side).collect::<Vec<_>>())
-                };
-                [of(|pair| pair.ours), of(|pair| pair.floor)]
+            Pairs::Ratio { pairs, .. } => {
+                let sides: [fn(&FloorPair<f64>) -> f64; 2] = [|pair| pair.ours, |pair| pair.floor];
+                sides.map(|side| median(&undisturbed(pairs).map(side).collect::<Vec<_>>()))
             }
             Pairs::Events { pairs, .. } => pooled(&counts(pairs)).map(|events| events.rate() * 1e6),
         }
     }
 
     /// The ratio; not a number without pairs that count.
-    #[must_use]
     pub fn value(&self) -> f64 {
         match &self.pairs {
-            Pairs::Ratio { .. } | Pairs::Difference { .. } => median(&self.ratios()),
+            Pairs::Ratio { pairs, .. } => median(&ratios(pairs)),
             Pairs::Events { pairs, .. } => {
                 let [ours, floor] = pooled(&counts(pairs));
                 ours.rate() / floor.rate()
@@ -171,67 +127,43 @@ impl FloorComparison {
     }
 
     /// Where the ratio lies with 95 %; none for too few pairs.
-    #[must_use]
     pub fn interval(&self) -> Option<Interval> {
         match &self.pairs {
-            Pairs::Ratio { .. } | Pairs::Difference { .. } => median_interval(&self.ratios()),
+            Pairs::Ratio { pairs, .. } => median_interval(&ratios(pairs)),
             Pairs::Events { pairs, .. } => rate_ratio_interval(&counts(pairs)),
         }
     }
 
     /// Whether the goal is met, if the pairs allow to say so.
-    #[must_use]
     pub fn verdict(&self) -> GoalVerdict {
         let (measured, disturbed) = self.measured();
-        let left = measured - disturbed;
-        if left < VALUES_NEEDED {
-            let taken = if disturbed > 0 {
-                format!(", {disturbed} left out: the host stole")
-            } else {
-                String::new()
+        if measured - disturbed < VALUES_NEEDED {
+            let disturbed = match disturbed {
+                0 => String::new(),
+                pairs => format!(", {pairs} left out: the host stole"),
             };
             return GoalVerdict::Inconclusive(format!(
-                "{measured} pairs{taken}; {VALUES_NEEDED} are needed"
+                "{measured} pairs{disturbed}; {VALUES_NEEDED} are needed"
             ));
         }
         if let Pairs::Events { pairs, .. } = &self.pairs {
-            let [_, floor] = pooled(&counts(pairs));
-            if floor.count < EVENTS_NEEDED {
+            let count = pooled(&counts(pairs))[1].count;
+            if count < EVENTS_NEEDED {
                 return GoalVerdict::Inconclusive(format!(
-                    "the floor has {} events; {EVENTS_NEEDED} are needed",
-                    floor.count
+                    "the floor has {count} events; {EVENTS_NEEDED} are needed"
                 ));
             }
         }
-        let (least, most) = match self.pairs {
-            Pairs::Ratio { goal, .. } | Pairs::Events { goal, .. } => (0.0, goal),
-            Pairs::Difference { .. } => (1.0 - DIFFERENCE_TOLERANCE, 1.0 + DIFFERENCE_TOLERANCE),
-        };
         match self.interval() {
-            Some(Interval { low, high }) if low >= least && high <= most => GoalVerdict::Met,
-            Some(Interval { low, high }) if low > most || high < least => GoalVerdict::Missed,
+            Some(Interval { high, .. }) if high <= self.goal() => GoalVerdict::Met,
+            Some(Interval { low, .. }) if low > self.goal() => GoalVerdict::Missed,
             _ => GoalVerdict::Inconclusive("the goal lies within the interval".into()),
         }
     }
 
-    /// The goal, as it is printed.
-    #[must_use]
-    pub fn goal(&self) -> String {
+    pub const fn goal(&self) -> f64 {
         match self.pairs {
-            Pairs::Ratio { goal, .. } | Pairs::Events { goal, .. } => format!("<= {goal}"),
-            Pairs::Difference { .. } => format!("1 +- {DIFFERENCE_TOLERANCE}"),
-        }
-    }
-
-    fn ratios(&self) -> Vec<f64> {
-        match &self.pairs {
-            Pairs::Ratio { pairs, .. } => undisturbed(pairs)
-                .map(|pair| pair.ours / pair.floor)
-                .collect(),
-            Pairs::Difference { made, pairs } => undisturbed(pairs)
-                .map(|pair| (pair.ours - pair.floor) / made)
-                .collect(),
-            Pairs::Events { .. } => Vec::new(),
+            Pairs::Ratio { goal, .. } | Pairs::Events { goal, .. } => goal,
         }
     }
 }
@@ -240,6 +172,12 @@ fn undisturbed<T>(pairs: &[FloorPair<T>]) -> impl Iterator<Item = &FloorPair<T>>
     pairs
         .iter()
         .filter(|pair| pair.steal_percent <= STEAL_LIMIT_PERCENT)
+}
+
+fn ratios(pairs: &[FloorPair<f64>]) -> Vec<f64> {
+    undisturbed(pairs)
+        .map(|pair| pair.ours / pair.floor)
+        .collect()
 }
 
 fn counts(pairs: &[FloorPair<Events>]) -> Vec<[Events; 2]> {
@@ -355,26 +293,5 @@ mod tests {
             (3, 12),
         ]);
         assert!(is_inconclusive(&uneven.verdict(), "within the interval"));
-    }
-
-    #[test]
-    fn a_difference_is_held_against_what_it_was_made_to_be() {
-        let of = |ours: [f64; 6]| {
-            let mut comparison = FloorComparison::difference("x", "us", 20.0);
-            ours.iter()
-                .for_each(|ours| comparison.take(*ours, 21.0, 0.0));
-            comparison
-        };
-        let seen = of([41.0, 41.2, 41.1, 40.9, 41.0, 41.3]);
-        assert!((seen.value() - 1.0).abs() < 0.02);
-        assert_eq!(seen.verdict(), GoalVerdict::Met);
-        assert_eq!(
-            of([21.1, 21.2, 21.0, 21.1, 21.3, 21.0]).verdict(),
-            GoalVerdict::Missed
-        );
-        assert!(is_inconclusive(
-            &of([41.0, 45.0, 37.0, 44.0, 38.0, 41.0]).verdict(),
-            "within the interval"
-        ));
     }
 }

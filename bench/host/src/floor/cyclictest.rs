@@ -3,38 +3,14 @@
 //! It runs on the same processor, with the same priority and period.
 
 use std::process::Command;
-use std::time::Duration;
-
-use hdrhistogram::Histogram;
 
 use errors::Failure;
+use hdrhistogram::Histogram;
+use process::rt::loops_cpu;
 use report::series::histogram;
 
-/// How to ask for a run.
-#[derive(Clone, Copy, Debug)]
-pub struct CyclictestSettings {
-    pub cpu: usize,
-    pub priority: i32,
-    /// Length of a tick [us].
-    pub period_us: u64,
-    pub duration: Duration,
-}
+use super::timer::Schedule;
 
-impl CyclictestSettings {
-    /// The arguments: every sample in nanoseconds on standard output.
-    #[must_use]
-    pub fn arguments(&self) -> Vec<String> {
-        let seconds = self.duration.as_secs().max(1);
-        let text = format!(
-            "--mlockall --threads=1 --distance=0 --nsecs --verbose --affinity={} --priority={} --interval={} \
-             --duration={seconds}",
-            self.cpu, self.priority, self.period_us
-        );
-        text.split(' ').map(str::to_owned).collect()
-    }
-}
-
-#[must_use]
 pub fn is_installed() -> bool {
     Command::new("cyclictest").arg("--help").output().is_ok()
 }
@@ -42,26 +18,39 @@ pub fn is_installed() -> bool {
 /// How late it woke [ns].
 ///
 /// It prints nothing for ticks that it slept through; they enter with their whole lateness, as the rig's do.
-pub fn measure(settings: &CyclictestSettings) -> Result<Histogram<u64>, Failure> {
+pub fn measure(schedule: &Schedule) -> Result<Histogram<u64>, Failure> {
+    let Schedule {
+        period_ns,
+        duration,
+        cpu,
+        priority,
+    } = *schedule;
+    // Every sample in nanoseconds on standard output.
+    let arguments = format!(
+        "--mlockall --threads=1 --distance=0 --nsecs --verbose --affinity={} --priority={priority} --interval={} \
+         --duration={}",
+        cpu.unwrap_or_else(loops_cpu),
+        period_ns / 1000,
+        duration.as_secs().max(1)
+    );
     let output = Command::new("cyclictest")
-        .args(settings.arguments())
+        .args(arguments.split(' '))
         .output()
         .map_err(|e| {
             Failure::failed(format!("cannot start cyclictest: {e}"))
                 .help("apt-get install rt-tests")
         })?;
-    let text = String::from_utf8_lossy(&output.stdout);
     if !output.status.success() {
-        let complaint = String::from_utf8_lossy(&output.stderr);
+        let (status, complaint) = (output.status, String::from_utf8_lossy(&output.stderr));
+        let complaint = complaint.trim();
         return Err(Failure::failed(format!(
-            "cyclictest ended with {}: {}",
-            output.status,
-            complaint.trim()
+            "cyclictest ended with {status}: {complaint}"
         )));
     }
+    let text = String::from_utf8_lossy(&output.stdout);
     let mut lateness = histogram()?;
     for sample in text.lines().filter_map(sample) {
-        owed(sample, settings.period_us * 1000).for_each(|late| lateness.saturating_record(late));
+        owed(sample, period_ns).for_each(|late| lateness.saturating_record(late));
     }
     if lateness.is_empty() {
         return Err(Failure::failed("cyclictest printed no sample"));

@@ -4,19 +4,22 @@ use std::fs::File;
 use std::thread;
 use std::time::Duration;
 
-use hdrhistogram::Histogram;
-use process::rt::{Standing, hold_cpu_latency, loops_cpu, take_stand};
-
-use crate::floor::periodic_timer::PeriodicTimer;
 use errors::Failure;
+use hdrhistogram::Histogram;
+use ipc::clock::{now_ns, sleep_until};
+use messages::grid::Grid;
+use process::rt::{Standing, hold_cpu_latency, loops_cpu, take_stand};
+use report::series::histogram;
 
+/// When, how long and where a measurement runs.
 #[derive(Clone, Debug)]
-pub struct TimerSettings {
+pub struct Schedule {
     /// Length of a tick [ns].
     pub period_ns: u64,
     pub duration: Duration,
     /// On which processor; `None` is that of the loops.
     pub cpu: Option<usize>,
+    /// SCHED_FIFO priority; 0 is SCHED_OTHER.
     pub priority: i32,
 }
 
@@ -24,25 +27,24 @@ pub struct TimerSettings {
 pub struct TimerFloor {
     /// From the beginning of each tick to the waking [ns]; ticks slept through enter with their whole lateness.
     pub lateness: Histogram<u64>,
-    /// Ticks that it was woken for.
     pub ticks_run: u64,
     pub ticks_skipped: u64,
     pub standing: Standing,
 }
 
 /// Measures on a thread of its own.
-pub fn measure(settings: &TimerSettings) -> Result<TimerFloor, Failure> {
-    let settings = settings.clone();
-    let cpu = settings.cpu.unwrap_or_else(loops_cpu);
+pub fn measure(schedule: &Schedule) -> Result<TimerFloor, Failure> {
+    let schedule = schedule.clone();
     on_a_thread("timer floor", move || {
-        let mut standing = take_stand(cpu, settings.priority);
+        let cpu = schedule.cpu.unwrap_or_else(loops_cpu);
+        let mut standing = take_stand(cpu, schedule.priority);
         let _awake = stay_awake(&mut standing);
-        let mut periodic_timer = PeriodicTimer::new(settings.period_ns, settings.duration)?;
-        while periodic_timer.next_wake().is_some() {}
+        let mut timer = PeriodicTimer::new(schedule.period_ns, schedule.duration)?;
+        while timer.next_wake(0, |_| ()).is_some() {}
         Ok(TimerFloor {
-            ticks_run: periodic_timer.ticks_run(),
-            ticks_skipped: periodic_timer.skipped,
-            lateness: periodic_timer.lateness,
+            ticks_run: timer.ticks_run(),
+            ticks_skipped: timer.skipped,
+            lateness: timer.lateness,
             standing,
         })
     })
@@ -69,4 +71,115 @@ pub(super) fn on_a_thread<T: Send + 'static>(
         .map_err(|e| Failure::failed(format!("cannot start the thread `{name}`: {e}")))?
         .join()
         .unwrap_or_else(|_| Err(Failure::failed(format!("the thread `{name}` panicked"))))
+}
+
+/// From the making of a periodic timer to its first tick [ns].
+const BEGINS_NS: u64 = 2_000_000;
+
+/// Wakes the calling thread tick after tick, and records how late.
+pub(super) struct PeriodicTimer {
+    grid: Grid,
+    next_tick: u64,
+    ticks: u64,
+    /// As in [`TimerFloor`].
+    pub lateness: Histogram<u64>,
+    pub skipped: u64,
+}
+
+impl PeriodicTimer {
+    /// Begins in 2 ms and runs for `duration`; a tick takes `period_ns`.
+    pub fn new(period_ns: u64, duration: Duration) -> Result<Self, Failure> {
+        let ticks = duration.as_nanos() / u128::from(period_ns.max(1));
+        if ticks == 0 {
+            return Err(Failure::usage(format!(
+                "no tick of {period_ns} ns fits into {duration:?}"
+            ))
+            .help("measure for longer, as in --seconds 5"));
+        }
+        let mut lateness = histogram()?;
+        // Writes its counts once, so that no page of them is missing when it matters.
+        lateness.saturating_record(1);
+        lateness.reset();
+        let t0_ns = now_ns() + BEGINS_NS;
+        Ok(Self {
+            grid: Grid { t0_ns, period_ns },
+            next_tick: 0,
+            ticks: u64::try_from(ticks).unwrap_or(u64::MAX),
+            lateness,
+            skipped: 0,
+        })
+    }
+
+    /// Sleeps until `lead_ns` before the next tick, acts, and reads the clock until the tick begins; gives when it had
+    /// begun [ns], and nothing after the last tick. `act` is given the time that is left [ns], and is left out where
+    /// there is none.
+    pub fn next_wake(&mut self, lead_ns: u64, act: impl FnOnce(u64)) -> Option<u64> {
+        if self.next_tick >= self.ticks {
+            return None;
+        }
+        let begin_ns = self.grid.begin_of(self.next_tick);
+        let mut woken_ns = now_ns();
+        while woken_ns < begin_ns - lead_ns {
+            sleep_until(begin_ns - lead_ns);
+            woken_ns = now_ns();
+        }
+        if woken_ns < begin_ns {
+            act(begin_ns - woken_ns);
+        }
+        while woken_ns < begin_ns {
+            woken_ns = now_ns();
+        }
+        let current = self.grid.tick_at(woken_ns).min(self.ticks - 1);
+        for owed in self.next_tick..=current {
+            self.lateness
+                .saturating_record(woken_ns - self.grid.begin_of(owed));
+        }
+        self.skipped += current - self.next_tick;
+        self.next_tick = current + 1;
+        Some(woken_ns)
+    }
+
+    pub fn ticks_run(&self) -> u64 {
+        self.next_tick - self.skipped
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_tick_is_woken_for_or_counted_as_skipped_and_has_its_lateness() {
+        let mut timer = PeriodicTimer::new(1_000_000, Duration::from_millis(30)).unwrap();
+        let mut wakes = 0;
+        while timer.next_wake(0, |_| ()).is_some() {
+            wakes += 1;
+            if wakes == 5 {
+                thread::sleep(Duration::from_millis(4));
+            }
+        }
+        assert_eq!(
+            (
+                timer.ticks_run(),
+                wakes + timer.skipped,
+                timer.lateness.len()
+            ),
+            (wakes, 30, 30)
+        );
+        assert!(timer.skipped >= 3 && timer.lateness.max() >= 3_000_000);
+    }
+
+    #[test]
+    fn with_a_lead_it_acts_before_the_tick_and_never_begins_it_early() {
+        let mut timer = PeriodicTimer::new(1_000_000, Duration::from_millis(20)).unwrap();
+        let (mut acted, mut most_left_ns) = (0, 0);
+        while let Some(woken_ns) = timer.next_wake(200_000, |left_ns| {
+            acted += 1;
+            most_left_ns = left_ns.max(most_left_ns);
+        }) {
+            assert!(woken_ns >= timer.grid.begin_of(timer.next_tick - 1));
+        }
+        assert!((1..=20).contains(&acted) && (1..=200_000).contains(&most_left_ns));
+        assert_eq!(timer.lateness.len(), 20);
+    }
 }

@@ -7,7 +7,7 @@ use errors::{Failure, InFile as _};
 
 use super::flight_settings::Plan;
 use crate::cli::{CampaignSubmitArgs, Engine};
-use host::executable::own_executable;
+use host::own_executable;
 
 /// Shards where nobody says how many: Slurm takes no more than 1000 in an array, unless it is told to.
 const SHARDS: u64 = 1000;

@@ -48,9 +48,6 @@ impl Facts {
 }
 
 /// Makes the directory of a campaign, or takes it up again.
-///
-/// # Errors
-/// A usage [`Failure`] where another campaign is in it; a file that cannot be written.
 pub(super) fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
     fs::create_dir_all(directory).in_file("make the directory", directory)?;
     let (file, facts) = (directory.join(FILE), directory.join(FACTS));

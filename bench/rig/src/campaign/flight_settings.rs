@@ -27,9 +27,6 @@ pub(super) struct Plan {
 
 impl Plan {
     /// Reads a campaign's file.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names the file, and what is wrong with it, with its lines.
     pub fn read(file: &Path) -> Result<Self, Failure> {
         let text = read_text("read the campaign", file).map_err(|failure| {
             failure
@@ -75,9 +72,6 @@ impl Plan {
     }
 
     /// The recorded timing of a flight by an arm, if it has one.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] names the flight, the arm, and why these settings cannot have this timing.
     pub fn timing(
         &self,
         flight: u64,

@@ -24,9 +24,6 @@ use crate::simulate::{OutputFiles, report};
 use crate::supervisor::fly_command;
 
 /// Flies a flight again; in lockstep its outputs must be those of its row.
-///
-/// # Errors
-/// Usage: a directory of no campaign, a flight or an arm that it has not; what can go wrong on the way of `fly`.
 pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
     let plan = directory::plan(&args.directory)?;
     let arm = arm(&plan, args.arm.as_deref())?;

@@ -12,9 +12,6 @@ use crate::cli::{CampaignReportArgs, DiffFormat};
 use crate::output::{print, say};
 
 /// Prints the report, and writes its page.
-///
-/// # Errors
-/// Usage: a directory of no campaign, or without rows. A file that cannot be read or written.
 pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
     check_writable("--page", args.page.as_deref())?;
     let plan = directory::plan(&args.directory)?;

@@ -29,10 +29,6 @@ const DIRTY: &str = "this build has uncommitted changes, and rows of any such bu
                      commit and rebuild before flying results that count";
 
 /// Flies a campaign, or a shard of it.
-///
-/// # Errors
-/// Usage: what is wrong with the file; a directory that holds another campaign. A file that cannot be written; an
-/// interruption, after which the chunks that were whole are kept.
 pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
     let stop = asked_to_stop()?;
     let plan = Plan::read(&args.file)?;

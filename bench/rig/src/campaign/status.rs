@@ -101,9 +101,6 @@ pub(super) fn ranges(chunks: &[u64]) -> String {
 }
 
 /// Puts all rows into one file.
-///
-/// # Errors
-/// Usage: a directory of no campaign. [`Failure`] where rows are missing; a file that cannot be written.
 pub(super) fn merge(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
     let plan = directory::plan(&args.directory)?;
     let found = found(&plan, &args.directory);

@@ -35,9 +35,6 @@ const TERMINATION_TIMEOUT: Duration = Duration::from_secs(3);
 const CANCEL_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Submits the shards that are not whole, watches the engine, submits again what it lost, and reports.
-///
-/// # Errors
-/// Usage: what is wrong with the file; an engine that is not there, or takes no job. A file that cannot be written.
 pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
     let plan = Plan::read(&args.file)?;
     let out = args

@@ -15,9 +15,6 @@ pub(super) struct Timings(BTreeMap<String, Timing>);
 
 impl Timings {
     /// Reads all timings of a campaign; relative names are relative to its file.
-    ///
-    /// # Errors
-    /// A usage [`Failure`] says which recorded flight cannot be had, with the line that names it.
     pub fn read(campaign: &Campaign, file: &Path) -> Result<Self, Failure> {
         let mut timings = BTreeMap::new();
         for arm in &campaign.arms {

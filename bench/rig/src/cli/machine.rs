@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use clap_complete::Shell;
-use host::floor::link::WakeMechanism;
+use host::floor::ring::WakeMechanism;
 use serde::{Deserialize, Serialize};
 
 use crate::cli::values;
@@ -39,10 +39,6 @@ pub enum Set {
     Laws,
     /// Replaying a flight from its log and comparing it bit for bit.
     Replay,
-    /// A ring with a known extra delay: does the comparison find it?
-    KnownSlow,
-    /// System calls, allocations and page faults.
-    Calls,
 }
 
 /// Flags of the hidden `ring-hop`.

@@ -4,7 +4,6 @@ use clap::ValueEnum as _;
 use serde::{Deserialize, Serialize};
 
 use crate::cli::Set;
-use crate::floor::system_calls::RoleCalls;
 use host::floor::comparison::{FloorComparison, GoalVerdict};
 use report::host::Host;
 use report::render::document::{Cell, Table, known, row};
@@ -26,24 +25,8 @@ pub struct MeasuredSet {
     pub version: String,
     pub command: String,
     pub comparisons: Vec<FloorComparison>,
-    pub calls: Vec<RoleCalls>,
     /// Why it was not measured.
     pub left_out: Option<String>,
-}
-
-impl MeasuredSet {
-    #[must_use]
-    pub const fn new(set: Set, started: String, version: String, command: String) -> Self {
-        Self {
-            set,
-            started,
-            version,
-            command,
-            comparisons: Vec::new(),
-            calls: Vec::new(),
-            left_out: None,
-        }
-    }
 }
 
 const LEGEND: &str = "\
@@ -53,7 +36,7 @@ const LEGEND: &str = "\
 * *lockstep tick*: a tick of `fly --pace lockstep`, compared with a lap of a raw eventfd ring of four processes under SCHED_OTHER.\n\
 * *laws*: one tick of the four stages, compared with the same equations hand-written in scalars, with constants that the compiler can fold.\n\
 * *replay --verify*: a tick read from a log, flown again and compared bit for bit, against a tick of `simulate` of the same flight; whole processes.\n\
-* *20 us put into a hop*: test of the instrument. The ratio is measured delay to inserted delay.\n";
+";
 
 const CONDITIONS: &str = "
 Both sides of a pair run one right after the other, in alternating order; *ours* and *floor* are \
@@ -64,15 +47,7 @@ processor are left out.
 
 ";
 
-const CALLS_LEGEND: &str = "
-Measured in flights with `--lead 0`, since a warm-up run makes more calls. The least is one \
-wait, and one notify if a stage follows. The mixer sets its timer by a separate call after its \
-command, so that no timer is cancelled while the loop runs (decision 5). The one allocation is a \
-loan of 48 bytes by iceoryx2. Page faults are of the whole flight.
-";
-
 impl Page {
-    #[must_use]
     pub const fn new(host: Host) -> Self {
         Self {
             host,
@@ -94,7 +69,6 @@ impl Page {
         self.sets.sort_by_key(|known| known.set);
     }
 
-    #[must_use]
     pub fn markdown(&self) -> String {
         let Host {
             kernel,
@@ -124,20 +98,6 @@ impl Page {
             page += CONDITIONS;
             page += LEGEND;
         }
-        let calls = || self.sets.iter().flat_map(|set| &set.calls);
-        if calls().next().is_some() {
-            let columns = [
-                "role",
-                "system calls",
-                "of which",
-                "least",
-                "allocations",
-                "page faults",
-            ];
-            page += "\n## Per tick and role\n\n";
-            page += &Table::new(columns, calls().map(called)).markdown();
-            page += CALLS_LEGEND;
-        }
         let sets = self.sets.iter().map(|it| {
             let when = match &it.left_out {
                 None => it.started.clone(),
@@ -153,24 +113,6 @@ impl Page {
         let sets = Table::new(["set", "when", "version", "command"], sets);
         page + "\n## Measured\n\n" + &sets.markdown()
     }
-}
-
-fn called(of: &RoleCalls) -> Vec<Cell> {
-    let calls = of
-        .calls
-        .iter()
-        .map(|(name, calls)| format!("{name} {calls:.2}"));
-    let calls = calls.collect::<Vec<_>>().join(", ");
-    let allocations = known(of.allocations.map(|all| format!("{all:.3}")));
-    let total = format!("{:.2}", of.total);
-    row([
-        &of.role,
-        &total,
-        &calls,
-        &of.least,
-        &allocations,
-        &of.faults,
-    ])
 }
 
 fn compared(comparison: &FloorComparison) -> Vec<Cell> {
@@ -191,14 +133,13 @@ fn compared(comparison: &FloorComparison) -> Vec<Cell> {
         &floor,
         &ratio,
         &interval,
-        &comparison.goal(),
+        &format!("<= {}", comparison.goal()),
         &pairs,
         &verdict,
     ])
 }
 
 /// The name of a set on the command line.
-#[must_use]
 pub fn set_name(set: Set) -> String {
     set.to_possible_value()
         .map_or_else(String::new, |value| value.get_name().to_owned())

@@ -1,5 +1,6 @@
 //! The sets of comparisons. Each measures the rig and its baseline alternately, A B A B.
 
+use std::cell::RefCell;
 use std::ffi::OsStr;
 use std::hint::black_box;
 use std::process::{Child, Command, Stdio};
@@ -11,17 +12,17 @@ use process::rt::loops_cpu;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::flight_baseline::work_like;
-use crate::floor::flight_runner::{FlightRunner, series};
+use super::flight_runner::{FlightRunner, command_end, series};
 use crate::settings::Settings;
 use crate::simulator::Simulator;
 use errors::Failure;
 use host::cpu_times::CpuTimes;
 use host::floor::comparison::FloorComparison;
 use host::floor::cyclictest;
-use host::floor::link::WakeMechanism;
-use host::floor::ring;
-use host::floor::work::Work;
+use host::floor::ring::{self, RingRehearsal, RingSettings, WakeMechanism, Work};
+use host::floor::timer::Schedule;
 use report::schema::Report;
+use report::series::Statistics;
 use report::statistics::Events;
 use scalar::timing;
 
@@ -32,8 +33,6 @@ const TIMED_TICKS: u64 = 200_000;
 /// Seconds of flight to replay per requested second of measurement. A replay runs hundreds of times faster than real
 /// time, so it ends earlier; a longer log would fill the disk.
 const FLOWN_AGAIN: u64 = 5;
-/// Delay inserted into one stage of the ring to test the measurement itself [us].
-pub const KNOWN_US: f64 = 20.0;
 
 /// How long and how often to measure.
 #[derive(Clone, Copy, Debug)]
@@ -49,12 +48,11 @@ pub struct MeasuringEffort {
 pub struct Stress(Child);
 
 /// The load: one worker per CPU, one that maps memory, one that writes files.
-pub const STRESS: [&str; 6] = ["--cpu", "0", "--vm", "1", "--hdd", "1"];
+const STRESS: [&str; 6] = ["--cpu", "0", "--vm", "1", "--hdd", "1"];
 /// How long the load takes to start.
 const STRESS_BEGINS: Duration = Duration::from_secs(1);
 
 impl Stress {
-    #[must_use]
     pub fn is_installed() -> bool {
         Command::new("stress-ng").arg("--version").output().is_ok()
     }
@@ -104,66 +102,19 @@ impl Drop for Stress {
     }
 }
 
-/// A flight and the machine's baselines, measured in the same minute.
-struct FlightWithBaselines {
-    bare: Histogram<u64>,
-    report: Report,
-    ring: Option<ring::RingFloor>,
-    /// With the same warm-up runs as the flight.
-    rehearsed_ring: Option<ring::RingFloor>,
-    steal_percent: f64,
-}
-
-impl FlightWithBaselines {
-    /// `computing` is an earlier flight whose computing times the ring imitates; then the baselines are measured first.
-    fn measure(
-        runner: &FlightRunner,
-        effort: &MeasuringEffort,
-        with_ring: bool,
-        computing: Option<&Report>,
-    ) -> Result<Self, Failure> {
-        let duration = format!("{}ms", effort.duration.as_millis());
-        let fly = || runner.fly(&["--rt", "require", "--duration", &duration]);
-        let bare = || {
-            cyclictest::measure(&cyclictest::CyclictestSettings {
-                cpu: loops_cpu(),
-                priority: effort.priority,
-                period_us: PERIOD_NS / 1000,
-                duration: effort.duration,
-            })
-        };
-        let rings = |like: &Report| -> Result<_, Failure> {
-            let ring = |rehearsal| {
-                with_ring
-                    .then(|| ring_beside(runner, effort, like, rehearsal))
-                    .transpose()
-            };
-            let rehearsed = rehearsal_of(like)
-                .map(|rehearsal| ring(Some(rehearsal)))
-                .transpose()?
-                .flatten();
-            Ok((ring(None)?, rehearsed))
-        };
-        let processor = Some(loops_cpu() as u64);
-        let before = CpuTimes::read(processor);
-        let (bare, report, (ring, rehearsed_ring)) = if let Some(like) = computing {
-            let (rings, bare) = (rings(like)?, bare()?);
-            (bare, fly()?, rings)
-        } else {
-            let report = fly()?;
-            let (bare, rings) = (bare()?, rings(&report)?);
-            (bare, report, rings)
-        };
-        let steal_percent = before.steal_until(&CpuTimes::read(processor)).percent;
-        Ok(Self {
-            bare,
-            report,
-            ring,
-            rehearsed_ring,
-            steal_percent,
-        })
-    }
-}
+/// The quantiles of flights that are compared: name, goal, series of the report, quantile, place in [`floors`].
+const COMPARED: [(&str, f64, &str, f64, usize); 10] = [
+    ("wake p50", 0.02, "wake.plant", 0.5, 0),
+    ("wake p99", 0.3, "wake.plant", 0.99, 0),
+    ("timer p50", 1.05, "timer", 0.5, 0),
+    ("timer p99", 1.1, "timer", 0.99, 0),
+    ("loop p50", 0.8, "loop", 0.5, 1),
+    ("loop p99", 1.0, "loop", 0.99, 1),
+    ("loop p99.9", 1.2, "loop", 0.999, 1),
+    ("loop p50, the ring rehearses too", 1.5, "loop", 0.5, 2),
+    ("loop p99, the ring rehearses too", 1.5, "loop", 0.99, 2),
+    ("loop p99.9, the ring rehearses too", 1.5, "loop", 0.999, 2),
+];
 
 /// Wake-ups, loop latency and misses of flights, compared with cyclictest and a futex ring with the same computing
 /// time. The flight is measured first and last in turns.
@@ -173,115 +124,107 @@ pub fn flights(
     mut load: Option<&mut Stress>,
 ) -> Result<Vec<FloorComparison>, Failure> {
     let under = if load.is_some() { ", under load" } else { "" };
-    let of = |what: &str, goal: f64| FloorComparison::ratio(&format!("{what}{under}"), "us", goal);
-    let mut wake = [of("wake p50", 0.02), of("wake p99", 0.3)];
-    let mut timer = [of("timer p50", 1.05), of("timer p99", 1.1)];
-    let mut chain = [
-        of("loop p50", 0.8),
-        of("loop p99", 1.0),
-        of("loop p99.9", 1.2),
-    ];
-    let mut rehearsed = ["p50", "p99", "p99.9"]
-        .map(|quantile| of(&format!("loop {quantile}, the ring rehearses too"), 1.5));
+    let mut all = COMPARED
+        .map(|(name, goal, ..)| FloorComparison::ratio(&format!("{name}{under}"), "us", goal));
     let mut misses = FloorComparison::events(&format!("misses{under}"), 1.0);
-    let mut last: Option<Report> = None;
+    let duration = format!("{}ms", effort.duration.as_millis());
+    // Floors that are measured first imitate the flight before.
+    let newest: RefCell<Option<Report>> = RefCell::new(None);
+    let fly = || -> Result<(), Failure> {
+        let report = runner.fly(&["--rt", "require", "--duration", &duration])?;
+        *newest.borrow_mut() = Some(report);
+        Ok(())
+    };
+    let with_ring = load.is_none();
     for pair in 0..effort.pairs {
-        let computing = last.as_ref().filter(|_| pair % 2 == 1);
-        let FlightWithBaselines {
-            bare,
-            report,
-            ring,
-            rehearsed_ring,
-            steal_percent,
-        } = FlightWithBaselines::measure(runner, effort, load.is_none(), computing)?;
+        let ((), floors, steal_percent) = in_turns(pair, Some(loops_cpu() as u64), fly, || {
+            floors(
+                runner,
+                effort,
+                newest.borrow().as_ref().filter(|_| with_ring),
+            )
+        })?;
         if let Some(load) = &mut load {
             load.check()?;
         }
-        let [woken, called, looped] =
-            ["wake.plant", "timer", "loop"].map(|name| series(&report, name));
-        let (woken, called, looped) = (woken?, called?, looped?);
-        let bare_us = |quantile: f64| bare.value_at_quantile(quantile) as f64 / 1e3;
-        wake[0].take(woken.p50_us, bare_us(0.5), steal_percent);
-        wake[1].take(woken.p99_us, bare_us(0.99), steal_percent);
-        timer[0].take(called.p50_us, bare_us(0.5), steal_percent);
-        timer[1].take(called.p99_us, bare_us(0.99), steal_percent);
-        for (ring, rows) in [(&ring, &mut chain), (&rehearsed_ring, &mut rehearsed)] {
-            let Some(ring) = ring else { continue };
-            let ring_us = |quantile: f64| ring.chain.value_at_quantile(quantile) as f64 / 1e3;
-            rows[0].take(looped.p50_us, ring_us(0.5), steal_percent);
-            rows[1].take(looped.p99_us, ring_us(0.99), steal_percent);
-            if let Some(p999_us) = looped.p999_us {
-                rows[2].take(p999_us, ring_us(0.999), steal_percent);
+        let report = newest.borrow();
+        let Some(report) = report.as_ref() else {
+            continue;
+        };
+        for ((_, _, name, quantile, place), comparison) in COMPARED.iter().zip(&mut all) {
+            let ours = quantile_us(series(report, name)?, *quantile);
+            let floor = floors[*place].as_ref();
+            let floor = floor.map(|it| it.value_at_quantile(*quantile) as f64 / 1e3);
+            if let (Some(ours), Some(floor)) = (ours, floor) {
+                comparison.take(ours, floor, steal_percent);
             }
         }
         // A wake-up later than this leaves the loop no time for its tick.
-        let threshold_ns = PERIOD_NS - (looped.p50_us * 1e3) as u64;
-        let late = Events {
-            count: bare.len() - bare.count_between(0, threshold_ns),
-            exposure: bare.len(),
+        let threshold_ns = PERIOD_NS - (series(report, "loop")?.p50_us * 1e3) as u64;
+        let late = floors[0]
+            .as_ref()
+            .map_or_else(Events::default, |bare| Events {
+                count: bare.len() - bare.count_between(0, threshold_ns),
+                exposure: bare.len(),
+            });
+        let missed = Events {
+            count: report.deadlines.missed,
+            exposure: report.ticks.run + report.ticks.skipped,
         };
-        let ticks = report.ticks.run + report.ticks.skipped;
-        misses.take_events(
-            Events {
-                count: report.deadlines.missed,
-                exposure: ticks,
-            },
-            late,
-            steal_percent,
-        );
-        last = Some(report);
+        misses.take_events(missed, late, steal_percent);
     }
-    let mut all: Vec<FloorComparison> = wake.into();
-    all.extend(timer);
-    all.extend(chain);
-    all.extend(rehearsed);
+    let mut all = Vec::from(all);
     all.push(misses);
     // Under load there is no ring, and too few ticks give no 99.9th percentile.
     all.retain(|comparison| comparison.measured().0 > 0);
     Ok(all)
 }
 
-/// A ring whose processes compute as long as the flight's laws in the median.
-fn ring_beside(
+fn quantile_us(statistics: &Statistics, quantile: f64) -> Option<f64> {
+    match quantile {
+        0.5 => Some(statistics.p50_us),
+        0.99 => Some(statistics.p99_us),
+        _ => statistics.p999_us,
+    }
+}
+
+/// Wake-ups of cyclictest, chains of a ring that computes as long as the laws of a flight, and of one that has warm-up
+/// runs like that flight, too.
+fn floors(
     runner: &FlightRunner,
     effort: &MeasuringEffort,
-    report: &Report,
-    rehearsal: Option<ring::RingRehearsal>,
-) -> Result<ring::RingFloor, Failure> {
-    let settings = ring_settings(effort, WakeMechanism::Futex, PERIOD_NS, work_like(report)?);
-    ring::measure(
-        &ring::RingSettings {
+    like: Option<&Report>,
+) -> Result<[Option<Histogram<u64>>; 3], Failure> {
+    let schedule = effort.schedule(PERIOD_NS);
+    let bare = cyclictest::measure(&schedule)?;
+    let Some(like) = like else {
+        return Ok([Some(bare), None, None]);
+    };
+    let work = work_like(like)?;
+    let ring = |rehearsal| {
+        let settings = RingSettings {
+            wake: WakeMechanism::Futex,
+            schedule: schedule.clone(),
+            work: work.clone(),
             rehearsal,
-            ..settings
-        },
-        runner.executable(),
-    )
-}
-
-/// Warm-up runs like those of the flight, if it had any.
-fn rehearsal_of(report: &Report) -> Option<ring::RingRehearsal> {
+        };
+        ring::measure(&settings, runner.executable()).map(|floor| floor.chain)
+    };
     let [lead_ns, needs_ns] =
-        [report.lead.median_us, report.lead.rehearsal_us].map(|us| (us * 1e3) as u64);
-    (needs_ns > 0).then_some(ring::RingRehearsal { lead_ns, needs_ns })
+        [like.lead.median_us, like.lead.rehearsal_us].map(|us| (us * 1e3) as u64);
+    let rehearsal = (needs_ns > 0).then_some(RingRehearsal { lead_ns, needs_ns });
+    let rehearsed = rehearsal.map(|it| ring(Some(it))).transpose()?;
+    Ok([Some(bare), Some(ring(None)?), rehearsed])
 }
 
-fn ring_settings(
-    effort: &MeasuringEffort,
-    wake: WakeMechanism,
-    period_ns: u64,
-    work: Vec<Work>,
-) -> ring::RingSettings {
-    let MeasuringEffort {
-        duration, priority, ..
-    } = *effort;
-    ring::RingSettings {
-        wake,
-        period_ns,
-        duration,
-        cpu: None,
-        priority,
-        work,
-        rehearsal: None,
+impl MeasuringEffort {
+    fn schedule(&self, period_ns: u64) -> Schedule {
+        Schedule {
+            period_ns,
+            duration: self.duration,
+            cpu: None,
+            priority: self.priority,
+        }
     }
 }
 
@@ -301,11 +244,8 @@ fn in_turns<T, F>(
         let floor = floor()?;
         (ours()?, floor)
     };
-    Ok((
-        ours,
-        floor,
-        before.steal_until(&CpuTimes::read(processor)).percent,
-    ))
+    let steal = before.steal_until(&CpuTimes::read(processor));
+    Ok((ours, floor, steal.percent))
 }
 
 /// Ticks in lockstep compared with laps of a raw eventfd ring, both under SCHED_OTHER; and the speed relative to real
@@ -318,11 +258,15 @@ pub fn lockstep(
     let mut speed = FloorComparison::ratio("lockstep, real time 1/25", "us", 1.0);
     // At about 30 times real time, a side lasts the requested time.
     let simulated = format!("{}s", 30 * effort.duration.as_secs().max(1));
-    let quiet = MeasuringEffort {
-        priority: 0,
-        ..*effort
+    let settings = RingSettings {
+        wake: WakeMechanism::Eventfd,
+        schedule: Schedule {
+            priority: 0,
+            ..effort.schedule(0)
+        },
+        work: vec![Work::default(); 4],
+        rehearsal: None,
     };
-    let settings = ring_settings(&quiet, WakeMechanism::Eventfd, 0, vec![Work::default(); 4]);
     for pair in 0..effort.pairs {
         // Neither side is bound to a CPU.
         let (report, lap_us, steal_percent) = in_turns(
@@ -402,59 +346,19 @@ pub fn replay(
     Ok(vec![tick])
 }
 
-/// Tests the measurement: a ring with 20 us more arithmetic in one stage must show them.
-pub fn known_slow(
-    runner: &FlightRunner,
-    effort: &MeasuringEffort,
-) -> Result<Vec<FloorComparison>, Failure> {
-    let [mut p50, mut p99] = ["p50", "p99"].map(|name| {
-        FloorComparison::difference(&format!("20 us put into a hop, {name}"), "us", KNOWN_US)
-    });
-    let slow = Work::lasting((KNOWN_US * 1e3) as u64);
-    let chain = |work: Vec<Work>| -> Result<Histogram<u64>, Failure> {
-        let settings = ring_settings(effort, WakeMechanism::Futex, PERIOD_NS, work);
-        Ok(ring::measure(&settings, runner.executable())?.chain)
-    };
-    for pair in 0..effort.pairs {
-        let (ours, floor, steal_percent) = in_turns(
-            pair,
-            Some(loops_cpu() as u64),
-            || {
-                chain(vec![
-                    Work::default(),
-                    slow,
-                    Work::default(),
-                    Work::default(),
-                ])
-            },
-            || chain(vec![Work::default(); 4]),
-        )?;
-        let us = |histogram: &Histogram<u64>, quantile: f64| {
-            histogram.value_at_quantile(quantile) as f64 / 1e3
-        };
-        p50.take(us(&ours, 0.5), us(&floor, 0.5), steal_percent);
-        p99.take(us(&ours, 0.99), us(&floor, 0.99), steal_percent);
-    }
-    Ok(vec![p50, p99])
-}
-
 /// Runs an ironbird command to its end.
 fn run_to_end(command: &mut Command) -> Result<(), Failure> {
     let output = command.stdin(Stdio::null()).output();
     let output = output.map_err(|e| {
-        Failure::failed(format!(
-            "cannot start {}: {e}",
-            command.get_program().display()
-        ))
+        let program = command.get_program().display();
+        Failure::failed(format!("cannot start {program}: {e}"))
     })?;
     if output.status.success() {
         return Ok(());
     }
     let what = command.get_args().next().unwrap_or_default().display();
-    let complaint = String::from_utf8_lossy(&output.stderr);
-    Err(Failure::failed(format!(
-        "`ironbird {what}` ended with {}: {}",
-        output.status,
-        complaint.trim()
+    Err(Failure::failed(command_end(
+        &format!("`ironbird {what}`"),
+        &output,
     )))
 }

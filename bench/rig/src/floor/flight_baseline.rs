@@ -9,12 +9,10 @@ use std::path::Path;
 use std::time::Duration;
 
 use errors::Failure;
-use host::cpu_times::CpuTimes;
-use host::floor::link::WakeMechanism;
-use host::floor::work::Work;
-use host::floor::{ring, timer};
+use host::floor::MachineFloor;
+use host::floor::ring::Work;
+use host::floor::timer::Schedule;
 use messages::realtime::RealtimeMode;
-use process::rt::loops_cpu;
 use report::baseline::{Baseline, SeriesBaseline};
 use report::schema::Report;
 
@@ -59,33 +57,23 @@ pub fn take(
     } else {
         realtime.priority
     };
-    let period_ns = (report.run.wall_period_us * 1e3).round() as u64;
-    let processor = Some(realtime.cpu.unwrap_or_else(loops_cpu) as u64);
-    let before = CpuTimes::read(processor);
-    let timer = timer::measure(&timer::TimerSettings {
-        period_ns,
+    let schedule = Schedule {
+        period_ns: (report.run.wall_period_us * 1e3).round() as u64,
         duration,
         cpu: realtime.cpu,
         priority,
-    })?;
-    let ring = ring::RingSettings {
-        wake: WakeMechanism::Futex,
-        period_ns,
-        duration,
-        cpu: realtime.cpu,
-        priority,
-        work: work_like(report)?,
-        rehearsal: None,
     };
-    let ring = ring::measure(&ring, executable)?;
-    let mut refused = timer.standing.refused.clone();
-    refused.extend(ring.standing.refused);
-    refused.dedup();
+    let MachineFloor {
+        timer,
+        ring,
+        refused,
+        steal,
+    } = MachineFloor::measure(&schedule, work_like(report)?, executable)?;
     Ok(Baseline {
         seconds: duration.as_secs_f64(),
         scheduling: timer.standing.scheduling(),
         refused,
-        steal: before.steal_until(&CpuTimes::read(processor)),
+        steal,
         floors: vec![
             SeriesBaseline::of("wake.plant", "bare timer", &timer.lateness),
             SeriesBaseline::of("loop", "raw futex ring", &ring.chain),

@@ -2,12 +2,12 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::settings::Settings;
 use errors::{Failure, GATE, InFile as _, OK};
-use host::executable::own_executable;
+use host::own_executable;
 use report::run_facts::RunFacts;
 use report::schema::Report;
 use report::series::Statistics;
@@ -35,23 +35,15 @@ impl FlightRunner {
         })
     }
 
-    #[must_use]
     pub fn executable(&self) -> &Path {
         &self.executable
     }
 
-    #[must_use]
-    pub fn instance(&self) -> &str {
-        &self.instance
-    }
-
-    #[must_use]
     pub fn directory(&self) -> &Path {
         self.directory.path()
     }
 
     /// The command of a flight with these flags, and its future run directory.
-    #[must_use]
     pub fn command(&self, flags: &[&str]) -> (Command, PathBuf) {
         let out = self.directory.path().join(format!(
             "flight{}",
@@ -78,25 +70,21 @@ impl FlightRunner {
             .output()
             .map_err(|e| Failure::failed(format!("cannot launch a flight: {e}")))?;
         // A failed acceptance criterion does not invalidate the measurement.
-        let landed = output
-            .status
-            .code()
-            .is_some_and(|code| [OK, GATE].map(i32::from).contains(&code));
-        let complaint = String::from_utf8_lossy(&output.stderr);
-        let ended = || {
-            format!(
-                "a flight ended with {}: {}",
-                output.status,
-                complaint.trim()
-            )
-        };
-        if !landed {
-            return Err(Failure::failed(ended()));
+        let ended = command_end("a flight", &output);
+        if !matches!(output.status.code(), Some(code) if [OK, GATE].map(i32::from).contains(&code))
+        {
+            return Err(Failure::failed(ended));
         }
-        let report = Report::read(&run.join("report.json"))
-            .map_err(|e| e.append(&format!("; {}", ended())))?;
+        let report =
+            Report::read(&run.join("report.json")).map_err(|e| e.append(&format!("; {ended}")))?;
         complete(report, requested_ticks(&run.join("run.json"))?)
     }
+}
+
+/// How a command ended, with what it printed to standard error.
+pub(super) fn command_end(what: &str, output: &Output) -> String {
+    let complaint = String::from_utf8_lossy(&output.stderr);
+    format!("{what} ended with {}: {}", output.status, complaint.trim())
 }
 
 /// The number of ticks requested.

@@ -42,7 +42,7 @@ use crate::supervisor::restarts::{MAX_RESTARTS, RestartLimit, Standbys, WITHIN};
 use crate::supervisor::status_line::StatusLine;
 use crate::supervisor::stop_requests::StopRequests;
 use errors::Failure;
-use host::executable::own_executable;
+use host::own_executable;
 use report::process_failures::{ObservedFailure, Replacement};
 
 /// How often the supervisor looks after the flight; oftener if it restarts roles.

@@ -23,7 +23,7 @@ use crate::supervisor::exit_report::{Outcome, warnings};
 use crate::supervisor::flight_supervisor::FlightSupervisor;
 use crate::supervisor::stop_requests::StopRequests;
 use errors::{Failure, INTERRUPTED, InFile as _, OK, check_writable};
-use host::executable::own_executable;
+use host::own_executable;
 use report::baseline::Baseline;
 use report::render::files::write_all;
 use report::render::junit;

@@ -1,0 +1,123 @@
+//! The finding about other programs on the loops' CPU: real-time processes, running ones, and those pinned to it.
+
+use std::fs;
+
+use crate::{Machine, cpu_list};
+use report::finding::Finding;
+
+/// How many programs the finding names.
+const NAMED: usize = 5;
+
+/// A process that was last scheduled on the loops' CPU and competes for it.
+struct Competitor {
+    name: String,
+    is_realtime: bool,
+}
+
+pub(super) fn finding(machine: &Machine) -> Finding {
+    let ok = |found: String| {
+        let why = "a program on the loops' CPU delays their wake-ups and evicts their data from its caches";
+        Finding::ok("other programs", found, why)
+    };
+    let cpu = machine.loops_cpu();
+    let mut pids: Vec<u32> = fs::read_dir(machine.root.join("proc"))
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok())
+        .filter(|pid| *pid != std::process::id())
+        .collect();
+    pids.sort_unstable();
+    let competitors: Vec<Competitor> = pids
+        .into_iter()
+        .filter_map(|pid| competitor(machine, cpu, pid))
+        .collect();
+    if competitors.is_empty() {
+        return ok(format!("no other program runs on CPU {cpu}"));
+    }
+    let names = competitors.iter().take(NAMED).map(|it| it.name.clone());
+    let more = competitors.len().saturating_sub(NAMED);
+    let more = (more > 0).then(|| format!("{more} more"));
+    let names: Vec<String> = names.chain(more).collect();
+    let finding = ok(format!("on CPU {cpu}: {}", names.join(", ")));
+    let fix =
+        "end them or move them: taskset -cp CPUS PID; or choose another CPU for the loops: --cpu N";
+    if competitors.iter().any(|it| it.is_realtime) {
+        finding.softens(fix)
+    } else {
+        finding.could_be_better(fix)
+    }
+}
+
+fn competitor(machine: &Machine, cpu: usize, pid: u32) -> Option<Competitor> {
+    // Kernel threads have no command line.
+    machine
+        .read(&format!("/proc/{pid}/cmdline"))
+        .filter(|line| !line.is_empty())?;
+    let stat = machine.read(&format!("/proc/{pid}/stat"))?;
+    // The name in parentheses may itself contain blanks and parentheses.
+    let (head, tail) = stat.rsplit_once(')')?;
+    let (_, name) = head.split_once('(')?;
+    let fields: Vec<&str> = tail.split_whitespace().collect();
+    // Fields 3 (state), 39 (CPU) and 41 (policy) of proc(5).
+    let (state, last_cpu, policy) = (*fields.first()?, fields.get(36)?, fields.get(38)?);
+    if last_cpu.parse() != Ok(cpu) {
+        return None;
+    }
+    // SCHED_FIFO, SCHED_RR and SCHED_DEADLINE.
+    let is_realtime = matches!(*policy, "1" | "2" | "6");
+    let is_pinned = machine
+        .field(&format!("/proc/{pid}/status"), "Cpus_allowed_list")
+        .is_some_and(|list| cpu_list(&list) == [cpu] && machine.allowed_cpus() != [cpu]);
+    let class = if is_realtime { ", real-time" } else { "" };
+    (is_realtime || is_pinned || state == "R").then(|| Competitor {
+        name: format!("{name} ({pid}{class})"),
+        is_realtime,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Answers;
+    use report::finding::{Level, RealtimeClass};
+
+    fn add(root: &std::path::Path, pid: u32, name: &str, (state, cpu, policy): (&str, u32, u32)) {
+        let directory = root.join(format!("proc/{pid}"));
+        fs::create_dir_all(&directory).unwrap();
+        let between = "0 ".repeat(35);
+        let stat = format!("{pid} ({name}) {state} {between}{cpu} 0 {policy} 0");
+        fs::write(directory.join("stat"), stat).unwrap();
+        fs::write(directory.join("cmdline"), name).unwrap();
+        fs::write(directory.join("status"), "Cpus_allowed_list:\t0-3\n").unwrap();
+    }
+
+    #[test]
+    fn programs_on_the_cpu_of_the_loops_are_named() {
+        let root = tempfile::tempdir().unwrap();
+        let answers = Answers {
+            cpu: Some(3),
+            ..Answers::default()
+        };
+        let machine = Machine::under(root.path(), answers);
+        add(root.path(), 10, "asleep", ("S", 3, 0));
+        add(root.path(), 11, "elsewhere", ("R", 2, 1));
+        assert_eq!(finding(&machine).level, Level::Ok);
+        add(root.path(), 12, "a (busy) one", ("R", 3, 0));
+        let busy = finding(&machine);
+        assert_eq!(busy.found, "on CPU 3: a (busy) one (12)");
+        assert_eq!(
+            (busy.level, busy.allows),
+            (Level::Warning, RealtimeClass::Hard)
+        );
+        add(root.path(), 13, "ironbird", ("S", 3, 1));
+        let realtime = finding(&machine);
+        assert!(
+            realtime.found.ends_with(", ironbird (13, real-time)"),
+            "{realtime:?}"
+        );
+        assert_eq!(realtime.allows, RealtimeClass::Soft);
+        // A kernel thread.
+        fs::write(root.path().join("proc/13/cmdline"), "").unwrap();
+        assert_eq!(finding(&machine).allows, RealtimeClass::Hard);
+    }
+}
