@@ -5,31 +5,26 @@ use std::collections::{BTreeMap, TryReserveError};
 use flight_log::codec::Logged;
 use flight_log::units::describe;
 use messages::layout::{Field, Kind, Visit, Visitor};
-use messages::parameters::{PARAMETERS, SPECS};
+use messages::parameters::{PARAMETERS, SPECS, Spec};
 use pyo3::prelude::*;
 
-/// A field over time.
 #[derive(Debug)]
 pub(crate) struct Column {
     /// The group that it is shown in, as `state` or `telemetry.inner`.
     pub group: String,
-    /// Name with unit.
     pub name: String,
     /// Unit; empty for a ratio.
     pub unit: String,
     /// How many numbers a row has, where it is an array.
     pub width: Option<usize>,
-    /// Row after row.
     pub values: Vec<f64>,
 }
 
-/// The columns of a topic.
 #[derive(Debug)]
 pub(crate) struct Columns {
     columns: Vec<Column>,
     /// Where each field's numbers go, in the order of the layout.
     places: Vec<Place>,
-    /// Field that comes next.
     next: usize,
 }
 
@@ -46,11 +41,7 @@ pub(crate) type Signals = Vec<(String, String)>;
 impl Columns {
     /// Those of a topic whose law shows these signals; one for all of them where their names are not known.
     pub(crate) fn of<C: Logged>(signals: &Option<Signals>) -> Self {
-        let mut columns = Self {
-            columns: Vec::new(),
-            places: Vec::new(),
-            next: 0,
-        };
+        let mut columns = Self::from(Vec::new());
         let telemetry = format!("telemetry.{}", C::SENDER);
         let mut plan = Plan {
             columns: &mut columns,
@@ -62,34 +53,26 @@ impl Columns {
         columns
     }
 
-    /// Adds a row.
     pub(crate) fn push<C: Visit>(&mut self, content: &C) {
         self.next = 0;
         content.visit(self);
     }
 
-    /// Adds a number to each column.
     pub(crate) fn push_row(&mut self, row: impl Iterator<Item = f64>) {
-        self.columns
-            .iter_mut()
-            .zip(row)
-            .for_each(|(column, value)| column.values.push(value));
+        for (column, value) in self.columns.iter_mut().zip(row) {
+            column.values.push(value);
+        }
     }
 
-    /// How many numbers a row has.
     pub(crate) fn numbers(&self) -> u64 {
-        self.columns
-            .iter()
-            .map(|column| column.width.unwrap_or(1) as u64)
-            .sum()
+        let widths = self.columns.iter().map(|column| column.width.unwrap_or(1));
+        widths.sum::<usize>() as u64
     }
 
-    /// Takes room for so many rows.
     pub(crate) fn reserve(&mut self, rows: usize) -> Result<(), TryReserveError> {
         self.columns.iter_mut().try_for_each(|column| {
-            column
-                .values
-                .try_reserve_exact(rows.saturating_mul(column.width.unwrap_or(1)))
+            let numbers = rows.saturating_mul(column.width.unwrap_or(1));
+            column.values.try_reserve_exact(numbers)
         })
     }
 
@@ -103,12 +86,10 @@ impl Columns {
         match apart {
             None => self.columns[first].values.extend(values),
             Some(count) => {
-                self.columns[first..first + count]
-                    .iter_mut()
-                    .zip(values)
-                    .for_each(|(column, value)| {
-                        column.values.push(value);
-                    });
+                let columns = &mut self.columns[first..first + count];
+                for (column, value) in columns.iter_mut().zip(values) {
+                    column.values.push(value);
+                }
             }
         }
     }
@@ -127,12 +108,9 @@ impl From<Vec<Column>> for Columns {
 impl Visitor for Columns {
     fn integers(&mut self, _: &'static Field, values: &[u64]) {
         // Of the counts and ticks in messages, the largest one stands for none.
-        self.take(values.iter().map(|value| {
-            if *value == u64::MAX {
-                f64::NAN
-            } else {
-                *value as f64
-            }
+        self.take(values.iter().map(|value| match *value {
+            u64::MAX => f64::NAN,
+            value => value as f64,
         }));
     }
 
@@ -148,7 +126,6 @@ impl Visitor for Columns {
 /// Makes a column, or several, of each field.
 struct Plan<'a> {
     columns: &'a mut Columns,
-    /// Units by path.
     facts: BTreeMap<String, String>,
     telemetry: String,
     signals: &'a Option<Signals>,
@@ -166,10 +143,8 @@ impl Plan<'_> {
                     self.apart(group, self.signals.clone().unwrap_or_default(), place);
                 }
                 ("parameter", _) if field.length == Some(PARAMETERS) => {
-                    let specs = SPECS
-                        .iter()
-                        .map(|spec| (spec.name.to_owned(), spec.unit.to_owned()));
-                    self.apart(group, specs.collect(), place);
+                    let spec = |spec: &Spec| (spec.name.to_owned(), spec.unit.to_owned());
+                    self.apart(group, SPECS.iter().map(spec).collect(), place);
                 }
                 (name, Kind::Struct { fields, .. }) => {
                     let telemetry = self.telemetry.clone();
@@ -181,10 +156,8 @@ impl Plan<'_> {
                     self.fields(fields, group, &format!("{path}{name}."));
                 }
                 (name, _) => {
-                    let unit = self
-                        .facts
-                        .get(&format!("unit.{path}{name}"))
-                        .map_or("", String::as_str);
+                    let unit = self.facts.get(&format!("unit.{path}{name}"));
+                    let unit = unit.map_or("", String::as_str);
                     // Of ticks the log says which one is none; here that is no number.
                     let unit = unit.split_once(';').map_or(unit, |(unit, _)| unit);
                     let unit = if unit == "1" { "" } else { unit };
@@ -200,9 +173,9 @@ impl Plan<'_> {
             apart: Some(names.len()),
             ..place
         });
-        names
-            .into_iter()
-            .for_each(|(name, unit)| self.column(group, name, unit, None));
+        for (name, unit) in names {
+            self.column(group, name, unit, None);
+        }
     }
 
     fn column(&mut self, group: &str, name: String, unit: String, width: Option<usize>) {

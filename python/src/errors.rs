@@ -19,18 +19,16 @@ create_exception!(
 );
 
 /// What a command prints of a failure, without its first word.
-fn told(failure: &Failure) -> String {
+fn message(failure: &Failure) -> String {
     let text = failure.told();
-    text.strip_prefix("error: ")
-        .unwrap_or(&text)
-        .trim_end()
-        .to_owned()
+    let text = text.strip_prefix("error: ").unwrap_or(&text);
+    text.trim_end().to_owned()
 }
 
 pub(crate) fn settings_error(failure: Failure) -> PyErr {
-    SettingsError::new_err(told(&failure))
+    SettingsError::new_err(message(&failure))
 }
 
 pub(crate) fn log_error(failure: Failure) -> PyErr {
-    LogError::new_err(told(&failure))
+    LogError::new_err(message(&failure))
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use control_api::description::Description;
+use flight_log::codec::Logged;
 use ironbird::settings::Settings;
 use ironbird::settings::law_settings::known;
 use ironbird::simulator::Simulator;
@@ -15,13 +16,11 @@ use python_law::array;
 use report::swaps::AppliedSwap;
 use toml::{Table as Section, Value};
 
-use crate::columns::{Column, ShownColumn, Signals};
+use crate::columns::{ShownColumn, Signals};
 use crate::table::{Table, rows};
 
-/// Columns, and facts by name.
 pub(crate) type Shown<'py> = (Vec<ShownColumn<'py>>, Bound<'py, PyDict>);
 
-/// A law that flew: its name, and what it shows.
 #[derive(Clone, Debug)]
 pub(crate) struct FlownLaw {
     pub name: String,
@@ -31,10 +30,8 @@ pub(crate) struct FlownLaw {
 
 impl From<&'static Description> for FlownLaw {
     fn from(law: &'static Description) -> Self {
-        let signals = law
-            .telemetry
-            .iter()
-            .map(|signal| (signal.name.into(), signal.unit.into()));
+        let signals = law.telemetry.iter();
+        let signals = signals.map(|signal| (signal.name.into(), signal.unit.into()));
         Self {
             name: law.name.into(),
             signals: Some(signals.collect()),
@@ -45,42 +42,29 @@ impl From<&'static Description> for FlownLaw {
 impl FlownLaw {
     /// The laws of a flight that was recorded: outer, inner, mixer. No file of a law is opened, as its code would run.
     pub(crate) fn recorded(settings: &Settings) -> [Self; 3] {
-        let law = |role: Role, section: &Section| {
-            let name = section
-                .get("law")
-                .and_then(Value::as_str)
-                .unwrap_or_default();
+        let law = |(role, section): (Role, &Section)| {
+            let name = section.get("law").and_then(Value::as_str);
+            let name = name.unwrap_or_default();
             let built_in = known(role).into_iter().find(|law| law.name == name);
-            let file = || {
-                Path::new(name)
-                    .file_name()
-                    .unwrap_or_default()
-                    .to_string_lossy()
-                    .into_owned()
-            };
             built_in.map_or_else(
-                || Self {
-                    name: file(),
-                    signals: None,
+                || {
+                    let file = Path::new(name).file_name().unwrap_or_default();
+                    let name = file.to_string_lossy().into_owned();
+                    let signals = None;
+                    Self { name, signals }
                 },
                 Self::from,
             )
         };
-        let Settings {
-            outer,
-            inner,
-            mixer,
-            ..
-        } = settings;
         [
-            law(Role::Outer, outer),
-            law(Role::Inner, inner),
-            law(Role::Mixer, mixer),
+            (Role::Outer, &settings.outer),
+            (Role::Inner, &settings.inner),
+            (Role::Mixer, &settings.mixer),
         ]
+        .map(law)
     }
 }
 
-/// The messages of a flight by topic.
 #[derive(Debug)]
 pub(crate) struct Tables {
     pub state: Table,
@@ -103,7 +87,6 @@ impl Tables {
         }
     }
 
-    /// Each of them.
     pub(crate) fn all(&mut self) -> [&mut Table; 5] {
         let Self {
             state,
@@ -115,21 +98,17 @@ impl Tables {
         [state, setpoint, wrench, rotor_speeds, theorem]
     }
 
-    /// Takes what was said in a tick.
     pub(crate) fn take(&mut self, tick: u64, rig: &Simulator) {
-        self.state.push(tick, rig.state());
-        rig.setpoint()
-            .into_iter()
-            .for_each(|setpoint| self.setpoint.push(tick, setpoint));
-        rig.new_wrench()
-            .into_iter()
-            .for_each(|wrench| self.wrench.push(tick, wrench));
-        rig.new_rotor_speeds()
-            .into_iter()
-            .for_each(|speeds| self.rotor_speeds.push(tick, speeds));
-        rig.monitor()
-            .into_iter()
-            .for_each(|monitor| self.theorem.push(tick, monitor));
+        fn push<C: Logged>(table: &mut Table, tick: u64, content: Option<&C>) {
+            content
+                .into_iter()
+                .for_each(|content| table.push(tick, content));
+        }
+        push(&mut self.state, tick, Some(rig.state()));
+        push(&mut self.setpoint, tick, rig.setpoint());
+        push(&mut self.wrench, tick, rig.new_wrench());
+        push(&mut self.rotor_speeds, tick, rig.new_rotor_speeds());
+        push(&mut self.theorem, tick, rig.monitor());
     }
 
     /// All of it on the same ticks, with tables beside; nothing of the theorem where nothing was said of it.
@@ -150,20 +129,11 @@ impl Tables {
         tables.extend((!theorem.is_empty()).then_some(theorem));
         let rows = rows(&tables);
         tables.append(&mut beside);
-        facts.set_item(
-            "tick",
-            array(
-                py,
-                &rows.iter().map(|tick| *tick as f64).collect::<Vec<_>>(),
-            )?,
-        )?;
+        let ticks: Vec<f64> = rows.iter().map(|tick| *tick as f64).collect();
+        facts.set_item("tick", array(py, &ticks)?)?;
         let columns = tables.into_iter().flat_map(|table| table.on(&rows));
-        Ok((
-            columns
-                .map(|column: Column| column.shown(py))
-                .collect::<PyResult<_>>()?,
-            facts,
-        ))
+        let columns = columns.map(|column| column.shown(py));
+        Ok((columns.collect::<PyResult<_>>()?, facts))
     }
 }
 
@@ -184,14 +154,12 @@ pub(crate) fn facts<'py>(
         names.set_item(role.name(), &law.name)?;
     }
     facts.set_item("laws", names)?;
-    let faults: Vec<_> = swaps
-        .iter()
-        .flat_map(|swap| {
-            swap.changes
-                .iter()
-                .map(|change| (swap.tick, swap.time_s, &change.name, change.old, change.new))
-        })
-        .collect();
+    let mut faults = Vec::new();
+    for swap in swaps {
+        for change in &swap.changes {
+            faults.push((swap.tick, swap.time_s, &change.name, change.old, change.new));
+        }
+    }
     facts.set_item("faults", faults)?;
     Ok(facts)
 }

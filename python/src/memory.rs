@@ -11,14 +11,9 @@ use crate::flight::Tables;
 /// Copies of the number of a tick that a flight keeps beside its columns: rows, `tick` and `t`.
 const BESIDE: u64 = 3;
 
-/// Takes room for so many ticks.
 pub(crate) fn reserve(tables: &mut Tables, ticks: u64) -> PyResult<()> {
-    let numbers = tables
-        .all()
-        .iter()
-        .map(|table| table.numbers())
-        .sum::<u64>()
-        + BESIDE;
+    let numbers = tables.all().map(|table| table.numbers());
+    let numbers = numbers.iter().sum::<u64>() + BESIDE;
     let needed = numbers.saturating_mul(8).saturating_mul(ticks);
     let refused = |available: &str| {
         PyMemoryError::new_err(format!(
@@ -30,22 +25,15 @@ pub(crate) fn reserve(tables: &mut Tables, ticks: u64) -> PyResult<()> {
         return Err(refused(&format!("{available} are available")));
     }
     let rows = usize::try_from(ticks).unwrap_or(usize::MAX);
-    let reserved: Result<(), TryReserveError> = tables
-        .all()
-        .into_iter()
-        .try_for_each(|table| table.reserve(rows));
+    let mut tables = tables.all().into_iter();
+    let reserved: Result<(), TryReserveError> = tables.try_for_each(|table| table.reserve(rows));
     reserved.map_err(|_| refused("this process may not have as many"))
 }
 
 /// Memory that can be had without swapping [bytes]; none where the system does not say.
 fn available() -> Option<u64> {
     let said = fs::read_to_string("/proc/meminfo").ok()?;
-    let line = said
-        .lines()
-        .find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    line.trim()
-        .strip_suffix(" kB")?
-        .parse::<u64>()
-        .ok()?
-        .checked_mul(1024)
+    let mut lines = said.lines();
+    let kib = lines.find_map(|line| line.strip_prefix("MemAvailable:")?.strip_suffix(" kB"))?;
+    kib.trim().parse::<u64>().ok()?.checked_mul(1024)
 }

@@ -15,7 +15,6 @@ use crate::errors::{SettingsError, settings_error};
 use crate::flight::FlownLaw;
 use crate::settings::table;
 
-/// A law in Python, with its settings.
 #[derive(Debug)]
 pub(crate) struct PyLaw<'py> {
     looked: Looked,
@@ -26,11 +25,9 @@ pub(crate) struct PyLaw<'py> {
 
 /// The file of a law, whose code has run.
 struct File {
-    /// As it was named.
     named: String,
     /// Absolute, without links.
     path: PathBuf,
-    /// SHA-256 of what was read.
     sha256: String,
 }
 
@@ -44,6 +41,7 @@ impl<'py> PyLaw<'py> {
         law: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Option<Self>> {
         let (py, key) = (settings.py(), format!("{role}.{LAW}"));
+        let refused = |raised| as_settings_error(py, raised);
         let section = match settings.get_item(role.name())? {
             Some(section) => section.cast_into::<PyDict>()?.copy()?,
             None => PyDict::new(py),
@@ -52,33 +50,24 @@ impl<'py> PyLaw<'py> {
             |value: Option<Bound<'_, PyAny>>| value.and_then(|text| text.extract::<String>().ok());
         let named = text(section.get_item(LAW)?);
         let asked = text(arguments.get_item(&key)?);
-        let (law, file) = match (
-            law,
-            asked
-                .as_ref()
-                .or(named.as_ref())
-                .filter(|name| name.ends_with(".py")),
-        ) {
+        let asked = asked.as_ref().or(named.as_ref());
+        let (law, file) = match (law, asked.filter(|name| name.ends_with(".py"))) {
             (Some(law), _) => (law.clone(), None),
             (None, Some(name)) => {
-                let (law, sha256) =
-                    load(py, name).map_err(|raised| as_settings_error(py, raised))?;
-                (
-                    law,
-                    Some(File {
-                        named: name.clone(),
-                        path: canonical(name),
-                        sha256,
-                    }),
-                )
+                let (law, sha256) = load(py, name).map_err(refused)?;
+                let file = File {
+                    named: name.clone(),
+                    path: canonical(name),
+                    sha256,
+                };
+                (law, Some(file))
             }
             (None, None) => return Ok(None),
         };
-        let looked =
-            Looked::at(&law, role.name()).map_err(|raised| as_settings_error(py, raised))?;
-        let is_named = |name: &String| {
-            file.as_ref()
-                .map_or(*name == looked.name, |file| canonical(name) == file.path)
+        let looked = Looked::at(&law, role.name()).map_err(refused)?;
+        let is_named = |name: &String| match &file {
+            Some(file) => canonical(name) == file.path,
+            None => *name == looked.name,
         };
         let other = file.as_ref().map_or(&looked.name, |file| &file.named);
         if !named.as_ref().is_none_or(is_named) {
@@ -100,9 +89,7 @@ impl<'py> PyLaw<'py> {
                 dict.del_item(key)?;
             }
         }
-        let settings = looked
-            .settled(py, &section)
-            .map_err(|raised| as_settings_error(py, raised))?;
+        let settings = looked.settled(py, &section).map_err(refused)?;
         let section = settings.copy()?;
         match file {
             None => section.set_item(LAW, &looked.name)?,
@@ -118,15 +105,10 @@ impl<'py> PyLaw<'py> {
         }))
     }
 
-    /// The law as it is before tick 0.
     pub(crate) fn law(&self, rig: Rig) -> PyResult<Arc<PythonLaw>> {
-        self.looked
-            .make(
-                self.settings.py(),
-                python_law::Rig((&rig).into()),
-                &self.settings,
-            )
-            .map(Arc::new)
+        let rig = python_law::Rig((&rig).into());
+        let law = self.looked.make(self.settings.py(), rig, &self.settings);
+        law.map(Arc::new)
     }
 }
 

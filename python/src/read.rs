@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use errors::Failure;
+use flight_log::codec::Logged;
 use flight_log::entry::LogEntry;
 use flight_log::facts::{LANDING, SETTINGS};
 use flight_log::reader::{End, LogReader};
@@ -11,13 +12,13 @@ use ironbird::run_directory::find_log;
 use ironbird::settings::Settings;
 use messages::header::Message;
 use messages::output_hash::OutputHash;
-use messages::topic::Topic;
 use pyo3::prelude::*;
 use report::flight_statistics::is_last_word;
 use report::swaps::AppliedSwap;
 
 use crate::errors::log_error;
 use crate::flight::{FlownLaw, Shown, Tables, facts};
+use crate::table::Table;
 use crate::timing::Timing;
 
 /// Reads a flight: its directory, its flight.mcap, or `latest`.
@@ -33,10 +34,8 @@ pub(crate) fn read(py: Python<'_>, run: PathBuf, out: Option<PathBuf>) -> PyResu
     read.tables.shown(py, read.timing.into_tables(), facts)
 }
 
-/// What a log holds.
 struct Read {
     settings: Settings,
-    /// The settings as the log has them.
     text: String,
     laws: [FlownLaw; 3],
     tables: Tables,
@@ -76,52 +75,29 @@ impl Read {
 
     fn take(&mut self, entry: &LogEntry) {
         match entry {
-            LogEntry::State(message) => {
-                self.hash(message);
-                self.timing.state(&message.envelope);
-                self.tables
-                    .state
-                    .push(message.envelope.tick, &message.content);
-            }
-            LogEntry::Setpoint(message) => {
-                self.hash(message);
-                self.timing.setpoint(&message.envelope);
-                self.tables
-                    .setpoint
-                    .push(message.envelope.tick, &message.content);
-            }
-            LogEntry::Wrench(message) => {
-                self.hash(message);
-                self.timing.wrench(&message.envelope);
-                self.tables
-                    .wrench
-                    .push(message.envelope.tick, &message.content);
-            }
-            // The last word is the answer to no state.
+            LogEntry::State(message) => self.stage(message, |tables| &mut tables.state),
+            LogEntry::Setpoint(message) => self.stage(message, |tables| &mut tables.setpoint),
+            LogEntry::Wrench(message) => self.stage(message, |tables| &mut tables.wrench),
+            // The last message is the answer to no state.
             LogEntry::RotorSpeeds(message) if is_last_word(message) => {}
             LogEntry::RotorSpeeds(message) => {
-                self.hash(message);
-                self.timing.rotor_speeds(&message.envelope);
-                self.tables
-                    .rotor_speeds
-                    .push(message.envelope.tick, &message.content);
+                self.stage(message, |tables| &mut tables.rotor_speeds);
             }
-            LogEntry::Swap(message) => {
-                let swap = AppliedSwap::new(
-                    message.envelope.tick,
-                    self.settings.flight.period_s,
-                    &message.content,
-                );
-                self.swaps.push(swap);
+            LogEntry::Swap(Message { envelope, content }) => {
+                let period_s = self.settings.flight.period_s;
+                self.swaps
+                    .push(AppliedSwap::new(envelope.tick, period_s, content));
             }
-            LogEntry::Theorem(message) => self
-                .tables
-                .theorem
-                .push(message.envelope.tick, &message.content),
+            LogEntry::Theorem(Message { envelope, content }) => {
+                self.tables.theorem.push(envelope.tick, content);
+            }
         }
     }
 
-    fn hash<C: Topic>(&mut self, message: &Message<C>) {
-        self.outputs.take(message.envelope.tick, &message.content);
+    fn stage<C: Logged>(&mut self, message: &Message<C>, table: fn(&mut Tables) -> &mut Table) {
+        let Message { envelope, content } = message;
+        self.outputs.take(envelope.tick, content);
+        self.timing.take(C::SENDER, envelope);
+        table(&mut self.tables).push(envelope.tick, content);
     }
 }

@@ -29,7 +29,6 @@ pub(crate) fn overrides(arguments: &Bound<'_, PyDict>) -> PyResult<Overrides> {
         .collect()
 }
 
-/// A dict of sections.
 pub(crate) fn table(dict: &Bound<'_, PyDict>, path: &str) -> PyResult<Table> {
     let mut table = Table::new();
     for (key, given) in dict {
@@ -39,12 +38,9 @@ pub(crate) fn table(dict: &Bound<'_, PyDict>, path: &str) -> PyResult<Table> {
                 key.repr()?
             )));
         };
-        let path = if path.is_empty() {
-            key.clone()
-        } else {
-            format!("{path}.{key}")
-        };
-        table.insert(key, value(&given, &path)?);
+        let path = format!("{path}.{key}");
+        let value = value(&given, path.trim_start_matches('.'))?;
+        table.insert(key, value);
     }
     Ok(table)
 }

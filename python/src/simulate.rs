@@ -55,10 +55,9 @@ pub(crate) fn simulate<'py>(
                 Python::attach(|py| py.check_signals())
                     .unwrap_or_else(|signal| raised.keep(signal));
             }
-            if raised.is_there() {
-                Err(Failure::failed("an exception"))
-            } else {
-                Ok(())
+            match raised.is_there() {
+                true => Err(Failure::failed("an exception")),
+                false => Ok(()),
             }
         })
     });
@@ -68,13 +67,8 @@ pub(crate) fn simulate<'py>(
     let flown = flown.map_err(settings_error)?;
     let text = settings.commented().map_err(settings_error)?;
     let facts = facts(py, &settings, &text, &laws, &flown.swaps)?;
-    facts.set_item(
-        "end",
-        flown
-            .departure
-            .as_deref()
-            .unwrap_or(EndReason::Completed.words()),
-    )?;
+    let end = flown.departure.as_deref();
+    facts.set_item("end", end.unwrap_or(EndReason::Completed.words()))?;
     facts.set_item("fingerprint", flown.outputs.to_string())?;
     let handed = PyDict::new(py);
     for (role, law) in [("outer", outer), ("inner", inner)] {
@@ -106,10 +100,9 @@ fn flight(
     raised: &Raised,
 ) -> Result<Simulator, Failure> {
     let rig = settings.rig()?;
-    let theorem = if inner.is_none() {
-        settings.theorem()?
-    } else {
-        None
+    let theorem = match inner {
+        None => settings.theorem()?,
+        Some(_) => None,
     };
     if outer.is_none() && inner.is_none() {
         return Ok(Simulator::of(settings)?.with_monitor(theorem));

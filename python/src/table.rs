@@ -6,7 +6,6 @@ use flight_log::codec::Logged;
 
 use crate::columns::{Column, Columns, Signals};
 
-/// The messages of a topic.
 #[derive(Debug)]
 pub(crate) struct Table {
     ticks: Vec<u64>,
@@ -29,7 +28,6 @@ impl Table {
         }
     }
 
-    /// A number for each column.
     pub(crate) fn push_row(&mut self, tick: u64, row: impl Iterator<Item = f64>) {
         self.ticks.push(tick);
         self.columns.push_row(row);
@@ -45,7 +43,6 @@ impl Table {
         1 + self.columns.numbers()
     }
 
-    /// Takes room for so many rows.
     pub(crate) fn reserve(&mut self, rows: usize) -> Result<(), TryReserveError> {
         self.ticks.try_reserve_exact(rows)?;
         self.columns.reserve(rows)
@@ -61,15 +58,10 @@ impl Table {
         if self.ticks == rows {
             return columns;
         }
-        let places: Vec<Option<usize>> = self
-            .ticks
-            .iter()
-            .map(|tick| rows.binary_search(tick).ok())
-            .collect();
-        columns
-            .into_iter()
-            .map(|column| spread(column, &places, rows.len()))
-            .collect()
+        let place = |tick| rows.binary_search(tick).ok();
+        let places: Vec<Option<usize>> = self.ticks.iter().map(place).collect();
+        let spread = |column| spread(column, &places, rows.len());
+        columns.into_iter().map(spread).collect()
     }
 }
 
@@ -82,12 +74,9 @@ pub(crate) fn rows(tables: &[Table]) -> Vec<u64> {
     if rises && others.iter().all(|table| table.ticks == first.ticks) {
         return first.ticks.clone();
     }
-    tables
-        .iter()
-        .flat_map(|table| table.ticks.iter().copied())
-        .collect::<BTreeSet<_>>()
-        .into_iter()
-        .collect()
+    let ticks = tables.iter().flat_map(|table| &table.ticks);
+    let ticks: BTreeSet<u64> = ticks.copied().collect();
+    ticks.into_iter().collect()
 }
 
 /// A column whose rows stand at places among more rows.

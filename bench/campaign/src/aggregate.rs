@@ -1,4 +1,4 @@
-//! Makes findings of rows, a column at a time.
+//! Makes the results of rows, a column at a time.
 
 use crate::bins::{BINS_MAX, Bins, explained, success};
 use crate::campaign::{Campaign, Factor, Variant};
@@ -13,75 +13,69 @@ use crate::results::{
 use crate::rows::Rows;
 use crate::table::{HOLDS, unit_and_meaning};
 use errors::Failure;
-use report::statistics::{Discordant, clopper_pearson, mean_interval, wilson};
+use report::statistics::{Discordant, mean_interval, wilson};
 use std::cmp::Ordering;
 
 /// Flights that are named as the worst.
 const WORST: usize = 10;
 /// Factors whose pairs are mapped: those that matter most.
 const MAPPED: usize = 3;
-/// Bins of a map along each side.
 const MAP_BINS: usize = 6;
 /// The metric that flights are ranked by, and that effects are told on besides success.
 const ERROR: &str = "position_error_max_m";
 
-/// Rows with what is asked of all of them.
-struct Asked<'a> {
+/// Rows with what is known of all of them.
+struct CampaignRows<'a> {
     campaign: &'a Campaign,
     rows: &'a Rows,
     success: Vec<bool>,
-    /// Largest position error of each row [m].
     error_m: Vec<f64>,
 }
 
-/// What the rows of a campaign show.
 pub fn of(
     campaign: &Campaign,
     identity: &Identity,
     rows: &Rows,
-    exact: bool,
 ) -> Result<CampaignResults, Failure> {
-    let success: Vec<bool> = rows
-        .flags("success")?
-        .into_iter()
-        .map(|it| it == Some(true))
-        .collect();
-    let asked = Asked {
+    let success = rows.flags("success")?.into_iter();
+    let all = CampaignRows {
         campaign,
         rows,
-        success,
+        success: success.map(|it| it == Some(true)).collect(),
         error_m: rows.numbers(ERROR)?,
     };
-    let flights = (asked.success.len() / campaign.arms.len()) as u64;
+    let flights = (all.success.len() / campaign.arms.len()) as u64;
     let lost = rows.filled("lost")?;
-    let mut arms = asked.arms(&lost, exact)?;
-    let mut pairs = asked.pairs();
+    let mut arms = all.arms(&lost)?;
+    let mut pairs = all.pairs();
     for metric in METRICS {
         let values = rows.numbers(metric.name)?;
-        for (arm, findings) in arms.iter_mut().enumerate() {
-            let is = distribution(asked.of_arm(&values, arm));
-            findings.metrics.push(Of {
-                name: metric.name.into(),
+        let name = metric.name;
+        for (arm, results) in arms.iter_mut().enumerate() {
+            let is = distribution(all.of_arm(&values, arm));
+            results.metrics.push(Of {
+                name: name.into(),
                 is,
             });
         }
-        for (pair, (first, second)) in pairs.iter_mut().zip(asked.couples()) {
+        for (pair, (first, second)) in pairs.iter_mut().zip(all.couples()) {
             let differences = (0..flights as usize).map(|flight| {
-                let [one, other] = [first, second].map(|arm| flight * asked.arm_count() + arm);
+                let [one, other] = [first, second].map(|arm| flight * all.arm_count() + arm);
                 if lost[one] || lost[other] {
                     f64::NAN
                 } else {
                     values[one] - values[other]
                 }
             });
-            pair.metrics.extend(mean_interval(differences).map(|is| Of {
-                name: metric.name.into(),
+            let difference = mean_interval(differences);
+            pair.metrics.extend(difference.map(|is| Of {
+                name: name.into(),
                 is,
             }));
         }
     }
-    let factors = asked.factors()?;
-    let maps = asked.maps(&factors)?;
+    let factors = all.factors()?;
+    let maps = all.maps(&factors)?;
     Ok(CampaignResults {
         schema: SCHEMA,
         name: identity.name.clone(),
@@ -89,22 +83,21 @@ pub fn of(
         build: identity.build.clone(),
         flights,
         planned: campaign.flights,
-        intervals: if exact { "Clopper-Pearson" } else { "Wilson" },
+        intervals: "Wilson",
         arms,
         pairs,
         factors,
         maps,
-        worst: asked.worst(&lost)?,
-        audit: None,
+        worst: all.worst(&lost)?,
+        audit: (),
     })
 }
 
-impl Asked<'_> {
+impl CampaignRows<'_> {
     fn arm_count(&self) -> usize {
         self.campaign.arms.len()
     }
 
-    /// The values of an arm's rows.
     fn of_arm<T: Copy>(&self, values: &[T], arm: usize) -> impl Iterator<Item = T> {
         values.iter().skip(arm).step_by(self.arm_count()).copied()
     }
@@ -114,51 +107,40 @@ impl Asked<'_> {
         (0..arms).flat_map(move |first| (first + 1..arms).map(move |second| (first, second)))
     }
 
-    fn arms(&self, lost: &[bool], exact: bool) -> Result<Vec<VariantResults>, Failure> {
-        let interval = if exact { clopper_pearson } else { wilson };
-        let held: Vec<(String, Vec<Option<bool>>)> = self
-            .campaign
-            .gates
-            .names()
-            .map(|gate| Ok((gate.clone(), self.rows.flags(&format!("{HOLDS}{gate}"))?)))
-            .collect::<Result<_, Failure>>()?;
-        let count =
-            |flags: &[bool], arm| self.of_arm(flags, arm).filter(|flag| *flag).count() as u64;
-        let findings = |(arm, named): (usize, &Variant)| {
-            let (successes, flights) = (
-                count(&self.success, arm),
-                self.of_arm(&self.success, arm).count() as u64,
-            );
-            let gates = held.iter().map(|(gate, held)| {
-                let asked: Vec<bool> = self.of_arm(held, arm).flatten().collect();
-                let held = asked.iter().filter(|held| **held).count() as u64;
-                GateResults {
+    fn arms(&self, lost: &[bool]) -> Result<Vec<VariantResults>, Failure> {
+        let mut gates: Vec<Vec<GateResults>> = vec![Vec::new(); self.arm_count()];
+        for gate in self.campaign.gates.names() {
+            let flags = self.rows.flags(&format!("{HOLDS}{gate}"))?;
+            for (arm, gates) in gates.iter_mut().enumerate() {
+                let asked: Vec<bool> = self.of_arm(&flags, arm).flatten().collect();
+                gates.extend((!asked.is_empty()).then(|| GateResults {
                     name: gate.clone(),
-                    held,
+                    held: asked.iter().filter(|held| **held).count() as u64,
                     asked: asked.len() as u64,
-                }
-            });
+                }));
+            }
+        }
+        let arms = self.campaign.arms.iter().zip(gates).enumerate();
+        let results = |(arm, (variant, gates)): (usize, (&Variant, Vec<GateResults>))| {
+            let count = |flags| self.of_arm(flags, arm).filter(|flag| *flag).count() as u64;
+            let flights = self.of_arm(&self.success, arm).count() as u64;
+            let successes = count(&self.success);
             VariantResults {
-                name: named.name.clone(),
+                name: variant.name.clone(),
                 flights,
                 successes,
-                interval: interval(successes, flights),
-                lost: count(lost, arm),
-                gates: gates.filter(|gate| gate.asked > 0).collect(),
+                interval: wilson(successes, flights),
+                lost: count(lost),
+                gates,
                 metrics: Vec::new(),
             }
         };
-        Ok(self
-            .campaign
-            .arms
-            .iter()
-            .enumerate()
-            .map(findings)
-            .collect())
+        Ok(arms.map(results).collect())
     }
 
     fn pairs(&self) -> Vec<Pair> {
         let pair = |(first, second): (usize, usize)| {
+            let [ones, others] = [first, second].map(|arm| self.of_arm(&self.success, arm));
             let (mut discordant, mut flights) = (
                 Discordant {
                     first: 0,
@@ -166,10 +148,7 @@ impl Asked<'_> {
                 },
                 0,
             );
-            for (one, other) in self
-                .of_arm(&self.success, first)
-                .zip(self.of_arm(&self.success, second))
-            {
+            for (one, other) in ones.zip(others) {
                 flights += 1;
                 discordant.first += u64::from(one && !other);
                 discordant.second += u64::from(other && !one);
@@ -191,11 +170,8 @@ impl Asked<'_> {
         if !factor.distribution.varies() || factor.distribution == Drawn::Seed {
             return Ok(None);
         }
-        let is_number = factor
-            .distribution
-            .ends()
-            .iter()
-            .all(|end| end.is_float() || end.is_integer());
+        let mut ends = factor.distribution.ends().into_iter();
+        let is_number = ends.all(|end| end.is_float() || end.is_integer());
         let bins = if is_number {
             let values = self.rows.numbers(&factor.name)?;
             Bins::of_numbers(&self.of_arm(&values, 0).collect::<Vec<_>>(), most)
@@ -213,26 +189,26 @@ impl Asked<'_> {
                 continue;
             };
             let effect = |arm: usize| {
-                let success_of: Vec<bool> = self.of_arm(&self.success, arm).collect();
-                let error = self
-                    .of_arm(&self.error_m, arm)
-                    .map(|error_m| error_m.max(1e-9).ln());
+                let successes: Vec<bool> = self.of_arm(&self.success, arm).collect();
+                let shares = successes
+                    .iter()
+                    .map(|success| f64::from(u8::from(*success)));
+                let errors_m = self.of_arm(&self.error_m, arm);
                 Effect {
-                    of_success: explained(
-                        &bins,
-                        success_of
-                            .iter()
-                            .map(|success| f64::from(u8::from(*success))),
-                    ),
-                    of_error: explained(&bins, error),
-                    bins: success(&bins, &success_of),
+                    of_success: explained(&bins, shares),
+                    of_error: explained(&bins, errors_m.map(|error_m| error_m.max(1e-9).ln())),
+                    bins: success(&bins, &successes),
                 }
             };
-            let arms = (0..self.arm_count()).map(effect).collect();
+            // What a part of a fault changes, too.
+            let meaning = match unit_and_meaning(self.campaign, factor) {
+                ("", meaning) => meaning,
+                (unit, meaning) => format!("{meaning} [{unit}]"),
+            };
             all.push(FactorResults {
                 name: factor.name.clone(),
-                meaning: self.meaning(factor),
-                arms,
+                meaning,
+                arms: (0..self.arm_count()).map(effect).collect(),
             });
         }
         let weight = |factor: &FactorResults| {
@@ -245,37 +221,27 @@ impl Asked<'_> {
         Ok(all)
     }
 
-    /// What a part of a fault changes.
-    fn meaning(&self, factor: &Factor) -> String {
-        match unit_and_meaning(self.campaign, factor) {
-            ("", meaning) => meaning,
-            (unit, meaning) => format!("{meaning} [{unit}]"),
-        }
-    }
-
     /// Success over the pairs of those factors that matter most, for each arm.
     fn maps(&self, factors: &[FactorResults]) -> Result<Vec<Map>, Failure> {
         let mut mapped = Vec::new();
-        for findings in factors.iter().take(MAPPED) {
-            let factor = self
-                .campaign
-                .factors
-                .iter()
-                .find(|factor| factor.name == findings.name);
+        for FactorResults { name, .. } in factors.iter().take(MAPPED) {
+            let factor = self.campaign.factors.iter().find(|it| it.name == *name);
             let bins = factor.map_or(Ok(None), |factor| self.bins(factor, MAP_BINS))?;
-            mapped.extend(bins.map(|bins| (findings.name.clone(), bins)));
+            mapped.extend(bins.map(|bins| (name, bins)));
         }
+        let side = |name: &String, bins: &Bins| Side {
+            factor: name.clone(),
+            bins: bins.names.clone(),
+        };
         let mut maps = Vec::new();
         for (i, (x_name, x)) in mapped.iter().enumerate() {
             for (y_name, y) in &mapped[i + 1..] {
                 for (arm, named) in self.campaign.arms.iter().enumerate() {
                     let mut cells = vec![vec![[0; 2]; x.names.len()]; y.names.len()];
-                    for ((column, row), success) in
-                        x.of.iter().zip(&y.of).zip(self.of_arm(&self.success, arm))
-                    {
-                        let cell = cells
-                            .get_mut(*row as usize)
-                            .and_then(|row| row.get_mut(*column as usize));
+                    let places = x.of.iter().zip(&y.of);
+                    for ((column, row), success) in places.zip(self.of_arm(&self.success, arm)) {
+                        let row = cells.get_mut(*row as usize);
+                        let cell = row.and_then(|row| row.get_mut(*column as usize));
                         if let Some([successes, flights]) = cell {
                             *successes += u64::from(success);
                             *flights += 1;
@@ -283,14 +249,8 @@ impl Asked<'_> {
                     }
                     maps.push(Map {
                         arm: named.name.clone(),
-                        x: Side {
-                            factor: x_name.clone(),
-                            bins: x.names.clone(),
-                        },
-                        y: Side {
-                            factor: y_name.clone(),
-                            bins: y.names.clone(),
-                        },
+                        x: side(x_name, x),
+                        y: side(y_name, y),
                         cells,
                     });
                 }
@@ -301,21 +261,21 @@ impl Asked<'_> {
 
     /// Lost flights first, then those that failed, and the largest errors first among them.
     fn worst(&self, lost: &[bool]) -> Result<Vec<Worst>, Failure> {
-        let mut places: Vec<usize> = (0..self.success.len()).collect();
-        let rank = |place: &usize| (!lost[*place], self.success[*place], -self.error_m[*place]);
+        let rank = |place: usize| (!lost[place], self.success[place]);
+        let error_m = |place: usize| self.error_m[place];
         let by_rank = |a: &usize, b: &usize| {
-            let ((lost_a, success_a, error_a), (lost_b, success_b, error_b)) = (rank(a), rank(b));
-            (lost_a, success_a)
-                .cmp(&(lost_b, success_b))
-                .then(error_a.total_cmp(&error_b))
+            let ranks = rank(*a).cmp(&rank(*b));
+            ranks
+                .then(error_m(*b).total_cmp(&error_m(*a)))
                 .then(a.cmp(b))
         };
+        let mut places: Vec<usize> = (0..self.success.len()).collect();
         if places.len() > WORST {
             places.select_nth_unstable_by(WORST, by_rank);
             places.truncate(WORST);
         }
         places.sort_by(by_rank);
-        let flights = self.rows.whole("flight")?;
+        let flights = self.rows.flights()?;
         let mut worst = Vec::new();
         for place in places {
             let (flight, arm) = (flights[place], place % self.arm_count());
@@ -323,23 +283,18 @@ impl Asked<'_> {
                 continue;
             };
             let cell = |name: &str| {
-                cells
-                    .iter()
-                    .find(|(known, _)| known == name)
-                    .map(|(_, text)| text.clone())
+                let cell = cells.iter().find(|(known, _)| known == name);
+                cell.map(|(_, text)| text.clone())
             };
-            let drew = self
-                .campaign
-                .factors
-                .iter()
-                .filter(|it| it.distribution.varies());
+            let factors = self.campaign.factors.iter();
+            let drawn = factors.filter(|it| it.distribution.varies());
             worst.push(Worst {
                 flight,
                 arm: self.campaign.arms[arm].name.clone(),
                 success: self.success[place],
                 position_error_max_m: self.error_m[place],
                 lost: cell("lost").unwrap_or_default(),
-                drew: drew
+                drew: drawn
                     .filter_map(|it| Some((it.name.clone(), cell(&it.name)?)))
                     .collect(),
             });

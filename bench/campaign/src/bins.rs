@@ -3,12 +3,10 @@
 use report::statistics::{Interval, wilson};
 use serde::Serialize;
 
-/// Bins of a factor at the most.
 pub const BINS_MAX: usize = 10;
 /// Flights that a bin should have at the least.
 const BIN_FLIGHTS: usize = 20;
 
-/// What a factor's flights are told apart by.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bins {
     pub of: Vec<u32>,
@@ -25,19 +23,14 @@ impl Bins {
         let mut distinct = sorted.clone();
         distinct.dedup();
         let count = (values.len() / BIN_FLIGHTS).clamp(2, most.max(2));
-        let cuts: Vec<f64> = if distinct.len() <= most {
-            distinct
-        } else {
-            let mut cuts: Vec<f64> = (0..count)
-                .map(|bin| sorted[bin * sorted.len() / count])
-                .collect();
+        let mut cuts = distinct;
+        if cuts.len() > most {
+            let cut = |bin| sorted[bin * sorted.len() / count];
+            cuts = (0..count).map(cut).collect();
             cuts.dedup();
-            cuts
-        };
-        let of: Vec<u32> = values
-            .iter()
-            .map(|value| (cuts.partition_point(|cut| cut <= value).max(1) - 1) as u32)
-            .collect();
+        }
+        let bin = |value| cuts.partition_point(|cut| cut <= value).max(1) - 1;
+        let of: Vec<u32> = values.iter().map(|value| bin(value) as u32).collect();
         let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; cuts.len()];
         for (value, bin) in values.iter().zip(&of) {
             let range = &mut ranges[*bin as usize];
@@ -64,36 +57,30 @@ impl Bins {
     }
 }
 
-/// A number in a few digits.
 pub fn short(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
     }
     let digits = (2 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
-    if (1e-4..1e6).contains(&value.abs()) {
-        let text = format!("{value:.digits$}");
-        let text = if text.contains('.') {
-            text.trim_end_matches('0').trim_end_matches('.')
-        } else {
-            &text
-        };
-        text.to_owned()
-    } else {
-        format!("{value:.2e}")
+    if !(1e-4..1e6).contains(&value.abs()) {
+        return format!("{value:.2e}");
+    }
+    let text = format!("{value:.digits$}");
+    match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text,
     }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Bin {
     pub name: String,
-    /// Smallest and largest value; none of words.
     pub range: Option<[f64; 2]>,
     pub flights: u64,
     pub successes: u64,
     pub interval: Interval,
 }
 
-/// Success over the bins of a factor.
 pub fn success(bins: &Bins, success: &[bool]) -> Vec<Bin> {
     let mut all: Vec<Bin> = (0..bins.names.len())
         .map(|bin| Bin {
@@ -110,8 +97,9 @@ pub fn success(bins: &Bins, success: &[bool]) -> Vec<Bin> {
             bin.successes += u64::from(*success);
         }
     }
-    all.iter_mut()
-        .for_each(|bin| bin.interval = wilson(bin.successes, bin.flights));
+    for bin in &mut all {
+        bin.interval = wilson(bin.successes, bin.flights);
+    }
     all
 }
 
@@ -120,12 +108,8 @@ pub fn success(bins: &Bins, success: &[bool]) -> Vec<Bin> {
 pub fn explained(bins: &Bins, values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut sums = vec![(0.0_f64, 0.0_f64); bins.names.len()];
     let (mut n, mut mean, mut squares) = (0.0_f64, 0.0_f64, 0.0_f64);
-    for (bin, value) in bins
-        .of
-        .iter()
-        .zip(values)
-        .filter(|(_, value)| value.is_finite())
-    {
+    let known = bins.of.iter().zip(values);
+    for (bin, value) in known.filter(|(_, value)| value.is_finite()) {
         n += 1.0;
         let off = value - mean;
         mean += off / n;
@@ -140,10 +124,8 @@ pub fn explained(bins: &Bins, values: impl Iterator<Item = f64>) -> Option<f64> 
     if used.len() < 2 || n <= groups || squares <= 0.0 {
         return None;
     }
-    let between: f64 = used
-        .iter()
-        .map(|(count, sum)| count * (sum / count - mean) * (sum / count - mean))
-        .sum();
+    let square = |(count, sum): &(f64, f64)| count * (sum / count - mean) * (sum / count - mean);
+    let between: f64 = used.iter().map(square).sum();
     let within = ((squares - between) / (n - groups)).max(0.0);
     Some(((between - (groups - 1.0) * within) / (squares + within)).clamp(0.0, 1.0))
 }
@@ -162,43 +144,28 @@ mod tests {
             (bins.names.len(), bins.ranges[0], bins.names[9].as_str()),
             (10, [0.0, 39.0], "360 to 399")
         );
-        let counted = success(
-            &bins,
-            &values.iter().map(|value| *value < 60.0).collect::<Vec<_>>(),
-        );
+        let is_low: Vec<bool> = values.iter().map(|value| *value < 60.0).collect();
+        let counted = success(&bins, &is_low);
         assert!(counted.iter().all(|bin| bin.flights == 40));
-        assert_eq!(
-            counted.iter().map(|bin| bin.successes).collect::<Vec<_>>(),
-            [40, 20, 0, 0, 0, 0, 0, 0, 0, 0]
-        );
+        let successes: Vec<u64> = counted.iter().map(|bin| bin.successes).collect();
+        assert_eq!(successes, [40, 20, 0, 0, 0, 0, 0, 0, 0, 0]);
         let few = Bins::of_numbers(&[0.5, 0.25, 0.5, 1e-7, 0.5], 10);
-        assert_eq!(
-            (few.of, few.names),
-            (
-                vec![2, 1, 2, 0, 2],
-                ["1.00e-7", "0.25", "0.5"].map(str::to_owned).into()
-            )
-        );
+        assert_eq!(few.of, [2, 1, 2, 0, 2]);
+        assert_eq!(few.names, ["1.00e-7", "0.25", "0.5"]);
     }
 
     #[test]
     fn what_matters_is_told_from_what_does_not() {
         let mut rng = Rng::with_seed(7);
         let drawn: Vec<[f64; 2]> = (0..2000).map(|_| [rng.f64(), rng.f64()]).collect();
-        let outcome = || {
-            drawn
-                .iter()
-                .map(|[first, _]| f64::from(u8::from(*first < 0.3)))
-        };
+        let outcome = || drawn.iter().map(|it| f64::from(u8::from(it[0] < 0.3)));
         let of = |i: usize| {
-            Bins::of_numbers(&drawn.iter().map(|it| it[i]).collect::<Vec<_>>(), BINS_MAX)
+            let values: Vec<f64> = drawn.iter().map(|it| it[i]).collect();
+            Bins::of_numbers(&values, BINS_MAX)
         };
         let shares = [0, 1].map(|i| explained(&of(i), outcome()).unwrap());
         assert!(shares[0] > 0.95 && shares[1] < 0.01, "{shares:?}");
-        assert_eq!(
-            explained(&of(0), drawn.iter().map(|_| 1.0)),
-            None,
-            "what is always alike has no causes"
-        );
+        // What is always alike has no causes.
+        assert_eq!(explained(&of(0), drawn.iter().map(|_| 1.0)), None);
     }
 }

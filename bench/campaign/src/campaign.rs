@@ -10,13 +10,13 @@ use crate::fault::Fault;
 use crate::gates::Gates;
 use crate::generator::Stream;
 use crate::lines::Lines;
+use crate::table::hex;
 
 #[derive(Clone, Debug)]
 pub struct Campaign {
     pub name: String,
     pub flights: u64,
     pub seed: u64,
-    /// Flights in a file of rows.
     pub chunk: u64,
     /// Sections of the settings that all flights begin with.
     pub base: Table,
@@ -24,14 +24,12 @@ pub struct Campaign {
     pub timing: Option<String>,
     /// What is drawn for each flight, in the order of the columns.
     pub factors: Vec<Factor>,
-    /// Faults, whose values are among the factors.
     pub faults: Vec<Fault>,
     /// What each flight is flown by, at least one.
     pub arms: Vec<Variant>,
     pub gates: Gates,
     /// What an engine is asked for; rows do not depend on it.
     pub submission: Submission,
-    /// Where in the file keys are.
     pub lines: Lines,
 }
 
@@ -47,7 +45,6 @@ pub struct Submission {
     pub processors: u64,
 }
 
-/// What is drawn for each flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Factor {
     pub name: String,
@@ -64,7 +61,6 @@ pub enum Target {
     },
     /// A part of a fault, which names the factor.
     Fault,
-    /// The recorded flight whose timing a flight has.
     Timing,
 }
 
@@ -72,9 +68,7 @@ pub enum Target {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variant {
     pub name: String,
-    /// Section, key and value of the settings.
     pub settings: Vec<(String, String, Value)>,
-    /// The recorded flight whose timing its flights have.
     pub timing: Option<String>,
     pub line: usize,
 }
@@ -82,47 +76,41 @@ pub struct Variant {
 impl Campaign {
     /// What a flight draws, in the order of the factors: of its number and the seed alone.
     pub fn draws(&self, flight: u64) -> Vec<Value> {
-        self.factors
-            .iter()
-            .map(|it| {
-                it.distribution
-                    .draw(Stream::new(self.seed, &it.name), flight)
-            })
-            .collect()
+        let draw = |factor: &Factor| {
+            let stream = Stream::new(self.seed, &factor.name);
+            factor.distribution.draw(stream, flight)
+        };
+        self.factors.iter().map(draw).collect()
     }
 
     /// Sections of the settings of a flight by an arm, as a settings file would have them.
     pub fn given(&self, arm: &Variant, draws: &[Value]) -> Table {
         let mut given = self.base.clone();
-        let mut set = |section: &str, key: &str, value: &Value| {
-            let section = given
-                .entry(section)
-                .or_insert_with(|| Value::Table(Table::new()));
+        let mut set = |section: &str, key: &str, value: Value| {
+            let section = given.entry(section);
+            let section = section.or_insert_with(|| Value::Table(Table::new()));
             if let Some(section) = section.as_table_mut() {
-                section.insert(key.to_owned(), value.clone());
+                section.insert(key.to_owned(), value);
             }
         };
         for (factor, value) in self.factors.iter().zip(draws) {
             if let Target::Setting { section, key } = &factor.target {
-                set(section, key, value);
+                set(section, key, value.clone());
             }
         }
         for (section, key, value) in &arm.settings {
-            set(section, key, value);
+            set(section, key, value.clone());
         }
         if !self.faults.is_empty() {
-            let own = given
-                .get("flight")
-                .and_then(|it| it.get("faults"))
-                .and_then(Value::as_array);
+            let own = given.get("flight").and_then(|it| it.get("faults"));
+            let own = own.and_then(Value::as_array).into_iter().flatten();
             let drawn = self
                 .faults
                 .iter()
                 .map(|fault| Value::from(fault.text(draws)));
-            let faults: Vec<Value> = own.into_iter().flatten().cloned().chain(drawn).collect();
-            let section = given
-                .entry("flight")
-                .or_insert_with(|| Value::Table(Table::new()));
+            let faults: Vec<Value> = own.cloned().chain(drawn).collect();
+            let section = given.entry("flight");
+            let section = section.or_insert_with(|| Value::Table(Table::new()));
             if let Some(section) = section.as_table_mut() {
                 section.insert("faults".into(), Value::Array(faults));
             }
@@ -132,29 +120,20 @@ impl Campaign {
 
     /// The recorded flight whose timing a flight by an arm has, as the file names it.
     pub fn timing<'a>(&'a self, arm: &'a Variant, draws: &'a [Value]) -> Option<&'a str> {
-        let drawn = self
-            .factors
-            .iter()
-            .zip(draws)
-            .find(|(factor, _)| factor.target == Target::Timing);
+        let mut drawn = self.factors.iter().zip(draws);
+        let drawn = drawn.find(|(factor, _)| factor.target == Target::Timing);
         let drawn = drawn.and_then(|(_, name)| name.as_str());
         drawn.or(arm.timing.as_deref()).or(self.timing.as_deref())
     }
 
     /// All recorded flights whose timing flights by an arm have, and the key of the file that names them.
     pub fn timings(&self, arm: &Variant) -> (String, Vec<String>) {
-        let drawn = self
-            .factors
-            .iter()
-            .find(|factor| factor.target == Target::Timing);
+        let drawn = self.factors.iter().find(|it| it.target == Target::Timing);
         let of = |name: &Option<String>| name.iter().cloned().collect();
         match (drawn, &arm.timing) {
             (Some(factor), _) => {
-                let names = factor
-                    .distribution
-                    .ends()
-                    .into_iter()
-                    .filter_map(|name| Some(name.as_str()?.to_owned()));
+                let names = factor.distribution.ends().into_iter();
+                let names = names.filter_map(|name| Some(name.as_str()?.to_owned()));
                 ("factors.timing".into(), names.collect())
             }
             (None, Some(_)) => (format!("arms.{}.timing", arm.name), of(&arm.timing)),
@@ -165,15 +144,10 @@ impl Campaign {
     /// What the rows of the same campaign agree in, whatever its length: `settings` are those of each arm, resolved, with
     /// whatever else its flights depend on.
     pub fn fingerprint(&self, settings: &[String]) -> String {
-        let mut text = format!(
-            "ironbird-campaign/1\nseed {}\nchunk {}\n",
-            self.seed, self.chunk
-        );
-        for Factor {
-            name, distribution, ..
-        } in &self.factors
-        {
-            text += &format!("factor {name} {distribution:?}\n");
+        let Self { seed, chunk, .. } = self;
+        let mut text = format!("ironbird-campaign/1\nseed {seed}\nchunk {chunk}\n");
+        for factor in &self.factors {
+            text += &format!("factor {} {:?}\n", factor.name, factor.distribution);
         }
         for fault in &self.faults {
             text += &format!("{fault:?}\n");
@@ -182,14 +156,9 @@ impl Campaign {
         for (arm, settings) in self.arms.iter().zip(settings) {
             text += &format!("arm {} {:?}\n{settings}\n", arm.name, arm.settings);
         }
-        Sha256::digest(text)
-            .iter()
-            .take(16)
-            .map(|byte| format!("{byte:02x}"))
-            .collect()
+        hex(Sha256::new_with_prefix(text))[..32].to_owned()
     }
 
-    /// Place of an arm by its name.
     pub fn arm(&self, name: &str) -> Option<usize> {
         self.arms.iter().position(|arm| arm.name == name)
     }

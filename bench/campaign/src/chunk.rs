@@ -10,7 +10,7 @@ use parquet::file::reader::{FileReader as _, SerializedFileReader};
 
 use crate::campaign::Campaign;
 use crate::parquet_file::{Metadata, encode, has_own_hash, metadata_of, read_table};
-use crate::table::{Row, Table, Values};
+use crate::table::{Cell, Row, Table};
 
 /// Identifies the form of files of rows.
 pub const SCHEMA: &str = "ironbird-campaign/1";
@@ -25,7 +25,6 @@ pub struct Identity {
     pub build: String,
 }
 
-/// What a file of rows is found to be.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum State {
     Missing,
@@ -36,7 +35,6 @@ pub enum State {
 }
 
 impl Campaign {
-    /// How many files of rows it has.
     pub const fn chunks(&self) -> u64 {
         self.flights.div_ceil(self.chunk)
     }
@@ -78,15 +76,10 @@ pub fn write_whole<E: std::fmt::Display>(
     write: impl FnOnce(&mut File) -> Result<(), E>,
 ) -> Result<(), Failure> {
     let aside = path.with_extension(format!("{}.aside", std::process::id()));
-    let written = File::create(&aside)
+    let mut file = File::create(&aside).in_file("write", &aside)?;
+    write(&mut file)
         .in_file("write", &aside)
-        .and_then(|mut file| {
-            write(&mut file).in_file("write", &aside)?;
-            file.flush()
-                .and_then(|()| file.sync_all())
-                .in_file("write", &aside)
-        });
-    written
+        .and_then(|()| file.sync_all().in_file("write", &aside))
         .and_then(|()| fs::rename(&aside, path).in_file("write", path))
         .inspect_err(|_| {
             // What is left of it is nobody's.
@@ -94,12 +87,10 @@ pub fn write_whole<E: std::fmt::Display>(
         })
 }
 
-/// Bytes that a file of rows would take.
 pub fn length(campaign: &Campaign, identity: &Identity, rows: &[Row]) -> Result<usize, Failure> {
     encoded(identity, None, &Table::new(campaign, rows)).map(|bytes| bytes.len())
 }
 
-/// The bytes of a file of rows.
 fn encoded(
     identity: &Identity,
     chunk: Option<(u64, Range<u64>)>,
@@ -115,26 +106,20 @@ pub(crate) fn metadata(
     chunk: Option<(u64, Range<u64>)>,
     rows: Option<&Table>,
 ) -> Metadata {
-    let Identity {
-        name,
-        campaign,
-        build,
-    } = identity;
     let mut metadata = vec![
         ("schema", SCHEMA.to_owned()),
-        ("name", name.clone()),
-        ("campaign", campaign.clone()),
-        ("build", build.clone()),
+        ("name", identity.name.clone()),
+        ("campaign", identity.campaign.clone()),
+        ("build", identity.build.clone()),
     ];
     if let Some((chunk, flights)) = chunk {
         metadata.push(("chunk", chunk.to_string()));
-        metadata.push(("flights", format!("{}..{}", flights.start, flights.end)));
+        metadata.push(("flights", format!("{flights:?}")));
     }
     metadata.extend(rows.map(|rows| ("rows_sha256", rows.rows_sha256())));
     metadata
 }
 
-/// Whether the file of a chunk is whole and of this campaign and build.
 pub fn state(directory: &Path, campaign: &Campaign, identity: &Identity, chunk: u64) -> State {
     let path = path_of(directory, chunk);
     if !path.exists() {
@@ -156,51 +141,38 @@ fn check(path: &Path, campaign: &Campaign, identity: &Identity, chunk: u64) -> R
         return Err("it is broken: it does not have the hash that it was written with".into());
     }
     let reader = SerializedFileReader::new(file).map_err(|e| broken(&e))?;
-    let says = metadata_of(reader.metadata());
+    let metadata = metadata_of(reader.metadata());
     let said = |key: &str| {
-        says.iter()
-            .find(|(known, _)| known == key)
-            .map_or("", |(_, value)| value.as_str())
+        let pair = metadata.iter().find(|(known, _)| known == key);
+        pair.map_or("", |(_, value)| value.as_str())
     };
-    if said("schema") != SCHEMA {
+    let [schema, name, fingerprint, build, flown] =
+        ["schema", "name", "campaign", "build", "flights"].map(said);
+    if schema != SCHEMA {
         return Err(format!(
-            "it is foreign: its form is `{}`, and not {SCHEMA}",
-            said("schema")
+            "it is foreign: its form is `{schema}`, and not {SCHEMA}"
         ));
     }
-    if said("campaign") != identity.campaign {
-        let name = said("name");
+    if fingerprint != identity.campaign {
         return Err(format!(
-            "it is foreign: of the campaign {name} with the fingerprint {}",
-            said("campaign")
+            "it is foreign: of the campaign {name} with the fingerprint {fingerprint}"
         ));
     }
-    if said("build") != identity.build {
-        return Err(format!("another build flew it: {}", said("build")));
+    if build != identity.build {
+        return Err(format!("another build flew it: {build}"));
     }
     let flights = campaign.flights_of(chunk);
-    if said("flights") != format!("{}..{}", flights.start, flights.end) {
-        return Err(format!(
-            "it has the flights {}, and not {}..{}",
-            said("flights"),
-            flights.start,
-            flights.end
-        ));
+    if flown != format!("{flights:?}") {
+        return Err(format!("it has the flights {flown}, and not {flights:?}"));
     }
     if has_own_hash.is_none() {
         return Err("it is broken: it has no hash of itself".into());
     }
     let rows = read_table(&reader, Table::new(campaign, &[])).map_err(|e| broken(&e))?;
-    let expected = flights.flat_map(|flight| {
-        campaign
-            .arms
-            .iter()
-            .map(move |_| Some(flight.cast_signed()))
-    });
-    let Values::Integers(numbers) = &rows.columns[0].values else {
-        return Err("it is broken: its flights are no numbers".into());
-    };
-    if !numbers.iter().copied().eq(expected) || said("rows_sha256") != rows.rows_sha256() {
+    let numbers = flights.flat_map(|flight| vec![flight.cast_signed(); campaign.arms.len()]);
+    let expected = numbers.map(|flight| Some(Cell::Integer(flight)));
+    let is_expected = rows.columns[0].cells.iter().cloned().eq(expected);
+    if !is_expected || said("rows_sha256") != rows.rows_sha256() {
         return Err("it is broken: its rows are not those that were written".into());
     }
     Ok(())
@@ -210,18 +182,14 @@ fn check(path: &Path, campaign: &Campaign, identity: &Identity, chunk: u64) -> R
 pub fn others(directory: &Path, campaign: &Campaign) -> Result<Vec<String>, Failure> {
     let mut others = Vec::new();
     for entry in fs::read_dir(directory).in_file("list", directory)? {
-        let name = entry
-            .in_file("list", directory)?
-            .file_name()
-            .to_string_lossy()
-            .into_owned();
-        let number = name
-            .strip_prefix("chunk-")
-            .and_then(|rest| rest.split('.').next()?.parse::<u64>().ok());
-        let is_ours = number.is_some_and(|chunk| {
-            chunk < campaign.chunks() && path_of(directory, chunk).ends_with(&name)
-        });
-        if name.starts_with("chunk-") && !is_ours {
+        let name = entry.in_file("list", directory)?.file_name();
+        let name = name.to_string_lossy().into_owned();
+        let Some(rest) = name.strip_prefix("chunk-") else {
+            continue;
+        };
+        let number = rest.split('.').next().and_then(|it| it.parse::<u64>().ok());
+        let number = number.filter(|chunk| *chunk < campaign.chunks());
+        if !number.is_some_and(|chunk| path_of(directory, chunk).ends_with(&name)) {
             others.push(name);
         }
     }

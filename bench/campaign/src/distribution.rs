@@ -6,12 +6,9 @@ use toml::Value;
 use crate::generator::Stream;
 use crate::spread::{latin, sobol};
 
-/// What a factor is drawn from.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Distribution {
-    /// The same value in every flight.
     Fixed(Value),
-    /// One of these, each as likely as the others.
     Choice(Vec<Value>),
     /// All combinations of all grids in turn; in the campaign's grids, the value changes every `stride` flights.
     Grid {
@@ -25,15 +22,20 @@ pub enum Distribution {
     Normal {
         mean: f64,
         deviation: f64,
-        /// What a draw must be within, where that is given.
         within: Option<[f64; 2]>,
     },
     /// From low to high, all ratios alike.
     LogUniform([f64; 2]),
     /// From low to high, with one flight in each of as many strata as there are flights.
-    Latin { range: [f64; 2], flights: u64 },
+    Latin {
+        range: [f64; 2],
+        flights: u64,
+    },
     /// From low to high, by a dimension of Sobol's sequence.
-    Sobol { range: [f64; 2], dimension: usize },
+    Sobol {
+        range: [f64; 2],
+        dimension: usize,
+    },
     /// A whole number from 0 to below 2^53, which every format keeps exactly.
     Seed,
 }
@@ -69,11 +71,8 @@ impl Distribution {
                 let is_within =
                     |value: &f64| within.is_none_or(|[low, high]| (low..=high).contains(value));
                 let value = (0..ATTEMPTS).map(drawn).find(is_within);
-                Value::Float(
-                    value.unwrap_or_else(|| {
-                        within.map_or(*mean, |[low, high]| mean.clamp(low, high))
-                    }),
-                )
+                let nearest = || within.map_or(*mean, |[low, high]| mean.clamp(low, high));
+                Value::Float(value.unwrap_or_else(nearest))
             }
             Self::Seed => Value::Integer((stream.words(flight, 0)[0] >> 11).cast_signed()),
         }
@@ -92,10 +91,8 @@ impl Distribution {
                 within,
             } => {
                 let [low, high] = [mean - FURTHEST * deviation, mean + FURTHEST * deviation];
-                let [low, high] = within.map_or([low, high], |[least, most]| {
-                    [low.max(least), high.min(most)]
-                });
-                vec![Value::Float(low), Value::Float(high)]
+                let [least, most] = within.unwrap_or([low, high]);
+                vec![Value::Float(low.max(least)), Value::Float(high.min(most))]
             }
             Self::Uniform(range)
             | Self::LogUniform(range)
@@ -105,7 +102,6 @@ impl Distribution {
         }
     }
 
-    /// The same with fractional numbers alone.
     pub fn fractional(self) -> Self {
         let all = |values: Vec<Value>| values.into_iter().map(fractional).collect();
         match self {
@@ -143,11 +139,9 @@ impl Distribution {
     }
 }
 
-/// A whole number as a fractional one.
 pub(crate) fn fractional(value: Value) -> Value {
-    value
-        .as_integer()
-        .map_or(value, |whole| Value::Float(whole as f64))
+    let whole = value.as_integer();
+    whole.map_or(value, |whole| Value::Float(whole as f64))
 }
 
 /// Standard normal, from two numbers from 0 to below 1 (Box and Muller).
@@ -155,7 +149,6 @@ fn normal([first, second]: [f64; 2]) -> f64 {
     (-2.0 * math::ln(1.0 - first)).sqrt() * math::cos(std::f64::consts::TAU * second)
 }
 
-/// From low to high, never beyond.
 fn lerp(low: f64, high: f64, unit: f64) -> f64 {
     (low + (high - low) * unit).clamp(low, high)
 }
@@ -171,61 +164,54 @@ mod tests {
             .collect()
     }
 
-    /// Share of the draws below a value.
     fn below(draws: &[f64], value: f64) -> f64 {
         draws.iter().filter(|draw| **draw < value).count() as f64 / draws.len() as f64
+    }
+
+    const fn normal_distribution(
+        mean: f64,
+        deviation: f64,
+        within: Option<[f64; 2]>,
+    ) -> Distribution {
+        Distribution::Normal {
+            mean,
+            deviation,
+            within,
+        }
     }
 
     #[test]
     fn draws_are_distributed_as_they_are_named() {
         let range = [0.4, 0.8];
-        for distribution in [
-            Distribution::Uniform(range),
-            Distribution::Latin {
-                range,
-                flights: 4000,
-            },
-            Distribution::Sobol {
-                range,
-                dimension: 3,
-            },
+        let (flights, dimension) = (4000, 3);
+        let linear = [(0.44, 0.1), (0.6, 0.5), (0.76, 0.9)];
+        for (distribution, [low, high], shares) in [
+            (Distribution::Uniform(range), range, linear),
+            (Distribution::Latin { range, flights }, range, linear),
+            (Distribution::Sobol { range, dimension }, range, linear),
+            (
+                Distribution::LogUniform([0.01, 1.0]),
+                [0.01, 1.0],
+                [(0.1, 0.5); 3],
+            ),
+            (
+                normal_distribution(3.0, 2.0, None),
+                [f64::MIN, f64::MAX],
+                [(1.0, 0.1587), (3.0, 0.5), (7.0, 0.9772)],
+            ),
+            (
+                normal_distribution(3.0, 2.0, Some([3.0, 4.0])),
+                [3.0, 4.0],
+                [(3.5, 0.5155); 3],
+            ),
         ] {
-            let draws = draws(&distribution, 4000);
-            assert!(draws.iter().all(|draw| (0.4..=0.8).contains(draw)));
-            for share in [0.1, 0.5, 0.9] {
-                assert!(
-                    (below(&draws, 0.4 + 0.4 * share) - share).abs() < 0.02,
-                    "{distribution:?} at {share}"
-                );
+            let draws = draws(&distribution, flights);
+            assert!(draws.iter().all(|draw| (low..=high).contains(draw)));
+            for (value, share) in shares {
+                let is_near = (below(&draws, value) - share).abs() < 0.02;
+                assert!(is_near, "{distribution:?} below {value}");
             }
         }
-        let log = draws(&Distribution::LogUniform([0.01, 1.0]), 4000);
-        assert!(
-            (below(&log, 0.1) - 0.5).abs() < 0.02
-                && log.iter().all(|draw| (0.01..=1.0).contains(draw))
-        );
-        let normal = Distribution::Normal {
-            mean: 3.0,
-            deviation: 2.0,
-            within: None,
-        };
-        let drawn = draws(&normal, 4000);
-        for (deviations, share) in [(-1.0, 0.1587), (0.0, 0.5), (2.0, 0.9772)] {
-            assert!(
-                (below(&drawn, 3.0 + 2.0 * deviations) - share).abs() < 0.02,
-                "{deviations}"
-            );
-        }
-        let bounded = Distribution::Normal {
-            mean: 3.0,
-            deviation: 2.0,
-            within: Some([3.0, 4.0]),
-        };
-        let drawn = draws(&bounded, 1000);
-        assert!(
-            drawn.iter().all(|draw| (3.0..=4.0).contains(draw))
-                && (below(&drawn, 3.5) - 0.5155).abs() < 0.04
-        );
     }
 
     #[test]
@@ -253,37 +239,19 @@ mod tests {
     #[test]
     fn no_draw_is_beyond_the_ends() {
         let ends = |distribution: Distribution| {
-            distribution
-                .ends()
-                .iter()
-                .map(|it| it.as_float().unwrap())
-                .collect()
+            let ends = distribution.ends().into_iter();
+            ends.map(|end| end.as_float().unwrap()).collect::<Vec<_>>()
         };
-        let wide: Vec<f64> = ends(Distribution::Normal {
-            mean: 0.0,
-            deviation: 1.0,
-            within: None,
-        });
+        let wide = ends(normal_distribution(0.0, 1.0, None));
         let furthest = normal([1.0 - 2_f64.powi(-53), 0.0]);
         assert!(furthest > 8.5 && furthest < wide[1], "{furthest}");
-        let bounded: Vec<f64> = ends(Distribution::Normal {
-            mean: 0.0,
-            deviation: 1.0,
-            within: Some([-1.0, 20.0]),
-        });
+        let bounded = ends(normal_distribution(0.0, 1.0, Some([-1.0, 20.0])));
         assert_eq!(bounded, [-1.0, wide[1]]);
     }
 
     #[test]
-    fn bounds_that_are_hardly_ever_met_are_told() {
-        let likely = |low, high| {
-            Distribution::Normal {
-                mean: 0.0,
-                deviation: 1.0,
-                within: Some([low, high]),
-            }
-            .is_likely()
-        };
+    fn bounds_that_are_hardly_ever_met_are_reported() {
+        let likely = |low, high| normal_distribution(0.0, 1.0, Some([low, high])).is_likely();
         assert!(likely(-1.0, 1.0) && likely(1.0, 9.0));
         assert!(!likely(4.0, 5.0) && !likely(0.0, 0.001));
     }

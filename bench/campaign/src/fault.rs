@@ -11,7 +11,6 @@ pub struct Fault {
     pub what: usize,
     /// Its value; none where it takes none.
     pub value: Option<usize>,
-    /// When [s].
     pub at_s: usize,
     /// How long a parameter takes to get there [s]; at once without.
     pub over_s: Option<usize>,
@@ -24,7 +23,6 @@ pub struct Fault {
 pub enum Number {
     Plain,
     Ticks,
-    /// A time [s].
     Time,
     None,
 }
@@ -84,9 +82,8 @@ impl Fault {
         let value = self
             .value
             .map_or_else(String::new, |place| Number::of(what).text(&draws[place]));
-        let over = self.over_s.map_or_else(String::new, |over| {
-            format!("~{}ns", nanoseconds(time(over)))
-        });
+        let over = self.over_s.map(|over| nanoseconds(time(over)));
+        let over = over.map_or_else(String::new, |over_ns| format!("~{over_ns}ns"));
         let at_s = time(self.at_s);
         let to = self.for_s.map_or_else(String::new, |lasts| {
             format!("..{}ns", nanoseconds(at_s + time(lasts)))
@@ -99,58 +96,70 @@ impl Fault {
 mod tests {
     use super::*;
 
-    fn text(what: &str, value: Option<Value>, for_s: Option<f64>) -> String {
-        let place = value.is_some().then_some(1);
-        let fault = Fault {
-            what: 0,
-            value: place,
-            at_s: 2,
-            over_s: None,
-            for_s: for_s.map(|_| 3),
-        };
-        let value = value.unwrap_or(Value::Boolean(false));
-        fault.text(&[
-            what.into(),
-            value,
-            1.5.into(),
-            for_s.unwrap_or_default().into(),
-        ])
-    }
-
     #[test]
     fn a_number_is_written_as_its_fault_has_it() {
-        assert_eq!(
-            text("mass_kg", Some(0.6.into()), None),
-            "mass_kg=0.6@1500000000ns"
-        );
-        assert_eq!(
-            text("state.drop", Some(0.25.into()), Some(0.5)),
-            "state.drop=0.25@1500000000ns..2000000000ns"
-        );
-        assert_eq!(
-            text("state.drop", Some("5/25".into()), None),
-            "state.drop=5/25@1500000000ns"
-        );
-        assert_eq!(
-            text("inner.stop", Some(0.02.into()), None),
-            "inner.stop=20000000ns@1500000000ns"
-        );
-        assert_eq!(
-            text("inner.late", Some("1ms..3ms".into()), Some(1.0)),
-            "inner.late=1ms..3ms@1500000000ns..2500000000ns"
-        );
-        assert_eq!(
-            text("inner.state.lag", Some(3.0.into()), None),
-            "inner.state.lag=3@1500000000ns"
-        );
-        assert_eq!(
-            text("state.rate_b_rad_s.x.bias", Some(0.1.into()), None),
-            "state.rate_b_rad_s.x.bias=0.1@1500000000ns"
-        );
-        assert_eq!(text("outer.kill", None, None), "outer.kill@1500000000ns");
-        assert_eq!(
-            text("state.freeze", Some(1.0.into()), Some(1.0)),
-            "state.freeze@1500000000ns..2500000000ns"
-        );
+        for (what, value, for_s, expected) in [
+            (
+                "mass_kg",
+                Some(0.6.into()),
+                None,
+                "mass_kg=0.6@1500000000ns",
+            ),
+            (
+                "state.drop",
+                Some(0.25.into()),
+                Some(0.5),
+                "state.drop=0.25@1500000000ns..2000000000ns",
+            ),
+            (
+                "state.drop",
+                Some("5/25".into()),
+                None,
+                "state.drop=5/25@1500000000ns",
+            ),
+            (
+                "inner.stop",
+                Some(0.02.into()),
+                None,
+                "inner.stop=20000000ns@1500000000ns",
+            ),
+            (
+                "inner.late",
+                Some("1ms..3ms".into()),
+                Some(1.0),
+                "inner.late=1ms..3ms@1500000000ns..2500000000ns",
+            ),
+            (
+                "inner.state.lag",
+                Some(3.0.into()),
+                None,
+                "inner.state.lag=3@1500000000ns",
+            ),
+            (
+                "state.rate_b_rad_s.x.bias",
+                Some(0.1.into()),
+                None,
+                "state.rate_b_rad_s.x.bias=0.1@1500000000ns",
+            ),
+            ("outer.kill", None, None, "outer.kill@1500000000ns"),
+            (
+                "state.freeze",
+                Some(1.0.into()),
+                Some(1.0),
+                "state.freeze@1500000000ns..2500000000ns",
+            ),
+        ] {
+            let fault = Fault {
+                what: 0,
+                value: value.is_some().then_some(1),
+                at_s: 2,
+                over_s: None,
+                for_s: for_s.map(|_| 3),
+            };
+            let value = value.unwrap_or(Value::Boolean(false));
+            let for_s = for_s.unwrap_or_default();
+            let draws = [what.into(), value, 1.5.into(), for_s.into()];
+            assert_eq!(fault.text(&draws), expected);
+        }
     }
 }

@@ -6,7 +6,6 @@ use messages::role::Role;
 /// Bound of a recovery where the file names none [m].
 pub const RECOVERED_BELOW_M: f64 = 0.05;
 
-/// A number that a flight comes to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Metric {
     /// Name with its unit: of the column, and of the gate.
@@ -71,7 +70,6 @@ pub struct Gates {
     pub limits: Vec<(usize, f64)>,
     /// True position error below which a flight has recovered from a fault [m].
     pub recovered_below_m: f64,
-    /// Ranges of what laws show of themselves.
     pub telemetry: Vec<SignalGate>,
 }
 
@@ -106,12 +104,9 @@ impl SignalGate {
 }
 
 impl Gates {
-    /// Names of the columns that say which gates held.
     pub fn names(&self) -> impl Iterator<Item = String> + '_ {
-        let limits = self
-            .limits
-            .iter()
-            .map(|(place, _)| METRICS[*place].name.to_owned());
+        let limits = self.limits.iter();
+        let limits = limits.map(|(place, _)| METRICS[*place].name.to_owned());
         limits.chain(self.telemetry.iter().map(SignalGate::name))
     }
 }

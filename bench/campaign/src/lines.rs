@@ -10,7 +10,6 @@ use toml_edit::{Document, Item, Key, TableLike};
 pub struct Lines(BTreeMap<String, usize>);
 
 impl Lines {
-    /// Of a file that can be read.
     pub fn of(text: &str) -> Self {
         let mut lines = Self::default();
         if let Ok(document) = Document::parse(text) {
@@ -21,11 +20,8 @@ impl Lines {
 
     fn take(&mut self, text: &str, path: &str, table: &dyn TableLike) {
         for (name, item) in table.iter() {
-            let path = if path.is_empty() {
-                name.to_owned()
-            } else {
-                format!("{path}.{name}")
-            };
+            let path = format!("{path}.{name}");
+            let path = path.trim_start_matches('.').to_owned();
             let span = table.key(name).and_then(Key::span).or_else(|| item.span());
             if let Some(span) = span {
                 self.0.insert(path.clone(), line_of(text, &span));
@@ -65,23 +61,16 @@ impl Lines {
     /// Line of the longest key of the settings, `section.key`, that a text speaks of; none where it speaks of none.
     pub fn spoken_of(&self, said: &str) -> Option<usize> {
         // The same key stands below [factors] and [arms.NAME], too.
-        let key = |path: &str| {
-            path.rmatch_indices('.')
-                .nth(1)
-                .map_or(0, |(dot, _)| dot + 1)
-        };
+        let key = |path: &str| path.rmatch_indices('.').nth(1).map_or(0, |it| it.0 + 1);
         let keys = self.0.iter().map(|(path, line)| (&path[key(path)..], line));
         let spoken = keys.filter(|(key, _)| key.contains('.') && said.contains(key));
-        spoken
-            .max_by_key(|(key, _)| key.len())
-            .map(|(_, line)| *line)
+        let longest = spoken.max_by_key(|(key, _)| key.len());
+        longest.map(|(_, line)| *line)
     }
 }
 
 /// Line on which a part of a text begins.
 pub(crate) fn line_of(text: &str, span: &Range<usize>) -> usize {
-    1 + text.as_bytes()[..span.start.min(text.len())]
-        .iter()
-        .filter(|byte| **byte == b'\n')
-        .count()
+    let before = &text.as_bytes()[..span.start.min(text.len())];
+    1 + before.iter().filter(|byte| **byte == b'\n').count()
 }

@@ -8,7 +8,6 @@ const SHARES: [f64; 7] = [0.01, 0.1, 0.5, 0.9, 0.99, 0.999, 0.9999];
 /// A share of the values with the smallest value that so many do not exceed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Quantile {
-    /// The share, from 0 to 1.
     pub share: f64,
     pub value: f64,
 }
@@ -66,48 +65,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_told_as_far_as_values_bear_them() {
+    fn quantiles_are_given_as_far_as_there_are_values() {
         let known = distribution((1..=1000).rev().map(f64::from).chain([f64::NAN]));
         assert_eq!(
             (known.count, known.min, known.max, known.mean),
             (1000, 1.0, 1000.0, 500.5)
         );
-        let told: Vec<(f64, f64)> = known
-            .quantiles
-            .iter()
-            .map(|it| (it.share, it.value))
-            .collect();
-        assert_eq!(
-            told,
-            [
-                (0.01, 10.0),
-                (0.1, 100.0),
-                (0.5, 500.0),
-                (0.9, 900.0),
-                (0.99, 990.0)
-            ]
-        );
-        assert!(
-            known
-                .curve
-                .is_sorted_by(|a, b| a.share < b.share && a.value <= b.value),
-            "{:?}",
-            known.curve
-        );
-        assert_eq!(
-            known.curve.last(),
-            Some(&Quantile {
-                share: 0.999,
-                value: 1000.0
-            })
-        );
+        let quantiles = known.quantiles.iter().map(|it| (it.share, it.value));
+        let expected = [
+            (0.01, 10.0),
+            (0.1, 100.0),
+            (0.5, 500.0),
+            (0.9, 900.0),
+            (0.99, 990.0),
+        ];
+        assert!(quantiles.eq(expected));
+        let rises = |a: &Quantile, b: &Quantile| a.share < b.share && a.value <= b.value;
+        assert!(known.curve.is_sorted_by(rises), "{:?}", known.curve);
+        let at = |share, value| Quantile { share, value };
+        assert_eq!(known.curve.last(), Some(&at(0.999, 1000.0)));
         assert_eq!(distribution(std::iter::empty()), Distribution::default());
-        assert_eq!(
-            distribution([3.0].into_iter()).curve,
-            [Quantile {
-                share: 0.0,
-                value: 3.0
-            }]
-        );
+        assert_eq!(distribution([3.0].into_iter()).curve, [at(0.0, 3.0)]);
     }
 }

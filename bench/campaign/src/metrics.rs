@@ -69,10 +69,9 @@ struct Recoveries {
     back: Vec<u64>,
     last_tick: u64,
     bound_m: f64,
-    /// Ticks that it must stay there.
     staying: u64,
-    /// Place of the fault that struck last.
-    struck: Option<usize>,
+    /// Place of the fault that took effect last.
+    newest_fault: Option<usize>,
     newest_tick: u64,
 }
 
@@ -86,18 +85,18 @@ impl Recoveries {
             last_tick,
             bound_m,
             staying,
-            struck: None,
+            newest_fault: None,
             newest_tick: 0,
         }
     }
 
     fn take(&mut self, tick: u64, error_m: f64) {
-        let next = self.struck.map_or(0, |struck| struck + 1);
+        let next = self.newest_fault.map_or(0, |newest_fault| newest_fault + 1);
         if self.faults.get(next).is_some_and(|fault| *fault <= tick) {
-            self.struck = Some(next);
+            self.newest_fault = Some(next);
         }
-        if let Some(struck) = self.struck.filter(|_| error_m > self.bound_m) {
-            self.back[struck] = tick + 1;
+        if let Some(newest_fault) = self.newest_fault.filter(|_| error_m > self.bound_m) {
+            self.back[newest_fault] = tick + 1;
         }
         self.newest_tick = tick;
     }
@@ -107,12 +106,8 @@ impl Recoveries {
         if self.newest_tick < self.last_tick {
             return None;
         }
-        let ends = self
-            .faults
-            .iter()
-            .skip(1)
-            .copied()
-            .chain([self.last_tick + 1]);
+        let later = self.faults.iter().skip(1).copied();
+        let ends = later.chain([self.last_tick + 1]);
         let recovered = self.faults.iter().zip(&self.back).zip(ends);
         let mut longest = None;
         for ((fault, back), end) in recovered {
@@ -140,39 +135,42 @@ mod tests {
     #[test]
     fn a_recovery_lasts_until_the_error_stays_below_the_bound() {
         let errors = [0.0, 0.9, 0.9, 0.1, 0.9, 0.2, 0.2, 0.2];
-        assert_eq!(
-            longest(&[1], &errors, 7),
-            Some(4),
-            "the error came back once more"
-        );
-        assert_eq!(
-            longest(&[], &errors, 7),
-            None,
-            "without a fault there is nothing to recover from"
-        );
-        assert_eq!(
-            longest(&[1], &errors[..7], 6),
-            None,
-            "two ticks are too short to stay"
-        );
-        assert_eq!(
-            longest(&[1], &errors, 9),
-            None,
-            "of a flight that ended early nobody knows"
-        );
-        assert_eq!(longest(&[5], &errors, 7), Some(0), "the error never left");
-        assert_eq!(
-            longest(
-                &[0, 0, 5],
-                &[0.9, 0.1, 0.1, 0.1, 0.1, 0.9, 0.9, 0.1, 0.1, 0.1],
-                9
+        let twice = [0.9, 0.1, 0.1, 0.1, 0.1, 0.9, 0.9, 0.1, 0.1, 0.1];
+        let slow = [0.9, 0.9, 0.9, 0.1, 0.1, 0.1, 0.1];
+        for (what, faults, errors_m, last_tick, expected) in [
+            (
+                "the error came back once more",
+                &[1][..],
+                &errors[..],
+                7,
+                Some(4),
             ),
-            Some(2)
-        );
-        assert_eq!(
-            longest(&[0, 3], &[0.9, 0.9, 0.9, 0.1, 0.1, 0.1, 0.1], 6),
-            None,
-            "the first one was not recovered"
-        );
+            (
+                "without a fault there is nothing to recover from",
+                &[],
+                &errors,
+                7,
+                None,
+            ),
+            (
+                "two ticks are too short to stay",
+                &[1],
+                &errors[..7],
+                6,
+                None,
+            ),
+            (
+                "of a flight that ended early nothing is known",
+                &[1],
+                &errors,
+                9,
+                None,
+            ),
+            ("the error never left", &[5], &errors, 7, Some(0)),
+            ("two faults", &[0, 0, 5], &twice, 9, Some(2)),
+            ("the first one was not recovered", &[0, 3], &slow, 6, None),
+        ] {
+            assert_eq!(longest(faults, errors_m, last_tick), expected, "{what}");
+        }
     }
 }

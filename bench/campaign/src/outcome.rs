@@ -6,7 +6,6 @@ use crate::gates::{Gates, METRICS};
 pub struct Outcome {
     /// Why the flight counts as lost, if it does.
     pub lost: Option<String>,
-    /// As [`METRICS`].
     pub metrics: [Option<f64>; METRICS.len()],
     /// What the laws showed, by the gates on it.
     pub telemetry: Vec<Shown>,
@@ -25,7 +24,6 @@ pub enum Shown {
 }
 
 impl Shown {
-    /// With one more value of it.
     pub fn and(self, value: f64) -> Self {
         match self {
             Self::Between([low, high]) => Self::Between([low.min(value), high.max(value)]),
@@ -33,7 +31,6 @@ impl Shown {
         }
     }
 
-    /// The smallest and the largest, where there were some.
     pub const fn range(self) -> Option<[f64; 2]> {
         match self {
             Self::Between(range) => Some(range),
@@ -46,31 +43,22 @@ impl Gates {
     /// Which gates held, in the order of [`Gates::names`]; none of those that are not of this flight's laws. A gate
     /// that measured nothing did not hold.
     pub fn held(&self, outcome: &Outcome) -> Vec<Option<bool>> {
-        let limits = self
-            .limits
-            .iter()
-            .map(|(place, most)| Some(outcome.metrics[*place].is_some_and(|it| it <= *most)));
-        let telemetry = self
-            .telemetry
-            .iter()
-            .zip(&outcome.telemetry)
-            .map(|(gate, shown)| match shown {
-                Shown::NotOfThisLaw => None,
-                Shown::Never => Some(false),
-                Shown::Between([low, high]) => {
-                    Some(gate.range[0] <= *low && *high <= gate.range[1])
-                }
-            });
+        let within = |(place, most): &(usize, f64)| {
+            Some(outcome.metrics[*place].is_some_and(|value| value <= *most))
+        };
+        let limits = self.limits.iter().map(within);
+        let gates = self.telemetry.iter().zip(&outcome.telemetry);
+        let telemetry = gates.map(|(gate, shown)| match shown {
+            Shown::NotOfThisLaw => None,
+            Shown::Never => Some(false),
+            Shown::Between([low, high]) => Some(gate.range[0] <= *low && *high <= gate.range[1]),
+        });
         limits.chain(telemetry).collect()
     }
 
     /// Whether a flight was flown to its end, within its envelope, and every gate held.
     pub fn is_success(&self, outcome: &Outcome) -> bool {
-        outcome.lost.is_none()
-            && self
-                .held(outcome)
-                .into_iter()
-                .all(|held| held != Some(false))
+        outcome.lost.is_none() && !self.held(outcome).contains(&Some(false))
     }
 }
 
@@ -93,7 +81,7 @@ mod tests {
             recovered_below_m: 0.05,
             telemetry: vec![gate],
         };
-        let mut metrics = [Some(0.1); METRICS.len()];
+        let metrics = [Some(0.1); METRICS.len()];
         let flown = |metrics, shown, lost: Option<&str>| Outcome {
             lost: lost.map(str::to_owned),
             metrics,
@@ -102,22 +90,28 @@ mod tests {
         };
         let inside = Shown::Never.and(-1.0).and(0.5);
         let success = |metrics, shown, lost| gates.is_success(&flown(metrics, shown, lost));
-        assert!(success(metrics, inside, None) && success(metrics, Shown::NotOfThisLaw, None));
-        assert!(
-            !success(metrics, inside, Some("lost")),
-            "a lost flight is no success, whatever it measured"
-        );
-        assert!(
-            !success(metrics, Shown::Never, None),
-            "a gate that measured nothing did not hold"
-        );
-        assert!(!success(metrics, inside.and(1.5), None));
-        metrics[4] = None;
-        assert!(
-            !success(metrics, inside, None),
-            "who did not recover did not recover in time"
-        );
-        metrics[4] = Some(2.0);
+        let recovered = |time_s: Option<f64>| {
+            let mut metrics = metrics;
+            metrics[4] = time_s;
+            metrics
+        };
+        for (expected, metrics, shown, lost) in [
+            (true, metrics, inside, None),
+            (true, metrics, Shown::NotOfThisLaw, None),
+            // A lost flight is no success, whatever it measured.
+            (false, metrics, inside, Some("lost")),
+            // A gate that measured nothing did not hold.
+            (false, metrics, Shown::Never, None),
+            (false, metrics, inside.and(1.5), None),
+            (false, recovered(None), inside, None),
+        ] {
+            assert_eq!(
+                success(metrics, shown, lost),
+                expected,
+                "{shown:?} {lost:?}"
+            );
+        }
+        let mut metrics = recovered(Some(2.0));
         metrics[1] = Some(0.51);
         assert_eq!(
             gates.held(&flown(metrics, inside, None)),

@@ -21,7 +21,7 @@ use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
 use parquet::schema::types::{Type, TypePtr};
 use sha2::{Digest as _, Sha256};
 
-use crate::table::{Column, Table, Values, hex};
+use crate::table::{Cell, Cells, Column, Kind, Table, hex};
 
 /// Level of compression: higher ones take longer than they save.
 const LEVEL: i32 = 3;
@@ -66,7 +66,7 @@ fn file_hash(bytes: &[u8], place: &Range<usize>) -> String {
     hash.update(&bytes[..place.start]);
     hash.update([b'0'; HASH_DIGITS]);
     hash.update(&bytes[place.end..]);
-    hex(&hash)
+    hex(hash)
 }
 
 /// A writer of tables with these columns, units and meanings.
@@ -76,20 +76,16 @@ pub fn writer<W: Write + Send>(
     metadata: &Metadata,
     more: Option<KeyValue>,
 ) -> Result<SerializedFileWriter<W>> {
-    let mut pairs: Vec<KeyValue> = metadata
-        .iter()
-        .map(|(key, value)| KeyValue::new(format!("ironbird.{key}"), value.clone()))
-        .collect();
+    let pair =
+        |(key, value): &(&str, String)| KeyValue::new(format!("ironbird.{key}"), value.clone());
+    let mut pairs: Vec<KeyValue> = metadata.iter().map(pair).collect();
     for column in &like.columns {
-        let described = [("unit", column.unit), ("meaning", &column.meaning)];
-        pairs.extend(
-            described
-                .into_iter()
-                .filter(|(_, text)| !text.is_empty())
-                .map(|(key, text)| {
-                    KeyValue::new(format!("{key}.{}", column.name), text.to_owned())
-                }),
-        );
+        for (key, text) in [("unit", column.unit), ("meaning", &column.meaning)] {
+            if !text.is_empty() {
+                let key = format!("{key}.{}", column.name);
+                pairs.push(KeyValue::new(key, text.to_owned()));
+            }
+        }
     }
     pairs.extend(more);
     let properties = WriterProperties::builder()
@@ -101,30 +97,27 @@ pub fn writer<W: Write + Send>(
 }
 
 fn schema(table: &Table) -> Result<TypePtr> {
-    let fields: Result<Vec<TypePtr>> = table.columns.iter().map(field).collect();
-    let schema = Type::group_type_builder("schema")
-        .with_fields(fields?)
-        .build()?;
-    Ok(Arc::new(schema))
+    let fields = table.columns.iter().map(field).collect::<Result<_>>()?;
+    let schema = Type::group_type_builder("schema").with_fields(fields);
+    schema.build().map(Arc::new)
 }
 
 fn field(column: &Column) -> Result<TypePtr> {
-    let (physical, logical) = match column.values {
-        Values::Numbers(_) => (Physical::DOUBLE, None),
-        Values::Integers(_) => (Physical::INT64, None),
-        Values::Flags(_) => (Physical::BOOLEAN, None),
-        Values::Texts(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+    let (physical, logical) = match column.kind {
+        Kind::Number => (Physical::DOUBLE, None),
+        Kind::Integer => (Physical::INT64, None),
+        Kind::Flag => (Physical::BOOLEAN, None),
+        Kind::Text => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
     };
-    let repetition = if column.optional {
-        Repetition::OPTIONAL
-    } else {
-        Repetition::REQUIRED
+    let repetition = match column.optional {
+        true => Repetition::OPTIONAL,
+        false => Repetition::REQUIRED,
     };
-    let field = Type::primitive_type_builder(&column.name, physical)
+    Type::primitive_type_builder(&column.name, physical)
         .with_repetition(repetition)
         .with_logical_type(logical)
-        .build()?;
-    Ok(Arc::new(field))
+        .build()
+        .map(Arc::new)
 }
 
 /// Writes a table as one group of rows.
@@ -137,16 +130,24 @@ pub fn write_rows<W: Write + Send>(
         let mut to = group
             .next_column()?
             .ok_or_else(|| ParquetError::General("too many columns".into()))?;
-        match &column.values {
-            Values::Numbers(values) => write::<DoubleType>(&mut to, values.iter().copied()),
-            Values::Integers(values) => write::<Int64Type>(&mut to, values.iter().copied()),
-            Values::Flags(values) => write::<BoolType>(&mut to, values.iter().copied()),
-            Values::Texts(values) => {
-                let texts = values
-                    .iter()
-                    .map(|text| text.as_deref().map(ByteArray::from));
-                write::<ByteArrayType>(&mut to, texts)
-            }
+        let cells = &column.cells;
+        match column.kind {
+            Kind::Number => write::<DoubleType>(&mut to, cells, |cell| match cell {
+                Cell::Number(number) => Some(*number),
+                _ => None,
+            }),
+            Kind::Integer => write::<Int64Type>(&mut to, cells, |cell| match cell {
+                Cell::Integer(integer) => Some(*integer),
+                _ => None,
+            }),
+            Kind::Flag => write::<BoolType>(&mut to, cells, |cell| match cell {
+                Cell::Flag(flag) => Some(*flag),
+                _ => None,
+            }),
+            Kind::Text => write::<ByteArrayType>(&mut to, cells, |cell| match cell {
+                Cell::Text(text) => Some(ByteArray::from(text.as_str())),
+                _ => None,
+            }),
         }?;
         to.close()?;
     }
@@ -156,10 +157,11 @@ pub fn write_rows<W: Write + Send>(
 /// Writes a column: for each row whether it has a value, and the values. A column without gaps ignores the former.
 fn write<T: DataType>(
     to: &mut SerializedColumnWriter<'_>,
-    rows: impl Iterator<Item = Option<T::T>> + Clone,
+    cells: &[Option<Cell>],
+    value: impl Fn(&Cell) -> Option<T::T>,
 ) -> Result<()> {
-    let levels: Vec<i16> = rows.clone().map(|row| i16::from(row.is_some())).collect();
-    let values: Vec<T::T> = rows.flatten().collect();
+    let levels: Vec<i16> = cells.iter().map(|cell| i16::from(cell.is_some())).collect();
+    let values: Vec<T::T> = cells.iter().flatten().filter_map(value).collect();
     to.typed::<T>()
         .write_batch(&values, Some(&levels), None)
         .map(drop)
@@ -178,8 +180,7 @@ pub fn metadata_of(metadata: &ParquetMetaData) -> Vec<(String, String)> {
         .collect()
 }
 
-/// A column of a file.
-pub fn read_column(path: &Path, name: &str) -> std::result::Result<Values, Failure> {
+pub fn read_column(path: &Path, name: &str) -> std::result::Result<Cells, Failure> {
     let file = File::open(path).in_file("read", path)?;
     let reader = SerializedFileReader::new(file).in_file("read", path)?;
     let fields = reader.metadata().file_metadata().schema_descr();
@@ -187,7 +188,7 @@ pub fn read_column(path: &Path, name: &str) -> std::result::Result<Values, Failu
     let missing = || ParquetError::General(format!("it has no column {name}"));
     place
         .ok_or_else(missing)
-        .and_then(|place| read_values(&reader, place))
+        .and_then(|place| read_cells(&reader, place))
         .in_file("read", path)
 }
 
@@ -203,52 +204,47 @@ pub fn read_table(
         return Err(ParquetError::General("it has other columns".into()));
     }
     for (place, column) in table.columns.iter_mut().enumerate() {
-        let values = read_values(reader, place)?;
-        if std::mem::discriminant(&values) != std::mem::discriminant(&column.values) {
+        if field(column)?.get_physical_type() != fields.column(place).physical_type() {
             let name = &column.name;
             return Err(ParquetError::General(format!("{name} has another type")));
         }
-        column.values = values;
+        column.cells = read_cells(reader, place)?;
     }
     Ok(table)
 }
 
-fn read_values(
+fn read_cells(
     reader: &SerializedFileReader<impl ChunkReader + 'static>,
     place: usize,
-) -> Result<Values> {
-    let fields = reader.metadata().file_metadata().schema_descr();
-    let mut values = match fields.column(place).physical_type() {
-        Physical::DOUBLE => Values::Numbers(Vec::new()),
-        Physical::INT64 => Values::Integers(Vec::new()),
-        Physical::BOOLEAN => Values::Flags(Vec::new()),
-        _ => Values::Texts(Vec::new()),
-    };
+) -> Result<Cells> {
+    let mut cells = Vec::new();
     for number in 0..reader.num_row_groups() {
         let group = reader.get_row_group(number)?;
         let rows = usize::try_from(group.metadata().num_rows())?;
-        match (group.get_column_reader(place)?, &mut values) {
-            (ColumnReader::DoubleColumnReader(from), Values::Numbers(to)) => {
-                read(from, rows, to, Ok)?;
+        match group.get_column_reader(place)? {
+            ColumnReader::DoubleColumnReader(from) => {
+                read(from, rows, &mut cells, |number| Ok(Cell::Number(number)))
             }
-            (ColumnReader::Int64ColumnReader(from), Values::Integers(to)) => {
-                read(from, rows, to, Ok)?;
+            ColumnReader::Int64ColumnReader(from) => {
+                read(from, rows, &mut cells, |integer| Ok(Cell::Integer(integer)))
             }
-            (ColumnReader::BoolColumnReader(from), Values::Flags(to)) => read(from, rows, to, Ok)?,
-            (ColumnReader::ByteArrayColumnReader(from), Values::Texts(to)) => {
-                read(from, rows, to, |bytes| Ok(bytes.as_utf8()?.to_owned()))?;
+            ColumnReader::BoolColumnReader(from) => {
+                read(from, rows, &mut cells, |flag| Ok(Cell::Flag(flag)))
             }
-            _ => return Err(ParquetError::General("a column has an unknown type".into())),
-        }
+            ColumnReader::ByteArrayColumnReader(from) => read(from, rows, &mut cells, |bytes| {
+                Ok(Cell::Text(bytes.as_utf8()?.to_owned()))
+            }),
+            _ => Err(ParquetError::General("a column has an unknown type".into())),
+        }?;
     }
-    Ok(values)
+    Ok(cells)
 }
 
-fn read<T: DataType, V>(
+fn read<T: DataType>(
     mut from: ColumnReaderImpl<T>,
     rows: usize,
-    to: &mut Vec<Option<V>>,
-    convert: impl Fn(T::T) -> Result<V>,
+    to: &mut Cells,
+    convert: impl Fn(T::T) -> Result<Cell>,
 ) -> Result<()> {
     let (mut levels, mut values) = (Vec::new(), Vec::new());
     let (read, ..) = from.read_records(rows, Some(&mut levels), None, &mut values)?;
@@ -256,15 +252,13 @@ fn read<T: DataType, V>(
         return Err(ParquetError::General("a column has too few rows".into()));
     }
     let mut values = values.into_iter().map(convert);
-    if levels.is_empty() {
-        levels.resize(rows, 1);
-    }
-    for level in levels {
-        to.push(if level == 0 {
-            None
-        } else {
-            values.next().transpose()?
-        });
+    // A column without gaps has no levels.
+    for row in 0..rows {
+        let cell = match levels.get(row) {
+            Some(0) => None,
+            _ => values.next().transpose()?,
+        };
+        to.push(cell);
     }
     Ok(())
 }

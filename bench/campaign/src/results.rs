@@ -10,7 +10,6 @@ pub const SCHEMA: &str = "ironbird-campaign-report/1";
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CampaignResults {
-    /// [`SCHEMA`].
     pub schema: &'static str,
     pub name: String,
     pub campaign: String,
@@ -19,73 +18,17 @@ pub struct CampaignResults {
     pub flights: u64,
     /// Flights of each arm that the campaign has.
     pub planned: u64,
-    /// How the intervals of success were made: `Wilson` or `Clopper-Pearson`, at 95 %.
+    /// How the intervals of success were made, at 95 %.
     pub intervals: &'static str,
     pub arms: Vec<VariantResults>,
     /// Arms two by two, on the same draws.
     pub pairs: Vec<Pair>,
     /// What was drawn, the factor that matters most first.
     pub factors: Vec<FactorResults>,
-    /// Success over two factors at once.
     pub maps: Vec<Map>,
-    /// The worst flights, the worst first.
     pub worst: Vec<Worst>,
-    /// What came of flying a share of the flights again; none where nobody asked for it.
-    pub audit: Option<Audit>,
-}
-
-/// A share of the flights that were flown again.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Audit {
-    /// The share that was asked for.
-    pub share: f64,
-    /// Flights that were flown again, each by all arms.
-    pub flights: u64,
-    pub rows: u64,
-    pub differ: u64,
-    pub differences: Vec<Difference>,
-}
-
-/// A cell that came out differently.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Difference {
-    pub flight: u64,
-    pub arm: String,
-    pub column: String,
-    pub kept: String,
-    pub again: String,
-}
-
-impl Audit {
-    pub fn words(&self) -> String {
-        let Self {
-            flights,
-            rows,
-            differ,
-            ..
-        } = self;
-        let flown = format!("{} flown again", counted(*flights as usize, "flight"));
-        match differ {
-            0 => format!("{flown}, {}: identical", counted(*rows as usize, "row")),
-            _ => format!(
-                "{flown}, {}: {differ} differ",
-                counted(*rows as usize, "row")
-            ),
-        }
-    }
-}
-
-impl Difference {
-    pub fn words(&self) -> String {
-        let Self {
-            flight,
-            arm,
-            column,
-            kept,
-            again,
-        } = self;
-        format!("flight {flight} by {arm}: {column} is {kept} in its row, and {again} now")
-    }
+    /// Nothing: of reports from before it was given up, flights that were flown again.
+    pub audit: (),
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -110,7 +53,6 @@ pub struct GateResults {
     pub asked: u64,
 }
 
-/// What is known of a metric.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Of<T> {
     pub name: String,
@@ -118,7 +60,6 @@ pub struct Of<T> {
     pub is: T,
 }
 
-/// Two arms on the same draws.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Pair {
     pub first: String,
@@ -151,7 +92,6 @@ pub struct Effect {
     pub bins: Vec<Bin>,
 }
 
-/// Success over two factors at once.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Map {
     pub arm: String,
@@ -173,13 +113,7 @@ pub struct Worst {
     pub flight: u64,
     pub arm: String,
     pub success: bool,
-    /// Its largest position error [m].
     pub position_error_max_m: f64,
-    /// Why it was lost; empty where it was not.
     pub lost: String,
     pub drew: Vec<(String, String)>,
-}
-
-pub fn counted(count: usize, thing: &str) -> String {
-    report::phrase::count(count as u64, thing)
 }

@@ -2,9 +2,8 @@
 
 use crate::bins::{Bin, short};
 use crate::gates::{METRICS, Metric};
-use crate::results::{
-    CampaignResults, FactorResults, Map, Pair, Side, VariantResults, Worst, counted,
-};
+use crate::results::{CampaignResults, FactorResults, Map, Pair, Side, VariantResults, Worst};
+use report::phrase::count;
 use report::render::document::{Block, Cell, Document, Figure, Section, known, row, table};
 use report::render::plot::{Axis, Chart, LAWS, Layer};
 use report::render::scale::{Kind, Scale};
@@ -23,12 +22,11 @@ pub fn document(results: &CampaignResults, directory: &str) -> Document {
         campaign,
         ..
     } = results;
-    let part = if flights == planned {
-        String::new()
-    } else {
-        format!(" of {planned}")
+    let part = match flights == planned {
+        true => String::new(),
+        false => format!(" of {planned}"),
     };
-    let arms = counted(results.arms.len(), "arm");
+    let arms = count(results.arms.len() as u64, "arm");
     let sections = [
         Some(successes(results)),
         pairs(results),
@@ -36,7 +34,6 @@ pub fn document(results: &CampaignResults, directory: &str) -> Document {
         maps(results),
         Some(distributions(results)),
         Some(worst(results, directory)),
-        audit(results),
     ];
     Document {
         title: format!("{name}: a campaign of {flights} flights"),
@@ -80,24 +77,10 @@ fn successes(results: &CampaignResults) -> Section {
         let failed = failed.map(|gate| format!("{}: {}", gate.name, gate.asked - gate.held));
         let failed = failed.collect::<Vec<_>>().join(", ");
         let of = format!("{} of {}", arm.successes, arm.flights);
-        let interval = percents(&arm.interval);
-        row([
-            &arm.name,
-            &of,
-            &percent(rate),
-            &interval,
-            &arm.lost,
-            &failed,
-        ])
+        let (rate, interval) = (percent(rate), percents(&arm.interval));
+        row([&arm.name, &of, &rate, &interval, &arm.lost, &failed])
     });
-    let columns = [
-        "arm",
-        "successes",
-        "rate",
-        "interval",
-        "lost",
-        "gates that failed",
-    ];
+    let columns = "arm;successes;rate;interval;lost;gates that failed".split(';');
     let note = "A lost flight was not flown to its end within its envelope.";
     let blocks = vec![Block::Note(note.into()), table(columns, rows)];
     let title = format!("Success, with its {} interval at 95 %", results.intervals);
@@ -112,14 +95,15 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
     for pair in &results.pairs {
         let Pair { first, second, .. } = pair;
         let MeanInterval { mean, interval, .. } = pair.difference;
-        items.push(format!(
-            "{first} - {second}: success {:+.2} points ({:+.2} to {:+.2}); {} and {} flights that one alone flew, p = {}",
-            100.0 * mean,
-            100.0 * interval.low,
-            100.0 * interval.high,
+        let [mean, low, high] = [mean, interval.low, interval.high].map(|share| 100.0 * share);
+        let (one, other, p) = (
             pair.discordant.first,
             pair.discordant.second,
-            short(pair.p_value)
+            short(pair.p_value),
+        );
+        items.push(format!(
+            "{first} - {second}: success {mean:+.2} points ({low:+.2} to {high:+.2}); {one} and {other} flights that \
+             one alone flew, p = {p}"
         ));
     }
     let means = results.pairs.iter().flat_map(|pair| {
@@ -144,11 +128,8 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
         table(columns, means),
         Block::Note(note.into()),
     ];
-    Some(Section::new(
-        "pairs",
-        "Arms on the same draws: first less second",
-        blocks,
-    ))
+    let title = "Arms on the same draws: first less second";
+    Some(Section::new("pairs", title, blocks))
 }
 
 fn rate(bin: &Bin) -> f64 {
@@ -175,13 +156,7 @@ fn factors(results: &CampaignResults) -> Option<Section> {
             row([&factor.name, &arm.name, &success, &error, &known(spread)])
         })
     });
-    let columns = [
-        "factor",
-        "arm",
-        "success",
-        "largest error",
-        "success from, to",
-    ];
+    let columns = "factor;arm;success;largest error;success from, to".split(';');
     let note = "Share of the variance that a factor alone accounts for, less what it would by chance; below, success over \
                 its range.";
     let mut blocks = vec![table(columns, rows), Block::Note(note.into())];
@@ -193,23 +168,15 @@ fn factors(results: &CampaignResults) -> Option<Section> {
         let values = factor.arms.first().map_or(0, |it| it.bins.len());
         let rows = (0..values).map(|i| {
             let bins = || factor.arms.iter().filter_map(|effect| effect.bins.get(i));
-            let name = bins()
-                .next()
-                .map_or_else(String::new, |bin| word(&bin.name).to_owned());
+            let name = bins().next().map(|bin| word(&bin.name).to_owned());
             let rate = |bin: &Bin| format!("{} ({})", percent(rate(bin)), percents(&bin.interval));
-            [name]
-                .into_iter()
-                .chain(bins().map(rate))
-                .map(Cell::from)
-                .collect()
+            let cells = name.into_iter().chain(bins().map(rate));
+            cells.map(Cell::from).collect()
         });
-        let columns = [factor.name.as_str()]
-            .into_iter()
-            .chain(arms().map(|arm| arm.name.as_str()));
-        blocks.push(Block::Details(
-            format!("Success over {}", factor.name),
-            vec![table(columns, rows)],
-        ));
+        let names = arms().map(|arm| arm.name.as_str());
+        let columns = [factor.name.as_str()].into_iter().chain(names);
+        let title = format!("Success over {}", factor.name);
+        blocks.push(Block::Details(title, vec![table(columns, rows)]));
     }
     let title = "What matters: share of the variance of success (of the largest error) that a factor alone accounts for";
     Some(Section::new("factors", title, blocks))
@@ -221,7 +188,6 @@ fn ranges(factor: &FactorResults) -> Vec<[f64; 2]> {
     bins.filter_map(|bin| bin.range).collect()
 }
 
-/// Success over a factor of numbers.
 fn over(results: &CampaignResults, factor: &FactorResults) -> Option<Figure> {
     let ranges = ranges(factor);
     let ends = || ranges.iter().flatten().copied();
@@ -242,9 +208,10 @@ fn over(results: &CampaignResults, factor: &FactorResults) -> Option<Figure> {
             .filter_map(|bin| Some((middle(bin.range?), bin)))
             .collect();
         let line = points.iter().map(|(x, bin)| (*x, 100.0 * rate(bin)));
+        let line = line.collect();
         layers.push(Layer::Line {
             class,
-            points: line.collect(),
+            points: line,
         });
         let intervals = points.iter().map(|(x, bin)| {
             let ends = [bin.interval.low, bin.interval.high];
@@ -258,12 +225,8 @@ fn over(results: &CampaignResults, factor: &FactorResults) -> Option<Figure> {
         Axis::new(percents, "success [%]"),
     );
     let chart = Chart::new(format!("success over {}", factor.name), x, y, layers);
-    Some(Figure::new(
-        &factor.name,
-        &factor.meaning,
-        keys(results),
-        chart,
-    ))
+    let keys = keys(results);
+    Some(Figure::new(&factor.name, &factor.meaning, keys, chart))
 }
 
 /// A drawn value that is a list of one word, as that word.
@@ -284,23 +247,19 @@ fn maps(results: &CampaignResults) -> Option<Section> {
     Some(Section::new("maps", "Success over two factors", blocks))
 }
 
-/// A map as a table of shaded cells.
 fn heat(map: &Map) -> Block {
     // What has the longer names goes down: a column is narrow.
     let longest = |side: &Side| side.bins.iter().map(String::len).max().unwrap_or_default();
     let is_turned = longest(&map.x) > longest(&map.y);
-    let (across, down) = if is_turned {
-        (&map.y, &map.x)
-    } else {
-        (&map.x, &map.y)
+    let (across, down) = match is_turned {
+        true => (&map.y, &map.x),
+        false => (&map.x, &map.y),
     };
     let cell = |row: usize, column: usize| {
-        let (row, column) = if is_turned {
-            (column, row)
-        } else {
-            (row, column)
+        let [successes, flights] = match is_turned {
+            true => map.cells[column][row],
+            false => map.cells[row][column],
         };
-        let [successes, flights] = map.cells[row][column];
         let percent = (flights > 0).then(|| 100.0 * successes as f64 / flights as f64);
         Cell {
             shade: Some(0.85 * percent.map_or(0.0, |percent| 100.0 - percent)),
@@ -311,13 +270,10 @@ fn heat(map: &Map) -> Block {
         let cells = (0..across.bins.len()).map(|column| cell(i, column));
         [word(name).into()].into_iter().chain(cells).collect()
     });
-    let columns = [""]
-        .into_iter()
-        .chain(across.bins.iter().map(|name| word(name)));
-    let title = format!(
-        "{}: {} across, {} down",
-        map.arm, across.factor, down.factor
-    );
+    let names = across.bins.iter().map(|name| word(name));
+    let columns = [""].into_iter().chain(names);
+    let (across, down) = (&across.factor, &down.factor);
+    let title = format!("{}: {across} across, {down} down", map.arm);
     Block::Details(title, vec![table(columns, rows)])
 }
 
@@ -329,23 +285,19 @@ fn distributions(results: &CampaignResults) -> Section {
     };
     let varying: Vec<usize> = (0..METRICS.len()).filter(varies).collect();
     let rows = varying.iter().flat_map(|i| {
-        let name = METRICS[*i].name;
-        let known = results
-            .arms
-            .iter()
-            .filter(|arm| arm.metrics[*i].is.count > 0);
-        known.map(move |arm| quantiles(name, arm, *i))
+        let arms = results.arms.iter();
+        let known = arms.filter(|arm| arm.metrics[*i].is.count > 0);
+        known.map(move |arm| quantiles(METRICS[*i].name, arm, *i))
     });
     let columns = ["metric", "arm", "quantiles", "max", "flights"];
     let note =
         "The share of flights that a value is not exceeded in; each nine takes as much space.";
-    let figures = varying
-        .iter()
-        .map(|i| distribution(results, *i, &METRICS[*i]));
+    let figure = |i: &usize| distribution(results, *i, &METRICS[*i]);
+    let figures = varying.iter().map(figure).collect();
     let blocks = vec![
         table(columns, rows),
         Block::Note(note.into()),
-        Block::Figures(figures.collect()),
+        Block::Figures(figures),
     ];
     Section::new("metrics", "Distributions", blocks)
 }
@@ -369,17 +321,13 @@ fn distribution(results: &CampaignResults, place: usize, metric: &Metric) -> Fig
     } else {
         Scale::linear(values(), 1e-9)
     };
-    let shares = curves()
-        .filter_map(|curve| curve.last())
-        .map(|point| point.share);
+    let shares = curves().filter_map(|curve| Some(curve.last()?.share));
     let x = Scale::tail(shares.fold(0.0, f64::max));
     let layers = LAWS.into_iter().cycle().zip(curves());
-    let layers = layers.map(|(class, curve)| Layer::Line {
-        class,
-        points: curve
-            .iter()
-            .map(|point| (point.share, point.value))
-            .collect(),
+    let layers = layers.map(|(class, curve)| {
+        let points = curve.iter().map(|point| (point.share, point.value));
+        let points = points.collect();
+        Layer::Line { class, points }
     });
     let label = match metric.unit {
         "" => metric.name.to_owned(),
@@ -406,13 +354,8 @@ fn worst(results: &CampaignResults, directory: &str) -> Section {
             (true, false) => "failed".into(),
             (true, true) => "success".into(),
         };
-        row([
-            &it.flight,
-            &it.arm,
-            &short(it.position_error_max_m),
-            &how,
-            &drew,
-        ])
+        let error_m = short(it.position_error_max_m);
+        row([&it.flight, &it.arm, &error_m, &how, &drew])
     });
     let columns = ["flight", "arm", "largest error [m]", "how it ended", "drew"];
     let mut blocks = vec![table(columns, rows)];
@@ -421,15 +364,4 @@ fn worst(results: &CampaignResults, directory: &str) -> Section {
         blocks.push(Block::Items(vec![format!("fly one again: {command}")]));
     }
     Section::new("worst", "Worst flights", blocks)
-}
-
-fn audit(results: &CampaignResults) -> Option<Section> {
-    let audit = results.audit.as_ref()?;
-    let differences = audit.differences.iter().map(|it| it.words());
-    let blocks = vec![Block::Items(differences.collect())];
-    Some(Section::new(
-        "audit",
-        format!("Audit: {}", audit.words()),
-        blocks,
-    ))
 }

@@ -9,7 +9,7 @@ use parquet::file::reader::SerializedFileReader;
 use crate::campaign::Campaign;
 use crate::chunk::{Identity, metadata, path_of, write_whole};
 use crate::parquet_file::{read_column, read_table, write_rows, writer};
-use crate::table::{Cells, Table, Values};
+use crate::table::{Cell, Table, TextRow};
 
 /// The files of some chunks, in order. In them, the arms of a flight follow each other.
 #[derive(Clone, Debug)]
@@ -23,121 +23,89 @@ const GROUP: usize = 65_536;
 impl Rows {
     /// Of chunks that were found to be whole.
     pub fn new(directory: &Path, chunks: impl IntoIterator<Item = u64>) -> Self {
+        let chunks = chunks.into_iter();
         Self {
-            files: chunks
-                .into_iter()
-                .map(|chunk| path_of(directory, chunk))
-                .collect(),
+            files: chunks.map(|chunk| path_of(directory, chunk)).collect(),
         }
     }
 
-    pub fn is_empty(&self) -> bool {
-        self.files.is_empty()
-    }
-
-    /// Hands over a column, file by file.
-    fn each(&self, column: &str, mut take: impl FnMut(Values)) -> Result<(), Failure> {
+    fn column<T>(
+        &self,
+        column: &str,
+        value: impl Fn(Option<Cell>) -> T,
+    ) -> Result<Vec<T>, Failure> {
+        let mut all = Vec::new();
         for path in &self.files {
-            take(read_column(path, column)?);
+            all.extend(read_column(path, column)?.into_iter().map(&value));
         }
-        Ok(())
+        Ok(all)
     }
 
     /// A column of numbers; NaN where there is none.
     pub fn numbers(&self, column: &str) -> Result<Vec<f64>, Failure> {
-        let mut all = Vec::new();
-        self.each(column, |values| match values {
-            Values::Integers(values) => {
-                all.extend(
-                    values
-                        .into_iter()
-                        .map(|it| it.map_or(f64::NAN, |it| it as f64)),
-                );
-            }
-            Values::Numbers(values) => {
-                all.extend(values.into_iter().map(|it| it.unwrap_or(f64::NAN)));
-            }
-            _ => {}
-        })?;
-        Ok(all)
+        self.column(column, |cell| match cell {
+            Some(Cell::Number(number)) => number,
+            Some(Cell::Integer(integer)) => integer as f64,
+            _ => f64::NAN,
+        })
     }
 
-    pub fn whole(&self, column: &str) -> Result<Vec<u64>, Failure> {
-        let mut all = Vec::new();
-        self.each(column, |values| {
-            if let Values::Integers(values) = values {
-                all.extend(values.into_iter().flatten().map(i64::cast_unsigned));
-            }
-        })?;
-        Ok(all)
+    pub fn flights(&self) -> Result<Vec<u64>, Failure> {
+        self.column("flight", |cell| match cell {
+            Some(Cell::Integer(flight)) => flight.cast_unsigned(),
+            _ => 0,
+        })
     }
 
-    /// A column of what holds; none where it has no meaning.
+    /// A column of flags; none where a flag has no meaning.
     pub fn flags(&self, column: &str) -> Result<Vec<Option<bool>>, Failure> {
-        let mut all = Vec::new();
-        self.each(column, |values| {
-            if let Values::Flags(values) = values {
-                all.extend(values);
-            }
-        })?;
-        Ok(all)
+        self.column(column, |cell| match cell {
+            Some(Cell::Flag(flag)) => Some(flag),
+            _ => None,
+        })
     }
 
-    /// Whether each row has something in a column.
     pub fn filled(&self, column: &str) -> Result<Vec<bool>, Failure> {
-        let mut all = Vec::new();
-        self.each(column, |values| all.extend(values.filled()))?;
-        Ok(all)
+        self.column(column, |cell| cell.is_some())
     }
 
     /// A column of words, as their places among the `most` that come first, and these; others are one more.
     pub fn words(&self, column: &str, most: usize) -> Result<(Vec<u32>, Vec<String>), Failure> {
-        let (mut places, mut words) = (Vec::new(), Vec::<String>::new());
-        self.each(column, |values| {
-            let Values::Texts(values) = values else {
-                return;
-            };
-            for word in values {
-                let word = word.unwrap_or_default();
-                let known = words.iter().position(|known| *known == word);
-                let place = known.unwrap_or_else(|| {
-                    if words.len() < most {
-                        words.push(word.clone());
-                    }
-                    words.len() - usize::from(words.last().is_some_and(|last| *last == word))
-                });
-                places.push(place as u32);
+        let mut words = Vec::<String>::new();
+        let mut places = Vec::new();
+        let all = self.column(column, |cell| cell.map(|cell| cell.to_string()))?;
+        for word in all.into_iter().map(Option::unwrap_or_default) {
+            let known = words.iter().position(|known| *known == word);
+            let place = known.unwrap_or(words.len());
+            if known.is_none() && words.len() < most {
+                words.push(word);
             }
-        })?;
+            places.push(place as u32);
+        }
         Ok((places, words))
     }
 
-    /// The cells of a row as text, by the names of their columns; none where there is no such row.
+    /// A row as text; none where there is no such row.
     pub fn row(
         &self,
         campaign: &Campaign,
         flight: u64,
         arm: usize,
-    ) -> Result<Option<Cells>, Failure> {
-        let chunk = flight / campaign.chunk;
-        let is_of =
-            |path: &&PathBuf| **path == path_of(path.parent().unwrap_or(Path::new("")), chunk);
-        let Some(path) = self.files.iter().find(is_of) else {
+    ) -> Result<Option<TextRow>, Failure> {
+        let name = path_of(Path::new(""), flight / campaign.chunk);
+        let Some(path) = self.files.iter().find(|path| path.ends_with(&name)) else {
             return Ok(None);
         };
         let place = (flight % campaign.chunk) as usize * campaign.arms.len() + arm;
         let table = read(path, campaign)?;
-        if place >= table.rows() {
-            return Err(Failure::failed(format!(
-                "{} ends after {} rows, and has fewer than its campaign",
-                path.display(),
-                table.rows()
-            ))
-            .help(
-                "`ironbird campaign status` names what is broken, and `campaign run` flies it again",
-            ));
+        if place < table.rows() {
+            return Ok(Some(table.text_row(place)));
         }
-        Ok(Some(table.cells(place)))
+        let (path, rows) = (path.display(), table.rows());
+        Err(Failure::failed(format!(
+            "{path} ends after {rows} rows, and has fewer than its campaign"
+        ))
+        .help("`ironbird campaign status` names what is broken, and `campaign run` flies it again"))
     }
 
     /// Writes all rows into one file, whose content depends on nothing but the campaign.
@@ -167,7 +135,6 @@ impl Rows {
     }
 }
 
-/// All rows of a file.
 pub(crate) fn read(path: &Path, campaign: &Campaign) -> Result<Table, Failure> {
     let file = File::open(path).in_file("read", path)?;
     SerializedFileReader::new(file)

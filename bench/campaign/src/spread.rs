@@ -37,10 +37,8 @@ const POINTS: f64 = SOBOL_FLIGHTS as f64;
 fn sobol_bits(dimension: usize, flight: u64) -> u32 {
     let gray = flight ^ (flight >> 1);
     let mut directions = [0_u32; 32];
-    match dimension
-        .checked_sub(1)
-        .and_then(|place| DIRECTIONS.get(place))
-    {
+    let place = dimension.checked_sub(1);
+    match place.and_then(|place| DIRECTIONS.get(place)) {
         None => (0..32).for_each(|i| directions[i] = 1 << (31 - i)),
         Some((degree, polynomial, first)) => {
             let degree = *degree as usize;

@@ -34,7 +34,6 @@ pub fn host_of(machine: &Machine) -> Host {
     }
 }
 
-/// Counters of /proc/stat at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CpuTimes {
     /// The processor; none where it is all of them together.
@@ -46,11 +45,9 @@ pub struct CpuTimes {
     pub busy: u64,
 }
 
-/// The unit of /proc/stat [ms].
 const JIFFY_MS: u64 = JIFFY_NS / 1_000_000;
 
 impl CpuTimes {
-    /// Counters of one processor of this machine, or of all of them.
     pub fn read(processor: Option<u64>) -> Self {
         Self::of(&Machine::files(), processor)
     }

@@ -27,7 +27,6 @@ pub const SCHEMA: &str = "ironbird-doctor/1";
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Examination {
-    /// [`SCHEMA`].
     pub schema: String,
     pub diagnosis: Diagnosis,
     pub findings: Vec<Finding>,
@@ -125,7 +124,6 @@ const CHECKS: [Check; 17] = [
     ("steal since boot", STEAL_WHY, steal_since_boot),
 ];
 
-/// Everything that can be found without measuring.
 pub fn findings(machine: &Machine) -> Vec<Finding> {
     CHECKS
         .iter()
@@ -133,7 +131,6 @@ pub fn findings(machine: &Machine) -> Vec<Finding> {
         .collect()
 }
 
-/// Examines a machine, and adds what was measured on it.
 pub fn examine(machine: &Machine, measured: Option<MeasuredMachine>) -> Examination {
     let mut findings = findings(machine);
     // Not in the table: during a flight, the flight's own processes run on that CPU.
@@ -189,7 +186,6 @@ fn throttling(machine: &Machine, found: Found) -> Finding {
     }
 }
 
-/// Raises the limits of a shell and its children.
 const RAISE_LIMITS: &str = "printf '@realtime - rtprio 95\\n@realtime - memlock unlimited\\n' | \
     sudo tee /etc/security/limits.d/99-realtime.conf; sudo groupadd -f realtime; sudo usermod -aG realtime $USER; \
     log in again";
@@ -470,7 +466,6 @@ fn stolen(steal: &Steal, found: Found) -> Finding {
     }
 }
 
-/// The examination as text.
 pub fn render(examination: &Examination) -> String {
     let mut out = String::new();
     // Writing into a string cannot fail.

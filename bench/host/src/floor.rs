@@ -15,18 +15,15 @@ use crate::cpu_times::CpuTimes;
 use ring::{RingFloor, RingSettings, WakeMechanism, Work};
 use timer::{Schedule, TimerFloor};
 
-/// A bare timer and a raw futex ring, measured one after the other.
 pub struct MachineFloor {
     pub timer: TimerFloor,
     pub ring: RingFloor,
-    /// What the system refused to the measuring threads.
     pub refused: Vec<String>,
     /// Time that the hypervisor took meanwhile from the processor of the loops.
     pub steal: Steal,
 }
 
 impl MachineFloor {
-    /// Measures each for the schedule's duration.
     pub fn measure(
         schedule: &Schedule,
         work: Vec<Work>,

@@ -12,7 +12,6 @@ use crate::Machine;
 pub struct Interrupts(BTreeMap<(InterruptKind, String), (u64, String)>);
 
 impl Interrupts {
-    /// Counters of one processor of this machine, or of all of them.
     pub fn read(processor: Option<u64>) -> Self {
         Self::of(&Machine::files(), processor)
     }

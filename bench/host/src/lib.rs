@@ -26,19 +26,16 @@ pub struct Machine {
     pub answers: Answers,
 }
 
-/// What the system answers when it is asked.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Answers {
     /// Error number with which SCHED_FIFO at the highest priority of the loops is refused.
     pub fifo_errno: Option<i32>,
     /// Error number with which /dev/cpu_dma_latency cannot be held.
     pub deep_sleep_errno: Option<i32>,
-    /// Resolution of timers [ns].
     pub timer_resolution_ns: u64,
     /// Free bytes in shared memory; nothing where it is not there.
     pub shared_memory_free_bytes: Option<u64>,
     pub leftovers: Vec<PathBuf>,
-    /// The processor that the user names for the loops.
     pub cpu: Option<usize>,
 }
 
@@ -68,7 +65,6 @@ impl Machine {
         Self::under(Path::new("/"), Answers::default())
     }
 
-    /// A machine whose files lie under a directory.
     pub fn under(root: &Path, answers: Answers) -> Self {
         Self {
             root: root.to_owned(),
@@ -83,7 +79,6 @@ impl Machine {
             .map(|text| text.trim().to_owned())
     }
 
-    /// A file's text as a number.
     pub fn number(&self, path: &str) -> Option<i64> {
         self.read(path)?.parse().ok()
     }
@@ -112,7 +107,6 @@ impl Machine {
             .unwrap_or(0)
     }
 
-    /// Whether this process has a capability, by its number.
     pub fn has_capability(&self, number: u32) -> bool {
         self.field("/proc/self/status", "CapEff")
             .and_then(|hex| u64::from_str_radix(&hex, 16).ok())
@@ -130,7 +124,6 @@ impl Machine {
             .ok()
     }
 
-    /// Whether a hypervisor runs below; nothing where that is not known.
     pub fn hypervisor(&self) -> Option<bool> {
         hypervisor::runs_below(self)
     }
@@ -161,13 +154,11 @@ impl Machine {
         marked.or(asked).map(str::to_owned)
     }
 
-    /// The clock source in use, or `unknown`.
     pub fn clock_source(&self) -> String {
         self.read(CLOCK_SOURCE).unwrap_or_else(|| "unknown".into())
     }
 }
 
-/// The file of the clock source in use.
 pub const CLOCK_SOURCE: &str = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
 /// The file of the real-time throttle: what SCHED_FIFO gets of each period [us]; -1 is all.
 pub const RT_RUNTIME: &str = "/proc/sys/kernel/sched_rt_runtime_us";

@@ -19,7 +19,6 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Looks at loops with these set-ups.
     pub fn new(loops: &[Status; STAGES.len()], is_virtual: bool) -> Self {
         let mut cpus = loops.iter().map(|status| {
             let grant = status.grants.of(RealtimeStep::Affinity);
@@ -51,7 +50,6 @@ impl Watch {
 pub struct Look {
     /// The kernel's letter: `R` ready or running, `S` and `D` waiting, `T` and `t` stopped, `Z` ended.
     pub state: char,
-    /// Time that it has run [ns].
     pub ran_ns: u64,
     /// Whether the kernel is putting the process away, for a signal or an exit code that is none of 0: what it had open
     /// may take a busy disk a second.
@@ -59,7 +57,6 @@ pub struct Look {
 }
 
 impl Look {
-    /// At a process; nothing where it is gone.
     pub fn at(pid: u64) -> Option<Self> {
         const PF_EXITING: u64 = 4;
         let line = read(pid, "stat").ok()?;
@@ -75,7 +72,6 @@ impl Look {
         })
     }
 
-    /// Whether a signal or a debugger has stopped it.
     pub const fn is_stopped(self) -> bool {
         matches!(self.state, 'T' | 't')
     }

@@ -13,13 +13,11 @@ use rustix::fs::OFlags;
 
 use report::processor_trace::{Runner, Slice};
 
-/// Where the kernel has its traces.
 pub const TRACEFS: &str = "/sys/kernel/tracing";
 
 /// The ring of one processor [KiB]: some seconds of a flight.
 const RING_KIB: &str = "1024";
 
-/// What a ring holds, as text.
 const PIPE: &str = "trace_pipe";
 
 /// What is traced; the last is only there on x86, where timers and other processors interrupt by vectors.
@@ -32,14 +30,12 @@ const EVENTS: [(&str, bool); 6] = [
     ("irq_vectors", false),
 ];
 
-/// The kernel's trace, until the value is dropped.
 #[derive(Debug)]
 pub struct Trace {
     /// What the ring holds as text, gone once it is read. Closed before the ring, which cannot be removed while it
     /// is open.
     pipe: File,
     ring: Ring,
-    /// The beginning of a line whose end has not been read.
     rest: Vec<u8>,
     readers: Readers,
 }
@@ -73,7 +69,6 @@ impl Trace {
         })
     }
 
-    /// What ran since the last time.
     pub fn take(&mut self) -> io::Result<Vec<Slice>> {
         if let Err(e) = self.pipe.read_to_end(&mut self.rest)
             && e.kind() != ErrorKind::WouldBlock
@@ -220,7 +215,6 @@ struct Reader {
 }
 
 impl Reader {
-    /// Takes the next event; gives the slices that it ends.
     fn take(&mut self, event: &Event<'_>, slices: &mut Vec<Slice>) {
         let Event {
             pid,
@@ -325,7 +319,6 @@ mod tests {
           <idle>-0       [001] d..2. 100.001500: sched_switch: prev_comm=swapper/1 prev_pid=0 prev_prio=120 prev_state=R ==> next_comm=ironbird next_pid=9 next_prio=19
 ";
 
-    /// Who ran, since when [us after 100 s], and how long [ns].
     fn slices(readers: &mut Readers, trace: &[&str]) -> Vec<(String, u64, u64)> {
         let slices = readers.read(&trace.join("\n"));
         let slice = |it: Slice| {

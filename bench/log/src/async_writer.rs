@@ -5,7 +5,7 @@
 //!
 //! ```text
 //!   keeping --the disk takes no more--> waiting --it does again--> keeping
-//!                                       waiting --PATIENCE_BYTES wait--> pieces are dropped until fewer do
+//!                                       waiting --MOST_WAITING_BYTES wait--> pieces are dropped until fewer do
 //!                                       waiting --the end--> cut after the last whole piece
 //! ```
 
@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use std::{io, thread};
 
 /// What may wait for the disk [bytes]: tens of seconds of a flight.
-const PATIENCE_BYTES: u64 = 16 << 20;
+const MOST_WAITING_BYTES: u64 = 16 << 20;
 /// What a log leaves free on its disk, for the report [bytes].
 pub const LEFT_FREE_BYTES: u64 = 4 << 20;
 /// How often what was written is synced: what a machine that hangs can lose, and a little more.
@@ -29,35 +29,34 @@ const SYNC_EVERY: Duration = Duration::from_secs(5);
 /// How soon a disk that took nothing is tried again.
 const RETRY_EVERY: Duration = Duration::from_millis(500);
 /// How long the end of a file waits for a disk that makes no progress.
-const END_PATIENCE: Duration = Duration::from_secs(3);
+const END_TIMEOUT: Duration = Duration::from_secs(3);
 
+/// Where an [`AsyncWriter`] writes: a file, or one that is made when it is first used.
 pub trait Disk: Send + 'static {
-    /// Bytes that are free on it; nothing where that is not known.
-    fn free(&self) -> Option<u64>;
-    /// Writes at a place of the file.
-    fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()>;
-    /// Cuts the file to a length.
-    fn cut(&self, length: u64) -> io::Result<()>;
-    fn sync(&self) -> io::Result<()>;
-}
+    fn file(&self) -> io::Result<&File>;
 
-impl Disk for File {
+    /// Bytes that are free on it; nothing where that is not known.
     fn free(&self) -> Option<u64> {
-        fstatvfs(self)
-            .ok()
-            .map(|disk| disk.f_bavail * disk.f_frsize)
+        let disk = fstatvfs(self.file().ok()?).ok()?;
+        Some(disk.f_bavail * disk.f_frsize)
     }
 
     fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
-        self.write_all_at(bytes, place)
+        self.file()?.write_all_at(bytes, place)
     }
 
     fn cut(&self, length: u64) -> io::Result<()> {
-        self.set_len(length)
+        self.file()?.set_len(length)
     }
 
     fn sync(&self) -> io::Result<()> {
-        self.sync_data()
+        self.file()?.sync_data()
+    }
+}
+
+impl Disk for File {
+    fn file(&self) -> io::Result<&File> {
+        Ok(self)
     }
 }
 
@@ -67,12 +66,10 @@ pub struct AsyncWriter(Rc<RefCell<Kept>>);
 
 #[derive(Debug)]
 struct Kept {
-    /// The piece that is being made.
     piece: Vec<u8>,
     queue: Arc<Queue>,
 }
 
-/// What the writing thread is given.
 #[derive(Debug, Default)]
 struct Queue {
     state: Mutex<SpoolState>,
@@ -84,13 +81,10 @@ struct SpoolState {
     pieces: VecDeque<Vec<u8>>,
     /// Length of the file when all pieces are there [bytes].
     handed: u64,
-    /// What the disk has [bytes].
     on_disk: u64,
-    /// Length to cut the file to.
     cut: Option<u64>,
     /// Whether the thread is at the disk.
     busy: bool,
-    /// Whether something is written and not synced.
     unsynced: bool,
     /// When a disk that took nothing the last time is tried again.
     retry_at: Option<Instant>,
@@ -103,7 +97,6 @@ struct SpoolState {
     is_closed: bool,
 }
 
-/// What to do at the disk.
 enum DiskJob {
     Write(Vec<u8>, u64),
     Cut(u64),
@@ -119,10 +112,8 @@ impl AsyncWriter {
         thread::Builder::new()
             .name("disk".into())
             .spawn(move || theirs.serve(&disk, left_free))?;
-        Ok(Self(Rc::new(RefCell::new(Kept {
-            piece: Vec::new(),
-            queue,
-        }))))
+        let piece = Vec::new();
+        Ok(Self(Rc::new(RefCell::new(Kept { piece, queue }))))
     }
 
     /// Ends a piece and hands it over, without waiting. Gives the length up to which everything is on the disk [bytes].
@@ -148,26 +139,21 @@ impl AsyncWriter {
         }
     }
 
-    /// Says that something is dropped, as the disk is too slow for it.
     pub fn say_dropped(&self) {
-        let kept = self.0.borrow();
+        let (kept, mib) = (self.0.borrow(), MOST_WAITING_BYTES >> 20);
         let mut state = kept.queue.state();
-        state.refuse(format!(
-            "the disk is too slow: {} MiB waited for it",
-            PATIENCE_BYTES >> 20
-        ));
+        state.refuse(format!("the disk is too slow: {mib} MiB waited for it"));
         state.has_gap = true;
     }
 
     /// As [`Self::settle`], has what is there synced at once, and takes nothing more.
     pub fn end(&self) {
         self.settle();
-        let queue = Arc::clone(&self.0.borrow().queue);
-        queue.state().end();
-        queue.changed.notify_all();
+        let kept = self.0.borrow();
+        kept.queue.state().end();
+        kept.queue.changed.notify_all();
     }
 
-    /// Whether the disk has it all and has synced it.
     pub fn is_at_rest(&self) -> bool {
         self.0.borrow().queue.state().is_at_rest()
     }
@@ -187,8 +173,7 @@ impl AsyncWriter {
     /// has [bytes].
     fn rest(&self) -> u64 {
         self.end();
-        let queue = Arc::clone(&self.0.borrow().queue);
-        queue.await_rest()
+        self.0.borrow().queue.await_rest()
     }
 
     /// Length of the file when everything that was written is there [bytes].
@@ -202,7 +187,7 @@ impl AsyncWriter {
     pub fn is_overfull(&self) -> bool {
         let kept = self.0.borrow();
         let state = kept.queue.state();
-        state.handed - state.on_disk > PATIENCE_BYTES
+        state.handed - state.on_disk > MOST_WAITING_BYTES
     }
 
     /// Takes nothing more, and has the file cut to a length at which it is readable [bytes].
@@ -210,10 +195,8 @@ impl AsyncWriter {
         let mut kept = self.0.borrow_mut();
         kept.piece = Vec::new();
         let mut state = kept.queue.state();
-        state.refuse(format!(
-            "the disk took nothing for {} s",
-            END_PATIENCE.as_secs()
-        ));
+        let seconds = END_TIMEOUT.as_secs();
+        state.refuse(format!("the disk took nothing for {seconds} s"));
         state.pieces.clear();
         (state.has_gap, state.has_given_up) = (true, true);
         (state.handed, state.on_disk, state.cut) = (length, length, Some(length));
@@ -224,13 +207,10 @@ impl AsyncWriter {
     fn gap(&self) -> Option<String> {
         let kept = self.0.borrow();
         let state = kept.queue.state();
-        state
-            .refused
-            .clone()
-            .filter(|_| state.has_gap || state.on_disk < state.handed)
+        let has_gap = state.has_gap || state.on_disk < state.handed;
+        state.refused.clone().filter(|_| has_gap)
     }
 
-    /// Why the disk did not take something, the first time.
     pub fn refused(&self) -> Option<String> {
         self.0.borrow().queue.state().refused.clone()
     }
@@ -262,17 +242,18 @@ impl Queue {
     fn await_rest(&self) -> u64 {
         let (mut moved_at, mut on_disk) = (Instant::now(), None);
         let mut state = self.state();
-        while !state.is_at_rest() && state.retry_at.is_none() && moved_at.elapsed() < END_PATIENCE {
+        while !state.is_at_rest() && state.retry_at.is_none() && moved_at.elapsed() < END_TIMEOUT {
             if on_disk.replace(state.on_disk) != Some(state.on_disk) {
                 moved_at = Instant::now();
             }
-            state = self
-                .changed
-                .wait_timeout(state, RETRY_EVERY)
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
+            state = self.wait(state);
         }
         state.on_disk
+    }
+
+    fn wait<'a>(&self, state: MutexGuard<'a, SpoolState>) -> MutexGuard<'a, SpoolState> {
+        let waited = self.changed.wait_timeout(state, RETRY_EVERY);
+        waited.unwrap_or_else(PoisonError::into_inner).0
     }
 
     fn serve(&self, disk: &impl Disk, left_free: u64) {
@@ -283,18 +264,10 @@ impl Queue {
                     let written = write(disk, &piece, place, left_free);
                     self.wrote(piece, written);
                 }
-                DiskJob::Cut(length) => {
-                    let cut = disk
-                        .cut(length)
-                        .map_err(|e| format!("cannot cut the file: {e}"));
-                    self.told(cut);
-                }
+                DiskJob::Cut(length) => self.done("cut", disk.cut(length)),
                 DiskJob::Sync => {
                     synced_at = Instant::now();
-                    let synced = disk
-                        .sync()
-                        .map_err(|e| format!("cannot sync the file: {e}"));
-                    self.told(synced);
+                    self.done("sync", disk.sync());
                 }
                 DiskJob::End => return,
             }
@@ -316,11 +289,7 @@ impl Queue {
             } else if state.is_closed && (state.pieces.is_empty() || state.retry_at.is_some()) {
                 DiskJob::End
             } else {
-                state = self
-                    .changed
-                    .wait_timeout(state, RETRY_EVERY)
-                    .unwrap_or_else(PoisonError::into_inner)
-                    .0;
+                state = self.wait(state);
                 continue;
             };
             // After the last job nobody says that it is done.
@@ -348,25 +317,22 @@ impl Queue {
         self.changed.notify_all();
     }
 
-    fn told(&self, outcome: Result<(), String>) {
+    fn done(&self, what: &str, outcome: io::Result<()>) {
         let mut state = self.state();
         state.busy = false;
-        if let Err(reason) = outcome {
-            state.refuse(reason);
+        if let Err(e) = outcome {
+            state.refuse(format!("cannot {what} the file: {e}"));
         }
         self.changed.notify_all();
     }
 }
 
-/// Writes a piece, or leaves the file as it was.
 fn write(disk: &impl Disk, piece: &[u8], place: u64, left_free: u64) -> Result<(), String> {
-    if disk
-        .free()
-        .is_some_and(|free| free < left_free + piece.len() as u64)
-    {
+    let needed = left_free + piece.len() as u64;
+    if disk.free().is_some_and(|free| free < needed) {
+        let mib = left_free >> 20;
         return Err(format!(
-            "less than {} MiB would be left free on the disk",
-            left_free >> 20
+            "less than {mib} MiB would be left free on the disk"
         ));
     }
     disk.write_at(piece, place).map_err(|e| {
@@ -405,8 +371,6 @@ impl Drop for Kept {
 }
 
 #[cfg(test)]
-#[path = "spool/tests.rs"]
-#[cfg(test)]
 mod tests {
     use super::*;
     use std::io::{Read as _, Seek as _};
@@ -420,8 +384,8 @@ mod tests {
     }
 
     impl Disk for Gate {
-        fn free(&self) -> Option<u64> {
-            None
+        fn file(&self) -> io::Result<&File> {
+            Ok(&self.file)
         }
 
         fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
@@ -430,10 +394,6 @@ mod tests {
             // Who allows nothing more is a disk that is gone.
             allowed.map_err(|_| io::Error::other("gone"))?;
             self.file.write_all_at(bytes, place)
-        }
-
-        fn cut(&self, length: u64) -> io::Result<()> {
-            self.file.set_len(length)
         }
 
         fn sync(&self) -> io::Result<()> {
@@ -516,13 +476,13 @@ mod tests {
     fn what_a_disk_that_blocks_for_too_long_has_no_room_for_is_dropped_and_what_comes_after_it_is_not()
      {
         let (mut file, mut spool, allow, done) = gated();
-        let much = vec![b'x'; PATIENCE_BYTES as usize + 1];
+        let much = vec![b'x'; MOST_WAITING_BYTES as usize + 1];
         for piece in [&much[..], b" dropped", b" too"] {
             spool.write_all(piece).unwrap();
             spool.settle_or_drop();
         }
         assert!(spool.is_overfull());
-        assert_eq!(spool.written(), PATIENCE_BYTES + 1);
+        assert_eq!(spool.written(), MOST_WAITING_BYTES + 1);
         assert!(
             spool
                 .gap()
@@ -539,7 +499,7 @@ mod tests {
         spool.write_all(b" kept").unwrap();
         spool.settle_or_drop();
         allow.send(()).unwrap();
-        assert_eq!(spool.rest(), PATIENCE_BYTES + 6);
+        assert_eq!(spool.rest(), MOST_WAITING_BYTES + 6);
         assert_eq!(text(&mut file).trim_start_matches('x'), " kept");
         assert!(spool.gap().is_some(), "what was dropped stays so");
     }
@@ -566,52 +526,44 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_with_too_little_room_is_left_alone_and_said_so() {
+    fn a_disk_with_too_little_room_is_left_alone_and_a_file_that_cannot_be_written_is_no_failure() {
         let file = tempfile::tempfile().unwrap();
-        let mut spool = AsyncWriter::new(file.try_clone().unwrap(), u64::MAX >> 1).unwrap();
-        spool.write_all(&[0; 100]).unwrap();
-        assert_eq!((spool.rest(), file.metadata().unwrap().len()), (0, 0));
-        assert!(spool.refused().unwrap().contains("left free on the disk"));
-        assert!(!spool.is_overfull());
-        spool.write_all(&vec![0; PATIENCE_BYTES as usize]).unwrap();
-        spool.settle();
-        assert!(spool.is_overfull());
-    }
-
-    #[test]
-    fn a_file_that_cannot_be_written_is_no_failure_of_the_writer() {
-        let mut spool = AsyncWriter::new(File::open("/dev/null").unwrap(), 0).unwrap();
-        spool.write_all(b"lost").unwrap();
-        assert_eq!(spool.rest(), 0);
-        assert!(
+        let null = File::open("/dev/null").unwrap();
+        for (disk, left_free, why) in [
+            (
+                file.try_clone().unwrap(),
+                u64::MAX >> 1,
+                "left free on the disk",
+            ),
+            (null, 0, "Bad file descriptor"),
+        ] {
+            let mut spool = AsyncWriter::new(disk, left_free).unwrap();
+            spool.write_all(&[0; 100]).unwrap();
+            assert_eq!((spool.rest(), file.metadata().unwrap().len()), (0, 0));
+            assert!(spool.refused().unwrap().contains(why), "{why}");
+            assert!(!spool.is_overfull());
             spool
-                .refused()
-                .is_some_and(|reason| reason.contains("Bad file descriptor")),
-            "{:?}",
-            spool.refused()
-        );
+                .write_all(&vec![0; MOST_WAITING_BYTES as usize])
+                .unwrap();
+            spool.settle();
+            assert!(spool.is_overfull());
+        }
     }
 
     #[test]
     fn what_a_full_disk_took_of_a_piece_is_taken_back() {
         struct Full(File);
         impl Disk for Full {
-            fn free(&self) -> Option<u64> {
-                None
+            fn file(&self) -> io::Result<&File> {
+                Ok(&self.0)
             }
+
             fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
                 let fits = bytes.len().min(7 - place as usize);
                 self.0.write_all_at(&bytes[..fits], place)?;
-                if fits == bytes.len() {
-                    Ok(())
-                } else {
-                    Err(io::Error::from(io::ErrorKind::StorageFull))
+                if fits < bytes.len() {
+                    return Err(io::ErrorKind::StorageFull.into());
                 }
-            }
-            fn cut(&self, length: u64) -> io::Result<()> {
-                self.0.set_len(length)
-            }
-            fn sync(&self) -> io::Result<()> {
                 Ok(())
             }
         }
@@ -633,7 +585,7 @@ mod tests {
             let begun = Instant::now();
             drop(spool);
             assert!(
-                begun.elapsed() < END_PATIENCE,
+                begun.elapsed() < END_TIMEOUT,
                 "it was waited for a thread that says nothing any more"
             );
         }

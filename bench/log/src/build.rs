@@ -10,38 +10,27 @@ const UNKNOWN: &str = "unknown";
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Build {
     pub version: String,
-    /// Commit of the sources in short.
     pub commit: String,
-    /// Whether the sources of the executable were changed since that commit.
     pub dirty: bool,
     pub profile: String,
     pub rustc: String,
-    /// Machine that it is built for.
     pub target: String,
 }
 
 impl Build {
     /// The same of a version that is known from elsewhere, where this one knows nothing.
     pub fn of_version(&self, version: &str) -> Self {
-        let is_unknown = *self == Self::default();
-        Self {
-            version: if is_unknown {
-                version.to_owned()
-            } else {
-                self.version.clone()
-            },
-            ..self.clone()
+        let mut build = self.clone();
+        if build == Self::default() {
+            build.version = version.to_owned();
         }
+        build
     }
 
     /// Commit and profile in one word: `7fa27a4-dirty-release`.
     pub fn token(&self) -> String {
-        format!(
-            "{}{}-{}",
-            self.commit,
-            if self.dirty { "-dirty" } else { "" },
-            self.profile
-        )
+        let dirty = if self.dirty { "-dirty" } else { "" };
+        format!("{}{dirty}-{}", self.commit, self.profile)
     }
 
     /// How it compares with another one, as a sentence can end.
@@ -86,11 +75,8 @@ impl fmt::Display for Build {
         if commit == UNKNOWN && profile == UNKNOWN {
             return write!(f, "{version} (build unknown)");
         }
-        write!(
-            f,
-            "{version} ({commit}{}, {profile}, rustc {rustc})",
-            if *dirty { " dirty" } else { "" }
-        )
+        let dirty = if *dirty { " dirty" } else { "" };
+        write!(f, "{version} ({commit}{dirty}, {profile}, rustc {rustc})")
     }
 }
 
@@ -117,13 +103,8 @@ mod tests {
             dirty: false,
             ..build.clone()
         };
-        assert_eq!(
-            (clean.to_string(), clean.token().as_str()),
-            (
-                "0.1.0 (7fa27a4, release, rustc 1.95.0)".into(),
-                "7fa27a4-release"
-            )
-        );
+        assert_eq!(clean.to_string(), "0.1.0 (7fa27a4, release, rustc 1.95.0)");
+        assert_eq!(clean.token(), "7fa27a4-release");
         let debug = Build {
             profile: "debug".into(),
             ..clean.clone()

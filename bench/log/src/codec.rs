@@ -7,19 +7,17 @@
 //!
 //! What a law shows in its stage's message is left out: it has a message of its own, with names ([`crate::telemetry`]).
 
-use messages::header::{Header, Message};
+use messages::header::Message;
 use messages::layout::{Field, Kind, Visit, Visitor, VisitorMut};
 use messages::telemetry::Telemetry;
 use messages::topic::Topic;
 
 pub const ENVELOPE_NUMBER: u32 = 1;
-/// Number of the content's first field.
 pub const CONTENT_NUMBER: u32 = 2;
 
 const FIXED64: u32 = 1;
 const LENGTH_DELIMITED: u32 = 2;
 
-/// A content that the flight log holds.
 pub trait Logged: Topic + Visit {}
 
 impl<C: Topic + Visit> Logged for C {}
@@ -42,10 +40,7 @@ pub fn encode<C: Logged>(message: &Message<C>, out: &mut Vec<u8>) {
 
 /// Reads a message, without what a law shows in it; `None` where the bytes are not one.
 pub fn decode<C: Logged>(bytes: &[u8]) -> Option<Message<C>> {
-    let mut message = Message {
-        envelope: Header::new(),
-        content: C::default(),
-    };
+    let mut message = Message::default();
     decode_into(bytes, &mut message).then_some(message)
 }
 
@@ -87,7 +82,6 @@ pub(crate) fn take_word(number: u32, bytes: &mut &[u8]) -> Option<u64> {
 
 /// A struct that stands within a message.
 trait Nested: Visit {
-    /// Length of its fields [bytes].
     const LENGTH: usize = encoded_length(Self::FIELDS, ENVELOPE_NUMBER);
 }
 
@@ -186,7 +180,6 @@ impl Visitor for Encoder<'_> {
 struct Decoder<'a> {
     bytes: &'a [u8],
     number: u32,
-    /// Whether everything so far was as expected.
     whole: bool,
 }
 
@@ -196,11 +189,7 @@ impl Decoder<'_> {
     fn expect(&mut self, mut value: u64) {
         loop {
             let is_last = value < 0x80;
-            let byte = if is_last {
-                value as u8
-            } else {
-                value as u8 | 0x80
-            };
+            let byte = value as u8 | if is_last { 0 } else { 0x80 };
             match self.bytes.split_first() {
                 Some((first, rest)) if *first == byte => self.bytes = rest,
                 _ => self.whole = false,
@@ -243,11 +232,8 @@ impl Decoder<'_> {
             Default::default()
         });
         self.bytes = rest;
-        words
-            .as_chunks()
-            .0
-            .iter()
-            .map(|word| u64::from_le_bytes(*word))
+        let words = words.as_chunks().0.iter();
+        words.map(|word| u64::from_le_bytes(*word))
     }
 }
 
@@ -255,19 +241,17 @@ impl VisitorMut for Decoder<'_> {
     #[inline]
     fn integers(&mut self, field: &'static Field, values: &mut [u64]) {
         let words = self.words(field, values.len());
-        values
-            .iter_mut()
-            .zip(words)
-            .for_each(|(value, word)| *value = word);
+        for (value, word) in values.iter_mut().zip(words) {
+            *value = word;
+        }
     }
 
     #[inline]
     fn numbers(&mut self, field: &'static Field, values: &mut [f64]) {
         let words = self.words(field, values.len());
-        values
-            .iter_mut()
-            .zip(words)
-            .for_each(|(value, word)| *value = f64::from_bits(word));
+        for (value, word) in values.iter_mut().zip(words) {
+            *value = f64::from_bits(word);
+        }
     }
 
     #[inline]
@@ -288,7 +272,6 @@ mod tests {
 
     use super::*;
 
-    /// Fills every field with words of its own.
     struct Fill<F>(F);
 
     impl<F: FnMut() -> u64> VisitorMut for Fill<F> {

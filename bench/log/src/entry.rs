@@ -1,16 +1,19 @@
-//! A message of one of the topics of the flight log.
+//! A message of one of the topics of the flight log, and what is known of each topic before its first message.
+
+use std::collections::BTreeMap;
 
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::header::{Header, Message};
 use messages::monitor::Monitor;
+use messages::role::Role;
 use messages::telemetry::Telemetry;
 
-use crate::TOPICS;
+use crate::codec::Logged;
+use crate::{TOPICS, rows, schema, units};
 
 /// Messages per topic, in the order of [`TOPICS`].
 pub type Counts = [u64; TOPICS.len()];
 
-/// A message of one of the topics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[allow(
     clippy::large_enum_variant,
@@ -25,31 +28,64 @@ pub enum LogEntry {
     Theorem(Message<Monitor>),
 }
 
+/// The same for a message of any topic: `with_message!(entry, message => message.envelope.tick)`.
+#[macro_export]
+macro_rules! with_message {
+    ($entry:expr, $message:ident => $same:expr) => {
+        match $entry {
+            $crate::entry::LogEntry::State($message) => $same,
+            $crate::entry::LogEntry::Setpoint($message) => $same,
+            $crate::entry::LogEntry::Wrench($message) => $same,
+            $crate::entry::LogEntry::RotorSpeeds($message) => $same,
+            $crate::entry::LogEntry::Swap($message) => $same,
+            $crate::entry::LogEntry::Theorem($message) => $same,
+        }
+    };
+}
+pub use with_message;
+
+/// What is known of a topic before its first message.
+pub struct TopicFormat {
+    pub name: &'static str,
+    pub sender: Role,
+    pub schema_name: fn() -> String,
+    pub descriptor_set: fn() -> Vec<u8>,
+    /// Units and frames of its fields.
+    pub describe: fn() -> BTreeMap<String, String>,
+    pub columns: fn() -> Vec<String>,
+    pub(crate) empty: fn() -> LogEntry,
+}
+
+impl TopicFormat {
+    const fn of<C: Logged>(empty: fn() -> LogEntry) -> Self {
+        Self {
+            name: C::NAME,
+            sender: C::SENDER,
+            schema_name: schema::name::<C>,
+            descriptor_set: schema::descriptor_set::<C>,
+            describe: units::describe::<C>,
+            columns: rows::columns::<C>,
+            empty,
+        }
+    }
+}
+
+/// In the order of [`TOPICS`].
+pub const FORMATS: [TopicFormat; TOPICS.len()] = [
+    TopicFormat::of::<State>(|| LogEntry::State(Message::default())),
+    TopicFormat::of::<Setpoint>(|| LogEntry::Setpoint(Message::default())),
+    TopicFormat::of::<Wrench>(|| LogEntry::Wrench(Message::default())),
+    TopicFormat::of::<RotorSpeeds>(|| LogEntry::RotorSpeeds(Message::default())),
+    TopicFormat::of::<SwapRecord>(|| LogEntry::Swap(Message::default())),
+    TopicFormat::of::<Monitor>(|| LogEntry::Theorem(Message::default())),
+];
+
 impl LogEntry {
-    /// An empty message of a topic, by its place in [`TOPICS`].
-    pub(crate) fn empty(topic: usize) -> Self {
-        match topic {
-            0 => Self::State(Message::default()),
-            1 => Self::Setpoint(Message::default()),
-            2 => Self::Wrench(Message::default()),
-            3 => Self::RotorSpeeds(Message::default()),
-            4 => Self::Swap(Message::default()),
-            _ => Self::Theorem(Message::default()),
-        }
-    }
-
     pub const fn envelope(&self) -> &Header {
-        match self {
-            Self::State(message) => &message.envelope,
-            Self::Setpoint(message) => &message.envelope,
-            Self::Wrench(message) => &message.envelope,
-            Self::RotorSpeeds(message) => &message.envelope,
-            Self::Swap(message) => &message.envelope,
-            Self::Theorem(message) => &message.envelope,
-        }
+        with_message!(self, message => &message.envelope)
     }
 
-    /// What the law of its sender shows in it; none where the sender has no law.
+    /// The signals of its sender's law; none where the sender has no law.
     pub(crate) const fn telemetry_mut(&mut self) -> Option<&mut Telemetry> {
         match self {
             Self::Setpoint(message) => Some(&mut message.content.telemetry),

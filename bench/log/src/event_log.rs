@@ -26,8 +26,10 @@ pub struct EventLog {
     /// Ticks that are kept, in order and apart from each other.
     kept: VecDeque<RangeInclusive<u64>>,
     newest: Option<Seen>,
-    stretches: u64,
-    left_out: Counts,
+    /// How many stretches are kept, apart from each other.
+    pub stretches: u64,
+    /// Messages that no event wanted; those that wait are not among them.
+    pub left_out: Counts,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -73,16 +75,6 @@ impl EventLog {
         self.waiting
             .drain(..)
             .for_each(|entry| self.left_out[entry.topic()] += 1);
-    }
-
-    /// Messages that no event wanted; those that wait are not among them.
-    pub const fn left_out(&self) -> Counts {
-        self.left_out
-    }
-
-    /// How many stretches are kept, apart from each other.
-    pub const fn stretches(&self) -> u64 {
-        self.stretches
     }
 
     /// The ticks of an event that a state tells of.
@@ -157,34 +149,21 @@ fn is_in(kept: &VecDeque<RangeInclusive<u64>>, tick: u64) -> bool {
 #[cfg(test)]
 mod tests {
     use messages::content::{SwapRecord, Wrench};
-    use messages::header::Header;
 
     use super::*;
 
-    fn envelope(tick: u64) -> Header {
-        Header {
-            tick,
-            ..Header::new()
-        }
-    }
-
     fn state(tick: u64, deadlines_missed: u64, parameter_epoch: u64) -> LogEntry {
-        let content = State {
-            deadlines_missed,
-            parameter_epoch,
-            ..State::default()
-        };
-        LogEntry::State(Message {
-            envelope: envelope(tick),
-            content,
-        })
+        let mut message = Message::<State>::default();
+        message.envelope.tick = tick;
+        message.content.deadlines_missed = deadlines_missed;
+        message.content.parameter_epoch = parameter_epoch;
+        LogEntry::State(message)
     }
 
     fn wrench(tick: u64) -> LogEntry {
-        LogEntry::Wrench(Message {
-            envelope: envelope(tick),
-            content: Wrench::default(),
-        })
+        let mut message = Message::<Wrench>::default();
+        message.envelope.tick = tick;
+        LogEntry::Wrench(message)
     }
 
     /// Ticks of the states and of the wrenches that are kept of a flight, which is drained `batch` ticks at a time,
@@ -233,7 +212,7 @@ mod tests {
                 "drained {batch} at a time"
             );
             assert_eq!(
-                (excerpt.stretches(), excerpt.left_out()),
+                (excerpt.stretches, excerpt.left_out),
                 (4, [422, 0, 422, 0, 0, 0])
             );
         }
@@ -258,10 +237,9 @@ mod tests {
     fn a_swap_is_always_kept() {
         let mut excerpt = EventLog::new(5);
         (0..100).for_each(|tick| excerpt.take(state(tick, 0, 0), |_| ()));
-        let swap = LogEntry::Swap(Message {
-            envelope: envelope(50),
-            content: SwapRecord::default(),
-        });
+        let mut swap = Message::<SwapRecord>::default();
+        swap.envelope.tick = 50;
+        let swap = LogEntry::Swap(swap);
         let mut kept = 0;
         excerpt.take(swap, |_| kept += 1);
         assert_eq!(kept, 1);
@@ -279,6 +257,6 @@ mod tests {
             );
         }
         // It would wait for what it has forgotten, were nothing left out.
-        assert!(excerpt.left_out()[0] > 30_000, "{:?}", excerpt.left_out());
+        assert!(excerpt.left_out[0] > 30_000, "{:?}", excerpt.left_out);
     }
 }

@@ -9,7 +9,6 @@ use messages::telemetry::Signals;
 pub const FORMAT: &str = "ironbird-log/1";
 /// Name of the record that says which run it is, and how its clocks go.
 pub const RUN: &str = "run";
-/// Name of the record with the settings.
 pub const SETTINGS: &str = "settings";
 /// What [`SETTINGS`] calls the points of the trajectory, where it has some: the file as it was read.
 pub const POINTS: &str = "trajectory.csv";
@@ -20,7 +19,6 @@ pub const FAULTS: &str = "faults";
 /// Name of the record with the faults that were injected in flight, by number, in the words that plan the same. Each
 /// time there were more it is written again, with all of them; the last one counts. There is none without such faults.
 pub const INJECTED: &str = "faults_injected";
-/// Name of the record with the machine.
 pub const HOST: &str = "host";
 /// Name of the record with what each process asked of the system, and was granted.
 pub const REALTIME: &str = "realtime";
@@ -31,7 +29,6 @@ pub const LANDING: &str = "landing";
 /// What [`LANDING`] calls the file that goes on.
 pub const CONTINUED_IN: &str = "continued_in";
 
-/// Names and texts of a record.
 pub type Record = BTreeMap<String, String>;
 
 /// What a log says at its begin.
@@ -67,12 +64,10 @@ impl LogPlan {
         files: None,
     };
 
-    /// What is kept, in a word.
     pub const fn kept(&self) -> &'static str {
-        if self.around_ticks.is_some() {
-            AROUND_MISSES
-        } else {
-            ALL
+        match self.around_ticks {
+            Some(_) => AROUND_MISSES,
+            None => ALL,
         }
     }
 }
@@ -81,11 +76,9 @@ impl LogPlan {
 pub const ALL: &str = "all";
 /// What a log keeps that holds excerpts.
 pub const AROUND_MISSES: &str = "around-misses";
-/// What is kept where there is no log.
 pub const OFF: &str = "off";
 
 impl Facts {
-    /// The records of a file of the log by name.
     pub(crate) fn records(&self, part: u64) -> impl Iterator<Item = (&'static str, Record)> {
         let around_ticks = self.plan.around_ticks.unwrap_or(0).to_string();
         let kept = record(&[
@@ -98,8 +91,6 @@ impl Facts {
 }
 
 pub fn record(pairs: &[(&str, &str)]) -> Record {
-    pairs
-        .iter()
-        .map(|(name, text)| ((*name).to_owned(), (*text).to_owned()))
-        .collect()
+    let owned = |(name, text): &(&str, &str)| ((*name).to_owned(), (*text).to_owned());
+    pairs.iter().map(owned).collect()
 }

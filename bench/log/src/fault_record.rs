@@ -18,10 +18,9 @@ const LONGEST: u64 = 1 << 20;
 pub fn injected(log: &Path) -> Result<Vec<String>, Failure> {
     let mut faults = Vec::new();
     for part in 0.. {
-        let path = if part == 0 {
-            log.to_owned()
-        } else {
-            log.with_file_name(crate::file_name(part))
+        let path = match part {
+            0 => log.to_owned(),
+            part => log.with_file_name(crate::file_name(part)),
         };
         if part > 0 && !(log.ends_with(crate::FILE) && path.exists()) {
             break;
@@ -34,7 +33,6 @@ pub fn injected(log: &Path) -> Result<Vec<String>, Failure> {
     Ok(faults)
 }
 
-/// Goes from record to record, and looks into those that are facts.
 fn in_file(file: &mut File) -> io::Result<Vec<String>> {
     let length = file.seek(SeekFrom::End(0))?;
     let (mut place, mut faults) = (MAGIC, Vec::new());

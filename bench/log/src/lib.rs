@@ -59,7 +59,6 @@ pub const TOPICS: [&str; 6] = [
     Monitor::NAME,
 ];
 
-/// Every topic that a log can contain.
 pub fn topics() -> impl Iterator<Item = &'static str> {
     TOPICS.into_iter().chain(telemetry::TELEMETRY_TOPICS)
 }

@@ -5,15 +5,14 @@
 
 use crate::async_writer::AsyncWriter;
 use crate::codec::{Logged, encode};
-use crate::entry::{Counts, LogEntry};
+use crate::entry::{Counts, FORMATS, LogEntry, with_message};
 use crate::facts::{Facts, LANDING, Record};
 use crate::scene::Placed;
 use crate::telemetry::{BESIDE, TelemetryTopic, place};
-use crate::{TOPICS, scene, schema, units};
+use crate::{TOPICS, scene, units};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{Compression, McapError, WriteOptions, Writer};
-use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::grid::{NS_PER_S, Pace};
 use messages::header::Message;
 use messages::monitor::Monitor;
@@ -33,19 +32,17 @@ const LOCKSTEP_LEVEL: u32 = 1;
 
 /// What became of the messages of a file so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct FileFate {
-    /// Its length [bytes].
-    pub(super) bytes: u64,
+pub(crate) struct FileFate {
+    pub bytes: u64,
     /// Messages in it, or on their way to a disk that has taken everything so far.
-    pub(super) written: Counts,
-    pub(super) dropped: Counts,
+    pub written: Counts,
+    pub dropped: Counts,
 }
 
 /// Messages of a channel, each with what belongs right behind it.
 type Part = Vec<(MessageHeader, Vec<u8>)>;
 
-/// A file that is being written.
-pub(super) struct LogFile {
+pub(crate) struct LogFile {
     writer: Writer<NoSeek<AsyncWriter>>,
     spool: AsyncWriter,
     pace: Pace,
@@ -72,7 +69,7 @@ pub(super) struct LogFile {
 
 impl LogFile {
     /// A file with its schemas and facts, before its first message; `newest_sample_ns` is of the file before it.
-    pub(super) fn begin(
+    pub fn begin(
         spool: AsyncWriter,
         facts: &Facts,
         part: u64,
@@ -81,10 +78,9 @@ impl LogFile {
         let options = WriteOptions::new()
             .library(concat!("ironbird ", env!("CARGO_PKG_VERSION")))
             .compression(Some(Compression::Zstd))
-            .compression_level(if facts.pace == Pace::Lockstep {
-                LOCKSTEP_LEVEL
-            } else {
-                LEVEL
+            .compression_level(match facts.pace {
+                Pace::Lockstep => LOCKSTEP_LEVEL,
+                Pace::Realtime(_) => LEVEL,
             })
             // Chunks go to the spool whole, compressed by this thread; they end when they are told to.
             .compression_threads(0)
@@ -92,32 +88,37 @@ impl LogFile {
             .chunk_size(None);
         let mut writer = Writer::with_options(NoSeek::new(spool.clone()), options)?;
         for (name, metadata) in facts.records(part) {
-            writer.write_metadata(&Metadata {
-                name: name.into(),
-                metadata,
-            })?;
+            let name = name.into();
+            writer.write_metadata(&Metadata { name, metadata })?;
         }
         let shown = LAW_ROLES.map(|role| TelemetryTopic::new(role, facts.signals.of(role)));
-        let mut channels = Channels {
-            writer: &mut writer,
-            shown: &shown,
-            channels: BTreeMap::new(),
-        };
-        channels.add::<State>(None)?;
-        channels.add::<Setpoint>(None)?;
-        channels.add::<Wrench>(None)?;
-        channels.add::<RotorSpeeds>(None)?;
-        channels.add::<SwapRecord>(None)?;
-        channels.add::<Monitor>(facts.no_theorem.as_deref())?;
-        let mut channels = channels.channels;
-        let telemetry = add_telemetry(&mut writer, shown)?;
+        let mut channels = BTreeMap::new();
+        for topic in FORMATS {
+            let mut metadata = (topic.describe)();
+            let shown = place(topic.sender).and_then(|place| shown[place].as_ref());
+            metadata.extend(shown.map(|shown| (BESIDE.to_owned(), shown.topic().to_owned())));
+            let why_not = facts.no_theorem.as_deref();
+            let why_not = why_not.filter(|_| topic.name == Monitor::NAME);
+            metadata.extend(why_not.map(units::not_applicable));
+            let set = (topic.descriptor_set)();
+            let schema = writer.add_schema(&(topic.schema_name)(), "protobuf", &set)?;
+            let channel = writer.add_channel(schema, topic.name, "protobuf", &metadata)?;
+            channels.insert(topic.name, channel);
+        }
+        let mut telemetry = [const { None }; LAW_ROLES.len()];
+        for (telemetry, shown) in telemetry.iter_mut().zip(shown) {
+            let Some(shown) = shown else { continue };
+            let set = shown.descriptor_set();
+            let schema = writer.add_schema(&shown.schema_name(), "protobuf", &set)?;
+            let metadata = shown.metadata();
+            let channel = writer.add_channel(schema, shown.topic(), "protobuf", &metadata)?;
+            *telemetry = Some((channel, shown));
+        }
         let set = scene::descriptor_set();
         for (topic, schema) in scene::CHANNELS {
             let schema = writer.add_schema(schema, "protobuf", &set)?;
-            channels.insert(
-                topic,
-                writer.add_channel(schema, topic, "protobuf", &BTreeMap::new())?,
-            );
+            let channel = writer.add_channel(schema, topic, "protobuf", &BTreeMap::new())?;
+            channels.insert(topic, channel);
         }
         let mut file = Self {
             writer,
@@ -143,21 +144,13 @@ impl LogFile {
     }
 
     /// Takes a message, and every few ticks puts airframe and reference into the scene.
-    pub(super) fn take(&mut self, entry: &LogEntry) {
+    pub fn take(&mut self, entry: &LogEntry) {
         self.taken[entry.topic()] += 1;
+        with_message!(entry, message => self.write(message));
         match entry {
-            LogEntry::State(message) => {
-                self.write(message);
-                self.place(message, Placed::airframe);
-            }
-            LogEntry::Setpoint(message) => {
-                self.write(message);
-                self.place(message, Placed::reference);
-            }
-            LogEntry::Wrench(message) => self.write(message),
-            LogEntry::RotorSpeeds(message) => self.write(message),
-            LogEntry::Swap(message) => self.write(message),
-            LogEntry::Theorem(message) => self.write(message),
+            LogEntry::State(message) => self.place(message, Placed::airframe),
+            LogEntry::Setpoint(message) => self.place(message, Placed::reference),
+            _ => {}
         }
     }
 
@@ -166,18 +159,13 @@ impl LogFile {
         let mut bytes = Vec::new();
         encode(message, &mut bytes);
         let log_time = self.log_time(message);
+        // Where the sender is no stage there is no send time, and MCAP asks for the log time.
+        let sent_ns = envelope.stamps_of(C::SENDER).send_ns;
         let header = MessageHeader {
-            channel_id: self
-                .channels
-                .get(<C as Topic>::NAME)
-                .copied()
-                .unwrap_or_default(),
+            channel_id: self.channels[<C as Topic>::NAME],
             sequence: envelope.seq as u32,
             log_time,
-            // Where the sender is no stage there is none, and MCAP asks for the other one.
-            publish_time: Some(envelope.stamps_of(C::SENDER).send_ns)
-                .filter(|sent_ns| *sent_ns > 0)
-                .unwrap_or(log_time),
+            publish_time: if sent_ns > 0 { sent_ns } else { log_time },
         };
         self.newest_sample_ns = self.newest_sample_ns.max(envelope.sample_ns);
         let part = header.channel_id;
@@ -186,14 +174,13 @@ impl LogFile {
             && let Some((channel_id, shown)) =
                 place(C::SENDER).and_then(|place| self.telemetry[place].as_ref())
         {
-            let (header, mut bytes) = (
-                MessageHeader {
-                    channel_id: *channel_id,
-                    ..header
-                },
-                Vec::new(),
-            );
+            let mut bytes = Vec::new();
             shown.encode(envelope.tick, telemetry, &mut bytes);
+            let channel_id = *channel_id;
+            let header = MessageHeader {
+                channel_id,
+                ..header
+            };
             self.add(part, header, bytes);
         }
     }
@@ -222,13 +209,9 @@ impl LogFile {
         let publish_time = message.envelope.stamps_of(C::SENDER).send_ns;
         for (channel, bytes) in placed.messages() {
             let header = MessageHeader {
-                channel_id: self
-                    .channels
-                    .get(scene::CHANNELS[channel].0)
-                    .copied()
-                    .unwrap_or_default(),
+                channel_id: self.channels[scene::CHANNELS[channel].0],
                 sequence: self.scene_sequence[channel],
-                log_time: placed.at_ns(),
+                log_time: placed.at_ns,
                 publish_time,
             };
             self.scene_sequence[channel] += 1;
@@ -240,7 +223,7 @@ impl LogFile {
     /// chunk is handed over.
     ///
     /// By the clock, one channel per call: compressing a whole chunk takes several ticks and would disturb the loops.
-    pub(super) fn keep(&mut self, now_ns: u64) -> Result<bool, McapError> {
+    pub fn keep(&mut self, now_ns: u64) -> Result<bool, McapError> {
         if self.ending.is_empty() {
             if now_ns < self.next_chunk_ns && self.chunk_bytes < CHUNK_BYTES {
                 return Ok(false);
@@ -248,12 +231,10 @@ impl LogFile {
             self.next_chunk_ns = now_ns + CHUNK_NS;
             self.begin_end();
         }
-        let at_once = if self.pace == Pace::Lockstep {
-            self.ending.len()
-        } else {
-            1
-        };
-        self.compress(at_once)?;
+        self.compress(match self.pace {
+            Pace::Lockstep => usize::MAX,
+            Pace::Realtime(_) => 1,
+        })?;
         let is_handed_over = self.ending.is_empty();
         if is_handed_over {
             self.hand_over()?;
@@ -305,22 +286,21 @@ impl LogFile {
     }
 
     /// Length of the file when everything that was handed over is there [bytes].
-    pub(super) fn length(&self) -> u64 {
+    pub fn length(&self) -> u64 {
         self.spool.written()
     }
 
     /// When the newest message was sampled [ns].
-    pub(super) const fn newest_sample_ns(&self) -> u64 {
+    pub const fn newest_sample_ns(&self) -> u64 {
         self.newest_sample_ns
     }
 
-    /// Why the disk did not take something, the first time.
-    pub(super) fn refused(&self) -> Option<String> {
+    pub fn refused(&self) -> Option<String> {
         self.spool.refused()
     }
 
     /// What became of the messages so far.
-    pub(super) fn fate(&self) -> FileFate {
+    pub fn fate(&self) -> FileFate {
         // A recorder that dies now leaves what has settled: what waits for a full disk is not promised.
         let (bytes, written) = if self.spool.refused().is_some() {
             self.settled
@@ -335,19 +315,14 @@ impl LogFile {
     }
 
     /// Writes a fact that was not known at the beginning.
-    pub(super) fn tell(&mut self, name: &str, metadata: Record) -> Result<(), McapError> {
-        self.writer.write_metadata(&Metadata {
-            name: name.into(),
-            metadata,
-        })
+    pub fn tell(&mut self, name: &str, metadata: Record) -> Result<(), McapError> {
+        let name = name.into();
+        self.writer.write_metadata(&Metadata { name, metadata })
     }
 
     /// Ends the file with its last facts and its index, and hands them to the disk without waiting.
-    pub(super) fn close(&mut self, last_facts: Record) -> Result<(), McapError> {
-        self.writer.write_metadata(&Metadata {
-            name: LANDING.into(),
-            metadata: last_facts,
-        })?;
+    pub fn close(&mut self, last_facts: Record) -> Result<(), McapError> {
+        self.tell(LANDING, last_facts)?;
         self.end_chunk()?;
         self.writer.finish()?;
         self.chunks.push_back((self.spool.written(), self.ended));
@@ -356,13 +331,13 @@ impl LogFile {
     }
 
     /// Whether the disk has all of a file that was closed.
-    pub(super) fn is_on_disk(&mut self) -> bool {
+    pub fn is_on_disk(&mut self) -> bool {
         self.settle();
         self.chunks.is_empty() && self.spool.is_at_rest()
     }
 
     /// Waits until the disk has all of a file that was closed, or takes nothing more.
-    pub(super) fn wait(&mut self) {
+    pub fn wait(&mut self) {
         self.spool.finish();
         self.settle();
     }
@@ -373,62 +348,17 @@ fn less(all: Counts, others: Counts) -> Counts {
     std::array::from_fn(|topic| all[topic] - others[topic])
 }
 
-/// The topics of a file that is begun.
-struct Channels<'a> {
-    writer: &'a mut Writer<NoSeek<AsyncWriter>>,
-    shown: &'a [Option<TelemetryTopic>],
-    channels: BTreeMap<&'static str, u16>,
-}
-
-impl Channels<'_> {
-    /// Adds a topic; says why it does not apply, where it does not.
-    fn add<C: Logged>(&mut self, why_not: Option<&str>) -> Result<(), McapError> {
-        let topic = <C as Topic>::NAME;
-        let mut metadata = units::describe::<C>();
-        let shown = place(C::SENDER).and_then(|place| self.shown[place].as_ref());
-        metadata.extend(shown.map(|shown| (BESIDE.to_owned(), shown.topic().to_owned())));
-        metadata.extend(why_not.map(units::not_applicable));
-        let schema = self.writer.add_schema(
-            &schema::name::<C>(),
-            "protobuf",
-            &schema::descriptor_set::<C>(),
-        )?;
-        self.channels.insert(
-            topic,
-            self.writer
-                .add_channel(schema, topic, "protobuf", &metadata)?,
-        );
-        Ok(())
-    }
-}
-
-/// Adds the topics of what the laws show.
-fn add_telemetry(
-    writer: &mut Writer<NoSeek<AsyncWriter>>,
-    shown: [Option<TelemetryTopic>; LAW_ROLES.len()],
-) -> Result<[Option<(u16, TelemetryTopic)>; LAW_ROLES.len()], McapError> {
-    let mut added = [const { None }; LAW_ROLES.len()];
-    for (added, shown) in added.iter_mut().zip(shown) {
-        let Some(shown) = shown else { continue };
-        let schema =
-            writer.add_schema(&shown.schema_name(), "protobuf", &shown.descriptor_set())?;
-        let channel = writer.add_channel(schema, shown.topic(), "protobuf", &shown.metadata())?;
-        *added = Some((channel, shown));
-    }
-    Ok(added)
-}
-
-#[cfg(test)]
-#[path = "file/tests.rs"]
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::async_writer::Disk;
     use crate::facts::LogPlan;
     use crate::writer::FlightLog;
+    use messages::content::State;
     use messages::telemetry::Signals;
     use std::fs::File;
     use std::io;
+    use std::os::unix::fs::FileExt as _;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering};
     use std::time::Duration;
@@ -436,41 +366,36 @@ mod tests {
     struct FullDisk;
 
     impl Disk for FullDisk {
-        fn free(&self) -> Option<u64> {
-            Some(0)
-        }
-
-        fn write_at(&self, _: &[u8], _: u64) -> io::Result<()> {
+        fn file(&self) -> io::Result<&File> {
             unreachable!("there is no room")
         }
 
-        fn cut(&self, _: u64) -> io::Result<()> {
-            Ok(())
-        }
-
-        fn sync(&self) -> io::Result<()> {
-            Ok(())
+        fn free(&self) -> Option<u64> {
+            Some(0)
         }
     }
 
-    #[test]
-    fn what_waits_for_a_full_disk_is_not_said_to_be_in_the_file() {
-        let plan = LogPlan::WHOLE;
-        let facts = Facts {
+    fn facts(plan: LogPlan) -> Facts {
+        let run = [("version", env!("CARGO_PKG_VERSION"))];
+        Facts {
             pace: Pace::Lockstep,
             sample_time_ns: 1_000_000,
             plan,
             signals: Signals::default(),
             no_theorem: None,
-            records: Vec::new(),
-        };
-        let mut file =
-            LogFile::begin(AsyncWriter::new(FullDisk, 1).unwrap(), &facts, 0, 0).unwrap();
-        let state = Message {
-            envelope: messages::header::Header::new(),
-            content: State::default(),
-        };
-        file.take(&LogEntry::State(state));
+            records: vec![(crate::facts::RUN, crate::facts::record(&run))],
+        }
+    }
+
+    fn file(disk: impl Disk) -> LogFile {
+        let spool = AsyncWriter::new(disk, 1).unwrap();
+        LogFile::begin(spool, &facts(LogPlan::WHOLE), 0, 0).unwrap()
+    }
+
+    #[test]
+    fn what_waits_for_a_full_disk_is_not_said_to_be_in_the_file() {
+        let mut file = file(FullDisk);
+        file.take(&LogEntry::State(Message::default()));
         while file.refused().is_none() {
             std::thread::sleep(Duration::from_millis(1));
         }
@@ -495,18 +420,11 @@ mod tests {
             let mut length = 0;
             let mut states = Vec::new();
             while length < CHUNK_BYTES {
-                let mut state = Message {
-                    envelope: messages::header::Header::new(),
-                    content: State::default(),
-                };
+                let mut state = Message::<State>::default();
                 (state.envelope.tick, self.tick) = (self.tick, self.tick + 1);
-                for value in state
-                    .content
-                    .measured
-                    .position_w_m
-                    .iter_mut()
-                    .chain(&mut state.content.measured.velocity_w_m_s)
-                {
+                let measured = &mut state.content.measured;
+                let velocity_w_m_s = &mut measured.velocity_w_m_s;
+                for value in measured.position_w_m.iter_mut().chain(velocity_w_m_s) {
                     self.word = self
                         .word
                         .wrapping_mul(6_364_136_223_846_793_005)
@@ -525,23 +443,15 @@ mod tests {
     struct Stuck(File, Arc<AtomicBool>);
 
     impl Disk for Stuck {
-        fn free(&self) -> Option<u64> {
-            None
+        fn file(&self) -> io::Result<&File> {
+            Ok(&self.0)
         }
 
         fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
             while !self.1.load(Ordering::Relaxed) {
                 std::thread::sleep(Duration::from_millis(1));
             }
-            self.0.write_at(bytes, place)
-        }
-
-        fn cut(&self, length: u64) -> io::Result<()> {
-            self.0.cut(length)
-        }
-
-        fn sync(&self) -> io::Result<()> {
-            Ok(())
+            self.0.write_all_at(bytes, place)
         }
     }
 
@@ -552,20 +462,11 @@ mod tests {
         let path = directory.path().join(crate::file_name(0));
         let disk = Stuck(File::create(&path).unwrap(), Arc::clone(&goes_on));
         let plan = LogPlan {
-            around_ticks: None,
-            file_bytes: u64::MAX,
             files: Some(1),
+            ..LogPlan::WHOLE
         };
-        let facts = Facts {
-            pace: Pace::Lockstep,
-            sample_time_ns: 1_000_000,
-            plan,
-            signals: Signals::default(),
-            no_theorem: None,
-            records: Vec::new(),
-        };
-        let mut log = FlightLog::create(&path, &facts).unwrap();
-        log.file = LogFile::begin(AsyncWriter::new(disk, 1).unwrap(), &facts, 0, 0).unwrap();
+        let mut log = FlightLog::create(&path, &facts(plan)).unwrap();
+        log.file = file(disk);
         let mut noise = Noise::default();
         let mut taken = 0;
         let mut fly = |log: &mut FlightLog| {
@@ -609,17 +510,7 @@ mod tests {
         let path = tempfile::NamedTempFile::new().unwrap().into_temp_path();
         let goes_on = Arc::new(AtomicBool::new(false));
         let disk = Stuck(File::create(&path).unwrap(), Arc::clone(&goes_on));
-        let run = [("version", env!("CARGO_PKG_VERSION"))];
-        let records = vec![(crate::facts::RUN, crate::facts::record(&run))];
-        let facts = Facts {
-            pace: Pace::Lockstep,
-            sample_time_ns: 1_000_000,
-            plan: LogPlan::WHOLE,
-            signals: Signals::default(),
-            no_theorem: None,
-            records,
-        };
-        let mut file = LogFile::begin(AsyncWriter::new(disk, 1).unwrap(), &facts, 0, 0).unwrap();
+        let mut file = file(disk);
         let mut noise = Noise::default();
         let mut chunk = |file: &mut LogFile| {
             let begin = noise.tick;

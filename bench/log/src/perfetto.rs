@@ -82,7 +82,6 @@ struct DebugAnnotation {
     name: Option<String>,
 }
 
-/// Writes a trace, message by message.
 #[derive(Debug)]
 pub struct PerfettoWriter<W> {
     out: W,
@@ -97,7 +96,6 @@ pub struct PerfettoWriter<W> {
 }
 
 impl<W: Write> PerfettoWriter<W> {
-    /// Begins a trace with its tracks.
     pub fn new(out: W) -> io::Result<Self> {
         let mut writer = Self {
             out,
@@ -121,20 +119,12 @@ impl<W: Write> PerfettoWriter<W> {
         let at_ns = message.envelope.stamps_of(Role::Plant).receive_ns;
         let missed = message.content.deadlines_missed;
         // What was missed before a log whose first files are gone was not missed now.
-        let before =
-            self.deadlines_missed
-                .replace(missed)
-                .unwrap_or(if message.envelope.tick == 0 {
-                    0
-                } else {
-                    missed
-                });
+        let tick = message.envelope.tick;
+        let first = if tick == 0 { 0 } else { missed };
+        let before = self.deadlines_missed.replace(missed).unwrap_or(first);
         if missed > before {
-            let count = missed - before;
-            let annotations = vec![
-                number("count", count),
-                number("up to tick", message.envelope.tick),
-            ];
+            let count = number("count", missed - before);
+            let annotations = vec![count, number("up to tick", tick)];
             self.instant(MISSES, at_ns, "missed", annotations)?;
         }
         self.epochs
@@ -164,15 +154,13 @@ impl<W: Write> PerfettoWriter<W> {
             format!("{} (stale input)", C::SENDER)
         };
         self.slices += 1;
-        self.event(
-            stamps.receive_ns,
-            TrackEvent {
-                r#type: Some(SLICE_BEGIN),
-                track_uuid: Some(track),
-                name: Some(name),
-                debug_annotations: vec![number("tick", envelope.tick)],
-            },
-        )?;
+        let begin = TrackEvent {
+            r#type: Some(SLICE_BEGIN),
+            track_uuid: Some(track),
+            name: Some(name),
+            debug_annotations: vec![number("tick", envelope.tick)],
+        };
+        self.event(stamps.receive_ns, begin)?;
         let end = TrackEvent {
             r#type: Some(SLICE_END),
             track_uuid: Some(track),
@@ -189,26 +177,20 @@ impl<W: Write> PerfettoWriter<W> {
             return Ok(());
         };
         let at_ns = *at_ns;
-        let changes: Vec<DebugAnnotation> = message
-            .content
-            .changes()
-            .map(
-                |Change {
-                     parameter,
-                     old,
-                     new,
-                     steps,
-                 }| DebugAnnotation {
-                    name: Some(parameter.name().to_owned()),
-                    string_value: Some(match steps {
-                        1 => format!("{old} -> {new}"),
-                        ticks => format!("{old} -> {new} over {ticks} ticks"),
-                    }),
-                    ..DebugAnnotation::default()
-                },
-            )
-            .chain([number("tick", message.envelope.tick)])
-            .collect();
+        let change = |change: Change| {
+            let Change { old, new, .. } = change;
+            let over = match change.steps {
+                1 => String::new(),
+                ticks => format!(" over {ticks} ticks"),
+            };
+            DebugAnnotation {
+                name: Some(change.parameter.name().to_owned()),
+                string_value: Some(format!("{old} -> {new}{over}")),
+                ..DebugAnnotation::default()
+            }
+        };
+        let mut changes: Vec<_> = message.content.changes().map(change).collect();
+        changes.push(number("tick", message.envelope.tick));
         self.instant(SWAPS, at_ns, "swap", changes)
     }
 
@@ -225,16 +207,13 @@ impl<W: Write> PerfettoWriter<W> {
         debug_annotations: Vec<DebugAnnotation>,
     ) -> io::Result<()> {
         self.instants += 1;
-        let (r#type, track_uuid, name) = (Some(INSTANT), Some(track), Some(name.to_owned()));
-        self.event(
-            at_ns,
-            TrackEvent {
-                r#type,
-                track_uuid,
-                name,
-                debug_annotations,
-            },
-        )
+        let event = TrackEvent {
+            r#type: Some(INSTANT),
+            track_uuid: Some(track),
+            name: Some(name.to_owned()),
+            debug_annotations,
+        };
+        self.event(at_ns, event)
     }
 
     fn event(&mut self, at_ns: u64, event: TrackEvent) -> io::Result<()> {
@@ -260,17 +239,10 @@ impl<W: Write> PerfettoWriter<W> {
     }
 
     /// A trace is its packets, one after the other.
-    fn packet(&mut self, packet: TracePacket) -> io::Result<()> {
-        let packet = TracePacket {
-            trusted_packet_sequence_id: Some(SEQUENCE),
-            ..packet
-        };
-        self.out.write_all(
-            &Trace {
-                packet: vec![packet],
-            }
-            .encode_to_vec(),
-        )
+    fn packet(&mut self, mut packet: TracePacket) -> io::Result<()> {
+        packet.trusted_packet_sequence_id = Some(SEQUENCE);
+        let packet = vec![packet];
+        self.out.write_all(&Trace { packet }.encode_to_vec())
     }
 }
 
@@ -284,31 +256,21 @@ fn number(name: &str, value: u64) -> DebugAnnotation {
 
 #[cfg(test)]
 mod tests {
-    use messages::header::Header;
-
     use super::*;
 
     fn state(tick: u64, epoch: u64, missed: u64) -> Message<State> {
-        let mut message = Message {
-            envelope: Header::new(),
-            content: State::default(),
-        };
+        let mut message = Message::<State>::default();
         message.envelope.tick = tick;
         message.envelope.stamps[Role::Plant as usize].receive_ns = 1_000 + tick;
-        (
-            message.content.parameter_epoch,
-            message.content.deadlines_missed,
-        ) = (epoch, missed);
+        message.content.parameter_epoch = epoch;
+        message.content.deadlines_missed = missed;
         message
     }
 
     #[test]
     fn every_swap_that_was_flown_with_is_in_it_and_what_was_missed_before_it_began_is_not() {
         let mut writer = PerfettoWriter::new(Vec::new()).unwrap();
-        let mut swap = Message {
-            envelope: Header::new(),
-            content: SwapRecord::default(),
-        };
+        let mut swap = Message::<SwapRecord>::default();
         // Two in one tick: the first one is in no state by itself; and one that no state follows.
         for epoch in 1..=3 {
             swap.content.parameter_epoch = epoch;

@@ -5,18 +5,16 @@
 
 use crate::build::Build;
 use crate::codec::decode_into;
-use crate::entry::{Counts, LogEntry};
+use crate::entry::{Counts, FORMATS, LogEntry, with_message};
 use crate::telemetry::{BESIDE, TELEMETRY_TOPICS, TelemetryTopic, place};
-use crate::{TOPICS, facts, schema};
+use crate::{TOPICS, facts};
 use errors::{Failure, InFile as _, open_file};
 use mcap::McapError;
 use mcap::records::{Channel, Metadata, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use messages::blackboards::LOCKSTEP;
-use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::grid::{Grid, Pace};
 use messages::header::LAYOUT;
-use messages::monitor::Monitor;
 use messages::role::Role;
 use messages::telemetry::LAW_ROLES;
 use std::collections::BTreeMap;
@@ -35,7 +33,6 @@ const MESSAGE_HEADER: usize = 2 + 4 + 8 + 8;
 /// that it has: memory follows what the file holds.
 const READ_AHEAD: usize = 1 << 21;
 
-/// What fails where a file cannot be read.
 const READ: &str = "read the flight log";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,8 +43,6 @@ pub enum End {
     Truncated,
 }
 
-/// A flight log that is being read.
-#[allow(missing_debug_implementations, reason = "the parser has none")]
 pub struct LogReader {
     path: PathBuf,
     file: File,
@@ -55,7 +50,7 @@ pub struct LogReader {
     part: Option<u64>,
     parser: LinearReader,
     assembly: Assembly,
-    schemas: BTreeMap<u16, (String, Vec<u8>)>,
+    schemas: BTreeMap<u16, Vec<u8>>,
     facts: BTreeMap<String, facts::Record>,
     end: Option<End>,
     read: Counts,
@@ -64,7 +59,6 @@ pub struct LogReader {
 }
 
 impl LogReader {
-    /// Opens a log and reads what it says of its flight.
     pub fn open(path: &Path) -> Result<Self, Failure> {
         Ok(Self {
             path: path.to_owned(),
@@ -81,11 +75,12 @@ impl LogReader {
         })
     }
 
-    /// The next message; none at the end, which [`Self::end`] then describes.
+    /// The next message; none at the end, which [`Self::end`] then describes. A failure names the file, and says where
+    /// it is damaged, or of which other version.
     pub fn next_entry(&mut self) -> Result<Option<&LogEntry>, Failure> {
         while self.end.is_none() {
             if self.step()? {
-                let newest = self.assembly.newest();
+                let newest = &self.assembly.newest;
                 self.read[newest.topic()] += 1;
                 return Ok(Some(newest));
             }
@@ -93,17 +88,15 @@ impl LogReader {
         Ok(None)
     }
 
-    /// The message that was read last.
     pub const fn newest(&self) -> &LogEntry {
-        self.assembly.newest()
+        &self.assembly.newest
     }
 
-    /// What the law of a role shows, as the log names it; none of a law without signals, and before the first message.
+    /// The signals of a role's law, as the log names them; none of a law without signals, and before the first message.
     pub fn telemetry(&self, role: Role) -> Option<&TelemetryTopic> {
-        self.assembly.telemetry(role)
+        self.assembly.telemetry[place(role)?].as_ref()
     }
 
-    /// The file that was read last.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -123,15 +116,13 @@ impl LogReader {
                 if self.facts.is_empty() {
                     return Err(self.damaged("it ends before its first record"));
                 }
-                if let Some(next) = self
-                    .next_name()
-                    .filter(|next| self.path.with_file_name(next).exists())
-                {
-                    return Err(self.damaged(&format!(
-                        "its end is missing, and the log goes on in {next}"
-                    )));
-                }
-                return Ok(false);
+                return match self.next_name() {
+                    Some(next) if self.path.with_file_name(&next).exists() => {
+                        let what = format!("its end is missing, and the log goes on in {next}");
+                        Err(self.damaged(&what))
+                    }
+                    _ => Ok(false),
+                };
             }
             Some(Err(e)) => {
                 self.end = Some(End::Truncated);
@@ -152,10 +143,8 @@ impl LogReader {
                     && let Some((header, data)) = data.split_at_checked(MESSAGE_HEADER)
                 {
                     let channel = u16::from_le_bytes([header[0], header[1]]);
-                    return self
-                        .assembly
-                        .take(channel, data)
-                        .map_err(|what| self.damaged(&what));
+                    let taken = self.assembly.take(channel, data);
+                    return taken.map_err(|what| self.damaged(&what));
                 }
                 let record = mcap::parse_record(opcode, data).map(Record::into_owned);
                 let record = record.map_err(|e| self.damaged(&e.to_string()))?;
@@ -164,28 +153,22 @@ impl LogReader {
         }
     }
 
-    /// Name of the file after this one.
     fn next_name(&self) -> Option<String> {
-        self.part
-            .and_then(|part| part.checked_add(1))
-            .map(crate::file_name)
+        self.part?.checked_add(1).map(crate::file_name)
     }
 
     /// Ends with this file, or goes on with the one that it names.
     fn end_file(&mut self) -> Result<(), Failure> {
-        self.assembly
-            .check_whole()
-            .map_err(|what| self.damaged(&what))?;
+        let is_whole = self.assembly.check_whole();
+        is_whole.map_err(|what| self.damaged(&what))?;
         if !(self.has_data_end && self.has_footer) {
             self.end = Some(End::Complete);
             return Err(self.damaged("its checksums are missing"));
         }
-        let continued = self
-            .facts
-            .get(facts::LANDING)
-            .and_then(|landing| landing.get(facts::CONTINUED_IN))
-            .cloned();
-        let Some(next) = continued else {
+        let Ok(next) = self
+            .fact(facts::LANDING, facts::CONTINUED_IN)
+            .map(str::to_owned)
+        else {
             self.end = Some(End::Complete);
             return Ok(());
         };
@@ -193,9 +176,8 @@ impl LogReader {
         // The landing of the whole log is that of its last file.
         self.facts.remove(facts::LANDING);
         if self.next_name().as_ref() != Some(&next) {
-            return Err(self.damaged(&format!(
-                "it goes on in `{next}`, which is not the file after it"
-            )));
+            let what = format!("it goes on in `{next}`, which is not the file after it");
+            return Err(self.damaged(&what));
         }
         let path = self.path.with_file_name(next);
         let file = open_file(&path).in_file(READ, &path).map_err(|failure| {
@@ -207,7 +189,9 @@ impl LogReader {
         self.end = None;
         (self.path, self.file, self.parser) = (path, file, parser());
         self.schemas.clear();
-        self.assembly.begin_file();
+        self.assembly.channels.clear();
+        self.assembly.beside.clear();
+        self.assembly.telemetry_channels.clear();
         (self.has_data_end, self.has_footer) = (false, false);
         Ok(())
     }
@@ -223,8 +207,7 @@ impl LogReader {
                 self.facts.entry(metadata.name).or_insert(metadata.metadata);
             }
             Record::Schema { header, data } => {
-                self.schemas
-                    .insert(header.id, (header.name, data.into_owned()));
+                self.schemas.insert(header.id, data.into_owned());
             }
             Record::Channel(channel) => self.take_channel(&channel)?,
             Record::DataEnd(end) => {
@@ -252,29 +235,19 @@ impl LogReader {
         }
         if metadata.name == facts::KEPT {
             // Logs from before there were several files do not say.
-            let part = metadata
-                .metadata
-                .get("part")
-                .and_then(|part| part.parse().ok())
-                .unwrap_or(0);
-            if let Some(before) = self
-                .part
-                .replace(part)
-                .filter(|before| before.checked_add(1) != Some(part))
-            {
-                return Err(self.damaged(&format!(
-                    "it is file {part} of a log, and stands after file {before}"
-                )));
+            let part = metadata.metadata.get("part");
+            let part = part.and_then(|part| part.parse().ok()).unwrap_or(0);
+            let before = self.part.replace(part);
+            if let Some(before) = before.filter(|before| before.checked_add(1) != Some(part)) {
+                let what = format!("it is file {part} of a log, and stands after file {before}");
+                return Err(self.damaged(&what));
             }
         }
         Ok(())
     }
 
     fn take_channel(&mut self, channel: &Channel) -> Result<(), Failure> {
-        let schema = self
-            .schemas
-            .get(&channel.schema_id)
-            .map(|(_, schema)| schema.as_slice());
+        let schema = self.schemas.get(&channel.schema_id).map(Vec::as_slice);
         if self.assembly.take_channel(channel, schema) {
             return Ok(());
         }
@@ -298,7 +271,6 @@ fn parser() -> LinearReader {
     )
 }
 
-/// What a log holds, by its own words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kept {
     /// Ticks around missed deadlines that it keeps; none where it keeps every message.
@@ -310,37 +282,34 @@ pub struct Kept {
 impl LogReader {
     /// What the log says of its flight, as far as it has been read: all but the landing stands before the messages.
     pub fn fact(&self, record: &str, name: &str) -> Result<&str, Failure> {
-        self.facts
-            .get(record)
-            .and_then(|record| record.get(name))
-            .map(String::as_str)
+        let text = self.facts.get(record).and_then(|record| record.get(name));
+        text.map(String::as_str)
             .ok_or_else(|| self.damaged(&format!("its record `{record}` has no `{name}`")))
+    }
+
+    /// A number of a record; none where the log does not say.
+    fn known(&self, record: &str, name: &str) -> Result<Option<u64>, Failure> {
+        let Ok(text) = self.fact(record, name) else {
+            return Ok(None);
+        };
+        let what = || format!("its record `{record}` has {name} = `{text}`, which is no number");
+        let number = text.parse().map_err(|_| self.damaged(&what()));
+        number.map(Some)
     }
 
     /// A number of the record that ends the log; none where it does not say.
     pub fn landed(&self, name: &str) -> Result<Option<u64>, Failure> {
-        let landing = self.facts.get(facts::LANDING).ok_or_else(|| {
-            self.damaged("its record `landing` is missing: it has an end, but not the one that its recorder wrote")
-        })?;
-        let Some(text) = landing.get(name) else {
-            return Ok(None);
-        };
-        let number = text.parse().map_err(|_| {
-            self.damaged(&format!(
-                "its record `landing` has {name} = `{text}`, which is no number"
-            ))
-        })?;
-        Ok(Some(number))
+        if !self.facts.contains_key(facts::LANDING) {
+            return Err(self.damaged(
+                "its record `landing` is missing: it has an end, but not the one that its recorder wrote",
+            ));
+        }
+        self.known(facts::LANDING, name)
     }
 
-    /// A number of the record about the run.
     pub fn number(&self, name: &str) -> Result<u64, Failure> {
-        let text = self.fact(facts::RUN, name)?;
-        text.parse().map_err(|_| {
-            self.damaged(&format!(
-                "its record `run` has {name} = `{text}`, which is no number"
-            ))
-        })
+        self.fact(facts::RUN, name)?;
+        Ok(self.known(facts::RUN, name)?.unwrap_or_default())
     }
 
     /// What moved the ticks of the run on.
@@ -356,42 +325,25 @@ impl LogReader {
     /// What it holds: of its first file that is there.
     pub fn kept(&self) -> Result<Kept, Failure> {
         // Logs from before there were excerpts do not say.
-        let number = |name: &str| match self
-            .facts
-            .get(facts::KEPT)
-            .and_then(|record| record.get(name))
-        {
-            None => Ok(0),
-            Some(text) => text.parse().map_err(|_| {
-                self.damaged(&format!(
-                    "its record `{}` has {name} = `{text}`, which is no number",
-                    facts::KEPT
-                ))
-            }),
-        };
-        let is_excerpt = self
-            .fact(facts::KEPT, "kept")
-            .is_ok_and(|kept| kept == facts::AROUND_MISSES);
+        let number = |name| Ok(self.known(facts::KEPT, name)?.unwrap_or(0));
+        let kept = self.fact(facts::KEPT, "kept");
         let around_ticks = number("around_ticks")?;
         Ok(Kept {
-            around_ticks: is_excerpt.then_some(around_ticks),
+            around_ticks: (kept.ok() == Some(facts::AROUND_MISSES)).then_some(around_ticks),
             files_before: number("part")?,
         })
     }
 
     /// The executable that wrote it; what the log does not say is unknown.
     pub fn build(&self) -> Build {
-        let told = |name: &str| {
-            self.fact(facts::RUN, name)
-                .map_or_else(|_| "unknown".to_owned(), str::to_owned)
-        };
+        let known = |name: &str| self.fact(facts::RUN, name).unwrap_or("unknown").to_owned();
         Build {
-            version: told("version"),
-            commit: told("commit"),
-            dirty: told("dirty") == "true",
-            profile: told("profile"),
-            rustc: told("rustc"),
-            target: told("target"),
+            version: known("version"),
+            commit: known("commit"),
+            dirty: known("dirty") == "true",
+            profile: known("profile"),
+            rustc: known("rustc"),
+            target: known("target"),
         }
     }
 
@@ -410,22 +362,12 @@ impl LogReader {
         }
         let mut missing = Vec::new();
         for (topic, read) in TOPICS.into_iter().zip(self.read) {
-            let told = self.landed(&format!("messages.{topic}"))?.unwrap_or(read);
-            if told > read {
-                missing.push((topic, told - read));
+            let held = self.landed(&format!("messages.{topic}"))?.unwrap_or(read);
+            if held > read {
+                missing.push((topic, held - read));
             }
         }
         Ok(missing)
-    }
-
-    /// A failure of a log that another version has written.
-    pub(super) fn of_other_version(&self, how: &str) -> Failure {
-        Failure::failed(format!(
-            "{} was written by another version of ironbird, {}: {how}",
-            self.path.display(),
-            self.build(),
-        ))
-        .help("use that version; the schemas in the log let any MCAP reader read it (docs/recording.md)")
     }
 
     /// Refuses a log that another version wrote, or one with other layouts.
@@ -437,7 +379,11 @@ impl LogReader {
         ] {
             let theirs = self.fact(facts::RUN, name)?;
             if theirs != ours {
-                return Err(self.of_other_version(&format!("{name} `{theirs}`, here `{ours}`")));
+                let (path, build) = (self.path.display(), self.build());
+                return Err(Failure::failed(format!(
+                    "{path} was written by another version of ironbird, {build}: {name} `{theirs}`, here `{ours}`"
+                ))
+                .help("use that version; the schemas in the log let any MCAP reader read it (docs/recording.md)"));
             }
         }
         Ok(())
@@ -445,88 +391,53 @@ impl LogReader {
 }
 
 /// The channels of a file, and the message that is being put together.
-#[derive(Clone, Debug)]
-pub(super) struct Assembly {
+struct Assembly {
     /// What is read by the messages' layouts: places in [`TOPICS`] by channel.
     channels: BTreeMap<u16, usize>,
     /// Topics whose messages have what their law shows right behind them, by place in [`TOPICS`].
     beside: BTreeMap<usize, String>,
     /// What the laws show: places in [`LAW_ROLES`] by channel.
     telemetry_channels: BTreeMap<u16, usize>,
-    /// What the laws show, in the order of [`LAW_ROLES`].
     telemetry: [Option<TelemetryTopic>; LAW_ROLES.len()],
-    /// The message that was read last.
     newest: LogEntry,
-    /// Whether what its law shows is still to come.
     waits: bool,
 }
 
 impl Assembly {
-    pub(super) fn new() -> Self {
+    fn new() -> Self {
         Self {
             channels: BTreeMap::new(),
             beside: BTreeMap::new(),
             telemetry_channels: BTreeMap::new(),
             telemetry: [const { None }; LAW_ROLES.len()],
-            newest: LogEntry::empty(0),
+            newest: (FORMATS[0].empty)(),
             waits: false,
         }
     }
 
-    /// Before the first channel of the next file.
-    pub(super) fn begin_file(&mut self) {
-        self.channels.clear();
-        self.beside.clear();
-        self.telemetry_channels.clear();
-    }
-
-    /// The message that was read last.
-    pub(super) const fn newest(&self) -> &LogEntry {
-        &self.newest
-    }
-
-    /// What the law of a role shows.
-    pub(super) fn telemetry(&self, role: Role) -> Option<&TelemetryTopic> {
-        self.telemetry[place(role)?].as_ref()
-    }
-
     /// Takes a channel; false where its schema is not the one that is read here.
-    pub(super) fn take_channel(&mut self, channel: &Channel, schema: Option<&[u8]>) -> bool {
-        if let Some(place) = TELEMETRY_TOPICS
-            .iter()
-            .position(|topic| *topic == channel.topic)
-        {
-            let told = schema.and_then(|schema| {
-                TelemetryTopic::told(LAW_ROLES[place], schema, &channel.metadata)
-            });
+    fn take_channel(&mut self, channel: &Channel, schema: Option<&[u8]>) -> bool {
+        let name = channel.topic.as_str();
+        if let Some(place) = TELEMETRY_TOPICS.iter().position(|topic| *topic == name) {
+            let role = LAW_ROLES[place];
             self.telemetry_channels.insert(channel.id, place);
-            self.telemetry[place] = told;
+            self.telemetry[place] =
+                schema.and_then(|it| TelemetryTopic::described(role, it, &channel.metadata));
             return self.telemetry[place].is_some();
         }
-        let Some(place) = TOPICS.iter().position(|topic| *topic == channel.topic) else {
+        let Some(place) = TOPICS.iter().position(|topic| *topic == name) else {
             return true;
         };
-        let ours = match LogEntry::empty(place) {
-            LogEntry::State(_) => schema::descriptor_set::<State>(),
-            LogEntry::Setpoint(_) => schema::descriptor_set::<Setpoint>(),
-            LogEntry::Wrench(_) => schema::descriptor_set::<Wrench>(),
-            LogEntry::RotorSpeeds(_) => schema::descriptor_set::<RotorSpeeds>(),
-            LogEntry::Swap(_) => schema::descriptor_set::<SwapRecord>(),
-            LogEntry::Theorem(_) => schema::descriptor_set::<Monitor>(),
-        };
         self.channels.insert(channel.id, place);
-        self.beside.extend(
-            channel
-                .metadata
-                .get(BESIDE)
-                .map(|topic| (place, topic.clone())),
-        );
+        let beside = channel.metadata.get(BESIDE);
+        self.beside
+            .extend(beside.map(|topic| (place, topic.clone())));
         // Only what is laid out as here can be read.
-        schema == Some(&ours)
+        schema == Some(&(FORMATS[place].descriptor_set)())
     }
 
     /// Takes the bytes of a channel; true where a message is whole now.
-    pub(super) fn take(&mut self, channel: u16, data: &[u8]) -> Result<bool, String> {
+    fn take(&mut self, channel: u16, data: &[u8]) -> Result<bool, String> {
         if let Some(place) = self.telemetry_channels.get(&channel) {
             return self.take_telemetry(*place, data).map(|()| true);
         }
@@ -547,19 +458,16 @@ impl Assembly {
     /// Puts what a law shows into the message that it came in.
     fn take_telemetry(&mut self, place: usize, data: &[u8]) -> Result<(), String> {
         let topic = TELEMETRY_TOPICS[place];
-        let is_its = self
-            .beside
-            .get(&self.newest.topic())
-            .is_some_and(|beside| beside == topic);
-        if !std::mem::replace(&mut self.waits, false) || !is_its {
+        let beside = self.beside.get(&self.newest.topic());
+        let is_beside = beside.is_some_and(|beside| beside == topic);
+        if !std::mem::replace(&mut self.waits, false) || !is_beside {
             return Err(format!(
                 "a message of topic `{topic}` does not stand behind that of its stage"
             ));
         }
         let tick = self.newest.envelope().tick;
-        let shown = self.telemetry[place]
-            .as_ref()
-            .zip(self.newest.telemetry_mut());
+        let shown = self.telemetry[place].as_ref();
+        let shown = shown.zip(self.newest.telemetry_mut());
         if !shown.is_some_and(|(shown, telemetry)| shown.decode_into(data, tick, telemetry)) {
             return Err(format!(
                 "a message of topic `{topic}` does not follow its schema, or is of another tick"
@@ -569,7 +477,7 @@ impl Assembly {
     }
 
     /// Refuses a message whose law's numbers have not come.
-    pub(super) fn check_whole(&self) -> Result<(), String> {
+    fn check_whole(&self) -> Result<(), String> {
         let topic = self.newest.topic();
         match self.beside.get(&topic) {
             Some(beside) if self.waits => {
@@ -588,38 +496,27 @@ impl Assembly {
 fn read(topic: usize, data: &[u8], entry: &mut LogEntry) -> bool {
     // Messages of a topic stand together: most come into the place of one of their own.
     if entry.topic() != topic {
-        *entry = LogEntry::empty(topic);
+        *entry = (FORMATS[topic].empty)();
     }
-    match entry {
-        LogEntry::State(message) => decode_into(data, message),
-        LogEntry::Setpoint(message) => decode_into(data, message),
-        LogEntry::Wrench(message) => decode_into(data, message),
-        LogEntry::RotorSpeeds(message) => decode_into(data, message),
-        LogEntry::Swap(message) => decode_into(data, message),
-        LogEntry::Theorem(message) => decode_into(data, message),
-    }
+    with_message!(entry, message => decode_into(data, message))
 }
 
 #[cfg(test)]
 mod tests {
-    use messages::header::{Header, Message};
+    use messages::content::Wrench;
+    use messages::header::Message;
     use messages::telemetry::Signal;
 
     use super::*;
     use crate::codec::encode;
+    use crate::schema;
 
     const WRENCH: u16 = 1;
     const SHOWN: u16 = 2;
 
     fn topic() -> TelemetryTopic {
-        TelemetryTopic::new(
-            Role::Inner,
-            &[Signal {
-                name: "gain",
-                unit: "",
-            }],
-        )
-        .unwrap()
+        let (name, unit) = ("gain", "");
+        TelemetryTopic::new(Role::Inner, &[Signal { name, unit }]).unwrap()
     }
 
     fn channel(id: u16, topic: &str, metadata: BTreeMap<String, String>) -> Channel {
@@ -646,13 +543,8 @@ mod tests {
     }
 
     fn wrench(tick: u64) -> Message<Wrench> {
-        let mut message = Message {
-            envelope: Header {
-                tick,
-                ..Header::new()
-            },
-            content: Wrench::default(),
-        };
+        let mut message = Message::<Wrench>::default();
+        message.envelope.tick = tick;
         message.content.telemetry.value[0] = tick as f64 + 0.5;
         message
     }
@@ -671,7 +563,7 @@ mod tests {
             let [wrench_bytes, shown] = bytes(tick);
             assert_eq!(file.take(WRENCH, &wrench_bytes), Ok(false));
             assert_eq!(file.take(SHOWN, &shown), Ok(true));
-            assert_eq!(*file.newest(), LogEntry::Wrench(wrench(tick)));
+            assert_eq!(file.newest, LogEntry::Wrench(wrench(tick)));
         }
         assert_eq!(file.check_whole(), Ok(()));
     }

@@ -62,27 +62,19 @@ pub fn words<L: Visit>(content: &L) -> Vec<u64> {
 pub fn named<C: Logged>(content: &C) -> Vec<(String, String)> {
     let mut names = Vec::new();
     name_columns("", C::FIELDS, &mut names);
-    let mut row = Row {
-        line: String::new(),
-    };
+    let mut row = Row::default();
     content.visit(&mut row);
-    names
-        .into_iter()
-        .zip(row.line.split(',').map(str::to_owned))
-        .collect()
+    let values = row.line.split(',').map(str::to_owned);
+    names.into_iter().zip(values).collect()
 }
 
-/// A row of CSV, in the order of [`columns`].
 pub fn csv<C: Logged>(message: &Message<C>) -> String {
-    let mut row = Row {
-        line: String::new(),
-    };
+    let mut row = Row::default();
     message.envelope.visit(&mut row);
     message.content.visit(&mut row);
     row.line
 }
 
-/// An object of JSON, nested as the message is.
 pub fn json<C: Logged>(message: &Message<C>) -> String {
     let mut object = Object {
         text: "{\"envelope\":".into(),
@@ -93,6 +85,7 @@ pub fn json<C: Logged>(message: &Message<C>) -> String {
     object.text
 }
 
+#[derive(Default)]
 struct Row {
     line: String,
 }
@@ -109,15 +102,15 @@ impl Row {
 
 impl Visitor for Row {
     fn integers(&mut self, _: &'static Field, values: &[u64]) {
-        values
-            .iter()
-            .for_each(|value| self.push(format_args!("{value}")));
+        for value in values {
+            self.push(format_args!("{value}"));
+        }
     }
 
     fn numbers(&mut self, _: &'static Field, values: &[f64]) {
-        values
-            .iter()
-            .for_each(|value| self.push(format_args!("{value:?}")));
+        for value in values {
+            self.push(format_args!("{value:?}"));
+        }
     }
 
     fn structs<L: Visit>(&mut self, field: &'static Field, values: &[L]) {
@@ -143,10 +136,9 @@ impl Object {
             self.text.push(',');
         }
         let _ = write!(self.text, "\"{}\":", field.name);
-        let (open, close) = if field.length.is_some() {
-            ("[", "]")
-        } else {
-            ("", "")
+        let (open, close) = match field.length {
+            Some(_) => ("[", "]"),
+            None => ("", ""),
         };
         self.text.push_str(open);
         for (i, value) in values.iter().enumerate() {
@@ -191,19 +183,11 @@ mod tests {
     use super::*;
 
     fn message() -> Message<Wrench> {
-        let content = Wrench {
-            thrust_n: 0.1 + 0.2,
-            torque_b_nm: [1e-300, -0.0, 5.0],
-            mode: 2,
-            ..Wrench::default()
-        };
-        let mut message = Message {
-            envelope: Header {
-                tick: 7,
-                ..Header::new()
-            },
-            content,
-        };
+        let mut message = Message::<Wrench>::default();
+        message.content.thrust_n = 0.1 + 0.2;
+        message.content.torque_b_nm = [1e-300, -0.0, 5.0];
+        message.content.mode = 2;
+        message.envelope.tick = 7;
         message.envelope.stamps[3].send_ns = 9;
         message
     }
@@ -241,11 +225,8 @@ mod tests {
             (&value["torque_b_nm"][2], &value["mode"]),
             (&5.0.into(), &2.into())
         );
-        let state = Message {
-            envelope: Header::new(),
-            content: State::default(),
-        };
-        let value: serde_json::Value = serde_json::from_str(&json(&state)).unwrap();
+        let state = json(&Message::<State>::default());
+        let value: serde_json::Value = serde_json::from_str(&state).unwrap();
         assert!(value["truth"].is_object(), "{value}");
     }
 }

@@ -2,25 +2,24 @@
 //!
 //! The well-known schemas define the field names and numbers: <https://docs.foxglove.dev/docs/sdk/schemas>.
 
-use messages::content::Measured;
-use messages::content::{Setpoint, State};
+use messages::content::{Measured, Setpoint, State};
 use messages::frames::quaternion_wb;
 use messages::grid::NS_PER_S;
 use prost::Message as _;
-use prost_types::field_descriptor_proto::{Label, Type};
+use prost_types::field_descriptor_proto::Type;
 use prost_types::{
     DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, Timestamp,
 };
 
-pub const WORLD: &str = "world";
-pub const BODY: &str = "body";
-/// Name of the frame in which the airframe should be.
-pub const REFERENCE: &str = "reference";
+use crate::schema::plain;
 
-/// Full name of the schema of a pose.
-pub const POSE_SCHEMA: &str = "foxglove.PoseInFrame";
-/// Full name of the schema of a transform.
-pub const TRANSFORM_SCHEMA: &str = "foxglove.FrameTransform";
+pub const WORLD: &str = "world";
+const BODY: &str = "body";
+/// Name of the frame in which the airframe should be.
+const REFERENCE: &str = "reference";
+
+const POSE_SCHEMA: &str = "foxglove.PoseInFrame";
+const TRANSFORM_SCHEMA: &str = "foxglove.FrameTransform";
 
 /// Channels of the scene with their schemas: where the airframe is, where it should be, and both as frames.
 pub const CHANNELS: [(&str, &str); 3] = [
@@ -37,7 +36,7 @@ pub fn every_ticks(sample_time_ns: u64) -> u64 {
     (EVERY_NS / sample_time_ns.max(1)).max(1)
 }
 
-#[derive(Clone, PartialEq, prost::Message)]
+#[derive(Clone, Copy, PartialEq, prost::Message)]
 struct Vector3 {
     #[prost(double, tag = "1")]
     x: f64,
@@ -47,7 +46,7 @@ struct Vector3 {
     z: f64,
 }
 
-#[derive(Clone, PartialEq, prost::Message)]
+#[derive(Clone, Copy, PartialEq, prost::Message)]
 struct Quaternion {
     #[prost(double, tag = "1")]
     x: f64,
@@ -59,7 +58,7 @@ struct Quaternion {
     w: f64,
 }
 
-#[derive(Clone, PartialEq, prost::Message)]
+#[derive(Clone, Copy, PartialEq, prost::Message)]
 struct Pose {
     #[prost(message, optional, tag = "1")]
     position: Option<Vector3>,
@@ -91,15 +90,12 @@ struct FrameTransform {
     rotation: Option<Quaternion>,
 }
 
-/// Where something is at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placed {
-    /// Its pose's place in [`CHANNELS`].
     pose: usize,
     frame: &'static str,
     /// When, on the clock of the log [ns].
-    at_ns: u64,
-    /// Where, world frame [m].
+    pub at_ns: u64,
     position_w_m: [f64; 3],
     /// Roll, pitch, yaw [rad].
     attitude_rad: [f64; 3],
@@ -137,137 +133,122 @@ impl Placed {
         }
     }
 
-    /// When, on the clock of the log [ns].
-    pub const fn at_ns(&self) -> u64 {
-        self.at_ns
-    }
-
     /// Its messages, each with its place in [`CHANNELS`].
     pub fn messages(&self) -> [(usize, Vec<u8>); 2] {
-        [(self.pose, self.pose()), (2, self.transform())]
-    }
-
-    fn timestamp(&self) -> Timestamp {
-        let seconds = (self.at_ns / NS_PER_S).cast_signed();
-        Timestamp {
-            seconds,
+        let timestamp = Some(Timestamp {
+            seconds: (self.at_ns / NS_PER_S).cast_signed(),
             nanos: (self.at_ns % NS_PER_S) as i32,
-        }
-    }
-
-    fn position(&self) -> Vector3 {
+        });
         let [x, y, z] = self.position_w_m;
-        Vector3 { x, y, z }
-    }
-
-    fn orientation(&self) -> Quaternion {
+        let position = Some(Vector3 { x, y, z });
         let [x, y, z, w] = quaternion_wb(&self.attitude_rad.into());
-        Quaternion { x, y, z, w }
-    }
-
-    fn pose(&self) -> Vec<u8> {
-        let pose = Pose {
-            position: Some(self.position()),
-            orientation: Some(self.orientation()),
-        };
-        let message = PoseInFrame {
-            timestamp: Some(self.timestamp()),
+        let orientation = Some(Quaternion { x, y, z, w });
+        let pose = PoseInFrame {
+            timestamp,
             frame_id: WORLD.into(),
-            pose: Some(pose),
+            pose: Some(Pose {
+                position,
+                orientation,
+            }),
         };
-        message.encode_to_vec()
-    }
-
-    fn transform(&self) -> Vec<u8> {
-        let message = FrameTransform {
-            timestamp: Some(self.timestamp()),
+        let transform = FrameTransform {
+            timestamp,
             parent_frame_id: WORLD.into(),
             child_frame_id: self.frame.into(),
-            translation: Some(self.position()),
-            rotation: Some(self.orientation()),
+            translation: position,
+            rotation: orientation,
         };
-        message.encode_to_vec()
+        [
+            (self.pose, pose.encode_to_vec()),
+            (2, transform.encode_to_vec()),
+        ]
     }
 }
 
-/// Schema of [`POSE_SCHEMA`] and [`TRANSFORM_SCHEMA`], as its bytes stand in the log.
-pub fn descriptor_set() -> Vec<u8> {
-    const TIMESTAMP: &str = ".google.protobuf.Timestamp";
-    let time = message(
-        "Timestamp",
-        &[("seconds", Type::Int64, ""), ("nanos", Type::Int32, "")],
-    );
-    let double = |names: &[&'static str]| -> Vec<_> {
-        names.iter().map(|name| (*name, Type::Double, "")).collect()
-    };
-    let vector = message("Vector3", &double(&["x", "y", "z"]));
-    let quaternion = message("Quaternion", &double(&["x", "y", "z", "w"]));
-    let pose = message(
+/// A message: its name, and its fields with their types, numbered from 1.
+type MessageSchema = (&'static str, &'static [(&'static str, Type, &'static str)]);
+
+const TIMESTAMP: &str = ".google.protobuf.Timestamp";
+const VECTOR: &str = ".foxglove.Vector3";
+const QUATERNION: &str = ".foxglove.Quaternion";
+
+const TIME: [MessageSchema; 1] = [(
+    "Timestamp",
+    &[("seconds", Type::Int64, ""), ("nanos", Type::Int32, "")],
+)];
+
+const SCENE: [MessageSchema; 5] = [
+    (
+        "Vector3",
+        &[
+            ("x", Type::Double, ""),
+            ("y", Type::Double, ""),
+            ("z", Type::Double, ""),
+        ],
+    ),
+    (
+        "Quaternion",
+        &[
+            ("x", Type::Double, ""),
+            ("y", Type::Double, ""),
+            ("z", Type::Double, ""),
+            ("w", Type::Double, ""),
+        ],
+    ),
+    (
         "Pose",
         &[
-            ("position", Type::Message, ".foxglove.Vector3"),
-            ("orientation", Type::Message, ".foxglove.Quaternion"),
+            ("position", Type::Message, VECTOR),
+            ("orientation", Type::Message, QUATERNION),
         ],
-    );
-    let pose_in_frame = message(
+    ),
+    (
         "PoseInFrame",
         &[
             ("timestamp", Type::Message, TIMESTAMP),
             ("frame_id", Type::String, ""),
             ("pose", Type::Message, ".foxglove.Pose"),
         ],
-    );
-    let transform = message(
+    ),
+    (
         "FrameTransform",
         &[
             ("timestamp", Type::Message, TIMESTAMP),
             ("parent_frame_id", Type::String, ""),
             ("child_frame_id", Type::String, ""),
-            ("translation", Type::Message, ".foxglove.Vector3"),
-            ("rotation", Type::Message, ".foxglove.Quaternion"),
+            ("translation", Type::Message, VECTOR),
+            ("rotation", Type::Message, QUATERNION),
         ],
-    );
-    let time_file = file(
-        "google/protobuf/timestamp.proto",
-        "google.protobuf",
-        vec![time],
-    );
-    let mut own = file(
-        "foxglove/scene.proto",
-        "foxglove",
-        vec![vector, quaternion, pose, pose_in_frame, transform],
-    );
-    own.dependency = vec!["google/protobuf/timestamp.proto".into()];
+    ),
+];
+
+/// Schema of [`POSE_SCHEMA`] and [`TRANSFORM_SCHEMA`], as its bytes stand in the log.
+pub fn descriptor_set() -> Vec<u8> {
+    const TIME_FILE: &str = "google/protobuf/timestamp.proto";
+    let time = file(TIME_FILE, "google.protobuf", &TIME);
+    let mut scene = file("foxglove/scene.proto", "foxglove", &SCENE);
+    scene.dependency = vec![TIME_FILE.into()];
     FileDescriptorSet {
-        file: vec![time_file, own],
+        file: vec![time, scene],
     }
     .encode_to_vec()
 }
 
-fn file(name: &str, package: &str, message_type: Vec<DescriptorProto>) -> FileDescriptorProto {
+fn file(name: &str, package: &str, messages: &[MessageSchema]) -> FileDescriptorProto {
+    let field = |(number, (name, kind, of)): (u32, &(&str, Type, &str))| FieldDescriptorProto {
+        type_name: (!of.is_empty()).then(|| (*of).into()),
+        ..plain(name, number, None, *kind)
+    };
+    let message = |(name, fields): &MessageSchema| DescriptorProto {
+        name: Some((*name).into()),
+        field: (1..).zip(*fields).map(field).collect(),
+        ..DescriptorProto::default()
+    };
     FileDescriptorProto {
         name: Some(name.into()),
         package: Some(package.into()),
-        message_type,
+        message_type: messages.iter().map(message).collect(),
         syntax: Some("proto3".into()),
         ..FileDescriptorProto::default()
-    }
-}
-
-/// A message whose fields are numbered from 1.
-fn message(name: &str, fields: &[(&str, Type, &str)]) -> DescriptorProto {
-    let field = |(number, (name, kind, of)): (i32, &(&str, Type, &str))| FieldDescriptorProto {
-        name: Some((*name).into()),
-        json_name: Some((*name).into()),
-        number: Some(number),
-        label: Some(Label::Optional.into()),
-        r#type: Some((*kind).into()),
-        type_name: (!of.is_empty()).then(|| (*of).into()),
-        ..FieldDescriptorProto::default()
-    };
-    DescriptorProto {
-        name: Some(name.into()),
-        field: (1..).zip(fields).map(field).collect(),
-        ..DescriptorProto::default()
     }
 }

@@ -92,10 +92,9 @@ pub(crate) fn plain(
     length: Option<usize>,
     kind: Type,
 ) -> FieldDescriptorProto {
-    let label = if length.is_some() {
-        Label::Repeated
-    } else {
-        Label::Optional
+    let label = match length {
+        Some(_) => Label::Repeated,
+        None => Label::Optional,
     };
     FieldDescriptorProto {
         name: Some(name.into()),

@@ -12,7 +12,7 @@ use messages::role::Role;
 use messages::telemetry::{LAW_ROLES, Signal, TELEMETRY, Telemetry};
 use prost::Message as _;
 use prost_types::field_descriptor_proto::Type;
-use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorSet};
+use prost_types::{DescriptorProto, FileDescriptorSet};
 
 use crate::codec::{put_word, take_word};
 use crate::schema::{PACKAGE, file, plain};
@@ -34,7 +34,6 @@ pub fn topic(role: Role) -> Option<&'static str> {
     place(role).map(|place| TELEMETRY_TOPICS[place])
 }
 
-/// A role's place in [`LAW_ROLES`].
 pub(crate) fn place(role: Role) -> Option<usize> {
     LAW_ROLES.iter().position(|it| *it == role)
 }
@@ -49,16 +48,15 @@ pub struct TelemetryTopic {
 impl TelemetryTopic {
     /// The topic of a law with these signals; none of a law without any.
     pub fn new(role: Role, signals: &[Signal]) -> Option<Self> {
-        let signals = signals
-            .iter()
-            .take(TELEMETRY)
-            .map(|signal| (signal.name.to_owned(), signal.unit.to_owned()));
-        let signals: Vec<_> = signals.collect();
+        let signals = signals.iter().take(TELEMETRY);
+        let signals: Vec<_> = signals
+            .map(|signal| (signal.name.to_owned(), signal.unit.to_owned()))
+            .collect();
         (place(role).is_some() && !signals.is_empty()).then_some(Self { role, signals })
     }
 
     /// As a log describes it: by its schema, and the metadata of its channel. None where that is another's schema.
-    pub(crate) fn told(
+    pub(crate) fn described(
         role: Role,
         schema: &[u8],
         metadata: &BTreeMap<String, String>,
@@ -67,16 +65,13 @@ impl TelemetryTopic {
         let fields = &set.file.first()?.message_type.first()?.field;
         let names = fields.iter().skip(1).map(|field| field.name().to_owned());
         let unit = |name: &str| {
-            metadata
-                .get(&format!("unit.{name}"))
-                .filter(|unit| *unit != RATIO)
-                .cloned()
+            let unit = metadata.get(&format!("unit.{name}"));
+            unit.filter(|unit| *unit != RATIO).cloned()
         };
-        let signals: Vec<_> = names
-            .map(|name| (name.clone(), unit(&name).unwrap_or_default()))
-            .collect();
-        let told = Self { role, signals };
-        (told.signals.len() <= TELEMETRY && told.descriptor_set() == schema).then_some(told)
+        let signals = names.map(|name| (name.clone(), unit(&name).unwrap_or_default()));
+        let signals = signals.collect();
+        let topic = Self { role, signals };
+        (topic.signals.len() <= TELEMETRY && topic.descriptor_set() == schema).then_some(topic)
     }
 
     pub fn topic(&self) -> &'static str {
@@ -98,11 +93,10 @@ impl TelemetryTopic {
 
     /// Its schema, as the bytes stand in the log.
     pub fn descriptor_set(&self) -> Vec<u8> {
-        let tick = plain(TICK, TICK_NUMBER, None, Type::Fixed64);
-        let number =
-            |((name, _), number): (&(String, String), u32)| plain(name, number, None, Type::Double);
-        let signals = self.signals.iter().zip(TICK_NUMBER + 1..).map(number);
-        let field: Vec<FieldDescriptorProto> = std::iter::once(tick).chain(signals).collect();
+        let mut field = vec![plain(TICK, TICK_NUMBER, None, Type::Fixed64)];
+        for ((name, _), number) in self.signals.iter().zip(TICK_NUMBER + 1..) {
+            field.push(plain(name, number, None, Type::Double));
+        }
         let message = DescriptorProto {
             name: Some(self.message().into()),
             field,
@@ -111,32 +105,20 @@ impl TelemetryTopic {
         file(self.topic(), vec![message])
     }
 
-    /// The unit of each field, as in the other channels.
     pub fn metadata(&self) -> BTreeMap<String, String> {
-        let unit = |unit: &str| {
-            if unit.is_empty() {
-                RATIO.into()
-            } else {
-                unit.to_owned()
-            }
-        };
-        let signals = self
-            .signals
-            .iter()
-            .map(|(name, of)| (format!("unit.{name}"), unit(of)));
-        signals
-            .chain([(format!("unit.{TICK}"), TICK.to_owned())])
-            .collect()
+        let mut metadata = BTreeMap::from([(format!("unit.{TICK}"), TICK.to_owned())]);
+        for (name, unit) in &self.signals {
+            let unit = if unit.is_empty() { RATIO } else { unit };
+            metadata.insert(format!("unit.{name}"), unit.to_owned());
+        }
+        metadata
     }
 
-    /// Writes the numbers of a tick.
     pub fn encode(&self, tick: u64, telemetry: &Telemetry, out: &mut Vec<u8>) {
         out.clear();
         put_word(TICK_NUMBER, tick, out);
-        for (value, number) in telemetry.value[..self.signals.len()]
-            .iter()
-            .zip(TICK_NUMBER + 1..)
-        {
+        let values = &telemetry.value[..self.signals.len()];
+        for (value, number) in values.iter().zip(TICK_NUMBER + 1..) {
             put_word(number, value.to_bits(), out);
         }
     }
@@ -151,10 +133,8 @@ impl TelemetryTopic {
         if take_word(TICK_NUMBER, &mut bytes) != Some(tick) {
             return false;
         }
-        for (value, number) in telemetry.value[..self.signals.len()]
-            .iter_mut()
-            .zip(TICK_NUMBER + 1..)
-        {
+        let values = &mut telemetry.value[..self.signals.len()];
+        for (value, number) in values.iter_mut().zip(TICK_NUMBER + 1..) {
             let Some(bits) = take_word(number, &mut bytes) else {
                 return false;
             };
@@ -163,13 +143,11 @@ impl TelemetryTopic {
         bytes.is_empty()
     }
 
-    /// The columns of a table of it.
     pub fn columns(&self) -> Vec<String> {
         let names = self.signals.iter().map(|(name, _)| name.clone());
         std::iter::once(TICK.to_owned()).chain(names).collect()
     }
 
-    /// A row of CSV, in the order of [`Self::columns`].
     pub fn csv(&self, tick: u64, telemetry: &Telemetry) -> String {
         let mut row = tick.to_string();
         for value in &telemetry.value[..self.signals.len()] {
@@ -201,19 +179,14 @@ const RATIO: &str = "1";
 mod tests {
     use super::*;
 
+    const fn signal(name: &'static str, unit: &'static str) -> Signal {
+        Signal { name, unit }
+    }
+
     const SIGNALS: [Signal; 3] = [
-        Signal {
-            name: "mass_kg",
-            unit: "kg",
-        },
-        Signal {
-            name: "limited",
-            unit: "",
-        },
-        Signal {
-            name: "drag_1_s",
-            unit: "1/s",
-        },
+        signal("mass_kg", "kg"),
+        signal("limited", ""),
+        signal("drag_1_s", "1/s"),
     ];
 
     fn shown() -> TelemetryTopic {
@@ -228,13 +201,7 @@ mod tests {
 
     #[test]
     fn every_bit_comes_back_and_bytes_of_another_tick_or_length_are_none() {
-        for signals in [
-            &SIGNALS[..],
-            &[Signal {
-                name: "x",
-                unit: "",
-            }; TELEMETRY],
-        ] {
+        for signals in [&SIGNALS[..], &[signal("x", ""); TELEMETRY]] {
             let topic = TelemetryTopic::new(Role::Mixer, signals).unwrap();
             let (mut bytes, mut read) = (Vec::new(), Telemetry::default());
             topic.encode(7, &telemetry(), &mut bytes);
@@ -256,19 +223,12 @@ mod tests {
     #[test]
     fn a_log_tells_names_and_units_and_another_schema_is_refused() {
         let ours = shown();
-        assert_eq!(
-            TelemetryTopic::told(Role::Outer, &ours.descriptor_set(), &ours.metadata()),
-            Some(ours.clone())
-        );
-        assert_eq!(ours.metadata()["unit.limited"], "1");
-        assert_eq!(
-            TelemetryTopic::told(Role::Inner, &ours.descriptor_set(), &ours.metadata()),
-            None
-        );
-        assert_eq!(
-            TelemetryTopic::told(Role::Outer, &[1, 2, 3], &ours.metadata()),
-            None
-        );
+        let (schema, metadata) = (ours.descriptor_set(), ours.metadata());
+        let of = |role, schema: &[u8]| TelemetryTopic::described(role, schema, &metadata);
+        assert_eq!(of(Role::Outer, &schema), Some(ours.clone()));
+        assert_eq!(metadata["unit.limited"], "1");
+        assert_eq!(of(Role::Inner, &schema), None);
+        assert_eq!(of(Role::Outer, &[1, 2, 3]), None);
     }
 
     #[test]

@@ -70,17 +70,12 @@ fn describe_fields(path: &str, fields: &[Field], facts: &mut BTreeMap<String, St
 /// The unit of a field; 1 for counts, flags and fingerprints, and where to look where no name says it.
 fn unit(field: &Field) -> String {
     if field.kind == Kind::F64 && field.length == Some(PARAMETERS) {
-        let units: Vec<String> = SPECS
-            .iter()
-            .map(|spec| format!("{} [{}]", spec.name, spec.unit))
-            .collect();
+        let unit = |spec: &messages::parameters::Spec| format!("{} [{}]", spec.name, spec.unit);
+        let units = SPECS.iter().map(unit).collect::<Vec<_>>().join(", ");
         return match field.name {
             // In the order of the table.
-            "parameter" => units.join(", "),
-            _ => format!(
-                "that of the parameter at the same place; {}",
-                units.join(", ")
-            ),
+            "parameter" => units,
+            _ => format!("that of the parameter at the same place; {units}"),
         };
     }
     match field.name {
@@ -139,20 +134,14 @@ mod tests {
 
     #[test]
     fn every_number_has_a_unit() {
-        let without = |facts: BTreeMap<String, String>, fields: &[Field]| -> Vec<&str> {
-            let numbers = fields.iter().filter(|field| field.kind == Kind::F64);
-            numbers
-                .map(|field| field.name)
-                .filter(|name| facts[&format!("unit.{name}")].starts_with("docs"))
-                .collect()
-        };
-        assert_eq!(
-            without(describe::<State>(), State::FIELDS),
-            Vec::<&str>::new()
-        );
-        assert_eq!(
-            without(describe::<Wrench>(), Wrench::FIELDS),
-            Vec::<&str>::new()
-        );
+        for (facts, fields) in [
+            (describe::<State>(), State::FIELDS),
+            (describe::<Wrench>(), Wrench::FIELDS),
+        ] {
+            for field in fields.iter().filter(|field| field.kind == Kind::F64) {
+                let unit = &facts[&format!("unit.{}", field.name)];
+                assert!(!unit.starts_with("docs"), "{}", field.name);
+            }
+        }
     }
 }

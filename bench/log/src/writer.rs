@@ -38,7 +38,6 @@ pub struct Fate {
     /// In files that were removed, because newer ones are kept.
     pub removed: Counts,
     pub stretches: u64,
-    /// Why the disk did not take something, the first time.
     pub refused: Option<String>,
 }
 
@@ -115,11 +114,8 @@ impl FlightLog {
 
     fn begin_next_file(&mut self) -> Result<(), Failure> {
         let next = self.part + 1;
-        let removed = self
-            .facts
-            .plan
-            .files
-            .and_then(|files| next.checked_sub(files));
+        let files = self.facts.plan.files;
+        let removed = files.and_then(|files| next.checked_sub(files));
         let path = |part: u64| self.first_path.with_file_name(file_name(part));
         let disk = NextFile {
             path: path(next),
@@ -148,15 +144,15 @@ impl FlightLog {
     /// What became of the messages so far.
     pub fn fate(&self) -> Fate {
         let excerpt = self.excerpt.as_ref();
+        let closing = self.closing.as_ref();
+        let refused = self.refused.clone();
         let mut fate = Fate {
             removed: self.removed,
             dropped: self.dropped,
-            left_out: excerpt.map_or([0; TOPICS.len()], EventLog::left_out),
-            stretches: excerpt.map_or(0, EventLog::stretches),
-            refused: self
-                .refused
-                .clone()
-                .or_else(|| self.closing.as_ref()?.refused())
+            left_out: excerpt.map_or([0; TOPICS.len()], |it| it.left_out),
+            stretches: excerpt.map_or(0, |it| it.stretches),
+            refused: refused
+                .or_else(|| closing?.refused())
                 .or_else(|| self.file.refused()),
             ..Fate::default()
         };
@@ -176,9 +172,8 @@ impl FlightLog {
         let mut all = fate.written;
         add(&mut all, fate.dropped);
         add(&mut all, fate.removed);
-        TOPICS
-            .iter()
-            .zip(all)
+        let counts = TOPICS.iter().zip(all);
+        counts
             .map(|(topic, count)| (format!("messages.{topic}"), count.to_string()))
             .collect()
     }
@@ -194,9 +189,8 @@ impl FlightLog {
             return Ok(());
         }
         self.has_injected = true;
-        self.file
-            .tell(INJECTED, self.injected.clone())
-            .map_err(broken)
+        let injected = self.injected.clone();
+        self.file.tell(INJECTED, injected).map_err(broken)
     }
 
     /// Ends the log with its last facts and its index; says what became of the messages.
@@ -208,10 +202,8 @@ impl FlightLog {
         }
         last_facts.extend(self.messages());
         self.file.close(last_facts).map_err(broken)?;
-        self.closing
-            .iter_mut()
-            .chain([&mut self.file])
-            .for_each(LogFile::wait);
+        let files = self.closing.iter_mut().chain([&mut self.file]);
+        files.for_each(LogFile::wait);
         Ok(self.fate())
     }
 }
@@ -223,7 +215,7 @@ struct NextFile {
     file: OnceLock<File>,
 }
 
-impl NextFile {
+impl Disk for NextFile {
     fn file(&self) -> io::Result<&File> {
         if let Some(file) = self.file.get() {
             return Ok(file);
@@ -234,24 +226,6 @@ impl NextFile {
             let _ = fs::remove_file(oldest);
         }
         Ok(self.file.get_or_init(|| file))
-    }
-}
-
-impl Disk for NextFile {
-    fn free(&self) -> Option<u64> {
-        self.file().ok()?.free()
-    }
-
-    fn write_at(&self, bytes: &[u8], place: u64) -> io::Result<()> {
-        self.file()?.write_at(bytes, place)
-    }
-
-    fn cut(&self, length: u64) -> io::Result<()> {
-        self.file()?.cut(length)
-    }
-
-    fn sync(&self) -> io::Result<()> {
-        self.file()?.sync()
     }
 }
 

@@ -6,9 +6,7 @@ use std::fs;
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::header::Message;
-use messages::monitor::Monitor;
 use messages::topic::Topic;
 
 use crate::cli::{ExportArgs, ExportFormat};
@@ -16,11 +14,11 @@ use crate::output::{print, say};
 use crate::run_directory::find_log;
 use errors::{Failure, InFile as _, OK, replace};
 use flight_log::codec::Logged;
-use flight_log::entry::LogEntry;
+use flight_log::entry::{FORMATS, LogEntry, with_message};
 use flight_log::perfetto;
 use flight_log::perfetto::PerfettoWriter;
 use flight_log::reader::{End, Kept, LogReader};
-use flight_log::{TOPICS, rows, topics};
+use flight_log::{rows, topics};
 use report::phrase::count;
 
 /// Subdirectory of the run directory for the exported tables.
@@ -28,12 +26,8 @@ pub const DIRECTORY: &str = "export";
 
 /// Whether an export creates a file of this name.
 pub fn is_ours(name: &str) -> bool {
-    let formats = [TableFormat::Csv, TableFormat::Json];
-    topics().any(|topic| {
-        formats
-            .iter()
-            .any(|format| name == format!("{topic}.{}", format.extension()))
-    })
+    let has_name = |topic: &str, format: TableFormat| name == file_name(topic, format);
+    topics().any(|topic| has_name(topic, TableFormat::Csv) || has_name(topic, TableFormat::Json))
 }
 
 pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
@@ -53,24 +47,22 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
             return trace(&mut reader, args.to.as_deref().unwrap_or(run_directory));
         }
     };
+    let directory = || {
+        args.to
+            .clone()
+            .unwrap_or_else(|| run_directory.join(DIRECTORY))
+    };
     let mut tables = match &args.topic {
-        Some(topic) => Tables::one(topic, format)?,
-        None => Tables::all(
-            args.to
-                .clone()
-                .unwrap_or_else(|| run_directory.join(DIRECTORY)),
-            format,
-        )?,
+        // The columns of a law's signals are known once the log has been opened.
+        Some(topic) => Tables::begin_all(|name| name == topic, None, format)?,
+        None => Tables::begin_all(|_| true, Some(directory()), format)?,
     };
     // Everything before a damaged part is exported, then the damage is reported.
     let read = tables.fill(&mut reader).and_then(|()| tables.finish());
     print(&tables.summary())?;
     read?;
-    if let Some(topic) = args
-        .topic
-        .as_deref()
-        .filter(|topic| tables.is_read && !tables.open.contains_key(topic))
-    {
+    let topic = args.topic.as_deref();
+    if let Some(topic) = topic.filter(|it| tables.is_read && !tables.open.contains_key(it)) {
         let role = topic.split('_').next().unwrap_or_default();
         return Err(Failure::usage(format!(
             "{} has no topic {topic}: the {role} law of this flight publishes no signals",
@@ -85,7 +77,6 @@ pub fn export(args: &ExportArgs) -> Result<u8, Failure> {
     Ok(OK)
 }
 
-/// Prints what the log, and therefore the export, lacks.
 fn print_missing(reader: &LogReader) -> Result<(), Failure> {
     let Ok(Kept {
         around_ticks,
@@ -94,30 +85,24 @@ fn print_missing(reader: &LogReader) -> Result<(), Failure> {
     else {
         return Ok(());
     };
-    let path = reader.path();
+    let warn = |what: String| say(&format!("{} {what}\n", reader.path().display()));
     if let Some(ticks) = around_ticks {
-        say(&format!(
-            "{} contains excerpts: {ticks} ticks before and after missed deadlines, parameter changes, take-off and landing\n",
-            path.display()
+        warn(format!(
+            "contains excerpts: {ticks} ticks before and after missed deadlines, parameter changes, take-off and landing"
         ));
     }
     if files_before > 0 {
-        say(&format!(
-            "{} is not the first file of the log; earlier files missing: {files_before}\n",
-            path.display()
+        warn(format!(
+            "is not the first file of the log; earlier files missing: {files_before}"
         ));
     }
     if reader.end() == End::Truncated {
-        say(&format!(
-            "{} is truncated; everything up to that point was exported\n",
-            path.display()
-        ));
+        warn("is truncated; everything up to that point was exported".into());
     }
     for (topic, missing) in reader.missing()? {
         let missing = count(missing, "message");
-        say(&format!(
-            "{} lacks {missing} of topic {topic}: the disk was full\n",
-            path.display()
+        warn(format!(
+            "lacks {missing} of topic {topic}: the disk was full"
         ));
     }
     Ok(())
@@ -171,18 +156,15 @@ enum TableFormat {
     Json,
 }
 
-impl TableFormat {
-    const fn extension(self) -> &'static str {
-        match self {
-            Self::Csv => "csv",
-            Self::Json => "jsonl",
-        }
+fn file_name(topic: &str, format: TableFormat) -> String {
+    match format {
+        TableFormat::Csv => format!("{topic}.csv"),
+        TableFormat::Json => format!("{topic}.jsonl"),
     }
 }
 
 struct Tables {
     format: TableFormat,
-    /// None for standard output.
     directory: Option<PathBuf>,
     wanted: Vec<&'static str>,
     open: BTreeMap<&'static str, Table>,
@@ -194,70 +176,28 @@ struct Table {
     messages: u64,
 }
 
-impl Table {
-    /// Writes the header line, also if no message follows.
-    fn new(
-        columns: &[String],
-        format: TableFormat,
-        out: impl Write + 'static,
-    ) -> (Self, io::Result<()>) {
-        let mut out: Box<dyn Write> = Box::new(BufWriter::new(out));
-        let begun = match format {
-            TableFormat::Csv => writeln!(out, "{}", columns.join(",")),
-            TableFormat::Json => Ok(()),
-        };
-        (Self { out, messages: 0 }, begun)
-    }
-}
-
-fn columns(topic: &str) -> Vec<String> {
-    match topic {
-        State::NAME => rows::columns::<State>(),
-        Setpoint::NAME => rows::columns::<Setpoint>(),
-        Wrench::NAME => rows::columns::<Wrench>(),
-        RotorSpeeds::NAME => rows::columns::<RotorSpeeds>(),
-        SwapRecord::NAME => rows::columns::<SwapRecord>(),
-        _ => rows::columns::<Monitor>(),
-    }
-}
-
 impl Tables {
-    /// One table, on standard output. The columns of a law's signals are known once the log has been opened.
-    fn one(topic: &str, format: TableFormat) -> Result<Self, Failure> {
-        let wanted = topics().filter(|name| *name == topic).collect();
+    /// Starts the tables of some topics whose columns are known before the log is read.
+    fn begin_all(
+        is_wanted: impl Fn(&str) -> bool,
+        directory: Option<PathBuf>,
+        format: TableFormat,
+    ) -> Result<Self, Failure> {
+        directory.as_deref().map_or(Ok(()), create_directory)?;
         let mut tables = Self {
             format,
-            directory: None,
-            wanted,
+            directory,
+            wanted: topics().filter(|topic| is_wanted(topic)).collect(),
             open: BTreeMap::new(),
             is_read: true,
         };
-        tables.begin_all()?;
+        for topic in FORMATS {
+            tables.begin(topic.name, topic.columns)?;
+        }
         Ok(tables)
     }
 
-    fn all(directory: PathBuf, format: TableFormat) -> Result<Self, Failure> {
-        create_directory(&directory)?;
-        let wanted = topics().collect();
-        let mut tables = Self {
-            format,
-            directory: Some(directory),
-            wanted,
-            open: BTreeMap::new(),
-            is_read: true,
-        };
-        tables.begin_all()?;
-        Ok(tables)
-    }
-
-    /// Starts the tables whose columns are known before the log is read.
-    fn begin_all(&mut self) -> Result<(), Failure> {
-        TOPICS
-            .into_iter()
-            .try_for_each(|topic| self.begin(topic, || columns(topic)))
-    }
-
-    /// Starts a table if it is wanted and not started yet.
+    /// Starts a table if it is wanted and not started yet; writes the header line, also if no message follows.
     fn begin(
         &mut self,
         topic: &'static str,
@@ -266,35 +206,25 @@ impl Tables {
         if self.open.contains_key(topic) || !self.wanted.contains(&topic) {
             return Ok(());
         }
-        let Some(path) = self.path(topic) else {
-            let (table, begun) = Table::new(&columns(), self.format, io::stdout());
-            self.open.insert(topic, table);
-            return self.written(begun);
+        let mut out: Box<dyn Write> = match self.path(topic) {
+            Some(path) => Box::new(BufWriter::new(replace(&path)?)),
+            None => Box::new(BufWriter::new(io::stdout())),
         };
-        let (table, begun) = Table::new(&columns(), self.format, replace(&path)?);
-        self.open.insert(topic, table);
-        begun.in_file("write", &path)
+        let begun = match self.format {
+            TableFormat::Csv => writeln!(out, "{}", columns().join(",")),
+            TableFormat::Json => Ok(()),
+        };
+        self.open.insert(topic, Table { out, messages: 0 });
+        self.written(begun)
     }
 
-    /// The file of a topic; none for standard output.
     fn path(&self, topic: &str) -> Option<PathBuf> {
-        Some(
-            self.directory
-                .as_ref()?
-                .join(format!("{topic}.{}", self.format.extension())),
-        )
+        Some(self.directory.as_ref()?.join(file_name(topic, self.format)))
     }
 
     fn fill(&mut self, reader: &mut LogReader) -> Result<(), Failure> {
         while self.is_read && reader.next_entry()?.is_some() {
-            match reader.newest() {
-                LogEntry::State(message) => self.write(reader, message),
-                LogEntry::Setpoint(message) => self.write(reader, message),
-                LogEntry::Wrench(message) => self.write(reader, message),
-                LogEntry::RotorSpeeds(message) => self.write(reader, message),
-                LogEntry::Swap(message) => self.write(reader, message),
-                LogEntry::Theorem(message) => self.write(reader, message),
-            }?;
+            with_message!(reader.newest(), message => self.write(reader, message))?;
         }
         Ok(())
     }
@@ -321,7 +251,6 @@ impl Tables {
         })
     }
 
-    /// Writes a line to a table if it is wanted.
     fn put(&mut self, topic: &str, line: impl FnOnce() -> String) -> Result<(), Failure> {
         let Some(table) = self.open.get_mut(topic) else {
             return Ok(());
@@ -332,10 +261,8 @@ impl Tables {
     }
 
     fn finish(&mut self) -> Result<(), Failure> {
-        let flushed = self
-            .open
-            .values_mut()
-            .try_for_each(|table| table.out.flush());
+        let mut tables = self.open.values_mut();
+        let flushed = tables.try_for_each(|table| table.out.flush());
         self.written(flushed)
     }
 

@@ -83,7 +83,6 @@ pub fn floor(args: &FloorArgs) -> Result<u8, Failure> {
     Ok(OK)
 }
 
-/// Why a set cannot be measured here.
 fn missing(set: Set) -> Option<String> {
     let is_load = set == Set::Load;
     if set != Set::Flights && !is_load {
@@ -114,7 +113,6 @@ fn measure(
 
 const NUMBERS: &str = "benchmarks.json";
 
-/// The existing page, if it is of this machine.
 fn existing_page(numbers: &Path, host: &report::host::Host) -> Result<Page, Failure> {
     if !numbers.exists() {
         return Ok(Page::new(host.clone()));

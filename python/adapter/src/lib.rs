@@ -10,7 +10,6 @@
 
 mod interpreter;
 mod table;
-mod tick;
 
 use std::ffi::{CStr, c_char};
 use std::ptr;

@@ -1,22 +1,19 @@
-//! What a law says of itself, as the C interface has it; and its instances.
+//! The table of a law as the C interface has it, its instances, and their ticks. An exception ends the process.
 #![allow(
     unsafe_code,
     reason = "the rig's pointers; each use says why it is sound"
 )]
 
 use std::ffi::{CString, c_char, c_void};
+use std::io::{Write as _, stderr};
 use std::ptr;
 
-use ironbird_law::abi::{
-    IRONBIRD_INNER, IRONBIRD_LAW_INTERFACE, IRONBIRD_NUMBER, IRONBIRD_OUTER, IRONBIRD_THREE,
-    IRONBIRD_WORD, IronbirdLaw, IronbirdRig, IronbirdSetting, IronbirdSignal, IronbirdSizes,
-    IronbirdValue,
-};
+use ironbird_law::abi::*;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use python_law::{Looked, Rig, SaidSetting};
+use python_law::{Looked, PythonLaw, Rig, SaidSetting};
 
-use crate::tick::{Instance, tick_inner, tick_outer};
+use crate::interpreter::describe;
 
 /// The table of a law. It is leaked, as the rig never unloads a law.
 pub(crate) fn of(looked: Looked) -> *const IronbirdLaw {
@@ -64,10 +61,8 @@ pub(crate) fn of(looked: Looked) -> *const IronbirdLaw {
 fn setting(said: &SaidSetting) -> IronbirdSetting {
     let SaidSetting(name, unit, meaning, numbers, min, max, words) = said;
     let mut default_number = [0.0; 3];
-    default_number
-        .iter_mut()
-        .zip(numbers)
-        .for_each(|(place, number)| *place = *number);
+    let count = numbers.len().min(3);
+    default_number[..count].copy_from_slice(&numbers[..count]);
     let kind = match numbers.len() {
         0 => IRONBIRD_WORD,
         1 => IRONBIRD_NUMBER,
@@ -104,23 +99,20 @@ unsafe extern "C" fn create(
     // SAFETY: the context is that of the table; the rig hands over a rig, a value per setting, and a buffer.
     let (looked, rig, values) = unsafe {
         let looked = &*context.cast::<Looked>();
-        (
-            looked,
-            &*rig,
-            std::slice::from_raw_parts(values, looked.settings.len()),
-        )
+        let values = std::slice::from_raw_parts(values, looked.settings.len());
+        (looked, Rig(*rig), values)
     };
     let law = Python::attach(|py| {
-        let made =
-            settings(py, looked, values).and_then(|settings| looked.make(py, Rig(*rig), &settings));
+        let settings = settings(py, looked, values);
+        let made = settings.and_then(|settings| looked.make(py, rig, &settings));
         made.map_err(|raised| looked.describe(py, &raised))
     });
     match law {
         Ok(law) => {
-            let label = format!(
-                "the {} law `{}` ({})",
-                looked.role, looked.name, looked.file
-            );
+            let Looked {
+                role, name, file, ..
+            } = looked;
+            let label = format!("the {role} law `{name}` ({file})");
             Box::into_raw(Box::new(Instance { law, label })).cast()
         }
         Err(why) => {
@@ -143,18 +135,71 @@ fn settings<'py>(
     values: &[IronbirdValue],
 ) -> PyResult<Bound<'py, PyDict>> {
     let settings = PyDict::new(py);
-    for (SaidSetting(name, _, _, numbers, _, _, words), value) in looked.settings.iter().zip(values)
-    {
+    for (setting, value) in looked.settings.iter().zip(values) {
+        let SaidSetting(name, _, _, numbers, _, _, words) = setting;
         match numbers.len() {
-            0 => settings.set_item(
-                name,
-                usize::try_from(value.word)
-                    .ok()
-                    .and_then(|word| words.get(word)),
-            )?,
+            0 => settings.set_item(name, words.get(value.word as usize))?,
             1 => settings.set_item(name, value.number[0])?,
             _ => settings.set_item(name, python_law::array(py, &value.number)?)?,
         }
     }
     Ok(settings)
+}
+
+struct Instance {
+    pub law: PythonLaw,
+    /// Role, name and file, as errors name it.
+    pub label: String,
+}
+
+unsafe extern "C" fn tick_outer(
+    law: *mut c_void,
+    input: *const IronbirdOuterInput,
+    wanted: *mut IronbirdWanted,
+    telemetry: *mut IronbirdTelemetry,
+) {
+    // SAFETY: the rig hands over an instance of `create`, and structs that live for the time of the call.
+    unsafe {
+        let instance = &*law.cast::<Instance>();
+        *wanted = call(instance, (*input).tick, |py| {
+            instance.law.outer(py, &*input, &mut *telemetry)
+        });
+    }
+}
+
+unsafe extern "C" fn tick_inner(
+    law: *mut c_void,
+    input: *const IronbirdInnerInput,
+    demand: *mut IronbirdDemand,
+    telemetry: *mut IronbirdTelemetry,
+) {
+    // SAFETY: as above.
+    unsafe {
+        let instance = &*law.cast::<Instance>();
+        *demand = call(instance, (*input).tick, |py| {
+            instance.law.inner(py, &*input, &mut *telemetry)
+        });
+    }
+}
+
+/// Calls a law; an exception ends the process.
+fn call<T>(instance: &Instance, tick: u64, law: impl FnOnce(Python<'_>) -> PyResult<T>) -> T {
+    Python::attach(|py| law(py).unwrap_or_else(|raised| end(py, instance, tick, &raised)))
+}
+
+/// Ends the process as other failures of a role do: its last output says what happened, with the traceback.
+fn end(py: Python<'_>, instance: &Instance, tick: u64, raised: &PyErr) -> ! {
+    let other = libc::sched_param { sched_priority: 0 };
+    // SAFETY: a process may always give real time back. Where it has none, nothing changes.
+    unsafe { libc::sched_setscheduler(0, libc::SCHED_OTHER, &other) };
+    raised.display(py);
+    // Whether anybody reads it changes nothing about what follows.
+    let _ = writeln!(
+        stderr(),
+        "error: {} failed in tick {tick}: {}",
+        instance.label,
+        describe(py, raised)
+    );
+    // SAFETY: ends the process. Exit handlers are left out: they would report an exit, and wait for the interpreter.
+    unsafe { libc::_exit(1) }
 }

@@ -67,45 +67,34 @@ impl Answer<'_, '_> {
     fn check(&self, shape: Shape, signals: usize) -> PyResult<()> {
         let mut names = shape.names().to_vec();
         names.extend((signals > 0).then_some("telemetry"));
-        let given = self
-            .value
-            .len()
-            .map_err(|_| self.wrong(&format!("gave {}", self.kind()), &names))?;
-        if given == names.len() {
-            Ok(())
-        } else {
-            Err(self.wrong(&format!("gave {given} values"), &names))
-        }
+        let given = match self.value.len() {
+            Ok(given) if given == names.len() => return Ok(()),
+            Ok(given) => format!("gave {given} values"),
+            Err(_) => format!("gave {}", self.kind()),
+        };
+        Err(self.wrong(&given, &names))
     }
 
     fn wrong(&self, what: &str, names: &[&str]) -> PyErr {
-        PyTypeError::new_err(format!(
-            "{} {what}; it gives ({})",
-            self.place,
-            names.join(", ")
-        ))
+        let (place, names) = (&self.place, names.join(", "));
+        PyTypeError::new_err(format!("{place} {what}; it gives ({names})"))
     }
 
     fn kind(&self) -> String {
         if self.value.is_none() {
             return "nothing".into();
         }
-        self.value.get_type().name().map_or_else(
-            |_| "something else".into(),
-            |name| format!("a value of type {name}"),
-        )
+        match self.value.get_type().name() {
+            Ok(name) => format!("a value of type {name}"),
+            Err(_) => "something else".into(),
+        }
     }
 
     fn number(&self, at: usize, name: &str) -> PyResult<f64> {
         let value = self.value.get_item(at)?;
-        let number = value.extract::<f64>();
-        self.finite(
-            number.ok().map(|number| [number]),
-            &value,
-            name,
-            "a finite number",
-        )
-        .map(|[number]| number)
+        let number = value.extract::<f64>().ok().map(|number| [number]);
+        let finite = self.finite(number, &value, name, "a finite number");
+        finite.map(|[number]| number)
     }
 
     fn three(&self, at: usize, name: &str) -> PyResult<[f64; 3]> {
@@ -120,15 +109,13 @@ impl Answer<'_, '_> {
         name: &str,
         expected: &str,
     ) -> PyResult<[f64; N]> {
-        numbers
-            .filter(|numbers| numbers.iter().all(|number| number.is_finite()))
-            .ok_or_else(|| {
-                PyValueError::new_err(format!(
-                    "{} gave {name} = {}; expected {expected}",
-                    self.place,
-                    repr(value)
-                ))
-            })
+        let is_finite = |numbers: &[f64; N]| numbers.iter().all(|number| number.is_finite());
+        numbers.filter(is_finite).ok_or_else(|| {
+            let (place, value) = (&self.place, repr(value));
+            PyValueError::new_err(format!(
+                "{place} gave {name} = {value}; expected {expected}"
+            ))
+        })
     }
 
     /// The numbers that the law shows: anything goes, as no stage reads them.
@@ -152,7 +139,8 @@ impl Answer<'_, '_> {
 /// A value as Python prints it, in a line of bearable length.
 fn repr(value: &Bound<'_, PyAny>) -> String {
     const LONGEST: usize = 80;
-    let text = value.repr().map_or_else(
+    let text = value.repr();
+    let text = text.map_or_else(
         |_| "?".into(),
         |text| text.to_string_lossy().replace('\n', " "),
     );

@@ -1,6 +1,6 @@
 //! A law in Python, called tick by tick.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use control_api::registry::{AnyInner, AnyOuter};
 use ironbird_law::{InnerInput, OuterInput, WrenchSetpoint};
@@ -48,12 +48,10 @@ impl PythonLaw {
             content: input.measured,
             age: 0,
         };
-        let answer =
-            self.tick
-                .bind(py)
-                .call1((input.tick, measured, Reference(input.reference)))?;
-        self.answer(&answer, input.tick)
-            .desired(telemetry, self.signals)
+        let inputs = (input.tick, measured, Reference(input.reference));
+        let answer = self.tick.bind(py).call1(inputs)?;
+        let answer = self.answer(&answer, input.tick);
+        answer.desired(telemetry, self.signals)
     }
 
     /// A tick of an inner law.
@@ -71,14 +69,10 @@ impl PythonLaw {
             content: input.wanted,
             age: input.wanted_age,
         };
-        let answer = self.tick.bind(py).call1((
-            input.tick,
-            measured,
-            desired,
-            Reference(input.reference),
-        ))?;
-        self.answer(&answer, input.tick)
-            .wrench(telemetry, self.signals)
+        let inputs = (input.tick, measured, desired, Reference(input.reference));
+        let answer = self.tick.bind(py).call1(inputs)?;
+        let answer = self.answer(&answer, input.tick);
+        answer.wrench(telemetry, self.signals)
     }
 
     fn answer<'a, 'py>(&self, answer: &'a Bound<'py, PyAny>, tick: u64) -> Answer<'a, 'py> {
@@ -94,25 +88,23 @@ impl PythonLaw {
 pub struct Raised(Arc<Mutex<Option<PyErr>>>);
 
 impl Raised {
+    fn first(&self) -> MutexGuard<'_, Option<PyErr>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Whether something was raised.
     pub fn is_there(&self) -> bool {
-        self.0
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .is_some()
+        self.first().is_some()
     }
 
     /// Keeps an exception, if it is the first.
     pub fn keep(&self, raised: PyErr) {
-        self.0
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .get_or_insert(raised);
+        self.first().get_or_insert(raised);
     }
 
     /// The exception.
     pub fn take(&self) -> Option<PyErr> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+        self.first().take()
     }
 
     fn or_keep<T>(&self, ask: impl FnOnce(Python<'_>) -> PyResult<T>) -> Option<T> {

@@ -60,10 +60,7 @@ impl Looked {
 
     /// An exception in a line, with its place in the law's file.
     pub fn describe(&self, py: Python<'_>, raised: &PyErr) -> String {
-        let path = self
-            .file
-            .rsplit_once(':')
-            .map_or(self.file.as_str(), |(path, _)| path);
+        let path = self.file.rsplit_once(':').map_or(&*self.file, |it| it.0);
         let error = (raised.value(py), path, raised.traceback(py));
         let text = module(py).and_then(|module| module.call_method1("describe", error)?.extract());
         text.unwrap_or_else(|_| raised.to_string())
@@ -93,11 +90,8 @@ impl Looked {
         settings: &Bound<'_, PyDict>,
     ) -> PyResult<PythonLaw> {
         let tick = module(py)?.call_method1("make", (&self.law, rig, settings))?;
-        Ok(PythonLaw::new(
-            tick.unbind(),
-            self.place.clone(),
-            self.telemetry.len(),
-        ))
+        let (place, signals) = (self.place.clone(), self.telemetry.len());
+        Ok(PythonLaw::new(tick.unbind(), place, signals))
     }
 
     /// The settings that result from those that are given, each checked.
@@ -118,9 +112,8 @@ pub fn load<'py>(py: Python<'py>, path: &str) -> PyResult<(Bound<'py, PyAny>, St
 
 /// Whether an exception says that a law was refused, in words that need no traceback.
 pub fn is_refusal(py: Python<'_>, raised: &PyErr) -> bool {
-    module(py)
-        .and_then(|module| module.getattr("Refused"))
-        .is_ok_and(|refused| raised.is_instance(py, &refused))
+    let refused = module(py).and_then(|module| module.getattr("Refused"));
+    refused.is_ok_and(|refused| raised.is_instance(py, &refused))
 }
 
 fn module(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {

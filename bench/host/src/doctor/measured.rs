@@ -30,7 +30,6 @@ pub struct MeasuredMachine {
     /// Scheduling of the measuring threads: `SCHED_FIFO 80` or `SCHED_OTHER`.
     pub scheduling: String,
     pub cpu: usize,
-    /// What the system refused to the measuring threads.
     pub refused: Vec<String>,
     /// Lateness of a thread on an absolute timer.
     pub timer: Measurement,

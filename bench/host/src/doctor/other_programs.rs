@@ -5,7 +5,6 @@ use std::fs;
 use crate::{Machine, cpu_list};
 use report::finding::Finding;
 
-/// How many programs the finding names.
 const NAMED: usize = 5;
 
 /// A process that was last scheduled on the loops' CPU and competes for it.

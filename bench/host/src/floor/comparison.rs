@@ -16,7 +16,6 @@ const EVENTS_NEEDED: u64 = 10;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FloorPair<T> {
     pub ours: T,
-    /// Of what the machine can do at the best.
     pub floor: T,
     /// Time that the host took meanwhile from the processor that was measured [%].
     pub steal_percent: f64,
@@ -53,7 +52,6 @@ pub enum GoalVerdict {
 }
 
 impl FloorComparison {
-    /// A comparison of values; without pairs yet.
     pub fn ratio(name: &str, unit: &str, goal: f64) -> Self {
         let pairs = Vec::new();
         Self {
@@ -190,108 +188,72 @@ fn counts(pairs: &[FloorPair<Events>]) -> Vec<[Events; 2]> {
 mod tests {
     use super::*;
 
-    fn comparison(goal: f64, ratios: &[f64]) -> FloorComparison {
+    fn of_ratios(goal: f64, ratios: &[f64]) -> FloorComparison {
         let mut comparison = FloorComparison::ratio("x", "us", goal);
-        ratios
-            .iter()
-            .for_each(|ratio| comparison.take(10.0 * ratio, 10.0, 0.0));
+        for ratio in ratios {
+            comparison.take(10.0 * ratio, 10.0, 0.0);
+        }
         comparison
     }
 
-    fn is_inconclusive(verdict: &GoalVerdict, words: &str) -> bool {
-        matches!(verdict, GoalVerdict::Inconclusive(why) if why.contains(words))
+    fn of_events(pairs: &[(u64, u64)]) -> FloorComparison {
+        let mut comparison = FloorComparison::events("misses", 1.2);
+        let exposure = 11_000;
+        for (ours, floor) in pairs {
+            let [ours, floor] = [*ours, *floor].map(|count| Events { count, exposure });
+            comparison.take_events(ours, floor, 0.0);
+        }
+        comparison
     }
 
     #[test]
-    fn a_goal_is_met_or_missed_only_where_the_interval_leaves_no_doubt() {
+    fn a_verdict_needs_enough_pairs_that_leave_no_doubt() {
         let near = [1.2, 1.24, 1.26, 1.22, 1.24, 1.25, 1.21, 1.23, 1.24];
-        assert_eq!(comparison(1.5, &near).verdict(), GoalVerdict::Met);
-        assert_eq!(comparison(1.1, &near).verdict(), GoalVerdict::Missed);
-        assert!(is_inconclusive(
-            &comparison(1.235, &near).verdict(),
-            "within the interval"
-        ));
-        assert_eq!(
-            comparison(1.5, &near).interval(),
-            Some(Interval {
-                low: 1.21,
-                high: 1.25
-            })
-        );
+        let interval = of_ratios(1.5, &near).interval();
+        assert_eq!(interval.map(|it| [it.low, it.high]), Some([1.21, 1.25]));
         // All of a skewed spread lies on one side: a far outlier changes nothing.
         let skewed = [1.01, 1.02, 1.02, 1.0, 1.03, 1.02, 1.04, 1.01, 9.0];
-        assert_eq!(comparison(1.05, &skewed).verdict(), GoalVerdict::Met);
+        let with_theft = |ratios: &[f64]| {
+            let mut comparison = of_ratios(1.5, ratios);
+            comparison.take(1000.0, 10.0, 1.1);
+            comparison
+        };
+        let many = of_events(&[(60, 70), (80, 75), (70, 74), (66, 70), (71, 72), (69, 70)]);
+        assert!((many.value() - 416.0 / 431.0).abs() < 1e-12);
+        assert!((many.sides()[0] - 416e6 / 66_000.0).abs() < 1e-6);
+        let rare = of_events(&[(0, 1), (3, 0), (1, 2), (0, 0), (0, 0), (1, 1)]);
+        // Some flights without a miss, some with three times the floor's: nothing can be said.
+        let none = [(0, 9), (0, 12), (0, 8), (6, 14), (5, 11), (4, 13), (3, 12)];
+        let uneven = of_events(&[&none[..], &[(40, 16), (38, 12)]].concat());
+        let stolen = with_theft(&[1.0; 6]);
+        assert_eq!((stolen.measured(), stolen.value()), ((7, 1), 1.0));
+        for (comparison, expected) in [
+            (of_ratios(1.5, &near), "Met"),
+            (of_ratios(1.1, &near), "Missed"),
+            (of_ratios(1.235, &near), "within the interval"),
+            (of_ratios(1.05, &skewed), "Met"),
+            (stolen, "Met"),
+            (
+                with_theft(&[1.0; 5]),
+                "6 pairs, 1 left out: the host stole; 6 are needed",
+            ),
+            (of_ratios(1.5, &[]), "0 pairs"),
+            (many, "Met"),
+            (rare, "the floor has 4 events"),
+            (uneven, "within the interval"),
+        ] {
+            let verdict = format!("{:?}", comparison.verdict());
+            assert!(verdict.contains(expected), "{verdict}, not {expected}");
+        }
     }
 
     #[test]
     fn more_pairs_of_a_kind_never_make_a_verdict_harder() {
         let near = [1.2, 1.24, 1.26, 1.22, 1.24, 1.25];
         for times in 1..20 {
-            assert_eq!(
-                comparison(1.3, &near.repeat(times)).verdict(),
-                GoalVerdict::Met,
-                "{times}"
-            );
-            assert_eq!(
-                comparison(1.1, &near.repeat(times)).verdict(),
-                GoalVerdict::Missed,
-                "{times}"
-            );
+            let of = |goal| of_ratios(goal, &near.repeat(times)).verdict();
+            let expected = (GoalVerdict::Met, GoalVerdict::Missed);
+            assert_eq!((of(1.3), of(1.1)), expected, "{times}");
         }
-    }
-
-    #[test]
-    fn pairs_during_which_the_host_stole_are_left_out() {
-        let mut stolen = comparison(1.5, &[1.0; 6]);
-        stolen.take(1000.0, 10.0, 1.1);
-        assert_eq!(
-            (stolen.verdict(), stolen.measured(), stolen.value()),
-            (GoalVerdict::Met, (7, 1), 1.0)
-        );
-        let mut few = comparison(1.5, &[1.0; 5]);
-        few.take(10.0, 10.0, 1.1);
-        assert!(is_inconclusive(
-            &few.verdict(),
-            "6 pairs, 1 left out: the host stole; 6 are needed"
-        ));
-        assert!(is_inconclusive(&comparison(1.5, &[]).verdict(), "0 pairs"));
-    }
-
-    #[test]
-    fn rare_events_are_pooled_and_need_some() {
-        let of = |pairs: &[(u64, u64)]| {
-            let mut comparison = FloorComparison::events("misses", 1.2);
-            let events = |count| Events {
-                count,
-                exposure: 11_000,
-            };
-            pairs.iter().for_each(|(ours, floor)| {
-                comparison.take_events(events(*ours), events(*floor), 0.0)
-            });
-            comparison
-        };
-        let rare = of(&[(0, 1), (3, 0), (1, 2), (0, 0), (0, 0), (1, 1)]);
-        assert!(
-            is_inconclusive(&rare.verdict(), "the floor has 4 events"),
-            "{:?}",
-            rare.verdict()
-        );
-        let many = of(&[(60, 70), (80, 75), (70, 74), (66, 70), (71, 72), (69, 70)]);
-        assert!((many.value() - 416.0 / 431.0).abs() < 1e-12);
-        assert_eq!(many.verdict(), GoalVerdict::Met);
-        assert!((many.sides()[0] - 416e6 / 66_000.0).abs() < 1e-6);
-        // Some flights without a miss, some with three times the floor's: nothing can be said.
-        let uneven = of(&[
-            (0, 9),
-            (0, 12),
-            (0, 8),
-            (40, 16),
-            (38, 12),
-            (6, 14),
-            (5, 11),
-            (4, 13),
-            (3, 12),
-        ]);
-        assert!(is_inconclusive(&uneven.verdict(), "within the interval"));
     }
 }

@@ -163,7 +163,6 @@ fn go_around(
     })
 }
 
-/// Sends the token around; gives when the last process sent it [ns].
 fn pass_around(link: &mut Link, work: Work) -> Result<u64, Failure> {
     work.run();
     link.ring(now_ns())?;
@@ -220,7 +219,6 @@ impl Drop for Others {
     }
 }
 
-/// What wakes the next process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum WakeMechanism {
     /// A counter of the kernel: one `write` to ring, one `read` to wait.
@@ -279,7 +277,6 @@ impl Link {
         })
     }
 
-    /// Hands a token to the next process.
     pub fn ring(&self, token: u64) -> Result<(), Failure> {
         match self {
             Self::Eventfd { next, .. } => rustix::io::write(next, &token.to_ne_bytes())
@@ -336,7 +333,6 @@ impl Link {
     }
 }
 
-/// Every link of a ring, in the process that starts the others.
 enum Links {
     Eventfd(Vec<OwnedFd>),
     /// The file of a shared page with a wake-up event per process.
@@ -360,7 +356,6 @@ impl Links {
         }
     }
 
-    /// The link of the process that made them, the first of the ring.
     fn first(&self) -> Result<Link, Failure> {
         match self {
             Self::Eventfd(counters) => Ok(Link::Eventfd {
@@ -376,7 +371,6 @@ impl Links {
         }
     }
 
-    /// Standard input and output of another process of the ring.
     fn of(&self, position: usize) -> Result<(Stdio, Stdio), Failure> {
         Ok(match self {
             Self::Eventfd(counters) => {

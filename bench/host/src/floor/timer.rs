@@ -11,10 +11,8 @@ use messages::grid::Grid;
 use process::rt::{Standing, hold_cpu_latency, loops_cpu, take_stand};
 use report::series::histogram;
 
-/// When, how long and where a measurement runs.
 #[derive(Clone, Debug)]
 pub struct Schedule {
-    /// Length of a tick [ns].
     pub period_ns: u64,
     pub duration: Duration,
     /// On which processor; `None` is that of the loops.
@@ -32,7 +30,6 @@ pub struct TimerFloor {
     pub standing: Standing,
 }
 
-/// Measures on a thread of its own.
 pub fn measure(schedule: &Schedule) -> Result<TimerFloor, Failure> {
     let schedule = schedule.clone();
     on_a_thread("timer floor", move || {
@@ -81,7 +78,6 @@ pub(super) struct PeriodicTimer {
     grid: Grid,
     next_tick: u64,
     ticks: u64,
-    /// As in [`TimerFloor`].
     pub lateness: Histogram<u64>,
     pub skipped: u64,
 }

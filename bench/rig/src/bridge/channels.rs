@@ -159,8 +159,7 @@ impl Channels {
         }
         let placed = placed(self.clock.of(message), &message.content);
         for (channel, bytes) in placed.messages() {
-            self.scene[channel]
-                .log_with_meta(&bytes, PartialMetadata::with_log_time(placed.at_ns()));
+            self.scene[channel].log_with_meta(&bytes, PartialMetadata::with_log_time(placed.at_ns));
         }
     }
 }

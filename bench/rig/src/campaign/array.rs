@@ -12,7 +12,6 @@ use host::own_executable;
 /// Shards where nobody says how many: Slurm takes no more than 1000 in an array, unless it is told to.
 const SHARDS: u64 = 1000;
 
-/// The array job of a campaign.
 pub(super) struct Array {
     name: String,
     pub shards: u64,
@@ -46,26 +45,18 @@ impl Array {
     }
 
     pub fn script(&self, on: Engine) -> String {
-        let header = if on == Engine::Slurm {
-            self.slurm()
-        } else {
-            String::new()
-        };
         let [executable, file, out] =
             [&self.executable, &self.file, &self.out].map(|path| quoted(path));
-        let shard = match on {
-            Engine::Slurm | Engine::Hyperqueue => {
-                format!(
-                    " --shard auto/{} --jobs {}",
-                    self.shards, self.asked.processors
-                )
-            }
-            Engine::Local => String::new(),
+        let (shards, processors) = (self.shards, self.asked.processors);
+        let shard = format!(" --shard auto/{shards} --jobs {processors}");
+        let (header, shard) = match on {
+            Engine::Slurm => (self.slurm(), shard),
+            Engine::Hyperqueue => (String::new(), shard),
+            Engine::Local => (String::new(), String::new()),
         };
         format!("#!/bin/sh\n{header}exec {executable} campaign run {file} --out {out}{shard}\n")
     }
 
-    /// What Slurm reads in the script.
     fn slurm(&self) -> String {
         let Submission {
             partition,
@@ -73,32 +64,22 @@ impl Array {
             requeue,
             processors,
         } = &self.asked;
+        let log = quoted(&self.out.join("shard-%a.log"));
+        let requeue = if *requeue { "requeue" } else { "no-requeue" };
         let mut asked = vec![
-            format!("--job-name=ironbird-{}", self.name),
-            format!("--output={}", quoted(&self.out.join("shard-%a.log"))),
-            "--open-mode=append".into(),
-            format!("--cpus-per-task={processors}"),
-            if *requeue {
-                "--requeue".into()
-            } else {
-                "--no-requeue".into()
-            },
+            format!("job-name=ironbird-{}", self.name),
+            format!("output={log}"),
+            "open-mode=append".into(),
+            format!("cpus-per-task={processors}"),
+            requeue.into(),
         ];
-        asked.extend(
-            partition
-                .iter()
-                .map(|partition| format!("--partition={partition}")),
-        );
+        let partition = partition.iter();
+        asked.extend(partition.map(|partition| format!("partition={partition}")));
         // A number alone is minutes.
-        asked.extend(
-            time_limit
-                .iter()
-                .map(|limit| format!("--time={}", limit.as_secs().div_ceil(60))),
-        );
-        asked
-            .iter()
-            .map(|line| format!("#SBATCH {line}\n"))
-            .collect()
+        let minutes = time_limit.iter().map(|limit| limit.as_secs().div_ceil(60));
+        asked.extend(minutes.map(|minutes| format!("time={minutes}")));
+        let lines = asked.iter().map(|option| format!("#SBATCH --{option}\n"));
+        lines.collect()
     }
 
     pub fn script_file(&self) -> PathBuf {
@@ -107,32 +88,25 @@ impl Array {
 
     /// What submits some shards, prints the number of the job, and waits for its end.
     pub fn command(&self, on: Engine, shards: &[u64]) -> Vec<String> {
-        let numbers = shards
-            .iter()
-            .map(u64::to_string)
-            .collect::<Vec<_>>()
-            .join(",");
-        let array = if shards.len() as u64 == self.shards {
-            format!("1-{}", self.shards)
-        } else {
-            numbers
+        let script = self.script_file().display().to_string();
+        let array = match shards.len() as u64 == self.shards {
+            true => format!("1-{}", self.shards),
+            false => shards
+                .iter()
+                .map(u64::to_string)
+                .collect::<Vec<_>>()
+                .join(","),
         };
         let array = format!("--array={array}");
-        let script = self.script_file().display().to_string();
-        let (words, shell): (Vec<String>, _) = match on {
-            Engine::Slurm => (
-                ["sbatch", "--parsable", "--wait"].map(String::from).into(),
-                None,
-            ),
-            Engine::Hyperqueue => (self.hyperqueue(), Some("sh".to_owned())),
+        let mut words: Vec<String> = match on {
+            Engine::Slurm => ["sbatch", "--parsable", "--wait"].map(String::from).into(),
+            Engine::Hyperqueue => self.hyperqueue(),
             Engine::Local => return vec!["sh".into(), script],
         };
+        words.push(array);
+        words.extend((on == Engine::Hyperqueue).then(|| "sh".to_owned()));
+        words.push(script);
         words
-            .into_iter()
-            .chain([array])
-            .chain(shell)
-            .chain([script])
-            .collect()
     }
 
     fn hyperqueue(&self) -> Vec<String> {
@@ -149,17 +123,13 @@ impl Array {
             .into();
         words.push(format!("--name=ironbird-{}", self.name));
         words.push(format!("--cpus={processors}"));
-        words.extend(
-            time_limit
-                .iter()
-                .map(|limit| format!("--time-limit={}s", limit.as_secs())),
-        );
+        let limit_s = time_limit.iter().map(|limit| limit.as_secs());
+        words.extend(limit_s.map(|limit_s| format!("--time-limit={limit_s}s")));
         words.extend((!requeue).then(|| "--crash-limit=1".to_owned()));
         words.extend(["stdout", "stderr"].map(|which| format!("--{which}={log}")));
         words
     }
 
-    /// What ends a job that was submitted.
     pub fn cancel(on: Engine, job: &str) -> Option<Vec<String>> {
         match on {
             Engine::Slurm => Some(["scancel", job].map(String::from).into()),
@@ -179,7 +149,6 @@ impl Array {
     }
 }
 
-/// A path as a word of the shell.
 fn quoted(path: &Path) -> String {
     format!("'{}'", path.display().to_string().replace('\'', r"'\''"))
 }

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use campaign::gates::Gates;
+use campaign::gates::{Gates, SignalGate};
 use campaign::metrics::Metrics;
 use campaign::outcome::{Outcome, Shown};
 use campaign::table::Row;
@@ -21,8 +21,8 @@ use crate::simulator::Simulator;
 /// A flight of a campaign, and the place of the arm that flies it.
 pub(super) type Flight = (u64, usize);
 
-/// Rows of flights, in the order of flights and arms, flown by so many `workers`; meanwhile `look` is told how many
-/// are there.
+/// Rows of flights, in the order of flights and arms, flown by so many `workers`; `look` gets the number of flights
+/// flown so far.
 pub(super) fn rows(
     plan: &Plan,
     flights: &[Flight],
@@ -60,10 +60,8 @@ fn group(plan: &Plan, flights: &[Flight], stop: &AtomicBool) -> Result<Vec<Row>,
         let timing = plan.timing(flight, arm, &settings)?;
         Flown::new(&settings, timing, gates)
     };
-    let mut flown = flights
-        .iter()
-        .map(begun)
-        .collect::<Result<Vec<_>, Failure>>()?;
+    let flown = flights.iter().map(begun);
+    let mut flown = flown.collect::<Result<Vec<_>, Failure>>()?;
     let (mut alone, mut abreast): (Vec<_>, Vec<_>) = flown.iter_mut().partition(|it| it.is_alone);
     for flown in &mut alone {
         fly_alone(flown, gates, stop)?;
@@ -79,20 +77,16 @@ fn group(plan: &Plan, flights: &[Flight], stop: &AtomicBool) -> Result<Vec<Row>,
 }
 
 fn go_on(stop: &AtomicBool) -> Result<(), Failure> {
-    if stop.load(Ordering::Relaxed) {
-        Err(Failure::new(INTERRUPTED, "interrupted"))
-    } else {
-        Ok(())
+    match stop.load(Ordering::Relaxed) {
+        true => Err(Failure::new(INTERRUPTED, "interrupted")),
+        false => Ok(()),
     }
 }
 
 fn fly_alone(flown: &mut Flown<'_>, gates: &Gates, stop: &AtomicBool) -> Result<(), Failure> {
     if let Some((timing, settings)) = flown.timing.take() {
-        let Flown {
-            rig, judge, seen, ..
-        } = flown;
-        return follow(timing, rig, &settings, judge, |rig| {
-            seen.take(rig, gates);
+        return follow(timing, &mut flown.rig, &settings, &mut flown.judge, |rig| {
+            flown.seen.take(rig, gates);
             go_on(stop)
         });
     }
@@ -114,9 +108,9 @@ fn fly_abreast(
     let mut abreast = PlantBatch::default();
     loop {
         go_on(stop)?;
-        flown
-            .iter_mut()
-            .for_each(|it| it.is_flying = it.judge.goes_on(&it.rig));
+        for it in flown.iter_mut() {
+            it.is_flying = it.judge.goes_on(&it.rig);
+        }
         let mut flying = flown.iter_mut().filter(|it| it.is_flying).peekable();
         let Some(first) = flying.peek() else {
             return Ok(());
@@ -124,12 +118,8 @@ fn fly_abreast(
         let reference = route
             .map(|(course, period_s)| course.reference(first.rig.next_tick() as f64 * period_s));
         flying.for_each(|it| it.rig.stages(reference));
-        abreast.finish(
-            flown
-                .iter_mut()
-                .filter(|it| it.is_flying)
-                .map(|it| it.rig.plant_mut()),
-        );
+        let flying = flown.iter_mut().filter(|it| it.is_flying);
+        abreast.finish(flying.map(|it| it.rig.plant_mut()));
         for it in flown.iter_mut().filter(|it| it.is_flying) {
             it.take(gates)?;
         }
@@ -152,7 +142,6 @@ struct Flown<'a> {
     /// Laws of files may have memory of their own; faults of messages and stages, and recorded timings, have ticks of
     /// their own.
     is_alone: bool,
-    /// Whether it has a next tick.
     is_flying: bool,
     route: (ScaledTrajectory, f64),
     seen: Seen,
@@ -176,13 +165,9 @@ impl<'a> Flown<'a> {
         })
     }
 
-    /// Takes the tick that was flown last.
     fn take(&mut self, gates: &Gates) -> Result<(), Failure> {
-        let Self {
-            rig, judge, seen, ..
-        } = self;
-        judge.take(rig, |rig| {
-            seen.take(rig, gates);
+        self.judge.take(&mut self.rig, |rig| {
+            self.seen.take(rig, gates);
             Ok(())
         })
     }
@@ -210,57 +195,44 @@ struct Seen {
 impl Seen {
     fn new(settings: &Settings, gates: &Gates) -> Result<Self, Failure> {
         let (period_s, bound_m) = (settings.flight.period_s, gates.recovered_below_m);
-        let typed = settings
-            .typed_faults()
-            .map_err(|e| Failure::usage(format!("fault: {e}")))?;
+        let typed = settings.typed_faults();
+        let typed = typed.map_err(|e| Failure::usage(format!("fault: {e}")))?;
         let faults = typed
             .iter()
             .map(|fault| fault.from.tick(period_s))
             .collect();
+        let (airframe, last_tick) = (settings.airframe()?, settings.last_tick());
         let signals = settings.flown_laws()?.signals;
-        let place = |gate: &campaign::gates::SignalGate| {
-            signals
-                .of(gate.role)
-                .iter()
-                .position(|signal| signal.name == gate.signal)
+        let place = |gate: &SignalGate| {
+            let mut signals = signals.of(gate.role).iter();
+            signals.position(|signal| signal.name == gate.signal)
         };
         let places: Vec<Option<usize>> = gates.telemetry.iter().map(place).collect();
+        let shown = |place: &Option<usize>| match place {
+            Some(_) => Shown::Never,
+            None => Shown::NotOfThisLaw,
+        };
         Ok(Self {
             tracking: Tracking::along(settings.course()?, period_s),
-            metrics: Metrics::new(
-                period_s,
-                &settings.airframe()?,
-                faults,
-                settings.last_tick(),
-                bound_m,
-            ),
-            telemetry: places
-                .iter()
-                .map(|place| place.map_or(Shown::NotOfThisLaw, |_| Shown::Never))
-                .collect(),
+            metrics: Metrics::new(period_s, &airframe, faults, last_tick, bound_m),
+            telemetry: places.iter().map(shown).collect(),
             places,
         })
     }
 
-    /// Takes the tick that was flown last.
     fn take(&mut self, rig: &Simulator, gates: &Gates) {
         let (tick, state, setpoint) = (rig.flown_tick(), rig.state(), rig.setpoint());
-        let error_m = setpoint.map_or_else(
-            || self.tracking.error_m(tick, state),
-            |it| it.position_error_m(state),
-        );
+        let error_m = match setpoint {
+            Some(setpoint) => setpoint.position_error_m(state),
+            None => self.tracking.error_m(tick, state),
+        };
         self.metrics.take(tick, state, error_m, rig.rotor_speeds());
-        for ((gate, place), shown) in gates
-            .telemetry
-            .iter()
-            .zip(&self.places)
-            .zip(&mut self.telemetry)
-        {
-            let value = place
-                .and_then(|place| gate.value(place, setpoint, rig.wrench(), rig.rotor_speeds()));
-            value
-                .into_iter()
-                .for_each(|value| *shown = shown.and(value));
+        let gates = gates.telemetry.iter().zip(&self.places);
+        for ((gate, place), shown) in gates.zip(&mut self.telemetry) {
+            let value = |place| gate.value(place, setpoint, rig.wrench(), rig.rotor_speeds());
+            if let Some(value) = place.and_then(value) {
+                *shown = shown.and(value);
+            }
         }
     }
 }

@@ -14,9 +14,7 @@ use crate::cli::CampaignCheckArgs;
 use crate::output::print;
 use crate::parallel::processors;
 
-/// How long flights are tried for.
 const TRIED: Duration = Duration::from_secs(2);
-/// Flights that are tried at the most.
 const TRIED_MAX: u64 = 200;
 
 pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
@@ -39,26 +37,20 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
         let flights: Vec<batch::Flight> = (next..end)
             .flat_map(|i| (0..arms).map(move |arm| (flight(i), arm)))
             .collect();
-        rows.extend(batch::rows(
-            &plan,
-            &flights,
-            1,
-            &AtomicBool::new(false),
-            |_| (),
-        )?);
+        let stop = AtomicBool::new(false);
+        rows.extend(batch::rows(&plan, &flights, 1, &stop, |_| ())?);
         next = end;
     }
     let each_s = begun.elapsed().as_secs_f64() / rows.len() as f64;
     let jobs = args.jobs.unwrap_or_else(processors);
     let total = campaign.flights * arms as u64;
     let length_s = plan.settings(0, 0)?.flight.duration_s;
-    let bytes = bytes(&plan, &rows)?;
+    let [per_file, per_row] = bytes(&plan, &rows)?;
     let names: Vec<&str> = campaign.arms.iter().map(|arm| arm.name.as_str()).collect();
-    let takes = Duration::try_from_secs_f64((each_s * total as f64 / jobs as f64).ceil())
-        .unwrap_or(Duration::MAX);
-    let drawn = campaign
-        .factors
-        .iter()
+    let takes_s = (each_s * total as f64 / jobs as f64).ceil();
+    let takes = Duration::try_from_secs_f64(takes_s).unwrap_or(Duration::MAX);
+    let factors = campaign.factors.iter();
+    let drawn = factors
         .filter(|factor| factor.distribution.varies())
         .count();
     print(&format!(
@@ -74,40 +66,27 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
         humantime::format_duration(takes),
         1e3 * each_s,
         rows.len(),
-        size(bytes.per_row * total as f64 + bytes.per_file * campaign.chunks() as f64),
-        bytes.per_row.round(),
+        size(per_row * total as f64 + per_file * campaign.chunks() as f64),
+        per_row.round(),
         plan.identity.campaign,
     ))?;
     Ok(OK)
 }
 
-/// What rows take on the disk.
-struct Bytes {
-    per_file: f64,
-    per_row: f64,
-}
-
-/// By the rows that were flown: once, and twice the same with their numbers told apart by what they drew.
-fn bytes(plan: &Plan, rows: &[Row]) -> Result<Bytes, Failure> {
+/// Bytes of a file and of a row, by the rows that were flown: a half and all of them.
+fn bytes(plan: &Plan, rows: &[Row]) -> Result<[f64; 2], Failure> {
     let length = |rows: &[Row]| {
         chunk::length(&plan.campaign, &plan.identity, rows).map(|bytes| bytes as f64)
     };
     let half = rows.len() / 2;
     let (one, all) = (length(&rows[..half])?, length(rows)?);
     let per_row = (all - one) / (rows.len() - half) as f64;
-    Ok(Bytes {
-        per_file: (all - per_row * rows.len() as f64).max(0.0),
-        per_row,
-    })
+    Ok([(all - per_row * rows.len() as f64).max(0.0), per_row])
 }
 
-/// Bytes in a unit that is read at a glance.
 fn size(bytes: f64) -> String {
     let units = ["B", "kB", "MB", "GB", "TB"];
     let place = ((bytes.max(1.0).log10() / 3.0) as usize).min(units.len() - 1);
-    format!(
-        "{:.1} {}",
-        bytes / 1000_f64.powi(place as i32),
-        units[place]
-    )
+    let number = bytes / 1000_f64.powi(place as i32);
+    format!("{number:.1} {}", units[place])
 }

@@ -11,16 +11,13 @@ use std::io::Write as _;
 
 use super::flight_settings::Plan;
 
-/// The copy of the campaign's file.
 const FILE: &str = "campaign.toml";
-/// What is known of it besides.
 const FACTS: &str = "campaign.json";
 
 /// What to do where a recorded flight is another one.
 const OTHER_RECORDING: &str =
     "name the recorded flight itself, and not `latest`; or fly into another directory (--out DIR)";
 
-/// What the copy does not say.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Facts {
@@ -38,10 +35,11 @@ impl Facts {
     /// The recorded flights that are others now, in words.
     fn changed(&self, plan: &Plan) -> Option<String> {
         let now = plan.timings.sums();
+        let is_other = |name: &String, sum: &String| now.get(name).is_some_and(|it| it != sum);
         let changed = self
             .timings
             .iter()
-            .filter(|(name, sum)| now.get(*name).is_some_and(|it| it != *sum));
+            .filter(|(name, sum)| is_other(name, sum));
         let names: Vec<&str> = changed.map(|(name, _)| name.as_str()).collect();
         (!names.is_empty()).then(|| names.join(", "))
     }
@@ -53,31 +51,29 @@ pub(super) fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
     let (file, facts) = (directory.join(FILE), directory.join(FACTS));
     if facts.exists() {
         let there = read_facts(directory)?;
+        let place = directory.display();
         if let Some(changed) = there.changed(plan) {
             return Err(Failure::usage(format!(
-                "{} holds rows of another recorded flight than the one that is now at {changed}",
-                directory.display()
+                "{place} holds rows of another recorded flight than the one that is now at {changed}"
             ))
             .help(OTHER_RECORDING));
         }
         if there.campaign != plan.identity.campaign {
             return Err(Failure::usage(format!(
-                "{} holds another campaign: the file has changed in more than its number of flights",
-                directory.display()
+                "{place} holds another campaign: the file has changed in more than its number of flights"
             ))
             .help("fly it into another directory (--out DIR), or remove this one"));
         }
     }
-    let told = Facts {
+    let now = Facts {
         schema: SCHEMA.into(),
         file: plan.file.clone(),
         campaign: plan.identity.campaign.clone(),
         build: plan.identity.build.clone(),
         timings: plan.timings.sums(),
     };
-    let told =
-        serde_json::to_string_pretty(&told).map_err(|e| Failure::failed(e.to_string()))? + "\n";
-    for (path, text) in [(&file, &plan.text), (&facts, &told)] {
+    let now = serde_json::to_string_pretty(&now).map_err(|e| Failure::failed(e.to_string()))?;
+    for (path, text) in [(&file, &plan.text), (&facts, &(now + "\n"))] {
         // Shards that run side by side write the same.
         if fs::read_to_string(path).is_ok_and(|there| there == *text) {
             continue;
@@ -92,18 +88,16 @@ pub(super) fn plan(directory: &Path) -> Result<Plan, Failure> {
     let text = read_text("read the campaign", &directory.join(FILE))
         .map_err(|failure| failure.or_code(USAGE))?;
     let plan = Plan::of(text, &facts.file)?;
+    let (place, build) = (directory.display(), &facts.build);
     if let Some(changed) = facts.changed(&plan) {
         return Err(Failure::usage(format!(
-            "{} was flown with another recorded flight than the one that is now at {changed}",
-            directory.display()
+            "{place} was flown with another recorded flight than the one that is now at {changed}"
         ))
         .help(OTHER_RECORDING));
     }
     if plan.identity.campaign != facts.campaign {
         return Err(Failure::usage(format!(
-            "{} was flown by the build {}, for which its campaign means other settings than for this one",
-            directory.display(),
-            facts.build
+            "{place} was flown by the build {build}, for which its campaign means other settings than for this one"
         ))
         .help("read it with the build that flew it, or fly it again into another directory"));
     }

@@ -13,7 +13,6 @@ use crate::build;
 use crate::recorded_timing::Timing;
 use crate::settings::Settings;
 
-/// A campaign that can be flown.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
     pub campaign: Campaign,
@@ -21,12 +20,10 @@ pub(super) struct Plan {
     pub file: PathBuf,
     pub text: String,
     pub identity: Identity,
-    /// The recorded flights that it names.
     pub timings: Timings,
 }
 
 impl Plan {
-    /// Reads a campaign's file.
     pub fn read(file: &Path) -> Result<Self, Failure> {
         let text = read_text("read the campaign", file).map_err(|failure| {
             failure
@@ -59,33 +56,28 @@ impl Plan {
         Ok(plan)
     }
 
-    /// The settings of a flight by an arm.
     pub fn settings(&self, flight: u64, arm: usize) -> Result<Settings, Failure> {
-        let arm = &self.campaign.arms[arm];
-        let draws = self.campaign.draws(flight);
-        self.resolved(arm, &draws).map_err(|failure| {
-            failure.append(&format!(
-                ": flight {flight} of the arm {} cannot be flown",
-                arm.name
-            ))
-        })
+        let (variant, draws) = (&self.campaign.arms[arm], self.campaign.draws(flight));
+        let settings = self.resolved(variant, &draws);
+        settings.map_err(|failure| self.not_flown(failure, flight, arm))
     }
 
-    /// The recorded timing of a flight by an arm, if it has one.
     pub fn timing(
         &self,
         flight: u64,
         arm: usize,
         settings: &Settings,
     ) -> Result<Option<&Timing>, Failure> {
-        let arm = &self.campaign.arms[arm];
-        self.checked(arm, &self.campaign.draws(flight), settings)
-            .map_err(|failure| {
-                failure.append(&format!(
-                    ": flight {flight} of the arm {} cannot be flown",
-                    arm.name
-                ))
-            })
+        let (variant, draws) = (&self.campaign.arms[arm], self.campaign.draws(flight));
+        let timing = self.checked(variant, &draws, settings);
+        timing.map_err(|failure| self.not_flown(failure, flight, arm))
+    }
+
+    fn not_flown(&self, failure: Failure, flight: u64, arm: usize) -> Failure {
+        let arm = &self.campaign.arms[arm].name;
+        failure.append(&format!(
+            ": flight {flight} of the arm {arm} cannot be flown"
+        ))
     }
 
     /// The recorded flight whose timing a flight by an arm has, if it has one.
@@ -104,16 +96,14 @@ impl Plan {
         let Some(timing) = self.timings.of(self.campaign.timing(arm, draws)) else {
             return Ok(None);
         };
-        timing
-            .check(settings, &self.campaign.timings(arm).0)
-            .map(|()| Some(timing))
+        let (key, _) = self.campaign.timings(arm);
+        timing.check(settings, &key).map(|()| Some(timing))
     }
 
     fn resolved(&self, arm: &Variant, draws: &[Value]) -> Result<Settings, Failure> {
         Settings::of_file(self.campaign.given(arm, draws), &self.file)
     }
 
-    /// The settings of a flight that can be flown.
     fn tried(&self, arm: &Variant, draws: &[Value]) -> Result<Settings, Failure> {
         let settings = self.resolved(arm, draws)?;
         let place = format!(" (campaign {})", self.file.display());
@@ -142,35 +132,22 @@ impl Plan {
             }
             let signals = settings.flown_laws()?.signals;
             for (gate, shown) in self.campaign.gates.telemetry.iter().zip(&mut shown) {
-                *shown |= signals
-                    .of(gate.role)
-                    .iter()
-                    .any(|signal| signal.name == gate.signal);
+                let mut signals = signals.of(gate.role).iter();
+                *shown |= signals.any(|signal| signal.name == gate.signal);
             }
-            shared
-                .push(settings.shared_text()? + &self.timings.told(&self.campaign.timings(arm).1));
+            let (_, recorded) = self.campaign.timings(arm);
+            shared.push(settings.shared_text()? + &self.timings.sums_of(&recorded));
         }
-        let unknown = self
-            .campaign
-            .gates
-            .telemetry
-            .iter()
-            .zip(shown)
-            .find(|(_, shown)| !shown);
-        if let Some((gate, _)) = unknown {
-            let line = self
-                .campaign
-                .lines
-                .of_key(&format!("success.telemetry.{}", gate.name()));
+        let mut gates = self.campaign.gates.telemetry.iter().zip(shown);
+        if let Some((gate, _)) = gates.find(|(_, shown)| !shown) {
+            let key = format!("success.telemetry.{}", gate.name());
+            let (file, line) = (self.file.display(), self.campaign.lines.of_key(&key));
+            let (role, signal) = (gate.role, &gate.signal);
             return Err(Failure::usage(format!(
-                "{}: line {line}: no arm has a law of the role {} that shows `{}`",
-                self.file.display(),
-                gate.role,
-                gate.signal
+                "{file}: line {line}: no arm has a law of the role {role} that shows `{signal}`"
             ))
             .help(format!(
-                "`ironbird laws LAW` lists what a law of the role {} shows",
-                gate.role
+                "`ironbird laws LAW` lists what a law of the role {role} shows"
             )));
         }
         Ok(shared)
@@ -179,22 +156,18 @@ impl Plan {
     /// The line of the key that a failure speaks of, or else of the factor, or else of the arm.
     fn at_line(&self, failure: Failure, arm: &Variant, factor: Option<usize>) -> Failure {
         let said = failure.to_string();
-        let of_key = || self.campaign.lines.spoken_of(&said);
         let line = factor
             .or_else(|| self.line_of_fault(&said))
-            .or_else(of_key)
+            .or_else(|| self.campaign.lines.spoken_of(&said))
             .unwrap_or(arm.line);
         failure.append(&format!(": line {line}, flown by the arm {}", arm.name))
     }
-}
 
-impl Plan {
     /// The line of the [[fault]] that a failure of the first flight speaks of, or of the only one.
     fn line_of_fault(&self, said: &str) -> Option<usize> {
         let (draws, faults) = (self.campaign.draws(0), &self.campaign.faults);
-        let named = faults
-            .iter()
-            .find(|fault| said.contains(fault.what(&draws)));
+        let mut all = faults.iter();
+        let named = all.find(|fault| said.contains(fault.what(&draws)));
         let only = faults.first().filter(|_| faults.len() == 1);
         let fault = named.or(only).filter(|_| said.starts_with("fault: "))?;
         Some(self.campaign.factors[fault.what].line)
@@ -204,10 +177,6 @@ impl Plan {
 /// The build, as far as the bits of flights depend on it: profile and target do not change them.
 fn flown_by() -> String {
     let build = build::here();
-    format!(
-        "{} {}{}",
-        build.version,
-        build.commit,
-        if build.dirty { "-dirty" } else { "" }
-    )
+    let dirty = if build.dirty { "-dirty" } else { "" };
+    format!("{} {}{dirty}", build.version, build.commit)
 }

@@ -28,29 +28,27 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
     let plan = directory::plan(&args.directory)?;
     let arm = arm(&plan, args.arm.as_deref())?;
     if args.flight >= plan.campaign.flights {
+        let (name, last) = (&plan.campaign.name, plan.campaign.flights - 1);
         return Err(Failure::usage(format!(
-            "there is no flight {}: the campaign {} has the flights 0 to {}",
-            args.flight,
-            plan.campaign.name,
-            plan.campaign.flights - 1
+            "there is no flight {}: the campaign {name} has the flights 0 to {last}",
+            args.flight
         ))
         .help("`ironbird campaign report DIR` lists the worst ones"));
     }
     let mut settings = plan.settings(args.flight, arm)?;
     let timing = plan.timing(args.flight, arm, &settings)?;
-    let is_of_ticks_alone = is_of_ticks_alone(&settings, timing)?;
-    settings.flight.pace = if is_of_ticks_alone {
-        PaceName::Realtime
-    } else {
-        PaceName::Lockstep
+    // A flight with a recorded timing or with late stages: processes in lockstep cannot fly it, as no stage is late there.
+    let is_of_ticks_alone = timing.is_some() || !settings.planned()?.stages.is_empty();
+    settings.flight.pace = match is_of_ticks_alone {
+        true => PaceName::Realtime,
+        false => PaceName::Lockstep,
     };
     if let Some(out) = &args.out {
         settings.recorder.out = out.to_string_lossy().into_owned();
     }
     if args.print_config {
-        let timed = plan
-            .recorded(args.flight, arm)
-            .map(|run| format!("# with --timing {}\n", run.display()));
+        let recorded = plan.recorded(args.flight, arm);
+        let timed = recorded.map(|run| format!("# with --timing {}\n", run.display()));
         print(&(timed.unwrap_or_default() + &settings.commented()?))?;
         return Ok(OK);
     }
@@ -69,34 +67,20 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
     compare(Path::new(&settings.recorder.out), row.as_ref())
 }
 
-/// The arm of a name, or the first.
 fn arm(plan: &Plan, name: Option<&str>) -> Result<usize, Failure> {
-    let names = || {
-        plan.campaign
-            .arms
-            .iter()
-            .map(|arm| arm.name.as_str())
-            .collect::<Vec<_>>()
-            .join(", ")
-    };
+    let campaign = &plan.campaign;
     name.map_or(Ok(0), |name| {
-        plan.campaign.arm(name).ok_or_else(|| {
+        campaign.arm(name).ok_or_else(|| {
+            let arms = campaign.arms.iter().map(|arm| arm.name.as_str());
+            let (arms, campaign) = (arms.collect::<Vec<_>>().join(", "), &campaign.name);
             Failure::usage(format!(
-                "--arm {name}: the campaign {} has no such arm",
-                plan.campaign.name
+                "--arm {name}: the campaign {campaign} has no such arm"
             ))
-            .help(format!("its arms are {}", names()))
+            .help(format!("its arms are {arms}"))
         })
     })
 }
 
-/// Whether a flight is one that no processes can fly in lockstep, where nobody is late: with a recorded timing, or with
-/// stages that are.
-fn is_of_ticks_alone(settings: &Settings, timing: Option<&Timing>) -> Result<bool, Failure> {
-    Ok(timing.is_some() || !settings.planned()?.stages.is_empty())
-}
-
-/// Simulates a flight, into a directory of its own.
 fn simulated(
     plan: &Plan,
     args: &CampaignFlyArgs,
@@ -105,37 +89,28 @@ fn simulated(
     timing: Option<&Timing>,
     row: Option<&Flown>,
 ) -> Result<u8, Failure> {
-    let name = format!(
-        "{}-{}-{}",
-        plan.campaign.name, args.flight, plan.campaign.arms[arm].name
-    );
+    let (campaign, arm) = (&plan.campaign.name, &plan.campaign.arms[arm].name);
+    let name = format!("{campaign}-{}-{arm}", args.flight);
     let directory = Path::new(&settings.recorder.out).join(name);
     fs::create_dir_all(&directory).in_file("make the directory", &directory)?;
     let [file, states, plot] =
         ["settings.toml", "states.csv", "flight.svg"].map(|name| directory.join(name));
     fs::write(&file, settings.commented()?).in_file("write", &file)?;
-    let (flown, _) = report(
-        settings,
-        timing,
-        &OutputFiles {
-            states: Some(&states),
-            plot: Some(&plot),
-        },
-    )?;
-    print(&format!(
-        "{}: settings.toml, states.csv, flight.svg\n",
-        directory.display()
-    ))?;
+    let outputs = OutputFiles {
+        states: Some(&states),
+        plot: Some(&plot),
+    };
+    let (flown, _) = report(settings, timing, &outputs)?;
+    let place = directory.display();
+    print(&format!("{place}: settings.toml, states.csv, flight.svg\n"))?;
     against(&flown.outputs.to_string(), row)
 }
 
-/// `fly` with a settings file alone.
 fn asked(settings: PathBuf, instance: Option<String>) -> FlyArgs {
-    let mut rt = RtArgs {
-        instance: "default".into(),
+    let rt = RtArgs {
+        instance: instance.unwrap_or_else(|| "default".into()),
         ..RtArgs::default()
     };
-    instance.into_iter().for_each(|name| rt.instance = name);
     FlyArgs {
         watch: false,
         floor: None,
@@ -155,13 +130,11 @@ fn asked(settings: PathBuf, instance: Option<String>) -> FlyArgs {
     }
 }
 
-/// What is asked of a flight's row.
 struct Flown {
     outputs: String,
     is_success: bool,
 }
 
-/// A flight's row, where it is there.
 fn row(plan: &Plan, directory: &Path, flight: u64, arm: usize) -> Result<Option<Flown>, Failure> {
     let chunk = flight / plan.campaign.chunk;
     if chunk::state(directory, &plan.campaign, &plan.identity, chunk) != State::Whole {
@@ -179,43 +152,27 @@ fn row(plan: &Plan, directory: &Path, flight: u64, arm: usize) -> Result<Option<
 /// Holds the newest flight in a directory against a row.
 fn compare(out: &Path, row: Option<&Flown>) -> Result<u8, Failure> {
     let log = find_log(Path::new("latest"), Some(out))?;
-    against(
-        &fly_again(&log, 0, false, &Moved::new())?
-            .summary
-            .outputs
-            .to_string(),
-        row,
-    )
+    let flown = fly_again(&log, 0, false, &Moved::new())?;
+    against(&flown.summary.outputs.to_string(), row)
 }
 
-/// Holds the outputs of a flight against a row's.
 fn against(outputs: &str, row: Option<&Flown>) -> Result<u8, Failure> {
-    let (words, code) = match row {
-        None => (
-            format!("outputs {outputs}; the campaign has no row of this flight"),
-            OK,
+    let (comparison, code) = match row {
+        None => ("; the campaign has no row of this flight".into(), OK),
+        Some(row) if row.outputs != outputs => (
+            format!(", but the campaign's row has {}", row.outputs),
+            GATE,
         ),
-        Some(row) if row.outputs == outputs => {
+        Some(row) => {
             let success = if row.is_success {
                 "a success"
             } else {
                 "no success"
             };
-            (
-                format!(
-                    "outputs {outputs}, as in the campaign's row, which is {success} by the campaign's gates"
-                ),
-                OK,
-            )
+            let row = format!(", as in the campaign's row, which is {success}");
+            (row + " by the campaign's gates", OK)
         }
-        Some(row) => (
-            format!(
-                "outputs {outputs}, but the campaign's row has {}",
-                row.outputs
-            ),
-            GATE,
-        ),
     };
-    print(&format!("{words}\n"))?;
+    print(&format!("outputs {outputs}{comparison}\n"))?;
     Ok(code)
 }

@@ -28,7 +28,6 @@ const TASKS: [(&str, u64); 4] = [
 const DIRTY: &str = "this build has uncommitted changes, and rows of any such build of this commit are taken for its own; \
                      commit and rebuild before flying results that count";
 
-/// Flies a campaign, or a shard of it.
 pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
     let stop = asked_to_stop()?;
     let plan = Plan::read(&args.file)?;
@@ -40,11 +39,10 @@ pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
     if build::here().dirty {
         say(&format!("warning: {DIRTY}\n"));
     }
-    let jobs = args.jobs.unwrap_or_else(processors);
     let flying = Flying {
         plan: &plan,
         out: &out,
-        jobs,
+        jobs: args.jobs.unwrap_or_else(processors),
         stop: &stop,
     };
     let ended = flying.fly(chunks)?;
@@ -66,11 +64,9 @@ fn of_shard(plan: &Plan, shard: Shard) -> Result<Range<u64>, Failure> {
         })?,
     };
     if !(1..=shard.of).contains(&number) {
-        return Err(Failure::usage(format!(
-            "--shard auto/{}: the task's number is {number}",
-            shard.of
-        ))
-        .help(format!("number the tasks from 1 to {}", shard.of)));
+        let of = shard.of;
+        let mistake = format!("--shard auto/{of}: the task's number is {number}");
+        return Err(Failure::usage(mistake).help(format!("number the tasks from 1 to {of}")));
     }
     Ok(plan.campaign.shard(number, shard.of))
 }
@@ -112,10 +108,8 @@ impl Flying<'_> {
             } else {
                 if let State::Refused(why) = state {
                     progress.clear();
-                    say(&format!(
-                        "{}: {why}; flying it again\n",
-                        chunk::path_of(self.out, chunk).display()
-                    ));
+                    let path = chunk::path_of(self.out, chunk);
+                    say(&format!("{}: {why}; flying it again\n", path.display()));
                 }
                 match self.chunk(chunk, |done| progress.look(ended.flown + done)) {
                     Err(failure) if failure.code == INTERRUPTED => ended.interrupted = true,
@@ -148,26 +142,27 @@ impl Flying<'_> {
 
 impl Ended {
     fn words(&self, plan: &Plan, out: &Path) -> String {
-        let status = if self.interrupted {
-            "INTERRUPTED"
-        } else {
-            "COMPLETE"
+        let status = match self.interrupted {
+            true => "INTERRUPTED",
+            false => "COMPLETE",
         };
-        let mut text = String::new();
-        if self.flown > 0 {
-            text += &format!(
-                "{} flights, {:.1} flights/s; {} were already recorded\n",
-                self.flown, self.rate, self.kept
-            );
-        }
-        let chunks = plan.campaign.chunks();
-        text + &format!(
-            "RESULT status={status} flown={} kept={} chunks={}/{chunks} campaign={} out={}\n",
-            self.flown,
-            self.kept,
-            self.chunks,
-            plan.identity.campaign,
+        let Self {
+            flown,
+            kept,
+            chunks,
+            rate,
+            ..
+        } = self;
+        let (all, campaign) = (plan.campaign.chunks(), &plan.identity.campaign);
+        let result = format!(
+            "RESULT status={status} flown={flown} kept={kept} chunks={chunks}/{all} campaign={campaign} out={}\n",
             out.display()
-        )
+        );
+        match flown {
+            0 => result,
+            _ => format!(
+                "{flown} flights, {rate:.1} flights/s; {kept} were already recorded\n{result}"
+            ),
+        }
     }
 }

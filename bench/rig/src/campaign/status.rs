@@ -13,7 +13,7 @@ use report::phrase::count;
 
 const MERGED: &str = "merged.parquet";
 
-/// What there is of each chunk.
+#[derive(Default)]
 pub(super) struct Found {
     pub whole: Vec<u64>,
     missing: Vec<u64>,
@@ -21,11 +21,7 @@ pub(super) struct Found {
 }
 
 pub(super) fn found(plan: &Plan, directory: &std::path::Path) -> Found {
-    let mut found = Found {
-        whole: Vec::new(),
-        missing: Vec::new(),
-        refused: Vec::new(),
-    };
+    let mut found = Found::default();
     for chunk in 0..plan.campaign.chunks() {
         match chunk::state(directory, &plan.campaign, &plan.identity, chunk) {
             State::Whole => found.whole.push(chunk),
@@ -40,17 +36,19 @@ pub(super) fn found(plan: &Plan, directory: &std::path::Path) -> Found {
 pub(super) fn status(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
     let plan = directory::plan(&args.directory)?;
     let found = found(&plan, &args.directory);
-    let campaign = &plan.campaign;
-    let flights: u64 = found
+    let (campaign, place) = (&plan.campaign, args.directory.display());
+    let flown = found
         .whole
         .iter()
-        .map(|chunk| campaign.flights_of(*chunk).count() as u64)
-        .sum();
+        .map(|chunk| campaign.flights_of(*chunk).count());
+    let (flown, arms) = (
+        flown.sum::<usize>(),
+        count(campaign.arms.len() as u64, "arm"),
+    );
     let mut text = format!(
-        "{}: {flights} of {} flights, each by {}; {} of {} files are whole\n",
+        "{}: {flown} of {} flights, each by {arms}; {} of {} files are whole\n",
         campaign.name,
         campaign.flights,
-        count(campaign.arms.len() as u64, "arm"),
         found.whole.len(),
         campaign.chunks()
     );
@@ -58,24 +56,17 @@ pub(super) fn status(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
         text += &format!("missing: chunks {}\n", ranges(&found.missing));
     }
     for (chunk, why) in &found.refused {
-        text += &format!(
-            "{}: {why}\n",
-            chunk::path_of(&args.directory, *chunk).display()
-        );
+        let path = chunk::path_of(&args.directory, *chunk);
+        text += &format!("{}: {why}\n", path.display());
     }
     for other in chunk::others(&args.directory, campaign)? {
-        text += &format!(
-            "{}: none of this campaign's\n",
-            args.directory.join(other).display()
-        );
+        let path = args.directory.join(other);
+        text += &format!("{}: none of this campaign's\n", path.display());
     }
     let is_whole = found.missing.is_empty() && found.refused.is_empty();
     if !is_whole {
-        text += &format!(
-            "`ironbird campaign run {} --out {}` flies what is missing\n",
-            plan.file.display(),
-            args.directory.display()
-        );
+        let file = plan.file.display();
+        text += &format!("`ironbird campaign run {file} --out {place}` flies what is missing\n");
     }
     print(&text)?;
     Ok(if is_whole { OK } else { GATE })
@@ -90,35 +81,29 @@ pub(super) fn ranges(chunks: &[u64]) -> String {
             None => ranges.push([*chunk; 2]),
         }
     }
-    let words = |[first, last]: &[u64; 2]| {
-        if first == last {
-            first.to_string()
-        } else {
-            format!("{first}-{last}")
-        }
+    let words = |[first, last]: &[u64; 2]| match first == last {
+        true => first.to_string(),
+        false => format!("{first}-{last}"),
     };
     ranges.iter().map(words).collect::<Vec<_>>().join(", ")
 }
 
-/// Puts all rows into one file.
 pub(super) fn merge(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
     let plan = directory::plan(&args.directory)?;
-    let found = found(&plan, &args.directory);
-    if found.whole.len() as u64 != plan.campaign.chunks() {
+    let whole = found(&plan, &args.directory).whole;
+    let (place, files, chunks) = (
+        args.directory.display(),
+        whole.len(),
+        plan.campaign.chunks(),
+    );
+    if files as u64 != chunks {
         return Err(Failure::failed(format!(
-            "{}: {} of {} files of rows are whole, so that there is nothing to merge yet",
-            args.directory.display(),
-            found.whole.len(),
-            plan.campaign.chunks()
+            "{place}: {files} of {chunks} files of rows are whole, so that there is nothing to merge yet"
         ))
-        .help(format!(
-            "`ironbird campaign status {}` says which are not",
-            args.directory.display()
-        )));
+        .help(format!("`ironbird campaign status {place}` says which are not")));
     }
     let to = args.directory.join(MERGED);
-    let rows =
-        Rows::new(&args.directory, found.whole).merge(&plan.campaign, &plan.identity, &to)?;
+    let rows = Rows::new(&args.directory, whole).merge(&plan.campaign, &plan.identity, &to)?;
     print(&format!("{}: {}\n", to.display(), count(rows, "row")))?;
     Ok(OK)
 }

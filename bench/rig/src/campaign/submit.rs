@@ -43,11 +43,10 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
         .unwrap_or_else(|| run::default_directory(&plan));
     let array = Array::of(&plan, args, &out)?;
     if let Some(asked) = args.shards.filter(|asked| *asked > array.shards) {
-        let files = count(array.shards, "file");
+        let (shards, files) = (array.shards, count(array.shards, "file"));
         say(&format!(
-            "warning: --shards {asked}: the campaign has {files} of rows, and a shard has one at least: {} are flown; \
-             `campaign.chunk` makes the files smaller\n",
-            array.shards
+            "warning: --shards {asked}: the campaign has {files} of rows, and a shard has one at least: {shards} are \
+             flown; `campaign.chunk` makes the files smaller\n"
         ));
     }
     if args.dry_run {
@@ -65,17 +64,15 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
         page: None,
     };
     if args.on == Engine::Local {
-        let file = args.file.clone();
         let code = run::run(&CampaignRunArgs {
-            file,
+            file: args.file.clone(),
             shard: None,
             out: Some(out),
             jobs: None,
         })?;
-        return if code == OK {
-            results::report(&report)
-        } else {
-            Ok(code)
+        return match code {
+            OK => results::report(&report),
+            code => Ok(code),
         };
     }
     directory::open(&plan, &out)?;
@@ -92,35 +89,26 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
         if shards.is_empty() {
             break;
         }
+        let (few, all, numbers) = (shards.len(), array.shards, ranges(&shards));
         say(&format!(
-            "round {round}: {} of {} shards: {}\n",
-            shards.len(),
-            array.shards,
-            ranges(&shards)
+            "round {round}: {few} of {all} shards: {numbers}\n"
         ));
         submitted.fly(&missing, &shards)?;
     }
     let shards = array.shards_of(&plan.campaign, &submitted.missing());
+    let (few, all, place) = (shards.len(), array.shards, out.display());
     if shards.is_empty() {
-        say(&format!(
-            "{}: all {} shards are there\n",
-            out.display(),
-            array.shards
-        ));
+        say(&format!("{place}: all {all} shards are there\n"));
         return results::report(&report);
     }
+    let (numbers, logs) = (ranges(&shards), out.join("shard-*.log"));
     print(&format!(
-        "{}: {} of {} shards are missing after {ROUNDS} rounds: {}; their output is in {}\n",
-        out.display(),
-        shards.len(),
-        array.shards,
-        ranges(&shards),
-        out.join("shard-*.log").display()
+        "{place}: {few} of {all} shards are missing after {ROUNDS} rounds: {numbers}; their output is in {}\n",
+        logs.display()
     ))?;
     Ok(GATE)
 }
 
-/// A campaign that an engine flies.
 struct Submitted<'a> {
     plan: &'a Plan,
     array: &'a Array,
@@ -136,7 +124,6 @@ impl Submitted<'_> {
             .collect()
     }
 
-    /// When the file of a chunk was written, if it was.
     fn written(&self, chunk: u64) -> Option<SystemTime> {
         fs::metadata(path_of(&self.array.out, chunk))
             .and_then(|file| file.modified())
@@ -145,19 +132,18 @@ impl Submitted<'_> {
 
     /// Has the engine fly some shards, and tells how far it is until its job has ended.
     fn fly(&self, missing: &[u64], shards: &[u64]) -> Result<(), Failure> {
-        let (campaign, told) = (&self.plan.campaign, self.array.out.join("submit.job"));
+        let (campaign, output) = (&self.plan.campaign, self.array.out.join("submit.job"));
+        let job = || fs::read_to_string(&output).unwrap_or_default();
         let rows =
             |chunk: u64| campaign.flights_of(chunk).count() as u64 * campaign.arms.len() as u64;
         // What lies there now is broken, and a new file will have another time.
-        let mut waited: Vec<(u64, Option<SystemTime>)> = missing
-            .iter()
-            .map(|chunk| (*chunk, self.written(*chunk)))
-            .collect();
+        let waited = missing.iter().map(|chunk| (*chunk, self.written(*chunk)));
+        let mut waited: Vec<(u64, Option<SystemTime>)> = waited.collect();
         let total = missing.iter().map(|chunk| rows(*chunk)).sum();
         let mut progress = Progress::new(total, "flight");
         let mut flown = 0;
         let command = self.array.command(self.on, shards);
-        let mut engine = started(&command, File::create(&told).in_file("write", &told)?)?;
+        let mut engine = started(&command, File::create(&output).in_file("write", &output)?)?;
         let mut all_there: Option<Instant> = None;
         let ended = loop {
             if let Some(ended) = engine.try_wait().in_file("wait for", command[0].as_ref())? {
@@ -165,9 +151,7 @@ impl Submitted<'_> {
             }
             if self.stop.load(Ordering::Relaxed) {
                 progress.clear();
-                return Err(
-                    self.cancelled(&mut engine, &fs::read_to_string(&told).unwrap_or_default())
-                );
+                return Err(self.cancelled(&mut engine, &job()));
             }
             if waited.is_empty()
                 && all_there.get_or_insert_with(Instant::now).elapsed() > JOB_END_TIMEOUT
@@ -189,11 +173,7 @@ impl Submitted<'_> {
             return Ok(());
         };
         let engine = &command[0];
-        if fs::read_to_string(&told)
-            .unwrap_or_default()
-            .trim()
-            .is_empty()
-        {
+        if job().trim().is_empty() {
             return Err(
                 Failure::failed(format!("{engine} took no job: it ended with {ended}"))
                     .help("it has said why; `--dry-run` prints the script and the command"),
@@ -204,13 +184,12 @@ impl Submitted<'_> {
         Ok(())
     }
 
-    /// Ends the engine's job; `told` is what the engine printed of it.
-    fn cancelled(&self, engine: &mut Child, told: &str) -> Failure {
+    /// Ends the engine's job; `output` is what the engine printed of it.
+    fn cancelled(&self, engine: &mut Child, output: &str) -> Failure {
         end(engine);
         // Slurm says the number and, behind a semicolon, the cluster.
-        let job = told
-            .lines()
-            .find_map(|line| line.split(';').next()?.trim().parse::<u64>().ok());
+        let mut lines = output.lines();
+        let job = lines.find_map(|line| line.split(';').next()?.trim().parse::<u64>().ok());
         let cancel = job.and_then(|job| Array::cancel(self.on, &job.to_string()));
         let words = cancel.map_or_else(String::new, |words| {
             let cancelling = Command::new(&words[0])
@@ -218,18 +197,15 @@ impl Submitted<'_> {
                 .stdin(Stdio::null())
                 .spawn();
             let is_cancelled = cancelling.is_ok_and(|mut process| {
-                wait_at_most(&mut process, CANCEL_TIMEOUT).map_or_else(
-                    || {
-                        end(&mut process);
-                        false
-                    },
-                    |status| status.success(),
-                )
+                let status = wait_at_most(&mut process, CANCEL_TIMEOUT);
+                if status.is_none() {
+                    end(&mut process);
+                }
+                status.is_some_and(|status| status.success())
             });
-            if is_cancelled {
-                String::new()
-            } else {
-                format!("; `{}` failed, so the job may still run", words.join(" "))
+            match is_cancelled {
+                true => String::new(),
+                false => format!("; `{}` failed, so the job may still run", words.join(" ")),
             }
         });
         Failure::new(INTERRUPTED, format!("interrupted{words}"))
@@ -237,7 +213,6 @@ impl Submitted<'_> {
     }
 }
 
-/// Starts an engine's command, whose output goes to a file.
 fn started(command: &[String], to: File) -> Result<Child, Failure> {
     let engine = &command[0];
     Command::new(engine)

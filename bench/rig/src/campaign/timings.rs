@@ -9,7 +9,6 @@ use errors::{Failure, USAGE};
 use crate::recorded_timing::Timing;
 use crate::run_directory::find_log;
 
-/// Timings by their names in the campaign file.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Timings(BTreeMap<String, Timing>);
 
@@ -24,14 +23,12 @@ impl Timings {
                     continue;
                 }
                 let run = beside(file, &name);
-                let timing = find_log(&run, run.parent())
-                    .and_then(|log| Timing::read(&log))
-                    .map_err(|failure| {
-                        let line = campaign.lines.of_key(&key);
-                        failure
-                            .or_code(USAGE)
-                            .append(&format!(": line {line}: timing = {name:?}"))
-                    })?;
+                let timing = find_log(&run, run.parent()).and_then(|log| Timing::read(&log));
+                let timing = timing.map_err(|failure| {
+                    let line = campaign.lines.of_key(&key);
+                    let place = format!(": line {line}: timing = {name:?}");
+                    failure.or_code(USAGE).append(&place)
+                })?;
                 timings.insert(name, timing);
             }
         }
@@ -42,18 +39,16 @@ impl Timings {
         self.0.get(name?)
     }
 
-    /// The checksum of each timing, by name.
     pub fn sums(&self) -> BTreeMap<String, String> {
-        self.0
-            .iter()
+        let timings = self.0.iter();
+        timings
             .map(|(name, timing)| (name.clone(), timing.sum()))
             .collect()
     }
 
-    pub fn told(&self, names: &[String]) -> String {
-        names
-            .iter()
-            .filter_map(|name| self.0.get(name))
+    pub fn sums_of(&self, names: &[String]) -> String {
+        let timings = names.iter().filter_map(|name| self.0.get(name));
+        timings
             .map(|timing| format!("\ntiming {}", timing.sum()))
             .collect()
     }

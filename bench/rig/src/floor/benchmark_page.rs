@@ -16,7 +16,6 @@ pub struct Page {
     pub sets: Vec<MeasuredSet>,
 }
 
-/// Figures measured in one go.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredSet {
     pub set: Set,
@@ -25,7 +24,6 @@ pub struct MeasuredSet {
     pub version: String,
     pub command: String,
     pub comparisons: Vec<FloorComparison>,
-    /// Why it was not measured.
     pub left_out: Option<String>,
 }
 

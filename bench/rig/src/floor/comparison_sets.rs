@@ -26,7 +26,6 @@ use report::series::Statistics;
 use report::statistics::Events;
 use scalar::timing;
 
-/// Length of a tick [ns].
 const PERIOD_NS: u64 = 1_000_000;
 /// Ticks per side when timing laws: long enough for the kernel's count of stolen time.
 const TIMED_TICKS: u64 = 200_000;
@@ -34,11 +33,9 @@ const TIMED_TICKS: u64 = 200_000;
 /// time, so it ends earlier; a longer log would fill the disk.
 const FLOWN_AGAIN: u64 = 5;
 
-/// How long and how often to measure.
 #[derive(Clone, Copy, Debug)]
 pub struct MeasuringEffort {
     pub pairs: usize,
-    /// Per side of a pair.
     pub duration: Duration,
     pub priority: i32,
 }
@@ -49,7 +46,6 @@ pub struct Stress(Child);
 
 /// The load: one worker per CPU, one that maps memory, one that writes files.
 const STRESS: [&str; 6] = ["--cpu", "0", "--vm", "1", "--hdd", "1"];
-/// How long the load takes to start.
 const STRESS_BEGINS: Duration = Duration::from_secs(1);
 
 impl Stress {
@@ -76,7 +72,6 @@ impl Stress {
         Ok(load)
     }
 
-    /// Fails if the load has ended.
     pub fn check(&mut self) -> Result<(), Failure> {
         match self.0.try_wait() {
             Ok(None) => Ok(()),
@@ -346,7 +341,6 @@ pub fn replay(
     Ok(vec![tick])
 }
 
-/// Runs an ironbird command to its end.
 fn run_to_end(command: &mut Command) -> Result<(), Failure> {
     let output = command.stdin(Stdio::null()).output();
     let output = output.map_err(|e| {

@@ -27,7 +27,6 @@ const COMPUTE: [&str; 4] = [
     "compute.mixer",
 ];
 
-/// Refuses flights without a baseline.
 pub fn check(settings: &Settings, duration: Duration) -> Result<(), Failure> {
     if settings.flight.pace == PaceName::Lockstep {
         return Err(Failure::usage(

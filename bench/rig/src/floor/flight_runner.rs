@@ -12,7 +12,6 @@ use report::run_facts::RunFacts;
 use report::schema::Report;
 use report::series::Statistics;
 
-/// Runs flights, one after the other.
 #[derive(Debug)]
 pub struct FlightRunner {
     executable: PathBuf,
@@ -63,7 +62,6 @@ impl FlightRunner {
         (command, out.join("latest"))
     }
 
-    /// Flies and returns the report of all ticks.
     pub fn fly(&self, flags: &[&str]) -> Result<Report, Failure> {
         let (mut command, run) = self.command(flags);
         let output = command
@@ -87,7 +85,6 @@ pub(super) fn command_end(what: &str, output: &Output) -> String {
     format!("{what} ended with {}: {}", output.status, complaint.trim())
 }
 
-/// The number of ticks requested.
 fn requested_ticks(path: &Path) -> Result<u64, Failure> {
     let text = fs::read_to_string(path).in_file("read", path)?;
     let facts: RunFacts = serde_json::from_str(&text).in_file("read", path)?;
@@ -95,7 +92,6 @@ fn requested_ticks(path: &Path) -> Result<u64, Failure> {
     Ok(settings.last_tick() + 1)
 }
 
-/// Refuses the report of a flight that ended early.
 fn complete(report: Report, requested_ticks: u64) -> Result<Report, Failure> {
     let ticks = report.ticks.run + report.ticks.skipped;
     if ticks == requested_ticks && !report.run.in_flight {
