@@ -1,5 +1,7 @@
 //! A flight as Python gets it: its messages by topic as columns, and facts by name.
 
+use std::collections::TryReserveError;
+use std::fs;
 use std::path::Path;
 
 use control_api::description::Description;
@@ -10,14 +12,14 @@ use ironbird::simulator::Simulator;
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::monitor::Monitor;
 use messages::role::{Role, STAGES};
+use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use python_law::array;
 use report::swaps::AppliedSwap;
 use toml::{Table as Section, Value};
 
-use crate::columns::{ShownColumn, Signals};
-use crate::table::{Table, rows};
+use crate::table::{ShownColumn, Signals, Table, rows};
 
 pub(crate) type Shown<'py> = (Vec<ShownColumn<'py>>, Bound<'py, PyDict>);
 
@@ -65,6 +67,9 @@ impl FlownLaw {
     }
 }
 
+/// Copies of the number of a tick that a flight keeps beside its columns: rows, `tick` and `t`.
+const BESIDE: u64 = 3;
+
 #[derive(Debug)]
 pub(crate) struct Tables {
     pub state: Table,
@@ -96,6 +101,27 @@ impl Tables {
             theorem,
         } = self;
         [state, setpoint, wrench, rotor_speeds, theorem]
+    }
+
+    /// Takes the memory of so many ticks before the flight begins: the interpreter would end where none is left.
+    pub(crate) fn reserve(&mut self, ticks: u64) -> PyResult<()> {
+        let numbers = self.all().map(|table| table.numbers());
+        let numbers = numbers.iter().sum::<u64>() + BESIDE;
+        let needed = numbers.saturating_mul(8).saturating_mul(ticks);
+        let refused = |available: &str| {
+            PyMemoryError::new_err(format!(
+                "{ticks} ticks take {needed} bytes, and {available}: fly shorter, or without arrays: `ironbird simulate \
+                 --states FILE` writes a row every recorder.states_every_ticks ticks"
+            ))
+        };
+        if let Some(available) = available().filter(|available| *available < needed) {
+            return Err(refused(&format!("{available} are available")));
+        }
+        let rows = usize::try_from(ticks).unwrap_or(usize::MAX);
+        let mut tables = self.all().into_iter();
+        let reserved: Result<(), TryReserveError> =
+            tables.try_for_each(|table| table.reserve(rows));
+        reserved.map_err(|_| refused("this process may not have as many"))
     }
 
     pub(crate) fn take(&mut self, tick: u64, rig: &Simulator) {
@@ -162,4 +188,12 @@ pub(crate) fn facts<'py>(
     }
     facts.set_item("faults", faults)?;
     Ok(facts)
+}
+
+/// Memory that can be had without swapping [bytes]; none where the system does not say.
+fn available() -> Option<u64> {
+    let said = fs::read_to_string("/proc/meminfo").ok()?;
+    let mut lines = said.lines();
+    let kib = lines.find_map(|line| line.strip_prefix("MemAvailable:")?.strip_suffix(" kB"))?;
+    kib.trim().parse::<u64>().ok()?.checked_mul(1024)
 }

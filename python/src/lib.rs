@@ -1,9 +1,7 @@
 //! `ironbird._rig`: the rig as a module of Python. `ironbird/__init__.py` is its face.
 
-mod columns;
 mod errors;
 mod flight;
-mod memory;
 mod py_laws;
 mod read;
 mod settings;

@@ -16,7 +16,6 @@ use python_law::{FlyingInner, FlyingOuter, PythonLaw, Raised};
 
 use crate::errors::settings_error;
 use crate::flight::{FlownLaw, Shown, Tables, facts};
-use crate::memory;
 use crate::py_laws::PyLaw;
 use crate::settings::{overrides, table};
 
@@ -45,7 +44,7 @@ pub(crate) fn simulate<'py>(
     let mut flight =
         flight(&settings, made(&outer)?, made(&inner)?, &raised).map_err(settings_error)?;
     let mut tables = Tables::of(&laws);
-    memory::reserve(&mut tables, settings.last_tick() + 1)?;
+    tables.reserve(settings.last_tick() + 1)?;
     let mut tick = 0;
     let flown = py.detach(|| {
         fly(&mut flight, &settings, |rig| {

@@ -1,51 +1,94 @@
-//! The messages of a topic by tick, and topics joined: a tick without a message is a row that holds no numbers.
+//! The messages of a topic as a table: a column for each field, a row for each message, by tick; and topics joined: a
+//! tick without a message is a row that holds no numbers.
 
-use std::collections::{BTreeSet, TryReserveError};
+use std::collections::{BTreeMap, BTreeSet, TryReserveError};
 
 use flight_log::codec::Logged;
+use flight_log::units::describe;
+use messages::layout::{Field, Kind, Visit, Visitor};
+use messages::parameters::{PARAMETERS, SPECS, Spec};
+use pyo3::prelude::*;
 
-use crate::columns::{Column, Columns, Signals};
+#[derive(Debug)]
+pub(crate) struct Column {
+    /// The group that it is shown in, as `state` or `telemetry.inner`.
+    pub group: String,
+    pub name: String,
+    /// Unit; empty for a ratio.
+    pub unit: String,
+    /// How many numbers a row has, where it is an array.
+    pub width: Option<usize>,
+    pub values: Vec<f64>,
+}
 
 #[derive(Debug)]
 pub(crate) struct Table {
     ticks: Vec<u64>,
-    columns: Columns,
+    columns: Vec<Column>,
+    /// Where each field's numbers go, in the order of the layout.
+    places: Vec<Place>,
+    next: usize,
 }
 
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    first: usize,
+    /// Numbers that have a column each; the rest of the field is left out.
+    apart: Option<usize>,
+}
+
+/// Names and units of what a law shows.
+pub(crate) type Signals = Vec<(String, String)>;
+
 impl Table {
+    /// That of a topic whose law shows these signals; one column for all of them where their names are not known.
     pub(crate) fn of<C: Logged>(signals: &Option<Signals>) -> Self {
-        Self {
-            ticks: Vec::new(),
-            columns: Columns::of::<C>(signals),
-        }
+        let mut table = Self::of_columns(Vec::new());
+        let mut plan = Plan {
+            table: &mut table,
+            facts: describe::<C>(),
+            telemetry: format!("telemetry.{}", C::SENDER),
+            signals,
+        };
+        plan.fields(C::FIELDS, C::NAME, "");
+        table
     }
 
     /// Of columns that are filled row by row.
     pub(crate) fn of_columns(columns: Vec<Column>) -> Self {
         Self {
             ticks: Vec::new(),
-            columns: Columns::from(columns),
+            columns,
+            places: Vec::new(),
+            next: 0,
         }
     }
 
     pub(crate) fn push_row(&mut self, tick: u64, row: impl Iterator<Item = f64>) {
         self.ticks.push(tick);
-        self.columns.push_row(row);
+        for (column, value) in self.columns.iter_mut().zip(row) {
+            column.values.push(value);
+        }
     }
 
-    pub(crate) fn push<C: Logged>(&mut self, tick: u64, content: &C) {
+    pub(crate) fn push<C: Visit>(&mut self, tick: u64, content: &C) {
         self.ticks.push(tick);
-        self.columns.push(content);
+        self.next = 0;
+        content.visit(self);
     }
 
     /// How many numbers a row has, with that of its tick.
     pub(crate) fn numbers(&self) -> u64 {
-        1 + self.columns.numbers()
+        let widths = self.columns.iter().map(|column| column.width.unwrap_or(1));
+        1 + widths.sum::<usize>() as u64
     }
 
     pub(crate) fn reserve(&mut self, rows: usize) -> Result<(), TryReserveError> {
         self.ticks.try_reserve_exact(rows)?;
-        self.columns.reserve(rows)
+        self.columns.iter_mut().try_for_each(|column| {
+            let numbers = rows.saturating_mul(column.width.unwrap_or(1));
+            column.values.try_reserve_exact(numbers)
+        })
     }
 
     pub(crate) fn is_empty(&self) -> bool {
@@ -54,14 +97,126 @@ impl Table {
 
     /// Its columns, with a row for each of these ticks.
     pub(crate) fn on(self, rows: &[u64]) -> Vec<Column> {
-        let columns = self.columns.into_columns();
         if self.ticks == rows {
-            return columns;
+            return self.columns;
         }
         let place = |tick| rows.binary_search(tick).ok();
         let places: Vec<Option<usize>> = self.ticks.iter().map(place).collect();
         let spread = |column| spread(column, &places, rows.len());
-        columns.into_iter().map(spread).collect()
+        self.columns.into_iter().map(spread).collect()
+    }
+
+    fn take(&mut self, values: impl ExactSizeIterator<Item = f64>) {
+        let Place { first, apart } = self.places[self.next];
+        self.next += 1;
+        match apart {
+            None => self.columns[first].values.extend(values),
+            Some(count) => {
+                let columns = &mut self.columns[first..first + count];
+                for (column, value) in columns.iter_mut().zip(values) {
+                    column.values.push(value);
+                }
+            }
+        }
+    }
+}
+
+impl Visitor for Table {
+    fn integers(&mut self, _: &'static Field, values: &[u64]) {
+        // Of the counts and ticks in messages, the largest one stands for none.
+        self.take(values.iter().map(|value| match *value {
+            u64::MAX => f64::NAN,
+            value => value as f64,
+        }));
+    }
+
+    fn numbers(&mut self, _: &'static Field, values: &[f64]) {
+        self.take(values.iter().copied());
+    }
+
+    fn structs<L: Visit>(&mut self, _: &'static Field, values: &[L]) {
+        values.iter().for_each(|value| value.visit(self));
+    }
+}
+
+/// Makes a column, or several, of each field.
+struct Plan<'a> {
+    table: &'a mut Table,
+    facts: BTreeMap<String, String>,
+    telemetry: String,
+    signals: &'a Option<Signals>,
+}
+
+impl Plan<'_> {
+    fn fields(&mut self, fields: &[Field], group: &str, path: &str) {
+        for field in fields {
+            let place = Place {
+                first: self.table.columns.len(),
+                apart: None,
+            };
+            match (field.name, field.kind) {
+                ("value", _) if group == self.telemetry && self.signals.is_some() => {
+                    self.apart(group, self.signals.clone().unwrap_or_default(), place);
+                }
+                ("parameter", _) if field.length == Some(PARAMETERS) => {
+                    let spec = |spec: &Spec| (spec.name.to_owned(), spec.unit.to_owned());
+                    self.apart(group, SPECS.iter().map(spec).collect(), place);
+                }
+                (name, Kind::Struct { fields, .. }) => {
+                    let telemetry = self.telemetry.clone();
+                    let group = match name {
+                        "truth" | "reference" => name,
+                        "telemetry" => &telemetry,
+                        _ => group,
+                    };
+                    self.fields(fields, group, &format!("{path}{name}."));
+                }
+                (name, _) => {
+                    let unit = self.facts.get(&format!("unit.{path}{name}"));
+                    let unit = unit.map_or("", String::as_str);
+                    // Of ticks the log says which one is none; here that is no number.
+                    let unit = unit.split_once(';').map_or(unit, |(unit, _)| unit);
+                    let unit = if unit == "1" { "" } else { unit };
+                    self.column(group, name.to_owned(), unit.to_owned(), field.length);
+                    self.table.places.push(place);
+                }
+            }
+        }
+    }
+
+    fn apart(&mut self, group: &str, names: Signals, place: Place) {
+        self.table.places.push(Place {
+            apart: Some(names.len()),
+            ..place
+        });
+        for (name, unit) in names {
+            self.column(group, name, unit, None);
+        }
+    }
+
+    fn column(&mut self, group: &str, name: String, unit: String, width: Option<usize>) {
+        self.table.columns.push(Column {
+            group: group.to_owned(),
+            name,
+            unit,
+            width,
+            values: Vec::new(),
+        });
+    }
+}
+
+/// A column as Python has it: group, name, unit, array.
+pub(crate) type ShownColumn<'py> = (String, String, String, Bound<'py, PyAny>);
+
+impl Column {
+    /// As an array with a row per tick.
+    pub(crate) fn shown<'py>(self, py: Python<'py>) -> PyResult<ShownColumn<'py>> {
+        let flat = python_law::array(py, &self.values)?;
+        let array = match self.width {
+            None => flat,
+            Some(width) => flat.call_method1("reshape", (-1, width))?,
+        };
+        Ok((self.group, self.name, self.unit, array))
     }
 }
 

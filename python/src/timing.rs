@@ -4,8 +4,7 @@ use messages::grid::{Grid, Pace};
 use messages::header::Header;
 use messages::role::{Role, STAGES};
 
-use crate::columns::Column;
-use crate::table::Table;
+use crate::table::{Column, Table};
 
 const GROUP: &str = "timing";
 

@@ -7,7 +7,7 @@ use report::phrase::count;
 use report::render::document::{Block, Cell, Document, Figure, Section, known, row, table};
 use report::render::plot::{Axis, Chart, LAWS, Layer};
 use report::render::scale::{Kind, Scale};
-use report::statistics::{Interval, MeanInterval};
+use report::statistics::{Discordant, Interval, MeanInterval};
 
 /// Factors that are drawn at the most: those that matter least are in the table alone.
 const DRAWN: usize = 12;
@@ -91,28 +91,22 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
     if results.pairs.is_empty() {
         return None;
     }
-    let mut items = Vec::new();
-    for pair in &results.pairs {
+    let items = results.pairs.iter().map(|pair| {
         let Pair { first, second, .. } = pair;
         let MeanInterval { mean, interval, .. } = pair.difference;
         let [mean, low, high] = [mean, interval.low, interval.high].map(|share| 100.0 * share);
-        let (one, other, p) = (
-            pair.discordant.first,
-            pair.discordant.second,
-            short(pair.p_value),
-        );
-        items.push(format!(
+        let Discordant { first: one, second: other } = pair.discordant;
+        let p = short(pair.p_value);
+        format!(
             "{first} - {second}: success {mean:+.2} points ({low:+.2} to {high:+.2}); {one} and {other} flights that \
              one alone flew, p = {p}"
-        ));
-    }
+        )
+    });
     let means = results.pairs.iter().flat_map(|pair| {
         // What is the same in every flight says nothing.
         let differs = |it: &MeanInterval| it.interval.low != 0.0 || it.interval.high != 0.0;
-        let metrics = pair
-            .metrics
-            .iter()
-            .filter(move |metric| differs(&metric.is));
+        let metrics = pair.metrics.iter();
+        let metrics = metrics.filter(move |metric| differs(&metric.is));
         metrics.map(move |metric| {
             let it = &metric.is;
             let name = format!("{} - {}", pair.first, pair.second);
@@ -124,7 +118,7 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
     let note = "Both arms of a pair flew the same draws. p is McNemar's: how probable so uneven a split is, were both \
                 alike. Means are over the flights that neither lost, with bootstrap intervals at 95 %.";
     let blocks = vec![
-        Block::Items(items),
+        Block::Items(items.collect()),
         table(columns, means),
         Block::Note(note.into()),
     ];
@@ -147,9 +141,8 @@ fn factors(results: &CampaignResults) -> Option<Section> {
             let flown = effect.bins.iter().filter(|bin| bin.flights > 0);
             let least = flown.clone().min_by(|a, b| rate(a).total_cmp(&rate(b)));
             let most = flown.max_by(|a, b| rate(a).total_cmp(&rate(b)));
-            let ends = least
-                .zip(most)
-                .filter(|(least, most)| rate(least) < rate(most));
+            let ends = least.zip(most);
+            let ends = ends.filter(|(least, most)| rate(least) < rate(most));
             let at = |bin: &Bin| format!("{:.0} % at {}", 100.0 * rate(bin), bin.name);
             let spread = ends.map(|(least, most)| format!("{}, {}", at(least), at(most)));
             let [success, error] = [effect.of_success, effect.of_error].map(share);
@@ -161,9 +154,8 @@ fn factors(results: &CampaignResults) -> Option<Section> {
                 its range.";
     let mut blocks = vec![table(columns, rows), Block::Note(note.into())];
     let drawn = || results.factors.iter().take(DRAWN);
-    blocks.push(Block::Figures(
-        drawn().filter_map(|factor| over(results, factor)).collect(),
-    ));
+    let figures = drawn().filter_map(|factor| over(results, factor));
+    blocks.push(Block::Figures(figures.collect()));
     for factor in drawn().filter(|factor| ranges(factor).is_empty()) {
         let values = factor.arms.first().map_or(0, |it| it.bins.len());
         let rows = (0..values).map(|i| {
@@ -194,36 +186,31 @@ fn over(results: &CampaignResults, factor: &FactorResults) -> Option<Figure> {
     let low = ends().reduce(f64::min)?;
     let high = ends().fold(low, f64::max);
     let is_log = low > 0.0 && high / low > 20.0;
-    let (x, middle): (Scale, fn([f64; 2]) -> f64) = if is_log {
-        (Scale::new(Kind::Log, low, high), |[low, high]| {
-            (low * high).sqrt()
-        })
-    } else {
-        (Scale::time(low, high), |[low, high]| (low + high) / 2.0)
+    let x = match is_log {
+        true => Scale::new(Kind::Log, low, high),
+        false => Scale::time(low, high),
+    };
+    let middle = |[low, high]: [f64; 2]| match is_log {
+        true => (low * high).sqrt(),
+        false => (low + high) / 2.0,
     };
     let mut layers = Vec::new();
     for (class, effect) in LAWS.into_iter().cycle().zip(&factor.arms) {
         let bins = effect.bins.iter().filter(|bin| bin.flights > 0);
-        let points: Vec<(f64, &Bin)> = bins
+        let bins: Vec<(f64, &Bin)> = bins
             .filter_map(|bin| Some((middle(bin.range?), bin)))
             .collect();
-        let line = points.iter().map(|(x, bin)| (*x, 100.0 * rate(bin)));
-        let line = line.collect();
-        layers.push(Layer::Line {
-            class,
-            points: line,
-        });
-        let intervals = points.iter().map(|(x, bin)| {
+        let points = bins.iter().map(|(x, bin)| (*x, 100.0 * rate(bin)));
+        let points = points.collect();
+        layers.push(Layer::Line { class, points });
+        for (x, bin) in bins {
             let ends = [bin.interval.low, bin.interval.high];
-            ends.map(|end| (*x, 100.0 * end)).into()
-        });
-        layers.extend(intervals.map(|points| Layer::Line { class, points }));
+            let points = ends.map(|end| (x, 100.0 * end)).into();
+            layers.push(Layer::Line { class, points });
+        }
     }
-    let percents = Scale::time(0.0, 105.0);
-    let (x, y) = (
-        Axis::new(x, &factor.name),
-        Axis::new(percents, "success [%]"),
-    );
+    let x = Axis::new(x, &factor.name);
+    let y = Axis::new(Scale::time(0.0, 105.0), "success [%]");
     let chart = Chart::new(format!("success over {}", factor.name), x, y, layers);
     let keys = keys(results);
     Some(Figure::new(&factor.name, &factor.meaning, keys, chart))
@@ -231,10 +218,8 @@ fn over(results: &CampaignResults, factor: &FactorResults) -> Option<Figure> {
 
 /// A drawn value that is a list of one word, as that word.
 fn word(name: &str) -> &str {
-    let word = name
-        .strip_prefix("[\"")
-        .and_then(|it| it.strip_suffix("\"]"));
-    word.unwrap_or(name)
+    let word = name.strip_prefix("[\"");
+    word.and_then(|it| it.strip_suffix("\"]")).unwrap_or(name)
 }
 
 fn maps(results: &CampaignResults) -> Option<Section> {

@@ -84,6 +84,8 @@ mod tests {
 
     use super::*;
 
+    type Files = Vec<(&'static str, &'static str)>;
+
     fn of(files: &[(&str, &str)]) -> Option<bool> {
         let root = tempfile::tempdir().unwrap();
         for (path, text) in files {
@@ -106,7 +108,7 @@ mod tests {
             [vec![ARM], files.into()].concat()
         };
         let tree = "proc/device-tree/compatible";
-        let rows: [(Option<bool>, Vec<(&str, &str)>); 17] = [
+        let rows: [(Option<bool>, Files); 17] = [
             (
                 Some(true),
                 vec![("proc/cpuinfo", "flags : fpu hypervisor\n")],

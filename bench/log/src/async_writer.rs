@@ -10,12 +10,10 @@
 //! ```
 
 use rustix::fs::fstatvfs;
-use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::Write;
 use std::os::unix::fs::FileExt as _;
-use std::rc::Rc;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use std::{io, thread};
@@ -60,15 +58,13 @@ impl Disk for File {
     }
 }
 
-/// A file, shared by the one who writes it and the one who looks after it.
+/// A file, shared by the code that writes it and the code that watches it.
 #[derive(Clone, Debug)]
-pub struct AsyncWriter(Rc<RefCell<Kept>>);
+pub struct AsyncWriter(Arc<Handle>);
 
+/// The side of the queue that writes; the file ends with it.
 #[derive(Debug)]
-struct Kept {
-    piece: Vec<u8>,
-    queue: Arc<Queue>,
-}
+struct Handle(Arc<Queue>);
 
 #[derive(Debug, Default)]
 struct Queue {
@@ -78,6 +74,8 @@ struct Queue {
 
 #[derive(Debug, Default)]
 struct SpoolState {
+    /// The piece that is being made.
+    piece: Vec<u8>,
     pieces: VecDeque<Vec<u8>>,
     /// Length of the file when all pieces are there [bytes].
     handed: u64,
@@ -112,19 +110,21 @@ impl AsyncWriter {
         thread::Builder::new()
             .name("disk".into())
             .spawn(move || theirs.serve(&disk, left_free))?;
-        let piece = Vec::new();
-        Ok(Self(Rc::new(RefCell::new(Kept { piece, queue }))))
+        Ok(Self(Arc::new(Handle(queue))))
+    }
+
+    fn state(&self) -> MutexGuard<'_, SpoolState> {
+        self.0.0.state()
     }
 
     /// Ends a piece and hands it over, without waiting. Gives the length up to which everything is on the disk [bytes].
     pub fn settle(&self) -> u64 {
-        let mut kept = self.0.borrow_mut();
-        let piece = std::mem::take(&mut kept.piece);
-        let mut state = kept.queue.state();
-        if !piece.is_empty() && !state.has_given_up {
+        let mut state = self.state();
+        let piece = std::mem::take(&mut state.piece);
+        if !piece.is_empty() {
             state.handed += piece.len() as u64;
             state.pieces.push_back(piece);
-            kept.queue.changed.notify_all();
+            self.0.0.changed.notify_all();
         }
         state.on_disk
     }
@@ -132,7 +132,7 @@ impl AsyncWriter {
     /// As [`Self::settle`]; but a piece for which too much waits is dropped, and the ones after it are not.
     pub fn settle_or_drop(&self) {
         if self.is_overfull() {
-            self.0.borrow_mut().piece.clear();
+            self.state().piece.clear();
             self.say_dropped();
         } else {
             self.settle();
@@ -140,8 +140,7 @@ impl AsyncWriter {
     }
 
     pub fn say_dropped(&self) {
-        let (kept, mib) = (self.0.borrow(), MOST_WAITING_BYTES >> 20);
-        let mut state = kept.queue.state();
+        let (mut state, mib) = (self.state(), MOST_WAITING_BYTES >> 20);
         state.refuse(format!("the disk is too slow: {mib} MiB waited for it"));
         state.has_gap = true;
     }
@@ -149,13 +148,12 @@ impl AsyncWriter {
     /// As [`Self::settle`], has what is there synced at once, and takes nothing more.
     pub fn end(&self) {
         self.settle();
-        let kept = self.0.borrow();
-        kept.queue.state().end();
-        kept.queue.changed.notify_all();
+        self.state().end();
+        self.0.0.changed.notify_all();
     }
 
     pub fn is_at_rest(&self) -> bool {
-        self.0.borrow().queue.state().is_at_rest()
+        self.state().is_at_rest()
     }
 
     /// As [`Self::end`], and waits until the disk has it all and has synced it. Where it takes nothing more, the file
@@ -173,46 +171,41 @@ impl AsyncWriter {
     /// has [bytes].
     fn rest(&self) -> u64 {
         self.end();
-        self.0.borrow().queue.await_rest()
+        self.0.0.await_rest()
     }
 
     /// Length of the file when everything that was written is there [bytes].
     pub fn written(&self) -> u64 {
-        let kept = self.0.borrow();
-        let state = kept.queue.state();
-        state.handed + kept.piece.len() as u64
+        let state = self.state();
+        state.handed + state.piece.len() as u64
     }
 
     /// Whether so much waits that nothing more can.
     pub fn is_overfull(&self) -> bool {
-        let kept = self.0.borrow();
-        let state = kept.queue.state();
+        let state = self.state();
         state.handed - state.on_disk > MOST_WAITING_BYTES
     }
 
     /// Takes nothing more, and has the file cut to a length at which it is readable [bytes].
     fn give_up(&self, length: u64) {
-        let mut kept = self.0.borrow_mut();
-        kept.piece = Vec::new();
-        let mut state = kept.queue.state();
-        let seconds = END_TIMEOUT.as_secs();
+        let (mut state, seconds) = (self.state(), END_TIMEOUT.as_secs());
         state.refuse(format!("the disk took nothing for {seconds} s"));
+        state.piece = Vec::new();
         state.pieces.clear();
         (state.has_gap, state.has_given_up) = (true, true);
         (state.handed, state.on_disk, state.cut) = (length, length, Some(length));
-        kept.queue.changed.notify_all();
+        self.0.0.changed.notify_all();
     }
 
     /// Why the file is not whole, where something was dropped or given up.
     fn gap(&self) -> Option<String> {
-        let kept = self.0.borrow();
-        let state = kept.queue.state();
+        let state = self.state();
         let has_gap = state.has_gap || state.on_disk < state.handed;
         state.refused.clone().filter(|_| has_gap)
     }
 
     pub fn refused(&self) -> Option<String> {
-        self.0.borrow().queue.state().refused.clone()
+        self.state().refused.clone()
     }
 }
 
@@ -345,9 +338,9 @@ fn write(disk: &impl Disk, piece: &[u8], place: u64, left_free: u64) -> Result<(
 impl Write for AsyncWriter {
     /// Never fails: what the disk does not take now waits.
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let mut kept = self.0.borrow_mut();
-        if !kept.queue.state().has_given_up {
-            kept.piece.extend_from_slice(bytes);
+        let mut state = self.state();
+        if !state.has_given_up {
+            state.piece.extend_from_slice(bytes);
         }
         Ok(bytes.len())
     }
@@ -357,16 +350,15 @@ impl Write for AsyncWriter {
     }
 }
 
-impl Drop for Kept {
+impl Drop for Handle {
     /// What was handed over is still written, if the disk takes it.
     fn drop(&mut self) {
-        {
-            let mut state = self.queue.state();
-            state.end();
-            state.is_closed = true;
-        }
-        self.queue.changed.notify_all();
-        self.queue.await_rest();
+        let mut state = self.0.state();
+        state.end();
+        state.is_closed = true;
+        drop(state);
+        self.0.changed.notify_all();
+        self.0.await_rest();
     }
 }
 

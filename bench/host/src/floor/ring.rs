@@ -21,7 +21,7 @@ use clap::ValueEnum;
 use errors::Failure;
 use hdrhistogram::Histogram;
 use ipc::clock::{now_ns, timespec};
-use ipc::sys::WakePage;
+use ipc::sys::{BELLS, WakePage};
 use process::rt::{Standing, fifo_refusal, loops_cpu, take_stand};
 use report::series::histogram;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
@@ -77,11 +77,9 @@ const TIMEOUT: Duration = Duration::from_secs(5);
 pub fn measure(settings: &RingSettings, executable: &Path) -> Result<RingFloor, Failure> {
     let (settings, executable) = (settings.clone(), executable.to_owned());
     let processes = settings.work.len();
-    if !(2..=ipc::sys::BELLS).contains(&processes) {
-        return Err(Failure::usage(format!(
-            "a ring has 2 to {} processes, not {processes}",
-            ipc::sys::BELLS
-        )));
+    if !(2..=BELLS).contains(&processes) {
+        let mistake = format!("a ring has 2 to {BELLS} processes, not {processes}");
+        return Err(Failure::usage(mistake));
     }
     // The processes end with the thread that starts them.
     on_a_thread("ring floor", move || {
@@ -113,16 +111,12 @@ fn go_around(
     }
     let (mut chain, mut lap) = (histogram()?, histogram()?);
     let (work, schedule) = (settings.work[0], &settings.schedule);
-    let is_race = schedule.period_ns == 0;
-    let mut timer = if is_race {
-        None
-    } else {
-        Some(PeriodicTimer::new(schedule.period_ns, schedule.duration)?)
+    let mut timer = match schedule.period_ns {
+        0 => None,
+        period_ns => Some(PeriodicTimer::new(period_ns, schedule.duration)?),
     };
-    let RingRehearsal { lead_ns, needs_ns } = settings.rehearsal.unwrap_or(RingRehearsal {
-        lead_ns: 0,
-        needs_ns: u64::MAX,
-    });
+    let rehearsal = settings.rehearsal;
+    let (lead_ns, needs_ns) = rehearsal.map_or((0, u64::MAX), |it| (it.lead_ns, it.needs_ns));
     let mut start_ns = now_ns();
     let end_ns = start_ns + schedule.duration.as_nanos() as u64;
     loop {
@@ -186,10 +180,9 @@ impl Others {
         let launcher = std::process::id();
         let mut others = Self(Vec::new());
         for (position, work) in work.iter().enumerate().skip(1) {
-            let own_priority = if priority > 0 {
-                priority + position as i32
-            } else {
-                0
+            let own_priority = match priority {
+                0 => 0,
+                priority => priority + position as i32,
             };
             let arguments = format!(
                 "ring-hop --wake {wake} --position {position} --processes {processes} --cpu {cpu} \

@@ -73,15 +73,13 @@ impl Stress {
     }
 
     pub fn check(&mut self) -> Result<(), Failure> {
+        let stress = STRESS.join(" ");
         match self.0.try_wait() {
             Ok(None) => Ok(()),
             Ok(Some(status)) => Err(Failure::failed(format!(
                 "stress-ng has ended with {status}: nothing loads the machine"
             ))
-            .help(format!(
-                "see what it says: stress-ng {} --timeout 5",
-                STRESS.join(" ")
-            ))),
+            .help(format!("see what it says: stress-ng {stress} --timeout 5"))),
             Err(e) => Err(Failure::failed(format!("cannot look at stress-ng: {e}"))),
         }
     }
@@ -285,16 +283,14 @@ pub fn laws(effort: &MeasuringEffort) -> Result<Vec<FloorComparison>, Failure> {
     let pairs =
         timing::pairs(effort.pairs, TIMED_TICKS).map_err(|e| Failure::failed(e.to_string()))?;
     let steal_percent = before.steal_until(&CpuTimes::read(None)).percent;
-    pairs
-        .into_iter()
-        .for_each(|pair| tick.take(pair.laws_s * 1e6, pair.scalar_s * 1e6, steal_percent));
+    for pair in pairs {
+        tick.take(pair.laws_s * 1e6, pair.scalar_s * 1e6, steal_percent);
+    }
     let mut simulate = FloorComparison::ratio("simulate, real time 1/500", "us", 1.0);
     let settings = Settings::resolve(None, &Vec::new())?;
     for _ in 0..effort.pairs {
-        let (before, mut rig) = (
-            CpuTimes::read(None),
-            Simulator::of(&settings)?.with_monitor(settings.theorem()?),
-        );
+        let before = CpuTimes::read(None);
+        let mut rig = Simulator::of(&settings)?.with_monitor(settings.theorem()?);
         let start = Instant::now();
         for _ in 0..TIMED_TICKS {
             black_box(&mut rig).tick();
@@ -317,25 +313,16 @@ pub fn replay(
     let (mut flight, run) = runner.command(&["--pace", "lockstep", "--duration", &simulated]);
     run_to_end(&mut flight)?;
     let ticks = Report::read(&run.join("report.json"))?.ticks.run as f64;
-    let us = |words: [&OsStr; 3]| -> Result<f64, Failure> {
+    let us = |words: [&str; 2], last: &OsStr| -> Result<f64, Failure> {
         let start = Instant::now();
-        run_to_end(Command::new(runner.executable()).args(words))?;
+        run_to_end(Command::new(runner.executable()).args(words).arg(last))?;
         Ok(start.elapsed().as_secs_f64() * 1e6 / ticks)
     };
+    let replay = || us(["replay", "--verify"], run.as_os_str());
+    let simulate = || us(["simulate", "--duration"], simulated.as_ref());
     for pair in 0..effort.pairs {
         // Neither side is bound to a CPU.
-        let (ours, floor, steal_percent) = in_turns(
-            pair,
-            None,
-            || us(["replay".as_ref(), "--verify".as_ref(), run.as_os_str()]),
-            || {
-                us([
-                    "simulate".as_ref(),
-                    "--duration".as_ref(),
-                    simulated.as_ref(),
-                ])
-            },
-        )?;
+        let (ours, floor, steal_percent) = in_turns(pair, None, replay, simulate)?;
         tick.take(ours, floor, steal_percent);
     }
     Ok(vec![tick])
