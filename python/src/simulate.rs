@@ -77,7 +77,6 @@ pub(crate) fn simulate<'py>(
     tables.shown(py, Vec::new(), facts)
 }
 
-/// The laws that fly: outer, inner, mixer.
 fn laws(
     settings: &Settings,
     outer: Option<&PyLaw>,

@@ -14,7 +14,6 @@ pub(crate) struct Column {
     /// The group that it is shown in, as `state` or `telemetry.inner`.
     pub group: String,
     pub name: String,
-    /// Unit; empty for a ratio.
     pub unit: String,
     /// How many numbers a row has, where it is an array.
     pub width: Option<usize>,
@@ -37,7 +36,6 @@ struct Place {
     apart: Option<usize>,
 }
 
-/// Names and units of what a law shows.
 pub(crate) type Signals = Vec<(String, String)>;
 
 impl Table {
@@ -95,7 +93,6 @@ impl Table {
         self.ticks.is_empty()
     }
 
-    /// Its columns, with a row for each of these ticks.
     pub(crate) fn on(self, rows: &[u64]) -> Vec<Column> {
         if self.ticks == rows {
             return self.columns;
@@ -139,7 +136,6 @@ impl Visitor for Table {
     }
 }
 
-/// Makes a column, or several, of each field.
 struct Plan<'a> {
     table: &'a mut Table,
     facts: BTreeMap<String, String>,
@@ -209,7 +205,6 @@ impl Plan<'_> {
 pub(crate) type ShownColumn<'py> = (String, String, String, Bound<'py, PyAny>);
 
 impl Column {
-    /// As an array with a row per tick.
     pub(crate) fn shown<'py>(self, py: Python<'py>) -> PyResult<ShownColumn<'py>> {
         let flat = python_law::array(py, &self.values)?;
         let array = match self.width {
@@ -220,7 +215,6 @@ impl Column {
     }
 }
 
-/// Every tick of some tables, once and in order.
 pub(crate) fn rows(tables: &[Table]) -> Vec<u64> {
     let [first, others @ ..] = tables else {
         return Vec::new();

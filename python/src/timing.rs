@@ -8,7 +8,6 @@ use crate::table::{Column, Table};
 
 const GROUP: &str = "timing";
 
-/// The latencies of a flight, by stage.
 #[derive(Debug)]
 pub(crate) struct Timing {
     /// None in lockstep, where ticks have no place on the clock.

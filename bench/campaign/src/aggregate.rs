@@ -16,15 +16,12 @@ use errors::Failure;
 use report::statistics::{Discordant, mean_interval, wilson};
 use std::cmp::Ordering;
 
-/// Flights that are named as the worst.
 const WORST: usize = 10;
-/// Factors whose pairs are mapped: those that matter most.
 const MAPPED: usize = 3;
 const MAP_BINS: usize = 6;
 /// The metric that flights are ranked by, and that effects are told on besides success.
 const ERROR: &str = "position_error_max_m";
 
-/// Rows with what is known of all of them.
 struct CampaignRows<'a> {
     campaign: &'a Campaign,
     rows: &'a Rows,

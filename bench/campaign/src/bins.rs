@@ -4,14 +4,12 @@ use report::statistics::{Interval, wilson};
 use serde::Serialize;
 
 pub const BINS_MAX: usize = 10;
-/// Flights that a bin should have at the least.
 const BIN_FLIGHTS: usize = 20;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bins {
     pub of: Vec<u32>,
     pub names: Vec<String>,
-    /// Smallest and largest value in each bin; none of words.
     pub ranges: Vec<[f64; 2]>,
 }
 
@@ -47,7 +45,6 @@ impl Bins {
         }
     }
 
-    /// Of words, each of which is a bin.
     pub const fn of_words(of: Vec<u32>, names: Vec<String>) -> Self {
         Self {
             of,

@@ -25,7 +25,6 @@ pub struct Campaign {
     /// What is drawn for each flight, in the order of the columns.
     pub factors: Vec<Factor>,
     pub faults: Vec<Fault>,
-    /// What each flight is flown by, at least one.
     pub arms: Vec<Variant>,
     pub gates: Gates,
     /// What an engine is asked for; rows do not depend on it.
@@ -33,7 +32,6 @@ pub struct Campaign {
     pub lines: Lines,
 }
 
-/// What an engine is asked for, for each shard.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Submission {
     /// Partition of Slurm; its default one where there is none.
@@ -64,7 +62,6 @@ pub enum Target {
     Timing,
 }
 
-/// A way to fly the same draws.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variant {
     pub name: String,

@@ -12,10 +12,8 @@ use crate::campaign::Campaign;
 use crate::parquet_file::{Metadata, encode, has_own_hash, metadata_of, read_table};
 use crate::table::{Cell, Row, Table};
 
-/// Identifies the form of files of rows.
 pub const SCHEMA: &str = "ironbird-campaign/1";
 
-/// What the files of a campaign say of themselves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
     pub name: String,

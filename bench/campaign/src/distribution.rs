@@ -13,10 +13,8 @@ pub enum Distribution {
     /// All combinations of all grids in turn; in the campaign's grids, the value changes every `stride` flights.
     Grid {
         values: Vec<Value>,
-        /// Cells of the grids that come after it.
         stride: u64,
     },
-    /// From low to high, all alike.
     Uniform([f64; 2]),
     /// Normal, by mean and standard deviation; draws beyond the bounds are drawn again.
     Normal {
@@ -24,7 +22,6 @@ pub enum Distribution {
         deviation: f64,
         within: Option<[f64; 2]>,
     },
-    /// From low to high, all ratios alike.
     LogUniform([f64; 2]),
     /// From low to high, with one flight in each of as many strata as there are flights.
     Latin {

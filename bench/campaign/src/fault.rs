@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use toml::Value;
 
-/// A fault: places of its parts among the factors.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {
     /// What: a parameter, or a fault of messages or stages.
@@ -59,7 +58,6 @@ impl Number {
     }
 }
 
-/// Whether it is none of a parameter.
 pub fn is_of_the_loop(what: &str) -> bool {
     what.contains('.')
 }
@@ -134,12 +132,6 @@ mod tests {
                 Some(3.0.into()),
                 None,
                 "inner.state.lag=3@1500000000ns",
-            ),
-            (
-                "state.rate_b_rad_s.x.bias",
-                Some(0.1.into()),
-                None,
-                "state.rate_b_rad_s.x.bias=0.1@1500000000ns",
             ),
             ("outer.kill", None, None, "outer.kill@1500000000ns"),
             (

@@ -30,7 +30,6 @@ const ONLY_ARM: &str = "base";
 const OWN: [&str; 6] = ["campaign", "factors", "fault", "arms", "success", "submit"];
 /// The seed of the sensors' noise, which flights draw unless the file says otherwise.
 const NOISE_SEED: &str = "flight.seed";
-/// The key of a recorded flight's timing, which is no key of the settings.
 const TIMING: &str = "timing";
 const RECORDED: &str = "a recorded flight, its directory or its log";
 const FAULTS: &str = "faults are written as [[fault]], each with what, value and at_s";
@@ -79,7 +78,6 @@ pub fn read(text: &str) -> Result<Campaign, Failure> {
     Err(failure(&reader.mistakes))
 }
 
-/// Collects the mistakes of a file, each with its line.
 struct Reader {
     lines: Lines,
     mistakes: Vec<(usize, String)>,
@@ -128,7 +126,6 @@ fn values(kind: &str, value: &Value) -> Result<Vec<Value>, String> {
     Ok(values)
 }
 
-/// Whether a name can be part of the name of a file.
 fn is_name(name: &str) -> bool {
     let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     (1..=64).contains(&name.len()) && name.chars().all(is_allowed)

@@ -3,14 +3,11 @@
 use messages::content::{RotorSpeeds, Setpoint, Wrench};
 use messages::role::Role;
 
-/// Bound of a recovery where the file names none [m].
 pub const RECOVERED_BELOW_M: f64 = 0.05;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Metric {
-    /// Name with its unit: of the column, and of the gate.
     pub name: &'static str,
-    /// SI unit; empty for a ratio.
     pub unit: &'static str,
     pub meaning: &'static str,
 }

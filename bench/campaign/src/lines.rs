@@ -69,7 +69,6 @@ impl Lines {
     }
 }
 
-/// Line on which a part of a text begins.
 pub(crate) fn line_of(text: &str, span: &Range<usize>) -> usize {
     let before = &text.as_bytes()[..span.start.min(text.len())];
     1 + before.iter().filter(|byte| **byte == b'\n').count()

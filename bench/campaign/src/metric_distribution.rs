@@ -12,7 +12,6 @@ pub struct Quantile {
     pub value: f64,
 }
 
-/// How a metric is distributed over the flights of an arm.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Distribution {
     pub count: u64,
@@ -21,7 +20,6 @@ pub struct Distribution {
     pub max: f64,
     /// Of the shares that at least ten values lie beyond, on either side.
     pub quantiles: Vec<Quantile>,
-    /// Enough of it to be drawn, up to the largest value.
     pub curve: Vec<Quantile>,
 }
 

@@ -60,7 +60,6 @@ impl Metrics {
     }
 }
 
-/// How long the error took to come back from each fault.
 #[derive(Debug)]
 struct Recoveries {
     /// Tick of each fault, in order; of several at one tick one.

@@ -4,7 +4,6 @@ use crate::gates::{Gates, METRICS};
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// Why the flight counts as lost, if it does.
     pub lost: Option<String>,
     pub metrics: [Option<f64>; METRICS.len()],
     /// What the laws showed, by the gates on it.
@@ -13,10 +12,8 @@ pub struct Outcome {
     pub outputs: String,
 }
 
-/// What a law showed of a number in a flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shown {
-    /// The law has no such number.
     NotOfThisLaw,
     /// It has, and never knew it.
     Never,

@@ -31,7 +31,6 @@ const HASH_DIGITS: usize = 64;
 /// Keys and values that describe a file; the file has them with the prefix `ironbird.`.
 pub type Metadata = Vec<(&'static str, String)>;
 
-/// A table as the bytes of a file, with the file's hash.
 pub fn encode(table: &Table, metadata: &Metadata) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let placeholder = KeyValue::new(FILE_HASH.into(), "0".repeat(HASH_DIGITS));
@@ -69,7 +68,6 @@ fn file_hash(bytes: &[u8], place: &Range<usize>) -> String {
     hex(hash)
 }
 
-/// A writer of tables with these columns, units and meanings.
 pub fn writer<W: Write + Send>(
     to: W,
     like: &Table,
@@ -120,7 +118,6 @@ fn field(column: &Column) -> Result<TypePtr> {
         .map(Arc::new)
 }
 
-/// Writes a table as one group of rows.
 pub fn write_rows<W: Write + Send>(
     writer: &mut SerializedFileWriter<W>,
     table: &Table,

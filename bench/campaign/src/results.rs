@@ -5,7 +5,6 @@ use crate::metric_distribution::Distribution;
 use report::statistics::{Discordant, Interval, MeanInterval};
 use serde::Serialize;
 
-/// Identifies the JSON form of [`CampaignResults`].
 pub const SCHEMA: &str = "ironbird-campaign-report/1";
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -14,14 +13,11 @@ pub struct CampaignResults {
     pub name: String,
     pub campaign: String,
     pub build: String,
-    /// Flights of each arm whose rows are there.
     pub flights: u64,
-    /// Flights of each arm that the campaign has.
     pub planned: u64,
     /// How the intervals of success were made, at 95 %.
     pub intervals: &'static str,
     pub arms: Vec<VariantResults>,
-    /// Arms two by two, on the same draws.
     pub pairs: Vec<Pair>,
     /// What was drawn, the factor that matters most first.
     pub factors: Vec<FactorResults>,
@@ -37,9 +33,7 @@ pub struct VariantResults {
     pub flights: u64,
     pub successes: u64,
     pub interval: Interval,
-    /// Flights that were lost: not flown to their end within their envelope.
     pub lost: u64,
-    /// Each gate that was asked of it.
     pub gates: Vec<GateResults>,
     /// Each metric, as [`crate::gates::METRICS`].
     pub metrics: Vec<Of<Distribution>>,
@@ -49,7 +43,6 @@ pub struct VariantResults {
 pub struct GateResults {
     pub name: String,
     pub held: u64,
-    /// Flights that it was asked of.
     pub asked: u64,
 }
 
@@ -68,7 +61,6 @@ pub struct Pair {
     pub discordant: Discordant,
     /// McNemar's test: how probable so uneven a split is, were both alike.
     pub p_value: f64,
-    /// Success rate of the first less that of the second.
     pub difference: MeanInterval,
     /// Mean difference of each metric, first less second, over the flights that neither lost.
     pub metrics: Vec<Of<MeanInterval>>,
@@ -97,7 +89,6 @@ pub struct Map {
     pub arm: String,
     pub x: Side,
     pub y: Side,
-    /// Successes and flights of each cell, row by row.
     pub cells: Vec<Vec<[u64; 2]>>,
 }
 
@@ -107,7 +98,6 @@ pub struct Side {
     pub bins: Vec<String>,
 }
 
-/// A flight that went wrong, or nearly.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Worst {
     pub flight: u64,

@@ -48,7 +48,6 @@ pub fn document(results: &CampaignResults, directory: &str) -> Document {
     }
 }
 
-/// A colour for each arm; more than there are begin again.
 fn keys(results: &CampaignResults) -> Vec<(&'static str, String)> {
     let names = results.arms.iter().map(|arm| arm.name.clone());
     LAWS.into_iter().cycle().zip(names).collect()

@@ -21,7 +21,6 @@ pub struct Rows {
 const GROUP: usize = 65_536;
 
 impl Rows {
-    /// Of chunks that were found to be whole.
     pub fn new(directory: &Path, chunks: impl IntoIterator<Item = u64>) -> Self {
         let chunks = chunks.into_iter();
         Self {
@@ -41,7 +40,6 @@ impl Rows {
         Ok(all)
     }
 
-    /// A column of numbers; NaN where there is none.
     pub fn numbers(&self, column: &str) -> Result<Vec<f64>, Failure> {
         self.column(column, |cell| match cell {
             Some(Cell::Number(number)) => number,
@@ -57,7 +55,6 @@ impl Rows {
         })
     }
 
-    /// A column of flags; none where a flag has no meaning.
     pub fn flags(&self, column: &str) -> Result<Vec<Option<bool>>, Failure> {
         self.column(column, |cell| match cell {
             Some(Cell::Flag(flag)) => Some(flag),
@@ -85,7 +82,6 @@ impl Rows {
         Ok((places, words))
     }
 
-    /// A row as text; none where there is no such row.
     pub fn row(
         &self,
         campaign: &Campaign,

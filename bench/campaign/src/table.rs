@@ -20,9 +20,7 @@ pub struct Row {
     pub outcome: Outcome,
 }
 
-/// Prefix of the columns that say which gates held.
 pub const HOLDS: &str = "holds.";
-/// Prefix of the columns with what laws showed.
 pub const TELEMETRY: &str = "telemetry.";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,7 +39,6 @@ pub enum Cell {
     Text(String),
 }
 
-/// One for each row; `None` where the row has no value.
 pub type Cells = Vec<Option<Cell>>;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -50,7 +47,6 @@ pub struct Column {
     pub unit: &'static str,
     pub meaning: String,
     pub kind: Kind,
-    /// Rows may have no value.
     pub optional: bool,
     pub cells: Cells,
 }
@@ -74,7 +70,6 @@ impl fmt::Display for Cell {
     }
 }
 
-/// Adds every bit of a cell to a hash.
 fn hash_into(hash: &mut Sha256, cell: &Option<Cell>) {
     hash.update([u8::from(cell.is_some())]);
     match cell {
@@ -89,14 +84,12 @@ fn hash_into(hash: &mut Sha256, cell: &Option<Cell>) {
     }
 }
 
-/// Columns that are being filled from rows.
 struct Columns<'a> {
     rows: &'a [Row],
     columns: Vec<Column>,
 }
 
 impl Columns<'_> {
-    /// Adds a column in which each row has a value.
     fn add(
         &mut self,
         (name, unit, meaning): (&str, &'static str, &str),
@@ -202,7 +195,6 @@ impl Table {
         self.columns.first().map_or(0, |column| column.cells.len())
     }
 
-    /// Adds the rows of a table of the same campaign.
     pub fn append(&mut self, more: Self) {
         for (column, more) in self.columns.iter_mut().zip(more.columns) {
             column.cells.extend(more.cells);
@@ -231,7 +223,6 @@ impl Table {
     }
 }
 
-/// The digest of a hash in hexadecimal digits.
 pub fn hex(hash: Sha256) -> String {
     let digits = hash.finalize();
     digits.iter().map(|byte| format!("{byte:02x}")).collect()

@@ -5,7 +5,6 @@
 use crate::Machine;
 use crate::cpu_times::CpuTimes;
 
-/// Where firmware names maker and machine.
 const DMI: [&str; 5] = [
     "product_name",
     "sys_vendor",
@@ -13,7 +12,6 @@ const DMI: [&str; 5] = [
     "bios_vendor",
     "product_version",
 ];
-/// How the names begin that hypervisors go by there.
 const MAKERS: [&str; 14] = [
     "KVM",
     "OpenStack",

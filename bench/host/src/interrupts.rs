@@ -32,7 +32,6 @@ impl Interrupts {
         Self(all)
     }
 
-    /// What has come since, the most frequent first.
     pub fn until(&self, later: &Self) -> Vec<InterruptCount> {
         let mut counts = Vec::new();
         for (key, (count, source)) in &later.0 {

@@ -33,7 +33,6 @@ pub struct Answers {
     /// Error number with which /dev/cpu_dma_latency cannot be held.
     pub deep_sleep_errno: Option<i32>,
     pub timer_resolution_ns: u64,
-    /// Free bytes in shared memory; nothing where it is not there.
     pub shared_memory_free_bytes: Option<u64>,
     pub leftovers: Vec<PathBuf>,
     pub cpu: Option<usize>,
@@ -92,7 +91,6 @@ impl Machine {
         })
     }
 
-    /// Processors that this process may use, in ascending order.
     pub fn allowed_cpus(&self) -> Vec<usize> {
         self.field("/proc/self/status", "Cpus_allowed_list")
             .map(|list| cpu_list(&list))
@@ -128,7 +126,6 @@ impl Machine {
         hypervisor::runs_below(self)
     }
 
-    /// The preemption model that the kernel names, or `unknown`.
     pub fn preemption(&self) -> &'static str {
         let version = self.read("/proc/sys/kernel/version").unwrap_or_default();
         if self.read("/sys/kernel/realtime").as_deref() == Some("1") {

@@ -85,7 +85,6 @@ impl Trace {
     }
 }
 
-/// A ring of the kernel's trace, removed with the value.
 #[derive(Debug)]
 struct Ring(PathBuf);
 
@@ -127,7 +126,6 @@ pub fn remove_left(name: &str) -> io::Result<()> {
     fs::remove_dir(instances(Path::new(TRACEFS)).join(name))
 }
 
-/// The rings whose names begin like this, by their names.
 pub fn rings(prefix: &str) -> Vec<String> {
     let entries = fs::read_dir(instances(Path::new(TRACEFS)));
     let entries = entries.into_iter().flatten().flatten();
@@ -151,7 +149,6 @@ fn mask(processor: u64) -> String {
     (0..processor / 32).fold(word, |mask, _| mask + ",00000000")
 }
 
-/// Follows the processors of a trace, by their names in it.
 #[derive(Debug, Default)]
 struct Readers(BTreeMap<String, Reader>);
 
@@ -208,7 +205,6 @@ impl<'a> Event<'a> {
 
 #[derive(Debug, Default)]
 struct Reader {
-    /// The number of who runs, since when.
     thread: Option<(u64, u64)>,
     seen_ns: u64,
     interrupts: Vec<(Runner, u64)>,

@@ -27,7 +27,6 @@ impl Build {
         build
     }
 
-    /// Commit and profile in one word: `7fa27a4-dirty-release`.
     pub fn token(&self) -> String {
         let dirty = if self.dirty { "-dirty" } else { "" };
         format!("{}{dirty}-{}", self.commit, self.profile)

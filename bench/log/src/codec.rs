@@ -80,7 +80,6 @@ pub(crate) fn take_word(number: u32, bytes: &mut &[u8]) -> Option<u64> {
     Some(u64::from_le_bytes(*word))
 }
 
-/// A struct that stands within a message.
 trait Nested: Visit {
     const LENGTH: usize = encoded_length(Self::FIELDS, ENVELOPE_NUMBER);
 }
@@ -216,7 +215,6 @@ impl Decoder<'_> {
         self.number = outside;
     }
 
-    /// The words of a field; none where there are too few.
     #[inline]
     fn words(&mut self, field: &Field, count: usize) -> impl Iterator<Item = u64> {
         let length = count * size_of::<u64>();

@@ -11,7 +11,6 @@ use messages::telemetry::Telemetry;
 use crate::codec::Logged;
 use crate::{TOPICS, rows, schema, units};
 
-/// Messages per topic, in the order of [`TOPICS`].
 pub type Counts = [u64; TOPICS.len()];
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,7 +49,6 @@ pub struct TopicFormat {
     pub sender: Role,
     pub schema_name: fn() -> String,
     pub descriptor_set: fn() -> Vec<u8>,
-    /// Units and frames of its fields.
     pub describe: fn() -> BTreeMap<String, String>,
     pub columns: fn() -> Vec<String>,
     pub(crate) empty: fn() -> LogEntry,
@@ -70,7 +68,6 @@ impl TopicFormat {
     }
 }
 
-/// In the order of [`TOPICS`].
 pub const FORMATS: [TopicFormat; TOPICS.len()] = [
     TopicFormat::of::<State>(|| LogEntry::State(Message::default())),
     TopicFormat::of::<Setpoint>(|| LogEntry::Setpoint(Message::default())),
@@ -95,7 +92,6 @@ impl LogEntry {
         }
     }
 
-    /// Its topic's place in [`TOPICS`].
     pub const fn topic(&self) -> usize {
         match self {
             Self::State(_) => 0,

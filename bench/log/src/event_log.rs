@@ -40,7 +40,6 @@ struct Seen {
 }
 
 impl EventLog {
-    /// Keeps so many ticks before and after each event.
     pub const fn new(around_ticks: u64) -> Self {
         Self {
             around_ticks,
@@ -52,7 +51,6 @@ impl EventLog {
         }
     }
 
-    /// Takes a message, and hands on what is kept.
     pub fn take(&mut self, entry: LogEntry, mut keep: impl FnMut(&LogEntry)) {
         if let LogEntry::State(state) = &entry {
             if let Some(event) = self.event(state) {
@@ -99,7 +97,6 @@ impl EventLog {
         }
     }
 
-    /// Keeps the ticks around an event too.
     fn widen(&mut self, event: RangeInclusive<u64>, keep: &mut impl FnMut(&LogEntry)) {
         let (from, to) = (
             event.start().saturating_sub(self.around_ticks),
@@ -166,55 +163,30 @@ mod tests {
         LogEntry::Wrench(message)
     }
 
-    /// Ticks of the states and of the wrenches that are kept of a flight, which is drained `batch` ticks at a time,
-    /// topic after topic.
-    fn kept(
-        excerpt: &mut EventLog,
-        last: u64,
-        batch: usize,
-        missed: fn(u64) -> u64,
-        epoch: fn(u64) -> u64,
-    ) -> [Vec<u64>; 2] {
-        let mut kept = [Vec::new(), Vec::new()];
-        let mut keep = |entry: &LogEntry| kept[entry.topic() / 2].push(entry.envelope().tick);
-        let ticks: Vec<u64> = (0..=last).collect();
-        for ticks in ticks.chunks(batch) {
-            ticks.iter().for_each(|tick| {
-                excerpt.take(state(*tick, missed(*tick), epoch(*tick)), &mut keep)
-            });
-            ticks
-                .iter()
-                .for_each(|tick| excerpt.take(wrench(*tick), &mut keep));
-        }
-        excerpt.finish(keep);
-        kept
-    }
-
     #[test]
     fn kept_is_what_is_around_take_off_misses_swaps_and_landing_however_it_is_drained() {
+        let ticks: Vec<u64> = (0..=500).collect();
         for batch in [1, 10, 100, 1000] {
             let mut excerpt = EventLog::new(10);
-            let kept = kept(
-                &mut excerpt,
-                500,
-                batch,
-                |tick| u64::from(tick >= 100) + u64::from(tick >= 115),
-                |tick| u64::from(tick >= 300),
-            );
-            let expected: Vec<u64> = (0..=10)
-                .chain(90..=125)
-                .chain(290..=310)
-                .chain(490..=500)
-                .collect();
-            assert_eq!(
-                kept,
-                [expected.clone(), expected],
-                "drained {batch} at a time"
-            );
-            assert_eq!(
-                (excerpt.stretches, excerpt.left_out),
-                (4, [422, 0, 422, 0, 0, 0])
-            );
+            // Of the states and of the wrenches.
+            let mut kept = [Vec::new(), Vec::new()];
+            let mut keep = |entry: &LogEntry| kept[entry.topic() / 2].push(entry.envelope().tick);
+            for ticks in ticks.chunks(batch) {
+                for tick in ticks {
+                    let missed = u64::from(*tick >= 100) + u64::from(*tick >= 115);
+                    let epoch = u64::from(*tick >= 300);
+                    excerpt.take(state(*tick, missed, epoch), &mut keep);
+                }
+                for tick in ticks {
+                    excerpt.take(wrench(*tick), &mut keep);
+                }
+            }
+            excerpt.finish(keep);
+            let ranges = [0..=10, 90..=125, 290..=310, 490..=500];
+            let expected: Vec<u64> = ranges.into_iter().flatten().collect();
+            assert_eq!(kept, [expected.clone(), expected], "{batch} at a time");
+            let left_out = (excerpt.stretches, excerpt.left_out);
+            assert_eq!(left_out, (4, [422, 0, 422, 0, 0, 0]));
         }
     }
 
@@ -223,14 +195,11 @@ mod tests {
         let mut excerpt = EventLog::new(5);
         let mut kept = Vec::new();
         for tick in (0..=50).chain(90..=120) {
-            excerpt.take(state(tick, u64::from(tick >= 90), 0), |entry| {
-                kept.push(entry.envelope().tick)
-            });
+            let mut keep = |entry: &LogEntry| kept.push(entry.envelope().tick);
+            excerpt.take(state(tick, u64::from(tick >= 90), 0), &mut keep);
         }
-        assert_eq!(
-            kept,
-            (0..=5).chain(46..=50).chain(90..=95).collect::<Vec<_>>()
-        );
+        let ranges = [0..=5, 46..=50, 90..=95];
+        assert_eq!(kept, Vec::from_iter(ranges.into_iter().flatten()));
     }
 
     #[test]
@@ -239,9 +208,8 @@ mod tests {
         (0..100).for_each(|tick| excerpt.take(state(tick, 0, 0), |_| ()));
         let mut swap = Message::<SwapRecord>::default();
         swap.envelope.tick = 50;
-        let swap = LogEntry::Swap(swap);
         let mut kept = 0;
-        excerpt.take(swap, |_| kept += 1);
+        excerpt.take(LogEntry::Swap(swap), |_| kept += 1);
         assert_eq!(kept, 1);
     }
 
@@ -251,10 +219,8 @@ mod tests {
         for tick in 0..100_000 {
             excerpt.take(state(tick, tick / 3000, 0), |_| ());
             excerpt.take(wrench(tick), |_| ());
-            assert!(
-                excerpt.waiting.len() <= 2 * 1001 && excerpt.kept.len() < 20,
-                "at tick {tick}"
-            );
+            let (waiting, kept) = (excerpt.waiting.len(), excerpt.kept.len());
+            assert!(waiting <= 2 * 1001 && kept < 20, "at tick {tick}");
         }
         // It would wait for what it has forgotten, were nothing left out.
         assert!(excerpt.left_out[0] > 30_000, "{:?}", excerpt.left_out);

@@ -20,7 +20,6 @@ pub const FAULTS: &str = "faults";
 /// time there were more it is written again, with all of them; the last one counts. There is none without such faults.
 pub const INJECTED: &str = "faults_injected";
 pub const HOST: &str = "host";
-/// Name of the record with what each process asked of the system, and was granted.
 pub const REALTIME: &str = "realtime";
 /// Name of the record with what the log keeps, and which of its files this is.
 pub const KEPT: &str = "log";
@@ -31,14 +30,10 @@ pub const CONTINUED_IN: &str = "continued_in";
 
 pub type Record = BTreeMap<String, String>;
 
-/// What a log says at its begin.
 #[derive(Clone, Debug)]
 pub struct Facts {
-    /// What moves the ticks of the run on.
     pub pace: Pace,
-    /// Sample time of the laws [ns].
     pub sample_time_ns: u64,
-    /// Which messages it keeps, and in how many files.
     pub plan: LogPlan,
     pub signals: Signals,
     /// Why topic `theorem` stays empty, where it does.
@@ -46,7 +41,6 @@ pub struct Facts {
     pub records: Vec<(&'static str, Record)>,
 }
 
-/// Which messages a log keeps, and in how many files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LogPlan {
     /// Ticks that are kept before and after an event; none where every message is kept.
@@ -72,9 +66,7 @@ impl LogPlan {
     }
 }
 
-/// What a log keeps that holds every message.
 pub const ALL: &str = "all";
-/// What a log keeps that holds excerpts.
 pub const AROUND_MISSES: &str = "around-misses";
 pub const OFF: &str = "off";
 

@@ -30,7 +30,6 @@ const LEVEL: u32 = 3;
 /// The same in lockstep, where ticks come as fast as the recorder takes them, and compressing is most of what it does.
 const LOCKSTEP_LEVEL: u32 = 1;
 
-/// What became of the messages of a file so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct FileFate {
     pub bytes: u64,
@@ -299,7 +298,6 @@ impl LogFile {
         self.spool.refused()
     }
 
-    /// What became of the messages so far.
     pub fn fate(&self) -> FileFate {
         // A recorder that dies now leaves what has settled: what waits for a full disk is not promised.
         let (bytes, written) = if self.spool.refused().is_some() {

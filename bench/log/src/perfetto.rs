@@ -14,7 +14,6 @@ use prost::Message as _;
 
 pub const FILE: &str = "flight.perfetto-trace";
 
-/// All packets come from one writer.
 const SEQUENCE: u32 = 1;
 /// Tracks beside those of the stages, which have the numbers of [`STAGES`] and one more.
 const MISSES: u64 = STAGES.len() as u64 + 1;
@@ -69,7 +68,6 @@ struct TrackDescriptor {
     sibling_order_rank: Option<i32>,
 }
 
-/// Children of a track stand in the order of their ranks.
 const EXPLICIT_ORDER: i32 = 3;
 
 #[derive(Clone, PartialEq, prost::Message)]
@@ -89,7 +87,6 @@ pub struct PerfettoWriter<W> {
     deadlines_missed: Option<u64>,
     /// When the first state of each parameter epoch was sampled [ns].
     epochs: BTreeMap<u64, u64>,
-    /// Swaps whose first state has not come yet.
     waiting: Vec<Message<SwapRecord>>,
     pub slices: u64,
     pub instants: u64,

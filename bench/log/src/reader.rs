@@ -46,7 +46,6 @@ pub enum End {
 pub struct LogReader {
     path: PathBuf,
     file: File,
-    /// Which file of the log it is, once it has said so.
     part: Option<u64>,
     parser: LinearReader,
     assembly: Assembly,
@@ -106,7 +105,6 @@ impl LogReader {
         self.end.unwrap_or(End::Truncated)
     }
 
-    /// Takes what comes next; true where it is a message.
     fn step(&mut self) -> Result<bool, Failure> {
         let event = match self.parser.next_event() {
             None => return self.end_file().map(|()| false),
@@ -312,7 +310,6 @@ impl LogReader {
         Ok(self.known(facts::RUN, name)?.unwrap_or_default())
     }
 
-    /// What moved the ticks of the run on.
     pub fn pace(&self) -> Result<Pace, Failure> {
         let (t0_ns, period_ns) = (self.number("t0_ns")?, self.number("period_ns")?);
         Ok(if period_ns == LOCKSTEP {
@@ -322,7 +319,6 @@ impl LogReader {
         })
     }
 
-    /// What it holds: of its first file that is there.
     pub fn kept(&self) -> Result<Kept, Failure> {
         // Logs from before there were excerpts do not say.
         let number = |name| Ok(self.known(facts::KEPT, name)?.unwrap_or(0));
@@ -455,7 +451,6 @@ impl Assembly {
         Ok(!self.waits)
     }
 
-    /// Puts what a law shows into the message that it came in.
     fn take_telemetry(&mut self, place: usize, data: &[u8]) -> Result<(), String> {
         let topic = TELEMETRY_TOPICS[place];
         let beside = self.beside.get(&self.newest.topic());
@@ -476,7 +471,6 @@ impl Assembly {
         Ok(())
     }
 
-    /// Refuses a message whose law's numbers have not come.
     fn check_whole(&self) -> Result<(), String> {
         let topic = self.newest.topic();
         match self.beside.get(&topic) {
@@ -529,7 +523,6 @@ mod tests {
         }
     }
 
-    /// A file with wrenches, and what their law shows.
     fn file() -> Assembly {
         let mut assembly = Assembly::new();
         let beside = BTreeMap::from([(BESIDE.to_owned(), "inner_telemetry".to_owned())]);

@@ -15,7 +15,6 @@ use crate::schema::plain;
 
 pub const WORLD: &str = "world";
 const BODY: &str = "body";
-/// Name of the frame in which the airframe should be.
 const REFERENCE: &str = "reference";
 
 const POSE_SCHEMA: &str = "foxglove.PoseInFrame";
@@ -133,7 +132,6 @@ impl Placed {
         }
     }
 
-    /// Its messages, each with its place in [`CHANNELS`].
     pub fn messages(&self) -> [(usize, Vec<u8>); 2] {
         let timestamp = Some(Timestamp {
             seconds: (self.at_ns / NS_PER_S).cast_signed(),

@@ -8,7 +8,6 @@ use messages::parameters::{PARAMETERS, SPECS};
 
 use crate::codec::{Logged, is_telemetry};
 
-/// Unit by the end of the name; the longer ones first.
 const UNITS: [(&str, &str); 14] = [
     ("_rad2_s2", "rad^2/s^2"),
     ("_rad_s2", "rad/s^2"),
@@ -26,7 +25,6 @@ const UNITS: [(&str, &str); 14] = [
     ("tick", "tick; 18446744073709551615 is none"),
 ];
 
-/// Frame by a part of the name.
 const FRAMES: [(&str, &str); 4] = [
     ("_w_", "world: right-handed, z up"),
     ("_b_", "body: x forward, y left, z up"),

@@ -23,7 +23,6 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::{fs, io};
 
-/// What became of the messages so far.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Fate {
     /// Length of the files that are kept [bytes].
@@ -42,7 +41,6 @@ pub struct Fate {
 }
 
 /// The log of a flight in the air.
-#[allow(missing_debug_implementations, reason = "its files have none")]
 pub struct FlightLog {
     first_path: PathBuf,
     pub(crate) facts: Facts,
@@ -141,7 +139,6 @@ impl FlightLog {
         Ok(())
     }
 
-    /// What became of the messages so far.
     pub fn fate(&self) -> Fate {
         let excerpt = self.excerpt.as_ref();
         let closing = self.closing.as_ref();

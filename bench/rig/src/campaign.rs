@@ -9,11 +9,9 @@ mod check;
 mod directory;
 mod flight_settings;
 mod refly;
-mod results;
 mod run;
 mod status;
 mod submit;
-mod timings;
 
 use errors::Failure;
 
@@ -26,7 +24,7 @@ pub fn campaign(command: &CampaignCommand) -> Result<u8, Failure> {
         CampaignCommand::Check(args) => check::check(args),
         CampaignCommand::Status(args) => status::status(args),
         CampaignCommand::Merge(args) => status::merge(args),
-        CampaignCommand::Report(args) => results::report(args),
+        CampaignCommand::Report(args) => status::report(args),
         CampaignCommand::Submit(args) => submit::submit(args),
         CampaignCommand::Fly(args) => refly::fly(args),
     }

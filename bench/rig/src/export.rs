@@ -21,10 +21,8 @@ use flight_log::reader::{End, Kept, LogReader};
 use flight_log::{rows, topics};
 use report::phrase::count;
 
-/// Subdirectory of the run directory for the exported tables.
 pub const DIRECTORY: &str = "export";
 
-/// Whether an export creates a file of this name.
 pub fn is_ours(name: &str) -> bool {
     let has_name = |topic: &str, format: TableFormat| name == file_name(topic, format);
     topics().any(|topic| has_name(topic, TableFormat::Csv) || has_name(topic, TableFormat::Json))
@@ -108,7 +106,6 @@ fn print_missing(reader: &LogReader) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Writes the stages' execution times as a Perfetto trace.
 fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     create_directory(directory)?;
     let path = directory.join(perfetto::FILE);
@@ -229,7 +226,6 @@ impl Tables {
         Ok(())
     }
 
-    /// Writes a message and the signals of its law.
     fn write<C: Logged>(
         &mut self,
         reader: &LogReader,

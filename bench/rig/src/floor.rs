@@ -144,7 +144,6 @@ fn write(directory: &Path, page: &Page) -> Result<(), Failure> {
     std::fs::write(&numbers, json + "\n").in_file("write", &numbers)
 }
 
-/// The hand-written notes at the end of the page.
 fn notes_of(page: &str) -> &str {
     page.find("\n## Options compared\n")
         .map_or("", |begin| &page[begin..])

@@ -5,28 +5,13 @@ use messages::telemetry::Telemetry;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
-/// What a tick must give.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shape {
-    /// `(thrust_n, attitude_rad, attitude_rate_rad_s, attitude_acceleration_rad_s2)`.
-    Outer,
-    /// `(thrust_n, torque_b_nm)`.
-    Inner,
-}
-
-impl Shape {
-    const fn names(self) -> &'static [&'static str] {
-        match self {
-            Self::Outer => &[
-                "thrust_n",
-                "attitude_rad",
-                "attitude_rate_rad_s",
-                "attitude_acceleration_rad_s2",
-            ],
-            Self::Inner => &["thrust_n", "torque_b_nm"],
-        }
-    }
-}
+const OUTER: [&str; 4] = [
+    "thrust_n",
+    "attitude_rad",
+    "attitude_rate_rad_s",
+    "attitude_acceleration_rad_s2",
+];
+const INNER: [&str; 2] = ["thrust_n", "torque_b_nm"];
 
 /// An answer, with what its errors begin with.
 pub(crate) struct Answer<'a, 'py> {
@@ -41,7 +26,7 @@ impl Answer<'_, '_> {
         telemetry: &mut Telemetry,
         signals: usize,
     ) -> PyResult<WrenchSetpoint> {
-        self.check(Shape::Inner, signals)?;
+        self.check(&INNER, signals)?;
         let wrench = WrenchSetpoint {
             thrust_n: self.number(0, "thrust_n")?,
             torque_b_nm: self.three(1, "torque_b_nm")?,
@@ -51,7 +36,7 @@ impl Answer<'_, '_> {
     }
 
     pub(crate) fn desired(&self, telemetry: &mut Telemetry, signals: usize) -> PyResult<Desired> {
-        self.check(Shape::Outer, signals)?;
+        self.check(&OUTER, signals)?;
         let desired = Desired {
             thrust_n: self.number(0, "thrust_n")?,
             attitude_rad: self.three(1, "attitude_rad")?,
@@ -64,8 +49,8 @@ impl Answer<'_, '_> {
     }
 
     /// Whether there are as many values as there should be.
-    fn check(&self, shape: Shape, signals: usize) -> PyResult<()> {
-        let mut names = shape.names().to_vec();
+    fn check(&self, names: &[&str], signals: usize) -> PyResult<()> {
+        let mut names = names.to_vec();
         names.extend((signals > 0).then_some("telemetry"));
         let given = match self.value.len() {
             Ok(given) if given == names.len() => return Ok(()),

@@ -1,6 +1,6 @@
 //! What a law is given: the structs of the rig, whose fields are read as arrays when the law reads them.
 
-use messages::parameters::Parameter;
+use messages::parameters::SPECS;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -33,27 +33,6 @@ pub struct Desired {
 #[pyclass(frozen, module = "ironbird")]
 #[derive(Clone, Copy, Debug)]
 pub struct Rig(pub ironbird_law::Rig);
-
-/// The parameters that a law knows, in the order of the C interface.
-const MODEL: [Parameter; 17] = [
-    Parameter::Mass,
-    Parameter::Gravity,
-    Parameter::TranslationalDrag,
-    Parameter::RotationalDrag,
-    Parameter::ArmLength,
-    Parameter::ThrustCoefficient,
-    Parameter::DragFactor,
-    Parameter::RotorInertia,
-    Parameter::InertiaX,
-    Parameter::InertiaY,
-    Parameter::InertiaZ,
-    Parameter::DisturbanceGain,
-    Parameter::RotorEfficiency1,
-    Parameter::RotorEfficiency2,
-    Parameter::RotorEfficiency3,
-    Parameter::RotorEfficiency4,
-    Parameter::MotorTimeConstant,
-];
 
 /// Ticks; none where the input never came.
 const fn ticks(age: u64) -> Option<u64> {
@@ -126,6 +105,7 @@ impl Rig {
     #[getter]
     fn airframe<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let airframe = &self.0.airframe;
+        // In the order of the table of parameters, whose first ones are those of the C interface.
         let numbers = [
             airframe.mass_kg,
             airframe.gravity_m_s2,
@@ -142,8 +122,8 @@ impl Rig {
         .chain(airframe.rotor_efficiency)
         .chain([airframe.motor_time_constant_s]);
         let values = PyDict::new(py);
-        for (parameter, value) in MODEL.iter().zip(numbers) {
-            values.set_item(parameter.name(), value)?;
+        for (spec, value) in SPECS.iter().zip(numbers) {
+            values.set_item(spec.name, value)?;
         }
         Ok(values)
     }

@@ -8,7 +8,6 @@ mod inputs;
 mod law;
 mod look;
 
-pub use answer::Shape;
 pub use arrays::array;
 pub use inputs::{Desired, Measured, Reference, Rig};
 pub use law::{FlyingInner, FlyingOuter, PythonLaw, Raised};

@@ -25,13 +25,11 @@ const LATE_MAX_PERCENT: f64 = 1.0;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredMachine {
-    /// How long the timer and the ring were measured, each [s].
     pub seconds: f64,
     /// Scheduling of the measuring threads: `SCHED_FIFO 80` or `SCHED_OTHER`.
     pub scheduling: String,
     pub cpu: usize,
     pub refused: Vec<String>,
-    /// Lateness of a thread on an absolute timer.
     pub timer: Measurement,
     /// Time of a token's lap through four processes, woken by futex.
     pub ring: Measurement,

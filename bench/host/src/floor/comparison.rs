@@ -93,7 +93,6 @@ impl FloorComparison {
         }
     }
 
-    /// Pairs that were measured, and those of them during which the host stole too much.
     pub fn measured(&self) -> (usize, usize) {
         let (all, left) = match &self.pairs {
             Pairs::Ratio { pairs, .. } => (pairs.len(), undisturbed(pairs).count()),
@@ -132,7 +131,6 @@ impl FloorComparison {
         }
     }
 
-    /// Whether the goal is met, if the pairs allow to say so.
     pub fn verdict(&self) -> GoalVerdict {
         let (measured, disturbed) = self.measured();
         if measured - disturbed < VALUES_NEEDED {

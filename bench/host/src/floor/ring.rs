@@ -39,7 +39,6 @@ pub struct RingSettings {
     pub schedule: Schedule,
     /// What each process computes before it wakes the next one: as many as there are processes, 2 to 64.
     pub work: Vec<Work>,
-    /// Warm-up runs, as the loops have them.
     pub rehearsal: Option<RingRehearsal>,
 }
 
@@ -229,7 +228,6 @@ pub enum Link {
         own: OwnedFd,
         next: OwnedFd,
     },
-    /// Two wake-up events of a shared page.
     Futex {
         page: WakePage,
         own: usize,
@@ -286,7 +284,6 @@ impl Link {
         }
     }
 
-    /// Waits for a token, for ever or until the timeout.
     pub fn wait(&mut self, timeout: Option<Duration>) -> Result<u64, Failure> {
         let timeout = timeout.map(|timeout| timespec(timeout.as_nanos() as u64));
         let silent = || Failure::failed("a process of the ring hangs or has died");
@@ -328,11 +325,7 @@ impl Link {
 
 enum Links {
     Eventfd(Vec<OwnedFd>),
-    /// The file of a shared page with a wake-up event per process.
-    Futex {
-        file: OwnedFd,
-        processes: usize,
-    },
+    Futex { file: OwnedFd, processes: usize },
 }
 
 impl Links {

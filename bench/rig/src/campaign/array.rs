@@ -17,7 +17,6 @@ pub(super) struct Array {
     pub shards: u64,
     executable: PathBuf,
     file: PathBuf,
-    /// Directory of the rows, from the root on.
     pub out: PathBuf,
     asked: Submission,
 }
@@ -138,7 +137,6 @@ impl Array {
         }
     }
 
-    /// The shards that have one of some chunks.
     pub fn shards_of(&self, campaign: &Campaign, chunks: &[u64]) -> Vec<u64> {
         let has = |shard: &u64| {
             campaign

@@ -126,15 +126,12 @@ fn fly_abreast(
     }
 }
 
-/// The course of all flights and its ticks, where they are the same.
 fn route(flown: &[&mut Flown<'_>]) -> Option<(ScaledTrajectory, f64)> {
     let first = flown.first()?.route;
     flown.iter().all(|it| it.route == first).then_some(first)
 }
 
-/// A flight that is being flown, with what its row asks for.
 struct Flown<'a> {
-    /// Where it is: it is large.
     rig: Box<Simulator>,
     judge: Judge,
     /// The recorded timing that it has, and its settings; none once it was flown.
@@ -183,7 +180,6 @@ impl<'a> Flown<'a> {
     }
 }
 
-/// What a row tells of the ticks of its flight.
 struct Seen {
     tracking: Tracking,
     metrics: Metrics,

@@ -32,7 +32,6 @@ struct Facts {
 }
 
 impl Facts {
-    /// The recorded flights that are others now, in words.
     fn changed(&self, plan: &Plan) -> Option<String> {
         let now = plan.timings.sums();
         let is_other = |name: &String, sum: &String| now.get(name).is_some_and(|it| it != sum);
@@ -45,7 +44,6 @@ impl Facts {
     }
 }
 
-/// Makes the directory of a campaign, or takes it up again.
 pub(super) fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
     fs::create_dir_all(directory).in_file("make the directory", directory)?;
     let (file, facts) = (directory.join(FILE), directory.join(FACTS));

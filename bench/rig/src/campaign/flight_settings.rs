@@ -1,5 +1,6 @@
 //! A campaign with the settings that it means, each end of its draws tried.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use campaign::campaign::{Campaign, Variant};
@@ -8,9 +9,9 @@ use campaign::file;
 use errors::{Failure, USAGE, read_text};
 use toml::Value;
 
-use super::timings::{Timings, beside};
 use crate::build;
 use crate::recorded_timing::Timing;
+use crate::run_directory::find_log;
 use crate::settings::Settings;
 
 #[derive(Clone, Debug)]
@@ -33,7 +34,6 @@ impl Plan {
         Self::of(text, file)
     }
 
-    /// The plan of a text that stands, or stood, in a file.
     pub fn of(text: String, file: &Path) -> Result<Self, Failure> {
         let place = format!(" (campaign {})", file.display());
         let campaign = file::read(&text).map_err(|failure| failure.append(&place))?;
@@ -179,4 +179,53 @@ fn flown_by() -> String {
     let build = build::here();
     let dirty = if build.dirty { "-dirty" } else { "" };
     format!("{} {}{dirty}", build.version, build.commit)
+}
+
+/// The recorded flights whose timing a campaign applies, by their names in its file.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Timings(BTreeMap<String, Timing>);
+
+impl Timings {
+    pub fn read(campaign: &Campaign, file: &Path) -> Result<Self, Failure> {
+        let mut timings = BTreeMap::new();
+        for arm in &campaign.arms {
+            let (key, names) = campaign.timings(arm);
+            for name in names {
+                if timings.contains_key(&name) {
+                    continue;
+                }
+                let run = beside(file, &name);
+                let timing = find_log(&run, run.parent()).and_then(|log| Timing::read(&log));
+                let timing = timing.map_err(|failure| {
+                    let line = campaign.lines.of_key(&key);
+                    let place = format!(": line {line}: timing = {name:?}");
+                    failure.or_code(USAGE).append(&place)
+                })?;
+                timings.insert(name, timing);
+            }
+        }
+        Ok(Self(timings))
+    }
+
+    pub fn of(&self, name: Option<&str>) -> Option<&Timing> {
+        self.0.get(name?)
+    }
+
+    pub fn sums(&self) -> BTreeMap<String, String> {
+        let timings = self.0.iter();
+        timings
+            .map(|(name, timing)| (name.clone(), timing.sum()))
+            .collect()
+    }
+
+    pub fn sums_of(&self, names: &[String]) -> String {
+        let timings = names.iter().filter_map(|name| self.0.get(name));
+        timings
+            .map(|timing| format!("\ntiming {}", timing.sum()))
+            .collect()
+    }
+}
+
+fn beside(file: &Path, name: &str) -> PathBuf {
+    file.parent().unwrap_or_else(|| Path::new("")).join(name)
 }

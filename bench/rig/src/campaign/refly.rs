@@ -149,7 +149,6 @@ fn row(plan: &Plan, directory: &Path, flight: u64, arm: usize) -> Result<Option<
     }))
 }
 
-/// Holds the newest flight in a directory against a row.
 fn compare(out: &Path, row: Option<&Flown>) -> Result<u8, Failure> {
     let log = find_log(Path::new("latest"), Some(out))?;
     let flown = fly_again(&log, 0, false, &Moved::new())?;

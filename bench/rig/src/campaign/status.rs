@@ -1,15 +1,17 @@
-//! `ironbird campaign status` and `merge`: which rows are there; all in one file.
+//! `ironbird campaign status`, `merge` and `report`: which rows are there; all in one file; what they show.
 
-use campaign::chunk;
-use campaign::chunk::State;
+use campaign::aggregate;
+use campaign::chunk::{self, State};
+use campaign::results_document::document;
 use campaign::rows::Rows;
-use errors::{Failure, GATE, OK};
+use errors::{Failure, GATE, OK, check_writable, write_text};
+use report::json;
+use report::phrase::count;
 
 use super::directory;
 use super::flight_settings::Plan;
-use crate::cli::CampaignDirectoryArgs;
-use crate::output::print;
-use report::phrase::count;
+use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs, DiffFormat};
+use crate::output::{print, say};
 
 const MERGED: &str = "merged.parquet";
 
@@ -32,7 +34,6 @@ pub(super) fn found(plan: &Plan, directory: &std::path::Path) -> Found {
     found
 }
 
-/// Says which flights are there: exit code 3 where some are not.
 pub(super) fn status(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
     let plan = directory::plan(&args.directory)?;
     let found = found(&plan, &args.directory);
@@ -105,6 +106,41 @@ pub(super) fn merge(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
     let to = args.directory.join(MERGED);
     let rows = Rows::new(&args.directory, whole).merge(&plan.campaign, &plan.identity, &to)?;
     print(&format!("{}: {}\n", to.display(), count(rows, "row")))?;
+    Ok(OK)
+}
+
+/// Prints the results of the rows recorded so far, and writes their page.
+pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
+    check_writable("--page", args.page.as_deref())?;
+    let plan = directory::plan(&args.directory)?;
+    let whole = found(&plan, &args.directory).whole;
+    let (place, files, chunks) = (
+        args.directory.display(),
+        whole.len(),
+        plan.campaign.chunks(),
+    );
+    if files == 0 {
+        return Err(Failure::failed(format!("{place}: no flight is there yet"))
+            .help(format!("`ironbird campaign status {place}` says why")));
+    }
+    if files as u64 != chunks {
+        say(&format!(
+            "warning: {files} of {chunks} files of rows are whole; the others are left out\n"
+        ));
+    }
+    let rows = Rows::new(&args.directory, whole);
+    let results = aggregate::of(&plan.campaign, &plan.identity, &rows)?;
+    let document = document(&results, &place.to_string());
+    if let Some(path) = &args.page {
+        write_text(path, &document.html())?;
+    }
+    match args.format {
+        DiffFormat::Text => print(&document.text())?,
+        DiffFormat::Json => {
+            let json = json::to_string(&results).map_err(|e| Failure::failed(e.to_string()))?;
+            print(&(json + "\n"))?;
+        }
+    }
     Ok(OK)
 }
 

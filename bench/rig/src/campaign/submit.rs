@@ -15,8 +15,8 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use super::array::Array;
 use super::flight_settings::Plan;
-use super::status::{found, ranges};
-use super::{directory, results, run};
+use super::status::{found, ranges, report};
+use super::{directory, run};
 use crate::cli::{CampaignReportArgs, CampaignRunArgs, CampaignSubmitArgs, DiffFormat, Engine};
 use crate::output::{print, say};
 use crate::parallel::asked_to_stop;
@@ -24,14 +24,12 @@ use crate::progress::Progress;
 
 /// How often the missing shards are submitted. A shard that fails this often always fails.
 const ROUNDS: usize = 3;
-/// How often the directory is checked for new files.
 const POLL_EVERY: Duration = Duration::from_millis(200);
 /// How long the engine may take to notice the end of a job whose files are complete. `sbatch --wait` polls less and less
 /// often.
 const JOB_END_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long an engine's command may take to end after SIGTERM; then it is killed.
 const TERMINATION_TIMEOUT: Duration = Duration::from_secs(3);
-/// How long the engine may take to cancel a job.
 const CANCEL_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Submits the shards that are not whole, watches the engine, submits again what it lost, and reports.
@@ -58,7 +56,7 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
         print(&(array.script(args.on) + &command))?;
         return Ok(OK);
     }
-    let report = CampaignReportArgs {
+    let reported = CampaignReportArgs {
         directory: out.clone(),
         format: DiffFormat::Text,
         page: None,
@@ -71,7 +69,7 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
             jobs: None,
         })?;
         return match code {
-            OK => results::report(&report),
+            OK => report(&reported),
             code => Ok(code),
         };
     }
@@ -99,7 +97,7 @@ pub(super) fn submit(args: &CampaignSubmitArgs) -> Result<u8, Failure> {
     let (few, all, place) = (shards.len(), array.shards, out.display());
     if shards.is_empty() {
         say(&format!("{place}: all {all} shards are there\n"));
-        return results::report(&report);
+        return report(&reported);
     }
     let (numbers, logs) = (ranges(&shards), out.join("shard-*.log"));
     print(&format!(

@@ -8,11 +8,9 @@ use host::floor::comparison::{FloorComparison, GoalVerdict};
 use report::host::Host;
 use report::render::document::{Cell, Table, known, row};
 
-/// Figures and their baselines, for one machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Page {
     pub host: Host,
-    /// In the order of [`Set`].
     pub sets: Vec<MeasuredSet>,
 }
 
@@ -20,7 +18,6 @@ pub struct Page {
 pub struct MeasuredSet {
     pub set: Set,
     pub started: String,
-    /// Version of ironbird, and the commit if known.
     pub version: String,
     pub command: String,
     pub comparisons: Vec<FloorComparison>,

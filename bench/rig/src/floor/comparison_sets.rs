@@ -40,7 +40,6 @@ pub struct MeasuringEffort {
     pub priority: i32,
 }
 
-/// Load on all CPUs; ends when dropped.
 #[derive(Debug)]
 pub struct Stress(Child);
 
