@@ -2,7 +2,7 @@
 
 use crate::bins::{BINS_MAX, Bins, explained, success};
 use crate::campaign::{Campaign, Factor, Variant};
-use crate::chunk::Identity;
+use crate::chunk::{Identity, Rows};
 use crate::distribution::Distribution as Drawn;
 use crate::gates::METRICS;
 use crate::metric_distribution::distribution;
@@ -10,7 +10,6 @@ use crate::results::{
     CampaignResults, Effect, FactorResults, GateResults, Map, Of, Pair, SCHEMA, Side,
     VariantResults, Worst,
 };
-use crate::rows::Rows;
 use crate::table::{HOLDS, unit_and_meaning};
 use errors::Failure;
 use report::statistics::{Discordant, mean_interval, wilson};

@@ -1,4 +1,4 @@
-//! What counts as success: limits of metrics, ranges of laws' own numbers.
+//! What came of a flight, and what counts as success: limits of metrics, ranges of laws' own numbers.
 
 use messages::content::{RotorSpeeds, Setpoint, Wrench};
 use messages::role::Role;
@@ -105,5 +105,117 @@ impl Gates {
         let limits = self.limits.iter();
         let limits = limits.map(|(place, _)| METRICS[*place].name.to_owned());
         limits.chain(self.telemetry.iter().map(SignalGate::name))
+    }
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    pub lost: Option<String>,
+    pub metrics: [Option<f64>; METRICS.len()],
+    /// What the laws showed, by the gates on it.
+    pub telemetry: Vec<Shown>,
+    /// Hash over all outputs, as `simulate` prints it.
+    pub outputs: String,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shown {
+    NotOfThisLaw,
+    /// It has, and never knew it.
+    Never,
+    Between([f64; 2]),
+}
+
+impl Shown {
+    pub fn and(self, value: f64) -> Self {
+        match self {
+            Self::Between([low, high]) => Self::Between([low.min(value), high.max(value)]),
+            _ => Self::Between([value, value]),
+        }
+    }
+
+    pub const fn range(self) -> Option<[f64; 2]> {
+        match self {
+            Self::Between(range) => Some(range),
+            _ => None,
+        }
+    }
+}
+
+impl Gates {
+    /// Which gates held, in the order of [`Gates::names`]; none of those that are not of this flight's laws. A gate
+    /// that measured nothing did not hold.
+    pub fn held(&self, outcome: &Outcome) -> Vec<Option<bool>> {
+        let within = |(place, most): &(usize, f64)| {
+            Some(outcome.metrics[*place].is_some_and(|value| value <= *most))
+        };
+        let limits = self.limits.iter().map(within);
+        let gates = self.telemetry.iter().zip(&outcome.telemetry);
+        let telemetry = gates.map(|(gate, shown)| match shown {
+            Shown::NotOfThisLaw => None,
+            Shown::Never => Some(false),
+            Shown::Between([low, high]) => Some(gate.range[0] <= *low && *high <= gate.range[1]),
+        });
+        limits.chain(telemetry).collect()
+    }
+
+    /// Whether a flight was flown to its end, within its envelope, and every gate held.
+    pub fn is_success(&self, outcome: &Outcome) -> bool {
+        outcome.lost.is_none() && !self.held(outcome).contains(&Some(false))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn success_is_a_whole_flight_in_which_every_gate_held() {
+        let gate = SignalGate {
+            role: Role::Inner,
+            signal: "k".into(),
+            range: [-1.0, 1.0],
+        };
+        let gates = Gates {
+            limits: vec![(1, 0.5), (4, 2.0)],
+            recovered_below_m: 0.05,
+            telemetry: vec![gate],
+        };
+        let metrics = [Some(0.1); METRICS.len()];
+        let flown = |metrics, shown, lost: Option<&str>| Outcome {
+            lost: lost.map(str::to_owned),
+            metrics,
+            telemetry: vec![shown],
+            outputs: String::new(),
+        };
+        let inside = Shown::Never.and(-1.0).and(0.5);
+        let success = |metrics, shown, lost| gates.is_success(&flown(metrics, shown, lost));
+        let recovered = |time_s: Option<f64>| {
+            let mut metrics = metrics;
+            metrics[4] = time_s;
+            metrics
+        };
+        for (expected, metrics, shown, lost) in [
+            (true, metrics, inside, None),
+            (true, metrics, Shown::NotOfThisLaw, None),
+            // A lost flight is no success, whatever it measured.
+            (false, metrics, inside, Some("lost")),
+            // A gate that measured nothing did not hold.
+            (false, metrics, Shown::Never, None),
+            (false, metrics, inside.and(1.5), None),
+            (false, recovered(None), inside, None),
+        ] {
+            assert_eq!(
+                success(metrics, shown, lost),
+                expected,
+                "{shown:?} {lost:?}"
+            );
+        }
+        let mut metrics = recovered(Some(2.0));
+        metrics[1] = Some(0.51);
+        assert_eq!(
+            gates.held(&flown(metrics, inside, None)),
+            [Some(false), Some(true), Some(true)]
+        );
     }
 }

@@ -9,8 +9,7 @@ use toml::Value;
 use crate::campaign::{Campaign, Factor, Target};
 use crate::distribution::Distribution;
 use crate::fault::Number;
-use crate::gates::METRICS;
-use crate::outcome::Outcome;
+use crate::gates::{METRICS, Outcome};
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {

@@ -12,6 +12,7 @@ use report::candidate_causes::{CounterSample, Counters, Life};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Watch {
+    /// The processor that all loops were granted; none where they were not, or not the same.
     pub processor: Option<u64>,
     /// A hypervisor may run below, and take time from them.
     pub is_virtual: bool,
@@ -76,6 +77,7 @@ impl Look {
     }
 }
 
+/// Which of these loops ended without landing.
 pub fn fallen(loops: &[Status; STAGES.len()]) -> [bool; STAGES.len()] {
     loops.map(|status| {
         status.phase() != RolePhase::Landed && counters(status.pid).life == Life::Dead

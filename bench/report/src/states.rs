@@ -406,6 +406,7 @@ pub struct TickRecord {
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
+    use std::fs::File;
     use std::io;
 
     use super::*;
@@ -540,22 +541,14 @@ mod tests {
     struct Stuck;
 
     impl Disk for Stuck {
-        fn free(&self) -> Option<u64> {
-            None
+        fn file(&self) -> io::Result<&File> {
+            Err(io::ErrorKind::Unsupported.into())
         }
 
         fn write_at(&self, _: &[u8], _: u64) -> io::Result<()> {
             loop {
                 std::thread::park();
             }
-        }
-
-        fn cut(&self, _: u64) -> io::Result<()> {
-            Ok(())
-        }
-
-        fn sync(&self) -> io::Result<()> {
-            Ok(())
         }
     }
 

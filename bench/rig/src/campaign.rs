@@ -3,10 +3,7 @@
 //! The file, its draws and its tables are the crate `campaign`. Here is what flies: each flight is that of `ironbird
 //! simulate` with the same settings, bit for bit.
 
-mod array;
 mod batch;
-mod check;
-mod directory;
 mod flight_settings;
 mod refly;
 mod run;
@@ -21,7 +18,7 @@ use crate::cli::CampaignCommand;
 pub fn campaign(command: &CampaignCommand) -> Result<u8, Failure> {
     match command {
         CampaignCommand::Run(args) => run::run(args),
-        CampaignCommand::Check(args) => check::check(args),
+        CampaignCommand::Check(args) => run::check(args),
         CampaignCommand::Status(args) => status::status(args),
         CampaignCommand::Merge(args) => status::merge(args),
         CampaignCommand::Report(args) => status::report(args),

@@ -194,7 +194,7 @@ fn a_row_is_a_simulated_flight_bit_for_bit() {
 fn row(directory: &str, flight: u64, second_arm: bool) -> String {
     let text = fs::read_to_string(Path::new(directory).join("campaign.toml")).unwrap();
     let campaign = campaign::file::read(&text).unwrap();
-    let rows = campaign::rows::Rows::new(Path::new(directory), 0..campaign.chunks());
+    let rows = campaign::chunk::Rows::new(Path::new(directory), 0..campaign.chunks());
     let row = rows
         .row(&campaign, flight, usize::from(second_arm))
         .unwrap()

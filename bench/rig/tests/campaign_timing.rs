@@ -51,7 +51,7 @@ fn chunks(directory: &str) -> BTreeMap<String, Vec<u8>> {
 fn cell(directory: &str, flight: u64, arm: usize, column: &str) -> String {
     let text = fs::read_to_string(Path::new(directory).join("campaign.toml")).unwrap();
     let campaign = campaign::file::read(&text).unwrap();
-    let rows = campaign::rows::Rows::new(Path::new(directory), 0..campaign.chunks());
+    let rows = campaign::chunk::Rows::new(Path::new(directory), 0..campaign.chunks());
     let row = rows.row(&campaign, flight, arm).unwrap().unwrap();
     row.into_iter().find(|(it, _)| it == column).unwrap().1
 }

@@ -2,9 +2,8 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use campaign::gates::{Gates, SignalGate};
+use campaign::gates::{Gates, Outcome, Shown, SignalGate};
 use campaign::metrics::Metrics;
-use campaign::outcome::{Outcome, Shown};
 use campaign::table::Row;
 use controller::ScaledTrajectory;
 use errors::{Failure, INTERRUPTED};
@@ -126,11 +125,13 @@ fn fly_abreast(
     }
 }
 
+/// The trajectory and the tick [s] that all flights share; none where they differ.
 fn route(flown: &[&mut Flown<'_>]) -> Option<(ScaledTrajectory, f64)> {
     let first = flown.first()?.route;
     flown.iter().all(|it| it.route == first).then_some(first)
 }
 
+/// A flight in progress.
 struct Flown<'a> {
     rig: Box<Simulator>,
     judge: Judge,
@@ -163,7 +164,7 @@ impl<'a> Flown<'a> {
     }
 
     fn take(&mut self, gates: &Gates) -> Result<(), Failure> {
-        self.judge.take(&mut self.rig, |rig| {
+        self.judge.take(&self.rig, |rig| {
             self.seen.take(rig, gates);
             Ok(())
         })
@@ -180,6 +181,7 @@ impl<'a> Flown<'a> {
     }
 }
 
+/// What a row needs to know of the ticks of its flight.
 struct Seen {
     tracking: Tracking,
     metrics: Metrics,

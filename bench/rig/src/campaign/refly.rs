@@ -4,13 +4,10 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use campaign::chunk;
-use campaign::chunk::State;
-use campaign::rows::Rows;
+use campaign::chunk::{self, Rows, State};
 use errors::{Failure, GATE, InFile as _, OK};
 
-use super::directory;
-use super::flight_settings::Plan;
+use super::flight_settings::{Plan, plan_of};
 use crate::cli::{
     CampaignFlyArgs, FlightArgs, FlyArgs, OnDeath, RecorderArgs, RtArgs, TrajectoryArgs,
 };
@@ -25,7 +22,7 @@ use crate::supervisor::fly_command;
 
 /// Flies a flight again; in lockstep its outputs must be those of its row.
 pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
-    let plan = directory::plan(&args.directory)?;
+    let plan = plan_of(&args.directory)?;
     let arm = arm(&plan, args.arm.as_deref())?;
     if args.flight >= plan.campaign.flights {
         let (name, last) = (&plan.campaign.name, plan.campaign.flights - 1);

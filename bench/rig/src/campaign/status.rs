@@ -1,15 +1,13 @@
 //! `ironbird campaign status`, `merge` and `report`: which rows are there; all in one file; what they show.
 
 use campaign::aggregate;
-use campaign::chunk::{self, State};
+use campaign::chunk::{self, Rows, State};
 use campaign::results_document::document;
-use campaign::rows::Rows;
 use errors::{Failure, GATE, OK, check_writable, write_text};
 use report::json;
 use report::phrase::count;
 
-use super::directory;
-use super::flight_settings::Plan;
+use super::flight_settings::{Plan, plan_of};
 use crate::cli::{CampaignDirectoryArgs, CampaignReportArgs, DiffFormat};
 use crate::output::{print, say};
 
@@ -35,7 +33,7 @@ pub(super) fn found(plan: &Plan, directory: &std::path::Path) -> Found {
 }
 
 pub(super) fn status(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
-    let plan = directory::plan(&args.directory)?;
+    let plan = plan_of(&args.directory)?;
     let found = found(&plan, &args.directory);
     let (campaign, place) = (&plan.campaign, args.directory.display());
     let flown = found
@@ -90,7 +88,7 @@ pub(super) fn ranges(chunks: &[u64]) -> String {
 }
 
 pub(super) fn merge(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
-    let plan = directory::plan(&args.directory)?;
+    let plan = plan_of(&args.directory)?;
     let whole = found(&plan, &args.directory).whole;
     let (place, files, chunks) = (
         args.directory.display(),
@@ -112,7 +110,7 @@ pub(super) fn merge(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
 /// Prints the results of the rows recorded so far, and writes their page.
 pub(super) fn report(args: &CampaignReportArgs) -> Result<u8, Failure> {
     check_writable("--page", args.page.as_deref())?;
-    let plan = directory::plan(&args.directory)?;
+    let plan = plan_of(&args.directory)?;
     let whole = found(&plan, &args.directory).whole;
     let (place, files, chunks) = (
         args.directory.display(),

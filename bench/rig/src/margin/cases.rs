@@ -1,7 +1,7 @@
 //! When faults begin, and what counts as survived.
 
+use campaign::gates::Outcome;
 use campaign::gates::{Gates, METRICS};
-use campaign::outcome::Outcome;
 use messages::role::Role;
 use report::comparison::{SETTLING_S, STAYING_S};
 use report::margin::{Gate, SATURATED, SATURATED_MORE_PERCENT, SMALLEST_BOUND_M, TIMES_UNFAULTED};

@@ -4,8 +4,8 @@ use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use campaign::gates::METRICS;
+use campaign::gates::Outcome;
 use campaign::metrics::Metrics;
-use campaign::outcome::Outcome;
 use messages::fault::LONGEST_DELAY;
 use messages::parameters::Airframe;
 use report::tracking::Tracking;
