@@ -89,16 +89,12 @@ impl CpuTimes {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use super::*;
-    use crate::Answers;
+    use crate::tests::made_up;
 
     fn times(stat: &str, processor: Option<u64>) -> CpuTimes {
-        let root = tempfile::tempdir().unwrap();
-        fs::create_dir_all(root.path().join("proc")).unwrap();
-        fs::write(root.path().join("proc/stat"), stat).unwrap();
-        CpuTimes::of(&Machine::under(root.path(), Answers::default()), processor)
+        let (_root, machine) = made_up(&[("proc/stat", stat)]);
+        CpuTimes::of(&machine, processor)
     }
 
     #[test]

@@ -76,85 +76,59 @@ fn names_hypervisor(dmi: &[Option<String>; DMI.len()]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
-    use crate::Answers;
-
     use super::*;
+    use crate::tests::made_up;
 
     type Files = Vec<(&'static str, &'static str)>;
 
-    fn of(files: &[(&str, &str)]) -> Option<bool> {
-        let root = tempfile::tempdir().unwrap();
-        for (path, text) in files {
-            let path = root.path().join(path);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
-        }
-        runs_below(&Machine::under(root.path(), Answers::default()))
+    const ARM: (&str, &str) = ("proc/cpuinfo", "processor\t: 0\nFeatures\t: fp asimd\n");
+    const TREE: &str = "proc/device-tree/compatible";
+
+    fn arm(path: &'static str, text: &'static str) -> Files {
+        vec![ARM, (path, text)]
     }
 
-    const ARM: (&str, &str) = ("proc/cpuinfo", "processor\t: 0\nFeatures\t: fp asimd\n");
+    fn dmi(vendor: &'static str, product: &'static str) -> Files {
+        let product = ("sys/class/dmi/id/product_name", product);
+        vec![ARM, ("sys/class/dmi/id/sys_vendor", vendor), product]
+    }
 
     #[test]
     fn a_hypervisor_is_seen_on_every_architecture_and_hardware_by_marks_that_are_missing() {
-        let dmi = |vendor: &'static str, product: &'static str| {
-            let files = [
-                ("sys/class/dmi/id/sys_vendor", vendor),
-                ("sys/class/dmi/id/product_name", product),
-            ];
-            [vec![ARM], files.into()].concat()
-        };
-        let tree = "proc/device-tree/compatible";
-        let rows: [(Option<bool>, Files); 17] = [
-            (
-                Some(true),
-                vec![("proc/cpuinfo", "flags : fpu hypervisor\n")],
-            ),
-            (Some(true), vec![("sys/hypervisor/type", "xen\n")]),
-            (Some(true), dmi("Amazon EC2\n", "m7g.large\n")),
-            (Some(true), dmi("", "KVM Virtual Machine\n")),
-            (Some(true), dmi("Microsoft", "Virtual Machine")),
-            (
-                Some(true),
-                vec![
-                    ARM,
-                    (
-                        "proc/device-tree/hypervisor/compatible",
-                        "xen,xen-4.17\0xen,xen\0",
-                    ),
-                ],
-            ),
-            (Some(true), vec![ARM, (tree, "linux,dummy-virt\0")]),
-            (
-                Some(true),
-                vec![ARM, ("proc/stat", "cpu  10 0 5 80 0 0 0 2 0 0\n")],
-            ),
-            // One that hides its flag.
-            (
-                Some(true),
-                vec![
-                    ("proc/cpuinfo", "flags : fpu\n"),
-                    ("sys/class/dmi/id/sys_vendor", "QEMU"),
-                ],
-            ),
-            (Some(false), vec![("proc/cpuinfo", "flags : fpu vme\n")]),
-            (
-                Some(false),
-                vec![ARM, (tree, "raspberrypi,4-model-b\0brcm,bcm2711\0")],
-            ),
-            (Some(false), dmi("GIGABYTE", "R272-P30")),
-            (Some(false), dmi("Amazon EC2\n", "m7g.metal")),
-            (Some(false), dmi("Microsoft", "Surface Pro X")),
-            (None, vec![ARM]),
-            (
-                None,
-                vec![ARM, ("proc/stat", "cpu  10 0 5 80 0 0 0 0 0 0\n")],
-            ),
-            (None, vec![]),
+        let xen = "proc/device-tree/hypervisor/compatible";
+        let hidden = ("sys/class/dmi/id/sys_vendor", "QEMU");
+        let virtual_machines = vec![
+            vec![("proc/cpuinfo", "flags : fpu hypervisor\n")],
+            vec![("sys/hypervisor/type", "xen\n")],
+            vec![("proc/cpuinfo", "flags : fpu\n"), hidden],
+            dmi("Amazon EC2\n", "m7g.large\n"),
+            dmi("", "KVM Virtual Machine\n"),
+            dmi("Microsoft", "Virtual Machine"),
+            arm(xen, "xen,xen-4.17\0xen,xen\0"),
+            arm(TREE, "linux,dummy-virt\0"),
+            arm("proc/stat", "cpu  10 0 5 80 0 0 0 2 0 0\n"),
         ];
-        for (expected, files) in rows {
-            assert_eq!(of(&files), expected, "{files:?}");
+        let hardware = vec![
+            vec![("proc/cpuinfo", "flags : fpu vme\n")],
+            arm(TREE, "raspberrypi,4-model-b\0brcm,bcm2711\0"),
+            dmi("GIGABYTE", "R272-P30"),
+            dmi("Amazon EC2\n", "m7g.metal"),
+            dmi("Microsoft", "Surface Pro X"),
+        ];
+        let unknown = vec![
+            vec![ARM],
+            arm("proc/stat", "cpu  10 0 5 80 0 0 0 0 0 0\n"),
+            vec![],
+        ];
+        for (expected, machines) in [
+            (Some(true), virtual_machines),
+            (Some(false), hardware),
+            (None, unknown),
+        ] {
+            for files in machines {
+                let (_root, machine) = made_up(&files);
+                assert_eq!(runs_below(&machine), expected, "{files:?}");
+            }
         }
     }
 }

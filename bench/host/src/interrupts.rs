@@ -88,10 +88,8 @@ fn rows(table: &str, processor: Option<u64>) -> Vec<(String, u64, String)> {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use super::*;
-    use crate::Answers;
+    use crate::tests::made_up;
 
     const HARD: &str = "            CPU0       CPU2
   16:          0          3  IO-APIC  16-fasteoi   ehci_hcd:usb1, nvidia
@@ -102,14 +100,12 @@ mod tests {
     const SOFT: &str = "                    CPU0       CPU2\n          HI:          0          0\n       TIMER:         10         20\n";
 
     fn counted(hard: &str, soft: &str, processor: Option<u64>) -> Interrupts {
-        let root = tempfile::tempdir().unwrap();
-        fs::create_dir_all(root.path().join("proc")).unwrap();
-        fs::write(root.path().join("proc/interrupts"), hard).unwrap();
-        fs::write(root.path().join("proc/softirqs"), soft).unwrap();
-        Interrupts::of(&Machine::under(root.path(), Answers::default()), processor)
+        let files = [("proc/interrupts", hard), ("proc/softirqs", soft)];
+        let (_root, machine) = made_up(&files);
+        Interrupts::of(&machine, processor)
     }
 
-    fn told(counts: &[InterruptCount]) -> Vec<String> {
+    fn shown(counts: &[InterruptCount]) -> Vec<String> {
         counts
             .iter()
             .map(|it| format!("{:?} {} {} {}", it.kind, it.name, it.source, it.count))
@@ -119,7 +115,7 @@ mod tests {
     #[test]
     fn a_processor_is_found_by_its_name_as_some_may_be_offline() {
         let none = Interrupts::default();
-        let of = |processor| told(&none.until(&counted(HARD, SOFT, processor)));
+        let of = |processor| shown(&none.until(&counted(HARD, SOFT, processor)));
         let expected = [
             "Hard LOC Local timer interrupts 2000000",
             "Hard 24 virtio1-req.0 700",
@@ -140,7 +136,7 @@ mod tests {
             Some(2),
         );
         assert_eq!(
-            told(&before.until(&after)),
+            shown(&before.until(&after)),
             ["Soft TIMER  100", "Hard 24 virtio1-req.0 5"]
         );
     }

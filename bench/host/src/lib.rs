@@ -185,6 +185,18 @@ pub fn cpu_list(text: &str) -> Vec<usize> {
 mod tests {
     use super::*;
 
+    /// A machine with these files, which go with the directory.
+    pub(crate) fn made_up(files: &[(&str, &str)]) -> (tempfile::TempDir, Machine) {
+        let root = tempfile::tempdir().unwrap();
+        for (path, text) in files {
+            let path = root.path().join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+        let machine = Machine::under(root.path(), Answers::default());
+        (root, machine)
+    }
+
     #[test]
     fn processor_lists_are_read_as_the_kernel_writes_them() {
         assert_eq!(cpu_list("0-2,5\n"), [0, 1, 2, 5]);
