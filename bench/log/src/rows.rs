@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 
 use messages::header::{Header, Message};
-use messages::layout::{Field, Kind, Layout as _, Visit, Visitor};
+use messages::layout::{self, Field, Kind, Layout as _, Visit, Visitor};
 
 use crate::codec::{Logged, is_telemetry};
 
@@ -37,25 +37,12 @@ fn name_columns(path: &str, fields: &[Field], columns: &mut Vec<String>) {
 
 /// The words of a content in the order of its columns: whole numbers, and the bits of the others.
 pub fn words<L: Visit>(content: &L) -> Vec<u64> {
-    struct Words(Vec<u64>);
-    impl Visitor for Words {
-        fn integers(&mut self, _: &'static Field, values: &[u64]) {
-            self.0.extend_from_slice(values);
-        }
-
-        fn numbers(&mut self, _: &'static Field, values: &[f64]) {
-            self.0.extend(values.iter().map(|value| value.to_bits()));
-        }
-
-        fn structs<L: Visit>(&mut self, field: &'static Field, values: &[L]) {
-            if !is_telemetry(field) {
-                values.iter().for_each(|value| value.visit(self));
-            }
-        }
+    const WORD: usize = size_of::<u64>();
+    let (all, mut words) = (layout::words(content), Vec::new());
+    for field in L::FIELDS.iter().filter(|field| !is_telemetry(field)) {
+        words.extend(&all[field.offset / WORD..][..field.size / WORD]);
     }
-    let mut words = Words(Vec::new());
-    content.visit(&mut words);
-    words.0
+    words
 }
 
 /// Name and value of each number of a content, the value in words.
