@@ -1,8 +1,9 @@
 //! A law in Python, called tick by tick.
 
+use std::any::Any;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use control_api::registry::{AnyInner, AnyOuter};
+use control_api::law::{CopyState, InnerLaw, OuterLaw};
 use ironbird_law::{InnerInput, OuterInput, WrenchSetpoint};
 use messages::content::{self, Stamped};
 use messages::telemetry::Telemetry;
@@ -141,7 +142,17 @@ pub struct FlyingOuter(pub Arc<PythonLaw>, pub Raised);
 #[derive(Clone, Debug)]
 pub struct FlyingInner(pub Arc<PythonLaw>, pub Raised);
 
-impl AnyOuter for FlyingOuter {
+impl CopyState for FlyingOuter {
+    fn copy_into(&self, _: &mut dyn Any) -> bool {
+        false
+    }
+
+    fn as_any(&mut self) -> &mut dyn Any {
+        self
+    }
+}
+
+impl OuterLaw for FlyingOuter {
     fn tick(
         &mut self,
         tick: u64,
@@ -161,13 +172,19 @@ impl AnyOuter for FlyingOuter {
             ..content::Desired::default()
         })
     }
+}
 
-    fn copy_into(&self, _: &mut dyn AnyOuter) -> bool {
+impl CopyState for FlyingInner {
+    fn copy_into(&self, _: &mut dyn Any) -> bool {
         false
+    }
+
+    fn as_any(&mut self) -> &mut dyn Any {
+        self
     }
 }
 
-impl AnyInner for FlyingInner {
+impl InnerLaw for FlyingInner {
     fn tick(
         &mut self,
         tick: u64,
@@ -190,9 +207,5 @@ impl AnyInner for FlyingInner {
             thrust_n: f64::NAN,
             ..WrenchSetpoint::default()
         })
-    }
-
-    fn copy_into(&self, _: &mut dyn AnyInner) -> bool {
-        false
     }
 }

@@ -204,24 +204,18 @@ fn what_an_instance_makes_is_its_users_alone() {
     );
     let _board = wire.blackboard::<ActiveParameters>("in_force").unwrap();
     assert_eq!(mode(&instance.directory()), 0o700);
-    for entry in fs::read_dir(instance.directory())
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-    {
+    let entries = |path: &Path| {
+        fs::read_dir(path)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+    };
+    for entry in entries(&instance.directory()) {
         // The middleware's own directories can be listed by others, who do not come so far.
-        assert!(
-            entry.is_dir() || mode(&entry) == 0o600,
-            "{}: {:o}",
-            entry.display(),
-            mode(&entry)
-        );
+        assert!(entry.is_dir() || mode(&entry) == 0o600);
         assert_eq!(mode(&entry) & 0o022, 0, "{}", entry.display());
     }
     let prefix = instance.prefix();
-    for entry in fs::read_dir(SHARED_MEMORY)
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-    {
+    for entry in entries(Path::new(SHARED_MEMORY)) {
         let name = entry.file_name().unwrap().to_str().unwrap();
         if name.starts_with(&prefix) {
             assert_eq!(mode(&entry), 0o600, "{name}");

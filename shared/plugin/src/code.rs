@@ -17,7 +17,6 @@ type Code = (Range<usize>, &'static str);
 /// In the order in which they were loaded. A handler may read them at any time.
 static CODES: [OnceLock<Code>; KNOWN] = [const { OnceLock::new() }; KNOWN];
 
-/// The law whose code an address is in.
 pub(crate) fn law_at(address: usize) -> Option<&'static str> {
     let codes = CODES.iter().map_while(OnceLock::get);
     codes
@@ -99,10 +98,8 @@ mod tests {
         assert_eq!(law_at(function), None);
         remember(function, "law");
         remember(function, "another");
-        assert!(
-            segment_of((&raw const CODES).addr()).is_empty(),
-            "data is no code"
-        );
+        // Data is no code.
+        assert!(segment_of((&raw const CODES).addr()).is_empty());
         assert_eq!((law_at(function), law_at(0)), (Some("law"), None));
     }
 }

@@ -37,7 +37,6 @@ unsafe extern "C" {
     fn at_quick_exit(function: extern "C" fn()) -> i32;
 }
 
-/// Whether the process has loaded a library.
 pub(crate) fn names_laws() -> bool {
     PROCESS.load(Ordering::Relaxed) != 0
 }
@@ -157,7 +156,6 @@ fn tell_of(call: Option<Call>, meaning: &str) -> bool {
     true
 }
 
-/// A number in digits, without allocating.
 fn decimal(mut number: u64, digits: &mut [u8; 20]) -> &[u8] {
     let mut at = digits.len();
     loop {

@@ -49,7 +49,6 @@ pub fn exit(code: i32) -> ! {
 /// Ends the process as a return from `main` would, but without what libraries have asked to be run then: none is ever
 /// unloaded, and what a law does after its flight must not change what is known of it. Says first what its laws did
 /// that no law should.
-#[must_use]
 pub fn leave(code: u8) -> ExitCode {
     if !crash::names_laws() {
         return ExitCode::from(code);

@@ -20,7 +20,6 @@ pub fn end_with_launcher(launcher: Option<u32>) -> Result<(), Error> {
 }
 
 /// Whether nobody launched this process, or the one who did has died: then nobody tidies up after it.
-#[must_use]
 pub fn is_on_its_own(launcher: Option<u32>) -> bool {
     launcher.is_none_or(|launcher| !is_parent(launcher))
 }

@@ -4,7 +4,6 @@
 
 pub mod launcher;
 pub mod lead;
-pub mod quantile;
 pub mod rt;
 pub mod session;
 pub mod shell;

@@ -28,24 +28,16 @@ use messages::role::Role;
 
 /// What a spare is called while it waits, as `ps -o comm` and `top` show it.
 pub const NAME: &CStr = c"ironbird spare";
-/// What it is called when it goes on.
 const NAME_OF_A_STAGE: &CStr = c"ironbird";
 
-/// What a spare has when it is told to go on.
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct Ready {
     // First: real time is given back before anything else is given up.
     pub(crate) ahead: Option<Ahead>,
     pub(crate) boards: Blackboards,
     pub(crate) wire: Wire,
-    /// Whether a signal has asked for the end.
     pub(crate) stop: Arc<AtomicBool>,
 }
 
-/// The boards that it reads on its way.
 #[derive(Default)]
 pub(crate) struct Blackboards {
     pub(crate) run: Option<BlackboardReader<Run>>,

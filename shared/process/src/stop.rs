@@ -16,7 +16,6 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 ///
 /// SIGHUP and SIGQUIT are not among them where they are ignored: whoever starts a process with `nohup`, or in the
 /// background of a script, wants it to survive the terminal and its keys.
-#[must_use]
 pub fn stop_signals() -> Vec<i32> {
     let respected = [SIGHUP, SIGQUIT]
         .into_iter()
@@ -25,13 +24,11 @@ pub fn stop_signals() -> Vec<i32> {
 }
 
 /// Whether a signal ends the process at once when the end has been asked for already.
-#[must_use]
 pub const fn ends_at_once(signal: i32) -> bool {
     matches!(signal, SIGINT | SIGQUIT)
 }
 
 /// Whether a signal asks for the end, wherever it is not ignored.
-#[must_use]
 pub const fn asks_for_the_end(signal: i32) -> bool {
     matches!(signal, SIGINT | SIGQUIT | SIGTERM | SIGHUP)
 }

@@ -13,19 +13,16 @@ use rustix::fs::AtFlags;
 
 use super::directory::{Directory, EntryKind, not_ours};
 use super::locks::{Door, IN_USE, LAUNCHER, is_marked, lock_name, try_lock};
-use super::memory::shared_memory;
 use super::root::root;
-use super::{Instance, MARK, SHARED_MEMORY};
+use super::{Instance, MARK, SHARED_MEMORY, shared_memory};
 use crate::error::Error;
 use messages::role::{ROLES, Role};
 
-/// Directories that the middleware makes below an instance's.
 const SERVICES: &str = "services";
 const NODES: &str = "nodes";
 /// End of the name of the segment in which it counts its nodes.
 const NODE_COUNTER: &[u8] = b".global_mgmt";
 
-/// What lies in an instance's directory, as paths below it.
 #[derive(Debug, Default)]
 pub(super) struct Contents {
     files: Vec<PathBuf>,
@@ -69,7 +66,6 @@ fn place_below(place: Place, name: &str) -> Option<Place> {
 
 impl Instance {
     /// Every instance under the root path whose plant runs now.
-    #[must_use]
     pub fn flying() -> Vec<Self> {
         Self::known()
             .into_iter()
@@ -78,7 +74,6 @@ impl Instance {
     }
 
     /// Every instance that has a directory of ours under the root path, or shared memory, in order of name.
-    #[must_use]
     pub fn known() -> Vec<Self> {
         let Ok(root) = root() else { return Vec::new() };
         let is_ours = |name: &OsStr| {
@@ -117,7 +112,6 @@ impl Instance {
 
     /// What is left of the instance when no process lives that uses it: its segments in shared memory, then its
     /// directory, or what of it is ours.
-    #[must_use]
     pub fn leftovers(&self) -> Vec<PathBuf> {
         match self.door_of_ours() {
             Ok(Some(door)) if !self.is_used(&door) => self
@@ -131,7 +125,6 @@ impl Instance {
     }
 
     /// What lies in its directory and is not ours: it stays.
-    #[must_use]
     pub fn foreign(&self) -> Vec<PathBuf> {
         let Ok(Some(door)) = self.door_of_ours() else {
             return Vec::new();
@@ -144,7 +137,6 @@ impl Instance {
     }
 
     /// Why nothing is removed of an instance that has segments in shared memory: its directory is not to be used.
-    #[must_use]
     pub fn refusal(&self) -> Option<Error> {
         if self.has_no_directory() || self.segments().is_empty() {
             return None;
@@ -283,7 +275,6 @@ impl Instance {
         Ok(())
     }
 
-    /// What a removal takes, as it is told.
     fn paths(&self, contents: &Contents) -> Vec<PathBuf> {
         let directory = self.directory();
         let rest = if contents.foreign.is_empty() {
@@ -361,7 +352,6 @@ impl Instance {
         counters.try_for_each(|name| memory.close_to_others(Path::new(name)))
     }
 
-    /// Bytes of shared memory that it has already.
     pub(super) fn owned_bytes(&self) -> u64 {
         let Ok(Some(memory)) = shared_memory() else {
             return 0;

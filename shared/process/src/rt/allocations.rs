@@ -14,13 +14,11 @@ thread_local! {
 }
 
 /// Allocations (and re-allocations) of the calling thread so far; 0 where [`count_allocations!`] is not in force.
-#[must_use]
 pub fn thread_allocations() -> u64 {
     ALLOCATIONS.get()
 }
 
 /// Whether this executable has [`count_allocations!`]. The first call allocates.
-#[must_use]
 pub fn are_counted() -> bool {
     static COUNTED: OnceLock<bool> = OnceLock::new();
     *COUNTED.get_or_init(|| {
@@ -123,7 +121,6 @@ macro_rules! count_allocations {
     };
 }
 
-/// The system's allocator, counting Rust's calls.
 #[cfg(not(target_env = "gnu"))]
 #[derive(Debug)]
 pub struct CountingAllocator;
