@@ -270,6 +270,11 @@ mod tests {
 
     use super::*;
 
+    fn make_pipe(path: &Path) {
+        let made = Command::new("mkfifo").arg(path).status();
+        assert!(made.unwrap().success());
+    }
+
     #[test]
     fn a_text_is_read_from_a_regular_file_that_is_no_longer_than_a_text() {
         let directory = tempfile::tempdir().unwrap();
@@ -290,13 +295,7 @@ mod tests {
             .set_len(TEXT_BYTES + (1 << 20))
             .unwrap();
         fs::write(path("bytes"), [0xff]).unwrap();
-        assert!(
-            Command::new("mkfifo")
-                .arg(path("pipe"))
-                .status()
-                .unwrap()
-                .success()
-        );
+        make_pipe(&path("pipe"));
         for (name, why) in [
             ("long", "it is 17 MiB long, and at most 16 are read"),
             ("bytes", "stream did not contain valid UTF-8"),
@@ -394,13 +393,7 @@ mod tests {
         std::os::unix::fs::symlink(path("theirs"), path("link")).unwrap();
         fs::write(path("old"), "much older").unwrap();
         let held = File::open(path("old")).unwrap();
-        assert!(
-            Command::new("mkfifo")
-                .arg(path("pipe"))
-                .status()
-                .unwrap()
-                .success()
-        );
+        make_pipe(&path("pipe"));
         let _socket = UnixListener::bind(path("socket")).unwrap();
         for name in ["link", "old", "pipe", "socket", "new"] {
             replace(&path(name)).unwrap().write_all(b"ours").unwrap();

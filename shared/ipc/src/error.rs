@@ -191,16 +191,18 @@ impl Error {
 
     /// A middleware error with what was tried, or what the system has run out of.
     pub fn wire(what: impl Into<String>, reason: impl std::fmt::Debug) -> Self {
-        match shortage([Path::new(SHARED_MEMORY)]) {
+        let shortage = shortage([Path::new(SHARED_MEMORY)]);
+        Self::of_middleware(what.into(), format!("{reason:?}"), shortage)
+    }
+
+    pub(crate) fn of_middleware(what: String, reason: String, shortage: Option<Shortage>) -> Self {
+        match shortage {
             Some(Shortage { used_up, remedy }) => Self::UsedUp {
-                what: what.into(),
+                what,
                 used_up,
                 remedy,
             },
-            None => Self::Wire {
-                what: what.into(),
-                reason: format!("{reason:?}"),
-            },
+            None => Self::Wire { what, reason },
         }
     }
 

@@ -110,24 +110,18 @@ impl Wire {
     /// Shared memory that an instance takes [bytes]: twice that of the topics, to cover everything else, and that of
     /// the observers' topics.
     pub fn needed_bytes() -> u64 {
-        fn loops<C: Topic>() -> u64 {
-            ports::slot_bytes::<C>(C::SUBSCRIBERS, DEEP)
-        }
         fn observers<C: Topic>() -> u64 {
             ports::slot_bytes::<C>(OBSERVERS, OBSERVED)
         }
-        let topics = loops::<State>()
-            + loops::<Setpoint>()
-            + loops::<Wrench>()
-            + loops::<RotorSpeeds>()
-            + loops::<SwapRecord>();
-        let observed = observers::<State>()
-            + observers::<Setpoint>()
-            + observers::<Wrench>()
-            + observers::<RotorSpeeds>()
-            + observers::<SwapRecord>()
-            + observers::<Monitor>();
-        2 * topics + observed
+        fn topic<C: Topic>() -> u64 {
+            2 * ports::slot_bytes::<C>(C::SUBSCRIBERS, DEEP) + observers::<C>()
+        }
+        topic::<State>()
+            + topic::<Setpoint>()
+            + topic::<Wrench>()
+            + topic::<RotorSpeeds>()
+            + topic::<SwapRecord>()
+            + observers::<Monitor>()
     }
 
     /// Opens a service, which others may be making or taking down at the same time: until it is done, or does not get
@@ -179,14 +173,7 @@ fn not_opened(instance: &Instance, what: String, Refusal { kind, reason }: Refus
 
 /// What the middleware refused, or what the system has run out of.
 fn refused(instance: &Instance, what: String, reason: String) -> Error {
-    match shortage_of(instance) {
-        Some(Shortage { used_up, remedy }) => Error::UsedUp {
-            what,
-            used_up,
-            remedy,
-        },
-        None => Error::Wire { what, reason },
-    }
+    Error::of_middleware(what, reason, shortage_of(instance))
 }
 
 fn shortage_of(instance: &Instance) -> Option<Shortage> {

@@ -11,9 +11,7 @@
 //! the law in whose call a process dies.
 
 mod call;
-mod code;
 mod crash;
-mod exits;
 mod instance;
 mod loader;
 mod modes;
@@ -37,8 +35,8 @@ use sha2::{Digest as _, Sha256};
 use crate::call::Call;
 
 #[doc(hidden)]
-pub use exits::exit;
-pub use exits::leave;
+pub use crash::exit;
+pub use crash::leave;
 pub use loader::{PYTHON_ADAPTER, has_python_adapter};
 
 /// Longest file that is read [bytes].
@@ -178,7 +176,7 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
     )
     .leak();
     if let Some(create) = table.create {
-        code::remember(create as *const () as usize, words);
+        crash::remember(create as *const () as usize, words);
     }
     let library = Library {
         file,

@@ -14,7 +14,7 @@ use ironbird_law::abi::IronbirdLaw;
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
 use crate::call::Call;
-use crate::code::segment_of;
+use crate::crash::segment_of;
 use crate::unusable;
 
 /// The environment variable that names the library which makes laws of Python files.
@@ -153,12 +153,8 @@ fn adapter(script: &Path) -> Result<PathBuf, Failure> {
 fn adapter_places() -> Vec<PathBuf> {
     let executable = env::current_exe().ok();
     let folder = executable.as_deref().and_then(Path::parent);
-    let places = folder.map(|folder| {
-        [
-            folder.join(ADAPTER_FILE),
-            folder.join("../lib/ironbird").join(ADAPTER_FILE),
-        ]
-    });
+    let places = ["", "../lib/ironbird"].iter();
+    let places = folder.map(|folder| places.map(|place| folder.join(place).join(ADAPTER_FILE)));
     places.into_iter().flatten().collect()
 }
 

@@ -41,12 +41,8 @@ impl Directory {
     }
 
     fn open_at(at: BorrowedFd<'_>, name: &Path, path: PathBuf) -> Result<Option<Self>, Error> {
-        match openat(
-            at,
-            name,
-            OFlags::RDONLY | OFlags::DIRECTORY | SAFELY,
-            Mode::empty(),
-        ) {
+        let flags = OFlags::RDONLY | OFlags::DIRECTORY | SAFELY;
+        match openat(at, name, flags, Mode::empty()) {
             Ok(descriptor) => Ok(Some(Self { descriptor, path })),
             Err(Errno::NOENT) => Ok(None),
             Err(Errno::NOTDIR | Errno::LOOP) if is_link(&path) => {
@@ -119,20 +115,13 @@ impl Directory {
 
     /// Takes from others what they may do with a file of ours; one that is still being made has nothing for them.
     pub(super) fn close_to_others(&self, name: &Path) -> Result<(), Error> {
-        let failed = |e: Errno| {
-            Error::system(
-                format!("cannot close {} to others", self.path.join(name).display()),
-                e,
-            )
-        };
+        let path = self.path.join(name);
+        let what = || format!("cannot close {} to others", path.display());
+        let failed = |e: Errno| Error::system(what(), e);
         let is_open =
             |stat: &Stat| stat.st_uid == geteuid().as_raw() && stat.st_mode & OTHERS_MAY != 0;
-        match openat(
-            &self.descriptor,
-            name,
-            OFlags::RDONLY | SAFELY,
-            Mode::empty(),
-        ) {
+        let flags = OFlags::RDONLY | SAFELY;
+        match openat(&self.descriptor, name, flags, Mode::empty()) {
             Ok(file) if is_open(&fstat(&file).map_err(failed)?) => {
                 rustix::fs::fchmod(&file, PRIVATE_FILE).map_err(failed)
             }
@@ -171,12 +160,8 @@ impl Directory {
     }
 
     pub(crate) fn new_file(&self, name: &str) -> Result<Option<File>, Error> {
-        match openat(
-            &self.descriptor,
-            name,
-            OFlags::RDWR | OFlags::CREATE | OFlags::EXCL | SAFELY,
-            PRIVATE_FILE,
-        ) {
+        let flags = OFlags::RDWR | OFlags::CREATE | OFlags::EXCL | SAFELY;
+        match openat(&self.descriptor, name, flags, PRIVATE_FILE) {
             Ok(descriptor) => Ok(Some(File::from(descriptor))),
             Err(Errno::EXIST) => Ok(None),
             Err(e) => Err(Error::path(self.path.join(name), e)),
@@ -230,42 +215,35 @@ pub(super) enum EntryKind {
 fn check_file(file: &File, path: &Path) -> Result<(), Error> {
     let stat = fstat(file).map_err(|e| Error::path(path, e))?;
     if FileType::from_raw_mode(stat.st_mode) != FileType::RegularFile {
-        return Err(not_ours(path.to_owned(), "it is no regular file"));
+        return Err(not_ours(path, "it is no regular file"));
     }
     check_owner(&stat, path)?;
     check_mode(&stat, path)
 }
 
 fn check_owner(stat: &Stat, path: &Path) -> Result<(), Error> {
-    let user = geteuid().as_raw();
-    if stat.st_uid == user {
+    let (owner, user) = (stat.st_uid, geteuid().as_raw());
+    if owner == user {
         return Ok(());
     }
-    Err(not_ours(
-        path.to_owned(),
-        format!(
-            "it belongs to user {}, and this process is user {user}",
-            stat.st_uid
-        ),
-    ))
+    let why = format!("it belongs to user {owner}, and this process is user {user}");
+    Err(not_ours(path, why))
 }
 
 fn check_mode(stat: &Stat, path: &Path) -> Result<(), Error> {
     if stat.st_mode & OTHERS_WRITE == 0 {
         return Ok(());
     }
+    let mode = stat.st_mode & 0o7777;
     Err(not_ours(
-        path.to_owned(),
-        format!(
-            "others may write it: its mode is {:04o}",
-            stat.st_mode & 0o7777
-        ),
+        path,
+        format!("others may write it: its mode is {mode:04o}"),
     ))
 }
 
-pub(super) fn not_ours(path: PathBuf, why: impl Into<String>) -> Error {
+pub(super) fn not_ours(path: impl Into<PathBuf>, why: impl Into<String>) -> Error {
     Error::NotOurs {
-        path,
+        path: path.into(),
         why: why.into(),
     }
 }

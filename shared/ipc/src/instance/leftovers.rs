@@ -4,7 +4,7 @@
 //! files with the instance's prefix. A directory is removed when it is empty.
 
 use std::collections::BTreeSet;
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
@@ -76,31 +76,23 @@ impl Instance {
     /// Every instance that has a directory of ours under the root path, or shared memory, in order of name.
     pub fn known() -> Vec<Self> {
         let Ok(root) = root() else { return Vec::new() };
-        let is_ours = |name: &OsStr| {
-            let directory = Directory::open(&root.join(name)).ok().flatten();
-            directory
+        let open = |path: &Path| Directory::open(path).ok().flatten();
+        let list = |directory: Option<Directory>| {
+            let names = directory.and_then(|directory| directory.names().ok());
+            let names = names.unwrap_or_default().into_iter();
+            names.filter_map(|name| name.into_string().ok())
+        };
+        let is_ours = |name: &String| {
+            open(&root.join(name))
                 .is_some_and(|directory| directory.check_private().is_ok() && is_marked(&directory))
         };
-        let names = Directory::open(&root)
-            .ok()
-            .flatten()
-            .and_then(|root| root.names().ok())
-            .unwrap_or_default();
-        let directories = names
-            .into_iter()
-            .filter(|name| is_ours(name))
-            .filter_map(|name| name.into_string().ok());
         let beginning = Self::prefix_of_root(&root);
-        let of_segment = |name: OsString| {
-            let (name, _) = name.to_str()?.strip_prefix(&beginning)?.split_once('.')?;
+        let of_segment = |name: String| {
+            let (name, _) = name.strip_prefix(&beginning)?.split_once('.')?;
             Some(name.to_owned())
         };
-        let segments = shared_memory()
-            .ok()
-            .flatten()
-            .and_then(|memory| memory.names().ok())
-            .unwrap_or_default();
-        let segments = segments.into_iter().filter_map(of_segment);
+        let directories = list(open(&root)).filter(is_ours);
+        let segments = list(shared_memory().ok().flatten()).filter_map(of_segment);
         let mut names: Vec<String> = directories.chain(segments).collect();
         names.sort();
         names.dedup();
@@ -324,18 +316,14 @@ impl Instance {
 
     /// Refuses shared memory in which somebody else uses the instance's prefix.
     pub(crate) fn check_segments(&self) -> Result<(), Error> {
-        match self
-            .in_shared_memory(|kind| matches!(kind, EntryKind::Directory | EntryKind::Foreign))
-            .first()
-        {
+        let foreign =
+            self.in_shared_memory(|kind| matches!(kind, EntryKind::Directory | EntryKind::Foreign));
+        match foreign.first() {
             None => Ok(()),
-            Some(name) => {
-                let path = Path::new(SHARED_MEMORY).join(name);
-                Err(not_ours(
-                    path,
-                    "it has a name of this instance, and is no file of this user",
-                ))
-            }
+            Some(name) => Err(not_ours(
+                Path::new(SHARED_MEMORY).join(name),
+                "it has a name of this instance, and is no file of this user",
+            )),
         }
     }
 

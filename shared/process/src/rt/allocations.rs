@@ -34,6 +34,22 @@ pub fn count_allocation() {
     ALLOCATIONS.set(ALLOCATIONS.get() + 1);
 }
 
+/// Functions of the C library that count, and forward to it.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! count_and_forward {
+    ($($name:ident($($argument:ident: $type:ty),+) => $forward:ident;)+) => {
+        $(
+            #[unsafe(no_mangle)]
+            unsafe extern "C" fn $name($($argument: $type),+) -> *mut c_void {
+                count_allocation();
+                // SAFETY: promised by the caller.
+                unsafe { $forward($($argument),+) }
+            }
+        )+
+    };
+}
+
 /// Counts every call to malloc and its kin in this executable, whoever makes it: Rust, or a library that it loads. It is
 /// written once, in an executable that proves that a tick does not allocate.
 ///
@@ -56,39 +72,12 @@ macro_rules! count_allocations {
                 fn __libc_memalign(alignment: usize, size: usize) -> *mut c_void;
             }
 
-            #[unsafe(no_mangle)]
-            unsafe extern "C" fn malloc(size: usize) -> *mut c_void {
-                count_allocation();
-                // SAFETY: promised by the caller, here and below.
-                unsafe { __libc_malloc(size) }
-            }
-
-            #[unsafe(no_mangle)]
-            unsafe extern "C" fn calloc(count: usize, size: usize) -> *mut c_void {
-                count_allocation();
-                // SAFETY: as above.
-                unsafe { __libc_calloc(count, size) }
-            }
-
-            #[unsafe(no_mangle)]
-            unsafe extern "C" fn realloc(pointer: *mut c_void, size: usize) -> *mut c_void {
-                count_allocation();
-                // SAFETY: as above.
-                unsafe { __libc_realloc(pointer, size) }
-            }
-
-            #[unsafe(no_mangle)]
-            unsafe extern "C" fn memalign(alignment: usize, size: usize) -> *mut c_void {
-                count_allocation();
-                // SAFETY: as above.
-                unsafe { __libc_memalign(alignment, size) }
-            }
-
-            #[unsafe(no_mangle)]
-            unsafe extern "C" fn aligned_alloc(alignment: usize, size: usize) -> *mut c_void {
-                count_allocation();
-                // SAFETY: as above.
-                unsafe { __libc_memalign(alignment, size) }
+            $crate::count_and_forward! {
+                malloc(size: usize) => __libc_malloc;
+                calloc(count: usize, size: usize) => __libc_calloc;
+                realloc(pointer: *mut c_void, size: usize) => __libc_realloc;
+                memalign(alignment: usize, size: usize) => __libc_memalign;
+                aligned_alloc(alignment: usize, size: usize) => __libc_memalign;
             }
 
             #[unsafe(no_mangle)]
@@ -103,7 +92,7 @@ macro_rules! count_allocations {
                     return EINVAL;
                 }
                 count_allocation();
-                // SAFETY: as above; the caller's pointer is to a place for one.
+                // SAFETY: promised by the caller; its pointer is to a place for one.
                 unsafe {
                     let made = __libc_memalign(alignment, size);
                     if made.is_null() {
