@@ -9,7 +9,7 @@
 //! flying joins the run at the present tick.
 
 mod join;
-mod lead;
+mod lead_choice;
 mod open;
 
 use std::sync::Arc;
@@ -19,17 +19,16 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 pub use join::{Armed, JoinedRun};
 pub use open::Opened;
 
-use crate::launcher::end_with_launcher;
 use crate::rt::{self, Ahead, Engaged, UsageMeter};
-use crate::standby::{Blackboards, Ready};
-use crate::stop::{ends_at_once, stop_signals};
+use crate::signals::{end_with_launcher, ends_at_once, stop_signals};
 use errors::{FAILED, INTERRUPTED};
 use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::{Instance, Lock};
-use ipc::{Blackboard, Wire};
-use messages::blackboards::{Arrival, EndReason, RolePhase, Status};
+use ipc::{Blackboard, BlackboardReader, Wire};
+use messages::blackboards::{Arrival, EndReason, RolePhase, Run, SettingsText, Status};
 use messages::checks::{Check, is_on};
+use messages::content::NO_TICK;
 use messages::realtime;
 use messages::role::Role;
 use messages::settings_text::fingerprint;
@@ -48,6 +47,22 @@ pub struct StartConfig {
     pub begun_ns: u64,
     /// What a spare has done ahead.
     pub ready: Option<Ready>,
+}
+
+/// What a standby has done ahead.
+pub struct Ready {
+    // First: real time is given back before anything else is given up.
+    pub(crate) ahead: Option<Ahead>,
+    pub(crate) boards: Blackboards,
+    pub(crate) wire: Wire,
+    pub(crate) stop: Arc<AtomicBool>,
+}
+
+#[derive(Default)]
+pub(crate) struct Blackboards {
+    pub(crate) run: Option<BlackboardReader<Run>>,
+    pub(crate) settings: Option<BlackboardReader<SettingsText>>,
+    pub(crate) status: Option<BlackboardReader<Status>>,
 }
 
 const LOOK_EVERY: Duration = Duration::from_millis(2);
@@ -227,6 +242,19 @@ fn broken_off(error: Error, by_signal: bool) -> Error {
     } else {
         error
     }
+}
+
+/// Says how the flight ended; the loop is over, and nobody waits for its process any more.
+pub fn say_landed(role: Role, run: &Run) {
+    let flown_s = if run.tick == NO_TICK {
+        0.0
+    } else {
+        run.flight_time_s(run.tick)
+    };
+    tracing::info!(
+        "{role}: flight {} after {flown_s:.1} s",
+        run.ending().words()
+    );
 }
 
 /// The wall clock [ns since 1970].

@@ -8,8 +8,8 @@ mod pacer;
 
 use self::pacer::{Pacer, WakeReason};
 use crate::rt::UsageMeter;
+use crate::session::say_landed;
 use crate::session::{Armed, RoleSession};
-use crate::shutdown::say_landed;
 use ipc::clock::Horizon;
 use ipc::clock::now_ns;
 use ipc::error::Error;

@@ -1,8 +1,8 @@
 //! `ironbird ring-hop`: one process of the ring, started by the measuring process.
 
 use ipc::clock::now_ns;
-use process::launcher::end_with_launcher;
 use process::rt::take_stand;
+use process::signals::end_with_launcher;
 
 use crate::cli::HopArgs;
 use errors::{Failure, OK};
