@@ -15,7 +15,8 @@
 
 use control_api::description::Settings;
 use control_api::law::Law as _;
-use control_api::registry::{AnyInner, AnyOuter, Entry};
+use control_api::law::{InnerLaw, OuterLaw};
+use control_api::registry::Entry;
 
 use crate::gains::Gains;
 
@@ -37,10 +38,10 @@ pub use pd::Pd;
 pub use pid::Pid;
 
 /// The outer laws; the first one flies when nothing is said.
-pub const OUTER: &[Entry<dyn AnyOuter>] = &[Entry::outer::<Pd>(), Entry::outer::<Estimating>()];
+pub const OUTER: &[Entry<dyn OuterLaw>] = &[Entry::outer::<Pd>(), Entry::outer::<Estimating>()];
 
 /// The inner laws; the first one flies when nothing is said.
-pub const INNER: &[Entry<dyn AnyInner>] = &[
+pub const INNER: &[Entry<dyn InnerLaw>] = &[
     Entry::inner::<Adaptive>(),
     Entry::inner::<Fixed>(),
     Entry::inner::<Geometric>(),

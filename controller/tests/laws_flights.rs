@@ -5,7 +5,7 @@
 
 use crate::flight::{Inner, ScaledTrajectory, Track, course, fly, inner, outer, rig};
 use control_api::description::{Settings, Value};
-use control_api::law::{Desired, InnerLaw, WrenchSetpoint};
+use control_api::law::{Desired, InnerLaw, Law, WrenchSetpoint};
 use controller::Trajectory;
 use controller::laws::{Estimating, Fixed, Geometric, Indi, Pid};
 use messages::content::Measured;
@@ -187,7 +187,7 @@ fn estimating_learns_the_drag_of_a_vehicle_that_moves() {
 }
 
 /// A law that was never shown the vehicle, then one that is not shown it any more.
-fn coasts<L: InnerLaw>(overrides_thrust: bool) {
+fn coasts<L: Law + InnerLaw>(overrides_thrust: bool) {
     let mut law = L::new(&rig(), &Settings::default()).expect("the defaults go together");
     let mut ask = |tick, measured_tick| {
         let measured = Stamped {

@@ -134,7 +134,7 @@ fn each_case<L: Law>(
     }
 }
 
-fn inner<L: InnerLaw>() {
+fn inner<L: Law + InnerLaw>() {
     each_case::<L>(
         |law, row, telemetry| {
             let (tick, measured_tick) = (tick_of(&row["tick"]), tick_of(&row["measured_tick"]));

@@ -2,7 +2,6 @@
 
 use control_api::description::Settings;
 use control_api::law::Law as _;
-use control_api::stage::{InnerStage as _, OuterStage as _};
 use control_api::{GuardedInner, GuardedOuter, Rig};
 use controller::laws::adaptive::{estimate, rate_error};
 use controller::laws::{Adaptive, Fixed, Pd};

@@ -1,6 +1,5 @@
 //! The theorem's functions and monitor: inequalities for every input and flight.
 
-use control_api::stage::InnerStage as _;
 use control_api::{GuardedInner, Rig};
 use controller::adaptation::Adaptation;
 use controller::excitation::Excitation;

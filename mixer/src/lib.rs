@@ -2,7 +2,8 @@
 //!
 //! [`Priority`] is the law; [`mix`] is what it computes. Neither knows a clock, a transport or an operating system.
 
-use control_api::registry::{AnyMixer, Entry};
+use control_api::law::MixerLaw;
+use control_api::registry::Entry;
 
 pub mod mix;
 pub mod priority;
@@ -10,4 +11,4 @@ pub mod priority;
 pub use crate::priority::Priority;
 
 /// The mixers that come with the rig; the first one flies when nothing is said.
-pub const LAWS: &[Entry<dyn AnyMixer>] = &[Entry::mixer::<Priority>()];
+pub const LAWS: &[Entry<dyn MixerLaw>] = &[Entry::mixer::<Priority>()];

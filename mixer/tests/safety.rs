@@ -2,7 +2,6 @@
 
 use control_api::description::Settings;
 use control_api::law::Law as _;
-use control_api::stage::MixerStage as _;
 use control_api::{GuardedMixer, Rig};
 use messages::content::{Mode, NO_TICK, RotorSpeeds, Stamped, Wrench};
 use messages::parameters::Airframe;

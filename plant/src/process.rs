@@ -20,8 +20,8 @@ use messages::header::{Header, Stamps};
 use messages::role::Role;
 use process::lead::ActiveLead;
 use process::rt::UsageMeter;
+use process::session::say_landed;
 use process::session::{Opened, RoleSession};
-use process::shutdown::say_landed;
 
 use crate::command_hold::pending_commands;
 use crate::envelope_violation::EnvelopeViolation;

@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use control_api::registry::{AnyInner, AnyOuter, Made};
+use control_api::law::{InnerLaw, OuterLaw};
+use control_api::registry::Made;
 use control_api::{GuardedInner, GuardedOuter};
 use errors::Failure;
 use ironbird::settings::Settings;
@@ -110,7 +111,7 @@ fn flight(
         Some(law) => {
             let signals = law.signals();
             let law = FlyingOuter(law, raised.clone());
-            let made = Made::<dyn AnyOuter> {
+            let made = Made::<dyn OuterLaw> {
                 law: Box::new(law.clone()),
                 twin: Box::new(law),
                 signals,
@@ -123,7 +124,7 @@ fn flight(
         Some(law) => {
             let signals = law.signals();
             let law = FlyingInner(law, raised.clone());
-            let made = Made::<dyn AnyInner> {
+            let made = Made::<dyn InnerLaw> {
                 law: Box::new(law.clone()),
                 twin: Box::new(law),
                 signals,

@@ -259,7 +259,6 @@ impl ControlStatistics {
 mod tests {
     use control_api::description::Settings;
     use control_api::law::Law as _;
-    use control_api::stage::OuterStage as _;
     use control_api::{GuardedOuter, Rig};
     use controller::laws::Pd;
     use messages::content::Measured;

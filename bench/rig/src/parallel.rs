@@ -8,7 +8,7 @@ use std::thread;
 use std::time::Duration;
 
 use errors::{Failure, INTERRUPTED};
-use process::stop::stop_signals;
+use process::signals::stop_signals;
 use signal_hook::flag;
 
 /// A flag that SIGINT or SIGTERM sets; long work polls it.

@@ -12,7 +12,6 @@ pub mod timed;
 
 use std::collections::VecDeque;
 
-use control_api::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use controller::TheoremMonitor;
 use errors::Failure;

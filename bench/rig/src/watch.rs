@@ -17,8 +17,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use ipc::instance::Instance;
-use process::launcher::end_with_launcher;
-use process::stop::stop_signals;
+use process::signals::{end_with_launcher, stop_signals};
 
 use crate::cli::WatchArgs;
 use dashboard_model::Model;

@@ -9,7 +9,7 @@ use ironbird::settings::Settings;
 use messages::content::NO_TICK;
 use messages::inspection::{Expected, Rejections};
 use messages::role::Role;
-use process::shell::{InnerJob, Shell};
+use process::shell::Shell;
 use process::stage::{self, Stage, TickContext, TickOutcome};
 use rustix::thread::gettid;
 use serde_json::Value;
@@ -25,7 +25,7 @@ const KNOWN_US: &str = "20";
 
 /// An inner loop that sees its input late, as if the hop to it took longer.
 struct LateInner {
-    inner: Shell<InnerJob<GuardedInner>>,
+    inner: Shell<GuardedInner>,
     late_ns: u64,
     seen: u64,
 }
@@ -77,7 +77,7 @@ fn late_inner() {
     station.status.pid = u64::try_from(gettid().as_raw_nonzero().get()).unwrap();
     let doorbell = station.wire().doorbell(Role::Inner).unwrap();
     let law = settings.inner_stage().unwrap();
-    let inner = Shell::new(station.wire(), InnerJob(law), Some(Role::Mixer)).unwrap();
+    let inner = Shell::new(station.wire(), law, Some(Role::Mixer)).unwrap();
     stage::run(
         LateInner {
             inner,

@@ -14,7 +14,7 @@ use messages::content::NO_TICK;
 use messages::inspection::{Expected, Rejections};
 use messages::role::{Role, STAGES};
 use process::rt::{loops_cpu, take_stand};
-use process::shell::{MixerJob, Shell};
+use process::shell::Shell;
 use process::stage::{self, Stage, TickContext, TickOutcome};
 use rustix::process::Signal;
 use rustix::thread::gettid;
@@ -506,7 +506,7 @@ const INSTANCE: &str = "TROUBLED_INSTANCE";
 
 /// A mixer that in some ticks does something besides its work, or does not hear its input.
 pub struct TroubledMixer {
-    mixer: Shell<MixerJob<GuardedMixer>>,
+    mixer: Shell<GuardedMixer>,
 }
 
 impl TroubledMixer {
@@ -579,12 +579,7 @@ fn troubled_mixer() {
     // The thread of a test is not the first of its process, and it is the loop's that the recorder samples.
     station.status.pid = u64::try_from(gettid().as_raw_nonzero().get()).unwrap();
     let doorbell = station.wire().doorbell_with_alarm(Role::Mixer).unwrap();
-    let mixer = Shell::new(
-        station.wire(),
-        MixerJob(settings.mixer_stage().unwrap()),
-        None,
-    )
-    .unwrap();
+    let mixer = Shell::new(station.wire(), settings.mixer_stage().unwrap(), None).unwrap();
     // What it is late with shall be its own doing; refused, it may be preempted. No memory is locked, as page faults
     // are wanted.
     let _ = take_stand(loops_cpu(), 90);

@@ -3,7 +3,6 @@
 //! `cargo test --release -p ironbird --test rig paper_facts -- --nocapture` prints the figures that the page quotes.
 
 use crate::reference_laws;
-use control_api::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
 use controller::laws::adaptive;
 use controller::rate_law::sampled_gain;
 use controller::rate_loop::loop_gain_limit;

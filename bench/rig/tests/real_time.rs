@@ -20,7 +20,7 @@ use std::sync::{Mutex, MutexGuard, mpsc};
 use std::thread;
 use std::time::Duration;
 
-use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
+use control_api::{GuardedInner, GuardedMixer};
 use heapless::spsc::{Consumer, Producer, Queue};
 use ipc::{Blackboard, DEEP, LATEST, Receiver, SwapOutcome, WakeEvent, Wire};
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
@@ -33,7 +33,7 @@ use plant::parameter_server::{self, Event, FaultRequest, INBOX, OUTBOX, Request,
 use plant::process::{PlantProcess, Waking};
 use plant::swap::{Swap, Target};
 use process::rt::{UsageMeter, settle, thread_allocations};
-use process::shell::{InnerJob, MixerJob, OuterJob, Shell};
+use process::shell::{OuterJob, Shell};
 use process::stage::{Stage, TickContext};
 use report::states::TickRecord;
 
@@ -154,9 +154,9 @@ impl<S: Stage> Place<S> {
 struct RoleStatuses<'a> {
     pace: Pace,
     plant: PlantProcess<'a>,
-    outer: Place<Shell<OuterJob<GuardedOuter>>>,
-    inner: Place<Shell<InnerJob<GuardedInner>>>,
-    mixer: Place<Shell<MixerJob<GuardedMixer>>>,
+    outer: Place<Shell<OuterJob>>,
+    inner: Place<Shell<GuardedInner>>,
+    mixer: Place<Shell<GuardedMixer>>,
     next_tick: u64,
 }
 
@@ -168,8 +168,8 @@ impl<'a> RoleStatuses<'a> {
             stage: settings.outer_stage().unwrap(),
             position_error_max_m: 5.0,
         };
-        let inner = InnerJob(settings.inner_stage().unwrap());
-        let mixer = MixerJob(settings.mixer_stage().unwrap());
+        let inner = settings.inner_stage().unwrap();
+        let mixer = settings.mixer_stage().unwrap();
         Self {
             pace: Pace::Realtime(Grid {
                 t0_ns: now_ns() + 3_600_000_000_000,

@@ -2,7 +2,6 @@
 
 use crate::reference_laws;
 use crate::rig::Rig;
-use control_api::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
 use controller::adaptation::{Adaptation, Learnt};
 use controller::samples::Samples;
 use controller::{Gains, TheoremMonitor, Trajectory};

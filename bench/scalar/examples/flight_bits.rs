@@ -4,7 +4,6 @@
 //! in the flight: motor lag, noise, limits, a fast reference. `.ci/same-bits` compares.
 
 use control_api::description::Settings;
-use control_api::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use controller::laws::{INNER, OUTER};
 use controller::{ScaledTrajectory, Trajectory};

@@ -3,7 +3,6 @@
 //! `ironbird simulate` also runs the theorem's monitor beside them, which no autopilot has.
 
 use control_api::description::{Refused, Settings};
-use control_api::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use controller::laws::{INNER, OUTER};
 use controller::{ScaledTrajectory, Trajectory};

@@ -2,8 +2,7 @@
 
 use control_api::GuardedMixer;
 use control_api::description::{Settings, Value};
-use control_api::law::{Desired, InnerLaw, Law as _, OuterLaw, Rig, WrenchSetpoint};
-use control_api::stage::MixerStage as _;
+use control_api::law::{Desired, InnerLaw, Law, OuterLaw, Rig, WrenchSetpoint};
 use controller::Trajectory;
 use messages::content::Measured;
 use messages::content::Reference;
@@ -94,7 +93,7 @@ impl Track {
 }
 
 /// A law with its own defaults, as the flight asks it.
-pub fn inner<L: InnerLaw + 'static>(values: Vec<(&'static str, Value)>) -> Inner {
+pub fn inner<L: Law + InnerLaw>(values: Vec<(&'static str, Value)>) -> Inner {
     let mut law = L::new(&rig(), &Settings::new(values)).expect("the settings go together");
     let mut telemetry = Telemetry::default();
     Box::new(move |tick, measured, wanted, reference| {
@@ -116,7 +115,7 @@ pub fn inner<L: InnerLaw + 'static>(values: Vec<(&'static str, Value)>) -> Inner
 }
 
 /// An outer law with settings other than its defaults.
-pub fn outer<L: OuterLaw + 'static>(values: Vec<(&'static str, Value)>) -> Outer {
+pub fn outer<L: Law + OuterLaw>(values: Vec<(&'static str, Value)>) -> Outer {
     let mut law = L::new(&rig(), &Settings::new(values)).expect("the settings go together");
     Box::new(move |tick, measured, reference, telemetry| {
         law.tick(tick, measured, reference, telemetry)

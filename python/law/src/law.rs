@@ -1,8 +1,13 @@
 //! A law in Python, called tick by tick.
 
+<<<<<<< HEAD
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+=======
+use std::any::Any;
+use std::sync::{Arc, Mutex, PoisonError};
+>>>>>>> 1de59a6d452b446088834170bea20315ca16d35e
 
-use control_api::registry::{AnyInner, AnyOuter};
+use control_api::law::{CopyState, InnerLaw, OuterLaw};
 use ironbird_law::{InnerInput, OuterInput, WrenchSetpoint};
 use messages::content::{self, Stamped};
 use messages::telemetry::Telemetry;
@@ -123,7 +128,17 @@ pub struct FlyingOuter(pub Arc<PythonLaw>, pub Raised);
 #[derive(Clone, Debug)]
 pub struct FlyingInner(pub Arc<PythonLaw>, pub Raised);
 
-impl AnyOuter for FlyingOuter {
+impl CopyState for FlyingOuter {
+    fn copy_into(&self, _: &mut dyn Any) -> bool {
+        false
+    }
+
+    fn as_any(&mut self) -> &mut dyn Any {
+        self
+    }
+}
+
+impl OuterLaw for FlyingOuter {
     fn tick(
         &mut self,
         tick: u64,
@@ -143,13 +158,19 @@ impl AnyOuter for FlyingOuter {
             ..content::Desired::default()
         })
     }
+}
 
-    fn copy_into(&self, _: &mut dyn AnyOuter) -> bool {
+impl CopyState for FlyingInner {
+    fn copy_into(&self, _: &mut dyn Any) -> bool {
         false
+    }
+
+    fn as_any(&mut self) -> &mut dyn Any {
+        self
     }
 }
 
-impl AnyInner for FlyingInner {
+impl InnerLaw for FlyingInner {
     fn tick(
         &mut self,
         tick: u64,
@@ -172,9 +193,5 @@ impl AnyInner for FlyingInner {
             thrust_n: f64::NAN,
             ..WrenchSetpoint::default()
         })
-    }
-
-    fn copy_into(&self, _: &mut dyn AnyInner) -> bool {
-        false
     }
 }

@@ -11,12 +11,10 @@ use crate::rig::Rig;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Description {
-    /// Its name, as typed by the user.
     pub name: &'static str,
     pub role: Role,
     /// Its own version: whatever changes its outputs changes this.
     pub version: &'static str,
-    /// What it is for, in a sentence.
     pub summary: &'static str,
     /// Where it comes from: authors, title, year, equations.
     pub source: &'static str,
@@ -35,7 +33,6 @@ pub type Suited = fn(&Settings, &Rig) -> Settings;
 
 impl Description {
     /// The settings of one of its presets; none where it has no preset of that name.
-    #[must_use]
     pub fn preset(&self, name: &str) -> Option<Settings> {
         self.presets
             .iter()
@@ -44,7 +41,6 @@ impl Description {
     }
 
     /// What is wrong with the names of its signals: they are columns, fields and plots of whatever shows a flight.
-    #[must_use]
     pub fn flaws(&self) -> Vec<String> {
         let Self {
             name: law,
@@ -122,83 +118,43 @@ mod tests {
         Description { telemetry, ..NAMED }.flaws()
     }
 
+    const fn signal(name: &'static str, unit: &'static str) -> Signal {
+        Signal { name, unit }
+    }
+
     #[test]
     fn good_names_have_no_flaw() {
         const GOOD: &[Signal] = &[
-            Signal {
-                name: "v_th_rad2_s2",
-                unit: "rad^2/s^2",
-            },
-            Signal {
-                name: "rotational_drag_nm_s",
-                unit: "N m s",
-            },
-            Signal {
-                name: "rotor_inertia_kg_m2",
-                unit: "kg m^2",
-            },
-            Signal {
-                name: "drag_1_s",
-                unit: "1/s",
-            },
-            Signal {
-                name: "thrust_n",
-                unit: "N",
-            },
-            Signal {
-                name: "saturated",
-                unit: "",
-            },
+            signal("v_th_rad2_s2", "rad^2/s^2"),
+            signal("rotational_drag_nm_s", "N m s"),
+            signal("rotor_inertia_kg_m2", "kg m^2"),
+            signal("drag_1_s", "1/s"),
+            signal("thrust_n", "N"),
+            signal("saturated", ""),
         ];
         assert_eq!(flaws(GOOD), Vec::<String>::new());
     }
 
     #[test]
     fn each_flaw_is_named_with_what_is_allowed() {
-        const MANY: [Signal; TELEMETRY + 1] = [Signal {
-            name: "a",
-            unit: "",
-        }; TELEMETRY + 1];
-        let said = flaws(&MANY);
-        assert_eq!(said[0], "`named` shows 33 signals: allowed are 32");
-        assert_eq!(
-            said[1],
-            "`named` shows `a` twice: every signal has a name of its own"
-        );
-        for (name, unit, flaw) in [
-            (
-                "rate",
-                "rad/s",
-                "`named` shows `rate` in rad/s: such a name ends in `_rad_s`",
-            ),
-            (
-                "Rate_rad_s",
-                "rad/s",
-                "`named` shows `Rate_rad_s`: a name is in snake_case, and not `tick`",
-            ),
-            (
-                "rate__x",
-                "",
-                "`named` shows `rate__x`: a name is in snake_case, and not `tick`",
-            ),
-            (
-                "1st",
-                "",
-                "`named` shows `1st`: a name is in snake_case, and not `tick`",
-            ),
-            (
-                "tick",
-                "",
-                "`named` shows `tick`: a name is in snake_case, and not `tick`",
-            ),
-            (
-                "",
-                "",
-                "`named` shows ``: a name is in snake_case, and not `tick`",
-            ),
-        ] {
-            let signals: &'static [Signal] = Box::leak(Box::new([Signal { name, unit }]));
-            assert_eq!(flaws(signals), [flaw], "{name}");
-        }
+        const MANY: [Signal; TELEMETRY + 1] = [signal("a", ""); TELEMETRY + 1];
+        let found = flaws(&MANY);
+        assert_eq!(found[0], "`named` shows 33 signals: allowed are 32");
+        let twice = "`named` shows `a` twice: every signal has a name of its own";
+        assert_eq!(found[1], twice);
+        let suffix = "`named` shows `rate` in rad/s: such a name ends in `_rad_s`";
+        const NO_SUFFIX: &[Signal] = &[signal("rate", "rad/s")];
+        assert_eq!(flaws(NO_SUFFIX), [suffix]);
+        const NAMES: [Signal; 5] = [
+            signal("Rate_rad_s", "rad/s"),
+            signal("rate__x", ""),
+            signal("1st", ""),
+            signal("tick", ""),
+            signal("", ""),
+        ];
+        let expected = NAMES.map(|Signal { name, .. }| {
+            format!("`named` shows `{name}`: a name is in snake_case, and not `tick`")
+        });
+        assert_eq!(flaws(&NAMES), expected);
     }
 }

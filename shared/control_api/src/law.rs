@@ -1,8 +1,8 @@
-//! One trait per role. The rig calls it; what lies around it (ports, stale inputs, the log) is the rig's business.
+//! One trait per role. The rig calls it; ports, stale inputs and the log are outside of a law.
 
-use messages::content::Measured;
-use messages::content::Reference;
-use messages::content::{ROTORS, Stamped};
+use std::any::Any;
+
+use messages::content::{Measured, ROTORS, Reference, Stamped};
 use messages::telemetry::Telemetry;
 
 pub use ironbird_law::{Desired, WrenchSetpoint};
@@ -10,18 +10,38 @@ pub use ironbird_law::{Desired, WrenchSetpoint};
 use crate::description::{Description, Refused, Settings};
 pub use crate::rig::Rig;
 
+/// What the rig needs in order to find a law by name and make it.
 pub trait Law: Sized {
     const DESCRIPTION: Description;
 
-    /// The law as it is before tick 0. The rig has checked each setting against the description.
-    ///
-    /// # Errors
-    /// [`Refused`] says what does not go together, with the values, what is allowed and what to do.
+    /// The law as it is before tick 0. The rig has checked each setting against the description. [`Refused`] says
+    /// which values do not go together, what is allowed and what to do.
     fn new(rig: &Rig, settings: &Settings) -> Result<Self, Refused>;
 }
 
-pub trait OuterLaw: Law {
-    /// What is wanted at a tick, whose measurement and reference these are.
+/// Copies the state of a law into another instance of the same law, for warm-up runs.
+pub trait CopyState: Any + Send {
+    /// Does not allocate if the law owns no memory. False if the law cannot be copied: it gets no warm-up runs then.
+    fn copy_into(&self, other: &mut dyn Any) -> bool;
+
+    fn as_any(&mut self) -> &mut dyn Any;
+}
+
+impl<L: Law + Clone + Send + 'static> CopyState for L {
+    fn copy_into(&self, other: &mut dyn Any) -> bool {
+        other.downcast_mut::<L>().is_some_and(|other| {
+            other.clone_from(self);
+            true
+        })
+    }
+
+    fn as_any(&mut self) -> &mut dyn Any {
+        self
+    }
+}
+
+/// The position loop: the setpoint of a tick from the measurement and reference of the same tick.
+pub trait OuterLaw: CopyState {
     fn tick(
         &mut self,
         tick: u64,
@@ -31,11 +51,11 @@ pub trait OuterLaw: Law {
     ) -> Desired;
 }
 
-/// The attitude and rate loop; or both loops in one, which takes the reference and overrides the thrust wanted.
+/// The attitude and rate loop; or both loops in one, which follows the reference and overrides the desired thrust.
 ///
-/// It is asked in every tick, with the newest inputs. An older one is held: its tick says so. The rig replaces
-/// what it held for too long, and asks the rotors for no torque in a tick without a fresh measurement.
-pub trait InnerLaw: Law {
+/// It is called in every tick, with the newest inputs; their ticks tell their age. The rig replaces a setpoint that is
+/// too old, and commands no torque in a tick without a fresh measurement.
+pub trait InnerLaw: CopyState {
     /// Thrust and torque of a tick. `wanted` and `reference` are of one tick, which `wanted` names.
     fn tick(
         &mut self,
@@ -46,13 +66,13 @@ pub trait InnerLaw: Law {
         telemetry: &mut Telemetry,
     ) -> WrenchSetpoint;
 
-    /// What it has learnt so far, with which another instance could go on; nothing where it learns nothing.
+    /// The present estimates, from which another instance can continue; none if the law does not learn.
     fn estimates(&self) -> Option<[f64; 3]> {
         None
     }
 
-    /// Before its first tick: begins with what another instance had learnt. False, and nothing is changed, where it may
-    /// not have these estimates.
+    /// Before the first tick: starts from the estimates of another instance. False, and nothing is changed, if they are
+    /// outside the law's bounds.
     fn resume(&mut self, estimates: [f64; 3]) -> bool {
         let _ = estimates;
         false
@@ -60,8 +80,8 @@ pub trait InnerLaw: Law {
 }
 
 /// The mixer: thrust and torque to rotor speeds.
-pub trait MixerLaw: Law {
-    /// Speed of each rotor [rad/s] for a demand, and whether it could not be met in full.
+pub trait MixerLaw: CopyState {
+    /// Speed of each rotor [rad/s], and whether the demand could not be met in full.
     fn tick(
         &mut self,
         tick: u64,

@@ -4,7 +4,6 @@ use ironbird_law::Refused;
 use messages::limits::RotorLimits;
 use messages::parameters::{Airframe, Parameter, shown};
 
-/// What every law is told before a flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rig {
     /// T, length of a tick [s].

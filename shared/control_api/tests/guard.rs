@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use control_api::description::{Description, Refused, Settings, Signal};
 use control_api::law::{Desired, InnerLaw, Law, MixerLaw, OuterLaw, WrenchSetpoint};
-use control_api::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use messages::content::Measured;
 use messages::content::Reference;
@@ -17,28 +16,42 @@ use proptest::prelude::*;
 const HOLD_TICKS: u64 = 100;
 const BLIND_TICKS: u64 = 1000;
 
-/// A law of every role that answers what it is told to, and shows how often it was asked and with what.
+/// A law of every role with a set output; it shows how often it was called and with what.
 #[derive(Clone, Debug)]
-struct Told {
-    /// In which ticks it answers nonsense, of what kind.
-    nonsense: fn(u64) -> Option<f64>,
-    asked: f64,
+struct Fixed {
+    /// In which ticks its output is wrong, and what it is.
+    wrong: fn(u64) -> Option<f64>,
+    /// Its whole output, and telemetry that is not known.
+    output: Option<[f64; ROTORS]>,
+    calls: f64,
 }
 
-fn told(nonsense: fn(u64) -> Option<f64>) -> Told {
-    Told {
-        nonsense,
-        asked: 0.0,
+fn fixed(wrong: fn(u64) -> Option<f64>) -> Fixed {
+    Fixed {
+        wrong,
+        output: None,
+        calls: 0.0,
     }
 }
 
-/// What it shows as inner law; in the other roles only the first.
+impl Fixed {
+    fn call(&mut self, telemetry: &mut Telemetry) -> Option<[f64; ROTORS]> {
+        self.calls += 1.0;
+        telemetry.value[0] = self.calls;
+        if self.output.is_some() {
+            telemetry.value.fill(f64::NAN);
+        }
+        self.output
+    }
+}
+
+/// Its signals as an inner law; in the other roles it only sets the first.
 const SHOWN: [Signal; 6] = {
     const fn ratio(name: &'static str) -> Signal {
         Signal { name, unit: "" }
     }
     [
-        ratio("asked"),
+        ratio("calls"),
         ratio("age"),
         ratio("wanted_age"),
         ratio("yaw"),
@@ -47,9 +60,9 @@ const SHOWN: [Signal; 6] = {
     ]
 };
 
-impl Law for Told {
+impl Law for Fixed {
     const DESCRIPTION: Description = Description {
-        name: "told",
+        name: "fixed",
         role: Role::Inner,
         version: "1",
         summary: "",
@@ -61,11 +74,11 @@ impl Law for Told {
     };
 
     fn new(_: &Rig, _: &Settings) -> Result<Self, Refused> {
-        Ok(told(|_| None))
+        Ok(fixed(|_| None))
     }
 }
 
-impl OuterLaw for Told {
+impl OuterLaw for Fixed {
     fn tick(
         &mut self,
         tick: u64,
@@ -73,18 +86,24 @@ impl OuterLaw for Told {
         reference: &Reference,
         telemetry: &mut Telemetry,
     ) -> Desired {
-        self.asked += 1.0;
-        telemetry.value[0] = self.asked;
-        let attitude_rad = [0.1, 0.2, reference.yaw_rad];
+        let thrust_n = (self.wrong)(tick).unwrap_or(4.0);
+        let [a, b, c, d] = self
+            .call(telemetry)
+            .unwrap_or([thrust_n, 0.1, 0.2, reference.yaw_rad]);
         Desired {
-            thrust_n: (self.nonsense)(tick).unwrap_or(4.0),
-            attitude_rad,
+            thrust_n: a,
+            attitude_rad: [b, c, d],
+            attitude_rate_rad_s: if self.output.is_some() {
+                [d, a, b]
+            } else {
+                [0.0; 3]
+            },
             ..Desired::default()
         }
     }
 }
 
-impl InnerLaw for Told {
+impl InnerLaw for Fixed {
     fn tick(
         &mut self,
         tick: u64,
@@ -93,52 +112,55 @@ impl InnerLaw for Told {
         reference: &Reference,
         telemetry: &mut Telemetry,
     ) -> WrenchSetpoint {
-        self.asked += 1.0;
         let age = |age: u64| if age == u64::MAX { -1.0 } else { age as f64 };
-        let [x, ..] = reference.position_w_m;
-        telemetry.value[SHOWN.len()] = 9.0;
-        telemetry.value[..SHOWN.len()].copy_from_slice(&[
-            self.asked,
-            age(measured.age(tick)),
-            age(wanted.age(tick)),
-            wanted.content.attitude_rad[2],
-            x,
+        let ages = [measured.age(tick), wanted.age(tick)].map(age);
+        let yaw = wanted.content.attitude_rad[2];
+        let shown = [
+            ages[0],
+            ages[1],
+            yaw,
+            reference.position_w_m[0],
             f64::NAN,
-        ]);
-        let torque = (self.nonsense)(tick).unwrap_or(0.01);
+            9.0,
+        ];
+        telemetry.value[1..7].copy_from_slice(&shown);
+        let torque = (self.wrong)(tick).unwrap_or(0.01);
+        let usual = [wanted.content.thrust_n, 0.0, torque, 0.0];
+        let [thrust_n, x, y, z] = self.call(telemetry).unwrap_or(usual);
         WrenchSetpoint {
-            thrust_n: wanted.content.thrust_n,
-            torque_b_nm: [0.0, torque, 0.0],
+            thrust_n,
+            torque_b_nm: [x, y, z],
         }
     }
 }
 
-impl MixerLaw for Told {
+impl MixerLaw for Fixed {
     fn tick(
         &mut self,
         tick: u64,
         _: &WrenchSetpoint,
         telemetry: &mut Telemetry,
     ) -> ([f64; ROTORS], bool) {
-        self.asked += 1.0;
-        telemetry.value[0] = self.asked;
-        (
-            [(self.nonsense)(tick).unwrap_or(200.0), 200.0, 210.0, 200.0],
-            false,
-        )
+        let first = (self.wrong)(tick).unwrap_or(200.0);
+        let usual = [first, 200.0, 210.0, 200.0];
+        (self.call(telemetry).unwrap_or(usual), false)
     }
 }
 
-fn inner(nonsense: fn(u64) -> Option<f64>) -> GuardedInner {
-    GuardedInner::new(told(nonsense).into(), &Rig::default())
+fn inner(wrong: fn(u64) -> Option<f64>) -> GuardedInner {
+    GuardedInner::new(fixed(wrong).into(), &Rig::default())
 }
 
-fn outer(nonsense: fn(u64) -> Option<f64>) -> GuardedOuter {
+fn mixer_of(wrong: fn(u64) -> Option<f64>) -> GuardedMixer {
+    GuardedMixer::new(fixed(wrong).into(), &Rig::default())
+}
+
+fn outer(wrong: fn(u64) -> Option<f64>) -> GuardedOuter {
     let route = |tick: u64| Reference {
         yaw_rad: tick as f64 / 1000.0,
         ..Reference::default()
     };
-    GuardedOuter::new(told(nonsense).into(), Arc::new(route), &Rig::default())
+    GuardedOuter::new(fixed(wrong).into(), Arc::new(route), &Rig::default())
 }
 
 fn state(tick: u64) -> Stamped<State> {
@@ -162,6 +184,10 @@ fn setpoint(tick: u64) -> Stamped<Setpoint> {
         attitude_rad: [0.2, 0.0, 0.4],
         ..Setpoint::default()
     };
+    Stamped { tick, content }
+}
+
+fn stamped<T>(tick: u64, content: T) -> Stamped<T> {
     Stamped { tick, content }
 }
 
@@ -228,46 +254,12 @@ proptest! {
         answers in prop::collection::vec(prop::num::f64::ANY, ROTORS),
         fresh in any::<bool>(),
     ) {
-        #[derive(Clone, Debug)]
-        struct Any([f64; ROTORS]);
-        impl Law for Any {
-            const DESCRIPTION: Description = Told::DESCRIPTION;
-            fn new(_: &Rig, _: &Settings) -> Result<Self, Refused> {
-                Ok(Self([0.0; ROTORS]))
-            }
-        }
-        impl OuterLaw for Any {
-            fn tick(&mut self, _: u64, _: &Measured, _: &Reference, telemetry: &mut Telemetry) -> Desired {
-                let [a, b, c, d] = self.0;
-                telemetry.value.fill(f64::NAN);
-                Desired { thrust_n: a, attitude_rad: [b, c, d], attitude_rate_rad_s: [d, a, b], ..Desired::default() }
-            }
-        }
-        impl InnerLaw for Any {
-            fn tick(
-                &mut self,
-                _: u64,
-                _: &Stamped<Measured>,
-                _: &Stamped<Desired>,
-                _: &Reference,
-                telemetry: &mut Telemetry,
-            ) -> WrenchSetpoint {
-                let [a, b, c, d] = self.0;
-                telemetry.value.fill(f64::NAN);
-                WrenchSetpoint { thrust_n: a, torque_b_nm: [b, c, d] }
-            }
-        }
-        impl MixerLaw for Any {
-            fn tick(&mut self, _: u64, _: &WrenchSetpoint, telemetry: &mut Telemetry) -> ([f64; ROTORS], bool) {
-                telemetry.value.fill(f64::NAN);
-                (self.0, false)
-            }
-        }
         let answers = <[f64; ROTORS]>::try_from(answers).unwrap_or_default();
         let rig = Rig::default();
-        let mut outer = GuardedOuter::new(Any(answers).into(), Arc::new(|_| Reference::default()), &rig);
-        let mut inner = GuardedInner::new(Any(answers).into(), &rig);
-        let mut mixer = GuardedMixer::new(Any(answers).into(), &rig);
+        let law = Fixed { output: Some(answers), ..fixed(|_| None) };
+        let mut outer = GuardedOuter::new(law.clone().into(), Arc::new(|_| Reference::default()), &rig);
+        let mut inner = GuardedInner::new(law.clone().into(), &rig);
+        let mut mixer = GuardedMixer::new(law.clone().into(), &rig);
         for tick in 7..200 {
             let state = if fresh { state(tick) } else { state(6) };
             if let Some(setpoint) = outer.tick(tick, &state) {
@@ -275,7 +267,7 @@ proptest! {
             }
             let wrench = inner.tick(tick, &state, &setpoint(tick));
             prop_assert!(wrench.finite() && wrench.plausible(), "{wrench:?}");
-            let speeds = mixer.tick(tick, &Stamped { tick, content: wrench });
+            let speeds = mixer.tick(tick, &stamped(tick, wrench));
             prop_assert!(speeds.finite() && speeds.plausible(), "{speeds:?}");
             let inside = speeds.speed_rad_s.iter().all(|w| (29.999..350.001).contains(w));
             prop_assert!(inside, "{speeds:?}");
@@ -297,21 +289,13 @@ fn the_law_is_asked_in_every_tick_and_told_how_old_its_inputs_are() {
 fn an_inner_loop_that_sees_no_state_for_a_second_has_the_rotors_idle_until_it_sees_again() {
     let rig = Rig::default();
     for last_seen in [Some(9), None] {
-        let (mut guarded, mut mixer) = (
-            inner(|_| None),
-            GuardedMixer::new(told(|_| None).into(), &rig),
-        );
+        let mut guarded = inner(|_| None);
+        let mut mixer = mixer_of(|_| None);
         let seen = last_seen.map_or_else(never, state);
         guarded.tick(9, &seen, &setpoint(9));
         for tick in 10..3000 {
             let wrench = guarded.tick(tick, &seen, &setpoint(tick));
-            let speeds = mixer.tick(
-                tick,
-                &Stamped {
-                    tick,
-                    content: wrench,
-                },
-            );
+            let speeds = mixer.tick(tick, &stamped(tick, wrench));
             if tick <= 9 + BLIND_TICKS {
                 assert_ne!(wrench.mode, Mode::Idle as u64, "{tick}");
                 continue;
@@ -326,16 +310,12 @@ fn an_inner_loop_that_sees_no_state_for_a_second_has_the_rotors_idle_until_it_se
                 speeds
                     .speed_rad_s
                     .iter()
-                    .all(|w| (w - rig.rotor.min_rad_s).abs() < 1e-9),
-                "{speeds:?}"
+                    .all(|w| (w - rig.rotor.min_rad_s).abs() < 1e-9)
             );
         }
         let again = guarded.tick(3000, &state(3000), &setpoint(3000));
-        assert_eq!(
-            (again.mode, again.thrust_n),
-            (Mode::Fresh as u64, 6.0),
-            "what it sees again it flies again"
-        );
+        // What it sees again it flies again.
+        assert_eq!((again.mode, again.thrust_n), (Mode::Fresh as u64, 6.0));
     }
 }
 
@@ -345,21 +325,15 @@ fn without_a_set_point_the_reference_rests_where_the_vehicle_was() {
     guarded.tick(9, &state(9), &setpoint(9));
     for tick in 110..130 {
         let shown = guarded.tick(tick, &state(tick), &setpoint(9)).telemetry;
-        assert_eq!(
-            shown.value[3..5],
-            [0.4, 110.0],
-            "the last yaw set-point, and where it was when it fell back"
-        );
+        // The last yaw set-point, and where it was when it fell back.
+        assert_eq!(shown.value[3..5], [0.4, 110.0]);
     }
     guarded.tick(130, &state(130), &setpoint(130));
     let shown = guarded.tick(300, &state(300), &setpoint(130)).telemetry;
     assert_eq!(shown.value[4], 300.0, "a new outage, a new place");
     let shown = inner(|_| None).tick(7, &state(7), &never()).telemetry;
-    assert_eq!(
-        shown.value[2..4],
-        [-1.0, 0.3],
-        "without any set-point, its own yaw"
-    );
+    // Without any set-point, its own yaw.
+    assert_eq!(shown.value[2..4], [-1.0, 0.3]);
 }
 
 #[test]
@@ -368,8 +342,8 @@ fn an_answer_that_is_no_number_is_no_torque_with_the_last_thrust_and_then_hover(
         |tick| (tick > 9).then_some(f64::NAN),
         |tick| (tick > 9).then_some(1e9),
     ];
-    for nonsense in kinds {
-        let mut guarded = inner(nonsense);
+    for wrong in kinds {
+        let mut guarded = inner(wrong);
         for tick in 0..10 {
             assert_eq!(
                 guarded.tick(tick, &state(tick), &setpoint(tick)).mode,
@@ -385,8 +359,7 @@ fn an_answer_that_is_no_number_is_no_torque_with_the_last_thrust_and_then_hover(
             };
             assert_eq!(
                 (wrench.mode, wrench.thrust_n),
-                (Mode::NotFinite as u64, thrust_n),
-                "{tick}"
+                (Mode::NotFinite as u64, thrust_n)
             );
             assert_eq!(wrench.torque_b_nm, [0.0; 3]);
         }
@@ -402,11 +375,8 @@ fn a_set_point_that_is_no_number_is_the_last_one_and_then_level_at_its_yaw() {
     for tick in 10..300 {
         let setpoint = guarded.tick(tick, &state(tick)).unwrap_or_default();
         assert_eq!(setpoint.mode, Mode::NotFinite as u64);
-        assert_eq!(
-            setpoint.reference.yaw_rad,
-            tick as f64 / 1000.0,
-            "the reference is that of the tick"
-        );
+        // The reference is that of the tick.
+        assert_eq!(setpoint.reference.yaw_rad, tick as f64 / 1000.0);
         let held = tick <= 9 + HOLD_TICKS;
         let attitude = if held {
             last.attitude_rad
@@ -421,10 +391,10 @@ fn a_set_point_that_is_no_number_is_the_last_one_and_then_level_at_its_yaw() {
     let first = outer(|_| Some(f64::NAN))
         .tick(0, &state(0))
         .unwrap_or_default();
+    // Level at the measured yaw.
     assert_eq!(
         (first.thrust_n, first.attitude_rad),
-        (hover_n(), [0.0, 0.0, 0.3]),
-        "level at the measured yaw"
+        (hover_n(), [0.0, 0.0, 0.3])
     );
 }
 
@@ -437,14 +407,14 @@ fn speeds_that_are_no_numbers_are_the_thrust_without_torque() {
             ..Wrench::default()
         },
     };
-    let mut mixer = GuardedMixer::new(told(|_| Some(f64::NAN)).into(), &Rig::default());
+    let mut mixer = mixer_of(|_| Some(f64::NAN));
     let speeds = mixer.tick(3, &wrench(3));
     assert_eq!((speeds.mode, speeds.saturated), (Mode::NotFinite as u64, 1));
     assert!(
         (speeds.thrust_n - 5.0).abs() < 1e-12
             && speeds.torque_b_nm.iter().all(|tau| tau.abs() < 1e-15)
     );
-    let mut mixer = GuardedMixer::new(told(|_| Some(900.0)).into(), &Rig::default());
+    let mut mixer = mixer_of(|_| Some(900.0));
     let speeds = mixer.tick(3, &wrench(3));
     assert_eq!((speeds.mode, speeds.saturated), (Mode::Fresh as u64, 1));
     assert!((speeds.speed_rad_s[0] - 350.0).abs() < 1e-9, "{speeds:?}");
@@ -467,30 +437,12 @@ fn what_a_law_does_not_say_is_unknown_and_what_it_has_no_name_for_is_not_shown()
     assert!(nothing_more(&wrench.telemetry), "{:?}", wrench.telemetry);
     let setpoint = outer(|_| None).tick(0, &state(0)).unwrap();
     assert_eq!(setpoint.telemetry.value[0], 1.0);
-    assert!(
-        unsaid(&setpoint.telemetry) && nothing_more(&setpoint.telemetry),
-        "{:?}",
-        setpoint.telemetry
-    );
-    let mut mixer = GuardedMixer::new(told(|_| None).into(), &Rig::default());
+    assert!(unsaid(&setpoint.telemetry) && nothing_more(&setpoint.telemetry));
+    let mut mixer = mixer_of(|_| None);
     let idle = mixer.idle().telemetry;
-    assert!(
-        idle.value[0].is_nan() && unsaid(&idle) && nothing_more(&idle),
-        "{idle:?}"
-    );
-    let asked = mixer
-        .tick(
-            0,
-            &Stamped {
-                tick: 0,
-                content: wrench,
-            },
-        )
-        .telemetry;
-    assert!(
-        asked.value[0] == 1.0 && unsaid(&asked) && nothing_more(&asked),
-        "{asked:?}"
-    );
+    assert!(idle.value[0].is_nan() && unsaid(&idle) && nothing_more(&idle));
+    let asked = mixer.tick(0, &stamped(0, wrench)).telemetry;
+    assert!(asked.value[0] == 1.0 && unsaid(&asked) && nothing_more(&asked));
 }
 
 #[test]
@@ -514,17 +466,17 @@ fn the_rig_does_not_take_a_rehearsal_for_a_tick_either() {
     let mut guarded = inner(|_| None);
     assert!(guarded.rehearse(0, &state(0), &setpoint(0)).is_some());
     let wrench = guarded.tick(1, &never(), &setpoint(0));
+    // No state was there to be held.
     assert_eq!(
         (wrench.mode, wrench.thrust_n),
-        (Mode::Fallback as u64, hover_n()),
-        "no state was there to be held"
+        (Mode::Fallback as u64, hover_n())
     );
     let mut guarded = outer(|tick| (tick > 9).then_some(f64::NAN));
     assert!(guarded.rehearse(9, &state(9)).is_some());
     let setpoint = guarded.tick(10, &state(10)).unwrap();
+    // No answer was there.
     assert_eq!(
         (setpoint.thrust_n, setpoint.attitude_rad),
-        (hover_n(), [0.0, 0.0, 0.3]),
-        "no answer was there"
+        (hover_n(), [0.0, 0.0, 0.3])
     );
 }

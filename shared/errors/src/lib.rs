@@ -17,13 +17,11 @@ pub const FAILED: u8 = 1;
 pub const USAGE: u8 = 2;
 /// The flight ended, and a gate did not hold; the machine cannot fly in real time.
 pub const GATE: u8 = 3;
-/// Real time was required and not granted.
 pub const NO_REAL_TIME: u8 = 4;
 /// Another instance runs, or shared memory is in the way.
 pub const OCCUPIED: u8 = 5;
 pub const INTERRUPTED: u8 = 130;
 
-/// Why a command did not do what it was asked.
 #[derive(Debug)]
 pub struct Failure {
     pub code: u8,
@@ -32,8 +30,6 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// A failure with an exit code.
-    #[must_use]
     pub fn new(code: u8, message: impl Into<String>) -> Self {
         Self {
             code,
@@ -43,24 +39,20 @@ impl Failure {
     }
 
     /// A mistake in what the user typed.
-    #[must_use]
     pub fn usage(message: impl Into<String>) -> Self {
         Self::new(USAGE, message)
     }
 
-    #[must_use]
     pub fn failed(message: impl Into<String>) -> Self {
         Self::new(FAILED, message)
     }
 
-    #[must_use]
     pub fn append(mut self, more: &str) -> Self {
         self.message.push_str(more);
         self
     }
 
     /// With another exit code, unless that one is [`OK`].
-    #[must_use]
     pub const fn or_code(mut self, code: u8) -> Self {
         if code != OK {
             self.code = code;
@@ -69,7 +61,6 @@ impl Failure {
     }
 
     /// What a call says that a signal has broken off: an interruption, whatever it was in the middle of.
-    #[must_use]
     pub fn broken_off(self, by_signal: bool) -> Self {
         if by_signal && self.code == FAILED {
             Self::new(INTERRUPTED, format!("interrupted: {self}"))
@@ -78,8 +69,6 @@ impl Failure {
         }
     }
 
-    /// Adds what the user can do.
-    #[must_use]
     pub fn help(mut self, help: impl Into<String>) -> Self {
         self.help = Some(help.into());
         self
@@ -88,7 +77,6 @@ impl Failure {
 
 impl Failure {
     /// The failure as a command prints it: what happened, and below it what to do.
-    #[must_use]
     pub fn told(&self) -> String {
         let help = self
             .help
@@ -110,8 +98,6 @@ impl fmt::Display for Failure {
 
 impl std::error::Error for Failure {}
 
-/// What the system means by an error number.
-#[must_use]
 pub fn errno_text(errno: i64) -> String {
     i32::try_from(errno).map_or_else(
         |_| "unknown".into(),
@@ -156,7 +142,6 @@ const TURNING: [char; 12] = [
 ];
 
 /// A text that a terminal shows and does not obey: names and files are anybody's.
-#[must_use]
 pub fn harmless(text: &str) -> String {
     let shown = |c: char| match c {
         '\n' | '\t' => c.to_string(),
@@ -285,6 +270,11 @@ mod tests {
 
     use super::*;
 
+    fn make_pipe(path: &Path) {
+        let made = Command::new("mkfifo").arg(path).status();
+        assert!(made.unwrap().success());
+    }
+
     #[test]
     fn a_text_is_read_from_a_regular_file_that_is_no_longer_than_a_text() {
         let directory = tempfile::tempdir().unwrap();
@@ -295,23 +285,17 @@ mod tests {
             .unwrap()
             .set_len(TEXT_BYTES)
             .unwrap();
+        // Zeros are text.
         assert_eq!(
             read_text("read", &path("log")).unwrap().len() as u64,
-            TEXT_BYTES,
-            "zeros are text"
+            TEXT_BYTES
         );
         File::create(path("long"))
             .unwrap()
             .set_len(TEXT_BYTES + (1 << 20))
             .unwrap();
         fs::write(path("bytes"), [0xff]).unwrap();
-        assert!(
-            Command::new("mkfifo")
-                .arg(path("pipe"))
-                .status()
-                .unwrap()
-                .success()
-        );
+        make_pipe(&path("pipe"));
         for (name, why) in [
             ("long", "it is 17 MiB long, and at most 16 are read"),
             ("bytes", "stream did not contain valid UTF-8"),
@@ -409,13 +393,7 @@ mod tests {
         std::os::unix::fs::symlink(path("theirs"), path("link")).unwrap();
         fs::write(path("old"), "much older").unwrap();
         let held = File::open(path("old")).unwrap();
-        assert!(
-            Command::new("mkfifo")
-                .arg(path("pipe"))
-                .status()
-                .unwrap()
-                .success()
-        );
+        make_pipe(&path("pipe"));
         let _socket = UnixListener::bind(path("socket")).unwrap();
         for name in ["link", "old", "pipe", "socket", "new"] {
             replace(&path(name)).unwrap().write_all(b"ours").unwrap();
@@ -423,11 +401,8 @@ mod tests {
             assert!(path(name).symlink_metadata().unwrap().is_file(), "{name}");
         }
         assert_eq!(fs::read_to_string(path("theirs")).unwrap(), "theirs");
-        assert_eq!(
-            io::read_to_string(held).unwrap(),
-            "much older",
-            "who reads the old one still has it"
-        );
+        // Who reads the old one still has it.
+        assert_eq!(io::read_to_string(held).unwrap(), "much older");
         let failure = replace(directory.path()).unwrap_err().to_string();
         assert_eq!(
             failure,

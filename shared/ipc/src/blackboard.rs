@@ -16,9 +16,8 @@ use iceoryx2::prelude::{ZeroCopySend, ipc};
 use iceoryx2::service::builder::blackboard::{BlackboardCreateError, BlackboardOpenError};
 use iceoryx2::service::port_factory::blackboard::PortFactory;
 
-use super::{NODES, Wire, layout_specifier, layout_verifier, not_opened};
-use crate::error::Error;
-use crate::refusal::Refusal;
+use super::{NODES, Wire, layout_attributes, not_opened, shortage_of};
+use crate::error::{Error, Refusal, RefusalKind, Tried as _};
 use crate::sys::Payload;
 use messages::enum_registry::Fingerprint as _;
 use messages::layout::Layout;
@@ -37,7 +36,6 @@ struct BoardSlot<T: Notice> {
     value: Payload<T>,
 }
 
-/// A value that can be put on a board.
 pub trait Notice: Default + Layout + std::fmt::Debug {}
 impl<T: Default + Layout + std::fmt::Debug> Notice for T {}
 
@@ -50,17 +48,15 @@ impl Wire {
             Some(held) => held,
             None => Arc::new(self.put_up::<T>(name)?),
         };
-        let failed = |e: &dyn std::fmt::Debug| {
-            Error::wire(format!("cannot become the writer of board `{name}`"), e)
-        };
-        let writer = service.writer_builder().create().map_err(|e| failed(&e))?;
+        let failed = || format!("cannot become the writer of board `{name}`");
+        let writer = service.writer_builder().create().wire(failed)?;
         let mut sheets = (0..SHEETS).map(|sheet| writer.entry(&sheet));
         let is_taken =
             |sheet: &Result<_, _>| matches!(sheet, Err(EntryHandleMutError::HandleAlreadyExists));
         let free = sheets
             .find(|sheet| !is_taken(sheet))
             .unwrap_or(Err(EntryHandleMutError::HandleAlreadyExists));
-        let sheet = free.map_err(|e| failed(&e))?;
+        let sheet = free.wire(failed)?;
         Ok(Blackboard {
             sheet,
             _writer: writer,
@@ -69,7 +65,8 @@ impl Wire {
     }
 
     fn put_up<T: Notice>(&self, name: &str) -> Result<Open, Error> {
-        let (service_name, layout) = (self.service_name(name)?, layout_specifier(T::FINGERPRINT)?);
+        let service_name = self.service_name(name)?;
+        let (layout, _) = layout_attributes(T::FINGERPRINT)?;
         let opener = self.blackboard_opener::<T>(name)?;
         self.open_service(format!("board `{name}`"), || {
             let empty = self
@@ -82,13 +79,12 @@ impl Wire {
                 board.add(sheet, BoardSlot::<T>::default())
             });
             match board.create_with_attributes(&layout) {
-                Err(BlackboardCreateError::AlreadyExists) => opener().map_err(Refusal::from),
-                created => created.map_err(Refusal::from),
+                Err(BlackboardCreateError::AlreadyExists) => opener().map_err(Refusal::of),
+                created => created.map_err(Refusal::of),
             }
         })
     }
 
-    /// A reader of a board; `None` while nobody has put it up.
     pub fn blackboard_reader<T: Notice>(
         &self,
         name: &str,
@@ -100,14 +96,11 @@ impl Wire {
         let Some(service) = opened else {
             return Ok(None);
         };
-        let failed =
-            |e: &dyn std::fmt::Debug| Error::wire(format!("cannot read board `{name}`"), e);
-        let reader = service.reader_builder().create().map_err(|e| failed(&e))?;
+        let failed = || format!("cannot read board `{name}`");
+        let reader = service.reader_builder().create().wire(failed)?;
         let sheets = (0..SHEETS)
             .map(|sheet| {
-                let sheet = reader
-                    .entry::<BoardSlot<T>>(&sheet)
-                    .map_err(|e| failed(&e))?;
+                let sheet = reader.entry::<BoardSlot<T>>(&sheet).wire(failed)?;
                 Ok(Look {
                     before: sheet.get(),
                     sheet,
@@ -145,7 +138,8 @@ impl Wire {
         &self,
         name: &str,
     ) -> Result<impl Fn() -> Result<Open, BlackboardOpenError>, Error> {
-        let (service_name, layout) = (self.service_name(name)?, layout_verifier(T::FINGERPRINT)?);
+        let service_name = self.service_name(name)?;
+        let (_, layout) = layout_attributes(T::FINGERPRINT)?;
         Ok(move || {
             self.node
                 .service_builder(&service_name)
@@ -155,33 +149,19 @@ impl Wire {
     }
 
     fn open_board<T: Notice>(&self, name: &str) -> Result<Option<Open>, Error> {
-        match self.blackboard_opener::<T>(name)?() {
-            Ok(service) => Ok(Some(service)),
-            // The same words are said of a board that only this process cannot open.
-            Err(error) if error != BlackboardOpenError::DoesNotExist && self.is_short() => Err(
-                not_opened(&self.instance, format!("board `{name}`"), error.into()),
-            ),
-            // Being put up or taken down at this moment is as good as not there.
-            Err(
-                BlackboardOpenError::DoesNotExist
-                | BlackboardOpenError::IsMarkedForDestruction
-                | BlackboardOpenError::HangsInCreation
-                | BlackboardOpenError::ServiceInCorruptedState,
-            ) => Ok(None),
-            Err(error) => Err(not_opened(
-                &self.instance,
-                format!("board `{name}`"),
-                error.into(),
-            )),
+        let error = match self.blackboard_opener::<T>(name)?() {
+            Ok(service) => return Ok(Some(service)),
+            Err(BlackboardOpenError::DoesNotExist) => return Ok(None),
+            Err(error) => Refusal::of(error),
+        };
+        // One that is being created or removed is as good as not there, unless only this process cannot open it.
+        if error.kind == RefusalKind::Passing && shortage_of(&self.instance).is_none() {
+            return Ok(None);
         }
+        Err(not_opened(&self.instance, format!("board `{name}`"), error))
     }
 }
 
-/// A board with the right to write on it.
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handle has none"
-)]
 pub struct Blackboard<T: Notice> {
     sheet: EntryHandleMut<ipc::Service, u64, BoardSlot<T>>,
     _writer: Writer<ipc::Service, u64>,
@@ -189,7 +169,6 @@ pub struct Blackboard<T: Notice> {
 }
 
 impl<T: Notice> Blackboard<T> {
-    /// Replaces what is on the board.
     pub fn put(&self, value: T) {
         self.sheet.update_with_copy(BoardSlot {
             written: 1,
@@ -200,14 +179,9 @@ impl<T: Notice> Blackboard<T> {
 
 struct Look<T: Notice> {
     sheet: EntryHandle<ipc::Service, u64, BoardSlot<T>>,
-    /// What lay on it when the reader came.
     before: BlackboardValue<BoardSlot<T>>,
 }
 
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handle has none"
-)]
 pub struct BlackboardReader<T: Notice> {
     sheets: Vec<Look<T>>,
     /// The last one that was written on, as far as seen.
@@ -218,7 +192,6 @@ pub struct BlackboardReader<T: Notice> {
 
 impl<T: Notice> BlackboardReader<T> {
     /// What is on the board now. If its writer is gone, this is what it wrote last.
-    #[must_use]
     pub fn get(&self) -> T {
         let mut last = self.last.get();
         // One look at a counter for each of the next sheets: they are taken in order.

@@ -5,14 +5,12 @@ use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::{Timespec, clock_gettime};
 
 /// CLOCK_MONOTONIC now [ns]; the same in all processes of a machine.
-#[must_use]
 pub fn now_ns() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);
     now.tv_sec.unsigned_abs() * NS_PER_S + now.tv_nsec.unsigned_abs()
 }
 
 /// A duration or instant in nanoseconds as the system calls want it.
-#[must_use]
 pub fn timespec(ns: u64) -> Timespec {
     Timespec {
         tv_sec: (ns / NS_PER_S).cast_signed(),

@@ -1,13 +1,15 @@
 //! What can go wrong outside the laws, and what to do about each error.
 
-use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use std::{fs, io};
 
 use errors::{FAILED, Failure, INTERRUPTED, NO_REAL_TIME, OCCUPIED, USAGE};
+use rustix::fs::{StatVfs, StatVfsMountFlags, statvfs};
+use rustix::io::Errno;
+use rustix::process::{Resource, getrlimit};
 use thiserror::Error;
 
-use crate::shortage::{self, SHARED_MEMORY, Shortage, shortage};
 use messages::role::Role;
 
 /// Why a process of the rig cannot go on.
@@ -30,26 +32,15 @@ pub enum Error {
     },
     /// Something in the way belongs to somebody else, or can be written by others.
     #[error("{} is not used: {why}", path.display())]
-    NotOurs {
-        path: PathBuf,
-        /// Its owner, its mode or its kind.
-        why: String,
-    },
+    NotOurs { path: PathBuf, why: String },
     /// The instance's directory is there, holds something, and is none of ours.
     #[error("{} is no directory of ironbird: in it {}", path.display(), listed(names))]
     ForeignDirectory { path: PathBuf, names: Vec<String> },
-    /// A lock that is held for instants is kept.
     #[error("another process has locked {} for {} s", path.display(), waited.as_secs())]
-    Held {
-        path: PathBuf,
-        /// How long it was waited for.
-        waited: Duration,
-    },
-    /// Something that the system gives out is used up.
+    Held { path: PathBuf, waited: Duration },
     #[error("{what}: {used_up}")]
     UsedUp {
         what: String,
-        /// What there is no more of.
         used_up: String,
         remedy: String,
     },
@@ -71,10 +62,8 @@ pub enum Error {
         pid: u32,
         path: PathBuf,
     },
-    /// As many processes observe the instance as may.
     #[error("instance `{instance}` has {most} observers already, and that is the most")]
     Crowded { instance: String, most: usize },
-    /// A role flies with other settings than the plant.
     #[error("the {role} process has other settings than the plant: {differences}")]
     SettingsDiffer {
         role: Role,
@@ -83,16 +72,12 @@ pub enum Error {
         /// The options that choose the plant's laws, where the role has others.
         laws: String,
     },
-    /// Real time was required and not granted.
     #[error("real time was required and not granted to the {role} process: {refused}")]
     RealtimeRefused {
         role: Role,
-        /// Each refused step with the system's reason.
         refused: String,
-        /// What to do about each of them.
         remedy: String,
     },
-    /// Shared memory is too small for the instance.
     #[error("shared memory is too small: {path} has {free_mib} MiB free, this instance needs {needed_mib} MiB", path = path.display())]
     SharedMemoryFull {
         path: PathBuf,
@@ -121,7 +106,6 @@ pub enum Error {
         /// What there is too much of, and how much is allowed.
         what: String,
     },
-    /// A thread of this process panicked.
     #[error("{thread} panicked")]
     Panicked { thread: &'static str },
     #[error("{what}: {source}")]
@@ -133,7 +117,6 @@ pub enum Error {
 
 impl Error {
     /// Exit code of a process that ends with this error (docs/architecture.md, "Exit codes").
-    #[must_use]
     pub const fn exit_code(&self) -> u8 {
         match self {
             Self::InstanceName { .. }
@@ -160,11 +143,10 @@ impl Error {
         }
     }
 
-    #[must_use]
     pub fn remedy(&self) -> Option<String> {
         Some(match self {
             Self::InstanceName { .. } => "for example: --instance left-rig".into(),
-            Self::RootPath { source, .. } => shortage::remedy(source).unwrap_or_else(|| {
+            Self::RootPath { source, .. } => remedy_of(source).unwrap_or_else(|| {
                 "make it a directory that you can write, or name another one in IRONBIRD_ROOT".into()
             }),
             Self::RootPathTooLong { .. } => "name a shorter one in IRONBIRD_ROOT".into(),
@@ -198,7 +180,7 @@ impl Error {
                 "another build of ironbird left it or still runs: end that one, then `ironbird clean`".into()
             }
             Self::Wire { .. } => "`ironbird clean` removes leftovers of killed processes".into(),
-            Self::System { source, .. } => return shortage::remedy(source),
+            Self::System { source, .. } => return remedy_of(source),
             Self::Absent { .. }
             | Self::TooLate { .. }
             | Self::TooMuch { .. }
@@ -209,16 +191,26 @@ impl Error {
 
     /// A middleware error with what was tried, or what the system has run out of.
     pub fn wire(what: impl Into<String>, reason: impl std::fmt::Debug) -> Self {
-        match shortage([Path::new(SHARED_MEMORY)]) {
+        let shortage = shortage([Path::new(SHARED_MEMORY)]);
+        Self::of_middleware(what.into(), format!("{reason:?}"), shortage)
+    }
+
+    pub(crate) fn of_middleware(what: String, reason: String, shortage: Option<Shortage>) -> Self {
+        match shortage {
             Some(Shortage { used_up, remedy }) => Self::UsedUp {
-                what: what.into(),
+                what,
                 used_up,
                 remedy,
             },
-            None => Self::Wire {
-                what: what.into(),
-                reason: format!("{reason:?}"),
-            },
+            None => Self::Wire { what, reason },
+        }
+    }
+
+    /// Something in the file system that cannot be used.
+    pub(crate) fn path(path: impl Into<PathBuf>, source: impl Into<io::Error>) -> Self {
+        Self::RootPath {
+            path: path.into(),
+            source: source.into(),
         }
     }
 
@@ -228,6 +220,16 @@ impl Error {
             what: what.into(),
             source: source.into(),
         }
+    }
+}
+
+pub(crate) trait Tried<T> {
+    fn wire(self, what: impl FnOnce() -> String) -> Result<T, Error>;
+}
+
+impl<T, E: std::fmt::Debug> Tried<T> for Result<T, E> {
+    fn wire(self, what: impl FnOnce() -> String) -> Result<T, Error> {
+        self.map_err(|error| Error::wire(what(), error))
     }
 }
 
@@ -258,4 +260,173 @@ fn listed(names: &[String]) -> String {
 
 fn process(pid: Option<u32>) -> String {
     pid.map_or_else(String::new, |pid| format!(" (process {pid})"))
+}
+
+/// Why the middleware did not open a service.
+pub(crate) struct Refusal {
+    pub(crate) kind: RefusalKind,
+    pub(crate) reason: String,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RefusalKind {
+    /// Another process is creating or removing the service, or a signal came: try again.
+    Passing,
+    /// Another build has created it.
+    Differs,
+    Lasting,
+}
+
+impl Refusal {
+    /// The middleware has an error type per kind of service and call, with the same names of variants in all of them.
+    /// Some hold an error of another type: `PublishSubscribeOpenError(IncompatibleTypes)`.
+    pub(crate) fn of(error: impl std::fmt::Debug) -> Self {
+        let reason = format!("{error:?}");
+        let name = reason.rsplit('(').next().unwrap_or(&reason);
+        let reason = name.trim_end_matches(')').to_owned();
+        let kind = match reason.as_str() {
+            "Interrupt"
+            | "DoesNotExist"
+            | "ServiceInCorruptedState"
+            | "HangsInCreation"
+            | "IsMarkedForDestruction"
+            | "IsBeingCreatedByAnotherInstance"
+            | "SystemInFlux" => RefusalKind::Passing,
+            "VersionMismatch" => RefusalKind::Differs,
+            other if other.starts_with("Incompatible") => RefusalKind::Differs,
+            other if other.starts_with("DoesNotSupportRequested") => RefusalKind::Differs,
+            _ => RefusalKind::Lasting,
+        };
+        Self { kind, reason }
+    }
+}
+
+/// Where Linux keeps POSIX shared memory.
+pub const SHARED_MEMORY: &str = "/dev/shm";
+
+/// Files that opening one service may take, and room for them [bytes]. What failed for want of the last one has given
+/// the others back.
+const FILES_OF_A_SERVICE: u64 = 8;
+const ROOM_OF_A_SERVICE: u64 = 1 << 20;
+
+/// More than the longest file of shared memory has [bytes].
+const FILE_BYTES: u64 = 16 << 20;
+
+pub(crate) struct Shortage {
+    pub(crate) used_up: String,
+    pub(crate) remedy: String,
+}
+
+/// What this process has too little of to open a service, whose files lie in a directory and in shared memory.
+pub(crate) fn shortage<'a>(places: impl IntoIterator<Item = &'a Path>) -> Option<Shortage> {
+    of_files()
+        .or_else(of_length)
+        .or_else(|| places.into_iter().find_map(of_room))
+}
+
+/// The remedy where the system itself says that something is used up.
+pub(crate) fn remedy_of(error: &io::Error) -> Option<String> {
+    match Errno::from_io_error(error)? {
+        Errno::MFILE => Some(more_files()),
+        Errno::NFILE => {
+            Some("end other processes, or raise the limit of the system: sysctl fs.file-max".into())
+        }
+        Errno::NOSPC | Errno::DQUOT => {
+            Some("remove what fills the file system, or enlarge it".into())
+        }
+        _ => None,
+    }
+}
+
+fn of_files() -> Option<Shortage> {
+    let limit = getrlimit(Resource::Nofile).current?;
+    let open = match fs::read_dir("/proc/self/fd") {
+        Ok(entries) => entries.count() as u64,
+        Err(e) => {
+            let e = Errno::from_io_error(&e);
+            return matches!(e, Some(Errno::MFILE)).then(|| no_files(limit, limit));
+        }
+    };
+    (open + FILES_OF_A_SERVICE > limit).then(|| no_files(open, limit))
+}
+
+fn no_files(open: u64, limit: u64) -> Shortage {
+    let used_up = format!(
+        "too many open files: {open} of the {limit} that this process may have (ulimit -n)"
+    );
+    Shortage {
+        used_up,
+        remedy: more_files(),
+    }
+}
+
+fn more_files() -> String {
+    "raise the limit before the start: ulimit -n 1024".into()
+}
+
+/// Shared memory is made of files, whose length the user's limit holds for.
+fn of_length() -> Option<Shortage> {
+    let limit = getrlimit(Resource::Fsize)
+        .current
+        .filter(|limit| *limit < FILE_BYTES)?;
+    Some(Shortage {
+        used_up: format!(
+            "a file of shared memory may have {} KiB in this process (ulimit -f)",
+            limit >> 10
+        ),
+        remedy: "raise the limit before the start: ulimit -f unlimited".into(),
+    })
+}
+
+fn of_room(place: &Path) -> Option<Shortage> {
+    lack_of_room(place, &statvfs(place).ok()?)
+}
+
+fn lack_of_room(place: &Path, system: &StatVfs) -> Option<Shortage> {
+    let place = place.display();
+    let shortage = |used_up, remedy| Some(Shortage { used_up, remedy });
+    let free = system.f_bavail * system.f_frsize;
+    if system.f_flag.contains(StatVfsMountFlags::RDONLY) {
+        shortage(
+            format!("the file system of {place} is mounted read-only"),
+            format!("mount it writable: mount -o remount,rw {place}"),
+        )
+    // Some file systems count no inodes.
+    } else if system.f_files > 0 && system.f_favail < FILES_OF_A_SERVICE {
+        shortage(
+            format!(
+                "too few inodes are left on the file system of {place}: {}",
+                system.f_favail
+            ),
+            format!("remove files from it, or give it more inodes: df -i {place}"),
+        )
+    } else if free < ROOM_OF_A_SERVICE {
+        shortage(
+            format!(
+                "too little space is left on the file system of {place}: {} KiB",
+                free >> 10
+            ),
+            format!("remove what fills it, or enlarge it: df -h {place}"),
+        )
+    } else {
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_read_only_file_system_gets_the_advice_to_mount_it_writable() {
+        let place = Path::new(SHARED_MEMORY);
+        let mut system = statvfs("/proc").unwrap();
+        (system.f_files, system.f_bavail, system.f_frsize) = (0, 1 << 20, 4096);
+        system.f_flag = StatVfsMountFlags::empty();
+        assert!(lack_of_room(place, &system).is_none());
+        system.f_flag = StatVfsMountFlags::RDONLY;
+        let Shortage { used_up, remedy } = lack_of_room(place, &system).unwrap();
+        assert_eq!(used_up, "the file system of /dev/shm is mounted read-only");
+        assert!(remedy.contains("remount,rw /dev/shm"), "{remedy}");
+    }
 }

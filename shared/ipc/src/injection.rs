@@ -21,7 +21,6 @@ pub struct FaultOrder {
     pub in_ticks: u64,
     /// For how many ticks; `Span::FOR_GOOD` without an end.
     pub for_ticks: u64,
-    /// How many of the following are meant.
     pub count: u64,
     pub faults: [FaultCode; MOST_AT_ONCE],
 }
@@ -63,12 +62,10 @@ impl Question for FaultOrder {
 }
 
 pub type FaultServer = DeskServer<FaultOrder>;
-/// An order that waits for its answer.
 pub type FaultCall = DeskCall<FaultOrder>;
 pub type FaultClient = DeskClient<FaultOrder>;
 
 impl Wire {
-    /// The plant's end of the service for faults.
     pub fn fault_server(&self) -> Result<FaultServer, Error> {
         self.desk_server()
     }

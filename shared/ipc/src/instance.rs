@@ -7,7 +7,6 @@
 mod directory;
 mod leftovers;
 mod locks;
-mod memory;
 mod root;
 
 use std::io;
@@ -16,21 +15,21 @@ use std::path::{Path, PathBuf};
 use iceoryx2::prelude::{Config, FileName, SemanticString as _};
 
 pub use locks::Lock;
-pub use memory::shared_memory_space;
 pub use root::root_path;
 
-pub use crate::shortage::SHARED_MEMORY;
+pub use crate::error::SHARED_MEMORY;
 
 pub(crate) use directory::is_at;
 pub(crate) use locks::lock_soon;
-pub(crate) use memory::shared_memory;
 
 use crate::error::Error;
+use directory::Directory;
 use messages::layout::{FNV_OFFSET, fnv1a};
 
 /// Names the directory under which instances keep their locks and service files.
 pub const ROOT_VARIABLE: &str = "IRONBIRD_ROOT";
 
+const MIB: u64 = 1 << 20;
 const NAME_MAX: usize = 32;
 /// Longest root path: the middleware's paths hold 255 bytes, and what it makes below takes up to 185 of them.
 const ROOT_MAX: usize = 64;
@@ -39,7 +38,6 @@ const MARK: &str = ".ironbird";
 
 pub type Name = heapless::String<NAME_MAX>;
 
-/// A named instance of the rig.
 #[derive(Clone, Debug)]
 pub struct Instance {
     name: Name,
@@ -66,12 +64,10 @@ impl Instance {
         })
     }
 
-    #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    #[must_use]
     pub fn directory(&self) -> PathBuf {
         self.root.join(self.name())
     }
@@ -80,7 +76,6 @@ impl Instance {
     ///
     /// It carries a hash of the root path, so that instances of one name under two roots stay apart, and ends with
     /// a character that no name has, so that it never begins another instance's.
-    #[must_use]
     pub fn prefix(&self) -> String {
         format!("{}{}.", Self::prefix_of_root(&self.root), self.name())
     }
@@ -96,12 +91,30 @@ impl Instance {
         format!("ironbird_{:08x}_", hash & 0xffff_ffff)
     }
 
+    /// Free space in shared memory against what the instance needs beside what it has already.
+    pub fn check_shared_memory(&self, needed_bytes: u64) -> Result<(), Error> {
+        // In this order: what another role takes meanwhile is rather counted as had than as wanted.
+        let free = shared_memory_space()?;
+        let needed = needed_bytes.saturating_sub(self.owned_bytes());
+        if free >= needed {
+            return Ok(());
+        }
+        let (free_mib, needed_mib) = (free / MIB, needed.div_ceil(MIB));
+        Err(Error::SharedMemoryFull {
+            path: SHARED_MEMORY.into(),
+            free_mib,
+            needed_mib,
+        })
+    }
+
     /// The middleware's configuration; a configuration file in the working directory is ignored.
     pub fn config(&self) -> Result<Config, Error> {
         let directory = self.directory();
-        let invalid = |what: &str| Error::RootPath {
-            path: directory.clone(),
-            source: io::Error::new(io::ErrorKind::InvalidInput, what),
+        let invalid = |what: &str| {
+            Error::path(
+                &directory,
+                io::Error::new(io::ErrorKind::InvalidInput, what),
+            )
         };
         let mut config = Config::default();
         let path = iceoryx2::prelude::Path::new(directory.as_os_str().as_encoded_bytes())
@@ -115,6 +128,20 @@ impl Instance {
         config.global.service.cleanup_dead_nodes_on_open = false;
         Ok(config)
     }
+}
+
+pub fn shared_memory_space() -> Result<u64, Error> {
+    rustix::fs::statvfs(SHARED_MEMORY)
+        .map(|stat| stat.f_bavail * stat.f_frsize)
+        .map_err(|e| Error::system(format!("cannot look at {SHARED_MEMORY}"), e))
+}
+
+/// The directory of shared memory, which on some systems the system itself reaches through a link.
+pub(crate) fn shared_memory() -> Result<Option<Directory>, Error> {
+    let path = Path::new(SHARED_MEMORY)
+        .canonicalize()
+        .unwrap_or_else(|_| PathBuf::from(SHARED_MEMORY));
+    Directory::open(&path)
 }
 
 fn allowed(name: &str) -> Result<Name, Error> {

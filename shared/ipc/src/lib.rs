@@ -9,13 +9,9 @@ pub mod error;
 pub mod injection;
 pub mod instance;
 mod leavings;
-mod notifiers;
 mod ports;
-mod refusal;
-mod relay;
 mod request_response;
 mod sealed;
-mod shortage;
 mod swaps;
 pub mod sys;
 mod wake_event;
@@ -33,15 +29,12 @@ use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 
 pub use blackboard::{Blackboard, BlackboardReader, SHEETS};
 pub use injection::{FaultAnswer, FaultCall, FaultClient, FaultOrder, FaultServer};
-pub use ports::{Receiver, Sender};
-pub use relay::{OBSERVED, OBSERVERS, Relay};
+pub use ports::{OBSERVED, OBSERVERS, Receiver, Relay, Sender};
 pub use swaps::{SwapAnswer, SwapCall, SwapClient, SwapOrder, SwapOutcome, SwapServer};
 pub use wake_event::{Notifier, Owner, WakeEvent};
 
-use crate::error::Error;
+use crate::error::{Error, Refusal, RefusalKind, SHARED_MEMORY, Shortage, Tried as _, shortage};
 use crate::instance::{Instance, Lock};
-use crate::refusal::{Refusal, RefusalKind};
-use crate::shortage::{SHARED_MEMORY, Shortage, shortage};
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::monitor::Monitor;
 use messages::topic::Topic;
@@ -64,7 +57,7 @@ pub struct Wire {
     held_boards: Vec<(String, Arc<blackboard::Open>)>,
     node: Node<ipc::Service>,
     instance: Instance,
-    bells: notifiers::WakeFile,
+    bells: wake_event::WakeFile,
     /// What dead processes of the instance left behind, and was removed.
     pub cleaned: u64,
     // Last: nobody takes the shared memory away while a port of this process is in it.
@@ -92,11 +85,10 @@ impl Wire {
             })?;
         instance.close_node_counter()?;
         let cleaned = leavings::remove(&node, instance);
-        let bells = notifiers::WakeFile::join(instance)?;
-        let (held_topics, held_boards) = (Vec::new(), Vec::new());
+        let bells = wake_event::WakeFile::join(instance)?;
         Ok(Self {
-            held_topics,
-            held_boards,
+            held_topics: Vec::new(),
+            held_boards: Vec::new(),
             node,
             instance: instance.clone(),
             bells,
@@ -111,33 +103,25 @@ impl Wire {
         leavings::remove_of_ports(&self.node, &self.instance);
     }
 
-    #[must_use]
     pub const fn instance(&self) -> &Instance {
         &self.instance
     }
 
     /// Shared memory that an instance takes [bytes]: twice that of the topics, to cover everything else, and that of
     /// the observers' topics.
-    #[must_use]
     pub fn needed_bytes() -> u64 {
-        fn loops<C: Topic>() -> u64 {
-            ports::slot_bytes::<C>(C::SUBSCRIBERS, DEEP)
-        }
         fn observers<C: Topic>() -> u64 {
             ports::slot_bytes::<C>(OBSERVERS, OBSERVED)
         }
-        let topics = loops::<State>()
-            + loops::<Setpoint>()
-            + loops::<Wrench>()
-            + loops::<RotorSpeeds>()
-            + loops::<SwapRecord>();
-        let observed = observers::<State>()
-            + observers::<Setpoint>()
-            + observers::<Wrench>()
-            + observers::<RotorSpeeds>()
-            + observers::<SwapRecord>()
-            + observers::<Monitor>();
-        2 * topics + observed
+        fn topic<C: Topic>() -> u64 {
+            2 * ports::slot_bytes::<C>(C::SUBSCRIBERS, DEEP) + observers::<C>()
+        }
+        topic::<State>()
+            + topic::<Setpoint>()
+            + topic::<Wrench>()
+            + topic::<RotorSpeeds>()
+            + topic::<SwapRecord>()
+            + observers::<Monitor>()
     }
 
     /// Opens a service, which others may be making or taking down at the same time: until it is done, or does not get
@@ -153,7 +137,7 @@ impl Wire {
                 Ok(service) => return Ok(service),
                 Err(refusal) => refusal,
             };
-            if refusal.kind != RefusalKind::Passing || self.is_short() {
+            if refusal.kind != RefusalKind::Passing || shortage_of(&self.instance).is_some() {
                 return Err(not_opened(&self.instance, what, refusal));
             }
             if start.elapsed() >= PATIENCE {
@@ -172,15 +156,9 @@ impl Wire {
         }
     }
 
-    /// Whether the system has run out of something that a service needs.
-    fn is_short(&self) -> bool {
-        shortage_of(&self.instance).is_some()
-    }
-
     fn service_name(&self, name: &str) -> Result<ServiceName, Error> {
         let name = format!("ironbird/{}/{name}", self.instance.name());
-        ServiceName::new(&name)
-            .map_err(|e| Error::wire(format!("cannot name the service {name}"), e))
+        ServiceName::new(&name).wire(|| format!("cannot name the service {name}"))
     }
 }
 
@@ -195,39 +173,21 @@ fn not_opened(instance: &Instance, what: String, Refusal { kind, reason }: Refus
 
 /// What the middleware refused, or what the system has run out of.
 fn refused(instance: &Instance, what: String, reason: String) -> Error {
-    match shortage_of(instance) {
-        Some(Shortage { used_up, remedy }) => Error::UsedUp {
-            what,
-            used_up,
-            remedy,
-        },
-        None => Error::Wire { what, reason },
-    }
+    Error::of_middleware(what, reason, shortage_of(instance))
 }
 
 fn shortage_of(instance: &Instance) -> Option<Shortage> {
     shortage([instance.directory().as_path(), Path::new(SHARED_MEMORY)])
 }
 
-/// The attribute of a service that carries the layout of its payload.
-fn layout_attribute(fingerprint: u64) -> Option<(AttributeKey, AttributeValue)> {
-    let value = format!("{fingerprint:016x}");
-    Some((
-        AttributeKey::try_from("layout").ok()?,
-        AttributeValue::try_from(value.as_str()).ok()?,
-    ))
-}
-
-/// Demands a layout of a service that exists, and gives it to one that is created.
-fn layout_verifier(fingerprint: u64) -> Result<AttributeVerifier, Error> {
-    layout_attribute(fingerprint)
-        .and_then(|(key, value)| AttributeVerifier::new().require(&key, &value).ok())
-        .ok_or_else(|| Error::wire("cannot describe a message layout", fingerprint))
-}
-
-/// Gives a layout to a service that is created.
-fn layout_specifier(fingerprint: u64) -> Result<AttributeSpecifier, Error> {
-    layout_attribute(fingerprint)
-        .and_then(|(key, value)| AttributeSpecifier::new().define(&key, &value).ok())
-        .ok_or_else(|| Error::wire("cannot describe a message layout", fingerprint))
+/// The layout of a service's payload as an attribute: given to a service that is created, demanded of one that exists.
+fn layout_attributes(fingerprint: u64) -> Result<(AttributeSpecifier, AttributeVerifier), Error> {
+    let attribute = || {
+        let value = format!("{fingerprint:016x}");
+        let key = AttributeKey::try_from("layout").ok()?;
+        let value = AttributeValue::try_from(value.as_str()).ok()?;
+        let given = AttributeSpecifier::new().define(&key, &value).ok()?;
+        Some((given, AttributeVerifier::new().require(&key, &value).ok()?))
+    };
+    attribute().ok_or_else(|| Error::wire("cannot describe a message layout", fingerprint))
 }

@@ -1,25 +1,30 @@
-//! Ports of the loop's topics: one sender, receivers as deep as each needs.
+//! Ports of the topics: one sender, receivers as deep as each needs, and a relay for observers.
 
 use std::mem::MaybeUninit;
 use std::sync::Arc;
 
 use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::ipc;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
+use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use super::{DEEP, NODES, Notifier, Wire, layout_verifier};
+use super::{DEEP, NODES, Notifier, Wire, layout_attributes};
 use crate::clock::Horizon;
 use crate::clock::now_ns;
-use crate::error::Error;
-use crate::refusal::Refusal;
+use crate::error::{Error, Refusal, Tried as _};
 use crate::sys::Sealed;
 use messages::content::{NO_TICK, Stamped};
 use messages::header::{Header, LAYOUT, Message};
 use messages::inspection::{Expected, Inspector, Rejections};
 use messages::topic::Topic;
+
+/// Processes that may observe an instance at the same time.
+pub const OBSERVERS: usize = 4;
+/// Messages of a topic that an observer may fall behind before it loses the oldest: half a second at 1 kHz.
+pub const OBSERVED: usize = 512;
 
 pub(super) type Open<C> = PortFactory<ipc::Service, Sealed<Message<C>>, ()>;
 
@@ -38,7 +43,6 @@ impl Wire {
         }
     }
 
-    /// Opens a topic ahead of its ports, and keeps it open.
     pub fn hold_topic<C: Topic>(&mut self) -> Result<(), Error> {
         let topic = self.topic::<C>()?;
         self.held_topics.push(Box::new(topic));
@@ -51,7 +55,8 @@ impl Wire {
         subscribers: usize,
         depth: usize,
     ) -> Result<Open<C>, Error> {
-        let (service, layout) = (self.service_name(name)?, layout_verifier(LAYOUT)?);
+        let service = self.service_name(name)?;
+        let (_, layout) = layout_attributes(LAYOUT)?;
         self.open_service(format!("topic `{name}`"), || {
             self.node
                 .service_builder(&service)
@@ -65,7 +70,7 @@ impl Wire {
                 // A receiver that does not keep up loses its oldest sample; a sender never waits for anybody.
                 .enable_safe_overflow(true)
                 .open_or_create_with_attributes(&layout)
-                .map_err(Refusal::from)
+                .map_err(Refusal::of)
         })
     }
 
@@ -76,12 +81,7 @@ impl Wire {
             .publisher_builder()
             .max_loaned_samples(1)
             .create()
-            .map_err(|e| {
-                Error::wire(
-                    format!("cannot become the sender of topic `{}`", C::NAME),
-                    e,
-                )
-            })?;
+            .wire(|| format!("cannot become the sender of topic `{}`", C::NAME))?;
         Ok(Sender {
             loan: None,
             publisher,
@@ -97,7 +97,7 @@ impl Wire {
             .subscriber_builder()
             .buffer_size(depth)
             .create()
-            .map_err(|e| Error::wire(format!("cannot receive topic `{}`", C::NAME), e))?;
+            .wire(|| format!("cannot receive topic `{}`", C::NAME))?;
         Ok(Receiver::new(subscriber))
     }
 }
@@ -112,30 +112,12 @@ pub(super) fn slot_bytes<C: Topic>(subscribers: usize, depth: usize) -> u64 {
 /// A place for a message in shared memory, before it is sent.
 type Loan<C> = SampleMutUninit<ipc::Service, MaybeUninit<Sealed<Message<C>>>, ()>;
 
-/// Sends the messages of a topic.
 pub struct Sender<C: Topic> {
     /// Taken ahead of the message that it is for, by a rehearsal.
     loan: Option<Loan<C>>,
     publisher: Publisher<ipc::Service, Sealed<Message<C>>, ()>,
     bell: Option<Notifier>,
-    /// What every message of this sender carries.
     envelope: Header,
-}
-
-impl<C: Topic> std::fmt::Debug for Sender<C> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self {
-            loan,
-            publisher,
-            bell,
-            envelope,
-        } = self;
-        let loaned = loan.is_some();
-        write!(
-            f,
-            "Sender {{ loaned: {loaned}, publisher: {publisher:?}, bell: {bell:?}, envelope: {envelope:?} }}"
-        )
-    }
 }
 
 impl<C: Topic> Sender<C> {
@@ -148,12 +130,9 @@ impl<C: Topic> Sender<C> {
             epoch,
             ..Header::new()
         };
-        self.publisher.update_connections().map_err(|e| {
-            Error::wire(
-                format!("cannot connect the sender of topic `{}`", C::NAME),
-                e,
-            )
-        })
+        self.publisher
+            .update_connections()
+            .wire(|| format!("cannot connect the sender of topic `{}`", C::NAME))
     }
 
     /// Sends a message made for `tick`, and rings.
@@ -162,11 +141,9 @@ impl<C: Topic> Sender<C> {
     /// sender's own. One allocation: the middleware's loan.
     pub fn send(&mut self, tick: u64, history: &Header, content: C) -> Result<(), Error> {
         let loan = self.take_loan()?;
-        let mut envelope = self.envelope_of(tick, history);
-        envelope.stamps[C::SENDER as usize].send_ns = now_ns();
-        loan.write_payload(Sealed::new(Message { envelope, content }))
+        loan.write_payload(self.message(tick, history, content))
             .send()
-            .map_err(|e| not_sent::<C>(&e))?;
+            .wire(not_sent::<C>)?;
         self.envelope.seq += 1;
         self.bell.as_ref().map_or(Ok(()), Notifier::ring)
     }
@@ -175,15 +152,11 @@ impl<C: Topic> Sender<C> {
     /// with, fills it, and rings for a rehearsal.
     pub fn rehearse(&mut self, tick: u64, history: &Header, content: C) -> Result<(), Error> {
         let mut loan = self.take_loan()?;
-        let mut envelope = self.envelope_of(tick, history);
-        envelope.stamps[C::SENDER as usize].send_ns = now_ns();
         loan.payload_mut()
-            .write(Sealed::new(Message { envelope, content }));
+            .write(self.message(tick, history, content));
         self.loan = Some(loan);
         // The part of a send that looks for receivers that have come or gone.
-        self.publisher
-            .update_connections()
-            .map_err(|e| not_sent::<C>(&e))?;
+        self.publisher.update_connections().wire(not_sent::<C>)?;
         self.bell
             .as_ref()
             .map_or(Ok(()), Notifier::ring_for_rehearsal)
@@ -199,11 +172,12 @@ impl<C: Topic> Sender<C> {
     fn take_loan(&mut self) -> Result<Loan<C>, Error> {
         match self.loan.take() {
             Some(loan) => Ok(loan),
-            None => self.publisher.loan_uninit().map_err(|e| not_sent::<C>(&e)),
+            None => self.publisher.loan_uninit().wire(not_sent::<C>),
         }
     }
 
-    fn envelope_of(&self, tick: u64, history: &Header) -> Header {
+    #[inline]
+    fn message(&self, tick: u64, history: &Header, content: C) -> Sealed<Message<C>> {
         let Header {
             layout,
             run_id,
@@ -212,7 +186,7 @@ impl<C: Topic> Sender<C> {
             seq,
             ..
         } = self.envelope;
-        Header {
+        let mut envelope = Header {
             layout,
             run_id,
             settings,
@@ -220,12 +194,14 @@ impl<C: Topic> Sender<C> {
             seq,
             tick,
             ..*history
-        }
+        };
+        envelope.stamps[C::SENDER as usize].send_ns = now_ns();
+        Sealed::new(Message { envelope, content })
     }
 }
 
-fn not_sent<C: Topic>(reason: &dyn std::fmt::Debug) -> Error {
-    Error::wire(format!("cannot send on topic `{}`", C::NAME), reason)
+fn not_sent<C: Topic>() -> String {
+    format!("cannot send on topic `{}`", C::NAME)
 }
 
 /// Receives the messages of a topic: copies each once, opens and inspects the copy, keeps the newest.
@@ -252,12 +228,9 @@ impl<C: Topic> Receiver<C> {
 
     /// Arms the receiver for a run: connects to the sender, forgets what came before.
     pub fn arm(&mut self, expected: Expected) -> Result<(), Error> {
-        self.subscriber.update_connections().map_err(|e| {
-            Error::wire(
-                format!("cannot connect the receiver of topic `{}`", C::NAME),
-                e,
-            )
-        })?;
+        self.subscriber
+            .update_connections()
+            .wire(|| format!("cannot connect the receiver of topic `{}`", C::NAME))?;
         self.inspector = Inspector::new(expected);
         self.newest = Message::default();
         Ok(())
@@ -280,8 +253,8 @@ impl<C: Topic> Receiver<C> {
         horizon: impl Horizon,
         mut each: impl FnMut(&Message<C>, &Message<C>),
     ) -> Result<(), Error> {
-        let failed = |e| Error::wire(format!("cannot receive from topic `{}`", C::NAME), e);
-        while let Some(sample) = self.subscriber.receive().map_err(failed)? {
+        let failed = || format!("cannot receive from topic `{}`", C::NAME);
+        while let Some(sample) = self.subscriber.receive().wire(failed)? {
             let sealed = *sample.payload();
             let inspect = |message| {
                 self.inspector
@@ -306,13 +279,10 @@ impl<C: Topic> Receiver<C> {
     }
 
     /// The newest message; its tick is [`NO_TICK`] while there was none.
-    #[must_use]
     pub const fn newest(&self) -> &Message<C> {
         &self.newest
     }
 
-    /// Content and tick of the newest message.
-    #[must_use]
     pub const fn dated(&self) -> Stamped<C> {
         Stamped {
             tick: self.newest.envelope.tick,
@@ -320,15 +290,71 @@ impl<C: Topic> Receiver<C> {
         }
     }
 
-    /// Whether there was a message at all.
-    #[must_use]
     pub const fn has_any(&self) -> bool {
         self.newest.envelope.tick != NO_TICK
     }
 
-    /// Messages that did not pass inspection.
-    #[must_use]
     pub const fn rejections(&self) -> &Rejections {
         &self.rejections
+    }
+}
+
+/// Topics for observers: the recorder relays every message, and its own.
+///
+/// When a subscriber joins or leaves, the publisher's next send maps memory and allocates. In a loop that may cost a
+/// deadline; in the recorder it does no harm.
+impl Wire {
+    fn observed<C: Topic>(&self) -> Result<Open<C>, Error> {
+        self.publish_subscribe(&format!("observed/{}", C::NAME), OBSERVERS, OBSERVED)
+    }
+
+    pub fn relay<C: Topic>(&self) -> Result<Relay<C>, Error> {
+        let service = self.observed()?;
+        let publisher = service
+            .publisher_builder()
+            .max_loaned_samples(1)
+            .create()
+            .wire(|| format!("cannot become the relay of topic `{}`", C::NAME))?;
+        Ok(Relay { publisher, service })
+    }
+
+    /// A receiver of what the recorder passes on of a topic, from the next message on.
+    pub fn observer<C: Topic>(&self) -> Result<Receiver<C>, Error> {
+        let subscriber = self
+            .observed()?
+            .subscriber_builder()
+            .buffer_size(OBSERVED)
+            .create()
+            .map_err(|e| match e {
+                SubscriberCreateError::ExceedsMaxSupportedSubscribers => Error::Crowded {
+                    instance: self.instance().name().into(),
+                    most: OBSERVERS,
+                },
+                e => Error::wire(format!("cannot observe topic `{}`", C::NAME), e),
+            })?;
+        Ok(Receiver::new(subscriber))
+    }
+}
+
+/// Passes messages of a topic on, as they came, or as the recorder made them.
+#[derive(Debug)]
+pub struct Relay<C: Topic> {
+    publisher: Publisher<ipc::Service, Sealed<Message<C>>, ()>,
+    service: Open<C>,
+}
+
+impl<C: Topic> Relay<C> {
+    /// Passes a message on to all observers. It costs next to nothing without observers, and never waits.
+    pub fn pass_on(&self, message: &Message<C>) -> Result<(), Error> {
+        if self.service.dynamic_config().number_of_subscribers() == 0 {
+            return Ok(());
+        }
+        let failed = || format!("cannot pass topic `{}` on", C::NAME);
+        let sample = self.publisher.loan_uninit().wire(failed)?;
+        sample
+            .write_payload(Sealed::new(*message))
+            .send()
+            .wire(failed)?;
+        Ok(())
     }
 }

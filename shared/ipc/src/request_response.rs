@@ -11,22 +11,18 @@ use iceoryx2::prelude::{CallbackProgression, ZeroCopySend, ipc};
 use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::request_response::PortFactory;
 
-use super::{NODES, Notifier, Owner, Wire, layout_verifier};
+use super::{NODES, Notifier, Owner, Wire, layout_attributes};
 use crate::clock::now_ns;
-use crate::error::Error;
-use crate::refusal::Refusal;
+use crate::error::{Error, Refusal, Tried as _};
 use crate::sys::Sealed;
 use messages::enum_registry::Fingerprint as _;
 use messages::layout::{FNV_OFFSET, Layout, fnv1a};
 
-/// Clients that may ask at the same time.
 const CLIENTS: usize = 8;
 
-/// What can be asked, or answered.
 pub trait Said: Layout + Debug {}
 impl<T: Layout + Debug> Said for T {}
 
-/// What can be asked for at the desk.
 pub trait Question: Said {
     const SERVICE: &'static str;
     /// Hash over the words that the answer's numbers stand for.
@@ -50,7 +46,6 @@ struct Ask<Q: Said> {
 #[derive(Clone, Copy, Debug, ZeroCopySend)]
 #[repr(C)]
 struct Reply<A: Said> {
-    /// Of the order that it answers.
     asked_ns: u64,
     answer: Sealed<A>,
 }
@@ -62,7 +57,8 @@ impl Wire {
         let layouts = [Q::FINGERPRINT, Q::Answer::FINGERPRINT, Q::WORDS]
             .into_iter()
             .fold(FNV_OFFSET, |hash, part| fnv1a(hash, &part.to_le_bytes()));
-        let (service, layout) = (self.service_name(Q::SERVICE)?, layout_verifier(layouts)?);
+        let service = self.service_name(Q::SERVICE)?;
+        let (_, layout) = layout_attributes(layouts)?;
         self.open_service(format!("the service `{}`", Q::SERVICE), || {
             self.node
                 .service_builder(&service)
@@ -73,7 +69,7 @@ impl Wire {
                 .max_response_buffer_size(1)
                 .max_nodes(NODES)
                 .open_or_create_with_attributes(&layout)
-                .map_err(Refusal::from)
+                .map_err(Refusal::of)
         })
     }
 
@@ -82,7 +78,7 @@ impl Wire {
         let server = service
             .server_builder()
             .create()
-            .map_err(|e| Error::wire(format!("cannot serve the service `{}`", Q::SERVICE), e))?;
+            .wire(|| format!("cannot serve the service `{}`", Q::SERVICE))?;
         Ok(DeskServer { server, service })
     }
 
@@ -91,7 +87,7 @@ impl Wire {
             .desk_service()?
             .client_builder()
             .create()
-            .map_err(|e| Error::wire(format!("cannot ask the service `{}`", Q::SERVICE), e))?;
+            .wire(|| format!("cannot ask the service `{}`", Q::SERVICE))?;
         Ok(DeskClient {
             client,
             bell: self.bell(Owner::Desk)?,
@@ -105,7 +101,6 @@ pub struct DeskServer<Q: Question> {
     service: DeskService<Q>,
 }
 
-/// An order that waits for its answer.
 #[derive(Debug)]
 pub struct DeskCall<Q: Question> {
     asked_ns: u64,
@@ -116,13 +111,8 @@ pub struct DeskCall<Q: Question> {
 impl<Q: Question> DeskServer<Q> {
     /// The next order, if one has come. One that was damaged on its way is dropped, and its client gets no answer.
     pub fn next(&self) -> Result<Option<DeskCall<Q>>, Error> {
-        let failed = |e| {
-            Error::wire(
-                format!("cannot receive from the service `{}`", Q::SERVICE),
-                e,
-            )
-        };
-        while let Some(request) = self.server.receive().map_err(failed)? {
+        let failed = || format!("cannot receive from the service `{}`", Q::SERVICE);
+        while let Some(request) = self.server.receive().wire(failed)? {
             let Ask { asked_ns, order } = *request.payload();
             if let Ok(&order) = order.open() {
                 return Ok(Some(DeskCall {
@@ -139,7 +129,6 @@ impl<Q: Question> DeskServer<Q> {
     ///
     /// A call that nobody awaits is to be dropped before [`Self::next`] is asked: the middleware would take a client
     /// that has come into its place for the one that has left, and cut it off when the call is dropped.
-    #[must_use]
     pub fn is_awaited(&self, call: &DeskCall<Q>) -> bool {
         let asked = call.request.origin();
         let mut is_there = false;
@@ -152,7 +141,6 @@ impl<Q: Question> DeskServer<Q> {
 }
 
 impl<Q: Question> DeskCall<Q> {
-    #[must_use]
     pub const fn order(&self) -> Q {
         self.order
     }
@@ -178,20 +166,19 @@ impl<Q: Question> DeskClient<Q> {
     /// Asks, and waits for the answer until `patience` has passed.
     pub fn ask(&self, order: Q, patience: Duration) -> Result<Q::Answer, Error> {
         let asked_ns = now_ns();
-        let failed = |e| Error::wire(format!("cannot ask the service `{}`", Q::SERVICE), e);
         let pending: PendingResponse<_, _, _, _, _> = self
             .client
             .send_copy(Ask {
                 asked_ns,
                 order: Sealed::new(order),
             })
-            .map_err(failed)?;
+            .wire(|| format!("cannot ask the service `{}`", Q::SERVICE))?;
         self.bell.ring()?;
         let until = asked_ns.saturating_add(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
         loop {
             let reply = pending
                 .receive()
-                .map_err(|e| Error::wire("cannot receive the answer", e))?;
+                .wire(|| "cannot receive the answer".into())?;
             // A copy: what lies in shared memory may change between two looks.
             let ours = reply
                 .map(|reply| *reply)

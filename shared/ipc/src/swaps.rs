@@ -8,7 +8,6 @@ use crate::request_response::{DeskCall, DeskClient, DeskServer, Question};
 use messages::layout::{from_wire, layout};
 use messages::parameters::PARAMETERS;
 
-/// A swap as it is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
 #[repr(C)]
 pub struct SwapOrder {
@@ -20,7 +19,6 @@ pub struct SwapOrder {
     pub count: u64,
     /// Parameters, as indices of the table [`messages::parameters::SPECS`].
     pub parameter: [u64; PARAMETERS],
-    /// Their new values, in their units.
     pub value: [f64; PARAMETERS],
     /// Equal steps in which they get there, one a tick; 1 is at once.
     pub steps: [u64; PARAMETERS],
@@ -60,13 +58,10 @@ layout!(SwapAnswer {
 pub enum SwapOutcome {
     Applied = 0,
     UnknownParameter = 1,
-    /// A value is out of its range.
     OutOfRange = 2,
     /// It names no parameter, too many, or one twice; or a ramp takes no step, or more than a flight has ticks.
     Malformed = 3,
-    /// Too many swaps wait for their ticks.
     QueueFull = 4,
-    /// The run ended before its tick.
     Ended = 5,
 }
 
@@ -86,12 +81,10 @@ impl Question for SwapOrder {
 }
 
 pub type SwapServer = DeskServer<SwapOrder>;
-/// An order that waits for its answer.
 pub type SwapCall = DeskCall<SwapOrder>;
 pub type SwapClient = DeskClient<SwapOrder>;
 
 impl Wire {
-    /// The plant's end of the service for swaps.
     pub fn swap_server(&self) -> Result<SwapServer, Error> {
         self.desk_server()
     }

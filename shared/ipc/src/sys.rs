@@ -53,14 +53,12 @@ pub struct WakeWord {
 
 pub const BELLS: usize = 64;
 
-/// A page of bells that processes share.
 #[derive(Debug)]
 pub struct WakePage {
     page: NonNull<[WakeWord; BELLS]>,
 }
 
 impl WakePage {
-    /// Bytes that its file must have.
     pub const BYTES: usize = size_of::<[WakeWord; BELLS]>();
 
     /// Maps a memory file of at least [`Self::BYTES`], which nobody may shrink, and touches it.
@@ -183,7 +181,6 @@ impl Drop for Alarm {
     }
 }
 
-/// Lets one signal reach the calling thread.
 fn unblock_signal(signal: i32) -> io::Result<()> {
     mask_signals(libc::SIG_UNBLOCK, &[signal])
 }
@@ -221,7 +218,6 @@ pub fn check(result: i32) -> io::Result<()> {
     }
 }
 
-/// The most locks that a process can hold.
 const LOCKED: usize = 1024;
 
 /// Descriptors that hold locks; -1 marks a free place.

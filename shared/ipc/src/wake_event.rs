@@ -4,16 +4,22 @@
 //! docs/decisions/0005-wake-by-futex.md has the measurements and the rejected alternatives.
 
 use std::cell::Cell;
+use std::fs;
 use std::num::NonZero;
+use std::os::fd::AsFd as _;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
+use rustix::fs::{FallocateFlags, FlockOperation, fallocate, flock};
 use rustix::io::Errno;
 use rustix::thread::futex;
 
 use super::Wire;
 use crate::clock::timespec;
 use crate::error::Error;
-use crate::sys::{Alarm, WakePage};
+use crate::instance::{Instance, SHARED_MEMORY, is_at, lock_soon, shared_memory};
+use crate::sys::{Alarm, BELLS, Locked, WakePage};
+use messages::layout::{FNV_OFFSET, fnv1a};
 use messages::role::{ROLES, Role};
 
 /// How long after its instant a wait with an alarm ends, had the alarm failed [ns].
@@ -34,17 +40,7 @@ impl From<Role> for Owner {
     }
 }
 
-impl std::fmt::Display for Owner {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Role(role) => role.fmt(f),
-            Self::Desk => f.write_str("desk"),
-        }
-    }
-}
-
 impl Owner {
-    /// Place of its bell in the page.
     const fn place(self) -> usize {
         match self {
             Self::Role(role) => role as usize,
@@ -91,7 +87,6 @@ impl Wire {
     }
 }
 
-/// Where a role waits to be woken.
 #[derive(Debug)]
 pub struct WakeEvent {
     page: WakePage,
@@ -132,14 +127,12 @@ impl WakeEvent {
     }
 
     /// Whether somebody has rung for a rehearsal since this was last asked.
-    #[must_use]
     pub fn rehearsal_is_called(&self) -> bool {
         let called = self.page[self.place].rehearsals.load(Ordering::Acquire);
         self.rehearsed.replace(called) != called
     }
 
     /// The newest tick of this run of which the role before has nothing to say.
-    #[must_use]
     pub fn silent_tick(&self) -> Option<u64> {
         self.page[self.place]
             .silent
@@ -191,11 +184,78 @@ impl Notifier {
     }
 }
 
+/// Token of the last bell of the page, which nobody rings: how the page is used.
+const MARK: u64 = fnv1a(FNV_OFFSET, b"ironbird-bells/3");
+
+/// A share in the page of an instance.
+///
+/// ```text
+///   every process: open, lock shared, map       the last one to leave: lock exclusive, remove
+/// ```
+#[derive(Debug)]
+pub(super) struct WakeFile {
+    file: Locked,
+    path: PathBuf,
+}
+
+impl WakeFile {
+    pub(super) fn join(instance: &Instance) -> Result<Self, Error> {
+        let name = format!("{}bells", instance.prefix());
+        let path = Path::new(SHARED_MEMORY).join(&name);
+        let failed = |e| Error::system(format!("cannot make {}", path.display()), e);
+        let memory = shared_memory()?.ok_or_else(|| failed(Errno::NOENT))?;
+        loop {
+            // Everybody can guess its name, and write in the directory.
+            let file = memory.file_or_new(&name)?;
+            // Held exclusively for the instant in which the last one leaves.
+            lock_soon(&file, FlockOperation::NonBlockingLockShared, &path)?;
+            // Somebody may have left as the last one before it was locked.
+            if !is_at(&file, &path) {
+                continue;
+            }
+            // Reserved at once: a page that shared memory has no room for would end its reader.
+            fallocate(&file, FallocateFlags::empty(), 0, WakePage::BYTES as u64).map_err(failed)?;
+            let joined = Self {
+                file: Locked::new(file)
+                    .map_err(|e| Error::system(format!("cannot lock {}", path.display()), e))?,
+                path,
+            };
+            joined.check_mark()?;
+            return Ok(joined);
+        }
+    }
+
+    fn check_mark(&self) -> Result<(), Error> {
+        let mark = &self.page()?[BELLS - 1].token;
+        match mark.compare_exchange(0, MARK, Ordering::AcqRel, Ordering::Acquire) {
+            Ok(_) => Ok(()),
+            Err(found) if found == MARK => Ok(()),
+            Err(found) => Err(Error::Incompatible {
+                what: "the page of doorbells".into(),
+                reason: format!("its mark is {found:016x}, here {MARK:016x}"),
+            }),
+        }
+    }
+
+    pub(super) fn page(&self) -> Result<WakePage, Error> {
+        WakePage::map(self.file.as_fd())
+            .map_err(|e| Error::system(format!("cannot map {}", self.path.display()), e))
+    }
+}
+
+impl Drop for WakeFile {
+    fn drop(&mut self) {
+        if flock(&self.file, FlockOperation::NonBlockingLockExclusive).is_ok() {
+            // Gone already where somebody removed the leftovers.
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::clock::now_ns;
-    use crate::instance::Instance;
     use crate::sys::block_alarms;
 
     #[test]

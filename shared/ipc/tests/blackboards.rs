@@ -3,7 +3,8 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use ::ipc::error::Error;
+use ipc::error::Error;
+use ipc::{Blackboard, BlackboardReader, Wire};
 use messages::blackboards::{ActiveParameters, SettingsText};
 
 use crate::{Site, assert_incompatible};
@@ -17,111 +18,71 @@ fn at(tick: u64) -> ActiveParameters {
     }
 }
 
+fn board(wire: &Wire) -> Blackboard<ActiveParameters> {
+    wire.blackboard(NAME).unwrap()
+}
+
+fn reader(wire: &Wire) -> Option<BlackboardReader<ActiveParameters>> {
+    wire.blackboard_reader(NAME).unwrap()
+}
+
 #[test]
 fn a_reader_that_comes_before_the_writer_finds_nothing_and_after_it_finds_the_value() {
     let site = Site::new();
     let (here, there) = (site.wire(), site.wire());
-    assert!(
-        there
-            .blackboard_reader::<ActiveParameters>(NAME)
-            .unwrap()
-            .is_none()
-    );
-    let board = here.blackboard::<ActiveParameters>(NAME).unwrap();
-    let reader = there
-        .blackboard_reader::<ActiveParameters>(NAME)
-        .unwrap()
-        .unwrap();
-    assert_eq!(
-        reader.get(),
-        ActiveParameters::default(),
-        "a board is put up with the default on it"
-    );
+    assert!(reader(&there).is_none());
+    let board = board(&here);
+    let there_reader = reader(&there).unwrap();
+    assert_eq!(there_reader.get(), ActiveParameters::default());
     for tick in 1..1000 {
         board.put(at(tick));
-        assert_eq!(reader.get(), at(tick));
+        assert_eq!(there_reader.get(), at(tick));
     }
-    assert!(
-        there
-            .blackboard_reader::<ActiveParameters>("other")
-            .unwrap()
-            .is_none()
-    );
+    let other = there.blackboard_reader::<ActiveParameters>("other");
+    assert!(other.unwrap().is_none());
 }
 
 #[test]
 fn a_board_that_nobody_holds_is_gone() {
     let site = Site::new();
     let wire = site.wire();
-    drop(wire.blackboard::<ActiveParameters>(NAME).unwrap());
-    assert!(
-        wire.blackboard_reader::<ActiveParameters>(NAME)
-            .unwrap()
-            .is_none()
-    );
-    let board = wire.blackboard::<ActiveParameters>(NAME).unwrap();
+    drop(board(&wire));
+    assert!(reader(&wire).is_none());
+    let board = board(&wire);
     board.put(at(1));
-    assert_eq!(
-        wire.blackboard_reader::<ActiveParameters>(NAME)
-            .unwrap()
-            .unwrap()
-            .get(),
-        at(1)
-    );
+    assert_eq!(reader(&wire).unwrap().get(), at(1));
 }
 
 #[test]
 fn a_board_is_taken_over_while_a_reader_of_the_first_writer_still_looks_at_it() {
     let site = Site::new();
     let (first, second, observer) = (site.wire(), site.wire(), site.wire());
-    let board = first.blackboard::<ActiveParameters>(NAME).unwrap();
-    let reader = observer
-        .blackboard_reader::<ActiveParameters>(NAME)
-        .unwrap()
-        .unwrap();
-    board.put(at(1));
-    drop(board);
-    drop(first);
-    assert_eq!(reader.get(), at(1), "what the last writer left");
-    let board = second.blackboard::<ActiveParameters>(NAME).unwrap();
-    assert_eq!(reader.get(), at(1), "until the next one writes");
+    let first_board = board(&first);
+    let first_reader = reader(&observer).unwrap();
+    first_board.put(at(1));
+    drop((first_board, first));
+    assert_eq!(first_reader.get(), at(1), "what the last writer left");
+    let board = board(&second);
+    assert_eq!(first_reader.get(), at(1), "until the next one writes");
     board.put(at(2));
-    assert_eq!(reader.get(), at(2));
-    assert_eq!(
-        observer
-            .blackboard_reader::<ActiveParameters>(NAME)
-            .unwrap()
-            .unwrap()
-            .get(),
-        at(2)
-    );
+    assert_eq!(first_reader.get(), at(2));
+    assert_eq!(reader(&observer).unwrap().get(), at(2));
 }
 
 #[test]
 fn a_board_has_one_writer() {
     let site = Site::new();
     let (here, there) = (site.wire(), site.wire());
-    let board = here.blackboard::<ActiveParameters>(NAME).unwrap();
+    let board = board(&here);
     for wire in [&here, &there] {
-        let error = wire
-            .blackboard::<ActiveParameters>(NAME)
-            .map(drop)
-            .unwrap_err();
+        let second = wire.blackboard::<ActiveParameters>(NAME);
+        let error = second.map(drop).unwrap_err();
         assert!(matches!(error, Error::Wire { .. }), "{error}");
-        assert!(
-            error.to_string().contains("the writer of board `in_force`"),
-            "{error}"
-        );
+        let words = error.to_string();
+        assert!(words.contains("the writer of board `in_force`"), "{words}");
     }
     board.put(at(3));
-    assert_eq!(
-        there
-            .blackboard_reader::<ActiveParameters>(NAME)
-            .unwrap()
-            .unwrap()
-            .get(),
-        at(3)
-    );
+    assert_eq!(reader(&there).unwrap().get(), at(3));
 }
 
 #[test]
@@ -139,13 +100,10 @@ fn a_reader_never_sees_a_value_half_written() {
         let (changes, over, site, texts) = (&changes, &over, &site, &texts);
         scope.spawn(move || {
             let wire = site.wire();
-            let reader = wire
-                .blackboard_reader::<SettingsText>("settings")
-                .unwrap()
-                .unwrap();
+            let reader = wire.blackboard_reader("settings").unwrap().unwrap();
             let mut last = SettingsText::default();
             while !over.load(Ordering::Relaxed) {
-                let seen = reader.get();
+                let seen: SettingsText = reader.get();
                 let is_whole = seen == SettingsText::default() || texts.contains(&seen);
                 if !is_whole {
                     // A panic here would leave the writer to write for ever.
@@ -157,19 +115,14 @@ fn a_reader_never_sees_a_value_half_written() {
             }
         });
         let mut written = 0;
-        while changes.load(Ordering::Relaxed) < enough
-            && !over.load(Ordering::Relaxed)
-            && Instant::now() < until
-        {
+        let is_enough = || changes.load(Ordering::Relaxed) >= enough;
+        while !is_enough() && !over.load(Ordering::Relaxed) && Instant::now() < until {
             board.put(texts[written % 2]);
             written += 1;
         }
         over.store(true, Ordering::Relaxed);
     });
-    assert!(
-        changes.into_inner() >= enough,
-        "the reader has looked too seldom to see anything"
-    );
+    assert!(changes.into_inner() >= enough);
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -195,27 +148,16 @@ fn a_board_of_another_layout_is_incompatible() {
     let site = Site::new();
     let wire = site.wire();
     let board = wire.blackboard::<Pose>("pose").unwrap();
-    board.put(Pose {
+    let pose = Pose {
         north_m: 1,
         east_m: 2,
-    });
-    assert_incompatible(
-        wire.blackboard_reader::<SwappedPose>("pose"),
-        "board `pose`",
-    );
+    };
+    board.put(pose);
+    let swapped_reader = wire.blackboard_reader::<SwappedPose>("pose");
+    assert_incompatible(swapped_reader, "board `pose`");
     assert_incompatible(wire.blackboard::<SwappedPose>("pose"), "board `pose`");
-    assert_incompatible(
-        wire.blackboard_reader::<ActiveParameters>("pose"),
-        "board `pose`",
-    );
-    assert_eq!(
-        wire.blackboard_reader::<Pose>("pose")
-            .unwrap()
-            .unwrap()
-            .get(),
-        Pose {
-            north_m: 1,
-            east_m: 2
-        }
-    );
+    let other_reader = wire.blackboard_reader::<ActiveParameters>("pose");
+    assert_incompatible(other_reader, "board `pose`");
+    let reader = wire.blackboard_reader::<Pose>("pose").unwrap().unwrap();
+    assert_eq!(reader.get(), pose);
 }

@@ -12,13 +12,13 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::os::unix::fs::PermissionsExt as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use ipc::clock::now_ns;
 use ipc::error::Error;
 use ipc::instance::{Instance, SHARED_MEMORY};
-use ipc::{DEEP, LATEST, SHEETS, Wire};
+use ipc::{Blackboard, BlackboardReader, DEEP, LATEST, SHEETS, Wire};
 use messages::blackboards::ActiveParameters;
 use messages::content::{RotorSpeeds, State};
 use messages::header::Header;
@@ -28,17 +28,30 @@ use common::{EPOCH, EXPECTED, Site, remove, soon};
 
 /// Segments in shared memory that belong to an instance.
 fn segments(instance: &Instance) -> BTreeSet<PathBuf> {
-    fs::read_dir(SHARED_MEMORY)
-        .unwrap()
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| {
-            path.file_name()
-                .unwrap()
-                .to_str()
-                .unwrap()
-                .starts_with(&instance.prefix())
-        })
+    let prefix = format!("{SHARED_MEMORY}/{}", instance.prefix());
+    files(Path::new(SHARED_MEMORY))
+        .filter(|path| path.to_str().unwrap().starts_with(&prefix))
         .collect()
+}
+
+fn files(directory: &Path) -> impl Iterator<Item = PathBuf> {
+    let entries = fs::read_dir(directory).unwrap();
+    entries.filter_map(|entry| Some(entry.ok()?.path()))
+}
+
+fn create(wire: &Wire) -> Blackboard<ActiveParameters> {
+    wire.blackboard("in_force").unwrap()
+}
+
+fn read(wire: &Wire) -> BlackboardReader<ActiveParameters> {
+    wire.blackboard_reader("in_force").unwrap().unwrap()
+}
+
+fn put(board: &Blackboard<ActiveParameters>, tick: u64) {
+    board.put(ActiveParameters {
+        tick,
+        ..ActiveParameters::default()
+    });
 }
 
 /// Ports of every kind, held until the value is dropped, with the lock of the plant.
@@ -50,11 +63,8 @@ fn hold_everything(instance: &Instance) -> impl Sized {
         .sender::<State>(Some(wire.bell(Role::Outer).unwrap()))
         .unwrap();
     let receiver = wire.receiver::<RotorSpeeds>(LATEST).unwrap();
-    let board = wire.blackboard::<ActiveParameters>("in_force").unwrap();
-    board.put(ActiveParameters {
-        tick: 5,
-        ..ActiveParameters::default()
-    });
+    let board = create(&wire);
+    put(&board, 5);
     let (server, doorbell) = (
         wire.swap_server().unwrap(),
         wire.doorbell(Role::Plant).unwrap(),
@@ -67,17 +77,12 @@ fn hold_everything(instance: &Instance) -> impl Sized {
 fn an_instance_that_ended_in_order_leaves_no_segment() {
     let site = Site::new();
     let everything = hold_everything(&site.instance);
-    assert!(
-        segments(&site.instance).len() >= 3,
-        "{:?}",
-        segments(&site.instance)
-    );
+    assert!(segments(&site.instance).len() >= 3);
     drop(everything);
     let left = segments(&site.instance);
     assert!(
         left.iter()
-            .all(|path| path.extension().is_some_and(|e| e == "global_mgmt")),
-        "{left:?}"
+            .all(|path| path.extension().is_some_and(|e| e == "global_mgmt"))
     );
 }
 
@@ -85,21 +90,13 @@ fn an_instance_that_ended_in_order_leaves_no_segment() {
 fn removal_takes_exactly_what_the_instance_left_and_names_it() {
     let site = Site::new();
     // Names that begin alike, and one name under another root.
-    let neighbours: Vec<Instance> = ["test-2", "tes", "test2"]
-        .iter()
-        .map(|name| Instance::under(site.root(), name).unwrap())
-        .collect();
+    let names = ["test-2", "test_2", "tes", "test2"];
+    let beside = |name| Instance::under(site.root(), name).unwrap();
     let elsewhere = Site::new();
-    let theirs: Vec<_> = neighbours
-        .iter()
-        .chain([&elsewhere.instance])
-        .map(hold_everything)
-        .collect();
-    let their_segments: Vec<_> = neighbours
-        .iter()
-        .chain([&elsewhere.instance])
-        .map(segments)
-        .collect();
+    let mut neighbours: Vec<Instance> = names.into_iter().map(beside).collect();
+    neighbours.push(elsewhere.instance.clone());
+    let theirs: Vec<_> = neighbours.iter().map(hold_everything).collect();
+    let their_segments: Vec<_> = neighbours.iter().map(segments).collect();
 
     hold_everything_and_be_killed(&site.instance);
     let mut expected = segments(&site.instance);
@@ -108,39 +105,14 @@ fn removal_takes_exactly_what_the_instance_left_and_names_it() {
     let removed = site.instance.remove_leftovers().unwrap();
     assert_eq!(removed.iter().cloned().collect::<BTreeSet<_>>(), expected);
     assert!(removed.iter().all(|path| !path.exists()));
-    assert_eq!(
-        site.instance.remove_leftovers().unwrap(),
-        Vec::<PathBuf>::new(),
-        "nothing is left to remove"
-    );
+    assert!(site.instance.remove_leftovers().unwrap().is_empty());
 
-    for (neighbour, had) in neighbours
-        .iter()
-        .chain([&elsewhere.instance])
-        .zip(&their_segments)
-    {
+    for (neighbour, had) in neighbours.iter().zip(&their_segments) {
         assert_eq!(&segments(neighbour), had, "{}", neighbour.name());
         assert!(neighbour.is_occupied(Role::Plant));
     }
     drop(theirs);
-    for neighbour in &neighbours {
-        remove(neighbour);
-    }
-}
-
-#[test]
-fn removal_spares_an_instance_whose_name_continues_after_an_underscore() {
-    let site = Site::new();
-    let neighbour = Instance::under(site.root(), "test_2").unwrap();
-    let theirs = hold_everything(&neighbour);
-    let had = segments(&neighbour);
-    site.instance.prepare().unwrap();
-    let removed = site.instance.remove_leftovers().unwrap();
-    let has = segments(&neighbour);
-    drop(theirs);
-    remove(&neighbour);
-    assert_eq!(removed, [site.instance.directory()]);
-    assert_eq!(has, had);
+    neighbours.iter().for_each(remove);
 }
 
 /// Where the child process of a test finds its instance.
@@ -174,10 +146,8 @@ fn hold_everything_and_be_killed(instance: &Instance) {
         .spawn()
         .unwrap();
     let lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    assert!(
-        lines.map_while(Result::ok).any(|line| line == "holding"),
-        "the child did not come so far"
-    );
+    // The child did not come so far.
+    assert!(lines.map_while(Result::ok).any(|line| line == "holding"));
     assert!(instance.is_occupied(Role::Plant));
     child.kill().unwrap();
     // Until then it is a zombie, which counts as alive.
@@ -193,15 +163,11 @@ fn the_place_of_a_killed_process_is_free_again() {
     let mut recorder = survivor.receiver::<State>(DEEP).unwrap();
     let doorbell = survivor.doorbell(Role::Outer).unwrap();
     hold_everything_and_be_killed(&site.instance);
-    assert!(
-        !site.instance.is_occupied(Role::Plant),
-        "the kernel has dropped its lock"
-    );
+    // The kernel has dropped its lock.
+    assert!(!site.instance.is_occupied(Role::Plant));
     let _lock = soon(|| site.instance.lock(Role::Plant).ok()).unwrap();
-    assert!(
-        survivor.sender::<State>(None).is_err(),
-        "the middleware still counts the dead one"
-    );
+    // The middleware still counts the dead one.
+    assert!(survivor.sender::<State>(None).is_err());
 
     let wire = site.wire();
     assert_eq!(wire.cleaned, 1);
@@ -212,20 +178,9 @@ fn the_place_of_a_killed_process_is_free_again() {
     let _commands = wire.receiver::<RotorSpeeds>(LATEST).unwrap();
     let _server = wire.swap_server().unwrap();
     let _doorbell = wire.doorbell(Role::Plant).unwrap();
-    let board = wire.blackboard::<ActiveParameters>("in_force").unwrap();
-    board.put(ActiveParameters {
-        tick: 6,
-        ..ActiveParameters::default()
-    });
-    assert_eq!(
-        survivor
-            .blackboard_reader::<ActiveParameters>("in_force")
-            .unwrap()
-            .unwrap()
-            .get()
-            .tick,
-        6
-    );
+    let board = create(&wire);
+    put(&board, 6);
+    assert_eq!(read(&survivor).get().tick, 6);
 
     sender.arm(EXPECTED, EPOCH + 1).unwrap();
     receiver.arm(EXPECTED).unwrap();
@@ -233,11 +188,8 @@ fn the_place_of_a_killed_process_is_free_again() {
     for tick in 0..3 {
         sender.send(tick, &Header::new(), State::default()).unwrap();
         assert!(doorbell.wait_until(now_ns() + 60_000_000_000).unwrap());
-        assert_eq!(
-            receiver.take(tick).unwrap(),
-            tick,
-            "survivors hear the one who took the place"
-        );
+        // Survivors hear the one who took the place.
+        assert_eq!(receiver.take(tick).unwrap(), tick);
     }
     let mut recorded = 0;
     recorder.drain(2, |_| recorded += 1).unwrap();
@@ -246,10 +198,7 @@ fn the_place_of_a_killed_process_is_free_again() {
 
 /// Makes the services of an instance what they are while they are being made: their files can be written.
 fn put_back_into_the_making(instance: &Instance) {
-    for file in fs::read_dir(instance.directory().join("services"))
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-    {
+    for file in files(&instance.directory().join("services")) {
         fs::set_permissions(file, fs::Permissions::from_mode(0o600)).unwrap();
     }
 }
@@ -264,20 +213,9 @@ fn a_service_that_its_maker_died_over_is_made_anew_beside_survivors() {
     let wire = site.wire();
     let _sender = wire.sender::<State>(None).unwrap();
     let _server = wire.swap_server().unwrap();
-    let board = wire.blackboard::<ActiveParameters>("in_force").unwrap();
-    board.put(ActiveParameters {
-        tick: 6,
-        ..ActiveParameters::default()
-    });
-    assert_eq!(
-        survivor
-            .blackboard_reader::<ActiveParameters>("in_force")
-            .unwrap()
-            .unwrap()
-            .get()
-            .tick,
-        6
-    );
+    let board = create(&wire);
+    put(&board, 6);
+    assert_eq!(read(&survivor).get().tick, 6);
 }
 
 #[test]
@@ -285,29 +223,17 @@ fn a_service_that_its_maker_died_over_is_made_anew_beside_survivors() {
 fn a_service_that_is_never_done_is_an_error_that_names_it() {
     let site = Site::new();
     let wire = site.wire();
-    let (_sender, _board) = (
-        wire.sender::<State>(None).unwrap(),
-        wire.blackboard::<ActiveParameters>("in_force").unwrap(),
-    );
+    let (_sender, _board) = (wire.sender::<State>(None).unwrap(), create(&wire));
     put_back_into_the_making(&site.instance);
     let other = site.wire();
-    for (error, what) in [
-        (
-            other.receiver::<State>(LATEST).map(drop).unwrap_err(),
-            "topic `state`",
-        ),
-        (
-            other
-                .blackboard::<ActiveParameters>("in_force")
-                .map(drop)
-                .unwrap_err(),
-            "board `in_force`",
-        ),
-    ] {
-        let said = format!(
+    let topic = other.receiver::<State>(LATEST).map(drop);
+    let board = other.blackboard::<ActiveParameters>("in_force").map(drop);
+    for (opened, what) in [(topic, "topic `state`"), (board, "board `in_force`")] {
+        let error = opened.unwrap_err();
+        let words = format!(
             "cannot open {what}: another process has not made it, or removed it, in 5 s: iceoryx2 says "
         );
-        assert!(error.to_string().starts_with(&said), "{error}");
+        assert!(error.to_string().starts_with(&words), "{error}");
         assert_eq!(error.exit_code(), 1);
     }
     // Who only looks takes it for one that is not there yet.
@@ -324,46 +250,26 @@ fn a_board_is_taken_over_from_killed_writers_while_an_observer_looks_at_it() {
     let site = Site::new();
     // Puts the board up first, so that the observer holds it before the child writes.
     let observer = site.wire();
-    let first = observer.blackboard::<ActiveParameters>("in_force").unwrap();
-    let reader = observer
-        .blackboard_reader::<ActiveParameters>("in_force")
-        .unwrap()
-        .unwrap();
+    let first = create(&observer);
+    let reader = read(&observer);
     drop(first);
     for round in 10..10 + SHEETS - 1 {
         hold_everything_and_be_killed(&site.instance);
-        assert_eq!(
-            reader.get().tick,
-            5,
-            "what the killed one wrote last, in round {round}"
-        );
+        assert_eq!(reader.get().tick, 5);
         let wire = site.wire();
         assert_eq!(wire.cleaned, 1);
-        let board = wire.blackboard::<ActiveParameters>("in_force").unwrap();
+        let board = create(&wire);
         assert_eq!(reader.get().tick, 5, "until its successor writes");
         for tick in [round, 1000 * round] {
-            board.put(ActiveParameters {
-                tick,
-                ..ActiveParameters::default()
-            });
+            put(&board, tick);
             assert_eq!(reader.get().tick, tick);
-            assert_eq!(
-                wire.blackboard_reader::<ActiveParameters>("in_force")
-                    .unwrap()
-                    .unwrap()
-                    .get()
-                    .tick,
-                tick
-            );
+            assert_eq!(read(&wire).get().tick, tick);
         }
         // Its successor may leave in order, and the one after that finds the board as it was left.
         drop(board);
-        let board = wire.blackboard::<ActiveParameters>("in_force").unwrap();
+        let board = create(&wire);
         assert_eq!(reader.get().tick, 1000 * round);
-        board.put(ActiveParameters {
-            tick: 1,
-            ..ActiveParameters::default()
-        });
+        put(&board, 1);
         assert_eq!(reader.get().tick, 1);
     }
     // Its sheets are used up; the error is not one of another build, and the observer's leaving heals it.
@@ -375,7 +281,7 @@ fn a_board_is_taken_over_from_killed_writers_while_an_observer_looks_at_it() {
         .unwrap_err();
     assert!(matches!(error, Error::Wire { .. }), "{error}");
     drop((reader, observer));
-    wire.blackboard::<ActiveParameters>("in_force").unwrap();
+    create(&wire);
 }
 
 #[test]
@@ -385,10 +291,7 @@ fn what_a_living_process_holds_is_never_cleaned() {
     let had = segments(&site.instance);
     assert_eq!(site.wire().cleaned, 0);
     assert_eq!(segments(&site.instance), had);
-    assert_eq!(
-        site.instance.remove_leftovers().unwrap(),
-        Vec::<PathBuf>::new()
-    );
+    assert!(site.instance.remove_leftovers().unwrap().is_empty());
     assert_eq!(segments(&site.instance), had);
     drop(everything);
 }
@@ -399,22 +302,10 @@ fn shared_memory_is_found_and_removed_also_when_somebody_has_removed_the_directo
     hold_everything_and_be_killed(&site.instance);
     let left = segments(&site.instance);
     fs::remove_dir_all(site.instance.directory()).unwrap();
-    assert_eq!(
-        site.instance
-            .leftovers()
-            .into_iter()
-            .collect::<BTreeSet<_>>(),
-        left
-    );
+    let set = |paths: Vec<PathBuf>| BTreeSet::from_iter(paths);
+    assert_eq!(set(site.instance.leftovers()), left);
     assert!(!site.instance.directory().exists());
-    assert_eq!(
-        site.instance
-            .remove_leftovers()
-            .unwrap()
-            .into_iter()
-            .collect::<BTreeSet<_>>(),
-        left
-    );
+    assert_eq!(set(site.instance.remove_leftovers().unwrap()), left);
     assert_eq!(segments(&site.instance), BTreeSet::new());
     assert!(!site.instance.directory().exists());
 }

@@ -1,62 +1,40 @@
 //! Locks: one process per role, known by its process number, released when it dies.
 
-use std::fs::File;
-use std::process::Command;
+use std::fs::{self, File};
+use std::process::{self, Command};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
 
-use ::ipc::error::Error;
-use ::ipc::instance::Instance;
+use ipc::instance::Instance;
 use messages::role::{ROLES, Role};
 use rustix::fs::{FlockOperation, flock};
 
 use crate::Site;
 
 #[test]
-fn the_second_to_lock_a_role_is_told_who_has_it() {
+fn a_role_has_one_process_which_the_error_names() {
     let site = Site::new();
     let instance = &site.instance;
+    let pid = || instance.pid_of(Role::Plant);
+    let is_free = || !instance.is_occupied(Role::Plant) && !instance.is_alive();
     instance.prepare().unwrap();
-    assert!(!instance.is_occupied(Role::Plant) && !instance.is_alive());
+    assert!(is_free());
     let lock = instance.lock(Role::Plant).unwrap();
+    let (us, words) = (process::id(), "instance `test` already has a running plant");
     let error = instance.lock(Role::Plant).unwrap_err();
     assert_eq!(error.exit_code(), 5);
-    match error {
-        Error::Occupied {
-            instance,
-            role,
-            pid,
-        } => {
-            assert_eq!((instance.as_str(), role.as_str()), ("test", "plant"));
-            assert_eq!(pid, Some(std::process::id()));
-        }
-        other => panic!("{other}"),
-    }
+    assert_eq!(error.to_string(), format!("{words} (process {us})"));
     assert!(instance.is_occupied(Role::Plant) && instance.is_alive());
-    assert_eq!(
-        (instance.pid_of(Role::Plant), instance.pid_of(Role::Mixer)),
-        (Some(std::process::id()), None)
-    );
+    assert_eq!((pid(), instance.pid_of(Role::Mixer)), (Some(us), None));
+    // A process that has not yet written its number has the role all the same.
+    fs::write(instance.directory().join("plant.lock"), "").unwrap();
+    assert_eq!(pid(), None);
+    assert_eq!(instance.lock(Role::Plant).unwrap_err().to_string(), words);
     drop(lock);
-    assert!(!instance.is_occupied(Role::Plant) && !instance.is_alive());
-    assert_eq!(
-        instance.pid_of(Role::Plant),
-        None,
-        "the number that is left in the file is nobody's"
-    );
-    instance.lock(Role::Plant).unwrap();
-}
-
-#[test]
-fn a_role_whose_process_has_not_yet_written_its_number_is_taken_all_the_same() {
-    let site = Site::new();
-    site.instance.prepare().unwrap();
-    let _lock = site.instance.lock(Role::Plant).unwrap();
-    std::fs::write(site.instance.directory().join("plant.lock"), "").unwrap();
-    assert_eq!(site.instance.pid_of(Role::Plant), None);
-    let error = site.instance.lock(Role::Plant).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "instance `test` already has a running plant"
-    );
+    assert!(is_free());
+    drop(instance.lock(Role::Plant).unwrap());
+    assert_eq!(pid(), None, "the number in the file of a free lock");
 }
 
 #[test]
@@ -67,7 +45,7 @@ fn a_lock_that_outlives_its_process_is_said_to_be_another_ones() {
     let mut ended = Command::new("true").spawn().unwrap();
     ended.wait().unwrap();
     let path = site.instance.directory().join("inner.lock");
-    std::fs::write(&path, format!("{}\n", ended.id())).unwrap();
+    fs::write(&path, format!("{}\n", ended.id())).unwrap();
     let kept = File::open(&path).unwrap();
     flock(&kept, FlockOperation::NonBlockingLockExclusive).unwrap();
     let error = site.instance.lock(Role::Inner).unwrap_err();
@@ -108,36 +86,22 @@ fn roles_instances_and_the_launcher_lock_side_by_side() {
 }
 
 #[test]
-fn a_lock_survives_the_removal_of_leftovers() {
-    let site = Site::new();
-    site.instance.prepare().unwrap();
-    let _lock = site.instance.lock(Role::Mixer).unwrap();
-    assert_eq!(
-        site.instance.remove_leftovers().unwrap(),
-        Vec::<std::path::PathBuf>::new(),
-        "it is alive"
-    );
-    assert!(site.instance.is_occupied(Role::Mixer));
-    assert!(site.instance.lock(Role::Mixer).is_err());
-}
-
-#[test]
 fn looking_whether_a_role_is_taken_never_keeps_a_process_from_taking_it() {
     let site = Site::new();
     site.instance.prepare().unwrap();
-    let done = std::sync::atomic::AtomicBool::new(false);
-    let refused = std::thread::scope(|scope| {
+    let done = AtomicBool::new(false);
+    let refused = thread::scope(|scope| {
         for _ in 0..2 {
             scope.spawn(|| {
-                while !done.load(std::sync::atomic::Ordering::Relaxed) {
+                while !done.load(Ordering::Relaxed) {
                     let _ = site.instance.is_occupied(Role::Outer);
                     // Far more often than anybody looks, but not without a break.
-                    std::thread::sleep(std::time::Duration::from_micros(100));
+                    thread::sleep(Duration::from_micros(100));
                 }
             });
         }
         let refused = (0..2000).find_map(|_| site.instance.lock(Role::Outer).err());
-        done.store(true, std::sync::atomic::Ordering::Relaxed);
+        done.store(true, Ordering::Relaxed);
         refused
     });
     assert!(refused.is_none(), "{}", refused.unwrap());
@@ -146,7 +110,7 @@ fn looking_whether_a_role_is_taken_never_keeps_a_process_from_taking_it() {
 #[test]
 fn threads_of_a_process_prepare_an_instance_side_by_side() {
     let site = Site::new();
-    std::thread::scope(|scope| {
+    thread::scope(|scope| {
         for _ in 0..4 {
             scope.spawn(|| (0..500).for_each(|_| site.instance.prepare().unwrap()));
         }
@@ -169,6 +133,8 @@ fn a_root_path_has_many_spellings_and_one_instance() {
         assert_eq!(other.directory(), site.instance.directory(), "{spelling}");
         assert_eq!(other.prefix(), site.instance.prefix(), "{spelling}");
     }
+    let missing = site.root().join("none/../a");
+    assert!(Instance::under(&missing, "test").is_err());
     // Also one that is made later.
     let later = |spelling: &str| Instance::under(&site.root().join(spelling), "test").unwrap();
     let (one, other) = (later("a/b"), later("link/a//b/"));
@@ -184,11 +150,11 @@ fn a_root_path_has_many_spellings_and_one_instance() {
 #[test]
 fn a_lock_that_was_taken_is_held_also_while_leftovers_are_removed() {
     let site = Site::new();
-    let done = std::sync::atomic::AtomicBool::new(false);
-    let lost = std::thread::scope(|scope| {
+    let done = AtomicBool::new(false);
+    let lost = thread::scope(|scope| {
         for _ in 0..2 {
             scope.spawn(|| {
-                while !done.load(std::sync::atomic::Ordering::Relaxed) {
+                while !done.load(Ordering::Relaxed) {
                     site.instance.remove_leftovers().unwrap();
                 }
             });
@@ -207,7 +173,7 @@ fn a_lock_that_was_taken_is_held_also_while_leftovers_are_removed() {
             drop(lock);
             (!is_seen).then(|| format!("round {round}: the lock is held, and the role is free"))
         });
-        done.store(true, std::sync::atomic::Ordering::Relaxed);
+        done.store(true, Ordering::Relaxed);
         lost
     });
     assert_eq!(lost, None);

@@ -1,36 +1,27 @@
-//! The wire over real shared memory: topics, boards, doorbells, swaps, locks.
+//! `ipc` over real shared memory: topics, blackboards, wake-up events, parameter changes, locks.
 //!
 //! Every test has its own root path and thus its own instance. The tests run in parallel with each other and with a
 //! flight.
 
 #![allow(clippy::unwrap_used, reason = "in a test, a panic is the verdict")]
+#![allow(unsafe_code, reason = "bits are flipped in memory")]
 
 mod blackboards;
 mod common;
-mod damage;
-mod doorbells;
 mod forgeries;
+#[path = "common/forgery.rs"]
+mod forgery;
 mod locks;
 mod ownership;
-mod relays;
-mod swaps;
+mod parameter_requests;
 mod topics;
+mod wake_events;
 
-use ::ipc::error::Error;
-use iceoryx2::prelude::{Node, NodeBuilder, SignalHandlingMode, ipc};
+use ipc::error::Error;
 
-use common::{EPOCH, EXPECTED, Site};
+use common::Site;
 
-/// A node of the middleware without our manners.
-fn node(site: &Site) -> Node<ipc::Service> {
-    NodeBuilder::new()
-        .config(&site.instance.config().unwrap())
-        .signal_handling_mode(SignalHandlingMode::Disabled)
-        .create()
-        .unwrap()
-}
-
-/// What another build has made must be refused as such, by name.
+/// What another build has made is refused by name.
 fn assert_incompatible<T>(result: Result<T, Error>, what: &str) {
     let error = result.map(drop).unwrap_err();
     assert!(matches!(error, Error::Incompatible { .. }), "{error}");

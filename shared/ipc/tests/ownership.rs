@@ -1,6 +1,4 @@
-//! What others can reach is not used: links, foreign directories and files, modes.
-//!
-//! Locks that are kept are tested here too.
+//! What others can reach is not used: links, foreign directories and files, modes. Locks that are kept end a start.
 
 use std::fs::{self, File, Permissions};
 use std::io::Write as _;
@@ -21,6 +19,7 @@ use crate::Site;
 
 const NOBODY: u32 = 65534;
 const HANGS: Duration = Duration::from_secs(60);
+const LINK: &str = "it is a symbolic link";
 
 fn mode(path: &Path) -> u32 {
     path.symlink_metadata().unwrap().permissions().mode() & 0o7777
@@ -30,33 +29,45 @@ fn set_mode(path: &Path, mode: u32) {
     fs::set_permissions(path, Permissions::from_mode(mode)).unwrap();
 }
 
-/// Gives a path to another user; says aloud where that is not possible.
-fn give_away(path: &Path) -> bool {
-    let given = chown(path, Some(NOBODY), Some(NOBODY)).is_ok();
-    if !given {
-        writeln!(
-            std::io::stderr().lock(),
-            "skipped: only root gives {} away",
-            path.display()
-        )
-        .unwrap();
-    }
-    given
+fn entries(directory: &Path) -> impl Iterator<Item = PathBuf> {
+    let entries = fs::read_dir(directory).unwrap();
+    entries.map(|entry| entry.unwrap().path())
 }
 
-fn bells(instance: &Instance) -> PathBuf {
+/// Gives a path to another user; false, and a message, if this user cannot.
+fn give_away(path: &Path) -> bool {
+    let is_given = chown(path, Some(NOBODY), Some(NOBODY)).is_ok();
+    if !is_given {
+        let path = path.display();
+        writeln!(std::io::stderr(), "skipped: only root gives {path} away").unwrap();
+    }
+    is_given
+}
+
+fn lock_file(instance: &Instance, name: &str) -> PathBuf {
+    instance.directory().join(format!("{name}.lock"))
+}
+
+fn page(instance: &Instance) -> PathBuf {
     Path::new(SHARED_MEMORY).join(format!("{}bells", instance.prefix()))
 }
 
 /// Demands a usage error that says why a path is not used, and what to do.
 fn assert_refused<T>(result: Result<T, Error>, path: &Path, why: &str) {
     let error = result.map(drop).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        format!("{} is not used: {why}", path.display())
-    );
+    let expected = format!("{} is not used: {why}", path.display());
+    assert_eq!(error.to_string(), expected);
     assert_eq!(error.exit_code(), 2, "{error}");
     assert!(error.remedy().unwrap().contains("IRONBIRD_ROOT"), "{error}");
+}
+
+/// Demands that the page is named, after its removal.
+fn assert_page_refused(instance: &Instance) {
+    let refused = Wire::open(instance).map(drop);
+    fs::remove_file(page(instance)).unwrap();
+    let error = refused.unwrap_err().to_string();
+    let expected = format!("{} is not used", page(instance).display());
+    assert!(error.starts_with(&expected), "{error}");
 }
 
 #[test]
@@ -68,127 +79,96 @@ fn nothing_is_opened_through_a_link() {
     let is_whole = || assert_eq!(fs::read_to_string(&victim).unwrap(), "root:secret");
     instance.prepare().unwrap();
     for role in ["plant", "fly", "in_use"] {
-        let lock = instance.directory().join(format!("{role}.lock"));
+        let lock = lock_file(instance, role);
         let _ = fs::remove_file(&lock);
         symlink(&victim, &lock).unwrap();
-        let why = "it is a symbolic link";
         match role {
-            "plant" => assert_refused(instance.lock(Role::Plant), &lock, why),
-            "fly" => assert_refused(instance.lock_launcher(), &lock, why),
-            _ => assert_refused(Wire::open(instance), &lock, why),
+            "plant" => assert_refused(instance.lock(Role::Plant), &lock, LINK),
+            "fly" => assert_refused(instance.lock_launcher(), &lock, LINK),
+            _ => assert_refused(Wire::open(instance), &lock, LINK),
         }
         assert!(!instance.is_occupied(Role::Plant));
         is_whole();
         fs::remove_file(&lock).unwrap();
     }
-    let page = bells(instance);
-    symlink(&victim, &page).unwrap();
-    let refused = Wire::open(instance);
-    fs::remove_file(&page).unwrap();
-    assert!(
-        refused
-            .map(drop)
-            .unwrap_err()
-            .to_string()
-            .starts_with(&format!("{} is not used", page.display()))
-    );
+    symlink(&victim, page(instance)).unwrap();
+    assert_page_refused(instance);
     is_whole();
 
     let elsewhere = Site::new();
-    fs::create_dir(elsewhere.root().join("private")).unwrap();
+    let private = elsewhere.root().join("private");
+    fs::create_dir(&private).unwrap();
     let linked = Instance::under(site.root(), "linked").unwrap();
-    symlink(elsewhere.root().join("private"), linked.directory()).unwrap();
-    assert_refused(
-        linked.prepare(),
-        &linked.directory(),
-        "it is a symbolic link",
-    );
-    assert!(
-        fs::read_dir(elsewhere.root().join("private"))
-            .unwrap()
-            .next()
-            .is_none()
-    );
+    symlink(&private, linked.directory()).unwrap();
+    assert_refused(linked.prepare(), &linked.directory(), LINK);
+    assert!(entries(&private).next().is_none());
 }
 
 #[test]
 fn what_others_may_write_is_not_used() {
     let site = Site::new();
     let instance = &site.instance;
+    let (directory, page) = (instance.directory(), page(instance));
     let others_may = |mode: u32| format!("others may write it: its mode is {mode:04o}");
     for mode in [0o770, 0o777] {
-        fs::create_dir_all(instance.directory()).unwrap();
-        set_mode(&instance.directory(), mode);
-        assert_refused(instance.prepare(), &instance.directory(), &others_may(mode));
-        assert_refused(
-            Wire::open(instance),
-            &instance.directory(),
-            &others_may(mode),
-        );
-        assert!(fs::read_dir(instance.directory()).unwrap().next().is_none());
+        fs::create_dir_all(&directory).unwrap();
+        set_mode(&directory, mode);
+        assert_refused(instance.prepare(), &directory, &others_may(mode));
+        assert_refused(Wire::open(instance), &directory, &others_may(mode));
+        assert!(entries(&directory).next().is_none());
     }
-    fs::remove_dir(instance.directory()).unwrap();
-    // A root that everybody may write is good enough where nobody may exchange what another has made, as in /tmp.
+    fs::remove_dir(&directory).unwrap();
+    // A root that everybody may write is good enough if nobody may replace what another user has made, as in /tmp.
     set_mode(site.root(), 0o777);
     assert_refused(instance.prepare(), site.root(), &others_may(0o777));
     set_mode(site.root(), 0o1777);
     instance.prepare().unwrap();
     set_mode(site.root(), 0o755);
-    let lock = instance.directory().join("plant.lock");
+    let lock = lock_file(instance, "plant");
     fs::write(&lock, "").unwrap();
     set_mode(&lock, 0o666);
     assert_refused(instance.lock(Role::Plant), &lock, &others_may(0o666));
     fs::remove_file(&lock).unwrap();
-    fs::write(bells(instance), "").unwrap();
-    set_mode(&bells(instance), 0o666);
-    // Nobody uses it, so that it goes as a leftover.
+    fs::write(&page, "").unwrap();
+    set_mode(&page, 0o666);
+    // Nobody uses it, so it is removed as a leftover.
     drop(Wire::open(instance).unwrap());
-    let wire = Wire::open(instance).unwrap();
-    set_mode(&bells(instance), 0o666);
-    assert_refused(Wire::open(instance), &bells(instance), &others_may(0o666));
-    drop(wire);
+    let _wire = Wire::open(instance).unwrap();
+    set_mode(&page, 0o666);
+    assert_refused(Wire::open(instance), &page, &others_may(0o666));
 }
 
 #[test]
 fn what_belongs_to_another_user_is_not_used() {
     let site = Site::new();
     let instance = &site.instance;
+    let directory = instance.directory();
     let user = rustix::process::geteuid().as_raw();
     let theirs = format!("it belongs to user {NOBODY}, and this process is user {user}");
-    fs::create_dir(instance.directory()).unwrap();
-    if !give_away(&instance.directory()) {
+    fs::create_dir(&directory).unwrap();
+    if !give_away(&directory) {
         return;
     }
-    assert_refused(instance.prepare(), &instance.directory(), &theirs);
-    assert_eq!(instance.remove_leftovers().unwrap(), Vec::<PathBuf>::new());
-    assert!(instance.directory().exists());
-    fs::remove_dir(instance.directory()).unwrap();
+    assert_refused(instance.prepare(), &directory, &theirs);
+    assert!(instance.remove_leftovers().unwrap().is_empty());
+    fs::remove_dir(&directory).unwrap();
 
     give_away(site.root());
     assert_refused(instance.prepare(), site.root(), &theirs);
-    assert!(!instance.directory().exists());
+    assert!(!directory.exists());
     chown(site.root(), Some(user), None).unwrap();
 
     instance.prepare().unwrap();
-    let lock = instance.directory().join("plant.lock");
+    let lock = lock_file(instance, "plant");
     fs::write(&lock, "").unwrap();
     give_away(&lock);
     assert_refused(instance.lock(Role::Plant), &lock, &theirs);
     instance.remove_leftovers().unwrap();
-    assert!(lock.exists(), "another user's file stays");
-    fs::remove_file(&lock).unwrap();
+    fs::remove_file(&lock).expect("another user's file stays");
 
-    fs::write(bells(instance), "").unwrap();
-    give_away(&bells(instance));
-    let refused = Wire::open(instance).map(drop);
-    fs::remove_file(bells(instance)).unwrap();
-    let error = refused.unwrap_err();
-    assert!(
-        error
-            .to_string()
-            .starts_with(&format!("{} is not used", bells(instance).display())),
-        "{error}"
-    );
+    fs::write(page(instance), "").unwrap();
+    give_away(&page(instance));
+    assert_page_refused(instance);
 }
 
 #[test]
@@ -198,84 +178,61 @@ fn what_an_instance_makes_is_its_users_alone() {
     instance.prepare().unwrap();
     let _lock = instance.lock(Role::Plant).unwrap();
     let wire = site.wire();
-    let _ports = (
-        wire.sender::<State>(None).unwrap(),
-        wire.receiver::<RotorSpeeds>(LATEST).unwrap(),
-    );
+    let _sender = wire.sender::<State>(None).unwrap();
+    let _receiver = wire.receiver::<RotorSpeeds>(LATEST).unwrap();
     let _board = wire.blackboard::<ActiveParameters>("in_force").unwrap();
     assert_eq!(mode(&instance.directory()), 0o700);
-    for entry in fs::read_dir(instance.directory())
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-    {
-        // The middleware's own directories can be listed by others, who do not come so far.
-        assert!(
-            entry.is_dir() || mode(&entry) == 0o600,
-            "{}: {:o}",
-            entry.display(),
-            mode(&entry)
-        );
-        assert_eq!(mode(&entry) & 0o022, 0, "{}", entry.display());
+    for entry in entries(&instance.directory()) {
+        let (name, mode) = (entry.display(), mode(&entry));
+        // The middleware's own directories can be listed by others, but others cannot reach them.
+        assert!(entry.is_dir() || mode == 0o600, "{name}: {mode:o}");
+        assert_eq!(mode & 0o022, 0, "{name}");
     }
     let prefix = instance.prefix();
-    for entry in fs::read_dir(SHARED_MEMORY)
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-    {
+    for entry in entries(Path::new(SHARED_MEMORY)) {
         let name = entry.file_name().unwrap().to_str().unwrap();
-        if name.starts_with(&prefix) {
-            assert_eq!(mode(&entry), 0o600, "{name}");
-        }
+        assert!(
+            !name.starts_with(&prefix) || mode(&entry) == 0o600,
+            "{name}"
+        );
     }
 }
 
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_lock_that_somebody_keeps_is_an_error_and_no_wait_for_ever() {
-    let keep = |path: &Path| {
-        let kept = File::open(path).unwrap();
-        flock(&kept, FlockOperation::NonBlockingLockExclusive).unwrap();
-        kept
-    };
     let sites = [Site::new(), Site::new(), Site::new()];
-    let mut kept = Vec::new();
-    let (said, heard) = mpsc::channel();
-    let [directory, in_use, page] = [&sites[0], &sites[1], &sites[2]].map(|site| {
+    let [directory, in_use, paged] = [&sites[0], &sites[1], &sites[2]].map(|site| {
         drop(site.wire());
         &site.instance
     });
-    let in_use_lock = |instance: &Instance| instance.directory().join("in_use.lock");
     // Somebody uses the memory, so that the page is no leftover.
-    let user = File::open(in_use_lock(page)).unwrap();
+    let user = File::open(lock_file(paged, "in_use")).unwrap();
     flock(&user, FlockOperation::NonBlockingLockShared).unwrap();
-    fs::write(bells(page), "").unwrap();
-    set_mode(&bells(page), 0o600);
+    fs::write(page(paged), "").unwrap();
+    set_mode(&page(paged), 0o600);
+    let (send, receive) = mpsc::channel();
+    let mut kept = Vec::new();
     for (instance, path) in [
         (directory, directory.directory()),
-        (in_use, in_use_lock(in_use)),
-        (page, bells(page)),
+        (in_use, lock_file(in_use, "in_use")),
+        (paged, page(paged)),
     ] {
-        kept.push(keep(&path));
-        let (instance, said) = (instance.clone(), said.clone());
+        let file = File::open(&path).unwrap();
+        flock(&file, FlockOperation::NonBlockingLockExclusive).unwrap();
+        kept.push(file);
+        let (instance, send) = (instance.clone(), send.clone());
         std::thread::spawn(move || {
-            let error = Wire::open(&instance)
-                .map(drop)
-                .map_err(|e| (e.to_string(), e.exit_code(), e.remedy()));
-            said.send((path, error))
+            let opened = Wire::open(&instance).map(drop);
+            send.send((path, opened.unwrap_err()))
         });
     }
     for _ in &sites {
-        let (path, result) = heard.recv_timeout(HANGS).expect("it waits for ever");
+        let (path, error) = receive.recv_timeout(HANGS).expect("it waits for ever");
         let path = path.display();
-        let (words, exit_code, remedy) = result.unwrap_err();
-        assert_eq!(
-            (words, exit_code),
-            (format!("another process has locked {path} for 5 s"), 5)
-        );
-        assert_eq!(
-            remedy.unwrap(),
-            format!("`fuser -v {path}` names the process")
-        );
+        let words = format!("another process has locked {path} for 5 s");
+        assert_eq!((error.to_string(), error.exit_code()), (words, 5));
+        let remedy = format!("`fuser -v {path}` names the process");
+        assert_eq!(error.remedy().unwrap(), remedy);
     }
-    drop((kept, user));
 }

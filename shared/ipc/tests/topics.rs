@@ -1,22 +1,21 @@
-//! Topics: newest message for loops, every message for the recorder, one sender.
-//!
-//! All messages of a topic have one layout.
+//! Topics: the newest message for loops, every message for the recorder, one sender; relays for observers.
 
-use ::ipc::error::Error;
-use ::ipc::instance::Instance;
-use ::ipc::sys::Sealed;
-use ::ipc::{DEEP, LATEST, Receiver, Sender, Wire};
 use iceoryx2::prelude::AttributeSpecifier;
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
-use messages::content::Measured;
-use messages::content::{NO_TICK, Setpoint, State, Wrench};
+use ipc::error::Error;
+use ipc::instance::Instance;
+use ipc::sys::Sealed;
+use ipc::{DEEP, LATEST, OBSERVED, OBSERVERS, Receiver, Sender, Wire};
+use messages::content::{Measured, NO_TICK, Setpoint, State, Wrench};
 use messages::header::{Header, Message};
+use messages::inspection::Expected;
 use messages::role::Role;
 use messages::topic::Topic;
 
-use crate::{EPOCH, EXPECTED, Site, assert_incompatible, node};
+use crate::common::{EPOCH, EXPECTED};
+use crate::forgery::node;
+use crate::{Site, assert_incompatible};
 
-/// A state that is known again by its number.
 fn state(number: u64) -> State {
     State {
         measured: Measured {
@@ -61,24 +60,13 @@ fn a_loop_has_the_newest_message_and_no_other() {
     assert_eq!(receiver.take(0).unwrap(), NO_TICK);
     assert!(!receiver.has_any());
     send(&mut sender, 0..5);
-    let mut ticks = Vec::new();
-    receiver
-        .drain(4, |message| ticks.push(message.envelope.tick))
-        .unwrap();
-    assert_eq!(
-        ticks,
-        [4],
-        "four were overwritten before they were looked at"
-    );
+    assert_eq!(drain(&mut receiver), [4], "four were overwritten");
     assert!(receiver.has_any());
-    assert_eq!(
-        (receiver.dated().tick, receiver.dated().content),
-        (4, state(4))
-    );
+    assert_eq!(receiver.dated().content, state(4));
     assert_eq!(
         receiver.take(4).unwrap(),
         4,
-        "nothing new: the newest stays"
+        "without news the newest stays"
     );
     send(&mut sender, 5..6);
     assert_eq!(receiver.take(5).unwrap(), 5);
@@ -87,7 +75,7 @@ fn a_loop_has_the_newest_message_and_no_other() {
 }
 
 #[test]
-fn a_message_carries_its_origin_and_hands_the_history_on() {
+fn a_message_carries_its_origin_and_the_history_of_its_input() {
     let site = Site::new();
     let wire = site.wire();
     let (mut sender, mut receiver) = connected(&wire, LATEST);
@@ -106,62 +94,37 @@ fn a_message_carries_its_origin_and_hands_the_history_on() {
     sender.send(1, &history, state(1)).unwrap();
     receiver.take(1).unwrap();
     let envelope = receiver.newest().envelope;
-    assert_eq!(
-        (envelope.run_id, envelope.settings, envelope.epoch),
-        (EXPECTED.run_id, EXPECTED.settings, EPOCH)
-    );
-    assert_eq!(
-        (envelope.seq, envelope.tick),
-        (1, 1),
-        "the second message of its sender"
-    );
-    assert_eq!((envelope.sample_ns, envelope.parameter_epoch), (11, 12));
-    assert_eq!(
-        (envelope.input_tick, envelope.previous_busy_ns),
-        ([13, 14, 15], 16)
-    );
+    let mut expected = Header {
+        run_id: EXPECTED.run_id,
+        settings: EXPECTED.settings,
+        epoch: EPOCH,
+        seq: 1,
+        tick: 1,
+        ..history
+    };
+    expected.stamps[Role::Plant as usize] = *envelope.stamps_of(Role::Plant);
+    assert_eq!(envelope, expected);
     assert!(envelope.stamps_of(Role::Plant).send_ns > 0);
-    assert_eq!(
-        envelope.stamps_of(Role::Outer).send_ns,
-        0,
-        "a stage not passed has no stamp"
-    );
 }
 
 #[test]
-fn the_recorder_has_every_message_in_order() {
-    let site = Site::new();
-    let wire = site.wire();
-    let (mut sender, mut receiver) = connected(&wire, DEEP);
-    send(&mut sender, 0..1000);
-    assert_eq!(drain(&mut receiver), (0..1000).collect::<Vec<_>>());
-    send(&mut sender, 1000..1000 + DEEP as u64);
-    assert_eq!(
-        drain(&mut receiver).len(),
-        DEEP,
-        "a buffer of this depth is a full one"
-    );
-    assert_eq!(receiver.rejections().total(), 0);
-}
-
-#[test]
-fn a_recorder_that_sleeps_loses_its_oldest_and_never_blocks_the_sender() {
+fn the_recorder_has_every_message_in_order_and_loses_the_oldest_when_it_sleeps() {
     let site = Site::new();
     let wire = site.wire();
     let (mut sender, mut sleeper) = connected(&wire, DEEP);
     let mut awake = wire.receiver::<State>(LATEST).unwrap();
     awake.arm(EXPECTED).unwrap();
     sender.arm(EXPECTED, EPOCH).unwrap();
-    let sent = 3 * DEEP as u64;
-    // Were the sender to wait for the sleeper, this would never end.
-    for tick in 0..sent {
+    send(&mut sender, 0..1000);
+    assert!(drain(&mut sleeper).into_iter().eq(0..1000));
+    let sent = 1000 + 3 * DEEP as u64;
+    // If the sender waited for the sleeper, this would never end.
+    for tick in 1000..sent {
         send(&mut sender, tick..tick + 1);
         assert_eq!(awake.take(tick).unwrap(), tick);
     }
-    assert_eq!(
-        drain(&mut sleeper),
-        (sent - DEEP as u64..sent).collect::<Vec<_>>()
-    );
+    assert!(drain(&mut sleeper).into_iter().eq(sent - DEEP as u64..sent));
+    assert_eq!(sleeper.rejections().total(), 0);
 }
 
 #[test]
@@ -171,7 +134,7 @@ fn what_was_sent_before_a_run_is_not_seen_in_it() {
     let (mut sender, mut receiver) = connected(&wire, LATEST);
     send(&mut sender, 0..3);
     assert_eq!(receiver.take(2).unwrap(), 2);
-    let next_run = messages::inspection::Expected {
+    let next_run = Expected {
         run_id: 8,
         ..EXPECTED
     };
@@ -179,66 +142,51 @@ fn what_was_sent_before_a_run_is_not_seen_in_it() {
     receiver.arm(next_run).unwrap();
     assert_eq!(receiver.take(2).unwrap(), NO_TICK);
     send(&mut sender, 0..1);
-    assert_eq!(receiver.take(0).unwrap(), 0, "tick and sequence begin anew");
+    assert_eq!(
+        receiver.take(0).unwrap(),
+        0,
+        "tick and sequence start again"
+    );
 }
 
 #[test]
-fn a_topic_has_one_sender() {
+fn a_topic_has_one_sender_and_as_many_receivers_as_it_was_made_for() {
     let site = Site::new();
     let (here, there) = (site.wire(), site.wire());
     let first = here.sender::<State>(None).unwrap();
     for wire in [&here, &there] {
         let error = wire.sender::<State>(None).unwrap_err();
         assert!(matches!(error, Error::Wire { .. }), "{error}");
-        assert!(
-            error.to_string().contains("the sender of topic `state`"),
-            "{error}"
-        );
+        let words = error.to_string();
+        assert!(words.contains("the sender of topic `state`"), "{words}");
     }
     let _other_topic = there.sender::<Setpoint>(None).unwrap();
     drop(first);
     there.sender::<State>(None).unwrap();
-}
 
-#[test]
-fn a_topic_has_as_many_receivers_as_it_was_made_for() {
-    let site = Site::new();
-    let wire = site.wire();
+    let receiver = || here.receiver::<Wrench>(LATEST);
     let _loops: Vec<_> = (0..Wrench::SUBSCRIBERS)
-        .map(|_| wire.receiver::<Wrench>(LATEST).unwrap())
+        .map(|_| receiver().unwrap())
         .collect();
-    let error = wire.receiver::<Wrench>(LATEST).unwrap_err();
-    assert!(matches!(error, Error::Wire { .. }), "{error}");
+    assert!(matches!(receiver().unwrap_err(), Error::Wire { .. }));
 }
 
 #[test]
-fn two_instances_of_one_name_under_two_roots_do_not_hear_each_other() {
+fn instances_of_other_roots_and_names_do_not_receive() {
     let (ours, theirs) = (Site::new(), Site::new());
-    let (our_wire, their_wire) = (ours.wire(), theirs.wire());
-    let (mut sender, mut receiver) = connected(&our_wire, LATEST);
-    let (_sender, mut stranger) = connected(&their_wire, LATEST);
-    send(&mut sender, 0..1);
-    assert_eq!(
-        (receiver.take(0).unwrap(), stranger.take(0).unwrap()),
-        (0, NO_TICK)
-    );
-}
-
-#[test]
-fn another_instance_under_the_same_root_does_not_hear_either() {
-    let site = Site::new();
-    let other = Instance::under(site.root(), "other").unwrap();
+    let beside = Instance::under(ours.root(), "other").unwrap();
     {
-        let (wire, other_wire) = (site.wire(), Wire::open(&other).unwrap());
-        let (mut sender, mut receiver) = connected(&wire, LATEST);
-        let (_sender, mut stranger) = connected(&other_wire, LATEST);
+        let wires = [ours.wire(), theirs.wire(), Wire::open(&beside).unwrap()];
+        let [
+            (mut sender, mut receiver),
+            (_other, mut far),
+            (_third, mut near),
+        ] = [0, 1, 2].map(|i| connected(&wires[i], LATEST));
         send(&mut sender, 0..1);
-        assert_eq!(
-            (receiver.take(0).unwrap(), stranger.take(0).unwrap()),
-            (0, NO_TICK)
-        );
+        let taken = [&mut receiver, &mut far, &mut near].map(|port| port.take(0).unwrap());
+        assert_eq!(taken, [0, NO_TICK, NO_TICK]);
     }
-    other.remove_leftovers().unwrap();
+    beside.remove_leftovers().unwrap();
 }
 
 /// The topic `state` as another build may have it: of the same size, with another meaning.
@@ -278,7 +226,7 @@ fn a_topic_of_the_same_type_with_another_layout_is_incompatible() {
     let layout = AttributeKey::try_from("layout").unwrap();
     let other = AttributeValue::try_from("0123456789abcdef").unwrap();
     let _other_build = site.instance.enter().unwrap();
-    let theirs = node(&site);
+    let theirs = node(&site.instance);
     let _service = theirs
         .service_builder(&"ironbird/test/state".try_into().unwrap())
         .publish_subscribe::<Sealed<Message<State>>>()
@@ -295,46 +243,133 @@ fn a_topic_of_the_same_type_with_another_layout_is_incompatible() {
 fn a_topic_that_is_full_of_processes_is_not_called_incompatible() {
     let site = Site::new();
     let wire = site.wire();
-    let topic = wire.sender::<State>(None).unwrap();
-    let crowd: Vec<_> = (1..28)
-        .map(|_| {
-            node(&site)
-                .service_builder(&"ironbird/test/state".try_into().unwrap())
-                .publish_subscribe::<Sealed<Message<State>>>()
-                .open()
-                .unwrap()
-        })
-        .collect();
+    let _topic = wire.sender::<State>(None).unwrap();
+    let open = |_| {
+        node(&site.instance)
+            .service_builder(&"ironbird/test/state".try_into().unwrap())
+            .publish_subscribe::<Sealed<Message<State>>>()
+            .open()
+            .unwrap()
+    };
+    let crowd: Vec<_> = (1..28).map(open).collect();
     let latecomer = site.wire();
     let error = latecomer.receiver::<State>(LATEST).unwrap_err();
     assert!(matches!(error, Error::Wire { .. }), "{error}");
     drop(crowd);
     latecomer.receiver::<State>(LATEST).unwrap();
-    drop(topic);
 }
 
 #[test]
-fn the_clock_is_looked_at_when_a_message_is_there_and_not_before() {
+fn the_clock_is_read_when_a_message_is_there_and_not_before() {
     let site = Site::new();
     let wire = site.wire();
-    let mut receiver = wire.receiver::<State>(DEEP).unwrap();
-    let mut sender = wire.sender::<State>(None).unwrap();
-    receiver.arm(EXPECTED).unwrap();
-    sender.arm(EXPECTED, EPOCH).unwrap();
+    let (mut sender, mut receiver) = connected(&wire, DEEP);
     let looks = std::cell::Cell::new(0);
-    // A clock that stands for the machine: each look finds it a tick further on.
+    // Each look finds the clock a tick further on.
     let clock = || {
         looks.set(looks.get() + 1);
         looks.get()
     };
     assert_eq!((receiver.take(clock).unwrap(), looks.get()), (NO_TICK, 0));
-    for tick in 1..=3 {
-        sender.send(tick, &Header::new(), State::default()).unwrap();
-    }
-    assert_eq!(
-        receiver.take(clock).unwrap(),
-        3,
-        "each was there when its tick had begun"
-    );
+    send(&mut sender, 1..4);
+    assert_eq!(receiver.take(clock).unwrap(), 3);
     assert_eq!((looks.get(), receiver.rejections().total()), (3, 0));
+}
+
+/// A message of the plant's, as the recorder has it.
+fn message(tick: u64) -> Message<State> {
+    let mut envelope = Header {
+        run_id: EXPECTED.run_id,
+        settings: EXPECTED.settings,
+        epoch: EPOCH,
+        seq: tick,
+        tick,
+        sample_ns: 1_000 * tick,
+        previous_busy_ns: 16,
+        ..Header::new()
+    };
+    envelope.stamps[0].send_ns = 1_000 * tick + 5;
+    Message {
+        envelope,
+        content: state(tick),
+    }
+}
+
+fn observer(wire: &Wire) -> Receiver<State> {
+    let mut observer = wire.observer().unwrap();
+    observer.arm(EXPECTED).unwrap();
+    observer
+}
+
+#[test]
+fn observers_get_what_is_relayed_from_when_they_joined() {
+    let site = Site::new();
+    let (wire, elsewhere) = (site.wire(), site.wire());
+    let relay = wire.relay().unwrap();
+    let pass_on = |tick| relay.pass_on(&message(tick)).unwrap();
+    (0..3).for_each(pass_on);
+    let mut first = observer(&elsewhere);
+    (3..5).for_each(pass_on);
+    let mut second = observer(&elsewhere);
+    (5..7).for_each(pass_on);
+    assert_eq!(drain(&mut first), [3, 4, 5, 6]);
+    assert_eq!(drain(&mut second), [5, 6]);
+    assert_eq!(second.newest(), &message(6), "with header and stamps");
+    drop(first);
+    pass_on(7);
+    assert_eq!(drain(&mut second), [7]);
+    let error = elsewhere.relay::<State>().unwrap_err().to_string();
+    assert!(error.contains("the relay of topic `state`"), "{error}");
+}
+
+#[test]
+fn an_observer_that_sleeps_loses_the_oldest_and_holds_nobody_up() {
+    let site = Site::new();
+    let wire = site.wire();
+    let relay = wire.relay().unwrap();
+    let (mut sleeper, mut awake) = (observer(&wire), observer(&wire));
+    let sent = 3 * OBSERVED as u64;
+    for tick in 0..sent {
+        relay.pass_on(&message(tick)).unwrap();
+        assert_eq!(drain(&mut awake), [tick]);
+    }
+    assert!(
+        drain(&mut sleeper)
+            .into_iter()
+            .eq(sent - OBSERVED as u64..sent)
+    );
+}
+
+#[test]
+fn one_observer_too_many_gets_a_remedy_and_later_the_place_of_one_that_left() {
+    let site = Site::new();
+    let wire = site.wire();
+    let mut crowd: Vec<_> = (0..OBSERVERS).map(|_| observer(&wire)).collect();
+    let error = wire.observer::<State>().unwrap_err();
+    assert!(matches!(error, Error::Crowded { .. }), "{error}");
+    assert_eq!(error.exit_code(), 5);
+    assert!(error.remedy().unwrap().contains("ironbird watch"));
+    crowd.pop();
+    observer(&wire);
+}
+
+#[test]
+fn what_an_observer_uses_is_not_removed() {
+    let site = Site::new();
+    let wire = site.wire();
+    let mut observer = observer(&wire);
+    assert!(!site.instance.is_alive(), "no role of it lives");
+    assert!(site.instance.remove_leftovers().unwrap().is_empty());
+    let relay = site.wire().relay().unwrap();
+    relay.pass_on(&message(1)).unwrap();
+    assert_eq!(
+        drain(&mut observer),
+        [1],
+        "from the recorder of the next flight"
+    );
+    drop((observer, relay, wire));
+    let removed = site.instance.remove_leftovers().unwrap();
+    assert!(removed.contains(&site.instance.directory()), "{removed:?}");
+    // The next process makes everything anew.
+    drop(site.wire());
 }

@@ -112,7 +112,6 @@ thread_local! {
     static IS_IN: Cell<bool> = const { Cell::new(false) };
 }
 
-/// The call that the calling thread is in.
 pub(crate) fn call() -> Option<Call> {
     IS_IN.get().then(|| CALL.get())
 }

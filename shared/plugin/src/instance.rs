@@ -10,8 +10,8 @@ use std::ptr;
 use std::sync::atomic::Ordering;
 
 use control_api::description::{Refused, Setting, Settings};
-use control_api::law::{Desired, Rig, WrenchSetpoint};
-use control_api::registry::{AnyInner, AnyMixer, AnyOuter, Made};
+use control_api::law::{CopyState, Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
+use control_api::registry::Made;
 use ironbird_law::abi::{
     IRONBIRD_NEVER, IronbirdInnerInput, IronbirdMixerInput, IronbirdOuterInput,
     IronbirdRotorSpeeds, IronbirdValue,
@@ -25,7 +25,6 @@ use crate::Library;
 use crate::call::Call;
 use crate::loader::Refusal;
 
-/// An instance of a library's law.
 struct Instance {
     library: &'static Library,
     /// What `create` gave; NULL for the twin of a law that is not rehearsed.
@@ -47,63 +46,45 @@ impl Drop for Instance {
 
 impl Library {
     /// The law and its role in words, with its file.
-    #[must_use]
     pub const fn words(&self) -> &'static str {
         self.words
     }
 
-    #[must_use]
     pub const fn is_rehearsed(&self) -> bool {
         self.table.copy_into.is_some()
     }
 
-    /// The outer law before tick 0.
     pub fn outer(
         &'static self,
         rig: &Rig,
         settings: &Settings,
-    ) -> Result<Made<dyn AnyOuter>, Refused> {
-        let (law, twin) = self.instances(rig, settings)?;
-        Ok(Made {
-            law,
-            twin,
-            signals: self.description.telemetry.len(),
-        })
+    ) -> Result<Made<dyn OuterLaw>, Refused> {
+        self.make(rig, settings, |law| law)
     }
 
-    /// The inner law before tick 0.
     pub fn inner(
         &'static self,
         rig: &Rig,
         settings: &Settings,
-    ) -> Result<Made<dyn AnyInner>, Refused> {
-        let (law, twin) = self.instances(rig, settings)?;
-        Ok(Made {
-            law,
-            twin,
-            signals: self.description.telemetry.len(),
-        })
+    ) -> Result<Made<dyn InnerLaw>, Refused> {
+        self.make(rig, settings, |law| law)
     }
 
     pub fn mixer(
         &'static self,
         rig: &Rig,
         settings: &Settings,
-    ) -> Result<Made<dyn AnyMixer>, Refused> {
-        let (law, twin) = self.instances(rig, settings)?;
-        Ok(Made {
-            law,
-            twin,
-            signals: self.description.telemetry.len(),
-        })
+    ) -> Result<Made<dyn MixerLaw>, Refused> {
+        self.make(rig, settings, |law| law)
     }
 
-    /// One that flies, and one that rehearses.
-    fn instances(
+    /// The law before tick 0, and its twin for warm-up runs.
+    fn make<L: ?Sized>(
         &'static self,
         rig: &Rig,
         settings: &Settings,
-    ) -> Result<(Box<Instance>, Box<Instance>), Refused> {
+        of_role: fn(Box<Instance>) -> Box<L>,
+    ) -> Result<Made<L>, Refused> {
         let law = self.instance(rig, settings)?;
         let twin = match self.table.copy_into {
             Some(_) => self.instance(rig, settings)?,
@@ -112,7 +93,11 @@ impl Library {
                 law: ptr::null_mut(),
             },
         };
-        Ok((Box::new(law), Box::new(twin)))
+        Ok(Made {
+            law: of_role(Box::new(law)),
+            twin: of_role(Box::new(twin)),
+            signals: self.description.telemetry.len(),
+        })
     }
 
     fn instance(&'static self, rig: &Rig, settings: &Settings) -> Result<Instance, Refused> {
@@ -143,7 +128,6 @@ impl Library {
         }
     }
 
-    /// The settings in the order of the description.
     fn values(&self, settings: &Settings) -> Vec<IronbirdValue> {
         let value = |setting: &Setting| setting.to_abi(&settings.value(setting));
         self.description.settings.iter().map(value).collect()
@@ -164,9 +148,10 @@ impl Instance {
             self.library.modes_put_back.fetch_add(1, Ordering::Relaxed);
         }
     }
+}
 
-    /// Makes another instance of the same library what this one is.
-    fn copy(&self, other: &mut dyn Any) -> bool {
+impl CopyState for Instance {
+    fn copy_into(&self, other: &mut dyn Any) -> bool {
         let Library { table, words, .. } = self.library;
         let (Some(copy_into), Some(other)) = (table.copy_into, other.downcast_mut::<Self>()) else {
             return false;
@@ -179,9 +164,13 @@ impl Instance {
             .make(|| unsafe { copy_into(self.law, other.law) });
         true
     }
+
+    fn as_any(&mut self) -> &mut dyn Any {
+        self
+    }
 }
 
-impl AnyOuter for Instance {
+impl OuterLaw for Instance {
     fn tick(
         &mut self,
         tick: u64,
@@ -211,13 +200,9 @@ impl AnyOuter for Instance {
         wanted.limited = u64::from(wanted.limited != 0);
         wanted
     }
-
-    fn copy_into(&self, other: &mut dyn AnyOuter) -> bool {
-        self.copy(other)
-    }
 }
 
-impl AnyInner for Instance {
+impl InnerLaw for Instance {
     fn tick(
         &mut self,
         tick: u64,
@@ -247,13 +232,9 @@ impl AnyInner for Instance {
         });
         demand
     }
-
-    fn copy_into(&self, other: &mut dyn AnyInner) -> bool {
-        self.copy(other)
-    }
 }
 
-impl AnyMixer for Instance {
+impl MixerLaw for Instance {
     fn tick(
         &mut self,
         tick: u64,
@@ -276,10 +257,6 @@ impl AnyMixer for Instance {
             unsafe { tick_mixer(law, &raw const input, &raw mut speeds, telemetry) };
         });
         (speeds.speed_rad_s, speeds.saturated != 0)
-    }
-
-    fn copy_into(&self, other: &mut dyn AnyMixer) -> bool {
-        self.copy(other)
     }
 }
 

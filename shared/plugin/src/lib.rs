@@ -11,9 +11,7 @@
 //! the law in whose call a process dies.
 
 mod call;
-mod code;
 mod crash;
-mod exits;
 mod instance;
 mod loader;
 mod modes;
@@ -37,8 +35,8 @@ use sha2::{Digest as _, Sha256};
 use crate::call::Call;
 
 #[doc(hidden)]
-pub use exits::exit;
-pub use exits::leave;
+pub use crash::exit;
+pub use crash::leave;
 pub use loader::{PYTHON_ADAPTER, has_python_adapter};
 
 /// Longest file that is read [bytes].
@@ -47,17 +45,13 @@ const MOST_BYTES: u64 = 1 << 30;
 /// Permission of every user to write. That of the file's group is usual: it is often the user's own.
 const EVERYBODY_WRITES: u32 = 0o002;
 
-/// A law of a file, loaded.
 #[derive(Debug)]
 pub struct Library {
     pub file: PathBuf,
     pub sha256: String,
-    /// What the law says of itself.
     pub description: &'static Description,
-    /// Whether it promises nothing about its time.
     pub not_real_time: bool,
     table: &'static IronbirdLaw,
-    /// What of the file was read.
     content: Content,
     /// The law and its role, with its file.
     words: &'static str,
@@ -69,14 +63,12 @@ pub struct Library {
 /// was changed last [s, ns].
 type Content = (u64, u64, u64, [i64; 2]);
 
-/// What has been loaded so far.
 static LOADED: Mutex<Vec<&'static Library>> = Mutex::new(Vec::new());
 
 /// What the folder of a law holds, once it is built: the file of the law.
 const IN_FOLDER: [&str; 2] = ["law.so", "law.py"];
 
 /// Whether the name of a law is that of a file, or of a folder with one: by a folder in it, or by its ending.
-#[must_use]
 pub fn is_file(law: &str) -> bool {
     law.contains('/') || law.starts_with('.') || Path::new(law).extension().is_some()
 }
@@ -101,10 +93,6 @@ fn in_folder(named: &Path) -> Result<PathBuf, Failure> {
     })
 }
 
-/// The law of a file, for a role.
-///
-/// # Errors
-/// A usage [`Failure`] names the file, what is wrong with it, and what to do.
 pub fn open(role: Role, file: &Path) -> Result<&'static Library, Failure> {
     let library = load(file)?;
     let is = library.description.role;
@@ -188,7 +176,7 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
     )
     .leak();
     if let Some(create) = table.create {
-        code::remember(create as *const () as usize, words);
+        crash::remember(create as *const () as usize, words);
     }
     let library = Library {
         file,
@@ -207,13 +195,11 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
 
 impl Library {
     /// Whether a name means its file: the file itself, or the folder that it is the law of.
-    #[must_use]
     pub fn is_at(&self, named: &Path) -> bool {
         in_folder(named).is_ok_and(|file| file.canonicalize().is_ok_and(|file| file == self.file))
     }
 
     /// What is to be said of a law that leaves its thread computing in another way, where it did.
-    #[must_use]
     pub fn modes_put_back(&self) -> Option<String> {
         let ticks = self.modes_put_back.load(Ordering::Relaxed);
         (ticks > 0).then(|| {
@@ -274,7 +260,6 @@ fn unusable(file: &Path, what: &str) -> Failure {
     Failure::usage(format!("{}: {what}", words(file)))
 }
 
-/// A law of which no more is known yet than its file.
 fn words(file: &Path) -> String {
     format!("the law {}", file.display())
 }

@@ -14,7 +14,7 @@ use ironbird_law::abi::IronbirdLaw;
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
 use crate::call::Call;
-use crate::code::segment_of;
+use crate::crash::segment_of;
 use crate::unusable;
 
 /// The environment variable that names the library which makes laws of Python files.
@@ -27,7 +27,6 @@ const ANOTHER_ADAPTER: &str = "build it: python/build (docs/python.md); name it 
 /// How long a refusal may be [bytes], with the NUL.
 pub(crate) const REFUSAL_BYTES: usize = 1024;
 
-/// Whether a law is one in Python.
 pub(crate) fn is_for_python(file: &Path) -> bool {
     file.extension().is_some_and(|ending| ending == "py")
 }
@@ -113,7 +112,6 @@ fn innermost(error: &dyn std::error::Error) -> String {
     error.source().map_or_else(|| error.to_string(), innermost)
 }
 
-/// Where the library is that makes laws of Python files.
 fn adapter(script: &Path) -> Result<PathBuf, Failure> {
     if let Some(named) = env::var_os(PYTHON_ADAPTER).map(PathBuf::from) {
         let missing = || {
@@ -155,17 +153,12 @@ fn adapter(script: &Path) -> Result<PathBuf, Failure> {
 fn adapter_places() -> Vec<PathBuf> {
     let executable = env::current_exe().ok();
     let folder = executable.as_deref().and_then(Path::parent);
-    let places = folder.map(|folder| {
-        [
-            folder.join(ADAPTER_FILE),
-            folder.join("../lib/ironbird").join(ADAPTER_FILE),
-        ]
-    });
+    let places = ["", "../lib/ironbird"].iter();
+    let places = folder.map(|folder| places.map(|place| folder.join(place).join(ADAPTER_FILE)));
     places.into_iter().flatten().collect()
 }
 
 /// Whether a law in Python can fly: the adapter is where it is looked for.
-#[must_use]
 pub fn has_python_adapter() -> bool {
     match env::var_os(PYTHON_ADAPTER) {
         Some(named) => Path::new(&named).is_file(),
@@ -173,7 +166,6 @@ pub fn has_python_adapter() -> bool {
     }
 }
 
-/// Why a library refuses.
 pub(crate) struct Refusal([u8; REFUSAL_BYTES]);
 
 impl Refusal {
@@ -181,7 +173,6 @@ impl Refusal {
         Self([0; REFUSAL_BYTES])
     }
 
-    /// Where it is written, and how much fits.
     pub(crate) fn buffer(&mut self) -> (*mut c_char, u64) {
         (self.0.as_mut_ptr().cast(), self.0.len() as u64)
     }

@@ -1,7 +1,6 @@
 //! Ends the process at once, past every exit handler.
 #![allow(unsafe_code, reason = "a system call that ends the process")]
 
-/// Ends the process, and runs nothing more in it.
 pub(crate) fn end_now(code: i32) -> ! {
     loop {
         // SAFETY: takes a number, and does not return.

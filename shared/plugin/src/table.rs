@@ -35,63 +35,28 @@ pub(crate) fn described(table: *const IronbirdLaw) -> Result<Described, String> 
             ));
         }
     };
-    let is_there = |there: bool, name: &str| {
-        if there {
-            Ok(())
-        } else {
-            Err(format!("its function `{name}` is NULL"))
-        }
+    let tick = match role {
+        Role::Outer => (table.tick_outer.is_some(), "tick_outer"),
+        Role::Inner => (table.tick_inner.is_some(), "tick_inner"),
+        _ => (table.tick_mixer.is_some(), "tick_mixer"),
     };
-    is_there(table.create.is_some(), "create")?;
-    is_there(table.destroy.is_some(), "destroy")?;
-    match role {
-        Role::Outer => is_there(table.tick_outer.is_some(), "tick_outer")?,
-        Role::Inner => is_there(table.tick_inner.is_some(), "tick_inner")?,
-        _ => is_there(table.tick_mixer.is_some(), "tick_mixer")?,
+    let create = (table.create.is_some(), "create");
+    let destroy = (table.destroy.is_some(), "destroy");
+    for (is_there, name) in [create, destroy, tick] {
+        if !is_there {
+            return Err(format!("its function `{name}` is NULL"));
+        }
     }
-    let settings = array(
-        table.settings,
-        table.settings_count,
-        IRONBIRD_MOST_SETTINGS,
-        "settings",
-    )?;
-    let settings = settings
-        .iter()
-        .enumerate()
-        .map(|(i, it)| setting(it).map_err(|what| format!("its setting {i}, {what}")));
-    let settings: &[Setting] = settings.collect::<Result<Vec<_>, _>>()?.leak();
-    unlike(
-        settings.iter().map(|setting| setting.name),
-        RIGS_KEYS,
-        "setting",
-    )?;
-    let presets = array(
-        table.presets,
-        table.presets_count,
-        IRONBIRD_MOST_PRESETS,
-        "presets",
-    )?;
-    let presets = presets.iter().enumerate();
-    let presets = presets
-        .map(|(i, it)| preset(it, settings).map_err(|what| format!("its preset {i}, {what}")));
-    let presets: &[Preset] = presets.collect::<Result<Vec<_>, _>>()?.leak();
-    unlike(presets.iter().map(|preset| preset.name), &[], "preset")?;
-    let telemetry = array(
-        table.telemetry,
-        table.telemetry_count,
-        TELEMETRY as u64,
-        "telemetry",
-    )?;
-    let telemetry = telemetry
-        .iter()
-        .enumerate()
-        .map(|(i, it)| signal(it).map_err(|what| format!("its signal {i}, {what}")));
-    let telemetry: &[Signal] = telemetry.collect::<Result<Vec<_>, _>>()?.leak();
-    unlike(
-        telemetry.iter().map(|signal| signal.name),
-        &[TICK],
-        "signal",
-    )?;
+    let (first, count) = (table.settings, table.settings_count);
+    let settings = each(first, count, IRONBIRD_MOST_SETTINGS, "setting", setting)?;
+    unlike(settings.iter().map(|it| it.name), RIGS_KEYS, "setting")?;
+    let (first, count) = (table.presets, table.presets_count);
+    let read = |it: &_| preset(it, settings);
+    let presets = each(first, count, IRONBIRD_MOST_PRESETS, "preset", read)?;
+    unlike(presets.iter().map(|it| it.name), &[], "preset")?;
+    let (first, count) = (table.telemetry, table.telemetry_count);
+    let telemetry = each(first, count, TELEMETRY as u64, "signal", signal)?;
+    unlike(telemetry.iter().map(|it| it.name), &[TICK], "signal")?;
     let description = Description {
         name: snake_case(table.name, "name")?,
         role,
@@ -135,6 +100,23 @@ fn checked(table: *const IronbirdLaw) -> Result<&'static IronbirdLaw, String> {
     Ok(Box::leak(Box::new(unsafe { *table })))
 }
 
+/// The elements of an array of the table, read one by one.
+fn each<T: 'static, U>(
+    first: *const T,
+    count: u64,
+    most: u64,
+    name: &str,
+    read: impl Fn(&T) -> Result<U, String>,
+) -> Result<&'static [U], String> {
+    let array_name = match name {
+        "signal" => "telemetry".to_owned(),
+        name => format!("{name}s"),
+    };
+    let elements = array(first, count, most, &array_name)?.iter().enumerate();
+    let read = elements.map(|(i, it)| read(it).map_err(|what| format!("its {name} {i}, {what}")));
+    Ok(read.collect::<Result<Vec<_>, _>>()?.leak())
+}
+
 fn array<T>(first: *const T, count: u64, most: u64, name: &str) -> Result<&'static [T], String> {
     if count > most {
         return Err(format!(
@@ -155,14 +137,12 @@ fn array<T>(first: *const T, count: u64, most: u64, name: &str) -> Result<&'stat
 
 fn setting(it: &IronbirdSetting) -> Result<Setting, String> {
     let name = snake_case(it.name, "name")?;
-    let kind = kind(it).map_err(|what| format!("`{name}`: {what}"))?;
+    let named = |what: String| format!("`{name}`: {what}");
     let setting = Setting {
         name,
-        unit: text(it.unit, IRONBIRD_NAME_BYTES, "unit")
-            .map_err(|what| format!("`{name}`: {what}"))?,
-        meaning: said(it.meaning, IRONBIRD_TEXT_BYTES, "meaning")
-            .map_err(|what| format!("`{name}`: {what}"))?,
-        kind,
+        unit: text(it.unit, IRONBIRD_NAME_BYTES, "unit").map_err(named)?,
+        meaning: said(it.meaning, IRONBIRD_TEXT_BYTES, "meaning").map_err(named)?,
+        kind: kind(it).map_err(named)?,
     };
     let default = setting.default();
     if setting.allows(&default) {

@@ -55,7 +55,7 @@ fn build(directory: &Path) -> PathBuf {
     directory.join("libspring.so")
 }
 
-fn tick(made: &mut dyn control_api::registry::AnyInner) -> ([f64; 3], f64) {
+fn tick(made: &mut dyn control_api::law::InnerLaw) -> ([f64; 3], f64) {
     let measured = Stamped {
         tick: 7,
         content: Measured {
@@ -116,18 +116,12 @@ fn a_law_in_rust_is_one_line_away_from_the_rig() {
     let mut made = library.inner(&rig, &Settings::default()).unwrap();
     let torque = [0.1, -0.2 * 2.0, 0.3 * 3.0].map(|it: f64| -0.5 * it);
     let (first, ticks) = tick(&mut *made.law);
-    assert!(
-        first.iter().zip(torque).all(|(a, b)| (a - b).abs() < 1e-15),
-        "{first:?}, and {torque:?}"
-    );
+    assert!(first.iter().zip(torque).all(|(a, b)| (a - b).abs() < 1e-15));
     assert_eq!(ticks, 1.0);
     for _ in 0..3 {
         assert!(made.law.copy_into(&mut *made.twin));
-        assert_eq!(
-            tick(&mut *made.twin).1,
-            2.0,
-            "a rehearsal begins where the law is"
-        );
+        // A rehearsal begins where the law is.
+        assert_eq!(tick(&mut *made.twin).1, 2.0);
     }
     assert_eq!(tick(&mut *made.law).1, 2.0, "and changes nothing");
 

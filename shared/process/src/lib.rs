@@ -2,15 +2,11 @@
 //!
 //! Laws come in as values ([`law`]). Ports, clock and operating system stay here and in [`wire`].
 
-pub mod launcher;
 pub mod lead;
-pub mod quantile;
 pub mod rt;
 pub mod session;
 pub mod shell;
-pub mod shutdown;
 pub mod signals;
 pub mod stage;
 pub mod standby;
-pub mod stop;
 mod throttled_log;

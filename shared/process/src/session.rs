@@ -9,7 +9,7 @@
 //! flying joins the run at the present tick.
 
 mod join;
-mod lead;
+mod lead_choice;
 mod open;
 
 use std::sync::Arc;
@@ -19,10 +19,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 pub use join::{Armed, JoinedRun};
 pub use open::Opened;
 
-use crate::launcher::end_with_launcher;
 use crate::rt::{self, Ahead, Engaged, UsageMeter};
-use crate::standby::{Blackboards, Ready};
-use crate::stop::{ends_at_once, stop_signals};
+use crate::signals::{end_with_launcher, ends_at_once, stop_signals};
 use errors::{FAILED, INTERRUPTED};
 use ipc::clock::now_ns;
 use ipc::error::Error;
@@ -30,25 +28,18 @@ use ipc::instance::{Instance, Lock};
 use ipc::{Blackboard, BlackboardReader, Wire};
 use messages::blackboards::{Arrival, EndReason, RolePhase, Run, SettingsText, Status};
 use messages::checks::{Check, is_on};
+use messages::content::NO_TICK;
 use messages::realtime;
 use messages::role::Role;
 use messages::settings_text::fingerprint;
 
-/// What a role's process is started with.
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct StartConfig {
-    /// The instance that it belongs to.
     pub instance: Instance,
-    /// What to ask of the system.
     pub rt: realtime::RealtimeSettings,
     /// The settings that all roles of a run must share: one `key = value` a line.
     pub settings: String,
     /// The options that every role of the run needs for its laws, as `--inner geometric`; empty for the usual ones.
     pub law_options: String,
-    /// Whether a law begins with what its predecessor in the run had learnt.
     pub resume_estimates: bool,
     /// Process number of the launcher, whose death ends the role; `None` when started by hand.
     pub launcher: Option<u32>,
@@ -58,27 +49,35 @@ pub struct StartConfig {
     pub ready: Option<Ready>,
 }
 
-/// How often a waiting role looks at the boards.
+/// What a standby has done ahead.
+pub struct Ready {
+    // First: real time is given back before anything else is given up.
+    pub(crate) ahead: Option<Ahead>,
+    pub(crate) boards: Blackboards,
+    pub(crate) wire: Wire,
+    pub(crate) stop: Arc<AtomicBool>,
+}
+
+#[derive(Default)]
+pub(crate) struct Blackboards {
+    pub(crate) run: Option<BlackboardReader<Run>>,
+    pub(crate) settings: Option<BlackboardReader<SettingsText>>,
+    pub(crate) status: Option<BlackboardReader<Status>>,
+}
+
 const LOOK_EVERY: Duration = Duration::from_millis(2);
 
-/// Name of a role's status board.
-#[must_use]
 pub fn status_board(role: Role) -> String {
     format!("status/{role}")
 }
 
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct RoleSession {
     /// What of the real-time set-up was done ahead. First: it is given back before anything else.
     ahead: Option<Ahead>,
     role: Role,
     orders: StartConfig,
-    /// The plant's boards, where they were opened ahead.
-    run_board: Option<BlackboardReader<Run>>,
-    settings_board: Option<BlackboardReader<SettingsText>>,
+    /// The plant's blackboards, if they were opened ahead.
+    boards: Blackboards,
     wire: Wire,
     board: Blackboard<Status>,
     stop: Arc<AtomicBool>,
@@ -91,11 +90,6 @@ pub struct RoleSession {
 }
 
 impl RoleSession {
-    /// Takes the place of a role.
-    ///
-    /// # Errors
-    /// [`Error::Occupied`] where somebody has it; [`Error::RootPath`], [`Error::Wire`], [`Error::System`];
-    /// [`Error::Interrupted`] where a signal has broken off what was tried.
     pub fn take(role: Role, orders: StartConfig) -> Result<Self, Error> {
         // A spare has listened since it was started, and may have been told to end on its way here.
         let stop = orders
@@ -126,7 +120,7 @@ impl RoleSession {
             orders.instance.check_shared_memory(Wire::needed_bytes())?;
         }
         let lock = orders.instance.lock(role)?;
-        let (wire, ahead, boards) = match orders.ready.take() {
+        let (wire, ahead, mut boards) = match orders.ready.take() {
             Some(Ready {
                 wire,
                 ahead,
@@ -135,7 +129,7 @@ impl RoleSession {
             }) => (wire, ahead, boards),
             None => (Wire::open(&orders.instance)?, None, Blackboards::default()),
         };
-        let status = boards.status.map_or_else(
+        let status = boards.status.take().map_or_else(
             || wire.blackboard_reader::<Status>(&status_board(role)),
             |it| Ok(Some(it)),
         )?;
@@ -158,48 +152,36 @@ impl RoleSession {
             ..Status::default()
         };
         board.put(status);
-        let (run_board, settings_board) = (boards.run, boards.settings);
-        let plant_pid = 0;
         Ok(Self {
             role,
             orders,
-            run_board,
-            settings_board,
+            boards,
             wire,
             ahead,
             board,
             stop,
-            plant_pid,
+            plant_pid: 0,
             status,
             _lock: lock,
         })
     }
 
-    /// The wire to make ports on.
-    #[must_use]
     pub const fn wire(&self) -> &Wire {
         &self.wire
     }
 
-    /// Whether a signal has asked the process to end.
-    #[must_use]
     pub fn stop_requested(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// The flag that signals set, for other threads of the process.
-    #[must_use]
     pub fn stop_flag(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.stop)
     }
 
-    /// Whether a law begins with what its predecessor in the run had learnt.
-    #[must_use]
     pub const fn resumes_estimates(&self) -> bool {
         self.orders.resume_estimates
     }
 
-    /// Writes the status on the board.
     pub fn publish_status(&self) {
         self.board.put(self.status);
     }
@@ -212,7 +194,6 @@ impl RoleSession {
         self.publish_status();
     }
 
-    /// Asks the plant to end the run.
     pub fn ask_for_the_end(&mut self, end: EndReason) {
         self.status.wants_end = end as u64;
         self.publish_status();
@@ -245,7 +226,6 @@ impl RoleSession {
     /// Whether the plant whose run was joined lives: its board alone outlives it, and another one may have its place.
     ///
     /// Before a run was joined: whether any plant lives.
-    #[must_use]
     pub fn plant_lives(&self) -> bool {
         let instance = &self.orders.instance;
         let is_there = instance.is_occupied(Role::Plant)
@@ -264,8 +244,20 @@ fn broken_off(error: Error, by_signal: bool) -> Error {
     }
 }
 
+/// Says how the flight ended; the loop is over, and nobody waits for its process any more.
+pub fn say_landed(role: Role, run: &Run) {
+    let flown_s = if run.tick == NO_TICK {
+        0.0
+    } else {
+        run.flight_time_s(run.tick)
+    };
+    tracing::info!(
+        "{role}: flight {} after {flown_s:.1} s",
+        run.ending().words()
+    );
+}
+
 /// The wall clock [ns since 1970].
-#[must_use]
 pub fn wall_ns() -> u64 {
     let since_1970 = SystemTime::now()
         .duration_since(UNIX_EPOCH)

@@ -6,7 +6,7 @@
 mod inputs;
 mod troubles;
 
-use control_api::stage::{InnerStage, MixerStage, OuterStage};
+use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use ipc::clock::{Horizon, busy_wait};
 use ipc::error::Error;
 use ipc::{Sender, Wire};
@@ -23,16 +23,13 @@ pub use self::troubles::ActiveFaults;
 use crate::session::RoleSession;
 use crate::stage::{self, Stage, TickContext, TickOutcome};
 
-/// What a stage makes of its inputs at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Made<C> {
     /// What is published; nothing where there is nothing new to say.
     pub output: Option<C>,
-    /// The stage wants the run to end.
     pub wants_end: Option<EndReason>,
 }
 
-/// A stage with its place in the chain.
 pub trait Job {
     const ROLE: Role;
     type Inputs: Inputs;
@@ -60,16 +57,11 @@ pub trait Job {
         false
     }
 
-    /// The last message to the next stage when the run is over.
     fn last_word(&self) -> Option<Self::Output> {
         None
     }
 }
 
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct Shell<J: Job> {
     job: J,
     inputs: J::Inputs,
@@ -116,7 +108,6 @@ impl<J: Job> Shell<J> {
         })
     }
 
-    /// Computes for as much longer as a fault says.
     fn be_late(&self, tick: u64) {
         let late_ns = self.troubles.late_ns(tick);
         if late_ns > 0 {
@@ -194,14 +185,13 @@ impl<J: Job> Stage for Shell<J> {
 }
 
 /// The outer loop's job: a set-point from a state of this tick, and an end to a flight that is lost.
-#[derive(Debug)]
-pub struct OuterJob<S> {
-    pub stage: S,
+pub struct OuterJob {
+    pub stage: GuardedOuter,
     /// Distance from the reference beyond which the flight ends [m].
     pub position_error_max_m: f64,
 }
 
-impl<S: OuterStage> Job for OuterJob<S> {
+impl Job for OuterJob {
     const ROLE: Role = Role::Outer;
     type Inputs = Input<State>;
     type Output = Setpoint;
@@ -222,11 +212,7 @@ impl<S: OuterStage> Job for OuterJob<S> {
     }
 }
 
-/// The inner loop's job: a wrench in every tick.
-#[derive(Debug)]
-pub struct InnerJob<S>(pub S);
-
-impl<S: InnerStage> Job for InnerJob<S> {
+impl Job for GuardedInner {
     const ROLE: Role = Role::Inner;
     type Inputs = (Input<Setpoint>, Input<State>);
     type Output = Wrench;
@@ -237,7 +223,7 @@ impl<S: InnerStage> Job for InnerJob<S> {
         (setpoint, state): &(Stamped<Setpoint>, Stamped<State>),
     ) -> Made<Wrench> {
         Made {
-            output: Some(self.0.tick(tick, state, setpoint)),
+            output: Some(self.tick(tick, state, setpoint)),
             wants_end: None,
         }
     }
@@ -247,58 +233,51 @@ impl<S: InnerStage> Job for InnerJob<S> {
         tick: u64,
         (setpoint, state): &(Stamped<Setpoint>, Stamped<State>),
     ) -> Option<Wrench> {
-        self.0.rehearse(tick, state, setpoint)
+        Self::rehearse(self, tick, state, setpoint)
     }
 
     fn estimates(&self) -> Option<[f64; 3]> {
-        self.0.estimates()
+        Self::estimates(self)
     }
 
     fn resume(&mut self, estimates: [f64; 3]) -> bool {
-        self.0.resume(estimates)
+        Self::resume(self, estimates)
     }
 }
 
-/// The mixer's job: rotor speeds in every tick, and idle as the last word.
-#[derive(Debug)]
-pub struct MixerJob<S>(pub S);
-
-impl<S: MixerStage> Job for MixerJob<S> {
+impl Job for GuardedMixer {
     const ROLE: Role = Role::Mixer;
     type Inputs = Input<Wrench>;
     type Output = RotorSpeeds;
 
     fn work(&mut self, tick: u64, wrench: &Stamped<Wrench>) -> Made<RotorSpeeds> {
         Made {
-            output: Some(self.0.tick(tick, wrench)),
+            output: Some(self.tick(tick, wrench)),
             wants_end: None,
         }
     }
 
     fn rehearse(&mut self, tick: u64, wrench: &Stamped<Wrench>) -> Option<RotorSpeeds> {
-        self.0.rehearse(tick, wrench)
+        Self::rehearse(self, tick, wrench)
     }
 
     fn last_word(&self) -> Option<RotorSpeeds> {
-        Some(self.0.idle())
+        Some(self.idle())
     }
 }
 
-/// What a stage has to know of the flight.
 #[derive(Clone, Copy, Debug)]
 pub struct Flight {
     /// Whether the ticks are not tied to the clock.
     pub lockstep: bool,
     /// How much longer than in flight a tick takes on the clock.
     pub slowdown: u64,
-    /// What was planned to go wrong with messages and stages.
     pub faults: LoopFaults,
 }
 
-/// Flies an outer loop until the plant closes the run.
-pub fn outer<S: OuterStage>(
+pub fn outer(
     station: RoleSession,
-    outer: S,
+    outer: GuardedOuter,
     position_error_max_m: f64,
     flight: &Flight,
 ) -> Result<(), Error> {
@@ -311,15 +290,14 @@ pub fn outer<S: OuterStage>(
     stage::run(shell, doorbell, station)
 }
 
-/// Flies an inner loop until the plant closes the run.
-pub fn inner<S: InnerStage>(station: RoleSession, inner: S, flight: &Flight) -> Result<(), Error> {
+pub fn inner(station: RoleSession, inner: GuardedInner, flight: &Flight) -> Result<(), Error> {
     let doorbell = station.wire().doorbell(Role::Inner)?;
-    let shell = Shell::of_flight(station.wire(), InnerJob(inner), Some(Role::Mixer), flight)?;
+    let shell = Shell::of_flight(station.wire(), inner, Some(Role::Mixer), flight)?;
     stage::run(shell, doorbell, station)
 }
 
 /// Flies a mixer until the plant closes the run; it wakes the plant in lockstep, which otherwise wakes by itself.
-pub fn mixer<S: MixerStage>(station: RoleSession, mixer: S, flight: &Flight) -> Result<(), Error> {
+pub fn mixer(station: RoleSession, mixer: GuardedMixer, flight: &Flight) -> Result<(), Error> {
     let (wire, lockstep) = (station.wire(), flight.lockstep);
     // The last stage of the chain has time for the second call when its command is out.
     let doorbell = if lockstep {
@@ -327,11 +305,6 @@ pub fn mixer<S: MixerStage>(station: RoleSession, mixer: S, flight: &Flight) -> 
     } else {
         wire.doorbell_with_alarm(Role::Mixer)
     }?;
-    let shell = Shell::of_flight(
-        wire,
-        MixerJob(mixer),
-        lockstep.then_some(Role::Plant),
-        flight,
-    )?;
+    let shell = Shell::of_flight(wire, mixer, lockstep.then_some(Role::Plant), flight)?;
     stage::run(shell, doorbell, station)
 }

@@ -1,15 +1,54 @@
-//! Resets the signals that a process inherits from whoever has started it.
+//! The signals that ask a process to end in order, the end of its launcher, and the signals that it inherits.
+//!
+//! | signal          | who sends it                                             | when it comes again      |
+//! |-----------------|----------------------------------------------------------|--------------------------|
+//! | SIGINT, SIGQUIT | a person at the keyboard                                 | ends the process at once |
+//! | SIGTERM, SIGHUP | a program; the kernel, for a closed terminal or launcher | is the same wish again   |
+//!
+//! The kernel reports the death of a parent once for each thread of the parent, a few milliseconds apart. Both the
+//! kernel and the shell may report a closed terminal. So only a repeated signal of a person means impatience.
 //!
 //! A process inherits its signal mask and its ignored signals through exec. A daemon or a harness that blocks SIGALRM
 //! would take the mixer's deadline away, one that blocks SIGTERM would prevent every orderly end, and one that ignores
 //! SIGCHLD would hide the launcher's children from it. SIGHUP and SIGQUIT stay ignored if they were: that is what
 //! `nohup` and a shell's background jobs ask for.
 
-use signal_hook::consts::{SIGALRM, SIGCHLD, SIGINT, SIGTERM};
+use std::fs;
+
+use signal_hook::consts::{SIGALRM, SIGCHLD, SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 
 use crate::rt::no_longer_ignore;
 use ipc::error::Error;
 use ipc::sys::mask_signals;
+
+/// The signals that ask for the end.
+///
+/// SIGHUP and SIGQUIT are not among them where they are ignored: whoever starts a process with `nohup`, or in the
+/// background of a script, wants it to survive the terminal and its keys.
+pub fn stop_signals() -> Vec<i32> {
+    let respected = [SIGHUP, SIGQUIT]
+        .into_iter()
+        .filter(|signal| !is_ignored(*signal));
+    [SIGINT, SIGTERM].into_iter().chain(respected).collect()
+}
+
+/// Whether a signal ends the process at once when the end has been asked for already.
+pub const fn ends_at_once(signal: i32) -> bool {
+    matches!(signal, SIGINT | SIGQUIT)
+}
+
+/// Whether a signal asks for the end, wherever it is not ignored.
+pub const fn asks_for_the_end(signal: i32) -> bool {
+    matches!(signal, SIGINT | SIGQUIT | SIGTERM | SIGHUP)
+}
+
+/// Whether this process ignores a signal, as its parent may have wanted it to.
+fn is_ignored(signal: i32) -> bool {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|hex| u64::from_str_radix(hex.trim(), 16).ok())
+        .is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
 
 /// Signals that are never ignored: the mixer's deadline, children's ends, and what ends a flight in order.
 const NEEDED: [i32; 4] = [SIGALRM, SIGCHLD, SIGINT, SIGTERM];
@@ -22,4 +61,31 @@ pub fn forget_inherited() -> Result<(), Error> {
         no_longer_ignore(signal)
             .map_err(|e| Error::system(format!("cannot take signal {signal}"), e))
     })
+}
+
+/// Asks the kernel for SIGTERM when the launcher, who must be the parent, dies.
+///
+/// It comes once for each thread of the launcher; whoever asks for it must take all of them for one.
+pub fn end_with_launcher(launcher: Option<u32>) -> Result<(), Error> {
+    let Some(launcher) = launcher else {
+        return Ok(());
+    };
+    rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))
+        .map_err(|e| Error::system("cannot tie the process to its launcher", e))?;
+    // It may have died before the wish was known.
+    if is_parent(launcher) {
+        Ok(())
+    } else {
+        Err(Error::Interrupted)
+    }
+}
+
+/// Whether nobody launched this process, or the one who did has died: then nobody tidies up after it.
+pub fn is_on_its_own(launcher: Option<u32>) -> bool {
+    launcher.is_none_or(|launcher| !is_parent(launcher))
+}
+
+fn is_parent(pid: u32) -> bool {
+    rustix::process::getppid()
+        .is_some_and(|parent| parent.as_raw_nonzero().get().unsigned_abs() == pid)
 }

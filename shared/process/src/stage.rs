@@ -8,8 +8,8 @@ mod pacer;
 
 use self::pacer::{Pacer, WakeReason};
 use crate::rt::UsageMeter;
+use crate::session::say_landed;
 use crate::session::{Armed, RoleSession};
-use crate::shutdown::say_landed;
 use ipc::clock::Horizon;
 use ipc::clock::now_ns;
 use ipc::error::Error;
@@ -19,7 +19,6 @@ use messages::grid::{NS_PER_S, Pace};
 use messages::inspection::{Expected, Rejections};
 use messages::role::Role;
 
-/// One tick's work of a stage, as its process sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TickContext {
     pub tick: u64,
@@ -29,18 +28,15 @@ pub struct TickContext {
     pub previous_busy_ns: u64,
 }
 
-/// What a stage says of a tick that it worked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TickOutcome {
     /// Some input was not of the tick.
     pub stale: bool,
 }
 
-/// A stage: its law with its ports.
 pub trait Stage {
     const ROLE: Role;
 
-    /// Connects the ports to those of the other roles.
     fn arm(&mut self, wire: &Wire, expected: Expected, epoch: u64) -> Result<(), Error>;
 
     /// Takes what has arrived, and returns the tick of the input that wakes the stage ([`NO_TICK`]: none yet).
@@ -67,7 +63,6 @@ pub trait Stage {
         Ok(())
     }
 
-    /// Messages that did not pass inspection, over all ports.
     fn rejections(&self) -> Rejections;
 
     /// What its law has learnt so far; nothing where it does not learn.
@@ -87,11 +82,6 @@ const PLANT_SILENT_NS: u64 = NS_PER_S;
 /// And then how often [ns]: a look opens a file, which is not for every tick.
 const PLANT_LOOK_NS: u64 = NS_PER_S / 10;
 
-/// Runs a stage until the plant closes the run.
-///
-/// # Errors
-/// Those of the station and of the stage's ports; [`Error::Absent`] when the plant has died, [`Error::TooLate`] when it was
-/// replaced.
 pub fn run<S: Stage>(stage: S, doorbell: WakeEvent, station: RoleSession) -> Result<(), Error> {
     // They are given up in the reverse order: real time, which `armed` holds, the ports, the doorbell, whose alarm may
     // ring until then, and the place last.
@@ -210,7 +200,6 @@ fn replaced(role: Role, next: &Run) -> Error {
     }
 }
 
-/// When the plant was heard of, and when it was looked after.
 #[derive(Clone, Copy, Debug)]
 struct SignsOfLife {
     heard_ns: u64,
@@ -229,7 +218,6 @@ impl SignsOfLife {
         self.heard_ns = now;
     }
 
-    /// Whether to look after the plant now.
     const fn look_is_due(&mut self, now: u64) -> bool {
         let is_due = now > self.heard_ns + PLANT_SILENT_NS && now >= self.looked_ns + PLANT_LOOK_NS;
         if is_due {
@@ -251,11 +239,8 @@ mod tests {
                 .filter(|ms| signs.look_is_due(ms * 1_000_000))
                 .count()
         };
-        assert_eq!(
-            looks(&mut signs, 0, 1001),
-            0,
-            "within a second it may be late"
-        );
+        // Within a second it may be late.
+        assert_eq!(looks(&mut signs, 0, 1001), 0);
         assert_eq!(looks(&mut signs, 1001, 3001), 20);
         signs.heard(3_001_000_000);
         assert_eq!(looks(&mut signs, 3001, 4002), 0);

@@ -15,43 +15,20 @@ use rustix::stdio::stdin;
 use rustix::thread::set_name;
 use signal_hook::consts::{SIGHUP, SIGTERM};
 
-use crate::launcher::end_with_launcher;
 use crate::rt::Ahead;
-use crate::session::{StartConfig, status_board};
+use crate::session::{Blackboards, Ready, StartConfig, status_board};
+use crate::signals::end_with_launcher;
+use ipc::Wire;
 use ipc::clock::now_ns;
 use ipc::error::Error;
-use ipc::{BlackboardReader, Wire};
-use messages::blackboards::{RUN, Run, SETTINGS, SettingsText, Status};
+use messages::blackboards::{RUN, SETTINGS, Status};
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::fault::live::{LIVE, LiveBlackboard};
 use messages::role::Role;
 
 /// What a spare is called while it waits, as `ps -o comm` and `top` show it.
 pub const NAME: &CStr = c"ironbird spare";
-/// What it is called when it goes on.
 const NAME_OF_A_STAGE: &CStr = c"ironbird";
-
-/// What a spare has when it is told to go on.
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
-pub struct Ready {
-    // First: real time is given back before anything else is given up.
-    pub(crate) ahead: Option<Ahead>,
-    pub(crate) boards: Blackboards,
-    pub(crate) wire: Wire,
-    /// Whether a signal has asked for the end.
-    pub(crate) stop: Arc<AtomicBool>,
-}
-
-/// The boards that it reads on its way.
-#[derive(Default)]
-pub(crate) struct Blackboards {
-    pub(crate) run: Option<BlackboardReader<Run>>,
-    pub(crate) settings: Option<BlackboardReader<SettingsText>>,
-    pub(crate) status: Option<BlackboardReader<Status>>,
-}
 
 impl Ready {
     /// Everything that can be opened before the place is free. Services take longer to open than ports.

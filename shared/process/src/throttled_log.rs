@@ -5,10 +5,8 @@ use std::time::Duration;
 use ipc::clock::now_ns;
 use messages::role::Role;
 
-/// How often a process says what it waits for.
 const SAY_EVERY: Duration = Duration::from_secs(5);
 
-/// Says, not too often, what a process waits for.
 pub(crate) struct ThrottledLog {
     role: Role,
     said: Option<(String, u64)>,

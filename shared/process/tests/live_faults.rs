@@ -14,6 +14,11 @@ use process::stage::{Stage as _, TickContext};
 
 use crate::common::{EPOCH, EXPECTED, Site};
 
+const THRUST: Place = Place {
+    field: 0,
+    axis: None,
+};
+
 /// Ticks and thrusts of what a stage has worked with.
 type Had = Vec<(u64, f64)>;
 
@@ -77,17 +82,17 @@ impl Post {
 
     fn work(&mut self, tick: u64) {
         self.shell.take(tick).unwrap();
-        self.shell
-            .tick(
-                &TickContext {
-                    tick,
-                    receive_ns: 0,
-                    previous_busy_ns: 0,
-                },
-                &mut |_| (),
-            )
-            .unwrap();
+        work(&mut self.shell, tick);
     }
+}
+
+fn work(shell: &mut Shell<Witness>, tick: u64) {
+    let context = TickContext {
+        tick,
+        receive_ns: 0,
+        previous_busy_ns: 0,
+    };
+    shell.tick(&context, &mut |_| ()).unwrap();
 }
 
 fn send(sender: &mut Sender<Wrench>, tick: u64) {
@@ -137,16 +142,12 @@ fn had(faults: &[LiveFault], is_live: bool, sends: fn(u64) -> bool, works: fn(u6
 
 #[test]
 fn a_late_stage_has_what_it_would_have_if_the_fault_had_been_planned() {
-    let thrust = Place {
-        field: 0,
-        axis: None,
-    };
     for faults in [
         vec![fault(Kind::Lag(3), 100, 130)],
         vec![fault(Kind::Delay(3), 100, Span::FOR_GOOD)],
         vec![
             fault(Kind::Freeze, 101, 120),
-            fault(Kind::Bias(thrust, 0.25), 101, 140),
+            fault(Kind::Bias(THRUST, 0.25), 101, 140),
         ],
     ] {
         let [planned, injected] =
@@ -187,13 +188,7 @@ fn a_stage_that_is_away_with_its_hand_at_the_port_uses_no_message_that_a_fault_s
     let meanwhile = || {
         if is_away.replace(false) {
             board.put(board_of(&[fault(
-                Kind::Bias(
-                    Place {
-                        field: 0,
-                        axis: None,
-                    },
-                    0.5,
-                ),
+                Kind::Bias(THRUST, 0.5),
                 NOTICE_TICKS,
                 90,
             )]));
@@ -202,15 +197,6 @@ fn a_stage_that_is_away_with_its_hand_at_the_port_uses_no_message_that_a_fault_s
         u64::MAX - 1
     };
     shell.take(meanwhile).unwrap();
-    shell
-        .tick(
-            &TickContext {
-                tick: 80,
-                receive_ns: 0,
-                previous_busy_ns: 0,
-            },
-            &mut |_| (),
-        )
-        .unwrap();
+    work(&mut shell, 80);
     assert_eq!(had.take(), [(80, 80.5)]);
 }

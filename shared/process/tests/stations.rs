@@ -63,7 +63,6 @@ fn grid(pace: Pace) -> Grid {
 struct Agreed {
     grid: Grid,
     first_tick: u64,
-    /// When it began and ended to arm, each time.
     armed_ns: Vec<(u64, u64)>,
 }
 
@@ -123,24 +122,14 @@ fn a_t_0_that_has_passed_before_all_have_armed_is_moved_for_all() {
         assert_eq!(agreed.len(), ROLES.len());
         let t0_ns = agreed[0].grid.t0_ns;
         for one in &agreed {
-            assert_eq!(
-                (one.grid, one.first_tick),
-                (agreed[0].grid, 0),
-                "{plant_needs:?} {role_needs:?}: {agreed:?}"
-            );
-            assert!(
-                one.armed_ns.iter().all(|(_, end_ns)| *end_ns < t0_ns),
-                "armed after t_0: {agreed:?}"
-            );
+            assert_eq!((one.grid, one.first_tick), (agreed[0].grid, 0));
+            assert!(one.armed_ns.iter().all(|(_, end_ns)| *end_ns < t0_ns));
         }
         let is_late = !(plant_needs + role_needs).is_zero();
         // The plant arms for each t_0 that it announces.
         let (first_ns, announced) = (agreed[4].armed_ns[0].0, agreed[4].armed_ns.len());
         assert!(!is_late || announced > 1, "t_0 was moved: {agreed:?}");
-        assert!(
-            !is_late || t0_ns > first_ns + 300_000_000,
-            "and lies after the late one: {agreed:?}"
-        );
+        assert!(!is_late || t0_ns > first_ns + 300_000_000);
     }
 }
 
@@ -283,10 +272,7 @@ fn a_stage_gives_up_real_time_before_its_ports_and_its_ports_before_its_place() 
                 "NOT TESTED: this user is refused SCHED_FIFO"
             );
         }
-        assert_eq!(
-            seen,
-            (0, true),
-            "policy, and whether the place is taken, when the ports go"
-        );
+        // Policy, and whether the place is taken, when the ports go.
+        assert_eq!(seen, (0, true));
     }
 }

@@ -6,8 +6,8 @@ pub mod words;
 use std::hint::black_box;
 use std::time::Instant;
 
-use control_api::law::{Desired, Rig, WrenchSetpoint};
-use control_api::registry::{AnyInner, AnyMixer, AnyOuter, Made};
+use control_api::law::{Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
+use control_api::registry::Made;
 use messages::attitude::Attitude;
 use messages::content::Measured;
 use messages::content::Reference;
@@ -40,9 +40,9 @@ pub const ROUNDS: u64 = INPUTS + REHEARSED + 2 * HOT as u64 + COLD as u64;
 /// A law of any role, made.
 #[allow(missing_debug_implementations, reason = "a law need not have one")]
 pub enum Candidate {
-    Outer(Made<dyn AnyOuter>),
-    Inner(Made<dyn AnyInner>),
-    Mixer(Made<dyn AnyMixer>),
+    Outer(Made<dyn OuterLaw>),
+    Inner(Made<dyn InnerLaw>),
+    Mixer(Made<dyn MixerLaw>),
 }
 
 /// Where two instances of a law, told the same, answered differently.
@@ -143,9 +143,9 @@ impl Candidate {
 
 /// An instance of a law: the one that flies, or its twin.
 enum Asked<'a> {
-    Outer(&'a mut dyn AnyOuter),
-    Inner(&'a mut dyn AnyInner),
-    Mixer(&'a mut dyn AnyMixer),
+    Outer(&'a mut dyn OuterLaw),
+    Inner(&'a mut dyn InnerLaw),
+    Mixer(&'a mut dyn MixerLaw),
 }
 
 impl Asked<'_> {

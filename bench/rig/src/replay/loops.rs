@@ -1,6 +1,5 @@
 //! Replays outer loop, inner loop, mixer and the theorem's monitor, each on the inputs that its messages name.
 
-use control_api::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::fault::Port;

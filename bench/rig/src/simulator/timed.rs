@@ -2,7 +2,6 @@
 
 use std::collections::VecDeque;
 
-use control_api::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
 use ipc::DEEP;
 use messages::content::{RotorSpeeds, Setpoint, Stamped, State, Wrench};
 use messages::header::{Header, Message};

@@ -2,8 +2,8 @@
 
 use clap::Args;
 use ipc::clock::{busy_wait, now_ns, sleep_until};
-use process::launcher::end_with_launcher;
 use process::rt::take_stand;
+use process::signals::end_with_launcher;
 
 use errors::{Failure, OK};
 

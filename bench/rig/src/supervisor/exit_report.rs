@@ -7,7 +7,7 @@ use std::process::ExitStatus;
 
 use messages::grid::Pace;
 use messages::role::{ROLES, Role, STAGES};
-use process::stop::asks_for_the_end;
+use process::signals::asks_for_the_end;
 use rustix::fs::statvfs;
 
 use crate::output::say;

@@ -1,6 +1,6 @@
 //! Signals to the supervisor that request the end of the flight. It polls them; no thread waits for them.
 
-use process::stop::{ends_at_once, stop_signals};
+use process::signals::{ends_at_once, stop_signals};
 use signal_hook::consts::SIGCHLD;
 use signal_hook::iterator::Signals;
 

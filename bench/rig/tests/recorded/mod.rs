@@ -6,7 +6,6 @@
 
 pub mod rewritten;
 
-use control_api::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;

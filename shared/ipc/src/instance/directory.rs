@@ -17,7 +17,6 @@ use rustix::process::geteuid;
 use crate::error::Error;
 
 const OTHERS_WRITE: u32 = 0o022;
-/// Everything that others may be permitted.
 const OTHERS_MAY: u32 = 0o077;
 /// In a directory with this bit, only the owner of an entry may remove or rename it.
 const STICKY: u32 = 0o1000;
@@ -33,37 +32,27 @@ pub(crate) struct Directory {
 }
 
 impl Directory {
-    /// Opens a directory; `None` where nothing is.
     pub(super) fn open(path: &Path) -> Result<Option<Self>, Error> {
         Self::open_at(CWD, path, path.to_owned())
     }
 
-    /// Opens a directory in this one; `None` where nothing is.
     pub(super) fn open_below(&self, name: &Path) -> Result<Option<Self>, Error> {
         Self::open_at(self.descriptor.as_fd(), name, self.path.join(name))
     }
 
     fn open_at(at: BorrowedFd<'_>, name: &Path, path: PathBuf) -> Result<Option<Self>, Error> {
-        match openat(
-            at,
-            name,
-            OFlags::RDONLY | OFlags::DIRECTORY | SAFELY,
-            Mode::empty(),
-        ) {
+        let flags = OFlags::RDONLY | OFlags::DIRECTORY | SAFELY;
+        match openat(at, name, flags, Mode::empty()) {
             Ok(descriptor) => Ok(Some(Self { descriptor, path })),
             Err(Errno::NOENT) => Ok(None),
             Err(Errno::NOTDIR | Errno::LOOP) if is_link(&path) => {
                 Err(not_ours(path, "it is a symbolic link"))
             }
             Err(Errno::NOTDIR) => Err(not_ours(path, "it is no directory")),
-            Err(e) => Err(Error::RootPath {
-                path,
-                source: e.into(),
-            }),
+            Err(e) => Err(Error::path(path, e)),
         }
     }
 
-    /// Refuses a directory that another user may write.
     pub(super) fn check_private(&self) -> Result<(), Error> {
         let stat = self.stat()?;
         check_owner(&stat, &self.path)?;
@@ -85,13 +74,11 @@ impl Directory {
         }
     }
 
-    /// Whether it is still the one at its path.
     pub(super) fn is_at_its_path(&self) -> bool {
         let there = statat(CWD, &self.path, AtFlags::SYMLINK_NOFOLLOW);
         matches!((self.stat(), there), (Ok(ours), Ok(there)) if is_same(&ours, &there))
     }
 
-    /// Names of what is in it, in order.
     pub(super) fn names(&self) -> Result<Vec<OsString>, Error> {
         let failed = |e: Errno| Error::system(format!("cannot list {}", self.path.display()), e);
         let mut names = Vec::new();
@@ -105,7 +92,6 @@ impl Directory {
         Ok(names)
     }
 
-    /// What an entry is; `None` where it has gone.
     pub(super) fn kind(&self, name: &Path) -> EntryKind {
         match statat(&self.descriptor, name, AtFlags::SYMLINK_NOFOLLOW) {
             Err(Errno::NOENT) => EntryKind::Gone,
@@ -129,20 +115,13 @@ impl Directory {
 
     /// Takes from others what they may do with a file of ours; one that is still being made has nothing for them.
     pub(super) fn close_to_others(&self, name: &Path) -> Result<(), Error> {
-        let failed = |e: Errno| {
-            Error::system(
-                format!("cannot close {} to others", self.path.join(name).display()),
-                e,
-            )
-        };
+        let path = self.path.join(name);
+        let what = || format!("cannot close {} to others", path.display());
+        let failed = |e: Errno| Error::system(what(), e);
         let is_open =
             |stat: &Stat| stat.st_uid == geteuid().as_raw() && stat.st_mode & OTHERS_MAY != 0;
-        match openat(
-            &self.descriptor,
-            name,
-            OFlags::RDONLY | SAFELY,
-            Mode::empty(),
-        ) {
+        let flags = OFlags::RDONLY | SAFELY;
+        match openat(&self.descriptor, name, flags, Mode::empty()) {
             Ok(file) if is_open(&fstat(&file).map_err(failed)?) => {
                 rustix::fs::fchmod(&file, PRIVATE_FILE).map_err(failed)
             }
@@ -163,10 +142,7 @@ impl Directory {
             Err(Errno::NOENT) => Ok(None),
             Err(Errno::LOOP) => Err(not_ours(path, "it is a symbolic link")),
             // A socket, a directory, a file of another user.
-            Err(e) => Err(Error::RootPath {
-                path,
-                source: e.into(),
-            }),
+            Err(e) => Err(Error::path(path, e)),
         }
     }
 
@@ -183,20 +159,12 @@ impl Directory {
         }
     }
 
-    /// Makes a file in it; `None` where something is already.
     pub(crate) fn new_file(&self, name: &str) -> Result<Option<File>, Error> {
-        match openat(
-            &self.descriptor,
-            name,
-            OFlags::RDWR | OFlags::CREATE | OFlags::EXCL | SAFELY,
-            PRIVATE_FILE,
-        ) {
+        let flags = OFlags::RDWR | OFlags::CREATE | OFlags::EXCL | SAFELY;
+        match openat(&self.descriptor, name, flags, PRIVATE_FILE) {
             Ok(descriptor) => Ok(Some(File::from(descriptor))),
             Err(Errno::EXIST) => Ok(None),
-            Err(e) => Err(Error::RootPath {
-                path: self.path.join(name),
-                source: e.into(),
-            }),
+            Err(e) => Err(Error::path(self.path.join(name), e)),
         }
     }
 
@@ -213,17 +181,12 @@ impl Directory {
 
     /// Takes write and read permission from others, on a directory that an older build has made.
     pub(super) fn make_private(&self) -> Result<(), Error> {
-        rustix::fs::fchmod(&self.descriptor, PRIVATE_DIRECTORY).map_err(|e| Error::RootPath {
-            path: self.path.clone(),
-            source: e.into(),
-        })
+        rustix::fs::fchmod(&self.descriptor, PRIVATE_DIRECTORY)
+            .map_err(|e| Error::path(self.path.clone(), e))
     }
 
     fn stat(&self) -> Result<Stat, Error> {
-        fstat(&self.descriptor).map_err(|e| Error::RootPath {
-            path: self.path.clone(),
-            source: e.into(),
-        })
+        fstat(&self.descriptor).map_err(|e| Error::path(self.path.clone(), e))
     }
 }
 
@@ -233,11 +196,9 @@ impl AsFd for Directory {
     }
 }
 
-/// Permissions of what an instance makes: its user's alone.
 const PRIVATE_FILE: Mode = Mode::RUSR.union(Mode::WUSR);
 pub(super) const PRIVATE_DIRECTORY: Mode = Mode::RWXU;
 
-/// What an entry of a directory is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum EntryKind {
     Gone,
@@ -252,48 +213,37 @@ pub(super) enum EntryKind {
 
 /// Refuses what is no regular file, and a file that another user owns or may write.
 fn check_file(file: &File, path: &Path) -> Result<(), Error> {
-    let stat = fstat(file).map_err(|e| Error::RootPath {
-        path: path.to_owned(),
-        source: e.into(),
-    })?;
+    let stat = fstat(file).map_err(|e| Error::path(path, e))?;
     if FileType::from_raw_mode(stat.st_mode) != FileType::RegularFile {
-        return Err(not_ours(path.to_owned(), "it is no regular file"));
+        return Err(not_ours(path, "it is no regular file"));
     }
     check_owner(&stat, path)?;
     check_mode(&stat, path)
 }
 
 fn check_owner(stat: &Stat, path: &Path) -> Result<(), Error> {
-    let user = geteuid().as_raw();
-    if stat.st_uid == user {
+    let (owner, user) = (stat.st_uid, geteuid().as_raw());
+    if owner == user {
         return Ok(());
     }
-    Err(not_ours(
-        path.to_owned(),
-        format!(
-            "it belongs to user {}, and this process is user {user}",
-            stat.st_uid
-        ),
-    ))
+    let why = format!("it belongs to user {owner}, and this process is user {user}");
+    Err(not_ours(path, why))
 }
 
 fn check_mode(stat: &Stat, path: &Path) -> Result<(), Error> {
     if stat.st_mode & OTHERS_WRITE == 0 {
         return Ok(());
     }
+    let mode = stat.st_mode & 0o7777;
     Err(not_ours(
-        path.to_owned(),
-        format!(
-            "others may write it: its mode is {:04o}",
-            stat.st_mode & 0o7777
-        ),
+        path,
+        format!("others may write it: its mode is {mode:04o}"),
     ))
 }
 
-/// Why something in the way is not used.
-pub(super) fn not_ours(path: PathBuf, why: impl Into<String>) -> Error {
+pub(super) fn not_ours(path: impl Into<PathBuf>, why: impl Into<String>) -> Error {
     Error::NotOurs {
-        path,
+        path: path.into(),
         why: why.into(),
     }
 }

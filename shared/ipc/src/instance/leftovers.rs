@@ -4,7 +4,7 @@
 //! files with the instance's prefix. A directory is removed when it is empty.
 
 use std::collections::BTreeSet;
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
@@ -13,19 +13,16 @@ use rustix::fs::AtFlags;
 
 use super::directory::{Directory, EntryKind, not_ours};
 use super::locks::{Door, IN_USE, LAUNCHER, is_marked, lock_name, try_lock};
-use super::memory::shared_memory;
 use super::root::root;
-use super::{Instance, MARK, SHARED_MEMORY};
+use super::{Instance, MARK, SHARED_MEMORY, shared_memory};
 use crate::error::Error;
 use messages::role::{ROLES, Role};
 
-/// Directories that the middleware makes below an instance's.
 const SERVICES: &str = "services";
 const NODES: &str = "nodes";
 /// End of the name of the segment in which it counts its nodes.
 const NODE_COUNTER: &[u8] = b".global_mgmt";
 
-/// What lies in an instance's directory, as paths below it.
 #[derive(Debug, Default)]
 pub(super) struct Contents {
     files: Vec<PathBuf>,
@@ -69,7 +66,6 @@ fn place_below(place: Place, name: &str) -> Option<Place> {
 
 impl Instance {
     /// Every instance under the root path whose plant runs now.
-    #[must_use]
     pub fn flying() -> Vec<Self> {
         Self::known()
             .into_iter()
@@ -78,34 +74,25 @@ impl Instance {
     }
 
     /// Every instance that has a directory of ours under the root path, or shared memory, in order of name.
-    #[must_use]
     pub fn known() -> Vec<Self> {
         let Ok(root) = root() else { return Vec::new() };
-        let is_ours = |name: &OsStr| {
-            let directory = Directory::open(&root.join(name)).ok().flatten();
-            directory
+        let open = |path: &Path| Directory::open(path).ok().flatten();
+        let list = |directory: Option<Directory>| {
+            let names = directory.and_then(|directory| directory.names().ok());
+            let names = names.unwrap_or_default().into_iter();
+            names.filter_map(|name| name.into_string().ok())
+        };
+        let is_ours = |name: &String| {
+            open(&root.join(name))
                 .is_some_and(|directory| directory.check_private().is_ok() && is_marked(&directory))
         };
-        let names = Directory::open(&root)
-            .ok()
-            .flatten()
-            .and_then(|root| root.names().ok())
-            .unwrap_or_default();
-        let directories = names
-            .into_iter()
-            .filter(|name| is_ours(name))
-            .filter_map(|name| name.into_string().ok());
         let beginning = Self::prefix_of_root(&root);
-        let of_segment = |name: OsString| {
-            let (name, _) = name.to_str()?.strip_prefix(&beginning)?.split_once('.')?;
+        let of_segment = |name: String| {
+            let (name, _) = name.strip_prefix(&beginning)?.split_once('.')?;
             Some(name.to_owned())
         };
-        let segments = shared_memory()
-            .ok()
-            .flatten()
-            .and_then(|memory| memory.names().ok())
-            .unwrap_or_default();
-        let segments = segments.into_iter().filter_map(of_segment);
+        let directories = list(open(&root)).filter(is_ours);
+        let segments = list(shared_memory().ok().flatten()).filter_map(of_segment);
         let mut names: Vec<String> = directories.chain(segments).collect();
         names.sort();
         names.dedup();
@@ -117,7 +104,6 @@ impl Instance {
 
     /// What is left of the instance when no process lives that uses it: its segments in shared memory, then its
     /// directory, or what of it is ours.
-    #[must_use]
     pub fn leftovers(&self) -> Vec<PathBuf> {
         match self.door_of_ours() {
             Ok(Some(door)) if !self.is_used(&door) => self
@@ -131,7 +117,6 @@ impl Instance {
     }
 
     /// What lies in its directory and is not ours: it stays.
-    #[must_use]
     pub fn foreign(&self) -> Vec<PathBuf> {
         let Ok(Some(door)) = self.door_of_ours() else {
             return Vec::new();
@@ -144,7 +129,6 @@ impl Instance {
     }
 
     /// Why nothing is removed of an instance that has segments in shared memory: its directory is not to be used.
-    #[must_use]
     pub fn refusal(&self) -> Option<Error> {
         if self.has_no_directory() || self.segments().is_empty() {
             return None;
@@ -283,7 +267,6 @@ impl Instance {
         Ok(())
     }
 
-    /// What a removal takes, as it is told.
     fn paths(&self, contents: &Contents) -> Vec<PathBuf> {
         let directory = self.directory();
         let rest = if contents.foreign.is_empty() {
@@ -333,18 +316,14 @@ impl Instance {
 
     /// Refuses shared memory in which somebody else uses the instance's prefix.
     pub(crate) fn check_segments(&self) -> Result<(), Error> {
-        match self
-            .in_shared_memory(|kind| matches!(kind, EntryKind::Directory | EntryKind::Foreign))
-            .first()
-        {
+        let foreign =
+            self.in_shared_memory(|kind| matches!(kind, EntryKind::Directory | EntryKind::Foreign));
+        match foreign.first() {
             None => Ok(()),
-            Some(name) => {
-                let path = Path::new(SHARED_MEMORY).join(name);
-                Err(not_ours(
-                    path,
-                    "it has a name of this instance, and is no file of this user",
-                ))
-            }
+            Some(name) => Err(not_ours(
+                Path::new(SHARED_MEMORY).join(name),
+                "it has a name of this instance, and is no file of this user",
+            )),
         }
     }
 
@@ -361,7 +340,6 @@ impl Instance {
         counters.try_for_each(|name| memory.close_to_others(Path::new(name)))
     }
 
-    /// Bytes of shared memory that it has already.
     pub(super) fn owned_bytes(&self) -> u64 {
         let Ok(Some(memory)) = shared_memory() else {
             return 0;

@@ -24,8 +24,7 @@ use rustix::process::{Pid, test_kill_process};
 
 use super::directory::{Directory, PRIVATE_DIRECTORY};
 use super::{Instance, MARK};
-use crate::error::Error;
-use crate::shortage;
+use crate::error::{Error, remedy_of};
 use crate::sys::Locked;
 use messages::role::{ROLES, Role};
 
@@ -40,7 +39,6 @@ const LOCK_RETRY: Duration = Duration::from_millis(5);
 const PATIENCE: Duration = Duration::from_secs(5);
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
-/// A lock that is held as long as this lives.
 #[derive(Debug)]
 pub struct Lock {
     _file: Locked,
@@ -61,16 +59,10 @@ pub(super) struct Door {
 }
 
 impl Instance {
-    /// Makes its directory, readable by its owner alone.
     pub fn prepare(&self) -> Result<(), Error> {
         self.door().map(drop)
     }
 
-    /// Takes the lock of a role.
-    ///
-    /// # Errors
-    /// [`Error::Occupied`] names the process that holds it, [`Error::Orphaned`] one that held it and has ended; those of
-    /// [`Self::prepare`].
     pub fn lock(&self, role: Role) -> Result<Lock, Error> {
         self.lock_as(role.name())
     }
@@ -82,10 +74,7 @@ impl Instance {
 
     fn lock_as(&self, role: &str) -> Result<Lock, Error> {
         let path = self.lock_path(role);
-        let root_path = |source| Error::RootPath {
-            path: path.clone(),
-            source,
-        };
+        let root_path = |source| Error::path(&path, source);
         // As long as the door is ours, nobody takes the file away.
         let door = self.door()?;
         let mut file = door.directory.file_or_new(&lock_name(role))?;
@@ -128,12 +117,10 @@ impl Instance {
     }
 
     /// Whether a process plays the role now; where that cannot be seen for want of files, somebody does.
-    #[must_use]
     pub fn is_occupied(&self, role: Role) -> bool {
         is_or_may_be(self.look_for(role))
     }
 
-    /// Whether a process plays the role now.
     pub fn look_for(&self, role: Role) -> Result<bool, Error> {
         self.is_held(role.name())
     }
@@ -141,13 +128,10 @@ impl Instance {
     /// Process number of the process that plays the role; `None` if no process does, or has not written its number yet.
     ///
     /// For an instant it may be the number of the role's previous process: never send a signal to it.
-    #[must_use]
     pub fn pid_of(&self, role: Role) -> Option<u32> {
         written_pid(&self.lock_path(role.name())).filter(|_| self.is_occupied(role))
     }
 
-    /// Whether any process of the instance lives.
-    #[must_use]
     pub fn is_alive(&self) -> bool {
         is_or_may_be(self.is_held(LAUNCHER)) || ROLES.iter().any(|role| self.is_occupied(*role))
     }
@@ -159,7 +143,7 @@ impl Instance {
                 .map(|is_free| !is_free),
             // Nobody ever was there.
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(false),
-            Err(source) => Err(Error::RootPath { path, source }),
+            Err(source) => Err(Error::path(path, source)),
         }
     }
 
@@ -206,10 +190,7 @@ impl Instance {
 
     fn make(&self) -> Result<(), Error> {
         let path = self.directory();
-        let failed = |source| Error::RootPath {
-            path: path.clone(),
-            source,
-        };
+        let failed = |source| Error::path(&path, source);
         DirBuilder::new()
             .recursive(true)
             .mode(0o700)
@@ -251,7 +232,7 @@ impl Instance {
             "A directory of ironbird, which removes it when the instance `{}` has ended.",
             self.name()
         )
-        .map_err(|source| Error::RootPath { path, source })
+        .map_err(|source| Error::path(path, source))
     }
 }
 
@@ -259,12 +240,11 @@ impl Instance {
 /// tell whether a lock that is there is held.
 fn is_or_may_be(held: Result<bool, Error>) -> bool {
     held.unwrap_or_else(|error| match error {
-        Error::RootPath { source, .. } => shortage::remedy(&source).is_some(),
+        Error::RootPath { source, .. } => remedy_of(&source).is_some(),
         _ => true,
     })
 }
 
-/// Whether we have made a directory.
 pub(super) fn is_marked(directory: &Directory) -> bool {
     directory.file(MARK).is_ok_and(|mark| mark.is_some())
 }

@@ -10,12 +10,10 @@ use super::directory::not_ours;
 use super::{ROOT_MAX, ROOT_VARIABLE};
 use crate::error::Error;
 
-/// Names the directory of the user's session.
 const SESSION_VARIABLE: &str = "XDG_RUNTIME_DIR";
 
 /// The directory under which instances live: `IRONBIRD_ROOT`, else one in the directory of the user's session, else
 /// one in /tmp that carries the user's number.
-#[must_use]
 pub fn root_path() -> PathBuf {
     named()
         .or_else(in_session)
@@ -54,10 +52,7 @@ pub(super) fn root() -> Result<PathBuf, Error> {
 
 /// The one spelling of a path, whether it is there or not: an instance's shared memory carries it.
 pub(super) fn one_spelling(path: &Path) -> Result<PathBuf, Error> {
-    resolve(path).map_err(|source| Error::RootPath {
-        path: path.to_owned(),
-        source,
-    })
+    resolve(path).map_err(|source| Error::path(path, source))
 }
 
 fn resolve(path: &Path) -> io::Result<PathBuf> {
@@ -79,34 +74,5 @@ fn resolve(path: &Path) -> io::Result<PathBuf> {
             },
         }
         there.pop();
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_path_has_one_spelling_before_and_after_it_is_made() {
-        let place = tempfile::tempdir().unwrap();
-        let there = place.path().canonicalize().unwrap();
-        std::os::unix::fs::symlink(place.path(), place.path().join("link")).unwrap();
-        let wanted = there.join("a/b");
-        for spelling in ["a/b", "a/b/", "./a//b", "link/a/b", "link/link/./a/b/"] {
-            assert_eq!(
-                one_spelling(&place.path().join(spelling)).unwrap(),
-                wanted,
-                "{spelling}"
-            );
-        }
-        std::fs::create_dir_all(&wanted).unwrap();
-        for spelling in ["a/b", "a/b/", "a/../a/b", "link/a/b"] {
-            assert_eq!(
-                one_spelling(&place.path().join(spelling)).unwrap(),
-                wanted,
-                "{spelling}"
-            );
-        }
-        assert!(one_spelling(&place.path().join("none/../a")).is_err());
     }
 }

@@ -9,14 +9,12 @@ use ipc::instance::Instance;
 use messages::inspection::Expected;
 use tempfile::TempDir;
 
-/// The run that every test flies.
 pub const EXPECTED: Expected = Expected {
     run_id: 7,
     settings: 9,
 };
 pub const EPOCH: u64 = 100;
 
-/// An instance under a root path of its own.
 pub struct Site {
     pub instance: Instance,
     root: TempDir,
@@ -50,7 +48,6 @@ impl Drop for Site {
     }
 }
 
-/// Removes what an instance left, once it is free.
 pub fn remove(instance: &Instance) {
     soon(|| (!instance.is_alive()).then_some(()));
     instance.remove_leftovers().unwrap();

@@ -14,13 +14,11 @@ thread_local! {
 }
 
 /// Allocations (and re-allocations) of the calling thread so far; 0 where [`count_allocations!`] is not in force.
-#[must_use]
 pub fn thread_allocations() -> u64 {
     ALLOCATIONS.get()
 }
 
 /// Whether this executable has [`count_allocations!`]. The first call allocates.
-#[must_use]
 pub fn are_counted() -> bool {
     static COUNTED: OnceLock<bool> = OnceLock::new();
     *COUNTED.get_or_init(|| {
@@ -34,6 +32,22 @@ pub fn are_counted() -> bool {
 #[inline]
 pub fn count_allocation() {
     ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+}
+
+/// Functions of the C library that count, and forward to it.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! count_and_forward {
+    ($($name:ident($($argument:ident: $type:ty),+) => $forward:ident;)+) => {
+        $(
+            #[unsafe(no_mangle)]
+            unsafe extern "C" fn $name($($argument: $type),+) -> *mut c_void {
+                count_allocation();
+                // SAFETY: promised by the caller.
+                unsafe { $forward($($argument),+) }
+            }
+        )+
+    };
 }
 
 /// Counts every call to malloc and its kin in this executable, whoever makes it: Rust, or a library that it loads. It is
@@ -58,39 +72,12 @@ macro_rules! count_allocations {
                 fn __libc_memalign(alignment: usize, size: usize) -> *mut c_void;
             }
 
-            #[unsafe(no_mangle)]
-            unsafe extern "C" fn malloc(size: usize) -> *mut c_void {
-                count_allocation();
-                // SAFETY: promised by the caller, here and below.
-                unsafe { __libc_malloc(size) }
-            }
-
-            #[unsafe(no_mangle)]
-            unsafe extern "C" fn calloc(count: usize, size: usize) -> *mut c_void {
-                count_allocation();
-                // SAFETY: as above.
-                unsafe { __libc_calloc(count, size) }
-            }
-
-            #[unsafe(no_mangle)]
-            unsafe extern "C" fn realloc(pointer: *mut c_void, size: usize) -> *mut c_void {
-                count_allocation();
-                // SAFETY: as above.
-                unsafe { __libc_realloc(pointer, size) }
-            }
-
-            #[unsafe(no_mangle)]
-            unsafe extern "C" fn memalign(alignment: usize, size: usize) -> *mut c_void {
-                count_allocation();
-                // SAFETY: as above.
-                unsafe { __libc_memalign(alignment, size) }
-            }
-
-            #[unsafe(no_mangle)]
-            unsafe extern "C" fn aligned_alloc(alignment: usize, size: usize) -> *mut c_void {
-                count_allocation();
-                // SAFETY: as above.
-                unsafe { __libc_memalign(alignment, size) }
+            $crate::count_and_forward! {
+                malloc(size: usize) => __libc_malloc;
+                calloc(count: usize, size: usize) => __libc_calloc;
+                realloc(pointer: *mut c_void, size: usize) => __libc_realloc;
+                memalign(alignment: usize, size: usize) => __libc_memalign;
+                aligned_alloc(alignment: usize, size: usize) => __libc_memalign;
             }
 
             #[unsafe(no_mangle)]
@@ -105,7 +92,7 @@ macro_rules! count_allocations {
                     return EINVAL;
                 }
                 count_allocation();
-                // SAFETY: as above; the caller's pointer is to a place for one.
+                // SAFETY: promised by the caller; its pointer is to a place for one.
                 unsafe {
                     let made = __libc_memalign(alignment, size);
                     if made.is_null() {
@@ -123,7 +110,6 @@ macro_rules! count_allocations {
     };
 }
 
-/// The system's allocator, counting Rust's calls.
 #[cfg(not(target_env = "gnu"))]
 #[derive(Debug)]
 pub struct CountingAllocator;

@@ -64,9 +64,6 @@ fn ask_whether_known(
 
 /// Makes every page present that the process can write or read: its own ones, the shared ones of its ports, and
 /// those that other processes write and it only reads. Those are left out that were locked `ahead`.
-///
-/// # Errors
-/// [`UNKNOWN`] where the kernel cannot be asked for that; else what it says of a range that is still there.
 pub(super) fn populate_mappings(
     ahead: Option<&Ahead>,
     mut populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
@@ -105,10 +102,8 @@ pub(super) fn populate_mappings(
 
 /// How often a range that is there is tried to be touched: memory that has run out stays so.
 const POPULATE_TRIES: u32 = 100;
-/// The list of the process' mappings.
 const MAPPINGS: &str = "/proc/self/maps";
 
-/// The mappings that there are, a line each.
 pub(super) fn mappings() -> BTreeSet<String> {
     fs::read_to_string(MAPPINGS)
         .unwrap_or_default()
@@ -145,10 +140,10 @@ mod tests {
             asked += 1;
             Err(io::Error::from_raw_os_error(libc::EINVAL))
         });
+        // It is not asked again.
         assert_eq!(
             (refused.unwrap_err().raw_os_error(), asked),
-            (Some(UNKNOWN), 1),
-            "it is not asked again"
+            (Some(UNKNOWN), 1)
         );
         settle_by(None, refuse(libc::EINVAL)).unwrap();
         assert!(
@@ -172,10 +167,7 @@ mod tests {
             }
         });
         settled.unwrap();
-        assert!(
-            asked.len() > 4 && asked[3] == asked[2],
-            "the range is tried again, and those after it: {asked:x?}"
-        );
+        assert!(asked.len() > 4 && asked[3] == asked[2]);
         let stubborn = asked[2];
         let refused = settle_by(None, |start, length, touch| {
             if start == stubborn {

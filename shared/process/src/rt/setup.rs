@@ -22,7 +22,6 @@ use messages::realtime::{Grants, RealtimeMode, RealtimeSettings, RealtimeStep};
 use messages::role::Role;
 
 /// What the user may do when a step is refused with an error number.
-#[must_use]
 pub fn remedy(step: RealtimeStep, errno: i64) -> &'static str {
     let not_permitted = errno == i64::from(libc::EPERM);
     match step {
@@ -100,7 +99,6 @@ impl Ahead {
     /// Locks and touches the memory, and keeps off the loops' processor: whoever waits costs the loops nothing.
     ///
     /// What is refused is told with the rest of the set-up. Nothing where there is none.
-    #[must_use]
     pub fn prepare(role: Role, settings: &RealtimeSettings) -> Option<Self> {
         if settings.mode == RealtimeMode::Off {
             return None;
@@ -228,7 +226,6 @@ impl Engaged {
     }
 }
 
-/// Locks the memory of the process and touches it.
 fn hold_memory(grants: &mut Grants) {
     grants.note(RealtimeStep::Malloc, 0, errno(sys::keep_freed_memory()));
     let locked = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(Into::into);

@@ -7,12 +7,9 @@ use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 
 use ipc::sys::check;
 use messages::grid::NS_PER_S;
+use messages::realtime::Usage;
 use signal_hook::SigId;
 
-/// Puts the calling thread under SCHED_FIFO.
-///
-/// # Errors
-/// EPERM without CAP_SYS_NICE or a sufficient RLIMIT_RTPRIO, or in a cpu cgroup without a real-time budget.
 pub(super) fn set_fifo(priority: i32) -> io::Result<()> {
     set_scheduler(0, libc::SCHED_FIFO, priority)
 }
@@ -44,7 +41,6 @@ fn set_scheduler(thread: i32, policy: i32, priority: i32) -> io::Result<()> {
     check(unsafe { libc::sched_setscheduler(thread, policy, &raw const parameters) })
 }
 
-/// The scheduling policy and priority of the calling thread.
 pub(super) fn scheduler() -> io::Result<(i32, i32)> {
     let mut parameters = libc::sched_param { sched_priority: 0 };
     // SAFETY: the pointer is to a live sched_param that the call fills; pid 0 is the caller.
@@ -136,7 +132,6 @@ pub(super) fn keep_freed_memory() -> io::Result<()> {
     Err(io::Error::from(io::ErrorKind::Unsupported))
 }
 
-/// How the pages of an address range are to be made present.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Touch {
     Read,
@@ -145,10 +140,6 @@ pub(super) enum Touch {
 }
 
 /// Makes every page of an address range present, without the SIGBUS of a full /dev/shm.
-///
-/// # Errors
-/// ENOMEM or EFAULT when memory runs out; EINVAL before Linux 5.14, for a mapping that cannot be populated, or for one
-/// whose protection was taken.
 pub(super) fn populate(start: usize, length: usize, touch: Touch) -> io::Result<()> {
     let advice = match touch {
         Touch::Read => libc::MADV_POPULATE_READ,
@@ -159,18 +150,8 @@ pub(super) fn populate(start: usize, length: usize, touch: Touch) -> io::Result<
     check(unsafe { libc::madvise(address, length, advice) })
 }
 
-/// Page faults and context switches of the calling thread so far.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct ThreadUsage {
-    pub(super) minor_faults: u64,
-    pub(super) major_faults: u64,
-    pub(super) voluntary_switches: u64,
-    pub(super) involuntary_switches: u64,
-    pub(super) cpu_ns: u64,
-}
-
-/// Resource usage of the calling thread.
-pub(super) fn thread_usage() -> ThreadUsage {
+/// What the calling thread has used so far, without its allocations.
+pub(super) fn thread_usage() -> Usage {
     let mut usage = std::mem::MaybeUninit::<libc::rusage>::zeroed();
     // SAFETY: the pointer is to memory for one rusage, for which all zeroes are a valid value.
     let usage = unsafe {
@@ -180,11 +161,12 @@ pub(super) fn thread_usage() -> ThreadUsage {
     let ns = |time: libc::timeval| {
         time.tv_sec.unsigned_abs() * NS_PER_S + time.tv_usec.unsigned_abs() * 1_000
     };
-    ThreadUsage {
+    Usage {
         minor_faults: usage.ru_minflt.unsigned_abs(),
         major_faults: usage.ru_majflt.unsigned_abs(),
         voluntary_switches: usage.ru_nvcsw.unsigned_abs(),
         involuntary_switches: usage.ru_nivcsw.unsigned_abs(),
+        allocations: 0,
         cpu_ns: ns(usage.ru_utime) + ns(usage.ru_stime),
     }
 }

@@ -18,15 +18,11 @@ const STACK_BYTES: usize = 256 << 10;
 pub struct Standing {
     /// SCHED_FIFO priority in force; 0 is SCHED_OTHER.
     pub priority: i32,
-    /// The processor that it was asked to keep to.
     pub cpu: usize,
-    /// What was refused, with the system's reason.
     pub refused: Vec<String>,
 }
 
 impl Standing {
-    /// Its scheduling in words: `SCHED_FIFO 80` or `SCHED_OTHER`.
-    #[must_use]
     pub fn scheduling(&self) -> String {
         if self.priority > 0 {
             format!("SCHED_FIFO {}", self.priority)
@@ -44,7 +40,6 @@ pub struct Raised {
 }
 
 impl Raised {
-    #[must_use]
     pub fn now() -> Self {
         let is_ordinary = sys::scheduler().is_ok_and(|(_, priority)| priority == 0);
         Self {
@@ -65,7 +60,6 @@ impl Drop for Raised {
 /// Puts the calling thread on a processor under SCHED_FIFO, without timer slack, and touches its stack.
 ///
 /// Each step is tried, and what is refused is said. A priority of 0 leaves it under SCHED_OTHER.
-#[must_use]
 pub fn take_stand(cpu: usize, priority: i32) -> Standing {
     let mut refused = Vec::new();
     let mut attempt = |what: &str, outcome: io::Result<()>| {
@@ -98,7 +92,6 @@ pub fn take_stand(cpu: usize, priority: i32) -> Standing {
 }
 
 /// Why a thread of this process cannot have SCHED_FIFO at a priority; nothing where it can.
-#[must_use]
 pub fn fifo_refusal(priority: i32) -> Option<io::Error> {
     let tried = std::thread::Builder::new()
         .name("fifo probe".into())
@@ -111,7 +104,6 @@ pub fn fifo_refusal(priority: i32) -> Option<io::Error> {
 }
 
 /// The processor of the loops where the user names none: the highest-numbered one allowed.
-#[must_use]
 pub fn loops_cpu() -> usize {
     let allowed = allowed_cpus();
     (0..CpuSet::MAX_CPU)
@@ -120,7 +112,6 @@ pub fn loops_cpu() -> usize {
         .unwrap_or(0)
 }
 
-/// The processors that the calling thread may use.
 pub(super) fn allowed_cpus() -> CpuSet {
     // Without the list (which cannot fail for the caller itself), processor 0 always exists.
     sched_getaffinity(None).unwrap_or_else(|_| {

@@ -6,15 +6,13 @@ use super::allocations::{are_counted, thread_allocations};
 use super::sys;
 use messages::realtime::Usage;
 
-/// Measures the calling thread from its creation on.
 #[derive(Clone, Copy, Debug)]
 pub struct UsageMeter {
-    start: sys::ThreadUsage,
+    start: Usage,
     allocations: Option<u64>,
 }
 
 impl UsageMeter {
-    #[must_use]
     pub fn start() -> Self {
         Self {
             allocations: are_counted().then(thread_allocations),
@@ -22,8 +20,6 @@ impl UsageMeter {
         }
     }
 
-    /// What the thread used since the start.
-    #[must_use]
     pub fn read(&self) -> Usage {
         let now = sys::thread_usage();
         Usage {

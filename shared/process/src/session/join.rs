@@ -28,32 +28,18 @@ use messages::inspection::Expected;
 use messages::role::Role;
 use messages::settings_text::{differences, other_laws};
 
-/// A run that the station has armed for.
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct Armed {
     // First: a role gives real time back before it gives up anything else.
     _engaged: Engaged,
     pub pace: Pace,
     pub expected: Expected,
-    /// Last tick that is to be flown.
     pub last_tick: u64,
-    /// First tick that this role works.
     pub first_tick: u64,
-    /// The plant's board of the run.
     pub run: JoinedRun,
 }
 
-/// The plant's board of a run that was joined.
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct JoinedRun {
     board: BlackboardReader<Run>,
-    /// What was on it last, of this run.
     last: Cell<Run>,
 }
 
@@ -66,7 +52,6 @@ impl JoinedRun {
     }
 
     /// What the plant says of the run; once another run is on the board, what it said last, closed by a failure.
-    #[must_use]
     pub fn get(&self) -> Run {
         let (now, last) = (self.board.get(), self.last.get());
         if now.run_id == last.run_id {
@@ -81,13 +66,11 @@ impl JoinedRun {
     }
 
     /// The run that is on the board instead of this one.
-    #[must_use]
     pub fn successor(&self) -> Option<Run> {
         Some(self.board.get()).filter(|now| now.run_id != self.last.get().run_id)
     }
 }
 
-/// Where a role is that wants to join.
 enum Joining {
     Seeking,
     /// A plant is known, and what it says is waited for.
@@ -102,10 +85,6 @@ impl RoleSession {
     ///
     /// `arm` connects the ports to those of the other roles, which exist by then. It is given the wire, what messages
     /// carry, and the epoch of this sender.
-    ///
-    /// # Errors
-    /// [`Error::SettingsDiffer`], [`Error::RealtimeRefused`], [`Error::Interrupted`], [`Error::TooLate`] for a flight in
-    /// lockstep that has begun, and those of `arm`.
     pub fn join(
         &mut self,
         mut arm: impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
@@ -118,24 +97,11 @@ impl RoleSession {
                 return Err(Error::Interrupted);
             }
             joining = match joining {
+                Joining::Seeking => self.seek(&mut patience)?,
+                Joining::Told(board) => self.follow(board, &mut patience, &mut arm)?,
+                Joining::Armed(board, run) => self.await_word(board, run, &mut patience),
                 Joining::Joined(board, run) => return Ok(self.take_off(engaged, board, run)),
-                earlier => self.step(earlier, &mut patience, &mut arm)?,
             };
-        }
-    }
-
-    /// One look at the plant, and what follows from it.
-    fn step(
-        &mut self,
-        joining: Joining,
-        patience: &mut ThrottledLog,
-        arm: &mut impl FnMut(&Wire, Expected, u64) -> Result<(), Error>,
-    ) -> Result<Joining, Error> {
-        match joining {
-            Joining::Seeking => self.seek(patience),
-            Joining::Told(board) => self.follow(board, patience, arm),
-            Joining::Armed(board, run) => Ok(self.await_word(board, run, patience)),
-            Joining::Joined(board, run) => Ok(Joining::Joined(board, run)),
         }
     }
 
@@ -208,7 +174,7 @@ impl RoleSession {
 
     /// The board of a plant that lives and whose run is open to this role.
     fn find_plant(&mut self) -> Result<Option<BlackboardReader<Run>>, Error> {
-        let board = self.run_board.take().map_or_else(
+        let board = self.boards.run.take().map_or_else(
             || self.wire.blackboard_reader::<Run>(RUN),
             |board| Ok(Some(board)),
         )?;
@@ -271,7 +237,7 @@ impl RoleSession {
     }
 
     fn compare_settings(&mut self) -> Result<(), Error> {
-        let ahead = self.settings_board.take();
+        let ahead = self.boards.settings.take();
         let board = ahead.map_or_else(
             || self.wire.blackboard_reader::<SettingsText>(SETTINGS),
             |board| Ok(Some(board)),

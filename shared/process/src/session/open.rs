@@ -8,7 +8,7 @@
 
 use std::thread::sleep;
 
-use super::{LOOK_EVERY, RoleSession, lead, status_board, wall_ns};
+use super::{LOOK_EVERY, RoleSession, lead_choice, status_board, wall_ns};
 use crate::lead::ActiveLead;
 use crate::rt::{Engaged, settle};
 use crate::throttled_log::ThrottledLog;
@@ -29,17 +29,11 @@ const ANNOUNCE_NS: u64 = 200_000_000;
 /// Roles must have armed this long before t_0 [ns] for the plant to keep to it; else it announces another one.
 const ARMED_BEFORE_NS: u64 = 40_000_000;
 
-/// A run that the plant has opened.
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct Opened {
     // First: a role gives real time back before it gives up anything else.
     _engaged: Engaged,
     pub pace: Pace,
     pub expected: Expected,
-    /// The plant's board of the run, and what is on it.
     pub board: Blackboard<Run>,
     pub run: Run,
     is_fifo: bool,
@@ -50,15 +44,12 @@ pub struct Opened {
 
 impl Opened {
     /// Newest tick that the recorder has taken in: it counts them as ticks run.
-    #[must_use]
     pub fn recorded_tick(&self) -> u64 {
         self.crew
             .last()
             .map_or(0, |recorder| recorder.get().ticks_run)
     }
 
-    /// The first end that another role asks for.
-    #[must_use]
     pub fn wanted_end(&self) -> Option<EndReason> {
         self.crew.iter().find_map(|board| {
             EndReason::from_wire(board.get().wants_end).filter(|end| *end != EndReason::None)
@@ -77,7 +68,7 @@ impl RoleSession {
             return Ok(ActiveLead::none());
         };
         let settings = &self.orders.rt;
-        opened.run.lead = lead::choose(settings, opened.is_fifo, &grid, rehearse)?;
+        opened.run.lead = lead_choice::choose(settings, opened.is_fifo, &grid, rehearse)?;
         opened.board.put(opened.run);
         Ok(ActiveLead::new(
             &opened.run.lead,
@@ -140,7 +131,6 @@ impl RoleSession {
         })
     }
 
-    /// The run before anybody has come.
     fn own_run(&self, plan: FlightPlan) -> Run {
         let FlightPlan {
             last_tick,

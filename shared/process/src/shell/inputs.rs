@@ -21,7 +21,6 @@ pub trait Inputs: Sized {
     /// What the stage is given of them: contents, each with its tick.
     type Stamped;
 
-    /// Makes the ports of a role, whose inputs may have faults.
     fn new(wire: &Wire, role: Role, faults: &MessageFaults) -> Result<Self, Error>;
 
     fn arm(&mut self, expected: Expected) -> Result<(), Error>;
@@ -38,13 +37,11 @@ pub trait Inputs: Sized {
     /// The newest of each, as if they were of this tick.
     fn dated_as_of(&self, tick: u64) -> Self::Stamped;
 
-    /// Whether all are of this tick.
     fn fresh(&self, tick: u64) -> bool;
 
     /// The history that an output of this tick goes back to, with the tick of each input.
     fn history(&self, tick: u64) -> Header;
 
-    /// Messages that did not pass inspection.
     fn rejections(&self) -> Rejections;
 }
 
@@ -52,17 +49,13 @@ pub trait Inputs: Sized {
 #[derive(Debug)]
 pub struct Input<C: Faulty> {
     receiver: Receiver<C>,
-    /// None where the topic can have no faults.
     port: Option<Port>,
     inlet: Box<FaultyInput<C>>,
-    /// Whether messages go through the inlet.
     is_struck: bool,
-    /// Which of the stage's troubles it has taken.
     version: u64,
 }
 
 impl<C: Faulty> Input<C> {
-    /// The newest message, as the stage has it.
     fn newest(&self) -> &Message<C> {
         if self.is_struck {
             self.inlet.newest()

@@ -6,11 +6,6 @@ use messages::fault::MessageFaults;
 use messages::fault::live::{LIVE, LiveBlackboard, LoopFaults};
 use messages::role::Role;
 
-/// The faults of a stage, as they are now.
-#[allow(
-    missing_debug_implementations,
-    reason = "the middleware's handles have none"
-)]
 pub struct ActiveFaults {
     role: Role,
     planned: LoopFaults,
@@ -50,7 +45,6 @@ impl ActiveFaults {
         self.version
     }
 
-    /// Those of messages, as of the last look.
     pub(super) const fn messages(&self) -> &MessageFaults {
         &self.now.messages
     }

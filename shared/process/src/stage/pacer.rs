@@ -23,15 +23,21 @@ const fn first_look_percent(role: Role) -> u64 {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum WakeReason {
-    /// The input of a tick is there.
-    Work { tick: u64, receive_ns: u64 },
+    Work {
+        tick: u64,
+        receive_ns: u64,
+    },
     /// The deadline of a tick has passed without it.
-    Silence { tick: u64, receive_ns: u64 },
+    Silence {
+        tick: u64,
+        receive_ns: u64,
+    },
     /// A rehearsal was called for, shortly before a tick.
-    Rehearsal { tick: u64 },
+    Rehearsal {
+        tick: u64,
+    },
 }
 
-/// Decides which tick a stage works next.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pacer {
     pace: Pace,
@@ -165,102 +171,66 @@ mod tests {
         GRID.begin_of(tick) + offset
     }
 
+    fn pacer(next_tick: u64) -> Pacer {
+        Pacer::new(Pace::Realtime(GRID), Role::Inner, next_tick)
+    }
+
+    fn work(tick: u64, receive_ns: u64) -> Option<WakeReason> {
+        Some(WakeReason::Work { tick, receive_ns })
+    }
+
+    fn silence(tick: u64, receive_ns: u64) -> Option<WakeReason> {
+        Some(WakeReason::Silence { tick, receive_ns })
+    }
+
     #[test]
     fn works_its_input_and_waits_for_the_next() {
-        let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 0);
+        let mut pacer = pacer(0);
         assert_eq!(pacer.decide(at(0, 0) - 500, NO_TICK), None);
-        assert_eq!(
-            pacer.decide(at(0, 30), 0),
-            Some(WakeReason::Work {
-                tick: 0,
-                receive_ns: at(0, 30)
-            })
-        );
-        assert_eq!(
-            pacer.decide(at(0, 40), 0),
-            None,
-            "its input is of the past tick"
-        );
-        assert_eq!(
-            pacer.decide(at(1, 30), 1),
-            Some(WakeReason::Work {
-                tick: 1,
-                receive_ns: at(1, 30)
-            })
-        );
+        assert_eq!(pacer.decide(at(0, 30), 0), work(0, at(0, 30)));
+        // Its input is of the past tick.
+        assert_eq!(pacer.decide(at(0, 40), 0), None);
+        assert_eq!(pacer.decide(at(1, 30), 1), work(1, at(1, 30)));
         assert_eq!(pacer.skipped, 0);
     }
 
     #[test]
     fn works_without_input_after_its_deadline_once() {
-        let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
+        let mut pacer = pacer(5);
         assert_eq!(pacer.decide(at(5, 799), 4), None);
-        assert_eq!(
-            pacer.decide(at(5, 800), 4),
-            Some(WakeReason::Silence {
-                tick: 5,
-                receive_ns: at(5, 800)
-            })
-        );
-        assert_eq!(
-            pacer.decide(at(5, 900), 5),
-            None,
-            "the late input is not worked a second time"
-        );
-        assert_eq!(
-            pacer.decide(at(6, 10), 6),
-            Some(WakeReason::Work {
-                tick: 6,
-                receive_ns: at(6, 10)
-            })
-        );
+        assert_eq!(pacer.decide(at(5, 800), 4), silence(5, at(5, 800)));
+        // The late input is not worked a second time.
+        assert_eq!(pacer.decide(at(5, 900), 5), None);
+        assert_eq!(pacer.decide(at(6, 10), 6), work(6, at(6, 10)));
     }
 
     #[test]
     fn looks_up_once_before_its_deadline() {
-        let pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
+        let pacer = pacer(5);
         assert_eq!(pacer.look_up(at(4, 900)), at(5, 690));
         assert_eq!(pacer.look_up(at(5, 690)), at(5, 800));
     }
 
     #[test]
     fn skips_the_ticks_that_are_over() {
-        let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
-        assert_eq!(
-            pacer.decide(at(9, 100), 4),
-            None,
-            "a pause of the machine: tick 9 may still get its input"
-        );
+        let mut pacer = pacer(5);
+        // A pause of the machine: tick 9 may still get its input.
+        assert_eq!(pacer.decide(at(9, 100), 4), None);
         assert_eq!((pacer.next_tick, pacer.skipped), (9, 4));
-        assert_eq!(
-            pacer.decide(at(9, 200), 9),
-            Some(WakeReason::Work {
-                tick: 9,
-                receive_ns: at(9, 200)
-            })
-        );
+        assert_eq!(pacer.decide(at(9, 200), 9), work(9, at(9, 200)));
     }
 
     #[test]
     fn a_rehearsal_is_held_only_shortly_before_the_tick_that_is_next() {
-        let pacer = |next_tick| Pacer::new(Pace::Realtime(GRID), Role::Inner, next_tick);
         assert!(pacer(5).is_to_come(at(4, 500)));
-        assert!(
-            !pacer(5).is_to_come(at(4, 499)),
-            "the tick before may still be on its way"
-        );
-        assert!(
-            !pacer(5).is_to_come(at(5, 0)),
-            "the tick has begun, and wins"
-        );
-        assert!(
-            pacer(0).is_to_come(1),
-            "before take-off there is none before it"
-        );
-        assert!(
-            !Pacer::new(Pace::Lockstep, Role::Inner, 0).is_to_come(1),
-            "in lockstep no tick is waited for"
-        );
+        // The tick before may still be on its way.
+        assert!(!pacer(5).is_to_come(at(4, 499)));
+        // The tick has begun, and wins.
+        assert!(!pacer(5).is_to_come(at(5, 0)));
+        // Before take-off there is none before it.
+        assert!(pacer(0).is_to_come(1));
+        // In lockstep no tick is waited for.
+        assert!(!Pacer::new(Pace::Lockstep, Role::Inner, 0).is_to_come(1));
     }
 
     #[test]
@@ -291,10 +261,10 @@ mod tests {
             })
         };
         let late_message_or_alarm = woken_by(&|| bell.ring().unwrap()).unwrap();
-        assert!(
-            matches!(late_message_or_alarm, WakeReason::Work { tick: 1, .. }),
-            "{late_message_or_alarm:?}"
-        );
+        assert!(matches!(
+            late_message_or_alarm,
+            WakeReason::Work { tick: 1, .. }
+        ));
         let called = woken_by(&|| bell.ring_for_rehearsal().unwrap()).unwrap();
         assert_eq!(called, WakeReason::Rehearsal { tick: 1 });
         drop(wire);
@@ -320,10 +290,8 @@ mod tests {
             std::thread::sleep(std::time::Duration::from_millis(20));
             sent_ns = now_ns();
             let tick = grid.tick_at(sent_ns);
-            assert!(
-                pace.latest_tick() >= tick,
-                "a message of this instant is no forgery"
-            );
+            // A message of this instant is no forgery.
+            assert!(pace.latest_tick() >= tick);
             Ok(tick)
         });
         drop(wire);
@@ -331,23 +299,13 @@ mod tests {
         let WakeReason::Work { tick, receive_ns } = woken.unwrap() else {
             panic!("there was an input")
         };
-        assert!(
-            tick >= 20 && receive_ns >= sent_ns,
-            "tick {tick} came {} ns before it was sent",
-            sent_ns - receive_ns
-        );
+        assert!(tick >= 20 && receive_ns >= sent_ns);
     }
 
     #[test]
     fn an_input_that_comes_as_its_tick_begins_is_worked_once() {
-        let mut pacer = Pacer::new(Pace::Realtime(GRID), Role::Inner, 5);
-        assert_eq!(
-            pacer.decide(at(5, 999), 6),
-            Some(WakeReason::Work {
-                tick: 6,
-                receive_ns: at(5, 999)
-            })
-        );
+        let mut pacer = pacer(5);
+        assert_eq!(pacer.decide(at(5, 999), 6), work(6, at(5, 999)));
         assert_eq!((pacer.next_tick, pacer.skipped), (7, 1));
         assert_eq!(pacer.decide(at(6, 10), 6), None);
     }

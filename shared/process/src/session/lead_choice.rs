@@ -102,10 +102,8 @@ mod tests {
                 Lead::default()
             );
         }
-        assert!(
-            choose(&settings(LeadSetting::Auto, true), true, &soon(), refuse).is_err(),
-            "and here it is"
-        );
+        // And here it is.
+        assert!(choose(&settings(LeadSetting::Auto, true), true, &soon(), refuse).is_err());
     }
 
     #[test]
@@ -118,14 +116,8 @@ mod tests {
             Ok(())
         })
         .unwrap();
-        assert!(
-            rehearsed > 0 && lead.rehearsal_ns >= 50_000,
-            "{rehearsed} rehearsals, {lead:?}"
-        );
-        assert!(
-            lead.timer_p90_ns > 0 && lead.lead_ns >= lead.rehearsal_ns.min(250_000),
-            "{lead:?}"
-        );
+        assert!(rehearsed > 0 && lead.rehearsal_ns >= 50_000);
+        assert!(lead.timer_p90_ns > 0 && lead.lead_ns >= lead.rehearsal_ns.min(250_000));
         let fixed = choose(
             &settings(LeadSetting::Fixed(70_000), false),
             false,
@@ -133,15 +125,10 @@ mod tests {
             || Err(Error::Interrupted),
         );
         let fixed = fixed.unwrap();
-        assert_eq!(
-            (fixed.lead_ns, fixed.rehearsal_ns),
-            (70_000, 0),
-            "one that is set is kept, and nobody rehearses"
-        );
-        assert!(
-            fixed.timer_p90_ns > 0,
-            "the report says what it stands beside"
-        );
+        // One that is set is kept, and nobody rehearses.
+        assert_eq!((fixed.lead_ns, fixed.rehearsal_ns), (70_000, 0));
+        // The report says what it stands beside.
+        assert!(fixed.timer_p90_ns > 0);
     }
 
     #[test]

@@ -1,20 +1,23 @@
-//! The service `parameters`: an order, its answer, and what happens without one.
+//! The service `parameters`: a request, its reply, and what happens without one.
 
 use std::thread;
 use std::time::Duration;
 
-use ::ipc::clock::now_ns;
-use ::ipc::error::Error;
-use ::ipc::sys::Payload;
+use ipc::clock::now_ns;
+use ipc::error::Error;
+use ipc::sys::Payload;
+use ipc::{Owner, SwapAnswer, SwapCall, SwapOrder, SwapOutcome, SwapServer, Wire};
 use messages::content::NO_TICK;
 use messages::parameters::{PARAMETERS, Parameter};
 
-use ::ipc::{Owner, SwapAnswer, SwapCall, SwapOrder, SwapOutcome, SwapServer, Wire};
-
-use crate::{Site, assert_incompatible, node};
+use crate::forgery::node;
+use crate::{Site, assert_incompatible};
 
 /// Only ends a test that hangs.
 const LONG: Duration = Duration::from_secs(60);
+const SHORT: Duration = Duration::from_millis(20);
+/// Longer than the plant takes to look.
+const A_WHILE: Duration = Duration::from_secs(1);
 
 fn order(mass_kg: f64) -> SwapOrder {
     let mut order = SwapOrder {
@@ -30,14 +33,19 @@ fn order(mass_kg: f64) -> SwapOrder {
 }
 
 fn answer(tick: u64) -> SwapAnswer {
-    let verdict = SwapOutcome::Applied as u64;
     SwapAnswer {
-        verdict,
+        verdict: SwapOutcome::Applied as u64,
         tick,
         parameter_epoch: 1,
         parameter: 0,
         old: [0.52; PARAMETERS],
     }
+}
+
+/// Sends a request from a process of its own.
+fn ask(site: &Site, mass_kg: f64, timeout: Duration) -> Result<SwapAnswer, Error> {
+    let client = site.wire().swap_client().unwrap();
+    client.ask(order(mass_kg), timeout)
 }
 
 fn next(server: &SwapServer) -> SwapCall {
@@ -48,94 +56,87 @@ fn next(server: &SwapServer) -> SwapCall {
         }
         thread::sleep(Duration::from_millis(1));
     }
-    panic!("no order came");
-}
-
-#[test]
-fn an_order_rings_at_the_plant_and_its_answer_comes_back() {
-    let site = Site::new();
-    let wire = site.wire();
-    let server = wire.swap_server().unwrap();
-    let doorbell = wire.doorbell(Owner::Desk).unwrap();
-    assert!(server.next().unwrap().is_none());
-    thread::scope(|scope| {
-        let asked = scope.spawn(|| {
-            let client = site.wire().swap_client().unwrap();
-            (0..20)
-                .map(|i| client.ask(order(f64::from(i) / 10.0), LONG).unwrap())
-                .collect::<Vec<_>>()
-        });
-        for i in 0..20 {
-            assert!(
-                doorbell
-                    .wait_until(now_ns() + LONG.as_nanos() as u64)
-                    .unwrap()
-            );
-            let call = next(&server);
-            assert_eq!(call.order(), order(f64::from(i) / 10.0));
-            call.answer(answer(i as u64));
-        }
-        assert_eq!(
-            asked.join().unwrap(),
-            (0..20).map(answer).collect::<Vec<_>>()
-        );
-    });
+    panic!("no request came");
 }
 
 fn assert_absent(result: Result<SwapAnswer, Error>) {
     let error = result.unwrap_err();
     assert!(matches!(error, Error::Absent { .. }), "{error}");
-    assert!(
-        error
-            .to_string()
-            .contains("the plant did not answer within 20ms"),
-        "{error}"
-    );
+    let words = "the plant did not answer within 20ms";
+    assert!(error.to_string().contains(words), "{error}");
     assert_eq!(error.exit_code(), 1);
 }
 
-const SHORT: Duration = Duration::from_millis(20);
-/// Longer than the plant takes to look.
-const A_WHILE: Duration = Duration::from_secs(1);
+#[test]
+fn a_request_wakes_the_plant_and_its_reply_comes_back() {
+    let site = Site::new();
+    let wire = site.wire();
+    let server = wire.swap_server().unwrap();
+    let event = wire.doorbell(Owner::Desk).unwrap();
+    assert!(server.next().unwrap().is_none());
+    thread::scope(|scope| {
+        let asked = scope.spawn(|| {
+            let client = site.wire().swap_client().unwrap();
+            let ask = |i| client.ask(order(f64::from(i) / 10.0), LONG).unwrap();
+            (0..20).map(ask).collect::<Vec<_>>()
+        });
+        for i in 0..20 {
+            let until = now_ns() + LONG.as_nanos() as u64;
+            assert!(event.wait_until(until).unwrap());
+            let call = next(&server);
+            assert_eq!(call.order(), order(f64::from(i) / 10.0));
+            call.answer(answer(i as u64));
+        }
+        assert!(asked.join().unwrap().into_iter().eq((0..20).map(answer)));
+    });
+}
 
 #[test]
-fn without_an_answer_the_client_says_who_was_silent_and_may_ask_again() {
+fn without_a_reply_the_client_names_the_plant_and_may_ask_again() {
     let site = Site::new();
     let wire = site.wire();
     let client = wire.swap_client().unwrap();
     let begin = now_ns();
     assert_absent(client.ask(order(0.6), SHORT));
     assert!(now_ns() >= begin + 20_000_000);
-    // Now there is a plant, which does not answer.
-    let _server = wire.swap_server().unwrap();
+    // Now there is a plant, which does not reply, and then one that drops the request.
+    let server = wire.swap_server().unwrap();
     for _ in 0..10 {
         assert_absent(client.ask(order(0.6), SHORT));
     }
+    drop(client);
+    thread::scope(|scope| {
+        let asked = scope.spawn(|| ask(&site, 0.6, SHORT));
+        // The client may have given up before this looks.
+        let until = now_ns() + 100_000_000;
+        while now_ns() < until && server.next().unwrap().is_none() {}
+        assert_absent(asked.join().unwrap());
+    });
 }
 
 #[test]
-fn a_late_answer_is_not_taken_for_that_of_the_next_order() {
+fn a_late_reply_is_not_taken_for_that_of_the_next_request() {
     let site = Site::new();
     let wire = site.wire();
     let server = wire.swap_server().unwrap();
     thread::scope(|scope| {
-        let (timed_out, told) = std::sync::mpsc::channel();
+        let (give_up, has_given_up) = std::sync::mpsc::channel();
         let asked = scope.spawn({
             let site = &site;
             move || {
                 let client = site.wire().swap_client().unwrap();
                 assert_absent(client.ask(order(0.6), SHORT));
-                timed_out.send(()).unwrap();
+                give_up.send(()).unwrap();
                 client.ask(order(0.7), LONG).unwrap()
             }
         });
-        told.recv().unwrap();
+        has_given_up.recv().unwrap();
         let second = loop {
             let call = next(&server);
             if call.order() == order(0.7) {
                 break call;
             }
-            // Its client has given up, so that this goes nowhere.
+            // Its client has given up.
             call.answer(answer(6));
         };
         second.answer(answer(7));
@@ -158,53 +159,35 @@ fn a_client_that_left_is_no_error_for_the_plant() {
         }
     }
     thread::scope(|scope| {
-        let asked = scope.spawn(|| {
-            site.wire()
-                .swap_client()
-                .unwrap()
-                .ask(order(0.8), LONG)
-                .unwrap()
-        });
+        let asked = scope.spawn(|| ask(&site, 0.8, LONG).unwrap());
         next(&server).answer(answer(99));
-        assert_eq!(
-            asked.join().unwrap(),
-            answer(99),
-            "the next client finds the plant as it was"
-        );
+        assert_eq!(asked.join().unwrap(), answer(99), "the next client");
     });
 }
 
 #[test]
-fn an_answer_to_one_who_has_left_goes_to_nobody_and_who_comes_into_his_place_is_answered() {
+fn a_client_that_takes_the_place_of_one_that_left_gets_its_own_reply() {
     let site = Site::new();
     let wire = site.wire();
     let server = wire.swap_server().unwrap();
-    for is_forgotten in [true, false] {
+    for is_dropped in [true, false] {
         thread::scope(|scope| {
-            let gone = scope.spawn(|| site.wire().swap_client().unwrap().ask(order(0.6), A_WHILE));
+            let gone = scope.spawn(|| ask(&site, 0.6, A_WHILE));
             let first = next(&server);
             assert!(server.is_awaited(&first));
             gone.join().unwrap().unwrap_err();
             assert!(!server.is_awaited(&first));
-            let first = (!is_forgotten).then_some(first);
-            // As many as there are places, so that one of them has his.
+            let first = (!is_dropped).then_some(first);
+            // As many as there are places, so that one of them has the same.
+            let site = &site;
             let asked: Vec<_> = (10..18_u32)
-                .map(|i| {
-                    let site = &site;
-                    let ask = move || {
-                        site.wire()
-                            .swap_client()
-                            .unwrap()
-                            .ask(order(f64::from(i)), A_WHILE)
-                    };
-                    (i, scope.spawn(ask))
-                })
+                .map(|i| (i, scope.spawn(move || ask(site, f64::from(i), A_WHILE))))
                 .collect();
             let calls: Vec<_> = asked.iter().map(|_| next(&server)).collect();
-            // Who forgets to forget cuts somebody off, but tells nobody what is not his.
+            // A reply to a client that has left may cut another client off, but no client takes it for its own.
             if let Some(first) = first {
                 first.answer(answer(6));
-                // Whoever takes it for his own has it before his own comes.
+                // A client that takes it has it before its own comes.
                 thread::sleep(Duration::from_millis(50));
             }
             for call in calls {
@@ -214,7 +197,7 @@ fn an_answer_to_one_who_has_left_goes_to_nobody_and_who_comes_into_his_place_is_
             for (i, asked) in asked {
                 match asked.join().unwrap() {
                     Ok(answered) => assert_eq!(answered, answer(u64::from(i))),
-                    Err(error) => assert!(!is_forgotten, "{error}"),
+                    Err(error) => assert!(!is_dropped, "{error}"),
                 }
             }
         });
@@ -222,45 +205,28 @@ fn an_answer_to_one_who_has_left_goes_to_nobody_and_who_comes_into_his_place_is_
 }
 
 #[test]
-fn a_call_that_is_dropped_unanswered_leaves_the_client_to_its_time_out() {
-    let site = Site::new();
-    let wire = site.wire();
-    let server = wire.swap_server().unwrap();
-    thread::scope(|scope| {
-        let asked = scope.spawn(|| site.wire().swap_client().unwrap().ask(order(0.6), SHORT));
-        // The client may have given up before this looks.
-        let until = now_ns() + 100_000_000;
-        while now_ns() < until && server.next().unwrap().is_none() {}
-        assert_absent(asked.join().unwrap());
-    });
-}
-
-#[test]
 fn eight_clients_may_ask_at_once_and_one_plant_answers() {
     let site = Site::new();
     let wires: Vec<Wire> = (0..9).map(|_| site.wire()).collect();
     let _server = wires[0].swap_server().unwrap();
-    assert!(matches!(
-        wires[1].swap_server().unwrap_err(),
-        Error::Wire { .. }
-    ));
+    let second = wires[1].swap_server().unwrap_err();
+    assert!(matches!(second, Error::Wire { .. }), "{second}");
+    let client = |wire: &Wire| wire.swap_client();
     let clients: Vec<_> = wires[..8]
         .iter()
-        .map(|wire| wire.swap_client().unwrap())
+        .map(|wire| client(wire).unwrap())
         .collect();
-    assert!(matches!(
-        wires[8].swap_client().unwrap_err(),
-        Error::Wire { .. }
-    ));
+    let ninth = client(&wires[8]).unwrap_err();
+    assert!(matches!(ninth, Error::Wire { .. }), "{ninth}");
     drop(clients);
-    wires[8].swap_client().unwrap();
+    client(&wires[8]).unwrap();
 }
 
 #[test]
 fn a_service_of_another_build_is_incompatible() {
     let site = Site::new();
     let _other_build = site.instance.enter().unwrap();
-    let theirs = node(&site);
+    let theirs = node(&site.instance);
     let _service = theirs
         .service_builder(&"ironbird/test/parameters".try_into().unwrap())
         .request_response::<Payload<SwapOrder>, Payload<SwapAnswer>>()

@@ -1,0 +1,194 @@
+//! Wake-up events: no notification is lost or counted twice, and a wait ends at its instant.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
+
+use ipc::clock::now_ns;
+use ipc::error::Error;
+use ipc::{LATEST, WakeEvent, Wire};
+use messages::content::State;
+use messages::header::Header;
+use messages::role::Role;
+
+use crate::Site;
+use crate::common::{EPOCH, EXPECTED};
+
+/// Only ends a test that hangs [ns].
+const LONG: u64 = 60_000_000_000;
+
+fn notify(wire: &Wire, role: Role) {
+    wire.bell(role).unwrap().ring().unwrap();
+}
+
+/// Waits for a time [ns]; whether it was notified.
+fn wait(event: &WakeEvent, time_ns: u64) -> bool {
+    event.wait_until(now_ns() + time_ns).unwrap()
+}
+
+#[test]
+fn a_notification_before_the_wait_ends_it_at_once_and_many_are_one() {
+    let site = Site::new();
+    let wire = site.wire();
+    let bell = wire.bell(Role::Outer).unwrap();
+    bell.ring().unwrap();
+    let event = wire.doorbell(Role::Outer).unwrap();
+    // The last is more than any queue of the kernel holds.
+    for (count, wait_ns) in [(1, LONG), (1, 0), (2, LONG), (5, LONG), (100_000, LONG)] {
+        (0..count).for_each(|_| bell.ring().unwrap());
+        assert!(wait(&event, wait_ns), "{count}");
+        assert!(!wait(&event, 1_000_000), "{count} were answered together");
+    }
+}
+
+#[test]
+fn a_wait_without_a_notification_ends_after_its_instant() {
+    let site = Site::new();
+    let wire = site.wire();
+    let event = wire.doorbell(Role::Inner).unwrap();
+    // Of another role.
+    notify(&wire, Role::Mixer);
+    for wait_ns in [0, 1, 50_000, 300_000, 2_500_000, 30_000_000] {
+        let until = now_ns() + wait_ns;
+        assert!(!event.wait_until(until).unwrap());
+        assert!(now_ns() >= until, "{} ns early", until - now_ns());
+    }
+    assert!(!event.wait_until(0).unwrap(), "an instant that is over");
+    assert!(wait(&wire.doorbell(Role::Mixer).unwrap(), LONG));
+}
+
+/// One test, because the alarm's signal reaches every alarm of a process.
+#[test]
+fn with_an_alarm_a_wait_ends_by_a_notification_or_after_its_instant_too() {
+    let site = Site::new();
+    let wire = site.wire();
+    let event = wire.doorbell_with_alarm(Role::Mixer).unwrap();
+    for wait_ns in [0, 1, 50_000, 300_000, 2_500_000, 30_000_000] {
+        let until = now_ns() + wait_ns;
+        assert!(event.wait_until(until).unwrap(), "the alarm notifies");
+        assert!(now_ns() >= until, "{} ns early", until - now_ns());
+    }
+    assert!(event.wait_until(0).unwrap(), "an instant that is over");
+
+    notify(&wire, Role::Mixer);
+    let begin_ns = now_ns();
+    assert!(
+        event.wait_until(begin_ns + LONG).unwrap(),
+        "before the wait"
+    );
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            thread::sleep(Duration::from_millis(5));
+            notify(&site.wire(), Role::Mixer);
+        });
+        assert!(event.wait_until(begin_ns + LONG).unwrap(), "in the wait");
+    });
+    assert!(now_ns() < begin_ns + LONG);
+
+    // The instant of a wait that a notification has ended passes while nobody waits: only the next wait notices.
+    let instant_ns = now_ns() + 20_000_000;
+    thread::scope(|scope| {
+        scope.spawn(|| notify(&site.wire(), Role::Mixer));
+        assert!(event.wait_until(instant_ns).unwrap());
+    });
+    thread::sleep(Duration::from_millis(30));
+    assert!(now_ns() > instant_ns && wait(&event, LONG));
+    let until = now_ns() + 10_000_000;
+    assert!(event.wait_until(until).unwrap());
+    assert!(now_ns() >= until);
+}
+
+#[test]
+fn a_notification_ends_a_wait_in_another_thread() {
+    let site = Site::new();
+    thread::scope(|scope| {
+        let (ready, is_ready) = mpsc::channel();
+        let waiter = scope.spawn({
+            let site = &site;
+            move || {
+                let wire = site.wire();
+                let event = wire.doorbell(Role::Inner).unwrap();
+                ready.send(()).unwrap();
+                wait(&event, LONG)
+            }
+        });
+        is_ready.recv().unwrap();
+        thread::sleep(Duration::from_millis(5));
+        notify(&site.wire(), Role::Inner);
+        assert!(waiter.join().unwrap());
+    });
+}
+
+#[test]
+fn a_message_is_there_when_its_sender_notifies() {
+    let site = Site::new();
+    let wire = site.wire();
+    let event = wire.doorbell(Role::Outer).unwrap();
+    let bell = wire.bell(Role::Outer).unwrap();
+    let mut sender = wire.sender::<State>(Some(bell)).unwrap();
+    let mut receiver = wire.receiver::<State>(LATEST).unwrap();
+    sender.arm(EXPECTED, EPOCH).unwrap();
+    receiver.arm(EXPECTED).unwrap();
+    for tick in 0..1000 {
+        sender.send(tick, &Header::new(), State::default()).unwrap();
+        assert!(wait(&event, LONG));
+        assert_eq!(receiver.take(tick).unwrap(), tick);
+    }
+}
+
+#[test]
+fn a_page_of_another_build_is_incompatible() {
+    let site = Site::new();
+    let page = page_of(&site);
+    // The token of the last of 64 events of 64 bytes.
+    let theirs = [vec![0; 63 * 64 + 8], vec![7; 8], vec![0; 48]].concat();
+    fs::write(&page, &theirs).unwrap();
+    drop(Wire::open(&site.instance).expect("nobody uses it: it was left"));
+    let _other_build = site.instance.enter().unwrap();
+    fs::write(&page, &theirs).unwrap();
+    let error = Wire::open(&site.instance).unwrap_err();
+    assert!(matches!(&error, Error::Incompatible { .. }), "{error}");
+    let words = error.to_string();
+    assert!(words.contains("the page of doorbells"), "{words}");
+    assert!(!page.exists(), "nobody else had it");
+}
+
+#[test]
+fn the_page_goes_with_the_last_process_that_has_it() {
+    let site = Site::new();
+    let page = page_of(&site);
+    let (first, second) = (site.wire(), site.wire());
+    let event = first.doorbell(Role::Outer).unwrap();
+    let bell = second.bell(Role::Outer).unwrap();
+    assert!(page.exists());
+    drop(first);
+    assert!(page.exists(), "one still has it");
+    let third = site.wire();
+    notify(&third, Role::Outer);
+    assert!(wait(&event, LONG), "a later process has the same page");
+    drop((second, third));
+    assert!(!page.exists());
+    bell.ring().unwrap();
+    assert!(wait(&event, 0), "what is mapped stays");
+}
+
+#[test]
+fn processes_that_come_and_go_at_once_share_one_page() {
+    let site = Site::new();
+    let stays = site.wire();
+    let event = stays.doorbell(Role::Inner).unwrap();
+    thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| (0..50).for_each(|_| notify(&site.wire(), Role::Inner)));
+        }
+    });
+    assert!(wait(&event, 0));
+    drop((event, stays));
+    assert!(!page_of(&site).exists());
+}
+
+fn page_of(site: &Site) -> PathBuf {
+    Path::new("/dev/shm").join(format!("{}bells", site.instance.prefix()))
+}
