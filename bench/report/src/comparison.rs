@@ -52,7 +52,7 @@ pub struct Fault {
     pub what: String,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Laws {
     pub outer: String,
     pub inner: String,

@@ -1,7 +1,7 @@
 //! `--open`: opens a flight's page in the user's browser.
 
 use std::env;
-use std::io::{self, ErrorKind};
+use std::io::ErrorKind;
 use std::path::Path;
 use std::time::Duration;
 
@@ -15,45 +15,35 @@ const OPEN_TIMEOUT: Duration = Duration::from_secs(3);
 pub fn open_page(directory: &Path) -> Result<(), Failure> {
     let page = directory.join("report.html");
     if !page.is_file() {
-        return Err(
-            Failure::usage(format!("{} holds no page yet", directory.display())).help(
-                "the page is written at the end of a flight; if the recorder died earlier, \
+        let what = format!("{} holds no page yet", directory.display());
+        return Err(Failure::usage(what).help(
+            "the page is written at the end of a flight; if the recorder died earlier, \
              `ironbird report RUN --format html > report.html` creates it from the last report",
-            ),
-        );
+        ));
     }
     // A browser that already runs has another working directory.
     let page = page.canonicalize().in_file("open", &page)?;
     let shown = page.display();
-    if let Some(browser) = env::var("BROWSER")
-        .ok()
-        .filter(|browser| !browser.is_empty())
-    {
-        open::with_detached(&page, &browser)
-            .map_err(|e| {
-                Failure::failed(format!("cannot open {shown} with BROWSER={browser}: {e}"))
-            })
-            .map_err(|failure| failure.help("BROWSER must name a program that takes a file"))?;
+    let browser = env::var("BROWSER").unwrap_or_default();
+    if !browser.is_empty() {
+        open::with_detached(&page, &browser).map_err(|e| {
+            Failure::failed(format!("cannot open {shown} with BROWSER={browser}: {e}"))
+                .help("BROWSER must name a program that takes a file")
+        })?;
         say(&format!("gave {shown} to {browser}\n"));
-    } else {
-        open::that_detached_with_timeout(&page, OPEN_TIMEOUT).map_err(|e| refused(&page, &e))?;
-        say(&format!("opened {shown}\n"));
+        return Ok(());
     }
+    open::that_detached_with_timeout(&page, OPEN_TIMEOUT).map_err(|e| {
+        let why = match e.kind() {
+            ErrorKind::NotFound => "neither xdg-open nor gio nor kde-open is installed".into(),
+            ErrorKind::Other => "the system's file opener found no browser".into(),
+            _ => e.to_string(),
+        };
+        Failure::failed(format!("cannot open {shown} in a browser: {why}")).help(
+            "set BROWSER to a browser; without a screen, copy the page to another machine: it is a single file and needs no \
+             network",
+        )
+    })?;
+    say(&format!("opened {shown}\n"));
     Ok(())
-}
-
-fn refused(page: &Path, error: &io::Error) -> Failure {
-    let why = match error.kind() {
-        ErrorKind::NotFound => "neither xdg-open nor gio nor kde-open is installed".to_owned(),
-        ErrorKind::Other => "the system's file opener found no browser".to_owned(),
-        _ => error.to_string(),
-    };
-    Failure::failed(format!(
-        "cannot open {} in a browser: {why}",
-        page.display()
-    ))
-    .help(
-        "set BROWSER to a browser; without a screen, copy the page to another machine: \
-         it is a single file and needs no network",
-    )
 }

@@ -1,6 +1,9 @@
 //! Combinations of laws: every outer law with every inner law and mixer.
 
+use std::path::Path;
+
 use messages::role::Role;
+use report::comparison::Laws;
 use report::render::plot::LAWS;
 use toml::Value;
 
@@ -47,23 +50,39 @@ pub fn of(outer: &[String], inner: &[String], mixer: &[String]) -> Result<Vec<Ov
 /// As many as a page tells apart.
 const COMBINATIONS_MAX: usize = LAWS.len();
 
-/// Refuses combinations with the same name: two library files may hold laws of one name.
-pub fn check_names(combinations: &[Overrides], settings: &[Settings]) -> Result<(), Failure> {
+/// The settings of each combination. Refuses combinations with the same name: two library files may hold laws of one name.
+pub fn resolve(
+    config: Option<&Path>,
+    overrides: &Overrides,
+    combinations: &[Overrides],
+) -> Result<Vec<Settings>, Failure> {
     let mut seen: Vec<([&str; 3], &Overrides)> = Vec::new();
-    for (set, settings) in combinations.iter().zip(settings) {
+    let mut all = Vec::new();
+    for laws in combinations {
+        let settings = Settings::resolve(config, &[&overrides[..], laws].concat())?;
         let names = settings.laws()?.map(|law| law.name);
         if let Some((_, before)) = seen.iter().find(|(seen, _)| *seen == names) {
-            let differing = before.iter().zip(set).find(|(before, it)| before != it);
+            let differing = before.iter().zip(laws).find(|(before, it)| before != it);
             let [first, second] = differing.map_or([""; 2], |((_, first), (_, second))| {
                 [first, second].map(|law| law.as_str().unwrap_or_default())
             });
             let [outer, inner, mixer] = names;
             return Err(Failure::usage(format!(
-                "{first} and {second} have one name: both would be told as {outer} + {inner} + {mixer}"
+                "{first} and {second} have one name: both would be called {outer} + {inner} + {mixer}"
             ))
             .help("give one of the two laws another name"));
         }
-        seen.push((names, set));
+        seen.push((names, laws));
+        all.push(settings);
     }
-    Ok(())
+    Ok(all)
+}
+
+pub fn laws(settings: &Settings) -> Result<Laws, Failure> {
+    let [outer, inner, mixer] = settings.laws()?.map(|law| law.name.to_owned());
+    Ok(Laws {
+        outer,
+        inner,
+        mixer,
+    })
 }

@@ -1,35 +1,32 @@
-//! `ironbird compare`: simulates one flight with several combinations of laws.
+//! `ironbird compare`: simulates one flight with several combinations of laws; with `--table`, one per row of a file.
 //!
 //! Each flight equals `ironbird simulate` with the same options bit for bit. Flights are independent and spread over the
 //! CPUs.
 
-mod fault_table;
+use std::path::Path;
 
-use report::comparison::{Comparison, Fault, Flight, Laws, Outcome, SCHEMA};
+use report::comparison::{Comparison, Fault, Flight, Outcome, SCHEMA};
 use report::flight_metrics::ComparedFlight;
-use report::json;
-use report::render::comparison::document;
+use report::render::comparison::{document, tables};
 use report::tracking::Tracking;
+use serde::Deserialize;
+use toml::Value;
 
 use crate::build;
 use crate::cli::{CompareArgs, DiffFormat};
 use crate::combinations;
 use crate::invalid_outputs::InvalidOutputs;
-use crate::output::{print, say};
+use crate::output::{print, print_json, say};
 use crate::parallel::{on_processors, processors};
 use crate::settings::{Overrides, Settings};
 use crate::simulate;
 use crate::simulator::Simulator;
-use errors::{Failure, OK, check_writable, write_text};
+use errors::{Failure, OK, USAGE, check_writable, read_text, write_text};
 
 /// Longest flight [ticks]: all position errors are kept in memory.
 const TICKS_MAX: u64 = 1_000_000;
+const ROWS_MAX: usize = 50;
 
-/// Compares laws.
-///
-/// # Errors
-/// Usage: laws that are unknown, named twice, too few or too many; a flight that is too long. A file that cannot be
-/// written.
 pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
     check_writable("--page", args.page.as_deref())?;
     let combinations = combinations::of(&args.laws.outer, &args.laws.inner, &args.laws.mixer)?;
@@ -37,22 +34,41 @@ pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
         return Err(Failure::usage("only one combination of laws: nothing to compare")
             .help("name at least two laws, for example --inner adaptive --inner indi; `ironbird laws` lists them"));
     }
+    let overrides = args.course.overrides();
     if let Some(path) = &args.table {
-        print(&fault_table::tables(args, &combinations, path)?)?;
+        let mut plans = Vec::new();
+        let rows = read_rows(path)?;
+        for Row { name, faults } in &rows {
+            let faults = vec![("flight.faults", Value::from(faults.clone()))];
+            let overrides = [overrides.clone(), faults].concat();
+            let plan = Plan::new(args, &combinations, &overrides);
+            let of_row = format!(" (row `{name}` of {})", path.display());
+            plans.push(plan.map_err(|failure| failure.append(&of_row))?);
+        }
+        let names = rows.into_iter().map(|row| row.name);
+        let named: Vec<(String, Comparison)> = names.zip(fly_all(&plans)?).collect();
+        print(&tables(&named))?;
         return Ok(OK);
     }
-    let plan = Plan::new(args, &combinations, &args.course.overrides())?;
-    warn(&plan)?;
-    let comparison = flown(&[plan])?.remove(0);
+    let plan = Plan::new(args, &combinations, &overrides)?;
+    let mut warnings: Vec<String> = Vec::new();
+    for settings in &plan.settings {
+        warnings.extend(settings.warnings()?);
+    }
+    for (i, warning) in warnings.iter().enumerate() {
+        // Once if it is the same for several laws.
+        if !warnings[..i].contains(warning) {
+            say(&format!("warning: {warning}\n"));
+        }
+    }
+    let comparison = fly_all(&[plan])?.remove(0);
     if let Some(path) = &args.page {
         write_text(path, &document(&comparison).html())?;
         say(&format!("written: {}\n", path.display()));
     }
     match args.format {
         DiffFormat::Text => print(&document(&comparison).text())?,
-        DiffFormat::Json => print(
-            &(json::to_string(&comparison).map_err(|e| Failure::failed(e.to_string()))? + "\n"),
-        )?,
+        DiffFormat::Json => print_json(&comparison)?,
     }
     Ok(OK)
 }
@@ -70,20 +86,14 @@ impl Plan {
         combinations: &[Overrides],
         overrides: &Overrides,
     ) -> Result<Self, Failure> {
-        let resolve = |laws: &Overrides| {
-            Settings::resolve(
-                args.course.config.as_deref(),
-                &[overrides.clone(), laws.clone()].concat(),
-            )
-        };
-        let settings: Vec<Settings> = combinations.iter().map(resolve).collect::<Result<_, _>>()?;
-        combinations::check_names(combinations, &settings)?;
+        let config = args.course.config.as_deref();
+        let settings = combinations::resolve(config, overrides, combinations)?;
         let first = &settings[0];
         let last_tick = first.last_tick();
         if last_tick >= TICKS_MAX {
+            let ticks = last_tick + 1;
             return Err(Failure::usage(format!(
-                "a flight of {} ticks is too long to be compared: allowed are {TICKS_MAX}",
-                last_tick + 1
+                "a flight of {ticks} ticks is too long to be compared: allowed are {TICKS_MAX}"
             ))
             .help("fly a shorter one (--duration)"));
         }
@@ -104,16 +114,12 @@ impl Plan {
 /// The faults in order, merged by tick.
 fn faults(settings: &Settings) -> Result<Vec<Fault>, Failure> {
     let period_s = settings.flight.period_s;
-    let typed = settings
-        .typed_faults()
-        .map_err(|e| Failure::usage(format!("fault: {e}")))?;
-    let mut all: Vec<(u64, String)> = typed
-        .iter()
-        .map(|fault| (fault.from.tick(period_s), fault.what()))
-        .collect();
-    all.sort_by_key(|(tick, _)| *tick);
+    let typed = settings.typed_faults();
+    let mut typed = typed.map_err(|e| Failure::usage(format!("fault: {e}")))?;
+    typed.sort_by_key(|fault| fault.from.tick(period_s));
     let mut faults: Vec<Fault> = Vec::new();
-    for (tick, what) in all {
+    for fault in typed {
+        let (tick, what) = (fault.from.tick(period_s), fault.what());
         match faults.last_mut().filter(|last| last.tick == tick) {
             Some(last) => last.what += &format!(",{what}"),
             None => faults.push(Fault {
@@ -126,74 +132,86 @@ fn faults(settings: &Settings) -> Result<Vec<Fault>, Failure> {
     Ok(faults)
 }
 
-/// Prints warnings, once if they are the same for all laws.
-fn warn(plan: &Plan) -> Result<(), Failure> {
-    let mut said: Vec<String> = Vec::new();
-    for settings in &plan.settings {
-        for warning in settings.warnings()? {
-            if !said.contains(&warning) {
-                say(&format!("warning: {warning}\n"));
-                said.push(warning);
-            }
-        }
-    }
-    Ok(())
-}
-
 /// Flies all plans on all CPUs.
-fn flown(plans: &[Plan]) -> Result<Vec<Comparison>, Failure> {
-    let flights: Vec<_> = plans
-        .iter()
-        .flat_map(|plan| plan.settings.iter().map(move |it| (&plan.flight, it)))
+fn fly_all(plans: &[Plan]) -> Result<Vec<Comparison>, Failure> {
+    let flights = plans.iter();
+    let flights: Vec<(&Flight, &Settings)> = flights
+        .flat_map(|plan| plan.settings.iter().map(|it| (&plan.flight, it)))
         .collect();
-    let mut outcomes = on_processors(
-        &flights,
-        processors(),
-        |(flight, settings)| fly(flight, settings),
-        |_| (),
-    )
-    .into_iter();
+    let fly = |(flight, settings): &(&Flight, &Settings)| fly(flight, settings);
+    let mut outcomes = on_processors(&flights, processors(), fly, |_| ()).into_iter();
     let compared = |plan: &Plan| {
-        let outcomes = outcomes
-            .by_ref()
-            .take(plan.settings.len())
-            .collect::<Result<_, _>>()?;
+        let outcomes = outcomes.by_ref().take(plan.settings.len());
         Ok(Comparison {
             schema: SCHEMA,
             build: build::here(),
             flight: plan.flight.clone(),
-            outcomes,
+            outcomes: outcomes.collect::<Result<_, _>>()?,
         })
     };
     plans.iter().map(compared).collect()
 }
 
 fn fly(flight: &Flight, settings: &Settings) -> Result<Outcome, Failure> {
-    let airframe = settings.airframe()?;
-    let mut tally = ComparedFlight::new(
-        Tracking::along(settings.course()?, flight.period_s),
-        &airframe,
-    );
+    let tracking = Tracking::along(settings.course()?, flight.period_s);
+    let mut metrics = ComparedFlight::new(tracking, &settings.airframe()?);
     let mut rig = Simulator::of(settings)?;
-    let mut unusable = InvalidOutputs::default();
+    let mut invalid = InvalidOutputs::default();
     let flown = simulate::fly(&mut rig, settings, |rig| {
-        unusable.take(rig);
-        tally.take(rig.flown_tick(), rig.state(), rig.rotor_speeds());
+        invalid.take(rig);
+        metrics.take(rig.flown_tick(), rig.state(), rig.rotor_speeds());
         Ok(())
     })?;
-    let [outer, inner, mixer] = settings.laws()?.map(|law| law.name.to_owned());
+    let ended_early = flown.ticks <= flight.last_tick;
     Ok(Outcome {
-        laws: Laws {
-            outer,
-            inner,
-            mixer,
-        },
+        laws: combinations::laws(settings)?,
         ticks: flown.ticks,
-        ended_early_s: (flown.ticks <= flight.last_tick)
-            .then(|| flight.time_s(flown.ticks.saturating_sub(1))),
+        ended_early_s: ended_early.then(|| flight.time_s(flown.ticks.saturating_sub(1))),
         lost: flown.departure,
-        unusable: unusable.sentences(settings)?,
-        figures: tally.figures(flight),
+        unusable: invalid.sentences(settings)?,
+        figures: metrics.figures(flight),
         outputs: flown.outputs.to_string(),
     })
+}
+
+/// The file of `--table`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Rows {
+    #[serde(default)]
+    row: Vec<Row>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Row {
+    name: String,
+    /// With the syntax of `--fault`.
+    faults: Vec<String>,
+}
+
+fn read_rows(path: &Path) -> Result<Vec<Row>, Failure> {
+    const HELP: &str =
+        "each row reads: [[row]], name = \"heavier\", faults = [\"mass_kg=+30%@8s\"]";
+    let refused = |what: String| {
+        let what = format!("--table {}: {what}", path.display());
+        Err(Failure::usage(what).help(HELP))
+    };
+    let text = read_text("read the table", path);
+    let text = text.map_err(|failure| failure.or_code(USAGE).help(HELP))?;
+    let rows = match toml::from_str(&text) {
+        Ok(Rows { row }) => row,
+        Err(e) => return refused(e.to_string().trim_end().replace('\n', " ")),
+    };
+    let number = rows.len();
+    for (i, row) in rows.iter().enumerate() {
+        if rows[..i].iter().any(|other| other.name == row.name) {
+            return refused(format!("two rows have the name `{}`", row.name));
+        }
+    }
+    match number {
+        0 => refused("it has no row".into()),
+        1..=ROWS_MAX => Ok(rows),
+        _ => refused(format!("it has {number} rows: allowed are {ROWS_MAX}")),
+    }
 }

@@ -3,8 +3,7 @@
 //! The supervisor continues when the user leaves the dashboard. It restores the terminal before it prints, even if the
 //! dashboard was killed.
 
-use std::io;
-use std::io::IsTerminal as _;
+use std::io::{self, IsTerminal as _};
 use std::path::Path;
 use std::process::{Child, Command};
 use std::thread::sleep;
@@ -33,18 +32,15 @@ pub struct Dashboard {
 impl Dashboard {
     pub fn open(executable: &Path, instance: &Instance) -> Result<Self, Failure> {
         let has_terminal = io::stdin().is_terminal() && io::stdout().is_terminal();
-        let before = if has_terminal {
-            tcgetattr(io::stdin()).ok()
-        } else {
-            None
-        };
+        let before = tcgetattr(io::stdin()).ok().filter(|_| has_terminal);
+        let launcher = std::process::id().to_string();
         let child = Command::new(executable)
             .args([
                 "watch",
                 "--instance",
                 instance.name(),
                 "--launcher",
-                &std::process::id().to_string(),
+                &launcher,
             ])
             .spawn()
             .map_err(|e| Failure::failed(format!("cannot start the dashboard: {e}")))?;
@@ -69,10 +65,9 @@ impl Dashboard {
         if self.has_left() {
             return;
         }
-        if let Some(pid) = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw) {
-            // It may have ended by itself meanwhile.
-            let _ = kill_process(pid, Signal::TERM);
-        }
+        // It may have ended by itself meanwhile.
+        let pid = Pid::from_raw(self.child.id().cast_signed());
+        let _ = pid.map(|pid| kill_process(pid, Signal::TERM));
         if !self.has_left() {
             let _ = self.child.kill();
             let _ = self.child.wait();

@@ -1,4 +1,4 @@
-//! `ironbird laws`: lists the laws that can fly, and explains one.
+//! `ironbird laws`: lists the laws that can fly, explains one, and tries the law of a file.
 
 pub mod trial;
 
@@ -11,11 +11,10 @@ use ironbird_law::abi::IRONBIRD_LAW_INTERFACE;
 use messages::role::Role;
 use plugin::Library;
 
-use crate::laws::trial::watchdog::Watchdog;
-use crate::laws::trial::{Candidate, words};
 use crate::output::print;
 use crate::settings::law_settings::{DEFAULT_PRESET, SECTIONS, known, nearest_first};
 use errors::{Failure, GATE, OK};
+use trial::{ANSWER, Candidate, Difference, Findings, HOT, INPUTS, Watchdog};
 
 /// Flags of `laws`.
 #[derive(Clone, Debug, Args)]
@@ -25,116 +24,105 @@ pub struct LawsArgs {
     pub name: Option<String>,
 }
 
-/// Prints the list, or what one law says of itself. The law of a file is also tried: code 3 where it fails.
-///
-/// # Errors
-/// Usage: no law has the name; a file has no law; the law refuses its own defaults.
+/// Prints the list, or the description of one law. The law of a file is also tried: code 3 if it fails.
 pub fn laws(args: &LawsArgs) -> Result<u8, Failure> {
-    let all: Vec<&Description> = SECTIONS.iter().flat_map(|(_, role)| known(*role)).collect();
-    let text = match &args.name {
-        None => list(&all),
+    let sections = SECTIONS.iter();
+    let all: Vec<&Description> = sections.flat_map(|(_, role)| known(*role)).collect();
+    match &args.name {
+        None => print(&list(&all))?,
         Some(name) if plugin::is_file(name) => {
             let library = plugin::load(Path::new(name))?;
-            print(&(explained(library.description) + &of_file(library)))?;
-            return tried(library);
+            print(&(explanation(library.description) + &of_file(library)))?;
+            return try_library(library);
         }
         Some(name) => {
             let law = all.iter().find(|law| law.name == name).ok_or_else(|| {
-                let names = all.iter().map(|law| law.name).collect();
-                Failure::usage(format!(
-                    "no law is named `{name}`; there are {}",
-                    nearest_first(name, names)
-                ))
-                .help("`ironbird laws` lists them with their roles")
+                let names = nearest_first(name, all.iter().map(|law| law.name).collect());
+                Failure::usage(format!("no law is named `{name}`; there are {names}"))
+                    .help("`ironbird laws` lists them with their roles")
             })?;
-            explained(law)
+            print(&explanation(law))?;
         }
-    };
-    print(&text)?;
+    }
     Ok(OK)
 }
 
 fn list(all: &[&Description]) -> String {
     let mut text = format!("{:<6} {:<12} what it is\n", "role", "law");
     for law in all {
+        let (role, name, summary) = (law.role.to_string(), law.name, law.summary);
         text += &format!(
-            "{:<6} {:<12} {}\n{:<19} {}\n",
-            law.role.to_string(),
-            law.name,
-            law.summary,
-            "",
-            law.source
+            "{role:<6} {name:<12} {summary}\n{:<19} {}\n",
+            "", law.source
         );
     }
     text + "fly one with --outer, --inner or --mixer NAME; `ironbird laws NAME` explains its settings\n"
 }
 
-fn explained(law: &Description) -> String {
-    let mut text = format!("{}: {}\n", law.name, law.summary);
-    text += &format!("  role       {}\n  version    {}\n", law.role, law.version);
+fn explanation(law: &Description) -> String {
+    let unit = |unit: &str| match unit {
+        "" => String::new(),
+        unit => format!(" [{unit}]"),
+    };
+    let or_none = |rows: String, none: &str| if rows.is_empty() { none.into() } else { rows };
+    let (role, version) = (law.role, law.version);
+    let mut text = format!(
+        "{}: {}\n  role       {role}\n  version    {version}\n",
+        law.name, law.summary
+    );
     if !law.source.is_empty() {
         text += &format!("  source     {}\n", law.source);
     }
-    text += &format!("\nSettings, in the section [{}]\n", law.role);
-    if law.settings.is_empty() {
-        text += "  none\n";
-    }
-    for setting in law.settings {
-        let unit = if setting.unit.is_empty() {
-            String::new()
-        } else {
-            format!(" [{}]", setting.unit)
-        };
-        text += &format!("  {} = {}{unit}\n", setting.name, shown(&setting.default()));
-        text += &format!("    {}; allowed: {}\n", setting.meaning, setting.allowed());
-    }
+    let settings = law.settings.iter().map(|it| {
+        let (name, default, unit) = (it.name, toml_text(&it.default()), unit(it.unit));
+        let (meaning, allowed) = (it.meaning, it.allowed());
+        format!("  {name} = {default}{unit}\n    {meaning}; allowed: {allowed}\n")
+    });
+    text += &format!("\nSettings, in the section [{role}]\n");
+    text += &or_none(settings.collect(), "  none\n");
     for preset in law.presets {
+        let values = preset.values.iter();
+        let values = values.map(|(name, value)| format!("  {name} = {}\n", toml_text(value)));
         text += &format!("\nPreset {}\n", preset.name);
-        if preset.values.is_empty() {
-            text += "  the defaults\n";
-        }
-        for (name, value) in preset.values {
-            text += &format!("  {name} = {}\n", shown(value));
-        }
+        text += &or_none(values.collect(), "  the defaults\n");
     }
-    text += "\nTelemetry\n";
-    if law.telemetry.is_empty() {
-        text += "  none\n";
+    let signals = law.telemetry.iter();
+    let signals = signals.map(|signal| format!("  {}{}\n", signal.name, unit(signal.unit)));
+    text + "\nTelemetry\n" + &or_none(signals.collect(), "  none\n")
+}
+
+/// A value as a settings file has it.
+fn toml_text(value: &Value) -> String {
+    match value {
+        Value::Number(number) => toml::Value::from(*number),
+        Value::Three(numbers) => toml::Value::from(numbers.to_vec()),
+        Value::Word(word) => toml::Value::from(*word),
     }
-    for signal in law.telemetry {
-        let unit = if signal.unit.is_empty() {
-            String::new()
-        } else {
-            format!(" [{}]", signal.unit)
-        };
-        text += &format!("  {}{unit}\n", signal.name);
-    }
-    text
+    .to_string()
 }
 
 fn of_file(library: &Library) -> String {
-    let role = library.description.role;
-    let time = if library.not_real_time {
-        "not real-time: it promises nothing about its time"
-    } else {
-        "real-time"
+    let (role, file, sha256) = (
+        library.description.role,
+        library.file.display(),
+        &library.sha256,
+    );
+    let time = match library.not_real_time {
+        true => "not real-time: it promises nothing about its time",
+        false => "real-time",
+    };
+    let rehearsal = match library.is_rehearsed() {
+        true => "yes",
+        false => "no: it has no copy_into",
     };
     format!(
-        "\nFile\n  {}\n  SHA-256    {}\n  interface  version {IRONBIRD_LAW_INTERFACE}\n  time       {time}\n  \
-         rehearsal  {}\nfly it with --{role} {}\n",
-        library.file.display(),
-        library.sha256,
-        if library.is_rehearsed() {
-            "yes"
-        } else {
-            "no: it has no copy_into"
-        },
-        library.file.display()
+        "\nFile\n  {file}\n  SHA-256    {sha256}\n  interface  version {IRONBIRD_LAW_INTERFACE}\n  time       {time}\n  \
+         rehearsal  {rehearsal}\nfly it with --{role} {file}\n"
     )
 }
 
-/// Tries the law of a file with its defaults on the paper's airframe, and prints what was found.
-fn tried(library: &'static Library) -> Result<u8, Failure> {
+/// Tries the law of a file with its defaults on the paper's airframe, and prints the findings.
+fn try_library(library: &'static Library) -> Result<u8, Failure> {
     let (rig, law) = (Rig::default(), library.description);
     let settings = law.preset(DEFAULT_PRESET).unwrap_or_default();
     let make = || match law.role {
@@ -143,36 +131,93 @@ fn tried(library: &'static Library) -> Result<u8, Failure> {
         _ => library.inner(&rig, &settings).map(Candidate::Inner),
     };
     let watchdog = Watchdog::start(law.name)?;
-    let refused = |Refused(why)| {
+    let findings = trial::trial(&rig, make, || watchdog.feed()).map_err(|Refused(why)| {
         Failure::usage(format!(
             "the law `{}` refuses its own defaults: {why}",
             law.name
         ))
+    })?;
+    let changed = library.modes_put_back();
+    let modes = match &changed {
+        None => "left as they were".to_owned(),
+        Some(what) => format!("NO: {what}"),
     };
-    let findings = trial::trial(&rig, make, || watchdog.hear()).map_err(refused)?;
-    let modes = library.modes_put_back();
-    let said = modes.as_ref().map_or_else(
-        || "left as they were".to_owned(),
-        |what| format!("NO: {what}"),
-    );
-    print(&format!(
-        "{}  modes        {said}\n",
-        words::render(&findings, law, library.not_real_time)
-    ))?;
-    Ok(
-        if findings.passes(library.not_real_time) && modes.is_none() {
-            OK
-        } else {
-            GATE
-        },
+    let text = findings_text(&findings, law, library.not_real_time);
+    print(&format!("{text}  modes        {modes}\n"))?;
+    let passes = findings.passes(library.not_real_time) && changed.is_none();
+    Ok(if passes { OK } else { GATE })
+}
+
+#[must_use]
+pub fn findings_text(findings: &Findings, law: &Description, not_real_time: bool) -> String {
+    let same = match findings.difference {
+        None => "yes".to_owned(),
+        Some(Difference {
+            input,
+            index,
+            values: [one, other],
+        }) => format!(
+            "NO: {} of input {input} was {one:?} and then {other:?}; it cannot be replayed",
+            number_name(law, index)
+        ),
+    };
+    let rehearsed = match findings.rehearsed {
+        Some(Difference {
+            input,
+            index,
+            values: [one, rehearsed],
+        }) => format!(
+            "NO: {} of input {input} was {one:?}, and {rehearsed:?} after a warm-up; a copy must have memory of its own",
+            number_name(law, index)
+        ),
+        None if !findings.is_copied => "it is not: it cannot be copied".to_owned(),
+        None if findings.difference.is_some() => "not tried".to_owned(),
+        None => "yes".to_owned(),
+    };
+    let finite = match findings.not_finite {
+        None => "yes".to_owned(),
+        Some(it) => {
+            let (name, input, value) = (number_name(law, it.index), it.input, it.value);
+            format!("NO: {name} of input {input} was {value}; the rig does not fly such an answer")
+        }
+    };
+    let us = |ns: u64| format!("{:.2} us", ns as f64 / 1e3);
+    let [median, p99] = findings.hot_ns.map(us);
+    let cold = us(findings.cold_ns);
+    let used = |count: u64| match (count, not_real_time) {
+        (0, _) => "none".to_owned(),
+        (count, true) => format!("{count} in {HOT} ticks"),
+        (count, false) => format!("NO: {count} in {HOT} ticks; each can make a tick late"),
+    };
+    let usage = &findings.usage;
+    let uncounted = "- (a build with `--features instrumented` counts them)";
+    let allocations = usage.counted_allocations().map_or(uncounted.into(), used);
+    let page_faults = used(usage.minor_faults + usage.major_faults);
+    format!(
+        "\nTrial: {INPUTS} inputs drawn at random, then {HOT} ticks of hover\n  same twice   {same}\n  rehearsed    \
+         {rehearsed}\n  finite       {finite}\n  warm caches  a tick takes {median} in the median, {p99} at the 99th \
+         percentile\n  cold caches  {cold} in the median\n  allocations  {allocations}\n  page faults  {page_faults}\n"
     )
 }
 
-/// A value as a settings file has it.
-fn shown(value: &Value) -> String {
-    match value {
-        Value::Number(number) => toml::Value::from(*number).to_string(),
-        Value::Three(numbers) => toml::Value::from(numbers.to_vec()).to_string(),
-        Value::Word(word) => toml::Value::from(*word).to_string(),
+/// What the number at an index of an answer is.
+fn number_name(law: &Description, index: usize) -> String {
+    const AXES: [&str; 3] = ["x", "y", "z"];
+    const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
+    let quantities = [
+        "attitude_rad",
+        "attitude_rate_rad_s",
+        "attitude_acceleration_rad_s2",
+    ];
+    match (law.role, index) {
+        (_, ANSWER..) => match law.telemetry.get(index - ANSWER) {
+            Some(signal) => signal.name.to_owned(),
+            None => format!("telemetry {}", index - ANSWER),
+        },
+        (Role::Mixer, 4) => "saturated".to_owned(),
+        (Role::Mixer, rotor) => format!("speed_rad_s of rotor {}", rotor + 1),
+        (_, 0) => "thrust_n".to_owned(),
+        (Role::Inner, i) => format!("torque_b_nm about {}", AXES[(i - 1) % 3]),
+        (_, i) => format!("{} of {}", quantities[(i - 1) / 3 % 3], ANGLES[(i - 1) % 3]),
     }
 }

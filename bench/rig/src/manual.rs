@@ -12,15 +12,12 @@ use errors::{Failure, InFile as _, OK};
 const NAME: &str = "ironbird";
 
 pub fn completions(args: &CompletionsArgs) -> Result<u8, Failure> {
-    let shown = Cli::command()
-        .get_subcommands()
-        .filter(|it| !it.is_hide_set())
-        .cloned()
-        .collect::<Vec<_>>();
-    let mut script = Vec::new();
+    let cli = Cli::command();
+    let shown = cli.get_subcommands().filter(|it| !it.is_hide_set());
     let mut cli = Command::new(NAME)
         .version(env!("CARGO_PKG_VERSION"))
-        .subcommands(shown);
+        .subcommands(shown.cloned());
+    let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut cli, NAME, &mut script);
     print(&text(script)?)?;
     Ok(OK)
@@ -31,30 +28,26 @@ pub fn man(args: &ManArgs) -> Result<u8, Failure> {
     let mut cli = Cli::command();
     // Gives every command its full name.
     cli.build();
-    match &args.to {
-        Some(directory) => {
-            fs::create_dir_all(directory).map_err(|e| {
-                Failure::usage(format!(
-                    "cannot write manual pages into {}: {e}",
-                    directory.display()
-                ))
-                .help("name a writable directory: --to DIR")
-            })?;
-            for command in all(&cli) {
-                let path = directory.join(format!("{}.1", page_name(command)));
-                fs::write(&path, page(command)?).in_file("write", &path)?;
-            }
-        }
-        None => print(&page(find(&cli, &args.command)?)?)?,
+    let Some(directory) = &args.to else {
+        print(&page(find(&cli, &args.command)?)?)?;
+        return Ok(OK);
+    };
+    fs::create_dir_all(directory).map_err(|e| {
+        let directory = directory.display();
+        Failure::usage(format!("cannot write manual pages into {directory}: {e}"))
+            .help("name a writable directory: --to DIR")
+    })?;
+    for command in all(&cli) {
+        let path = directory.join(format!("{}.1", page_name(command)));
+        fs::write(&path, page(command)?).in_file("write", &path)?;
     }
     Ok(OK)
 }
 
 /// A command and all its subcommands, except hidden ones.
 fn all(command: &Command) -> Vec<&Command> {
-    let shown = command
-        .get_subcommands()
-        .filter(|it| !it.is_hide_set() && it.get_name() != "help");
+    let is_shown = |it: &&Command| !it.is_hide_set() && it.get_name() != "help";
+    let shown = command.get_subcommands().filter(is_shown);
     std::iter::once(command)
         .chain(shown.flat_map(all))
         .collect()
@@ -63,25 +56,17 @@ fn all(command: &Command) -> Vec<&Command> {
 fn find<'a>(cli: &'a Command, words: &[String]) -> Result<&'a Command, Failure> {
     let name = [&[NAME.to_owned()], words].concat().join("-");
     let commands = all(cli);
-    commands
-        .iter()
-        .find(|command| page_name(command) == name)
-        .copied()
-        .ok_or_else(|| {
-            let known: Vec<String> = commands[1..]
-                .iter()
-                .map(|it| page_name(it)[NAME.len() + 1..].replace('-', " "))
-                .collect();
-            Failure::usage(format!("ironbird has no command `{}`", words.join(" ")))
-                .help(format!("name one of: {}", known.join(", ")))
-        })
+    let found = commands.iter().find(|command| page_name(command) == name);
+    found.copied().ok_or_else(|| {
+        let short = |it: &&Command| page_name(it)[NAME.len() + 1..].replace('-', " ");
+        let known: Vec<String> = commands[1..].iter().map(short).collect();
+        Failure::usage(format!("ironbird has no command `{}`", words.join(" ")))
+            .help(format!("name one of: {}", known.join(", ")))
+    })
 }
 
-fn page_name(command: &Command) -> String {
-    command
-        .get_display_name()
-        .unwrap_or(command.get_name())
-        .to_owned()
+fn page_name(command: &Command) -> &str {
+    command.get_display_name().unwrap_or(command.get_name())
 }
 
 fn page(command: &Command) -> Result<String, Failure> {

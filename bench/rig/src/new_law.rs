@@ -1,6 +1,6 @@
-//! `ironbird new law`: a folder with a law that builds and flies, to be changed into the user's own.
+//! `ironbird new law`: creates a folder with a law that builds and flies, for the user to change.
 
-use std::fs;
+use std::fs::{self, Permissions};
 use std::io;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
@@ -12,9 +12,6 @@ use messages::role::Role;
 use crate::output::print;
 use crate::settings::law_settings::known;
 
-/// What a law's name is replaced by in the templates.
-const NAME: &str = "my_law";
-
 /// Longest name [bytes]: that of the interface.
 const NAME_BYTES: usize = 40;
 
@@ -24,14 +21,20 @@ const RESERVED: &str = "\
     enum extern false fn for gen if impl in ironbird_law let loop macro match mod move mut \
     priv proc_macro pub ref return self static std struct super test trait true";
 
-/// What to begin.
+/// The interface in C, and the crate `ironbird_law`.
+const HEADER: &str = include_str!("../../../shared/ironbird_law/include/ironbird_law.h");
+const CRATE: [&str; 3] = [
+    include_str!("../../../shared/ironbird_law/src/lib.rs"),
+    include_str!("../../../shared/ironbird_law/src/abi.rs"),
+    include_str!("../../../shared/ironbird_law/src/border.rs"),
+];
+
 #[derive(Clone, Debug, Subcommand)]
 pub enum NewCommand {
     /// A law of your own: a folder that builds, flies and has a test.
     Law(NewLawArgs),
 }
 
-/// Flags of `new law`.
 #[derive(Clone, Debug, Args)]
 pub struct NewLawArgs {
     /// Name of the law, in snake_case.
@@ -53,7 +56,6 @@ pub struct NewLawArgs {
     pub to: PathBuf,
 }
 
-/// Role of a law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum LawRole {
     /// Position: thrust and attitude wanted.
@@ -64,7 +66,6 @@ pub enum LawRole {
     Mixer,
 }
 
-/// Language of a law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Language {
     /// A crate without dependencies.
@@ -75,37 +76,26 @@ pub enum Language {
     Python,
 }
 
-/// A file of the folder: its path, its text, whether it can be run.
-type File = (&'static str, String, bool);
-
-/// Makes the folder.
-///
-/// # Errors
-/// Usage: the name cannot be one, or there is no law of the role in the language. Input: the folder exists already, or
-/// cannot be written.
-pub fn new(command: &NewCommand) -> Result<u8, Failure> {
-    let NewCommand::Law(args) = command;
+/// Creates the folder.
+pub fn new(NewCommand::Law(args): &NewCommand) -> Result<u8, Failure> {
     check(&args.name)?;
-    let files = files(args)?;
-    let folder = args.to.join(&args.name);
+    let (role, folder) = (args.role.role(), args.to.join(&args.name));
     let failed = |path: &Path, e: &io::Error| {
         let failure = Failure::usage(format!("{} cannot be made: {e}", path.display()));
-        match e.kind() {
-            io::ErrorKind::NotFound => failure.help("make the directory that --to names first"),
-            _ => failure
-                .help("choose another name, or --to DIR, the directory to make the folder in"),
-        }
+        failure.help(match e.kind() {
+            io::ErrorKind::NotFound => "make the directory that --to names first",
+            _ => "choose another name, or --to DIR, the directory to make the folder in",
+        })
     };
+    let files = files(args)?;
     fs::create_dir(&folder).map_err(|e| failed(&folder, &e))?;
-    for (name, text, runs) in files {
+    for (name, text) in files {
         let path = folder.join(name);
-        let written = path
-            .parent()
-            .map_or(Ok(()), fs::create_dir_all)
-            .and_then(|()| fs::write(&path, text));
-        let mode = if runs { 0o755 } else { 0o644 };
-        written
-            .and_then(|()| fs::set_permissions(&path, fs::Permissions::from_mode(mode)))
+        let directory = path.parent().unwrap_or(&folder);
+        let mode = if text.starts_with("#!") { 0o755 } else { 0o644 };
+        fs::create_dir_all(directory)
+            .and_then(|()| fs::write(&path, text))
+            .and_then(|()| fs::set_permissions(&path, Permissions::from_mode(mode)))
             .map_err(|e| failed(&path, &e))?;
     }
     let build = match args.lang {
@@ -115,20 +105,18 @@ pub fn new(command: &NewCommand) -> Result<u8, Failure> {
         }
         Language::Rust | Language::C => "    ./build\n",
     };
-    let (role, shown) = (args.role.role(), folder.display());
+    let shown = folder.display();
     print(&format!(
         "{shown}: a new law. Next:\n    cd {shown}\n{build}    ironbird simulate --{role} .\n"
     ))?;
     Ok(OK)
 }
 
-/// Refuses what cannot be a law's name.
+/// Refuses a name that a law cannot have.
 fn check(name: &str) -> Result<(), Failure> {
-    let is_snake_case = name.starts_with(|first: char| first.is_ascii_lowercase())
-        && name
-            .chars()
-            .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
-    if !is_snake_case || name.len() > NAME_BYTES {
+    let is_allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+    let starts_with_letter = name.starts_with(|first: char| first.is_ascii_lowercase());
+    if !starts_with_letter || !name.chars().all(is_allowed) || name.len() > NAME_BYTES {
         let failure = Failure::usage(format!(
             "`{name}` cannot be a law's name: allowed are up to {NAME_BYTES} of a to z, 0 to 9 and _, with a letter first"
         ));
@@ -138,20 +126,16 @@ fn check(name: &str) -> Result<(), Failure> {
         });
     }
     if RESERVED.split(' ').any(|word| word == name) {
-        return Err(Failure::usage(format!(
-            "`{name}` cannot be a law's name: it is a word of Rust"
-        ))
-        .help("choose another, as in my_law"));
+        let what = format!("`{name}` cannot be a law's name: it is a word of Rust");
+        return Err(Failure::usage(what).help("choose another, as in my_law"));
     }
-    let is_built_in = [Role::Outer, Role::Inner, Role::Mixer]
-        .iter()
-        .any(|role| known(*role).iter().any(|law| law.name == name));
-    if is_built_in {
-        return Err(
-            Failure::usage(format!("a law named `{name}` comes with the rig")).help(
-                "choose another name, as in my_law: both can then be flown beside each other",
-            ),
-        );
+    let mut built_in = [Role::Outer, Role::Inner, Role::Mixer]
+        .into_iter()
+        .flat_map(known);
+    if built_in.any(|law| law.name == name) {
+        let what = format!("a law named `{name}` comes with the rig");
+        return Err(Failure::usage(what)
+            .help("choose another name, as in my_law: both can then be flown beside each other"));
     }
     Ok(())
 }
@@ -164,118 +148,70 @@ impl LawRole {
             Self::Mixer => Role::Mixer,
         }
     }
-
-    /// The settings of the templates of the role, as lines of the settings file.
-    const fn settings(self) -> &'static str {
-        match self {
-            Self::Outer => {
-                "position_1_s2 = 6.0 # acceleration per error of position [1/s^2]\n\
-                 velocity_1_s = 4.0 # acceleration per error of velocity [1/s]\n"
-            }
-            Self::Inner => {
-                "attitude_1_s = 12.0 # rate per error of attitude [1/s]\n\
-                 rate_1_s = 60.0 # acceleration per error of rate [1/s]\n"
-            }
-            Self::Mixer => "",
-        }
-    }
 }
 
-fn files(args: &NewLawArgs) -> Result<Vec<File>, Failure> {
-    let (build, source) = match args.lang {
-        Language::Rust => (
-            "    ./build                        # make law.so of it, with cargo\n",
-            "src/lib.rs",
-        ),
-        Language::C => (
-            "    ./build                        # make law.so of it, with the compiler that CC names, or cc\n",
-            "law.c",
-        ),
-        Language::Python => ("", "law.py"),
+/// The files of the folder: paths and texts. Those that start with `#!` are executable.
+fn files(args: &NewLawArgs) -> Result<Vec<(&'static str, String)>, Failure> {
+    let role = args.role.role().name();
+    let (language, source) = match args.lang {
+        Language::Rust => ("rust", "src/lib.rs"),
+        Language::C => ("c", "law.c"),
+        Language::Python => ("python", "law.py"),
     };
-    let fill = |text: &str| {
-        let text = text.replace("ROLE", &args.role.role().to_string());
-        let text = text
-            .replace("BUILD\n", build)
-            .replace("FILE", source)
-            .replace("SETTINGS\n", args.role.settings());
-        text.replace(NAME, &args.name)
+    let fill = |template: &str| {
+        let text = selected(template, &[role, language, "all"]);
+        let text = text.replace("ROLE", role).replace("FILE", source);
+        text.replace("my_law", &args.name)
     };
     let mut files = vec![
-        ("README.md", fill(include_str!("new_law/README.md")), false),
-        (
-            "settings.toml",
-            fill(include_str!("new_law/settings.toml")),
-            false,
-        ),
-        ("test", fill(include_str!("new_law/test")), true),
+        ("README.md", fill(include_str!("new_law/README.md"))),
+        ("settings.toml", fill(include_str!("new_law/settings.toml"))),
+        ("test", fill(include_str!("new_law/test"))),
     ];
-    let law =
-        |template: &str| for_role(template, args.role.role().name()).replace(NAME, &args.name);
-    let shared = |name, text: &str| (name, text.to_owned(), false);
     match args.lang {
         Language::C => files.extend([
-            ("law.c", law(include_str!("new_law/law.c.in")), false),
-            ("build", include_str!("new_law/build_c").into(), true),
-            (".gitignore", "law.so\nruns\n".into(), false),
-            shared(
-                "ironbird_law.h",
-                include_str!("../../../shared/ironbird_law/include/ironbird_law.h"),
-            ),
+            (source, fill(include_str!("new_law/law.c.in"))),
+            ("build", fill(include_str!("new_law/build_c"))),
+            (".gitignore", "law.so\nruns\n".into()),
+            ("ironbird_law.h", HEADER.into()),
         ]),
         Language::Rust => files.extend([
-            ("src/lib.rs", law(include_str!("new_law/law.rs.in")), false),
+            (source, fill(include_str!("new_law/law.rs.in"))),
+            ("Cargo.toml", fill(include_str!("new_law/Cargo.toml.in"))),
+            ("build", fill(include_str!("new_law/build_rust"))),
+            (".gitignore", "law.so\ntarget\nruns\n".into()),
             (
-                "Cargo.toml",
-                fill(include_str!("new_law/Cargo.toml.in")),
-                false,
-            ),
-            ("build", fill(include_str!("new_law/build_rust")), true),
-            (".gitignore", "law.so\ntarget\nruns\n".into(), false),
-            shared(
                 "ironbird_law/Cargo.toml",
-                include_str!("new_law/ironbird_law.toml"),
+                include_str!("new_law/ironbird_law.toml").into(),
             ),
-            shared(
-                "ironbird_law/src/lib.rs",
-                include_str!("../../../shared/ironbird_law/src/lib.rs"),
-            ),
-            shared(
-                "ironbird_law/src/abi.rs",
-                include_str!("../../../shared/ironbird_law/src/abi.rs"),
-            ),
-            shared(
-                "ironbird_law/src/border.rs",
-                include_str!("../../../shared/ironbird_law/src/border.rs"),
-            ),
+            ("ironbird_law/src/lib.rs", CRATE[0].into()),
+            ("ironbird_law/src/abi.rs", CRATE[1].into()),
+            ("ironbird_law/src/border.rs", CRATE[2].into()),
         ]),
         Language::Python if args.role == LawRole::Mixer => {
-            return Err(Failure::usage(
-                "there is no mixer in Python: outer and inner laws can be in Python",
-            )
-            .help("--lang c or --lang rust, or --role outer or inner"));
+            let what = "there is no mixer in Python: outer and inner laws can be in Python";
+            let help = "--lang c or --lang rust, or --role outer or inner";
+            return Err(Failure::usage(what).help(help));
         }
         Language::Python => files.extend([
-            ("law.py", law(include_str!("new_law/law.py.in")), false),
-            (".gitignore", "__pycache__\nruns\n".into(), false),
+            (source, fill(include_str!("new_law/law.py.in"))),
+            (".gitignore", "__pycache__\nruns\n".into()),
         ]),
     }
     Ok(files)
 }
 
-/// A template for a role. Lines behind `@outer`, `@inner mixer` and the like are for these roles, those behind `@all` for
-/// every one.
-fn for_role(template: &str, role: &str) -> String {
-    let mut is_meant = true;
+/// The lines of a template that have one of some tags: those after a line `@outer`, `@inner mixer`, `@rust` or `@all` have
+/// its tags.
+fn selected(template: &str, tags: &[&str]) -> String {
+    let mut is_selected = true;
     let mut text = String::new();
     for line in template.lines() {
-        match line.strip_prefix('@') {
-            Some(roles) => is_meant = roles.split(' ').any(|it| it == role || it == "all"),
-            None if is_meant => {
-                text.push_str(line);
-                text.push('\n');
-            }
-            None => {}
+        if let Some(line_tags) = line.strip_prefix('@') {
+            is_selected = line_tags.split(' ').any(|tag| tags.contains(&tag));
+        } else if is_selected {
+            text += line;
+            text.push('\n');
         }
     }
     text

@@ -3,6 +3,7 @@
 //! The recorder passes messages on and publishes the monitor's results. Everything else is on the blackboards.
 
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
 use ipc::error::Error;
 use ipc::instance::Instance;
@@ -19,6 +20,11 @@ use messages::role::Role;
 use crate::record::ports::{Ports, horizon};
 use crate::record::role_statuses::RoleStatuses;
 use crate::settings::airframe::pairs;
+
+pub use crate::record::ports::DRAIN_EVERY;
+
+/// How long after the end of a flight the recorder may still pass messages on.
+const LAST_MESSAGES: Duration = Duration::from_millis(200);
 
 #[derive(Clone, Copy, Debug)]
 pub enum ObservedMessage<'a> {
@@ -38,10 +44,12 @@ pub struct Observation {
     ports: Ports,
     theorem: Receiver<Monitor>,
     run: BlackboardReader<Run>,
-    in_force: BlackboardReader<ActiveParameters>,
-    crew: RoleStatuses,
+    active: BlackboardReader<ActiveParameters>,
+    statuses: RoleStatuses,
     /// Settings shared by all roles of the run, by key.
     pub settings: BTreeMap<String, String>,
+    /// When the flight was seen to have ended.
+    ended: Option<Instant>,
     wire: Wire,
 }
 
@@ -53,16 +61,17 @@ impl Observation {
             return Ok(None);
         }
         let wire = Wire::open(instance)?;
-        let Some(run) = wire.blackboard_reader::<Run>(RUN)? else {
+        let (run, active) = (
+            wire.blackboard_reader::<Run>(RUN)?,
+            wire.blackboard_reader(IN_FORCE)?,
+        );
+        let (Some(run), Some(active)) = (run, active) else {
             return Ok(None);
         };
         let flown = run.get();
         if flown.phase() != RunPhase::Flying {
             return Ok(None);
         }
-        let Some(in_force) = wire.blackboard_reader(IN_FORCE)? else {
-            return Ok(None);
-        };
         let (mut ports, mut theorem) = (Ports::observing(&wire)?, wire.observer()?);
         let expected = Expected {
             run_id: flown.run_id,
@@ -70,19 +79,17 @@ impl Observation {
         };
         ports.arm(expected)?;
         theorem.arm(expected)?;
-        let text = wire
-            .blackboard_reader::<SettingsText>(SETTINGS)?
-            .map(|board| board.get())
-            .unwrap_or_default();
-        let settings = pairs(text.text());
-        let crew = RoleStatuses::open(&wire)?;
+        let text = wire.blackboard_reader::<SettingsText>(SETTINGS)?;
+        let settings = text.map(|board| pairs(board.get().text()));
+        let statuses = RoleStatuses::open(&wire)?;
         Ok(Some(Self {
             ports,
             theorem,
             run,
-            in_force,
-            crew,
-            settings,
+            active,
+            statuses,
+            settings: settings.unwrap_or_default(),
+            ended: None,
             wire,
         }))
     }
@@ -94,13 +101,13 @@ impl Observation {
     }
 
     #[must_use]
-    pub fn in_force(&self) -> ActiveParameters {
-        self.in_force.get()
+    pub fn active_parameters(&self) -> ActiveParameters {
+        self.active.get()
     }
 
     #[must_use]
-    pub fn crew(&self) -> BTreeMap<Role, Status> {
-        self.crew.statuses()
+    pub fn statuses(&self) -> BTreeMap<Role, Status> {
+        self.statuses.statuses()
     }
 
     /// Whether the role's process is alive; its blackboard outlives it.
@@ -120,27 +127,25 @@ impl Observation {
         }
     }
 
+    /// The same, once the recorder has had time to pass the last messages on.
+    pub fn ending_after_last_messages(&mut self) -> Option<EndReason> {
+        let ending = self.ending()?;
+        let ended = self.ended.get_or_insert_with(Instant::now);
+        (ended.elapsed() >= LAST_MESSAGES).then_some(ending)
+    }
+
     /// Passes every message since the last call to `each`, topic by topic in the order of the data flow.
     pub fn drain(&mut self, mut each: impl FnMut(ObservedMessage<'_>)) -> Result<(), Error> {
+        use ObservedMessage::{RotorSpeeds, Setpoint, State, Swap, Theorem, Wrench};
         let (ports, run) = (&mut self.ports, &self.run);
         let horizon = horizon(run.get().pace(), || run.get());
-        ports
-            .states
-            .drain(horizon, |message| each(ObservedMessage::State(message)))?;
-        ports
-            .setpoints
-            .drain(horizon, |message| each(ObservedMessage::Setpoint(message)))?;
-        ports
-            .wrenches
-            .drain(horizon, |message| each(ObservedMessage::Wrench(message)))?;
-        ports.rotor_speeds.drain(horizon, |message| {
-            each(ObservedMessage::RotorSpeeds(message))
-        })?;
-        ports
-            .swaps
-            .drain(horizon, |message| each(ObservedMessage::Swap(message)))?;
-        self.theorem
-            .drain(horizon, |message| each(ObservedMessage::Theorem(message)))
+        ports.states.drain(horizon, |it| each(State(it)))?;
+        ports.setpoints.drain(horizon, |it| each(Setpoint(it)))?;
+        ports.wrenches.drain(horizon, |it| each(Wrench(it)))?;
+        let speeds = &mut ports.rotor_speeds;
+        speeds.drain(horizon, |it| each(RotorSpeeds(it)))?;
+        ports.swaps.drain(horizon, |it| each(Swap(it)))?;
+        self.theorem.drain(horizon, |it| each(Theorem(it)))
     }
 }
 
@@ -151,63 +156,48 @@ mod tests {
     use messages::blackboards::LOCKSTEP;
 
     /// Ticks of the states that an observer receives if the recorder passes on states of `ticks` in a flight at tick 50.
-    fn seen(period_ns: u64, ticks: &[u64]) -> Vec<u64> {
-        let root = tempfile::Builder::new()
-            .prefix("ib-")
-            .tempdir_in("/tmp")
-            .unwrap();
+    fn received(period_ns: u64, ticks: &[u64]) -> Vec<u64> {
+        let mut root = tempfile::Builder::new();
+        let root = root.prefix("ib-").tempdir_in("/tmp").unwrap();
         let instance = Instance::under(root.path(), "forged").unwrap();
-        let mut seen = Vec::new();
+        let mut received = Vec::new();
         {
             let _plant = instance.lock(Role::Plant).unwrap();
             let wire = Wire::open(&instance).unwrap();
-            let (board, _in_force) = (
-                wire.blackboard::<Run>(RUN).unwrap(),
-                wire.blackboard::<ActiveParameters>(IN_FORCE).unwrap(),
-            );
-            let (phase, t0_ns) = (RunPhase::Flying as u64, now_ns() - 50 * period_ns);
+            let board = wire.blackboard::<Run>(RUN).unwrap();
+            let _active = wire.blackboard::<ActiveParameters>(IN_FORCE).unwrap();
             board.put(Run {
-                phase,
+                phase: RunPhase::Flying as u64,
                 run_id: 7,
                 settings: 9,
-                t0_ns,
+                t0_ns: now_ns() - 50 * period_ns,
                 period_ns,
                 tick: 50,
                 ..Run::default()
             });
             let relay = wire.relay::<State>().unwrap();
             let mut observation = Observation::join(&instance).unwrap().unwrap();
-            for (seq, tick) in ticks.iter().enumerate() {
+            for (seq, tick) in (0..).zip(ticks) {
                 let mut message = Message::<State>::default();
-                let envelope = &mut message.envelope;
-                (
-                    envelope.run_id,
-                    envelope.settings,
-                    envelope.seq,
-                    envelope.tick,
-                ) = (7, 9, seq as u64, *tick);
+                let header = &mut message.envelope;
+                (header.run_id, header.settings) = (7, 9);
+                (header.seq, header.tick) = (seq, *tick);
                 relay.pass_on(&message).unwrap();
             }
-            observation
-                .drain(|message| {
-                    if let ObservedMessage::State(message) = message {
-                        seen.push(message.envelope.tick);
-                    }
-                })
-                .unwrap();
+            let take = |message: ObservedMessage<'_>| match message {
+                ObservedMessage::State(message) => received.push(message.envelope.tick),
+                other => panic!("{other:?}"),
+            };
+            observation.drain(take).unwrap();
         }
         instance.remove_leftovers().unwrap();
-        seen
+        received
     }
 
     #[test]
     fn a_message_of_a_future_tick_is_rejected_and_later_valid_ones_are_accepted() {
         for period_ns in [LOCKSTEP, 1_000_000_000] {
-            assert_eq!(
-                seen(period_ns, &[49, 1 << 63, 50]),
-                [49, 50],
-                "ticks of {period_ns} ns"
-            );
+            assert_eq!(received(period_ns, &[49, 1 << 63, 50]), [49, 50]);
         }
     }
 }

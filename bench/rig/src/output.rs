@@ -4,19 +4,16 @@ use std::io::{self, ErrorKind, Write as _};
 
 use rustix::fs::{FileType, fstat};
 use rustix::io::Errno;
+use serde::Serialize;
 
 use errors::{Failure, harmless};
+use report::json;
 
-/// Writes a text to standard output.
-///
-/// # Errors
-/// [`Failure`] with the system's reason; not when the reader has closed the pipe, as `head` does, or the terminal.
+/// Writes a text to standard output. It is no failure if the reader has closed the pipe, as `head` does, or the terminal.
 pub fn print(text: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
-    match out
-        .write_all(harmless(text).as_bytes())
-        .and_then(|()| out.flush())
-    {
+    let written = out.write_all(harmless(text).as_bytes());
+    match written.and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe && !is_of_a_closed_terminal(&e) => Err(
             Failure::failed(format!("cannot write to standard output: {e}")),
         ),
@@ -24,10 +21,15 @@ pub fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Writes a text to standard error, as far as anybody still reads it.
+pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
+    let text = json::to_string(value).map_err(|e| Failure::failed(e.to_string()))?;
+    print(&(text + "\n"))
+}
+
+/// Writes a text to standard error, if anybody still reads it.
 pub fn say(text: &str) {
     let mut err = io::stderr().lock();
-    // There is no other place to say so.
+    // There is no other place to report an error.
     let _ = err.write_all(text.as_bytes()).and_then(|()| err.flush());
 }
 

@@ -1,9 +1,9 @@
 //! Processes items on several threads; the results are in the items' order.
 
 use std::num::NonZero;
-use std::panic::resume_unwind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use errors::{Failure, INTERRUPTED};
 use process::signals::stop_signals;
 use signal_hook::flag;
 
-/// A flag that SIGINT or SIGTERM sets; long work polls it.
+/// A flag that a stop signal sets; long work polls it.
 pub fn asked_to_stop() -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in stop_signals() {
@@ -26,7 +26,8 @@ pub fn processors() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
 }
 
-/// Calls `work` for each item on `workers` threads. Meanwhile `look` gets the number of finished items, every 200 ms.
+/// Calls `work` for each item on `workers` threads. Meanwhile `look` gets the number of finished items, whenever one is
+/// finished and at least every 200 ms.
 pub fn on_processors<T: Sync, R: Send>(
     items: &[T],
     workers: usize,
@@ -34,40 +35,33 @@ pub fn on_processors<T: Sync, R: Send>(
     mut look: impl FnMut(usize),
 ) -> Vec<R> {
     const EVERY: Duration = Duration::from_millis(200);
-    let (next, done, running) = (
-        AtomicUsize::new(0),
-        AtomicUsize::new(0),
-        AtomicUsize::new(0),
-    );
-    let watcher = thread::current();
-    let worker = || {
-        let mut results = Vec::new();
-        let _running = RunningWorker {
-            running: &running,
-            watcher: &watcher,
-        };
+    let next = &AtomicUsize::new(0);
+    let work = &work;
+    let (sender, receiver) = mpsc::channel();
+    let mut results = Vec::new();
+    thread::scope(|scope| {
+        for _ in 0..workers.min(items.len()) {
+            let sender = sender.clone();
+            scope.spawn(move || {
+                loop {
+                    let i = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(item) = items.get(i) else {
+                        return;
+                    };
+                    // The receiver lives as long as the workers.
+                    let _ = sender.send((i, work(item)));
+                }
+            });
+        }
+        drop(sender);
         loop {
-            let i = next.fetch_add(1, Ordering::Relaxed);
-            let Some(item) = items.get(i) else {
-                return results;
-            };
-            results.push((i, work(item)));
-            done.fetch_add(1, Ordering::Relaxed);
+            match receiver.recv_timeout(EVERY) {
+                Ok(result) => results.push(result),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            look(results.len());
         }
-    };
-    let mut results: Vec<(usize, R)> = thread::scope(|scope| {
-        let workers = workers.min(items.len());
-        running.store(workers, Ordering::Relaxed);
-        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
-        while running.load(Ordering::Acquire) > 0 {
-            thread::park_timeout(EVERY);
-            look(done.load(Ordering::Relaxed));
-        }
-        look(done.load(Ordering::Relaxed));
-        workers
-            .into_iter()
-            .flat_map(|it| it.join().unwrap_or_else(|panic| resume_unwind(panic)))
-            .collect()
     });
     results.sort_by_key(|(i, _)| *i);
     results.into_iter().map(|(_, result)| result).collect()
@@ -90,26 +84,12 @@ pub fn all_on_processors<T: Sync, R: Send>(
     };
     let mut results = on_processors(items, workers, work, look);
     // The cause comes before the interruptions that followed from it.
-    results.sort_by_key(|result| {
-        result
-            .as_ref()
-            .err()
-            .is_none_or(|failure| failure.code == INTERRUPTED)
-    });
+    let is_no_cause = |result: &Result<R, Failure>| match result {
+        Ok(_) => true,
+        Err(failure) => failure.code == INTERRUPTED,
+    };
+    results.sort_by_key(is_no_cause);
     results.into_iter().collect()
-}
-
-/// Counts a worker as ended when it is dropped, also after a panic.
-struct RunningWorker<'a> {
-    running: &'a AtomicUsize,
-    watcher: &'a thread::Thread,
-}
-
-impl Drop for RunningWorker<'_> {
-    fn drop(&mut self) {
-        self.running.fetch_sub(1, Ordering::Release);
-        self.watcher.unpark();
-    }
 }
 
 #[cfg(test)]
@@ -119,14 +99,12 @@ mod tests {
     #[test]
     fn results_are_in_the_order_of_the_items_for_any_number_of_workers() {
         let items: Vec<u64> = (0..100).collect();
+        let squares: Vec<u64> = items.iter().map(|item| item * item).collect();
         for workers in [1, 3, 200] {
             let mut looks = Vec::new();
-            let squares =
-                on_processors(&items, workers, |item| item * item, |done| looks.push(done));
-            assert_eq!(
-                squares,
-                items.iter().map(|item| item * item).collect::<Vec<_>>()
-            );
+            let square = |item: &u64| item * item;
+            let results = on_processors(&items, workers, square, |done| looks.push(done));
+            assert_eq!(results, squares);
             assert!(looks.last() == Some(&100) && looks.is_sorted(), "{looks:?}");
         }
     }
@@ -135,6 +113,7 @@ mod tests {
     fn a_failure_cancels_other_work_and_comes_before_the_interruptions_that_follow() {
         let items: Vec<u64> = (0..100).collect();
         let (has_failed, begun) = (AtomicBool::new(false), AtomicUsize::new(0));
+        let interrupted = |_: &u64| Err::<u64, _>(Failure::new(INTERRUPTED, "interrupted"));
         let work = |item: &u64| {
             begun.fetch_add(1, Ordering::Relaxed);
             if *item == 1 {
@@ -145,26 +124,15 @@ mod tests {
                 thread::yield_now();
             }
             // An earlier item, but not the cause.
-            Err::<u64, _>(Failure::new(INTERRUPTED, "interrupted"))
+            interrupted(item)
         };
-        assert_ne!(
-            all_on_processors(&items, 2, work, |_| ()).unwrap_err().code,
-            INTERRUPTED
-        );
-        assert!(
-            begun.load(Ordering::Relaxed) <= 3,
-            "{begun:?} of 100 were begun"
-        );
-        let interrupted = |_: &u64| Err::<u64, _>(Failure::new(INTERRUPTED, "interrupted"));
-        assert_eq!(
-            all_on_processors(&items, 3, interrupted, |_| ())
-                .unwrap_err()
-                .code,
-            INTERRUPTED
-        );
-        assert_eq!(
-            all_on_processors(&items, 3, |item| Ok(*item), |_| ()).unwrap(),
-            items
-        );
+        let code = |results: Result<Vec<u64>, Failure>| results.err().map(|e| e.code);
+        let failed = all_on_processors(&items, 2, work, |_| ());
+        assert_eq!(code(failed), Some(errors::FAILED));
+        assert!(begun.into_inner() <= 3, "of 100 were begun");
+        let stopped = all_on_processors(&items, 3, interrupted, |_| ());
+        assert_eq!(code(stopped), Some(INTERRUPTED));
+        let whole = all_on_processors(&items, 3, |item| Ok(*item), |_| ());
+        assert_eq!(whole.unwrap(), items);
     }
 }

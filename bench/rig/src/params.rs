@@ -1,13 +1,13 @@
-//! `ironbird params`: lists the airframe's parameters, with the values in force.
+//! `ironbird params`: lists the airframe's parameters, with the active values.
 
 use ipc::instance::Instance;
 use messages::blackboards::{ActiveParameters, IN_FORCE};
-use messages::parameters::{Airframe, SPECS};
+use messages::parameters::{Airframe, SPECS, Spec};
 use serde::Serialize;
 
 use crate::cli::ParamsArgs;
 use crate::inject::{self, flight};
-use crate::output::print;
+use crate::output::{print, print_json};
 use crate::settings::airframe::named;
 use errors::{Failure, OK};
 use report::render::document::{Table, known, row};
@@ -26,92 +26,74 @@ struct Row {
 
 pub fn params(args: &ParamsArgs) -> Result<u8, Failure> {
     let instance = Instance::new(&args.instance)?;
-    let (in_force, flown) = match flight(&instance)? {
-        Some((wire, _)) => (
-            wire.blackboard_reader::<ActiveParameters>(IN_FORCE)?
-                .map(|board| board.get()),
-            Some(inject::airframe(&wire)?),
-        ),
-        None => (None, None),
+    let (mut active, mut airframe) = (None, Airframe::nominal());
+    if let Some((wire, _)) = flight(&instance)? {
+        let board = wire.blackboard_reader::<ActiveParameters>(IN_FORCE)?;
+        active = board.map(|board| board.get());
+        airframe = inject::airframe(&wire)?;
+    }
+    if let Some(name) = &args.airframe {
+        airframe = named(name)?;
+    }
+    let of_spec = |spec: &Spec| Row {
+        name: spec.name,
+        unit: spec.unit,
+        min: airframe.range(spec.parameter).min,
+        max: airframe.range(spec.parameter).max,
+        nominal: airframe.as_built().get(spec.parameter),
+        in_force: active.map(|active| active.value[spec.parameter as usize]),
+        equation: spec.equation,
+        meaning: spec.meaning,
     };
-    let airframe = match &args.airframe {
-        Some(name) => named(name)?,
-        None => flown.unwrap_or(Airframe::nominal()),
-    };
-    let rows: Vec<Row> = SPECS
-        .iter()
-        .map(|spec| Row {
-            name: spec.name,
-            unit: spec.unit,
-            min: airframe.range(spec.parameter).min,
-            max: airframe.range(spec.parameter).max,
-            nominal: airframe.as_built().get(spec.parameter),
-            in_force: in_force.map(|values| values.value[spec.parameter as usize]),
-            equation: spec.equation,
-            meaning: spec.meaning,
-        })
-        .collect();
+    let rows = SPECS.each_ref().map(of_spec);
     if args.json {
-        let text =
-            serde_json::to_string_pretty(&rows).map_err(|e| Failure::failed(e.to_string()))?;
-        print(&(text + "\n"))?;
+        print_json(&rows.as_slice())?;
         return Ok(OK);
     }
-    let columns = [
-        "name", "unit", "min", "max", "nominal", "in force", "equation", "meaning",
-    ];
+    let columns = "name unit min max nominal in_force equation meaning".split(' ');
+    let columns = columns.map(|column| column.replace('_', " "));
     let cells = rows.iter().map(|it| {
-        let in_force = known(it.in_force.map(number));
         let [min, max] = [it.min, it.max].map(bound);
-        let nominal = number(it.nominal);
+        let (nominal, active) = (number(it.nominal), known(it.in_force.map(number)));
+        let (unit, equation, meaning) = (&it.unit, &it.equation, &it.meaning);
         row([
-            &it.name,
-            &it.unit,
-            &min,
-            &max,
-            &nominal,
-            &in_force,
-            &it.equation,
-            &it.meaning,
+            &it.name, unit, &min, &max, &nominal, &active, equation, meaning,
         ])
     });
-    let mut text = Table::new(columns, cells).list();
-    text.push_str(&match in_force {
-        Some(values) => format!(
-            "in force at instance `{}` since tick {}, parameter epoch {}\n",
-            instance.name(),
-            values.tick,
-            values.parameter_epoch
+    let name = instance.name();
+    let note = match active {
+        Some(ActiveParameters {
+            tick,
+            parameter_epoch,
+            ..
+        }) => format!(
+            "in force at instance `{name}` since tick {tick}, parameter epoch {parameter_epoch}\n"
         ),
-        None => format!(
-            "no flight is running as instance `{}`: no values in force\n",
-            instance.name()
-        ),
-    });
-    print(&text)?;
+        None => format!("no flight is running as instance `{name}`: no values in force\n"),
+    };
+    print(&(Table::new(columns, cells).list() + &note))?;
     Ok(OK)
 }
 
-/// An end of a range; of an airframe of another size it is a quotient, which is shown in short.
+/// An end of a range. That of an airframe of another size is a quotient with many digits, and is shortened.
 pub(crate) fn bound(value: f64) -> String {
-    let whole = number(value);
-    if whole.len() > 8 {
+    let text = number(value);
+    if text.len() > 8 {
         format!("{value:.2e}")
     } else {
-        whole
+        text
     }
 }
 
-/// A value as it was typed; small ones as powers of ten. One on a ramp has more digits, and is shown in short.
+/// A value as a user types it; small ones as powers of ten. One on a ramp has many digits, and is shortened.
 pub(crate) fn number(value: f64) -> String {
     let is_small = value != 0.0 && value.abs() < 1e-3;
-    let whole = if is_small {
-        format!("{value:e}")
-    } else {
-        format!("{value}")
+    let text = match is_small {
+        true => format!("{value:e}"),
+        false => format!("{value}"),
     };
-    match (whole.len() > 12, is_small) {
-        (false, _) => whole,
+    match (text.len() > 12, is_small) {
+        (false, _) => text,
         (true, true) => format!("{value:.3e}"),
         (true, false) => format!("{value:.6}"),
     }

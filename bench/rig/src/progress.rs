@@ -10,7 +10,7 @@ pub struct Progress {
     total: u64,
     thing: &'static str,
     begun: Instant,
-    told: Instant,
+    printed: Instant,
     is_terminal: bool,
     /// Whether the terminal shows a line that the next one overwrites.
     is_open: bool,
@@ -25,7 +25,7 @@ impl Progress {
             total,
             thing,
             begun: now,
-            told: now,
+            printed: now,
             is_terminal: io::stderr().is_terminal(),
             is_open: false,
         }
@@ -38,22 +38,17 @@ impl Progress {
 
     /// Prints how many items are done, at most every half second (30 s if not on a terminal).
     pub fn look(&mut self, done: u64) {
-        let every = if self.is_terminal {
-            Duration::from_millis(500)
-        } else {
-            Duration::from_secs(30)
-        };
-        if self.told.elapsed() < every {
+        let every_ms = if self.is_terminal { 500 } else { 30_000 };
+        if self.printed.elapsed() < Duration::from_millis(every_ms) {
             return;
         }
-        self.told = Instant::now();
-        let line = words(done, self.total, self.thing, self.begun.elapsed());
-        if self.is_terminal {
-            say(&format!("\r\x1b[K{line}"));
-            self.is_open = true;
-        } else {
-            say(&format!("{line}\n"));
-        }
+        self.printed = Instant::now();
+        let line = line(done, self.total, self.thing, self.rate(done));
+        self.is_open = self.is_terminal;
+        say(&match self.is_terminal {
+            true => format!("\r\x1b[K{line}"),
+            false => format!("{line}\n"),
+        });
     }
 
     /// Clears its line for other output.
@@ -69,21 +64,13 @@ impl Progress {
     }
 }
 
-fn words(done: u64, total: u64, thing: &str, elapsed: Duration) -> String {
-    let rate = done as f64 / elapsed.as_secs_f64().max(1e-9);
-    let left = (total.saturating_sub(done)) as f64 / rate;
-    format!(
-        "{done} of {total} {thing}s, {rate:.1} {thing}s/s, {}",
-        time_left(left)
-    )
-}
-
-/// A time that is left, as nobody needs it more exactly.
-fn time_left(seconds: f64) -> String {
-    match Duration::try_from_secs_f64(seconds.ceil()) {
-        Ok(left) if seconds < 1e9 => format!("{} left", humantime::format_duration(left)),
+fn line(done: u64, total: u64, thing: &str, rate: f64) -> String {
+    let left_s = total.saturating_sub(done) as f64 / rate;
+    let left = match Duration::try_from_secs_f64(left_s.ceil()) {
+        Ok(left) if left_s < 1e9 => format!("{} left", humantime::format_duration(left)),
         _ => "time left unknown".into(),
-    }
+    };
+    format!("{done} of {total} {thing}s, {rate:.1} {thing}s/s, {left}")
 }
 
 #[cfg(test)]
@@ -92,13 +79,19 @@ mod tests {
 
     #[test]
     fn rate_and_time_left_are_shown() {
-        assert_eq!(
-            words(200, 4000, "flight", Duration::from_secs(4)),
-            "200 of 4000 flights, 50.0 flights/s, 1m 16s left"
-        );
-        assert_eq!(
-            words(0, 4000, "flight", Duration::from_secs(4)),
-            "0 of 4000 flights, 0.0 flights/s, time left unknown"
-        );
+        for (done, rate, shown) in [
+            (
+                200,
+                50.0,
+                "200 of 4000 flights, 50.0 flights/s, 1m 16s left",
+            ),
+            (
+                0,
+                0.0,
+                "0 of 4000 flights, 0.0 flights/s, time left unknown",
+            ),
+        ] {
+            assert_eq!(line(done, 4000, "flight", rate), shown);
+        }
     }
 }

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use crate::cli::RunsArgs;
 use crate::export;
-use crate::output::print;
+use crate::output::{print, print_json};
 use crate::record::hlog;
 use crate::run_directory::{FACTS, entries, is_held, is_ours, out_or_default};
 use crate::settings::airframe::PAPER;
@@ -53,12 +53,9 @@ pub fn runs(args: &RunsArgs) -> Result<u8, Failure> {
     if args.prune {
         return prune(&runs, args);
     }
-    if args.json {
-        let text =
-            serde_json::to_string_pretty(&runs).map_err(|e| Failure::failed(e.to_string()))?;
-        print(&(text + "\n"))?;
-    } else {
-        print(&table(&runs, &out))?;
+    match args.json {
+        true => print_json(&runs)?,
+        false => print(&table(&runs, &out))?,
     }
     Ok(OK)
 }
@@ -87,63 +84,56 @@ impl RecordedRun {
         if !facts.symlink_metadata().is_ok_and(|file| file.is_file()) {
             return None;
         }
-        let RunFacts { settings, .. } =
-            serde_json::from_str(&read_text("read", &facts).ok()?).ok()?;
-        let report = Report::read(&directory.join("report.json")).ok();
-        let made = fs::metadata(&facts)
-            .and_then(|it| it.modified())
-            .unwrap_or(UNIX_EPOCH);
-        let started = report.as_ref().map_or(made, |report| {
-            UNIX_EPOCH + Duration::from_nanos(report.run.run_id)
-        });
+        let text = read_text("read", &facts).ok()?;
+        let RunFacts { settings, .. } = serde_json::from_str(&text).ok()?;
+        let airframe = settings["flight"]["airframe"].as_str().unwrap_or(PAPER);
+        let report_file = directory.join("report.json");
+        let report = Report::read(&report_file).ok();
+        let report = report.as_ref();
+        let modified = fs::metadata(&facts).and_then(|it| it.modified());
+        let made = modified.unwrap_or(UNIX_EPOCH);
+        let started_at = |report: &Report| UNIX_EPOCH + Duration::from_nanos(report.run.run_id);
+        let started_after = report.map_or(made, started_at).duration_since(UNIX_EPOCH);
         let is_in_the_air = directory.join(hlog::FILE).exists() && hlog::lives(directory);
         let is_held = is_held(directory);
-        let status = match &report {
+        let status = match report {
             _ if is_in_the_air => "in the air".into(),
             None if is_held => "starting".into(),
-            None if directory.join("report.json").exists() => "unreadable".into(),
+            None if report_file.exists() => "unreadable".into(),
             None => "no report".into(),
             Some(report) if report.run.in_flight => "cut short".into(),
             Some(report) => report.verdict.status.to_string(),
         };
+        let length_s =
+            |it: &Report| (it.ticks.run + it.ticks.skipped) as f64 * it.run.period_us / 1e6;
         Some(Self {
             name: directory.file_name()?.to_string_lossy().into_owned(),
             directory: directory.to_owned(),
-            started: report
-                .as_ref()
-                .map_or_else(|| utc(made), |report| report.run.started.clone()),
-            started_unix_s: started
-                .duration_since(UNIX_EPOCH)
-                .unwrap_or_default()
-                .as_secs(),
+            started: report.map_or_else(|| utc(made), |report| report.run.started.clone()),
+            started_unix_s: started_after.unwrap_or_default().as_secs(),
             status,
-            length_s: report
-                .as_ref()
-                .map(|it| (it.ticks.run + it.ticks.skipped) as f64 * it.run.period_us / 1e6),
-            missed: report.as_ref().map(|it| it.deadlines.missed),
-            not_fresh: report.as_ref().and_then(|it| it.deadlines.not_fresh),
-            airframe: last_name(settings["flight"]["airframe"].as_str().unwrap_or(PAPER))
-                .to_owned(),
+            length_s: report.map(length_s),
+            missed: report.map(|it| it.deadlines.missed),
+            not_fresh: report.and_then(|it| it.deadlines.not_fresh),
+            airframe: last_name(airframe).to_owned(),
             words: report.map(|it| it.words.each().map(|(_, word, _)| word.to_owned())),
             bytes: bytes(directory),
             is_alive: is_in_the_air || is_held,
-            is_latest: latest
-                .is_some_and(|latest| fs::canonicalize(directory).is_ok_and(|it| it == latest)),
+            is_latest: latest.is_some() && fs::canonicalize(directory).ok().as_deref() == latest,
         })
     }
 
     fn age(&self) -> Duration {
         let started = UNIX_EPOCH + Duration::from_secs(self.started_unix_s);
-        SystemTime::now()
-            .duration_since(started)
-            .unwrap_or_default()
+        let age = SystemTime::now().duration_since(started);
+        age.unwrap_or_default()
     }
 
     fn row(&self) -> Vec<Cell> {
         // Reports from before fresh commands were counted have the missed deadlines alone.
         let late = self.not_fresh.map(|it| it.ticks).or(self.missed);
-        let words = self.words.as_ref();
-        let words = known(words.map(|[flight, timing, _]| format!("{flight}, {timing}")));
+        let verdicts = self.words.as_ref();
+        let verdicts = known(verdicts.map(|[flight, timing, _]| format!("{flight}, {timing}")));
         let name = self.name.replace(char::is_control, "?");
         let latest = if self.is_latest { " *" } else { "" };
         // Omitted for the most common airframe, so that a row fits into 80 columns.
@@ -157,7 +147,7 @@ impl RecordedRun {
             &known(late),
             &size(self.bytes),
             &self.status,
-            &format!("{words}{airframe}"),
+            &format!("{verdicts}{airframe}"),
         ])
     }
 }
@@ -166,7 +156,6 @@ fn table(runs: &[RecordedRun], out: &Path) -> String {
     if runs.is_empty() {
         return format!("{} holds no flight\n", out.display());
     }
-    let bytes = runs.iter().map(|run| run.bytes).sum();
     let columns = [
         "flight",
         "length",
@@ -176,21 +165,16 @@ fn table(runs: &[RecordedRun], out: &Path) -> String {
         "flight, timing",
     ];
     let table = Table::new(columns, runs.iter().map(RecordedRun::row)).list();
-    let latest = if runs.iter().any(|run| run.is_latest) {
-        "; * is `latest`"
-    } else {
-        ""
-    };
-    let others = runs.iter().any(|run| run.airframe != PAPER);
-    let paper = if others {
-        "; an airframe is named where it is not `paper`"
-    } else {
-        ""
-    };
+    let note = |is_needed: bool, text: &'static str| if is_needed { text } else { "" };
     format!(
-        "{table}{} in {}{latest}{paper}\nlate: ticks without a fresh command on time (missed + stale + skipped)\n",
+        "{table}{} in {}{}{}\nlate: ticks without a fresh command on time (missed + stale + skipped)\n",
         count(runs.len() as u64, "flight"),
-        size(bytes)
+        size(runs.iter().map(|run| run.bytes).sum()),
+        note(runs.iter().any(|run| run.is_latest), "; * is `latest`"),
+        note(
+            runs.iter().any(|run| run.airframe != PAPER),
+            "; an airframe is named where it is not `paper`"
+        ),
     )
 }
 
@@ -206,86 +190,65 @@ fn length(seconds: f64) -> String {
 
 /// A number of bytes in at most six characters.
 fn size(bytes: u64) -> String {
-    const UNITS: [&str; 5] = ["kB", "MB", "GB", "TB", "PB"];
     let mut number = bytes as f64 / 1e3;
-    let mut unit = 0;
-    while number >= 999.5 && unit + 1 < UNITS.len() {
-        number /= 1e3;
-        unit += 1;
-    }
+    let mut units = ["kB", "MB", "GB", "TB"].into_iter();
+    let unit = loop {
+        match units.next() {
+            Some(_) if number >= 999.5 => number /= 1e3,
+            unit => break unit.unwrap_or("PB"),
+        }
+    };
     let decimals = usize::from(number < 99.95);
-    format!("{number:.decimals$}{}", UNITS[unit])
+    format!("{number:.decimals$}{unit}")
 }
 
 /// Size of everything in a directory [bytes]; links are not followed.
 fn bytes(directory: &Path) -> u64 {
-    let entries = fs::read_dir(directory)
-        .into_iter()
-        .flatten()
-        .filter_map(Result::ok);
-    entries
-        .map(|entry| match entry.metadata() {
-            Ok(it) if it.is_dir() => bytes(&entry.path()),
-            Ok(it) => it.len(),
-            Err(_) => 0,
-        })
-        .sum()
+    let entries = fs::read_dir(directory).into_iter().flatten().flatten();
+    let size = |entry: fs::DirEntry| match entry.metadata() {
+        Ok(it) if it.is_dir() => bytes(&entry.path()),
+        Ok(it) => it.len(),
+        Err(_) => 0,
+    };
+    entries.map(size).sum()
 }
 
 /// Removes the flights selected by the flags, file by file, and nothing that ironbird did not create.
 ///
 /// Continues after a flight that cannot be removed; the error gives the number of those.
 fn prune(runs: &[RecordedRun], args: &RunsArgs) -> Result<u8, Failure> {
-    let kept = args
-        .keep
-        .map_or(0, |keep| usize::try_from(keep).unwrap_or(usize::MAX));
+    let [would, removed, be_removed] = match args.dry_run {
+        true => ["would keep", "would remove", "would be removed"],
+        false => ["kept", "removed", "removed"],
+    };
+    let kept = args.keep.unwrap_or(0) as usize;
     let is_old = |run: &&RecordedRun| args.older_than.is_none_or(|age| run.age() > age);
     let mut text = String::new();
-    let (mut removed, mut bytes, mut failed) = (0, 0, 0);
+    let (mut flights, mut bytes, mut failed) = (0, 0, 0);
     for run in runs.iter().skip(kept).filter(is_old) {
-        match reason_to_keep(run) {
-            Some(why) => {
-                text += &format!(
-                    "{} {}: {why}\n",
-                    if args.dry_run { "would keep" } else { "kept" },
-                    run.name
-                )
-            }
-            None => {
-                if let Err(failure) = if args.dry_run {
-                    Ok(())
-                } else {
-                    remove(&run.directory)
-                } {
-                    text += &format!("partly removed {}: {failure}\n", run.name);
-                    failed += 1;
-                    continue;
-                }
-                let removes = if args.dry_run {
-                    "would remove"
-                } else {
-                    "removed"
-                };
-                text += &format!("{removes} {} ({})\n", run.name, size(run.bytes));
-                (removed, bytes) = (removed + 1, bytes + run.bytes);
-            }
+        let name = &run.name;
+        if let Some(why) = reason_to_keep(run) {
+            text += &format!("{would} {name}: {why}\n");
+        } else if let Err(failure) = remove(&run.directory, args.dry_run) {
+            text += &format!("partly removed {name}: {failure}\n");
+            failed += 1;
+        } else {
+            text += &format!("{removed} {name} ({})\n", size(run.bytes));
+            (flights, bytes) = (flights + 1, bytes + run.bytes);
         }
     }
-    let removes = if args.dry_run {
-        "would be removed"
-    } else {
-        "removed"
-    };
-    text += &format!("{}, {} {removes}\n", count(removed, "flight"), size(bytes));
+    text += &format!(
+        "{}, {} {be_removed}\n",
+        count(flights, "flight"),
+        size(bytes)
+    );
     print(&text)?;
     if failed == 0 {
         return Ok(OK);
     }
-    Err(
-        Failure::failed(format!("{} could not be removed", count(failed, "flight"))).help(
-            "remove the files named above yourself, or run this as the user who recorded them",
-        ),
-    )
+    let what = format!("{} could not be removed", count(failed, "flight"));
+    Err(Failure::failed(what)
+        .help("remove the files named above yourself, or run this as the user who recorded them"))
 }
 
 /// Why a flight must not be removed.
@@ -297,55 +260,45 @@ fn reason_to_keep(run: &RecordedRun) -> Option<String> {
         return Some("its processes are running".into());
     }
     let exported = run.directory.join(export::DIRECTORY);
-    if let Some(e) = fs::read_dir(&exported)
-        .err()
-        .filter(|e| e.kind() != ErrorKind::NotFound)
-    {
-        return Some(format!("cannot list {}: {e}", exported.display()));
+    match fs::read_dir(&exported) {
+        Err(e) if e.kind() != ErrorKind::NotFound => {
+            return Some(format!("cannot list {}: {e}", exported.display()));
+        }
+        _ => {}
     }
-    let foreign = foreign(&run.directory)?;
+    let of_flight = |name: &str, is_directory: bool| match is_directory {
+        true => name == export::DIRECTORY,
+        false => is_ours(name),
+    };
+    let of_export = |name: &str, is_directory: bool| !is_directory && export::is_ours(name);
+    let foreign = foreign(&run.directory, of_flight).or_else(|| foreign(&exported, of_export))?;
     Some(format!("{} was not created by ironbird", foreign.display()))
 }
 
-/// A file in a run directory that ironbird did not create.
-fn foreign(directory: &Path) -> Option<PathBuf> {
-    let exported = directory.join(export::DIRECTORY);
-    foreign_entry(directory, |name, is_directory| {
-        is_ours(name) && !is_directory || name == export::DIRECTORY && is_directory
-    })
-    .or_else(|| {
-        foreign_entry(&exported, |name, is_directory| {
-            export::is_ours(name) && !is_directory
-        })
-    })
-}
-
 /// The first entry of a directory, by name, that ironbird did not create.
-fn foreign_entry(directory: &Path, is_ours: impl Fn(&str, bool) -> bool) -> Option<PathBuf> {
-    let entries = fs::read_dir(directory)
-        .into_iter()
-        .flatten()
-        .filter_map(Result::ok);
-    let is_other = |entry: &fs::DirEntry| {
+fn foreign(directory: &Path, is_ours: impl Fn(&str, bool) -> bool) -> Option<PathBuf> {
+    let entries = fs::read_dir(directory).into_iter().flatten().flatten();
+    let is_foreign = |entry: &fs::DirEntry| {
         let is_directory = entry.file_type().is_ok_and(|it| it.is_dir());
-        !entry
-            .file_name()
+        let name = entry.file_name();
+        !name
             .to_str()
             .is_some_and(|name| is_ours(name, is_directory))
     };
-    entries.filter(is_other).map(|entry| entry.path()).min()
+    entries.filter(is_foreign).map(|entry| entry.path()).min()
 }
 
 /// Removes a flight's files and then its directory, unless a new file has appeared meanwhile.
-fn remove(directory: &Path) -> Result<(), Failure> {
+fn remove(directory: &Path, dry_run: bool) -> Result<(), Failure> {
+    if dry_run {
+        return Ok(());
+    }
     let exported = directory.join(export::DIRECTORY);
-    let files = [
-        entries(&exported, export::is_ours),
-        entries(directory, |name| is_ours(name) && name != FACTS),
-    ]
-    .concat();
-    for path in &files {
-        ensure_removed(path, fs::remove_file(path))?;
+    for path in entries(&exported, export::is_ours) {
+        ensure_removed(&path, fs::remove_file(&path))?;
+    }
+    for path in entries(directory, |name| is_ours(name) && name != FACTS) {
+        ensure_removed(&path, fs::remove_file(&path))?;
     }
     ensure_removed(&exported, fs::remove_dir(&exported))?;
     let last = directory.join(FACTS);
@@ -356,10 +309,10 @@ fn remove(directory: &Path) -> Result<(), Failure> {
 /// Ignores that a file no longer exists.
 fn ensure_removed(path: &Path, removed: io::Result<()>) -> Result<(), Failure> {
     match removed {
-        Err(e) if e.kind() != ErrorKind::NotFound => Err(Failure::failed(format!(
-            "cannot remove {}: {e}",
-            path.display()
-        ))),
+        Err(e) if e.kind() != ErrorKind::NotFound => {
+            let what = format!("cannot remove {}: {e}", path.display());
+            Err(Failure::failed(what))
+        }
         _ => Ok(()),
     }
 }
@@ -370,27 +323,27 @@ mod tests {
 
     #[test]
     fn lengths_and_sizes_have_at_most_six_characters() {
-        let lengths = [0.2, 99.94, 100.0, 5_999.0, 6_000.0, 359_999.0, 2_592_000.0].map(length);
-        assert_eq!(
-            lengths,
-            ["0.2s", "99.9s", "1.7m", "100.0m", "1.7h", "100.0h", "30.0d"]
-        );
-        let sizes = [
-            0,
-            99_949,
-            99_950,
-            999_499,
-            999_500,
-            19_300_000,
-            55_000_000_000,
-        ]
-        .map(size);
-        assert_eq!(
-            sizes,
-            [
-                "0.0kB", "99.9kB", "100kB", "999kB", "1.0MB", "19.3MB", "55.0GB"
-            ]
-        );
-        assert!(lengths.iter().chain(&sizes).all(|text| text.len() <= 6));
+        for (seconds, shown) in [
+            (0.2, "0.2s"),
+            (99.94, "99.9s"),
+            (100.0, "1.7m"),
+            (5_999.0, "100.0m"),
+            (6_000.0, "1.7h"),
+            (359_999.0, "100.0h"),
+            (2_592_000.0, "30.0d"),
+        ] {
+            assert_eq!(length(seconds), shown);
+        }
+        for (bytes, shown) in [
+            (0, "0.0kB"),
+            (99_949, "99.9kB"),
+            (99_950, "100kB"),
+            (999_499, "999kB"),
+            (999_500, "1.0MB"),
+            (19_300_000, "19.3MB"),
+            (55_000_000_000, "55.0GB"),
+        ] {
+            assert_eq!(size(bytes), shown);
+        }
     }
 }

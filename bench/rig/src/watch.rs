@@ -1,43 +1,183 @@
-//! `ironbird watch`: shows a flight live, without touching a loop.
+//! `ironbird watch`: shows a flight live, without affecting the control loops.
 //!
 //! ```text
-//! recorder, boards --feed--> model --draw--> terminal        (or --plain--> a line per second)
-//!                    keys -----^  \--inject--> the plant's desk
+//! recorder, blackboards --feed--> model --draw--> terminal   (or --plain--> one line per second)
+//!                         keys ---^  \--inject--> the plant's parameter server
 //! ```
 
 pub mod dashboard_model;
-pub mod feed;
-pub mod keys;
-pub mod line_output;
 pub mod screen;
 mod terminal;
 
 use std::io::{self, IsTerminal as _};
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
+use ipc::error::Error;
 use ipc::instance::Instance;
+<<<<<<< HEAD
 use process::signals::{end_with_launcher, stop_signals};
+=======
+use messages::role::Role;
+use process::launcher::end_with_launcher;
+>>>>>>> df4bc2367a7fedea8376f23320b2938c679e39be
 
 use crate::cli::WatchArgs;
-use dashboard_model::Model;
-use errors::Failure;
-use feed::Feed;
+use crate::observation::{DRAIN_EVERY, Observation};
+use crate::output::{print, say};
+use crate::parallel::asked_to_stop;
+use dashboard_model::{Model, WatchedFlight};
+use errors::{Failure, INTERRUPTED, OK};
+use report::series::{Series, Statistics};
+
+/// How often to look for a flight and to check its processes.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+const PRINT_EVERY: Duration = Duration::from_secs(1);
+/// How often joining may fail in a row: it can while roles start or end.
+const TRIES: u32 = 20;
 
 pub fn watch(args: &WatchArgs) -> Result<u8, Failure> {
     let instance = Instance::new(&args.instance)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    let failed = |e| Failure::failed(format!("cannot handle signals: {e}"));
-    for signal in stop_signals() {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(failed)?;
-    }
+    let stop = asked_to_stop()?;
     end_with_launcher(args.launcher)?;
     // https://no-color.org
     let colours = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     let mut model = Model::new(instance.name(), args.launcher.is_some(), colours);
-    let mut feed = Feed::new(instance.clone());
+    let mut feed = Feed::new(instance);
     if args.plain || !io::stdout().is_terminal() || !io::stdin().is_terminal() {
-        return line_output::run(&mut model, &mut feed, &stop);
+        return print_lines(&mut model, &mut feed, &stop);
     }
-    terminal::run(&mut model, &mut feed, &instance, args.launcher, &stop)
+    terminal::run(&mut model, &mut feed, args.launcher, &stop)
+}
+
+/// Updates the model: waits for a flight, joins it, reads its messages, and notices its end.
+struct Feed {
+    instance: Instance,
+    joined: Option<Observation>,
+    next_look: Instant,
+    failed: u32,
+}
+
+impl Feed {
+    fn new(instance: Instance) -> Self {
+        Self {
+            instance,
+            joined: None,
+            next_look: Instant::now(),
+            failed: 0,
+        }
+    }
+
+    /// Updates the model with everything new.
+    fn update(&mut self, model: &mut Model) -> Result<(), Failure> {
+        let is_due = Instant::now() >= self.next_look;
+        if is_due {
+            self.next_look = Instant::now() + LOOK_EVERY;
+        }
+        if self.joined.is_none() && is_due {
+            self.join(model)?;
+        }
+        let (Some(observation), Some(flight)) = (&mut self.joined, &mut model.flight) else {
+            return Ok(());
+        };
+        observation.drain(|seen| flight.take(seen))?;
+        flight.run = observation.run();
+        if !is_due {
+            return Ok(());
+        }
+        flight.active = observation.active_parameters();
+        flight.statuses = observation.statuses();
+        flight.update_steal();
+        // In this order: a recorder that ends with the flight has not failed, and one that failed before stays failed.
+        let lives = observation.lives(Role::Record);
+        if lives || observation.ending().is_none() {
+            flight.recorder_lives = lives;
+        }
+        flight.ending = observation.ending_after_last_messages();
+        if flight.ending.is_some() {
+            self.leave();
+        }
+        Ok(())
+    }
+
+    fn join(&mut self, model: &mut Model) -> Result<(), Failure> {
+        match Observation::join(&self.instance) {
+            Ok(Some(observation)) => {
+                self.failed = 0;
+                model.join(&observation.run(), observation.settings.clone())?;
+                self.joined = Some(observation);
+            }
+            Ok(None) => {}
+            Err(Error::Wire { .. }) if self.failed < TRIES => self.failed += 1,
+            Err(error) => return Err(error.into()),
+        }
+        Ok(())
+    }
+
+    fn leave(&mut self) {
+        if self.joined.take().is_some() {
+            // In case the dashboard is the last process. The next start or `ironbird clean` finds what remains.
+            let _ = self.instance.remove_leftovers();
+        }
+    }
+}
+
+impl Drop for Feed {
+    fn drop(&mut self) {
+        self.leave();
+    }
+}
+
+/// Prints lines until the flight ends.
+fn print_lines(model: &mut Model, feed: &mut Feed, stop: &AtomicBool) -> Result<u8, Failure> {
+    let instance = &model.instance;
+    say(&format!(
+        "waiting for instance `{instance}` to fly (ironbird fly)\n"
+    ));
+    let mut next = Instant::now();
+    while !stop.load(Ordering::Relaxed) {
+        feed.update(model)?;
+        if let Some(flight) = &model.flight {
+            if let Some(ending) = flight.ending {
+                print(&format!("{}   {}\n", line(flight), ending.words()))?;
+                return Ok(OK);
+            }
+            if Instant::now() >= next && flight.rotor_speeds.is_some() {
+                next = Instant::now() + PRINT_EVERY;
+                print(&(line(flight) + "\n"))?;
+            }
+        }
+        sleep(DRAIN_EVERY);
+    }
+    Ok(INTERRUPTED)
+}
+
+/// The state of the flight in one line.
+#[must_use]
+pub fn line(flight: &WatchedFlight) -> String {
+    let (tick, statistics) = (flight.tick(), &flight.statistics);
+    let time_s = flight.run.flight_time_s(tick);
+    let error_m = statistics.flight().position_error_final_m;
+    let mut line = format!("tick {tick}   {time_s:.1} s   error {error_m:.4} m");
+    let histogram = statistics.series.flight(Series::Loop);
+    if let Some(histogram) = histogram.filter(|histogram| !histogram.is_empty()) {
+        let Statistics { p50_us, p99_us, .. } = Statistics::of("loop", histogram);
+        line += &format!("   loop p50 {p50_us:.1} p99 {p99_us:.1} us");
+    }
+    line += &format!("   missed {}", flight.run.deadlines_missed);
+    if let Some(monitor) = &flight.monitor {
+        let (v, unexplained) = (monitor.v, monitor.violations[0]);
+        let violations: u64 = monitor.violations.iter().sum();
+        line += &format!(
+            "   V {v:.3e} rad^2/s^2   violations {violations} ({unexplained} unexplained)"
+        );
+    }
+    if let Some(tick) = flight.lost_at() {
+        line += &format!("   no recorder: as of tick {tick}, not watched since");
+    }
+    match flight.lost() {
+        0 => line,
+        lost => format!("{line}   not seen {lost} messages"),
+    }
 }

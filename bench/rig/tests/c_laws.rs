@@ -1,35 +1,27 @@
 //! Laws in C, compiled for a test.
 
 use crate::rig::Rig;
-use std::path::Path;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
+/// The directory of the repository.
 pub fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../..")
-        .canonicalize()
-        .unwrap()
+    let crates = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
+    crates.skip(2).next().unwrap().to_owned()
 }
 
-/// Compiles a file of the repository into a library of the rig's directory; its path.
+/// Compiles a file of the repository into a library of the rig's directory; returns its path.
 pub fn library(rig: &Rig, name: &str, source: &str, flags: &[&str]) -> String {
     let library = rig.file(name);
-    let mut compiler = Command::new("gcc");
-    compiler
-        .args([
-            "-std=c11", "-O2", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared",
-        ])
-        .args(flags);
-    compiler
+    let mut gcc = Command::new("gcc");
+    gcc.args("-std=c11 -O2 -Wall -Wextra -Werror -fPIC -shared".split(' '))
+        .args(flags)
         .arg("-I")
-        .arg(root().join("shared/ironbird_law/include"));
-    compiler
-        .arg("-o")
-        .arg(&library)
+        .arg(root().join("shared/ironbird_law/include"))
+        .args(["-o", &library])
         .arg(root().join(source))
         .arg("-lm");
-    assert!(compiler.status().unwrap().success(), "{compiler:?}");
+    assert!(gcc.status().unwrap().success(), "{gcc:?}");
     library
 }
 
@@ -37,22 +29,36 @@ pub fn cascade(rig: &Rig) -> String {
     library(rig, "libcascade.so", "examples/law_c/cascade.c", &[])
 }
 
-/// Settings of a flight with the law of a file in `laws_c`, which does what it is given from a tick on. Nothing ends the
-/// flight early, however busy the machine is.
-fn harmful(rig: &Rig, name: &str, harm: &str) -> String {
-    let source = format!("bench/rig/tests/laws_c/{name}.c");
-    library(rig, &format!("lib{name}.so"), &source, &[]);
+/// The same law in another file with other content.
+pub fn other_cascade(rig: &Rig) -> String {
+    library(rig, "other.so", "examples/law_c/cascade.c", &["-O1"])
+}
+
+/// A mixer without copies.
+pub fn mixer(rig: &Rig, name: &str, flags: &[&str]) -> String {
+    let flags = [&["-DROLE=IRONBIRD_MIXER"], flags].concat();
+    library(rig, name, "bench/rig/tests/laws_c/others.c", &flags)
+}
+
+/// Settings of a flight with the law `misbehaving` or `hostile` of `laws_c`, which does harm from a tick on. Nothing ends
+/// the flight early, however busy the machine is.
+pub fn harmful(rig: &Rig, law: &str, harm: &str, from_tick: u64) -> String {
+    let source = format!("bench/rig/tests/laws_c/{law}.c");
+    library(rig, &format!("lib{law}.so"), &source, &[]);
+    let setting = if law == "hostile" {
+        "harm"
+    } else {
+        "misbehave"
+    };
     rig.airborne(&format!(
-        "trajectory = \"hover\"\n[inner]\nlaw = \"lib{name}.so\"\n{harm}\n"
+        "trajectory = \"hover\"\n[inner]\nlaw = \"lib{law}.so\"\n{setting} = \"{harm}\"\nfrom_tick = {from_tick}\n"
     ))
 }
 
 pub fn misbehaving(rig: &Rig, how: &str, from_tick: u64) -> String {
-    let harm = format!("misbehave = \"{how}\"\nfrom_tick = {from_tick}");
-    harmful(rig, "misbehaving", &harm)
+    harmful(rig, "misbehaving", how, from_tick)
 }
 
-pub fn hostile(rig: &Rig, harm: &str, from_tick: u64) -> String {
-    let harm = format!("harm = \"{harm}\"\nfrom_tick = {from_tick}");
-    harmful(rig, "hostile", &harm)
+pub fn hostile(rig: &Rig, how: &str, from_tick: u64) -> String {
+    harmful(rig, "hostile", how, from_tick)
 }

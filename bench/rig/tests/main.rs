@@ -4,7 +4,6 @@
 mod airframes;
 #[cfg(feature = "foxglove")]
 mod bridge;
-mod browser;
 mod build_identity;
 mod c_laws;
 mod campaign;

@@ -1,78 +1,80 @@
-//! `ironbird new law`: what it makes builds, flies and passes its own test; what it refuses is named.
+//! `ironbird new law`: the new folder builds, flies and passes its own test; the trial of laws finds harmful changes.
 
 use std::fs;
 use std::process::Command;
 
 use crate::rig::{IRONBIRD, Rig, lacks_feature, lacks_tool};
 
-fn has_compiler() -> bool {
-    let has = Command::new("cc")
-        .arg("--version")
-        .output()
-        .is_ok_and(|it| it.status.success());
-    if !has {
-        lacks_tool("cc is not there");
+/// Creates a law in C and builds it; returns its folder, or none without a compiler.
+fn new_law(rig: &Rig, role: &str) -> Option<String> {
+    if Command::new("cc").arg("--version").output().is_err() {
+        lacks_tool("cc is not installed");
+        return None;
     }
-    has
-}
-
-/// Makes an inner law or another one in C, builds it, and says where it is.
-fn built(rig: &Rig, role: &str) -> String {
-    let (name, home) = (format!("my_{role}"), rig.file("."));
+    let name = format!("my_{role}");
+    let (home, folder) = (rig.file("."), rig.file(&name));
     rig.ok(&format!(
         "new law {name} --role {role} --lang c --to {home}"
     ));
-    let folder = rig.file(&name);
     rig.refused(&format!("simulate --{role} {folder}"))
         .complains("has no law.so and no law.py")
         .complains(&format!("build it first: {folder}/build"));
     build(&folder);
-    folder
+    Some(folder)
 }
 
 fn build(folder: &str) {
-    let build = Command::new(format!("{folder}/build")).status();
-    assert!(build.unwrap().success(), "{folder}");
+    let status = Command::new(format!("{folder}/build")).status();
+    assert!(status.unwrap().success(), "{folder}");
 }
 
 #[test]
-fn what_it_makes_in_c_flies_as_its_settings_say_and_passes_its_trial() {
-    if !has_compiler() {
-        return;
-    }
+fn a_new_law_flies_with_its_settings_file_and_passes_its_trial() {
     let rig = Rig::new("new_c");
     for role in ["outer", "inner", "mixer"] {
-        let folder = built(&rig, role);
-        let of_file = fs::read_to_string(format!("{folder}/settings.toml")).unwrap();
-        // The defaults that it declares are those of its settings file.
-        let declared = rig.ok(&format!("laws {folder}")).stdout;
-        let (declared, _) = declared.split_once("\nTelemetry\n").unwrap();
-        for line in declared.lines().filter(|line| line.contains(" = ")) {
-            let line = line.trim().split(" [").next().unwrap();
+        let Some(folder) = new_law(&rig, role) else {
+            return;
+        };
+        let settings = format!("{folder}/settings.toml");
+        let text = fs::read_to_string(&settings).unwrap();
+        // The defaults in its code are those of its settings file.
+        let description = rig.ok(&format!("laws {folder}")).stdout;
+        let (description, _) = description.split_once("\nTelemetry\n").unwrap();
+        for line in description.lines().filter(|line| line.contains(" = ")) {
+            let (default, _) = line.trim().split_once(" [").unwrap();
             assert!(
-                of_file.contains(&format!("{line} #")),
-                "{role}: no {line} in\n{of_file}"
+                text.contains(&format!("{default} #")),
+                "no {default} in\n{text}"
             );
         }
-        let by_flag = rig.ok(&format!("simulate --{role} {folder} --duration 5s"));
-        let by_file = rig.ok(&format!(
-            "simulate --config {folder}/settings.toml --duration 5s"
-        ));
-        assert_eq!(
-            by_flag.result()["outputs"],
-            by_file.result()["outputs"],
-            "{role}"
-        );
+        let outputs = |options: &str| {
+            let simulated = rig.ok(&format!("simulate {options} --duration 5s"));
+            simulated.result()["outputs"].clone()
+        };
+        let by_flag = outputs(&format!("--{role} {folder}"));
+        assert_eq!(by_flag, outputs(&format!("--config {settings}")), "{role}");
     }
 }
 
 #[test]
-fn its_own_test_fails_when_the_law_answers_differently() {
-    if !has_compiler() {
+fn harmful_changes_of_a_law_are_found_by_its_test_and_by_the_trial() {
+    let rig = Rig::with_features("trial");
+    let Some(folder) = new_law(&rig, "inner") else {
         return;
-    }
-    let rig = Rig::new("new_test");
-    let folder = built(&rig, "inner");
+    };
+    let source = format!("{folder}/law.c");
+    let good = fs::read_to_string(&source).unwrap();
+    let line = "demand->thrust_n = wanted->thrust_n;";
+    assert!(good.contains(line));
+    let change = |change: &str| {
+        let changed = good.replace(line, change).replacen(
+            "#include <math.h>",
+            "#include <math.h>\n#include <unistd.h>",
+            1,
+        );
+        fs::write(&source, changed).unwrap();
+        build(&folder);
+    };
     let test = || {
         let mut test = Command::new(format!("{folder}/test"));
         test.env("IRONBIRD", IRONBIRD)
@@ -80,35 +82,10 @@ fn its_own_test_fails_when_the_law_answers_differently() {
         rig.launch(test).end()
     };
     test().expect(0);
-    // A law that looks at something that is not its input: the number of the process.
-    let law = fs::read_to_string(format!("{folder}/law.c")).unwrap();
-    let law = law
-        .replacen(
-            "#include <math.h>",
-            "#include <math.h>\n#include <unistd.h>",
-            1,
-        )
-        .replace(
-            "demand->thrust_n = wanted->thrust_n;",
-            "demand->thrust_n = wanted->thrust_n + 1e-9 * (getpid() % 1000);",
-        );
-    fs::write(format!("{folder}/law.c"), law).unwrap();
-    build(&folder);
+    // The process id is not an input.
+    change("demand->thrust_n = wanted->thrust_n + 1e-9 * (getpid() % 1000);");
     test().expect(3).says("thrust_n");
-}
-
-#[test]
-fn a_trial_finds_what_a_law_must_not_do() {
-    if !has_compiler() {
-        return;
-    }
-    let rig = Rig::with_features("trial");
-    let folder = built(&rig, "inner");
-    let source = format!("{folder}/law.c");
-    let good = fs::read_to_string(&source).unwrap();
-    let line = "demand->thrust_n = wanted->thrust_n;";
-    assert!(good.contains(line));
-    for (worse, code, said) in [
+    for (worse, code, words) in [
         (
             "static double n; demand->thrust_n = n++;",
             3,
@@ -135,28 +112,27 @@ fn a_trial_finds_what_a_law_must_not_do() {
             "did not come back within 10s",
         ),
     ] {
-        if said.starts_with("allocations") && !cfg!(feature = "instrumented") {
+        if words.starts_with("allocations") && !cfg!(feature = "instrumented") {
             lacks_feature("laws that allocate", "instrumented");
             continue;
         }
-        fs::write(&source, good.replace(line, worse)).unwrap();
-        build(&folder);
-        let tried = rig.run("laws", &folder);
-        let all = format!("{}{}", tried.stdout, tried.stderr);
-        assert!(all.contains(said), "{worse}: {all}");
-        assert_eq!(tried.code.unwrap_or(134), code, "{worse}: {all}");
+        change(worse);
+        let ended = rig.run("laws", &folder);
+        let text = format!("{}{}", ended.stdout, ended.stderr);
+        assert!(text.contains(words), "{worse}: {text}");
+        assert_eq!(ended.code.unwrap_or(134), code, "{worse}: {text}");
     }
 }
 
 #[test]
-fn a_folder_that_is_there_stays() {
+fn an_existing_folder_is_kept() {
     let rig = Rig::new("new_no");
+    let law = rig.path("mine").join("law.c");
     fs::create_dir(rig.path("mine")).unwrap();
-    fs::write(rig.path("mine").join("law.c"), "mine").unwrap();
+    fs::write(&law, "mine").unwrap();
     let home = rig.file(".");
     rig.refused(&format!("new law mine --lang c --role inner --to {home}"))
         .complains("mine cannot be made: File exists")
         .complains("another name");
-    let kept = fs::read_to_string(rig.path("mine").join("law.c")).unwrap();
-    assert_eq!(kept, "mine");
+    assert_eq!(fs::read_to_string(law).unwrap(), "mine");
 }

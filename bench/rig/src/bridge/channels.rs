@@ -1,155 +1,115 @@
 //! Topics and scene as channels of the WebSocket protocol.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use foxglove::{Context, FoxgloveError, PartialMetadata, RawChannel, Schema};
+use foxglove::{Context, PartialMetadata, RawChannel, Schema};
 use messages::blackboards::Run;
 use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::header::Message;
 use messages::monitor::Monitor;
+use messages::role::Role;
 use messages::telemetry::LAW_ROLES;
 use messages::topic::Topic;
 
 use crate::observation::ObservedMessage;
 use errors::Failure;
 use flight_log::codec::{Logged, encode};
-use flight_log::scene;
-use flight_log::scene::Placed;
+use flight_log::scene::{self, Placed};
 use flight_log::telemetry::TelemetryTopic;
 use flight_log::{schema, units};
 use report::laws::{FlownLaws, no_theorem};
 
 #[allow(missing_debug_implementations, reason = "the channels have none")]
 pub(super) struct Channels {
-    states: Arc<RawChannel>,
-    setpoints: Arc<RawChannel>,
-    wrenches: Arc<RawChannel>,
-    rotor_speeds: Arc<RawChannel>,
-    swaps: Arc<RawChannel>,
-    theorem: Arc<RawChannel>,
-    /// What outer, inner and mixer law show.
-    telemetry: [Option<(Arc<RawChannel>, TelemetryTopic)>; LAW_ROLES.len()],
-    scene: [Arc<RawChannel>; scene::CHANNELS.len()],
+    topics: BTreeMap<&'static str, Arc<RawChannel>>,
+    /// The signals of each law, by role.
+    telemetry: BTreeMap<Role, (Arc<RawChannel>, TelemetryTopic)>,
+    scene: Vec<Arc<RawChannel>>,
     scene_every_ticks: u64,
-    clock: Clock,
+    /// From the machine's clock to ns since 1970.
+    wall_offset_ns: i128,
+    newest_ns: u64,
     bytes: Vec<u8>,
 }
 
-/// The machine's clock as ns since 1970.
-struct Clock {
-    wall_offset_ns: i128,
-    newest_ns: u64,
-}
-
-impl Clock {
-    /// When a message was sampled; that of the newest sample where it goes back to none.
-    fn of<C: Topic>(&mut self, message: &Message<C>) -> u64 {
-        let sample_ns = message.envelope.sample_ns;
-        if sample_ns > 0 {
-            let wall_ns =
-                u64::try_from(i128::from(sample_ns) + self.wall_offset_ns).unwrap_or(sample_ns);
-            self.newest_ns = self.newest_ns.max(wall_ns);
-            return wall_ns;
-        }
-        self.newest_ns
-    }
-}
-
 impl Channels {
-    /// Channels for a run of these laws.
     pub(super) fn new(
         context: &Arc<Context>,
         run: &Run,
         laws: &FlownLaws,
     ) -> Result<Self, Failure> {
-        let broken =
-            |e: FoxgloveError| Failure::failed(format!("cannot make a Foxglove channel: {e}"));
-        let set = scene::descriptor_set();
-        let place = |(topic, name): (&str, &str)| {
-            let schema = Schema::new(name, "protobuf", set.clone());
-            context
-                .channel_builder(topic)
-                .message_encoding("protobuf")
-                .schema(schema)
-                .build_raw()
-        };
-        let mut telemetry = [const { None }; LAW_ROLES.len()];
-        for (telemetry, role) in telemetry.iter_mut().zip(LAW_ROLES) {
+        let make = Maker(context);
+        let why_not = laws.without_theorem.map(no_theorem);
+        let why_not = why_not.as_deref().map(units::not_applicable);
+        let topics = [
+            make.topic::<State>(None)?,
+            make.topic::<Setpoint>(None)?,
+            make.topic::<Wrench>(None)?,
+            make.topic::<RotorSpeeds>(None)?,
+            make.topic::<SwapRecord>(None)?,
+            make.topic::<Monitor>(why_not)?,
+        ];
+        let mut telemetry = BTreeMap::new();
+        for role in LAW_ROLES {
             let Some(shown) = TelemetryTopic::new(role, laws.signals.of(role)) else {
                 continue;
             };
-            *telemetry = Some((telemetry_channel(context, &shown).map_err(broken)?, shown));
+            let (name, set) = (shown.schema_name(), shown.descriptor_set());
+            let channel = make.channel(shown.topic(), &name, set, shown.metadata())?;
+            telemetry.insert(role, (channel, shown));
         }
-        let why_not = laws.without_theorem.map(no_theorem);
-        let [actual, reference, transforms] = scene::CHANNELS.map(place);
+        let set = scene::descriptor_set();
+        let place = |(topic, name)| make.channel(topic, name, set.clone(), BTreeMap::new());
         Ok(Self {
-            states: topic::<State>(context, None).map_err(broken)?,
-            setpoints: topic::<Setpoint>(context, None).map_err(broken)?,
-            wrenches: topic::<Wrench>(context, None).map_err(broken)?,
-            rotor_speeds: topic::<RotorSpeeds>(context, None).map_err(broken)?,
-            swaps: topic::<SwapRecord>(context, None).map_err(broken)?,
-            theorem: topic::<Monitor>(context, why_not.as_deref()).map_err(broken)?,
+            topics: topics.into(),
             telemetry,
-            scene: [
-                actual.map_err(broken)?,
-                reference.map_err(broken)?,
-                transforms.map_err(broken)?,
-            ],
+            scene: scene::CHANNELS
+                .into_iter()
+                .map(place)
+                .collect::<Result<_, _>>()?,
             scene_every_ticks: scene::every_ticks(run.sample_time_ns),
-            clock: Clock {
-                wall_offset_ns: i128::from(run.t0_wall_ns) - i128::from(run.t0_ns),
-                newest_ns: run.t0_wall_ns,
-            },
+            wall_offset_ns: i128::from(run.t0_wall_ns) - i128::from(run.t0_ns),
+            newest_ns: run.t0_wall_ns,
             bytes: Vec::new(),
         })
     }
 
-    /// Passes a message on to whoever has subscribed to its channel.
+    /// Sends a message to the clients that have subscribed to its channel.
     pub(super) fn pass_on(&mut self, seen: ObservedMessage<'_>) {
         match seen {
             ObservedMessage::State(message) => {
-                write(&self.states, message, &mut self.clock, &mut self.bytes);
+                self.send(message);
                 self.place(message, Placed::airframe);
             }
             ObservedMessage::Setpoint(message) => {
-                write(&self.setpoints, message, &mut self.clock, &mut self.bytes);
-                self.show(message);
+                self.send(message);
                 self.place(message, Placed::reference);
             }
-            ObservedMessage::Wrench(message) => {
-                write(&self.wrenches, message, &mut self.clock, &mut self.bytes);
-                self.show(message);
-            }
-            ObservedMessage::RotorSpeeds(message) => {
-                write(
-                    &self.rotor_speeds,
-                    message,
-                    &mut self.clock,
-                    &mut self.bytes,
-                );
-                self.show(message);
-            }
-            ObservedMessage::Swap(message) => {
-                write(&self.swaps, message, &mut self.clock, &mut self.bytes)
-            }
-            ObservedMessage::Theorem(message) => {
-                write(&self.theorem, message, &mut self.clock, &mut self.bytes)
-            }
+            ObservedMessage::Wrench(message) => self.send(message),
+            ObservedMessage::RotorSpeeds(message) => self.send(message),
+            ObservedMessage::Swap(message) => self.send(message),
+            ObservedMessage::Theorem(message) => self.send(message),
         }
     }
 
-    /// Passes on what the law of a message's sender shows in it.
-    fn show<C: Topic>(&mut self, message: &Message<C>) {
-        let log_time = self.clock.of(message);
-        let channel = LAW_ROLES
-            .iter()
-            .position(|role| *role == C::SENDER)
-            .and_then(|i| self.telemetry[i].as_ref());
-        if let Some(((channel, shown), telemetry)) = channel.zip(message.content.telemetry())
+    /// Sends a message, and the signals that the law of its sender publishes in it.
+    fn send<C: Logged>(&mut self, message: &Message<C>) {
+        let time = PartialMetadata::with_log_time(self.time_ns(message));
+        let bytes = &mut self.bytes;
+        if let Some(channel) = self.topics.get(<C as Topic>::NAME)
             && channel.has_sinks()
         {
-            shown.encode(message.envelope.tick, telemetry, &mut self.bytes);
-            channel.log_with_meta(&self.bytes, PartialMetadata::with_log_time(log_time));
+            bytes.clear();
+            encode(message, bytes);
+            channel.log_with_meta(bytes, time);
+        }
+        let telemetry = self.telemetry.get(&C::SENDER);
+        if let Some(((channel, shown), signals)) = telemetry.zip(message.content.telemetry())
+            && channel.has_sinks()
+        {
+            shown.encode(message.envelope.tick, signals, bytes);
+            channel.log_with_meta(bytes, time);
         }
     }
 
@@ -157,58 +117,58 @@ impl Channels {
         if !message.envelope.tick.is_multiple_of(self.scene_every_ticks) {
             return;
         }
-        let placed = placed(self.clock.of(message), &message.content);
+        let placed = placed(self.time_ns(message), &message.content);
+        let time = PartialMetadata::with_log_time(placed.at_ns());
         for (channel, bytes) in placed.messages() {
+<<<<<<< HEAD
             self.scene[channel].log_with_meta(&bytes, PartialMetadata::with_log_time(placed.at_ns));
+=======
+            self.scene[channel].log_with_meta(&bytes, time);
+>>>>>>> df4bc2367a7fedea8376f23320b2938c679e39be
         }
+    }
+
+    /// When a message was sampled [ns since 1970]; the time of the newest sample for a message without one.
+    fn time_ns<C: Topic>(&mut self, message: &Message<C>) -> u64 {
+        let sample_ns = message.envelope.sample_ns;
+        if sample_ns == 0 {
+            return self.newest_ns;
+        }
+        let wall_ns = u64::try_from(i128::from(sample_ns) + self.wall_offset_ns);
+        let wall_ns = wall_ns.unwrap_or(sample_ns);
+        self.newest_ns = self.newest_ns.max(wall_ns);
+        wall_ns
     }
 }
 
-/// A topic; says why it does not apply, where it does not.
-fn topic<C: Logged>(
-    context: &Arc<Context>,
-    why_not: Option<&str>,
-) -> Result<Arc<RawChannel>, FoxgloveError> {
-    let mut metadata = units::describe::<C>();
-    metadata.extend(why_not.map(units::not_applicable));
-    context
-        .channel_builder(<C as Topic>::NAME)
-        .message_encoding("protobuf")
-        .schema(Schema::new(
-            schema::name::<C>(),
-            "protobuf",
-            schema::descriptor_set::<C>(),
-        ))
-        .metadata(metadata)
-        .build_raw()
-}
+struct Maker<'a>(&'a Arc<Context>);
 
-fn telemetry_channel(
-    context: &Arc<Context>,
-    shown: &TelemetryTopic,
-) -> Result<Arc<RawChannel>, FoxgloveError> {
-    context
-        .channel_builder(shown.topic())
-        .message_encoding("protobuf")
-        .schema(Schema::new(
-            shown.schema_name(),
-            "protobuf",
-            shown.descriptor_set(),
-        ))
-        .metadata(shown.metadata())
-        .build_raw()
-}
+impl Maker<'_> {
+    fn channel(
+        &self,
+        topic: &str,
+        schema: &str,
+        descriptor_set: Vec<u8>,
+        metadata: BTreeMap<String, String>,
+    ) -> Result<Arc<RawChannel>, Failure> {
+        let builder = self.0.channel_builder(topic).message_encoding("protobuf");
+        let builder = builder.schema(Schema::new(schema, "protobuf", descriptor_set));
+        let channel = builder.metadata(metadata).build_raw();
+        channel.map_err(|e| Failure::failed(format!("cannot make a Foxglove channel: {e}")))
+    }
 
-fn write<C: Logged>(
-    channel: &RawChannel,
-    message: &Message<C>,
-    clock: &mut Clock,
-    bytes: &mut Vec<u8>,
-) {
-    let log_time = clock.of(message);
-    if channel.has_sinks() {
-        bytes.clear();
-        encode(message, bytes);
-        channel.log_with_meta(bytes, PartialMetadata::with_log_time(log_time));
+    /// A topic, with the reason why it does not apply to this flight.
+    fn topic<C: Logged>(
+        &self,
+        why_not: Option<(String, String)>,
+    ) -> Result<(&'static str, Arc<RawChannel>), Failure> {
+        let topic = <C as Topic>::NAME;
+        let mut metadata = units::describe::<C>();
+        metadata.extend(why_not);
+        let set = schema::descriptor_set::<C>();
+        Ok((
+            topic,
+            self.channel(topic, &schema::name::<C>(), set, metadata)?,
+        ))
     }
 }

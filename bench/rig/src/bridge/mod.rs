@@ -1,8 +1,8 @@
 //! `ironbird bridge foxglove`: serves a flight over the Foxglove WebSocket protocol.
 //!
 //! ```text
-//! recorder, boards --observe--> channels, parameters --SDK--> proxy --> Foxglove
-//!                            the plant's server <--inject-- parameter panel, with --allow-swaps
+//! recorder, blackboards --observe--> channels, parameters --SDK--> proxy --> Foxglove
+//!                the plant's parameter server <--inject-- parameter panel, with --allow-swaps
 //! ```
 //!
 //! Topics, schemas and metadata are those of flight.mcap (flight_log); times are ns since 1970.
@@ -23,26 +23,22 @@ use foxglove::{Context, FoxgloveError, WebSocketServer, WebSocketServerHandle};
 use ipc::error::Error;
 use ipc::instance::Instance;
 use messages::blackboards::EndReason;
-use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::cli::FoxgloveArgs;
 use crate::inject::flying;
-use crate::observation::Observation;
+use crate::observation::{DRAIN_EVERY, Observation};
 use crate::output::print;
+use crate::parallel::asked_to_stop;
 use crate::roles::remove_leftovers;
 use crate::settings::law_settings;
 use channels::Channels;
 use errors::{Failure, INTERRUPTED, OCCUPIED, OK};
-use origin_proxy::{OriginProxy, hidden_address};
+use origin_proxy::{LIMITS, OriginProxy, hidden_address};
 use parameters::ParameterMirror;
 use report::laws::no_theorem;
 
-/// How often messages are passed on.
-const DRAIN_EVERY: Duration = Duration::from_millis(10);
-/// How long it may take to join a flying instance: roles that start are in the way for an instant.
+/// How long it may take to join a flying instance: joining fails for an instant while roles start.
 const JOIN_TIMEOUT: Duration = Duration::from_secs(2);
-/// From a flight's end to the last message that the recorder passes on, with a margin.
-const LAST_MESSAGES: Duration = Duration::from_millis(200);
 /// How long the SDK may take to send the last status.
 const FINAL_STATUS: Duration = Duration::from_millis(200);
 /// Messages that a slow client may fall behind before it loses the oldest: a second of all topics.
@@ -51,44 +47,34 @@ const BACKLOG: usize = 4096;
 /// Serves a flight until it ends.
 pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
     let instance = Instance::new(&args.instance)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))
-            .map_err(|e| Failure::failed(format!("cannot handle signals: {e}")))?;
-    }
+    let stop = asked_to_stop()?;
     let mut observation = join(&instance)?;
     let context = Context::new();
     let laws = law_settings::shared(&observation.settings)?;
     let mut channels = Channels::new(&context, &observation.run(), &laws)?;
-    let parameters = Arc::new(ParameterMirror::new(
-        instance.clone(),
-        observation.in_force(),
-        args.allow_swaps,
-    ));
-    let (server, proxy) = start(args, &context, &parameters)?;
+    let active = observation.active_parameters();
+    let mirror = ParameterMirror::new(instance.clone(), active, args.allow_swaps);
+    let mirror = Arc::new(mirror);
+    let (server, proxy) = start(args, &context, &mirror)?;
     let address = address(&args.host, proxy.port);
-    let swaps = if args.allow_swaps {
-        "whoever reaches it may swap parameters"
-    } else {
-        "read-only"
+    let access = match args.allow_swaps {
+        true => "every client may change parameters",
+        false => "read-only",
     };
+    let name = instance.name();
     print(&format!(
-        "serving instance `{}` on ws://{address}, {swaps}; Ctrl-C ends\n",
-        instance.name()
+        "serving instance `{name}` on ws://{address}, {access}; Ctrl-C ends\n"
     ))?;
-    if let Some(law) = laws.without_theorem {
+    if let Some(why) = laws.without_theorem.map(no_theorem) {
         print(&format!(
-            "topic theorem stays empty, not applicable: {}\n",
-            no_theorem(law)
+            "topic theorem stays empty, not applicable: {why}\n"
         ))?;
     }
-    let served = serve(&mut observation, &mut channels, &parameters, &server, &stop);
-    if let Ok(Some(ending)) = &served {
-        server.publish_status(Status::info(format!(
-            "the flight has ended: {}",
-            ending.words()
-        )));
-        // The SDK sends it by itself, and drops what it has not sent when it is stopped.
+    let served = serve(&mut observation, &mut channels, &mirror, &server, &stop);
+    let ended = |ending: EndReason| format!("the flight has ended: {}", ending.words());
+    if let Ok(Some(ending)) = served {
+        server.publish_status(Status::info(ended(ending)));
+        // The SDK drops what it has not sent when it is stopped.
         sleep(FINAL_STATUS);
     }
     server.stop().wait_blocking();
@@ -98,7 +84,7 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
     remove_leftovers(&instance);
     match served? {
         Some(ending) => {
-            print(&format!("the flight has ended: {}\n", ending.words()))?;
+            print(&(ended(ending) + "\n"))?;
             Ok(OK)
         }
         None => Ok(INTERRUPTED),
@@ -108,7 +94,7 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
 fn join(instance: &Instance) -> Result<Observation, Failure> {
     let until = Instant::now() + JOIN_TIMEOUT;
     loop {
-        // Its error names the instances that fly.
+        // Its error names the running instances.
         drop(flying(instance)?);
         match Observation::join(instance) {
             Ok(Some(observation)) => return Ok(observation),
@@ -121,52 +107,45 @@ fn join(instance: &Instance) -> Result<Observation, Failure> {
     }
 }
 
-/// Starts the server, and the proxy before it.
+/// Starts the server, and the proxy in front of it.
 fn start(
     args: &FoxgloveArgs,
     context: &Arc<Context>,
-    parameters: &Arc<ParameterMirror>,
+    mirror: &Arc<ParameterMirror>,
 ) -> Result<(WebSocketServerHandle, OriginProxy), Failure> {
-    // First, because it is what a user can be wrong about.
-    let listener =
-        TcpListener::bind((args.host.as_str(), args.port)).map_err(|e| not_listening(args, &e))?;
+    let not_listening = |e: io::Error| not_listening(args, &e);
+    // First, because the address is what a user can get wrong.
+    let listener = TcpListener::bind((args.host.as_str(), args.port)).map_err(not_listening)?;
     let hidden = hidden_address();
     let server = WebSocketServer::new()
         .name(format!("ironbird {}", args.instance))
         .context(context)
         .bind(hidden.to_string(), 0)
         .message_backlog_size(BACKLOG)
-        .parameter_handler(Arc::<ParameterMirror>::clone(parameters))
+        .parameter_handler(Arc::<ParameterMirror>::clone(mirror))
         .start_blocking()
         .map_err(|e: FoxgloveError| Failure::failed(format!("cannot serve: {e}")))?;
-    let proxy = OriginProxy::open(
-        listener,
-        SocketAddr::from((hidden, server.port())),
-        &args.allow_origin,
-    )
-    .map_err(|e| not_listening(args, &e))?;
-    Ok((server, proxy))
+    let address = SocketAddr::from((hidden, server.port()));
+    let proxy = OriginProxy::open(listener, address, &args.allow_origin, LIMITS);
+    Ok((server, proxy.map_err(not_listening)?))
 }
 
 fn not_listening(args: &FoxgloveArgs, error: &io::Error) -> Failure {
     let address = address(&args.host, args.port);
-    match error.kind() {
-        ErrorKind::AddrInUse => Failure::new(
-            OCCUPIED,
-            format!("cannot serve on {address}: the port is in use"),
-        )
-        .help("end the other server, or name another port; --port 0 takes one that is free"),
-        _ => Failure::usage(format!("cannot serve on {address}: {error}")).help(
-            "--host is a name or an address of this machine; 127.0.0.1 is for programs on it alone",
-        ),
+    if error.kind() == ErrorKind::AddrInUse {
+        let what = format!("cannot serve on {address}: the port is in use");
+        return Failure::new(OCCUPIED, what)
+            .help("end the other server, or name another port; --port 0 takes one that is free");
     }
+    Failure::usage(format!("cannot serve on {address}: {error}")).help(
+        "--host is a name or an address of this machine; 127.0.0.1 is for programs on it alone",
+    )
 }
 
 fn address(host: &str, port: u16) -> String {
-    if host.parse::<Ipv6Addr>().is_ok() {
-        format!("[{host}]:{port}")
-    } else {
-        format!("{host}:{port}")
+    match host.parse::<Ipv6Addr>() {
+        Ok(_) => format!("[{host}]:{port}"),
+        Err(_) => format!("{host}:{port}"),
     }
 }
 
@@ -174,19 +153,17 @@ fn address(host: &str, port: u16) -> String {
 fn serve(
     observation: &mut Observation,
     channels: &mut Channels,
-    parameters: &ParameterMirror,
+    mirror: &ParameterMirror,
     server: &WebSocketServerHandle,
     stop: &AtomicBool,
 ) -> Result<Option<EndReason>, Failure> {
-    let mut ended: Option<Instant> = None;
     while !stop.load(Ordering::Relaxed) {
         observation.drain(|seen| channels.pass_on(seen))?;
-        if let Some(values) = parameters.update(observation.in_force()) {
+        if let Some(values) = mirror.update(observation.active_parameters()) {
             server.publish_parameter_values(values);
         }
-        let ending = observation.ending();
-        if ending.is_some() && ended.get_or_insert_with(Instant::now).elapsed() >= LAST_MESSAGES {
-            return Ok(ending);
+        if let Some(ending) = observation.ending_after_last_messages() {
+            return Ok(Some(ending));
         }
         sleep(DRAIN_EVERY);
     }

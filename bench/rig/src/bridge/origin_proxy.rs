@@ -34,14 +34,14 @@ const HEAD_END: &[u8] = b"\r\n\r\n";
 
 /// What clients may take: each needs two threads and four descriptors.
 #[derive(Clone, Copy, Debug)]
-struct Limits {
+pub(super) struct Limits {
     clients: usize,
     /// How long nothing may be transferred in either direction. A flight sends data all the time to every client that
     /// subscribes and reads.
     idle: Duration,
 }
 
-const LIMITS: Limits = Limits {
+pub(super) const LIMITS: Limits = Limits {
     clients: 16,
     idle: Duration::from_secs(60),
 };
@@ -59,14 +59,6 @@ impl OriginProxy {
         listener: TcpListener,
         server: SocketAddr,
         origins: &[String],
-    ) -> io::Result<Self> {
-        Self::open_with(listener, server, origins, LIMITS)
-    }
-
-    fn open_with(
-        listener: TcpListener,
-        server: SocketAddr,
-        origins: &[String],
         limits: Limits,
     ) -> io::Result<Self> {
         let origins: Arc<[String]> = origins.into();
@@ -75,25 +67,24 @@ impl OriginProxy {
             clients: Arc::new(()),
         };
         let clients = Arc::clone(&proxy.clients);
-        thread::Builder::new().name("proxy".into()).spawn(move || {
+        thread::Builder::new().spawn(move || {
             for client in listener.incoming() {
                 let Ok(mut client) = client else {
                     thread::sleep(RETRY_EVERY);
                     continue;
                 };
                 if Arc::strong_count(&clients) - 2 >= limits.clients {
-                    // A request that was not read would reset the connection and lose the answer. The answer fits into the
+                    // A request that was not read would reset the connection and lose the answer, which fits into the
                     // socket's buffer.
-                    let _ = client
-                        .set_read_timeout(Some(RETRY_EVERY))
-                        .and_then(|()| client.read(&mut [0; 4096]));
+                    let _ = client.set_read_timeout(Some(RETRY_EVERY));
+                    let _ = client.read(&mut [0; 4096]);
                     let why = format!("the bridge serves {} clients already\n", limits.clients);
                     let _ = refuse(&mut client, "503 Service Unavailable", &why);
                     continue;
                 }
                 let (origins, clients) = (Arc::clone(&origins), Arc::clone(&clients));
                 // Without a thread, the client is disconnected.
-                let _ = thread::Builder::new().name("client".into()).spawn(move || {
+                let _ = thread::Builder::new().spawn(move || {
                     let _ = serve(client, server, &origins, limits.idle);
                     drop(clients);
                 });
@@ -143,7 +134,6 @@ fn serve(
     let (mut from_client, mut to_server) = (client.try_clone()?, server.try_clone()?);
     let last_ns_too = Arc::clone(&last_ns);
     thread::Builder::new()
-        .name("client".into())
         .spawn(move || forward(&mut from_client, &mut to_server, &last_ns_too, idle))?;
     forward(&mut server, &mut client, &last_ns, idle);
     Ok(())
@@ -208,37 +198,29 @@ fn read_head(client: &mut TcpStream) -> io::Result<Vec<u8>> {
 /// Fails with the first unknown origin of a request.
 fn check_origins(head: &[u8], origins: &[String]) -> Result<(), String> {
     let text = String::from_utf8_lossy(head);
-    let headers = text
-        .lines()
-        .skip(1)
-        .take_while(|line| !line.is_empty())
-        .filter_map(|line| line.split_once(':'));
-    let named = headers
-        .filter(|(name, _)| name.trim().eq_ignore_ascii_case("origin"))
-        .map(|(_, origin)| origin.trim());
-    let mut unknown =
-        named.filter(|origin| !is_known(origin) && !origins.iter().any(|known| known == origin));
-    unknown
-        .next()
-        .map_or(Ok(()), |origin| Err(origin.escape_default().to_string()))
+    let headers = text.lines().skip(1).take_while(|line| !line.is_empty());
+    for (name, origin) in headers.filter_map(|line| line.split_once(':')) {
+        let origin = origin.trim();
+        let is_origin = name.trim().eq_ignore_ascii_case("origin");
+        if is_origin && !is_known(origin) && !origins.iter().any(|known| known == origin) {
+            return Err(origin.escape_default().to_string());
+        }
+    }
+    Ok(())
 }
 
 /// Whether an origin is the app's, or a page of this machine.
 fn is_known(origin: &str) -> bool {
-    let is_here = |rest: &str| {
+    let is_port = |text: &str| text.parse::<u16>().is_ok();
+    let is_local = |scheme: &str| {
+        let host_and_port = origin.strip_prefix(scheme).unwrap_or_default();
         ["localhost", "127.0.0.1", "[::1]"].iter().any(|host| {
-            rest.strip_prefix(host).is_some_and(|rest| {
-                rest.is_empty()
-                    || rest
-                        .strip_prefix(':')
-                        .is_some_and(|port| port.parse::<u16>().is_ok())
-            })
+            host_and_port
+                .strip_prefix(host)
+                .is_some_and(|rest| rest.is_empty() || rest.strip_prefix(':').is_some_and(is_port))
         })
     };
-    origin == APP
-        || ["http://", "https://"]
-            .iter()
-            .any(|scheme| origin.strip_prefix(scheme).is_some_and(is_here))
+    origin == APP || is_local("http://") || is_local("https://")
 }
 
 #[cfg(test)]
@@ -247,12 +229,13 @@ mod tests {
 
     const REQUEST: &[u8] = b"GET / HTTP/1.1\r\n\r\n";
 
-    /// A proxy before a server that accepts connections and stays silent.
-    fn proxy(limits: Limits) -> (OriginProxy, TcpListener) {
+    /// A proxy in front of a server that accepts connections and stays silent.
+    fn proxy(clients: usize, idle: Duration) -> (OriginProxy, TcpListener) {
         let listen = || TcpListener::bind(("127.0.0.1", 0)).unwrap();
         let server = listen();
         let address = server.local_addr().unwrap();
-        let proxy = OriginProxy::open_with(listen(), address, &[], limits).unwrap();
+        let limits = Limits { clients, idle };
+        let proxy = OriginProxy::open(listen(), address, &[], limits).unwrap();
         (proxy, server)
     }
 
@@ -263,15 +246,9 @@ mod tests {
     }
 
     #[test]
-    fn one_client_too_many_is_refused_and_a_place_that_is_free_again_is_given_to_the_next() {
-        let limits = Limits {
-            clients: 2,
-            ..LIMITS
-        };
-        let (proxy, server) = proxy(limits);
-        let served: Vec<(TcpStream, TcpStream)> = (0..limits.clients)
-            .map(|_| (connect(&proxy), server.accept().unwrap().0))
-            .collect();
+    fn one_client_too_many_is_refused_until_another_one_leaves() {
+        let (proxy, server) = proxy(2, LIMITS.idle);
+        let served = [(); 2].map(|()| (connect(&proxy), server.accept().unwrap().0));
         let mut answer = String::new();
         connect(&proxy).read_to_string(&mut answer).unwrap();
         assert!(answer.starts_with("HTTP/1.1 503 "), "{answer}");
@@ -287,10 +264,7 @@ mod tests {
 
     #[test]
     fn an_idle_client_is_disconnected() {
-        let (proxy, server) = proxy(Limits {
-            idle: Duration::from_millis(50),
-            ..LIMITS
-        });
+        let (proxy, server) = proxy(LIMITS.clients, Duration::from_millis(50));
         let mut client = connect(&proxy);
         let (mut at_server, _) = server.accept().unwrap();
         assert_eq!(client.read(&mut [0]).unwrap(), 0);
@@ -301,57 +275,36 @@ mod tests {
 
     #[test]
     fn only_the_app_and_pages_of_this_machine_are_known() {
-        for known in [
-            "https://app.foxglove.dev",
-            "http://localhost",
-            "http://localhost:8080",
-            "https://127.0.0.1:1",
-            "http://[::1]:80",
-        ] {
-            assert!(is_known(known), "{known}");
-        }
-        for unknown in [
-            "null",
-            "",
-            "http://app.foxglove.dev",
-            "https://app.foxglove.dev.evil.example",
-            "https://evil.example",
-            "http://localhost.evil.example",
-            "http://localhost:80.evil.example",
-            "http://127.0.0.1.evil.example",
-            "ws://localhost",
-        ] {
-            assert!(!is_known(unknown), "{unknown}");
-        }
+        let known = "https://app.foxglove.dev http://localhost http://localhost:8080 https://127.0.0.1:1 http://[::1]:80";
+        assert_eq!(known.split(' ').find(|origin| !is_known(origin)), None);
+        let unknown = "null  http://app.foxglove.dev https://app.foxglove.dev.evil.example https://evil.example \
+            http://localhost.evil.example http://localhost:80.evil.example http://127.0.0.1.evil.example ws://localhost";
+        assert_eq!(unknown.split(' ').find(|origin| is_known(origin)), None);
     }
 
     #[test]
     fn every_origin_of_a_request_must_be_known_however_it_is_written() {
-        let request = |headers: &str| {
-            format!("GET / HTTP/1.1\r\nHost: x\r\n{headers}\r\nOrigin: in the body")
-        };
-        let check =
-            |headers: &str, origins: &[String]| check_origins(request(headers).as_bytes(), origins);
-        assert_eq!(check("", &[]), Ok(()));
-        assert_eq!(check("ORIGIN:  http://localhost:5 \r\n", &[]), Ok(()));
-        let evil = "https://evil.example".to_owned();
-        assert_eq!(
-            check("origin: https://evil.example\r\n", &[]),
-            Err(evil.clone())
-        );
-        assert_eq!(
-            check(
+        let evil = "https://evil.example";
+        for (headers, allowed, is_refused) in [
+            ("", "", false),
+            ("ORIGIN:  http://localhost:5 \r\n", "", false),
+            ("origin: https://evil.example\r\n", "", true),
+            (
                 "Origin: http://localhost\r\nOrigin: https://evil.example\r\n",
-                &[]
+                "",
+                true,
             ),
-            Err(evil.clone())
-        );
-        assert_eq!(check("Origin: https://evil.example\r\n", &[evil]), Ok(()));
+            ("Origin: https://evil.example\r\n", evil, false),
+        ] {
+            let head = format!("GET / HTTP/1.1\r\nHost: x\r\n{headers}\r\nOrigin: in the body");
+            let refused = check_origins(head.as_bytes(), &[allowed.to_owned()]);
+            assert_eq!(refused.err().as_deref(), is_refused.then_some(evil));
+        }
     }
 
     #[test]
     fn hidden_addresses_are_of_this_machine_and_differ() {
-        let addresses: Vec<Ipv4Addr> = (0..100).map(|_| hidden_address()).collect();
+        let addresses = [(); 100].map(|()| hidden_address());
         assert!(addresses.iter().all(Ipv4Addr::is_loopback));
         assert!(addresses.iter().any(|address| *address != addresses[0]));
     }

@@ -20,89 +20,72 @@ use errors::Failure;
 #[derive(Debug)]
 pub(super) struct ParameterMirror {
     instance: Instance,
-    in_force: Mutex<ActiveParameters>,
+    active: Mutex<ActiveParameters>,
     allows_swaps: bool,
 }
 
-/// The parameter whose value is a fault to inject, as `state.drop=0.1 for 1s`; its value is what came of the last one.
+/// The parameter whose value is a fault to inject, as `state.drop=0.1 for 1s`; its answer is the plant's.
 const INJECT: &str = "inject";
-
 const READ_ONLY: &str =
     "this bridge is read-only: start it with --allow-swaps, or use `ironbird inject`";
+const NOW: When = When::In(Duration::ZERO);
 
 impl ParameterMirror {
-    pub(super) fn new(instance: Instance, in_force: ActiveParameters, allows_swaps: bool) -> Self {
+    pub(super) fn new(instance: Instance, active: ActiveParameters, allows_swaps: bool) -> Self {
         Self {
             instance,
-            in_force: Mutex::new(in_force),
+            active: Mutex::new(active),
             allows_swaps,
         }
     }
 
-    /// Takes the active parameters; returns all values if any client's change has taken effect.
+    /// Takes the active parameters; returns all values if any has changed.
     pub(super) fn update(&self, active: ActiveParameters) -> Option<Vec<Parameter>> {
-        let mut known = self.in_force();
-        if *known == active {
-            return None;
-        }
+        let mut known = self.active();
+        let has_changed = *known != active;
         *known = active;
-        Some(values(&known, &[]))
+        has_changed.then(|| values(&known, |_| true))
     }
 
-    fn in_force(&self) -> MutexGuard<'_, ActiveParameters> {
-        // Nobody who holds it can panic.
-        self.in_force.lock().unwrap_or_else(PoisonError::into_inner)
+    fn active(&self) -> MutexGuard<'_, ActiveParameters> {
+        self.active.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Values by name; of all parameters if no name is given.
-fn values(in_force: &ActiveParameters, names: &[String]) -> Vec<Parameter> {
-    SPECS
-        .iter()
-        .zip(in_force.value)
-        .filter(|(spec, _)| names.is_empty() || names.iter().any(|name| name == spec.name))
+fn values(active: &ActiveParameters, is_wanted: impl Fn(&str) -> bool) -> Vec<Parameter> {
+    let all = SPECS.iter().zip(active.value);
+    all.filter(|(spec, _)| is_wanted(spec.name))
         .map(|(spec, value)| Parameter::float64(spec.name, value))
         .collect()
 }
 
 /// Injects the faults in a parameter's text; returns the plant's answer.
-fn inject_text(instance: &Instance, wanted: &Parameter) -> Result<String, Failure> {
-    let Some(ParameterValue::String(text)) = &wanted.value else {
-        return Err(Failure::usage(format!(
-            "{INJECT} takes words, as state.drop=0.1 for 1s"
-        )));
+fn inject_text(instance: &Instance, requested: &Parameter) -> Result<String, Failure> {
+    let Some(ParameterValue::String(text)) = &requested.value else {
+        let what = format!("{INJECT} takes a text, as state.drop=0.1 for 1s");
+        return Err(Failure::usage(what));
     };
     let (changes, lasts) = words_of(text).map_err(Failure::usage)?;
-    injected(instance, &changes, When::In(Duration::ZERO), lasts)
+    injected(instance, &changes, NOW, lasts)
 }
 
-/// The changes that a client requests, as one request: they take effect in the same tick.
-fn changes(wanted: &[Parameter]) -> Result<Vec<Desired>, Failure> {
-    let mut changes = Vec::new();
-    for Parameter { name, value, .. } in wanted {
-        let usage = |e: parameters::ParameterError| Failure::usage(e.to_string());
-        let parameter = parameters::Parameter::from_name(name).map_err(usage)?;
-        let value = match value {
-            Some(ParameterValue::Float64(value)) => *value,
-            // As a client writes a number without a fraction.
-            Some(ParameterValue::Integer(value)) => *value as f64,
-            Some(ParameterValue::String(text)) => {
-                return Err(Failure::usage(format!("{name} = `{text}` is not a number")));
-            }
-            Some(_) => return Err(Failure::usage(format!("{name} is not a number"))),
-            None => {
-                return Err(Failure::usage(format!(
-                    "{name} cannot be unset: an airframe has one"
-                )));
-            }
-        };
-        changes.push(Desired {
-            parameter,
-            value: RequestedValue::Number(value),
-            over: None,
-        });
-    }
-    Ok(changes)
+/// A change that a client requests.
+fn change(Parameter { name, value, .. }: &Parameter) -> Result<Desired, Failure> {
+    let parameter = parameters::Parameter::from_name(name);
+    let parameter = parameter.map_err(|e| Failure::usage(e.to_string()))?;
+    let value = match value {
+        Some(ParameterValue::Float64(value)) => Ok(*value),
+        // As a client writes a number without a fraction.
+        Some(ParameterValue::Integer(value)) => Ok(*value as f64),
+        Some(ParameterValue::String(text)) => Err(format!("{name} = `{text}` is not a number")),
+        Some(_) => Err(format!("{name} is not a number")),
+        None => Err(format!("{name} cannot be unset: an airframe has one")),
+    };
+    Ok(Desired {
+        parameter,
+        value: RequestedValue::Number(value.map_err(Failure::usage)?),
+        over: None,
+    })
 }
 
 impl ParameterHandler for ParameterMirror {
@@ -120,8 +103,10 @@ impl ParameterHandler for ParameterMirror {
                 client.send_warning(unknown.to_string());
             }
         }
-        let mut known = values(&self.in_force(), &names);
-        if self.allows_swaps && (names.is_empty() || names.iter().any(|name| name == INJECT)) {
+        // No names stand for all names.
+        let is_wanted = |name: &str| names.is_empty() || names.iter().any(|it| it == name);
+        let mut known = values(&self.active(), is_wanted);
+        if self.allows_swaps && is_wanted(INJECT) {
             known.push(Parameter::string(INJECT, ""));
         }
         responder.respond(known);
@@ -130,57 +115,44 @@ impl ParameterHandler for ParameterMirror {
     fn set(
         &self,
         client: AnyClient,
-        wanted: Vec<Parameter>,
+        requested: Vec<Parameter>,
         _: Option<String>,
         responder: SetParametersResponder,
     ) {
-        let (faults, wanted): (Vec<Parameter>, Vec<Parameter>) = wanted
-            .into_iter()
-            .partition(|parameter| self.allows_swaps && parameter.name == INJECT);
-        let names: Vec<String> = wanted
-            .iter()
-            .map(|parameter| parameter.name.clone())
-            .collect();
-        let (instance, mut present, allows_swaps) =
-            (self.instance.clone(), *self.in_force(), self.allows_swaps);
+        let (instance, allows_swaps) = (self.instance.clone(), self.allows_swaps);
+        let mut active = *self.active();
         // The plant may take a while, and the client's other messages do not wait for it.
         thread::spawn(move || {
-            let mut injected = Vec::new();
+            let is_fault = |parameter: &Parameter| allows_swaps && parameter.name == INJECT;
+            let (faults, swaps): (Vec<Parameter>, Vec<Parameter>) =
+                requested.into_iter().partition(is_fault);
+            let mut answers = Vec::new();
             for fault in &faults {
                 let answer = inject_text(&instance, fault).unwrap_or_else(|failure| {
                     client.send_error(failure.to_string());
                     String::new()
                 });
-                injected.push(Parameter::string(INJECT, answer.trim_end()));
+                answers.push(Parameter::string(INJECT, answer.trim_end()));
             }
-            if wanted.is_empty() && !injected.is_empty() {
-                return responder.respond(injected);
+            if swaps.is_empty() && !answers.is_empty() {
+                return responder.respond(answers);
             }
-            let requested = if allows_swaps {
-                changes(&wanted)
-            } else {
-                Err(Failure::usage(READ_ONLY))
+            let changes = match allows_swaps {
+                true => swaps.iter().map(change).collect::<Result<Vec<_>, _>>(),
+                false => Err(Failure::usage(READ_ONLY)),
             };
-            match requested.and_then(|changes| ask(&instance, &changes, When::In(Duration::ZERO))) {
+            // As one request, so that they take effect in the same tick.
+            match changes.and_then(|changes| ask(&instance, &changes, NOW)) {
                 Ok(applied) => {
                     for change in applied.changes {
-                        present.value[change.parameter as usize] = change.new;
+                        active.value[change.parameter as usize] = change.new;
                     }
                 }
                 // The values stay; the client is sent them, and the reason.
                 Err(failure) => client.send_error(failure.to_string()),
             }
-            let known: Vec<String> = names
-                .into_iter()
-                .filter(|name| SPECS.iter().any(|s| s.name == name))
-                .collect();
-            // `values` takes no names as all names.
-            let values = if known.is_empty() {
-                Vec::new()
-            } else {
-                values(&present, &known)
-            };
-            responder.respond([values, injected].concat());
+            let is_named = |name: &str| swaps.iter().any(|swap| swap.name == name);
+            responder.respond([values(&active, is_named), answers].concat());
         });
     }
 }

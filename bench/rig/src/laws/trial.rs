@@ -1,41 +1,43 @@
-//! A law on the bench: same output twice and after rehearsals, finite, how long a tick takes, what it allocates.
-
-pub mod watchdog;
-pub mod words;
+//! A law on the bench: same output twice and after warm-ups, finite, how long a tick takes, what it allocates.
 
 use std::hint::black_box;
-use std::time::Instant;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
 
+<<<<<<< HEAD
 use control_api::law::{Desired, InnerLaw, MixerLaw, OuterLaw, Rig, WrenchSetpoint};
 use control_api::registry::Made;
+=======
+use control_api::law::{Desired, Rig, WrenchSetpoint};
+use control_api::registry::{AnyInner, AnyMixer, AnyOuter, Made};
+use errors::{Failure, GATE};
+>>>>>>> df4bc2367a7fedea8376f23320b2938c679e39be
 use messages::attitude::Attitude;
-use messages::content::Measured;
-use messages::content::Reference;
-use messages::content::Stamped;
+use messages::content::{Measured, Reference, Stamped};
 use messages::realtime::Usage;
 use messages::telemetry::{TELEMETRY, Telemetry};
 use nalgebra::Vector3;
 use process::rt::UsageMeter;
 
+use crate::output::say;
+
 pub const INPUTS: u64 = 100_000;
-
-/// As many of them are rehearsed before they are flown.
+/// Inputs with a warm-up before each.
 const REHEARSED: u64 = 10_000;
-
-/// A law is begun anew after so many of them, so that what an odd start leaves behind is seen too.
+/// A law is made anew after this many inputs, so that the consequences of an odd start are seen too.
 const INPUTS_PER_LIFE: u64 = 1000;
-
-/// Ticks of which the time is taken, with warm caches, and before that as many that warm them.
+/// Timed ticks with warm caches; as many before them warm the caches.
 pub const HOT: usize = 10_000;
-
-/// Ticks of which the time is taken, each after the caches were filled with something else.
+/// Timed ticks, each after the caches were filled with something else.
 const COLD: usize = 101;
-
 /// Larger than the last cache of most machines [bytes].
 const CACHES: usize = 64 << 20;
-
-/// How often `alive` is called in a whole trial.
-pub const ROUNDS: u64 = INPUTS + REHEARSED + 2 * HOT as u64 + COLD as u64;
+/// Ticks of a whole trial.
+const TICKS: u64 = INPUTS + REHEARSED + 2 * HOT as u64 + COLD as u64;
+/// How long a tick may take before the trial is ended.
+const TICK_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A law of any role, made.
 #[allow(missing_debug_implementations, reason = "a law need not have one")]
@@ -45,13 +47,12 @@ pub enum Candidate {
     Mixer(Made<dyn MixerLaw>),
 }
 
-/// Where two instances of a law, told the same, answered differently.
+/// Two instances of a law answered the same input differently.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
     pub input: u64,
-    /// Index among the numbers of the answer, telemetry behind them.
+    /// Index in the answer.
     pub index: usize,
-    /// What the two instances gave there.
     pub values: [f64; 2],
 }
 
@@ -59,25 +60,23 @@ pub struct Difference {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NotFinite {
     pub input: u64,
-    /// Index among the numbers of the answer.
+    /// Index in the answer.
     pub index: usize,
     pub value: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Findings {
-    /// The first difference between two instances that were told the same.
+    /// The first difference between two instances with the same inputs.
     pub difference: Option<Difference>,
-    /// The first answer with a number that is not finite.
     pub not_finite: Option<NotFinite>,
-    /// Whether an instance takes over the memory of another one, as a rehearsal needs.
+    /// Whether an instance can take over the memory of another one, as a warm-up needs.
     pub is_copied: bool,
-    /// The first difference between an instance and one that was rehearsed before each tick; looked for where the law
-    /// repeats itself.
+    /// The first difference between an instance and one with a warm-up before each tick; none if `difference` is some.
     pub rehearsed: Option<Difference>,
     /// Median and 99th percentile of a tick with warm caches [ns].
     pub hot_ns: [u64; 2],
-    /// Median of a tick after its caches were filled with something else [ns].
+    /// Median of a tick with cold caches [ns].
     pub cold_ns: u64,
     pub usage: Usage,
 }
@@ -94,39 +93,39 @@ impl Findings {
     }
 }
 
-/// What a law is told in a tick; each role takes its part.
+/// The inputs of a tick; each role takes its part.
 #[derive(Clone, Copy, Debug)]
 struct Input {
     tick: u64,
     measured: Stamped<Measured>,
-    wanted: Stamped<Desired>,
+    desired: Stamped<Desired>,
     reference: Reference,
-    demand: WrenchSetpoint,
+    wrench: WrenchSetpoint,
 }
 
-/// Numbers of an answer: as many as the longest has.
+/// Numbers that other stages read: of the role with most.
 pub const ANSWER: usize = 10;
 
-/// An answer: the numbers that other stages read, then the telemetry.
+/// The numbers that other stages read, then the telemetry.
 type Answer = [f64; ANSWER + TELEMETRY];
 
 impl Candidate {
     fn tick(&mut self, input: &Input) -> Answer {
         match self {
-            Self::Outer(made) => Asked::Outer(&mut *made.law).tick(input),
-            Self::Inner(made) => Asked::Inner(&mut *made.law).tick(input),
-            Self::Mixer(made) => Asked::Mixer(&mut *made.law).tick(input),
+            Self::Outer(made) => tick_outer(&mut *made.law, input),
+            Self::Inner(made) => tick_inner(&mut *made.law, input),
+            Self::Mixer(made) => tick_mixer(&mut *made.law, input),
         }
     }
 
-    /// Has its twin fly a tick as it would; false where it cannot be copied.
+    /// Has its twin fly a tick as it would; false if it cannot be copied.
     fn rehearse(&mut self, input: &Input) -> bool {
         let is_copied = self.is_copied();
         if is_copied {
             black_box(match self {
-                Self::Outer(made) => Asked::Outer(&mut *made.twin).tick(input),
-                Self::Inner(made) => Asked::Inner(&mut *made.twin).tick(input),
-                Self::Mixer(made) => Asked::Mixer(&mut *made.twin).tick(input),
+                Self::Outer(made) => tick_outer(&mut *made.twin, input),
+                Self::Inner(made) => tick_inner(&mut *made.twin, input),
+                Self::Mixer(made) => tick_mixer(&mut *made.twin, input),
             });
         }
         is_copied
@@ -141,105 +140,97 @@ impl Candidate {
     }
 }
 
+<<<<<<< HEAD
 /// An instance of a law: the one that flies, or its twin.
 enum Asked<'a> {
     Outer(&'a mut dyn OuterLaw),
     Inner(&'a mut dyn InnerLaw),
     Mixer(&'a mut dyn MixerLaw),
+=======
+fn tick_outer(law: &mut dyn AnyOuter, input: &Input) -> Answer {
+    let mut telemetry = Telemetry::default();
+    let desired = law.tick(
+        input.tick,
+        &input.measured.content,
+        &input.reference,
+        &mut telemetry,
+    );
+    let vectors = [
+        desired.attitude_rad,
+        desired.attitude_rate_rad_s,
+        desired.attitude_acceleration_rad_s2,
+    ];
+    let numbers = [desired.thrust_n]
+        .into_iter()
+        .chain(vectors.into_iter().flatten());
+    answer(numbers, &telemetry)
+>>>>>>> df4bc2367a7fedea8376f23320b2938c679e39be
 }
 
-impl Asked<'_> {
-    fn tick(self, input: &Input) -> Answer {
-        let Input {
-            tick,
-            measured,
-            wanted,
-            reference,
-            demand,
-        } = input;
-        let mut telemetry = Telemetry::default();
-        let mut answer = [0.0; ANSWER + TELEMETRY];
-        match self {
-            Self::Outer(law) => {
-                let wanted = law.tick(*tick, &measured.content, reference, &mut telemetry);
-                answer[0] = wanted.thrust_n;
-                answer[1..4].copy_from_slice(&wanted.attitude_rad);
-                answer[4..7].copy_from_slice(&wanted.attitude_rate_rad_s);
-                answer[7..10].copy_from_slice(&wanted.attitude_acceleration_rad_s2);
-            }
-            Self::Inner(law) => {
-                let demand = law.tick(*tick, measured, wanted, reference, &mut telemetry);
-                answer[0] = demand.thrust_n;
-                answer[1..4].copy_from_slice(&demand.torque_b_nm);
-            }
-            Self::Mixer(law) => {
-                let (speed_rad_s, is_saturated) = law.tick(*tick, demand, &mut telemetry);
-                answer[..4].copy_from_slice(&speed_rad_s);
-                answer[4] = f64::from(u8::from(is_saturated));
-            }
-        }
-        answer[ANSWER..].copy_from_slice(&telemetry.value);
-        answer
-    }
+fn tick_inner(law: &mut dyn AnyInner, input: &Input) -> Answer {
+    let mut telemetry = Telemetry::default();
+    let Input {
+        measured,
+        desired,
+        reference,
+        ..
+    } = input;
+    let wrench = law.tick(input.tick, measured, desired, reference, &mut telemetry);
+    let [x, y, z] = wrench.torque_b_nm;
+    answer([wrench.thrust_n, x, y, z], &telemetry)
 }
 
-/// Tries a law that `make` begins anew each time it is called. `alive` is called whenever the law has come back.
+fn tick_mixer(law: &mut dyn AnyMixer, input: &Input) -> Answer {
+    let mut telemetry = Telemetry::default();
+    let ([a, b, c, d], is_saturated) = law.tick(input.tick, &input.wrench, &mut telemetry);
+    answer([a, b, c, d, f64::from(is_saturated)], &telemetry)
+}
+
+fn answer(numbers: impl IntoIterator<Item = f64>, telemetry: &Telemetry) -> Answer {
+    let mut answer = [0.0; ANSWER + TELEMETRY];
+    answer
+        .iter_mut()
+        .zip(numbers)
+        .for_each(|(place, number)| *place = number);
+    answer[ANSWER..].copy_from_slice(&telemetry.value);
+    answer
+}
+
+/// Tries a law that `make` makes anew each time it is called. `alive` is called after every tick.
 pub fn trial<E>(
     rig: &Rig,
     make: impl Fn() -> Result<Candidate, E>,
     alive: impl Fn(),
 ) -> Result<Findings, E> {
-    let mut draw = Draw::new(rig);
-    let (mut difference, mut not_finite) = (None, None);
-    for life in 0..INPUTS / INPUTS_PER_LIFE {
-        let (mut one, mut other) = (make()?, make()?);
-        draw.begin();
-        for input in life * INPUTS_PER_LIFE..(life + 1) * INPUTS_PER_LIFE {
-            let told = draw.input();
-            let answers = [one.tick(&told), other.tick(&told)];
-            alive();
-            difference = difference.or_else(|| differing(input, &answers));
-            not_finite = not_finite.or_else(|| {
-                let index = answers[0][..ANSWER]
-                    .iter()
-                    .position(|value| !value.is_finite())?;
-                Some(NotFinite {
-                    input,
-                    index,
-                    value: answers[0][index],
-                })
-            });
-        }
-    }
-    let rehearsed = if difference.is_none() {
-        rehearsed(rig, &make, &alive)?
-    } else {
-        None
+    let (difference, not_finite) = compare(rig, INPUTS, false, &make, &alive)?;
+    let rehearsed = match difference {
+        None => compare(rig, REHEARSED, true, &make, &alive)?.0,
+        Some(_) => None,
     };
     let mut candidate = make()?;
     let is_copied = candidate.is_copied();
     let hover = Input::hover(rig);
-    let mut hot = vec![0; HOT];
-    timed(&mut candidate, &hover, 0, &mut hot, &alive);
+    let mut time = |first_tick: usize, times_ns: &mut [u64]| {
+        for (tick, time_ns) in (first_tick as u64..).zip(times_ns) {
+            let input = black_box(hover.at(tick));
+            let begun = Instant::now();
+            black_box(candidate.tick(&input));
+            *time_ns = begun.elapsed().as_nanos() as u64;
+            alive();
+        }
+    };
+    let (mut hot, mut cold) = (vec![0; HOT], vec![0; COLD]);
+    time(0, &mut hot);
     let meter = UsageMeter::start();
-    timed(&mut candidate, &hover, HOT as u64, &mut hot, &alive);
+    time(HOT, &mut hot);
     let usage = meter.read();
     hot.sort_unstable();
     let mut elsewhere = vec![0_u8; CACHES];
-    let mut cold = vec![0; COLD];
-    for (i, time_ns) in cold.iter_mut().enumerate() {
-        elsewhere
-            .iter_mut()
-            .step_by(64)
-            .for_each(|byte| *byte = byte.wrapping_add(1));
+    for (i, time_ns) in cold.chunks_mut(1).enumerate() {
+        let lines = elsewhere.iter_mut().step_by(64);
+        lines.for_each(|byte| *byte = byte.wrapping_add(1));
         black_box(&mut elsewhere);
-        timed(
-            &mut candidate,
-            &hover,
-            (2 * HOT + i) as u64,
-            std::slice::from_mut(time_ns),
-            &alive,
-        );
+        time(2 * HOT + i, time_ns);
     }
     cold.sort_unstable();
     Ok(Findings {
@@ -253,60 +244,100 @@ pub fn trial<E>(
     })
 }
 
-/// The first difference between an instance and another one that is rehearsed before each tick.
-fn rehearsed<E>(
+/// Gives two instances of a law the same random inputs, with a warm-up of the second one before each if `rehearses`.
+/// Finds the first difference between their answers, and the first answer that is not finite.
+fn compare<E>(
     rig: &Rig,
+    inputs: u64,
+    rehearses: bool,
     make: &impl Fn() -> Result<Candidate, E>,
     alive: &impl Fn(),
-) -> Result<Option<Difference>, E> {
-    let mut draw = Draw::new(rig);
-    for life in 0..REHEARSED / INPUTS_PER_LIFE {
+) -> Result<(Option<Difference>, Option<NotFinite>), E> {
+    // Always the same inputs.
+    let mut rng = fastrand::Rng::with_seed(1);
+    let (mut difference, mut not_finite) = (None, None);
+    for life in 0..inputs / INPUTS_PER_LIFE {
         let (mut one, mut other) = (make()?, make()?);
-        draw.begin();
-        for input in life * INPUTS_PER_LIFE..(life + 1) * INPUTS_PER_LIFE {
-            let told = draw.input();
-            if !other.rehearse(&told) {
-                return Ok(None);
+        let mut input = Input::hover(rig);
+        for number in life * INPUTS_PER_LIFE..(life + 1) * INPUTS_PER_LIFE {
+            draw_next(&mut input, &mut rng, rig);
+            if rehearses && !other.rehearse(&input) {
+                return Ok((None, None));
             }
-            let found = differing(input, &[one.tick(&told), other.tick(&told)]);
+            let answers = [one.tick(&input), other.tick(&input)];
             alive();
-            if found.is_some() {
-                return Ok(found);
-            }
+            difference = difference.or_else(|| differing(number, &answers));
+            not_finite = not_finite.or_else(|| {
+                let mut answer = answers[0][..ANSWER].iter();
+                let index = answer.position(|value| !value.is_finite())?;
+                Some(NotFinite {
+                    input: number,
+                    index,
+                    value: answers[0][index],
+                })
+            });
         }
     }
-    Ok(None)
-}
-
-/// Flies a tick for each place of `times_ns` and leaves there how long it took.
-fn timed(
-    candidate: &mut Candidate,
-    hover: &Input,
-    from: u64,
-    times_ns: &mut [u64],
-    alive: &impl Fn(),
-) {
-    for (tick, time_ns) in (from..).zip(times_ns) {
-        let input = black_box(hover.at(tick));
-        let begun = Instant::now();
-        black_box(candidate.tick(&input));
-        *time_ns = u64::try_from(begun.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        alive();
-    }
+    Ok((difference, not_finite))
 }
 
 /// NaN is a difference from everything but the same bits.
-fn differing(input: u64, answers: &[Answer; 2]) -> Option<Difference> {
-    let [one, other] = answers;
-    let index = one
-        .iter()
-        .zip(other)
-        .position(|(one, other)| one.to_bits() != other.to_bits())?;
+fn differing(input: u64, [one, other]: &[Answer; 2]) -> Option<Difference> {
+    let mut both = one.iter().zip(other);
+    let index = both.position(|(one, other)| one.to_bits() != other.to_bits())?;
     Some(Difference {
         input,
         index,
         values: [one[index], other[index]],
     })
+}
+
+/// Ends the process with code 3 if a law does not return.
+#[derive(Debug)]
+pub struct Watchdog(Arc<AtomicU64>);
+
+impl Watchdog {
+    /// Starts to watch a law that calls [`feed`](Self::feed) after every tick.
+    pub fn start(law: &str) -> Result<Self, Failure> {
+        let (ticks, law) = (Arc::new(AtomicU64::new(0)), law.to_owned());
+        let watched = Arc::clone(&ticks);
+        let watching = thread::Builder::new().spawn(move || watch(&watched, &law));
+        watching.map_err(|e| {
+            Failure::failed(format!(
+                "cannot start the thread that watches the trial: {e}"
+            ))
+        })?;
+        Ok(Self(ticks))
+    }
+
+    pub fn feed(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+fn watch(ticks: &AtomicU64, law: &str) {
+    let begun = Instant::now();
+    let (mut last, mut since, mut reported) = (0, begun, begun);
+    loop {
+        thread::sleep(TICK_TIMEOUT / 20);
+        let done = ticks.load(Ordering::Relaxed);
+        if reported.elapsed() > TICK_TIMEOUT {
+            reported = Instant::now();
+            let (percent, seconds) = (100 * done / TICKS, begun.elapsed().as_secs());
+            say(&format!(
+                "the trial of `{law}`: {percent} % in {seconds} s; a fast law takes one\n"
+            ));
+        }
+        if done != last {
+            (last, since) = (done, Instant::now());
+        } else if since.elapsed() > TICK_TIMEOUT {
+            say(&format!(
+                "error: the law `{law}` did not come back within {TICK_TIMEOUT:?}, after {done} inputs\n"
+            ));
+            // Without the library's exit handlers: they may not return either.
+            plugin::exit(i32::from(GATE));
+        }
+    }
 }
 
 impl Input {
@@ -321,21 +352,22 @@ impl Input {
             rotor_speed_command_rad_s: [speed; 4],
             ..Measured::default()
         };
+        let desired = Desired {
+            thrust_n,
+            ..Desired::default()
+        };
         Self {
             tick: 0,
             measured: Stamped {
                 tick: 0,
                 content: measured,
             },
-            wanted: Stamped {
+            desired: Stamped {
                 tick: 0,
-                content: Desired {
-                    thrust_n,
-                    ..Desired::default()
-                },
+                content: desired,
             },
             reference: Reference::default(),
-            demand: WrenchSetpoint {
+            wrench: WrenchSetpoint {
                 thrust_n,
                 torque_b_nm: [0.0; 3],
             },
@@ -345,60 +377,31 @@ impl Input {
     const fn at(mut self, tick: u64) -> Self {
         self.tick = tick;
         self.measured.tick = tick;
-        self.wanted.tick = tick;
+        self.desired.tick = tick;
         self
     }
 }
 
-/// Draws inputs that the rig could hand over: each number within its physical range, ticks in order, some left out,
-/// some inputs held. Always the same ones.
-struct Draw {
-    rng: fastrand::Rng,
-    rig: Rig,
-    last: Input,
-}
-
-impl Draw {
-    fn new(rig: &Rig) -> Self {
-        Self {
-            rng: fastrand::Rng::with_seed(1),
-            rig: *rig,
-            last: Input::hover(rig),
-        }
+/// Draws the next input as a flight could have it: each number within its physical range, some ticks skipped, some
+/// inputs held.
+fn draw_next(input: &mut Input, rng: &mut fastrand::Rng, rig: &Rig) {
+    let is_skipped = rng.u8(..) < 16;
+    let skipped = if is_skipped { rng.u64(1..500) } else { 0 };
+    let tick = input.tick + 1 + skipped;
+    input.tick = tick;
+    if rng.u8(..) >= 16 {
+        let content = measured(rng, rig);
+        input.measured = Stamped { tick, content };
     }
-
-    fn begin(&mut self) {
-        self.last = Input::hover(&self.rig).at(0);
+    if rng.u8(..) >= 16 {
+        let content = desired(rng, rig);
+        input.desired = Stamped { tick, content };
+        input.reference = reference(rng);
     }
-
-    fn input(&mut self) -> Input {
-        let skipped = if self.rng.u8(..) < 16 {
-            self.rng.u64(1..500)
-        } else {
-            0
-        };
-        let tick = self.last.tick + 1 + skipped;
-        let Self { rng, rig, last } = self;
-        last.tick = tick;
-        if rng.u8(..) >= 16 {
-            last.measured = Stamped {
-                tick,
-                content: measured(rng, rig),
-            };
-        }
-        if rng.u8(..) >= 16 {
-            last.wanted = Stamped {
-                tick,
-                content: wanted(rng, rig),
-            };
-            last.reference = reference(rng);
-        }
-        last.demand = WrenchSetpoint {
-            thrust_n: last.wanted.content.thrust_n,
-            torque_b_nm: numbers(rng, 10.0),
-        };
-        *last
-    }
+    input.wrench = WrenchSetpoint {
+        thrust_n: input.desired.content.thrust_n,
+        torque_b_nm: numbers(rng, 10.0),
+    };
 }
 
 fn numbers<const N: usize>(rng: &mut fastrand::Rng, size: f64) -> [f64; N] {
@@ -432,7 +435,7 @@ fn measured(rng: &mut fastrand::Rng, rig: &Rig) -> Measured {
     }
 }
 
-fn wanted(rng: &mut fastrand::Rng, rig: &Rig) -> Desired {
+fn desired(rng: &mut fastrand::Rng, rig: &Rig) -> Desired {
     Desired {
         thrust_n: 4.0 * rig.rotor.f_max(rig.airframe.k()) * rng.f64(),
         attitude_rad: angles(rng),

@@ -3,8 +3,11 @@
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+<<<<<<< HEAD
 use campaign::gates::METRICS;
 use campaign::gates::Outcome;
+=======
+>>>>>>> df4bc2367a7fedea8376f23320b2938c679e39be
 use campaign::metrics::Metrics;
 use messages::fault::LONGEST_DELAY;
 use messages::parameters::Airframe;
@@ -18,24 +21,6 @@ use errors::{Failure, INTERRUPTED};
 /// How many ticks before the fault the copy is made: delayed inputs look back this far.
 const LEAD_TICKS: u64 = LONGEST_DELAY + 4;
 
-#[derive(Clone, Debug)]
-pub struct Flown {
-    /// Metrics cover the ticks since the fault began.
-    pub outcome: Outcome,
-}
-
-impl Flown {
-    /// Largest position error of the last 5 s [m]; none if the flight was lost.
-    pub fn error_m(&self) -> Option<f64> {
-        let place = METRICS
-            .iter()
-            .position(|metric| metric.name == "tracking_error_max_m");
-        place
-            .and_then(|place| self.outcome.metrics[place])
-            .filter(|_| self.outcome.lost.is_none())
-    }
-}
-
 /// Flights whose faults begin at the same tick.
 #[allow(missing_debug_implementations, reason = "a law need not have one")]
 pub struct Flights<'a> {
@@ -46,7 +31,7 @@ pub struct Flights<'a> {
     pub from: u64,
     /// The flight up to shortly before the fault; none if its laws cannot be copied.
     base: Option<Box<Simulator>>,
-    count: Cell<u64>,
+    pub count: Cell<u64>,
 }
 
 impl<'a> Flights<'a> {
@@ -73,68 +58,54 @@ impl<'a> Flights<'a> {
         Ok(flights)
     }
 
-    pub fn count(&self) -> u64 {
-        self.count.get()
-    }
-
     fn heed(&self) -> Result<(), Failure> {
-        if self.stop.load(Ordering::Relaxed) {
-            Err(Failure::new(INTERRUPTED, "interrupted"))
-        } else {
-            Ok(())
+        match self.stop.load(Ordering::Relaxed) {
+            true => Err(Failure::new(INTERRUPTED, "interrupted")),
+            false => Ok(()),
         }
     }
 
-    /// Flies with faults up to `last_tick`. Recovery below `bound_m` is measured from tick `recovers_from` on.
+    /// Flies with faults up to `last_tick`. Metrics cover the ticks since the fault began; recovery below `bound_m` is
+    /// measured from tick `recovers_from` on.
     pub fn fly(
         &self,
         faults: &[String],
         recovers_from: u64,
         last_tick: u64,
         bound_m: f64,
-    ) -> Result<Flown, Failure> {
-        self.count.set(self.count.get() + 1);
+    ) -> Result<Outcome, Failure> {
+        self.count.update(|count| count + 1);
         let mut settings = self.settings.clone();
         let period_s = settings.flight.period_s;
         settings.flight.faults = faults.to_vec();
         settings.flight.duration_s = last_tick as f64 * period_s;
-        let branched = self
-            .base
-            .as_ref()
-            .map(|base| base.branch(&settings))
-            .transpose()?
-            .flatten();
-        let mut rig = match branched {
+        let branch = match &self.base {
+            Some(base) => base.branch(&settings)?,
+            None => None,
+        };
+        let mut rig = match branch {
             Some(rig) => rig,
             None => Box::new(Simulator::of(&settings)?),
         };
-        let mut metrics = Metrics::new(
-            period_s,
-            &self.airframe,
-            vec![recovers_from],
-            last_tick,
-            bound_m,
-        );
+        let recovers_from = vec![recovers_from];
+        let mut metrics = Metrics::new(period_s, &self.airframe, recovers_from, last_tick, bound_m);
         let flown = simulate::fly(&mut rig, &settings, |rig| {
             self.heed()?;
-            let (tick, state, setpoint) = (rig.flown_tick(), rig.state(), rig.setpoint());
+            let (tick, state) = (rig.flown_tick(), rig.state());
             if tick >= self.from {
-                let error_m = setpoint.map_or_else(
-                    || self.tracking.error_m(tick, state),
-                    |it| it.position_error_m(state),
-                );
+                let error_m = match rig.setpoint() {
+                    Some(setpoint) => setpoint.position_error_m(state),
+                    None => self.tracking.error_m(tick, state),
+                };
                 metrics.take(tick, state, error_m, rig.rotor_speeds());
             }
             Ok(())
         })?;
-        let outputs = flown.outputs.to_string();
-        Ok(Flown {
-            outcome: Outcome {
-                lost: flown.departure,
-                metrics: metrics.values(),
-                telemetry: Vec::new(),
-                outputs,
-            },
+        Ok(Outcome {
+            lost: flown.departure,
+            metrics: metrics.values(),
+            telemetry: Vec::new(),
+            outputs: flown.outputs.to_string(),
         })
     }
 }
@@ -144,23 +115,20 @@ mod tests {
     use super::*;
     use toml::Value;
 
-    /// Bits of the last state, and of how the flight was judged.
+    /// Bits of the metrics, and why the flight was lost.
     fn end(flights: &Flights<'_>, fault: &str) -> String {
-        let flown = flights.fly(&[fault.to_owned()], 2100, 4000, 0.05).unwrap();
-        let metrics = flown.outcome.metrics.map(|metric| metric.map(f64::to_bits));
-        format!("{metrics:?} {:?}", flown.outcome.lost)
+        let outcome = flights.fly(&[fault.to_owned()], 2100, 4000, 0.05).unwrap();
+        let metrics = outcome.metrics.map(|metric| metric.map(f64::to_bits));
+        format!("{metrics:?} {:?}", outcome.lost)
     }
 
     #[test]
     fn a_flight_that_branches_off_is_the_whole_flight_bit_for_bit() {
         let stop = AtomicBool::new(false);
-        for (outer, inner) in [
-            ("pd", "adaptive"),
-            ("estimating", "indi"),
-            ("pd", "geometric"),
-            ("pd", "pid"),
-        ] {
-            let laws = vec![
+        let combinations = "pd adaptive, estimating indi, pd geometric, pd pid";
+        for laws in combinations.split(", ") {
+            let (outer, inner) = laws.split_once(' ').unwrap();
+            let laws_set = vec![
                 ("outer.law", Value::from(outer)),
                 ("inner.law", Value::from(inner)),
             ];
@@ -169,14 +137,10 @@ mod tests {
                 gyro_noise_rad_s = 0.001
                 motor_time_constant_s = 0.01
             };
-            let settings = Settings::of(noise, &laws).unwrap();
+            let settings = Settings::of(noise, &laws_set).unwrap();
             let branched = Flights::new(&settings, 2000, &stop).unwrap();
-            assert!(
-                branched
-                    .base
-                    .as_ref()
-                    .is_some_and(|base| base.next_tick() == 2000 - LEAD_TICKS)
-            );
+            let base = branched.base.as_ref().unwrap();
+            assert_eq!(base.next_tick(), 2000 - LEAD_TICKS);
             let mut whole = Flights::new(&settings, 2000, &stop).unwrap();
             whole.base = None;
             for fault in [
@@ -191,38 +155,23 @@ mod tests {
                 "wrench.drop=0.3@tick2000",
                 "plant.rotor_speeds.drop=3/5@tick2000",
             ] {
-                assert_eq!(
-                    end(&branched, fault),
-                    end(&whole, fault),
-                    "{outer} + {inner}, {fault}"
-                );
+                assert_eq!(end(&branched, fault), end(&whole, fault), "{laws}, {fault}");
             }
-            assert_ne!(
-                end(&whole, "inner.stop=20ms@tick2000"),
-                end(&whole, "inner.stop=21ms@tick2000")
-            );
+            let [one, other] = [20, 21].map(|ms| format!("inner.stop={ms}ms@tick2000"));
+            assert_ne!(end(&whole, &one), end(&whole, &other));
         }
     }
 
     #[test]
-    fn whoever_is_told_to_stop_stops() {
+    fn a_stop_request_ends_a_flight_with_or_without_a_base() {
         let settings = Settings::resolve(None, &Vec::new()).unwrap();
-        let flights = Flights::new(&settings, 0, &AtomicBool::new(false)).map(|it| it.count());
-        assert_eq!(flights.unwrap(), 0);
         let stop = AtomicBool::new(true);
-        assert_eq!(
-            Flights::new(&settings, 2000, &stop)
-                .err()
-                .map(|failure| failure.code),
-            Some(INTERRUPTED)
-        );
+        let code = |failure: Option<Failure>| failure.map(|failure| failure.code);
+        let base = Flights::new(&settings, 2000, &stop).err();
+        assert_eq!(code(base), Some(INTERRUPTED));
         let flights = Flights::new(&settings, 0, &stop).unwrap();
-        assert_eq!(
-            flights
-                .fly(&[], 0, 10, 0.1)
-                .err()
-                .map(|failure| failure.code),
-            Some(INTERRUPTED)
-        );
+        assert_eq!(flights.count.get(), 0);
+        let flown = flights.fly(&[], 0, 10, 0.1).err();
+        assert_eq!(code(flown), Some(INTERRUPTED));
     }
 }

@@ -1,6 +1,5 @@
 //! Measures one phase, and combines phases.
 
-use campaign::gates::Gates;
 use messages::fault::{LONGEST_DELAY, Port};
 use report::comparison::Laws;
 use report::margin::{
@@ -8,8 +7,8 @@ use report::margin::{
 };
 use report::statistics::clopper_pearson;
 
-use crate::margin::cases::{Asked, Judge, Judged};
 use crate::margin::flights::Flights;
+use crate::margin::limits::{GivenLimits, Judged, metric};
 use crate::margin::search::{checked, climbed, largest};
 use crate::margin::target::Target;
 use errors::Failure;
@@ -27,7 +26,7 @@ const MOST_TICKS: u64 = LONGEST_DELAY;
 #[derive(Clone, Debug)]
 pub struct Task<'a> {
     pub targets: Vec<Target>,
-    pub asked: &'a Asked,
+    pub given: &'a GivenLimits,
     /// Longest outage to try [ticks].
     pub longest: u64,
     /// Sample time [s].
@@ -41,7 +40,7 @@ type Climb = (u64, Vec<Point>);
 
 /// Results of one phase, by target; the expensive ones are empty unless the phase is sparse.
 #[derive(Clone, Debug)]
-pub struct OfPhase {
+pub struct PhaseResults {
     outages: Vec<(u64, Vec<(u64, bool)>)>,
     lags: Vec<Climb>,
     delays: Vec<Climb>,
@@ -51,8 +50,8 @@ pub struct OfPhase {
     flights: u64,
 }
 
-impl Task<'_> {
-    fn ticks(&self, time_s: f64) -> u64 {
+impl<'a> Task<'a> {
+    pub fn ticks(&self, time_s: f64) -> u64 {
         (time_s / self.period_s).round() as u64
     }
 
@@ -63,140 +62,72 @@ impl Task<'_> {
         })
     }
 
-    /// Measures one phase; `is_sparse` adds the expensive measurements.
-    pub fn at(
-        &self,
-        flights: &Flights<'_>,
-        judge: &Judge,
-        is_sparse: bool,
-    ) -> Result<OfPhase, Failure> {
-        let phase = Phase {
+    pub fn phase(&'a self, flights: &'a Flights<'a>, limits: &'a Judged) -> Phase<'a> {
+        Phase {
             task: self,
             flights,
-            judge,
-        };
-        let outage = |target: &Target| phase.outage(*target, is_sparse);
-        let steady = |word: &'static str| -> Result<Vec<_>, Failure> {
-            if is_sparse {
-                self.inputs().map(|port| phase.steady(port, word)).collect()
-            } else {
-                Ok(Vec::new())
-            }
-        };
-        Ok(OfPhase {
-            outages: self.targets.iter().map(outage).collect::<Result<_, _>>()?,
-            lags: steady("lag")?,
-            delays: steady("delay")?,
-            losses: self
-                .inputs()
-                .map(|port| phase.loss(port))
-                .collect::<Result<_, _>>()?,
-            patterns: match is_sparse {
-                true => self
-                    .inputs()
-                    .map(|port| phase.patterns(port))
-                    .collect::<Result<_, _>>()?,
-                false => Vec::new(),
-            },
-            flights: flights.count(),
-        })
+            limits,
+        }
     }
 
     /// Per input: the largest loss rate [%] up to which every phase survived.
-    pub fn shares(&self, phases: &[OfPhase]) -> Vec<u64> {
-        let least = |(i, _): (usize, Port)| {
-            phases
-                .iter()
-                .map(|phase| phase.losses[i].0)
-                .min()
-                .unwrap_or(0)
-        };
-        self.inputs().enumerate().map(least).collect()
-    }
-
-    /// Per input: whether this loss rate [%] is survived; nothing for 0.
-    pub fn again(
-        &self,
-        flights: &Flights<'_>,
-        judge: &Judge,
-        shares: &[u64],
-    ) -> Result<Vec<Option<bool>>, Failure> {
-        let phase = Phase {
-            task: self,
-            flights,
-            judge,
-        };
-        let fly = |(port, percent): (Port, &u64)| match percent {
-            0 => Ok(None),
-            _ => Ok(Some(phase.lose(port, *percent)?.0)),
-        };
-        self.inputs().zip(shares).map(fly).collect()
+    pub fn shares(&self, phases: &[PhaseResults]) -> Vec<u64> {
+        let least = |(i, _): (usize, Port)| phases.iter().map(|phase| phase.losses[i].0).min();
+        let least = self.inputs().enumerate().map(least);
+        least.map(Option::unwrap_or_default).collect()
     }
 
     /// Combines the phases of one combination of laws: limits, results, and whether each phase survived the common loss
-    /// rates once more.
-    pub fn together(
+    /// rates once more. The caller adds the names of the laws.
+    pub fn combine(
         &self,
-        law: Law,
-        begins_s: &[f64],
+        phases_s: &[f64],
         judged: &[Judged],
-        phases: &[OfPhase],
-        again: &[Vec<Option<bool>>],
+        phases: &[PhaseResults],
+        repeated: &[Vec<Option<bool>>],
     ) -> LawMargins {
-        let Law { laws, fingerprint } = law;
         let largest = |of: fn(&Judged) -> f64| judged.iter().map(of).fold(0.0, f64::max);
-        let shares = self.shares(phases);
-        let outages = self
-            .targets
-            .iter()
-            .enumerate()
-            .map(|(i, target)| OutageMargin {
+        let outage = |(i, target): (usize, &Target)| {
+            let exception = |phase_s: f64, (ticks, survived): (u64, bool)| Exception {
+                phase_s,
+                ticks,
+                survived,
+            };
+            let exceptions = phases.iter().zip(phases_s).flat_map(|(phase, phase_s)| {
+                let found = phase.outages[i].1.iter();
+                found.map(move |found| exception(*phase_s, *found))
+            });
+            OutageMargin {
                 of: target.name(),
                 ticks: phases.iter().map(|phase| phase.outages[i].0).collect(),
-                exceptions: phases
-                    .iter()
-                    .zip(begins_s)
-                    .flat_map(|(phase, phase_s)| {
-                        phase.outages[i].1.iter().map(move |it| (*phase_s, *it))
-                    })
-                    .map(|(phase_s, (ticks, survived))| Exception {
-                        phase_s,
-                        ticks,
-                        survived,
-                    })
-                    .collect(),
-            });
-        let sparse: Vec<&OfPhase> = phases
-            .iter()
-            .filter(|phase| !phase.patterns.is_empty())
-            .collect();
-        let steady = |of: fn(&OfPhase) -> &[Climb]| -> Vec<SteadyMargin> {
+                exceptions: exceptions.collect(),
+            }
+        };
+        let is_sparse = |phase: &&PhaseResults| !phase.patterns.is_empty();
+        let sparse: Vec<&PhaseResults> = phases.iter().filter(is_sparse).collect();
+        let steady = |of: fn(&PhaseResults) -> &[Climb]| -> Vec<SteadyMargin> {
             let margin = |(i, port): (usize, Port)| {
-                let ticks = sparse.iter().map(|phase| of(phase)[i].0).min().unwrap_or(0);
-                let points = merged(
-                    sparse.iter().map(|phase| of(phase)[i].1.as_slice()),
-                    sparse.len(),
-                );
+                let climbs: Vec<&Climb> = sparse.iter().map(|phase| &of(phase)[i]).collect();
+                let ticks = climbs.iter().map(|(ticks, _)| *ticks).min().unwrap_or(0);
                 SteadyMargin {
                     input: port.to_string(),
                     ticks,
                     is_most: ticks == MOST_TICKS,
-                    points,
+                    points: merged(&climbs),
                 }
             };
             self.inputs().enumerate().map(margin).collect()
         };
+        let shares = self.shares(phases);
         let loss = |(i, port): (usize, Port)| {
-            let mut each: Vec<u64> = phases.iter().map(|phase| phase.losses[i].0).collect();
+            let climbs: Vec<&Climb> = phases.iter().map(|phase| &phase.losses[i]).collect();
+            let mut each: Vec<u64> = climbs.iter().map(|(percent, _)| *percent).collect();
             each.sort_unstable();
-            let again: Vec<bool> = again
-                .iter()
-                .filter_map(|phase| phase.get(i).copied().flatten())
-                .collect();
-            let (flights, survived) = (
-                again.len() as u64,
-                again.iter().filter(|survived| **survived).count() as u64,
-            );
+            let median = each.get(each.len().saturating_sub(1) / 2);
+            let repeated = repeated.iter().filter_map(|phase| *phase.get(i)?);
+            let repeated: Vec<bool> = repeated.collect();
+            let flights = repeated.len() as u64;
+            let survived = repeated.iter().filter(|survived| **survived).count() as u64;
             let interval = clopper_pearson(survived, flights);
             LossMargin {
                 input: port.to_string(),
@@ -204,110 +135,112 @@ impl Task<'_> {
                 flights,
                 survived,
                 survival: [interval.low, interval.high],
-                median_share: each
-                    .get(each.len().saturating_sub(1) / 2)
-                    .map_or(0.0, |it| *it as f64 / 100.0),
-                points: merged(
-                    phases.iter().map(|phase| phase.losses[i].1.as_slice()),
-                    phases.len(),
-                ),
+                median_share: median.map_or(0.0, |percent| *percent as f64 / 100.0),
+                points: merged(&climbs),
             }
         };
-        let pattern = |(i, port): (usize, Port)| PatternMargin {
-            input: port.to_string(),
-            most: LENGTHS
-                .iter()
-                .enumerate()
-                .map(|(j, length)| {
-                    [
-                        sparse
-                            .iter()
-                            .map(|phase| phase.patterns[i][j])
-                            .min()
-                            .unwrap_or(0),
-                        *length,
-                    ]
-                })
-                .collect(),
+        let pattern = |(i, port): (usize, Port)| {
+            let least = |j: usize| sparse.iter().map(|phase| phase.patterns[i][j]).min();
+            let most = LENGTHS.iter().enumerate();
+            PatternMargin {
+                input: port.to_string(),
+                most: most.map(|(j, k)| [least(j).unwrap_or(0), *k]).collect(),
+            }
         };
+        let flights: u64 = phases.iter().map(|phase| phase.flights).sum();
         LawMargins {
-            laws,
-            fingerprint,
-            unfaulted_error_m: largest(|it| it.unfaulted.error_m),
-            unfaulted_saturated_percent: largest(|it| it.unfaulted.saturated_percent),
-            recovered_below_m: largest(|it| it.judge.outage.recovered_below_m),
-            tracked_below_m: largest(|it| it.judge.steady.recovered_below_m),
-            saturated_max_percent: largest(|it| it.judge.saturated_max_percent),
-            outages: outages.collect(),
+            laws: Laws::default(),
+            fingerprint: String::new(),
+            unfaulted_error_m: largest(|it| it.unfaulted_error_m),
+            unfaulted_saturated_percent: largest(|it| it.unfaulted_saturated_percent),
+            recovered_below_m: largest(|it| it.outage.recovered_below_m),
+            tracked_below_m: largest(|it| it.steady.recovered_below_m),
+            saturated_max_percent: largest(|it| it.saturated_max_percent),
+            outages: self.targets.iter().enumerate().map(outage).collect(),
             lags: steady(|phase| &phase.lags),
             delays: steady(|phase| &phase.delays),
             losses: self.inputs().enumerate().map(loss).collect(),
             patterns: self.inputs().enumerate().map(pattern).collect(),
-            flights: phases.iter().map(|phase| phase.flights).sum::<u64>()
-                + again.iter().flatten().flatten().count() as u64,
+            flights: flights + repeated.iter().flatten().flatten().count() as u64,
         }
     }
 }
 
-#[derive(Clone, Debug)]
-pub struct Law {
-    pub laws: Laws,
-    pub fingerprint: String,
-}
-
-struct Phase<'a> {
+/// Faults that begin at one tick.
+#[derive(Clone, Copy)]
+#[allow(missing_debug_implementations, reason = "a law need not have one")]
+pub struct Phase<'a> {
     task: &'a Task<'a>,
     flights: &'a Flights<'a>,
-    judge: &'a Judge,
+    limits: &'a Judged,
 }
 
 impl Phase<'_> {
+    /// Measures the phase; `is_sparse` adds the expensive measurements.
+    pub fn measure(&self, is_sparse: bool) -> Result<PhaseResults, Failure> {
+        let task = self.task;
+        let expensive = || task.inputs().filter(|_| is_sparse);
+        let steady = |word: &'static str| expensive().map(move |port| self.steady(port, word));
+        let outages = task
+            .targets
+            .iter()
+            .map(|target| self.outage(*target, is_sparse));
+        let losses = task.inputs().map(|port| self.loss(port));
+        let patterns = expensive().map(|port| self.patterns(port));
+        Ok(PhaseResults {
+            outages: outages.collect::<Result<_, _>>()?,
+            lags: steady("lag").collect::<Result<_, _>>()?,
+            delays: steady("delay").collect::<Result<_, _>>()?,
+            losses: losses.collect::<Result<_, _>>()?,
+            patterns: patterns.collect::<Result<_, _>>()?,
+            flights: self.flights.count.get(),
+        })
+    }
+
+    /// Per input: whether this loss rate [%] is survived; nothing for 0.
+    pub fn repeat(&self, shares: &[u64]) -> Result<Vec<Option<bool>>, Failure> {
+        let fly = |(port, percent): (Port, &u64)| match percent {
+            0 => Ok(None),
+            _ => Ok(Some(self.lose(port, *percent)?.0)),
+        };
+        self.task.inputs().zip(shares).map(fly).collect()
+    }
+
     fn outage(&self, target: Target, is_checked: bool) -> Result<(u64, Vec<(u64, bool)>), Failure> {
-        let Task {
-            asked,
-            longest,
-            tick_ns,
-            ..
-        } = *self.task;
+        let (task, gates) = (self.task, &self.limits.outage);
         let survives = |ticks: u64| -> Result<bool, Failure> {
             let (from, end) = (self.flights.from, self.flights.from + ticks);
-            let gates = &self.judge.outage;
-            let last_tick = end + self.task.ticks(asked.after_s());
-            let fault = target.outage(from, ticks, tick_ns);
-            let flown = self
+            let last_tick = end + task.ticks(task.given.after_s());
+            let fault = [target.outage(from, ticks, task.tick_ns)];
+            let outcome = self
                 .flights
-                .fly(&[fault], end, last_tick, gates.recovered_below_m)?;
-            Ok(gates.is_success(&flown.outcome))
+                .fly(&fault, end, last_tick, gates.recovered_below_m)?;
+            Ok(gates.is_success(&outcome))
         };
-        let found = largest(longest, survives)?;
-        if is_checked {
-            checked(found, longest, survives)
-        } else {
-            Ok((found, Vec::new()))
+        let found = largest(task.longest, survives)?;
+        match is_checked {
+            true => checked(found, task.longest, survives),
+            false => Ok((found, Vec::new())),
         }
     }
 
     /// Flies under a steady fault.
     fn under(&self, fault: &str, at: f64) -> Result<(bool, Point), Failure> {
-        let from = self.flights.from;
-        let gates: &Gates = &self.judge.steady;
-        let last_tick = from + self.task.ticks(self.task.asked.steady_s());
-        let flown = self.flights.fly(
-            &[format!("{fault}@tick{from}")],
-            from,
-            last_tick,
-            gates.recovered_below_m,
-        )?;
-        let survived = gates.is_success(&flown.outcome);
-        Ok((
-            survived,
-            Point {
-                at,
-                flights: 1,
-                survived: u64::from(survived),
-                error_m: flown.error_m(),
-            },
-        ))
+        let (from, gates) = (self.flights.from, &self.limits.steady);
+        let last_tick = from + self.task.ticks(self.task.given.steady_s());
+        let fault = [format!("{fault}@tick{from}")];
+        let outcome = self
+            .flights
+            .fly(&fault, from, last_tick, gates.recovered_below_m)?;
+        let survived = gates.is_success(&outcome);
+        let error_m = metric(&outcome, "tracking_error_max_m");
+        let point = Point {
+            at,
+            flights: 1,
+            survived: u64::from(survived),
+            error_m: error_m.filter(|_| outcome.lost.is_none()),
+        };
+        Ok((survived, point))
     }
 
     fn steady(&self, port: Port, word: &str) -> Result<Climb, Failure> {
@@ -342,20 +275,18 @@ impl Phase<'_> {
 
     /// Per length: the most losses in a row.
     fn patterns(&self, port: Port) -> Result<Vec<u64>, Failure> {
-        let most = |length: &u64| {
-            largest(length - 1, |lost| {
-                Ok(self.under(&format!("{port}.drop={lost}/{length}"), 0.0)?.0)
-            })
-        };
-        LENGTHS.iter().map(most).collect()
+        let survives =
+            |lost, length| Ok(self.under(&format!("{port}.drop={lost}/{length}"), 0.0)?.0);
+        let most = |length: u64| largest(length - 1, |lost| survives(lost, length));
+        LENGTHS.into_iter().map(most).collect()
     }
 }
 
 /// Merges points of equal strength, ascending, up to the strength that the first phase did not survive: beyond it only the
 /// more robust phases are represented.
-fn merged<'a>(phases: impl Iterator<Item = &'a [Point]>, number: usize) -> Vec<Point> {
+fn merged(phases: &[&Climb]) -> Vec<Point> {
     let mut all: Vec<Point> = Vec::new();
-    for point in phases.flatten() {
+    for point in phases.iter().flat_map(|(_, points)| points) {
         match all.iter_mut().find(|it| it.at == point.at) {
             Some(it) => {
                 it.flights += point.flights;
@@ -366,117 +297,85 @@ fn merged<'a>(phases: impl Iterator<Item = &'a [Point]>, number: usize) -> Vec<P
         }
     }
     all.sort_by(|a, b| a.at.total_cmp(&b.at));
-    all.into_iter()
-        .take_while(|it| it.flights == number as u64)
-        .collect()
+    let is_of_all = |it: &Point| it.flights == phases.len() as u64;
+    all.into_iter().take_while(is_of_all).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::margin::cases::Unfaulted;
     use crate::settings::Settings;
+    use campaign::gates::METRICS;
+    use campaign::outcome::Outcome;
 
-    #[test]
-    fn points_of_one_strength_are_one_with_the_worst_error() {
-        let point = |at, survived, error_m| Point {
+    fn point(at: f64, flights: u64, survived: u64, error_m: Option<f64>) -> Point {
+        Point {
             at,
-            flights: 1,
+            flights,
             survived,
             error_m,
-        };
-        let first = [point(1.0, 1, Some(0.2)), point(2.0, 0, None)];
-        let second = [
-            point(1.0, 1, Some(0.3)),
-            point(2.0, 1, Some(0.1)),
-            point(3.0, 0, Some(2.0)),
-        ];
-        let all = merged([&first[..], &second].into_iter(), 2);
-        let both = |at, survived, error_m| Point {
-            at,
-            flights: 2,
-            survived,
-            error_m,
-        };
-        assert_eq!(
-            all,
-            [both(1.0, 2, Some(0.3)), both(2.0, 1, None)],
-            "what the first one did not fly is not drawn"
-        );
+        }
     }
 
     #[test]
-    fn survival_is_told_of_the_flights_that_were_flown_again() {
-        let asked = Asked::new(&[]).unwrap();
-        let targets = vec![
-            Target::Input(Port::InnerState),
-            Target::Input(Port::MixerWrench),
+    fn points_of_one_strength_are_one_with_the_worst_error() {
+        let first = vec![point(1.0, 1, 1, Some(0.2)), point(2.0, 1, 0, None)];
+        let second = vec![
+            point(1.0, 1, 1, Some(0.3)),
+            point(2.0, 1, 1, Some(0.1)),
+            point(3.0, 1, 0, Some(2.0)),
         ];
+        // What the first one did not fly is not drawn.
+        let both = [point(1.0, 2, 2, Some(0.3)), point(2.0, 2, 1, None)];
+        assert_eq!(merged(&[&(1, first), &(2, second)]), both);
+    }
+
+    #[test]
+    fn the_probability_of_survival_is_that_of_the_repeated_flights() {
+        let given = GivenLimits::new(&[]).unwrap();
         let task = Task {
-            targets,
-            asked: &asked,
+            targets: [Port::InnerState, Port::MixerWrench]
+                .map(Target::Input)
+                .into(),
+            given: &given,
             longest: 2000,
             period_s: 1e-3,
             tick_ns: 1_000_000,
         };
-        let phase = |shares: [u64; 2]| OfPhase {
+        let phases = [[40, 0], [30, 20], [50, 60]].map(|shares| PhaseResults {
             outages: vec![(100, Vec::new()); 2],
             lags: Vec::new(),
             delays: Vec::new(),
             losses: shares.map(|share| (share, Vec::new())).into(),
             patterns: Vec::new(),
             flights: 10,
-        };
-        let phases = [phase([40, 0]), phase([30, 20]), phase([50, 60])];
+        });
         assert_eq!(task.shares(&phases), [30, 0]);
-        let unfaulted = |error_m| Unfaulted {
-            error_m,
-            saturated_percent: 0.0,
-        };
         let settings = Settings::resolve(None, &Vec::new()).unwrap();
-        let judged = [0.004, 0.02, 0.001].map(|error_m| asked.judge(unfaulted(error_m), &settings));
-        assert_eq!(
-            judged
-                .each_ref()
-                .map(|it| it.judge.outage.recovered_below_m),
-            [0.01, 0.04, 0.01],
-            "each its own"
-        );
-        let laws = Laws {
-            outer: "pd".into(),
-            inner: "adaptive".into(),
-            mixer: "priority".into(),
-        };
-        let law = Law {
-            laws,
-            fingerprint: String::new(),
-        };
-        let again = [
-            vec![Some(true), None],
-            vec![Some(false), None],
-            vec![Some(true), None],
-        ];
-        let margins = task.together(law, &[10.0, 11.0, 12.0], &judged, &phases, &again);
+        let judged = [0.004, 0.02, 0.001].map(|error_m| {
+            let mut unfaulted = Outcome {
+                lost: None,
+                metrics: [Some(0.0); METRICS.len()],
+                telemetry: Vec::new(),
+                outputs: String::new(),
+            };
+            unfaulted.metrics[1] = Some(error_m);
+            given.judge(&unfaulted, "", &settings).unwrap()
+        });
+        let bounds_m = judged.each_ref().map(|it| it.outage.recovered_below_m);
+        assert_eq!(bounds_m, [0.01, 0.04, 0.01]);
+        let repeated = [true, false, true].map(|survived| vec![Some(survived), None]);
+        let margins = task.combine(&[10.0, 11.0, 12.0], &judged, &phases, &repeated);
         let [state, wrench] = &margins.losses[..] else {
             panic!("{margins:?}")
         };
-        assert_eq!(
-            (
-                state.share,
-                state.flights,
-                state.survived,
-                state.median_share
-            ),
-            (0.3, 3, 2, 0.4)
-        );
+        assert_eq!((state.share, state.median_share), (0.3, 0.4));
+        assert_eq!((state.flights, state.survived), (3, 2));
         let interval = clopper_pearson(2, 3);
         assert_eq!(state.survival, [interval.low, interval.high]);
-        assert!(state.survival[1] < 1.0, "one of three was lost");
-        assert_eq!(
-            (wrench.share, wrench.flights, wrench.survival),
-            (0.0, 0, [0.0, 1.0]),
-            "nothing is known"
-        );
+        // Nothing is known.
+        assert_eq!((wrench.share, wrench.flights), (0.0, 0));
+        assert_eq!(wrench.survival, [0.0, 1.0]);
         assert_eq!((margins.flights, margins.recovered_below_m), (33, 0.04));
     }
 }

@@ -8,10 +8,9 @@ pub fn largest(
     most: u64,
     mut survives: impl FnMut(u64) -> Result<bool, Failure>,
 ) -> Result<u64, Failure> {
-    if most == 0 || survives(most)? {
-        Ok(most)
-    } else {
-        between(0, most, survives)
+    match most == 0 || survives(most)? {
+        true => Ok(most),
+        false => between(0, most, survives),
     }
 }
 
@@ -45,17 +44,13 @@ pub fn checked(
             exceptions.push((beyond, true));
         }
     }
-    let mut within: Vec<u64> = (1..4)
-        .map(|quarters| found * quarters / 4)
-        .filter(|it| (1..found).contains(it))
-        .collect();
-    within.dedup();
-    for (i, tried) in within.iter().enumerate() {
-        if !survives(*tried)? {
-            exceptions.push((*tried, false));
-            let low = if i == 0 { 0 } else { within[i - 1] };
-            return Ok((between(low, *tried, survives)?, exceptions));
+    let mut low = 0;
+    for tried in (1..4).map(|quarters| found * quarters / 4) {
+        if low < tried && !survives(tried)? {
+            exceptions.push((tried, false));
+            return Ok((between(low, tried, survives)?, exceptions));
         }
+        low = tried;
     }
     Ok((found, exceptions))
 }
@@ -87,82 +82,69 @@ pub fn climbed<T: Copy>(
 mod tests {
     use super::*;
 
-    fn counted<R>(
-        survives: impl Fn(u64) -> bool,
-        ask: impl FnOnce(&mut dyn FnMut(u64) -> Result<bool, Failure>) -> R,
-    ) -> (R, u32) {
-        let mut flights = 0;
-        let answer = ask(&mut |number| {
-            flights += 1;
-            Ok(survives(number))
-        });
-        (answer, flights)
-    }
-
     #[test]
-    fn bisection_finds_the_last_one_in_eleven_flights() {
-        for limit in [0, 1, 117, 118, 1999, 2000, 5000] {
-            let (found, flights) = counted(|it| it <= limit, |survives| largest(2000, survives));
-            assert_eq!(found.unwrap(), limit.min(2000));
-            assert!(flights <= 12, "{limit}: {flights}");
+    fn bisection_finds_the_last_survived_number_in_twelve_flights() {
+        for (limit, most) in [
+            (0, 2000),
+            (1, 2000),
+            (117, 2000),
+            (118, 2000),
+            (1999, 2000),
+            (2000, 2000),
+            (5000, 2000),
+            (5, 0),
+        ] {
+            let mut flights = 0;
+            let found = largest(most, |it| {
+                flights += 1;
+                Ok(it <= limit)
+            });
+            assert_eq!(found.unwrap(), limit.min(most));
+            assert!(flights <= 12.min(most), "{limit}: {flights}");
         }
-        let (found, flights) = counted(|_| true, |survives| largest(0, survives));
-        assert_eq!((found.unwrap(), flights), (0, 0));
     }
 
     #[test]
-    fn what_is_against_the_order_of_things_is_told() {
-        let (orderly, _) = counted(|it| it <= 100, |survives| checked(100, 2000, survives));
-        assert_eq!(orderly.unwrap(), (100, vec![]));
-        let (island, _) = counted(
-            |it| it <= 100 || it == 203,
-            |survives| checked(100, 2000, survives),
-        );
-        assert_eq!(island.unwrap(), (100, vec![(203, true)]));
-        let (hole, _) = counted(
-            |it| it <= 100 && !(30..=60).contains(&it),
-            |survives| checked(100, 2000, survives),
-        );
-        assert_eq!(
-            hole.unwrap(),
-            (29, vec![(50, false)]),
-            "the margin is what lies below the hole"
-        );
-        let (capped, _) = counted(|it| it <= 2000, |survives| checked(2000, 2000, survives));
-        assert_eq!(
-            capped.unwrap(),
-            (2000, vec![]),
-            "nothing beyond the longest is tried"
-        );
-        let (none, flights) = counted(|_| false, |survives| checked(0, 2000, survives));
-        assert_eq!((none.unwrap(), flights), ((0, vec![]), 2));
-    }
-
-    #[test]
-    fn a_climb_ends_behind_some_misses() {
-        let climb = |lost: &[u64]| {
-            let (all, flights) = counted(
-                |it| !lost.contains(&it),
-                |survives| climbed(1..=60, 3, survives),
-            );
-            (all.unwrap(), flights)
+    fn results_that_contradict_monotonicity_are_reported() {
+        let survives = |name: &str, it: u64| match name {
+            "island" => it <= 100 || it == 203,
+            // The margin is below the hole.
+            "hole" => it <= 100 && !(30..=60).contains(&it),
+            "none" => false,
+            _ => it <= 100,
         };
-        assert_eq!(climb(&[]), (60, 60));
-        assert_eq!(climb(&[5, 6, 7]), (4, 7));
-        assert_eq!(
-            climb(&[3, 5, 6, 7]),
-            (2, 7),
-            "what is survived behind a miss does not count"
-        );
+        for (name, found, most, result) in [
+            ("monotonic", 100, 2000, (100, vec![])),
+            ("island", 100, 2000, (100, vec![(203, true)])),
+            ("hole", 100, 2000, (29, vec![(50, false)])),
+            ("longest", 100, 100, (100, vec![])),
+            ("none", 0, 2000, (0, vec![])),
+        ] {
+            let tried = |it| {
+                assert!(it <= most);
+                Ok(survives(name, it))
+            };
+            assert_eq!(checked(found, most, tried).unwrap(), result, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_climb_ends_after_some_misses_and_counts_up_to_the_first_one() {
+        for (lost, all, flights) in [(&[][..], 60, 60), (&[5, 6, 7], 4, 7), (&[3, 5, 6, 7], 2, 7)] {
+            let mut flown = 0;
+            let climb = climbed(1..=60, 3, |it| {
+                flown += 1;
+                Ok(!lost.contains(&it))
+            });
+            assert_eq!((climb.unwrap(), flown), (all, flights));
+        }
     }
 
     #[test]
     fn a_failure_ends_a_search() {
         let broken = |_: u64| Err(Failure::failed("no"));
-        assert!(
-            largest(9, broken).is_err()
-                && checked(9, 20, broken).is_err()
-                && climbed([1], 1, broken).is_err()
-        );
+        assert!(largest(9, broken).is_err());
+        assert!(checked(9, 20, broken).is_err());
+        assert!(climbed([1], 1, broken).is_err());
     }
 }

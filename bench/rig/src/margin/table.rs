@@ -6,10 +6,9 @@ use std::path::{Path, PathBuf};
 use flight_log::build::Build;
 use messages::grid::Pace;
 use report::json;
-use report::margin::{LawMargins, Margins, SCHEMA};
+use report::margin::{Margins, SCHEMA};
 use report::phrase::count;
-use report::schema::MarginSection;
-use report::schema::Report;
+use report::schema::{MarginSection, Report};
 
 use crate::build;
 use crate::settings::Settings;
@@ -32,18 +31,11 @@ const LEFT_OUT: [&str; 7] = [
 
 /// Laws, gains, airframe, trajectory, sample time, envelope and version.
 pub fn fingerprint(settings: &Settings) -> Result<String, Failure> {
-    let matters = |line: &&str| {
-        !LEFT_OUT
-            .iter()
-            .any(|key| line.split(" = ").next() == Some(key))
-    };
+    let matters = |line: &&str| !line.split(" = ").take(1).any(|key| LEFT_OUT.contains(&key));
     let shared = settings.shared_text()?;
     let lines: Vec<&str> = shared.lines().filter(matters).collect();
-    let text = format!(
-        "{SCHEMA} {}\n{}\n",
-        env!("CARGO_PKG_VERSION"),
-        lines.join("\n")
-    );
+    let version = env!("CARGO_PKG_VERSION");
+    let text = format!("{SCHEMA} {version}\n{}\n", lines.join("\n"));
     Ok(sha256_of(&text)[..16].to_owned())
 }
 
@@ -54,28 +46,32 @@ fn path(out: &Path, fingerprint: &str) -> PathBuf {
 /// Refuses a directory without write permission before any flight.
 pub fn check(out: &Path) -> Result<(), Failure> {
     let directory = out.join(DIRECTORY);
-    let made =
-        fs::create_dir_all(&directory).and_then(|()| tempfile::tempfile_in(&directory).map(drop));
+    let made = fs::create_dir_all(&directory);
+    let made = made.and_then(|()| tempfile::tempfile_in(&directory).map(drop));
     made.map_err(|e| {
+        let directory = directory.display();
         Failure::usage(format!(
-            "cannot write tables of margins into {}: {e}",
-            directory.display()
+            "cannot write tables of margins into {directory}: {e}"
         ))
         .help("name a directory that you can write, that of the flights: --out DIR")
     })
 }
 
-/// Writes one table per combination of laws, unless the same build has already written a larger one; reports each.
+/// Writes one table per combination of laws, unless the same build has already written a larger one; returns a line for
+/// each.
 pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
-    let write = |law: &LawMargins| {
+    let mut lines = Vec::new();
+    for law in &margins.laws {
         let path = path(out, &law.fingerprint);
-        if let Some(known) = read(out, &law.fingerprint).filter(|known| is_more(known, margins)) {
-            return Ok(format!(
-                "kept, for reports of flights: {}, which is of {} and outages up to {}",
-                path.display(),
+        let shown = path.display();
+        let known = read(out, &law.fingerprint);
+        if let Some(known) = known.filter(|known| is_larger(known, margins)) {
+            lines.push(format!(
+                "kept, for reports of flights: {shown}, which is of {} and outages up to {}\n",
                 count(known.phases_s.len() as u64, "phase"),
                 count(known.longest_ticks, "tick")
             ));
+            continue;
         }
         let table = Margins {
             laws: vec![law.clone()],
@@ -85,19 +81,15 @@ pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
         let draft = path.with_extension(format!("draft.{}", std::process::id()));
         fs::write(&draft, text + "\n").in_file("write", &draft)?;
         fs::rename(&draft, &path).in_file("write", &path)?;
-        Ok(format!(
-            "written, for reports of flights: {}",
-            path.display()
-        ))
-    };
-    margins.laws.iter().map(write).collect()
+        lines.push(format!("written, for reports of flights: {shown}\n"));
+    }
+    Ok(lines)
 }
 
 /// Whether a table of the same build has more phases or longer outages.
-fn is_more(known: &Margins, than: &Margins) -> bool {
-    let is_more =
-        known.phases_s.len() > than.phases_s.len() || known.longest_ticks > than.longest_ticks;
-    known.build == than.build && is_more
+fn is_larger(known: &Margins, than: &Margins) -> bool {
+    let has_more_phases = known.phases_s.len() > than.phases_s.len();
+    known.build == than.build && (has_more_phases || known.longest_ticks > than.longest_ticks)
 }
 
 /// The margins for a flight that is about to begin; none in lockstep, which has no outages.
@@ -106,29 +98,22 @@ pub fn of_flight(
     settings: &Settings,
     directory: &Path,
 ) -> Result<Option<MarginSection>, Failure> {
-    match pace {
-        Pace::Realtime(_) => Ok(Some(section(
-            &fingerprint(settings)?,
-            directory,
-            &build::here(),
-        ))),
-        Pace::Lockstep => Ok(None),
+    if pace == Pace::Lockstep {
+        return Ok(None);
     }
+    let section = section(&fingerprint(settings)?, directory, &build::here());
+    Ok(Some(section))
 }
 
 /// The margins for a recorded flight, from the table next to it.
-#[must_use]
 fn section(fingerprint: &str, directory: &Path, build: &Build) -> MarginSection {
     let table = directory.parent().and_then(|out| read(out, fingerprint));
-    table
-        .and_then(|table| MarginSection::known(fingerprint, &table, build))
-        .unwrap_or_else(|| {
-            let settings = directory.join("settings.toml");
-            MarginSection::unknown(
-                fingerprint.into(),
-                format!("ironbird margin --config {}", settings.display()),
-            )
-        })
+    let known = table.and_then(|table| MarginSection::known(fingerprint, &table, build));
+    known.unwrap_or_else(|| {
+        let settings = directory.join("settings.toml");
+        let command = format!("ironbird margin --config {}", settings.display());
+        MarginSection::unknown(fingerprint.into(), command)
+    })
 }
 
 /// A table; none if it is missing or unreadable.
@@ -140,23 +125,14 @@ fn read(out: &Path, fingerprint: &str) -> Option<Margins> {
 
 /// Looks for margins that were measured after a flight.
 pub fn look_again(report: &mut Report, directory: &Path) {
-    let Report {
-        margin: Some(margin),
-        autopsy,
-        run,
-        ..
-    } = report
-    else {
+    let Some(margin) = &mut report.margin else {
         return;
     };
-    let is_name = !margin.fingerprint.is_empty()
-        && margin
-            .fingerprint
-            .bytes()
-            .all(|byte| byte.is_ascii_hexdigit());
-    // Reports from before outages were counted by stage have nothing to hold against a table.
+    let (fingerprint, autopsy) = (&margin.fingerprint, &report.autopsy);
+    let is_name = !fingerprint.is_empty() && fingerprint.bytes().all(|it| it.is_ascii_hexdigit());
+    // Reports from before outages were counted by stage have nothing to compare with a table.
     if margin.unknown.is_some() && is_name && autopsy.longest.is_some() {
-        *margin = section(&margin.fingerprint, directory, &run.build).with(autopsy);
+        *margin = section(fingerprint, directory, &report.run.build).with(autopsy);
     }
 }
 
@@ -164,152 +140,99 @@ pub fn look_again(report: &mut Report, directory: &Path) {
 mod tests {
     use super::*;
     use messages::role::STAGES;
-    use report::comparison::Laws;
-    use report::margin::{Gate, OutageMargin};
     use report::schema::MACHINE;
+    use serde_json::json;
     use toml::Value;
 
+    fn build(commit: &str) -> Build {
+        Build {
+            commit: commit.into(),
+            ..build::here()
+        }
+    }
+
     fn margins(phases: usize, longest_ticks: u64, commit: &str) -> Margins {
-        let outage = |of: &str| OutageMargin {
-            of: of.into(),
-            ticks: vec![30; phases],
-            exceptions: Vec::new(),
-        };
-        let laws = Laws {
-            outer: "pd".into(),
-            inner: "pid".into(),
-            mixer: "priority".into(),
-        };
-        let law = LawMargins {
-            laws,
-            fingerprint: "ab".into(),
-            unfaulted_error_m: 0.0,
-            unfaulted_saturated_percent: 0.0,
-            recovered_below_m: 0.01,
-            tracked_below_m: 0.1,
-            saturated_max_percent: 10.0,
-            outages: STAGES
-                .into_iter()
-                .map(|role| role.name())
-                .chain([MACHINE])
-                .map(outage)
-                .collect(),
-            lags: Vec::new(),
-            delays: Vec::new(),
-            losses: Vec::new(),
-            patterns: Vec::new(),
-            flights: 0,
-        };
-        Margins {
-            schema: SCHEMA.into(),
-            build: Build {
-                commit: commit.into(),
-                ..build::here()
-            },
-            trajectory: "hover".into(),
-            airframe: "paper".into(),
-            preset: "flight".into(),
-            seed: 1,
-            period_s: 1e-3,
-            phases_s: vec![10.0; phases],
-            span_s: 10.0,
-            cycle_s: None,
-            sparse: 8,
-            longest_ticks,
-            steady_s: 10.0,
-            gate: Gate {
-                recovered_below_m: None,
-                tracked_below_m: 0.1,
-                recovery_max_s: 5.0,
-                limits: Vec::new(),
-            },
-            laws: vec![law],
+        let ticks = vec![30; phases];
+        let of = STAGES.into_iter().map(|role| role.name()).chain([MACHINE]);
+        let outages = of.map(|of| json!({"of": of, "ticks": ticks, "exceptions": []}));
+        let law = json!({
+            "laws": {"outer": "pd", "inner": "pid", "mixer": "priority"}, "fingerprint": "ab",
+            "unfaulted_error_m": 0.0, "unfaulted_saturated_percent": 0.0, "recovered_below_m": 0.01,
+            "tracked_below_m": 0.1, "saturated_max_percent": 10.0, "outages": outages.collect::<Vec<_>>(),
+            "lags": [], "delays": [], "losses": [], "patterns": [], "flights": 0
+        });
+        let gate = json!({
+            "recovered_below_m": null, "tracked_below_m": 0.1, "recovery_max_s": 5.0, "limits": []
+        });
+        serde_json::from_value(json!({
+            "schema": SCHEMA, "build": build(commit), "trajectory": "hover", "airframe": "paper",
+            "preset": "flight", "seed": 1, "period_s": 1e-3, "phases_s": vec![10.0; phases], "span_s": 10.0,
+            "cycle_s": null, "sparse": 8, "longest_ticks": longest_ticks, "steady_s": 10.0, "gate": gate,
+            "laws": [law]
+        }))
+        .unwrap()
+    }
+
+    #[test]
+    fn a_larger_table_is_kept_unless_another_build_made_it() {
+        let out = tempfile::tempdir().unwrap();
+        check(out.path()).unwrap();
+        let kept = "/margins/ab.json, which is of 32 phases and outages up to 2000 ticks\n";
+        for (phases, longest, commit, line, phases_after) in [
+            (1, 2000, "old", "/margins/ab.json\n", 1),
+            (32, 2000, "old", "/margins/ab.json\n", 32),
+            (1, 2000, "old", kept, 32),
+            // Shorter outages.
+            (64, 60, "old", kept, 32),
+            (1, 60, "new", "/margins/ab.json\n", 1),
+        ] {
+            let lines = write(out.path(), &margins(phases, longest, commit)).unwrap();
+            assert!(lines[0].ends_with(line), "{lines:?}");
+            let table = read(out.path(), "ab").unwrap();
+            assert_eq!(table.phases_s.len(), phases_after);
         }
     }
 
     #[test]
-    fn a_table_of_more_phases_is_kept_unless_another_build_made_it() {
-        let out = tempfile::tempdir().unwrap();
-        check(out.path()).unwrap();
-        let write = |phases, longest, commit| {
-            write(out.path(), &margins(phases, longest, commit))
-                .unwrap()
-                .join(" ")
-        };
-        let phases = || read(out.path(), "ab").map_or(0, |table| table.phases_s.len());
-        assert!(write(1, 2000, "old").starts_with("written, for reports of flights: "));
-        assert!(write(32, 2000, "old").ends_with("ab.json") && phases() == 32);
-        let kept = write(1, 2000, "old");
-        assert!(
-            kept.ends_with("ab.json, which is of 32 phases and outages up to 2000 ticks"),
-            "{kept}"
-        );
-        assert!(
-            write(64, 60, "old").starts_with("kept") && phases() == 32,
-            "shorter outages"
-        );
-        assert!(
-            write(1, 60, "new").starts_with("written") && phases() == 1,
-            "another build"
-        );
-    }
-
-    #[test]
-    fn a_flight_of_another_build_is_told_who_measured() {
+    fn the_report_of_another_build_names_the_build_that_measured() {
         let out = tempfile::tempdir().unwrap();
         check(out.path()).unwrap();
         write(out.path(), &margins(32, 2000, "old")).unwrap();
         let run = out.path().join("run");
-        let of = |commit: &str| {
-            section(
-                "ab",
-                &run,
-                &Build {
-                    commit: commit.into(),
-                    ..build::here()
-                },
-            )
-        };
-        assert!(of("old").unknown.is_none() && of("old").measured_by.is_none());
+        let same = section("ab", &run, &build("old"));
+        assert_eq!((same.unknown, same.measured_by), (None, None));
+        let other = section("ab", &run, &build("new")).measured_by;
         assert!(
-            of("new")
-                .measured_by
-                .is_some_and(|build| build.starts_with("old"))
+            other.as_ref().is_some_and(|build| build.starts_with("old")),
+            "{other:?}"
         );
-        assert!(section("cd", &run, &build::here()).unknown.is_some());
+        assert!(section("cd", &run, &build("old")).unknown.is_some());
     }
 
     #[test]
-    fn a_fingerprint_is_of_what_matters_and_of_nothing_else() {
+    fn a_fingerprint_depends_on_what_matters_and_on_nothing_else() {
         let of = |set: &[(&'static str, Value)]| {
             fingerprint(&Settings::resolve(None, &set.to_vec()).unwrap()).unwrap()
         };
         let plain = of(&[]);
-        assert!(
-            plain.len() == 16 && plain.bytes().all(|byte| byte.is_ascii_hexdigit()),
-            "{plain}"
-        );
-        for same in [
-            ("flight.duration_s", Value::from(60.0)),
-            ("flight.seed", Value::from(7)),
-            ("flight.pace", Value::from("lockstep")),
-            ("flight.slowdown", Value::from(4)),
-            ("flight.faults", Value::from(vec!["mass_kg=0.6@8s"])),
-            ("recorder.out", Value::from("elsewhere")),
-            ("rt.priority", Value::from(50)),
+        assert_eq!(plain.len(), 16);
+        for (key, value, matters) in [
+            ("flight.duration_s", Value::from(60.0), false),
+            ("flight.seed", Value::from(7), false),
+            ("flight.pace", Value::from("lockstep"), false),
+            ("flight.slowdown", Value::from(4), false),
+            ("flight.faults", Value::from(vec!["mass_kg=0.6@8s"]), false),
+            ("recorder.out", Value::from("elsewhere"), false),
+            ("rt.priority", Value::from(50), false),
+            ("flight.period_s", Value::from(0.002), true),
+            ("flight.trajectory", Value::from("hover"), true),
+            ("flight.position_error_max_m", Value::from(5.0), true),
+            ("inner.law", Value::from("indi"), true),
+            ("inner.alpha_1_s", Value::from(150.0), true),
+            ("plant.mass_kg", Value::from(0.53), true),
+            ("trajectory.period", Value::from(2.0), true),
         ] {
-            assert_eq!(of(std::slice::from_ref(&same)), plain, "{}", same.0);
-        }
-        for other in [
-            ("flight.period_s", Value::from(0.002)),
-            ("flight.trajectory", Value::from("hover")),
-            ("flight.position_error_max_m", Value::from(5.0)),
-            ("inner.law", Value::from("indi")),
-            ("inner.alpha_1_s", Value::from(150.0)),
-            ("plant.mass_kg", Value::from(0.53)),
-            ("trajectory.period", Value::from(2.0)),
-        ] {
-            assert_ne!(of(std::slice::from_ref(&other)), plain, "{}", other.0);
+            assert_eq!(of(&[(key, value)]) != plain, matters, "{key}");
         }
     }
 }

@@ -14,26 +14,19 @@ pub enum Target {
 }
 
 /// All targets, in the order of the report.
-#[must_use]
-pub fn all() -> Vec<Target> {
-    let stages = STAGES
-        .into_iter()
-        .map(Target::Stage)
-        .chain([Target::Machine]);
-    stages.chain(PORTS.into_iter().map(Target::Input)).collect()
+pub fn all() -> impl Iterator<Item = Target> {
+    let stages = STAGES.into_iter().map(Target::Stage);
+    let inputs = PORTS.into_iter().map(Target::Input);
+    stages.chain([Target::Machine]).chain(inputs)
 }
 
 /// Values of --only: stages, `machine`, topics.
 #[must_use]
 pub fn names() -> Vec<&'static str> {
-    let mut names: Vec<&'static str> = STAGES
-        .into_iter()
-        .map(Role::name)
-        .chain([MACHINE])
-        .collect();
-    for topic in PORTS.into_iter().map(Port::topic) {
-        if !names.contains(&topic) {
-            names.push(topic);
+    let mut names: Vec<&'static str> = Vec::new();
+    for name in all().map(Target::group) {
+        if !names.contains(&name) {
+            names.push(name);
         }
     }
     names
@@ -43,19 +36,23 @@ impl Target {
     #[must_use]
     pub fn name(self) -> String {
         match self {
-            Self::Stage(role) => role.name().into(),
-            Self::Machine => MACHINE.into(),
             Self::Input(port) => port.to_string(),
+            Self::Stage(_) | Self::Machine => self.group().into(),
+        }
+    }
+
+    /// The value of --only that selects it.
+    fn group(self) -> &'static str {
+        match self {
+            Self::Stage(role) => role.name(),
+            Self::Machine => MACHINE,
+            Self::Input(port) => port.topic(),
         }
     }
 
     #[must_use]
-    pub fn is_meant_by(self, word: &str) -> bool {
-        match self {
-            Self::Stage(role) => role.name() == word,
-            Self::Machine => word == MACHINE,
-            Self::Input(port) => port.topic() == word,
-        }
+    pub fn is_named_by(self, word: &str) -> bool {
+        self.group() == word
     }
 
     /// The fault for an outage of `ticks` ticks from a tick on.
@@ -76,40 +73,29 @@ mod tests {
     use crate::fault::Fault;
 
     #[test]
-    fn faults_are_those_that_are_typed() {
+    fn an_outage_is_a_fault_as_a_user_types_it() {
         for target in all() {
             let typed = target.outage(8000, 47, 1_000_000);
             let fault: Fault = typed.parse().expect(&typed);
             assert_eq!(fault.from.tick(0.001), 8000, "{typed}");
         }
-        let outage = |target: Target| target.outage(10, 3, 2_000_000);
-        assert_eq!(
-            outage(Target::Stage(Role::Inner)),
-            "inner.stop=6000000ns@tick10"
-        );
-        assert_eq!(
-            outage(Target::Input(Port::InnerSetpoint)),
-            "inner.setpoint.drop=1@tick10..tick13"
-        );
-        assert_eq!(
-            outage(Target::Machine).matches(".stop=6000000ns").count(),
-            4
-        );
+        let stop = |role: &str| format!("{role}.stop=6000000ns");
+        let machine = ["plant", "outer", "inner", "mixer"].map(stop).join(",");
+        let input = Target::Input(Port::InnerSetpoint);
+        for (target, fault) in [
+            (Target::Stage(Role::Inner), stop("inner") + "@tick10"),
+            (Target::Machine, machine + "@tick10"),
+            (input, "inner.setpoint.drop=1@tick10..tick13".into()),
+        ] {
+            assert_eq!(target.outage(10, 3, 2_000_000), fault);
+        }
     }
 
     #[test]
-    fn a_topic_means_all_inputs_of_it() {
-        let meant = |word: &str| all().into_iter().filter(|it| it.is_meant_by(word)).count();
-        assert_eq!(
-            [
-                meant("state"),
-                meant("wrench"),
-                meant("outer"),
-                meant("machine"),
-                meant("x")
-            ],
-            [2, 1, 1, 1, 0]
-        );
+    fn a_topic_selects_all_its_inputs() {
+        let selected = |word: &str| all().filter(|it| it.is_named_by(word)).count();
+        let words = ["state", "wrench", "outer", "machine", "x"];
+        assert_eq!(words.map(selected), [2, 1, 1, 1, 0]);
         assert_eq!(names().len(), 9);
     }
 }

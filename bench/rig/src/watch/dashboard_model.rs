@@ -1,15 +1,19 @@
-//! The dashboard's state: the flight, and what the user looks at.
+//! The dashboard's state: the flight, and what the user looks at and types.
 //!
-//! It has no inputs and outputs of its own: others pass it messages and keys, and it returns the action of [`Model::key`](crate::watch::keys).
+//! It has no inputs and outputs of its own: others pass it messages and keys, and carry out the action of [`Model::key`].
 
 use std::collections::{BTreeMap, VecDeque};
+use std::time::Duration;
 
 use messages::blackboards::{ActiveParameters, EndReason, Run, Status};
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
 use messages::monitor::Monitor;
 use messages::parameters::{Airframe, Parameter, SPECS};
 use messages::role::{Role, STAGES};
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
+use crate::fault::{Change, Desired};
+use crate::inject::words_of;
 use crate::observation::ObservedMessage;
 use crate::settings::PointsFile;
 use crate::settings::airframe::airframe_of;
@@ -22,53 +26,48 @@ use report::flight_statistics::{FlightStatistics, is_last_word};
 use report::host::Steal;
 use report::laws::FlownLaws;
 use report::schema::{Explained, Verdicts};
+use report::series::Series;
 use report::speed::Speed;
 use report::swaps::AppliedSwap;
 use report::tracking::Tracking;
 use report::verdicts::{TrackingLimits, flight_verdict, stability_verdict, timing_verdict};
 
+const NUMBER_MAX: usize = 24;
+const FAULT_MAX: usize = 120;
+/// Allowed characters besides digits: for numbers, `nominal`, shares, and the units of a ramp's duration.
+const NUMBER: &str = ".+-eE%~nominalmsuhd";
+
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tab {
-    /// Where the airframe is, and where it should be.
     #[default]
     Flight,
     Latency,
     Theorem,
     Plant,
     RealTime,
-    /// What the laws show of themselves.
     Laws,
 }
 
 impl Tab {
-    pub const ALL: [Self; 6] = [
-        Self::Flight,
-        Self::Latency,
-        Self::Theorem,
-        Self::Plant,
-        Self::RealTime,
-        Self::Laws,
+    pub const ALL: [(Self, &'static str); 6] = [
+        (Self::Flight, "Flight"),
+        (Self::Latency, "Latency"),
+        (Self::Theorem, "Theorem"),
+        (Self::Plant, "Plant"),
+        (Self::RealTime, "Real time"),
+        (Self::Laws, "Laws"),
     ];
-
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Flight => "Flight",
-            Self::Latency => "Latency",
-            Self::Theorem => "Theorem",
-            Self::Plant => "Plant",
-            Self::RealTime => "Real time",
-            Self::Laws => "Laws",
-        }
-    }
 }
 
-/// A message for the user.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Said {
-    pub text: String,
-    /// Whether it reports an error.
-    pub refused: bool,
+/// The action that a key requests.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    None,
+    Quit,
+    EndFlight,
+    Reset,
+    /// Change a parameter, at once or gradually; or inject a fault, permanently or for a time.
+    Inject(Vec<Change>, Option<Duration>),
 }
 
 #[derive(Clone, Debug, Default)]
@@ -77,17 +76,17 @@ pub struct ParameterPage {
     pub selected: usize,
     /// The text being typed: a new value or a fault.
     pub typed: Option<String>,
-    pub fault: bool,
+    pub is_fault: bool,
     /// Whether the plant's answer is pending.
     pub waits: bool,
-    /// The result of the last request.
-    pub said: Option<Said>,
+    /// The result of the last request, or why it was refused.
+    pub result: Option<Result<String, String>>,
 }
 
 impl ParameterPage {
     #[must_use]
     pub fn parameter(&self) -> Parameter {
-        SPECS[self.selected.min(SPECS.len() - 1)].parameter
+        SPECS[self.selected].parameter
     }
 }
 
@@ -101,7 +100,7 @@ pub struct Model {
     pub help: bool,
     /// Row of the table of latencies.
     pub series: usize,
-    pub desk: ParameterPage,
+    pub parameters: ParameterPage,
     /// The current or last flight.
     pub flight: Option<WatchedFlight>,
 }
@@ -116,23 +115,20 @@ impl Model {
             tab: Tab::default(),
             help: false,
             series: 0,
-            desk: ParameterPage::default(),
+            parameters: ParameterPage::default(),
             flight: None,
         }
     }
 
-    /// Whether a flight is running.
     #[must_use]
-    pub fn flies(&self) -> bool {
-        self.flight
-            .as_ref()
-            .is_some_and(|flight| flight.ending.is_none())
+    pub fn is_flying(&self) -> bool {
+        matches!(&self.flight, Some(flight) if flight.ending.is_none())
     }
 
     pub fn join(&mut self, run: &Run, settings: BTreeMap<String, String>) -> Result<(), Failure> {
         self.flight = Some(WatchedFlight::new(run, settings)?);
-        self.desk = ParameterPage {
-            selected: self.desk.selected,
+        self.parameters = ParameterPage {
+            selected: self.parameters.selected,
             ..ParameterPage::default()
         };
         Ok(())
@@ -140,21 +136,125 @@ impl Model {
 
     /// Takes the plant's answer to an injection.
     pub fn answer(&mut self, answer: Result<String, Failure>) {
-        self.desk.waits = false;
-        self.desk.said = Some(match answer {
-            Ok(injected) => Said {
-                text: injected.split_whitespace().collect::<Vec<_>>().join(" "),
-                refused: false,
-            },
-            Err(failure) => Said {
-                text: failure.to_string(),
-                refused: true,
-            },
-        });
+        self.parameters.waits = false;
+        let in_one_line = |text: String| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        self.parameters.result = Some(answer.map(in_one_line).map_err(|e| e.to_string()));
     }
 
     pub fn reset(&mut self) -> Result<(), Failure> {
         self.flight.as_mut().map_or(Ok(()), WatchedFlight::reset)
+    }
+
+    pub fn key(&mut self, key: KeyEvent) -> Action {
+        let is_control = key.modifiers.contains(KeyModifiers::CONTROL);
+        match key.code {
+            _ if key.kind == KeyEventKind::Release => return Action::None,
+            KeyCode::Char('c') if is_control && self.launched => return Action::EndFlight,
+            KeyCode::Char('c') if is_control => return Action::Quit,
+            _ if std::mem::take(&mut self.help) && key.code != KeyCode::Char('q') => {}
+            code if self.parameters.typed.is_some() => return self.type_text(code, is_control),
+            KeyCode::Char('q') | KeyCode::Esc => return Action::Quit,
+            KeyCode::Char('?' | 'h') => self.help = true,
+            KeyCode::Char('r') => return Action::Reset,
+            KeyCode::Tab | KeyCode::Right => self.turn(1),
+            KeyCode::BackTab | KeyCode::Left => self.turn(Tab::ALL.len() - 1),
+            KeyCode::Char(digit @ '1'..='6') => {
+                self.tab = Tab::ALL[digit as usize - '1' as usize].0;
+            }
+            code => self.move_in_table(code),
+        }
+        Action::None
+    }
+
+    fn turn(&mut self, by: usize) {
+        self.tab = Tab::ALL[(self.tab as usize + by) % Tab::ALL.len()].0;
+    }
+
+    fn move_in_table(&mut self, code: KeyCode) {
+        let (selected, last) = match self.tab {
+            Tab::Latency => (&mut self.series, Series::all().len() - 1),
+            Tab::Plant => (&mut self.parameters.selected, SPECS.len() - 1),
+            _ => return,
+        };
+        match code {
+            KeyCode::Up | KeyCode::Char('k') => *selected = selected.saturating_sub(1),
+            KeyCode::Down | KeyCode::Char('j') => *selected = (*selected + 1).min(last),
+            KeyCode::Home => *selected = 0,
+            KeyCode::End => *selected = last,
+            KeyCode::Enter | KeyCode::Char('f') if self.tab == Tab::Plant => {
+                self.begin_typing(code != KeyCode::Enter);
+            }
+            _ => {}
+        }
+    }
+
+    fn begin_typing(&mut self, is_fault: bool) {
+        let is_flying = self.is_flying();
+        let page = &mut self.parameters;
+        if !is_flying {
+            page.result = Some(Err("no flight is running: nothing to inject into".into()));
+        } else if !page.waits {
+            (page.typed, page.is_fault) = (Some(String::new()), is_fault);
+            page.result = None;
+        }
+    }
+
+    /// Keys while the user types a value or a fault. Ctrl-U empties the line; other control keys are ignored.
+    fn type_text(&mut self, code: KeyCode, is_control: bool) -> Action {
+        let is_fault = self.parameters.is_fault;
+        let typed = self.parameters.typed.get_or_insert_default();
+        let is_allowed = |c: char| match is_fault {
+            true => c.is_ascii_graphic() || c == ' ',
+            false => c.is_ascii_digit() || NUMBER.contains(c),
+        };
+        match code {
+            KeyCode::Char('u') if is_control => typed.clear(),
+            _ if is_control => {}
+            KeyCode::Char(c) => {
+                let most = if is_fault { FAULT_MAX } else { NUMBER_MAX };
+                if typed.len() < most && is_allowed(c) {
+                    typed.push(c);
+                }
+            }
+            KeyCode::Backspace => drop(typed.pop()),
+            KeyCode::Esc => self.parameters.typed = None,
+            KeyCode::Enter => return self.inject(),
+            _ => {}
+        }
+        Action::None
+    }
+
+    /// Injects the typed value, or the typed fault such as `state.drop=0.1 for 1s`; an invalid one stays for correction.
+    fn inject(&mut self) -> Action {
+        let typed = self.parameters.typed.take().unwrap_or_default();
+        if typed.trim().is_empty() {
+            return Action::None;
+        }
+        let read = if self.parameters.is_fault {
+            words_of(&typed)
+        } else {
+            self.value(&typed).map(|change| (vec![change], None))
+        };
+        match read {
+            Ok((changes, lasts)) => {
+                self.parameters.waits = true;
+                Action::Inject(changes, lasts)
+            }
+            Err(why) => {
+                self.parameters.typed = Some(typed);
+                self.parameters.result = Some(Err(why));
+                Action::None
+            }
+        }
+    }
+
+    fn value(&self, typed: &str) -> Result<Change, String> {
+        let flight = self.flight.as_ref();
+        let airframe = flight.map_or(Airframe::nominal(), |flight| flight.airframe);
+        let text = format!("{}={typed}", self.parameters.parameter());
+        let value: Desired = text.parse().map_err(|e| format!("{e}"))?;
+        value.of(&airframe).map_err(|e| e.to_string())?;
+        Ok(Change::Parameter(value))
     }
 }
 
@@ -164,12 +264,12 @@ pub struct WatchedFlight {
     /// The run as its plant publishes it.
     pub run: Run,
     /// Settings shared by all roles, by key.
-    pub settings: BTreeMap<String, String>,
+    settings: BTreeMap<String, String>,
     pub ending: Option<EndReason>,
     /// Whether the recorder runs, which passes messages on and runs the Lyapunov monitor; or ran at the end of the flight.
     pub recorder_lives: bool,
     /// Statistics since the dashboard joined, or since they were reset.
-    pub tally: FlightStatistics,
+    pub statistics: FlightStatistics,
     /// Messages lost before they were reset.
     lost_before: u64,
     tracking: Tracking,
@@ -180,19 +280,19 @@ pub struct WatchedFlight {
     /// The monitor's latest result.
     pub monitor: Option<Monitor>,
     /// Position error [m].
-    pub position_error: ErrorTrace,
+    pub position_error: Trace,
     /// V_th [rad^2/s^2].
-    pub v_th: ErrorTrace,
-    /// V [rad^2/s^2].
-    pub v: ErrorTrace,
-    pub crew: BTreeMap<Role, Status>,
-    pub in_force: ActiveParameters,
+    pub v_th: Trace,
+    pub statuses: BTreeMap<Role, Status>,
+    pub active: ActiveParameters,
     /// The latest parameter change that the dashboard received.
     pub newest_swap: Option<AppliedSwap>,
     /// The airframe as it was built.
     pub airframe: Airframe,
     pub laws: FlownLaws,
-    pub steal: StealWatch,
+    /// The loops' CPU and its times when the dashboard first knew that CPU, and what the hypervisor took since.
+    cpu_times: Option<(Option<u64>, CpuTimes)>,
+    steal: Steal,
 }
 
 impl WatchedFlight {
@@ -200,8 +300,8 @@ impl WatchedFlight {
         let tracking = tracking(run, &settings)?;
         let airframe = airframe_of(&settings)?;
         let laws = law_settings::shared(&settings)?;
-        let mut tally = Self::tally(run, tracking, laws)?;
-        tally.theorem.flown_by(&airframe);
+        let mut statistics = Self::statistics(run, tracking, laws)?;
+        statistics.theorem.flown_by(&airframe);
         Ok(Self {
             airframe,
             laws,
@@ -209,7 +309,7 @@ impl WatchedFlight {
             settings,
             ending: None,
             recorder_lives: true,
-            tally,
+            statistics,
             lost_before: 0,
             tracking,
             state: None,
@@ -217,47 +317,49 @@ impl WatchedFlight {
             wrench: None,
             rotor_speeds: None,
             monitor: None,
-            position_error: ErrorTrace::default(),
-            v_th: ErrorTrace::default(),
-            v: ErrorTrace::default(),
-            crew: BTreeMap::new(),
-            in_force: ActiveParameters::default(),
+            position_error: Trace::default(),
+            v_th: Trace::default(),
+            statuses: BTreeMap::new(),
+            active: ActiveParameters::default(),
             newest_swap: None,
-            steal: StealWatch::default(),
+            cpu_times: None,
+            steal: Steal::default(),
         })
     }
 
-    fn tally(run: &Run, tracking: Tracking, laws: FlownLaws) -> Result<FlightStatistics, Failure> {
-        let mut tally = FlightStatistics::joining(run.pace(), run.t0_ns, tracking)?;
-        tally.flown_by(laws);
-        Ok(tally)
+    fn statistics(
+        run: &Run,
+        tracking: Tracking,
+        laws: FlownLaws,
+    ) -> Result<FlightStatistics, Failure> {
+        let mut statistics = FlightStatistics::joining(run.pace(), run.t0_ns, tracking)?;
+        statistics.flown_by(laws);
+        Ok(statistics)
     }
 
     fn reset(&mut self) -> Result<(), Failure> {
         self.lost_before = self.lost();
-        let theorem = self.tally.theorem;
-        self.tally = Self::tally(&self.run, self.tracking, self.laws)?;
+        let theorem = self.statistics.theorem;
+        self.statistics = Self::statistics(&self.run, self.tracking, self.laws)?;
         // The recorder counts these, from the start of the flight.
-        self.tally.theorem = theorem;
-        self.position_error = ErrorTrace::default();
-        self.v_th = ErrorTrace::default();
-        self.v = ErrorTrace::default();
+        self.statistics.theorem = theorem;
+        self.position_error = Trace::default();
+        self.v_th = Trace::default();
         Ok(())
     }
 
     /// Messages that were overwritten before the dashboard read them.
     #[must_use]
     pub fn lost(&self) -> u64 {
-        self.lost_before + self.tally.lost().iter().sum::<u64>()
+        self.lost_before + self.statistics.lost().iter().sum::<u64>()
     }
 
-    /// Tick of the newest state; that of the plant's board before the first.
+    /// Tick of the newest state; that of the plant's blackboard before the first.
     #[must_use]
     pub fn tick(&self) -> u64 {
-        if self.state.is_some() {
-            self.tally.newest_tick()
-        } else {
-            self.run.tick
+        match self.state {
+            Some(_) => self.statistics.newest_tick(),
+            None => self.run.tick,
         }
     }
 
@@ -276,170 +378,138 @@ impl WatchedFlight {
     pub fn take(&mut self, seen: ObservedMessage<'_>) {
         match seen {
             ObservedMessage::State(message) => {
-                self.tally.state(message);
+                self.statistics.state(message);
                 self.state = Some(message.content);
                 let tick = message.envelope.tick;
-                self.position_error.take(
-                    self.run.flight_time_s(tick),
-                    self.tracking.error_m(tick, &message.content),
-                );
+                let error_m = self.tracking.error_m(tick, &message.content);
+                self.position_error
+                    .take(self.run.flight_time_s(tick), error_m);
             }
             ObservedMessage::Setpoint(message) => {
-                self.tally.setpoint(message);
+                self.statistics.setpoint(message);
                 self.setpoint = Some(message.content);
             }
             ObservedMessage::Wrench(message) => {
-                self.tally.wrench(message);
+                self.statistics.wrench(message);
                 self.wrench = Some(message.content);
             }
             ObservedMessage::RotorSpeeds(message) => {
-                self.tally.rotor_speeds(message);
+                self.statistics.rotor_speeds(message);
                 if !is_last_word(message) {
                     self.rotor_speeds = Some(message.content);
                 }
             }
             ObservedMessage::Swap(message) => {
-                self.tally.swap(message);
-                let period_s = self.run.sample_time_ns as f64 / 1e9;
-                self.newest_swap = Some(AppliedSwap::new(
-                    message.envelope.tick,
-                    period_s,
-                    &message.content,
-                ));
+                self.statistics.swap(message);
+                let (tick, period_s) = (message.envelope.tick, self.run.flight_time_s(1));
+                self.newest_swap = Some(AppliedSwap::new(tick, period_s, &message.content));
             }
             ObservedMessage::Theorem(message) => {
-                self.tally.theorem(message);
+                self.statistics.theorem(message);
                 self.monitor = Some(message.content);
                 let time_s = self.run.flight_time_s(message.envelope.tick);
                 self.v_th.take(time_s, message.content.v_th);
-                self.v.take(time_s, message.content.v);
             }
+        }
+    }
+
+    /// Updates the time that the hypervisor took from the loops' CPU.
+    pub fn update_steal(&mut self) {
+        let loops = STAGES.map(|role| self.statuses.get(&role).copied().unwrap_or_default());
+        let processor = Watch::new(&loops, true).processor;
+        let now = CpuTimes::read(processor);
+        match &self.cpu_times {
+            Some((known, begin)) if *known == processor => self.steal = begin.steal_until(&now),
+            _ => self.cpu_times = Some((processor, now)),
+        }
+    }
+
+    /// The three verdicts on the flight so far.
+    #[must_use]
+    pub fn verdicts(&self) -> Verdicts {
+        let (run, statistics) = (&self.run, &self.statistics);
+        // Counted by the plant, from the start of the flight.
+        let mut ticks = statistics.ticks(run);
+        ticks.skipped = run.ticks_skipped;
+        let begun = match self.tick() {
+            NO_TICK => 0,
+            tick => tick + 1,
+        };
+        ticks.run = begun.saturating_sub(run.ticks_skipped);
+        let limit = |key: &str| self.setting(key).parse::<f64>().ok();
+        let limits = limit("flight.tracking_error_max_m").zip(limit("flight.ground_z_m"));
+        let unknown = || Explained {
+            why: "the limits of the flight are unknown".into(),
+            ..Explained::default()
+        };
+        let tracked = |(error_max_m, ground_z_m)| {
+            let limits = TrackingLimits {
+                error_max_m,
+                ground_z_m,
+            };
+            flight_verdict(&statistics.flight(), self.ending, &limits)
+        };
+        let not_fresh = statistics.not_fresh(&ticks).unwrap_or_default();
+        let speed = Speed::of(run.period_ns, run.sample_time_ns);
+        Verdicts {
+            flight: limits.map_or_else(unknown, tracked),
+            timing: timing_verdict(&ticks, &not_fresh, speed, &self.steal),
+            theorem: stability_verdict(&statistics.theorem.section()),
         }
     }
 }
 
 /// The reference trajectory of a flight, from its shared settings.
 fn tracking(run: &Run, settings: &BTreeMap<String, String>) -> Result<Tracking, Failure> {
-    const KEY: &str = "flight.trajectory";
-    let name = settings.get(KEY).map_or("", String::as_str);
+    let setting = |key: &str| settings.get(key).map_or("", String::as_str);
+    let name = setting("flight.trajectory");
     let course = if is_file(name) {
-        let sha256 = settings.get("trajectory.sha256").map_or("", String::as_str);
+        let sha256 = setting("trajectory.sha256");
         let gone = |what: String| {
             Failure::failed(what).help(format!(
                 "restore the file with SHA-256 {sha256}, and start watch again; the flight itself continues, and flight.mcap \
                  contains its points"
             ))
         };
-        let read = PointsFile::read(name);
-        let points =
-            read.map_err(|e| gone(format!("the trajectory of the flight cannot be shown: {e}")))?;
+        let points = PointsFile::read(name)
+            .map_err(|e| gone(format!("the trajectory of the flight cannot be shown: {e}")))?;
         if points.sha256 != sha256 {
-            return Err(gone(format!(
-                "the trajectory file {name} has changed since the flight began"
-            )));
+            let what = format!("the trajectory file {name} has changed since the flight began");
+            return Err(gone(what));
         }
         points.course
     } else {
-        built_in(name)
-            .map_err(|e| Failure::failed(format!("{KEY} of the flight is `{name}`: {e}")))?
+        let unknown = |e| format!("flight.trajectory of the flight is `{name}`: {e}");
+        built_in(name).map_err(|e| Failure::failed(unknown(e)))?
     };
-    let number = |key: &str| {
-        settings
-            .get(key)
-            .and_then(|value| value.parse().ok())
-            .unwrap_or(1.0)
-    };
+    let number = |key: &str| setting(key).parse().unwrap_or(1.0);
     let course = course.stretched(number("trajectory.size"), number("trajectory.period"));
-    Ok(Tracking::along(course, run.sample_time_ns as f64 / 1e9))
-}
-
-/// CPU time that the hypervisor took from the loops' CPU, since the dashboard knows that CPU.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct StealWatch {
-    begin: Option<(Option<u64>, CpuTimes)>,
-    pub steal: Steal,
-}
-
-impl StealWatch {
-    /// Updates the figures for the CPU of this flight's loops.
-    pub fn look(&mut self, flight: &WatchedFlight) {
-        let loops = STAGES.map(|role| flight.crew.get(&role).copied().unwrap_or_default());
-        let processor = Watch::new(&loops, true).processor;
-        let now = CpuTimes::read(processor);
-        match &self.begin {
-            Some((of, begin)) if *of == processor => self.steal = begin.steal_until(&now),
-            _ => self.begin = Some((processor, now)),
-        }
-    }
-}
-
-/// The three verdicts on a flight so far.
-#[must_use]
-pub fn verdicts(flight: &WatchedFlight) -> Verdicts {
-    let (run, tally) = (&flight.run, &flight.tally);
-    let speed = Speed::of(run.period_ns, run.sample_time_ns);
-    // Counted by the plant, from the start of the flight.
-    let mut ticks = tally.ticks(run);
-    ticks.skipped = run.ticks_skipped;
-    let begun = if flight.tick() == NO_TICK {
-        0
-    } else {
-        flight.tick() + 1
-    };
-    ticks.run = begun.saturating_sub(run.ticks_skipped);
-    let limit = |key: &str| flight.setting(key).parse::<f64>().ok();
-    let limits = limit("flight.tracking_error_max_m").zip(limit("flight.ground_z_m"));
-    let unknown = || Explained {
-        why: "the limits of the flight are unknown".into(),
-        ..Explained::default()
-    };
-    let tracked = |(error_max_m, ground_z_m)| {
-        flight_verdict(
-            &tally.flight(),
-            flight.ending,
-            &TrackingLimits {
-                error_max_m,
-                ground_z_m,
-            },
-        )
-    };
-    Verdicts {
-        flight: limits.map_or_else(unknown, tracked),
-        timing: timing_verdict(
-            &ticks,
-            &tally.not_fresh(&ticks).unwrap_or_default(),
-            speed,
-            &flight.steal.steal,
-        ),
-        theorem: stability_verdict(&tally.theorem.section()),
-    }
+    Ok(Tracking::along(course, run.flight_time_s(1)))
 }
 
 /// Flight time of a point [s].
 pub const POINT_S: f64 = 0.1;
 pub const POINTS: usize = 600;
 
-/// The last [`POINTS`] points.
+/// The last [`POINTS`] points: the largest value of each tenth of a second.
 #[derive(Clone, Debug, Default)]
-pub struct ErrorTrace {
+pub struct Trace {
     points: VecDeque<f64>,
     /// The current point: its number, and the largest value so far.
     present: Option<(u64, f64)>,
 }
 
-impl ErrorTrace {
+impl Trace {
     /// Takes the value at a time of the flight [s].
     pub fn take(&mut self, time_s: f64, value: f64) {
         let number = (time_s / POINT_S) as u64;
         match &mut self.present {
             Some((present, largest)) if *present == number => *largest = largest.max(value),
             present => {
-                if let Some((_, largest)) = present.replace((number, value)) {
-                    self.points.push_back(largest);
-                    if self.points.len() > POINTS {
-                        self.points.pop_front();
-                    }
-                }
+                let last = present.replace((number, value));
+                self.points.extend(last.map(|(_, largest)| largest));
+                let surplus = self.points.len().saturating_sub(POINTS);
+                self.points.drain(..surplus);
             }
         }
     }
@@ -447,14 +517,14 @@ impl ErrorTrace {
     /// At most `most` newest points, in order of time.
     #[must_use]
     pub fn newest(&self, most: usize) -> Vec<f64> {
-        let all = self
-            .points
-            .iter()
-            .copied()
-            .chain(self.present.map(|(_, largest)| largest));
-        let skipped =
-            (self.points.len() + usize::from(self.present.is_some())).saturating_sub(most);
-        all.skip(skipped).collect()
+        let present = self.present.map(|(_, largest)| largest);
+        let newest_first = present
+            .into_iter()
+            .chain(self.points.iter().rev().copied())
+            .take(most);
+        let mut points: Vec<f64> = newest_first.collect();
+        points.reverse();
+        points
     }
 }
 
@@ -463,31 +533,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_point_is_the_largest_of_its_tenth_of_a_second() {
-        let mut trace = ErrorTrace::default();
-        for (time_s, value) in [
-            (0.01, 1.0),
-            (0.05, 3.0),
-            (0.09, 2.0),
-            (0.11, 5.0),
-            (0.21, 4.0),
-        ] {
-            trace.take(time_s, value);
+    fn a_point_is_the_largest_of_its_tenth_of_a_second_and_old_points_are_dropped() {
+        let mut trace = Trace::default();
+        for (i, value) in [1.0, 3.0, 2.0, 5.0, 4.0].into_iter().enumerate() {
+            trace.take([0.01, 0.05, 0.09, 0.11, 0.21][i], value);
         }
         assert_eq!(trace.newest(10), [3.0, 5.0, 4.0]);
         assert_eq!(trace.newest(2), [5.0, 4.0]);
-    }
-
-    #[test]
-    fn old_points_are_dropped() {
-        let mut trace = ErrorTrace::default();
-        for i in 0..2 * POINTS {
+        for i in 3..2 * POINTS {
             trace.take(i as f64 * POINT_S + 0.01, i as f64);
         }
         let points = trace.newest(usize::MAX);
-        assert_eq!(
-            (points.len(), points.last()),
-            (POINTS + 1, Some(&((2 * POINTS - 1) as f64)))
-        );
+        let newest = (2 * POINTS - 1) as f64;
+        assert_eq!((points.len(), points[POINTS]), (POINTS + 1, newest));
     }
 }

@@ -1,77 +1,141 @@
 //! The dashboard's screen: a pure function of the model.
 //!
 //! ```text
-//! head    instance, phase, time, tick, misses
-//! words   does it track, is it in time, does the theorem hold
+//! header    instance, phase, time, tick, misses
+//! verdicts  does it track, is it in time, does the theorem hold
 //! tabs
-//! body    a page per file
-//! foot    keys
+//! page      one of six
+//! keys
 //! ```
+//!
+//! Every colour is visible on black and on white, and text always says the same as the colour.
 
-mod drawing;
-mod flight_page;
-mod help_window;
-mod latency_page;
-mod laws_page;
-mod lyapunov_page;
-mod plant_page;
-mod realtime_page;
+mod pages;
 
 use messages::blackboards::EndReason;
 use messages::content::NO_TICK;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Paragraph, Wrap};
+use ratatui::widgets::{Block, Clear, Paragraph, Sparkline, Wrap};
 
-use crate::watch::dashboard_model::{Model, Tab, WatchedFlight, verdicts};
-use drawing::Paint;
+use crate::watch::dashboard_model::{Model, Tab, WatchedFlight};
 use report::schema::{FlightVerdict, StabilityVerdict, TimingVerdict};
 
 /// The smallest terminal that has room for a page.
 pub const SMALLEST: (u16, u16) = (40, 12);
 
+const PLAIN: Style = Style::new();
+const GOOD: Style = Style::new().fg(Color::Green);
+const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
+const ACTUAL: Style = Style::new().fg(Color::Blue).add_modifier(Modifier::BOLD);
+const HEADING: Style = Style::new().add_modifier(Modifier::BOLD);
+const FAINT: Style = Style::new().add_modifier(Modifier::DIM);
+const SELECTED: Style = Style::new().add_modifier(Modifier::REVERSED);
+
+const fn good_or_bad(is_good: bool) -> Style {
+    if is_good { GOOD } else { BAD }
+}
+
 pub fn draw(model: &Model, frame: &mut Frame<'_>) {
-    let paint = Paint::new(model.colours);
     let area = frame.area();
-    if area.width < SMALLEST.0 || area.height < SMALLEST.1 {
+    let (width, height) = SMALLEST;
+    if area.width < width || area.height < height {
         let text = format!(
-            "{} x {} is too small: ironbird watch needs {} x {}",
-            area.width, area.height, SMALLEST.0, SMALLEST.1
+            "{} x {} is too small: ironbird watch needs {width} x {height}",
+            area.width, area.height
         );
         frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: true }), area);
         return;
     }
-    let [head, words, tabs, body, foot] = Layout::vertical([
-        Constraint::Length(1),
-        Constraint::Length(1),
+    let lines = [Constraint::Length(1); 3];
+    let rows = [&lines[..], &[Constraint::Min(1), Constraint::Length(1)]].concat();
+    let [header, verdicts, tabs, page, keys] = Layout::vertical(rows).areas(area);
+    frame.render_widget(header_line(model, area.width), header);
+    frame.render_widget(verdict_line(model, area.width), verdicts);
+    frame.render_widget(tab_line(model.tab, area.width), tabs);
+    frame.render_widget(key_line(model, area.width), keys);
+    let [_, page, _] = Layout::horizontal([
         Constraint::Length(1),
         Constraint::Min(1),
         Constraint::Length(1),
     ])
-    .areas(area);
-    frame.render_widget(head_line(model, paint, area.width), head);
-    frame.render_widget(word_line(model, paint, area.width), words);
-    frame.render_widget(tab_line(model, paint, area.width), tabs);
-    frame.render_widget(foot_line(model, paint, area.width), foot);
-    let body = Rect {
-        x: body.x + 1,
-        width: body.width - 2,
-        ..body
-    };
-    match (&model.flight, model.tab) {
-        (None, _) => waiting(model, frame, body),
-        (Some(flight), Tab::Flight) => flight_page::draw(flight, paint, frame, body),
-        (Some(flight), Tab::Latency) => {
-            latency_page::draw(flight, model.series, paint, frame, body)
-        }
-        (Some(flight), Tab::Theorem) => lyapunov_page::draw(flight, paint, frame, body),
-        (Some(flight), Tab::Plant) => plant_page::draw(flight, &model.desk, paint, frame, body),
-        (Some(flight), Tab::RealTime) => realtime_page::draw(flight, paint, frame, body),
-        (Some(flight), Tab::Laws) => laws_page::draw(flight, paint, frame, body),
+    .areas(page);
+    let mut region = Region { frame, area: page };
+    match &model.flight {
+        None => waiting(&model.instance, &mut region),
+        Some(flight) => pages::draw(model, flight, &mut region),
     }
     if model.help {
-        help_window::draw(model, paint, frame, area);
+        help_window(model.launched, frame);
+    }
+    if !model.colours {
+        for cell in &mut frame.buffer_mut().content {
+            (cell.fg, cell.bg) = (Color::Reset, Color::Reset);
+        }
+    }
+}
+
+/// A part of the screen that is filled from the top.
+struct Region<'r, 'f> {
+    frame: &'r mut Frame<'f>,
+    area: Rect,
+}
+
+impl Region<'_, '_> {
+    /// Whether the region has room for this many columns.
+    const fn is_wide(&self, columns: u16) -> bool {
+        self.area.width >= columns
+    }
+
+    /// Takes lines off the top.
+    fn split(&mut self, lines: u16) -> Rect {
+        let [top, rest] =
+            Layout::vertical([Constraint::Length(lines), Constraint::Min(0)]).areas(self.area);
+        self.area = rest;
+        top
+    }
+
+    fn put(&mut self, lines: Vec<Line<'_>>) {
+        let height = u16::try_from(lines.len()).unwrap_or(u16::MAX);
+        let top = self.split(height.min(self.area.height));
+        self.frame.render_widget(Paragraph::new(lines), top);
+    }
+
+    /// Fills the rest with lines that are wrapped.
+    fn put_wrapped(&mut self, lines: Vec<Line<'_>>) {
+        let text = Paragraph::new(lines).wrap(Wrap { trim: true });
+        self.frame.render_widget(text, self.area);
+    }
+
+    /// Fills the rest with values as bars between `floor` and `ceiling`, the newest at the right edge.
+    fn put_bars(&mut self, values: &[f64], [floor, ceiling]: [f64; 2]) {
+        const STEPS: f64 = 1000.0;
+        let span = (ceiling - floor).max(f64::MIN_POSITIVE);
+        let steps = |value: &f64| ((value - floor) / span * STEPS).round().clamp(0.0, STEPS) as u64;
+        let bars: Vec<u64> = values.iter().map(steps).collect();
+        let width = u16::try_from(bars.len()).unwrap_or(u16::MAX);
+        let [_, right] =
+            Layout::horizontal([Constraint::Min(0), Constraint::Length(width)]).areas(self.area);
+        let bars = Sparkline::default().data(&bars).max(STEPS as u64);
+        self.frame.render_widget(bars.style(ACTUAL), right);
+    }
+
+    /// A table with a heading, scrolled so that the selected row is visible.
+    fn put_table(&mut self, heading: String, rows: Vec<Line<'_>>, selected: usize, room: usize) {
+        let first = selected
+            .saturating_sub(room / 2)
+            .min(rows.len().saturating_sub(room));
+        let mut lines = vec![Line::styled(heading, HEADING)];
+        for (i, row) in rows.into_iter().enumerate().skip(first).take(room) {
+            lines.push(if i == selected {
+                row.style(SELECTED)
+            } else {
+                row
+            });
+        }
+        self.put(lines);
     }
 }
 
@@ -89,182 +153,158 @@ fn fitting<'a>(parts: impl IntoIterator<Item = Line<'a>>, width: u16) -> Line<'a
     line
 }
 
-fn head_line<'a>(model: &'a Model, paint: Paint, width: u16) -> Line<'a> {
-    let name = Span::styled(format!(" {}", model.instance), paint.heading());
-    let Some(flight) = &model.flight else {
-        return fitting(
-            [Line::from(name), Line::from("   waits for a flight")],
-            width,
-        );
-    };
-    let run = &flight.run;
-    let phase = match flight.ending {
-        None => Span::styled("   flying", paint.good()),
-        Some(EndReason::Completed) => Span::styled("   landed: completed", paint.good()),
-        Some(ending) => Span::styled(format!("   landed: {}", ending.words()), paint.bad()),
-    };
-    let mut parts = vec![name, phase];
-    let tick = flight.tick();
-    if tick != NO_TICK {
-        parts.push(Span::raw(format!(
-            "   {:.1} of {:.1} s",
-            run.flight_time_s(tick),
-            run.flight_time_s(run.last_tick)
-        )));
+fn header_line(model: &Model, width: u16) -> Line<'_> {
+    let mut parts = vec![Line::styled(format!(" {}", model.instance), HEADING)];
+    let mut add =
+        |text: String, style: Style| parts.push(Line::styled(format!("   {text}"), style));
+    if let Some(flight) = &model.flight {
+        let (run, tick) = (&flight.run, flight.tick());
+        match flight.ending {
+            None => add("flying".into(), GOOD),
+            Some(ending) => add(
+                format!("landed: {}", ending.words()),
+                good_or_bad(ending == EndReason::Completed),
+            ),
+        }
+        if tick != NO_TICK {
+            let [now_s, last_s] = [tick, run.last_tick].map(|tick| run.flight_time_s(tick));
+            add(format!("{now_s:.1} of {last_s:.1} s"), PLAIN);
+        }
+        if model.is_flying() && !flight.recorder_lives {
+            add("no recorder: no news".into(), BAD);
+        }
+        for (name, count) in [
+            ("missed", run.deadlines_missed),
+            ("skipped", run.ticks_skipped),
+        ] {
+            let style = if count == 0 { PLAIN } else { BAD };
+            add(format!("{name} {count}"), style);
+        }
+        if tick != NO_TICK {
+            add(format!("tick {tick}"), FAINT);
+        }
+        let [trajectory, preset] =
+            ["flight.trajectory", "flight.preset"].map(|key| flight.setting(key));
+        if !trajectory.is_empty() {
+            add(format!("{trajectory}, gains {preset}"), FAINT);
+        }
+    } else {
+        add("waits for a flight".into(), PLAIN);
     }
-    let count = |name: &str, count: u64| {
-        let style = if count == 0 {
-            ratatui::style::Style::new()
-        } else {
-            paint.bad()
-        };
-        Span::styled(format!("   {name} {count}"), style)
-    };
-    if flight.ending.is_none() && !flight.recorder_lives {
-        parts.push(Span::styled("   no recorder: no news", paint.bad()));
-    }
-    parts.push(count("missed", run.deadlines_missed));
-    parts.push(count("skipped", run.ticks_skipped));
-    if tick != NO_TICK {
-        parts.push(Span::styled(format!("   tick {tick}"), paint.faint()));
-    }
-    let (trajectory, preset) = (
-        flight.setting("flight.trajectory"),
-        flight.setting("flight.preset"),
-    );
-    if !trajectory.is_empty() {
-        parts.push(Span::styled(
-            format!("   {trajectory}, gains {preset}"),
-            paint.faint(),
-        ));
-    }
-    fitting(parts.into_iter().map(Line::from), width)
+    fitting(parts, width)
 }
 
-fn word_line<'a>(model: &'a Model, paint: Paint, width: u16) -> Line<'a> {
+fn verdict_line(model: &Model, width: u16) -> Line<'_> {
     let Some(flight) = &model.flight else {
         return Line::default();
     };
-    let words = verdicts(flight);
+    let verdicts = flight.verdicts();
     let lost_at = flight.lost_at();
-    let style = |is_bad: bool, is_good: bool| match (is_bad, is_good) {
-        _ if lost_at.is_some() => paint.faint(),
-        (true, _) => paint.bad(),
-        (_, true) => paint.good(),
-        _ => paint.faint(),
+    let (tracked, timing) = (verdicts.flight.word, verdicts.timing.word);
+    let theorem = verdicts.theorem.word;
+    let verdict = |subject, word: &'static str, is_good: bool, is_bad: bool| {
+        let style = match (lost_at, is_good, is_bad) {
+            (None, true, _) => GOOD,
+            (None, _, true) => BAD,
+            _ => FAINT,
+        };
+        Line::from_iter([Span::styled(subject, FAINT), Span::styled(word, style)])
     };
-    let (flown, timing, theorem) = (words.flight.word, words.timing.word, words.theorem.word);
-    let is_off = matches!(flown, FlightVerdict::OffTrack | FlightVerdict::Lost);
+    let until = lost_at.map(|tick| Line::styled(format!(" up to tick {tick}:"), BAD));
     let parts = [
-        (
-            flown.words(),
-            style(is_off, flown == FlightVerdict::Tracked),
+        verdict(
+            " ",
+            tracked.words(),
+            tracked == FlightVerdict::Tracked,
+            matches!(tracked, FlightVerdict::OffTrack | FlightVerdict::Lost),
         ),
-        (
+        verdict(
+            "   timing ",
             timing.words(),
-            style(
-                timing == TimingVerdict::Late,
-                timing == TimingVerdict::InTime,
-            ),
+            timing == TimingVerdict::InTime,
+            timing == TimingVerdict::Late,
         ),
-        (
+        verdict(
+            "   theorem ",
             theorem.words(),
-            style(
-                theorem == StabilityVerdict::Broken,
-                theorem == StabilityVerdict::Holds,
-            ),
+            theorem == StabilityVerdict::Holds,
+            theorem == StabilityVerdict::Broken,
         ),
     ];
-    let subjects = [" ", "   timing ", "   theorem "];
-    let part = |(subject, (word, style))| {
-        Line::from(vec![
-            Span::styled(subject, paint.faint()),
-            Span::styled(word, style),
-        ])
-    };
-    let until = lost_at.map(|tick| Line::styled(format!(" up to tick {tick}:"), paint.bad()));
-    fitting(
-        until
-            .into_iter()
-            .chain(subjects.into_iter().zip(parts).map(part)),
-        width,
-    )
+    fitting(until.into_iter().chain(parts), width)
 }
 
-fn tab_line<'a>(model: &Model, paint: Paint, width: u16) -> Line<'a> {
-    let numbers = |number: usize| Span::styled(format!(" {number} "), paint.faint());
-    let label = |tab: Tab, name: &'static str| {
-        Span::styled(
-            format!(" {name} "),
-            if tab == model.tab {
-                paint.selected()
-            } else {
-                paint.heading()
-            },
-        )
-    };
+fn tab_line<'a>(open: Tab, width: u16) -> Line<'a> {
     // A narrow terminal shows only the open page's name.
-    let roomy = usize::from(width) >= Tab::ALL.iter().map(|tab| tab.name().len() + 5).sum();
+    let all_widths = Tab::ALL.iter().map(|(_, name)| name.len() + 5).sum();
+    let is_wide = usize::from(width) >= all_widths;
     let mut line = Line::default();
-    for (i, tab) in Tab::ALL.into_iter().enumerate() {
-        line.push_span(numbers(i + 1));
-        if roomy || tab == model.tab {
-            line.push_span(label(tab, tab.name()));
+    for (number, (tab, name)) in (1..).zip(Tab::ALL) {
+        line.push_span(Span::styled(format!(" {number} "), FAINT));
+        if is_wide || tab == open {
+            let style = if tab == open { SELECTED } else { HEADING };
+            line.push_span(Span::styled(format!(" {name} "), style));
         }
     }
     line
 }
 
-fn foot_line<'a>(model: &Model, paint: Paint, width: u16) -> Line<'a> {
-    let key = |key: &'static str, does: &'static str| {
-        Line::from(vec![
-            Span::styled(format!(" {key}"), paint.heading()),
-            Span::styled(format!(" {does} "), paint.faint()),
-        ])
+fn key_line<'a>(model: &Model, width: u16) -> Line<'a> {
+    let leave = match model.is_flying() {
+        true => "leave, it flies on",
+        false => "leave",
     };
-    let mut keys = Vec::new();
-    if model.desk.typed.is_some() {
-        keys.extend([key("Enter", "inject"), key("Esc", "leave it")]);
-    } else {
-        keys.push(key(
-            "q",
-            if model.flies() {
-                "leave, it flies on"
-            } else {
-                "leave"
-            },
-        ));
-        keys.push(key("?", "help"));
-        match model.tab {
-            Tab::Plant => keys.extend([
-                key("Up/Down", "select"),
-                key("Enter", "edit"),
-                key("f", "fault"),
-            ]),
-            Tab::Latency => keys.extend([key("Up/Down", "select"), key("r", "reset")]),
-            _ => keys.extend([key("Tab", "next"), key("r", "reset")]),
-        }
-    }
+    let on_page: &[_] = match model.tab {
+        _ if model.parameters.typed.is_some() => &[("Enter", "inject"), ("Esc", "leave it")],
+        Tab::Plant => &[("Up/Down", "select"), ("Enter", "edit"), ("f", "fault")],
+        Tab::Latency => &[("Up/Down", "select"), ("r", "reset")],
+        _ => &[("Tab", "next"), ("r", "reset")],
+    };
+    let on_every_page = match model.parameters.typed {
+        Some(_) => vec![],
+        None => vec![("q", leave), ("?", "help")],
+    };
+    let key = |(key, does): &(&str, &str)| {
+        let (key, does) = (format!(" {key}"), format!(" {does} "));
+        Line::from_iter([Span::styled(key, HEADING), Span::styled(does, FAINT)])
+    };
     let lost = model.flight.as_ref().map_or(0, WatchedFlight::lost);
-    if lost > 0 {
-        keys.push(Line::from(Span::styled(
-            format!("  lost {lost} messages"),
-            paint.bad(),
-        )));
-    }
-    fitting(keys, width)
+    let lost = (lost > 0).then(|| Line::styled(format!("  lost {lost} messages"), BAD));
+    let keys = on_every_page.iter().chain(on_page).map(key);
+    fitting(keys.chain(lost), width)
 }
 
-fn waiting(model: &Model, frame: &mut Frame<'_>, area: Rect) {
-    let text = vec![
-        Line::from(format!("Waits for instance `{}` to fly.", model.instance)),
-        Line::default(),
-        Line::from("Start a flight in another terminal:"),
-        Line::from(if model.instance == "default" {
-            "  ironbird fly".to_owned()
-        } else {
-            format!("  ironbird fly --instance {}", model.instance)
-        }),
-    ];
-    frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: false }), area);
+fn waiting(instance: &str, region: &mut Region<'_, '_>) {
+    let flag = match instance {
+        "default" => String::new(),
+        name => format!(" --instance {name}"),
+    };
+    let text = format!(
+        "Waits for instance `{instance}` to fly.\n\nStart a flight in another terminal:\n  ironbird fly{flag}"
+    );
+    let text = Paragraph::new(text).wrap(Wrap { trim: false });
+    region.frame.render_widget(text, region.area);
+}
+
+fn help_window(launched: bool, frame: &mut Frame<'_>) {
+    let ctrl_c = match launched {
+        true => "end the flight",
+        false => "leave",
+    };
+    let text = format!(
+        " 1 .. 6      pages\n Tab, S-Tab  next page, previous page\n Up, Down    rows\n Enter       edit and inject (Plant)\n \
+         f           inject a fault (Plant)\n r           restart statistics\n q, Esc      leave; it flies on\n \
+         Ctrl-C      {ctrl_c}\n any key closes"
+    );
+    let area = frame.area();
+    let (width, height) = (40.min(area.width), 11.min(area.height));
+    let place = Rect {
+        x: (area.width - width) / 2,
+        y: (area.height - height) / 2,
+        width,
+        height,
+    };
+    frame.render_widget(Clear, place);
+    let window = Paragraph::new(text).block(Block::bordered().title(" ironbird watch "));
+    frame.render_widget(window, place);
 }

@@ -1,0 +1,676 @@
+//! The six pages of the dashboard.
+
+use controller::laws::adaptive;
+use errors::errno_text;
+use hdrhistogram::Histogram;
+use messages::blackboards::{RolePhase, Status};
+use messages::content::Mode;
+use messages::monitor::{Cause, Monitor};
+use messages::parameters::{ESTIMATED, SPECS, Spec};
+use messages::realtime::{RealtimeStep, STEPS};
+use messages::role::Role;
+use messages::telemetry::LAW_ROLES;
+use process::rt::remedy;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::Color;
+use ratatui::symbols::Marker;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::canvas::{Canvas, Line as Stroke};
+use report::laws::no_theorem;
+use report::schema::SignalSection;
+use report::sections::role_section;
+use report::series::{Series, Statistics};
+use report::theorem::Theorem;
+
+use super::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, good_or_bad};
+use crate::params::{bound, number};
+use crate::watch::dashboard_model::{Model, POINT_S, ParameterPage, Tab, WatchedFlight};
+
+pub(super) fn draw(model: &Model, flight: &WatchedFlight, region: &mut Region<'_, '_>) {
+    match model.tab {
+        Tab::Flight => flight_page(flight, region),
+        Tab::Latency => latency_page(flight, model.series, region),
+        Tab::Theorem => theorem_page(flight, region),
+        Tab::Plant => plant_page(flight, &model.parameters, region),
+        Tab::RealTime => real_time_page(flight, region),
+        Tab::Laws => laws_page(flight, region),
+    }
+}
+
+/// Position, attitude, horizon, the position error over time.
+fn flight_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
+    const NUMBERS: u16 = 50;
+    const HORIZON: (u16, u16) = (26, 12);
+    let page = region.area;
+    region.put(flight_numbers(flight, page.width < 46));
+    let (width, height) = HORIZON;
+    if page.width >= NUMBERS + width && page.height >= height {
+        let area = Rect {
+            x: page.x + NUMBERS + (page.width - NUMBERS - width).min(8),
+            y: page.y,
+            width,
+            height,
+        };
+        region.frame.render_widget(horizon(flight), area);
+    }
+    if region.area.height >= 4 {
+        region.split(1);
+        let points = flight.position_error.newest(usize::from(region.area.width));
+        let most = points.iter().copied().fold(0.0, f64::max);
+        let span_s = f64::from(region.area.width) * POINT_S;
+        let title = format!("position error, last {span_s:.0} s; full height {most:.4} m");
+        region.put(vec![Line::styled(title, HEADING)]);
+        region.put_bars(&points, [0.0, most]);
+    }
+}
+
+fn flight_numbers<'a>(flight: &WatchedFlight, is_narrow: bool) -> Vec<Line<'a>> {
+    // One digit less on a narrow terminal.
+    let (column, fewer) = if is_narrow { (7, 1) } else { (10, 0) };
+    let row = |(name, values, digits, unit): (&str, &[f64], usize, &str)| {
+        let (width, digits) = ((3 * column + 2) / values.len(), digits - fewer);
+        let cell = |value: &f64| format!("{value:>width$.digits$}");
+        let cells: String = values.iter().map(cell).collect();
+        Line::from(format!("{name:<10}{cells} {unit}"))
+    };
+    let heading = |[a, b, c]: [&str; 3]| {
+        let text = format!("{:<10}{a:>column$}{b:>column$}{c:>column$}", "");
+        Line::styled(text, HEADING)
+    };
+    let state = flight.state.unwrap_or_default();
+    let setpoint = flight.setpoint.unwrap_or_default();
+    let measured = &state.measured;
+    let (p, r) = (state.truth.position_w_m, setpoint.reference.position_w_m);
+    let error = [0, 1, 2].map(|i| p[i] - r[i]);
+    let positions = [
+        ("position", &p[..], 3, "m"),
+        ("reference", &r, 3, "m"),
+        ("error", &error, 3, "m"),
+    ];
+    let attitude = measured.attitude_rad.map(f64::to_degrees);
+    let wanted = setpoint.attitude_rad.map(f64::to_degrees);
+    let rate = measured.rate_b_rad_s.map(f64::to_degrees);
+    let rotors = &measured.rotor_speed_command_rad_s;
+    let attitudes = [
+        ("attitude", &attitude[..], 2, "deg"),
+        ("set-point", &wanted, 2, "deg"),
+        ("rate", &rate, 2, "deg/s"),
+        ("rotors", rotors, 1, "rad/s"),
+    ];
+    let mut lines = vec![heading(["x", "y", "z"])];
+    lines.extend(positions.map(row));
+    lines.push(heading(["roll", "pitch", "yaw"]));
+    lines.extend(attitudes.map(row));
+    let thrust_n = flight.rotor_speeds.unwrap_or_default().thrust_n;
+    let thrust = format!("{:<10}{thrust_n:>column$.3} N", "thrust");
+    let total = flight.statistics.flight();
+    let (now_m, rms_m) = (total.position_error_final_m, total.position_error_rms_m);
+    let max_m = total.position_error_max_m;
+    let error = format!("error     {now_m:.4} m   rms {rms_m:.4}   max {max_m:.4}");
+    lines.extend([thrust.into(), modes(flight), error.into()]);
+    lines
+}
+
+fn modes<'a>(flight: &WatchedFlight) -> Line<'a> {
+    let mut line = Line::from("mode      ");
+    let (Some(wrench), Some(speeds)) = (&flight.wrench, &flight.rotor_speeds) else {
+        line.push_span("-");
+        return line;
+    };
+    for (stage, mode) in [("inner ", wrench.mode), ("   mixer ", speeds.mode)] {
+        let word = match Mode::from_wire(mode) {
+            Some(Mode::Fresh) => "fresh",
+            Some(Mode::Held) => "held",
+            Some(Mode::Fallback) => "fallback",
+            Some(Mode::Idle) => "idle",
+            Some(Mode::NotFinite) => "not finite",
+            None => "unknown",
+        };
+        line.push_span(stage);
+        line.push_span(Span::styled(word, good_or_bad(word == "fresh")));
+    }
+    if speeds.saturated == 1 {
+        line.push_span(Span::styled("   saturated", BAD));
+    }
+    line
+}
+
+/// The horizon as seen from the airframe: it rises to the right if the left side is up.
+fn horizon(
+    flight: &WatchedFlight,
+) -> Canvas<'_, impl Fn(&mut ratatui::widgets::canvas::Context<'_>)> {
+    /// Pitch at the upper edge [rad].
+    const PITCH_RAD: f64 = 0.8;
+    /// Half the width of the picture; its height is 2. A cell is half as wide as it is high.
+    const HALF_WIDTH: f64 = 26.0 / 12.0 / 2.0;
+    let attitude = flight.state.unwrap_or_default().measured.attitude_rad;
+    let setpoint = flight.setpoint.unwrap_or_default().attitude_rad;
+    let stroke = |[roll, pitch, _]: [f64; 3], reach: f64, color: Color| {
+        let (sin, cos) = roll.sin_cos();
+        let rise = pitch / PITCH_RAD;
+        Stroke::new(
+            -reach * cos,
+            rise - reach * sin,
+            reach * cos,
+            rise + reach * sin,
+            color,
+        )
+    };
+    Canvas::default()
+        .marker(Marker::Braille)
+        .x_bounds([-HALF_WIDTH, HALF_WIDTH])
+        .y_bounds([-1.0, 1.0])
+        .paint(move |context| {
+            context.draw(&stroke(setpoint, 0.45, Color::Magenta));
+            context.draw(&stroke(attitude, HALF_WIDTH, Color::Blue));
+            context.layer();
+            // The airframe.
+            context.print(-0.4, 0.0, "--");
+            context.print(0.0, 0.0, "+");
+            context.print(0.3, 0.0, "--");
+        })
+}
+
+/// Deadlines, all latencies, and the histogram of the selected one.
+fn latency_page(flight: &WatchedFlight, selected: usize, region: &mut Region<'_, '_>) {
+    /// Height of the histogram with its heading and its axis.
+    const HISTOGRAM: u16 = 7;
+    let (run, statistics) = (&flight.run, &flight.statistics);
+    let missed = run.deadlines_missed;
+    let per_million = missed as f64 * 1e6 / (run.ticks_run + run.ticks_skipped).max(1) as f64;
+    let late = statistics.late_commands.count();
+    let runs = statistics.miss_runs.lengths();
+    let longest = runs.keys().last().copied().unwrap_or(0);
+    let all_flight = format!("deadlines missed {missed}, {per_million:.1} per million");
+    let here = format!("since you watch: {late} late, {longest} in a row");
+    region.put(vec![
+        Line::styled(all_flight, good_or_bad(missed == 0)),
+        Line::styled(here, FAINT),
+    ]);
+    let height = region.area.height;
+    let histogram_height = match height {
+        0..12 => 0,
+        height => HISTOGRAM.max(height / 3),
+    };
+    // A narrow terminal shows only these columns.
+    let shown: &[usize] = match region.is_wide(76) {
+        true => &[0, 1, 2, 3, 4, 5],
+        false => &[1, 3],
+    };
+    let row = |name: &str, cells: [String; 6]| {
+        let cells: String = shown.iter().map(|i| format!("{:>10}", cells[*i])).collect();
+        format!("{name:<18}{cells}")
+    };
+    let heading = ["count", "p50", "p90", "p99", "p99.9", "max"].map(str::to_owned);
+    let series_row = |series: &Series| {
+        let histogram = statistics.series.flight(*series);
+        let Some(histogram) = histogram.filter(|histogram| !histogram.is_empty()) else {
+            return Line::from(row(&series.name(), ["-"; 6].map(str::to_owned)));
+        };
+        let s = Statistics::of("", histogram);
+        let us = |us: f64| format!("{us:.1}");
+        let p999 = s.p999_us.map_or_else(|| "-".into(), us);
+        let (count, max) = (s.count.to_string(), us(s.max_us));
+        let cells = [count, us(s.p50_us), us(s.p90_us), us(s.p99_us), p999, max];
+        Line::from(row(&series.name(), cells))
+    };
+    let all = Series::all();
+    let room = usize::from(height - histogram_height).saturating_sub(1);
+    let [table, plot] =
+        Layout::vertical([Constraint::Min(0), Constraint::Length(histogram_height)])
+            .areas(region.area);
+    region.area = table;
+    let rows = all.iter().map(series_row).collect();
+    region.put_table(row("[us]", heading), rows, selected, room);
+    if let Some(histogram) = statistics.series.flight(all[selected])
+        && histogram_height > 0
+    {
+        region.area = plot;
+        put_histogram(&all[selected].name(), histogram, region);
+    }
+}
+
+fn put_histogram(name: &str, histogram: &Histogram<u64>, region: &mut Region<'_, '_>) {
+    let title = format!("{name} [us], counts on a logarithmic scale");
+    region.put(vec![Line::default(), Line::styled(title, HEADING)]);
+    if histogram.is_empty() {
+        return;
+    }
+    let scale = Scale::of(histogram, usize::from(region.area.width));
+    let height = |count: &u64| (*count as f64 + 1.0).log10();
+    let heights: Vec<f64> = scale.counts(histogram).iter().map(height).collect();
+    let most = heights.iter().copied().fold(0.0, f64::max);
+    let [plot, axis] =
+        Layout::vertical([Constraint::Min(0), Constraint::Length(1)]).areas(region.area);
+    region.area = plot;
+    region.put_bars(&heights, [0.0, most]);
+    region.area = axis;
+    region.put(vec![Line::styled(scale.axis(), FAINT)]);
+}
+
+/// Bins of equal width on a logarithmic axis, over whole decades of microseconds.
+#[derive(Clone, Copy, Debug)]
+struct Scale {
+    /// Exponent of ten at which the axis starts [us].
+    first_decade: i32,
+    decades: i32,
+    bins: usize,
+}
+
+impl Scale {
+    fn of(histogram: &Histogram<u64>, bins: usize) -> Self {
+        let first_decade = decade(histogram.min()).floor().max(-1.0) as i32;
+        let last = decade(histogram.max()).ceil() as i32;
+        Self {
+            first_decade,
+            decades: (last - first_decade).max(1),
+            bins,
+        }
+    }
+
+    fn counts(&self, histogram: &Histogram<u64>) -> Vec<u64> {
+        let mut counts = vec![0; self.bins];
+        for value in histogram.iter_recorded() {
+            let place = (decade(value.value_iterated_to()) - f64::from(self.first_decade))
+                / f64::from(self.decades);
+            let bin = (place * self.bins as f64).max(0.0) as usize;
+            counts[bin.min(self.bins - 1)] += value.count_at_value();
+        }
+        counts
+    }
+
+    /// Labels of the decades below the bars.
+    fn axis(&self) -> String {
+        let mut axis = String::new();
+        for decade in 0..self.decades {
+            let place = self.bins * decade as usize / self.decades as usize;
+            let label = match self.first_decade + decade {
+                power @ 6.. => format!("|{} s", 10_u64.pow(power.unsigned_abs() - 6)),
+                power @ 3.. => format!("|{} ms", 10_u64.pow(power.unsigned_abs() - 3)),
+                power @ 0.. => format!("|{} us", 10_u64.pow(power.unsigned_abs())),
+                _ => "|100 ns".into(),
+            };
+            axis = format!("{axis:<place$}{label}");
+        }
+        axis
+    }
+}
+
+/// Logarithm to base 10 of a time in microseconds.
+fn decade(ns: u64) -> f64 {
+    (ns.max(1) as f64 / 1e3).log10()
+}
+
+/// V and V_th, estimates compared with true values, violations by cause.
+fn theorem_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
+    /// Minimum height of the chart.
+    const CHART: u16 = 8;
+    if let Some(why) = flight.laws.without_theorem.map(no_theorem) {
+        let text = format!("The theorem is not applicable: {why}.");
+        return region.put_wrapped(vec![Line::from(text)]);
+    }
+    let (Some(wrench), Some(monitor)) = (&flight.wrench, &flight.monitor) else {
+        return region.put(vec![Line::from("the monitor has published no result yet")]);
+    };
+    let is_wide = region.is_wide(70);
+    let theorem = flight.statistics.theorem.section();
+    let mut lines = vec![theorem_verdict(&theorem, flight.lost_at(), is_wide)];
+    lines.extend(lyapunov_values(flight, monitor, is_wide));
+    let (name, cell) = if is_wide { (25, 13) } else { (14, 11) };
+    let row = |title: &str, [estimated, truth, error]: [&str; 3]| {
+        let error = if is_wide { error } else { "" };
+        format!("{title:<name$.name$}{estimated:>cell$}{truth:>cell$}{error:>cell$}")
+    };
+    let heading = row("estimates", ["estimated", "true", "error"]);
+    lines.push(Line::styled(heading, HEADING));
+    let estimates = adaptive::estimate(&wrench.telemetry);
+    for (i, (parameter, estimate)) in ESTIMATED.iter().zip(estimates).enumerate() {
+        let known = theorem.estimates.get(i);
+        let truth = known.map_or(0.0, |known| known.actual);
+        let [estimate, truth] = [estimate, truth].map(|value| format!("{value:.4e}"));
+        let error = format!("{:.2e}", monitor.estimate_error[i]);
+        let mut line = Line::from(row(parameter.name(), [&estimate, &truth, &error]));
+        if known.is_some_and(|known| known.found) {
+            line.push_span(Span::styled("  found", GOOD));
+        }
+        lines.push(line);
+    }
+    region.put(lines);
+    region.put(causes(monitor, region.area.height >= 8, is_wide));
+    let converged = match theorem.converged {
+        true => "held",
+        false => "did not hold so far",
+    };
+    region.put(vec![Line::from(format!(
+        "excitation {:.1e} e-folds in 10 s, least {:.1e}; (18) {converged}",
+        theorem.excitation, theorem.excitation_least
+    ))]);
+    // The explanation, if enough room remains for the chart.
+    let Rect { width, height, .. } = region.area;
+    let words = theorem.convergence.len() as u16;
+    let explanation = words.div_ceil(width.max(1)) + 1;
+    if height >= explanation + CHART {
+        let area = region.split(explanation);
+        let frame = &mut *region.frame;
+        Region { frame, area }.put_wrapped(vec![Line::from(theorem.convergence)]);
+    }
+    put_v_th(flight, region);
+}
+
+fn theorem_verdict<'a>(theorem: &Theorem, lost_at: Option<u64>, is_wide: bool) -> Line<'a> {
+    if let Some(tick) = lost_at {
+        let held = if theorem.holds {
+            "held"
+        } else {
+            "DID NOT HOLD"
+        };
+        let words =
+            format!("theorem {held} up to tick {tick}; unchecked since: the recorder has gone");
+        return Line::styled(words, BAD);
+    }
+    let holds = if theorem.holds {
+        "holds"
+    } else {
+        "DOES NOT HOLD"
+    };
+    let steps = match is_wide {
+        true => format!(" {} steps,", theorem.ticks_checked),
+        false => String::new(),
+    };
+    Line::from_iter([
+        Span::styled(format!("theorem {holds}"), good_or_bad(theorem.holds)),
+        Span::raw(format!(":{steps} {} unexplained", theorem.unexplained())),
+    ])
+}
+
+/// V, V_th and the rate error: current values and, if there is room, their history.
+fn lyapunov_values<'a>(flight: &WatchedFlight, m: &Monitor, is_wide: bool) -> [Line<'a>; 3] {
+    let error = flight.statistics.flight().rate_error_final_rad_s;
+    let error = error.map_or_else(|| "-".into(), |error| format!("{error:.3e}"));
+    let number = |value: f64| format!("{value:.3e}");
+    let [change, at_most] = [m.v_change, m.v_change_bound];
+    let [first, fell] = [m.v_th_start, m.descent];
+    let [rms, largest] = [m.rate_error_rms_rad_s, m.rate_error_max_rad_s];
+    let predicted = m.descent_predicted;
+    [
+        (
+            "V    [rad^2/s^2]",
+            number(m.v),
+            format!("change {change:>10.2e}  at most {at_most:>10.2e}"),
+        ),
+        (
+            "V_th [rad^2/s^2]",
+            number(m.v_th),
+            format!("first  {first:>10.2e}  fell by {fell:>10.2e} of {predicted:.2e} predicted"),
+        ),
+        (
+            "|e|  [rad/s]",
+            error,
+            format!("rms    {rms:>10.2e}  largest {largest:>10.2e}"),
+        ),
+    ]
+    .map(|(name, now, history)| {
+        let history = if is_wide { &history } else { "" };
+        Line::from(format!("{name:<16}{now:>11}  {history}"))
+    })
+}
+
+/// Steps by cause, for rises of V_th and of V.
+fn causes<'a>(monitor: &Monitor, all: bool, is_wide: bool) -> Vec<Line<'a>> {
+    let (name, cell) = if is_wide { (25, 13) } else { (20, 9) };
+    let unjudged = if is_wide { "V, unjudged" } else { "V" };
+    let title = "violations by cause";
+    let heading = format!("{title:<name$}{:>cell$}{unjudged:>cell$}", "V_th");
+    let mut lines = vec![Line::styled(heading, HEADING)];
+    for cause in Cause::ALL {
+        let steps = monitor.violations[cause as usize];
+        let unjudged = monitor.v_above_bound[cause as usize];
+        let is_unexplained = cause == Cause::Unexplained;
+        if is_unexplained || (all && steps + unjudged > 0) {
+            let style = if is_unexplained && steps > 0 {
+                BAD
+            } else {
+                PLAIN
+            };
+            let text = format!("{:<name$}{steps:>cell$}{unjudged:>cell$}", cause.name());
+            lines.push(Line::styled(text, style));
+        }
+    }
+    lines
+}
+
+fn put_v_th(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
+    /// Decades below the largest V_th that the chart shows.
+    const DECADES: f64 = 6.0;
+    let width = region.area.width;
+    let points = flight.v_th.newest(usize::from(width));
+    let logarithm = |v: f64| v.max(f64::MIN_POSITIVE).log10();
+    let points: Vec<f64> = points.into_iter().map(logarithm).collect();
+    let Some(most) = points.iter().copied().reduce(f64::max) else {
+        return;
+    };
+    if region.area.height >= 3 {
+        let (span_s, v_th) = (f64::from(width) * POINT_S, 10_f64.powf(most));
+        let title = format!(
+            "V_th, last {span_s:.0} s; full height {v_th:.1e} rad^2/s^2, {DECADES:.0} decades"
+        );
+        region.put(vec![Line::styled(title, HEADING)]);
+        region.put_bars(&points, [most - DECADES, most]);
+    }
+}
+
+/// The current parameters, and the input line that changes them.
+fn plant_page(flight: &WatchedFlight, page: &ParameterPage, region: &mut Region<'_, '_>) {
+    let is_wide = region.is_wide(74);
+    // An error message may need two lines.
+    let foot = if region.area.height >= 12 { 2 } else { 1 };
+    let room = usize::from(region.area.height).saturating_sub(foot + 1);
+    let row = |(spec, value): (&Spec, f64)| {
+        let (nominal, range) = (
+            flight.airframe.get(spec.parameter),
+            flight.airframe.range(spec.parameter),
+        );
+        let (mark, style) = match value == nominal {
+            true => (' ', PLAIN),
+            false => ('*', BAD),
+        };
+        let mut text = format!("{:<24}{:>10}{mark}", spec.name, number(value));
+        if is_wide {
+            // A long unit uses the room of the nominal value, which is 0 in that row.
+            let rest = 17_usize.saturating_sub(spec.unit.len().max(8));
+            let (unit, nominal) = (spec.unit, number(nominal));
+            let [min, max] = [range.min, range.max].map(bound);
+            text += &format!("  {unit:<8}{nominal:>rest$}{min:>9}{max:>9}");
+        }
+        Line::styled(text, style)
+    };
+    let mut heading = format!("{:<24}{:>11}", "parameter", "in force");
+    if is_wide {
+        heading += &format!("  {:<8}{:>9}{:>9}{:>9}", "unit", "nominal", "min", "max");
+    }
+    let rows = SPECS.iter().zip(flight.active.value).map(row).collect();
+    region.put_table(heading, rows, page.selected, room);
+    region.split(u16::from(usize::from(region.area.height) > foot));
+    region.put_wrapped(dialogue(flight, page));
+}
+
+/// What is typed, the last answer, or what the selected parameter means.
+fn dialogue<'a>(flight: &WatchedFlight, page: &'a ParameterPage) -> Vec<Line<'a>> {
+    let spec = page.parameter().spec();
+    let mut lines = Vec::new();
+    if let Some(typed) = &page.typed {
+        let range = flight.airframe.range(spec.parameter);
+        let prompt = match page.is_fault {
+            true => "fault, as in state.drop=0.1 for 1s: ".into(),
+            false => format!(
+                "{} [{}], {:?} to {:?}: ",
+                spec.name, spec.unit, range.min, range.max
+            ),
+        };
+        let typed = Span::styled(format!("{typed}_"), HEADING);
+        lines.push(Line::from_iter([Span::raw(prompt), typed]));
+    } else if page.waits {
+        lines.push(Line::from("waits for the plant's answer"));
+    }
+    match &page.result {
+        Some(Ok(text)) => lines.push(Line::styled(text.as_str(), GOOD)),
+        Some(Err(text)) => lines.push(Line::styled(text.as_str(), BAD)),
+        None if lines.is_empty() => {
+            let last = flight.newest_swap.as_ref();
+            let last = last.map(|swap| format!("; the last: {}", swap.words()));
+            let swaps = format!(
+                "* is not nominal; swaps so far {}{}",
+                flight.active.parameter_epoch,
+                last.unwrap_or_default()
+            );
+            lines.extend([
+                Line::styled(spec.meaning, FAINT),
+                Line::styled(swaps, FAINT),
+            ]);
+        }
+        None => {}
+    }
+    lines
+}
+
+/// The real-time rights that each process requested and got.
+fn real_time_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
+    const COLUMN: usize = 12;
+    let name = if region.is_wide(74) { 14 } else { 12 };
+    let room = usize::from(region.area.width).saturating_sub(name) / COLUMN;
+    let shown = room.clamp(1, 5);
+    let all = flight.statuses.len();
+    if shown < all {
+        let text = format!("room for {shown} of {all} roles");
+        region.put(vec![Line::styled(text, FAINT)]);
+    }
+    // The plant first: its delays matter most.
+    let statuses: Vec<(&Role, &Status)> = flight.statuses.iter().take(shown).collect();
+    let row = |title: &str, text: &dyn Fn(&Role, &Status) -> String| {
+        let cell = |(role, status): &(&Role, &Status)| format!("{:<COLUMN$}", text(role, status));
+        let cells: String = statuses.iter().map(cell).collect();
+        Line::from(format!("{title:<name$}{cells}"))
+    };
+    let mut lines = vec![
+        row("", &|role, _| role.to_string()).style(HEADING),
+        row("process", &|_, status| status.pid.to_string()),
+        row("phase", &|_, status| phase(status).into()),
+        row("scheduling", &|_, status| role_section(status).scheduling),
+    ];
+    for step in STEPS {
+        let title = serde_json::to_value(step).unwrap_or_default();
+        let title = title.as_str().unwrap_or_default();
+        let mut line = Line::from(format!("{title:<name$}"));
+        for (role, status) in &statuses {
+            let grant = status.grants.of(step);
+            let value = match (step, role) {
+                (RealtimeStep::Affinity, Role::Record) => format!("not {} ", grant.value),
+                (RealtimeStep::Affinity, _) => format!("{} ", grant.value),
+                _ if grant.value > 0 => format!("{} ", grant.value),
+                _ => String::new(),
+            };
+            let (text, style) = match (grant.asked, grant.granted()) {
+                (1, true) => (value + "ok", GOOD),
+                (1, false) => (value + "REFUSED", BAD),
+                _ => ("-".into(), FAINT),
+            };
+            line.push_span(Span::styled(format!("{text:<COLUMN$}"), style));
+        }
+        lines.push(line);
+    }
+    lines.extend([
+        row("ticks", &|_, status| status.ticks_run.to_string()),
+        row("skipped", &|_, status| status.ticks_skipped.to_string()),
+        row("stale", &|_, status| status.ticks_stale.to_string()),
+        row("rejected", &|_, status| {
+            status.rejections.total().to_string()
+        }),
+    ]);
+    region.put(lines);
+    // Each refusal once, with its remedy.
+    let refusal = |step: RealtimeStep| {
+        let mut grants = flight
+            .statuses
+            .values()
+            .map(|status| status.grants.of(step));
+        let refused = grants.find(|grant| grant.asked == 1 && !grant.granted())?;
+        let (why, remedy) = (errno_text(refused.errno), remedy(step, refused.errno));
+        Some(Line::styled(format!("{why}: {remedy}"), FAINT))
+    };
+    region.put_wrapped(STEPS.into_iter().filter_map(refusal).collect());
+}
+
+fn phase(status: &Status) -> &'static str {
+    match status.phase() {
+        RolePhase::Starting => "starting",
+        RolePhase::Ready => "ready",
+        RolePhase::Armed => "armed",
+        RolePhase::Flying => "flying",
+        RolePhase::Landed => "landed",
+    }
+}
+
+/// The signals that each law publishes.
+fn laws_page(flight: &WatchedFlight, region: &mut Region<'_, '_>) {
+    const NAME: usize = 27;
+    let is_wide = region.is_wide(76);
+    let width = usize::from(region.area.width);
+    let row = |signal: &SignalSection| {
+        let cell =
+            |value: Option<f64>| value.map_or_else(|| "-".into(), |value| format!("{value:.4e}"));
+        let (name, unit) = (&signal.name, &signal.unit);
+        let [last, min, max] = [signal.last, signal.min, signal.max].map(cell);
+        // The number must not be cut: without its exponent it would be another one.
+        let room = width.saturating_sub(1 + 11);
+        let text = match is_wide {
+            true => format!("  {name:<NAME$.NAME$}{last:>13}{min:>13}{max:>13} {unit}"),
+            false => format!(" {name:<room$.room$}{last:>11}"),
+        };
+        Line::from(text.trim_end().to_owned())
+    };
+    let mut lines = Vec::new();
+    let mut names_columns = is_wide;
+    for (role, statistics) in LAW_ROLES.into_iter().zip(&flight.statistics.telemetry) {
+        let signals = statistics.section();
+        let title = format!("{role} {}", flight.setting(&format!("{role}.law")));
+        let mut heading = Line::styled(title.clone(), HEADING);
+        if signals.is_empty() {
+            heading = Line::from_iter([
+                Span::styled(title, HEADING),
+                Span::styled("   publishes no signals", FAINT),
+            ]);
+        } else if std::mem::take(&mut names_columns) {
+            let room = NAME + 2;
+            let columns = format!("{:>13}{:>13}{:>13}", "now", "smallest", "largest");
+            heading = Line::styled(format!("{title:<room$}{columns}"), HEADING);
+        }
+        lines.push(heading);
+        lines.extend(signals.iter().map(row));
+    }
+    let rows = usize::from(region.area.height);
+    if lines.len() > rows {
+        let hidden = lines.len() - rows.saturating_sub(1);
+        lines.truncate(rows.saturating_sub(1));
+        let text = format!("and {hidden} more: enlarge the terminal");
+        lines.push(Line::styled(text, FAINT));
+    }
+    region.put(lines);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bins_and_axis_agree() {
+        let mut histogram = Histogram::<u64>::new_with_bounds(1, 10_000_000_000, 3).unwrap();
+        for ns in [2_000, 2_001, 20_000, 900_000] {
+            histogram.record(ns).unwrap();
+        }
+        let scale = Scale::of(&histogram, 30);
+        let counts = scale.counts(&histogram);
+        assert_eq!(scale.axis(), "|1 us     |10 us    |100 us");
+        assert_eq!([3, 13, 29].map(|bin| counts[bin]), [2, 1, 1]);
+        assert_eq!(counts.iter().sum::<u64>(), 4);
+    }
+}
