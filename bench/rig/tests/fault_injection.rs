@@ -112,7 +112,8 @@ fn a_flight_with_injections_is_the_one_that_was_planned_so_and_it_is_replayed() 
 #[test]
 fn an_instant_is_kept_where_it_is_far_enough_and_otherwise_the_answer_says_so() {
     let rig = Rig::new("instant");
-    let flight = rig.take_off(rig.slowly(2, "20s"));
+    let config = in_the_air(&rig, 2);
+    let flight = rig.take_off(format!("--rt off --config {config} --duration 20s"));
     let answer = rig.ok("inject setpoint.drop=1/2 --at-tick 15000 --for 1s");
     assert_eq!(
         answer.stdout,

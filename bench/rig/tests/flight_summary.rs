@@ -110,7 +110,8 @@ fn what_there_is_no_room_for_is_left_to_the_full_report() {
 #[ignore = "long: part of the gate"]
 fn a_flight_on_the_clock_ends_with_six_latencies_and_its_outages() {
     let rig = Rig::new("outages");
-    let flight = rig.take_off("--rt off --duration 4s");
+    let config = rig.airborne("trajectory = \"hover\"\n");
+    let flight = rig.take_off(format!("--rt off --duration 4s --config {config}"));
     rig.await_tick(0);
     for role in ["plant", "outer", "inner", "mixer"].repeat(3) {
         stop_for(flight.roles()[role], Duration::from_millis(20));

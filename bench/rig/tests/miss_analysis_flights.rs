@@ -137,12 +137,11 @@ echo; echo TRIED; \"$1\" clean --dry-run; echo CLEANED; \"$1\" clean; echo AGAIN
 }
 
 /// Faults of a flight in slow motion: the tick, the class and the stage of the outage.
-const PROVOKED: [(&str, u64, &str, &str); 6] = [
+const PROVOKED: [(&str, u64, &str, &str); 5] = [
     ("outer.stop=30ms", 150, "stopped_or_dead", "outer"),
     ("inner.stop=30ms", 250, "stopped_or_dead", "inner"),
     ("mixer.stop=30ms", 350, "stopped_or_dead", "mixer"),
     ("plant.stop=30ms", 450, "stopped_or_dead", "plant"),
-    ("mixer.late=1500us", 550, "computed_long", "mixer"),
     // With a law that touches a new page in each tick from there on.
     ("inner.late=1500us", 650, "page_fault", "inner"),
 ];

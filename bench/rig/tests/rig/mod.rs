@@ -9,8 +9,8 @@ use std::fs::{self, File};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{LazyLock, Mutex};
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -38,6 +38,13 @@ pub const IRONBIRD: &str = match option_env!("IRONBIRD") {
     Some(path) => path,
     None => BUILT_WITH_TESTS,
 };
+/// The executable that IRONBIRD_EXECUTABLE names while the tests run, as the drill does; otherwise [`IRONBIRD`].
+fn chosen_executable() -> &'static str {
+    static CHOSEN: LazyLock<String> =
+        LazyLock::new(|| std::env::var("IRONBIRD_EXECUTABLE").unwrap_or_else(|_| IRONBIRD.into()));
+    &CHOSEN
+}
+
 /// Has the features of the tests.
 pub const BUILT_WITH_TESTS: &str = env!("CARGO_BIN_EXE_ironbird");
 
@@ -116,7 +123,7 @@ impl Rig {
             .unwrap();
         let number = RIGS.fetch_add(1, Ordering::Relaxed);
         Self {
-            executable: IRONBIRD,
+            executable: chosen_executable(),
             directory,
             instance: format!("{name}-{}-{number}", std::process::id()),
             started: AtomicU64::new(0),
