@@ -33,24 +33,6 @@ def forged(make, n, kind):
             yield {"_times": line["offered"], "accepted": line["accepted"]}
 
 
-def faulted(make, n, kind):
-    """A fault of the grammar on each topic in turn, in lockstep: the flight of `simulate` to the bit, and its replay."""
-    for topic in itertools.islice(itertools.cycle(TOPICS), n):
-        field = TOPICS[topic]
-        what = {"drop": f"{topic}.drop=0.1", "delay": f"{topic}.delay=3", "lag": f"{topic}.lag=3",
-                "freeze": f"{topic}.freeze", "noise": f"{topic}.{field}.noise=0.01", "bias": f"{topic}.{field}.bias=0.02",
-                "nan": f"{topic}.{field}.nan"}[kind]
-        with make() as rig:
-            sky = rig.settings("[flight]\nground_z_m = -100.0\n")
-            fault = ("--config", sky, "--fault", f"{what}@1s..1050ms")
-            rig.end_completed(rig.start("fly", *LOCKSTEP, *fault), 0)
-            replayed = rig.run("replay", "--verify").expect(0).says("identical").out
-            alone = rig.run("simulate", *LOCKSTEP[2:], *fault).expect(0).result()["outputs"]
-            demand(alone in replayed, f"{what}: simulate has {alone}: {replayed}")
-            rig.demand_nothing_left()
-            yield {}
-
-
 def exported(rig, topic):
     return csv.DictReader(io.StringIO(rig.run("export", "--topic", topic).expect(0).out))
 
@@ -188,11 +170,6 @@ ROWS = [
     {"name": "flipped.live", "fault": "bits flipped in used slots of live shared memory", "injector": flipped,
      "expected": "counted as `checksum`, never used; completed", "n": 5000, "short": 20,
      "guards": ("inspection.checksum",)},
-    *({"name": f"message.{kind}", "fault": f"{words} on each topic", "injector": faulted, "arguments": {"kind": kind},
-       "expected": "identical to `simulate`; replay identical", "n": 4, "short": 2 if kind == "drop" else 1}
-      for kind, words in {"drop": "a tenth lost", "delay": "3 ticks late",
-                          "lag": "content 3 ticks old", "freeze": "last content repeated",
-                          "noise": "noise on a field", "bias": "a bias on a field", "nan": "NaN in a field"}.items()),
     *({"name": f"missing.{topic}", "fault": f"no `{topic}` for 1.5 s", "injector": missing,
        "arguments": {"topic": topic}, "expected": "held, fallback, idle, each in time; flight resumes",
        "n": 3, "guards": ("stale_windows",)} for topic in ("state", "setpoint", "wrench")),

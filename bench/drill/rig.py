@@ -120,7 +120,7 @@ class Rig:
     numbers = iter(range(10**9))
 
     def __init__(self, executable, trials=1):
-        self.executable, self.trials = str(executable), trials
+        self.executable, self.executable_path, self.trials = str(executable), executable, trials
         # Short, because sockets live below it.
         self.directory = Path(tempfile.mkdtemp(prefix="ibd", dir="/tmp"))
         self.instance = f"drill-{os.getpid()}-{next(self.numbers)}"
@@ -214,21 +214,6 @@ class Rig:
         except (OSError, ValueError, IndexError):
             return None
         return None if state in "ZX" else pid
-
-    def spare(self, role):
-        """The process that waits beside a role: it holds no lock, and says by its name that it waits."""
-        for pid in self.processes():
-            try:
-                words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-                name = Path(f"/proc/{pid}/comm").read_text().strip()
-            except OSError:
-                continue
-            if name == "ironbird spare" and words[1] == role.encode():
-                return pid
-        return None
-
-    def await_spare(self, role, other_than=None):
-        return wait_until(f"a spare of {role}", lambda: (pid := self.spare(role)) and pid != other_than and pid)
 
     def await_pid(self, role, other_than=None):
         return wait_until(f"another {role}", lambda: (pid := self.pid(role)) and pid != other_than and pid)

@@ -3,24 +3,20 @@
 from dataclasses import dataclass, field
 from typing import Callable
 
-import bodies
-import deaths
-import files
+import machine
+import matrix
 import messages
-import resources
-import starts
+import processes
 
 
 # What flies in lockstep or is refused before it flies: no busy machine makes it come out otherwise.
-NOT_TIMED = (messages.forged, messages.faulted, messages.missing, files.garbage, files.in_the_way, files.read_only,
-             files.hostile_middleware, bodies.law_is_wrong, bodies.tilted, bodies.worn, resources.small_memory,
-             resources.small_disk, resources.limited)
+NOT_TIMED = (messages.forged, messages.missing, machine.small_disk, machine.read_only, machine.hostile_middleware,
+             processes.tilted)
 # What a trial is where it is not a flight of its own, and whether such trials share a flight.
 TRIALS = {
     messages.forged: ("message", False), messages.flipped: ("flipped bit that reached a port", True),
     messages.flood: ("change", True), messages.killed_clients: ("client", True), messages.observers: ("observer", True),
-    deaths.in_a_row: ("failure", True), deaths.spares: ("standby", True), deaths.pause: ("pause", True), starts.second_flight: ("second start", True),
-    starts.second_role: ("second start", True), files.garbage: ("file", False),
+    processes.in_a_row: ("failure", True), processes.pause: ("pause", True),
 }
 
 
@@ -56,14 +52,7 @@ class Row:
         return f"{self.injector.__module__}.{self.injector.__name__}({words})"
 
 
-GROUPS = {
-    "Processes": deaths.ROWS,
-    "Starts and ends": starts.ROWS,
-    "Messages": messages.ROWS,
-    "Laws and airframes": bodies.ROWS,
-    "Machine": resources.ROWS,
-    "Files": files.ROWS,
-}
+GROUPS = {"Processes": processes.ROWS, "Messages": messages.ROWS, "Machine": machine.ROWS, "Fault matrix": matrix.ROWS}
 
 
 def rows():

@@ -250,16 +250,3 @@ fn every_row_has_its_line_in_the_page_with_what_became_of_it() {
         }
     }
 }
-
-#[test]
-fn trials_are_counted_as_the_page_says() {
-    let said = Command::new("python3")
-        .arg(root().join("bench/drill/own_tests.py"))
-        .output()
-        .unwrap();
-    assert!(
-        said.status.success(),
-        "{}",
-        String::from_utf8_lossy(&said.stderr)
-    );
-}

@@ -5,12 +5,12 @@ mod role_process;
 mod system;
 pub mod unprivileged;
 
-use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{LazyLock, Mutex};
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -23,6 +23,7 @@ use messages::blackboards::{RUN, Run, RunPhase};
 use messages::content::NO_TICK;
 use messages::role::Role;
 use process::session::{RoleSession, StartConfig};
+use report::schema::Report;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -37,20 +38,21 @@ pub const IRONBIRD: &str = match option_env!("IRONBIRD") {
     Some(path) => path,
     None => BUILT_WITH_TESTS,
 };
+/// The executable that IRONBIRD_EXECUTABLE names while the tests run, as the drill does; otherwise [`IRONBIRD`].
+fn chosen_executable() -> &'static str {
+    static CHOSEN: LazyLock<String> =
+        LazyLock::new(|| std::env::var("IRONBIRD_EXECUTABLE").unwrap_or_else(|_| IRONBIRD.into()));
+    &CHOSEN
+}
+
 /// Has the features of the tests.
 pub const BUILT_WITH_TESTS: &str = env!("CARGO_BIN_EXE_ironbird");
 
 /// Copies the executable by another process: while this one held the copy open to write, a child that another test's
 /// thread starts would hold it open too, and the copy could not be run ("text file busy").
 pub fn copy_executable(to: &Path) {
-    assert!(
-        Command::new("cp")
-            .arg(IRONBIRD)
-            .arg(to)
-            .status()
-            .unwrap()
-            .success()
-    );
+    let copied = Command::new("cp").arg(IRONBIRD).arg(to).status().unwrap();
+    assert!(copied.success());
 }
 
 /// Arguments of a command: a line of words, or a list where a word has blanks.
@@ -121,7 +123,7 @@ impl Rig {
             .unwrap();
         let number = RIGS.fetch_add(1, Ordering::Relaxed);
         Self {
-            executable: IRONBIRD,
+            executable: chosen_executable(),
             directory,
             instance: format!("{name}-{}-{number}", std::process::id()),
             started: AtomicU64::new(0),
@@ -170,26 +172,41 @@ impl Rig {
         self.settings(&format!("[flight]\nslowdown = {slowdown}\n"))
     }
 
+    /// Arguments of a flight in slow motion, without real time.
+    pub fn slowly(&self, slowdown: u64, duration: &str) -> String {
+        let config = self.slow(slowdown);
+        format!("--rt off --config {config} --duration {duration}")
+    }
+
     /// `ironbird COMMAND` with the instance and the output directory of this rig, where the command takes them.
     pub fn command(&self, command: &str, args: impl Args) -> Command {
-        let mut process = Command::new(self.executable);
+        self.command_by(&[], command, args)
+    }
+
+    /// `ironbird COMMAND`, started by another program that its arguments precede.
+    pub fn command_by(&self, program: &[&str], command: &str, args: impl Args) -> Command {
+        let words = [program, &[self.executable, command]].concat();
+        let mut process = Command::new(words[0]);
         process
-            .arg(command)
+            .args(&words[1..])
             .args(self.own_args(command, args))
             .env("IRONBIRD_ROOT", self.root());
         process
     }
 
-    /// `ironbird COMMAND`, started by another program that its arguments precede.
-    pub fn command_by(&self, program: &[&str], command: &str, args: impl Args) -> Command {
-        let mut process = Command::new(program[0]);
+    /// `ironbird COMMAND` in a mount namespace of its own ([`in_own_mounts`]).
+    pub fn command_in_mounts(
+        &self,
+        (mount, probe): (&str, &str),
+        command: &str,
+        args: impl Args,
+    ) -> Option<Command> {
+        let mut process = in_own_mounts(mount, probe, self.executable)?;
         process
-            .args(&program[1..])
-            .arg(self.executable)
             .arg(command)
             .args(self.own_args(command, args))
             .env("IRONBIRD_ROOT", self.root());
-        process
+        Some(process)
     }
 
     /// What a command is given besides `args`.
@@ -202,28 +219,14 @@ impl Rig {
                 all.splice(end..end, [flag.to_owned(), value.to_owned()]);
             }
         };
-        if !matches!(
-            command,
-            "campaign"
-                | "clean"
-                | "simulate"
-                | "compare"
-                | "margin"
-                | "report"
-                | "export"
-                | "replay"
-                | "floor"
-                | "runs"
-                | "laws"
-                | "new"
-                | "faults"
-        ) {
+        const WITHOUT_INSTANCE: &str = "campaign clean simulate compare margin report export \
+                                        replay floor runs laws new faults doctor";
+        const WITH_OUTPUT: &str = "fly record report export replay runs margin";
+        let is_in = |list: &str| list.split(' ').any(|it| it == command);
+        if !is_in(WITHOUT_INSTANCE) {
             default("--instance", &self.instance);
         }
-        if matches!(
-            command,
-            "fly" | "record" | "report" | "export" | "replay" | "runs" | "margin"
-        ) {
+        if is_in(WITH_OUTPUT) {
             default("--out", self.out().to_str().unwrap());
         }
         all
@@ -235,18 +238,13 @@ impl Rig {
 
     pub fn launch(&self, mut command: Command) -> Running {
         let number = self.started.fetch_add(1, Ordering::Relaxed);
-        let (stdout, stderr) = (
-            self.path(&format!("{number}.out")),
-            self.path(&format!("{number}.err")),
-        );
+        let [stdout, stderr] = ["out", "err"].map(|end| self.path(&format!("{number}.{end}")));
         command
             .stdout(File::create(&stdout).unwrap())
-            .stderr(File::create(&stderr).unwrap());
-        let child = command
+            .stderr(File::create(&stderr).unwrap())
             .stdin(Stdio::null())
-            .current_dir(self.directory.path())
-            .spawn()
-            .unwrap();
+            .current_dir(self.directory.path());
+        let child = command.spawn().unwrap();
         Running {
             what: format!("{command:?}"),
             child,
@@ -320,10 +318,26 @@ impl Rig {
         flight
     }
 
+    /// A file of the newest flight.
+    pub fn flown(&self, file: &str) -> String {
+        fs::read_to_string(self.out().join("latest").join(file)).unwrap()
+    }
+
     /// The newest flight's report, as written to its directory.
     pub fn report(&self) -> Value {
-        let text = fs::read_to_string(self.out().join("latest/report.json")).unwrap();
-        serde_json::from_str(&text).unwrap()
+        serde_json::from_str(&self.flown("report.json")).unwrap()
+    }
+
+    /// The same, typed, when it is no longer that of a flight in the air.
+    pub fn final_report(&self) -> Report {
+        let path = self.out().join("latest/report.json");
+        let read = || Report::read(&path).ok().filter(|it| !it.run.in_flight);
+        wait_until("the final report", read)
+    }
+
+    /// A replay has every bit of the log.
+    pub fn assert_replayed(&self) {
+        self.ok("replay --verify").says("identical");
     }
 
     pub fn run_directories(&self) -> Vec<String> {
@@ -344,16 +358,10 @@ impl Rig {
 
     /// Nothing of the instance is left in shared memory, and no process of it lives.
     pub fn assert_nothing_left(&self) {
-        assert_eq!(self.segments(), Vec::<String>::new(), "left in /dev/shm");
-        let living: Vec<u32> = processes()
-            .filter(|pid| self.is_ours(*pid) && !is_gone(*pid))
-            .collect();
-        assert_eq!(
-            living,
-            Vec::<u32>::new(),
-            "processes of {} live",
-            self.instance
-        );
+        let none: [u32; 0] = [];
+        assert_eq!(self.segments(), [""; 0], "left in /dev/shm");
+        let living = processes().filter(|pid| self.is_ours(*pid) && !is_gone(*pid));
+        assert_eq!(living.collect::<Vec<_>>(), none, "living processes");
     }
 
     /// Living processes of the instance that were started as `ironbird COMMAND`.
@@ -368,24 +376,14 @@ impl Rig {
             .collect()
     }
 
-    /// Standbys that have done all that they can and wait, by role.
-    pub fn standbys(&self) -> BTreeMap<String, u32> {
+    /// The standby of a role, once it has done all that it can and waits; another one than `dead`.
+    pub fn await_standby(&self, role: Role, dead: Option<u32>) -> u32 {
         let waits = |pid: &u32| {
             let name = fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
-            name.trim_end().as_bytes() == process::standby::NAME.to_bytes() && !is_gone(*pid)
+            name.trim_end().as_bytes() == process::standby::NAME.to_bytes() && Some(*pid) != dead
         };
-        let ours = processes().filter(|pid| self.is_ours(*pid)).filter(waits);
-        ours.filter_map(|pid| Some((command_line(pid).get(1)?.clone(), pid)))
-            .collect()
-    }
-
-    /// The standby of a role, once it waits; another one than `dead`.
-    pub fn await_standby(&self, role: Role, dead: Option<u32>) -> u32 {
         wait_until(&format!("a standby of {role}"), || {
-            self.standbys()
-                .get(role.name())
-                .copied()
-                .filter(|pid| Some(*pid) != dead)
+            self.processes_of(role.name()).into_iter().find(waits)
         })
     }
 
@@ -395,16 +393,8 @@ impl Rig {
 
     /// Nothing was started: no flight's directory, no root directory, no shared memory.
     pub fn assert_nothing_started(&self) {
-        assert!(
-            self.run_directories().is_empty(),
-            "{:?}",
-            self.run_directories()
-        );
-        assert!(
-            !self.path("runs").exists() && !self.root().exists(),
-            "{:?}",
-            names(self.directory.path())
-        );
+        assert_eq!(self.run_directories(), [""; 0]);
+        assert!(!self.path("runs").exists() && !self.root().exists());
         self.assert_nothing_left();
     }
 }
@@ -471,22 +461,20 @@ pub fn table<const COLUMNS: usize>(page: &'static str) -> Vec<[&'static str; COL
     let cells = |line: &'static str| {
         let line = line.strip_prefix('|').unwrap().strip_suffix('|').unwrap();
         let cells: Vec<&str> = line.split('|').map(str::trim).collect();
-        cells
-            .try_into()
-            .unwrap_or_else(|_| panic!("{COLUMNS} cells: {line}"))
+        cells.try_into().expect(line)
     };
     rows.map(cells).collect()
 }
 
 /// Three rows of a table at a time: they wait more than they compute.
-pub fn in_parallel<T: Sync>(rows: impl Iterator<Item = T>, run: impl Fn(&T) + Sync) {
-    let (rows, run) = (rows.collect::<Vec<_>>(), &run);
-    for some in rows.chunks(3) {
-        std::thread::scope(|scope| {
-            some.iter()
-                .for_each(|row| drop(scope.spawn(move || run(row))));
-        });
-    }
+pub fn in_parallel<T>(rows: impl Iterator<Item = T> + Send, run: impl Fn(&T) + Sync) {
+    let rows = Mutex::new(rows);
+    let next = || rows.lock().unwrap().next();
+    std::thread::scope(|scope| {
+        for _ in 0..3 {
+            scope.spawn(|| std::iter::from_fn(next).for_each(|row| run(&row)));
+        }
+    });
 }
 
 pub fn rounds() -> u64 {
@@ -504,13 +492,8 @@ pub fn in_own_mounts(mount: &str, probe: &str, program: &str) -> Option<Command>
         return None;
     }
     let mut command = Command::new("unshare");
-    command.args([
-        "-m",
-        "sh",
-        "-c",
-        &format!("{mount} && exec \"$0\" \"$@\""),
-        program,
-    ]);
+    let script = format!("{mount} && exec \"$0\" \"$@\"");
+    command.args(["-m", "sh", "-c", &script, program]);
     Some(command)
 }
 

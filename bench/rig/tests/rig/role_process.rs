@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::PathBuf;
-use std::process::{Child, Command};
+use std::process::Child;
 use std::thread::sleep;
 use std::time::Instant;
 
@@ -63,12 +63,13 @@ impl Running {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status.code();
             }
+            let status = fs::read_to_string(format!("/proc/{}/status", self.pid()));
             assert!(
                 Instant::now() < until,
-                "{} does not end; {}; it said:\n{}",
+                "{} does not end; it said:\n{}\n{}",
                 self.what,
-                self.place(),
-                self.stderr()
+                self.stderr(),
+                status.unwrap_or_default()
             );
             sleep(LOOK_EVERY);
         };
@@ -81,33 +82,10 @@ impl Running {
         }
     }
 
-    /// Where the threads of a process are that does not go on, as far as the system tells.
-    fn place(&self) -> String {
-        let of = |file: &str| {
-            fs::read_to_string(format!("/proc/{}/{file}", self.pid())).unwrap_or_default()
-        };
-        let status = of("status");
-        let state = status
-            .lines()
-            .find(|line| line.starts_with("State:"))
-            .unwrap_or_default();
-        let args = [
-            "-p",
-            &self.pid().to_string(),
-            "-batch",
-            "-ex",
-            "thread apply all bt 20",
-        ];
-        let stack = Command::new("gdb")
-            .args(args)
-            .output()
-            .map(|gdb| String::from_utf8_lossy(&gdb.stdout).into_owned());
-        format!(
-            "{state}, waits in {}, system call {}\n{}",
-            of("wchan"),
-            of("syscall"),
-            stack.unwrap_or_default()
-        )
+    /// Interrupts it, and waits for its end.
+    pub fn interrupt(self) -> Ended {
+        self.signal(Signal::INT);
+        self.end()
     }
 
     /// The five roles that a launcher has started: process numbers by name.
@@ -147,32 +125,25 @@ impl Ended {
 
     /// Demands words on standard error, however the lines were broken.
     pub fn complains(self, words: &str) -> Self {
-        assert!(
-            squeezed(&self.stderr).contains(&squeezed(words)),
-            "no `{words}` on standard error of {self}"
-        );
-        let help = self
-            .stderr
-            .lines()
-            .find(|line| line.trim_start().starts_with("help: ") && line.trim().contains("  "));
-        assert_eq!(help, None, "a run of blanks in {self}");
+        let is_there = squeezed(&self.stderr).contains(&squeezed(words));
+        assert!(is_there, "no `{words}` on standard error of {self}");
+        let is_help = |line: &str| line.trim_start().starts_with("help: ");
+        let mut help = self.stderr.lines().filter(|line| is_help(line));
+        let has_blanks = help.any(|line| line.trim().contains("  "));
+        assert!(!has_blanks, "a run of blanks in {self}");
         self
     }
 
     /// Demands words on standard output, however the lines were broken.
     pub fn tells(self, words: &str) -> Self {
-        assert!(
-            squeezed(&self.stdout).contains(&squeezed(words)),
-            "no `{words}` on standard output of {self}"
-        );
+        let is_there = squeezed(&self.stdout).contains(&squeezed(words));
+        assert!(is_there, "no `{words}` on standard output of {self}");
         self
     }
 
     pub fn says(self, words: &str) -> Self {
-        assert!(
-            self.stdout.contains(words),
-            "no `{words}` on standard output of {self}"
-        );
+        let is_there = self.stdout.contains(words);
+        assert!(is_there, "no `{words}` on standard output of {self}");
         self
     }
 
@@ -196,11 +167,13 @@ impl Ended {
 
 impl std::fmt::Display for Ended {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "{}\n--- stdout\n{}\n--- stderr\n{}",
-            self.what, self.stdout, self.stderr
-        )
+        let Self {
+            what,
+            stdout,
+            stderr,
+            ..
+        } = self;
+        write!(f, "{what}\n--- stdout\n{stdout}\n--- stderr\n{stderr}")
     }
 }
 

@@ -27,12 +27,8 @@ pub fn unprivileged(rig: &Rig, command: &str, args: impl Args) -> Option<Command
     }
     let id = NOBODY.to_string();
     let as_nobody = ["--reuid", &id, "--regid", &id, "--clear-groups"];
-    if !Command::new("setpriv")
-        .args(as_nobody)
-        .arg("true")
-        .status()
-        .is_ok_and(|status| status.success())
-    {
+    let probe = Command::new("setpriv").args(as_nobody).arg("true").status();
+    if !probe.is_ok_and(|status| status.success()) {
         not_tested("setpriv (util-linux) is not there, or may not become another user");
         return None;
     }
@@ -47,7 +43,7 @@ pub fn unprivileged(rig: &Rig, command: &str, args: impl Args) -> Option<Command
         .args(as_nobody)
         .arg(executable)
         .arg(command)
-        .args(rig.own_args(command, args));
-    process.env("IRONBIRD_ROOT", rig.root());
+        .args(rig.own_args(command, args))
+        .env("IRONBIRD_ROOT", rig.root());
     Some(process)
 }

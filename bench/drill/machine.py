@@ -1,5 +1,6 @@
-"""Files and segments that are broken, cut off, removed, or somebody else's."""
+"""What the machine takes away in flight: memory, disks, clocks, files and segments."""
 
+import json
 import os
 import random
 import shutil
@@ -7,58 +8,100 @@ import signal
 import subprocess
 import time
 
-from rig import ROOT, demand, need_root, wait_until
+from rig import demand, need, need_root, wait_until
 
-NOBODY = ("setpriv", "--reuid", "65534", "--regid", "65534", "--clear-groups")
-
-
-def broken(data, draw):
-    """The bytes with something wrong: cut off, a part lost or doubled, bits flipped, garbage put in."""
-    data = bytearray(data)
-    kind, at = draw.randrange(5), draw.randrange(len(data) or 1)
-    if kind == 0:
-        return data[:at]
-    if kind == 1:
-        return data[:at] + data[at + draw.randrange(1, 200):]
-    if kind == 2:
-        return data[:at] + data[at:at + 300] + data[at:]
-    if kind == 3:
-        for _ in range(draw.randrange(1, 20)):
-            data[draw.randrange(len(data))] ^= 1 << draw.randrange(8)
-        return data
-    return data[:at] + draw.randbytes(draw.randrange(1, 300)) + data[at:]
+CLOCK = r"""
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <time.h>
+// The wall clock steps by up to an hour at each look; other clocks go on.
+int clock_gettime(clockid_t id, struct timespec *now) {
+    static int (*real)(clockid_t, struct timespec *);
+    static unsigned looks = 1;
+    if (!real) real = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, "clock_gettime");
+    int result = real(id, now);
+    if (id == CLOCK_REALTIME) now->tv_sec += (long)((looks = looks * 1664525 + 1013904223) % 7200) - 3600;
+    return result;
+}
+"""
+SHORT = ("--rt", "off", "--trajectory", "hover", "--duration", "1s")
 
 
-def garbage(make, n, kind):
-    """Hands over a file with something wrong at a random place: it is read or refused; no signal, no panic, no hang."""
-    draw = random.Random(kind)
-    with make() as rig:
-        rig.run("fly", "--pace", "lockstep", "--duration", "200ms").expect(0)
-        run = (rig.out / "latest").resolve()
-        whole = {
-            "settings": (run / "settings.toml").read_bytes,
-            "airframe": (ROOT / "bench/rig/airframes/crazyflie.toml").read_bytes,
-            "points": lambda: b"t,x,y,z,yaw\n" + b"".join(b"%d,%d,0.5,1.0,0\n" % (i, i % 3) for i in range(40)),
-            "log": (run / "flight.mcap").read_bytes,
-            "report": (run / "report.json").read_bytes,
-        }[kind]()
-        for _ in range(n):
-            file = rig.directory / {"log": "broken.mcap", "report": "report.json", "points": "p.csv"}.get(kind, "f.toml")
-            file.write_bytes(broken(whole, draw))
-            command = {
-                "settings": ("simulate", "--config", file, "--duration", "10ms"),
-                "airframe": ("simulate", "--airframe", file, "--duration", "10ms"),
-                "points": ("simulate", "--trajectory", file, "--duration", "10ms"),
-                "log": ("replay", "--out", rig.out, file, "--verify"),
-                "report": ("report", "--out", rig.out, rig.directory),
-            }[kind]
-            ended = rig.launch([rig.executable, *map(str, command)]).end(30)
-            # What rig.started keeps of a trial is not needed any more.
-            rig.started.pop()
-            demand(ended.code is not None and 0 <= ended.code < 100 and "panicked" not in ended.err, f"{ended}")
-            if kind == "log":
-                demand(ended.code != 0 or file.read_bytes() == whole, "a broken log is replayed as identical")
-            yield {"share refused": int(ended.code != 0)}
+def memory_fills_up(make, n):
+    """Fills a private /dev/shm to the last byte in flight: all of the flight's pages are there already."""
+    for _ in range(n):
+        with make() as rig:
+            need_root()
+            inside = ('mount -t tmpfs -o size=200m none /dev/shm && ("$0" "$@"; echo $? > code) & '
+                      "sleep 2.5; dd if=/dev/zero of=/dev/shm/full bs=1M 2>dd; df /dev/shm | tail -1 > full; wait")
+            command = rig.command("fly", "--rt", "off", "--trajectory", "hover", "--duration", "5s")
+            rig.launch(["unshare", "-m", "sh", "-c", inside, *command]).end().expect(0)
+            demand((rig.directory / "code").read_text().strip() in "03", "the flight failed")
+            demand("100%" in (rig.directory / "full").read_text(), "/dev/shm was not full")
+            demand(rig.report()["run"]["ending"] == "completed", rig.report()["run"]["ending"])
+            yield {}
+
+
+def small_disk(make, n, size):
+    """Records on a disk that fills up in flight: messages are dropped and counted, the flight is flown to its end."""
+    for _ in range(n):
+        with make() as rig:
+            need_root()
+            disk, kept = rig.directory / "disk", rig.directory / "kept"
+            disk.mkdir()
+            script = (f"mount -t tmpfs -o size={size} none {disk} && \"$0\" \"$@\"; code=$?; cp -rL {disk}/latest {kept}; "
+                      "exit $code")
+            command = rig.command("fly", "--pace", "lockstep", "--duration", "12s", "--out", disk)
+            result = rig.launch(["unshare", "-m", "sh", "-c", script, *command]).end().expect(0).result()
+            ending = json.loads((kept / "report.json").read_text())["run"]["ending"]
+            demand(ending == "completed", ending)
+            demand(result["status"] == "INCOMPLETE" and result["ticks"] == "12001", f"{result}")
+            rig.demand_nothing_left()
+            yield {"messages dropped": int(result["unlogged"])}
+
+
+def traced(make, n):
+    """Attaches strace to a loop for half a second: it is slow, and flies on."""
+    for _ in range(n):
+        with make() as rig:
+            flight = rig.take_off("--on-death", "end", duration="3s")
+            need("strace")
+            tracer = rig.launch(["timeout", "-s", "INT", "0.5", "strace", "-f", "-p", str(rig.await_pid("inner")), "-o",
+                                 "/dev/null"])
+            tracer.end()
+            rig.end_completed(flight)
+            rig.demand_replay()
+            rig.demand_nothing_left()
+            yield {"ticks skipped": rig.report()["ticks"]["skipped"]}
+
+
+def wall_clock(make, n):
+    """Steps the wall clock of all processes of a flight at each look at it, by up to an hour: nothing comes of it."""
+    for _ in range(n):
+        with make() as rig:
+            need("cc")
+            source, shim = rig.directory / "clock.c", rig.directory / "clock.so"
+            source.write_text(CLOCK)
+            subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", shim, source, "-ldl"], check=True)
+            environment = {**rig.environment, "LD_PRELOAD": str(shim)}
+            rig.end_completed(rig.fly(duration="2s", env=environment))
+            ticks = rig.report()["ticks"]
+            demand(ticks["run"] + ticks["skipped"] == 2001, f"ticks: {ticks}")
+            rig.demand_replay()
+            rig.demand_nothing_left()
+            yield {}
+
+
+def old_machine(make, n):
+    """Flies where the monotonic clock has run for 30 years."""
+    for _ in range(n):
+        with make() as rig:
+            need_root()
+            command = ["unshare", "-T", "--monotonic", str(30 * 365 * 86400), "--fork", "--", *rig.command("fly", *SHORT)]
+            rig.end_completed(rig.launch(command))
+            rig.demand_replay()
+            rig.demand_nothing_left()
+            yield {}
 
 
 def leftovers(make, n, how):
@@ -149,28 +192,6 @@ def directory_removed(make, n):
             yield {}
 
 
-def in_the_way(make, n, what):
-    """Puts something into the place of the instance's directory: refused in words that name it, and it stays."""
-    for _ in range(n):
-        with make() as rig:
-            rig.root.mkdir(mode=0o777)
-            rig.root.chmod(0o1777)
-            place = rig.root / rig.instance
-            if what == "link":
-                place.symlink_to("/etc")
-            elif what == "foreign":
-                need_root()
-                place.mkdir()
-                os.chown(place, 65534, 65534)
-            elif what == "pipe":
-                os.mkfifo(place)
-            there = place.lstat().st_ino
-            rig.run("fly", "--rt", "off", "--duration", "100ms").expect(2).says(str(place))
-            demand(place.lstat().st_ino == there, "it is gone")
-            rig.demand_nothing_left()
-            yield {}
-
-
 def read_only(make, n):
     """Starts where the root path is read-only: refused in words that name it."""
     for _ in range(n):
@@ -181,30 +202,6 @@ def read_only(make, n):
             mount = f'mount -t tmpfs -o ro none {rig.root} && exec "$0" "$@"'
             ended = rig.launch(["unshare", "-m", "sh", "-c", mount, *command]).end().expect(1, 2)
             demand(str(rig.root) in ended.err and "panicked" not in ended.err, f"{ended}")
-            rig.demand_nothing_left()
-            yield {}
-
-
-def other_user(make, n):
-    """Another user looks at, writes to, removes and joins a flight: refused, and the flight loses nothing."""
-    for _ in range(n):
-        with make() as rig:
-            need_root()
-            rig.directory.chmod(0o755)
-            copy = rig.directory / "ironbird"
-            subprocess.run(["cp", rig.executable, copy], check=True)
-            flight = rig.take_off(duration="4s")
-            tries = [["cat", str(path)] for path in rig.segments()]
-            tries += [["truncate", "-s", "0", str(path)] for path in rig.segments()]
-            tries += [["rm", "-f", str(path)] for path in rig.segments()[:3]]
-            tries += [["kill", str(rig.pid("plant"))], [str(copy), *rig.command("inject", "mass_kg=0.6")[1:]],
-                      [str(copy), *rig.command("inner", "--rt", "off")[1:]]]
-            for words in tries:
-                done = subprocess.run([*NOBODY, *words], env=rig.environment, cwd=rig.directory, capture_output=True,
-                                      check=False, timeout=30)
-                demand(done.returncode != 0, f"another user may: {words[:2]}")
-            result = rig.end_completed(flight).result()
-            demand(result["lost"] == "0", f"{result}")
             rig.demand_nothing_left()
             yield {}
 
@@ -223,10 +220,16 @@ def hostile_middleware(make, n):
 
 
 ROWS = [
-    *({"name": f"garbage.{kind}", "fault": f"{words} with random damage", "injector": garbage,
-       "arguments": {"kind": kind}, "expected": "read or rejected; no signal, panic or hang", "n": 1000, "short": 10}
-      for kind, words in {"settings": "a settings file", "airframe": "an airframe file", "points": "a trajectory file",
-                          "log": "a flight log (replay)", "report": "report.json"}.items()),
+    {"name": "memory.fills_up", "fault": "/dev/shm fills up in flight", "injector": memory_fills_up,
+     "expected": "completed", "n": 5},
+    {"name": "disk.fills_up", "fault": "the log's disk fills up in flight", "injector": small_disk,
+     "arguments": {"size": "7m"}, "expected": "completed, INCOMPLETE; dropped messages counted", "n": 3},
+    {"name": "traced", "fault": "strace attached to a loop for 0.5 s", "injector": traced,
+     "expected": "completed; replay identical", "n": 5},
+    {"name": "clock.stepped", "fault": "the wall clock steps by up to an hour at each reading (preloaded library)",
+     "injector": wall_clock, "expected": "no tick lost or doubled; replay identical", "n": 5},
+    {"name": "clock.old", "fault": "a monotonic clock of 30 years (time namespace)", "injector": old_machine,
+     "expected": "completed; replay identical", "n": 5},
     *({"name": f"leftovers.{how}", "fault": f"leftovers in shared memory {words}", "injector": leftovers,
        "arguments": {"how": how}, "expected": "next flight works, if need be after `ironbird clean`", "n": 20}
       for how, words in {"truncated": "truncated", "garbage": "overwritten", "removed": "half removed"}.items()),
@@ -239,13 +242,8 @@ ROWS = [
      "arguments": {"how": "truncated"}, "expected": "no hang; next flight works", "n": 20},
     {"name": "directory.removed", "fault": "instance directory removed in flight", "injector": directory_removed,
      "expected": "no hang; next flight works after `ironbird clean`", "n": 10},
-    *({"name": f"in_the_way.{what}", "fault": f"{words} in place of the instance directory", "injector": in_the_way,
-       "arguments": {"what": what}, "expected": "rejected by name with code 2; it stays", "n": 5, "short": int(what == "link")}
-      for what, words in {"link": "a link", "foreign": "another user's directory", "pipe": "a pipe"}.items()),
     {"name": "directory.read_only", "fault": "read-only root path", "injector": read_only,
      "expected": "rejected by name", "n": 5},
-    {"name": "other_user", "fault": "another user reads, writes, removes, signals and joins", "injector": other_user,
-     "expected": "rejected each time; completed, nothing lost", "n": 5},
     {"name": "hostile_middleware", "fault": "a middleware configuration in the working directory",
      "injector": hostile_middleware, "expected": "not read; completed", "n": 5},
 ]
