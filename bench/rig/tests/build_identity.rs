@@ -5,159 +5,123 @@ use flight_log::build::Build;
 use flight_log::reader::LogReader;
 use serde_json::Value;
 use std::fs;
+use std::process::Command;
 
 const LOCKSTEP: &str = "--pace lockstep --duration 300ms";
-
-fn read(rig: &Rig, file: &str) -> String {
-    fs::read_to_string(rig.out().join("latest").join(file)).unwrap()
-}
-
-fn version(rig: &Rig, flag: &str) -> String {
-    let output = std::process::Command::new(rig::BUILT_WITH_TESTS)
-        .arg(flag)
-        .current_dir(rig.path(""))
-        .output()
-        .unwrap();
-    String::from_utf8(output.stdout).unwrap().trim().to_owned()
-}
 
 #[test]
 fn a_flight_names_the_build_that_version_names() {
     let rig = Rig::with_features("build");
     let ended = rig.run("fly", LOCKSTEP).expect(0);
+    let read = |file: &str| fs::read_to_string(rig.out().join("latest").join(file)).unwrap();
     // From a directory that is no checkout: the build was known when it was built.
-    let long = version(&rig, "--version");
+    let version = |flag: &str| {
+        let mut command = Command::new(rig::BUILT_WITH_TESTS);
+        let output = command.arg(flag).current_dir(rig.path("")).output();
+        String::from_utf8(output.unwrap().stdout)
+            .unwrap()
+            .trim()
+            .to_owned()
+    };
+    let facts: Value = serde_json::from_str(&read("run.json")).unwrap();
+    let build: Build = serde_json::from_value(facts["build"].clone()).unwrap();
+    let long = version("--version");
     assert_eq!(
-        version(&rig, "-V"),
+        version("-V"),
         concat!("ironbird ", env!("CARGO_PKG_VERSION"))
     );
-    let build: Build = serde_json::from_value(
-        serde_json::from_str::<Value>(&read(&rig, "run.json")).unwrap()["build"].clone(),
-    )
-    .unwrap();
     assert_eq!(long, format!("ironbird {build}"));
-    assert_eq!(
-        serde_json::from_value::<Build>(rig.report()["run"]["build"].clone()).unwrap(),
-        build
-    );
+    assert_eq!(rig.report()["run"]["build"], facts["build"]);
     let mut log = LogReader::open(&rig.out().join("latest/flight.mcap")).unwrap();
     log.next_entry().unwrap();
     assert_eq!(log.build(), build);
-    assert!(
-        read(&rig, "report.txt").contains(&format!("\n{long}  ")),
-        "{}",
-        read(&rig, "report.txt")
-    );
-    assert!(read(&rig, "report.html").contains(&format!("{build} for {}", build.target)));
+    assert!(read("report.txt").contains(&format!("\n{long}  ")));
+    assert!(read("report.html").contains(&format!("{build} for {}", build.target)));
     assert_eq!(ended.result()["build"], build.token());
-    assert!(
-        build.profile
-            == if cfg!(debug_assertions) {
-                "debug"
-            } else {
-                "release"
-            },
-        "{build}"
-    );
+    let profile = if cfg!(debug_assertions) {
+        "debug"
+    } else {
+        "release"
+    };
+    assert_eq!(build.profile, profile, "{build}");
     assert!(
         build.rustc.starts_with("1.") && build.target.contains("linux"),
         "{build:?}"
     );
-    rig.ok("replay --verify")
-        .complains(&format!("flown by {build}, replayed by {build}: "));
-    rig.ok("replay")
-        .says(&format!("flown by {build}, replayed by {build}: "));
+    let both = format!("flown by {build}, replayed by {build}: ");
+    rig.ok("replay --verify").complains(&both);
+    rig.ok("replay").says(&both);
 }
 
 #[test]
 fn the_commit_is_that_of_the_checkout() {
     let git = |arguments: &[&str]| {
-        let output = std::process::Command::new("git")
+        let mut command = Command::new("git");
+        command
             .args(arguments)
-            .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .output();
-        output
+            .current_dir(env!("CARGO_MANIFEST_DIR"));
+        let output = command
+            .output()
             .ok()
-            .filter(|output| output.status.success())
-            .map(|output| String::from_utf8(output.stdout).unwrap())
+            .filter(|output| output.status.success())?;
+        Some(String::from_utf8(output.stdout).unwrap().trim().to_owned())
     };
     let toplevel =
-        git(&["rev-parse", "--show-toplevel"]).map(|path| fs::canonicalize(path.trim()).unwrap());
+        git(&["rev-parse", "--show-toplevel"]).map(|path| fs::canonicalize(path).unwrap());
     let workspace = fs::canonicalize(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-    let is_checkout = toplevel == Some(workspace);
-    let expected = git(&["rev-parse", "--short=7", "HEAD"]).filter(|_| is_checkout);
-    assert_eq!(
-        ironbird::build::here().commit,
-        expected.as_deref().map_or("unknown", str::trim)
-    );
+    let expected = git(&["rev-parse", "--short=7", "HEAD"]).filter(|_| toplevel == Some(workspace));
+    let commit = ironbird::build::here().commit;
+    assert_eq!(commit, expected.unwrap_or_else(|| "unknown".into()));
 }
 
 #[test]
 fn two_builds_are_said_to_differ_and_an_unknown_one_is_still_read() {
     let rig = Rig::with_features("builds");
-    rig.run("fly", LOCKSTEP).expect(0);
-    rig.run("fly", LOCKSTEP).expect(0);
+    for _ in 0..2 {
+        rig.run("fly", LOCKSTEP).expect(0);
+    }
     let [a, b]: [String; 2] = rig.run_directories().try_into().unwrap();
-    let same = rig.ok(&format!("report diff {a} {b} --format json")).json();
-    assert!(
-        same["builds"].as_str().unwrap().starts_with("the same")
-            || ironbird::build::here().commit == "unknown",
-        "{same}"
-    );
+    let diff = format!("report diff {a} {b}");
+    let here = ironbird::build::here();
+    let same = rig.ok(&format!("{diff} --format json")).json();
+    let is_the_same = same["builds"].as_str().unwrap().starts_with("the same");
+    assert!(is_the_same || here.commit == "unknown", "{same}");
     let change = |file: &str, change: &dyn Fn(&mut Value)| {
         let path = rig.out().join(&b).join(file);
         let mut value: Value = serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
         change(&mut value);
         fs::write(&path, value.to_string()).unwrap();
     };
-    change("run.json", &|facts| {
-        facts["build"]["commit"] = "0000000".into()
-    });
-    let here = ironbird::build::here();
-    let other = Build {
-        commit: "0000000".into(),
-        ..here.clone()
-    };
-    let ended = rig
-        .ok(&format!("report diff {a} {b}"))
-        .says("\nBuilds: different\n");
-    let ended = ended
+    change("run.json", &|it| it["build"]["commit"] = "0000000".into());
+    let mut other = here.clone();
+    other.commit = "0000000".into();
+    rig.ok(&diff)
+        .says("\nBuilds: different\n")
         .says(&format!("    {here}\n"))
-        .says(&format!("    {other}\n"));
-    assert!(
-        ended.stdout.contains("\nMachine: the same\n"),
-        "the machine is: {ended}"
-    );
+        .says(&format!("    {other}\n"))
+        .says("\nMachine: the same\n");
     // As a version leaves them that knew nothing of builds.
-    change("run.json", &|facts| {
-        drop(facts.as_object_mut().unwrap().remove("build"))
-    });
-    change("report.json", &|report| {
-        drop(report["run"].as_object_mut().unwrap().remove("build"))
-    });
+    let remove = |it: &mut Value| drop(it.as_object_mut().unwrap().remove("build"));
+    change("run.json", &remove);
+    change("report.json", &|it| remove(&mut it["run"]));
     let unknown = format!("{} (build unknown)", here.version);
-    rig.ok(&format!("report diff {a} {b}"))
-        .says(&format!("    {unknown}\n"));
+    rig.ok(&diff).says(&format!("    {unknown}\n"));
     rig.ok(&format!("report {b} --section head"))
         .says(&format!("ironbird {unknown}  "));
 }
 
 #[test]
 fn only_an_instrumented_build_replaces_functions_of_the_c_library() {
-    let listed = std::process::Command::new("nm")
-        .args(["-D", "--defined-only", "--format=just-symbols"])
-        .arg(rig::IRONBIRD)
-        .output();
-    let Ok(listed) = listed else {
+    let mut command = Command::new("nm");
+    command.args(["-D", "--defined-only", "--format=just-symbols"]);
+    let Ok(listed) = command.arg(rig::IRONBIRD).output() else {
         rig::lacks_tool("exported symbols are not listed: apt-get install binutils");
         return;
     };
     assert!(listed.status.success(), "{listed:?}");
     let listed = String::from_utf8(listed.stdout).unwrap();
-    let exported: Vec<&str> = listed
-        .lines()
-        .filter(|symbol| REPLACED.contains(symbol))
-        .collect();
+    let is_replaced = |symbol: &&str| REPLACED.contains(symbol);
+    let exported: Vec<&str> = listed.lines().filter(is_replaced).collect();
     if rig::IRONBIRD == rig::BUILT_WITH_TESTS && cfg!(feature = "instrumented") {
         assert_eq!(exported.len(), REPLACED.len(), "{exported:?}");
     } else {

@@ -1,79 +1,62 @@
 //! Pages of docs/ that tests read: the tutorial, the promises of security, the rows of the fault drill.
 
+use crate::python::repository;
 use crate::rig::{IRONBIRD, Rig, lacks_tool};
 use messages::checks::GUARDS;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
-/// The commands of a section of docs/your-law.md, in order.
-fn commands(section: &str) -> Vec<String> {
-    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/your-law.md");
-    let page = fs::read_to_string(page).unwrap();
+/// Types the commands of a section of docs/your-law.md in an empty directory, and ends where one fails.
+fn type_commands(rig: &Rig, section: &str) {
+    let page = read("docs/your-law.md");
     let (_, rest) = page.split_once(&format!("\n## {section}\n")).unwrap();
     let text = rest.split("\n## ").next().unwrap();
-    text.lines()
+    let commands: Vec<&str> = text
+        .lines()
         .filter_map(|line| line.strip_prefix("    "))
-        .map(str::to_owned)
-        .collect()
-}
-
-/// Types them in an empty directory, and ends where one fails.
-fn typed(rig: &Rig, section: &str) {
-    let commands = commands(section);
+        .collect();
     assert!(commands.len() >= 5, "{commands:?}");
-    let bin: PathBuf = rig.path("bin");
-    fs::create_dir(&bin).unwrap();
-    std::os::unix::fs::symlink(IRONBIRD, bin.join("ironbird")).unwrap();
-    let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
-    let script = commands
+    fs::create_dir(rig.path("bin")).unwrap();
+    std::os::unix::fs::symlink(IRONBIRD, rig.path("bin/ironbird")).unwrap();
+    let path = format!("{}:{}", rig.file("bin"), std::env::var("PATH").unwrap());
+    let echoed = commands
         .iter()
-        .map(|command| format!("echo '$' {command:?}; {command}\n"))
-        .collect::<String>();
+        .map(|command| format!("echo '$' {command:?}; {command}\n"));
     let ended = Command::new("sh")
-        .args(["-e", "-c", &script])
+        .args(["-e", "-c", &echoed.collect::<String>()])
         .current_dir(rig.path("."))
         .env("PATH", path)
         .env("IRONBIRD_ROOT", rig.root())
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&ended.stdout);
-    assert!(
-        ended.status.success(),
-        "{said}\n{}",
-        String::from_utf8_lossy(&ended.stderr)
-    );
-    assert!(said.contains("identical"), "{said}");
+    let stdout = String::from_utf8_lossy(&ended.stdout);
+    let stderr = String::from_utf8_lossy(&ended.stderr);
+    assert!(ended.status.success(), "{stdout}\n{stderr}");
+    assert!(stdout.contains("identical"), "{stdout}");
 }
 
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_law_in_c_flies_as_the_tutorial_says() {
-    if !Command::new("cc")
-        .arg("--version")
-        .output()
-        .is_ok_and(|it| it.status.success())
-    {
+    let compiler = Command::new("cc").arg("--version").output();
+    if !compiler.is_ok_and(|output| output.status.success()) {
         lacks_tool("cc is not there");
         return;
     }
-    typed(&Rig::new("tutorial_c"), "In C");
+    type_commands(&Rig::new("tutorial_c"), "In C");
 }
 
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_law_in_rust_flies_as_the_tutorial_says() {
-    typed(&Rig::new("tutorial_rs"), "In Rust");
+    type_commands(&Rig::new("tutorial_rs"), "In Rust");
 }
 
-const PAGE: &str = include_str!("../../../docs/security.md");
-
-fn source(path: &str) -> String {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    fs::read_to_string(root.join(path))
-        .unwrap_or_else(|e| panic!("docs/security.md names {path}: {e}"))
+fn read(path: &str) -> String {
+    fs::read_to_string(repository(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
 }
 
 fn quoted(text: &str) -> Vec<&str> {
@@ -88,23 +71,20 @@ fn has_test(source: &str, name: &str) -> bool {
     let Some(at) = source.find(&format!("fn {name}()")) else {
         return false;
     };
-    let before = source[..at]
-        .lines()
-        .rev()
-        .map(str::trim)
-        .filter(|line| !line.is_empty());
-    before
-        .take_while(|line| line.starts_with("#["))
-        .any(|line| line == "#[test]")
+    let before = source[..at].lines().rev().map(str::trim);
+    let before = before.filter(|line| !line.is_empty());
+    let mut attributes = before.take_while(|line| line.starts_with("#["));
+    attributes.any(|line| line == "#[test]")
 }
 
 #[test]
 fn every_promise_names_its_file_and_a_test_that_is_there() {
-    let rows: Vec<Vec<&str>> = PAGE
-        .lines()
-        .filter(|line| {
-            line.starts_with('|') && !line.starts_with("|---") && !line.starts_with("| promise")
-        })
+    let page = read("docs/security.md");
+    let is_row = |line: &&str| {
+        line.starts_with('|') && !line.starts_with("|---") && !line.starts_with("| promise")
+    };
+    let rows = page.lines().filter(is_row);
+    let rows: Vec<Vec<&str>> = rows
         .map(|line| line.trim_matches('|').split(" | ").collect())
         .collect();
     assert!(rows.len() >= 15, "{}", rows.len());
@@ -114,41 +94,27 @@ fn every_promise_names_its_file_and_a_test_that_is_there() {
         };
         let files = quoted(enforced);
         assert!(!files.is_empty(), "nothing enforces: {promise}");
-        files.iter().for_each(|file| drop(source(file)));
+        files.iter().for_each(|file| drop(read(file)));
         let shown = quoted(shown);
+        // A file and a name for each test.
+        let (tests, rest) = shown.as_chunks::<2>();
         assert!(
-            !shown.is_empty() && shown.len().is_multiple_of(2),
-            "no test, in file and name, of: {promise}"
+            !tests.is_empty() && rest.is_empty(),
+            "no test of: {promise}"
         );
-        for test in shown.chunks(2) {
-            let [file, name] = test else {
-                unreachable!("chunks of two")
-            };
-            assert!(has_test(&source(file), name), "{file} has no test {name}");
+        for [file, name] in tests {
+            assert!(has_test(&read(file), name), "{file} has no test {name}");
         }
     }
 }
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../..")
-        .canonicalize()
-        .unwrap()
+fn run_python(script: &str, argument: &str) -> Vec<u8> {
+    crate::python::run_python("python3", script, &[Path::new(argument)])
 }
 
 /// The rows as the drill lists them.
 fn rows() -> Vec<Value> {
-    let listed = Command::new("python3")
-        .arg(root().join("bench/drill/run"))
-        .arg("--list")
-        .output()
-        .unwrap();
-    assert!(
-        listed.status.success(),
-        "{}",
-        String::from_utf8_lossy(&listed.stderr)
-    );
-    serde_json::from_slice(&listed.stdout).unwrap()
+    serde_json::from_slice(&run_python("bench/drill/run", "--list")).unwrap()
 }
 
 fn text<'a>(row: &'a Value, key: &str) -> &'a str {
@@ -168,23 +134,17 @@ fn no_row_lacks_an_injector_or_an_expectation() {
             assert!(text(row, key).len() > 3, "{key} of {row}");
         }
         // What is called is there, and says what it does.
-        let (module, function) = text(row, "injector")
-            .split_once('(')
-            .unwrap()
-            .0
-            .split_once('.')
-            .unwrap();
-        let source = fs::read_to_string(root().join(format!("bench/drill/{module}.py"))).unwrap();
+        let (injector, _) = text(row, "injector").split_once('(').unwrap();
+        let (module, function) = injector.split_once('.').unwrap();
+        let source = read(&format!("bench/drill/{module}.py"));
+        let definition = format!("\ndef {function}(make, n");
         let (_, body) = source
-            .split_once(&format!("\ndef {function}(make, n"))
+            .split_once(&definition)
             .unwrap_or_else(|| panic!("{row}"));
+        let documentation = body.lines().nth(1).unwrap().trim_start();
         assert!(
-            body.lines()
-                .nth(1)
-                .unwrap()
-                .trim_start()
-                .starts_with("\"\"\""),
-            "{function} does not say what it does"
+            documentation.starts_with("\"\"\""),
+            "{function} has no documentation"
         );
         assert!(row["n"].as_u64().unwrap() > 0, "{row}");
     }
@@ -193,28 +153,23 @@ fn no_row_lacks_an_injector_or_an_expectation() {
 #[test]
 fn every_guard_has_a_row_that_its_absence_turns_red() {
     let rows = rows();
-    let named: BTreeSet<&str> = rows
+    let guards = rows
         .iter()
-        .flat_map(|row| row["guards"].as_array().unwrap())
-        .map(|guard| guard.as_str().unwrap())
-        .collect();
+        .flat_map(|row| row["guards"].as_array().unwrap());
+    let named: BTreeSet<&str> = guards.map(|guard| guard.as_str().unwrap()).collect();
     assert_eq!(named, GUARDS.iter().map(|(name, _)| *name).collect());
 }
 
 #[test]
 fn every_row_has_its_line_in_the_page_with_what_became_of_it() {
-    let page = fs::read_to_string(root().join("docs/faults.md")).unwrap();
-    let data: Value =
-        serde_json::from_str(&fs::read_to_string(root().join("docs/faults.json")).unwrap())
-            .unwrap();
+    let page = read("docs/faults.md");
+    let data: Value = serde_json::from_str(&read("docs/faults.json")).unwrap();
     let known = data["rows"].as_array().unwrap();
     for row in rows() {
         let name = text(&row, "name");
         let is_its = |line: &&str| {
-            line.split(" | ")
-                .next()
-                .is_some_and(|names| names.contains(&format!("`{name}`")))
-                && line.starts_with("| `")
+            let names = line.split(" | ").next().unwrap();
+            line.starts_with("| `") && names.contains(&format!("`{name}`"))
         };
         let lines: Vec<&str> = page.lines().filter(is_its).collect();
         let [line] = lines[..] else {
@@ -228,25 +183,29 @@ fn every_row_has_its_line_in_the_page_with_what_became_of_it() {
         let [tried, survived] = ["tried", "survived"].map(|key| found[key].as_u64().unwrap());
         let cells: Vec<&str> = line.split(" | ").collect();
         if tried == 0 {
-            assert!(
-                cells[3..]
-                    .iter()
-                    .any(|cell| cell.starts_with("not tried: ") && cell.len() > 14),
-                "{line}"
-            );
-        } else {
-            let build = text(found, "build");
-            assert!(
-                build.starts_with("ironbird ") && !build.contains("mutant"),
-                "{build}"
-            );
-            assert!(page.contains(&format!("`{build}` on {}", text(found, "date"))));
-            assert_eq!(
-                cells[3].split([' ', ',']).next(),
-                Some(tried.to_string().as_str()),
-                "{line}"
-            );
-            assert_eq!(cells[4], survived.to_string(), "{line}");
+            let is_reason = |cell: &&str| cell.starts_with("not tried: ") && cell.len() > 14;
+            assert!(cells[3..].iter().any(is_reason), "{line}");
+            continue;
         }
+        let build = text(found, "build");
+        assert!(
+            build.starts_with("ironbird ") && !build.contains("mutant"),
+            "{build}"
+        );
+        assert!(page.contains(&format!("`{build}` on {}", text(found, "date"))));
+        let first = cells[3].split([' ', ',']).next().unwrap();
+        assert_eq!(
+            (first, cells[4]),
+            (&*tried.to_string(), &*survived.to_string()),
+            "{line}"
+        );
     }
 }
+<<<<<<< HEAD
+=======
+
+#[test]
+fn trials_are_counted_as_the_page_says() {
+    crate::python::run_python("python3", "bench/drill/own_tests.py", &[]);
+}
+>>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5

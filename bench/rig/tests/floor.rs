@@ -1,5 +1,6 @@
 //! The machine's floors: what they count and what ends them; how fast they are is no test's business.
 
+<<<<<<< HEAD
 use crate::rig;
 
 use std::path::Path;
@@ -9,6 +10,16 @@ use crate::rig::{IRONBIRD, Rig};
 use errors::Failure;
 use host::floor::ring::{self, RingFloor, RingSettings, WakeMechanism, Work};
 use host::floor::timer::{self, Schedule};
+=======
+use crate::rig::{IRONBIRD, Rig, wait_until};
+use host::floor::link::WakeMechanism;
+use host::floor::work::Work;
+use host::floor::{ring, timer};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+>>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
 
 const WAKES: [WakeMechanism; 2] = [WakeMechanism::Eventfd, WakeMechanism::Futex];
 
@@ -45,22 +56,34 @@ fn the_timer_accounts_for_every_tick() {
     assert_eq!(floor.ticks_run + floor.ticks_skipped, 200);
     assert_eq!(floor.lateness.len(), 200);
     let standing = &floor.standing;
+<<<<<<< HEAD
     let refused = standing.refused.iter();
     let is_refused = refused.clone().any(|it| it.starts_with("SCHED_FIFO"));
+=======
+    let mut refused = standing.refused.iter();
+    let is_refused = refused.any(|it| it.starts_with("SCHED_FIFO"));
+>>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
     assert_eq!(standing.priority == 0, is_refused, "{standing:?}");
 }
 
 #[test]
+<<<<<<< HEAD
 fn a_token_goes_around_once_a_tick_by_either_wake_and_work_is_done_in_every_process() {
     let work = Work::lasting(50_000);
     for wake in WAKES {
         let floor = ring(4, work, wake, FLOWN, IRONBIRD).unwrap();
+=======
+fn a_token_goes_around_once_a_tick_by_either_wake_and_every_process_works() {
+    for wake in WAKES {
+        let ring = |work| ring::measure(&ring_of(vec![work; 4], wake), Path::new(IRONBIRD));
+        let floor = ring(Work::default()).unwrap();
+>>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
         assert_eq!(floor.ticks_run + floor.ticks_skipped, 200, "{wake:?}");
-        assert_eq!(
-            (floor.lap.len(), floor.chain.len(), floor.lateness.len()),
-            (floor.ticks_run, floor.ticks_run, 200)
-        );
+        assert_eq!(floor.lap.len(), floor.ticks_run, "{wake:?}");
+        assert_eq!(floor.chain.len(), floor.ticks_run, "{wake:?}");
+        assert_eq!(floor.lateness.len(), 200, "{wake:?}");
         // The chain is a part of the lap, three of its four hops.
+<<<<<<< HEAD
         assert!(floor.chain.max() <= floor.lap.max(), "{wake:?}");
         assert!(
             floor.chain.value_at_quantile(0.5) <= floor.lap.value_at_quantile(0.5),
@@ -70,6 +93,16 @@ fn a_token_goes_around_once_a_tick_by_either_wake_and_work_is_done_in_every_proc
         assert!(
             floor.chain.min() >= 100_000,
             "{wake:?}: {}",
+=======
+        assert!(floor.chain.min() > 0 && floor.chain.max() <= floor.lap.max());
+        let median_ns = |it: &hdrhistogram::Histogram<u64>| it.value_at_quantile(0.5);
+        assert!(median_ns(&floor.chain) <= median_ns(&floor.lap), "{wake:?}");
+        // Half of the work of four processes: a processor may speed up after the calibration.
+        let floor = ring(Work::lasting(50_000)).unwrap();
+        assert!(
+            floor.chain.min() >= 100_000,
+            "{wake:?}: {} ns",
+>>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
             floor.chain.min()
         );
     }
@@ -77,6 +110,7 @@ fn a_token_goes_around_once_a_tick_by_either_wake_and_work_is_done_in_every_proc
 
 #[test]
 fn what_is_no_ring_is_refused() {
+<<<<<<< HEAD
     let soon = Duration::from_micros(10);
     for (processes, duration, executable, expected) in [
         (1, FLOWN, IRONBIRD, "2 to 64 processes, not 1"),
@@ -98,11 +132,37 @@ fn what_is_no_ring_is_refused() {
         let error = measured.unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     }
+=======
+    let ring = |processes| ring_of(vec![Work::default(); processes], WakeMechanism::Futex);
+    let mut short = ring(2);
+    short.duration = Duration::from_micros(10);
+    for (settings, executable, words) in [
+        (ring(1), IRONBIRD, "2 to 64 processes, not 1"),
+        (
+            ring(2),
+            "/nonexistent",
+            "cannot start a process of the ring",
+        ),
+        (short, IRONBIRD, "no tick of 1000000 ns"),
+    ] {
+        let error = ring::measure(&settings, Path::new(executable)).unwrap_err();
+        assert!(error.to_string().contains(words), "{error}");
+    }
+    let options = "--position 1 --processes 2 --cpu 0 --priority 0 --work 0 --wake futex";
+    let launcher = std::process::id();
+    let rig = Rig::new("hop");
+    let mut by_hand = std::process::Command::new(IRONBIRD);
+    let launched = format!("ring-hop {options} --launcher {launcher}");
+    by_hand.args(launched.split(' '));
+    let ended = rig.launch(by_hand).end().expect(2);
+    ended.complains("no link of a ring");
+>>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
 }
 
 #[test]
 #[ignore = "long: part of the gate"]
 fn a_process_that_dies_ends_the_measurement() {
+<<<<<<< HEAD
     // Every process of these rings ends at once, as one that is killed does.
     let measured = WAKES
         .map(|wake| std::thread::spawn(move || ring(3, Work::default(), wake, FLOWN, "/bin/true")));
@@ -114,10 +174,19 @@ fn a_process_that_dies_ends_the_measurement() {
                 .contains("a process of the ring hangs or has died"),
             "{error}"
         );
+=======
+    for wake in WAKES {
+        // Every process of this ring ends at once, as one that is killed does.
+        let settings = ring_of(vec![Work::default(); 3], wake);
+        let error = ring::measure(&settings, Path::new("/bin/true")).unwrap_err();
+        let words = "a process of the ring hangs or has died";
+        assert!(error.to_string().contains(words), "{error}");
+>>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
     }
 }
 
 #[test]
+<<<<<<< HEAD
 fn a_process_of_the_ring_started_by_hand_says_that_it_is_none() {
     let rig = Rig::new("hop");
     let launcher = std::process::id().to_string();
@@ -133,65 +202,49 @@ fn a_process_of_the_ring_started_by_hand_says_that_it_is_none() {
 }
 
 #[test]
+=======
+>>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
 #[ignore = "long: part of the gate"]
 fn the_page_has_a_row_per_comparison_and_its_numbers_lie_beside() {
     let rig = Rig::new("floor");
     let to = rig.path("benchmarks");
-    let options = format!(
-        "--only lockstep,laws,replay --pairs 1 --seconds 1 --write {}",
-        to.to_str().unwrap()
-    );
-    let ended = rig
-        .run("floor", &options)
+    let measure = |options: &str| {
+        let to = to.display();
+        rig.run("floor", format!("{options} --seconds 1 --write {to}"))
+    };
+    let read = |name: &str| fs::read_to_string(to.join(name)).unwrap();
+    let page = measure("--only lockstep,laws,replay --pairs 1")
         .expect(0)
         .says("| lockstep tick | ")
-        .says("| laws, one tick | ");
-    let page = ended.says("| replay --verify, one tick | ").stdout;
-    assert_eq!(
-        std::fs::read_to_string(to.join("benchmarks.md")).unwrap(),
-        page
-    );
-    let numbers = std::fs::read_to_string(to.join("benchmarks.json")).unwrap();
-    let numbers: serde_json::Value = serde_json::from_str(&numbers).unwrap();
-    let sets = numbers["sets"].as_array().unwrap();
-    let comparisons: Vec<_> = sets
-        .iter()
-        .flat_map(|set| set["comparisons"].as_array().unwrap())
-        .collect();
-    assert_eq!(comparisons.len(), 5);
-    for comparison in comparisons {
-        let pair = &comparison["pairs"]["pairs"][0];
-        assert!(
-            pair["ours"].as_f64().unwrap() > 0.0 && pair["floor"].as_f64().unwrap() > 0.0,
-            "{comparison}"
-        );
+        .says("| laws, one tick | ")
+        .says("| replay --verify, one tick | ")
+        .stdout;
+    assert_eq!(read("benchmarks.md"), page);
+    let numbers: Value = serde_json::from_str(&read("benchmarks.json")).unwrap();
+    let sets = numbers["sets"].as_array().unwrap().iter();
+    let comparisons = sets.flat_map(|set| set["comparisons"].as_array().unwrap());
+    let pairs: Vec<&Value> = comparisons.map(|it| &it["pairs"]["pairs"][0]).collect();
+    assert_eq!(pairs.len(), 5);
+    for pair in pairs {
+        let [ours, floor] = ["ours", "floor"].map(|side| pair[side].as_f64().unwrap());
+        assert!(ours > 0.0 && floor > 0.0, "{pair}");
     }
-    // One set again: the other one's rows stay as they are, and what cannot be measured takes no row away.
-    let again = format!(
-        "--only laws --pairs 2 --seconds 1 --write {}",
-        to.to_str().unwrap()
-    );
+    // One set again: the other set's rows stay as they are, and what cannot be measured takes no row away.
+    let again = "--only laws --pairs 2";
+    let later = measure(again).expect(0).stdout;
     let rows = |page: &str, name: &str| {
-        page.lines()
-            .filter(|line| line.contains(name))
-            .map(str::to_owned)
-            .collect::<Vec<_>>()
+        let rows = page.lines().filter(|line| line.contains(name));
+        rows.map(str::to_owned).collect::<Vec<_>>()
     };
-    let later = rig.run("floor", &again).expect(0).stdout;
     assert_eq!(rows(&later, "lockstep"), rows(&page, "lockstep"));
     for row in ["laws, one tick", "simulate, real time"] {
         // Of the two pairs, those stand apart in which the host stole.
-        assert!(
-            rows(&later, row)[0].contains("| inconclusive: 2 pairs"),
-            "{row}: {later}"
-        );
+        let is_inconclusive = rows(&later, row)[0].contains("| inconclusive: 2 pairs");
+        assert!(is_inconclusive, "{row}: {later}");
     }
-    assert_eq!(
-        std::fs::read_to_string(to.join("benchmarks.md")).unwrap(),
-        later
-    );
-    std::fs::write(to.join("benchmarks.json"), "{}").unwrap();
-    rig.run("floor", &again)
+    assert_eq!(read("benchmarks.md"), later);
+    fs::write(to.join("benchmarks.json"), "{}").unwrap();
+    measure(again)
         .expect(2)
         .complains("contains no figures of this version")
         .complains("remove it");
@@ -201,77 +254,46 @@ fn the_page_has_a_row_per_comparison_and_its_numbers_lie_beside() {
 #[ignore = "long: part of the gate"]
 fn a_flight_has_the_floors_of_its_own_ticks_beside_where_they_are_asked_for() {
     let rig = Rig::new("beside");
-    let slow = rig.slow(4);
     // 50 ticks of the laws, of 4 ms each.
-    rig.ok(&format!("fly --config {slow} --duration 50ms"));
+    let fly = format!("fly --config {} --duration 50ms", rig.slow(4));
+    rig.ok(&fly);
     assert!(rig.report()["beside"].is_null());
-    let ended = rig.ok(&format!("fly --config {slow} --duration 50ms --floor 1s"));
-    ended
+    rig.ok(&format!("{fly} --floor 1s"))
         .says("\nFloors    at p50, p99, p99.9: wake.plant is ")
         .says("\nRESULT status=PASS");
-    let floors = rig.ok("report --section floors");
-    floors
+    rig.ok("report --section floors")
         .says("Compared with the machine's baseline, 1 s each")
         .says("  times its floor ");
     let report = rig.report();
     let floors = report["beside"]["floors"].as_array().unwrap();
-    let of = |key: &str| {
-        floors
-            .iter()
-            .map(|floor| floor[key].as_str().unwrap())
-            .collect::<Vec<_>>()
+    let names = |key: &str| {
+        let names = floors.iter().map(|floor| floor[key].as_str().unwrap());
+        names.collect::<Vec<_>>()
     };
-    assert_eq!(
-        (of("series"), of("what")),
-        (
-            vec!["wake.plant", "loop"],
-            vec!["bare timer", "raw futex ring"]
-        )
-    );
-    for floor in floors {
-        let statistics = &floor["statistics"];
-        // A second has 250 ticks of 4 ms; those that the ring slept through are not its laps.
-        assert!(
-            (1..=250).contains(&statistics["count"].as_u64().unwrap()),
-            "{statistics}"
-        );
-        assert!(
-            statistics["p50_us"].as_f64().unwrap() > 0.0 && statistics["p999_us"].is_null(),
-            "{statistics}"
-        );
-        assert!(
-            !floor["distribution"]["curve"]
-                .as_array()
-                .unwrap()
-                .is_empty()
-        );
-    }
-    let read = |name: &str| std::fs::read_to_string(rig.out().join("latest").join(name)).unwrap();
+    assert_eq!(names("series"), ["wake.plant", "loop"]);
+    assert_eq!(names("what"), ["bare timer", "raw futex ring"]);
+    let read = |name: &str| fs::read_to_string(rig.out().join("latest").join(name)).unwrap();
     let (text, page) = (read("report.txt"), read("report.html"));
-    let times: Vec<&str> = text
+    let times = text
         .lines()
-        .filter(|line| line.starts_with("  times its floor "))
-        .collect();
+        .filter(|line| line.starts_with("  times its floor "));
+    let times: Vec<&str> = times.collect();
     assert_eq!(times.len(), floors.len(), "{text}");
     for (floor, times) in floors.iter().zip(times) {
-        let flown = report["series"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .find(|series| series["name"] == floor["series"])
-            .unwrap();
-        let ratio =
-            flown["p50_us"].as_f64().unwrap() / floor["statistics"]["p50_us"].as_f64().unwrap();
-        let ratio = format!("{ratio:.2}");
-        assert_eq!(
-            times.split_whitespace().nth(3),
-            Some(ratio.as_str()),
-            "{text}"
-        );
-        assert!(
-            page.contains(floor["what"].as_str().unwrap()) && page.contains(&format!(">{ratio}<")),
-            "{ratio}"
-        );
+        let statistics = &floor["statistics"];
+        // A second has 250 ticks of 4 ms; those that the ring slept through are not its laps.
+        let count = statistics["count"].as_u64().unwrap();
+        assert!((1..=250).contains(&count), "{statistics}");
+        assert!(statistics["p999_us"].is_null(), "{statistics}");
+        let curve = floor["distribution"]["curve"].as_array().unwrap();
+        assert!(!curve.is_empty());
+        let mut series = report["series"].as_array().unwrap().iter();
+        let flown = series.find(|it| it["name"] == floor["series"]).unwrap();
+        let [flown_us, floor_us] = [flown, statistics].map(|it| it["p50_us"].as_f64().unwrap());
+        let ratio = format!("{:.2}", flown_us / floor_us);
+        assert_eq!(times.split_whitespace().nth(3), Some(&*ratio), "{text}");
+        assert!(page.contains(floor["what"].as_str().unwrap()), "{floor}");
+        assert!(page.contains(&format!(">{ratio}<")), "{ratio}");
     }
 }
 
@@ -280,29 +302,38 @@ fn a_flight_has_the_floors_of_its_own_ticks_beside_where_they_are_asked_for() {
 fn an_interruption_while_the_floors_are_measured_keeps_the_flight() {
     let rig = Rig::new("halfway");
     let flight = rig.take_off("--duration 1s --floor 60s");
-    rig::wait_until("the final report", || {
-        rig.out().join("latest/report.html").exists().then_some(())
-    });
+    let page = rig.out().join("latest/report.html");
+    wait_until("the final report", || page.exists().then_some(()));
     flight.signal(rustix::process::Signal::INT);
-    let ended = flight
+    flight
         .end()
         .expect(130)
-        .complains("interrupted: the machine's floors are not measured");
-    ended.says("\nRESULT status=PASS");
+        .complains("interrupted: the machine's floors are not measured")
+        .says("\nRESULT status=PASS");
     let report = rig.report();
-    assert_eq!(
-        (&report["run"]["in_flight"], &report["beside"]),
-        (&false.into(), &serde_json::Value::Null)
-    );
+    assert_eq!(report["run"]["in_flight"], false);
+    assert!(report["beside"].is_null());
     rig.assert_nothing_left();
 }
 
 #[test]
 fn what_cannot_be_measured_is_said() {
     let rig = Rig::new("nothing");
+<<<<<<< HEAD
     let mut command = rig.command("floor", "--only flights --pairs 1 --seconds 1");
     command.env("PATH", "/nowhere");
     // SCHED_FIFO is refused, or cyclictest is not installed.
     let ended = rig.launch(command).end().expect(0);
     ended.says("| flights | not measured: ");
+=======
+    for (set, words) in [
+        ("calls", "| calls | not measured: strace is not installed |"),
+        // Where SCHED_FIFO is refused that is said first.
+        ("flights", "| flights | not measured: "),
+    ] {
+        let mut command = rig.command("floor", format!("--only {set} --pairs 1 --seconds 1"));
+        command.env("PATH", "/nowhere");
+        rig.launch(command).end().expect(0).says(words);
+    }
+>>>>>>> 098fbd3326b2339f58331d489b86ad5f813fd8f5
 }

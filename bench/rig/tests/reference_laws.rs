@@ -1,36 +1,134 @@
-//! The paper's laws in their stages, with gains that a test chooses.
+//! Flights by the paper's laws with gains, an airframe and a delay that a test chooses.
 
 use control_api::description::Settings;
 use control_api::law::Law as _;
+use control_api::stage::{InnerStage as _, MixerStage as _, OuterStage as _};
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter, Rig};
 use controller::laws::{Adaptive, Pd};
 use controller::{Gains, ScaledTrajectory, Trajectory};
+use messages::content::{NO_TICK, Setpoint, Stamped, State, Wrench};
+use messages::parameters::{Airframe, Parameter};
 use mixer::Priority;
+use plant::{Plant, PlantSettings, Swap};
 
 pub fn stages(
     rig: &Rig,
     trajectory: Trajectory,
     gains: &Gains,
 ) -> (GuardedOuter, GuardedInner, GuardedMixer) {
-    (outer(rig, trajectory), inner(rig, gains), mixer(rig))
-}
-
-pub fn outer(rig: &Rig, trajectory: Trajectory) -> GuardedOuter {
     let route = ScaledTrajectory::of(trajectory).route(rig.period_s);
-    GuardedOuter::new(
-        Pd::new(rig, &Settings::default()).unwrap().into(),
-        route,
-        rig,
+    let outer = Pd::new(rig, &Settings::default()).unwrap();
+    let mixer = Priority::new(rig, &Settings::default()).unwrap();
+    (
+        GuardedOuter::new(outer.into(), route, rig),
+        GuardedInner::new(Adaptive::with(rig, gains).into(), rig),
+        GuardedMixer::new(mixer.into(), rig),
     )
 }
 
-pub fn inner(rig: &Rig, gains: &Gains) -> GuardedInner {
-    GuardedInner::new(Adaptive::with(rig, gains).into(), rig)
+/// A flight of the nominal airframe, as `ironbird simulate` flies it; a test changes the fields.
+#[derive(Clone, Debug)]
+pub struct Flight {
+    pub rig: Rig,
+    pub trajectory: Trajectory,
+    pub gains: Gains,
+    /// Parameters of the plant from the start on, which the laws do not know.
+    pub start: Vec<(Parameter, f64)>,
+    pub swaps: Vec<(u64, Parameter, f64)>,
+    /// Ticks from a sample to the actuation of the command that was computed from it; the rig's chain has 1.
+    pub delay_ticks: u64,
+    pub seed: u64,
+    pub last_tick: u64,
 }
 
-pub fn mixer(rig: &Rig) -> GuardedMixer {
-    GuardedMixer::new(
-        Priority::new(rig, &Settings::default()).unwrap().into(),
-        rig,
-    )
+/// What is there at the end of a tick.
+pub struct Tick {
+    pub tick: u64,
+    pub sampled: State,
+    /// The state that the laws know.
+    pub state: Stamped<State>,
+    pub setpoint: Setpoint,
+    pub wrench: Wrench,
+    pub is_saturated: bool,
+}
+
+fn at<C>(tick: u64, content: C) -> Stamped<C> {
+    Stamped { tick, content }
+}
+
+impl Flight {
+    pub fn new(trajectory: Trajectory, preset: &str, seconds: u64) -> Self {
+        Self {
+            rig: Rig::default(),
+            trajectory,
+            gains: Gains::preset(preset).unwrap(),
+            start: Vec::new(),
+            swaps: Vec::new(),
+            delay_ticks: 1,
+            seed: 1,
+            last_tick: 1000 * seconds,
+        }
+    }
+
+    pub fn starts_with(mut self, parameter: Parameter, value: f64) -> Self {
+        self.start.push((parameter, value));
+        self
+    }
+
+    pub fn swaps(mut self, tick: u64, parameter: Parameter, value: f64) -> Self {
+        self.swaps.push((tick, parameter, value));
+        self
+    }
+
+    /// `deliver` may change the state that the laws see, or keep it back.
+    pub fn fly(
+        &self,
+        mut deliver: impl FnMut(u64, State) -> Option<State>,
+        mut watch: impl FnMut(&Tick),
+    ) {
+        let mut airframe = Airframe::nominal();
+        for (parameter, value) in &self.start {
+            airframe.set(*parameter, *value).unwrap();
+        }
+        let mut plant = Plant::new(&PlantSettings {
+            period_s: self.rig.period_s,
+            airframe,
+            seed: self.seed,
+            ..PlantSettings::default()
+        });
+        for (tick, parameter, value) in &self.swaps {
+            let swap = Swap::new(*tick, &[(*parameter, *value)]).unwrap();
+            plant.schedule(swap).unwrap();
+        }
+        let (mut outer, mut inner, mut mixer) = stages(&self.rig, self.trajectory, &self.gains);
+        let mut state = at(NO_TICK, State::default());
+        let mut setpoint = at(NO_TICK, Setpoint::default());
+        for tick in 0..=self.last_tick {
+            // A copy shows the state before the tick is settled: a command without delay still counts.
+            let sampled = plant.clone().begin(tick);
+            if let Some(content) = deliver(tick, sampled) {
+                state = at(tick, content);
+            }
+            if let Some(content) = outer.tick(tick, &state) {
+                setpoint = at(tick, content);
+            }
+            let wrench = inner.tick(tick, &state, &setpoint);
+            let command = mixer.tick(tick, &at(tick, wrench));
+            // The plant holds a command back until the tick after its own, so a command without delay is dated back;
+            // that of tick 0 is lost.
+            let dated = tick.wrapping_sub(u64::from(self.delay_ticks == 0));
+            plant.offer(&at(dated, command), tick + self.delay_ticks);
+            plant.begin(tick);
+            plant.finish();
+            assert_eq!(plant.envelope(), Ok(()));
+            watch(&Tick {
+                tick,
+                sampled,
+                state,
+                setpoint: setpoint.content,
+                wrench,
+                is_saturated: command.saturated > 0,
+            });
+        }
+    }
 }

@@ -1,46 +1,34 @@
 //! `ironbird report diff` on real flights.
 
-use std::fs;
-
 use crate::rig::Rig;
 use serde_json::Value;
-
-const LOCKSTEP: [&str; 4] = ["--pace", "lockstep", "--duration", "1500ms"];
+use std::fs;
 
 /// Flights with these further flags, one after the other: their names.
-fn fly(rig: &Rig, flags: &[&[&str]]) -> Vec<String> {
+fn fly(rig: &Rig, flags: &[&str]) -> Vec<String> {
     for further in flags {
-        rig.run("fly", [&LOCKSTEP[..], further].concat()).expect(0);
+        rig.ok(&format!("fly --pace lockstep --duration 1500ms {further}"));
     }
     rig.run_directories()
 }
 
 fn figure<'a>(diff: &'a Value, name: &str) -> &'a Value {
-    let figures = diff["figures"].as_array().unwrap();
-    figures
-        .iter()
-        .find(|figure| figure["name"] == name)
-        .unwrap_or_else(|| panic!("no {name} in {diff}"))
+    let mut figures = diff["figures"].as_array().unwrap().iter();
+    let figure = figures.find(|figure| figure["name"] == name);
+    figure.unwrap_or_else(|| panic!("no {name} in {diff}"))
 }
 
 #[test]
 fn two_flights_show_numbers_without_a_verdict() {
     let rig = Rig::new("two");
-    let flights = fly(&rig, &[&[], &["--trajectory", "hover"]]);
+    let flights = fly(&rig, &["", "--trajectory hover"]);
     let facts = rig.out().join(&flights[1]).join("run.json");
-    let text = fs::read_to_string(&facts).unwrap();
-    let clock = text
-        .lines()
-        .find(|line| line.contains("\"clock_source\""))
-        .unwrap();
-    fs::write(
-        &facts,
-        text.replace(clock, "\"clock_source\": \"sundial\","),
-    )
-    .unwrap();
-    let text = rig
-        .ok(&format!("report diff {} {}", flights[0], flights[1]))
-        .stdout;
+    let mut run: Value = serde_json::from_str(&fs::read_to_string(&facts).unwrap()).unwrap();
+    let clock = run.pointer_mut("/host/clock_source").unwrap();
+    *clock = "sundial".into();
+    fs::write(&facts, run.to_string()).unwrap();
+    let diff = format!("report diff {} {}", flights[0], flights[1]);
+    let text = rig.ok(&diff).stdout;
     for words in [
         "Timing    not judged: one flight a side shows numbers alone",
         "Tracking  not judged: one flight a side shows numbers alone",
@@ -53,19 +41,12 @@ fn two_flights_show_numbers_without_a_verdict() {
     }
     let verdicts = ["MORE", "LESS", "DIFFER"];
     assert!(!verdicts.iter().any(|word| text.contains(word)), "{text}");
-    let diff = rig
-        .ok(&format!(
-            "report diff {} {} --format json",
-            flights[0], flights[1]
-        ))
-        .json();
+    let diff = rig.ok(&format!("{diff} --format json")).json();
     let p50 = figure(&diff, "loop p50 [us]");
-    let of = |side: &str| p50[side][0].as_f64().unwrap();
-    assert_eq!(p50["ratio"].as_f64().unwrap(), of("b") / of("a"));
-    assert_eq!(
-        (&p50["says"], &p50["probability"]),
-        (&"not_judged".into(), &Value::Null)
-    );
+    let [a, b] = ["a", "b"].map(|side| p50[side][0].as_f64().unwrap());
+    assert_eq!(p50["ratio"], b / a);
+    assert_eq!(p50["says"], "not_judged");
+    assert!(p50["probability"].is_null());
     // 1501 ticks say nothing about one in a thousand.
     assert_eq!(figure(&diff, "loop p99.9 [us]")["says"], "too_few_values");
 }
@@ -73,23 +54,23 @@ fn two_flights_show_numbers_without_a_verdict() {
 #[test]
 fn groups_differ_in_what_was_changed_and_in_nothing_else() {
     let rig = Rig::new("groups");
-    let other: &[&str] = &["--fault", "mass_kg=0.55@100ms"];
-    let flights = fly(&rig, &[&[], other, &[], other, &[], other, &[]]);
+    let other = "--fault mass_kg=0.55@100ms";
+    let flights = fly(&rig, &["", other, "", other, "", other, ""]);
     let [a1, b1, a2, b2, a3, b3, a4] = &flights[..] else {
         panic!("{flights:?}")
     };
-    let compare = |args: &[&str]| {
-        let args = [&["diff", "--format", "json"], args].concat();
-        rig.run("report", &args).expect(0).json()
+    let compare = |sides: &str| {
+        let line = format!("report diff --format json {sides}");
+        rig.ok(&line).json()
     };
-    let diff = compare(&[a1, a2, a3, "--", b1, b2, b3]);
+    let sides = format!("{a1} {a2} {a3} -- {b1} {b2} {b3}");
+    let diff = compare(&sides);
     assert_eq!(diff["tracking"]["says"], "judged", "{diff}");
     // A heavier airframe sinks, in every one of three flights: 2 of the 20 ways to deal them out.
     let rms = figure(&diff, "position error, rms [m]");
     assert_eq!(
         (&rms["says"], &rms["probability"]),
-        (&"more".into(), &0.1.into()),
-        "{rms}"
+        (&"more".into(), &0.1.into())
     );
     // In lockstep, latencies are those of no loop on a clock.
     let reason = diff["timing"]["reason"].as_str().unwrap();
@@ -97,67 +78,59 @@ fn groups_differ_in_what_was_changed_and_in_nothing_else() {
         reason.contains(": in lockstep there are no deadlines"),
         "{reason}"
     );
-    assert_eq!(figure(&diff, "loop p50 [us]")["probability"], Value::Null);
+    assert!(figure(&diff, "loop p50 [us]")["probability"].is_null());
     // Flights in lockstep are the same bit for bit, so that nothing differs.
-    let alike = compare(&[a1, a2, "--", a3, a4]);
-    assert!(
-        alike["tracking"]["reason"]
-            .as_str()
-            .unwrap()
-            .starts_with("2 and 2 flights"),
-        "{alike}"
-    );
+    let alike = compare(&format!("{a1} {a2} -- {a3} {a4}"));
+    let reason = alike["tracking"]["reason"].as_str().unwrap();
+    assert!(reason.starts_with("2 and 2 flights"), "{alike}");
     let rms = figure(&alike, "position error, rms [m]");
     assert_eq!((&rms["a"], &rms["says"]), (&rms["b"], &"not_judged".into()));
-    let text = rig
-        .ok(&format!("report diff {a1} {a2} {a3} -- {b1} {b2} {b3}"))
+    let text = rig.ok(&format!("report diff {sides}"));
+    let text = text
+        .says("figures DIFFER (probability of even one false difference: 10 %)")
+        .says(" MORE\n")
         .stdout;
     assert!(
         text.lines().nth(2).unwrap().starts_with("Tracking  "),
         "{text}"
     );
-    assert!(
-        text.contains("figures DIFFER (probability of even one false difference: 10 %)"),
-        "{text}"
-    );
-    assert!(text.contains(" MORE\n"), "{text}");
     // Paths and values of settings are as long as they are.
-    let is_as_long =
+    let may_be_long =
         |line: &str| line.contains(a1.as_str()) || line.starts_with("  ") && line.contains(" | ");
-    assert!(
-        text.lines()
-            .all(|line| line.chars().count() <= 80 || is_as_long(line)),
-        "{text}"
-    );
+    let is_short = |line: &str| line.chars().count() <= 80 || may_be_long(line);
+    assert!(text.lines().all(is_short), "{text}");
 }
 
 #[test]
 fn what_cannot_be_compared_is_refused() {
     let rig = Rig::new("refuse");
-    rig.run("fly", LOCKSTEP).expect(0);
-    rig.refused("report diff latest")
-        .complains("only one flight given");
-    let three = rig.refused("report diff latest latest latest");
-    three
-        .complains("3 flights without `--`: it is not clear which belong to A")
-        .complains("A1 A2 A3 -- B1 B2 B3");
-    rig.refused("report diff").complains("<A>");
-    rig.refused("report diff latest latest")
-        .complains("is named twice");
-    let behind = rig.refused("report diff latest -- latest --format json");
-    behind
-        .complains("--format: only flights may follow `--`, no flags")
-        .complains("--format json A1");
-    rig.refused("report diff latest yesterday")
-        .complains("no flight at yesterday");
+    fly(&rig, &[""]);
     let empty = rig.out().join("empty");
     fs::create_dir(&empty).unwrap();
-    rig.refused("report diff empty latest")
-        .complains("holds no report");
     // As a flight leaves it whose recorder died.
-    let mut report: Value = rig.report();
+    fs::create_dir(rig.out().join("partial")).unwrap();
+    let mut report = rig.report();
     report["distributions"] = Value::Array(vec![]);
-    fs::write(empty.join("report.json"), report.to_string()).unwrap();
-    rig.refused("report diff latest empty")
-        .complains("no final report with distributions");
+    fs::write(rig.out().join("partial/report.json"), report.to_string()).unwrap();
+    for (sides, words) in [
+        ("latest", "only one flight given"),
+        (
+            "latest latest latest",
+            "3 flights without `--`: it is not clear which belong to A",
+        ),
+        ("latest latest latest", "A1 A2 A3 -- B1 B2 B3"),
+        ("", "<A>"),
+        ("latest latest", "is named twice"),
+        (
+            "latest -- latest --format json",
+            "--format: only flights may follow `--`, no flags",
+        ),
+        ("latest -- latest --format json", "--format json A1"),
+        ("latest yesterday", "no flight at yesterday"),
+        ("empty latest", "holds no report"),
+        ("latest partial", "no final report with distributions"),
+    ] {
+        rig.refused(&format!("report diff {sides}"))
+            .complains(words);
+    }
 }

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::Cursor;
 
-use mcap::records::{MessageHeader, Metadata, Record};
+use mcap::records::Record;
 use serde_json::Value;
 
 use crate::recorded::Dice;
@@ -15,78 +15,28 @@ const MOST_BYTES: usize = 1 << 21;
 const REPEATS: u64 = 3000;
 
 /// Numbers at which readers go wrong.
-const NUMBERS: [&str; 24] = [
-    "0",
-    "-0.0",
-    "-1",
-    "1",
-    "0.001",
-    "2147483648",
-    "-9223372036854775808",
-    "9223372036854775807",
-    "18446744073709551615",
-    "18446744073709551616",
-    "4503599627370497.5",
-    "1e18",
-    "1e19",
-    "1e30",
-    "-1e30",
-    "1e308",
-    "5e-324",
-    "1e-30",
-    "nan",
-    "inf",
-    "-inf",
-    "1e999",
-    "0x7f",
-    "1_000",
-];
+const NUMBERS: &str = "0 -0.0 -1 1 0.001 2147483648 -9223372036854775808 9223372036854775807 \
+    18446744073709551615 18446744073709551616 4503599627370497.5 1e18 1e19 1e30 -1e30 1e308 5e-324 1e-30 \
+    nan inf -inf 1e999 0x7f 1_000";
 
-/// Pieces that mean something in one of the formats, or to a terminal, or to nobody.
-const PIECES: [&[u8]; 28] = [
-    b"[",
-    b"]",
-    b"{",
-    b"}",
-    b"\"",
-    b"'",
-    b"\"\"\"",
-    b"=",
-    b".",
-    b",",
-    b":",
-    b"#",
-    b"\n",
-    b"\r\n",
-    b"\r",
-    b"\0",
-    b"\x1b[2J",
-    b"\xff\xfe",
-    b"\xef\xbb\xbf",
-    "\u{202e}\u{1f600}".as_bytes(),
-    b"null",
-    b"true",
-    b"[[",
-    b"{\"a\":",
-    b"\x89MCAP0\r\n",
-    b"\x28\xb5\x2f\xfd",
-    b"\xff\xff\xff\xff\xff\xff\xff\xff",
-    b"1e308",
-];
+/// Pieces that mean something in one of the formats, or to a terminal, or nothing at all.
+const PIECES: &[u8] = b"[ ] { } \" ' \"\"\" = . , : # \n \r\n \r \0 \x1b[2J \xff\xfe \xef\xbb\xbf null true [[ \
+    {\"a\": 1e308 \x89MCAP0\r\n \x28\xb5\x2f\xfd \xff\xff\xff\xff\xff\xff\xff\xff \xe2\x80\xae\xf0\x9f\x98\x80";
 
-/// Lengths and counts that no file has.
-const LENGTHS: [u64; 10] = [
-    0,
-    1,
-    0x7f,
-    0xffff,
-    0x1000_0000,
-    0x7fff_ffff,
-    0xffff_ffff,
-    1 << 40,
-    i64::MAX.cast_unsigned(),
-    u64::MAX,
-];
+/// A length or count that no file has.
+fn length(dice: &mut Dice) -> u64 {
+    let bits = choice(dice, &[0, 1, 7, 16, 28, 31, 32, 40, 63, 64]);
+    u64::MAX.checked_shr(64 - bits).unwrap_or(0)
+}
+
+fn any_number(dice: &mut Dice) -> &'static str {
+    choice(dice, &NUMBERS.split(' ').collect::<Vec<_>>())
+}
+
+fn any_piece(dice: &mut Dice) -> &'static [u8] {
+    let pieces = PIECES.split(|byte| *byte == b' ');
+    choice(dice, &pieces.collect::<Vec<_>>())
+}
 
 /// A place in a file, its end among them.
 fn place(dice: &mut Dice, bytes: &[u8]) -> usize {
@@ -116,41 +66,37 @@ pub fn bytes(dice: &mut Dice, file: &[u8], others: &[Vec<u8>]) -> Vec<u8> {
 
 fn change(dice: &mut Dice, bytes: &mut Vec<u8>, others: &[Vec<u8>]) {
     let (from, to) = piece(dice, bytes);
-    match dice.roll(14) {
+    match dice.roll(10) {
         0 if from < bytes.len() => bytes[from] ^= 1 << dice.roll(8),
-        1 if from < bytes.len() => {
-            bytes[from] = choice(dice, &[0, 1, 0x7f, 0x80, 0xff, b'-', b'9', b'"', b'['])
-        }
-        2 => drop(bytes.drain(from..to)),
-        3 => bytes.truncate(from),
-        4 => {
-            let (again, at) = (bytes[from..to].to_vec(), place(dice, bytes));
-            insert(bytes, at, &again);
-        }
-        5 => {
-            let taken: Vec<u8> = bytes.drain(from..to).collect();
+        1 => drop(bytes.drain(from..to)),
+        2 => bytes.truncate(from),
+        3 => {
+            // Copied or moved to another place.
+            let taken = bytes[from..to].to_vec();
+            if dice.roll(2) == 0 {
+                bytes.drain(from..to);
+            }
             let at = place(dice, bytes);
             insert(bytes, at, &taken);
         }
-        6 => {
+        4 => {
             let other = &others[dice.roll(others.len() as u64) as usize];
             let (begin, end) = piece(dice, other);
             bytes.splice(from..to, other[begin..end].iter().copied());
         }
-        7 => insert(bytes, from, choice(dice, &PIECES)),
-        8 => overwrite(bytes, from, &choice(dice, &LENGTHS).to_le_bytes()),
-        9 => overwrite(bytes, from, &(choice(dice, &LENGTHS) as u32).to_le_bytes()),
-        10 => {
-            let times = dice.roll(REPEATS) as usize;
-            let again = if dice.roll(2) == 0 {
-                choice(dice, &PIECES).to_vec()
-            } else {
-                bytes[from..to].to_vec()
-            };
+        5 => {
+            let width = choice(dice, &[4, 8]);
+            overwrite(bytes, from, &length(dice).to_le_bytes()[..width]);
+        }
+        6 => overwrite(bytes, from, any_piece(dice)),
+        7 => {
+            let (known, many) = (any_piece(dice), dice.roll(REPEATS) as usize);
+            let again = choice(dice, &[known, &bytes[from..to]]).to_vec();
+            let times = choice(dice, &[1, many]);
             let times = times.min(MOST_BYTES / again.len().max(1));
             insert(bytes, from, &again.repeat(times));
         }
-        11 | 12 => number(dice, bytes),
+        8 => number(dice, bytes),
         _ => line(dice, bytes),
     }
 }
@@ -169,30 +115,23 @@ fn overwrite(bytes: &mut [u8], at: usize, with: &[u8]) {
 fn number(dice: &mut Dice, bytes: &mut Vec<u8>) {
     let is_digit = |byte: &u8| byte.is_ascii_digit() || b".+-eE".contains(byte);
     let start = place(dice, bytes);
-    let Some(from) = bytes[start..]
-        .iter()
-        .position(u8::is_ascii_digit)
-        .map(|at| start + at)
-    else {
+    let Some(at) = bytes[start..].iter().position(u8::is_ascii_digit) else {
         return;
     };
-    let length = bytes[from..]
-        .iter()
-        .take_while(|byte| is_digit(byte))
-        .count();
+    let digits = &bytes[start + at..];
+    let length = digits.iter().take_while(|byte| is_digit(byte)).count();
+    let from = start + at;
     let other = match dice.roll(8) {
         0 => "9".repeat(dice.roll(REPEATS) as usize),
-        _ => choice(dice, &NUMBERS).to_owned(),
+        _ => any_number(dice).to_owned(),
     };
     bytes.splice(from..from + length, other.into_bytes());
 }
 
 /// Takes a line away, doubles it, or puts it elsewhere.
 fn line(dice: &mut Dice, bytes: &mut Vec<u8>) {
-    let mut lines: Vec<Vec<u8>> = bytes
-        .split_inclusive(|byte| *byte == b'\n')
-        .map(<[u8]>::to_vec)
-        .collect();
+    let lines = bytes.split_inclusive(|byte| *byte == b'\n');
+    let mut lines: Vec<Vec<u8>> = lines.map(<[u8]>::to_vec).collect();
     if lines.is_empty() {
         return;
     }
@@ -217,61 +156,49 @@ pub fn json(dice: &mut Dice, file: &[u8]) -> Option<Vec<u8>> {
 
 /// A place in a tree; most are leaves.
 fn somewhere<'a>(dice: &mut Dice, tree: &'a mut Value) -> &'a mut Value {
-    let inside = match tree {
-        Value::Array(values) => values.len() as u64,
-        Value::Object(keys) => keys.len() as u64,
+    let inside = match &*tree {
+        Value::Array(values) => values.len(),
+        Value::Object(keys) => keys.len(),
         _ => 0,
     };
     if inside == 0 || dice.roll(12) == 0 {
         return tree;
     }
-    let at = dice.roll(inside) as usize;
-    match tree {
-        Value::Array(values) => somewhere(dice, &mut values[at]),
-        Value::Object(keys) => match keys.values_mut().nth(at) {
-            Some(value) => somewhere(dice, value),
-            None => unreachable!("{at} of {inside} keys"),
-        },
-        leaf => leaf,
-    }
+    let at = dice.roll(inside as u64) as usize;
+    let value = match tree {
+        Value::Array(values) => values.get_mut(at),
+        Value::Object(keys) => keys.values_mut().nth(at),
+        _ => None,
+    };
+    somewhere(dice, value.expect("a place inside"))
 }
 
 fn other_value(dice: &mut Dice, value: Value, elsewhere: Value) -> Value {
-    let whole = |number: u64| Value::from(number);
     match (dice.roll(10), value) {
         (0, _) => Value::Null,
         (1, _) => elsewhere,
         (2, _) => Value::from("</p><script>".repeat(dice.roll(REPEATS / 10) as usize)),
-        (3, _) => whole(choice(dice, &LENGTHS)),
+        (3, _) => Value::from(length(dice)),
         (4, Value::Array(values)) => {
-            let times = 1 + dice.roll(REPEATS) as usize / values.len().max(1);
-            Value::Array(
-                values
-                    .iter()
-                    .cloned()
-                    .cycle()
-                    .take(values.len() * times)
-                    .collect(),
-            )
+            let most = REPEATS as usize + values.len();
+            let again = 1 + dice.roll(REPEATS) as usize / values.len().max(1);
+            let all = values.iter().cycle().take(values.len() * again);
+            Value::from_iter(all.take(most).cloned())
         }
         (5, Value::Array(mut values)) => {
             values.truncate(dice.roll(values.len() as u64 + 1) as usize);
             Value::Array(values)
         }
         (6, Value::Object(mut keys)) => {
-            let gone = keys
-                .keys()
-                .nth(dice.roll(keys.len() as u64 + 1) as usize)
-                .cloned();
-            gone.map(|key| keys.remove(&key));
+            let at = dice.roll(keys.len() as u64 + 1) as usize;
+            let key = keys.keys().nth(at).cloned();
+            key.map(|key| keys.remove(&key));
             Value::Object(keys)
         }
         (_, Value::Number(number)) if number.is_u64() && dice.roll(2) == 0 => {
-            whole(choice(dice, &LENGTHS))
+            Value::from(length(dice))
         }
-        (_, Value::Number(_)) => {
-            serde_json::from_str(choice(dice, &NUMBERS)).unwrap_or(Value::Null)
-        }
+        (_, Value::Number(_)) => serde_json::from_str(any_number(dice)).unwrap_or(Value::Null),
         (_, Value::Bool(it)) => Value::Bool(!it),
         (_, value) => value,
     }
@@ -285,62 +212,34 @@ pub fn log(dice: &mut Dice, file: &[u8]) -> Option<Vec<u8>> {
     // Of many messages a few are to be changed, and at times nearly all.
     let rarely = choice(dice, &[3, 30, 300, 3000]);
     for record in records {
+        let mut record = record.ok()?;
         let times = if dice.roll(rarely) == 0 {
             dice.roll(3)
         } else {
             1
         };
-        let changed = dice.roll(rarely) == 0;
+        if dice.roll(rarely) == 0 {
+            change_record(dice, &mut record);
+        }
         for _ in 0..times {
-            match record.as_ref().ok()? {
+            match &record {
                 Record::Schema { header, data } => {
-                    let data = if changed {
-                        bytes_of(dice, data)
-                    } else {
-                        data.to_vec()
-                    };
-                    let _ =
-                        writer.add_schema_with_id(header.id, &header.name, &header.encoding, &data);
+                    let (name, encoding) = (&header.name, &header.encoding);
+                    let _ = writer.add_schema_with_id(header.id, name, encoding, data);
                 }
-                Record::Channel(channel) => {
-                    let metadata = if changed {
-                        words(dice, &channel.metadata)
-                    } else {
-                        channel.metadata.clone()
-                    };
-                    let (id, schema) = (channel.id, channel.schema_id);
+                Record::Channel(it) => {
+                    let (topic, encoding) = (&it.topic, &it.message_encoding);
                     let _ = writer.add_channel_with_id(
-                        id,
-                        schema,
-                        &channel.topic,
-                        &channel.message_encoding,
-                        &metadata,
+                        it.id,
+                        it.schema_id,
+                        topic,
+                        encoding,
+                        &it.metadata,
                     );
                 }
-                Record::Metadata(Metadata { name, metadata }) => {
-                    let metadata = if changed {
-                        words(dice, metadata)
-                    } else {
-                        metadata.clone()
-                    };
-                    writer
-                        .write_metadata(&Metadata {
-                            name: name.clone(),
-                            metadata,
-                        })
-                        .ok()?;
-                }
+                Record::Metadata(metadata) => writer.write_metadata(metadata).ok()?,
                 Record::Message { header, data } => {
-                    let mut header: MessageHeader = *header;
-                    let mut data: Cow<'_, [u8]> = Cow::Borrowed(data);
-                    if changed {
-                        match dice.roll(8) {
-                            0 => header.channel_id = dice.roll(16) as u16,
-                            1 => header.log_time = choice(dice, &LENGTHS),
-                            _ => data = Cow::Owned(message(dice, &data)),
-                        }
-                    }
-                    let _ = writer.write_to_known_channel(&header, &data);
+                    let _ = writer.write_to_known_channel(header, data);
                 }
                 _ => {}
             }
@@ -350,18 +249,29 @@ pub fn log(dice: &mut Dice, file: &[u8]) -> Option<Vec<u8>> {
     Some(writer.into_inner().into_inner())
 }
 
+fn change_record(dice: &mut Dice, record: &mut Record<'_>) {
+    match record {
+        Record::Schema { data, .. } => *data = Cow::Owned(bytes_of(dice, data)),
+        Record::Channel(channel) => words(dice, &mut channel.metadata),
+        Record::Metadata(facts) => words(dice, &mut facts.metadata),
+        Record::Message { header, data } => match dice.roll(8) {
+            0 => header.channel_id = dice.roll(16) as u16,
+            1 => header.log_time = length(dice),
+            _ => *data = Cow::Owned(message(dice, data)),
+        },
+        _ => {}
+    }
+}
+
 /// A message with other words: numbers of eight bytes, which layouts have nothing but, stand behind tags.
 fn message(dice: &mut Dice, data: &[u8]) -> Vec<u8> {
     let mut data = data.to_vec();
     for _ in 0..=dice.roll(3) {
         let at = place(dice, &data);
+        let float = choice(dice, &[f64::NAN, 1e300, -0.0, f64::MAX]);
         match dice.roll(4) {
-            0 => overwrite(&mut data, at, &choice(dice, &LENGTHS).to_le_bytes()),
-            1 => overwrite(
-                &mut data,
-                at,
-                &choice(dice, &[f64::NAN, 1e300, -0.0, f64::MAX]).to_le_bytes(),
-            ),
+            0 => overwrite(&mut data, at, &length(dice).to_le_bytes()),
+            1 => overwrite(&mut data, at, &float.to_le_bytes()),
             2 => return bytes_of(dice, &data),
             _ => overwrite(&mut data, at, &[1 << dice.roll(8)]),
         }
@@ -373,23 +283,19 @@ fn bytes_of(dice: &mut Dice, data: &[u8]) -> Vec<u8> {
     bytes(dice, data, &[data.to_vec()])
 }
 
-/// Facts of a log with another word among them.
-fn words(dice: &mut Dice, facts: &BTreeMap<String, String>) -> BTreeMap<String, String> {
-    let mut facts = facts.clone();
-    let Some((name, word)) = facts
-        .iter()
-        .nth(dice.roll(facts.len().max(1) as u64) as usize)
-    else {
-        return facts;
+/// Changes a word among the facts of a log.
+fn words(dice: &mut Dice, facts: &mut BTreeMap<String, String>) {
+    let at = dice.roll(facts.len().max(1) as u64) as usize;
+    let Some((name, word)) = facts.iter().nth(at).map(|(k, v)| (k.clone(), v.clone())) else {
+        return;
     };
-    let (name, word) = (name.clone(), word.clone());
-    match dice.roll(4) {
-        0 => drop(facts.remove(&name)),
-        1 => drop(facts.insert(name, choice(dice, &NUMBERS).to_owned())),
-        _ => drop(facts.insert(
-            name,
-            String::from_utf8_lossy(&bytes_of(dice, word.as_bytes())).into_owned(),
-        )),
-    }
-    facts
+    let other = match dice.roll(4) {
+        0 => {
+            facts.remove(&name);
+            return;
+        }
+        1 => any_number(dice).to_owned(),
+        _ => String::from_utf8_lossy(&bytes_of(dice, word.as_bytes())).into_owned(),
+    };
+    facts.insert(name, other);
 }

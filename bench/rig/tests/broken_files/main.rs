@@ -35,7 +35,7 @@ use report::run_facts::RunFacts;
 use report::schema::Report;
 use toml::Value;
 
-use recorded::{FaultKind, settings};
+use recorded::{Dice, TickFaults, settings};
 use rig::Rig;
 use trial::Trial;
 
@@ -43,12 +43,8 @@ use trial::Trial;
 const TICKS: u64 = 20;
 
 fn good(name: &str) -> Vec<u8> {
-    fs::read(
-        Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("../..")
-            .join(name),
-    )
-    .unwrap()
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
+    fs::read(Path::new(root).join(name)).unwrap()
 }
 
 /// Takes off with settings that have passed every check.
@@ -60,65 +56,71 @@ fn flies(settings: Settings) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Files whose bytes are changed.
+fn try_bytes(
+    kind: &'static str,
+    file: &'static str,
+    good: &[Vec<u8>],
+    read: &dyn Fn(&Path) -> Result<(), Failure>,
+) {
+    try_parts(kind, file, good, |_, _| None, read);
+}
+
+/// Files whose parts are changed in two of three cases, if `part` can read them, or else their bytes.
+fn try_parts(
+    kind: &'static str,
+    file: &'static str,
+    good: &[Vec<u8>],
+    part: impl Fn(&mut Dice, &[u8]) -> Option<Vec<u8>>,
+    read: &dyn Fn(&Path) -> Result<(), Failure>,
+) {
+    let change = |dice: &mut Dice, file: &[u8]| {
+        let bytes_alone = dice.roll(3) == 0;
+        let changed = if bytes_alone { None } else { part(dice, file) };
+        changed.unwrap_or_else(|| change::bytes(dice, file, good))
+    };
+    let trial = Trial {
+        kind,
+        file,
+        good,
+        change: &change,
+        read,
+    };
+    trial.run();
+}
+
+/// A flight with one setting, the path of the file.
+fn flies_with(key: &'static str, path: &Path) -> Result<(), Failure> {
+    let named = Value::from(path.to_str().unwrap());
+    flies(Settings::resolve(None, &vec![(key, named)])?)
+}
+
 #[test]
 fn settings_files() {
     let flown =
         b"[flight]\nduration_s = 2\nfaults = [\"mass_kg=0.6@1s\", \"rotational_drag_nm_s=+30%~500ms@tick900\"]\n\
         [inner]\nlaw = \"indi\"\n[outer]\nlaw = \"estimating\"\n[rt]\ncpu = \"auto\"\n[model]\nmass_kg = 0.5\n";
     let good = [DEFAULT.as_bytes().to_vec(), flown.to_vec()];
-    let change = |dice: &mut _, file: &[u8]| change::bytes(dice, file, &good);
-    let read = |path: &Path| flies(Settings::resolve(Some(path), &Vec::new())?);
-    Trial {
-        kind: "settings",
-        file: "settings.toml",
-        about: "settings.toml",
-        good: &good,
-        change: &change,
-        read: &read,
-    }
-    .run();
+    try_bytes("settings", "settings.toml", &good, &|path| {
+        flies(Settings::resolve(Some(path), &Vec::new())?)
+    });
 }
 
 #[test]
 fn airframe_files() {
     let good = ["crazyflie", "paper", "x500"]
         .map(|name| good(&format!("bench/rig/airframes/{name}.toml")));
-    let change = |dice: &mut _, file: &[u8]| change::bytes(dice, file, &good);
-    let read = |path: &Path| {
-        let named = Value::from(path.to_str().unwrap());
-        flies(Settings::resolve(None, &vec![("flight.airframe", named)])?)
-    };
-    Trial {
-        kind: "airframe",
-        file: "airframe.toml",
-        about: "airframe",
-        good: &good,
-        change: &change,
-        read: &read,
-    }
-    .run();
+    try_bytes("airframe", "airframe.toml", &good, &|path| {
+        flies_with("flight.airframe", path)
+    });
 }
 
 #[test]
 fn files_of_points() {
     let good = ["slalom", "stay"].map(|name| good(&format!("examples/{name}.csv")));
-    let change = |dice: &mut _, file: &[u8]| change::bytes(dice, file, &good);
-    let read = |path: &Path| {
-        let named = Value::from(path.to_str().unwrap());
-        flies(Settings::resolve(
-            None,
-            &vec![("flight.trajectory", named)],
-        )?)
-    };
-    Trial {
-        kind: "points",
-        file: "points.csv",
-        about: "points.csv",
-        good: &good,
-        change: &change,
-        read: &read,
-    }
-    .run();
+    try_bytes("points", "points.csv", &good, &|path| {
+        flies_with("flight.trajectory", path)
+    });
 }
 
 /// Reads a log to its end, and makes of it what an export does.
@@ -144,146 +146,78 @@ fn exported(path: &Path) -> Result<(), Failure> {
 fn flight_logs() {
     let text = "[flight]\nduration_s = 0.12\nfaults = [\"mass_kg=0.6@tick60\"]\n";
     let settings = settings(text);
-    let trouble = |tick| FaultKind {
-        mixer_sleeps: tick == 70,
-        inner_sleeps: tick == 30,
-        ..FaultKind::default()
+    let faults = |tick| TickFaults {
+        silent: [false, false, tick == 30, tick == 70],
+        ..TickFaults::default()
     };
     let place = tempfile::tempdir_in("/dev/shm").unwrap();
     let path = place.path().join("flight.mcap");
-    recorded::write(&path, &settings, &recorded::fly(&settings, trouble));
+    recorded::write(&path, &settings, &recorded::fly(&settings, faults));
     let good = [fs::read(&path).unwrap()];
-    // Only what has the right checksums gets far, and only a good log can be read to be changed.
-    let change = |dice: &mut recorded::Dice, file: &[u8]| {
-        if dice.roll(3) == 0 {
-            None
-        } else {
-            change::log(dice, &good[0])
-        }
-        .unwrap_or_else(|| change::bytes(dice, file, &good))
-    };
     let read = |path: &Path| {
         let exported = exported(path);
         fly_again(path, 0, false, &Moved::new())?;
         exported
     };
-    Trial {
-        kind: "log",
-        file: "flight.mcap",
-        about: "flight.mcap",
-        good: &good,
-        change: &change,
-        read: &read,
-    }
-    .run();
+    // Only a log with the right checksums gets far, and only a good one can be read to be changed.
+    let part = |dice: &mut Dice, _: &[u8]| change::log(dice, &good[0]);
+    try_parts("log", "flight.mcap", &good, part, &read);
+}
+
+fn run_facts(path: &Path) -> Result<RunFacts, Failure> {
+    serde_json::from_str(&read_text("read", path)?).in_file("read", path)
 }
 
 #[test]
 fn reports() {
     let rig = Rig::new("broken");
-    let flown = |args: &[&str]| {
-        rig.run(
-            "fly",
-            [
-                &["--duration", "1s", "--fault", "mass_kg=0.6@tick500"],
-                args,
-            ]
-            .concat(),
-        )
-        .expect(0);
-        let path = |name: &str| rig.out().join("latest").join(name);
-        let facts =
-            serde_json::from_str::<RunFacts>(&fs::read_to_string(path("run.json")).unwrap())
-                .unwrap();
-        (
-            fs::read(path("report.json")).unwrap(),
-            fs::read(path("run.json")).unwrap(),
-            facts,
-        )
+    let latest = rig.out().join("latest");
+    let fly = |options: &str| {
+        rig.ok(&format!(
+            "fly --duration 1s --fault mass_kg=0.6@tick500 {options}"
+        ));
+        fs::read(latest.join("report.json")).unwrap()
     };
-    let slow = rig.slow(2);
-    let (in_lockstep, facts_file, facts) = flown(&["--pace", "lockstep"]);
-    let (on_the_clock, ..) = flown(&["--rt", "off", "--config", &slow]);
-    let good = [in_lockstep, on_the_clock];
-    let change = |dice: &mut recorded::Dice, file: &[u8]| {
-        if dice.roll(3) == 0 {
-            None
-        } else {
-            change::json(dice, file)
-        }
-        .unwrap_or_else(|| change::bytes(dice, file, &good))
+    let in_lockstep = fly("--pace lockstep");
+    let facts_file = fs::read(latest.join("run.json")).unwrap();
+    let facts = run_facts(&latest.join("run.json")).unwrap();
+    let good = [
+        in_lockstep,
+        fly(&format!("--rt off --config {}", rig.slow(2))),
+    ];
+    let flown = |report: &Report, facts: &RunFacts| Flown {
+        run: "a".into(),
+        report: report.clone(),
+        facts: facts.clone(),
     };
-    let read_report = |path: &Path| {
+    try_parts("report", "report.json", &good, change::json, &|path| {
         let report = Report::read(path)?;
         let left = Left {
             page: None,
             log: None,
         };
-        let mut told = flight::text(&report)
-            + &brief::render(&report, &left)
-            + &flight::result_line(&report, "runs/x");
         let page = flight::page(&report);
         assert_eq!(page.matches("<script").count(), 1, "the page's own");
-        told += &page;
-        told += &json::to_string(&report).unwrap();
+        let mut text = flight::text(&report)
+            + &brief::render(&report, &left)
+            + &flight::result_line(&report, "runs/x")
+            + &page
+            + &json::to_string(&report).unwrap();
         if let Some(figures) = Figures::of(&report) {
-            told += &picture::render(&figures, &flight::title(&report.run));
+            text += &picture::render(&figures, &flight::title(&report.run));
         }
-        assert!(!told.contains('\u{1b}'), "an escape sequence");
+        assert!(!text.contains('\u{1b}'), "an escape sequence");
         junit::write(&report, &path.with_extension("xml"))?;
-        let flown = [Flown {
-            run: "a".into(),
-            report,
-            facts: facts.clone(),
-        }];
+        let flown = [flown(&report, &facts)];
         assert!(!diff::render(&compare(&flown, &flown)).is_empty());
         Ok(())
-    };
-    Trial {
-        kind: "report",
-        file: "report.json",
-        about: "report.json",
-        good: &good,
-        change: &change,
-        read: &read_report,
-    }
-    .run();
-
+    });
     let report: Report = serde_json::from_slice(&good[0]).unwrap();
-    let good = [facts_file];
-    let change = |dice: &mut recorded::Dice, file: &[u8]| {
-        if dice.roll(3) == 0 {
-            None
-        } else {
-            change::json(dice, file)
-        }
-        .unwrap_or_else(|| change::bytes(dice, file, &good))
-    };
-    let read_facts = |path: &Path| {
-        let facts =
-            serde_json::from_str::<RunFacts>(&read_text("read", path)?).in_file("read", path)?;
-        let flown = |facts: &RunFacts| Flown {
-            run: "a".into(),
-            report: report.clone(),
-            facts: facts.clone(),
-        };
-        let b = Flown {
-            facts: RunFacts {
-                settings: serde_json::Value::Null,
-                ..facts.clone()
-            },
-            ..flown(&facts)
-        };
-        assert!(!diff::render(&compare(&[flown(&facts)], &[b])).is_empty());
+    try_parts("facts", "run.json", &[facts_file], change::json, &|path| {
+        let a = flown(&report, &run_facts(path)?);
+        let mut b = a.clone();
+        b.facts.settings = serde_json::Value::Null;
+        assert!(!diff::render(&compare(&[a], &[b])).is_empty());
         Ok(())
-    };
-    Trial {
-        kind: "facts",
-        file: "run.json",
-        about: "run.json",
-        good: &good,
-        change: &change,
-        read: &read_facts,
-    }
-    .run();
+    });
 }

@@ -1,10 +1,8 @@
-//! Logs of flights that never were in the air: the laws in one process, on a made-up clock, with made-up trouble.
+//! Logs of flights that never were in the air: the laws in one process, on a made-up clock, with made-up faults.
 //!
-//! Who sleeps when, and what is late, is up to the test; plant, latch and laws are the real ones, and take and send
-//! as their processes do.
-#![allow(dead_code, reason = "each test file uses its part")]
-
-pub mod rewritten;
+//! A test says which stage is silent or late in a tick; plant, command hold and laws are the real ones, and receive and
+//! publish as their processes do.
+#![allow(dead_code, reason = "each test program uses its part")]
 
 use control_api::{GuardedInner, GuardedMixer, GuardedOuter};
 use std::collections::{BTreeMap, VecDeque};
@@ -12,7 +10,8 @@ use std::path::Path;
 
 use flight_log::entry::LogEntry;
 use flight_log::facts::{Facts, record};
-use flight_log::writer::{CHUNK_NS, Fate, FlightLog};
+use flight_log::reader::LogReader;
+use flight_log::writer::{CHUNK_NS, FlightLog};
 use ironbird::settings::Settings;
 use ironbird::theorem::FlightMonitor;
 use messages::blackboards::Run;
@@ -36,13 +35,11 @@ const EPOCH: u64 = 1_000_000;
 
 /// What goes wrong in a tick.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct FaultKind {
-    pub plant_sleeps: bool,
+pub struct TickFaults {
+    /// Stages that do nothing, by role.
+    pub silent: [bool; 4],
     /// The plant wakes only when the others have given up waiting.
     pub plant_is_late: bool,
-    pub outer_sleeps: bool,
-    pub inner_sleeps: bool,
-    pub mixer_sleeps: bool,
     /// The mixer's command comes later by this [ns].
     pub mixer_late_ns: u64,
     /// A new process of the inner loop begins with this tick.
@@ -68,39 +65,48 @@ pub fn settings(text: &str) -> Settings {
 }
 
 fn newest<C: Topic>(published: &[Message<C>]) -> (Stamped<C>, Header) {
-    match published.last() {
-        Some(message) => (
-            Stamped {
-                tick: message.envelope.tick,
-                content: message.content,
-            },
-            message.envelope,
-        ),
-        None => (
-            Stamped {
-                tick: NO_TICK,
-                content: C::default(),
-            },
-            Header::new(),
-        ),
-    }
+    let (tick, content, header) = match published.last() {
+        Some(message) => (message.envelope.tick, message.content, message.envelope),
+        None => (NO_TICK, C::default(), Header::new()),
+    };
+    (Stamped { tick, content }, header)
 }
 
-/// Flies, with the trouble that each tick has.
-pub fn fly(settings: &Settings, trouble: impl Fn(u64) -> FaultKind) -> Published {
-    let mut flight = Flight::new(settings);
+/// Flies, with the faults of each tick.
+pub fn fly(settings: &Settings, faults: impl Fn(u64) -> TickFaults) -> Published {
+    let mut plant = Plant::new(&settings.plant().unwrap());
+    for swap in settings.planned().unwrap().swaps {
+        plant.schedule(swap).unwrap();
+    }
+    let mut flight = Flight {
+        settings,
+        fingerprint: fingerprint(&settings.shared_text().unwrap()),
+        plant,
+        outer: settings.outer_stage().unwrap(),
+        inner: settings.inner_stage().unwrap(),
+        inner_epoch: EPOCH,
+        inner_seq: 0,
+        mixer: settings.mixer_stage().unwrap(),
+        theorem: FlightMonitor::new(settings.theorem().unwrap()),
+        published: Published::default(),
+        sent: VecDeque::new(),
+        last_sent_ns: 0,
+    };
     for tick in 0..=settings.last_tick() {
-        let trouble = trouble(tick);
-        let wakes_in_time = !trouble.plant_sleeps && !trouble.plant_is_late;
-        if wakes_in_time {
+        let faults = faults(tick);
+        let is_silent = faults.silent[Role::Plant as usize];
+        let is_in_time = !is_silent && !faults.plant_is_late;
+        if is_in_time {
             flight.plant(tick, 30_000);
         }
-        flight.others(tick, &trouble, if wakes_in_time { 50_000 } else { 900_000 });
-        if trouble.plant_is_late && !trouble.plant_sleeps {
+        flight.others(tick, &faults, if is_in_time { 50_000 } else { 900_000 });
+        if faults.plant_is_late && !is_silent {
             flight.plant(tick, 950_000);
         }
     }
-    flight.land(settings.last_tick() + 1);
+    let landed = settings.last_tick() + 1;
+    let idle = flight.mixer.idle();
+    flight.send(landed, Header::new(), 0, GRID.begin_of(landed), idle);
     flight.published
 }
 
@@ -111,37 +117,25 @@ struct Flight<'a> {
     outer: GuardedOuter,
     inner: GuardedInner,
     inner_epoch: u64,
-    inner_seq: u64,
+    inner_seq: usize,
     mixer: GuardedMixer,
     theorem: FlightMonitor,
     published: Published,
-    /// Commands that the plant has not taken yet.
-    on_the_way: VecDeque<Message<RotorSpeeds>>,
+    /// Commands that the plant has not received yet.
+    sent: VecDeque<Message<RotorSpeeds>>,
     last_sent_ns: u64,
 }
 
-impl<'a> Flight<'a> {
-    fn new(settings: &'a Settings) -> Self {
-        let mut plant = Plant::new(&settings.plant().unwrap());
-        for fault in settings.planned().unwrap().swaps {
-            plant.schedule(fault).unwrap();
-        }
-        Self {
-            settings,
-            fingerprint: fingerprint(&settings.shared_text().unwrap()),
-            plant,
-            outer: settings.outer_stage().unwrap(),
-            inner: settings.inner_stage().unwrap(),
-            inner_epoch: EPOCH,
-            inner_seq: 0,
-            mixer: settings.mixer_stage().unwrap(),
-            theorem: FlightMonitor::new(settings.theorem().unwrap()),
-            published: Published::default(),
-            on_the_way: VecDeque::new(),
-            last_sent_ns: 0,
-        }
-    }
+/// The header with a stage's stamps.
+fn stamped(mut header: Header, role: Role, receive_ns: u64, send_ns: u64) -> Header {
+    header.stamps[role as usize] = Stamps {
+        receive_ns,
+        send_ns,
+    };
+    header
+}
 
+impl Flight<'_> {
     fn message<C: Topic>(
         &self,
         tick: u64,
@@ -150,156 +144,94 @@ impl<'a> Flight<'a> {
         history: Header,
         content: C,
     ) -> Message<C> {
-        let (settings, seq) = (self.fingerprint, seq as u64);
-        Message {
-            envelope: Header {
-                run_id: 7,
-                settings,
-                epoch,
-                seq,
-                tick,
-                ..history
-            },
-            content,
-        }
+        let envelope = Header {
+            run_id: 7,
+            settings: self.fingerprint,
+            epoch,
+            seq: seq as u64,
+            tick,
+            ..history
+        };
+        Message { envelope, content }
     }
 
     fn plant(&mut self, tick: u64, offset_ns: u64) {
         let wake_ns = GRID.begin_of(tick) + offset_ns;
-        let sent = |message: &Message<RotorSpeeds>| message.envelope.stamps_of(Role::Mixer).send_ns;
-        let mut there: Vec<_> = Vec::new();
-        while let Some(message) = self
-            .on_the_way
-            .pop_front_if(|message| sent(message) <= wake_ns)
-        {
-            there.push(message);
-        }
-        // What does not fit the plant's port has been overwritten.
+        let sent_ns = |it: &Message<RotorSpeeds>| it.envelope.stamps_of(Role::Mixer).send_ns;
+        let there = self.sent.partition_point(|it| sent_ns(it) <= wake_ns);
+        let there: Vec<_> = self.sent.drain(..there).collect();
+        // Commands that do not fit the plant's port have been overwritten.
         for message in &there[there.len().saturating_sub(PENDING_COMMANDS)..] {
-            let effective =
-                Pace::Realtime(GRID).effective_tick(message.envelope.tick, sent(message));
-            self.plant.offer(
-                &Stamped {
-                    tick: message.envelope.tick,
-                    content: message.content,
-                },
-                effective,
-            );
+            let (tick, content) = (message.envelope.tick, message.content);
+            let effective = Pace::Realtime(GRID).effective_tick(tick, sent_ns(message));
+            self.plant.offer(&Stamped { tick, content }, effective);
         }
         let state = self.plant.begin(tick);
-        let mut history = Header {
+        let history = Header {
             sample_ns: wake_ns,
             parameter_epoch: state.parameter_epoch,
             ..Header::new()
         };
-        history.stamps[Role::Plant as usize] = Stamps {
-            receive_ns: wake_ns,
-            send_ns: wake_ns + 2_000,
-        };
+        let history = stamped(history, Role::Plant, wake_ns, wake_ns + 2_000);
         let message = self.message(tick, EPOCH, self.published.states.len(), history, state);
         self.published.states.push(message);
         for applied in self.plant.applied() {
-            let seq = self.published.swaps.len();
-            let message = self.message(
-                applied.tick,
-                EPOCH,
-                seq,
-                Header::new(),
-                swap_record(applied),
-            );
+            let (seq, record) = (self.published.swaps.len(), swap_record(applied));
+            let message = self.message(applied.tick, EPOCH, seq, Header::new(), record);
             self.published.swaps.push(message);
         }
         self.plant.finish();
     }
 
-    fn others(&mut self, tick: u64, trouble: &FaultKind, offset_ns: u64) {
+    fn others(&mut self, tick: u64, faults: &TickFaults, offset_ns: u64) {
         let begin_ns = GRID.begin_of(tick) + offset_ns;
-        let (state, state_envelope) = newest(&self.published.states);
-        if !trouble.outer_sleeps
-            && let Some(setpoint) = self.outer.tick(tick, &state)
-        {
-            let mut history = state_envelope;
+        let [_, outer_is_silent, inner_is_silent, mixer_is_silent] = faults.silent;
+        let (state, of_state) = newest(&self.published.states);
+        if !outer_is_silent && let Some(setpoint) = self.outer.tick(tick, &state) {
+            let mut history = stamped(of_state, Role::Outer, begin_ns, begin_ns + 1_000);
             history.input_tick[0] = state.tick;
-            history.stamps[Role::Outer as usize] = Stamps {
-                receive_ns: begin_ns,
-                send_ns: begin_ns + 1_000,
-            };
-            let message = self.message(
-                tick,
-                EPOCH,
-                self.published.setpoints.len(),
-                history,
-                setpoint,
-            );
+            let seq = self.published.setpoints.len();
+            let message = self.message(tick, EPOCH, seq, history, setpoint);
             self.published.setpoints.push(message);
         }
-        if trouble.inner_restarts {
+        if faults.inner_restarts {
             self.inner = self.settings.inner_stage().unwrap();
             (self.inner_epoch, self.inner_seq) = (begin_ns, 0);
         }
-        if !trouble.inner_sleeps {
+        if !inner_is_silent {
             let (setpoint, _) = newest(&self.published.setpoints);
             let wrench = self.inner.tick(tick, &state, &setpoint);
-            let mut history = state_envelope;
+            let mut history = stamped(of_state, Role::Inner, begin_ns, begin_ns + 2_000);
             history.input_tick = [state.tick, setpoint.tick, NO_TICK];
-            history.stamps[Role::Inner as usize] = Stamps {
-                receive_ns: begin_ns,
-                send_ns: begin_ns + 2_000,
-            };
-            let message = self.message(
-                tick,
-                self.inner_epoch,
-                self.inner_seq as usize,
-                history,
-                wrench,
-            );
+            let message = self.message(tick, self.inner_epoch, self.inner_seq, history, wrench);
             self.inner_seq += 1;
             self.published.wrenches.push(message);
-            self.published
-                .theorem
-                .push(self.theorem.watch(&message, Some(&state)).unwrap());
+            let monitored = self.theorem.watch(&message, Some(&state)).unwrap();
+            self.published.theorem.push(monitored);
         }
-        if !trouble.mixer_sleeps {
+        if !mixer_is_silent {
             let (wrench, mut history) = newest(&self.published.wrenches);
             let speeds = self.mixer.tick(tick, &wrench);
             history.input_tick[2] = wrench.tick;
-            self.send(
-                tick,
-                history,
-                begin_ns,
-                begin_ns + 3_000 + trouble.mixer_late_ns,
-                speeds,
-            );
+            let send_ns = begin_ns + 3_000 + faults.mixer_late_ns;
+            self.send(tick, history, begin_ns, send_ns, speeds);
         }
     }
 
     fn send(
         &mut self,
         tick: u64,
-        mut history: Header,
+        history: Header,
         receive_ns: u64,
         send_ns: u64,
         speeds: RotorSpeeds,
     ) {
         self.last_sent_ns = send_ns.max(self.last_sent_ns + 1_000);
-        history.stamps[Role::Mixer as usize] = Stamps {
-            receive_ns,
-            send_ns: self.last_sent_ns,
-        };
-        let message = self.message(
-            tick,
-            EPOCH,
-            self.published.rotor_speeds.len(),
-            history,
-            speeds,
-        );
+        let history = stamped(history, Role::Mixer, receive_ns, self.last_sent_ns);
+        let seq = self.published.rotor_speeds.len();
+        let message = self.message(tick, EPOCH, seq, history, speeds);
         self.published.rotor_speeds.push(message);
-        self.on_the_way.push_back(message);
-    }
-
-    fn land(&mut self, tick: u64) {
-        let idle = self.mixer.idle();
-        self.send(tick, Header::new(), 0, GRID.begin_of(tick), idle);
+        self.sent.push_back(message);
     }
 }
 
@@ -314,71 +246,57 @@ pub fn facts(settings: &Settings) -> Facts {
         last_tick: settings.last_tick(),
         ..Run::default()
     };
-    ironbird::record::log_metadata::metadata(
-        &run,
-        settings,
-        "none",
-        &Host::default(),
-        &BTreeMap::new(),
-    )
-    .unwrap()
+    let (host, roles) = (Host::default(), BTreeMap::new());
+    ironbird::record::log_metadata::metadata(&run, settings, "none", &host, &roles).unwrap()
 }
 
 /// Writes a flight as the recorder does: ten ticks at a time, topic after topic, swaps later than their ticks.
-pub fn write(path: &Path, settings: &Settings, published: &Published) -> Fate {
+pub fn write(path: &Path, settings: &Settings, published: &Published) {
     const SWAPS_LATER: u64 = 25;
     let mut log = FlightLog::create(path, &facts(settings)).unwrap();
     let end = settings.last_tick() + 1 + SWAPS_LATER;
     for from in (0..=end).step_by(10) {
-        let now = |tick: u64| (from..from + 10).contains(&tick);
-        for message in published
-            .states
-            .iter()
-            .filter(|message| now(message.envelope.tick))
-        {
-            log.take(LogEntry::State(*message));
+        fn of<'a, C: Topic>(
+            messages: &'a [Message<C>],
+            from: u64,
+            entry: fn(Message<C>) -> LogEntry,
+        ) -> impl Iterator<Item = LogEntry> + 'a {
+            let is_now = move |it: &&Message<C>| (from..from + 10).contains(&it.envelope.tick);
+            messages.iter().filter(is_now).map(move |it| entry(*it))
         }
-        for message in published
-            .setpoints
-            .iter()
-            .filter(|message| now(message.envelope.tick))
-        {
-            log.take(LogEntry::Setpoint(*message));
-        }
-        for message in published
-            .wrenches
-            .iter()
-            .filter(|message| now(message.envelope.tick))
-        {
-            log.take(LogEntry::Wrench(*message));
-        }
-        for message in published
-            .rotor_speeds
-            .iter()
-            .filter(|message| now(message.envelope.tick))
-        {
-            log.take(LogEntry::RotorSpeeds(*message));
-        }
-        for message in published
-            .theorem
-            .iter()
-            .filter(|message| now(message.envelope.tick))
-        {
-            log.take(LogEntry::Theorem(*message));
-        }
-        for message in published
-            .swaps
-            .iter()
-            .filter(|message| now(message.envelope.tick + SWAPS_LATER))
-        {
-            log.take(LogEntry::Swap(*message));
-        }
+        let entries = of(&published.states, from, LogEntry::State)
+            .chain(of(&published.setpoints, from, LogEntry::Setpoint))
+            .chain(of(&published.wrenches, from, LogEntry::Wrench))
+            .chain(of(&published.rotor_speeds, from, LogEntry::RotorSpeeds))
+            .chain(of(&published.theorem, from, LogEntry::Theorem));
+        entries.for_each(|entry| log.take(entry));
+        let is_now = |tick: u64| (from..from + 10).contains(&(tick + SWAPS_LATER));
+        let swaps = published.swaps.iter().filter(|it| is_now(it.envelope.tick));
+        swaps.for_each(|it| log.take(LogEntry::Swap(*it)));
         log.keep(GRID.begin_of(0) + from * CHUNK_NS).unwrap();
     }
-    log.finish(record(&[("ending", "completed")])).unwrap()
+    log.finish(record(&[("ending", "completed")])).unwrap();
 }
 
-/// Numbers that look random and are not.
+/// Writes a log again with this landing record, without the messages that `keep` does not want, which it may also change.
+pub fn rewrite(
+    from: &Path,
+    to: &Path,
+    text: &str,
+    landing: &[(&str, &str)],
+    mut keep: impl FnMut(&mut LogEntry) -> bool,
+) {
+    let mut reader = LogReader::open(from).unwrap();
+    let mut log = FlightLog::create(to, &facts(&settings(text))).unwrap();
+    while let Some(mut entry) = reader.next_entry().unwrap().copied() {
+        if keep(&mut entry) {
+            log.take(entry);
+        }
+    }
+    log.finish(record(landing)).unwrap();
+}
+
+/// Pseudorandom numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Dice(pub u64);
 
