@@ -73,7 +73,7 @@ pub(crate) fn simulate<'py>(
         flown
             .departure
             .as_deref()
-            .unwrap_or(EndReason::Completed.words()),
+            .unwrap_or(EndReason::Completed.name()),
     )?;
     facts.set_item("fingerprint", flown.outputs.to_string())?;
     let handed = PyDict::new(py);

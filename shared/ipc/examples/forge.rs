@@ -21,7 +21,7 @@ use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode, ipc};
 use messages::checks::switch_off;
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, Wrench};
 use messages::header::{Header, Message};
-use messages::inspection::{Expected, REASONS, Reason};
+use messages::inspection::{Expected, Reason};
 use messages::layout::{Field, Visit, VisitorMut};
 use messages::topic::Topic;
 
@@ -278,7 +278,7 @@ fn receive<C: Topic>(instance: &Instance) {
             .unwrap();
         writeln!(out, "drained").unwrap();
     }
-    let counts: Vec<String> = REASONS
+    let counts: Vec<String> = Reason::ALL
         .iter()
         .map(|reason| {
             format!(

@@ -10,7 +10,7 @@ use iceoryx2::prelude::{Node, ipc};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use messages::content::{NO_TICK, RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::header::{Header, Message};
-use messages::inspection::{Expected, REASONS, Reason};
+use messages::inspection::{Expected, Reason};
 use messages::parameters::PARAMETERS;
 use messages::telemetry::Telemetry;
 use messages::topic::Topic;
@@ -100,7 +100,7 @@ fn assert_rejected<C: Topic + PartialEq>(forgeries: &[Forgery<C>]) {
         "every good message, and no other"
     );
     assert_eq!(receiver.newest(), &good(good_tick));
-    for reason in REASONS {
+    for reason in Reason::ALL {
         let expected = forgeries
             .iter()
             .filter(|(expected, _)| *expected == reason)

@@ -86,7 +86,7 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
     if let Ok(Some(ending)) = &served {
         server.publish_status(Status::info(format!(
             "the flight has ended: {}",
-            ending.words()
+            ending.name()
         )));
         // The SDK sends it by itself, and drops what it has not sent when it is stopped.
         sleep(FINAL_STATUS);
@@ -98,7 +98,7 @@ pub fn foxglove(args: &FoxgloveArgs) -> Result<u8, Failure> {
     remove_leftovers(&instance);
     match served? {
         Some(ending) => {
-            print(&format!("the flight has ended: {}\n", ending.words()))?;
+            print(&format!("the flight has ended: {}\n", ending.name()))?;
             Ok(OK)
         }
         None => Ok(INTERRUPTED),

@@ -26,7 +26,7 @@ pub fn run(model: &mut Model, feed: &mut Feed, stop: &AtomicBool) -> Result<u8, 
         feed.look(model)?;
         if let Some(flight) = &model.flight {
             if let Some(ending) = flight.ending {
-                print(&format!("{}   {}\n", line(flight), ending.words()))?;
+                print(&format!("{}   {}\n", line(flight), ending.name()))?;
                 return Ok(OK);
             }
             if Instant::now() >= next && flight.rotor_speeds.is_some() {

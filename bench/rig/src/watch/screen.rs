@@ -101,7 +101,7 @@ fn head_line<'a>(model: &'a Model, paint: Paint, width: u16) -> Line<'a> {
     let phase = match flight.ending {
         None => Span::styled("   flying", paint.good()),
         Some(EndReason::Completed) => Span::styled("   landed: completed", paint.good()),
-        Some(ending) => Span::styled(format!("   landed: {}", ending.words()), paint.bad()),
+        Some(ending) => Span::styled(format!("   landed: {}", ending.name()), paint.bad()),
     };
     let mut parts = vec![name, phase];
     let tick = flight.tick();

@@ -1,7 +1,7 @@
 //! Page 5: the real-time rights that each process requested and got.
 
 use messages::blackboards::{RolePhase, Status};
-use messages::realtime::{RealtimeStep, STEPS};
+use messages::realtime::RealtimeStep;
 use messages::role::Role;
 use process::rt::remedy;
 use ratatui::Frame;
@@ -39,7 +39,7 @@ pub(super) fn draw(flight: &WatchedFlight, paint: Paint, frame: &mut Frame<'_>, 
         row("phase", &|status| phase(status).into()),
         row("scheduling", &|status| role_section(status).scheduling),
     ];
-    for step in STEPS {
+    for step in RealtimeStep::ALL {
         let title = serde_json::to_value(step)
             .ok()
             .and_then(|v| v.as_str().map(str::to_owned))
@@ -105,7 +105,7 @@ fn phase(status: &Status) -> &'static str {
 /// Each refusal once, with its remedy.
 fn refusals<'a>(flight: &WatchedFlight, paint: Paint) -> Vec<Line<'a>> {
     let mut lines = Vec::new();
-    for step in STEPS {
+    for step in RealtimeStep::ALL {
         let refused = flight
             .crew
             .values()
